@@ -1,0 +1,113 @@
+"""One camera's inside: how pixels and directions belong together (K and distortion), and the size of its pixels."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twinlens.errors import InputError
+from twinlens.geometry import Float, film_from_cam, px_from_film
+
+_LARGEST_SIDE = 65536
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsics of one camera. A pixel (u, v) looks along (x, y, 1), x = (u - cx)/fx, y = (v - cy)/fy, undistorted.
+
+    Parameters
+    ----------
+    width, height : int
+        Image size in pixels.
+    fx, fy : float
+        Focal lengths in pixels: the film distance over the pixel pitch, > 0.
+    cx, cy : float
+        Principal point in pixels, pixel centres at integers; it may lie outside the image.
+    distortion : None
+        Of the lens.
+    pixel_pitch_um : float
+        Width of a pixel in micrometres. Only light and diffraction ask for it; geometry and blur do not.
+
+    Raises InputError when a value is out of range.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: None = None
+    pixel_pitch_um: float = 5.0
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= _LARGEST_SIDE:
+                raise InputError(
+                    f"camera {name} must be a whole number of pixels from 1 to {_LARGEST_SIDE}, got {value}"
+                )
+        for name in ("fx", "fy", "pixel_pitch_um"):
+            value = getattr(self, name)
+            if not (value > 0 and math.isfinite(value)):
+                raise InputError(f"camera {name} must be positive and finite, got {value}")
+        for name in ("cx", "cy"):
+            if not math.isfinite(getattr(self, name)):
+                raise InputError(f"camera {name} must be finite, got {getattr(self, name)}")
+
+    @classmethod
+    def from_fov(cls, width: int, height: int, fov_x_deg: float, pixel_pitch_um: float = 5.0) -> "Camera":
+        """A centred camera with square pixels and the given horizontal field of view, edge to edge of the image.
+
+        >>> round(Camera.from_fov(640, 480, fov_x_deg=90).fx, 6)
+        320.0
+        """
+        if not 0 < fov_x_deg < 180:
+            raise InputError(f"fov_x_deg must lie between 0 and 180 degrees, got {fov_x_deg}")
+        fx = 0.5 * width / math.tan(0.5 * math.radians(fov_x_deg))
+        return cls(width, height, fx, fx, 0.5 * (width - 1), 0.5 * (height - 1), pixel_pitch_um=pixel_pitch_um)
+
+    @property
+    def K(self) -> Float:  # noqa: N802
+        """The calibration matrix px_from_cam, (3, 3)."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def film_distance(self) -> float:
+        """v = fx * pixel pitch, in metres."""
+        return self.fx * self.pixel_pitch_um * 1e-6
+
+    @property
+    def fov_x_deg(self) -> float:
+        """Horizontal field of view between the image's edges, degrees."""
+        left, right = (math.atan((edge - self.cx) / self.fx) for edge in (-0.5, self.width - 0.5))
+        return math.degrees(right - left)
+
+    def project(self, points_cam: ArrayLike) -> Float:
+        """Pixels (..., 2) of camera-frame points (..., 3); NaN for points with z <= 0, which no pixel sees."""
+        density = np.array([self.fx, self.fy]) / self.film_distance
+        return px_from_film(film_from_cam(points_cam, self.film_distance), density, (self.cx, self.cy))
+
+    def unproject(self, pixels: ArrayLike) -> Float:
+        """Directions (..., 3) in the camera frame, z = 1, along which pixels (..., 2) look: times depth, the point."""
+        pixels = np.asarray(pixels, dtype=np.float64)
+        xy = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
+        return np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
+
+    def pixel_grid(self) -> Float:
+        """The centres (u, v) of all pixels, (H, W, 2)."""
+        v, u = np.mgrid[: self.height, : self.width]
+        return np.stack([u, v], axis=-1).astype(np.float64)
+
+    def contains(self, pixels: ArrayLike) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+        """Whether pixels (..., 2) lie on the image, [-0.5, W-0.5) x [-0.5, H-0.5); NaN does not."""
+        u, v = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
+        inside: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] = (
+            (u >= -0.5) & (u < self.width - 0.5) & (v >= -0.5) & (v < self.height - 0.5)
+        )
+        return inside
+
+    def replace(self, **changes: object) -> "Camera":
+        """A copy with some fields changed, checked again."""
+        return replace(self, **changes)  # type: ignore[arg-type]

@@ -1,0 +1,117 @@
+"""What stands in front of the film: nothing but a point, a thin lens, or a bare hole. One law serves the three.
+
+A lens answers two questions: how wide it is (`aperture_diameter`, metres) and its vergence k (1/m).
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from twinlens import optics
+from twinlens.camera.aperture import FULL_DISK, Aperture
+from twinlens.errors import InputError
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """The ideal pinhole: an aperture of no width, sharp everywhere."""
+
+    name: ClassVar[str] = "pinhole"
+    aperture: ClassVar[Aperture] = FULL_DISK
+    aperture_diameter: ClassVar[float] = 0.0
+    vergence: ClassVar[float] = 0.0
+
+
+@dataclass(frozen=True)
+class ThinLens:
+    """A thin lens focused on the plane z = focus_distance.
+
+    Parameters
+    ----------
+    aperture_diameter : float
+        Diameter A of the entrance pupil in metres, >= 0; 0 is a pinhole.
+    focus_distance : float
+        Depth of the plane in focus in metres, > 0; may be inf.
+    aperture : Aperture
+        Its shape, inside the circle of diameter A. A disk unless said otherwise.
+    """
+
+    name: ClassVar[str] = "thinlens"
+    aperture_diameter: float
+    focus_distance: float
+    aperture: Aperture = FULL_DISK
+
+    def __post_init__(self) -> None:
+        _check_diameter("aperture_diameter", self.aperture_diameter)
+        if not self.focus_distance > 0:
+            raise InputError(f"focus_distance must be a positive number of metres (or inf), got {self.focus_distance}")
+
+    @classmethod
+    def from_f_number(
+        cls, f_number: float, focus_distance: float, film_distance: float, aperture: Aperture = FULL_DISK
+    ) -> "ThinLens":
+        """The lens of f-number N = f/A whose focal length f = 1/(1/focus_distance + 1/film_distance).
+
+        `film_distance` in metres, as `Camera.film_distance` gives it. Raises InputError unless all three are positive.
+        """
+        for name, value in (("f_number", f_number), ("film_distance", film_distance)):
+            if not (value > 0 and math.isfinite(value)):
+                raise InputError(f"{name} must be positive and finite, got {value}")
+        cls(0.0, focus_distance)
+        return cls(optics.focal_length(focus_distance, film_distance) / f_number, focus_distance, aperture)
+
+    @property
+    def vergence(self) -> float:
+        """k = 1/focus_distance, in 1/m."""
+        return 1.0 / self.focus_distance
+
+    def replace(self, **changes: object) -> "ThinLens":
+        """A copy with some fields changed, checked again."""
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class BareAperture:
+    """A hole and no lens, in front of a film at `film_distance`: the camera obscura, down to an open box.
+
+    Parameters
+    ----------
+    diameter : float
+        Of the hole, metres, >= 0.
+    film_distance : float
+        From the hole to the film, metres, > 0. With fx in pixels it fixes the pixel pitch: film_distance / fx.
+    aperture : Aperture
+        Shape of the hole inside its circle.
+    """
+
+    name: ClassVar[str] = "bareaperture"
+    diameter: float
+    film_distance: float
+    aperture: Aperture = FULL_DISK
+
+    def __post_init__(self) -> None:
+        _check_diameter("diameter", self.diameter)
+        if not (self.film_distance > 0 and math.isfinite(self.film_distance)):
+            raise InputError(f"film_distance must be a positive number of metres, got {self.film_distance}")
+
+    @property
+    def aperture_diameter(self) -> float:
+        """The hole's diameter, metres: the name a lens gives it."""
+        return self.diameter
+
+    @property
+    def vergence(self) -> float:
+        """k = -1/film_distance, in 1/m: a lens of no power."""
+        return optics.vergence(0.0, self.film_distance)
+
+    def replace(self, **changes: object) -> "BareAperture":
+        """A copy with some fields changed, checked again."""
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+
+Lens = Pinhole | ThinLens | BareAperture
+
+
+def _check_diameter(name: str, value: float) -> None:
+    if not (value >= 0 and math.isfinite(value)):
+        raise InputError(f"{name} must be a number of metres >= 0, got {value}")

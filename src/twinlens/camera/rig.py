@@ -1,0 +1,89 @@
+"""Several cameras in one world: any poses, and the rectified stereo pair as the special case people use most."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twinlens.camera.intrinsics import Camera
+from twinlens.errors import InputError
+from twinlens.geometry import Float, check_rigid, inverse, rigid
+
+_ALIGNED = 1e-9  # of the baseline (metres) or of a unit axis: beyond this a pair is not rectified
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """Cameras and their poses.
+
+    Parameters
+    ----------
+    cameras : sequence of Camera
+    world_from_cams : sequence of (4, 4) arrays
+        One rigid pose a camera.
+
+    Raises InputError when the counts differ, there is none, or a pose is not rigid.
+    """
+
+    cameras: tuple[Camera, ...]
+    world_from_cams: tuple[Float, ...]
+
+    def __init__(self, cameras: Sequence[Camera], world_from_cams: Sequence[ArrayLike]) -> None:
+        if len(cameras) != len(world_from_cams) or not cameras:
+            raise InputError(
+                f"a rig needs one pose a camera, got {len(cameras)} cameras and {len(world_from_cams)} poses"
+            )
+        poses = tuple(check_rigid(pose, f"world_from_cams[{i}]") for i, pose in enumerate(world_from_cams))
+        object.__setattr__(self, "cameras", tuple(cameras))
+        object.__setattr__(self, "world_from_cams", poses)
+
+    @classmethod
+    def stereo(
+        cls, camera: Camera, baseline: float, world_from_left: ArrayLike | None = None, right: Camera | None = None
+    ) -> "Rig":
+        """A rectified pair: the right camera stands `baseline` metres along the left one's x axis, axes parallel.
+
+        `right` gives the right camera's own intrinsics (its cx makes doffs = cx_right - cx_left); the left one's unless
+        said. World coordinates are the left camera's when no pose is given.
+        """
+        if not (baseline > 0 and np.isfinite(baseline)):
+            raise InputError(f"baseline must be a positive number of metres, got {baseline}")
+        left_pose = np.eye(4) if world_from_left is None else check_rigid(world_from_left, "world_from_left")
+        left_from_right = rigid(np.eye(3), [baseline, 0.0, 0.0])
+        return cls((camera, right or camera), (left_pose, left_pose @ left_from_right))
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    def b_from_a(self, a: int, b: int) -> Float:
+        """Camera b's coordinates from camera a's, (4, 4)."""
+        return inverse(self.world_from_cams[b]) @ self.world_from_cams[a]
+
+    def px_from_world(self, index: int) -> Float:
+        """The projection matrix K [R | t] of one camera, (3, 4), without its distortion."""
+        return self.cameras[index].K @ inverse(self.world_from_cams[index])[:3]
+
+    def partner(self, index: int) -> int | None:
+        """The camera that `index` is matched with: its right neighbour in the list, the last one's is its left."""
+        if len(self) == 1:
+            return None
+        return index + 1 if index + 1 < len(self) else index - 1
+
+    def baseline(self, a: int = 0, b: int = 1) -> float:
+        """Distance of two camera centres, metres."""
+        return float(np.linalg.norm(self.world_from_cams[b][:3, 3] - self.world_from_cams[a][:3, 3]))
+
+    def doffs(self, left: int = 0, right: int = 1) -> float:
+        """cx_right - cx_left, pixels."""
+        return self.cameras[right].cx - self.cameras[left].cx
+
+    def is_rectified(self, left: int = 0, right: int = 1) -> bool:
+        """Whether the two are a rectified pair in this order: equal rows, parallel axes, right one along +x."""
+        a, b = self.cameras[left], self.cameras[right]
+        if a.distortion or b.distortion or (a.fx, a.fy, a.cy, a.height) != (b.fx, b.fy, b.cy, b.height):
+            return False
+        left_from_right = self.b_from_a(right, left)
+        x, y, z = left_from_right[:3, 3]
+        parallel = np.abs(left_from_right[:3, :3] - np.eye(3)).max() <= _ALIGNED
+        return bool(parallel and x > 0 and max(abs(y), abs(z)) <= _ALIGNED * x)

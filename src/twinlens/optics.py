@@ -1,0 +1,76 @@
+"""Pure formulas of lens and light: vergence, blur circle, depth of field, film irradiance, the Airy disk.
+
+Everything here is a function of numbers and arrays; what a camera is stands in `twinlens.camera`. The camera law: a
+point a = (ax, ay, 0) of the aperture sends the ray o = a, d = (x - k ax, y - k ay, 1) with the vergence k in 1/m.
+Lengths in metres, vergences in 1/m, `_px` on the film in pixels.
+
+Sources: Born and Wolf, Principles of Optics, 7th ed., 1999; Ray, Applied Photographic Optics, 3rd ed., 2002.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twinlens.errors import InputError
+
+AIRY_FIRST_ZERO = 1.2196698912665045
+"""First zero of the Airy pattern in units of lambda v / A: the first root of J1, 3.8317..., over pi."""
+
+
+def vergence(power: float, film_distance: float) -> float:
+    """k = P - 1/v: 1/focus_distance for a lens, -1/v for a bare hole (P = 0).
+
+    >>> round(1 / vergence(1 / 0.05, 0.0512820512820513), 6)
+    2.0
+    """
+    return power - 1.0 / film_distance
+
+
+def focal_length(focus_distance: float, film_distance: float) -> float:
+    """f = 1/(k + 1/v): the lens that focuses `focus_distance` on a film at `film_distance` (the thin-lens equation)."""
+    return 1.0 / (1.0 / focus_distance + 1.0 / film_distance)
+
+
+def circle_of_confusion_px(depth: ArrayLike, aperture_diameter: float, fx: float, k: float) -> NDArray[np.float64]:
+    """Signed diameter of the blur circle on the film, in pixels: c = A fx (1/z - k).
+
+    Positive in front of the plane of focus (the aperture appears upright there), negative behind it. Depth +inf is a
+    real distance here: c = -A fx k.
+
+    >>> circle_of_confusion_px([1.0, 2.0, np.inf], aperture_diameter=0.01, fx=700, k=0.5).tolist()
+    [3.5, 0.0, -3.5]
+    """
+    z = np.asarray(depth, dtype=np.float64)
+    if not (z > 0).all():
+        raise InputError("depth must be positive (+inf where nothing was hit); NaN and values <= 0 are refused")
+    return aperture_diameter * fx * (1.0 / z - k)
+
+
+def depth_of_field(aperture_diameter: float, fx: float, k: float, circle_px: float = 1.0) -> tuple[float, float]:
+    """(near, far) depths in metres between which the blur circle is at most `circle_px` pixels wide.
+
+    1/z = k +- c / (A fx). A pinhole is sharp everywhere: (0, inf). Far is inf beyond the hyperfocal distance; both are
+    inf where even infinity is more blurred than that, as behind a bare hole that is too wide.
+
+    >>> depth_of_field(0.01, fx=700, k=0.5, circle_px=0.7)
+    (1.6666666666666667, 2.5)
+    """
+    if not circle_px > 0:
+        raise InputError(f"circle_px must be positive, got {circle_px}")
+    if aperture_diameter == 0:
+        return 0.0, math.inf
+    margin = circle_px / (aperture_diameter * fx)
+    near, far = k + margin, k - margin
+    return (1.0 / near if near > 0 else math.inf), (1.0 / far if far > 0 else math.inf)
+
+
+def hyperfocal_distance(aperture_diameter: float, fx: float, circle_px: float = 1.0) -> float:
+    """The nearest focus distance that keeps infinity within `circle_px`: H = A fx / c, in metres.
+
+    Exact for the camera law, in which the film stays and the lens power changes; the textbook's f^2/(N c) + f measures
+    from the front focal plane.
+    """
+    if not circle_px > 0:
+        raise InputError(f"circle_px must be positive, got {circle_px}")
+    return aperture_diameter * fx / circle_px

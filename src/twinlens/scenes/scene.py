@@ -1,0 +1,109 @@
+"""What is photographed, as plain data: objects, materials, lights and a place to stand.
+
+A `Plugin` is a Mitsuba plugin in plain Python: ``{"type": "roughplastic", "alpha": 0.1, ...}`` under its own parameter
+names, nested. Besides numbers, strings and booleans a value may be
+
+- a `Color` (linear RGB or one number), a `Bitmap` (an image in memory), or a nested plugin (a texture, a BSDF);
+- under `to_world` or `to_uv`, a 4x4 float64 array.
+
+The render room turns it into a Mitsuba scene; nothing here knows how.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twinlens.errors import InputError
+from twinlens.geometry import Float, check_rigid
+
+Plugin = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Color:
+    """A colour in linear sRGB (three numbers), or the same number three times."""
+
+    rgb: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Bitmap:
+    """A texture in memory: float32 (H, W, 3) or (H, W), linear; row 0 is v = 1, the top of the picture."""
+
+    pixels: NDArray[np.float32]
+    filter: str = "bilinear"  # bilinear | nearest
+    wrap: str = "repeat"  # repeat | mirror | clamp
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles: vertices float64 (V, 3) in object coordinates, faces uint32 (F, 3), uv float64 (V, 2) or None.
+
+    `normals` float64 (V, 3) smooth the shading; None leaves the faces flat.
+    """
+
+    vertices: Float
+    faces: NDArray[np.uint32]
+    normals: Float | None = None
+    uv: Float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SceneObject:
+    """One thing in the scene, one id in the ground truth.
+
+    `shape` is a Mesh, or a plugin of an analytic shape (sphere, rectangle, disk, cylinder, cube). `world_from_object`
+    places it. `material` names one of the scene's materials. `emitter` makes it shine. With `instances` (4x4 poses) the
+    object appears once per pose, each placed by ``instance @ world_from_object`` and with an id of its own
+    (``name[0]``, ``name[1]``, ...), sharing one geometry in memory.
+    """
+
+    name: str
+    shape: Mesh | Plugin
+    material: str
+    world_from_object: Float = field(default_factory=lambda: np.eye(4))
+    emitter: Plugin | None = None
+    instances: tuple[Float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene and its default viewpoint.
+
+    `lights` are emitters that are no object (environment maps, point lights, the sun). `world_from_left` is the pose of
+    the left camera (4x4), `fov_x_deg` the horizontal field of view and `baseline` (metres) the stereo base it was
+    composed for, `depth_range` the (near, far) depths in metres seen from there. `xml` names a checked Mitsuba file
+    instead of objects, materials and lights. `files` are the files it was read from, for the record.
+    """
+
+    name: str
+    objects: tuple[SceneObject, ...]
+    materials: Mapping[str, Plugin]
+    world_from_left: Float
+    depth_range: tuple[float, float]
+    lights: Mapping[str, Plugin] = field(default_factory=dict)
+    integrator: Plugin = field(default_factory=lambda: {"type": "path", "max_depth": 6})
+    fov_x_deg: float = 50.0
+    baseline: float = 0.1
+    description: str = ""
+    xml: Path | None = None
+    files: tuple[Path, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "world_from_left", check_rigid(self.world_from_left, "world_from_left"))
+        near, far = self.depth_range
+        if not 0 < near < far:
+            raise InputError(
+                f"depth_range must be 0 < near < far in metres, got [{near}, {far}] in scene {self.name!r}"
+            )
+        for thing in self.objects:
+            if thing.material not in self.materials:
+                raise InputError(f"object {thing.name!r} wants the material {thing.material!r}, which the scene lacks")
+
+    def at(self, world_from_left: ArrayLike) -> "Scene":
+        """The same scene seen from elsewhere."""
+        return replace(self, world_from_left=np.asarray(world_from_left, dtype=np.float64))
