@@ -1,0 +1,69 @@
+"""What may enter the scoring room: disparity maps and masks, looked at once, here. Knows no metric."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twinlens.errors import InputError
+
+Disparity = NDArray[np.floating[Any]]
+Mask = NDArray[np.bool_]
+
+EVALUATED = 255
+"""The one value of a uint8 mask that counts a pixel in (Middlebury v3, ETH3D)."""
+
+
+def disparity_map(name: str, values: ArrayLike) -> Disparity:
+    """`values` as an (H, W) float array in pixels, +inf where unknown.
+
+    Raises
+    ------
+    InputError
+        Not two-dimensional, empty, not real numbers, or holding NaN or -inf: an evaluator that let them through would
+        call NaN never bad (every comparison with it is false) and -inf valid.
+
+    >>> disparity_map("disp", [[1, 2]])
+    array([[1., 2.]])
+    """
+    array = np.asarray(values)
+    if array.ndim != 2 or array.size == 0:
+        raise InputError(f"{name} has shape {array.shape}: expected (height, width), neither of them 0")
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"{name} holds {array.dtype}: expected real numbers, float32 pixels with +inf where unknown")
+    if array.dtype.kind != "f":
+        return array.astype(np.float32 if array.dtype.itemsize <= 2 else np.float64)
+    _refuse(name, array, np.isnan(array), "NaN")
+    _refuse(name, array, np.isneginf(array), "-inf")
+    return array
+
+
+def _refuse(name: str, array: Disparity, where: Mask, what: str) -> None:
+    if where.any():
+        y, x = (int(i) for i in np.argwhere(where)[0])
+        count = int(where.sum())
+        raise InputError(
+            f"{name} holds {what} at {count} of {array.size} pixels, the first at x={x}, y={y}: mark unknown as +inf"
+        )
+
+
+def mask_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Mask:
+    """`values` as an (H, W) boolean mask: True of a boolean array, 255 and nothing else of a uint8 array.
+
+    Raises
+    ------
+    InputError
+        Another dtype, or another shape than the truth's.
+
+    >>> mask_of("mask", np.array([[255, 128, 0]], np.uint8), (1, 3)).tolist()
+    [[True, False, False]]
+    """
+    array = np.asarray(values)
+    if array.shape != shape:
+        raise InputError(f"{name} has shape {array.shape}: expected the truth's, {shape}")
+    if array.dtype == np.bool_:
+        return array
+    if array.dtype == np.uint8:
+        mask: Mask = array == EVALUATED
+        return mask
+    raise InputError(f"{name} holds {array.dtype}: expected bool, or uint8 with 255 where a pixel is evaluated")
