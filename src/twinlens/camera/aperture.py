@@ -1,10 +1,29 @@
-"""The shape of an aperture, inside the unit disk; the lens scales it by its radius.
+"""The shape of an aperture, inside the square [-1, 1]^2 around its axis; the lens scales it by its radius A/2.
 
-Coordinates are the camera's (x right, y down), seen from behind the lens, looking out.
+Coordinates are the camera's (x right, y down), seen from behind the lens, looking out. A shape answers three questions:
+
+- ``transmission(x, y)``: how much of the light passes at a point, 0 to 1;
+- ``area_fraction``: its open area over that of the full disk of the same diameter, exactly;
+- ``sample(u1, u2)``: points uniform over the open area (weighted by transmission), from uniform numbers in [0, 1).
+
+No sample is ever rejected, and the map is continuous wherever the shape allows it, so strata of the square stay strata
+of the aperture. The formulas are written once, for numpy and for any other array library: see `twinlens.camera.warp`.
 """
 
-from dataclasses import dataclass
-from typing import ClassVar
+import hashlib
+import math
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twinlens.camera.warp import NUMPY, ArrayMath, concentric, invert_cdf
+from twinlens.errors import InputError
+
+Float = NDArray[np.float64]
+
+_LARGEST_MASK_SIDE = 4096  # cells: float32 random numbers reach every one
 
 
 @dataclass(frozen=True)
@@ -14,7 +33,229 @@ class Disk:
     name: ClassVar[str] = "disk"
     area_fraction: ClassVar[float] = 1.0
 
+    def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
+        """1 inside the unit circle, 0 outside; any shape."""
+        return _inside(_square(x) + _square(y) <= 1.0)
 
-Aperture = Disk
+    def sample(self, u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
+        """Points (x, y) uniform in the disk, by the concentric map.
+
+        >>> [float(c) for c in Disk().sample(1.0, 0.5)]
+        [1.0, 0.0]
+        """
+        radius, turn = concentric(u1, u2, xp)
+        return radius * xp.cos(2 * math.pi * turn), radius * xp.sin(2 * math.pi * turn)
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """The hole between `blades` diaphragm blades: a regular polygon with its corners on the unit circle.
+
+    Its edges are arcs of ellipses about the axis, ``(a cos t, b sin t), |t| <= beta`` in the blade's own frame, through
+    the two corners: with alpha = pi/blades and beta = roundness * alpha, a = cos(alpha)/cos(beta) and
+    b = sin(alpha)/sin(beta). Roundness 0 is the straight edge, 1 the circle, and between them every edge sweeps equal
+    areas in equal steps of t, so that sampling is exact in closed form.
+
+    Parameters
+    ----------
+    blades : int
+        Corners, >= 3.
+    rotation_deg : float
+        Direction of the first corner in degrees, from +x (right) towards +y (down).
+    roundness : float
+        0 (straight edges) to 1 (a circle).
+
+    Raises InputError when one of them is out of range.
+    """
+
+    name: ClassVar[str] = "polygon"
+    blades: int
+    rotation_deg: float = 0.0
+    roundness: float = 0.0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.blades, bool) or not isinstance(self.blades, (int, np.integer)) or self.blades < 3:
+            raise InputError(f"polygon aperture: blades must be a whole number >= 3, got {self.blades}")
+        if not math.isfinite(self.rotation_deg):
+            raise InputError(f"polygon aperture: rotation_deg must be finite, got {self.rotation_deg}")
+        if not 0 <= self.roundness <= 1:
+            raise InputError(f"polygon aperture: roundness must lie between 0 and 1, got {self.roundness}")
+
+    @property
+    def area_fraction(self) -> float:
+        """sinc(2 alpha) / sinc(2 beta), with sinc t = sin(t)/t.
+
+        >>> round(Polygon(4).area_fraction * math.pi, 12)
+        2.0
+        """
+        alpha, beta = self._half_angles
+        return _sinc(2 * alpha) / _sinc(2 * beta)
+
+    @property
+    def _half_angles(self) -> tuple[float, float]:
+        alpha = math.pi / self.blades
+        return alpha, self.roundness * alpha
+
+    def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
+        """1 inside the edges, 0 outside; any shape."""
+        alpha, beta = self._half_angles
+        radius, angle = np.hypot(x, y), np.arctan2(y, x) - math.radians(self.rotation_deg)
+        off_middle = np.mod(angle, 2 * alpha) - alpha
+        along = radius * np.cos(off_middle) * math.cos(beta) / math.cos(alpha)
+        across = radius * np.sin(off_middle) * math.sin(beta) / math.sin(alpha)
+        return _inside(along**2 + across**2 <= 1.0)
+
+    def sample(self, u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
+        """Points (x, y) uniform inside: the concentric map, with the circle's turn laid along the edges."""
+        alpha, beta = self._half_angles
+        radius, turn = concentric(u1, u2, xp)
+        blade = xp.minimum(xp.floor(turn * self.blades), self.blades - 1.0)
+        step = 2.0 * (turn * self.blades - blade) - 1.0
+        along = math.cos(alpha) / math.cos(beta) * radius * xp.cos(beta * step)
+        edge = step if beta == 0 else xp.sin(beta * step) / math.sin(beta)
+        across = math.sin(alpha) * radius * edge
+        middle = (2.0 * blade + 1.0) * alpha + math.radians(self.rotation_deg)
+        cos, sin = xp.cos(middle), xp.sin(middle)
+        return along * cos - across * sin, along * sin + across * cos
+
+
+@dataclass(frozen=True)
+class Annulus:
+    """The ring from radius `inner` (0 <= inner < 1) to 1, as a mirror lens has it.
+
+    Raises InputError when inner is out of range.
+    """
+
+    name: ClassVar[str] = "annulus"
+    inner: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.inner < 1:
+            raise InputError(f"annulus aperture: inner must lie in [0, 1), a fraction of the radius, got {self.inner}")
+
+    @property
+    def area_fraction(self) -> float:
+        """1 - inner^2.
+
+        >>> Annulus(0.5).area_fraction
+        0.75
+        """
+        return 1.0 - self.inner**2
+
+    def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
+        """1 on the ring, 0 off it; any shape."""
+        radius2 = _square(x) + _square(y)
+        return _inside((radius2 >= self.inner**2) & (radius2 <= 1.0))
+
+    def sample(self, u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
+        """Points (x, y) uniform on the ring: the concentric map, its squared radius laid between inner^2 and 1."""
+        radius, turn = concentric(u1, u2, xp)
+        radius = xp.sqrt(self.inner**2 + self.area_fraction * radius * radius)
+        return radius * xp.cos(2 * math.pi * turn), radius * xp.sin(2 * math.pi * turn)
+
+
+@dataclass(frozen=True, eq=False)
+class MaskAperture:
+    """A grey-scale mask: a coded aperture, a dirty lens, any picture. Equal masks are equal, and hash equal.
+
+    Parameters
+    ----------
+    mask : array (H, W)
+        Transmission of square cells, row 0 at the top (y = -1): float in [0, 1], bool, or uint8/uint16 (255 and 65535
+        are clear). The longer side spans the aperture's diameter, the shorter one is centred.
+
+    Raises InputError for an empty or black mask, NaN, and values outside [0, 1].
+    """
+
+    name: ClassVar[str] = "mask"
+    mask: Float
+    _row_cdf: Float = field(init=False, repr=False)
+    _cell_cdf: Float = field(init=False, repr=False)
+
+    def __init__(self, mask: ArrayLike) -> None:
+        cells = _checked_mask(mask)
+        rows = cells.sum(axis=1)
+        row_cdf = np.append(0.0, np.cumsum(rows))
+        cell_cdf = np.hstack([np.zeros((len(rows), 1)), np.cumsum(cells, axis=1)])
+        cell_cdf /= np.where(rows > 0, cell_cdf[:, -1], 1.0)[:, None]
+        for name, table in (("mask", cells), ("_row_cdf", row_cdf / row_cdf[-1]), ("_cell_cdf", cell_cdf.ravel())):
+            table.setflags(write=False)
+            object.__setattr__(self, name, table)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, MaskAperture) and np.array_equal(self.mask, other.mask)
+
+    def __hash__(self) -> int:
+        return hash((self.mask.shape, self.digest))
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the cells, hexadecimal: the mask's name in a record."""
+        return hashlib.sha256(self.mask.tobytes()).hexdigest()
+
+    @property
+    def area_fraction(self) -> float:
+        """Sum of the transmissions times a cell's area, over pi; a clear square passes 4/pi.
+
+        >>> round(MaskAperture([[1.0]]).area_fraction * math.pi, 12)
+        4.0
+        """
+        return float(self.mask.sum()) * self._cell**2 / math.pi
+
+    @property
+    def _cell(self) -> float:
+        cells: int = max(self.mask.shape)
+        return 2.0 / cells
+
+    def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
+        """The value of the cell that a point lies in, 0 outside the mask; any shape."""
+        height, width = self.mask.shape
+        column = np.floor(np.asarray(x, dtype=np.float64) / self._cell + 0.5 * width)
+        row = np.floor(np.asarray(y, dtype=np.float64) / self._cell + 0.5 * height)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        cells = self.mask[np.where(inside, row, 0).astype(np.intp), np.where(inside, column, 0).astype(np.intp)]
+        return np.where(inside, cells, 0.0)
+
+    def sample(self, u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
+        """Points (x, y) distributed as the transmission: the row by its CDF from u2, the cell in it from u1."""
+        height, width = self.mask.shape
+        row, down = invert_cdf(self._row_cdf, height, 0.0, u2, xp)
+        column, right = invert_cdf(self._cell_cdf, width, row * (width + 1.0), u1, xp)
+        return (column + right - 0.5 * width) * self._cell, (row + down - 0.5 * height) * self._cell
+
+
+Aperture = Disk | Polygon | Annulus | MaskAperture
 
 FULL_DISK = Disk()
+
+
+def _checked_mask(mask: ArrayLike) -> Float:
+    cells = np.asarray(mask)
+    if cells.ndim != 2 or not cells.size or max(cells.shape) > _LARGEST_MASK_SIDE:
+        raise InputError(
+            f"aperture mask must be a grey-scale image (H, W) of at most {_LARGEST_MASK_SIDE} cells a side, "
+            f"got shape {cells.shape}"
+        )
+    if cells.dtype.kind not in "bufi":
+        raise InputError(f"aperture mask must hold numbers, got {cells.dtype}")
+    clear = float(np.iinfo(cells.dtype).max) if cells.dtype in (np.uint8, np.uint16) else 1.0
+    cells = cells.astype(np.float64) / clear
+    if not ((cells >= 0) & (cells <= 1)).all():
+        raise InputError(
+            "aperture mask must hold transmissions from 0 to 1; NaN, negative and larger values are refused"
+        )
+    if not cells.any():
+        raise InputError("aperture mask is black: no light passes; open at least one cell")
+    return np.ascontiguousarray(cells)
+
+
+def _inside(condition: Any) -> Float:
+    return np.asarray(condition, dtype=np.float64)
+
+
+def _square(x: ArrayLike) -> Float:
+    return np.asarray(x, dtype=np.float64) ** 2
+
+
+def _sinc(t: float) -> float:
+    return math.sin(t) / t if t else 1.0

@@ -1,0 +1,93 @@
+"""Maps of the unit square that keep areas, written once for any array library.
+
+A formula here asks for the few functions of `ArrayMath` and Python's own operators. `NUMPY` supplies numpy's; whoever
+has other arrays (a just-in-time compiler's, say) supplies an object with the same methods.
+"""
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Float = NDArray[np.float64]
+
+
+class ArrayMath(Protocol):
+    """The functions that `sample` needs of an array library, element by element."""
+
+    def sqrt(self, x: Any, /) -> Any:
+        """Square root."""
+
+    def sin(self, x: Any, /) -> Any:
+        """Sine."""
+
+    def cos(self, x: Any, /) -> Any:
+        """Cosine."""
+
+    def abs(self, x: Any, /) -> Any:
+        """Absolute value."""
+
+    def floor(self, x: Any, /) -> Any:
+        """Largest whole number below, as a float."""
+
+    def minimum(self, a: Any, b: Any, /) -> Any:
+        """The smaller of two."""
+
+    def where(self, condition: Any, a: Any, b: Any, /) -> Any:
+        """`a` where the condition holds, else `b`."""
+
+    def gather(self, table: Float, index: Any, /) -> Any:
+        """``table[index]`` for a constant one-dimensional table; `index` holds whole numbers as floats."""
+
+
+class NumpyMath:
+    """`ArrayMath` of numpy."""
+
+    sqrt = staticmethod(np.sqrt)
+    sin = staticmethod(np.sin)
+    cos = staticmethod(np.cos)
+    abs = staticmethod(np.abs)
+    floor = staticmethod(np.floor)
+    minimum = staticmethod(np.minimum)
+    where = staticmethod(np.where)
+
+    @staticmethod
+    def gather(table: Float, index: ArrayLike) -> Float:
+        """``table[index]``."""
+        taken: Float = table[np.asarray(index, dtype=np.intp)]
+        return taken
+
+
+NUMPY: ArrayMath = NumpyMath()
+
+
+def concentric(u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
+    """The unit square on the disk by concentric squares: (radius, turn), both in [0, 1]; turn 1 is a full circle.
+
+    Area-preserving and continuous. Source: Shirley and Chiu, A low distortion map between disk and square, 1997.
+    """
+    a, b = 2.0 * u1 - 1.0, 2.0 * u2 - 1.0
+    wide = xp.abs(a) > xp.abs(b)
+    signed = xp.where(wide, a, b)
+    ratio = xp.where(wide, b, a) / xp.where(signed == 0.0, 1.0, signed)
+    turn = xp.where(wide, 0.125 * ratio, 0.25 - 0.125 * ratio)
+    turn = xp.where(signed < 0.0, turn + 0.5, turn)
+    return xp.abs(signed), xp.where(turn < 0.0, turn + 1.0, turn)
+
+
+def invert_cdf(table: Float, cells: int, start: Any, u: Any, xp: ArrayMath) -> tuple[Any, Any]:
+    """The cell whose span of ``table[start:start + cells + 1]`` holds u, and how far u lies into it, 0 to 1.
+
+    A bisection of fixed length, so that it unrolls where branches cost. The table rises from 0 to 1 (a cumulative
+    distribution); u is in [0, 1), and a cell of no probability is never chosen.
+    """
+    low, high = 0.0 * u, 0.0 * u + cells
+    for _ in range(cells.bit_length()):
+        middle = xp.floor(0.5 * (low + high))
+        right = xp.gather(table, start + middle) <= u
+        low = xp.where(right, middle, low)
+        high = xp.where(right, high, middle)
+    low = xp.minimum(low, cells - 1.0)
+    left_edge, right_edge = xp.gather(table, start + low), xp.gather(table, start + low + 1.0)
+    span = right_edge - left_edge
+    return low, xp.minimum((u - left_edge) / xp.where(span > 0.0, span, 1.0), 1.0)

@@ -1,0 +1,164 @@
+"""Aperture shapes: the samples fill just the open area, evenly; the areas are those of textbooks."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twinlens.camera.aperture import FULL_DISK, Annulus, Disk, MaskAperture, Polygon
+from twinlens.camera.warp import concentric
+from twinlens.errors import InputError
+
+LETTER = np.array([[1, 0, 0], [1, 0.5, 0], [1, 1, 0.25], [0, 0, 0]])
+SHAPES = [
+    FULL_DISK,
+    Polygon(3),
+    Polygon(5, rotation_deg=17.0),
+    Polygon(6, roundness=0.4),
+    Polygon(7, rotation_deg=-80.0, roundness=1.0),
+    Annulus(0.4),
+    MaskAperture(LETTER),
+    MaskAperture(np.eye(9)[:, :5]),
+]
+IDS = [f"{i}-{shape.name}" for i, shape in enumerate(SHAPES)]
+
+
+def stratified(side: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """One jittered point in each cell of a side x side grid."""
+    rng = np.random.default_rng(seed)
+    cell = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(-1, 2)
+    return tuple(((cell + rng.random(cell.shape)) / side).T)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=IDS)
+def test_samples_are_distributed_as_the_transmission(shape):
+    """Counts on a grid equal the transmission integrated over the grid's cells, within five standard errors."""
+    u1, u2 = np.random.default_rng(1).random((2, 400_000))
+    x, y = shape.sample(u1, u2)
+    edges = np.linspace(-1, 1, 13)
+    counts, _, _ = np.histogram2d(y, x, bins=[edges, edges])
+    assert counts.sum() == len(u1)
+
+    fine = (np.arange(12 * 60) + 0.5) / (6 * 60) - 1
+    open_area = shape.transmission(*np.meshgrid(fine, fine)).reshape(12, 60, 12, 60).mean(axis=(1, 3))
+    expected = open_area / open_area.sum() * len(u1)
+    error = 5 * np.sqrt(expected + 1) + 0.01 * expected.max()
+    assert (np.abs(counts - expected) < error).all()
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=IDS)
+def test_no_sample_falls_on_an_opaque_point(shape):
+    x, y = shape.sample(*stratified(300))
+    assert (shape.transmission(x * (1 - 1e-12), y * (1 - 1e-12)) > 0).all()
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=IDS)
+def test_area_fraction_is_the_integral_of_the_transmission(shape):
+    grid = (np.arange(1680) + 0.5) / 840 - 1
+    area = shape.transmission(*np.meshgrid(grid, grid)).mean() * 4
+    assert shape.area_fraction * math.pi == pytest.approx(area, rel=1e-3)
+
+
+@pytest.mark.parametrize("shape", SHAPES[:6], ids=IDS[:6])
+def test_neighbours_in_the_square_stay_neighbours_in_the_aperture(shape):
+    """No seam anywhere in the map, so strata stay whole; a ring opens at the middle of the square, and there only."""
+    line = (np.arange(500) + 0.5) / 500
+    u1, u2 = np.meshgrid(line, line)
+    x, y = shape.sample(u1, u2)
+    step = np.maximum(np.hypot(np.diff(x), np.diff(y))[:-1], np.hypot(np.diff(x, axis=0), np.diff(y, axis=0))[:, :-1])
+    opens = shape.name == "annulus"
+    away = ~(opens & (np.hypot(u1 - 0.5, u2 - 0.5) < 0.1))[:-1, :-1]
+    assert step[away].max() < 6 / 500
+
+
+@given(st.floats(0, 1), st.floats(0, 1))
+def test_the_concentric_map_keeps_areas(a, b):
+    """The square of half-width s becomes the disk of radius s: Shirley and Chiu's rings."""
+    radius, turn = concentric(a, b)
+    assert radius == pytest.approx(2 * max(abs(a - 0.5), abs(b - 0.5)))
+    assert 0 <= turn <= 1
+
+
+def test_stratified_samples_estimate_better_than_random_ones():
+    """The mean of x^2 over a hexagon: a closed form, and a fraction of the random error from strata."""
+    shape = Polygon(6)
+    truth = 5 / 24  # second moment of the regular hexagon of unit side over its area
+    strata = np.std([np.mean(shape.sample(*stratified(16, s))[0] ** 2) - truth for s in range(30)])
+    rng = np.random.default_rng(0)
+    loose = np.std([np.mean(shape.sample(*rng.random((2, 256)))[0] ** 2) - truth for _ in range(30)])
+    assert strata < loose / 5
+    assert np.mean(shape.sample(*stratified(256))[0] ** 2) == pytest.approx(truth, rel=1e-3)
+
+
+@pytest.mark.parametrize(("blades", "area"), [(3, 3 * math.sqrt(3) / 4), (4, 2), (6, 3 * math.sqrt(3) / 2)])
+def test_polygons_have_the_textbook_areas(blades, area):
+    assert Polygon(blades).area_fraction * math.pi == pytest.approx(area, rel=1e-14)
+    assert Polygon(blades, roundness=1).area_fraction == pytest.approx(1, rel=1e-14)
+
+
+def test_polygon_turns_from_right_to_down():
+    """The first corner lies along +x, and a quarter turn takes it to +y, which is down."""
+    assert Polygon(3).transmission(0.99, 0) == 1
+    assert Polygon(3).transmission(-0.99, 0) == 0
+    assert Polygon(3, rotation_deg=90).transmission(0, 0.99) == 1
+    assert Polygon(3, rotation_deg=90).transmission(0, -0.99) == 0
+
+
+def test_mask_stands_as_it_is_drawn():
+    """Row 0 is up (y < 0), column 0 is left (x < 0); the longer side spans the diameter."""
+    mask = MaskAperture(LETTER)
+    assert mask.transmission(-0.7, -0.9) == 1
+    assert mask.transmission(0.7, -0.9) == 0
+    assert mask.transmission(0.7, 0.1) == 0.25
+    assert mask.transmission([-0.8, -0.7], 0.1).tolist() == [0, 1]
+
+
+def test_masks_are_equal_by_content():
+    grey = (LETTER * 255).astype(np.uint8)
+    assert MaskAperture(grey) == MaskAperture(grey.copy())
+    assert hash(MaskAperture(grey)) == hash(MaskAperture(grey.copy()))
+    assert MaskAperture(grey) != MaskAperture(grey[:, ::-1])
+    assert MaskAperture(grey) != Disk()
+    with pytest.raises(ValueError, match="read-only"):
+        MaskAperture(grey).mask[0, 0] = 0
+
+
+def test_a_mask_does_not_follow_the_array_it_was_made_from():
+    cells = np.ones((2, 2))
+    mask = MaskAperture(cells)
+    cells[:] = 0
+    assert mask.area_fraction == pytest.approx(4 / math.pi)
+
+
+def test_mask_sampling_reaches_the_last_cell_from_float32_numbers():
+    mask = MaskAperture(np.eye(3))
+    x, y = mask.sample(np.float32([0.0, 1 - 2**-24]), np.float32([0.0, 1 - 2**-24]))
+    assert np.allclose([x, y], [[-1, 1], [-1, 1]], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: Polygon(2), "blades"),
+        (lambda: Polygon(5.0), "blades"),
+        (lambda: Polygon(5, roundness=1.5), "roundness"),
+        (lambda: Polygon(5, roundness=math.nan), "roundness"),
+        (lambda: Polygon(5, rotation_deg=math.inf), "rotation_deg"),
+        (lambda: Annulus(1.0), "inner"),
+        (lambda: Annulus(-0.1), "inner"),
+        (lambda: Annulus(math.nan), "inner"),
+        (lambda: MaskAperture(np.zeros((4, 4))), "black"),
+        (lambda: MaskAperture([[0.5, -0.1]]), "negative"),
+        (lambda: MaskAperture([[0.5, math.nan]]), "NaN"),
+        (lambda: MaskAperture([[0.5, 2.0]]), "0 to 1"),
+        (lambda: MaskAperture(np.ones((4, 4, 3))), "grey-scale"),
+        (lambda: MaskAperture(np.ones((0, 4))), "grey-scale"),
+        (lambda: MaskAperture([["a"]]), "numbers"),
+    ],
+)
+def test_impossible_apertures_are_refused_in_one_line(make, says):
+    with pytest.raises(InputError, match=says) as refusal:
+        make()
+    assert "\n" not in str(refusal.value)
