@@ -1,0 +1,229 @@
+"""calib.txt: the calibration of a rectified pair, as Middlebury writes it since 2014.
+
+Lines of ``name=value``: cam0 and cam1 are K as ``[fx 0 cx; 0 fy cy; 0 0 1]`` in pixels, doffs in pixels, baseline in
+millimetres, then width, height, ndisp, isint, vmin, vmax. Numbers are written so that they
+read back to the same float64.
+
+Source: https://vision.middlebury.edu/stereo/data/scenes2014/ and .../submit3/, "calib.txt".
+"""
+
+import math
+import os
+import re
+from dataclasses import dataclass, replace
+from decimal import Decimal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twinlens import geometry
+from twinlens.camera import Camera, Rig
+from twinlens.dataset.files import read_bytes, write_file
+from twinlens.errors import FileError, InputError
+
+_NEEDED = ("cam0", "cam1", "doffs", "baseline", "width", "height")
+_OPTIONAL = ("ndisp", "isint", "vmin", "vmax")
+_LARGEST_FILE = 1 << 16
+_ROUNDED = 0.01  # Middlebury rounds cx and doffs to three digits, so they agree to that only
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A rectified pair's calibration.
+
+    Parameters
+    ----------
+    cam0, cam1 : (fx, fy, cx, cy)
+        Of the left and right camera, pixels, pixel centres at integers. fx, fy and cy are common to the two.
+    baseline : float
+        Metres.
+    width, height : int
+        Of the images, pixels.
+    doffs : float
+        cx1 - cx0, pixels.
+    ndisp : int or None
+        A bound of the disparities, 0 <= d < ndisp; None where the file has none.
+    isint : bool
+        Whether the truth has whole disparities only.
+    vmin, vmax : float or None
+        The tightest bounds of the truth, for colouring it.
+    """
+
+    cam0: tuple[float, float, float, float]
+    cam1: tuple[float, float, float, float]
+    baseline: float
+    width: int
+    height: int
+    doffs: float
+    ndisp: int | None = None
+    isint: bool = False
+    vmin: float | None = None
+    vmax: float | None = None
+
+    def __post_init__(self) -> None:
+        numbers = (*self.cam0, *self.cam1, self.baseline, self.doffs)
+        if len(self.cam0) != 4 or len(self.cam1) != 4 or not all(math.isfinite(number) for number in numbers):
+            raise InputError("a calibration needs finite numbers: fx, fy, cx, cy of two cameras, baseline and doffs")
+        if min(*self.cam0[:2], *self.cam1[:2], self.baseline) <= 0 or min(self.width, self.height) < 1:
+            raise InputError("a calibration needs positive fx, fy, baseline, width and height")
+        if self.ndisp is not None and self.ndisp < 1:
+            raise InputError(f"ndisp must be 1 or more, got {self.ndisp}")
+        if abs(self.cam1[2] - self.cam0[2] - self.doffs) > _ROUNDED:
+            raise InputError(f"doffs must be cx1 - cx0 = {self.cam1[2] - self.cam0[2]}, got {self.doffs}")
+
+    @classmethod
+    def from_rig(cls, rig: Rig, ndisp: int | None = None) -> "Calibration":
+        """The calibration of a rig's first two cameras, or InputError where they are no rectified pair."""
+        if len(rig) < 2 or not rig.is_rectified():
+            raise InputError("calib.txt describes a rectified pair; these cameras are none")
+        left, right = rig.cameras[:2]
+        cam0, cam1 = ((float(c.fx), float(c.fy), float(c.cx), float(c.cy)) for c in (left, right))
+        return cls(cam0, cam1, _nice(rig.baseline()), left.width, left.height, float(rig.doffs()), ndisp)
+
+    @property
+    def fx(self) -> float:
+        """Of the left camera, pixels."""
+        return self.cam0[0]
+
+    @property
+    def K0(self) -> NDArray[np.float64]:  # noqa: N802
+        """The left camera's K, (3, 3)."""
+        return _matrix(self.cam0)
+
+    @property
+    def K1(self) -> NDArray[np.float64]:  # noqa: N802
+        """The right camera's K, (3, 3)."""
+        return _matrix(self.cam1)
+
+    def rig(self) -> Rig:
+        """The pair as a Rig, the world being the left camera's frame."""
+        left, right = (Camera(self.width, self.height, *cam) for cam in (self.cam0, self.cam1))
+        return Rig.stereo(left, self.baseline, right=right)
+
+    def depth(self, disparity: ArrayLike) -> NDArray[np.float64]:
+        """z = fx B / (d + doffs) in metres; unknown (+inf) stays +inf. See `geometry.depth_from_disparity`."""
+        return geometry.depth_from_disparity(disparity, self.fx, self.baseline, self.doffs)
+
+    def replace(self, **changes: object) -> "Calibration":
+        """A copy with some fields changed, checked again."""
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+
+def encode_calib(calibration: Calibration) -> str:
+    """The text of calib.txt.
+
+    >>> pair = Calibration((700.0, 700.0, 319.5, 239.5), (700.0, 700.0, 319.5, 239.5), 0.1, 640, 480, 0.0, ndisp=64)
+    >>> print(encode_calib(pair), end="")
+    cam0=[700.0 0 319.5; 0 700.0 239.5; 0 0 1]
+    cam1=[700.0 0 319.5; 0 700.0 239.5; 0 0 1]
+    doffs=0.0
+    baseline=100.0
+    width=640
+    height=480
+    ndisp=64
+    isint=0
+    """
+    fields = {
+        "cam0": "[{} 0 {}; 0 {} {}; 0 0 1]".format(*(repr(float(calibration.cam0[i])) for i in (0, 2, 1, 3))),
+        "cam1": "[{} 0 {}; 0 {} {}; 0 0 1]".format(*(repr(float(calibration.cam1[i])) for i in (0, 2, 1, 3))),
+        "doffs": repr(float(calibration.doffs)),
+        "baseline": _plain(_moved(repr(float(calibration.baseline)), 3)),
+        "width": int(calibration.width),
+        "height": int(calibration.height),
+        "ndisp": calibration.ndisp,
+        "isint": int(calibration.isint),
+        "vmin": None if calibration.vmin is None else repr(float(calibration.vmin)),
+        "vmax": None if calibration.vmax is None else repr(float(calibration.vmax)),
+    }
+    return "".join(f"{key}={value}\n" for key, value in fields.items() if value is not None)
+
+
+def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
+    """The calibration in the text of a calib.txt. Keys it does not know are passed over: Middlebury's own have grown.
+
+    Raises FileError beginning with `name` when a line, a number or a needed key is not right.
+    """
+    fields = _fields(text, name)
+    missing = [key for key in _NEEDED if key not in fields]
+    if missing:
+        raise FileError(f"{name}: has no {missing[0]}= line; needed are {', '.join(_NEEDED)}")
+    try:
+        return Calibration(
+            cam0=_camera(fields["cam0"]),
+            cam1=_camera(fields["cam1"]),
+            baseline=float(_moved(fields["baseline"], -3)),
+            width=int(fields["width"]),
+            height=int(fields["height"]),
+            doffs=float(fields["doffs"]),
+            ndisp=int(fields["ndisp"]) if "ndisp" in fields else None,
+            isint=fields.get("isint", "0") != "0",
+            vmin=float(fields["vmin"]) if "vmin" in fields else None,
+            vmax=float(fields["vmax"]) if "vmax" in fields else None,
+        )
+    except ValueError as error:
+        raise FileError(f"{name}: {error}") from None
+    except ArithmeticError:
+        raise FileError(
+            f"{name}: the baseline must be a number of millimetres, got {fields['baseline'][:40]!r}"
+        ) from None
+
+
+def read_calib(path: str | os.PathLike[str]) -> Calibration:
+    """The calibration in a calib.txt. Raises FileError."""
+    data = read_bytes(path)
+    if len(data) > _LARGEST_FILE:
+        raise FileError(f"{path}: {len(data)} bytes are no calib.txt")
+    try:
+        return decode_calib(data.decode("utf-8"), str(path))
+    except UnicodeDecodeError:
+        raise FileError(f"{path}: not a text file") from None
+
+
+def write_calib(path: str | os.PathLike[str], calibration: Calibration) -> None:
+    """Write a calib.txt. Raises OutputError."""
+    write_file(path, encode_calib(calibration).encode())
+
+
+def _fields(text: str, name: str) -> dict[str, str]:
+    fields: dict[str, str] = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        key, equals, value = (part.strip() for part in line.partition("="))
+        if not line.strip():
+            continue
+        if not equals:
+            raise FileError(f"{name}: line {number} must read name=value, got {line.strip()[:40]!r}")
+        if key in fields:
+            raise FileError(f"{name}: line {number} gives {key} a second time")
+        fields[key] = value
+    return fields
+
+
+def _camera(text: str) -> tuple[float, float, float, float]:
+    rows = [row.split() for row in re.sub(r"^\[|\]$", "", text).split(";")]
+    if [len(row) for row in rows] != [3, 3, 3]:
+        raise ValueError(f"a camera must read [fx 0 cx; 0 fy cy; 0 0 1], got {text[:80]!r}")
+    k = [[float(entry) for entry in row] for row in rows]
+    if (k[0][1], k[1][0], k[2]) != (0.0, 0.0, [0.0, 0.0, 1.0]):
+        raise ValueError(f"a camera must read [fx 0 cx; 0 fy cy; 0 0 1], without skew, got {text[:80]!r}")
+    return k[0][0], k[1][1], k[0][2], k[1][2]
+
+
+def _moved(decimal: str, places: int) -> Decimal:
+    """The decimal number with its point moved, exactly: metres to millimetres and back lose no bit."""
+    return Decimal(decimal).scaleb(places)
+
+
+def _plain(number: Decimal) -> str:
+    """`number` in plain digits with a point."""
+    text = format(number.normalize(), "f")
+    return text if "." in text else f"{text}.0"
+
+
+def _nice(baseline: float) -> float:
+    """`baseline` without the last bits that a distance of two poses has lost: 0.1, not 0.09999999999999998."""
+    return float(f"{baseline:.14g}")
+
+
+def _matrix(cam: tuple[float, float, float, float]) -> NDArray[np.float64]:
+    fx, fy, cx, cy = cam
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])

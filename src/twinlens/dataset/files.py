@@ -1,0 +1,170 @@
+"""Bytes on the disk: read whole, written whole or not at all. Knows no format.
+
+A file or a folder is made aside, under a dotted temporary name beside its place, flushed to the disk, and renamed: the
+one step that either happens or does not (POSIX rename). What fails on the way is removed and told as OutputError.
+"""
+
+import contextlib
+import errno
+import os
+import secrets
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path, PurePosixPath
+
+from twinlens.errors import FileError, InputError, OutputError
+
+_ASIDE = ".unfinished-"
+
+_REMEDIES = {
+    errno.ENOSPC: "the disk is full: free some space or write elsewhere",
+    errno.EDQUOT: "the disk quota is used up: free some space or write elsewhere",
+    errno.EROFS: "the file system is read-only: write elsewhere",
+    errno.EACCES: "no permission: choose a folder you may write to",
+    errno.EPERM: "no permission: choose a folder you may write to",
+    errno.ENOTDIR: "a file stands where a folder is needed: choose another name",
+    errno.EEXIST: "a file stands where a folder is needed: choose another name",
+    errno.ENAMETOOLONG: "the name is too long: choose a shorter one",
+}
+
+
+def read_bytes(path: str | os.PathLike[str]) -> bytes:
+    """The whole file, or FileError naming it."""
+    try:
+        return Path(path).read_bytes()
+    except FileNotFoundError:
+        raise FileError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:
+        raise FileError(f"{path}: cannot be read ({_reason(error)})") from None
+
+
+def write_file(path: str | os.PathLike[str], data: bytes) -> None:
+    """`data` as the file `path`, replacing what was there: whole, or not at all and OutputError."""
+    path = Path(path)
+    aside = _aside(path)
+    with _told_as_output_error(path), _removed_on_failure(aside):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _write_and_flush(aside, data)
+        aside.replace(path)
+        _flush_folder(path.parent)
+
+
+def write_folder(folder: str | os.PathLike[str], files: Mapping[str, bytes], overwrite: bool = False) -> None:
+    """A folder of `files` (relative name with / -> content): whole, or not at all and OutputError.
+
+    A folder that is there already is refused, unless `overwrite`: then it is moved aside, replaced and removed.
+    """
+    folder = Path(folder)
+    if not overwrite and os.path.lexists(folder):
+        raise OutputError(f"{folder}: is there already; choose another name, or ask for it to be overwritten")
+    aside = _aside(folder)
+    with _told_as_output_error(folder), _removed_on_failure(aside):
+        _fill(aside, files)
+        if overwrite and os.path.lexists(folder):
+            _swap(aside, folder)
+        else:
+            aside.rename(folder)
+        _flush_folder(folder.parent)
+
+
+def remove_unfinished(folder: str | os.PathLike[str]) -> list[str]:
+    """Remove what a killed process left half-written in `folder`; the names. Nobody else may be writing there."""
+    left = sorted(entry for entry in Path(folder).glob(f".*{_ASIDE}*") if _ASIDE in entry.name)
+    for entry in left:
+        _remove(entry)
+    return [entry.name for entry in left]
+
+
+def is_hidden(name: str) -> bool:
+    """Whether an entry is none of a dataset's: dotted names, the half-written ones among them."""
+    return name.startswith(".")
+
+
+def _fill(aside: Path, files: Mapping[str, bytes]) -> None:
+    aside.mkdir(parents=True)
+    inside = {aside}
+    for name, data in files.items():
+        target = aside / _checked(name)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        inside.add(target.parent)
+        _write_and_flush(target, data)
+    for each in inside:
+        _flush_folder(each)
+
+
+def _checked(name: str) -> PurePosixPath:
+    relative = PurePosixPath(name)
+    if relative.is_absolute() or ".." in relative.parts or not relative.parts:
+        raise InputError(f"a file of a sample needs a plain relative name, got {name!r}")
+    return relative
+
+
+def _swap(aside: Path, folder: Path) -> None:
+    old = _aside(folder)
+    folder.rename(old)
+    try:
+        aside.rename(folder)
+    except BaseException:
+        old.rename(folder)
+        raise
+    _remove(old)
+
+
+def _write_and_flush(path: Path, data: bytes) -> None:
+    with path.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _flush_folder(folder: Path) -> None:
+    # A rename is on the disk only once its folder is; some file systems refuse to flush a folder, and have no need to.
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _aside(path: Path) -> Path:
+    return path.with_name(f".{path.name[:80]}{_ASIDE}{os.getpid()}-{secrets.token_hex(4)}")
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with contextlib.suppress(OSError):
+            path.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _removed_on_failure(aside: Path) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:  # an interrupt must leave nothing half-written either
+        _remove(aside)
+        raise
+
+
+@contextlib.contextmanager
+def _told_as_output_error(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OutputError:
+        raise
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written; {_remedy(error)}") from error
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise OutputError(f"{path}: cannot be written; {error}") from error
+
+
+def _remedy(error: OSError) -> str:
+    return _REMEDIES.get(error.errno or 0, f"{_reason(error)}: check the path")
+
+
+def _reason(error: Exception) -> str:
+    return (isinstance(error, OSError) and error.strerror) or str(error)

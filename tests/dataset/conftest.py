@@ -1,0 +1,25 @@
+import tracemalloc
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from hypothesis import settings
+
+settings.register_profile("twinlens-dataset", deadline=None)
+settings.load_profile("twinlens-dataset")
+
+
+@pytest.fixture
+def peak_below():
+    """A context that fails when Python and numpy allocate more than so many bytes in it."""
+
+    @contextmanager
+    def peak(limit: int) -> Iterator[None]:
+        tracemalloc.start()
+        try:
+            yield
+            assert tracemalloc.get_traced_memory()[1] < limit
+        finally:
+            tracemalloc.stop()
+
+    return peak

@@ -1,0 +1,112 @@
+import numpy as np
+import pytest
+from dataset_damage import damaged
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twinlens import geometry
+from twinlens.camera import Camera, Rig
+from twinlens.dataset.codecs.calib import Calibration, decode_calib, encode_calib, read_calib, write_calib
+from twinlens.errors import FileError, InputError, TwinlensError
+
+MOTORCYCLE = """cam0=[3979.911 0 1244.772; 0 3979.911 1019.507; 0 0 1]
+cam1=[3979.911 0 1369.115; 0 3979.911 1019.507; 0 0 1]
+doffs=124.343
+baseline=193.001
+width=2964
+height=2000
+ndisp=270
+isint=0
+vmin=23
+vmax=245
+dyavg=0.2
+dymax=0.5
+"""
+
+positive = st.floats(1e-3, 1e6)
+point = st.floats(-1e5, 1e5)
+
+
+@given(positive, positive, point, point, point, positive, st.integers(1, 9999), st.none() | st.integers(1, 999))
+def test_every_float_reads_back_the_same(fx, fy, cx0, cx1, cy, baseline, width, ndisp):
+    calibration = Calibration((fx, fy, cx0, cy), (fx, fy, cx1, cy), baseline, width, 7, cx1 - cx0, ndisp)
+    assert decode_calib(encode_calib(calibration)) == calibration
+
+
+def test_middleburys_own_file():
+    calibration = decode_calib(MOTORCYCLE)
+    assert calibration.cam1 == (3979.911, 3979.911, 1369.115, 1019.507)
+    assert (calibration.baseline, calibration.doffs, calibration.ndisp) == (0.193001, 124.343, 270)
+    assert (calibration.vmin, calibration.vmax, calibration.isint) == (23.0, 245.0, False)
+    # A disparity of vmax is the nearest point: 3979.911 * 0.193001 / (245 + 124.343).
+    assert float(calibration.depth(245.0)) == pytest.approx(2.0797, abs=1e-4)
+
+
+def test_a_rig_goes_there_and_back(tmp_path):
+    left = Camera(640, 480, 700.0, 690.0, 300.0, 239.5)
+    pose = geometry.look_at([1, 2, 3], [4, 6, 1])
+    rig = Rig.stereo(left, 0.1, world_from_left=pose, right=left.replace(cx=311.25))
+    write_calib(tmp_path / "calib.txt", Calibration.from_rig(rig, ndisp=64))
+    back = read_calib(tmp_path / "calib.txt")
+    assert "baseline=100.0\n" in (tmp_path / "calib.txt").read_text()
+    assert back.rig().cameras == rig.cameras
+    assert back.rig().is_rectified()
+    assert back.doffs == rig.doffs() == 11.25
+    np.testing.assert_array_equal(back.K1, rig.cameras[1].K)
+
+
+def test_depth_is_where_the_two_rays_meet():
+    left = Camera(640, 480, 700.0, 690.0, 300.0, 239.5)
+    rig = Rig.stereo(left, 0.1, right=left.replace(cx=311.25))
+    point = np.array([[0.3, -0.2, 2.5]])
+    left_px, right_px = (rig.cameras[i].project(geometry.transform_points(rig.b_from_a(0, i), point)) for i in (0, 1))
+    disparity = left_px[0, 0] - right_px[0, 0]
+    assert Calibration.from_rig(rig).depth(disparity) == pytest.approx(2.5, rel=1e-12)
+
+
+def test_a_pair_that_is_not_rectified_has_no_calib():
+    left = Camera(64, 48, 70.0, 70.0, 31.5, 23.5)
+    rig = Rig([left, left], [np.eye(4), geometry.rigid(np.eye(3), [0.1, 0.05, 0])])
+    for wrong in (rig, Rig([left], [np.eye(4)])):
+        with pytest.raises(InputError, match="rectified"):
+            Calibration.from_rig(wrong)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("doffs=124.343\n", "", "no doffs= line"),
+        ("doffs=124.343", "doffs=12.343", "doffs must be cx1 - cx0"),
+        ("doffs=124.343", "doffs", "line 3 must read name=value"),
+        ("width=2964", "width=0", "positive"),
+        ("width=2964", "width=29.64", "invalid literal"),
+        ("width=2964", "width=2964\nwidth=2964", "a second time"),
+        ("baseline=193.001", "baseline=1e999999999", "number of millimetres"),
+        ("baseline=193.001", "baseline=-1", "positive"),
+        ("baseline=193.001", "baseline=nan", "finite"),
+        ("baseline=193.001", "baseline=wide", "number of millimetres"),
+        ("0 0 1]\ncam1", "0 0 2]\ncam1", "without skew"),
+        ("; 0 0 1]\ncam1", "]\ncam1", "must read"),
+        ("ndisp=270", "ndisp=-3", "ndisp must be 1 or more"),
+    ],
+)
+def test_each_wrong_line_is_told(old, new, message):
+    assert old in MOTORCYCLE
+    with pytest.raises(FileError, match=rf"^calib\.txt: .*{message}"):
+        decode_calib(MOTORCYCLE.replace(old, new, 1))
+
+
+@given(damaged(MOTORCYCLE.encode()))
+def test_damage_is_read_or_refused(data):
+    try:
+        calibration = decode_calib(data.decode("utf-8", "replace"))
+    except TwinlensError:
+        return
+    assert decode_calib(encode_calib(calibration)) == calibration
+
+
+def test_a_file_that_is_no_text(tmp_path):
+    for content in (b"\xff\xfe\x00", b"x" * (1 << 17)):
+        (tmp_path / "calib.txt").write_bytes(content)
+        with pytest.raises(FileError, match=r"calib\.txt"):
+            read_calib(tmp_path / "calib.txt")

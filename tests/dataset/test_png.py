@@ -1,0 +1,137 @@
+import io
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+import skimage.io
+from dataset_damage import damaged
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from PIL import Image
+
+from twinlens.dataset.codecs.png import decode_png, encode_png, read_png, write_png
+from twinlens.errors import FileError, InputError, TwinlensError
+
+shapes = st.tuples(st.integers(1, 9), st.integers(1, 9)) | st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3))
+rng = np.random.default_rng(1)
+GOOD = encode_png(rng.integers(0, 256, (6, 5, 3), np.uint8))
+GOOD_16 = encode_png(rng.integers(0, 65536, (6, 5, 3), np.uint16))
+
+
+def by_opencv(data: bytes) -> np.ndarray:
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    return image[..., ::-1] if image.ndim == 3 else image
+
+
+@given(hnp.arrays(st.sampled_from([np.uint8, np.uint16]), shapes))
+def test_what_is_written_reads_back_by_us_and_by_opencv(array):
+    data = encode_png(array)
+    for back in (decode_png(data), by_opencv(data)):
+        assert back.dtype == array.dtype
+        np.testing.assert_array_equal(back, array)
+
+
+@given(hnp.arrays(st.sampled_from([np.uint8, np.uint16]), shapes))
+def test_we_read_what_opencv_writes(array):
+    data = cv2.imencode(".png", array[..., ::-1] if array.ndim == 3 else array)[1].tobytes()
+    np.testing.assert_array_equal(decode_png(data), array)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_smooth_pictures_use_every_branch_of_the_filter(dtype):
+    v, u = np.mgrid[:40, :50]
+    array = np.stack([3 * u, 2 * v + u, (u - v) ** 2], axis=-1).astype(dtype)
+    np.testing.assert_array_equal(by_opencv(encode_png(array)), array)
+
+
+def test_skimage_and_pillow_read_it(tmp_path):
+    array = rng.integers(0, 256, (7, 4, 3), np.uint8)
+    write_png(tmp_path / "a.png", array)
+    np.testing.assert_array_equal(skimage.io.imread(tmp_path / "a.png"), array)
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), array)
+    np.testing.assert_array_equal(read_png(tmp_path / "a.png"), array)
+
+
+def test_strides_and_byte_order_of_the_array_do_not_matter():
+    array = rng.integers(0, 65536, (8, 6, 3), np.uint16)
+    for view in (array[::-1, ::2], array.transpose(1, 0, 2), array[..., ::-1], array.astype(">u2"), array[..., 0]):
+        np.testing.assert_array_equal(decode_png(encode_png(view)), view)
+
+
+def test_the_bytes_depend_on_the_pixels_alone():
+    array = rng.integers(0, 256, (9, 9), np.uint8)
+    assert encode_png(array) == encode_png(np.asfortranarray(array))
+    assert [GOOD[i + 4 : i + 8] for i in chunk_starts(GOOD)] == [b"IHDR", b"IDAT", b"IEND"]
+
+
+def chunk_starts(data: bytes):
+    place = 8
+    while place < len(data):
+        yield place
+        place += 12 + struct.unpack(">I", data[place : place + 4])[0]
+
+
+@pytest.mark.parametrize(
+    ("mode", "expected"),
+    [("1", (255,)), ("L", (255,)), ("P", (204, 102, 51)), ("RGB", (204, 102, 51)), ("RGBA", (204, 102, 51))],
+)
+def test_other_peoples_kinds_of_png(mode, expected):
+    picture = Image.new("RGB", (3, 2), (204, 102, 51))
+    picture = Image.new("L", (3, 2), 255) if mode in "1L" else picture
+    stream = io.BytesIO()
+    picture.convert(mode).save(stream, "PNG")
+    assert np.unique(decode_png(stream.getvalue()).reshape(-1, len(expected)), axis=0).tolist() == [list(expected)]
+
+
+@pytest.mark.parametrize("sixteen", [False, True])
+def test_transparency_is_refused(sixteen):
+    array = np.zeros((2, 2, 4), np.uint16 if sixteen else np.uint8)
+    data = cv2.imencode(".png", array)[1].tobytes()
+    with pytest.raises(FileError, match="alpha channel"):
+        decode_png(data)
+
+
+@pytest.mark.parametrize(
+    "array", [np.zeros((2, 2)), np.zeros((2, 2), np.int32), np.zeros((2, 2, 4), np.uint8), np.zeros((0, 2), np.uint8)]
+)
+def test_what_no_png_of_ours_can_hold_is_refused(array):
+    with pytest.raises(InputError, match="a PNG holds"):
+        encode_png(array)
+
+
+def header_only(width: int, height: int) -> bytes:
+    body = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    chunk = struct.pack(">I", 13) + b"IHDR" + body + struct.pack(">I", zlib.crc32(b"IHDR" + body))
+    return GOOD[:8] + chunk + GOOD[33:]
+
+
+@pytest.mark.parametrize("size", [(60000, 60000), (8000, 8000), (0, 5), (2**31, 2**31)])
+def test_a_small_file_with_a_huge_header_costs_no_memory(size, peak_below):
+    with peak_below(1 << 20), pytest.raises(FileError, match=r"^big\.png: "):
+        decode_png(header_only(*size), "big.png")
+
+
+@pytest.mark.parametrize("good", [GOOD, GOOD_16], ids=["8", "16"])
+def test_every_truncation_is_noticed(good):
+    for length in range(len(good)):
+        with pytest.raises(FileError):
+            decode_png(good[:length])
+
+
+@given(damaged(GOOD) | damaged(GOOD_16))
+def test_damage_is_read_or_refused(data):
+    try:
+        array = decode_png(data)
+    except TwinlensError:
+        return
+    assert array.nbytes <= 2 * 1032 * len(data)
+
+
+@pytest.mark.parametrize("good", [GOOD, GOOD_16], ids=["8", "16"])
+def test_every_flipped_byte_is_noticed(good):
+    for place in range(len(good)):
+        with pytest.raises(FileError):
+            decode_png(good[:place] + bytes([good[place] ^ 1]) + good[place + 1 :])
