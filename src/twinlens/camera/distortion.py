@@ -1,0 +1,297 @@
+"""Lens distortion: where the ray of a straight pinhole really lands. Brown-Conrady and the Kannala-Brandt fisheye.
+
+Both take ideal image coordinates (x, y) = (X/Z, Y/Z) to distorted ones, ``px = K (x_d, y_d, 1)``, with the coefficients
+named and ordered as OpenCV has them. A polynomial that is bent far enough folds the image over itself: `valid` says
+where a model still stands on the branch that the axis lies on, and `check_invertible` refuses a camera whose image
+reaches beyond it.
+
+Sources: Brown, Decentering distortion of lenses, 1966; Kannala and Brandt, A generic camera model and calibration
+method for conventional, wide-angle, and fish-eye lenses, 2006; OpenCV's calib3d documentation for the order.
+"""
+
+import math
+from dataclasses import astuple, dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.typing import ArrayLike, NDArray
+
+from twinlens.errors import InputError
+
+if TYPE_CHECKING:
+    from twinlens.camera.intrinsics import Camera
+
+Float = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+_ITERATIONS = 50
+_CONVERGED = 1e-12  # in units of the focal length: far below a pixel of any camera
+_HALVINGS = 8
+_PATH_STEPS = 64  # along the lines from the axis to the image's border, on which a fold is looked for
+_OUTSIDE_PX = -1e4  # what a map says where there is no source pixel: outside for any interpolation kernel
+
+
+@dataclass(frozen=True)
+class BrownConrady:
+    """Radial and tangential distortion with OpenCV's eight coefficients.
+
+    With r^2 = x^2 + y^2 and R = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6)::
+
+        x_d = x R + 2 p1 x y + p2 (r^2 + 2 x^2)
+        y_d = y R + p1 (r^2 + 2 y^2) + 2 p2 x y
+
+    >>> BrownConrady(k1=-0.1).distort([0.5, 0.0]).tolist()
+    [0.4875, 0.0]
+    """
+
+    name: ClassVar[str] = "brown-conrady"
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    k5: float = 0.0
+    k6: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_finite(self)
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        """(k1, k2, p1, p2, k3, k4, k5, k6), as OpenCV takes them."""
+        return astuple(self)
+
+    def distort(self, xy: ArrayLike) -> Float:
+        """Distorted coordinates (..., 2) of ideal ones (..., 2), float64: the formula alone, folded or not."""
+        x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
+        r2 = x * x + y * y
+        radial = self._numerator(r2) / self._denominator(r2)
+        return np.stack(
+            [
+                x * radial + 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x),
+                y * radial + self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y,
+            ],
+            axis=-1,
+        )
+
+    def jacobian(self, xy: ArrayLike) -> Float:
+        """d(x_d, y_d)/d(x, y), (..., 2, 2)."""
+        x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
+        r2 = x * x + y * y
+        over, under = self._numerator(r2), self._denominator(r2)
+        radial = over / under
+        slope = 2 * (self._numerator.deriv()(r2) - radial * self._denominator.deriv()(r2)) / under
+        mixed = slope * x * y + 2 * self.p1 * x + 2 * self.p2 * y
+        dxx = radial + slope * x * x + 2 * self.p1 * y + 6 * self.p2 * x
+        dyy = radial + slope * y * y + 6 * self.p1 * y + 2 * self.p2 * x
+        return np.stack([np.stack([dxx, mixed], axis=-1), np.stack([mixed, dyy], axis=-1)], axis=-2)
+
+    def valid(self, xy: ArrayLike) -> Bool:
+        """Whether ideal points (..., 2) lie before the first fold: the radial part still rises, and det J > 0."""
+        x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
+        before = x * x + y * y < self._fold_radius2
+        with np.errstate(all="ignore"):
+            unfolded: Bool = before & (np.linalg.det(self.jacobian(xy)) > 0)
+        return unfolded
+
+    def undistort(self, xy_distorted: ArrayLike) -> Float:
+        """Ideal coordinates (..., 2) of distorted ones (..., 2), to 1e-12; NaN where no valid point lands there."""
+        target = np.asarray(xy_distorted, dtype=np.float64)
+        flat = target.reshape(-1, 2)
+        return _newton(self, flat).reshape(target.shape)
+
+    @cached_property
+    def _numerator(self) -> Polynomial:
+        return Polynomial([1.0, self.k1, self.k2, self.k3])
+
+    @cached_property
+    def _denominator(self) -> Polynomial:
+        return Polynomial([1.0, self.k4, self.k5, self.k6])
+
+    @cached_property
+    def _fold_radius2(self) -> float:
+        """The first r^2 at which d(r R)/dr = 0 or R has a pole; inf if there is none."""
+        s = Polynomial([0.0, 1.0])
+        over, under = self._numerator, self._denominator
+        rise = (over + 2 * s * over.deriv()) * under - 2 * s * over * under.deriv()
+        return min(_first_positive_root(rise), _first_positive_root(under))
+
+
+@dataclass(frozen=True)
+class KannalaBrandt:
+    """OpenCV's fisheye: with theta the angle from the axis, theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8).
+
+    ``(x_d, y_d) = theta_d / r (x, y)``, r = tan(theta). Directions at 90 degrees and more have no (x, y, 1), so a
+    camera with this model sees less than a half-space.
+
+    >>> round(float(KannalaBrandt().distort([1.0, 0.0])[0]), 12) == round(math.pi / 4, 12)
+    True
+    """
+
+    name: ClassVar[str] = "kannala-brandt"
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_finite(self)
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        """(k1, k2, k3, k4), as OpenCV takes them."""
+        return astuple(self)
+
+    def distort(self, xy: ArrayLike) -> Float:
+        """Distorted coordinates (..., 2) of ideal ones (..., 2), float64."""
+        xy = np.asarray(xy, dtype=np.float64)
+        radius = np.linalg.norm(xy, axis=-1, keepdims=True)
+        angle = self._angle(np.arctan(radius))
+        scale: Float = np.divide(angle, radius, out=np.ones_like(radius), where=radius > 0)
+        return xy * scale
+
+    def valid(self, xy: ArrayLike) -> Bool:
+        """Whether ideal points (..., 2) lie before the first fold: theta_d still rises."""
+        radius = np.linalg.norm(np.asarray(xy, dtype=np.float64), axis=-1)
+        unfolded: Bool = np.arctan(radius) < self._fold_angle
+        return unfolded
+
+    def undistort(self, xy_distorted: ArrayLike) -> Float:
+        """Ideal coordinates (..., 2) of distorted ones (..., 2), to 1e-12; NaN where no valid point lands there."""
+        target = np.asarray(xy_distorted, dtype=np.float64)
+        radius = np.linalg.norm(target, axis=-1, keepdims=True)
+        angle = self._solve_angle(radius)
+        scale = np.divide(np.tan(angle), radius, out=np.ones_like(radius), where=radius > 0)
+        return np.where(np.isnan(angle), np.nan, target * scale)
+
+    def _solve_angle(self, distorted: Float) -> Float:
+        """theta of theta_d: Newton's steps kept between bounds that a bisection tightens; NaN beyond the fold."""
+        top = min(self._fold_angle, 0.5 * math.pi)
+        reached = distorted < self._angle(top)
+        low, high = np.zeros_like(distorted), np.full_like(distorted, top)
+        angle = np.minimum(distorted, 0.5 * top)
+        for _ in range(_ITERATIONS):
+            error = self._angle(angle) - distorted
+            low, high = np.where(error <= 0, angle, low), np.where(error >= 0, angle, high)
+            with np.errstate(all="ignore"):
+                step = angle - error / self._rise(angle)
+            inside = (step >= low) & (step <= high)
+            moved = np.where(inside, step, 0.5 * (low + high))
+            if not (np.abs(moved - angle)[reached] > 1e-15).any():
+                break
+            angle = moved
+        return np.where(reached, angle, np.nan)
+
+    @cached_property
+    def _angle(self) -> Polynomial:
+        return Polynomial([0.0, 1.0, 0.0, self.k1, 0.0, self.k2, 0.0, self.k3, 0.0, self.k4])
+
+    @cached_property
+    def _rise(self) -> Polynomial:
+        return self._angle.deriv()
+
+    @cached_property
+    def _fold_angle(self) -> float:
+        return min(_first_positive_root(self._rise), 0.5 * math.pi)
+
+
+Distortion = BrownConrady | KannalaBrandt
+
+
+def check_invertible(camera: "Camera") -> None:
+    """InputError if the camera's distortion folds its image over: if some pixel is seen twice, or by nothing.
+
+    Every pixel is followed inwards from the image's border to the axis: on all of that line the model must have an
+    inverse on the axis's own branch (the determinant of its Jacobian stays positive).
+    """
+    if camera.distortion is None:
+        return
+    border = _border(camera.width, camera.height)
+    ends = (border - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+    path = np.linspace(0.0, 1.0, _PATH_STEPS)[:, None, None] * ends
+    lost = np.isnan(camera.distortion.undistort(path)).any(axis=(0, 2))
+    if lost.any():
+        u, v = border[np.argmax(lost)]
+        raise InputError(
+            f"distortion {camera.distortion} folds the image over before pixel ({u:g}, {v:g}): no ray lands there, "
+            "or more than one; use smaller coefficients, a smaller image, or a larger fx and fy"
+        )
+
+
+def undistort_maps(
+    camera: "Camera", to_camera: "Camera", to_from_camera: ArrayLike | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(map_x, map_y), float32 (H, W) of `to_camera`: the pixel of `camera` that each of its pixels looks at.
+
+    As `cv2.remap` takes them. `to_from_camera` (3, 3) turns directions of `camera` into `to_camera`'s: a rectifying
+    rotation; none by default. A pixel that `camera` does not see is given a place far outside its image.
+    """
+    rotation = np.eye(3) if to_from_camera is None else np.asarray(to_from_camera, dtype=np.float64)
+    if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
+        raise InputError(f"to_from_camera must be a 3x3 rotation, got shape {rotation.shape}")
+    directions = to_camera.unproject(to_camera.pixel_grid()) @ rotation
+    pixels = np.nan_to_num(camera.project(directions), nan=_OUTSIDE_PX).astype(np.float32)
+    return pixels[..., 0].copy(), pixels[..., 1].copy()
+
+
+def _newton(model: BrownConrady, target: Float) -> Float:
+    """Solve distort(x) = target for (N, 2) points by Newton's method; a step that brings no gain is halved."""
+    xy, error = target.copy(), model.distort(target) - target
+    active = np.flatnonzero(np.isfinite(error).all(axis=1))
+    for _ in range(_ITERATIONS):
+        active = active[np.abs(error[active]).max(axis=1) > _CONVERGED]
+        if not active.size:
+            break
+        step = _newton_step(model, xy[active], error[active])
+        xy[active], error[active], closer = _move(model, xy[active], target[active], error[active], step)
+        active = active[closer]
+    xy -= _newton_step(model, xy, error)
+    found = (np.abs(error).max(axis=1) <= _CONVERGED) & model.valid(xy)
+    return np.where(found[:, None], xy, np.nan)
+
+
+def _newton_step(model: BrownConrady, xy: Float, error: Float) -> Float:
+    """J^-1 error for (N, 2) points; NaN where J has no inverse."""
+    (a, b), (c, d) = np.moveaxis(model.jacobian(xy), 0, -1)
+    ex, ey = error.T
+    with np.errstate(all="ignore"):
+        step: Float = np.stack([d * ex - b * ey, a * ey - c * ex], axis=1) / (a * d - b * c)[:, None]
+    return step
+
+
+def _move(model: BrownConrady, xy: Float, target: Float, error: Float, step: Float) -> tuple[Float, Float, Bool]:
+    """Points and errors after the longest of the steps 1, 1/2, 1/4 ... that shrinks the error, and whether one did."""
+    size = np.abs(error).max(axis=1)
+    closer = np.zeros(len(xy), dtype=bool)
+    for halving in range(_HALVINGS):
+        with np.errstate(all="ignore"):
+            trial = xy - 0.5**halving * step
+            residual = model.distort(trial) - target
+            take = ~closer & (np.abs(residual).max(axis=1) < size)
+        xy, error = np.where(take[:, None], trial, xy), np.where(take[:, None], residual, error)
+        closer |= take
+        if closer.all():
+            break
+    return xy, error, closer
+
+
+def _border(width: int, height: int) -> Float:
+    """Points (N, 2) along the outer edge of an image."""
+    u, v = np.linspace(-0.5, width - 0.5, 33), np.linspace(-0.5, height - 0.5, 33)
+    sides = [(u, np.full(33, v[0])), (u, np.full(33, v[-1])), (np.full(33, u[0]), v), (np.full(33, u[-1]), v)]
+    return np.concatenate([np.stack(side, axis=1) for side in sides])
+
+
+def _first_positive_root(polynomial: Polynomial) -> float:
+    roots = polynomial.trim().roots()
+    real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots.real)) & (roots.real > 0)]
+    return float(real.min()) if real.size else math.inf
+
+
+def _check_finite(model: "Distortion") -> None:
+    for name, value in vars(model).items():
+        if not math.isfinite(value):
+            raise InputError(f"{model.name} distortion: {name} must be finite, got {value}")

@@ -1,0 +1,208 @@
+"""Distortion against OpenCV, against its own inverse, and at the fold."""
+
+import math
+import time
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twinlens.camera import Camera
+from twinlens.camera.distortion import BrownConrady, KannalaBrandt, undistort_maps
+from twinlens.errors import InputError
+from twinlens.geometry import look_at
+
+
+def small(bound: float):
+    return st.floats(-bound, bound, allow_subnormal=False)
+
+
+# Coefficients as calibrations give them: bent, not folded within a field of 53 degrees to each side.
+brown = st.builds(
+    BrownConrady,
+    small(0.08),
+    small(0.02),
+    small(0.004),
+    small(0.004),
+    small(0.005),
+    small(0.05),
+    small(0.02),
+    small(0.004),
+)
+fisheye = st.builds(KannalaBrandt, small(0.05), small(0.02), small(0.005), small(0.001))
+
+
+def rays(seed: int, count: int = 200, reach: float = 1.0) -> np.ndarray:
+    xy = np.random.default_rng(seed).uniform(-reach, reach, (count, 2))
+    return np.column_stack([xy, np.ones(count)])
+
+
+def camera(distortion, fx: float = 700.0, fy: float = 650.0) -> Camera:
+    return Camera(640, 480, fx, fy, 330.25, 211.5, distortion)
+
+
+def opencv_projection(model, points: np.ndarray) -> np.ndarray:
+    cam = camera(model)
+    if isinstance(model, BrownConrady):
+        px, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), cam.K, np.array(model.coefficients))
+    else:
+        px = cv2.fisheye.distortPoints(points[None, :, :2] / points[None, :, 2:], cam.K, np.array(model.coefficients))
+    return px.reshape(-1, 2)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.one_of(brown, fisheye), st.integers(0, 2**31))
+def test_projection_is_opencvs(model, seed):
+    points = rays(seed, reach=0.6) * np.random.default_rng(seed).uniform(0.1, 50, (200, 1))
+    mine = camera(model).project(points)
+    assert np.abs(mine - opencv_projection(model, points)).max() < 1e-6
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.one_of(brown, fisheye), st.integers(0, 2**31))
+def test_undistort_inverts_distort(model, seed):
+    xy = rays(seed)[:, :2]
+    xy = xy[model.valid(xy)]
+    back = model.undistort(model.distort(xy))
+    # the inverse of a nearly singular map loses digits: away from the fold it keeps twelve
+    steep = np.array([np.linalg.norm(numeric_jacobian(model, p), -2) for p in xy]) < 0.1
+    assert np.abs(back - xy)[~steep].max() < 1e-10
+    assert np.abs(model.distort(back) - model.distort(xy)).max() < 1e-11
+
+
+@settings(max_examples=30, deadline=None)
+@given(brown, st.integers(0, 2**31))
+def test_jacobian_is_the_slope_of_distort(model, seed):
+    xy = rays(seed, count=5)[:, :2]
+    for point, slope in zip(xy, model.jacobian(xy), strict=True):
+        assert slope == pytest.approx(numeric_jacobian(model, point), abs=1e-7)
+
+
+def numeric_jacobian(model, point: np.ndarray, step: float = 1e-5) -> np.ndarray:
+    """Central differences, (2, 2)."""
+    ends = [(model.distort(point + d) - model.distort(point - d)) / (2 * step) for d in step * np.eye(2)]
+    return np.stack(ends, axis=1)
+
+
+@pytest.mark.parametrize(
+    "model", [BrownConrady(-0.3, 0.1, 1e-3, -2e-3, 0.02), KannalaBrandt(0.05, -0.02, 0.01, -0.002)]
+)
+def test_pixels_and_directions_round_trip_over_a_whole_image(model):
+    cam = camera(model)
+    grid = cam.pixel_grid()
+    start = time.perf_counter()
+    directions = cam.unproject(grid)
+    assert time.perf_counter() - start < 5
+    assert np.abs(cam.project(directions * 3.0) - grid).max() < 1e-9
+
+
+def test_an_extreme_fisheye_still_inverts():
+    """Up to 89.9 degrees off axis, where tan(theta) is 573."""
+    model = KannalaBrandt(-0.02, 0.003)
+    theta = np.linspace(0, math.radians(89.9), 50)
+    xy = np.column_stack([np.tan(theta), np.zeros(50)])
+    assert np.arctan(model.undistort(model.distort(xy))[:, 0]) == pytest.approx(theta, abs=1e-12)
+
+
+def test_no_coefficients_change_nothing():
+    xy = rays(0)[:, :2]
+    assert (BrownConrady().distort(xy) == xy).all()
+    assert (BrownConrady().undistort(xy) == xy).all()
+    assert camera(BrownConrady()).project(rays(0)) == pytest.approx(camera(None).project(rays(0)), abs=1e-12)
+
+
+def test_a_point_beyond_the_fold_is_not_seen():
+    """r (1 - 0.3 r^2) turns round at r = 1/sqrt(0.9): farther points would land inside the image again."""
+    model = BrownConrady(k1=-0.3)
+    fold = 1 / math.sqrt(0.9)
+    cam = Camera(200, 200, 300.0, 300.0, 99.5, 99.5, model)
+    assert np.isfinite(cam.project([[0.99 * fold, 0, 1]])).all()
+    assert np.isnan(cam.project([[1.01 * fold, 0, 1], [1.9, 0, 1]])).all()
+    assert np.isfinite(model.distort([1.9, 0])).all()
+    assert np.isnan(model.undistort([0.75, 0.0])).all()
+    assert np.isnan(cam.project([[0, 0, -1.0], [1e9, 0, 1e-9]])).all()
+
+
+@pytest.mark.parametrize("edge", [0.999, 1.001])
+def test_the_image_may_reach_up_to_the_fold(edge):
+    """The fold is seen at 2/3 of its radius 1/sqrt(0.9): an image that ends before it is accepted, after it not."""
+    fx = 100 / (edge * 2 / 3 / math.sqrt(0.9))
+
+    def make() -> Camera:
+        return Camera(200, 2, fx, fx, 99.5, 0.5, BrownConrady(k1=-0.3))
+
+    if edge < 1:
+        assert np.isfinite(make().unproject(make().pixel_grid())).all()
+    else:
+        with pytest.raises(InputError, match="folds the image over"):
+            make()
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        BrownConrady(k1=-0.9),
+        BrownConrady(k1=-2.0, k2=1.5),
+        BrownConrady(k4=-4.0),
+        BrownConrady(p1=0.6),
+        KannalaBrandt(k1=-0.9),
+    ],
+    ids=str,
+)
+def test_distortion_that_folds_is_refused_in_one_line(model):
+    with pytest.raises(InputError, match=r"folds the image over before pixel \(") as refusal:
+        Camera.from_fov(640, 480, fov_x_deg=90).replace(distortion=model)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_fisheye_image_wider_than_half_a_space_is_refused():
+    with pytest.raises(InputError, match="folds"):
+        Camera(400, 400, 100.0, 100.0, 199.5, 199.5, KannalaBrandt())
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_coefficients_are_finite(bad):
+    with pytest.raises(InputError, match="k1 must be finite"):
+        BrownConrady(k1=bad)
+    with pytest.raises(InputError, match="k1 must be finite"):
+        KannalaBrandt(k1=bad)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_undistort_maps_are_opencvs(turned):
+    rotation = look_at([0, 0, 0], [0.05, 0.02, 1.0], up=[0, -1, 0])[:3, :3] if turned else np.eye(3)
+    model = BrownConrady(-0.25, 0.08, 1e-3, -5e-4, 0.01)
+    source, target = camera(model), Camera(320, 240, 300.0, 310.0, 150.0, 121.0)
+    mine = undistort_maps(source, target, to_from_camera=rotation)
+    theirs = cv2.initUndistortRectifyMap(
+        source.K, np.array(model.coefficients), rotation, target.K, (320, 240), cv2.CV_32FC1
+    )
+    assert all(m.dtype == np.float32 and m.shape == (240, 320) for m in mine)
+    assert max(np.abs(m - t).max() for m, t in zip(mine, theirs, strict=True)) < 1e-3
+
+
+def test_remapping_straightens_a_line():
+    """A straight line in space, drawn bent by the distorted camera, is straight again in the undistorted image."""
+    model = BrownConrady(k1=-0.3, k2=0.05)
+    cam = camera(model)
+    x, y = np.moveaxis(cam.unproject(cam.pixel_grid())[..., :2], -1, 0)
+    picture = (np.abs(y - 0.2 - 0.1 * x) < 0.004).astype(np.float32)
+    straight = cv2.remap(picture, *undistort_maps(cam, cam.replace(distortion=None)), cv2.INTER_LINEAR)
+    v, u = np.nonzero(straight > 0.5)
+    wanted = 211.5 + 650 * (0.2 + 0.1 * (u - 330.25) / 700)
+    assert len(u) > 500
+    assert np.abs(v - wanted).max() < 4
+
+
+def test_unseen_pixels_map_outside():
+    cam = camera(None)
+    map_x, map_y = undistort_maps(cam, cam, to_from_camera=np.diag([-1.0, 1.0, -1.0]))
+    assert (map_x < -100).all()
+    assert (map_y < -100).all()
+
+
+def test_a_rectifying_rotation_must_be_one():
+    with pytest.raises(InputError, match="rotation"):
+        undistort_maps(camera(None), camera(None), to_from_camera=2 * np.eye(3))
