@@ -1,8 +1,25 @@
 """Cameras, the lenses in front of them, and rigs of several: plain frozen data, no rendering."""
 
-from twinlens.camera.aperture import Aperture, Disk
+from twinlens.camera.aperture import Annulus, Aperture, Disk, MaskAperture, Polygon
+from twinlens.camera.distortion import BrownConrady, Distortion, KannalaBrandt, undistort_maps
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.lens import BareAperture, Lens, Pinhole, ThinLens
 from twinlens.camera.rig import Rig
 
-__all__ = ["Aperture", "BareAperture", "Camera", "Disk", "Lens", "Pinhole", "Rig", "ThinLens"]
+__all__ = [
+    "Annulus",
+    "Aperture",
+    "BareAperture",
+    "BrownConrady",
+    "Camera",
+    "Disk",
+    "Distortion",
+    "KannalaBrandt",
+    "Lens",
+    "MaskAperture",
+    "Pinhole",
+    "Polygon",
+    "Rig",
+    "ThinLens",
+    "undistort_maps",
+]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twinlens.camera.distortion import Distortion, check_invertible
 from twinlens.errors import InputError
 from twinlens.geometry import Float, film_from_cam, px_from_film
 
@@ -24,8 +25,8 @@ class Camera:
         Focal lengths in pixels: the film distance over the pixel pitch, > 0.
     cx, cy : float
         Principal point in pixels, pixel centres at integers; it may lie outside the image.
-    distortion : None
-        Of the lens.
+    distortion : BrownConrady, KannalaBrandt or None
+        Of the lens; it must not fold the image over.
     pixel_pitch_um : float
         Width of a pixel in micrometres. Only light and diffraction ask for it; geometry and blur do not.
 
@@ -38,7 +39,7 @@ class Camera:
     fy: float
     cx: float
     cy: float
-    distortion: None = None
+    distortion: Distortion | None = None
     pixel_pitch_um: float = 5.0
 
     def __post_init__(self) -> None:
@@ -55,6 +56,7 @@ class Camera:
         for name in ("cx", "cy"):
             if not math.isfinite(getattr(self, name)):
                 raise InputError(f"camera {name} must be finite, got {getattr(self, name)}")
+        check_invertible(self)
 
     @classmethod
     def from_fov(cls, width: int, height: int, fov_x_deg: float, pixel_pitch_um: float = 5.0) -> "Camera":
@@ -80,19 +82,29 @@ class Camera:
 
     @property
     def fov_x_deg(self) -> float:
-        """Horizontal field of view between the image's edges, degrees."""
-        left, right = (math.atan((edge - self.cx) / self.fx) for edge in (-0.5, self.width - 0.5))
+        """Horizontal field of view between the image's edges, in the row of the principal point, degrees."""
+        left, right = np.arctan(self.unproject([(-0.5, self.cy), (self.width - 0.5, self.cy)])[:, 0])
         return math.degrees(right - left)
 
     def project(self, points_cam: ArrayLike) -> Float:
-        """Pixels (..., 2) of camera-frame points (..., 3); NaN for points with z <= 0, which no pixel sees."""
-        density = np.array([self.fx, self.fy]) / self.film_distance
-        return px_from_film(film_from_cam(points_cam, self.film_distance), density, (self.cx, self.cy))
+        """Pixels (..., 2) of camera-frame points (..., 3).
+
+        NaN for points that no pixel sees: z <= 0, or beyond the fold of a distortion.
+        """
+        xy = film_from_cam(points_cam, 1.0)
+        if self.distortion is not None:
+            xy = self.distortion.distort(np.where(self.distortion.valid(xy)[..., None], xy, np.nan))
+        return px_from_film(xy, (self.fx, self.fy), (self.cx, self.cy))
 
     def unproject(self, pixels: ArrayLike) -> Float:
-        """Directions (..., 3) in the camera frame, z = 1, along which pixels (..., 2) look: times depth, the point."""
+        """Directions (..., 3) in the camera frame, z = 1, along which pixels (..., 2) look: times depth, the point.
+
+        Every pixel of the image has one; far outside it a distortion may have none, and x and y are NaN.
+        """
         pixels = np.asarray(pixels, dtype=np.float64)
         xy = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
+        if self.distortion is not None:
+            xy = self.distortion.undistort(xy)
         return np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
 
     def pixel_grid(self) -> Float:
