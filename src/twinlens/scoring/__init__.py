@@ -3,8 +3,50 @@
 Never renders, never matches, never draws; usable where mitsuba cannot be imported.
 """
 
+from twinlens.scoring.benchmark import Step, run_benchmark, spec_of
+from twinlens.scoring.board import FAILURES, Board, Entry, Failure, Mean
+from twinlens.scoring.board_json import board_from_json, board_to_json, read_board, write_board
+from twinlens.scoring.catalogue import METRICS, Metric, find_metric
 from twinlens.scoring.evaluate import RegionScores, Scores, evaluate
 from twinlens.scoring.kitti import interpolate_background
+from twinlens.scoring.pair import Pair, Sample, fingerprint
 from twinlens.scoring.protocols import PROTOCOLS, Protocol, find_protocol
+from twinlens.scoring.region_sets import REGIONS, Region, region_masks
+from twinlens.scoring.tables import board_csv, board_latex, caption, failures, leaderboard_table, standings
 
-__all__ = ["PROTOCOLS", "Protocol", "RegionScores", "Scores", "evaluate", "find_protocol", "interpolate_background"]
+__all__ = [
+    "FAILURES",
+    "METRICS",
+    "PROTOCOLS",
+    "REGIONS",
+    "Board",
+    "Entry",
+    "Failure",
+    "Mean",
+    "Metric",
+    "Pair",
+    "Protocol",
+    "Region",
+    "RegionScores",
+    "Sample",
+    "Scores",
+    "Step",
+    "board_csv",
+    "board_from_json",
+    "board_latex",
+    "board_to_json",
+    "caption",
+    "evaluate",
+    "failures",
+    "find_metric",
+    "find_protocol",
+    "fingerprint",
+    "interpolate_background",
+    "leaderboard_table",
+    "read_board",
+    "region_masks",
+    "run_benchmark",
+    "spec_of",
+    "standings",
+    "write_board",
+]

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -119,7 +118,7 @@ def evaluate(
         prepared = Estimate(_round_half_away(prepared.disp), prepared.given)
     masks = _masks(truth, mask_nonocc, regions or {})
     scored = {name: _score(rules, name, prepared, truth, mask) for name, mask in masks.items()}
-    return Scores(rules, MappingProxyType(scored), allowed, scale, round_disparity)
+    return Scores(rules, scored, allowed, scale, round_disparity)
 
 
 def _scale(found: tuple[int, ...], wanted: tuple[int, ...], rules: Protocol) -> int:
@@ -167,5 +166,4 @@ def _score(rules: Protocol, region: str, estimate: Estimate, truth: Disparity, m
     chosen = mask & np.isfinite(truth)
     true = truth[chosen].astype(np.float64)
     pixels = Pixels(np.abs(estimate.disp[chosen].astype(np.float64) - true), true, estimate.given[chosen])
-    values = MappingProxyType(rules.measure(pixels))
-    return RegionScores(region, values, truth.size, true.size, int(np.count_nonzero(pixels.given)))
+    return RegionScores(region, rules.measure(pixels), truth.size, true.size, int(np.count_nonzero(pixels.given)))

@@ -1,0 +1,257 @@
+"""`run_benchmark`: methods x samples -> a `Board`, with resume. A method that fails on a pair fails there alone.
+
+Calls other people's code (through `sandbox`) and writes the board's file; prints nothing and draws nothing.
+"""
+
+import os
+import platform
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+import twinlens
+from twinlens.errors import InputError
+from twinlens.scoring.board import Board, Entry, Failure
+from twinlens.scoring.board_json import read_board, write_board
+from twinlens.scoring.checks import Disparity, Mask
+from twinlens.scoring.evaluate import RESERVED, evaluate
+from twinlens.scoring.pair import Sample, check_sample, fingerprint
+from twinlens.scoring.protocols import Protocol, find_protocol
+from twinlens.scoring.region_sets import region_masks
+from twinlens.scoring.sandbox import Answer, Child, InProcess, Method, MethodError
+
+WARM_UP_LIMIT_S = 120.0
+
+
+@dataclass(frozen=True)
+class Step:
+    """What `progress` is told after each pair. total: pairs in all, None where the samples are a stream."""
+
+    done: int
+    total: int | None
+    method: str
+    sample: str
+    skipped: bool
+    failure: Failure | None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What stays the same for every pair of a run."""
+
+    protocols: tuple[Protocol, ...]
+    regions: tuple[str, ...]
+    retry_failed: bool
+    min_disparity: float
+
+
+def run_benchmark(
+    samples: Iterable[Sample],
+    methods: Sequence[Method],
+    *,
+    protocol: str | Sequence[str] = "middlebury-v3",
+    regions: Sequence[str] = ("all", "nonocc"),
+    progress: Callable[[Step], None] | None = None,
+    time_limit: float | None = None,
+    warm_up: bool = True,
+    warm_up_limit: float = WARM_UP_LIMIT_S,
+    save: str | os.PathLike[str] | None = None,
+    board: Board | None = None,
+    retry_failed: bool = False,
+    on_map: Callable[[str, str, Disparity], None] | None = None,
+    min_disparity: float = 0.0,
+    title: str = "twinlens board",
+) -> Board:
+    """Run every method on every sample, score it, and return the board.
+
+    Parameters
+    ----------
+    samples
+        Any iterable of objects as `pair.Sample` describes; each is held only while it is worked on.
+    methods
+        Objects with a `name`, callable as (left, right, ndisp=...). What decides their answers is taken from `spec`
+        where they have it, else from `name`; two methods of one name are refused.
+    protocol
+        One name of `PROTOCOLS`, or several: a map is computed once and scored by each.
+    regions
+        Names of `REGIONS`. A region that a sample cannot tell is left out for it.
+    progress
+        Called after every pair with a `Step`.
+    time_limit
+        Seconds a call may take. With a limit methods run in one spawned process, which is killed at the limit, or
+        may die, without harm to the rest (see `sandbox`). Without one they run here.
+    warm_up, warm_up_limit
+        Call each method once on a few rows before its first measured call, so that compiling is not timed; under a
+        time limit that call has `warm_up_limit` seconds of its own.
+    save
+        The board's JSON file: read first if it exists (resume), written after every pair.
+    board
+        A board to resume from instead. A pair is skipped if an entry agrees in method spec, sample fingerprint,
+        protocol and regions; entries that disagree are replaced, and all others stay.
+    retry_failed
+        Run failed pairs again; otherwise an agreeing failure is kept as it is.
+    on_map
+        Called with (method name, sample name, disparity) for every map that was computed.
+    min_disparity
+        As in `evaluate`.
+
+    Raises
+    ------
+    InputError
+        Unknown protocol or region, methods or samples that share a name, a sample that cannot be scored.
+    FileError, OutputError
+        `save` holds no board, or cannot be written.
+    """
+    plan = _plan(protocol, regions, retry_failed, min_disparity)
+    _check_names(methods)
+    current = _resumed(save, board, title)
+    worker = InProcess() if time_limit is None else Child(time_limit, warm_up_limit)
+    with worker:
+        run = _Run(plan, worker, current, on_map, set() if warm_up else {method.name for method in methods})
+        total = len(samples) * len(methods) if isinstance(samples, Sized) else None
+        for done, (ready, method) in enumerate(_pairs(samples, methods, plan.regions), start=1):
+            skipped, failure = run.pair(ready, method)
+            if save is not None and not skipped:
+                write_board(run.board, save)
+            if progress is not None:
+                progress(Step(done, total, method.name, ready.sample.name, skipped, failure))
+    if save is not None:
+        write_board(run.board, save)
+    return run.board
+
+
+def _plan(protocol: str | Sequence[str], regions: Sequence[str], retry_failed: bool, min_disparity: float) -> Plan:
+    names = (protocol,) if isinstance(protocol, str) else tuple(protocol)
+    if not names or not regions:
+        raise InputError("nothing to score: name at least one protocol and one region")
+    return Plan(tuple(find_protocol(name) for name in names), tuple(regions), retry_failed, min_disparity)
+
+
+def _check_names(methods: Sequence[Method]) -> None:
+    names = [method.name for method in methods]
+    double = next((name for name in names if names.count(name) > 1), None)
+    if double is not None:
+        raise InputError(f"two methods are named {double!r}: a board tells them apart by name")
+    if not names:
+        raise InputError("no method to run")
+
+
+def _resumed(save: str | os.PathLike[str] | None, board: Board | None, title: str) -> Board:
+    if board is None and save is not None and Path(save).exists():
+        board = read_board(save)
+    return replace(board or Board(), title=title, meta=_meta())
+
+
+def _meta() -> dict[str, str]:
+    """What a reader of the times needs to know of the machine, and nothing that names it."""
+    return {
+        "twinlens": getattr(twinlens, "__version__", "unknown"),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "system": f"{platform.system()} {platform.machine()}",
+        "processors": str(os.cpu_count()),
+    }
+
+
+@dataclass(frozen=True)
+class _Ready:
+    """A sample, checked; its fingerprint and the masks of its regions, made once for all methods."""
+
+    sample: Sample
+    sha: str
+    masks: dict[str, Mask]
+
+
+def _pairs(
+    samples: Iterable[Sample], methods: Sequence[Method], regions: tuple[str, ...]
+) -> Iterator[tuple[_Ready, Method]]:
+    seen: set[str] = set()
+    for sample in samples:
+        if sample.name in seen:
+            raise InputError(f"two samples are named {sample.name!r}: a board tells them apart by name")
+        seen.add(sample.name)
+        check_sample(sample)
+        ready = _Ready(sample, fingerprint(sample), region_masks(sample, regions))
+        for method in methods:
+            yield ready, method
+
+
+def spec_of(method: Method) -> str:
+    """Everything that decides a method's answers, as text: its `spec`, or its name where it has none."""
+    return str(getattr(method, "spec", method.name))
+
+
+class _Run:
+    """The board as it grows, and what has been warmed up; one `pair` call a method and sample."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        worker: InProcess | Child,
+        board: Board,
+        on_map: Callable[[str, str, Disparity], None] | None,
+        warm: set[str],
+    ) -> None:
+        self.plan, self.worker, self.board, self.on_map, self.warm = plan, worker, board, on_map, warm
+
+    def pair(self, ready: _Ready, method: Method) -> tuple[bool, Failure | None]:
+        """Run and score one pair unless the board has it; (was it skipped, why did it fail)."""
+        spec, sample = spec_of(method), ready.sample
+        self._drop_stale(sample.name, ready.sha, method.name, spec)
+        if self._is_done(method.name, sample.name, ready.masks):
+            return True, None
+        answer, failure = self._answer(sample, method)
+        for rules in self.plan.protocols:
+            entry = _entry(ready, method.name, spec, rules, answer, failure)
+            self.board = self.board.having(self._scored(entry, ready, rules, answer))
+        if answer is not None and self.on_map is not None:
+            self.on_map(method.name, sample.name, answer.disp)
+        return False, failure
+
+    def _drop_stale(self, sample: str, sha: str, method: str, spec: str) -> None:
+        """What was measured on another sample of this name, or by another method of this name, is no longer true."""
+        self.board = self.board.without(
+            lambda e: (e.sample == sample and e.sample_sha256 != sha) or (e.method == method and e.spec != spec)
+        )
+
+    def _is_done(self, method: str, sample: str, masks: dict[str, Mask]) -> bool:
+        found = [self.board.find(method, sample, rules.name) for rules in self.plan.protocols]
+        return all(
+            e is not None and (set(masks) <= set(e.regions) if e.ok else not self.plan.retry_failed) for e in found
+        )
+
+    def _answer(self, sample: Sample, method: Method) -> tuple[Answer | None, Failure | None]:
+        images = np.array(sample.im0), np.array(sample.im1)  # copies: a method may scribble on its own
+        if method.name not in self.warm:
+            self.worker.warm_up(method, *images, sample.ndisp)
+            self.warm.add(method.name)
+        try:
+            return self.worker.call(method, *images, sample.ndisp), None
+        except MethodError as error:
+            return None, error.failure
+
+    def _scored(self, entry: Entry, ready: _Ready, rules: Protocol, answer: Answer | None) -> Entry:
+        if answer is None:
+            return entry
+        masks = ready.masks
+        scores = evaluate(
+            answer.disp,
+            ready.sample.disp0,
+            masks.get("nonocc"),
+            ready.sample.ndisp,
+            protocol=rules,
+            regions={name: mask for name, mask in masks.items() if name not in RESERVED},
+            min_disparity=self.plan.min_disparity,
+        )
+        return replace(entry, regions={name: scores.regions[name] for name in masks})
+
+
+def _entry(
+    ready: _Ready, method: str, spec: str, rules: Protocol, answer: Answer | None, failure: Failure | None
+) -> Entry:
+    sample = ready.sample
+    height, width = sample.disp0.shape
+    seconds = None if answer is None else answer.seconds
+    return Entry(method, spec, sample.name, ready.sha, rules.name, width, height, int(sample.ndisp), seconds, failure)

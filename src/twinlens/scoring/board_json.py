@@ -1,0 +1,205 @@
+"""The board's file: versioned JSON, written whole or not at all, read strictly. NaN is null, infinity is "inf"."""
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from twinlens.errors import FileError, InputError, OutputError, unknown
+from twinlens.scoring.board import Board, Entry, Failure
+from twinlens.scoring.evaluate import RegionScores
+from twinlens.scoring.protocols import PROTOCOLS
+
+FORMAT = "twinlens-board"
+VERSION = 1
+MAX_BYTES = 256 * 2**20
+BIGGEST = 1e300
+
+_BOARD = {"format": str, "version": int, "title": str, "meta": dict, "protocols": dict, "entries": list}
+_ENTRY = {
+    "method": str,
+    "spec": str,
+    "sample": str,
+    "sample_sha256": str,
+    "protocol": str,
+    "width": int,
+    "height": int,
+    "ndisp": int,
+    "seconds": (int, float, type(None)),
+    "failure": (dict, type(None)),
+    "regions": dict,
+}
+_FAILURE = {"kind": str, "message": str}
+_REGION = {"image": int, "evaluated": int, "estimated": int, "metrics": dict}
+
+
+def board_to_json(board: Board) -> str:
+    """The board as text.
+
+    >>> board_to_json(Board(title="empty")).splitlines()[1]
+    ' "format": "twinlens-board",'
+    """
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "title": board.title,
+        "meta": dict(board.meta),
+        "protocols": {name: dict(PROTOCOLS[name].lines()) for name in board.protocols},
+        "entries": [_entry_document(entry) for entry in board.entries],
+    }
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def board_from_json(text: str) -> Board:
+    """The board that `text` describes.
+
+    Raises
+    ------
+    InputError
+        No JSON, another format or version, a key missing or unknown, a value of the wrong kind.
+
+    >>> board_from_json(board_to_json(Board(title="empty"))).title
+    'empty'
+    """
+    try:
+        document = json.loads(text, parse_constant=_no_constant)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not a board: {error or 'nested too deeply'}") from None
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise InputError(f"not a board: expected a JSON object with format {FORMAT!r}")
+    if document.get("version") != VERSION:
+        raise InputError(f"board version {document.get('version')!r}: this twinlens reads version {VERSION}")
+    _check(document, _BOARD, "the board")
+    meta = {key: _text(value, f"meta {key!r}") for key, value in document["meta"].items()}
+    entries = tuple(_entry(item, f"entry {i}") for i, item in enumerate(document["entries"]))
+    return Board(document["title"], entries, meta)
+
+
+def write_board(board: Board, path: str | os.PathLike[str]) -> None:
+    """Write the board aside and rename it into place; OutputError if it cannot be written."""
+    target = Path(path)
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", encoding="utf-8", dir=target.parent, prefix=f".{target.name}.", delete=False
+        ) as aside:
+            aside.write(board_to_json(board))
+        Path(aside.name).replace(target)
+    except OSError as error:
+        _remove(locals().get("aside"))
+        raise OutputError(f"{target}: cannot be written ({error.strerror or error})") from error
+
+
+def read_board(path: str | os.PathLike[str]) -> Board:
+    """The board in that file; FileError, beginning with the path, if it is missing or is none."""
+    source = Path(path)
+    try:
+        if source.stat().st_size > MAX_BYTES:
+            raise FileError(f"{source}: larger than {MAX_BYTES // 2**20} MiB, no board is")
+        return board_from_json(source.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FileError(f"{source}: cannot be read ({error.strerror or error})") from error
+    except UnicodeDecodeError:
+        raise FileError(f"{source}: not a board: not UTF-8 text") from None
+    except FileError:
+        raise
+    except InputError as error:
+        raise FileError(f"{source}: {error}") from error
+
+
+def _remove(aside: Any) -> None:
+    if aside is not None:
+        Path(aside.name).unlink(missing_ok=True)
+
+
+def _number_document(value: float) -> float | str | None:
+    if math.isnan(value):
+        return None
+    return "inf" if math.isinf(value) else value
+
+
+def _entry_document(entry: Entry) -> dict[str, Any]:
+    plain = {key: getattr(entry, key) for key in _ENTRY if key not in ("failure", "regions")}
+    failure = None if entry.failure is None else {"kind": entry.failure.kind, "message": entry.failure.message}
+    return plain | {"failure": failure, "regions": {n: _region_document(r) for n, r in entry.regions.items()}}
+
+
+def _region_document(scores: RegionScores) -> dict[str, Any]:
+    counts = {"image": scores.image, "evaluated": scores.evaluated, "estimated": scores.estimated}
+    return counts | {"metrics": {name: _number_document(value) for name, value in scores.items()}}
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f'{name} is no JSON; no value is null, infinity is "inf"')
+
+
+def _check(document: Mapping[str, Any], keys: Mapping[str, Any], place: str) -> None:
+    """Exactly the keys, each of its type; a bool is no number."""
+    for key in document:
+        if key not in keys:
+            raise InputError(f"{place}: {unknown('key', key, keys)}")
+    for key, kind in keys.items():
+        if key not in document:
+            raise InputError(f"{place}: key {key!r} is missing")
+        value = document[key]
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise InputError(f"{place}: {key} is {value!r:.60}: expected {_names(kind)}")
+        if isinstance(value, int | float) and not 0 <= value < BIGGEST:
+            raise InputError(f"{place}: {key} is {value!r:.60}: expected a finite number, 0 or more")
+
+
+def _names(kind: Any) -> str:
+    kinds = kind if isinstance(kind, tuple) else (kind,)
+    return " or ".join("null" if k is type(None) else k.__name__ for k in kinds)
+
+
+def _text(value: Any, place: str) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{place} is {value!r:.60}: expected text")
+    return value
+
+
+def _entry(item: Any, place: str) -> Entry:
+    if not isinstance(item, dict):
+        raise InputError(f"{place} is {item!r:.60}: expected an object")
+    _check(item, _ENTRY, place)
+    if item["protocol"] not in PROTOCOLS:
+        raise InputError(f"{place}: {unknown('protocol', item['protocol'], PROTOCOLS)}")
+    if not (item["width"] and item["height"] and item["ndisp"]):
+        raise InputError(f"{place}: width, height and ndisp must be 1 or more")
+    regions = {name: _region(name, scores, item["protocol"], place) for name, scores in item["regions"].items()}
+    fields = item | {"failure": _failure(item["failure"], place), "regions": regions}
+    return Entry(**fields)
+
+
+def _failure(item: Any, place: str) -> Failure | None:
+    if item is None:
+        return None
+    _check(item, _FAILURE, f"{place}, failure")
+    return Failure(item["kind"], item["message"])
+
+
+def _region(name: str, item: Any, protocol: str, place: str) -> RegionScores:
+    place = f"{place}, region {name!r}"
+    if not isinstance(item, dict):
+        raise InputError(f"{place} is {item!r:.60}: expected an object")
+    _check(item, _REGION, place)
+    known = PROTOCOLS[protocol].metrics
+    metrics = {}
+    for metric, value in item["metrics"].items():
+        if metric not in known:
+            raise InputError(f"{place}: {unknown('metric', metric, known)}")
+        metrics[metric] = _number(value, f"{place}, {metric}")
+    return RegionScores(name, metrics, item["image"], item["evaluated"], item["estimated"])
+
+
+def _number(value: Any, place: str) -> float:
+    if value is None:
+        return math.nan
+    if value == "inf":
+        return math.inf
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < BIGGEST:
+        raise InputError(f'{place} is {value!r:.60}: expected a number of 0 or more, null or "inf"')
+    return float(value)

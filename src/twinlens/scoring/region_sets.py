@@ -1,0 +1,113 @@
+"""The regions a board can report, by name: which function of `regions`, applied to which arrays of a sample.
+
+A sample offers what it has as attributes: `im0`, `disp0`, `mask0_nonocc` always; `blur0` (H, W) in pixels and
+`material_kind0` (H, W) if it can. A region that a sample cannot tell is left out for it.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from twinlens.errors import unknown
+from twinlens.scoring import regions as made
+from twinlens.scoring.checks import Mask, mask_of
+from twinlens.scoring.pair import Sample
+from twinlens.truth import MATERIAL_KINDS
+
+
+@dataclass(frozen=True)
+class Region:
+    """A named part of the image; `mask` gives it for a sample, or None where the sample lacks what it `needs`."""
+
+    name: str
+    text: str
+    mask: Callable[[Sample], Mask | None]
+
+
+def _nonocc(sample: Sample) -> Mask | None:
+    mask = sample.mask0_nonocc
+    return None if mask is None else mask_of("mask0_nonocc", mask, sample.disp0.shape)
+
+
+def _inside_nonocc(inner: Callable[[Sample], Mask | None]) -> Callable[[Sample], Mask | None]:
+    def mask(sample: Sample) -> Mask | None:
+        seen, part = _nonocc(sample), inner(sample)
+        return None if seen is None or part is None else seen & part
+
+    return mask
+
+
+def _occluded(sample: Sample) -> Mask | None:
+    return None if sample.mask0_nonocc is None else made.occluded(sample.mask0_nonocc)
+
+
+def _extra(sample: Sample, name: str, inner: Callable[[Any], Mask]) -> Mask | None:
+    array = getattr(sample, name, None)
+    return None if array is None else inner(array)
+
+
+def _material(kind: str) -> Callable[[Sample], Mask | None]:
+    return lambda sample: _extra(sample, "material_kind0", lambda kinds: made.of_material(kinds, kind))
+
+
+REGIONS: Mapping[str, Region] = MappingProxyType(
+    {
+        region.name: region
+        for region in (
+            Region("all", "every pixel with known truth", lambda s: np.ones(s.disp0.shape, np.bool_)),
+            Region("nonocc", "seen by both cameras", _nonocc),
+            Region("occluded", "known, but hidden from or outside the right view", _occluded),
+            Region(
+                "textureless",
+                "non-occluded; mean squared horizontal difference over 3x3 below 16 (Middlebury 2002)",
+                _inside_nonocc(lambda s: made.textureless(s.im0)),
+            ),
+            Region(
+                "discontinuity",
+                "non-occluded; within 9x9 of a disparity jump of 2 px or more (Middlebury 2002)",
+                _inside_nonocc(lambda s: made.discontinuity(s.disp0)),
+            ),
+            Region(
+                "out-of-focus",
+                f"blur circle wider than {made.BLUR_LIMIT_PX:g} px",
+                lambda s: _extra(s, "blur0", made.out_of_focus),
+            ),
+            Region(
+                "near",
+                "the third of the known pixels with the largest disparity",
+                lambda s: made.distance_bands(s.disp0)[0],
+            ),
+            Region(
+                "mid", "the third of the known pixels between near and far", lambda s: made.distance_bands(s.disp0)[1]
+            ),
+            Region(
+                "far",
+                "the third of the known pixels with the smallest disparity",
+                lambda s: made.distance_bands(s.disp0)[2],
+            ),
+            *(Region(kind, f"{kind} materials", _material(kind)) for kind in MATERIAL_KINDS[1:]),
+        )
+    }
+)
+"""Every region by name."""
+
+
+def region_masks(sample: Sample, names: Iterable[str]) -> dict[str, Mask]:
+    """The masks of those regions that the sample can tell, in the order asked for.
+
+    Raises
+    ------
+    InputError
+        An unknown name; the nearest is suggested.
+    """
+    masks = {}
+    for name in names:
+        if name not in REGIONS:
+            raise unknown("region", name, REGIONS)
+        mask = REGIONS[name].mask(sample)
+        if mask is not None:
+            masks[name] = mask
+    return masks

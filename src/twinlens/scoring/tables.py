@@ -1,0 +1,212 @@
+"""A board as text: the terminal's table, CSV and LaTeX. Returns them; prints and writes nothing."""
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from twinlens.errors import InputError, unknown
+from twinlens.scoring.board import Board, Entry, Mean
+from twinlens.scoring.catalogue import TIMES, find_metric
+from twinlens.scoring.protocols import PROTOCOLS, Protocol
+from twinlens.scoring.region_sets import REGIONS
+
+COLUMNS: Mapping[str, tuple[str, ...]] = {
+    "middlebury-v3": ("totbad2.0", "bad0.5", "bad1.0", "bad2.0", "bad4.0", "avgerr", "rms", "A50", "A95", "invalid"),
+    "eth3d": ("bad0.5", "bad1.0", "bad2.0", "bad4.0", "avgerr", "rms", "A50", "A95", "coverage"),
+    "kitti2015": ("D1", "D1_est", "coverage"),
+}
+"""The columns that a table shows unless told otherwise."""
+_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+
+
+def standings(
+    board: Board,
+    protocol: str,
+    region: str = "all",
+    *,
+    sort: str | None = None,
+    weights: Mapping[str, float] | None = None,
+) -> list[Mean]:
+    """The methods' means over samples, best first by `sort` (the protocol's headline metric unless told).
+
+    Methods without a value come last, in the board's order.
+
+    Raises
+    ------
+    InputError
+        A protocol, region or metric that the board does not have.
+    """
+    rules = _rules(board, protocol, region)
+    metric = find_metric(sort or rules.headline)
+    if metric.name not in (*rules.metrics, *TIMES):
+        raise unknown("metric", metric.name, (*rules.metrics, *TIMES))
+    sign = 1.0 if metric.lower_is_better else -1.0
+
+    def place(mean: Mean) -> tuple[bool, float]:
+        value = mean.metrics[metric.name]
+        return math.isnan(value), 0.0 if math.isnan(value) else sign * value
+
+    return sorted((board.mean(name, protocol, region, weights) for name in board.methods), key=place)
+
+
+def caption(board: Board, protocol: str, region: str, weights: Mapping[str, float] | None = None) -> str:
+    """What a table's numbers mean, in lines: protocol, region, denominator, invalid policy, clip, resolution, mean."""
+    rules = _rules(board, protocol, region)
+    text = REGIONS[region].text if region in REGIONS else "given by the caller"
+    over = "weighted mean over samples" if weights else "plain mean over samples"
+    lines = dict(rules.lines()) | {"region": f"{region}: {text}", "mean": f"{over}; none where a method failed"}
+    order = ("protocol", "region", "denominator", "invalid", "clip", "resolution", "mean")
+    return "\n".join(f"{name}: {lines[name]}" for name in order)
+
+
+def leaderboard_table(
+    board: Board,
+    protocol: str,
+    region: str = "all",
+    *,
+    sort: str | None = None,
+    columns: Sequence[str] | None = None,
+    weights: Mapping[str, float] | None = None,
+) -> Table:
+    """The leaderboard as a rich table, best first, the best of each column in bold, the protocol below it."""
+    ranked = standings(board, protocol, region, sort=sort, weights=weights)
+    names = _columns(protocol, columns)
+    title, below = (
+        escape(f"{board.title} · {PROTOCOLS[protocol].title} · {region}"),
+        Text(caption(board, protocol, region)),
+    )
+    table = Table(title=title, caption=below, caption_justify="left", title_justify="left")
+    table.add_column("#", justify="right", style="dim")
+    table.add_column("method", no_wrap=True)
+    for name in names:
+        table.add_column(f"{name}\n[dim]{find_metric(name).unit}[/]", justify="right")
+    table.add_column("samples", justify="right")
+    best = _best(ranked, names)
+    for rank, mean in enumerate(ranked, start=1):
+        cells = [_cell(mean, name, best) for name in names]
+        table.add_row(str(rank), Text(mean.method), *cells, _counted(mean))
+    return table
+
+
+def failures(board: Board) -> list[str]:
+    """One line for every pair that failed: method, sample, kind and message; a pair counts once, not per protocol."""
+    found = {(e.method, e.sample): e.failure for e in board.entries if e.failure is not None}
+    return [f"{method} on {sample}: {failure.kind} ({failure.message})" for (method, sample), failure in found.items()]
+
+
+def board_csv(board: Board) -> str:
+    """Every entry and region as one CSV row, numbers in full; a text that a spreadsheet would run gets a leading '."""
+    metrics = tuple(dict.fromkeys(name for p in board.protocols for name in PROTOCOLS[p].metrics))
+    head = ("method", "sample", "protocol", "region", "status", "reason", "image_pixels", "evaluated", "estimated")
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow([*head, *metrics, *(f"{name}_{find_metric(name).unit.split('/')[0]}" for name in TIMES)])
+    for entry in board.entries:
+        for region in entry.regions or ("",):
+            writer.writerow(_csv_row(entry, region, metrics))
+    return out.getvalue()
+
+
+def board_latex(
+    board: Board,
+    protocol: str,
+    region: str = "all",
+    *,
+    sort: str | None = None,
+    columns: Sequence[str] | None = None,
+    weights: Mapping[str, float] | None = None,
+) -> str:
+    """The leaderboard as a LaTeX table (package booktabs), best of each column bold, the protocol in its caption."""
+    ranked = standings(board, protocol, region, sort=sort, weights=weights)
+    names = _columns(protocol, columns)
+    best = _best(ranked, names)
+    head = " & ".join(["Method", *(_latex(f"{name} [{find_metric(name).unit}]") for name in names)])
+    rows = [" & ".join([_latex(m.method), *(_latex_cell(m, name, best) for name in names)]) + r" \\" for m in ranked]
+    lines = [
+        r"\begin{table}",
+        r"\centering",
+        rf"\caption{{{_latex('. '.join(caption(board, protocol, region, weights).splitlines()))}.}}",
+        rf"\begin{{tabular}}{{l{'r' * len(names)}}}",
+        r"\toprule",
+        rf"{head} \\",
+        r"\midrule",
+        *rows,
+        r"\bottomrule",
+        r"\end{tabular}",
+        r"\end{table}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _rules(board: Board, protocol: str, region: str) -> Protocol:
+    if protocol not in board.protocols:
+        raise unknown("protocol on this board", protocol, board.protocols)
+    if region not in board.regions:
+        raise unknown("region on this board", region, board.regions)
+    return PROTOCOLS[protocol]
+
+
+def _columns(protocol: str, columns: Sequence[str] | None) -> tuple[str, ...]:
+    names = tuple(columns) if columns is not None else (*COLUMNS[protocol], "time")
+    for name in names:
+        if find_metric(name).name not in (*PROTOCOLS[protocol].metrics, *TIMES):
+            raise InputError(f"{PROTOCOLS[protocol].title} does not measure {name!r}")
+    return names
+
+
+def _best(ranked: Sequence[Mean], names: Sequence[str]) -> dict[str, float]:
+    best = {}
+    for name in names:
+        values = [m.metrics[name] for m in ranked if not math.isnan(m.metrics[name])]
+        if values:
+            best[name] = min(values) if find_metric(name).lower_is_better else max(values)
+    return best
+
+
+def _cell(mean: Mean, name: str, best: Mapping[str, float]) -> Text:
+    value = mean.metrics[name]
+    return Text(find_metric(name).show(value), style="bold" if value == best.get(name) else "")
+
+
+def _counted(mean: Mean) -> Text:
+    if mean.failed:
+        return Text(f"{len(mean.failed)} failed", style="red")
+    return Text(str(mean.counted))
+
+
+def _csv_row(entry: Entry, region: str, metrics: Sequence[str]) -> list[str]:
+    scores, failure = entry.regions.get(region), entry.failure
+    status = ["ok", ""] if failure is None else [failure.kind, failure.message]
+    counts = ["", "", ""] if scores is None else [str(n) for n in (scores.image, scores.evaluated, scores.estimated)]
+    numbers = [entry.value(region, name) for name in (*metrics, *TIMES)]
+    text = [entry.method, entry.sample, entry.protocol, region, *status]
+    return [*(_no_formula(t) for t in text), *counts, *("" if math.isnan(v) else repr(v) for v in numbers)]
+
+
+def _no_formula(text: str) -> str:
+    return f"'{text}" if text.startswith(_FORMULA_STARTS) else text
+
+
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "|": r"\textbar{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    **{c: f"\\{c}" for c in "&%$#_{}"},
+}
+
+
+def _latex(text: str) -> str:
+    return "".join(_LATEX.get(c, c) for c in " ".join(text.split()))
+
+
+def _latex_cell(mean: Mean, name: str, best: Mapping[str, float]) -> str:
+    shown = find_metric(name).show(mean.metrics[name]).replace("–", "--").replace("∞", r"$\infty$")
+    return rf"\textbf{{{shown}}}" if mean.metrics[name] == best.get(name) else shown

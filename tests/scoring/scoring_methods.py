@@ -1,0 +1,78 @@
+"""A sample, and matchers good, bad and dangerous: at module level, so that a spawned process can import them."""
+
+import os
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from twinlens.scoring import Pair
+
+
+def pair(name="a", seed=0, truth=4.0, mask=True):
+    rng = np.random.default_rng(seed)
+    image = rng.integers(0, 255, (40, 30, 3), np.uint8)
+    gt = np.full((40, 30), truth, np.float32)
+    gt[0] = np.inf
+    seen = np.full(gt.shape, 255, np.uint8)
+    seen[:, :5], seen[0] = 128, 0
+    return Pair(name, image, image.copy(), gt, seen if mask else None, 16)
+
+
+@dataclass(frozen=True)
+class Constant:
+    """Answers one disparity everywhere, +inf in the first `holes` columns."""
+
+    name: str
+    value: float
+    holes: int = 0
+
+    @property
+    def spec(self):
+        return f"constant {self.value} {self.holes}"
+
+    def __call__(self, left, right, *, ndisp):
+        disp = np.full(left.shape[:2], self.value, np.float32)
+        disp[:, : self.holes] = np.inf
+        return disp
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """Does one kind of harm, named by itself."""
+
+    name: str
+
+    def __call__(self, left, right, *, ndisp):
+        return getattr(self, self.name.replace("-", "_"))(left)
+
+    def raises(self, left):
+        raise RuntimeError("out of\nluck")
+
+    def exits(self, left):
+        raise SystemExit(3)
+
+    def hangs(self, left):
+        time.sleep(60)
+
+    def dies(self, left):
+        os.abort()
+
+    def wrong_size(self, left):
+        return np.zeros((3, 3), np.float32)
+
+    def integers(self, left):
+        return np.zeros(left.shape[:2], np.int16)
+
+    def nothing(self, left):
+        return None
+
+    def nan(self, left):
+        return np.full(left.shape[:2], np.nan, np.float32)
+
+    def minus_inf(self, left):
+        return np.full(left.shape[:2], -np.inf, np.float32)
+
+    def scribbles(self, left):
+        left[:] = 0
+        return np.zeros(left.shape[:2], np.float32)

@@ -1,0 +1,196 @@
+"""Running methods on samples: failures stay alone, resume runs only what is new, a limit really limits."""
+
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scoring_methods import Constant, Trouble, pair
+
+from twinlens.errors import FileError, InputError
+from twinlens.scoring import Board, Pair, evaluate, fingerprint, read_board, run_benchmark
+
+
+class Counting:
+    """A method that says how often it was called."""
+
+    def __init__(self, name, value, spec="v1"):
+        self.name, self.value, self.spec, self.calls = name, value, spec, 0
+
+    def __call__(self, left, right, *, ndisp):
+        self.calls += 1
+        return np.full(left.shape[:2], self.value, np.float32)
+
+
+def test_the_board_holds_what_evaluate_answers():
+    sample, method = pair(), Constant("c", 6.5, holes=3)
+    entry = run_benchmark([sample], [method], protocol="eth3d").entries[0]
+    scores = evaluate(method(sample.im0, sample.im1, ndisp=16), sample.disp0, sample.mask0_nonocc, 16, protocol="eth3d")
+    assert entry.regions == {"all": scores.all, "nonocc": scores.nonocc}
+    assert (entry.method, entry.spec, entry.sample, entry.width, entry.height) == ("c", "constant 6.5 3", "a", 30, 40)
+    assert entry.sample_sha256 == fingerprint(sample)
+
+
+def test_time_is_normalised_by_pixels_and_by_hypotheses():
+    entry = run_benchmark([pair()], [Constant("c", 4)]).entries[0]
+    times = replace(entry, seconds=0.6).times()
+    assert times["time/MP"] == pytest.approx(0.6 / 0.0012)
+    assert times["time/GD"] == pytest.approx(0.6 / (30 * 40 * 16 / 1e9))
+
+
+def test_one_map_is_scored_by_every_protocol():
+    method = Counting("c", 4)
+    board = run_benchmark([pair()], [method], protocol=["middlebury-v3", "kitti2015"], warm_up=False)
+    assert method.calls == 1
+    assert board.protocols == ("middlebury-v3", "kitti2015")
+
+
+def test_a_sample_without_a_mask_has_no_nonocc():
+    board = run_benchmark([pair("a"), pair("b", mask=False)], [Constant("c", 4)])
+    assert [tuple(e.regions) for e in board.entries] == [("all", "nonocc"), ("all",)]
+    assert board.mean("c", "middlebury-v3", "nonocc").counted == 1
+
+
+KINDS = {
+    "raises": "crash",
+    "exits": "crash",
+    "wrong_size": "wrong-shape",
+    "integers": "wrong-type",
+    "nothing": "wrong-type",
+    "nan": "not-a-number",
+    "minus_inf": "not-a-number",
+}
+
+
+def test_every_failure_stays_alone():
+    methods = [*(Trouble(name) for name in KINDS), Constant("good", 4)]
+    board = run_benchmark([pair("a"), pair("b")], methods, warm_up=False)
+    assert {(e.method, e.failure.kind) for e in board.entries if e.failure} == set(KINDS.items())
+    assert [e.regions["all"]["avgerr"] for e in board.entries if e.ok] == [0, 0]
+    assert all("\n" not in e.failure.message for e in board.entries if e.failure)
+
+
+def test_a_limit_stops_a_hang_and_survives_a_dead_process():
+    methods = [Trouble("hangs"), Constant("good", 4), Trouble("dies"), Trouble("raises"), Constant("better", 5)]
+    start = time.monotonic()
+    board = run_benchmark([pair()], methods, time_limit=1.0, warm_up=False)
+    assert time.monotonic() - start < 30
+    kinds = {e.method: e.failure and e.failure.kind for e in board.entries}
+    assert kinds == {"hangs": "time-limit", "good": None, "dies": "crash", "raises": "crash", "better": None}
+    assert "signal 6" in board.find("dies", "a", "middlebury-v3").failure.message
+
+
+def test_a_hang_while_warming_up_is_bounded_too():
+    start = time.monotonic()
+    board = run_benchmark([pair()], [Trouble("hangs")], time_limit=0.5, warm_up_limit=0.5)
+    assert board.entries[0].failure.kind == "time-limit"
+    assert time.monotonic() - start < 20
+
+
+def test_a_method_that_cannot_be_sent_says_so():
+    method = Counting("c", 4)
+    method.secret = lambda: None
+    entry = run_benchmark([pair()], [method, Constant("good", 4)], time_limit=5, warm_up=False)
+    assert "without a time limit" in entry.entries[0].failure.message
+    assert entry.entries[1].ok
+
+
+def test_a_method_cannot_change_the_sample_for_the_next():
+    sample = pair()
+    before = fingerprint(sample)
+    run_benchmark([sample], [Trouble("scribbles"), Constant("c", 4)])
+    assert fingerprint(sample) == before
+
+
+def test_resume_runs_only_what_is_new(tmp_path):
+    save, a, b = tmp_path / "board.json", Counting("a", 4), Counting("b", 5)
+    first = run_benchmark([pair("s")], [a], save=save, warm_up=False)
+    second = run_benchmark([pair("s"), pair("t", seed=1)], [a, b], save=save, warm_up=False)
+    assert (a.calls, b.calls) == (2, 2)
+    assert second.entries[0] == first.entries[0]
+    assert read_board(save).entries == second.entries
+    skipped = []
+    run_benchmark([pair("s")], [a], save=save, warm_up=False, progress=lambda step: skipped.append(step.skipped))
+    assert skipped == [True]
+    assert a.calls == 2
+
+
+@pytest.mark.parametrize("change", ["spec", "sample", "protocol", "region"])
+def test_resume_runs_again_what_disagrees(change):
+    board = run_benchmark([pair()], [Counting("a", 4)], regions=["all"], warm_up=False)
+    method = Counting("a", 6, spec="v2" if change == "spec" else "v1")
+    again = run_benchmark(
+        [pair(seed=1 if change == "sample" else 0)],
+        [method],
+        protocol="eth3d" if change == "protocol" else "middlebury-v3",
+        regions=["all", "far"] if change == "region" else ["all"],
+        board=board,
+        warm_up=False,
+    )
+    assert method.calls == 1
+    assert len(again.entries) == (2 if change == "protocol" else 1)
+    assert again.entries[-1].regions["all"]["avgerr"] == 2
+
+
+def test_a_failure_is_kept_until_asked_again():
+    board = run_benchmark([pair()], [Trouble("raises")])
+    method = Counting("raises", 4, spec="raises")
+    assert not run_benchmark([pair()], [method], board=board, warm_up=False).entries[0].ok
+    assert run_benchmark([pair()], [method], board=board, retry_failed=True, warm_up=False).entries[0].ok
+
+
+def test_progress_and_maps_are_told():
+    steps, maps = [], {}
+    run_benchmark(
+        (p for p in [pair("s"), pair("t")]),
+        [Constant("a", 4), Trouble("raises")],
+        progress=steps.append,
+        on_map=lambda method, sample, disp: maps.update({(method, sample): disp}),
+    )
+    assert [(s.done, s.total, s.method, s.sample) for s in steps][-1] == (4, None, "raises", "t")
+    assert set(maps) == {("a", "s"), ("a", "t")}
+
+
+def test_a_board_file_that_is_none_is_not_overwritten(tmp_path):
+    save = tmp_path / "board.json"
+    save.write_text("my thesis")
+    with pytest.raises(FileError, match="not a board"):
+        run_benchmark([pair()], [Constant("a", 4)], save=save)
+    assert save.read_text() == "my thesis"
+
+
+@pytest.mark.parametrize(
+    ("args", "options", "says"),
+    [
+        (([pair()], [Constant("a", 4), Constant("a", 5)]), {}, "two methods are named 'a'"),
+        (([pair("s"), pair("s")], [Constant("a", 4)]), {}, "two samples are named 's'"),
+        (([pair()], []), {}, "no method"),
+        (([pair()], [Constant("a", 4)]), {"protocol": "eth"}, "did you mean 'eth3d'"),
+        (([pair()], [Constant("a", 4)]), {"regions": ["nonoc"]}, "did you mean 'nonocc'"),
+        (([pair()], [Constant("a", 4)]), {"regions": []}, "nothing to score"),
+        (([pair()], [Constant("a", 4)]), {"time_limit": 0}, "time limits are 0"),
+    ],
+)
+def test_bad_plans_are_refused(args, options, says):
+    with pytest.raises(InputError, match=says):
+        run_benchmark(*args, **options)
+
+
+def test_a_bad_sample_is_refused_by_name():
+    image, truth = np.zeros((4, 5), np.uint8), np.ones((4, 5), np.float32)
+    with pytest.raises(InputError, match=r"sample 'x': im1 is uint8 \(4, 4\)"):
+        Pair("x", image, image[:, :4], truth, None, 8)
+    with pytest.raises(InputError, match="sample 'x': disp0 holds NaN"):
+        Pair("x", image, image, truth * np.nan, None, 8)
+    with pytest.raises(InputError, match="ndisp is 0"):
+        Pair("x", image, image, truth, None, 0)
+
+
+def test_an_empty_board_is_returned_for_no_samples():
+    assert run_benchmark([], [Constant("a", 4)]) == Board(meta=run_benchmark([], [Constant("a", 4)]).meta)
+
+
+def test_scoring_needs_no_renderer():
+    assert "mitsuba" not in sys.modules
+    assert "drjit" not in sys.modules

@@ -1,0 +1,230 @@
+"""The board as data, as a file and as text."""
+
+import contextlib
+import csv
+import io
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+from scoring_methods import Constant, Trouble, pair
+
+from twinlens.errors import FileError, InputError, OutputError, TwinlensError
+from twinlens.scoring import (
+    PROTOCOLS,
+    Board,
+    Entry,
+    Failure,
+    RegionScores,
+    board_csv,
+    board_from_json,
+    board_latex,
+    board_to_json,
+    caption,
+    failures,
+    leaderboard_table,
+    read_board,
+    run_benchmark,
+    standings,
+    write_board,
+)
+
+NAN = math.nan
+
+
+def entry(method, sample, bad, *, evaluated=10, failure=None, region="all"):
+    metrics = dict.fromkeys(PROTOCOLS["middlebury-v3"].metrics, 1.0) | {"totbad2.0": bad, "coverage": abs(100 - bad)}
+    regions = {} if failure else {region: RegionScores(region, metrics, 12, evaluated, 9)}
+    return Entry(method, method, sample, "0" * 64, "middlebury-v3", 4, 3, 8, 0.5, failure, regions)
+
+
+def board(*entries):
+    return Board("t", entries, {"numpy": "2"})
+
+
+def test_a_mean_is_plain_unless_weighted():
+    b = board(entry("m", "s", 10), entry("m", "t", 40))
+    assert b.mean("m", "middlebury-v3", "all").metrics["totbad2.0"] == 25
+    assert b.mean("m", "middlebury-v3", "all", {"t": 0.5}).metrics["totbad2.0"] == 20
+    assert b.mean("m", "middlebury-v3", "all", {"t": 0}).metrics["totbad2.0"] == 10
+    assert b.mean("m", "middlebury-v3", "all").metrics["time/MP"] == pytest.approx(0.5 / 12e-6)
+
+
+def test_a_failure_leaves_no_mean_and_comes_last():
+    b = board(entry("m", "s", 10), entry("m", "t", 0, failure=Failure("crash", "x")), entry("n", "s", 90))
+    assert math.isnan(b.mean("m", "middlebury-v3", "all").metrics["totbad2.0"])
+    assert [(m.method, m.failed) for m in standings(b, "middlebury-v3")] == [("n", ()), ("m", ("t",))]
+
+
+def test_a_sample_without_the_region_counts_for_nobody():
+    b = board(entry("m", "s", 10), entry("m", "t", 30, region="near"), entry("m", "u", 50, evaluated=0))
+    mean = b.mean("m", "middlebury-v3", "all")
+    assert (mean.metrics["totbad2.0"], mean.counted) == (10, 1)
+
+
+def test_standings_sort_each_metric_its_own_way():
+    b = board(entry("m", "s", 10), entry("n", "s", 5), entry("o", "s", NAN))
+    assert [m.method for m in standings(b, "middlebury-v3")] == ["n", "m", "o"]
+    assert [m.method for m in standings(b, "middlebury-v3", sort="coverage")] == ["n", "m", "o"]
+    b = board(entry("m", "s", 10), entry("n", "s", 5))
+    assert standings(b, "middlebury-v3", sort="coverage")[0].metrics["coverage"] == 95
+
+
+def test_two_entries_of_one_key_are_refused():
+    with pytest.raises(InputError, match="two entries for m / s / middlebury-v3"):
+        board(entry("m", "s", 10), entry("m", "s", 11))
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda b: standings(b, "eth3d"), "unknown protocol on this board 'eth3d'"),
+        (lambda b: standings(b, "middlebury-v3", "near"), "unknown region on this board 'near'"),
+        (lambda b: standings(b, "middlebury-v3", sort="bad2"), "did you mean 'bad2.0'"),
+        (lambda b: standings(b, "middlebury-v3", sort="D1"), "unknown metric 'D1'"),
+        (lambda b: leaderboard_table(b, "middlebury-v3", columns=["D1"]), "does not measure 'D1'"),
+        (lambda b: b.mean("m", "middlebury-v3", "all", {"x": 1}), "unknown sample 'x'"),
+        (lambda b: b.mean("m", "middlebury-v3", "all", {"s": -1}), "weight of 's' is -1"),
+    ],
+)
+def test_questions_a_board_cannot_answer(call, says):
+    with pytest.raises(InputError, match=says):
+        call(board(entry("m", "s", 10)))
+
+
+texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
+numbers = st.one_of(st.floats(0, 1e9), st.just(math.inf), st.just(NAN))
+
+
+@given(method=texts, sample=texts, bad=numbers, message=texts, failed=st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_json_gives_back_the_board(method, sample, bad, message, failed):
+    b = board(entry(method, sample, bad, failure=Failure("crash", message) if failed else None))
+    text = board_to_json(b)
+    json.loads(text, parse_constant=pytest.fail)
+    again = board_from_json(text)
+    assert board_to_json(again) == text
+    assert (again.title, again.meta, again.methods, again.samples) == (b.title, b.meta, b.methods, b.samples)
+    if not failed:
+        np.testing.assert_equal(again.entries[0].value("all", "totbad2.0"), bad)
+
+
+def documents():
+    """(what is changed, a board's JSON with one thing wrong, what the reader says)."""
+    good = json.loads(board_to_json(board(entry("m", "s", 10), entry("n", "s", 0, failure=Failure("crash", "x")))))
+
+    def changed(path, value):
+        copy = json.loads(json.dumps(good))
+        place = copy
+        for key in path[:-1]:
+            place = place[key]
+        if value is None:
+            del place[path[-1]]
+        else:
+            place[path[-1]] = value
+        return json.dumps(copy)
+
+    yield "[]", "JSON object"
+    yield "{", "not a board"
+    yield "[" * 100_000, "not a board"
+    yield '{"format": NaN}', "NaN is no JSON"
+    yield changed(["format"], "x"), "format 'twinlens-board'"
+    yield changed(["version"], 2), "reads version 1"
+    yield changed(["titel"], "x"), "did you mean 'title'"
+    yield changed(["title"], None), "key 'title' is missing"
+    yield changed(["meta", "a"], 3), "meta 'a' is 3"
+    yield changed(["entries", 0], 3), "entry 0 is 3"
+    yield changed(["entries", 0, "methd"], "x"), "entry 0: unknown key 'methd'; did you mean 'method'"
+    yield changed(["entries", 0, "width"], True), "width is True: expected int"
+    yield changed(["entries", 0, "width"], -3), "expected a finite number, 0 or more"
+    yield changed(["entries", 0, "ndisp"], 0), "must be 1 or more"
+    yield changed(["entries", 0, "seconds"], -1), "seconds is -1"
+    yield changed(["entries", 0, "seconds"], 10**400), "seconds is 1000"
+    yield changed(["entries", 0, "protocol"], "eth"), "did you mean 'eth3d'"
+    yield changed(["entries", 0, "regions", "all", "metrics", "bad2"], 3), "did you mean 'bad2.0'"
+    yield changed(["entries", 0, "regions", "all", "metrics", "rms"], "3"), "rms is '3'"
+    yield changed(["entries", 0, "regions", "all", "metrics", "rms"], 10**400), "rms is 1000"
+    yield changed(["entries", 1, "failure", "kind"], "bad luck"), "unknown failure 'bad luck'"
+    yield changed(["entries", 1, "method"], "m"), "two entries"
+
+
+@pytest.mark.parametrize(("text", "says"), list(documents()), ids=[says for _, says in documents()])
+def test_the_reader_is_strict(text, says, tmp_path):
+    path = tmp_path / "b.json"
+    path.write_text(text)
+    with pytest.raises(FileError, match=says) as error:
+        read_board(path)
+    assert str(error.value).startswith(str(path))
+    assert len(str(error.value)) < 600
+
+
+@given(data=st.data())
+@settings(max_examples=150, deadline=None)
+def test_a_damaged_board_is_read_or_refused(data):
+    text = board_to_json(board(entry("m", "s", 10)))
+    at = data.draw(st.integers(0, len(text) - 1))
+    with_damage = text[:at] + data.draw(st.text(max_size=3)) + text[at + data.draw(st.integers(0, 8)) :]
+    with contextlib.suppress(TwinlensError):
+        assert isinstance(board_from_json(with_damage), Board)
+
+
+def test_writing_is_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "b.json"
+    write_board(board(entry("m", "s", 10)), path)
+    before = path.read_text()
+    with pytest.raises(OutputError, match=r"no/b\.json: cannot be written"):
+        write_board(board(), tmp_path / "no" / "b.json")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OutputError):
+        write_board(board(), tmp_path / "folder")
+    assert path.read_text() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["b.json", "folder"]
+
+
+def test_a_missing_or_binary_board_is_refused(tmp_path):
+    with pytest.raises(FileError, match="cannot be read"):
+        read_board(tmp_path / "none.json")
+    (tmp_path / "x").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(FileError, match="not UTF-8"):
+        read_board(tmp_path / "x")
+
+
+def real_board():
+    methods = [Constant("[red]off[/] & 50%_#", 6.5, 3), Constant("=exact", 4), Trouble("raises")]
+    return run_benchmark([pair("s"), pair("t", 1)], methods, protocol=list(PROTOCOLS), regions=["all", "nonocc", "far"])
+
+
+def test_the_terminal_shows_order_numbers_and_protocol():
+    console = Console(width=200, file=io.StringIO(), color_system=None)
+    console.print(leaderboard_table(real_board(), "middlebury-v3", "nonocc"))
+    text = console.file.getvalue()
+    assert text.index("=exact") < text.index("[red]off[/] & 50%_#") < text.index("raises")
+    assert "2 failed" in text
+    for line in caption(real_board(), "middlebury-v3", "nonocc").splitlines():
+        assert line in text
+
+
+def test_csv_keeps_every_number_and_defuses_formulas():
+    b = real_board()
+    rows = list(csv.DictReader(io.StringIO(board_csv(b))))
+    assert len(rows) == 3 * 2 * 2 * 3 + 2 * 3
+    off = next(r for r in rows if r["method"].startswith("[red]") and r["region"] == "all" and r["sample"] == "s")
+    assert float(off["avgerr"]) == b.entries[0].value("all", "avgerr") == 2.5
+    assert {r["method"] for r in rows} == {"'=exact", "[red]off[/] & 50%_#", "raises"}
+    assert {r["status"] for r in rows} == {"ok", "crash"}
+
+
+def test_latex_escapes_names_and_marks_the_best():
+    text = board_latex(real_board(), "eth3d", "all", columns=["bad2.0", "avgerr"])
+    assert r"[red]off[/] \& 50\%\_\# & 100.00 & 2.50 \\" in text
+    assert r"=exact & \textbf{0.00} & \textbf{0.00} \\" in text
+    assert r"raises & -- & -- \\" in text
+    assert text.count("{") == text.count("}")
+
+
+def test_failures_are_told_once_a_pair():
+    assert failures(real_board()) == [f"raises on {s}: crash (RuntimeError: out of luck)" for s in "st"]
