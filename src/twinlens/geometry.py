@@ -90,7 +90,8 @@ def dehomogeneous(points: ArrayLike) -> Float:
     """Divide by the last coordinate and drop it: (..., n + 1) -> (..., n). A point at infinity becomes inf."""
     points = np.asarray(points, dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return points[..., :-1] / points[..., -1:]
+        inhomogeneous: Float = points[..., :-1] / points[..., -1:]
+    return inhomogeneous
 
 
 def transform_points(b_from_a: ArrayLike, points_a: ArrayLike) -> Float:

@@ -1,0 +1,127 @@
+"""Which Mitsuba variant renders here: CUDA or LLVM where they really work, the scalar one everywhere.
+
+The choice is made once a process. `TWINLENS_BACKEND` (auto, scalar, llvm, cuda) overrides it.
+"""
+
+import ctypes
+import functools
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twinlens.errors import BackendError, unknown
+from twinlens.rendering import llvm
+
+VARIANTS = {"scalar": "scalar_rgb", "llvm": "llvm_ad_rgb", "cuda": "cuda_ad_rgb"}
+_INSTALL_LLVM = "install LLVM 17 or newer for about 3x the speed and every lens (Debian, Ubuntu: apt install libllvm19)"
+
+
+@dataclass(frozen=True)
+class Backend:
+    """What renders, and why. `variant` is Mitsuba's name for it, `library` its LLVM, `advice` what to install."""
+
+    name: str
+    variant: str
+    reason: str
+    advice: str = ""
+    library: str | None = None
+    probes: tuple[llvm.Probe, ...] = ()
+
+    @property
+    def is_jit(self) -> bool:
+        """Whether rays are traced in compiled bundles (LLVM, CUDA), which the full camera law needs."""
+        return self.name != "scalar"
+
+
+@functools.cache
+def backend() -> Backend:
+    """The backend of this process, found and set up at the first call.
+
+    Raises InputError for an unknown TWINLENS_BACKEND, BackendError when the one asked for does not work here.
+    """
+    wanted = os.environ.get("TWINLENS_BACKEND", "auto")
+    if wanted not in ("auto", *VARIANTS):
+        raise unknown("TWINLENS_BACKEND", wanted, ["auto", *VARIANTS])
+    chosen = _already_set() or _choose(wanted)
+    _activate(chosen)
+    return chosen
+
+
+def doctor() -> Backend:
+    """What `backend` would choose, without setting it up: probes every kind, never fails."""
+    return _choose("auto")
+
+
+def mitsuba() -> Any:
+    """The mitsuba module, with the chosen variant set."""
+    backend()
+    import mitsuba
+
+    return mitsuba
+
+
+def require_jit(what: str) -> None:
+    """Raise BackendError unless the backend is LLVM or CUDA; `what` names the wish."""
+    if not backend().is_jit:
+        raise BackendError(
+            f"{what} needs the LLVM or CUDA backend; this process renders with scalar_rgb: {_INSTALL_LLVM}"
+        )
+
+
+def _already_set() -> Backend | None:
+    """A host program that chose a variant before us keeps it."""
+    import mitsuba
+
+    variant = mitsuba.variant()
+    for name, known in VARIANTS.items():
+        if variant == known:
+            return Backend(name, known, "the variant was set before twinlens was asked")
+    if variant is not None:
+        raise BackendError(
+            f"mitsuba's variant is already {variant}; twinlens renders with {', '.join(VARIANTS.values())}"
+        )
+    return None
+
+
+def _choose(wanted: str) -> Backend:
+    probes: list[llvm.Probe] = []
+    if wanted == "scalar":
+        return Backend("scalar", VARIANTS["scalar"], "TWINLENS_BACKEND asks for it")
+    if wanted in ("auto", "cuda") and _has_cuda_driver():
+        probes.append(llvm.probe(VARIANTS["cuda"]))
+        if probes[-1].works:
+            return Backend("cuda", VARIANTS["cuda"], "a CUDA device works", probes=tuple(probes))
+    if wanted in ("auto", "llvm"):
+        for library in llvm.candidates():
+            probes.append(llvm.probe(VARIANTS["llvm"], library))
+            if probes[-1].works:
+                reason = f"{library.name} works"
+                return Backend("llvm", VARIANTS["llvm"], reason, library=str(library), probes=tuple(probes))
+    if wanted != "auto":
+        raise BackendError(f"TWINLENS_BACKEND={wanted} does not work here: {_why(probes)}; {_INSTALL_LLVM}")
+    return Backend("scalar", VARIANTS["scalar"], _why(probes), advice=_INSTALL_LLVM, probes=tuple(probes))
+
+
+def _why(probes: list[llvm.Probe]) -> str:
+    if not probes:
+        return "no LLVM library and no CUDA device was found"
+    return "; ".join(f"{Path(probe.path).name} {probe.answer}" for probe in probes)
+
+
+def _has_cuda_driver() -> bool:
+    try:
+        ctypes.CDLL("libcuda.so.1")
+    except OSError:
+        return False
+    return True
+
+
+def _activate(chosen: Backend) -> None:
+    if chosen.library is not None:
+        os.environ["DRJIT_LIBLLVM_PATH"] = chosen.library
+    import mitsuba
+
+    if mitsuba.variant() != chosen.variant:
+        mitsuba.set_variant(chosen.variant)
+    mitsuba.set_log_level(mitsuba.LogLevel.Error)

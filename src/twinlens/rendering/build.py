@@ -1,0 +1,217 @@
+"""A `Scene` becomes a Mitsuba scene, and a table of its bodies that the ground truth looks things up in."""
+
+import weakref
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from twinlens.errors import InputError
+from twinlens.geometry import Float, rotate, transform_points
+from twinlens.rendering.backend import mitsuba
+from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
+
+_cache: "weakref.WeakKeyDictionary[Scene, BuiltScene]" = weakref.WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One entry of the id map: a leaf shape as it stands in the world, and what the truth calls it.
+
+    `shape` is the Mitsuba shape whose geometry is hit, `instance` the Mitsuba instance that places it, if any.
+    """
+
+    object_id: int
+    material_id: int
+    material_kind: int
+    shape: Any
+    instance: Any = None
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltScene:
+    """A loaded Mitsuba scene and its bodies. `object_names[i]` and `material_names[i]` belong to ids i + 1."""
+
+    mi_scene: Any
+    integrator: Any
+    bodies: tuple[Body, ...]
+    object_names: tuple[str, ...]
+    material_names: tuple[str, ...]
+    cache: dict[str, Any] = field(default_factory=dict)
+
+
+def build(scene: Scene) -> BuiltScene:
+    """The Mitsuba scene of `scene`; built once and kept as long as the Scene lives."""
+    if scene not in _cache:
+        _cache[scene] = _build_xml(scene) if scene.xml is not None else _build_objects(scene)
+    return _cache[scene]
+
+
+def _build_objects(scene: Scene) -> BuiltScene:
+    mi = mitsuba()
+    materials = {name: _load(plugin, f"material {name!r}") for name, plugin in scene.materials.items()}
+    material_names = tuple(materials)
+    parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
+    placed: list[tuple[str, int, Any]] = []  # key of the shape in the scene, material id, leaf shape
+    names: list[str] = []
+    for index, thing in enumerate(scene.objects):
+        leaf = _leaf(thing, materials[thing.material])
+        material_id = 1 + material_names.index(thing.material)
+        for name, key, part in _parts(thing, index, leaf, parts):
+            parts[key] = part
+            names.append(name)
+            placed.append((key, material_id, leaf))
+    for index, (name, plugin) in enumerate(scene.lights.items()):
+        parts[f"light{index:04d}"] = _load(plugin, f"light {name!r}")
+    mi_scene = mi.load_dict(parts, optimize=False)
+    shapes = {shape.id(): shape for shape in mi_scene.shapes()}
+    bodies = tuple(
+        Body(object_id, material_id, material_kind(leaf.bsdf()), leaf, None if shapes[key] is leaf else shapes[key])
+        for object_id, (key, material_id, leaf) in enumerate(placed, start=1)
+    )
+    return BuiltScene(mi_scene, _load(scene.integrator, "integrator"), bodies, tuple(names), material_names)
+
+
+def _parts(thing: SceneObject, index: int, leaf: Any, parts: dict[str, Any]) -> list[tuple[str, str, Any]]:
+    """(name, key, Mitsuba part) of each appearance of an object; instanced ones share a shape group put in `parts`."""
+    key = f"object{index:04d}"
+    if not thing.instances:
+        return [(thing.name, key, leaf)]
+    mi = mitsuba()
+    group = mi.load_dict({"type": "shapegroup", "leaf": leaf})
+    parts[f"group{index:04d}"] = group
+    rows = []
+    for i, pose in enumerate(thing.instances):
+        placed = {"type": "instance", "to_world": mi.ScalarTransform4f(pose), "group": group}
+        rows.append((f"{thing.name}[{i}]", f"{key}_{i:05d}", placed))
+    return rows
+
+
+def _leaf(thing: SceneObject, bsdf: Any) -> Any:
+    mi = mitsuba()
+    emitter = None if thing.emitter is None else _load(thing.emitter, f"emitter of object {thing.name!r}")
+    if isinstance(thing.shape, Mesh):
+        return _mesh(thing.name, thing.shape, thing.world_from_object, bsdf, emitter)
+    plugin = {**plain(thing.shape), "bsdf": bsdf}
+    own = plugin.get("to_world", mi.ScalarTransform4f())
+    plugin["to_world"] = mi.ScalarTransform4f(thing.world_from_object) @ own
+    if emitter is not None:
+        plugin["emitter"] = emitter
+    return _load_plain(plugin, f"shape of object {thing.name!r}")
+
+
+def _mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emitter: Any) -> Any:
+    """A Mitsuba mesh with its pose baked in, in float64 until the last moment."""
+    mi = mitsuba()
+    properties = mi.Properties()
+    properties["bsdf"] = bsdf
+    if emitter is not None:
+        properties["emitter"] = emitter
+    made = mi.Mesh(
+        name,
+        vertex_count=len(mesh.vertices),
+        face_count=len(mesh.faces),
+        has_vertex_normals=mesh.normals is not None,
+        has_vertex_texcoords=mesh.uv is not None,
+        props=properties,
+    )
+    faces = np.asarray(mesh.faces, dtype=np.uint32)
+    if np.linalg.det(world_from_object[:3, :3]) < 0:
+        faces = faces[:, ::-1]  # a mirrored mesh keeps its outside outside
+    buffers = mi.traverse(made)
+    buffers["vertex_positions"] = _flat32(transform_points(world_from_object, mesh.vertices))
+    buffers["faces"] = np.ascontiguousarray(faces).ravel()
+    if mesh.normals is not None:
+        buffers["vertex_normals"] = _flat32(_transform_normals(world_from_object, mesh.normals))
+    if mesh.uv is not None:
+        buffers["vertex_texcoords"] = _flat32(mesh.uv)
+    buffers.update()
+    return made
+
+
+def _transform_normals(world_from_object: Float, normals: Float) -> Float:
+    """Normals turn with the inverse transpose; unit length again."""
+    pose = np.eye(4)
+    pose[:3, :3] = np.linalg.inv(world_from_object[:3, :3]).T
+    turned = rotate(pose, normals)
+    turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
+    return turned
+
+
+def _flat32(values: Float) -> Any:
+    return np.ascontiguousarray(values, dtype=np.float32).ravel()
+
+
+def plain(value: Any) -> Any:
+    """A plugin tree with our own values turned into Mitsuba's."""
+    mi = mitsuba()
+    if isinstance(value, Color):
+        return {"type": "rgb", "value": list(value.rgb)}
+    if isinstance(value, Bitmap):
+        return _bitmap(value)
+    if isinstance(value, np.ndarray) and value.shape == (4, 4):
+        return mi.ScalarTransform4f(value)
+    if isinstance(value, Mapping):
+        return {key: plain(part) for key, part in value.items()}
+    return value
+
+
+def _bitmap(texture: Bitmap) -> dict[str, Any]:
+    mi = mitsuba()
+    upside = np.ascontiguousarray(texture.pixels[::-1], dtype=np.float32)  # Mitsuba's row 0 is v = 0
+    return {
+        "type": "bitmap",
+        "bitmap": mi.Bitmap(upside),
+        "raw": True,
+        "filter_type": texture.filter,
+        "wrap_mode": texture.wrap,
+        "to_uv": mi.ScalarTransform3f(np.asarray(texture.to_uv)[np.ix_([0, 1, 3], [0, 1, 3])]),
+    }
+
+
+def _load(plugin: Plugin, what: str) -> Any:
+    return _load_plain(plain(plugin), what)
+
+
+def _load_plain(plugin: dict[str, Any], what: str) -> Any:
+    try:
+        return mitsuba().load_dict(plugin, optimize=False)
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1].strip()
+        raise InputError(f"{what}: Mitsuba refuses {plugin.get('type')!r}: {reason}") from error
+
+
+def _build_xml(scene: Scene) -> BuiltScene:
+    """A checked Mitsuba file: ids in the order of its shapes, materials by their names."""
+    mi = mitsuba()
+    try:
+        mi_scene = mi.load_file(str(scene.xml), optimize=False)
+    except RuntimeError as error:
+        raise InputError(f"{scene.xml}: Mitsuba refuses it: {str(error).strip().splitlines()[-1].strip()}") from error
+    materials: dict[str, int] = {}
+    names: list[str] = []
+    bodies: list[Body] = []
+    for index, shape in enumerate(mi_scene.shapes(), start=1):
+        names.append(shape.id() or f"shape{index}")
+        bsdf = shape.bsdf()
+        material = materials.setdefault(bsdf.id() or f"material of {names[-1]}", len(materials) + 1)
+        is_instance = shape.shape_type() == mi.ShapeType.Instance
+        bodies.append(
+            Body(index, material, material_kind(bsdf), None if is_instance else shape, shape if is_instance else None)
+        )
+    integrator = mi_scene.integrator() or _load(scene.integrator, "integrator")
+    return BuiltScene(mi_scene, integrator, tuple(bodies), tuple(names), tuple(materials))
+
+
+def material_kind(bsdf: Any) -> int:
+    """Index into MATERIAL_KINDS from what the BSDF can do: let light through, mirror it, gloss it, or scatter it."""
+    flags = mitsuba().BSDFFlags
+    has = int(bsdf.flags()).__and__
+    if has(int(flags.DiffuseTransmission | flags.GlossyTransmission | flags.DeltaTransmission | flags.Null)):
+        return 4
+    if has(int(flags.DiffuseReflection)):
+        return 2 if has(int(flags.GlossyReflection | flags.DeltaReflection)) else 1
+    if has(int(flags.GlossyReflection)):
+        return 2
+    return 3 if has(int(flags.DeltaReflection)) else 1

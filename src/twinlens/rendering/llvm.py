@@ -1,0 +1,139 @@
+"""Finding an LLVM that works. Some versions abort the whole process at the first render, so each is tried in a child.
+
+What a library answered is remembered beside Dr.Jit's kernel cache, keyed by the file's size and time, so that a machine
+is asked once.
+"""
+
+import glob
+import importlib.metadata
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+_FOLDERS = (
+    "/usr/lib/x86_64-linux-gnu",
+    "/usr/lib/aarch64-linux-gnu",
+    "/usr/lib64",
+    "/usr/lib",
+    "/usr/lib/llvm*/lib",
+    "/usr/lib64/llvm*/lib",
+    "/usr/local/lib",
+    "/opt/homebrew/opt/llvm*/lib",
+    "/usr/local/opt/llvm*/lib",
+)
+_NAMES = ("libLLVM.so*", "libLLVM-*.so*", "libLLVM.dylib")
+_PROBE_SECONDS = 120
+
+_PROBE = """
+import resource
+resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+import mitsuba as mi
+mi.set_variant("{variant}")
+mi.set_log_level(mi.LogLevel.Error)
+scene = mi.load_dict(mi.cornell_box())
+image = mi.render(scene, sensor=scene.sensors()[0], spp=1).numpy()
+mean = float(image.mean())
+raise SystemExit(0 if 0.01 < mean < 10 else 3)
+"""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What one candidate answered: `works`, and in words why not."""
+
+    path: str
+    works: bool
+    answer: str
+
+
+def candidates() -> list[Path]:
+    """Every libLLVM this machine might offer: the user's DRJIT_LIBLLVM_PATH first, then the newest version first."""
+    named = os.environ.get("DRJIT_LIBLLVM_PATH")
+    found = {
+        Path(file).resolve()
+        for folder in _FOLDERS
+        for name in _NAMES
+        for file in glob.glob(f"{folder}/{name}")  # noqa: PTH207
+    }
+    ranked = sorted(found, key=lambda path: (_version(path), str(path)), reverse=True)
+    return ([Path(named)] if named else []) + [path for path in ranked if str(path) != named]
+
+
+def probe(variant: str, library: Path | None = None) -> Probe:
+    """Render a tiny image in a child process, with this LLVM (or CUDA), and say whether it lived."""
+    memory = _Memory(variant, library)
+    if (known := memory.recall()) is not None:
+        return known
+    environment = dict(os.environ)
+    if library is not None:
+        environment["DRJIT_LIBLLVM_PATH"] = str(library)
+    answer = _run(_PROBE.format(variant=variant), environment)
+    result = Probe(str(library or variant), answer == "works", answer)
+    memory.keep(result)
+    return result
+
+
+def _run(script: str, environment: dict[str, str]) -> str:
+    try:
+        child = subprocess.run(
+            [sys.executable, "-P", "-c", script],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=_PROBE_SECONDS,
+        )
+    except subprocess.TimeoutExpired:
+        return f"did not answer within {_PROBE_SECONDS} s"
+    if child.returncode == 0:
+        return "works"
+    if child.returncode < 0:
+        return f"aborts the process (signal {-child.returncode})"
+    lines = [line.strip() for line in child.stderr.splitlines() if line.strip()]
+    return f"fails: {lines[-1][:160]}" if lines else f"fails with exit code {child.returncode}"
+
+
+def _version(path: Path) -> tuple[int, ...]:
+    numbers = re.findall(r"\d+", path.name)
+    return tuple(int(n) for n in numbers) or (0,)
+
+
+class _Memory:
+    """One remembered answer in the kernel cache folder. A folder that can't be written costs a probe a process."""
+
+    def __init__(self, variant: str, library: Path | None) -> None:
+        home = os.environ.get("DRJIT_CACHE_DIR") or str(Path.home() / ".drjit")
+        self._file = Path(home) / "twinlens-backends.json"
+        stamp = ""
+        if library is not None and library.exists():
+            status = library.stat()
+            stamp = f"{status.st_size}:{status.st_mtime_ns}"
+        self._key = f"{variant}|{library}|{stamp}|mitsuba {importlib.metadata.version('mitsuba')}"
+
+    def _read(self) -> dict[str, dict[str, object]]:
+        try:
+            kept = json.loads(self._file.read_text())
+        except (OSError, ValueError):
+            return {}
+        return kept if isinstance(kept, dict) else {}
+
+    def recall(self) -> Probe | None:
+        row = self._read().get(self._key)
+        try:
+            return Probe(**row) if row else None  # type: ignore[arg-type]
+        except TypeError:
+            return None
+
+    def keep(self, result: Probe) -> None:
+        rows = self._read() | {self._key: asdict(result)}
+        try:
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile("w", dir=self._file.parent, delete=False) as aside:
+                json.dump(rows, aside, indent=1)
+            Path(aside.name).replace(self._file)
+        except OSError:
+            return
