@@ -1,5 +1,16 @@
 """Scene files to `Scene`: what is photographed, as plain data. Never imports the renderer."""
 
+from twinlens.scenes.load import bundled_folder, bundled_scenes, load_scene
 from twinlens.scenes.scene import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
 
-__all__ = ["Bitmap", "Color", "Mesh", "Plugin", "Scene", "SceneObject"]
+__all__ = [
+    "Bitmap",
+    "Color",
+    "Mesh",
+    "Plugin",
+    "Scene",
+    "SceneObject",
+    "bundled_folder",
+    "bundled_scenes",
+    "load_scene",
+]

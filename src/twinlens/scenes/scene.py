@@ -32,11 +32,15 @@ class Color:
 
 @dataclass(frozen=True, eq=False)
 class Bitmap:
-    """A texture in memory: float32 (H, W, 3) or (H, W), linear; row 0 is v = 1, the top of the picture."""
+    """A texture in memory: float32 (H, W, 3) or (H, W), linear; row 0 is v = 1, the top of the picture.
+
+    `to_uv` (4x4) takes a surface's (u, v) to the picture's, whose whole is [0, 1]^2: a scale of 3 repeats it 3 times.
+    """
 
     pixels: NDArray[np.float32]
     filter: str = "bilinear"  # bilinear | nearest
     wrap: str = "repeat"  # repeat | mirror | clamp
+    to_uv: Float = field(default_factory=lambda: np.eye(4))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,121 @@
+"""Files that a scene names: found below the scene's own folder and nowhere else, and read into arrays.
+
+A scene file from a stranger must not make twinlens open other files of the machine, so absolute paths, ``..`` and
+symbolic links that lead out of the folder are refused before anything is opened.
+"""
+
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.errors import FileError
+from twinlens.scenes.colors import linear_from_srgb
+from twinlens.scenes.table import At, show, text
+
+_MOST_PIXELS = 1 << 27
+
+
+def asset(at: At, value: Any) -> Path:
+    """The path of an existing file below the scene's folder, links resolved. Errors name the key and the remedy."""
+    name = text(at, value)
+    if not name or "\0" in name or PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive or "\\" in name:
+        raise at.wrong(f"must be a file name relative to the scene's folder, with forward slashes, got {show(name)}")
+    folder = at.source.folder.resolve()
+    path = (folder / name).resolve()
+    if not path.is_relative_to(folder) or ".." in PurePosixPath(name).parts:
+        raise at.wrong(f"{name!r} leads outside the scene's folder; copy it below {folder} and name it from there")
+    if not path.is_file():
+        raise at.wrong(f"no file {name!r} in {folder}")
+    at.source.assets.append(path)
+    return path
+
+
+def read_picture(path: Path, raw: bool = False) -> NDArray[np.float32]:
+    """A picture as float32 (H, W, 3), linear: .png .jpg (sRGB unless `raw`), .exr and .hdr (linear as they are).
+
+    Raises FileError when the file is damaged, too large, or of another kind.
+    """
+    readers = {".png": _read_8bit, ".jpg": _read_8bit, ".jpeg": _read_8bit, ".exr": _read_exr, ".hdr": _read_hdr}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise FileError(f"{path}: pictures may be {', '.join(sorted(readers))}, got {path.suffix!r}")
+    try:
+        pixels, encoded = reader(path)
+    except FileError:
+        raise
+    except Exception as error:  # the libraries raise what they like on damaged files; all of it is this file's fault
+        raise FileError(f"{path}: cannot be read as a {path.suffix} picture ({error})") from error
+    if not np.isfinite(pixels).all() or (pixels < 0).any():
+        raise FileError(f"{path}: a texture needs finite values >= 0 in every pixel")
+    return linear_from_srgb(pixels) if encoded and not raw else pixels
+
+
+def _read_8bit(path: Path) -> tuple[NDArray[np.float32], bool]:
+    from PIL import Image
+
+    with Image.open(path) as image:
+        if image.width * image.height > _MOST_PIXELS:
+            raise FileError(f"{path}: {image.width}x{image.height} is more than {_MOST_PIXELS} pixels")
+        if image.mode.startswith("I"):
+            grey = np.asarray(image, dtype=np.float32) / np.float32(65535)
+            return np.repeat(grey[..., None], 3, axis=2), True
+        return np.asarray(image.convert("RGB"), dtype=np.float32) / np.float32(255), True
+
+
+def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        channels = {name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
+    names = "RGB" if {"R", "G", "B"} <= channels.keys() else "YYY"
+    if not set(names) <= channels.keys():
+        raise FileError(f"{path}: needs the channels R, G, B or Y, it has {', '.join(sorted(channels))}")
+    return np.ascontiguousarray(np.stack([channels[name] for name in names], axis=-1)), False
+
+
+def _read_hdr(path: Path) -> tuple[NDArray[np.float32], bool]:
+    """Radiance RGBE. Source: G. Ward, Real Pixels, Graphics Gems II, 1991."""
+    data = path.read_bytes()
+    head, _, body = data.partition(b"\n\n")
+    size, _, body = body.partition(b"\n")
+    words = size.split()
+    if not data.startswith(b"#?") or len(words) != 4 or (words[0], words[2]) != (b"-Y", b"+X"):
+        raise FileError(f"{path}: not a Radiance picture in the usual -Y +X order")
+    height, width = int(words[1]), int(words[3])
+    if not 0 < height * width <= _MOST_PIXELS or b"FORMAT=32-bit_rle_rgbe" not in head:
+        raise FileError(f"{path}: needs FORMAT=32-bit_rle_rgbe and a sensible size, got {width}x{height}")
+    rgbe = _unpack_rgbe(np.frombuffer(body, dtype=np.uint8), height, width)
+    scale = np.where(rgbe[..., 3:] > 0, np.exp2(rgbe[..., 3:].astype(np.float32) - 136), 0)
+    return (rgbe[..., :3] * scale).astype(np.float32), False
+
+
+def _unpack_rgbe(body: NDArray[np.uint8], height: int, width: int) -> NDArray[np.uint8]:
+    """(H, W, 4) from run-length-encoded scanlines, or from flat pixels where the file is not encoded."""
+    if not (8 <= width < 32768 and body[:2].tolist() == [2, 2]):
+        return body[: height * width * 4].reshape(height, width, 4)
+    out = np.empty((height, 4, width), dtype=np.uint8)
+    cursor = 0
+    for line in out:
+        if body[cursor : cursor + 4].tolist() != [2, 2, width >> 8, width & 255]:
+            raise ValueError("a scanline does not start with its width")
+        cursor += 4
+        for channel in line:
+            cursor = _unpack_run(body, cursor, channel)
+    return np.moveaxis(out, 1, 2)
+
+
+def _unpack_run(body: NDArray[np.uint8], cursor: int, channel: NDArray[np.uint8]) -> int:
+    done = 0
+    while done < channel.size:
+        count = int(body[cursor])
+        repeat = count > 128
+        count -= 128 if repeat else 0
+        taken = 1 if repeat else count
+        if not 0 < count <= channel.size - done:
+            raise ValueError("a run is longer than its scanline")
+        channel[done : done + count] = body[cursor + 1 : cursor + 1 + taken]
+        done += count
+        cursor += 1 + taken
+    return cursor

@@ -1,0 +1,244 @@
+"""Meshes made from a few numbers: bodies by trimesh, and the ones it lacks (rounded boxes, lathes, tubes, fields).
+
+Every function returns a `Mesh` in metres around the origin, z up, with (u, v) for textures. Smooth bodies carry vertex
+normals, boxes and cones of few sides stay flat.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.geometry import Float
+from twinlens.scenes.scene import Mesh
+
+Faces = NDArray[np.uint32]
+_AXES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # an axis, and the two that span the faces across it, right-handed
+
+
+def box(extents: Float, tile: float | None = None) -> Mesh:
+    """A box; (u, v) span [0, 1]^2 on each face, or repeat every `tile` metres."""
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
+    sides = []
+    for axis, a, b in _AXES:
+        for side in (-0.5, 0.5):
+            vertices = np.zeros((4, 3))
+            vertices[:, axis] = side
+            vertices[:, a], vertices[:, b] = corners.T
+            normals = np.zeros((4, 3))
+            normals[:, axis] = 2 * side
+            quad = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
+            faces = quad if side > 0 else quad[:, ::-1]
+            sides.append(Mesh(vertices * extents, faces, normals, _face_uv(vertices * extents, axis, extents, tile)))
+    return merged(sides)
+
+
+def _face_uv(points: Float, axis: int, extents: Float, tile: float | None) -> Float:
+    """(u, v) on the faces across one axis: v along z on the upright ones."""
+    a, b = ((1, 2), (0, 2), (0, 1))[axis]
+    plane = points[:, [a, b]] + np.asarray(extents)[[a, b]] / 2
+    return plane / (np.asarray(extents)[[a, b]] if tile is None else tile)
+
+
+def rounded_box(extents: Float, radius: float, subdivisions: int = 6, tile: float | None = None) -> Mesh:
+    """A box whose edges and corners are rounded by `radius` metres (<= half the shortest side); smooth normals.
+
+    A subdivided cube is pulled to the inner box's surface plus a sphere: p = q + radius n. (u, v) as for `box`.
+    """
+    half = np.asarray(extents) / 2
+    line = np.concatenate([-1 - np.linspace(1, 0, subdivisions + 1), 1 + np.linspace(0, 1, subdivisions + 1)])
+    n = len(line)
+    sides = []
+    for axis, a, b in _AXES:
+        for side in (-2.0, 2.0):
+            cube = np.empty((n, n, 3))
+            cube[..., axis] = side
+            cube[..., a], cube[..., b] = line[None, :], line[:, None]
+            inner = np.clip(cube, -1, 1)
+            away = np.tan((cube - inner) * (math.pi / 4))  # even steps of angle, not of length
+            normals = (away / np.linalg.norm(away, axis=-1, keepdims=True)).reshape(-1, 3)
+            points = inner.reshape(-1, 3) * (half - radius) + radius * normals
+            faces = grid(n, n) if side > 0 else grid(n, n)[:, ::-1]
+            sides.append(Mesh(points, faces, normals, _face_uv(points, axis, extents, tile)))
+    return merged(sides)
+
+
+def grid(columns: int, rows: int) -> Faces:
+    """Triangles (F, 3) of a grid of vertices numbered row by row, counter-clockwise with x right and y up."""
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    quads = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=-2)
+    return quads.reshape(-1, 3).astype(np.uint32)
+
+
+def lathe(profile: Float, segments: int = 96, smooth: bool = True, samples: int = 12) -> Mesh:
+    """The surface that a `profile` of (radius, height) points, from the bottom up, sweeps around the z axis.
+
+    `smooth` runs a Catmull-Rom curve through the points, `samples` steps between two of them; a point given twice is a
+    sharp corner. u goes around, v along the profile by length. Walk up the outside and down the inside for a vessel.
+    """
+    points = np.asarray(profile, dtype=np.float64)
+    corners = np.flatnonzero((np.diff(points, axis=0) == 0).all(axis=1)) + 1
+    pieces = [piece for piece in np.split(points, corners) if len(piece) > 1]
+    curves = [_catmull_rom(piece, samples) if smooth and len(piece) > 2 else piece for piece in pieces]
+    lengths = np.cumsum([0.0] + [_arc_length(curve)[-1] for curve in curves])
+    return merged(
+        [
+            _revolved(curve, segments, start / lengths[-1], end / lengths[-1])
+            for curve, start, end in zip(curves, lengths[:-1], lengths[1:], strict=True)
+        ]
+    )
+
+
+def _revolved(curve: Float, segments: int, v_start: float, v_end: float) -> Mesh:
+    """One smooth piece of a lathe."""
+    tangent = _tangents(curve)
+    radius, height = np.maximum(curve[:, :1], 0.0), curve[:, 1:]
+    angle = np.linspace(0, 2 * math.pi, segments + 1)
+    cos, sin = np.cos(angle), np.sin(angle)
+    vertices = np.stack(np.broadcast_arrays(radius * cos, radius * sin, height), axis=-1)
+    normals = np.stack(np.broadcast_arrays(tangent[:, 1:] * cos, tangent[:, 1:] * sin, -tangent[:, :1]), axis=-1)
+    length = _arc_length(curve)
+    v = v_start + (v_end - v_start) * length / length[-1]
+    return _sheet(vertices, normals, np.stack(np.broadcast_arrays(angle / (2 * math.pi), v[:, None]), axis=-1))
+
+
+def merged(parts: list[Mesh]) -> Mesh:
+    """Several meshes with normals and (u, v) as one."""
+    starts = np.cumsum([0] + [len(part.vertices) for part in parts])
+    faces = np.concatenate([part.faces + np.uint32(start) for part, start in zip(parts, starts, strict=False)])
+    normals = [part.normals for part in parts if part.normals is not None]
+    uvs = [part.uv for part in parts if part.uv is not None]
+    return Mesh(np.concatenate([part.vertices for part in parts]), faces, np.concatenate(normals), np.concatenate(uvs))
+
+
+def tube(points: Float, radius: Float, sides: int = 16, smooth: bool = True, closed: bool = False) -> Mesh:
+    """A round pipe along `points` (N, 3); `radius` is one number or one a point. u goes around, v along it.
+
+    Its frame is carried along without twisting. Source: Wang et al., Computation of Rotation Minimizing Frames, ACM
+    TOG 27(1), 2008 (here by projecting the last normal, its first-order form).
+    """
+    path = np.column_stack([points, np.broadcast_to(radius, len(points))])
+    if closed:
+        path = np.vstack([path, path[:1]])
+    path = _catmull_rom(path, 8, closed) if smooth else path
+    centre, radii = path[:, :3], np.maximum(path[:, 3], 1e-9)
+    tangent = _tangents(centre)
+    normal, binormal = _frames(tangent)
+    angle = np.linspace(0, 2 * math.pi, sides + 1)[None, :, None]
+    around = np.cos(angle) * normal[:, None] + np.sin(angle) * binormal[:, None]
+    length = _arc_length(centre)
+    uv = np.stack(np.broadcast_arrays(angle[..., 0] / (2 * math.pi), (length / length[-1])[:, None]), axis=-1)
+    return _sheet(centre[:, None] + radii[:, None, None] * around, around, uv)
+
+
+def _frames(tangent: Float) -> tuple[Float, Float]:
+    start = np.eye(3)[np.argmin(np.abs(tangent[0]))]
+    normals = []
+    last = start
+    for t in tangent:
+        last = last - (last @ t) * t
+        last = last / np.linalg.norm(last)
+        normals.append(last)
+    normal = np.array(normals)
+    return normal, np.cross(tangent, normal)
+
+
+def height_field(extents: Float, heights: NDArray[np.float32]) -> Mesh:
+    """A sheet of `extents` = (x, y) metres whose vertices rise by `heights` (rows from +y to -y), smooth normals."""
+    rows, columns = heights.shape
+    x = np.linspace(-0.5, 0.5, columns) * extents[0]
+    y = np.linspace(-0.5, 0.5, rows) * extents[1]
+    z = heights[::-1].astype(np.float64)
+    slope_y, slope_x = np.gradient(z, y, x)
+    normals = np.stack([-slope_x, -slope_y, np.ones_like(z)], axis=-1)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    X, Y = np.meshgrid(x, y)
+    uv = np.stack([X / extents[0] + 0.5, Y / extents[1] + 0.5], axis=-1)
+    return _sheet(np.stack([X, Y, z], axis=-1), normals, uv)
+
+
+def bent_sheet(extents: Float, angle_deg: float, segments: int = 64) -> Mesh:
+    """A rectangle of `extents` = (x, y) metres bent around the y axis by `angle_deg` in all, length kept; faces +z."""
+    angle = math.radians(angle_deg)
+    s = np.linspace(-0.5, 0.5, segments + 1)
+    radius = extents[0] / angle
+    x, z = radius * np.sin(s * angle), radius * (np.cos(s * angle) - 1)
+    y = np.array([-0.5, 0.5]) * extents[1]
+    vertices = np.stack(np.broadcast_arrays(x, y[:, None], z), axis=-1)
+    normals = np.stack(np.broadcast_arrays(np.sin(s * angle), np.zeros((2, 1)), np.cos(s * angle)), axis=-1)
+    uv = np.stack(np.broadcast_arrays(s + 0.5, np.array([[0.0], [1.0]])), axis=-1)
+    return _sheet(vertices, normals, uv)
+
+
+def creation(name: str, **parameters: Any) -> Mesh:
+    """One of trimesh's creation functions as a Mesh, (u, v) by longitude and height, edges over 30 degrees sharp."""
+    import trimesh
+
+    return from_trimesh(getattr(trimesh.creation, name)(**parameters))
+
+
+def from_trimesh(made: Any, crease_deg: float = 30.0) -> Mesh:
+    """A trimesh mesh as ours, smooth where its faces meet at less than `crease_deg`, flat everywhere if that is 0.
+
+    (u, v) as it has them, else longitude and height around its middle.
+    """
+    import trimesh
+
+    if crease_deg > 0:
+        made = trimesh.graph.smooth_shade(made, angle=math.radians(crease_deg))
+    vertices = np.array(made.vertices, dtype=np.float64)
+    faces = np.array(made.faces, dtype=np.uint32)
+    normals = np.array(made.vertex_normals, dtype=np.float64) if crease_deg > 0 else None
+    uv = getattr(made.visual, "uv", None)
+    if uv is None or len(uv) != len(vertices):
+        return _wrapped(vertices, faces, normals)
+    return Mesh(vertices, faces, normals, np.array(uv, dtype=np.float64))
+
+
+def _wrapped(vertices: Float, faces: Faces, normals: Float | None) -> Mesh:
+    """Each triangle unrolled on its own, so that none stretches across the seam of the longitude."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    corner = vertices[faces].reshape(-1, 3)
+    away = corner - (low + high) / 2
+    u = np.arctan2(away[:, 1], away[:, 0]) / (2 * math.pi) % 1.0
+    v = (corner[:, 2] - low[2]) / max(high[2] - low[2], 1e-12)
+    triangles = u.reshape(-1, 3)
+    crossing = triangles.max(axis=1, keepdims=True) - triangles > 0.5
+    u = (triangles + crossing).reshape(-1)
+    unrolled = np.arange(len(corner), dtype=np.uint32).reshape(-1, 3)
+    return Mesh(corner, unrolled, None if normals is None else normals[faces].reshape(-1, 3), np.column_stack([u, v]))
+
+
+def _sheet(vertices: Float, normals: Float, uv: Float) -> Mesh:
+    """A grid of vertices (rows, columns, 3) as a Mesh, without the triangles that shrink to nothing at a pole."""
+    rows, columns = vertices.shape[:2]
+    points, faces = vertices.reshape(-1, 3), grid(columns, rows)
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    size = np.ptp(points, axis=0).max()
+    return Mesh(points, faces[area > 1e-12 * size**2], normals.reshape(-1, 3), uv.reshape(-1, 2))
+
+
+def _arc_length(curve: Float) -> Float:
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+
+
+def _tangents(curve: Float) -> Float:
+    """Unit tangents (N, n) of a curve whose points are distinct: the mean of the steps before and after."""
+    steps = np.diff(curve, axis=0)
+    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+    mean = np.concatenate([steps[:1], steps[1:] + steps[:-1], steps[-1:]])
+    length = np.linalg.norm(mean, axis=1, keepdims=True)
+    return np.where(length > 1e-9, mean / np.maximum(length, 1e-9), np.concatenate([steps[:1], steps]))
+
+
+def _catmull_rom(points: Float, samples: int, closed: bool = False) -> Float:
+    """A curve through all points (N, n), `samples` steps a span. Source: Catmull and Rom 1974."""
+    before, after = (points[-2], points[1]) if closed else (2 * points[0] - points[1], 2 * points[-1] - points[-2])
+    p = np.vstack([before, points, after])
+    t = (np.arange(samples) / samples)[None, :, None]
+    a, b, c, d = (p[i : len(p) - 3 + i, None] for i in range(4))
+    spans = 0.5 * (2 * b + (c - a) * t + (2 * a - 5 * b + 4 * c - d) * t**2 + (3 * b - 3 * c + d - a) * t**3)
+    return np.vstack([spans.reshape(-1, points.shape[1]), points[-1:]])
