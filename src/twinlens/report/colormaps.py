@@ -1,0 +1,67 @@
+"""Colour for maps of numbers: viridis, magma and berlin as 256-step tables, and flat colours for what is unknown.
+
+All three are perceptually even and safe for colour-blind readers. viridis and magma: van der Walt and Smith, 2015
+(CC0); berlin: Crameri, Zenodo 1243862 (diverging around black). Each table is interpolated from a few of its colours.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twinlens.errors import InputError, unknown
+
+Table = NDArray[np.uint8]
+
+NO_TRUTH = (196, 200, 206)
+"""Light grey: the truth is unknown here. Greys do not occur in any of the maps."""
+NO_ESTIMATE = (102, 112, 127)
+"""Slate: the method gave no disparity here."""
+
+_ANCHORS = {
+    "viridis": "440154 481567 482677 453781 404788 39568c 33638d 2d708e 287d8e 238a8d 1f968b 20a387 29af7f 3cbb75"
+    " 55c667 73d055 95d840 b8de29 dce319 fde725",
+    "magma": "000004 180f3d 440f76 721f81 9e2f7f cd4071 f1605d fd9668 feca8d fcfdbf",
+    "berlin": "9eb0ff 5aa4da 2d7597 1a4256 11191e 280d01 501803 8a3f2a c4756a ffadad",
+}
+
+
+def _table(anchors: str) -> Table:
+    colours = np.array([list(bytes.fromhex(c)) for c in anchors.split()], np.float64)
+    at, steps = np.linspace(0, 1, len(colours)), np.linspace(0, 1, 256)
+    return np.stack([np.interp(steps, at, colours[:, k]) for k in range(3)], axis=1).round().astype(np.uint8)
+
+
+COLORMAPS: Mapping[str, Table] = MappingProxyType({name: _table(anchors) for name, anchors in _ANCHORS.items()})
+"""Name -> uint8 (256, 3) sRGB."""
+
+
+def colourise(
+    values: ArrayLike,
+    low: float,
+    high: float,
+    colormap: str = "viridis",
+    unknown_colour: tuple[int, int, int] = NO_TRUTH,
+) -> NDArray[np.uint8]:
+    """(H, W) numbers as an uint8 (H, W, 3) sRGB image: [low, high] spans the map, beyond it saturates.
+
+    What is not finite gets `unknown_colour`.
+
+    Raises
+    ------
+    InputError
+        An unknown colormap, or low >= high.
+
+    >>> colourise([[0.0, 1.0, np.inf]], 0, 1).tolist()
+    [[[68, 1, 84], [253, 231, 37], [196, 200, 206]]]
+    """
+    if colormap not in COLORMAPS:
+        raise unknown("colormap", colormap, COLORMAPS)
+    if not low < high:
+        raise InputError(f"the colour range is [{low}, {high}]: expected low < high")
+    numbers = np.asarray(values, np.float64)
+    known = np.isfinite(numbers)
+    share = (np.where(known, numbers, low) - low) / (high - low)
+    index = np.rint(np.clip(share, 0, 1) * 255).astype(np.intp)
+    return np.where(known[..., None], COLORMAPS[colormap][index], np.array(unknown_colour, np.uint8))

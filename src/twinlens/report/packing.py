@@ -1,0 +1,86 @@
+"""Disparity maps and images small enough to travel inside a page, and exact enough to be read off it.
+
+A disparity map becomes 16-bit steps of 1/16 px, each row as differences, low bytes before high bytes, zlib, base64: a
+page colours it itself, can show the value under the pointer, and needs no decoder that a browser's privacy mode blurs.
+"""
+
+import base64
+import io
+import zlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+STEP = 1 / 16
+UNKNOWN = 65535
+
+
+@dataclass(frozen=True)
+class Packed:
+    """A map for the page: value = offset + code * step in pixels; code 65535 is unknown. `stride`: every n-th pixel."""
+
+    width: int
+    height: int
+    stride: int
+    offset: float
+    step: float
+    data: str
+
+    def document(self) -> dict[str, Any]:
+        """As the page's script expects it."""
+        return {
+            "w": self.width,
+            "h": self.height,
+            "stride": self.stride,
+            "offset": self.offset,
+            "step": self.step,
+            "data": self.data,
+        }
+
+
+def stride_for(width: int, max_width: int) -> int:
+    """The smallest whole step through the pixels that leaves at most `max_width` of them.
+
+    >>> stride_for(640, 800), stride_for(2964, 800)
+    (1, 4)
+    """
+    return -(-width // max_width)
+
+
+def pack(disp: NDArray[np.floating[Any]], stride: int = 1, step: float = STEP) -> Packed:
+    """An (H, W) disparity map, +inf unknown, as text. Values beyond the 65534 steps of the code saturate.
+
+    >>> packed = pack(np.array([[1.0, 2.5, np.inf]], np.float32))
+    >>> unpack(packed).tolist()
+    [[1.0, 2.5, inf]]
+    """
+    thin = np.asarray(disp[::stride, ::stride], np.float64)
+    known = np.isfinite(thin)
+    offset = float(np.floor(thin[known].min())) if known.any() else 0.0
+    steps = np.clip(np.rint((np.where(known, thin, offset) - offset) / step), 0, UNKNOWN - 1)
+    codes = np.where(known, steps, UNKNOWN).astype(np.uint16)
+    differences = np.diff(codes, axis=1, prepend=np.uint16(0)).ravel()
+    planes = (differences & 255).astype(np.uint8).tobytes() + (differences >> 8).astype(np.uint8).tobytes()
+    text = base64.b64encode(zlib.compress(planes, 9)).decode("ascii")
+    return Packed(thin.shape[1], thin.shape[0], stride, offset, step, text)
+
+
+def unpack(packed: Packed) -> NDArray[np.float64]:
+    """What the page's script makes of it: (H, W) pixels, +inf unknown."""
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed.data)), np.uint8).astype(np.uint16)
+    low, high = planes.reshape(2, packed.height, packed.width)
+    codes = np.cumsum(low | (high << 8), axis=1, dtype=np.uint16)
+    return np.where(codes == UNKNOWN, np.inf, packed.offset + codes * packed.step)
+
+
+def image_uri(image: NDArray[np.uint8], stride: int = 1, quality: int = 82) -> str:
+    """An (H, W[, 3]) uint8 image as a WebP data URI, averaged over `stride` x `stride` pixels."""
+    picture = Image.fromarray(image)
+    if stride > 1:
+        picture = picture.reduce(stride)
+    out = io.BytesIO()
+    picture.save(out, format="WEBP", quality=quality, method=4)
+    return "data:image/webp;base64," + base64.b64encode(out.getvalue()).decode("ascii")

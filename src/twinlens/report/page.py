@@ -1,0 +1,215 @@
+"""A board and its maps as ONE self-contained HTML page: no network, works from file://, names cannot inject markup.
+
+The page's skeleton, style and scripts are the files in `page/`; here they are joined with the data. Names reach the
+page in two ways only: escaped in the title, and inside a JSON block in which no `<`, `>` or `&` is left; the script
+puts them there as text. A content security policy lets nothing run but the page's own script, named by its hash.
+"""
+
+import base64
+import hashlib
+import html
+import json
+import math
+import os
+import re
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.errors import OutputError
+from twinlens.report.colormaps import COLORMAPS, NO_ESTIMATE, NO_TRUTH
+from twinlens.report.packing import image_uri, pack, stride_for
+from twinlens.scoring import METRICS, PROTOCOLS, REGIONS, Board, Entry, Sample, board_csv, board_latex, board_to_json
+from twinlens.scoring.catalogue import TIMES
+from twinlens.scoring.tables import COLUMNS
+
+MAX_WIDTH = 800
+"""Maps and images wider than this are thinned by a whole stride."""
+BUDGET_BYTES = 14_000_000
+BYTES_PER_PIXEL = 0.65
+"""What a packed pixel of a typical matcher's map costs, measured; only used to choose the stride."""
+_SCRIPTS = ("core.js", "table.js", "maps.js", "drill.js")
+
+
+class Maps(Protocol):
+    """Where the disparity maps are: a dict keyed by (method, sample) will do."""
+
+    def get(self, key: tuple[str, str], /) -> NDArray[np.floating[Any]] | None:
+        """The (H, W) map of that method on that sample, +inf unknown, or None."""
+        ...
+
+
+def write_page(
+    path: str | os.PathLike[str],
+    board: Board,
+    samples: Iterable[Sample] = (),
+    maps: Maps | None = None,
+    *,
+    weights: Mapping[str, float] | None = None,
+    max_width: int = MAX_WIDTH,
+    budget_bytes: int = BUDGET_BYTES,
+) -> Path:
+    """Write the page whole or not at all, and return its path; see `page_html` for the rest.
+
+    Raises
+    ------
+    OutputError
+        The page cannot be written.
+    """
+    target = Path(path)
+    text = page_html(board, samples, maps, weights=weights, max_width=max_width, budget_bytes=budget_bytes)
+    try:
+        handle, aside = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        Path(aside).chmod(0o644)
+        Path(aside).replace(target)
+    except OSError as error:
+        if "aside" in locals():
+            Path(aside).unlink(missing_ok=True)
+        raise OutputError(f"{target}: cannot be written ({error.strerror or error})") from error
+    return target
+
+
+def page_html(
+    board: Board,
+    samples: Iterable[Sample] = (),
+    maps: Maps | None = None,
+    *,
+    weights: Mapping[str, float] | None = None,
+    max_width: int = MAX_WIDTH,
+    budget_bytes: int = BUDGET_BYTES,
+) -> str:
+    """The page as text.
+
+    Parameters
+    ----------
+    board
+        What the tables show. Nothing is scored again.
+    samples
+        The samples to look into: those of them that are on the board get images, truth and error maps. Each is held
+        only while it is packed.
+    maps
+        The methods' disparity maps; methods without one are shown in the tables alone.
+    weights
+        Weights of the mean over samples; plain without.
+    max_width, budget_bytes
+        Maps are thinned until they are at most this wide and the page about this large.
+    """
+    stride_floor = _budget_stride(board, budget_bytes)
+    pictures = {s.name: _pictures(board, s, maps, max_width, stride_floor) for s in samples if s.name in board.samples}
+    data = _safe_json(_document(board, pictures, weights))
+    script = "\n".join(_file(name) for name in _SCRIPTS)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+    parts = {
+        "title": html.escape(board.title),
+        "policy": f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'",
+        "style": _file("page.css"),
+        "script": script,
+        "data": data,
+    }
+    # One pass over the skeleton: what is put in is never looked at for places again.
+    return re.sub(r"\{\{(\w+)\}\}", lambda place: parts[place[1]], _file("page.html"))
+
+
+def _file(name: str) -> str:
+    return resources.files("twinlens.report").joinpath("page", name).read_text(encoding="utf-8")
+
+
+def _safe_json(document: Any) -> str:
+    """JSON that cannot end the script block it stands in, nor open a comment or an entity."""
+    text = json.dumps(document, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _budget_stride(board: Board, budget_bytes: int) -> int:
+    pixels = sum(e.width * e.height for e in {(e.method, e.sample): e for e in board.entries}.values())
+    return max(1, math.ceil(math.sqrt(pixels * BYTES_PER_PIXEL * 4 / 3 / budget_bytes)))
+
+
+def _pictures(board: Board, sample: Sample, maps: Maps | None, max_width: int, stride_floor: int) -> dict[str, Any]:
+    stride = max(stride_floor, stride_for(sample.disp0.shape[1], max_width))
+    found = {m: None if maps is None else maps.get((m, sample.name)) for m in board.methods}
+    known = sample.disp0[np.isfinite(sample.disp0)]
+    return {
+        "left": image_uri(np.asarray(sample.im0), stride),
+        "right": image_uri(np.asarray(sample.im1), stride),
+        "truth": pack(sample.disp0, stride).document(),
+        "range": [math.floor(known.min()), math.ceil(known.max())] if known.size else [0, sample.ndisp],
+        "maps": {m: pack(d, stride).document() for m, d in found.items() if d is not None},
+    }
+
+
+def _number(value: float) -> float | str | None:
+    if math.isnan(value):
+        return None
+    return "inf" if math.isinf(value) else float(f"{value:.6g}")
+
+
+def _document(board: Board, pictures: Mapping[str, Any], weights: Mapping[str, float] | None) -> dict[str, Any]:
+    first = {e.sample: e for e in reversed(board.entries)}
+    return {
+        "title": board.title,
+        "meta": dict(board.meta),
+        "methods": [{"name": m, "spec": _spec(board.entries, m)} for m in board.methods],
+        "samples": [
+            {"name": s, "w": first[s].width, "h": first[s].height, "ndisp": first[s].ndisp, "pictures": pictures.get(s)}
+            for s in board.samples
+        ],
+        "protocols": [_protocol(name) for name in board.protocols],
+        "regions": [{"name": r, "text": REGIONS[r].text if r in REGIONS else ""} for r in board.regions],
+        "metrics": {m.name: {"unit": m.unit, "text": m.text, "lower": m.lower_is_better} for m in METRICS.values()},
+        "times": list(TIMES),
+        "entries": [_entry(e) for e in board.entries],
+        "means": {p: {r: _means(board, p, r, weights) for r in board.regions} for p in board.protocols},
+        "weighted": bool(weights),
+        "colormaps": {n: base64.b64encode(t.tobytes()).decode("ascii") for n, t in COLORMAPS.items()},
+        "unknown": {"truth": NO_TRUTH, "estimate": NO_ESTIMATE},
+        "downloads": {
+            "csv": board_csv(board),
+            "json": board_to_json(board),
+            "latex": {
+                p: {r: board_latex(board, p, r, weights=weights) for r in board.regions} for p in board.protocols
+            },
+        },
+    }
+
+
+def _spec(entries: Sequence[Entry], method: str) -> str:
+    return next(e.spec for e in entries if e.method == method)
+
+
+def _protocol(name: str) -> dict[str, Any]:
+    rules = PROTOCOLS[name]
+    return {
+        "name": name,
+        "title": rules.title,
+        "headline": rules.headline,
+        "metrics": list(rules.metrics),
+        "columns": list(COLUMNS.get(name, rules.metrics)),
+        "lines": dict(rules.lines()),
+    }
+
+
+def _entry(entry: Entry) -> dict[str, Any]:
+    regions = {
+        name: {"n": [s.image, s.evaluated, s.estimated], "v": {metric: _number(v) for metric, v in s.items()}}
+        for name, s in entry.regions.items()
+    }
+    failure = None if entry.failure is None else [entry.failure.kind, entry.failure.message]
+    times = {name: _number(value) for name, value in entry.times().items()}
+    key = {"method": entry.method, "sample": entry.sample, "protocol": entry.protocol}
+    return key | {"failure": failure, "times": times, "regions": regions}
+
+
+def _means(board: Board, protocol: str, region: str, weights: Mapping[str, float] | None) -> dict[str, dict[str, Any]]:
+    means = (board.mean(method, protocol, region, weights) for method in board.methods)
+    return {
+        m.method: {"n": m.counted, "failed": list(m.failed), "v": {name: _number(v) for name, v in m.metrics.items()}}
+        for m in means
+    }

@@ -1,0 +1,87 @@
+"use strict";
+// What every part of the page needs: the data, the reader's choices, and elements made of text, never of markup.
+
+const data = JSON.parse(document.getElementById("data").textContent);
+const $ = (id) => document.getElementById(id);
+const byName = (list, name) => list.find((item) => item.name === name);
+
+const state = {
+  protocol: data.protocols.length ? data.protocols[0].name : "",
+  region: data.regions.some((r) => r.name === "nonocc") ? "nonocc" : data.regions.length ? data.regions[0].name : "",
+  over: "", sort: "", flipped: false, columns: "main",
+  sample: "", method: "", first: "", second: "", range: 4,
+};
+
+function el(tag, properties, ...children) {
+  const made = tag === "svg" || el.svg.has(tag) ? document.createElementNS("http://www.w3.org/2000/svg", tag)
+    : document.createElement(tag);
+  for (const [key, value] of Object.entries(properties || {})) {
+    if (key.startsWith("on")) made.addEventListener(key.slice(2), value);
+    else if (key.startsWith("--")) made.style.setProperty(key, value);
+    else if (value !== false && value != null) made.setAttribute(key, value === true ? "" : value);
+  }
+  made.append(...children.flat().filter((child) => child != null));
+  return made;
+}
+el.svg = new Set(["circle", "line", "text", "g", "title"]);
+
+const number = (value) => (value == null ? NaN : value === "inf" ? Infinity : value);
+
+function show(metric, value) {
+  if (Number.isNaN(value)) return "–";
+  if (value === Infinity) return "∞";
+  if (!data.metrics[metric].unit.startsWith("s")) return value.toFixed(2);
+  return value === 0 ? "0" : value >= 1000 ? Math.round(value).toString() : value.toPrecision(3);
+}
+
+// Lower rank first; what has no value comes last whatever the direction.
+function compareBy(metric, flipped) {
+  const sign = (data.metrics[metric].lower ? 1 : -1) * (flipped ? -1 : 1);
+  return (a, b) => (Number.isNaN(a) ? 1 : 0) - (Number.isNaN(b) ? 1 : 0) || (a === b ? 0 : sign * (a - b)) || 0;
+}
+
+const entryOf = (method, sample, protocol) =>
+  data.entries.find((e) => e.method === method && e.sample === sample && e.protocol === (protocol || state.protocol));
+
+// A method's numbers for the reader's protocol and region: over all samples, or on one of them.
+function scoresOf(method, over) {
+  const empty = { value: () => NaN, n: 0, failed: [], failure: null };
+  if (!over) {
+    const mean = data.means[state.protocol][state.region][method];
+    return { value: (metric) => number(mean.v[metric]), n: mean.n, failed: mean.failed, failure: null };
+  }
+  const entry = entryOf(method, over);
+  if (!entry) return empty;
+  const region = entry.regions[state.region];
+  const value = (metric) => number(data.times.includes(metric) ? entry.times[metric] : region && region.v[metric]);
+  return { value, n: region ? region.n[1] : 0, failed: [], failure: entry.failure, counts: region && region.n };
+}
+
+function options(select, names, chosen, texts) {
+  select.replaceChildren(...names.map((name, i) => el("option", { value: name, selected: name === chosen }, texts ? texts[i] : name)));
+}
+
+function segments(box, items, chosen, pick) {
+  box.replaceChildren(...items.map(([value, text]) =>
+    el("button", { type: "button", "aria-pressed": String(value === chosen), onclick: () => pick(value) }, text)));
+}
+
+function save(name, type, text) {
+  const link = el("a", { href: URL.createObjectURL(new Blob([text], { type })), download: name });
+  document.body.append(link);
+  link.click();
+  link.remove();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
+function setTheme(name) {
+  document.documentElement.dataset.theme = name;
+  try { localStorage.setItem("twinlens-theme", name); } catch { /* a file page may have no storage */ }
+}
+
+function firstTheme() {
+  const asked = /theme=(light|dark)/.exec(location.hash);
+  if (asked) return asked[1];
+  try { if (localStorage.getItem("twinlens-theme")) return localStorage.getItem("twinlens-theme"); } catch { /* as above */ }
+  return matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+}

@@ -1,0 +1,144 @@
+// One sample closely: images, truth, disparity and errors side by side, two methods against each other, the pointer's numbers.
+
+const sampleNow = () => byName(data.samples, state.sample);
+const pixels = (value) => `${+value.toPrecision(4)} px`;
+let drawing = 0;
+
+function look(sample, method) {
+  state.sample = sample || state.sample;
+  state.method = method || state.method;
+  redraw();
+  $("samples").scrollIntoView();
+}
+
+async function drawPanels() {
+  const mine = ++drawing, sample = sampleNow(), p = sample && sample.pictures;
+  options($("sample"), data.samples.map((s) => s.name), state.sample);
+  options($("method"), data.methods.map((m) => m.name), state.method);
+  segments($("ranges"), [1, 2, 4, 8, 16].map((r) => [r, `±${r}`]), state.range, (r) => { state.range = r; redraw(); });
+  drawChips();
+  if (!p) {
+    $("panels").replaceChildren(el("p", { class: "card empty" }, "This page was made without the images of this sample."));
+    $("versus").replaceChildren();
+    $("maps-note").textContent = "";
+    return;
+  }
+  const truth = await mapOf(p.truth);
+  const wanted = [state.method, state.first, state.second];
+  const [est, a, b] = await Promise.all(wanted.map((m) => (p.maps[m] ? mapOf(p.maps[m]) : null)));
+  if (mine !== drawing) return;
+  const views = viewsOf(sample, p, truth, est);
+  $("panels").replaceChildren(...views);
+  $("versus").replaceChildren(...versusOf(p, truth, a, b));
+  follow([...views, ...$("versus").children], p, truth, { est, a, b });
+  const thin = p.truth.stride > 1 ? `Every ${p.truth.stride}th pixel is shown. ` : "";
+  $("maps-note").textContent = `${thin}Maps are shown in steps of 1/${Math.round(1 / p.truth.step)} px; scores are of the full maps. Signed error = estimate − truth.`;
+}
+
+const image = (uri, text) => el("img", { src: uri, alt: text });
+const missing = (name) => el("figure", { class: "card panel" }, el("figcaption", {}, el("span", {}, name)), el("p", { class: "empty" }, whyMissing(name)));
+
+function whyMissing(method) {
+  const entry = entryOf(method, state.sample);
+  if (entry && entry.failure) return `${entry.failure[0]}: ${entry.failure[1]}`;
+  return entry ? "Its map was not kept." : "It was not run on this sample.";
+}
+
+function viewsOf(sample, p, truth, est) {
+  const { w, h } = p.truth, range = p.range, e = state.range;
+  const views = [
+    panel("Left image", `${sample.w} × ${sample.h}`, image(p.left, "left image")),
+    panel("Right image", `ndisp ${sample.ndisp}`, image(p.right, "right image")),
+    panel("True disparity", "", paint(w, h, painters.disparity(truth, range, noTruth)), legend("viridis", range[0], pixels(range[1]), ["truth"])),
+  ];
+  views[1].querySelector(".view").dataset.right = "1";
+  if (!est) return [...views, missing(state.method)];
+  return [...views,
+    panel("Disparity", state.method, paint(w, h, painters.disparity(est, range, noEstimate)), legend("viridis", range[0], pixels(range[1]), ["estimate"])),
+    panel("|Error|", state.method, paint(w, h, painters.size(est, truth, e)), legend("magma", 0, `≥ ${e} px`, ["estimate", "truth"])),
+    panel("Signed error", state.method, paint(w, h, painters.signed(est, truth, e)), legend("berlin", `≤ −${e}`, `≥ +${e} px`, ["estimate", "truth"]))];
+}
+
+function versusOf(p, truth, a, b) {
+  const { w, h } = p.truth, e = state.range;
+  const one = (name, est, letter) => (est ? panel(`${letter} · ${name}`, "signed error", paint(w, h, painters.signed(est, truth, e)),
+    legend("berlin", `≤ −${e}`, `≥ +${e} px`, ["estimate", "truth"])) : missing(name));
+  const both = a && b ? [panel("Who is closer", "|error A| − |error B|", paint(w, h, painters.closer(a, b, truth, e)),
+    legend("berlin", `A by ${e} px`, `B by ${e} px`, ["estimate", "truth"]))] : [];
+  return [one(state.first, a, "A"), one(state.second, b, "B"), ...both];
+}
+
+// One pointer moves a cross on every view; on the right image it stands where the truth says the point is.
+function follow(figures, p, truth, maps) {
+  const views = figures.flatMap((f) => [...f.querySelectorAll(".view")]);
+  const { w, h, stride } = p.truth;
+  const move = (event) => {
+    const box = event.currentTarget.getBoundingClientRect();
+    const x = Math.max(0, Math.min(w - 1, Math.floor(((event.clientX - box.left) / box.width) * w)));
+    const y = Math.max(0, Math.min(h - 1, Math.floor(((event.clientY - box.top) / box.height) * h)));
+    const i = y * w + x, d = truth[i];
+    for (const view of views) {
+      const shift = view.dataset.right && d !== Infinity ? d / stride : 0;
+      view.classList.add("pointed");
+      view.style.setProperty("--x", `${(100 * (x + 0.5 - shift)) / w}%`);
+      view.style.setProperty("--y", `${(100 * (y + 0.5)) / h}%`);
+    }
+    const est = maps.est && maps.est[i];
+    const said = est == null || est === Infinity ? "no estimate" : `${est.toFixed(2)} px`;
+    const off = est != null && est !== Infinity && d !== Infinity ? `, off by ${est - d >= 0 ? "+" : "−"}${Math.abs(est - d).toFixed(2)}` : "";
+    $("readout").textContent = `x ${x * stride}  y ${y * stride}:  truth ${d === Infinity ? "unknown" : `${d.toFixed(2)} px`}, ${said}${off}`;
+  };
+  const leave = () => views.forEach((view) => view.classList.remove("pointed"));
+  views.forEach((view) => { view.addEventListener("pointermove", move); view.addEventListener("pointerleave", leave); });
+}
+
+function drawChips() {
+  const scores = scoresOf(state.method, state.sample);
+  if (scores.failure) { $("numbers").replaceChildren(el("span", { class: "fail" }, scores.failure.join(": "))); return; }
+  $("numbers").replaceChildren(...shownColumns().map((c) =>
+    el("div", { class: "chip", title: data.metrics[c].text }, el("span", {}, c), el("b", {}, show(c, scores.value(c))), ` ${data.metrics[c].unit}`)));
+}
+
+function drawCompare() {
+  const names = data.methods.map((m) => m.name);
+  options($("first"), names, state.first);
+  options($("second"), names, state.second);
+  const a = scoresOf(state.first, state.over), b = scoresOf(state.second, state.over);
+  const head = ["Metric", "A", "B", "B − A"].map((t, i) => el("th", { class: i ? "" : "name" }, t));
+  $("difference").replaceChildren(el("thead", {}, el("tr", {}, head)), el("tbody", {}, shownColumns().map((c) => {
+    const va = a.value(c), vb = b.value(c), gap = vb - va, better = data.metrics[c].lower ? gap < 0 : gap > 0;
+    const text = Number.isFinite(gap) ? `${gap > 0 ? "+" : gap < 0 ? "−" : ""}${show(c, Math.abs(gap))}` : "–";
+    return el("tr", {}, el("td", { class: "name", title: data.metrics[c].text }, `${c} [${data.metrics[c].unit}]`),
+      el("td", {}, show(c, va)), el("td", {}, show(c, vb)), el("td", { class: gap === 0 || !Number.isFinite(gap) ? "" : better ? "gain" : "loss" }, text));
+  })));
+}
+
+function redraw() {
+  drawControls();
+  drawBoard();
+  drawCompare();
+  return drawPanels();
+}
+
+function start() {
+  setTheme(firstTheme());
+  $("theme").addEventListener("click", () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
+  const sizes = `${data.methods.length} ${data.methods.length === 1 ? "method" : "methods"} on ${data.samples.length} stereo ${data.samples.length === 1 ? "pair" : "pairs"}`;
+  $("summary").textContent = `${sizes}, scored by ${data.protocols.map((p) => p.title).join(", ")}.`;
+  $("made").textContent = Object.entries(data.meta).map(([k, v]) => `${k} ${v}`).join(" · ");
+  if (!data.entries.length) { $("board").replaceChildren(el("tr", {}, el("td", { class: "empty" }, "The board is empty."))); return; }
+  state.sort = rules().headline;
+  const order = ranked("").map((r) => r.method.name);
+  state.method = state.first = order[0];
+  state.second = order[1] || order[0];
+  state.sample = (data.samples.find((s) => s.pictures) || data.samples[0]).name;
+  for (const id of ["region", "over", "columns", "sample", "method", "first", "second"])
+    $(id).addEventListener("change", (event) => { state[id] = event.target.value; redraw(); });
+  $("over").addEventListener("change", () => { if (state.over) { state.sample = state.over; redraw(); } });
+  $("get-csv").addEventListener("click", () => save("board.csv", "text/csv", data.downloads.csv));
+  $("get-json").addEventListener("click", () => save("board.json", "application/json", data.downloads.json));
+  $("get-latex").addEventListener("click", () => save("board.tex", "application/x-tex", data.downloads.latex[state.protocol][state.region]));
+  redraw().then(() => { document.documentElement.dataset.ready = "1"; });
+}
+
+start();

@@ -1,0 +1,135 @@
+// The leaderboard: table, rules, failures, methods x samples, error against time.
+
+const rules = () => byName(data.protocols, state.protocol);
+const shownColumns = () => [...(state.columns === "all" ? rules().metrics : rules().columns), ...(state.columns === "all" ? data.times : ["time/MP"])];
+
+function sortBy(metric) {
+  state.flipped = state.sort === metric ? !state.flipped : false;
+  state.sort = metric;
+  drawBoard();
+}
+
+function ranked(over) {
+  const rows = data.methods.map((m) => ({ method: m, scores: scoresOf(m.name, over) }));
+  const order = compareBy(state.sort, state.flipped);
+  return rows.sort((a, b) => order(a.scores.value(state.sort), b.scores.value(state.sort)));
+}
+
+function headCell(metric) {
+  const m = data.metrics[metric], on = state.sort === metric;
+  const up = m.lower !== state.flipped;
+  return el("th", { scope: "col", "aria-sort": on ? (up ? "ascending" : "descending") : "none" },
+    el("button", { type: "button", title: `${m.text} [${m.unit}], ${m.lower ? "lower" : "higher"} is better`, onclick: () => sortBy(metric) },
+      metric, el("span", { class: "arrow", "aria-hidden": "true" }, on ? (up ? " ↑" : " ↓") : ""), el("small", {}, m.unit)));
+}
+
+function drawBoard() {
+  const columns = shownColumns();
+  if (!columns.includes(state.sort)) { state.sort = rules().headline; state.flipped = false; }
+  const rows = ranked(state.over);
+  const best = Object.fromEntries(columns.map((c) => {
+    const values = rows.map((r) => r.scores.value(c)).filter((v) => !Number.isNaN(v));
+    return [c, values.length ? values.reduce((a, b) => (data.metrics[c].lower ? Math.min(a, b) : Math.max(a, b))) : NaN];
+  }));
+  const largest = Math.max(...rows.map((r) => r.scores.value(state.sort)).filter(Number.isFinite), 1e-12);
+  $("board").replaceChildren(
+    el("thead", {}, el("tr", {}, el("th", { class: "name", scope: "col" }, "Method"), columns.map(headCell))),
+    el("tbody", {}, rows.map((row, i) => boardRow(row, i, columns, best, largest))));
+  drawWords();
+  drawMatrix();
+  drawScatter();
+}
+
+function boardRow({ method, scores }, i, columns, best, largest) {
+  const failed = scores.failure || scores.failed.length;
+  const why = scores.failure ? scores.failure.join(": ") : scores.failed.map((s) => `${s}: ${(entryOf(method.name, s).failure || []).join(": ")}`).join("\n");
+  const open = () => { look(state.over || data.samples[0].name, method.name); };
+  return el("tr", { tabindex: "0", "aria-selected": String(method.name === state.method), onclick: open, onkeydown: (e) => { if (e.key === "Enter") open(); } },
+    el("td", { class: "name", title: method.spec },
+      el("span", { class: "rank" }, Number.isNaN(scores.value(state.sort)) ? "" : String(i + 1)), method.name,
+      failed ? el("span", { class: "fail", title: why, style: "margin-left:8px" }, scores.failure ? scores.failure[0] : `failed on ${scores.failed.length}`) : null),
+    columns.map((c) => {
+      const v = scores.value(c), on = c === state.sort;
+      return el("td", { class: `${on ? "sorted" : ""} ${v === best[c] ? "best" : ""}`, "--share": on && Number.isFinite(v) ? `${(100 * v) / largest}%` : "0%" }, show(c, v));
+    }));
+}
+
+function drawWords() {
+  const region = byName(data.regions, state.region);
+  const lines = { ...rules().lines, region: `${region.name}: ${region.text || "given by the caller"}` };
+  if (!state.over) lines.mean = `${data.weighted ? "weighted" : "plain"} mean over samples; none where a method failed`;
+  $("rules").replaceChildren(...Object.entries(lines).flatMap(([k, v]) => [el("dt", {}, k), el("dd", {}, v)]));
+  const counts = state.over ? data.methods.map((m) => scoresOf(m.name, state.over).counts).find(Boolean) : null;
+  const n = state.over ? 0 : Math.max(...data.methods.map((m) => scoresOf(m.name, "").n), 0);
+  $("counts").textContent = counts ? `${counts[1].toLocaleString("en")} of ${counts[0].toLocaleString("en")} pixels are evaluated in this region.`
+    : state.over ? "No pixel of this sample is in this region." : `${n} of ${data.samples.length} samples have pixels in this region. Choose a row to look closer.`;
+  const failures = new Map(data.entries.filter((e) => e.failure).map((e) => [`${e.method}\n${e.sample}`, e]));
+  $("failed").replaceChildren(...[...failures.values()].map((e) =>
+    el("p", {}, el("span", { class: "fail" }, e.failure[0]), ` ${e.method} on ${e.sample}: ${e.failure[1]}`)));
+}
+
+function shade(value, low, high) {
+  if (!Number.isFinite(value)) return "transparent";
+  const share = high > low ? (value - low) / (high - low) : 0;
+  const better = data.metrics[state.sort].lower ? 1 - share : share;
+  return `color-mix(in srgb, var(--accent) ${Math.round(6 + 46 * better)}%, transparent)`;
+}
+
+function drawMatrix() {
+  const m = data.metrics[state.sort];
+  $("matrix-title").textContent = `${state.sort} [${m.unit}] on each sample, ${state.region}`;
+  const rows = ranked("");
+  const cells = rows.map((r) => data.samples.map((s) => scoresOf(r.method.name, s.name)));
+  const limits = data.samples.map((_, k) => cells.map((row) => row[k].value(state.sort)).filter(Number.isFinite));
+  $("matrix").replaceChildren(
+    el("thead", {}, el("tr", {}, el("th", { class: "name" }), data.samples.map((s) => el("th", { title: s.name }, s.name.length > 16 ? `${s.name.slice(0, 15)}…` : s.name)))),
+    el("tbody", {}, rows.map((r, i) => el("tr", {}, el("td", { class: "name", title: r.method.spec }, r.method.name),
+      data.samples.map((s, k) => {
+        const c = cells[i][k], v = c.value(state.sort);
+        return el("td", { class: "cell", style: `background:${shade(v, Math.min(...limits[k]), Math.max(...limits[k]))}`, title: c.failure ? c.failure.join(": ") : `${r.method.name} on ${s.name}`, onclick: () => look(s.name, r.method.name) },
+          c.failure ? el("span", { class: "fail" }, c.failure[0]) : show(state.sort, v));
+      })))));
+}
+
+function ticks(low, high) {
+  const out = [];
+  for (let e = Math.floor(Math.log10(low)); e <= Math.ceil(Math.log10(high)); e++) for (const f of [1, 3]) {
+    const t = f * 10 ** e;
+    if (t >= low && t <= high) out.push(t);
+  }
+  return out;
+}
+
+function drawScatter() {
+  const y = data.times.includes(state.sort) ? rules().headline : state.sort, x = "time/MP";
+  $("scatter-title").textContent = `${y} [${data.metrics[y].unit}] against time [${data.metrics[x].unit}]`;
+  const dots = data.methods.map((m) => ({ name: m.name, s: scoresOf(m.name, state.over) }))
+    .map((d) => ({ name: d.name, x: d.s.value(x), y: d.s.value(y) })).filter((d) => d.x > 0 && Number.isFinite(d.y));
+  if (!dots.length) { $("scatter").replaceChildren(el("p", { class: "empty" }, "No times were measured.")); return; }
+  const W = 560, H = 300, left = 46, right = 20, bottom = 34, top = 12;
+  const low = Math.min(...dots.map((d) => d.x)) / 1.6, high = Math.max(...dots.map((d) => d.x)) * 1.6;
+  const peak = Math.max(...dots.map((d) => d.y), 1e-9) * 1.12;
+  const px = (v) => left + ((W - left - right) * Math.log(v / low)) / Math.log(high / low);
+  const py = (v) => H - bottom - ((H - bottom - top) * v) / peak;
+  const step = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find((s) => peak / s <= 6) || peak / 4;
+  const levels = Array.from({ length: Math.floor(peak / step) + 1 }, (_, i) => i * step);
+  const placed = [];
+  const tags = dots.sort((a, b) => a.y - b.y).map((d) => {
+    const end = px(d.x) > W * 0.66, at = { x: px(d.x) + (end ? -10 : 10), y: py(d.y) + 4 };
+    while (placed.some((p) => Math.abs(p.y - at.y) < 13 && Math.abs(p.x - at.x) < 150)) at.y -= 7;
+    placed.push(at);
+    return el("text", { class: "tag", x: at.x, y: at.y, "text-anchor": end ? "end" : "start" }, d.name.length > 26 ? `${d.name.slice(0, 25)}…` : d.name);
+  });
+  $("scatter").replaceChildren(el("svg", { viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": $("scatter-title").textContent },
+    levels.map((v) => [el("line", { class: "grid", x1: left, x2: W - right, y1: py(v), y2: py(v) }), el("text", { x: left - 8, y: py(v) + 4, "text-anchor": "end" }, String(+v.toPrecision(3)))]).flat(),
+    ticks(low, high).map((t) => el("text", { x: px(t), y: H - 12, "text-anchor": "middle" }, String(+t.toPrecision(1)))),
+    tags,
+    dots.map((d) => el("circle", { class: d.name === state.method ? "dot on" : "dot", cx: px(d.x), cy: py(d.y), r: 5.5, onclick: () => look(state.over || state.sample, d.name) },
+      el("title", {}, `${d.name}: ${show(y, d.y)} ${data.metrics[y].unit}, ${show(x, d.x)} ${data.metrics[x].unit}`)))));
+}
+
+function drawControls() {
+  segments($("protocols"), data.protocols.map((p) => [p.name, p.title]), state.protocol, (name) => { state.protocol = name; state.sort = ""; redraw(); });
+  options($("region"), data.regions.map((r) => r.name), state.region);
+  options($("over"), ["", ...data.samples.map((s) => s.name)], state.over, [`mean of ${data.samples.length} samples`, ...data.samples.map((s) => s.name)]);
+}
