@@ -1,0 +1,11 @@
+"""Radiance becomes a digital picture: light on the film, electrons, numbers. After EMVA standard 1288.
+
+`light` says how many electrons a second a radiance makes, `noise` counts them and reads them out, `picture` turns the
+numbers into an image to look at, `exposure` chooses time and gain. `Sensor.expose` goes the whole way.
+"""
+
+from twinlens.sensor.exposure import Exposure, Mismatch, auto_exposure
+from twinlens.sensor.model import Photo, Sensor
+from twinlens.sensor.presets import PRESETS
+
+__all__ = ["PRESETS", "Exposure", "Mismatch", "Photo", "Sensor", "auto_exposure"]

@@ -1,0 +1,56 @@
+"""Figures of sensors by their class; each names its source, or says that a figure is merely typical of the class.
+
+ideal
+    EMVA 1288's ideal sensor: every photon is counted, nothing else is. The shot noise is the light's own and stays;
+    ``shot_noise=False`` takes it away too. Its well and its converter are generous and invented.
+machine_vision
+    A global-shutter CMOS of 3.45 um pixels, Sony IMX250. Matrix Vision's manual of the mvBlueFOX3-2051 measures, after
+    EMVA 1288 on the grey camera, a maximal SNR of 40.3 dB, so a full well of 10^4.03 = 10700 electrons, and a dynamic
+    range of 71.2 dB, so a threshold of 2.95 electrons = sqrt(s^2 + sq^2 + 1/4) + 1/2, from which s = 2.3 electrons of
+    read noise with the 12-bit converter's sq = 0.76 electrons taken out. Quantum efficiencies, dark current (at room
+    temperature), PRNU and DSNU are typical of the class. Three values at every pixel; the colour camera itself has
+    ``filters="RGGB"``, the grey one ``filters="mono"``.
+phone
+    A back-illuminated CMOS of 1.4 um pixels, Sony IMX363 as in a Google Pixel 4a: full well 6000 electrons, read noise
+    5 electrons, PRNU 0.7%, no measurable dark current or DSNU, 10 bits with black at 64, from Lyu, Goossens, Wandell
+    and Farrell, Accurate smartphone camera simulation using 3D scenes, 2022 (arXiv:2201.07411), as their ISETCam model
+    `sensorIMX363` has it. Quantum efficiencies are typical of the class.
+
+Full well, read noise and dark current belong to the pixels' size: give the camera `pixel_pitch_um` 3.45 or 1.4.
+"""
+
+from typing import Any
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "ideal": {
+        "quantum_efficiency": (1.0, 1.0, 1.0),
+        "full_well": 100_000.0,
+        "read_noise": 0.0,
+        "dark_current": 0.0,
+        "prnu": 0.0,
+        "dsnu": 0.0,
+        "adc_bits": 16,
+        "black_level": 0.0,
+    },
+    "machine_vision": {
+        "quantum_efficiency": (0.55, 0.62, 0.50),
+        "full_well": 10_700.0,
+        "read_noise": 2.3,
+        "dark_current": 1.0,
+        "prnu": 0.005,
+        "dsnu": 1.0,
+        "adc_bits": 12,
+        "black_level": 64.0,
+    },
+    "phone": {
+        "quantum_efficiency": (0.55, 0.70, 0.65),
+        "full_well": 6000.0,
+        "read_noise": 5.0,
+        "dark_current": 0.0,
+        "prnu": 0.007,
+        "dsnu": 0.0,
+        "adc_bits": 10,
+        "black_level": 64.0,
+        "filters": "RGGB",
+    },
+}
