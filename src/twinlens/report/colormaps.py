@@ -1,7 +1,8 @@
 """Colour for maps of numbers: viridis, magma and berlin as 256-step tables, and flat colours for what is unknown.
 
 All three are perceptually even and safe for colour-blind readers. viridis and magma: van der Walt and Smith, 2015
-(CC0); berlin: Crameri, Zenodo 1243862 (diverging around black). Each table is interpolated from a few of its colours.
+(CC0); berlin: after Crameri, Zenodo 1243862, diverging around a neutral black. Each is interpolated from a few of its
+colours.
 """
 
 from collections.abc import Mapping
@@ -23,7 +24,7 @@ _ANCHORS = {
     "viridis": "440154 481567 482677 453781 404788 39568c 33638d 2d708e 287d8e 238a8d 1f968b 20a387 29af7f 3cbb75"
     " 55c667 73d055 95d840 b8de29 dce319 fde725",
     "magma": "000004 180f3d 440f76 721f81 9e2f7f cd4071 f1605d fd9668 feca8d fcfdbf",
-    "berlin": "9eb0ff 5aa4da 2d7597 1a4256 11191e 280d01 501803 8a3f2a c4756a ffadad",
+    "berlin": "9eb0ff 5aa4da 2d7597 1a4256 111114 501803 8a3f2a c4756a ffadad",
 }
 
 

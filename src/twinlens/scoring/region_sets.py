@@ -77,15 +77,15 @@ REGIONS: Mapping[str, Region] = MappingProxyType(
             ),
             Region(
                 "near",
-                "the third of the known pixels with the largest disparity",
+                "the upper third of the range of true disparities",
                 lambda s: made.distance_bands(s.disp0)[0],
             ),
             Region(
-                "mid", "the third of the known pixels between near and far", lambda s: made.distance_bands(s.disp0)[1]
+                "mid", "the middle third of the range of true disparities", lambda s: made.distance_bands(s.disp0)[1]
             ),
             Region(
                 "far",
-                "the third of the known pixels with the smallest disparity",
+                "the lower third of the range of true disparities",
                 lambda s: made.distance_bands(s.disp0)[2],
             ),
             *(Region(kind, f"{kind} materials", _material(kind)) for kind in MATERIAL_KINDS[1:]),

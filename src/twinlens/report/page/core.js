@@ -9,7 +9,7 @@ const state = {
   protocol: data.protocols.length ? data.protocols[0].name : "",
   region: data.regions.some((r) => r.name === "nonocc") ? "nonocc" : data.regions.length ? data.regions[0].name : "",
   over: "", sort: "", flipped: false, columns: "main",
-  sample: "", method: "", first: "", second: "", range: 4,
+  sample: "", method: "", first: "", second: "", range: 4, wide: "",
 };
 
 function el(tag, properties, ...children) {

@@ -35,6 +35,7 @@ async function drawPanels() {
   $("maps-note").textContent = `${thin}Maps are shown in steps of 1/${Math.round(1 / p.truth.step)} px; scores are of the full maps. Signed error = estimate − truth.`;
 }
 
+const words = (text) => el("div", { class: "legend" }, text);
 const image = (uri, text) => el("img", { src: uri, alt: text });
 const missing = (name) => el("figure", { class: "card panel" }, el("figcaption", {}, el("span", {}, name)), el("p", { class: "empty" }, whyMissing(name)));
 
@@ -47,8 +48,8 @@ function whyMissing(method) {
 function viewsOf(sample, p, truth, est) {
   const { w, h } = p.truth, range = p.range, e = state.range;
   const views = [
-    panel("Left image", `${sample.w} × ${sample.h}`, image(p.left, "left image")),
-    panel("Right image", `ndisp ${sample.ndisp}`, image(p.right, "right image")),
+    panel("Left image", `${sample.w} × ${sample.h}`, image(p.left, "left image"), words("The view whose disparity is scored.")),
+    panel("Right image", `ndisp ${sample.ndisp}`, image(p.right, "right image"), words("The cross stands where the truth puts the point.")),
     panel("True disparity", "", paint(w, h, painters.disparity(truth, range, noTruth)), legend("viridis", range[0], pixels(range[1]), ["truth"])),
   ];
   views[1].querySelector(".view").dataset.right = "1";

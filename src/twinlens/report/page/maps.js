@@ -57,7 +57,12 @@ function legend(lut, low, high, keys) {
 }
 
 function panel(title, detail, picture, below) {
-  return el("figure", { class: "card panel" },
+  const widen = (event) => {
+    const figure = event.currentTarget.closest("figure");
+    state.wide = state.wide === title ? "" : title;
+    for (const other of figure.parentElement.children) other.classList.toggle("wide", other === figure && state.wide === title);
+  };
+  return el("figure", { class: state.wide === title ? "card panel wide" : "card panel" },
     el("figcaption", {}, el("span", { title }, title), el("span", {}, detail)),
-    el("div", { class: "view" }, picture, el("div", { class: "cross" })), below);
+    el("div", { class: "view", title: "click to enlarge", onclick: widen }, picture, el("div", { class: "cross" })), below);
 }

@@ -20,7 +20,7 @@ function headCell(metric) {
   const up = m.lower !== state.flipped;
   return el("th", { scope: "col", "aria-sort": on ? (up ? "ascending" : "descending") : "none" },
     el("button", { type: "button", title: `${m.text} [${m.unit}], ${m.lower ? "lower" : "higher"} is better`, onclick: () => sortBy(metric) },
-      metric, el("span", { class: "arrow", "aria-hidden": "true" }, on ? (up ? " ↑" : " ↓") : ""), el("small", {}, m.unit)));
+      on ? el("span", { class: "arrow", "aria-hidden": "true" }, up ? "↑" : "↓") : null, metric, el("small", {}, m.unit)));
 }
 
 function drawBoard() {
@@ -47,7 +47,7 @@ function boardRow({ method, scores }, i, columns, best, largest) {
   return el("tr", { tabindex: "0", "aria-selected": String(method.name === state.method), onclick: open, onkeydown: (e) => { if (e.key === "Enter") open(); } },
     el("td", { class: "name", title: method.spec },
       el("span", { class: "rank" }, Number.isNaN(scores.value(state.sort)) ? "" : String(i + 1)), method.name,
-      failed ? el("span", { class: "fail", title: why, style: "margin-left:8px" }, scores.failure ? scores.failure[0] : `failed on ${scores.failed.length}`) : null),
+      failed ? el("span", { class: "fail", title: why }, scores.failure ? scores.failure[0] : `failed on ${scores.failed.length}`) : null),
     columns.map((c) => {
       const v = scores.value(c), on = c === state.sort;
       return el("td", { class: `${on ? "sorted" : ""} ${v === best[c] ? "best" : ""}`, "--share": on && Number.isFinite(v) ? `${(100 * v) / largest}%` : "0%" }, show(c, v));
@@ -63,9 +63,21 @@ function drawWords() {
   const n = state.over ? 0 : Math.max(...data.methods.map((m) => scoresOf(m.name, "").n), 0);
   $("counts").textContent = counts ? `${counts[1].toLocaleString("en")} of ${counts[0].toLocaleString("en")} pixels are evaluated in this region.`
     : state.over ? "No pixel of this sample is in this region." : `${n} of ${data.samples.length} samples have pixels in this region. Choose a row to look closer.`;
-  const failures = new Map(data.entries.filter((e) => e.failure).map((e) => [`${e.method}\n${e.sample}`, e]));
-  $("failed").replaceChildren(...[...failures.values()].map((e) =>
-    el("p", {}, el("span", { class: "fail" }, e.failure[0]), ` ${e.method} on ${e.sample}: ${e.failure[1]}`)));
+  drawFailures();
+}
+
+// One line for a method and a reason, with the samples it happened on; protocols share their failures.
+function drawFailures() {
+  const lines = new Map();
+  for (const e of data.entries.filter((e) => e.failure)) {
+    const key = JSON.stringify([e.method, ...e.failure]);
+    lines.set(key, (lines.get(key) || new Set()).add(e.sample));
+  }
+  $("failed").replaceChildren(...[...lines].map(([key, samples]) => {
+    const [method, kind, message] = JSON.parse(key);
+    const where = samples.size === data.samples.length && samples.size > 1 ? "every sample" : [...samples].join(", ");
+    return el("p", {}, el("span", { class: "fail" }, kind), el("b", {}, ` ${method}`), ` on ${where}: ${message}`);
+  }));
 }
 
 function shade(value, low, high) {
@@ -100,6 +112,20 @@ function ticks(low, high) {
   return out;
 }
 
+// Each label goes to the first place beside its dot where it covers no dot, no other label and no edge.
+function labels(dots, width) {
+  const taken = dots.map((d) => [d.x - 6, d.y - 6, d.x + 6, d.y + 6]);
+  const free = (box) => box[0] > 0 && box[2] < width && !taken.some((t) => box[0] < t[2] && box[2] > t[0] && box[1] < t[3] && box[3] > t[1]);
+  return dots.map((d) => {
+    const w = 6.9 * d.text.length + 4;
+    const places = [[10, 4], [-10 - w, 4], [-w / 2, -11], [-w / 2, 20], [8, -9], [8, 18], [-8 - w, -9], [-8 - w, 18], [-w / 2, -24], [-w / 2, 33]];
+    const box = ([dx, dy]) => [d.x + dx, d.y + dy - 11, d.x + dx + w, d.y + dy + 2];
+    const place = places.find((p) => free(box(p))) || places[0];
+    taken.push(box(place));
+    return el("text", { class: "tag", x: d.x + place[0], y: d.y + place[1] }, d.text);
+  });
+}
+
 function drawScatter() {
   const y = data.times.includes(state.sort) ? rules().headline : state.sort, x = "time/MP";
   $("scatter-title").textContent = `${y} [${data.metrics[y].unit}] against time [${data.metrics[x].unit}]`;
@@ -113,13 +139,7 @@ function drawScatter() {
   const py = (v) => H - bottom - ((H - bottom - top) * v) / peak;
   const step = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find((s) => peak / s <= 6) || peak / 4;
   const levels = Array.from({ length: Math.floor(peak / step) + 1 }, (_, i) => i * step);
-  const placed = [];
-  const tags = dots.sort((a, b) => a.y - b.y).map((d) => {
-    const end = px(d.x) > W * 0.66, at = { x: px(d.x) + (end ? -10 : 10), y: py(d.y) + 4 };
-    while (placed.some((p) => Math.abs(p.y - at.y) < 13 && Math.abs(p.x - at.x) < 150)) at.y -= 7;
-    placed.push(at);
-    return el("text", { class: "tag", x: at.x, y: at.y, "text-anchor": end ? "end" : "start" }, d.name.length > 26 ? `${d.name.slice(0, 25)}…` : d.name);
-  });
+  const tags = labels(dots.map((d) => ({ x: px(d.x), y: py(d.y), text: d.name.length > 26 ? `${d.name.slice(0, 25)}…` : d.name })), W);
   $("scatter").replaceChildren(el("svg", { viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": $("scatter-title").textContent },
     levels.map((v) => [el("line", { class: "grid", x1: left, x2: W - right, y1: py(v), y2: py(v) }), el("text", { x: left - 8, y: py(v) + 4, "text-anchor": "end" }, String(+v.toPrecision(3)))]).flat(),
     ticks(low, high).map((t) => el("text", { x: px(t), y: H - 12, "text-anchor": "middle" }, String(+t.toPrecision(1)))),

@@ -1,0 +1,92 @@
+"""What travels inside the page comes out as it went in; the colour tables are the published ones."""
+
+import base64
+import io
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from PIL import Image
+
+from twinlens.errors import InputError
+from twinlens.report.colormaps import COLORMAPS, NO_ESTIMATE, NO_TRUTH, colourise
+from twinlens.report.packing import image_uri, pack, stride_for, unpack
+
+disparities = hnp.arrays(
+    np.float32,
+    hnp.array_shapes(min_dims=2, max_dims=2, max_side=9),
+    elements=st.one_of(st.floats(-300, 3000, width=32), st.just(np.inf)),
+)
+
+
+@given(disp=disparities, stride=st.integers(1, 3))
+def test_a_map_comes_back_within_half_a_step(disp, stride):
+    packed = pack(disp, stride)
+    wanted = disp[::stride, ::stride]
+    found = unpack(packed)
+    assert found.shape == wanted.shape == (packed.height, packed.width)
+    np.testing.assert_array_equal(np.isfinite(found), np.isfinite(wanted))
+    known = np.isfinite(wanted)
+    assert np.abs(found[known] - wanted[known]).max(initial=0) <= packed.step / 2
+
+
+def test_what_the_code_cannot_hold_saturates():
+    found = unpack(pack(np.array([[0, 1e6]], np.float32)))
+    assert found.tolist() == [[0, 65534 / 16]]
+
+
+def test_a_thinned_map_fits():
+    for width in (1, 799, 800, 801, 2964, 5000):
+        stride = stride_for(width, 800)
+        assert len(range(0, width, stride)) <= 800
+        assert stride == 1 or len(range(0, width, stride - 1)) > 800
+
+
+@pytest.mark.parametrize("shape", [(12, 20), (12, 20, 3)])
+def test_an_image_comes_back_nearly(shape):
+    image = np.full(shape, 90, np.uint8)
+    for stride, size in ((1, (20, 12)), (2, (10, 6))):
+        kind, data = image_uri(image, stride).split(",")
+        assert kind == "data:image/webp;base64"
+        back = Image.open(io.BytesIO(base64.b64decode(data)))
+        assert back.size == size
+        assert np.abs(np.asarray(back, int) - 90).max() <= 3
+
+
+@pytest.mark.parametrize(("name", "code"), [("viridis", cv2.COLORMAP_VIRIDIS), ("magma", cv2.COLORMAP_MAGMA)])
+def test_the_tables_are_the_published_ones(name, code):
+    ramp = np.arange(256, dtype=np.uint8)[None]
+    published = cv2.applyColorMap(ramp, code)[0, :, ::-1].astype(int)
+    assert np.abs(published - COLORMAPS[name]).max() <= 8
+
+
+def luminance(rgb):
+    linear = (np.asarray(rgb) / 255.0) ** 2.2
+    return linear @ [0.2126, 0.7152, 0.0722]
+
+
+def test_lightness_alone_tells_the_order():
+    # Every eighth step: between neighbours the rounding to 8 bits is as large as the step.
+    for name in ("viridis", "magma"):
+        assert (np.diff(luminance(COLORMAPS[name][::8])) > 0).all()
+    berlin = luminance(COLORMAPS["berlin"])
+    assert berlin[127:129].max() < 0.01
+    assert (np.diff(berlin[128::8]) > 0).all()
+    assert (np.diff(berlin[127::-8]) > 0).all()
+
+
+def test_unknown_is_unlike_every_colour_of_a_map():
+    for table in COLORMAPS.values():
+        for flat in (NO_TRUTH, NO_ESTIMATE):
+            assert np.abs(table.astype(int) - flat).sum(axis=1).min() > 40
+
+
+def test_colourise_saturates_and_refuses():
+    assert colourise([[-9, 0, 1, 9]], 0, 1)[0].tolist() == [*[[68, 1, 84]] * 2, *[[253, 231, 37]] * 2]
+    with pytest.raises(InputError, match="did you mean 'viridis'"):
+        colourise([[1]], 0, 1, "virids")
+    with pytest.raises(InputError, match="low < high"):
+        colourise([[1]], 1, 1)

@@ -1,0 +1,273 @@
+"""The page: one file that needs nothing, whatever names it is given; and, where there is Chromium, that it works."""
+
+import base64
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from importlib import resources
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twinlens.errors import OutputError
+from twinlens.report import page_html, write_page
+from twinlens.scoring import Board, Pair, board_csv, run_benchmark
+
+EVIL = "</script><img src=x onerror=\"document.title='pwned'\"><!--<script>&lt;'`${1}{{data}}\u2028"
+
+
+class Flat:
+    """A matcher that knows one number."""
+
+    def __init__(self, name, value):
+        self.name, self.value = name, value
+
+    def __call__(self, left, right, *, ndisp):
+        if self.value is None:
+            raise RuntimeError(self.name)
+        disp = np.full(left.shape[:2], self.value, np.float32)
+        disp[:, :3] = np.inf
+        return disp
+
+
+def pair(name="street"):
+    rng = np.random.default_rng(2)
+    image = rng.integers(0, 255, (24, 40, 3), np.uint8)
+    gt = np.full((24, 40), 5, np.float32)
+    gt[:12] = 9
+    gt[0] = np.inf
+    return Pair(name, image, image[:, ::-1].copy(), gt, np.isfinite(gt), 16)
+
+
+def made(names=("low", "high"), sample="street", title="board"):
+    """A board, its samples and maps: the first method answers 5 px, the second 9 px, the third raises."""
+    maps, values = {}, (5, 9, None)
+    methods = [Flat(name, value) for name, value in zip(names, values, strict=False)]
+    samples = [pair(sample), pair(f"{sample} again")]
+    board = run_benchmark(
+        samples,
+        methods,
+        protocol=["middlebury-v3", "eth3d", "kitti2015"],
+        regions=["all", "nonocc", "near"],
+        on_map=lambda m, s, d: maps.update({(m, s): d}),
+        title=title,
+        warm_up=False,
+    )
+    return board, samples, maps
+
+
+class Elements(HTMLParser):
+    """The tags a browser would make of a page, with their attributes, and the text of its JSON block."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.data, self._inside = [], "", False
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, tuple(attributes)))
+        self._inside = ("id", "data") in attributes
+
+    def handle_data(self, data):
+        if self._inside:
+            self.data += data
+            self._inside = False
+
+
+def test_names_cannot_inject_markup():
+    plain = Elements(page_html(*made(("a", "b", "c"))))
+    evil = page_html(*made((EVIL, "b" + EVIL, "c" + EVIL), sample="s" + EVIL, title="t" + EVIL))
+    assert Elements(evil).tags == [(tag, tuple((k, v) for k, v in attributes)) for tag, attributes in plain.tags], (
+        "a name added or changed an element"
+    )
+    assert "<img src=x" not in evil
+    document = json.loads(Elements(evil).data)
+    assert [m["name"] for m in document["methods"]] == [EVIL, "b" + EVIL, "c" + EVIL]
+    assert document["samples"][0]["name"] == "s" + EVIL
+    assert document["entries"][-1]["failure"][1].startswith("RuntimeError: c</script>")
+
+
+@given(name=st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=30))
+@settings(max_examples=60, deadline=None)
+def test_any_name_arrives_as_it_is(name):
+    board = run_benchmark([pair(name)], [Flat(name, 5)], warm_up=False, title=name)
+    found = Elements(page_html(board))
+    assert json.loads(found.data)["methods"] == [{"name": name, "spec": name}]
+    assert len(found.tags) == len(Elements(page_html(Board())).tags)
+
+
+def test_scripts_never_write_markup():
+    for file in resources.files("twinlens.report").joinpath("page").iterdir():
+        if file.name.endswith(".js"):
+            text = file.read_text()
+            for word in (
+                "innerHTML",
+                "outerHTML",
+                "insertAdjacentHTML",
+                "document.write",
+                "eval(",
+                "Function(",
+                "fetch(",
+            ):
+                assert word not in text, (file.name, word)
+
+
+def test_the_page_needs_nothing_from_elsewhere():
+    text = page_html(*made())
+    assert [
+        a for _, attributes in Elements(text).tags for k, a in attributes if k in ("src", "href") and a[0] != "#"
+    ] == []
+    assert set(re.findall(r"https?://[^\s\"'`)]+", text)) <= {"http://www.w3.org/2000/svg"}
+    assert "@import" not in text
+    assert "url(" not in text
+
+
+def test_the_policy_allows_the_pages_own_script_alone():
+    text = page_html(*made())
+    script = re.search(r"<script>(.*)</script>", text, re.S)[1]
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    policy = re.search(r'Content-Security-Policy" content="([^"]+)"', text)[1]
+    assert f"script-src 'sha256-{digest}'" in policy
+    assert policy.startswith("default-src 'none'")
+
+
+def test_the_page_says_what_the_board_says():
+    board, samples, maps = made(("low", "high", "none"))
+    document = json.loads(Elements(page_html(board, samples, maps)).data)
+    mean = board.mean("low", "middlebury-v3", "near").metrics
+    assert document["means"]["middlebury-v3"]["near"]["low"]["v"]["totbad2.0"] == pytest.approx(
+        mean["totbad2.0"], rel=1e-5
+    )
+    assert document["downloads"]["csv"] == board_csv(board)
+    assert document["means"]["eth3d"]["all"]["none"]["v"]["bad1.0"] is None
+    assert set(document["samples"][0]["pictures"]["maps"]) == {"low", "high"}
+    assert [p["name"] for p in document["protocols"]] == ["middlebury-v3", "eth3d", "kitti2015"]
+
+
+def test_samples_and_maps_are_optional_and_strangers_are_left_out():
+    board, samples, _ = made()
+    assert json.loads(Elements(page_html(board)).data)["samples"][0]["pictures"] is None
+    assert len(page_html(board, [pair("unknown")])) == len(page_html(board))
+    assert json.loads(Elements(page_html(board, samples)).data)["samples"][0]["pictures"]["maps"] == {}
+
+
+def test_wide_maps_and_full_budgets_are_thinned():
+    board, samples, maps = made()
+    for options in ({"max_width": 20}, {"budget_bytes": 2000}):
+        truth = json.loads(Elements(page_html(board, samples, maps, **options)).data)["samples"][0]["pictures"]["truth"]
+        assert (truth["w"], truth["h"], truth["stride"]) == (20, 12, 2)
+
+
+def test_a_page_is_written_whole_or_not_at_all(tmp_path):
+    board, samples, maps = made()
+    path = write_page(tmp_path / "board.html", board, samples, maps)
+    assert path.read_text() == page_html(board, samples, maps)
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_page(tmp_path / "none" / "board.html", board)
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OutputError):
+        write_page(tmp_path / "folder", board)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["board.html", "folder"]
+
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+DRIVER = """
+<script>
+window.addEventListener("error", (e) => { document.title = "error: " + e.message; });
+const said = {}, later = (ms) => new Promise((done) => setTimeout(done, ms));
+const names = () => [...document.querySelectorAll("#board tbody .name")].map((c) => c.lastChild.textContent);
+const pick = (id, value) => {
+  const select = document.getElementById(id);
+  select.value = value;
+  select.dispatchEvent(new Event("change"));
+};
+const pixel = (canvas, x, y) => [...canvas.getContext("2d").getImageData(x, y, 1, 1).data].slice(0, 3);
+(async () => {
+  while (!document.documentElement.dataset.ready) await later(20);
+  said.first = names();
+  [...document.querySelectorAll("#board th button")].find((b) => b.textContent.includes("totbad2.0")).click();
+  said.flipped = names();
+  pick("region", "near");
+  said.near = names();
+  [...document.querySelectorAll("#protocols button")].find((b) => b.textContent.includes("KITTI")).click();
+  await later(50);
+  said.head = [...document.querySelectorAll("#board th button")].map((b) => b.firstChild.textContent).slice(-3);
+  pick("region", "all");
+  document.querySelectorAll("#board tbody tr")[0].click();
+  await later(100);
+  said.panels = [...document.querySelectorAll("#panels figcaption")].map((c) => c.firstChild.textContent);
+  const canvas = [...document.querySelectorAll("#panels .view canvas")];
+  said.unknown = pixel(canvas[0], 20, 0);
+  said.hole = pixel(canvas[1], 1, 20);
+  said.zero = pixel(canvas[3], 20, 20);
+  said.off = pixel(canvas[3], 20, 5);
+  const box = canvas[0].getBoundingClientRect();
+  const at = { clientX: box.left + box.width * 20.5 / 40, clientY: box.top + box.height * 5.5 / 24 };
+  canvas[0].parentElement.dispatchEvent(new PointerEvent("pointermove", at));
+  said.readout = document.getElementById("readout").textContent;
+  const links = [];
+  HTMLAnchorElement.prototype.click = function () {
+    links.push([this.download, fetch(this.href).then((r) => r.text())]);
+  };
+  for (const kind of ["csv", "latex", "json"]) document.getElementById("get-" + kind).click();
+  said.files = await Promise.all(links.map(async ([name, text]) => [name, (await text).slice(0, 14)]));
+  said.versus = document.querySelectorAll("#versus canvas").length;
+  document.getElementById("theme").click();
+  said.theme = document.documentElement.dataset.theme;
+  const out = document.createElement("pre");
+  out.id = "said";
+  out.textContent = JSON.stringify(said);
+  document.body.append(out);
+})().catch((e) => { document.title = "error: " + e.message; });
+</script>
+"""
+
+
+def browse(path, html):
+    """The page's elements after its script has run, as Chromium prints them."""
+    path.write_text(html)
+    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=6000", "--dump-dom"]
+    answer = subprocess.run([*command, f"{path.as_uri()}#theme=light"], capture_output=True, timeout=120, check=True)
+    return answer.stdout.decode()
+
+
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+
+
+@needs_chromium
+def test_a_reader_can_sort_switch_look_closer_and_download(tmp_path):
+    html = page_html(*made(("low", "high", "none")))
+    # The page's own policy would stop this test's script; the next test runs under it.
+    html = re.sub(r"<meta http-equiv=[^>]+>", "", html).replace("</body>", DRIVER + "</body>")
+    dom = browse(tmp_path / "page.html", html)
+    said = json.loads(re.search(r'<pre id="said">(.*?)</pre>', dom, re.S)[1].replace("&lt;", "<").replace("&gt;", ">"))
+    # Of the 23 known rows 11 are at 9 px and 12 at 5 px: "low" is right more often, and wrong wherever it is near.
+    assert said["first"] == ["low", "high", "failed on 2"]
+    assert said["flipped"] == ["high", "low", "failed on 2"]
+    assert said["near"] == ["low", "high", "failed on 2"], "worst first, as the reader had asked"
+    assert said["head"][-1] == "time/MP"
+    assert said["panels"] == ["Left image", "Right image", "True disparity", "Disparity", "|Error|", "Signed error"]
+    assert said["unknown"] == [196, 200, 206]
+    assert said["hole"] == [102, 112, 127]
+    assert max(said["zero"]) < 30
+    assert said["off"][2] > 200 > said["off"][0]
+    assert said["readout"] == "x 20  y 5:  truth 9.00 px, 5.00 px, off by −4.00"
+    assert said["files"][0] == ["board.csv", "method,sample,"]
+    assert [name for name, _ in said["files"]] == ["board.csv", "board.tex", "board.json"]
+    assert said["versus"] == 6
+    assert said["theme"] == "dark"
+
+
+@needs_chromium
+def test_evil_names_are_shown_as_text_and_run_nothing(tmp_path):
+    board, samples, maps = made((EVIL, "b" + EVIL, "c" + EVIL), sample="s" + EVIL, title="t" + EVIL)
+    dom = browse(tmp_path / "page.html", page_html(board, samples, maps))
+    assert 'data-ready="1"' in dom
+    assert "<title>pwned</title>" not in dom
+    assert not [tag for tag, attributes in Elements(dom).tags if tag == "img" and ("src", "x") in attributes]
+    assert dom.count("&lt;/script&gt;&lt;img src=x") > 10
