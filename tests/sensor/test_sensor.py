@@ -1,0 +1,323 @@
+"""Exposure, seeds, eyes and pictures."""
+
+import json
+import math
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from twinlens.camera import Annulus, BareAperture, Camera, MaskAperture, Pinhole, Rig, ThinLens
+from twinlens.errors import InputError, MissingExtraError
+from twinlens.sensor import PRESETS, Exposure, Mismatch, Sensor, auto_exposure
+from twinlens.sensor.picture import FILTERS, mosaic
+
+CAMERA = Camera(96, 64, 100.0, 100.0, 47.5, 31.5)
+LENS = ThinLens(CAMERA.film_distance / 4, focus_distance=2.0)
+QUIET = Sensor.preset("ideal", shot_noise=False, output="linear", bits=16, black_level=256.0)
+
+
+def grey(value: float = 1.0, camera: Camera = CAMERA) -> np.ndarray:
+    return np.full((camera.height, camera.width, 3), value, dtype=np.float32)
+
+
+def scene() -> np.ndarray:
+    v, u = np.mgrid[:64, :96]
+    return np.stack([1 + np.sin(u / 7), 1 + np.cos(v / 5), 0.2 + u / 96], axis=-1).astype(np.float32)
+
+
+@pytest.mark.parametrize("stop", range(9))
+def test_brightness_follows_the_aperture_squared_over_eight_stops(stop):
+    """Measured on pictures with shot noise, at one exposure: each stop down halves the light."""
+    sensor = Sensor.preset("ideal", output="raw")
+    exposure = Exposure(1e-3)
+    scale = 0.7 * sensor.full_well / (sensor.electrons_per_radiance(CAMERA, LENS).max() * 1e-3)
+    lens = LENS.replace(aperture_diameter=LENS.aperture_diameter / math.sqrt(2**stop))
+    full, stopped = (
+        sensor.expose(grey(scale), camera=CAMERA, lens=each, exposure=exposure).image.mean() for each in (LENS, lens)
+    )
+    assert stopped * 2**stop == pytest.approx(full, rel=0.01)
+
+
+@pytest.mark.parametrize("aperture", [Annulus(0.6), MaskAperture([[1, 0.5], [0.25, 0]])], ids=lambda a: a.name)
+def test_brightness_follows_the_open_area(aperture):
+    exposure = Exposure(1e-3)
+    light = [
+        QUIET.expose(grey(), camera=CAMERA, lens=lens, exposure=exposure).record["mean_electrons"]
+        for lens in (LENS, LENS.replace(aperture=aperture))
+    ]
+    assert light[1] / light[0] == pytest.approx(aperture.area_fraction, rel=1e-6)
+
+
+def test_a_bare_hole_and_a_lens_of_the_same_size_let_in_the_same_light():
+    hole = BareAperture(LENS.aperture_diameter, CAMERA.film_distance)
+    assert QUIET.electrons_per_radiance(CAMERA, hole) == pytest.approx(QUIET.electrons_per_radiance(CAMERA, LENS))
+
+
+def test_a_deeper_box_is_darker_per_area_and_the_same_per_pixel():
+    """E falls as 1/v^2 while a pixel, v/fx wide, grows as v^2."""
+    near, far = BareAperture(1e-3, 0.05), BareAperture(1e-3, 0.1)
+    assert QUIET.electrons_per_radiance(CAMERA, far) == pytest.approx(QUIET.electrons_per_radiance(CAMERA, near))
+
+
+def test_a_pinhole_is_exposed_as_its_reference_aperture():
+    f8 = ThinLens(CAMERA.film_distance / 8, focus_distance=math.inf)
+    pinhole, f8 = (
+        QUIET.expose(grey(), camera=CAMERA, lens=lens, exposure=Exposure(0.01)).record for lens in (Pinhole(), f8)
+    )
+    assert pinhole["mean_electrons"] == pytest.approx(f8["mean_electrons"])
+    assert pinhole["f_number"] == 8
+
+
+def test_vignetting_is_the_fourth_power_of_the_cosine():
+    wide = Camera(101, 3, 50.0, 50.0, 50.0, 1.0)
+    exposure = auto_exposure([grey(1, wide)], sensor=QUIET, cameras=wide, lens=Pinhole())
+    dark = QUIET.replace(vignetting=True).expose(grey(1, wide), camera=wide, lens=Pinhole(), exposure=exposure).image
+    flat = QUIET.expose(grey(1, wide), camera=wide, lens=Pinhole(), exposure=exposure).image
+    assert dark[1, 100, 1] / flat[1, 100, 1] == pytest.approx(0.25, rel=1e-3)  # 45 degrees
+    assert dark[1, 50, 1] == flat[1, 50, 1]
+
+
+def test_linear_output_is_proportional_to_radiance_and_balanced():
+    image = scene()
+    exposure = Exposure(0.9 / QUIET.level_rate(image, camera=CAMERA, lens=LENS).max())
+    picture = QUIET.replace(quantum_efficiency=(0.3, 0.9, 0.5)).expose(
+        image, camera=CAMERA, lens=LENS, exposure=exposure
+    )
+    ratio = picture.image / image
+    assert picture.image.dtype == np.uint16
+    assert np.ptp(ratio[image > 0.3]) / ratio.mean() < 0.01
+
+
+def test_auto_exposure_puts_a_grey_wall_at_middle_grey():
+    picture = Sensor().expose(grey(37.0), camera=CAMERA, lens=LENS).image
+    assert picture.dtype == np.uint8
+    assert picture.mean() == pytest.approx(118, abs=1)  # 18% of white, as sRGB writes it
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
+def test_auto_exposure_sees_through_the_scale_of_the_scene(scale):
+    assert Sensor().expose(scene() * scale, camera=CAMERA, lens=LENS).image.mean() == pytest.approx(
+        Sensor().expose(scene(), camera=CAMERA, lens=LENS).image.mean(), rel=0.01
+    )
+
+
+def test_auto_exposure_keeps_highlights_within_two_stops():
+    image = grey(1.0)
+    image[:, :48] = 6.0
+    assert Sensor().expose(image, camera=CAMERA, lens=LENS).record["saturated_fraction"] == 0
+    image[:8, :8] = 1e5
+    lamp = Sensor().expose(image, camera=CAMERA, lens=LENS)
+    assert lamp.image[40, 80].mean() > 40
+
+
+def test_darkness_is_a_black_picture():
+    photo = Sensor(longest_exposure=1.0).expose(grey(0.0), camera=CAMERA, lens=LENS)
+    assert photo.record["time_s"] == 1.0
+    assert photo.record["gain"] == 16.0
+    assert photo.image.mean() < 20
+
+
+def test_gain_takes_over_where_the_time_ends():
+    dim = Sensor().expose(grey(), camera=CAMERA, lens=LENS).record
+    short = Sensor(longest_exposure=dim["time_s"] / 4).expose(grey(), camera=CAMERA, lens=LENS)
+    assert short.record["gain"] == pytest.approx(4)
+    assert short.image.mean() == pytest.approx(118, abs=1.5)
+
+
+def test_exposure_value_is_a_stop_an_aperture_step_and_a_stop_a_doubling():
+    record = Sensor().expose(grey(), camera=CAMERA, lens=LENS, exposure=Exposure(1 / 60)).record
+    assert record["ev"] == pytest.approx(math.log2(4**2 * 60))
+
+
+RIG = Rig.stereo(CAMERA, baseline=0.1)
+FIXED = Sensor(prnu=0.05, dsnu=0.0, read_noise=0.0, dark_current=0.0, output="raw")
+
+
+def noise_of(sensor: Sensor, **how) -> np.ndarray:
+    image = sensor.expose(grey(), camera=CAMERA, lens=LENS, **how).image.astype(np.float64)
+    return (image - image.mean(axis=(0, 1))).ravel()
+
+
+def correlation(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.corrcoef(a, b)[0, 1])
+
+
+def test_same_seed_same_bytes_on_any_number_of_threads():
+    def take(_: int) -> bytes:
+        return Sensor().expose(scene(), camera=CAMERA, lens=LENS, seed=5).image.tobytes()
+
+    with ThreadPoolExecutor(4) as pool:
+        assert len(set(pool.map(take, range(8)))) == 1
+
+
+def test_every_seed_draws_its_own_noise():
+    sensor = FIXED.replace(prnu=0.0)
+    a, b, c = (noise_of(sensor, seed=seed) for seed in (0, 1, 2**40))
+    bound = 5 / math.sqrt(len(a))
+    assert max(abs(correlation(a, b)), abs(correlation(b, c)), abs(correlation(a, c))) < bound
+
+
+def test_left_and_right_noise_is_uncorrelated():
+    left, right = Sensor(output="raw").expose_pair(grey(), grey(), rig=RIG, lens=LENS, seed=0)
+    a, b = ((p.image - p.image.mean(axis=(0, 1))).ravel() for p in (left, right))
+    assert abs(correlation(a, b)) < 5 / math.sqrt(len(a))
+    assert left.record["time_s"] == right.record["time_s"]
+
+
+def test_the_fixed_pattern_stays_with_the_sensor():
+    """Equal over frames; another in the other eye and in another copy of the sensor."""
+    still = FIXED.replace(shot_noise=False)
+    first = noise_of(still, seed=1)
+    assert correlation(first, noise_of(still, seed=2)) > 0.9999
+    bound = 5 / math.sqrt(len(first))
+    assert abs(correlation(first, noise_of(still, seed=1, eye=1))) < bound
+    assert abs(correlation(first, noise_of(still.replace(serial=7), seed=1))) < bound
+
+
+def test_a_pair_shares_the_exposure_that_both_need():
+    left, right = QUIET.expose_pair(grey(1.0), grey(3.0), rig=RIG, lens=LENS)
+    assert right.image.mean() / left.image.mean() == pytest.approx(3, rel=1e-3)
+
+
+def test_mismatch_changes_the_other_eye_as_told():
+    wrong = QUIET.replace(mismatch=Mismatch(gain=1.1, time=0.7, black_level=40.0), output="raw")
+    left, right = wrong.expose_pair(grey(), grey(), rig=RIG, lens=LENS)
+    light = left.image.mean() - 256
+    assert right.image.mean() == pytest.approx(256 + 40 + 1.1 * 0.7 * light, rel=1e-3)
+    assert right.record["black_level_dn"] == 296
+    assert right.record["gain"] == pytest.approx(1.1 * left.record["gain"])
+
+
+@pytest.mark.parametrize(("linear", "byte"), [(0.0, 0), (0.0031308, 10), (0.18, 118), (0.5, 188), (1.0, 255)])
+def test_srgb_bytes_are_the_published_ones(linear, byte):
+    sensor = QUIET.replace(output="srgb", bits=8)
+    exposure = Exposure(linear / sensor.level_rate(grey(), camera=CAMERA, lens=LENS).max() or 1e-12)
+    assert (sensor.expose(grey(), camera=CAMERA, lens=LENS, exposure=exposure).image == byte).all()
+
+
+def test_gamma_output_is_the_power_law():
+    exposure = Exposure(0.25 / QUIET.level_rate(grey(), camera=CAMERA, lens=LENS).max())
+    picture = QUIET.replace(output="gamma", gamma=2.0).expose(grey(), camera=CAMERA, lens=LENS, exposure=exposure).image
+    assert picture == pytest.approx(65535 / 2, rel=1e-3)
+
+
+@pytest.mark.parametrize("pattern", [f for f in FILTERS if len(f) == 4 and f.isupper()])
+def test_a_mosaic_sees_each_colour_where_its_name_says(pattern):
+    for channel, letter in enumerate("RGB"):
+        light = np.zeros((4, 4, 3))
+        light[..., channel] = 1
+        seen = mosaic(light, pattern)
+        assert "".join("?" if not bright else letter for bright in seen[:2, :2].ravel()) == "".join(
+            letter if letter == there else "?" for there in pattern
+        )
+        assert (seen == np.tile(seen[:2, :2], (2, 2))).all()
+
+
+@pytest.mark.parametrize("pattern", [f for f in FILTERS if len(f) == 4 and f.isupper()])
+def test_demosaicing_gives_smooth_colours_back(pattern):
+    v, u = np.mgrid[:64, :96]
+    image = np.stack([0.2 + u / 200, 0.9 - v / 100, 0.4 + u / 300], axis=-1)
+    exposure = Exposure(0.9 / QUIET.level_rate(image, camera=CAMERA, lens=LENS).max())
+    full, bayer = (
+        QUIET.replace(filters=f, quantum_efficiency=(0.5, 1.0, 0.7))
+        .expose(image, camera=CAMERA, lens=LENS, exposure=exposure)
+        .image.astype(float)
+        for f in ("rgb", pattern)
+    )
+    assert np.abs(bayer - full)[4:-4, 4:-4].max() < 0.01 * 65535
+
+
+def test_mono_gathers_all_three_bands():
+    sensor = QUIET.replace(filters="mono", output="raw", quantum_efficiency=(0.2, 0.5, 0.3))
+    record = sensor.expose(grey(), camera=CAMERA, lens=LENS, exposure=Exposure(1e-3)).record
+    assert record["mean_electrons"] == pytest.approx(sum(record["electrons_per_radiance"]))
+    assert sensor.expose(grey(), camera=CAMERA, lens=LENS).image.shape == (64, 96)
+
+
+@pytest.mark.parametrize("bits", [8, 10, 16])
+def test_raw_numbers_are_the_converters(bits):
+    sensor = Sensor(adc_bits=bits, output="raw", black_level=20.0, largest_gain=1e9)
+    photo = sensor.expose(grey(1e9), camera=CAMERA, lens=LENS, exposure=Exposure(1.0))
+    assert photo.image.dtype == (np.uint8 if bits == 8 else np.uint16)
+    assert photo.image.max() == 2**bits - 1
+    assert photo.record["saturated_fraction"] > 0.4
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets_take_good_pictures(name):
+    photo = Sensor.preset(name).expose(scene(), camera=CAMERA, lens=LENS)
+    assert photo.image.shape == (64, 96, 3)
+    assert 60 < photo.image.mean() < 160
+    assert json.loads(json.dumps(photo.record))["sensor"]["full_well"] == PRESETS[name]["full_well"]
+
+
+def test_the_default_is_the_machine_vision_preset():
+    assert Sensor() == Sensor.preset("machine_vision")
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"quantum_efficiency": (0.5, 1.2, 0.5)}, "at most 1"),
+        ({"quantum_efficiency": (0.5, 0.5)}, "three positive"),
+        ({"wavelengths": (0.0, 5e-7, 5e-7)}, "three positive"),
+        ({"full_well": 0.0}, "full_well"),
+        ({"read_noise": -1.0}, "read_noise"),
+        ({"prnu": math.nan}, "prnu"),
+        ({"adc_bits": 7}, "8 to 16"),
+        ({"adc_bits": 12.0 + 0.5}, "8 to 16"),
+        ({"bits": 12}, "8 or 16"),
+        ({"black_level": 4095.0}, "black_level"),
+        ({"filters": "RGBG"}, "did you mean"),
+        ({"output": "srbg"}, "did you mean 'srgb'"),
+        ({"serial": -1}, "serial"),
+        ({"gama": 2.0}, "did you mean 'gamma'"),
+    ],
+)
+def test_impossible_sensors_are_refused(change, says):
+    with pytest.raises(InputError, match=says) as refusal:
+        Sensor().replace(**change)
+    assert "\n" not in str(refusal.value)
+
+
+def test_impossible_exposures_are_refused():
+    for bad in (lambda: Exposure(0.0), lambda: Exposure(1.0, math.inf), lambda: Mismatch(gain=0.0)):
+        with pytest.raises(InputError, match="positive"):
+            bad()
+    with pytest.raises(InputError, match="finite"):
+        Mismatch(black_level=math.nan)
+    with pytest.raises(InputError, match="did you mean 'phone'"):
+        Sensor.preset("phne")
+
+
+@pytest.mark.parametrize(
+    ("image", "how", "says"),
+    [
+        (np.zeros((64, 96)), {}, "shape"),
+        (np.zeros((96, 64, 3)), {}, "shape"),
+        (np.full((64, 96, 3), np.nan), {}, "NaN"),
+        (np.full((64, 96, 3), -1.0), {}, "negative"),
+        (np.zeros((64, 96, 3)), {"seed": -1}, "seed"),
+        (np.zeros((64, 96, 3)), {"seed": 1.5}, "seed"),
+        (np.zeros((64, 96, 3)), {"eye": -1}, "eye"),
+    ],
+)
+def test_impossible_pictures_are_refused(image, how, says):
+    with pytest.raises(InputError, match=says):
+        Sensor().expose(image, camera=CAMERA, lens=LENS, **how)
+
+
+def test_a_rig_needs_its_images():
+    with pytest.raises(InputError, match="one image a camera"):
+        Sensor().expose_rig([grey()], rig=RIG, lens=LENS)
+    with pytest.raises(InputError, match="one camera each"):
+        auto_exposure([], sensor=Sensor(), cameras=CAMERA, lens=LENS)
+
+
+def test_without_opencv_a_mosaic_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(MissingExtraError, match=r"twinlens\[opencv\]"):
+        Sensor(filters="RGGB").expose(grey(), camera=CAMERA, lens=LENS)
+    assert Sensor(filters="RGGB", output="raw").expose(grey(), camera=CAMERA, lens=LENS).image.shape == (64, 96)
