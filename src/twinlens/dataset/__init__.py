@@ -1,1 +1,59 @@
-"""A sample's files and nothing else: codecs, samples, manifests, loaders. Never renders."""
+"""A sample's files and nothing else: codecs, samples, manifests, loaders. Never renders.
+
+What a sample looks like on the disk is written in docs/format.md.
+"""
+
+from twinlens.dataset.codecs import (
+    Calibration,
+    read_calib,
+    read_exr,
+    read_pfm,
+    read_png,
+    write_calib,
+    write_exr,
+    write_pfm,
+    write_png,
+)
+from twinlens.dataset.dataset import Dataset, arrays
+from twinlens.dataset.files import remove_unfinished
+from twinlens.dataset.manifest import Manifest, Row, checksums, read_manifest, row_of, write_manifest
+from twinlens.dataset.motorcycle import RealPair, motorcycle
+from twinlens.dataset.occlusion import mask_from_both, mask_from_one
+from twinlens.dataset.sample import Sample, Shot, sample_files, write_sample
+from twinlens.dataset.stored import StoredSample, StoredShot
+from twinlens.dataset.truth_files import read_truth
+from twinlens.dataset.verify import verify_dataset, verify_sample
+
+__all__ = [
+    "Calibration",
+    "Dataset",
+    "Manifest",
+    "RealPair",
+    "Row",
+    "Sample",
+    "Shot",
+    "StoredSample",
+    "StoredShot",
+    "arrays",
+    "checksums",
+    "mask_from_both",
+    "mask_from_one",
+    "motorcycle",
+    "read_calib",
+    "read_exr",
+    "read_manifest",
+    "read_pfm",
+    "read_png",
+    "read_truth",
+    "remove_unfinished",
+    "row_of",
+    "sample_files",
+    "verify_dataset",
+    "verify_sample",
+    "write_calib",
+    "write_exr",
+    "write_manifest",
+    "write_pfm",
+    "write_png",
+    "write_sample",
+]

@@ -78,7 +78,7 @@ class Calibration:
             raise InputError("calib.txt describes a rectified pair; these cameras are none")
         left, right = rig.cameras[:2]
         cam0, cam1 = ((float(c.fx), float(c.fy), float(c.cx), float(c.cy)) for c in (left, right))
-        return cls(cam0, cam1, _nice(rig.baseline()), left.width, left.height, float(rig.doffs()), ndisp)
+        return cls(cam0, cam1, tidy(rig.baseline()), left.width, left.height, float(rig.doffs()), ndisp)
 
     @property
     def fx(self) -> float:
@@ -219,9 +219,9 @@ def _plain(number: Decimal) -> str:
     return text if "." in text else f"{text}.0"
 
 
-def _nice(baseline: float) -> float:
-    """`baseline` without the last bits that a distance of two poses has lost: 0.1, not 0.09999999999999998."""
-    return float(f"{baseline:.14g}")
+def tidy(length: float) -> float:
+    """`length` without the last bits that a distance of two poses has lost: 0.1, not 0.09999999999999998."""
+    return float(f"{length:.14g}")
 
 
 def _matrix(cam: tuple[float, float, float, float]) -> NDArray[np.float64]:

@@ -1,0 +1,111 @@
+"""A dataset: the samples of a folder, in order. Read by plain Python, numpy, or a torch DataLoader; needs no torch."""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Generic, TypeVar, overload
+
+from twinlens.dataset.files import is_hidden
+from twinlens.dataset.manifest import NAME, Manifest, read_manifest
+from twinlens.dataset.stored import StoredSample
+from twinlens.errors import FileError, unknown
+
+T = TypeVar("T")
+
+
+class Dataset(Sequence[StoredSample]):
+    """The samples below `path`: its dataset.json's, in that order, or else every folder with an im0.png, by name.
+
+    So it opens what twinlens made and plain folders in Middlebury's layout alike, and the folder of a single sample.
+    Indexing gives a `StoredSample`, a slice a Dataset, a name the sample of that name. Nothing is read until asked, and
+    nothing is kept, so it may be pickled to worker processes.
+
+    Raises FileError when there is no such folder, or no sample in it.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        if not self.path.is_dir():
+            raise FileError(f"{self.path}: no such folder; a dataset is a folder of samples")
+        self._samples = _listed(self.path) if (self.path / NAME).is_file() else _found(self.path)
+        if not self._samples:
+            raise FileError(f"{self.path}: holds no sample: no {NAME}, and no folder with an im0.png")
+
+    def __len__(self) -> int:
+        return len(self._samples)
+
+    @overload
+    def __getitem__(self, index: int | str) -> StoredSample: ...
+    @overload
+    def __getitem__(self, index: slice) -> "Dataset": ...
+    def __getitem__(self, index: int | str | slice) -> "StoredSample | Dataset":
+        if isinstance(index, str):
+            return self._named(index)
+        if isinstance(index, slice):
+            return self._view(self._samples[index])
+        return self._samples[index]
+
+    def __iter__(self) -> Iterator[StoredSample]:
+        return iter(self._samples)
+
+    def __repr__(self) -> str:
+        return f"Dataset({str(self.path)!r}, {len(self)} samples)"
+
+    @property
+    def manifest(self) -> Manifest:
+        """dataset.json, of the whole dataset also in a slice of it. Raises FileError where there is none."""
+        return read_manifest(self.path)
+
+    def map(self, function: Callable[[StoredSample], T]) -> "Mapped[T]":
+        """The dataset with `function` applied to each sample when it is asked for, as a DataLoader takes it.
+
+        ``DataLoader(Dataset(path).map(arrays), num_workers=4)`` gives batches of tensors; see `arrays`.
+        """
+        return Mapped(self, function)
+
+    def _named(self, name: str) -> StoredSample:
+        for sample in self._samples:
+            if sample.name == name:
+                return sample
+        raise unknown("sample", name, [sample.name for sample in self._samples])
+
+    def _view(self, samples: tuple[StoredSample, ...]) -> "Dataset":
+        view = object.__new__(Dataset)
+        view.path, view._samples = self.path, samples
+        return view
+
+
+class Mapped(Sequence[T], Generic[T]):
+    """A dataset and what is made of each sample. Pickles when the function does."""
+
+    def __init__(self, dataset: Dataset, function: Callable[[StoredSample], T]) -> None:
+        self.dataset, self.function = dataset, function
+
+    def __len__(self) -> int:
+        return len(self.dataset)
+
+    @overload
+    def __getitem__(self, index: int) -> T: ...
+    @overload
+    def __getitem__(self, index: slice) -> "Mapped[T]": ...
+    def __getitem__(self, index: int | slice) -> "T | Mapped[T]":
+        if isinstance(index, slice):
+            return Mapped(self.dataset[index], self.function)
+        return self.function(self.dataset[index])
+
+
+def arrays(sample: StoredSample) -> dict[str, Any]:
+    """name, im0, im1, disp0 and mask0_nonocc of a sample, as a DataLoader collates them."""
+    return {name: getattr(sample, name) for name in ("name", "im0", "im1", "disp0", "mask0_nonocc")}
+
+
+def _listed(path: Path) -> tuple[StoredSample, ...]:
+    rows = read_manifest(path).rows
+    return tuple(StoredSample(path / row.name, row.name, {"files": row.files, "info": row.info}) for row in rows)
+
+
+def _found(path: Path) -> tuple[StoredSample, ...]:
+    if (path / "im0.png").is_file():
+        return (StoredSample(path, path.resolve().name),)
+    folders = sorted(entry for entry in path.iterdir() if not is_hidden(entry.name))
+    return tuple(StoredSample(folder, folder.name) for folder in folders if (folder / "im0.png").is_file())

@@ -1,0 +1,117 @@
+"""What must hold between the arrays of one sample, whatever scene was photographed: each law a function that returns
+what it found wrong, one sentence each, and nothing when the law holds.
+
+Tolerances are those of the files: depth, position and disparity are float32, so a law may be off by a few units in
+their last place, and by 1e-4 px where pixels are compared.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from twinlens import geometry
+from twinlens.camera import Camera, Rig
+from twinlens.dataset.codecs.calib import Calibration
+from twinlens.dataset.occlusion import HIDDEN, UNKNOWN, VISIBLE
+
+Arrays = Mapping[str, Any]
+Findings = list[str]
+
+_PX = 1e-4
+_LAST_PLACES = 4 * float(np.finfo(np.float32).eps)
+_SLACK_DEPTH = 1e-3  # of the depth: what may lie between neighbouring pixel centres
+_SEEN_AGAIN = 0.95  # of the visible pixels; at silhouettes and thin things a centre may fall beside what it shows
+
+
+def positions_agree(truth: Arrays, camera: Camera, world_from_cam: NDArray[np.float64]) -> Findings:
+    """Every position lies at its depth, on the ray of its pixel's centre."""
+    hit = truth["object_id"] > 0
+    if not np.array_equal(hit, np.isfinite(truth["depth"])):
+        return ["depth is finite elsewhere than object_id > 0"]
+    world = truth["position"][hit].astype(np.float64)
+    if not np.isfinite(world).all():
+        return ["position is not finite where something was hit"]
+    cam = geometry.transform_points(geometry.inverse(world_from_cam), world)
+    scale = np.abs(world).sum(axis=-1) + np.abs(world_from_cam[:3, 3]).sum()
+    depth = truth["depth"][hit].astype(np.float64)
+    in_px = scale * _LAST_PLACES * max(camera.fx, camera.fy) / depth + _PX
+    off_px = np.abs(camera.project(cam) - camera.pixel_grid()[hit]).max(axis=-1, initial=0.0)
+    return [
+        *_off("position's z differs from depth", np.abs(cam[:, 2] - depth), (scale + depth) * _LAST_PLACES, "m"),
+        *_off("position projects beside its pixel", off_px, in_px, "px"),
+    ]
+
+
+def disparity_agrees(truth: Arrays, disparity: NDArray[np.float32], calibration: Calibration) -> Findings:
+    """d = fx B / z - doffs where something was hit; elsewhere unknown, or that of infinity."""
+    hit = truth["object_id"] > 0
+    elsewhere = disparity[~hit]
+    if not (np.isposinf(elsewhere) | (np.abs(elsewhere + calibration.doffs) <= _PX)).all():
+        return ["disparity is neither unknown nor -doffs where nothing was hit"]
+    depth, d = truth["depth"][hit], disparity[hit].astype(np.float64)
+    expected = geometry.disparity_from_depth(depth, calibration.fx, calibration.baseline, calibration.doffs)
+    allowed = _PX + _LAST_PLACES * (np.abs(expected) + abs(calibration.doffs))
+    return _off("disparity differs from fx B / z - doffs", np.abs(d - expected), allowed, "px")
+
+
+def mask_agrees(mask: NDArray[Any], known: NDArray[np.bool_], visible: NDArray[np.bool_]) -> Findings:
+    """A mask says 0 where nothing is known, 255 where the partner sees it, 128 elsewhere."""
+    if not np.isin(mask, (UNKNOWN, HIDDEN, VISIBLE)).all():
+        return [f"mask holds other values than {UNKNOWN}, {HIDDEN} and {VISIBLE}"]
+    expected = np.where(known, np.where(visible, VISIBLE, HIDDEN), UNKNOWN)
+    wrong = np.count_nonzero(mask != expected)
+    return [f"mask differs from what the truth says at {wrong} of {mask.size} pixels"] if wrong else []
+
+
+def views_agree(truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int]) -> Findings:
+    """What one view shows and the other sees lies, in the other's image, at a depth the other has there.
+
+    The point's depth must lie between the least and the greatest of the 3x3 pixels around its projection, at 95% of the
+    pixels: swapped, shifted or mismatched views fail nearly everywhere.
+    """
+    here, there = truths
+    camera = rig.cameras[views[1]]
+    seen = here["visible"] & (here["object_id"] > 0)
+    world = here["position"][seen].astype(np.float64)
+    cam = geometry.transform_points(geometry.inverse(rig.world_from_cams[views[1]]), world)
+    px = camera.project(cam)
+    # A projection on the border itself may fall outside by float32's last places.
+    inside = camera.contains(px) | camera.contains(px - 1e-3) | camera.contains(px + 1e-3)
+    if not inside.all():
+        return [f"{np.count_nonzero(~inside)} visible pixels project outside the other view"]
+    if not len(px):
+        return []
+    u, v = np.clip(np.floor(px + 0.5).astype(int), 0, [camera.width - 1, camera.height - 1]).T
+    low, high = (f(there["depth"], size=3, mode="nearest")[v, u] for f in (ndimage.minimum_filter, _largest))
+    agree = (cam[:, 2] >= low * (1 - _SLACK_DEPTH)) & (cam[:, 2] <= high * (1 + _SLACK_DEPTH))
+    if agree.mean() >= _SEEN_AGAIN:
+        return []
+    return [f"only {agree.mean():.1%} of its visible pixels are at a depth that the other view has there"]
+
+
+def calibration_agrees(calibration: Calibration, rig: Rig) -> Findings:
+    """calib.txt and the rig of sample.json describe the same pair."""
+    if not rig.is_rectified():
+        return ["describes a rectified pair, and the rig of sample.json is none"]
+    expected = Calibration.from_rig(rig)
+    names = ("cam0", "cam1", "baseline", "width", "height", "doffs")
+    return [
+        f"{name} is {getattr(calibration, name)}, the rig of sample.json says {getattr(expected, name)}"
+        for name in names
+        if not np.allclose(getattr(calibration, name), getattr(expected, name), rtol=1e-9, atol=1e-9)
+    ]
+
+
+def _largest(depth: NDArray[Any], size: int, mode: str) -> NDArray[Any]:
+    largest: NDArray[Any] = ndimage.maximum_filter(depth, size=size, mode=mode)
+    return largest
+
+
+def _off(what: str, error: NDArray[np.float64], allowed: NDArray[np.float64], unit: str) -> Findings:
+    wrong = ~(error <= allowed)
+    if not wrong.any():
+        return []
+    return [f"{what} at {np.count_nonzero(wrong)} of {wrong.size} pixels, by up to {np.nanmax(error):.3g} {unit}"]

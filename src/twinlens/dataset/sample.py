@@ -1,0 +1,184 @@
+"""A sample in memory, and its files: what `docs/format.md` says of one folder, as pure functions of arrays.
+
+`sample_files` makes every byte and touches no disk, so that a thread may encode one sample while the next is rendered;
+`write_sample` puts them there whole or not at all.
+"""
+
+import hashlib
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import twinlens
+from twinlens.camera import Camera, Lens, Rig
+from twinlens.dataset.codecs.calib import Calibration, encode_calib, tidy
+from twinlens.dataset.codecs.exr import encode_exr
+from twinlens.dataset.codecs.pfm import encode_pfm
+from twinlens.dataset.codecs.png import encode_png
+from twinlens.dataset.files import write_folder
+from twinlens.dataset.record import encode_json, plain
+from twinlens.dataset.truth_files import encode_truth
+from twinlens.errors import InputError
+from twinlens.truth import MATERIAL_KINDS, Truth
+
+KIND, VERSION = "twinlens-sample", 1
+
+CONVENTIONS = {
+    "camera_frame": "x right, y down, z forward; metres",
+    "pixel_centres": "at integers: the image spans -0.5 to width - 0.5; arrays are [y, x], row 0 at the top",
+    "disparity": "u_left - u_right in pixels; z = fx * baseline / (d + doffs); unknown is +inf",
+    "depth": "z along the optical axis; +inf where nothing was hit",
+    "world_from_cams": "4x4, a point's world coordinates from its camera coordinates",
+    "mask_nonocc": "255 visible in both views, 128 occluded or out of frame, 0 unknown",
+    "ids": "0 nothing hit, else 1 + index into the list of names",
+    "blur_circle_px": "signed diameter, aperture_diameter * fx * (1/z - vergence); positive before the plane of focus",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """One photograph by every camera of the rig, through one lens.
+
+    lens : Lens
+    images : one uint8 or uint16 (H, W, 3) or (H, W) array a camera.
+    radiances : one float32 (H, W, 3) linear array a camera, or None to keep none.
+    record : plain data of how it was taken (spp, sensor, exposure, ...).
+    """
+
+    lens: Lens
+    images: tuple[NDArray[Any], ...]
+    radiances: tuple[NDArray[np.float32], ...] | None = None
+    record: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Everything that one folder will hold: a rig, its truth, and the shots taken with it.
+
+    Parameters
+    ----------
+    rig : Rig
+    shots : one Shot a lens; the first is the folder's own im0 and im1, the others lie in lens-1, lens-2, ...
+    truths : one Truth a camera, or empty.
+    ndisp : bound of the disparities, 0 <= d < ndisp; None takes it from the truth.
+    record : plain data of everything else that made it (seed, scene, backend, versions, ...).
+
+    Raises InputError when the arrays do not fit the rig.
+    """
+
+    rig: Rig
+    shots: tuple[Shot, ...]
+    truths: tuple[Truth, ...] = ()
+    ndisp: int | None = None
+    record: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.shots:
+            raise InputError("a sample needs one shot or more")
+        for k, shot in enumerate(self.shots):
+            _check_each(f"images of shot {k}", shot.images, self.rig)
+            if shot.radiances is not None:
+                _check_each(f"radiances of shot {k}", shot.radiances, self.rig)
+        if self.truths:
+            _check_each("truths", [truth.depth for truth in self.truths], self.rig)
+
+    @property
+    def is_rectified(self) -> bool:
+        """Whether the first two cameras are a rectified pair, and calib.txt can describe them."""
+        return len(self.rig) > 1 and self.rig.is_rectified()
+
+
+def sample_files(sample: Sample) -> dict[str, bytes]:
+    """Every file of the sample, relative name -> content. The same sample gives the same bytes."""
+    files: dict[str, bytes] = {}
+    for k, shot in enumerate(sample.shots):
+        files |= {f"{lens_folder(k)}{name}": data for name, data in _shot_files(shot).items()}
+    for i, truth in enumerate(sample.truths):
+        files |= _truth_files(sample, i, truth)
+    if sample.is_rectified:
+        files["calib.txt"] = encode_calib(_calibration(sample)).encode()
+    files["sample.json"] = encode_json(_record(sample))
+    return files
+
+
+def write_sample(folder: str | os.PathLike[str], sample: Sample, overwrite: bool = False) -> dict[str, str]:
+    """Write the sample as `folder`, whole or not at all; relative name -> SHA-256 of every file in it.
+
+    Raises OutputError, and leaves nothing behind, when the folder is there already (unless `overwrite`), the disk is
+    full or the place may not be written; InputError when an array cannot be kept as its format asks.
+    """
+    files = sample_files(sample)
+    write_folder(folder, files, overwrite)
+    return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
+
+
+def lens_folder(k: int) -> str:
+    """The folder of shot k, with its slash: the sample's own for the first."""
+    return f"lens-{k}/" if k else ""
+
+
+def _shot_files(shot: Shot) -> dict[str, bytes]:
+    files = {f"im{i}.png": encode_png(image) for i, image in enumerate(shot.images)}
+    for i, radiance in enumerate(shot.radiances or ()):
+        files[f"radiance{i}.exr"] = encode_exr({channel: radiance[..., c] for c, channel in enumerate("RGB")})
+    return files
+
+
+def _truth_files(sample: Sample, i: int, truth: Truth) -> dict[str, bytes]:
+    files = {f"truth{i}.exr": encode_truth(truth, sample.rig.cameras[i], sample.shots[0].lens)}
+    partner = sample.rig.partner(i)
+    if partner is not None:
+        files[f"mask{i}nocc.png"] = encode_png(truth.mask_nonocc())
+        if sample.rig.is_rectified(*sorted((i, partner))):
+            files[f"disp{i}.pfm"] = encode_pfm(truth.disparity)
+    return files
+
+
+def _calibration(sample: Sample) -> Calibration:
+    known = [truth.disparity[np.isfinite(truth.disparity)] for truth in sample.truths[:2]]
+    values = np.concatenate([*known, np.empty(0, np.float32)])
+    if not values.size:
+        return Calibration.from_rig(sample.rig, sample.ndisp)
+    low, high = math.floor(values.min()), math.ceil(values.max())
+    ndisp = sample.ndisp or max(high + 1, 1)
+    return Calibration.from_rig(sample.rig, ndisp).replace(vmin=float(low), vmax=float(high))
+
+
+def _record(sample: Sample) -> dict[str, Any]:
+    rig = sample.rig
+    pair = {"baseline": tidy(rig.baseline()), "doffs_px": rig.doffs()} if len(rig) > 1 else None
+    first = sample.truths[0] if sample.truths else None
+    return {
+        "format": KIND,
+        "version": VERSION,
+        "twinlens": twinlens.__version__,
+        "conventions": CONVENTIONS,
+        "rig": plain(rig),
+        "rectified": sample.is_rectified,
+        "pair": pair,
+        "shots": [
+            {"folder": lens_folder(k) or "./", "lens": plain(shot.lens), "record": plain(shot.record)}
+            for k, shot in enumerate(sample.shots)
+        ],
+        "object_names": first.object_names if first else (),
+        "material_names": first.material_names if first else (),
+        "material_kinds": MATERIAL_KINDS,
+        "record": plain(sample.record),
+    }
+
+
+def _check_each(what: str, arrays: Any, rig: Rig) -> None:
+    if len(arrays) != len(rig):
+        raise InputError(f"{what}: {len(arrays)} given, and the rig has {len(rig)} cameras")
+    for i, (array, camera) in enumerate(zip(arrays, rig.cameras, strict=True)):
+        if array.shape[:2] != _size(camera):
+            raise InputError(f"{what}: camera {i} is {camera.width} x {camera.height}, its array is {array.shape}")
+
+
+def _size(camera: Camera) -> tuple[int, int]:
+    return camera.height, camera.width

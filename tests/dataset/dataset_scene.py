@@ -1,0 +1,84 @@
+"""A scene small enough to be exact by hand: a slanted wall, a card before it, sky above, seen by a rectified pair."""
+
+import numpy as np
+
+from twinlens import geometry
+from twinlens.camera import Camera, Rig, ThinLens
+from twinlens.dataset import Sample, Shot
+from twinlens.truth import Truth
+
+LENS = ThinLens(0.02, focus_distance=2.5)
+CARD = ((-0.5, 0.3), (-0.2, 0.35), 2.0)  # x range, y range, z
+SKY_ABOVE = -0.7  # the wall ends there
+WALL = np.array([0.1, 0.05, 1.0]) / 4.0  # wall: WALL . p = 1
+
+
+def rig(width=64, height=48, baseline=0.4, doffs=1.25) -> Rig:
+    left = Camera(width, height, 70.0, 66.0, width / 2 - 1, height / 2 - 0.25)
+    pose = geometry.look_at([0.5, -1.0, 1.5], [2.0, 3.0, 1.0])
+    return Rig.stereo(left, baseline, world_from_left=pose, right=left.replace(cx=left.cx + doffs))
+
+
+def cast(origins, directions):
+    """Depth along `directions` (z = 1) and object id, in the left camera's frame."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        wall = (1 - origins @ WALL) / (directions @ WALL)
+        wall = np.where((wall > 0) & ((origins + wall[..., None] * directions)[..., 1] > SKY_ABOVE), wall, np.inf)
+        card = CARD[2] - origins[..., 2]
+    x, y, _ = np.moveaxis(origins + card[..., None] * directions, -1, 0)
+    on_card = (x > CARD[0][0]) & (x < CARD[0][1]) & (y > CARD[1][0]) & (y < CARD[1][1]) & (card < wall)
+    depth = np.where(on_card, card, wall)
+    return depth, np.where(on_card, 2, np.where(np.isfinite(wall), 1, 0)).astype(np.int32)
+
+
+def truths(pair: Rig) -> tuple[Truth, Truth]:
+    return _truth(pair, 0), _truth(pair, 1)
+
+
+def _truth(pair: Rig, i: int) -> Truth:
+    camera, partner = pair.cameras[i], pair.cameras[1 - i]
+    centres = np.array([[0.0, 0, 0], [pair.baseline(), 0, 0]])
+    directions = camera.unproject(camera.pixel_grid())
+    depth, ids = cast(centres[i] + np.zeros_like(directions), directions)
+    hit = ids > 0
+    points = centres[i] + np.where(hit, depth, 1.0)[..., None] * directions
+    px = partner.project(points - centres[1 - i])
+    visible = hit & partner.contains(px) & (again_depth(points, centres[1 - i]) > 1 - 1e-9)
+    sign = 1 if i == 0 else -1
+    disparity = np.where(hit, sign * (camera.pixel_grid()[..., 0] - px[..., 0]), np.inf)
+    world = geometry.transform_points(pair.world_from_cams[0], points)
+    normal = np.where(hit[..., None], geometry.rotate(pair.world_from_cams[0], [0.0, 0.0, -1.0]), 0.0)
+    return Truth(
+        depth=depth,
+        position=np.where(hit[..., None], world, np.inf),
+        disparity=disparity.astype(np.float32),
+        visible=visible,
+        normal=normal.astype(np.float32),
+        shading_normal=normal.astype(np.float32),
+        object_id=ids,
+        material_id=ids,
+        material_kind=hit.astype(np.uint8),
+        object_names=("wall", "card"),
+        material_names=("plaster", "paper"),
+    )
+
+
+def again_depth(points, origin):
+    """What fraction of the way from `origin` to `points` the first hit lies at."""
+    directions = points - origin
+    z = directions[..., 2:]
+    depth, _ = cast(origin + np.zeros_like(points), directions / z)
+    return depth / z[..., 0]
+
+
+def images(pair: Rig, seed: int, dtype=np.uint8):
+    rng = np.random.default_rng(seed)
+    top = np.iinfo(dtype).max
+    return tuple(rng.integers(0, top, (c.height, c.width, 3), dtype, endpoint=True) for c in pair.cameras)
+
+
+def sample(num_lenses=1, **size) -> Sample:
+    pair = rig(**size)
+    lenses = [LENS, *(LENS.replace(focus_distance=2.0 + k) for k in range(1, num_lenses))]
+    shots = tuple(Shot(lens, images(pair, k), record={"spp": 16 + k}) for k, lens in enumerate(lenses))
+    return Sample(pair, shots, truths(pair), record={"seed": 7, "scene": "two planes"})

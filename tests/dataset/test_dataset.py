@@ -1,0 +1,203 @@
+import json
+import pickle
+import subprocess
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import dataset_scene
+import numpy as np
+import pytest
+from dataset_damage import damaged
+from hypothesis import HealthCheck, given, settings
+
+from twinlens.dataset import (
+    Dataset,
+    Manifest,
+    Row,
+    arrays,
+    checksums,
+    motorcycle,
+    read_manifest,
+    row_of,
+    verify_sample,
+    write_calib,
+    write_manifest,
+    write_pfm,
+    write_png,
+    write_sample,
+)
+from twinlens.errors import FileError, InputError, TwinlensError
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("set")
+    sample = dataset_scene.sample()
+    names = ["b", "a", "train/0001"]
+    for name in names:
+        write_sample(folder / name, sample)
+    rows = tuple(row_of(folder, name, {"split": "train"}) for name in names)
+    write_manifest(folder, Manifest(rows, recipe={"count": 3}, seed=5, info={"rejected": {}}))
+    return folder
+
+
+def test_it_is_a_sequence_in_the_manifests_order(folder):
+    data = Dataset(folder)
+    assert len(data) == 3
+    assert [sample.name for sample in data] == ["b", "a", "train/0001"]
+    assert data[-1] == data[2] == data["train/0001"] == list(data)[2]
+    assert data[0].row["info"] == {"split": "train"}
+    with pytest.raises(IndexError):
+        data[3]
+    with pytest.raises(InputError, match="unknown sample 'train/001'; did you mean 'train/0001'"):
+        data["train/001"]
+
+
+def test_a_slice_is_a_dataset(folder):
+    view = Dataset(folder)[1:]
+    assert isinstance(view, Dataset)
+    assert [sample.name for sample in view] == ["a", "train/0001"]
+    assert [sample.name for sample in view[::-1]] == ["train/0001", "a"]
+    assert len(view[5:]) == 0
+    assert view.manifest.seed == 5
+
+
+def shape_of(sample):
+    return sample.im0.shape, float(np.isfinite(sample.disp0).mean())
+
+
+def test_it_works_in_worker_processes(folder):
+    data = pickle.loads(pickle.dumps(Dataset(folder)[1:].map(shape_of)))
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        assert list(pool.map(data.__getitem__, range(2))) == [shape_of(s) for s in Dataset(folder)[1:]]
+
+
+def test_mapped_items_are_what_a_data_loader_collates(folder):
+    items = Dataset(folder).map(arrays)
+    assert len(items) == 3
+    assert len(items[:2]) == 2
+    assert len(list(items)) == 3
+    for name, value in items[0].items():
+        # A tensor is made from native, contiguous, writable memory alone.
+        if name != "name":
+            assert value.flags.c_contiguous
+            assert value.flags.writeable
+            assert value.dtype.isnative
+
+
+def test_arrays_are_read_anew_each_time(folder):
+    sample = Dataset(folder)[0]
+    sample.disp0[:] = 0
+    assert sample.disp0.max() > 0
+
+
+def test_the_manifest_reads_back(folder):
+    manifest = read_manifest(folder)
+    assert (manifest.recipe, manifest.seed, manifest.info) == ({"count": 3}, 5, {"rejected": {}})
+    assert manifest.rows[0].files == checksums(folder / "b")
+    before = (folder / "dataset.json").read_bytes()
+    write_manifest(folder, manifest)
+    assert (folder / "dataset.json").read_bytes() == before
+
+
+def test_sums_are_those_of_sha256sum(folder):
+    path = folder / "a" / "im0.png"
+    told = subprocess.run(["sha256sum", str(path)], capture_output=True, text=True, check=True).stdout.split()[0]
+    assert checksums(folder / "a")["im0.png"] == told
+
+
+def test_a_plain_middlebury_folder(tmp_path):
+    pair = motorcycle()
+    for name in ("Motorcycle", "Adirondack"):
+        write_png(tmp_path / name / "im0.png", pair.im0)
+        write_png(tmp_path / name / "im1.png", pair.im1)
+        write_calib(tmp_path / name / "calib.txt", pair.calibration)
+        write_pfm(tmp_path / name / "disp0GT.pfm", pair.disp0)
+    (tmp_path / "notes").mkdir()
+    (tmp_path / ".cache").mkdir()
+    data = Dataset(tmp_path)
+    assert [sample.name for sample in data] == ["Adirondack", "Motorcycle"]
+    sample = data["Motorcycle"]
+    np.testing.assert_array_equal(sample.disp0, pair.disp0)
+    np.testing.assert_array_equal(sample.mask0_nonocc, pair.mask0_nonocc)
+    assert sample.ndisp == 70
+    assert sample.num_lenses == 1
+    np.testing.assert_array_equal(sample.lens(0).im1, pair.im1)
+    assert sample.rig.baseline() == pytest.approx(0.193001)
+    assert verify_sample(sample) == []
+    for missing in ("disp1", "record", "truth0"):
+        with pytest.raises(FileError, match="no such file"):
+            getattr(sample, missing)
+    with pytest.raises(FileError, match=r"dataset\.json: no such file"):
+        _ = data.manifest
+
+
+def test_a_folder_of_one_sample(folder, tmp_path):
+    data = Dataset(folder / "a")
+    assert [sample.name for sample in data] == ["a"]
+    np.testing.assert_array_equal(data[0].im0, Dataset(folder)["a"].im0)
+
+
+def test_masks_are_made_where_there_is_none(tmp_path):
+    sample = dataset_scene.sample(width=200, height=150)
+    for i in (0, 1):
+        write_png(tmp_path / f"im{i}.png", sample.shots[0].images[i])
+        write_pfm(tmp_path / f"disp{i}.pfm", sample.truths[i].disparity)
+    stored = Dataset(tmp_path)[0]
+    for i in (0, 1):
+        exact = sample.truths[i].mask_nonocc()
+        assert (stored.mask_nonocc(i) == exact).mean() > 0.999
+        assert (exact == 128).mean() > 0.01
+    assert stored.ndisp == np.ceil(stored.disp0[np.isfinite(stored.disp0)].max()) + 1
+
+
+def test_no_dataset_at_all(tmp_path):
+    with pytest.raises(FileError, match="no such folder"):
+        Dataset(tmp_path / "nothing")
+    with pytest.raises(FileError, match="holds no sample"):
+        Dataset(tmp_path)
+
+
+def test_importing_the_room_loads_no_renderer():
+    code = (
+        "import sys, twinlens.dataset; print([m for m in ('mitsuba', 'drjit', 'numba', 'torch') if m in sys.modules])"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda m: m.pop("samples"), '"samples"'),
+        (lambda m: m.update(seed="x"), '"seed"'),
+        (lambda m: m["samples"][0].update(name="../b"), r"samples\[0\]: '../b' is not a plain relative name"),
+        (lambda m: m["samples"][1].update(name="b"), "'b' twice"),
+        (lambda m: m["samples"][1].update(files={"/etc/passwd": ""}), "plain relative name"),
+        (lambda m: m["samples"][1].update(files={"a": 1}), "SHA-256"),
+        (lambda m: m["samples"].append(7), r"samples\[3\]: needs"),
+        (lambda m: m.update(version=9), "reads version 1"),
+        (lambda m: m.update(format="other"), "not a twinlens-dataset file"),
+    ],
+)
+def test_a_wrong_manifest_is_told(folder, tmp_path, change, message):
+    record = json.loads((folder / "dataset.json").read_text())
+    change(record)
+    (tmp_path / "dataset.json").write_text(json.dumps(record))
+    with pytest.raises(FileError, match=message):
+        Dataset(tmp_path)
+
+
+GOOD = json.dumps({"format": "twinlens-dataset", "version": 1, "seed": 1, "recipe": {}, "info": {}, "samples": []})
+GOOD = GOOD.replace("[]", '[{"name": "a", "files": {"im0.png": "00"}, "info": {}}]').encode()
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(damaged(GOOD))
+def test_damaged_manifests_are_read_or_refused(tmp_path, data):
+    (tmp_path / "dataset.json").write_bytes(data)
+    try:
+        manifest = read_manifest(tmp_path)
+    except TwinlensError:
+        return
+    assert all(isinstance(row, Row) for row in manifest.rows)

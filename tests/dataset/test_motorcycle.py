@@ -1,0 +1,56 @@
+import socket
+
+import numpy as np
+import pytest
+
+from twinlens.dataset import motorcycle
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return motorcycle()
+
+
+def test_it_needs_no_network(monkeypatch):
+    def refuse(*_):
+        raise AssertionError("asked for a connection")
+
+    monkeypatch.setattr(socket.socket, "connect", refuse)
+    assert motorcycle().name == "motorcycle"
+
+
+def test_what_is_in_it(pair):
+    assert pair.im0.shape == pair.im1.shape == (500, 741, 3)
+    assert pair.im0.dtype == np.uint8
+    assert pair.disp0.shape == pair.mask0_nonocc.shape == (500, 741)
+    known = np.isfinite(pair.disp0)
+    assert not np.isnan(pair.disp0).any()
+    assert 0.92 < known.mean() < 0.93
+    np.testing.assert_array_equal(pair.mask0_nonocc == 0, ~known)
+
+
+def test_the_calibration_fits_the_data(pair):
+    calibration = pair.calibration
+    assert (calibration.height, calibration.width) == pair.im0.shape[:2]
+    known = pair.disp0[np.isfinite(pair.disp0)]
+    assert known.min() >= calibration.vmin
+    assert known.max() <= calibration.vmax < pair.ndisp == calibration.ndisp
+    # Quarters of the published values.
+    assert calibration.fx * 4 == pytest.approx(3979.911, abs=2e-3)
+    assert calibration.doffs * 4 == pytest.approx(124.343, abs=2e-3)
+    # The published scene fills an indoor room: a motorcycle at two to five metres.
+    depth = calibration.depth(pair.disp0)[np.isfinite(pair.disp0)]
+    assert 2.0 < depth.min() < depth.max() < 5.1
+
+
+def test_the_disparities_lead_to_the_same_colour_where_visible(pair):
+    width = pair.disp0.shape[1]
+    rows, columns = np.nonzero(pair.mask0_nonocc == 255)
+    right = np.clip(np.round(columns - pair.disp0[rows, columns]).astype(int), 0, width - 1)
+    here, there = (image.astype(float).mean(axis=-1) for image in (pair.im0, pair.im1))
+    visible = np.median(np.abs(here[rows, columns] - there[rows, right]))
+    rows, columns = np.nonzero(pair.mask0_nonocc == 128)
+    right = np.clip(np.round(columns - pair.disp0[rows, columns]).astype(int), 0, width - 1)
+    hidden = np.median(np.abs(here[rows, columns] - there[rows, right]))
+    assert visible < 4
+    assert hidden > 3 * visible

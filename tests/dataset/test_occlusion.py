@@ -1,0 +1,77 @@
+import dataset_scene
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from twinlens.dataset import mask_from_both, mask_from_one
+from twinlens.errors import InputError
+
+maps = hnp.arrays(
+    np.float32,
+    st.tuples(st.integers(1, 4), st.integers(1, 12)),
+    elements=st.floats(0, 8, width=16) | st.just(np.inf),
+)
+
+
+def loop_from_one(disparity, sign):
+    """The rule of mask_from_one, pixel by pixel."""
+    height, width = disparity.shape
+    mask = np.zeros(disparity.shape, np.uint8)
+    for y, u in np.ndindex(height, width):
+        d = disparity[y, u]
+        if not np.isfinite(d):
+            continue
+        match = int(np.floor(u - sign * float(d) + 0.5))
+        covers = [
+            other
+            for x, other in enumerate(disparity[y])
+            if np.isfinite(other) and match in (np.floor(x - sign * float(other)), np.ceil(x - sign * float(other)))
+        ]
+        mask[y, u] = 255 if 0 <= match < width and max(covers, default=0) <= d + 1 else 128
+    return mask
+
+
+@given(maps, st.booleans())
+def test_one_map_by_loops(disparity, left):
+    expected = loop_from_one(disparity, 1 if left else -1)
+    np.testing.assert_array_equal(mask_from_one(disparity, left), expected)
+
+
+@given(maps)
+def test_the_right_view_is_the_left_one_in_a_mirror(disparity):
+    # Halves round the other way in a mirror: keep away from them.
+    disparity = disparity + np.float32(0.125) * (disparity * 2 == np.round(disparity * 2))
+    mirrored = mask_from_one(np.ascontiguousarray(disparity[:, ::-1]), left=False)[:, ::-1]
+    np.testing.assert_array_equal(mask_from_one(disparity), mirrored)
+    both = mask_from_both(disparity[:, ::-1], disparity[:, ::-1], left=False)[:, ::-1]
+    np.testing.assert_array_equal(mask_from_both(disparity, disparity), both)
+
+
+@pytest.mark.parametrize("i", [0, 1])
+def test_they_find_the_exact_occlusions_but_for_their_edges(i):
+    pair = dataset_scene.rig(width=320, height=240, baseline=0.4)
+    pair = type(pair).stereo(pair.cameras[0].replace(fx=350.0, fy=350.0, cx=160.0, cy=120.0), 0.4, right=None)
+    truths = dataset_scene.truths(pair)
+    exact = truths[i].mask_nonocc()
+    assert (exact == 128).mean() > 0.1
+    disparities = [truth.disparity for truth in truths]
+    for mask in (
+        mask_from_one(disparities[i], left=i == 0),
+        mask_from_both(disparities[i], disparities[1 - i], left=i == 0),
+    ):
+        np.testing.assert_array_equal(mask == 0, exact == 0)
+        wrong = mask != exact
+        # At most two pixels of each row's four edges (the card's, the frame's) may fall to the other side.
+        assert wrong.sum(axis=1).max() <= 8
+        assert wrong.mean() < 0.01
+
+
+def test_wrong_maps_are_refused():
+    good = np.zeros((2, 3), np.float32)
+    for bad in (np.zeros(3, np.float32), np.full((2, 3), np.nan, np.float32), good - np.inf):
+        with pytest.raises(InputError):
+            mask_from_one(bad)
+    with pytest.raises(InputError, match="one shape"):
+        mask_from_both(good, good[:1])

@@ -1,0 +1,128 @@
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twinlens import camera, geometry
+from twinlens.camera import BareAperture, Camera, Pinhole, Rig, ThinLens
+from twinlens.dataset.record import (
+    TYPES,
+    encode_json,
+    from_plain,
+    lens_from_plain,
+    plain,
+    read_json,
+    relative_name,
+    rig_from_plain,
+)
+from twinlens.errors import FileError, InputError
+
+positive = st.floats(1e-9, 1e9)
+lenses = st.one_of(
+    st.just(Pinhole()),
+    st.builds(ThinLens, st.just(0.0) | positive, positive | st.just(math.inf)),
+    st.builds(BareAperture, st.just(0.0) | positive, positive),
+)
+cameras = st.builds(Camera, st.integers(1, 9999), st.integers(1, 9999), positive, positive, st.floats(-9, 9), positive)
+
+
+def through_text(value):
+    return json.loads(encode_json({"it": value}))["it"]
+
+
+@given(lenses)
+def test_lenses_read_back_equal(lens):
+    assert lens_from_plain(through_text(lens)) == lens
+
+
+@given(cameras, st.floats(1e-6, 10))
+def test_rigs_read_back_equal(one, baseline):
+    rig = Rig.stereo(one, baseline, world_from_left=geometry.look_at([1, 2, 3], [0.3, 0.1, 0]))
+    back = rig_from_plain(through_text(rig))
+    assert back.cameras == rig.cameras
+    for pose, expected in zip(back.world_from_cams, rig.world_from_cams, strict=True):
+        np.testing.assert_array_equal(pose, expected)
+
+
+def test_everything_public_of_the_camera_room_can_be_recorded():
+    assert {"Camera", "Rig", "Pinhole", "ThinLens", "BareAperture", "Disk"} <= set(TYPES)
+    assert all(getattr(camera, name) is kind for name, kind in TYPES.items())
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+        lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+        max_leaves=8,
+    )
+)
+def test_plain_data_goes_through_json_unchanged(value):
+    assert through_text(value) == value
+
+
+def test_numpy_values_become_plain_numbers():
+    given_values = {"a": np.float32(0.5), "b": np.arange(3), "c": (np.int64(1), np.bool_(True))}
+    assert plain(given_values) == {"a": 0.5, "b": [0, 1, 2], "c": [1, True]}
+
+
+@pytest.mark.parametrize("value", [math.nan, {1: 2}, object(), {"a": {1, 2}}, b"bytes", np.array([np.nan])])
+def test_what_json_cannot_say_is_refused(value):
+    with pytest.raises(InputError):
+        plain(value)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ({"type": "ThinLenz"}, "did you mean 'ThinLens'"),
+        ({"type": "ThinLens", "aperture_diameter": 0.1, "focus": 1}, "did you mean 'focus_distance'"),
+        ({"type": "ThinLens", "aperture_diameter": 0.1}, "focus_distance"),
+        ({"type": "ThinLens", "aperture_diameter": "wide", "focus_distance": 1}, "ThinLens"),
+        ({"type": "ThinLens", "aperture_diameter": -1, "focus_distance": 1}, "aperture_diameter"),
+        ({"type": "ThinLens", "aperture_diameter": 1, "focus_distance": 1, "aperture": "round"}, "a lens must be"),
+        ({"type": "Camera", "width": 1, "height": 1, "fx": 10**400, "fy": 1, "cx": 0, "cy": 0}, "Camera"),
+        ({"type": ["Pinhole"]}, "unknown type"),
+        (7, "a lens must be"),
+        (None, "a lens must be"),
+    ],
+)
+def test_a_wrong_lens_is_told(value, message):
+    with pytest.raises(InputError, match=message):
+        lens_from_plain(value)
+
+
+def test_a_rig_of_something_else_is_refused():
+    for cams in ([1], [plain(Pinhole())]):
+        with pytest.raises(InputError, match="a rig must read"):
+            rig_from_plain({"type": "Rig", "cameras": cams, "world_from_cams": [np.eye(4).tolist()]})
+    assert from_plain([{"a": plain(Pinhole())}]) == [{"a": Pinhole()}]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[1]",
+        '{"format": "other", "version": 1}',
+        '{"format": "kind", "version": 2}',
+        '{"format": "kind", "version": 1, "x": NaN}',
+        '{"format": "kind", "version": 1, "x": ' + "9" * 5000 + "}",
+        '{"format": "kind", "version": 1, "x": ' + "[" * 70 + "]" * 70 + "}",
+        "[" * 100_000,
+        "\xff",
+    ],
+)
+def test_records_of_another_kind_are_refused(tmp_path, text):
+    (tmp_path / "r.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(FileError, match=r"r\.json: "):
+        read_json(tmp_path / "r.json", "kind", 1)
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "../a", "a/../b", "/a", "a//b", "a\\b", "a\0", 3, None])
+def test_names_that_lead_elsewhere_are_refused(name):
+    with pytest.raises(FileError, match="plain relative name"):
+        relative_name(name, "dataset.json")
+    assert relative_name("train/0001", "dataset.json") == "train/0001"

@@ -1,0 +1,218 @@
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import textwrap
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import dataset_scene
+import numpy as np
+import pytest
+
+from twinlens.camera import Rig
+from twinlens.dataset import Dataset, Shot, sample_files, write_sample
+from twinlens.dataset.record import plain
+from twinlens.errors import FileError, InputError, OutputError
+from twinlens.optics import circle_of_confusion_px
+
+
+@pytest.fixture(scope="module")
+def sample():
+    return dataset_scene.sample(num_lenses=3)
+
+
+@pytest.fixture(scope="module")
+def stored(sample, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data")
+    write_sample(folder / "one", sample)
+    return Dataset(folder)[0]
+
+
+def test_the_folder_holds_what_the_format_says(stored):
+    names = {path.relative_to(stored.folder).as_posix() for path in stored.folder.rglob("*") if path.is_file()}
+    per_view = {f.format(i) for i in (0, 1) for f in ("im{}.png", "disp{}.pfm", "mask{}nocc.png", "truth{}.exr")}
+    lenses = {f"lens-{k}/im{i}.png" for k in (1, 2) for i in (0, 1)}
+    assert names == per_view | lenses | {"calib.txt", "sample.json"}
+
+
+def test_images_disparities_and_masks_come_back_exactly(stored, sample):
+    for i in (0, 1):
+        np.testing.assert_array_equal(stored.image(i), sample.shots[0].images[i])
+        np.testing.assert_array_equal(stored.disparity(i), sample.truths[i].disparity)
+        np.testing.assert_array_equal(stored.mask_nonocc(i), sample.truths[i].mask_nonocc())
+    assert {*np.unique(stored.mask0_nonocc)} == {0, 128, 255}
+    np.testing.assert_array_equal(stored.im0, stored.image(0))
+    np.testing.assert_array_equal(stored.disp1, stored.disparity(1))
+
+
+def test_the_truth_comes_back_to_the_last_place_of_float32(stored, sample):
+    for truth, original in ((stored.truth0, sample.truths[0]), (stored.truth1, sample.truths[1])):
+        for name in ("depth", "position"):
+            back, given = getattr(truth, name), getattr(original, name)
+            assert back.dtype == np.float64
+            np.testing.assert_array_equal(np.isinf(back), np.isinf(given))
+            hit = np.isfinite(given)
+            np.testing.assert_allclose(back[hit], given[hit], rtol=2**-24)
+        for name in ("disparity", "visible", "normal", "shading_normal", "object_id", "material_id", "material_kind"):
+            back, given = getattr(truth, name), getattr(original, name)
+            assert back.dtype == given.dtype
+            np.testing.assert_array_equal(back, given)
+        assert (truth.object_names, truth.material_names) == (original.object_names, original.material_names)
+
+
+def test_each_lens_has_its_images_its_record_and_its_blur(stored, sample):
+    assert stored.num_lenses == 3
+    for k, shot in enumerate(sample.shots):
+        view = stored.lens(k)
+        assert view.lens == shot.lens
+        assert view.record == {"spp": 16 + k}
+        np.testing.assert_array_equal(view.im1, shot.images[1])
+        c = circle_of_confusion_px(sample.truths[0].depth, 0.02, 70.0, shot.lens.vergence)
+        np.testing.assert_allclose(view.blur_circle_px(0), c, rtol=1e-5, atol=1e-6)
+    with pytest.raises(InputError, match="lenses 0 to 2, no lens 3"):
+        stored.lens(3)
+
+
+def test_the_record_says_everything_and_reads_back(stored, sample):
+    assert stored.record["record"] == {"seed": 7, "scene": "two planes"}
+    assert stored.rig.cameras == sample.rig.cameras
+    np.testing.assert_array_equal(stored.rig.world_from_cams, sample.rig.world_from_cams)
+    assert stored.calibration.baseline == 0.4
+    assert stored.ndisp > stored.disp0[np.isfinite(stored.disp0)].max()
+
+
+def test_opencv_reads_the_sample(stored, sample):
+    disparity = cv2.imread(str(stored.folder / "disp0.pfm"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(disparity, sample.truths[0].disparity)
+    image = cv2.imread(str(stored.folder / "im0.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(image[..., ::-1], sample.shots[0].images[0])
+
+
+def test_the_same_sample_gives_the_same_bytes(sample):
+    assert sample_files(sample) == sample_files(dataset_scene.sample(num_lenses=3))
+
+
+def test_sixteen_bits_grey_and_radiance(tmp_path, sample):
+    deep = dataset_scene.images(sample.rig, 5, np.uint16)
+    grey = tuple(image[..., 0] for image in deep)
+    linear = tuple(image.astype(np.float32) / 1000 for image in deep)
+    shots = (Shot(dataset_scene.LENS, deep, linear), Shot(dataset_scene.LENS, grey))
+    write_sample(tmp_path / "s", replace(sample, shots=shots))
+    stored = Dataset(tmp_path)[0]
+    np.testing.assert_array_equal(stored.im1, deep[1])
+    np.testing.assert_array_equal(stored.radiance(1), linear[1])
+    np.testing.assert_array_equal(stored.lens(1).im0, grey[0])
+    with pytest.raises(FileError, match=r"lens-1.radiance0\.exr: no such file"):
+        stored.lens(1).radiance(0)
+
+
+def test_a_pair_that_is_not_rectified_has_no_calibration(tmp_path, sample):
+    turned = sample.rig.world_from_cams[1] @ np.diag([-1.0, -1, 1, 1])
+    rig = Rig(sample.rig.cameras, [sample.rig.world_from_cams[0], turned])
+    truths = tuple(replace(t, disparity=np.full_like(t.disparity, np.inf)) for t in sample.truths)
+    write_sample(tmp_path / "s", replace(sample, rig=rig, truths=truths))
+    stored = Dataset(tmp_path)[0]
+    assert not stored.has("calib.txt")
+    assert not stored.has("disp0.pfm")
+    assert np.isposinf(stored.truth0.disparity).all()
+    assert stored.record["rectified"] is False
+    with pytest.raises(FileError, match=r"calib\.txt: no such file"):
+        _ = stored.calibration
+
+
+def test_arrays_that_do_not_fit_the_rig_are_refused(sample):
+    shot = sample.shots[0]
+    for wrong in (
+        {"shots": ()},
+        {"shots": (replace(shot, images=shot.images[:1]),)},
+        {"shots": (replace(shot, images=(shot.images[0][1:], shot.images[1])),)},
+        {"shots": (replace(shot, radiances=(shot.images[0][:, 1:], shot.images[1])),)},
+        {"truths": sample.truths[:1]},
+    ):
+        with pytest.raises(InputError):
+            replace(sample, **wrong)
+
+
+def test_refused_arrays_leave_nothing_behind(tmp_path, sample):
+    shot = replace(sample.shots[0], images=tuple(image / 255 for image in sample.shots[0].images))
+    with pytest.raises(InputError, match="uint8 or uint16"):
+        write_sample(tmp_path / "s", replace(sample, shots=(shot,)))
+    nan = replace(sample.truths[0], disparity=np.full((48, 64), np.nan, np.float32))
+    with pytest.raises(InputError, match="NaN"):
+        write_sample(tmp_path / "s", replace(sample, truths=(nan, sample.truths[1])))
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_sample_is_not_overwritten_unless_asked(tmp_path, sample):
+    write_sample(tmp_path / "s", sample)
+    with pytest.raises(OutputError, match="is there already"):
+        write_sample(tmp_path / "s", sample)
+    sums = write_sample(tmp_path / "s", dataset_scene.sample(), overwrite=True)
+    assert not any(name.startswith("lens-") for name in sums)
+    assert Dataset(tmp_path)[0].num_lenses == 1
+
+
+def test_stored_samples_travel_to_other_processes(stored):
+    again = pickle.loads(pickle.dumps(stored))
+    assert again == stored
+    np.testing.assert_array_equal(again.disp0, stored.disp0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda r: r.pop("rig"), "a rig must read"),
+        (lambda r: r["rig"]["cameras"][0].update(fx=-1), "camera fx must be positive"),
+        (lambda r: r["rig"].update(poses=[]), "unknown field of Rig 'poses'"),
+        (lambda r: r["shots"][0].update(lens=plain({"type": "Glass"})), "unknown type 'Glass'"),
+        (lambda r: r.update(shots=7), '"shots" must be a list'),
+        (lambda r: r["shots"][0].update(folder="../.."), "plain relative name"),
+    ],
+)
+def test_a_wrong_record_is_told(tmp_path, sample, change, message):
+    write_sample(tmp_path / "s", sample)
+    path = tmp_path / "s" / "sample.json"
+    record = json.loads(path.read_text())
+    change(record)
+    path.write_text(json.dumps(record))
+    stored = Dataset(tmp_path)[0]
+    with pytest.raises(FileError, match=message) as caught:
+        _ = stored.rig, stored.lens(0).lens
+    assert str(caught.value).startswith(str(path))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="kills a process")
+def test_a_killed_writer_leaves_whole_samples_only(tmp_path):
+    program = textwrap.dedent(
+        f"""
+        import itertools, sys
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        import dataset_scene
+        from twinlens.dataset import write_sample
+        sample = dataset_scene.sample()
+        print("ready", flush=True)
+        for i in itertools.count():
+            write_sample(f"{tmp_path}/{{i:06d}}", sample)
+        """
+    )
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE)
+        process.stdout.readline()
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(timeout=float(rng.uniform(0.01, 0.2)))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        process.stdout.close()
+        whole = set(sample_files(dataset_scene.sample()))
+        for folder in tmp_path.iterdir():
+            if not folder.name.startswith("."):
+                assert {p.name for p in folder.iterdir()} == whole
+                for path in folder.iterdir():
+                    path.unlink()
+                folder.rmdir()

@@ -1,0 +1,194 @@
+import json
+import shutil
+
+import dataset_scene
+import numpy as np
+import pytest
+
+from twinlens import geometry
+from twinlens.camera import Rig
+from twinlens.dataset import (
+    Dataset,
+    Manifest,
+    read_exr,
+    read_pfm,
+    read_png,
+    row_of,
+    verify_dataset,
+    verify_sample,
+    write_exr,
+    write_manifest,
+    write_pfm,
+    write_png,
+    write_sample,
+)
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("good")
+    write_sample(folder / "s", dataset_scene.sample(num_lenses=2, width=120, height=90))
+    write_manifest(folder, Manifest((row_of(folder, "s"),)))
+    return folder
+
+
+@pytest.fixture
+def listed(good, tmp_path):
+    shutil.copytree(good, tmp_path / "set")
+    return Dataset(tmp_path / "set")[0]
+
+
+@pytest.fixture
+def loose(good, tmp_path):
+    """The same sample where no manifest vouches for it."""
+    shutil.copytree(good / "s", tmp_path / "loose")
+    return Dataset(tmp_path / "loose")[0]
+
+
+def test_a_good_sample_has_no_findings(listed, loose):
+    assert verify_sample(listed) == []
+    assert verify_sample(loose) == []
+    assert list(verify_dataset(Dataset(listed.folder.parent))) == [("s", [])]
+
+
+@pytest.mark.parametrize("baseline", [0.05, 1.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_good_samples_from_anywhere_have_none(tmp_path, baseline, seed):
+    rng = np.random.default_rng(seed)
+    pair = dataset_scene.rig(width=90, height=70, baseline=baseline, doffs=rng.uniform(-9, 9))
+    far = geometry.rigid(np.eye(3), rng.uniform(-100, 100, 3))
+    truths = tuple(type(t)(**{**vars(t), "position": t.position + far[:3, 3]}) for t in dataset_scene.truths(pair))
+    moved = Rig(pair.cameras, [far @ pose for pose in pair.world_from_cams])
+    sample = dataset_scene.Sample(
+        moved, (dataset_scene.Shot(dataset_scene.LENS, dataset_scene.images(pair, 0)),), truths
+    )
+    write_sample(tmp_path / "s", sample)
+    assert verify_sample(Dataset(tmp_path)[0]) == []
+
+
+def test_missing_changed_and_added_files_are_told(listed):
+    (listed.folder / "im1.png").unlink()
+    (listed.folder / "extra.txt").touch()
+    path = listed.folder / "lens-1" / "im0.png"
+    path.write_bytes(path.read_bytes()[:-1])
+    assert verify_sample(listed) == [
+        "im1.png: is missing",
+        "extra.txt: is not listed in dataset.json",
+        "lens-1/im0.png: differs from its SHA-256 in dataset.json",
+    ]
+    shutil.rmtree(listed.folder)
+    assert len(verify_sample(listed)) == 1
+
+
+@pytest.mark.parametrize(
+    "name", ["im0.png", "lens-1/im1.png", "disp0.pfm", "mask1nocc.png", "truth0.exr", "calib.txt", "sample.json"]
+)
+def test_a_truncated_file_is_named(loose, name):
+    path = loose.folder / name
+    path.write_bytes(path.read_bytes()[:-60])
+    findings = verify_sample(loose)
+    assert len(findings) == 1
+    assert findings[0].startswith(f"{name}: ")
+    assert str(loose.folder) not in findings[0]
+
+
+def test_a_missing_image_is_told_without_a_manifest(loose):
+    (loose.folder / "lens-1" / "im1.png").unlink()
+    assert verify_sample(loose) == ["lens-1/im1.png: is missing (the image of view 1)"]
+
+
+def test_sizes_are_compared(loose):
+    write_png(loose.folder / "im1.png", loose.im1[1:])
+    assert verify_sample(loose) == ["im1.png: is 120 x 89, and must be 120 x 90"]
+
+
+def change_pfm(folder, name, change):
+    write_pfm(folder / name, change(read_pfm(folder / name)))
+
+
+def change_exr(folder, name, channel, change):
+    exr = read_exr(folder / name)
+    write_exr(folder / name, {**exr.channels, channel: change(exr.channels[channel])}, exr.text)
+
+
+def nudge(array):
+    array = array.copy()
+    array[array.shape[0] // 2, array.shape[1] // 2] *= 1.001
+    return array
+
+
+def swap(folder):
+    for kind in ("truth{}.exr", "disp{}.pfm", "mask{}nocc.png"):
+        a, b = folder / kind.format(0), folder / kind.format(1)
+        a.rename(folder / "aside")
+        b.rename(a)
+        (folder / "aside").rename(b)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "finding"),
+    [
+        (lambda f: change_pfm(f, "disp0.pfm", nudge), "disp0.pfm: disparity differs from fx B / z - doffs at 1 of"),
+        (lambda f: change_pfm(f, "disp1.pfm", lambda d: d[:, ::-1]), "disp1.pfm: "),
+        (lambda f: change_exr(f, "truth0.exr", "depth", nudge), "truth0.exr: position's z differs from depth at 1 of"),
+        (lambda f: change_exr(f, "truth1.exr", "position.X", nudge), "truth1.exr: position projects beside its pixel"),
+        (lambda f: change_exr(f, "truth0.exr", "object_id", np.zeros_like), "truth0.exr: depth is finite elsewhere"),
+        (
+            lambda f: write_png(f / "mask0nocc.png", 255 - read_png(f / "mask0nocc.png")),
+            "mask0nocc.png: mask holds other",
+        ),
+        (
+            lambda f: write_png(f / "mask0nocc.png", read_png(f / "mask0nocc.png")[:, ::-1]),
+            "mask0nocc.png: mask differs",
+        ),
+        (lambda f: edit(f / "calib.txt", "baseline=400.0", "baseline=401.0"), "calib.txt: baseline is 0.401"),
+        (swap, "truth0.exr: position"),
+    ],
+)
+def test_broken_laws_are_told(loose, spoil, finding):
+    spoil(loose.folder)
+    findings = verify_sample(loose)
+    assert any(line.startswith(finding) for line in findings), findings
+
+
+def edit(path, old, new):
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+
+
+def test_views_that_show_different_worlds_are_told(tmp_path):
+    # Each view is true in itself; together they are not: the right one stands in a world that is larger by a tenth.
+    sample = dataset_scene.sample(width=120, height=90)
+    right = sample.truths[1]
+    pose = sample.rig.world_from_cams[1]
+    cam = geometry.transform_points(geometry.inverse(pose), np.where(right.hit[..., None], right.position, 0.0))
+    position = np.where(right.hit[..., None], geometry.transform_points(pose, cam * 1.1), np.inf)
+    depth = right.depth * 1.1
+    disparity = np.where(right.hit, 70.0 * 0.4 / depth - 1.25, np.inf).astype(np.float32)
+    larger = type(right)(**{**vars(right), "depth": depth, "position": position, "disparity": disparity})
+    write_sample(tmp_path / "s", type(sample)(sample.rig, sample.shots, (sample.truths[0], larger)))
+    findings = verify_sample(Dataset(tmp_path)[0])
+    assert findings[0].startswith("truth0.exr: only ")
+    assert "are at a depth that the other view has there" in findings[0]
+
+
+def test_a_record_that_claims_another_rig_is_told(loose):
+    path = loose.folder / "sample.json"
+    record = json.loads(path.read_text())
+    record["rig"]["cameras"][0]["cx"] += 0.5
+    path.write_text(json.dumps(record))
+    findings = verify_sample(loose)
+    assert findings[0].startswith("calib.txt: cam0 is")
+    assert any(line.startswith("truth0.exr: position projects beside its pixel") for line in findings)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_damage_makes_it_raise(loose, seed):
+    rng = np.random.default_rng(seed)
+    paths = sorted(path for path in loose.folder.rglob("*") if path.is_file())
+    path = paths[seed % len(paths)]
+    data = bytearray(path.read_bytes())
+    for _ in range(3):
+        data[rng.integers(len(data))] = rng.integers(256)
+    path.write_bytes(data[: rng.integers(len(data) // 2, len(data) + 1)])
+    assert all(isinstance(line, str) and "\n" not in line for line in verify_sample(loose))
