@@ -26,6 +26,7 @@ from twinlens.errors import InputError
 Float = NDArray[np.float64]
 
 _ROTATION_TOLERANCE = 1e-6  # a pose typed with seven digits is still a rotation
+_ROUNDING = 1e-13  # what products of exact rotations are off by
 
 
 def rigid(rotation: ArrayLike, translation: ArrayLike) -> Float:
@@ -34,20 +35,31 @@ def rigid(rotation: ArrayLike, translation: ArrayLike) -> Float:
     >>> rigid(np.eye(3), [1, 2, 3])[:3, 3].tolist()
     [1.0, 2.0, 3.0]
     """
+    turn, shift = _numbers("rigid transform", rotation), _numbers("rigid transform", translation)
+    if turn.shape != (3, 3) or shift.shape != (3,):
+        raise InputError(f"rigid transform needs a 3x3 rotation and 3 numbers, got shapes {turn.shape}, {shift.shape}")
     b_from_a = np.eye(4)
-    b_from_a[:3, :3] = rotation
-    b_from_a[:3, 3] = translation
+    b_from_a[:3, :3] = turn
+    b_from_a[:3, 3] = shift
     return check_rigid(b_from_a, "rigid transform")
 
 
 def check_rigid(matrix: ArrayLike, name: str) -> Float:
-    """`matrix` as a float64 (4, 4) array, or InputError if it is no rotation and translation."""
-    pose = np.asarray(matrix, dtype=np.float64)
+    """`matrix` as a float64 (4, 4) array of its own, or InputError if it is no rotation and translation.
+
+    A rotation typed with few digits becomes the nearest true one, whose transpose is its inverse; what is one already
+    keeps every bit.
+    """
+    pose = _numbers(name, matrix)
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or not np.array_equal(pose[3], [0, 0, 0, 1]):
         raise InputError(f"{name} must be a finite 4x4 matrix with last row 0 0 0 1, got shape {pose.shape}")
     rotation = pose[:3, :3]
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+    off = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if off > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
         raise InputError(f"{name} must hold a right-handed rotation (orthonormal, determinant +1)")
+    if off > _ROUNDING:
+        u, _, vt = np.linalg.svd(rotation)
+        pose[:3, :3] = u @ vt
     return pose
 
 
@@ -68,7 +80,9 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
     >>> look_at([0, 0, 0], [0, 5, 0])[:3, 2].tolist()
     [0.0, 1.0, 0.0]
     """
-    eye, target, up = (np.asarray(v, dtype=np.float64) for v in (eye, target, up))
+    eye, target, up = (_numbers("look_at", v) for v in (eye, target, up))
+    if not all(v.shape == (3,) and np.isfinite(v).all() for v in (eye, target, up)):
+        raise InputError("look_at needs three finite numbers each for eye, target and up")
     forward = target - eye
     right = np.cross(forward, up)
     if not np.linalg.norm(right) > 1e-9 * np.linalg.norm(forward) * np.linalg.norm(up):
@@ -158,20 +172,33 @@ def triangulate(
     """World points (N, 3) seen at `pixels` (one (N, 2) per camera) by cameras `px_from_worlds` (3x4 each).
 
     The homogeneous direct linear transform, each row scaled to unit norm; a point at infinity gives inf.
+    Raises InputError when counts or shapes do not fit, or a number is not finite.
     Source: Hartley and Zisserman 2004, section 12.2.
     """
     if len(px_from_worlds) != len(pixels) or len(pixels) < 2:
         raise InputError(
             f"triangulate needs two or more cameras with pixels each, got {len(px_from_worlds)} and {len(pixels)}"
         )
+    matrices = [_numbers("triangulate", matrix) for matrix in px_from_worlds]
+    sightings = [_numbers("triangulate", seen) for seen in pixels]
+    if any(p.shape != (3, 4) for p in matrices) or any(uv.shape != (len(sightings[0]), 2) for uv in sightings):
+        raise InputError("triangulate needs 3x4 matrices and as many pixels (N, 2) in every camera")
+    if not all(np.isfinite(values).all() for values in matrices + sightings):
+        raise InputError("triangulate needs finite matrices and pixels: leave out points that a camera does not see")
     rows = []
-    for matrix, seen in zip(px_from_worlds, pixels, strict=True):
-        p = np.asarray(matrix, dtype=np.float64)
-        uv = np.asarray(seen, dtype=np.float64)
+    for p, uv in zip(matrices, sightings, strict=True):
         rows += [uv[:, :1] * p[2] - p[0], uv[:, 1:] * p[2] - p[1]]
     system = np.stack(rows, axis=1)
     system /= np.linalg.norm(system, axis=2, keepdims=True)
     return dehomogeneous(np.linalg.svd(system)[2][:, -1])
+
+
+def _numbers(name: str, values: ArrayLike) -> Float:
+    """A float64 copy, or InputError for what is not numbers."""
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be an array of numbers: {error}") from error
 
 
 def _positive(name: str, values: ArrayLike) -> Float:

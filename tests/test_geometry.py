@@ -1,0 +1,292 @@
+"""Poses, points and pixels: the laws of the group, round trips, and OpenCV's answers to the same questions."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from twinlens import geometry as g
+from twinlens.camera import Camera
+from twinlens.errors import InputError
+
+coordinate = st.floats(-50, 50)
+vectors = arrays(np.float64, 3, elements=coordinate)
+clouds = arrays(np.float64, (7, 3), elements=coordinate)
+quaternions = arrays(np.float64, 4, elements=st.floats(-1, 1)).filter(lambda q: np.linalg.norm(q) > 1e-3)
+
+
+def rotation_of(quaternion: np.ndarray) -> np.ndarray:
+    """The textbook matrix of a quaternion: no code of ours."""
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+poses = st.builds(lambda q, t: g.rigid(rotation_of(q), t), quaternions, vectors)
+
+
+@given(poses)
+def test_inverse_undoes_a_transform_from_both_sides(b_from_a):
+    a_from_b = g.inverse(b_from_a)
+    assert np.allclose(a_from_b @ b_from_a, np.eye(4), atol=1e-12)
+    assert np.allclose(b_from_a @ a_from_b, np.eye(4), atol=1e-12)
+    assert np.allclose(g.inverse(a_from_b), b_from_a, atol=1e-12)
+    assert np.allclose(a_from_b, np.linalg.inv(b_from_a), atol=1e-10)
+
+
+@given(poses, poses, poses, clouds)
+def test_transforms_compose_associatively_as_their_names_read(d_from_c, c_from_b, b_from_a, points_a):
+    in_one = g.transform_points(d_from_c @ (c_from_b @ b_from_a), points_a)
+    in_steps = g.transform_points(d_from_c, g.transform_points(c_from_b, g.transform_points(b_from_a, points_a)))
+    assert np.allclose(in_one, in_steps, atol=1e-10)
+    assert np.allclose((d_from_c @ c_from_b) @ b_from_a, d_from_c @ (c_from_b @ b_from_a), atol=1e-10)
+
+
+@given(poses, clouds)
+def test_points_and_directions_move_as_homogeneous_columns(b_from_a, points):
+    column = np.concatenate([points.T, np.ones((1, len(points)))])
+    assert np.allclose(g.transform_points(b_from_a, points), (b_from_a @ column)[:3].T, atol=1e-12)
+    assert np.allclose(g.rotate(b_from_a, points), g.transform_points(b_from_a, points) - b_from_a[:3, 3], atol=1e-11)
+
+
+@given(poses, clouds)
+def test_rigid_transforms_keep_distances_and_handedness(b_from_a, points):
+    moved = g.transform_points(b_from_a, points)
+    apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
+    assert np.allclose(np.linalg.norm(moved[:, None] - moved[None], axis=-1), apart, atol=1e-10)
+    x, y, z = g.rotate(b_from_a, np.eye(3))
+    assert np.allclose(np.cross(x, y), z, atol=1e-12)
+
+
+@given(poses, clouds)
+def test_a_pose_typed_with_seven_digits_is_a_rotation_to_the_last_bit(b_from_a, points):
+    """Rounded numbers are taken for the rotation they mean, so that the inverse still undoes it."""
+    typed = g.check_rigid(np.round(b_from_a, 7), "pose")
+    assert np.abs(typed - b_from_a).max() < 2e-7
+    assert np.allclose(g.inverse(typed) @ typed, np.eye(4), atol=1e-12)
+    assert np.allclose(g.transform_points(g.inverse(typed), g.transform_points(typed, points)), points, atol=1e-10)
+
+
+@given(poses)
+def test_a_pose_that_is_exact_is_kept_bit_for_bit_and_apart_from_its_array(pose):
+    """Poses go through files and back: what is a rotation already is not touched, nor shared with the caller."""
+    given_array = pose.copy()
+    kept = g.check_rigid(given_array, "pose")
+    given_array[:3, 3] = 77
+    assert np.array_equal(kept, pose)
+
+
+@pytest.mark.parametrize("shape", [(3,), (5, 3), (2, 4, 3)])
+def test_homogeneous_round_trip(shape):
+    points = np.random.default_rng(0).normal(size=shape)
+    lifted = g.homogeneous(points)
+    assert lifted.shape == (*shape[:-1], 4)
+    assert np.array_equal(g.dehomogeneous(lifted), points)
+    assert np.allclose(g.dehomogeneous(lifted * -2.5), points, rtol=1e-15)
+
+
+def test_a_point_at_infinity_becomes_inf():
+    assert g.dehomogeneous([1.0, -2.0, 0.0]).tolist() == [math.inf, -math.inf]
+
+
+@given(vectors, vectors, vectors)
+def test_look_at_looks_at_its_target_with_up_above(eye, target, up):
+    sight = target - eye
+    if np.linalg.norm(np.cross(sight, up)) <= 1e-3 * np.linalg.norm(sight) * np.linalg.norm(up):
+        return
+    world_from_cam = g.look_at(eye, target, up)
+    seen = g.transform_points(g.inverse(world_from_cam), target)
+    assert np.allclose(seen, [0, 0, np.linalg.norm(sight)], atol=1e-9)
+    above = g.rotate(g.inverse(world_from_cam), up)
+    assert abs(above[0]) < 1e-9
+    assert above[1] < 0
+    assert np.array_equal(world_from_cam[:3, 3], eye)
+
+
+def test_look_at_north_from_the_origin_by_hand():
+    """Looking north (+y) on a map whose up is +z: right is east, down is -z."""
+    assert g.look_at([0, 0, 0], [0, 3, 0])[:3, :3].T.tolist() == [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+
+
+@pytest.mark.parametrize(
+    ("eye", "target", "up"),
+    [
+        ([1, 2, 3], [1, 2, 3], [0, 0, 1]),
+        ([0, 0, 0], [0, 0, 5], [0, 0, 1]),
+        ([0, 0, 0], [0, 1, 0], [0, 0, 0]),
+        ([0, 0, math.nan], [0, 1, 0], [0, 0, 1]),
+        ([0, 0, 0], [0, math.inf, 0], [0, 0, 1]),
+    ],
+)
+def test_look_at_refuses_what_has_no_answer(eye, target, up):
+    refuses(lambda: g.look_at(eye, target, up), "look_at")
+
+
+def test_projection_equals_opencv(rng):
+    """K [R | t] X against cv2.projectPoints, random cameras and points."""
+    for _ in range(20):
+        cam_from_world = g.rigid(rotation_of(rng.normal(size=4)), rng.normal(size=3))
+        fx, fy, cx, cy = rng.uniform([300, 300, 100, 100], [900, 900, 500, 400])
+        camera = Camera(640, 480, fx, fy, cx, cy)
+        points_cam = rng.uniform([-2, -2, 0.5], [2, 2, 9], size=(50, 3))
+        points = g.transform_points(g.inverse(cam_from_world), points_cam)
+        turn, _ = cv2.Rodrigues(cam_from_world[:3, :3])
+        theirs, _ = cv2.projectPoints(points, turn, cam_from_world[:3, 3], camera.K, None)
+        ours = camera.project(g.transform_points(cam_from_world, points))
+        assert np.allclose(ours, theirs[:, 0], atol=1e-8)
+        by_matrix = g.dehomogeneous(g.homogeneous(points) @ (camera.K @ cam_from_world[:3]).T)
+        assert np.allclose(by_matrix, ours, atol=1e-8)
+
+
+def test_triangulation_returns_the_points_and_equals_opencv(rng):
+    for _ in range(20):
+        matrices, points = two_cameras(rng)
+        pixels = [g.dehomogeneous(g.homogeneous(points) @ m.T) for m in matrices]
+        ours = g.triangulate(matrices, pixels)
+        assert np.allclose(ours, points, atol=1e-9)
+        theirs = cv2.triangulatePoints(*matrices, *(p.T for p in pixels))
+        assert np.allclose(ours, (theirs[:3] / theirs[3]).T, atol=1e-7)
+
+
+def test_triangulation_of_noisy_pixels_averages_over_cameras(rng):
+    """More views of the same points, less error; every camera counts."""
+    points = rng.uniform([-1, -1, 4], [1, 1, 6], size=(200, 3))
+    K = np.array([[500, 0, 0], [0, 500, 0], [0, 0, 1.0]])
+    matrices = [K @ np.hstack([np.eye(3), [[-0.1 * i], [0], [0]]]) for i in range(9)]
+    pixels = [g.dehomogeneous(g.homogeneous(points) @ m.T) + rng.normal(0, 0.2, (200, 2)) for m in matrices]
+    error = {n: np.abs(g.triangulate(matrices[:n], pixels[:n]) - points)[:, 2].mean() for n in (2, 5, 9)}
+    assert error[2] > 2 * error[5] > 2 * error[9]
+
+
+def test_triangulation_refuses_what_does_not_fit(rng):
+    matrices, points = two_cameras(rng)
+    pixels = [g.dehomogeneous(g.homogeneous(points) @ m.T) for m in matrices]
+    refuses(lambda: g.triangulate(matrices[:1], pixels[:1]), "two or more cameras")
+    refuses(lambda: g.triangulate(matrices, pixels[:1]), "two or more cameras")
+    refuses(lambda: g.triangulate(matrices, [pixels[0], pixels[1][:-1]]), "triangulate")
+    refuses(lambda: g.triangulate([np.eye(3), np.eye(3)], pixels), "triangulate")
+    refuses(lambda: g.triangulate(matrices, [p * math.nan for p in pixels]), "triangulate")
+
+
+def test_the_film_of_a_real_camera_gives_the_same_pixels_as_fx(rng):
+    """A 35 mm film box: v = 50 mm, 4 um wide and 5 um high pixels; fx = v m_x, and the point by similar triangles."""
+    density = np.array([1 / 4e-6, 1 / 5e-6])
+    film = g.film_from_cam([0.3, -0.2, 1.5], film_distance=0.05)
+    assert np.allclose(film, [0.01, -0.05 * 0.2 / 1.5], rtol=1e-14)
+    camera = Camera(6000, 4000, 0.05 * density[0], 0.05 * density[1], 3001.25, 1999.5)
+    assert np.allclose(g.px_from_film(film, density, (3001.25, 1999.5)), camera.project([0.3, -0.2, 1.5]), rtol=1e-13)
+
+
+def test_what_lies_behind_the_hole_has_no_image():
+    assert np.isnan(g.film_from_cam([[1, 1, 0], [1, 1, -2], [0, 0, -1e-300]], 0.05)).all()
+
+
+depths = st.floats(1e-3, 1e6)
+
+
+@given(depths, st.floats(10, 5000), st.floats(1e-3, 2), st.floats(-200, 200))
+def test_disparity_and_depth_undo_each_other(depth, fx, baseline, doffs):
+    disparity = g.disparity_from_depth(depth, fx, baseline, doffs)
+    if disparity + doffs < 1e-6:
+        return
+    back = g.depth_from_disparity(disparity, fx, baseline, doffs)
+    lost = 4e-16 * (abs(doffs) + abs(disparity)) / (disparity + doffs)  # the subtraction's own rounding
+    assert abs(back / depth - 1) < 1e-12 + lost
+
+
+@given(st.floats(-3, 3), st.floats(-3, 3), st.floats(0.5, 50), st.floats(-30, 30), st.floats(0.01, 1))
+def test_disparity_is_the_difference_of_the_two_projections(x, y, z, doffs, baseline):
+    left = Camera(640, 480, 700, 650, 300, 240)
+    right = left.replace(cx=left.cx + doffs)
+    difference = left.project([x, y, z])[0] - right.project([x - baseline, y, z])[0]
+    assert g.disparity_from_depth(z, 700, baseline, doffs) == pytest.approx(difference, abs=1e-9)
+
+
+def test_unknown_stays_unknown():
+    assert g.disparity_from_depth(math.inf, 700, 0.1, doffs=5.0) == math.inf
+    assert g.depth_from_disparity(math.inf, 700, 0.1, doffs=5.0) == math.inf
+    assert g.depth_from_disparity([-5.0], 700, 0.1, doffs=5.0).tolist() == [math.inf]
+
+
+@pytest.mark.parametrize("depth", [0.0, -1.0, math.nan, -math.inf])
+def test_depths_that_no_camera_sees_are_refused(depth):
+    refuses(lambda: g.disparity_from_depth([1.0, depth], 700, 0.1), "depth")
+
+
+@pytest.mark.parametrize("disparity", [-5.1, math.nan, -math.inf])
+def test_disparities_behind_the_camera_are_refused(disparity):
+    refuses(lambda: g.depth_from_disparity([3.0, disparity], 700, 0.1, doffs=5.0), "disparity")
+
+
+@pytest.mark.parametrize(
+    ("fx", "baseline"), [(0, 0.1), (700, 0), (-700, 0.1), (700, -0.1), (math.nan, 1), (7, math.inf)]
+)
+def test_pairs_without_parallax_are_refused(fx, baseline):
+    refuses(lambda: g.disparity_from_depth(1.0, fx, baseline), "fx and baseline")
+    refuses(lambda: g.depth_from_disparity(1.0, fx, baseline), "fx and baseline")
+
+
+def not_rigid() -> dict[str, object]:
+    mirror, scale, shear, nan, projective = (np.eye(4) for _ in range(5))
+    mirror[0, 0] = -1
+    scale[:3, :3] *= 1.001
+    shear[0, 1] = 1e-4
+    nan[2, 3] = math.nan
+    projective[3, 0] = 1e-9
+    return {
+        "mirror": mirror,
+        "scale": scale,
+        "shear": shear,
+        "nan": nan,
+        "projective": projective,
+        "3x4": np.eye(4)[:3],
+        "number": 3.0,
+        "text": "identity",
+        "ragged": [[1, 0], [0]],
+        "none": None,
+    }
+
+
+@pytest.mark.parametrize("kind", not_rigid())
+def test_what_is_no_pose_is_refused_by_its_name(kind):
+    refuses(lambda: g.check_rigid(not_rigid()[kind], "world_from_left"), "world_from_left")
+
+
+@pytest.mark.parametrize(
+    ("rotation", "translation"),
+    [(np.eye(2), [0, 0, 0]), (np.eye(3), [0, 0]), (np.eye(3), "abc"), (np.eye(3) * 2, [0, 0, 0])],
+)
+def test_rigid_refuses_parts_that_do_not_fit(rotation, translation):
+    refuses(lambda: g.rigid(rotation, translation), "rigid transform")
+
+
+def refuses(call, *words):
+    """InputError, on one line, that names what is wrong."""
+    with pytest.raises(InputError) as caught:
+        call()
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
+
+
+def two_cameras(rng):
+    """Two random projection matrices, and points some metres before both."""
+    K = np.array([[600, 0, 320], [0, 620, 240], [0, 0, 1.0]])
+    points = rng.uniform([-1, -1, 3], [1, 1, 6], size=(40, 3))
+    turns = [cv2.Rodrigues(rng.normal(0, 0.1, 3))[0] for _ in range(2)]
+    return [K @ np.hstack([turn, [[-0.3 * i], [0.05 * i], [0]]]) for i, turn in enumerate(turns)], points
