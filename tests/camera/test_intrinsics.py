@@ -1,0 +1,149 @@
+"""Pixels and directions: OpenCV's projections, round trips, and every camera that cannot be."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from twinlens.camera import BrownConrady, Camera, KannalaBrandt
+from twinlens.errors import InputError
+
+focal = st.floats(50, 5000)
+cameras = st.builds(
+    Camera,
+    width=st.integers(1, 2000),
+    height=st.integers(1, 2000),
+    fx=focal,
+    fy=focal,
+    cx=st.floats(-500, 2500),
+    cy=st.floats(-500, 2500),
+)
+pixel = st.floats(-3000, 3000)
+LENSES = [
+    None,
+    BrownConrady(k1=-0.28, k2=0.09, p1=1e-3, p2=-7e-4),
+    BrownConrady(k1=0.1, k2=-0.02, k3=0.004, k4=0.03),
+    KannalaBrandt(k1=-0.02, k2=0.004),
+]
+
+
+@given(cameras, pixel, pixel, st.floats(1e-3, 1e4))
+def test_unproject_and_project_undo_each_other(camera, u, v, depth):
+    point = camera.unproject([u, v]) * depth
+    assert point[2] == depth
+    assert np.allclose(camera.project(point), [u, v], atol=1e-9)
+
+
+@pytest.mark.parametrize("distortion", LENSES)
+def test_round_trip_of_every_pixel_through_each_distortion(distortion):
+    camera = Camera(160, 120, 150.0, 145.0, 81.25, 57.5, distortion)
+    grid = camera.pixel_grid()
+    assert np.abs(camera.project(camera.unproject(grid) * 3.0) - grid).max() < 1e-9
+
+
+@pytest.mark.parametrize("distortion", LENSES)
+def test_projection_equals_opencv(distortion):
+    camera = Camera(640, 480, 600.0, 610.0, 330.25, 228.5, distortion)
+    points = camera.unproject(np.random.default_rng(3).uniform([0, 0], [639, 479], (300, 2))) * 2.5
+    still = np.zeros(3)
+    if isinstance(distortion, KannalaBrandt):
+        theirs, _ = cv2.fisheye.projectPoints(points[:, None], still, still, camera.K, np.array([-0.02, 0.004, 0, 0]))
+    else:
+        theirs, _ = cv2.projectPoints(points, still, still, camera.K, opencv_coefficients(distortion))
+    assert np.allclose(camera.project(points), theirs.reshape(-1, 2), atol=1e-9)
+
+
+def opencv_coefficients(d):
+    return None if d is None else np.array([d.k1, d.k2, d.p1, d.p2, d.k3, d.k4, d.k5, d.k6])
+
+
+def test_pixel_centres_are_whole_numbers_and_the_image_reaches_half_a_pixel_further():
+    camera = Camera(4, 3, 100.0, 100.0, 1.5, 1.0)
+    grid = camera.pixel_grid()
+    assert grid.shape == (3, 4, 2)
+    assert grid[2, 3].tolist() == [3.0, 2.0]
+    assert camera.unproject([1.5, 1.0]).tolist() == [0, 0, 1]
+    assert camera.contains(grid).all()
+    edge = [(-0.5, 0), (3.4999, 2.4999), (0, -0.5), (-0.5001, 0), (3.5, 0), (0, 2.5), (math.nan, 0)]
+    assert camera.contains(edge).tolist() == [True, True, True, False, False, False, False]
+
+
+def test_right_and_down_are_positive():
+    camera = Camera(101, 101, 100.0, 50.0, 50.0, 50.0)
+    assert camera.project([0.1, 0.2, 1.0]).tolist() == [60.0, 60.0]
+
+
+@pytest.mark.parametrize("z", [0.0, -1.0])
+def test_points_behind_the_camera_have_no_pixel(z):
+    assert np.isnan(Camera.from_fov(64, 48, 60).project([0.1, 0.1, z])).all()
+
+
+@given(st.integers(1, 4000), st.integers(1, 4000), st.floats(0.5, 175))
+def test_from_fov_spans_its_angle_from_edge_to_edge(width, height, fov):
+    camera = Camera.from_fov(width, height, fov)
+    left, right = camera.unproject([(-0.5, 0), (width - 0.5, 0)])[:, 0]
+    assert math.degrees(math.atan(right) - math.atan(left)) == pytest.approx(fov, abs=1e-9)
+    assert camera.fov_x_deg == pytest.approx(fov, abs=1e-9)
+    assert (camera.cx, camera.cy) == ((width - 1) / 2, (height - 1) / 2)
+    assert camera.fx == camera.fy
+
+
+@given(cameras)
+def test_fov_does_not_change_when_the_image_is_mirrored(camera):
+    mirrored = camera.replace(cx=camera.width - 1 - camera.cx)
+    assert mirrored.fov_x_deg == pytest.approx(camera.fov_x_deg, rel=1e-9)
+
+
+@given(cameras, st.floats(0.5, 50))
+def test_film_distance_is_the_one_whose_pixels_are_fx(camera, pitch):
+    """A film at v with pixels p wide: the half-field tangent of n pixels is n p / v."""
+    camera = camera.replace(pixel_pitch_um=pitch)
+    across = camera.unproject([camera.cx + 10, camera.cy])[0]
+    assert across == pytest.approx(10 * pitch * 1e-6 / camera.film_distance, rel=1e-12)
+
+
+@given(cameras)
+def test_K_is_the_matrix_of_project(camera):  # noqa: N802
+    point = np.array([0.3, -0.4, 2.0])
+    u, v, w = camera.K @ point
+    assume(abs(u) < 1e6)
+    assert np.allclose(camera.project(point), [u / w, v / w], rtol=1e-12, atol=1e-9)
+
+
+GOOD = {"width": 640, "height": 480, "fx": 700.0, "fy": 700.0, "cx": 319.5, "cy": 239.5}
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [(side, v) for side in ("width", "height") for v in (0, -3, 2.5, True, 65537, math.nan, "640", None)]
+    + [(size, v) for size in ("fx", "fy", "pixel_pitch_um") for v in (0.0, -1.0, math.inf, math.nan)]
+    + [(centre, v) for centre in ("cx", "cy") for v in (math.inf, math.nan)],
+)
+def test_impossible_cameras_are_refused_by_the_name_of_the_field(field, value):
+    with pytest.raises(InputError) as caught:
+        Camera(**GOOD | {field: value})
+    assert f"camera {field}" in str(caught.value)
+    assert str(value) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("fov", [0, 180, -5, math.nan])
+def test_impossible_fields_of_view_are_refused(fov):
+    with pytest.raises(InputError, match="fov_x_deg"):
+        Camera.from_fov(640, 480, fov)
+
+
+def test_from_fov_checks_the_size_too():
+    with pytest.raises(InputError, match="camera width"):
+        Camera.from_fov(-640, 480, 50)
+
+
+def test_replace_checks_again_and_leaves_the_first_alone():
+    camera = Camera(**GOOD)
+    assert camera.replace(cx=3.0).cx == 3.0
+    assert camera == Camera(**GOOD)
+    with pytest.raises(InputError, match="camera fx"):
+        camera.replace(fx=0.0)

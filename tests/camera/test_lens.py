@@ -1,0 +1,114 @@
+"""Lenses against the geometric optics of the textbook, by tracing rays through the thin-lens matrix."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twinlens import optics
+from twinlens.camera import BareAperture, Camera, Disk, Pinhole, Polygon, ThinLens
+from twinlens.errors import InputError
+
+diameters = st.floats(1e-6, 0.5)
+distances = st.floats(0.05, 1e4)
+film = st.floats(1e-3, 0.3)
+
+
+def film_point(z: float, height: float, a: float, power: float, film_distance: float) -> float:
+    """ABCD matrices of paraxial optics: from a point at (z, height), through a of the lens, to the film; upright."""
+    slope_before = (a - height) / z
+    slope_behind = slope_before - power * a
+    return -(a + slope_behind * film_distance)
+
+
+@given(diameters, distances, film, st.floats(0.06, 100))
+def test_blur_follows_from_the_vergence_as_ray_matrices_say(diameter, focus, film_distance, z):
+    """The two marginal rays of an axial point land apart by A v |1/z - k| on the film."""
+    power = 1 / optics.focal_length(focus, film_distance)
+    ends = [film_point(z, 0.0, a, power, film_distance) for a in (-diameter / 2, diameter / 2)]
+    k = ThinLens(diameter, focus).vergence
+    assert abs(ends[1] - ends[0]) == pytest.approx(diameter * film_distance * abs(1 / z - k), abs=1e-12)
+
+
+@given(diameters, film, st.floats(0.06, 100))
+def test_a_bare_hole_has_the_vergence_of_no_lens(diameter, film_distance, z):
+    ends = [film_point(z, 0.0, a, 0.0, film_distance) for a in (-diameter / 2, diameter / 2)]
+    k = BareAperture(diameter, film_distance).vergence
+    assert abs(ends[1] - ends[0]) == pytest.approx(diameter * film_distance * abs(1 / z - k), abs=1e-12)
+
+
+@given(distances, film)
+def test_from_f_number_makes_the_lens_that_focuses_there(focus, film_distance):
+    """Gauss: 1/f = 1/z + 1/v, and the aperture is f over N."""
+    lens = ThinLens.from_f_number(2.8, focus, film_distance)
+    f = lens.aperture_diameter * 2.8
+    assert 1 / f == pytest.approx(1 / focus + 1 / film_distance, rel=1e-12)
+    assert lens.focus_distance == focus
+
+
+def test_a_nikkor_by_hand():
+    """50 mm f/2 focused at infinity, its film in the focal plane: a pupil 25 mm wide, and k = 0."""
+    lens = ThinLens.from_f_number(2.0, math.inf, 0.05)
+    assert lens.aperture_diameter == pytest.approx(0.025, rel=1e-14)
+    assert lens.vergence == 0.0
+
+
+@given(diameters, distances, st.floats(0.05, 100))
+def test_blur_and_disparity_are_one_law(diameter, focus, z):
+    """c = (A/B) |d - d_focus|, the blur as a share of the parallax between the aperture's ends."""
+    fx, baseline = 700.0, 0.12
+    blur = optics.circle_of_confusion_px(z, diameter, fx, ThinLens(diameter, focus).vergence)
+    parallax = fx * baseline / z - fx * baseline / focus
+    assert blur == pytest.approx(diameter / baseline * parallax, abs=1e-9)
+
+
+def test_a_pinhole_has_no_width():
+    assert Pinhole().aperture_diameter == 0
+    assert optics.circle_of_confusion_px([0.1, 5.0, math.inf], Pinhole().aperture_diameter, 700, 0).tolist() == [
+        0,
+        0,
+        0,
+    ]
+
+
+def test_every_lens_answers_the_same_questions():
+    for lens in (Pinhole(), ThinLens(0.01, 2.0), BareAperture(1e-3, 0.05)):
+        assert lens.aperture == Disk()
+        assert lens.aperture_diameter >= 0
+        assert math.isfinite(lens.vergence)
+    assert ThinLens(0.01, 2.0, Polygon(5)).aperture == Polygon(5)
+    assert len({Pinhole.name, ThinLens.name, BareAperture.name}) == 3
+
+
+def test_the_film_of_a_bare_aperture_fixes_the_pixel():
+    """A hole 50 mm before the film seen with fx = 500 px has pixels 0.1 mm wide."""
+    assert Camera(64, 48, 500.0, 500.0, 31.5, 23.5, pixel_pitch_um=100.0).film_distance == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        *((lambda v=v: ThinLens(v, 2.0), "aperture_diameter") for v in (-0.1, math.nan, math.inf)),
+        *((lambda v=v: ThinLens(0.1, v), "focus_distance") for v in (0.0, -2.0, math.nan)),
+        *((lambda v=v: BareAperture(v, 0.1), "diameter") for v in (-0.1, math.nan, math.inf)),
+        *((lambda v=v: BareAperture(0.1, v), "film_distance") for v in (0.0, -2.0, math.nan, math.inf)),
+        *((lambda v=v: ThinLens.from_f_number(v, 2.0, 0.05), "f_number") for v in (0.0, -2.0, math.nan, math.inf)),
+        *((lambda v=v: ThinLens.from_f_number(2, v, 0.05), "focus_distance") for v in (0.0, -2.0, math.nan)),
+        *((lambda v=v: ThinLens.from_f_number(2, 2.0, v), "film_distance") for v in (0.0, -2.0, math.nan, math.inf)),
+        (lambda: ThinLens(0.1, 2.0).replace(focus_distance=-1.0), "focus_distance"),
+        (lambda: BareAperture(0.1, 2.0).replace(diameter=-1.0), "diameter"),
+    ],
+)
+def test_impossible_lenses_are_refused_by_name(make, name):
+    with pytest.raises(InputError) as caught:
+        make()
+    assert name in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_lenses_are_equal_by_value_and_can_be_keys():
+    assert {ThinLens(0.1, 2.0): 1}[ThinLens(0.1, 2.0)] == 1
+    assert ThinLens(0.1, 2.0) != ThinLens(0.1, 2.1)
+    assert np.isclose(ThinLens(0.1, 2.0).replace(focus_distance=4.0).vergence, 0.25)

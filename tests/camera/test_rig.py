@@ -1,0 +1,134 @@
+"""Rigs: the closed form of the rectified pair, and honesty about every other pair."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from twinlens import geometry
+from twinlens.camera import BrownConrady, Camera, Rig
+from twinlens.errors import InputError
+
+CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
+turns = arrays(np.float64, 3, elements=st.floats(-3, 3))
+shifts = arrays(np.float64, 3, elements=st.floats(-20, 20))
+poses = st.builds(lambda turn, shift: geometry.rigid(cv2.Rodrigues(turn)[0], shift), turns, shifts)
+baselines = st.floats(1e-3, 3)
+
+
+@given(poses, baselines, st.floats(-40, 40), st.floats(-2, 2), st.floats(-2, 2), st.floats(0.5, 20))
+def test_a_rectified_pair_sees_a_point_in_one_row_and_fx_b_over_z_apart(pose, baseline, doffs, x, y, z):
+    rig = Rig.stereo(CAMERA, baseline, pose, right=CAMERA.replace(cx=CAMERA.cx + doffs))
+    world = geometry.transform_points(pose, [x, y, z])
+    left, right = (geometry.dehomogeneous(rig.px_from_world(i) @ [*world, 1]) for i in (0, 1))
+    assert left[1] == pytest.approx(right[1], abs=1e-8)
+    assert left[0] - right[0] == pytest.approx(CAMERA.fx * baseline / z - doffs, abs=1e-7)
+    assert rig.doffs() == pytest.approx(doffs, abs=1e-12)
+    assert rig.baseline() == pytest.approx(baseline, rel=1e-12, abs=1e-13)
+    assert rig.is_rectified()
+    assert not rig.is_rectified(1, 0)
+
+
+@given(poses, baselines)
+def test_a_pair_whose_pose_was_typed_with_seven_digits_is_rectified_still(pose, baseline):
+    typed = np.round(pose, 7)
+    assert Rig.stereo(CAMERA, baseline, typed).is_rectified()
+
+
+@given(poses, poses, poses)
+def test_relative_poses_compose(a, b, c):
+    rig = Rig([CAMERA] * 3, [a, b, c])
+    assert np.allclose(rig.b_from_a(1, 2) @ rig.b_from_a(0, 1), rig.b_from_a(0, 2), atol=1e-9)
+    assert np.allclose(rig.b_from_a(0, 1) @ rig.b_from_a(1, 0), np.eye(4), atol=1e-10)
+    assert np.allclose(a @ rig.b_from_a(1, 0), b, atol=1e-9)
+
+
+@given(poses, poses)
+def test_triangulating_what_a_rig_projects_returns_the_point(a, b):
+    """Two cameras that both have the point before them, anywhere."""
+    rig = Rig([CAMERA, CAMERA], [a, b])
+    point = 0.5 * (a[:3, 3] + b[:3, 3]) + 3 * (a[:3, 2] + b[:3, 2])
+    depths = [(rig.px_from_world(i) @ [*point, 1])[2] for i in (0, 1)]
+    rays = [point - pose[:3, 3] for pose in (a, b)]
+    apart = np.linalg.norm(np.cross(*rays)) / max(1e-9, np.linalg.norm(rays[0]) * np.linalg.norm(rays[1]))
+    if min(depths) < 0.5 or apart < 0.05:
+        return
+    matrices = [rig.px_from_world(i) for i in (0, 1)]
+    seen = [geometry.dehomogeneous(matrix @ [*point, 1])[None] for matrix in matrices]
+    assert np.allclose(geometry.triangulate(matrices, seen)[0], point, atol=1e-7)
+
+
+def test_projection_equals_opencv():
+    rng = np.random.default_rng(0)
+    rig = Rig.stereo(CAMERA, 0.2, geometry.rigid(cv2.Rodrigues(rng.normal(size=3))[0], rng.normal(size=3)))
+    points = geometry.transform_points(rig.world_from_cams[0], rng.uniform([-1, -1, 2], [1, 1, 5], (30, 3)))
+    for i in (0, 1):
+        cam_from_world = np.linalg.inv(rig.world_from_cams[i])
+        turn, _ = cv2.Rodrigues(cam_from_world[:3, :3])
+        theirs, _ = cv2.projectPoints(points, turn, cam_from_world[:3, 3], CAMERA.K, None)
+        ours = geometry.dehomogeneous(geometry.homogeneous(points) @ rig.px_from_world(i).T)
+        assert np.allclose(ours, theirs[:, 0], atol=1e-8)
+
+
+def shifted(x=0.1, y=0.0, z=0.0, turn=(0.0, 0.0, 0.0)):
+    return geometry.rigid(cv2.Rodrigues(np.array(turn))[0], [x, y, z])
+
+
+@pytest.mark.parametrize(
+    ("right", "pose"),
+    [
+        (CAMERA, shifted(y=1e-6)),
+        (CAMERA, shifted(z=1e-6)),
+        (CAMERA, shifted(x=-0.1)),
+        (CAMERA, shifted(turn=(0, 1e-6, 0))),
+        (CAMERA, shifted(turn=(math.pi, 0, 0))),
+        (CAMERA.replace(fx=701.0), shifted()),
+        (CAMERA.replace(fy=691.0), shifted()),
+        (CAMERA.replace(cy=240.0), shifted()),
+        (CAMERA.replace(height=479), shifted()),
+        (CAMERA.replace(distortion=BrownConrady(k1=-0.1)), shifted()),
+    ],
+)
+def test_what_is_not_quite_rectified_is_not_called_so(right, pose):
+    assert not Rig([CAMERA, right], [np.eye(4), pose]).is_rectified()
+
+
+def test_widths_and_principal_columns_may_differ_in_a_rectified_pair():
+    assert Rig.stereo(CAMERA, 0.1, right=CAMERA.replace(cx=300.0, width=500)).is_rectified()
+
+
+@pytest.mark.parametrize(("count", "partners"), [(1, [None]), (2, [1, 0]), (4, [1, 2, 3, 2])])
+def test_everyone_has_a_partner_but_the_only_one(count, partners):
+    rig = Rig([CAMERA] * count, [shifted(0.1 * i) for i in range(count)])
+    assert len(rig) == count
+    assert [rig.partner(i) for i in range(count)] == partners
+
+
+def test_a_rig_does_not_change_with_the_arrays_it_was_made_from():
+    pose = np.eye(4)
+    rig = Rig.stereo(CAMERA, 0.1, pose)
+    other = Rig([CAMERA], [pose])
+    pose[0, 3] = 5
+    assert rig.world_from_cams[0][0, 3] == 0
+    assert other.world_from_cams[0][0, 3] == 0
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: Rig([], []), "one pose a camera"),
+        (lambda: Rig([CAMERA], []), "1 cameras and 0 poses"),
+        (lambda: Rig([CAMERA] * 2, [np.eye(4), np.eye(4) * 2]), r"world_from_cams\[1\]"),
+        (lambda: Rig([CAMERA], [np.eye(3)]), r"world_from_cams\[0\]"),
+        *((lambda b=b: Rig.stereo(CAMERA, b), "baseline") for b in (0.0, -0.1, math.nan, math.inf)),
+        (lambda: Rig.stereo(CAMERA, 0.1, np.diag([1, 1, -1, 1])), "world_from_left"),
+    ],
+)
+def test_impossible_rigs_are_refused(make, says):
+    with pytest.raises(InputError, match=says) as caught:
+        make()
+    assert "\n" not in str(caught.value)
