@@ -1,0 +1,118 @@
+"""The formulas of optics.py against the textbook's own forms, rays traced by hand, and each other."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.special import jn_zeros
+
+from twinlens import optics
+from twinlens.camera import Camera
+from twinlens.errors import InputError
+
+focal = st.floats(0.005, 0.2)
+stops = st.floats(1.0, 32.0)
+pixels = st.floats(0.2, 5.0)
+
+
+@given(focal, stops, st.floats(0.5, 50.0), pixels)
+def test_depth_of_field_is_the_textbooks(f, n, s, c_px):
+    """Near and far of Ray, Applied Photographic Optics: s (H - f) / (H +- (s - f)...), H = f^2 / (N c) + f.
+
+    The textbook has a lens of fixed power and moves the film to v = f s / (s - f): at that film the two must agree.
+    """
+    pitch = 5e-6
+    v = f * s / (s - f)
+    c = c_px * pitch
+    hyperfocal = f * f / (n * c) + f
+    near, far = optics.depth_of_field(f / n, fx=v / pitch, k=1 / s, circle_px=c_px)
+    assert near == pytest.approx(s * (hyperfocal - f) / (hyperfocal + s - 2 * f), rel=1e-9)
+    if s < hyperfocal * (1 - 1e-9):
+        assert far == pytest.approx(s * (hyperfocal - f) / (hyperfocal - s), rel=1e-6)
+    elif s > hyperfocal * (1 + 1e-9):
+        assert far == math.inf
+
+
+@given(focal, stops, pixels)
+def test_hyperfocal_distance_is_the_textbooks(f, n, c_px):
+    """f^2 / (N c) + f, for the lens that is focused there."""
+    pitch = 5e-6
+    hyperfocal = f * f / (n * c_px * pitch) + f
+    v = f * hyperfocal / (hyperfocal - f)
+    assert optics.hyperfocal_distance(f / n, v / pitch, c_px) == pytest.approx(hyperfocal, rel=1e-9)
+
+
+@given(st.floats(1e-4, 0.05), st.floats(100, 5000), pixels)
+def test_focused_at_the_hyperfocal_distance_sharpness_runs_from_its_half_to_infinity(a, fx, c_px):
+    h = optics.hyperfocal_distance(a, fx, c_px)
+    near, far = optics.depth_of_field(a, fx, 1 / (h * (1 + 1e-12)), c_px)
+    assert near == pytest.approx(h / 2)
+    assert far > 1e9 * h
+
+
+@given(st.floats(1e-4, 0.05), st.floats(100, 5000), st.floats(-20.0, 5.0), pixels)
+def test_blur_at_the_limits_is_the_circle_allowed(a, fx, k, c_px):
+    limits = optics.depth_of_field(a, fx, k, c_px)
+    for depth, sign in zip(limits, (1, -1), strict=True):
+        if depth < math.inf:
+            assert optics.circle_of_confusion_px(depth, a, fx, k) == pytest.approx(sign * c_px, rel=1e-6)
+    assert limits[0] <= limits[1]
+
+
+def test_depth_of_field_at_the_ends():
+    assert optics.depth_of_field(0.0, 700, 0.5) == (0.0, math.inf)
+    assert optics.depth_of_field(0.01, 700, k=-20.0) == (math.inf, math.inf)  # an open box: nothing is sharp
+    near, far = optics.depth_of_field(0.01, 700, k=0.0)
+    assert (near, far) == (7.0, math.inf)
+
+
+@pytest.mark.parametrize("f", [math.inf, 0.05], ids=["bare hole", "lens"])
+def test_blur_is_the_spread_of_rays_bent_by_hand(f):
+    """Rays of a point through the aperture's two edges, bent by -y/f and followed to the film."""
+    v, a, z, fx = 0.06, 0.012, 0.8, 1200.0
+    landings = [y + v * (y / z - y / f) for y in (-a / 2, a / 2)]  # paraxial: slope from the point, then the bend
+    spread_px = (landings[1] - landings[0]) * fx / v
+    k = optics.vergence(0.0 if f == math.inf else 1 / f, v)
+    assert optics.circle_of_confusion_px(z, a, fx, k) == pytest.approx(spread_px, rel=1e-12)
+
+
+@given(st.floats(0.05, 100.0), st.floats(0.001, 0.3))
+def test_focal_length_obeys_gauss(s, v):
+    assert 1 / optics.focal_length(s, v) == pytest.approx(1 / s + 1 / v)
+    assert optics.vergence(1 / optics.focal_length(s, v), v) == pytest.approx(1 / s, abs=1e-9 / v)
+    assert optics.focal_length(math.inf, v) == pytest.approx(v)
+
+
+def test_blur_and_disparity_are_one_line():
+    """c = (A/B) (d - d_focus), over depths on both sides of focus."""
+    fx, a, b, focus = 700.0, 0.02, 0.12, 1.5
+    z = np.linspace(0.4, 20, 50)
+    disparity, at_focus = fx * b / z, fx * b / focus
+    assert optics.circle_of_confusion_px(z, a, fx, 1 / focus) == pytest.approx(a / b * (disparity - at_focus))
+
+
+def test_airy_zero_is_the_first_root_of_j1():
+    assert pytest.approx(jn_zeros(1, 1)[0] / math.pi, rel=1e-14) == optics.AIRY_FIRST_ZERO
+
+
+def test_film_distance_and_fov_of_a_full_frame_camera():
+    """36 mm of film at 50 mm: 39.6 degrees, as lens tables say."""
+    camera = Camera.from_fov(6000, 4000, fov_x_deg=math.degrees(2 * math.atan(18 / 50)), pixel_pitch_um=6.0)
+    assert camera.film_distance == pytest.approx(0.05)
+    assert camera.fov_x_deg == pytest.approx(39.6, abs=0.01)
+
+
+@pytest.mark.parametrize("depth", [0.0, -1.0, math.nan, [1.0, math.nan]])
+def test_impossible_depths_are_refused(depth):
+    with pytest.raises(InputError, match="depth must be positive"):
+        optics.circle_of_confusion_px(depth, 0.01, 700, 0.5)
+
+
+@pytest.mark.parametrize("circle", [0.0, -1.0, math.nan])
+def test_impossible_circles_are_refused(circle):
+    with pytest.raises(InputError, match="circle_px"):
+        optics.depth_of_field(0.01, 700, 0.5, circle)
+    with pytest.raises(InputError, match="circle_px"):
+        optics.hyperfocal_distance(0.01, 700, circle)
