@@ -101,6 +101,8 @@ def test_a_point_at_infinity_becomes_inf():
 @given(vectors, vectors, vectors)
 def test_look_at_looks_at_its_target_with_up_above(eye, target, up):
     sight = target - eye
+    if min(np.linalg.norm(sight), np.linalg.norm(up)) < 1e-6:
+        return
     if np.linalg.norm(np.cross(sight, up)) <= 1e-3 * np.linalg.norm(sight) * np.linalg.norm(up):
         return
     world_from_cam = g.look_at(eye, target, up)
