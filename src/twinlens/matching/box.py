@@ -1,0 +1,172 @@
+"""Winner-take-all with a fixed square window: prepares memory for the kernel and shares the rows between threads."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .costs import Cost, numbers
+from .images import Disparity, Image, extended
+
+FLOAT_ROWS = 64  # rounding depends on where a strip begins: float images are always cut in the same places
+LANE_COUNTS = (16, 32, 64, 96, 128)
+LANE_BITS = 4096
+FITS = {"none": 0, "v": 1, "parabola": 2}
+SCALES = {"sum": 0, "zssd": 0, "zncc": 1, "ncc": 2, "jaccard": 3}
+
+
+def cpu_count() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def in_strips(work: Callable[[int, int], None], height: int, rows: int, threads: int) -> None:
+    """work(y0, y1) for every strip of at most `rows` rows, on as many threads."""
+    strips = [(y, min(y + rows, height)) for y in range(0, height, rows)]
+    if threads <= 1 or len(strips) == 1:
+        for strip in strips:
+            work(*strip)
+        return
+    with ThreadPoolExecutor(min(threads, len(strips))) as pool:
+        for done in [pool.submit(work, *strip) for strip in strips]:
+            done.result()
+
+
+def strip_rows(dtype: np.dtype[Any], height: int, threads: int) -> int:
+    """Rows a strip has: an equal share for each thread, or a fixed number where sums round."""
+    return FLOAT_ROWS if dtype.kind == "f" else -(-height // max(threads, 1))
+
+
+@dataclass(frozen=True)
+class Passes:
+    """How a disparity range is covered by lanes: `count` passes of n lanes, neighbours sharing two of them.
+
+    The two shared lanes let each pass see the neighbours of every cost that may win in it.
+    """
+
+    n: int
+    count: int
+
+    @staticmethod
+    def covering(candidates: int, bits: int) -> "Passes":
+        """The fewest lanes in all, for numbers of so many bits."""
+
+        def passes(n: int) -> Passes:
+            return Passes(n, 1 if candidates <= n else -(-(candidates - 2) // (n - 2)))
+
+        allowed = [passes(n) for n in LANE_COUNTS if n * bits <= LANE_BITS]
+        return min(allowed, key=lambda p: (p.n * p.count, p.count))
+
+    def own(self, index: int) -> tuple[int, int]:
+        """The lanes that may win in this pass."""
+        return (0 if index == 0 else 1, self.n if index == self.count - 1 else self.n - 1)
+
+    def first(self, index: int) -> int:
+        """The candidate that lane 0 of this pass holds, counted from the range's first."""
+        return index * (self.n - 2)
+
+
+@dataclass(frozen=True)
+class Winners:
+    """Disparity (H, W) float32, +inf where there is no candidate, and its cost in the kernel's own numbers."""
+
+    disparity: Disparity
+    cost: NDArray[Any]
+
+
+def largest(dtype: Any) -> float:
+    """What stands for no cost at all: +inf, or an integer dtype's largest number, which no sum reaches."""
+    return np.inf if np.dtype(dtype).kind == "f" else int(np.iinfo(dtype).max)
+
+
+class BoxMatch:
+    """One cost of one pair over one window, ready to be searched."""
+
+    def __init__(self, left: Image, right: Image, cost: Cost, side: int, low: int, high: int, threads: int) -> None:
+        """Search disparities low..high-1; left and right are uint8, uint16, uint32, uint64 or float64, (H, W)."""
+        width = left.shape[1]
+        self.shape, self.cost, self.side, self.threads = left.shape, cost, side, threads
+        self.low, self.high = max(low, 1 - width), min(high, width)
+        self.sums, self.scores = numbers(cost, left.dtype, side)
+        if left.dtype.kind == "f" and cost.scoring in ("zncc", "zssd"):
+            left, right = left - left.mean(), right - left.mean()
+        if self.low < self.high:
+            self._lay_out(left, right)
+
+    def _lay_out(self, left: Image, right: Image) -> None:
+        height, width = self.shape
+        radius = self.side // 2
+        self.passes = Passes.covering(self.high - self.low, 8 * np.dtype(self.sums).itemsize)
+        last = self.low + self.passes.first(self.passes.count - 1) + self.passes.n - 1
+        rows = (-radius, height + radius)
+        self.left = extended(left, rows, (-radius, width + radius))
+        self.right = extended(right, rows, (-radius - last, width + radius - self.low))[:, ::-1].copy()
+        self.rows = strip_rows(left.dtype, height, self.threads)
+        self.left_stats = self._stats(self.left, 0, 0)
+        mirrored = extended(right[:, ::-1], rows, (-radius, width + radius))
+        self.right_stats = self._stats(mirrored, max(-self.low, 0), max(last, 0))
+
+    def _stats(self, padded: Image, before: int, after: int) -> tuple[Image, Image]:
+        """Window sums and scales (H, before + W + after), zero outside the image; empty where no score needs them."""
+        if self.cost.scoring == "sum":
+            return np.zeros((1, 1), self.sums), np.zeros((1, 1), self.scores)
+        from .kernels.windows import FLAT, window_stats
+
+        integers = padded.dtype.kind != "f"
+        shape = (self.shape[0], before + self.shape[1] + after)
+        totals, scales = np.zeros(shape, self.sums), np.zeros(shape, self.scores)
+        mode, flat, border = SCALES[self.cost.scoring], 0.0 if integers else FLAT, self.side - 1
+
+        def work(y0: int, y1: int) -> None:
+            columns = np.zeros((2, padded.shape[1]), np.int64 if integers else np.float64)
+            rows = padded[y0 : y1 + border]
+            window_stats(rows, self.side // 2, mode, flat, columns, before, totals[y0:y1], scales[y0:y1])
+
+        in_strips(work, self.shape[0], self.rows, self.threads)
+        return totals, scales
+
+    def winners(self, fit: str) -> Winners:
+        """The candidate of lowest cost at each pixel, of equal ones the smallest disparity, with sub-pixel `fit`."""
+        best = np.full(self.shape, largest(self.scores), self.scores)
+        disparity = np.full(self.shape, np.inf, np.float32)
+        self._search(best, disparity, fit, runner_up=False)
+        return Winners(disparity, best)
+
+    def rivals(self, disparity: Disparity) -> NDArray[Any]:
+        """The lowest cost among candidates at least two away from the winner; the largest number where none is."""
+        best = np.full(self.shape, largest(self.scores), self.scores)
+        self._search(best, disparity, "none", runner_up=True)
+        return best
+
+    def _search(self, best: NDArray[Any], disparity: Disparity, fit: str, *, runner_up: bool) -> None:
+        if self.low >= self.high:
+            return
+        from .kernels.slide import winner_kernel
+
+        kernel = winner_kernel(self.cost.term, self.cost.scoring, self.passes.n, runner_up)
+
+        def work(y0: int, y1: int) -> None:
+            for index in range(self.passes.count):
+                kernel(*self._arguments(y0, y1, index), FITS[fit], self._columns(), best[y0:y1], disparity[y0:y1])
+
+        in_strips(work, self.shape[0], self.rows, self.threads)
+
+    def _columns(self) -> NDArray[Any]:
+        return np.zeros((self.left.shape[1] + self.side) * self.passes.n, self.sums)
+
+    def _arguments(self, y0: int, y1: int, index: int) -> tuple[Any, ...]:
+        """What the kernel reads in one pass over one strip; see `kernels.slide.winner_kernel`."""
+        radius, width = self.side // 2, self.shape[1]
+        first = self.low + self.passes.first(index)
+        rows = slice(y0, y1 + 2 * radius)
+        right_start = width - 1 + 2 * radius + first - self.low
+        stats = self.right_stats[0].shape[1]
+        layout = (self.left.shape[1], self.right.shape[1], right_start, stats, width - 1 + first + max(-self.low, 0))
+        spans = (radius, self.side**2, first, self.low - first, self.high - first, *self.passes.own(index))
+        lefts = tuple(array[y0:y1].ravel() for array in self.left_stats)
+        rights = tuple(array[y0:y1].ravel() for array in self.right_stats)
+        return self.left[rows].ravel(), self.right[rows].ravel(), layout, lefts, rights, spans

@@ -1,0 +1,94 @@
+"""What a matcher accepts: two images of one size and dtype, made grey, with nothing in them that is not a number."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.errors import InputError
+
+Image = NDArray[Any]
+Disparity = NDArray[np.float32]
+
+LUMA_14_BIT = (4899, 9617, 1868)  # 0.299, 0.587, 0.114 in 1/16384; they sum to 16384
+WIDE_INTEGERS = "iu"
+
+
+def grey(image: Image) -> Image:
+    """The luma of a colour image, Y = 0.299 R + 0.587 G + 0.114 B, in the image's own dtype; a grey image as it is.
+
+    Integers are weighted in 1/16384 and rounded half up, so that uint8 stays uint8 and equal channels stay what they
+    are. The weights act on the stored (gamma-encoded) values, as video's luma does and OpenCV's BGR2GRAY.
+
+    Parameters: image (H, W), (H, W, 1) or (H, W, 3). Returns (H, W). Source: ITU-R BT.601-7, section 2.5.1.
+
+    >>> grey(np.full((1, 2, 3), 200, np.uint8))
+    array([[200, 200]], dtype=uint8)
+    """
+    if image.ndim == 2:
+        return image
+    if image.ndim == 3 and image.shape[2] == 1:
+        return image[:, :, 0]
+    if image.ndim != 3 or image.shape[2] != 3:
+        raise InputError(f"an image has shape {image.shape}; (H, W) or (H, W, 3) can be matched")
+    red, green, blue = (image[:, :, channel] for channel in range(3))
+    if image.dtype.kind not in WIDE_INTEGERS:
+        return np.asarray(0.299 * red + 0.587 * green + 0.114 * blue, dtype=image.dtype)
+    r, g, b = LUMA_14_BIT
+    wide = red.astype(np.int32) * r + green.astype(np.int32) * g + blue.astype(np.int32) * b
+    return ((wide + (1 << 13)) >> 14).astype(image.dtype)
+
+
+def working(image: Image, name: str) -> Image:
+    """The image in a dtype the kernels know: uint8, uint16 or float64; exact for all that is accepted.
+
+    bool becomes 0 and 1; int8, int16, float16, float32 and float64 are computed in float64.
+    """
+    dtype = image.dtype
+    if dtype == np.bool_:
+        return image.astype(np.uint8)
+    if dtype in (np.uint8, np.uint16):
+        return np.ascontiguousarray(image)
+    if dtype in (np.int8, np.int16):
+        return image.astype(np.float64)
+    if dtype.kind != "f":
+        raise InputError(f"the {name} image is {dtype}; use uint8, uint16 or float32")
+    bad = np.argwhere(~np.isfinite(image))
+    if len(bad):
+        place = ", ".join(str(i) for i in bad[0])
+        raise InputError(f"the {name} image holds {image[tuple(bad[0])]} at [{place}]; every pixel must be finite")
+    return image.astype(np.float64)
+
+
+def pair(left: Any, right: Any) -> tuple[Image, Image]:
+    """Both images grey and in one working dtype: uint8, uint16 or float64. Raises InputError for anything else."""
+    images = np.asarray(left), np.asarray(right)
+    for name, image in zip(("left", "right"), images, strict=True):
+        if image.ndim not in (2, 3) or 0 in image.shape:
+            raise InputError(f"the {name} image has shape {image.shape}; (H, W) or (H, W, 3) can be matched")
+    if images[0].shape[:2] != images[1].shape[:2]:
+        sizes = " and ".join(f"{image.shape[1]}x{image.shape[0]}" for image in images)
+        raise InputError(f"the left and right images are {sizes}; both must have one size")
+    if images[0].dtype != images[1].dtype:
+        raise InputError(f"the left image is {images[0].dtype}, the right {images[1].dtype}; both must have one dtype")
+    greys = tuple(grey(working(image, name)) for name, image in zip(("left", "right"), images, strict=True))
+    return np.ascontiguousarray(greys[0]), np.ascontiguousarray(greys[1])
+
+
+def extended(image: Image, rows: tuple[int, int], columns: tuple[int, int]) -> Image:
+    """image[rows[0]:rows[1], columns[0]:columns[1]], where what lies outside repeats the nearest edge pixel.
+
+    >>> extended(np.array([[1, 2]]), (-1, 1), (-2, 3))
+    array([[1, 1, 1, 2, 2],
+           [1, 1, 1, 2, 2]])
+    """
+    height, width = image.shape
+    start, stop = columns
+    taken = image[np.clip(np.arange(*rows), 0, height - 1)]
+    result = np.empty((rows[1] - rows[0], stop - start), image.dtype)
+    first, last = min(max(start, 0), width), max(min(stop, width), 0)
+    before, inner = max(min(-start, stop - start), 0), max(last - first, 0)
+    result[:, :before] = taken[:, :1]
+    result[:, before : before + inner] = taken[:, first : first + inner]
+    result[:, before + inner :] = taken[:, -1:]
+    return result

@@ -1,0 +1,177 @@
+"""Winner-take-all with one square window: every measure that is a box sum of a pixel term, in O(W D) memory.
+
+For each image row, the sum of a term over a column of the window is kept for every x and candidate; stepping a row
+down adds the term below and takes the term above away. Sliding right along the row, the window's sum gains the column
+that enters and loses the one that leaves. Both steps act on all candidates at once (`lanes`); the right image lies
+reversed in memory so that growing disparity reads forward. The winner is found in registers.
+
+The layout that the caller prepares (`matching.box`): `left` is padded by the radius on each side; `right` is padded
+and reversed such that lane j of the padded column x is right[row, start - x + j]. Both flat, with their row strides.
+"""
+
+# numba types what it compiles by itself; its decorators and the functions given to it carry no annotations
+# mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import types
+from numba.extending import overload
+
+from .compiling import inlined, jit
+from .lanes import convert, distance, first_equal, inside, larger, load, lowest, ones, pick, splat, store, width_of
+
+NO_FIT, V_FIT, PARABOLA_FIT = 0, 1, 2
+
+
+def term(kind: str, a: Any, b: Any, like: Any) -> Any:
+    """The pixel term of a measure, in the dtype of `like`: what the window's box sum adds up."""
+
+
+@overload(term, prefer_literal=True, inline="always", strict=False)
+def _term(kind: Any, a: Any, b: Any, like: Any) -> Any:
+    if not isinstance(kind, types.StringLiteral):
+        return None
+    return {
+        "absolute": lambda kind, a, b, like: convert(distance(a, b), like),
+        "square": lambda kind, a, b, like: convert(distance(a, b), like) * convert(distance(a, b), like),
+        "product": lambda kind, a, b, like: convert(a, like) * convert(b, like),
+        "hamming": lambda kind, a, b, like: convert(ones(a ^ b), like),
+    }[kind.literal_value]
+
+
+def score(kind: str, window: Any, area: Any, lefts: Any, pixel: int, rights: Any, at: int, like: Any) -> Any:
+    """A measure, lower is better, from the window's sum and the two windows' own statistics.
+
+    `lefts` and `rights` are pairs of flat arrays: the windows' sums, and their scales in the dtype of `like`; the
+    left ones are read at `pixel`, the right ones, reversed, from `at` on.
+    """
+
+
+@overload(score, prefer_literal=True, inline="always", strict=False)
+def _score(kind: Any, window: Any, area: Any, lefts: Any, pixel: Any, rights: Any, at: Any, like: Any) -> Any:
+    if not isinstance(kind, types.StringLiteral):
+        return None
+    n = window.n
+
+    def total(kind, window, area, lefts, pixel, rights, at, like):
+        return window
+
+    def zncc(kind, window, area, lefts, pixel, rights, at, like):
+        covariance = (
+            splat(lefts[0][pixel], window) * load(rights[0], at, n) - convert(splat(area, window), window) * window
+        )
+        return convert(covariance, like) * (load(rights[1], at, n) * splat(lefts[1][pixel], like))
+
+    def ncc(kind, window, area, lefts, pixel, rights, at, like):
+        return convert(window, like) * (load(rights[1], at, n) * splat(-lefts[1][pixel], like))
+
+    def zssd(kind, window, area, lefts, pixel, rights, at, like):
+        offset = splat(lefts[0][pixel], window) - load(rights[0], at, n)
+        return convert(splat(area, window), window) * window - offset * offset
+
+    def jaccard(kind, window, area, lefts, pixel, rights, at, like):
+        sad = convert(window, like)
+        union = splat(lefts[1][pixel], like) + load(rights[1], at, n) + sad
+        return (sad + sad) / larger(union, splat(tiny(like), like))
+
+    return {"sum": total, "zncc": zncc, "ncc": ncc, "zssd": zssd, "jaccard": jaccard}[kind.literal_value]
+
+
+def tiny(like: Any) -> Any:
+    """The smallest normal number of the lanes' dtype: what a denominator of zero becomes."""
+
+
+@overload(tiny, inline="always", strict=False)
+def _tiny(like: Any) -> Any:
+    smallest = np.finfo(str(like.dtype)).tiny
+    return lambda like: smallest
+
+
+@inlined
+def fitted(fit: int, before: Any, here: Any, after: Any) -> float:
+    """Offset of the minimum, in [-0.5, 0.5] pixels, from the costs at d - 1, d and d + 1.
+
+    V: two lines of equal and opposite slope, (before - after) / (2 (max(before, after) - here)); its truth is an
+    absolute difference. Parabola: (before - after) / (2 (before - 2 here + after)); its truth is a square.
+    Shimizu and Okutomi, "Sub-pixel estimation error cancellation on area-based matching", IJCV 2005.
+    """
+    a, c, b = np.float64(before), np.float64(here), np.float64(after)
+    bend = 2.0 * (max(a, b) - c) if fit == V_FIT else 2.0 * (a - 2.0 * c + b)
+    return (a - b) / bend if fit != NO_FIT and bend > 0.0 else 0.0
+
+
+@inlined
+def winner(cost, start, stop, begin, end, bar, fit):
+    """(lowest cost, its lane with sub-pixel offset) among lanes begin..end; lane -1 if none is below `bar`.
+
+    Lanes start..stop hold candidates, whose costs the fit may use.
+    """
+    own = inside(cost, begin, end, bar) if begin > 0 or end < width_of(cost) else cost
+    value = lowest(own)
+    lane = -1.0
+    if value < bar:
+        k = first_equal(own, value)
+        lane = np.float64(k)
+        if start < k < stop - 1:
+            lane += fitted(fit, pick(cost, k - 1), value, pick(cost, k + 1))
+    return value, lane
+
+
+@inlined
+def rival(cost, begin, end, k, bar):
+    """The lowest cost, or `bar` if that is lower, among lanes begin..end that are not the winner k or next to it."""
+    below = inside(cost, begin, min(max(k - 1, 0), end), bar)
+    above = inside(cost, max(min(k + 2, end), begin), end, bar)
+    return min(lowest(below), lowest(above))
+
+
+@functools.cache
+def winner_kernel(kind: str, scoring: str, n: int, runner_up: bool) -> Callable[..., None]:
+    """The kernel for one pixel term, one scoring and n lanes; it fills `best` and `disparity`, (H, W).
+
+    With `runner_up` the winners are given in `disparity` and their best rivals' costs are written to `best`.
+    `spans` is (radius, area, disparity of lane 0, low, high, begin, end): lanes low..high lie in the requested range,
+    lanes begin..end may win in this pass.
+    """
+
+    @jit
+    def winners(left, right, layout, lefts, rights, spans, fit, columns, best, disparity):
+        height, width = best.shape
+        left_stride, right_stride, right_start, stat_stride, stat_start = layout
+        radius, area, first, low, high, own_begin, own_end = spans
+        side = 2 * radius + 1
+        zero = load(columns, 0, n)
+        like = splat(best[0, 0], zero)
+        for y in range(1 - side, height):
+            window = zero
+            for x in range(width + 2 * radius):
+                column = load(columns, (x + side) * n, n)
+                row = y + side - 1
+                a = splat(left[row * left_stride + x], zero)
+                column = column + term(kind, a, load(right, row * right_stride + right_start - x, n), zero)
+                if y > 0:
+                    a = splat(left[(y - 1) * left_stride + x], zero)
+                    b = load(right, (y - 1) * right_stride + right_start - x, n)
+                    column = column - term(kind, a, b, zero)
+                store(columns, (x + side) * n, column)
+                window = window + (column - load(columns, x * n, n))
+                u = x - 2 * radius
+                start, stop = max(low, u - first - width + 1, 0), min(high, u - first + 1, n)
+                begin, end = max(start, own_begin), min(stop, own_end)
+                if y < 0 or u < 0 or begin >= end:
+                    continue
+                at = y * stat_stride + stat_start - u
+                cost = score(scoring, window, area, lefts, y * width + u, rights, at, like)
+                if runner_up:
+                    k = int(np.ceil(disparity[y, u] - 0.5)) - first
+                    best[y, u] = rival(cost, begin, end, k, best[y, u])
+                else:
+                    value, lane = winner(cost, start, stop, begin, end, best[y, u], fit)
+                    if lane >= 0.0:
+                        best[y, u] = value
+                        disparity[y, u] = first + lane
+
+    return winners

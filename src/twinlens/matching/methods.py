@@ -1,0 +1,130 @@
+"""The matchers by name, and the one line of text that names one with its options: `zncc:block_size=21,lr_check=1`."""
+
+import dataclasses
+import types
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from twinlens.errors import InputError, unknown
+
+from .costs import COSTS
+from .images import Disparity
+from .matcher import StereoMatcher
+
+
+@dataclass(frozen=True)
+class Method:
+    """A matcher that can be called by name: what it is, and what its options are unless told otherwise."""
+
+    name: str
+    description: str
+    defaults: Mapping[str, Any] = field(default_factory=dict)
+    matcher: type[Any] = StereoMatcher
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Every option with its default."""
+        fields = {item.name: item.default for item in dataclasses.fields(self.matcher)}
+        return {**fields, **self.defaults}
+
+    def make(self, **options: Any) -> Any:
+        """The matcher with these options: an object with match(left, right)."""
+        known = self.options
+        for name in options:
+            if name not in known:
+                raise unknown(f"option of {self.name}", name, known)
+        return self.matcher(**{**self.defaults, **options})
+
+
+def _of_cost(name: str) -> Method:
+    return Method(name, COSTS[name].description, {"cost": name})
+
+
+METHODS: dict[str, Method] = {name: _of_cost(name) for name in COSTS}
+
+
+@dataclass(frozen=True)
+class MethodSpec:
+    """A method and the options someone chose for it; `text` is how they wrote it, and its name on a board."""
+
+    text: str
+    method: Method
+    options: Mapping[str, Any]
+
+    def matcher(self, **defaults: Any) -> Any:
+        """The matcher; `defaults` fill what the options leave open, such as a data set's num_disparities."""
+        known = {name: value for name, value in defaults.items() if name in self.method.options}
+        return self.method.make(**{**known, **self.options})
+
+    def __call__(self, left: Any, right: Any, **defaults: Any) -> Disparity:
+        """The left image's disparity, (H, W) float32, +inf where unknown."""
+        result: Disparity = self.matcher(**defaults).match(left, right)
+        return result
+
+
+def find_method(name: str) -> Method:
+    """The method of this name, or an InputError with the nearest one.
+
+    >>> find_method("znc")
+    Traceback (most recent call last):
+    twinlens.errors.InputError: unknown method 'znc'; did you mean 'zncc'? (known: jaccard, ncc, sad, ssd, zncc, zssd)
+    """
+    if name not in METHODS:
+        raise unknown("method", name, METHODS)
+    return METHODS[name]
+
+
+def parse_method(text: str) -> MethodSpec:
+    """Read `name` or `name:option=value,option=value`; values are numbers, true, false, none, or words.
+
+    >>> parse_method("zncc:block_size=21,lr_check=1").options
+    mappingproxy({'block_size': 21, 'lr_check': 1})
+    """
+    name, _, tail = text.strip().partition(":")
+    method = find_method(name.strip())
+    options = dict(_option(part, text, method) for part in tail.split(",") if part.strip())
+    spec = MethodSpec(text.strip(), method, types.MappingProxyType(options))
+    spec.matcher()
+    return spec
+
+
+def _option(part: str, text: str, method: Method) -> tuple[str, Any]:
+    name, equals, value = (piece.strip() for piece in part.partition("="))
+    if not equals:
+        raise InputError(f"{name!r} in {text!r} is not an option; write option=value")
+    is_word = isinstance(method.options.get(name), str)
+    return name, value if is_word else _value(value)
+
+
+def _value(text: str) -> Any:
+    words = {"true": True, "false": False, "none": None}
+    if text.lower() in words:
+        return words[text.lower()]
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def match(left: Any, right: Any, method: str = "zncc", **options: Any) -> Disparity:
+    """Match two rectified images: the left one's disparity, u_left - u_right.
+
+    left, right: (H, W) or (H, W, 3) of one size and dtype, uint8, uint16 or float32; colour becomes luma (`grey`).
+    method: a name of `METHODS`, with or without options of its own ("sad:block_size=7"); options: block_size,
+    num_disparities, min_disparity and the others of `StereoMatcher` or of the method.
+    Returns (H, W) float32 in pixels, +inf where unknown. Raises InputError for what cannot be matched.
+
+    >>> import numpy as np
+    >>> right = np.random.default_rng(0).integers(0, 256, (20, 40), dtype=np.uint8)
+    >>> disparity = match(np.roll(right, 3, axis=1), right, method="sad", block_size=5, num_disparities=8)
+    >>> round(float(disparity[10, 20]))
+    3
+    """
+    spec = parse_method(method)
+    for name in options:
+        if name not in spec.method.options:
+            raise unknown(f"option of {spec.method.name}", name, spec.method.options)
+    return spec(left, right, **options)

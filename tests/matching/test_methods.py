@@ -1,0 +1,80 @@
+"""Names, options, and what importing costs."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import twinlens.matching as tm
+from twinlens.errors import InputError
+
+
+def test_every_method_is_described_and_can_be_made_with_its_defaults():
+    for name, method in tm.METHODS.items():
+        assert method.name == name
+        assert method.description
+
+
+def test_text_names_a_method_and_its_options():
+    spec = tm.parse_method(" zncc:block_size=21, lr_check=1.5,subpixel=none")
+    assert spec.method is tm.METHODS["zncc"]
+    matcher = spec.matcher()
+    assert (matcher.block_size, matcher.lr_check, matcher.subpixel) == (21, 1.5, "none")
+
+
+def test_a_data_set_s_range_fills_what_the_text_leaves_open():
+    assert tm.parse_method("sad").matcher(num_disparities=100, nothing_known=1).num_disparities == 100
+    assert tm.parse_method("sad:num_disparities=32").matcher(num_disparities=100).num_disparities == 32
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("sadd", "did you mean 'sad'"),
+        ("sad:blok_size=3", "did you mean 'block_size'"),
+        ("sad:block_size", "write option=value"),
+        ("sad:block_size=8", "use 7 or 9"),
+        ("sad:block_size=big", "whole number"),
+    ],
+)
+def test_a_wrong_text_is_refused_before_anything_runs(text, message):
+    with pytest.raises(InputError, match=message):
+        tm.parse_method(text)
+
+
+def run_python(code: str, **environment: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, **environment}, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_importing_the_room_compiles_and_imports_nothing_heavy():
+    code = "import sys, twinlens.matching; print([n for n in ('numba', 'cv2', 'mitsuba') if n in sys.modules])"
+    assert run_python(code).strip() == "[]"
+
+
+def test_kernels_compile_where_no_cache_can_be_written(tmp_path: Path):
+    blocker = tmp_path / "a file where a folder would be"
+    blocker.write_text("")
+    code = """
+import numba.core.caching as caching
+def refuse(*_args):
+    raise OSError("read-only")
+for locator in caching.CacheImpl._locator_classes:
+    locator.ensure_cache_path = refuse
+import numpy as np, twinlens.matching as m
+image = np.arange(60, dtype=np.uint8).reshape(5, 12) * 7
+print(m.match(image, image, "sad", num_disparities=2, block_size=3, subpixel="none").max())
+"""
+    assert run_python(code, NUMBA_CACHE_DIR=str(blocker)).strip() == "0.0"
+
+
+def test_similarity_and_cost_agree_in_direction():
+    left = np.random.default_rng(0).integers(0, 256, (9, 9))
+    assert tm.zncc(left, left) == pytest.approx(1)
+    assert tm.sad(left, left) == 0
