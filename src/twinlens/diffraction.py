@@ -11,13 +11,13 @@ reflection or refraction, 1881, for the energy within a radius; Born and Wolf, P
 import math
 import warnings
 from functools import lru_cache
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import fftconvolve
+from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.special import j0, j1
 
+from twinlens.camera import BareAperture, Camera, Lens
 from twinlens.errors import InputError
 from twinlens.optics import AIRY_FIRST_ZERO
 
@@ -42,34 +42,9 @@ class FresnelWarning(UserWarning):
     """A bare hole is neither wide nor narrow enough for its blur and its diffraction to be taken in turn."""
 
 
-class _Aperture(Protocol):
-    @property
-    def name(self) -> str: ...
-
-
-class _Lens(Protocol):
-    @property
-    def aperture(self) -> _Aperture: ...
-    @property
-    def aperture_diameter(self) -> float: ...
-
-
-class _Camera(Protocol):
-    @property
-    def width(self) -> int: ...
-    @property
-    def height(self) -> int: ...
-    @property
-    def fx(self) -> float: ...
-    @property
-    def fy(self) -> float: ...
-    @property
-    def film_distance(self) -> float: ...
-
-
-def film_distance(camera: _Camera, lens: _Lens) -> float:
+def film_distance(camera: Camera, lens: Lens) -> float:
     """v in metres: the bare hole's own, else the camera's fx times pixel pitch."""
-    return float(getattr(lens, "film_distance", camera.film_distance))
+    return lens.film_distance if isinstance(lens, BareAperture) else camera.film_distance
 
 
 def airy_radius(wavelength: float, f_number: float) -> float:
@@ -154,8 +129,8 @@ def kernel_radius_px(pixel_pitch: tuple[float, float], wavelength: float, f_numb
 
 def diffract(
     image: ArrayLike,
-    camera: _Camera,
-    lens: _Lens,
+    camera: Camera,
+    lens: Lens,
     wavelengths: tuple[float, float, float] = CHANNEL_WAVELENGTHS,
 ) -> NDArray[np.float32]:
     """`image`, linear radiance (H, W, 3), as diffraction at the lens's circular aperture blurs it; float32.
@@ -177,7 +152,7 @@ def diffract(
     radiance = _checked_image(image, camera)
     _check_aperture(lens)
     distance = film_distance(camera, lens)
-    if hasattr(lens, "film_distance"):
+    if isinstance(lens, BareAperture):
         _warn_fresnel(lens.aperture_diameter, distance, wavelengths)
     pitch = (distance / camera.fx, distance / camera.fy)
     f_number = distance / lens.aperture_diameter
@@ -188,11 +163,14 @@ def diffract(
 def _convolve(channel: Float, pitch: tuple[float, float], wavelength: float, f_number: float) -> Float:
     radius = min(kernel_radius_px(pitch, wavelength, f_number), max(channel.shape))
     kernel = airy_kernel(pitch, wavelength, f_number, radius)
-    blurred: Float = fftconvolve(np.pad(channel, radius, mode="symmetric"), kernel, mode="valid")
-    return np.maximum(blurred, 0.0)  # the transform's rounding may leave a black pixel below zero
+    padded = np.pad(channel, radius, mode="symmetric")
+    size = [next_fast_len(n, real=True) for n in padded.shape]
+    blurred: Float = irfft2(rfft2(padded, size) * rfft2(kernel, size), size)
+    inner = blurred[2 * radius : padded.shape[0], 2 * radius : padded.shape[1]]  # what has not wrapped around
+    return np.maximum(inner, 0.0)  # the transform's rounding may leave a black pixel below zero
 
 
-def _checked_image(image: ArrayLike, camera: _Camera) -> Float:
+def _checked_image(image: ArrayLike, camera: Camera) -> Float:
     radiance = np.asarray(image, dtype=np.float64)
     wanted = (camera.height, camera.width, 3)
     if radiance.shape != wanted:
@@ -202,7 +180,7 @@ def _checked_image(image: ArrayLike, camera: _Camera) -> Float:
     return radiance
 
 
-def _check_aperture(lens: _Lens) -> None:
+def _check_aperture(lens: Lens) -> None:
     if lens.aperture_diameter == 0:
         raise InputError("a pinhole of no width has no diffraction pattern; give the aperture a diameter")
     if lens.aperture.name != "disk":

@@ -195,10 +195,12 @@ class Sensor:
         differs = self.mismatch if eye else Mismatch()
         true = Exposure(nominal.time * differs.time, nominal.gain * differs.gain)
         black = self.black_level + differs.black_level
-        electrons = self._electrons(image, camera, lens, true.time, seed, eye)
+        wells = self._wells(image, camera, lens, true.time, seed, eye)
+        electrons = self._read_out(wells, seed, eye)
         numbers = noise.quantise(electrons, self.system_gain(true.gain), black, self.adc_bits)
-        record = self._record(camera, lens, true, black, seed, eye) | _measures(numbers, electrons, self.largest_dn)
-        return Photo(self._develop(numbers), record)
+        full = (wells >= self.full_well) | (numbers >= self.largest_dn)
+        measured = {"saturated_fraction": float(full.mean()), "mean_electrons": float(electrons.mean())}
+        return Photo(self._develop(numbers), self._record(camera, lens, true, black, seed, eye) | measured)
 
     def expose_pair(
         self,
@@ -231,22 +233,25 @@ class Sensor:
         rates = image * self.electrons_per_radiance(camera, lens)
         return rates * light.cos4(camera)[..., None] if self.vignetting else rates
 
-    def _electrons(self, image: Float, camera: Camera, lens: Lens, time: float, seed: int, eye: int) -> Float:
-        """Electrons read from every pixel, (H, W, 3) or (H, W)."""
+    def _wells(self, image: Float, camera: Camera, lens: Lens, time: float, seed: int, eye: int) -> Float:
+        """Electrons that every pixel holds at the end of the exposure, (H, W, 3) or (H, W)."""
         expected = self._rates(image, camera, lens) * time
         if self.filters == "mono":
             expected = expected.sum(axis=-1)
         elif self.filters in picture.BAYER:
             expected = picture.mosaic(expected, self.filters)
-        shape = expected.shape
         if self.prnu:
-            expected = expected * (1.0 + self.prnu * noise.pattern(self.serial, "prnu", eye, shape))
+            expected = expected * (1.0 + self.prnu * noise.pattern(self.serial, "prnu", eye, expected.shape))
         shot_seed = seed if self.shot_noise else None
-        electrons = noise.collect(expected, self.dark_current * time, self.full_well, shot_seed, eye)
+        return noise.collect(expected, self.dark_current * time, self.full_well, shot_seed, eye)
+
+    def _read_out(self, wells: Float, seed: int, eye: int) -> Float:
+        """Electrons as the converter sees them: what a pixel holds, its own offset, and the noise of reading."""
+        electrons = wells
         if self.dsnu:
-            electrons += self.dsnu * noise.pattern(self.serial, "dsnu", eye, shape)
+            electrons = electrons + self.dsnu * noise.pattern(self.serial, "dsnu", eye, wells.shape)
         if self.read_noise:
-            electrons += noise.read_noise(self.read_noise, shape, seed, eye)
+            electrons = electrons + noise.read_noise(self.read_noise, wells.shape, seed, eye)
         return electrons
 
     def _balance(self) -> Float:
@@ -284,11 +289,3 @@ class Sensor:
             "eye": int(eye),
             "sensor": asdict(self),
         }
-
-
-def _measures(numbers: NDArray[np.uint16], electrons: Float, largest: int) -> dict[str, Any]:
-    return {
-        "saturated_fraction": float(np.mean(numbers >= largest)),
-        "black_fraction": float(np.mean(numbers == 0)),
-        "mean_electrons": float(electrons.mean()),
-    }
