@@ -2,6 +2,7 @@
 
 from twinlens.rendering.backend import Backend, backend, doctor
 from twinlens.rendering.ground_truth import ground_truth
+from twinlens.rendering.lens_grid import LensGrid, render_lens_grid
 from twinlens.rendering.radiance import render
 
-__all__ = ["Backend", "backend", "doctor", "ground_truth", "render"]
+__all__ = ["Backend", "LensGrid", "backend", "doctor", "ground_truth", "render", "render_lens_grid"]

@@ -57,19 +57,24 @@ def render(
 
     Raises InputError for a bad spp or seed, BackendError when this machine's backend lacks such a camera.
     """
+    check_request(spp, seed, sampler)
+    built = build(scene)
+    images = []
+    for index, (camera, pose) in enumerate(zip(rig.cameras, rig.world_from_cams, strict=True)):
+        seeds = np.random.SeedSequence(int(seed), spawn_key=(_RENDER_STREAM, index))
+        report = part_of(progress, index, len(rig))
+        images.append(_photograph(built, camera, pose, lens, int(spp), seeds, sampler, report))
+    return images
+
+
+def check_request(spp: int, seed: int, sampler: str) -> None:
+    """Raise InputError for samples, seeds and samplers that cannot be."""
     if isinstance(spp, bool) or not isinstance(spp, (int, np.integer)) or spp < 1:
         raise InputError(f"spp must be a whole number of samples >= 1, got {spp}")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise InputError(f"seed must be a whole number >= 0, got {seed}")
     if sampler not in SAMPLERS:
         raise unknown("sampler", sampler, SAMPLERS)
-    built = build(scene)
-    images = []
-    for index, (camera, pose) in enumerate(zip(rig.cameras, rig.world_from_cams, strict=True)):
-        seeds = np.random.SeedSequence(int(seed), spawn_key=(_RENDER_STREAM, index))
-        report = _part(progress, index, len(rig))
-        images.append(_photograph(built, camera, pose, lens, int(spp), seeds, sampler, report))
-    return images
 
 
 def _photograph(
@@ -118,7 +123,7 @@ def _passes(camera: Camera, spp: int, seeds: np.random.SeedSequence) -> Iterator
         left -= count
 
 
-def _part(progress: Progress | None, index: int, count: int) -> Progress:
+def part_of(progress: Progress | None, index: int, count: int) -> Progress:
     """The progress of one part of `count` as progress of the whole."""
     if progress is None:
         return lambda _: None

@@ -1,0 +1,90 @@
+"""The command line: one short module a command, named in `COMMANDS`, and the one place that prints, asks or exits.
+
+Exit codes: 0 success; 1 twinlens's own failure (and what `verify` finds wrong); 2 bad usage or bad input, in one line;
+130 interrupted.
+"""
+
+import errno
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+import twinlens
+from twinlens.errors import TwinlensError, unknown
+
+COMMANDS = {
+    "demo": "Render, match and score a small benchmark, and make its page.",
+    "doctor": "Show which rendering backend works here, why, and what to install.",
+    "scenes": "List the bundled scenes.",
+    "render": "Photograph scenes with a stereo rig; write pairs with exact truth.",
+    "match": "Match two images; write the disparity map.",
+    "benchmark": "Run matchers on a dataset and score them; make the leaderboard.",
+    "score": "Score disparity maps that something else made.",
+    "report": "Make the leaderboard page of a board that was measured.",
+}
+
+
+class _Group(click.Group):
+    """Loads a command's module only when that command is used, so that --help is quick."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            raise click.UsageError(str(unknown("command", cmd_name, COMMANDS)))
+        command: click.Command = importlib.import_module(f"twinlens.cli.{cmd_name}").command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.command(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(twinlens.__version__, prog_name="twinlens")
+def cli() -> None:
+    """Physically based synthetic stereo: real optics, exact ground truth, and a benchmark for stereo matchers.
+
+    \b
+    Example:  twinlens render staircase --lens pinhole --lens thin:20 -o out
+              twinlens benchmark out --methods sad,zncc:block_size=15 -o board
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and leave the process with its exit code."""
+    sys.exit(run(arguments))
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; the exit code. Everything twinlens refuses becomes one line on the error stream."""
+    try:
+        result: Any = cli.main(args=arguments, prog_name="twinlens", standalone_mode=False)
+        sys.stdout.flush()
+    except click.exceptions.NoArgsIsHelpError as help_page:
+        help_page.show()
+        return 2
+    except click.ClickException as error:
+        return _refuse(error.format_message(), 2)
+    except TwinlensError as error:
+        return _refuse(str(error), error.exit_code)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader left; nothing more to say
+        return 1
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EPERM, errno.EDQUOT):
+            return _refuse(f"{error.filename or 'output'}: {error.strerror}", 2)
+        raise
+    except (KeyboardInterrupt, click.Abort):
+        return _refuse("interrupted; what was finished is kept", 130)
+    return result if isinstance(result, int) else 0
+
+
+def _refuse(message: str, code: int) -> int:
+    print(f"twinlens: {' '.join(message.split())}", file=sys.stderr)
+    return code

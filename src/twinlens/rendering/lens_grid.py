@@ -1,0 +1,339 @@
+"""Many lenses from one set of light paths: every aperture and focus of a list, at little more than one image's cost.
+
+A ray through aperture point a that a camera of vergence k sees at film position x is seen by one of vergence k' at
+x + (k' - k) a: a pure shift. So rays are drawn once, uniform over a padded film and over concentric rings of the
+aperture, each is splatted once for every focus, and a lens is the area-weighted sum of its rings:
+
+    rings x passes -> rays -> radiance -> one splat a focus -> ring images -> (areas) -> lens images
+
+Sums are kept in 64-bit fixed point, whose addition does not depend on order, so that bytes repeat.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.camera import Camera, Disk, Lens, Rig
+from twinlens.errors import InputError
+from twinlens.geometry import Float
+from twinlens.rendering.backend import backend, mitsuba
+from twinlens.rendering.build import BuiltScene, build
+from twinlens.rendering.radiance import RAYS_A_PASS, Progress, check_request, part_of, render
+from twinlens.scenes import Scene
+
+Image = NDArray[np.float32]
+
+_GRID_STREAM = 1
+_FIXED_POINT = 2.0**32  # of a unit of radiance; sums overflow beyond 4e9 units a pixel
+_BRIGHTEST = 1e6
+_FEWEST_PASSES = 2  # the standard error is read off their differences
+
+
+@dataclass(frozen=True, eq=False)
+class LensGrid(Sequence[list[Image]]):
+    """`grid[i_lens][i_camera]`, float32 (H, W, 3) linear radiance.
+
+    images : one list of images a lens.
+    standard_error : (lenses, cameras), root mean square over the pixels and channels of each image; NaN where only one
+        pass was made.
+    rays : how many light paths were traced for all of them.
+    """
+
+    images: tuple[list[Image], ...]
+    standard_error: Float
+    rays: int
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.images[index]
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+
+@dataclass(frozen=True)
+class Ring:
+    """Aperture radii between `inner` and `outer` metres, the vergences that need it, and its samples a pixel."""
+
+    inner: float
+    outer: float
+    vergences: tuple[float, ...]
+    spp: int
+
+    @property
+    def area(self) -> float:
+        """outer^2 - inner^2: area over pi. A pinhole's ring has none, and is its lens's only one."""
+        return self.outer**2 - self.inner**2
+
+
+def render_lens_grid(
+    scene: Scene,
+    rig: Rig,
+    lenses: Sequence[Lens],
+    spp: int = 64,
+    seed: int = 0,
+    *,
+    sampler: str = "multijitter",
+    progress: Progress | None = None,
+) -> LensGrid:
+    """Photograph `scene` with every camera of `rig` through every lens, from one set of light paths.
+
+    Parameters
+    ----------
+    lenses : sequence of lenses
+        Any mix of disk apertures and vergences, pinholes and bare holes included.
+    spp : int
+        Samples a pixel of the direct image whose error each lens's image should reach.
+    seed, sampler, progress
+        As in `render`.
+
+    Returns
+    -------
+    LensGrid: images[i_lens][i_camera], float32 (H, W, 3), and their standard errors.
+
+    Where paths cannot be shared (the scalar backend, other aperture shapes, lens distortion, an integrator that does
+    not follow camera rays), each lens is rendered by itself.
+    Raises InputError for an empty list, and what `render` raises.
+    """
+    check_request(spp, seed, sampler)
+    if not lenses:
+        raise InputError("render_lens_grid needs at least one lens")
+    built = build(scene)
+    if not _can_share(built, rig, lenses):
+        return _one_by_one(scene, rig, lenses, spp, seed, sampler, progress)
+    rings = plan_rings(lenses, spp)
+    columns = []
+    for index, (camera, pose) in enumerate(zip(rig.cameras, rig.world_from_cams, strict=True)):
+        seeds = np.random.SeedSequence(int(seed), spawn_key=(_GRID_STREAM, index))
+        tracer = _Tracer(built, camera, pose, sampler, _largest_shift(camera, lenses))
+        columns.append(_column(tracer, lenses, rings, seeds, part_of(progress, index, len(rig))))
+    images = tuple([column.images[i] for column in columns] for i in range(len(lenses)))
+    error = np.array([[column.error[i] for column in columns] for i in range(len(lenses))])
+    return LensGrid(images, error, sum(column.rays for column in columns))
+
+
+def plan_rings(lenses: Sequence[Lens], spp: int) -> list[Ring]:
+    """Rings between the radii, innermost first, with the fewest samples that give every lens its direct error.
+
+    With weights w = area/(area of the lens) a lens has the variance sum w^2 s^2 / n over its rings, and its direct
+    image s^2 / spp: going outwards, each ring takes just what its lens still needs.
+    """
+    radii = sorted({0.5 * lens.aperture_diameter for lens in lenses})
+    rings: list[Ring] = []
+    inner = 0.0
+    for outer in radii:
+        wanted = sorted({lens.vergence for lens in lenses if 0.5 * lens.aperture_diameter >= outer > 0})
+        weight = (outer**2 - inner**2) / outer**2 if outer else 1.0
+        spent = sum((ring.area / outer**2) ** 2 / ring.spp for ring in rings if outer)
+        count = math.ceil(weight**2 / (1.0 / spp - spent) - 1e-9)
+        rings.append(Ring(inner, outer, tuple(wanted or [lenses[0].vergence]), max(1, count)))
+        inner = outer
+    return rings
+
+
+def _can_share(built: BuiltScene, rig: Rig, lenses: Sequence[Lens]) -> bool:
+    return (
+        backend().is_jit
+        and all(isinstance(lens.aperture, Disk) for lens in lenses)
+        and all(camera.distortion is None for camera in rig.cameras)
+        and isinstance(built.integrator, mitsuba().SamplingIntegrator)
+    )
+
+
+def _one_by_one(
+    scene: Scene, rig: Rig, lenses: Sequence[Lens], spp: int, seed: int, sampler: str, progress: Progress | None
+) -> LensGrid:
+    images = []
+    for index, lens in enumerate(lenses):
+        stream = int(np.random.SeedSequence(int(seed), spawn_key=(_GRID_STREAM, index)).generate_state(1)[0])
+        report = part_of(progress, index, len(lenses))
+        images.append(render(scene, rig, lens, spp, stream, sampler=sampler, progress=report))
+    pixels = sum(camera.width * camera.height for camera in rig.cameras)
+    return LensGrid(tuple(images), np.full((len(lenses), len(rig)), np.nan), pixels * spp * len(lenses))
+
+
+def _largest_shift(camera: Camera, lenses: Sequence[Lens]) -> float:
+    """How far any splat can land from its ray's own film position, in pixels."""
+    middle = _middle_vergence(lenses)
+    focal = max(camera.fx, camera.fy)
+    return max(0.5 * lens.aperture_diameter * abs(lens.vergence - middle) * focal for lens in lenses)
+
+
+def _middle_vergence(lenses: Sequence[Lens]) -> float:
+    """The vergence at which film positions are drawn: midway, so that shifts are smallest. Pinholes have no say."""
+    vergences = [lens.vergence for lens in lenses if lens.aperture_diameter > 0] or [0.0]
+    return 0.5 * (min(vergences) + max(vergences))
+
+
+@dataclass(frozen=True, eq=False)
+class _Column:
+    """The images of one camera, one a lens, their errors, and the rays they took."""
+
+    images: list[Image]
+    error: list[float]
+    rays: int
+
+
+def _column(
+    tracer: "_Tracer", lenses: Sequence[Lens], rings: Sequence[Ring], seeds: np.random.SeedSequence, report: Progress
+) -> _Column:
+    middle = _middle_vergence(lenses)
+    totals = [np.zeros((tracer.camera.height, tracer.camera.width, 3)) for _ in lenses]
+    variance = np.zeros(len(lenses))
+    work, done = sum(ring.spp for ring in rings), 0
+    for ring in rings:
+        images, errors = tracer.ring_images(ring, middle, seeds)
+        for i, lens in enumerate(lenses):
+            share = _share(ring, lens)
+            if share:
+                place = ring.vergences.index(lens.vergence) if ring.outer else 0
+                totals[i] += share * images[place]
+                variance[i] += share**2 * errors[place] ** 2
+        done += ring.spp
+        report(done / work)
+    return _Column([total.astype(np.float32) for total in totals], list(np.sqrt(variance)), tracer.rays)
+
+
+def _share(ring: Ring, lens: Lens) -> float:
+    """The part of a lens's open area that a ring makes up."""
+    radius = 0.5 * lens.aperture_diameter
+    if radius == 0:
+        return float(ring.outer == 0)
+    return ring.area / radius**2 if ring.outer <= radius else 0.0
+
+
+class _Tracer:
+    """Traces the rays of rings for one camera. `margin` pixels of film are added on every side."""
+
+    def __init__(self, built: BuiltScene, camera: Camera, pose: Float, sampler: str, shift: float) -> None:
+        self.built, self.camera, self.pose, self.sampler = built, camera, pose, sampler
+        self.margin = math.ceil(shift)
+        self.width, self.height = camera.width + 2 * self.margin, camera.height + 2 * self.margin
+        self.rays = 0
+
+    def ring_images(self, ring: Ring, middle: float, seeds: np.random.SeedSequence) -> tuple[list[Float], list[float]]:
+        """The mean radiance through one ring for each of its vergences, (H, W, 3), and its RMS standard error."""
+        sums = [_Mean(self.camera) for _ in ring.vergences]
+        for count, seed in self._passes(ring.spp, seeds):
+            for total, splat in zip(sums, self._trace(ring, middle, count, seed), strict=True):
+                total.add(np.asarray(splat).reshape(self.camera.height, self.camera.width, 4))
+            self.rays += count * self.width * self.height
+        return [total.image() for total in sums], [total.standard_error() for total in sums]
+
+    def _passes(self, spp: int, seeds: np.random.SeedSequence) -> Iterator[tuple[int, int]]:
+        """Equal passes of a power of two samples, at least `spp` in all, and several wherever that is possible."""
+        room = max(1, RAYS_A_PASS // (self.width * self.height))
+        count = 1 << (max(1, min(room, spp // _FEWEST_PASSES)).bit_length() - 1)
+        for _ in range(math.ceil(spp / count)):
+            yield count, int(seeds.spawn(1)[0].generate_state(1)[0])
+
+    def _trace(self, ring: Ring, middle: float, spp: int, seed: int) -> list[Any]:
+        """One pass: fixed-point sums of (R, G, B, count) over the image, flat, for each vergence."""
+        import drjit as dr
+
+        mi = mitsuba()
+        sampler = mi.load_dict({"type": self.sampler, "sample_count": spp})
+        rays = self.width * self.height * spp
+        sampler.set_samples_per_wavefront(spp)
+        sampler.seed(seed, rays)
+        cell = dr.arange(mi.UInt32, rays) // spp
+        jitter = sampler.next_2d()
+        u = mi.Float(cell % self.width) + jitter.x - (0.5 + self.margin)
+        v = mi.Float(cell // self.width) + jitter.y - (0.5 + self.margin)
+        ax, ay = _sample_ring(ring, sampler.next_2d())
+        ray = self._ray(u, v, ax, ay, dr.opaque(mi.Float, middle))
+        radiance, valid, _ = self.built.integrator.sample(self.built.mi_scene, sampler, ray, None, True)
+        radiance = dr.select(valid, radiance, 0.0)
+        shifts = [dr.opaque(mi.Float, vergence - middle) for vergence in ring.vergences]
+        sums = [self._splat(radiance, u + k * ax * self.camera.fx, v + k * ay * self.camera.fy) for k in shifts]
+        dr.eval(sums)
+        return sums
+
+    def _ray(self, u: Any, v: Any, ax: Any, ay: Any, k: Any) -> Any:
+        """The camera law, from film position (u, v) in pixels and aperture point (ax, ay) in metres."""
+        import drjit as dr
+
+        mi = mitsuba()
+        camera, opaque = self.camera, lambda value: dr.opaque(mi.Float, value)
+        x_axis, y_axis, z_axis, origin = (mi.Vector3f(*map(opaque, self.pose[:3, column])) for column in range(4))
+        x = (u - opaque(camera.cx)) / opaque(camera.fx)
+        y = (v - opaque(camera.cy)) / opaque(camera.fy)
+        direction = (x - k * ax) * x_axis + (y - k * ay) * y_axis + z_axis
+        start = mi.Point3f(origin + ax * x_axis + ay * y_axis)
+        return mi.RayDifferential3f(mi.Ray3f(start, dr.normalize(direction)))
+
+    def _splat(self, radiance: Any, u: Any, v: Any) -> Any:
+        import drjit as dr
+
+        mi = mitsuba()
+        column, row = dr.floor(u + 0.5), dr.floor(v + 0.5)
+        inside = (column >= 0) & (column < self.camera.width) & (row >= 0) & (row < self.camera.height)
+        base = 4 * (mi.UInt32(row) * self.camera.width + mi.UInt32(column))
+        sums = dr.zeros(mi.UInt64, 4 * self.camera.width * self.camera.height)
+        for c in range(3):
+            fixed = mi.UInt64(dr.clip(radiance[c], 0.0, _BRIGHTEST) * _FIXED_POINT)
+            dr.scatter_add(sums, fixed, base + c, inside)
+        dr.scatter_add(sums, mi.UInt64(1), base + 3, inside)
+        return sums
+
+
+def _sample_ring(ring: Ring, square: Any) -> tuple[Any, Any]:
+    """Points uniform on the ring, metres: the concentric map with its squared radius laid between the two radii."""
+    import drjit as dr
+
+    from twinlens.camera.warp import concentric
+    from twinlens.rendering.warp import DrJitMath
+
+    mi = mitsuba()
+    inner2, area = (dr.opaque(mi.Float, value) for value in (ring.inner**2, ring.area))
+    xp: Any = DrJitMath()
+    radius, turn = concentric(square.x, square.y, xp)
+    radius = xp.sqrt(inner2 + area * radius * radius)
+    return radius * xp.cos(2 * math.pi * turn), radius * xp.sin(2 * math.pi * turn)
+
+
+class _Mean:
+    """Running mean of a ring's image over passes, each pixel over its own samples, and the spread between passes."""
+
+    def __init__(self, camera: Camera) -> None:
+        self.total = np.zeros((camera.height, camera.width, 3))
+        self.count = np.zeros((camera.height, camera.width, 1))
+        self.passes, self.squares, self.sums = 0, 0.0, np.zeros_like(self.total)
+
+    def add(self, fixed: NDArray[np.uint64]) -> None:
+        """One pass's fixed-point sums (H, W, 4)."""
+        total = fixed[..., :3].astype(np.float64) / _FIXED_POINT
+        count = fixed[..., 3:].astype(np.float64)
+        self.total += total
+        self.count += count
+        mean = total / np.maximum(count, 1.0)
+        self.passes += 1
+        self.squares += float((mean**2).mean())
+        self.sums += mean
+
+    def image(self) -> Float:
+        """The mean over all passes; a pixel that no sample reached takes its neighbours' mean."""
+        mean = self.total / np.maximum(self.count, 1.0)
+        empty = self.count[..., 0] == 0
+        if empty.any():
+            mean[empty] = _neighbours(self.total, self.count)[empty]
+        return mean
+
+    def standard_error(self) -> float:
+        """Root mean square over the pixels, from the variance between passes; NaN for a single pass."""
+        if self.passes < 2:
+            return math.nan
+        between = self.squares / self.passes - float(((self.sums / self.passes) ** 2).mean())
+        return math.sqrt(max(0.0, between) / (self.passes - 1))
+
+
+def _neighbours(total: Float, count: Float) -> Float:
+    """Mean over the 5x5 window of samples, 0 where even that is empty."""
+    from scipy.ndimage import uniform_filter
+
+    counts, totals = (np.asarray(uniform_filter(sums, size=(5, 5, 1))) for sums in (count, total))
+    filled: Float = totals / np.where(counts > 1e-12, counts, np.inf)
+    return filled
