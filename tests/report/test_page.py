@@ -167,8 +167,8 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path):
     board, samples, maps = made()
     path = write_page(tmp_path / "board.html", board, samples, maps)
     assert path.read_text() == page_html(board, samples, maps)
-    with pytest.raises(OutputError, match="cannot be written"):
-        write_page(tmp_path / "none" / "board.html", board)
+    with pytest.raises(OutputError):
+        write_page(path / "board.html", board)
     (tmp_path / "folder").mkdir()
     with pytest.raises(OutputError):
         write_page(tmp_path / "folder", board)

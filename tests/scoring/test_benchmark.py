@@ -1,5 +1,6 @@
 """Running methods on samples: failures stay alone, resume runs only what is new, a limit really limits."""
 
+import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -191,6 +192,16 @@ def test_an_empty_board_is_returned_for_no_samples():
     assert run_benchmark([], [Constant("a", 4)]) == Board(meta=run_benchmark([], [Constant("a", 4)]).meta)
 
 
-def test_scoring_needs_no_renderer():
-    assert "mitsuba" not in sys.modules
-    assert "drjit" not in sys.modules
+def test_scoring_and_its_page_need_no_renderer():
+    """In a fresh process where importing mitsuba, drjit or numba fails."""
+    script = """
+import sys
+for name in ("mitsuba", "drjit", "numba"):
+    sys.modules[name] = None
+import twinlens as tl
+from twinlens.report import page_html
+from twinlens.scoring import Board
+assert tl.evaluate([[1.0]], [[2.0]]).all["avgerr"] == 1
+assert page_html(Board(title="none"))
+"""
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=60)

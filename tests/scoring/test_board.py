@@ -176,8 +176,8 @@ def test_writing_is_whole_or_not_at_all(tmp_path):
     path = tmp_path / "b.json"
     write_board(board(entry("m", "s", 10)), path)
     before = path.read_text()
-    with pytest.raises(OutputError, match=r"no/b\.json: cannot be written"):
-        write_board(board(), tmp_path / "no" / "b.json")
+    with pytest.raises(OutputError):
+        write_board(board(), path / "b.json")
     (tmp_path / "folder").mkdir()
     with pytest.raises(OutputError):
         write_board(board(), tmp_path / "folder")
@@ -195,7 +195,8 @@ def test_a_missing_or_binary_board_is_refused(tmp_path):
 
 def real_board():
     methods = [Constant("[red]off[/] & 50%_#", 6.5, 3), Constant("=exact", 4), Trouble("raises")]
-    return run_benchmark([pair("s"), pair("t", 1)], methods, protocol=list(PROTOCOLS), regions=["all", "nonocc", "far"])
+    protocols = ["middlebury-v3", "eth3d", "kitti2015"]
+    return run_benchmark([pair("s"), pair("t", 1)], methods, protocol=protocols, regions=["all", "nonocc", "far"])
 
 
 def test_the_terminal_shows_order_numbers_and_protocol():

@@ -8,10 +8,12 @@ import scoring_loops as naive
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from twinlens.dataset import Calibration
 from twinlens.errors import InputError
 from twinlens.scoring import PROTOCOLS, evaluate, interpolate_background
 
 INF = np.float32(np.inf)
+CALIBRATION = Calibration((90.0, 80.0, 5.5, 4.0), (90.0, 80.0, 8.5, 4.0), 0.2, 12, 12, 3.0)
 
 
 def random_case(seed, height=None, width=None, holes=None):
@@ -81,7 +83,7 @@ def test_middlebury_takes_a_smaller_map(scale, seed, rounded):
 def test_every_protocol_measures_what_it_lists():
     disp, gt, mask = random_case(5, 12, 12, 0.2)
     for name, protocol in PROTOCOLS.items():
-        scores = evaluate(disp, gt, mask, 30, protocol=name)
+        scores = evaluate(disp, gt, mask, 30, protocol=name, calibration=CALIBRATION)
         assert set(scores.all) == set(protocol.metrics)
         assert protocol.name == name
         assert protocol.headline in protocol.metrics
@@ -168,7 +170,7 @@ def test_regions_carry_their_counts():
 def test_an_empty_region_has_no_score():
     disp, gt, _ = random_case(1, 5, 5, 0.0)
     for name in PROTOCOLS:
-        scores = evaluate(disp, gt, np.zeros(gt.shape, bool), protocol=name).nonocc
+        scores = evaluate(disp, gt, np.zeros(gt.shape, bool), protocol=name, calibration=CALIBRATION).nonocc
         assert scores.evaluated == 0
         assert all(math.isnan(v) for v in scores.values())
 
@@ -203,6 +205,7 @@ def poked(value):
         ((FLAT, FLAT, FLAT[:3] > 0), {}, r"mask_nonocc has shape \(3, 6\)"),
         ((FLAT, FLAT, None, 0), {}, "ndisp is 0"),
         ((FLAT, FLAT), {"min_disparity": math.nan}, "min_disparity is nan"),
+        ((FLAT, FLAT), {"protocol": "points"}, "needs the pair's calibration"),
         ((FLAT, FLAT), {"protocol": "midlebury"}, "did you mean 'middlebury-v3'"),
         ((FLAT, FLAT), {"regions": {"all": FLAT > 0}}, "region 'all'"),
         ((FLAT, FLAT), {"regions": {"edge": FLAT}}, "region 'edge' holds float32"),

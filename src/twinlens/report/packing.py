@@ -76,9 +76,9 @@ def unpack(packed: Packed) -> NDArray[np.float64]:
     return np.where(codes == UNKNOWN, np.inf, packed.offset + codes * packed.step)
 
 
-def image_uri(image: NDArray[np.uint8], stride: int = 1, quality: int = 82) -> str:
-    """An (H, W[, 3]) uint8 image as a WebP data URI, averaged over `stride` x `stride` pixels."""
-    picture = Image.fromarray(image)
+def image_uri(image: NDArray[Any], stride: int = 1, quality: int = 82) -> str:
+    """An (H, W[, 3]) 8- or 16-bit image as a WebP data URI, averaged over `stride` x `stride` pixels."""
+    picture = Image.fromarray((image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image)
     if stride > 1:
         picture = picture.reduce(stride)
     out = io.BytesIO()

@@ -12,7 +12,6 @@ import json
 import math
 import os
 import re
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -21,10 +20,22 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import OutputError
+from twinlens.dataset.files import write_file
 from twinlens.report.colormaps import COLORMAPS, NO_ESTIMATE, NO_TRUTH
 from twinlens.report.packing import image_uri, pack, stride_for
-from twinlens.scoring import METRICS, PROTOCOLS, REGIONS, Board, Entry, Sample, board_csv, board_latex, board_to_json
+from twinlens.scoring import (
+    METRICS,
+    PROTOCOLS,
+    REGIONS,
+    Board,
+    Entry,
+    Pair,
+    Sample,
+    board_csv,
+    board_latex,
+    board_to_json,
+    load_pair,
+)
 from twinlens.scoring.catalogue import TIMES
 from twinlens.scoring.tables import COLUMNS
 
@@ -63,16 +74,7 @@ def write_page(
     """
     target = Path(path)
     text = page_html(board, samples, maps, weights=weights, max_width=max_width, budget_bytes=budget_bytes)
-    try:
-        handle, aside = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        Path(aside).chmod(0o644)
-        Path(aside).replace(target)
-    except OSError as error:
-        if "aside" in locals():
-            Path(aside).unlink(missing_ok=True)
-        raise OutputError(f"{target}: cannot be written ({error.strerror or error})") from error
+    write_file(target, text.encode("utf-8", "replace"))
     return target
 
 
@@ -102,7 +104,11 @@ def page_html(
         Maps are thinned until they are at most this wide and the page about this large.
     """
     stride_floor = _budget_stride(board, budget_bytes)
-    pictures = {s.name: _pictures(board, s, maps, max_width, stride_floor) for s in samples if s.name in board.samples}
+    pictures = {
+        s.name: _pictures(board, load_pair(s), maps, max_width, stride_floor)
+        for s in samples
+        if s.name in board.samples
+    }
     data = _safe_json(_document(board, pictures, weights))
     script = "\n".join(_file(name) for name in _SCRIPTS)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
@@ -132,13 +138,13 @@ def _budget_stride(board: Board, budget_bytes: int) -> int:
     return max(1, math.ceil(math.sqrt(pixels * BYTES_PER_PIXEL * 4 / 3 / budget_bytes)))
 
 
-def _pictures(board: Board, sample: Sample, maps: Maps | None, max_width: int, stride_floor: int) -> dict[str, Any]:
+def _pictures(board: Board, sample: Pair, maps: Maps | None, max_width: int, stride_floor: int) -> dict[str, Any]:
     stride = max(stride_floor, stride_for(sample.disp0.shape[1], max_width))
     found = {m: None if maps is None else maps.get((m, sample.name)) for m in board.methods}
     known = sample.disp0[np.isfinite(sample.disp0)]
     return {
-        "left": image_uri(np.asarray(sample.im0), stride),
-        "right": image_uri(np.asarray(sample.im1), stride),
+        "left": image_uri(sample.im0, stride),
+        "right": image_uri(sample.im1, stride),
         "truth": pack(sample.disp0, stride).document(),
         "range": [math.floor(known.min()), math.ceil(known.max())] if known.size else [0, sample.ndisp],
         "maps": {m: pack(d, stride).document() for m, d in found.items() if d is not None},

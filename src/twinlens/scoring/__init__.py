@@ -7,9 +7,13 @@ from twinlens.scoring.benchmark import Step, run_benchmark, spec_of
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure, Mean
 from twinlens.scoring.board_json import board_from_json, board_to_json, read_board, write_board
 from twinlens.scoring.catalogue import METRICS, Metric, find_metric
+from twinlens.scoring.cloud import cloud_errors, points
+from twinlens.scoring.dataset_pairs import DatasetPairs, lens_label
 from twinlens.scoring.evaluate import RegionScores, Scores, evaluate
 from twinlens.scoring.kitti import interpolate_background
-from twinlens.scoring.pair import Pair, Sample, fingerprint
+from twinlens.scoring.maps import MapFolder
+from twinlens.scoring.methods import NamedMethod, named_methods
+from twinlens.scoring.pair import Pair, Sample, fingerprint, load_pair
 from twinlens.scoring.protocols import PROTOCOLS, Protocol, find_protocol
 from twinlens.scoring.region_sets import REGIONS, Region, region_masks
 from twinlens.scoring.tables import board_csv, board_latex, caption, failures, leaderboard_table, standings
@@ -20,10 +24,13 @@ __all__ = [
     "PROTOCOLS",
     "REGIONS",
     "Board",
+    "DatasetPairs",
     "Entry",
     "Failure",
+    "MapFolder",
     "Mean",
     "Metric",
+    "NamedMethod",
     "Pair",
     "Protocol",
     "Region",
@@ -36,6 +43,7 @@ __all__ = [
     "board_latex",
     "board_to_json",
     "caption",
+    "cloud_errors",
     "evaluate",
     "failures",
     "find_metric",
@@ -43,6 +51,10 @@ __all__ = [
     "fingerprint",
     "interpolate_background",
     "leaderboard_table",
+    "lens_label",
+    "load_pair",
+    "named_methods",
+    "points",
     "read_board",
     "region_masks",
     "run_benchmark",

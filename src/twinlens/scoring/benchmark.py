@@ -17,7 +17,7 @@ from twinlens.scoring.board import Board, Entry, Failure
 from twinlens.scoring.board_json import read_board, write_board
 from twinlens.scoring.checks import Disparity, Mask
 from twinlens.scoring.evaluate import RESERVED, evaluate
-from twinlens.scoring.pair import Sample, check_sample, fingerprint
+from twinlens.scoring.pair import Pair, Sample, fingerprint, load_pair
 from twinlens.scoring.protocols import Protocol, find_protocol
 from twinlens.scoring.region_sets import region_masks
 from twinlens.scoring.sandbox import Answer, Child, InProcess, Method, MethodError
@@ -74,7 +74,8 @@ def run_benchmark(
         Objects with a `name`, callable as (left, right, ndisp=...). What decides their answers is taken from `spec`
         where they have it, else from `name`; two methods of one name are refused.
     protocol
-        One name of `PROTOCOLS`, or several: a map is computed once and scored by each.
+        One name of `PROTOCOLS`, or several: a map is computed once and scored by each. A sample without calibration is
+        left out by those that need one.
     regions
         Names of `REGIONS`. A region that a sample cannot tell is left out for it.
     progress
@@ -111,7 +112,7 @@ def run_benchmark(
     with worker:
         run = _Run(plan, worker, current, on_map, set() if warm_up else {method.name for method in methods})
         total = len(samples) * len(methods) if isinstance(samples, Sized) else None
-        for done, (ready, method) in enumerate(_pairs(samples, methods, plan.regions), start=1):
+        for done, (ready, method) in enumerate(_pairs(samples, methods, plan), start=1):
             skipped, failure = run.pair(ready, method)
             if save is not None and not skipped:
                 write_board(run.board, save)
@@ -157,23 +158,23 @@ def _meta() -> dict[str, str]:
 
 @dataclass(frozen=True)
 class _Ready:
-    """A sample, checked; its fingerprint and the masks of its regions, made once for all methods."""
+    """A sample, loaded and checked; its fingerprint, region masks and protocols, made once for all methods."""
 
-    sample: Sample
+    sample: Pair
     sha: str
     masks: dict[str, Mask]
+    protocols: tuple[Protocol, ...]
 
 
-def _pairs(
-    samples: Iterable[Sample], methods: Sequence[Method], regions: tuple[str, ...]
-) -> Iterator[tuple[_Ready, Method]]:
+def _pairs(samples: Iterable[Sample], methods: Sequence[Method], plan: Plan) -> Iterator[tuple[_Ready, Method]]:
     seen: set[str] = set()
     for sample in samples:
         if sample.name in seen:
             raise InputError(f"two samples are named {sample.name!r}: a board tells them apart by name")
         seen.add(sample.name)
-        check_sample(sample)
-        ready = _Ready(sample, fingerprint(sample), region_masks(sample, regions))
+        pair = load_pair(sample)
+        protocols = tuple(p for p in plan.protocols if pair.calibration is not None or not p.needs_calibration)
+        ready = _Ready(pair, fingerprint(pair), region_masks(pair, plan.regions), protocols)
         for method in methods:
             yield ready, method
 
@@ -200,10 +201,10 @@ class _Run:
         """Run and score one pair unless the board has it; (was it skipped, why did it fail)."""
         spec, sample = spec_of(method), ready.sample
         self._drop_stale(sample.name, ready.sha, method.name, spec)
-        if self._is_done(method.name, sample.name, ready.masks):
+        if self._is_done(method.name, ready):
             return True, None
         answer, failure = self._answer(sample, method)
-        for rules in self.plan.protocols:
+        for rules in ready.protocols:
             entry = _entry(ready, method.name, spec, rules, answer, failure)
             self.board = self.board.having(self._scored(entry, ready, rules, answer))
         if answer is not None and self.on_map is not None:
@@ -216,13 +217,14 @@ class _Run:
             lambda e: (e.sample == sample and e.sample_sha256 != sha) or (e.method == method and e.spec != spec)
         )
 
-    def _is_done(self, method: str, sample: str, masks: dict[str, Mask]) -> bool:
-        found = [self.board.find(method, sample, rules.name) for rules in self.plan.protocols]
+    def _is_done(self, method: str, ready: _Ready) -> bool:
+        found = [self.board.find(method, ready.sample.name, rules.name) for rules in ready.protocols]
         return all(
-            e is not None and (set(masks) <= set(e.regions) if e.ok else not self.plan.retry_failed) for e in found
+            e is not None and (set(ready.masks) <= set(e.regions) if e.ok else not self.plan.retry_failed)
+            for e in found
         )
 
-    def _answer(self, sample: Sample, method: Method) -> tuple[Answer | None, Failure | None]:
+    def _answer(self, sample: Pair, method: Method) -> tuple[Answer | None, Failure | None]:
         images = np.array(sample.im0), np.array(sample.im1)  # copies: a method may scribble on its own
         if method.name not in self.warm:
             self.worker.warm_up(method, *images, sample.ndisp)
@@ -244,6 +246,7 @@ class _Run:
             protocol=rules,
             regions={name: mask for name, mask in masks.items() if name not in RESERVED},
             min_disparity=self.plan.min_disparity,
+            calibration=ready.sample.calibration,
         )
         return replace(entry, regions={name: scores.regions[name] for name in masks})
 

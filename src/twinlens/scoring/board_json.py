@@ -3,12 +3,12 @@
 import json
 import math
 import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from twinlens.errors import FileError, InputError, OutputError, unknown
+from twinlens.dataset.files import write_file
+from twinlens.errors import FileError, InputError, unknown
 from twinlens.scoring.board import Board, Entry, Failure
 from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.protocols import PROTOCOLS
@@ -50,7 +50,7 @@ def board_to_json(board: Board) -> str:
         "protocols": {name: dict(PROTOCOLS[name].lines()) for name in board.protocols},
         "entries": [_entry_document(entry) for entry in board.entries],
     }
-    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
 def board_from_json(text: str) -> Board:
@@ -79,17 +79,8 @@ def board_from_json(text: str) -> Board:
 
 
 def write_board(board: Board, path: str | os.PathLike[str]) -> None:
-    """Write the board aside and rename it into place; OutputError if it cannot be written."""
-    target = Path(path)
-    try:
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", dir=target.parent, prefix=f".{target.name}.", delete=False
-        ) as aside:
-            aside.write(board_to_json(board))
-        Path(aside.name).replace(target)
-    except OSError as error:
-        _remove(locals().get("aside"))
-        raise OutputError(f"{target}: cannot be written ({error.strerror or error})") from error
+    """Write the board whole or not at all; OutputError if it cannot be written."""
+    write_file(path, board_to_json(board).encode("ascii"))
 
 
 def read_board(path: str | os.PathLike[str]) -> Board:
@@ -107,11 +98,6 @@ def read_board(path: str | os.PathLike[str]) -> Board:
         raise
     except InputError as error:
         raise FileError(f"{source}: {error}") from error
-
-
-def _remove(aside: Any) -> None:
-    if aside is not None:
-        Path(aside.name).unlink(missing_ok=True)
 
 
 def _number_document(value: float) -> float | str | None:

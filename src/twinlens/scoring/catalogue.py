@@ -27,7 +27,7 @@ class Metric:
             return "–"
         if value == float("inf"):
             return "∞"
-        return f"{value:.3g}" if self.unit.startswith("s") else f"{value:.2f}"
+        return f"{value:.2f}" if self.unit in ("%", "px") else f"{value:.3g}"
 
 
 def _table() -> dict[str, Metric]:
@@ -41,6 +41,10 @@ def _table() -> dict[str, Metric]:
         Metric("coverage", "%", "pixels with an estimate", lower_is_better=False),
         Metric("D1", "%", "outliers after filling: off by more than 3 px and 5%"),
         Metric("D1_est", "%", "outliers among the estimated pixels"),
+        *(Metric(f"point_A{q}", "m", f"distance that {q}% of the points stay below") for q in QUANTILES),
+        Metric("point_avgerr", "m", "mean distance between estimated and true point"),
+        Metric("point_rms", "m", "root mean squared distance between estimated and true point"),
+        Metric("point_rel", "%", "mean of that distance over the point's own from the camera"),
         Metric("time", "s", "wall time of one call"),
         Metric("time/MP", "s/MP", "seconds a megapixel"),
         Metric("time/GD", "s/GD", "seconds for 10^9 disparity hypotheses (pixels x ndisp)"),

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twinlens.dataset import Calibration
 from twinlens.errors import InputError
 from twinlens.scoring.checks import Disparity, Mask, disparity_map, mask_of
+from twinlens.scoring.cloud import point_errors
 from twinlens.scoring.protocols import Estimate, Pixels, Protocol, Range, find_protocol
 
 RESERVED = ("all", "nonocc")
@@ -72,6 +74,7 @@ def evaluate(
     regions: Mapping[str, ArrayLike] | None = None,
     round_disparity: bool = False,
     min_disparity: float = 0.0,
+    calibration: Calibration | None = None,
 ) -> Scores:
     """Score a disparity map against the truth.
 
@@ -97,6 +100,8 @@ def evaluate(
     min_disparity
         The smallest disparity that can occur, for rigs with doffs != 0; clipping is then to
         [min_disparity, min_disparity + ndisp].
+    calibration
+        The pair's; needed by the protocol "points", whose errors are in metres, and used by no other.
 
     Errors are differences in float64 of the values given, so a threshold is compared without a further rounding.
 
@@ -110,6 +115,8 @@ def evaluate(
     (33.333333333333336, 66.66666666666667, 0.75, 3)
     """
     rules = find_protocol(protocol)
+    if rules.needs_calibration and calibration is None:
+        raise InputError(f"{rules.title} needs the pair's calibration: evaluate(..., calibration=...)")
     truth, estimate = disparity_map("gt", gt), disparity_map("disp", disp)
     scale = _scale(estimate.shape, truth.shape, rules)
     allowed = _range(ndisp, min_disparity, scale)
@@ -117,7 +124,7 @@ def evaluate(
     if round_disparity:
         prepared = Estimate(_round_half_away(prepared.disp), prepared.given)
     masks = _masks(truth, mask_nonocc, regions or {})
-    scored = {name: _score(rules, name, prepared, truth, mask) for name, mask in masks.items()}
+    scored = {name: _score(rules, name, prepared, truth, mask, calibration) for name, mask in masks.items()}
     return Scores(rules, scored, allowed, scale, round_disparity)
 
 
@@ -162,8 +169,13 @@ def _masks(truth: Disparity, nonocc: ArrayLike | None, regions: Mapping[str, Arr
     return masks | {name: mask_of(f"region {name!r}", mask, truth.shape) for name, mask in regions.items()}
 
 
-def _score(rules: Protocol, region: str, estimate: Estimate, truth: Disparity, mask: Mask) -> RegionScores:
+def _score(
+    rules: Protocol, region: str, estimate: Estimate, truth: Disparity, mask: Mask, calibration: Calibration | None
+) -> RegionScores:
     chosen = mask & np.isfinite(truth)
-    true = truth[chosen].astype(np.float64)
-    pixels = Pixels(np.abs(estimate.disp[chosen].astype(np.float64) - true), true, estimate.given[chosen])
+    true, found = truth[chosen].astype(np.float64), estimate.disp[chosen].astype(np.float64)
+    metres = None
+    if rules.needs_calibration and calibration is not None:
+        metres = point_errors(found, true, np.argwhere(chosen), calibration)
+    pixels = Pixels(np.abs(found - true), true, estimate.given[chosen], metres)
     return RegionScores(region, rules.measure(pixels), truth.size, true.size, int(np.count_nonzero(pixels.given)))

@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import unknown
+from twinlens.errors import InputError, unknown
 from twinlens.scoring import metrics
 from twinlens.scoring.checks import Disparity, Mask
 from twinlens.scoring.kitti import interpolate_background
@@ -47,12 +47,14 @@ class Pixels:
     """What is measured: the evaluated pixels of one region as vectors of one length.
 
     error: |estimate - truth| in pixels, float64, +inf where nothing was estimated. truth: pixels, float64, finite.
-    given: whether the method itself answered there.
+    given: whether the method itself answered there. metres: where a calibration was given, the distance between the
+    estimated and the true point and the true point's own from the camera, both in metres.
     """
 
     error: NDArray[np.float64]
     truth: NDArray[np.float64]
     given: NDArray[np.bool_]
+    metres: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,7 @@ class Protocol:
     resolution: str
     headline: str
     upsampling: tuple[int, ...] = (1,)
+    needs_calibration: bool = False
 
     def lines(self) -> Mapping[str, str]:
         """What a table prints of the protocol, in order: label -> text.
@@ -168,6 +171,20 @@ def _kitti_measure(pixels: Pixels) -> dict[str, float]:
     }
 
 
+def _points_prepare(disp: Disparity, allowed: Range) -> Estimate:
+    return Estimate(disp, np.isfinite(disp))
+
+
+def _points_measure(pixels: Pixels) -> dict[str, float]:
+    if pixels.metres is None:
+        raise InputError("errors in metres need a calibration: evaluate(..., calibration=...)")
+    there = pixels.given & np.isfinite(pixels.metres[0])
+    distances, ranges = pixels.metres[0][there], pixels.metres[1][there]
+    sizes = {f"point_{name}": value for name, value in _sizes(distances).items()}
+    relative = 100.0 * float(np.mean(distances / ranges)) if distances.size else math.nan
+    return {**sizes, "point_rel": relative, "coverage": metrics.percent(distances.size, pixels.error.size)}
+
+
 def _sizes(errors: metrics.Errors) -> dict[str, float]:
     return {"avgerr": metrics.avgerr(errors), "rms": metrics.rms(errors), **metrics.quantiles(errors, QUANTILES)}
 
@@ -216,6 +233,20 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
             clip="none; outlier where |e| > 3 px and |e| > 5% of the truth",
             resolution="the truth's",
             headline="D1",
+        ),
+        "points": Protocol(
+            name="points",
+            title="Points in metres",
+            source="distance between the estimated and the true point of one pixel, which lie on one viewing ray",
+            metrics=(*(f"point_{name}" for name in _SIZES), "point_rel", "coverage"),
+            prepare=_points_prepare,
+            measure=_points_measure,
+            denominator="all errors: estimated pixels with known truth in the region; coverage: known truth",
+            invalid="left out of every error, reported as coverage; d + doffs <= 0 is no point, hence no estimate",
+            clip="none",
+            resolution="the truth's",
+            headline="point_avgerr",
+            needs_calibration=True,
         ),
     }
 )

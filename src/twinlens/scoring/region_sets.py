@@ -1,7 +1,6 @@
 """The regions a board can report, by name: which function of `regions`, applied to which arrays of a sample.
 
-A sample offers what it has as attributes: `im0`, `disp0`, `mask0_nonocc` always; `blur0` (H, W) in pixels and
-`material_kind0` (H, W) if it can. A region that a sample cannot tell is left out for it.
+A region that needs what a sample does not have (a mask, a blur map, material kinds) is left out for it.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -10,11 +9,12 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.errors import unknown
 from twinlens.scoring import regions as made
 from twinlens.scoring.checks import Mask, mask_of
-from twinlens.scoring.pair import Sample
+from twinlens.scoring.pair import Pair
 from twinlens.truth import MATERIAL_KINDS
 
 
@@ -24,33 +24,40 @@ class Region:
 
     name: str
     text: str
-    mask: Callable[[Sample], Mask | None]
+    mask: Callable[[Pair], Mask | None]
 
 
-def _nonocc(sample: Sample) -> Mask | None:
+def _nonocc(sample: Pair) -> Mask | None:
     mask = sample.mask0_nonocc
     return None if mask is None else mask_of("mask0_nonocc", mask, sample.disp0.shape)
 
 
-def _inside_nonocc(inner: Callable[[Sample], Mask | None]) -> Callable[[Sample], Mask | None]:
-    def mask(sample: Sample) -> Mask | None:
+def _inside_nonocc(inner: Callable[[Pair], Mask | None]) -> Callable[[Pair], Mask | None]:
+    def mask(sample: Pair) -> Mask | None:
         seen, part = _nonocc(sample), inner(sample)
         return None if seen is None or part is None else seen & part
 
     return mask
 
 
-def _occluded(sample: Sample) -> Mask | None:
+def _occluded(sample: Pair) -> Mask | None:
     return None if sample.mask0_nonocc is None else made.occluded(sample.mask0_nonocc)
 
 
-def _extra(sample: Sample, name: str, inner: Callable[[Any], Mask]) -> Mask | None:
-    array = getattr(sample, name, None)
-    return None if array is None else inner(array)
+def _grey_levels(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """The image in 256 levels, which the limit of textureless is stated in."""
+    return (image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image
 
 
-def _material(kind: str) -> Callable[[Sample], Mask | None]:
-    return lambda sample: _extra(sample, "material_kind0", lambda kinds: made.of_material(kinds, kind))
+def _blurred(sample: Pair) -> Mask | None:
+    return None if sample.blur0 is None else made.out_of_focus(sample.blur0)
+
+
+def _material(kind: str) -> Callable[[Pair], Mask | None]:
+    def mask(sample: Pair) -> Mask | None:
+        return None if sample.material_kind0 is None else made.of_material(sample.material_kind0, kind)
+
+    return mask
 
 
 REGIONS: Mapping[str, Region] = MappingProxyType(
@@ -63,7 +70,7 @@ REGIONS: Mapping[str, Region] = MappingProxyType(
             Region(
                 "textureless",
                 "non-occluded; mean squared horizontal difference over 3x3 below 16 (Middlebury 2002)",
-                _inside_nonocc(lambda s: made.textureless(s.im0)),
+                _inside_nonocc(lambda s: made.textureless(_grey_levels(s.im0))),
             ),
             Region(
                 "discontinuity",
@@ -73,7 +80,7 @@ REGIONS: Mapping[str, Region] = MappingProxyType(
             Region(
                 "out-of-focus",
                 f"blur circle wider than {made.BLUR_LIMIT_PX:g} px",
-                lambda s: _extra(s, "blur0", made.out_of_focus),
+                _blurred,
             ),
             Region(
                 "near",
@@ -95,7 +102,7 @@ REGIONS: Mapping[str, Region] = MappingProxyType(
 """Every region by name."""
 
 
-def region_masks(sample: Sample, names: Iterable[str]) -> dict[str, Mask]:
+def region_masks(sample: Pair, names: Iterable[str]) -> dict[str, Mask]:
     """The masks of those regions that the sample can tell, in the order asked for.
 
     Raises

@@ -87,37 +87,6 @@ def occluded(mask_nonocc: NDArray[Any]) -> Mask:
     return hidden
 
 
-def nonocc_from_disparity(disp0: ArrayLike, tolerance: float = 1.0) -> NDArray[np.uint8]:
-    """A visibility mask made from the left truth alone, uint8: 255 seen by both, 128 hidden or outside, 0 unknown.
-
-    Each pixel is warped to x - d in the right view; it is occluded where a pixel nearer by more than `tolerance` px of
-    disparity lands beside it. What an unknown surface hides stays unnoticed, so measured truth with holes overstates
-    what is seen; use exact masks where there are any.
-
-    >>> nonocc_from_disparity([[1.0, 1.0, 1.0, 3.0, 3.0, np.inf]]).tolist()
-    [[128, 128, 128, 255, 255, 0]]
-    """
-    truth = disparity_map("disp0", disp0).astype(np.float64)
-    known = np.isfinite(truth)
-    rows, columns = np.nonzero(known)
-    values = truth[known]
-    landed = columns - values
-    nearest = np.full((truth.shape[0], truth.shape[1] + 2), -np.inf)
-    for cell in (np.floor(landed), np.ceil(landed)):
-        np.maximum.at(nearest, (rows, _cell(cell, truth.shape[1])), values)
-    # Both cells beside a landing must be taken by something nearer: one alone is the soft edge of a splat.
-    over = np.minimum(*(nearest[rows, _cell(edge, truth.shape[1])] for edge in (np.floor(landed), np.ceil(landed))))
-    seen = (over <= values + tolerance) & (landed >= -0.5) & (landed <= truth.shape[1] - 0.5)
-    mask = np.zeros(truth.shape, np.uint8)
-    mask[rows, columns] = np.where(seen, 255, HIDDEN)
-    return mask
-
-
-def _cell(column: NDArray[np.float64], width: int) -> NDArray[np.intp]:
-    """Columns -1 and W, and all beyond, share the two cells outside the image."""
-    return (np.clip(column, -1, width) + 1).astype(np.intp)
-
-
 def out_of_focus(blur_px: ArrayLike, limit_px: float = BLUR_LIMIT_PX) -> Mask:
     """Where the blur circle's diameter |blur_px| exceeds limit_px; a signed or unsigned (H, W) map in pixels.
 

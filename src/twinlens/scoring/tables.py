@@ -19,6 +19,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "middlebury-v3": ("totbad2.0", "bad0.5", "bad1.0", "bad2.0", "bad4.0", "avgerr", "rms", "A50", "A95", "invalid"),
     "eth3d": ("bad0.5", "bad1.0", "bad2.0", "bad4.0", "avgerr", "rms", "A50", "A95", "coverage"),
     "kitti2015": ("D1", "D1_est", "coverage"),
+    "points": ("point_avgerr", "point_rms", "point_A50", "point_A90", "point_A99", "point_rel", "coverage"),
 }
 """The columns that a table shows unless told otherwise."""
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")

@@ -30,7 +30,7 @@ const number = (value) => (value == null ? NaN : value === "inf" ? Infinity : va
 function show(metric, value) {
   if (Number.isNaN(value)) return "–";
   if (value === Infinity) return "∞";
-  if (!data.metrics[metric].unit.startsWith("s")) return value.toFixed(2);
+  if (["%", "px"].includes(data.metrics[metric].unit)) return value.toFixed(2);
   return value === 0 ? "0" : value >= 1000 ? Math.round(value).toString() : value.toPrecision(3);
 }
 

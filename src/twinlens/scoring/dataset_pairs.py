@@ -1,0 +1,76 @@
+"""The pairs of a dataset on the disk: one for every sample and lens, each read only when its turn comes."""
+
+from collections.abc import Iterator, Sequence
+from typing import overload
+
+from twinlens.camera import Lens, Pinhole, ThinLens
+from twinlens.dataset import StoredSample
+from twinlens.scoring.pair import Pair, optional
+
+
+def lens_label(lens: Lens) -> str:
+    """A lens in a few words.
+
+    >>> lens_label(Pinhole()), lens_label(ThinLens(0.02, 1.5))
+    ('pinhole', 'lens 20 mm at 1.5 m')
+    """
+    if isinstance(lens, Pinhole):
+        return "pinhole"
+    if isinstance(lens, ThinLens):
+        return f"lens {1e3 * lens.aperture_diameter:.3g} mm at {lens.focus_distance:.3g} m"
+    return f"hole {1e3 * lens.aperture_diameter:.3g} mm"
+
+
+class DatasetPairs(Sequence[Pair]):
+    """What a benchmark runs over: every sample of a `Dataset` (or any sequence of stored samples), once for each lens.
+
+    A sample with one lens keeps its name; one with several gives "name · lens", numbered where lenses read alike.
+    Indexing reads that pair from the disk; nothing is kept.
+    """
+
+    def __init__(self, samples: Sequence[StoredSample]) -> None:
+        self._jobs = [(sample, k, name) for sample in samples for k, name in enumerate(_names(sample))]
+
+    def __len__(self) -> int:
+        return len(self._jobs)
+
+    @overload
+    def __getitem__(self, index: int) -> Pair: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Pair]: ...
+    def __getitem__(self, index: int | slice) -> Pair | list[Pair]:
+        if isinstance(index, slice):
+            return [_pair(*job) for job in self._jobs[index]]
+        return _pair(*self._jobs[index])
+
+    def __iter__(self) -> Iterator[Pair]:
+        return (_pair(*job) for job in self._jobs)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The pairs' names, in order, without reading an image."""
+        return tuple(name for _, _, name in self._jobs)
+
+
+def _names(sample: StoredSample) -> list[str]:
+    if sample.num_lenses == 1:
+        return [sample.name]
+    labels = [lens_label(sample.lens(k).lens) for k in range(sample.num_lenses)]
+    return [
+        f"{sample.name} · {label}" + (f" ({k})" if labels.count(label) > 1 else "") for k, label in enumerate(labels)
+    ]
+
+
+def _pair(sample: StoredSample, k: int, name: str) -> Pair:
+    shot = sample.lens(k)
+    return Pair(
+        name,
+        shot.im0,
+        shot.im1,
+        sample.disp0,
+        sample.mask0_nonocc,
+        sample.ndisp,
+        optional(lambda: sample.calibration),
+        optional(lambda: shot.blur_circle_px(0)),
+        optional(lambda: sample.truth0.material_kind),
+    )

@@ -1,0 +1,47 @@
+"""Where a benchmark's disparity maps are kept: a folder of PFM files, one folder a sample. Scores nothing."""
+
+import hashlib
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.dataset import read_pfm, write_pfm
+
+
+class MapFolder:
+    """Maps as <folder>/<sample>/<method>.pfm. A name that is no safe file name is slimmed and given a short hash.
+
+    Give `keep` to `run_benchmark` as on_map, and the folder itself to the report as its maps.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        self.folder = Path(folder)
+
+    def path(self, method: str, sample: str) -> Path:
+        """Where that map lies, or would lie."""
+        return self.folder / file_name(sample) / f"{file_name(method)}.pfm"
+
+    def keep(self, method: str, sample: str, disp: NDArray[np.floating[Any]]) -> None:
+        """Write one map, (H, W) pixels, +inf unknown; OutputError if it cannot be written."""
+        write_pfm(self.path(method, sample), disp)
+
+    def get(self, key: tuple[str, str], /) -> NDArray[np.floating[Any]] | None:
+        """The map of (method, sample), or None; FileError if its file is damaged."""
+        path = self.path(*key)
+        return read_pfm(path) if path.is_file() else None
+
+
+def file_name(name: str) -> str:
+    """A file name for any name: itself where it is plain, else its plain part and eight digits of its SHA-256.
+
+    >>> file_name("sad-9"), file_name("../x")[:2], file_name("../x") == file_name("./x")
+    ('sad-9', 'x-', False)
+    """
+    if re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.=-]{0,60}", name):
+        return name
+    plain = re.sub(r"[^A-Za-z0-9_=-]+", "-", name).strip("-")[:40] or "name"
+    return f"{plain}-{hashlib.sha256(name.encode('utf-8', 'surrogatepass')).hexdigest()[:8]}"

@@ -1,0 +1,134 @@
+"""Where a benchmark's samples, methods and maps come from: datasets on the disk, names, folders."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from twinlens.camera import Camera, Pinhole, Rig, ThinLens
+from twinlens.dataset import Dataset, Sample, Shot, motorcycle, write_sample
+from twinlens.errors import FileError, InputError
+from twinlens.scoring import DatasetPairs, MapFolder, NamedMethod, load_pair, region_masks, run_benchmark, spec_of
+from twinlens.scoring.maps import file_name
+from twinlens.truth import MATERIAL_KINDS, Truth
+
+
+def truth(disparity, depth):
+    shape = disparity.shape
+    vectors = np.zeros((*shape, 3), np.float32)
+    ids = np.ones(shape, np.int32)
+    kinds = np.full(shape, MATERIAL_KINDS.index("glossy"), np.uint8)
+    position = np.zeros((*shape, 3))
+    return Truth(depth, position, disparity, np.ones(shape, bool), vectors, vectors, ids, ids, kinds, ("wall",), ("m",))
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    """Two samples of a wall 2 m away: one seen through one lens, one through three, two of them alike."""
+    rig = Rig.stereo(Camera(24, 16, 100.0, 100.0, 11.5, 7.5), baseline=0.1)
+    image = np.random.default_rng(0).integers(0, 255, (16, 24, 3), np.uint8)
+    views = [truth(np.full((16, 24), 5, np.float32), np.full((16, 24), 2.0)) for _ in range(2)]
+    lenses = [Pinhole(), ThinLens(0.2, 1.0), ThinLens(0.2, 1.0)]
+    folder = tmp_path_factory.mktemp("data")
+    for name, count in (("one", 1), ("three", 3)):
+        shots = tuple(Shot(lens, (image + np.uint8(k), image)) for k, lens in enumerate(lenses[:count]))
+        write_sample(folder / name, Sample(rig, shots, tuple(views), ndisp=8))
+    return Dataset(folder)
+
+
+def test_every_lens_of_a_sample_is_a_pair(dataset):
+    pairs = DatasetPairs(dataset)
+    names = ("one", "three · pinhole", "three · lens 200 mm at 1 m (1)", "three · lens 200 mm at 1 m (2)")
+    assert pairs.names == tuple(p.name for p in pairs) == names
+    assert len(pairs) == 4
+    assert (pairs[3].im0 - pairs[1].im0 == 2).all()
+    assert [p.name for p in pairs[1:2]] == ["three · pinhole"]
+
+
+def test_a_stored_pair_brings_calibration_blur_and_materials(dataset):
+    pairs = DatasetPairs(dataset)
+    assert pairs[0].calibration.baseline == pytest.approx(0.1)
+    assert pairs[0].ndisp == 8
+    masks = region_masks(pairs[2], ["out-of-focus", "glossy", "mirror"])
+    # A wall at 2 m through a 200 mm lens focused at 1 m: 0.2 * 100 * |1/2 - 1| = 10 px of blur.
+    assert masks["out-of-focus"].all()
+    assert masks["glossy"].all()
+    assert not masks["mirror"].any()
+    assert not region_masks(pairs[1], ["out-of-focus"])["out-of-focus"].any()
+
+
+def test_a_stored_sample_itself_can_be_benchmarked(dataset):
+    class Five:
+        name = "five"
+
+        def __call__(self, left, right, *, ndisp):
+            return np.full(left.shape[:2], 5, np.float32)
+
+    board = run_benchmark(dataset, [Five()], protocol=["middlebury-v3", "points"])
+    assert board.samples == ("one", "three")
+    assert [e.regions["all"].get("avgerr", e.regions["all"].get("point_avgerr")) for e in board.entries] == [0] * 4
+
+
+def test_the_real_pair_is_a_sample():
+    real = load_pair(motorcycle())
+    assert (real.name, real.ndisp, real.im0.shape) == ("motorcycle", 70, (500, 741, 3))
+    assert list(region_masks(real, ["nonocc", "occluded", "out-of-focus"])) == ["nonocc", "occluded"]
+
+
+def test_methods_are_named_by_text_and_survive_pickling():
+    method = NamedMethod(" zncc:block_size=5 ")
+    again = pickle.loads(pickle.dumps(method))
+    assert again == method
+    assert again.name == "zncc:block_size=5"
+    assert spec_of(again) == spec_of(method)
+    assert "block_size=5" in method.spec
+    assert NamedMethod("zncc").spec != method.spec
+    assert NamedMethod("sad:block_size=5").spec != method.spec
+
+
+def test_a_named_method_finds_a_shift():
+    right = np.random.default_rng(1).integers(0, 255, (30, 60), np.uint8)
+    found = NamedMethod("sad:block_size=5")(np.roll(right, 6, axis=1), right, ndisp=16)
+    assert np.median(found[5:-5, 20:-5]) == pytest.approx(6, abs=0.01)
+
+
+def test_an_unknown_method_is_refused_by_name():
+    with pytest.raises(InputError, match="did you mean 'zncc'"):
+        NamedMethod("znc")
+
+
+NAMES = [
+    "sad",
+    "zncc:block_size=21,lr_check=1",
+    "../../etc/passwd",
+    "a/b",
+    "",
+    "é",
+    "x" * 300,
+    "three · pinhole",
+    "CON ",
+]
+
+
+def test_maps_come_back_under_any_name(tmp_path):
+    folder = MapFolder(tmp_path / "maps")
+    for i, method in enumerate(NAMES):
+        for sample in NAMES[:3]:
+            folder.keep(method, sample, np.array([[i, np.inf]], np.float32))
+    for i, method in enumerate(NAMES):
+        assert folder.get((method, NAMES[2])).tolist() == [[i, np.inf]]
+    assert folder.get(("none", "none")) is None
+    assert all(p.is_relative_to(tmp_path / "maps") for p in tmp_path.rglob("*.pfm"))
+    assert len(list(tmp_path.rglob("*.pfm"))) == 3 * len(NAMES)
+
+
+def test_plain_names_stay_themselves():
+    assert [file_name(n) for n in ("sad-9", "SGBM_HH", "census.5=x")] == ["sad-9", "SGBM_HH", "census.5=x"]
+
+
+def test_a_damaged_map_is_named(tmp_path):
+    folder = MapFolder(tmp_path)
+    folder.keep("m", "s", np.ones((2, 2), np.float32))
+    folder.path("m", "s").write_bytes(b"Pf\n9 9\n-1\n")
+    with pytest.raises(FileError, match=r"m\.pfm"):
+        folder.get(("m", "s"))
