@@ -2,7 +2,7 @@
 
     python benchmarks/bench_codecs.py
 
-The pictures are the real Motorcycle pair (741 x 500), the truth maps are made from its measured depth. CPU milliseconds,
+The pictures are the real Motorcycle pair (741 x 500), the truth maps are made from its measured depth. CPU time in ms,
 the least of five runs, all threads counted; OpenCV's row appears where it is installed.
 """
 

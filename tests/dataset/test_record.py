@@ -21,10 +21,17 @@ from twinlens.dataset.record import (
 from twinlens.errors import FileError, InputError
 
 positive = st.floats(1e-9, 1e9)
+unit = st.floats(0, 1, exclude_max=True)
+apertures = st.one_of(
+    st.just(camera.Disk()),
+    st.builds(camera.Polygon, st.integers(3, 12), st.floats(-360, 360), unit),
+    st.builds(camera.Annulus, unit),
+    st.lists(unit, min_size=1, max_size=4).map(lambda row: camera.MaskAperture([row, [1.0] * len(row)])),
+)
 lenses = st.one_of(
     st.just(Pinhole()),
-    st.builds(ThinLens, st.just(0.0) | positive, positive | st.just(math.inf)),
-    st.builds(BareAperture, st.just(0.0) | positive, positive),
+    st.builds(ThinLens, st.just(0.0) | positive, positive | st.just(math.inf), apertures),
+    st.builds(BareAperture, st.just(0.0) | positive, positive, apertures),
 )
 cameras = st.builds(Camera, st.integers(1, 9999), st.integers(1, 9999), positive, positive, st.floats(-9, 9), positive)
 
@@ -45,6 +52,15 @@ def test_rigs_read_back_equal(one, baseline):
     assert back.cameras == rig.cameras
     for pose, expected in zip(back.world_from_cams, rig.world_from_cams, strict=True):
         np.testing.assert_array_equal(pose, expected)
+
+
+@pytest.mark.parametrize("distortion", [camera.BrownConrady(k1=-0.1, p2=1e-3), camera.KannalaBrandt(k1=0.01)])
+def test_distortion_reads_back_equal(distortion):
+    one = Camera(64, 48, 70.0, 70.0, 31.5, 23.5, distortion=distortion)
+    back = rig_from_plain(through_text(Rig([one], [np.eye(4)])))
+    assert back.cameras[0] == one
+    with pytest.raises(InputError):
+        rig_from_plain(plain(Rig([one], [np.eye(4)])) | {"cameras": [plain(one) | {"distortion": "none"}]})
 
 
 def test_everything_public_of_the_camera_room_can_be_recorded():

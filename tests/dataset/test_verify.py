@@ -132,6 +132,12 @@ def swap(folder):
         (lambda f: change_pfm(f, "disp1.pfm", lambda d: d[:, ::-1]), "disp1.pfm: "),
         (lambda f: change_exr(f, "truth0.exr", "depth", nudge), "truth0.exr: position's z differs from depth at 1 of"),
         (lambda f: change_exr(f, "truth1.exr", "position.X", nudge), "truth1.exr: position projects beside its pixel"),
+        (lambda f: change_exr(f, "truth0.exr", "depth", np.negative), "truth0.exr: "),
+        (
+            lambda f: change_exr(f, "truth0.exr", "depth", lambda z: np.where(z < 9, -z, z)),
+            "truth0.exr: position is not",
+        ),
+        (lambda f: change_exr(f, "truth0.exr", "position.Y", lambda y: y + 1e4), "truth0.exr: position"),
         (lambda f: change_exr(f, "truth0.exr", "object_id", np.zeros_like), "truth0.exr: depth is finite elsewhere"),
         (
             lambda f: write_png(f / "mask0nocc.png", 255 - read_png(f / "mask0nocc.png")),

@@ -32,8 +32,8 @@ def positions_agree(truth: Arrays, camera: Camera, world_from_cam: NDArray[np.fl
     if not np.array_equal(hit, np.isfinite(truth["depth"])):
         return ["depth is finite elsewhere than object_id > 0"]
     world = truth["position"][hit].astype(np.float64)
-    if not np.isfinite(world).all():
-        return ["position is not finite where something was hit"]
+    if not np.isfinite(world).all() or not (truth["depth"][hit] > 0).all():
+        return ["position is not finite, or depth not positive, where something was hit"]
     cam = geometry.transform_points(geometry.inverse(world_from_cam), world)
     scale = np.abs(world).sum(axis=-1) + np.abs(world_from_cam[:3, 3]).sum()
     depth = truth["depth"][hit].astype(np.float64)
@@ -114,4 +114,5 @@ def _off(what: str, error: NDArray[np.float64], allowed: NDArray[np.float64], un
     wrong = ~(error <= allowed)
     if not wrong.any():
         return []
-    return [f"{what} at {np.count_nonzero(wrong)} of {wrong.size} pixels, by up to {np.nanmax(error):.3g} {unit}"]
+    worst = np.where(np.isnan(error), np.inf, error).max()
+    return [f"{what} at {np.count_nonzero(wrong)} of {wrong.size} pixels, by up to {worst:.3g} {unit}"]

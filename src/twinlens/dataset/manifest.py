@@ -9,7 +9,7 @@ from typing import Any
 
 import twinlens
 from twinlens.dataset.files import is_hidden, read_bytes, write_file
-from twinlens.dataset.record import encode_json, plain, read_json, relative_name
+from twinlens.dataset.record import decode_json, encode_json, plain, relative_name
 from twinlens.errors import FileError
 
 KIND, VERSION, NAME = "twinlens-dataset", 1, "dataset.json"
@@ -51,7 +51,12 @@ def write_manifest(folder: str | os.PathLike[str], manifest: Manifest) -> None:
 def read_manifest(folder: str | os.PathLike[str]) -> Manifest:
     """The manifest in `folder`. Raises FileError naming the row that is not right."""
     path = Path(folder) / NAME
-    record = read_json(path, KIND, VERSION)
+    return decode_manifest(read_bytes(path), str(path))
+
+
+def decode_manifest(data: bytes, path: str = NAME) -> Manifest:
+    """The manifest in the bytes of a dataset.json. Raises FileError beginning with `path`."""
+    record = decode_json(data, path, KIND, VERSION)
     samples, recipe, seed, info = (record.get(key) for key in ("samples", "recipe", "seed", "info"))
     if not isinstance(samples, list) or not isinstance(recipe, dict) or not isinstance(info, dict):
         raise FileError(f'{path}: needs "samples" (a list), "recipe" and "info" (objects)')

@@ -85,7 +85,11 @@ def encode_json(record: Mapping[str, Any]) -> bytes:
 
 def read_json(path: str | os.PathLike[str], kind: str, version: int) -> dict[str, Any]:
     """The record in a file that says ``"format": kind, "version": version``. Raises FileError."""
-    data = read_bytes(path)
+    return decode_json(read_bytes(path), str(path), kind, version)
+
+
+def decode_json(data: bytes, path: str, kind: str, version: int) -> dict[str, Any]:
+    """The record in the bytes of such a file. Raises FileError beginning with `path`."""
     try:
         record = json.loads(data, parse_constant=_no_constant)
         _check_depth(record)

@@ -22,7 +22,7 @@ from twinlens.dataset.stored import StoredSample
 from twinlens.dataset.truth_files import read_truth
 from twinlens.errors import FileError
 
-_VIEW = re.compile(r"(?:.*/)?(im|disp|mask|truth|radiance)(\d)\D*$")
+_VIEW = re.compile(r"(?:lens-\d+/)?(im|disp|mask|truth|radiance)(\d+)(?:GT|nocc)?(\.png|\.pfm|\.exr)$")
 
 _READERS: dict[str, Callable[[Any], Any]] = {
     ".png": read_png,
@@ -69,13 +69,13 @@ def _unlike_their_checksums(sample: StoredSample) -> list[str]:
 
 
 def _contents(sample: StoredSample, present: list[str]) -> tuple[dict[str, Any], list[str]]:
-    """Each file of a known kind by its reader, and what the readers refused."""
+    """Each file of a sample's own names by its reader, and what the readers refused."""
     content: dict[str, Any] = {}
     findings = []
     for name in present:
         path = sample.folder / name
         try:
-            if path.suffix in _READERS:
+            if _VIEW.match(name):
                 content[name] = _READERS[path.suffix](path)
             elif name == "calib.txt":
                 content[name] = read_calib(path)
@@ -136,6 +136,8 @@ def _view_of(content: dict[str, Any], rig: Rig, i: int) -> list[str]:
     """The laws of view i's truth, alone and with its partner."""
     truth = content[f"truth{i}.exr"]
     findings = _named(f"truth{i}.exr", laws.positions_agree(truth, rig.cameras[i], rig.world_from_cams[i]))
+    if findings:
+        return findings
     disparity, calibration = content.get(f"disp{i}.pfm"), content.get("calib.txt")
     if disparity is not None and calibration is not None and i < 2:
         findings += _named(f"disp{i}.pfm", laws.disparity_agrees(truth, disparity, calibration))
