@@ -31,6 +31,7 @@ from twinlens.scenes.table import (
 
 _LENGTH = number(above=0.0)
 _SIDES = whole(3, 4096)
+_MOST_FACES = 20_000_000
 MESH_FILES = {".ply", ".obj", ".glb", ".stl"}
 
 
@@ -145,8 +146,20 @@ def scene_object(at: At, name: str, value: Any) -> SceneObject:
         _check_scale(at / "instances" / i, shape, copy)
     if thing.instances and thing.emitter is not None:
         raise at.wrong("an object with instances cannot shine; make the lights objects of their own")
+    merge = table.take("merge", boolean, False)
     table.done()
-    return thing
+    return _merged(at, thing) if merge else thing
+
+
+def _merged(at: At, thing: SceneObject) -> SceneObject:
+    """The object's copies as one mesh with one id: for grass and gravel, of which nobody asks which blade was hit."""
+    mesh = thing.shape
+    if not isinstance(mesh, Mesh) or not thing.instances:
+        raise (at / "merge").wrong("joins the instances of a mesh; this object is no mesh or has no instances")
+    if len(mesh.faces) * len(thing.instances) > _MOST_FACES:
+        raise (at / "merge").wrong(f"makes more than {_MOST_FACES} triangles; keep the instances apart")
+    copies = [shapes.transformed(mesh, copy @ thing.world_from_object) for copy in thing.instances]
+    return replace(thing, shape=shapes.merged(copies), world_from_object=np.eye(4), instances=())
 
 
 def _named_shape(table: Table[Any]) -> Mesh | Plugin:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.geometry import Float
+from twinlens.geometry import Float, transform_points
 from twinlens.scenes.scene import Mesh
 
 Faces = NDArray[np.uint32]
@@ -105,12 +105,26 @@ def _revolved(curve: Float, segments: int, v_start: float, v_end: float) -> Mesh
 
 
 def merged(parts: list[Mesh]) -> Mesh:
-    """Several meshes with normals and (u, v) as one."""
+    """Several meshes as one; normals and (u, v) are kept where all have them."""
     starts = np.cumsum([0] + [len(part.vertices) for part in parts])
     faces = np.concatenate([part.faces + np.uint32(start) for part, start in zip(parts, starts, strict=False)])
     normals = [part.normals for part in parts if part.normals is not None]
     uvs = [part.uv for part in parts if part.uv is not None]
-    return Mesh(np.concatenate([part.vertices for part in parts]), faces, np.concatenate(normals), np.concatenate(uvs))
+    return Mesh(
+        np.concatenate([part.vertices for part in parts]),
+        faces,
+        np.concatenate(normals) if len(normals) == len(parts) else None,
+        np.concatenate(uvs) if len(uvs) == len(parts) else None,
+    )
+
+
+def transformed(mesh: Mesh, b_from_a: Float) -> Mesh:
+    """A mesh moved by an affine 4x4; its normals turn with the inverse transpose."""
+    normals = mesh.normals
+    if normals is not None:
+        normals = normals @ np.linalg.inv(b_from_a[:3, :3])
+        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    return Mesh(transform_points(b_from_a, mesh.vertices), mesh.faces, normals, mesh.uv)
 
 
 def tube(points: Float, radius: Float, sides: int = 16, smooth: bool = True, closed: bool = False) -> Mesh:

@@ -24,24 +24,25 @@ def value_noise(width: int, height: int, cells: tuple[int, int], seed: int, inte
     stereogram). Source: K. Perlin, Improving Noise, SIGGRAPH 2002, for the quintic.
     """
     nx, ny = cells
-    lattice = np.random.default_rng(seed).random((ny, nx))
-    along_x = _lattice_weights(width, nx, interpolation)
-    along_y = _lattice_weights(height, ny, interpolation)
-    return (along_y @ lattice @ along_x.T).astype(np.float32)
+    lattice = np.random.default_rng(seed).random((ny, nx)).astype(np.float32)
+    return _between(_between(lattice, height, 0, interpolation), width, 1, interpolation)
 
 
-def _lattice_weights(size: int, cells: int, interpolation: str) -> Float:
-    """The (size, cells) matrix that interpolates a periodic lattice at texel centres; each row sums to 1."""
+def _between(values: Image, size: int, axis: int, interpolation: str) -> Image:
+    """Periodic values read at the centres of `size` texels along one axis, which then has that length."""
+    cells = values.shape[axis]
     position = (np.arange(size) + 0.5) / size * cells
-    if interpolation == "nearest":
-        nearest: Float = np.eye(cells)[position.astype(int) % cells]
-        return nearest
     index = np.floor(position).astype(int)
-    t = position - index
+    here: Image = np.take(values, index % cells, axis)
+    if interpolation == "nearest":
+        return here
+    t = (position - index).astype(np.float32)
     fade = t**3 * (t * (6 * t - 15) + 10)
-    identity = np.eye(cells)
-    weights: Float = (1 - fade)[:, None] * identity[index % cells] + fade[:, None] * identity[(index + 1) % cells]
-    return weights
+    step = np.take(values, (index + 1) % cells, axis)
+    step -= here
+    step *= fade if axis == 1 else fade[:, None]
+    here += step
+    return here
 
 
 def fractal_noise(
@@ -58,16 +59,18 @@ def fractal_noise(
     The sum is scaled so that its expected standard deviation is `contrast`/5, then clipped to [0, 1]. Its power
     spectrum falls as f^-(2 + 2H) with H = -log2(gain). Source: Musgrave et al., Texturing and Modeling, 3rd ed., 2003.
     """
-    total = np.zeros((height, width))
+    total = np.zeros((height, width), dtype=np.float32)
     variance = 0.0
     for octave in range(octaves):
         fine = (cells[0] << octave, cells[1] << octave)
         if fine[0] > width or fine[1] > height:
             break  # finer than a texel is only aliasing
         strength = gain**octave
-        total += strength * (value_noise(width, height, fine, seed + 7919 * octave) - 0.5)
+        total += np.float32(strength) * (value_noise(width, height, fine, seed + 7919 * octave) - np.float32(0.5))
         variance += strength**2 * _smooth_variance()
-    return np.clip(0.5 + 0.2 * contrast * total / math.sqrt(variance or 1.0), 0, 1).astype(np.float32)
+    scale = np.float32(0.2 * contrast / math.sqrt(variance or 1.0))
+    clipped: Image = np.clip(np.float32(0.5) + scale * total, 0, 1)
+    return clipped
 
 
 def _smooth_variance() -> float:
@@ -167,5 +170,5 @@ def _averaged(width: int, height: int, pattern: Callable[[Float, Float], Any]) -
         for dx in range(n):
             u = (np.arange(width) + (dx + 0.5) / n) / width
             v = (np.arange(height) + (dy + 0.5) / n) / height
-            out += pattern(*np.broadcast_arrays(u[None, :], v[:, None]))
+            out += pattern(u[None, :], v[:, None])
     return (out / n**2).astype(np.float32)
