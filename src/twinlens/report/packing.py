@@ -64,7 +64,7 @@ def pack(disp: NDArray[np.floating[Any]], stride: int = 1, step: float = STEP) -
     codes = np.where(known, steps, UNKNOWN).astype(np.uint16)
     differences = np.diff(codes, axis=1, prepend=np.uint16(0)).ravel()
     planes = (differences & 255).astype(np.uint8).tobytes() + (differences >> 8).astype(np.uint8).tobytes()
-    text = base64.b64encode(zlib.compress(planes, 9)).decode("ascii")
+    text = base64.b64encode(zlib.compress(planes, 6)).decode("ascii")
     return Packed(thin.shape[1], thin.shape[0], stride, offset, step, text)
 
 

@@ -29,7 +29,8 @@ function drawBoard() {
   const rows = ranked(state.over);
   const best = Object.fromEntries(columns.map((c) => {
     const values = rows.map((r) => r.scores.value(c)).filter((v) => !Number.isNaN(v));
-    return [c, values.length ? values.reduce((a, b) => (data.metrics[c].lower ? Math.min(a, b) : Math.max(a, b))) : NaN];
+    const tied = values.length > 1 && values.every((v) => v === values[0]);
+    return [c, values.length && !tied ? values.reduce((a, b) => (data.metrics[c].lower ? Math.min(a, b) : Math.max(a, b))) : NaN];
   }));
   const largest = Math.max(...rows.map((r) => r.scores.value(state.sort)).filter(Number.isFinite), 1e-12);
   $("board").replaceChildren(
@@ -94,7 +95,7 @@ function drawMatrix() {
   const cells = rows.map((r) => data.samples.map((s) => scoresOf(r.method.name, s.name)));
   const limits = data.samples.map((_, k) => cells.map((row) => row[k].value(state.sort)).filter(Number.isFinite));
   $("matrix").replaceChildren(
-    el("thead", {}, el("tr", {}, el("th", { class: "name" }), data.samples.map((s) => el("th", { title: s.name }, s.name.length > 16 ? `${s.name.slice(0, 15)}…` : s.name)))),
+    el("thead", {}, el("tr", {}, el("th", { class: "name" }), data.samples.map((s) => el("th", { title: s.name }, s.name.length > 48 ? `${s.name.slice(0, 47)}…` : s.name)))),
     el("tbody", {}, rows.map((r, i) => el("tr", {}, el("td", { class: "name", title: r.method.spec }, r.method.name),
       data.samples.map((s, k) => {
         const c = cells[i][k], v = c.value(state.sort);
@@ -103,13 +104,11 @@ function drawMatrix() {
       })))));
 }
 
+// Round numbers on a logarithmic axis: as few as still make three.
 function ticks(low, high) {
-  const out = [];
-  for (let e = Math.floor(Math.log10(low)); e <= Math.ceil(Math.log10(high)); e++) for (const f of [1, 3]) {
-    const t = f * 10 ** e;
-    if (t >= low && t <= high) out.push(t);
-  }
-  return out;
+  const decades = Array.from({ length: Math.ceil(Math.log10(high)) - Math.floor(Math.log10(low)) + 1 }, (_, i) => 10 ** (Math.floor(Math.log10(low)) + i));
+  const choices = [[1], [1, 3], [1, 2, 5], [1, 1.5, 2, 3, 4, 5, 7]].map((steps) => decades.flatMap((d) => steps.map((s) => s * d)).filter((t) => t >= low && t <= high));
+  return choices.find((c) => c.length >= 3) || choices[choices.length - 1];
 }
 
 // Each label goes to the first place beside its dot where it covers no dot, no other label and no edge.
@@ -142,7 +141,7 @@ function drawScatter() {
   const tags = labels(dots.map((d) => ({ x: px(d.x), y: py(d.y), text: d.name.length > 26 ? `${d.name.slice(0, 25)}…` : d.name })), W);
   $("scatter").replaceChildren(el("svg", { viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": $("scatter-title").textContent },
     levels.map((v) => [el("line", { class: "grid", x1: left, x2: W - right, y1: py(v), y2: py(v) }), el("text", { x: left - 8, y: py(v) + 4, "text-anchor": "end" }, String(+v.toPrecision(3)))]).flat(),
-    ticks(low, high).map((t) => el("text", { x: px(t), y: H - 12, "text-anchor": "middle" }, String(+t.toPrecision(1)))),
+    ticks(low, high).map((t) => el("text", { x: px(t), y: H - 12, "text-anchor": "middle" }, String(+t.toPrecision(2)))),
     tags,
     dots.map((d) => el("circle", { class: d.name === state.method ? "dot on" : "dot", cx: px(d.x), cy: py(d.y), r: 5.5, onclick: () => look(state.over || state.sample, d.name) },
       el("title", {}, `${d.name}: ${show(y, d.y)} ${data.metrics[y].unit}, ${show(x, d.x)} ${data.metrics[x].unit}`)))));
