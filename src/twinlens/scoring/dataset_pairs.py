@@ -3,22 +3,21 @@
 from collections.abc import Iterator, Sequence
 from typing import overload
 
-from twinlens.camera import Lens, Pinhole, ThinLens
 from twinlens.dataset import StoredSample
 from twinlens.scoring.pair import Pair, optional
 
 
-def lens_label(lens: Lens) -> str:
-    """A lens in a few words.
+def lens_label(lens: object) -> str:
+    """A lens in a few words, told from what it has: an aperture, and a plane of focus.
 
+    >>> from twinlens.camera import Pinhole, ThinLens
     >>> lens_label(Pinhole()), lens_label(ThinLens(0.02, 1.5))
     ('pinhole', 'lens 20 mm at 1.5 m')
     """
-    if isinstance(lens, Pinhole):
+    diameter, focus = getattr(lens, "aperture_diameter", None), getattr(lens, "focus_distance", None)
+    if diameter is None:
         return "pinhole"
-    if isinstance(lens, ThinLens):
-        return f"lens {1e3 * lens.aperture_diameter:.3g} mm at {lens.focus_distance:.3g} m"
-    return f"hole {1e3 * lens.aperture_diameter:.3g} mm"
+    return f"hole {1e3 * diameter:.3g} mm" if focus is None else f"lens {1e3 * diameter:.3g} mm at {focus:.3g} m"
 
 
 class DatasetPairs(Sequence[Pair]):
