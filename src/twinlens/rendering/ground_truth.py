@@ -5,6 +5,7 @@ pixel centres -> cast -> refine -> depth, position, normals, ids
                                      |-> cast from the partner's centre -> visible
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -69,8 +70,11 @@ def _view_truth(built: BuiltScene, rig: Rig, index: int, sky_disparity: bool) ->
     )
 
 
-def _exact(built: BuiltScene, origin: Float, directions: Float, hits: Hits) -> Exact:
-    """Every hit refined on the primitive that was hit: t, geometric and shading normals."""
+def _exact(built: BuiltScene, origin: Float, directions: Float, hits: Hits, measure: bool = True) -> Exact:
+    """Every hit refined on the primitive that was hit: t, geometric and shading normals.
+
+    Shapes without a closed form keep their t, and have normals only if asked to `measure` them.
+    """
     exact = Exact(hits.t.copy(), np.zeros_like(directions), np.zeros_like(directions))
     order = np.argsort(hits.body, kind="stable")
     bounds = np.searchsorted(hits.body[order], np.arange(len(built.bodies) + 1))
@@ -79,6 +83,8 @@ def _exact(built: BuiltScene, origin: Float, directions: Float, hits: Hits) -> E
         if not len(chosen):
             continue
         surface = _surface(built, row, body)
+        if surface is None and not measure:
+            continue
         if surface is None:
             exact.normal[chosen], exact.shading_normal[chosen] = measured_normals(built, origin, directions[chosen])
             continue
@@ -88,15 +94,29 @@ def _exact(built: BuiltScene, origin: Float, directions: Float, hits: Hits) -> E
 
 
 def _surface(built: BuiltScene, row: int, body: Body) -> Triangles | Quadric | None:
-    """The body's surface in float64, read back from what Mitsuba traces; kept with the scene."""
+    """The body's surface in float64, read back from what Mitsuba traces; kept with the scene.
+
+    Instances share the vertices of their shape.
+    """
     key = f"surface{row}"
     if key not in built.cache:
-        built.cache[key] = None if body.shape is None else _read_surface(body)
+        shared = None if body.shape is None else _shape_surface(built, body.shape)
+        if shared is not None and body.instance is not None:
+            shared = replace(shared, world_from_local=_to_world(body.instance) @ shared.world_from_local)
+        built.cache[key] = shared
     surface: Triangles | Quadric | None = built.cache[key]
     return surface
 
 
-def _read_surface(body: Body) -> Triangles | Quadric | None:
+def _shape_surface(built: BuiltScene, shape: Any) -> Triangles | Quadric | None:
+    key = f"shape{id(shape)}"
+    if key not in built.cache:
+        built.cache[key] = _read_surface(shape)
+    surface: Triangles | Quadric | None = built.cache[key]
+    return surface
+
+
+def _read_surface(shape: Any) -> Triangles | Quadric | None:
     mi = mitsuba()
     kinds = {
         mi.ShapeType.Sphere: "sphere",
@@ -104,11 +124,10 @@ def _read_surface(body: Body) -> Triangles | Quadric | None:
         mi.ShapeType.Disk: "disk",
         mi.ShapeType.Rectangle: "rectangle",
     }
-    placed = np.eye(4) if body.instance is None else _to_world(body.instance)
-    kind = kinds.get(mi.ShapeType(body.shape.shape_type()))
+    kind = kinds.get(mi.ShapeType(shape.shape_type()))
     if kind in UNIT_SHAPES:
-        return Quadric(kind, placed @ _to_world(body.shape))
-    return _read_mesh(body.shape, placed) if body.shape.is_mesh() else None
+        return Quadric(kind, _to_world(shape))
+    return _read_mesh(shape) if shape.is_mesh() else None
 
 
 def _to_world(shape: Any) -> Float:
@@ -116,14 +135,14 @@ def _to_world(shape: Any) -> Float:
     return np.asarray(matrix, dtype=np.float64).reshape(4, 4)
 
 
-def _read_mesh(shape: Any, placed: Float) -> Triangles:
+def _read_mesh(shape: Any) -> Triangles:
     buffers = mitsuba().traverse(shape)
     normals = np.asarray(buffers["vertex_normals"], dtype=np.float64).reshape(-1, 3)
     return Triangles(
         np.asarray(buffers["vertex_positions"], dtype=np.float64).reshape(-1, 3),
         np.asarray(buffers["faces"], dtype=np.uint32).reshape(-1, 3),
         normals if len(normals) and shape.has_vertex_normals() and not shape.has_face_normals() else None,
-        placed,
+        np.eye(4),
     )
 
 
@@ -153,11 +172,16 @@ def _towards_partner(
 def _unblocked(
     built: BuiltScene, centre: Float, points: Float, body: NDArray[np.int32], prim: NDArray[np.uint32]
 ) -> NDArray[np.bool_]:
-    """Whether the first hit from `centre` towards each point is the point itself: the same flat triangle, or as far."""
-    hits = cast(built, centre, points - centre)
+    """Whether the first hit from `centre` towards each point is the point itself: the same flat triangle, or as far.
+
+    As far after refining: where a ray grazes a curved surface, float32 alone is further off than _SAME_POINT.
+    """
+    rays = points - centre
+    hits = cast(built, centre, rays)
+    reached = _exact(built, centre, rays, hits, measure=False).t
     flat = np.array([row.shape is not None and row.shape.is_mesh() for row in built.bodies] + [False])
     same_triangle = (hits.body == body) & (hits.prim == prim) & flat[body]
-    unblocked: NDArray[np.bool_] = same_triangle | (hits.t >= 1 - _SAME_POINT)
+    unblocked: NDArray[np.bool_] = same_triangle | (reached >= 1 - _SAME_POINT)
     return unblocked
 
 
