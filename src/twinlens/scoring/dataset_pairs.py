@@ -15,7 +15,7 @@ def lens_label(lens: object) -> str:
     ('pinhole', 'lens 20 mm at 1.5 m')
     """
     diameter, focus = getattr(lens, "aperture_diameter", None), getattr(lens, "focus_distance", None)
-    if diameter is None:
+    if not diameter:
         return "pinhole"
     return f"hole {1e3 * diameter:.3g} mm" if focus is None else f"lens {1e3 * diameter:.3g} mm at {focus:.3g} m"
 
