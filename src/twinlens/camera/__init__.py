@@ -2,6 +2,7 @@
 
 from twinlens.camera.aperture import Annulus, Aperture, Disk, MaskAperture, Polygon
 from twinlens.camera.distortion import BrownConrady, Distortion, KannalaBrandt, undistort_maps
+from twinlens.camera.film import film_image
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.lens import BareAperture, Lens, Pinhole, ThinLens
 from twinlens.camera.rig import Rig
@@ -21,5 +22,6 @@ __all__ = [
     "Polygon",
     "Rig",
     "ThinLens",
+    "film_image",
     "undistort_maps",
 ]
