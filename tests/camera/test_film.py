@@ -16,7 +16,7 @@ def test_a_point_lands_where_its_ray_through_the_hole_meets_the_film():
     right, down = np.rint(film[:2] / (camera.pixel_pitch_um * 1e-6)).astype(int)
     turned_centre = np.array([41 - 1 - 22, 31 - 1 - 13])
     rows, columns = np.nonzero(film_image(upright)[..., 0])
-    assert (columns[0], rows[0]) == tuple(turned_centre + (right, down))
+    assert [columns[0], rows[0]] == (turned_centre + np.array([right, down])).tolist()
 
 
 def test_turning_twice_gives_the_image_back():
