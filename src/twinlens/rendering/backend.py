@@ -40,17 +40,14 @@ def backend() -> Backend:
 
     Raises InputError for an unknown TWINLENS_BACKEND, BackendError when the one asked for does not work here.
     """
-    wanted = os.environ.get("TWINLENS_BACKEND", "auto")
-    if wanted not in ("auto", *VARIANTS):
-        raise unknown("TWINLENS_BACKEND", wanted, ["auto", *VARIANTS])
-    chosen = _already_set() or _choose(wanted)
+    chosen = _already_set() or _choose(_wanted())
     _activate(chosen)
     return chosen
 
 
 def doctor() -> Backend:
-    """What `backend` would choose, without setting it up: probes every kind, never fails."""
-    return _choose("auto")
+    """What `backend` would choose, without setting it up."""
+    return _choose(_wanted())
 
 
 def mitsuba() -> Any:
@@ -67,6 +64,13 @@ def require_jit(what: str) -> None:
         raise BackendError(
             f"{what} needs the LLVM or CUDA backend; this process renders with scalar_rgb: {_INSTALL_LLVM}"
         )
+
+
+def _wanted() -> str:
+    wanted = os.environ.get("TWINLENS_BACKEND", "auto")
+    if wanted not in ("auto", *VARIANTS):
+        raise unknown("TWINLENS_BACKEND", wanted, ["auto", *VARIANTS])
+    return wanted
 
 
 def _already_set() -> Backend | None:

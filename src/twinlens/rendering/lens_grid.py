@@ -257,7 +257,11 @@ class _Tracer:
         import drjit as dr
 
         mi = mitsuba()
-        camera, opaque = self.camera, lambda value: dr.opaque(mi.Float, value)
+        camera = self.camera
+
+        def opaque(value: float) -> Any:
+            return dr.opaque(mi.Float, value)
+
         x_axis, y_axis, z_axis, origin = (mi.Vector3f(*map(opaque, self.pose[:3, column])) for column in range(4))
         x = (u - opaque(camera.cx)) / opaque(camera.fx)
         y = (v - opaque(camera.cy)) / opaque(camera.fy)

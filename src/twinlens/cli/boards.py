@@ -1,0 +1,83 @@
+"""What the commands that make boards share: their options, the run with its progress, and the last lines."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from twinlens.cli.progress import progress_bar
+
+if TYPE_CHECKING:
+    from twinlens.scoring import Board
+
+_FILE_WIDTH = 132
+_NARROW = ("totbad2.0", "bad2.0", "avgerr", "invalid", "time")
+
+_CHOICES = (
+    click.option(
+        "--protocol", "protocols", multiple=True, default=("middlebury-v3",), show_default=True,
+        help="Scoring rules: middlebury-v3, eth3d, kitti2015; may be given several times.",
+    ),
+    click.option(
+        "--region", "regions", multiple=True, default=("all", "nonocc"), show_default=True,
+        help="Where to score; may be given several times.",
+    ),
+    click.option("--time-limit", type=float, help="Seconds that one match may take; matchers then run apart."),
+    click.option("--json", "as_json", is_flag=True, help="Print the board as JSON."),
+)  # fmt: skip
+
+
+def OPTIONS(command: Callable[..., Any]) -> Callable[..., Any]:  # noqa: N802  a decorator kept beside its table
+    """The options of scoring, as one decorator."""
+    for option in reversed(_CHOICES):
+        command = option(command)
+    return command
+
+
+def run_board(
+    pairs: Sequence[Any],
+    methods: Sequence[Any],
+    output: Path,
+    protocols: Sequence[str],
+    regions: Sequence[str],
+    time_limit: float | None = None,
+    title: str = "twinlens leaderboard",
+) -> "Board":
+    """Run, score and save OUTPUT/board.json with its maps, and write the page."""
+    from twinlens.report import write_page
+    from twinlens.scoring import MapFolder, Step, run_benchmark
+
+    maps = MapFolder(output / "maps")
+    with progress_bar("matching") as report:
+
+        def tell(step: Step) -> None:
+            report(step.done / (step.total or step.done), f"{step.sample}: {step.method}")
+
+        board = run_benchmark(
+            pairs, methods, protocol=protocols, regions=regions, progress=tell, time_limit=time_limit,
+            save=output / "board.json", on_map=maps.keep, title=title,
+        )  # fmt: skip
+    write_page(output / "index.html", board, pairs, maps)
+    return board
+
+
+def print_board(board: "Board", output: Path, as_json: bool) -> None:
+    """The leaderboards, what failed, and where the page is."""
+    from rich.console import Console
+
+    from twinlens.scoring import board_to_json, failures, leaderboard_table
+
+    if as_json:
+        click.echo(board_to_json(board))
+        return
+    terminal = Console()
+    console = terminal if terminal.is_terminal else Console(width=_FILE_WIDTH)
+    columns = None if console.width >= _FILE_WIDTH else _NARROW
+    region = "nonocc" if "nonocc" in board.regions else board.regions[0]
+    for protocol in board.protocols:
+        fitting = columns if protocol == "middlebury-v3" else None
+        console.print(leaderboard_table(board, protocol, region, columns=fitting))
+    for line in failures(board):
+        click.echo(f"failed: {line}")
+    click.echo(f"page: {(output / 'index.html').resolve().as_uri()}")
