@@ -9,7 +9,7 @@ import errno
 import os
 import secrets
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 
 from twinlens.errors import FileError, InputError, OutputError
@@ -54,17 +54,25 @@ def write_folder(folder: str | os.PathLike[str], files: Mapping[str, bytes], ove
 
     A folder that is there already is refused, unless `overwrite`: then it is moved aside, replaced and removed.
     """
+    fill_folder(folder, files.items(), overwrite)
+
+
+def fill_folder(
+    folder: str | os.PathLike[str], files: Iterable[tuple[str, bytes]], overwrite: bool = False
+) -> list[str]:
+    """`write_folder` for files made one after the other, so that one at a time is in memory; their names."""
     folder = Path(folder)
     if not overwrite and os.path.lexists(folder):
         raise OutputError(f"{folder}: is there already; choose another name, or ask for it to be overwritten")
     aside = _aside(folder)
     with _told_as_output_error(folder), _removed_on_failure(aside):
-        _fill(aside, files)
+        names = _fill(aside, files)
         if overwrite and os.path.lexists(folder):
             _swap(aside, folder)
         else:
             aside.rename(folder)
         _flush_folder(folder.parent)
+    return names
 
 
 def remove_unfinished(folder: str | os.PathLike[str]) -> list[str]:
@@ -80,16 +88,20 @@ def is_hidden(name: str) -> bool:
     return name.startswith(".")
 
 
-def _fill(aside: Path, files: Mapping[str, bytes]) -> None:
+def _fill(aside: Path, files: Iterable[tuple[str, bytes]]) -> list[str]:
     aside.mkdir(parents=True)
-    inside = {aside}
-    for name, data in files.items():
+    inside, names = {aside}, []
+    for name, data in files:
         target = aside / _checked(name)
+        if target.exists():
+            raise InputError(f"two files would be named {name}; give the samples names that stay apart")
         target.parent.mkdir(parents=True, exist_ok=True)
         inside.add(target.parent)
         _write_and_flush(target, data)
+        names.append(name)
     for each in inside:
         _flush_folder(each)
+    return names
 
 
 def _checked(name: str) -> PurePosixPath:
