@@ -231,7 +231,7 @@ const pixel = (canvas, x, y) => [...canvas.getContext("2d").getImageData(x, y, 1
 def browse(path, html):
     """The page's elements after its script has run, as Chromium prints them."""
     path.write_text(html)
-    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=6000", "--dump-dom"]
+    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000", "--dump-dom"]
     answer = subprocess.run([*command, f"{path.as_uri()}#theme=light"], capture_output=True, timeout=120, check=True)
     return answer.stdout.decode()
 

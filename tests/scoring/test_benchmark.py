@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scoring_methods import Constant, Trouble, pair
 
+from twinlens.dataset import Calibration
 from twinlens.errors import FileError, InputError
 from twinlens.scoring import Board, Pair, evaluate, fingerprint, read_board, run_benchmark
 
@@ -95,6 +96,26 @@ def test_a_method_that_cannot_be_sent_says_so():
     entry = run_benchmark([pair()], [method, Constant("good", 4)], time_limit=5, warm_up=False)
     assert "without a time limit" in entry.entries[0].failure.message
     assert entry.entries[1].ok
+
+
+def test_the_fingerprint_sees_every_part_of_a_sample():
+    first = pair()
+    flipped = first.mask0_nonocc[::-1].copy()
+    changes = [
+        {"im0": first.im1[::-1].copy()},
+        {"im1": first.im1[::-1].copy()},
+        {"disp0": first.disp0 + 1},
+        {"disp0": first.disp0.astype(np.float64)},
+        {"mask0_nonocc": flipped},
+        {"mask0_nonocc": None},
+        {"ndisp": 17},
+        {"blur0": first.disp0},
+        {"material_kind0": flipped},
+        {"calibration": Calibration((9.0, 9.0, 1.0, 1.0), (9.0, 9.0, 1.0, 1.0), 0.1, 30, 40, 0.0)},
+    ]
+    prints = [fingerprint(replace(first, **change)) for change in changes]
+    assert len({fingerprint(first), *prints}) == len(changes) + 1
+    assert fingerprint(replace(first, name="other")) == fingerprint(first)
 
 
 def test_a_method_cannot_change_the_sample_for_the_next():

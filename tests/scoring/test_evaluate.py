@@ -138,6 +138,12 @@ def test_d1_needs_both_tests():
     assert evaluate(disp, gt).all["bad2.0"] == 100
 
 
+def test_both_tests_of_d1_are_strict():
+    gt = np.array([[20, 100, 100]], np.float32)
+    disp = np.array([[23, 105, 105.5]], np.float32)
+    assert evaluate(disp, gt, protocol="kitti2015").all["D1"] == pytest.approx(100 / 3)
+
+
 def test_d1_fills_what_eth3d_leaves_out_and_middlebury_counts_bad():
     gt = np.array([[1, 1, 1, 4]], np.float32)
     disp = np.array([[1, INF, INF, 4]], np.float32)

@@ -44,7 +44,6 @@ class Plan:
     protocols: tuple[Protocol, ...]
     regions: tuple[str, ...]
     retry_failed: bool
-    min_disparity: float
 
 
 def run_benchmark(
@@ -61,7 +60,6 @@ def run_benchmark(
     board: Board | None = None,
     retry_failed: bool = False,
     on_map: Callable[[str, str, Disparity], None] | None = None,
-    min_disparity: float = 0.0,
     title: str = "twinlens board",
 ) -> Board:
     """Run every method on every sample, score it, and return the board.
@@ -95,8 +93,6 @@ def run_benchmark(
         Run failed pairs again; otherwise an agreeing failure is kept as it is.
     on_map
         Called with (method name, sample name, disparity) for every map that was computed.
-    min_disparity
-        As in `evaluate`.
 
     Raises
     ------
@@ -105,7 +101,7 @@ def run_benchmark(
     FileError, OutputError
         `save` holds no board, or cannot be written.
     """
-    plan = _plan(protocol, regions, retry_failed, min_disparity)
+    plan = _plan(protocol, regions, retry_failed)
     _check_names(methods)
     current = _resumed(save, board, title)
     worker = InProcess() if time_limit is None else Child(time_limit, warm_up_limit)
@@ -123,11 +119,11 @@ def run_benchmark(
     return run.board
 
 
-def _plan(protocol: str | Sequence[str], regions: Sequence[str], retry_failed: bool, min_disparity: float) -> Plan:
+def _plan(protocol: str | Sequence[str], regions: Sequence[str], retry_failed: bool) -> Plan:
     names = (protocol,) if isinstance(protocol, str) else tuple(protocol)
     if not names or not regions:
         raise InputError("nothing to score: name at least one protocol and one region")
-    return Plan(tuple(find_protocol(name) for name in names), tuple(regions), retry_failed, min_disparity)
+    return Plan(tuple(find_protocol(name) for name in names), tuple(regions), retry_failed)
 
 
 def _check_names(methods: Sequence[Method]) -> None:
@@ -245,7 +241,6 @@ class _Run:
             ready.sample.ndisp,
             protocol=rules,
             regions={name: mask for name, mask in masks.items() if name not in RESERVED},
-            min_disparity=self.plan.min_disparity,
             calibration=ready.sample.calibration,
         )
         return replace(entry, regions={name: scores.regions[name] for name in masks})
