@@ -110,6 +110,21 @@ def test_names_stay_below_the_folder(tmp_path, name):
     assert names(tmp_path) == []
 
 
+def test_long_names_of_many_bytes(tmp_path):
+    write_file(tmp_path / ("\u6df1" * 80), b"deep")
+    assert tree(tmp_path) == {"\u6df1" * 80: b"deep"}
+
+
+@pytest.mark.parametrize("path", [".", "/"])
+def test_places_that_have_no_name(tmp_path, monkeypatch, path):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_file(path, b"")
+    with pytest.raises(OutputError):
+        write_folder(path, CONTENT, overwrite=True)
+    assert names(tmp_path) == []
+
+
 @pytest.mark.parametrize("name", ["x" * 300, "nul\0byte"])
 def test_names_no_file_system_takes(tmp_path, name):
     with pytest.raises(OutputError, match="cannot be written"):

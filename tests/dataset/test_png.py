@@ -102,6 +102,11 @@ def test_what_no_png_of_ours_can_hold_is_refused(array):
         encode_png(array)
 
 
+def test_what_could_not_be_read_back_is_not_written():
+    with pytest.raises(InputError, match="80000000 pixels"):
+        encode_png(np.broadcast_to(np.uint8(0), (10_000, 10_000)))
+
+
 def header_only(width: int, height: int) -> bytes:
     body = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     chunk = struct.pack(">I", 13) + b"IHDR" + body + struct.pack(">I", zlib.crc32(b"IHDR" + body))

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from twinlens.camera import Rig
-from twinlens.dataset import Dataset, Shot, sample_files, write_sample
+from twinlens.dataset import Dataset, Shot, checksums, sample_files, write_sample
 from twinlens.dataset.record import plain
 from twinlens.errors import FileError, InputError, OutputError
 from twinlens.optics import circle_of_confusion_px
@@ -154,6 +154,20 @@ def test_a_sample_is_not_overwritten_unless_asked(tmp_path, sample):
     sums = write_sample(tmp_path / "s", dataset_scene.sample(), overwrite=True)
     assert not any(name.startswith("lens-") for name in sums)
     assert Dataset(tmp_path)[0].num_lenses == 1
+
+
+def test_only_a_sample_is_overwritten(tmp_path, sample):
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / "thesis.tex").touch()
+    (tmp_path / "file").touch()
+    (tmp_path / "empty").mkdir()
+    for name in ("home", "file"):
+        with pytest.raises(OutputError, match="is no sample"):
+            write_sample(tmp_path / name, sample, overwrite=True)
+    assert (tmp_path / "home" / "thesis.tex").exists()
+    sums = write_sample(tmp_path / "empty", sample, overwrite=True)
+    assert list(sums) == sorted(sums)
+    assert sums == checksums(tmp_path / "empty")
 
 
 def test_stored_samples_travel_to_other_processes(stored):

@@ -24,6 +24,7 @@ _REMEDIES = {
     errno.EPERM: "no permission: choose a folder you may write to",
     errno.ENOTDIR: "a file stands where a folder is needed: choose another name",
     errno.EEXIST: "a file stands where a folder is needed: choose another name",
+    errno.ENOTEMPTY: "something has come to stand there meanwhile: choose another name",
     errno.ENAMETOOLONG: "the name is too long: choose a shorter one",
 }
 
@@ -41,8 +42,7 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
 def write_file(path: str | os.PathLike[str], data: bytes) -> None:
     """`data` as the file `path`, replacing what was there: whole, or not at all and OutputError."""
     path = Path(path)
-    aside = _aside(path)
-    with _told_as_output_error(path), _removed_on_failure(aside):
+    with _told_as_output_error(path), _removed_on_failure(_aside(path)) as aside:
         path.parent.mkdir(parents=True, exist_ok=True)
         _write_and_flush(aside, data)
         aside.replace(path)
@@ -64,8 +64,7 @@ def fill_folder(
     folder = Path(folder)
     if not overwrite and os.path.lexists(folder):
         raise OutputError(f"{folder}: is there already; choose another name, or ask for it to be overwritten")
-    aside = _aside(folder)
-    with _told_as_output_error(folder), _removed_on_failure(aside):
+    with _told_as_output_error(folder), _removed_on_failure(_aside(folder)) as aside:
         names = _fill(aside, files)
         if overwrite and os.path.lexists(folder):
             _swap(aside, folder)
@@ -140,7 +139,7 @@ def _flush_folder(folder: Path) -> None:
 
 
 def _aside(path: Path) -> Path:
-    return path.with_name(f".{path.name[:80]}{_ASIDE}{os.getpid()}-{secrets.token_hex(4)}")
+    return path.with_name(f".{path.name[:40]}{_ASIDE}{os.getpid()}-{secrets.token_hex(4)}")
 
 
 def _remove(path: Path) -> None:
@@ -152,9 +151,9 @@ def _remove(path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _removed_on_failure(aside: Path) -> Iterator[None]:
+def _removed_on_failure(aside: Path) -> Iterator[Path]:
     try:
-        yield
+        yield aside
     except BaseException:  # an interrupt must leave nothing half-written either
         _remove(aside)
         raise

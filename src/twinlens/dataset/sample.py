@@ -9,6 +9,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import write_folder
 from twinlens.dataset.record import encode_json, plain
 from twinlens.dataset.truth_files import encode_truth
-from twinlens.errors import InputError
+from twinlens.errors import InputError, OutputError
 from twinlens.truth import MATERIAL_KINDS, Truth
 
 KIND, VERSION = "twinlens-sample", 1
@@ -107,14 +108,25 @@ def sample_files(sample: Sample) -> dict[str, bytes]:
 
 
 def write_sample(folder: str | os.PathLike[str], sample: Sample, overwrite: bool = False) -> dict[str, str]:
-    """Write the sample as `folder`, whole or not at all; relative name -> SHA-256 of every file in it.
+    """Write the sample as `folder`, whole or not at all; relative name -> SHA-256 of every file in it, by name.
 
-    Raises OutputError, and leaves nothing behind, when the folder is there already (unless `overwrite`), the disk is
-    full or the place may not be written; InputError when an array cannot be kept as its format asks.
+    Raises OutputError, and leaves nothing behind, when the folder is there already (unless `overwrite` is said and it
+    is a sample or empty), the disk is full or the place may not be written; InputError when an array cannot be kept as
+    its format asks.
     """
+    if overwrite:
+        _check_replaceable(Path(folder))
     files = sample_files(sample)
     write_folder(folder, files, overwrite)
-    return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
+    return {name: hashlib.sha256(files[name]).hexdigest() for name in sorted(files)}
+
+
+def _check_replaceable(folder: Path) -> None:
+    """Refuse to overwrite, which removes, what is no sample: a home folder, a whole dataset."""
+    if not os.path.lexists(folder) or (folder / "sample.json").is_file():
+        return
+    if not folder.is_dir() or any(folder.iterdir()):
+        raise OutputError(f"{folder}: is there and is no sample, so it is not overwritten; choose another name")
 
 
 def lens_folder(k: int) -> str:

@@ -36,6 +36,8 @@ def encode_png(pixels: Pixels) -> bytes:
     if array.ndim not in (2, 3) or 0 in array.shape or (array.ndim == 3 and array.shape[2] != 3):
         raise InputError(f"a PNG holds (H, W) or (H, W, 3) pixels, got shape {array.shape}")
     height, width = array.shape[:2]
+    if width * height > _LARGEST:
+        raise InputError(f"a PNG may have {_LARGEST} pixels, got {width} x {height}")
     color = _GREY if array.ndim == 2 else _RGB
     bytes_a_pixel = array.dtype.itemsize * (1 if array.ndim == 2 else 3)
     header = struct.pack(">IIBBBBB", width, height, 8 * array.dtype.itemsize, color, 0, 0, 0)
