@@ -1,7 +1,9 @@
 """Each layout is read back by the rules of its own readers, written here from their documentation."""
 
 import io
+import json
 import re
+import sys
 import tarfile
 
 import cv2
@@ -13,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from twinlens.dataset import Dataset, read_calib, write_pfm, write_sample
 from twinlens.dataset.export import LAYOUTS, export
-from twinlens.errors import FileError, InputError, OutputError
+from twinlens.errors import FileError, InputError, MissingExtraError, OutputError
 
 
 @pytest.fixture(scope="module")
@@ -211,6 +213,24 @@ def test_shards_are_closed_at_their_size(data):
     assert [name for name, _ in shards] == [f"shard-{i:06d}.tar" for i in range(3)]
 
 
+def test_parquet(data, exported):
+    table = pytest.importorskip("pyarrow.parquet")
+    rows = table.read_table(exported("parquet") / "train-00000.parquet")
+    assert json.loads(rows.schema.metadata[b"huggingface"])["info"]["features"]["disp0"] == {"_type": "Image"}
+    for sample, row in zip(data, rows.to_pylist(), strict=True):
+        assert (row["name"], row["baseline"], row["ndisp"]) == (sample.name, sample.calibration.baseline, sample.ndisp)
+        assert json.loads(row["record"]) == sample.record
+        for name in ("im0", "im1", "disp0", "disp1", "mask0_nonocc", "mask1_nonocc"):
+            np.testing.assert_array_equal(pixels(io.BytesIO(row[name]["bytes"])), getattr(sample, name))
+
+
+def test_parquet_without_pyarrow_says_what_to_install(data, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'twinlens\[parquet\]'"):
+        export(data, tmp_path / "out", "parquet")
+    assert not list(tmp_path.iterdir())
+
+
 def test_sixteen_bits_become_eight(tmp_path):
     sample = dataset_scene.sample()
     deep = dataset_scene.images(sample.rig, 5, np.uint16)
@@ -223,6 +243,8 @@ def test_sixteen_bits_become_eight(tmp_path):
 
 @pytest.mark.parametrize("to", sorted(LAYOUTS))
 def test_a_failure_leaves_nothing(data, tmp_path, to):
+    if to == "parquet":
+        pytest.importorskip("pyarrow")
     write_sample(tmp_path / "in" / "a", dataset_scene.sample())
     write_sample(tmp_path / "in" / "b", dataset_scene.sample())
     (tmp_path / "in" / "b" / "disp0.pfm").unlink()

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from twinlens.dataset.export.eth3d import eth3d
 from twinlens.dataset.export.kitti import kitti2015
 from twinlens.dataset.export.middlebury import carla, middlebury
+from twinlens.dataset.export.parquet import parquet
 from twinlens.dataset.export.sceneflow import sceneflow
 from twinlens.dataset.export.sintel import sintel
 from twinlens.dataset.export.source import Source
@@ -26,6 +27,7 @@ LAYOUTS: dict[str, Layout] = {
     "eth3d": eth3d,
     "kitti2015": kitti2015,
     "middlebury": middlebury,
+    "parquet": parquet,
     "sceneflow": sceneflow,
     "sintel": sintel,
     "webdataset": webdataset,
