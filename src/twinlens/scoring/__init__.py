@@ -16,6 +16,7 @@ from twinlens.scoring.methods import NamedMethod, named_methods
 from twinlens.scoring.pair import Pair, Sample, fingerprint, load_pair
 from twinlens.scoring.protocols import PROTOCOLS, Protocol, find_protocol
 from twinlens.scoring.region_sets import REGIONS, Region, region_masks
+from twinlens.scoring.submission import Submission, open_submission
 from twinlens.scoring.tables import board_csv, board_latex, caption, failures, leaderboard_table, standings
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
     "Sample",
     "Scores",
     "Step",
+    "Submission",
     "board_csv",
     "board_from_json",
     "board_latex",
@@ -54,6 +56,7 @@ __all__ = [
     "lens_label",
     "load_pair",
     "named_methods",
+    "open_submission",
     "points",
     "read_board",
     "region_masks",

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import twinlens
-from twinlens.errors import InputError
+from twinlens.errors import FileError, InputError
 from twinlens.scoring.board import Board, Entry, Failure
 from twinlens.scoring.board_json import read_board, write_board
 from twinlens.scoring.checks import Disparity, Mask
@@ -21,6 +21,7 @@ from twinlens.scoring.pair import Pair, Sample, fingerprint, load_pair
 from twinlens.scoring.protocols import Protocol, find_protocol
 from twinlens.scoring.region_sets import region_masks
 from twinlens.scoring.sandbox import Answer, Child, InProcess, Method, MethodError
+from twinlens.scoring.submission import Submission
 
 WARM_UP_LIMIT_S = 120.0
 
@@ -48,7 +49,7 @@ class Plan:
 
 def run_benchmark(
     samples: Iterable[Sample],
-    methods: Sequence[Method],
+    methods: Sequence[Method | Submission],
     *,
     protocol: str | Sequence[str] = "middlebury-v3",
     regions: Sequence[str] = ("all", "nonocc"),
@@ -70,7 +71,7 @@ def run_benchmark(
         Any iterable of objects as `pair.Sample` describes; each is held only while it is worked on.
     methods
         Objects with a `name`, callable as (left, right, ndisp=...). What decides their answers is taken from `spec`
-        where they have it, else from `name`; two methods of one name are refused.
+        where they have it, else from `name`; two methods of one name are refused. Or `Submission`s, which are read.
     protocol
         One name of `PROTOCOLS`, or several: a map is computed once and scored by each. A sample without calibration is
         left out by those that need one.
@@ -126,7 +127,7 @@ def _plan(protocol: str | Sequence[str], regions: Sequence[str], retry_failed: b
     return Plan(tuple(find_protocol(name) for name in names), tuple(regions), retry_failed)
 
 
-def _check_names(methods: Sequence[Method]) -> None:
+def _check_names(methods: Sequence[Method | Submission]) -> None:
     names = [method.name for method in methods]
     double = next((name for name in names if names.count(name) > 1), None)
     if double is not None:
@@ -162,7 +163,9 @@ class _Ready:
     protocols: tuple[Protocol, ...]
 
 
-def _pairs(samples: Iterable[Sample], methods: Sequence[Method], plan: Plan) -> Iterator[tuple[_Ready, Method]]:
+def _pairs(
+    samples: Iterable[Sample], methods: Sequence[Method | Submission], plan: Plan
+) -> Iterator[tuple[_Ready, Method | Submission]]:
     seen: set[str] = set()
     for sample in samples:
         if sample.name in seen:
@@ -175,7 +178,7 @@ def _pairs(samples: Iterable[Sample], methods: Sequence[Method], plan: Plan) -> 
             yield ready, method
 
 
-def spec_of(method: Method) -> str:
+def spec_of(method: Method | Submission) -> str:
     """Everything that decides a method's answers, as text: its `spec`, or its name where it has none."""
     return str(getattr(method, "spec", method.name))
 
@@ -193,7 +196,7 @@ class _Run:
     ) -> None:
         self.plan, self.worker, self.board, self.on_map, self.warm = plan, worker, board, on_map, warm
 
-    def pair(self, ready: _Ready, method: Method) -> tuple[bool, Failure | None]:
+    def pair(self, ready: _Ready, method: Method | Submission) -> tuple[bool, Failure | None]:
         """Run and score one pair unless the board has it; (was it skipped, why did it fail)."""
         spec, sample = spec_of(method), ready.sample
         self._drop_stale(sample.name, ready.sha, method.name, spec)
@@ -220,7 +223,9 @@ class _Run:
             for e in found
         )
 
-    def _answer(self, sample: Pair, method: Method) -> tuple[Answer | None, Failure | None]:
+    def _answer(self, sample: Pair, method: Method | Submission) -> tuple[Answer | None, Failure | None]:
+        if isinstance(method, Submission):
+            return _submitted(sample, method)
         images = np.array(sample.im0), np.array(sample.im1)  # copies: a method may scribble on its own
         if method.name not in self.warm:
             self.worker.warm_up(method, *images, sample.ndisp)
@@ -244,6 +249,19 @@ class _Run:
             calibration=ready.sample.calibration,
         )
         return replace(entry, regions={name: scores.regions[name] for name in masks})
+
+
+def _submitted(sample: Pair, submission: Submission) -> tuple[Answer | None, Failure | None]:
+    """The map as it lies there; a submission has no time."""
+    try:
+        submission.file_of(sample.name)
+    except FileError as error:
+        return None, Failure("missing", str(error))
+    height, width = sample.disp0.shape
+    try:
+        return Answer(submission.map_of(sample.name, (height, width)), None), None
+    except FileError as error:
+        return None, Failure("refused", str(error))
 
 
 def _entry(

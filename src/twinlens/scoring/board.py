@@ -16,7 +16,8 @@ FAILURES: Mapping[str, str] = MappingProxyType(
         "wrong-type": "it answered something that is no float array",
         "wrong-shape": "its map has another size than the left image",
         "not-a-number": "its map holds NaN or -inf",
-        "refused": "the map could not be scored",
+        "missing": "a submission has no map of this sample",
+        "refused": "a submission's map is damaged or of the wrong size",
     }
 )
 """Why a method can fail on a pair: kind -> what it means."""

@@ -46,7 +46,7 @@ class Answer:
     """A checked disparity map and the wall time of its call in seconds."""
 
     disp: Image
-    seconds: float
+    seconds: float | None
 
 
 class MethodError(Exception):

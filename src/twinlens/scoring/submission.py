@@ -1,0 +1,193 @@
+"""Maps that something else made: a folder or a zip of PFM or PNG files, read with suspicion and scored like a method.
+
+For a sample named S the map is the first there is of S.pfm, S.png, S/disp0.pfm, S/disp0.png, or the only .pfm of S/
+(Middlebury's disp0METHOD.pfm, twinlens's own maps/), at the top or below the one folder that holds everything. PFM
+holds pixels, +inf unknown; PNG is 16-bit grey holding round(256 d), 0 unknown, as KITTI 2015 has it.
+
+Of a zip only the files asked for are unpacked, never to the disk, and never more bytes of one than a map of the truth's
+size can need; names that leave the archive, links, encrypted and doubled names are refused before anything is read.
+"""
+
+import hashlib
+import os
+import stat
+import struct
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.dataset.codecs.pfm import decode_pfm
+from twinlens.dataset.codecs.png import decode_png
+from twinlens.errors import FileError
+from twinlens.scoring.maps import file_name
+
+KITTI_SCALE = 256.0
+SLACK_BYTES = 65536
+"""What a file may hold beyond four bytes a pixel: headers, and the chunks of a PNG that did not compress."""
+MAX_FILES = 100_000
+PNG_SIZE = slice(16, 24)
+
+
+@dataclass(frozen=True)
+class Submission:
+    """The maps of one method in a folder or a .zip. `name` is what the board calls it.
+
+    Raises
+    ------
+    FileError
+        No such file or folder, no zip, or a zip that asks for harm.
+    """
+
+    path: Path
+    name: str
+
+    def __post_init__(self) -> None:
+        _ = self.files
+
+    @cached_property
+    def files(self) -> Mapping[str, int]:
+        """Every file below: its name, with slashes, and its size in bytes."""
+        if self.path.is_dir():
+            return _folder_files(self.path)
+        return _zip_files(self.path)
+
+    @cached_property
+    def spec(self) -> str:
+        """A SHA-256 of the maps' names and contents (of a zip: its checksums): other maps are another method."""
+        digest = hashlib.sha256()
+        for name in sorted(self.files):
+            if name.endswith((".pfm", ".png")):
+                digest.update(f"{name} {self.files[name]}\n".encode("utf-8", "surrogatepass"))
+                digest.update(self._fingerprint(name))
+        return f"submission {digest.hexdigest()}"
+
+    def file_of(self, sample: str) -> str:
+        """The name of the map of that sample, or FileError saying what was looked for."""
+        tops = {name.partition("/")[0] for name in self.files}
+        above = ("", f"{tops.pop()}/") if len(tops) == 1 else ("",)
+        for stem in dict.fromkeys(f"{top}{name}" for top in above for name in (sample, file_name(sample))):
+            found = self._named(stem)
+            if found is not None:
+                return found
+        raise FileError(f"{self.path}: no map of {sample!r}: expected {sample}.pfm, {sample}.png or {sample}/disp0.pfm")
+
+    def _named(self, stem: str) -> str | None:
+        for name in (f"{stem}.pfm", f"{stem}.png", f"{stem}/disp0.pfm", f"{stem}/disp0.png"):
+            if name in self.files:
+                return name
+        inside = [
+            n for n in self.files if n.startswith(f"{stem}/") and n.endswith(".pfm") and "/" not in n[len(stem) + 1 :]
+        ]
+        return inside[0] if len(inside) == 1 else None
+
+    def map_of(self, sample: str, shape: tuple[int, int]) -> NDArray[np.float32]:
+        """The map of that sample, (H, W) float32 pixels, +inf unknown.
+
+        Raises
+        ------
+        FileError
+            Missing, damaged, NaN in it, or another size than `shape` (H, W); the message names the file.
+        """
+        name = self.file_of(sample)
+        where = f"{self.path}: {name}" if not self.path.is_dir() else str(self.path / name)
+        data = self._read(name, 4 * shape[0] * shape[1] + SLACK_BYTES, where)
+        # A PNG's own width and height come first: a small file may ask for a large picture.
+        if name.endswith(".png") and len(data) > PNG_SIZE.stop:
+            width, height = struct.unpack(">II", data[PNG_SIZE])
+            _check_size((height, width), shape, where)
+        disp = _decoded(data, name, where)
+        _check_size(disp.shape, shape, where)
+        return disp
+
+    def _read(self, name: str, limit: int, where: str) -> bytes:
+        """At most `limit` bytes: a size that a header states is not believed."""
+        try:
+            if self.path.is_dir():
+                with (self.path / name).open("rb") as file:
+                    data = file.read(limit + 1)
+            else:
+                with zipfile.ZipFile(self.path) as archive, archive.open(name) as member:
+                    data = member.read(limit + 1)
+        # zipfile answers damage with exceptions of its own, of zlib, and of the standard library's other decoders.
+        except Exception as error:
+            raise FileError(f"{where}: cannot be read ({error})") from None
+        if len(data) > limit:
+            raise FileError(f"{where}: more than {limit} bytes, no map of this truth's size needs them")
+        return data
+
+    def _fingerprint(self, name: str) -> bytes:
+        if not self.path.is_dir():
+            with zipfile.ZipFile(self.path) as archive:
+                return archive.getinfo(name).CRC.to_bytes(4, "big")
+        with (self.path / name).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").digest()
+
+
+def open_submission(path: str | os.PathLike[str], name: str | None = None) -> Submission:
+    """The submission in a folder or .zip; its name is the file's own unless given."""
+    return Submission(Path(path), name if name is not None else Path(path).stem)
+
+
+def _check_size(found: tuple[int, ...], wanted: tuple[int, int], where: str) -> None:
+    if found != wanted:
+        raise FileError(f"{where}: is {found[1]} x {found[0]}; the truth is {wanted[1]} x {wanted[0]}")
+
+
+def _folder_files(folder: Path) -> dict[str, int]:
+    found = {}
+    for place in (place for depth in ("*", "*/*", "*/*/*") for place in sorted(folder.glob(depth))):
+        if place.is_file():
+            if not place.resolve().is_relative_to(folder.resolve()):
+                raise FileError(f"{place}: is a link that leaves {folder}")
+            found[place.relative_to(folder).as_posix()] = place.stat().st_size
+    return found
+
+
+def _zip_files(path: Path) -> dict[str, int]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+    except FileNotFoundError:
+        raise FileError(f"{path}: no such file or folder") from None
+    except Exception as error:
+        raise FileError(f"{path}: neither a folder nor a readable zip ({error})") from None
+    if len(members) > MAX_FILES:
+        raise FileError(f"{path}: {len(members)} files, more than {MAX_FILES}")
+    found: dict[str, int] = {}
+    for member in members:
+        _check_member(path, member, found)
+        if not member.is_dir():
+            found[member.filename] = member.file_size
+    return found
+
+
+def _check_member(path: Path, member: zipfile.ZipInfo, seen: Mapping[str, Any]) -> None:
+    name = member.filename
+    parts = PurePosixPath(name).parts
+    if name.startswith("/") or "\\" in name or ":" in name or ".." in parts:
+        raise FileError(f"{path}: holds {name!r}, a name that leaves the archive")
+    if stat.S_ISLNK(member.external_attr >> 16):
+        raise FileError(f"{path}: {name} is a link")
+    if member.flag_bits & 1:
+        raise FileError(f"{path}: {name} is encrypted")
+    if name in seen:
+        raise FileError(f"{path}: {name} is there twice")
+
+
+def _decoded(data: bytes, name: str, where: str) -> NDArray[np.float32]:
+    if name.endswith(".pfm"):
+        disp = decode_pfm(data, where)
+    else:
+        codes = decode_png(data, where)
+        if codes.dtype != np.uint16 or codes.ndim != 2:
+            raise FileError(f"{where}: a disparity PNG is 16-bit grey, round(256 d), 0 unknown")
+        disp = np.where(codes == 0, np.inf, codes / KITTI_SCALE).astype(np.float32)
+    if disp.ndim != 2:
+        raise FileError(f"{where}: holds colours; a disparity map has one number a pixel")
+    return disp

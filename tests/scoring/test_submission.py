@@ -1,0 +1,215 @@
+"""Submissions: every layout people send, and every harm a zip can do."""
+
+import io
+import stat
+import struct
+import zipfile
+import zlib
+
+import numpy as np
+import pytest
+from scoring_methods import pair
+
+from twinlens.dataset import write_pfm, write_png
+from twinlens.dataset.codecs.pfm import encode_pfm
+from twinlens.errors import FileError
+from twinlens.scoring import open_submission, run_benchmark
+
+DISP = np.array([[1.5, np.inf, 3.25], [4.0, 5.0, 6.0]], np.float32)
+SHAPE = (2, 3)
+
+
+def zipped(path, files, edit=None):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in files:
+            info = zipfile.ZipInfo(name)
+            info.compress_type = zipfile.ZIP_DEFLATED
+            if edit:
+                edit(info)
+            archive.writestr(info, data)
+    return open_submission(path)
+
+
+PNG = np.where(np.isfinite(DISP), DISP * 256, 0).astype(np.uint16)
+
+
+@pytest.mark.parametrize(
+    "name", ["s.pfm", "s/disp0.pfm", "s/disp0METHOD.pfm", "s/some-method-1f.pfm", "all/s.pfm", "all/s/x.pfm"]
+)
+@pytest.mark.parametrize("packed", [True, False])
+def test_every_layout_is_found(tmp_path, name, packed):
+    if packed:
+        submission = zipped(
+            tmp_path / "my.zip",
+            [(name, encode_pfm(DISP)), (f"{name.split('/')[0]}/readme.txt", b"hi")][: 1 + ("/" in name)],
+        )
+    else:
+        write_pfm(tmp_path / "my" / name, DISP)
+        submission = open_submission(tmp_path / "my")
+    assert submission.name == "my"
+    np.testing.assert_array_equal(submission.map_of("s", SHAPE), DISP)
+
+
+def test_png_is_read_as_kitti_writes_it(tmp_path):
+    write_png(tmp_path / "s.png", PNG)
+    np.testing.assert_array_equal(open_submission(tmp_path).map_of("s", SHAPE), DISP)
+
+
+def test_pfm_comes_before_png_and_disp0_before_others(tmp_path):
+    write_png(tmp_path / "s.png", PNG)
+    write_pfm(tmp_path / "s.pfm", DISP + 1)
+    for other in ("disp0", "disp1"):
+        write_pfm(tmp_path / "t" / f"{other}.pfm", DISP)
+    submission = open_submission(tmp_path)
+    assert submission.file_of("s") == "s.pfm"
+    assert submission.file_of("t") == "t/disp0.pfm"
+
+
+def test_two_nameless_maps_of_one_sample_are_no_answer(tmp_path):
+    for name in "ab":
+        write_pfm(tmp_path / "s" / f"{name}.pfm", DISP)
+    with pytest.raises(FileError, match="no map of 's'"):
+        open_submission(tmp_path).file_of("s")
+
+
+def test_a_submission_is_scored_like_a_method_without_a_time(tmp_path):
+    samples = [pair("s"), pair("t"), pair("u")]
+    write_pfm(tmp_path / "s.pfm", np.full((40, 30), 6, np.float32))
+    write_pfm(tmp_path / "t.pfm", np.full((40, 31), 6, np.float32))
+    board = run_benchmark(samples, [open_submission(tmp_path, "mine")], protocol="eth3d")
+    assert [e.failure and e.failure.kind for e in board.entries] == [None, "refused", "missing"]
+    assert board.entries[0].regions["all"]["avgerr"] == 2
+    assert board.entries[0].seconds is None
+    assert "t.pfm: is 31 x 40; the truth is 30 x 40" in board.entries[1].failure.message
+
+
+def test_other_maps_are_another_method(tmp_path):
+    specs = set()
+    for value in (1, 2):
+        write_pfm(tmp_path / "s.pfm", DISP + value)
+        specs.add(open_submission(tmp_path).spec)
+        specs.add(zipped(tmp_path / "z.zip", [("s.pfm", encode_pfm(DISP + value))]).spec)
+        (tmp_path / "z.zip").unlink()
+    assert len(specs) == 4
+    before = open_submission(tmp_path).spec
+    (tmp_path / "notes.txt").write_text("not a map")
+    assert open_submission(tmp_path).spec == before
+
+
+def link(info):
+    info.external_attr = (stat.S_IFLNK | 0o777) << 16
+
+
+@pytest.mark.parametrize(
+    ("name", "edit", "says"),
+    [
+        ("../s.pfm", None, "'../s.pfm', a name that leaves"),
+        ("a/../../s.pfm", None, "leaves the archive"),
+        ("/etc/s.pfm", None, "leaves the archive"),
+        ("c:/s.pfm", None, "leaves the archive"),
+        ("s.pfm", link, "s.pfm is a link"),
+    ],
+)
+def test_a_zip_that_reaches_out_is_refused_whole(tmp_path, name, edit, says):
+    with pytest.raises(FileError, match=says):
+        zipped(tmp_path / "evil.zip", [(name, encode_pfm(DISP))], edit)
+
+
+def test_a_name_that_is_there_twice_is_refused(tmp_path):
+    with pytest.warns(UserWarning, match="Duplicate name"), pytest.raises(FileError, match="there twice"):
+        zipped(tmp_path / "evil.zip", [("s.pfm", encode_pfm(DISP)), ("s.pfm", encode_pfm(DISP + 1))])
+
+
+def test_an_encrypted_member_is_refused(tmp_path):
+    zipped(tmp_path / "good.zip", [("s.pfm", encode_pfm(DISP))])
+    data = bytearray((tmp_path / "good.zip").read_bytes())
+    central = data.index(b"PK\x01\x02")
+    data[central + 8] |= 1
+    (tmp_path / "evil.zip").write_bytes(data)
+    with pytest.raises(FileError, match="is encrypted"):
+        open_submission(tmp_path / "evil.zip")
+
+
+def test_a_bomb_is_not_unpacked(tmp_path, monkeypatch):
+    submission = zipped(tmp_path / "bomb.zip", [("s.pfm", b"Pf\n3 2\n-1\n" + bytes(50_000_000))])
+    assert (tmp_path / "bomb.zip").stat().st_size < 100_000
+    read = []
+    original = zipfile.ZipExtFile.read
+    monkeypatch.setattr(zipfile.ZipExtFile, "read", lambda self, n=-1: read.append(n) or original(self, n))
+    with pytest.raises(FileError, match=r"s\.pfm: more than 65560 bytes"):
+        submission.map_of("s", SHAPE)
+    assert max(read) <= 65561
+    assert min(read) >= 0
+
+
+def test_a_small_png_that_claims_a_large_picture_is_refused_by_its_header(tmp_path):
+    header = struct.pack(">IIBBBBB", 8000, 8000, 16, 0, 0, 0, 0)
+    body = zlib.compress(bytes(1000))
+    chunks = b"".join(
+        struct.pack(">I", len(d)) + k + d + struct.pack(">I", zlib.crc32(k + d))
+        for k, d in ((b"IHDR", header), (b"IDAT", body), (b"IEND", b""))
+    )
+    (tmp_path / "s.png").write_bytes(b"\x89PNG\r\n\x1a\n" + chunks)
+    with pytest.raises(FileError, match=r"s\.png: is 8000 x 8000; the truth is 3 x 2"):
+        open_submission(tmp_path).map_of("s", SHAPE)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "says"),
+    [
+        ("s.pfm", encode_pfm(DISP)[:-4], "damaged"),
+        ("s.pfm", b"", "not a PFM"),
+        ("s.pfm", encode_pfm(DISP).replace(np.float32(4).tobytes(), np.float32(np.nan).tobytes()), "NaN"),
+        ("s.pfm", encode_pfm(np.zeros((2, 3, 3), np.float32)), "colours"),
+        ("s.pfm", encode_pfm(DISP.T), "is 2 x 3; the truth is 3 x 2"),
+        ("s.png", b"not a png", "not a PNG"),
+    ],
+)
+@pytest.mark.parametrize("packed", [True, False])
+def test_a_bad_map_is_refused_by_its_name(tmp_path, name, data, says, packed):
+    if packed:
+        submission = zipped(tmp_path / "my.zip", [(name, data)])
+    else:
+        (tmp_path / name).write_bytes(data)
+        submission = open_submission(tmp_path)
+    with pytest.raises(FileError, match=says) as error:
+        submission.map_of("s", SHAPE)
+    assert name in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_eight_bit_png_is_refused(tmp_path):
+    write_png(tmp_path / "s.png", np.zeros(SHAPE, np.uint8))
+    with pytest.raises(FileError, match="16-bit grey"):
+        open_submission(tmp_path).map_of("s", SHAPE)
+
+
+def test_what_is_no_submission_is_refused(tmp_path):
+    with pytest.raises(FileError, match="no such file"):
+        open_submission(tmp_path / "none.zip")
+    (tmp_path / "x.zip").write_bytes(b"PK nothing")
+    with pytest.raises(FileError, match="neither a folder nor a readable zip"):
+        open_submission(tmp_path / "x.zip")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "s.pfm").symlink_to("/etc/hostname")
+    with pytest.raises(FileError, match="link that leaves"):
+        open_submission(tmp_path / "folder")
+
+
+def test_a_damaged_zip_is_read_or_refused(tmp_path):
+    good = io.BytesIO()
+    with zipfile.ZipFile(good, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("s.pfm", encode_pfm(DISP))
+    rng = np.random.default_rng(0)
+    kept = 0
+    for _ in range(300):
+        data = bytearray(good.getvalue())
+        for place in rng.integers(0, len(data), rng.integers(1, 4)):
+            data[place] = rng.integers(256)
+        (tmp_path / "d.zip").write_bytes(data)
+        try:
+            assert open_submission(tmp_path / "d.zip").map_of("s", SHAPE).shape == SHAPE
+            kept += 1
+        except FileError as error:
+            assert str(tmp_path) in str(error)  # noqa: PT017  either outcome is right, another exception is not
+    assert 0 < kept < 300
