@@ -80,7 +80,7 @@ BODIES: dict[str, Body] = {
     "solid_cylinder": _created(
         "cylinder", {"radius": _LENGTH, "height": _LENGTH, "sections": _SIDES}, "radius", "height"
     ),
-    "cone": _created("cone", {"radius": _LENGTH, "height": _LENGTH, "sections": _SIDES}, "radius", "height"),
+    "cone": Body(shapes.cone, {"radius": _LENGTH, "height": _LENGTH, "sections": _SIDES}, ("radius", "height")),
     "annulus": _created(
         "annulus",
         {"r_min": _LENGTH, "r_max": _LENGTH, "height": _LENGTH, "sections": _SIDES},

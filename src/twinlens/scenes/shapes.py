@@ -14,6 +14,7 @@ from twinlens.geometry import Float, transform_points
 from twinlens.scenes.scene import Mesh
 
 Faces = NDArray[np.uint32]
+_ROUND_FROM = 16
 _AXES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # an axis, and the two that span the faces across it, right-handed
 
 
@@ -104,6 +105,13 @@ def _revolved(curve: Float, segments: int, v_start: float, v_end: float) -> Mesh
     return _sheet(vertices, normals, np.stack(np.broadcast_arrays(angle / (2 * math.pi), v[:, None]), axis=-1))
 
 
+def cone(radius: float, height: float, sections: int = 64) -> Mesh:
+    """A cone on the plane z = 0, round from 16 sections on, a flat-sided pyramid below."""
+    if sections < _ROUND_FROM:
+        return creation("cone", radius=radius, height=height, sections=sections)
+    return lathe(np.array([[0, 0], [radius, 0], [radius, 0], [0, height]]), sections, smooth=False)
+
+
 def merged(parts: list[Mesh]) -> Mesh:
     """Several meshes as one; normals and (u, v) are kept where all have them."""
     starts = np.cumsum([0] + [len(part.vertices) for part in parts])
@@ -139,6 +147,8 @@ def tube(points: Float, radius: Float, sides: int = 16, smooth: bool = True, clo
     path = _catmull_rom(path, 8, closed) if smooth else path
     centre, radii = path[:, :3], np.maximum(path[:, 3], 1e-9)
     tangent = _tangents(centre)
+    if closed:
+        tangent[[0, -1]] = (tangent[0] + tangent[-1]) / np.linalg.norm(tangent[0] + tangent[-1])
     normal, binormal = _frames(tangent)
     angle = np.linspace(0, 2 * math.pi, sides + 1)[None, :, None]
     around = np.cos(angle) * normal[:, None] + np.sin(angle) * binormal[:, None]

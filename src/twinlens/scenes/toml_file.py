@@ -20,9 +20,11 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise FileError(f"{path}: a scene file is text of at most {_LARGEST_FILE >> 20} MiB")
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        written = path.read_text(encoding="utf-8")
+        return tomllib.loads(written)
     except tomllib.TOMLDecodeError as error:
-        raise FileError(f"{path}: not valid TOML: {error}") from error
+        last = f"at end of document, line {len(written.splitlines())}"
+        raise FileError(f"{path}: not valid TOML: {str(error).replace('at end of document', last)}") from error
     except UnicodeDecodeError as error:
         raise FileError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from error
     except RecursionError as error:

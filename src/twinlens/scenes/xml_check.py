@@ -36,6 +36,7 @@ TRANSFORMS = {"transform", "translate", "rotate", "scale", "lookat", "matrix"}
 _LARGEST_FILE = 64 << 20
 _DEEPEST = 200
 _FILE_PARAMETER = re.compile(r"file|path", re.IGNORECASE)
+_NUMBERS = re.compile(r"[\d.eE+\-,:\s]*")
 _LOOKS_LIKE_PATH = re.compile(r"[/\\]|^\.|\.[A-Za-z]\w{1,7}$")
 
 
@@ -98,7 +99,8 @@ def _check_element(at: At, element: ElementTree.Element) -> None:
         _no_path(at, element.get("value", ""))
     if tag == "spectrum":
         _check_file(at, element.get("filename"))
-        _no_path(at, re.sub(r"[\d.eE+\-,:\s]", "", element.get("value", "")))
+        if not _NUMBERS.fullmatch(element.get("value", "")):
+            raise at.wrong(f"{element.get('value')!r}: write the spectrum's numbers, as 400:1.0, 700:1.5")
     if tag == "string":
         _check_string(at, element.get("name", ""), element.get("value", ""))
 

@@ -114,14 +114,10 @@ def _pose(path: Path, sensor: Element) -> Float:
     to_world = np.eye(4)
     for step in transform if transform is not None else ():
         to_world = _step(path, step) @ to_world
-    linear = to_world[:3, :3]
-    lengths = np.linalg.norm(linear, axis=0)
-    if not np.linalg.det(linear) > 0:
+    if not np.linalg.det(to_world[:3, :3]) > 0:
         _wrong(path, "the sensor's to_world mirrors the world or flattens it; a camera needs a rotation")
-    pose = to_world.copy()
-    pose[:3, :3] = linear / lengths
     try:
-        return check_rigid(pose @ _MITSUBA_FROM_OPENCV, "to_world")
+        return check_rigid(to_world @ _MITSUBA_FROM_OPENCV, "to_world")
     except InputError as error:
         raise InputError(f"{path}: the sensor's {error}") from error
 

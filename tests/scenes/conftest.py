@@ -1,0 +1,24 @@
+"""A small scene on disk that every test may bend."""
+
+from pathlib import Path
+
+import pytest
+from scene_text import MINIMAL, Read
+
+from twinlens.scenes import Scene, load_scene
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Read:
+    """Loads the minimal scene with text added to its end and (old, new) replacements made in it."""
+
+    def load(extra: str = "", *changes: tuple[str, str]) -> Scene:
+        written = MINIMAL
+        for old, new in changes:
+            assert old in written
+            written = written.replace(old, new)
+        path = tmp_path / "scene.toml"
+        path.write_text(written + extra)
+        return load_scene(path)
+
+    return load

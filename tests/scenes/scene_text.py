@@ -1,0 +1,29 @@
+"""The smallest scene, for tests to bend."""
+
+from typing import Protocol
+
+from twinlens.scenes import Scene
+
+MINIMAL = """
+[camera]
+position = [0, -3, 1]
+look_at = [0, 0, 0.5]
+depth_range = [1.0, 9.0]
+
+[materials.grey]
+type = "diffuse"
+reflectance = 0.5
+
+[lights.sky]
+type = "constant"
+radiance = 1.0
+
+[objects.ball]
+shape = "sphere"
+radius = 0.5
+material = "grey"
+"""
+
+
+class Read(Protocol):
+    def __call__(self, extra: str = "", *changes: tuple[str, str]) -> Scene: ...

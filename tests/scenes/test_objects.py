@@ -1,0 +1,111 @@
+"""Objects of a scene file: every shape by name, the user's meshes, copies."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from scene_text import Read
+
+from twinlens.errors import FileError, InputError
+from twinlens.scenes import Mesh
+from twinlens.scenes.objects import BODIES, read_mesh
+
+GIVEN = {
+    "extents": {"height_field": "[1, 2]", "bent_sheet": "[1, 2]"},
+    "radius": {"rounded_box": "0.1"},
+}
+VALUES = {
+    "extents": "1.5",
+    "radius": "0.3",
+    "height": "2.0",
+    "r_min": "0.1",
+    "r_max": "0.2",
+    "major_radius": "0.4",
+    "minor_radius": "0.1",
+    "profile": "[[0, 0], [1, 0.5], [0, 1]]",
+    "points": "[[0, 0, 0], [0, 0, 1], [0, 1, 2]]",
+    "amplitude": "0.1",
+    "angle_deg": "40",
+}
+
+
+@pytest.mark.parametrize("kind", BODIES)
+def test_every_body_is_made_from_the_keys_it_needs(read: Read, kind: str) -> None:
+    lines = [f"{key} = {GIVEN.get(key, {}).get(kind, VALUES[key])}" for key in BODIES[kind].needs]
+    if kind == "height_field":
+        lines = ["extents = [1, 2]", "amplitude = 0.1", "height = { type = 'value_noise', cells = 4, size = 16 }"]
+    scene = read(f"[objects.b]\nshape = '{kind}'\nmaterial = 'grey'\n" + "\n".join(lines))
+    mesh = scene.objects[-1].shape
+    assert isinstance(mesh, Mesh)
+    assert mesh.faces.dtype == np.uint32
+    assert mesh.faces.max() < len(mesh.vertices)
+    assert np.isfinite(mesh.vertices).all()
+    assert mesh.uv is not None
+    assert mesh.uv.shape == (len(mesh.vertices), 2)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".stl", ".glb"])
+def test_mesh_files_keep_their_surface(tmp_path: Path, read: Read, suffix: str) -> None:
+    trimesh.creation.icosphere(subdivisions=3, radius=0.5).export(tmp_path / f"m{suffix}")
+    scene = read(f"[objects.m]\nfile = 'm{suffix}'\nmaterial = 'grey'")
+    mesh = scene.objects[-1].shape
+    assert isinstance(mesh, Mesh)
+    np.testing.assert_allclose(np.linalg.norm(mesh.vertices, axis=1), 0.5, atol=1e-6)
+    assert len(mesh.faces) == 1280
+    assert scene.files[-1] == (tmp_path / f"m{suffix}").resolve()
+    flat = read(f"[objects.m]\nfile = 'm{suffix}'\nmaterial = 'grey'\nface_normals = true").objects[-1].shape
+    assert isinstance(flat, Mesh)
+    assert flat.normals is None
+
+
+def test_an_obj_does_not_open_the_material_file_it_names(tmp_path: Path) -> None:
+    (tmp_path / "m.obj").write_text("mtllib ../secret.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path.parent / "secret.mtl").write_text("newmtl a\nmap_Kd /etc/hostname\n")
+    assert len(read_mesh(tmp_path / "m.obj").faces) == 1
+
+
+@pytest.mark.parametrize("name", ["m.ply", "m.obj", "m.stl", "m.glb", "m.fbx"])
+@pytest.mark.parametrize("content", [b"", b"ply\nformat ascii 1.0\nelement vertex 9\n", b"\x00\xff" * 50])
+def test_a_damaged_mesh_is_named(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(FileError, match=name):
+        read_mesh(tmp_path / name)
+
+
+def test_a_sharp_edge_stays_sharp_and_a_round_side_smooth(tmp_path: Path) -> None:
+    trimesh.creation.cylinder(radius=0.5, height=1, sections=64).export(tmp_path / "c.ply")
+    mesh = read_mesh(tmp_path / "c.ply")
+    assert mesh.normals is not None
+    up = np.abs(mesh.normals[:, 2])
+    assert ((up < 1e-6) | (up > 1 - 1e-6)).all()
+    side = up < 0.5
+    radial = mesh.vertices[side, :2] / 0.5
+    np.testing.assert_allclose(mesh.normals[side, :2], radial, atol=math.sin(math.pi / 64) + 1e-6)
+
+
+def test_merged_copies_lie_where_the_instances_lay(read: Read) -> None:
+    text = """
+[objects.b]
+shape = "box"
+extents = 1
+scale = 0.5
+material = "grey"
+instances = [{ translate = [1, 2, 3] }, { translate = [-4, 0, 0], euler_deg = [0, 0, 45] }]
+"""
+    apart, joined = read(text).objects[-1], read(text + "merge = true\n").objects[-1]
+    assert isinstance(apart.shape, Mesh)
+    assert isinstance(joined.shape, Mesh)
+    assert len(apart.instances) == 2
+    assert joined.instances == ()
+    half = len(joined.shape.vertices) // 2
+    for part, pose in zip((slice(half), slice(half, None)), apart.instances, strict=True):
+        expected = np.c_[apart.shape.vertices, np.ones(half)] @ (pose @ apart.world_from_object).T
+        np.testing.assert_allclose(joined.shape.vertices[part], expected[:, :3], atol=1e-12)
+
+
+def test_files_outside_the_folder_are_refused(tmp_path: Path, read: Read) -> None:
+    trimesh.creation.box().export(tmp_path.parent / "outside.ply")
+    with pytest.raises(InputError, match=r"objects\.m\.file: '\.\./outside\.ply' leads outside"):
+        read("[objects.m]\nfile = '../outside.ply'\nmaterial = 'grey'")
