@@ -15,8 +15,8 @@ _HEX = re.compile(r"#[0-9a-fA-F]{6}")
 def linear_from_srgb(encoded: ArrayLike) -> NDArray[np.float32]:
     """Linear light from sRGB-encoded values in [0, 1]; float32, same shape. Source: IEC 61966-2-1:1999.
 
-    >>> linear_from_srgb([0.0, 0.04045, 1.0]).round(6).tolist()
-    [0.0, 0.0031309999991208315, 1.0]
+    >>> [round(float(v), 6) for v in linear_from_srgb([0.0, 0.04045, 1.0])]
+    [0.0, 0.003131, 1.0]
     """
     v = np.asarray(encoded, dtype=np.float64)
     return np.where(v <= 0.04045, v / 12.92, ((np.maximum(v, 0.04045) + 0.055) / 1.055) ** 2.4).astype(np.float32)
