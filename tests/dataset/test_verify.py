@@ -138,6 +138,15 @@ def swap(folder):
             "truth0.exr: position is not",
         ),
         (lambda f: change_exr(f, "truth0.exr", "position.Y", lambda y: y + 1e4), "truth0.exr: position"),
+        (
+            lambda f: change_exr(f, "truth0.exr", "object_id", lambda x: x * 2),
+            "truth0.exr: object_id goes up to 4, and 2",
+        ),
+        (
+            lambda f: change_exr(f, "truth1.exr", "material_kind", lambda x: x * 5),
+            "truth1.exr: material_kind goes up to 5",
+        ),
+        (lambda f: change_exr(f, "truth0.exr", "blur_circle_px", nudge), "truth0.exr: blur_circle_px is not that of"),
         (lambda f: change_exr(f, "truth0.exr", "object_id", np.zeros_like), "truth0.exr: depth is finite elsewhere"),
         (
             lambda f: write_png(f / "mask0nocc.png", 255 - read_png(f / "mask0nocc.png")),

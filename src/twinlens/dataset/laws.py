@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from twinlens import geometry
-from twinlens.camera import Camera, Rig
+from twinlens.camera import Camera, Lens, Rig
 from twinlens.dataset.codecs.calib import Calibration
 from twinlens.dataset.occlusion import HIDDEN, UNKNOWN, VISIBLE
+from twinlens.dataset.truth_files import blur_circle_px
+from twinlens.truth import MATERIAL_KINDS
 
 Arrays = Mapping[str, Any]
 Findings = list[str]
@@ -66,6 +67,27 @@ def mask_agrees(mask: NDArray[Any], known: NDArray[np.bool_], visible: NDArray[n
     return [f"mask differs from what the truth says at {wrong} of {mask.size} pixels"] if wrong else []
 
 
+def ids_agree(truth: Arrays) -> Findings:
+    """Ids count the names that the file lists, and kinds count MATERIAL_KINDS."""
+    limits = {
+        "object_id": len(truth["object_names"]),
+        "material_id": len(truth["material_names"]),
+        "material_kind": len(MATERIAL_KINDS) - 1,
+    }
+    return [
+        f"{name} goes up to {truth[name].max()}, and {limit} are named"
+        for name, limit in limits.items()
+        if truth[name].max() > limit
+    ]
+
+
+def blur_agrees(truth: Arrays, camera: Camera, lens: Lens) -> Findings:
+    """The blur circles are those of the lens that sample.json names."""
+    expected = blur_circle_px(truth["depth"], camera, lens).astype(np.float64)
+    error = np.abs(truth["blur_circle_px"] - expected)
+    return _off("blur_circle_px is not that of the lens", error, _PX + 10 * _LAST_PLACES * np.abs(expected), "px")
+
+
 def views_agree(truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int]) -> Findings:
     """What one view shows and the other sees lies, in the other's image, at a depth the other has there.
 
@@ -84,8 +106,8 @@ def views_agree(truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int])
         return [f"{np.count_nonzero(~inside)} visible pixels project outside the other view"]
     if not len(px):
         return []
-    u, v = np.clip(np.floor(px + 0.5).astype(int), 0, [camera.width - 1, camera.height - 1]).T
-    low, high = (f(there["depth"], size=3, mode="nearest")[v, u] for f in (ndimage.minimum_filter, _largest))
+    around = _around(there["depth"], px)
+    low, high = around.min(axis=0), around.max(axis=0)
     agree = (cam[:, 2] >= low * (1 - _SLACK_DEPTH)) & (cam[:, 2] <= high * (1 + _SLACK_DEPTH))
     if agree.mean() >= _SEEN_AGAIN:
         return []
@@ -105,9 +127,12 @@ def calibration_agrees(calibration: Calibration, rig: Rig) -> Findings:
     ]
 
 
-def _largest(depth: NDArray[Any], size: int, mode: str) -> NDArray[Any]:
-    largest: NDArray[Any] = ndimage.maximum_filter(depth, size=size, mode=mode)
-    return largest
+def _around(depth: NDArray[Any], px: NDArray[np.float64]) -> NDArray[Any]:
+    """The depths (9, N) of the 3x3 pixels around each of px (N, 2); the border's own beyond the border."""
+    u, v = np.floor(px + 0.5).astype(int).T
+    height, width = depth.shape
+    steps = [(dv, du) for dv in (-1, 0, 1) for du in (-1, 0, 1)]
+    return np.stack([depth[(v + dv).clip(0, height - 1), (u + du).clip(0, width - 1)] for dv, du in steps])
 
 
 def _off(what: str, error: NDArray[np.float64], allowed: NDArray[np.float64], unit: str) -> Findings:

@@ -138,6 +138,8 @@ def _view_of(content: dict[str, Any], rig: Rig, i: int) -> list[str]:
     findings = _named(f"truth{i}.exr", laws.positions_agree(truth, rig.cameras[i], rig.world_from_cams[i]))
     if findings:
         return findings
+    findings += _named(f"truth{i}.exr", laws.ids_agree(truth))
+    findings += _named(f"truth{i}.exr", laws.blur_agrees(truth, rig.cameras[i], content["lenses"][0]))
     disparity, calibration = content.get(f"disp{i}.pfm"), content.get("calib.txt")
     if disparity is not None and calibration is not None and i < 2:
         findings += _named(f"disp{i}.pfm", laws.disparity_agrees(truth, disparity, calibration))
