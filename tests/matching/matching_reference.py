@@ -18,12 +18,94 @@ def _zncc(a, b):
 
 WINDOW_COSTS: dict[str, Callable[[np.ndarray, np.ndarray], float]] = {
     "sad": lambda a, b: np.abs(a - b).sum(),
+    "zsad": lambda a, b: np.abs((a - a.mean()) - (b - b.mean())).sum(),
     "ssd": lambda a, b: ((a - b) ** 2).sum(),
     "zssd": lambda a, b: a.size * ((a - b - (a - b).mean()) ** 2).sum(),
     "ncc": lambda a, b: _ratio((a * b).sum(), np.sqrt((a * a).sum() * (b * b).sum()), 1.0),
     "zncc": _zncc,
     "jaccard": lambda a, b: _ratio(np.minimum(a, b).sum(), np.maximum(a, b).sum(), 0.0),
 }
+
+
+def naive_descriptors(image, side, name):
+    """(H, W, side^2) 0 or 1: is the neighbour darker; or, for rank, (H, W, 1) how many are."""
+    radius = side // 2
+    padded = np.pad(image, radius, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))
+    darker = (windows < image[:, :, None, None]).reshape(*image.shape, -1).astype(float)
+    return darker if name == "census" else darker.sum(axis=2, keepdims=True)
+
+
+def pixel_difference(name, left, right, descriptor):
+    """difference(y, x, u) of one pixel of each image; places outside an image mean its nearest edge pixel."""
+    width = left.shape[1]
+    if name in ("census", "rank"):
+        a, b = (naive_descriptors(image, descriptor, name) for image in (left, right))
+        return lambda y, x, u: np.abs(a[y, x] - b[y, u]).sum()
+    a, b = left.astype(float), right.astype(float)
+    if name == "sad":
+        return lambda y, x, u: abs(a[y, x] - b[y, u])
+
+    def around(image, y, x):
+        middle = image[y, x]
+        before, after = image[y, max(x - 1, 0)], image[y, min(x + 1, width - 1)]
+        values = (middle, (middle + before) / 2, (middle + after) / 2)
+        return middle, min(values), max(values)
+
+    def birchfield_tomasi(y, x, u):
+        one, low, high = around(a, y, x)
+        other, low2, high2 = around(b, y, u)
+        return min(max(0, one - high2, low2 - one), max(0, other - high, low - other))
+
+    return birchfield_tomasi
+
+
+def naive_pixel_window_volume(left, right, name, side, low, count, descriptor=3):
+    """(H, W, count): sums of pixel differences over windows, each pixel taken from the nearest in its image."""
+    height, width = left.shape
+    difference, radius = pixel_difference(name, left, right, descriptor), side // 2
+    reach = range(-radius, radius + 1)
+    volume = np.full((height, width, count), np.inf)
+    for y, x, i in np.ndindex(volume.shape):
+        u = x - low - i
+        if 0 <= u < width:
+            volume[y, x, i] = sum(
+                difference(np.clip(y + v, 0, height - 1), np.clip(x + h, 0, width - 1), np.clip(u + h, 0, width - 1))
+                for v in reach
+                for h in reach
+            )
+    return volume
+
+
+def naive_pixel_costs(left, right, low, count):
+    """(H, W, count): absolute differences; a partner outside the image is its edge pixel."""
+    columns = np.clip(np.arange(left.shape[1])[:, None] - low - np.arange(count), 0, left.shape[1] - 1)
+    return np.abs(left[:, :, None].astype(float) - right[:, columns].astype(float))
+
+
+def is_candidate(shape, low, count):
+    partner = np.arange(shape[1])[:, None] - low - np.arange(count)
+    return np.broadcast_to((partner >= 0) & (partner < shape[1]), (*shape, count))
+
+
+def naive_paths(costs, directions, small, large):
+    """The sum of path costs (H, W, D), each path followed pixel by pixel from where it enters the image."""
+    height, width = costs.shape[:2]
+    total = np.zeros(costs.shape, int)
+    for dy, dx in directions:
+        path = np.zeros(costs.shape, int)
+        rows = range(height) if dy < 0 or (dy == 0 and dx < 0) else range(height - 1, -1, -1)
+        columns = range(width) if dy < 0 or (dy == 0 and dx < 0) else range(width - 1, -1, -1)
+        for y in rows:
+            for x in columns:
+                path[y, x] = costs[y, x]
+                if not (0 <= y + dy < height and 0 <= x + dx < width):
+                    continue
+                before = path[y + dy, x + dx].astype(float)
+                steps = [before, np.append(np.inf, before[:-1]) + small, np.append(before[1:], np.inf) + small]
+                path[y, x] += (np.minimum(np.min(steps, axis=0), before.min() + large) - before.min()).astype(int)
+        total += path
+    return total
 
 
 def naive_volume(left, right, name, side, low, count):

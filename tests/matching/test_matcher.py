@@ -12,7 +12,7 @@ from twinlens.matching.box import BoxMatch
 from twinlens.matching.costs import COSTS
 
 EXACT = ("sad", "ssd")
-ALL = tuple(COSTS)
+ALL = ("sad", "ssd", "ncc", "zsad", "zssd", "zncc", "jaccard")
 
 
 @st.composite

@@ -16,6 +16,7 @@ FLOAT_ROWS = 64  # rounding depends on where a strip begins: float images are al
 LANE_COUNTS = (16, 32, 64, 96, 128)
 LANE_BITS = 4096
 FITS = {"none": 0, "v": 1, "parabola": 2}
+WINNERS, RIVALS, VOLUME = 0, 1, 2
 SCALES = {"sum": 0, "zssd": 0, "zncc": 1, "ncc": 2, "jaccard": 3}
 
 
@@ -129,31 +130,55 @@ class BoxMatch:
         in_strips(work, self.shape[0], self.rows, self.threads)
         return totals, scales
 
+    @property
+    def depth(self) -> int:
+        """How many candidates a cost volume holds for each pixel: those of the range, and what fills the last lanes."""
+        return self.passes.first(self.passes.count - 1) + self.passes.n
+
     def winners(self, fit: str) -> Winners:
         """The candidate of lowest cost at each pixel, of equal ones the smallest disparity, with sub-pixel `fit`."""
         best = np.full(self.shape, largest(self.scores), self.scores)
         disparity = np.full(self.shape, np.inf, np.float32)
-        self._search(best, disparity, fit, runner_up=False)
+        self._search(best, disparity, fit, WINNERS)
         return Winners(disparity, best)
 
     def rivals(self, disparity: Disparity) -> NDArray[Any]:
         """The lowest cost among candidates at least two away from the winner; the largest number where none is."""
         best = np.full(self.shape, largest(self.scores), self.scores)
-        self._search(best, disparity, "none", runner_up=True)
+        self._search(best, disparity, "none", RIVALS)
         return best
 
-    def _search(self, best: NDArray[Any], disparity: Disparity, fit: str, *, runner_up: bool) -> None:
+    def _search(self, best: NDArray[Any], disparity: Disparity, fit: str, mode: int) -> None:
         if self.low >= self.high:
             return
-        from .kernels.slide import winner_kernel
+        from .kernels.slide import slide_kernel
 
-        kernel = winner_kernel(self.cost.term, self.cost.scoring, self.passes.n, runner_up)
+        kernel = slide_kernel(self.cost.term, self.cost.scoring, self.passes.n, mode)
+        unused = np.zeros(1, np.float32), (0, 0, 0), np.zeros(3, np.float32)
 
         def work(y0: int, y1: int) -> None:
+            maps = best[y0:y1], disparity[y0:y1]
             for index in range(self.passes.count):
-                kernel(*self._arguments(y0, y1, index), FITS[fit], self._columns(), best[y0:y1], disparity[y0:y1])
+                kernel(*self._arguments(y0, y1, index), FITS[fit], self._columns(), *maps, *unused)
 
         in_strips(work, self.shape[0], self.rows, self.threads)
+
+    def fill(self, volume: NDArray[Any], y0: int, gain: float, offset: float, blank: float | None) -> None:
+        """Write the rows from y0 on of the cost volume, (rows, W, depth), as cost * gain + offset.
+
+        Candidates without a partner in the right image become `blank`; None leaves them what edge-continued images
+        give. float16 and integer volumes are for the caller to keep in range.
+        """
+        from .kernels.slide import slide_kernel
+
+        kernel = slide_kernel(self.cost.term, self.cost.scoring, self.passes.n, VOLUME)
+        maps = np.empty((len(volume), self.shape[1]), self.scores), np.empty((1, 1), np.float32)
+        kind = np.float64 if np.dtype(self.scores).itemsize > 4 else np.float32
+        values = np.array([gain, offset, 0 if blank is None else blank], kind)
+        for index in range(self.passes.count):
+            target = self.depth, self.passes.first(index), int(blank is not None)
+            arguments = self._arguments(y0, y0 + len(volume), index)
+            kernel(*arguments, 0, self._columns(), *maps, volume.reshape(-1), target, values)
 
     def _columns(self) -> NDArray[Any]:
         return np.zeros((self.left.shape[1] + self.side) * self.passes.n, self.sums)

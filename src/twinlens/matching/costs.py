@@ -13,10 +13,12 @@ V, PARABOLA = "v", "parabola"
 
 @dataclass(frozen=True)
 class Cost:
-    """A cost that is a box sum of pixel terms, scored.
+    """A matching cost.
 
-    term: "absolute", "square", "product" or "hamming"; scoring: "sum", or the normalisation by the windows' own sums;
-    fit: the sub-pixel fit that suits the cost's shape near its minimum; transform: what the images become first.
+    term: what a pixel adds to its window's sum; the last two of `TERMS` have kernels of their own.
+    scoring: "sum", or the normalisation by the windows' own sums. fit: the sub-pixel fit that suits the shape of the
+    cost near its minimum. transform: what the images become first. offset: what the kernels leave out.
+    p1, p2: semi-global penalties for disparity steps of one pixel and more, in parts of the largest possible cost.
     """
 
     term: str
@@ -24,15 +26,40 @@ class Cost:
     fit: str
     description: str
     transform: str = ""
+    offset: float = 0.0
+    p1: float = 0.03
+    p2: float = 0.13
+
+    @property
+    def normalised(self) -> bool:
+        """Does it compare statistics of whole windows, so that it cannot be taken apart into pixels?"""
+        return self.scoring != "sum" or self.term == "zero-mean absolute"
+
+    @property
+    def in_lanes(self) -> bool:
+        """Can the sliding kernel compute it?"""
+        return self.term in ("absolute", "square", "product", "hamming")
 
 
 COSTS: dict[str, Cost] = {
     "sad": Cost("absolute", "sum", V, "sum of absolute differences"),
-    "ssd": Cost("square", "sum", PARABOLA, "sum of squared differences"),
-    "ncc": Cost("product", "ncc", PARABOLA, "1 - normalised cross-correlation (cosine similarity): blind to gain"),
-    "zssd": Cost("square", "zssd", PARABOLA, "SSD of mean-free windows: blind to a change of offset"),
-    "zncc": Cost("product", "zncc", PARABOLA, "1 - correlation of mean-free windows: blind to gain and offset"),
-    "jaccard": Cost("absolute", "jaccard", V, "1 - weighted Jaccard similarity, sum of minima over sum of maxima"),
+    "ssd": Cost("square", "sum", PARABOLA, "sum of squared differences", p1=0.002, p2=0.02),
+    "ncc": Cost("product", "ncc", PARABOLA, "1 - cosine of the windows' angle: blind to gain", offset=1.0),
+    "zsad": Cost("zero-mean absolute", "sum", V, "SAD of mean-free windows: blind to offset"),
+    "zssd": Cost("square", "zssd", PARABOLA, "SSD of mean-free windows: blind to offset", p1=0.002, p2=0.02),
+    "zncc": Cost("product", "zncc", PARABOLA, "1 - correlation coefficient: blind to gain and offset", offset=1.0),
+    "jaccard": Cost("absolute", "jaccard", V, "1 - weighted Jaccard similarity"),
+    "census": Cost(
+        "hamming",
+        "sum",
+        V,
+        "Hamming distance of census transforms: blind to monotonic change",
+        "census",
+        p1=0.2,
+        p2=0.9,
+    ),
+    "rank": Cost("absolute", "sum", V, "SAD of rank transforms: blind to monotonic change", "rank", p1=0.1, p2=0.4),
+    "birchfield_tomasi": Cost("birchfield-tomasi", "sum", V, "absolute differences that sampling cannot raise"),
 }
 
 
@@ -56,3 +83,19 @@ def numbers(cost: Cost, dtype: np.dtype[Any], side: int) -> tuple[type[np.generi
     if cost.scoring == "jaccard":
         return sums, np.float32 if top < 1 << 24 else np.float64
     return sums, sums
+
+
+def largest_cost(cost: Cost, span: float, side: int, bits: int) -> float:
+    """The most that this cost can be for images whose values span `span`: the unit of p1 and p2.
+
+    bits is what a pixel's descriptor holds: the census window less its centre.
+    """
+    area = side * side
+    if cost.scoring in ("zncc", "ncc", "jaccard"):
+        return 2.0 if cost.scoring == "zncc" else 1.0
+    if cost.transform:
+        return float(bits * area)
+    if cost.term == "square":
+        # The kernel's ZSSD is n times the sum of squares, at most (n span / 2)^2.
+        return (area * span) ** 2 / 4.0 if cost.scoring == "zssd" else area * span**2
+    return area * span

@@ -9,12 +9,19 @@ import numpy as np
 
 from twinlens.errors import InputError, unknown
 
-from .box import BoxMatch, cpu_count
+from . import refine
+from .box import cpu_count
 from .costs import COSTS
 from .images import Disparity, Image, pair
-from .refine import consistent
+from .search import Search, search
+from .supports import SUPPORTS, Settings
 
 SUBPIXEL = ("auto", "none", "parabola", "v")
+OPTIMISATIONS = {
+    "wta": "each pixel on its own: winner takes all",
+    "sgm4": "semi-global, along rows and columns",
+    "sgm8": "semi-global, along rows, columns and diagonals",
+}
 
 
 def _whole(name: str, value: Any, least: int | None = None) -> int:
@@ -37,15 +44,27 @@ def check_block_size(name: str, value: Any) -> int:
 class StereoMatcher:
     """A stereo matcher: what is compared, over which window, how the winner is chosen and refined.
 
-    cost: a name of `COSTS`. block_size: side of the square window, odd, in pixels. The search covers the disparities
+    cost: a name of `COSTS`. block_size: side of the window, odd, in pixels. The search covers the disparities
     min_disparity <= d < min_disparity + num_disparities, in pixels, d = u_left - u_right.
+    support: a name of `SUPPORTS`; contrast, gamma_similar, gamma_near, epsilon: see `supports.Settings`.
+    census_window: side of the window of the census and rank transforms.
+    optimisation: a name of `OPTIMISATIONS`; p1, p2: its penalties in parts of the largest cost; None: the cost's own.
     subpixel: "auto" (the fit that suits the cost), "v", "parabola" or "none".
-    lr_check: None, or the most (in pixels) by which left and right disparity may differ before both become unknown.
+
+    What follows makes pixels unknown, so density falls, in this order; 0 or None is off.
+    uniqueness: percent by which the best rival, two or more candidates away, must cost more than the winner.
+    texture: least root mean square horizontal difference in the window, in grey levels of 0..255.
+    lr_check: the most, in pixels, by which left and right disparity may differ.
+    speckle_size: the least pixels of a patch; within a patch neighbours differ by at most speckle_range pixels.
+    median: side of a median over the known pixels, density stays. fill: "none", or "background", which makes every
+    pixel of a map known that has one: by the farther of the known neighbours in its row.
+
     threads: None for all processors; the answer is the same bytes for any number of them.
 
-    Borders: images are continued by their edge pixels, so every window is whole and every pixel gets an answer, unless
-    none of its partners u - d lies inside the right image: it is then unknown, +inf. Of equal costs the smallest
-    disparity wins. A winner at the end of its pixel's range gets no sub-pixel fit.
+    Borders: images are continued by their edge pixels (regions of the cross, weighted and guided supports end at the
+    edge instead), so every pixel gets an answer, unless none of its partners u - d lies inside the right image: it is
+    then unknown, +inf. Of equal costs the smallest disparity wins. A winner at the end of its pixel's range gets no
+    sub-pixel fit.
 
     >>> StereoMatcher(cost="sad", block_size=7).num_disparities
     64
@@ -55,22 +74,70 @@ class StereoMatcher:
     block_size: int = 9
     num_disparities: int = 64
     min_disparity: int = 0
+    support: str = "fixed"
+    census_window: int = 7
+    contrast: float = 20.0
+    gamma_similar: float = 12.0
+    gamma_near: float = 12.0
+    epsilon: float = 1e-4
+    optimisation: str = "wta"
+    p1: float | None = None
+    p2: float | None = None
     subpixel: str = "auto"
+    uniqueness: float = 0.0
+    texture: float = 0.0
     lr_check: float | None = None
+    speckle_size: int = 0
+    speckle_range: float = 1.0
+    median: int = 0
+    fill: str = "none"
     threads: int | None = None
 
     def __post_init__(self) -> None:
-        if self.cost not in COSTS:
-            raise unknown("cost", self.cost, COSTS)
-        if self.subpixel not in SUBPIXEL:
-            raise unknown("subpixel fit", self.subpixel, SUBPIXEL)
+        for kind, name, known in (
+            ("cost", self.cost, COSTS),
+            ("support", self.support, SUPPORTS),
+            ("optimisation", self.optimisation, OPTIMISATIONS),
+            ("sub-pixel fit", self.subpixel, SUBPIXEL),
+            ("filling", self.fill, refine.FILLS),
+        ):
+            if name not in known:
+                raise unknown(kind, str(name), known)
         check_block_size("block_size", self.block_size)
+        check_block_size("census_window", self.census_window)
         _whole("num_disparities", self.num_disparities, 1)
         _whole("min_disparity", self.min_disparity)
+        _whole("speckle_size", self.speckle_size, 0)
+        if self.median != 0:
+            check_block_size("median", self.median)
         if self.threads is not None:
             _whole("threads", self.threads, 1)
-        if self.lr_check is not None and not self.lr_check >= 0:
-            raise InputError(f"lr_check is {self.lr_check!r}; it must be None or a number of pixels >= 0")
+        self._check_amounts()
+        self._check_combination()
+
+    def _check_amounts(self) -> None:
+        for name in ("contrast", "speckle_range", "texture", "uniqueness", "lr_check", "p1", "p2"):
+            _amount(name, getattr(self, name))
+        for name in ("gamma_similar", "gamma_near", "epsilon"):
+            _amount(name, getattr(self, name), above=True)
+        if self.uniqueness >= 100:
+            raise InputError(f"uniqueness is {self.uniqueness}; it is a percentage below 100")
+        small, large = self.penalties
+        if not small <= large <= 1:
+            raise InputError(f"p1 and p2 are {small} and {large}; they are parts of the largest cost, p1 <= p2 <= 1")
+
+    def _check_combination(self) -> None:
+        if SUPPORTS[self.support].pixelwise and COSTS[self.cost].normalised:
+            raise InputError(
+                f"cost {self.cost!r} compares statistics of whole windows, support {self.support!r} gathers single "
+                "pixels; use it with sad, ssd, census, rank or birchfield_tomasi"
+            )
+
+    @property
+    def penalties(self) -> tuple[float, float]:
+        """(p1, p2) of the semi-global optimisation, in parts of the largest cost."""
+        cost = COSTS[self.cost]
+        return cost.p1 if self.p1 is None else self.p1, cost.p2 if self.p2 is None else self.p2
 
     def replace(self, **changes: Any) -> "StereoMatcher":
         """The same matcher with some fields changed, checked anew."""
@@ -79,34 +146,77 @@ class StereoMatcher:
     def match(self, left: Any, right: Any) -> Disparity:
         """The left image's disparity, (H, W) float32 in pixels, +inf where unknown."""
         images = self._checked(left, right)
-        disparity = self._search(*images)
-        if self.lr_check is None:
-            return disparity
-        return consistent(disparity, self._search_right(*images), self.lr_check)
+        disparity = self._found(*images)
+        if self.lr_check is not None:
+            disparity = refine.consistent(disparity, _mirrored(self._found(*_swapped(*images))), self.lr_check)
+        return self._polished(disparity)
 
     def match_pair(self, left: Any, right: Any) -> tuple[Disparity, Disparity]:
         """The disparities of the left and of the right image, each (H, W); a point has the same sign in both."""
         images = self._checked(left, right)
-        ours, theirs = self._search(*images), self._search_right(*images)
-        if self.lr_check is None:
-            return ours, theirs
-        mirrored = consistent(theirs[:, ::-1], ours[:, ::-1], self.lr_check)
-        return consistent(ours, theirs, self.lr_check), np.ascontiguousarray(mirrored[:, ::-1])
+        ours, theirs = self._found(*images), self._found(*_swapped(*images))
+        if self.lr_check is not None:
+            ours, theirs = (
+                refine.consistent(ours, _mirrored(theirs), self.lr_check),
+                refine.consistent(theirs, _mirrored(ours), self.lr_check),
+            )
+        return self._polished(ours), _mirrored(self._polished(theirs))
 
     def _checked(self, left: Any, right: Any) -> tuple[Image, Image]:
         images = pair(left, right)
-        lowest = min(float(image.min()) for image in images)
-        if self.cost == "jaccard" and lowest < 0:
-            raise InputError(f"an image holds {lowest}; the Jaccard similarity is defined for values >= 0")
+        if self.cost == "jaccard" and images[0].dtype.kind == "f":
+            lowest = min(float(image.min()) for image in images)
+            if lowest < 0:
+                raise InputError(f"an image holds {lowest}; the Jaccard similarity is defined for values >= 0")
         return images
 
-    def _search(self, left: Image, right: Image) -> Disparity:
-        cost = COSTS[self.cost]
-        high = self.min_disparity + self.num_disparities
-        box = BoxMatch(left, right, cost, self.block_size, self.min_disparity, high, self.threads or cpu_count())
-        return box.winners(cost.fit if self.subpixel == "auto" else self.subpixel).disparity
+    def _found(self, left: Image, right: Image) -> Disparity:
+        found = search(self._task(), left, right)
+        disparity = found.disparity
+        if self.uniqueness > 0:
+            disparity = refine.unique(disparity, found.cost, found.rival, self.uniqueness)
+        if self.texture > 0:
+            disparity = refine.textured(disparity, left, self.block_size, self.texture)
+        return disparity
 
-    def _search_right(self, left: Image, right: Image) -> Disparity:
-        # Seen in a mirror, the right image is a left image: u' = W - 1 - u keeps u_left - u_right.
-        mirrored = self._search(np.ascontiguousarray(right[:, ::-1]), np.ascontiguousarray(left[:, ::-1]))
-        return np.ascontiguousarray(mirrored[:, ::-1])
+    def _task(self) -> Search:
+        cost = COSTS[self.cost]
+        return Search(
+            cost=cost,
+            side=self.block_size,
+            low=self.min_disparity,
+            count=self.num_disparities,
+            descriptor=self.census_window,
+            support=SUPPORTS[self.support],
+            settings=Settings(self.contrast, self.gamma_similar, self.gamma_near, self.epsilon),
+            paths={"wta": 0, "sgm4": 4, "sgm8": 8}[self.optimisation],
+            penalties=self.penalties,
+            fit=cost.fit if self.subpixel == "auto" else self.subpixel,
+            rivals=self.uniqueness > 0,
+            threads=self.threads or cpu_count(),
+        )
+
+    def _polished(self, disparity: Disparity) -> Disparity:
+        if self.speckle_size > 0:
+            disparity = refine.without_speckles(disparity, self.speckle_size, self.speckle_range)
+        if self.median > 1:
+            disparity = refine.median(disparity, self.median)
+        return refine.filled(disparity) if self.fill == "background" else disparity
+
+
+def _amount(name: str, value: Any, *, above: bool = False) -> None:
+    if value is None and name in ("lr_check", "p1", "p2"):
+        return
+    if isinstance(value, bool) or not isinstance(value, numbers.Real) or not np.isfinite(float(value)):
+        raise InputError(f"{name} is {value!r}; it must be a number")
+    if float(value) < 0 or (above and float(value) == 0):
+        raise InputError(f"{name} is {value}; it must be {'above 0' if above else '>= 0'}")
+
+
+def _mirrored(image: Any) -> Any:
+    return np.ascontiguousarray(image[:, ::-1])
+
+
+def _swapped(left: Image, right: Image) -> tuple[Image, Image]:
+    # Seen in a mirror, the right image is a left image: u' = W - 1 - u keeps u_left - u_right.
+    return _mirrored(right), _mirrored(left)

@@ -1,25 +1,108 @@
-"""What is done to a disparity map after the search. Each step is a plain function and says what it does to density."""
+"""What is done to a disparity map after the search. Each step is a plain function and says what it does to density.
+
+Maps are (H, W) float32 in pixels, +inf where unknown, and are never changed in place.
+"""
+
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
 
-from .images import Disparity
+from .images import Disparity, Image
+from .supports import levels
+
+FILLS = ("none", "background")
+UNKNOWN = np.float32(np.inf)
+
+
+def _kept(disparity: Disparity, keep: NDArray[np.bool_]) -> Disparity:
+    return np.where(keep, disparity, UNKNOWN).astype(np.float32)
 
 
 def consistent(left: Disparity, right: Disparity, tolerance: float) -> Disparity:
     """The left disparities whose partner in the right map agrees within `tolerance` pixels; the others become +inf.
 
-    The partner of (u, v) is the pixel of the right map nearest to (u - d, v); outside the image, or unknown there, the
-    pixel is not confirmed. Density falls, mostly in occlusions. Source: Fua, "A parallel stereo algorithm that
-    produces dense depth maps and preserves image features", 1993.
-
-    >>> consistent(np.float32([[9, 1, 1]]), np.float32([[1, 1, 1]]), 1.0)
-    array([[inf,  1.,  1.]], dtype=float32)
+    Each map lies on its own image's pixels. The partner of (u, v) is the right map's pixel nearest to (u - d, v);
+    outside the image, or unknown there, the pixel is not confirmed. Density falls, mostly in occlusions.
+    Source: Fua, "A parallel stereo algorithm that produces dense depth maps and preserves image features", 1993.
     """
     height, width = left.shape
     known = np.isfinite(left)
     partner = np.rint(np.arange(width) - np.where(known, left, 0.0)).astype(np.int64)
     inside = known & (partner >= 0) & (partner < width)
     other = right[np.arange(height)[:, None], np.clip(partner, 0, width - 1)]
-    with np.errstate(invalid="ignore"):
-        agree = inside & np.isfinite(other) & (np.abs(left - other) <= tolerance)
-    return np.where(agree, left, np.float32(np.inf)).astype(np.float32)
+    agree = inside & np.isfinite(other)
+    agree[agree] = np.abs(left[agree] - other[agree]) <= tolerance
+    return _kept(left, agree)
+
+
+def unique(disparity: Disparity, cost: NDArray[Any], rival: NDArray[Any], percent: float) -> Disparity:
+    """Keep a pixel that costs less than its best rival by more than `percent`: cost < (1 - percent/100) rival.
+
+    A rival is a candidate two or more away; a pixel without any is kept. Density falls where texture repeats or lacks.
+    """
+    return _kept(disparity, cost < (1.0 - percent / 100.0) * rival)
+
+
+def textured(disparity: Disparity, image: Image, side: int, least: float) -> Disparity:
+    """Keep a pixel in whose window the root mean square horizontal difference is at least `least` grey levels.
+
+    The differences are between neighbours in a row, of levels 0..255. Density falls on plain surfaces.
+    """
+    grey = levels(image, image)[0].astype(np.float64)
+    squares = np.square(np.diff(grey, axis=1, append=grey[:, -1:]))
+    return _kept(disparity, ndimage.uniform_filter(squares, side, mode="nearest") >= least**2)
+
+
+def without_speckles(disparity: Disparity, size: int, difference: float) -> Disparity:
+    """Forget patches of fewer than `size` pixels; in a patch, neighbours differ by at most `difference` pixels.
+
+    Neighbours share a side. Density falls by isolated mistakes, and by thin things.
+    """
+    from .kernels.patches import patch_sizes
+
+    return _kept(disparity, patch_sizes(np.ascontiguousarray(disparity), float(difference)) >= size)
+
+
+def median(disparity: Disparity, side: int) -> Disparity:
+    """The median of the known pixels in the window, at known pixels; of an even number, the lower. Density stays."""
+    radius = side // 2
+    padded = np.pad(disparity, radius, constant_values=UNKNOWN)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))
+    result = np.full(disparity.shape, UNKNOWN, np.float32)
+    for y in range(len(disparity)):
+        row = np.sort(windows[y].reshape(disparity.shape[1], -1), axis=1)
+        middle = (np.isfinite(row).sum(axis=1) - 1) // 2
+        result[y] = row[np.arange(len(row)), np.maximum(middle, 0)]
+    return _kept(result, np.isfinite(disparity))
+
+
+def filled(disparity: Disparity) -> Disparity:
+    """Every unknown pixel takes the smaller (farther) of the nearest known ones left and right in its row.
+
+    What is hidden from one eye is background. At a row's ends the one known neighbour is taken; a row without any takes
+    the nearest row that has some. Density becomes 1, unless nothing is known at all.
+
+    >>> filled(np.float32([[np.inf, 5, np.inf, 3, np.inf]]))
+    array([[5., 5., 3., 3., 3.]], dtype=float32)
+    """
+    known = np.isfinite(disparity)
+    if not known.any():
+        return disparity.copy()
+    height, width = disparity.shape
+    columns = np.arange(width)
+    before = np.maximum.accumulate(np.where(known, columns, -1), axis=1)
+    after = np.minimum.accumulate(np.where(known, columns, width)[:, ::-1], axis=1)[:, ::-1]
+    rows = np.arange(height)[:, None]
+    left = np.where(before >= 0, disparity[rows, np.maximum(before, 0)], UNKNOWN)
+    right = np.where(after < width, disparity[rows, np.minimum(after, width - 1)], UNKNOWN)
+    result = np.where(known, disparity, np.minimum(left, right)).astype(np.float32)
+    nearest = _nearest_true(np.asarray(known.any(axis=1)))
+    return np.asarray(result[nearest])
+
+
+def _nearest_true(flags: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """For each place the nearest place whose flag is set; of two, the earlier."""
+    places = np.flatnonzero(flags)
+    return np.asarray(places[np.abs(np.arange(len(flags))[:, None] - places[None, :]).argmin(axis=1)])

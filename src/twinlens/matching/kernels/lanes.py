@@ -110,7 +110,7 @@ def _conversion(source: Lanes, target: Any) -> str:
     if source.is_float and isinstance(target, types.Float):
         return "" if wide == narrow else ("fpext" if wide > narrow else "fptrunc")
     if source.is_float:
-        return "fptosi"
+        return "fptosi" if target.signed else "fptoui"
     if isinstance(target, types.Float):
         return "sitofp" if source.dtype.signed else "uitofp"
     if wide == narrow:

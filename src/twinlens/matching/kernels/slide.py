@@ -128,23 +128,31 @@ def rival(cost, begin, end, k, bar):
     return min(lowest(below), lowest(above))
 
 
-@functools.cache
-def winner_kernel(kind: str, scoring: str, n: int, runner_up: bool) -> Callable[..., None]:
-    """The kernel for one pixel term, one scoring and n lanes; it fills `best` and `disparity`, (H, W).
+WINNERS, RIVALS, VOLUME = 0, 1, 2
 
-    With `runner_up` the winners are given in `disparity` and their best rivals' costs are written to `best`.
+
+@functools.cache
+def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., None]:
+    """The kernel for one pixel term, one scoring and n lanes.
+
+    WINNERS fills best and disparity, (H, W), with the lowest cost and where it lies. RIVALS is given the winners in
+    `disparity` and lowers `best` to the cost of the best candidate at least two away. VOLUME writes every candidate's
+    cost * gain + offset to the flat `volume`, (H, W, depth), at the candidates from `place` on; candidates that do not
+    exist get `blank` where `masked` is set, otherwise what the edge-continued images give.
     `spans` is (radius, area, disparity of lane 0, low, high, begin, end): lanes low..high lie in the requested range,
-    lanes begin..end may win in this pass.
+    lanes begin..end may win in this pass. `target` is (depth, place, masked), `values` is (gain, offset, blank).
     """
 
     @jit
-    def winners(left, right, layout, lefts, rights, spans, fit, columns, best, disparity):
+    def slide(left, right, layout, lefts, rights, spans, fit, columns, best, disparity, volume, target, values):
         height, width = best.shape
         left_stride, right_stride, right_start, stat_stride, stat_start = layout
         radius, area, first, low, high, own_begin, own_end = spans
         side = 2 * radius + 1
         zero = load(columns, 0, n)
         like = splat(best[0, 0], zero)
+        real = splat(values[0], zero)
+        out = splat(volume[0], zero)
         for y in range(1 - side, height):
             window = zero
             for x in range(width + 2 * radius):
@@ -161,17 +169,22 @@ def winner_kernel(kind: str, scoring: str, n: int, runner_up: bool) -> Callable[
                 u = x - 2 * radius
                 start, stop = max(low, u - first - width + 1, 0), min(high, u - first + 1, n)
                 begin, end = max(start, own_begin), min(stop, own_end)
-                if y < 0 or u < 0 or begin >= end:
+                if y < 0 or u < 0 or (begin >= end and mode != VOLUME):
                     continue
                 at = y * stat_stride + stat_start - u
                 cost = score(scoring, window, area, lefts, y * width + u, rights, at, like)
-                if runner_up:
+                if mode == RIVALS:
                     k = int(np.ceil(disparity[y, u] - 0.5)) - first
                     best[y, u] = rival(cost, begin, end, k, best[y, u])
+                elif mode == VOLUME:
+                    scaled = convert(cost, real) * splat(values[0], real) + splat(values[1], real)
+                    if target[2] > 0:
+                        scaled = inside(scaled, min(start, n), max(stop, 0), values[2])
+                    store(volume, (y * width + u) * target[0] + target[1], convert(scaled, out))
                 else:
                     value, lane = winner(cost, start, stop, begin, end, best[y, u], fit)
                     if lane >= 0.0:
                         best[y, u] = value
                         disparity[y, u] = first + lane
 
-    return winners
+    return slide

@@ -1,0 +1,177 @@
+"""What stands between pixel costs and the winner: the shapes and weights of the support, one kernel each.
+
+Volumes are (rows, W, depth), the candidate's index last; outputs are the rows [top, top + len(out)) of the input.
+Regions never leave the image.
+"""
+# numba types what it compiles by itself; its decorators and the functions given to it carry no annotations
+# mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
+
+import numpy as np
+
+from .compiling import jit
+
+
+@jit
+def lowest_around(volume, radius, top, row, out):
+    """out = min of the volume over the square of that radius around each pixel. row (W, depth) is a scratch."""
+    rows, width, depth = volume.shape
+    for y in range(len(out)):
+        row[:] = volume[y + top]
+        for i in range(max(0, y + top - radius), min(rows, y + top + radius + 1)):
+            for x in range(width):
+                a, b = row[x], volume[i, x]
+                for j in range(depth):
+                    a[j] = min(a[j], b[j])
+        for x in range(width):
+            here = out[y, x]
+            here[:] = row[x]
+            for k in range(max(0, x - radius), min(width, x + radius + 1)):
+                b = row[k]
+                for j in range(depth):
+                    here[j] = min(here[j], b[j])
+
+
+@jit
+def best_quarters(volume, step, top, out):
+    """out = the sub-window's cost at the pixel plus the two lowest of its four diagonal neighbours at `step` pixels."""
+    rows, width, depth = volume.shape
+    for y in range(len(out)):
+        up, down = max(y + top - step, 0), min(y + top + step, rows - 1)
+        for x in range(width):
+            first, last = max(x - step, 0), min(x + step, width - 1)
+            a, b, c, d = volume[up, first], volume[up, last], volume[down, first], volume[down, last]
+            centre, here = volume[y + top, x], out[y, x]
+            for j in range(depth):
+                low, high = min(a[j], b[j]), max(a[j], b[j])
+                low2, high2 = min(c[j], d[j]), max(c[j], d[j])
+                # Of the lowest two, one is the least of all, the other the least of what is left of both pairs.
+                here[j] = centre[j] + min(low, low2) + min(max(low, low2), min(high, high2))
+
+
+@jit
+def cross_arms(image, length, contrast, arms):
+    """arms (4, H, W): how far left, right, up and down neighbours stay within `contrast` of the pixel, to `length`."""
+    height, width = image.shape
+    steps = ((0, -1), (0, 1), (-1, 0), (1, 0))
+    for y in range(height):
+        for x in range(width):
+            here = np.float64(image[y, x])
+            for side in range(4):
+                dy, dx = steps[side]
+                reach = 0
+                while reach < length:
+                    v, u = y + dy * (reach + 1), x + dx * (reach + 1)
+                    if v < 0 or u < 0 or v >= height or u >= width or abs(here - image[v, u]) > contrast:
+                        break
+                    reach += 1
+                arms[side, y, x] = reach
+
+
+@jit
+def cross_means(volume, arms, top, along, out):
+    """out = the mean cost over each pixel's cross region: the horizontal arms of all pixels on its vertical arm.
+
+    arms (4, rows, W) belong to the volume's rows; along (rows, W, depth), float64, is a scratch for row sums.
+    """
+    rows, width, depth = volume.shape
+    prefix = np.zeros((width + 1, depth), np.float64)
+    for y in range(rows):
+        for x in range(width):
+            a, b, c = prefix[x], prefix[x + 1], volume[y, x]
+            for j in range(depth):
+                b[j] = a[j] + c[j]
+        for x in range(width):
+            a, b, c = prefix[x - arms[0, y, x]], prefix[x + arms[1, y, x] + 1], along[y, x]
+            for j in range(depth):
+                c[j] = b[j] - a[j]
+    total = np.zeros(depth, np.float64)
+    for y in range(top, top + len(out)):
+        for x in range(width):
+            total[:] = 0.0
+            count = 0
+            for v in range(y - arms[2, y, x], y + arms[3, y, x] + 1):
+                count += arms[0, v, x] + arms[1, v, x] + 1
+                total += along[v, x]
+            here = out[y - top, x]
+            for j in range(depth):
+                here[j] = total[j] / count
+
+
+@jit
+def adaptive_weights(volume, left, right, start, nearness, similar, radius, top, out):
+    """out = the costs' mean over the window, weighted by likeness and nearness to the centre, in both images.
+
+    left (rows, W); right reversed and edge-continued, candidate j of column x at start - x + j; nearness (side, side);
+    similar[k] is the weight of an absolute difference of k of the images' levels (they are given as levels).
+    """
+    rows, width, depth = volume.shape
+    columns = right.shape[1]
+    weights = np.zeros(columns, np.float64)
+    norm = np.zeros((width, depth), np.float64)
+    total = np.zeros((width, depth), np.float64)
+    for y in range(top, top + len(out)):
+        norm[:] = 0.0
+        total[:] = 0.0
+        for i in range(max(-radius, -y), min(radius, rows - 1 - y) + 1):
+            for k in range(-radius, radius + 1):
+                for q in range(columns):
+                    # Reversed: the neighbour k pixels to the right lies k places before.
+                    neighbour = min(max(q - k, 0), columns - 1)
+                    weights[q] = similar[abs(right[y, q] - right[y + i, neighbour])]
+                for x in range(max(0, -k), min(width, width - k)):
+                    near = nearness[i + radius, k + radius] * similar[abs(left[y, x] - left[y + i, x + k])]
+                    sums, norms, cost = total[x], norm[x], volume[y + i, x + k]
+                    there = weights[start - x : start - x + depth]
+                    for j in range(depth):
+                        weight = near * there[j]
+                        norms[j] += weight
+                        sums[j] += weight * cost[j]
+        for x in range(width):
+            sums, norms, here = total[x], norm[x], out[y - top, x]
+            for j in range(depth):
+                here[j] = sums[j] / norms[j]
+
+
+@jit
+def clipped_means(volume, radius, top, scratch, out):
+    """out = the volume's mean over the square window, cut at the edges.
+
+    scratch is two float64 arrays, (W + 1, depth) and (W, depth).
+    """
+    rows, width, depth = volume.shape
+    prefix, column = scratch
+    prefix[0] = 0.0
+    for y in range(top, top + len(out)):
+        above, below = max(0, y - radius), min(rows, y + radius + 1)
+        column[:] = 0.0
+        for v in range(above, below):
+            for x in range(width):
+                a, b = column[x], volume[v, x]
+                for j in range(depth):
+                    a[j] += b[j]
+        for x in range(width):
+            a, b, c = prefix[x], prefix[x + 1], column[x]
+            for j in range(depth):
+                b[j] = a[j] + c[j]
+        for x in range(width):
+            first, last = max(0, x - radius), min(width, x + radius + 1)
+            a, b, here = prefix[first], prefix[last], out[y - top, x]
+            share = 1.0 / ((last - first) * (below - above))
+            for j in range(depth):
+                here[j] = (b[j] - a[j]) * share
+
+
+@jit
+def guided_lines(mean_cost, mean_product, mean_guide, variance, epsilon, slope):
+    """Turn mean costs and mean products with the guide into the lines cost = slope * guide + intercept, in place.
+
+    slope is written; mean_cost becomes the intercept.
+    """
+    rows, width, depth = mean_cost.shape
+    for y in range(rows):
+        for x in range(width):
+            guide, spread = mean_guide[y, x], variance[y, x] + epsilon
+            cost, product, out = mean_cost[y, x], mean_product[y, x], slope[y, x]
+            for j in range(depth):
+                out[j] = (product[j] - guide * cost[j]) / spread
+                cost[j] -= out[j] * guide

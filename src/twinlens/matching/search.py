@@ -1,0 +1,164 @@
+"""One search of one image pair: costs, support and optimisation put together, strip by strip."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .box import FITS, BoxMatch, in_strips, largest
+from .costs import Cost, largest_cost
+from .images import Image
+from .semiglobal import LANES, quantised, scaled, settled, swept
+from .supports import Scene, Settings, Strip, Support, levels
+from .transforms import census_images, rank_image
+from .volume import BirchfieldTomasi, BoxCosts, Chosen, Costs, Volume, ZeroMeanAbsolute
+
+STRIP_ROWS = 16  # of a cost volume that is held at a time, beside its support's halo
+
+
+@dataclass(frozen=True)
+class Search:
+    """What to look for and how; the fields are those of `StereoMatcher`, looked up and resolved."""
+
+    cost: Cost
+    side: int
+    low: int
+    count: int
+    descriptor: int
+    support: Support
+    settings: Settings
+    paths: int
+    penalties: tuple[float, float]
+    fit: str
+    rivals: bool
+    threads: int
+
+
+def search(task: Search, left: Image, right: Image) -> Chosen:
+    """The winner at every pixel of the left image; both images are grey, in a working dtype."""
+    width = left.shape[1]
+    low, high = max(task.low, 1 - width), min(task.low + task.count, width)
+    if low >= high:
+        return Chosen.empty(left.shape)
+    if task.support.halo(task.side) == 0 and task.cost.in_lanes:
+        boxes = _boxes(task, left, right, task.side, low, high)
+        if task.paths:
+            return _semiglobal(task, left, boxes)
+        if len(boxes) == 1:
+            return _fastest(task, boxes[0])
+    costs = _costs(task, left, right, low, high)
+    gather = _gatherer(task, costs, Scene(*levels(left, right), task.side, low, task.settings), low)
+    return _smoothed(task, left, gather, costs, low, high) if task.paths else _local(task, left, gather, low, high)
+
+
+def _described(task: Search, image: Image) -> list[Image]:
+    if task.cost.transform == "census":
+        return census_images(image, task.descriptor)
+    return [rank_image(image, task.descriptor)] if task.cost.transform == "rank" else [image]
+
+
+def _boxes(task: Search, left: Image, right: Image, side: int, low: int, high: int) -> tuple[BoxMatch, ...]:
+    pairs = zip(_described(task, left), _described(task, right), strict=True)
+    return tuple(BoxMatch(one, other, task.cost, side, low, high, task.threads) for one, other in pairs)
+
+
+def _fastest(task: Search, box: BoxMatch) -> Chosen:
+    found = box.winners(task.fit)
+    nothing = np.empty((0, 0))
+    if not task.rivals:
+        return Chosen(found.disparity, nothing, nothing)
+    rivals = box.rivals(found.disparity)
+    cost, rival = (
+        np.where(values == largest(box.scores), np.inf, _settled_scores(values, task.cost))
+        for values in (found.cost, rivals)
+    )
+    return Chosen(found.disparity, cost, rival)
+
+
+def _settled_scores(values: Volume, cost: Cost) -> Volume:
+    """The kernel's scores as costs in float64; similarities that differ by rounding alone become equal."""
+    costs = values.astype(np.float64) + cost.offset
+    return np.round(costs, 6) if cost.offset else costs
+
+
+def _costs(task: Search, left: Image, right: Image, low: int, high: int) -> Costs:
+    """Costs of single pixels or of windows, as the support wants them."""
+    side = 1 if task.support.pixelwise else task.support.window(task.side)
+    if task.cost.term == "birchfield-tomasi":
+        return BirchfieldTomasi(left, right, side, low, high - low)
+    if task.cost.term == "zero-mean absolute":
+        return ZeroMeanAbsolute(left, right, side, low, high - low)
+    return BoxCosts(_boxes(task, left, right, side, low, high), task.cost.offset)
+
+
+def _gatherer(task: Search, costs: Costs, scene: Scene, low: int) -> Callable[[int, int], Volume]:
+    """gathered(start, stop): the rows start..stop of the volume of gathered costs."""
+    height, width = scene.left.shape
+    halo = task.support.halo(task.side)
+
+    def gathered(start: int, stop: int) -> Volume:
+        first, last = max(0, start - halo), min(height, stop + halo)
+        volume = np.empty((last - first, width, costs.count), np.float64)
+        costs.fill(volume, first)
+        if task.support.masked:
+            _blank(volume, low)
+        return task.support.gather(Strip(volume, first, start, stop), scene)
+
+    return gathered
+
+
+def _blank(volume: Volume, low: int) -> None:
+    """Set what has no partner in the image to +inf."""
+    width, depth = volume.shape[1:]
+    partner = np.arange(width)[:, None] - low - np.arange(depth)[None, :]
+    volume[:, (partner < 0) | (partner >= width)] = np.inf
+
+
+def _local(task: Search, left: Image, gather: Callable[[int, int], Volume], low: int, high: int) -> Chosen:
+    from .kernels.choose import choose
+
+    chosen = Chosen.empty(left.shape)
+
+    def work(start: int, stop: int) -> None:
+        rows = slice(start, stop)
+        maps = chosen.cost[rows], chosen.rival[rows], chosen.disparity[rows]
+        choose(gather(start, stop), low, high - low, FITS[task.fit], *maps)
+
+    in_strips(work, left.shape[0], STRIP_ROWS, task.threads)
+    return chosen
+
+
+def _span(left: Image) -> float:
+    return float(np.iinfo(left.dtype).max) if left.dtype.kind == "u" else max(float(np.ptp(left)), 1e-12)
+
+
+def _semiglobal(task: Search, left: Image, boxes: tuple[BoxMatch, ...]) -> Chosen:
+    full = largest_cost(task.cost, _span(left), task.side, task.descriptor**2 - 1)
+    gain, top = scaled(full, np.dtype(boxes[0].scores).kind != "f", task.penalties[1])
+    volume = quantised(boxes, gain, task.cost.offset * gain, top, task.threads)
+    return _optimised(task, volume, top, boxes[0].low, boxes[0].high)
+
+
+def _smoothed(
+    task: Search, left: Image, gather: Callable[[int, int], Volume], costs: Costs, low: int, high: int
+) -> Chosen:
+    """The same from gathered costs, whatever the support."""
+    side = 1 if task.support.pixelwise else task.support.window(task.side)
+    full = largest_cost(task.cost, _span(left), side, task.descriptor**2 - 1) * task.support.parts
+    gain, top = scaled(full, False, task.penalties[1])
+    depth = -(-costs.count // LANES) * LANES
+    volume = np.full((*left.shape, depth), top, np.uint16)
+
+    def work(start: int, stop: int) -> None:
+        part = gather(start, stop)
+        _blank(part, low)
+        volume[start:stop, :, : costs.count] = np.minimum(np.rint(np.maximum(part, 0) * gain), top)
+
+    in_strips(work, left.shape[0], STRIP_ROWS, task.threads)
+    return _optimised(task, volume, top, low, high)
+
+
+def _optimised(task: Search, volume: Volume, top: int, low: int, high: int) -> Chosen:
+    small, large = (round(part * top) for part in task.penalties)
+    halves = swept(volume, task.paths, small, large, task.threads)
+    return settled(halves, low, high - low, task.fit, task.threads, rivals=task.rivals)

@@ -1,0 +1,225 @@
+"""The support windows by name: where a pixel's cost is gathered from, and with which weights.
+
+A support turns a strip of a cost volume into the strip of gathered costs. Those that weigh or cut pixels one by one
+need pixel costs (block_size then is the region's reach); the others work on costs of whole windows.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .images import Image, extended
+
+Volume = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The supports' parameters; contrasts are in grey levels of an image that spans 0 to 255.
+
+    contrast: where a cross's arm ends. gamma_similar, gamma_near: decay of the adaptive weights with difference (grey
+    levels) and distance (pixels). epsilon: the variance, of a guide that spans 0 to 1, below which a guided filter
+    smooths.
+    """
+
+    contrast: float = 20.0
+    gamma_similar: float = 12.0
+    gamma_near: float = 12.0
+    epsilon: float = 1e-4
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a support may look at beside the costs: both images as levels 0..255, and the search's range."""
+
+    left: NDArray[np.int32]
+    right: NDArray[np.int32]
+    side: int
+    low: int
+    settings: Settings
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Rows first..first+len(volume) of a cost volume, of which rows start..stop of the image are wanted."""
+
+    volume: Volume
+    first: int
+    start: int
+    stop: int
+
+    @property
+    def top(self) -> int:
+        return self.start - self.first
+
+    @property
+    def rows(self) -> slice:
+        return slice(self.first, self.first + len(self.volume))
+
+    def empty(self) -> Volume:
+        return np.empty((self.stop - self.start, *self.volume.shape[1:]), self.volume.dtype)
+
+
+@dataclass(frozen=True)
+class Support:
+    """A way to gather costs.
+
+    halo(side): how many rows beyond its own a pixel looks at. pixelwise: it gathers costs of pixels, not of windows;
+    window(side): the side of these windows. masked: candidates without a partner are +inf to it, else what
+    edge-continued images give. parts: how many windows' costs it adds up.
+    """
+
+    description: str
+    gather: Callable[[Strip, Scene], Volume]
+    halo: Callable[[int], int]
+    pixelwise: bool
+    window: Callable[[int], int] = lambda side: side
+    masked: bool = False
+    parts: int = 1
+
+
+def levels(left: Image, right: Image) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Both images as whole grey levels 0..255: uint8 as it is, uint16 / 257, floats from their common range."""
+    if left.dtype == np.uint8:
+        return left.astype(np.int32), right.astype(np.int32)
+    low, high = (
+        (0.0, 65535.0) if left.dtype.kind == "u" else (min(left.min(), right.min()), max(left.max(), right.max()))
+    )
+    scale = 255.0 / (high - low) if high > low else 0.0
+    one, other = (np.rint((image - low) * scale).astype(np.int32) for image in (left, right))
+    return one, other
+
+
+def quarter(side: int) -> int:
+    """The sub-window of the adaptive window: of half the side, odd."""
+    return 2 * (side // 4) + 1
+
+
+def _whole(strip: Strip, _scene: Scene) -> Volume:
+    return strip.volume[strip.top : strip.top + strip.stop - strip.start]
+
+
+def _shiftable(strip: Strip, scene: Scene) -> Volume:
+    """Bobick and Intille, "Large occlusion stereo", IJCV 1999: the best of all windows that contain the pixel."""
+    from .kernels.supports import lowest_around
+
+    out = strip.empty()
+    lowest_around(strip.volume, scene.side // 2, strip.top, np.empty(strip.volume.shape[1:], out.dtype), out)
+    return out
+
+
+def _adaptive(strip: Strip, scene: Scene) -> Volume:
+    """Hirschmueller, Innocent and Garibaldi, "Real-time correlation-based stereo vision with reduced border errors".
+
+    IJCV 2002, five windows: the sub-window around the pixel and the two best of the four around it, so that the window
+    bends around edges in one of six shapes, chosen for each candidate. Taken from the multi-window family instead of
+    Kanade and Okutomi's iteration because it is exact for whole numbers, costs the same at every pixel, and needs no
+    model of noise or first guess of the disparity.
+    """
+    from .kernels.supports import best_quarters
+
+    out = strip.empty()
+    best_quarters(strip.volume, scene.side // 2 - quarter(scene.side) // 2, strip.top, out)
+    return out
+
+
+def _cross(strip: Strip, scene: Scene) -> Volume:
+    """Zhang, Lu and Lafruit, "Cross-based local stereo matching using orthogonal integral images", 2009.
+
+    The arms are those of the left image, at most side // 2 long.
+    """
+    from .kernels.supports import cross_arms, cross_means
+
+    halo = scene.side // 2
+    around = slice(max(0, strip.rows.start - halo), strip.rows.stop + halo)
+    image = np.ascontiguousarray(scene.left[around])
+    arms = np.zeros((4, *image.shape), np.int64)
+    cross_arms(image, halo, scene.settings.contrast, arms)
+    own = strip.rows.start - around.start
+    out = strip.empty()
+    along = np.empty(strip.volume.shape, np.float64)
+    cross_means(strip.volume, np.ascontiguousarray(arms[:, own : own + len(along)]), strip.top, along, out)
+    return out
+
+
+def _weighted(strip: Strip, scene: Scene) -> Volume:
+    """Yoon and Kweon, "Adaptive support-weight approach for correspondence search", PAMI 2006, on grey levels."""
+    from .kernels.supports import adaptive_weights
+
+    radius, width, depth = scene.side // 2, scene.left.shape[1], strip.volume.shape[2]
+    last = scene.low + depth - 1
+    right = extended(scene.right, (strip.rows.start, strip.rows.stop), (-last, width - scene.low))[:, ::-1].copy()
+    offsets = np.arange(-radius, radius + 1)
+    distances = np.hypot(offsets[:, None], offsets[None, :])
+    nearness = np.exp(-2.0 * distances / scene.settings.gamma_near)  # of both windows
+    similar = np.exp(-np.arange(256) / scene.settings.gamma_similar)
+    out = strip.empty()
+    left = np.ascontiguousarray(scene.left[strip.rows])
+    adaptive_weights(strip.volume, left, right, width - 1, nearness, similar, radius, strip.top, out)
+    return out
+
+
+def _guided(strip: Strip, scene: Scene) -> Volume:
+    """Hosni et al., "Fast cost-volume filtering for visual correspondence and beyond", PAMI 2013, with a grey guide."""
+    from .kernels.supports import guided_lines
+
+    radius = scene.side // 2
+    guide = scene.left[strip.rows, :, None] / 255.0
+    first = max(strip.first, strip.start - radius)
+    inner = Strip(strip.volume, strip.first, first, min(strip.first + len(guide), strip.stop + radius))
+    mean_guide, mean_square = (_means(_like(inner, array), radius) for array in (guide, guide**2))
+    cost = _means(_like(inner, strip.volume.astype(np.float64)), radius)
+    product = _means(_like(inner, strip.volume * guide), radius)
+    variance = np.maximum(mean_square - mean_guide**2, 0.0)
+    slope = np.empty_like(cost)
+    guided_lines(cost, product, mean_guide[..., 0], variance[..., 0], scene.settings.epsilon, slope)
+    wanted = [Strip(volume, first, strip.start, strip.stop) for volume in (slope, cost)]
+    slope, intercept = (_means(part, radius) for part in wanted)
+    return np.asarray(slope * (scene.left[strip.start : strip.stop, :, None] / 255.0) + intercept)
+
+
+def _like(strip: Strip, volume: Volume) -> Strip:
+    return Strip(volume, strip.first, strip.start, strip.stop)
+
+
+def _means(strip: Strip, radius: int) -> Volume:
+    from .kernels.supports import clipped_means
+
+    _, width, depth = strip.volume.shape
+    out = strip.empty()
+    scratch = np.empty((width + 1, depth)), np.empty((width, depth))
+    clipped_means(strip.volume, radius, strip.top, scratch, out)
+    return out
+
+
+SUPPORTS: dict[str, Support] = {
+    "fixed": Support("the square window around the pixel", _whole, lambda side: 0, pixelwise=False),
+    "shiftable": Support(
+        "the best of all square windows that contain the pixel",
+        _shiftable,
+        lambda side: side // 2,
+        pixelwise=False,
+        masked=True,
+    ),
+    "adaptive": Support(
+        "five half-size windows: the pixel's and the best two around it",
+        _adaptive,
+        lambda side: side // 2,
+        pixelwise=False,
+        window=quarter,
+        parts=3,
+    ),
+    "cross": Support("the cross-shaped region of like pixels", _cross, lambda side: side // 2, pixelwise=True),
+    "weighted": Support(
+        "the window, weighted by likeness and nearness in both images",
+        _weighted,
+        lambda side: side // 2,
+        pixelwise=True,
+    ),
+    "guided": Support(
+        "a guided filter: lines in the left image's brightness", _guided, lambda side: 2 * (side // 2), pixelwise=True
+    ),
+}

@@ -1,0 +1,129 @@
+"""Cost volumes, made a strip of rows at a time: costs of windows, of pixels, and what has a kernel of its own."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .box import BoxMatch
+from .images import Disparity, Image, extended
+
+Volume = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """What a search found, each (H, W): disparity float32, its cost, and the best cost two or more candidates away.
+
+    disparity is +inf, and the costs too, where there was no candidate.
+    """
+
+    disparity: Disparity
+    cost: NDArray[np.float64]
+    rival: NDArray[np.float64]
+
+    @staticmethod
+    def empty(shape: tuple[int, ...]) -> "Chosen":
+        return Chosen(np.full(shape, np.inf, np.float32), np.full(shape, np.inf), np.full(shape, np.inf))
+
+
+def fill_sum(
+    boxes: Sequence[BoxMatch], volume: Volume, y0: int, gain: float, offset: float, blank: float | None
+) -> None:
+    """Write rows from y0 on of the sum of the boxes' costs, as cost * gain + offset; see `BoxMatch.fill`."""
+    part = volume[..., : boxes[0].depth]
+    for index, box in enumerate(boxes):
+        target = np.empty(part.shape, volume.dtype) if index or part.shape != volume.shape else volume
+        box.fill(target, y0, gain, offset if index == 0 else 0.0, None if blank is None else blank / len(boxes))
+        if index:
+            part += target
+        elif target is not volume:
+            part[:] = target
+    volume[..., boxes[0].depth :] = 0 if blank is None else blank
+
+
+@dataclass(frozen=True)
+class BirchfieldTomasi:
+    """Pixel costs that sampling cannot raise, summed over windows.
+
+    d(l, r) = max(0, min over the half-pixel neighbourhood): the least difference between one pixel and the other
+    image interpolated half a pixel around its partner, taken both ways. Source: Birchfield and Tomasi, "A pixel
+    dissimilarity measure that is insensitive to image sampling", PAMI 1998.
+    """
+
+    left: Image
+    right: Image
+    side: int
+    low: int
+    count: int
+
+    def fill(self, volume: Volume, y0: int) -> None:
+        """Write the rows from y0 on of the window costs, (rows, W, count); images are continued by their edges."""
+        from .kernels.volumes import birchfield_tomasi, window_sums
+
+        radius, (rows, width, _) = self.side // 2, volume.shape
+        span, last = (y0 - radius, y0 + rows + radius), self.low + self.count - 1
+        left = self._bounds(self.left, span, (-radius, width + radius))
+        right = self._bounds(self.right, span, (-radius - last, width + radius - self.low))[:, :, ::-1]
+        pixels = np.empty((rows + 2 * radius, width + 2 * radius, self.count), volume.dtype)
+        birchfield_tomasi(left, np.ascontiguousarray(right), width + 2 * radius - 1, pixels)
+        window_sums(pixels, radius, np.empty((width + 2 * radius, self.count)), volume)
+
+    @staticmethod
+    def _bounds(image: Image, rows: tuple[int, int], columns: tuple[int, int]) -> Image:
+        """(3, rows, columns): the image, its minimum and its maximum within half a pixel along the row, continued."""
+        values = image.astype(np.float64)
+        wide = np.pad(values, ((0, 0), (1, 1)), mode="edge")
+        halves = (wide[:, :-2] + values) / 2, (values + wide[:, 2:]) / 2
+        low, high = np.minimum(values, np.minimum(*halves)), np.maximum(values, np.maximum(*halves))
+        return np.stack([extended(array, rows, columns) for array in (values, low, high)])
+
+
+@dataclass(frozen=True)
+class ZeroMeanAbsolute:
+    """ZSAD over windows, sum |(a - mean a) - (b - mean b)|; the means never separate: W H D side^2 steps."""
+
+    left: Image
+    right: Image
+    side: int
+    low: int
+    count: int
+
+    def fill(self, volume: Volume, y0: int) -> None:
+        """Write the rows from y0 on of the window costs, (rows, W, count)."""
+        from .kernels.volumes import zero_mean_absolute
+
+        radius, (rows, width, _) = self.side // 2, volume.shape
+        span, last = (y0 - radius, y0 + rows + radius), self.low + self.count - 1
+        left = extended(self.left, span, (-radius, width + radius)).astype(np.float64)
+        right = extended(self.right, span, (-radius - last, width + radius - self.low)).astype(np.float64)
+        means = [self._means(image) for image in (left, right)]
+        right, right_means = (np.ascontiguousarray(array[:, ::-1]) for array in (right, means[1]))
+        # Reversed, candidate 0 of the window's first column is `start`; its window's mean lies 2 r columns before.
+        start = width + 2 * radius - 1
+        zero_mean_absolute(left, right, means[0], right_means, start, width - 1, radius, volume)
+
+    def _means(self, padded: Image) -> NDArray[np.float64]:
+        windows = np.lib.stride_tricks.sliding_window_view(padded, (self.side, self.side))
+        return np.asarray(windows.mean(axis=(2, 3)))
+
+
+@dataclass(frozen=True)
+class BoxCosts:
+    """Window costs of one or several `BoxMatch`, added up (a census of many bits has several words)."""
+
+    boxes: tuple[BoxMatch, ...]
+    offset: float = 0.0
+
+    @property
+    def count(self) -> int:
+        return self.boxes[0].depth
+
+    def fill(self, volume: Volume, y0: int) -> None:
+        """Write the rows from y0 on of the costs, (rows, W, count)."""
+        fill_sum(self.boxes, volume, y0, 1.0, self.offset, None)
+
+
+Costs = BoxCosts | BirchfieldTomasi | ZeroMeanAbsolute
