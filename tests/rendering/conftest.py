@@ -10,11 +10,16 @@ import pytest
 
 WORKER = Path(__file__).parent / "rendering_worker.py"
 BACKENDS = ("scalar", "llvm")
+GROUPS = {  # jobs that share a process; the last one meddles with threads
+    "truth": ["truth"],
+    "photos": ["edge", "lens", "crop", "count", "refusal", "noise"],
+    "bokeh": ["bokeh"],
+}
 
 
 @pytest.fixture(scope="session", params=BACKENDS)
 def renderer(request, tmp_path_factory):
-    """A function from a job's name to its arrays in one backend; each job runs once a session."""
+    """A function from a group of jobs to its arrays in one backend; each group runs once a session."""
     return Renderer(request.param, tmp_path_factory)
 
 
@@ -33,23 +38,19 @@ class Renderer:
         self.backend = backend
         self._folder = tmp_path_factory.mktemp(f"rendering-{backend}")
 
-    def __call__(self, job):
+    def __call__(self, group):
         if self.backend == "llvm":
             skip_without_llvm()
-        key = self.backend, job
+        key = self.backend, group
         if key not in self.answers:
-            file = self._folder / f"{job}.npz"
+            file = self._folder / f"{group}.npz"
+            command = [sys.executable, str(WORKER), str(file), *GROUPS[group]]
             environment = {**os.environ, "TWINLENS_BACKEND": self.backend}
-            child = subprocess.run(
-                [sys.executable, str(WORKER), job, str(file)],
-                env=environment,
-                capture_output=True,
-                text=True,
-                timeout=300,
-            )
+            child = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
             assert child.returncode == 0, child.stderr
             with np.load(file) as arrays:
-                self.answers[key] = dict(arrays)
+                alone = f"{group}/" if len(GROUPS[group]) == 1 else ""
+                self.answers[key] = {name.removeprefix(alone): array for name, array in arrays.items()}
         return self.answers[key]
 
 

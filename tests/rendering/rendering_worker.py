@@ -1,6 +1,6 @@
-"""Jobs that run in a process of their own, one a backend: ``python rendering_worker.py JOB FILE.npz``.
+"""Jobs that run in a process of their own, one a backend: ``python rendering_worker.py FILE.npz JOB...``.
 
-Prints nothing; leaves arrays in the file, named ``<case>/<view>/<field>``.
+Prints nothing; leaves arrays in the file, named ``<job>/<name>``.
 """
 
 import sys
@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import rendering_cases as cases
+import rendering_photos as photos
 
 import twinlens as tl
 from twinlens.camera import Camera, Rig
@@ -45,8 +46,182 @@ def seen_again(scene, rig, left) -> dict[str, np.ndarray]:
     }
 
 
-JOBS = {"truth": truth_job}
+def edge_job() -> dict[str, np.ndarray]:
+    """Images of edges of light, whose profiles have closed forms."""
+    from twinlens.rendering import backend
+
+    rows = photos.EDGES | (photos.JIT_EDGES if backend().is_jit else {})
+    return {name: edge(*row) for name, row in rows.items()}
+
+
+def edge(camera, lens, z, axis, position) -> np.ndarray:
+    scene = photos.half_plane(z, **{axis: position})
+    return tl.render(scene, Rig([camera], [photos.POSE]), lens_of(lens), spp=1024, seed=1)[0]
+
+
+def lens_of(parameters):
+    if parameters is None:
+        return tl.Pinhole()
+    diameter, distance = parameters
+    return tl.ThinLens(diameter, distance) if distance > 0 else tl.BareAperture(diameter, -distance)
+
+
+def bokeh_job() -> dict[str, np.ndarray]:
+    """A small light out of focus, through a triangle."""
+    from twinlens.camera import Polygon
+
+    camera, diameter, focus, z = photos.DOT
+    lens = tl.ThinLens(diameter, focus, Polygon(3, rotation_deg=20))
+    rig = Rig([camera], [photos.POSE])
+    return {
+        "far": tl.render(photos.dot(z, 0.02), rig, lens, spp=2048)[0],
+        "near": tl.render(photos.dot(z, 0.02), rig, lens.replace(focus_distance=50.0), spp=2048)[0],
+    }
+
+
+def lens_job() -> dict[str, np.ndarray]:
+    """Eight images each of one room: ours, Mitsuba's own camera's, and those of slightly wrong ones."""
+    scene, camera = photos.room(), photos.camera(48, 36, 50.0)
+    rig = Rig([camera], [photos.POSE])
+    wide = tl.ThinLens(0.2, 2.5)
+    seeds = range(8)
+    found = {
+        "ours": [tl.render(scene, rig, wide, spp=36, seed=seed)[0] for seed in seeds],
+        "theirs": [mitsubas(scene, camera, wide, 36, seed + 100) for seed in seeds],
+        "wrong focus": [mitsubas(scene, camera, wide.replace(focus_distance=2.0), 36, seed + 200) for seed in seeds],
+        "our pinhole": [tl.render(scene, rig, spp=36, seed=seed)[0] for seed in seeds],
+        "their pinhole": [mitsubas(scene, camera, tl.Pinhole(), 36, seed + 300) for seed in seeds],
+    }
+    return {name: np.array(images, dtype=float) for name, images in found.items()}
+
+
+def mitsubas(scene, camera, lens, spp, seed) -> np.ndarray:
+    """The scene through `thinlens` or `perspective`, as Mitsuba's manual has them; the camera must be centred."""
+    import math
+
+    from twinlens.rendering.backend import mitsuba
+    from twinlens.rendering.build import build
+
+    mi = mitsuba()
+    eye, ahead, down = (photos.POSE[:3, column] for column in (3, 2, 1))
+    kind = "thinlens" if lens.aperture_diameter else "perspective"
+    opening = (
+        {"aperture_radius": lens.aperture_diameter / 2, "focus_distance": 1 / lens.vergence}
+        if kind == "thinlens"
+        else {}
+    )
+    sensor = {
+        "type": kind,
+        "fov": math.degrees(2 * math.atan(camera.width / 2 / camera.fx)),
+        "near_clip": 0.01,
+        "to_world": mi.ScalarTransform4f().look_at(origin=eye, target=eye + ahead, up=-down),
+        "film": {"type": "hdrfilm", "width": camera.width, "height": camera.height, "rfilter": {"type": "box"}},
+        "sampler": {"type": "multijitter", "sample_count": spp},
+    } | opening
+    integrator = mi.load_dict(dict(scene.integrator))
+    image = mi.render(build(scene).mi_scene, sensor=mi.load_dict(sensor), integrator=integrator, spp=spp, seed=seed)
+    return np.asarray(image)[..., :3]
+
+
+def crop_job() -> dict[str, np.ndarray]:
+    """An off-centre pair, and the centred images it is cut from."""
+    scene, whole = photos.room(), photos.camera(81, 61, 50.0)
+    part = whole.replace(width=40, height=30, cx=10.0, cy=19.0)
+    left = Rig.stereo(part, 0.2, photos.POSE, right=part.replace(cx=17.0))
+    large = Rig.stereo(whole, 0.2, photos.POSE)
+    seeds = range(6)
+    return {
+        "parts": np.array([tl.render(scene, left, spp=16, seed=seed) for seed in seeds], dtype=float),
+        "wholes": np.array([tl.render(scene, large, spp=16, seed=seed + 50) for seed in seeds], dtype=float),
+    }
+
+
+def noise_job() -> dict[str, np.ndarray]:
+    """Bytes and noise: seeds, eyes, threads."""
+    import drjit
+
+    scene, camera = photos.room(), photos.camera(64, 48, 60.0)
+    twins = Rig([camera, camera], [photos.POSE, photos.POSE])
+    lens = tl.ThinLens(0.1, 2.5)
+    found = {"first": tl.render(scene, twins, lens, spp=8, seed=3)}
+    for threads in (1, 3):
+        drjit.set_thread_count(threads)
+        found[f"threads {threads}"] = tl.render(scene, twins, lens, spp=8, seed=3)
+    found["other seed"] = tl.render(scene, twins, lens, spp=8, seed=4)
+    found["long"] = tl.render(scene, twins, lens, spp=256, seed=5)
+    return {name: np.array(images) for name, images in found.items()}
+
+
+def count_job() -> dict[str, np.ndarray]:
+    """Edges of light of radiance 1 seen with few samples: every pixel is a whole number of samples over their count."""
+    from twinlens.rendering import radiance
+
+    scene, rig = photos.half_plane(2.0, x=0.1234), Rig([photos.camera()], [photos.POSE])
+    lens, usual = tl.ThinLens(0.3, 1.0), radiance.RAYS_A_PASS
+    found = {}
+    for sampler in radiance.SAMPLERS:
+        for spp in (1, 2, 3, 7, 8, 13, 32):
+            found[f"{sampler}/{spp}"] = tl.render(scene, rig, lens, spp=spp, sampler=sampler)[0]
+    radiance.RAYS_A_PASS = 5 * 40 * 6  # room for five samples a pixel: passes of four
+    done: list[float] = []
+    found["narrow/13"] = tl.render(scene, rig, lens, spp=13, progress=done.append)[0]
+    found["narrow/done"] = np.array(done)
+    radiance.RAYS_A_PASS = 1
+    found["narrowest/5"] = tl.render(scene, rig, lens, spp=5)[0]
+    radiance.RAYS_A_PASS = 64 * 40 * 6
+    many = [tl.render(scene, rig, lens, spp=1000, seed=seed)[0] for seed in range(4)]
+    found["narrow mean"] = np.mean(many, axis=0)
+    radiance.RAYS_A_PASS = usual
+    return found
+
+
+def refusal_job() -> dict[str, np.ndarray]:
+    """What `render` says to requests that cannot be met, "" where it renders."""
+    from twinlens.camera import BrownConrady, Polygon
+    from twinlens.errors import TwinlensError
+
+    scene, camera = photos.half_plane(2.0, x=0.1), photos.camera(8, 6)
+    lens = tl.ThinLens(0.1, 2.0)
+    requests = {
+        "spp 0": (camera, lens, {"spp": 0}),
+        "spp -4": (camera, lens, {"spp": -4}),
+        "spp 1.5": (camera, lens, {"spp": 1.5}),
+        "spp True": (camera, lens, {"spp": True}),
+        "seed -1": (camera, lens, {"seed": -1}),
+        "seed 0.5": (camera, lens, {"seed": 0.5}),
+        "sampler multijiter": (camera, lens, {"sampler": "multijiter"}),
+        "tall pixels": (camera.replace(fy=70.0), lens, {}),
+        "odd centre": (camera.replace(cx=3.3), lens, {}),
+        "distortion": (camera.replace(distortion=BrownConrady(k1=-0.1)), lens, {}),
+        "polygon": (camera, lens.replace(aperture=Polygon(6)), {}),
+        "infinity": (camera, lens.replace(focus_distance=float("inf")), {}),
+        "bare hole": (camera, tl.BareAperture(0.1, 0.05), {}),
+        "closed bare hole": (camera, tl.BareAperture(0.0, 0.05), {}),
+        "closed polygon": (camera, tl.ThinLens(0.0, 1.0, Polygon(6)), {}),
+        "half-pixel centre": (camera.replace(cx=2.5, cy=4.0), lens, {}),
+        "numpy numbers": (camera, lens, {"spp": np.int64(2), "seed": np.uint32(1)}),
+    }
+    found = {}
+    for name, (inside, front, options) in requests.items():
+        try:
+            tl.render(scene, Rig([inside], [photos.POSE]), front, **{"spp": 1, **options})
+            found[name] = ""
+        except TwinlensError as error:
+            found[name] = f"{type(error).__name__}: {error}"
+    return {name: np.array(text) for name, text in found.items()}
+
+
+JOBS = {
+    "truth": truth_job,
+    "edge": edge_job,
+    "bokeh": bokeh_job,
+    "lens": lens_job,
+    "crop": crop_job,
+    "noise": noise_job,
+    "count": count_job,
+    "refusal": refusal_job,
+}
 
 if __name__ == "__main__":
-    job, file = sys.argv[1:]
-    np.savez(Path(file), **JOBS[job]())
+    file, *jobs = sys.argv[1:]
+    np.savez(Path(file), **{f"{job}/{name}": array for job in jobs for name, array in JOBS[job]().items()})

@@ -59,7 +59,7 @@ def test_every_object_is_the_one_that_stands_there(compare):
 def test_depth_equals_the_closed_form(compare):
     """1e-6 on triangles, 3e-6 on analytic shapes, at every hit pixel that is not grazing, silhouettes or not."""
     worst = {}
-    for truth, view, pixels, depth, body in compare():
+    for truth, view, _, depth, body in compare():
         same = (truth["object_id"] == body + 1) & (body >= 0)
         clear = same & (view.all_cosines > GRAZING)
         assert clear.sum() > 0.9 * same.sum()
