@@ -69,7 +69,7 @@ MISTAKES = [
     ("[objects.b]\nshape='tube'\npoints=[[0,0,0],[0,0,0]]\nradius=1\nmaterial='grey'", [], "two neighbours coincide"),
     ("[materials.m]\ntype = 'blendbsdf'", [], "materials.m: needs the key 'bsdfs'"),
     ("[materials.m]\ntype = 'conductor'\nmaterial = '../../etc/x'", [], "materials.m.material: unknown value"),
-    ("[materials.m]\ntype = 'roughconductor'\nalpha = 0.1\nalpha_u = 0.2", [], "says one thing twice"),
+    ("[materials.m]\ntype = 'roughconductor'\nalpha = 0.1\nalpha_u = 0.2\nalpha_v = 0.2", [], "says one thing twice"),
     ("[materials.m]\ntype = 'dielectric'\nint_ior = 'glas'", [], "materials.m.int_ior: unknown value 'glas'"),
     ("[textures]\nt = 3", [], "textures.t: must be a table"),
     ("[lights.e]\ntype = 'sunsky'", [], "lights: only one of constant, envmap and sunsky"),

@@ -221,9 +221,17 @@ def bsdf(at: At, value: Any) -> Plugin:
         if key not in plugin:
             raise at.wrong(f"needs the key {key!r}")
     plugin |= dict(zip(("bsdf_0", "bsdf_1"), plugin.pop("bsdfs", ()), strict=False))
+    _check_pairs(at, kind, plugin)
+    return {"type": "twosided", "bsdf": plugin} if both else plugin
+
+
+def _check_pairs(at: At, kind: str, plugin: Mapping[str, Any]) -> None:
+    """Parameters that belong together, and those that exclude each other."""
+    for one, other in (("alpha_u", "alpha_v"), ("eta", "k")):
+        if (one in plugin) != (other in plugin) and other in BSDFS[kind]:
+            raise at.wrong(f"{one!r} and {other!r} go together; give both or neither")
     if {"material", "eta"} <= plugin.keys() or {"alpha", "alpha_u"} <= plugin.keys():
         raise at.wrong("says one thing twice: keep material or eta and k, alpha or alpha_u and alpha_v")
-    return {"type": "twosided", "bsdf": plugin} if both else plugin
 
 
 def emitter(at: At, value: Any) -> Plugin:
