@@ -1,17 +1,25 @@
 """Two images in, one disparity map out. No files, no rendering, and nothing compiled before the first match."""
 
-from .costs import COSTS
-from .images import grey
-from .matcher import StereoMatcher
-from .measures import jaccard, ncc, sad, ssd, zncc, zsad, zssd
-from .methods import METHODS, Method, MethodSpec, find_method, match, parse_method
-from .refine import consistent
+from twinlens.matching.costs import COSTS
+from twinlens.matching.external import OpenCVBlock, OpenCVSemiGlobal, Program, PythonFunction
+from twinlens.matching.images import grey
+from twinlens.matching.matcher import OPTIMISATIONS, StereoMatcher
+from twinlens.matching.measures import jaccard, ncc, sad, ssd, zncc, zsad, zssd
+from twinlens.matching.methods import METHODS, Method, MethodSpec, find_method, match, parse_method
+from twinlens.matching.refine import consistent
+from twinlens.matching.supports import SUPPORTS
 
 __all__ = [
     "COSTS",
     "METHODS",
+    "OPTIMISATIONS",
+    "SUPPORTS",
     "Method",
     "MethodSpec",
+    "OpenCVBlock",
+    "OpenCVSemiGlobal",
+    "Program",
+    "PythonFunction",
     "StereoMatcher",
     "consistent",
     "find_method",

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .costs import Cost, numbers
-from .images import Disparity, Image, extended
+from twinlens.matching.costs import Cost, numbers
+from twinlens.matching.images import Disparity, Image, extended
 
 FLOAT_ROWS = 64  # rounding depends on where a strip begins: float images are always cut in the same places
 LANE_COUNTS = (16, 32, 64, 96, 128)
@@ -115,7 +115,7 @@ class BoxMatch:
         """Window sums and scales (H, before + W + after), zero outside the image; empty where no score needs them."""
         if self.cost.scoring == "sum":
             return np.zeros((1, 1), self.sums), np.zeros((1, 1), self.scores)
-        from .kernels.windows import FLAT, window_stats
+        from twinlens.matching.kernels.windows import FLAT, window_stats
 
         integers = padded.dtype.kind != "f"
         shape = (self.shape[0], before + self.shape[1] + after)
@@ -151,7 +151,7 @@ class BoxMatch:
     def _search(self, best: NDArray[Any], disparity: Disparity, fit: str, mode: int) -> None:
         if self.low >= self.high:
             return
-        from .kernels.slide import slide_kernel
+        from twinlens.matching.kernels.slide import slide_kernel
 
         kernel = slide_kernel(self.cost.term, self.cost.scoring, self.passes.n, mode)
         unused = np.zeros(1, np.float32), (0, 0, 0), np.zeros(3, np.float32)
@@ -169,7 +169,7 @@ class BoxMatch:
         Candidates without a partner in the right image become `blank`; None leaves them what edge-continued images
         give. float16 and integer volumes are for the caller to keep in range.
         """
-        from .kernels.slide import slide_kernel
+        from twinlens.matching.kernels.slide import slide_kernel
 
         kernel = slide_kernel(self.cost.term, self.cost.scoring, self.passes.n, VOLUME)
         maps = np.empty((len(volume), self.shape[1]), self.scores), np.empty((1, 1), np.float32)

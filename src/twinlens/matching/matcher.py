@@ -1,20 +1,19 @@
 """`StereoMatcher`: a classical stereo matcher as one frozen description, and what runs it."""
 
 import dataclasses
-import numbers
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from twinlens.errors import InputError, unknown
-
-from . import refine
-from .box import cpu_count
-from .costs import COSTS
-from .images import Disparity, Image, pair
-from .search import Search, search
-from .supports import SUPPORTS, Settings
+from twinlens.matching import refine
+from twinlens.matching.box import cpu_count
+from twinlens.matching.checks import amount, check_block_size, whole
+from twinlens.matching.costs import COSTS
+from twinlens.matching.images import Disparity, Image, pair
+from twinlens.matching.search import Search, search
+from twinlens.matching.supports import SUPPORTS, Settings
 
 SUBPIXEL = ("auto", "none", "parabola", "v")
 OPTIMISATIONS = {
@@ -22,22 +21,6 @@ OPTIMISATIONS = {
     "sgm4": "semi-global, along rows and columns",
     "sgm8": "semi-global, along rows, columns and diagonals",
 }
-
-
-def _whole(name: str, value: Any, least: int | None = None) -> int:
-    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
-        raise InputError(f"{name} is {value!r}; it must be a whole number")
-    if least is not None and value < least:
-        raise InputError(f"{name} is {value}; it must be at least {least}")
-    return int(value)
-
-
-def check_block_size(name: str, value: Any) -> int:
-    """The side of a window centred on a pixel: a positive odd whole number."""
-    side = _whole(name, value, 1)
-    if side % 2 == 0:
-        raise InputError(f"{name} is {side}; a window centred on a pixel is odd: use {side - 1} or {side + 1}")
-    return side
 
 
 @dataclass(frozen=True)
@@ -105,21 +88,22 @@ class StereoMatcher:
                 raise unknown(kind, str(name), known)
         check_block_size("block_size", self.block_size)
         check_block_size("census_window", self.census_window)
-        _whole("num_disparities", self.num_disparities, 1)
-        _whole("min_disparity", self.min_disparity)
-        _whole("speckle_size", self.speckle_size, 0)
+        whole("num_disparities", self.num_disparities, 1)
+        whole("min_disparity", self.min_disparity)
+        whole("speckle_size", self.speckle_size, 0)
         if self.median != 0:
             check_block_size("median", self.median)
         if self.threads is not None:
-            _whole("threads", self.threads, 1)
+            whole("threads", self.threads, 1)
         self._check_amounts()
         self._check_combination()
 
     def _check_amounts(self) -> None:
         for name in ("contrast", "speckle_range", "texture", "uniqueness", "lr_check", "p1", "p2"):
-            _amount(name, getattr(self, name))
+            if getattr(self, name) is not None:
+                amount(name, getattr(self, name))
         for name in ("gamma_similar", "gamma_near", "epsilon"):
-            _amount(name, getattr(self, name), above=True)
+            amount(name, getattr(self, name), above=True)
         if self.uniqueness >= 100:
             raise InputError(f"uniqueness is {self.uniqueness}; it is a percentage below 100")
         small, large = self.penalties
@@ -202,15 +186,6 @@ class StereoMatcher:
         if self.median > 1:
             disparity = refine.median(disparity, self.median)
         return refine.filled(disparity) if self.fill == "background" else disparity
-
-
-def _amount(name: str, value: Any, *, above: bool = False) -> None:
-    if value is None and name in ("lr_check", "p1", "p2"):
-        return
-    if isinstance(value, bool) or not isinstance(value, numbers.Real) or not np.isfinite(float(value)):
-        raise InputError(f"{name} is {value!r}; it must be a number")
-    if float(value) < 0 or (above and float(value) == 0):
-        raise InputError(f"{name} is {value}; it must be {'above 0' if above else '>= 0'}")
 
 
 def _mirrored(image: Any) -> Any:

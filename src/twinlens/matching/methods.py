@@ -1,16 +1,19 @@
 """The matchers by name, and the one line of text that names one with its options: `zncc:block_size=21,lr_check=1`."""
 
 import dataclasses
+import importlib.metadata
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from twinlens.errors import InputError, unknown
+from twinlens.matching.costs import COSTS
+from twinlens.matching.external import OpenCVBlock, OpenCVSemiGlobal, Program, PythonFunction
+from twinlens.matching.images import Disparity
+from twinlens.matching.matcher import StereoMatcher
 
-from .costs import COSTS
-from .images import Disparity
-from .matcher import StereoMatcher
+ENTRY_POINTS = "twinlens.methods"
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,10 @@ METHODS: dict[str, Method] = {
     "sgm": Method(
         "sgm", "census and semi-global matching, 8 paths", {"cost": "census", "block_size": 1, "optimisation": "sgm8"}
     ),
+    "opencv_bm": Method("opencv_bm", "OpenCV's StereoBM (extra opencv)", {}, OpenCVBlock),
+    "opencv_sgbm": Method("opencv_sgbm", "OpenCV's StereoSGBM (extra opencv)", {}, OpenCVSemiGlobal),
+    "program": Method("program", "any program: command='prog {left} {right} {out}'", {}, Program),
+    "function": Method("function", "any Python function: function=module:name", {}, PythonFunction),
     "sgm4": Method(
         "sgm4", "census and semi-global matching, 4 paths", {"cost": "census", "block_size": 1, "optimisation": "sgm4"}
     ),
@@ -93,15 +100,20 @@ class MethodSpec:
 
 
 def find_method(name: str) -> Method:
-    """The method of this name, or an InputError with the nearest one.
+    """The method of this name, of twinlens or of an installed package, or an InputError with the nearest one.
+
+    A package offers function(left, right, num_disparities, min_disparity) under the entry point `twinlens.methods`.
 
     >>> find_method("znc")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
     twinlens.errors.InputError: unknown method 'znc'; did you mean 'zncc'? (known: ...
     """
-    if name not in METHODS:
-        raise unknown("method", name, METHODS)
-    return METHODS[name]
+    if name in METHODS:
+        return METHODS[name]
+    found = {point.name: point for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
+    if name in found:
+        return Method(name, f"{found[name].value}", {"function": found[name].value}, PythonFunction)
+    raise unknown("method", name, [*METHODS, *found])
 
 
 def parse_method(text: str) -> MethodSpec:

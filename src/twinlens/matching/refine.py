@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from .images import Disparity, Image
-from .supports import levels
+from twinlens.matching.images import Disparity, Image
+from twinlens.matching.supports import levels
 
 FILLS = ("none", "background")
 UNKNOWN = np.float32(np.inf)
@@ -60,7 +60,7 @@ def without_speckles(disparity: Disparity, size: int, difference: float) -> Disp
 
     Neighbours share a side. Density falls by isolated mistakes, and by thin things.
     """
-    from .kernels.patches import patch_sizes
+    from twinlens.matching.kernels.patches import patch_sizes
 
     return _kept(disparity, patch_sizes(np.ascontiguousarray(disparity), float(difference)) >= size)
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .box import FITS, BoxMatch, in_strips, largest
-from .costs import Cost, largest_cost
-from .images import Image
-from .semiglobal import LANES, quantised, scaled, settled, swept
-from .supports import Scene, Settings, Strip, Support, levels
-from .transforms import census_images, rank_image
-from .volume import BirchfieldTomasi, BoxCosts, Chosen, Costs, Volume, ZeroMeanAbsolute
+from twinlens.matching.box import FITS, BoxMatch, in_strips, largest
+from twinlens.matching.costs import Cost, largest_cost
+from twinlens.matching.images import Image
+from twinlens.matching.semiglobal import LANES, quantised, scaled, settled, swept
+from twinlens.matching.supports import Scene, Settings, Strip, Support, levels
+from twinlens.matching.transforms import census_images, rank_image
+from twinlens.matching.volume import BirchfieldTomasi, BoxCosts, Chosen, Costs, Volume, ZeroMeanAbsolute
 
 STRIP_ROWS = 16  # of a cost volume that is held at a time, beside its support's halo
 
@@ -115,7 +115,7 @@ def _blank(volume: Volume, low: int) -> None:
 
 
 def _local(task: Search, left: Image, gather: Callable[[int, int], Volume], low: int, high: int) -> Chosen:
-    from .kernels.choose import choose
+    from twinlens.matching.kernels.choose import choose
 
     chosen = Chosen.empty(left.shape)
 

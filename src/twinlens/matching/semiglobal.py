@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .box import FITS, BoxMatch, in_strips
-from .volume import Chosen, fill_sum
+from twinlens.matching.box import FITS, BoxMatch, in_strips
+from twinlens.matching.volume import Chosen, fill_sum
 
 PATH_TOP = 8191  # the most that a path's cost may be: eight of them add up in 16 bits
 LANES = 16
@@ -47,7 +47,7 @@ def swept(costs: Volume, paths: int, small: int, large: int, threads: int = 2) -
     costs (H, W, depth), depth a multiple of 16, up to 8191 - large; paths 4 (along rows and columns) or 8 (and
     diagonals); small and large are the penalties P1 and P2 in the same numbers.
     """
-    from .kernels.semiglobal import GUARD, TOO_HIGH, slot_count, sweep_kernel
+    from twinlens.matching.kernels.semiglobal import GUARD, TOO_HIGH, slot_count, sweep_kernel
 
     height, width, depth = costs.shape
     lanes = next(n for n in (128, 64, 32, 16) if depth % n == 0)
@@ -69,7 +69,7 @@ def swept(costs: Volume, paths: int, small: int, large: int, threads: int = 2) -
 
 def settled(halves: Sequence[Volume], low: int, count: int, fit: str, threads: int, *, rivals: bool) -> Chosen:
     """The winner of the two halves' sum at each pixel, as `volume.Chosen`."""
-    from .kernels.semiglobal import settle_kernel
+    from twinlens.matching.kernels.semiglobal import settle_kernel
 
     height, width, depth = halves[0].shape
     lanes = next(n for n in (128, 64, 32, 16) if depth % n == 0)

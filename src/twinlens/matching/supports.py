@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .images import Image, extended
+from twinlens.matching.images import Image, extended
 
 Volume = NDArray[Any]
 
@@ -104,7 +104,7 @@ def _whole(strip: Strip, _scene: Scene) -> Volume:
 
 def _shiftable(strip: Strip, scene: Scene) -> Volume:
     """Bobick and Intille, "Large occlusion stereo", IJCV 1999: the best of all windows that contain the pixel."""
-    from .kernels.supports import lowest_around
+    from twinlens.matching.kernels.supports import lowest_around
 
     out = strip.empty()
     lowest_around(strip.volume, scene.side // 2, strip.top, np.empty(strip.volume.shape[1:], out.dtype), out)
@@ -119,7 +119,7 @@ def _adaptive(strip: Strip, scene: Scene) -> Volume:
     Kanade and Okutomi's iteration because it is exact for whole numbers, costs the same at every pixel, and needs no
     model of noise or first guess of the disparity.
     """
-    from .kernels.supports import best_quarters
+    from twinlens.matching.kernels.supports import best_quarters
 
     out = strip.empty()
     best_quarters(strip.volume, scene.side // 2 - quarter(scene.side) // 2, strip.top, out)
@@ -131,7 +131,7 @@ def _cross(strip: Strip, scene: Scene) -> Volume:
 
     The arms are those of the left image, at most side // 2 long.
     """
-    from .kernels.supports import cross_arms, cross_means
+    from twinlens.matching.kernels.supports import cross_arms, cross_means
 
     halo = scene.side // 2
     around = slice(max(0, strip.rows.start - halo), strip.rows.stop + halo)
@@ -147,7 +147,7 @@ def _cross(strip: Strip, scene: Scene) -> Volume:
 
 def _weighted(strip: Strip, scene: Scene) -> Volume:
     """Yoon and Kweon, "Adaptive support-weight approach for correspondence search", PAMI 2006, on grey levels."""
-    from .kernels.supports import adaptive_weights
+    from twinlens.matching.kernels.supports import adaptive_weights
 
     radius, width, depth = scene.side // 2, scene.left.shape[1], strip.volume.shape[2]
     last = scene.low + depth - 1
@@ -164,7 +164,7 @@ def _weighted(strip: Strip, scene: Scene) -> Volume:
 
 def _guided(strip: Strip, scene: Scene) -> Volume:
     """Hosni et al., "Fast cost-volume filtering for visual correspondence and beyond", PAMI 2013, with a grey guide."""
-    from .kernels.supports import guided_lines
+    from twinlens.matching.kernels.supports import guided_lines
 
     radius = scene.side // 2
     guide = scene.left[strip.rows, :, None] / 255.0
@@ -186,7 +186,7 @@ def _like(strip: Strip, volume: Volume) -> Strip:
 
 
 def _means(strip: Strip, radius: int) -> Volume:
-    from .kernels.supports import clipped_means
+    from twinlens.matching.kernels.supports import clipped_means
 
     _, width, depth = strip.volume.shape
     out = strip.empty()

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .images import Image, extended
+from twinlens.matching.images import Image, extended
 
 
 def neighbours(image: Image, side: int) -> list[Image]:

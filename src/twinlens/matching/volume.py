@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .box import BoxMatch
-from .images import Disparity, Image, extended
+from twinlens.matching.box import BoxMatch
+from twinlens.matching.images import Disparity, Image, extended
 
 Volume = NDArray[Any]
 
@@ -61,7 +61,7 @@ class BirchfieldTomasi:
 
     def fill(self, volume: Volume, y0: int) -> None:
         """Write the rows from y0 on of the window costs, (rows, W, count); images are continued by their edges."""
-        from .kernels.volumes import birchfield_tomasi, window_sums
+        from twinlens.matching.kernels.volumes import birchfield_tomasi, window_sums
 
         radius, (rows, width, _) = self.side // 2, volume.shape
         span, last = (y0 - radius, y0 + rows + radius), self.low + self.count - 1
@@ -93,7 +93,7 @@ class ZeroMeanAbsolute:
 
     def fill(self, volume: Volume, y0: int) -> None:
         """Write the rows from y0 on of the window costs, (rows, W, count)."""
-        from .kernels.volumes import zero_mean_absolute
+        from twinlens.matching.kernels.volumes import zero_mean_absolute
 
         radius, (rows, width, _) = self.side // 2, volume.shape
         span, last = (y0 - radius, y0 + rows + radius), self.low + self.count - 1

@@ -4,8 +4,8 @@
 
 import numpy as np
 
-from .compiling import jit
-from .slide import fitted
+from twinlens.matching.kernels.compiling import jit
+from twinlens.matching.kernels.slide import fitted
 
 
 @jit

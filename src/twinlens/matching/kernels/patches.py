@@ -4,7 +4,7 @@
 
 import numpy as np
 
-from .compiling import jit
+from twinlens.matching.kernels.compiling import jit
 
 
 @jit

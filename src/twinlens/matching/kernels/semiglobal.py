@@ -13,9 +13,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .compiling import inlined, jit
-from .lanes import first_equal, inside, load, lowest, smaller, splat, store
-from .slide import fitted
+from twinlens.matching.kernels.compiling import inlined, jit
+from twinlens.matching.kernels.lanes import first_equal, inside, load, lowest, smaller, splat, store
+from twinlens.matching.kernels.slide import fitted
 
 GUARD = 16  # numbers between two slots; the ones next to a slot are costs too high for a path to come from
 TOO_HIGH = 1 << 14

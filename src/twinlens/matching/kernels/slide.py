@@ -20,8 +20,21 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from .compiling import inlined, jit
-from .lanes import convert, distance, first_equal, inside, larger, load, lowest, ones, pick, splat, store, width_of
+from twinlens.matching.kernels.compiling import inlined, jit
+from twinlens.matching.kernels.lanes import (
+    convert,
+    distance,
+    first_equal,
+    inside,
+    larger,
+    load,
+    lowest,
+    ones,
+    pick,
+    splat,
+    store,
+    width_of,
+)
 
 NO_FIT, V_FIT, PARABOLA_FIT = 0, 1, 2
 

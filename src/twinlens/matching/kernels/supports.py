@@ -8,7 +8,7 @@ Regions never leave the image.
 
 import numpy as np
 
-from .compiling import jit
+from twinlens.matching.kernels.compiling import jit
 
 
 @jit

@@ -7,7 +7,7 @@ A volume is (rows, W, depth), the candidate's index last; right images lie rever
 
 import numpy as np
 
-from .compiling import jit
+from twinlens.matching.kernels.compiling import jit
 
 
 @jit

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .compiling import jit
+from twinlens.matching.kernels.compiling import jit
 
 NO_SCALE, INVERSE_DEVIATION, INVERSE_NORM, TOTAL = 0, 1, 2, 3
 FLAT = 1e-12  # a float window whose variance is below this part of its mean square has none: what is left is rounding
