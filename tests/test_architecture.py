@@ -22,7 +22,7 @@ MAY_IMPORT = {
     "sensor": {"errors", "geometry", "optics", "camera", "diffraction"},
     "dataset": {"errors", "geometry", "optics", "camera", "truth"},
     "matching": {"errors"},
-    "scoring": {"errors", "geometry", "optics", "truth", "dataset", "matching"},
+    "scoring": {"errors", "geometry", "optics", "camera", "truth", "dataset", "matching"},
     "factory": {
         "errors",
         "geometry",

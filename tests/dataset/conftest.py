@@ -3,10 +3,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from hypothesis import settings
-
-settings.register_profile("twinlens-dataset", deadline=None)
-settings.load_profile("twinlens-dataset")
 
 
 @pytest.fixture

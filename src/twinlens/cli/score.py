@@ -1,0 +1,101 @@
+"""`twinlens score`: disparity maps that something else made, against the truth."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from twinlens.cli.boards import OPTIONS, print_board, run_board
+from twinlens.errors import InputError
+
+if TYPE_CHECKING:
+    from twinlens.scoring import Scores
+
+_MAPS = (".pfm", ".png")
+
+
+@click.command("score")
+@click.argument("submissions", nargs=-1, required=True, metavar="MAPS...", type=click.Path(path_type=Path))
+@click.option("--truth", "truths", multiple=True, required=True, help="The dataset(s), or one truth map for one map.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder of the board; needed for datasets.")
+@click.option("--mask", type=click.Path(path_type=Path), help="For one map: a PNG, 255 where both cameras see.")
+@click.option("--ndisp", type=click.IntRange(min=1), help="For one map: estimates are clipped to [0, ndisp].")
+@OPTIONS
+def command(
+    submissions: tuple[Path, ...],
+    truths: tuple[str, ...],
+    output: Path | None,
+    mask: Path | None,
+    ndisp: int | None,
+    protocols: tuple[str, ...],
+    regions: tuple[str, ...],
+    time_limit: float | None,
+    as_json: bool,
+) -> None:
+    """Score MAPS against --truth.
+
+    MAPS are folders or zips with one map a sample (<sample>.pfm, <sample>.png or <sample>/disp0.pfm; PNG as KITTI's),
+    each one entry of the leaderboard; or a single .pfm or .png against a single truth map.
+
+    \b
+    Example:  twinlens score my-maps.zip --truth out -o board
+              twinlens score disp.pfm --truth out/staircase/disp0.pfm --mask out/staircase/mask0nocc.png
+    """
+    if submissions[0].suffix.lower() in _MAPS:
+        if len(submissions) > 1 or len(truths) > 1 or len(protocols) > 1:
+            raise InputError(
+                "one map is scored against one truth by one --protocol; for more, give folders and datasets"
+            )
+        _score_one(submissions[0], Path(truths[0]), mask, ndisp, protocols[0], as_json)
+        return
+    if output is None:
+        raise InputError("scoring folders or zips makes a board: say where with -o FOLDER")
+    _score_many(submissions, truths, output, protocols, regions, as_json)
+
+
+def _score_many(
+    submissions: Sequence[Path],
+    truths: Sequence[str],
+    output: Path,
+    protocols: Sequence[str],
+    regions: Sequence[str],
+    as_json: bool,
+) -> None:
+    from twinlens.cli.benchmark import Chain, pairs_of
+    from twinlens.scoring import open_submission
+
+    methods = [open_submission(path) for path in submissions]
+    pairs = Chain([pairs_of(name) for name in truths])
+    print_board(run_board(pairs, methods, output, protocols, regions), output, as_json)
+
+
+def _score_one(estimate: Path, truth: Path, mask: Path | None, ndisp: int | None, protocol: str, as_json: bool) -> None:
+    from twinlens.cli.images import read_disparity
+    from twinlens.dataset import read_png
+    from twinlens.scoring import evaluate
+
+    scores = evaluate(
+        read_disparity(estimate),
+        read_disparity(truth),
+        None if mask is None else read_png(mask),
+        ndisp,
+        protocol=protocol,
+    )
+    if as_json:
+        rows = {name: {**region, "evaluated": region.evaluated} for name, region in scores.regions.items()}
+        click.echo(json.dumps({"protocol": scores.protocol.name, "regions": rows}, indent=1))
+        return
+    _print(scores)
+
+
+def _print(scores: "Scores") -> None:
+    from twinlens.scoring import find_metric
+
+    click.echo(scores.protocol.title)
+    for name, region in scores.regions.items():
+        click.echo(f"{name}: {region.evaluated} of {region.image} pixels evaluated, {region.estimated} estimated")
+        for metric, value in region.items():
+            shown = find_metric(metric)
+            click.echo(f"  {metric:<10} {shown.show(value):>10} {shown.unit}")

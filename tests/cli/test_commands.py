@@ -1,0 +1,122 @@
+"""Each command on its ordinary way; what they refuse stands in test_refusals."""
+
+import json
+
+import numpy as np
+import pytest
+
+import twinlens as tl
+from twinlens.cli import COMMANDS
+from twinlens.dataset import read_pfm
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_help_with_an_example(twinlens, name):
+    code, out, _ = twinlens(name, "--help")
+    assert code == 0
+    assert f"Example:  twinlens {name}" in out
+
+
+def test_render_writes_a_dataset_that_verifies(twinlens, dataset):
+    samples = tl.Dataset(dataset)
+    assert [sample.name for sample in samples] == ["cards"]
+    assert samples[0].im0.shape == (48, 64, 3)
+    assert samples[0].num_lenses == 2
+    assert not np.array_equal(samples[0].lens(1).im0, samples[0].im0)
+    assert twinlens("verify", dataset)[0] == 0
+
+
+def test_render_says_what_it_wrote_and_with_what(twinlens, tmp_path):
+    code, out, _ = twinlens("render", "cards", "--size", "32x24", "--spp", "1", "-o", tmp_path / "o", "--json")
+    answer = json.loads(out)
+    assert code == 0
+    assert answer["backend"] in ("scalar_rgb", "llvm_ad_rgb", "cuda_ad_rgb")
+    assert {"im0.png", "disp0.pfm", "truth1.exr"} <= set(answer["samples"][0]["files"])
+
+
+def test_the_same_command_gives_the_same_bytes(twinlens, tmp_path):
+    for name in ("a", "b"):
+        twinlens("render", "cards", "--size", "32x24", "--spp", "2", "--seed", "7", "-o", tmp_path / name)
+    files = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file())
+    assert len(files) > 8
+    assert all((tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes() for file in files)
+
+
+def test_a_second_scene_joins_the_dataset(twinlens, tmp_path):
+    for scene in ("cards", "fence"):
+        assert twinlens("render", scene, "--size", "32x24", "--spp", "1", "-o", tmp_path / "o")[0] == 0
+    assert [sample.name for sample in tl.Dataset(tmp_path / "o")] == ["cards", "fence"]
+
+
+def test_verify_finds_a_changed_file(twinlens, tmp_path):
+    twinlens("render", "cards", "--size", "32x24", "--spp", "1", "-o", tmp_path / "o")
+    (tmp_path / "o" / "cards" / "im0.png").write_bytes(b"not the picture")
+    code, out, _ = twinlens("verify", tmp_path / "o")
+    assert code == 1
+    assert "cards: " in out
+    assert "im0.png" in out
+
+
+def test_match_then_score(twinlens, dataset, tmp_path):
+    sample = dataset / "cards"
+    code, _, _ = twinlens(
+        "match", sample / "im0.png", sample / "im1.png", "--ndisp", "16", "--method", "sad:block_size=5",
+        "-o", tmp_path / "d.pfm", "--picture", tmp_path / "d.png",
+    )  # fmt: skip
+    assert code == 0
+    assert read_pfm(tmp_path / "d.pfm").shape == (48, 64)
+    assert (tmp_path / "d.png").exists()
+    code, out, _ = twinlens("score", tmp_path / "d.pfm", "--truth", sample / "disp0.pfm", "--json")
+    direct = tl.evaluate(read_pfm(tmp_path / "d.pfm"), read_pfm(sample / "disp0.pfm"))
+    assert code == 0
+    assert json.loads(out)["regions"]["all"]["bad2.0"] == direct.all["bad2.0"]
+
+
+def test_the_truth_scores_perfectly(twinlens, dataset):
+    truth = dataset / "cards" / "disp0.pfm"
+    _, out, _ = twinlens("score", truth, "--truth", truth, "--json")
+    assert json.loads(out)["regions"]["all"]["totbad0.5"] == 0.0
+
+
+def test_benchmark_makes_a_board_and_a_page(twinlens, dataset, tmp_path):
+    code, out, _ = twinlens("benchmark", dataset, "--methods", "sad,zncc:block_size=5", "-o", tmp_path / "board")
+    assert code == 0
+    assert "zncc:block_size=5" in out
+    assert "page: file://" in out
+    board = json.loads((tmp_path / "board" / "board.json").read_text())
+    assert len(board["entries"]) == 2 * 2
+    assert (tmp_path / "board" / "index.html").stat().st_size > 10_000
+
+
+def test_report_makes_the_page_again(twinlens, dataset, tmp_path):
+    twinlens("benchmark", dataset, "--methods", "sad", "-o", tmp_path / "board")
+    code, out, _ = twinlens("report", tmp_path / "board" / "board.json", dataset, "-o", tmp_path / "page.html")
+    assert code == 0
+    assert (tmp_path / "page.html").exists()
+    assert "page.html" in out
+
+
+def test_a_folder_of_maps_is_scored_like_a_method(twinlens, dataset, tmp_path):
+    twinlens("benchmark", dataset, "--methods", "sad", "-o", tmp_path / "board")
+    code, _, _ = twinlens("score", tmp_path / "board" / "maps", "--truth", dataset, "-o", tmp_path / "other")
+    boards = [json.loads((tmp_path / name / "board.json").read_text()) for name in ("board", "other")]
+    computed, submitted = ({e["sample"]: e["regions"] for e in board["entries"]} for board in boards)
+    assert code == 0
+    assert computed == submitted
+
+
+def test_export(twinlens, dataset, tmp_path):
+    assert twinlens("export", dataset, "--to", "kitti2015", "-o", tmp_path / "kitti")[0] == 0
+    assert (tmp_path / "kitti" / "Kitti2015" / "training" / "disp_occ_0").is_dir()
+
+
+def test_scenes_lists_every_bundled_scene(twinlens):
+    code, out, _ = twinlens("scenes", "--json")
+    assert code == 0
+    assert [row["name"] for row in json.loads(out)] == tl.bundled_scenes()
+
+
+def test_doctor_says_what_renders_here(twinlens):
+    code, out, _ = twinlens("doctor", "--json")
+    assert code == 0
+    assert json.loads(out)["backend"]["variant"].endswith("_rgb")

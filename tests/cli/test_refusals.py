@@ -1,0 +1,162 @@
+"""Wrong input of every kind: exit code 2, one line that names it, and nothing half-written."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twinlens.dataset import write_pfm
+from twinlens.scenes import bundled_folder
+
+
+@pytest.fixture
+def refuses(twinlens, tmp_path):
+    """Check that a command refuses with one line holding `words`, and leaves nothing in tmp_path that was not there."""
+
+    def check(words, *arguments):
+        before = sorted(tmp_path.rglob("*"))
+        code, out, err = twinlens(*arguments)
+        assert code == 2, (code, out, err)
+        assert out == ""
+        assert err.startswith("twinlens: ")
+        assert err.count("\n") == 1
+        assert words in err
+        assert sorted(tmp_path.rglob("*")) == before
+
+    return check
+
+
+def test_unknown_command(refuses):
+    refuses("did you mean 'render'", "rendr")
+
+
+def test_unknown_option(refuses):
+    refuses("--sizes", "render", "cards", "--sizes", "3", "-o", "x")
+
+
+def test_unknown_scene(refuses, tmp_path):
+    refuses("did you mean 'staircase'", "render", "stairs", "-o", tmp_path / "o")
+
+
+def test_missing_scene_file(refuses, tmp_path):
+    refuses("scene.toml", "render", tmp_path / "scene.toml", "-o", tmp_path / "o")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--size", "64"), "WIDTHxHEIGHT"),
+        (("--size", "0x9"), "camera width"),
+        (("--spp", "0"), "spp"),
+        (("--seed", "-1"), "seed"),
+        (("--baseline", "0"), "baseline"),
+        (("--baseline", "nan"), "baseline"),
+        (("--fov", "200"), "fov_x_deg"),
+        (("--lens", "thik:3"), "pinhole"),
+        (("--lens", "thin:3@-1"), "focus_distance"),
+    ],
+)
+def test_bad_numbers(refuses, tmp_path, options, words):
+    refuses(words, "render", "cards", *options, "-o", tmp_path / "o")
+
+
+def test_unknown_key_in_a_scene(refuses, tmp_path):
+    scene = tmp_path / "scene.toml"
+    good = (bundled_folder() / "cards" / "scene.toml").read_text()
+    scene.write_text(good.replace("fov_x_deg", "fov_x_degg"))
+    refuses("fov_x_deg", "render", scene, "-o", tmp_path / "o")
+
+
+def test_broken_toml(refuses, tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text("[camera\n")
+    refuses("scene.toml", "render", scene, "-o", tmp_path / "o")
+
+
+def test_an_xml_that_names_a_plugin_path(refuses, tmp_path):
+    scene = tmp_path / "scene.xml"
+    scene.write_text('<scene version="3.0.0"><shape type="../../evil"/></scene>')
+    refuses("../../evil", "render", scene, "-o", tmp_path / "o")
+
+
+def test_a_sample_that_is_there_already(refuses, tmp_path):
+    (tmp_path / "o" / "cards").mkdir(parents=True)
+    refuses("--overwrite", "render", "cards", "-o", tmp_path / "o")
+
+
+def test_images_of_different_sizes(refuses, dataset, tmp_path):
+    from twinlens.dataset import write_png
+
+    write_png(tmp_path / "small.png", np.zeros((5, 5), np.uint8))
+    refuses("size", "match", dataset / "cards" / "im0.png", tmp_path / "small.png", "-o", tmp_path / "d.pfm")
+
+
+@pytest.mark.parametrize(
+    ("method", "words"),
+    [("zncc:block_size=8", "odd"), ("znc", "did you mean 'zncc'"), ("zncc:blok_size=9", "block_size")],
+)
+def test_methods_that_cannot_be(refuses, dataset, tmp_path, method, words):
+    pair = dataset / "cards" / "im0.png", dataset / "cards" / "im1.png"
+    refuses(words, "match", *pair, "--method", method, "-o", tmp_path / "d.pfm")
+    refuses(words, "benchmark", dataset, "--methods", method, "-o", tmp_path / "board")
+
+
+@pytest.mark.parametrize("name", ["im0.png", "disp0.pfm"])
+def test_truncated_files(refuses, dataset, tmp_path, name):
+    copy = tmp_path / "cut"
+    shutil.copytree(dataset / "cards", copy)
+    whole = (copy / name).read_bytes()
+    (copy / name).write_bytes(whole[: len(whole) // 2])
+    if name.endswith("pfm"):
+        refuses(name, "score", copy / name, "--truth", dataset / "cards" / name)
+    else:
+        refuses(name, "match", copy / name, copy / "im1.png", "-o", tmp_path / "d.pfm")
+
+
+def test_nan_disparity(refuses, dataset, tmp_path):
+    truth = dataset / "cards" / "disp0.pfm"
+    raw = bytearray(truth.read_bytes())
+    raw[-4:] = np.array([np.nan], "<f4").tobytes()
+    (tmp_path / "nan.pfm").write_bytes(raw)
+    refuses("nan.pfm", "score", tmp_path / "nan.pfm", "--truth", truth)
+
+
+def test_missing_dataset_and_board(refuses, tmp_path):
+    refuses("no such folder", "benchmark", tmp_path / "none", "-o", tmp_path / "board")
+    refuses("none.json", "report", tmp_path / "none.json")
+
+
+def test_an_estimate_of_another_size(refuses, dataset, tmp_path):
+    write_pfm(tmp_path / "d.pfm", np.zeros((7, 9), np.float32))
+    refuses("shape", "score", tmp_path / "d.pfm", "--truth", dataset / "cards" / "disp0.pfm")
+
+
+def test_an_output_that_cannot_be_written(refuses, dataset):
+    refuses("/proc/nowhere", "render", "cards", "--size", "32x24", "--spp", "1", "-o", "/proc/nowhere")
+    pair = dataset / "cards" / "im0.png", dataset / "cards" / "im1.png"
+    refuses("/proc/d.pfm", "match", *pair, "-o", "/proc/d.pfm")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_behind_the_output_stream():
+    with Path("/dev/full").open("w") as full:
+        child = subprocess.run(
+            [sys.executable, "-m", "twinlens", "scenes"], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert child.returncode == 2
+    assert child.stderr.startswith("twinlens: ")
+
+
+def test_an_unknown_backend():
+    child = subprocess.run(
+        [sys.executable, "-m", "twinlens", "doctor"],
+        env={**os.environ, "TWINLENS_BACKEND": "lvm"},
+        capture_output=True,
+        text=True,
+    )
+    assert child.returncode == 2
+    assert "did you mean 'llvm'" in child.stderr
