@@ -12,6 +12,7 @@ WORKER = Path(__file__).parent / "rendering_worker.py"
 BACKENDS = ("scalar", "llvm")
 GROUPS = {  # jobs that share a process; the last one meddles with threads
     "truth": ["truth"],
+    "corners": ["corners"],
     "photos": ["edge", "lens", "crop", "count", "refusal", "noise"],
     "bokeh": ["bokeh"],
 }

@@ -4,11 +4,13 @@ Prints nothing; leaves arrays in the file, named ``<job>/<name>``.
 """
 
 import sys
-from dataclasses import fields
+import tempfile
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import rendering_cases as cases
+import rendering_corners as corners
 import rendering_photos as photos
 
 import twinlens as tl
@@ -44,6 +46,25 @@ def seen_again(scene, rig, left) -> dict[str, np.ndarray]:
         "left_id": left.object_id[rows, columns],
         "right_id": np.array([truth.object_id[0, 0] for truth in truths]),
     }
+
+
+def corner_job() -> dict[str, np.ndarray]:
+    """The truth of the hard cases; of an egg and a raw file, what was said if nothing else came."""
+    found = {}
+    for name, (_, thing, rig) in corners.cases().items():
+        for view, truth in enumerate(tl.ground_truth(corners.scene(thing), rig)):
+            found |= {f"{name}/{view}/{field.name}": np.asarray(getattr(truth, field.name)) for field in fields(truth)}
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "ball.xml"
+        file.write_text(corners.XML)
+        raw = replace(corners.scene(corners.ellipsoid()), objects=(), materials={}, xml=file)
+        for name, scene in (("ellipsoid", corners.scene(corners.ellipsoid())), ("xml", raw)):
+            try:
+                truth = tl.ground_truth(scene, corners.rig())[0]
+                found |= {name: np.array(truth.object_names[0]), f"{name}/depth": truth.depth}
+            except Exception as error:
+                found[name] = np.array(f"{type(error).__name__}: {error}")
+    return found
 
 
 def edge_job() -> dict[str, np.ndarray]:
@@ -213,6 +234,7 @@ def refusal_job() -> dict[str, np.ndarray]:
 
 JOBS = {
     "truth": truth_job,
+    "corners": corner_job,
     "edge": edge_job,
     "bokeh": bokeh_job,
     "lens": lens_job,

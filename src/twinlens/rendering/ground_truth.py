@@ -16,7 +16,7 @@ from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.backend import mitsuba
 from twinlens.rendering.build import Body, BuiltScene, build
 from twinlens.rendering.cast import Hits, cast, measured_normals
-from twinlens.rendering.refine import UNIT_SHAPES, Exact, Quadric, Triangles, refine
+from twinlens.rendering.refine import FLAT_SHAPES, UNIT_SHAPES, Exact, Quadric, Triangles, refine
 from twinlens.scenes import Scene
 from twinlens.truth import Truth
 
@@ -50,7 +50,7 @@ def _view_truth(built: BuiltScene, rig: Rig, index: int, sky_disparity: bool) ->
     position[found] = origin + exact.t[found, None] * directions[found]
     disparity, visible = _towards_partner(built, rig, index, hits, position, sky_disparity)
     object_id, material_id, material_kind = _ids(built, hits.body)
-    towards = -np.sign(np.einsum("nc,nc->n", exact.normal, directions))[:, None]
+    normal = _turned(exact.normal, -directions)
 
     def image(values: NDArray[Any], dtype: type[np.generic]) -> NDArray[Any]:
         return values.astype(dtype, copy=False).reshape(camera.height, camera.width, *values.shape[1:])
@@ -60,14 +60,20 @@ def _view_truth(built: BuiltScene, rig: Rig, index: int, sky_disparity: bool) ->
         position=image(position, np.float64),
         disparity=image(disparity, np.float32),
         visible=image(visible, np.bool_),
-        normal=image(exact.normal * towards, np.float32),
-        shading_normal=image(exact.shading_normal * towards, np.float32),
+        normal=image(normal, np.float32),
+        shading_normal=image(_turned(exact.shading_normal, normal), np.float32),
         object_id=image(object_id, np.int32),
         material_id=image(material_id, np.int32),
         material_kind=image(material_kind, np.uint8),
         object_names=built.object_names,
         material_names=built.material_names,
     )
+
+
+def _turned(vectors: Float, towards: Float) -> Float:
+    """Vectors (N, 3), those with the sign changed that point away from `towards`."""
+    away = np.einsum("nc,nc->n", vectors, towards) < 0
+    return np.where(away[:, None], -vectors, vectors)
 
 
 def _exact(built: BuiltScene, origin: Float, directions: Float, hits: Hits, measure: bool = True) -> Exact:
@@ -172,17 +178,27 @@ def _towards_partner(
 def _unblocked(
     built: BuiltScene, centre: Float, points: Float, body: NDArray[np.int32], prim: NDArray[np.uint32]
 ) -> NDArray[np.bool_]:
-    """Whether the first hit from `centre` towards each point is the point itself: the same flat triangle, or as far.
+    """Whether the first hit from `centre` towards each point is the point itself: the same flat piece, or as far.
 
     As far after refining: where a ray grazes a curved surface, float32 alone is further off than _SAME_POINT.
     """
     rays = points - centre
     hits = cast(built, centre, rays)
     reached = _exact(built, centre, rays, hits, measure=False).t
-    flat = np.array([row.shape is not None and row.shape.is_mesh() for row in built.bodies] + [False])
-    same_triangle = (hits.body == body) & (hits.prim == prim) & flat[body]
-    unblocked: NDArray[np.bool_] = same_triangle | (reached >= 1 - _SAME_POINT)
+    surfaces = [_surface(built, row, thing) for row, thing in enumerate(built.bodies)]
+    triangles, one_plane = (np.array([*map(test, surfaces), False]) for test in (_is_mesh, _is_plane))
+    same_plane = (hits.body == body) & (one_plane[body] | (triangles[body] & (hits.prim == prim)))
+    unblocked: NDArray[np.bool_] = same_plane | (reached >= 1 - _SAME_POINT)
     return unblocked
+
+
+def _is_mesh(surface: Triangles | Quadric | None) -> bool:
+    return isinstance(surface, Triangles)
+
+
+def _is_plane(surface: Triangles | Quadric | None) -> bool:
+    """Whether it is flat as a whole, and so cannot hide itself, however nearly it is seen edge on."""
+    return isinstance(surface, Quadric) and surface.kind in FLAT_SHAPES
 
 
 def _ids(built: BuiltScene, body: NDArray[np.int32]) -> NDArray[np.int32]:

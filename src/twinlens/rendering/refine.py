@@ -120,6 +120,7 @@ UNIT_SHAPES: dict[str, tuple[Callable[[Float, Float], Float], Callable[[Float], 
     "disk": (_plane, _along_z),
     "rectangle": (_plane, _along_z),
 }
+FLAT_SHAPES = ("disk", "rectangle")
 
 
 def _dot(a: Float, b: Float) -> Float:
