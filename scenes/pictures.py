@@ -13,7 +13,7 @@ from PIL import Image
 import twinlens as tl
 from twinlens.scenes import bundled_folder
 
-WIDTH, HEIGHT, SPP = 480, 360, 192
+WIDTH, HEIGHT, SPP = 480, 360, 144
 BRIGHT_PERCENT, BRIGHT_LEVEL = 97.0, 0.85  # this share of all values lies below this fraction of full scale
 
 

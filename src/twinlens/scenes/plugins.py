@@ -153,17 +153,20 @@ _BSDF_NEEDS = {
     "bumpmap": ("bsdf", "bump"),
     "normalmap": ("bsdf", "normalmap"),
 }
+_WEIGHT: dict[str, Parser[Any]] = {"sampling_weight": number(0.0)}
 EMITTERS: dict[str, dict[str, Parser[Any]]] = {
-    "point": {"position": vector(3), "intensity": RADIANCE},
+    "point": {**_WEIGHT, "position": vector(3), "intensity": RADIANCE},
     "spot": {
+        **_WEIGHT,
         "intensity": RADIANCE,
         "cutoff_angle": number(0.0, 180.0, above=0.0),
         "beam_width": number(0.0, 180.0, above=0.0),
     },
-    "directional": {"direction": vector(3), "irradiance": RADIANCE},
-    "constant": {"radiance": RADIANCE},
-    "envmap": {"filename": asset, "scale": number(0.0)},
+    "directional": {**_WEIGHT, "direction": vector(3), "irradiance": RADIANCE},
+    "constant": {**_WEIGHT, "radiance": RADIANCE},
+    "envmap": {**_WEIGHT, "filename": asset, "scale": number(0.0)},
     "sunsky": {
+        **_WEIGHT,
         "turbidity": number(1.0, 10.0),
         "albedo": REFLECTANCE,
         "sun_direction": vector(3),
@@ -174,8 +177,8 @@ EMITTERS: dict[str, dict[str, Parser[Any]]] = {
 }
 PLACED_EMITTERS = ("spot", "directional", "envmap")
 AREA_EMITTERS: dict[str, dict[str, Parser[Any]]] = {
-    "area": {"radiance": RADIANCE},
-    "directionalarea": {"radiance": RADIANCE},
+    "area": {**_WEIGHT, "radiance": RADIANCE},
+    "directionalarea": {**_WEIGHT, "radiance": RADIANCE},
 }
 _LARGEST_DEPTH = 1024
 INTEGRATORS: dict[str, dict[str, Parser[Any]]] = {
