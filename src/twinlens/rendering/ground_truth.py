@@ -16,7 +16,7 @@ from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.backend import mitsuba
 from twinlens.rendering.build import Body, BuiltScene, build
 from twinlens.rendering.cast import Hits, cast, measured_normals
-from twinlens.rendering.refine import FLAT_SHAPES, UNIT_SHAPES, Exact, Quadric, Triangles, refine
+from twinlens.rendering.refine import FAR_OFF, FLAT_SHAPES, UNIT_SHAPES, Exact, Quadric, Triangles, refine
 from twinlens.scenes import Scene
 from twinlens.truth import Truth
 
@@ -180,15 +180,17 @@ def _unblocked(
 ) -> NDArray[np.bool_]:
     """Whether the first hit from `centre` towards each point is the point itself: the same flat piece, or as far.
 
-    As far after refining: where a ray grazes a curved surface, float32 alone is further off than _SAME_POINT.
+    Near misses are refined: where a ray grazes a curved surface, float32 alone is further off than _SAME_POINT.
     """
     rays = points - centre
     hits = cast(built, centre, rays)
-    reached = _exact(built, centre, rays, hits, measure=False).t
     surfaces = [_surface(built, row, thing) for row, thing in enumerate(built.bodies)]
     triangles, one_plane = (np.array([*map(test, surfaces), False]) for test in (_is_mesh, _is_plane))
     same_plane = (hits.body == body) & (one_plane[body] | (triangles[body] & (hits.prim == prim)))
-    unblocked: NDArray[np.bool_] = same_plane | (reached >= 1 - _SAME_POINT)
+    unblocked: NDArray[np.bool_] = same_plane | (hits.t >= 1 - _SAME_POINT)
+    doubtful = np.flatnonzero(~unblocked & (hits.t >= 1 - 2 * FAR_OFF))
+    near = Hits(hits.body[doubtful], hits.t[doubtful], hits.prim[doubtful])
+    unblocked[doubtful] = _exact(built, centre, rays[doubtful], near, measure=False).t >= 1 - _SAME_POINT
     return unblocked
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from twinlens.geometry import Float
 
-_FAR_OFF = 1e-3  # relative: a refined t further than this from Mitsuba's is a grazing hit gone wrong
+FAR_OFF = 1e-3  # relative: a refined t further than this from Mitsuba's is a grazing hit gone wrong
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ def refine(surface: Triangles | Quadric, origin: Float, directions: Float, prim:
     d = directions @ local_from_world[:3, :3].T
     with np.errstate(divide="ignore", invalid="ignore"):
         exact = _triangles(surface, o, d, prim) if isinstance(surface, Triangles) else _unit(surface, o, d, t)
-        good = np.abs(exact.t - t) <= _FAR_OFF * t
+        good = np.abs(exact.t - t) <= FAR_OFF * t
     return Exact(
         np.where(good, exact.t, t),
         _to_world(local_from_world, exact.normal),
