@@ -1,12 +1,15 @@
 """Mitsuba itself takes every plugin and every parameter the whitelist names, and nothing it names is left unused."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
 from scene_text import Read
 
 from twinlens.camera import Camera, Rig
+from twinlens.scenes import load_scene
 from twinlens.scenes.plugins import AREA_EMITTERS, BSDFS, EMITTERS, INTEGRATORS, SHAPES
 
 rendering = pytest.importorskip("twinlens.rendering")
@@ -143,3 +146,29 @@ def test_repeat_repeats(read: Read) -> None:
     twice = photograph(read, "range = [0.1, 0.9], along = 'u', repeat = [2, 1]").mean(axis=0)
     assert (np.diff(twice) < 0).sum() >= 1  # it falls back once in the middle
     np.testing.assert_allclose(twice[3:13], twice[3:13].mean() + (twice[19:29] - twice[19:29].mean()), rtol=0.25)
+
+
+def test_the_top_of_an_environment_map_is_up(read: Read, tmp_path: Path) -> None:
+    sky = np.zeros((16, 32, 3), np.float32)
+    sky[:8] = 1.0
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": sky}).write(str(tmp_path / "sky.exr"))
+    light = "[lights.sky]\ntype = 'envmap'\nfilename = 'sky.exr'"
+    scene = read("", ('[lights.sky]\ntype = "constant"\nradiance = 1.0', light), FRONTAL)
+    camera = Camera.from_fov(32, 32, fov_x_deg=18)
+    ball = rendering.render(scene, Rig([camera], [scene.world_from_left]), spp=16, seed=1)[0].mean(axis=2)
+    assert ball[6, 16] > 2 * ball[-7, 16]
+
+
+def test_a_checked_mitsuba_file_is_seen_from_its_own_sensor(tmp_path: Path) -> None:
+    """A unit sphere in front of the file's camera is where its look-at says: its near pole at distance 3 - 1."""
+    path = tmp_path / "s.xml"
+    path.write_text(
+        '<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/><transform name="to_world">'
+        '<lookat origin="0, -3, 0" target="0, 0, 0" up="0, 0, 1"/></transform></sensor>'
+        '<emitter type="constant"/><shape type="sphere"/></scene>'
+    )
+    scene = load_scene(path)
+    camera = Camera.from_fov(33, 33, fov_x_deg=scene.fov_x_deg)
+    (truth,) = rendering.ground_truth(scene, Rig([camera], [scene.world_from_left]))
+    assert truth.depth[16, 16] == pytest.approx(2.0, rel=1e-6)
+    assert np.isinf(truth.depth[0, 0])
