@@ -15,6 +15,7 @@ from twinlens.matching.images import Disparity, Image, extended
 FLOAT_ROWS = 64  # rounding depends on where a strip begins: float images are always cut in the same places
 LANE_COUNTS = (16, 32, 64, 96, 128)
 LANE_BITS = 4096
+CACHE_LINE = 64
 FITS = {"none": 0, "v": 1, "parabola": 2}
 WINNERS, RIVALS, VOLUME = 0, 1, 2
 SCALES = {"sum": 0, "zssd": 0, "zncc": 1, "ncc": 2, "jaccard": 3}
@@ -79,6 +80,14 @@ class Winners:
     cost: NDArray[Any]
 
 
+def aligned_zeros(count: int, dtype: Any) -> NDArray[Any]:
+    """Zeros that begin on a cache line, so that no load of whole lanes straddles two."""
+    itemsize = np.dtype(dtype).itemsize
+    raw = np.zeros(count * itemsize + CACHE_LINE, np.uint8)
+    start = -raw.ctypes.data % CACHE_LINE
+    return raw[start : start + count * itemsize].view(dtype)
+
+
 def largest(dtype: Any) -> float:
     """What stands for no cost at all: +inf, or an integer dtype's largest number, which no sum reaches."""
     return np.inf if np.dtype(dtype).kind == "f" else int(np.iinfo(dtype).max)
@@ -120,12 +129,16 @@ class BoxMatch:
         integers = padded.dtype.kind != "f"
         shape = (self.shape[0], before + self.shape[1] + after)
         totals, scales = np.zeros(shape, self.sums), np.zeros(shape, self.scores)
+        # Sums of 8-bit squares fit 32 bits, and float64 what is made of them; 16-bit ones need all of 64.
+        small = padded.dtype == np.uint8 and self.side < 180
+        kind = (np.int32 if small else np.int64) if integers else np.float64
+        area = np.float64(self.side**2) if small or not integers else np.int64(self.side**2)
         mode, flat, border = SCALES[self.cost.scoring], 0.0 if integers else FLAT, self.side - 1
 
         def work(y0: int, y1: int) -> None:
-            columns = np.zeros((2, padded.shape[1]), np.int64 if integers else np.float64)
+            columns = np.zeros((3, padded.shape[1]), kind)
             rows = padded[y0 : y1 + border]
-            window_stats(rows, self.side // 2, mode, flat, columns, before, totals[y0:y1], scales[y0:y1])
+            window_stats(rows, self.side // 2, mode, flat, area, columns, before, totals[y0:y1], scales[y0:y1])
 
         in_strips(work, self.shape[0], self.rows, self.threads)
         return totals, scales
@@ -135,31 +148,37 @@ class BoxMatch:
         """How many candidates a cost volume holds for each pixel: those of the range, and what fills the last lanes."""
         return self.passes.first(self.passes.count - 1) + self.passes.n
 
-    def winners(self, fit: str) -> Winners:
-        """The candidate of lowest cost at each pixel, of equal ones the smallest disparity, with sub-pixel `fit`."""
+    def winners(self, fit: str, *, costs: bool = True) -> Winners:
+        """The candidate of lowest cost at each pixel, of equal ones the smallest disparity, with sub-pixel `fit`.
+
+        Where no one asks for the costs, they may lack a factor that is the same for all candidates of a pixel.
+        """
         best = np.full(self.shape, largest(self.scores), self.scores)
         disparity = np.full(self.shape, np.inf, np.float32)
-        self._search(best, disparity, fit, WINNERS)
+        short = (
+            self.cost.scoring == "zncc" and not costs and self.left.dtype.kind == "u" if self.low < self.high else False
+        )
+        self._search(best, disparity, fit, WINNERS, "zncc_of_right" if short else self.cost.scoring)
         return Winners(disparity, best)
 
     def rivals(self, disparity: Disparity) -> NDArray[Any]:
         """The lowest cost among candidates at least two away from the winner; the largest number where none is."""
         best = np.full(self.shape, largest(self.scores), self.scores)
-        self._search(best, disparity, "none", RIVALS)
+        self._search(best, disparity, "none", RIVALS, self.cost.scoring)
         return best
 
-    def _search(self, best: NDArray[Any], disparity: Disparity, fit: str, mode: int) -> None:
+    def _search(self, best: NDArray[Any], disparity: Disparity, fit: str, mode: int, scoring: str) -> None:
         if self.low >= self.high:
             return
         from twinlens.matching.kernels.slide import slide_kernel
 
-        kernel = slide_kernel(self.cost.term, self.cost.scoring, self.passes.n, mode)
+        kernel = slide_kernel(self._term, scoring, self.passes.n, mode)
         unused = np.zeros(1, np.float32), (0, 0, 0), np.zeros(3, np.float32)
 
         def work(y0: int, y1: int) -> None:
             maps = best[y0:y1], disparity[y0:y1]
             for index in range(self.passes.count):
-                kernel(*self._arguments(y0, y1, index), FITS[fit], self._columns(), *maps, *unused)
+                kernel(*self._arguments(y0, y1, index), FITS[fit], *self._scratch(), *maps, *unused)
 
         in_strips(work, self.shape[0], self.rows, self.threads)
 
@@ -171,17 +190,24 @@ class BoxMatch:
         """
         from twinlens.matching.kernels.slide import slide_kernel
 
-        kernel = slide_kernel(self.cost.term, self.cost.scoring, self.passes.n, VOLUME)
+        kernel = slide_kernel(self._term, self.cost.scoring, self.passes.n, VOLUME)
         maps = np.empty((len(volume), self.shape[1]), self.scores), np.empty((1, 1), np.float32)
         kind = np.float64 if np.dtype(self.scores).itemsize > 4 else np.float32
         values = np.array([gain, offset, 0 if blank is None else blank], kind)
         for index in range(self.passes.count):
             target = self.depth, self.passes.first(index), int(blank is not None)
             arguments = self._arguments(y0, y0 + len(volume), index)
-            kernel(*arguments, 0, self._columns(), *maps, volume.reshape(-1), target, values)
+            kernel(*arguments, 0, *self._scratch(), *maps, volume.reshape(-1), target, values)
 
-    def _columns(self) -> NDArray[Any]:
-        return np.zeros((self.left.shape[1] + self.side) * self.passes.n, self.sums)
+    @property
+    def _term(self) -> str:
+        fits = self.cost.term == "product" and self.left.dtype == np.uint8 and self.sums == np.int32
+        return "product8" if fits else self.cost.term
+
+    def _scratch(self) -> tuple[NDArray[Any], NDArray[np.uint8], NDArray[Any]]:
+        """The kernel's column sums, its room for two rows of the right image, and for one pixel's costs."""
+        columns = aligned_zeros((self.left.shape[1] + self.side) * self.passes.n, self.sums)
+        return columns, np.zeros(2 * self.right.shape[1], np.uint8), aligned_zeros(self.passes.n, self.scores)
 
     def _arguments(self, y0: int, y1: int, index: int) -> tuple[Any, ...]:
         """What the kernel reads in one pass over one strip; see `kernels.slide.winner_kernel`."""

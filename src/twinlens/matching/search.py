@@ -63,7 +63,7 @@ def _boxes(task: Search, left: Image, right: Image, side: int, low: int, high: i
 
 
 def _fastest(task: Search, box: BoxMatch) -> Chosen:
-    found = box.winners(task.fit)
+    found = box.winners(task.fit, costs=task.rivals)
     nothing = np.empty((0, 0))
     if not task.rivals:
         return Chosen(found.disparity, nothing, nothing)

@@ -201,6 +201,29 @@ def ones(_typing: Any, value: Any) -> Any:
 
 
 @intrinsic
+def dot_pairs(_typing: Any, pairs: Any, factors: Any) -> Any:
+    """dot_pairs(pairs, factors): pairs[2 i] * low half of factors + pairs[2 i + 1] * its high half, in int32.
+
+    pairs are int16, factors is one int32. Written such that LLVM finds the one instruction many processors have for it.
+    """
+    n = pairs.n // 2
+    result = Lanes(types.int32, n)
+
+    def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+        wide = context.get_value_type(result)
+        both = builder.bitcast(_splat(builder, args[1], n), args[0].type)
+        undefined = ir.Constant(args[0].type, ir.Undefined)
+        products = []
+        for offset in (0, 1):
+            places = ir.Constant(ir.VectorType(INT32, n), list(range(offset, 2 * n, 2)))
+            halves = [builder.sext(builder.shuffle_vector(v, undefined, places), wide) for v in (args[0], both)]
+            products.append(builder.mul(*halves))
+        return builder.add(*products)
+
+    return result(pairs, types.int32), generate
+
+
+@intrinsic
 def lowest(_typing: Any, value: Any) -> Any:
     """lowest(value): the smallest of the lanes, a scalar. No lane may be NaN."""
 
@@ -240,16 +263,6 @@ def width_of(_typing: Any, value: Any) -> Any:
         return INT64(value.n)
 
     return types.int64(value), generate
-
-
-@intrinsic
-def pick(_typing: Any, value: Any, lane: Any) -> Any:
-    """pick(value, lane): the number in one lane."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        return builder.extract_element(args[0], args[1])
-
-    return value.dtype(value, types.int64), generate
 
 
 @intrinsic

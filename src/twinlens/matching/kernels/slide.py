@@ -24,13 +24,13 @@ from twinlens.matching.kernels.compiling import inlined, jit
 from twinlens.matching.kernels.lanes import (
     convert,
     distance,
+    dot_pairs,
     first_equal,
     inside,
     larger,
     load,
     lowest,
     ones,
-    pick,
     splat,
     store,
     width_of,
@@ -51,8 +51,46 @@ def _term(kind: Any, a: Any, b: Any, like: Any) -> Any:
         "absolute": lambda kind, a, b, like: convert(distance(a, b), like),
         "square": lambda kind, a, b, like: convert(distance(a, b), like) * convert(distance(a, b), like),
         "product": lambda kind, a, b, like: convert(a, like) * convert(b, like),
+        "product8": lambda kind, a, b, like: like,
         "hamming": lambda kind, a, b, like: convert(ones(a ^ b), like),
     }[kind.literal_value]
+
+
+def both_terms(kind: str, pairs: Any, both: Any, like: Any) -> Any:
+    """For "product8": the products of the row that enters less those of the row that leaves, from `interleave`d pairs.
+
+    `both` is the left image's pixel of the one row, and in the upper half of the number, negative, that of the other.
+    Only lanes and scalars are handed over here: an array would have its references counted at every pixel.
+    """
+
+
+@overload(both_terms, prefer_literal=True, inline="always", strict=False)
+def _both_terms(kind: Any, pairs: Any, both: Any, like: Any) -> Any:
+    if not isinstance(kind, types.StringLiteral):
+        return None
+    if kind.literal_value == "product8":
+        return lambda kind, pairs, both, like: dot_pairs(convert(pairs, splat(np.int16(0), pairs)), np.int32(both))
+    return lambda kind, pairs, both, like: like
+
+
+def interleave(kind: str, right: Any, pairs: Any, entering: int, leaving: int) -> None:
+    """Fill `pairs` with the row of the right image that enters and the one that leaves (-1: none does)."""
+
+
+@overload(interleave, prefer_literal=True, strict=False)
+def _interleave(kind: Any, right: Any, pairs: Any, entering: Any, leaving: Any) -> Any:
+    if not isinstance(kind, types.StringLiteral):
+        return None
+
+    def nothing(kind, right, pairs, entering, leaving):
+        return None
+
+    def weave(kind, right, pairs, entering, leaving):
+        for i in range(len(pairs) // 2):
+            pairs[2 * i] = right[entering + i]
+            pairs[2 * i + 1] = right[leaving + i] if leaving >= 0 else 0
+
+    return weave if kind.literal_value == "product8" else nothing
 
 
 def score(kind: str, window: Any, area: Any, lefts: Any, pixel: int, rights: Any, at: int, like: Any) -> Any:
@@ -78,6 +116,11 @@ def _score(kind: Any, window: Any, area: Any, lefts: Any, pixel: Any, rights: An
         )
         return convert(covariance, like) * (load(rights[1], at, n) * splat(lefts[1][pixel], like))
 
+    def zncc_of_right(kind, window, area, lefts, pixel, rights, at, like):
+        # The left window's scale is the same for all candidates: whole numbers choose the same winner without it.
+        covariance = splat(lefts[0][pixel], window) * load(rights[0], at, n)
+        return convert(covariance - convert(splat(area, window), window) * window, like) * load(rights[1], at, n)
+
     def ncc(kind, window, area, lefts, pixel, rights, at, like):
         return convert(window, like) * (load(rights[1], at, n) * splat(-lefts[1][pixel], like))
 
@@ -90,7 +133,9 @@ def _score(kind: Any, window: Any, area: Any, lefts: Any, pixel: Any, rights: An
         union = splat(lefts[1][pixel], like) + load(rights[1], at, n) + sad
         return (sad + sad) / larger(union, splat(tiny(like), like))
 
-    return {"sum": total, "zncc": zncc, "ncc": ncc, "zssd": zssd, "jaccard": jaccard}[kind.literal_value]
+    return {"sum": total, "zncc": zncc, "zncc_of_right": zncc_of_right, "ncc": ncc, "zssd": zssd, "jaccard": jaccard}[
+        kind.literal_value
+    ]
 
 
 def tiny(like: Any) -> Any:
@@ -117,20 +162,12 @@ def fitted(fit: int, before: Any, here: Any, after: Any) -> float:
 
 
 @inlined
-def winner(cost, start, stop, begin, end, bar, fit):
-    """(lowest cost, its lane with sub-pixel offset) among lanes begin..end; lane -1 if none is below `bar`.
-
-    Lanes start..stop hold candidates, whose costs the fit may use.
-    """
+def winner(cost, begin, end, bar):
+    """(lowest cost, its lane) among lanes begin..end; lane -1 if none is below `bar`."""
     own = inside(cost, begin, end, bar) if begin > 0 or end < width_of(cost) else cost
     value = lowest(own)
-    lane = -1.0
-    if value < bar:
-        k = first_equal(own, value)
-        lane = np.float64(k)
-        if start < k < stop - 1:
-            lane += fitted(fit, pick(cost, k - 1), value, pick(cost, k + 1))
-    return value, lane
+    k = first_equal(own, value) if value < bar else -1
+    return value, k
 
 
 @inlined
@@ -156,8 +193,12 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
     lanes begin..end may win in this pass. `target` is (depth, place, masked), `values` is (gain, offset, blank).
     """
 
+    paired, twice = kind == "product8", 2 * n
+
     @jit
-    def slide(left, right, layout, lefts, rights, spans, fit, columns, best, disparity, volume, target, values):
+    def slide(
+        left, right, layout, lefts, rights, spans, fit, columns, pairs, costs, best, disparity, volume, target, values
+    ):
         height, width = best.shape
         left_stride, right_stride, right_start, stat_stride, stat_start = layout
         radius, area, first, low, high, own_begin, own_end = spans
@@ -168,15 +209,22 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
         out = splat(volume[0], zero)
         for y in range(1 - side, height):
             window = zero
+            row = y + side - 1
+            interleave(kind, right, pairs, row * right_stride, (y - 1) * right_stride if y > 0 else -1)
             for x in range(width + 2 * radius):
                 column = load(columns, (x + side) * n, n)
-                row = y + side - 1
-                a = splat(left[row * left_stride + x], zero)
-                column = column + term(kind, a, load(right, row * right_stride + right_start - x, n), zero)
-                if y > 0:
-                    a = splat(left[(y - 1) * left_stride + x], zero)
-                    b = load(right, (y - 1) * right_stride + right_start - x, n)
-                    column = column - term(kind, a, b, zero)
+                if paired:
+                    both = np.int32(left[row * left_stride + x])
+                    if y > 0:
+                        both -= np.int32(left[(y - 1) * left_stride + x]) << 16
+                    column = column + both_terms(kind, load(pairs, 2 * (right_start - x), twice), both, zero)
+                else:
+                    a = splat(left[row * left_stride + x], zero)
+                    column = column + term(kind, a, load(right, row * right_stride + right_start - x, n), zero)
+                    if y > 0:
+                        a = splat(left[(y - 1) * left_stride + x], zero)
+                        b = load(right, (y - 1) * right_stride + right_start - x, n)
+                        column = column - term(kind, a, b, zero)
                 store(columns, (x + side) * n, column)
                 window = window + (column - load(columns, x * n, n))
                 u = x - 2 * radius
@@ -195,9 +243,13 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
                         scaled = inside(scaled, min(start, n), max(stop, 0), values[2])
                     store(volume, (y * width + u) * target[0] + target[1], convert(scaled, out))
                 else:
-                    value, lane = winner(cost, start, stop, begin, end, best[y, u], fit)
-                    if lane >= 0.0:
+                    value, k = winner(cost, begin, end, best[y, u])
+                    if k >= 0:
+                        store(costs, 0, cost)
+                        offset = 0.0
+                        if start < k < stop - 1:
+                            offset = fitted(fit, costs[k - 1], value, costs[k + 1])
                         best[y, u] = value
-                        disparity[y, u] = first + lane
+                        disparity[y, u] = first + k + offset
 
     return slide

@@ -3,8 +3,6 @@
 # numba types what it compiles by itself; its decorators and the functions given to it carry no annotations
 # mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
 
-from typing import Any
-
 import numpy as np
 
 from twinlens.matching.kernels.compiling import jit
@@ -14,41 +12,54 @@ FLAT = 1e-12  # a float window whose variance is below this part of its mean squ
 
 
 @jit
-def scale_of(mode: int, area: Any, total: Any, squares: Any, flat: float) -> float:
-    """1 / sqrt(n S2 - S^2), 1 / sqrt(S2), or S; 0 for a window without variance, or without light."""
-    if mode == TOTAL:
-        return np.float64(total)
-    spread = squares if mode == INVERSE_NORM else area * squares - total * total
-    if np.float64(spread) <= flat * np.float64(area) * np.float64(squares):
-        return 0.0
-    return 1.0 / np.sqrt(np.float64(spread))
+def scale(mode, flat, area, totals, squares, scales):
+    """scales = 1 / sqrt(n S2 - S^2), or 1 / sqrt(S2); 0 for a window without variance, or without light.
+
+    The type of `area` is what this is computed in: integers where float64 would round.
+    """
+    for x in range(len(totals)):
+        total, square = area * 0 + totals[x], area * 0 + squares[x]
+        spread = square if mode == INVERSE_NORM else area * square - total * total
+        there = spread > flat * area * square
+        root = np.sqrt(np.float64(spread if there else area))
+        scales[x] = 1.0 / root if there else 0.0
 
 
 @jit
-def window_stats(image, radius, mode, flat, columns, offset, totals, scales):
+def window_stats(image, radius, mode, flat, area, columns, offset, totals, scales):
     """Fill totals and scales, (H, offset + W or more), from column `offset` on.
 
-    image (H + 2 r, W + 2 r) is padded; columns is a zeroed scratch (2, W + 2 r) in the dtype the sums are kept in.
+    image (H + 2 r, W + 2 r) is padded; area is (2 r + 1)^2 in the type that scales are computed in; columns is a
+    zeroed scratch (3, W + 2 r) in the dtype the sums are kept in.
     """
     side = 2 * radius + 1
     height, width = image.shape[0] - 2 * radius, image.shape[1] - 2 * radius
-    area = columns.dtype.type(side * side)
+    sums, squares, spare = columns[0], columns[1], columns[2]
     for y in range(1 - side, height):
+        new = image[y + side - 1]
         for x in range(width + 2 * radius):
-            new = columns.dtype.type(image[y + side - 1, x])
-            old = columns.dtype.type(image[y - 1, x]) if y > 0 else columns.dtype.type(0)
-            columns[0, x] += new - old
-            columns[1, x] += new * new - old * old
+            value = columns.dtype.type(new[x])
+            sums[x] += value
+            squares[x] += value * value
+        if y > 0:
+            old = image[y - 1]
+            for x in range(width + 2 * radius):
+                value = columns.dtype.type(old[x])
+                sums[x] -= value
+                squares[x] -= value * value
         if y < 0:
             continue
-        total, squares = columns.dtype.type(0), columns.dtype.type(0)
+        total, square = columns.dtype.type(0), columns.dtype.type(0)
         for x in range(2 * radius):
-            total += columns[0, x]
-            squares += columns[1, x]
+            total += sums[x]
+            square += squares[x]
         for x in range(width):
-            total += columns[0, x + 2 * radius]
-            squares += columns[1, x + 2 * radius]
+            total += sums[x + 2 * radius]
+            square += squares[x + 2 * radius]
             totals[y, offset + x] = total
-            scales[y, offset + x] = scale_of(mode, area, total, squares, flat)
-            total -= columns[0, x]
-            squares -= columns[1, x]
+            spare[x] = square
+            scales[y, offset + x] = total
+            total -= sums[x]
+            square -= squares[x]
+        if mode != TOTAL:
+            scale(mode, flat, area, totals[y, offset : offset + width], spare, scales[y, offset : offset + width])
