@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 MATERIAL_KINDS = ("none", "diffuse", "glossy", "mirror", "transmissive")
-"""What `Truth.material_kind` counts: its value is the index in this tuple; 0 where nothing was hit."""
+"""What `Truth.material_kind` counts: its value is the index in this tuple; 0 where nothing was hit
+(or an instance in a raw Mitsuba file, which does not tell)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -120,7 +120,7 @@ def mitsubas(scene, camera, lens, spp, seed) -> np.ndarray:
     """The scene through `thinlens` or `perspective`, as Mitsuba's manual has them; the camera must be centred."""
     import math
 
-    from twinlens.rendering.backend import mitsuba
+    from twinlens.rendering.backends import mitsuba
     from twinlens.rendering.build import build
 
     mi = mitsuba()

@@ -61,12 +61,10 @@ def test_smooth_normals_are_interpolated_and_face_the_camera(truth, name):
     assert np.abs(np.linalg.norm(smooth, axis=-1) - 1).max() < 1e-6
 
 
-@pytest.mark.xfail(strict=True, reason="Mitsuba makes a sphere of it, and warns where nobody hears")
 def test_a_stretched_sphere_is_refused_rather_than_made_round(renderer):
     assert str(renderer("corners")["ellipsoid"]).startswith("InputError")
 
 
-@pytest.mark.xfail(strict=True, reason="mitsuba 3.9 has no ShapeType.Instance, which every raw file asks for")
 def test_a_raw_mitsuba_file_has_a_truth(renderer):
     arrays = renderer("corners")
     assert str(arrays["xml"]) == "ball"

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twinlens.camera.checks import check_number
 from twinlens.camera.distortion import Distortion, check_invertible
 from twinlens.errors import InputError
 from twinlens.geometry import Float, film_from_cam, px_from_film
@@ -50,12 +51,11 @@ class Camera:
                     f"camera {name} must be a whole number of pixels from 1 to {_LARGEST_SIDE}, got {value}"
                 )
         for name in ("fx", "fy", "pixel_pitch_um"):
-            value = getattr(self, name)
-            if not (value > 0 and math.isfinite(value)):
-                raise InputError(f"camera {name} must be positive and finite, got {value}")
+            check_number(f"camera {name}", getattr(self, name), "positive and finite", above=0)
         for name in ("cx", "cy"):
-            if not math.isfinite(getattr(self, name)):
-                raise InputError(f"camera {name} must be finite, got {getattr(self, name)}")
+            check_number(f"camera {name}", getattr(self, name), "a finite number")
+        if not isinstance(self.distortion, Distortion | None):
+            raise InputError(f"camera distortion must be BrownConrady, KannalaBrandt or None, got {self.distortion!r}")
         check_invertible(self)
 
     @classmethod
@@ -65,7 +65,8 @@ class Camera:
         >>> round(Camera.from_fov(640, 480, fov_x_deg=90).fx, 6)
         320.0
         """
-        if not 0 < fov_x_deg < 180:
+        check_number("fov_x_deg", fov_x_deg, "between 0 and 180 degrees", above=0)
+        if not fov_x_deg < 180:
             raise InputError(f"fov_x_deg must lie between 0 and 180 degrees, got {fov_x_deg}")
         fx = 0.5 * width / math.tan(0.5 * math.radians(fov_x_deg))
         return cls(width, height, fx, fx, 0.5 * (width - 1), 0.5 * (height - 1), pixel_pitch_um=pixel_pitch_um)

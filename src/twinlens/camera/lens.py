@@ -9,6 +9,7 @@ from typing import ClassVar
 
 from twinlens import optics
 from twinlens.camera.aperture import FULL_DISK, Aperture
+from twinlens.camera.checks import check_number
 from twinlens.errors import InputError
 
 
@@ -42,9 +43,9 @@ class ThinLens:
     aperture: Aperture = FULL_DISK
 
     def __post_init__(self) -> None:
-        _check_diameter("aperture_diameter", self.aperture_diameter)
-        if not self.focus_distance > 0:
-            raise InputError(f"focus_distance must be a positive number of metres (or inf), got {self.focus_distance}")
+        _check_hole("aperture_diameter", self.aperture_diameter, self.aperture)
+        if self.focus_distance != math.inf:
+            check_number("focus_distance", self.focus_distance, "a positive number of metres (or inf)", above=0)
 
     @classmethod
     def from_f_number(
@@ -55,8 +56,7 @@ class ThinLens:
         `film_distance` in metres, as `Camera.film_distance` gives it. Raises InputError unless all three are positive.
         """
         for name, value in (("f_number", f_number), ("film_distance", film_distance)):
-            if not (value > 0 and math.isfinite(value)):
-                raise InputError(f"{name} must be positive and finite, got {value}")
+            check_number(name, value, "positive and finite", above=0)
         cls(0.0, focus_distance)
         return cls(optics.focal_length(focus_distance, film_distance) / f_number, focus_distance, aperture)
 
@@ -90,9 +90,8 @@ class BareAperture:
     aperture: Aperture = FULL_DISK
 
     def __post_init__(self) -> None:
-        _check_diameter("diameter", self.diameter)
-        if not (self.film_distance > 0 and math.isfinite(self.film_distance)):
-            raise InputError(f"film_distance must be a positive number of metres, got {self.film_distance}")
+        _check_hole("diameter", self.diameter, self.aperture)
+        check_number("film_distance", self.film_distance, "a positive number of metres", above=0)
 
     @property
     def aperture_diameter(self) -> float:
@@ -112,6 +111,7 @@ class BareAperture:
 Lens = Pinhole | ThinLens | BareAperture
 
 
-def _check_diameter(name: str, value: float) -> None:
-    if not (value >= 0 and math.isfinite(value)):
-        raise InputError(f"{name} must be a number of metres >= 0, got {value}")
+def _check_hole(name: str, diameter: float, aperture: Aperture) -> None:
+    check_number(name, diameter, "a number of metres >= 0", least=0)
+    if not isinstance(aperture, Aperture):
+        raise InputError(f"aperture must be Disk, Polygon, Annulus or MaskAperture, got {aperture!r}")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twinlens.camera.checks import check_number
 from twinlens.camera.intrinsics import Camera
 from twinlens.errors import InputError
 from twinlens.geometry import Float, check_rigid, inverse, rigid
@@ -47,8 +48,7 @@ class Rig:
         `right` gives the right camera's own intrinsics (its cx makes doffs = cx_right - cx_left); the left one's unless
         said. World coordinates are the left camera's when no pose is given.
         """
-        if not (baseline > 0 and np.isfinite(baseline)):
-            raise InputError(f"baseline must be a positive number of metres, got {baseline}")
+        check_number("baseline", baseline, "a positive number of metres", above=0)
         left_pose = np.eye(4) if world_from_left is None else check_rigid(world_from_left, "world_from_left")
         left_from_right = rigid(np.eye(3), [baseline, 0.0, 0.0])
         return cls((camera, right or camera), (left_pose, left_pose @ left_from_right))

@@ -1,6 +1,6 @@
 """Photographs and exact truth of a scene. The only room that imports mitsuba and drjit, and only when it is used."""
 
-from twinlens.rendering.backend import Backend, backend, doctor
+from twinlens.rendering.backends import Backend, backend, doctor
 from twinlens.rendering.ground_truth import ground_truth
 from twinlens.rendering.lens_grid import LensGrid, render_lens_grid
 from twinlens.rendering.radiance import render

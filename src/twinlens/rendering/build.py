@@ -9,8 +9,11 @@ import numpy as np
 
 from twinlens.errors import InputError
 from twinlens.geometry import Float, rotate, transform_points
-from twinlens.rendering.backend import mitsuba
+from twinlens.rendering.backends import mitsuba
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
+
+_INSTANCE = 1 << 10  # Mitsuba 3.9 has the type, and no name for it
+_ROUND = {"sphere": 3, "cylinder": 2}  # how many of a shape's own axes, from the first, must be scaled alike
 
 _cache: "weakref.WeakKeyDictionary[Scene, BuiltScene]" = weakref.WeakKeyDictionary()
 
@@ -93,12 +96,24 @@ def _leaf(thing: SceneObject, bsdf: Any) -> Any:
     emitter = None if thing.emitter is None else _load(thing.emitter, f"emitter of object {thing.name!r}")
     if isinstance(thing.shape, Mesh):
         return _mesh(thing.name, thing.shape, thing.world_from_object, bsdf, emitter)
+    _check_round(thing)
     plugin = {**plain(thing.shape), "bsdf": bsdf}
     own = plugin.get("to_world", mi.ScalarTransform4f())
     plugin["to_world"] = mi.ScalarTransform4f(thing.world_from_object) @ own
     if emitter is not None:
         plugin["emitter"] = emitter
     return _load_plain(plugin, f"shape of object {thing.name!r}")
+
+
+def _check_round(thing: SceneObject) -> None:
+    """Mitsuba would draw a stretched sphere as a round one, and say so in a log alone."""
+    kind = "mesh" if isinstance(thing.shape, Mesh) else str(thing.shape["type"])
+    for pose in (thing.world_from_object, *thing.instances) if kind in _ROUND else ():
+        axes = pose[:3, :3].T @ pose[:3, :3]
+        stretched = np.diag(axes).copy()
+        stretched[_ROUND[kind] :] = axes[0, 0]  # along its axis a cylinder may have any length
+        if np.abs(axes - np.diag(np.diag(axes))).max() + np.ptp(stretched) > 1e-6 * axes.max():
+            raise InputError(f"object {thing.name!r}: a {kind} keeps its form; scale it evenly, or stretch a mesh")
 
 
 def _mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emitter: Any) -> Any:
@@ -196,10 +211,9 @@ def _build_xml(scene: Scene) -> BuiltScene:
         names.append(shape.id() or f"shape{index}")
         bsdf = shape.bsdf()
         material = materials.setdefault(bsdf.id() or f"material of {names[-1]}", len(materials) + 1)
-        is_instance = shape.shape_type() == mi.ShapeType.Instance
-        bodies.append(
-            Body(index, material, material_kind(bsdf), None if is_instance else shape, shape if is_instance else None)
-        )
+        is_instance = shape.shape_type() == _INSTANCE
+        kind = 0 if is_instance else material_kind(bsdf)  # an instance does not tell the material inside
+        bodies.append(Body(index, material, kind, None if is_instance else shape, shape if is_instance else None))
     integrator = mi_scene.integrator() or _load(scene.integrator, "integrator")
     return BuiltScene(mi_scene, integrator, tuple(bodies), tuple(names), tuple(materials))
 

@@ -11,7 +11,7 @@ import numpy as np
 from twinlens.camera import Camera, Disk, Lens
 from twinlens.errors import BackendError
 from twinlens.geometry import Float
-from twinlens.rendering.backend import mitsuba
+from twinlens.rendering.backends import mitsuba
 
 _NEEDS_JIT = "needs the LLVM or CUDA backend (Debian, Ubuntu: apt install libllvm19)"
 _NEAR_CLIP = 1e-3

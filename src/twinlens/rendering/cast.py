@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.geometry import Float
-from twinlens.rendering.backend import backend, mitsuba
+from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import Body, BuiltScene
 
 _MISS = float("inf")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from twinlens.camera import Rig
 from twinlens.geometry import Float, inverse, rotate, transform_points
-from twinlens.rendering.backend import mitsuba
+from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import Body, BuiltScene, build
 from twinlens.rendering.cast import Hits, cast, measured_normals
 from twinlens.rendering.refine import FAR_OFF, FLAT_SHAPES, UNIT_SHAPES, Exact, Quadric, Triangles, refine

@@ -10,7 +10,7 @@ Sums are kept in 64-bit fixed point, whose addition does not depend on order, so
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from twinlens.camera import Camera, Disk, Lens, Rig
 from twinlens.errors import InputError
 from twinlens.geometry import Float
-from twinlens.rendering.backend import backend, mitsuba
+from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.radiance import RAYS_A_PASS, Progress, check_request, part_of, render
 from twinlens.scenes import Scene
@@ -217,25 +217,30 @@ class _Tracer:
     def ring_images(self, ring: Ring, middle: float, seeds: np.random.SeedSequence) -> tuple[list[Float], list[float]]:
         """The mean radiance through one ring for each of its vergences, (H, W, 3), and its RMS standard error."""
         sums = [_Mean(self.camera) for _ in ring.vergences]
-        for count, seed in self._passes(ring.spp, seeds):
-            for total, splat in zip(sums, self._trace(ring, middle, count, seed), strict=True):
+        sampler, passes = self._sampler(ring.spp)
+        for _ in range(passes):
+            seed = int(seeds.spawn(1)[0].generate_state(1)[0])
+            for total, splat in zip(sums, self._trace(ring, middle, sampler, seed), strict=True):
                 total.add(np.asarray(splat).reshape(self.camera.height, self.camera.width, 4))
-            self.rays += count * self.width * self.height
+            self.rays += sampler.sample_count() * self.width * self.height
         return [total.image() for total in sums], [total.standard_error() for total in sums]
 
-    def _passes(self, spp: int, seeds: np.random.SeedSequence) -> Iterator[tuple[int, int]]:
-        """Equal passes of a power of two samples, at least `spp` in all, and several wherever that is possible."""
-        room = max(1, RAYS_A_PASS // (self.width * self.height))
-        count = 1 << (max(1, min(room, spp // _FEWEST_PASSES)).bit_length() - 1)
-        for _ in range(math.ceil(spp / count)):
-            yield count, int(seeds.spawn(1)[0].generate_state(1)[0])
+    def _sampler(self, spp: int) -> tuple[Any, int]:
+        """A sampler of one pass, and how many passes make at least `spp`: as few as memory and their spread allow.
 
-    def _trace(self, ring: Ring, middle: float, spp: int, seed: int) -> list[Any]:
+        Samplers round counts up (multijitter 32 to 35): what they take is read back.
+        """
+        room = max(1, RAYS_A_PASS // (self.width * self.height))
+        passes = max(min(_FEWEST_PASSES, spp), math.ceil(spp / room))
+        sampler = mitsuba().load_dict({"type": self.sampler, "sample_count": math.ceil(spp / passes)})
+        return sampler, max(min(_FEWEST_PASSES, spp), math.ceil(spp / sampler.sample_count()))
+
+    def _trace(self, ring: Ring, middle: float, sampler: Any, seed: int) -> list[Any]:
         """One pass: fixed-point sums of (R, G, B, count) over the image, flat, for each vergence."""
         import drjit as dr
 
         mi = mitsuba()
-        sampler = mi.load_dict({"type": self.sampler, "sample_count": spp})
+        spp = sampler.sample_count()
         rays = self.width * self.height * spp
         sampler.set_samples_per_wavefront(spp)
         sampler.seed(seed, rays)

@@ -9,6 +9,7 @@ import importlib.metadata
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -28,6 +29,8 @@ _FOLDERS = (
 )
 _NAMES = ("libLLVM.so*", "libLLVM-*.so*", "libLLVM.dylib")
 _PROBE_SECONDS = 120
+_STOPPED = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)  # by somebody, not by the library
+_PASSING = ("did not answer", "was stopped")  # answers that another day may change: not remembered
 
 _PROBE = """
 import resource
@@ -74,7 +77,8 @@ def probe(variant: str, library: Path | None = None) -> Probe:
         environment["DRJIT_LIBLLVM_PATH"] = str(library)
     answer = _run(_PROBE.format(variant=variant), environment)
     result = Probe(str(library or variant), answer == "works", answer)
-    memory.keep(result)
+    if not answer.startswith(_PASSING):
+        memory.keep(result)
     return result
 
 
@@ -91,6 +95,8 @@ def _run(script: str, environment: dict[str, str]) -> str:
         return f"did not answer within {_PROBE_SECONDS} s"
     if child.returncode == 0:
         return "works"
+    if -child.returncode in _STOPPED:
+        return f"was stopped (signal {-child.returncode})"
     if child.returncode < 0:
         return f"aborts the process (signal {-child.returncode})"
     lines = [line.strip() for line in child.stderr.splitlines() if line.strip()]
@@ -102,16 +108,16 @@ def _version(path: Path) -> tuple[int, ...]:
     return tuple(int(n) for n in numbers) or (0,)
 
 
+_ROW = {"path": str, "works": bool, "answer": str}
+
+
 class _Memory:
     """One remembered answer in the kernel cache folder. A folder that can't be written costs a probe a process."""
 
     def __init__(self, variant: str, library: Path | None) -> None:
-        home = os.environ.get("DRJIT_CACHE_DIR") or str(Path.home() / ".drjit")
+        home = os.environ.get("DRJIT_CACHE_DIR") or os.path.expanduser("~/.drjit")  # noqa: PTH111  never raises
         self._file = Path(home) / "twinlens-backends.json"
-        stamp = ""
-        if library is not None and library.exists():
-            status = library.stat()
-            stamp = f"{status.st_size}:{status.st_mtime_ns}"
+        stamp = _cuda_stamp() if library is None else _file_stamp(library)
         self._key = f"{variant}|{library}|{stamp}|mitsuba {importlib.metadata.version('mitsuba')}"
 
     def _read(self) -> dict[str, dict[str, object]]:
@@ -123,17 +129,34 @@ class _Memory:
 
     def recall(self) -> Probe | None:
         row = self._read().get(self._key)
-        try:
-            return Probe(**row) if row else None  # type: ignore[arg-type]
-        except TypeError:
+        if not isinstance(row, dict) or {name: type(value) for name, value in row.items()} != _ROW:
             return None
+        return Probe(**row)  # type: ignore[arg-type]
 
     def keep(self, result: Probe) -> None:
         rows = self._read() | {self._key: asdict(result)}
         try:
             self._file.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile("w", dir=self._file.parent, delete=False) as aside:
-                json.dump(rows, aside, indent=1)
-            Path(aside.name).replace(self._file)
+            with tempfile.TemporaryDirectory(dir=self._file.parent) as aside:
+                written = Path(aside) / self._file.name
+                written.write_text(json.dumps(rows, indent=1))
+                written.replace(self._file)
         except OSError:
             return
+
+
+def _file_stamp(library: Path) -> str:
+    try:
+        status = library.stat()
+    except OSError:
+        return ""
+    return f"{status.st_size}:{status.st_mtime_ns}"
+
+
+def _cuda_stamp() -> str:
+    """The driver and the devices this process may see: another machine of a shared home must ask again."""
+    try:
+        driver = Path("/proc/driver/nvidia/version").read_text().splitlines()[0]
+    except (OSError, IndexError):
+        driver = ""
+    return f"{driver}|{os.environ.get('CUDA_VISIBLE_DEVICES', '')}|{os.uname().nodename}"

@@ -11,7 +11,7 @@ import numpy as np
 
 from twinlens.camera import Camera, Lens
 from twinlens.geometry import Float
-from twinlens.rendering.backend import mitsuba
+from twinlens.rendering.backends import mitsuba
 
 NAME = "twinlens_camera"
 

@@ -4,6 +4,7 @@ scene -> mi scene ----+
 rig, lens -> sensors -+-> integrator, pass by pass -> float64 mean -> float32 (H, W, 3)
 """
 
+import functools
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from twinlens.camera import Camera, Lens, Pinhole, Rig
 from twinlens.errors import InputError, unknown
 from twinlens.geometry import Float
-from twinlens.rendering.backend import backend
+from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.builtin import builtin_sensor
 from twinlens.rendering.plugin import camera_sensor
@@ -89,8 +90,8 @@ def _photograph(
 ) -> NDArray[np.float32]:
     total = np.zeros((camera.height, camera.width, 3))
     done = 0
-    for count, stream in _passes(camera, spp, seeds):
-        sensor = make_sensor(camera, pose, lens, count, sampler)
+    for kind, count, stream in _passes(camera, spp, seeds, sampler):
+        sensor = make_sensor(camera, pose, lens, count, kind)
         image = built.integrator.render(built.mi_scene, sensor, seed=stream, spp=count)
         total += count * np.asarray(image, dtype=np.float64)
         done += count
@@ -113,14 +114,26 @@ def make_sensor(camera: Camera, pose: Float, lens: Lens, spp: int, sampler: str)
     return make(camera, pose, lens, film, {"type": sampler, "sample_count": spp})
 
 
-def _passes(camera: Camera, spp: int, seeds: np.random.SeedSequence) -> Iterator[tuple[int, int]]:
-    """(samples a pixel, seed) of each pass: powers of two, which every sampler takes as they are, bounded in memory."""
+def _passes(camera: Camera, spp: int, seeds: np.random.SeedSequence, sampler: str) -> Iterator[tuple[str, int, int]]:
+    """(sampler, samples a pixel, seed) of each pass, bounded in memory, `spp` in all.
+
+    Samplers round a count that they have no pattern for, so a pass takes a power of two that they take as it is; where
+    there is none, the rest is drawn independently.
+    """
     largest = max(1, RAYS_A_PASS // (camera.width * camera.height))
     left = spp
     while left:
-        count = 1 << (min(left, largest).bit_length() - 1)
-        yield count, int(seeds.spawn(1)[0].generate_state(1)[0])
-        left -= count
+        powers = (1 << power for power in reversed(range(min(left, largest).bit_length())))
+        count = next((count for count in powers if takes(sampler, count)), None)
+        kind, size = ("independent", min(left, largest)) if count is None else (sampler, count)
+        yield kind, size, int(seeds.spawn(1)[0].generate_state(1)[0])
+        left -= size
+
+
+@functools.cache
+def takes(sampler: str, count: int) -> bool:
+    """Whether Mitsuba's sampler draws just `count` samples a pixel when asked for them."""
+    return bool(mitsuba().load_dict({"type": sampler, "sample_count": count}).sample_count() == count)
 
 
 def part_of(progress: Progress | None, index: int, count: int) -> Progress:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.geometry import Float
-from twinlens.rendering.backend import mitsuba
+from twinlens.rendering.backends import mitsuba
 
 
 class DrJitMath:
