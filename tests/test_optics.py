@@ -61,6 +61,21 @@ def test_blur_at_the_limits_is_the_circle_allowed(a, fx, k, c_px):
     assert limits[0] <= limits[1]
 
 
+@given(st.floats(1e-4, 0.05), st.floats(100, 5000), st.floats(-20.0, 5.0), pixels, st.floats(1e-3, 1e3))
+def test_in_focus_is_what_lies_between_the_limits(a, fx, k, c_px, z):
+    near, far = optics.depth_of_field(a, fx, k, c_px)
+    if min(abs(z / near - 1), abs(z / far - 1)) > 1e-9:
+        assert bool(optics.in_focus(z, a, fx, k, c_px)) == (near < z < far)
+
+
+def test_in_focus_at_the_ends():
+    """A pinhole is sharp everywhere; infinity is a depth; nothing is sharp behind an open box."""
+    depths = np.array([[0.1, 1.0], [100.0, np.inf]])
+    assert optics.in_focus(depths, 0.0, 700, 0.5).all()
+    assert optics.in_focus(depths, 0.01, 700, 0.0).tolist() == [[False, False], [True, True]]
+    assert not optics.in_focus(depths, 0.01, 700, -20.0).any()
+
+
 def test_depth_of_field_at_the_ends():
     assert optics.depth_of_field(0.0, 700, 0.5) == (0.0, math.inf)
     assert optics.depth_of_field(0.01, 700, k=-20.0) == (math.inf, math.inf)  # an open box: nothing is sharp
@@ -116,3 +131,5 @@ def test_impossible_circles_are_refused(circle):
         optics.depth_of_field(0.01, 700, 0.5, circle)
     with pytest.raises(InputError, match="circle_px"):
         optics.hyperfocal_distance(0.01, 700, circle)
+    with pytest.raises(InputError, match="circle_px"):
+        optics.in_focus(1.0, 0.01, 700, 0.5, circle)

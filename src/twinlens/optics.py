@@ -35,8 +35,9 @@ def focal_length(focus_distance: float, film_distance: float) -> float:
 def circle_of_confusion_px(depth: ArrayLike, aperture_diameter: float, fx: float, k: float) -> NDArray[np.float64]:
     """Signed diameter of the blur circle on the film, in pixels: c = A fx (1/z - k).
 
-    Positive in front of the plane of focus (the aperture appears upright there), negative behind it. Depth +inf is a
-    real distance here: c = -A fx k.
+    Positive in front of the plane of focus, where a light draws the aperture turned by 180 degrees (a point a of it
+    lands at -a c/A in the upright image), negative behind it, where it draws the aperture upright. Depth +inf is a real
+    distance here: c = -A fx k.
 
     >>> circle_of_confusion_px([1.0, 2.0, np.inf], aperture_diameter=0.01, fx=700, k=0.5).tolist()
     [3.5, 0.0, -3.5]
@@ -45,6 +46,21 @@ def circle_of_confusion_px(depth: ArrayLike, aperture_diameter: float, fx: float
     if not (z > 0).all():
         raise InputError("depth must be positive (+inf where nothing was hit); NaN and values <= 0 are refused")
     return aperture_diameter * fx * (1.0 / z - k)
+
+
+def in_focus(
+    depth: ArrayLike, aperture_diameter: float, fx: float, k: float, circle_px: float = 1.0
+) -> NDArray[np.bool_]:
+    """Where the blur circle is at most `circle_px` pixels wide: |c| <= circle_px, bool, the shape of `depth` (metres).
+
+    The mask of what `depth_of_field` gives the limits of; +inf is a depth. Raises InputError for depths that are not
+    positive and for a circle_px that is not.
+
+    >>> in_focus([1.0, 1.8, 2.0, 2.4, np.inf], aperture_diameter=0.01, fx=700, k=0.5, circle_px=0.7).tolist()
+    [False, True, True, True, False]
+    """
+    _check_circle(circle_px)
+    return np.asarray(np.abs(circle_of_confusion_px(depth, aperture_diameter, fx, k)) <= circle_px)
 
 
 def depth_of_field(aperture_diameter: float, fx: float, k: float, circle_px: float = 1.0) -> tuple[float, float]:
@@ -56,8 +72,7 @@ def depth_of_field(aperture_diameter: float, fx: float, k: float, circle_px: flo
     >>> depth_of_field(0.01, fx=700, k=0.5, circle_px=0.7)
     (1.6666666666666667, 2.5)
     """
-    if not circle_px > 0:
-        raise InputError(f"circle_px must be positive, got {circle_px}")
+    _check_circle(circle_px)
     if aperture_diameter == 0:
         return 0.0, math.inf
     margin = circle_px / (aperture_diameter * fx)
@@ -68,9 +83,14 @@ def depth_of_field(aperture_diameter: float, fx: float, k: float, circle_px: flo
 def hyperfocal_distance(aperture_diameter: float, fx: float, circle_px: float = 1.0) -> float:
     """The nearest focus distance that keeps infinity within `circle_px`: H = A fx / c, in metres.
 
-    Exact for the camera law, in which the film stays and the lens power changes; the textbook's f^2/(N c) + f measures
-    from the front focal plane.
+    The textbook's f^2/(N c) + f, with c in metres, is the same number and no approximation of it: it asks for the film
+    where the lens f focuses at H, v = f H/(H - f), and there A fx / c = A v/c = f^2/(N c) + f. Here the film stays and
+    the lens that focuses at H is the one meant.
     """
+    _check_circle(circle_px)
+    return aperture_diameter * fx / circle_px
+
+
+def _check_circle(circle_px: float) -> None:
     if not circle_px > 0:
         raise InputError(f"circle_px must be positive, got {circle_px}")
-    return aperture_diameter * fx / circle_px

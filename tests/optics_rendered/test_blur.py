@@ -1,0 +1,131 @@
+"""The blur of a small light, measured on photographs of it: its diameter, its line over disparity, its shape."""
+
+import math
+
+import numpy as np
+import pytest
+from optics_lights import HERE, centroid, disk_diameter, grey, lamps, square_camera
+
+import twinlens as tl
+from twinlens.camera import Disk, MaskAperture, Polygon
+
+FX = 400.0
+OWN = 6.0  # px: the diameter of the light's own image
+SPP = 1024
+NEEDED = 0.0018  # standard error of a diameter that a measurement goes on for
+CAMERAS = {  # name: lens of an aperture, its vergence, five vergences of the light, five apertures
+    "lens": (lambda a: tl.ThinLens(a, 1.0), 1.0, (2.0, 1.7, 1.5, 0.5, 0.2), (0.04, 0.045, 0.05, 0.06, 0.07)),
+    "bare hole": (lambda a: tl.BareAperture(a, 2.0), -0.5, (1.5, 1.2, 1.0, 0.7, 0.4), (0.015, 0.018, 0.021, 0.025, 0.03)),
+}
+
+
+def blurred(lens, depth: float, expected: float, seeds) -> np.ndarray:
+    """A light on the axis, whose image measures OWN px, with just enough film around it; the mean over seeds."""
+    camera = square_camera(2 * math.ceil(0.5 * (expected + OWN)) + 3, FX)
+    scene, rig = lamps([(0.0, 0.0, depth)], 0.5 * OWN * depth / FX), tl.Rig([camera], [HERE])
+    return np.mean([grey(tl.render(scene, rig, lens, spp=SPP, seed=seed)[0]) for seed in seeds], axis=0)
+
+
+@pytest.mark.parametrize("row", range(5))
+@pytest.mark.parametrize("name", CAMERAS)
+def test_the_blur_circle_is_as_wide_as_the_law_says(name, row):
+    """A fx |1/z - k| within 1% over five depths and five apertures, three standard errors included.
+
+    The diameter comes from the second moment of the light on the film: n hits know it to 0.29/sqrt(n), and to
+    (1 + OWN^2/c^2) times that with the light's own size taken off.
+    """
+    lens_of, vergence, lights, apertures = CAMERAS[name]
+    for aperture in apertures:
+        expected = aperture * FX * abs(lights[row] - vergence)
+        per_hit = 0.29 * (1 + (OWN / expected) ** 2)
+        passes = math.ceil((per_hit / NEEDED) ** 2 / (0.25 * math.pi * OWN**2 * SPP))
+        image = blurred(lens_of(aperture), 1 / lights[row], expected, range(passes))
+        assert image.sum() == pytest.approx(0.25 * math.pi * OWN**2, rel=0.03)  # no light is lost off the film
+        error = per_hit / math.sqrt(image.sum() * SPP * passes)
+        assert abs(disk_diameter(image, OWN) / expected - 1) + 3 * error < 0.01, (aperture, expected, error)
+
+
+def test_blur_over_disparity_is_a_line_whose_slope_is_aperture_over_baseline():
+    """Both are measured: disparity from the light's centres in the two eyes, blur from its spread."""
+    aperture, baseline, focus = 0.06, 0.12, 1.0
+    camera = square_camera(36, FX)
+    measured = []
+    for i, depth in enumerate((0.55, 0.65, 0.8, 1.3, 2.0, 4.0)):
+        middle = (0.5 * baseline, 0.0, depth)
+        scene = lamps([middle], 0.5 * OWN * depth / FX)
+        shift = 0.5 * FX * baseline / depth  # the eyes look past each other, so that the light stays on the film
+        left, right = (camera.replace(cx=camera.cx + s * shift) for s in (-1, 1))
+        rig = tl.Rig.stereo(left, baseline, right=right)
+        eyes = [grey(image) for image in tl.render(scene, rig, tl.ThinLens(aperture, focus), spp=SPP, seed=i)]
+        disparity = centroid(eyes[0])[0] - centroid(eyes[1])[0] + rig.doffs()
+        blur = np.mean([disk_diameter(eye, OWN) for eye in eyes])
+        measured.append((disparity, math.copysign(blur, focus - depth)))
+    disparity, blur = np.array(measured).T
+    (slope, offset), residual, *_ = np.polyfit(disparity, blur, 1, full=True)
+    assert slope == pytest.approx(aperture / baseline, rel=0.01)
+    assert -offset / slope == pytest.approx(FX * baseline / focus, rel=0.01)
+    assert math.sqrt(residual[0] / len(blur)) < 0.01 * np.ptp(blur)
+
+
+SHAPES = {
+    "triangle": Polygon(3, rotation_deg=20),
+    "hexagon": Polygon(6, rotation_deg=10, roundness=0.3),
+    "code": MaskAperture(np.random.default_rng(7).random((7, 7)).round(1) * np.pad(np.ones((5, 5)), 1)),
+    "letter F": MaskAperture([[1, 1, 1, 1], [1, 0, 0, 0], [1, 1, 1, 0], [1, 0, 0, 0], [1, 0, 0, 0]]),
+}
+
+
+def through(shape, own: float, blur: float, side: int) -> np.ndarray:
+    """The aperture's transmission over a blur of `blur` px, gathered by pixels from a light of diameter `own` px."""
+    fine = 8
+    line = ((np.arange(side * fine) + 0.5) / fine - 0.5 * side) / (0.5 * blur)
+    open_ = shape.transmission(*np.meshgrid(line, line))
+    grain = own * fine
+    reach = math.ceil(0.5 * grain)
+    v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    light = (np.hypot(u, v) <= 0.5 * grain).astype(float)
+    size = [n + 2 * reach for n in open_.shape]
+    seen = np.fft.irfft2(np.fft.rfft2(open_, size) * np.fft.rfft2(light / light.sum(), size), size)
+    seen = seen[reach : reach + side * fine, reach : reach + side * fine]
+    return seen.reshape(side, fine, side, fine).mean(axis=(1, 3))
+
+
+def correlation(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
+
+
+SIDES = pytest.mark.parametrize(("focus", "turned"), [(8.0, True), (8 / 15, False)], ids=["before focus", "behind focus"])
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@SIDES
+def test_out_of_focus_a_light_draws_the_aperture(name, focus, turned):
+    """Turned by 180 degrees in front of the plane of focus, upright behind it; correlation >= 0.99."""
+    shape, depth, own, blur, side = SHAPES[name], 1.0, 5.0, 26.0, 35
+    lens = tl.ThinLens(blur / FX / abs(1 / depth - 1 / focus), focus, aperture=shape)
+    scene = lamps([(0.0, 0.0, depth)], 0.5 * own * depth / FX)
+    image = grey(tl.render(scene, tl.Rig([square_camera(side, FX)], [HERE]), lens, spp=4 * SPP, seed=1)[0])
+    drawn = through(shape, own, blur, side)
+    assert correlation(image, drawn[::-1, ::-1] if turned else drawn) > 0.99
+    if name != "hexagon":  # which turned by 180 degrees is itself
+        assert correlation(image, drawn if turned else drawn[::-1, ::-1]) < 0.9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["triangle", "code"])
+@SIDES
+def test_a_pointlike_light_draws_the_mask_itself(name, focus, turned):
+    """The same with a light of a fortieth of the blur, against the aperture's bare transmission on the pixels."""
+    shape, depth, blur, side = SHAPES[name], 1.0, 40.0, 44
+    lens = tl.ThinLens(blur / FX / abs(1 / depth - 1 / focus), focus, aperture=shape)
+    scene, rig = lamps([(0.0, 0.0, depth)], 0.5 * depth / FX), tl.Rig([square_camera(side, FX)], [HERE])
+    image = np.mean([grey(tl.render(scene, rig, lens, spp=1 << 14, seed=seed)[0]) for seed in range(8)], axis=0)
+    drawn = through(shape, 0.01, blur, side)
+    assert correlation(image, drawn[::-1, ::-1] if turned else drawn) > 0.99
+
+
+def test_a_disk_is_a_disk():
+    """The rulers notice a blur of another size: the law's own check."""
+    drawn = through(Disk(), OWN, 30.0, 48)
+    assert disk_diameter(drawn, OWN) == pytest.approx(30.0, rel=2e-3)
+    assert disk_diameter(drawn, 0.0) > 30.5  # the light itself, if it is forgotten, is noticed
