@@ -17,7 +17,7 @@ LANE_COUNTS = (16, 32, 64, 96, 128)
 LANE_BITS = 4096
 CACHE_LINE = 64
 FITS = {"none": 0, "v": 1, "parabola": 2}
-WINNERS, RIVALS, VOLUME = 0, 1, 2
+WINNERS, RIVALS, VOLUME, WHOLE = 0, 1, 2, 3
 SCALES = {"sum": 0, "zssd": 0, "zncc": 1, "ncc": 2, "jaccard": 3}
 
 
@@ -190,7 +190,8 @@ class BoxMatch:
         """
         from twinlens.matching.kernels.slide import slide_kernel
 
-        kernel = slide_kernel(self._term, self.cost.scoring, self.passes.n, VOLUME)
+        whole = gain == 1.0 and int(offset) == 0 and volume.dtype.kind == "u" and np.dtype(self.scores).kind == "u"
+        kernel = slide_kernel(self._term, self.cost.scoring, self.passes.n, WHOLE if whole else VOLUME)
         maps = np.empty((len(volume), self.shape[1]), self.scores), np.empty((1, 1), np.float32)
         kind = np.float64 if np.dtype(self.scores).itemsize > 4 else np.float32
         values = np.array([gain, offset, 0 if blank is None else blank], kind)

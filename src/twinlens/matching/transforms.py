@@ -22,17 +22,15 @@ def census_images(image: Image, side: int) -> list[NDArray[Any]]:
     uint32 words up to 5x5, uint64 beyond, and as many images of words as the window needs.
     Source: Zabih and Woodfill, "Non-parametric local transforms for computing visual correspondence", ECCV 1994.
     """
+    from twinlens.matching.kernels.order import census_words
+
     word = np.uint32 if side <= 5 else np.uint64
-    room = 8 * np.dtype(word).itemsize
-    bits = neighbours(image, side)
-    return [_packed(image, bits[i : i + room], word) for i in range(0, len(bits), room)] or [np.zeros_like(image, word)]
-
-
-def _packed(image: Image, bits: list[Image], word: type[np.unsignedinteger[Any]]) -> NDArray[Any]:
-    result = np.zeros(image.shape, word)
-    for shifted in bits:
-        result <<= word(1)
-        result |= shifted < image
+    room, bits, radius = 8 * np.dtype(word).itemsize, side * side - 1, side // 2
+    rows, columns = ((-radius, size + radius) for size in image.shape)
+    padded = extended(image, rows, columns)
+    result = [np.zeros(image.shape, word) for _ in range(0, max(bits, 1), room)]
+    for index, words in enumerate(result):
+        census_words(padded, side, index * room, min((index + 1) * room, bits), words)
     return result
 
 

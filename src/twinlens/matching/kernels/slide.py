@@ -178,7 +178,7 @@ def rival(cost, begin, end, k, bar):
     return min(lowest(below), lowest(above))
 
 
-WINNERS, RIVALS, VOLUME = 0, 1, 2
+WINNERS, RIVALS, VOLUME, WHOLE = 0, 1, 2, 3
 
 
 @functools.cache
@@ -188,7 +188,8 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
     WINNERS fills best and disparity, (H, W), with the lowest cost and where it lies. RIVALS is given the winners in
     `disparity` and lowers `best` to the cost of the best candidate at least two away. VOLUME writes every candidate's
     cost * gain + offset to the flat `volume`, (H, W, depth), at the candidates from `place` on; candidates that do not
-    exist get `blank` where `masked` is set, otherwise what the edge-continued images give.
+    exist get `blank` where `masked` is set, otherwise what the edge-continued images give. WHOLE is VOLUME for whole
+    numbers that the volume holds as they are.
     `spans` is (radius, area, disparity of lane 0, low, high, begin, end): lanes low..high lie in the requested range,
     lanes begin..end may win in this pass. `target` is (depth, place, masked), `values` is (gain, offset, blank).
     """
@@ -230,13 +231,18 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
                 u = x - 2 * radius
                 start, stop = max(low, u - first - width + 1, 0), min(high, u - first + 1, n)
                 begin, end = max(start, own_begin), min(stop, own_end)
-                if y < 0 or u < 0 or (begin >= end and mode != VOLUME):
+                if y < 0 or u < 0 or (begin >= end and mode < VOLUME):
                     continue
                 at = y * stat_stride + stat_start - u
                 cost = score(scoring, window, area, lefts, y * width + u, rights, at, like)
                 if mode == RIVALS:
                     k = int(np.ceil(disparity[y, u] - 0.5)) - first
                     best[y, u] = rival(cost, begin, end, k, best[y, u])
+                elif mode == WHOLE:
+                    whole = convert(cost, out)
+                    if target[2] > 0 and (start > 0 or stop < n):
+                        whole = inside(whole, min(start, n), max(stop, 0), volume.dtype.type(values[2]))
+                    store(volume, (y * width + u) * target[0] + target[1], whole)
                 elif mode == VOLUME:
                     scaled = convert(cost, real) * splat(values[0], real) + splat(values[1], real)
                     if target[2] > 0:
