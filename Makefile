@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test test-all lint bench clean
+.PHONY: demo test test-all lint bench pictures clean
 
 demo: .venv/installed
 	$(BIN)/twinlens demo -o demo
@@ -39,3 +39,6 @@ clean:
 .venv/installed-lint: pyproject.toml | .venv/bin/python
 	$(BIN)/pip install --quiet --editable ".[lint]"
 	touch $@
+
+pictures: .venv/installed
+	$(BIN)/python docs/pictures.py

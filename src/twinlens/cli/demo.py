@@ -10,7 +10,7 @@ from twinlens.cli.boards import print_board, run_board
 from twinlens.cli.progress import progress_bar
 from twinlens.cli.specs import middle_focus
 
-SCENES = ("staircase", "spheres", "tabletop")
+SCENES = ("staircase", "cards", "spheres")
 METHODS = tuple(f"{cost}:block_size={size}" for cost in ("sad", "ssd", "zncc") for size in (7, 21))
 WIDTH, HEIGHT = 400, 300
 SPP = {"scalar": 16, "llvm": 32, "cuda": 64}
