@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 @click.option("--baseline", type=float, help="Stereo base, metres.  [default: the scene's]")
 @click.option("--spp", type=click.IntRange(min=1), default=64, show_default=True, help="Samples a pixel.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of every random draw.")
+@click.option("--sensor", default="machine_vision", show_default=True, help="ideal, machine_vision or phone.")
 @click.option("--radiance", is_flag=True, help="Keep the linear images too (radiance0.exr, radiance1.exr).")
 @click.option("--overwrite", is_flag=True, help="Replace samples that are there already.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was written as JSON.")
@@ -37,6 +38,7 @@ def command(
     baseline: float | None,
     spp: int,
     seed: int,
+    sensor: str,
     radiance: bool,
     overwrite: bool,
     as_json: bool,
@@ -51,6 +53,7 @@ def command(
     """
     from twinlens.factory import default_rig
     from twinlens.scenes import load_scene
+    from twinlens.sensor import Sensor
 
     width, height = parse_size(size)
     jobs = []
@@ -60,7 +63,7 @@ def command(
         focus, film = middle_focus(scene.depth_range), rig.cameras[0].film_distance
         jobs.append((scene, rig, tuple(parse_lens(text, focus, film) for text in lenses)))
     _check_names([scene.name for scene, _, _ in jobs], output, overwrite)
-    options = {"spp": spp, "seed": seed, "keep_radiance": radiance}
+    options = {"spp": spp, "seed": seed, "keep_radiance": radiance, "sensor": Sensor.preset(sensor)}
     rows = [_one(job, output, options, overwrite) for job in jobs]
     _list(output, rows, seed)
     _tell(output, rows, as_json)
