@@ -48,7 +48,7 @@ def chequered_room() -> Scene:
     )
     lights = {"sky": {"type": "constant", "radiance": {"type": "rgb", "value": 0.4}}}
     materials = {"check": check, "chalk": {"type": "diffuse"}, "black": BLACK}
-    return Scene("room", objects, materials, HERE, (1.0, 6.0), lights, {"type": "path", "max_depth": 3})
+    return Scene("room", objects, materials, HERE, (1.0, 6.0), lights, {"type": "path", "max_depth": 5})
 
 
 def square_camera(side: int, fx: float, **changes) -> tl.Camera:

@@ -15,7 +15,12 @@ SPP = 1024
 NEEDED = 0.0018  # standard error of a diameter that a measurement goes on for
 CAMERAS = {  # name: lens of an aperture, its vergence, five vergences of the light, five apertures
     "lens": (lambda a: tl.ThinLens(a, 1.0), 1.0, (2.0, 1.7, 1.5, 0.5, 0.2), (0.04, 0.045, 0.05, 0.06, 0.07)),
-    "bare hole": (lambda a: tl.BareAperture(a, 2.0), -0.5, (1.5, 1.2, 1.0, 0.7, 0.4), (0.015, 0.018, 0.021, 0.025, 0.03)),
+    "bare hole": (
+        lambda a: tl.BareAperture(a, 2.0),
+        -0.5,
+        (1.5, 1.2, 1.0, 0.7, 0.4),
+        (0.015, 0.018, 0.021, 0.025, 0.03),
+    ),
 }
 
 
@@ -94,7 +99,9 @@ def correlation(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
 
 
-SIDES = pytest.mark.parametrize(("focus", "turned"), [(8.0, True), (8 / 15, False)], ids=["before focus", "behind focus"])
+SIDES = pytest.mark.parametrize(
+    ("focus", "turned"), [(8.0, True), (8 / 15, False)], ids=["before focus", "behind focus"]
+)
 
 
 @pytest.mark.parametrize("name", SHAPES)

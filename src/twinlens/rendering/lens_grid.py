@@ -23,6 +23,7 @@ from twinlens.geometry import Float
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.radiance import RAYS_A_PASS, Progress, check_request, part_of, render
+from twinlens.rendering.strata import shared_strata
 from twinlens.scenes import Scene
 
 Image = NDArray[np.float32]
@@ -88,7 +89,9 @@ def render_lens_grid(
     spp : int
         Samples a pixel of the direct image whose error each lens's image should reach.
     seed, sampler, progress
-        As in `render`.
+        As in `render`. With `multijitter` sample m has one place in the pixel and in the aperture for all pixels of a
+        pass, which keeps its strata at every focus: errors are as small as those of direct images, but neighbouring
+        pixels share what the lens does to them (a highlight far out of focus is drawn in dots, not in grain).
 
     Returns
     -------
@@ -122,6 +125,7 @@ def plan_rings(lenses: Sequence[Lens], spp: int) -> list[Ring]:
     image s^2 / spp: going outwards, each ring takes just what its lens still needs.
     """
     radii = sorted({0.5 * lens.aperture_diameter for lens in lenses})
+    fewest = min(_FEWEST_PASSES, spp)
     rings: list[Ring] = []
     inner = 0.0
     for outer in radii:
@@ -129,7 +133,7 @@ def plan_rings(lenses: Sequence[Lens], spp: int) -> list[Ring]:
         weight = (outer**2 - inner**2) / outer**2 if outer else 1.0
         spent = sum((ring.area / outer**2) ** 2 / ring.spp for ring in rings if outer)
         count = math.ceil(weight**2 / (1.0 / spp - spent) - 1e-9)
-        rings.append(Ring(inner, outer, tuple(wanted or [lenses[0].vergence]), max(1, count)))
+        rings.append(Ring(inner, outer, tuple(wanted or [lenses[0].vergence]), max(fewest, count)))
         inner = outer
     return rings
 
@@ -228,12 +232,17 @@ class _Tracer:
     def _sampler(self, spp: int) -> tuple[Any, int]:
         """A sampler of one pass, and how many passes make at least `spp`: as few as memory and their spread allow.
 
-        Samplers round counts up (multijitter 32 to 35): what they take is read back.
+        Samplers round counts up (multijitter 11 to 12): what they take is read back.
         """
         room = max(1, RAYS_A_PASS // (self.width * self.height))
-        passes = max(min(_FEWEST_PASSES, spp), math.ceil(spp / room))
-        sampler = mitsuba().load_dict({"type": self.sampler, "sample_count": math.ceil(spp / passes)})
-        return sampler, max(min(_FEWEST_PASSES, spp), math.ceil(spp / sampler.sample_count()))
+        fewest = min(_FEWEST_PASSES, spp)
+        count = math.ceil(spp / max(fewest, math.ceil(spp / room)))
+        if self.sampler == "multijitter":
+            sampler = shared_strata(count)
+        else:
+            sampler = mitsuba().load_dict({"type": self.sampler, "sample_count": count})
+            sampler.set_samples_per_wavefront(sampler.sample_count())
+        return sampler, max(fewest, math.ceil(spp / sampler.sample_count()))
 
     def _trace(self, ring: Ring, middle: float, sampler: Any, seed: int) -> list[Any]:
         """One pass: fixed-point sums of (R, G, B, count) over the image, flat, for each vergence."""
@@ -242,13 +251,13 @@ class _Tracer:
         mi = mitsuba()
         spp = sampler.sample_count()
         rays = self.width * self.height * spp
-        sampler.set_samples_per_wavefront(spp)
         sampler.seed(seed, rays)
         cell = dr.arange(mi.UInt32, rays) // spp
-        jitter = sampler.next_2d()
+        draw = sampler.next_shared_2d if self.sampler == "multijitter" else sampler.next_2d
+        jitter, aperture = draw(), draw()
         u = mi.Float(cell % self.width) + jitter.x - (0.5 + self.margin)
         v = mi.Float(cell // self.width) + jitter.y - (0.5 + self.margin)
-        ax, ay = _sample_ring(ring, sampler.next_2d())
+        ax, ay = _sample_ring(ring, aperture)
         ray = self._ray(u, v, ax, ay, dr.opaque(mi.Float, middle))
         radiance, valid, _ = self.built.integrator.sample(self.built.mi_scene, sampler, ray, None, True)
         radiance = dr.select(valid, radiance, 0.0)
@@ -310,7 +319,8 @@ class _Mean:
     def __init__(self, camera: Camera) -> None:
         self.total = np.zeros((camera.height, camera.width, 3))
         self.count = np.zeros((camera.height, camera.width, 1))
-        self.passes, self.squares, self.sums = 0, 0.0, np.zeros_like(self.total)
+        self.passes = np.zeros_like(self.count)  # in which a pixel got samples
+        self.squares = np.zeros_like(self.total)
 
     def add(self, fixed: NDArray[np.uint64]) -> None:
         """One pass's fixed-point sums (H, W, 4)."""
@@ -318,10 +328,8 @@ class _Mean:
         count = fixed[..., 3:].astype(np.float64)
         self.total += total
         self.count += count
-        mean = total / np.maximum(count, 1.0)
-        self.passes += 1
-        self.squares += float((mean**2).mean())
-        self.sums += mean
+        self.passes += count > 0
+        self.squares += total**2 / np.maximum(count, 1.0)
 
     def image(self) -> Float:
         """The mean over all passes; a pixel that no sample reached takes its neighbours' mean."""
@@ -332,11 +340,16 @@ class _Mean:
         return mean
 
     def standard_error(self) -> float:
-        """Root mean square over the pixels, from the variance between passes; NaN for a single pass."""
-        if self.passes < 2:
+        """Root mean square over the pixels with samples in several passes, from their variance; NaN without any.
+
+        The variance of a mean of passes m_p of n_p samples is sum n_p (m_p - mean)^2 / ((passes - 1) sum n_p).
+        """
+        known = self.passes[..., 0] > 1
+        if not known.any():
             return math.nan
-        between = self.squares / self.passes - float(((self.sums / self.passes) ** 2).mean())
-        return math.sqrt(max(0.0, between) / (self.passes - 1))
+        count, passes, total = self.count[known], self.passes[known], self.total[known]
+        between = np.maximum(self.squares[known] - total**2 / count, 0.0)
+        return math.sqrt(float((between / ((passes - 1) * count)).mean()))
 
 
 def _neighbours(total: Float, count: Float) -> Float:

@@ -1,0 +1,127 @@
+"""What the camera costs beside Mitsuba's own, and what its sampler is worth: one process, interleaved rounds, medians.
+
+    python benchmarks/bench_camera.py [--width 320] [--spp 64] [--rounds 11] [--write]
+
+1. The camera plugin against Mitsuba's `thinlens`, which has the same disk lens: seconds an image, on each scene. The
+   ratio is the median over the rounds of the two times of one round. (That both images are the same is the tests' job.)
+2. The default sampler `multijitter` against `independent`, through a wide lens: error is the variance between rounds,
+   meaned over the pixels, and what counts is error x time.
+
+`--write` puts the tables into benchmarks/camera.md.
+"""
+
+import argparse
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import drjit
+import numpy as np
+
+import twinlens as tl
+from twinlens.rendering.backends import backend
+from twinlens.rendering.build import build
+from twinlens.rendering.builtin import builtin_sensor
+from twinlens.rendering.plugin import camera_sensor
+
+PAGE = Path(__file__).with_name("camera.md")
+WIDE = 0.03  # of the nearest depth: the aperture's diameter
+
+
+def wide_lens(scene: tl.Scene) -> tl.ThinLens:
+    near, far = scene.depth_range
+    return tl.ThinLens(WIDE * near, 2 / (1 / near + 1 / far))
+
+
+def seconds(run: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    run()
+    drjit.sync_thread()
+    return time.perf_counter() - start
+
+
+def interleaved(runs: dict[str, Callable[[int], object]], rounds: int) -> dict[str, list[float]]:
+    """Seconds of each run in each round, after a warm-up; every other round in the other order."""
+    times: dict[str, list[float]] = {name: [] for name in runs}
+    for name in runs:
+        seconds(lambda name=name: runs[name](0))
+    for turn in range(rounds):
+        for name in list(runs)[:: 1 if turn % 2 else -1]:
+            times[name].append(seconds(lambda name=name: runs[name](turn + 1)))
+    return times
+
+
+def film(camera: tl.Camera) -> dict[str, object]:
+    size = {"width": camera.width, "height": camera.height}
+    return {"type": "hdrfilm", **size, "rfilter": {"type": "box"}, "pixel_format": "rgb", "sample_border": False}
+
+
+def against_thinlens(names: list[str], width: int, spp: int, rounds: int) -> list[str]:
+    lines = ["| scene | twinlens s | thinlens s | Msamples/s | ratio |", "| --- | --- | --- | --- | --- |"]
+    for name in names:
+        scene = tl.load_scene(name)
+        camera = tl.Camera.from_fov(width, width * 3 // 4, fov_x_deg=40)
+        built, lens = build(scene), wide_lens(scene)
+        sampler = {"type": "multijitter", "sample_count": spp}
+        runs: dict[str, Callable[[int], object]] = {}
+        for kind, make in (("twinlens", camera_sensor), ("thinlens", builtin_sensor)):
+            sensor = make(camera, scene.world_from_left, lens, film(camera), sampler)
+            runs[kind] = lambda seed, sensor=sensor, built=built: drjit.eval(
+                built.integrator.render(built.mi_scene, sensor, seed=seed, spp=spp)
+            )
+        times = interleaved(runs, rounds)
+        ours, theirs = (statistics.median(times[kind]) for kind in runs)
+        ratio = statistics.median(a / b for a, b in zip(*times.values(), strict=True))
+        speed = camera.width * camera.height * spp / ours / 1e6
+        lines.append(f"| {name} | {ours:.3f} | {theirs:.3f} | {speed:.2f} | **{ratio:.3f}** |")
+        print(lines[-1], flush=True)
+    return lines
+
+
+def against_independent(name: str, width: int, spp: int, rounds: int) -> list[str]:
+    scene = tl.load_scene(name)
+    rig = tl.Rig([tl.Camera.from_fov(width, width * 3 // 4, fov_x_deg=40)], [scene.world_from_left])
+    lens = wide_lens(scene)
+    images: dict[str, list[np.ndarray]] = {"multijitter": [], "independent": []}
+    runs: dict[str, Callable[[int], object]] = {
+        kind: lambda seed, kind=kind: images[kind].append(
+            tl.render(scene, rig, lens, spp=spp, seed=seed, sampler=kind)[0]
+        )
+        for kind in images
+    }
+    times = interleaved(runs, rounds)
+    lines = ["| sampler | s | MSE | MSE x s |", "| --- | --- | --- | --- |"]
+    costs = []
+    for kind, taken in images.items():
+        took = statistics.median(times[kind])
+        error = float(np.var(np.asarray(taken, dtype=np.float64), axis=0, ddof=1).mean())
+        costs.append(took * error)
+        lines.append(f"| {kind} | {took:.3f} | {error:.3g} | {costs[-1]:.3g} |")
+    lines += ["", f"**multijitter is worth {costs[1] / costs[0]:.2f}x independent.** (The claim: at least 1.8.)"]
+    print("\n".join(lines))
+    return lines
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scene", action="append")
+    parser.add_argument("--width", type=int, default=320)
+    parser.add_argument("--spp", type=int, default=64)
+    parser.add_argument("--rounds", type=int, default=11)
+    parser.add_argument("--write", action="store_true")
+    options = parser.parse_args()
+    sizes = options.width, options.spp, options.rounds
+    setting = f"{backend().name}, {platform.machine()}, {options.width}x{options.width * 3 // 4}, {options.spp} samples a pixel"
+    page = ["# The camera beside Mitsuba's own", "", f"`python benchmarks/bench_camera.py --write`: {setting},"]
+    page += [f"medians of {options.rounds} interleaved rounds.", "", "## A disk lens: the plugin against `thinlens`", ""]
+    page += against_thinlens(options.scene or ["room", "cards", "tabletop"], *sizes)
+    page += ["", "The claim: at most 1.1.", "", "## The sampler, on `tabletop` through a wide lens", ""]
+    page += against_independent("tabletop", *sizes)
+    if options.write:
+        PAGE.write_text("\n".join(page) + "\n")
+
+
+if __name__ == "__main__":
+    main()
