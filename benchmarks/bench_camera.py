@@ -49,7 +49,7 @@ def interleaved(runs: dict[str, Callable[[int], object]], rounds: int) -> dict[s
         seconds(lambda name=name: runs[name](0))
     for turn in range(rounds):
         for name in list(runs)[:: 1 if turn % 2 else -1]:
-            times[name].append(seconds(lambda name=name: runs[name](turn + 1)))
+            times[name].append(seconds(lambda name=name, turn=turn: runs[name](turn + 1)))
     return times
 
 
@@ -113,9 +113,15 @@ def main() -> None:
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     sizes = options.width, options.spp, options.rounds
-    setting = f"{backend().name}, {platform.machine()}, {options.width}x{options.width * 3 // 4}, {options.spp} samples a pixel"
+    size = f"{options.width}x{options.width * 3 // 4}"
+    setting = f"{backend().name}, {platform.machine()}, {size}, {options.spp} samples a pixel"
     page = ["# The camera beside Mitsuba's own", "", f"`python benchmarks/bench_camera.py --write`: {setting},"]
-    page += [f"medians of {options.rounds} interleaved rounds.", "", "## A disk lens: the plugin against `thinlens`", ""]
+    page += [
+        f"medians of {options.rounds} interleaved rounds.",
+        "",
+        "## A disk lens: the plugin against `thinlens`",
+        "",
+    ]
     page += against_thinlens(options.scene or ["room", "cards", "tabletop"], *sizes)
     page += ["", "The claim: at most 1.1.", "", "## The sampler, on `tabletop` through a wide lens", ""]
     page += against_independent("tabletop", *sizes)

@@ -2,8 +2,8 @@
 
     python benchmarks/bench_lens_grid.py [--scene tabletop] [--width 320] [--spp 64] [--rounds 5] [--write]
 
-6 apertures one stop apart x 4 focus distances. Each round renders the whole grid once and every cell once directly, with
-the same sampler and other seeds; times are medians over the rounds. A cell's error is its variance between rounds,
+6 apertures one stop apart x 4 focus distances. Each round renders the whole grid once and every cell once directly,
+with the same sampler and other seeds; times are medians over the rounds. A cell's error is its variance between rounds,
 meaned over the pixels: both ways are unbiased (the tests hold that). A way that has r times the error needs r times
 the samples, so the cost at equal error is time x error; the claim is about the worst cell.
 `--write` puts the tables into benchmarks/lens_grid.md.
@@ -76,22 +76,20 @@ def variance(images: Images) -> float:
 def table(lenses: list, found: dict[str, np.ndarray]) -> str:
     ratio = found["grid_mse"] / found["direct_mse"]
     time_ratio = float(found["grid_s"] / found["direct_s"].sum())
-    lines = [
-        "| aperture mm | focus m | direct s | direct MSE | grid MSE | MSE ratio | time x MSE |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
+    rows = [
+        ("aperture mm", "focus m", "direct s", "direct MSE", "grid MSE", "MSE ratio", "time x MSE"),
+        ("---",) * 7,
     ]
     for i, lens in enumerate(lenses):
-        lines.append(
-            f"| {1e3 * lens.aperture_diameter:.2f} | {lens.focus_distance:.2f} | {found['direct_s'][i]:.3f} | "
-            f"{found['direct_mse'][i]:.3g} | {found['grid_mse'][i]:.3g} | {ratio[i]:.2f} | {time_ratio * ratio[i]:.3f} |"
-        )
-    lines += [
-        "",
-        f"All cells directly: {found['direct_s'].sum():.2f} s. The grid: {float(found['grid_s']):.2f} s, "
-        f"{time_ratio:.3f} of that. MSE ratio: mean {ratio.mean():.2f}, worst {ratio.max():.2f}.",
-        f"**Cost at equal error: {time_ratio * ratio.max():.3f} in the worst cell, {time_ratio * ratio.mean():.3f} in "
-        "the mean.** (The claim: at most 0.2.)",
-    ]
+        size = f"{1e3 * lens.aperture_diameter:.2f}", f"{lens.focus_distance:.2f}", f"{found['direct_s'][i]:.3f}"
+        errors = f"{found['direct_mse'][i]:.3g}", f"{found['grid_mse'][i]:.3g}"
+        rows.append((*size, *errors, f"{ratio[i]:.2f}", f"{time_ratio * ratio[i]:.3f}"))
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    total, grid = found["direct_s"].sum(), float(found["grid_s"])
+    lines.append(f"\nAll cells directly: {total:.2f} s. The grid: {grid:.2f} s, {time_ratio:.3f} of that.")
+    lines.append(f"MSE ratio: mean {ratio.mean():.2f}, worst {ratio.max():.2f}. **Cost at equal error:")
+    lines.append(f"{time_ratio * ratio.max():.3f} in the worst cell, {time_ratio * ratio.mean():.3f} in the mean.**")
+    lines.append("(The claim: at most 0.2.)")
     return "\n".join(lines)
 
 
@@ -104,11 +102,9 @@ def main() -> None:
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
     width, height = options.width, options.width * 3 // 4
-    parts = [
-        "# Many lenses from one set of light paths",
-        f"`python benchmarks/bench_lens_grid.py --write`, {backend().name}, {platform.machine()}, medians of "
-        f"{options.rounds} interleaved rounds, {width}x{height}, {options.spp} samples a pixel, multijitter.",
-    ]
+    setting = f"{backend().name}, {platform.machine()}, {width}x{height}, {options.spp} samples a pixel"
+    parts = ["# Many lenses from one set of light paths", f"`python benchmarks/bench_lens_grid.py --write`: {setting},"]
+    parts[-1] += f" multijitter; medians of {options.rounds} interleaved rounds."
     for name in options.scene or ["tabletop", "cards"]:
         scene = tl.load_scene(name)
         rig = tl.Rig([tl.Camera.from_fov(width, height, fov_x_deg=40)], [scene.world_from_left])

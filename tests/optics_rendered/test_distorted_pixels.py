@@ -22,7 +22,7 @@ RADIUS = 1.5 * DEPTH / CAMERA.fx
 def gathered(image: np.ndarray, near) -> np.ndarray:
     """The centre of gravity of the pixels around `near` (u, v)."""
     u, v = np.round(near).astype(int)
-    return centroid(image[v - 6 : v + 7, u - 6 : u + 7]) + (u - 6, v - 6)
+    return centroid(image[v - 6 : v + 7, u - 6 : u + 7]) + np.array([u - 6, v - 6])
 
 
 def landing(camera: tl.Camera, place: np.ndarray) -> np.ndarray:

@@ -23,15 +23,15 @@ from twinlens.geometry import Float
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.radiance import RAYS_A_PASS, Progress, check_request, part_of, render
+from twinlens.rendering.rings import FEWEST_PASSES, Ring, plan_rings, sample_ring, share_of
 from twinlens.rendering.strata import shared_strata
+from twinlens.rendering.tally import FIXED_POINT, RingMean
 from twinlens.scenes import Scene
 
 Image = NDArray[np.float32]
 
 _GRID_STREAM = 1
-_FIXED_POINT = 2.0**32  # of a unit of radiance; sums overflow beyond 4e9 units a pixel
 _BRIGHTEST = 1e6
-_FEWEST_PASSES = 2  # the standard error is read off their differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,21 +53,6 @@ class LensGrid(Sequence[list[Image]]):
 
     def __len__(self) -> int:
         return len(self.images)
-
-
-@dataclass(frozen=True)
-class Ring:
-    """Aperture radii between `inner` and `outer` metres, the vergences that need it, and its samples a pixel."""
-
-    inner: float
-    outer: float
-    vergences: tuple[float, ...]
-    spp: int
-
-    @property
-    def area(self) -> float:
-        """outer^2 - inner^2: area over pi. A pinhole's ring has none, and is its lens's only one."""
-        return self.outer**2 - self.inner**2
 
 
 def render_lens_grid(
@@ -116,26 +101,6 @@ def render_lens_grid(
     images = tuple([column.images[i] for column in columns] for i in range(len(lenses)))
     error = np.array([[column.error[i] for column in columns] for i in range(len(lenses))])
     return LensGrid(images, error, sum(column.rays for column in columns))
-
-
-def plan_rings(lenses: Sequence[Lens], spp: int) -> list[Ring]:
-    """Rings between the radii, innermost first, with the fewest samples that give every lens its direct error.
-
-    With weights w = area/(area of the lens) a lens has the variance sum w^2 s^2 / n over its rings, and its direct
-    image s^2 / spp: going outwards, each ring takes just what its lens still needs.
-    """
-    radii = sorted({0.5 * lens.aperture_diameter for lens in lenses})
-    fewest = min(_FEWEST_PASSES, spp)
-    rings: list[Ring] = []
-    inner = 0.0
-    for outer in radii:
-        wanted = sorted({lens.vergence for lens in lenses if 0.5 * lens.aperture_diameter >= outer > 0})
-        weight = (outer**2 - inner**2) / outer**2 if outer else 1.0
-        spent = sum((ring.area / outer**2) ** 2 / ring.spp for ring in rings if outer)
-        count = math.ceil(weight**2 / (1.0 / spp - spent) - 1e-9)
-        rings.append(Ring(inner, outer, tuple(wanted or [lenses[0].vergence]), max(fewest, count)))
-        inner = outer
-    return rings
 
 
 def _can_share(built: BuiltScene, rig: Rig, lenses: Sequence[Lens]) -> bool:
@@ -191,7 +156,7 @@ def _column(
     for ring in rings:
         images, errors = tracer.ring_images(ring, middle, seeds)
         for i, lens in enumerate(lenses):
-            share = _share(ring, lens)
+            share = share_of(ring, lens)
             if share:
                 place = ring.vergences.index(lens.vergence) if ring.outer else 0
                 totals[i] += share * images[place]
@@ -199,14 +164,6 @@ def _column(
         done += ring.spp
         report(done / work)
     return _Column([total.astype(np.float32) for total in totals], list(np.sqrt(variance)), tracer.rays)
-
-
-def _share(ring: Ring, lens: Lens) -> float:
-    """The part of a lens's open area that a ring makes up."""
-    radius = 0.5 * lens.aperture_diameter
-    if radius == 0:
-        return float(ring.outer == 0)
-    return ring.area / radius**2 if ring.outer <= radius else 0.0
 
 
 class _Tracer:
@@ -220,7 +177,7 @@ class _Tracer:
 
     def ring_images(self, ring: Ring, middle: float, seeds: np.random.SeedSequence) -> tuple[list[Float], list[float]]:
         """The mean radiance through one ring for each of its vergences, (H, W, 3), and its RMS standard error."""
-        sums = [_Mean(self.camera) for _ in ring.vergences]
+        sums = [RingMean(self.camera) for _ in ring.vergences]
         sampler, passes = self._sampler(ring.spp)
         for _ in range(passes):
             seed = int(seeds.spawn(1)[0].generate_state(1)[0])
@@ -235,7 +192,7 @@ class _Tracer:
         Samplers round counts up (multijitter 11 to 12): what they take is read back.
         """
         room = max(1, RAYS_A_PASS // (self.width * self.height))
-        fewest = min(_FEWEST_PASSES, spp)
+        fewest = min(FEWEST_PASSES, spp)
         count = math.ceil(spp / max(fewest, math.ceil(spp / room)))
         if self.sampler == "multijitter":
             sampler = shared_strata(count)
@@ -257,7 +214,7 @@ class _Tracer:
         jitter, aperture = draw(), draw()
         u = mi.Float(cell % self.width) + jitter.x - (0.5 + self.margin)
         v = mi.Float(cell // self.width) + jitter.y - (0.5 + self.margin)
-        ax, ay = _sample_ring(ring, aperture)
+        ax, ay = sample_ring(ring, aperture)
         ray = self._ray(u, v, ax, ay, dr.opaque(mi.Float, middle))
         radiance, valid, _ = self.built.integrator.sample(self.built.mi_scene, sampler, ray, None, True)
         radiance = dr.select(valid, radiance, 0.0)
@@ -292,70 +249,7 @@ class _Tracer:
         base = 4 * (mi.UInt32(row) * self.camera.width + mi.UInt32(column))
         sums = dr.zeros(mi.UInt64, 4 * self.camera.width * self.camera.height)
         for c in range(3):
-            fixed = mi.UInt64(dr.clip(radiance[c], 0.0, _BRIGHTEST) * _FIXED_POINT)
+            fixed = mi.UInt64(dr.clip(radiance[c], 0.0, _BRIGHTEST) * FIXED_POINT)
             dr.scatter_add(sums, fixed, base + c, inside)
         dr.scatter_add(sums, mi.UInt64(1), base + 3, inside)
         return sums
-
-
-def _sample_ring(ring: Ring, square: Any) -> tuple[Any, Any]:
-    """Points uniform on the ring, metres: the concentric map with its squared radius laid between the two radii."""
-    import drjit as dr
-
-    from twinlens.camera.warp import concentric
-    from twinlens.rendering.warp import DrJitMath
-
-    mi = mitsuba()
-    inner2, area = (dr.opaque(mi.Float, value) for value in (ring.inner**2, ring.area))
-    xp: Any = DrJitMath()
-    radius, turn = concentric(square.x, square.y, xp)
-    radius = xp.sqrt(inner2 + area * radius * radius)
-    return radius * xp.cos(2 * math.pi * turn), radius * xp.sin(2 * math.pi * turn)
-
-
-class _Mean:
-    """Running mean of a ring's image over passes, each pixel over its own samples, and the spread between passes."""
-
-    def __init__(self, camera: Camera) -> None:
-        self.total = np.zeros((camera.height, camera.width, 3))
-        self.count = np.zeros((camera.height, camera.width, 1))
-        self.passes = np.zeros_like(self.count)  # in which a pixel got samples
-        self.squares = np.zeros_like(self.total)
-
-    def add(self, fixed: NDArray[np.uint64]) -> None:
-        """One pass's fixed-point sums (H, W, 4)."""
-        total = fixed[..., :3].astype(np.float64) / _FIXED_POINT
-        count = fixed[..., 3:].astype(np.float64)
-        self.total += total
-        self.count += count
-        self.passes += count > 0
-        self.squares += total**2 / np.maximum(count, 1.0)
-
-    def image(self) -> Float:
-        """The mean over all passes; a pixel that no sample reached takes its neighbours' mean."""
-        mean = self.total / np.maximum(self.count, 1.0)
-        empty = self.count[..., 0] == 0
-        if empty.any():
-            mean[empty] = _neighbours(self.total, self.count)[empty]
-        return mean
-
-    def standard_error(self) -> float:
-        """Root mean square over the pixels with samples in several passes, from their variance; NaN without any.
-
-        The variance of a mean of passes m_p of n_p samples is sum n_p (m_p - mean)^2 / ((passes - 1) sum n_p).
-        """
-        known = self.passes[..., 0] > 1
-        if not known.any():
-            return math.nan
-        count, passes, total = self.count[known], self.passes[known], self.total[known]
-        between = np.maximum(self.squares[known] - total**2 / count, 0.0)
-        return math.sqrt(float((between / ((passes - 1) * count)).mean()))
-
-
-def _neighbours(total: Float, count: Float) -> Float:
-    """Mean over the 5x5 window of samples, 0 where even that is empty."""
-    from scipy.ndimage import uniform_filter
-
-    counts, totals = (np.asarray(uniform_filter(sums, size=(5, 5, 1))) for sums in (count, total))
-    filled: Float = totals / np.where(counts > 1e-12, counts, np.inf)
-    return filled
