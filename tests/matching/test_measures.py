@@ -5,13 +5,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from matching_reference import naive_descriptors, pixel_difference
 
+import twinlens as tl
 import twinlens.matching as tm
 from twinlens.errors import InputError
 
 VALUES = st.integers(0, 255)
 PAIRS = hnp.arrays(np.float64, st.tuples(st.just(2), st.integers(1, 5), st.integers(1, 5)), elements=VALUES)
-DISTANCES = ("sad", "ssd", "zsad", "zssd")
+ODD = st.sampled_from([1, 3, 5])
+CENTRED_PAIRS = hnp.arrays(np.float64, st.tuples(st.just(2), ODD, ODD), elements=st.integers(0, 9))
+SQUARE_PAIRS = hnp.arrays(np.float64, ODD.map(lambda side: (2, side, side)), elements=st.integers(0, 9))
+DISTANCES = ("sad", "ssd", "zsad", "zssd", "birchfield_tomasi")
+ORDINAL = ("census", "rank")
 SIMILARITIES = ("ncc", "zncc", "jaccard")
 BLIND_TO_OFFSET = ("zsad", "zssd", "zncc")
 BLIND_TO_GAIN = ("ncc", "zncc")
@@ -73,7 +79,67 @@ def test_jaccard_follows_from_sad_and_sums(windows):
         assert tm.jaccard(*windows) == pytest.approx((total - gap) / (total + gap))
 
 
-@pytest.mark.parametrize("name", DISTANCES + SIMILARITIES)
+@given(windows=SQUARE_PAIRS)
+def test_census_and_rank_equal_plain_loops(windows):
+    side = windows.shape[1]
+    for name in ORDINAL:
+        a, b = (naive_descriptors(window, side, name)[side // 2, side // 2] for window in windows)
+        assert getattr(tm, name)(*windows) == np.abs(a - b).sum()
+
+
+@pytest.mark.parametrize("name", ORDINAL)
+@given(windows=CENTRED_PAIRS)
+def test_order_knows_no_exposure(name, windows):
+    a, b = windows
+    value = getattr(tm, name)(a, b)
+    assert 0 <= value <= a.size - 1
+    assert getattr(tm, name)(b, a) == value
+    assert getattr(tm, name)(a, a) == 0
+    assert getattr(tm, name)(np.exp(a), 3 * b**3 - 7) == value
+
+
+@given(windows=CENTRED_PAIRS)
+def test_rank_is_the_coarser_of_the_two(windows):
+    assert tm.rank(*windows) <= tm.census(*windows)
+
+
+def test_census_of_an_inverted_window_is_as_far_as_can_be():
+    window = np.random.default_rng(0).permutation(35).reshape(5, 7)
+    assert tm.census(window, -window) == 34
+
+
+@given(windows=PAIRS)
+def test_birchfield_tomasi_equals_plain_loops(windows):
+    difference = pixel_difference("birchfield_tomasi", *windows, 1)
+    total = sum(difference(y, x, x) for y, x in np.ndindex(windows.shape[1:]))
+    assert tm.birchfield_tomasi(*windows) == pytest.approx(total)
+    assert tm.birchfield_tomasi(*windows) <= tm.sad(*windows)
+
+
+@pytest.mark.parametrize(("shift", "each"), [(-0.5, 0.0), (0.25, 0.0), (0.5, 0.0), (0.8, 3.0), (-1.5, 10.0)])
+def test_birchfield_tomasi_forgives_a_ramp_half_a_pixel(shift, each):
+    ramp = 10.0 * np.arange(7)
+    assert tm.birchfield_tomasi(ramp, ramp + 10 * shift) == pytest.approx(7 * each)
+
+
+@pytest.mark.parametrize("name", ORDINAL)
+@pytest.mark.parametrize("shape", [(3,), (2, 3), (3, 4), (3, 3, 3)])
+def test_a_window_without_a_centre_has_no_order(name, shape):
+    with pytest.raises(InputError, match="odd in height and width"):
+        getattr(tm, name)(np.ones(shape), np.ones(shape))
+
+
+def test_a_single_number_has_no_row():
+    with pytest.raises(InputError, match="rows of pixels"):
+        tm.birchfield_tomasi(3, 4)
+
+
+@pytest.mark.parametrize("name", DISTANCES + SIMILARITIES + ORDINAL)
+def test_every_measure_is_a_public_name(name):
+    assert getattr(tl, name) is getattr(tm, name)
+
+
+@pytest.mark.parametrize("name", DISTANCES + SIMILARITIES + ORDINAL)
 def test_wrong_windows_are_refused(name):
     measure = getattr(tm, name)
     with pytest.raises(InputError, match="one shape"):

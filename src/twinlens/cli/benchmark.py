@@ -1,5 +1,6 @@
 """`twinlens benchmark`: matchers x samples -> board.json, the table, and the page."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,14 +17,20 @@ DEFAULT_METHODS = "sad,ssd,zncc"
 @click.argument("datasets", nargs=-1, required=True, metavar="DATASET...")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder of the board.")
 @click.option(
-    "--methods", "methods", multiple=True, default=(DEFAULT_METHODS,), show_default=True,
-    help="Matchers, commas between names; one with several options stands in a --methods of its own.",
+    "--methods", "methods", multiple=True, show_default=DEFAULT_METHODS,
+    help="Matchers, commas between them, as sad,zncc:block_size=15,lr_check=1; may be given several times.",
+)  # fmt: skip
+@click.option(
+    "--command", "commands", multiple=True, metavar="[NAME=]COMMAND",
+    help="Any program, as mine='prog {left} {right} {out}': reads two PNGs, writes a PFM; {num_disparities} is known "
+    "too. No shell reads it. May be given several times.",
 )  # fmt: skip
 @OPTIONS
 def command(
     datasets: tuple[str, ...],
     output: Path,
     methods: tuple[str, ...],
+    commands: tuple[str, ...],
     protocols: tuple[str, ...],
     regions: tuple[str, ...],
     time_limit: float | None,
@@ -32,15 +39,16 @@ def command(
     """Run matchers on every pair of DATASET..., score them, and write OUTPUT/board.json and OUTPUT/index.html.
 
     A dataset is a folder that `twinlens render` made, a folder in Middlebury's layout, or the word motorcycle: the
-    real pair with measured truth that comes along. What OUTPUT/board.json holds already is not run again.
+    real pair with measured truth that comes along. What OUTPUT/board.json holds already is not run again. A matcher
+    that crashes, answers nonsense, or takes longer than --time-limit fails alone: the board says why.
 
     \b
     Example:  twinlens benchmark out motorcycle --methods sad,zncc:block_size=15 -o board
+              twinlens benchmark out --command "mine=./prog --fast {left} {right} {out}" --time-limit 60 -o board
     """
-    from twinlens.scoring import named_methods
-
+    matchers = matchers_of(methods, commands, time_limit)
     pairs = Chain([pairs_of(name) for name in datasets])
-    board = run_board(pairs, named_methods(split_methods(methods)), output, protocols, regions, time_limit)
+    board = run_board(pairs, matchers, output, protocols, regions, time_limit)
     print_board(board, output, as_json)
 
 
@@ -68,17 +76,30 @@ def pairs_of(name: str) -> Sequence[Any]:
     return DatasetPairs(Dataset(name))
 
 
+def matchers_of(methods: Sequence[str], commands: Sequence[str], time_limit: float | None) -> list[Any]:
+    """The named matchers and then the programs; DEFAULT_METHODS where neither is given."""
+    from twinlens.scoring import named_methods, named_program
+
+    texts = methods or (() if commands else (DEFAULT_METHODS,))
+    named = named_methods(split_methods(texts)) if texts else []
+    return [*named, *(named_program(text, time_limit) for text in commands)]
+
+
 def split_methods(texts: Sequence[str]) -> list[str]:
-    """The methods named, at commas that do not stand between one method's options.
+    """The methods named, at commas that stand neither between one method's options nor inside quotes.
 
     >>> split_methods(["sad,zncc:block_size=15,lr_check=1,ssd"])
     ['sad', 'zncc:block_size=15,lr_check=1', 'ssd']
+    >>> split_methods(["program:command='prog -s 3,4 {left} {right} {out}',sad"])
+    ["program:command='prog -s 3,4 {left} {right} {out}'", 'sad']
     """
+    from twinlens.matching import split_commas
+
     methods: list[str] = []
-    for part in (part.strip() for text in texts for part in text.split(",")):
-        if methods and "=" in part and ":" not in part:
+    for part in (part for text in texts for part in split_commas(text)):
+        if methods and re.match(r"\w+\s*=", part):
             methods[-1] += f",{part}"
-        elif part:
+        else:
             methods.append(part)
     if not methods:
         raise InputError("--methods names no matcher")

@@ -14,14 +14,29 @@ if TYPE_CHECKING:
 _FILE_WIDTH = 132
 _NARROW = ("totbad2.0", "bad2.0", "avgerr", "invalid", "time")
 
+
+class _Listing(click.Option):
+    """An option whose help lists a registry of the scoring room, opened only when somebody asks for help."""
+
+    def __init__(self, *arguments: Any, registry: str, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        self.registry = registry
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        from twinlens import scoring
+
+        self.help = (self.help or "").replace("NAMES", ", ".join(getattr(scoring, self.registry)))
+        return super().get_help_record(ctx)
+
+
 _CHOICES = (
     click.option(
         "--protocol", "protocols", multiple=True, default=("middlebury-v3",), show_default=True,
-        help="Scoring rules: middlebury-v3, eth3d, kitti2015; may be given several times.",
+        cls=_Listing, registry="PROTOCOLS", help="Scoring rules: NAMES; may be given several times.",
     ),
     click.option(
         "--region", "regions", multiple=True, default=("all", "nonocc"), show_default=True,
-        help="Where to score; may be given several times.",
+        cls=_Listing, registry="REGIONS", help="Where to score: NAMES; may be given several times.",
     ),
     click.option("--time-limit", type=float, help="Seconds that one match may take; matchers then run apart."),
     click.option("--json", "as_json", is_flag=True, help="Print the board as JSON."),

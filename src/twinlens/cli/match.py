@@ -2,19 +2,29 @@
 
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
 
 from twinlens.errors import InputError
 
+DEFAULT_METHOD = "zncc"
+
 
 @click.command("match")
 @click.argument("left", type=click.Path(path_type=Path))
 @click.argument("right", type=click.Path(path_type=Path))
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The map: a .pfm file.")
-@click.option("--method", default="zncc", show_default=True, help="A matcher, as zncc or sad:block_size=15,lr_check=1.")
+@click.option("--method", show_default="zncc", help="A matcher, as zncc or sad:block_size=15,lr_check=1.")
+@click.option(
+    "--command", "program", metavar="COMMAND",
+    help="Or any program, as 'prog {left} {right} {out}': reads two PNGs, writes a PFM; {num_disparities} and "
+    "{min_disparity} are known too. No shell reads it.",
+)  # fmt: skip
+@click.option("--time-limit", type=float, help="Seconds that the program may take.  [default: 600]")
 @click.option("--ndisp", type=click.IntRange(min=1), default=64, show_default=True, help="Disparities to search.")
 @click.option("--min-disparity", type=int, default=0, show_default=True, help="The first of them, pixels.")
 @click.option("--picture", type=click.Path(path_type=Path), help="Also write the map as a colour PNG.")
@@ -23,7 +33,9 @@ def command(
     left: Path,
     right: Path,
     output: Path,
-    method: str,
+    method: str | None,
+    program: str | None,
+    time_limit: float | None,
     ndisp: int,
     min_disparity: int,
     picture: Path | None,
@@ -33,19 +45,19 @@ def command(
 
     \b
     Example:  twinlens match out/staircase/im0.png out/staircase/im1.png --ndisp 64 -o disp.pfm
+              twinlens match im0.png im1.png --command "./prog {left} {right} {out}" -o disp.pfm
     """
     from twinlens.cli.images import read_image
     from twinlens.dataset import write_pfm, write_png
-    from twinlens.matching import parse_method
 
     if output.suffix.lower() != ".pfm":
         raise InputError(f"--output {output}: a disparity map is written as .pfm; --picture makes a PNG to look at")
     if picture is not None and picture.suffix.lower() != ".png":
         raise InputError(f"--picture {picture}: must end in .png")
-    spec = parse_method(method)
+    matcher, name = _matcher(method, program, time_limit, num_disparities=ndisp, min_disparity=min_disparity)
     images = [read_image(path) for path in (left, right)]
     begun = time.perf_counter()
-    disparity = spec(*images, num_disparities=ndisp, min_disparity=min_disparity)
+    disparity = matcher.match(*images)
     seconds = time.perf_counter() - begun
     write_pfm(output, disparity)
     if picture is not None:
@@ -54,7 +66,22 @@ def command(
         write_png(picture, colourise(disparity, min_disparity, min_disparity + ndisp - 1))
     known = float(np.isfinite(disparity).mean())
     if as_json:
-        answer = {"output": str(output), "method": spec.text, "known_fraction": known, "seconds": seconds}
+        answer = {"output": str(output), "method": name, "known_fraction": known, "seconds": seconds}
         click.echo(json.dumps(answer, indent=1))
     else:
-        click.echo(f"{output}: {spec.text}, {known:.1%} of the pixels matched, {seconds:.2f} s with compiling")
+        click.echo(f"{output}: {name}, {known:.1%} of the pixels matched, {seconds:.2f} s with compiling")
+
+
+def _matcher(method: str | None, program: str | None, time_limit: float | None, **search: int) -> tuple[Any, str]:
+    """The matcher asked for, and what it is called."""
+    from twinlens.matching import Program, parse_method
+
+    if program is None:
+        if time_limit is not None:
+            raise InputError("--time-limit ends a program; it needs --command")
+        spec = parse_method(method or DEFAULT_METHOD)
+        return spec.matcher(**search), spec.text
+    if method is not None:
+        raise InputError("--method and --command both name a matcher; give one of them")
+    runner = Program(program, **search)
+    return (runner if time_limit is None else replace(runner, timeout_s=time_limit)), program

@@ -6,6 +6,7 @@ What comes back is checked: the left image's size, no NaN, no -inf; +inf means u
 import importlib
 import os
 import shlex
+import signal
 import subprocess
 import tempfile
 from collections.abc import Callable
@@ -16,12 +17,16 @@ from typing import Any
 import numpy as np
 
 from twinlens.errors import InputError, MissingExtraError, unknown
-from twinlens.matching.checks import check_block_size, whole
+from twinlens.matching.checks import amount, check_block_size, whole
 from twinlens.matching.images import Disparity, Image, pair
 from twinlens.matching.supports import levels
 
 SIXTEENTHS = 16  # OpenCV's fixed point, and the multiple its ranges come in
 MODES = {"default": "STEREO_SGBM_MODE_SGBM", "hh": "STEREO_SGBM_MODE_HH", "3way": "STEREO_SGBM_MODE_SGBM_3WAY"}
+
+
+class ProgramTimeoutError(InputError, TimeoutError):
+    """A program took longer than it may, and was ended."""
 
 
 def checked_result(result: Any, shape: tuple[int, ...], name: str) -> Disparity:
@@ -182,6 +187,7 @@ class Program:
     def __post_init__(self) -> None:
         whole("num_disparities", self.num_disparities, 1)
         whole("min_disparity", self.min_disparity)
+        amount("timeout_s", self.timeout_s, above=True)
         for place in ("{left}", "{right}", "{out}"):
             if place not in self.command:
                 raise InputError(
@@ -219,24 +225,37 @@ class Program:
     def _run(self, files: dict[str, str]) -> None:
         values = {"left": files["left.png"], "right": files["right.png"], "out": files["out.pfm"]}
         values |= {"num_disparities": str(self.num_disparities), "min_disparity": str(self.min_disparity)}
-        try:
-            done = subprocess.run(
-                self._words(values),
-                capture_output=True,
-                text=True,
-                errors="replace",
-                timeout=self.timeout_s,
-                check=False,
-            )
-        except OSError as problem:
-            raise InputError(f"{self._name} cannot be started: {problem.strerror}") from None
-        except subprocess.TimeoutExpired:
-            raise InputError(f"{self._name} took longer than {self.timeout_s:g} s and was ended") from None
+        done = _finished(self._words(values), self.timeout_s, self._name)
         if done.returncode != 0:
             last = (done.stderr.strip() or done.stdout.strip() or "it said nothing").splitlines()[-1]
             raise InputError(f"{self._name} left with status {done.returncode}: {last}")
         if not Path(files["out.pfm"]).is_file():
             raise InputError(f"{self._name} wrote no file at {{out}}")
+
+
+def _finished(words: list[str], timeout_s: float, name: str) -> "subprocess.CompletedProcess[str]":
+    """Run a program to its end, in a session of its own: at the limit all that it started ends with it."""
+    try:
+        process = subprocess.Popen(
+            words,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            start_new_session=True,
+        )
+    except OSError as problem:
+        raise InputError(f"{name} cannot be started: {problem.strerror}") from None
+    try:
+        out, err = process.communicate(timeout=timeout_s)
+    except subprocess.TimeoutExpired:
+        raise ProgramTimeoutError(f"{name} took longer than {timeout_s:g} s and was ended") from None
+    finally:
+        if process.returncode is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+    return subprocess.CompletedProcess(words, process.returncode, out, err)
 
 
 def read_pfm(path: Path) -> Disparity:

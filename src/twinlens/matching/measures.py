@@ -1,10 +1,12 @@
 """The measures as plain functions of two windows: two arrays of one shape in, one float out.
 
 They compute in float64 straight from the formulas, so they are slow, exact, and what the image-sized kernels are held
-against. A window is any array, of any shape; pixels are compared in place. a, b are the windows, n their size, and
-a', b' the windows less their means. Distances are lower-is-better and 0 for equal windows; similarities are
-higher-is-better and 1 for equal windows. Surveys: Hirschmueller and Scharstein, "Evaluation of stereo matching costs on
-images with radiometric differences", PAMI 2009; Brown, Burschka and Hager, "Advances in computational stereo", 2003.
+against. A window is any array, of any shape; pixels are compared in place. a, b are the windows, n their size, and a',
+b' the windows less their means. Distances are lower-is-better and 0 for equal windows; similarities are
+higher-is-better and 1 for equal windows. The three that look at a pixel's neighbours (census, rank, Birchfield-Tomasi)
+take no pixel from outside the windows; the first two need a centre, so an odd height and width. Surveys: Hirschmueller
+and Scharstein, "Evaluation of stereo matching costs on images with radiometric differences", PAMI 2009; Brown, Burschka
+and Hager, "Advances in computational stereo", 2003.
 """
 
 from typing import Any
@@ -122,3 +124,73 @@ def jaccard(w0: ArrayLike, w1: ArrayLike) -> float:
         raise InputError("a window holds negative values; the Jaccard similarity is defined for values >= 0")
     union = np.maximum(a, b).sum()
     return float(np.minimum(a, b).sum() / union) if union > 0 else 1.0
+
+
+def _darker(window: Window) -> NDArray[np.bool_]:
+    """Which pixels are darker than the one in the middle; the middle itself never is."""
+    if window.ndim != 2 or window.shape[0] % 2 == 0 or window.shape[1] % 2 == 0:
+        raise InputError(
+            f"the windows have shape {window.shape}; a window with a centre is 2-D, odd in height and width"
+        )
+    return np.asarray(window < window[window.shape[0] // 2, window.shape[1] // 2])
+
+
+def census(w0: ArrayLike, w1: ArrayLike) -> float:
+    """Hamming distance of the census descriptors: #{i : [a_i < a_c] != [b_i < b_c]}, a_c and b_c being the centres.
+
+    A distance, whole, in [0, n - 1]; invariant to every strictly increasing change of brightness of either window (so
+    to gain > 0, offset and gamma). Windows 2-D of odd height and width. A constant window has no darker pixel: its
+    descriptor is all zeros. Source: Zabih and Woodfill, "Non-parametric local transforms for computing visual
+    correspondence", ECCV 1994.
+
+    >>> census([[1, 5, 9]], [[10, 50, 90]])
+    0.0
+    >>> census([[1, 5, 9]], [[90, 50, 10]])
+    2.0
+    """
+    a, b = _windows(w0, w1)
+    return float(np.count_nonzero(_darker(a) != _darker(b)))
+
+
+def rank(w0: ArrayLike, w1: ArrayLike) -> float:
+    """Difference of the ranks of the centres: |#{i : a_i < a_c} - #{i : b_i < b_c}|.
+
+    A distance, whole, in [0, n - 1], and never above `census`, which also says where the darker pixels are; invariant
+    as census is. Windows 2-D of odd height and width. Source: Zabih and Woodfill, ECCV 1994.
+
+    >>> rank([[1, 5, 9]], [[90, 50, 10]])
+    0.0
+    >>> rank([[1, 5, 9]], [[1, 5, 3]])
+    1.0
+    """
+    a, b = _windows(w0, w1)
+    return float(abs(np.count_nonzero(_darker(a)) - np.count_nonzero(_darker(b))))
+
+
+def _half_steps(window: Window) -> tuple[Window, Window]:
+    """(least, largest) of each pixel and the values half a pixel to its left and right, interpolated linearly."""
+    padded = np.concatenate([window[..., :1], window, window[..., -1:]], axis=-1)
+    before, after = (window + padded[..., :-2]) / 2, (window + padded[..., 2:]) / 2
+    return np.minimum(window, np.minimum(before, after)), np.maximum(window, np.maximum(before, after))
+
+
+def birchfield_tomasi(w0: ArrayLike, w1: ArrayLike) -> float:
+    """Sum of absolute differences that sampling cannot raise: sum min(d(a, b), d(b, a)).
+
+    d(a, b) = max(0, a - max b~, min b~ - a), and b~ holds b and its linear interpolations half a pixel to the left
+    and to the right, along the last axis, rows continued by their end pixels. A distance in [0, SAD]; invariant to
+    no change of brightness, and 0 for linear ramps shifted against each other by up to half a pixel. Source:
+    Birchfield and Tomasi, "A pixel dissimilarity measure that is insensitive to image sampling", PAMI 20(4), 1998.
+
+    >>> birchfield_tomasi([0, 10, 20], [5, 15, 25])
+    0.0
+    >>> birchfield_tomasi([0, 10, 20], [8, 18, 28])
+    9.0
+    """
+    a, b = _windows(w0, w1)
+    if a.ndim == 0:
+        raise InputError("the windows are single numbers; Birchfield-Tomasi needs rows of pixels")
+    (a_low, a_high), (b_low, b_high) = _half_steps(a), _half_steps(b)
+    a_to_b = np.maximum(0, np.maximum(a - b_high, b_low - a))
+    b_to_a = np.maximum(0, np.maximum(b - a_high, a_low - b))
+    return float(np.minimum(a_to_b, b_to_a).sum())

@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.metadata
+import re
 import types
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,6 +13,7 @@ from twinlens.matching.costs import COSTS
 from twinlens.matching.external import OpenCVBlock, OpenCVSemiGlobal, Program, PythonFunction
 from twinlens.matching.images import Disparity
 from twinlens.matching.matcher import StereoMatcher
+from twinlens.matching.network import OnnxNetwork
 
 ENTRY_POINTS = "twinlens.methods"
 
@@ -72,6 +74,7 @@ METHODS: dict[str, Method] = {
     ),
     "opencv_bm": Method("opencv_bm", "OpenCV's StereoBM (extra opencv)", {}, OpenCVBlock),
     "opencv_sgbm": Method("opencv_sgbm", "OpenCV's StereoSGBM (extra opencv)", {}, OpenCVSemiGlobal),
+    "onnx": Method("onnx", "any ONNX model, left, right -> disparity (extra onnx): model=net.onnx", {}, OnnxNetwork),
     "program": Method("program", "any program: command='prog {left} {right} {out}'", {}, Program),
     "function": Method("function", "any Python function: function=module:name", {}, PythonFunction),
     "sgm4": Method(
@@ -116,15 +119,27 @@ def find_method(name: str) -> Method:
     raise unknown("method", name, [*METHODS, *found])
 
 
+def split_commas(text: str) -> list[str]:
+    """The pieces of a text between its commas, stripped; a comma inside '...' or "..." divides nothing.
+
+    >>> split_commas("sad, program:command='prog --sizes 3,4',zncc")
+    ['sad', "program:command='prog --sizes 3,4'", 'zncc']
+    """
+    pieces = re.findall(r"""(?:'[^']*'|"[^"]*"|[^,])+""", text)
+    return [piece.strip() for piece in pieces if piece.strip()]
+
+
 def parse_method(text: str) -> MethodSpec:
     """Read `name` or `name:option=value,option=value`; values are numbers, true, false, none, or words.
+
+    A value that holds a comma stands in quotes: `program:command='prog --sizes 3,4 {left} {right} {out}'`.
 
     >>> parse_method("zncc:block_size=21,lr_check=1").options
     mappingproxy({'block_size': 21, 'lr_check': 1})
     """
     name, _, tail = text.strip().partition(":")
     method = find_method(name.strip())
-    options = dict(_option(part, text, method) for part in tail.split(",") if part.strip())
+    options = dict(_option(part, text, method) for part in split_commas(tail))
     spec = MethodSpec(text.strip(), method, types.MappingProxyType(options))
     spec.matcher()
     return spec
@@ -135,7 +150,13 @@ def _option(part: str, text: str, method: Method) -> tuple[str, Any]:
     if not equals:
         raise InputError(f"{name!r} in {text!r} is not an option; write option=value")
     is_word = isinstance(method.options.get(name), str)
-    return name, value if is_word else _value(value)
+    return name, _unquoted(value) if is_word else _value(value)
+
+
+def _unquoted(text: str) -> str:
+    """The text without the quotes around all of it; `'a b' 'c d'` has none such."""
+    around = re.fullmatch(r"""'([^']*)'|"([^"]*)\"""", text)
+    return text if around is None else (around[1] or around[2] or "")
 
 
 def _value(text: str) -> Any:

@@ -12,7 +12,7 @@ from twinlens.scoring.dataset_pairs import DatasetPairs, lens_label
 from twinlens.scoring.evaluate import RegionScores, Scores, evaluate
 from twinlens.scoring.kitti import interpolate_background
 from twinlens.scoring.maps import MapFolder
-from twinlens.scoring.methods import NamedMethod, named_methods
+from twinlens.scoring.methods import NamedMethod, NamedProgram, named_methods, named_program
 from twinlens.scoring.pair import Pair, Sample, fingerprint, load_pair
 from twinlens.scoring.protocols import PROTOCOLS, Protocol, find_protocol
 from twinlens.scoring.region_sets import REGIONS, Region, region_masks
@@ -32,6 +32,7 @@ __all__ = [
     "Mean",
     "Metric",
     "NamedMethod",
+    "NamedProgram",
     "Pair",
     "Protocol",
     "Region",
@@ -56,6 +57,7 @@ __all__ = [
     "lens_label",
     "load_pair",
     "named_methods",
+    "named_program",
     "open_submission",
     "points",
     "read_board",

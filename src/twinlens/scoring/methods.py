@@ -1,13 +1,14 @@
 """A board's methods by name: `zncc:block_size=21` as an object to call, to send to a process, and to resume by."""
 
+import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 from numpy.typing import NDArray
 
-from twinlens.matching import MethodSpec, parse_method
+from twinlens.matching import MethodSpec, Program, parse_method
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,55 @@ class NamedMethod:
 
     def __reduce__(self) -> tuple[type["NamedMethod"], tuple[str]]:
         return NamedMethod, (self.text,)
+
+
+@dataclass(frozen=True)
+class NamedProgram:
+    """Any program as a board's method; see `matching.Program` for its command.
+
+    name: what the board calls it. time_limit: seconds a call may take, after which the program is ended.
+
+    Raises
+    ------
+    InputError
+        The command does not name {left}, {right} and {out}.
+    """
+
+    name: str
+    command: str
+    time_limit: float | None = None
+    grace_s: ClassVar[float] = 5.0
+
+    def __post_init__(self) -> None:
+        self._program(1)
+
+    @property
+    def spec(self) -> str:
+        """The command: how long it may take does not change what it answers."""
+        return f"program:command={self.command!r}"
+
+    def _program(self, ndisp: int) -> Program:
+        program = Program(self.command, num_disparities=ndisp)
+        return program if self.time_limit is None else replace(program, timeout_s=self.time_limit)
+
+    def __call__(self, left: NDArray[Any], right: NDArray[Any], *, ndisp: int) -> NDArray[Any]:
+        """Run it on two files; {num_disparities} in the command becomes `ndisp`."""
+        return self._program(ndisp).match(left, right)
+
+
+def named_program(text: str, time_limit: float | None = None) -> NamedProgram:
+    """The program of `name=command`, or of a command alone, which is then named by its program's file.
+
+    >>> named_program("mine=./prog --fast {left} {right} {out}").name
+    'mine'
+    >>> named_program("bin/prog {left} {right} {out}").name
+    'prog'
+    """
+    named = re.fullmatch(r"([\w.-]+)=(.*)", text.strip(), re.DOTALL)
+    if named:
+        return NamedProgram(named[1], named[2].strip(), time_limit)
+    words = text.split()
+    return NamedProgram(words[0].rsplit("/", 1)[-1].strip("'\"") if words else "program", text.strip(), time_limit)
 
 
 def named_methods(texts: Iterable[str]) -> list[NamedMethod]:

@@ -75,6 +75,8 @@ def call(method: Method, left: Image, right: Image, ndisp: int) -> Answer:
     start = time.perf_counter()
     try:
         found = method(left, right, ndisp=ndisp)
+    except TimeoutError as error:
+        raise MethodError("time-limit", str(error)) from error
     except (Exception, SystemExit) as error:
         raise MethodError("crash", f"{type(error).__name__}: {error}") from error
     return Answer(checked(found, left.shape[:2]), time.perf_counter() - start)
@@ -105,7 +107,10 @@ class InProcess:
 
 
 class Child:
-    """Calls methods in a spawned process: `limit` seconds a call, `warm_up_limit` for the compiling one before it."""
+    """Calls methods in a spawned process: `limit` seconds a call, `warm_up_limit` for the compiling one before it.
+
+    A method that keeps the limit itself, and has things of its own to end then, has `grace_s` seconds more to do so.
+    """
 
     def __init__(self, limit: float, warm_up_limit: float) -> None:
         if not (limit > 0 and warm_up_limit > 0):
@@ -127,7 +132,8 @@ class Child:
 
     def call(self, method: Method, left: Image, right: Image, ndisp: int) -> Answer:
         """As the function, in the child."""
-        answer = self._ask(("call", _pickled(method), left, right, ndisp), self.limit)
+        limit = self.limit + float(getattr(method, "grace_s", 0.0))
+        answer = self._ask(("call", _pickled(method), left, right, ndisp), limit)
         if isinstance(answer, Failure):
             raise MethodError(answer.kind, answer.message)
         return Answer(*answer)

@@ -1,0 +1,172 @@
+"""Any ONNX model, left and right image -> disparity, behind `match(left, right)`: the method `onnx:model=net.onnx`.
+
+What a model may look like is said in `OnnxNetwork`. onnxruntime runs it on the processor; it comes with the extra onnx.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twinlens.errors import FileError, InputError, MissingExtraError
+from twinlens.matching.checks import amount, whole
+from twinlens.matching.external import checked_result
+from twinlens.matching.images import Disparity, Image, pair
+
+CHANNELS = (1, 3)
+_QUIET = 4  # onnxruntime's severity "fatal": what it raises is said once, by us
+
+
+@dataclass(frozen=True)
+class OnnxNetwork:
+    """A stereo network in a .onnx file.
+
+    Inputs: two float32 tensors (1, C, H, W), the left image first, C = 1 (luma) or 3 (red, green, blue), in `scale`
+    units: 1 gives 0..1, 255 gives 0..255, of 8-bit and 16-bit images alike. H and W may be fixed in the model: images
+    larger than that are refused, smaller ones are continued by their edge pixels, at the top and on the right, as they
+    are to a `multiple` of pixels where sizes are free. Disparities are then cropped to the image.
+    Output: one, or the `output`-th (0, 1, ...; -1 the last), of shape (1, 1, H, W), (1, H, W) or (H, W): pixels of
+    the input, positive to the left, times `sign`. +inf is unknown; NaN and -inf are refused.
+
+    A network searches the disparities it was made for: num_disparities and min_disparity are no options of it.
+    """
+
+    model: str = ""
+    scale: float = 1.0
+    multiple: int = 32
+    output: int = -1
+    sign: int = 1
+
+    def __post_init__(self) -> None:
+        if not str(self.model).endswith(".onnx"):
+            raise InputError(f"model is {self.model!r}; name an .onnx file, as onnx:model=net.onnx")
+        amount("scale", self.scale, above=True)
+        whole("multiple", self.multiple, 1)
+        whole("output", self.output)
+        if self.sign not in (1, -1):
+            raise InputError(f"sign is {self.sign!r}; use 1, or -1 for a network whose disparities are negative")
+
+    def match(self, left: Any, right: Any) -> Disparity:
+        """The left image's disparity, (H, W) float32, +inf where unknown."""
+        pair(left, right)
+        session = _session(str(self.model), _changed(str(self.model)))
+        height, width = np.shape(left)[:2]
+        feeds = {
+            place.name: self._tensor(np.asarray(image), place)
+            for place, image in zip(_inputs(session, self.model), (left, right), strict=True)
+        }
+        found = np.asarray(self._run(session, feeds))
+        full = checked_result(self.sign * _plane(found, self.model), next(iter(feeds.values())).shape[2:], self._name)
+        return np.ascontiguousarray(full[full.shape[0] - height :, :width])
+
+    @property
+    def _name(self) -> str:
+        return f"model {Path(self.model).name!r}"
+
+    def _tensor(self, image: Image, place: Any) -> Image:
+        """The image as the input wants it: (1, C, H, W) float32, padded at the top and on the right."""
+        channels = _channels(place, self.model)
+        levels = _unit(image) * np.float32(self.scale)
+        planes = _planes(levels, channels)
+        height, width = (
+            _padded(size, wanted, self.multiple, self._name)
+            for size, wanted in zip(image.shape[:2], place.shape[2:], strict=True)
+        )
+        room = ((0, 0), (height - image.shape[0], 0), (0, width - image.shape[1]))
+        return np.ascontiguousarray(np.pad(planes, room, mode="edge")[None])
+
+    def _run(self, session: Any, feeds: dict[str, Image]) -> Any:
+        places = session.get_outputs()
+        if not -len(places) <= self.output < len(places):
+            raise InputError(f"{self._name} has {len(places)} outputs; output is {self.output}")
+        try:
+            return session.run([places[self.output].name], feeds)[0]
+        except Exception as problem:  # onnxruntime's own errors have no common base
+            raise InputError(f"{self._name} failed: {_one_line(problem)}") from None
+
+
+def _onnxruntime() -> Any:
+    try:
+        import onnxruntime
+    except ImportError:
+        raise MissingExtraError("onnxruntime is not installed; pip install 'twinlens[onnx]'") from None
+    return onnxruntime
+
+
+def _changed(model: str) -> int:
+    """When the file was written last, so that another file of the same name is loaded anew."""
+    try:
+        return Path(model).stat().st_mtime_ns
+    except OSError as problem:
+        raise FileError(f"{model}: {problem.strerror}") from None
+
+
+@lru_cache(maxsize=4)
+def _session(model: str, _changed: int) -> Any:
+    """The loaded model, kept: loading one takes longer than running it."""
+    runtime = _onnxruntime()
+    options = runtime.SessionOptions()
+    options.log_severity_level = _QUIET
+    try:
+        return runtime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    except Exception as problem:  # as above
+        raise FileError(f"{model}: not an ONNX model that can be run: {_one_line(problem)}") from None
+
+
+def _one_line(problem: Exception) -> str:
+    return " ".join(str(problem).split())[:200]
+
+
+def _inputs(session: Any, model: str) -> list[Any]:
+    """The two inputs, left first, if they are images."""
+    places = session.get_inputs()
+    if len(places) != 2:
+        raise InputError(f"{model}: has {len(places)} inputs; a stereo model has two, left and right")
+    for place in places:
+        if place.type != "tensor(float)" or len(place.shape) != 4:
+            raise InputError(
+                f"{model}: input {place.name!r} is {place.type} {place.shape}; expected float (1, C, H, W)"
+            )
+    return list(places)
+
+
+def _channels(place: Any, model: str) -> int:
+    channels = place.shape[1]
+    if not isinstance(channels, int):
+        return 3
+    if channels not in CHANNELS:
+        raise InputError(f"{model}: input {place.name!r} has {channels} channels; images have 1 or 3")
+    return channels
+
+
+def _unit(image: Image) -> Image:
+    """Integers in parts of their largest value; floating-point images are taken to be in 0..1."""
+    largest = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1
+    return image.astype(np.float32) / np.float32(largest)
+
+
+def _planes(levels: Image, channels: int) -> Image:
+    """(C, H, W) from (H, W) or (H, W, 1 or 3)."""
+    flat = levels[..., 0] if levels.ndim == 3 and levels.shape[2] == 1 else levels
+    if channels == 1:
+        from twinlens.matching.images import grey
+
+        return grey(flat)[None]
+    return np.moveaxis(flat, 2, 0) if flat.ndim == 3 else np.stack([flat] * 3)
+
+
+def _padded(size: int, wanted: Any, multiple: int, name: str) -> int:
+    if not isinstance(wanted, int):
+        return -(-size // multiple) * multiple
+    if wanted < size:
+        raise InputError(f"{name} takes images of up to {wanted} pixels a side; this one has {size}")
+    return wanted
+
+
+def _plane(found: Image, model: str) -> Image:
+    """(H, W) of (H, W), (1, H, W) or (1, 1, H, W)."""
+    if not 2 <= found.ndim <= 4 or any(size != 1 for size in found.shape[:-2]):
+        raise InputError(f"{model}: returned shape {found.shape}; expected (1, 1, H, W), (1, H, W) or (H, W)")
+    return found.reshape(found.shape[-2:])

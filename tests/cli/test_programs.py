@@ -1,0 +1,156 @@
+"""Any program on the board: by name, without a shell, under a limit, and with its failures to itself."""
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from twinlens.cli.benchmark import DEFAULT_METHODS, matchers_of, split_methods
+from twinlens.scoring import PROTOCOLS, REGIONS
+
+FLAT = """
+import struct, sys
+left, out, value = sys.argv[1], sys.argv[2], float(sys.argv[3].split(",")[-1])
+width, height = struct.unpack(">II", open(left, "rb").read(24)[16:])
+open(out, "wb").write(b"Pf\\n%d %d\\n-1.0\\n" % (width, height) + struct.pack("<f", value) * (width * height))
+"""
+FAULTS = {
+    "dies": ("import sys; sys.exit('no weights')", "crash", "no weights"),
+    "nan": ("", "crash", "returned nan"),
+    "silent": ("pass", "crash", "wrote no file"),
+    "cut": ("import sys; open(sys.argv[2], 'wb').write(b'Pf\\n1 1\\n-1.0\\nabcd')", "crash", "shape (1, 1)"),
+    "hangs": ("import time; time.sleep(60)", "time-limit", "longer than 1 s"),
+}
+
+
+@pytest.fixture
+def program(tmp_path):
+    """A command line that runs this Python code on {left}, {out} and one argument more."""
+
+    def make(code, value="4", name="matcher"):
+        path = tmp_path / f"{name}.py"
+        path.write_text(code)
+        return f"{sys.executable} {path} {{left}} {{out}} {value} {{right}}"
+
+    return make
+
+
+def entries(out):
+    return {entry["method"]: entry for entry in json.loads(out)["entries"]}
+
+
+def test_a_program_stands_on_the_board_under_its_name(twinlens, dataset, tmp_path, program):
+    code, out, err = twinlens(
+        "benchmark", dataset, "--command", f"flat={program(FLAT)}", "--methods", "sad:block_size=5",
+        "-o", tmp_path / "board", "--json",
+    )  # fmt: skip
+    assert code == 0, err
+    board = entries(out)
+    assert set(board) == {"flat", "sad:block_size=5"}
+    assert all(entry["failure"] is None for entry in board.values())
+    assert board["flat"]["spec"].startswith("program:command=")
+
+
+@pytest.mark.parametrize("limit", [(), ("--time-limit", "1")])
+def test_what_a_program_does_wrong_it_does_alone(twinlens, dataset, tmp_path, program, limit):
+    commands = [("flat", program(FLAT)), ("nan", program(FLAT, "nan", "nan"))]
+    commands += [(name, program(fault[0], name=name)) for name, fault in FAULTS.items() if name != "nan"]
+    if not limit:
+        commands = [(name, command) for name, command in commands if name != "hangs"]
+    options = [word for name, command in commands for word in ("--command", f"{name}={command}")]
+    code, out, err = twinlens("benchmark", dataset, *options, *limit, "-o", tmp_path / "board", "--json")
+    assert code == 0, err
+    board = entries(out)
+    assert board["flat"]["failure"] is None
+    for name, _ in commands[1:]:
+        _, kind, words = FAULTS[name]
+        assert board[name]["failure"]["kind"] == kind
+        assert words in board[name]["failure"]["message"]
+
+
+def test_a_program_is_ended_with_all_that_it_started(twinlens, dataset, tmp_path, program):
+    pid = tmp_path / "pid"
+    code = (
+        "import subprocess, sys, time\n"
+        f"child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(300)'])\n"
+        f"open({str(pid)!r}, 'w').write(str(child.pid)); time.sleep(300)"
+    )
+    begun = time.monotonic()
+    status, _, err = twinlens(
+        "match", dataset / "cards/im0.png", dataset / "cards/im1.png", "--command", program(code), "--time-limit", "3",
+        "-o", tmp_path / "d.pfm",
+    )  # fmt: skip
+    assert status == 2
+    assert "longer than 3 s" in err
+    assert time.monotonic() - begun < 60
+    assert not (tmp_path / "d.pfm").exists()
+    state = Path(f"/proc/{pid.read_text()}/stat")
+    deadline = time.monotonic() + 5
+    while state.exists() and state.read_text().split()[2] != "Z" and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not state.exists() or state.read_text().split()[2] == "Z"
+
+
+def test_no_shell_reads_the_command(twinlens, dataset, tmp_path, program):
+    trap = tmp_path / "trap"
+    command = program("import sys; sys.exit(' '.join(sys.argv[3:]))", value=f"$HOME `touch {trap}` ; touch {trap} | *")
+    images = dataset / "cards/im0.png", dataset / "cards/im1.png"
+    _, _, err = twinlens("match", *images, "--command", command, "-o", tmp_path / "d.pfm")
+    assert not trap.exists()
+    assert "$HOME `touch" in err
+    assert os.environ["HOME"] not in err.split("status 1:")[1].split("`")[0]
+
+
+def test_match_by_a_program(twinlens, dataset, tmp_path, program):
+    images = dataset / "cards/im0.png", dataset / "cards/im1.png"
+    code, out, err = twinlens("match", *images, "--command", program(FLAT), "-o", tmp_path / "d.pfm", "--json")
+    assert code == 0, err
+    assert json.loads(out)["known_fraction"] == 1
+    for options, words in (
+        (("--method", "sad", "--command", "prog {left} {right} {out}"), "give one of them"),
+        (("--time-limit", "3"), "needs --command"),
+        (("--command", "prog {left} {right}"), "must name {out}"),
+        (("--command", "prog {left} {right} {out}", "--time-limit", "0"), "timeout_s is 0"),
+    ):
+        code, _, err = twinlens("match", *images, *options, "-o", tmp_path / "none.pfm")
+        assert code == 2
+        assert words in err
+
+
+@pytest.mark.parametrize("command", ["", "prog {left} {out}", "x=prog", "'prog {left} {right} {out}"])
+def test_commands_that_cannot_be_are_refused(twinlens, dataset, tmp_path, command):
+    code, _, err = twinlens("benchmark", dataset, "--command", command, "-o", tmp_path / "board")
+    assert code == 2
+    assert err.startswith("twinlens: command ")
+    assert not (tmp_path / "board").exists()
+
+
+def test_names_of_programs():
+    texts = ["mine=./a {left} {right} {out}", "bin/b --x=1 {left} {right} {out}"]
+    named = matchers_of((), texts, 7.0)
+    assert [(m.name, m.time_limit) for m in named] == [("mine", 7.0), ("b", 7.0)]
+    assert named[0].command == "./a {left} {right} {out}"
+
+
+def test_without_any_name_the_default_methods_run():
+    assert [m.name for m in matchers_of((), (), None)] == DEFAULT_METHODS.split(",")
+
+
+def test_commas_inside_a_program_s_command_divide_nothing(twinlens, dataset, tmp_path, program):
+    command = f"program:command='{program(FLAT, '3,4')}'"
+    assert split_methods([f"sad,{command},zncc:block_size=5,lr_check=1"]) == [
+        "sad", command, "zncc:block_size=5,lr_check=1",
+    ]  # fmt: skip
+    code, out, err = twinlens("benchmark", dataset, "--methods", f"sad,{command}", "-o", tmp_path / "b", "--json")
+    assert code == 0, err
+    assert {name: entry["failure"] for name, entry in entries(out).items()} == {"sad": None, command: None}
+
+
+def test_help_lists_every_protocol_and_region(twinlens):
+    _, out, _ = twinlens("benchmark", "--help")
+    words = " ".join(out.split())
+    assert ", ".join(PROTOCOLS) in words
+    assert ", ".join(REGIONS) in words
