@@ -13,6 +13,8 @@ from twinlens.geometry import Float, check_rigid, inverse, rigid
 
 _ALIGNED = 1e-9  # of the baseline (metres) or of a unit axis: beyond this a pair is not rectified
 
+_ROUNDING = 1e-15  # of the distance from the world's origin: what float64 poses cannot say
+
 
 @dataclass(frozen=True, eq=False)
 class Rig:
@@ -49,9 +51,12 @@ class Rig:
         said. World coordinates are the left camera's when no pose is given.
         """
         check_number("baseline", baseline, "a positive number of metres", above=0)
+        right = right or camera
+        if (camera.fx, camera.fy, camera.cy, camera.height) != (right.fx, right.fy, right.cy, right.height):
+            raise InputError("the right camera of a rectified pair shares fx, fy, cy and height with the left one")
         left_pose = np.eye(4) if world_from_left is None else check_rigid(world_from_left, "world_from_left")
         left_from_right = rigid(np.eye(3), [baseline, 0.0, 0.0])
-        return cls((camera, right or camera), (left_pose, left_pose @ left_from_right))
+        return cls((camera, right), (left_pose, left_pose @ left_from_right))
 
     def __len__(self) -> int:
         return len(self.cameras)
@@ -86,4 +91,5 @@ class Rig:
         left_from_right = self.b_from_a(right, left)
         x, y, z = left_from_right[:3, 3]
         parallel = np.abs(left_from_right[:3, :3] - np.eye(3)).max() <= _ALIGNED
-        return bool(parallel and x > 0 and max(abs(y), abs(z)) <= _ALIGNED * x)
+        far = max(np.abs(pose[:3, 3]).max() for pose in (self.world_from_cams[left], self.world_from_cams[right]))
+        return bool(parallel and x > 0 and max(abs(y), abs(z)) <= _ALIGNED * x + _ROUNDING * far)

@@ -3,6 +3,6 @@
 from twinlens.rendering.backends import Backend, backend, doctor
 from twinlens.rendering.ground_truth import ground_truth
 from twinlens.rendering.lens_grid import LensGrid, render_lens_grid
-from twinlens.rendering.radiance import render
+from twinlens.rendering.radiance import SAMPLERS, render
 
-__all__ = ["Backend", "LensGrid", "backend", "doctor", "ground_truth", "render", "render_lens_grid"]
+__all__ = ["SAMPLERS", "Backend", "LensGrid", "backend", "doctor", "ground_truth", "render", "render_lens_grid"]

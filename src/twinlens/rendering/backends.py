@@ -40,7 +40,8 @@ def backend() -> Backend:
 
     Raises InputError for an unknown TWINLENS_BACKEND, BackendError when the one asked for does not work here.
     """
-    chosen = _already_set() or _choose(_wanted())
+    wanted = _wanted()
+    chosen = _already_set() or _choose(wanted)
     _activate(chosen)
     return chosen
 
@@ -128,4 +129,4 @@ def _activate(chosen: Backend) -> None:
 
     if mitsuba.variant() != chosen.variant:
         mitsuba.set_variant(chosen.variant)
-    mitsuba.set_log_level(mitsuba.LogLevel.Error)
+        mitsuba.set_log_level(mitsuba.LogLevel.Error)

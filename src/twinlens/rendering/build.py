@@ -13,6 +13,7 @@ from twinlens.rendering.backends import mitsuba
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
 
 _INSTANCE = 1 << 10  # Mitsuba 3.9 has the type, and no name for it
+_BLOCK_PX = 16
 _ROUND = {"sphere": 3, "cylinder": 2}  # how many of a shape's own axes, from the first, must be scaled alike
 
 _cache: "weakref.WeakKeyDictionary[Scene, BuiltScene]" = weakref.WeakKeyDictionary()
@@ -73,7 +74,12 @@ def _build_objects(scene: Scene) -> BuiltScene:
         Body(object_id, material_id, material_kind(leaf.bsdf()), leaf, None if shapes[key] is leaf else shapes[key])
         for object_id, (key, material_id, leaf) in enumerate(placed, start=1)
     )
-    return BuiltScene(mi_scene, _load(scene.integrator, "integrator"), bodies, tuple(names), material_names)
+    return BuiltScene(mi_scene, _integrator(scene), bodies, tuple(names), material_names)
+
+
+def _integrator(scene: Scene) -> Any:
+    """The scene's integrator, its blocks of a fixed size: else the scalar mode cuts them to the number of threads."""
+    return _load({"block_size": _BLOCK_PX, **scene.integrator}, "integrator")
 
 
 def _parts(thing: SceneObject, index: int, leaf: Any, parts: dict[str, Any]) -> list[tuple[str, str, Any]]:
@@ -214,7 +220,7 @@ def _build_xml(scene: Scene) -> BuiltScene:
         is_instance = shape.shape_type() == _INSTANCE
         kind = 0 if is_instance else material_kind(bsdf)  # an instance does not tell the material inside
         bodies.append(Body(index, material, kind, None if is_instance else shape, shape if is_instance else None))
-    integrator = mi_scene.integrator() or _load(scene.integrator, "integrator")
+    integrator = mi_scene.integrator() or _integrator(scene)
     return BuiltScene(mi_scene, integrator, tuple(bodies), tuple(names), tuple(materials))
 
 

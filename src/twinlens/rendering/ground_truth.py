@@ -48,7 +48,7 @@ def _view_truth(built: BuiltScene, rig: Rig, index: int, sky_disparity: bool) ->
     found = hits.body >= 0
     position = np.full_like(directions, np.inf)
     position[found] = origin + exact.t[found, None] * directions[found]
-    disparity, visible = _towards_partner(built, rig, index, hits, position, sky_disparity)
+    disparity, visible = _towards_partner(built, rig, index, hits, directions, position, sky_disparity)
     object_id, material_id, material_kind = _ids(built, hits.body)
     normal = _turned(exact.normal, -directions)
 
@@ -153,7 +153,7 @@ def _read_mesh(shape: Any) -> Triangles:
 
 
 def _towards_partner(
-    built: BuiltScene, rig: Rig, index: int, hits: Hits, position: Float, sky_disparity: bool
+    built: BuiltScene, rig: Rig, index: int, hits: Hits, directions: Float, position: Float, sky_disparity: bool
 ) -> tuple[Float, NDArray[np.bool_]]:
     """(disparity, visible) of every pixel; without a partner all is unknown and unseen."""
     other = rig.partner(index)
@@ -162,17 +162,27 @@ def _towards_partner(
     if other is None:
         return disparity, visible
     found = hits.body >= 0
-    seen_px = rig.cameras[other].project(transform_points(inverse(rig.world_from_cams[other]), position[found]))
+    camera, centre = rig.cameras[other], rig.world_from_cams[other][:3, 3]
+    seen_px = camera.project(transform_points(inverse(rig.world_from_cams[other]), position[found]))
     left, right = (index, other) if rig.is_rectified(index, other) else (other, index)
     if rig.is_rectified(left, right):
         u = rig.cameras[index].pixel_grid()[..., 0].reshape(-1)
         disparity[found] = (u[found] - seen_px[:, 0]) * (1 if index == left else -1)
         if sky_disparity:
             disparity[~found] = -rig.doffs(left, right)
-    visible[found] = rig.cameras[other].contains(seen_px) & _unblocked(
-        built, rig.world_from_cams[other][:3, 3], position[found], hits.body[found], hits.prim[found]
+            visible[~found] = _sky_is_seen(built, rig, other, directions[~found])
+    visible[found] = camera.contains(seen_px) & _unblocked(
+        built, centre, position[found], hits.body[found], hits.prim[found]
     )
     return disparity, visible
+
+
+def _sky_is_seen(built: BuiltScene, rig: Rig, other: int, directions: Float) -> NDArray[np.bool_]:
+    """Whether camera `other` sees the points at infinity that world directions (N, 3) lead to."""
+    pose = rig.world_from_cams[other]
+    inside = rig.cameras[other].contains(rig.cameras[other].project(rotate(inverse(pose), directions)))
+    seen: NDArray[np.bool_] = inside & (cast(built, pose[:3, 3], directions).body < 0)
+    return seen
 
 
 def _unblocked(

@@ -59,6 +59,7 @@ def render(
     Raises InputError for a bad spp or seed, BackendError when this machine's backend lacks such a camera.
     """
     check_request(spp, seed, sampler)
+    check_lens(lens)
     built = build(scene)
     images = []
     for index, (camera, pose) in enumerate(zip(rig.cameras, rig.world_from_cams, strict=True)):
@@ -76,6 +77,12 @@ def check_request(spp: int, seed: int, sampler: str) -> None:
         raise InputError(f"seed must be a whole number >= 0, got {seed}")
     if sampler not in SAMPLERS:
         raise unknown("sampler", sampler, SAMPLERS)
+
+
+def check_lens(lens: Lens) -> None:
+    """Raise InputError for what is no lens."""
+    if not isinstance(lens, Lens):
+        raise InputError(f"a lens is a Pinhole, a ThinLens or a BareAperture, got {lens!r}")
 
 
 def _photograph(
