@@ -50,6 +50,29 @@ def test_every_layout_is_found(tmp_path, name, packed):
     np.testing.assert_array_equal(submission.map_of("s", SHAPE), DISP)
 
 
+@pytest.mark.parametrize("packed", [True, False])
+def test_what_a_mac_adds_is_not_there(tmp_path, packed):
+    extras = {"__MACOSX/all/._s.pfm": b"x", "all/.DS_Store": b"x", ".DS_Store": b"x"}
+    files = {"all/s.pfm": encode_pfm(DISP)} | extras
+    if packed:
+        submission = zipped(tmp_path / "my.zip", files.items())
+    else:
+        for name, data in files.items():
+            (tmp_path / "my" / name).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / "my" / name).write_bytes(data)
+        submission = open_submission(tmp_path / "my")
+    assert list(submission.files) == ["all/s.pfm"]
+    np.testing.assert_array_equal(submission.map_of("s", SHAPE), DISP)
+
+
+def test_a_name_keeps_its_dots(tmp_path, monkeypatch):
+    write_pfm(tmp_path / "results.v2" / "s.pfm", DISP)
+    assert open_submission(tmp_path / "results.v2").name == "results.v2"
+    assert zipped(tmp_path / "results.v2.ZIP", [("s.pfm", encode_pfm(DISP))]).name == "results.v2"
+    monkeypatch.chdir(tmp_path / "results.v2")
+    assert open_submission(".").name == "results.v2"
+
+
 def test_png_is_read_as_kitti_writes_it(tmp_path):
     write_png(tmp_path / "s.png", PNG)
     np.testing.assert_array_equal(open_submission(tmp_path).map_of("s", SHAPE), DISP)
@@ -130,13 +153,51 @@ def test_an_encrypted_member_is_refused(tmp_path):
         open_submission(tmp_path / "evil.zip")
 
 
-def test_a_bomb_is_not_unpacked(tmp_path, monkeypatch):
-    submission = zipped(tmp_path / "bomb.zip", [("s.pfm", b"Pf\n3 2\n-1\n" + bytes(50_000_000))])
+BOMB = b"Pf\n3 2\n-1\n" + bytes(50_000_000)
+
+
+def opened_members(monkeypatch):
+    """The names of what is opened in any zip from here on."""
+    opened = []
+    original = zipfile.ZipFile.open
+    monkeypatch.setattr(
+        zipfile.ZipFile, "open", lambda self, name, *more: opened.append(name) or original(self, name, *more)
+    )
+    return opened
+
+
+def test_a_bomb_that_states_its_size_is_not_opened(tmp_path, monkeypatch):
+    submission = zipped(tmp_path / "bomb.zip", [("s.pfm", BOMB)])
     assert (tmp_path / "bomb.zip").stat().st_size < 100_000
+    opened = opened_members(monkeypatch)
+    with pytest.raises(FileError, match=r"s\.pfm: more than 65560 bytes"):
+        submission.map_of("s", SHAPE)
+    assert opened == []
+
+
+@pytest.mark.parametrize("compression", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_a_compression_that_unpacks_whole_is_refused(tmp_path, monkeypatch, compression):
+    """zipfile decompresses all of a bz2 or LZMA member's input at once, whatever number of bytes is asked for."""
+    with zipfile.ZipFile(tmp_path / "bomb.zip", "w", compression) as archive:
+        archive.writestr("s.pfm", BOMB)
+    opened = opened_members(monkeypatch)
+    with pytest.raises(FileError, match=r"bomb\.zip: s\.pfm is compressed by another method than deflate"):
+        open_submission(tmp_path / "bomb.zip").map_of("s", SHAPE)
+    assert opened == []
+
+
+def test_a_bomb_that_lies_about_its_size_is_not_unpacked(tmp_path, monkeypatch):
+    zipped(tmp_path / "bomb.zip", [("s.pfm", BOMB)])
+    data = bytearray((tmp_path / "bomb.zip").read_bytes())
+    stated = data.index(b"PK\x01\x02") + 24
+    assert struct.unpack_from("<I", data, stated) == (len(BOMB),)
+    struct.pack_into("<I", data, stated, 40)
+    (tmp_path / "bomb.zip").write_bytes(data)
+    submission = open_submission(tmp_path / "bomb.zip")
     read = []
     original = zipfile.ZipExtFile.read
     monkeypatch.setattr(zipfile.ZipExtFile, "read", lambda self, n=-1: read.append(n) or original(self, n))
-    with pytest.raises(FileError, match=r"s\.pfm: more than 65560 bytes"):
+    with pytest.raises(FileError, match=r"s\.pfm"):
         submission.map_of("s", SHAPE)
     assert max(read) <= 65561
     assert min(read) >= 0

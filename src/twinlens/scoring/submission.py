@@ -5,7 +5,9 @@ For a sample named S the map is the first there is of S.pfm, S.png, S/disp0.pfm,
 holds pixels, +inf unknown; PNG is 16-bit grey holding round(256 d), 0 unknown, as KITTI 2015 has it.
 
 Of a zip only the files asked for are unpacked, never to the disk, and never more bytes of one than a map of the truth's
-size can need; names that leave the archive, links, encrypted and doubled names are refused before anything is read.
+size can need; names that leave the archive, links, encrypted and doubled names are refused before anything is read, and
+so is every compression but deflate, because Python's zipfile unpacks the others whole, however little is asked of them.
+Hidden files and the folder __MACOSX, which a Mac puts into its zips, are not there.
 """
 
 import hashlib
@@ -32,6 +34,7 @@ SLACK_BYTES = 65536
 """What a file may hold beyond four bytes a pixel: headers, and the chunks of a PNG that did not compress."""
 MAX_FILES = 100_000
 PNG_SIZE = slice(16, 24)
+COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
 @dataclass(frozen=True)
@@ -52,10 +55,9 @@ class Submission:
 
     @cached_property
     def files(self) -> Mapping[str, int]:
-        """Every file below: its name, with slashes, and its size in bytes."""
-        if self.path.is_dir():
-            return _folder_files(self.path)
-        return _zip_files(self.path)
+        """Every file below that is not hidden: its name, with slashes, and its size in bytes."""
+        found = _folder_files(self.path) if self.path.is_dir() else _zip_files(self.path)
+        return {name: size for name, size in found.items() if not _is_hidden(name)}
 
     @cached_property
     def spec(self) -> str:
@@ -106,7 +108,10 @@ class Submission:
         return disp
 
     def _read(self, name: str, limit: int, where: str) -> bytes:
-        """At most `limit` bytes: a size that a header states is not believed."""
+        """At most `limit` bytes: what states more is not opened, and what states less is not believed."""
+        too_much = FileError(f"{where}: more than {limit} bytes, no map of this truth's size needs them")
+        if self.files[name] > limit:
+            raise too_much
         try:
             if self.path.is_dir():
                 with (self.path / name).open("rb") as file:
@@ -118,7 +123,7 @@ class Submission:
         except Exception as error:
             raise FileError(f"{where}: cannot be read ({error})") from None
         if len(data) > limit:
-            raise FileError(f"{where}: more than {limit} bytes, no map of this truth's size needs them")
+            raise too_much
         return data
 
     def _fingerprint(self, name: str) -> bytes:
@@ -130,8 +135,18 @@ class Submission:
 
 
 def open_submission(path: str | os.PathLike[str], name: str | None = None) -> Submission:
-    """The submission in a folder or .zip; its name is the file's own unless given."""
-    return Submission(Path(path), name if name is not None else Path(path).stem)
+    """The submission in a folder or .zip; its name is the folder's, or the file's without .zip, unless given."""
+    place = Path(path)
+    return Submission(place, name if name is not None else _own_name(place))
+
+
+def _own_name(place: Path) -> str:
+    name = place.absolute().name
+    return name[: -len(".zip")] if name.lower().endswith(".zip") and not place.is_dir() else name
+
+
+def _is_hidden(name: str) -> bool:
+    return any(part.startswith(".") or part == "__MACOSX" for part in name.split("/"))
 
 
 def _check_size(found: tuple[int, ...], wanted: tuple[int, int], where: str) -> None:
@@ -176,6 +191,8 @@ def _check_member(path: Path, member: zipfile.ZipInfo, seen: Mapping[str, Any]) 
         raise FileError(f"{path}: {name} is a link")
     if member.flag_bits & 1:
         raise FileError(f"{path}: {name} is encrypted")
+    if member.compress_type not in COMPRESSIONS:
+        raise FileError(f"{path}: {name} is compressed by another method than deflate, which every zip program knows")
     if name in seen:
         raise FileError(f"{path}: {name} is there twice")
 
