@@ -165,7 +165,7 @@ def noise_job() -> dict[str, np.ndarray]:
     twins = Rig([camera, camera], [photos.POSE, photos.POSE])
     lens = tl.ThinLens(0.1, 2.5)
     found = {"first": tl.render(scene, twins, lens, spp=8, seed=3)}
-    for threads in (1, 3):
+    for threads in (1, 3, 64):
         drjit.set_thread_count(threads)
         found[f"threads {threads}"] = tl.render(scene, twins, lens, spp=8, seed=3)
     found["other seed"] = tl.render(scene, twins, lens, spp=8, seed=4)

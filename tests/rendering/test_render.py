@@ -148,7 +148,8 @@ def test_noise_of_other_seeds_is_other_noise(photo):
 
 
 def test_bytes_depend_on_the_seed_and_not_on_the_threads(photo):
-    assert photo["noise/first"].tobytes() == photo["noise/threads 1"].tobytes() == photo["noise/threads 3"].tobytes()
+    for threads in (1, 3, 64):  # more threads than a small film has blocks
+        assert photo["noise/first"].tobytes() == photo[f"noise/threads {threads}"].tobytes()
     assert photo["noise/first"].tobytes() != photo["noise/other seed"].tobytes()
     assert photo["noise/first"].dtype == np.float32
 

@@ -52,10 +52,12 @@ def doctor() -> Backend:
 
 
 def mitsuba() -> Any:
-    """The mitsuba module, with the chosen variant set."""
-    backend()
+    """The mitsuba module, with the chosen variant set. Raises BackendError if somebody has set another one since."""
+    chosen = backend().variant
     import mitsuba
 
+    if mitsuba.variant() != chosen:
+        raise BackendError(f"mitsuba's variant was {chosen} and has been set to {mitsuba.variant()}; set it back")
     return mitsuba
 
 
