@@ -1,0 +1,106 @@
+"""Rigs of many cameras from a few numbers: the toed-in pair, the line, the grid and the arc around an object.
+
+Every layout takes one `Camera` for all, or a sequence with one for each, and is placed in the world by one pose.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twinlens.camera.checks import check_number
+from twinlens.camera.intrinsics import Camera
+from twinlens.camera.rig import Rig
+from twinlens.errors import InputError
+from twinlens.geometry import Float, check_rigid, rigid
+
+Cameras = Camera | Sequence[Camera]
+
+
+def line(cameras: Cameras, count: int, spacing: float, world_from_first: ArrayLike | None = None) -> Rig:
+    """`count` parallel cameras, `spacing` metres apart along the first one's x axis, left to right.
+
+    Any two of them with the same camera, the left one first, are a rectified pair.
+
+    >>> line(Camera.from_fov(64, 48, 60), 3, 0.1).baseline(0, 2)
+    0.2
+    """
+    return grid(cameras, 1, count, spacing, spacing, world_from_first)
+
+
+def grid(
+    cameras: Cameras,
+    rows: int,
+    columns: int,
+    spacing_x: float,
+    spacing_y: float,
+    world_from_first: ArrayLike | None = None,
+) -> Rig:
+    """``rows * columns`` parallel cameras, row by row from the first at the top left; spacings in metres.
+
+    Camera (row, column) has index ``row * columns + column`` and stands at (column spacing_x, row spacing_y, 0) of the
+    first one's frame: x right, y down.
+    """
+    _check_count("rows", rows)
+    _check_count("columns", columns)
+    check_number("spacing_x", spacing_x, "a positive number of metres", above=0)
+    check_number("spacing_y", spacing_y, "a positive number of metres", above=0)
+    places = [rigid(np.eye(3), [j * spacing_x, i * spacing_y, 0.0]) for i in range(rows) for j in range(columns)]
+    return _placed(cameras, places, world_from_first)
+
+
+def arc(
+    cameras: Cameras, count: int, radius: float, angle_deg: float, world_from_middle: ArrayLike | None = None
+) -> Rig:
+    """`count` cameras on a level arc, all looking at the one point `radius` metres before the middle of the arc.
+
+    `angle_deg` is the whole arc as that point sees it, over 0 and up to 360, left to right for the cameras; at 360 they
+    are a closed ring, whose first and last stand one step apart. `world_from_middle` is the pose of a camera in the
+    arc's middle, whether or not one stands there: its y axis is the arc's axis.
+    """
+    _check_count("count", count)
+    check_number("radius", radius, "a positive number of metres", above=0)
+    check_number("angle_deg", angle_deg, "over 0 and up to 360 degrees", above=0)
+    if angle_deg > 360:
+        raise InputError(f"angle_deg must be over 0 and up to 360 degrees, got {angle_deg}")
+    steps = count if angle_deg == 360 else max(count - 1, 1)
+    angles = math.radians(angle_deg) / steps * (np.arange(count) - 0.5 * (count - 1))
+    return _placed(cameras, [_on_arc(radius, float(angle)) for angle in angles], world_from_middle)
+
+
+def toed_in(cameras: Cameras, baseline: float, distance: float, world_from_middle: ArrayLike | None = None) -> Rig:
+    """Two cameras `baseline` metres apart whose axes cross `distance` metres before the middle between them.
+
+    Each is turned inwards by atan(baseline / 2 distance); the pose is that of the middle, looking straight ahead.
+    """
+    check_number("baseline", baseline, "a positive number of metres", above=0)
+    check_number("distance", distance, "a positive number of metres", above=0)
+    turn = math.atan2(0.5 * baseline, distance)
+    places = [rigid(_about_y(side * turn), [-side * 0.5 * baseline, 0.0, 0.0]) for side in (1, -1)]
+    return _placed(cameras, places, world_from_middle)
+
+
+def _on_arc(radius: float, angle: float) -> Float:
+    return rigid(_about_y(-angle), [radius * math.sin(angle), 0.0, radius * (1.0 - math.cos(angle))])
+
+
+def _about_y(angle: float) -> Float:
+    """The rotation about y that turns z towards x."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def _placed(cameras: Cameras, places: Sequence[Float], world_from_layout: ArrayLike | None) -> Rig:
+    pose = np.eye(4) if world_from_layout is None else check_rigid(world_from_layout, "the pose of a layout")
+    each = [cameras] * len(places) if isinstance(cameras, Camera) else list(cameras)
+    if len(each) != len(places):
+        raise InputError(
+            f"this layout has {len(places)} places: give one camera for all or {len(places)}, not {len(each)}"
+        )
+    return Rig(each, [pose @ place for place in places])
+
+
+def _check_count(name: str, count: int) -> None:
+    if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
+        raise InputError(f"{name} must be a whole number of 1 or more, got {count!r}")

@@ -1,0 +1,79 @@
+"""Rigs of many cameras stand where they say and look where they say."""
+
+import numpy as np
+import pytest
+
+from twinlens import geometry
+from twinlens.camera import Camera
+from twinlens.camera.layouts import arc, grid, line, toed_in
+from twinlens.errors import InputError
+
+CAMERA = Camera.from_fov(64, 48, 60)
+POSE = geometry.look_at([1, 2, 3], [4, 5, 3.5])
+
+
+def centres(rig):
+    return geometry.transform_points(geometry.inverse(POSE), [pose[:3, 3] for pose in rig.world_from_cams])
+
+
+def test_any_two_of_a_line_are_a_rectified_pair():
+    rig = line(CAMERA, 4, 0.1, POSE)
+    assert all(rig.is_rectified(i, j) == (i < j) for i in range(4) for j in range(4) if i != j)
+    assert np.allclose(centres(rig), [[0.1 * i, 0, 0] for i in range(4)])
+
+
+def test_a_grid_runs_row_by_row_to_the_right_and_down():
+    rig = grid(CAMERA, 2, 3, 0.1, 0.2, POSE)
+    assert np.allclose(centres(rig), [[0.1 * j, 0.2 * i, 0] for i in range(2) for j in range(3)])
+    assert rig.is_rectified(3, 5)
+    assert not rig.is_rectified(0, 3)
+
+
+def test_an_arc_looks_at_one_point_from_one_distance_over_the_whole_angle():
+    rig = arc(CAMERA, 5, 2.0, 80, POSE)
+    target = geometry.transform_points(POSE, [0, 0, 2.0])
+    for i in range(5):
+        assert np.allclose(geometry.dehomogeneous(rig.px_from_world(i) @ [*target, 1]), [CAMERA.cx, CAMERA.cy])
+    away = np.array([pose[:3, 3] for pose in rig.world_from_cams]) - target
+    assert np.allclose(np.linalg.norm(away, axis=1), 2)
+    assert np.degrees(np.arccos(away[0] @ away[-1] / 4)) == pytest.approx(80)
+    assert (np.diff(centres(rig)[:, 0]) > 0).all()
+    assert np.allclose(rig.world_from_cams[2], POSE)
+
+
+def test_a_full_circle_closes_with_equal_steps():
+    rig = arc(CAMERA, 6, 1.0, 360)
+    assert [rig.baseline(i, (i + 1) % 6) for i in range(6)] == pytest.approx([1.0] * 6)
+
+
+def test_toed_in_axes_cross_at_the_distance():
+    rig = toed_in(CAMERA, 0.3, 2.0, POSE)
+    assert rig.baseline() == pytest.approx(0.3)
+    assert centres(rig)[0, 0] < 0
+    target = [*geometry.transform_points(POSE, [0, 0, 2.0]), 1]
+    for i in (0, 1):
+        assert np.allclose(geometry.dehomogeneous(rig.px_from_world(i) @ target), [CAMERA.cx, CAMERA.cy])
+
+
+def test_each_place_can_have_a_camera_of_its_own():
+    other = CAMERA.replace(fx=100.0)
+    assert toed_in([CAMERA, other], 0.1, 1.0).cameras == (CAMERA, other)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: line(CAMERA, 0, 0.1), "columns"),
+        (lambda: grid(CAMERA, 1.5, 2, 0.1, 0.1), "rows"),
+        (lambda: line(CAMERA, 2, 0.0), "spacing_x"),
+        (lambda: arc(CAMERA, 3, 1.0, 361), "angle_deg"),
+        (lambda: arc(CAMERA, 3, -1.0, 30), "radius"),
+        (lambda: arc(CAMERA, 0, 1.0, 30), "count"),
+        (lambda: toed_in(CAMERA, 0.1, 0.0), "distance"),
+        (lambda: line([CAMERA] * 2, 3, 0.1), "3 places"),
+        (lambda: line(CAMERA, 3, 0.1, np.diag([1, 1, -1, 1])), "pose of a layout"),
+    ],
+)
+def test_impossible_layouts_are_refused(make, says):
+    with pytest.raises(InputError, match=says):
+        make()
