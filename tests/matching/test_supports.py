@@ -18,7 +18,7 @@ from scipy import ndimage
 import twinlens.matching as tm
 from twinlens.errors import InputError
 from twinlens.matching.costs import COSTS
-from twinlens.matching.semiglobal import swept
+from twinlens.matching.semiglobal import Penalties, Sweeps, stored
 from twinlens.matching.supports import SUPPORTS
 
 RADIUS = 2
@@ -194,15 +194,21 @@ def test_every_cost_with_every_support_finds_a_shift_or_is_refused_with_the_reas
         assert np.mean(np.abs(got[4:-4, 12:-4] - 3) < 0.5) > 0.85, optimisation
 
 
+@pytest.mark.parametrize("large", [20, 150])  # sums of 8 bits, and of 16
 @pytest.mark.parametrize("depth", [16, 48, 64])
 @pytest.mark.parametrize("paths", [4, 8])
-def test_path_costs_equal_paths_followed_one_by_one(depth, paths):
-    costs = np.random.default_rng(depth).integers(0, 60, (5, 8, depth)).astype(np.uint16)
-    straight = [(0, -1), (-1, 0)]
-    down = straight if paths == 4 else [*straight, (-1, -1), (-1, 1)]
-    one, other = swept(costs, paths, 7, 20)
-    np.testing.assert_array_equal(one, naive_paths(costs, down, 7, 20))
-    np.testing.assert_array_equal(other, naive_paths(costs, [(-dy, -dx) for dy, dx in down], 7, 20))
+def test_path_costs_equal_paths_followed_one_by_one(depth, paths, large):
+    costs = np.random.default_rng(depth).integers(0, 60, (5, 80, depth))
+    ways = [(0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1)][:paths]
+    total = naive_paths(costs, ways, 7, large).astype(float)
+    total[~is_candidate((5, 80), 0, depth)] = np.inf
+    penalties = Penalties(7, large, 60)
+    volume = stored(costs.astype(penalties.dtype))
+    got = Sweeps(volume, costs.shape, paths, penalties, 0, depth, "none").chosen(2, rivals=True)
+    near = np.abs(np.arange(depth) - total.argmin(-1)[..., None]) < 2
+    np.testing.assert_array_equal(got.disparity, total.argmin(-1))
+    np.testing.assert_array_equal(got.cost, total.min(-1))
+    np.testing.assert_array_equal(got.rival, np.where(near, np.inf, total).min(-1))
 
 
 @pytest.mark.parametrize("paths", [4, 8])

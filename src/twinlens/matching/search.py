@@ -8,7 +8,8 @@ import numpy as np
 from twinlens.matching.box import FITS, BoxMatch, in_strips, largest
 from twinlens.matching.costs import Cost, largest_cost
 from twinlens.matching.images import Image
-from twinlens.matching.semiglobal import LANES, quantised, scaled, settled, swept
+from twinlens.matching.semiglobal import LANES, Penalties, Sweeps, quantised, scaled, stored
+from twinlens.matching.semiglobal import Costs as Volumes
 from twinlens.matching.supports import Scene, Settings, Strip, Support, levels
 from twinlens.matching.transforms import census_images, rank_image
 from twinlens.matching.volume import BirchfieldTomasi, BoxCosts, Chosen, Costs, Volume, ZeroMeanAbsolute
@@ -135,8 +136,9 @@ def _span(left: Image) -> float:
 def _semiglobal(task: Search, left: Image, boxes: tuple[BoxMatch, ...]) -> Chosen:
     full = largest_cost(task.cost, _span(left), task.side, task.descriptor**2 - 1)
     gain, top = scaled(full, np.dtype(boxes[0].scores).kind != "f", task.penalties[1])
-    volume = quantised(boxes, gain, task.cost.offset * gain, top, task.threads)
-    return _optimised(task, volume, top, boxes[0].low, boxes[0].high)
+    penalties = _penalties(task, top)
+    costs = quantised(boxes, gain, task.cost.offset * gain, penalties, task.threads)
+    return _optimised(task, costs, left, boxes[0].depth, penalties, boxes[0].low, boxes[0].high)
 
 
 def _smoothed(
@@ -146,8 +148,8 @@ def _smoothed(
     side = 1 if task.support.pixelwise else task.support.window(task.side)
     full = largest_cost(task.cost, _span(left), side, task.descriptor**2 - 1) * task.support.parts
     gain, top = scaled(full, False, task.penalties[1])
-    depth = -(-costs.count // LANES) * LANES
-    volume = np.full((*left.shape, depth), top, np.uint16)
+    penalties = _penalties(task, top)
+    volume = np.full((*left.shape, -(-costs.count // LANES) * LANES), top, penalties.dtype)
 
     def work(start: int, stop: int) -> None:
         part = gather(start, stop)
@@ -155,10 +157,17 @@ def _smoothed(
         volume[start:stop, :, : costs.count] = np.minimum(np.rint(np.maximum(part, 0) * gain), top)
 
     in_strips(work, left.shape[0], STRIP_ROWS, task.threads)
-    return _optimised(task, volume, top, low, high)
+    return _optimised(task, stored(volume), left, costs.count, penalties, low, high)
 
 
-def _optimised(task: Search, volume: Volume, top: int, low: int, high: int) -> Chosen:
+def _penalties(task: Search, top: int) -> Penalties:
     small, large = (round(part * top) for part in task.penalties)
-    halves = swept(volume, task.paths, small, large, task.threads)
-    return settled(halves, low, high - low, task.fit, task.threads, rivals=task.rivals)
+    return Penalties(small, large, top)
+
+
+def _optimised(
+    task: Search, costs: Volumes, left: Image, candidates: int, penalties: Penalties, low: int, high: int
+) -> Chosen:
+    shape = *left.shape, -(-candidates // LANES) * LANES
+    sweeps = Sweeps(costs, shape, task.paths, penalties, low, high - low, task.fit)
+    return sweeps.chosen(task.threads, rivals=task.rivals)

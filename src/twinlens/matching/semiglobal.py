@@ -1,11 +1,13 @@
-"""Semi-global matching: the whole cost volume, smoothed along 4 or 8 paths through every pixel.
+"""Semi-global matching: costs smoothed along 4 or 8 paths through every pixel.
 
-Memory is three volumes of H W D 16-bit numbers. The two sweeps, down and up, run side by side, so that no more than
-two threads help here.
+Two sweeps run side by side, one down and one up, so that no more than two threads help here. They meet in the middle:
+each keeps what its paths add for its first half of the rows and then, crossing the other's half, adds the two up and
+chooses the winners. So one volume is kept, H W D numbers of 8 bits where they suffice and of 16 elsewhere.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +18,8 @@ from twinlens.matching.volume import Chosen, fill_sum
 
 PATH_TOP = 8191  # the most that a path's cost may be: eight of them add up in 16 bits
 LANES = 16
-Volume = NDArray[np.uint16]
+STRIP_BYTES = 1 << 19  # of costs that are made and used up before the next: they stay in a processor's cache
+Volume = NDArray[Any]
 
 
 def scaled(full: float, whole: bool, large: float) -> tuple[float, int]:
@@ -28,62 +31,107 @@ def scaled(full: float, whole: bool, large: float) -> tuple[float, int]:
     return (1.0, int(full)) if whole and full <= top else (top / full, top)
 
 
-def quantised(boxes: Sequence[BoxMatch], gain: float, offset: float, top: int, threads: int) -> Volume:
-    """The sum of the boxes' costs, as round(cost * gain + offset), (H, W, depth); `top` where there is no partner."""
+@dataclass(frozen=True)
+class Penalties:
+    """P1 for a step of one disparity, P2 for a larger one, of costs from 0 to `top`."""
+
+    small: int
+    large: int
+    top: int
+
+    @property
+    def dtype(self) -> type[np.unsignedinteger[Any]]:
+        """What holds a path's cost, with P1 on top of it, and the detours of four paths, at most P2 each."""
+        return np.uint8 if self.top + self.large + self.small < 256 and 4 * self.large < 256 else np.uint16
+
+
+Costs = Callable[[int, int], Volume]  # costs(y0, y1): those rows, (y1 - y0, W, depth), depth a multiple of LANES
+
+
+def quantised(boxes: Sequence[BoxMatch], gain: float, offset: float, penalties: Penalties, threads: int) -> Costs:
+    """The sum of the boxes' costs, as round(cost * gain + offset); the largest cost where there is no partner.
+
+    Costs of single pixels are made anew whenever they are asked for, which takes less time than to fetch them from
+    memory; those of windows are kept.
+    """
     height, width = boxes[0].shape
     depth = -(-boxes[0].depth // LANES) * LANES
-    volume = np.empty((height, width, depth), np.uint16)
+
+    def made(y0: int, y1: int) -> Volume:
+        part = np.empty((y1 - y0, width, depth), penalties.dtype)
+        fill_sum(boxes, part, y0, gain, offset + 0.5, float(penalties.top))
+        return part
+
+    if boxes[0].side == 1:
+        return made
+    volume = np.empty((height, width, depth), penalties.dtype)
 
     def work(y0: int, y1: int) -> None:
-        fill_sum(boxes, volume[y0:y1], y0, gain, offset + 0.5, float(top))
+        volume[y0:y1] = made(y0, y1)
 
     in_strips(work, height, boxes[0].rows, threads)
-    return volume
+    return stored(volume)
 
 
-def swept(costs: Volume, paths: int, small: int, large: int, threads: int = 2) -> list[Volume]:
-    """The two half sums of path costs, (H, W, depth) each: from above and the left, and from below and the right.
+def stored(volume: Volume) -> Costs:
+    """The costs of a volume that is there."""
+    return lambda y0, y1: volume[y0:y1]
 
-    costs (H, W, depth), depth a multiple of 16, up to 8191 - large; paths 4 (along rows and columns) or 8 (and
-    diagonals); small and large are the penalties P1 and P2 in the same numbers.
+
+@dataclass(frozen=True)
+class Sweeps:
+    """Both sweeps over costs of one shape (H, W, depth), and what they find.
+
+    paths: 4 (along rows and columns) or 8 (and diagonals). The winners are sought among the candidates low, low + 1,
+    ... of which there are `count`, as `volume.Chosen`.
     """
-    from twinlens.matching.kernels.semiglobal import GUARD, TOO_HIGH, slot_count, sweep_kernel
 
-    height, width, depth = costs.shape
-    lanes = next(n for n in (128, 64, 32, 16) if depth % n == 0)
+    costs: Costs
+    shape: tuple[int, int, int]
+    paths: int
+    penalties: Penalties
+    low: int
+    count: int
+    fit: str
 
-    def sweep(turned: bool) -> Volume:
-        total = np.empty_like(costs)
-        slots = np.zeros((slot_count(height, width), depth + GUARD), np.uint16)
-        slots[:, :GUARD] = TOO_HIGH
-        flat = np.append(slots.ravel(), np.full(GUARD, TOO_HIGH, np.uint16))
-        minima = np.zeros(len(slots), np.uint16)
-        penalties = np.uint16(small), np.uint16(large)
-        kernel = sweep_kernel(lanes, paths == 8, turned)
-        kernel(costs.reshape(-1), total.reshape(-1), flat, minima, height, width, depth, penalties)
-        return total
+    def chosen(self, threads: int, *, rivals: bool) -> Chosen:
+        height, width, _ = self.shape
+        chosen = Chosen.empty((height, width))
+        maps = chosen.cost, chosen.rival if rivals else np.empty((1, 1)), chosen.disparity
+        kept = np.empty(self.shape, self.penalties.dtype)
+        middle = height // 2
+        runs = self._run(False, kept, maps), self._run(True, kept, maps)
+        for finish in (False, True):
+            spans = ((middle, height), (0, middle)) if finish else ((0, middle), (middle, height))
+            with ThreadPoolExecutor(min(threads, 2)) as pool:
+                for done in [pool.submit(run, *span, finish) for run, span in zip(runs, spans, strict=True)]:
+                    done.result()
+        return chosen
 
-    with ThreadPoolExecutor(min(threads, 2)) as pool:
-        return list(pool.map(sweep, (False, True)))
+    def _run(self, turned: bool, kept: Volume, maps: tuple[NDArray[Any], ...]) -> Callable[[int, int, bool], None]:
+        """run(y0, y1, finish): carry one sweep through these rows, in strips."""
+        from twinlens.matching.kernels.semiglobal import GUARD, slot_count, sweep_kernel
 
+        height, width, depth = self.shape
+        dtype = self.penalties.dtype
+        slots = np.zeros((slot_count(height, width), depth + GUARD), dtype)
+        slots[:, :GUARD] = np.iinfo(dtype).max - self.penalties.small
+        flat = np.append(slots.ravel(), slots[0, :GUARD])
+        minima, sums = np.zeros(len(slots), dtype), np.zeros(width * depth, np.uint16)
+        penalties = dtype(self.penalties.small), dtype(self.penalties.large)
+        kernel = sweep_kernel(next(n for n in (128, 64, 32, 16) if depth % n == 0), self.paths == 8)
+        rows = max(1, STRIP_BYTES // (width * depth * np.dtype(dtype).itemsize))
 
-def settled(halves: Sequence[Volume], low: int, count: int, fit: str, threads: int, *, rivals: bool) -> Chosen:
-    """The winner of the two halves' sum at each pixel, as `volume.Chosen`."""
-    from twinlens.matching.kernels.semiglobal import settle_kernel
+        def strip(y0: int, y1: int, finish: bool) -> None:
+            part = [array[y0:y1] if len(array) == height else array for array in maps]
+            span = height - y1 if turned else y0, y1 - y0, *self.shape
+            volumes = self.costs(y0, y1).reshape(-1), kept[y0:y1].reshape(-1)
+            state = flat, minima, span, penalties, turned, finish, sums
+            kernel(*volumes, *state, self.low, self.count, FITS[self.fit], tuple(part))
 
-    height, width, depth = halves[0].shape
-    lanes = next(n for n in (128, 64, 32, 16) if depth % n == 0)
-    chosen = Chosen.empty((height, width))
-    no_one = np.empty((1, 1))
+        def run(y0: int, y1: int, finish: bool) -> None:
+            tops = range(y0, y1, rows)
+            for top in reversed(tops) if turned else tops:
+                strip(top, min(top + rows, y1), finish)
 
-    def work(y0: int, y1: int) -> None:
-        one, other = (half[y0:y1].reshape(-1) for half in halves)
-        maps: tuple[Any, ...] = (
-            chosen.cost[y0:y1],
-            chosen.rival[y0:y1] if rivals else no_one,
-            chosen.disparity[y0:y1],
-        )
-        settle_kernel(lanes)(one, other, depth, low, count, FITS[fit], np.empty(depth, np.uint16), *maps)
-
-    in_strips(work, height, -(-height // threads), threads)
-    return chosen
+        return run
