@@ -161,6 +161,31 @@ def test_a_far_point_is_far_and_not_infinite(method):
     assert np.allclose(triangulate(rig, [seen(rig, far, i) for i in (0, 1)], method=method), far, rtol=1e-8)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_no_pixels_make_no_points(method):
+    rig = line(CAMERA, 2, 0.1)
+    assert triangulate(rig, [np.zeros((0, 2))] * 2, method=method).shape == (0, 3)
+    assert covariance(rig, np.zeros((0, 3))).shape == (0, 3, 3)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_far_from_the_world_s_origin_no_more_is_lost_than_its_digits(method):
+    rig, points = random_rig(np.random.default_rng(0), distorted=True)
+    away = 1e5
+    moved = Rig(rig.cameras, [geometry.rigid(pose[:3, :3], pose[:3, 3] + away) for pose in rig.world_from_cams])
+    pixels = [seen(moved, points + away, i) for i in (0, 1)]
+    assert np.abs(triangulate(moved, pixels, method=method) - points - away).max() < 1e-9
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_wild_pixels_give_points_or_inf_and_never_nan(method):
+    rng, ahead = np.random.default_rng(1), Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(np.eye(3), [0.0, 0.0, 1.0])])
+    for rig in (line(CAMERA, 2, 0.1), toed_in(CAMERA, 0.5, 2.0), ahead):
+        points = triangulate(rig, rng.uniform(0, 480, (2, 500, 2)), method=method)
+        assert (np.isfinite(points).all(axis=1) | np.isposinf(points).all(axis=1)).all()
+        assert np.isfinite(points).any()
+
+
 @pytest.mark.parametrize(
     ("make", "says"),
     [

@@ -121,8 +121,8 @@ def _midpoint(rig: Rig, cameras: tuple[int, ...], ideal: list[Float]) -> Float:
     centres, rays = _rays(rig, cameras, ideal)
     origin, scale = centres[0], np.abs(centres - centres[0]).max()
     away = np.eye(3) - rays[..., :, None] * rays[..., None, :]
-    offsets = np.einsum("knij,kxj->nki", away, (centres - origin) / scale).reshape(rays.shape[1], -1)
-    left, size, axes = np.linalg.svd(away.swapaxes(0, 1).reshape(rays.shape[1], -1, 3), full_matrices=False)
+    offsets = np.einsum("knij,kxj->nki", away, (centres - origin) / scale).reshape(rays.shape[1], 3 * len(rays))
+    left, size, axes = np.linalg.svd(away.swapaxes(0, 1).reshape(rays.shape[1], 3 * len(rays), 3), full_matrices=False)
     meeting = size[:, 2:] > _PARALLEL
     along = np.einsum("nki,nk->ni", left, offsets) / np.where(meeting, size, 1.0)
     return np.where(meeting, origin + scale * np.einsum("nki,nk->ni", axes, along), np.inf)
