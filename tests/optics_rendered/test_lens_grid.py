@@ -93,9 +93,9 @@ def test_the_standard_error_is_the_error(grids, direct, index):
 
 
 def test_the_error_is_about_that_of_the_direct_images(grids, direct):
-    """At most three times their mean squared error: what `spp` promises, but for what stratification gives them."""
+    """At most 1.5 times their mean squared error, as a few seeds tell it: what `spp` promises."""
     ratio = grids[0].var(axis=0, ddof=1).mean(axis=(1, 2, 3, 4)) / direct.var(axis=0, ddof=1).mean(axis=(1, 2, 3, 4))
-    assert ratio.max() < 3.0
+    assert ratio.max() < 1.5
 
 
 def test_bytes_depend_on_the_seed_and_not_on_the_threads(room):
@@ -114,8 +114,11 @@ def test_bytes_depend_on_the_seed_and_not_on_the_threads(room):
     assert taken(6) != first
 
 
-@pytest.mark.parametrize("spp", [1, 2, 5, 64])
-@pytest.mark.parametrize("sampler", ["multijitter", "independent", "stratified", "orthogonal", "ldsampler"])
+@pytest.mark.parametrize(
+    ("sampler", "spp"),
+    [("multijitter", spp) for spp in (1, 2, 5, 64)]
+    + [("independent", 1), ("stratified", 2), ("orthogonal", 5), ("ldsampler", 3)],
+)
 def test_any_count_of_any_sampler_is_taken(sampler, spp):
     """Samplers round counts up; an even light comes out even, whatever they take."""
     lenses = [tl.ThinLens(0.1, 1.0), tl.ThinLens(0.07, 3.0)]
@@ -172,16 +175,19 @@ def test_the_scalar_backend_renders_lens_by_lens(room, tmp_path):
         assert z_squared(scalar[:, i], direct) < SAME
 
 
-def test_rings_are_as_many_as_radii_and_give_each_lens_its_error():
-    """Six apertures one stop apart: each lens's variance, in units of a sample's, is at most 1/spp."""
+@pytest.mark.parametrize("fall", [1.0, 1.5])
+def test_rings_are_as_many_as_radii_and_give_each_lens_its_error(fall):
+    """Six apertures one stop apart, in units of one sample's variance, two passes a ring: that of 64 direct samples."""
     lenses = [tl.ThinLens(0.1 / 2 ** (0.5 * stop), focus) for stop in range(6) for focus in (1.0, 2.0, 3.0, 4.0)]
-    rings = plan_rings(lenses, 64)
+    rings = plan_rings(lenses, 64, fall)
     assert len(rings) == 6
     for lens in lenses:
         inside = [ring for ring in rings if ring.outer <= 0.5 * lens.aperture_diameter]
         shares = np.array([ring.area for ring in inside]) / (0.25 * lens.aperture_diameter**2)
         assert shares.sum() == pytest.approx(1.0)
-        assert (shares**2 / [ring.spp for ring in inside]).sum() <= 1 / 64 * (1 + 1e-9)
+        passes = np.array([ring.spp / 2 for ring in inside])
+        variance = (shares**2 * passes**-fall / 2).sum()
+        assert 0.85 * 64**-fall < variance <= 64**-fall * (1 + 1e-9)
         assert all(lens.vergence in ring.vergences for ring in inside)
 
 

@@ -79,7 +79,10 @@ def test_the_first_dark_ring_of_a_photographed_star(f_number):
 
 
 def test_a_hole_lets_in_light_by_the_same_law():
-    """A bare hole and a lens of the same width before the same film gather the same light from an even sky."""
+    """A bare hole and a lens of the same width before the same film gather the same light from an even sky.
+
+    To (A/2v)^2 = 1%, by which the lens's paraxial law exceeds what a hole of a fifth of the film distance lets in.
+    """
     camera = square_camera(16, 100.0)
     rig = tl.Rig([camera], [HERE])
     photos = []
@@ -88,5 +91,5 @@ def test_a_hole_lets_in_light_by_the_same_law():
         assert radiance == pytest.approx(1.0, rel=1e-5)
         exposure = Exposure(0.5 * SENSOR.full_well / SENSOR.electrons_per_radiance(camera, lens).max())
         photos.append(SENSOR.replace(shot_noise=False).expose(radiance, camera=camera, lens=lens, exposure=exposure))
-    assert math.isclose(photos[0].record["time_s"], photos[1].record["time_s"], rel_tol=1e-9)
+    assert math.isclose(photos[0].record["time_s"] * 1.01, photos[1].record["time_s"], rel_tol=1e-9)
     assert np.array_equal(photos[0].image, photos[1].image)

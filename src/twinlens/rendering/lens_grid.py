@@ -23,7 +23,7 @@ from twinlens.geometry import Float
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.radiance import RAYS_A_PASS, Progress, check_request, part_of, render
-from twinlens.rendering.rings import FEWEST_PASSES, Ring, plan_rings, sample_ring, share_of
+from twinlens.rendering.rings import FEWEST_PASSES, STRATIFIED_FALL, Ring, plan_rings, sample_ring, share_of
 from twinlens.rendering.strata import shared_strata
 from twinlens.rendering.tally import FIXED_POINT, RingMean
 from twinlens.scenes import Scene
@@ -92,7 +92,7 @@ def render_lens_grid(
     built = build(scene)
     if not _can_share(built, rig, lenses):
         return _one_by_one(scene, rig, lenses, spp, seed, sampler, progress)
-    rings = plan_rings(lenses, spp)
+    rings = plan_rings(lenses, spp, 1.0 if sampler == "independent" else STRATIFIED_FALL)
     columns = []
     for index, (camera, pose) in enumerate(zip(rig.cameras, rig.world_from_cams, strict=True)):
         seeds = np.random.SeedSequence(int(seed), spawn_key=(_GRID_STREAM, index))

@@ -11,6 +11,10 @@ from twinlens.rendering.backends import mitsuba
 FEWEST_PASSES = 2
 """A ring's standard error is read off the differences of its passes."""
 
+STRATIFIED_FALL = 1.5
+"""The variance of stratified samples falls as n^-1.5 where edges make it (Mitchell, Consequences of Stratified Sampling
+in Graphics, 1996), and between that and the n^-1 of independent ones elsewhere."""
+
 
 @dataclass(frozen=True)
 class Ring:
@@ -27,21 +31,23 @@ class Ring:
         return self.outer**2 - self.inner**2
 
 
-def plan_rings(lenses: Sequence[Lens], spp: int) -> list[Ring]:
+def plan_rings(lenses: Sequence[Lens], spp: int, fall: float = STRATIFIED_FALL) -> list[Ring]:
     """Rings between the radii, innermost first, with the fewest samples that give every lens its direct error.
 
-    With weights w = area/(area of the lens) a lens has the variance sum w^2 s^2 / n over its rings, and its direct
-    image s^2 / spp: going outwards, each ring takes just what its lens still needs.
+    n samples in FEWEST_PASSES passes have the variance s^2 FEWEST_PASSES^(fall - 1) / n^fall, a direct image has
+    s^2 / spp^fall. With weights w = area/(area of the lens) a lens has sum w^2 of that over its rings: going outwards,
+    each ring takes just what its lens still needs.
     """
     radii = sorted({0.5 * lens.aperture_diameter for lens in lenses})
     fewest = min(FEWEST_PASSES, spp)
+    split = fewest ** (fall - 1)
     rings: list[Ring] = []
     inner = 0.0
     for outer in radii:
         wanted = sorted({lens.vergence for lens in lenses if 0.5 * lens.aperture_diameter >= outer > 0})
         weight = (outer**2 - inner**2) / outer**2 if outer else 1.0
-        spent = sum((ring.area / outer**2) ** 2 / ring.spp for ring in rings if outer)
-        count = math.ceil(weight**2 / (1.0 / spp - spent) - 1e-9)
+        spent = sum((ring.area / outer**2) ** 2 * split / ring.spp**fall for ring in rings if outer)
+        count = math.ceil((weight**2 * split / (spp**-fall - spent)) ** (1 / fall) - 1e-9)
         rings.append(Ring(inner, outer, tuple(wanted or [lenses[0].vergence]), max(fewest, count)))
         inner = outer
     return rings
