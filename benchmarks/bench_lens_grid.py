@@ -56,8 +56,7 @@ def measure(scene: tl.Scene, rig: tl.Rig, lenses: list, spp: int, rounds: int) -
         took, grid = timed(lambda seed=seed: tl.render_lens_grid(scene, rig, lenses, spp=spp, seed=seed))
         grid_times.append(took)
         grids.append([grid[i][0] for i in cells])
-        cost = time_ratio * np.maximum(ratio, 1.0)
-    rows = [
+        rows = [
             timed(lambda i=i, seed=seed: tl.render(scene, rig, lenses[i], spp=spp, seed=1000 * seed + i)) for i in cells
         ]
         times.append([row[0] for row in rows])
@@ -78,6 +77,7 @@ def variance(images: Images) -> float:
 def table(lenses: list, found: dict[str, np.ndarray]) -> str:
     ratio = found["grid_mse"] / found["direct_mse"]
     time_ratio = float(found["grid_s"] / found["direct_s"].sum())
+    cost = time_ratio * np.maximum(ratio, 1.0)
     rows = [
         ("aperture mm", "focus m", "direct s", "direct MSE", "grid MSE", "MSE ratio", "cost"),
         ("---",) * 7,
