@@ -9,7 +9,7 @@ from twinlens import geometry
 from twinlens.camera import BrownConrady, Camera, Rig
 from twinlens.camera.layouts import grid, line, toed_in
 from twinlens.errors import InputError
-from twinlens.rectification import FITS, Misalignment, rectify
+from twinlens.rectification import FITS, Misalignment, Rectification, rectify
 
 CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
 
@@ -137,9 +137,19 @@ def test_fit_all_keeps_every_pixel_and_fit_valid_has_no_empty_one(pairs):
             assert (corners > -1e-6).all()
             assert (corners < (639 + 1e-6, 479 + 1e-6)).all()
             assert full.valid(side).mean() > 1 - 1e-5
-        focal = [result.rectified_rig.cameras[0].fx for result in (whole, full)]
-        looser = Rig(full.rectified_rig.cameras, full.rectified_rig.world_from_cams).cameras[0].fx * 0.98
-        assert focal[0] < looser < focal[1]
+        loose = wider(full.rectified_rig, 0.99)
+        looser = Rectification(full.pair, loose, loose)
+        assert not (looser.valid(0).all() and looser.valid(1).all())
+
+
+def wider(rig, factor):
+    """The same cameras with `factor` of their focal length, looking along the same middle."""
+    middle = np.array([319.5, 239.5])
+    shorter = []
+    for camera in rig.cameras:
+        cx, cy = middle + factor * (np.array([camera.cx, camera.cy]) - middle)
+        shorter.append(camera.replace(fx=camera.fx * factor, fy=camera.fy * factor, cx=cx, cy=cy))
+    return Rig(shorter, rig.world_from_cams)
 
 
 def test_misalignment_shifts_rows_by_what_was_asked():

@@ -14,7 +14,6 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float, homogeneous
 
 _LEADING = 1e-10  # of the largest coefficient: a leading one below it only makes roots far outside the images
-_POLISHES = 3
 _NOTHING = 1e-12  # relative: a pixel this near the epipole is on it, a matrix this near rank 1 has it
 
 Lines = tuple[Float, ...]
@@ -75,8 +74,7 @@ def _moved(px_from_canonical: Float, points: Float) -> Float:
 
 def _best(lines: Lines) -> tuple[Float, Float]:
     """(t, w), (N, 1) each, of the lines with the smallest cost: t over w is the parameter, w = 0 its infinity."""
-    polynomial = _stationary(lines)
-    roots = _polished(polynomial, _real_parts_of_roots(polynomial))
+    roots = _real_parts_of_roots(_stationary(lines))
     t = np.concatenate([roots, np.ones((len(roots), 1))], axis=1)
     w = np.concatenate([np.ones_like(roots), np.zeros((len(roots), 1))], axis=1)
     line_a, line_b = _epipolar(lines, t, w)
@@ -141,24 +139,3 @@ def _real_parts_of_roots(coefficients: Float) -> Float:
         companion[:, :, -1] = -coefficients[rows, :degree] / coefficients[rows, degree, None]
         roots[rows, :degree] = np.linalg.eigvals(companion).real
     return roots
-
-
-def _polished(coefficients: Float, roots: Float) -> Float:
-    """`roots` (N, 6) after a few of Newton's steps, each taken only where it makes the polynomial smaller."""
-    slopes = coefficients[:, 1:] * np.arange(1, coefficients.shape[1])
-    value = _at(coefficients, roots)
-    for _ in range(_POLISHES):
-        slope = _at(slopes, roots)
-        trial = roots - value / np.where(slope == 0, np.inf, slope)
-        there = _at(coefficients, trial)
-        better = np.abs(there) < np.abs(value)
-        roots, value = np.where(better, trial, roots), np.where(better, there, value)
-    return roots
-
-
-def _at(coefficients: Float, t: Float) -> Float:
-    """Horner's scheme: polynomials (N, k) at t (N, M)."""
-    value = np.zeros_like(t)
-    for power in reversed(range(coefficients.shape[1])):
-        value = value * t + coefficients[:, power, None]
-    return value
