@@ -4,8 +4,8 @@
 
 80 disparities, pixels with known truth, estimates that are missing count as bad: totbad2.0 of Middlebury v3 in the
 region `all`. Every method runs with its defaults; OpenCV's StereoBM once more without the two filters that mark pixels
-as unknown. Times are medians of three calls after a first one, with all processors, by the wall and by the processors; the latter
-hold on a machine that does other things meanwhile.
+as unknown. Times are medians of three calls after a first one, with all processors, by the wall and by the processors;
+the latter hold on a machine that does other things meanwhile.
 
 CNES Pandora 1.9 and the Machine Vision Toolbox 2.4 run in a Python of their own, so that their dependencies are not
 ours: `python -m venv V; V/bin/pip install pandora==1.9.0 machinevision-toolbox-python==2.4.1`, then `--peers

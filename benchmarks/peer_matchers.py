@@ -3,9 +3,8 @@
     python peer_matchers.py PAIR.npz MAPS.npz
 
 PAIR holds left, right (grey uint8) and count (disparities 0..count-1). MAPS gets one disparity map for each method, NaN
-where there is none, and <method>/seconds by the wall and by the processors, medians of three calls (of one, where a call takes
-over ten seconds).
-Imports nothing of twinlens.
+where there is none, and <method>/seconds by the wall and by the processors, medians of three calls (of one, where a
+call takes over ten seconds). Imports nothing of twinlens.
 """
 
 import statistics
