@@ -1,8 +1,12 @@
 """A sample, and matchers good, bad and dangerous: at module level, so that a spawned process can import them."""
 
 import os
+import signal
+import subprocess
+import tempfile
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -34,6 +38,72 @@ class Constant:
     def __call__(self, left, right, *, ndisp):
         disp = np.full(left.shape[:2], self.value, np.float32)
         disp[:, : self.holes] = np.inf
+        return disp
+
+
+@dataclass(frozen=True)
+class Slow:
+    """Its first call in a process takes `compiling` seconds, as one of compiled code does; the others take none."""
+
+    name: str
+    compiling: float
+
+    def __call__(self, left, right, *, ndisp):
+        if self.name not in _COMPILED:
+            _COMPILED.add(self.name)
+            time.sleep(self.compiling)
+        return np.zeros(left.shape[:2], np.float32)
+
+
+_COMPILED = set()
+
+
+@dataclass(frozen=True)
+class Hangs:
+    """Notes how many rows it was given, and does not come back."""
+
+    name: str
+    note: Path
+
+    def __call__(self, left, right, *, ndisp):
+        with self.note.open("a") as file:
+            file.write(f"{len(left)}\n")
+        time.sleep(60)
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Starts `sleep`, writes its number into a file, and waits for it: quietly, or deaf to any request to end."""
+
+    name: str
+    note: Path
+    deaf: bool = False
+    session: bool = False
+
+    def __call__(self, left, right, *, ndisp):
+        if self.deaf:
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+        with tempfile.TemporaryDirectory(dir=self.note.parent):
+            process = subprocess.Popen(["sleep", "60"], start_new_session=self.session)
+            self.note.write_text(str(process.pid))
+            try:
+                process.wait()
+            finally:
+                process.kill()
+                process.wait()
+        return np.zeros(left.shape[:2], np.float32)
+
+
+@dataclass(frozen=True)
+class Signed:
+    """Answers one disparity everywhere, and writes what it was told to search into its map's corner."""
+
+    name: str
+    value: float
+
+    def __call__(self, left, right, *, ndisp, min_disparity=0):
+        disp = np.full(left.shape[:2], self.value, np.float32)
+        disp[0, :2] = ndisp, min_disparity
         return disp
 
 

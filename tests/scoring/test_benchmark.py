@@ -4,14 +4,27 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scoring_methods import Constant, Trouble, pair
+from scoring_methods import Constant, Hangs, Signed, Slow, Starts, Trouble, pair
 
 from twinlens.dataset import Calibration
 from twinlens.errors import FileError, InputError
-from twinlens.scoring import Board, Pair, evaluate, fingerprint, read_board, run_benchmark
+from twinlens.scoring import (
+    Board,
+    MapFolder,
+    NamedMethod,
+    Pair,
+    evaluate,
+    fingerprint,
+    load_pair,
+    read_board,
+    resume,
+    run_benchmark,
+)
 
 
 class Counting:
@@ -83,11 +96,97 @@ def test_a_limit_stops_a_hang_and_survives_a_dead_process():
     assert "signal 6" in board.find("dies", "a", "middlebury-v3").failure.message
 
 
-def test_a_hang_while_warming_up_is_bounded_too():
+def test_a_hang_while_warming_up_is_bounded_and_not_tried_again(tmp_path):
     start = time.monotonic()
-    board = run_benchmark([pair()], [Trouble("hangs")], time_limit=0.5, warm_up_limit=0.5)
+    method = Hangs("hangs", tmp_path / "rows")
+    board = run_benchmark([pair("a"), pair("b", 1)], [method], time_limit=0.5, warm_up_limit=0.5)
+    assert [e.failure.kind for e in board.entries] == ["time-limit"] * 2
+    assert time.monotonic() - start < 25
+    assert method.note.read_text().split() == ["32", "40", "40"]  # a warm-up has 32 rows, the images 40
+
+
+def test_a_fresh_process_is_warmed_up_again():
+    """Compiling takes longer than the limit: without a new warm-up the innocent would fail, or look slow."""
+    methods = [Slow("slow", 1.0), Trouble("hangs")]
+    board = run_benchmark([pair("a"), pair("b", 1)], methods, time_limit=0.5, warm_up_limit=2.0)
+    assert [e.failure and e.failure.kind for e in board.entries] == [None, "time-limit"] * 2
+    assert all(e.seconds < 0.5 for e in board.entries if e.ok)
+
+
+def is_running(pid):
+    """Whether that process is there and no zombie, which nobody may have collected."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc to see other processes")
+@pytest.mark.parametrize(("deaf", "session"), [(False, False), (False, True), (True, False)])
+def test_a_limit_ends_what_the_method_started(tmp_path, deaf, session):
+    method = Starts("starts", tmp_path / "pid", deaf, session)
+    board = run_benchmark([pair()], [method], time_limit=1.0, warm_up=False)
     assert board.entries[0].failure.kind == "time-limit"
-    assert time.monotonic() - start < 20
+    assert not is_running(int(method.note.read_text()))
+    left = [path.name for path in tmp_path.iterdir()]
+    assert deaf or left == ["pid"]
+
+
+def test_a_program_by_name_ends_with_the_limit(tmp_path):
+    """twinlens starts programs in sessions of their own, where no killing of a group reaches them."""
+    script = tmp_path / "prog.sh"
+    script.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\nexec sleep 60\n")
+    script.chmod(0o755)
+    method = NamedMethod(f"program:command='{script} {{left}} {{right}} {{out}}'")
+    board = run_benchmark([pair()], [method], time_limit=2.0, warm_up=False)
+    assert board.entries[0].failure.kind == "time-limit"
+    assert not is_running(int((tmp_path / "pid").read_text()))
+
+
+def negative(name="n"):
+    """A pair whose truth is -5 everywhere, as of a rig whose principal points differ."""
+    plain = pair(name, truth=-5.0)
+    return replace(plain, min_disparity=-8, ndisp=16)
+
+
+def test_a_perfect_answer_to_a_negative_truth_is_perfect():
+    sample = negative()
+    entry = run_benchmark([sample], [Signed("s", -5.0)]).entries[0]
+    assert entry.regions["all"]["totbad2.0"] == 0
+    assert (entry.min_disparity, entry.ndisp) == (-8, 16)
+    assert fingerprint(sample) != fingerprint(replace(sample, min_disparity=0))
+
+
+@pytest.mark.parametrize("limit", [None, 20.0])
+def test_a_method_is_told_where_negative_disparities_begin(limit):
+    corners = []
+    run_benchmark(
+        [negative(), pair("p")],
+        [Signed("s", -5.0)],
+        on_map=lambda method, sample, disp: corners.append(tuple(disp[0, :2])),
+        time_limit=limit,
+    )
+    assert corners == [(16, -8), (16, 0)]
+
+
+def test_a_method_that_knows_no_negative_disparities_fails_there_alone():
+    board = run_benchmark([negative(), pair("p")], [Constant("c", 4)])
+    assert [e.ok for e in board.entries] == [False, True]
+    assert "min_disparity" in board.entries[0].failure.message
+
+
+def test_a_stored_sample_says_where_its_disparities_begin():
+    """vmin of its calibration, else its truth; ndisp is the bound that a dataset states, 0 <= d < ndisp."""
+    plain = pair(truth=-4.5)
+    fields = ("name", "im0", "im1", "disp0", "mask0_nonocc", "ndisp")
+    stored = SimpleNamespace(**{name: getattr(plain, name) for name in fields})
+    assert load_pair(stored).search == {"ndisp": 21, "min_disparity": -5}
+    stored.calibration = Calibration((9.0, 9.0, 1.0, 1.0), (9.0, 9.0, 1.0, 1.0), 0.1, 30, 40, 0.0, vmin=-7.0)
+    assert load_pair(stored).search == {"ndisp": 23, "min_disparity": -7}
+    stored.calibration = stored.calibration.replace(vmin=3.0)
+    assert load_pair(stored).search == {"ndisp": 16}
+    stored.calibration = stored.calibration.replace(vmin=-1e9)
+    assert load_pair(stored).search == {"ndisp": 16 + 30, "min_disparity": -30}
 
 
 def test_a_method_that_cannot_be_sent_says_so():
@@ -136,6 +235,52 @@ def test_resume_runs_only_what_is_new(tmp_path):
     run_benchmark([pair("s")], [a], save=save, warm_up=False, progress=lambda step: skipped.append(step.skipped))
     assert skipped == [True]
     assert a.calls == 2
+
+
+def test_a_resumed_board_says_whose_measurements_it_holds():
+    first = run_benchmark([pair("s")], [Constant("a", 4)])
+    assert "mixed" not in first.meta
+    elsewhere = replace(first, meta=dict(first.meta) | {"twinlens": "0.0.1", "processors": "96"})
+    untouched = run_benchmark([pair("s")], [Constant("a", 4)], board=elsewhere)
+    assert untouched.meta == elsewhere.meta
+    both = run_benchmark([pair("s")], [Constant("a", 4), Constant("b", 4)], board=elsewhere)
+    assert both.meta["twinlens"] == f"0.0.1; {first.meta['twinlens']}"
+    assert "several machines or versions" in both.meta["mixed"]
+    again = run_benchmark([pair("t", 1)], [Constant("a", 4), Constant("b", 4)], board=both)
+    assert again.meta == both.meta
+    replaced = run_benchmark([pair("s")], [Constant("a", 5)], board=elsewhere)
+    assert replaced.meta == first.meta
+
+
+def test_the_file_is_written_now_and_then_and_at_the_end(tmp_path, monkeypatch):
+    written = []
+    monkeypatch.setattr(resume, "write_board", lambda board, path: written.append(len(board.entries)))
+    samples = [pair(str(i), i) for i in range(20)]
+    run_benchmark(samples, [Constant("a", 4)], save=tmp_path / "b.json", warm_up=False)
+    assert written[-1] == 20
+    assert len(written) < 10
+
+
+def test_what_was_measured_is_kept_when_a_run_breaks_off(tmp_path):
+    def broken():
+        yield from (pair(str(i), i) for i in range(5))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_benchmark(broken(), [Constant("a", 4)], save=tmp_path / "b.json")
+    assert len(read_board(tmp_path / "b.json").entries) == 5
+
+
+def test_a_map_goes_when_what_made_it_fails_or_changes(tmp_path):
+    maps = MapFolder(tmp_path)
+    told = {"warm_up": False, "on_map": maps.keep, "on_drop": maps.drop}
+    board = run_benchmark([pair("s"), pair("t")], [Counting("raises", 4, spec="v1")], **told)
+    assert maps.get(("raises", "s")) is not None
+    board = run_benchmark([pair("s")], [Trouble("raises")], board=board, **told)
+    assert not board.entries[0].ok
+    assert [maps.get(("raises", name)) for name in "st"] == [None, None]
+    run_benchmark([pair("s")], [Counting("raises", 4, spec="raises")], board=board, retry_failed=True, **told)
+    assert maps.get(("raises", "s")) is not None
 
 
 @pytest.mark.parametrize("change", ["spec", "sample", "protocol", "region"])

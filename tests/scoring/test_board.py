@@ -5,6 +5,7 @@ import csv
 import io
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -55,9 +56,32 @@ def test_a_mean_is_plain_unless_weighted():
 
 
 def test_a_failure_leaves_no_mean_and_comes_last():
-    b = board(entry("m", "s", 10), entry("m", "t", 0, failure=Failure("crash", "x")), entry("n", "s", 90))
+    b = board(
+        *(entry("m", "s", 10), entry("m", "t", 0, failure=Failure("crash", "x"))),
+        *(entry("n", "s", 90), entry("n", "t", 90)),
+    )
     assert math.isnan(b.mean("m", "middlebury-v3", "all").metrics["totbad2.0"])
     assert [(m.method, m.failed) for m in standings(b, "middlebury-v3")] == [("n", ()), ("m", ("t",))]
+
+
+def test_a_pair_that_was_not_run_is_missing_and_leaves_no_mean():
+    """Else a method that was run on the easy sample alone would stand above one that was run on both."""
+    b = board(entry("easy", "s", 1), entry("both", "s", 10), entry("both", "t", 90))
+    ranked = standings(b, "middlebury-v3")
+    assert [(m.method, m.counted, m.missing, m.total) for m in ranked] == [("both", 2, (), 2), ("easy", 1, ("t",), 2)]
+    assert math.isnan(ranked[1].metrics["totbad2.0"])
+    assert math.isnan(ranked[1].metrics["time"])
+    console = Console(width=200, file=io.StringIO(), color_system=None)
+    console.print(leaderboard_table(b, "middlebury-v3"))
+    assert "1 of 2" in console.file.getvalue()
+
+
+def test_a_region_not_scored_is_missing_only_where_another_has_it():
+    b = board(entry("m", "s", 1), entry("m", "t", 1, region="near"), entry("n", "s", 2), entry("n", "t", 3))
+    assert b.mean("m", "middlebury-v3", "all").missing == ("t",)
+    assert b.mean("n", "middlebury-v3", "all").metrics["totbad2.0"] == 2.5
+    b = board(entry("m", "s", 1), entry("m", "t", 1, region="near"), entry("n", "s", 2))
+    assert b.mean("m", "middlebury-v3", "all").total == b.mean("n", "middlebury-v3", "all").total == 1
 
 
 def test_a_sample_without_the_region_counts_for_nobody():
@@ -142,6 +166,7 @@ def documents():
     yield changed(["entries", 0, "width"], True), "width is True: expected int"
     yield changed(["entries", 0, "width"], -3), "expected a finite number, 0 or more"
     yield changed(["entries", 0, "ndisp"], 0), "must be 1 or more"
+    yield changed(["entries", 0, "min_disparity"], 0.5), "min_disparity is 0.5: expected a whole number"
     yield changed(["entries", 0, "seconds"], -1), "seconds is -1"
     yield changed(["entries", 0, "seconds"], 10**400), "seconds is 1000"
     yield changed(["entries", 0, "protocol"], "eth"), "did you mean 'eth3d'"
@@ -170,6 +195,14 @@ def test_a_damaged_board_is_read_or_refused(data):
     with_damage = text[:at] + data.draw(st.text(max_size=3)) + text[at + data.draw(st.integers(0, 8)) :]
     with contextlib.suppress(TwinlensError):
         assert isinstance(board_from_json(with_damage), Board)
+
+
+def test_a_board_keeps_where_disparities_begin_and_an_older_one_began_at_0():
+    text = board_to_json(board(replace(entry("m", "s", 10), min_disparity=-7)))
+    assert board_from_json(text).entries[0].min_disparity == -7
+    older = json.loads(text)
+    del older["entries"][0]["min_disparity"]
+    assert board_from_json(json.dumps(older)).entries[0].min_disparity == 0
 
 
 def test_writing_is_whole_or_not_at_all(tmp_path):

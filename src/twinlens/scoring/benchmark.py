@@ -4,22 +4,19 @@ Calls other people's code (through `sandbox`) and writes the board's file; print
 """
 
 import os
-import platform
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-import twinlens
 from twinlens.errors import FileError, InputError
 from twinlens.scoring.board import Board, Entry, Failure
-from twinlens.scoring.board_json import read_board, write_board
 from twinlens.scoring.checks import Disparity, Mask
 from twinlens.scoring.evaluate import RESERVED, evaluate
 from twinlens.scoring.pair import Pair, Sample, fingerprint, load_pair
 from twinlens.scoring.protocols import Protocol, find_protocol
 from twinlens.scoring.region_sets import region_masks
+from twinlens.scoring.resume import Keeper, resumed
 from twinlens.scoring.sandbox import Answer, Child, InProcess, Method, MethodError
 from twinlens.scoring.submission import Submission
 
@@ -61,6 +58,7 @@ def run_benchmark(
     board: Board | None = None,
     retry_failed: bool = False,
     on_map: Callable[[str, str, Disparity], None] | None = None,
+    on_drop: Callable[[str, str], None] | None = None,
     title: str = "twinlens board",
 ) -> Board:
     """Run every method on every sample, score it, and return the board.
@@ -72,6 +70,7 @@ def run_benchmark(
     methods
         Objects with a `name`, callable as (left, right, ndisp=...). What decides their answers is taken from `spec`
         where they have it, else from `name`; two methods of one name are refused. Or `Submission`s, which are read.
+        Only for a pair with negative disparities are they also given min_disparity=.
     protocol
         One name of `PROTOCOLS`, or several: a map is computed once and scored by each. A sample without calibration is
         left out by those that need one.
@@ -83,10 +82,11 @@ def run_benchmark(
         Seconds a call may take. With a limit methods run in one spawned process, which is killed at the limit, or
         may die, without harm to the rest (see `sandbox`). Without one they run here.
     warm_up, warm_up_limit
-        Call each method once on a few rows before its first measured call, so that compiling is not timed; under a
-        time limit that call has `warm_up_limit` seconds of its own.
+        Call each method once on a few rows before its first measured call of a range `ndisp` (our kernels are compiled
+        for it) in a process, so that compiling is not timed; under a time limit that call has `warm_up_limit` seconds
+        of its own.
     save
-        The board's JSON file: read first if it exists (resume), written after every pair.
+        The board's JSON file: read first if it exists (resume), written every few seconds and at the end.
     board
         A board to resume from instead. A pair is skipped if an entry agrees in method spec, sample fingerprint,
         protocol and regions; entries that disagree are replaced, and all others stay.
@@ -94,6 +94,9 @@ def run_benchmark(
         Run failed pairs again; otherwise an agreeing failure is kept as it is.
     on_map
         Called with (method name, sample name, disparity) for every map that was computed.
+    on_drop
+        Called with (method name, sample name) where a map of before no longer holds: what made it has changed, or now
+        fails.
 
     Raises
     ------
@@ -104,20 +107,18 @@ def run_benchmark(
     """
     plan = _plan(protocol, regions, retry_failed)
     _check_names(methods)
-    current = _resumed(save, board, title)
+    current = resumed(save, board, title)
     worker = InProcess() if time_limit is None else Child(time_limit, warm_up_limit)
-    with worker:
-        run = _Run(plan, worker, current, on_map, set() if warm_up else {method.name for method in methods})
+    with worker, Keeper(current, save) as keeper:
+        run = _Run(plan, worker, current, on_map, on_drop, warm_up)
         total = len(samples) * len(methods) if isinstance(samples, Sized) else None
         for done, (ready, method) in enumerate(_pairs(samples, methods, plan), start=1):
             skipped, failure = run.pair(ready, method)
-            if save is not None and not skipped:
-                write_board(run.board, save)
+            if not skipped:
+                keeper.keep(run.board)
             if progress is not None:
                 progress(Step(done, total, method.name, ready.sample.name, skipped, failure))
-    if save is not None:
-        write_board(run.board, save)
-    return run.board
+        return keeper.finished(run.board)
 
 
 def _plan(protocol: str | Sequence[str], regions: Sequence[str], retry_failed: bool) -> Plan:
@@ -134,23 +135,6 @@ def _check_names(methods: Sequence[Method | Submission]) -> None:
         raise InputError(f"two methods are named {double!r}: a board tells them apart by name")
     if not names:
         raise InputError("no method to run")
-
-
-def _resumed(save: str | os.PathLike[str] | None, board: Board | None, title: str) -> Board:
-    if board is None and save is not None and Path(save).exists():
-        board = read_board(save)
-    return replace(board or Board(), title=title, meta=_meta())
-
-
-def _meta() -> dict[str, str]:
-    """What a reader of the times needs to know of the machine, and nothing that names it."""
-    return {
-        "twinlens": getattr(twinlens, "__version__", "unknown"),
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "system": f"{platform.system()} {platform.machine()}",
-        "processors": str(os.cpu_count()),
-    }
 
 
 @dataclass(frozen=True)
@@ -184,7 +168,7 @@ def spec_of(method: Method | Submission) -> str:
 
 
 class _Run:
-    """The board as it grows, and what has been warmed up; one `pair` call a method and sample."""
+    """The board as it grows; one `pair` call a method and sample."""
 
     def __init__(
         self,
@@ -192,9 +176,11 @@ class _Run:
         worker: InProcess | Child,
         board: Board,
         on_map: Callable[[str, str, Disparity], None] | None,
-        warm: set[str],
+        on_drop: Callable[[str, str], None] | None,
+        warm_up: bool,
     ) -> None:
-        self.plan, self.worker, self.board, self.on_map, self.warm = plan, worker, board, on_map, warm
+        self.plan, self.worker, self.board, self.on_map, self.on_drop = plan, worker, board, on_map, on_drop
+        self.warm_up = warm_up
 
     def pair(self, ready: _Ready, method: Method | Submission) -> tuple[bool, Failure | None]:
         """Run and score one pair unless the board has it; (was it skipped, why did it fail)."""
@@ -206,15 +192,24 @@ class _Run:
         for rules in ready.protocols:
             entry = _entry(ready, method.name, spec, rules, answer, failure)
             self.board = self.board.having(self._scored(entry, ready, rules, answer))
-        if answer is not None and self.on_map is not None:
+        if answer is None:
+            self._drop({(method.name, sample.name)})
+        elif self.on_map is not None:
             self.on_map(method.name, sample.name, answer.disp)
         return False, failure
 
     def _drop_stale(self, sample: str, sha: str, method: str, spec: str) -> None:
         """What was measured on another sample of this name, or by another method of this name, is no longer true."""
+        before = {(e.method, e.sample) for e in self.board.entries}
         self.board = self.board.without(
             lambda e: (e.sample == sample and e.sample_sha256 != sha) or (e.method == method and e.spec != spec)
         )
+        self._drop(before - {(e.method, e.sample) for e in self.board.entries})
+
+    def _drop(self, pairs: Iterable[tuple[str, str]]) -> None:
+        if self.on_drop is not None:
+            for method, sample in sorted(pairs):
+                self.on_drop(method, sample)
 
     def _is_done(self, method: str, ready: _Ready) -> bool:
         found = [self.board.find(method, ready.sample.name, rules.name) for rules in ready.protocols]
@@ -227,11 +222,10 @@ class _Run:
         if isinstance(method, Submission):
             return _submitted(sample, method)
         images = np.array(sample.im0), np.array(sample.im1)  # copies: a method may scribble on its own
-        if method.name not in self.warm:
-            self.worker.warm_up(method, *images, sample.ndisp)
-            self.warm.add(method.name)
         try:
-            return self.worker.call(method, *images, sample.ndisp), None
+            if self.warm_up:
+                self.worker.warm_up(method, *images, sample.search)
+            return self.worker.call(method, *images, sample.search), None
         except MethodError as error:
             return None, error.failure
 
@@ -246,6 +240,7 @@ class _Run:
             ready.sample.ndisp,
             protocol=rules,
             regions={name: mask for name, mask in masks.items() if name not in RESERVED},
+            min_disparity=ready.sample.min_disparity,
             calibration=ready.sample.calibration,
         )
         return replace(entry, regions={name: scores.regions[name] for name in masks})
@@ -269,5 +264,16 @@ def _entry(
 ) -> Entry:
     sample = ready.sample
     height, width = sample.disp0.shape
-    seconds = None if answer is None else answer.seconds
-    return Entry(method, spec, sample.name, ready.sha, rules.name, width, height, int(sample.ndisp), seconds, failure)
+    return Entry(
+        method,
+        spec,
+        sample.name,
+        ready.sha,
+        rules.name,
+        width,
+        height,
+        int(sample.ndisp),
+        None if answer is None else answer.seconds,
+        failure,
+        min_disparity=int(sample.min_disparity),
+    )

@@ -39,8 +39,9 @@ class Failure:
 class Entry:
     """One method on one sample by one protocol: scores by region, or the failure.
 
-    spec: everything that decides the method's answer. sample_sha256: of the images, truth, mask and ndisp. seconds:
-    wall time of the call, None where it did not end or was not measured.
+    spec: everything that decides the method's answer. sample_sha256: of the images, truth, mask and search, which was
+    of `ndisp` disparities from `min_disparity`. seconds: wall time of the call, None where it did not end or was not
+    measured.
     """
 
     method: str
@@ -54,6 +55,7 @@ class Entry:
     seconds: float | None
     failure: Failure | None
     regions: Mapping[str, RegionScores] = field(default_factory=dict)
+    min_disparity: int = 0
 
     @property
     def key(self) -> tuple[str, str, str]:
@@ -64,6 +66,10 @@ class Entry:
     def ok(self) -> bool:
         """Whether there are scores."""
         return self.failure is None
+
+    def evaluated(self, region: str) -> int:
+        """How many pixels of the region were scored; 0 where it is not there."""
+        return self.regions[region].evaluated if region in self.regions else 0
 
     def times(self) -> dict[str, float]:
         """time in s; time/MP in s per 10^6 pixels; time/GD in s per 10^9 pixels x ndisp. NaN where not measured."""
@@ -82,15 +88,22 @@ class Entry:
 
 @dataclass(frozen=True)
 class Mean:
-    """A method's mean over samples in one region: `metrics`, over `counted` samples; `failed` names the others.
+    """A method's mean over samples in one region: `metrics`, over `counted` samples; the others are named.
 
-    If the method failed on any sample every mean is NaN: a mean over the easier rest would beat honest ones.
+    failed: it was run and gave nothing to score. missing: it was not run, and the board has the sample by another
+    method. If there is one of either, every mean is NaN: a mean over the easier rest would beat honest ones.
     """
 
     method: str
     metrics: Mapping[str, float]
     counted: int
     failed: tuple[str, ...]
+    missing: tuple[str, ...] = ()
+
+    @property
+    def total(self) -> int:
+        """How many samples there are to count."""
+        return self.counted + len(self.failed) + len(self.missing)
 
 
 @dataclass(frozen=True)
@@ -148,7 +161,8 @@ class Board:
     def mean(self, method: str, protocol: str, region: str, weights: Mapping[str, float] | None = None) -> Mean:
         """The weighted mean over samples, sum(w x) / sum(w); every weight is 1 where none is given.
 
-        A sample that has no pixel in the region (or not the region at all) counts for no method.
+        A sample that has no pixel in the region (or not the region at all) by any method counts for none. One that the
+        board has, and this method was not run on, is missing.
 
         Raises
         ------
@@ -158,11 +172,20 @@ class Board:
         _check_weights(weights or {}, self.samples)
         mine = [e for e in self.entries if (e.method, e.protocol) == (method, protocol)]
         failed = tuple(e.sample for e in mine if not e.ok)
-        there = [e for e in mine if region in e.regions and e.regions[region].evaluated]
+        there = [e for e in mine if e.evaluated(region)]
+        had = {*failed, *(e.sample for e in there)}
+        missing = tuple(name for name in self._counting(protocol, region) if name not in had)
         names = (*PROTOCOLS[protocol].metrics, "time", "time/MP", "time/GD")
         factors = [(weights or {}).get(e.sample, 1.0) for e in there]
-        means = {n: math.nan if failed else _mean([e.value(region, n) for e in there], factors) for n in names}
-        return Mean(method, means, len(there), failed)
+        partly = bool(failed or missing)
+        means = {n: math.nan if partly else _mean([e.value(region, n) for e in there], factors) for n in names}
+        return Mean(method, means, len(there), failed, missing)
+
+    def _counting(self, protocol: str, region: str) -> tuple[str, ...]:
+        """The samples that count: some method has pixels there, or none has an answer that could say."""
+        mine = [e for e in self.entries if e.protocol == protocol]
+        answered = {e.sample for e in mine if e.ok}
+        return _unique(e.sample for e in mine if e.evaluated(region) or e.sample not in answered)
 
 
 def _unique(names: Iterable[str]) -> tuple[str, ...]:

@@ -100,21 +100,26 @@ def read_board(path: str | os.PathLike[str]) -> Board:
         raise FileError(f"{source}: {error}") from error
 
 
-def _number_document(value: float) -> float | str | None:
+def json_number(value: float) -> float | str | None:
+    """A number as JSON has it, which knows neither NaN nor infinity.
+
+    >>> json_number(math.nan), json_number(math.inf), json_number(2.5)
+    (None, 'inf', 2.5)
+    """
     if math.isnan(value):
         return None
     return "inf" if math.isinf(value) else value
 
 
 def _entry_document(entry: Entry) -> dict[str, Any]:
-    plain = {key: getattr(entry, key) for key in _ENTRY if key not in ("failure", "regions")}
+    plain = {key: getattr(entry, key) for key in (*_ENTRY, "min_disparity") if key not in ("failure", "regions")}
     failure = None if entry.failure is None else {"kind": entry.failure.kind, "message": entry.failure.message}
     return plain | {"failure": failure, "regions": {n: _region_document(r) for n, r in entry.regions.items()}}
 
 
 def _region_document(scores: RegionScores) -> dict[str, Any]:
     counts = {"image": scores.image, "evaluated": scores.evaluated, "estimated": scores.estimated}
-    return counts | {"metrics": {name: _number_document(value) for name, value in scores.items()}}
+    return counts | {"metrics": {name: json_number(value) for name, value in scores.items()}}
 
 
 def _no_constant(name: str) -> float:
@@ -150,6 +155,8 @@ def _text(value: Any, place: str) -> str:
 def _entry(item: Any, place: str) -> Entry:
     if not isinstance(item, dict):
         raise InputError(f"{place} is {item!r:.60}: expected an object")
+    first = _first_disparity(item.get("min_disparity", 0), place)
+    item = {key: value for key, value in item.items() if key != "min_disparity"}
     _check(item, _ENTRY, place)
     if item["protocol"] not in PROTOCOLS:
         raise InputError(f"{place}: {unknown('protocol', item['protocol'], PROTOCOLS)}")
@@ -157,7 +164,14 @@ def _entry(item: Any, place: str) -> Entry:
         raise InputError(f"{place}: width, height and ndisp must be 1 or more")
     regions = {name: _region(name, scores, item["protocol"], place) for name, scores in item["regions"].items()}
     fields = item | {"failure": _failure(item["failure"], place), "regions": regions}
-    return Entry(**fields)
+    return Entry(**fields, min_disparity=first)
+
+
+def _first_disparity(value: Any, place: str) -> int:
+    """The one number of an entry that may be negative, and that older boards lack: they began at 0."""
+    if not isinstance(value, int) or isinstance(value, bool) or not -BIGGEST < value < BIGGEST:
+        raise InputError(f"{place}: min_disparity is {value!r:.60}: expected a whole number")
+    return value
 
 
 def _failure(item: Any, place: str) -> Failure | None:

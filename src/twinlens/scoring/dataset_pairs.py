@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import overload
 
 from twinlens.dataset import StoredSample
-from twinlens.scoring.pair import Pair, optional
+from twinlens.scoring.pair import Pair, optional, search_range
 
 
 def lens_label(lens: object) -> str:
@@ -61,15 +61,17 @@ def _names(sample: StoredSample) -> list[str]:
 
 
 def _pair(sample: StoredSample, k: int, name: str) -> Pair:
-    shot = sample.lens(k)
+    shot, truth, calibration = sample.lens(k), sample.disp0, optional(lambda: sample.calibration)
+    ndisp, first = search_range(sample.ndisp, calibration, truth)
     return Pair(
         name,
         shot.im0,
         shot.im1,
-        sample.disp0,
+        truth,
         sample.mask0_nonocc,
-        sample.ndisp,
-        optional(lambda: sample.calibration),
+        ndisp,
+        calibration,
         optional(lambda: shot.blur_circle_px(0)),
         optional(lambda: sample.truth0.material_kind),
+        first,
     )

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.dataset import read_pfm, write_pfm
+from twinlens.errors import OutputError
 
 
 class MapFolder:
     """Maps as <folder>/<sample>/<method>.pfm. A name that is no safe file name is slimmed and given a short hash.
 
-    Give `keep` to `run_benchmark` as on_map, and the folder itself to the report as its maps.
+    Give `keep` to `run_benchmark` as on_map, `drop` as on_drop, and the folder itself to the report as its maps.
     """
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
@@ -28,6 +29,14 @@ class MapFolder:
     def keep(self, method: str, sample: str, disp: NDArray[np.floating[Any]]) -> None:
         """Write one map, (H, W) pixels, +inf unknown; OutputError if it cannot be written."""
         write_pfm(self.path(method, sample), disp)
+
+    def drop(self, method: str, sample: str) -> None:
+        """Remove that map, if there is one; OutputError if it cannot be removed."""
+        path = self.path(method, sample)
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be removed ({error.strerror or error})") from error
 
     def get(self, key: tuple[str, str], /) -> NDArray[np.floating[Any]] | None:
         """The map of (method, sample), or None; FileError if its file is damaged."""

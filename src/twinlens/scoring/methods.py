@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 from numpy.typing import NDArray
 
+import twinlens
 from twinlens.matching import MethodSpec, Program, parse_method
 
 
@@ -40,14 +41,15 @@ class NamedMethod:
 
     @property
     def spec(self) -> str:
-        """The method with every option, defaults included: a changed default is another method."""
+        """The method with every option, defaults included, and twinlens's version: changed, it is another method."""
         method = self._parsed.method
         options = {**method.options, **self._parsed.options}
-        return f"{method.name}:" + ",".join(f"{name}={value!r}" for name, value in sorted(options.items()))
+        text = ",".join(f"{name}={value!r}" for name, value in sorted(options.items()))
+        return f"twinlens {twinlens.__version__} {method.name}:{text}"
 
-    def __call__(self, left: NDArray[Any], right: NDArray[Any], *, ndisp: int) -> NDArray[Any]:
-        """Match over `ndisp` disparities, unless the text says another number."""
-        return self._parsed(left, right, num_disparities=ndisp)
+    def __call__(self, left: NDArray[Any], right: NDArray[Any], *, ndisp: int, min_disparity: int = 0) -> NDArray[Any]:
+        """Match over `ndisp` disparities from `min_disparity`, unless the text says other numbers."""
+        return self._parsed(left, right, num_disparities=ndisp, min_disparity=min_disparity)
 
     def __reduce__(self) -> tuple[type["NamedMethod"], tuple[str]]:
         return NamedMethod, (self.text,)
@@ -78,13 +80,13 @@ class NamedProgram:
         """The command: how long it may take does not change what it answers."""
         return f"program:command={self.command!r}"
 
-    def _program(self, ndisp: int) -> Program:
-        program = Program(self.command, num_disparities=ndisp)
+    def _program(self, ndisp: int, min_disparity: int = 0) -> Program:
+        program = Program(self.command, num_disparities=ndisp, min_disparity=min_disparity)
         return program if self.time_limit is None else replace(program, timeout_s=self.time_limit)
 
-    def __call__(self, left: NDArray[Any], right: NDArray[Any], *, ndisp: int) -> NDArray[Any]:
-        """Run it on two files; {num_disparities} in the command becomes `ndisp`."""
-        return self._program(ndisp).match(left, right)
+    def __call__(self, left: NDArray[Any], right: NDArray[Any], *, ndisp: int, min_disparity: int = 0) -> NDArray[Any]:
+        """Run it on two files; {num_disparities} in the command becomes `ndisp`, {min_disparity} itself."""
+        return self._program(ndisp, min_disparity).match(left, right)
 
 
 def named_program(text: str, time_limit: float | None = None) -> NamedProgram:

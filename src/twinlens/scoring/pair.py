@@ -1,6 +1,7 @@
 """What the benchmark needs of a sample, a `Pair` in memory that has it, and the fingerprint that resume goes by."""
 
 import hashlib
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -19,7 +20,8 @@ class Sample(Protocol):
     im0, im1: uint8 or uint16 (H, W[, 3]), left and right. disp0: float32 (H, W), the left view's true disparity in
     pixels, +inf unknown. mask0_nonocc: uint8 (H, W), 255 visible in both views, or None. ndisp: disparities to search.
 
-    It may also have `calibration` (errors in metres), `blur0` (H, W) in pixels and `material_kind0` (H, W) (regions).
+    It may also have `calibration` (errors in metres), `blur0` (H, W) in pixels and `material_kind0` (H, W) (regions),
+    and `min_disparity`, the first disparity to search, a whole number.
     """
 
     @property
@@ -40,6 +42,9 @@ class Sample(Protocol):
 class Pair:
     """A sample in memory, checked where it is made. See `Sample` for the arrays.
 
+    The disparities to search are min_disparity to min_disparity + ndisp - 1; min_disparity is 0 but for rigs whose
+    principal points differ (doffs != 0).
+
     Raises
     ------
     InputError
@@ -55,6 +60,7 @@ class Pair:
     calibration: Calibration | None = None
     blur0: NDArray[np.floating[Any]] | None = None
     material_kind0: NDArray[np.uint8] | None = None
+    min_disparity: int = 0
 
     def __post_init__(self) -> None:
         try:
@@ -76,6 +82,14 @@ class Pair:
                 raise InputError(f"{name} has shape {extra.shape}: expected the truth's, {size}")
         if self.ndisp < 1:
             raise InputError(f"ndisp is {self.ndisp}: expected 1 or more")
+        if not float(self.min_disparity).is_integer():
+            raise InputError(f"min_disparity is {self.min_disparity}: expected a whole number of pixels")
+
+    @property
+    def search(self) -> dict[str, int]:
+        """What a method is told: ndisp, and min_disparity where it is not 0."""
+        first = int(self.min_disparity)
+        return {"ndisp": int(self.ndisp)} | ({"min_disparity": first} if first else {})
 
 
 def load_pair(sample: Sample) -> Pair:
@@ -88,17 +102,36 @@ def load_pair(sample: Sample) -> Pair:
     """
     if isinstance(sample, Pair):
         return sample
+    calibration, truth = optional(lambda: getattr(sample, "calibration", None)), sample.disp0
+    first = getattr(sample, "min_disparity", None)
+    ndisp, low = (sample.ndisp, first) if first is not None else search_range(sample.ndisp, calibration, truth)
     return Pair(
         sample.name,
         sample.im0,
         sample.im1,
-        sample.disp0,
+        truth,
         sample.mask0_nonocc,
-        sample.ndisp,
-        optional(lambda: getattr(sample, "calibration", None)),
+        ndisp,
+        calibration,
         optional(lambda: getattr(sample, "blur0", None)),
         optional(lambda: getattr(sample, "material_kind0", None)),
+        low,
     )
+
+
+def search_range(bound: int, calibration: Calibration | None, truth: Disparity) -> tuple[int, int]:
+    """(ndisp, min_disparity) of a stored sample whose disparities are below `bound`: how many to search, from where.
+
+    The first is 0 unless the calibration's vmin, or without one the truth, says that there are negative ones.
+
+    >>> search_range(4, None, np.array([[-1.5, 3.0]])), search_range(4, None, np.array([[1.0, np.inf]]))
+    ((6, -2), (4, 0))
+    """
+    low = None if calibration is None else calibration.vmin
+    if low is None or not math.isfinite(low):
+        low = float(np.min(truth, initial=0.0))
+    first = max(min(math.floor(low), 0), -truth.shape[1])  # beyond the image's width there is nothing to search
+    return bound - first, first
 
 
 def optional(read: Callable[[], Any]) -> Any:
@@ -110,14 +143,14 @@ def optional(read: Callable[[], Any]) -> Any:
 
 
 def fingerprint(sample: Pair) -> str:
-    """SHA-256 of all that a score depends on: images, truth, mask, ndisp, calibration and the maps that regions need.
+    """SHA-256 of all that a score depends on: images, truth, mask, search, calibration and the maps that regions need.
 
     >>> image, truth = np.zeros((1, 1), np.uint8), np.ones((1, 1), np.float32)
     >>> a, b = Pair("a", image, image, truth, None, 4), Pair("b", image, image, truth, None, 4)
     >>> fingerprint(a) == fingerprint(b), fingerprint(a) == fingerprint(Pair("a", image, image, truth, None, 5))
     (True, False)
     """
-    digest = hashlib.sha256(f"{int(sample.ndisp)} {sample.calibration}".encode())
+    digest = hashlib.sha256(f"{sample.search} {sample.calibration}".encode())
     for array in (sample.im0, sample.im1, sample.disp0, sample.mask0_nonocc, sample.blur0, sample.material_kind0):
         if array is None:
             digest.update(b"none")

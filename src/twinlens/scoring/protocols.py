@@ -203,7 +203,7 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
             measure=_middlebury_measure,
             denominator="bad, totbad, invalid, coverage: known truth in the region; avgerr, rms, A: its estimated part",
             invalid="counted apart from bad; totbad = bad + invalid",
-            clip="estimates to [0, ndisp]",
+            clip="estimates to [0, ndisp], or to [m, m + ndisp] where disparities begin at m < 0",
             resolution="the truth's; a map of 1/2 or 1/4 its size is repeated and scaled up",
             headline="totbad2.0",
             upsampling=(1, 2, 4),

@@ -60,7 +60,10 @@ def caption(board: Board, protocol: str, region: str, weights: Mapping[str, floa
     rules = _rules(board, protocol, region)
     text = REGIONS[region].text if region in REGIONS else "given by the caller"
     over = "weighted mean over samples" if weights else "plain mean over samples"
-    lines = dict(rules.lines()) | {"region": f"{region}: {text}", "mean": f"{over}; none where a method failed"}
+    lines = dict(rules.lines()) | {
+        "region": f"{region}: {text}",
+        "mean": f"{over}; none where a method failed or was not run",
+    }
     order = ("protocol", "region", "denominator", "invalid", "clip", "resolution", "mean")
     return "\n".join(f"{name}: {lines[name]}" for name in order)
 
@@ -175,9 +178,10 @@ def _cell(mean: Mean, name: str, best: Mapping[str, float]) -> Text:
 
 
 def _counted(mean: Mean) -> Text:
-    if mean.failed:
-        return Text(f"{len(mean.failed)} failed", style="red")
-    return Text(str(mean.counted))
+    if mean.counted == mean.total:
+        return Text(str(mean.counted))
+    failed = f", {len(mean.failed)} failed" if mean.failed else ""
+    return Text(f"{mean.counted} of {mean.total}{failed}", style="red")
 
 
 def _csv_row(entry: Entry, region: str, metrics: Sequence[str]) -> list[str]:
