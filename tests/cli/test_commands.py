@@ -120,3 +120,13 @@ def test_doctor_says_what_renders_here(twinlens):
     code, out, _ = twinlens("doctor", "--json")
     assert code == 0
     assert json.loads(out)["backend"]["variant"].endswith("_rgb")
+
+
+def test_a_board_on_which_everything_failed_says_why(twinlens, dataset, tmp_path):
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    (empty / "other.pfm").write_bytes((dataset / "cards" / "disp0.pfm").read_bytes())
+    code, out, _ = twinlens("score", empty, "--truth", dataset, "-o", tmp_path / "board")
+    assert code == 0
+    assert "no map of" in out
+    assert "every method failed" in out

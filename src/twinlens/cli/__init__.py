@@ -75,6 +75,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _refuse(error.format_message(), 2)
     except TwinlensError as error:
         return _refuse(str(error), error.exit_code)
+    except MemoryError as error:
+        return _refuse(f"not enough memory ({error}); make the images smaller", 2)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader left; nothing more to say
         return 1

@@ -89,10 +89,12 @@ def print_board(board: "Board", output: Path, as_json: bool) -> None:
     terminal = Console()
     console = terminal if terminal.is_terminal else Console(width=_FILE_WIDTH)
     columns = None if console.width >= _FILE_WIDTH else _NARROW
-    region = "nonocc" if "nonocc" in board.regions else board.regions[0]
-    for protocol in board.protocols:
+    region = "nonocc" if "nonocc" in board.regions else next(iter(board.regions), "")
+    for protocol in board.protocols if region else ():
         fitting = columns if protocol == "middlebury-v3" else None
         console.print(leaderboard_table(board, protocol, region, columns=fitting))
     for line in failures(board):
         click.echo(f"failed: {line}")
+    if not region:
+        click.echo("nothing was scored: every method failed")
     click.echo(f"page: {(output / 'index.html').resolve().as_uri()}")

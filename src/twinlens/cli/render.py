@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @click.option("--size", default="640x480", show_default=True, help="Image size, WIDTHxHEIGHT.")
 @click.option("--fov", type=float, help="Horizontal field of view, degrees.  [default: the scene's]")
 @click.option("--baseline", type=float, help="Stereo base, metres.  [default: the scene's]")
-@click.option("--spp", type=click.IntRange(min=1), default=64, show_default=True, help="Samples a pixel.")
+@click.option("--spp", type=click.IntRange(1, 1_000_000), default=64, show_default=True, help="Samples a pixel.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of every random draw.")
 @click.option("--sensor", default="machine_vision", show_default=True, help="ideal, machine_vision or phone.")
 @click.option("--radiance", is_flag=True, help="Keep the linear images too (radiance0.exr, radiance1.exr).")

@@ -16,6 +16,7 @@ from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import Body, BuiltScene, build
 from twinlens.rendering.cast import Hits, cast, measured_normals
+from twinlens.rendering.radiance import check_view
 from twinlens.rendering.refine import FAR_OFF, FLAT_SHAPES, UNIT_SHAPES, Exact, Quadric, Triangles, refine
 from twinlens.scenes import Scene
 from twinlens.truth import Truth
@@ -35,6 +36,7 @@ def ground_truth(scene: Scene, rig: Rig, *, sky_disparity: bool = False) -> list
     -------
     list of Truth, one a camera.
     """
+    check_view(scene, rig)
     built = build(scene)
     return [_view_truth(built, rig, index, sky_disparity) for index in range(len(rig))]
 

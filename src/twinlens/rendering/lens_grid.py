@@ -22,7 +22,7 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
-from twinlens.rendering.radiance import RAYS_A_PASS, Progress, check_request, part_of, render
+from twinlens.rendering.radiance import RAYS_A_PASS, Progress, check_lens, check_request, check_view, part_of, render
 from twinlens.rendering.rings import FEWEST_PASSES, STRATIFIED_FALL, Ring, plan_rings, sample_ring, share_of
 from twinlens.rendering.strata import shared_strata
 from twinlens.rendering.tally import FIXED_POINT, RingMean
@@ -86,9 +86,12 @@ def render_lens_grid(
     not follow camera rays), each lens is rendered by itself.
     Raises InputError for an empty list, and what `render` raises.
     """
+    check_view(scene, rig)
     check_request(spp, seed, sampler)
-    if not lenses:
-        raise InputError("render_lens_grid needs at least one lens")
+    if not isinstance(lenses, Sequence) or not lenses:
+        raise InputError("render_lens_grid needs a list of at least one lens")
+    for lens in lenses:
+        check_lens(lens)
     built = build(scene)
     if not _can_share(built, rig, lenses):
         return _one_by_one(scene, rig, lenses, spp, seed, sampler, progress)

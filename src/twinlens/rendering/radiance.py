@@ -58,6 +58,7 @@ def render(
 
     Raises InputError for a bad spp or seed, BackendError when this machine's backend lacks such a camera.
     """
+    check_view(scene, rig)
     check_request(spp, seed, sampler)
     check_lens(lens)
     built = build(scene)
@@ -72,11 +73,19 @@ def render(
 def check_request(spp: int, seed: int, sampler: str) -> None:
     """Raise InputError for samples, seeds and samplers that cannot be."""
     if isinstance(spp, bool) or not isinstance(spp, (int, np.integer)) or spp < 1:
-        raise InputError(f"spp must be a whole number of samples >= 1, got {spp}")
+        raise InputError(f"spp must be a whole number of samples >= 1, got {spp!r}")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise InputError(f"seed must be a whole number >= 0, got {seed}")
+        raise InputError(f"seed must be a whole number >= 0, got {seed!r}")
     if sampler not in SAMPLERS:
         raise unknown("sampler", sampler, SAMPLERS)
+
+
+def check_view(scene: Scene, rig: Rig) -> None:
+    """Raise InputError unless this is a scene and a rig to photograph it with."""
+    if not isinstance(scene, Scene):
+        raise InputError(f"scene must be a Scene, got {scene!r:.60}; load_scene makes one from a name or a file")
+    if not isinstance(rig, Rig):
+        raise InputError(f"rig must be a Rig, got {rig!r:.60}; Rig.stereo makes one from a camera, Rig from several")
 
 
 def check_lens(lens: Lens) -> None:

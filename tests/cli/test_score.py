@@ -1,0 +1,55 @@
+"""`twinlens score`: options that would change nothing are refused, and what it prints as JSON is JSON."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from twinlens.dataset import write_pfm
+
+
+@pytest.fixture
+def maps(tmp_path):
+    """One map, its truth, and a folder of maps."""
+    write_pfm(tmp_path / "d.pfm", np.full((4, 5), np.inf, np.float32))
+    write_pfm(tmp_path / "gt.pfm", np.full((4, 5), 3, np.float32))
+    write_pfm(tmp_path / "mine.pfm" / "s.pfm", np.full((4, 5), 3, np.float32))
+    return tmp_path
+
+
+@pytest.mark.parametrize("extra", [("--region", "all"), ("-o", "board"), ("--time-limit", "3")])
+def test_one_map_refuses_what_is_for_boards(twinlens, maps, extra):
+    code, out, err = twinlens("score", maps / "d.pfm", "--truth", maps / "gt.pfm", *extra)
+    assert (code, out) == (2, "")
+    assert extra[0] in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "extra", [("--mask", "m.png"), ("--ndisp", "8"), ("--min-disparity", "-8"), ("--time-limit", "3")]
+)
+def test_boards_refuse_what_is_for_one_map(twinlens, maps, extra):
+    """Even of a folder that is named like a map."""
+    code, out, err = twinlens("score", maps / "mine.pfm", "--truth", "motorcycle", "-o", maps / "board", *extra)
+    assert (code, out) == (2, "")
+    assert extra[0] in err
+    assert err.count("\n") == 1
+    assert not (maps / "board").exists()
+
+
+@pytest.mark.parametrize(("extra", "totbad"), [((), 0), (("--ndisp", 3), 0), (("--min-disparity", 0), 100)])
+def test_a_perfect_map_of_negative_disparities_is_perfect(twinlens, maps, extra, totbad):
+    write_pfm(maps / "n.pfm", np.full((4, 5), -4.5, np.float32))
+    _, out, _ = twinlens("score", maps / "n.pfm", "--truth", maps / "n.pfm", "--json", *extra)
+    assert json.loads(out)["regions"]["all"]["totbad2.0"] == totbad
+
+
+@pytest.mark.parametrize(("protocol", "avgerr"), [("middlebury-v3", None), ("eth3d", "inf")])
+def test_a_metric_without_a_number_is_still_json(twinlens, maps, protocol, avgerr):
+    arguments = ("score", maps / "d.pfm", "--truth", maps / "gt.pfm", "--protocol", protocol, "--json")
+    code, out, _ = twinlens(*arguments)
+    found = json.loads(out, parse_constant=pytest.fail)["regions"]["all"]
+    assert code == 0
+    assert (found["avgerr"], found["coverage"], found["evaluated"]) == (avgerr, 0, 20)
+    assert all(value is None or value == "inf" or math.isfinite(value) for value in found.values())
