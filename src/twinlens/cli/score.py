@@ -3,17 +3,20 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from twinlens.cli.boards import OPTIONS, print_board, run_board
 from twinlens.errors import InputError
 
 if TYPE_CHECKING:
-    from twinlens.scoring import Scores
+    from twinlens.scoring import RegionScores, Scores
 
 _MAPS = (".pfm", ".png")
+_FOR_BOARDS = "is for folders or zips scored against datasets; one map is scored where --mask says"
+_FOR_ONE = "is for one map scored against one truth; a dataset brings its own"
 
 
 @click.command("score")
@@ -22,6 +25,9 @@ _MAPS = (".pfm", ".png")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder of the board; needed for datasets.")
 @click.option("--mask", type=click.Path(path_type=Path), help="For one map: a PNG, 255 where both cameras see.")
 @click.option("--ndisp", type=click.IntRange(min=1), help="For one map: estimates are clipped to [0, ndisp].")
+@click.option(
+    "--min-disparity", type=int, help="For one map: clip from here on.  [default: 0, or the truth's smallest below it]"
+)
 @OPTIONS
 def command(
     submissions: tuple[Path, ...],
@@ -29,6 +35,7 @@ def command(
     output: Path | None,
     mask: Path | None,
     ndisp: int | None,
+    min_disparity: int | None,
     protocols: tuple[str, ...],
     regions: tuple[str, ...],
     time_limit: float | None,
@@ -43,16 +50,33 @@ def command(
     Example:  twinlens score my-maps.zip --truth out -o board
               twinlens score disp.pfm --truth out/staircase/disp0.pfm --mask out/staircase/mask0nocc.png
     """
-    if submissions[0].suffix.lower() in _MAPS:
+    one = submissions[0].suffix.lower() in _MAPS and not submissions[0].is_dir()
+    _refuse_what_does_not_apply(one)
+    if one:
         if len(submissions) > 1 or len(truths) > 1 or len(protocols) > 1:
             raise InputError(
                 "one map is scored against one truth by one --protocol; for more, give folders and datasets"
             )
-        _score_one(submissions[0], Path(truths[0]), mask, ndisp, protocols[0], as_json)
+        scores = _score_one(submissions[0], Path(truths[0]), mask, ndisp, min_disparity, protocols[0])
+        _print_json(scores) if as_json else _print(scores)
         return
     if output is None:
         raise InputError("scoring folders or zips makes a board: say where with -o FOLDER")
     _score_many(submissions, truths, output, protocols, regions, as_json)
+
+
+def _refuse_what_does_not_apply(one: bool) -> None:
+    """An option that would change nothing is a mistake of whoever gave it."""
+    idle = {"time_limit": "--time-limit: score runs no matcher, it reads maps; benchmark has that limit"}
+    if one:
+        idle |= {name: f"{option}: {_FOR_BOARDS}" for name, option in (("output", "-o"), ("regions", "--region"))}
+    else:
+        names = ("mask", "ndisp", "min_disparity")
+        idle |= {name: f"--{name.replace('_', '-')}: {_FOR_ONE}" for name in names}
+    context = click.get_current_context()
+    for name, why in idle.items():
+        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+            raise InputError(why)
 
 
 def _score_many(
@@ -71,23 +95,33 @@ def _score_many(
     print_board(run_board(pairs, methods, output, protocols, regions), output, as_json)
 
 
-def _score_one(estimate: Path, truth: Path, mask: Path | None, ndisp: int | None, protocol: str, as_json: bool) -> None:
+def _score_one(
+    estimate: Path, truth: Path, mask: Path | None, ndisp: int | None, min_disparity: int | None, protocol: str
+) -> "Scores":
     from twinlens.cli.images import read_disparity
     from twinlens.dataset import read_png
-    from twinlens.scoring import evaluate
+    from twinlens.scoring import evaluate, search_range
 
-    scores = evaluate(
+    true = read_disparity(truth)
+    return evaluate(
         read_disparity(estimate),
-        read_disparity(truth),
+        true,
         None if mask is None else read_png(mask),
         ndisp,
         protocol=protocol,
+        min_disparity=search_range(1, None, true)[1] if min_disparity is None else min_disparity,
     )
-    if as_json:
-        rows = {name: {**region, "evaluated": region.evaluated} for name, region in scores.regions.items()}
-        click.echo(json.dumps({"protocol": scores.protocol.name, "regions": rows}, indent=1))
-        return
-    _print(scores)
+
+
+def _print_json(scores: "Scores") -> None:
+    rows = {name: _row(region) for name, region in scores.regions.items()}
+    click.echo(json.dumps({"protocol": scores.protocol.name, "regions": rows}, indent=1, allow_nan=False))
+
+
+def _row(region: "RegionScores") -> dict[str, Any]:
+    from twinlens.scoring import json_number
+
+    return {name: json_number(value) for name, value in region.items()} | {"evaluated": region.evaluated}
 
 
 def _print(scores: "Scores") -> None:

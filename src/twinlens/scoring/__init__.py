@@ -5,7 +5,7 @@ Never renders, never matches, never draws; usable where mitsuba cannot be import
 
 from twinlens.scoring.benchmark import Step, run_benchmark, spec_of
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure, Mean
-from twinlens.scoring.board_json import board_from_json, board_to_json, read_board, write_board
+from twinlens.scoring.board_json import board_from_json, board_to_json, json_number, read_board, write_board
 from twinlens.scoring.catalogue import METRICS, Metric, find_metric
 from twinlens.scoring.cloud import cloud_errors, points
 from twinlens.scoring.dataset_pairs import DatasetPairs, lens_label
@@ -13,7 +13,7 @@ from twinlens.scoring.evaluate import RegionScores, Scores, evaluate
 from twinlens.scoring.kitti import interpolate_background
 from twinlens.scoring.maps import MapFolder
 from twinlens.scoring.methods import NamedMethod, NamedProgram, named_methods, named_program
-from twinlens.scoring.pair import Pair, Sample, fingerprint, load_pair
+from twinlens.scoring.pair import Pair, Sample, fingerprint, load_pair, search_range
 from twinlens.scoring.protocols import PROTOCOLS, Protocol, find_protocol
 from twinlens.scoring.region_sets import REGIONS, Region, region_masks
 from twinlens.scoring.submission import Submission, open_submission
@@ -53,6 +53,7 @@ __all__ = [
     "find_protocol",
     "fingerprint",
     "interpolate_background",
+    "json_number",
     "leaderboard_table",
     "lens_label",
     "load_pair",
@@ -63,6 +64,7 @@ __all__ = [
     "read_board",
     "region_masks",
     "run_benchmark",
+    "search_range",
     "spec_of",
     "standings",
     "write_board",
