@@ -115,8 +115,6 @@ def test_a_bare_hole_takes_its_own_film_distance():
     image[24, 32] = 1
     near, far = (df.diffract(image, CAMERA, BareAperture(20e-6, v)) for v in (0.05, 0.2))
     assert near == pytest.approx(far, abs=1e-6)
-    assert df.film_distance(CAMERA, BareAperture(20e-6, 0.05)) == 0.05
-    assert df.film_distance(CAMERA, SHARP) == CAMERA.film_distance
 
 
 def true_and_modelled_pattern(n: float) -> tuple[np.ndarray, np.ndarray, float]:
@@ -165,6 +163,10 @@ def test_a_bare_hole_warns_between_rays_and_waves(number, warns):
         (np.ones((48, 64)), SHARP, "shape"),
         (np.full((48, 64, 3), np.nan), SHARP, "finite"),
         (np.full((48, 64, 3), -1.0), SHARP, ">= 0"),
+        (np.full((48, 64, 3), "a"), SHARP, "numbers"),
+        (np.ones((48, 64, 3), complex), SHARP, "real numbers"),
+        (None, SHARP, "numbers"),
+        ([[1.0], [1.0, 2.0]], SHARP, "unequal"),
     ],
 )
 def test_what_cannot_be_diffracted_is_refused_in_one_line(image, lens, says):
@@ -174,10 +176,45 @@ def test_what_cannot_be_diffracted_is_refused_in_one_line(image, lens, says):
 
 
 @pytest.mark.parametrize(
-    "bad", [((0.0, 1e-6), 5e-7, 8.0, 3), ((1e-6, 1e-6), -1.0, 8.0, 3), ((1e-6, 1e-6), 5e-7, math.nan, 3)]
+    "bad",
+    [
+        ((0.0, 1e-6), 5e-7, 8.0, 3),
+        ((1e-6, math.nan), 5e-7, 8.0, 3),
+        ((1e-6, 1e-6), -1.0, 8.0, 3),
+        ((1e-6, 1e-6), "5e-7", 8.0, 3),
+        ((1e-6, 1e-6), 5e-7, math.nan, 3),
+    ],
 )
 def test_impossible_kernels_are_refused(bad):
     with pytest.raises(InputError, match="positive"):
         df.airy_kernel(*bad)
+
+
+@pytest.mark.parametrize("radius", [-1, 1.5, math.nan, None, True])
+def test_impossible_kernel_sizes_are_refused(radius):
     with pytest.raises(InputError, match="radius_px"):
-        df.airy_kernel((1e-6, 1e-6), 5e-7, 8.0, -1)
+        df.airy_kernel((1e-6, 1e-6), 5e-7, 8.0, radius)
+
+
+@pytest.mark.parametrize(
+    "wavelengths", [(5e-7, 5e-7), (5e-7,) * 4, (5e-7, math.nan, 5e-7), (5e-7, 0.0, 5e-7), (1, 2, math.inf), 5e-7, None]
+)
+def test_a_picture_has_three_wavelengths(wavelengths):
+    with pytest.raises(InputError, match="three positive numbers of metres") as refusal:
+        df.diffract(np.ones((48, 64, 3)), CAMERA, SHARP, wavelengths)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("ask", "says"),
+    [
+        (lambda: df.airy_radius(0.0, 8.0), "wavelength"),
+        (lambda: df.airy_radius(5e-7, math.nan), "working_f_number"),
+        (lambda: df.encircled_energy(1e-6, 5e-7, 0.0), "working_f_number"),
+        (lambda: df.fresnel_number(1e-3, 5e-7, 0.0), "distance"),
+        (lambda: df.kernel_radius_px((1e-6, 1e-6), 5e-7, 8.0, tail=0.0), "tail"),
+    ],
+)
+def test_impossible_light_is_refused(ask, says):
+    with pytest.raises(InputError, match=says):
+        ask()

@@ -119,13 +119,13 @@ def test_film_distance_and_fov_of_a_full_frame_camera():
     assert camera.fov_x_deg == pytest.approx(39.6, abs=0.01)
 
 
-@pytest.mark.parametrize("depth", [0.0, -1.0, math.nan, [1.0, math.nan]])
+@pytest.mark.parametrize("depth", [0.0, -1.0, math.nan, [1.0, math.nan], "near", None])
 def test_impossible_depths_are_refused(depth):
-    with pytest.raises(InputError, match="depth must be positive"):
+    with pytest.raises(InputError, match="depth must be"):
         optics.circle_of_confusion_px(depth, 0.01, 700, 0.5)
 
 
-@pytest.mark.parametrize("circle", [0.0, -1.0, math.nan])
+@pytest.mark.parametrize("circle", [0.0, -1.0, math.nan, "1", True])
 def test_impossible_circles_are_refused(circle):
     with pytest.raises(InputError, match="circle_px"):
         optics.depth_of_field(0.01, 700, 0.5, circle)
@@ -133,3 +133,40 @@ def test_impossible_circles_are_refused(circle):
         optics.hyperfocal_distance(0.01, 700, circle)
     with pytest.raises(InputError, match="circle_px"):
         optics.in_focus(1.0, 0.01, 700, 0.5, circle)
+
+
+IMPOSSIBLE_EYES = {
+    "aperture_diameter": [{"aperture_diameter": a} for a in (-0.01, math.nan, math.inf, "wide", None)],
+    "fx": [{"fx": fx} for fx in (0.0, -700.0, math.nan, math.inf, "700")],
+    "k": [{"k": k} for k in (math.nan, math.inf, None)],
+}
+
+
+@pytest.mark.parametrize(
+    ("named", "change"), [(named, change) for named, changes in IMPOSSIBLE_EYES.items() for change in changes], ids=str
+)
+def test_impossible_eyes_are_refused(named, change):
+    eye = {"aperture_diameter": 0.01, "fx": 700.0, "k": 0.5} | change
+    asks = [lambda: optics.circle_of_confusion_px(1.0, **eye), lambda: optics.depth_of_field(**eye)]
+    asks.append(lambda: optics.in_focus([1.0, 2.0], **eye))
+    if named != "k":
+        asks.append(lambda: optics.hyperfocal_distance(eye["aperture_diameter"], eye["fx"]))
+    for ask in asks:
+        with pytest.raises(InputError, match=f"^{named} must be") as refusal:
+            ask()
+        assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("distance", [0.0, -2.0, math.nan, "2", None])
+def test_impossible_distances_are_refused(distance):
+    with pytest.raises(InputError, match="focus_distance"):
+        optics.focal_length(distance, 0.05)
+    with pytest.raises(InputError, match="film_distance"):
+        optics.focal_length(2.0, distance)
+    with pytest.raises(InputError, match="film_distance"):
+        optics.vergence(20.0, distance)
+
+
+def test_an_impossible_power_is_refused():
+    with pytest.raises(InputError, match="power"):
+        optics.vergence(math.nan, 0.05)

@@ -1,7 +1,8 @@
 """Diffraction at a circular aperture: the Airy pattern, integrated over pixels, and a picture blurred by it.
 
-The light of a point falls on the film as ``I(r) = (2 J1(x)/x)^2`` with x = pi r / (lambda N) and N = v/A: film distance
-over aperture diameter. Its first dark ring has the radius 1.22 lambda N. Film lengths in metres, `_px` in pixels.
+The light of a point falls on the film as ``I(r) = (2 J1(x)/x)^2`` with x = pi r / (lambda N) and the working f-number
+N = v/A: film distance over aperture diameter. Its first dark ring has the radius 1.22 lambda N. Film lengths in metres,
+`_px` in pixels.
 
 Sources: Airy, On the diffraction of an object-glass with circular aperture, 1835; Rayleigh, On images formed without
 reflection or refraction, 1881, for the energy within a radius; Born and Wolf, Principles of Optics, 7th ed., section
@@ -17,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.special import j0, j1
 
-from twinlens.camera import BareAperture, Camera, Lens
-from twinlens.errors import InputError
+from twinlens.camera import BareAperture, Camera, Lens, film_distance
+from twinlens.camera.radiance import checked_radiance
+from twinlens.errors import InputError, check_number, check_triple
 from twinlens.optics import AIRY_FIRST_ZERO
 
 Float = NDArray[np.float64]
@@ -42,27 +44,24 @@ class FresnelWarning(UserWarning):
     """A bare hole is neither wide nor narrow enough for its blur and its diffraction to be taken in turn."""
 
 
-def film_distance(camera: Camera, lens: Lens) -> float:
-    """v in metres: the bare hole's own, else the camera's fx times pixel pitch."""
-    return lens.film_distance if isinstance(lens, BareAperture) else camera.film_distance
-
-
-def airy_radius(wavelength: float, f_number: float) -> float:
+def airy_radius(wavelength: float, working_f_number: float) -> float:
     """Radius of the first dark ring on the film, 1.22 lambda N, in metres.
 
     >>> round(airy_radius(550e-9, 8.0) * 1e6, 3)
     5.367
     """
-    return AIRY_FIRST_ZERO * wavelength * f_number
+    _check_light(wavelength, working_f_number)
+    return AIRY_FIRST_ZERO * wavelength * working_f_number
 
 
-def encircled_energy(radius: ArrayLike, wavelength: float, f_number: float) -> Float:
+def encircled_energy(radius: ArrayLike, wavelength: float, working_f_number: float) -> Float:
     """The share of a point's light within `radius` metres on the film: E = 1 - J0(x)^2 - J1(x)^2.
 
     >>> round(float(encircled_energy(airy_radius(550e-9, 8.0), 550e-9, 8.0)), 4)
     0.8378
     """
-    x = math.pi * np.asarray(radius, dtype=np.float64) / (wavelength * f_number)
+    _check_light(wavelength, working_f_number)
+    x = math.pi * np.asarray(radius, dtype=np.float64) / (wavelength * working_f_number)
     energy: Float = 1.0 - j0(x) ** 2 - j1(x) ** 2
     return energy
 
@@ -73,10 +72,13 @@ def fresnel_number(aperture_diameter: float, wavelength: float, distance: float)
     >>> round(fresnel_number(0.35e-3, 550e-9, 0.05), 3)
     1.114
     """
+    check_number("aperture_diameter", aperture_diameter, "a number of metres >= 0", least=0)
+    check_number("wavelength", wavelength, "a positive number of metres", above=0)
+    check_number("distance", distance, "a positive number of metres", above=0)
     return (0.5 * aperture_diameter) ** 2 / (wavelength * distance)
 
 
-def airy_kernel(pixel_pitch: tuple[float, float], wavelength: float, f_number: float, radius_px: int) -> Float:
+def airy_kernel(pixel_pitch: tuple[float, float], wavelength: float, working_f_number: float, radius_px: int) -> Float:
     """A point's light on the pixels around the one it is centred on, (2 R + 1, 2 R + 1), sum 1.
 
     Each value is the integral of the Airy pattern over one pixel's square of `pixel_pitch` (x, y) metres. By the
@@ -84,17 +86,17 @@ def airy_kernel(pixel_pitch: tuple[float, float], wavelength: float, f_number: f
     neighbours share: exact up to the quadrature along an edge. What falls outside the kernel is given back to its
     pixels in proportion, so that no light is lost.
     """
-    for name, value in (("pixel pitch", min(pixel_pitch)), ("wavelength", wavelength), ("f-number", f_number)):
-        if not (value > 0 and math.isfinite(value)):
-            raise InputError(f"airy kernel: {name} must be positive and finite, got {value}")
-    if radius_px < 0:
-        raise InputError(f"airy kernel: radius_px must be >= 0, got {radius_px}")
-    return _airy_kernel(pixel_pitch, wavelength, f_number, radius_px).copy()
+    _check_light(wavelength, working_f_number)
+    for pitch in pixel_pitch:
+        check_number("pixel_pitch", pitch, "two positive numbers of metres", above=0)
+    if isinstance(radius_px, bool) or not isinstance(radius_px, (int, np.integer)) or radius_px < 0:
+        raise InputError(f"radius_px must be a whole number of pixels >= 0, got {radius_px!r}")
+    return _airy_kernel(pixel_pitch, wavelength, working_f_number, radius_px).copy()
 
 
 @lru_cache(maxsize=16)
-def _airy_kernel(pixel_pitch: tuple[float, float], wavelength: float, f_number: float, radius_px: int) -> Float:
-    px, py = (pitch / (wavelength * f_number) for pitch in pixel_pitch)
+def _airy_kernel(pixel_pitch: tuple[float, float], wavelength: float, working_f_number: float, radius_px: int) -> Float:
+    px, py = (pitch / (wavelength * working_f_number) for pitch in pixel_pitch)
     right = _edge_flux(px, py, radius_px).T  # [y, x]: through the right-hand edge of the pixels of one quadrant
     below = _edge_flux(py, px, radius_px)
     quadrant = right + below
@@ -122,9 +124,13 @@ def _edge_flux(across: float, along: float, radius_px: int) -> Float:
     return flux
 
 
-def kernel_radius_px(pixel_pitch: tuple[float, float], wavelength: float, f_number: float, tail: float = TAIL) -> int:
+def kernel_radius_px(
+    pixel_pitch: tuple[float, float], wavelength: float, working_f_number: float, tail: float = TAIL
+) -> int:
     """The radius beyond which less than `tail` of the light falls, pixels: 1 - E = 2 / (pi x) far out."""
-    return math.ceil(2.0 * wavelength * f_number / (math.pi**2 * tail * min(pixel_pitch)))
+    _check_light(wavelength, working_f_number)
+    check_number("tail", tail, "a positive share of the light", above=0)
+    return math.ceil(2.0 * wavelength * working_f_number / (math.pi**2 * tail * min(pixel_pitch)))
 
 
 def diffract(
@@ -147,22 +153,26 @@ def diffract(
     a `FresnelWarning` is given for a bare hole with 0.2 < n < 50. For wider holes the true pattern is the geometric
     disk with fringes of a width of sqrt(lambda v), for narrower ones the Airy pattern.
 
-    Raises InputError for a pinhole of no width, an aperture that is no disk, an image of the wrong shape or with NaN.
+    Raises InputError for a pinhole of no width, an aperture that is no disk, an image of the wrong shape or with NaN,
+    and for wavelengths that are not three positive numbers.
     """
-    radiance = _checked_image(image, camera)
+    radiance = checked_radiance("image to diffract", image, camera)
+    wavelengths = check_triple("wavelengths", wavelengths, "three positive numbers of metres (red, green, blue)")
     _check_aperture(lens)
     distance = film_distance(camera, lens)
     if isinstance(lens, BareAperture):
         _warn_fresnel(lens.aperture_diameter, distance, wavelengths)
     pitch = (distance / camera.fx, distance / camera.fy)
-    f_number = distance / lens.aperture_diameter
-    blurred = [_convolve(radiance[..., c], pitch, wavelength, f_number) for c, wavelength in enumerate(wavelengths)]
+    working_f_number = distance / lens.aperture_diameter
+    blurred = [
+        _convolve(radiance[..., c], pitch, wavelength, working_f_number) for c, wavelength in enumerate(wavelengths)
+    ]
     return np.stack(blurred, axis=-1).astype(np.float32)
 
 
-def _convolve(channel: Float, pitch: tuple[float, float], wavelength: float, f_number: float) -> Float:
-    radius = min(kernel_radius_px(pitch, wavelength, f_number), max(channel.shape))
-    kernel = airy_kernel(pitch, wavelength, f_number, radius)
+def _convolve(channel: Float, pitch: tuple[float, float], wavelength: float, working_f_number: float) -> Float:
+    radius = min(kernel_radius_px(pitch, wavelength, working_f_number), max(channel.shape))
+    kernel = airy_kernel(pitch, wavelength, working_f_number, radius)
     padded = np.pad(channel, radius, mode="symmetric")
     size = [next_fast_len(n, real=True) for n in padded.shape]
     blurred: Float = irfft2(rfft2(padded, size) * rfft2(kernel, size), size)
@@ -170,14 +180,9 @@ def _convolve(channel: Float, pitch: tuple[float, float], wavelength: float, f_n
     return np.maximum(inner, 0.0)  # the transform's rounding may leave a black pixel below zero
 
 
-def _checked_image(image: ArrayLike, camera: Camera) -> Float:
-    radiance = np.asarray(image, dtype=np.float64)
-    wanted = (camera.height, camera.width, 3)
-    if radiance.shape != wanted:
-        raise InputError(f"image to diffract must be linear radiance of shape {wanted}, got {radiance.shape}")
-    if not (np.isfinite(radiance).all() and (radiance >= 0).all()):
-        raise InputError("image to diffract must be finite and >= 0: linear radiance, not an encoded picture")
-    return radiance
+def _check_light(wavelength: float, working_f_number: float) -> None:
+    check_number("wavelength", wavelength, "a positive number of metres", above=0)
+    check_number("working_f_number", working_f_number, "a positive number", above=0)
 
 
 def _check_aperture(lens: Lens) -> None:

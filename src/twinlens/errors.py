@@ -4,7 +4,11 @@ A message names the value, what is allowed, and the remedy. Imports nothing of t
 """
 
 import difflib
+import math
+import reprlib
 from collections.abc import Iterable
+from numbers import Real
+from typing import Any
 
 
 class TwinlensError(Exception):
@@ -43,3 +47,49 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
     near = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return InputError(f"unknown {kind} {name!r}{hint} (known: {', '.join(names)})")
+
+
+def check_number(name: str, value: Any, allowed: str, above: float = -math.inf, least: float = -math.inf) -> None:
+    """Raise InputError unless `value` is a finite real number > above and >= least; `allowed` says so in words.
+
+    Truth values, texts and arrays are no numbers.
+
+    >>> check_number("baseline", -0.1, "a positive number of metres", above=0)
+    Traceback (most recent call last):
+    twinlens.errors.InputError: baseline must be a positive number of metres, got -0.1
+    """
+    number = _as_float(value)
+    if not (math.isfinite(number) and number > above and number >= least):
+        raise InputError(f"{name} must be {allowed}, got {in_one_line(value)}")
+
+
+def check_triple(name: str, values: Any, allowed: str) -> tuple[float, float, float]:
+    """`values` as three positive finite numbers (red, green, blue), or InputError; `allowed` says so in words.
+
+    >>> check_triple("wavelengths", [611e-9, 549e-9, 464e-9], "three positive numbers of metres")
+    (6.11e-07, 5.49e-07, 4.64e-07)
+    """
+    try:
+        numbers = [_as_float(value) for value in values]
+    except TypeError:
+        numbers = []
+    if len(numbers) != 3 or not all(math.isfinite(number) and number > 0 for number in numbers):
+        raise InputError(f"{name} must be {allowed}, got {in_one_line(values)}")
+    return numbers[0], numbers[1], numbers[2]
+
+
+def in_one_line(value: Any) -> str:
+    """What a message shows of a value: its repr, cut where it is long.
+
+    >>> in_one_line([[0.5, 1.0], [2.0, 4.0]])
+    '[[0.5, 1.0], [2.0, 4.0]]'
+    """
+    return " ".join(reprlib.repr(value).split())
+
+
+def _as_float(value: Any) -> float:
+    """NaN for what is no real number, and for an integer too large to be one here."""
+    try:
+        return float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
+    except OverflowError:
+        return math.nan

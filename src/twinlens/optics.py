@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.errors import InputError
+from twinlens.errors import InputError, check_number, in_one_line
 
 AIRY_FIRST_ZERO = 1.2196698912665045
 """First zero of the Airy pattern in units of lambda v / A: the first root of J1, 3.8317..., over pi."""
@@ -21,14 +21,27 @@ AIRY_FIRST_ZERO = 1.2196698912665045
 def vergence(power: float, film_distance: float) -> float:
     """k = P - 1/v: 1/focus_distance for a lens, -1/v for a bare hole (P = 0).
 
+    Raises InputError for a power that is not finite and for a film distance that is not positive.
+
     >>> round(1 / vergence(1 / 0.05, 0.0512820512820513), 6)
     2.0
     """
+    check_number("power", power, "a finite number of 1/m")
+    check_number("film_distance", film_distance, "a positive number of metres", above=0)
     return power - 1.0 / film_distance
 
 
 def focal_length(focus_distance: float, film_distance: float) -> float:
-    """f = 1/(k + 1/v): the lens that focuses `focus_distance` on a film at `film_distance` (the thin-lens equation)."""
+    """f = 1/(k + 1/v): the lens that focuses `focus_distance` on a film at `film_distance` (the thin-lens equation).
+
+    Raises InputError unless both are positive; the focus may lie at inf.
+
+    >>> focal_length(math.inf, 0.05)
+    0.05
+    """
+    if focus_distance != math.inf:
+        check_number("focus_distance", focus_distance, "a positive number of metres (or inf)", above=0)
+    check_number("film_distance", film_distance, "a positive number of metres", above=0)
     return 1.0 / (1.0 / focus_distance + 1.0 / film_distance)
 
 
@@ -37,14 +50,14 @@ def circle_of_confusion_px(depth: ArrayLike, aperture_diameter: float, fx: float
 
     Positive in front of the plane of focus, where a light draws the aperture turned by 180 degrees (a point a of it
     lands at -a c/A in the upright image), negative behind it, where it draws the aperture upright. Depth +inf is a real
-    distance here: c = -A fx k.
+    distance here: c = -A fx k. Raises InputError for depths that are not positive, and for an A < 0, fx <= 0 or k that
+    is not finite.
 
     >>> circle_of_confusion_px([1.0, 2.0, np.inf], aperture_diameter=0.01, fx=700, k=0.5).tolist()
     [3.5, 0.0, -3.5]
     """
-    z = np.asarray(depth, dtype=np.float64)
-    if not (z > 0).all():
-        raise InputError("depth must be positive (+inf where nothing was hit); NaN and values <= 0 are refused")
+    _check_eye(aperture_diameter, fx, k)
+    z = _checked_depth(depth)
     return aperture_diameter * fx * (1.0 / z - k)
 
 
@@ -53,8 +66,8 @@ def in_focus(
 ) -> NDArray[np.bool_]:
     """Where the blur circle is at most `circle_px` pixels wide: |c| <= circle_px, bool, the shape of `depth` (metres).
 
-    The mask of what `depth_of_field` gives the limits of; +inf is a depth. Raises InputError for depths that are not
-    positive and for a circle_px that is not.
+    The mask of what `depth_of_field` gives the limits of; +inf is a depth. Raises InputError for a circle_px that
+    is not positive, and as `circle_of_confusion_px` does.
 
     >>> in_focus([1.0, 1.8, 2.0, 2.4, np.inf], aperture_diameter=0.01, fx=700, k=0.5, circle_px=0.7).tolist()
     [False, True, True, True, False]
@@ -67,12 +80,14 @@ def depth_of_field(aperture_diameter: float, fx: float, k: float, circle_px: flo
     """(near, far) depths in metres between which the blur circle is at most `circle_px` pixels wide.
 
     1/z = k +- c / (A fx). A pinhole is sharp everywhere: (0, inf). Far is inf beyond the hyperfocal distance; both are
-    inf where even infinity is more blurred than that, as behind a bare hole that is too wide.
+    inf where even infinity is more blurred than that, as behind a bare hole that is too wide. Raises InputError for an
+    A < 0, fx <= 0, circle_px <= 0 and a k that is not finite.
 
     >>> depth_of_field(0.01, fx=700, k=0.5, circle_px=0.7)
     (1.6666666666666667, 2.5)
     """
     _check_circle(circle_px)
+    _check_eye(aperture_diameter, fx, k)
     if aperture_diameter == 0:
         return 0.0, math.inf
     margin = circle_px / (aperture_diameter * fx)
@@ -85,12 +100,28 @@ def hyperfocal_distance(aperture_diameter: float, fx: float, circle_px: float = 
 
     The textbook's f^2/(N c) + f, with c in metres, is the same number and no approximation of it: it asks for the film
     where the lens f focuses at H, v = f H/(H - f), and there A fx / c = A v/c = f^2/(N c) + f. Here the film stays and
-    the lens that focuses at H is the one meant.
+    the lens that focuses at H is the one meant. Raises InputError for an A < 0, fx <= 0 and circle_px <= 0.
     """
     _check_circle(circle_px)
+    _check_eye(aperture_diameter, fx, 0.0)
     return aperture_diameter * fx / circle_px
 
 
 def _check_circle(circle_px: float) -> None:
-    if not circle_px > 0:
-        raise InputError(f"circle_px must be positive, got {circle_px}")
+    check_number("circle_px", circle_px, "a positive number of pixels", above=0)
+
+
+def _check_eye(aperture_diameter: float, fx: float, k: float) -> None:
+    check_number("aperture_diameter", aperture_diameter, "a number of metres >= 0", least=0)
+    check_number("fx", fx, "a positive number of pixels", above=0)
+    check_number("k", k, "a finite vergence in 1/m")
+
+
+def _checked_depth(depth: ArrayLike) -> NDArray[np.float64]:
+    try:
+        z = np.asarray(depth, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"depth must be a number or an array of metres, got {in_one_line(depth)}") from error
+    if not (z > 0).all():
+        raise InputError("depth must be positive (+inf where nothing was hit); NaN and values <= 0 are refused")
+    return z

@@ -18,9 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from twinlens.camera import Camera, Rig, undistort_maps
-from twinlens.camera.checks import check_number
 from twinlens.epipolar import check_pair, epipole_in_image, skew
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, check_number, unknown
 from twinlens.geometry import Float, rigid
 
 _WIDEST = math.tan(math.radians(85))  # a rectified plane holds what lies up to here from its axis

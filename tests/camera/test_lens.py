@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twinlens import optics
-from twinlens.camera import BareAperture, Camera, Disk, Pinhole, Polygon, ThinLens
+from twinlens.camera import BareAperture, Camera, Disk, Pinhole, Polygon, ThinLens, film_distance
 from twinlens.errors import InputError
 
 diameters = st.floats(1e-6, 0.5)
@@ -46,6 +46,13 @@ def test_from_f_number_makes_the_lens_that_focuses_there(focus, film_distance):
     f = lens.aperture_diameter * 2.8
     assert 1 / f == pytest.approx(1 / focus + 1 / film_distance, rel=1e-12)
     assert lens.focus_distance == focus
+
+
+def test_a_bare_hole_has_its_own_film_and_all_others_the_cameras():
+    camera = Camera(64, 48, 700.0, 700.0, 31.5, 23.5, pixel_pitch_um=3.0)
+    assert film_distance(camera, BareAperture(20e-6, 0.05)) == 0.05
+    for lens in (Pinhole(), ThinLens(1e-3, 1.0)):
+        assert film_distance(camera, lens) == pytest.approx(2.1e-3, rel=1e-12)
 
 
 def test_a_nikkor_by_hand():

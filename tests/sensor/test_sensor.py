@@ -50,15 +50,18 @@ def test_brightness_follows_the_open_area(aperture):
     assert light[1] / light[0] == pytest.approx(aperture.area_fraction, rel=1e-6)
 
 
-def test_a_bare_hole_and_a_lens_of_the_same_size_let_in_the_same_light():
-    hole = BareAperture(LENS.aperture_diameter, CAMERA.film_distance)
-    assert QUIET.electrons_per_radiance(CAMERA, hole) == pytest.approx(QUIET.electrons_per_radiance(CAMERA, LENS))
+def test_a_small_bare_hole_and_a_lens_of_the_same_size_let_in_the_same_light():
+    size = CAMERA.film_distance / 16
+    hole, lens = BareAperture(size, CAMERA.film_distance), LENS.replace(aperture_diameter=size)
+    ratio = QUIET.electrons_per_radiance(CAMERA, hole) / QUIET.electrons_per_radiance(CAMERA, lens)
+    assert ratio == pytest.approx([1, 1, 1], rel=1e-3)
 
 
 def test_a_deeper_box_is_darker_per_area_and_the_same_per_pixel():
     """E falls as 1/v^2 while a pixel, v/fx wide, grows as v^2."""
     near, far = BareAperture(1e-3, 0.05), BareAperture(1e-3, 0.1)
-    assert QUIET.electrons_per_radiance(CAMERA, far) == pytest.approx(QUIET.electrons_per_radiance(CAMERA, near))
+    ratio = QUIET.electrons_per_radiance(CAMERA, far) / QUIET.electrons_per_radiance(CAMERA, near)
+    assert ratio == pytest.approx([1, 1, 1], rel=1e-3)
 
 
 def test_a_pinhole_is_exposed_as_its_reference_aperture():
@@ -67,7 +70,7 @@ def test_a_pinhole_is_exposed_as_its_reference_aperture():
         QUIET.expose(grey(), camera=CAMERA, lens=lens, exposure=Exposure(0.01)).record for lens in (Pinhole(), f8)
     )
     assert pinhole["mean_electrons"] == pytest.approx(f8["mean_electrons"])
-    assert pinhole["f_number"] == 8
+    assert pinhole["working_f_number"] == 8
 
 
 def test_vignetting_is_the_fourth_power_of_the_cosine():
@@ -263,13 +266,25 @@ def test_the_default_is_the_machine_vision_preset():
         ({"quantum_efficiency": (0.5, 1.2, 0.5)}, "at most 1"),
         ({"quantum_efficiency": (0.5, 0.5)}, "three positive"),
         ({"wavelengths": (0.0, 5e-7, 5e-7)}, "three positive"),
+        ({"wavelengths": (math.nan, 5e-7, 5e-7)}, "three positive"),
+        ({"quantum_efficiency": 0.5}, "three positive"),
+        ({"quantum_efficiency": ("a", 0.5, 0.5)}, "three positive"),
         ({"full_well": 0.0}, "full_well"),
+        ({"full_well": "a"}, "full_well"),
+        ({"full_well": True}, "full_well"),
+        ({"full_well": 10**400}, "full_well"),
+        ({"full_well": np.ones((40, 40))}, "full_well"),
+        ({"dark_current": None}, "dark_current"),
+        ({"mismatch": None}, "mismatch"),
+        ({"mismatch": {"gain": 1.1}}, "mismatch"),
         ({"read_noise": -1.0}, "read_noise"),
         ({"prnu": math.nan}, "prnu"),
         ({"adc_bits": 7}, "8 to 16"),
         ({"adc_bits": 12.0 + 0.5}, "8 to 16"),
         ({"bits": 12}, "8 or 16"),
         ({"black_level": 4095.0}, "black_level"),
+        ({"black_level": "64"}, "black_level"),
+        ({"black_level": math.nan}, "black_level"),
         ({"filters": "RGBG"}, "did you mean"),
         ({"output": "srbg"}, "did you mean 'srgb'"),
         ({"serial": -1}, "serial"),
@@ -283,11 +298,20 @@ def test_impossible_sensors_are_refused(change, says):
 
 
 def test_impossible_exposures_are_refused():
-    for bad in (lambda: Exposure(0.0), lambda: Exposure(1.0, math.inf), lambda: Mismatch(gain=0.0)):
+    for bad in (
+        lambda: Exposure(0.0),
+        lambda: Exposure(1.0, math.inf),
+        lambda: Exposure("1"),
+        lambda: Exposure(1.0, True),
+        lambda: Mismatch(gain=0.0),
+        lambda: Mismatch(time=None),
+        lambda: Exposure(1.0).value(0.0),
+    ):
         with pytest.raises(InputError, match="positive"):
             bad()
-    with pytest.raises(InputError, match="finite"):
-        Mismatch(black_level=math.nan)
+    for black_level in (math.nan, "3"):
+        with pytest.raises(InputError, match="finite"):
+            Mismatch(black_level=black_level)
     with pytest.raises(InputError, match="did you mean 'phone'"):
         Sensor.preset("phne")
 
@@ -298,6 +322,9 @@ def test_impossible_exposures_are_refused():
         (np.zeros((64, 96)), {}, "shape"),
         (np.zeros((96, 64, 3)), {}, "shape"),
         (np.full((64, 96, 3), np.nan), {}, "NaN"),
+        (np.full((64, 96, 3), "a"), {}, "numbers"),
+        (np.ones((64, 96, 3), complex), {}, "real numbers"),
+        ([[1.0], [1.0, 2.0]], {}, "unequal"),
         (np.full((64, 96, 3), -1.0), {}, "negative"),
         (np.zeros((64, 96, 3)), {"seed": -1}, "seed"),
         (np.zeros((64, 96, 3)), {"seed": 1.5}, "seed"),

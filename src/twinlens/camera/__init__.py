@@ -4,7 +4,7 @@ from twinlens.camera.aperture import Annulus, Aperture, Disk, MaskAperture, Poly
 from twinlens.camera.distortion import BrownConrady, Distortion, KannalaBrandt, undistort_maps
 from twinlens.camera.film import film_image
 from twinlens.camera.intrinsics import Camera
-from twinlens.camera.lens import BareAperture, Lens, Pinhole, ThinLens
+from twinlens.camera.lens import BareAperture, Lens, Pinhole, ThinLens, film_distance
 from twinlens.camera.rig import Rig
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "Polygon",
     "Rig",
     "ThinLens",
+    "film_distance",
     "film_image",
     "undistort_maps",
 ]

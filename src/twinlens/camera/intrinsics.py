@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twinlens.camera.checks import check_number
 from twinlens.camera.distortion import Distortion, check_invertible
-from twinlens.errors import InputError
+from twinlens.errors import InputError, check_number
 from twinlens.geometry import Float, film_from_cam, px_from_film
 
 _LARGEST_SIDE = 65536

@@ -9,10 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twinlens.camera.checks import check_number
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.rig import Rig
-from twinlens.errors import InputError
+from twinlens.errors import InputError, check_number
 from twinlens.geometry import Float, check_rigid, rigid
 
 Cameras = Camera | Sequence[Camera]

@@ -9,8 +9,8 @@ from typing import ClassVar
 
 from twinlens import optics
 from twinlens.camera.aperture import FULL_DISK, Aperture
-from twinlens.camera.checks import check_number
-from twinlens.errors import InputError
+from twinlens.camera.intrinsics import Camera
+from twinlens.errors import InputError, check_number
 
 
 @dataclass(frozen=True)
@@ -109,6 +109,16 @@ class BareAperture:
 
 
 Lens = Pinhole | ThinLens | BareAperture
+
+
+def film_distance(camera: Camera, lens: Lens) -> float:
+    """v in metres: the bare hole's own, else the camera's fx times pixel pitch.
+
+    >>> camera = Camera.from_fov(640, 480, fov_x_deg=90, pixel_pitch_um=5.0)
+    >>> round(film_distance(camera, Pinhole()), 9), film_distance(camera, BareAperture(1e-3, film_distance=0.05))
+    (0.0016, 0.05)
+    """
+    return lens.film_distance if isinstance(lens, BareAperture) else camera.film_distance
 
 
 def _check_hole(name: str, diameter: float, aperture: Aperture) -> None:

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twinlens.camera.checks import check_number
 from twinlens.camera.intrinsics import Camera
-from twinlens.errors import InputError
+from twinlens.errors import InputError, check_number
 from twinlens.geometry import Float, check_rigid, inverse, rigid
 
 _ALIGNED = 1e-9  # of the baseline (metres) or of a unit axis: beyond this a pair is not rectified

@@ -5,7 +5,9 @@ numbers into an image to look at, `exposure` chooses time and gain. `Sensor.expo
 """
 
 from twinlens.sensor.exposure import Exposure, Mismatch, auto_exposure
-from twinlens.sensor.model import Photo, Sensor
+from twinlens.sensor.light import ParaxialWarning
+from twinlens.sensor.model import Sensor
+from twinlens.sensor.photo import Photo
 from twinlens.sensor.presets import PRESETS
 
-__all__ = ["PRESETS", "Exposure", "Mismatch", "Photo", "Sensor", "auto_exposure"]
+__all__ = ["PRESETS", "Exposure", "Mismatch", "ParaxialWarning", "Photo", "Sensor", "auto_exposure"]

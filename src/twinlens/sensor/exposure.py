@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.lens import Lens
-from twinlens.errors import InputError
+from twinlens.errors import InputError, check_number
 
 if TYPE_CHECKING:
     from twinlens.sensor.model import Sensor
@@ -37,17 +37,16 @@ class Exposure:
 
     def __post_init__(self) -> None:
         for name in ("time", "gain"):
-            value = getattr(self, name)
-            if not (value > 0 and math.isfinite(value)):
-                raise InputError(f"exposure {name} must be positive and finite, got {value}")
+            check_number(f"exposure {name}", getattr(self, name), "positive and finite", above=0)
 
-    def value(self, f_number: float) -> float:
-        """The exposure value EV = log2(N^2 / t).
+    def value(self, working_f_number: float) -> float:
+        """The exposure value EV = log2(N^2 / t), N = v/A.
 
         >>> Exposure(time=1 / 64).value(8.0)
         12.0
         """
-        return math.log2(f_number**2 / self.time)
+        check_number("working_f_number", working_f_number, "a positive number", above=0)
+        return math.log2(working_f_number**2 / self.time)
 
 
 @dataclass(frozen=True)
@@ -68,11 +67,8 @@ class Mismatch:
 
     def __post_init__(self) -> None:
         for name in ("gain", "time"):
-            value = getattr(self, name)
-            if not (value > 0 and math.isfinite(value)):
-                raise InputError(f"mismatch {name} must be a positive factor, got {value}")
-        if not math.isfinite(self.black_level):
-            raise InputError(f"mismatch black_level must be finite, got {self.black_level}")
+            check_number(f"mismatch {name}", getattr(self, name), "a positive and finite factor", above=0)
+        check_number("mismatch black_level", self.black_level, "a finite number of DN")
 
 
 def auto_exposure(

@@ -9,26 +9,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.lens import Lens
+from twinlens.camera.radiance import checked_radiance
 from twinlens.camera.rig import Rig
 from twinlens.diffraction import CHANNEL_WAVELENGTHS
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, check_number, check_triple, in_one_line, unknown
 from twinlens.sensor import light, noise, picture
-from twinlens.sensor.checks import check_number, check_seed, check_triple, checked_radiance
+from twinlens.sensor.checks import check_seed
 from twinlens.sensor.exposure import Exposure, Mismatch, auto_exposure
+from twinlens.sensor.photo import Image, Photo
 from twinlens.sensor.presets import PRESETS
 
 Float = NDArray[np.float64]
-Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 _OUTPUTS = (*picture.CURVES, "raw")
-
-
-@dataclass(frozen=True, eq=False)
-class Photo:
-    """A picture, uint8 or uint16, (H, W, 3) or (H, W), and the record of how it was exposed: a plain dict."""
-
-    image: Image
-    record: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -106,14 +99,14 @@ class Sensor:
 
     def __post_init__(self) -> None:
         for name in ("quantum_efficiency", "wavelengths"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-            check_triple(name, getattr(self, name))
+            three = check_triple(f"sensor {name}", getattr(self, name), "three positive numbers (red, green, blue)")
+            object.__setattr__(self, name, three)
         if max(self.quantum_efficiency) > 1:
             raise InputError(f"sensor quantum_efficiency is at most 1 electron a photon, got {self.quantum_efficiency}")
         for name in ("full_well", "gamma", "radiance_scale", "pinhole_f_number", "longest_exposure", "largest_gain"):
-            check_number(name, getattr(self, name), above=0.0)
+            check_number(f"sensor {name}", getattr(self, name), "a finite number > 0", above=0)
         for name in ("read_noise", "dark_current", "prnu", "dsnu"):
-            check_number(name, getattr(self, name), least=0.0)
+            check_number(f"sensor {name}", getattr(self, name), "a finite number >= 0", least=0)
         self._check_choices()
 
     def _check_choices(self) -> None:
@@ -121,8 +114,11 @@ class Sensor:
             raise InputError(f"sensor adc_bits must be a whole number from 8 to 16, got {self.adc_bits}")
         if self.bits not in (8, 16):
             raise InputError(f"sensor bits must be 8 or 16, got {self.bits}")
-        if not 0 <= self.black_level < self.largest_dn:
+        check_number("sensor black_level", self.black_level, "a number of DN >= 0", least=0)
+        if self.black_level >= self.largest_dn:
             raise InputError(f"sensor black_level must lie in 0..{self.largest_dn} DN, got {self.black_level}")
+        if not isinstance(self.mismatch, Mismatch):
+            raise InputError(f"sensor mismatch must be a Mismatch, got {in_one_line(self.mismatch)}")
         if self.filters not in picture.FILTERS:
             raise unknown("sensor filters", str(self.filters), picture.FILTERS)
         if self.output not in _OUTPUTS:
@@ -166,7 +162,7 @@ class Sensor:
 
     def level_rate(self, radiance: ArrayLike, *, camera: Camera, lens: Lens) -> Float:
         """Shares of white a second at gain 1 that a radiance image makes, (H, W, 3): what the exposure is judged by."""
-        rates = self._rates(checked_radiance(radiance, camera), camera, lens)
+        rates = self._rates(checked_radiance("radiance", radiance, camera), camera, lens)
         if self.filters == "mono":
             rates = np.repeat(rates.sum(axis=-1, keepdims=True), 3, axis=-1)
         return rates * self._balance() / self.full_well
@@ -187,10 +183,18 @@ class Sensor:
         of the sensor with a fixed pattern and noise of its own, and eyes after the first have the `mismatch`.
 
         Raises InputError for an image of another size than the camera's, negative or NaN radiance, a negative seed.
+        A given exposure through a lens below f/1 earns a `ParaxialWarning`: it would promise too much light.
         """
+        if exposure is not None:
+            light.warn_below_f1(camera, lens)
+        return self._take(radiance, camera, lens, exposure, seed, eye)
+
+    def _take(
+        self, radiance: ArrayLike, camera: Camera, lens: Lens, exposure: Exposure | None, seed: int, eye: int
+    ) -> Photo:
         check_seed("seed", seed)
         check_seed("eye", eye)
-        image = checked_radiance(radiance, camera)
+        image = checked_radiance("radiance", radiance, camera)
         nominal = exposure or auto_exposure([image], sensor=self, cameras=camera, lens=lens)
         differs = self.mismatch if eye else Mismatch()
         true = Exposure(nominal.time * differs.time, nominal.gain * differs.gain)
@@ -222,9 +226,11 @@ class Sensor:
         """A picture for each camera of a rig, under one exposure, each eye with its own noise and fixed pattern."""
         if len(images) != len(rig):
             raise InputError(f"expose_rig needs one image a camera, got {len(images)} images and {len(rig)} cameras")
+        if exposure is not None:
+            light.warn_below_f1(rig.cameras[0], lens)
         shared = exposure or auto_exposure(images, sensor=self, cameras=rig.cameras, lens=lens)
         return [
-            self.expose(image, camera=camera, lens=lens, seed=seed, exposure=shared, eye=eye)
+            self._take(image, camera, lens, shared, seed, eye)
             for eye, (image, camera) in enumerate(zip(images, rig.cameras, strict=True))
         ]
 
@@ -276,11 +282,11 @@ class Sensor:
     def _record(
         self, camera: Camera, lens: Lens, exposure: Exposure, black: float, seed: int, eye: int
     ) -> dict[str, Any]:
-        number = light.f_number(camera, lens, self.pinhole_f_number)
+        number = light.working_f_number(camera, lens, self.pinhole_f_number)
         return {
             "time_s": exposure.time,
             "gain": exposure.gain,
-            "f_number": number,
+            "working_f_number": number,
             "ev": exposure.value(number),
             "system_gain_dn_per_electron": self.system_gain(exposure.gain),
             "black_level_dn": black,

@@ -1,0 +1,48 @@
+"""What the checks of numbers take, and what they refuse, in one line."""
+
+import math
+from decimal import Decimal
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from twinlens.errors import InputError, check_number, check_triple
+
+
+@pytest.mark.parametrize("value", [1, 0.5, Fraction(1, 3), np.float32(2), np.float64(3), np.int16(4), np.uint8(5)])
+def test_real_numbers_of_every_kind_are_numbers(value):
+    check_number("x", value, "> 0", above=0)
+    assert check_triple("x", [value] * 3, "three") == pytest.approx((float(value),) * 3)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [math.nan, math.inf, -math.inf, True, np.True_, "1", None, 1j, Decimal(1), [1.0], np.ones(1), 10**400, np.nan],
+    ids=lambda value: f"{type(value).__name__} {value}"[:20],
+)
+def test_what_is_no_finite_number_is_refused(value):
+    with pytest.raises(InputError, match=r"^x must be a number, got "):
+        check_number("x", value, "a number")
+    with pytest.raises(InputError, match=r"^x must be three"):
+        check_triple("x", [1.0, value, 1.0], "three")
+
+
+def test_above_is_open_and_least_is_closed():
+    check_number("x", 2.0, "at least 2", least=2)
+    for value, bound in ((2.0, {"above": 2}), (np.nextafter(2, 0), {"least": 2})):
+        with pytest.raises(InputError):
+            check_number("x", value, "more", **bound)
+
+
+@pytest.mark.parametrize("values", [(1.0, 1.0), (1.0,) * 4, (), 1.0, None, "abc", (0.0, 1.0, 1.0), (1.0, -1.0, 1.0)])
+def test_a_triple_is_three_positive_numbers(values):
+    with pytest.raises(InputError, match="three"):
+        check_triple("x", values, "three")
+
+
+def test_a_large_value_is_shown_short_and_in_one_line():
+    with pytest.raises(InputError) as refusal:
+        check_number("x", np.zeros((50, 50)), "a number")
+    assert "\n" not in str(refusal.value)
+    assert len(str(refusal.value)) < 80
