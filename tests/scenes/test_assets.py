@@ -1,11 +1,16 @@
-"""A scene opens files below its own folder and nowhere else."""
+"""A scene opens files below its own folder and nowhere else, as the kind they are named, and of sensible size."""
 
 from pathlib import Path
 
+import numpy as np
+import OpenEXR
 import pytest
+from PIL import EpsImagePlugin, Image
+from scene_text import Read
 
-from twinlens.errors import InputError
-from twinlens.scenes.assets import asset
+from twinlens.errors import FileError, InputError
+from twinlens.scenes import assets
+from twinlens.scenes.assets import asset, read_picture
 from twinlens.scenes.table import At, Source
 
 
@@ -39,3 +44,90 @@ def test_everything_else_is_refused(place: At, name: str) -> None:
     with pytest.raises(InputError, match=r"scene\.toml: file: "):
         asset(place, name)
     assert place.source.assets == []
+
+
+POSTSCRIPT = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\n0 0 moveto\nshowpage\n%%EOF\n"
+
+
+@pytest.mark.parametrize("name", ["t.png", "t.jpg", "t.jpeg", "T.PNG"])
+def test_postscript_under_a_pictures_name_reaches_no_interpreter(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    started: list[object] = []
+    monkeypatch.setattr(EpsImagePlugin, "Ghostscript", lambda *given, **_: started.append(given))
+    (tmp_path / name).write_bytes(POSTSCRIPT)
+    with Image.open(tmp_path / name) as image:
+        assert image.format == "EPS", "Pillow itself would take the file for what it is"
+    with pytest.raises(FileError, match=name):
+        read_picture(tmp_path / name)
+    assert started == []
+
+
+def test_one_kind_of_picture_under_anothers_name_is_refused(tmp_path: Path) -> None:
+    Image.new("RGB", (4, 4)).save(tmp_path / "t.jpg", format="PNG")
+    with pytest.raises(FileError, match=r"t\.jpg"):
+        read_picture(tmp_path / "t.jpg")
+
+
+def write_exr(path: Path, *sizes: tuple[int, int]) -> None:
+    """One part a size (width, height)."""
+    parts = [
+        OpenEXR.Part(
+            {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION},
+            {"RGB": np.ones((height, width, 3), np.float32)},
+            f"p{i}",
+        )
+        for i, (width, height) in enumerate(sizes)
+    ]
+    OpenEXR.File(parts).write(str(path))
+
+
+def test_pictures_of_too_many_pixels_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_exr(tmp_path / "t.exr", (8, 5))
+    Image.new("RGB", (8, 5)).save(tmp_path / "t.png")
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 5 +X 8\n"
+    (tmp_path / "t.hdr").write_bytes(head + bytes(8 * 5 * 4))
+    for name in ("t.exr", "t.png", "t.hdr"):
+        monkeypatch.setattr(assets, "_MOST_PIXELS", 40)
+        assert read_picture(tmp_path / name).shape == (5, 8, 3)
+        monkeypatch.setattr(assets, "_MOST_PIXELS", 39)
+        with pytest.raises(FileError, match=rf"{name}: a picture has 1 to 39 pixels, this one says 8x5"):
+            read_picture(tmp_path / name)
+
+
+def test_an_exr_is_refused_from_its_header_alone(tmp_path: Path) -> None:
+    """The header promises 2^40 pixels, the file has none of them."""
+    write_exr(tmp_path / "t.exr", (8, 5))
+    data = (tmp_path / "t.exr").read_bytes()
+    small, huge = (np.array([0, 0, w - 1, h - 1], "<i4").tobytes() for w, h in ((8, 5), (1 << 20, 1 << 20)))
+    assert data.count(small) == 2  # the data window and the display window
+    (tmp_path / "t.exr").write_bytes(data.replace(small, huge))
+    with pytest.raises(FileError, match="this one says 1048576x1048576"):
+        read_picture(tmp_path / "t.exr")
+
+
+def test_an_exr_of_many_parts_is_refused(tmp_path: Path) -> None:
+    write_exr(tmp_path / "t.exr", (8, 5), (8, 5))
+    with pytest.raises(FileError, match="needs one part, it has 2"):
+        read_picture(tmp_path / "t.exr")
+
+
+SKY = ('[lights.sky]\ntype = "constant"\nradiance = 1.0', "[lights.sky]\ntype = 'envmap'\nfilename = '{}'")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("sky.exr", b"v/1\x01 damaged", "cannot be read"),
+        ("sky.png", POSTSCRIPT, "cannot be read"),
+        ("sky.ps", POSTSCRIPT, "pictures may be"),
+        ("sky.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n", "a picture has 1 to"),
+        ("sky.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 4\n" + bytes(16), "needs 2x3 pixels or more"),
+    ],
+)
+def test_an_environment_map_is_read_before_it_is_handed_on(
+    tmp_path: Path, read: Read, name: str, content: bytes, message: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(FileError, match=rf"{name}: .*{message}"):
+        read("", (SKY[0], SKY[1].format(name)))

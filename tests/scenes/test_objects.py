@@ -9,7 +9,7 @@ import trimesh
 from scene_text import Read
 
 from twinlens.errors import FileError, InputError
-from twinlens.scenes import Mesh
+from twinlens.scenes import Mesh, objects
 from twinlens.scenes.objects import BODIES, read_mesh
 
 GIVEN = {
@@ -72,6 +72,104 @@ def test_a_damaged_mesh_is_named(tmp_path: Path, name: str, content: bytes) -> N
     (tmp_path / name).write_bytes(content)
     with pytest.raises(FileError, match=name):
         read_mesh(tmp_path / name)
+
+
+PLY = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 {}
+"""
+
+
+@pytest.mark.parametrize("corner", [99, 3, -1, -3])
+@pytest.mark.parametrize("crease_deg", [0.0, 30.0])
+def test_a_face_with_a_corner_that_is_not_there_is_named(tmp_path: Path, corner: int, crease_deg: float) -> None:
+    (tmp_path / "m.ply").write_text(PLY.format(2))
+    assert len(read_mesh(tmp_path / "m.ply", crease_deg).faces) == 1
+    (tmp_path / "m.ply").write_text(PLY.format(corner))
+    with pytest.raises(FileError, match=r"m\.ply: ") as caught:
+        read_mesh(tmp_path / "m.ply", crease_deg)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_mesh_of_too_many_triangles_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Counted as placed: one box of 12 triangles standing in two places is 24."""
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.creation.box(), geom_name="box")
+    scene.graph.update(frame_to="again", geometry="box", matrix=trimesh.transformations.translation_matrix([5, 0, 0]))
+    scene.export(tmp_path / "m.glb")
+    monkeypatch.setattr(objects, "_MOST_FACES", 24)
+    assert len(read_mesh(tmp_path / "m.glb").faces) == 24
+    monkeypatch.setattr(objects, "_MOST_FACES", 23)
+    with pytest.raises(FileError, match=r"m\.glb: 24 triangles are more than 23"):
+        read_mesh(tmp_path / "m.glb")
+
+
+def test_a_mesh_file_of_gigabytes_is_not_opened(tmp_path: Path) -> None:
+    with (tmp_path / "m.stl").open("wb") as stream:
+        stream.truncate((2 << 30) + 1)
+    with pytest.raises(FileError, match=r"m\.stl: a mesh file has at most 2048 MiB"):
+        read_mesh(tmp_path / "m.stl")
+
+
+UNIT = {
+    "sphere": "radius = 1",
+    "disk": "",
+    "cylinder": "",
+    "lying": "p0 = [0, 0, 0]\np1 = [1, 0, 0]",
+}
+STRETCHED = [
+    ("sphere", "[2, 2, 2]", True),
+    ("sphere", "[1, 1, 2]", False),
+    ("sphere", "[1, 2, 1]", False),
+    ("disk", "[3, 1, 1]", True),
+    ("disk", "[1, 2, 3]", True),
+    ("cylinder", "[2, 2, 5]", True),
+    ("cylinder", "[2, 3, 2]", False),
+    ("lying", "[2, 2, 2]", True),
+    ("lying", "[1, 1, 2]", False),
+]
+
+
+@pytest.mark.parametrize(("kind", "scale", "good"), STRETCHED)
+@pytest.mark.parametrize("where", ["scale = {}", "instances = [{{ scale = {} }}]"])
+def test_round_shapes_are_stretched_only_where_they_stay_what_they_are(
+    read: Read, kind: str, scale: str, good: bool, where: str
+) -> None:
+    """And the scene is one that the renderer builds: the two must not disagree."""
+    build = pytest.importorskip("twinlens.rendering.build").build
+    shape = "cylinder" if kind == "lying" else kind
+    text = f"[objects.b]\nshape = '{shape}'\nmaterial = 'grey'\n{UNIT[kind]}\n"
+    turned = "rotate = { axis = [1, 2, 3], deg = 40 }\n" if where.startswith("scale") else ""
+    if good:
+        assert len(build(read(text + turned + where.format(scale))).bodies) == 2
+        return
+    with pytest.raises(InputError, match=rf"scale: a {shape} keeps its form"):
+        read(text + turned + where.format(scale))
+
+
+def test_a_stretched_disk_and_cylinder_are_as_large_as_they_say(read: Read) -> None:
+    build = pytest.importorskip("twinlens.rendering.build").build
+    text = "[objects.{0}]\nshape = '{0}'\nmaterial = 'grey'\nscale = {1}\n"
+    scene = read(text.format("disk", "[3, 0.5, 1]") + text.format("cylinder", "[2, 2, 5]"))
+    disk, cylinder = (body.shape.bbox() for body in build(scene).bodies[1:])
+    np.testing.assert_allclose(disk.extents(), [6, 1, 0], atol=1e-5)
+    np.testing.assert_allclose(cylinder.extents(), [4, 4, 5], atol=1e-5)
+
+
+def test_a_sheared_cylinder_is_refused(read: Read) -> None:
+    rows = "matrix = [[1, 0, 0.5, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
+    with pytest.raises(InputError, match="a cylinder keeps its form"):
+        read(f"[objects.b]\nshape = 'cylinder'\nmaterial = 'grey'\n{rows}")
 
 
 def test_a_sharp_edge_stays_sharp_and_a_round_side_smooth(tmp_path: Path) -> None:

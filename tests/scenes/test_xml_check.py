@@ -41,7 +41,7 @@ def test_a_harmless_file_passes_and_its_files_are_listed(tmp_path: Path) -> None
 EVIL = [
     ('<shape type="../../evil"/>', "unknown shape type '../../evil'"),
     ('<shape type="/tmp/evil"/>', "unknown shape type"),
-    ('<shape type="$kind"/>', "unknown shape type"),
+    ('<shape type="$kind"/>', "type='$kind': write the type itself"),
     ("<shape/>", "unknown shape type"),
     ('<bsdf type="difuse"/>', "unknown bsdf type 'difuse'; did you mean 'diffuse'"),
     ('<bsdf type="diffuse"><texture type="../x"/></bsdf>', "scene.bsdf.texture: unknown texture type"),
@@ -50,7 +50,14 @@ EVIL = [
     ('<plugin type="x"/>', "unknown element 'plugin'"),
     ('<shape type="obj"><string name="filename" value="../m.obj"/></shape>', "leads outside the scene's folder"),
     ('<shape type="obj"><string name="filename" value="/etc/passwd"/></shape>', "must be a file name relative"),
-    ('<shape type="obj"><string name="filename" value="$f"/></shape>', "cannot be checked through $ parameters"),
+    ('<shape type="obj"><string name="filename" value="$f"/></shape>', "only numbers may come from $"),
+    ('<string name="$n" value="secret"/>', "scene.string: name='$n': write the name itself"),
+    ('<bsdf type="diffuse" id="$n"/>', "write the id itself"),
+    ('<bsdf type="diffuse"><ref id="$n"/></bsdf>', "write the id itself"),
+    ('<float name="a$n" value="1"/>', "write the name itself"),
+    ('<default name="m" value="$n"/>', "write the value itself"),
+    ('<emitter type="constant"><spectrum name="radiance" value="$n"/></emitter>', "write the value itself"),
+    ('<emitter type="constant"><spectrum name="radiance" filename="$n"/></emitter>', "write the filename itself"),
     ('<shape type="obj"><string name="filename" value="missing.obj"/></shape>', "no file 'missing.obj'"),
     ('<default name="f" value="../../x"/>', "looks like a file's name"),
     ('<bsdf type="conductor"><string name="material" value="../../x"/></bsdf>', "unknown conductor"),
@@ -75,6 +82,58 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "l.ply").symlink_to("/etc/hostname")
     with pytest.raises(InputError, match="leads outside"):
         check(tmp_path, '<scene><shape type="ply"><string name="filename" value="l.ply"/></shape></scene>')
+
+
+@pytest.mark.parametrize(
+    "sly",
+    [
+        '<default name="n" value="filename"/><shape type="ply"><string name="$n" value="secret"/></shape>',
+        '<default name="n" value="name"/><shape type="ply"><string name="file$n" value="secret"/></shape>',
+        '<shape type="ply"><string name="filename" value="secret"/></shape>',
+        '<bsdf type="measured"><string name="material_name" value="secret"/></bsdf>',
+        '<default name="n" value="secret"/>',
+    ],
+)
+def test_no_name_of_a_link_out_of_the_folder_slips_through(tmp_path: Path, sly: str) -> None:
+    (tmp_path / "secret").symlink_to("/etc/hostname")
+    with pytest.raises(InputError, match=r"leads outside|only numbers may come from \$"):
+        check(tmp_path, f"<scene>{sly}</scene>")
+
+
+def test_an_environment_map_must_be_the_picture_it_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"t\.png: cannot be read as a \.png picture"):
+        check(tmp_path, '<scene><emitter type="envmap"><string name="filename" value="deep/t.png"/></emitter></scene>')
+
+
+def test_a_dollar_in_the_root_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="scene: version="):
+        check(tmp_path, '<scene version="$v"/>')
+
+
+@pytest.mark.parametrize(
+    "number",
+    [
+        '<float name="a" value="$n"/>',
+        '<point name="a" x="$n" y="0" z="$n"/>',
+        '<rgb name="a" value="$n, $n, 0"/>',
+        '<transform name="to_world"><rotate z="1" angle="$n"/><lookat origin="$n, 0, 0" target="0, 1, 0"/></transform>',
+    ],
+)
+def test_numbers_may_come_from_parameters(tmp_path: Path, number: str) -> None:
+    assert check(tmp_path, f'<scene><default name="n" value="3"/>{number}</scene>') == []
+
+
+def test_files_are_looked_for_where_mitsuba_does_when_the_scene_is_a_link(tmp_path: Path) -> None:
+    """Beside the linked file, not beside the link."""
+    home, here = tmp_path / "home", tmp_path / "here"
+    home.mkdir()
+    here.mkdir()
+    (home / "s.xml").write_text('<scene><shape type="ply"><string name="filename" value="m.ply"/></shape></scene>')
+    (home / "m.ply").symlink_to("/etc/hostname")
+    (here / "s.xml").symlink_to(home / "s.xml")
+    (here / "m.ply").write_text("harmless")
+    with pytest.raises(InputError, match="leads outside"):
+        checked_xml(here / "s.xml")
 
 
 @pytest.mark.parametrize(

@@ -59,8 +59,20 @@ def test_depth_range_is_the_clipping_range(tmp_path: Path) -> None:
         )
     )
     assert scene.depth_range == (0.5, 7.0)
+    assert scene.depth_range_known
     assert scene.xml == (tmp_path / "s.xml").resolve()
     assert scene.name == "s"
+
+
+@pytest.mark.parametrize("clip", ["", '<float name="near_clip" value="1"/>', '<float name="farClip" value="7"/>'])
+def test_a_depth_range_that_nobody_gave_is_not_known(tmp_path: Path, clip: str) -> None:
+    scene = load_scene(write(tmp_path, clip))
+    assert not scene.depth_range_known
+    assert not scene.at(np.eye(4)).depth_range_known
+
+
+def test_a_scene_toml_knows_its_depth_range() -> None:
+    assert load_scene("cards").depth_range_known
 
 
 BAD = [

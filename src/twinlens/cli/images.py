@@ -1,4 +1,4 @@
-"""Reading the files that users name: any image Pillow knows, disparity maps as PFM or 16-bit PNG."""
+"""Reading the files that users name: images of the usual kinds, disparity maps as PFM or 16-bit PNG."""
 
 from pathlib import Path
 from typing import Any
@@ -9,15 +9,17 @@ from numpy.typing import NDArray
 from twinlens.dataset import read_pfm, read_png
 from twinlens.errors import FileError
 
+_FORMATS = ["PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM"]  # all of Pillow's would include PostScript, run by Ghostscript
+
 
 def read_image(path: Path) -> NDArray[Any]:
-    """A uint8 or uint16 image, (H, W) or (H, W, 3). Raises FileError."""
+    """A uint8 or uint16 image, (H, W) or (H, W, 3): PNG, JPEG, TIFF, BMP, WebP or PPM. Raises FileError."""
     if path.suffix.lower() == ".png":
         return read_png(path)
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with Image.open(path) as image:
+        with Image.open(path, formats=_FORMATS) as image:
             return np.asarray(image.convert("L" if image.mode == "L" else "RGB"))
     except FileNotFoundError:
         raise FileError(f"{path}: no such file") from None

@@ -1,7 +1,9 @@
 """Files that a scene names: found below the scene's own folder and nowhere else, and read into arrays.
 
 A scene file from a stranger must not make twinlens open other files of the machine, so absolute paths, ``..`` and
-symbolic links that lead out of the folder are refused before anything is opened.
+symbolic links that lead out of the folder are refused before anything is opened. A file is only ever read as the kind
+that its suffix promises: libraries that look at the content instead would hand a renamed file to any of their readers
+(Pillow gives PostScript to Ghostscript).
 """
 
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -15,6 +17,9 @@ from twinlens.scenes.colors import linear_from_srgb
 from twinlens.scenes.table import At, show, text
 
 _MOST_PIXELS = 1 << 27
+_MOST_CHANNELS = 64
+_PILLOW_FORMATS = {".png": ["PNG"], ".jpg": ["JPEG"], ".jpeg": ["JPEG"]}
+_LEAST_SKY = (3, 2)  # rows and columns, Mitsuba's own limit
 
 
 def asset(at: At, value: Any) -> Path:
@@ -52,12 +57,25 @@ def read_picture(path: Path, raw: bool = False) -> NDArray[np.float32]:
     return linear_from_srgb(pixels) if encoded and not raw else pixels
 
 
+def sky_picture(at: At, value: Any) -> Path:
+    """The path of an environment map that Mitsuba may read: a whole picture of a known kind, of a sensible size."""
+    path = asset(at, value)
+    size = read_picture(path).shape[:2]
+    if size[0] < _LEAST_SKY[0] or size[1] < _LEAST_SKY[1]:
+        raise FileError(f"{path}: an environment map needs 2x3 pixels or more, got {size[1]}x{size[0]}")
+    return path
+
+
+def _check_size(path: Path, width: int, height: int) -> None:
+    if not (width > 0 and height > 0 and width * height <= _MOST_PIXELS):
+        raise FileError(f"{path}: a picture has 1 to {_MOST_PIXELS} pixels, this one says {width}x{height}")
+
+
 def _read_8bit(path: Path) -> tuple[NDArray[np.float32], bool]:
     from PIL import Image
 
-    with Image.open(path) as image:
-        if image.width * image.height > _MOST_PIXELS:
-            raise FileError(f"{path}: {image.width}x{image.height} is more than {_MOST_PIXELS} pixels")
+    with Image.open(path, formats=_PILLOW_FORMATS[path.suffix.lower()]) as image:
+        _check_size(path, image.width, image.height)
         if image.mode.startswith("I"):
             grey = np.asarray(image, dtype=np.float32) / np.float32(65535)
             return np.repeat(grey[..., None], 3, axis=2), True
@@ -67,12 +85,29 @@ def _read_8bit(path: Path) -> tuple[NDArray[np.float32], bool]:
 def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
     import OpenEXR
 
+    _check_exr(path)
     with OpenEXR.File(str(path), separate_channels=True) as file:
         channels = {name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
     names = "RGB" if {"R", "G", "B"} <= channels.keys() else "YYY"
     if not set(names) <= channels.keys():
         raise FileError(f"{path}: needs the channels R, G, B or Y, it has {', '.join(sorted(channels))}")
     return np.ascontiguousarray(np.stack([channels[name] for name in names], axis=-1)), False
+
+
+def _check_exr(path: Path) -> None:
+    """Refuse from the header alone what would fill the memory: OpenEXR reads every part and channel of a file."""
+    import OpenEXR
+
+    with OpenEXR.File(str(path), header_only=True) as file:
+        if len(file.parts) != 1:
+            raise FileError(f"{path}: needs one part, it has {len(file.parts)}")
+        header = dict(file.header())  # closing the file empties its own
+    if header["type"] not in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
+        raise FileError(f"{path}: deep pictures are not read; flatten it")
+    if len(header["channels"]) > _MOST_CHANNELS:
+        raise FileError(f"{path}: {len(header['channels'])} channels are more than {_MOST_CHANNELS}")
+    (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
+    _check_size(path, right - left + 1, bottom - top + 1)
 
 
 def _read_hdr(path: Path) -> tuple[NDArray[np.float32], bool]:
@@ -84,8 +119,9 @@ def _read_hdr(path: Path) -> tuple[NDArray[np.float32], bool]:
     if not data.startswith(b"#?") or len(words) != 4 or (words[0], words[2]) != (b"-Y", b"+X"):
         raise FileError(f"{path}: not a Radiance picture in the usual -Y +X order")
     height, width = int(words[1]), int(words[3])
-    if not 0 < height * width <= _MOST_PIXELS or b"FORMAT=32-bit_rle_rgbe" not in head:
-        raise FileError(f"{path}: needs FORMAT=32-bit_rle_rgbe and a sensible size, got {width}x{height}")
+    _check_size(path, width, height)
+    if b"FORMAT=32-bit_rle_rgbe" not in head:
+        raise FileError(f"{path}: needs FORMAT=32-bit_rle_rgbe")
     rgbe = _unpack_rgbe(np.frombuffer(body, dtype=np.uint8), height, width)
     scale = np.where(rgbe[..., 3:] > 0, np.exp2(rgbe[..., 3:].astype(np.float32) - 136), 0)
     return (rgbe[..., :3] * scale).astype(np.float32), False

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.errors import FileError
+from twinlens.errors import FileError, InputError
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.assets import asset
@@ -32,6 +32,8 @@ from twinlens.scenes.table import (
 _LENGTH = number(above=0.0)
 _SIDES = whole(3, 4096)
 _MOST_FACES = 20_000_000
+_LARGEST_MESH_FILE = 2 << 30
+_ROUND = {"sphere": 3, "cylinder": 2}  # how many of a shape's own axes, from the first, must be scaled alike
 MESH_FILES = {".ply", ".obj", ".glb", ".stl"}
 
 
@@ -172,7 +174,10 @@ def _named_shape(table: Table[Any]) -> Mesh | Plugin:
         if key not in given:
             raise table.at.wrong(f"a {kind} needs the key {key!r}")
     _check_body(table.at, kind, given)
-    return body.make(**given)
+    try:
+        return body.make(**given)
+    except InputError as error:
+        raise table.at.wrong(str(error)) from error
 
 
 def _check_body(at: At, kind: str, given: Mapping[str, Any]) -> None:
@@ -196,14 +201,26 @@ def _check_body(at: At, kind: str, given: Mapping[str, Any]) -> None:
 
 
 def _check_scale(at: At, shape: Mesh | Plugin, pose: Float) -> None:
-    """Mitsuba's round shapes stay round: it would warn on a terminal and draw something else."""
-    if isinstance(shape, Mesh) or shape["type"] not in ("sphere", "cylinder", "disk"):
+    """Mitsuba's round shapes stay round: it would warn on a terminal and draw something else.
+
+    A sphere must be scaled evenly; a cylinder across its axis, which is z where `p0` and `p1` do not turn it; a disk
+    may become an ellipse.
+    """
+    if isinstance(shape, Mesh) or shape["type"] not in _ROUND:
         return
+    kind = shape["type"]
+    alike = 3 if _turned_cylinder(shape) else _ROUND[kind]
     gram = pose[:3, :3].T @ pose[:3, :3]
-    if np.abs(gram - np.eye(3) * gram[0, 0]).max() > 1e-6 * gram.max():
-        raise (at / "scale").wrong(
-            f"a {shape['type']} keeps its form; scale it evenly, or use a mesh (uv_sphere, lathe)"
-        )
+    skew = np.abs(gram - np.diag(np.diag(gram))).max()
+    if skew + np.ptp(np.diag(gram)[:alike]) > 1e-6 * gram.max():
+        along = ", or along its z axis alone" if kind == "cylinder" and alike == 2 else ""
+        raise (at / "scale").wrong(f"a {kind} keeps its form; scale it evenly{along}, or use a mesh (uv_sphere, lathe)")
+
+
+def _turned_cylinder(shape: Plugin) -> bool:
+    """Whether `p0` and `p1` lay a cylinder's axis off z; each has Mitsuba's default where it is not given."""
+    axis = np.subtract(shape.get("p1", (0.0, 0.0, 1.0)), shape.get("p0", (0.0, 0.0, 0.0)))
+    return bool(np.abs(axis[:2]).max() > 1e-9 * np.abs(axis).max())
 
 
 def _tiled(table: Table[Any], shape: Mesh | Plugin) -> Mesh | Plugin:
@@ -227,18 +244,40 @@ def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
     """All triangles of a .ply, .obj, .glb or .stl file as one mesh. Materials in the file, and files it names, are not
     read.
 
-    Raises FileError when the file is damaged, of another kind, or holds no finite triangle.
+    Raises FileError when the file is damaged, too large, of another kind, or holds no finite triangle.
     """
-    import trimesh
-
     if path.suffix.lower() not in MESH_FILES:
         raise FileError(f"{path}: meshes may be {', '.join(sorted(MESH_FILES))}, got {path.suffix!r}")
     try:
-        with path.open("rb") as stream:  # a stream has no folder: nothing next to the file can be named by it
-            loaded = trimesh.load_scene(stream, file_type=path.suffix[1:].lower(), process=False)
-        made = loaded.to_mesh()
+        return _read_mesh(path, crease_deg)
+    except FileError:
+        raise
     except Exception as error:  # trimesh raises what it likes on damaged files; all of it is this file's fault
-        raise FileError(f"{path}: cannot be read as a {path.suffix} mesh ({error})") from error
+        reason = " ".join(str(error).split())
+        raise FileError(f"{path}: cannot be read as a {path.suffix} mesh ({reason})") from error
+
+
+def _read_mesh(path: Path, crease_deg: float) -> Mesh:
+    import trimesh
+
+    if path.stat().st_size > _LARGEST_MESH_FILE:
+        raise FileError(f"{path}: a mesh file has at most {_LARGEST_MESH_FILE >> 20} MiB")
+    with path.open("rb") as stream:  # a stream has no folder: nothing next to the file can be named by it
+        loaded = trimesh.load_scene(stream, file_type=path.suffix[1:].lower(), process=False)
+    _check_parts(path, loaded)
+    made = loaded.to_mesh()
     if not len(made.faces) or not np.isfinite(made.vertices).all():
         raise FileError(f"{path}: holds no triangles with finite corners")
     return shapes.from_trimesh(made, crease_deg)
+
+
+def _check_parts(path: Path, loaded: Any) -> None:
+    """Before the parts of a file are joined: one may be placed many times, and a joined one borrows others' corners."""
+    for part in loaded.geometry.values():
+        faces = getattr(part, "faces", ())
+        if len(faces) and not 0 <= np.min(faces) <= np.max(faces) < len(part.vertices):
+            raise FileError(f"{path}: a face names a corner that is not among the {len(part.vertices)} there are")
+    placed = (loaded.geometry[loaded.graph[node][1]] for node in loaded.graph.nodes_geometry)
+    count = sum(len(getattr(part, "faces", ())) for part in placed)
+    if count > _MOST_FACES:
+        raise FileError(f"{path}: {count} triangles are more than {_MOST_FACES}; simplify the mesh")

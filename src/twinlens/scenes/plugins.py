@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.scenes.assets import asset
+from twinlens.scenes.assets import sky_picture
 from twinlens.scenes.colors import color
 from twinlens.scenes.paint import texture
 from twinlens.scenes.placement import KEYS, placement, rotation
@@ -164,7 +164,7 @@ EMITTERS: dict[str, dict[str, Parser[Any]]] = {
     },
     "directional": {**_WEIGHT, "direction": vector(3), "irradiance": RADIANCE},
     "constant": {**_WEIGHT, "radiance": RADIANCE},
-    "envmap": {**_WEIGHT, "filename": asset, "scale": number(0.0)},
+    "envmap": {**_WEIGHT, "filename": sky_picture, "scale": number(0.0)},
     "sunsky": {
         **_WEIGHT,
         "turbidity": number(1.0, 10.0),

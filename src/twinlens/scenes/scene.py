@@ -47,13 +47,52 @@ class Bitmap:
 class Mesh:
     """Triangles: vertices float64 (V, 3) in object coordinates, faces uint32 (F, 3), uv float64 (V, 2) or None.
 
-    `normals` float64 (V, 3) smooth the shading; None leaves the faces flat.
+    `normals` float64 (V, 3) smooth the shading; None leaves the faces flat. Raises InputError when an array has another
+    shape, holds a value that is not finite, or a face names a vertex that is not there.
     """
 
     vertices: Float
     faces: NDArray[np.uint32]
     normals: Float | None = None
     uv: Float | None = None
+
+    def __post_init__(self) -> None:
+        vertices = _rows("vertices", self.vertices, 3)
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", _checked_faces(self.faces, len(vertices)))
+        for name, width in (("normals", 3), ("uv", 2)):
+            given = getattr(self, name)
+            if given is None:
+                continue
+            rows = _rows(name, given, width)
+            if len(rows) != len(vertices):
+                raise InputError(f"a mesh needs one row of {name} a vertex: {len(vertices)}, got {len(rows)}")
+            object.__setattr__(self, name, rows)
+
+
+def _rows(name: str, values: ArrayLike, width: int) -> Float:
+    """A finite float64 (N, width)."""
+    try:
+        rows = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"a mesh's {name} must be numbers (N, {width}): {error}") from error
+    if rows.ndim != 2 or rows.shape[1] != width:
+        raise InputError(f"a mesh's {name} must have the shape (N, {width}), got {rows.shape}")
+    if not np.isfinite(rows).all():
+        raise InputError(f"a mesh's {name} must be finite; row {int((~np.isfinite(rows)).any(axis=1).argmax())} is not")
+    return rows
+
+
+def _checked_faces(values: ArrayLike, vertices: int) -> NDArray[np.uint32]:
+    """Triangles (F, 3) whose corners are all among the vertices."""
+    faces = np.asarray(values)
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+        raise InputError(f"a mesh's faces must be integers (F, 3), got {faces.dtype} {faces.shape}")
+    if faces.size and not 0 <= faces.min() <= faces.max() < vertices:
+        raise InputError(
+            f"a mesh's faces must name vertices 0 to {vertices - 1}, got {int(faces.min())} to {int(faces.max())}"
+        )
+    return faces.astype(np.uint32, copy=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +119,10 @@ class Scene:
 
     `lights` are emitters that are no object (environment maps, point lights, the sun). `world_from_left` is the pose of
     the left camera (4x4), `fov_x_deg` the horizontal field of view and `baseline` (metres) the stereo base it was
-    composed for, `depth_range` the (near, far) depths in metres seen from there. `xml` names a checked Mitsuba file
-    instead of objects, materials and lights. `files` are the files it was read from, for the record.
+    composed for, `depth_range` the (near, far) depths in metres seen from there. Where `depth_range_known` is false
+    nobody said them: the range is a renderer's default, and no focus or disparity range should be drawn from it. `xml`
+    names a checked Mitsuba file instead of objects, materials and lights. `files` are the files it was read from, for
+    the record.
     """
 
     name: str
@@ -96,6 +137,7 @@ class Scene:
     description: str = ""
     xml: Path | None = None
     files: tuple[Path, ...] = ()
+    depth_range_known: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "world_from_left", check_rigid(self.world_from_left, "world_from_left"))

@@ -1,7 +1,8 @@
 """Whether a Mitsuba .xml is only a scene: nothing in it may run code or open a file outside its folder.
 
 Mitsuba opens a shared library for a plugin type it does not know, follows ``include`` and ``path``, and reads whatever
-file a string names. So the file is read here first, by a parser that refuses document types and entities, and every
+file a string names; and it puts a ``$`` parameter into any attribute, so that what is read here would not be what it
+sees. So the file is read here first, by a parser that refuses document types and entities, and every
 element, every plugin type and every file name must be one of those known here.
 """
 
@@ -12,7 +13,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from twinlens.errors import FileError
-from twinlens.scenes.assets import asset
+from twinlens.scenes.assets import asset, sky_picture
 from twinlens.scenes.plugins import AREA_EMITTERS, BSDFS, CONDUCTORS, EMITTERS, INTEGRATORS, SHAPES
 from twinlens.scenes.table import At, Source
 
@@ -33,6 +34,8 @@ PLUGINS: dict[str, set[str]] = {
 }
 VALUES = {"boolean", "integer", "float", "string", "rgb", "vector", "point", "ref", "alias", "default"}
 TRANSFORMS = {"transform", "translate", "rotate", "scale", "lookat", "matrix"}
+_NUMERIC_TAGS = {"boolean", "integer", "float", "rgb", "vector", "point", *TRANSFORMS}
+_NUMERIC_ATTRIBUTES = {"value", "x", "y", "z", "angle", "origin", "target", "up"}
 _LARGEST_FILE = 64 << 20
 _DEEPEST = 200
 _FILE_PARAMETER = re.compile(r"file|path", re.IGNORECASE)
@@ -42,10 +45,11 @@ _LOOKS_LIKE_PATH = re.compile(r"[/\\]|^\.|\.[A-Za-z]\w{1,7}$")
 
 def checked_xml(path: Path) -> tuple[ElementTree.Element, list[Path]]:
     """The root element of a harmless Mitsuba file, and the files it names; InputError naming what is refused."""
-    at = At(Source(path))
+    at = At(Source(path.resolve()))  # Mitsuba looks for files beside the file itself, not beside a link to it
     root = _parse(path)
     if root.tag != "scene":
         raise at.wrong(f"a Mitsuba file begins with <scene>, got <{root.tag}>")
+    _check_parameters(at / "scene", root)
     _check_children(at / "scene", root, 0)
     return root, list(dict.fromkeys(at.source.assets))
 
@@ -89,12 +93,16 @@ def _check_element(at: At, element: ElementTree.Element) -> None:
     tag = element.tag
     if tag not in PLUGINS.keys() | VALUES | TRANSFORMS:
         raise at.unknown("element", tag, PLUGINS.keys() | VALUES | TRANSFORMS)
+    _check_parameters(at, element)
     kind = element.get("type")
     if tag in PLUGINS and not (tag == "spectrum" and kind is None):
         if kind not in PLUGINS[tag]:
             raise at.unknown(f"{tag} type", str(kind), PLUGINS[tag])
     elif kind is not None:
         raise at.wrong(f"<{tag}> takes no type")
+    if tag == "emitter" and kind == "envmap":
+        for file in element.iterfind("string[@name='filename']"):
+            sky_picture(at / "string", file.get("value", ""))
     if tag == "default":
         _no_path(at, element.get("value", ""))
     if tag == "spectrum":
@@ -105,9 +113,14 @@ def _check_element(at: At, element: ElementTree.Element) -> None:
         _check_string(at, element.get("name", ""), element.get("value", ""))
 
 
+def _check_parameters(at: At, element: ElementTree.Element) -> None:
+    """``$`` may stand for numbers alone: in a name, a type or a string it would hide what Mitsuba makes of it."""
+    for name, value in element.attrib.items():
+        if "$" in value and not (element.tag in _NUMERIC_TAGS and name in _NUMERIC_ATTRIBUTES):
+            raise at.wrong(f"{name}={value!r}: write the {name} itself; only numbers may come from $ parameters")
+
+
 def _check_string(at: At, name: str, value: str) -> None:
-    if "$" in value:
-        raise at.wrong(f"{name!r} is {value!r}: write the value itself, a scene cannot be checked through $ parameters")
     if _FILE_PARAMETER.search(name):
         _check_file(at, value)
     elif name == "material" and value not in CONDUCTORS:
@@ -119,11 +132,11 @@ def _check_string(at: At, name: str, value: str) -> None:
 def _check_file(at: At, value: str | None) -> None:
     if value is None:
         return
-    if "$" in value:
-        raise at.wrong(f"{value!r}: write the file's name itself, not a $ parameter")
     asset(at, value)
 
 
 def _no_path(at: At, value: str) -> None:
     if _LOOKS_LIKE_PATH.search(value):
         raise at.wrong(f"{value!r} looks like a file's name where none belongs")
+    if 0 < len(value.encode()) < 256 and (at.source.folder / value).is_symlink():
+        asset(at, value)  # whatever reads it after all must find it below the folder

@@ -1,7 +1,8 @@
 """A Mitsuba .xml, checked, becomes a `Scene` whose defaults come from the file's first sensor.
 
 Only the sensor is understood here; the render room hands the checked file to Mitsuba as it is. `depth_range` is the
-sensor's near_clip and far_clip (Mitsuba's defaults are 0.01 and 10000 m) and says no more than that.
+sensor's near_clip and far_clip. Where one of them is not given, Mitsuba's default (0.01 and 10000 m) stands for it,
+which says nothing about the scene: `depth_range_known` is false then.
 """
 
 import math
@@ -36,6 +37,7 @@ def read_scene_xml(path: Path) -> Scene:
         world_from_left=_pose(path, sensor),
         fov_x_deg=_fov_x_deg(path, sensor),
         depth_range=(_number(path, sensor, "near_clip", 1e-2), _number(path, sensor, "far_clip", 1e4)),
+        depth_range_known=all(_parameter(sensor, name) is not None for name in ("near_clip", "far_clip")),
         description=f"the Mitsuba scene {path.name}",
         xml=path.resolve(),
         files=(path, *assets),
@@ -64,9 +66,13 @@ def _value(sensor: Element, *names: str) -> str | None:
     return None
 
 
-def _number(path: Path, sensor: Element, name: str, default: float) -> float:
+def _parameter(sensor: Element, name: str) -> str | None:
     first, *rest = name.split("_")
-    text = _value(sensor, name, first + "".join(map(str.capitalize, rest)))
+    return _value(sensor, name, first + "".join(map(str.capitalize, rest)))
+
+
+def _number(path: Path, sensor: Element, name: str, default: float) -> float:
+    text = _parameter(sensor, name)
     return default if text is None else _floats(path, text, 1)[0]
 
 
