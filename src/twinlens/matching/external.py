@@ -79,6 +79,8 @@ class OpenCVBlock:
     def __post_init__(self) -> None:
         if check_block_size("block_size", self.block_size) < 5:
             raise InputError(f"block_size is {self.block_size}; OpenCV's StereoBM needs 5 or more")
+        whole("texture", self.texture, 0)
+        whole("uniqueness", self.uniqueness, 0)
         whole("num_disparities", self.num_disparities, 1)
         whole("min_disparity", self.min_disparity)
 
@@ -113,6 +115,7 @@ class OpenCVSemiGlobal:
 
     def __post_init__(self) -> None:
         check_block_size("block_size", self.block_size)
+        whole("uniqueness", self.uniqueness, 0)
         whole("num_disparities", self.num_disparities, 1)
         whole("min_disparity", self.min_disparity)
         if self.mode not in MODES:

@@ -99,7 +99,12 @@ class StereoMatcher:
         self._check_combination()
 
     def _check_amounts(self) -> None:
-        for name in ("contrast", "speckle_range", "texture", "uniqueness", "lr_check", "p1", "p2"):
+        for name in ("texture", "uniqueness"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, 0.0)
+        for name in ("contrast", "speckle_range", "texture", "uniqueness"):
+            amount(name, getattr(self, name))
+        for name in ("lr_check", "p1", "p2"):
             if getattr(self, name) is not None:
                 amount(name, getattr(self, name))
         for name in ("gamma_similar", "gamma_near", "epsilon"):

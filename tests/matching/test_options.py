@@ -1,0 +1,28 @@
+import pytest
+
+from twinlens.errors import InputError
+from twinlens.matching import parse_method
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sad:contrast=none",
+        "sad:speckle_range=none",
+        "sad:uniqueness=abc",
+        "sad:uniqueness=100",
+        "sad:lr_check=-1",
+        "opencv_bm:texture=-1",
+        "opencv_bm:uniqueness=abc",
+        "opencv_sgbm:uniqueness=1.5",
+        "program:command=x,timeout_s=nan",
+    ],
+)
+def test_options_that_cannot_be_are_refused_in_a_line(text):
+    with pytest.raises(InputError) as refusal:
+        parse_method(text)
+    assert "\n" not in str(refusal.value)
+
+
+def test_none_is_off():
+    assert parse_method("sad:uniqueness=none,texture=none").matcher() == parse_method("sad").matcher()
