@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
+import twinlens
 from twinlens.camera import Camera, Pinhole, Rig, ThinLens
 from twinlens.dataset import Dataset, Sample, Shot, motorcycle, write_sample
 from twinlens.errors import FileError, InputError
@@ -90,6 +91,26 @@ def test_a_named_method_finds_a_shift():
     right = np.random.default_rng(1).integers(0, 255, (30, 60), np.uint8)
     found = NamedMethod("sad:block_size=5")(np.roll(right, 6, axis=1), right, ndisp=16)
     assert np.median(found[5:-5, 20:-5]) == pytest.approx(6, abs=0.01)
+
+
+def test_a_dataset_with_negative_disparities_is_searched_and_scored_there(tmp_path):
+    """As by a rig whose principal points differ: here all of it lies at -5 px."""
+    rig = Rig.stereo(Camera(60, 30, 100.0, 100.0, 29.5, 14.5), baseline=0.1)
+    right = np.random.default_rng(1).integers(0, 255, (30, 60, 3), np.uint8)
+    views = [truth(np.full((30, 60), -5, np.float32), np.full((30, 60), 2.0)) for _ in range(2)]
+    write_sample(
+        tmp_path / "n", Sample(rig, (Shot(Pinhole(), (np.roll(right, -5, axis=1), right)),), tuple(views), ndisp=8)
+    )
+    pairs = DatasetPairs(Dataset(tmp_path))
+    assert pairs[0].search == {"ndisp": 13, "min_disparity": -5}
+    entry = run_benchmark(pairs, [NamedMethod("sad:block_size=5")]).entries[0]
+    assert entry.regions["all"]["A50"] == pytest.approx(0, abs=0.01)
+
+
+def test_another_version_is_another_method(monkeypatch):
+    before = NamedMethod("sad").spec
+    monkeypatch.setattr(twinlens, "__version__", "9.9")
+    assert NamedMethod("sad").spec != before
 
 
 def test_an_unknown_method_is_refused_by_name():
