@@ -1,5 +1,6 @@
 """Winner-take-all with a fixed square window: prepares memory for the kernel and shares the rows between threads."""
 
+import functools
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -116,11 +117,15 @@ class BoxMatch:
         self.left = extended(left, rows, (-radius, width + radius))
         self.right = extended(right, rows, (-radius - last, width + radius - self.low))[:, ::-1].copy()
         self.rows = strip_rows(left.dtype, height, self.threads)
-        self.left_stats = self._stats(self.left, 0, 0)
         mirrored = extended(right[:, ::-1], rows, (-radius, width + radius))
-        self.right_stats = self._stats(mirrored, max(-self.low, 0), max(last, 0))
+        self.right_stats = self._stats(mirrored, max(-self.low, 0), max(last, 0), SCALES[self.cost.scoring])
 
-    def _stats(self, padded: Image, before: int, after: int) -> tuple[Image, Image]:
+    @functools.cached_property
+    def left_stats(self) -> tuple[Image, Image]:
+        """Window sums and scales of the left image."""
+        return self._stats(self.left, 0, 0, SCALES[self.cost.scoring])
+
+    def _stats(self, padded: Image, before: int, after: int, mode: int) -> tuple[Image, Image]:
         """Window sums and scales (H, before + W + after), zero outside the image; empty where no score needs them."""
         if self.cost.scoring == "sum":
             return np.zeros((1, 1), self.sums), np.zeros((1, 1), self.scores)
@@ -128,12 +133,12 @@ class BoxMatch:
 
         integers = padded.dtype.kind != "f"
         shape = (self.shape[0], before + self.shape[1] + after)
-        totals, scales = np.zeros(shape, self.sums), np.zeros(shape, self.scores)
+        totals, scales = np.zeros(shape, self.sums), np.zeros(shape if mode else (1, 1), self.scores)
         # Sums of 8-bit squares fit 32 bits, and float64 what is made of them; 16-bit ones need all of 64.
         small = padded.dtype == np.uint8 and self.side < 180
         kind = (np.int32 if small else np.int64) if integers else np.float64
         area = np.float64(self.side**2) if small or not integers else np.int64(self.side**2)
-        mode, flat, border = SCALES[self.cost.scoring], 0.0 if integers else FLAT, self.side - 1
+        flat, border = 0.0 if integers else FLAT, self.side - 1
 
         def work(y0: int, y1: int) -> None:
             columns = np.zeros((3, padded.shape[1]), kind)
@@ -155,11 +160,17 @@ class BoxMatch:
         """
         best = np.full(self.shape, largest(self.scores), self.scores)
         disparity = np.full(self.shape, np.inf, np.float32)
-        short = (
-            self.cost.scoring == "zncc" and not costs and self.left.dtype.kind == "u" if self.low < self.high else False
-        )
-        self._search(best, disparity, fit, WINNERS, "zncc_of_right" if short else self.cost.scoring)
+        if self.low < self.high:
+            self._search(best, disparity, fit, WINNERS, self.cost.scoring if costs else self._short)
         return Winners(disparity, best)
+
+    @property
+    def _short(self) -> str:
+        """The scoring with which whole numbers find the winners soonest."""
+        if self.cost.scoring != "zncc" or self.left.dtype.kind == "f":
+            return self.cost.scoring
+        fits = self._term == "product8" and self.side**2 * 255 < 1 << 15
+        return "zncc_of_weighted" if fits else "zncc_of_right"
 
     def rivals(self, disparity: Disparity) -> NDArray[Any]:
         """The lowest cost among candidates at least two away from the winner; the largest number where none is."""
@@ -174,11 +185,14 @@ class BoxMatch:
 
         kernel = slide_kernel(self._term, scoring, self.passes.n, mode)
         unused = np.zeros(1, np.float32), (0, 0, 0), np.zeros(3, np.float32)
+        # Products of the left image times the window's area come at the price of products.
+        left = self.left.astype(np.int16) * np.int16(self.side**2) if scoring == "zncc_of_weighted" else self.left
+        stats = self.left_stats if scoring == self.cost.scoring else self._stats(self.left, 0, 0, 0)
 
         def work(y0: int, y1: int) -> None:
             maps = best[y0:y1], disparity[y0:y1]
             for index in range(self.passes.count):
-                kernel(*self._arguments(y0, y1, index), FITS[fit], *self._scratch(), *maps, *unused)
+                kernel(*self._arguments(left, stats, y0, y1, index), FITS[fit], *self._scratch(), *maps, *unused)
 
         in_strips(work, self.shape[0], self.rows, self.threads)
 
@@ -197,7 +211,7 @@ class BoxMatch:
         values = np.array([gain, offset, 0 if blank is None else blank], kind)
         for index in range(self.passes.count):
             target = self.depth, self.passes.first(index), int(blank is not None)
-            arguments = self._arguments(y0, y0 + len(volume), index)
+            arguments = self._arguments(self.left, self.left_stats, y0, y0 + len(volume), index)
             kernel(*arguments, 0, *self._scratch(), *maps, volume.reshape(-1), target, values)
 
     @property
@@ -210,15 +224,15 @@ class BoxMatch:
         columns = aligned_zeros((self.left.shape[1] + self.side) * self.passes.n, self.sums)
         return columns, np.zeros(2 * self.right.shape[1], np.uint8), aligned_zeros(self.passes.n, self.scores)
 
-    def _arguments(self, y0: int, y1: int, index: int) -> tuple[Any, ...]:
+    def _arguments(self, left: Image, left_stats: tuple[Image, Image], y0: int, y1: int, index: int) -> tuple[Any, ...]:
         """What the kernel reads in one pass over one strip; see `kernels.slide.winner_kernel`."""
         radius, width = self.side // 2, self.shape[1]
         first = self.low + self.passes.first(index)
         rows = slice(y0, y1 + 2 * radius)
         right_start = width - 1 + 2 * radius + first - self.low
-        stats = self.right_stats[0].shape[1]
-        layout = (self.left.shape[1], self.right.shape[1], right_start, stats, width - 1 + first + max(-self.low, 0))
+        stride = self.right_stats[0].shape[1]
+        layout = (self.left.shape[1], self.right.shape[1], right_start, stride, width - 1 + first + max(-self.low, 0))
         spans = (radius, self.side**2, first, self.low - first, self.high - first, *self.passes.own(index))
-        lefts = tuple(array[y0:y1].ravel() for array in self.left_stats)
+        lefts = tuple(array[y0:y1].ravel() for array in left_stats)
         rights = tuple(array[y0:y1].ravel() for array in self.right_stats)
-        return self.left[rows].ravel(), self.right[rows].ravel(), layout, lefts, rights, spans
+        return left[rows].ravel(), self.right[rows].ravel(), layout, lefts, rights, spans

@@ -212,13 +212,15 @@ def dot_pairs(_typing: Any, pairs: Any, factors: Any) -> Any:
     def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         wide = context.get_value_type(result)
         both = builder.bitcast(_splat(builder, args[1], n), args[0].type)
-        undefined = ir.Constant(args[0].type, ir.Undefined)
-        products = []
-        for offset in (0, 1):
-            places = ir.Constant(ir.VectorType(INT32, n), list(range(offset, 2 * n, 2)))
-            halves = [builder.sext(builder.shuffle_vector(v, undefined, places), wide) for v in (args[0], both)]
-            products.append(builder.mul(*halves))
-        return builder.add(*products)
+        full = ir.VectorType(INT32, 2 * n)
+        product = builder.mul(builder.sext(args[0], full), builder.sext(both, full))
+        undefined = ir.Constant(full, ir.Undefined)
+        places = [ir.Constant(ir.VectorType(INT32, n), list(range(first, 2 * n, 2))) for first in (0, 1)]
+        halves = [builder.shuffle_vector(product, undefined, place) for place in places]
+        # LLVM would add the halves to what follows one by one and miss its match. The one fence it has is for floats.
+        fenced = ir.VectorType(ir.FloatType(), n)
+        total = builder.bitcast(builder.add(*halves), fenced)
+        return builder.bitcast(_call(builder, f"llvm.arithmetic.fence.v{n}f32", fenced, [total]), wide)
 
     return result(pairs, types.int32), generate
 

@@ -86,9 +86,13 @@ def _interleave(kind: Any, right: Any, pairs: Any, entering: Any, leaving: Any) 
         return None
 
     def weave(kind, right, pairs, entering, leaving):
-        for i in range(len(pairs) // 2):
-            pairs[2 * i] = right[entering + i]
-            pairs[2 * i + 1] = right[leaving + i] if leaving >= 0 else 0
+        words = pairs.view(np.uint16)
+        new, old = right[entering : entering + len(words)], right[leaving : leaving + len(words)]
+        for i in range(len(words)):
+            words[i] = new[i]
+        if leaving >= 0:
+            for i in range(len(words)):
+                words[i] |= np.uint16(old[i]) << np.uint16(8)
 
     return weave if kind.literal_value == "product8" else nothing
 
@@ -121,6 +125,11 @@ def _score(kind: Any, window: Any, area: Any, lefts: Any, pixel: Any, rights: An
         covariance = splat(lefts[0][pixel], window) * load(rights[0], at, n)
         return convert(covariance - convert(splat(area, window), window) * window, like) * load(rights[1], at, n)
 
+    def zncc_of_weighted(kind, window, area, lefts, pixel, rights, at, like):
+        # The left image came with the area in it.
+        covariance = splat(lefts[0][pixel], window) * load(rights[0], at, n) - window
+        return convert(covariance, like) * load(rights[1], at, n)
+
     def ncc(kind, window, area, lefts, pixel, rights, at, like):
         return convert(window, like) * (load(rights[1], at, n) * splat(-lefts[1][pixel], like))
 
@@ -133,9 +142,8 @@ def _score(kind: Any, window: Any, area: Any, lefts: Any, pixel: Any, rights: An
         union = splat(lefts[1][pixel], like) + load(rights[1], at, n) + sad
         return (sad + sad) / larger(union, splat(tiny(like), like))
 
-    return {"sum": total, "zncc": zncc, "zncc_of_right": zncc_of_right, "ncc": ncc, "zssd": zssd, "jaccard": jaccard}[
-        kind.literal_value
-    ]
+    scorings = zncc, zncc_of_right, zncc_of_weighted, ncc, zssd, jaccard
+    return {"sum": total, **{function.__name__: function for function in scorings}}[kind.literal_value]
 
 
 def tiny(like: Any) -> Any:

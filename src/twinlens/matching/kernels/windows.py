@@ -27,39 +27,45 @@ def scale(mode, flat, area, totals, squares, scales):
 
 @jit
 def window_stats(image, radius, mode, flat, area, columns, offset, totals, scales):
-    """Fill totals and scales, (H, offset + W or more), from column `offset` on.
+    """Fill totals and scales, (H, offset + W or more), from column `offset` on; without a mode, totals alone.
 
     image (H + 2 r, W + 2 r) is padded; area is (2 r + 1)^2 in the type that scales are computed in; columns is a
     zeroed scratch (3, W + 2 r) in the dtype the sums are kept in.
     """
     side = 2 * radius + 1
     height, width = image.shape[0] - 2 * radius, image.shape[1] - 2 * radius
+    squared = mode != TOTAL and mode != NO_SCALE
     sums, squares, spare = columns[0], columns[1], columns[2]
     for y in range(1 - side, height):
         new = image[y + side - 1]
         for x in range(width + 2 * radius):
-            value = columns.dtype.type(new[x])
-            sums[x] += value
-            squares[x] += value * value
+            sums[x] += columns.dtype.type(new[x])
+        if squared:
+            for x in range(width + 2 * radius):
+                value = columns.dtype.type(new[x])
+                squares[x] += value * value
         if y > 0:
             old = image[y - 1]
             for x in range(width + 2 * radius):
-                value = columns.dtype.type(old[x])
-                sums[x] -= value
-                squares[x] -= value * value
+                sums[x] -= columns.dtype.type(old[x])
+            if squared:
+                for x in range(width + 2 * radius):
+                    value = columns.dtype.type(old[x])
+                    squares[x] -= value * value
         if y < 0:
             continue
-        total, square = columns.dtype.type(0), columns.dtype.type(0)
-        for x in range(2 * radius):
-            total += sums[x]
-            square += squares[x]
-        for x in range(width):
-            total += sums[x + 2 * radius]
-            square += squares[x + 2 * radius]
-            totals[y, offset + x] = total
-            spare[x] = square
-            scales[y, offset + x] = total
-            total -= sums[x]
-            square -= squares[x]
-        if mode != TOTAL:
-            scale(mode, flat, area, totals[y, offset : offset + width], spare, scales[y, offset : offset + width])
+        # Added up anew at every pixel, not slid: that has no chain, and goes through many pixels at once.
+        total, square = totals[y, offset : offset + width], spare[:width]
+        total[:] = 0
+        for k in range(side):
+            for x in range(width):
+                total[x] += totals.dtype.type(sums[x + k])
+        if mode == TOTAL:
+            for x in range(width):
+                scales[y, offset + x] = total[x]
+        if squared:
+            square[:] = 0
+            for k in range(side):
+                for x in range(width):
+                    square[x] += squares[x + k]
+            scale(mode, flat, area, total, square, scales[y, offset : offset + width])
