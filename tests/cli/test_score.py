@@ -6,7 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from twinlens.cli.boards import run_board
 from twinlens.dataset import write_pfm
+from twinlens.scoring import Pair, open_submission
 
 
 @pytest.fixture
@@ -43,6 +45,16 @@ def test_a_perfect_map_of_negative_disparities_is_perfect(twinlens, maps, extra,
     write_pfm(maps / "n.pfm", np.full((4, 5), -4.5, np.float32))
     _, out, _ = twinlens("score", maps / "n.pfm", "--truth", maps / "n.pfm", "--json", *extra)
     assert json.loads(out)["regions"]["all"]["totbad2.0"] == totbad
+
+
+def test_a_map_of_before_is_not_shown_beside_a_failure(maps):
+    image, gt = np.zeros((4, 5), np.uint8), np.full((4, 5), 3, np.float32)
+    pairs, folder = [Pair("s", image, image, gt, None, 8)], maps / "mine"
+    kept = maps / "board" / "maps" / "s" / "mine.pfm"
+    for shape in ((4, 5), (4, 6)):
+        write_pfm(folder / "s.pfm", np.full(shape, 3, np.float32))
+        board = run_board(pairs, [open_submission(folder)], maps / "board", ["middlebury-v3"], ["all"])
+        assert board.entries[0].ok == kept.exists() == (shape == gt.shape)
 
 
 @pytest.mark.parametrize(("protocol", "avgerr"), [("middlebury-v3", None), ("eth3d", "inf")])

@@ -71,7 +71,7 @@ def run_board(
 
         board = run_benchmark(
             pairs, methods, protocol=protocols, regions=regions, progress=tell, time_limit=time_limit,
-            save=output / "board.json", on_map=maps.keep, title=title,
+            save=output / "board.json", on_map=maps.keep, on_drop=maps.drop, title=title,
         )  # fmt: skip
     write_page(output / "index.html", board, pairs, maps)
     return board
