@@ -83,6 +83,15 @@ def test_an_xml_that_names_a_plugin_path(refuses, tmp_path):
     refuses("../../evil", "render", scene, "-o", tmp_path / "o")
 
 
+def test_a_lens_must_say_its_focus_where_the_scene_does_not_say_its_depths(refuses, tmp_path):
+    scene = tmp_path / "scene.xml"
+    scene.write_text(
+        '<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/></sensor>'
+        '<shape type="sphere"/></scene>'
+    )
+    refuses("where to focus", "render", scene, "--lens", "thin:20", "-o", tmp_path / "o")
+
+
 def test_a_sample_that_is_there_already(refuses, tmp_path):
     (tmp_path / "o" / "cards").mkdir(parents=True)
     refuses("--overwrite", "render", "cards", "-o", tmp_path / "o")

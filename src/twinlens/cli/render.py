@@ -60,8 +60,8 @@ def command(
     for name in scenes:
         scene = load_scene(name)
         rig = default_rig(scene, width, height, fov, baseline)
-        focus, film = middle_focus(scene.depth_range), rig.cameras[0].film_distance
-        jobs.append((scene, rig, tuple(parse_lens(text, focus, film) for text in lenses)))
+        focus = middle_focus(scene.depth_range) if scene.depth_range_known else None
+        jobs.append((scene, rig, tuple(parse_lens(text, focus, rig.cameras[0].film_distance) for text in lenses)))
     _check_names([scene.name for scene, _, _ in jobs], output, overwrite)
     options = {"spp": spp, "seed": seed, "keep_radiance": radiance, "sensor": Sensor.preset(sensor)}
     rows = [_one(job, output, options, overwrite) for job in jobs]

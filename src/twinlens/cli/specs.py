@@ -23,8 +23,8 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def parse_lens(text: str, focus: float, film_distance: float) -> Lens:
-    """The lens that `text` names, by the grammar of LENS_HELP; `focus` (m) where it names none.
+def parse_lens(text: str, focus: float | None, film_distance: float) -> Lens:
+    """The lens that `text` names, by the grammar of LENS_HELP; `focus` (m) where it names none, None: it must.
 
     >>> parse_lens("thin:20@1.5", focus=2.0, film_distance=0.004)
     ThinLens(aperture_diameter=0.02, focus_distance=1.5, aperture=Disk())
@@ -33,10 +33,13 @@ def parse_lens(text: str, focus: float, film_distance: float) -> Lens:
     amount, at, place = rest.partition("@")
     if text == "pinhole":
         return Pinhole()
-    if kind == "thin":
-        return ThinLens(1e-3 * _number(amount, text), _number(place, text) if at else focus)
-    if kind == "f":
-        return ThinLens.from_f_number(_number(amount, text), _number(place, text) if at else focus, film_distance)
+    if kind in ("thin", "f") and amount:
+        if not at and focus is None:
+            raise InputError(f"--lens {text!r}: this scene does not say its depths; say where to focus, as {text}@2.5")
+        distance = _number(place, text) if at else float(focus or math.inf)
+        if kind == "thin":
+            return ThinLens(1e-3 * _number(amount, text), distance)
+        return ThinLens.from_f_number(_number(amount, text), distance, film_distance)
     if kind == "hole" and at:
         return BareAperture(1e-3 * _number(amount, text), 1e-3 * _number(place, text))
     raise InputError(f"--lens {text!r} is not one of {LENS_HELP.split(';')[0]}")

@@ -44,12 +44,14 @@ def search(task: Search, left: Image, right: Image) -> Chosen:
     if task.support.halo(task.side) == 0 and task.cost.in_lanes:
         boxes = _boxes(task, left, right, task.side, low, high)
         if task.paths:
-            return _semiglobal(task, left, boxes)
+            return _semiglobal(task, left, right, boxes)
         if len(boxes) == 1:
             return _fastest(task, boxes[0])
     costs = _costs(task, left, right, low, high)
     gather = _gatherer(task, costs, Scene(*levels(left, right), task.side, low, task.settings), low)
-    return _smoothed(task, left, gather, costs, low, high) if task.paths else _local(task, left, gather, low, high)
+    return (
+        _smoothed(task, left, right, gather, costs, low, high) if task.paths else _local(task, left, gather, low, high)
+    )
 
 
 def _described(task: Search, image: Image) -> list[Image]:
@@ -129,12 +131,15 @@ def _local(task: Search, left: Image, gather: Callable[[int, int], Volume], low:
     return chosen
 
 
-def _span(left: Image) -> float:
-    return float(np.iinfo(left.dtype).max) if left.dtype.kind == "u" else max(float(np.ptp(left)), 1e-12)
+def _span(left: Image, right: Image) -> float:
+    """The largest difference that two pixels of the pair can have; 1 where all are equal."""
+    if left.dtype.kind == "u":
+        return float(np.iinfo(left.dtype).max)
+    return float(max(left.max(), right.max())) - float(min(left.min(), right.min())) or 1.0
 
 
-def _semiglobal(task: Search, left: Image, boxes: tuple[BoxMatch, ...]) -> Chosen:
-    full = largest_cost(task.cost, _span(left), task.side, task.descriptor**2 - 1)
+def _semiglobal(task: Search, left: Image, right: Image, boxes: tuple[BoxMatch, ...]) -> Chosen:
+    full = largest_cost(task.cost, _span(left, right), task.side, task.descriptor**2 - 1)
     gain, top = scaled(full, np.dtype(boxes[0].scores).kind != "f", task.penalties[1])
     penalties = _penalties(task, top)
     costs = quantised(boxes, gain, task.cost.offset * gain, penalties, task.threads)
@@ -142,11 +147,17 @@ def _semiglobal(task: Search, left: Image, boxes: tuple[BoxMatch, ...]) -> Chose
 
 
 def _smoothed(
-    task: Search, left: Image, gather: Callable[[int, int], Volume], costs: Costs, low: int, high: int
+    task: Search,
+    left: Image,
+    right: Image,
+    gather: Callable[[int, int], Volume],
+    costs: Costs,
+    low: int,
+    high: int,
 ) -> Chosen:
     """The same from gathered costs, whatever the support."""
     side = 1 if task.support.pixelwise else task.support.window(task.side)
-    full = largest_cost(task.cost, _span(left), side, task.descriptor**2 - 1) * task.support.parts
+    full = largest_cost(task.cost, _span(left, right), side, task.descriptor**2 - 1) * task.support.parts
     gain, top = scaled(full, False, task.penalties[1])
     penalties = _penalties(task, top)
     volume = np.full((*left.shape, -(-costs.count // LANES) * LANES), top, penalties.dtype)
