@@ -175,7 +175,7 @@ def test_the_scalar_backend_renders_lens_by_lens(room, tmp_path):
         assert z_squared(scalar[:, i], direct) < SAME
 
 
-@pytest.mark.parametrize("fall", [1.0, 1.5])
+@pytest.mark.parametrize("fall", [1.0, 1.25, 1.5])
 def test_rings_are_as_many_as_radii_and_give_each_lens_its_error(fall):
     """Six apertures one stop apart, in units of one sample's variance, two passes a ring: that of 64 direct samples."""
     lenses = [tl.ThinLens(0.1 / 2 ** (0.5 * stop), focus) for stop in range(6) for focus in (1.0, 2.0, 3.0, 4.0)]

@@ -11,9 +11,9 @@ from twinlens.rendering.backends import mitsuba
 FEWEST_PASSES = 2
 """A ring's standard error is read off the differences of its passes."""
 
-STRATIFIED_FALL = 1.5
-"""The variance of stratified samples falls as n^-1.5 where edges make it (Mitchell, Consequences of Stratified Sampling
-in Graphics, 1996), and between that and the n^-1 of independent ones elsewhere."""
+STRATIFIED_FALL = 1.25
+"""The variance of n stratified samples falls as n^-1.5 where edges make it (Mitchell, Consequences of Stratified
+Sampling in Graphics, 1996) and as n^-1 where noise in many dimensions does: midway."""
 
 
 @dataclass(frozen=True)
