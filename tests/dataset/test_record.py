@@ -99,7 +99,7 @@ def test_what_json_cannot_say_is_refused(value):
         ({"type": "ThinLens", "aperture_diameter": "wide", "focus_distance": 1}, "aperture_diameter"),
         ({"type": "ThinLens", "aperture_diameter": -1, "focus_distance": 1}, "aperture_diameter"),
         ({"type": "ThinLens", "aperture_diameter": 1, "focus_distance": 1, "aperture": "round"}, "aperture must be"),
-        ({"type": "Camera", "width": 1, "height": 1, "fx": 10**400, "fy": 1, "cx": 0, "cy": 0}, "Camera"),
+        ({"type": "Camera", "width": 1, "height": 1, "fx": 10**400, "fy": 1, "cx": 0, "cy": 0}, "camera fx"),
         ({"type": ["Pinhole"]}, "unknown type"),
         (7, "a lens must be"),
         (None, "a lens must be"),
