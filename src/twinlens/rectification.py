@@ -17,43 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from twinlens.camera import Camera, Rig, undistort_maps
+from twinlens.camera import ALIGNED, Camera, Misalignment, Rig, undistort_maps
 from twinlens.epipolar import check_pair, epipole_in_image, skew
-from twinlens.errors import InputError, check_number, unknown
+from twinlens.errors import InputError, unknown
 from twinlens.geometry import Float, rigid
 
 _WIDEST = math.tan(math.radians(85))  # a rectified plane holds what lies up to here from its axis
 _BORDER = 33  # points along each side of an image by which its outline is followed
 _BISECTIONS = 60
-
-
-@dataclass(frozen=True)
-class Misalignment:
-    """An error of calibration left in the second rectified camera on purpose.
-
-    vertical_px : its image is shifted down by this many pixels (cy is).
-    pitch_deg, yaw_deg, roll_deg : the camera is turned about its own x, then y, then z axis.
-    """
-
-    vertical_px: float = 0.0
-    pitch_deg: float = 0.0
-    yaw_deg: float = 0.0
-    roll_deg: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            check_number(name, value, "a finite number")
-
-    def applied(self, rig: Rig) -> Rig:
-        """The pair `rig` with its second camera so shifted and turned."""
-        first, second = rig.cameras
-        angles = (self.pitch_deg, self.yaw_deg, self.roll_deg)
-        turn = rigid(Rotation.from_euler("xyz", angles, degrees=True).as_matrix(), np.zeros(3))
-        poses = rig.world_from_cams[0], rig.world_from_cams[1] @ turn
-        return Rig((first, second.replace(cy=second.cy + self.vertical_px)), poses)
-
-
-ALIGNED = Misalignment()
 
 
 @dataclass(frozen=True, eq=False)

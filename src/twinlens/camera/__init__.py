@@ -5,9 +5,11 @@ from twinlens.camera.distortion import BrownConrady, Distortion, KannalaBrandt, 
 from twinlens.camera.film import film_image
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.lens import BareAperture, Lens, Pinhole, ThinLens, film_distance
+from twinlens.camera.misalignment import ALIGNED, Misalignment, misaligned
 from twinlens.camera.rig import Rig
 
 __all__ = [
+    "ALIGNED",
     "Annulus",
     "Aperture",
     "BareAperture",
@@ -18,11 +20,13 @@ __all__ = [
     "KannalaBrandt",
     "Lens",
     "MaskAperture",
+    "Misalignment",
     "Pinhole",
     "Polygon",
     "Rig",
     "ThinLens",
     "film_distance",
     "film_image",
+    "misaligned",
     "undistort_maps",
 ]

@@ -24,19 +24,27 @@ class Rig:
     cameras : sequence of Camera
     world_from_cams : sequence of (4, 4) arrays
         One rigid pose a camera.
+    believed : Rig or None
+        What its owner takes it for, where an error of calibration was left in on purpose (`camera.misaligned`): images
+        are taken by the rig as it is, and a sample's truth and calibration are those of the believed one.
 
     Raises InputError when the counts differ, there is none, or a pose is not rigid.
     """
 
     cameras: tuple[Camera, ...]
     world_from_cams: tuple[Float, ...]
+    believed: "Rig | None" = None
 
-    def __init__(self, cameras: Sequence[Camera], world_from_cams: Sequence[ArrayLike]) -> None:
+    def __init__(
+        self, cameras: Sequence[Camera], world_from_cams: Sequence[ArrayLike], believed: "Rig | None" = None
+    ) -> None:
         if len(cameras) != len(world_from_cams) or not cameras:
             raise InputError(
                 f"a rig needs one pose a camera, got {len(cameras)} cameras and {len(world_from_cams)} poses"
             )
         poses = tuple(check_rigid(pose, f"world_from_cams[{i}]") for i, pose in enumerate(world_from_cams))
+        _check_believed(believed, cameras)
+        object.__setattr__(self, "believed", believed)
         object.__setattr__(self, "cameras", tuple(cameras))
         object.__setattr__(self, "world_from_cams", poses)
 
@@ -92,3 +100,12 @@ class Rig:
         parallel = np.abs(left_from_right[:3, :3] - np.eye(3)).max() <= _ALIGNED
         far = max(np.abs(pose[:3, 3]).max() for pose in (self.world_from_cams[left], self.world_from_cams[right]))
         return bool(parallel and x > 0 and max(abs(y), abs(z)) <= _ALIGNED * x + _ROUNDING * far)
+
+
+def _check_believed(believed: object, cameras: Sequence[Camera]) -> None:
+    if believed is None:
+        return
+    if not isinstance(believed, Rig) or believed.believed is not None:
+        raise InputError("what a rig is believed to be is a plain Rig")
+    if [(c.width, c.height) for c in believed.cameras] != [(c.width, c.height) for c in cameras]:
+        raise InputError("a rig and what it is believed to be have as many cameras, with images of the same sizes")

@@ -122,7 +122,7 @@ class Scene:
     composed for, `depth_range` the (near, far) depths in metres seen from there. Where `depth_range_known` is false
     nobody said them: the range is a renderer's default, and no focus or disparity range should be drawn from it. `xml`
     names a checked Mitsuba file instead of objects, materials and lights. `files` are the files it was read from, for
-    the record.
+    the record. `rig` is the table of the cameras it was composed for (`scenes.rigs`); None is a rectified pair.
     """
 
     name: str
@@ -138,6 +138,7 @@ class Scene:
     xml: Path | None = None
     files: tuple[Path, ...] = ()
     depth_range_known: bool = True
+    rig: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "world_from_left", check_rigid(self.world_from_left, "world_from_left"))

@@ -9,10 +9,12 @@ from twinlens.scenes.objects import scene_object
 from twinlens.scenes.paint import read_textures
 from twinlens.scenes.placement import camera_pose
 from twinlens.scenes.plugins import bsdf, emitter, integrator
+from twinlens.scenes.rigs import rig_from_table
 from twinlens.scenes.scene import Scene
 from twinlens.scenes.table import At, Source, Table, listed, number, text
 
 _LARGEST_FILE = 16 << 20
+_ANY_SIZE = 64, 48  # pixels, of images that a rig is tried with when its scene is read
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -46,6 +48,7 @@ def read_scene_toml(path: Path, name: str) -> Scene:
     objects = table.take("objects", _named(scene_object))
     light_path = table.take("integrator", integrator, {"type": "path", "max_depth": 6})
     camera = table.take("camera", _camera)
+    rig = table.take("rig", lambda at, value: value, None)
     table.has("textures")
     table.done()
     for thing in objects.values():
@@ -55,7 +58,7 @@ def read_scene_toml(path: Path, name: str) -> Scene:
         raise at.wrong("nothing shines: add a light under [lights], or an emitter to an object")
     if sum(light["type"] in ("constant", "envmap", "sunsky") for light in lights.values()) > 1:
         raise (at / "lights").wrong("only one of constant, envmap and sunsky may surround a scene")
-    return Scene(
+    scene = Scene(
         name=name,
         objects=tuple(objects.values()),
         materials=materials,
@@ -63,8 +66,12 @@ def read_scene_toml(path: Path, name: str) -> Scene:
         integrator=light_path,
         description=description,
         files=(path, *dict.fromkeys(at.source.assets)),
+        rig=rig,
         **camera,
     )
+    if rig is not None:
+        rig_from_table(rig, scene, *_ANY_SIZE, at / "rig")
+    return scene
 
 
 def _named(read: Any) -> Any:

@@ -1,0 +1,137 @@
+"""The rig table: each layout stands as its function says, defaults are the scene's, and every mistake names its key."""
+
+import tomllib
+
+import numpy as np
+import pytest
+
+from twinlens import geometry
+from twinlens.camera import BrownConrady, Camera, KannalaBrandt, Misalignment, layouts
+from twinlens.errors import InputError
+from twinlens.scenes import Scene, rig_from_table
+
+POSE = geometry.look_at([1.0, -2.0, 1.5], [0.2, 3.0, 1.0])
+SCENE = Scene("stage", (), {}, POSE, (1.0, 3.0), fov_x_deg=40.0, baseline=0.25)
+
+
+def rig(text, width=64, height=48):
+    return rig_from_table(tomllib.loads(text), SCENE, width, height)
+
+
+def same(ours, theirs):
+    assert ours.cameras == theirs.cameras
+    for a, b in zip(ours.world_from_cams, theirs.world_from_cams, strict=True):
+        assert np.allclose(a, b, atol=1e-12)
+
+
+def test_an_empty_table_is_the_pair_that_the_scene_was_composed_for():
+    ours = rig("")
+    assert ours.is_rectified()
+    assert ours.baseline() == pytest.approx(0.25)
+    assert np.array_equal(ours.world_from_cams[0], POSE)
+    assert ours.cameras[1] == Camera.from_fov(64, 48, 40.0)
+
+
+CAMERA = Camera.from_fov(64, 48, 40.0)
+PLACED = {
+    'layout = "line"\ncount = 3\nspacing = 0.1': lambda: layouts.line(CAMERA, 3, 0.1, POSE),
+    'layout = "vertical"': lambda: layouts.grid(CAMERA, 2, 1, 0.25, 0.25, POSE),
+    'layout = "grid"\nrows = 2\ncolumns = 3\nspacing_y = 0.3': lambda: layouts.grid(CAMERA, 2, 3, 0.25, 0.3, POSE),
+    'layout = "arc"\ncount = 5\nradius = 2\nangle_deg = 60': lambda: layouts.arc(CAMERA, 5, 2.0, 60.0, POSE),
+    'layout = "arc"\ncount = 5\nangle_deg = 60': lambda: layouts.arc(CAMERA, 5, 1.5, 60.0, POSE),
+    'layout = "toed_in"\ndistance = 2\nbaseline = 0.3': lambda: layouts.toed_in(
+        CAMERA, 0.3, 2.0, POSE @ geometry.rigid(np.eye(3), [0.15, 0, 0])
+    ),
+    'layout = "line"\ncount = 2\nposition = [0, 0, 1]\nlook_at = [1, 1, 1]': lambda: layouts.line(
+        CAMERA, 2, 0.25, geometry.look_at([0, 0, 1], [1, 1, 1])
+    ),
+}
+
+
+@pytest.mark.parametrize("text", PLACED)
+def test_each_layout_stands_as_its_function_has_it(text):
+    same(rig(text), PLACED[text]())
+
+
+def test_cameras_of_their_own_stand_in_the_world_or_beside_the_rigs_pose():
+    world = geometry.look_at([0, 1, 2], [3, 3, 1])
+    rows = ", ".join(str(row) for row in world.tolist())
+    ours = rig(f"""
+        layout = "cameras"
+        cameras = [
+          {{}}, {{ translate = [0.1, 0.2, -0.3], euler_deg = [0, 90, 0] }},
+          {{ position = [0, 1, 2], look_at = [3, 3, 1] }}, {{ world_from_cam = [{rows}] }},
+        ]""")
+    assert np.array_equal(ours.world_from_cams[0], POSE)
+    step = geometry.inverse(POSE) @ ours.world_from_cams[1]
+    assert np.allclose(step[:3, 3], [0.1, 0.2, -0.3])
+    assert np.allclose(step[:3, 2], [1, 0, 0])  # turned from z to x
+    assert np.allclose(ours.world_from_cams[2], world)
+    assert np.allclose(ours.world_from_cams[3], world)
+
+
+def test_what_cameras_share_and_what_is_their_own():
+    ours = rig("""
+        fx = 70
+        cx = 30.5
+        distortion = { k1 = -0.1, p1 = 0.001 }
+        cameras = [
+          {}, { fov_x_deg = 90, width = 80, height = 60, distortion = { model = "kannala-brandt", k1 = 0.02 } }
+        ]""")
+    first, second = ours.cameras
+    assert (first.fx, first.fy, first.cx, first.cy) == (70, 70, 30.5, 23.5)
+    assert first.distortion == BrownConrady(k1=-0.1, p1=0.001)
+    assert (second.width, second.height, second.cx, second.cy) == (80, 60, 39.5, 29.5)
+    assert second.fx == pytest.approx(40)
+    assert second.distortion == KannalaBrandt(k1=0.02)
+
+
+def test_an_error_of_calibration_moves_the_second_camera_and_what_was_asked_for_is_believed():
+    ours = rig("misalignment = { vertical_px = 1.5, roll_deg = 0.2 }")
+    same(ours.believed, rig(""))
+    same(ours, Misalignment(1.5, roll_deg=0.2).applied(rig("")))
+    assert not ours.is_rectified()
+    all_of_them = rig('layout = "line"\ncount = 3\nmisalignment = [{ yaw_deg = 1 }, {}, { vertical_px = -2 }]')
+    assert all_of_them.cameras[2].cy == pytest.approx(21.5)
+    turned = geometry.inverse(all_of_them.believed.world_from_cams[0]) @ all_of_them.world_from_cams[0]
+    assert turned[0, 2] == pytest.approx(np.sin(np.radians(1)))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('layot = "line"', "did you mean 'layout'"),
+        ('layout = "arcs"', "did you mean 'arc'"),
+        ('layout = "arc"\ncount = 3', "angle_deg"),
+        ("cameras = [{}]", "2 cameras, got 1"),
+        ("cameras = [{}, { focal = 3 }]", r"cameras\[1\]: unknown key 'focal'"),
+        ("cameras = [{}, { translate = [1, 0, 0] }]", "unknown key 'translate'"),
+        ("fx = 3\nfov_x_deg = 40", "keep one"),
+        ("fy = 3", "needs 'fx'"),
+        ("baseline = 0", "baseline"),
+        ("baseline = nan", "finite"),
+        ("look_at = [0, 0, 0]", "look_at"),
+        ('layout = "grid"\nrows = 100\ncolumns = 100', "at most 1000"),
+        ("misalignment = { vertical = 1 }", "did you mean 'vertical_px'"),
+        ("misalignment = [{}]", "list of 2"),
+        ('layout = "line"\ncount = 1\nmisalignment = {}', "give a list"),
+        ('distortion = { model = "fisheye" }', "kannala-brandt"),
+        ('distortion = { model = "kannala-brandt", p1 = 1 }', "unknown key 'p1'"),
+        ("distortion = { k1 = -5.0 }", "folds"),
+        ('layout = "cameras"', "one table a camera"),
+        ('layout = "cameras"\ncameras = [{ translate = [1, 0, 0], position = [0, 0, 0] }]', "keep one"),
+        (
+            'layout = "cameras"\ncameras = [{ world_from_cam = [[1,0,0,0],[0,1,0,0],[0,0,2,0],[0,0,0,1]] }]',
+            "rotation",
+        ),
+    ],
+)
+def test_a_mistake_names_its_key_and_what_would_be_right(text, says):
+    with pytest.raises(InputError, match=says):
+        rig(text)
+
+
+def test_a_scene_that_does_not_say_its_depths_asks_for_the_distance():
+    vague = Scene("vague", (), {}, POSE, (0.1, 1e4), depth_range_known=False)
+    with pytest.raises(InputError, match="distance"):
+        rig_from_table({"layout": "toed_in"}, vague, 64, 48)
