@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 
 import twinlens as tl
+from twinlens.camera import Polygon
 from twinlens.dataset import sample_files
+from twinlens.errors import InputError
 from twinlens.factory import default_rig, make_sample
-from twinlens.sensor import Sensor
+from twinlens.sensor import Exposure, Mismatch, Sensor
 
 LENSES = (tl.Pinhole(), tl.Pinhole(), tl.ThinLens(0.04, 1.2))
 
@@ -66,3 +68,57 @@ def test_progress_rises_to_one(scene, sample):
     make_sample(scene, sample.rig, LENSES, spp=1, progress=seen.append)
     assert seen == sorted(seen)
     assert seen[-1] == pytest.approx(1.0)
+
+
+def mean_level(shot) -> float:
+    return float(np.mean(shot.images[0]))
+
+
+def test_under_one_exposure_a_smaller_aperture_is_darker(scene, sample):
+    """A quarter of the light at half the width; automatic exposures make it up."""
+    lenses = (tl.ThinLens(0.004, 1.2), tl.ThinLens(0.002, 1.2))
+    sensor = Sensor.preset("ideal", output="linear", bits=16)
+    camera = sample.rig.cameras[0].replace(pixel_pitch_um=100.0)
+    rig = tl.Rig.stereo(camera, scene.baseline, scene.world_from_left)
+    auto = make_sample(scene, rig, lenses, spp=64, sensor=sensor)
+    time = auto.shots[0].record["exposures"][0]["time_s"]
+    fixed = make_sample(scene, rig, lenses, spp=64, sensor=sensor, exposure=Exposure(time))
+    assert mean_level(fixed.shots[1]) / mean_level(fixed.shots[0]) == pytest.approx(0.25, rel=0.02)
+    assert mean_level(auto.shots[1]) / mean_level(auto.shots[0]) == pytest.approx(1.0, rel=0.02)
+
+
+def test_diffraction_blurs_what_the_lens_and_not_what_the_pinhole_sees(scene, sample):
+    lenses = (tl.Pinhole(), tl.ThinLens(1e-5, 1.2))
+    sensor = Sensor(wavelengths=(700e-9, 550e-9, 400e-9))
+    plain, blurred = (
+        make_sample(scene, sample.rig, lenses, spp=4, sensor=sensor, diffraction=on, keep_radiance=True)
+        for on in (False, True)
+    )
+    assert np.array_equal(plain.shots[0].radiances[1], blurred.shots[0].radiances[1])
+    for eye in (0, 1):
+        sharp, soft = plain.shots[1].radiances[eye], blurred.shots[1].radiances[eye]
+        assert soft.mean() == pytest.approx(sharp.mean(), rel=0.02)
+        detail = [
+            np.abs(np.diff(soft[..., c], axis=1)).mean() / np.abs(np.diff(sharp[..., c], axis=1)).mean() for c in (0, 2)
+        ]
+        assert detail[0] < detail[1] < 0.9  # longer waves spread further
+
+
+def test_the_eyes_differ_as_the_sensor_says(scene, sample):
+    sensor = Sensor(mismatch=Mismatch(gain=1.5))
+    eyes = make_sample(scene, sample.rig, LENSES[:1], spp=1, sensor=sensor).shots[0].record["exposures"]
+    assert eyes[1]["gain"] == pytest.approx(1.5 * eyes[0]["gain"])
+
+
+@pytest.mark.parametrize(
+    ("lenses", "options", "says"),
+    [
+        ([], {}, "one lens or more"),
+        (["pinhole"], {}, "a lens is a Pinhole"),
+        ([tl.ThinLens(0.01, 1.0, Polygon(6))], {"diffraction": True}, "disks only, got a polygon"),
+        ([tl.Pinhole()], {"exposure": 0.1}, "an Exposure or None"),
+    ],
+)
+def test_what_cannot_be_photographed_is_refused_before_the_first_picture(scene, sample, lenses, options, says):
+    with pytest.raises(InputError, match=says):
+        make_sample(scene, sample.rig, lenses, **options)

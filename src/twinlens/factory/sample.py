@@ -1,23 +1,28 @@
 """One sample from one scene: photographs through each lens, digital pictures of them, and the truth.
 
-scene, rig, lens k -> render -> radiance -> sensor -> Shot k --+
-scene, rig ---------> ground_truth ----------------> Truths ---+-> dataset.Sample
+scene, rig, lens k -> render -> radiance (-> diffract) -> sensor -> Shot k --+
+scene, rig ---------> ground_truth ------------------------------> Truths ---+-> dataset.Sample
 """
 
 import hashlib
 import zlib
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from twinlens.camera import Camera, Lens, Rig
+from twinlens.camera import Camera, Disk, Lens, Rig
 from twinlens.dataset import Sample, Shot
+from twinlens.diffraction import diffract
+from twinlens.errors import InputError, in_one_line
 from twinlens.rendering import SAMPLERS, backend, ground_truth, render
+from twinlens.rendering.radiance import check_lens
 from twinlens.scenes import Scene
-from twinlens.sensor import Sensor
+from twinlens.sensor import Exposure, Sensor
 
 _SHOT_STREAM = 2
 
@@ -38,24 +43,80 @@ def make_sample(
     spp: int = 64,
     seed: int = 0,
     sensor: Sensor | None = None,
+    exposure: Exposure | None = None,
+    diffraction: bool = False,
+    sky_disparity: bool = False,
     keep_radiance: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> Sample:
     """Photograph `scene` through every lens, expose the pictures, and cast the truth that they share.
 
-    Each lens has its own random stream, derived from `seed`, the scene's name and its place in the list, and its own
-    automatic exposure, shared by the eyes. The record says everything that is needed to make the sample again.
+    Each lens has its own random stream, derived from `seed`, the scene's name and its place in the list. The record
+    says everything that is needed to make the sample again: `remake`.
+
+    Parameters
+    ----------
+    sensor : Sensor, optional
+        `Sensor()` if not given. What the eyes have differently is its `mismatch`.
+    exposure : Exposure, optional
+        One for all lenses, so that a smaller aperture is darker. If not given, each lens has its own automatic one;
+        either is shared by the eyes.
+    diffraction : bool
+        Whether apertures of some width blur what falls on the film by their Airy pattern (`twinlens.diffraction`), at
+        the sensor's wavelengths. It is known for disks only.
+    sky_disparity : bool
+        As `ground_truth` takes it.
+    keep_radiance : bool
+        Whether the shots keep the linear pictures, as they fall on the film: diffracted where they are.
+
+    Raises InputError when diffraction is asked of an aperture that is no disk, and what rendering and sensor refuse.
     """
     sensor = sensor or Sensor()
+    _check(lenses, exposure, diffraction)
     shots = []
     for k, lens in enumerate(lenses):
         stream = _stream(scene, seed, k)
         report = None if progress is None else _part(progress, k, len(lenses))
         radiances = tuple(render(scene, rig, lens, spp, stream, sampler=SAMPLERS[0], progress=report))
-        photos = sensor.expose_rig(radiances, rig=rig, lens=lens, seed=stream)
+        if diffraction and lens.aperture_diameter > 0:
+            radiances = _diffracted(radiances, rig, lens, sensor)
+        photos = sensor.expose_rig(radiances, rig=rig, lens=lens, seed=stream, exposure=exposure)
         record = {"spp": spp, "seed": stream, "exposures": [photo.record for photo in photos]}
         shots.append(Shot(lens, tuple(photo.image for photo in photos), radiances if keep_radiance else None, record))
-    return Sample(rig, tuple(shots), tuple(ground_truth(scene, rig)), record=_record(scene, seed, spp))
+    request = {
+        "seed": seed,
+        "spp": spp,
+        "sensor": asdict(sensor),
+        "exposure": None if exposure is None else asdict(exposure),
+        "diffraction": diffraction,
+        "sky_disparity": sky_disparity,
+        "keep_radiance": keep_radiance,
+    }
+    truths = tuple(ground_truth(scene, rig, sky_disparity=sky_disparity))
+    return Sample(rig, tuple(shots), truths, record=_record(scene, request))
+
+
+def _check(lenses: Sequence[Lens], exposure: Exposure | None, diffraction: bool) -> None:
+    """Refuse before the first picture what only the last one would find out."""
+    if not lenses:
+        raise InputError("a sample needs one lens or more")
+    for lens in lenses:
+        check_lens(lens)
+    if not isinstance(exposure, Exposure | None):
+        raise InputError(f"exposure must be an Exposure or None (automatic), got {in_one_line(exposure)}")
+    for lens in lenses if diffraction else ():
+        if lens.aperture_diameter > 0 and not isinstance(lens.aperture, Disk):
+            raise InputError(
+                f"diffraction is known for disks only, got a {lens.aperture.name} aperture; do without one"
+            )
+
+
+def _diffracted(
+    radiances: tuple[NDArray[np.float32], ...], rig: Rig, lens: Lens, sensor: Sensor
+) -> tuple[NDArray[np.float32], ...]:
+    return tuple(
+        diffract(image, camera, lens, sensor.wavelengths) for image, camera in zip(radiances, rig.cameras, strict=True)
+    )
 
 
 def _stream(scene: Scene, seed: int, k: int) -> int:
@@ -64,17 +125,26 @@ def _stream(scene: Scene, seed: int, k: int) -> int:
     return int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1)[0])
 
 
-def _record(scene: Scene, seed: int, spp: int) -> dict[str, Any]:
+def _record(scene: Scene, request: dict[str, Any]) -> dict[str, Any]:
     return {
         "scene": scene.name,
-        "scene_files": {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in scene.files},
-        "seed": seed,
-        "spp": spp,
+        "scene_files": file_digests(scene),
+        **request,
         "sampler": SAMPLERS[0],
         "integrator": {key: value for key, value in scene.integrator.items() if isinstance(value, (str, int, float))},
         "backend": backend().variant,
         "llvm": Path(backend().library or "").name or None,
         "versions": {name: version(name) for name in ("twinlens", "mitsuba", "drjit", "numpy")},
+    }
+
+
+def file_digests(scene: Scene) -> dict[str, str]:
+    """SHA-256 of the files that the scene was read from, hexadecimal, by their names below the scene's own folder."""
+    home = scene.files[0].parent if scene.files else Path()
+    names = (path.relative_to(home) if path.is_relative_to(home) else Path(path.name) for path in scene.files)
+    return {
+        name.as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for name, path in zip(names, scene.files, strict=True)
     }
 
 

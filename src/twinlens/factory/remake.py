@@ -1,0 +1,86 @@
+"""A sample made again from its record alone."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any
+
+from twinlens.camera import Lens
+from twinlens.dataset import Sample
+from twinlens.dataset.record import lens_from_plain, rig_from_plain
+from twinlens.errors import InputError, unknown
+from twinlens.factory.sample import file_digests, make_sample
+from twinlens.scenes import Scene, load_scene
+from twinlens.sensor import Exposure, Mismatch, Sensor
+
+
+def remake(
+    record: Mapping[str, Any], scene: Scene | None = None, *, progress: Callable[[float], None] | None = None
+) -> Sample:
+    """The sample whose sample.json is `record` (`StoredSample.record`), made again: rendered, exposed and cast anew.
+
+    Its files are the same to the byte where backend and versions are those that the record names. A bundled scene is
+    found by its name; any other has to be given as `scene`, as `load_scene` reads it from its file.
+
+    Raises InputError for a scene that is another one than the record's, or that is not bundled and not given, and for a
+    record that `make_sample` did not write.
+    """
+    made = _part(record, "record", Mapping)
+    scene = _scene(made, scene)
+    return make_sample(
+        scene,
+        rig_from_plain(record.get("rig")),
+        _lenses(record),
+        spp=_part(made, "spp", int),
+        seed=_part(made, "seed", int),
+        sensor=sensor_from_record(_part(made, "sensor", Mapping)),
+        exposure=_exposure(made.get("exposure")),
+        diffraction=_part(made, "diffraction", bool),
+        sky_disparity=_part(made, "sky_disparity", bool),
+        keep_radiance=_part(made, "keep_radiance", bool),
+        progress=progress,
+    )
+
+
+def sensor_from_record(record: Mapping[str, Any]) -> Sensor:
+    """The sensor back from ``dataclasses.asdict(sensor)``, or from the JSON of it. Raises InputError."""
+    mismatch: Mismatch = _built(Mismatch, record.get("mismatch") or {})
+    sensor: Sensor = _built(Sensor, {**record, "mismatch": mismatch})
+    return sensor
+
+
+def _exposure(record: Any) -> Exposure | None:
+    return None if record is None else _built(Exposure, record)
+
+
+def _built(kind: type[Any], record: Any) -> Any:
+    """`kind` of the record's fields; a field that it lacks is refused."""
+    if not isinstance(record, Mapping):
+        raise InputError(f"the record of the {kind.__name__.lower()} must be an object")
+    known = [field.name for field in fields(kind)]
+    for name in record:
+        if name not in known:
+            raise unknown(f"field of {kind.__name__}", str(name), known)
+    return kind(**record)
+
+
+def _scene(made: Mapping[str, Any], given: Scene | None) -> Scene:
+    """The record's scene: the one given, or the bundled one of its name; of the very same files."""
+    name = _part(made, "scene", str)
+    try:
+        scene = given or load_scene(name)
+    except InputError as error:
+        raise InputError(f"scene {name!r} is not bundled; give it, as load_scene reads it from its file") from error
+    if (scene.name, file_digests(scene)) != (name, made.get("scene_files")):
+        raise InputError(f"scene {scene.name!r} is not the one that the record names: its files have changed")
+    return scene
+
+
+def _lenses(record: Mapping[str, Any]) -> list[Lens]:
+    return [lens_from_plain(shot.get("lens")) for shot in _part(record, "shots", list)]
+
+
+def _part(record: Mapping[str, Any], name: str, kind: Any) -> Any:
+    value = record.get(name)
+    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+        raise InputError(f"the record does not say {name!r}: it is not one that make_sample wrote")
+    return value

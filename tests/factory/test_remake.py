@@ -1,0 +1,117 @@
+"""A sample made again from nothing but its sample.json."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+
+import twinlens as tl
+from twinlens.camera import BrownConrady, MaskAperture, Polygon
+from twinlens.dataset import sample_files
+from twinlens.errors import InputError
+from twinlens.factory import default_rig, make_sample, remake
+from twinlens.factory.remake import sensor_from_record
+from twinlens.rendering import backend
+from twinlens.sensor import Exposure, Mismatch, Sensor
+
+CODE = np.random.default_rng(3).integers(0, 256, (5, 7), dtype=np.uint8)
+SHAPED = (
+    tl.Pinhole(),
+    tl.ThinLens(0.04, 1.2, Polygon(5, rotation_deg=10.0, roundness=0.25)),
+    tl.ThinLens(0.04, np.inf, MaskAperture(CODE)),
+    tl.BareAperture(0.002, 0.05),
+)
+SENSOR = Sensor.preset(
+    "phone", filters="rgb", bits=16, output="gamma", serial=4, mismatch=Mismatch(gain=1.1, time=1.05, black_level=2.0)
+)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return tl.load_scene("cards")
+
+
+@pytest.fixture(scope="module")
+def rig(scene):
+    left = (
+        default_rig(scene, 40, 30)
+        .cameras[0]
+        .replace(fy=45.0, cx=18.25, distortion=BrownConrady(k1=-0.1), pixel_pitch_um=1000.0)
+    )
+    return tl.Rig.stereo(left, 0.07, scene.world_from_left, right=left.replace(cx=21.0))
+
+
+def shaped(scene, rig):
+    """Everything that the scalar backend cannot do."""
+    if not backend().is_jit:
+        pytest.skip("the full camera law needs the LLVM or CUDA backend")
+    return make_sample(
+        scene, rig, SHAPED, spp=3, seed=11, sensor=SENSOR, exposure=Exposure(0.01, 2.0), sky_disparity=True,
+        keep_radiance=True,
+    )  # fmt: skip
+
+
+def diffracted(scene, rig):
+    lenses = (tl.Pinhole(), tl.ThinLens(2e-4, 1.2))
+    return make_sample(scene, default_rig(scene, 40, 30), lenses, spp=3, sensor=SENSOR, diffraction=True)
+
+
+@pytest.mark.parametrize("made", [shaped, diffracted])
+def test_the_record_alone_gives_the_same_bytes(made, scene, rig):
+    files = sample_files(made(scene, rig))
+    assert sample_files(remake(json.loads(files["sample.json"]))) == files
+
+
+@pytest.fixture(scope="module")
+def record(scene):
+    sample = make_sample(scene, default_rig(scene, 8, 6), [tl.ThinLens(0.01, 1.2)], spp=1)
+    return json.loads(sample_files(sample)["sample.json"])
+
+
+def test_a_scene_of_ones_own_has_to_be_given(scene, record, tmp_path):
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    for path in scene.files:
+        target = mine / path.relative_to(scene.files[0].parent)
+        target.parent.mkdir(exist_ok=True)
+        target.write_bytes(path.read_bytes())
+    made = make_sample(tl.load_scene(mine), default_rig(scene, 8, 6), [tl.Pinhole()], spp=1)
+    files = sample_files(made)
+    own = json.loads(files["sample.json"])
+    with pytest.raises(InputError, match="'mine' is not bundled; give it"):
+        remake(own)
+    assert sample_files(remake(own, tl.load_scene(mine))) == files
+    (mine / "scene.toml").write_text((mine / "scene.toml").read_text() + "\n")
+    with pytest.raises(InputError, match="files have changed"):
+        remake(own, tl.load_scene(mine))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda r: r.pop("record"), "does not say 'record'"),
+        (lambda r: r["record"].pop("spp"), "does not say 'spp'"),
+        (lambda r: r["record"].update(spp=True), "does not say 'spp'"),
+        (lambda r: r["record"].update(scene="card"), "'card' is not bundled"),
+        (lambda r: r["record"].update(scene="fence"), "not the one that the record names"),
+        (lambda r: r["record"]["sensor"].update(full_wel=3), "did you mean 'full_well'"),
+        (lambda r: r["record"]["sensor"].update(mismatch=3), "mismatch must be an object"),
+        (lambda r: r["record"].update(exposure=0.1), "exposure must be an object"),
+        (lambda r: r["record"].update(exposure={"time": 0}), "exposure time"),
+        (lambda r: r.update(rig=None), "a rig must read"),
+        (lambda r: r["shots"].append({}), "a lens must be"),
+    ],
+)
+def test_a_record_that_is_none_is_refused_in_one_line(record, change, says):
+    broken = copy.deepcopy(record)
+    change(broken)
+    with pytest.raises(InputError, match=says) as error:
+        remake(broken)
+    assert "\n" not in str(error.value)
+
+
+def test_a_sensor_comes_back_from_its_json():
+    from dataclasses import asdict
+
+    assert sensor_from_record(json.loads(json.dumps(asdict(SENSOR)))) == SENSOR
