@@ -20,6 +20,7 @@ from twinlens.dataset.manifest import Manifest, Row, checksums, read_manifest, r
 from twinlens.dataset.motorcycle import RealPair, motorcycle
 from twinlens.dataset.occlusion import mask_from_both, mask_from_one
 from twinlens.dataset.sample import Sample, Shot, sample_files, write_sample
+from twinlens.dataset.storage import Place, RemotePath, Where, is_whole, place
 from twinlens.dataset.stored import StoredSample, StoredShot
 from twinlens.dataset.truth_files import read_truth
 from twinlens.dataset.verify import verify_dataset, verify_sample
@@ -28,17 +29,22 @@ __all__ = [
     "Calibration",
     "Dataset",
     "Manifest",
+    "Place",
     "RealPair",
+    "RemotePath",
     "Row",
     "Sample",
     "Shot",
     "StoredSample",
     "StoredShot",
+    "Where",
     "arrays",
     "checksums",
+    "is_whole",
     "mask_from_both",
     "mask_from_one",
     "motorcycle",
+    "place",
     "read_calib",
     "read_exr",
     "read_manifest",

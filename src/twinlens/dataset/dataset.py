@@ -1,12 +1,11 @@
 """A dataset: the samples of a folder, in order. Read by plain Python, numpy, or a torch DataLoader; needs no torch."""
 
-import os
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import Any, Generic, TypeVar, overload
 
 from twinlens.dataset.files import is_hidden
 from twinlens.dataset.manifest import NAME, Manifest, read_manifest
+from twinlens.dataset.storage import Place, RemotePath, Where, is_whole, place
 from twinlens.dataset.stored import StoredSample
 from twinlens.errors import FileError, unknown
 
@@ -23,8 +22,8 @@ class Dataset(Sequence[StoredSample]):
     Raises FileError when there is no such folder, or no sample in it.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(path)
+    def __init__(self, path: Where) -> None:
+        self.path = place(path)
         if not self.path.is_dir():
             raise FileError(f"{self.path}: no such folder; a dataset is a folder of samples")
         self._samples = _listed(self.path) if (self.path / NAME).is_file() else _found(self.path)
@@ -99,13 +98,16 @@ def arrays(sample: StoredSample) -> dict[str, Any]:
     return {name: getattr(sample, name) for name in ("name", "im0", "im1", "disp0", "mask0_nonocc")}
 
 
-def _listed(path: Path) -> tuple[StoredSample, ...]:
+def _listed(path: Place) -> tuple[StoredSample, ...]:
     rows = read_manifest(path).rows
     return tuple(StoredSample(path / row.name, row.name, {"files": row.files, "info": row.info}) for row in rows)
 
 
-def _found(path: Path) -> tuple[StoredSample, ...]:
+def _found(path: Place) -> tuple[StoredSample, ...]:
     if (path / "im0.png").is_file():
         return (StoredSample(path, path.resolve().name),)
-    folders = sorted(entry for entry in path.iterdir() if not is_hidden(entry.name))
-    return tuple(StoredSample(folder, folder.name) for folder in folders if (folder / "im0.png").is_file())
+    folders = sorted((entry for entry in path.iterdir() if not is_hidden(entry.name)), key=str)
+    folders = [folder for folder in folders if (folder / "im0.png").is_file()]
+    if isinstance(path, RemotePath):  # where some have twinlens's mark, those without it are not whole
+        folders = [folder for folder in folders if is_whole(folder)] or folders
+    return tuple(StoredSample(folder, folder.name) for folder in folders)

@@ -1,7 +1,8 @@
-"""Bytes on the disk: read whole, written whole or not at all. Knows no format.
+"""Bytes on the disk or in a bucket: read whole, written whole or not at all. Knows no format.
 
 A file or a folder is made aside, under a dotted temporary name beside its place, flushed to the disk, and renamed: the
-one step that either happens or does not (POSIX rename). What fails on the way is removed and told as OutputError.
+one step that either happens or does not (POSIX rename). What fails on the way is removed and told as OutputError. In a
+bucket, where nothing can be renamed, a folder appears by its mark: see `twinlens.dataset.storage`.
 """
 
 import contextlib
@@ -12,6 +13,17 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 
+from twinlens.dataset.storage import (
+    MARK,
+    Place,
+    RemotePath,
+    Where,
+    place,
+    remove_objects,
+    removed_on_failure,
+    write_marked,
+    write_objects,
+)
 from twinlens.errors import FileError, InputError, OutputError
 
 _ASIDE = ".unfinished-"
@@ -29,19 +41,24 @@ _REMEDIES = {
 }
 
 
-def read_bytes(path: str | os.PathLike[str]) -> bytes:
+def read_bytes(path: Where) -> bytes:
     """The whole file, or FileError naming it."""
     try:
-        return Path(path).read_bytes()
+        return place(path).read_bytes()
     except FileNotFoundError:
         raise FileError(f"{path}: no such file") from None
+    except FileError:
+        raise
     except (OSError, ValueError) as error:
         raise FileError(f"{path}: cannot be read ({_reason(error)})") from None
 
 
-def write_file(path: str | os.PathLike[str], data: bytes) -> None:
+def write_file(path: Where, data: bytes) -> None:
     """`data` as the file `path`, replacing what was there: whole, or not at all and OutputError."""
-    path = Path(path)
+    path = place(path)
+    if isinstance(path, RemotePath):
+        path.write_bytes(data)
+        return
     with _told_as_output_error(path), _removed_on_failure(_aside(path)) as aside:
         path.parent.mkdir(parents=True, exist_ok=True)
         _write_and_flush(aside, data)
@@ -49,19 +66,26 @@ def write_file(path: str | os.PathLike[str], data: bytes) -> None:
         _flush_folder(path.parent)
 
 
-def write_folder(folder: str | os.PathLike[str], files: Mapping[str, bytes], overwrite: bool = False) -> None:
+def write_folder(folder: Where, files: Mapping[str, bytes], overwrite: bool = False) -> None:
     """A folder of `files` (relative name with / -> content): whole, or not at all and OutputError.
 
     A folder that is there already is refused, unless `overwrite`: then it is moved aside, replaced and removed.
     """
-    fill_folder(folder, files.items(), overwrite)
+    folder = place(folder)
+    if isinstance(folder, RemotePath) and MARK in files:
+        write_marked(folder, {_checked(name).as_posix(): data for name, data in files.items()}, overwrite)
+    else:
+        fill_folder(folder, files.items(), overwrite)
 
 
-def fill_folder(
-    folder: str | os.PathLike[str], files: Iterable[tuple[str, bytes]], overwrite: bool = False
-) -> list[str]:
-    """`write_folder` for files made one after the other, so that one at a time is in memory; their names."""
-    folder = Path(folder)
+def fill_folder(folder: Where, files: Iterable[tuple[str, bytes]], overwrite: bool = False) -> list[str]:
+    """`write_folder` for files made one after the other, so that one at a time is in memory; their names.
+
+    In a bucket an error removes what was written; a killed process leaves it.
+    """
+    folder = place(folder)
+    if isinstance(folder, RemotePath):
+        return _fill_remote(folder, files, overwrite)
     if not overwrite and os.path.lexists(folder):
         raise OutputError(f"{folder}: is there already; choose another name, or ask for it to be overwritten")
     with _told_as_output_error(folder), _removed_on_failure(_aside(folder)) as aside:
@@ -74,17 +98,45 @@ def fill_folder(
     return names
 
 
-def remove_unfinished(folder: str | os.PathLike[str]) -> list[str]:
-    """Remove what a killed process left half-written in `folder`; the names. Nobody else may be writing there."""
-    left = sorted(entry for entry in Path(folder).glob(f".*{_ASIDE}*") if _ASIDE in entry.name)
+def remove_unfinished(folder: Where) -> list[str]:
+    """Remove what a killed process left half-written in `folder`; the names. Nobody else may be writing there.
+
+    In a bucket there is nothing to remove: a sample without its mark is written over.
+    """
+    folder = place(folder)
+    if isinstance(folder, RemotePath):
+        return []
+    left = sorted(entry for entry in folder.glob(f".*{_ASIDE}*") if _ASIDE in entry.name)
     for entry in left:
         _remove(entry)
     return [entry.name for entry in left]
 
 
+def files_below(folder: Place) -> list[str]:
+    """The relative names, with /, of all files below `folder`, sorted."""
+    if isinstance(folder, RemotePath):
+        return folder.files()
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+
+
 def is_hidden(name: str) -> bool:
     """Whether an entry is none of a dataset's: dotted names, the half-written ones among them."""
     return name.startswith(".")
+
+
+def _fill_remote(folder: RemotePath, files: Iterable[tuple[str, bytes]], overwrite: bool) -> list[str]:
+    there = set(folder.files())
+    if there and not overwrite:
+        raise OutputError(f"{folder}: is there already; choose another name, or ask for it to be overwritten")
+    names: list[str] = []
+    with removed_on_failure(folder, names):
+        for name, data in files:
+            if name in names:
+                raise _same_name(name)
+            names.append(_checked(name).as_posix())
+            write_objects(folder, {names[-1]: data})
+    remove_objects(folder, sorted(there - set(names)))
+    return names
 
 
 def _fill(aside: Path, files: Iterable[tuple[str, bytes]]) -> list[str]:
@@ -93,7 +145,7 @@ def _fill(aside: Path, files: Iterable[tuple[str, bytes]]) -> list[str]:
     for name, data in files:
         target = aside / _checked(name)
         if target.exists():
-            raise InputError(f"two files would be named {name}; give the samples names that stay apart")
+            raise _same_name(name)
         target.parent.mkdir(parents=True, exist_ok=True)
         inside.add(target.parent)
         _write_and_flush(target, data)
@@ -101,6 +153,10 @@ def _fill(aside: Path, files: Iterable[tuple[str, bytes]]) -> list[str]:
     for each in inside:
         _flush_folder(each)
     return names
+
+
+def _same_name(name: str) -> InputError:
+    return InputError(f"two files would be named {name}; give the samples names that stay apart")
 
 
 def _checked(name: str) -> PurePosixPath:

@@ -1,15 +1,14 @@
 """dataset.json: what a dataset was made from, and the checksum of every file in it."""
 
 import hashlib
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import twinlens
-from twinlens.dataset.files import is_hidden, read_bytes, write_file
+from twinlens.dataset.files import files_below, is_hidden, read_bytes, write_file
 from twinlens.dataset.record import decode_json, encode_json, plain, relative_name
+from twinlens.dataset.storage import Where, place
 from twinlens.errors import FileError
 
 KIND, VERSION, NAME = "twinlens-dataset", 1, "dataset.json"
@@ -34,7 +33,7 @@ class Manifest:
     info: Mapping[str, Any] = field(default_factory=dict)
 
 
-def write_manifest(folder: str | os.PathLike[str], manifest: Manifest) -> None:
+def write_manifest(folder: Where, manifest: Manifest) -> None:
     """Write `folder`/dataset.json, whole or not at all. The same manifest gives the same bytes. Raises OutputError."""
     record = {
         "format": KIND,
@@ -45,12 +44,12 @@ def write_manifest(folder: str | os.PathLike[str], manifest: Manifest) -> None:
         "info": plain(manifest.info),
         "samples": [plain({"name": row.name, "files": row.files, "info": row.info}) for row in manifest.rows],
     }
-    write_file(Path(folder) / NAME, encode_json(record))
+    write_file(place(folder) / NAME, encode_json(record))
 
 
-def read_manifest(folder: str | os.PathLike[str]) -> Manifest:
+def read_manifest(folder: Where) -> Manifest:
     """The manifest in `folder`. Raises FileError naming the row that is not right."""
-    path = Path(folder) / NAME
+    path = place(folder) / NAME
     return decode_manifest(read_bytes(path), str(path))
 
 
@@ -70,19 +69,17 @@ def decode_manifest(data: bytes, path: str = NAME) -> Manifest:
     return Manifest(rows, recipe, seed, info)
 
 
-def row_of(dataset: str | os.PathLike[str], name: str, info: Mapping[str, Any] | None = None) -> Row:
+def row_of(dataset: Where, name: str, info: Mapping[str, Any] | None = None) -> Row:
     """The row of a sample that lies in `dataset`/`name`, its files hashed as they are now. Raises FileError."""
-    return Row(name, checksums(Path(dataset) / name), info or {})
+    return Row(name, checksums(place(dataset) / name), info or {})
 
 
-def checksums(folder: str | os.PathLike[str]) -> dict[str, str]:
+def checksums(folder: Where) -> dict[str, str]:
     """SHA-256 of every file below `folder`, relative name with / -> hexadecimal, in the order of the names."""
-    folder = Path(folder)
+    folder = place(folder)
     if not folder.is_dir():
         raise FileError(f"{folder}: no such folder")
-    files = (path for path in folder.rglob("*") if path.is_file())
-    names = sorted(path.relative_to(folder).as_posix() for path in files)
-    kept = [name for name in names if not any(is_hidden(part) for part in name.split("/"))]
+    kept = [name for name in files_below(folder) if not any(is_hidden(part) for part in name.split("/"))]
     return {name: hashlib.sha256(read_bytes(folder / name)).hexdigest() for name in kept}
 
 

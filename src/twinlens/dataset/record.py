@@ -18,6 +18,7 @@ import numpy as np
 from twinlens import camera
 from twinlens.camera import Camera, Lens, Rig
 from twinlens.dataset.files import read_bytes
+from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError, unknown
 
 TYPES: dict[str, type] = {
@@ -83,7 +84,7 @@ def encode_json(record: Mapping[str, Any]) -> bytes:
     return (_laid_out(plain(record), 0) + "\n").encode()
 
 
-def read_json(path: str | os.PathLike[str], kind: str, version: int) -> dict[str, Any]:
+def read_json(path: Where, kind: str, version: int) -> dict[str, Any]:
     """The record in a file that says ``"format": kind, "version": version``. Raises FileError."""
     return decode_json(read_bytes(path), str(path), kind, version)
 
@@ -103,7 +104,7 @@ def decode_json(data: bytes, path: str, kind: str, version: int) -> dict[str, An
     return record
 
 
-def relative_name(name: Any, where: str | os.PathLike[str]) -> str:
+def relative_name(name: Any, where: Where) -> str:
     """`name` if it is a plain relative path with /, staying below its folder; else FileError beginning with `where`."""
     parts = name.split("/") if isinstance(name, str) else [""]
     if any(part in ("", ".", "..") or "\\" in part or "\0" in part for part in parts) or Path(name).is_absolute():

@@ -9,7 +9,6 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import write_folder
 from twinlens.dataset.record import encode_json, plain
+from twinlens.dataset.storage import Place, RemotePath, Where, place
 from twinlens.dataset.truth_files import encode_truth
 from twinlens.errors import InputError, OutputError
 from twinlens.truth import MATERIAL_KINDS, Truth
@@ -107,7 +107,7 @@ def sample_files(sample: Sample) -> dict[str, bytes]:
     return files
 
 
-def write_sample(folder: str | os.PathLike[str], sample: Sample, overwrite: bool = False) -> dict[str, str]:
+def write_sample(folder: Where, sample: Sample, overwrite: bool = False) -> dict[str, str]:
     """Write the sample as `folder`, whole or not at all; relative name -> SHA-256 of every file in it, by name.
 
     Raises OutputError, and leaves nothing behind, when the folder is there already (unless `overwrite` is said and it
@@ -115,14 +115,16 @@ def write_sample(folder: str | os.PathLike[str], sample: Sample, overwrite: bool
     its format asks.
     """
     if overwrite:
-        _check_replaceable(Path(folder))
+        _check_replaceable(place(folder))
     files = sample_files(sample)
     write_folder(folder, files, overwrite)
     return {name: hashlib.sha256(files[name]).hexdigest() for name in sorted(files)}
 
 
-def _check_replaceable(folder: Path) -> None:
+def _check_replaceable(folder: Place) -> None:
     """Refuse to overwrite, which removes, what is no sample: a home folder, a whole dataset."""
+    if isinstance(folder, RemotePath):
+        return  # its writer looks itself: a broken attempt there has no sample.json, and is written over
     if not os.path.lexists(folder) or (folder / "sample.json").is_file():
         return
     if not folder.is_dir() or any(folder.iterdir()):

@@ -7,7 +7,6 @@ mask0nocc.png, calib.txt); what it does not hold answers with FileError naming t
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.occlusion import Mask, mask_from_both, mask_from_one
 from twinlens.dataset.record import lens_from_plain, read_json, relative_name, rig_from_plain
 from twinlens.dataset.sample import KIND, VERSION
+from twinlens.dataset.storage import Place
 from twinlens.dataset.truth_files import blur_circle_px, read_truth, truth_from_arrays
 from twinlens.errors import FileError, InputError
 from twinlens.truth import Truth
@@ -38,7 +38,7 @@ class StoredSample:
     folder : where it lies. name : what the dataset calls it. row : its row in dataset.json, empty where there is none.
     """
 
-    folder: Path
+    folder: Place
     name: str
     row: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
@@ -172,7 +172,7 @@ class StoredSample:
         """Whether the folder holds a file of that name."""
         return (self.folder / name).is_file()
 
-    def _disparity_path(self, i: int) -> Path:
+    def _disparity_path(self, i: int) -> Place:
         paths = [self.folder / name.format(i) for name in _DISPARITY_NAMES]
         return next((path for path in paths if path.exists()), paths[0])
 
@@ -194,7 +194,7 @@ class StoredShot:
     """What was photographed through one lens of a stored sample."""
 
     sample: StoredSample
-    folder: Path
+    folder: Place
     entry: Mapping[str, Any] = field(compare=False, repr=False)
 
     @property

@@ -4,7 +4,6 @@ Depth and position are kept as float32: half a unit in the last place is 6e-8 of
 """
 
 import json
-import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from twinlens import optics
 from twinlens.camera import Camera, Lens
 from twinlens.dataset.codecs.exr import encode_exr, read_exr
+from twinlens.dataset.storage import Where
 from twinlens.errors import FileError
 from twinlens.truth import Truth
 
@@ -47,7 +47,7 @@ def encode_truth(truth: Truth, camera: Camera, lens: Lens) -> bytes:
     return encode_exr(channels, {name: json.dumps(entries) for name, entries in names.items()})
 
 
-def read_truth(path: str | os.PathLike[str]) -> dict[str, Any]:
+def read_truth(path: Where) -> dict[str, Any]:
     """What a truth EXR holds, under the names of `Truth`: arrays (H, W) and (H, W, 3), and the two tuples of names.
 
     float32 depth, blur_circle_px, position, normal, shading_normal; bool visible; int32 object_id, material_id; uint8

@@ -8,7 +8,6 @@ Source: https://vision.middlebury.edu/stereo/data/scenes2014/ and .../submit3/, 
 """
 
 import math
-import os
 import re
 from dataclasses import dataclass, replace
 from decimal import Decimal
@@ -19,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from twinlens import geometry
 from twinlens.camera import Camera, Rig
 from twinlens.dataset.files import read_bytes, write_file
+from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
 _NEEDED = ("cam0", "cam1", "doffs", "baseline", "width", "height")
@@ -168,7 +168,7 @@ def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
         ) from None
 
 
-def read_calib(path: str | os.PathLike[str]) -> Calibration:
+def read_calib(path: Where) -> Calibration:
     """The calibration in a calib.txt. Raises FileError."""
     data = read_bytes(path)
     if len(data) > _LARGEST_FILE:
@@ -179,7 +179,7 @@ def read_calib(path: str | os.PathLike[str]) -> Calibration:
         raise FileError(f"{path}: not a text file") from None
 
 
-def write_calib(path: str | os.PathLike[str], calibration: Calibration) -> None:
+def write_calib(path: Where, calibration: Calibration) -> None:
     """Write a calib.txt. Raises OutputError."""
     write_file(path, encode_calib(calibration).encode())
 

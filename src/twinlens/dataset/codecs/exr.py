@@ -8,7 +8,6 @@ Source: Technical Introduction to OpenEXR, https://openexr.com/en/latest/Technic
 
 import contextlib
 import io
-import os
 import sys
 import threading
 from collections.abc import Mapping
@@ -20,6 +19,7 @@ import OpenEXR
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.dataset.files import read_bytes, write_file
+from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
 Channel = NDArray[np.float32] | NDArray[np.uint32]
@@ -74,14 +74,12 @@ def decode_exr(data: bytes, name: str = "EXR data") -> Exr:
     return Exr(channels, text)
 
 
-def read_exr(path: str | os.PathLike[str]) -> Exr:
+def read_exr(path: Where) -> Exr:
     """The channels and text of an EXR file; see `decode_exr`. Raises FileError."""
     return decode_exr(read_bytes(path), str(path))
 
 
-def write_exr(
-    path: str | os.PathLike[str], channels: Mapping[str, ArrayLike], text: Mapping[str, str] | None = None
-) -> None:
+def write_exr(path: Where, channels: Mapping[str, ArrayLike], text: Mapping[str, str] | None = None) -> None:
     """Write named (H, W) channels; see `encode_exr`. Raises InputError and OutputError."""
     write_file(path, encode_exr(channels, text))
 

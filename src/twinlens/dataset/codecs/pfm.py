@@ -8,7 +8,6 @@ Source: P. Debevec, http://www.pauldebevec.com/Research/HDR/PFM/; Middlebury ste
 """
 
 import math
-import os
 import re
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.dataset.files import read_bytes, write_file
+from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
 _HEADER = re.compile(rb"(P[fF])\s+(\d{1,9})\s+(\d{1,9})\s+([-+0-9.eE]{1,32})\s")
@@ -57,12 +57,12 @@ def decode_pfm(data: bytes, name: str = "PFM data") -> NDArray[np.float32]:
     return array if channels == 3 else array[..., 0]
 
 
-def read_pfm(path: str | os.PathLike[str]) -> NDArray[np.float32]:
+def read_pfm(path: Where) -> NDArray[np.float32]:
     """The values of a PFM file, float32 (H, W) or (H, W, 3), top row first; +inf is unknown. Raises FileError."""
     return decode_pfm(read_bytes(path), str(path))
 
 
-def write_pfm(path: str | os.PathLike[str], values: ArrayLike) -> None:
+def write_pfm(path: Where, values: ArrayLike) -> None:
     """Write `values` (H, W) or (H, W, 3) as a little-endian PFM. Raises InputError and OutputError."""
     write_file(path, encode_pfm(values))
 

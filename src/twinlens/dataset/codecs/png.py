@@ -8,7 +8,6 @@ Source: PNG specification, 3rd ed., W3C 2025, chapters 5, 7.2 (byte order), 9 (f
 """
 
 import io
-import os
 import struct
 import zlib
 
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from twinlens.dataset.files import read_bytes, write_file
+from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
@@ -67,12 +67,12 @@ def decode_png(data: bytes, name: str = "PNG data") -> Pixels:
         raise FileError(f"{name}: not a readable PNG; the file is damaged ({error})") from None
 
 
-def read_png(path: str | os.PathLike[str]) -> Pixels:
+def read_png(path: Where) -> Pixels:
     """The pixels of a PNG file, uint8 or uint16, (H, W) or (H, W, 3); see `decode_png`. Raises FileError."""
     return decode_png(read_bytes(path), str(path))
 
 
-def write_png(path: str | os.PathLike[str], pixels: Pixels) -> None:
+def write_png(path: Where, pixels: Pixels) -> None:
     """Write uint8 or uint16 pixels (H, W) or (H, W, 3). Raises InputError and OutputError."""
     write_file(path, encode_png(pixels))
 

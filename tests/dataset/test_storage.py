@@ -1,0 +1,178 @@
+"""Datasets in buckets, on fsspec's own memory and local file systems."""
+
+import pickle
+from pathlib import Path
+
+import dataset_scene
+import fsspec
+import numpy as np
+import pytest
+from fsspec.implementations.memory import MemoryFileSystem
+
+from twinlens.dataset import (
+    Dataset,
+    Manifest,
+    is_whole,
+    place,
+    read_manifest,
+    remove_unfinished,
+    row_of,
+    sample_files,
+    verify_dataset,
+    write_manifest,
+    write_sample,
+)
+from twinlens.dataset.files import fill_folder, read_bytes, write_file
+from twinlens.dataset.storage import MARK, RemotePath, remove_objects
+from twinlens.errors import FileError, InputError, MissingExtraError, OutputError
+
+SAMPLE = dataset_scene.sample(num_lenses=2)
+
+
+class Watched(MemoryFileSystem):
+    """A store of its own that remembers what is asked of it, and can be told to fail at a name."""
+
+    protocol = "watched"
+    store = {}  # noqa: RUF012
+    pseudo_dirs = [""]  # noqa: RUF012
+    asked = []  # noqa: RUF012
+    broken = None
+
+    def pipe_file(self, path, value, mode="overwrite", **kwargs):
+        if self.broken and path.endswith(self.broken):
+            raise RuntimeError("503\nslow down")
+        self.asked.append(("put", path))
+        super().pipe_file(path, value, mode, **kwargs)
+
+    def rm_file(self, path):
+        self.asked.append(("remove", path))
+        super()._rm(path)
+
+
+fsspec.register_implementation("watched", Watched, clobber=True)
+
+
+@pytest.fixture(params=["memory", "local"])
+def root(request, tmp_path):
+    # A local folder by way of fsspec, as a store with real folders would be; place() would answer its Path.
+    url = f"memory:/{tmp_path}" if request.param == "memory" else f"file://{tmp_path}"
+    return RemotePath(url) / "bucket"
+
+
+@pytest.fixture
+def watched(tmp_path):
+    Watched.asked, Watched.broken = [], None
+    return place(f"watched:/{tmp_path}/s")
+
+
+def test_addresses_and_paths():
+    assert place("out/a") == Path("out/a")
+    assert place(Path("out")) == Path("out")
+    assert place("file:///tmp/with%20space") == Path("/tmp/with space")
+    bucket = place("s3://bucket/set/")
+    assert place(bucket) is bucket
+    assert str(bucket / "train/0001" / "im0.png") == "s3://bucket/set/train/0001/im0.png"
+    assert ((bucket / "a.png").name, (bucket / "a.png").suffix) == ("a.png", ".png")
+    assert (bucket / "a" / "b").parent == bucket / "a"
+
+
+def test_a_dataset_in_a_bucket_reads_back(root):
+    sums = {name: write_sample(root / name, SAMPLE) for name in ("train/0", "b")}
+    assert is_whole(root / "b")
+    assert not is_whole(root / "c")
+    write_manifest(root, Manifest(tuple(row_of(root, name) for name in sums), seed=3))
+    assert {row.name: row.files for row in read_manifest(root).rows} == sums
+    data = pickle.loads(pickle.dumps(Dataset(root)))
+    assert [sample.name for sample in data] == ["train/0", "b"]
+    np.testing.assert_array_equal(data[0].disp0, SAMPLE.truths[0].disparity)
+    np.testing.assert_array_equal(data["b"].lens(1).im1, SAMPLE.shots[1].images[1])
+    assert dict(verify_dataset(data)) == {"train/0": [], "b": []}
+
+
+def test_the_same_bytes_as_on_the_disk(root, tmp_path):
+    assert write_sample(root / "s", SAMPLE) == write_sample(tmp_path / "here", SAMPLE)
+    for name, data in sample_files(SAMPLE).items():
+        assert read_bytes(root / "s" / name) == data == read_bytes(tmp_path / "here" / name)
+
+
+def test_found_without_a_manifest(root):
+    for name in ("b", "a"):
+        write_sample(root / name, SAMPLE)
+    write_file(root / ".cache" / "im0.png", b"")
+    assert [sample.name for sample in Dataset(root)] == ["a", "b"]
+    assert [sample.name for sample in Dataset(root / "a")] == ["a"]
+
+
+def test_the_mark_comes_last_and_goes_first(watched):
+    write_sample(watched, SAMPLE)
+    puts = [Path(path).name for _, path in Watched.asked]
+    assert puts.index(MARK) == len(puts) - 1 == len(sample_files(SAMPLE)) - 1
+    Watched.asked.clear()
+    write_sample(watched, dataset_scene.sample(), overwrite=True)
+    kinds = [(kind, Path(path).name) for kind, path in Watched.asked]
+    assert kinds[0] == ("remove", MARK)
+    assert kinds[-1] == ("put", MARK)
+    assert set(watched.files()) == set(sample_files(dataset_scene.sample()))
+
+
+@pytest.mark.parametrize("broken", ["im1.png", "truth0.exr", MARK])
+def test_a_failure_leaves_nothing(watched, broken):
+    Watched.broken = broken
+    with pytest.raises(OutputError, match=r"cannot be written \(503 slow down\)"):
+        write_sample(watched, SAMPLE)
+    assert watched.files() == []
+
+
+def test_a_broken_attempt_is_no_sample_and_is_written_over(root):
+    write_sample(root / "a", SAMPLE)
+    write_sample(root / "b", SAMPLE)
+    remove_objects(root / "b", [MARK])  # as a killed process leaves it
+    assert not is_whole(root / "b")
+    assert [sample.name for sample in Dataset(root)] == ["a"]
+    assert remove_unfinished(root) == []
+    for overwrite in (False, True):
+        remove_objects(root / "b", [MARK] if is_whole(root / "b") else [])
+        write_sample(root / "b", SAMPLE, overwrite)
+        assert [sample.name for sample in Dataset(root)] == ["a", "b"]
+
+
+def test_only_a_sample_is_overwritten(root):
+    write_sample(root / "s", SAMPLE)
+    with pytest.raises(OutputError, match="is there already"):
+        write_sample(root / "s", SAMPLE)
+    write_file(root / "thesis" / "thesis.tex", b"\\end")
+    for overwrite in (False, True):
+        with pytest.raises(OutputError, match="is no sample"):
+            write_sample(root / "thesis", SAMPLE, overwrite)
+    assert (root / "thesis").files() == ["thesis.tex"]
+
+
+def test_folders_of_other_files(root):
+    assert fill_folder(root / "out", iter([("a/x", b"1"), ("y", b"2")])) == ["a/x", "y"]
+    with pytest.raises(OutputError, match="is there already"):
+        fill_folder(root / "out", [("z", b"3")])
+    assert fill_folder(root / "out", [("y", b"3")], overwrite=True) == ["y"]
+    assert (root / "out").files() == ["y"]
+    with pytest.raises(InputError, match="two files would be named z"):
+        fill_folder(root / "new", [("z", b"1"), ("z", b"2")])
+    with pytest.raises(InputError, match="plain relative name"):
+        fill_folder(root / "new", [("../z", b"1")])
+    assert (root / "new").files() == []
+
+
+def test_what_is_not_there_is_told(root):
+    with pytest.raises(FileError, match="no such file"):
+        read_bytes(root / "im0.png")
+    with pytest.raises(FileError, match="no such folder"):
+        Dataset(root / "nothing")
+    write_file(root / "x" / "notes.txt", b"")
+    with pytest.raises(FileError, match="holds no sample"):
+        Dataset(root)
+
+
+def test_addresses_that_nothing_answers():
+    with pytest.raises(InputError, match="no address that fsspec knows"):
+        Dataset("nowhere://bucket")
+    fsspec.register_implementation("lacking", "not_installed.Lacking", errtxt="Install lackfs", clobber=True)
+    with pytest.raises(MissingExtraError, match="Install lackfs"):
+        write_sample("lacking://bucket/s", SAMPLE)
