@@ -1,8 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import twinlens as tl
-from twinlens.camera import Polygon
+from twinlens.camera import Misalignment, Polygon
 from twinlens.dataset import sample_files
 from twinlens.errors import InputError
 from twinlens.factory import default_rig, make_sample
@@ -122,3 +124,19 @@ def test_the_eyes_differ_as_the_sensor_says(scene, sample):
 def test_what_cannot_be_photographed_is_refused_before_the_first_picture(scene, sample, lenses, options, says):
     with pytest.raises(InputError, match=says):
         make_sample(scene, sample.rig, lenses, **options)
+
+
+def test_a_scene_may_bring_a_rig_of_its_own(scene):
+    own = replace(scene, rig={"layout": "line", "count": 3})
+    assert len(default_rig(own, 48, 36)) == 3
+    assert default_rig(replace(scene, rig={}), 48, 36, baseline=0.2).baseline() == pytest.approx(0.2)
+
+
+def test_an_error_left_in_moves_the_picture_and_leaves_the_truth(scene):
+    straight = default_rig(scene, 48, 36)
+    off = Misalignment(vertical_px=3.0).applied(straight)
+    a, b = (make_sample(scene, rig, LENSES[:1], spp=64, keep_radiance=True) for rig in (straight, off))
+    assert np.array_equal(a.truths[1].depth, b.truths[1].depth)
+    left, right = ([sample.shots[0].radiances[i] for sample in (a, b)] for i in (0, 1))
+    assert np.array_equal(*left)
+    assert np.abs(right[1][3:] - right[0][:-3]).mean() < 0.5 * np.abs(right[1] - right[0]).mean()

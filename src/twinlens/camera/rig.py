@@ -65,6 +65,11 @@ class Rig:
         left_from_right = rigid(np.eye(3), [baseline, 0.0, 0.0])
         return cls((camera, right), (left_pose, left_pose @ left_from_right))
 
+    @property
+    def nominal(self) -> "Rig":
+        """What truth and calibration are of: the `believed` rig, or this one where no error was left in."""
+        return self.believed or self
+
     def __len__(self) -> int:
         return len(self.cameras)
 

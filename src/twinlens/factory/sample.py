@@ -21,7 +21,7 @@ from twinlens.diffraction import diffract
 from twinlens.errors import InputError, in_one_line
 from twinlens.rendering import SAMPLERS, backend, ground_truth, render
 from twinlens.rendering.radiance import check_lens
-from twinlens.scenes import Scene
+from twinlens.scenes import Scene, rig_from_table
 from twinlens.sensor import Exposure, Sensor
 
 _SHOT_STREAM = 2
@@ -30,7 +30,14 @@ _SHOT_STREAM = 2
 def default_rig(
     scene: Scene, width: int, height: int, fov_x_deg: float | None = None, baseline: float | None = None
 ) -> Rig:
-    """The rectified pair a scene was composed for, at this image size; the field of view and baseline may differ."""
+    """The rig that a scene's file describes, or the rectified pair that it was composed for, at this image size.
+
+    Field of view and baseline may differ from the scene's.
+    """
+    if scene.rig is not None:
+        asked = {"fov_x_deg": fov_x_deg, "baseline": baseline}
+        said = {key: value for key, value in asked.items() if value is not None}
+        return rig_from_table({**scene.rig, **said}, scene, width, height)
     camera = Camera.from_fov(width, height, scene.fov_x_deg if fov_x_deg is None else fov_x_deg)
     return Rig.stereo(camera, scene.baseline if baseline is None else baseline, scene.world_from_left)
 
@@ -52,7 +59,8 @@ def make_sample(
     """Photograph `scene` through every lens, expose the pictures, and cast the truth that they share.
 
     Each lens has its own random stream, derived from `seed`, the scene's name and its place in the list. The record
-    says everything that is needed to make the sample again: `remake`.
+    says everything that is needed to make the sample again: `remake`. Where errors of calibration were left in the rig,
+    the pictures have them, and the truth is that of `Rig.nominal`.
 
     Parameters
     ----------
@@ -92,7 +100,7 @@ def make_sample(
         "sky_disparity": sky_disparity,
         "keep_radiance": keep_radiance,
     }
-    truths = tuple(ground_truth(scene, rig, sky_disparity=sky_disparity))
+    truths = tuple(ground_truth(scene, rig.nominal, sky_disparity=sky_disparity))
     return Sample(rig, tuple(shots), truths, record=_record(scene, request))
 
 
