@@ -1,6 +1,8 @@
 """Other people's matchers: they give what they would give alone, and fail in one line that names them."""
 
+import resource
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -91,6 +93,12 @@ def test_a_program_is_given_the_images_and_its_map_comes_back_the_right_way_up(t
 
 
 FAULTS = {
+    "is killed": ("import os; os.kill(os.getpid(), 9)", r"ended by SIGKILL \(out of memory\?\)"),
+    "breaks": ("import ctypes; ctypes.string_at(0)", "ended by SIGSEGV"),
+    "fails at length": (
+        "import os, sys\nfor _ in range(2000): os.write(1, b'x' * 65535 + b'\\n')\nsys.exit('so much for that')",
+        "status 1: so much for that",
+    ),
     "fails": ("import sys; sys.exit('no model found')", "status 1: no model found"),
     "writes nothing": ("pass", "wrote no file"),
     "hangs": ("import time; time.sleep(60)", "longer than 0.5 s"),
@@ -112,6 +120,55 @@ def test_a_program_that_fails_says_so_in_one_line(case, tmp_path):
     assert "\n" not in str(caught.value)
 
 
+TALK = "import os, sys\nfor _ in range(1600): os.write(1, b'x' * 65536); os.write(2, b'y' * 65536)\n"
+
+
+def test_what_a_program_prints_is_not_kept(tmp_path):
+    """Of 200 MB that it prints nothing is left here."""
+    left, right = scene()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    found = tm.Program(program(tmp_path, TALK + COPY), num_disparities=3).match(left, right)
+    np.testing.assert_array_equal(found, left + np.float32(3))
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kB
+
+
+def test_an_endless_talker_meets_its_limit(tmp_path):
+    code = "import os\nwhile True: os.write(1, b'x' * 65536)"
+    with pytest.raises(InputError, match="longer than 1 s"):
+        tm.Program(program(tmp_path, code), timeout_s=1).match(*scene())
+
+
+def test_a_program_that_leaves_somebody_behind_is_done_when_it_is(tmp_path):
+    """What it started still holds its pipe; nobody waits for that."""
+    code = COPY + "\nimport subprocess; subprocess.Popen(['sleep', '20'])"
+    begun = time.monotonic()
+    tm.Program(program(tmp_path, code), num_disparities=3).match(*scene())
+    assert time.monotonic() - begun < 15
+
+
+def test_a_map_larger_than_it_says_is_not_read_whole(tmp_path):
+    code = "import sys\nwith open(sys.argv[3], 'wb') as f:\n f.write(b'Pf\\n120 60\\n-1.0\\n'); f.truncate(1 << 36)"
+    with pytest.raises(InputError, match="not a grey PFM file of the size"):
+        tm.Program(program(tmp_path, code)).match(*scene())
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("tail", [(), (1,), (3,)])
+def test_a_program_sees_every_pixel_of_every_kind_of_image(tmp_path, dtype, tail):
+    """What reaches it is read back by OpenCV, which knows 16-bit colour."""
+    code = """
+import sys, cv2, numpy as np
+image = cv2.imread(sys.argv[1], cv2.IMREAD_UNCHANGED)
+values = image.astype(np.float32).reshape(*image.shape[:2], -1) @ np.float32([4, 2, 1][-image[0, 0].size :])
+with open(sys.argv[3], "wb") as file:
+    file.write(b"Pf\\n%d %d\\n-1.0\\n" % values.shape[::-1] + values[::-1].astype("<f4").tobytes())
+"""
+    image = np.random.default_rng(3).integers(0, np.iinfo(dtype).max, (7, 9, *tail), dtype)
+    found = tm.Program(program(tmp_path, code)).match(image, image)
+    wanted = image.astype(np.float32).reshape(7, 9, -1) @ np.float32([1, 2, 4] if tail == (3,) else [1])
+    np.testing.assert_array_equal(found, wanted)
+
+
 @pytest.mark.parametrize(
     ("command", "message"),
     [("prog {left} {right}", "{out}"), ("'prog {left} {right} {out}", "cannot be read"), ("", "{left}")],
@@ -124,3 +181,30 @@ def test_a_command_without_its_places_is_refused(command, message):
 def test_a_program_that_is_not_there_is_named():
     with pytest.raises(InputError, match="'no-such-program' cannot be started"):
         tm.Program("no-such-program {left} {right} {out}").match(*scene())
+
+
+def test_a_program_consists_of_its_own_file_and_those_it_is_given(tmp_path):
+    weights = tmp_path / "w.bin"
+    weights.write_bytes(b"1")
+    text = f"{program(tmp_path, 'pass')} --weights={weights}"
+    seen = {tm.Program(text).content}
+    assert "a matcher.py=" in min(seen)
+    weights.write_bytes(b"2")
+    seen.add(tm.Program(text).content)
+    (tmp_path / "a matcher.py").write_text("print()")
+    seen.add(tm.Program(text).content)
+    weights.unlink()
+    seen.add(tm.Program(text).content)
+    assert len(seen) == 4
+    assert tm.Program(text).content in seen
+    assert tm.Program("no-such-program {left} {right} {out}").content == ""
+
+
+def test_a_function_consists_of_its_file(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    place, seen = tmp_path / "somebodys_matcher.py", set()
+    for text in ("def f(): 1", "def f(): 22"):
+        place.write_text(text)
+        seen.add(tm.PythonFunction("somebodys_matcher:f").content)
+    assert len(seen) == 2
+    assert tm.PythonFunction("no_such_module.at_all:f").content == tm.PythonFunction(constant).content == ""

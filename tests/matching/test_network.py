@@ -127,6 +127,20 @@ def test_another_file_of_the_same_name_is_read_anew(tmp_path):
     assert not np.allclose(tm.match(COLOUR, COLOUR[::-1], f"onnx:model={path}"), before)
 
 
+def test_a_network_consists_of_its_file_and_the_data_beside_it(tmp_path):
+    path, seen = tmp_path / "net.onnx", set()
+    network = tm.OnnxNetwork(str(path))
+    for data in (b"a", b"bb"):
+        path.write_bytes(data)
+        seen.add(network.content)
+    (tmp_path / "net.onnx.data").write_bytes(b"weights")
+    seen.add(network.content)
+    (tmp_path / "other.onnx").write_bytes(b"another's")
+    assert len(seen) == 3
+    assert network.content in seen
+    assert tm.OnnxNetwork(str(tmp_path / "none.onnx")).content == "none.onnx=absent"
+
+
 def constant_output(path, value, shape):
     nodes = [
         helper.make_node("Add", ["left", "right"], ["unused"]),

@@ -1,5 +1,6 @@
 """A sample, and matchers good, bad and dangerous: at module level, so that a spawned process can import them."""
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -127,6 +128,24 @@ class Trouble:
 
     def dies(self, left):
         os.abort()
+
+    def segfaults(self, left):
+        ctypes.string_at(0)
+
+    def hoards(self, left):
+        kept = []
+        while True:
+            kept.append(np.ones(2**24))  # 128 MiB each, written to
+
+    def asks_for_too_much(self, left):
+        return np.empty((2**20, 2**20, 2**10))
+
+    def talks(self, left):
+        line = b"never mind " * 6000 + b"\n"
+        for _ in range(2000):  # 130 MB to each stream
+            os.write(1, line)
+            os.write(2, line)
+        return np.zeros(left.shape[:2], np.float32)
 
     def wrong_size(self, left):
         return np.zeros((3, 3), np.float32)

@@ -70,6 +70,7 @@ def test_a_sample_without_a_mask_has_no_nonocc():
 KINDS = {
     "raises": "crash",
     "exits": "crash",
+    "asks_for_too_much": "memory",
     "wrong_size": "wrong-shape",
     "integers": "wrong-type",
     "nothing": "wrong-type",
@@ -94,6 +95,21 @@ def test_a_limit_stops_a_hang_and_survives_a_dead_process():
     kinds = {e.method: e.failure and e.failure.kind for e in board.entries}
     assert kinds == {"hangs": "time-limit", "good": None, "dies": "crash", "raises": "crash", "better": None}
     assert "signal 6" in board.find("dies", "a", "middlebury-v3").failure.message
+
+
+def test_a_crash_of_compiled_code_a_glutton_and_a_talker_stay_alone(capfd):
+    """A limit of 2 GiB is more than the good ones need, and less than this machine has."""
+    methods = [Trouble("segfaults"), Trouble("hoards"), Trouble("talks"), Constant("good", 4)]
+    board = run_benchmark([pair()], methods, memory_limit=2 * 2**30, time_limit=30, warm_up=False)
+    kinds = {e.method: e.failure and e.failure.kind for e in board.entries}
+    assert kinds == {"segfaults": "crash", "hoards": "memory", "talks": None, "good": None}
+    assert "SIGSEGV" in board.entries[0].failure.message
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_memory_limit_alone_runs_methods_apart():
+    board = run_benchmark([pair()], [Trouble("dies"), Constant("good", 4)], memory_limit=2**31, warm_up=False)
+    assert [e.ok for e in board.entries] == [False, True]
 
 
 def test_a_hang_while_warming_up_is_bounded_and_not_tried_again(tmp_path):
@@ -337,6 +353,7 @@ def test_a_board_file_that_is_none_is_not_overwritten(tmp_path):
         (([pair()], [Constant("a", 4)]), {"regions": ["nonoc"]}, "did you mean 'nonocc'"),
         (([pair()], [Constant("a", 4)]), {"regions": []}, "nothing to score"),
         (([pair()], [Constant("a", 4)]), {"time_limit": 0}, "time limits are 0"),
+        (([pair()], [Constant("a", 4)]), {"memory_limit": 0}, "memory_limit is 0"),
     ],
 )
 def test_bad_plans_are_refused(args, options, says):

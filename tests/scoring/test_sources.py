@@ -1,15 +1,26 @@
 """Where a benchmark's samples, methods and maps come from: datasets on the disk, names, folders."""
 
 import pickle
+import sys
 
 import numpy as np
 import pytest
+from scoring_methods import pair
 
 import twinlens
 from twinlens.camera import Camera, Pinhole, Rig, ThinLens
 from twinlens.dataset import Dataset, Sample, Shot, motorcycle, write_sample
 from twinlens.errors import FileError, InputError
-from twinlens.scoring import DatasetPairs, MapFolder, NamedMethod, load_pair, region_masks, run_benchmark, spec_of
+from twinlens.scoring import (
+    DatasetPairs,
+    MapFolder,
+    NamedMethod,
+    load_pair,
+    named_program,
+    region_masks,
+    run_benchmark,
+    spec_of,
+)
 from twinlens.scoring.maps import file_name
 from twinlens.truth import MATERIAL_KINDS, Truth
 
@@ -111,6 +122,33 @@ def test_another_version_is_another_method(monkeypatch):
     before = NamedMethod("sad").spec
     monkeypatch.setattr(twinlens, "__version__", "9.9")
     assert NamedMethod("sad").spec != before
+
+
+def test_another_network_or_program_under_the_same_name_is_run_again(tmp_path):
+    """Resume goes by what a method is made of, not by what its file is called."""
+    script = tmp_path / "prog.py"
+    code = """
+import struct, sys
+left, out = sys.argv[1:3]
+width, height = struct.unpack(">II", open(left, "rb").read(24)[16:])
+open(out, "wb").write(b"Pf\\n%d %d\\n-1.0\\n" % (width, height) + struct.pack("<f", VALUE) * (width * height))
+"""
+    errors, board = [], None
+    for value in (4, 6, 6):
+        script.write_text(code.replace("VALUE", str(value)))
+        method = named_program(f"mine={sys.executable} {script} {{left}} {{out}} {{right}}")
+        board = run_benchmark([pair()], [method], board=board, warm_up=False)
+        errors.append(board.entries[0].regions["all"]["avgerr"])
+        seconds = board.entries[0].seconds
+    assert errors == [0, 2, 2]
+    again = run_benchmark([pair()], [method], board=board, warm_up=False)
+    assert again.entries[0].seconds == seconds, "what did not change was run again"
+    model = tmp_path / "net.onnx"
+    specs = set()
+    for content in (b"one", b"other"):
+        model.write_bytes(content)
+        specs.add(NamedMethod(f"onnx:model={model}").spec)
+    assert len(specs) == 2
 
 
 def test_an_unknown_method_is_refused_by_name():

@@ -11,6 +11,8 @@ from twinlens.cli.boards import OPTIONS, print_board, run_board
 from twinlens.errors import InputError
 
 DEFAULT_METHODS = "sad,ssd,zncc"
+FOREIGN_LIMIT_S = 600.0
+"""The default limit of a stranger's code: with a limit it runs in a process of its own, where it can do no harm."""
 
 
 @click.command("benchmark")
@@ -34,13 +36,15 @@ def command(
     protocols: tuple[str, ...],
     regions: tuple[str, ...],
     time_limit: float | None,
+    memory_limit: float | None,
     as_json: bool,
 ) -> None:
     """Run matchers on every pair of DATASET..., score them, and write OUTPUT/board.json and OUTPUT/index.html.
 
     A dataset is a folder that `twinlens render` made, a folder in Middlebury's layout, or the word motorcycle: the
     real pair with measured truth that comes along. What OUTPUT/board.json holds already is not run again. A matcher
-    that crashes, answers nonsense, or takes longer than --time-limit fails alone: the board says why.
+    that crashes, answers nonsense, takes longer than --time-limit or more than --memory-limit fails alone: the board
+    says why.
 
     \b
     Example:  twinlens benchmark out motorcycle --methods sad,zncc:block_size=15 -o board
@@ -48,7 +52,9 @@ def command(
     """
     matchers = matchers_of(methods, commands, time_limit)
     pairs = Chain([pairs_of(name) for name in datasets])
-    board = run_board(pairs, matchers, output, protocols, regions, time_limit)
+    if time_limit is None and any(getattr(matcher, "is_foreign", False) for matcher in matchers):
+        time_limit = FOREIGN_LIMIT_S
+    board = run_board(pairs, matchers, output, protocols, regions, time_limit, memory_limit=memory_limit)
     print_board(board, output, as_json)
 
 

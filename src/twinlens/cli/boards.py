@@ -1,5 +1,7 @@
 """What the commands that make boards share: their options, the run with its progress, and the last lines."""
 
+import contextlib
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -7,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from twinlens.cli.progress import progress_bar
+from twinlens.errors import InputError
 
 if TYPE_CHECKING:
     from twinlens.scoring import Board
 
+MOST_GIB = 2**20
 _FILE_WIDTH = 132
 _NARROW = ("totbad2.0", "bad2.0", "avgerr", "invalid", "time")
 
@@ -38,7 +42,11 @@ _CHOICES = (
         "--region", "regions", multiple=True, default=("all", "nonocc"), show_default=True,
         cls=_Listing, registry="REGIONS", help="Where to score: NAMES; may be given several times.",
     ),
-    click.option("--time-limit", type=float, help="Seconds that one match may take; matchers then run apart."),
+    click.option(
+        "--time-limit", type=float, help="Seconds that one match may take; matchers then run apart.  "
+        "[default: 600 where an ONNX model or a Python function is among them]",
+    ),
+    click.option("--memory-limit", type=float, help="GiB of memory that a matcher may take; it then runs apart."),
     click.option("--json", "as_json", is_flag=True, help="Print the board as JSON."),
 )  # fmt: skip
 
@@ -58,23 +66,36 @@ def run_board(
     regions: Sequence[str],
     time_limit: float | None = None,
     title: str = "twinlens leaderboard",
+    memory_limit: float | None = None,
 ) -> "Board":
-    """Run, score and save OUTPUT/board.json with its maps, and write the page."""
+    """Run, score and save OUTPUT/board.json with its maps, and write the page. Limits: seconds a call, GiB a process.
+
+    What methods print goes to the error stream: ours may be read by a script.
+    """
     from twinlens.report import write_page
     from twinlens.scoring import MapFolder, Step, run_benchmark
 
     maps = MapFolder(output / "maps")
-    with progress_bar("matching") as report:
+    with progress_bar("matching") as report, contextlib.redirect_stdout(sys.stderr):
 
         def tell(step: Step) -> None:
             report(step.done / (step.total or step.done), f"{step.sample}: {step.method}")
 
         board = run_benchmark(
             pairs, methods, protocol=protocols, regions=regions, progress=tell, time_limit=time_limit,
-            save=output / "board.json", on_map=maps.keep, on_drop=maps.drop, title=title,
+            memory_limit=_bytes(memory_limit), save=output / "board.json", on_map=maps.keep, on_drop=maps.drop,
+            title=title,
         )  # fmt: skip
     write_page(output / "index.html", board, pairs, maps)
     return board
+
+
+def _bytes(gib: float | None) -> int | None:
+    if gib is None:
+        return None
+    if not 0 < gib < MOST_GIB:
+        raise InputError(f"--memory-limit is {gib:g} GiB: expected more than 0 and less than {MOST_GIB}")
+    return int(gib * 2**30)
 
 
 def print_board(board: "Board", output: Path, as_json: bool) -> None:

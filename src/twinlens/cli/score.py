@@ -39,6 +39,7 @@ def command(
     protocols: tuple[str, ...],
     regions: tuple[str, ...],
     time_limit: float | None,
+    memory_limit: float | None,
     as_json: bool,
 ) -> None:
     """Score MAPS against --truth.
@@ -67,7 +68,10 @@ def command(
 
 def _refuse_what_does_not_apply(one: bool) -> None:
     """An option that would change nothing is a mistake of whoever gave it."""
-    idle = {"time_limit": "--time-limit: score runs no matcher, it reads maps; benchmark has that limit"}
+    idle = {
+        name: f"--{name.replace('_', '-')}: score runs no matcher, it reads maps; benchmark has that limit"
+        for name in ("time_limit", "memory_limit")
+    }
     if one:
         idle |= {name: f"{option}: {_FOR_BOARDS}" for name, option in (("output", "-o"), ("regions", "--region"))}
     else:

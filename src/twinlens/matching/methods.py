@@ -10,10 +10,12 @@ from typing import Any
 
 from twinlens.errors import InputError, unknown
 from twinlens.matching.costs import COSTS
-from twinlens.matching.external import OpenCVBlock, OpenCVSemiGlobal, Program, PythonFunction
+from twinlens.matching.external import PythonFunction
 from twinlens.matching.images import Disparity
 from twinlens.matching.matcher import StereoMatcher
 from twinlens.matching.network import OnnxNetwork
+from twinlens.matching.opencv import OpenCVBlock, OpenCVSemiGlobal
+from twinlens.matching.program import Program
 
 ENTRY_POINTS = "twinlens.methods"
 
@@ -95,6 +97,16 @@ class MethodSpec:
         """The matcher; `defaults` fill what the options leave open, such as a data set's num_disparities."""
         known = {name: value for name, value in defaults.items() if name in self.method.options}
         return self.method.make(**{**known, **self.options})
+
+    @property
+    def content(self) -> str:
+        """The hashes of the files that the matcher consists of: a network's, a program's; none of twinlens's own."""
+        return str(getattr(self.matcher(), "content", ""))
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether code runs in this process that is not twinlens's nor OpenCV's, and that may take it down."""
+        return self.method.matcher in (PythonFunction, OnnxNetwork)
 
     def __call__(self, left: Any, right: Any, **defaults: Any) -> Disparity:
         """The left image's disparity, (H, W) float32, +inf where unknown."""

@@ -3,6 +3,7 @@
 What a model may look like is said in `OnnxNetwork`. onnxruntime runs it on the processor; it comes with the extra onnx.
 """
 
+import glob
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from twinlens.errors import FileError, InputError, MissingExtraError
 from twinlens.matching.checks import amount, whole
 from twinlens.matching.external import checked_result
+from twinlens.matching.identity import content_of
 from twinlens.matching.images import Disparity, Image, pair
 
 CHANNELS = (1, 3)
@@ -47,6 +49,13 @@ class OnnxNetwork:
         whole("output", self.output)
         if self.sign not in (1, -1):
             raise InputError(f"sign is {self.sign!r}; use 1, or -1 for a network whose disparities are negative")
+
+    @property
+    def content(self) -> str:
+        """The hash of the model's file, and of what exporters call `net.onnx.data` or `net.onnx_data` beside it."""
+        path = Path(self.model)
+        beside = path.parent.glob(f"{glob.escape(path.name)}[._]data*")
+        return content_of([path, *beside])
 
     def match(self, left: Any, right: Any) -> Disparity:
         """The left image's disparity, (H, W) float32, +inf where unknown."""

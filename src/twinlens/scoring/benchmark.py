@@ -11,16 +11,19 @@ import numpy as np
 
 from twinlens.errors import FileError, InputError
 from twinlens.scoring.board import Board, Entry, Failure
+from twinlens.scoring.calls import Answer, InProcess, Method, MethodError
 from twinlens.scoring.checks import Disparity, Mask
 from twinlens.scoring.evaluate import RESERVED, evaluate
 from twinlens.scoring.pair import Pair, Sample, fingerprint, load_pair
 from twinlens.scoring.protocols import Protocol, find_protocol
 from twinlens.scoring.region_sets import region_masks
 from twinlens.scoring.resume import Keeper, resumed
-from twinlens.scoring.sandbox import Answer, Child, InProcess, Method, MethodError
+from twinlens.scoring.sandbox import Child
 from twinlens.scoring.submission import Submission
 
 WARM_UP_LIMIT_S = 120.0
+CHILD_LIMIT_S = 600.0
+"""The time limit of a call where only a memory limit was asked for: both need a process of its own."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,7 @@ def run_benchmark(
     regions: Sequence[str] = ("all", "nonocc"),
     progress: Callable[[Step], None] | None = None,
     time_limit: float | None = None,
+    memory_limit: int | None = None,
     warm_up: bool = True,
     warm_up_limit: float = WARM_UP_LIMIT_S,
     save: str | os.PathLike[str] | None = None,
@@ -81,6 +85,8 @@ def run_benchmark(
     time_limit
         Seconds a call may take. With a limit methods run in one spawned process, which is killed at the limit, or
         may die, without harm to the rest (see `sandbox`). Without one they run here.
+    memory_limit
+        Bytes of data that this process may have; what asks for more fails alone. Implies a time limit of 600 s.
     warm_up, warm_up_limit
         Call each method once on a few rows before its first measured call of a range `ndisp` (our kernels are compiled
         for it) in a process, so that compiling is not timed; under a time limit that call has `warm_up_limit` seconds
@@ -108,7 +114,9 @@ def run_benchmark(
     plan = _plan(protocol, regions, retry_failed)
     _check_names(methods)
     current = resumed(save, board, title)
-    worker = InProcess() if time_limit is None else Child(time_limit, warm_up_limit)
+    apart = time_limit is not None or memory_limit is not None
+    limit = CHILD_LIMIT_S if time_limit is None else time_limit
+    worker = Child(limit, warm_up_limit, memory_limit) if apart else InProcess()
     with worker, Keeper(current, save) as keeper:
         run = _Run(plan, worker, current, on_map, on_drop, warm_up)
         total = len(samples) * len(methods) if isinstance(samples, Sized) else None

@@ -12,6 +12,7 @@ from twinlens.scoring.protocols import PROTOCOLS
 FAILURES: Mapping[str, str] = MappingProxyType(
     {
         "crash": "it raised an exception, or its process died",
+        "memory": "it asked for more memory than there is, or than it may have",
         "time-limit": "it did not answer within the time limit",
         "wrong-type": "it answered something that is no float array",
         "wrong-shape": "its map has another size than the left image",

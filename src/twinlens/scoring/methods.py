@@ -41,11 +41,17 @@ class NamedMethod:
 
     @property
     def spec(self) -> str:
-        """The method with every option, defaults included, and twinlens's version: changed, it is another method."""
+        """The method with every option, defaults included, twinlens's version, and the hashes of the files it is made
+        of (`MethodSpec.content`): changed, it is another method."""
         method = self._parsed.method
         options = {**method.options, **self._parsed.options}
         text = ",".join(f"{name}={value!r}" for name, value in sorted(options.items()))
-        return f"twinlens {twinlens.__version__} {method.name}:{text}"
+        return _joined(f"twinlens {twinlens.__version__} {method.name}:{text}", self._parsed.content)
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether it runs a stranger's code in this process: see `MethodSpec.is_foreign`."""
+        return self._parsed.is_foreign
 
     def __call__(self, left: NDArray[Any], right: NDArray[Any], *, ndisp: int, min_disparity: int = 0) -> NDArray[Any]:
         """Match over `ndisp` disparities from `min_disparity`, unless the text says other numbers."""
@@ -77,8 +83,8 @@ class NamedProgram:
 
     @property
     def spec(self) -> str:
-        """The command: how long it may take does not change what it answers."""
-        return f"program:command={self.command!r}"
+        """The command and the hashes of the files it names; how long it may take does not change what it answers."""
+        return _joined(f"program:command={self.command!r}", self._program(1).content)
 
     def _program(self, ndisp: int, min_disparity: int = 0) -> Program:
         program = Program(self.command, num_disparities=ndisp, min_disparity=min_disparity)
@@ -87,6 +93,10 @@ class NamedProgram:
     def __call__(self, left: NDArray[Any], right: NDArray[Any], *, ndisp: int, min_disparity: int = 0) -> NDArray[Any]:
         """Run it on two files; {num_disparities} in the command becomes `ndisp`, {min_disparity} itself."""
         return self._program(ndisp, min_disparity).match(left, right)
+
+
+def _joined(options: str, content: str) -> str:
+    return f"{options} [{content}]" if content else options
 
 
 def named_program(text: str, time_limit: float | None = None) -> NamedProgram:

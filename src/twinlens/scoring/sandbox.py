@@ -1,11 +1,12 @@
-"""Calling somebody's matcher so that whatever it does, it does alone: exceptions, dead processes, hangs, wrong answers.
+"""Calling somebody's matcher so that whatever it does, it does alone: dead processes, hangs, hunger, endless talk.
 
-`InProcess` calls it right here: nothing is copied, but a hang hangs and a crash of compiled code ends the program.
 `Child` calls it in one spawned process that is kept between calls (so that compiled code stays compiled) and killed at
 the time limit: compiled code cannot be interrupted in any gentler way. Python code is told first (SIGTERM), so that it
 ends the programs it runs and removes its files; then everything in the child's process group is killed. What survives
-is only what a hanging compiled function started in a session of its own. Methods must be picklable, and a script that
-asks for a child must guard its start with `if __name__ == "__main__":`, as everywhere with spawned processes.
+is only what a hanging compiled function started in a session of its own. What methods print there goes nowhere. If
+memory runs out, the kernel is told to end the child and not us; with a memory limit it never comes to that. Methods
+must be picklable, and a script that asks for a child must guard its start with `if __name__ == "__main__":`, as
+everywhere with spawned processes.
 """
 
 import contextlib
@@ -13,18 +14,14 @@ import multiprocessing
 import os
 import pickle
 import signal
-import time
-from collections.abc import Mapping
-from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any, NoReturn, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from pathlib import Path
+from typing import Any, NoReturn
 
 from twinlens.errors import InputError
 from twinlens.scoring.board import Failure
+from twinlens.scoring.calls import Answer, Image, Method, MethodError, Search, call, warm_up
 
 START_LIMIT_S = 60.0
 """How long a fresh process may take to import what it needs."""
@@ -32,115 +29,25 @@ DYING_S = 5.0
 """How long a child that closed its pipe may take to be dead, and have an exit code."""
 END_S = 2.0
 """How long a child may take to end its own programs and remove its files, before it is killed."""
-WARM_UP_ROWS = 32
-
-Image = NDArray[Any]
-Search = Mapping[str, int]
-"""The keyword arguments that say where to search: ndisp, and min_disparity where it is not 0."""
-
-
-class Method(Protocol):
-    """A matcher: (left, right) uint8 images (H, W[, 3]) -> float32 disparity (H, W) in pixels, +inf unknown."""
-
-    @property
-    def name(self) -> str:
-        """What the board calls it."""
-        ...
-
-    def __call__(self, left: Image, right: Image, *, ndisp: int) -> Image:
-        """Match; `ndisp` is the number of disparities to search, 0 to ndisp - 1 or a little more.
-
-        For a pair that has negative disparities, and for no other, `min_disparity=` is given too: then the search is
-        from there to min_disparity + ndisp - 1.
-        """
-        ...
-
-
-@dataclass(frozen=True)
-class Answer:
-    """A checked disparity map and the wall time of its call in seconds."""
-
-    disp: Image
-    seconds: float | None
-
-
-class MethodError(Exception):
-    """A method failed on a pair; `failure` says how."""
-
-    def __init__(self, kind: str, message: str) -> None:
-        super().__init__(message)
-        self.failure = Failure(kind, " ".join(message.split())[:300] or kind)
-
-
-def checked(found: Any, shape: tuple[int, int]) -> Image:
-    """What a method returned, if it is an (H, W) float map without NaN and -inf; MethodError otherwise."""
-    if not isinstance(found, np.ndarray) or found.dtype.kind != "f":
-        what = f"an array of {found.dtype}" if isinstance(found, np.ndarray) else type(found).__name__
-        raise MethodError("wrong-type", f"answered {what}: expected a float32 array of disparities")
-    if found.shape != shape:
-        raise MethodError("wrong-shape", f"answered shape {found.shape}: expected {shape}")
-    wrong = int(np.count_nonzero(np.isnan(found) | np.isneginf(found)))
-    if wrong:
-        raise MethodError("not-a-number", f"NaN or -inf at {wrong} of {found.size} pixels: unknown is +inf")
-    return found.astype(np.float32, copy=False)
 
 
 class _EndedError(BaseException):
     """The child is told to end: not an Exception, so that no method and no net around it takes it for its own."""
 
 
-def call(method: Method, left: Image, right: Image, search: Search) -> Answer:
-    """One timed call; whatever it raises becomes a MethodError."""
-    start = time.perf_counter()
-    try:
-        found = method(left, right, **search)
-    except TimeoutError as error:
-        raise MethodError("time-limit", str(error)) from error
-    except (Exception, SystemExit) as error:
-        raise MethodError("crash", f"{type(error).__name__}: {error}") from error
-    return Answer(checked(found, left.shape[:2]), time.perf_counter() - start)
-
-
-def warm_up(method: Method, left: Image, right: Image, search: Search) -> None:
-    """A call on the first rows, so that compiling is not in the measured time. What it answers or raises is ignored."""
-    with contextlib.suppress(Exception, SystemExit):
-        method(left[:WARM_UP_ROWS].copy(), right[:WARM_UP_ROWS].copy(), **search)
-
-
-class InProcess:
-    """Calls methods here, without a time limit."""
-
-    def __init__(self) -> None:
-        self._warm: set[tuple[str, int]] = set()
-
-    def __enter__(self) -> "InProcess":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        return None
-
-    def warm_up(self, method: Method, left: Image, right: Image, search: Search) -> None:
-        """See `warm_up`; once for each method and ndisp."""
-        key = method.name, search["ndisp"]
-        if key not in self._warm:
-            self._warm.add(key)
-            warm_up(method, left, right, search)
-
-    def call(self, method: Method, left: Image, right: Image, search: Search) -> Answer:
-        """See `call`."""
-        return call(method, left, right, search)
-
-
 class Child:
     """Calls methods in a spawned process: `limit` seconds a call, `warm_up_limit` for the compiling one before it.
 
     A method that keeps the limit itself, and has things of its own to end then, has `grace_s` seconds more to do so.
+    memory_limit: bytes that the process, and each that it starts, may have for its data; None for no limit.
     """
 
-    def __init__(self, limit: float, warm_up_limit: float) -> None:
+    def __init__(self, limit: float, warm_up_limit: float, memory_limit: int | None = None) -> None:
         if not (limit > 0 and warm_up_limit > 0):
             raise InputError(f"time limits are {limit} and {warm_up_limit} s: expected more than 0")
-        self.limit, self.warm_up_limit = limit, warm_up_limit
+        if memory_limit is not None and not memory_limit > 0:
+            raise InputError(f"memory_limit is {memory_limit} bytes: expected more than 0")
+        self.limit, self.warm_up_limit, self.memory_limit = limit, warm_up_limit, memory_limit
         self._process: BaseProcess | None = None
         self._pipe: Connection | None = None
         self._warm: set[tuple[str, int]] = set()
@@ -185,9 +92,7 @@ class Child:
                 raise MethodError("time-limit", f"no answer within {limit:g} s")
             return pipe.recv()
         except (EOFError, OSError):
-            code = self._kill(patience=DYING_S)
-            said = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
-            raise MethodError("crash", f"its process died ({said})") from None
+            raise MethodError("crash", f"its process died ({_ending(self._kill(patience=DYING_S))})") from None
 
     def _started(self) -> Connection:
         if self._pipe is not None and self._process is not None and self._process.is_alive():
@@ -195,7 +100,7 @@ class Child:
         self._kill()
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        self._process = context.Process(target=_serve, args=(theirs, self.memory_limit), daemon=True)
         self._process.start()
         theirs.close()
         self._greet(self._pipe)
@@ -241,10 +146,26 @@ def _pickled(method: Method) -> bytes:
         ) from error
 
 
-def _serve(pipe: Connection) -> None:
+def _ending(code: int | None) -> str:
+    """How a process ended, in words.
+
+    >>> _ending(3), _ending(-11), _ending(-9)
+    ('exit code 3', 'signal 11, SIGSEGV', 'signal 9, SIGKILL; it may have been out of memory')
+    """
+    if code is None or code >= 0:
+        return f"exit code {code}"
+    with contextlib.suppress(ValueError):
+        name = signal.Signals(-code).name
+        return f"signal {-code}, {name}" + ("; it may have been out of memory" if name == "SIGKILL" else "")
+    return f"signal {-code}"
+
+
+def _serve(pipe: Connection, memory_limit: int | None) -> None:
     """The child's whole life: answer questions until the parent is gone. Methods stay loaded between questions."""
     if hasattr(os, "setsid"):  # a group of its own, so that it can be killed with all that it starts
         os.setsid()
+    _be_quiet()
+    _be_modest(memory_limit)
     signal.signal(signal.SIGTERM, _end)
     loaded: dict[bytes, Method] = {}
     with contextlib.suppress(_EndedError, EOFError, OSError):
@@ -252,6 +173,26 @@ def _serve(pipe: Connection) -> None:
         while True:
             kind, pickled, left, right, search = pipe.recv()
             pipe.send(_answer(kind, loaded, pickled, left, right, search))
+
+
+def _be_quiet() -> None:
+    """What a method prints, ten gigabytes or one line between the lines of our JSON, goes nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(nowhere, stream)
+    os.close(nowhere)
+
+
+def _be_modest(memory_limit: int | None) -> None:
+    """Be the first to end when the machine's memory does; and where there is a limit, get no more than that."""
+    with contextlib.suppress(OSError):  # Linux alone knows this file
+        Path("/proc/self/oom_score_adj").write_text("1000")
+    if memory_limit is not None:
+        import resource
+
+        hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+        soft = memory_limit if hard == resource.RLIM_INFINITY else min(memory_limit, hard)
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 def _end(*_: object) -> NoReturn:

@@ -1,0 +1,112 @@
+"""One call of somebody's matcher, timed and looked at: what it raises and what it wrongly answers becomes a `Failure`.
+
+`InProcess` calls it right here: nothing is copied, but a hang hangs and a crash of compiled code ends the program. For
+strangers there is `sandbox`.
+"""
+
+import contextlib
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.scoring.board import Failure
+
+WARM_UP_ROWS = 32
+
+Image = NDArray[Any]
+Search = Mapping[str, int]
+"""The keyword arguments that say where to search: ndisp, and min_disparity where it is not 0."""
+
+
+class Method(Protocol):
+    """A matcher: (left, right) uint8 images (H, W[, 3]) -> float32 disparity (H, W) in pixels, +inf unknown."""
+
+    @property
+    def name(self) -> str:
+        """What the board calls it."""
+        ...
+
+    def __call__(self, left: Image, right: Image, *, ndisp: int) -> Image:
+        """Match; `ndisp` is the number of disparities to search, 0 to ndisp - 1 or a little more.
+
+        For a pair that has negative disparities, and for no other, `min_disparity=` is given too: then the search is
+        from there to min_disparity + ndisp - 1.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A checked disparity map and the wall time of its call in seconds."""
+
+    disp: Image
+    seconds: float | None
+
+
+class MethodError(Exception):
+    """A method failed on a pair; `failure` says how."""
+
+    def __init__(self, kind: str, message: str) -> None:
+        super().__init__(message)
+        self.failure = Failure(kind, " ".join(message.split())[:300] or kind)
+
+
+def checked(found: Any, shape: tuple[int, int]) -> Image:
+    """What a method returned, if it is an (H, W) float map without NaN and -inf; MethodError otherwise."""
+    if not isinstance(found, np.ndarray) or found.dtype.kind != "f":
+        what = f"an array of {found.dtype}" if isinstance(found, np.ndarray) else type(found).__name__
+        raise MethodError("wrong-type", f"answered {what}: expected a float32 array of disparities")
+    if found.shape != shape:
+        raise MethodError("wrong-shape", f"answered shape {found.shape}: expected {shape}")
+    wrong = int(np.count_nonzero(np.isnan(found) | np.isneginf(found)))
+    if wrong:
+        raise MethodError("not-a-number", f"NaN or -inf at {wrong} of {found.size} pixels: unknown is +inf")
+    return found.astype(np.float32, copy=False)
+
+
+def call(method: Method, left: Image, right: Image, search: Search) -> Answer:
+    """One timed call; whatever it raises becomes a MethodError."""
+    start = time.perf_counter()
+    try:
+        found = method(left, right, **search)
+    except TimeoutError as error:
+        raise MethodError("time-limit", str(error)) from error
+    except MemoryError as error:
+        raise MethodError("memory", f"asked for more memory than there is: {error}".rstrip(": ")) from error
+    except (Exception, SystemExit) as error:
+        raise MethodError("crash", f"{type(error).__name__}: {error}") from error
+    return Answer(checked(found, left.shape[:2]), time.perf_counter() - start)
+
+
+def warm_up(method: Method, left: Image, right: Image, search: Search) -> None:
+    """A call on the first rows, so that compiling is not in the measured time. What it answers or raises is ignored."""
+    with contextlib.suppress(Exception, SystemExit):
+        method(left[:WARM_UP_ROWS].copy(), right[:WARM_UP_ROWS].copy(), **search)
+
+
+class InProcess:
+    """Calls methods here, without a time limit."""
+
+    def __init__(self) -> None:
+        self._warm: set[tuple[str, int]] = set()
+
+    def __enter__(self) -> "InProcess":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return None
+
+    def warm_up(self, method: Method, left: Image, right: Image, search: Search) -> None:
+        """See `warm_up`; once for each method and ndisp."""
+        key = method.name, search["ndisp"]
+        if key not in self._warm:
+            self._warm.add(key)
+            warm_up(method, left, right, search)
+
+    def call(self, method: Method, left: Image, right: Image, search: Search) -> Answer:
+        """See `call`."""
+        return call(method, left, right, search)
