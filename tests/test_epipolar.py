@@ -31,7 +31,7 @@ def test_matches_of_a_hundred_rigs_satisfy_f_e_and_their_lines(rigs):
         lines = epipolar.epipolar_lines(rig, a)
         assert np.abs((lines * geometry.homogeneous(b)).sum(axis=1)).max() < 1e-8
         rays = [rig.cameras[i].unproject(seen(rig, points, i)) for i in (0, 1)]
-        assert np.abs(np.einsum("ni,ij,nj->n", rays[1], epipolar.essential(rig), rays[0])).max() < 1e-10
+        assert np.abs(np.einsum("ni,ij,nj->n", rays[1], epipolar.essential_matrix(rig), rays[0])).max() < 1e-10
 
 
 def test_a_pixel_off_its_line_is_as_far_off_as_it_was_moved(rigs):
@@ -53,12 +53,12 @@ def test_f_is_what_opencv_finds_from_matches_alone(rigs):
         a, b = (ideal(rig, points, i) for i in (0, 1))
         theirs, _ = cv2.findFundamentalMat(a, b, cv2.FM_8POINT)
         shift = np.array([[100.0, 0, 319.5], [0, 100.0, 239.5], [0, 0, 1.0]])  # compared in balanced coordinates
-        assert same_up_to_scale(shift.T @ epipolar.fundamental(rig) @ shift, shift.T @ theirs @ shift, 1e-6)
+        assert same_up_to_scale(shift.T @ epipolar.fundamental_matrix(rig) @ shift, shift.T @ theirs @ shift, 1e-6)
 
 
 def test_opencv_takes_e_apart_into_the_pose_of_the_pair(rigs):
     for rig, points in rigs[:20]:
-        matrix = epipolar.essential(rig)
+        matrix = epipolar.essential_matrix(rig)
         rays = [rig.cameras[i].unproject(seen(rig, points, i))[:, :2] for i in (0, 1)]
         _, turn, towards, _ = cv2.recoverPose(matrix, *rays, np.eye(3))
         b_from_a = rig.b_from_a(0, 1)
@@ -70,18 +70,18 @@ def test_opencv_takes_e_apart_into_the_pose_of_the_pair(rigs):
 def test_lines_equal_opencv(rigs):
     for rig, points in rigs[:20]:
         a = ideal(rig, points, 0)
-        theirs = cv2.computeCorrespondEpilines(a[:, None], 1, epipolar.fundamental(rig))[:, 0]
+        theirs = cv2.computeCorrespondEpilines(a[:, None], 1, epipolar.fundamental_matrix(rig))[:, 0]
         assert np.allclose(epipolar.epipolar_lines(rig, a), theirs, atol=1e-6, rtol=1e-9)
 
 
 def test_the_way_back_is_the_transpose(rigs):
     for rig, _ in rigs[:20]:
-        assert same_up_to_scale(epipolar.fundamental(rig, 1, 0), epipolar.fundamental(rig, 0, 1).T, 1e-12)
+        assert same_up_to_scale(epipolar.fundamental_matrix(rig, 1, 0), epipolar.fundamental_matrix(rig, 0, 1).T, 1e-12)
 
 
 def test_epipoles_are_where_the_centres_are_seen_and_f_forgets_them(rigs):
     for rig, _ in rigs[:20]:
-        matrix = epipolar.fundamental(rig)
+        matrix = epipolar.fundamental_matrix(rig)
         at_a, at_b = epipolar.epipoles(rig)
         assert np.abs(matrix @ at_a).max() < 1e-12
         assert np.abs(at_b @ matrix).max() < 1e-12
@@ -139,9 +139,9 @@ def test_a_line_wholly_at_infinity_is_named_as_such():
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: epipolar.essential(Rig([CAMERA] * 2, [np.eye(4)] * 2)), "one place"),
-        (lambda: epipolar.fundamental(line(CAMERA, 2, 0.1), 0, 0), "two different cameras"),
-        (lambda: epipolar.fundamental(line(CAMERA, 2, 0.1), 0, 2), "out of 0 to 1"),
+        (lambda: epipolar.essential_matrix(Rig([CAMERA] * 2, [np.eye(4)] * 2)), "one place"),
+        (lambda: epipolar.fundamental_matrix(line(CAMERA, 2, 0.1), 0, 0), "two different cameras"),
+        (lambda: epipolar.fundamental_matrix(line(CAMERA, 2, 0.1), 0, 2), "out of 0 to 1"),
         (lambda: epipolar.ideal_pixels(CAMERA, [[np.nan, 0]]), "finite"),
         (lambda: epipolar.epipolar_curve(line(CAMERA, 2, 0.1), [0, 0], [0.0]), "positive"),
         (lambda: epipolar.epipolar_planes(line(CAMERA, 2, 0.1), [[np.inf] * 3]), "infinity"),

@@ -8,7 +8,7 @@ from rigs import random_rig, seen
 from twinlens import geometry
 from twinlens.camera import Camera, Rig
 from twinlens.camera.layouts import line, toed_in
-from twinlens.epipolar import fundamental
+from twinlens.epipolar import fundamental_matrix
 from twinlens.errors import InputError
 from twinlens.hartley_sturm import correct_matches
 from twinlens.triangulation import METHODS, covariance, triangulate
@@ -43,7 +43,7 @@ def test_exact_matches_triangulate_as_in_opencv(method):
     for seed in range(20):
         rng = np.random.default_rng(seed)
         rig, points = random_rig(rng)
-        matches = correct_matches(fundamental(rig), *noisy(rig, points, rng))
+        matches = correct_matches(fundamental_matrix(rig), *noisy(rig, points, rng))
         theirs = cv2.triangulatePoints(rig.px_from_world(0), rig.px_from_world(1), *(m.T.copy() for m in matches)).T
         assert np.allclose(triangulate(rig, matches, method=method), geometry.dehomogeneous(theirs), atol=1e-6)
 
@@ -53,7 +53,7 @@ def test_corrected_matches_equal_opencv(sigma):
     for seed in range(10):
         rng = np.random.default_rng(seed)
         rig, points = random_rig(rng)
-        matrix, (a, b) = fundamental(rig), noisy(rig, points, rng, sigma)
+        matrix, (a, b) = fundamental_matrix(rig), noisy(rig, points, rng, sigma)
         ours, theirs = correct_matches(matrix, a, b), cv2.correctMatches(matrix, a[None], b[None])
         assert all(np.allclose(mine, its[0], atol=1e-6) for mine, its in zip(ours, theirs, strict=True))
 
@@ -63,7 +63,7 @@ def test_corrected_matches_of_wild_noise_move_no_further_than_opencv():
     for seed in range(10):
         rng = np.random.default_rng(seed)
         rig, points = random_rig(rng)
-        matrix, given = fundamental(rig), np.stack(noisy(rig, points, rng, 40.0))
+        matrix, given = fundamental_matrix(rig), np.stack(noisy(rig, points, rng, 40.0))
         ours, theirs = correct_matches(matrix, *given), cv2.correctMatches(matrix, *given[:, None])
         moved = [((np.reshape(each, given.shape) - given) ** 2).sum(axis=(0, 2)) for each in (ours, theirs)]
         assert (moved[0] <= moved[1] + 1e-8).all()
@@ -79,7 +79,7 @@ def test_no_match_nearer_than_the_corrected_one_is_found_by_search(rig):
     rng = np.random.default_rng(1)
     a = rng.uniform(100, 400, (5, 2))
     b = a - (30, 0) + rng.normal(0, 3, (5, 2))
-    matrix = fundamental(rig)
+    matrix = fundamental_matrix(rig)
     near_a, near_b = correct_matches(matrix, a, b)
     assert off_lines(matrix, near_a, near_b).max() < 1e-12
     cost = ((near_a - a) ** 2 + (near_b - b) ** 2).sum(axis=1)
@@ -91,7 +91,7 @@ def test_no_match_nearer_than_the_corrected_one_is_found_by_search(rig):
 
 
 def test_half_of_a_vertical_error_goes_to_each_image_of_a_rectified_pair():
-    near_a, near_b = correct_matches(fundamental(line(CAMERA, 2, 0.2)), [[100.0, 50.0]], [[80.0, 53.0]])
+    near_a, near_b = correct_matches(fundamental_matrix(line(CAMERA, 2, 0.2)), [[100.0, 50.0]], [[80.0, 53.0]])
     assert np.allclose(near_a, [[100, 51.5]], atol=1e-9)
     assert np.allclose(near_b, [[80, 51.5]], atol=1e-9)
 
@@ -213,5 +213,5 @@ def test_what_has_no_answer_is_refused(make, says):
 def test_a_pixel_on_the_epipole_is_left_as_it_is():
     ahead = Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(np.eye(3), [0.0, 0.0, 1.0])])
     pair = np.array([[CAMERA.cx, CAMERA.cy]]), np.array([[5.0, 7.0]])
-    for given, got in zip(pair, correct_matches(fundamental(ahead), *pair), strict=True):
+    for given, got in zip(pair, correct_matches(fundamental_matrix(ahead), *pair), strict=True):
         assert np.array_equal(given, got)

@@ -27,7 +27,7 @@ def check_pair(rig: Rig, a: int, b: int) -> None:
         raise InputError(f"cameras {a} and {b} stand in one place: without a baseline there is no epipolar geometry")
 
 
-def essential(rig: Rig, a: int = 0, b: int = 1) -> Float:
+def essential_matrix(rig: Rig, a: int = 0, b: int = 1) -> Float:
     """E = [t]x R with x_b = R x_a + t, (3, 3) in metres: d_b^T E d_a = 0 for directions d of one point.
 
     Its singular values are (B, B, 0), B the baseline. Raises InputError where there is no baseline.
@@ -38,13 +38,13 @@ def essential(rig: Rig, a: int = 0, b: int = 1) -> Float:
     return skew(to_b @ (pose_a[:3, 3] - pose_b[:3, 3])) @ to_b @ pose_a[:3, :3]
 
 
-def fundamental(rig: Rig, a: int = 0, b: int = 1) -> Float:
+def fundamental_matrix(rig: Rig, a: int = 0, b: int = 1) -> Float:
     """F = K_b^-T E K_a^-1, (3, 3) of unit Frobenius norm: p_b^T F p_a = 0 for ideal pixels p = (u, v, 1).
 
     Raises InputError where there is no baseline.
     """
     inverse_a, inverse_b = (np.linalg.inv(rig.cameras[i].K) for i in _both(rig, a, b))
-    matrix = inverse_b.T @ essential(rig, a, b) @ inverse_a
+    matrix = inverse_b.T @ essential_matrix(rig, a, b) @ inverse_a
     scaled: Float = matrix / np.linalg.norm(matrix)
     return scaled
 
@@ -74,7 +74,7 @@ def epipolar_lines(rig: Rig, pixels: ArrayLike, a: int = 0, b: int = 1) -> Float
     is (0, 0, 1), and the epipole itself, whose partner may lie anywhere, has none: (0, 0, 0).
     """
     points = homogeneous(pixels)
-    matrix = fundamental(rig, a, b)
+    matrix = fundamental_matrix(rig, a, b)
     lines = points @ matrix.T
     lines[np.abs(lines) <= _NOTHING * (np.abs(points) @ np.abs(matrix).T)] = 0.0
     slope = np.hypot(lines[..., 0], lines[..., 1])[..., None]
@@ -132,7 +132,7 @@ def epipolar_planes(rig: Rig, points_world: ArrayLike, a: int = 0, b: int = 1) -
 def epipolar_residual(rig: Rig, pixels_a: ArrayLike, pixels_b: ArrayLike, a: int = 0, b: int = 1) -> Float:
     """p_b^T F p_a of ideal pixels (..., 2), F and the homogeneous pixels scaled to unit norm: (...,), 0 for a match."""
     first, second = (p / np.linalg.norm(p, axis=-1, keepdims=True) for p in map(homogeneous, (pixels_a, pixels_b)))
-    residual: Float = np.einsum("...i,ij,...j->...", second, fundamental(rig, a, b), first)
+    residual: Float = np.einsum("...i,ij,...j->...", second, fundamental_matrix(rig, a, b), first)
     return residual
 
 
@@ -142,7 +142,7 @@ def sampson_distance(rig: Rig, pixels_a: ArrayLike, pixels_b: ArrayLike, a: int 
     |p_b^T F p_a| / sqrt((F p_a)_1^2 + (F p_a)_2^2 + (F^T p_b)_1^2 + (F^T p_b)_2^2); 0 at the two epipoles, which match
     whatever they meet. Source: Hartley and Zisserman 2004, section 11.4.3.
     """
-    first, second, matrix = homogeneous(pixels_a), homogeneous(pixels_b), fundamental(rig, a, b)
+    first, second, matrix = homogeneous(pixels_a), homogeneous(pixels_b), fundamental_matrix(rig, a, b)
     lines_b, lines_a = first @ matrix.T, second @ matrix
     slope = np.linalg.norm(np.concatenate([lines_b[..., :2], lines_a[..., :2]], axis=-1), axis=-1)
     off = np.abs(np.einsum("...i,...i->...", second, lines_b))

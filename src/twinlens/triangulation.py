@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from twinlens import geometry
 from twinlens.camera import Rig
 from twinlens.camera.jacobian import projection_jacobian
-from twinlens.epipolar import check_pair, fundamental, ideal_pixels
+from twinlens.epipolar import check_pair, fundamental_matrix, ideal_pixels
 from twinlens.errors import InputError, unknown
 from twinlens.geometry import Float
 from twinlens.hartley_sturm import correct_matches
@@ -146,7 +146,7 @@ def _optimal(rig: Rig, cameras: tuple[int, ...], ideal: list[Float]) -> Float:
     """The pixels moved least until their rays meet; where they do is then the same by any method."""
     if len(cameras) != 2:
         raise InputError(f"the optimal method takes two cameras, got {len(cameras)}: use 'midpoint' or 'dlt' for more")
-    corrected = correct_matches(fundamental(rig, *cameras), *ideal)
+    corrected = correct_matches(fundamental_matrix(rig, *cameras), *ideal)
     return _midpoint(rig, cameras, list(corrected))
 
 

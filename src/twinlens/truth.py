@@ -1,6 +1,6 @@
 """What one camera sees, exactly: the arrays of the ground truth and what follows from them without a scene.
 
-Plain data between the rooms: `render` makes it, `dataset` writes it, `scoring` reads it. Never imports a renderer.
+Plain data between the rooms: `rendering` makes it, `dataset` writes it, `scoring` reads it. Never imports a renderer.
 """
 
 from dataclasses import dataclass
@@ -51,3 +51,19 @@ class Truth:
         """Middlebury's mask, uint8 (H, W): 255 visible in both views, 128 occluded or out of frame, 0 unknown."""
         known = self.hit | np.isfinite(self.disparity)
         return np.where(self.visible & known, 255, np.where(known, 128, 0)).astype(np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondence:
+    """Where each pixel of one camera (the source) lies in the image of another (the target). Arrays (H, W[, 2]).
+
+    pixels : float64 (H, W, 2), (u', v') in the target's image, its distortion included, also where the point is outside
+        or occluded there; +inf where unknown: nothing was hit, or the point lies behind the target or beyond what its
+        lens can form.
+    visible : bool, whether the target sees the point: inside its image and nothing in between.
+    disparity : float32, pixels, u_left - u_right where the two are a rectified pair in either order; +inf elsewhere.
+    """
+
+    pixels: NDArray[np.float64]
+    visible: NDArray[np.bool_]
+    disparity: NDArray[np.float32]

@@ -1,8 +1,18 @@
 """Photographs and exact truth of a scene. The only room that imports mitsuba and drjit, and only when it is used."""
 
 from twinlens.rendering.backends import Backend, backend, doctor
-from twinlens.rendering.ground_truth import ground_truth
+from twinlens.rendering.ground_truth import correspondence, ground_truth
 from twinlens.rendering.lens_grid import LensGrid, render_lens_grid
 from twinlens.rendering.radiance import SAMPLERS, render
 
-__all__ = ["SAMPLERS", "Backend", "LensGrid", "backend", "doctor", "ground_truth", "render", "render_lens_grid"]
+__all__ = [
+    "SAMPLERS",
+    "Backend",
+    "LensGrid",
+    "backend",
+    "correspondence",
+    "doctor",
+    "ground_truth",
+    "render",
+    "render_lens_grid",
+]
