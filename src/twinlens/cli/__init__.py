@@ -26,6 +26,7 @@ COMMANDS = {
     "match": "Match two images; write the disparity map.",
     "benchmark": "Run matchers on a dataset and score them; make the leaderboard.",
     "score": "Score disparity maps that something else made.",
+    "study": "Sweep one physical quantity; table, figures and what was found.",
     "report": "Make the leaderboard page of a board that was measured.",
 }
 

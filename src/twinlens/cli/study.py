@@ -1,0 +1,93 @@
+"""`twinlens study`: sweep one physical quantity; a table, figures, and a page that says what was found."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from twinlens.cli.benchmark import split_methods
+from twinlens.cli.progress import progress_bar
+from twinlens.errors import unknown
+
+
+@click.command("study")
+@click.argument("name")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="Folder of the results.  [needed, but for 'list']"
+)
+@click.option("--scene", "scenes", multiple=True, help="A bundled name or a scene's file; may be given several times.")
+@click.option("--methods", "methods", multiple=True, help="Matchers, commas between them, as sad,zncc:block_size=15.")
+@click.option("--seeds", type=click.IntRange(1, 1000), help="Repetitions, each with a seed of its own.")
+@click.option("--first-seed", type=click.IntRange(min=0), default=0, show_default=True, help="The first of the seeds.")
+@click.option("--size", help="Image size, WIDTHxHEIGHT.  [default: the study's]")
+@click.option("--spp", type=click.IntRange(1, 1_000_000), help="Samples a pixel.  [default: the study's]")
+@click.option("--json", "as_json", is_flag=True, help="Print what was found as JSON.")
+def command(
+    name: str,
+    output: Path | None,
+    scenes: tuple[str, ...],
+    methods: tuple[str, ...],
+    seeds: int | None,
+    first_seed: int,
+    size: str | None,
+    spp: int | None,
+    as_json: bool,
+) -> None:
+    """Run the study NAME; write OUTPUT/table.csv, study.json, figures/ and index.html. `list` names the studies.
+
+    \b
+    Example:  twinlens study list
+              twinlens study radiometric --scene cards --methods sad,census --seeds 2 -o radiometric
+    """
+    from twinlens.studies import STUDIES
+
+    if name == "list":
+        _list(as_json)
+        return
+    if name not in STUDIES:
+        raise unknown("study", name, [*STUDIES, "list"])
+    if output is None:
+        raise click.UsageError("name the folder of the results: -o DIR")
+    from twinlens.report.study_files import write_study
+    from twinlens.studies import run_study
+
+    with progress_bar(f"study {name}") as report:
+        result = run_study(
+            STUDIES[name], scenes=scenes, methods=tuple(split_methods(methods)) if methods else None, seeds=seeds,
+            first_seed=first_seed, progress=report, **_sizes(size, spp),
+        )  # fmt: skip
+    page = write_study(output, result)
+    _tell(result, page, as_json)
+
+
+def _list(as_json: bool) -> None:
+    from twinlens.studies import STUDIES
+
+    if as_json:
+        click.echo(json.dumps({name: study.question for name, study in STUDIES.items()}, indent=1))
+        return
+    for name, study in STUDIES.items():
+        click.echo(f"{name:<14}{study.question}")
+
+
+def _sizes(size: str | None, spp: int | None) -> dict[str, int]:
+    from twinlens.cli.specs import parse_size
+
+    sizes = {} if spp is None else {"spp": spp}
+    if size is not None:
+        sizes["width"], sizes["height"] = parse_size(size)
+    return sizes
+
+
+def _tell(result: Any, page: Path, as_json: bool) -> None:
+    if as_json:
+        click.echo((page.parent / "study.json").read_text())
+        return
+    for stands in result.findings:
+        finding = stands.finding
+        verdict = "holds" if finding.holds else "DOES NOT HOLD"
+        click.echo(
+            f"{verdict}, {stands.seeds} of {stands.of} seeds alone: {finding.text}: {finding.measured} {finding.unit}"
+        )
+    click.echo(f"page: {page.resolve().as_uri()}")

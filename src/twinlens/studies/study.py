@@ -1,0 +1,169 @@
+"""What a study is: a question, a way to measure, what is concluded of the table, and which figures are drawn of it.
+
+    Setup -> measure -> Table (the CSV) -> conclude -> Findings
+                          |--------------> Figures (drawn by the report room, of the CSV alone)
+
+A `Study` is data and two functions; `STUDIES` lists them, `run_study` runs one.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.errors import InputError
+from twinlens.studies.bootstrap import Interval
+from twinlens.studies.table import Column, Row, Table, Value
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a study is run on.
+
+    scenes: names or files, as `load_scene` takes them. methods: as `matching.parse_method` reads them. seeds: one
+    repetition each, of every random draw. width, height, spp: of the photographs. progress: told the fraction done.
+    """
+
+    scenes: tuple[str, ...]
+    methods: tuple[str, ...]
+    seeds: tuple[int, ...]
+    width: int = 320
+    height: int = 240
+    spp: int = 32
+    progress: Progress = lambda fraction, now: None
+
+    def __post_init__(self) -> None:
+        if not self.seeds:
+            raise InputError("a study needs one seed at least")
+        for name in ("scenes", "methods", "seeds"):
+            values = getattr(self, name)
+            double = next((value for value in values if values.count(value) > 1), None)
+            if double is not None:
+                raise InputError(f"a study's {name} name {double!r} twice")
+        for name in ("width", "height", "spp"):
+            if not (isinstance(getattr(self, name), int) and getattr(self, name) > 0):
+                raise InputError(f"a study's {name} must be a positive whole number, got {getattr(self, name)!r}")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One conclusion: what was claimed or asked, what was measured, and whether it holds.
+
+    text says it in words. measured: a number with its interval, in `unit`. expected: what theory says, if it does, and
+    within which `tolerance` (relative). holds: whether the measurement agrees.
+    """
+
+    text: str
+    measured: Interval
+    holds: bool
+    unit: str = ""
+    expected: float | None = None
+    tolerance: float | None = None
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A plot of the table: the mean of `y` against `x`, a line for each value of `by`, a panel for each of `panel`.
+
+    kind: "line" (means with bootstrap bands), "scatter" (every row a point), "heatmap" (mean of `z` over x and y).
+    where: only rows with these values; rows whose `by` is "theory" are drawn as a black dashed line. residual_of: the
+    column with the prediction; a strip below shows measured / predicted - 1. marks: (column, label): a vertical line
+    at the column's mean.
+    """
+
+    name: str
+    title: str
+    x: str
+    y: str
+    by: str = ""
+    panel: str = ""
+    kind: str = "line"
+    z: str = ""
+    log_x: bool = False
+    log_y: bool = False
+    where: Mapping[str, object] = field(default_factory=dict)
+    residual_of: str = ""
+    marks: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Images side by side, each with its caption: uint8 (H, W) or (H, W, 3). What no table can show."""
+
+    name: str
+    title: str
+    images: tuple[NDArray[np.uint8], ...]
+    captions: tuple[str, ...]
+    columns: int = 6
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What `measure` gives: the rows, pictures, and notes for the protocol (constants, what was saved, ...)."""
+
+    rows: Sequence[Row]
+    pictures: tuple[Picture, ...] = ()
+    notes: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A sweep of one physical quantity.
+
+    Parameters
+    ----------
+    name, question : what it is called, and what it asks, in a sentence.
+    columns : of its table, besides "scene" and "seed", which every table has.
+    measure : Setup -> Measured.
+    conclude : Table -> findings; called with the whole table, and with each seed's rows alone.
+    figures : drawn of the CSV.
+    defaults : the Setup it is run on unless told otherwise.
+    """
+
+    name: str
+    question: str
+    columns: tuple[Column, ...]
+    measure: Callable[[Setup], Measured]
+    conclude: Callable[[Table], Sequence[Finding]]
+    figures: tuple[Figure, ...]
+    defaults: Setup
+
+    @property
+    def all_columns(self) -> tuple[Column, ...]:
+        """The table's columns, "scene" and "seed" first."""
+        return (Column("scene", "", "scene"), Column("seed", "", "seed"), *self.columns)
+
+
+@dataclass(frozen=True, eq=False)
+class Stands:
+    """A finding of all rows, and for how many of the seeds it holds when each is looked at alone."""
+
+    finding: Finding
+    seeds: int
+    of: int
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A study that was run: its table, what was found, and everything a page or a protocol says of it."""
+
+    study: Study
+    setup: Setup
+    table: Table
+    findings: tuple[Stands, ...]
+    pictures: tuple[Picture, ...]
+    protocol: Mapping[str, Any]
+
+
+def sweep(setup: Setup, *values: Sequence[Value]) -> Iterator[tuple[Any, ...]]:
+    """Every (scene, *values) of a grid, scene by scene, telling the progress before each."""
+    grid: list[tuple[Any, ...]] = [(scene,) for scene in setup.scenes]
+    for axis in values:
+        grid = [(*place, value) for place in grid for value in axis]
+    for done, place in enumerate(grid):
+        setup.progress(done / len(grid), " ".join(str(value) for value in place))
+        yield place
