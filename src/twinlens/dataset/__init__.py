@@ -3,8 +3,12 @@
 What a sample looks like on the disk is written in docs/format.md.
 """
 
+from twinlens.dataset.about import About
+from twinlens.dataset.card import write_card
 from twinlens.dataset.codecs import (
     Calibration,
+    encode_pfm,
+    encode_png,
     read_calib,
     read_exr,
     read_pfm,
@@ -14,11 +18,15 @@ from twinlens.dataset.codecs import (
     write_pfm,
     write_png,
 )
+from twinlens.dataset.croissant import write_croissant
 from twinlens.dataset.dataset import Dataset, arrays
+from twinlens.dataset.description import describe
+from twinlens.dataset.figures import contact_sheet
 from twinlens.dataset.files import remove_unfinished
 from twinlens.dataset.manifest import Manifest, Row, checksums, read_manifest, row_of, write_manifest
 from twinlens.dataset.motorcycle import RealPair, motorcycle
 from twinlens.dataset.occlusion import mask_from_both, mask_from_one
+from twinlens.dataset.quantities import statistics
 from twinlens.dataset.sample import Sample, Shot, sample_files, write_sample
 from twinlens.dataset.storage import Place, RemotePath, Where, is_whole, place
 from twinlens.dataset.stored import StoredSample, StoredShot
@@ -26,6 +34,7 @@ from twinlens.dataset.truth_files import read_truth
 from twinlens.dataset.verify import verify_dataset, verify_sample
 
 __all__ = [
+    "About",
     "Calibration",
     "Dataset",
     "Manifest",
@@ -40,6 +49,10 @@ __all__ = [
     "Where",
     "arrays",
     "checksums",
+    "contact_sheet",
+    "describe",
+    "encode_pfm",
+    "encode_png",
     "is_whole",
     "mask_from_both",
     "mask_from_one",
@@ -54,9 +67,12 @@ __all__ = [
     "remove_unfinished",
     "row_of",
     "sample_files",
+    "statistics",
     "verify_dataset",
     "verify_sample",
     "write_calib",
+    "write_card",
+    "write_croissant",
     "write_exr",
     "write_manifest",
     "write_pfm",

@@ -64,6 +64,7 @@ class Sample:
     Parameters
     ----------
     rig : Rig
+        As it is; truth and calibration are of its `nominal` one, as its owner believes it to be.
     shots : one Shot a lens; the first is the folder's own im0 and im1, the others lie in lens-1, lens-2, ...
     truths : one Truth a camera, or empty.
     ndisp : bound of the disparities, 0 <= d < ndisp; None takes it from the truth.
@@ -91,7 +92,7 @@ class Sample:
     @property
     def is_rectified(self) -> bool:
         """Whether the first two cameras are a rectified pair, and calib.txt can describe them."""
-        return len(self.rig) > 1 and self.rig.is_rectified()
+        return len(self.rig) > 1 and self.rig.nominal.is_rectified()
 
 
 def sample_files(sample: Sample) -> dict[str, bytes]:
@@ -144,11 +145,12 @@ def _shot_files(shot: Shot) -> dict[str, bytes]:
 
 
 def _truth_files(sample: Sample, i: int, truth: Truth) -> dict[str, bytes]:
-    files = {f"truth{i}.exr": encode_truth(truth, sample.rig.cameras[i], sample.shots[0].lens)}
-    partner = sample.rig.partner(i)
+    rig = sample.rig.nominal
+    files = {f"truth{i}.exr": encode_truth(truth, rig.cameras[i], sample.shots[0].lens)}
+    partner = rig.partner(i)
     if partner is not None:
         files[f"mask{i}nocc.png"] = encode_png(truth.mask_nonocc())
-        if sample.rig.is_rectified(*sorted((i, partner))):
+        if rig.is_rectified(*sorted((i, partner))):
             files[f"disp{i}.pfm"] = encode_pfm(truth.disparity)
     return files
 
@@ -157,14 +159,14 @@ def _calibration(sample: Sample) -> Calibration:
     known = [truth.disparity[np.isfinite(truth.disparity)] for truth in sample.truths[:2]]
     values = np.concatenate([*known, np.empty(0, np.float32)])
     if not values.size:
-        return Calibration.from_rig(sample.rig, sample.ndisp)
+        return Calibration.from_rig(sample.rig.nominal, sample.ndisp)
     low, high = math.floor(values.min()), math.ceil(values.max())
     ndisp = sample.ndisp or max(high + 1, 1)
-    return Calibration.from_rig(sample.rig, ndisp).replace(vmin=float(low), vmax=float(high))
+    return Calibration.from_rig(sample.rig.nominal, ndisp).replace(vmin=float(low), vmax=float(high))
 
 
 def _record(sample: Sample) -> dict[str, Any]:
-    rig = sample.rig
+    rig = sample.rig.nominal
     pair = {"baseline": tidy(rig.baseline()), "doffs_px": rig.doffs()} if len(rig) > 1 else None
     first = sample.truths[0] if sample.truths else None
     return {
@@ -172,7 +174,7 @@ def _record(sample: Sample) -> dict[str, Any]:
         "version": VERSION,
         "twinlens": twinlens.__version__,
         "conventions": CONVENTIONS,
-        "rig": plain(rig),
+        "rig": plain(sample.rig),
         "rectified": sample.is_rectified,
         "pair": pair,
         "shots": [

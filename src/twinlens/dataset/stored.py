@@ -17,13 +17,14 @@ from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.codecs.pfm import read_pfm
 from twinlens.dataset.codecs.png import read_png
+from twinlens.dataset.correspondence import correspondence_of
 from twinlens.dataset.occlusion import Mask, mask_from_both, mask_from_one
 from twinlens.dataset.record import lens_from_plain, read_json, relative_name, rig_from_plain
 from twinlens.dataset.sample import KIND, VERSION
 from twinlens.dataset.storage import Place
 from twinlens.dataset.truth_files import blur_circle_px, read_truth, truth_from_arrays
 from twinlens.errors import FileError, InputError
-from twinlens.truth import Truth
+from twinlens.truth import Correspondence, Truth
 
 Image = NDArray[Any]
 Disparity = NDArray[np.float32]
@@ -105,7 +106,15 @@ class StoredSample:
 
     @property
     def rig(self) -> Rig:
-        """The cameras and their poses: of sample.json, or of calib.txt where there is none."""
+        """The cameras and poses that truth and calibration are of: sample.json's, or calib.txt's where there is none.
+
+        Where an error of calibration was left in on purpose, the pictures are those of `photographed_by`.
+        """
+        return self.photographed_by.nominal
+
+    @property
+    def photographed_by(self) -> Rig:
+        """The rig as it was when the pictures were taken: `rig`, but for errors of calibration left in on purpose."""
         if not self.has("sample.json"):
             return self.calibration.rig()
         given = self.record.get("rig")
@@ -163,6 +172,10 @@ class StoredSample:
         else:
             disparity = np.full(arrays["depth"].shape, np.inf, np.float32)
         return truth_from_arrays(arrays, disparity)
+
+    def correspondence(self, source: int, target: int) -> Correspondence:
+        """Where view `source`'s pixels lie in view `target`: of any two, from their truths. See `correspondence_of`."""
+        return correspondence_of((self.truth(source), self.truth(target)), self.rig, source, target)
 
     def radiance(self, i: int) -> NDArray[np.float32]:
         """View i's linear image, float32 (H, W, 3), where it was kept."""

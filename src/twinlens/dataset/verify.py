@@ -9,10 +9,11 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.camera import Rig
 from twinlens.dataset import laws
-from twinlens.dataset.codecs.calib import read_calib
+from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.codecs.pfm import read_pfm
 from twinlens.dataset.codecs.png import read_png
@@ -126,6 +127,8 @@ def _truths(content: dict[str, Any]) -> list[str]:
     findings = []
     if "calib.txt" in content:
         findings += _named("calib.txt", laws.calibration_agrees(content["calib.txt"], rig))
+    elif len(rig) > 1 and rig.is_rectified():
+        findings.append("calib.txt: is missing (the first two cameras are a rectified pair)")
     for i in range(len(rig)):
         if f"truth{i}.exr" in content:
             findings += _view_of(content, rig, i)
@@ -140,9 +143,9 @@ def _view_of(content: dict[str, Any], rig: Rig, i: int) -> list[str]:
         return findings
     findings += _named(f"truth{i}.exr", laws.ids_agree(truth))
     findings += _named(f"truth{i}.exr", laws.blur_agrees(truth, rig.cameras[i], content["lenses"][0]))
-    disparity, calibration = content.get(f"disp{i}.pfm"), content.get("calib.txt")
-    if disparity is not None and calibration is not None and i < 2:
-        findings += _named(f"disp{i}.pfm", laws.disparity_agrees(truth, disparity, calibration))
+    disparity = content.get(f"disp{i}.pfm")
+    if disparity is not None:
+        findings += _named(f"disp{i}.pfm", _disparity_agrees(truth, disparity, rig, i))
     if f"mask{i}nocc.png" in content:
         known = truth["object_id"] > 0
         if disparity is not None:
@@ -154,6 +157,14 @@ def _view_of(content: dict[str, Any], rig: Rig, i: int) -> list[str]:
         pair = (truth, content[f"truth{partner}.exr"])
         findings += _named(f"truth{i}.exr", laws.views_agree(pair, rig, (i, partner)))
     return findings
+
+
+def _disparity_agrees(truth: laws.Arrays, disparity: NDArray[np.float32], rig: Rig, i: int) -> list[str]:
+    partner = rig.partner(i)
+    left, right = sorted((i, i if partner is None else partner))
+    if left == right or not rig.is_rectified(left, right):
+        return ["holds disparities, and the view is one of no rectified pair"]
+    return laws.disparity_agrees(truth, disparity, Calibration.from_rig(rig.pair(left, right)))
 
 
 def _named(name: str, findings: list[str]) -> list[str]:

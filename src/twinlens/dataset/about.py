@@ -1,0 +1,70 @@
+"""What only a dataset's maker can say of it: name, licence, authors; kept in dataset.json under ``info.about``."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from twinlens.dataset.dataset import Dataset
+from twinlens.dataset.manifest import NAME, Manifest
+from twinlens.errors import FileError, InputError, unknown
+
+KEY = "about"
+
+
+@dataclass(frozen=True)
+class About:
+    """What a card and Croissant metadata say beyond what the files tell; text, empty where it is not said.
+
+    name : of the dataset; its folder's where empty. description : one sentence or more.
+    license : an SPDX name as ``CC-BY-4.0``, or the address of a licence's text.
+    creator : who made it. url : where it can be had. published : the date, ``2026-01-31``. cite_as : a BibTeX entry.
+    """
+
+    name: str = ""
+    description: str = ""
+    license: str = ""
+    creator: str = ""
+    url: str = ""
+    published: str = ""
+    cite_as: str = ""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            if not isinstance(getattr(self, field.name), str):
+                raise InputError(f"{KEY}: {field.name} must be text, got {getattr(self, field.name)!r}")
+
+    @classmethod
+    def of(cls, values: Any) -> "About":
+        """From plain data, or InputError naming the key that is not known."""
+        known = [field.name for field in dataclasses.fields(cls)]
+        if not isinstance(values, Mapping):
+            raise InputError(f"{KEY} must be a table of {', '.join(known)}")
+        for key in values:
+            if key not in known:
+                raise unknown(f"key of {KEY}", str(key), known)
+        return cls(**values)
+
+    def plain(self) -> dict[str, str]:
+        """What is said, as a manifest's info holds it."""
+        return {name: value for name, value in dataclasses.asdict(self).items() if value}
+
+
+def about(dataset: Dataset) -> tuple[About, Manifest]:
+    """What its maker says of the dataset, in dataset.json or its recipe, and its manifest; empty where there is none.
+
+    Raises FileError for what is said wrongly.
+    """
+    path = dataset.path / NAME
+    if not path.is_file():
+        return About(), Manifest(())
+    manifest = dataset.manifest
+    try:
+        return About.of(manifest.info.get(KEY, manifest.recipe.get(KEY, {}))), manifest
+    except InputError as error:
+        raise FileError(f"{path}: {error}") from None
+
+
+def named(said: About, dataset: Dataset) -> About:
+    """`said` with the folder's name where it gives the dataset none."""
+    return dataclasses.replace(said, name=said.name or dataset.path.resolve().name)

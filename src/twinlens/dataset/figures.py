@@ -1,0 +1,111 @@
+"""The two pictures of a dataset's card: a sheet of its left images, and the distributions of its truth.
+
+The same dataset gives the same bytes with the same versions of Pillow and matplotlib; neither file holds a date.
+"""
+
+import io
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from twinlens.dataset.quantities import Statistics, mixed_counts
+from twinlens.errors import InputError
+
+TILES = 64
+_TILE_WIDTH, _GAP = 160, 4
+_BINS = 60
+_INK, _FILL, _QUIET = "#1b2a3a", "#3b7dd8", "#6b7785"
+_WIDE = 8.0  # depths that span so many times the least are drawn on a logarithmic axis
+
+
+def contact_sheet(images: Iterable[NDArray[Any]], columns: int = 8) -> bytes:
+    """A JPEG of the images (uint8 or uint16, (H, W[, 3])) as tiles in rows, one at a time in memory.
+
+    Every tile is 160 pixels wide and as high as the first one's shape asks; other shapes are fitted into it. Raises
+    InputError when there is no image.
+    """
+    tiles: list[Image.Image] = []
+    for image in images:
+        height = tiles[0].height if tiles else max(round(_TILE_WIDTH * image.shape[0] / image.shape[1]), 1)
+        tiles.append(_tile(image, height))
+    if not tiles:
+        raise InputError("a sheet needs one image or more")
+    columns = min(columns, len(tiles))
+    rows = -(-len(tiles) // columns)
+    width, height = _TILE_WIDTH + _GAP, tiles[0].height + _GAP
+    sheet = Image.new("RGB", (columns * width + _GAP, rows * height + _GAP), "white")
+    for i, tile in enumerate(tiles):
+        sheet.paste(tile, (_GAP + i % columns * width, _GAP + i // columns * height))
+    stream = io.BytesIO()
+    sheet.save(stream, "JPEG", quality=88)
+    return stream.getvalue()
+
+
+def statistics_figure(many: Sequence[Statistics]) -> bytes:
+    """A PNG of what the samples hold, each of the same weight: disparity, depth, blur circle, occluded pixels."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 5.6), dpi=110, layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.subplots(2, 2).ravel()
+    share = "share of the pixels (%)"
+    many = [each for each in many if "disparity" in each]
+    _draw(axes[0], [each["disparity"] for each in many], "disparity (px)", share)
+    _draw(axes[1], [each["depth"] for each in many], "depth (m)", share, wide=_WIDE)
+    blurs = [blur for each in many for blur in each["blur_px"]]
+    _draw(axes[2], [blur for blur in blurs if blur and blur[-1] > 0], "blur circle's diameter (px)", share)
+    occluded = [100 * each["occluded"] for each in many]
+    _draw(
+        axes[3], [[value, value] for value in occluded], "pixels that one view alone sees (%)", "share of samples (%)"
+    )
+    stream = io.BytesIO()
+    canvas.print_png(stream, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def _tile(image: NDArray[Any], height: int) -> Image.Image:
+    eight = image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)
+    picture = Image.fromarray(eight).convert("RGB")
+    picture = picture.reduce(max(1, picture.width // (3 * _TILE_WIDTH)))
+    picture.thumbnail((_TILE_WIDTH, height), Image.Resampling.LANCZOS)
+    if picture.size == (_TILE_WIDTH, height):
+        return picture
+    tile = Image.new("RGB", (_TILE_WIDTH, height), "white")
+    tile.paste(picture, ((_TILE_WIDTH - picture.width) // 2, (height - picture.height) // 2))
+    return tile
+
+
+def _draw(
+    axes: Any, many: list[list[float]], xlabel: str, ylabel: str, least: float = np.inf, wide: float = np.inf
+) -> None:
+    """A histogram of distributions given by their quantiles, from `least` or less."""
+    many = [each for each in many if each]
+    axes.set_xlabel(xlabel, color=_INK)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(_QUIET)
+    axes.tick_params(colors=_QUIET, labelsize=8)
+    if not many:
+        axes.set_xticks([])
+        axes.set_yticks([])
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", color=_QUIET)
+        return
+    axes.set_ylabel(ylabel, color=_INK, fontsize=8)
+    low, high = min(least, *(each[0] for each in many)), max(each[-1] for each in many)
+    logarithmic = low > 0 and high > wide * low
+    edges = _edges(low, high, logarithmic)
+    axes.stairs(100 * mixed_counts(edges, many) / len(many), edges, fill=True, color=_FILL)
+    if logarithmic:
+        axes.set_xscale("log")
+    axes.set_xlim(edges[0], edges[-1])
+
+
+def _edges(low: float, high: float, logarithmic: bool) -> NDArray[np.float64]:
+    if logarithmic:
+        return np.geomspace(low, high, _BINS + 1)
+    if high - low < 1e-9 * max(abs(low), abs(high), 1.0):
+        low, high = low - 0.5, high + 0.5
+    return np.linspace(low, high, _BINS + 1)

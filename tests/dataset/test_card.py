@@ -1,0 +1,199 @@
+"""The card, its pictures, and the Croissant metadata: each read back by the library that reads it."""
+
+import hashlib
+import io
+import json
+
+import dataset_scene
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from twinlens.dataset import (
+    About,
+    Dataset,
+    Manifest,
+    Row,
+    contact_sheet,
+    describe,
+    motorcycle,
+    place,
+    read_manifest,
+    statistics,
+    write_card,
+    write_croissant,
+    write_manifest,
+    write_png,
+    write_sample,
+)
+from twinlens.dataset.figures import statistics_figure
+from twinlens.dataset.quantities import KEY
+from twinlens.errors import FileError, InputError
+
+rdflib_warns = pytest.mark.filterwarnings("ignore::DeprecationWarning:rdflib")
+
+
+def made(root, names=("a", "train/0"), **info):
+    rows = []
+    for i, name in enumerate(names):
+        sample = dataset_scene.sample(num_lenses=1 + i % 2, baseline=0.3 + 0.1 * i)
+        sums = write_sample(root / name, sample)
+        rows.append(Row(name, sums, {"split": "train", KEY: statistics(sample)}))
+    write_manifest(root, Manifest(tuple(rows), recipe={"count": len(names)}, seed=5, info=info))
+    return root
+
+
+def front_matter(text):
+    _, head, body = text.split("---\n", 2)
+    return yaml.safe_load(head), body
+
+
+def test_the_card_tells_what_there_is(tmp_path):
+    root = made(tmp_path / "set", rejected={"too dark": 3}, versions={"mitsuba": "3.9"})
+    assert write_card(root) == ["README.md", "samples.jpg", "statistics.png"]
+    head, body = front_matter((root / "README.md").read_text())
+    assert head["license"] == "unknown"
+    assert head["size_categories"] == ["n<1K"]
+    for line in (
+        "# set",
+        "| samples | 2 |",
+        "| image size | 64 x 48 |",
+        "| lenses of a sample | 1 (1), 2 (1) |",
+        "| splits | train: 2 |",
+        "too dark: 3",
+        "mitsuba 3.9",
+        "Seed: 5.",
+        '      "count": 2',
+        "Not stated by the maker",
+    ):
+        assert line in body
+    least = min(row.info[KEY]["depth"][0] for row in read_manifest(root).rows)
+    assert f"| depth | {least:.4g} to " in body
+
+
+def test_the_same_dataset_gives_the_same_files(tmp_path):
+    files = ("README.md", "samples.jpg", "statistics.png", "croissant.json")
+    first, second = (made(tmp_path / kind / "set") for kind in "ab")
+    assert describe(first) == list(files)
+    describe(second)
+    for name in files:
+        assert (first / name).read_bytes() == (second / name).read_bytes()
+
+
+def test_a_readme_of_someone_elses_is_left_alone(tmp_path):
+    made(tmp_path)
+    (tmp_path / "README.md").write_text("# my thesis\n")
+    assert write_card(tmp_path)[0] == "CARD.md"
+    assert (tmp_path / "README.md").read_text() == "# my thesis\n"
+    (tmp_path / "README.md").unlink()
+    assert write_card(tmp_path)[0] == write_card(tmp_path)[0] == "README.md"
+
+
+def test_what_the_maker_says_is_kept(tmp_path):
+    made(tmp_path / "set")
+    odd = 'Blur: "a" [b]\n--- # c'
+    describe(tmp_path / "set", About(name=odd, license="CC-BY-4.0", creator="Ada"))
+    describe(tmp_path / "set", About(url="https://example.org/set", license="MIT"))
+    describe(tmp_path / "set")
+    head, body = front_matter((tmp_path / "set" / "README.md").read_text())
+    assert (head["pretty_name"], head["license"]) == (odd, "mit")
+    assert "Made by Ada." in body
+    record = json.loads((tmp_path / "set" / "croissant.json").read_text())
+    assert (record["url"], record["license"]) == ("https://example.org/set", "MIT")
+    assert read_manifest(tmp_path / "set").info["about"]["creator"] == "Ada"
+
+
+def test_a_licence_that_is_an_address(tmp_path):
+    describe(made(tmp_path), About(license="https://example.org/terms"))
+    head, _ = front_matter((tmp_path / "README.md").read_text())
+    assert (head["license"], head["license_link"]) == ("other", "https://example.org/terms")
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [({"licence": "MIT"}, "unknown key of about 'licence'; did you mean 'license'"), ({"url": 7}, "url must be text")],
+)
+def test_what_is_said_wrongly_is_told(tmp_path, said, message):
+    made(tmp_path, about=said)
+    with pytest.raises(FileError, match=message):
+        write_card(tmp_path)
+    with pytest.raises(InputError):
+        About.of("MIT")
+
+
+def test_plain_folders_have_a_card_too(tmp_path):
+    pair = motorcycle()
+    write_png(tmp_path / "m" / "im0.png", pair.im0)
+    write_png(tmp_path / "m" / "im1.png", pair.im1)
+    describe(tmp_path)
+    assert "| disparity | - |" in (tmp_path / "README.md").read_text()
+    with pytest.raises(FileError, match=r"dataset\.json: no such file"):
+        describe(tmp_path, About(license="MIT"))
+
+
+def test_a_bucket_has_a_card_too(tmp_path):
+    root = place(f"memory:/{tmp_path}/set")
+    for name in describe(made(root)):
+        assert (root / name).is_file()
+    assert [sample.name for sample in Dataset(root)] == ["a", "train/0"]
+
+
+def test_the_sheet_shows_each_image():
+    colors = [(250, 0, 0), (0, 250, 0), (0, 0, 250)]
+    images = [np.full((60, 80, 3), color, np.uint8) for color in colors]
+    images += [np.full((90, 60), 200 * 257, np.uint16)]
+    sheet = Image.open(io.BytesIO(contact_sheet(images, columns=3)))
+    assert sheet.size == (3 * 164 + 4, 2 * 124 + 4)
+    for i, color in enumerate([*colors, (200, 200, 200)]):
+        pixel = sheet.getpixel((84 + i % 3 * 164, 64 + i // 3 * 124))
+        np.testing.assert_allclose(pixel, color, atol=6)
+    with pytest.raises(InputError, match="one image or more"):
+        contact_sheet([])
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_the_figure_of_any_statistics(count):
+    sample = statistics(dataset_scene.sample())
+    same = sample | {"disparity": [0.0] * 33, "blur_px": []}
+    picture = Image.open(io.BytesIO(statistics_figure([sample, same, {}][:count])))
+    assert picture.size[0] > 500
+    assert np.ptp(np.asarray(picture)[..., 0]) > 100
+    assert not {"Software", "Creation Time", "date"} & set(picture.info)
+
+
+@rdflib_warns
+def test_croissant_by_its_own_library(tmp_path):
+    mlc = pytest.importorskip("mlcroissant")
+    data = Dataset(made(tmp_path / "set"))
+    write_croissant(data)
+    read = mlc.Dataset(jsonld=str(tmp_path / "set" / "croissant.json"))
+    assert not read.metadata.ctx.issues.errors
+    names = [{key: value.decode() for key, value in row.items()} for row in read.records("samples")]
+    assert names == [{"samples/name": name, "samples/split": "train"} for name in ("a", "train/0")]
+    images = {row["im0-png/folder"].decode(): row["im0-png/content"] for row in read.records("im0-png")}
+    assert set(images) == {"a", "train/0", "train/0/lens-1"}
+    np.testing.assert_array_equal(np.asarray(images["train/0/lens-1"]), data[1].lens(1).im0)
+    for row in read.records("disp1-pfm"):
+        np.testing.assert_array_equal(row["disp1-pfm/content"], data[row["disp1-pfm/folder"].decode()].disp1)
+    for row in read.records("truth0-exr"):
+        path = data[row["truth0-exr/folder"].decode()].folder / "truth0.exr"
+        assert row["truth0-exr/content"] == path.read_bytes()
+    described = {record_set.name for record_set in read.metadata.record_sets} - {"samples"}
+    assert described == {name.rpartition("/")[2].replace(".", "-") for s in data for name in s.row["files"]}
+
+
+@rdflib_warns
+def test_croissant_with_everything_said_has_nothing_to_warn_of(tmp_path):
+    mlc = pytest.importorskip("mlcroissant")
+    said = About("set", "Pairs.", "CC-BY-4.0", "Ada", "https://example.org", "2026-01-31", "@misc{ada}")
+    describe(made(tmp_path), said)
+    issues = mlc.Dataset(jsonld=str(tmp_path / "croissant.json")).metadata.ctx.issues
+    assert not issues.errors
+    assert not issues.warnings
+
+
+def test_croissant_vouches_for_the_manifest(tmp_path):
+    write_croissant(made(tmp_path))
+    record = json.loads((tmp_path / "croissant.json").read_text())
+    assert record["distribution"][0]["sha256"] == hashlib.sha256((tmp_path / "dataset.json").read_bytes()).hexdigest()

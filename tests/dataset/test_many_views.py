@@ -1,0 +1,129 @@
+"""Samples of rigs that are no plain pair: three and four cameras, unrectified ones, and calibrations that are wrong."""
+
+import json
+
+import numpy as np
+import pytest
+
+import twinlens as tl
+from twinlens.camera import BrownConrady, Camera, Misalignment, Pinhole, layouts
+from twinlens.dataset import Dataset, Sample, Shot, read_pfm, verify_sample, write_pfm, write_sample
+from twinlens.geometry import rigid
+
+CAMERA = Camera(48, 36, 55.0, 55.0, 23.5, 17.5)
+BENT = CAMERA.replace(distortion=BrownConrady(-0.1, 0.02), cx=22.0)
+
+
+def rigs():
+    pose = tl.load_scene("cards").world_from_left
+    middle = pose @ rigid(np.eye(3), [0.08, 0, 0])
+    pair = layouts.line(CAMERA, 2, 0.1, pose)
+    return {
+        "line": layouts.line(CAMERA, 3, 0.08, pose),
+        "grid": layouts.grid(CAMERA, 2, 2, 0.08, 0.08, pose),
+        "toed": layouts.toed_in([CAMERA, BENT], 0.16, 1.4, middle),
+        "off": Misalignment(vertical_px=2.0, roll_deg=1.0).applied(pair),
+    }
+
+
+def sample(rig):
+    scene = tl.load_scene("cards")
+    truths = tuple(tl.ground_truth(scene, rig.nominal))
+    images = tuple(np.full((c.height, c.width, 3), 40 * i, np.uint8) for i, c in enumerate(rig.cameras))
+    return Sample(rig, (Shot(Pinhole(), images),), truths)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("views")
+    for name, rig in rigs().items():
+        write_sample(folder / name, sample(rig))
+    return Dataset(folder)
+
+
+def names(dataset, name):
+    return {path.name for path in dataset[name].folder.iterdir()}
+
+
+def test_every_view_has_its_files_and_only_rectified_pairs_have_disparities(dataset):
+    each = ("im{}.png", "truth{}.exr", "mask{}nocc.png")
+    for name, rig in rigs().items():
+        expected = {"sample.json"} | {text.format(i) for i in range(len(rig)) for text in each}
+        rectified = {"line": range(3), "grid": range(4), "toed": (), "off": range(2)}[name]
+        expected |= {f"disp{i}.pfm" for i in rectified} | ({"calib.txt"} if rectified else set())
+        assert names(dataset, name) == expected
+
+
+def test_they_verify_and_read_back_to_the_same_rig(dataset):
+    for stored in dataset:
+        assert verify_sample(stored) == []
+        rig = rigs()[stored.name].nominal
+        assert stored.rig.cameras == rig.cameras
+        assert all(np.array_equal(a, b) for a, b in zip(stored.rig.world_from_cams, rig.world_from_cams, strict=True))
+
+
+def test_views_zero_and_one_are_the_pair_that_readers_of_two_views_expect(dataset):
+    two, three = (sample(rig) for rig in (rigs()["line"].pair(0, 1), rigs()["line"]))
+    for i in (0, 1):
+        assert np.array_equal(two.truths[i].visible, three.truths[i].visible)
+        assert np.array_equal(dataset["line"].disparity(i), two.truths[i].disparity)
+
+
+def test_what_was_left_in_on_purpose_is_told_beside_what_is_believed(dataset):
+    stored, rig = dataset["off"], rigs()["off"]
+    assert stored.rig.is_rectified()
+    assert stored.calibration.doffs == 0
+    assert stored.photographed_by.cameras == rig.cameras
+    assert np.array_equal(stored.photographed_by.world_from_cams[1], rig.world_from_cams[1])
+    assert dataset["line"].photographed_by.believed is None
+
+
+def test_any_two_stored_views_correspond_as_cast_anew(dataset):
+    scene = tl.load_scene("cards")
+    for stored in dataset:
+        rig = stored.rig
+        for source in range(len(rig)):
+            for target in set(range(len(rig))) - {source}:
+                ours, exact = stored.correspondence(source, target), tl.correspondence(scene, rig, source, target)
+                known = np.isfinite(exact.pixels)
+                assert np.array_equal(known, np.isfinite(ours.pixels))
+                assert np.abs(ours.pixels[known] - exact.pixels[known]).max() < 1e-4
+                far = np.isfinite(exact.disparity)
+                assert np.array_equal(far, np.isfinite(ours.disparity))
+                assert np.abs(ours.disparity[far] - exact.disparity[far]).max(initial=0) < 1e-4
+                unlike = (ours.visible != exact.visible).mean()
+                assert unlike == 0 if rig.partner(source) == target else unlike < 0.02
+
+
+def damage(dataset, tmp_path, name):
+    folder = tmp_path / name
+    folder.mkdir()
+    for path in dataset[name].folder.iterdir():
+        (folder / path.name).write_bytes(path.read_bytes())
+    return folder
+
+
+def test_a_disparity_map_of_views_that_are_not_rectified_is_found(dataset, tmp_path):
+    folder = damage(dataset, tmp_path, "toed")
+    write_pfm(folder / "disp0.pfm", np.ones((36, 48), np.float32))
+    assert any("no rectified pair" in line for line in verify_sample(Dataset(folder)[0]))
+
+
+def test_a_wrong_disparity_of_a_later_pair_is_found(dataset, tmp_path):
+    folder = damage(dataset, tmp_path, "grid")
+    write_pfm(folder / "disp3.pfm", read_pfm(folder / "disp3.pfm") + 0.01)
+    assert any(line.startswith("disp3.pfm") for line in verify_sample(Dataset(folder)[0]))
+
+
+def test_a_rectified_pair_without_its_calibration_is_found(dataset, tmp_path):
+    folder = damage(dataset, tmp_path, "line")
+    (folder / "calib.txt").unlink()
+    assert any("calib.txt: is missing" in line for line in verify_sample(Dataset(folder)[0]))
+
+
+def test_a_wrong_pose_in_the_record_is_found(dataset, tmp_path):
+    folder = damage(dataset, tmp_path, "grid")
+    record = json.loads((folder / "sample.json").read_text())
+    record["rig"]["world_from_cams"][2][0][3] += 0.01
+    (folder / "sample.json").write_text(json.dumps(record))
+    assert any(line.startswith("truth2.exr") for line in verify_sample(Dataset(folder)[0]))

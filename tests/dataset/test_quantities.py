@@ -1,0 +1,105 @@
+import dataset_scene
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twinlens.camera import Pinhole
+from twinlens.dataset import (
+    Dataset,
+    Manifest,
+    Row,
+    motorcycle,
+    statistics,
+    write_calib,
+    write_manifest,
+    write_pfm,
+    write_png,
+    write_sample,
+)
+from twinlens.dataset.quantities import KEY, mixed_counts, quantiles, stored_statistics
+
+NUMBERS = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=60)
+
+
+def test_they_are_those_of_the_truth():
+    sample = dataset_scene.sample(num_lenses=2)
+    truth = sample.truths[0]
+    told = statistics(sample)
+    known = np.isfinite(truth.disparity)
+    for name, values in (("disparity", truth.disparity[known]), ("depth", truth.depth[truth.hit])):
+        assert told[name][0] == pytest.approx(values.min(), rel=1e-4)
+        assert told[name][16] == pytest.approx(np.median(values), rel=1e-4)
+        assert told[name][-1] == pytest.approx(values.max(), rel=1e-4)
+    # Of two lenses that differ in focus alone, what lies at infinity decides: c = A fx (1/z - 1/f).
+    far = 0.02 * 70.0 * np.abs(1 / truth.depth[truth.hit] - 1 / sample.shots[1].lens.focus_distance)
+    assert told["blur_px"][1][-1] == pytest.approx(far.max(), rel=1e-4)
+    mask = truth.mask_nonocc()
+    assert told["occluded"] == pytest.approx((mask == 128).mean(), abs=1e-5)
+    assert told["visible"] + told["occluded"] + told["unknown"] == pytest.approx(1, abs=2e-5)
+    assert (told["size"], told["cameras"], told["lenses"]) == ([64, 48], 2, 2)
+
+
+def test_large_images_are_taken_on_a_grid():
+    large = statistics(dataset_scene.sample(width=640, height=480))
+    small = statistics(dataset_scene.sample(width=640, height=480, baseline=0.4))
+    assert large == small
+    exact = dataset_scene.sample(width=640, height=480).truths[0]
+    middle = np.median(exact.disparity[np.isfinite(exact.disparity)])
+    assert large["disparity"][16] == pytest.approx(middle, rel=5e-3)
+
+
+def test_the_files_say_what_memory_said(tmp_path):
+    sample = dataset_scene.sample(num_lenses=2)
+    write_sample(tmp_path / "s", sample)
+    told, stored = statistics(sample), stored_statistics(Dataset(tmp_path)[0])
+    for name in ("disparity", "depth"):
+        np.testing.assert_allclose(stored.pop(name), told.pop(name), rtol=1e-4)
+    np.testing.assert_allclose(stored.pop("blur_px"), told.pop("blur_px"), rtol=2e-3, atol=1e-6)
+    assert stored == told
+
+
+def test_the_rows_spare_the_files(tmp_path):
+    sums = write_sample(tmp_path / "s", dataset_scene.sample())
+    kept = {"size": [7, 5], "cameras": 2, "lenses": 1}
+    write_manifest(tmp_path, Manifest((Row("s", sums, {KEY: kept}),)))
+    assert stored_statistics(Dataset(tmp_path)[0]) == kept
+
+
+def test_plain_folders(tmp_path):
+    pair = motorcycle()
+    write_png(tmp_path / "m" / "im0.png", pair.im0)
+    assert stored_statistics(Dataset(tmp_path)[0]) == {"size": [741, 500], "cameras": 2, "lenses": 1}
+    write_pfm(tmp_path / "m" / "disp0GT.pfm", pair.disp0)
+    write_calib(tmp_path / "m" / "calib.txt", pair.calibration)
+    told = stored_statistics(Dataset(tmp_path)[0])
+    assert told["blur_px"] == []
+    nearest = pair.calibration.depth(np.float32(told["disparity"][-1]))
+    assert told["depth"][0] == pytest.approx(float(nearest), rel=1e-3)
+
+
+def test_without_blur_or_anything_known(tmp_path):
+    sample = dataset_scene.sample()
+    shot = dataset_scene.Shot(Pinhole(), sample.shots[0].images)
+    truths = tuple(type(t)(**{**vars(t), "disparity": np.full_like(t.disparity, np.inf)}) for t in sample.truths)
+    told = statistics(dataset_scene.Sample(sample.rig, (shot,), truths))
+    assert told["disparity"] == []
+    assert set(told["blur_px"][0]) == {0.0}
+    assert "depth" not in statistics(dataset_scene.Sample(sample.rig, (shot,)))
+
+
+@given(st.lists(NUMBERS, min_size=1, max_size=5))
+def test_mixtures_keep_every_sample(many):
+    kept = [quantiles(values) for values in many]
+    low, high = min(each[0] for each in kept), max(each[-1] for each in kept)
+    counts = mixed_counts(np.linspace(low - 1e-9, high + 1, 23), kept)
+    assert counts.sum() == pytest.approx(len(many))
+    assert (counts >= -1e-12).all()
+
+
+def test_mixtures_are_histograms_of_the_values():
+    rng = np.random.default_rng(0)
+    values = [rng.normal(0, 1, 100_000), rng.uniform(1, 3, 100_000)]
+    edges = np.linspace(-6, 6, 13)
+    true = sum(np.histogram(each, edges)[0] / each.size for each in values)
+    np.testing.assert_allclose(mixed_counts(edges, map(quantiles, values)), true, atol=0.03)
