@@ -174,8 +174,15 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.ndarray) and value.shape == (4, 4):
         return mi.ScalarTransform4f(value)
     if isinstance(value, Mapping):
-        return {key: plain(part) for key, part in value.items()}
+        return {key: _in_memory(value, key) or plain(part) for key, part in value.items()}
     return value
+
+
+def _in_memory(plugin: Plugin, key: str) -> Any:
+    """The picture of an environment map that is no file: Mitsuba takes it as it is, not as a texture. Else None."""
+    if plugin.get("type") != "envmap" or not isinstance(plugin[key], Bitmap):
+        return None
+    return mitsuba().Bitmap(np.ascontiguousarray(plugin[key].pixels, dtype=np.float32))
 
 
 def _bitmap(texture: Bitmap) -> dict[str, Any]:

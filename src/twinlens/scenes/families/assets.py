@@ -1,0 +1,142 @@
+"""The user's own meshes, textures and environment maps, to draw from as from what twinlens makes itself.
+
+A folder is listed when it is named and read when a scene wants something of it. A file that cannot be used is skipped,
+and told in `Assets.broken` with the reason.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.errors import FileError, InputError
+from twinlens.scenes.assets import read_picture
+from twinlens.scenes.objects import read_mesh
+from twinlens.scenes.scene import Mesh
+
+T = TypeVar("T")
+Rng = np.random.Generator
+MESHES = (".glb", ".obj", ".ply", ".stl")
+PICTURES = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
+HDRIS = (".hdr", ".exr", ".png")
+MOST_TRIANGLES = 100_000
+
+
+@dataclass(eq=False)
+class Assets:
+    """Files to draw from, sorted by path, so that a folder gives the same scenes on every machine.
+
+    A file's content is checked when it is first drawn; `broken` lists those that were drawn and could not be used.
+    """
+
+    meshes: tuple[Path, ...] = ()
+    textures: tuple[Path, ...] = ()
+    hdris: tuple[Path, ...] = ()
+    _failed: dict[Path, str] = field(default_factory=dict, repr=False)
+    _read: dict[Path, Any] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def from_folders(
+        cls,
+        meshes: Iterable[str | Path] = (),
+        textures: Iterable[str | Path] = (),
+        hdris: Iterable[str | Path] = (),
+    ) -> "Assets":
+        """All files of known kinds in these folders and below them; a path may also name one file.
+
+        Raises InputError when a folder is not there, or holds no file of its kind.
+        """
+        return cls(
+            _listed("meshes", meshes, MESHES), _listed("textures", textures, PICTURES), _listed("hdris", hdris, HDRIS)
+        )
+
+    @property
+    def broken(self) -> tuple[tuple[Path, str], ...]:
+        """(path, reason) of every file that was drawn and could not be used."""
+        return tuple(sorted(self._failed.items()))
+
+    def check(self) -> "Assets":
+        """Read every file now, so that `broken` names all of those that cannot be used."""
+        for paths, read in ((self.meshes, _mesh), (self.textures, _texture), (self.hdris, _hdri)):
+            for path in paths:
+                self._get(path, read)
+        return self
+
+    def mesh(self, rng: Rng) -> tuple[str, Mesh] | None:
+        """A mesh and its name, of largest extent 1 m around the origin, z up; None when no file can be used."""
+        return self._draw(rng, self.meshes, _mesh)
+
+    def texture(self, rng: Rng) -> tuple[str, NDArray[np.float32]] | None:
+        """A picture (H, W, 3), linear, in [0, 1], and its name; None when no file can be used."""
+        return self._draw(rng, self.textures, _texture)
+
+    def hdri(self, rng: Rng) -> tuple[str, NDArray[np.float32]] | None:
+        """An environment map (H, W, 3), linear, and its name; None when no file can be used."""
+        return self._draw(rng, self.hdris, _hdri)
+
+    def _draw(self, rng: Rng, paths: tuple[Path, ...], read: Callable[[Path], T]) -> tuple[str, T] | None:
+        """The first usable file in a random order: a broken one changes only the scenes that drew it."""
+        for index in rng.permutation(len(paths)):
+            made = self._get(paths[index], read)
+            if made is not None:
+                return paths[index].stem, made
+        return None
+
+    def _get(self, path: Path, read: Callable[[Path], T]) -> T | None:
+        if path in self._failed:
+            return None
+        if path not in self._read:
+            try:
+                self._read[path] = read(path)
+            except (InputError, OSError) as error:
+                self._failed[path] = str(error).removeprefix(f"{path}: ")
+                return None
+        made: T = self._read[path]
+        return made
+
+
+def _listed(kind: str, folders: Iterable[str | Path], suffixes: tuple[str, ...]) -> tuple[Path, ...]:
+    if isinstance(folders, (str, Path)):
+        folders = (folders,)
+    found: set[Path] = set()
+    for folder in map(Path, folders):
+        if not folder.exists():
+            raise InputError(f"{kind}: no folder {str(folder)!r}")
+        inside = {p for p in ([folder] if folder.is_file() else folder.rglob("*")) if p.suffix.lower() in suffixes}
+        if not inside:
+            raise InputError(f"{kind}: {str(folder)!r} holds no {', '.join(suffixes)} file")
+        found |= {path for path in inside if path.is_file()}
+    return tuple(sorted(found))
+
+
+def _mesh(path: Path) -> Mesh:
+    """Normalised: largest extent 1, centred, z up (glTF and, by custom, OBJ have y up)."""
+    mesh = read_mesh(path)
+    if len(mesh.faces) > MOST_TRIANGLES:
+        raise FileError(f"{path}: {len(mesh.faces)} triangles are more than {MOST_TRIANGLES}; simplify the mesh")
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    size = float((high - low).max())
+    if not size > 0 or np.count_nonzero(high - low > 1e-6 * size) < 3:
+        raise FileError(f"{path}: is flat; a scene needs bodies with a volume")
+    turn = np.eye(3) if path.suffix.lower() in (".ply", ".stl") else np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    vertices = (mesh.vertices - (low + high) / 2) @ turn.T / size
+    return Mesh(vertices, mesh.faces, None if mesh.normals is None else mesh.normals @ turn.T, mesh.uv)
+
+
+def _texture(path: Path) -> NDArray[np.float32]:
+    pixels = np.clip(read_picture(path), 0.0, 0.95)
+    if min(pixels.shape[:2]) < 2:
+        raise FileError(f"{path}: a texture needs 2x2 pixels or more")
+    return np.asarray(pixels, dtype=np.float32)
+
+
+def _hdri(path: Path) -> NDArray[np.float32]:
+    pixels = read_picture(path)
+    if pixels.shape[0] < 2 or pixels.shape[1] < 3:
+        raise FileError(f"{path}: an environment map needs 2x3 pixels or more")
+    if not pixels.max() > 0:
+        raise FileError(f"{path}: is black")
+    return pixels
