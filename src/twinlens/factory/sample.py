@@ -23,6 +23,7 @@ from twinlens.rendering import SAMPLERS, backend, ground_truth, render
 from twinlens.rendering.radiance import check_lens
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.sensor import Exposure, Sensor
+from twinlens.truth import Truth
 
 _SHOT_STREAM = 2
 
@@ -54,6 +55,7 @@ def make_sample(
     diffraction: bool = False,
     sky_disparity: bool = False,
     keep_radiance: bool = False,
+    truths: Sequence[Truth] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Sample:
     """Photograph `scene` through every lens, expose the pictures, and cast the truth that they share.
@@ -76,6 +78,8 @@ def make_sample(
         As `ground_truth` takes it.
     keep_radiance : bool
         Whether the shots keep the linear pictures, as they fall on the film: diffracted where they are.
+    truths : sequence of Truth, optional
+        What ``ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)`` answered, where it was asked before.
 
     Raises InputError when diffraction is asked of an aperture that is no disk, and what rendering and sensor refuse.
     """
@@ -100,8 +104,9 @@ def make_sample(
         "sky_disparity": sky_disparity,
         "keep_radiance": keep_radiance,
     }
-    truths = tuple(ground_truth(scene, rig.nominal, sky_disparity=sky_disparity))
-    return Sample(rig, tuple(shots), truths, record=_record(scene, request))
+    if truths is None:
+        truths = ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)
+    return Sample(rig, tuple(shots), tuple(truths), record=_record(scene, request))
 
 
 def _check(lenses: Sequence[Lens], exposure: Exposure | None, diffraction: bool) -> None:
@@ -140,10 +145,15 @@ def _record(scene: Scene, request: dict[str, Any]) -> dict[str, Any]:
         **request,
         "sampler": SAMPLERS[0],
         "integrator": {key: value for key, value in scene.integrator.items() if isinstance(value, (str, int, float))},
-        "backend": backend().variant,
+        **made_with(),
         "llvm": Path(backend().library or "").name or None,
-        "versions": {name: version(name) for name in ("twinlens", "mitsuba", "drjit", "numpy")},
     }
+
+
+def made_with() -> dict[str, Any]:
+    """What renders in this process: samples made with the same are the same to the byte."""
+    versions = {name: version(name) for name in ("twinlens", "mitsuba", "drjit", "numpy")}
+    return {"backend": backend().variant, "versions": versions}
 
 
 def file_digests(scene: Scene) -> dict[str, str]:
