@@ -1,6 +1,30 @@
-"""From a scene to a sample: the only room that joins scenes, rendering, the sensor and the dataset."""
+"""From a recipe, or a scene, to samples: the only room that joins scenes, rendering, the sensor and the dataset."""
 
+from twinlens.factory.estimate import Estimate, estimate
+from twinlens.factory.gates import Gates, Rejected
+from twinlens.factory.generate import Outcome, generate
+from twinlens.factory.plan import SampleSpec, plan, spec_from_plain
+from twinlens.factory.produce import make, produce
+from twinlens.factory.recipe import Recipe, read_recipe, recipe_from_table
 from twinlens.factory.remake import remake
 from twinlens.factory.sample import default_rig, make_sample
 
-__all__ = ["default_rig", "make_sample", "remake"]
+__all__ = [
+    "Estimate",
+    "Gates",
+    "Outcome",
+    "Recipe",
+    "Rejected",
+    "SampleSpec",
+    "default_rig",
+    "estimate",
+    "generate",
+    "make",
+    "make_sample",
+    "plan",
+    "produce",
+    "read_recipe",
+    "recipe_from_table",
+    "remake",
+    "spec_from_plain",
+]

@@ -1,0 +1,152 @@
+"""`twinlens generate`: a dataset from a recipe, stopped and continued at will."""
+
+import json
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from twinlens.cli.progress import progress_bar
+from twinlens.errors import InputError
+
+if TYPE_CHECKING:
+    from twinlens.factory import Outcome, Recipe
+
+
+@click.command("generate")
+@click.argument("recipe", type=click.Path(path_type=Path))
+@click.option("-o", "--output", required=True, help="Folder of the dataset, or a bucket's address (s3://...).")
+@click.option("--dry-run", is_flag=True, help="Make one sample, write nothing; tell what would be made, time and disk.")
+@click.option("--limit", type=click.IntRange(min=1), help="Make at most so many samples now.")
+@click.option("--shard", default="1/1", show_default=True, help="i/n: make every n-th sample, from the i-th on.")
+@click.option("--workers", type=click.IntRange(min=1), help="Make them in so many processes of this machine (Dask).")
+@click.option("--scheduler", help="Make them on the Dask cluster of this scheduler, as tcp://host:8786.")
+@click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON.")
+def command(
+    recipe: Path,
+    output: str,
+    dry_run: bool,
+    limit: int | None,
+    shard: str,
+    workers: int | None,
+    scheduler: str | None,
+    as_json: bool,
+) -> int:
+    """Make the dataset that RECIPE (a .toml file) describes.
+
+    Stop it whenever you like, or let the machine do it: the same command goes on where it stopped, and what it ends
+    with is the same to the byte. Look at OUTPUT/preview.png meanwhile. A sample is drawn anew until it passes the
+    quality gates; one that never does is left out and told at the end, with exit code 1.
+
+    \b
+    Example:  twinlens generate recipe.toml -o out
+              twinlens generate recipe.toml -o out --dry-run
+    """
+    from twinlens.factory import generate, read_recipe
+
+    read = read_recipe(recipe)
+    if dry_run:
+        return _tell_estimate(read, output, as_json)
+    with progress_bar("generating") as report, _stop_on_signal() as stop:
+        outcome = generate(
+            read, output, limit=limit, shard=_shard(shard), report=report, stop=stop.is_set,
+            **_engine(workers, scheduler),
+        )  # fmt: skip
+    _tell(outcome, output, as_json)
+    if outcome.interrupted:
+        raise KeyboardInterrupt
+    return 1 if outcome.failures else 0
+
+
+def _engine(workers: int | None, scheduler: str | None) -> dict[str, Any]:
+    if workers is not None and scheduler is not None:
+        raise InputError("--workers starts a cluster of its own, --scheduler uses another; keep one")
+    if workers is None and scheduler is None:
+        return {}
+    from twinlens.factory.cluster import local_cluster, remote_cluster
+
+    return {"engine": local_cluster(workers) if workers is not None else remote_cluster(str(scheduler))}
+
+
+def _shard(text: str) -> tuple[int, int]:
+    part, slash, whole = text.partition("/")
+    if not (slash and part.isdecimal() and whole.isdecimal() and 1 <= int(part) <= int(whole)):
+        raise InputError(f"--shard must read i/n with i from 1 to n, as 2/8, got {text!r}")
+    return int(part), int(whole)
+
+
+@contextmanager
+def _stop_on_signal() -> Iterator[threading.Event]:
+    """An event that the first Ctrl-C (or SIGTERM, which batch systems send) sets; the second ends at once."""
+    stop = threading.Event()
+
+    def asked(*_: object) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    before = {kind: signal.signal(kind, asked) for kind in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
+
+
+def _tell(outcome: "Outcome", output: str, as_json: bool) -> None:
+    if as_json:
+        click.echo(json.dumps({"dataset": output, **asdict(outcome)}, indent=1))
+        return
+    for failure in outcome.failures:
+        last = failure.rejections[-1]
+        click.echo(
+            f"sample {failure.index}: not made, {len(failure.rejections)} draws turned away, the last because: "
+            f"{last['reason']} ({last['found']}); change {failure.remedy}",
+            err=True,
+        )
+    there = outcome.before + outcome.made - len(outcome.failures)
+    click.echo(f"{output}: {there} of {outcome.count} samples, {outcome.made} of them made now{_turned(outcome)}")
+    if not outcome.complete:
+        click.echo("the same command goes on from here", err=True)
+
+
+def _turned(outcome: "Outcome") -> str:
+    if not outcome.rejections:
+        return ""
+    return "; turned away: " + ", ".join(f"{count} {reason}" for reason, count in outcome.rejections.items())
+
+
+def _tell_estimate(recipe: "Recipe", output: str, as_json: bool) -> int:
+    from twinlens.factory import estimate
+
+    told = estimate(recipe, output)
+    if as_json:
+        click.echo(json.dumps({"dataset": output, **asdict(told)}, indent=1))
+        return 0
+    click.echo(f"{output}: {told.count} samples, {told.before} of them there, {told.todo} to make")
+    click.echo(f"the next would be {json.dumps(told.next)}")
+    if told.todo:
+        click.echo(
+            f"one took {told.seconds_each:.1f} s and {told.bytes_each / 1e6:.1f} MB: "
+            f"about {_clock(told.seconds)} and {told.bytes / 1e9:.2f} GB in all, on this machine alone"
+        )
+    return 0
+
+
+def _clock(seconds: float) -> str:
+    """Hours and minutes; seconds where it is less.
+
+    >>> _clock(7380), _clock(42)
+    ('2 h 03 min', '42 s')
+    """
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{int(seconds // 3600)} h {int(seconds % 3600 // 60):02d} min"

@@ -1,0 +1,39 @@
+"""The last step of a dataset: what depends on all of its samples, the same however they came to be."""
+
+from pathlib import Path
+from typing import Any
+
+from twinlens.factory.ledger import Failure, Ledger
+from twinlens.factory.preview import Preview
+from twinlens.factory.recipe import ASSETS, Recipe
+
+
+def finish(ledger: Ledger) -> None:
+    """Write dataset.json and preview.png as they stay, and remove what only an unfinished dataset needs."""
+    broken = broken_assets(ledger.recipe)
+    ledger.write(**({"skipped_assets": broken} if ledger.recipe.assets else {}))
+    Preview(ledger.folder, ledger.recipe.count).write(
+        [index for index, entry in ledger.entries.items() if not isinstance(entry, Failure)]
+    )
+    ledger.clear()
+
+
+def broken_assets(recipe: Recipe) -> list[dict[str, str]]:
+    """The files of the recipe's asset folders that cannot be used, by their names there, and why; read one by one."""
+    if not recipe.assets:
+        return []
+    from twinlens.scenes.families import Assets
+
+    folders = {kind: [recipe.folder / name for name in names] for kind, names in recipe.assets.items()}
+    listed = Assets.from_folders(**folders)
+    found = []
+    for kind in ASSETS:
+        for path in getattr(listed, kind):
+            alone: dict[str, Any] = {kind: (path,)}
+            for broken, reason in Assets(**alone).check().broken:
+                found.append({"kind": kind, "file": _relative(broken, recipe.folder), "reason": reason})
+    return found
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.name

@@ -1,0 +1,215 @@
+"""What is done of a dataset, on the disk: so that any run, after any stop, goes on where the last one ended.
+
+    DIR/dataset.json           the recipe and the samples known when it was last written; it is written again and again,
+                               and at the end holds nothing that depends on how often a run was stopped
+    DIR/.rows/0000007.json     one sample's row (or why there is none), written right after its folder appears; many
+                               processes may write there at once. Gone when the dataset is complete
+    DIR/.lock                  held while a run writes there
+
+A sample whose folder is there and whose row is not, because the process was killed in between, gets its row from its
+files.
+"""
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from twinlens.dataset import Manifest, Row, read_manifest, remove_unfinished, row_of, write_manifest
+from twinlens.dataset.files import files_below, read_bytes, write_file
+from twinlens.dataset.manifest import NAME
+from twinlens.dataset.record import decode_json, encode_json, plain, read_json
+from twinlens.dataset.sample import KIND as SAMPLE_KIND
+from twinlens.dataset.sample import VERSION as SAMPLE_VERSION
+from twinlens.dataset.storage import MARK, Place, RemotePath, remove_objects
+from twinlens.errors import FileError, InputError
+from twinlens.factory.plan import plan, sample_name
+from twinlens.factory.recipe import Recipe, differences
+
+ROWS = ".rows"
+_KIND, _VERSION = "twinlens-row", 1
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A sample that no draw of passed the gates: its rejections, and what in the recipe to change."""
+
+    index: int
+    rejections: list[dict[str, Any]]
+    remedy: str
+
+    def plain(self) -> dict[str, Any]:
+        """As dataset.json lists it."""
+        return {"index": self.index, "remedy": self.remedy, "rejections": self.rejections}
+
+
+Entry = Row | Failure
+"""What became of a sample."""
+
+
+class Ledger:
+    """The entries of a dataset at `folder`, by the index of their samples.
+
+    Raises InputError where another recipe, or other versions, have begun a dataset there.
+    """
+
+    def __init__(self, folder: Place, recipe: Recipe, made_with: Mapping[str, Any]) -> None:
+        self.folder, self.recipe = folder, recipe
+        self.made_with = plain(made_with)
+        self.entries: dict[int, Entry] = {}
+        self.has_file = (folder / NAME).is_file()
+        if self.has_file:
+            self._take_over(read_manifest(folder))
+        else:
+            self._refuse_strangers()
+
+    def recover(self) -> None:
+        """Take in every row and every whole sample that earlier runs left."""
+        there = whole_samples(self.folder)
+        self.entries = {i: e for i, e in self.entries.items() if isinstance(e, Failure) or e.name in there}
+        for index, entry in self._kept_rows():
+            if isinstance(entry, Failure) or entry.name in there:
+                self.entries.setdefault(index, entry)
+        known = {sample_name(index) for index in self.entries}
+        for name in sorted(there - known):
+            if name.isdecimal() and sample_name(int(name)) == name and int(name) < self.recipe.count:
+                self.entries[int(name)] = recovered_row(self.folder, self.recipe, int(name))
+
+    def missing(self) -> list[int]:
+        """The indices of the samples that are still to be made."""
+        return [index for index in range(self.recipe.count) if index not in self.entries]
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every sample is made, or known to be impossible."""
+        return not self.missing()
+
+    def rows(self) -> list[Row]:
+        """The samples, in order."""
+        return [entry for _, entry in sorted(self.entries.items()) if isinstance(entry, Row)]
+
+    def failures(self) -> list[Failure]:
+        """The samples that could not be made, in order."""
+        return [entry for _, entry in sorted(self.entries.items()) if isinstance(entry, Failure)]
+
+    def rejections(self) -> dict[str, int]:
+        """How often each gate turned a draw away."""
+        counts: dict[str, int] = {}
+        for _, entry in sorted(self.entries.items()):
+            for turned in entry.rejections if isinstance(entry, Failure) else entry.info.get("rejections", ()):
+                counts[turned["reason"]] = counts.get(turned["reason"], 0) + 1
+        return dict(sorted(counts.items()))
+
+    def write(self, **info: Any) -> None:
+        """Write dataset.json as things stand; `info` is more to say there."""
+        rows = self.rows()
+        splits = {name: sum(row.info.get("split") == name for row in rows) for name in self.recipe.splits}
+        said = {
+            "made_with": self.made_with,
+            "complete": self.is_complete,
+            "rejections": self.rejections(),
+            "failed": [failure.plain() for failure in self.failures()],
+            **({"splits": splits} if splits else {}),
+            **info,
+        }
+        write_manifest(self.folder, Manifest(tuple(rows), self.recipe.written, self.recipe.seed, said))
+
+    def clear(self) -> None:
+        """Remove what only unfinished datasets need. Nobody else may be writing there."""
+        remove_unfinished(self.folder)
+        rows = self.folder / ROWS
+        if isinstance(rows, RemotePath):
+            remove_objects(rows, rows.files())
+        elif rows.is_dir():
+            for path in rows.iterdir():
+                path.unlink()
+            rows.rmdir()
+
+    def _take_over(self, known: Manifest) -> None:
+        changed = differences(known.recipe, plain(self.recipe.written))
+        made_with = known.info.get("made_with", {})
+        if not isinstance(made_with, Mapping):
+            raise FileError(f'{self.folder / NAME}: "made_with" must be an object')
+        changed += differences(made_with, self.made_with) if made_with else []
+        if changed or not made_with:
+            what = "; ".join(changed[:3]) or "it was not made by `twinlens generate`"
+            raise InputError(f"{self.folder}: holds another dataset ({what}); name another folder, or undo the change")
+        try:
+            listed: dict[int, Entry] = {int(row.info["index"]): row for row in known.rows}
+            listed |= {int(failed["index"]): Failure(**failed) for failed in known.info.get("failed", ())}
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileError(f"{self.folder / NAME}: is not as `twinlens generate` writes it ({error})") from None
+        self.entries = {index: entry for index, entry in listed.items() if index < self.recipe.count}
+
+    def _refuse_strangers(self) -> None:
+        """A folder without dataset.json may hold what a run of before has left, and nothing else."""
+        if not self.folder.is_dir():
+            return
+        for entry in self.folder.iterdir():
+            if not (entry.name.startswith(".") or entry.name.isdecimal() or entry.name == "preview.png"):
+                raise InputError(
+                    f"{self.folder}: is no dataset and holds {entry.name!r}; name a new folder, or an empty one"
+                )
+
+    def _kept_rows(self) -> Iterator[tuple[int, Entry]]:
+        folder = self.folder / ROWS
+        if not folder.is_dir():
+            return
+        for name in files_below(folder):
+            if name.endswith(".json") and name[:-5].isdecimal() and int(name[:-5]) < self.recipe.count:
+                with contextlib.suppress(FileError):  # a row that cannot be read is made from the sample's files again
+                    yield int(name[:-5]), read_row(folder / name)
+
+
+def write_row(folder: Place, index: int, entry: Entry) -> None:
+    """Keep what became of a sample, beside the dataset."""
+    said = (
+        entry.plain() if isinstance(entry, Failure) else {"name": entry.name, "files": entry.files, "info": entry.info}
+    )
+    kind = "failure" if isinstance(entry, Failure) else "row"
+    record = {"format": _KIND, "version": _VERSION, kind: said}
+    write_file(folder / ROWS / f"{sample_name(index)}.json", encode_json(record))
+
+
+def read_row(path: Place) -> Entry:
+    """What `write_row` kept. Raises FileError."""
+    record = decode_json(read_bytes(path), str(path), _KIND, _VERSION)
+    try:
+        return Failure(**record["failure"]) if "failure" in record else Row(**record["row"])
+    except (KeyError, TypeError) as error:
+        raise FileError(f"{path}: is no row of a dataset ({error})") from None
+
+
+def row_info(record: Mapping[str, Any]) -> dict[str, Any]:
+    """What dataset.json says of a sample besides its files, from its own record."""
+    spec = record["spec"]
+    return {
+        "index": spec["index"],
+        spec["kind"]: spec["scene"],
+        "split": spec["split"],
+        "attempt": spec["attempt"],
+        "rejections": record["rejections"],
+    }
+
+
+def recovered_row(folder: Place, recipe: Recipe, index: int) -> Row:
+    """The row of a whole sample, from its files. Raises InputError when another recipe has made it."""
+    name = sample_name(index)
+    record = read_json(folder / name / MARK, SAMPLE_KIND, SAMPLE_VERSION).get("record", {})
+    try:
+        expected = plain(plan(recipe, index, record["spec"]["attempt"]).plain())
+        if record["spec"] != expected:
+            changed = differences(record["spec"], expected)[:2]
+            raise InputError(f"{folder / name}: another recipe made it ({'; '.join(changed)}); name another folder")
+        return row_of(folder, name, row_info(record))
+    except (KeyError, TypeError) as error:
+        raise FileError(f"{folder / name}: is there, and no recipe made it; name another folder") from error
+
+
+def whole_samples(folder: Place) -> set[str]:
+    """The names of the samples that are there, whole."""
+    if isinstance(folder, RemotePath):
+        return {name.partition("/")[0] for name in folder.files() if name.endswith(f"/{MARK}") and name.count("/") == 1}
+    if not folder.is_dir():
+        return set()
+    return {entry.name for entry in folder.iterdir() if not entry.name.startswith(".") and (entry / MARK).is_file()}

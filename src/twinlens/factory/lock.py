@@ -1,0 +1,45 @@
+"""One run at a time: a lock on a dataset's folder, which the system lets go when its process ends, however it ends."""
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Iterator
+
+from twinlens.dataset.storage import Place, RemotePath
+from twinlens.errors import OutputError
+
+_NAME = ".lock"
+
+
+@contextlib.contextmanager
+def locked(folder: Place, shared: bool = False) -> Iterator[None]:
+    """Hold the lock of `folder`; `shared` with others that hold it so, as the shards of a dataset do.
+
+    Raises OutputError when another run holds it. Buckets and file systems without locks are not locked.
+    """
+    if isinstance(folder, RemotePath):
+        yield
+        return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(folder / _NAME, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written; {error.strerror}") from error
+    try:
+        _take(descriptor, folder, shared)
+        yield
+        if not shared:
+            (folder / _NAME).unlink(missing_ok=True)
+    finally:
+        os.close(descriptor)
+
+
+def _take(descriptor: int, folder: Place, shared: bool) -> None:
+    try:
+        fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise OutputError(
+            f"{folder}: another run is writing there; wait for it, or split the work by --shard"
+        ) from None
+    except OSError:
+        return  # a file system that knows no locks

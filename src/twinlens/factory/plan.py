@@ -1,0 +1,136 @@
+"""Which sample is the i-th: every value that a recipe leaves open, drawn. Sample i depends on (recipe, seed, i) alone.
+
+Values drawn by chance come from streams named by seed, index, attempt and their place in the recipe. Lists of scenes
+(without weights) and sweeps are walked by the index, so that together they make a full factorial: the scene changes
+fastest, then the first sweep in the order of `DRAWN` and of the recipe's own keys; after the last combination comes
+the first again, with other chances.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from twinlens.errors import FileError, InputError
+from twinlens.factory.draws import Distribution, leaves, resolve, stream
+from twinlens.factory.recipe import Recipe, Subject
+
+_SEED_BITS = 53  # exact in every reader of JSON
+
+
+@dataclass(frozen=True)
+class SampleSpec:
+    """One sample, in plain values: enough to make it, and recorded in its sample.json.
+
+    index, attempt : which sample, and which draw of it: those before were turned away by a gate.
+    name : its folder's.
+    split : train, ..., or None.
+    seed : of everything random in it.
+    kind, scene : "scene" and a name or file, or "family" and its name.
+    drawn : the recipe's drawn part, with values in the place of distributions.
+    ndisp : bound of its disparities, or None.
+    keep : what is kept besides (radiance).
+    """
+
+    index: int
+    attempt: int
+    name: str
+    split: str | None
+    seed: int
+    kind: str
+    scene: str
+    drawn: Mapping[str, Any]
+    ndisp: int | None = None
+    keep: tuple[str, ...] = ()
+
+    def plain(self) -> dict[str, Any]:
+        """As plain data; `spec_from_plain` takes it back."""
+        return asdict(self)
+
+
+def spec_from_plain(record: Mapping[str, Any]) -> SampleSpec:
+    """The spec back from ``sample.record["record"]["spec"]``. Raises InputError for what is none."""
+    try:
+        spec = SampleSpec(**record)
+        return SampleSpec(**{**asdict(spec), "keep": tuple(spec.keep), "drawn": _infinite(spec.drawn)})
+    except TypeError as error:
+        raise FileError(f"sample.json: the spec is not one that a recipe made ({error})") from None
+
+
+def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
+    """The `index`-th sample of `recipe`, in its `attempt`-th draw.
+
+    >>> from twinlens.factory.recipe import recipe_from_table
+    >>> recipe = recipe_from_table({"seed": 3, "count": 2, "scenes": ["staircase"], "spp": {"sweep": [16, 32]}})
+    >>> [plan(recipe, i).drawn["spp"] for i in range(4)]
+    [16, 32, 16, 32]
+
+    Raises InputError for a negative index.
+    """
+    if index < 0:
+        raise InputError(f"the index of a sample is 0 or more, got {index}")
+    digits = _digits(recipe, index)
+    subject = _subject(recipe, index, attempt, digits)
+
+    def choose(leaf: Distribution) -> Any:
+        if leaf.is_sweep:
+            return leaf.values[digits[leaf.place]]
+        return leaf.draw(stream(recipe.seed, "draw", index, attempt, leaf.place))
+
+    return SampleSpec(
+        index=index,
+        attempt=attempt,
+        name=sample_name(index),
+        split=split_of(recipe, index),
+        seed=int(stream(recipe.seed, "sample", index, attempt).integers(1 << _SEED_BITS)),
+        kind=subject.kind,
+        scene=subject.name,
+        drawn=resolve(recipe.drawn, choose),
+        ndisp=recipe.ndisp,
+        keep=recipe.keep,
+    )
+
+
+def sample_name(index: int) -> str:
+    """The folder of a sample: its index in seven digits, so that names sort, however far a dataset grows.
+
+    >>> sample_name(7)
+    '0000007'
+    """
+    return f"{index:07d}"
+
+
+def split_of(recipe: Recipe, index: int) -> str | None:
+    """The split of a sample: drawn by its index, so that it stays the same when `count` grows."""
+    if not recipe.splits:
+        return None
+    bounds = np.cumsum(list(recipe.splits.values()))
+    drawn = stream(recipe.seed, "split", index).random()
+    return list(recipe.splits)[min(int(np.searchsorted(bounds, drawn, side="right")), len(bounds) - 1)]
+
+
+def _digits(recipe: Recipe, index: int) -> dict[str, int]:
+    """How far each wheel has turned at `index`, by its place: the index in mixed radix, the first wheel fastest."""
+    wheels = {} if recipe.weights else {"": len(recipe.subjects)}
+    wheels |= {leaf.place: len(leaf.values) for leaf in leaves(recipe.drawn) if leaf.is_sweep}
+    digits = {}
+    for place, size in wheels.items():
+        index, digits[place] = divmod(index, size)
+    return digits
+
+
+def _subject(recipe: Recipe, index: int, attempt: int, digits: Mapping[str, int]) -> Subject:
+    if recipe.weights is None:
+        return recipe.subjects[digits[""]]
+    rng = stream(recipe.seed, "subject", index, attempt)
+    return recipe.subjects[int(rng.choice(len(recipe.subjects), p=recipe.weights))]
+
+
+def _infinite(value: Any) -> Any:
+    """Infinity back from the text that JSON keeps it as."""
+    if isinstance(value, Mapping):
+        return {key: _infinite(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_infinite(entry) for entry in value]
+    return float(value) if value in ("inf", "-inf") else value

@@ -1,0 +1,182 @@
+"""recipe.toml: what a dataset is to be made of. Read strictly: a mistake is named by its place, with the nearest key.
+
+A recipe has a part that is the same for every sample (`seed`, `count`, which scenes, gates, splits) and a part that is
+drawn for each: a table (`Recipe.drawn`) in which any value may be a distribution. That part is checked here at every
+value that its distributions begin, end or choose with. docs/recipes.md shows every key.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from twinlens.errors import unknown
+from twinlens.factory.draws import corners, normalised, template
+from twinlens.factory.gates import Gates, gates_from_table
+from twinlens.factory.settings import DRAWN, check_settings
+from twinlens.scenes import bundled_scenes
+from twinlens.scenes.table import At, Source, Table, choice, listed, number, show, text, whole
+from twinlens.scenes.toml_file import read_toml
+
+_LARGEST_COUNT = 10_000_000
+_LARGEST_SEED = 2**63 - 1
+KEEP = ("radiance",)
+ASSETS = ("meshes", "textures", "hdris")
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What a sample is of: a scene by name or file, or a family that each sample is another member of."""
+
+    kind: str  # scene | family
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """A recipe that was read and checked. `written` is the file's own content, `at` where it stands."""
+
+    at: At
+    written: Mapping[str, Any]
+    seed: int
+    count: int
+    subjects: tuple[Subject, ...]
+    weights: tuple[float, ...] | None
+    drawn: Mapping[str, Any]
+    ndisp: int | None = None
+    keep: tuple[str, ...] = ()
+    gates: Gates = field(default_factory=Gates)
+    splits: Mapping[str, float] = field(default_factory=dict)
+    assets: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @property
+    def folder(self) -> Path:
+        """What paths in the recipe are relative to."""
+        return self.at.source.folder
+
+
+def read_recipe(path: str | os.PathLike[str]) -> Recipe:
+    """The recipe in a file. Raises InputError naming the file, the place, and what would be right."""
+    path = Path(path)
+    return recipe_from_table(read_toml(path), path)
+
+
+def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml")) -> Recipe:
+    """The recipe of a table as TOML has it; `path` is what messages name and files are found beside."""
+    at = At(Source(path))
+    keys: Table[Any] = Table(at, written)
+    subjects, weights = _subjects(keys, path.parent)
+    recipe = Recipe(
+        at=at,
+        written=dict(written),
+        seed=keys.take("seed", whole(0, _LARGEST_SEED)),
+        count=keys.take("count", whole(1, _LARGEST_COUNT)),
+        subjects=subjects,
+        weights=weights,
+        ndisp=keys.take("ndisp", whole(1, 65536), None),
+        keep=tuple(keys.take("keep", listed(choice(*KEEP)), [])),
+        gates=keys.take("gates", gates_from_table, Gates()),
+        splits=keys.take("splits", _splits, {}),
+        assets=keys.take("assets", lambda at, value: _assets(at, value, path.parent), {}),
+        drawn={key: keys.take(key, template) for key in DRAWN if keys.has(key)},
+    )
+    keys.done()
+    _check_drawn(recipe)
+    return recipe
+
+
+def _check_drawn(recipe: Recipe) -> None:
+    """Every value that is sure to come, each with the others' first: what reads well here will be planned well."""
+    families = any(subject.kind == "family" for subject in recipe.subjects)
+    for drawn in corners(recipe.drawn):
+        check_settings(drawn, recipe.at, families)
+
+
+def _subjects(keys: Table[Any], folder: Path) -> tuple[tuple[Subject, ...], tuple[float, ...] | None]:
+    if keys.has("scenes") == keys.has("families"):
+        raise keys.at.wrong("needs either 'scenes' or 'families', as scenes = [\"staircase\"]")
+    key = "scenes" if keys.has("scenes") else "families"
+    read = (lambda at, value: _scene(at, value, folder)) if key == "scenes" else _family
+    subjects = keys.take(key, listed(read, 1, 1000))
+    for i, subject in enumerate(subjects):
+        if subject in subjects[:i]:
+            raise (keys.at / key / i).wrong(f"names {subject.name!r} twice; 'weights' says how often each comes")
+    weights = keys.take("weights", listed(number(low=0.0), len(subjects), len(subjects)), None)
+    if weights is not None:
+        weights = tuple(float(share) for share in normalised(keys.at / "weights", weights))
+    return tuple(subjects), weights
+
+
+def _scene(at: At, value: Any, folder: Path) -> Subject:
+    name = text(at, value)
+    if name in bundled_scenes():
+        return Subject("scene", name)
+    try:
+        found = (folder / name).exists() and name not in ("", ".")
+    except (OSError, ValueError):
+        found = False
+    if not found:
+        raise at.wrong(f"{unknown('scene', name, bundled_scenes())}, nor a scene file beside the recipe")
+    return Subject("scene", name)
+
+
+def _family(at: At, value: Any) -> Subject:
+    from twinlens.scenes.families import FAMILIES
+
+    return Subject("family", choice(*FAMILIES)(at, value))
+
+
+def _splits(at: At, value: Any) -> dict[str, float]:
+    shares = {name: number(0.0, 1.0)(at / name, share) for name, share in Table[Any](at, value).rest().items()}
+    if not all(name and name.isprintable() for name in shares):
+        raise at.wrong("the name of a split is a word, as train")
+    if not shares or abs(sum(shares.values()) - 1.0) > 1e-6:
+        raise at.wrong(f"the shares must add up to 1, got {show(value)}")
+    return shares
+
+
+def _assets(at: At, value: Any, folder: Path) -> dict[str, tuple[str, ...]]:
+    keys: Table[Any] = Table(at, value)
+    given = {kind: keys.take(kind, _folders) for kind in ASSETS if keys.has(kind)}
+    keys.done()
+    for kind, names in given.items():
+        for name in names:
+            if not _is_there(folder / name):
+                raise (at / kind).wrong(f"no folder {name!r} beside the recipe")
+    return given
+
+
+def _folders(at: At, value: Any) -> tuple[str, ...]:
+    return (text(at, value),) if isinstance(value, str) else tuple(listed(text, 1)(at, value))
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
+
+
+def differences(old: Mapping[str, Any], new: Mapping[str, Any], place: str = "") -> list[str]:
+    """Where two recipes, as written, differ: one `place: old -> new` each. `count` may differ.
+
+    >>> differences({"spp": 16, "rig": {"baseline": 0.1}}, {"spp": 16, "rig": {"baseline": 0.2}})
+    ['rig.baseline: 0.1 -> 0.2']
+    """
+    found = []
+    for key in dict.fromkeys([*old, *new]):
+        a, b = old.get(key, _NOTHING), new.get(key, _NOTHING)
+        where = f"{place}.{key}" if place else str(key)
+        if isinstance(a, Mapping) and isinstance(b, Mapping):
+            found += differences(a, b, where)
+        elif a != b and where != "count":
+            found.append(f"{where}: {_said(a)} -> {_said(b)}")
+    return found
+
+
+_NOTHING = object()
+
+
+def _said(value: Any) -> str:
+    return "not said" if value is _NOTHING else show(value)
