@@ -106,7 +106,7 @@ def rectify(
     image), where the right camera stands left of the left one, or where some pixel looks 85 degrees or more aside.
     """
     check_pair(rig, left, right)
-    pair = Rig([rig.cameras[i] for i in (left, right)], [rig.world_from_cams[i] for i in (left, right)])
+    pair = rig.pair(left, right)
     _refuse_epipoles(pair, (left, right))
     world_from_rect = _orientation(pair)
     outlines = [_outline(pair, side, world_from_rect) for side in (0, 1)]

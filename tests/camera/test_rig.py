@@ -101,7 +101,7 @@ def test_widths_and_principal_columns_may_differ_in_a_rectified_pair():
     assert Rig.stereo(CAMERA, 0.1, right=CAMERA.replace(cx=300.0, width=500)).is_rectified()
 
 
-@pytest.mark.parametrize(("count", "partners"), [(1, [None]), (2, [1, 0]), (4, [1, 2, 3, 2])])
+@pytest.mark.parametrize(("count", "partners"), [(1, [None]), (2, [1, 0]), (3, [1, 0, 1]), (4, [1, 0, 3, 2])])
 def test_everyone_has_a_partner_but_the_only_one(count, partners):
     rig = Rig([CAMERA] * count, [shifted(0.1 * i) for i in range(count)])
     assert len(rig) == count

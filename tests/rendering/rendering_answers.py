@@ -27,7 +27,9 @@ class View:
 
     @property
     def other(self):
-        return self.index + 1 if self.index + 1 < len(self.rig.cameras) else self.index - 1
+        """0 and 1 are a pair, 2 and 3, ...; the last of an odd number has its left neighbour."""
+        couple = 2 * (self.index // 2) + 1 - self.index % 2
+        return couple if couple < len(self.rig.cameras) else self.index - 1
 
     def pixels(self):
         c = self.camera

@@ -82,10 +82,15 @@ class Rig:
         return self.cameras[index].K @ inverse(self.world_from_cams[index])[:3]
 
     def partner(self, index: int) -> int | None:
-        """The camera that `index` is matched with: its right neighbour in the list, the last one's is its left."""
+        """The camera that `index` is matched with: 0 with 1, 2 with 3, ...; the last of an odd number with its left."""
         if len(self) == 1:
             return None
-        return index + 1 if index + 1 < len(self) else index - 1
+        other = index ^ 1
+        return other if other < len(self) else index - 1
+
+    def pair(self, a: int, b: int) -> "Rig":
+        """Two of the cameras, in that order, as a rig of their own."""
+        return Rig([self.cameras[i] for i in (a, b)], [self.world_from_cams[i] for i in (a, b)])
 
     def baseline(self, a: int = 0, b: int = 1) -> float:
         """Distance of two camera centres, metres."""

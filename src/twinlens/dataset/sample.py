@@ -21,6 +21,7 @@ from twinlens.dataset.codecs.exr import encode_exr
 from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import write_folder
+from twinlens.dataset.quantities import KEY, statistics
 from twinlens.dataset.record import encode_json, plain
 from twinlens.dataset.storage import Place, RemotePath, Where, place
 from twinlens.dataset.truth_files import encode_truth
@@ -184,6 +185,7 @@ def _record(sample: Sample) -> dict[str, Any]:
         "object_names": first.object_names if first else (),
         "material_names": first.material_names if first else (),
         "material_kinds": MATERIAL_KINDS,
+        KEY: statistics(sample),
         "record": plain(sample.record),
     }
 
