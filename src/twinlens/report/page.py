@@ -22,13 +22,14 @@ from numpy.typing import NDArray
 
 from twinlens.dataset.files import write_file
 from twinlens.report.colormaps import COLORMAPS, NO_ESTIMATE, NO_TRUTH
-from twinlens.report.packing import image_uri, pack, stride_for
+from twinlens.report.packing import image_uri, pack, pack_text, stride_for
 from twinlens.scoring import (
     METRICS,
     PROTOCOLS,
     REGIONS,
     Board,
     Entry,
+    Mean,
     Pair,
     Sample,
     board_csv,
@@ -177,10 +178,11 @@ def _document(board: Board, pictures: Mapping[str, Any], weights: Mapping[str, f
         "colormaps": {n: base64.b64encode(t.tobytes()).decode("ascii") for n, t in COLORMAPS.items()},
         "unknown": {"truth": NO_TRUTH, "estimate": NO_ESTIMATE},
         "downloads": {
-            "csv": board_csv(board),
-            "json": board_to_json(board),
+            "csv": pack_text(board_csv(board)),
+            "json": pack_text(board_to_json(board)),
             "latex": {
-                p: {r: board_latex(board, p, r, weights=weights) for r in board.regions} for p in board.protocols
+                p: {r: pack_text(board_latex(board, p, r, weights=weights)) for r in board.regions}
+                for p in board.protocols
             },
         },
     }
@@ -203,8 +205,10 @@ def _protocol(name: str) -> dict[str, Any]:
 
 
 def _entry(entry: Entry) -> dict[str, Any]:
+    """One pair; the values stand in the order of the protocol's metrics, because their names would be half the page."""
+    names = PROTOCOLS[entry.protocol].metrics
     regions = {
-        name: {"n": [s.image, s.evaluated, s.estimated], "v": {metric: _number(v) for metric, v in s.items()}}
+        name: {"n": [s.image, s.evaluated, s.estimated], "v": [_number(s.get(metric, math.nan)) for metric in names]}
         for name, s in entry.regions.items()
     }
     failure = None if entry.failure is None else [entry.failure.kind, entry.failure.message]
@@ -214,8 +218,10 @@ def _entry(entry: Entry) -> dict[str, Any]:
 
 
 def _means(board: Board, protocol: str, region: str, weights: Mapping[str, float] | None) -> dict[str, dict[str, Any]]:
-    means = (board.mean(method, protocol, region, weights) for method in board.methods)
-    return {
-        m.method: {"n": m.counted, "failed": list(m.failed), "v": {name: _number(v) for name, v in m.metrics.items()}}
-        for m in means
-    }
+    means = [board.mean(method, protocol, region, weights) for method in board.methods]
+    return {mean.method: _mean(mean) for mean in means}
+
+
+def _mean(mean: Mean) -> dict[str, Any]:
+    values = {name: _number(value) for name, value in mean.metrics.items()}
+    return {"n": mean.counted, "failed": list(mean.failed), "missing": list(mean.missing), "v": values}

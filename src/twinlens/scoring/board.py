@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from types import MappingProxyType
 
 from twinlens.errors import InputError, unknown
@@ -171,7 +172,7 @@ class Board:
             A weight for an unknown sample, or a negative one.
         """
         _check_weights(weights or {}, self.samples)
-        mine = [e for e in self.entries if (e.method, e.protocol) == (method, protocol)]
+        mine = [e for e in self._scored_by(protocol) if e.method == method]
         failed = tuple(e.sample for e in mine if not e.ok)
         there = [e for e in mine if e.evaluated(region)]
         had = {*failed, *(e.sample for e in there)}
@@ -182,9 +183,20 @@ class Board:
         means = {n: math.nan if partly else _mean([e.value(region, n) for e in there], factors) for n in names}
         return Mean(method, means, len(there), failed, missing)
 
+    def _scored_by(self, protocol: str) -> list[Entry]:
+        return self._by_protocol.get(protocol, [])
+
+    @cached_property
+    def _by_protocol(self) -> dict[str, list[Entry]]:
+        """A page asks for the means of every method, protocol and region: each time through all would be slow."""
+        found: dict[str, list[Entry]] = {}
+        for entry in self.entries:
+            found.setdefault(entry.protocol, []).append(entry)
+        return found
+
     def _counting(self, protocol: str, region: str) -> tuple[str, ...]:
         """The samples that count: some method has pixels there, or none has an answer that could say."""
-        mine = [e for e in self.entries if e.protocol == protocol]
+        mine = self._scored_by(protocol)
         answered = {e.sample for e in mine if e.ok}
         return _unique(e.sample for e in mine if e.evaluated(region) or e.sample not in answered)
 

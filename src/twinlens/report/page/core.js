@@ -40,21 +40,35 @@ function compareBy(metric, flipped) {
   return (a, b) => (Number.isNaN(a) ? 1 : 0) - (Number.isNaN(b) ? 1 : 0) || (a === b ? 0 : sign * (a - b)) || 0;
 }
 
-const entryOf = (method, sample, protocol) =>
-  data.entries.find((e) => e.method === method && e.sample === sample && e.protocol === (protocol || state.protocol));
+const keyOf = (method, sample, protocol) => JSON.stringify([method, sample, protocol]);
+const entries = new Map(data.entries.map((e) => [keyOf(e.method, e.sample, e.protocol), e]));
+const entryOf = (method, sample) => entries.get(keyOf(method, sample, state.protocol));
+const places = Object.fromEntries(data.protocols.map((p) => [p.name, Object.fromEntries(p.metrics.map((m, i) => [m, i]))]));
 
 // A method's numbers for the reader's protocol and region: over all samples, or on one of them.
 function scoresOf(method, over) {
-  const empty = { value: () => NaN, n: 0, failed: [], failure: null };
+  const empty = { value: () => NaN, n: 0, failed: [], missing: [], failure: null };
   if (!over) {
     const mean = data.means[state.protocol][state.region][method];
-    return { value: (metric) => number(mean.v[metric]), n: mean.n, failed: mean.failed, failure: null };
+    return { value: (metric) => number(mean.v[metric]), n: mean.n, failed: mean.failed, missing: mean.missing, failure: null };
   }
   const entry = entryOf(method, over);
   if (!entry) return empty;
   const region = entry.regions[state.region];
-  const value = (metric) => number(data.times.includes(metric) ? entry.times[metric] : region && region.v[metric]);
-  return { value, n: region ? region.n[1] : 0, failed: [], failure: entry.failure, counts: region && region.n };
+  const value = (metric) => number(data.times.includes(metric) ? entry.times[metric] : region && region.v[places[state.protocol][metric]]);
+  return { ...empty, value, n: region ? region.n[1] : 0, failure: entry.failure, counts: region && region.n };
+}
+
+// What a click does, for those who have keys: Enter or space, as on a button.
+const pressed = (act) => (event) => {
+  if (event.key !== "Enter" && event.key !== " ") return;
+  event.preventDefault();
+  act(event);
+};
+
+function ordinal(n) {
+  const teen = n % 100 > 10 && n % 100 < 14;
+  return `${n}${(!teen && ["", "st", "nd", "rd"][n % 10]) || "th"}`;
 }
 
 function options(select, names, chosen, texts) {
@@ -66,7 +80,13 @@ function segments(box, items, chosen, pick) {
     el("button", { type: "button", "aria-pressed": String(value === chosen), onclick: () => pick(value) }, text)));
 }
 
-function save(name, type, text) {
+async function inflate(text) {
+  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).arrayBuffer();
+}
+
+async function save(name, type, packed) {
+  const text = await inflate(packed);
   const link = el("a", { href: URL.createObjectURL(new Blob([text], { type })), download: name });
   document.body.append(link);
   link.click();

@@ -31,7 +31,7 @@ async function drawPanels() {
   $("panels").replaceChildren(...views);
   $("versus").replaceChildren(...versusOf(p, truth, a, b));
   follow([...views, ...$("versus").children], p, truth, { est, a, b });
-  const thin = p.truth.stride > 1 ? `Every ${p.truth.stride}th pixel is shown. ` : "";
+  const thin = p.truth.stride > 1 ? `Every ${ordinal(p.truth.stride)} pixel is shown. ` : "";
   $("maps-note").textContent = `${thin}Maps are shown in steps of 1/${Math.round(1 / p.truth.step)} px; scores are of the full maps. Signed error = estimate − truth.`;
 }
 

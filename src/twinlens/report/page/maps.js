@@ -5,9 +5,7 @@ const unpacked = new Map();
 
 // Row differences of 16-bit codes, low bytes before high bytes, deflated. See packing.py.
 async function unpack(packed) {
-  const bytes = Uint8Array.from(atob(packed.data), (c) => c.charCodeAt(0));
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  const planes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const planes = new Uint8Array(await inflate(packed.data));
   const size = packed.w * packed.h, values = new Float32Array(size);
   for (let i = 0, code = 0; i < size; i++) {
     if (i % packed.w === 0) code = 0;
@@ -64,5 +62,5 @@ function panel(title, detail, picture, below) {
   };
   return el("figure", { class: state.wide === title ? "card panel wide" : "card panel" },
     el("figcaption", {}, el("span", { title }, title), el("span", {}, detail)),
-    el("div", { class: "view", title: "click to enlarge", onclick: widen }, picture, el("div", { class: "cross" })), below);
+    el("div", { class: "view", title: "click to enlarge", role: "button", tabindex: "0", "aria-label": `${title}: enlarge or shrink`, onclick: widen, onkeydown: pressed(widen) }, picture, el("div", { class: "cross" })), below);
 }

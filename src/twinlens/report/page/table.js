@@ -42,23 +42,31 @@ function drawBoard() {
 }
 
 function boardRow({ method, scores }, i, columns, best, largest) {
-  const failed = scores.failure || scores.failed.length;
-  const why = scores.failure ? scores.failure.join(": ") : scores.failed.map((s) => `${s}: ${(entryOf(method.name, s).failure || []).join(": ")}`).join("\n");
+  const why = scores.failure ? scores.failure.join(": ") : [
+    ...scores.failed.map((s) => `${s}: ${(entryOf(method.name, s).failure || []).join(": ")}`),
+    ...scores.missing.map((s) => `${s}: it was not run there`)].join("\n");
   const open = () => { look(state.over || data.samples[0].name, method.name); };
-  return el("tr", { tabindex: "0", "aria-selected": String(method.name === state.method), onclick: open, onkeydown: (e) => { if (e.key === "Enter") open(); } },
+  return el("tr", { tabindex: "0", "aria-selected": String(method.name === state.method), onclick: open, onkeydown: pressed(open) },
     el("td", { class: "name", title: method.spec },
       el("span", { class: "rank" }, Number.isNaN(scores.value(state.sort)) ? "" : String(i + 1)), method.name,
-      failed ? el("span", { class: "fail", title: why }, scores.failure ? scores.failure[0] : `failed on ${scores.failed.length}`) : null),
+      whyNot(scores) ? el("span", { class: "fail", title: why }, whyNot(scores)) : null),
     columns.map((c) => {
       const v = scores.value(c), on = c === state.sort;
       return el("td", { class: `${on ? "sorted" : ""} ${v === best[c] ? "best" : ""}`, "--share": on && Number.isFinite(v) ? `${(100 * v) / largest}%` : "0%" }, show(c, v));
     }));
 }
 
+// Why a row has no numbers, in few words: a method that failed somewhere, or was not run everywhere, has no mean.
+function whyNot({ failure, failed, missing, n }) {
+  if (failure) return failure[0];
+  if (!failed.length && !missing.length) return "";
+  return `${n} of ${n + failed.length + missing.length} samples${failed.length ? `, ${failed.length} failed` : ""}`;
+}
+
 function drawWords() {
   const region = byName(data.regions, state.region);
   const lines = { ...rules().lines, region: `${region.name}: ${region.text || "given by the caller"}` };
-  if (!state.over) lines.mean = `${data.weighted ? "weighted" : "plain"} mean over samples; none where a method failed`;
+  if (!state.over) lines.mean = `${data.weighted ? "weighted" : "plain"} mean over samples; none where a method failed or was not run`;
   $("rules").replaceChildren(...Object.entries(lines).flatMap(([k, v]) => [el("dt", {}, k), el("dd", {}, v)]));
   const counts = state.over ? data.methods.map((m) => scoresOf(m.name, state.over).counts).find(Boolean) : null;
   const n = state.over ? 0 : Math.max(...data.methods.map((m) => scoresOf(m.name, "").n), 0);
@@ -88,6 +96,20 @@ function shade(value, low, high) {
   return `color-mix(in srgb, var(--accent) ${Math.round(6 + 46 * better)}%, transparent)`;
 }
 
+// The cells are one stop of the tab key; arrows go from one to the next.
+const walk = (open) => (event) => {
+  const cell = event.currentTarget, row = cell.parentElement, at = [...row.children].indexOf(cell);
+  const beside = (r) => r && r.children[at];
+  const next = { ArrowRight: cell.nextElementSibling, ArrowLeft: at > 1 ? cell.previousElementSibling : null,
+    ArrowDown: beside(row.nextElementSibling), ArrowUp: beside(row.previousElementSibling) };
+  if (!(event.key in next)) { pressed(open)(event); return; }
+  event.preventDefault();
+  if (!next[event.key]) return;
+  cell.tabIndex = -1;
+  next[event.key].tabIndex = 0;
+  next[event.key].focus();
+};
+
 function drawMatrix() {
   const m = data.metrics[state.sort];
   $("matrix-title").textContent = `${state.sort} [${m.unit}] on each sample, ${state.region}`;
@@ -98,8 +120,8 @@ function drawMatrix() {
     el("thead", {}, el("tr", {}, el("th", { class: "name" }), data.samples.map((s) => el("th", { title: s.name }, s.name.length > 48 ? `${s.name.slice(0, 47)}…` : s.name)))),
     el("tbody", {}, rows.map((r, i) => el("tr", {}, el("td", { class: "name", title: r.method.spec }, r.method.name),
       data.samples.map((s, k) => {
-        const c = cells[i][k], v = c.value(state.sort);
-        return el("td", { class: "cell", style: `background:${shade(v, Math.min(...limits[k]), Math.max(...limits[k]))}`, title: c.failure ? c.failure.join(": ") : `${r.method.name} on ${s.name}`, onclick: () => look(s.name, r.method.name) },
+        const c = cells[i][k], v = c.value(state.sort), open = () => look(s.name, r.method.name);
+        return el("td", { class: "cell", tabindex: i || k ? "-1" : "0", onkeydown: walk(open), style: `background:${shade(v, Math.min(...limits[k]), Math.max(...limits[k]))}`, title: c.failure ? c.failure.join(": ") : `${r.method.name} on ${s.name}`, onclick: open },
           c.failure ? el("span", { class: "fail" }, c.failure[0]) : show(state.sort, v));
       })))));
 }
@@ -111,15 +133,16 @@ function ticks(low, high) {
   return choices.find((c) => c.length >= 3) || choices[choices.length - 1];
 }
 
-// Each label goes to the first place beside its dot where it covers no dot, no other label and no edge.
-function labels(dots, width) {
+// Each label goes to the first place beside its dot where it covers no dot, no other label and no edge; or nowhere.
+function labels(dots, width, floor) {
   const taken = dots.map((d) => [d.x - 6, d.y - 6, d.x + 6, d.y + 6]);
-  const free = (box) => box[0] > 0 && box[2] < width && !taken.some((t) => box[0] < t[2] && box[2] > t[0] && box[1] < t[3] && box[3] > t[1]);
+  const free = (box) => box[0] > 0 && box[2] < width && box[3] < floor && !taken.some((t) => box[0] < t[2] && box[2] > t[0] && box[1] < t[3] && box[3] > t[1]);
   return dots.map((d) => {
     const w = 6.9 * d.text.length + 4;
     const places = [[10, 4], [-10 - w, 4], [-w / 2, -11], [-w / 2, 20], [8, -9], [8, 18], [-8 - w, -9], [-8 - w, 18], [-w / 2, -24], [-w / 2, 33]];
     const box = ([dx, dy]) => [d.x + dx, d.y + dy - 11, d.x + dx + w, d.y + dy + 2];
-    const place = places.find((p) => free(box(p))) || places[0];
+    const place = places.find((p) => free(box(p)));
+    if (!place) return null; // its dot says its name under the pointer, and the table has it
     taken.push(box(place));
     return el("text", { class: "tag", x: d.x + place[0], y: d.y + place[1] }, d.text);
   });
@@ -131,14 +154,14 @@ function drawScatter() {
   const dots = data.methods.map((m) => ({ name: m.name, s: scoresOf(m.name, state.over) }))
     .map((d) => ({ name: d.name, x: d.s.value(x), y: d.s.value(y) })).filter((d) => d.x > 0 && Number.isFinite(d.y));
   if (!dots.length) { $("scatter").replaceChildren(el("p", { class: "empty" }, "No times were measured.")); return; }
-  const W = 560, H = 300, left = 46, right = 20, bottom = 34, top = 12;
+  const W = Math.max(300, Math.min(760, $("scatter").clientWidth || 560)), H = 300, left = 46, right = 20, bottom = 34, top = 12;
   const low = Math.min(...dots.map((d) => d.x)) / 1.6, high = Math.max(...dots.map((d) => d.x)) * 1.6;
   const peak = Math.max(...dots.map((d) => d.y), 1e-9) * 1.12;
   const px = (v) => left + ((W - left - right) * Math.log(v / low)) / Math.log(high / low);
   const py = (v) => H - bottom - ((H - bottom - top) * v) / peak;
   const step = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50].find((s) => peak / s <= 6) || peak / 4;
   const levels = Array.from({ length: Math.floor(peak / step) + 1 }, (_, i) => i * step);
-  const tags = labels(dots.map((d) => ({ x: px(d.x), y: py(d.y), text: d.name.length > 26 ? `${d.name.slice(0, 25)}…` : d.name })), W);
+  const tags = labels(dots.map((d) => ({ x: px(d.x), y: py(d.y), text: d.name.length > 26 ? `${d.name.slice(0, 25)}…` : d.name })), W, H - bottom + 8);
   $("scatter").replaceChildren(el("svg", { viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": $("scatter-title").textContent },
     levels.map((v) => [el("line", { class: "grid", x1: left, x2: W - right, y1: py(v), y2: py(v) }), el("text", { x: left - 8, y: py(v) + 4, "text-anchor": "end" }, String(+v.toPrecision(3)))]).flat(),
     ticks(low, high).map((t) => el("text", { x: px(t), y: H - 12, "text-anchor": "middle" }, String(+t.toPrecision(2)))),
