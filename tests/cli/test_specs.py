@@ -1,9 +1,23 @@
+import numpy as np
 import pytest
 
-from twinlens.camera import BareAperture, Pinhole, ThinLens
+from twinlens.camera import (
+    Annulus,
+    BareAperture,
+    BrownConrady,
+    Disk,
+    KannalaBrandt,
+    MaskAperture,
+    Pinhole,
+    Polygon,
+    ThinLens,
+)
 from twinlens.cli.benchmark import split_methods
-from twinlens.cli.specs import middle_focus, parse_lens, parse_size
+from twinlens.cli.camera_specs import parse_distortion, parse_exposure, parse_mismatch, parse_sensor
+from twinlens.cli.specs import middle_focus, parse_aperture, parse_lens, parse_size
+from twinlens.dataset import write_png
 from twinlens.errors import InputError
+from twinlens.sensor import Exposure, Mismatch, Sensor
 
 
 @pytest.mark.parametrize(
@@ -20,10 +34,183 @@ def test_lenses(text, lens):
     assert parse_lens(text, focus=3.0, film_distance=0.005) == lens
 
 
-@pytest.mark.parametrize("text", ["", "thick:2", "thin:", "thin:x", "thin:nan", "thin:-2", "f/0", "hole:1", "thin:2@0"])
-def test_lenses_that_cannot_be(text):
-    with pytest.raises(InputError):
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "unknown lens ''"),
+        ("thick:2", "did you mean 'thin'"),
+        ("pinhole:3", "a lens reads pinhole"),
+        ("thin", "must read thin:DIAMETER_MM"),
+        ("thin:", "must read thin:DIAMETER_MM"),
+        ("thin:2@", "must read thin:DIAMETER_MM"),
+        ("f/", "must read f/N"),
+        ("hole:1", "must read hole:DIAMETER_MM@FILM_MM"),
+        ("thin:x", "'x' is not a number"),
+        ("thin:nan", "'nan' is not a number"),
+        ("thin:-2", "aperture_diameter"),
+        ("thin:1e400", "aperture_diameter"),
+        ("thin:2@0", "focus_distance"),
+        ("thin:2@-inf", "focus_distance"),
+        ("f/0", "f_number"),
+        ("f/-2", "f_number"),
+        ("f/inf", "f_number"),
+        ("hole:1@0", "film_distance"),
+        ("hole:1@inf", "film_distance"),
+    ],
+)
+def test_lenses_that_cannot_be(text, says):
+    with pytest.raises(InputError, match=says) as error:
         parse_lens(text, focus=3.0, film_distance=0.005)
+    assert str(error.value).startswith(f"--lens {text!r}")
+    assert "\n" not in str(error.value)
+
+
+def test_an_aperture_is_that_of_every_lens_of_some_width():
+    shape = Polygon(5)
+    assert parse_lens("pinhole", 3.0, 0.005, shape) == Pinhole()
+    for text in ("thin:20", "f/2", "hole:0.35@50"):
+        assert parse_lens(text, 3.0, 0.005, shape).aperture == shape
+
+
+@pytest.mark.parametrize(
+    ("text", "shape"),
+    [
+        ("disk", Disk()),
+        ("polygon:6", Polygon(6)),
+        ("polygon:5:-12.5", Polygon(5, rotation_deg=-12.5)),
+        ("polygon:5:0:0.3", Polygon(5, roundness=0.3)),
+        ("annulus:0.5", Annulus(0.5)),
+    ],
+)
+def test_apertures(text, shape):
+    assert parse_aperture(text) == shape
+
+
+@pytest.mark.parametrize("colours", [(), (3,)], ids=["grey", "grey in three channels"])
+def test_a_mask_is_the_picture(tmp_path, colours):
+    cells = np.random.default_rng(0).integers(0, 256, (4, 6), dtype=np.uint8)
+    write_png(tmp_path / "code.png", np.broadcast_to(cells[..., None], (4, 6, 3)).copy() if colours else cells)
+    assert parse_aperture(f"mask:{tmp_path / 'code.png'}") == MaskAperture(cells / 255)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("polygn:6", "did you mean 'polygon'"),
+        ("polygon", "must read polygon:BLADES"),
+        ("polygon:", "must read polygon:BLADES"),
+        ("polygon:6:1:0:3", "must read polygon:BLADES"),
+        ("polygon:x", "'x' is not a number"),
+        ("polygon:2", "blades"),
+        ("polygon:6.5", "blades"),
+        ("polygon:inf", "blades"),
+        ("polygon:6:inf", "rotation_deg"),
+        ("polygon:6:0:2", "roundness"),
+        ("annulus", "must read annulus:INNER"),
+        ("annulus:1", "inner"),
+        ("disk:2", "must read disk"),
+        ("mask", "must read mask:FILE"),
+        ("mask:", "must read mask:FILE"),
+    ],
+)
+def test_apertures_that_cannot_be(text, says):
+    with pytest.raises(InputError, match=says) as error:
+        parse_aperture(text)
+    assert str(error.value).startswith(f"--aperture {text!r}")
+
+
+@pytest.mark.parametrize(
+    ("cells", "says"),
+    [
+        (np.zeros((3, 3), np.uint8), "black"),
+        (np.arange(27, dtype=np.uint8).reshape(3, 3, 3), "coloured"),
+        (None, "no such file"),
+    ],
+)
+def test_masks_that_cannot_be(tmp_path, cells, says):
+    path = tmp_path / "mask.png"
+    if cells is not None:
+        write_png(path, cells)
+    with pytest.raises(InputError, match=says) as error:
+        parse_aperture(f"mask:{path}")
+    assert str(error.value).startswith(str(path))
+
+
+@pytest.mark.parametrize(
+    ("text", "model"),
+    [
+        ("-0.2", BrownConrady(k1=-0.2)),
+        ("0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8", BrownConrady(0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)),
+        ("brown-conrady:0,0,0.01", BrownConrady(p1=0.01)),
+        ("fisheye:0.1, -0.02", KannalaBrandt(k1=0.1, k2=-0.02)),
+    ],
+)
+def test_distortions_in_opencvs_order(text, model):
+    assert parse_distortion(text) == model
+
+
+@pytest.mark.parametrize(
+    ("text", "exposure"),
+    [("auto", None), ("0.01", Exposure(0.01)), ("1/60", Exposure(1 / 60)), ("2/3,4", Exposure(2 / 3, 4.0))],
+)
+def test_exposures(text, exposure):
+    assert parse_exposure(text) == exposure
+
+
+def test_mismatches():
+    assert parse_mismatch("gain=1.1,exposure=1.05,black=-2") == Mismatch(1.1, 1.05, -2.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "sensor"),
+    [
+        ("phone", Sensor.preset("phone")),
+        ("ideal:bits=16,output=raw,gamma=2", Sensor.preset("ideal", bits=16, output="raw", gamma=2.0)),
+        ("phone:shot_noise=no,vignetting=yes", Sensor.preset("phone", shot_noise=False, vignetting=True)),
+        ("phone:wavelengths=6e-7/5e-7/4e-7", Sensor.preset("phone", wavelengths=(6e-7, 5e-7, 4e-7))),
+    ],
+)
+def test_sensors(text, sensor):
+    assert parse_sensor(text) == sensor
+
+
+@pytest.mark.parametrize(
+    ("parse", "text", "says"),
+    [
+        (parse_distortion, "", "is not a number"),
+        (parse_distortion, "0.1,nan", "'nan' is not a number"),
+        (parse_distortion, "0.1,inf", "finite"),
+        (parse_distortion, "1,2,3,4,5,6,7,8,9", "1 to 8 numbers"),
+        (parse_distortion, "fisheye:1,2,3,4,5", r"fisheye:k1\[,k2"),
+        (parse_distortion, "fishey:1", "did you mean 'fisheye'"),
+        (parse_exposure, "0", "time"),
+        (parse_exposure, "-1/60", "time"),
+        (parse_exposure, "inf", "time"),
+        (parse_exposure, "1/0", "1/60"),
+        (parse_exposure, "1/60,0", "gain"),
+        (parse_exposure, "1/60,", "'' is not a number"),
+        (parse_mismatch, "", "NAME=VALUE"),
+        (parse_mismatch, "gain", "NAME=VALUE"),
+        (parse_mismatch, "gain=1,gain=2", "each name once"),
+        (parse_mismatch, "gian=1", "did you mean 'gain'"),
+        (parse_mismatch, "gain=0", "mismatch gain"),
+        (parse_mismatch, "black=inf", "black_level"),
+        (parse_sensor, "phne", "did you mean 'phone'"),
+        (parse_sensor, "phone:", "NAME=VALUE"),
+        (parse_sensor, "phone:prn=1", "did you mean 'prnu'"),
+        (parse_sensor, "phone:prnu=-1", "prnu"),
+        (parse_sensor, "phone:adc_bits=8.5", "adc_bits"),
+        (parse_sensor, "phone:white_balance=maybe", "white_balance must be yes or no"),
+        (parse_sensor, "phone:wavelengths=1/2", "three"),
+        (parse_sensor, "phone:wavelengths=-1e-7/1e-7/1e-7", "three positive"),
+        (parse_sensor, "phone:filters=RGBG", "filters"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_the_options_name(parse, text, says):
+    with pytest.raises(InputError, match=says) as error:
+        parse(text)
+    assert str(error.value).startswith("--")
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("text", ["640", "640x", "x480", "-1x4", "640x480x3", "6.4x480"])

@@ -1,72 +1,139 @@
 """`twinlens render`: scenes in, samples of a dataset out."""
 
 import json
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from twinlens.cli.camera_specs import (
+    DISTORTION_HELP,
+    EXPOSURE_HELP,
+    MISMATCH_HELP,
+    SENSOR_HELP,
+    parse_distortion,
+    parse_exposure,
+    parse_mismatch,
+    parse_numbers,
+    parse_sensor,
+)
 from twinlens.cli.progress import progress_bar
-from twinlens.cli.specs import LENS_HELP, middle_focus, parse_lens, parse_size
+from twinlens.cli.sections import Sectioned
+from twinlens.cli.specs import APERTURE_HELP, LENS_HELP, middle_focus, parse_aperture, parse_lens, parse_size
 from twinlens.errors import InputError, OutputError
 
 if TYPE_CHECKING:
-    from twinlens.camera import Lens, Rig
-    from twinlens.dataset import Row
+    from twinlens.camera import Aperture, Lens, Rig
+    from twinlens.dataset import Row, Sample
     from twinlens.scenes import Scene
+    from twinlens.sensor import Sensor
+
+_SECTIONS = {
+    "Lens": ("lenses", "aperture", "diffraction"),
+    "Camera": (
+        "size", "fov", "focal_length_px", "principal_point", "distortion", "pixel_pitch_um", "sensor_width_mm",
+        "baseline",
+    ),
+    "Light and sensor": ("sensor", "bits", "exposure", "mismatch"),
+    "Rendering": ("spp", "seed"),
+    "Output": ("output", "radiance", "sky_disparity", "overwrite", "as_json"),
+}  # fmt: skip
 
 
-@click.command("render")
+@click.command("render", cls=Sectioned, sections=_SECTIONS)
 @click.argument("scenes", nargs=-1, required=True, metavar="SCENE...")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder of the dataset.")
 @click.option("--lens", "lenses", multiple=True, default=("pinhole",), show_default=True, help=LENS_HELP)
+@click.option("--aperture", default="disk", show_default=True, help=APERTURE_HELP)
+@click.option("--diffraction", is_flag=True, help="Blur by the Airy pattern of each lens; disks only.")
 @click.option("--size", default="640x480", show_default=True, help="Image size, WIDTHxHEIGHT.")
 @click.option("--fov", type=float, help="Horizontal field of view, degrees.  [default: the scene's]")
+@click.option("--focal-length-px", metavar="FX[,FY]", help="Focal length in pixels, instead of --fov.")
+@click.option("--principal-point", metavar="CX,CY", help="In pixels, centres at integers.  [default: the middle]")
+@click.option("--distortion", metavar="K", help=DISTORTION_HELP)
+@click.option("--pixel-pitch-um", type=float, help="Width of a pixel.  [default: 5]")
+@click.option("--sensor-width-mm", type=float, help="Of the whole image, as 36, instead of --pixel-pitch-um.")
 @click.option("--baseline", type=float, help="Stereo base, metres.  [default: the scene's]")
+@click.option("--sensor", default="machine_vision", show_default=True, help=SENSOR_HELP)
+@click.option("--bits", type=click.Choice(["8", "16"]), help="Of a channel of the pictures.  [default: 8]")
+@click.option("--exposure", default="auto", metavar="TIME_S[,GAIN]", help=EXPOSURE_HELP)
+@click.option("--mismatch", metavar="NAME=VALUE,...", help=MISMATCH_HELP)
 @click.option("--spp", type=click.IntRange(1, 1_000_000), default=64, show_default=True, help="Samples a pixel.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of every random draw.")
-@click.option("--sensor", default="machine_vision", show_default=True, help="ideal, machine_vision or phone.")
 @click.option("--radiance", is_flag=True, help="Keep the linear images too (radiance0.exr, radiance1.exr).")
+@click.option("--sky-disparity", is_flag=True, help="Give rays that hit nothing the disparity at infinity.")
 @click.option("--overwrite", is_flag=True, help="Replace samples that are there already.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was written as JSON.")
-def command(
-    scenes: tuple[str, ...],
-    output: Path,
-    lenses: tuple[str, ...],
-    size: str,
-    fov: float | None,
-    baseline: float | None,
-    spp: int,
-    seed: int,
-    sensor: str,
-    radiance: bool,
-    overwrite: bool,
-    as_json: bool,
-) -> None:
+def command(scenes: tuple[str, ...], output: Path, overwrite: bool, as_json: bool, **asked: Any) -> None:
     """Photograph SCENE... (bundled names, scene.toml or Mitsuba .xml files) with a stereo rig.
 
     Every scene becomes one sample, OUTPUT/<scene>: im0.png and im1.png for the first lens, lens-1/, lens-2/, ... for
     the others, and beside them the exact truth that they share. OUTPUT/dataset.json lists the samples.
 
+    TWINLENS_BACKEND=scalar, llvm or cuda in the environment chooses what renders; see `twinlens doctor`.
+
     \b
     Example:  twinlens render staircase cards --lens pinhole --lens thin:20 -o out
+              twinlens render tabletop --lens thin:60@1.2 --aperture polygon:6 -o bokeh
+              twinlens render cards --lens f/2 --lens f/4 --sensor-width-mm 36 --exposure 1/8000 -o stops
     """
-    from twinlens.factory import default_rig
     from twinlens.scenes import load_scene
-    from twinlens.sensor import Sensor
 
-    width, height = parse_size(size)
-    jobs = []
-    for name in scenes:
-        scene = load_scene(name)
-        rig = default_rig(scene, width, height, fov, baseline)
-        focus = middle_focus(scene.depth_range) if scene.depth_range_known else None
-        jobs.append((scene, rig, tuple(parse_lens(text, focus, rig.cameras[0].film_distance) for text in lenses)))
+    options = {
+        "spp": asked["spp"], "seed": asked["seed"], "keep_radiance": asked["radiance"],
+        "sky_disparity": asked["sky_disparity"], "diffraction": asked["diffraction"], "sensor": _sensor(asked),
+        "exposure": parse_exposure(asked["exposure"]),
+    }  # fmt: skip
+    aperture = parse_aperture(asked["aperture"])
+    jobs = [_job(load_scene(name), asked, aperture) for name in scenes]
     _check_names([scene.name for scene, _, _ in jobs], output, overwrite)
-    options = {"spp": spp, "seed": seed, "keep_radiance": radiance, "sensor": Sensor.preset(sensor)}
-    rows = [_one(job, output, options, overwrite) for job in jobs]
-    _list(output, rows, seed)
-    _tell(output, rows, as_json)
+    made = [_one(job, asked["lenses"], output, options, overwrite) for job in jobs]
+    _list(output, [row for row, _ in made], asked["seed"])
+    _tell(output, made, as_json)
+
+
+def _sensor(asked: dict[str, Any]) -> "Sensor":
+    changes: dict[str, Any] = {} if asked["bits"] is None else {"bits": int(asked["bits"])}
+    if asked["mismatch"] is not None:
+        changes["mismatch"] = parse_mismatch(asked["mismatch"])
+    return parse_sensor(asked["sensor"]).replace(**changes)
+
+
+def _job(scene: "Scene", asked: dict[str, Any], aperture: "Aperture") -> "tuple[Scene, Rig, tuple[Lens, ...]]":
+    """The scene, the rig that the options ask for, and the lenses on it."""
+    from twinlens.factory import default_rig
+
+    width, height = parse_size(asked["size"])
+    rig = default_rig(scene, width, height, asked["fov"], asked["baseline"], _inside(asked, width))
+    focus = middle_focus(scene.depth_range) if scene.depth_range_known else None
+    film = rig.cameras[0].film_distance
+    return scene, rig, tuple(parse_lens(text, focus, film, aperture) for text in asked["lenses"])
+
+
+def _inside(asked: dict[str, Any], width: int) -> dict[str, Any]:
+    """What the options say of every camera's inside, by the names of a rig's table."""
+    for one, other in (("fov", "focal_length_px"), ("pixel_pitch_um", "sensor_width_mm")):
+        if asked[one] is not None and asked[other] is not None:
+            names = (f"--{name.replace('_', '-')}" for name in (one, other))
+            raise InputError(f"{' and '.join(names)} say the same thing twice; keep one")
+    inside: dict[str, Any] = {}
+    if asked["focal_length_px"] is not None:
+        focal = parse_numbers("--focal-length-px", asked["focal_length_px"], 1, 2, "FX[,FY], as 700 or 700,690")
+        inside |= {"fx": focal[0], "fy": focal[-1]}
+    if asked["principal_point"] is not None:
+        inside["cx"], inside["cy"] = parse_numbers("--principal-point", asked["principal_point"], 2, 2, "CX,CY")
+    if asked["distortion"] is not None:
+        model = parse_distortion(asked["distortion"])
+        inside["distortion"] = {"model": model.name, **asdict(model)}
+    if asked["pixel_pitch_um"] is not None:
+        inside["pixel_pitch_um"] = asked["pixel_pitch_um"]
+    if asked["sensor_width_mm"] is not None:
+        inside["pixel_pitch_um"] = 1e3 * asked["sensor_width_mm"] / width
+    return inside
 
 
 def _check_names(names: list[str], output: Path, overwrite: bool) -> None:
@@ -78,32 +145,78 @@ def _check_names(names: list[str], output: Path, overwrite: bool) -> None:
         raise OutputError(f"{output / there}: is there already; name another folder, or add --overwrite")
 
 
-def _one(job: "tuple[Scene, Rig, tuple[Lens, ...]]", output: Path, options: dict[str, Any], overwrite: bool) -> "Row":
+def _one(
+    job: "tuple[Scene, Rig, tuple[Lens, ...]]",
+    texts: tuple[str, ...],
+    output: Path,
+    options: dict[str, Any],
+    overwrite: bool,
+) -> "tuple[Row, list[str]]":
+    """Make and write one sample: its row of the dataset, and a line on each of its lenses."""
     from twinlens.dataset import Row, write_sample
     from twinlens.factory import make_sample
 
     scene, rig, lenses = job
-    with progress_bar(f"rendering {scene.name}") as report:
+    with progress_bar(f"rendering {scene.name}") as report, _warned_in_lines():
         sample = make_sample(scene, rig, lenses, progress=lambda fraction: report(fraction, ""), **options)
-    return Row(scene.name, write_sample(output / scene.name, sample, overwrite), {"scene": scene.name})
+    row = Row(scene.name, write_sample(output / scene.name, sample, overwrite), {"scene": scene.name})
+    return row, [_exposed(sample, k, text) for k, text in enumerate(texts)]
+
+
+@contextmanager
+def _warned_in_lines() -> Iterator[None]:
+    """Each warning once, as one line of the error stream."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    for message in dict.fromkeys(" ".join(str(warning.message).split()) for warning in caught):
+        click.echo(f"twinlens: warning: {message}", err=True)
+
+
+def _exposed(sample: "Sample", k: int, text: str) -> str:
+    """What lens k was as a photographer says it: f-number, time, gain; and whether such a lens can be bought."""
+    camera, taken = sample.rig.cameras[0], sample.shots[k].record["exposures"][0]
+    number, time, gain = taken["working_f_number"], taken["time_s"], taken["gain"]
+    line = f"{text}: f/{number:.2g}, {_duration(time)}, gain {gain:.3g}"
+    if number >= 1 or sample.shots[k].lens.name != "thinlens":
+        return line
+    width = 1e-3 * camera.width * camera.pixel_pitch_um
+    return (
+        f"{line} (blur as asked, but no lens is so fast: this sensor is {width:.3g} mm wide; "
+        f"--sensor-width-mm {width * 1.4 / number:.2g} makes it f/1.4)"
+    )
+
+
+def _duration(time: float) -> str:
+    """Seconds as they stand on a shutter's dial; what no shutter does, in microseconds."""
+    if time < 1e-4:
+        return f"{1e6 * time:.3g} us"
+    return f"1/{1 / time:.0f} s" if time < 0.4 else f"{time:.3g} s"
 
 
 def _list(output: Path, rows: "list[Row]", seed: int) -> None:
-    """Write dataset.json: the samples it knew, with the new ones in their places or at the end."""
+    """Write dataset.json: the samples it knew, with the new ones in their places or at the end.
+
+    Its recipe and what else it says stay. Where samples were made with several seeds it names none; each has its own.
+    """
     from twinlens.dataset import Manifest, read_manifest, write_manifest
 
-    known = {row.name: row for row in read_manifest(output).rows} if (output / "dataset.json").exists() else {}
-    write_manifest(output, Manifest(tuple((known | {row.name: row for row in rows}).values()), seed=seed))
+    before = read_manifest(output) if (output / "dataset.json").exists() else Manifest((), seed=seed)
+    known = {row.name: row for row in before.rows} | {row.name: row for row in rows}
+    shared = before.seed if before.recipe or before.seed == seed else None
+    write_manifest(output, Manifest(tuple(known.values()), before.recipe, shared, before.info))
 
 
-def _tell(output: Path, rows: "list[Row]", as_json: bool) -> None:
+def _tell(output: Path, made: "list[tuple[Row, list[str]]]", as_json: bool) -> None:
     from twinlens.rendering import backend
 
     used = backend()
     if as_json:
-        samples = [{"name": row.name, "folder": str(output / row.name), "files": sorted(row.files)} for row in rows]
+        samples = [{"name": row.name, "folder": str(output / row.name), "files": sorted(row.files)} for row, _ in made]
         click.echo(json.dumps({"dataset": str(output), "backend": used.variant, "samples": samples}, indent=1))
         return
-    for row in rows:
+    for row, lines in made:
         click.echo(f"{output / row.name}: {len(row.files)} files")
+        for line in lines:
+            click.echo(f"  {line}")
     click.echo(f"rendered with {used.variant} ({used.reason})" + (f"; {used.advice}" if used.advice else ""))

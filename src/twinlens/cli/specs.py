@@ -1,13 +1,39 @@
-"""The small languages of options: a size `640x480`, a lens `thin:20@1.5`."""
+"""The small languages of options: a size `640x480`, a lens `thin:20@1.5`, an aperture `polygon:6`.
+
+Those of the camera's inside and of the sensor stand in `twinlens.cli.camera_specs`.
+"""
 
 import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
 
-from twinlens.camera import BareAperture, Lens, Pinhole, ThinLens
-from twinlens.errors import InputError
+import numpy as np
 
+from twinlens.camera import Annulus, Aperture, BareAperture, Disk, Lens, MaskAperture, Pinhole, Polygon, ThinLens
+from twinlens.errors import InputError, unknown
+
+Made = TypeVar("Made")
+
+LENSES = {
+    "pinhole": "pinhole",
+    "thin": "thin:DIAMETER_MM[@FOCUS_M]",
+    "f/": "f/N[@FOCUS_M]",
+    "hole": "hole:DIAMETER_MM@FILM_MM",
+}
 LENS_HELP = (
-    "pinhole | thin:DIAMETER_MM[@FOCUS_M] | f/N[@FOCUS_M] | hole:DIAMETER_MM@FILM_MM; may be given several times. "
+    " | ".join(LENSES.values()) + "; may be given several times. "
     "Focus is the middle of the scene's disparities unless said."
+)
+APERTURES = {
+    "disk": "disk",
+    "polygon": "polygon:BLADES[:ROTATION_DEG[:ROUNDNESS]]",
+    "annulus": "annulus:INNER",
+    "mask": "mask:FILE",
+}
+APERTURE_HELP = (
+    " | ".join(APERTURES.values()) + ": the shape of every lens and hole, inside its diameter. "
+    "ROUNDNESS 0 to 1, INNER a fraction of the radius, FILE a grey picture, white where light passes."
 )
 
 
@@ -23,26 +49,65 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def parse_lens(text: str, focus: float | None, film_distance: float) -> Lens:
+def parse_lens(text: str, focus: float | None, film_distance: float, aperture: Aperture | None = None) -> Lens:
     """The lens that `text` names, by the grammar of LENS_HELP; `focus` (m) where it names none, None: it must.
 
     >>> parse_lens("thin:20@1.5", focus=2.0, film_distance=0.004)
     ThinLens(aperture_diameter=0.02, focus_distance=1.5, aperture=Disk())
     """
-    kind, _, rest = text.partition(":") if not text.startswith("f/") else ("f", "", text[2:])
-    amount, at, place = rest.partition("@")
-    if text == "pinhole":
+    where, shape = f"--lens {text!r}", aperture or Disk()
+    kind, colon, rest = ("f/", "/", text[2:]) if text.startswith("f/") else text.partition(":")
+    if kind not in LENSES or (kind == "pinhole" and colon):
+        raise InputError(f"{where}: {unknown('lens', kind, LENSES)}; a lens reads {' | '.join(LENSES.values())}")
+    if kind == "pinhole":
         return Pinhole()
-    if kind in ("thin", "f") and amount:
-        if not at and focus is None:
-            raise InputError(f"--lens {text!r}: this scene does not say its depths; say where to focus, as {text}@2.5")
-        distance = _number(place, text) if at else float(focus or math.inf)
-        if kind == "thin":
-            return ThinLens(1e-3 * _number(amount, text), distance)
-        return ThinLens.from_f_number(_number(amount, text), distance, film_distance)
-    if kind == "hole" and at:
-        return BareAperture(1e-3 * _number(amount, text), 1e-3 * _number(place, text))
-    raise InputError(f"--lens {text!r} is not one of {LENS_HELP.split(';')[0]}")
+    amount, at, place = rest.partition("@")
+    if not amount or (kind == "hole" and not at) or (at and not place):
+        raise InputError(f"{where} lacks a number; it must read {LENSES[kind]}")
+    if not at and focus is None:
+        raise InputError(f"{where}: this scene does not say its depths; say where to focus, as {text}@2.5")
+    size = number(amount, where)
+    distance = number(place, where) if at else float(focus or math.inf)
+    if kind == "hole":
+        return told(where, lambda: BareAperture(1e-3 * size, 1e-3 * distance, shape))
+    if kind == "thin":
+        return told(where, lambda: ThinLens(1e-3 * size, distance, shape))
+    return told(where, lambda: ThinLens.from_f_number(size, distance, film_distance, shape))
+
+
+def parse_aperture(text: str) -> Aperture:
+    """The shape that `text` names, by the grammar of APERTURE_HELP.
+
+    >>> parse_aperture("polygon:6:15")
+    Polygon(blades=6, rotation_deg=15.0, roundness=0.0)
+    """
+    where = f"--aperture {text!r}"
+    kind, _, rest = text.partition(":")
+    if kind not in APERTURES:
+        raise InputError(f"{where}: {unknown('aperture', kind, APERTURES)}")
+    if kind == "mask" and rest:
+        return mask_aperture(Path(rest))
+    parts = rest.split(":") if rest else []
+    least, most = {"disk": (0, 0), "polygon": (1, 3), "annulus": (1, 1), "mask": (1, 1)}[kind]
+    if not least <= len(parts) <= most:
+        raise InputError(f"{where} must read {APERTURES[kind]}")
+    numbers = [number(part, where) for part in parts]
+    if kind == "polygon":
+        blades = int(numbers[0]) if numbers[0].is_integer() else numbers[0]
+        return told(where, lambda: Polygon(blades, *numbers[1:]))  # type: ignore[arg-type]
+    return told(where, lambda: Annulus(numbers[0])) if kind == "annulus" else Disk()
+
+
+def mask_aperture(path: Path) -> MaskAperture:
+    """The aperture that a grey picture draws: white is open, black is shut, row 0 the top. Raises InputError."""
+    from twinlens.cli.images import read_image
+
+    mask = read_image(path)
+    if mask.ndim == 3:
+        if not (mask == mask[..., :1]).all():
+            raise InputError(f"{path}: is coloured; an aperture mask is a grey picture, white where light passes")
+        mask = mask[..., 0]
+    return told(str(path), lambda: MaskAperture(np.ascontiguousarray(mask)))
 
 
 def middle_focus(depth_range: tuple[float, float]) -> float:
@@ -51,11 +116,24 @@ def middle_focus(depth_range: tuple[float, float]) -> float:
     return 2.0 / (1.0 / near + 1.0 / far)
 
 
-def _number(text: str, whole: str) -> float:
+def number(text: str, where: str) -> float:
+    """The number that `text` is, or InputError beginning with `where`; inf is one, NaN is none.
+
+    >>> number("1e-3", "--exposure")
+    0.001
+    """
     try:
         value = float(text)
     except ValueError:
-        raise InputError(f"{text!r} in {whole!r} is not a number") from None
+        value = math.nan
     if math.isnan(value):
-        raise InputError(f"{text!r} in {whole!r} is not a number")
+        raise InputError(f"{where}: {text!r} is not a number")
     return value
+
+
+def told(where: str, make: Callable[[], Made]) -> Made:
+    """What `make` answers; what it refuses is told beginning with `where`."""
+    try:
+        return make()
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error

@@ -6,7 +6,7 @@ scene, rig ---------> ground_truth ------------------------------> Truths ---+->
 
 import hashlib
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -29,16 +29,24 @@ _SHOT_STREAM = 2
 
 
 def default_rig(
-    scene: Scene, width: int, height: int, fov_x_deg: float | None = None, baseline: float | None = None
+    scene: Scene,
+    width: int,
+    height: int,
+    fov_x_deg: float | None = None,
+    baseline: float | None = None,
+    inside: Mapping[str, Any] | None = None,
 ) -> Rig:
     """The rig that a scene's file describes, or the rectified pair that it was composed for, at this image size.
 
-    Field of view and baseline may differ from the scene's.
+    Field of view and baseline may differ from the scene's, and so may what is `inside` every camera: fx, fy, cx, cy,
+    distortion, pixel_pitch_um, named as in a rig's table (docs/rigs.md).
     """
-    if scene.rig is not None:
-        asked = {"fov_x_deg": fov_x_deg, "baseline": baseline}
-        said = {key: value for key, value in asked.items() if value is not None}
-        return rig_from_table({**scene.rig, **said}, scene, width, height)
+    asked = {"fov_x_deg": fov_x_deg, "baseline": baseline, **(inside or {})}
+    said = {key: value for key, value in asked.items() if value is not None}
+    if scene.rig is not None or inside:
+        replaced = {"fov_x_deg", "fx", "fy"} if said.keys() & {"fov_x_deg", "fx"} else set()
+        own = {key: value for key, value in (scene.rig or {}).items() if key not in replaced}
+        return rig_from_table({**own, **said}, scene, width, height)
     camera = Camera.from_fov(width, height, scene.fov_x_deg if fov_x_deg is None else fov_x_deg)
     return Rig.stereo(camera, scene.baseline if baseline is None else baseline, scene.world_from_left)
 

@@ -1,0 +1,122 @@
+"""`twinlens render`: every option of lens, camera and sensor reaches the sample."""
+
+import re
+
+import numpy as np
+import pytest
+
+from twinlens.camera import BareAperture, BrownConrady, MaskAperture, ThinLens
+from twinlens.dataset import Dataset, Manifest, Row, read_manifest, sample_files, write_manifest, write_png
+from twinlens.factory import remake
+from twinlens.rendering import backend
+from twinlens.scenes import load_scene
+
+QUICK = ("--size", "64x48", "--spp", "1")
+BALL = """
+[camera]
+position = [0, -3, 1]
+look_at = [0, 0, 0.5]
+depth_range = [1.0, 9.0]
+[materials.grey]
+type = "diffuse"
+[lights.sky]
+type = "constant"
+[objects.ball]
+shape = "sphere"
+material = "grey"
+"""
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    """A scene that costs nothing to load: `ball`."""
+    path = tmp_path_factory.mktemp("scenes") / "ball.toml"
+    path.write_text(BALL)
+    return path
+
+
+def test_what_the_dataset_said_before_stays(twinlens, ball, tmp_path):
+    """Its recipe and seed, its info, its rows with theirs; without a recipe, samples of two seeds share none."""
+    out = tmp_path / "out"
+    row = Row("old", {}, {"draw": 3})
+    write_manifest(out, Manifest((row,), recipe={"count": 1}, seed=9, info={"owner": "me"}))
+    assert twinlens("render", ball, *QUICK, "-o", out)[0] == 0
+    after = read_manifest(out)
+    assert (after.recipe, after.seed, after.info) == ({"count": 1}, 9, {"owner": "me"})
+    assert [each.name for each in after.rows] == ["old", "ball"]
+    assert after.rows[0] == row
+    own = tmp_path / "own"
+    for seed, shared in ((4, 4), (4, 4), (5, None)):
+        assert twinlens("render", ball, *QUICK, "--seed", seed, "--overwrite", "-o", own)[0] == 0
+        assert read_manifest(own).seed == shared
+
+
+@pytest.fixture
+def whole_camera():
+    if not backend().is_jit:
+        pytest.skip("the full camera law needs the LLVM or CUDA backend")
+
+
+@pytest.mark.usefixtures("whole_camera")
+def test_render_takes_the_whole_camera(twinlens, ball, tmp_path):
+    """Every option of lens, camera and sensor reaches the sample, and the sample's record gives it back."""
+    write_png(tmp_path / "code.png", np.eye(3, dtype=np.uint8) * 255)
+    code, out, err = twinlens(
+        "render", ball, *QUICK, "-o", tmp_path / "out", "--lens", "thin:3@1.5", "--lens", "hole:1@40",
+        "--aperture", f"mask:{tmp_path / 'code.png'}", "--focal-length-px", "80,82", "--principal-point", "30,20.5",
+        "--distortion", "-0.1,0.01", "--sensor-width-mm", "36", "--sensor", "phone:filters=rgb,prnu=0.02",
+        "--bits", "16", "--exposure", "1/500,2", "--mismatch", "gain=1.1,exposure=1.05,black=2", "--sky-disparity",
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    assert "thin:3@1.5: f/15, 1/500 s, gain 2" in out
+    sample = Dataset(tmp_path / "out")["ball"]
+    for camera in sample.rig.cameras:
+        assert (camera.fx, camera.fy, camera.cx, camera.cy) == (80.0, 82.0, 30.0, 20.5)
+        assert camera.distortion == BrownConrady(k1=-0.1, k2=0.01)
+        assert camera.pixel_pitch_um == pytest.approx(36e3 / 64)
+    shape = MaskAperture(np.eye(3))
+    assert sample.lens(0).lens == ThinLens(3e-3, 1.5, shape)
+    assert sample.lens(1).lens == BareAperture(1e-3, 40e-3, shape)
+    assert sample.im0.dtype == np.uint16
+    left, right = sample.lens(0).record["exposures"]
+    assert (left["time_s"], left["gain"], left["sensor"]["prnu"]) == (1 / 500, 2.0, 0.02)
+    assert right["gain"] / left["gain"] == pytest.approx(1.1)
+    assert right["time_s"] / left["time_s"] == pytest.approx(1.05)
+    assert right["black_level_dn"] - left["black_level_dn"] == pytest.approx(2.0)
+    assert (
+        sample_files(remake(sample.record, load_scene(ball)))["sample.json"]
+        == (sample.folder / "sample.json").read_bytes()
+    )
+    assert twinlens("verify", tmp_path / "out")[0] == 0
+
+
+def test_render_says_what_no_lens_can_be_and_where_the_model_ends(twinlens, ball, tmp_path):
+    """A line on each lens; warnings are one line each, and none is Python's."""
+    code, out, _ = twinlens("render", ball, *QUICK, "--lens", "thin:30", "--lens", "thin:0.05", "-o", tmp_path / "a")
+    lines = [line for line in out.splitlines() if line.startswith("  thin")]
+    assert code == 0
+    assert "--sensor-width-mm" in lines[0]
+    assert "--sensor-width-mm" not in lines[1]
+    width = lines[0].partition("--sensor-width-mm ")[2].split()[0]
+    code, out, _ = twinlens(
+        "render", ball, *QUICK, "--lens", "thin:30", "--sensor-width-mm", width, "-o", tmp_path / "b"
+    )
+    assert "thin:30: f/1.4," in out
+    code, out, err = twinlens(
+        "render", ball, *QUICK, "--lens", "thin:30", "--exposure", "1/1000", "--diffraction", "-o", tmp_path / "c"
+    )
+    assert code == 0
+    assert err.startswith("twinlens: warning: working f-number")
+    assert err.count("\n") == 1
+
+
+def test_help_shows_options_in_groups_and_each_once(twinlens):
+    from twinlens.cli.render import command
+
+    _, out, _ = twinlens("render", "--help")
+    for heading in ("Lens:", "Camera:", "Light and sensor:", "Rendering:", "Output:", "Options:"):
+        assert out.count(f"\n{heading}\n") == 1
+    for option in command.params:
+        if option.param_type_name == "option":
+            assert len(re.findall(rf"^  (-\w, )?{option.opts[-1]}\b(?!-)", out, re.MULTILINE)) == 1, option.opts
+    assert "TWINLENS_BACKEND" in out
