@@ -28,7 +28,6 @@ from twinlens.dataset import (
     write_sample,
 )
 from twinlens.dataset.figures import statistics_figure
-from twinlens.dataset.quantities import KEY
 from twinlens.errors import FileError, InputError
 
 rdflib_warns = pytest.mark.filterwarnings("ignore::DeprecationWarning:rdflib")
@@ -39,7 +38,7 @@ def made(root, names=("a", "train/0"), **info):
     for i, name in enumerate(names):
         sample = dataset_scene.sample(num_lenses=1 + i % 2, baseline=0.3 + 0.1 * i)
         sums = write_sample(root / name, sample)
-        rows.append(Row(name, sums, {"split": "train", KEY: statistics(sample)}))
+        rows.append(Row(name, sums, {"split": "train"}))
     write_manifest(root, Manifest(tuple(rows), recipe={"count": len(names)}, seed=5, info=info))
     return root
 
@@ -68,7 +67,7 @@ def test_the_card_tells_what_there_is(tmp_path):
         "Not stated by the maker",
     ):
         assert line in body
-    least = min(row.info[KEY]["depth"][0] for row in read_manifest(root).rows)
+    least = min(sample.record["statistics"]["depth"][0] for sample in Dataset(root))
     assert f"| depth | {least:.4g} to " in body
 
 

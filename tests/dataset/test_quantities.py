@@ -1,3 +1,5 @@
+import json
+
 import dataset_scene
 import numpy as np
 import pytest
@@ -7,12 +9,9 @@ from hypothesis import strategies as st
 from twinlens.camera import Pinhole
 from twinlens.dataset import (
     Dataset,
-    Manifest,
-    Row,
     motorcycle,
     statistics,
     write_calib,
-    write_manifest,
     write_pfm,
     write_png,
     write_sample,
@@ -49,21 +48,33 @@ def test_large_images_are_taken_on_a_grid():
     assert large["disparity"][16] == pytest.approx(middle, rel=5e-3)
 
 
-def test_the_files_say_what_memory_said(tmp_path):
+def test_samples_without_them_are_measured(tmp_path):
     sample = dataset_scene.sample(num_lenses=2)
     write_sample(tmp_path / "s", sample)
-    told, stored = statistics(sample), stored_statistics(Dataset(tmp_path)[0])
+    path = tmp_path / "s" / "sample.json"
+    record = json.loads(path.read_text())
+    told = record.pop(KEY)
+    assert told == statistics(sample)
+    path.write_text(json.dumps(record))
+    stored = stored_statistics(Dataset(tmp_path)[0])
     for name in ("disparity", "depth"):
         np.testing.assert_allclose(stored.pop(name), told.pop(name), rtol=1e-4)
     np.testing.assert_allclose(stored.pop("blur_px"), told.pop("blur_px"), rtol=2e-3, atol=1e-6)
     assert stored == told
 
 
-def test_the_rows_spare_the_files(tmp_path):
-    sums = write_sample(tmp_path / "s", dataset_scene.sample())
-    kept = {"size": [7, 5], "cameras": 2, "lenses": 1}
-    write_manifest(tmp_path, Manifest((Row("s", sums, {KEY: kept}),)))
-    assert stored_statistics(Dataset(tmp_path)[0]) == kept
+@pytest.mark.parametrize(
+    "spoil",
+    [lambda s: s.clear(), lambda s: s.update(depth=["far"]), lambda s: s.update(size=7), lambda s: s.pop("visible")],
+)
+def test_edited_statistics_are_not_trusted(tmp_path, spoil):
+    sample = dataset_scene.sample()
+    write_sample(tmp_path / "s", sample)
+    path = tmp_path / "s" / "sample.json"
+    record = json.loads(path.read_text())
+    spoil(record[KEY])
+    path.write_text(json.dumps(record))
+    assert stored_statistics(Dataset(tmp_path)[0])["depth"] == pytest.approx(statistics(sample)["depth"], rel=1e-4)
 
 
 def test_plain_folders(tmp_path):

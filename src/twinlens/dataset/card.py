@@ -77,8 +77,8 @@ describes the files to machine-learning tools.
 def write_card(dataset: Where | Dataset) -> list[str]:
     """Write README.md, samples.jpg and statistics.png into a dataset's folder; their names.
 
-    A README.md that is not twinlens's own is left alone: then the card is CARD.md. Statistics come from the rows of
-    dataset.json where they stand there, else from the files; one sample is in memory at a time. Raises FileError and
+    A README.md that is not twinlens's own is left alone: then the card is CARD.md. Statistics come from sample.json
+    where they stand there, else from the truth; one sample is in memory at a time. Raises FileError and
     OutputError.
     """
     dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)

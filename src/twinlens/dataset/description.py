@@ -14,8 +14,8 @@ def describe(dataset: Where | Dataset, said: About | None = None) -> list[str]:
     """Write the card and croissant.json into a dataset's folder; the names of the files.
 
     `said` is kept in dataset.json, over what it said before, so that it need not be said again; the texts of `said`
-    that are empty stay as they were. Quick where the rows hold statistics: then only the pictures of the sheet are
-    read. Raises FileError when `said` is given and there is no dataset.json, and OutputError.
+    that are empty stay as they were. Of each sample only sample.json is read, and of 64 the left image. Raises
+    FileError when `said` is given and there is no dataset.json, and OutputError.
     """
     dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     if said is not None and said.plain():

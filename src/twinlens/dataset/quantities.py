@@ -1,31 +1,36 @@
-"""What the truth of a sample holds, in a few numbers that stand in its row of dataset.json; and many of them together.
+"""What the truth of a sample holds, in a few numbers that stand in its sample.json; and many of them together.
 
 A quantity is kept as its quantiles. They have no bins, so those of samples of any size and range mix into one
 distribution exactly at the quantiles and by straight lines between them, one sample in memory at a time.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera import Camera, Lens
 from twinlens.dataset.occlusion import HIDDEN, UNKNOWN, VISIBLE
-from twinlens.dataset.sample import Sample
-from twinlens.dataset.stored import StoredSample
 from twinlens.dataset.truth_files import blur_circle_px
 
+if TYPE_CHECKING:
+    from twinlens.dataset.sample import Sample
+    from twinlens.dataset.stored import StoredSample
+
 KEY = "statistics"
-"""Under which name `Row.info` holds them."""
+"""Under which name sample.json holds them."""
 
 LEVELS = np.linspace(0.0, 1.0, 33)
 _PIXELS = 1 << 16
+_LARGEST = 1e30
+_COUNTED = {"size": 1, "cameras": 0, "lenses": 0}
+_NESTED = _COUNTED | {"disparity": 1, "depth": 1, "blur_px": 2, "visible": 0, "occluded": 0, "unknown": 0}
 
 Statistics = dict[str, Any]
 
 
-def statistics(sample: Sample) -> Statistics:
+def statistics(sample: "Sample") -> Statistics:
     """The statistics of the left view of a sample in memory.
 
     disparity (px), depth (m) : 33 quantiles of the known values, from the least to the greatest; empty where none is.
@@ -43,10 +48,10 @@ def statistics(sample: Sample) -> Statistics:
     return counts | _of(truth.disparity, truth.depth, truth.mask_nonocc(), camera, lenses)
 
 
-def stored_statistics(sample: StoredSample) -> Statistics:
-    """The statistics of a sample on the disk: its row's, or else taken from its files. Raises FileError."""
-    kept = sample.row.get("info", {}).get(KEY)
-    if isinstance(kept, Mapping):
+def stored_statistics(sample: "StoredSample") -> Statistics:
+    """The statistics of a sample on the disk: sample.json's, or else taken from the truth. Raises FileError."""
+    kept = sample.record.get(KEY) if sample.has("sample.json") else None
+    if _is_sound(kept):
         return dict(kept)
     if sample.has("truth0.exr"):
         truth, rig = sample.truth0, sample.rig
@@ -88,6 +93,19 @@ def mixed_counts(edges: NDArray[np.float64], many: Iterable[Sequence[float]]) ->
             below[0], below[-1] = 0.0, 1.0  # where all values are equal, an edge on them tells nothing
             counts += np.diff(below)
     return counts
+
+
+def _is_sound(kept: Any) -> TypeGuard[Mapping[str, Any]]:
+    """Whether it has the shape of what `statistics` answers: anyone may have edited a sample.json."""
+    if not isinstance(kept, Mapping) or set(kept) not in (set(_NESTED), set(_COUNTED)):
+        return False
+    return all(_are_numbers(kept[name], _NESTED[name]) for name in kept)
+
+
+def _are_numbers(value: Any, nested: int) -> bool:
+    if nested:
+        return isinstance(value, list) and all(_are_numbers(each, nested - 1) for each in value)
+    return isinstance(value, (int, float)) and abs(value) < _LARGEST
 
 
 def _counts(shape: Sequence[int], cameras: int, lenses: int) -> Statistics:
