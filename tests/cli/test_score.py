@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+import twinlens as tl
 from twinlens.cli.boards import run_board
 from twinlens.dataset import write_pfm
 from twinlens.scoring import Pair, open_submission
@@ -65,3 +66,25 @@ def test_a_metric_without_a_number_is_still_json(twinlens, maps, protocol, avger
     assert code == 0
     assert (found["avgerr"], found["coverage"], found["evaluated"]) == (avgerr, 0, 20)
     assert all(value is None or value == "inf" or math.isfinite(value) for value in found.values())
+
+
+def test_missing_maps_are_counted_and_named(twinlens, dataset, tmp_path):
+    """A sample of two lenses, and the real pair; of three maps one is there, under its plain name."""
+    truth = tl.Dataset(dataset)[0].disp0
+    write_pfm(tmp_path / "mine" / "cards.pfm", truth)
+    arguments = (
+        "score",
+        tmp_path / "mine",
+        "--truth",
+        dataset,
+        "--truth",
+        "motorcycle",
+        "-o",
+        tmp_path / "b",
+        "--json",
+    )
+    code, out, err = twinlens(*arguments)
+    found = {e["sample"]: e["failure"] for e in json.loads(out)["entries"]}
+    assert code == 0
+    assert [failure and failure["kind"] for failure in found.values()] == [None, "missing", "missing"]
+    assert err == "mine: 2 of 3 maps are missing: cards/lens-1.pfm, motorcycle.pfm\n"

@@ -2,6 +2,7 @@
 
 import pickle
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -55,6 +56,19 @@ def test_every_lens_of_a_sample_is_a_pair(dataset):
     assert len(pairs) == 4
     assert (pairs[3].im0 - pairs[1].im0 == 2).all()
     assert [p.name for p in pairs[1:2]] == ["three · pinhole"]
+
+
+def test_a_pair_says_what_a_map_of_it_is_called(dataset):
+    pairs = DatasetPairs(dataset)
+    assert list(pairs.map_names.values()) == ["one.pfm", "three/lens-0.pfm", "three/lens-1.pfm", "three/lens-2.pfm"]
+    assert pairs[0].aliases == ()
+    assert pairs[1].aliases == ("three/lens-0", "three-lens-0", "three")
+    assert pairs[3].aliases == ("three/lens-2", "three-lens-2")
+
+
+def test_another_sample_of_that_name_comes_first(dataset):
+    renamed = [replace(dataset[0], name="three-lens-1"), dataset[1]]
+    assert DatasetPairs(renamed)[2].aliases == ("three/lens-1",)
 
 
 def test_a_stored_pair_brings_calibration_blur_and_materials(dataset):

@@ -119,6 +119,63 @@ def test_other_maps_are_another_method(tmp_path):
     assert open_submission(tmp_path).spec == before
 
 
+@pytest.mark.parametrize(("one", "other"), [("s.pfm", "S.pfm"), ("a/s.pfm", "A/s.pfm"), ("\u00e9.pfm", "e\u0301.pfm")])
+@pytest.mark.parametrize("packed", [True, False])
+def test_names_that_some_computers_cannot_tell_apart_are_refused(tmp_path, one, other, packed):
+    if packed:
+        with pytest.raises(FileError, match="one name on some computers") as error:
+            zipped(tmp_path / "evil.zip", [(one, encode_pfm(DISP)), (other, encode_pfm(DISP + 1))])
+    else:
+        for name in (one, other):
+            write_pfm(tmp_path / "evil" / name, DISP)
+        if len(list((tmp_path / "evil").rglob("*.pfm"))) < 2:
+            pytest.skip("this file system cannot tell them apart either")
+        with pytest.raises(FileError, match="one name on some computers") as error:
+            open_submission(tmp_path / "evil")
+    assert one in str(error.value)
+    assert other in str(error.value)
+
+
+LENSES = {"s · pinhole": ("s/lens-0", "s-lens-0", "s"), "s · wide": ("s/lens-1", "s-lens-1")}
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("s.pfm", "s-lens-1.pfm"),
+        ("s.png", "s/lens-1.png"),
+        ("s/disp0.pfm", "s/lens-1/disp0.pfm"),
+        ("s/lens-0.pfm", "s/lens-1.pfm"),
+        ("s/lens-0/disp0.pfm", "s/lens-1/disp0.pfm"),
+        ("s-lens-0.pfm", "s-lens-1.png"),
+        ("s/disp0.pfm", "s/lens-1.pfm"),
+        ("s/mine.pfm", "s/lens-1.pfm"),
+        ("s · pinhole.pfm", "s · wide.pfm"),
+        ("all/s.pfm", "all/s-lens-1.pfm"),
+    ],
+)
+def test_every_lens_of_a_sample_has_a_plain_name(tmp_path, first, second):
+    """The names that the sample's own folder suggests; the first lens's images lie in it, the others' in lens-1, ..."""
+    for name in (first, second):
+        disp = DISP if name == first else DISP + 1
+        if name.endswith("png"):
+            (tmp_path / name).parent.mkdir(exist_ok=True)
+            write_png(tmp_path / name, np.where(np.isfinite(disp), disp * 256, 0).astype(np.uint16))
+        else:
+            write_pfm(tmp_path / name, disp)
+    submission = open_submission(tmp_path)
+    for k, (sample, aliases) in enumerate(LENSES.items()):
+        np.testing.assert_array_equal(submission.map_of(sample, SHAPE, aliases), DISP + k)
+
+
+def test_the_map_of_one_lens_is_not_taken_for_another_s(tmp_path):
+    write_pfm(tmp_path / "s" / "lens-1.pfm", DISP)
+    submission = open_submission(tmp_path)
+    with pytest.raises(FileError, match=r"no map of 's · pinhole': expected s/lens-0\.pfm"):
+        submission.file_of("s · pinhole", LENSES["s · pinhole"])
+    assert submission.file_of("s · wide", LENSES["s · wide"]) == "s/lens-1.pfm"
+
+
 def link(info):
     info.external_attr = (stat.S_IFLNK | 0o777) << 16
 

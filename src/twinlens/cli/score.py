@@ -12,8 +12,9 @@ from twinlens.cli.boards import OPTIONS, print_board, run_board
 from twinlens.errors import InputError
 
 if TYPE_CHECKING:
-    from twinlens.scoring import RegionScores, Scores
+    from twinlens.scoring import Board, RegionScores, Scores
 
+FIRST_FEW = 3
 _MAPS = (".pfm", ".png")
 _FOR_BOARDS = "is for folders or zips scored against datasets; one map is scored where --mask says"
 _FOR_ONE = "is for one map scored against one truth; a dataset brings its own"
@@ -44,8 +45,9 @@ def command(
 ) -> None:
     """Score MAPS against --truth.
 
-    MAPS are folders or zips with one map a sample (<sample>.pfm, <sample>.png or <sample>/disp0.pfm; PNG as KITTI's),
-    each one entry of the leaderboard; or a single .pfm or .png against a single truth map.
+    MAPS are folders or zips with one map a sample (<sample>.pfm, <sample>.png or <sample>/disp0.pfm; PNG as KITTI's;
+    <sample>/lens-0.pfm, <sample>/lens-1.pfm where it has several lenses), each one entry of the leaderboard; or a
+    single .pfm or .png against a single truth map.
 
     \b
     Example:  twinlens score my-maps.zip --truth out -o board
@@ -95,8 +97,27 @@ def _score_many(
     from twinlens.scoring import open_submission
 
     methods = [open_submission(path) for path in submissions]
-    pairs = Chain([pairs_of(name) for name in truths])
-    print_board(run_board(pairs, methods, output, protocols, regions), output, as_json)
+    parts = [pairs_of(name) for name in truths]
+    board = run_board(Chain(parts), methods, output, protocols, regions)
+    print_board(board, output, as_json)
+    for line in _missing(board, parts):
+        click.echo(line, err=True)
+
+
+def _missing(board: "Board", parts: Sequence[Sequence[Any]]) -> list[str]:
+    """For each submission that lacks maps one line: how many of how many, and what the first few are to be called."""
+    files: dict[str, str] = {}
+    for part in parts:
+        files |= getattr(part, "map_names", None) or {pair.name: f"{pair.name}.pfm" for pair in part}
+    lines = []
+    for method in board.methods:
+        failures = {e.sample: e.failure for e in board.entries if e.method == method and e.failure is not None}
+        lost = [files[s] for s, failure in failures.items() if failure.kind == "missing" and s in files]
+        if lost:
+            more = f" and {len(lost) - FIRST_FEW} more" if len(lost) > FIRST_FEW else ""
+            names = ", ".join(lost[:FIRST_FEW])
+            lines.append(f"{method}: {len(lost)} of {len(files)} maps are missing: {names}{more}")
+    return lines
 
 
 def _score_one(

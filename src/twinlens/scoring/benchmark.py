@@ -257,12 +257,12 @@ class _Run:
 def _submitted(sample: Pair, submission: Submission) -> tuple[Answer | None, Failure | None]:
     """The map as it lies there; a submission has no time."""
     try:
-        submission.file_of(sample.name)
+        submission.file_of(sample.name, sample.aliases)
     except FileError as error:
         return None, Failure("missing", str(error))
     height, width = sample.disp0.shape
     try:
-        return Answer(submission.map_of(sample.name, (height, width)), None), None
+        return Answer(submission.map_of(sample.name, (height, width), sample.aliases), None), None
     except FileError as error:
         return None, Failure("refused", str(error))
 

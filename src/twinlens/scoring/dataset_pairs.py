@@ -23,12 +23,15 @@ def lens_label(lens: object) -> str:
 class DatasetPairs(Sequence[Pair]):
     """What a benchmark runs over: every sample of a `Dataset` (or any sequence of stored samples), once for each lens.
 
-    A sample with one lens keeps its name; one with several gives "name · lens", numbered where lenses read alike.
-    Indexing reads that pair from the disk; nothing is kept.
+    A sample with one lens keeps its name; one with several gives "name · lens", numbered where lenses read alike. Maps
+    of these may also be called name/lens-0, name-lens-0 and so on; those of the first lens, whose images are the
+    sample's own, plainly name. Indexing reads that pair from the disk; nothing is kept.
     """
 
     def __init__(self, samples: Sequence[StoredSample]) -> None:
-        self._jobs = [(sample, k, name) for sample in samples for k, name in enumerate(_names(sample))]
+        named = [(sample, k, name) for sample in samples for k, name in enumerate(_names(sample))]
+        taken = {name for _, _, name in named}
+        self._jobs = [(*job, tuple(a for a in _aliases(job[0], job[1]) if a not in taken)) for job in named]
 
     def __len__(self) -> int:
         return len(self._jobs)
@@ -48,7 +51,12 @@ class DatasetPairs(Sequence[Pair]):
     @property
     def names(self) -> tuple[str, ...]:
         """The pairs' names, in order, without reading an image."""
-        return tuple(name for _, _, name in self._jobs)
+        return tuple(name for _, _, name, _ in self._jobs)
+
+    @property
+    def map_names(self) -> dict[str, str]:
+        """For every pair's name, the file that a submission's map of it is best called."""
+        return {name: f"{aliases[0] if aliases else name}.pfm" for _, _, name, aliases in self._jobs}
 
 
 def _names(sample: StoredSample) -> list[str]:
@@ -60,7 +68,14 @@ def _names(sample: StoredSample) -> list[str]:
     ]
 
 
-def _pair(sample: StoredSample, k: int, name: str) -> Pair:
+def _aliases(sample: StoredSample, k: int) -> tuple[str, ...]:
+    if sample.num_lenses == 1:
+        return ()
+    numbered = f"{sample.name}/lens-{k}", f"{sample.name}-lens-{k}"
+    return numbered if k else (*numbered, sample.name)
+
+
+def _pair(sample: StoredSample, k: int, name: str, aliases: tuple[str, ...]) -> Pair:
     shot, truth, calibration = sample.lens(k), sample.disp0, optional(lambda: sample.calibration)
     ndisp, first = search_range(sample.ndisp, calibration, truth)
     return Pair(
@@ -74,4 +89,5 @@ def _pair(sample: StoredSample, k: int, name: str) -> Pair:
         optional(lambda: shot.blur_circle_px(0)),
         optional(lambda: sample.truth0.material_kind),
         first,
+        aliases,
     )

@@ -43,7 +43,8 @@ class Pair:
     """A sample in memory, checked where it is made. See `Sample` for the arrays.
 
     The disparities to search are min_disparity to min_disparity + ndisp - 1; min_disparity is 0 but for rigs whose
-    principal points differ (doffs != 0).
+    principal points differ (doffs != 0). aliases: under which other names a submission's map of it may come; the first
+    is the one to recommend.
 
     Raises
     ------
@@ -61,6 +62,7 @@ class Pair:
     blur0: NDArray[np.floating[Any]] | None = None
     material_kind0: NDArray[np.uint8] | None = None
     min_disparity: int = 0
+    aliases: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         try:

@@ -1,21 +1,24 @@
 """Maps that something else made: a folder or a zip of PFM or PNG files, read with suspicion and scored like a method.
 
 For a sample named S the map is the first there is of S.pfm, S.png, S/disp0.pfm, S/disp0.png, or the only .pfm of S/
-(Middlebury's disp0METHOD.pfm, twinlens's own maps/), at the top or below the one folder that holds everything. PFM
-holds pixels, +inf unknown; PNG is 16-bit grey holding round(256 d), 0 unknown, as KITTI 2015 has it.
+(Middlebury's disp0METHOD.pfm, twinlens's own maps/), at the top or below the one folder that holds everything. S may
+also be an alias: the photographs of one sample through several lenses are S/lens-0, S/lens-1, ... PFM holds pixels,
++inf unknown; PNG is 16-bit grey holding round(256 d), 0 unknown, as KITTI 2015 has it.
 
 Of a zip only the files asked for are unpacked, never to the disk, and never more bytes of one than a map of the truth's
-size can need; names that leave the archive, links, encrypted and doubled names are refused before anything is read, and
-so is every compression but deflate, because Python's zipfile unpacks the others whole, however little is asked of them.
+size can need; names that leave the archive, links, encrypted and doubled names (also those that some computers cannot
+tell apart: cases, composed accents) are refused before anything is read, and so is every compression but deflate, because Python's zipfile unpacks the others whole, however little is asked of them.
 Hidden files and the folder __MACOSX, which a Mac puts into its zips, are not there.
 """
 
 import hashlib
 import os
+import re
 import stat
 import struct
+import unicodedata
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -57,7 +60,9 @@ class Submission:
     def files(self) -> Mapping[str, int]:
         """Every file below that is not hidden: its name, with slashes, and its size in bytes."""
         found = _folder_files(self.path) if self.path.is_dir() else _zip_files(self.path)
-        return {name: size for name, size in found.items() if not _is_hidden(name)}
+        seen = {name: size for name, size in found.items() if not _is_hidden(name)}
+        _check_alike(self.path, seen)
+        return seen
 
     @cached_property
     def spec(self) -> str:
@@ -69,26 +74,28 @@ class Submission:
                 digest.update(self._fingerprint(name))
         return f"submission {digest.hexdigest()}"
 
-    def file_of(self, sample: str) -> str:
+    def file_of(self, sample: str, aliases: Sequence[str] = ()) -> str:
         """The name of the map of that sample, or FileError saying what was looked for."""
         tops = {name.partition("/")[0] for name in self.files}
         above = ("", f"{tops.pop()}/") if len(tops) == 1 else ("",)
-        for stem in dict.fromkeys(f"{top}{name}" for top in above for name in (sample, file_name(sample))):
+        names = (sample, file_name(sample), *aliases)
+        for stem in dict.fromkeys(f"{top}{name}" for name in names for top in above):
             found = self._named(stem)
             if found is not None:
                 return found
-        raise FileError(f"{self.path}: no map of {sample!r}: expected {sample}.pfm, {sample}.png or {sample}/disp0.pfm")
+        best = aliases[0] if aliases else sample
+        raise FileError(f"{self.path}: no map of {sample!r}: expected {best}.pfm, {best}.png or {best}/disp0.pfm")
 
     def _named(self, stem: str) -> str | None:
         for name in (f"{stem}.pfm", f"{stem}.png", f"{stem}/disp0.pfm", f"{stem}/disp0.png"):
             if name in self.files:
                 return name
-        inside = [
-            n for n in self.files if n.startswith(f"{stem}/") and n.endswith(".pfm") and "/" not in n[len(stem) + 1 :]
-        ]
-        return inside[0] if len(inside) == 1 else None
+        inside = [name for name in self.files if re.fullmatch(rf"{re.escape(stem)}/[^/]+\.pfm", name)]
+        # Beside the maps of other lenses, which are named so, a nameless one is the first lens's.
+        alone = [name for name in inside if not re.search(r"/lens-\d+\.pfm$", name)]
+        return alone[0] if len(alone) == 1 else None
 
-    def map_of(self, sample: str, shape: tuple[int, int]) -> NDArray[np.float32]:
+    def map_of(self, sample: str, shape: tuple[int, int], aliases: Sequence[str] = ()) -> NDArray[np.float32]:
         """The map of that sample, (H, W) float32 pixels, +inf unknown.
 
         Raises
@@ -96,7 +103,7 @@ class Submission:
         FileError
             Missing, damaged, NaN in it, or another size than `shape` (H, W); the message names the file.
         """
-        name = self.file_of(sample)
+        name = self.file_of(sample, aliases)
         where = f"{self.path}: {name}" if not self.path.is_dir() else str(self.path / name)
         data = self._read(name, 4 * shape[0] * shape[1] + SLACK_BYTES, where)
         # A PNG's own width and height come first: a small file may ask for a large picture.
@@ -147,6 +154,16 @@ def _own_name(place: Path) -> str:
 
 def _is_hidden(name: str) -> bool:
     return any(part.startswith(".") or part == "__MACOSX" for part in name.split("/"))
+
+
+def _check_alike(path: Path, names: Iterable[str]) -> None:
+    """Two names that a Mac or Windows would take for one: which of the maps is meant nobody can say."""
+    seen: dict[str, str] = {}
+    for name in names:
+        plain = unicodedata.normalize("NFC", name).casefold()
+        if plain in seen:
+            raise FileError(f"{path}: {seen[plain]} and {name} are one name on some computers; remove one")
+        seen[plain] = name
 
 
 def _check_size(found: tuple[int, ...], wanted: tuple[int, int], where: str) -> None:
