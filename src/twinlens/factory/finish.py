@@ -3,18 +3,21 @@
 from pathlib import Path
 from typing import Any
 
+from twinlens.dataset import write_card, write_croissant
 from twinlens.factory.ledger import Failure, Ledger
 from twinlens.factory.preview import Preview
 from twinlens.factory.recipe import ASSETS, Recipe
 
 
 def finish(ledger: Ledger) -> None:
-    """Write dataset.json and preview.png as they stay, and remove what only an unfinished dataset needs."""
+    """Write dataset.json, card, metadata and preview as they stay; remove what only an unfinished dataset needs."""
     broken = broken_assets(ledger.recipe)
     ledger.write(**({"skipped_assets": broken} if ledger.recipe.assets else {}))
-    Preview(ledger.folder, ledger.recipe.count).write(
-        [index for index, entry in ledger.entries.items() if not isinstance(entry, Failure)]
-    )
+    made = [index for index, entry in ledger.entries.items() if not isinstance(entry, Failure)]
+    Preview(ledger.folder, ledger.recipe.count).write(made)
+    if made:
+        write_card(ledger.folder)
+        write_croissant(ledger.folder)
     ledger.clear()
 
 

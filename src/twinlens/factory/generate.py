@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from twinlens.dataset import remove_unfinished
 from twinlens.dataset.storage import Where, place
 from twinlens.errors import InputError
 from twinlens.factory.finish import finish
@@ -74,6 +75,8 @@ def generate(
     shared = shard != (1, 1)
     with locked(root, shared):
         ledger = Ledger(root, recipe, made_with())
+        if not shared:
+            remove_unfinished(root)
         ledger.recover()
         if not ledger.has_file:
             ledger.write()

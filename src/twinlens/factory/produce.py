@@ -45,6 +45,7 @@ def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample
     remedy = ""
     for attempt in range(recipe.gates.attempts):
         spec = plan(recipe, index, attempt)
+        find_scene(spec, recipe.folder)
         try:
             sample = produce(spec, recipe.folder, recipe.assets, recipe.gates, progress)
         except Rejected as turned:
@@ -76,7 +77,7 @@ def produce(
 
     Raises Rejected where a gate turns it away, and InputError for a spec that cannot be.
     """
-    at = At(Source(folder / "recipe.toml"))
+    at = At(Source(Path("recipe.toml")))  # without its folder: messages are kept in the dataset
     settings = read_settings(spec.drawn, at)
     scene = _scene(spec, settings, folder, assets or {})
     rig = _rig(scene, settings, at)
@@ -111,8 +112,9 @@ def _rig(scene: Scene, settings: Settings, at: At) -> Rig:
 
 
 def _scene(spec: SampleSpec, settings: Settings, folder: Path, assets: Mapping[str, tuple[str, ...]]) -> Scene:
-    if spec.kind == "scene":
-        return _loaded(spec.scene if spec.scene in bundled_scenes() else str(folder / spec.scene))
+    found = find_scene(spec, folder)
+    if found is not None:
+        return found
     from twinlens.scenes.families import random_scene
 
     return random_scene(
@@ -122,7 +124,15 @@ def _scene(spec: SampleSpec, settings: Settings, folder: Path, assets: Mapping[s
         depth_range=settings.depth_range,
         object_count=settings.object_count,
         aspect=settings.width / settings.height,
+        width=settings.width,
     )
+
+
+def find_scene(spec: SampleSpec, folder: Path) -> Scene | None:
+    """The scene of a spec that names one; None where it is made anew. A file that is no scene is nobody's bad luck."""
+    if spec.kind != "scene":
+        return None
+    return _loaded(spec.scene if spec.scene in bundled_scenes() else str(folder / spec.scene))
 
 
 @functools.lru_cache(_SCENES_KEPT)

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from twinlens.errors import unknown
+from twinlens.dataset.about import About
+from twinlens.errors import InputError, unknown
 from twinlens.factory.draws import corners, normalised, template
 from twinlens.factory.gates import Gates, gates_from_table
 from twinlens.factory.settings import DRAWN, check_settings
@@ -81,6 +82,7 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
         assets=keys.take("assets", lambda at, value: _assets(at, value, path.parent), {}),
         drawn={key: keys.take(key, template) for key in DRAWN if keys.has(key)},
     )
+    keys.take("about", _about, None)
     keys.done()
     _check_drawn(recipe)
     return recipe
@@ -147,6 +149,13 @@ def _assets(at: At, value: Any, folder: Path) -> dict[str, tuple[str, ...]]:
     return given
 
 
+def _about(at: At, value: Any) -> About:
+    try:
+        return About.of(value)
+    except InputError as error:
+        raise at.wrong(str(error)) from error
+
+
 def _folders(at: At, value: Any) -> tuple[str, ...]:
     return (text(at, value),) if isinstance(value, str) else tuple(listed(text, 1)(at, value))
 
@@ -159,23 +168,26 @@ def _is_there(path: Path) -> bool:
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any], place: str = "") -> list[str]:
-    """Where two recipes, as written, differ: one `place: old -> new` each. `count` may differ.
+    """Where two recipes, as written, differ: one `place: old -> new` each. `count` and `about` may differ.
 
     >>> differences({"spp": 16, "rig": {"baseline": 0.1}}, {"spp": 16, "rig": {"baseline": 0.2}})
     ['rig.baseline: 0.1 -> 0.2']
     """
     found = []
     for key in dict.fromkeys([*old, *new]):
+        if not place and key in _MAY_DIFFER:
+            continue
         a, b = old.get(key, _NOTHING), new.get(key, _NOTHING)
         where = f"{place}.{key}" if place else str(key)
         if isinstance(a, Mapping) and isinstance(b, Mapping):
             found += differences(a, b, where)
-        elif a != b and where != "count":
+        elif a != b:
             found.append(f"{where}: {_said(a)} -> {_said(b)}")
     return found
 
 
 _NOTHING = object()
+_MAY_DIFFER = ("count", "about")
 
 
 def _said(value: Any) -> str:

@@ -1,6 +1,6 @@
 """Photographs and exact truth of a scene. The only room that imports mitsuba and drjit, and only when it is used."""
 
-from twinlens.rendering.backends import Backend, backend, doctor
+from twinlens.rendering.backends import Backend, backend, doctor, use_threads
 from twinlens.rendering.ground_truth import correspondence, ground_truth
 from twinlens.rendering.lens_grid import LensGrid, render_lens_grid
 from twinlens.rendering.radiance import SAMPLERS, render
@@ -15,4 +15,5 @@ __all__ = [
     "ground_truth",
     "render",
     "render_lens_grid",
+    "use_threads",
 ]

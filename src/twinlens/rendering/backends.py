@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twinlens.errors import BackendError, unknown
+from twinlens.errors import BackendError, InputError, unknown
 from twinlens.rendering import llvm
 
 VARIANTS = {"scalar": "scalar_rgb", "llvm": "llvm_ad_rgb", "cuda": "cuda_ad_rgb"}
@@ -67,6 +67,16 @@ def require_jit(what: str) -> None:
         raise BackendError(
             f"{what} needs the LLVM or CUDA backend; this process renders with scalar_rgb: {_INSTALL_LLVM}"
         )
+
+
+def use_threads(count: int) -> None:
+    """Render with so many threads in this process, all of the machine's unless said. The images are the same."""
+    if count < 1:
+        raise InputError(f"a renderer needs 1 thread or more, got {count}")
+    backend()
+    import drjit
+
+    drjit.set_thread_count(count)
 
 
 def _wanted() -> str:
