@@ -8,10 +8,13 @@ from typing import Any
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.errors import InputError
 
 DEFAULT_METHOD = "zncc"
+DEFAULT_NDISP = 64
+WINDOWS = ("block_size", "census_window", "median")
 
 
 @click.command("match")
@@ -25,7 +28,7 @@ DEFAULT_METHOD = "zncc"
     "{min_disparity} are known too. No shell reads it.",
 )  # fmt: skip
 @click.option("--time-limit", type=float, help="Seconds that the program may take.  [default: 600]")
-@click.option("--ndisp", type=click.IntRange(min=1), default=64, show_default=True, help="Disparities to search.")
+@click.option("--ndisp", type=click.IntRange(min=1), show_default="64", help="Disparities to search.")
 @click.option("--min-disparity", type=int, default=0, show_default=True, help="The first of them, pixels.")
 @click.option("--picture", type=click.Path(path_type=Path), help="Also write the map as a colour PNG.")
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
@@ -36,7 +39,7 @@ def command(
     method: str | None,
     program: str | None,
     time_limit: float | None,
-    ndisp: int,
+    ndisp: int | None,
     min_disparity: int,
     picture: Path | None,
     as_json: bool,
@@ -54,8 +57,12 @@ def command(
         raise InputError(f"--output {output}: a disparity map is written as .pfm; --picture makes a PNG to look at")
     if picture is not None and picture.suffix.lower() != ".png":
         raise InputError(f"--picture {picture}: must end in .png")
-    matcher, name = _matcher(method, program, time_limit, num_disparities=ndisp, min_disparity=min_disparity)
+    search = {"num_disparities": DEFAULT_NDISP if ndisp is None else ndisp, "min_disparity": min_disparity}
+    matcher, name = _matcher(method, program, time_limit, **search)
+    if ndisp is not None and not hasattr(matcher, "num_disparities"):
+        raise InputError(f"--ndisp: {name} searches the disparities that it was made for")
     images = [read_image(path) for path in (left, right)]
+    check_size(matcher, images[0].shape[:2])
     begun = time.perf_counter()
     disparity = matcher.match(*images)
     seconds = time.perf_counter() - begun
@@ -63,13 +70,49 @@ def command(
     if picture is not None:
         from twinlens.report import colourise
 
-        write_png(picture, colourise(disparity, min_disparity, min_disparity + ndisp - 1))
+        write_png(picture, colourise(disparity, *picture_range(disparity, matcher)))
     known = float(np.isfinite(disparity).mean())
     if as_json:
         answer = {"output": str(output), "method": name, "known_fraction": known, "seconds": seconds}
         click.echo(json.dumps(answer, indent=1))
     else:
         click.echo(f"{output}: {name}, {known:.1%} of the pixels matched, {seconds:.2f} s with compiling")
+
+
+def check_size(matcher: Any, size: tuple[int, ...]) -> None:
+    """Refuse options that no image of that (H, W) can need: they are mistakes, and some take all memory.
+
+    Two pixels of one row of W are at most W - 1 apart, so there are 2 W - 1 disparities; and a window with a side of
+    2 max(H, W) - 1 sees the whole image from every pixel.
+    """
+    height, width = size
+    most = max(2 * width - 1, DEFAULT_NDISP)  # the default suits a thumbnail too
+    wide = f"an image {width} pixels wide has disparities from {1 - width} to {width - 1}"
+    count, first = getattr(matcher, "num_disparities", 1), getattr(matcher, "min_disparity", 0)
+    if count > most:
+        raise InputError(f"num_disparities (--ndisp) is {count}: {wide}, {2 * width - 1} in all")
+    if not -width < first < width:
+        raise InputError(f"min_disparity is {first}: {wide}")
+    largest = 2 * max(size) - 1
+    for option in WINDOWS:
+        if getattr(matcher, option, 0) > largest:
+            raise InputError(
+                f"{option} is {getattr(matcher, option)}: a window of {largest} sees all of an image of {width} x "
+                f"{height} from every pixel"
+            )
+
+
+def picture_range(disparity: NDArray[np.float32], matcher: Any) -> tuple[float, float]:
+    """What the picture's colours span: the disparities searched, or found, where the matcher does not say or knows one.
+
+    Two numbers apart at least 1, so that a map of one value has a colour too.
+    """
+    known = disparity[np.isfinite(disparity)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    first, count = getattr(matcher, "min_disparity", None), getattr(matcher, "num_disparities", None)
+    if first is not None and count is not None and count > 1:
+        low, high = float(first), float(first + count - 1)
+    return low, max(high, low + 1.0)
 
 
 def _matcher(method: str | None, program: str | None, time_limit: float | None, **search: int) -> tuple[Any, str]:

@@ -7,7 +7,8 @@ also be an alias: the photographs of one sample through several lenses are S/len
 
 Of a zip only the files asked for are unpacked, never to the disk, and never more bytes of one than a map of the truth's
 size can need; names that leave the archive, links, encrypted and doubled names (also those that some computers cannot
-tell apart: cases, composed accents) are refused before anything is read, and so is every compression but deflate, because Python's zipfile unpacks the others whole, however little is asked of them.
+tell apart: cases, composed accents) are refused before anything is read, and so is every compression but deflate,
+because Python's zipfile unpacks the others whole, however little is asked of them.
 Hidden files and the folder __MACOSX, which a Mac puts into its zips, are not there.
 """
 
