@@ -1,0 +1,62 @@
+"""`baseline`: a wider base measures depth better, and hides more from the other eye.
+
+The law of stereo, z^2/(f B) metres of depth for a pixel of disparity: Gallup, Frahm, Mordohai and Pollefeys, Variable
+Baseline/Resolution Stereo, CVPR 2008, equation 3.
+"""
+
+from twinlens.scenes import load_scene
+from twinlens.studies.range_error import COLUMNS, in_proportion, law_residual, plane_rows, scene_rows, square_law
+from twinlens.studies.study import Figure, Finding, Measured, Setup, Study, sweep
+from twinlens.studies.table import Row, Table
+
+PLANE_BASELINES = (0.06, 0.12, 0.24)
+FACTORS = (0.25, 0.5, 1.0, 1.5)
+"""Of the base that a bundled scene was composed for."""
+FOV_X_DEG = 50.0
+
+
+def measure(setup: Setup) -> Measured:
+    """Planes at every depth for each base, then every scene with a part or a multiple of its own base."""
+    rows: list[Row] = []
+    for seed in setup.seeds:
+        for base in PLANE_BASELINES:
+            rows += plane_rows(setup, seed, base, FOV_X_DEG)
+    for name, factor, seed in sweep(setup, FACTORS, setup.seeds):
+        scene = load_scene(name)
+        rows += scene_rows(setup, name, seed, factor * scene.baseline, scene.fov_x_deg)
+    return Measured(rows, notes={"plane_baselines_m": PLANE_BASELINES, "factors": FACTORS})
+
+
+def conclude(table: Table) -> list[Finding]:
+    """The square law of depth, and occlusion in proportion to the base."""
+    methods = [str(method) for method in table.values("method")]
+    scenes = table.where(lambda row: row["scene"] != "planes")
+    return [
+        *square_law(table, methods),
+        law_residual(table),
+        in_proportion(scenes, "baseline_mm", "occluded", "What the other eye cannot see grows as B^p, p ="),
+    ]
+
+
+STUDY = Study(
+    name="baseline",
+    question="What does a wider base buy in depth, and what does it cost in occlusion?",
+    columns=COLUMNS,
+    measure=measure,
+    conclude=conclude,
+    figures=(
+        Figure(
+            "depth-error", "Depth error of a plane: z²/(fB)", "z_m", "depth_error_mm", by="method", panel="baseline_mm",
+            log_x=True, log_y=True, where={"scene": "planes"}, residual_of="predicted_mm",
+        ),
+        Figure(
+            "occlusion", "Hidden from the other eye", "baseline_mm", "occluded", by="scene",
+            where={"scene": ("staircase", "tabletop", "cards")},
+        ),
+        Figure(
+            "wrong", "Wrong pixels", "baseline_mm", "totbad2", by="method", panel="scene",
+            where={"scene": ("staircase", "tabletop", "cards")},
+        ),
+    ),
+    defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2), spp=16),
+)  # fmt: skip

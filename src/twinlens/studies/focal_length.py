@@ -1,0 +1,58 @@
+"""`focal-length`: a longer lens sees less and measures it better: z^2/(f B) again, along f."""
+
+from twinlens.scenes import load_scene
+from twinlens.studies.range_error import COLUMNS, in_proportion, law_residual, plane_rows, scene_rows, square_law
+from twinlens.studies.study import Figure, Finding, Measured, Setup, Study, sweep
+from twinlens.studies.table import Row, Table
+
+PLANE_FIELDS = (80.0, 50.0, 28.0)
+"""Horizontal fields of view, degrees."""
+FACTORS = (1.0, 0.8, 0.6, 0.4)
+"""Of the field of view that a bundled scene was composed for."""
+BASELINE = 0.12
+
+
+def measure(setup: Setup) -> Measured:
+    """Planes at every depth for each focal length, then every scene with narrower and narrower views."""
+    rows: list[Row] = []
+    for seed in setup.seeds:
+        for fov_x_deg in PLANE_FIELDS:
+            rows += plane_rows(setup, seed, BASELINE, fov_x_deg)
+    for name, factor, seed in sweep(setup, FACTORS, setup.seeds):
+        scene = load_scene(name)
+        rows += scene_rows(setup, name, seed, scene.baseline, factor * scene.fov_x_deg)
+    return Measured(rows, notes={"plane_fields_deg": PLANE_FIELDS, "factors": FACTORS, "baseline_m": BASELINE})
+
+
+def conclude(table: Table) -> list[Finding]:
+    """The square law of depth, and depth error falling as 1/f at each depth."""
+    planes = table.where(scene="planes")
+    methods = [str(method) for method in table.values("method")]
+    precise = Table(
+        table.columns, tuple({**row, "depth_error_mm": 1.0 / float(row["depth_error_mm"])} for row in planes)
+    )
+    return [
+        *square_law(table, methods),
+        law_residual(table),
+        in_proportion(precise, "fx_px", "depth_error_mm", "The precision of depth grows as f^p, p ="),
+    ]
+
+
+STUDY = Study(
+    name="focal-length",
+    question="What does a longer focal length buy in depth?",
+    columns=COLUMNS,
+    measure=measure,
+    conclude=conclude,
+    figures=(
+        Figure(
+            "depth-error", "Depth error of a plane: z²/(fB)", "z_m", "depth_error_mm", by="method", panel="fx_px",
+            log_x=True, log_y=True, where={"scene": "planes"}, residual_of="predicted_mm",
+        ),
+        Figure(
+            "wrong", "Wrong pixels", "fx_px", "totbad2", by="method", panel="scene",
+            where={"scene": ("staircase", "tabletop", "cards")},
+        ),
+    ),
+    defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2), spp=16),
+)  # fmt: skip
