@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from twinlens.camera.intrinsics import Camera
 from twinlens.errors import InputError, check_number
-from twinlens.geometry import Float, check_rigid, inverse, rigid
+from twinlens.geometry import Float, check_rigid, inverse, rigid, transform_points
 
 _ALIGNED = 1e-9  # of the baseline (metres) or of a unit axis: beyond this a pair is not rectified
 
@@ -80,6 +80,23 @@ class Rig:
     def px_from_world(self, index: int) -> Float:
         """The projection matrix K [R | t] of one camera, (3, 4), without its distortion."""
         return self.cameras[index].K @ inverse(self.world_from_cams[index])[:3]
+
+    def project(self, index: int, points_world: ArrayLike) -> Float:
+        """Where camera `index` forms world points (..., 3), its distortion included: pixels (..., 2).
+
+        NaN for points that it does not see, as `Camera.project` says.
+        """
+        return self.cameras[index].project(transform_points(inverse(self.world_from_cams[index]), points_world))
+
+    def unproject(self, index: int, pixels: ArrayLike, depth: ArrayLike) -> Float:
+        """The world points (..., 3) at `depth` (...,) metres along the rays of camera `index`'s pixels (..., 2).
+
+        >>> rig = Rig.stereo(Camera.from_fov(64, 48, 60), 0.1)
+        >>> rig.project(1, rig.unproject(1, [10.0, 20.0], 2.0)).round(9).tolist()
+        [10.0, 20.0]
+        """
+        along = np.asarray(depth, dtype=np.float64)[..., None] * self.cameras[index].unproject(pixels)
+        return transform_points(self.world_from_cams[index], along)
 
     def partner(self, index: int) -> int | None:
         """The camera that `index` is matched with: 0 with 1, 2 with 3, ...; the last of an odd number with its left."""
