@@ -36,7 +36,7 @@ _SECTIONS = {
     "Lens": ("lenses", "aperture", "diffraction"),
     "Camera": (
         "size", "fov", "focal_length_px", "principal_point", "distortion", "pixel_pitch_um", "sensor_width_mm",
-        "baseline",
+        "baseline", "rig",
     ),
     "Light and sensor": ("sensor", "bits", "exposure", "mismatch"),
     "Rendering": ("spp", "seed"),
@@ -58,6 +58,7 @@ _SECTIONS = {
 @click.option("--pixel-pitch-um", type=float, help="Width of a pixel.  [default: 5]")
 @click.option("--sensor-width-mm", type=float, help="Of the whole image, as 36, instead of --pixel-pitch-um.")
 @click.option("--baseline", type=float, help="Stereo base, metres.  [default: the scene's]")
+@click.option("--rig", type=click.Path(path_type=Path), help="A .toml with a rig's table; see docs/rigs.md.")
 @click.option("--sensor", default="machine_vision", show_default=True, help=SENSOR_HELP)
 @click.option("--bits", type=click.Choice(["8", "16"]), help="Of a channel of the pictures.  [default: 8]")
 @click.option("--exposure", default="auto", metavar="TIME_S[,GAIN]", help=EXPOSURE_HELP)
@@ -106,8 +107,11 @@ def _sensor(asked: dict[str, Any]) -> "Sensor":
 def _job(scene: "Scene", asked: dict[str, Any], aperture: "Aperture") -> "tuple[Scene, Rig, tuple[Lens, ...]]":
     """The scene, the rig that the options ask for, and the lenses on it."""
     from twinlens.factory import default_rig
+    from twinlens.scenes.toml_file import scene_with_rig
 
     width, height = parse_size(asked["size"])
+    if asked["rig"] is not None:
+        scene = scene_with_rig(scene, asked["rig"])
     rig = default_rig(scene, width, height, asked["fov"], asked["baseline"], _inside(asked, width))
     focus = middle_focus(scene.depth_range) if scene.depth_range_known else None
     film = rig.cameras[0].film_distance

@@ -1,6 +1,7 @@
 """A scene.toml becomes a `Scene`: camera, materials, lights, objects, and every mistake named by file and key."""
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,13 @@ def read_scene_toml(path: Path, name: str) -> Scene:
     if rig is not None:
         rig_from_table(rig, scene, *_ANY_SIZE, at / "rig")
     return scene
+
+
+def scene_with_rig(scene: Scene, path: Path) -> Scene:
+    """`scene` with the rig of a .toml file (`scenes.rigs`) in place of its own. Raises InputError: file and key."""
+    table = read_toml(path)
+    rig_from_table(table, scene, *_ANY_SIZE, At(Source(path)))
+    return replace(scene, rig=table)
 
 
 def _named(read: Any) -> Any:
