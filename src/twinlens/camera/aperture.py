@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.camera.warp import NUMPY, ArrayMath, concentric, invert_cdf
+from twinlens.camera.warp import NUMPY, ArrayMath, concentric, invert_cdf, on_ring
 from twinlens.errors import InputError
 
 Float = NDArray[np.float64]
@@ -149,9 +149,7 @@ class Annulus:
 
     def sample(self, u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
         """Points (x, y) uniform on the ring: the concentric map, its squared radius laid between inner^2 and 1."""
-        radius, turn = concentric(u1, u2, xp)
-        radius = xp.sqrt(self.inner**2 + self.area_fraction * radius * radius)
-        return radius * xp.cos(2 * math.pi * turn), radius * xp.sin(2 * math.pi * turn)
+        return on_ring(u1, u2, self.inner**2, 1.0, xp)
 
 
 @dataclass(frozen=True, eq=False)

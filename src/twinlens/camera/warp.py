@@ -4,6 +4,7 @@ A formula here asks for the few functions of `ArrayMath` and Python's own operat
 has other arrays (a just-in-time compiler's, say) supplies an object with the same methods.
 """
 
+import math
 from typing import Any, Protocol
 
 import numpy as np
@@ -73,6 +74,19 @@ def concentric(u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
     turn = xp.where(wide, 0.125 * ratio, 0.25 - 0.125 * ratio)
     turn = xp.where(signed < 0.0, turn + 0.5, turn)
     return xp.abs(signed), xp.where(turn < 0.0, turn + 1.0, turn)
+
+
+def on_ring(u1: Any, u2: Any, inner2: Any, outer2: Any, xp: ArrayMath) -> tuple[Any, Any]:
+    """Points (x, y) uniform between the squared radii `inner2` and `outer2`, in the radii's unit.
+
+    The concentric map, its squared radius laid between the two.
+
+    >>> [float(c) for c in on_ring(1.0, 0.5, 0.25, 1.0, NUMPY)]
+    [1.0, 0.0]
+    """
+    radius, turn = concentric(u1, u2, xp)
+    radius = xp.sqrt(inner2 + (outer2 - inner2) * radius * radius)
+    return radius * xp.cos(2 * math.pi * turn), radius * xp.sin(2 * math.pi * turn)
 
 
 def invert_cdf(table: Float, cells: int, start: Any, u: Any, xp: ArrayMath) -> tuple[Any, Any]:

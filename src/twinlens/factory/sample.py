@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Disk, Lens, Rig
+from twinlens.camera.lens import check_lens
 from twinlens.dataset import Sample, Shot
 from twinlens.diffraction import diffract
-from twinlens.errors import InputError, in_one_line
+from twinlens.errors import InputError
 from twinlens.rendering import SAMPLERS, backend, ground_truth, render
-from twinlens.rendering.radiance import check_lens
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.sensor import Exposure, Sensor
+from twinlens.sensor.exposure import check_exposure
 from twinlens.truth import Truth
 
 _SHOT_STREAM = 2
@@ -123,8 +124,7 @@ def _check(lenses: Sequence[Lens], exposure: Exposure | None, diffraction: bool)
         raise InputError("a sample needs one lens or more")
     for lens in lenses:
         check_lens(lens)
-    if not isinstance(exposure, Exposure | None):
-        raise InputError(f"exposure must be an Exposure or None (automatic), got {in_one_line(exposure)}")
+    check_exposure(exposure)
     for lens in lenses if diffraction else ():
         if lens.aperture_diameter > 0 and not isinstance(lens.aperture, Disk):
             raise InputError(

@@ -1,13 +1,11 @@
 """The one camera of the JIT modes: a Mitsuba sensor that speaks the camera law and nothing else.
 
-Pixel (u, v) and aperture point a send the ray o = a, d = (x - k ax, y - k ay, 1) in the camera frame of
-`twinlens.geometry`. Lens values are opaque to the compiler, so that a sweep of lenses reuses one kernel.
+The law itself stands in `twinlens.rendering.law`. Lens values are opaque to the compiler, so that a sweep of lenses
+reuses one kernel.
 """
 
 import functools
 from typing import Any
-
-import numpy as np
 
 from twinlens.camera import Camera, Lens
 from twinlens.geometry import Float
@@ -26,18 +24,13 @@ def camera_sensor(
     return sensor
 
 
-def corner_directions(camera: Camera) -> Float:
-    """(x, y) of the directions (x, y, 1) at the corners of the pixels, (H + 1, W + 1, 2)."""
-    rows, columns = np.mgrid[: camera.height + 1, : camera.width + 1]
-    return camera.unproject(np.stack([columns, rows], axis=-1) - 0.5)[..., :2]
-
-
 @functools.cache
 def _register() -> None:
     """Define and register the sensor class: its base exists only once a variant is set."""
     import drjit as dr
 
-    from twinlens.rendering.warp import CornerTable, DrJitMath
+    from twinlens.rendering.law import CameraLaw
+    from twinlens.rendering.warp import DrJitMath
 
     mi = mitsuba()
 
@@ -53,33 +46,20 @@ def _register() -> None:
             """Set everything the rays depend on."""
             opaque = functools.partial(dr.opaque, mi.Float)
             self.size = opaque(camera.width), opaque(camera.height)
-            self.principal = opaque(camera.cx), opaque(camera.cy)
-            self.focal = opaque(camera.fx), opaque(camera.fy)
-            self.undistorted = None if camera.distortion is None else CornerTable(corner_directions(camera))
+            self.law = CameraLaw(camera, world_from_cam)
             self.aperture = lens.aperture
             self.radius = opaque(0.5 * lens.aperture_diameter)
             self.k = opaque(lens.vergence)
-            self.x, self.y, self.z, self.origin = (
-                mi.Vector3f(*(opaque(world_from_cam[row, column]) for row in range(3))) for column in range(4)
-            )
-
-        def looks_along(self, position: Any) -> tuple[Any, Any]:
-            """(x, y) of the chief ray through a film position in [0, 1)^2."""
-            across, down = position.x * self.size[0], position.y * self.size[1]
-            if self.undistorted is not None:
-                direction = self.undistorted(across, down)
-                return direction.x, direction.y
-            u, v = across - 0.5, down - 0.5  # Mitsuba's film counts pixel edges, twinlens pixel centres
-            return (u - self.principal[0]) / self.focal[0], (v - self.principal[1]) / self.focal[1]
 
         def sample_ray(
             self, time: Any, wavelength: Any, position: Any, aperture: Any, active: Any = True
         ) -> tuple[Any, Any]:
             """A ray through a film position in [0, 1)^2 and a uniform aperture sample, and its weight."""
-            x, y = self.looks_along(position)
+            # Mitsuba's film counts pixel edges, twinlens pixel centres.
+            u, v = position.x * self.size[0] - 0.5, position.y * self.size[1] - 0.5
             ax, ay = (self.radius * a for a in self.aperture.sample(aperture.x, aperture.y, self.math))
-            direction = (x - self.k * ax) * self.x + (y - self.k * ay) * self.y + self.z
-            ray = mi.Ray3f(mi.Point3f(self.origin + ax * self.x + ay * self.y), dr.normalize(direction), time)
+            origin, direction = self.law.ray(u, v, ax, ay, self.k)
+            ray = mi.Ray3f(origin, direction, time)
             wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), wavelength, active)
             ray.wavelengths = wavelengths
             return ray, weight
