@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 from scoring_methods import Constant, Trouble, pair
 
+from twinlens.dataset import Calibration
 from twinlens.errors import FileError, InputError, OutputError, TwinlensError
 from twinlens.scoring import (
     PROTOCOLS,
@@ -240,6 +241,33 @@ def test_the_terminal_shows_order_numbers_and_protocol():
     assert "2 failed" in text
     for line in caption(real_board(), "middlebury-v3", "nonocc").splitlines():
         assert line in text
+
+
+NAMED = ("protocol", "region", "denominator", "invalid", "clip", "resolution", "mean")
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_every_table_names_the_rules_of_its_numbers(protocol):
+    """In the terminal, in LaTeX and in the board's file, whatever the protocol."""
+    calibration = Calibration((9.0, 9.0, 1.0, 1.0), (9.0, 9.0, 1.0, 1.0), 0.1, 30, 40, 0.0)
+    b = run_benchmark([replace(pair("s"), calibration=calibration)], [Constant("c", 4)], protocol=protocol)
+    words = [line.partition(": ") for line in caption(b, protocol, "nonocc").splitlines()]
+    assert tuple(name for name, _, text in words if text.strip()) == NAMED
+    console = Console(width=160, file=io.StringIO(), color_system=None)
+    console.print(leaderboard_table(b, protocol, "nonocc"))
+    latex, shown = board_latex(b, protocol, "nonocc"), " ".join(console.file.getvalue().split())
+    for name, _, text in words:
+        assert f"{name}: {' '.join(text.split())}" in shown
+        assert f"{name}: " in latex
+    stored = json.loads(board_to_json(b))["protocols"][protocol]
+    assert all(stored[name] for name in NAMED if name not in ("region", "mean"))
+
+
+def test_a_table_of_weighted_means_says_so():
+    b, console = real_board(), Console(width=200, file=io.StringIO(), color_system=None)
+    console.print(leaderboard_table(b, "eth3d", "all", weights={"s": 2.0}))
+    assert "weighted mean over samples" in console.file.getvalue()
+    assert "weighted mean over samples" in board_latex(b, "eth3d", "all", weights={"s": 2.0})
 
 
 def test_csv_keeps_every_number_and_defuses_formulas():

@@ -82,7 +82,7 @@ def leaderboard_table(
     names = _columns(protocol, columns)
     title, below = (
         escape(f"{board.title} · {PROTOCOLS[protocol].title} · {region}"),
-        Text(caption(board, protocol, region)),
+        Text(caption(board, protocol, region, weights)),
     )
     table = Table(title=title, caption=below, caption_justify="left", title_justify="left")
     table.add_column("#", justify="right", style="dim")
