@@ -94,10 +94,7 @@ def test_every_protocol_in_every_region_equals_the_loops(seed):
     disp[rng.random(disp.shape) < 0.2] = np.inf
     masks = region_masks(pair, REGIONS)
     others = {name: mask for name, mask in masks.items() if name not in ("all", "nonocc")}
-    found = {
-        rules: evaluate(disp, pair.disp0, masks["nonocc"], 32, protocol=rules, regions=others).regions
-        for rules in LOOPS
-    }
+    scores = {p: evaluate(disp, pair.disp0, masks["nonocc"], 32, protocol=p, regions=others) for p in LOOPS}
     for name, pixels in naive_regions(pair).items():
         inside = [[(y, x) in pixels for x in range(disp.shape[1])] for y in range(disp.shape[0])]
         for rules, loop in LOOPS.items():
