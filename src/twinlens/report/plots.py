@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure as Sheet
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError, unknown
@@ -68,7 +69,7 @@ def encode(sheet: Sheet, kind: str) -> bytes:
 
 
 def _sheet(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> Sheet:
-    columns = min(len(panels), _PANELS_A_ROW)
+    columns = 2 if len(panels) == 4 else min(len(panels), _PANELS_A_ROW)
     lines = math.ceil(len(panels) / columns)
     strip = 0.35 if figure.residual_of else 0.0
     width, height = _PANEL_INCHES
@@ -78,11 +79,11 @@ def _sheet(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> Sheet:
     grid = sheet.add_gridspec(len(heights), columns, height_ratios=heights)
     looks = _looks(figure, panels)
     first = None
-    for k, (name, rows) in enumerate(panels):
+    for k, (title, rows) in enumerate(panels):
         line, column = divmod(k, columns)
         axes = sheet.add_subplot(grid[line * (2 if strip else 1), column])
         _KINDS[figure.kind](sheet, axes, figure, rows, looks)
-        _label(axes, figure, rows, name)
+        _label(axes, figure, rows, title)
         first = first or axes
         if strip:
             axes.tick_params(labelbottom=False)
@@ -92,6 +93,8 @@ def _sheet(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> Sheet:
     handles = {
         text: handle for axes in sheet.axes for handle, text in zip(*axes.get_legend_handles_labels(), strict=True)
     }
+    for name in figure.also:
+        handles[panels[0][1].column(name).text] = Line2D([], [], color="#444444", linestyle="--", linewidth=1.2)
     if handles:
         sheet.legend(handles.values(), handles.keys(), loc="outside right upper", frameon=False)
     return sheet
@@ -154,6 +157,9 @@ def _lines(sheet: Sheet, axes: Any, figure: Figure, rows: Table, looks: Mapping[
         axes.plot(
             places, [mean.value for mean in means], label=_text(name) or None, markersize=4, linewidth=1.6, **look,
         )  # fmt: skip
+        for column in figure.also:
+            other = [mean_of(part.where(_near(figure.x, x)), column).value for x in places]
+            axes.plot(places, other, linestyle="--", linewidth=1.2, color=look["color"])
         if name != THEORY and all(math.isfinite(mean.low) for mean in means):
             low, high = [mean.low for mean in means], [mean.high for mean in means]
             axes.fill_between(places, low, high, color=look["color"], alpha=0.15, linewidth=0)

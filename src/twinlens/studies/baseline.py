@@ -34,7 +34,9 @@ def conclude(table: Table) -> list[Finding]:
     return [
         *square_law(table, methods),
         law_residual(table),
-        in_proportion(scenes, "baseline_mm", "occluded", "What the other eye cannot see grows as B^p, p ="),
+        in_proportion(
+            scenes, "baseline_mm", "occluded", "What the other eye cannot see grows with the base; the exponent of B"
+        ),
     ]
 
 

@@ -85,7 +85,7 @@ def hidden_percent(stage: Stage) -> float:
 def square_law(table: Table, methods: Sequence[str]) -> list[Finding]:
     """For every matcher: the exponent of depth error against z, by least squares of the logarithms; 2 is the law."""
     return [
-        _exponent(table.where(scene=PLANES, method=method), f"{method}: depth error grows as z^p, p =")
+        _exponent(table.where(scene=PLANES, method=method), f"{method}: the exponent of z in its depth error")
         for method in methods
     ]
 
@@ -107,7 +107,9 @@ def law_residual(table: Table) -> Finding:
         for _, part in rows.groups("seed", "method")
     ]
     rms = bootstrap(lambda values: 100 * math.sqrt(float(np.mean(values**2))), units)
-    return Finding("Depth errors are z^2/(f B) times the disparity error, within (rms)", rms, rms.value <= 5, "%")
+    return Finding(
+        "Depth errors equal z^2/(f B) times the disparity error; rms of the residual", rms, rms.value <= 5, "%"
+    )
 
 
 def in_proportion(table: Table, x: str, y: str, text: str) -> Finding:

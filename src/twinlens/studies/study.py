@@ -71,8 +71,8 @@ class Figure:
 
     kind: "line" (means with bootstrap bands), "scatter" (every row a point), "heatmap" (mean of `z` over x and y).
     where: only rows with these values; rows whose `by` is "theory" are drawn as a black dashed line. residual_of: the
-    column with the prediction; a strip below shows measured / predicted - 1. marks: (column, label): a vertical line
-    at the column's mean.
+    column with the prediction; a strip below shows measured / predicted - 1. also: columns drawn in the same colour as
+    y, dashed and without marks (a bound, a prediction). marks: (column, label): a vertical line at the column's mean.
     """
 
     name: str
@@ -87,6 +87,7 @@ class Figure:
     log_y: bool = False
     where: Mapping[str, object] = field(default_factory=dict)
     residual_of: str = ""
+    also: tuple[str, ...] = ()
     marks: tuple[tuple[str, str], ...] = ()
 
 
