@@ -50,6 +50,8 @@ MAY_IMPORT = {
         "scenes",
         "rendering",
         "sensor",
+        "epipolar",
+        "rectification",
         "dataset",
     },
 }

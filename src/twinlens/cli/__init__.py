@@ -22,6 +22,7 @@ COMMANDS = {
     "scenes": "List the bundled scenes.",
     "render": "Photograph scenes with a stereo rig; write pairs with exact truth.",
     "generate": "Make a dataset from a recipe: varied scenes, resumable, in parallel.",
+    "rectify": "Rectify two views of a sample; disparities are cast anew.",
     "show": "Draw what a sample holds: its epipolar geometry, ...",
     "verify": "Check a dataset: checksums, and whether its truth is true.",
     "export": "Write a dataset in the layout of KITTI, ETH3D, Middlebury, ...",

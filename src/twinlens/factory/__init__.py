@@ -6,7 +6,8 @@ from twinlens.factory.generate import Outcome, generate
 from twinlens.factory.plan import SampleSpec, plan, spec_from_plain
 from twinlens.factory.produce import make, produce
 from twinlens.factory.recipe import Recipe, read_recipe, recipe_from_table
-from twinlens.factory.remake import remake
+from twinlens.factory.rectified import rectified_sample
+from twinlens.factory.remake import remake, scene_of
 from twinlens.factory.sample import default_rig, make_sample
 
 __all__ = [
@@ -25,6 +26,8 @@ __all__ = [
     "produce",
     "read_recipe",
     "recipe_from_table",
+    "rectified_sample",
     "remake",
+    "scene_of",
     "spec_from_plain",
 ]

@@ -25,7 +25,7 @@ def remake(
     record that `make_sample` did not write.
     """
     made = _part(record, "record", Mapping)
-    scene = _scene(made, scene)
+    scene = scene_of(record, scene)
     return make_sample(
         scene,
         rig_from_plain(record.get("rig")),
@@ -63,8 +63,12 @@ def _built(kind: type[Any], record: Any) -> Any:
     return kind(**record)
 
 
-def _scene(made: Mapping[str, Any], given: Scene | None) -> Scene:
-    """The record's scene: the one given, or the bundled one of its name; of the very same files."""
+def scene_of(record: Mapping[str, Any], given: Scene | None = None) -> Scene:
+    """The scene of a sample's record: the one given, or the bundled one of its name; of the very same files.
+
+    Raises InputError as `remake` does.
+    """
+    made = _part(record, "record", Mapping)
     name = _part(made, "scene", str)
     try:
         scene = given or load_scene(name)

@@ -1,0 +1,107 @@
+"""A stored pair made into a rectified one: its pictures warped or taken anew, its truth cast anew, never resampled."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from twinlens.camera import ALIGNED, Misalignment
+from twinlens.dataset import Sample, Shot, StoredSample
+from twinlens.dataset.record import plain
+from twinlens.errors import InputError, unknown
+from twinlens.factory.remake import remake, scene_of
+from twinlens.rectification import Rectification, rectify
+from twinlens.rendering import ground_truth
+from twinlens.scenes import Scene
+from twinlens.truth import Truth
+
+PICTURES = ("maps", "render")
+
+
+def rectified_sample(
+    stored: StoredSample,
+    scene: Scene | None = None,
+    left: int = 0,
+    right: int = 1,
+    *,
+    pictures: str = "maps",
+    fit: str = "focal",
+    zero_doffs: bool = True,
+    misalignment: Misalignment = ALIGNED,
+    progress: Callable[[float], None] | None = None,
+) -> Sample:
+    """Views `left` and `right` of a stored sample as a rectified pair (`rectification.rectify`), with exact truth.
+
+    Parameters
+    ----------
+    scene : Scene
+        What was photographed; a bundled one is found by its name, as `remake` does.
+    pictures : {"maps", "render"}
+        "maps" warps the stored pictures (bilinear; black where a picture has nothing), as software does after a
+        calibration. "render" photographs the scene again through the rectified cameras.
+    fit, zero_doffs, misalignment
+        As `rectify` takes them. With an error left in, pictures have it and truth is that of the aligned pair.
+
+    Returns
+    -------
+    Sample of two views. The truth is cast through the aligned cameras. With "maps", what falls outside a stored picture
+    counts as not visible.
+
+    Raises InputError for a pair that no plane can rectify, and for a scene that is not the sample's.
+    """
+    if pictures not in PICTURES:
+        raise unknown("way to make the pictures", pictures, PICTURES)
+    record = stored.record
+    scene = scene_of(record, scene)
+    result = rectify(stored.rig, left, right, fit=fit, zero_doffs=zero_doffs, misalignment=misalignment)
+    origin = {"rectified_from": {"sample": stored.name, "views": [left, right], "fit": fit, "pictures": pictures}}
+    if pictures == "render":
+        sample = remake({**record, "rig": plain(result.rectified_rig)}, scene, progress=progress)
+        return replace(sample, record={**sample.record, **origin})
+    truths = ground_truth(scene, result.aligned_rig, sky_disparity=bool(record["record"].get("sky_disparity")))
+    shots = tuple(_warped(stored, k, (left, right), result) for k in range(stored.num_lenses))
+    made = {**record["record"], "keep_radiance": False, **origin}
+    return Sample(result.rectified_rig, shots, _where_pictured(truths, result), record=made)
+
+
+def _warped(stored: StoredSample, k: int, views: tuple[int, int], result: Rectification) -> Shot:
+    shot = stored.lens(k)
+    images = tuple(warp(shot.image(view), *result.maps(side)) for side, view in enumerate(views))
+    return Shot(shot.lens, images, record=shot.record)
+
+
+def warp(image: NDArray[Any], map_x: NDArray[np.float32], map_y: NDArray[np.float32]) -> NDArray[Any]:
+    """`image` (H, W[, C]) at the pixels (map_x, map_y), bilinear, of the same dtype; 0 where a map leads outside.
+
+    Raises InputError for maps of unlike shapes.
+    """
+    if map_x.shape != map_y.shape:
+        raise InputError(f"map_x and map_y must be of one shape, got {map_x.shape} and {map_y.shape}")
+    planes = image[..., None] if image.ndim == 2 else image
+    at = np.stack([map_y, map_x]).astype(np.float64)
+    warped = np.stack(
+        [map_coordinates(planes[..., c].astype(np.float64), at, order=1) for c in range(planes.shape[-1])], axis=-1
+    )
+    rounded = np.rint(warped) if np.issubdtype(image.dtype, np.integer) else warped
+    return rounded.astype(image.dtype).reshape(*map_x.shape, *image.shape[2:])
+
+
+def _where_pictured(truths: list[Truth], result: Rectification) -> tuple[Truth, ...]:
+    """The truths, visible only where both rectified pictures have something."""
+    valid = [result.valid(side) for side in (0, 1)]
+    pictured = (_pictured(truth, side, result, valid) for side, truth in enumerate(truths))
+    return tuple(replace(truth, visible=truth.visible & both) for truth, both in zip(truths, pictured, strict=True))
+
+
+def _pictured(truth: Truth, side: int, result: Rectification, valid: list[NDArray[np.bool_]]) -> NDArray[np.bool_]:
+    """Whether a pixel is pictured on its own side, and the pixel where the other camera sees its point there."""
+    rig, other = result.aligned_rig, 1 - side
+    seen = rig.project(other, np.where(truth.hit[..., None], truth.position, np.nan))
+    inside = rig.cameras[other].contains(seen)
+    u, v = np.floor(np.where(inside[..., None], seen, 0.0) + 0.5).astype(int).transpose(2, 0, 1)
+    there = inside & valid[other][v, u]
+    pictured: NDArray[np.bool_] = valid[side] & (there | ~truth.hit)
+    return pictured

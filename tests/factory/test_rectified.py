@@ -1,0 +1,118 @@
+"""Rectified samples: their truth is that of the pair built rectified, their rows agree, their pictures show it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import twinlens as tl
+from twinlens.camera import BrownConrady, Misalignment, Rig, layouts
+from twinlens.dataset import Dataset, verify_sample, write_sample
+from twinlens.errors import InputError
+from twinlens.factory import make_sample, rectified_sample
+from twinlens.factory.rectified import warp
+from twinlens.geometry import rigid
+from twinlens.sensor import Sensor
+
+BASELINE, CROSSING = 0.3, 1.6
+FINE = Sensor.preset("ideal")
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return tl.load_scene("cards")
+
+
+@pytest.fixture(scope="module")
+def middle(scene):
+    return scene.world_from_left @ rigid(np.eye(3), [0.5 * scene.baseline, 0, 0])
+
+
+def toed_in(middle, distortion=None):
+    camera = tl.Camera(96, 72, 105.0, 100.0, 47.0, 36.0, distortion)
+    return layouts.toed_in(camera, BASELINE, CROSSING, middle)
+
+
+@pytest.fixture(scope="module")
+def stored(scene, middle, tmp_path_factory):
+    """A toed-in pair with distortion, on the disk."""
+    folder = tmp_path_factory.mktemp("toed") / "cards"
+    rig = toed_in(middle, BrownConrady(-0.15, 0.03))
+    write_sample(folder, make_sample(scene, rig, [tl.Pinhole()], spp=64, sensor=FINE))
+    return Dataset(folder)[0]
+
+
+@pytest.mark.parametrize("distortion", [None, BrownConrady(-0.15, 0.03, 1e-3, -5e-4)])
+def test_truth_equals_that_of_the_pair_built_rectified_and_rows_agree(scene, middle, distortion):
+    result = tl.rectify(toed_in(middle, distortion))
+    ours = tl.ground_truth(scene, result.rectified_rig)
+    built = Rig.stereo(result.rectified_rig.cameras[0], BASELINE, middle @ rigid(np.eye(3), [-0.5 * BASELINE, 0, 0]))
+    for side, (truth, expected) in enumerate(zip(ours, tl.ground_truth(scene, built), strict=True)):
+        same = truth.object_id == expected.object_id
+        assert same.mean() > 0.9995
+        assert np.array_equal(np.isfinite(truth.disparity[same]), np.isfinite(expected.disparity[same]))
+        near = same & np.isfinite(truth.disparity) & np.isfinite(expected.disparity)
+        assert np.abs(truth.disparity[near] - expected.disparity[near]).max() < 1e-4
+        matches = tl.correspondence(scene, result.rectified_rig, side, 1 - side).pixels
+        rows = result.rectified_rig.cameras[side].pixel_grid()[..., 1]
+        known = np.isfinite(matches[..., 1])
+        assert np.abs(matches[..., 1] - rows)[known].max() < 1e-6
+
+
+def test_what_is_written_verifies_and_is_a_rectified_pair(stored, tmp_path):
+    for pictures in ("maps", "render"):
+        made = rectified_sample(stored, pictures=pictures, zero_doffs=False)
+        write_sample(tmp_path / pictures, made)
+        again = Dataset(tmp_path / pictures)[0]
+        assert verify_sample(again) == []
+        assert again.rig.is_rectified()
+        assert again.record["record"]["rectified_from"]["views"] == [0, 1]
+
+
+def test_warped_pictures_are_those_that_the_rectified_cameras_take(stored):
+    warped, taken = (rectified_sample(stored, pictures=pictures) for pictures in ("maps", "render"))
+    result = tl.rectify(stored.rig)
+    for side in (0, 1):
+        valid = result.valid(side)
+        a, b = (s.shots[0].images[side][valid].astype(float) for s in (warped, taken))
+        assert np.corrcoef(a.ravel(), b.ravel())[0, 1] > 0.97
+        assert not warped.shots[0].images[side][~valid][:, 0].any() or (~valid).sum() < 400
+        assert not warped.truths[side].visible[~valid].any()
+
+
+def test_an_error_left_in_is_in_the_pictures_and_not_in_the_truth(stored):
+    error = Misalignment(vertical_px=2.0)
+    plain, off = (rectified_sample(stored, misalignment=m) for m in (Misalignment(), error))
+    assert np.array_equal(plain.truths[0].disparity, off.truths[0].disparity)
+    assert off.rig.believed is not None
+    a, b = (s.shots[0].images[1].astype(int) for s in (plain, off))
+    assert np.abs(a[20:50] - b[22:52]).mean() < 0.1 * np.abs(a[20:50] - b[20:50]).mean()
+
+
+def test_pixels_that_a_picture_lacks_are_not_called_visible(stored):
+    made = rectified_sample(stored, fit="all", zero_doffs=False)
+    result = tl.rectify(stored.rig, fit="all", zero_doffs=False)
+    exact = tl.ground_truth(tl.load_scene("cards"), result.aligned_rig)
+    for side in (0, 1):
+        valid, visible = result.valid(side), made.truths[side].visible
+        assert not visible[~valid].any()
+        lost = exact[side].visible & valid & ~visible
+        u, v = np.rint(tl.correspondence(tl.load_scene("cards"), result.aligned_rig, side, 1 - side).pixels[lost]).T
+        assert not result.valid(1 - side)[v.astype(int), u.astype(int)].any()
+        assert not (visible & ~exact[side].visible).any()
+
+
+def test_warping_is_bilinear_and_black_outside():
+    image = np.arange(12, dtype=np.uint8).reshape(3, 4) * 10
+    x, y = np.array([[0.5, 3.0, -9.0]], np.float32), np.array([[1.0, 0.5, 0.0]], np.float32)
+    assert warp(image, x, y).tolist() == [[45, 50, 0]]
+    assert warp(np.stack([image] * 3, axis=2), x, y).shape == (1, 3, 3)
+    with pytest.raises(InputError, match="one shape"):
+        warp(image, x, y[:, :2])
+
+
+def test_a_scene_that_is_not_the_samples_is_refused(stored, scene):
+    with pytest.raises(InputError, match="not the one"):
+        rectified_sample(stored, replace(scene, name="other"))
+    with pytest.raises(InputError, match="did you mean 'render'"):
+        rectified_sample(stored, pictures="rendering")
