@@ -80,3 +80,36 @@ def test_similarity_and_cost_agree_in_direction():
     left = np.random.default_rng(0).integers(0, 256, (9, 9))
     assert tm.zncc(left, left) == pytest.approx(1)
     assert tm.sad(left, left) == 0
+
+
+@pytest.fixture
+def somebodys_package(tmp_path, monkeypatch):
+    """An installed package that offers a matcher, and one that is broken, under the entry point twinlens.methods."""
+    (tmp_path / "theirs.py").write_text(
+        "import numpy as np\n"
+        "def flat(left, right, num_disparities, min_disparity):\n"
+        "    return np.full(left.shape[:2], num_disparities + min_disparity, np.float32)\n"
+    )
+    meta = tmp_path / "theirs-1.0.dist-info"
+    meta.mkdir()
+    (meta / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (meta / "entry_points.txt").write_text("[twinlens.methods]\nflat = theirs:flat\nbroken = theirs:none\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return tmp_path
+
+
+def test_a_package_s_entry_point_is_a_method(somebodys_package):
+    image = np.zeros((6, 9), np.uint8)
+    np.testing.assert_array_equal(
+        tm.match(image, image, "flat", num_disparities=7, min_disparity=2), np.full((6, 9), 9)
+    )
+    spec = tm.parse_method("flat")
+    assert spec.is_foreign
+    assert spec.content.startswith("theirs.py=")
+    with pytest.raises(InputError, match="did you mean 'flat'"):
+        tm.find_method("flatt")
+
+
+def test_a_broken_entry_point_says_what_cannot_be_imported(somebodys_package):
+    with pytest.raises(InputError, match="'theirs:none' cannot be imported"):
+        tm.match(np.zeros((6, 9), np.uint8), np.zeros((6, 9), np.uint8), "broken")
