@@ -89,14 +89,14 @@ def _sheet(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> Sheet:
             axes.tick_params(labelbottom=False)
             axes.set_xlabel("")
             _residuals(sheet.add_subplot(grid[2 * line + 1, column], sharex=axes), figure, rows, looks)
-    sheet.suptitle(figure.title, fontsize=12, fontweight="bold")
+    sheet.suptitle(figure.title, fontsize=12, fontweight="bold", x=0.01, ha="left")
     handles = {
         text: handle for axes in sheet.axes for handle, text in zip(*axes.get_legend_handles_labels(), strict=True)
     }
     for name in figure.also:
         handles[panels[0][1].column(name).text] = Line2D([], [], color="#444444", linestyle="--", linewidth=1.2)
     if handles:
-        sheet.legend(handles.values(), handles.keys(), loc="outside right upper", frameon=False)
+        sheet.legend(handles.values(), handles.keys(), loc="outside right center", frameon=False)
     return sheet
 
 

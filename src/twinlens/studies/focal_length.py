@@ -34,9 +34,7 @@ def conclude(table: Table) -> list[Finding]:
     return [
         *square_law(table, methods),
         law_residual(table),
-        in_proportion(
-            precise, "fx_px", "depth_error_mm", "The precision of depth grows with the focal length; the exponent of f"
-        ),
+        in_proportion(precise, "fx_px", "depth_error_mm", "The precision of depth grows as f^p; p"),
     ]
 
 

@@ -15,7 +15,7 @@ from scipy import interpolate, ndimage
 from twinlens.camera import Camera, Pinhole, Rig
 from twinlens.matching import grey, parse_method
 from twinlens.sensor import Exposure, Sensor
-from twinlens.studies.bootstrap import Interval, bootstrap, mean_of
+from twinlens.studies.bootstrap import Interval, bootstrap
 from twinlens.studies.stage import Stage, stream
 from twinlens.studies.study import Figure, Finding, Measured, Setup, Study
 from twinlens.studies.table import Column, Row, Table
@@ -127,16 +127,11 @@ def _above(rows: Table) -> Finding:
 def _nearest(rows: Table) -> Finding:
     """At medium contrast: of the matchers, the nearest to its bound."""
     middle = rows.where(swept="contrast", contrast=0.04)
-    ratio = {str(m): mean_of(middle.where(method=m), "error_px").value / mean_of(middle.where(method=m), "bound_px").value
-             for m in middle.values("method")}  # fmt: skip
-    if not ratio:
+    ratios = {str(method): _ratios(middle.where(method=method)) for method in middle.values("method")}
+    if not ratios:
         return Finding("Nearest to its bound at contrast 0.04: all matchers blundered", _ratios(rows), False)
-    best = min(ratio, key=lambda method: ratio[method])
-    return Finding(
-        f"Nearest to its bound at contrast 0.04 is {best}, at error over bound",
-        _ratios(middle.where(method=best)),
-        True,
-    )
+    best = min(ratios, key=lambda method: ratios[method].value)
+    return Finding(f"Nearest to its bound at contrast 0.04 is {best}, at error over bound", ratios[best], True)
 
 
 def _inverse(rows: Table) -> Finding:
@@ -148,9 +143,9 @@ def _inverse(rows: Table) -> Finding:
         if len(part) > 1
     ]
     slope = bootstrap(lambda values: float(values.mean()), slopes)
-    return Finding(
-        "Where noise rules, the error falls as contrast^p; p", slope, abs(slope.value + 1) <= 0.15, "", -1.0, 0.15
-    )
+    holds = abs(slope.value + 1) <= _EXPONENT_TOLERANCE
+    text = "Where noise rules, the error falls with contrast; its exponent"
+    return Finding(text, slope, holds, "", -1.0, _EXPONENT_TOLERANCE)
 
 
 STUDY = Study(
