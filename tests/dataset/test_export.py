@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from twinlens.dataset import Dataset, read_calib, write_pfm, write_sample
+from twinlens.dataset import Dataset, place, read_calib, write_pfm, write_sample
 from twinlens.dataset.export import LAYOUTS, export
 from twinlens.errors import FileError, InputError, MissingExtraError, OutputError
 
@@ -29,9 +29,9 @@ def data(tmp_path_factory):
 @pytest.fixture
 def exported(data, tmp_path):
     def run(to, **options):
-        names = export(data, tmp_path / "out", to, **options)
-        files = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*") if p.is_file()}
-        assert files == set(names)
+        sizes = export(data, tmp_path / "out", to, **options)
+        files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
+        assert {path.relative_to(tmp_path / "out").as_posix(): path.stat().st_size for path in files} == sizes
         return tmp_path / "out"
 
     return run
@@ -266,7 +266,16 @@ def test_what_cannot_be_exported_is_told(data, tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["there"]
 
 
-@pytest.mark.parametrize(("to", "value"), [("kitti2015", 256.0), ("kitti2015", -1.0), ("sintel", 1024.0)])
+# torchvision's PFM classes take the absolute value of what they read.
+@pytest.mark.parametrize(
+    ("to", "value"),
+    [
+        ("kitti2015", 256.0),
+        ("kitti2015", -1.0),
+        ("sintel", 1024.0),
+        *((to, -1.0) for to in ("carla", "eth3d", "middlebury", "sceneflow")),
+    ],
+)
 def test_disparities_beyond_a_layout_are_refused(tmp_path, to, value):
     write_sample(tmp_path / "in" / "s", dataset_scene.sample())
     write_pfm(tmp_path / "in" / "s" / "disp0.pfm", np.full((48, 64), value, np.float32))
@@ -282,3 +291,56 @@ def test_names_that_fall_together_are_told(tmp_path):
     write_manifest(tmp_path / "in", Manifest((row_of(tmp_path / "in", "a/b"), row_of(tmp_path / "in", "a-b"))))
     with pytest.raises(InputError, match="two files would be named"):
         export(Dataset(tmp_path / "in"), tmp_path / "out", "carla")
+
+
+def test_negative_disparities_stay_where_readers_keep_the_sign(tmp_path):
+    write_sample(tmp_path / "in" / "s", dataset_scene.sample())
+    write_pfm(tmp_path / "in" / "s" / "disp0.pfm", np.full((48, 64), -1.5, np.float32))
+    export(Dataset(tmp_path / "in"), tmp_path / "out", "webdataset")
+    with tarfile.open(tmp_path / "out" / "shard-000000.tar") as tar:
+        values = np.asarray(Image.open(io.BytesIO(tar.extractfile("s.disp0.pfm").read())))
+    assert (values == -1.5).all()
+
+
+def test_a_pair_that_is_not_rectified_is_told(tmp_path):
+    sample = dataset_scene.sample()
+    turned = sample.rig.world_from_cams[1] @ np.diag([-1.0, -1, 1, 1])
+    rig = type(sample.rig)(sample.rig.cameras, [sample.rig.world_from_cams[0], turned])
+    truths = tuple(type(t)(**{**vars(t), "disparity": np.full_like(t.disparity, np.inf)}) for t in sample.truths)
+    write_sample(tmp_path / "in" / "s", type(sample)(rig, sample.shots, truths))
+    for to in LAYOUTS:
+        with pytest.raises((InputError, FileError)) as caught:
+            export(Dataset(tmp_path / "in"), tmp_path / "out", to)
+        assert "s: is no rectified pair" in str(caught.value), to
+    assert [entry.name for entry in tmp_path.iterdir()] == ["in"]
+
+
+def test_only_an_export_is_overwritten(data, tmp_path):
+    out = tmp_path / "out"
+    export(data, out, "kitti2015")
+    before = {path.name for path in out.iterdir()}
+    assert "2. s2" in (out / "EXPORT.md").read_text()
+    with pytest.raises(OutputError, match="is there already"):
+        export(data, out, "carla")
+    export(data[:1], out, "carla", overwrite=True)
+    assert {path.name for path in out.iterdir()} == before - {"Kitti2015"} | {"carla-highres"}
+    for name in ("home", "empty"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "home" / "EXPORT.md").write_text("# My own\n")
+    with pytest.raises(OutputError, match="is no earlier export"):
+        export(data, tmp_path / "home", "carla", overwrite=True)
+    assert export(data, tmp_path / "empty", "carla", overwrite=True)
+
+
+def test_progress_is_told(data, tmp_path):
+    heard = []
+    export(data, tmp_path / "out", "carla", progress=lambda fraction, name: heard.append((fraction, name)))
+    assert heard == [(0, "s0"), (pytest.approx(1 / 3), "s1"), (pytest.approx(2 / 3), "s2")]
+
+
+def test_into_a_bucket_and_from_it(tmp_path):
+    bucket = place(f"memory:/{tmp_path}")
+    write_sample(bucket / "in" / "s", dataset_scene.sample())
+    sizes = export(Dataset(bucket / "in"), bucket / "out", "carla")
+    assert (bucket / "out").files() == sorted(sizes)
+    assert export(Dataset(bucket / "in"), tmp_path / "out", "carla") == sizes

@@ -20,8 +20,8 @@ from twinlens.dataset.record import (
 )
 from twinlens.errors import FileError, InputError
 
-positive = st.floats(1e-9, 1e9)
-unit = st.floats(0, 1, exclude_max=True)
+positive = st.floats(1e-3, 1e6)
+unit = st.floats(0, 0.99)
 apertures = st.one_of(
     st.just(camera.Disk()),
     st.builds(camera.Polygon, st.integers(3, 12), st.floats(-360, 360), unit),

@@ -1,9 +1,11 @@
 """A dataset: the samples of a folder, in order. Read by plain Python, numpy, or a torch DataLoader; needs no torch."""
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any, Generic, TypeVar, overload
 
 from twinlens.dataset.files import is_hidden
+from twinlens.dataset.items import check_name, read_all
 from twinlens.dataset.manifest import NAME, Manifest, read_manifest
 from twinlens.dataset.storage import Place, RemotePath, Where, is_whole, place
 from twinlens.dataset.stored import StoredSample
@@ -17,7 +19,9 @@ class Dataset(Sequence[StoredSample]):
 
     So it opens what twinlens made and plain folders in Middlebury's layout alike, and the folder of a single sample.
     Indexing gives a `StoredSample`, a slice a Dataset, a name the sample of that name. Nothing is read until asked, and
-    nothing is kept, so it may be pickled to worker processes.
+    nothing is kept, so it may be pickled to worker processes: ``DataLoader(Dataset(path), num_workers=4)`` gives
+    batches of name, im0, im1, disp0 and mask0_nonocc; `select` chooses others. An address such as ``s3://bucket/set``
+    is read in place, through fsspec.
 
     Raises FileError when there is no such folder, or no sample in it.
     """
@@ -50,16 +54,38 @@ class Dataset(Sequence[StoredSample]):
     def __repr__(self) -> str:
         return f"Dataset({str(self.path)!r}, {len(self)} samples)"
 
+    def __contains__(self, sample: object) -> bool:
+        return sample in (self.names if isinstance(sample, str) else self._samples)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The samples' names, in order."""
+        return tuple(sample.name for sample in self._samples)
+
     @property
     def manifest(self) -> Manifest:
         """dataset.json, of the whole dataset also in a slice of it. Raises FileError where there is none."""
         return read_manifest(self.path)
 
-    def map(self, function: Callable[[StoredSample], T]) -> "Mapped[T]":
-        """The dataset with `function` applied to each sample when it is asked for, as a DataLoader takes it.
+    def split(self, name: str) -> "Dataset":
+        """The samples whose row in dataset.json says that they belong to the split, or InputError when none does."""
+        splits = [str(sample.row.get("info", {}).get("split", "")) for sample in self._samples]
+        if name not in splits or not name:
+            raise unknown("split", name, set(splits) - {""})
+        return self._view(tuple(s for s, split in zip(self._samples, splits, strict=True) if split == name))
 
-        ``DataLoader(Dataset(path).map(arrays), num_workers=4)`` gives batches of tensors; see `arrays`.
+    def select(self, *names: str) -> "Mapped[dict[str, Any]]":
+        """The dataset with a dict of the named quantities for each sample, read when it is asked for.
+
+        ``Dataset(path).select("im0", "lens1.im0", "normal0", "K0")``; `twinlens.dataset.items` lists the names.
+        Raises InputError for a name that is not known, with the nearest that is.
         """
+        for name in names:
+            check_name(name)
+        return self.map(partial(read_all, names))
+
+    def map(self, function: Callable[[StoredSample], T]) -> "Mapped[T]":
+        """The dataset with `function` applied to each sample when it is asked for; it pickles if the function does."""
         return Mapped(self, function)
 
     def _named(self, name: str) -> StoredSample:
@@ -94,8 +120,8 @@ class Mapped(Sequence[T], Generic[T]):
 
 
 def arrays(sample: StoredSample) -> dict[str, Any]:
-    """name, im0, im1, disp0 and mask0_nonocc of a sample, as a DataLoader collates them."""
-    return {name: getattr(sample, name) for name in ("name", "im0", "im1", "disp0", "mask0_nonocc")}
+    """name, im0, im1, disp0 and mask0_nonocc of a sample, all in memory."""
+    return read_all(("name", "im0", "im1", "disp0", "mask0_nonocc"), sample)
 
 
 def _listed(path: Place) -> tuple[StoredSample, ...]:

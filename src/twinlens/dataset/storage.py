@@ -28,7 +28,8 @@ class RemotePath:
     url: str
 
     def __truediv__(self, name: str | os.PathLike[str]) -> "RemotePath":
-        return RemotePath(f"{self.url.rstrip('/')}/{Path(name).as_posix()}")
+        part = Path(name).as_posix()
+        return self if part == "." else RemotePath(f"{self.url.rstrip('/')}/{part}")
 
     def __str__(self) -> str:
         return self.url

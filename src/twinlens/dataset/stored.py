@@ -5,7 +5,7 @@ mask0nocc.png, calib.txt); what it does not hold answers with FileError naming t
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Lens, Rig
+from twinlens.dataset import items
 from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.codecs.pfm import read_pfm
@@ -33,15 +34,35 @@ _DISPARITY_NAMES = ("disp{}.pfm", "disp{}GT.pfm")
 
 
 @dataclass(frozen=True)
-class StoredSample:
+class StoredSample(Mapping[str, Any]):
     """One folder of a dataset. Views are numbered from the left: 0 and 1 in a pair.
 
     folder : where it lies. name : what the dataset calls it. row : its row in dataset.json, empty where there is none.
+
+    Also a mapping, so that a torch DataLoader makes batches of it: its keys are name, the images, disp0 and
+    mask0_nonocc; it answers to every name of `twinlens.dataset.items`.
     """
 
     folder: Place
     name: str
     row: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
+
+    def __new__(cls, *values: Any, **_: Any) -> Any:
+        # torch's collate makes a batch of mappings by calling their class with a dict, and reads everything again when
+        # that fails: the batch is that dict.
+        return values[0] if len(values) == 1 and isinstance(values[0], dict) else super().__new__(cls)
+
+    def __getitem__(self, name: str) -> Any:
+        return items.read(self, name)
+
+    def __iter__(self) -> Iterator[str]:
+        return items.default_names(self)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def __contains__(self, name: object) -> bool:
+        return name in tuple(self)
 
     @property
     def im0(self) -> Image:

@@ -25,10 +25,10 @@ def eth3d(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
         scene, truth = (f"ETH3D/two_view_training{part}/{source.name}" for part in ("", "_gt"))
         yield f"{scene}/im0.png", source.image(0)
         yield f"{scene}/im1.png", source.image(1)
-        yield f"{scene}/calib.txt", encode_calib(sample.calibration).encode()
+        yield f"{scene}/calib.txt", encode_calib(source.sample.calibration).encode()
         yield f"{scene}/cameras.txt", _cameras(sample.rig).encode()
         yield f"{scene}/images.txt", _images(sample.rig).encode()
-        yield f"{truth}/disp0GT.pfm", encode_pfm(sample.disparity(0))
+        yield f"{truth}/disp0GT.pfm", encode_pfm(source.disparity(0))
         yield f"{truth}/mask0nocc.png", encode_png(sample.mask_nonocc(0))
 
 

@@ -25,7 +25,7 @@ def kitti2015(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
     for source in sources:
         number = f"{source.index:06d}"
         for i in (0, 1):
-            disparity = source.bounded(source.sample.disparity(i), _LARGEST, "KITTI")
+            disparity = source.disparity(i, _LARGEST)
             visible = np.where(source.sample.mask_nonocc(i) == 255, disparity, np.inf).astype(np.float32)
             yield f"Kitti2015/training/image_{2 + i}/{number}_10.png", source.image(i)
             yield f"Kitti2015/training/disp_occ_{i}/{number}_10.png", _image(disparity)

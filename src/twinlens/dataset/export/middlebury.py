@@ -33,6 +33,6 @@ def carla(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
 def _scene(source: Source, folder: str, disparity: str) -> Iterator[tuple[str, bytes]]:
     for i in (0, 1):
         yield f"{folder}/im{i}.png", source.image(i)
-        yield f"{folder}/{disparity.format(i)}", encode_pfm(source.sample.disparity(i))
+        yield f"{folder}/{disparity.format(i)}", encode_pfm(source.disparity(i))
         yield f"{folder}/mask{i}nocc.png", encode_png(source.sample.mask_nonocc(i))
     yield f"{folder}/calib.txt", encode_calib(source.sample.calibration).encode()

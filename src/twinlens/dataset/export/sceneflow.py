@@ -23,6 +23,6 @@ def sceneflow(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
         scene = f"TRAIN/A/{source.index:04d}"
         for i, side in enumerate(("left", "right")):
             yield f"SceneFlow/FlyingThings3D/frames_cleanpass/{scene}/{side}/{_FRAME}.png", source.image(i)
-            disparity = encode_pfm(source.sample.disparity(i))
+            disparity = encode_pfm(source.disparity(i))
             yield f"SceneFlow/FlyingThings3D/disparity/{scene}/{side}/{_FRAME}.pfm", disparity
         yield f"SceneFlow/FlyingThings3D/disparity/{scene}/calib.txt", encode_calib(source.sample.calibration).encode()

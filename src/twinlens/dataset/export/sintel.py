@@ -29,7 +29,7 @@ def sintel(sources: Iterable[Source]) -> Iterator[tuple[str, bytes]]:
             image = source.image(i)
             for kind in ("clean", "final"):
                 yield f"Sintel/training/{kind}_{side}/{source.name}/{_FRAME}.png", image
-        disparity = source.bounded(source.sample.disparity(0), _LARGEST, "Sintel")
+        disparity = source.disparity(0, _LARGEST)
         hidden = source.sample.mask_nonocc(0) != VISIBLE
         outside = _outside(disparity)
         yield f"Sintel/training/disparities/{source.name}/{_FRAME}.png", encode_png(_rgb(disparity))

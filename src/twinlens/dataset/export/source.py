@@ -19,6 +19,11 @@ class Source:
     index: int
     lens: int = 0
 
+    def check(self) -> None:
+        """Raise InputError where the sample is no rectified pair: no layout here holds another."""
+        if self.sample.has("sample.json") and not self.sample.has("calib.txt"):
+            raise InputError(f"{self.sample.name}: is no rectified pair, and these layouts hold nothing else")
+
     @property
     def name(self) -> str:
         """The sample's name as one folder's: train/0001 becomes train-0001."""
@@ -32,13 +37,18 @@ class Source:
             return read_bytes(shot.folder / f"im{i}.png")
         return encode_png(np.round(pixels / 257.0).astype(np.uint8))
 
-    def bounded(self, disparity: Disparity, largest: float, layout: str) -> Disparity:
-        """`disparity` if its known values lie in [0, largest], or InputError: the layout's numbers end there."""
+    def disparity(self, i: int, largest: float = np.inf) -> Disparity:
+        """View i's disparity if its known values lie in [0, largest], or InputError: the layout's numbers end there.
+
+        Readers of layouts that could hold a sign drop it, so that negative values would come back positive.
+        """
+        disparity = self.sample.disparity(i)
         known = disparity[np.isfinite(disparity)]
         if known.size and not (known.min() >= 0 and known.max() <= largest):
+            bounds = f"0 to {largest:.6g}" if np.isfinite(largest) else "no negative ones"
             raise InputError(
-                f"{self.sample.name}: has disparities from {known.min():.6g} to {known.max():.6g} px, and {layout}"
-                f" holds 0 to {largest:.6g}; choose another layout, or a smaller image"
+                f"{self.sample.name}: has disparities from {known.min():.6g} to {known.max():.6g} px, and this layout"
+                f" holds {bounds}; choose another layout, or make the samples anew with a smaller image or doffs"
             )
         return disparity
 

@@ -39,7 +39,7 @@ def _entries(source: Source) -> Iterator[tuple[str, bytes]]:
     for i in (0, 1):
         yield f"disp{i}.pfm", encode_pfm(sample.disparity(i))
         yield f"mask{i}nocc.png", encode_png(sample.mask_nonocc(i))
-    yield "calib.txt", encode_calib(sample.calibration).encode()
+    yield "calib.txt", encode_calib(source.sample.calibration).encode()
     if sample.has("sample.json"):
         yield "json", read_bytes(sample.folder / "sample.json")
 

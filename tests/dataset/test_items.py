@@ -1,0 +1,186 @@
+"""Loading for training: what a sample answers by name, and what torch's DataLoader makes of a dataset as it is."""
+
+import copy
+import pickle
+from collections import Counter
+from collections.abc import Mapping
+
+import dataset_scene
+import numpy as np
+import pytest
+
+from twinlens.dataset import Dataset, Manifest, Row, place, truth_files, write_manifest, write_png, write_sample
+from twinlens.errors import FileError, InputError
+
+SAMPLE = dataset_scene.sample(num_lenses=2)
+DEFAULT = ["name", "im0", "im1", "disp0", "mask0_nonocc"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("made")
+    sums = [write_sample(folder / f"s{i}", SAMPLE) for i in range(5)]
+    splits = ("train", "test", "train", "train", "test")
+    rows = (Row(f"s{i}", s, {"split": split}) for i, (s, split) in enumerate(zip(sums, splits, strict=True)))
+    write_manifest(folder, Manifest(tuple(rows)))
+    return folder
+
+
+def test_a_sample_is_a_mapping_of_what_training_wants(folder):
+    sample = Dataset(folder)[0]
+    assert isinstance(sample, Mapping)
+    assert list(sample) == DEFAULT
+    assert len(sample) == 5
+    assert "disp0" in sample
+    assert "disp1" not in sample
+    for name in DEFAULT:
+        np.testing.assert_array_equal(sample[name], getattr(sample, name))
+    assert dict(sample)["name"] == "s0"
+    assert {sample, copy.copy(sample), pickle.loads(pickle.dumps(sample))} == {sample}
+
+
+def test_every_name_answers_what_the_sample_holds(folder):
+    sample = Dataset(folder)[1]
+    truth = sample.truth1
+    expected = {
+        "lens1.im1": sample.lens(1).im1,
+        "lens0.im0": sample.im0,
+        "lens1.blur_circle_px0": sample.lens(1).blur_circle_px(0),
+        "blur_circle_px1": sample.lens(0).blur_circle_px(1),
+        "mask1_nonocc": sample.mask1_nonocc,
+        "K1": sample.rig.cameras[1].K,
+        "world_from_cam1": sample.rig.world_from_cams[1],
+        "baseline": 0.4,
+        "doffs": 1.25,
+        "ndisp": sample.ndisp,
+    }
+    arrays = ("depth", "position", "normal", "shading_normal", "visible", "object_id", "material_id", "material_kind")
+    expected |= {f"{name}1": getattr(truth, name) for name in arrays}
+    told = Dataset(folder).select(*expected)[1]
+    assert list(told) == list(expected)
+    for name, value in expected.items():  # blur is kept in the file, and worked out anew by a shot
+        np.testing.assert_allclose(told[name], value, rtol=1e-6)
+        np.testing.assert_array_equal(sample[name], told[name])
+
+
+def test_a_truth_file_is_read_once_for_all_its_arrays(folder, monkeypatch):
+    from twinlens.dataset import items
+
+    read = Counter()
+    monkeypatch.setattr(items, "read_truth", lambda path: read.update([path.name]) or truth_files.read_truth(path))
+    _ = Dataset(folder).select("depth0", "normal0", "object_id1", "visible0")[0]
+    assert read == {"truth0.exr": 1, "truth1.exr": 1}
+
+
+def test_nothing_else_is_read(tmp_path):
+    write_sample(tmp_path / "s", SAMPLE)
+    for name in ("disp1.pfm", "truth0.exr", "im1.png", "calib.txt"):
+        (tmp_path / "s" / name).write_bytes(b"damaged")
+    np.testing.assert_array_equal(Dataset(tmp_path).select("disp0")[0]["disp0"], SAMPLE.truths[0].disparity)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("disparity0", "unknown quantity of a sample 'disparity0'"),
+        ("dept0", "did you mean 'depth0'"),
+        ("lens1.disp0", "unknown quantity"),
+        ("mask0", "did you mean 'mask0_nonocc'"),
+        ("im", "unknown quantity"),
+        ("", "unknown quantity"),
+        ("im0\n", "unknown quantity"),
+    ],
+)
+def test_unknown_names_are_told_at_once(folder, name, message):
+    with pytest.raises(InputError, match=message):
+        Dataset(folder).select("im0", name)
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "message"),
+    [
+        ("im7", FileError, r"im7\.png: no such file"),
+        ("lens5.im0", InputError, "no lens 5"),
+        ("K2", InputError, "no camera 2"),
+        ("radiance0", FileError, r"radiance0\.exr: no such file"),
+    ],
+)
+def test_what_a_sample_lacks_is_told(folder, name, error, message):
+    with pytest.raises(error, match=message):
+        _ = Dataset(folder)[0][name]
+
+
+def test_names_and_splits(folder):
+    data = Dataset(folder)
+    assert data.names == ("s0", "s1", "s2", "s3", "s4")
+    assert "s3" in data
+    assert "s9" not in data
+    assert data[2] in data
+    assert data.split("train").names == ("s0", "s2", "s3")
+    assert data[1:].split("test").names == ("s1", "s4")
+    with pytest.raises(InputError, match="unknown split 'tran'; did you mean 'train'"):
+        data.split("tran")
+    with pytest.raises(InputError, match="unknown split"):
+        Dataset(folder / "s0").split("train")
+
+
+def test_pictures_alone(tmp_path):
+    for i in range(3):
+        write_png(tmp_path / "s" / f"im{i}.png", np.zeros((4, 5), np.uint8))
+    assert list(Dataset(tmp_path)[0]) == ["name", "im0", "im1", "im2"]
+
+
+@pytest.fixture(scope="module")
+def torch():
+    return pytest.importorskip("torch")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("workers", "start"), [(0, None), (2, "fork"), (2, "spawn")])
+def test_a_data_loader_takes_the_dataset_as_it_is(torch, folder, workers, start):
+    data = Dataset(folder)
+    loader = torch.utils.data.DataLoader(data, batch_size=2, num_workers=workers, multiprocessing_context=start)
+    batches = list(loader)
+    assert [batch["name"] for batch in batches] == [["s0", "s1"], ["s2", "s3"], ["s4"]]
+    for batch, first in zip(batches, (0, 2, 4), strict=True):
+        assert list(batch) == DEFAULT
+        for name in DEFAULT[1:]:
+            np.testing.assert_array_equal(batch[name][0], data[first][name])
+            assert batch[name].shape == (len(batch["name"]), *data[first][name].shape)
+    assert batches[0]["im0"].dtype == torch.uint8
+
+
+@pytest.mark.slow
+def test_a_data_loader_shuffles_slices_and_selects(torch, folder):
+    chosen = Dataset(folder)[1:].select("lens1.im0", "normal0", "object_id0", "visible0", "K0", "baseline")
+    loader = torch.utils.data.DataLoader(chosen, batch_size=4, shuffle=True, num_workers=1)
+    (batch,) = loader
+    assert batch["normal0"].shape == (4, 48, 64, 3)
+    assert batch["visible0"].dtype == torch.bool
+    assert batch["K0"].dtype == batch["baseline"].dtype == torch.float64
+    single = next(iter(torch.utils.data.DataLoader(Dataset(folder), batch_size=None)))
+    np.testing.assert_array_equal(single["disp0"], SAMPLE.truths[0].disparity)
+
+
+@pytest.mark.slow
+def test_a_data_loader_reads_every_file_once(torch, folder, monkeypatch):
+    from twinlens.dataset.codecs import pfm
+
+    read = Counter()
+    whole = pfm.read_bytes
+    monkeypatch.setattr(pfm, "read_bytes", lambda path: read.update([str(path)]) or whole(path))
+    list(torch.utils.data.DataLoader(Dataset(folder), batch_size=5))
+    assert set(read.values()) == {1}
+    assert len(read) == 5
+
+
+@pytest.mark.slow
+def test_a_data_loader_reads_a_bucket(torch, tmp_path):
+    bucket = place(f"memory:/{tmp_path}/set")
+    for i in range(2):
+        write_sample(bucket / f"s{i}", SAMPLE)
+    loader = torch.utils.data.DataLoader(
+        Dataset(str(bucket)), batch_size=2, num_workers=1, multiprocessing_context="fork"
+    )
+    (batch,) = loader
+    np.testing.assert_array_equal(batch["disp0"][1], SAMPLE.truths[0].disparity)
