@@ -12,6 +12,7 @@ reflection or refraction, 1881, for the energy within a radius; Born and Wolf, P
 import math
 import warnings
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,9 +20,10 @@ from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.special import j0, j1
 
 from twinlens.camera import BareAperture, Camera, Lens, film_distance
+from twinlens.camera.lens import check_lens
 from twinlens.camera.radiance import checked_radiance
-from twinlens.errors import InputError, check_number, check_triple
-from twinlens.optics import AIRY_FIRST_ZERO
+from twinlens.errors import InputError, check_number, check_triple, in_one_line
+from twinlens.optics import AIRY_FIRST_ZERO, LONGEST, SHORTEST, check_diameter, check_length
 
 Float = NDArray[np.float64]
 
@@ -38,6 +40,8 @@ FRESNEL_LOW, FRESNEL_HIGH = 0.2, 50.0
 """Between these Fresnel numbers a bare hole's pattern is another one: over a tenth of the light lands elsewhere."""
 
 _MOST_NODES = 64
+_LARGEST_RADIUS = 16384
+_SHORTEST_WAVE, _LONGEST_WAVE = 1e-9, 1e-3
 
 
 class FresnelWarning(UserWarning):
@@ -61,7 +65,12 @@ def encircled_energy(radius: ArrayLike, wavelength: float, working_f_number: flo
     0.8378
     """
     _check_light(wavelength, working_f_number)
-    x = math.pi * np.asarray(radius, dtype=np.float64) / (wavelength * working_f_number)
+    return _within(np.asarray(radius, dtype=np.float64) / (wavelength * working_f_number))
+
+
+def _within(radius: Float) -> Float:
+    """The encircled energy of a radius in units of lambda N."""
+    x = math.pi * radius
     energy: Float = 1.0 - j0(x) ** 2 - j1(x) ** 2
     return energy
 
@@ -72,9 +81,9 @@ def fresnel_number(aperture_diameter: float, wavelength: float, distance: float)
     >>> round(fresnel_number(0.35e-3, 550e-9, 0.05), 3)
     1.114
     """
-    check_number("aperture_diameter", aperture_diameter, "a number of metres >= 0", least=0)
-    check_number("wavelength", wavelength, "a positive number of metres", above=0)
-    check_number("distance", distance, "a positive number of metres", above=0)
+    check_diameter("aperture_diameter", aperture_diameter)
+    _check_light(wavelength, 1.0)
+    check_length("distance", distance)
     return (0.5 * aperture_diameter) ** 2 / (wavelength * distance)
 
 
@@ -87,10 +96,12 @@ def airy_kernel(pixel_pitch: tuple[float, float], wavelength: float, working_f_n
     pixels in proportion, so that no light is lost.
     """
     _check_light(wavelength, working_f_number)
-    for pitch in pixel_pitch:
-        check_number("pixel_pitch", pitch, "two positive numbers of metres", above=0)
-    if isinstance(radius_px, bool) or not isinstance(radius_px, (int, np.integer)) or radius_px < 0:
-        raise InputError(f"radius_px must be a whole number of pixels >= 0, got {radius_px!r}")
+    _check_pitch(pixel_pitch)
+    whole = isinstance(radius_px, (int, np.integer)) and not isinstance(radius_px, bool)
+    if not whole or not 0 <= radius_px <= _LARGEST_RADIUS:
+        raise InputError(
+            f"radius_px must be a whole number of pixels >= 0, at most {_LARGEST_RADIUS}, got {in_one_line(radius_px)}"
+        )
     return _airy_kernel(pixel_pitch, wavelength, working_f_number, radius_px).copy()
 
 
@@ -120,7 +131,7 @@ def _edge_flux(across: float, along: float, radius_px: int) -> Float:
     for i in steps:
         x = (i + 0.5) * across
         r2 = x * x + y * y
-        flux[i] = x * 0.5 * along / (2 * math.pi) * (encircled_energy(np.sqrt(r2), 1.0, 1.0) / r2) @ weights
+        flux[i] = x * 0.5 * along / (2 * math.pi) * (_within(np.sqrt(r2)) / r2) @ weights
     return flux
 
 
@@ -129,7 +140,8 @@ def kernel_radius_px(
 ) -> int:
     """The radius beyond which less than `tail` of the light falls, pixels: 1 - E = 2 / (pi x) far out."""
     _check_light(wavelength, working_f_number)
-    check_number("tail", tail, "a positive share of the light", above=0)
+    _check_pitch(pixel_pitch)
+    check_number("tail", tail, "a positive share of the light, 1e-9 to 1", least=1e-9, most=1)
     return math.ceil(2.0 * wavelength * working_f_number / (math.pi**2 * tail * min(pixel_pitch)))
 
 
@@ -157,7 +169,7 @@ def diffract(
     and for wavelengths that are not three positive numbers.
     """
     radiance = checked_radiance("image to diffract", image, camera)
-    wavelengths = check_triple("wavelengths", wavelengths, "three positive numbers of metres (red, green, blue)")
+    wavelengths = check_wavelengths("wavelengths", wavelengths)
     _check_aperture(lens)
     distance = film_distance(camera, lens)
     if isinstance(lens, BareAperture):
@@ -180,12 +192,30 @@ def _convolve(channel: Float, pitch: tuple[float, float], wavelength: float, wor
     return np.maximum(inner, 0.0)  # the transform's rounding may leave a black pixel below zero
 
 
+def check_wavelengths(name: str, values: Any) -> tuple[float, float, float]:
+    """`values` as three wavelengths in metres, or InputError; nanometres are told by their size."""
+    three = check_triple(name, values, "three positive numbers of metres (red, green, blue)")
+    if not all(_SHORTEST_WAVE <= value <= _LONGEST_WAVE for value in three):
+        raise InputError(f"{name} must be metres from {_SHORTEST_WAVE:g} to {_LONGEST_WAVE:g}, as 550e-9, got {three}")
+    return three
+
+
 def _check_light(wavelength: float, working_f_number: float) -> None:
-    check_number("wavelength", wavelength, "a positive number of metres", above=0)
-    check_number("working_f_number", working_f_number, "a positive number", above=0)
+    allowed = f"a positive number of metres, from {_SHORTEST_WAVE:g} to {_LONGEST_WAVE:g}"
+    check_number("wavelength", wavelength, allowed, least=_SHORTEST_WAVE, most=_LONGEST_WAVE)
+    check_number("working_f_number", working_f_number, "a positive number", least=1e-24, most=1e24)
+
+
+def _check_pitch(pixel_pitch: tuple[float, float]) -> None:
+    allowed = "two positive numbers of metres"
+    if not isinstance(pixel_pitch, (tuple, list)) or len(pixel_pitch) != 2:
+        raise InputError(f"pixel_pitch must be {allowed}, got {in_one_line(pixel_pitch)}")
+    for pitch in pixel_pitch:
+        check_number("pixel_pitch", pitch, allowed, least=SHORTEST, most=LONGEST)
 
 
 def _check_aperture(lens: Lens) -> None:
+    check_lens(lens)
     if lens.aperture_diameter == 0:
         raise InputError("a pinhole of no width has no diffraction pattern; give the aperture a diameter")
     if lens.aperture.name != "disk":

@@ -49,8 +49,15 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
     return InputError(f"unknown {kind} {name!r}{hint} (known: {', '.join(names)})")
 
 
-def check_number(name: str, value: Any, allowed: str, above: float = -math.inf, least: float = -math.inf) -> None:
-    """Raise InputError unless `value` is a finite real number > above and >= least; `allowed` says so in words.
+def check_number(
+    name: str,
+    value: Any,
+    allowed: str,
+    above: float = -math.inf,
+    least: float = -math.inf,
+    most: float = math.inf,
+) -> None:
+    """Raise InputError unless `value` is a finite real number > above, >= least and <= most; `allowed` says so.
 
     Truth values, texts and arrays are no numbers.
 
@@ -59,7 +66,7 @@ def check_number(name: str, value: Any, allowed: str, above: float = -math.inf, 
     twinlens.errors.InputError: baseline must be a positive number of metres, got -0.1
     """
     number = _as_float(value)
-    if not (math.isfinite(number) and number > above and number >= least):
+    if not (math.isfinite(number) and number > above and least <= number <= most):
         raise InputError(f"{name} must be {allowed}, got {in_one_line(value)}")
 
 

@@ -8,6 +8,7 @@ Sources: Born and Wolf, Principles of Optics, 7th ed., 1999; Ray, Applied Photog
 """
 
 import math
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,9 @@ from twinlens.errors import InputError, check_number, in_one_line
 
 AIRY_FIRST_ZERO = 1.2196698912665045
 """First zero of the Airy pattern in units of lambda v / A: the first root of J1, 3.8317..., over pi."""
+
+SHORTEST, LONGEST = 1e-12, 1e9
+"""Metres: beyond these no optic is, and squares of ratios stay numbers that a computer knows."""
 
 
 def vergence(power: float, film_distance: float) -> float:
@@ -27,7 +31,7 @@ def vergence(power: float, film_distance: float) -> float:
     2.0
     """
     check_number("power", power, "a finite number of 1/m")
-    check_number("film_distance", film_distance, "a positive number of metres", above=0)
+    check_length("film_distance", film_distance)
     return power - 1.0 / film_distance
 
 
@@ -39,10 +43,30 @@ def focal_length(focus_distance: float, film_distance: float) -> float:
     >>> focal_length(math.inf, 0.05)
     0.05
     """
-    if focus_distance != math.inf:
-        check_number("focus_distance", focus_distance, "a positive number of metres (or inf)", above=0)
-    check_number("film_distance", film_distance, "a positive number of metres", above=0)
+    check_focus(focus_distance)
+    check_length("film_distance", film_distance)
     return 1.0 / (1.0 / focus_distance + 1.0 / film_distance)
+
+
+def check_length(name: str, value: float) -> None:
+    """Raise InputError unless `value` is a positive number of metres, from `SHORTEST` to `LONGEST`."""
+    allowed = f"a positive number of metres, from {SHORTEST:g} to {LONGEST:g}"
+    check_number(name, value, allowed, least=SHORTEST, most=LONGEST)
+
+
+def check_diameter(name: str, value: float) -> None:
+    """Raise InputError unless `value` is a number of metres >= 0: 0 is a point, and no width is below `SHORTEST`."""
+    allowed = f"a number of metres >= 0 (0, or from {SHORTEST:g} to {LONGEST:g})"
+    check_number(name, value, allowed, least=0, most=LONGEST)
+    if 0 < value < SHORTEST:
+        check_number(name, value, allowed, least=SHORTEST)
+
+
+def check_focus(value: float) -> None:
+    """Raise InputError unless `value` is a focus distance: a positive number of metres, or inf."""
+    if not (isinstance(value, Real) and value == math.inf):
+        allowed = f"a positive number of metres from {SHORTEST:g} (or inf)"
+        check_number("focus_distance", value, allowed, least=SHORTEST)
 
 
 def circle_of_confusion_px(depth: ArrayLike, aperture_diameter: float, fx: float, k: float) -> NDArray[np.float64]:
@@ -58,7 +82,9 @@ def circle_of_confusion_px(depth: ArrayLike, aperture_diameter: float, fx: float
     """
     _check_eye(aperture_diameter, fx, k)
     z = _checked_depth(depth)
-    return aperture_diameter * fx * (1.0 / z - k)
+    with np.errstate(over="ignore"):
+        circle: NDArray[np.float64] = aperture_diameter * fx * (1.0 / z - k)
+    return circle
 
 
 def in_focus(
@@ -120,7 +146,7 @@ def _check_eye(aperture_diameter: float, fx: float, k: float) -> None:
 def _checked_depth(depth: ArrayLike) -> NDArray[np.float64]:
     try:
         z = np.asarray(depth, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"depth must be a number or an array of metres, got {in_one_line(depth)}") from error
     if not (z > 0).all():
         raise InputError("depth must be positive (+inf where nothing was hit); NaN and values <= 0 are refused")

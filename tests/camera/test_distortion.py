@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twinlens.camera import Camera
-from twinlens.camera.distortion import BrownConrady, KannalaBrandt, undistort_maps
+from twinlens.camera import BrownConrady, Camera, KannalaBrandt, undistort_maps
 from twinlens.errors import InputError
 from twinlens.geometry import look_at
 

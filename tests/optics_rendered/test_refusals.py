@@ -7,13 +7,27 @@ import pytest
 
 import twinlens as tl
 from twinlens import optics
-from twinlens.camera import Annulus, BrownConrady, KannalaBrandt, MaskAperture, Polygon
-from twinlens.diffraction import diffract
+from twinlens.camera import Annulus, BrownConrady, KannalaBrandt, MaskAperture, Polygon, undistort_maps
+from twinlens.diffraction import airy_kernel, diffract
 from twinlens.errors import InputError
 
 CAMERA = tl.Camera(64, 48, 60.0, 60.0, 31.5, 23.5)
+LENS = tl.ThinLens(1e-4, 1.0)
+DARK = np.zeros((48, 64, 3))
 NAN, INF = math.nan, math.inf
 REFUSED = {  # what is asked for: (how, what the line must name)
+    "aperture as wide as the sun": (lambda: tl.ThinLens(1.4e9, 2.0), "aperture_diameter"),
+    "aperture below an atom": (lambda: tl.ThinLens(1e-200, 2.0), "aperture_diameter"),
+    "aperture beyond numbers": (lambda: tl.ThinLens(10**400, 2.0), "aperture_diameter"),
+    "aperture in words": (lambda: tl.ThinLens("wide", 2.0), "aperture_diameter"),
+    "aperture of no shape": (lambda: tl.ThinLens(0.01, 2.0, "disk"), "aperture must be Disk"),
+    "focus in an array": (lambda: tl.ThinLens(0.01, np.array([1.0, 2.0])), "focus_distance"),
+    "focus too near for numbers": (lambda: tl.ThinLens(0.01, 5e-324), "focus_distance"),
+    "focus at -inf": (lambda: tl.ThinLens(0.01, -INF), "focus_distance"),
+    "film without end": (lambda: tl.BareAperture(1e-3, INF), "film_distance"),
+    "film too near for numbers": (lambda: tl.BareAperture(1e-3, 5e-324), "film_distance"),
+    "f-number without a film": (lambda: tl.ThinLens.from_f_number(2.8, 2.0, None), "film_distance"),
+    "f-number inf": (lambda: tl.ThinLens.from_f_number(INF, 2.0, 0.05), "f_number"),
     "negative aperture": (lambda: tl.ThinLens(-0.01, 2.0), "aperture_diameter"),
     "aperture nan": (lambda: tl.ThinLens(NAN, 2.0), "aperture_diameter"),
     "aperture without end": (lambda: tl.ThinLens(INF, 2.0), "aperture_diameter"),
@@ -33,22 +47,66 @@ REFUSED = {  # what is asked for: (how, what the line must name)
     "empty mask": (lambda: MaskAperture(np.zeros((0, 4))), "mask"),
     "black mask": (lambda: MaskAperture(np.zeros((4, 4))), "mask is black"),
     "mask nan": (lambda: MaskAperture([[0.5, NAN]]), "mask"),
+    "ragged mask": (lambda: MaskAperture([[1.0], [1.0, 0.0]]), "unequal shape"),
+    "mask in words": (lambda: MaskAperture([["open"]]), "mask must hold numbers"),
+    "negative mask": (lambda: MaskAperture([[-0.5]]), "mask"),
+    "endless mask": (lambda: MaskAperture([[INF]]), "mask"),
     "colour mask": (lambda: MaskAperture(np.ones((4, 4, 3))), "mask"),
     "mask above 1": (lambda: MaskAperture([[2.0]]), "mask"),
     "two blades": (lambda: Polygon(2), "blades"),
+    "half a blade": (lambda: Polygon(5.5), "blades"),
+    "blades without number": (lambda: Polygon(10**400), "blades"),
+    "rotation nan": (lambda: Polygon(5, rotation_deg=NAN), "rotation_deg"),
+    "roundness in words": (lambda: Polygon(5, roundness="round"), "roundness"),
+    "inner nan": (lambda: Annulus(NAN), "inner"),
+    "inner in words": (lambda: Annulus("half"), "inner"),
     "roundness 2": (lambda: Polygon(6, roundness=2.0), "roundness"),
     "ring of no width": (lambda: Annulus(1.0), "inner"),
     "barrel that folds": (lambda: CAMERA.replace(distortion=BrownConrady(k1=-2.0)), "fold"),
     "fisheye that folds": (lambda: CAMERA.replace(distortion=KannalaBrandt(k1=-2.0)), "fold"),
     "distortion nan": (lambda: CAMERA.replace(distortion=BrownConrady(k1=NAN)), "k1"),
+    "distortion inf": (lambda: BrownConrady(p1=INF), "p1"),
+    "distortion in words": (lambda: KannalaBrandt(k2="x"), "k2"),
+    "distortion beyond all lenses": (lambda: BrownConrady(k3=1e300), "k3"),
+    "tangential fold": (lambda: CAMERA.replace(distortion=BrownConrady(p2=-2.0)), "fold"),
+    "pole in the image": (lambda: CAMERA.replace(distortion=BrownConrady(k4=-4.0)), "fold"),
+    "distortion of no model": (lambda: CAMERA.replace(distortion=(0.1, 0.2)), "distortion must be"),
+    "fy negative": (lambda: CAMERA.replace(fy=-60.0), "fy"),
     "fx 0": (lambda: CAMERA.replace(fx=0.0), "fx"),
     "cx nan": (lambda: CAMERA.replace(cx=NAN), "cx"),
     "no pixels": (lambda: CAMERA.replace(width=0), "width"),
     "pitch 0": (lambda: CAMERA.replace(pixel_pitch_um=0.0), "pixel_pitch_um"),
+    "half a pixel": (lambda: tl.Camera.from_fov(0.5, 48, 40.0), "width"),
+    "fov 0": (lambda: tl.Camera.from_fov(64, 48, 0.0), "fov_x_deg"),
+    "fov nan": (lambda: tl.Camera.from_fov(64, 48, NAN), "fov_x_deg"),
     "fov 180": (lambda: tl.Camera.from_fov(64, 48, 180.0), "fov_x_deg"),
     "no baseline": (lambda: tl.Rig.stereo(CAMERA, 0.0), "baseline"),
     "depth nan": (lambda: optics.circle_of_confusion_px(NAN, 0.01, 60, 0.5), "depth"),
     "circle 0": (lambda: optics.in_focus(1.0, 0.01, 60, 0.5, circle_px=0.0), "circle_px"),
+    "negative wavelength": (lambda: diffract(DARK, CAMERA, LENS, wavelengths=(-5e-7, 5e-7, 4e-7)), "wavelengths"),
+    "wavelengths in nanometres": (lambda: diffract(DARK, CAMERA, LENS, wavelengths=(611, 549, 464)), "550e-9"),
+    "two wavelengths": (lambda: diffract(DARK, CAMERA, LENS, wavelengths=(5e-7, 5e-7)), "three"),
+    "sensor's wavelength 0": (lambda: tl.Sensor(wavelengths=(0.0, 5e-7, 4e-7)), "wavelengths"),
+    "sensor's wavelength in nanometres": (lambda: tl.Sensor(wavelengths=(611, 549, 464)), "wavelengths"),
+    "balance that is no truth": (lambda: tl.Sensor(white_balance="no"), "white_balance must be True or False"),
+    "shot noise that is no truth": (lambda: tl.Sensor(shot_noise=0.5), "shot_noise must be True or False"),
+    "vignetting that is no truth": (lambda: tl.Sensor(vignetting=1), "vignetting must be True or False"),
+    "diffraction by no lens": (lambda: diffract(DARK, CAMERA, "lens"), "a lens is"),
+    "diffraction in no camera": (lambda: diffract(DARK, None, LENS), "camera must be a Camera"),
+    "picture through no lens": (lambda: tl.Sensor().expose(DARK, camera=CAMERA, lens=None), "a lens is"),
+    "picture by no camera": (lambda: tl.Sensor().expose(DARK, camera=None, lens=LENS), "camera must be a Camera"),
+    "exposure that is a number": (
+        lambda: tl.Sensor().expose(DARK, camera=CAMERA, lens=LENS, exposure=0.1),
+        "exposure must be an Exposure",
+    ),
+    "a pair's exposure that is a number": (
+        lambda: tl.Sensor().expose_rig([DARK], rig=tl.Rig([CAMERA], [np.eye(4)]), lens=LENS, exposure=0.1),
+        "exposure must be an Exposure",
+    ),
+    "kernel of no pitch": (lambda: airy_kernel(1e-6, 5e-7, 8.0, 3), "pixel_pitch"),
+    "kernel without end": (lambda: airy_kernel((1e-6, 1e-6), 5e-7, 8.0, 10**9), "radius_px"),
+    "map from no camera": (lambda: undistort_maps(None, CAMERA), "two cameras"),
+    "map that turns by words": (lambda: undistort_maps(CAMERA, CAMERA, "left"), "rotation"),
     "diffraction of a point": (lambda: diffract(np.zeros((48, 64, 3)), CAMERA, tl.Pinhole()), "pinhole"),
     "diffraction of a polygon": (
         lambda: diffract(np.zeros((48, 64, 3)), CAMERA, tl.ThinLens(0.01, 1.0, Polygon(5))),

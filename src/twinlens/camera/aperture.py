@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.warp import NUMPY, ArrayMath, concentric, invert_cdf, on_ring
-from twinlens.errors import InputError
+from twinlens.errors import InputError, check_number, in_one_line
 
 Float = NDArray[np.float64]
 
+_MOST_BLADES = 1000
 _LARGEST_MASK_SIDE = 4096  # cells: float32 random numbers reach every one
 
 
@@ -74,12 +75,14 @@ class Polygon:
     roundness: float = 0.0
 
     def __post_init__(self) -> None:
-        if isinstance(self.blades, bool) or not isinstance(self.blades, (int, np.integer)) or self.blades < 3:
-            raise InputError(f"polygon aperture: blades must be a whole number >= 3, got {self.blades}")
-        if not math.isfinite(self.rotation_deg):
-            raise InputError(f"polygon aperture: rotation_deg must be finite, got {self.rotation_deg}")
-        if not 0 <= self.roundness <= 1:
-            raise InputError(f"polygon aperture: roundness must lie between 0 and 1, got {self.roundness}")
+        whole = isinstance(self.blades, (int, np.integer)) and not isinstance(self.blades, bool)
+        if not whole or not 3 <= self.blades <= _MOST_BLADES:
+            raise InputError(
+                f"polygon aperture: blades must be a whole number >= 3, at most {_MOST_BLADES}, "
+                f"got {in_one_line(self.blades)}"
+            )
+        check_number("polygon aperture: rotation_deg", self.rotation_deg, "a finite number", least=-1e6, most=1e6)
+        check_number("polygon aperture: roundness", self.roundness, "a number between 0 and 1", least=0, most=1)
 
     @property
     def area_fraction(self) -> float:
@@ -130,8 +133,8 @@ class Annulus:
     inner: float
 
     def __post_init__(self) -> None:
-        if not 0 <= self.inner < 1:
-            raise InputError(f"annulus aperture: inner must lie in [0, 1), a fraction of the radius, got {self.inner}")
+        allowed = "a fraction of the radius from 0 to 0.999999"
+        check_number("annulus aperture: inner", self.inner, allowed, least=0, most=1 - 1e-6)
 
     @property
     def area_fraction(self) -> float:
@@ -228,7 +231,10 @@ FULL_DISK = Disk()
 
 
 def _checked_mask(mask: ArrayLike) -> Float:
-    cells = np.asarray(mask)
+    try:
+        cells = np.asarray(mask)
+    except (TypeError, ValueError) as error:
+        raise InputError("aperture mask must be one array (H, W) of numbers, got rows of unequal shape") from error
     if cells.ndim != 2 or not cells.size or max(cells.shape) > _LARGEST_MASK_SIDE:
         raise InputError(
             f"aperture mask must be a grey-scale image (H, W) of at most {_LARGEST_MASK_SIDE} cells a side, "

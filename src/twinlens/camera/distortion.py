@@ -18,7 +18,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.errors import InputError
+from twinlens.errors import InputError, check_number
 
 if TYPE_CHECKING:
     from twinlens.camera.intrinsics import Camera
@@ -30,7 +30,9 @@ _ITERATIONS = 50
 _CONVERGED = 1e-12  # in units of the focal length: far below a pixel of any camera
 _HALVINGS = 8
 _PATH_STEPS = 64  # along the lines from the axis to the image's border, on which a fold is looked for
-_OUTSIDE_PX = -1e4  # what a map says where there is no source pixel: outside for any interpolation kernel
+_LARGEST = 1e6
+_COEFFICIENTS = "finite, and at most 1e6 either way"
+_NOTHING = 1e-100  # a leading coefficient that no film is wide enough to notice
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,8 @@ class BrownConrady:
         """Ideal coordinates (..., 2) of distorted ones (..., 2), to 1e-12; NaN where no valid point lands there."""
         target = np.asarray(xy_distorted, dtype=np.float64)
         flat = target.reshape(-1, 2)
-        return _newton(self, flat).reshape(target.shape)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # a step may meet a pole of R, or pass it
+            return _newton(self, flat).reshape(target.shape)
 
     @cached_property
     def _numerator(self) -> Polynomial:
@@ -221,22 +224,6 @@ def check_invertible(camera: "Camera") -> None:
         )
 
 
-def undistort_maps(
-    camera: "Camera", to_camera: "Camera", to_from_camera: ArrayLike | None = None
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(map_x, map_y), float32 (H, W) of `to_camera`: the pixel of `camera` that each of its pixels looks at.
-
-    As `cv2.remap` takes them. `to_from_camera` (3, 3) turns directions of `camera` into `to_camera`'s: a rectifying
-    rotation; none by default. A pixel that `camera` does not see is given a place far outside its image.
-    """
-    rotation = np.eye(3) if to_from_camera is None else np.asarray(to_from_camera, dtype=np.float64)
-    if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
-        raise InputError(f"to_from_camera must be a 3x3 rotation, got shape {rotation.shape}")
-    directions = to_camera.unproject(to_camera.pixel_grid()) @ rotation
-    pixels = np.nan_to_num(camera.project(directions), nan=_OUTSIDE_PX).astype(np.float32)
-    return pixels[..., 0].copy(), pixels[..., 1].copy()
-
-
 def _newton(model: BrownConrady, target: Float) -> Float:
     """Solve distort(x) = target for (N, 2) points by Newton's method; a step that brings no gain is halved."""
     xy, error = target.copy(), model.distort(target) - target
@@ -286,12 +273,11 @@ def _border(width: int, height: int) -> Float:
 
 
 def _first_positive_root(polynomial: Polynomial) -> float:
-    roots = polynomial.trim().roots()
+    roots = polynomial.trim(_NOTHING).roots()
     real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots.real)) & (roots.real > 0)]
     return float(real.min()) if real.size else math.inf
 
 
 def _check_finite(model: "Distortion") -> None:
     for name, value in vars(model).items():
-        if not math.isfinite(value):
-            raise InputError(f"{model.name} distortion: {name} must be finite, got {value}")
+        check_number(f"{model.name} distortion: {name}", value, _COEFFICIENTS, least=-_LARGEST, most=_LARGEST)

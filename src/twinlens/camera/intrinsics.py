@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twinlens.camera.distortion import Distortion, check_invertible
-from twinlens.errors import InputError, check_number
+from twinlens.errors import InputError, check_number, in_one_line
 from twinlens.geometry import Float, film_from_cam, px_from_film
 
 _LARGEST_SIDE = 65536
@@ -43,18 +43,15 @@ class Camera:
     pixel_pitch_um: float = 5.0
 
     def __post_init__(self) -> None:
-        for name in ("width", "height"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= _LARGEST_SIDE:
-                raise InputError(
-                    f"camera {name} must be a whole number of pixels from 1 to {_LARGEST_SIDE}, got {value}"
-                )
-        for name in ("fx", "fy", "pixel_pitch_um"):
-            check_number(f"camera {name}", getattr(self, name), "positive and finite", above=0)
+        _check_size(self.width, self.height)
+        for name, least, most in (("fx", 1e-3, 1e9), ("fy", 1e-3, 1e9), ("pixel_pitch_um", 1e-3, 1e6)):
+            check_number(f"camera {name}", getattr(self, name), f"from {least:g} to {most:g}", least=least, most=most)
         for name in ("cx", "cy"):
-            check_number(f"camera {name}", getattr(self, name), "a finite number")
+            check_number(f"camera {name}", getattr(self, name), "a finite number", least=-1e9, most=1e9)
         if not isinstance(self.distortion, Distortion | None):
-            raise InputError(f"camera distortion must be BrownConrady, KannalaBrandt or None, got {self.distortion!r}")
+            raise InputError(
+                f"camera distortion must be BrownConrady, KannalaBrandt or None, got {in_one_line(self.distortion)}"
+            )
         check_invertible(self)
 
     @classmethod
@@ -64,9 +61,8 @@ class Camera:
         >>> round(Camera.from_fov(640, 480, fov_x_deg=90).fx, 6)
         320.0
         """
-        check_number("fov_x_deg", fov_x_deg, "between 0 and 180 degrees", above=0)
-        if not fov_x_deg < 180:
-            raise InputError(f"fov_x_deg must lie between 0 and 180 degrees, got {fov_x_deg}")
+        _check_size(width, height)
+        check_number("fov_x_deg", fov_x_deg, "between 0 and 180 degrees", least=1e-6, most=180 - 1e-6)
         fx = 0.5 * width / math.tan(0.5 * math.radians(fov_x_deg))
         return cls(width, height, fx, fx, 0.5 * (width - 1), 0.5 * (height - 1), pixel_pitch_um=pixel_pitch_um)
 
@@ -123,3 +119,11 @@ class Camera:
     def replace(self, **changes: object) -> "Camera":
         """A copy with some fields changed, checked again."""
         return replace(self, **changes)  # type: ignore[arg-type]
+
+
+def _check_size(width: int, height: int) -> None:
+    for name, value in (("width", width), ("height", height)):
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= _LARGEST_SIDE:
+            raise InputError(
+                f"camera {name} must be a whole number of pixels from 1 to {_LARGEST_SIDE}, got {in_one_line(value)}"
+            )

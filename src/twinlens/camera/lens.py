@@ -3,14 +3,13 @@
 A lens answers two questions: how wide it is (`aperture_diameter`, metres) and its vergence k (1/m).
 """
 
-import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from twinlens import optics
 from twinlens.camera.aperture import FULL_DISK, Aperture
 from twinlens.camera.intrinsics import Camera
-from twinlens.errors import InputError, check_number
+from twinlens.errors import InputError, check_number, in_one_line
 
 
 @dataclass(frozen=True)
@@ -44,8 +43,7 @@ class ThinLens:
 
     def __post_init__(self) -> None:
         _check_hole("aperture_diameter", self.aperture_diameter, self.aperture)
-        if self.focus_distance != math.inf:
-            check_number("focus_distance", self.focus_distance, "a positive number of metres (or inf)", above=0)
+        optics.check_focus(self.focus_distance)
 
     @classmethod
     def from_f_number(
@@ -55,9 +53,7 @@ class ThinLens:
 
         `film_distance` in metres, as `Camera.film_distance` gives it. Raises InputError unless all three are positive.
         """
-        for name, value in (("f_number", f_number), ("film_distance", film_distance)):
-            check_number(name, value, "positive and finite", above=0)
-        cls(0.0, focus_distance)
+        check_number("f_number", f_number, "positive, from 1e-6 to 1e9", least=1e-6, most=1e9)
         return cls(optics.focal_length(focus_distance, film_distance) / f_number, focus_distance, aperture)
 
     @property
@@ -91,7 +87,7 @@ class BareAperture:
 
     def __post_init__(self) -> None:
         _check_hole("diameter", self.diameter, self.aperture)
-        check_number("film_distance", self.film_distance, "a positive number of metres", above=0)
+        optics.check_length("film_distance", self.film_distance)
 
     @property
     def aperture_diameter(self) -> float:
@@ -111,6 +107,12 @@ class BareAperture:
 Lens = Pinhole | ThinLens | BareAperture
 
 
+def check_lens(lens: Lens) -> None:
+    """Raise InputError for what is no lens."""
+    if not isinstance(lens, Lens):
+        raise InputError(f"a lens is a Pinhole, a ThinLens or a BareAperture, got {in_one_line(lens)}")
+
+
 def film_distance(camera: Camera, lens: Lens) -> float:
     """v in metres: the bare hole's own, else the camera's fx times pixel pitch.
 
@@ -122,6 +124,6 @@ def film_distance(camera: Camera, lens: Lens) -> float:
 
 
 def _check_hole(name: str, diameter: float, aperture: Aperture) -> None:
-    check_number(name, diameter, "a number of metres >= 0", least=0)
+    optics.check_diameter(name, diameter)
     if not isinstance(aperture, Aperture):
-        raise InputError(f"aperture must be Disk, Polygon, Annulus or MaskAperture, got {aperture!r}")
+        raise InputError(f"aperture must be Disk, Polygon, Annulus or MaskAperture, got {in_one_line(aperture)}")

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import Camera
-from twinlens.errors import InputError
+from twinlens.errors import InputError, in_one_line
 
 _REAL = "buif"  # numpy's kinds of truth values, integers and floating-point numbers
 
@@ -15,6 +15,8 @@ def checked_radiance(name: str, radiance: ArrayLike, camera: Camera) -> NDArray[
     Raises InputError, which begins with `name`, for what is no array of real numbers, for another shape, and for NaN,
     infinite and negative values.
     """
+    if not isinstance(camera, Camera):
+        raise InputError(f"camera must be a Camera, got {in_one_line(camera)}")
     wanted = (camera.height, camera.width, 3)
     try:
         image = np.asarray(radiance)

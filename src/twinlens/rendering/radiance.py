@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Lens, Pinhole, Rig
+from twinlens.camera.lens import check_lens as check_lens  # the grid asks it too
 from twinlens.errors import InputError, unknown
 from twinlens.geometry import Float
 from twinlens.rendering.backends import backend, mitsuba
@@ -86,12 +87,6 @@ def check_view(scene: Scene, rig: Rig) -> None:
         raise InputError(f"scene must be a Scene, got {scene!r:.60}; load_scene makes one from a name or a file")
     if not isinstance(rig, Rig):
         raise InputError(f"rig must be a Rig, got {rig!r:.60}; Rig.stereo makes one from a camera, Rig from several")
-
-
-def check_lens(lens: Lens) -> None:
-    """Raise InputError for what is no lens."""
-    if not isinstance(lens, Lens):
-        raise InputError(f"a lens is a Pinhole, a ThinLens or a BareAperture, got {lens!r}")
 
 
 def _photograph(

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.lens import Lens
-from twinlens.errors import InputError, check_number
+from twinlens.errors import InputError, check_number, in_one_line
 
 if TYPE_CHECKING:
     from twinlens.sensor.model import Sensor
@@ -36,8 +36,8 @@ class Exposure:
     gain: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("time", "gain"):
-            check_number(f"exposure {name}", getattr(self, name), "positive and finite", above=0)
+        check_number("exposure time", self.time, "a positive number of seconds, 1e-30 to 1e9", least=1e-30, most=1e9)
+        check_number("exposure gain", self.gain, "positive, 1e-9 to 1e9", least=1e-9, most=1e9)
 
     def value(self, working_f_number: float) -> float:
         """The exposure value EV = log2(N^2 / t), N = v/A.
@@ -45,7 +45,7 @@ class Exposure:
         >>> Exposure(time=1 / 64).value(8.0)
         12.0
         """
-        check_number("working_f_number", working_f_number, "a positive number", above=0)
+        check_number("working_f_number", working_f_number, "a positive number", least=1e-24, most=1e24)
         return math.log2(working_f_number**2 / self.time)
 
 
@@ -67,8 +67,21 @@ class Mismatch:
 
     def __post_init__(self) -> None:
         for name in ("gain", "time"):
-            check_number(f"mismatch {name}", getattr(self, name), "a positive and finite factor", above=0)
-        check_number("mismatch black_level", self.black_level, "a finite number of DN")
+            allowed = "a positive factor from 0.001 to 1000"
+            check_number(f"mismatch {name}", getattr(self, name), allowed, least=1e-3, most=1e3)
+        check_number(
+            "mismatch black_level",
+            self.black_level,
+            "a finite number of DN, at most 1e6 either way",
+            least=-1e6,
+            most=1e6,
+        )
+
+
+def check_exposure(exposure: Exposure | None) -> None:
+    """Raise InputError for what is neither an exposure nor None, the automatic one."""
+    if not isinstance(exposure, Exposure | None):
+        raise InputError(f"exposure must be an Exposure or None (automatic), got {in_one_line(exposure)}")
 
 
 def auto_exposure(

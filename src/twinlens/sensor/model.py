@@ -8,20 +8,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import Camera
-from twinlens.camera.lens import Lens
+from twinlens.camera.lens import Lens, check_lens
 from twinlens.camera.radiance import checked_radiance
 from twinlens.camera.rig import Rig
 from twinlens.diffraction import CHANNEL_WAVELENGTHS
-from twinlens.errors import InputError, check_number, check_triple, in_one_line, unknown
+from twinlens.errors import InputError, unknown
 from twinlens.sensor import light, noise, picture
-from twinlens.sensor.checks import check_seed
-from twinlens.sensor.exposure import Exposure, Mismatch, auto_exposure
+from twinlens.sensor.checks import check_figures, check_seed
+from twinlens.sensor.exposure import Exposure, Mismatch, auto_exposure, check_exposure
 from twinlens.sensor.photo import Image, Photo
 from twinlens.sensor.presets import PRESETS
 
 Float = NDArray[np.float64]
-
-_OUTPUTS = (*picture.CURVES, "raw")
 
 
 @dataclass(frozen=True)
@@ -98,32 +96,8 @@ class Sensor:
     serial: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("quantum_efficiency", "wavelengths"):
-            three = check_triple(f"sensor {name}", getattr(self, name), "three positive numbers (red, green, blue)")
-            object.__setattr__(self, name, three)
-        if max(self.quantum_efficiency) > 1:
-            raise InputError(f"sensor quantum_efficiency is at most 1 electron a photon, got {self.quantum_efficiency}")
-        for name in ("full_well", "gamma", "radiance_scale", "pinhole_f_number", "longest_exposure", "largest_gain"):
-            check_number(f"sensor {name}", getattr(self, name), "a finite number > 0", above=0)
-        for name in ("read_noise", "dark_current", "prnu", "dsnu"):
-            check_number(f"sensor {name}", getattr(self, name), "a finite number >= 0", least=0)
-        self._check_choices()
-
-    def _check_choices(self) -> None:
-        if self.adc_bits not in range(8, 17):
-            raise InputError(f"sensor adc_bits must be a whole number from 8 to 16, got {self.adc_bits}")
-        if self.bits not in (8, 16):
-            raise InputError(f"sensor bits must be 8 or 16, got {self.bits}")
-        check_number("sensor black_level", self.black_level, "a number of DN >= 0", least=0)
-        if self.black_level >= self.largest_dn:
-            raise InputError(f"sensor black_level must lie in 0..{self.largest_dn} DN, got {self.black_level}")
-        if not isinstance(self.mismatch, Mismatch):
-            raise InputError(f"sensor mismatch must be a Mismatch, got {in_one_line(self.mismatch)}")
-        if self.filters not in picture.FILTERS:
-            raise unknown("sensor filters", str(self.filters), picture.FILTERS)
-        if self.output not in _OUTPUTS:
-            raise unknown("sensor output", str(self.output), _OUTPUTS)
-        check_seed("sensor serial", self.serial)
+        for name, values in check_figures(self).items():
+            object.__setattr__(self, name, values)
 
     @classmethod
     def preset(cls, name: str, **changes: Any) -> "Sensor":
@@ -162,6 +136,7 @@ class Sensor:
 
     def level_rate(self, radiance: ArrayLike, *, camera: Camera, lens: Lens) -> Float:
         """Shares of white a second at gain 1 that a radiance image makes, (H, W, 3): what the exposure is judged by."""
+        check_lens(lens)
         rates = self._rates(checked_radiance("radiance", radiance, camera), camera, lens)
         if self.filters == "mono":
             rates = np.repeat(rates.sum(axis=-1, keepdims=True), 3, axis=-1)
@@ -185,9 +160,12 @@ class Sensor:
         Raises InputError for an image of another size than the camera's, negative or NaN radiance, a negative seed.
         A given exposure through a lens below f/1 earns a `ParaxialWarning`: it would promise too much light.
         """
+        image = checked_radiance("radiance", radiance, camera)
+        check_lens(lens)
+        check_exposure(exposure)
         if exposure is not None:
             light.warn_below_f1(camera, lens)
-        return self._take(radiance, camera, lens, exposure, seed, eye)
+        return self._take(image, camera, lens, exposure, seed, eye)
 
     def _take(
         self, radiance: ArrayLike, camera: Camera, lens: Lens, exposure: Exposure | None, seed: int, eye: int
@@ -226,6 +204,8 @@ class Sensor:
         """A picture for each camera of a rig, under one exposure, each eye with its own noise and fixed pattern."""
         if len(images) != len(rig):
             raise InputError(f"expose_rig needs one image a camera, got {len(images)} images and {len(rig)} cameras")
+        check_lens(lens)
+        check_exposure(exposure)
         if exposure is not None:
             light.warn_below_f1(rig.cameras[0], lens)
         shared = exposure or auto_exposure(images, sensor=self, cameras=rig.cameras, lens=lens)
