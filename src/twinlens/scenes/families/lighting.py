@@ -130,3 +130,8 @@ def key_and_fill(stage: Stage, rng: Rng, middle: Float, radius: float, view_azim
 def tilted(mesh: Mesh, pose: Float) -> Mesh:
     """A mesh moved once and for all."""
     return shapes.transformed(mesh, pose)
+
+
+def glow(stage: Stage, name: str, mesh: Mesh, pose: Float, radiance: Float) -> None:
+    """A mesh that shines: window panes, lamp shades."""
+    stage.add(name, mesh, _BLACK, pose, {"type": "area", "radiance": _color(radiance)})

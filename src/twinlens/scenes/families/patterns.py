@@ -330,8 +330,8 @@ PATTERNS: dict[str, Callable[[int, Rng, Float], Image]] = {
 }
 
 
-def pattern(name: str, n: int, rng: Rng, colors: Float, mottle: float = 0.16) -> Image:
+def pattern(name: str, n: int, rng: Rng, colors: Float, mottle: float = 0.07) -> Image:
     """A pattern with faint mottling over it, every texel within what paint can be."""
     painted = PATTERNS[name](n, rng, colors)
-    wear = noise(n, rng, 3, octaves=7, gain=0.72) - np.float32(0.5)
+    wear = noise(n, rng, 3, octaves=6, gain=0.6) - np.float32(0.5)
     return np.clip(painted * np.exp(np.float32(5 * mottle) * wear)[..., None], 0.01, 0.88).astype(np.float32)

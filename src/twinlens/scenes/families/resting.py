@@ -14,14 +14,15 @@ from twinlens.scenes.scene import Mesh
 
 Rng = np.random.Generator
 _SAME_PLANE = 1e-5  # hull triangles whose planes agree to this are one face
-_MOST_FACES = 48
+_MOST_FACES = 24
+_LEAST_MARGIN = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Rest:
     """A way to lie: the turn (3, 3), and points (N, 3) on hull and its centre of mass afterwards, lowest at z = 0.
 
-    `support` (N, 2) is the contact polygon, `top` (N, 2) the level face on top or None, `height` the highest z.
+    `support` (N, 2) is the contact polygon, `top` (N, 2) the level face on top that is whole, or None, `height` the highest z.
     """
 
     turn: Float
@@ -59,7 +60,7 @@ def rests(mesh: Mesh, size: float = 1.0) -> list[Rest]:
     """Every side that a body of this mesh, `size` times as large, stays lying on, likeliest first.
 
     The likelihood of a face is the part of a small sphere around the centre of mass that it covers, as if the body were
-    dropped at random. A face counts if the centre of mass lies inside it by a margin of 1% of the body's size.
+    dropped at random. A face counts if the centre of mass lies inside it by a margin, 0.2% of the body's size.
     """
     vertices = mesh.vertices * size
     hull = ConvexHull(vertices)
@@ -68,23 +69,47 @@ def rests(mesh: Mesh, size: float = 1.0) -> list[Rest]:
     if np.any(hull.equations[:, :3] @ centre + hull.equations[:, 3] > 0):
         centre = points.mean(axis=0)  # a mesh that is not closed has no volume to speak of
     found = []
-    for plane in _planes(hull, size):
-        rest = _rest(points, centre, plane, size)
+    level = _Faces.of(vertices, mesh)
+    for plane in _planes(hull, centre, size):
+        rest = _rest(points, centre, plane, size, level)
         if rest is not None:
             found.append(rest)
     return sorted(found, key=lambda rest: -rest.likelihood)
 
 
-def _planes(hull: ConvexHull, size: float) -> Float:
-    """The distinct planes (N, 4) of a hull's faces, the largest few: a finely divided ball has thousands alike."""
+def _planes(hull: ConvexHull, centre: Float, size: float) -> Float:
+    """The distinct planes (N, 4) of a hull's faces, the largest few and those nearest to its centre of mass, on one of
+    which it always rests: a finely divided ball has thousands alike."""
     scaled = hull.equations / [1, 1, 1, size]
     _, first, same = np.unique(np.round(scaled / (10 * _SAME_PLANE)), axis=0, return_index=True, return_inverse=True)
     a, b, c = (hull.points[hull.simplices[:, i]] for i in range(3))
     area = np.bincount(same.ravel(), np.linalg.norm(np.cross(b - a, c - a), axis=1))
-    return np.asarray(hull.equations[first[np.argsort(-np.round(area / size**2, 9), kind="stable")[:_MOST_FACES]]])
+    largest = np.argsort(-np.round(area / size**2, 9), kind="stable")[:_MOST_FACES]
+    nearest = np.argsort(-np.round(hull.equations[first] @ [*centre, 1.0] / size, 9), kind="stable")[:_MOST_FACES]
+    return np.asarray(hull.equations[first[np.unique(np.concatenate([largest, nearest]))]])
 
 
-def _rest(points: Float, centre: Float, plane: Float, size: float) -> Rest | None:
+@dataclass(frozen=True, eq=False)
+class _Faces:
+    """The triangles of a mesh: crosses of their sides (F, 3), and a corner (F, 3) each."""
+
+    cross: Float
+    corner: Float
+
+    @classmethod
+    def of(cls, vertices: Float, mesh: Mesh) -> "_Faces":
+        a, b, c = (vertices[mesh.faces[:, i]] for i in range(3))
+        return cls(np.cross(b - a, c - a), a)
+
+    def area(self, direction: Float, height: float, size: float) -> float:
+        """The area of those that face `direction` and lie `height` along it."""
+        up = self.cross @ direction
+        flat = up > (1 - 1e-9) * np.linalg.norm(self.cross, axis=1)
+        there = np.abs(self.corner @ direction - height) < _SAME_PLANE * size
+        return 0.5 * float(up[flat & there].sum())
+
+
+def _rest(points: Float, centre: Float, plane: Float, size: float, faces: _Faces) -> Rest | None:
     turn = _downwards(plane[:3])
     turned, balanced = points @ turn.T, turn @ centre
     floor = turned[:, 2].min()
@@ -95,12 +120,19 @@ def _rest(points: Float, centre: Float, plane: Float, size: float) -> Rest | Non
     if support is None:
         return None
     margin = inside_by(support, balanced[:2])
-    if margin < 0.01 * size:
+    if margin < _LEAST_MARGIN * size:
         return None
-    above = turned[turned[:, 2] > turned[:, 2].max() - _SAME_PLANE * size, :2]
-    area = 0.5 * float(np.sum(support[:, 0] * np.roll(support[:, 1], -1) - support[:, 1] * np.roll(support[:, 0], -1)))
-    height = float(balanced[2])
-    return Rest(turn, turned, balanced, support, polygon(above), area / (height**2 + area), margin)
+    top = polygon(turned[turned[:, 2] > turned[:, 2].max() - _SAME_PLANE * size, :2])
+    if top is not None and faces.area(turn[2], float((points @ turn[2]).max()), size) < 0.99 * _area(top):
+        top = None  # a rim, with nothing to stand on inside
+    area, height = _area(support), float(balanced[2])
+    return Rest(turn, turned, balanced, support, top, area / (height**2 + area), margin)
+
+
+def _area(convex: Float) -> float:
+    """Of an outline (N, 2). Source: the shoelace formula."""
+    x, y = convex.T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 def _downwards(normal: Float) -> Float:

@@ -1,89 +1,276 @@
-"""Things in the air, at disparities spread evenly, before a wall or an open sky."""
+"""A furnished room seen from its open end: walls with windows, furniture along them and in the middle, clutter on it."""
 
 import math
 
 import numpy as np
 
-from twinlens.geometry import look_at
-from twinlens.scenes.families import fitting, lighting
-from twinlens.scenes.families.bodies import draw_body, random_turn
+from twinlens.geometry import Float, look_at, transform_points
+from twinlens.scenes import shapes
+from twinlens.scenes.families import fitting, furniture, lighting
+from twinlens.scenes.families.arranging import arrange, choose_rest
+from twinlens.scenes.families.bodies import draw_body
+from twinlens.scenes.families.dressing import dress
 from twinlens.scenes.families.family import Family, Request
+from twinlens.scenes.families.furniture import Piece, Shelf
 from twinlens.scenes.families.palettes import Palette, draw_palette
-from twinlens.scenes.families.stage import Stage, placed
-from twinlens.scenes.families.surfaces import WALLS, Sheet, surface, wall_colors
-from twinlens.scenes.families.view import View
+from twinlens.scenes.families.resting import Rest, Rng, gap
+from twinlens.scenes.families.shell import Shell, build_shell, window
+from twinlens.scenes.families.stage import Stage
+from twinlens.scenes.families.view import View, look
+from twinlens.scenes.placement import rotation, translation
 from twinlens.scenes.scene import Scene
+
+_CLUTTER = ("vase", "bottle", "bowl", "cup", "jar", "tin", "candle", "book", "book", "carton", "ball", "pebble", "knot",
+            "plate", "blob", "superquadric", "goblet", "crystal", "ring")  # fmt: skip
+_ON_FLOOR = ("ball", "carton", "block", "superquadric", "vase", "jar", "pebble", "crystal")
 
 
 def compose(request: Request) -> Scene:
-    """One scene: bodies, then what stands behind them, then light."""
+    """One scene: the empty room and the camera, the furniture, what stands on it, then surfaces and light."""
     palette = draw_palette(request.rng("palette"))
-    view = _view(request)
-    deep = fitting.ratio(request, 2.5, 8.0)
+    rng = request.rng("room")
+    shell = Shell(rng.uniform(3.4, 5.2), -1.2, rng.uniform(3.6, 5.6), rng.uniform(2.45, 2.9))
+    view = _view(request, shell)
+    far = look(view, [(mesh.vertices, mesh.faces) for mesh in shell.meshes()]).depth_range[1]
+    near = far / fitting.ratio(request, 3.2, 6.0)
+    plan = _Plan(request, shell, view, near)
+    plan.furnish()
     stage = Stage()
-    _bodies(request, stage, view, palette, deep)
-    near = stage.seen(view).depth_range[0]
-    _backdrop(request, stage, view, palette, near * deep)
-    _light(request, stage, view, deep)
+    build_shell(request, stage, shell, view, palette)
+    _windows(request, stage, shell, plan)
+    for index, (piece, pose) in enumerate(plan.placed):
+        _put(request, stage, view, palette, piece, pose, index)
+    _clutter(request, stage, view, palette, plan)
+    _decorate(request, stage, view, palette, shell, plan)
+    _light(request, stage, shell)
     return fitting.finished(request, stage, view, FAMILY.about)
 
 
-FAMILY = Family("room", (8, 16), compose, 1.8)
+FAMILY = Family("a furnished room", (8, 22), compose, 2.5)
 
 
-def _view(request: Request) -> View:
+def _view(request: Request, shell: Shell) -> View:
+    """At eye height near the open end, turned a little to one side."""
     rng = request.rng("view")
-    target = np.array([0.0, 1.0, rng.uniform(-0.15, 0.1)])
-    return View(look_at(np.zeros(3), target), float(rng.uniform(42, 65)), request.aspect, request.width_px)
+    eye = np.array([rng.uniform(-0.3, 0.3) * shell.width, shell.front + rng.uniform(0.25, 0.5), rng.uniform(1.15, 1.6)])
+    target = np.array([-0.6 * eye[0] + rng.uniform(-0.4, 0.4), shell.back, rng.uniform(0.55, 1.0)])
+    return View(look_at(eye, target), float(rng.uniform(56, 70)), request.aspect, request.width_px)
 
 
-def _bodies(request: Request, stage: Stage, view: View, palette: Palette, deep: float) -> None:
-    """Bodies at even steps of 1/depth from 1 to `deep`, the nearest towards the edges, none within another's reach."""
-    count = request.count
-    steps = (np.arange(count) + request.rng("steps").random(count)) / count
-    inverse = 1 + (1 / (0.9 * deep) - 1) * steps
-    taken: list[tuple[np.ndarray, float]] = []  # type: ignore[type-arg]
-    for index, depth in enumerate(1 / inverse):
-        drawn = draw_body(request, ("body", index), palette)
-        rng = request.rng("place", index)
-        share = math.exp(rng.uniform(math.log(0.09), math.log(0.3)))
-        reach = 0.5 * share * view.covered(float(depth))[0]
-        size = reach / float(np.linalg.norm(drawn.solid.mesh.vertices, axis=1).max())
-        for _ in range(40):
-            x, y = rng.uniform(-1, 1, 2) * (1.0, 0.95)
-            centre = view.at(float(x), float(y), float(depth) + reach)
-            if all(np.linalg.norm(centre - other) > reach + radius for other, radius in taken):
-                taken.append((centre, reach))
-                pose = placed(random_turn(rng), centre, size)
-                pixel = view.pixel(float(depth)) / size * drawn.size
-                stage.add(drawn.name, drawn.solid.mesh, drawn.material(pixel), pose)
+def _rectangle(size: tuple[float, float], pose: Float, margin: float = 0.0) -> Float:
+    """The outline (4, 2) of a piece on the floor."""
+    half = np.array(size) / 2 + margin
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+    return transform_points(pose, np.column_stack([corners, np.zeros(4)]))[:, :2]
+
+
+class _Plan:
+    """Where furniture stands: no two pieces on the same floor, nothing nearer to the camera than is wanted."""
+
+    def __init__(self, request: Request, shell: Shell, view: View, near: float) -> None:
+        self.request, self.shell, self.view, self.near = request, shell, view, near
+        self.placed: list[tuple[Piece, Float]] = []
+        self.taken: list[Float] = []
+        self.walls: dict[str, list[tuple[float, float, float]]] = {"back": [], "left": [], "right": []}
+
+    def furnish(self) -> None:
+        """Along the back, along the sides, in the middle, and one piece in front that is as near as is wanted."""
+        self._in_front()
+        self._along("back", self.shell.width, 4)
+        for side in ("left", "right"):
+            self._along(side, self.shell.back - self.shell.front, 3)
+        self._in_the_middle()
+
+    def _try(self, piece: Piece, pose: Float, margin: float = 0.04) -> bool:
+        """Put a piece there if it is free, inside, and far enough away."""
+        outline = _rectangle(piece.floor, pose, margin)
+        inner = np.array([self.shell.width / 2 - 0.01, self.shell.back - 0.01])
+        if (np.abs(outline[:, 0]) > inner[0] + margin).any() or (outline[:, 1] > inner[1] + margin).any():
+            return False
+        if any(gap(outline, other) <= 0 for other in self.taken) or self._depth(piece, pose) < self.near:
+            return False
+        self.placed.append((piece, pose))
+        self.taken.append(_rectangle(piece.floor, pose))
+        return True
+
+    def _depth(self, piece: Piece, pose: Float) -> float:
+        """The nearest depth of the piece's box."""
+        outline = _rectangle(piece.floor, pose)
+        corners = np.concatenate([np.column_stack([outline, np.full(4, z)]) for z in (0.0, piece.height)])
+        return float(self.view.depth(corners).min())
+
+    def _along(self, side: str, length: float, most: int) -> None:
+        rng = self.request.rng("along", side)
+        names = list(furniture.AGAINST_WALLS)
+        for attempt in range(2 * most):
+            name = names[int(rng.integers(len(names)))]
+            if sum(piece.kind in (name, "armchair" if name == "sofa" else name) for piece, _ in self.placed) >= 2:
+                continue
+            piece = furniture.AGAINST_WALLS[name](self.request.rng("piece", side, attempt))
+            along = float(rng.uniform(-0.5, 0.5) * (length - piece.floor[0]))
+            off = piece.floor[1] / 2 + 0.05
+            if self._try(piece, self.shell.against(side, along, off)):
+                self.walls[side].append((along, piece.floor[0], piece.height))
+
+    def _in_the_middle(self) -> None:
+        rng = self.request.rng("middle")
+        name = list(furniture.IN_THE_MIDDLE)[int(rng.integers(len(furniture.IN_THE_MIDDLE)))]
+        piece = furniture.IN_THE_MIDDLE[name](self.request.rng("piece", "middle"))
+        for _ in range(30):
+            place = np.array(
+                [rng.uniform(-0.25, 0.25) * self.shell.width, rng.uniform(0.35, 0.75) * self.shell.back, 0]
+            )
+            pose = translation(place) @ rotation(np.array([0.0, 0, 1]), float(rng.normal(0, 12)))
+            if self._try(piece, pose):
+                break
+        else:
+            return
+        if name == "dining table":
+            self._chairs(pose, piece)
+
+    def _chairs(self, pose: Float, table: Piece) -> None:
+        rng = self.request.rng("chairs")
+        made = furniture.chair(self.request.rng("piece", "chair"))
+        for sign in (-1, 1):
+            for x in (-0.25, 0.25):
+                if rng.random() < 0.75:
+                    turn = rotation(np.array([0.0, 0, 1]), (180.0 if sign < 0 else 0.0) + float(rng.normal(0, 14)))
+                    off = table.floor[1] / 2 + made.floor[1] / 2 + rng.uniform(0.06, 0.25)
+                    self._try(made, pose @ translation(np.array([x * table.floor[0], sign * off, 0])) @ turn, 0.01)
+
+    def _in_front(self) -> None:
+        """At one side of the picture, shifted along the view until its nearest corner is where it should be."""
+        rng = self.request.rng("front")
+        names = list(furniture.IN_FRONT)
+        for attempt in range(8):
+            piece = furniture.IN_FRONT[names[int(rng.integers(len(names)))]](
+                self.request.rng("piece", "front", attempt)
+            )
+            side, turn = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.45, 0.85), float(rng.uniform(0, 360))
+            depth = self.near + 0.3
+            for _ in range(6):
+                place = self.view.at(side, 0.0, depth) * [1, 1, 0]
+                pose = translation(place) @ rotation(np.array([0.0, 0, 1]), turn)
+                depth += self.near * 1.001 - self._depth(piece, pose)
+            if self._visible(piece, pose) and self._try(piece, pose):
+                return
+
+    def _visible(self, piece: Piece, pose: Float) -> bool:
+        """Whether its top is in the picture."""
+        top = np.append(pose[:2, 3], piece.height)
+        x, y, z = transform_points(self.view.cam_from_world, top)
+        return bool(z > 0 and abs(x) < 0.95 * z * self.view.half[0] and abs(y) < 0.85 * z * self.view.half[1])
+
+
+def _put(request: Request, stage: Stage, view: View, palette: Palette, piece: Piece, pose: Float, index: int) -> None:
+    pixel = view.pixel(max(float(view.depth(pose[None, :3, 3])[0]), 0.5))
+    tone = request.rng("tone", piece.kind, index)
+    shared = int(tone.integers(1 << 30))
+    for name, mesh, word in piece.parts:
+        label = name if name.startswith(piece.kind) or piece.kind in ("lamp", "plant") else f"{piece.kind}-{name}"
+        if word == "lit":
+            lighting.glow(stage, label, mesh, pose, request.rng("lit", index).uniform(2.0, 4.0) * lighting.WARM)
+            continue
+        stage.add(label, mesh, dress(request, (piece.kind, index, name), word, palette, pixel, shared), pose)
+
+
+def _clutter(request: Request, stage: Stage, view: View, palette: Palette, plan: _Plan) -> None:
+    """Bodies at rest on shelves and tables, by their room."""
+    shelves = [(shelf, pose, i) for i, (piece, pose) in enumerate(plan.placed) for shelf in piece.shelves]
+    if not shelves:
+        return
+    rng = request.rng("clutter")
+    weights = np.array([math.sqrt(shelf.size[0] * shelf.size[1]) for shelf, _, _ in shelves])
+    chosen = rng.choice(len(shelves), size=request.count, p=weights / weights.sum())
+    for index, (shelf, pose, _) in enumerate(shelves):
+        wanted = int((chosen == index).sum())
+        if wanted:
+            _fill(request, stage, view, palette, shelf, pose, index, wanted)
+
+
+def _fill(
+    request: Request, stage: Stage, view: View, palette: Palette, shelf: Shelf, pose: Float, index: int, wanted: int
+) -> None:
+    bodies = []
+    for k in range(wanted):
+        drawn = draw_body(request, ("clutter", index, k), palette, _CLUTTER)
+        rest = choose_rest(drawn, request.rng("rest", index, k))
+        if rest is not None and rest.height < shelf.free:
+            bodies.append((drawn, rest, request.rng("place", index, k)))
+    half = np.array(shelf.size) / 2
+
+    def where(rng: Rng, rest: Rest) -> Float:
+        return np.asarray(rng.uniform(-1, 1, 2) * half + shelf.middle)
+
+    def allowed(outline: Float) -> bool:
+        return bool((np.abs(outline - shelf.middle) < half).all())
+
+    stacked = 0.35 if shelf.free > 0.5 else 0.0
+    for standing in arrange(bodies, where, shelf.height, allowed, 0.01, stacked):
+        drawn = standing.drawn
+        at = pose @ standing.pose
+        pixel = view.pixel(max(float(view.depth(at[None, :3, 3])[0]), 0.3))
+        stage.add(drawn.name, drawn.solid.mesh, drawn.material(pixel), at)
+
+
+def _windows(request: Request, stage: Stage, shell: Shell, plan: _Plan) -> None:
+    """One or two, where no high furniture stands; the room's daylight."""
+    rng = request.rng("windows")
+    sides = rng.permutation(["left", "right", "back"])[: int(rng.integers(1, 3))]
+    for index, side in enumerate(sides):
+        length = shell.width if side == "back" else shell.back - shell.front
+        for _ in range(12):
+            along = float(rng.uniform(-0.5, 0.5) * (length - 1.9))
+            if all(abs(along - at) > 0.95 + wide / 2 or tall < 0.75 for at, wide, tall in plan.walls[side]):
+                window(request, stage, shell, side, along, index)
+                plan.walls[side].append((along, 2.0, 2.3))
                 break
 
 
-def _backdrop(request: Request, stage: Stage, view: View, palette: Palette, far: float) -> None:
-    """A large wall, turned a little."""
-    rng = request.rng("backdrop")
-    yaw, pitch = np.radians(rng.uniform(-25, 25)), np.radians(rng.uniform(-8, 8))
-    pose = view.world_from_cam[:3, :3]
-    u = pose @ [math.cos(yaw), 0, math.sin(yaw)]
-    v = pose @ [math.sin(yaw) * math.sin(pitch), -math.cos(pitch), -math.sin(pitch) * math.cos(yaw)]
-    v = v - (v @ u) * u
-
-    def sheet(distance: float) -> Sheet:
-        width, height = 2.2 * view.covered(distance * 1.4)
-        centre = view.at(0, 0, distance)
-        return Sheet(centre - 0.5 * (width * u + height * v), width * u, height * v)
-
-    distance = fitting.solve_far(view, stage, lambda d: [sheet(d).mesh()], far, 0.8 * far)
-    name, tile = WALLS[int(rng.integers(len(WALLS)))]
-    wall = sheet(distance)
-    tile *= 0.25 * view.covered(distance)[0]
-    material = surface(request.rng("wall"), wall, view, name, wall_colors(rng, palette), tile)
-    stage.add("backdrop", wall.mesh(), material)
+def _decorate(request: Request, stage: Stage, view: View, palette: Palette, shell: Shell, plan: _Plan) -> None:
+    """A rug in the middle, and pictures where the walls are free."""
+    rng = request.rng("decoration")
+    if rng.random() < 0.75:
+        size = (rng.uniform(1.5, 2.4), rng.uniform(1.0, 1.7))
+        rug = furniture.board((*size, 0.012), (0, 0, 0.006), 0.005)
+        place = np.array([rng.uniform(-0.3, 0.3), rng.uniform(0.3, 0.6) * shell.back, 0.0005])
+        pose = translation(place) @ rotation(np.array([0.0, 0, 1]), float(rng.normal(0, 10)))
+        stage.add("rug", rug, dress(request, ("rug",), "rug", palette, view.pixel(2.0), 0), pose)
+    for index, side in enumerate(("back", "left", "right", "back")):
+        length = shell.width if side == "back" else shell.back - shell.front
+        for _ in range(8):
+            along = float(rng.uniform(-0.42, 0.42) * length)
+            w, h = rng.uniform(0.35, 0.9), rng.uniform(0.35, 0.8)
+            if all(abs(along - at) > 0.5 * (w + wide) + 0.1 or tall < 1.0 for at, wide, tall in plan.walls[side]):
+                _picture(request, stage, view, palette, shell.against(side, along, 0.0), (w, h), index)
+                plan.walls[side].append((along, w, 2.0))
+                break
 
 
-def _light(request: Request, stage: Stage, view: View, deep: float) -> None:
+def _picture(
+    request: Request, stage: Stage, view: View, palette: Palette, pose: Float, size: tuple[float, float], index: int
+) -> None:
+    w, h = size
+    z = 1.55
+    frame = [furniture.board((w + 0.05, 0.03, 0.035), (0, -0.015, z + s * h / 2)) for s in (-1, 1)]
+    frame += [furniture.board((0.035, 0.03, h + 0.05), (s * w / 2, -0.015, z)) for s in (-1, 1)]
+    pixel = view.pixel(max(float(view.depth(pose[None, :3, 3])[0]), 0.5))
+    stage.add("picture-frame", shapes.merged(frame), dress(request, ("frame", index), "wood", palette, pixel, 0), pose)
+    canvas = furniture.board((w, 0.012, h), (0, -0.007, z))
+    fitted = np.array(canvas.uv) / [w, h]
+    canvas = type(canvas)(canvas.vertices, canvas.faces, canvas.normals, fitted)
+    stage.add("picture", canvas, dress(request, ("picture", index), "picture", palette, pixel / max(w, h), 0), pose)
+
+
+def _light(request: Request, stage: Stage, shell: Shell) -> None:
+    """A lamp or a light well above, the open end behind the camera, and what little comes from everywhere."""
     rng = request.rng("light")
-    if request.assets.hdris and lighting.given_environment(stage, rng, request.assets):
-        return
-    lighting.key_and_fill(stage, rng, view.at(0, 0, 0.5 * deep), 0.6 * deep, -90.0)
+    if rng.random() < 0.7:
+        spot = np.array([rng.uniform(-0.2, 0.2) * shell.width, rng.uniform(0.3, 0.6) * shell.back, shell.height - 0.02])
+        side = rng.uniform(0.5, 1.1)
+        tone = (lighting.WARM, lighting.NEUTRAL)[int(rng.integers(2))]
+        lighting.panel(stage, "ceiling-light", spot, spot - [0, 0, 1], (side, side), rng.uniform(2.0, 5.0) * tone)
+    place = np.array([0.0, shell.front + 0.02, 0.55 * shell.height])
+    size = (0.9 * shell.width, 0.8 * shell.height)
+    lighting.panel(stage, "hall-light", place, place + [0, 1, 0], size, rng.uniform(0.35, 0.9) * lighting.NEUTRAL)
+    lighting.ambient(stage, 0.1 * lighting.NEUTRAL)

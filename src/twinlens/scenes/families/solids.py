@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.scene import Mesh
 
 Rng = np.random.Generator
+Indices = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,26 +52,37 @@ def turned(kind: str, profile: Float, upright: bool = True, smooth: bool = True,
     return unit(kind, mesh, upright, (2 * math.pi * float(profile[:, 0].max()) * 0.8, length), around=True)
 
 
-def box_mapped(vertices: Float, faces: Float, smooth_deg: float) -> Mesh:
-    """Texture coordinates from the two coordinates across each triangle's main direction, in the body's own units."""
-    import trimesh
+def box_mapped(vertices: Float, faces: Indices, smooth_deg: float) -> Mesh:
+    """Texture coordinates from the two coordinates across each triangle's main direction, in the body's own units.
 
-    made = trimesh.Trimesh(vertices, faces, process=False)
-    flat = np.repeat(made.face_normals, 3, axis=0)
-    normals = flat if smooth_deg <= 0 else _creased(made, math.radians(smooth_deg))
-    corner = np.asarray(made.triangles).reshape(-1, 3)
-    main = np.abs(flat).argmax(axis=1)
-    pairs = np.array([(1, 2), (0, 2), (0, 1)])[main]
-    uv = np.take_along_axis(corner, pairs, axis=1)
+    Smooth where faces that share a vertex meet at less than `smooth_deg`.
+    """
+    cross = _face_cross(vertices, faces)
+    unit_cross = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-15)
+    normals = _creased(vertices, np.asarray(faces), cross, math.radians(max(smooth_deg, 0.1)))
+    corner = vertices[faces].reshape(-1, 3)
+    main = np.abs(np.repeat(unit_cross, 3, axis=0)).argmax(axis=1)
+    uv = np.take_along_axis(corner, np.array([(1, 2), (0, 2), (0, 1)])[main], axis=1)
     return Mesh(corner, np.arange(len(corner), dtype=np.uint32).reshape(-1, 3), normals, uv)
 
 
-def _creased(made: Any, angle: float) -> Float:
-    """Normals (3F, 3) of each triangle's corners: the area-weighted mean of the faces around that lie within `angle`."""
-    import trimesh
-
-    smooth = trimesh.graph.smooth_shade(made, angle=angle)
-    return np.asarray(smooth.vertex_normals)[np.asarray(smooth.faces)].reshape(-1, 3)
+def _creased(vertices: Float, faces: Indices, cross: Float, angle: float) -> Float:
+    """Normals (3F, 3) of the triangles' corners: the sum of the faces (area-weighted) around a vertex that lie within
+    `angle` of the corner's own."""
+    corner = faces.reshape(-1)
+    order = np.argsort(corner, kind="stable")
+    start, valence = np.unique(corner[order], return_index=True, return_counts=True)[1:]
+    mates = np.repeat(valence, valence)
+    left = np.repeat(np.arange(len(corner)), mates)
+    right = (
+        np.arange(len(left)) - np.repeat(np.cumsum(mates) - mates, mates) + np.repeat(np.repeat(start, valence), mates)
+    )
+    unit = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-15)
+    a, b = order[left] // 3, order[right] // 3
+    alike = np.einsum("nc,nc->n", unit[a], unit[b]) > math.cos(angle)
+    total = np.zeros((len(corner), 3))
+    np.add.at(total, order[left[alike]], cross[b[alike]])
+    return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-15))
 
 
 def sheet(points: Float, wrap_v: bool = False) -> Mesh:
@@ -77,7 +90,8 @@ def sheet(points: Float, wrap_v: bool = False) -> Mesh:
     or, with `wrap_v`, meet. Normals are means over the faces that share a place."""
     rows, columns = points.shape[:2]
     closed = np.concatenate([points, points[:, :1]], axis=1)
-    closed = np.concatenate([closed, closed[:1]], axis=0) if wrap_v else closed
+    if wrap_v:
+        closed = np.concatenate([closed, closed[:1]], axis=0)
     v, u = np.meshgrid(np.linspace(0, 1, len(closed)), np.linspace(0, 1, columns + 1), indexing="ij")
     vertices, faces = closed.reshape(-1, 3), shapes.grid(columns + 1, len(closed))
     cross = _face_cross(vertices, faces)
@@ -91,7 +105,7 @@ def sheet(points: Float, wrap_v: bool = False) -> Mesh:
     return Mesh(vertices, faces, normals, np.stack([u, v], axis=-1).reshape(-1, 2))
 
 
-def _face_cross(vertices: Float, faces: Float) -> Float:
+def _face_cross(vertices: Float, faces: Indices) -> Float:
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     return np.asarray(np.cross(b - a, c - a))
 

@@ -1,89 +1,170 @@
-"""Things in the air, at disparities spread evenly, before a wall or an open sky."""
+"""A still life: bodies at rest on a table, a wall behind, light from one side."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from twinlens.geometry import look_at
+from twinlens.geometry import Float, look_at
 from twinlens.scenes.families import fitting, lighting
-from twinlens.scenes.families.bodies import draw_body, random_turn
+from twinlens.scenes.families.arranging import Standing, arrange, choose_rest
+from twinlens.scenes.families.bodies import Drawn, draw_body
 from twinlens.scenes.families.family import Family, Request
 from twinlens.scenes.families.palettes import Palette, draw_palette
-from twinlens.scenes.families.stage import Stage, placed
-from twinlens.scenes.families.surfaces import WALLS, Sheet, surface, wall_colors
+from twinlens.scenes.families.resting import Rest, Rng
+from twinlens.scenes.families.stage import Stage
+from twinlens.scenes.families.surfaces import FLOORS, TOPS, WALLS, Sheet, surface, wall_colors
 from twinlens.scenes.families.view import View
-from twinlens.scenes.scene import Scene
+from twinlens.scenes.scene import Mesh, Scene
+
+_TABLE_HEIGHT = 0.74
+_THICKNESS = 0.035
 
 
 def compose(request: Request) -> Scene:
-    """One scene: bodies, then what stands behind them, then light."""
+    """One scene: camera, bodies, then table, wall and floor to suit them, then light."""
     palette = draw_palette(request.rng("palette"))
-    view = _view(request)
-    deep = fitting.ratio(request, 2.5, 8.0)
+    deep = fitting.ratio(request, 2.0, 5.0)
+    view = _view(request, deep)
     stage = Stage()
-    _bodies(request, stage, view, palette, deep)
-    near = stage.seen(view).depth_range[0]
-    _backdrop(request, stage, view, palette, near * deep)
-    _light(request, stage, view, deep)
+    for standing in _still_life(request, view, palette):
+        drawn = standing.drawn
+        pixel = view.pixel(float(view.depth(standing.place[None])[0]))
+        stage.add(drawn.name, drawn.solid.mesh, drawn.material(pixel), standing.pose)
+    _surroundings(request, stage, view, palette, deep)
+    _light(request, stage, view)
     return fitting.finished(request, stage, view, FAMILY.about)
 
 
-FAMILY = Family("tabletop", (8, 16), compose, 1.8)
+FAMILY = Family("bodies at rest on a table", (8, 18), compose, 1.8)
 
 
-def _view(request: Request) -> View:
+def _view(request: Request, deep: float) -> View:
+    """Looking down at the origin, closer with a wide field or farther with a narrow one, as the depths demand."""
     rng = request.rng("view")
-    target = np.array([0.0, 1.0, rng.uniform(-0.15, 0.1)])
-    return View(look_at(np.zeros(3), target), float(rng.uniform(42, 65)), request.aspect, request.width_px)
+    pitch, fov = math.radians(rng.uniform(14, 36)), rng.uniform(38, 56)
+    while fov > 12 and _nearest_share(pitch, fov, request.aspect) < 1.45 / deep:
+        fov *= 0.94
+    distance = rng.uniform(0.42, 0.52) / math.tan(math.radians(fov) / 2)
+    eye = distance * np.array([0.0, -math.cos(pitch), math.sin(pitch)])
+    aim = np.array([0.0, 0.0, 0.07])
+    return View(look_at(eye + aim, aim), float(fov), request.aspect, request.width_px)
 
 
-def _bodies(request: Request, stage: Stage, view: View, palette: Palette, deep: float) -> None:
-    """Bodies at even steps of 1/depth from 1 to `deep`, the nearest towards the edges, none within another's reach."""
-    count = request.count
-    steps = (np.arange(count) + request.rng("steps").random(count)) / count
-    inverse = 1 + (1 / (0.9 * deep) - 1) * steps
-    taken: list[tuple[np.ndarray, float]] = []  # type: ignore[type-arg]
-    for index, depth in enumerate(1 / inverse):
+def _nearest_share(pitch: float, fov: float, aspect: float) -> float:
+    """The depth of the table at the picture's lower edge over that at its middle."""
+    half = math.atan(math.tan(math.radians(fov) / 2) / aspect)
+    return math.sin(pitch) * math.cos(half) / math.sin(pitch + half)
+
+
+def _still_life(request: Request, view: View, palette: Palette) -> list[Standing]:
+    """Large bodies first and rather behind, in a loose group around the middle of what is seen."""
+    bodies: list[tuple[Drawn, Rest, Rng]] = []
+    for index in range(request.count):
         drawn = draw_body(request, ("body", index), palette)
-        rng = request.rng("place", index)
-        share = math.exp(rng.uniform(math.log(0.09), math.log(0.3)))
-        reach = 0.5 * share * view.covered(float(depth))[0]
-        size = reach / float(np.linalg.norm(drawn.solid.mesh.vertices, axis=1).max())
-        for _ in range(40):
-            x, y = rng.uniform(-1, 1, 2) * (1.0, 0.95)
-            centre = view.at(float(x), float(y), float(depth) + reach)
-            if all(np.linalg.norm(centre - other) > reach + radius for other, radius in taken):
-                taken.append((centre, reach))
-                pose = placed(random_turn(rng), centre, size)
-                pixel = view.pixel(float(depth)) / size * drawn.size
-                stage.add(drawn.name, drawn.solid.mesh, drawn.material(pixel), pose)
-                break
+        rest = choose_rest(drawn, request.rng("rest", index))
+        if rest is not None:
+            bodies.append((drawn, rest, request.rng("place", index)))
+    bodies.sort(key=lambda body: -body[1].height * np.ptp(body[1].points[:, 0]))
+    half = 0.5 * view.covered(float(view.depth(np.zeros((1, 3)))[0]))
+    reach = np.array([0.72 * half[0], 0.62 * half[0]])
+
+    def where(rng: Rng, rest: Rest) -> Float:
+        back = 0.5 * min(rest.height / 0.3, 1.0) - 0.15
+        return np.clip(rng.normal([0.0, back], [0.5, 0.42]), -1, 1) * reach
+
+    def allowed(outline: Float) -> bool:
+        return bool((np.abs(outline / (1.15 * reach)) < 1).all())
+
+    spacing = float(request.rng("spacing").uniform(0.003, 0.02))
+    return arrange(bodies, where, 0.0, allowed, spacing, 0.3)
 
 
-def _backdrop(request: Request, stage: Stage, view: View, palette: Palette, far: float) -> None:
-    """A large wall, turned a little."""
-    rng = request.rng("backdrop")
-    yaw, pitch = np.radians(rng.uniform(-25, 25)), np.radians(rng.uniform(-8, 8))
-    pose = view.world_from_cam[:3, :3]
-    u = pose @ [math.cos(yaw), 0, math.sin(yaw)]
-    v = pose @ [math.sin(yaw) * math.sin(pitch), -math.cos(pitch), -math.sin(pitch) * math.cos(yaw)]
-    v = v - (v @ u) * u
+@dataclass(frozen=True, eq=False)
+class _Setting:
+    """How far the table and the things behind it reach: the y of the table's far edge, half its width, and the wall."""
 
-    def sheet(distance: float) -> Sheet:
-        width, height = 2.2 * view.covered(distance * 1.4)
-        centre = view.at(0, 0, distance)
-        return Sheet(centre - 0.5 * (width * u + height * v), width * u, height * v)
+    edge: float | None
+    half_width: float
+    near: float
 
-    distance = fitting.solve_far(view, stage, lambda d: [sheet(d).mesh()], far, 0.8 * far)
+    def table(self, wall: float) -> Sheet:
+        far = wall if self.edge is None else min(self.edge, wall)
+        return Sheet(
+            np.array([-self.half_width, self.near, 0.0]),
+            np.array([2 * self.half_width, 0, 0]),
+            np.array([0, far - self.near, 0.0]),
+        )
+
+    def wall(self, y: float, width: float, height: float) -> Sheet:
+        return Sheet(
+            np.array([-width / 2, y, -_TABLE_HEIGHT]), np.array([width, 0, 0]), np.array([0, 0, height + _TABLE_HEIGHT])
+        )
+
+    def floor(self, y: float, width: float) -> Sheet:
+        return Sheet(
+            np.array([-width / 2, self.near, -_TABLE_HEIGHT]), np.array([width, 0, 0]), np.array([0, y - self.near, 0])
+        )
+
+
+def _surroundings(request: Request, stage: Stage, view: View, palette: Palette, deep: float) -> None:
+    rng = request.rng("surroundings")
+    half = 0.5 * view.covered(float(view.depth(np.zeros((1, 3)))[0]))[0]
+    behind = max([float(_world(stage, i)[:, 1].max()) for i in range(len(stage.objects))], default=half) + 0.02
+    near_y = float(view.eye[1])
+    free = rng.random() < 0.6
+    setting = _Setting(behind + rng.uniform(0.03, 0.25) if free else None, half * rng.uniform(1.6, 3.0), near_y)
+
+    def sheets(distance: float) -> list[Sheet]:
+        y = max(near_y + distance, behind + 0.05)
+        width = max(3.0 * view.covered(distance)[0], 2.2 * setting.half_width)
+        around = [setting.table(y), setting.wall(y, width, 1.2 * view.covered(distance)[1] + 1.0)]
+        return [*around, setting.floor(y, width)] if setting.edge is not None else around
+
+    def meshes(distance: float) -> list[Mesh]:
+        return [sheet.mesh() for sheet in sheets(distance)]
+
+    near = _near(stage, view, meshes(deep))
+    distance = fitting.solve_far(view, stage, meshes, near * deep, near * deep)
+    table, wall, *floor = sheets(distance)
+    _furnish(request, stage, view, palette, table, wall, floor)
+
+
+def _world(stage: Stage, index: int) -> Float:
+    from twinlens.scenes.families.stage import world
+
+    return world(stage.objects[index])[0]
+
+
+def _near(stage: Stage, view: View, around: list[Mesh]) -> float:
+    from twinlens.scenes.families.stage import world
+    from twinlens.scenes.families.view import look
+
+    bodies = [world(thing) for thing in stage.objects] + [(mesh.vertices, mesh.faces) for mesh in around]
+    return look(view, bodies).depth_range[0]
+
+
+def _furnish(
+    request: Request, stage: Stage, view: View, palette: Palette, table: Sheet, wall: Sheet, floor: list[Sheet]
+) -> None:
+    rng = request.rng("furnish")
+    name, tile = TOPS[int(rng.integers(len(TOPS)))]
+    colors = wall_colors(request.rng("table colours"), palette, 0.7)
+    finish = str(rng.choice(["matte", "satin", "satin", "glossy"]))
+    top = surface(request.rng("table"), table, view, name, colors, tile, finish, float(rng.uniform(0.1, 0.35)))
+    stage.add("table", table.mesh(_THICKNESS), top)
     name, tile = WALLS[int(rng.integers(len(WALLS)))]
-    wall = sheet(distance)
-    tile *= 0.25 * view.covered(distance)[0]
-    material = surface(request.rng("wall"), wall, view, name, wall_colors(rng, palette), tile)
-    stage.add("backdrop", wall.mesh(), material)
+    colors = wall_colors(request.rng("wall colours"), palette)
+    stage.add("wall", wall.mesh(), surface(request.rng("wall"), wall, view, name, colors, tile))
+    for sheet in floor:
+        name, tile = FLOORS[int(rng.integers(len(FLOORS)))]
+        colors = wall_colors(request.rng("floor colours"), palette, 0.5)
+        stage.add("floor", sheet.mesh(), surface(request.rng("floor"), sheet, view, name, colors, tile))
 
 
-def _light(request: Request, stage: Stage, view: View, deep: float) -> None:
+def _light(request: Request, stage: Stage, view: View) -> None:
     rng = request.rng("light")
-    if request.assets.hdris and lighting.given_environment(stage, rng, request.assets):
+    if request.assets.hdris and rng.random() < 0.6 and lighting.given_environment(stage, rng, request.assets):
         return
-    lighting.key_and_fill(stage, rng, view.at(0, 0, 0.5 * deep), 0.6 * deep, -90.0)
+    half = 0.5 * view.covered(float(view.depth(np.zeros((1, 3)))[0]))[0]
+    lighting.key_and_fill(stage, rng, np.array([0.0, 0.0, 0.1]), half, -90.0)
