@@ -174,6 +174,9 @@ def _points(sheet: Sheet, axes: Any, figure: Figure, rows: Table, looks: Mapping
             axes.plot(x[order], y[order], label=THEORY, **look)
         else:
             axes.plot(x, y, label=_text(name) or None, **{**look, "linestyle": "", "markersize": 3.5, "alpha": 0.7})
+            order = np.argsort(x)
+            for column in figure.also:
+                axes.plot(x[order], part.numbers(column)[order], linestyle="--", linewidth=1.2, color=look["color"])
 
 
 def _heat(sheet: Sheet, axes: Any, figure: Figure, rows: Table, looks: Mapping[Any, dict[str, Any]]) -> None:
