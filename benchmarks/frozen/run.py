@@ -13,6 +13,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import evidence
 import table
 
 from twinlens.camera import Pinhole, ThinLens
@@ -22,7 +23,7 @@ from twinlens.dataset import Dataset, Manifest, Row, motorcycle, write_manifest,
 from twinlens.factory import default_rig, make_sample
 from twinlens.rendering import backend
 from twinlens.scenes import Scene, load_scene
-from twinlens.scoring import DatasetPairs, named_methods
+from twinlens.scoring import DatasetPairs, load_pair, named_methods
 from twinlens.sensor import Mismatch, Sensor
 
 HERE = Path(__file__).parent
@@ -66,10 +67,11 @@ def main() -> None:
         pairs, named_methods(definition["methods"]), output,
         (definition["protocol"],), tuple(definition["regions"]), title=definition["title"],
     )  # fmt: skip
+    seen = {pair.name: (evidence.correlation(pair), evidence.offset(pair)) for pair in map(load_pair, pairs)}
     board_file = json.loads((output / "board.json").read_text())
     (HERE / "board.json").write_text(json.dumps(board_file, separators=(",", ":")) + "\n")
     findings = (HERE / "findings.md").read_text()
-    (HERE / "README.md").write_text(table.page(board, definition, backend().variant, findings))
+    (HERE / "README.md").write_text(table.page(board, definition, backend().variant, findings, seen))
     print(f"{HERE / 'README.md'}, {(output / 'index.html').resolve().as_uri()}")
 
 

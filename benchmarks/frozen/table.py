@@ -1,17 +1,22 @@
 """The published page of the frozen benchmark: a board's numbers as Markdown. Computes no score."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from twinlens.scoring import Board, caption, failures, find_metric, standings
+
+Evidence = Mapping[str, tuple[float, float]]
+"""By sample: the median correlation of windows at the true disparity, and the brightness by which the eyes differ."""
 
 METRIC = "totbad2.0"
 REAL = "Motorcycle (real)"
 
 
-def page(board: Board, definition: dict[str, Any], variant: str, findings: str) -> str:
-    """README.md; `findings` is what a person has to say about the numbers."""
-    return HEAD.format(**definition, variant=variant) + findings + "\n" + "\n".join(_sections(board)) + "\n"
+def page(board: Board, definition: dict[str, Any], variant: str, findings: str, evidence: Evidence) -> str:
+    """README.md; `findings` is what a person has to say about the numbers, `evidence` what the photographs say."""
+    text = "\n".join([*_sections(board), *_evidence(evidence)])
+    return HEAD.format(**definition, variant=variant) + findings + "\n" + text + "\n"
 
 
 def _sections(board: Board) -> list[str]:
@@ -30,8 +35,19 @@ def _sections(board: Board) -> list[str]:
         "## Every sample\n",
         "Non-occluded pixels; by the same protocol.\n",
         _table(board, names, {_short(s): ((s,), "nonocc") for s in board.samples}),
+        "## Without an estimate\n",
+        "Pixels that a method leaves unknown, in %; they count as bad above.\n",
+        _table(board, names, {
+            "pinhole, nonocc": (groups["pinhole"], "nonocc"), "Motorcycle, nonocc": (groups[REAL], "nonocc"),
+            "Motorcycle, all": (groups[REAL], "all"),
+        }, metric="invalid"),
         "## Failures\n", *lost,
     ]  # fmt: skip
+
+
+def _evidence(evidence: Evidence) -> list[str]:
+    rows = [f"| {_short(name)} | {alike:.2f} | {offset:.2f} |" for name, (alike, offset) in evidence.items()]
+    return [EVIDENCE, *rows]
 
 
 def _groups(board: Board) -> dict[str, tuple[str, ...]]:
@@ -57,14 +73,15 @@ def _weights(board: Board, samples: tuple[str, ...]) -> dict[str, float]:
 
 
 def _table(
-    board: Board, methods: list[str], columns: dict[str, tuple[tuple[str, ...], str]], *, times: bool = False
-) -> str:
+    board: Board, methods: list[str], columns: dict[str, tuple[tuple[str, ...], str]], *, times: bool = False,
+    metric: str = METRIC,
+) -> str:  # fmt: skip
     protocol = board.protocols[0]
 
     def mean(method: str, samples: tuple[str, ...], region: str, metric: str) -> float:
         return board.mean(method, protocol, region, _weights(board, samples)).metrics[metric]
 
-    rows = [[mean(method, *place, METRIC) for place in columns.values()] for method in methods]
+    rows = [[mean(method, *place, metric) for place in columns.values()] for method in methods]
     heads = [f"{label}, {METRIC} %" if times else label for label in columns]
     if times:
         rows = [
@@ -72,7 +89,7 @@ def _table(
             for m, row in zip(methods, rows, strict=True)
         ]
         heads += ["pinhole, avgerr px", "pinhole, invalid %", "pinhole, time s"]
-    kinds = [METRIC] * len(columns) + (["avgerr", "invalid", "time"] if times else [])
+    kinds = [metric] * len(columns) + (["avgerr", "invalid", "time"] if times else [])
     return _markdown(methods, heads, rows, kinds)
 
 
@@ -86,13 +103,21 @@ def _markdown(methods: list[str], heads: list[str], rows: list[list[float]], kin
     return "\n".join(lines) + "\n"
 
 
+EVIDENCE = """
+## The photographs themselves
+
+Medians over non-occluded pixels at their *true* partners (`evidence.py`): the correlation of 9x9 windows, and how many
+grey levels the left eye is brighter.
+
+| photograph | correlation | left - right, grey levels |
+| --- | ---: | ---: |"""
 HEAD = """# {title}
 
 `python benchmarks/frozen/run.py` renders the dataset, runs the matchers and writes this page and `board.json`;
 `benchmark.toml` is the definition. Six scenes at {width}x{height}, {spp} samples a pixel, seed {seed}, each through a
 pinhole and through a lens with an aperture of {aperture_of_baseline} of the baseline; `{mismatch[scene]}` once more
 with a right eye of {mismatch[gain]} of the left one's gain; and Middlebury's Motorcycle, a real pair with measured
-truth. Rendered with {variant}. The settings of all matchers but one (see below) were fixed before their scores were
+truth. Rendered with {variant}. The settings of all matchers but two (see below) were fixed before their scores were
 seen.
 
 """
