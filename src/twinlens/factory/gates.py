@@ -3,16 +3,16 @@
 Some gates ask the truth alone and are asked before anything is rendered; the others look at the photographs.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twinlens.camera import Rig
 from twinlens.dataset import Sample
 from twinlens.factory.inside import encloses
+from twinlens.factory.texture import grey, textured
 from twinlens.scenes import Scene
 from twinlens.scenes.table import At, Table, boolean, number, whole
 from twinlens.sensor import Sensor
@@ -20,7 +20,6 @@ from twinlens.truth import Truth
 
 _DARK = 0.02  # of the image's range
 _BURNT = 0.98
-_LEAST_CONTRAST = 0.004  # of the range, rms between neighbouring 4x4 blocks: noise averages out in them
 
 
 class Rejected(Exception):  # noqa: N818  no failure: the draw was a bad one
@@ -40,7 +39,7 @@ class Gates:
     beyond_ndisp : most that may have disparities outside [0, ndisp), in recipes that name ndisp.
     visible : least that the first view must show and its partner see.
     dark, burnt : most that may be black, or as bright as can be, in any photograph.
-    texture : least that must have texture, in any photograph.
+    texture : least share of windows of 16x16 pixels that must have texture which both eyes see, through every lens.
     """
 
     attempts: int = 20
@@ -49,7 +48,7 @@ class Gates:
     visible: float = 0.2
     dark: float = 0.8
     burnt: float = 0.5
-    texture: float = 0.05
+    texture: float = 0.1
 
 
 def gates_from_table(at: At, value: Any) -> Gates:
@@ -107,44 +106,21 @@ def _check_disparity(gates: Gates, truths: Sequence[Truth], ndisp: int) -> None:
 def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
     """The gates that look at the pictures, of every lens and eye. Raises Rejected."""
     for k, shot in enumerate(sample.shots):
-        for i, image in enumerate(shot.images):
-            grey = _grey(image, sensor)
-            for name, (measure, is_least, reason, remedy) in _PICTURE_GATES.items():
-                share, bound = measure(grey), getattr(gates, name)
-                if (share < bound) if is_least else (share > bound):
-                    asked = f"at {'least' if is_least else 'most'} {bound:.1%} asked"
-                    raise Rejected(reason, f"{share:.1%} of view {i}, lens {k}, {asked}", f"{remedy}, or gates.{name}")
+        greys = [grey(image, sensor) for image in shot.images]
+        for i, picture in enumerate(greys):
+            _at_most(gates.dark, float((picture <= _DARK).mean()), "dark", "black image", f"view {i}, lens {k}")
+            _at_most(gates.burnt, float((picture >= _BURNT).mean()), "burnt", "burnt image", f"view {i}, lens {k}")
+        if sample.truths and gates.texture > 0:
+            share = textured(greys, sample.rig.nominal, sample.truths)
+            if share < gates.texture:
+                raise Rejected(
+                    "too little texture",
+                    f"{share:.1%} of lens {k}'s pictures, at least {gates.texture:.1%} asked",
+                    "scenes or families, lenses (smaller aperture), or gates.texture",
+                )
 
 
-def _grey(image: NDArray[Any], sensor: Sensor) -> NDArray[np.float32]:
-    """The picture's mean channel in 0..1, (H, W)."""
-    black, white = 0.0, float(np.iinfo(image.dtype).max)
-    if sensor.output == "raw":
-        black, white = sensor.black_level, float(sensor.largest_dn)
-    grey = image.mean(axis=-1, dtype=np.float32) if image.ndim == 3 else image.astype(np.float32)
-    return np.asarray((grey - black) / (white - black), dtype=np.float32)
-
-
-def _dark(grey: NDArray[np.float32]) -> float:
-    return float((grey <= _DARK).mean())
-
-
-def _burnt(grey: NDArray[np.float32]) -> float:
-    return float((grey >= _BURNT).mean())
-
-
-def _textured(grey: NDArray[np.float32]) -> float:
-    """The share of 4x4 blocks that differ from their right or lower neighbour by more than noise would."""
-    height, width = (side // 4 * 4 for side in grey.shape)
-    if height < 8 or width < 8:
-        return 1.0  # too small to tell
-    blocks = grey[:height, :width].reshape(height // 4, 4, width // 4, 4).mean(axis=(1, 3))
-    right, down = np.diff(blocks, axis=1)[:-1], np.diff(blocks, axis=0)[:, :-1]
-    return float((np.hypot(right, down) > _LEAST_CONTRAST).mean())
-
-
-_PICTURE_GATES: dict[str, tuple[Callable[[NDArray[np.float32]], float], bool, str, str]] = {
-    "dark": (_dark, False, "black image", "exposure (longer), the scene's lights"),
-    "burnt": (_burnt, False, "burnt image", "exposure (shorter)"),
-    "texture": (_textured, True, "too little texture", "scenes or families, lenses (smaller aperture)"),
-}
+def _at_most(bound: float, share: float, gate: str, reason: str, where: str) -> None:
+    if share > bound:
+        asked = f"at most {bound:.1%} asked"
+        raise Rejected(reason, f"{share:.1%} of {where}, {asked}", f"exposure, the scene's lights, or gates.{gate}")

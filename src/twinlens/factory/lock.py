@@ -27,9 +27,11 @@ def locked(folder: Place, shared: bool = False) -> Iterator[None]:
         raise OutputError(f"{folder}: cannot be written; {error.strerror}") from error
     try:
         _take(descriptor, folder, shared)
-        yield
-        if not shared:
-            (folder / _NAME).unlink(missing_ok=True)
+        try:
+            yield
+        finally:
+            if not shared:
+                (folder / _NAME).unlink(missing_ok=True)
     finally:
         os.close(descriptor)
 

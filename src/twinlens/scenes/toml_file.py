@@ -30,6 +30,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise FileError(f"{path}: not valid TOML: {str(error).replace('at end of document', last)}") from error
     except UnicodeDecodeError as error:
         raise FileError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from error
+    except ValueError as error:  # a number of thousands of digits
+        raise FileError(f"{path}: not valid TOML: {error}") from error
     except RecursionError as error:
         raise FileError(f"{path}: nested too deep") from error
     except OSError as error:

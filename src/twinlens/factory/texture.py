@@ -1,0 +1,74 @@
+"""How much of a photograph has texture that both eyes see, whatever its noise.
+
+Noise looks like texture in one picture; the eyes' noise is independent. So a window counts as textured where the left
+picture and the right one, brought to it by the true correspondence, vary together: their covariance is the variance of
+what both show, and that of noise averages to nothing.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.camera import Rig
+from twinlens.geometry import inverse, transform_points
+from twinlens.sensor import Sensor
+from twinlens.truth import Truth
+
+WINDOW = 16
+_LEAST_CONTRAST = 0.01  # of the range, rms: about two grey levels of eight bits
+_LEAST_KNOWN = 0.5  # of a window's pixels, for it to have a say
+
+Grey = NDArray[np.float32]
+
+
+def grey(image: NDArray[Any], sensor: Sensor) -> Grey:
+    """The picture's mean channel in 0..1, (H, W)."""
+    black, white = 0.0, float(np.iinfo(image.dtype).max)
+    if sensor.output == "raw":
+        black, white = sensor.black_level, float(sensor.largest_dn)
+    mean = image.mean(axis=-1, dtype=np.float32) if image.ndim == 3 else image.astype(np.float32)
+    return np.asarray((mean - black) / (white - black), dtype=np.float32)
+
+
+def textured(greys: Sequence[Grey], rig: Rig, truths: Sequence[Truth]) -> float:
+    """The share of the first view's windows that have texture, of those that its partner sees at least half of.
+
+    A single camera is its own partner. 1 where no window can be judged.
+    """
+    partner = rig.partner(0)
+    if partner is None:
+        return textured_windows(greys[0], greys[0], np.ones(greys[0].shape, bool))
+    moved, known = seen_by(greys[partner], rig, truths[0], partner)
+    return textured_windows(greys[0], moved, known)
+
+
+def seen_by(other: Grey, rig: Rig, truth: Truth, partner: int) -> tuple[Grey, NDArray[np.bool_]]:
+    """What the partner's picture shows of each pixel's point, the nearest pixel of it; and where it sees the point."""
+    known = truth.visible & truth.hit
+    camera = rig.cameras[partner]
+    points = transform_points(inverse(rig.world_from_cams[partner]), truth.position[known])
+    u, v = np.floor(camera.project(points) + 0.5).astype(int).T
+    moved = np.zeros(known.shape, np.float32)
+    moved[known] = other[v.clip(0, camera.height - 1), u.clip(0, camera.width - 1)]
+    return moved, known
+
+
+def textured_windows(left: Grey, right: Grey, known: NDArray[np.bool_]) -> float:
+    """The share of windows in which two pictures of the same points vary together."""
+    weight = _sums(known.astype(np.float64))
+    judged = weight >= _LEAST_KNOWN * WINDOW**2
+    if not judged.any():
+        return 1.0
+    a, b = (np.where(known, picture, 0.0).astype(np.float64) for picture in (left, right))
+    both, mean_a, mean_b = (_sums(product)[judged] / weight[judged] for product in (a * b, a, b))
+    return float((both - mean_a * mean_b > _LEAST_CONTRAST**2).mean())
+
+
+def _sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sums over the windows that tile an image; what is left over at its right and lower border is left out."""
+    rows, columns = (side // WINDOW for side in values.shape)
+    cut = values[: rows * WINDOW, : columns * WINDOW]
+    sums: NDArray[np.float64] = cut.reshape(rows, WINDOW, columns, WINDOW).sum(axis=(1, 3))
+    return sums

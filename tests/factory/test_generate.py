@@ -1,0 +1,256 @@
+import json
+import os
+
+import fsspec
+import numpy as np
+import pytest
+
+from factory_recipes import RECIPE, digests, write_recipe
+from twinlens.dataset import Dataset, read_manifest, sample_files, verify_dataset
+from twinlens.errors import InputError, OutputError
+from twinlens.factory import estimate, generate, make, produce, read_recipe, spec_from_plain
+from twinlens.factory.lock import locked
+
+
+@pytest.fixture(scope="module")
+def recipe(tmp_path_factory):
+    return read_recipe(write_recipe(tmp_path_factory.mktemp("recipe")))
+
+
+@pytest.fixture(scope="module")
+def whole(recipe, tmp_path_factory):
+    """The dataset of one run that nobody stopped."""
+    folder = tmp_path_factory.mktemp("whole") / "set"
+    outcome = generate(recipe, folder)
+    assert (outcome.made, outcome.before, outcome.complete, outcome.failures) == (4, 0, True, ())
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Named as `whole` is: a dataset's card says its folder's name."""
+    return tmp_path / "set"
+
+
+def count_to(number):
+    """A `stop` that says so from its number-th question on."""
+    asked = iter(range(10**9))
+    return lambda: next(asked) >= number
+
+
+def test_the_dataset_is_true_and_has_no_leftovers(whole):
+    assert dict(verify_dataset(Dataset(whole))) == {f"{i:07d}": [] for i in range(4)}
+    assert {"dataset.json", "preview.png", "README.md", "croissant.json"} <= {entry.name for entry in whole.iterdir()}
+    assert not [entry.name for entry in whole.iterdir() if entry.name.startswith(".")]
+
+
+def test_a_sample_alone_is_that_sample_of_the_set(recipe, whole):
+    files = sample_files(make(recipe, 3))
+    assert files == {name: (whole / "0000003" / name).read_bytes() for name in files}
+
+
+def test_a_sample_is_made_again_from_what_its_record_says(recipe, whole):
+    record = Dataset(whole)[2].record["record"]
+    again = produce(spec_from_plain(record["spec"]), recipe.folder)
+    stored = Dataset(whole)[2]
+    assert np.array_equal(again.shots[0].images[1], stored.im1)
+    assert again.rig.baseline() == stored.rig.baseline()
+
+
+def test_samples_differ_where_the_recipe_says_so(whole):
+    data = Dataset(whole)
+    assert len({sample.rig.baseline() for sample in data}) == 4
+    assert all(0.05 <= sample.rig.baseline() <= 0.2 for sample in data)
+    assert len({tuple(sample.rig.world_from_cams[0][:3, 3]) for sample in data}) == 4
+
+
+def test_the_manifest_names_recipe_tools_and_splits(recipe, whole):
+    manifest = read_manifest(whole)
+    assert manifest.recipe == recipe.written
+    assert manifest.info["complete"] is True
+    assert manifest.info["made_with"]["versions"]["mitsuba"]
+    assert sum(manifest.info["splits"].values()) == 4
+    assert [row.info["index"] for row in manifest.rows] == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("questions", [0, 1, 2, 3, 5, 8])
+def test_a_stop_leaves_whole_samples_and_the_next_run_goes_on(recipe, whole, folder, questions):
+    stopped = generate(recipe, folder, stop=count_to(questions))
+    assert not stopped.complete
+    assert stopped.interrupted
+    assert not list(folder.glob(".*unfinished*"))
+    for sample in Dataset(folder) if stopped.made else ():
+        assert sample.im0.shape == (24, 32, 3)
+    again = generate(recipe, folder)
+    assert (again.before, again.made, again.complete) == (stopped.made, 4 - stopped.made, True)
+    assert digests(folder) == digests(whole)
+
+
+def test_limit_counts_this_runs_samples(recipe, whole, folder):
+    assert [generate(recipe, folder, limit=3).made for _ in range(3)] == [3, 1, 0]
+    assert digests(folder) == digests(whole)
+
+
+def test_shards_make_the_whole_in_any_order(recipe, whole, folder):
+    made = [generate(recipe, folder, shard=(i, 3)) for i in (2, 3, 1)]
+    assert [outcome.made for outcome in made] == [1, 1, 2]
+    assert [outcome.complete for outcome in made] == [False, False, True]
+    assert digests(folder) | {".lock": ""} == digests(whole) | {".lock": ""}
+
+
+def test_shards_made_apart_are_merged_by_a_run_of_the_whole(recipe, whole, folder, tmp_path):
+    for i in (1, 2):
+        generate(recipe, tmp_path / str(i) / "set", shard=(i, 2))
+        for part in (tmp_path / str(i) / "set").iterdir():
+            if part.is_dir() and not part.name.startswith("."):
+                folder.mkdir(exist_ok=True)
+                part.rename(folder / part.name)
+    outcome = generate(recipe, folder)
+    assert (outcome.before, outcome.made) == (4, 0)
+    assert digests(folder) == digests(whole)
+
+
+def test_rows_that_were_lost_or_torn_come_back_from_the_samples(recipe, whole, folder):
+    generate(recipe, folder, limit=3)
+    rows = sorted((folder / ".rows").iterdir())
+    rows[0].unlink()
+    rows[1].write_bytes(rows[1].read_bytes()[:40])
+    (folder / "dataset.json").unlink()
+    assert generate(recipe, folder).before == 3
+    assert digests(folder) == digests(whole)
+
+
+def test_a_sample_that_was_taken_away_is_made_again(recipe, whole, folder):
+    generate(recipe, folder)
+    for path in (folder / "0000001").iterdir():
+        path.unlink()
+    (folder / "0000001").rmdir()
+    assert generate(recipe, folder).made == 1
+    assert digests(folder) == digests(whole)
+
+
+def test_what_a_killed_process_left_half_written_goes(recipe, whole, folder):
+    generate(recipe, folder, limit=1)
+    (folder / ".0000001.unfinished-1-ab").mkdir()
+    (folder / ".0000001.unfinished-1-ab" / "im0.png").write_bytes(b"half")
+    generate(recipe, folder)
+    assert digests(folder) == digests(whole)
+
+
+def test_a_set_may_grow_and_its_samples_stay(recipe, folder, tmp_path):
+    generate(recipe, folder, limit=4)
+    before = digests(folder)
+    grown = read_recipe(write_recipe(tmp_path, count=6))
+    assert generate(grown, folder).made == 2
+    kept = {name: digest for name, digest in digests(folder).items() if name in before and name[0] == "0"}
+    assert kept == {name: digest for name, digest in before.items() if name[0] == "0"}
+    assert len(Dataset(folder)) == 6
+
+
+def test_another_recipe_is_refused_and_the_difference_named(recipe, folder, tmp_path):
+    generate(recipe, folder, limit=1)
+    before = digests(folder)
+    other = read_recipe(write_recipe(tmp_path, RECIPE.replace("[0.05, 0.2]", "[0.05, 0.3]")))
+    with pytest.raises(InputError, match=r"another dataset \(rig.baseline.uniform: .*0\.2\] -> .*0\.3\]\)"):
+        generate(other, folder)
+    assert digests(folder) == before
+
+
+def test_samples_of_another_recipe_are_not_taken_for_its_own(recipe, folder, tmp_path):
+    generate(recipe, folder, limit=1)
+    (folder / "dataset.json").unlink()
+    for row in (folder / ".rows").iterdir():
+        row.unlink()
+    other = read_recipe(write_recipe(tmp_path, RECIPE.replace("seed = 11", "seed = 12")))
+    with pytest.raises(InputError, match="another recipe made it"):
+        generate(other, folder)
+
+
+def test_other_tools_are_refused(recipe, folder):
+    generate(recipe, folder, limit=1)
+    path = folder / "dataset.json"
+    record = json.loads(path.read_text())
+    record["info"]["made_with"]["versions"]["mitsuba"] = "3.9.0"
+    path.write_text(json.dumps(record))
+    with pytest.raises(InputError, match=r"versions.mitsuba: '3\.9\.0' -> "):
+        generate(recipe, folder)
+
+
+def test_a_folder_of_something_else_is_left_alone(recipe, folder):
+    folder.mkdir()
+    (folder / "thesis.tex").write_text("years of work")
+    with pytest.raises(InputError, match=r"holds 'thesis.tex'"):
+        generate(recipe, folder)
+
+
+def test_only_one_run_writes_at_a_time(recipe, folder):
+    with locked(folder), pytest.raises(OutputError, match="another run is writing there"):
+        generate(recipe, folder)
+    with locked(folder, shared=True):
+        generate(recipe, folder, shard=(1, 2))
+
+
+def test_what_cannot_be_written_is_told(recipe, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot be written"):
+        generate(recipe, tmp_path / "file" / "set")
+
+
+def test_a_bucket_holds_the_same_samples(recipe, whole):
+    url = f"memory://{os.getpid()}/set"
+    generate(recipe, url, limit=2)
+    outcome = generate(recipe, url)
+    assert (outcome.before, outcome.made, outcome.complete) == (2, 2, True)
+    system = fsspec.filesystem("memory")
+    root = f"/{os.getpid()}/set/"
+    there = {name.removeprefix(root): system.cat_file(name) for name in system.find(root)}
+    assert {name: data for name, data in there.items() if name[0] == "0"} == {
+        name: (whole / name).read_bytes() for name in digests(whole) if name[0] == "0"
+    }
+    assert set(there) == set(digests(whole))
+
+
+def test_draws_that_gates_turn_away_are_drawn_anew_counted_and_told(folder, tmp_path):
+    text = RECIPE.replace("count = {count}", "count = {count}\nndisp = 3")
+    recipe = read_recipe(write_recipe(tmp_path, text, count=6))
+    outcome = generate(recipe, folder)
+    assert outcome.complete
+    turned = outcome.rejections["disparity beyond ndisp"]
+    assert turned > 0
+    rows = read_manifest(folder).rows
+    assert sum(len(row.info["rejections"]) for row in rows) + sum(len(f.rejections) for f in outcome.failures) == turned
+    assert any(row.info["attempt"] > 0 for row in rows)
+    for sample in Dataset(folder):
+        assert sample.disp0[np.isfinite(sample.disp0)].max() < 3
+        assert sample.calibration.ndisp == 3
+
+
+def test_a_sample_that_cannot_be_is_told_with_what_to_change_and_the_rest_is_made(folder, tmp_path):
+    text = RECIPE.replace("uniform = [0.05, 0.2]", "sweep = [0.1, 2.5]") + "[gates]\nattempts = 3\nvisible = 0.5\n"
+    recipe = read_recipe(write_recipe(tmp_path, text))
+    outcome = generate(recipe, folder)
+    assert [failure.index for failure in outcome.failures] == [1, 3]
+    assert "rig.baseline" in outcome.failures[0].remedy
+    assert len(outcome.failures[0].rejections) == 3
+    assert outcome.complete
+    assert [sample.name for sample in Dataset(folder)] == ["0000000", "0000002"]
+    before = digests(folder)
+    assert generate(recipe, folder).made == 0
+    assert digests(folder) == before
+    assert [entry["index"] for entry in read_manifest(folder).info["failed"]] == [1, 3]
+
+
+def test_an_estimate_writes_nothing_and_knows_what_is_there(recipe, folder):
+    told = estimate(recipe, folder)
+    assert not folder.exists()
+    assert (told.count, told.before, told.todo) == (4, 0, 4)
+    assert told.bytes == 4 * told.bytes_each > 0
+    assert told.seconds > 0
+    generate(recipe, folder)
+    assert estimate(recipe, folder).todo == 0
+
+
+def test_an_estimate_knows_the_size_of_a_sample(recipe, whole, folder):
+    told = estimate(recipe, folder)
+    size = sum(path.stat().st_size for path in (whole / "0000000").iterdir())
+    assert told.bytes_each == size

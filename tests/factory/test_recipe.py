@@ -1,0 +1,252 @@
+import datetime
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from twinlens.errors import InputError, TwinlensError
+from twinlens.factory import plan, read_recipe, recipe_from_table
+from twinlens.factory.recipe import differences
+
+SMALLEST = """
+seed = 3
+count = 2
+scenes = ["staircase"]                       # or families = ["tabletop"]
+width = 320
+height = 240
+spp = 16
+"""
+FULL = {
+    "seed": 3,
+    "count": 2,
+    "families": ["tabletop", "room"],
+    "weights": [2, 1],
+    "width": {"choice": [320, 640]},
+    "height": 240,
+    "spp": {"integers": [4, 16]},
+    "ndisp": 64,
+    "diffraction": {"choice": [True, False]},
+    "sky_disparity": False,
+    "keep": ["radiance"],
+    "rig": {
+        "layout": "toed_in",
+        "baseline": {"log_uniform": [0.05, 0.2]},
+        "distance": 2.0,
+        "fx": {"uniform": [300, 400]},
+        "distortion": {"model": "brown-conrady", "k1": {"normal": [0, 0.05], "clip": [-0.1, 0.1]}},
+        "misalignment": {"roll_deg": {"uniform": [-1, 1]}},
+    },
+    "lenses": [
+        {"kind": "pinhole"},
+        {"kind": "thin", "f_number": {"sweep": [2, 4]}, "focus": {"choice": ["near", "object", 2.0, float("inf")]}},
+        {"kind": "thin", "aperture_mm": 4, "shape": {"kind": "polygon", "blades": {"integers": [5, 9]}}},
+        {"kind": "hole", "aperture_mm": 0.35, "film_mm": 50},
+    ],
+    "sensor": {"preset": {"choice": ["phone", "ideal"]}, "read_noise": 4, "mismatch": {"gain": {"uniform": [0.9, 1]}}},
+    "exposure": {"time": {"log_uniform": [0.001, 0.1]}, "gain": 2},
+    "scene": {"jitter": {"yaw_deg": {"uniform": [-5, 5]}}, "object_count": {"integers": [3, 9]}, "depth_range": [1, 5]},
+    "gates": {"attempts": 5, "texture": 0.2, "inside": False},
+    "splits": {"train": 0.9, "test": 0.1},
+    "about": {"name": "A set", "license": "CC-BY-4.0"},
+}
+
+
+def changed(place, value):
+    """FULL with another value at a dotted place; `...` takes the key away."""
+    table = {key: dict(entry) if isinstance(entry, dict) else entry for key, entry in FULL.items()}
+    *path, last = place.split(".")
+    at = table
+    for key in path:
+        at = at[key]
+    if value is ...:
+        del at[last]
+    else:
+        at[last] = value
+    return table
+
+
+def test_the_smallest_recipe_works_as_it_is(tmp_path):
+    (tmp_path / "recipe.toml").write_text(SMALLEST)
+    recipe = read_recipe(tmp_path / "recipe.toml")
+    assert (recipe.seed, recipe.count) == (3, 2)
+    assert plan(recipe, 0).drawn == {"width": 320, "height": 240, "spp": 16}
+
+
+def test_every_key_is_read():
+    recipe = recipe_from_table(FULL)
+    assert recipe.ndisp == 64
+    assert recipe.gates.attempts == 5
+    assert len(plan(recipe, 0).drawn["lenses"]) == 4
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "message"),
+    [
+        ("sede", 3, "recipe.toml: unknown key 'sede'; did you mean 'seed'?"),
+        ("seed", ..., "needs the key 'seed'"),
+        ("seed", -1, "seed: must be a whole number from 0"),
+        ("count", 0, "count: must be a whole number from 1"),
+        ("count", {"uniform": [1, 2]}, "count: must be a whole number"),
+        ("families", ..., "needs either 'scenes' or 'families'"),
+        ("scenes", ["cards"], "needs either 'scenes' or 'families'"),
+        ("families", ["tabeltop"], r"families\[0\]: unknown value 'tabeltop'; did you mean 'tabletop'?"),
+        ("families", ["room", "room"], r"families\[1\]: names 'room' twice"),
+        ("weights", [1], "weights: must be a list of 2 values"),
+        ("weights", [0, 0], "weights: at least one weight must be > 0"),
+        ("width", {"choice": [320, 0]}, "width: must be a whole number from 1"),
+        ("spp", {"uniform": [4, 16]}, "spp: must be a whole number"),
+        ("rig.baseline", {"uniform": [-0.1, 0.2]}, r"recipe.toml: rig.baseline: must be a finite number > 0, got -0.1"),
+        ("rig.basline", 0.1, "rig: unknown key 'basline'; did you mean 'baseline'?"),
+        ("rig.layout", "circle", "rig.layout: unknown value 'circle'"),
+        ("rig.distortion", {"k1": {"choice": [0, -9]}}, "rig"),
+        ("lenses", [{"kind": "thim"}], r"lenses\[0\].kind: unknown value 'thim'; did you mean 'thin'?"),
+        ("lenses", [{"kind": "thin"}], r"lenses\[0\]: a thin lens needs either 'aperture_mm' or 'f_number'"),
+        ("lenses", [{"kind": "pinhole", "focus": 2}], r"lenses\[0\]: unknown key 'focus'"),
+        ("lenses", [{"kind": "thin", "f_number": 2, "focus": "midle"}], "did you mean 'middle'?"),
+        ("lenses", [{"kind": "thin", "f_number": 2, "focus": -1}], r"lenses\[0\].focus: must be a finite number > 0"),
+        ("lenses", [{"kind": "thin", "f_number": 2, "shape": {"kind": "polygon"}}], "needs the key 'blades'"),
+        ("lenses", [], "lenses: must be a list of 1"),
+        ("sensor.read_nois", 3, "sensor: unknown key 'read_nois'; did you mean 'read_noise'?"),
+        ("sensor.read_noise", {"uniform": [-1, 3]}, "sensor.read_noise: .*>= 0, got -1"),
+        ("sensor.preset", "fone", "sensor.preset: unknown value 'fone'; did you mean 'phone'?"),
+        ("sensor.adc_bits", 99, "sensor.adc_bits: .*from 8 to 16"),
+        ("sensor.shot_noise", 1, "sensor.shot_noise: must be true or false"),
+        ("sensor.quantum_efficiency", [0.5], "sensor.quantum_efficiency: must be three numbers"),
+        ("sensor.mismatch", {"gian": 1}, "sensor.mismatch: unknown key 'gian'; did you mean 'gain'?"),
+        ("exposure", {"gain": 2}, "exposure: needs the key 'time'"),
+        ("scene.jitter", {"roll": 1}, "scene.jitter: unknown key 'roll'; did you mean 'roll_deg'?"),
+        ("scene.depth_range", [5, 1], r"scene.depth_range: must be \[near, far\]"),
+        ("gates.attempts", 0, "gates.attempts: must be a whole number"),
+        ("gates.texture", 2, "gates.texture: must be a finite number"),
+        ("splits", {"train": 0.8, "test": 0.1}, "splits: the shares must add up to 1"),
+        ("assets", {"meshes": "nowhere/"}, "assets.meshes: no folder 'nowhere/' beside the recipe"),
+        ("about", {"licence": "MIT"}, "about: unknown key of about 'licence'; did you mean 'license'?"),
+        ("keep", ["radiances"], r"keep\[0\]: unknown value 'radiances'; did you mean 'radiance'?"),
+    ],
+)
+def test_mistakes_are_named_with_their_place_and_the_nearest_key(place, value, message):
+    with pytest.raises(InputError, match=message) as caught:
+        recipe_from_table(changed(place, value))
+    assert str(caught.value).startswith("recipe.toml: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_depths_of_a_scene_from_a_file_are_not_the_recipes():
+    with pytest.raises(InputError, match=r"scene\.depth_range: belongs to 'families'"):
+        recipe_from_table({"seed": 1, "count": 1, "scenes": ["cards"], "scene": {"depth_range": [1, 2]}})
+
+
+def test_a_scene_that_is_not_there_is_named_with_the_nearest_one():
+    with pytest.raises(InputError, match=r"scenes\[0\]: unknown scene 'stairs'; did you mean 'staircase'"):
+        recipe_from_table({"seed": 1, "count": 1, "scenes": ["stairs"]})
+
+
+@pytest.mark.parametrize(
+    "text", ["seed = ", "seed = 1\nseed = 2", "a = " + "[" * 5000, "x = " + "9" * 5000, "\x00", "é"]
+)
+def test_what_is_no_toml_is_told_as_such(tmp_path, text):
+    (tmp_path / "recipe.toml").write_text(text)
+    with pytest.raises(InputError, match=r"recipe\.toml: "):
+        read_recipe(tmp_path / "recipe.toml")
+
+
+def test_a_missing_recipe_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"nowhere\.toml"):
+        read_recipe(tmp_path / "nowhere.toml")
+
+
+def test_differences_name_the_place():
+    assert differences({"count": 1, "rig": {"a": 1}}, {"count": 2, "rig": {"a": 2, "b": 3}}) == [
+        "rig.a: 1 -> 2",
+        "rig.b: not said -> 3",
+    ]
+    assert differences({"rig": {"count": 2}}, {"rig": {"count": 3}}) == ["rig.count: 2 -> 3"]
+
+
+numbers = st.one_of(st.integers(-(10**30), 10**30), st.floats(), st.booleans())
+scalars = st.one_of(
+    numbers,
+    st.text(max_size=8),
+    st.sampled_from(
+        ["cards", "room", "thin", "pinhole", "middle", "polygon", "parallel", "grid", "phone", "raw", "../x"]
+    ),
+    st.just(datetime.date(2026, 1, 1)),
+)
+kinds = st.sampled_from(["uniform", "log_uniform", "integers", "normal", "choice", "sweep"])
+distributions = st.builds(
+    lambda kind, values, rest: {kind: values, **rest},
+    kinds,
+    st.lists(scalars, max_size=3),
+    st.dictionaries(st.sampled_from(["clip", "weights"]), st.lists(numbers, max_size=3), max_size=1),
+)
+leaves = st.one_of(scalars, distributions)
+known = sorted({"seed", "scenes", "sweep", "kind", "focus", "k1", "gain", "time", "count", *FULL, *FULL["rig"]})
+keys = st.one_of(st.sampled_from(known), st.text(max_size=5))
+values = st.recursive(
+    leaves, lambda inner: st.one_of(st.lists(inner, max_size=3), st.dictionaries(keys, inner, max_size=3)), max_leaves=6
+)
+tables = st.one_of(
+    st.dictionaries(keys, values, max_size=5),
+    st.builds(lambda table, key, value: {**table, key: value}, st.just(FULL), keys, values),
+    st.builds(
+        lambda section, key, value: {**FULL, section: {**FULL[section], key: value}},
+        st.sampled_from(["rig", "sensor", "exposure", "scene", "gates", "splits", "about"]),
+        keys,
+        values,
+    ),
+)
+
+
+def reads_or_refuses(table):
+    try:
+        recipe = recipe_from_table(table)
+    except TwinlensError as error:
+        told = str(error)
+    else:
+        told = ""
+        specs = [plan(recipe, index) for index in (0, 1, 10**6)]
+        assert specs == [plan(recipe, index) for index in (0, 1, 10**6)]
+    assert "\n" not in told
+
+
+@settings(max_examples=200)
+@given(tables)
+def test_any_table_is_read_or_refused(table):
+    reads_or_refuses(table)
+
+
+@pytest.mark.slow
+@settings(max_examples=10_000)
+@given(tables)
+def test_any_of_many_tables_is_read_or_refused(table):
+    reads_or_refuses(table)
+
+
+def bytes_are_read_or_refused(folder: Path, data: bytes):
+    path = folder / "recipe.toml"
+    path.write_bytes(data)
+    try:
+        read_recipe(path)
+    except TwinlensError:
+        return
+
+
+damage = st.tuples(st.integers(0, 200), st.integers(0, 20), st.binary(max_size=12))
+
+
+@settings(max_examples=200)
+@given(damage)
+def test_a_damaged_file_is_read_or_refused(tmp_path_factory, cut):
+    start, length, put = cut
+    data = SMALLEST.encode()
+    bytes_are_read_or_refused(tmp_path_factory.getbasetemp(), data[:start] + put + data[start + length :])
+
+
+@pytest.mark.slow
+@settings(max_examples=10_000)
+@given(damage)
+def test_many_damaged_files_are_read_or_refused(tmp_path_factory, cut):
+    start, length, put = cut
+    data = SMALLEST.encode()
+    bytes_are_read_or_refused(tmp_path_factory.getbasetemp(), data[:start] + put + data[start + length :])

@@ -1,0 +1,83 @@
+"""A tiny scene and recipes of it, quick to render: boxes before a wall, lit from everywhere."""
+
+import hashlib
+from pathlib import Path
+
+SCENE = """
+[camera]
+position = [0, -3, 1]
+look_at = [0, 0, 1]
+depth_range = [1.5, 3.6]
+baseline = 0.1
+
+[textures.noise]
+type = "value_noise"
+size = 64
+cells = 16
+
+[materials.wall]
+type = "diffuse"
+reflectance = "noise"
+
+[materials.box]
+type = "diffuse"
+reflectance = 0.4
+
+[lights.sky]
+type = "constant"
+radiance = 1.0
+
+[objects.wall]
+shape = "box"
+extents = [8, 0.2, 8]
+translate = [0, 0.5, 1]
+material = "wall"
+
+[objects.near]
+shape = "box"
+extents = [0.4, 0.4, 0.4]
+translate = [-0.4, -1, 1]
+material = "box"
+"""
+
+RECIPE = """
+seed = 11
+count = {count}
+scenes = ["tiny"]
+width = 32
+height = 24
+spp = 1
+
+[rig]
+baseline = {{ uniform = [0.05, 0.2] }}
+
+[[lenses]]
+kind = "thin"
+aperture_mm = {{ choice = [0, 2, 8] }}
+focus = "object"
+
+[sensor]
+read_noise = {{ normal = [3, 1], clip = [0, 6] }}
+
+[scene.jitter]
+right = {{ uniform = [-0.1, 0.1] }}
+
+[splits]
+train = 0.7
+test = 0.3
+"""
+
+
+def write_recipe(folder: Path, text: str = RECIPE, count: int = 4) -> Path:
+    """The recipe as a file in `folder`, with the tiny scene beside it."""
+    (folder / "tiny").mkdir(parents=True, exist_ok=True)
+    (folder / "tiny" / "scene.toml").write_text(SCENE)
+    path = folder / "recipe.toml"
+    path.write_text(text.format(count=count))
+    return path
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of every file below a folder, dotted ones too, by its relative name."""
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
