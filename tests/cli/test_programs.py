@@ -154,3 +154,53 @@ def test_help_lists_every_protocol_and_region(twinlens):
     words = " ".join(out.split())
     assert ", ".join(PROTOCOLS) in words
     assert ", ".join(REGIONS) in words
+
+
+STRANGERS = """
+import ctypes
+import numpy as np
+
+def good(left, right, num_disparities, min_disparity):
+    print("hello, I am no JSON")
+    return np.full(left.shape[:2], 4, np.float32)
+
+def segfaults(left, right, num_disparities, min_disparity):
+    ctypes.string_at(0)
+
+def hoards(left, right, num_disparities, min_disparity):
+    kept = []
+    while True:
+        kept.append(np.ones(2**24))
+"""
+
+
+def test_a_stranger_s_function_cannot_take_the_board_down(twinlens, dataset, tmp_path, monkeypatch):
+    """Without a word about limits: functions and networks run in a process of their own."""
+    (tmp_path / "strangers.py").write_text(STRANGERS)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    names = [f"function:function=strangers:{name}" for name in ("good", "segfaults", "hoards")]
+    options = [word for name in names for word in ("--methods", name)]
+    code, out, err = twinlens("benchmark", dataset, *options, "--memory-limit", "2", "-o", tmp_path / "b", "--json")
+    assert code == 0, err
+    kinds = {e["method"].rpartition(":")[2]: e["failure"] and e["failure"]["kind"] for e in json.loads(out)["entries"]}
+    assert kinds == {"good": None, "segfaults": "crash", "hoards": "memory"}
+    code, out, err = twinlens(
+        "benchmark", dataset, "--methods", f"{names[0]},{names[1]}", "-o", tmp_path / "c", "--json"
+    )
+    assert code == 0, err
+    assert [e["failure"] is None for e in json.loads(out)["entries"]] == [True, False] * 2
+
+
+@pytest.mark.parametrize("gib", ["0", "-1", "nan", "1e9"])
+def test_a_memory_limit_that_is_none_is_refused(twinlens, dataset, tmp_path, gib):
+    code, out, err = twinlens("benchmark", dataset, "--memory-limit", gib, "-o", tmp_path / "b")
+    assert (code, out) == (2, "")
+    assert "--memory-limit is" in err
+
+
+def test_what_a_matcher_prints_here_is_not_on_our_stream(twinlens, dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr("twinlens.matching.matcher.StereoMatcher.match", lambda self, left, right: print("hello") or 1)
+    code, out, err = twinlens("benchmark", dataset, "--methods", "sad", "-o", tmp_path / "b", "--json")
+    assert code == 0
+    assert "hello" in err
+    assert json.loads(out)["entries"][0]["failure"]["kind"] == "wrong-type"
