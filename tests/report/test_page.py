@@ -194,6 +194,24 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["board.html", "folder"]
 
 
+def luminance(colour):
+    """The relative luminance of #rrggbb, by WCAG 2.2."""
+    values = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    linear = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in values]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+@pytest.mark.parametrize("theme", [":root {", ':root[data-theme="dark"] {'])
+def test_every_text_is_legible_on_every_ground(theme):
+    """At least 4.5 to 1, what WCAG 2.2 asks of small text (level AA)."""
+    css = resources.files("twinlens.report").joinpath("page", "page.css").read_text()
+    colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6})", css.partition(theme)[2].partition("}")[0]))
+    pairs = [(text, ground) for text in ("ink", "soft", "faint", "accent", "best", "bad") for ground in ("bg", "card")]
+    for text, ground in [*pairs, ("ink", "hover"), ("ink", "bar"), ("accent", "accent-soft"), ("bad", "bad-soft")]:
+        low, high = sorted(luminance(colours[name]) for name in (text, ground))
+        assert (high + 0.05) / (low + 0.05) >= 4.5, (text, ground)
+
+
 LOST = "0 of 2 samples, 2 failed"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 DRIVER = """
