@@ -1,7 +1,12 @@
 """A tiny scene and recipes of it, quick to render: boxes before a wall, lit from everywhere."""
 
 import hashlib
+import os
+import subprocess
+import sys
 from pathlib import Path
+
+PATIENCE_S = 300
 
 SCENE = """
 [camera]
@@ -81,3 +86,23 @@ def digests(folder: Path) -> dict[str, str]:
     """SHA-256 of every file below a folder, dotted ones too, by its relative name."""
     files = (path for path in sorted(folder.rglob("*")) if path.is_file())
     return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def start(recipe: Path, folder: Path, *options: str) -> "subprocess.Popen[str]":
+    """`twinlens generate` in a process of its own, in scalar mode, which starts quickly."""
+    command = [sys.executable, "-m", "twinlens", "generate", str(recipe), "-o", str(folder), *options]
+    environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def finish(process: "subprocess.Popen[str]") -> str:
+    """What a process printed, once it has ended well."""
+    out, err = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, err
+    return out
+
+
+def rows_in(folder: Path) -> int:
+    """How many samples an unfinished dataset has."""
+    rows = folder / ".rows"
+    return len(list(rows.iterdir())) if rows.is_dir() else 0

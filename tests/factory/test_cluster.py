@@ -1,0 +1,109 @@
+"""Many processes make the same bytes as one, also when one of them is killed on the way."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+
+from factory_recipes import PATIENCE_S, digests, finish, rows_in, start, write_recipe
+from twinlens.errors import BackendError, InputError, MissingExtraError
+from twinlens.factory import generate, read_recipe
+from twinlens.factory.cluster import Order, local_cluster, make_one, remote_cluster
+
+THREADS = os.cpu_count() or 1
+
+
+@pytest.fixture(scope="module")
+def recipe(tmp_path_factory):
+    return write_recipe(tmp_path_factory.mktemp("recipe"), count=8)
+
+
+@pytest.fixture(scope="module")
+def whole(recipe, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole") / "set"
+    finish(start(recipe, folder))
+    return folder
+
+
+def workers_of(process):
+    found = psutil.Process(process.pid).children(recursive=True)
+    return [child for child in found if "spawn_main" in " ".join(child.cmdline())]
+
+
+def killing_one(process, folder):
+    """SIGKILL one of a run's workers as soon as a sample is there."""
+    end = time.monotonic() + PATIENCE_S
+    while rows_in(folder) < 1 and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.01)
+    workers = workers_of(process)
+    workers[0].kill()
+    return len(workers)
+
+
+def test_a_killed_worker_costs_nothing(recipe, whole, tmp_path):
+    process = start(recipe, tmp_path / "set", "--workers", "2")
+    assert killing_one(process, tmp_path / "set") >= 2
+    assert "8 of 8 samples" in finish(process)
+    assert digests(tmp_path / "set") == digests(whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_any_number_of_workers_makes_the_same_bytes(recipe, whole, tmp_path, workers):
+    finish(start(recipe, tmp_path / "set", "--workers", str(workers)))
+    assert digests(tmp_path / "set") == digests(whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_thirty_samples_with_a_worker_killed(tmp_path, workers):
+    recipe = write_recipe(tmp_path, count=30)
+    finish(start(recipe, tmp_path / "one" / "set"))
+    process = start(recipe, tmp_path / "many" / "set", "--workers", str(workers))
+    killing_one(process, tmp_path / "many" / "set")
+    finish(process)
+    assert digests(tmp_path / "many" / "set") == digests(tmp_path / "one" / "set")
+
+
+@pytest.mark.slow
+def test_a_scheduler_of_the_users_serves_as_well(recipe, whole, tmp_path):
+    environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
+    quiet = {"env": environment, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    scheduler = tmp_path / "scheduler.json"
+    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--scheduler-file", str(scheduler), "--port", "0"]
+    serving = [subprocess.Popen([*dask, "--no-dashboard"], **quiet)]
+    try:
+        while not scheduler.exists():
+            time.sleep(0.05)
+        worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(scheduler)]
+        serving.append(subprocess.Popen([*worker, "--nthreads", "2", "--no-dashboard"], **quiet))
+        address = json.loads(scheduler.read_text())["address"]
+        finish(start(recipe, tmp_path / "set", "--scheduler", address))
+    finally:
+        for process in reversed(serving):
+            process.terminate()
+            process.wait()
+    assert digests(tmp_path / "set") == digests(whole)
+
+
+def test_nobody_at_the_address_is_told(recipe, tmp_path):
+    with pytest.raises(BackendError, match="no Dask scheduler answers at 'nonsense://x'"):
+        generate(read_recipe(recipe), tmp_path / "set", engine=remote_cluster("nonsense://x"))
+
+
+def test_without_dask_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'twinlens\[cluster\]'"):
+        local_cluster(2)
+
+
+def test_a_worker_with_other_tools_refuses(recipe, tmp_path):
+    read = read_recipe(recipe)
+    order = Order(dict(read.written), str(recipe), str(tmp_path), {"backend": "abacus", "versions": {}}, THREADS)
+    with pytest.raises(InputError, match="this worker renders with other tools than the dataset's: backend: 'abacus'"):
+        make_one(order, 0)
+    assert not list(tmp_path.iterdir())

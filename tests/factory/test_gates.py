@@ -1,0 +1,151 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+import twinlens as tl
+from twinlens.dataset import Sample, Shot
+from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
+from twinlens.factory.texture import WINDOW, textured_windows
+from twinlens.rendering import ground_truth
+from twinlens.scenes import Mesh, Scene, SceneObject
+from twinlens.sensor import Sensor
+
+GATES = Gates()
+SIZE = (96, 64)
+
+
+def scene(*objects):
+    grey = {"type": "diffuse", "reflectance": 0.5}
+    lights = {"sky": {"type": "constant", "radiance": 1.0}}
+    return Scene("made", objects, {"grey": grey}, np.eye(4), (0.5, 10.0), lights=lights)
+
+
+def box(name, size, z):
+    pose = np.diag([size / 2, size / 2, size / 2, 1.0])
+    pose[2, 3] = z
+    return SceneObject(name, {"type": "cube"}, "grey", pose)
+
+
+def wall(z=4.0):
+    pose = np.diag([9.0, 9.0, 1.0, 1.0])
+    pose[2, 3] = z
+    return SceneObject("wall", {"type": "rectangle"}, "grey", pose)
+
+
+def truth_of(made, baseline=0.1):
+    rig = tl.Rig.stereo(tl.Camera.from_fov(*SIZE, 60), baseline)
+    return rig, ground_truth(made, rig)
+
+
+def photographed(rig, truths, left, right):
+    images = tuple((np.clip(image, 0, 1) * 255).astype(np.uint8) for image in (left, right))
+    return Sample(rig, (Shot(tl.Pinhole(), images),), tuple(truths))
+
+
+def test_a_camera_in_a_box_is_refused_and_one_before_it_is_not():
+    rig, truths = truth_of(made := scene(box("crate", 2.0, 0.0)))
+    with pytest.raises(Rejected, match="camera inside an object: camera 0 in 'crate'"):
+        check_truth(GATES, made, rig, truths, None)
+    check_truth(dataclasses.replace(GATES, inside=False), made, rig, truths, None)
+    rig, truths = truth_of(made := scene(box("crate", 2.0, 4.0), wall(6.0)))
+    check_truth(GATES, made, rig, truths, None)
+
+
+def test_a_furnished_room_is_no_object_to_be_inside_of():
+    rig, truths = truth_of(made := scene(box("walls", 12.0, 0.0), box("chair", 1.0, 3.0)))
+    check_truth(GATES, made, rig, truths, None)
+
+
+def test_the_right_eye_alone_in_a_box_is_found():
+    pose = np.eye(4)
+    pose[:3, :3] *= 0.05
+    pose[0, 3] = 0.1
+    made = scene(SceneObject("lamp", {"type": "sphere"}, "grey", pose), wall())
+    rig, truths = truth_of(made)
+    with pytest.raises(Rejected, match="camera 1 in 'lamp'"):
+        check_truth(dataclasses.replace(GATES, visible=0.0), made, rig, truths, None)
+
+
+def test_disparity_is_held_to_ndisp_exactly():
+    rig, truths = truth_of(made := scene(wall(4.0)))
+    disparity = float(truths[0].disparity.max())  # fx B / z, the same at every pixel
+    check_truth(GATES, made, rig, truths, ndisp=int(np.ceil(disparity)) + 1)
+    with pytest.raises(Rejected, match="disparity beyond ndisp") as caught:
+        check_truth(GATES, made, rig, truths, ndisp=int(np.floor(disparity)))
+    assert "rig.baseline" in caught.value.remedy
+    check_truth(dataclasses.replace(GATES, beyond_ndisp=1.0), made, rig, truths, ndisp=1)
+
+
+def test_views_that_share_too_little_are_refused():
+    rig, truths = truth_of(made := scene(wall(1.0)), baseline=1.1)
+    assert truths[0].visible.mean() < 0.2
+    with pytest.raises(Rejected, match="too little visible in both views"):
+        check_truth(GATES, made, rig, truths, None)
+    rig, truths = truth_of(made := scene())
+    with pytest.raises(Rejected, match="too little visible"):
+        check_truth(GATES, made, rig, truths, None)
+
+
+@pytest.mark.parametrize(("level", "reason"), [(0.0, "black image"), (1.0, "burnt image")])
+def test_black_and_burnt_pictures_are_refused_in_either_eye(level, reason):
+    rig, truths = truth_of(scene(wall()))
+    good = np.random.default_rng(0).uniform(0.1, 0.9, (*SIZE[::-1], 3))
+    bad = np.full_like(good, level)
+    gates = dataclasses.replace(GATES, texture=0.0)
+    check_photographs(gates, photographed(rig, truths, good, good), Sensor())
+    for pair, where in (((bad, good), "view 0"), ((good, bad), "view 1")):
+        with pytest.raises(Rejected, match=f"{reason}: 100.0% of {where}"):
+            check_photographs(gates, photographed(rig, truths, *pair), Sensor())
+
+
+def test_raw_pictures_are_black_at_their_black_level():
+    rig, truths = truth_of(scene(wall()))
+    sensor = Sensor(output="raw", adc_bits=12, black_level=400.0)
+    raw = np.full((*SIZE[::-1], 3), 405, np.uint16)
+    sample = Sample(rig, (Shot(tl.Pinhole(), (raw, raw)),), tuple(truths))
+    with pytest.raises(Rejected, match="black image"):
+        check_photographs(GATES, sample, sensor)
+
+
+def test_noise_is_no_texture_and_paint_is():
+    """The wall stands at one depth, so the right picture is the left one shifted by the disparity."""
+    rig, truths = truth_of(scene(wall()))
+    rng = np.random.default_rng(3)
+    shape = SIZE[::-1]
+
+    def noisy(picture):
+        return np.repeat((picture + rng.normal(0, 0.03, shape))[..., None], 3, axis=2)
+
+    flat = np.full(shape, 0.5)
+    with pytest.raises(Rejected, match="too little texture"):
+        check_photographs(GATES, photographed(rig, truths, noisy(flat), noisy(flat)), Sensor())
+    disparity = round(float(truths[0].disparity.max()))
+    paint = 0.5 + 0.1 * rng.standard_normal((shape[0], shape[1] + disparity))
+    left, right = paint[:, :-disparity], paint[:, disparity:]
+    check_photographs(GATES, photographed(rig, truths, noisy(left), noisy(right)), Sensor())
+
+
+def test_windows_count_by_their_covariance():
+    rng = np.random.default_rng(1)
+    a = rng.normal(0.5, 0.1, (4 * WINDOW, 6 * WINDOW)).astype(np.float32)
+    known = np.ones(a.shape, bool)
+    half = a.copy()
+    half[:, : 3 * WINDOW] = 0.5
+    assert textured_windows(a, a, known) == 1.0
+    assert textured_windows(a, half, known) == 0.5
+    assert textured_windows(a, 1 - a, known) == 0.0
+    known[:, : 3 * WINDOW] = False
+    assert textured_windows(a, half, known) == 1.0
+    assert textured_windows(a, half, np.zeros_like(known)) == 1.0
+    assert textured_windows(a[:5, :5], a[:5, :5], known[:5, :5]) == 1.0
+
+
+def test_a_mesh_has_an_inside_too():
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=2.0)
+    mesh = Mesh(ball.vertices, ball.faces.astype(np.uint32))
+    rig, truths = truth_of(made := scene(SceneObject("ball", mesh, "grey")))
+    with pytest.raises(Rejected, match="camera 0 in 'ball'"):
+        check_truth(GATES, made, rig, truths, None)
