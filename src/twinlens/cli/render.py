@@ -80,7 +80,7 @@ def command(scenes: tuple[str, ...], output: Path, overwrite: bool, as_json: boo
     \b
     Example:  twinlens render staircase cards --lens pinhole --lens thin:20 -o out
               twinlens render tabletop --lens thin:60@1.2 --aperture polygon:6 -o bokeh
-              twinlens render cards --lens f/2 --lens f/4 --sensor-width-mm 36 --exposure 1/8000 -o stops
+              twinlens render cards --lens f/2 --lens f/4 --sensor-width-mm 36 --exposure 1/150000 -o stops
     """
     from twinlens.scenes import load_scene
 
@@ -199,16 +199,17 @@ def _duration(time: float) -> str:
 
 
 def _list(output: Path, rows: "list[Row]", seed: int) -> None:
-    """Write dataset.json: the samples it knew, with the new ones in their places or at the end.
+    """Write dataset.json (the samples it knew, with the new ones in their places or at the end) and the card.
 
     Its recipe and what else it says stay. Where samples were made with several seeds it names none; each has its own.
     """
-    from twinlens.dataset import Manifest, read_manifest, write_manifest
+    from twinlens.dataset import Manifest, describe, read_manifest, write_manifest
 
     before = read_manifest(output) if (output / "dataset.json").exists() else Manifest((), seed=seed)
     known = {row.name: row for row in before.rows} | {row.name: row for row in rows}
     shared = before.seed if before.recipe or before.seed == seed else None
     write_manifest(output, Manifest(tuple(known.values()), before.recipe, shared, before.info))
+    describe(output)
 
 
 def _tell(output: Path, made: "list[tuple[Row, list[str]]]", as_json: bool) -> None:

@@ -115,8 +115,11 @@ def _choose(wanted: str) -> Backend:
             if probes[-1].works:
                 reason = f"{library.name} works"
                 return Backend("llvm", VARIANTS["llvm"], reason, library=str(library), probes=tuple(probes))
-    if wanted != "auto":
-        raise BackendError(f"TWINLENS_BACKEND={wanted} does not work here: {_why(probes)}; {_INSTALL_LLVM}")
+    if wanted == "cuda":
+        why = _why(probes) if probes else "no NVIDIA driver (libcuda.so.1) was found"
+        raise BackendError(f"TWINLENS_BACKEND=cuda does not work here: {why}; unset it, and LLVM is looked for")
+    if wanted == "llvm":
+        raise BackendError(f"TWINLENS_BACKEND=llvm does not work here: {_why(probes)}; {_INSTALL_LLVM}")
     return Backend("scalar", VARIANTS["scalar"], _why(probes), advice=_INSTALL_LLVM, probes=tuple(probes))
 
 

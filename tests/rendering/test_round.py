@@ -1,0 +1,44 @@
+"""What Mitsuba would silently draw in another form is refused: round shapes that a pose stretches."""
+
+import numpy as np
+import pytest
+
+from twinlens.errors import InputError
+from twinlens.rendering.build import _check_round
+from twinlens.scenes.scene import SceneObject
+
+UPRIGHT = {"type": "cylinder"}
+LYING = {"type": "cylinder", "p0": [0.0, 0.0, 0.0], "p1": [1.0, 0.0, 0.0]}
+SLANTED = {"type": "cylinder", "p0": [0.2, 0.0, 0.0], "p1": [1.2, 1.0, 0.0]}
+TURNED = {"type": "cylinder", "to_world": np.array([[0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1.0]])}
+BALL = {"type": "sphere"}
+
+
+def thing(shape, scales, instances=()):
+    return SceneObject("it", shape, "any", np.diag([*scales, 1.0]), instances=instances)
+
+
+@pytest.mark.parametrize(
+    ("shape", "scales"),
+    [(UPRIGHT, (1, 1, 3)), (LYING, (3, 1, 1)), (SLANTED, (2, 2, 2)), (TURNED, (3, 1, 1)), (BALL, (2, 2, 2))],
+)
+def test_a_round_shape_may_be_longer_along_its_own_axis_and_larger(shape, scales):
+    _check_round(thing(shape, scales))
+
+
+@pytest.mark.parametrize(
+    ("shape", "scales"),
+    [(UPRIGHT, (3, 1, 1)), (LYING, (1, 1, 3)), (SLANTED, (1, 1, 3)), (SLANTED, (3, 1, 1)), (TURNED, (1, 1, 3)),
+     (BALL, (1, 1, 2))],
+)  # fmt: skip
+def test_a_round_shape_that_is_flattened_is_refused_in_one_line(shape, scales):
+    with pytest.raises(InputError, match="keeps its form") as refusal:
+        _check_round(thing(shape, scales))
+    assert "\n" not in str(refusal.value)
+    with pytest.raises(InputError, match="keeps its form"):
+        _check_round(thing(shape, (1, 1, 1), (np.diag([*scales, 1.0]),)))
+
+
+def test_a_cylinder_of_no_length_is_refused():
+    with pytest.raises(InputError, match="two finite points apart"):
+        _check_round(thing({**LYING, "p1": LYING["p0"]}, (1, 1, 1)))
