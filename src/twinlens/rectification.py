@@ -12,9 +12,11 @@ Source: Bouguet's method, as in OpenCV's stereoRectify; Hartley and Zisserman 20
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 from twinlens.camera import ALIGNED, Camera, Misalignment, Rig, undistort_maps
@@ -58,6 +60,10 @@ class Rectification:
     def maps(self, side: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(map_x, map_y), float32 (H, W): the old pixel that each rectified one takes, for `cv2.remap`."""
         return undistort_maps(self.pair.cameras[side], self.rectified_rig.cameras[side], self.rotation(side))
+
+    def warp(self, side: int, image: NDArray[Any]) -> NDArray[Any]:
+        """The old image (H, W[, C]) as the rectified camera sees it, bilinear, of its dtype; 0 where it has none."""
+        return warp(image, *self.maps(side))
 
     def valid(self, side: int) -> NDArray[np.bool_]:
         """Whether a rectified pixel looks at the old image, between its outermost pixel centres: bool (H, W)."""
@@ -233,3 +239,19 @@ def _within(camera: Camera, pixels: Float) -> NDArray[np.bool_]:
 def _camera(size: tuple[int, int], focal: float, centre: Float, old: Camera) -> Camera:
     cx, cy = 0.5 * (np.array(size) - 1) - focal * centre
     return Camera(*size, focal, focal, float(cx), float(cy), pixel_pitch_um=old.pixel_pitch_um)
+
+
+def warp(image: NDArray[Any], map_x: NDArray[np.float32], map_y: NDArray[np.float32]) -> NDArray[Any]:
+    """`image` (H, W[, C]) at the pixels (map_x, map_y), bilinear, of the same dtype; 0 where a map leads outside.
+
+    Raises InputError for maps of unlike shapes.
+    """
+    if map_x.shape != map_y.shape:
+        raise InputError(f"map_x and map_y must be of one shape, got {map_x.shape} and {map_y.shape}")
+    planes = image[..., None] if image.ndim == 2 else image
+    at = np.stack([map_y, map_x]).astype(np.float64)
+    warped = np.stack(
+        [map_coordinates(planes[..., c].astype(np.float64), at, order=1) for c in range(planes.shape[-1])], axis=-1
+    )
+    rounded = np.rint(warped) if np.issubdtype(image.dtype, np.integer) else warped
+    return rounded.astype(image.dtype).reshape(*map_x.shape, *image.shape[2:])

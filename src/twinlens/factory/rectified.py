@@ -2,16 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from twinlens.camera import ALIGNED, Misalignment
 from twinlens.dataset import Sample, Shot, StoredSample
 from twinlens.dataset.record import plain
-from twinlens.errors import InputError, unknown
+from twinlens.errors import unknown
 from twinlens.factory.remake import remake, scene_of
 from twinlens.rectification import Rectification, rectify
 from twinlens.rendering import ground_truth
@@ -69,24 +67,8 @@ def rectified_sample(
 
 def _warped(stored: StoredSample, k: int, views: tuple[int, int], result: Rectification) -> Shot:
     shot = stored.lens(k)
-    images = tuple(warp(shot.image(view), *result.maps(side)) for side, view in enumerate(views))
+    images = tuple(result.warp(side, shot.image(view)) for side, view in enumerate(views))
     return Shot(shot.lens, images, record=shot.record)
-
-
-def warp(image: NDArray[Any], map_x: NDArray[np.float32], map_y: NDArray[np.float32]) -> NDArray[Any]:
-    """`image` (H, W[, C]) at the pixels (map_x, map_y), bilinear, of the same dtype; 0 where a map leads outside.
-
-    Raises InputError for maps of unlike shapes.
-    """
-    if map_x.shape != map_y.shape:
-        raise InputError(f"map_x and map_y must be of one shape, got {map_x.shape} and {map_y.shape}")
-    planes = image[..., None] if image.ndim == 2 else image
-    at = np.stack([map_y, map_x]).astype(np.float64)
-    warped = np.stack(
-        [map_coordinates(planes[..., c].astype(np.float64), at, order=1) for c in range(planes.shape[-1])], axis=-1
-    )
-    rounded = np.rint(warped) if np.issubdtype(image.dtype, np.integer) else warped
-    return rounded.astype(image.dtype).reshape(*map_x.shape, *image.shape[2:])
 
 
 def _where_pictured(truths: list[Truth], result: Rectification) -> tuple[Truth, ...]:

@@ -1,0 +1,30 @@
+"""From depth maps to things: points and meshes in metres with colour, fused from many views, held against the truth.
+
+docs/reconstruction.md has the formulas and where they come from. Knows no matcher and no renderer.
+"""
+
+from twinlens.reconstruction.evaluation import Comparison, compare
+from twinlens.reconstruction.export import write_glb, write_ply
+from twinlens.reconstruction.fusion import fuse, thinned
+from twinlens.reconstruction.surface import Cloud, Surface, mesh_of, points_of
+from twinlens.reconstruction.tsdf import Volume, integrate, surface_of
+from twinlens.reconstruction.views import DepthView, view_of_disparity, view_of_truth
+
+__all__ = [
+    "Cloud",
+    "Comparison",
+    "DepthView",
+    "Surface",
+    "Volume",
+    "compare",
+    "fuse",
+    "integrate",
+    "mesh_of",
+    "points_of",
+    "surface_of",
+    "thinned",
+    "view_of_disparity",
+    "view_of_truth",
+    "write_glb",
+    "write_ply",
+]

@@ -1,0 +1,94 @@
+"""Points and triangles of one depth map, in the colours that were photographed; triangles are cut at depth's jumps."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.errors import InputError, check_number
+from twinlens.geometry import Float
+from twinlens.reconstruction.views import DepthView
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points float64 (N, 3), world metres; colours uint8 (N, 3) or None. Raises InputError for what is not finite."""
+
+    points: Float
+    colors: NDArray[np.uint8] | None = None
+
+    def __post_init__(self) -> None:
+        _check("a cloud's points", self.points, self.colors)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles: vertices float64 (V, 3), world metres, faces int64 (F, 3) that turn counter-clockwise as seen from the
+    camera, colours uint8 (V, 3) or None. Raises InputError for what is not finite, or faces without their vertices.
+    """
+
+    vertices: Float
+    faces: NDArray[np.int64]
+    colors: NDArray[np.uint8] | None = None
+
+    def __post_init__(self) -> None:
+        _check("a surface's vertices", self.vertices, self.colors)
+        corners = self.faces
+        if corners.ndim != 2 or corners.shape[1] != 3 or (corners.size and not corners.min() >= 0):
+            raise InputError(f"a surface's faces must be (F, 3) rows of vertices, got shape {corners.shape}")
+        if corners.size and corners.max() >= len(self.vertices):
+            raise InputError(f"a face names vertex {corners.max()}, and there are {len(self.vertices)}")
+
+
+def points_of(view: DepthView) -> Cloud:
+    """One point a pixel of known depth, in rows from the top left."""
+    known = view.known
+    return Cloud(view.positions()[known], None if view.image is None else view.image[known])
+
+
+def mesh_of(view: DepthView, max_angle_deg: float = 85.0) -> Surface:
+    """Two triangles between each four neighbouring pixels of known depth, cut where the surface is not seen.
+
+    A triangle is left out when its normal stands more than `max_angle_deg` off the ray to it: a jump of more than
+    tan(max_angle) footprints of a pixel, z / fx wide, from one pixel to the next (11 at 85 degrees) is no surface.
+    """
+    check_number("max_angle_deg", max_angle_deg, "between 0 and 90 degrees", above=0)
+    if max_angle_deg >= 90:
+        raise InputError(f"max_angle_deg must be between 0 and 90 degrees, got {max_angle_deg}")
+    known = view.known
+    positions = np.where(known[..., None], view.positions(), 0.0).reshape(-1, 3)
+    faces = _grid_faces(*known.shape)
+    faces = faces[known.reshape(-1)[faces].all(axis=1)]
+    faces = faces[_facing(positions, faces, view.world_from_cam[:3, 3]) >= math.cos(math.radians(max_angle_deg))]
+    used = np.unique(faces)
+    renamed = np.zeros(len(positions), dtype=np.int64)
+    renamed[used] = np.arange(len(used))
+    colors = None if view.image is None else view.image.reshape(-1, 3)[used]
+    return Surface(positions[used], renamed[faces], colors)
+
+
+def _grid_faces(height: int, width: int) -> NDArray[np.int64]:
+    index = np.arange(height * width, dtype=np.int64).reshape(height, width)
+    a, b, c, d = (part.reshape(-1) for part in (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]))
+    return np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
+
+
+def _facing(vertices: Float, faces: NDArray[np.int64], eye: Float) -> Float:
+    """Cosine (F,) of the angle between each face's normal and the way from it to the eye."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    ray = eye - (a + b + c) / 3
+    size = np.linalg.norm(normal, axis=1) * np.linalg.norm(ray, axis=1)
+    cosine: Float = np.divide(np.einsum("nc,nc->n", normal, ray), size, out=np.zeros(len(faces)), where=size > 0)
+    return cosine
+
+
+def _check(what: str, points: Float, colors: NDArray[np.uint8] | None) -> None:
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise InputError(f"{what} must be finite (N, 3), got shape {points.shape}")
+    if colors is not None and (colors.shape != points.shape or colors.dtype != np.uint8):
+        raise InputError(f"{what} need colours uint8 {points.shape}, got {colors.dtype} {colors.shape}")

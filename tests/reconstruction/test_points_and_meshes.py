@@ -1,0 +1,149 @@
+"""One depth map's points and triangles: on the true surface, coloured as photographed, cut where depth jumps."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import twinlens as tl
+from twinlens.camera import BrownConrady, Camera, Rig
+from twinlens.camera.layouts import toed_in
+from twinlens.errors import InputError
+from twinlens.geometry import look_at
+from twinlens.reconstruction import (
+    Cloud,
+    DepthView,
+    Surface,
+    mesh_of,
+    points_of,
+    view_of_disparity,
+    view_of_truth,
+    write_glb,
+    write_ply,
+)
+
+POSE = look_at([1.0, -2.0, 1.5], [0.2, 3.0, 1.0])
+CAMERA = Camera(40, 30, 45.0, 44.0, 18.5, 15.25, BrownConrady(-0.1, 0.02))
+EPS = float(np.finfo(np.float32).eps)
+
+
+def view(depth, **changes):
+    image = np.random.default_rng(0).integers(0, 255, (30, 40, 3), np.uint8)
+    return DepthView(CAMERA.replace(**changes), POSE, depth, image)
+
+
+def test_points_of_true_disparity_lie_on_the_true_surface_within_what_float32_tells():
+    """d = fB/z is rounded to half a unit in its last place, and so is z, relative; with doffs a little more."""
+    scene = tl.load_scene("cards")
+    left = Camera(96, 72, 105.0, 105.0, 47.5, 35.5)
+    rig = Rig.stereo(left, 0.1, scene.world_from_left, right=left.replace(cx=48.75))
+    truth = tl.ground_truth(scene, rig)[0]
+    found = view_of_disparity(truth.disparity, rig)
+    known = truth.hit
+    assert known.mean() > 0.9
+    off = np.linalg.norm(found.positions()[known] - truth.position[known], axis=1)
+    ray = np.linalg.norm(truth.position[known] - scene.world_from_left[:3, 3], axis=1)
+    disparity = truth.disparity[known].astype(float)
+    assert (off <= 0.51 * EPS * ray * np.abs(disparity) / (disparity + rig.doffs()) + 1e-12).all()
+    assert off.max() > 0.05 * EPS * ray.max()  # it is float32 that limits, and nothing else
+
+
+def test_points_project_onto_their_pixels_in_order_with_their_colours():
+    depth = np.random.default_rng(1).uniform(1, 3, (30, 40))
+    depth[3:6, 10:20] = np.inf
+    one = view(depth)
+    cloud = points_of(one)
+    assert len(cloud) == 30 * 40 - 30
+    assert np.abs(one.rig.project(0, cloud.points) - CAMERA.pixel_grid()[one.known]).max() < 1e-9
+    assert np.array_equal(cloud.colors, one.image[one.known])
+    assert np.isposinf(one.positions()[4, 12]).all()
+
+
+def plane_depth(camera, normal, offset):
+    """Depths of the plane normal . X = offset in the camera's frame."""
+    return offset / (camera.unproject(camera.pixel_grid()) @ np.asarray(normal))
+
+
+def test_a_plane_becomes_all_its_triangles_facing_the_camera():
+    one = view(plane_depth(CAMERA, [0.3, -0.2, 1.0], 2.0))
+    mesh = mesh_of(one)
+    assert len(mesh.faces) == 2 * 29 * 39
+    solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    normal = POSE[:3, :3] @ (np.array([-0.3, 0.2, -1.0]) / np.linalg.norm([0.3, 0.2, 1.0]))
+    assert np.allclose(solid.face_normals, normal, atol=1e-6)
+    assert np.array_equal(mesh.colors, one.image.reshape(-1, 3))
+
+
+def test_triangles_are_cut_at_a_jump_and_around_what_is_unknown():
+    depth = np.full((30, 40), 2.0)
+    depth[:, 20:] = 3.0
+    depth[10, 5] = np.inf
+    mesh = mesh_of(view(depth))
+    assert len(mesh.faces) == 2 * 29 * 38 - 6  # one column of cells, and the six triangles at one pixel
+    side = np.linalg.norm(mesh.vertices[mesh.faces] - np.roll(mesh.vertices[mesh.faces], 1, axis=1), axis=2)
+    assert side.max() < 0.2
+    assert len(np.unique(mesh.faces)) == len(mesh.vertices)
+
+
+def test_a_step_is_cut_from_the_angle_that_is_asked_for():
+    footprint = 2.0 / 45.0
+    depth = np.full((30, 40), 2.0)
+    depth[:, 20:] += 5 * footprint  # about 79 degrees
+    assert len(mesh_of(view(depth, distortion=None), 84).faces) == 2 * 29 * 39
+    assert len(mesh_of(view(depth, distortion=None), 70).faces) == 2 * 29 * 38
+
+
+@pytest.mark.parametrize("make", [points_of, mesh_of])
+def test_files_are_read_back_by_another_library(make, tmp_path):
+    thing = make(view(np.random.default_rng(2).uniform(1, 1.1, (30, 40))))
+    points = thing.points if isinstance(thing, Cloud) else thing.vertices
+    write_ply(tmp_path / "a.ply", thing)
+    back = trimesh.load(tmp_path / "a.ply", process=False)
+    assert np.abs(back.vertices - points).max() <= EPS * np.abs(points).max()
+    colors = back.colors if isinstance(thing, Cloud) else back.visual.vertex_colors
+    assert np.array_equal(np.asarray(colors)[:, :3], thing.colors)
+    write_glb(tmp_path / "a.glb", thing, POSE)
+    (back,) = trimesh.load(tmp_path / "a.glb", process=False).geometry.values()
+    assert (back.vertices[:, 2] < 0).all()  # before a viewer who looks along -z
+    x, y = (points - POSE[:3, 3]) @ POSE[:3, 0], (points - POSE[:3, 3]) @ POSE[:3, 1]
+    assert np.abs(back.vertices[:, 0] - x).max() < 1e-5
+    assert np.abs(back.vertices[:, 1] + y).max() < 1e-5
+
+
+def test_a_view_of_truth_has_its_depth_and_an_image_of_eight_bits():
+    scene = tl.load_scene("cards")
+    rig = toed_in(Camera(24, 18, 26.0, 26.0, 11.5, 8.5), 0.2, 1.5, scene.world_from_left)
+    truth = tl.ground_truth(scene, rig)[1]
+    one = view_of_truth(truth, rig, 1, np.full((18, 24), 7 << 8, np.uint16))
+    assert np.abs(one.positions() - truth.position)[truth.hit].max() < 1e-12
+    assert (one.image == 7).all()
+    assert one.image.shape == (18, 24, 3)
+
+
+FLAT = np.full((30, 40), 2.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: view(np.where(FLAT > 1, np.nan, 0)), "NaN"),
+        (lambda: view(-FLAT), "positive"),
+        (lambda: view(FLAT[1:]), "needs depth"),
+        (lambda: view_of_disparity(FLAT, toed_in(CAMERA, 0.3, 2.0)), "rectify them first"),
+        (lambda: view_of_disparity(-np.inf * FLAT, Rig.stereo(CAMERA.replace(distortion=None), 0.1)), "-inf"),
+        (lambda: mesh_of(view(FLAT), 90), "max_angle_deg"),
+        (lambda: Cloud(np.array([[np.inf, 0, 0]])), "finite"),
+        (lambda: Cloud(np.zeros((2, 3)), np.zeros((1, 3), np.uint8)), "colours"),
+        (lambda: Surface(np.zeros((2, 3)), np.array([[0, 1, 2]])), "vertex 2"),
+    ],
+)
+def test_what_cannot_be_is_refused(make, says):
+    with pytest.raises(InputError, match=says):
+        make()
+
+
+def test_disparities_at_infinity_and_beyond_are_unknown():
+    rig = Rig.stereo(CAMERA.replace(distortion=None), 0.1)
+    found = view_of_disparity(np.where(np.arange(40) < 20, [[0.0]], [[-3.0]]) * np.ones((30, 1)), rig)
+    assert not found.known.any()
+    assert not len(points_of(found))
+    assert not len(mesh_of(found).faces)
