@@ -15,7 +15,6 @@ from twinlens.dataset import (
     Dataset,
     Manifest,
     Row,
-    contact_sheet,
     describe,
     motorcycle,
     place,
@@ -27,7 +26,7 @@ from twinlens.dataset import (
     write_png,
     write_sample,
 )
-from twinlens.dataset.figures import statistics_figure
+from twinlens.dataset.figures import contact_sheet, statistics_figure, tile
 from twinlens.errors import FileError, InputError
 
 rdflib_warns = pytest.mark.filterwarnings("ignore::DeprecationWarning:rdflib")
@@ -55,7 +54,7 @@ def test_the_card_tells_what_there_is(tmp_path):
     assert head["license"] == "unknown"
     assert head["size_categories"] == ["n<1K"]
     for line in (
-        "# set",
+        "# stereo dataset",
         "| samples | 2 |",
         "| image size | 64 x 48 |",
         "| lenses of a sample | 1 (1), 2 (1) |",
@@ -73,7 +72,7 @@ def test_the_card_tells_what_there_is(tmp_path):
 
 def test_the_same_dataset_gives_the_same_files(tmp_path):
     files = ("README.md", "samples.jpg", "statistics.png", "croissant.json")
-    first, second = (made(tmp_path / kind / "set") for kind in "ab")
+    first, second = (made(tmp_path / kind) for kind in "ab")
     assert describe(first) == list(files)
     describe(second)
     for name in files:
@@ -131,6 +130,22 @@ def test_plain_folders_have_a_card_too(tmp_path):
         describe(tmp_path, About(license="MIT"))
 
 
+def test_samples_that_cannot_be_read_are_named_and_not_counted(tmp_path):
+    made(tmp_path, names=("a", "b", "c"))
+    (tmp_path / "a" / "sample.json").write_text("{")
+    (tmp_path / "b" / "im0.png").unlink()
+    describe(tmp_path)
+    text = (tmp_path / "README.md").read_text()
+    assert "| samples | 2 |" in text
+    assert "Not readable, and not counted here: a." in text
+    with Image.open(tmp_path / "samples.jpg") as sheet:
+        assert sheet.size[0] == 160 + 8
+    for name in ("b", "c"):
+        (tmp_path / name / "sample.json").write_text("{")
+    with pytest.raises(FileError, match="none of its samples can be read"):
+        describe(tmp_path)
+
+
 def test_a_bucket_has_a_card_too(tmp_path):
     root = place(f"memory:/{tmp_path}/set")
     for name in describe(made(root)):
@@ -142,7 +157,7 @@ def test_the_sheet_shows_each_image():
     colors = [(250, 0, 0), (0, 250, 0), (0, 0, 250)]
     images = [np.full((60, 80, 3), color, np.uint8) for color in colors]
     images += [np.full((90, 60), 200 * 257, np.uint16)]
-    sheet = Image.open(io.BytesIO(contact_sheet(images, columns=3)))
+    sheet = Image.open(io.BytesIO(contact_sheet([tile(image) for image in images], columns=3)))
     assert sheet.size == (3 * 164 + 4, 2 * 124 + 4)
     for i, color in enumerate([*colors, (200, 200, 200)]):
         pixel = sheet.getpixel((84 + i % 3 * 164, 64 + i // 3 * 124))

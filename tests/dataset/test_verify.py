@@ -102,6 +102,31 @@ def test_sizes_are_compared(loose):
     assert verify_sample(loose) == ["im1.png: is 120 x 89, and must be 120 x 90"]
 
 
+def test_truth_that_is_missing_is_told_without_a_manifest(loose):
+    for name in ("truth1.exr", "disp0.pfm", "mask1nocc.png"):
+        (loose.folder / name).rename(loose.folder / "aside")
+        assert verify_sample(loose) == [f"{name}: is missing"]
+        (loose.folder / "aside").rename(loose.folder / name)
+
+
+def test_images_that_are_exchanged_are_told(tmp_path):
+    # A picture that both eyes see: a texture on the planes, looked up where their points are.
+    sample = dataset_scene.sample(num_lenses=2, width=160, height=120)
+    left, right = (texture(truth) for truth in sample.truths)
+    for name, lenses in (("good", [(left, right)] * 2), ("bad", [(left, right), (right, left)])):
+        shots = [dataset_scene.Shot(s.lens, images) for s, images in zip(sample.shots, lenses, strict=True)]
+        write_sample(tmp_path / name, type(sample)(sample.rig, tuple(shots), sample.truths))
+    assert verify_sample(Dataset(tmp_path)["good"]) == []
+    (finding,) = verify_sample(Dataset(tmp_path)["bad"])
+    assert finding.startswith("lens-1/im0.png: looks exchanged with its partner's image: their edges correlate by ")
+
+
+def texture(truth):
+    p = np.where(truth.hit[..., None], truth.position, 0.0)
+    waves = np.sin(p @ [[37.0, 61.0], [53.0, -29.0], [17.0, 43.0]]).sum(axis=-1)
+    return np.round(127 + 60 * waves).astype(np.uint8)
+
+
 def change_pfm(folder, name, change):
     write_pfm(folder / name, change(read_pfm(folder / name)))
 

@@ -54,7 +54,7 @@ def command(output: Path, as_json: bool) -> None:
 def _render(dataset: Path, spp: int) -> None:
     """Both lenses of every scene, as a dataset."""
     from twinlens.camera import Pinhole, ThinLens
-    from twinlens.dataset import Manifest, Row, write_manifest, write_sample
+    from twinlens.dataset import Manifest, Row, describe, write_manifest, write_sample
     from twinlens.factory import default_rig, make_sample
     from twinlens.scenes import load_scene
 
@@ -70,3 +70,4 @@ def _render(dataset: Path, spp: int) -> None:
             )  # fmt: skip
             rows = (*rows, Row(name, write_sample(dataset / name, sample, overwrite=True), {"scene": name}))
     write_manifest(dataset, Manifest(tuple(rows), seed=0))
+    describe(dataset)

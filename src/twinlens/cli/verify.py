@@ -1,15 +1,21 @@
 """`twinlens verify`: is a dataset what its records say, and is its truth true?"""
 
 import json
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from twinlens.cli.places import PLACE
+from twinlens.cli.progress import progress_bar
+
+if TYPE_CHECKING:
+    from twinlens.dataset import Place
+
 
 @click.command("verify")
-@click.argument("dataset", type=click.Path(path_type=Path))
+@click.argument("dataset", type=PLACE)
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
-def command(dataset: Path, as_json: bool) -> int:
+def command(dataset: "Place", as_json: bool) -> int:
     """Check DATASET: checksums, shapes, disparity against depth, each view's truth against the other's.
 
     Names each sample and what is wrong with it; exit code 1 if anything is.
@@ -17,15 +23,28 @@ def command(dataset: Path, as_json: bool) -> int:
     \b
     Example:  twinlens verify out
     """
-    from twinlens.dataset import Dataset, verify_dataset
+    from twinlens.dataset import unchecked
 
-    findings = dict(verify_dataset(Dataset(dataset)))
-    wrong = sum(map(bool, findings.values()))
+    findings = _findings(dataset, as_json)
+    if unchecked(dataset):
+        click.echo(f"{dataset}: {unchecked(dataset)}", err=True)
+    whole, wrong = findings.pop("dataset.json", []), sum(map(bool, findings.values()))
     if as_json:
-        click.echo(json.dumps(findings, indent=1))
+        click.echo(json.dumps(({"dataset.json": whole} if whole else {}) | findings, indent=1))
     else:
-        for name, found in findings.items():
-            for line in found:
-                click.echo(f"{name}: {line}")
-        click.echo(f"{len(findings)} samples, {wrong} with findings")
-    return 1 if wrong else 0
+        click.echo(f"{len(findings)} samples, {wrong} with findings" + (", and dataset.json too" if whole else ""))
+    return 1 if wrong or whole else 0
+
+
+def _findings(dataset: "Place", quiet: bool) -> dict[str, list[str]]:
+    """Of dataset.json and of each sample, printed as they are found."""
+    from twinlens.dataset import verify_place
+
+    found = {}
+    with progress_bar("verifying") as report:
+        for name, lines in verify_place(dataset, report):
+            found[name] = lines
+            if not quiet:
+                for line in lines:
+                    click.echo(f"{name}: {line}")
+    return found

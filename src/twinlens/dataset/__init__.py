@@ -4,6 +4,7 @@ What a sample looks like on the disk is written in docs/format.md.
 """
 
 from twinlens.dataset.about import About
+from twinlens.dataset.audit import unchecked, verify_place
 from twinlens.dataset.card import write_card
 from twinlens.dataset.codecs import (
     Calibration,
@@ -21,7 +22,6 @@ from twinlens.dataset.codecs import (
 from twinlens.dataset.croissant import write_croissant
 from twinlens.dataset.dataset import Dataset, arrays
 from twinlens.dataset.description import describe
-from twinlens.dataset.figures import contact_sheet
 from twinlens.dataset.files import remove_unfinished
 from twinlens.dataset.manifest import Manifest, Row, checksums, read_manifest, row_of, write_manifest
 from twinlens.dataset.motorcycle import RealPair, motorcycle
@@ -49,7 +49,6 @@ __all__ = [
     "Where",
     "arrays",
     "checksums",
-    "contact_sheet",
     "describe",
     "encode_pfm",
     "encode_png",
@@ -68,7 +67,9 @@ __all__ = [
     "row_of",
     "sample_files",
     "statistics",
+    "unchecked",
     "verify_dataset",
+    "verify_place",
     "verify_sample",
     "write_calib",
     "write_card",

@@ -10,13 +10,15 @@ from twinlens.dataset.manifest import NAME, Manifest
 from twinlens.errors import FileError, InputError, unknown
 
 KEY = "about"
+UNNAMED = "stereo dataset"
 
 
 @dataclass(frozen=True)
 class About:
     """What a card and Croissant metadata say beyond what the files tell; text, empty where it is not said.
 
-    name : of the dataset; its folder's where empty. description : one sentence or more.
+    name : of the dataset; "stereo dataset" where empty, so that a copy of it says the same.
+    description : one sentence or more.
     license : an SPDX name as ``CC-BY-4.0``, or the address of a licence's text.
     creator : who made it. url : where it can be had. published : the date, ``2026-01-31``. cite_as : a BibTeX entry.
     """
@@ -45,6 +47,11 @@ class About:
                 raise unknown(f"key of {KEY}", str(key), known)
         return cls(**values)
 
+    @property
+    def title(self) -> str:
+        """The name, or what stands for it."""
+        return self.name or UNNAMED
+
     def plain(self) -> dict[str, str]:
         """What is said, as a manifest's info holds it."""
         return {name: value for name, value in dataclasses.asdict(self).items() if value}
@@ -63,8 +70,3 @@ def about(dataset: Dataset) -> tuple[About, Manifest]:
         return About.of(manifest.info.get(KEY, manifest.recipe.get(KEY, {}))), manifest
     except InputError as error:
         raise FileError(f"{path}: {error}") from None
-
-
-def named(said: About, dataset: Dataset) -> About:
-    """`said` with the folder's name where it gives the dataset none."""
-    return dataclasses.replace(said, name=said.name or dataset.path.resolve().name)

@@ -8,20 +8,25 @@ Source: https://huggingface.co/docs/hub/datasets-cards; Gebru et al., Datasheets
 import json
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
+from PIL import Image
 
 import twinlens
-from twinlens.dataset.about import About, about, named
+from twinlens.dataset.about import About, about
 from twinlens.dataset.dataset import Dataset
-from twinlens.dataset.figures import TILES, contact_sheet, statistics_figure
+from twinlens.dataset.figures import TILES, contact_sheet, statistics_figure, tile
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.manifest import Manifest
 from twinlens.dataset.quantities import Statistics, mixed_counts, stored_statistics
 from twinlens.dataset.record import plain
 from twinlens.dataset.storage import Place, Where
+from twinlens.dataset.stored import StoredSample
+from twinlens.errors import FileError
+
+T = TypeVar("T")
 
 SHEET, FIGURE = "samples.jpg", "statistics.png"
 _NAMES = ("README.md", "CARD.md")
@@ -49,7 +54,7 @@ is along the optical axis in metres, the blur circle is the diameter in pixels t
 ## Reading it
 
     import twinlens as tl
-    data = tl.Dataset("{name}")
+    data = tl.Dataset("path/to/this/folder")
     data[0].im0, data[0].im1, data[0].disp0, data[0].mask0_nonocc, data[0].calibration
 
 Every sample is a folder of plain files under Middlebury's names (im0.png, disp0.pfm, calib.txt, ...), so that other
@@ -78,19 +83,35 @@ def write_card(dataset: Where | Dataset) -> list[str]:
     """Write README.md, samples.jpg and statistics.png into a dataset's folder; their names.
 
     A README.md that is not twinlens's own is left alone: then the card is CARD.md. Statistics come from sample.json
-    where they stand there, else from the truth; one sample is in memory at a time. Raises FileError and
-    OutputError.
+    where they stand there, else from the truth; one sample is in memory at a time. Samples that cannot be read are not
+    counted, and named. Raises FileError when none can be read, and OutputError.
     """
     dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     said, manifest = about(dataset)
-    said = named(said, dataset)
-    many = [stored_statistics(sample) for sample in dataset]
-    chosen = np.linspace(0, len(dataset) - 1, min(len(dataset), TILES)).round().astype(int)
-    write_file(dataset.path / SHEET, contact_sheet(dataset[int(i)].im0 for i in chosen))
-    write_file(dataset.path / FIGURE, statistics_figure(many))
+    many = {sample.name: told for sample in dataset if (told := _readable(sample, stored_statistics)) is not None}
+    chosen = np.linspace(0, len(many) - 1, min(len(many), TILES)).round().astype(int)
+    tiles = (_readable(dataset[list(many)[i]], _left_tile) for i in chosen)
+    shown = [tile for tile in tiles if tile is not None]
+    if not shown:
+        raise FileError(f"{dataset.path}: none of its samples can be read; `twinlens verify` says why")
+    write_file(dataset.path / SHEET, contact_sheet(shown))
+    write_file(dataset.path / FIGURE, statistics_figure(list(many.values())))
     name = _free_name(dataset.path)
-    write_file(dataset.path / name, _card(said, manifest, many).encode())
+    lost = [name for name in dataset.names if name not in many]
+    write_file(dataset.path / name, _card(said, manifest, list(many.values()), lost).encode())
     return [name, SHEET, FIGURE]
+
+
+def _readable(sample: StoredSample, read: Callable[[StoredSample], T]) -> T | None:
+    """What `read` answers of a sample, None where its files do not let it."""
+    try:
+        return read(sample)
+    except FileError:
+        return None
+
+
+def _left_tile(sample: StoredSample) -> Image.Image:
+    return tile(sample.im0)
 
 
 def _free_name(folder: Place) -> str:
@@ -98,25 +119,24 @@ def _free_name(folder: Place) -> str:
     return _NAMES[1] if path.is_file() and _OURS.encode() not in read_bytes(path) else _NAMES[0]
 
 
-def _card(said: About, manifest: Manifest, many: Sequence[Statistics]) -> str:
+def _card(said: About, manifest: Manifest, many: Sequence[Statistics], lost: Sequence[str]) -> str:
     body = _TEXT.format(
         sheet=SHEET,
         figure=FIGURE,
         version=twinlens.__version__,
-        name=said.name,
         count=len(many),
         samples="samples" if len(many) > 1 else "sample",
         facts="\n".join(f"| {key} | {value} |" for key, value in _facts(manifest, many).items()),
-        made=_made(manifest),
+        made=_made(manifest) + (f"\n\nNot readable, and not counted here: {', '.join(lost)}." if lost else ""),
         license=_license(said),
     )
-    head = f"# {said.name}\n" + (f"\n{said.description}\n" if said.description else "")
+    head = f"# {said.title}\n" + (f"\n{said.description}\n" if said.description else "")
     return f"{_front_matter(said, len(many))}{_OURS}\n\n{head}{body}"
 
 
 def _front_matter(said: About, count: int) -> str:
     named = said.license.lower() if _SPDX.match(said.license) else "other" if said.license else "unknown"
-    entries: dict[str, Any] = {"pretty_name": said.name, "license": named}
+    entries: dict[str, Any] = {"pretty_name": said.title, "license": named}
     if named == "other":
         entries["license_link"] = said.license
     category = next(text for limit, text in _CATEGORIES if count < limit)

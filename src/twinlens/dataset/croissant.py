@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from twinlens.dataset.about import About, about, named
+from twinlens.dataset.about import About, about
 from twinlens.dataset.dataset import Dataset
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.manifest import NAME as MANIFEST
@@ -64,7 +64,6 @@ def write_croissant(dataset: Where | Dataset) -> str:
     """
     dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     said, manifest = about(dataset)
-    said = named(said, dataset)
     listed = read_bytes(dataset.path / MANIFEST) if (dataset.path / MANIFEST).is_file() else None
     files = (row.files for row in manifest.rows) if manifest.rows else _files_of(dataset)
     record = _metadata(said)
@@ -94,8 +93,8 @@ def _metadata(said: About) -> dict[str, Any]:
         "@context": CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": "http://mlcommons.org/croissant/1.0",
-        "name": said.name,
-        "description": said.description or f"{said.name}: stereo pairs rendered by twinlens, with exact ground truth.",
+        "name": said.title,
+        "description": said.description or f"{said.title}: stereo pairs rendered by twinlens, with exact ground truth.",
         "version": _VERSION,
     }
     given = {"license": said.license, "url": said.url, "datePublished": said.published, "citeAs": said.cite_as}

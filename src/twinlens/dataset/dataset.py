@@ -124,6 +124,13 @@ def arrays(sample: StoredSample) -> dict[str, Any]:
     return read_all(("name", "im0", "im1", "disp0", "mask0_nonocc"), sample)
 
 
+def found_samples(path: Place) -> Dataset:
+    """The dataset of the samples that lie below `path`, whatever its dataset.json says; it may be empty."""
+    view = object.__new__(Dataset)
+    view.path, view._samples = path, _found(path)
+    return view
+
+
 def _listed(path: Place) -> tuple[StoredSample, ...]:
     rows = read_manifest(path).rows
     return tuple(StoredSample(path / row.name, row.name, {"files": row.files, "info": row.info}) for row in rows)

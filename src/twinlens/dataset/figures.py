@@ -4,12 +4,12 @@ The same dataset gives the same bytes with the same versions of Pillow and matpl
 """
 
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageOps
 
 from twinlens.dataset.quantities import Statistics, mixed_counts
 from twinlens.errors import InputError
@@ -21,24 +21,28 @@ _INK, _FILL, _QUIET = "#1b2a3a", "#3b7dd8", "#6b7785"
 _WIDE = 8.0  # depths that span so many times the least are drawn on a logarithmic axis
 
 
-def contact_sheet(images: Iterable[NDArray[Any]], columns: int = 8) -> bytes:
-    """A JPEG of the images (uint8 or uint16, (H, W[, 3])) as tiles in rows, one at a time in memory.
+def tile(image: NDArray[Any]) -> Image.Image:
+    """A picture 160 pixels wide of an image, uint8 or uint16 (H, W[, 3])."""
+    eight = image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)
+    picture = Image.fromarray(eight).convert("RGB").reduce(max(1, image.shape[1] // (3 * _TILE_WIDTH)))
+    height = max(round(_TILE_WIDTH * image.shape[0] / image.shape[1]), 1)
+    return picture.resize((_TILE_WIDTH, height), Image.Resampling.LANCZOS)
 
-    Every tile is 160 pixels wide and as high as the first one's shape asks; other shapes are fitted into it. Raises
-    InputError when there is no image.
+
+def contact_sheet(tiles: Sequence[Image.Image], columns: int = 8) -> bytes:
+    """A JPEG of the tiles in rows, each as high as the first: others are fitted into it.
+
+    Raises InputError when there is none.
     """
-    tiles: list[Image.Image] = []
-    for image in images:
-        height = tiles[0].height if tiles else max(round(_TILE_WIDTH * image.shape[0] / image.shape[1]), 1)
-        tiles.append(_tile(image, height))
     if not tiles:
         raise InputError("a sheet needs one image or more")
     columns = min(columns, len(tiles))
     rows = -(-len(tiles) // columns)
-    width, height = _TILE_WIDTH + _GAP, tiles[0].height + _GAP
-    sheet = Image.new("RGB", (columns * width + _GAP, rows * height + _GAP), "white")
-    for i, tile in enumerate(tiles):
-        sheet.paste(tile, (_GAP + i % columns * width, _GAP + i // columns * height))
+    width, height = tiles[0].size
+    sheet = Image.new("RGB", (columns * (width + _GAP) + _GAP, rows * (height + _GAP) + _GAP), "white")
+    for i, each in enumerate(tiles):
+        fitted = ImageOps.pad(each, (width, height), color="white")
+        sheet.paste(fitted, (_GAP + i % columns * (width + _GAP), _GAP + i // columns * (height + _GAP)))
     stream = io.BytesIO()
     sheet.save(stream, "JPEG", quality=88)
     return stream.getvalue()
@@ -65,18 +69,6 @@ def statistics_figure(many: Sequence[Statistics]) -> bytes:
     stream = io.BytesIO()
     canvas.print_png(stream, metadata={"Software": None})
     return stream.getvalue()
-
-
-def _tile(image: NDArray[Any], height: int) -> Image.Image:
-    eight = image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)
-    picture = Image.fromarray(eight).convert("RGB")
-    picture = picture.reduce(max(1, picture.width // (3 * _TILE_WIDTH)))
-    picture.thumbnail((_TILE_WIDTH, height), Image.Resampling.LANCZOS)
-    if picture.size == (_TILE_WIDTH, height):
-        return picture
-    tile = Image.new("RGB", (_TILE_WIDTH, height), "white")
-    tile.paste(picture, ((_TILE_WIDTH - picture.width) // 2, (height - picture.height) // 2))
-    return tile
 
 
 def _draw(

@@ -129,9 +129,34 @@ def _truths(content: dict[str, Any]) -> list[str]:
         findings += _named("calib.txt", laws.calibration_agrees(content["calib.txt"], rig))
     elif len(rig) > 1 and rig.is_rectified():
         findings.append("calib.txt: is missing (the first two cameras are a rectified pair)")
+    findings += _missing_truth(content, rig)
     for i in range(len(rig)):
         if f"truth{i}.exr" in content:
             findings += _view_of(content, rig, i)
+    return findings or _exchanged(content, rig)
+
+
+def _missing_truth(content: dict[str, Any], rig: Rig) -> list[str]:
+    """A view with truth has partners with truth, and masks, and disparities where the two are rectified."""
+    names = [f"truth{i}.exr" for i in range(len(rig))]
+    if not any(name in content for name in (*names, "disp0.pfm", "mask0nocc.png")):
+        return []
+    for i in range(len(rig)):
+        partner = rig.partner(i)
+        if partner is not None:
+            names.append(f"mask{i}nocc.png")
+            names += [f"disp{i}.pfm"] if rig.is_rectified(*sorted((i, partner))) else []
+    return [f"{name}: is missing" for name in names if name not in content]
+
+
+def _exchanged(content: dict[str, Any], rig: Rig) -> list[str]:
+    findings = []
+    for k, i in ((k, i) for k in range(len(content["lenses"])) for i in range(len(rig) - 1)):
+        folder, maps = f"lens-{k}/" if k else "", (f"disp{i}.pfm", f"mask{i}nocc.png")
+        partner = rig.partner(i)
+        if partner == i + 1 and all(name in content for name in maps):
+            images = (content[f"{folder}im{i}.png"], content[f"{folder}im{partner}.png"])
+            findings += _named(f"{folder}im{i}.png", laws.eyes_agree(images, content[maps[0]], content[maps[1]]))
     return findings
 
 

@@ -1,0 +1,90 @@
+"""Is a whole dataset what it says it is: its list, what lies beside its samples, and each sample (`verify_sample`)."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator
+
+from twinlens.dataset.croissant import NAME as CROISSANT
+from twinlens.dataset.dataset import Dataset, found_samples
+from twinlens.dataset.files import is_hidden, read_bytes
+from twinlens.dataset.manifest import NAME
+from twinlens.dataset.storage import MARK, Place, RemotePath, Where, place
+from twinlens.dataset.verify import verify_sample
+from twinlens.errors import FileError
+
+_OF_A_SAMPLE = (MARK, "im0.png")
+
+
+def verify_place(where: Where, progress: Callable[[float, str], None] | None = None) -> Iterator[tuple[str, list[str]]]:
+    """(name, findings): of dataset.json, which stands for the dataset as a whole, and then of each sample in turn.
+
+    One sample is in memory at a time. `progress` hears the fraction done and the sample's name. Never raises for what a
+    file holds; FileError when there is no dataset at all.
+    """
+    folder = place(where)
+    try:
+        dataset, findings = Dataset(folder), []
+    except FileError as error:
+        if not (folder / NAME).is_file():
+            raise
+        dataset, findings = found_samples(folder), [str(error).removeprefix(f"{folder / NAME}: ")]
+    yield NAME, findings or _of_the_whole(folder, dataset)
+    for i, sample in enumerate(dataset):
+        if progress is not None:
+            progress(i / len(dataset), sample.name)
+        yield sample.name, verify_sample(sample)
+
+
+def unchecked(where: Where) -> str:
+    """What a dataset does not let itself be checked for, in a line; empty where it does."""
+    if (place(where) / NAME).is_file():
+        return ""
+    return f"no {NAME} here: the files were held against each other, but not against checksums"
+
+
+def _of_the_whole(folder: Place, dataset: Dataset) -> list[str]:
+    if (folder / NAME).is_file():
+        beside = _beside(folder, set(dataset.names))
+        return [f"{name}: is a sample that {NAME} does not list" for name in beside] + _of_croissant(folder)
+    if dataset[0].folder != folder and any(sample.has(MARK) for sample in dataset):
+        return [f"is missing, so that no file can be held against its checksum; found without it: {len(dataset)}"]
+    return []
+
+
+def _beside(folder: Place, known: set[str]) -> list[str]:
+    """The folders below `folder` with a sample's files in them that are none of `known`, nor lie in a sample."""
+    found: set[str] = set()
+    for name in sorted(_folders_of_samples(folder, known), key=lambda name: name.count("/")):
+        ancestors = {name[:end] for end, letter in enumerate(name) if letter == "/"}
+        hidden = any(is_hidden(part) for part in name.split("/"))
+        if name and not hidden and not ({name} | ancestors) & (known | found):
+            found.add(name)
+    return sorted(found)
+
+
+def _folders_of_samples(folder: Place, known: set[str]) -> Iterator[str]:
+    if isinstance(folder, RemotePath):
+        yield from {name.rpartition("/")[0] for name in folder.files() if name.rpartition("/")[2] in _OF_A_SAMPLE}
+        return
+    level = [folder]
+    while level:
+        below = [entry for each in level for entry in each.iterdir() if entry.is_dir()]
+        # What is known is not looked into: most of a dataset's files lie there.
+        level = [entry for entry in below if entry.relative_to(folder).as_posix() not in known]
+        for entry in level:
+            if any((entry / file).is_file() for file in _OF_A_SAMPLE):
+                yield entry.relative_to(folder).as_posix()
+
+
+def _of_croissant(folder: Place) -> list[str]:
+    """croissant.json holds the SHA-256 of dataset.json."""
+    if not (folder / CROISSANT).is_file():
+        return []
+    try:
+        entries = json.loads(read_bytes(folder / CROISSANT))["distribution"]
+        stated = [entry["sha256"] for entry in entries if entry.get("contentUrl") == NAME]
+    except (ValueError, RecursionError, KeyError, TypeError, AttributeError):
+        return [f"{CROISSANT}: is damaged; `twinlens describe` makes it anew"]
+    if stated != [hashlib.sha256(read_bytes(folder / NAME)).hexdigest()]:
+        return [f"{CROISSANT}: describes another {NAME}; `twinlens describe` makes it anew"]
+    return []

@@ -1,0 +1,89 @@
+"""The commands that look after a dataset: verify, export, describe."""
+
+import json
+import shutil
+
+import pytest
+
+from twinlens.dataset import Dataset, place, read_manifest
+
+
+@pytest.fixture
+def own(dataset, tmp_path):
+    return shutil.copytree(dataset, tmp_path / "own")
+
+
+def test_verify_prints_each_finding_and_counts(twinlens, own):
+    (own / "cards" / "disp0.pfm").unlink()
+    code, out, _ = twinlens("verify", own)
+    assert code == 1
+    assert out.splitlines() == ["cards: disp0.pfm: is missing", "1 samples, 1 with findings"]
+    code, out, _ = twinlens("verify", own, "--json")
+    assert code == 1
+    assert json.loads(out) == {"cards": ["disp0.pfm: is missing"]}
+
+
+def test_verify_says_that_there_is_no_list(twinlens, own):
+    (own / "dataset.json").unlink()
+    code, out, err = twinlens("verify", own)
+    assert code == 1
+    assert out.startswith("dataset.json: is missing")
+    assert "no dataset.json here" in err
+    code, out, err = twinlens("verify", own / "cards", "--json")
+    assert (code, json.loads(out)) == (0, {"cards": []})
+    assert "not against checksums" in err
+
+
+def test_verify_needs_a_dataset(twinlens, tmp_path):
+    for where in (tmp_path, "memory://nothing/there", "nowhere://x"):
+        code, _, err = twinlens("verify", where)
+        assert code == 2
+        assert err.count("\n") == 1
+
+
+def test_export_tells_what_it_wrote(twinlens, dataset, tmp_path):
+    code, out, _ = twinlens("export", dataset, "--to", "carla", "-o", tmp_path / "out", "--json")
+    assert code == 0
+    answer = json.loads(out)
+    assert answer["layout"] == "carla"
+    assert all((tmp_path / "out" / name).stat().st_size == size for name, size in answer["files"].items())
+
+
+def test_export_again_needs_to_be_told(twinlens, dataset, tmp_path):
+    arguments = ("export", dataset, "--to", "eth3d", "-o", tmp_path / "out")
+    assert twinlens(*arguments)[0] == 0
+    code, _, err = twinlens(*arguments)
+    assert code == 2
+    assert "is there already" in err
+    code, out, _ = twinlens(*arguments, "--overwrite", "--lens", "1")
+    assert code == 0
+    assert "1 samples, 8 files" in out
+
+
+def test_export_to_and_from_a_bucket(twinlens, dataset, tmp_path):
+    bucket = place(f"memory:/{tmp_path}/bucket")
+    for path in dataset.rglob("*"):
+        if path.is_file():
+            (bucket / path.relative_to(dataset)).write_bytes(path.read_bytes())
+    assert twinlens("verify", bucket)[0] == 0
+    assert twinlens("export", bucket, "--to", "kitti2015", "-o", bucket / "kitti")[0] == 0
+    assert (bucket / "kitti" / "Kitti2015" / "training" / "image_2" / "000000_10.png").is_file()
+
+
+def test_export_of_an_unknown_split(twinlens, dataset, tmp_path):
+    code, _, err = twinlens("export", dataset, "--to", "carla", "-o", tmp_path / "out", "--split", "train")
+    assert code == 2
+    assert "unknown split 'train'" in err
+
+
+def test_describe_keeps_what_it_is_told(twinlens, own):
+    code, out, _ = twinlens("describe", own, "--license", "CC-BY-4.0", "--creator", "Ada")
+    assert code == 0
+    assert [line.rpartition("/")[2] for line in out.splitlines()] == [
+        *("README.md", "samples.jpg", "statistics.png", "croissant.json")
+    ]
+    assert twinlens("describe", own)[0] == 0
+    assert "CC-BY-4.0" in (own / "README.md").read_text()
+    assert read_manifest(own).info["about"] == {"license": "CC-BY-4.0", "creator": "Ada"}
+    assert len(Dataset(own)) == 1
+    assert twinlens("verify", own)[0] == 0

@@ -1,0 +1,123 @@
+"""A dataset as a whole: its list, what lies beside its samples, and what is said when there is no list."""
+
+import json
+import shutil
+
+import dataset_scene
+import pytest
+
+from twinlens.dataset import (
+    Dataset,
+    Manifest,
+    Row,
+    describe,
+    place,
+    unchecked,
+    verify_place,
+    write_manifest,
+    write_sample,
+)
+from twinlens.errors import FileError
+
+NAMES = ("a", "train/0")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("made") / "set")
+
+
+def write(root):
+    rows = [Row(name, write_sample(root / name, dataset_scene.sample())) for name in NAMES]
+    write_manifest(root, Manifest(tuple(rows)))
+    describe(root)
+    return root
+
+
+@pytest.fixture
+def root(made, tmp_path):
+    return shutil.copytree(made, tmp_path / "set")
+
+
+def wrong(where):
+    return {name: findings for name, findings in verify_place(where) if findings}
+
+
+def test_a_whole_dataset_has_no_findings(root):
+    heard = []
+    assert [name for name, _ in verify_place(root, lambda *now: heard.append(now))] == ["dataset.json", *NAMES]
+    assert heard == [(0.0, "a"), (0.5, "train/0")]
+    (root / ".cache").mkdir()
+    (root / "notes").mkdir()
+    (root / "notes" / "todo.txt").touch()
+    assert wrong(root) == {}
+    assert unchecked(root) == ""
+
+
+def test_in_a_bucket(tmp_path):
+    root = write(place(f"memory:/{tmp_path}/set"))
+    assert wrong(root) == {}
+    write_sample(root / "train" / "1", dataset_scene.sample())
+    (root / "a" / "im0.png").write_bytes(b"short")
+    assert wrong(root) == {
+        "dataset.json": ["train/1: is a sample that dataset.json does not list"],
+        "a": ["im0.png: differs from its SHA-256 in dataset.json"],
+    }
+
+
+def test_samples_that_are_not_listed_are_told(root):
+    write_sample(root / "b", dataset_scene.sample(num_lenses=2))
+    shutil.copytree(root / "a", root / "train" / "deep" / "er")
+    assert wrong(root)["dataset.json"] == [
+        "b: is a sample that dataset.json does not list",
+        "train/deep/er: is a sample that dataset.json does not list",
+    ]
+
+
+def test_a_listed_sample_that_is_gone_is_told(root):
+    shutil.rmtree(root / "a")
+    ((name, findings),) = wrong(root).items()
+    assert name == "a"
+    assert "no such folder" in findings[0]
+
+
+def test_a_damaged_list_is_told_and_the_samples_are_still_checked(root):
+    path = root / "dataset.json"
+    path.write_bytes(path.read_bytes()[:-40])
+    (root / "a" / "disp0.pfm").write_bytes(b"")
+    found = wrong(root)
+    assert found["dataset.json"][0].startswith("not valid JSON")
+    assert found["a"][0].startswith("disp0.pfm: not a PFM")
+    assert str(root) not in str(found)
+
+
+def test_a_list_that_is_gone_is_told(root):
+    (root / "dataset.json").unlink()
+    assert wrong(root) == {
+        "dataset.json": ["is missing, so that no file can be held against its checksum; found without it: 1"]
+    }
+    assert unchecked(root).startswith("no dataset.json here")
+    # One sample's own folder never had one.
+    assert wrong(root / "a") == {}
+
+
+def test_metadata_of_another_list_is_told(root):
+    write_manifest(root, Manifest(Dataset(root).manifest.rows, seed=1))
+    assert wrong(root) == {
+        "dataset.json": ["croissant.json: describes another dataset.json; `twinlens describe` makes it anew"]
+    }
+    describe(root)
+    assert wrong(root) == {}
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"distribution": 7}', '{"distribution": [7]}', "[" * 5000])
+def test_damaged_metadata_is_told(root, text):
+    (root / "croissant.json").write_text(text)
+    assert wrong(root)["dataset.json"] == ["croissant.json: is damaged; `twinlens describe` makes it anew"]
+
+
+def test_no_dataset_at_all(tmp_path):
+    with pytest.raises(FileError, match="holds no sample"):
+        list(verify_place(tmp_path))
+    (tmp_path / "dataset.json").write_text(json.dumps({"format": "other"}))
+    assert "not a twinlens-dataset file" in wrong(tmp_path)["dataset.json"][0]
