@@ -1,8 +1,10 @@
 """A Mitsuba file that could run code or read elsewhere is refused before Mitsuba sees it."""
 
+import re
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from twinlens.errors import InputError
 from twinlens.scenes.xml_check import checked_xml
@@ -28,7 +30,7 @@ HARMLESS = """<scene version="3.0.0">
 
 def check(folder: Path, text: str) -> list[Path]:
     (folder / "deep").mkdir(exist_ok=True)
-    (folder / "deep" / "t.png").write_bytes(b"x")
+    Image.new("L", (1, 1)).save(folder / "deep" / "t.png")
     path = folder / "s.xml"
     path.write_text(text)
     return checked_xml(path)[1]
@@ -101,8 +103,10 @@ def test_no_name_of_a_link_out_of_the_folder_slips_through(tmp_path: Path, sly: 
 
 
 def test_an_environment_map_must_be_the_picture_it_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"t\.png: cannot be read as a \.png picture"):
-        check(tmp_path, '<scene><emitter type="envmap"><string name="filename" value="deep/t.png"/></emitter></scene>')
+    (tmp_path / "sky.png").write_bytes(b"x")
+    for name, says in (("sky.png", "cannot be read as a .png picture"), ("deep/t.png", "2x3 pixels or more")):
+        with pytest.raises(InputError, match=re.escape(says)):
+            check(tmp_path, f'<scene><emitter type="envmap"><string name="filename" value="{name}"/></emitter></scene>')
 
 
 def test_a_dollar_in_the_root_is_refused(tmp_path: Path) -> None:
@@ -164,3 +168,16 @@ def test_endless_nesting_is_refused(tmp_path: Path) -> None:
 def test_namespaces_and_unknown_encodings_do_not_slip_through(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         check(tmp_path, '<scene xmlns:x="y"><x:shape type="../e"/></scene>')
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "says"),
+    [("t.png", b"not a picture", "cannot be read"), ("t.txt", b"text", "pictures may be"), ("wide.hdr", b"", "pixels")],
+)
+def test_a_texture_is_a_whole_picture_of_a_known_kind_and_a_sensible_size(tmp_path, name, data, says):
+    wide = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n"
+    (tmp_path / name).write_bytes(data or wide)
+    scene = tmp_path / "s.xml"
+    scene.write_text(f'<scene><texture type="bitmap"><string name="filename" value="{name}"/></texture></scene>')
+    with pytest.raises(InputError, match=says):
+        checked_xml(scene)

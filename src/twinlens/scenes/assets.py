@@ -42,19 +42,31 @@ def read_picture(path: Path, raw: bool = False) -> NDArray[np.float32]:
 
     Raises FileError when the file is damaged, too large, or of another kind.
     """
+    pixels, encoded = _decoded(path)
+    if not np.isfinite(pixels).all() or (pixels < 0).any():
+        raise FileError(f"{path}: a texture needs finite values >= 0 in every pixel")
+    return linear_from_srgb(pixels) if encoded and not raw else pixels
+
+
+def _decoded(path: Path) -> tuple[NDArray[np.float32], bool]:
+    """The picture's values as they are stored, and whether they are sRGB's. Raises FileError."""
     readers = {".png": _read_8bit, ".jpg": _read_8bit, ".jpeg": _read_8bit, ".exr": _read_exr, ".hdr": _read_hdr}
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise FileError(f"{path}: pictures may be {', '.join(sorted(readers))}, got {path.suffix!r}")
     try:
-        pixels, encoded = reader(path)
+        return reader(path)
     except FileError:
         raise
     except Exception as error:  # the libraries raise what they like on damaged files; all of it is this file's fault
         raise FileError(f"{path}: cannot be read as a {path.suffix} picture ({error})") from error
-    if not np.isfinite(pixels).all() or (pixels < 0).any():
-        raise FileError(f"{path}: a texture needs finite values >= 0 in every pixel")
-    return linear_from_srgb(pixels) if encoded and not raw else pixels
+
+
+def texture_picture(at: At, value: Any) -> Path:
+    """The path of a texture that Mitsuba may read: a whole picture of a known kind and a sensible size, any values."""
+    path = asset(at, value)
+    _decoded(path)
+    return path
 
 
 def sky_picture(at: At, value: Any) -> Path:

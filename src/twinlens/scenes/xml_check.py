@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from twinlens.errors import FileError
-from twinlens.scenes.assets import asset, sky_picture
+from twinlens.scenes.assets import asset, sky_picture, texture_picture
 from twinlens.scenes.plugins import AREA_EMITTERS, BSDFS, CONDUCTORS, EMITTERS, INTEGRATORS, SHAPES
 from twinlens.scenes.table import At, Source
 
@@ -103,6 +103,9 @@ def _check_element(at: At, element: ElementTree.Element) -> None:
     if tag == "emitter" and kind == "envmap":
         for file in element.iterfind("string[@name='filename']"):
             sky_picture(at / "string", file.get("value", ""))
+    if tag == "texture" and kind == "bitmap":
+        for file in element.iterfind("string[@name='filename']"):
+            texture_picture(at / "string", file.get("value", ""))
     if tag == "default":
         _no_path(at, element.get("value", ""))
     if tag == "spectrum":
