@@ -167,3 +167,9 @@ def test_any_value_in_any_place_is_answered_by_our_own_error(value: object, wher
         return  # everything has a default there
     with pytest.raises(InputError, match=r"^f\.toml: "):
         readers[where](At(Source(Path("f.toml")), where), value)
+
+
+def test_an_empty_file_is_told_all_that_it_lacks(tmp_path):
+    (tmp_path / "scene.toml").touch()
+    with pytest.raises(InputError, match=r"scene\.toml: needs the keys 'materials', 'objects', 'camera'$"):
+        load_scene(tmp_path / "scene.toml")

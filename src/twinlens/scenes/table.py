@@ -75,6 +75,12 @@ class Table(Generic[T]):
             raise self.at.wrong(f"needs the key {key!r}")
         return default
 
+    def need(self, *keys: str) -> None:
+        """Refuse a table that lacks some of `keys`, naming all that it lacks."""
+        missing = ", ".join(repr(key) for key in keys if key not in self._left)
+        if missing:
+            raise self.at.wrong(f"needs the {'keys' if ',' in missing else 'key'} {missing}")
+
     def has(self, key: str) -> bool:
         """Whether `key` is there and not yet taken."""
         self._asked.add(key)

@@ -45,6 +45,7 @@ def read_scene_toml(path: Path, name: str) -> Scene:
     textures = read_textures(bare / "textures", data.pop("textures", {}))
     at = At(Source(path, textures))
     table: Table[Any] = Table(at, data)
+    table.need("materials", "objects", "camera")
     description = table.take("description", text, "")
     materials = table.take("materials", _named(lambda at, name, value: bsdf(at, value)))
     lights = table.take("lights", _named(lambda at, name, value: emitter(at, value)), {})
