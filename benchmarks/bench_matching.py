@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 import twinlens.matching as tm
-from twinlens.matching.box import cpu_count
+from twinlens.matching.strips import cpu_count
 
 SIZES = ((640, 480), (1280, 720))
 RANGES = (64, 128)

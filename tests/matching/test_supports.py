@@ -1,7 +1,5 @@
 """Transforms, supports and semi-global matching against plain loops."""
 
-import functools
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -76,29 +74,6 @@ def shiftable(left, right, low):
     return best
 
 
-def adaptive(left, right, low):
-    """Sub-windows of 3x3 one pixel off the centre in each diagonal direction, of edge-continued images."""
-    height, width = left.shape
-
-    @functools.cache
-    def window_cost(y, x, d):
-        # Windows stay centred on image pixels of the left view; their partners may lie outside the right one.
-        total = 0.0
-        for v in (-1, 0, 1):
-            for h in (-1, 0, 1):
-                row = min(max(y + v, 0), height - 1)
-                a = float(left[row, min(max(x + h, 0), width - 1)])
-                total += abs(a - float(right[row, min(max(x + h - d, 0), width - 1)]))
-        return total
-
-    volume = np.full((*left.shape, 5), np.inf)
-    for y, x, i in np.ndindex(volume.shape):
-        rows, columns = (max(y - 1, 0), min(y + 1, height - 1)), (max(x - 1, 0), min(x + 1, width - 1))
-        corners = [window_cost(v, h, low + i) for v in rows for h in columns]
-        volume[y, x, i] = window_cost(y, x, low + i) + sum(sorted(corners)[:2])
-    return volume
-
-
 def arms(image, y, x, contrast=20):
     """How far left, right, up and down the pixel's cross reaches."""
     result = []
@@ -162,7 +137,6 @@ def guided(left, right, low):
 
 REFERENCES = {
     "shiftable": shiftable,
-    "adaptive": adaptive,
     "cross": cross,
     "weighted": weighted,
     "guided": guided,

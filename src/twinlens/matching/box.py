@@ -1,9 +1,5 @@
 """Winner-take-all with a fixed square window: prepares memory for the kernel and shares the rows between threads."""
 
-import functools
-import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,73 +8,37 @@ from numpy.typing import NDArray
 
 from twinlens.matching.costs import Cost, numbers
 from twinlens.matching.images import Disparity, Image, extended
+from twinlens.matching.passes import Pass, filling, winning
+from twinlens.matching.strips import in_strips, strip_rows
 
-FLOAT_ROWS = 64  # rounding depends on where a strip begins: float images are always cut in the same places
-LANE_COUNTS = (16, 32, 64, 96, 128)
-LANE_BITS = 4096
 CACHE_LINE = 64
 FITS = {"none": 0, "v": 1, "parabola": 2}
 WINNERS, RIVALS, VOLUME, WHOLE = 0, 1, 2, 3
-SCALES = {"sum": 0, "zssd": 0, "zncc": 1, "ncc": 2, "jaccard": 3}
-
-
-def cpu_count() -> int:
-    """How many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def in_strips(work: Callable[[int, int], None], height: int, rows: int, threads: int) -> None:
-    """work(y0, y1) for every strip of at most `rows` rows, on as many threads."""
-    strips = [(y, min(y + rows, height)) for y in range(0, height, rows)]
-    if threads <= 1 or len(strips) == 1:
-        for strip in strips:
-            work(*strip)
-        return
-    with ThreadPoolExecutor(min(threads, len(strips))) as pool:
-        for done in [pool.submit(work, *strip) for strip in strips]:
-            done.result()
-
-
-def strip_rows(dtype: np.dtype[Any], height: int, threads: int) -> int:
-    """Rows a strip has: an equal share for each thread, or a fixed number where sums round."""
-    return FLOAT_ROWS if dtype.kind == "f" else -(-height // max(threads, 1))
-
-
-@dataclass(frozen=True)
-class Passes:
-    """How a disparity range is covered by lanes: `count` passes of n lanes, neighbours sharing two of them.
-
-    The two shared lanes let each pass see the neighbours of every cost that may win in it.
-    """
-
-    n: int
-    count: int
-
-    @staticmethod
-    def covering(candidates: int, bits: int) -> "Passes":
-        """The fewest lanes in all, for numbers of so many bits."""
-
-        def passes(n: int) -> Passes:
-            return Passes(n, 1 if candidates <= n else -(-(candidates - 2) // (n - 2)))
-
-        allowed = [passes(n) for n in LANE_COUNTS if n * bits <= LANE_BITS]
-        return min(allowed, key=lambda p: (p.n * p.count, p.count))
-
-    def own(self, index: int) -> tuple[int, int]:
-        """The lanes that may win in this pass."""
-        return (0 if index == 0 else 1, self.n if index == self.count - 1 else self.n - 1)
-
-    def first(self, index: int) -> int:
-        """The candidate that lane 0 of this pass holds, counted from the range's first."""
-        return index * (self.n - 2)
+NOTHING, TOTALS, DEVIATIONS, NORMS, SHARES = 0, 1, 2, 3, 4
+STATISTICS = {
+    "sum": (NOTHING, NOTHING),
+    "zssd": (TOTALS, TOTALS),
+    "zncc": (DEVIATIONS, DEVIATIONS),
+    "zncc_of_right": (TOTALS, DEVIATIONS),
+    "zncc_of_weighted": (TOTALS, DEVIATIONS),
+    "ncc": (NORMS, NORMS),
+    "jaccard": (SHARES, SHARES),
+}
+"""What a scoring takes of the windows of the left image and of the right one; see `kernels.windows`."""
+GUARD = 64
+ROUNDING = 2.0**-40  # of the largest cost: floats that differ by less are equal
 
 
 @dataclass(frozen=True)
 class Winners:
-    """Disparity (H, W) float32, +inf where there is no candidate, and its cost in the kernel's own numbers."""
+    """Disparity (H, W) float32, +inf where there is no candidate; its cost in the kernel's own numbers; its index.
+
+    index (H, W) int32 is the disparity before the sub-pixel fit, and (1, 1) where no one asked for it.
+    """
 
     disparity: Disparity
     cost: NDArray[Any]
+    index: NDArray[np.int32]
 
 
 def aligned_zeros(count: int, dtype: Any) -> NDArray[Any]:
@@ -94,6 +54,11 @@ def largest(dtype: Any) -> float:
     return np.inf if np.dtype(dtype).kind == "f" else int(np.iinfo(dtype).max)
 
 
+def smallest(dtype: Any) -> float:
+    """What no cost lies below."""
+    return -np.inf if np.dtype(dtype).kind == "f" else 0
+
+
 class BoxMatch:
     """One cost of one pair over one window, ready to be searched."""
 
@@ -103,96 +68,74 @@ class BoxMatch:
         self.shape, self.cost, self.side, self.threads = left.shape, cost, side, threads
         self.low, self.high = max(low, 1 - width), min(high, width)
         self.sums, self.scores = numbers(cost, left.dtype, side)
-        if left.dtype.kind == "f" and cost.scoring in ("zncc", "zssd"):
-            left, right = left - left.mean(), right - left.mean()
-        if self.low < self.high:
-            self._lay_out(left, right)
+        self.floats = left.dtype.kind == "f"
+        self.left, self.right = _settled(left, right, cost) if self.floats else (left, right)
+        self.slack = self._slack() if self.floats else 0.0
+        self.rows = strip_rows(left.dtype, self.shape[0], threads)
+        bits = 8 * np.dtype(self.sums).itemsize
+        candidates = max(self.high - self.low, 0)
+        self.winning, self.filling = tuple(winning(candidates, bits)), tuple(filling(candidates, bits))
 
-    def _lay_out(self, left: Image, right: Image) -> None:
-        height, width = self.shape
-        radius = self.side // 2
-        self.passes = Passes.covering(self.high - self.low, 8 * np.dtype(self.sums).itemsize)
-        last = self.low + self.passes.first(self.passes.count - 1) + self.passes.n - 1
-        rows = (-radius, height + radius)
-        self.left = extended(left, rows, (-radius, width + radius))
-        self.right = extended(right, rows, (-radius - last, width + radius - self.low))[:, ::-1].copy()
-        self.rows = strip_rows(left.dtype, height, self.threads)
-        mirrored = extended(right[:, ::-1], rows, (-radius, width + radius))
-        self.right_stats = self._stats(mirrored, max(-self.low, 0), max(last, 0), SCALES[self.cost.scoring])
-
-    @functools.cached_property
-    def left_stats(self) -> tuple[Image, Image]:
-        """Window sums and scales of the left image."""
-        return self._stats(self.left, 0, 0, SCALES[self.cost.scoring])
-
-    def _stats(self, padded: Image, before: int, after: int, mode: int) -> tuple[Image, Image]:
-        """Window sums and scales (H, before + W + after), zero outside the image; empty where no score needs them."""
-        if self.cost.scoring == "sum":
-            return np.zeros((1, 1), self.sums), np.zeros((1, 1), self.scores)
-        from twinlens.matching.kernels.windows import FLAT, window_stats
-
-        integers = padded.dtype.kind != "f"
-        shape = (self.shape[0], before + self.shape[1] + after)
-        totals, scales = np.zeros(shape, self.sums), np.zeros(shape if mode else (1, 1), self.scores)
-        # Sums of 8-bit squares fit 32 bits, and float64 what is made of them; 16-bit ones need all of 64.
-        small = padded.dtype == np.uint8 and self.side < 180
-        kind = (np.int32 if small else np.int64) if integers else np.float64
-        area = np.float64(self.side**2) if small or not integers else np.int64(self.side**2)
-        flat, border = 0.0 if integers else FLAT, self.side - 1
-
-        def work(y0: int, y1: int) -> None:
-            columns = np.zeros((3, padded.shape[1]), kind)
-            rows = padded[y0 : y1 + border]
-            window_stats(rows, self.side // 2, mode, flat, area, columns, before, totals[y0:y1], scales[y0:y1])
-
-        in_strips(work, self.shape[0], self.rows, self.threads)
-        return totals, scales
+    def _slack(self) -> float:
+        """By how much sums of floats that are equal may differ."""
+        if self.cost.scoring in ("zncc", "ncc", "jaccard"):
+            return ROUNDING
+        span = max(float(np.abs(self.left).max()), float(np.abs(self.right).max())) * 2
+        area = self.side**2
+        return (
+            ROUNDING
+            * {"absolute": area * span, "square": area * span**2}[self.cost.term]
+            * (area if self.cost.scoring == "zssd" else 1)
+        )
 
     @property
     def depth(self) -> int:
         """How many candidates a cost volume holds for each pixel: those of the range, and what fills the last lanes."""
-        return self.passes.first(self.passes.count - 1) + self.passes.n
+        last = self.filling[-1]
+        return last.first + last.n
 
     def winners(self, fit: str, *, costs: bool = True) -> Winners:
         """The candidate of lowest cost at each pixel, of equal ones the smallest disparity, with sub-pixel `fit`.
 
-        Where no one asks for the costs, they may lack a factor that is the same for all candidates of a pixel.
+        Where no one asks for the costs, they may lack a factor that is the same for all candidates of a pixel, and
+        there is no index.
         """
         best = np.full(self.shape, largest(self.scores), self.scores)
         disparity = np.full(self.shape, np.inf, np.float32)
-        if self.low < self.high:
-            self._search(best, disparity, fit, WINNERS, self.cost.scoring if costs else self._short)
-        return Winners(disparity, best)
+        index = np.zeros(self.shape if costs else (1, 1), np.int32)
+        scoring = self.cost.scoring if costs else self._short
+        self._search(best, disparity, index, fit, WINNERS, scoring)
+        return Winners(disparity, best, index)
 
     @property
     def _short(self) -> str:
         """The scoring with which whole numbers find the winners soonest."""
-        if self.cost.scoring != "zncc" or self.left.dtype.kind == "f":
+        if self.cost.scoring != "zncc" or self.floats:
             return self.cost.scoring
         fits = self._term == "product8" and self.side**2 * 255 < 1 << 15
         return "zncc_of_weighted" if fits else "zncc_of_right"
 
-    def rivals(self, disparity: Disparity) -> NDArray[Any]:
+    def rivals(self, winners: Winners) -> NDArray[Any]:
         """The lowest cost among candidates at least two away from the winner; the largest number where none is."""
         best = np.full(self.shape, largest(self.scores), self.scores)
-        self._search(best, disparity, "none", RIVALS, self.cost.scoring)
+        self._search(best, winners.disparity, winners.index, "none", RIVALS, self.cost.scoring)
         return best
 
-    def _search(self, best: NDArray[Any], disparity: Disparity, fit: str, mode: int, scoring: str) -> None:
+    def _search(
+        self, best: NDArray[Any], disparity: Disparity, index: NDArray[Any], fit: str, mode: int, scoring: str
+    ) -> None:
         if self.low >= self.high:
             return
         from twinlens.matching.kernels.slide import slide_kernel
 
-        kernel = slide_kernel(self._term, scoring, self.passes.n, mode)
         unused = np.zeros(1, np.float32), (0, 0, 0), np.zeros(3, np.float32)
-        # Products of the left image times the window's area come at the price of products.
-        left = self.left.astype(np.int16) * np.int16(self.side**2) if scoring == "zncc_of_weighted" else self.left
-        stats = self.left_stats if scoring == self.cost.scoring else self._stats(self.left, 0, 0, 0)
 
         def work(y0: int, y1: int) -> None:
-            maps = best[y0:y1], disparity[y0:y1]
-            for index in range(self.passes.count):
-                kernel(*self._arguments(left, stats, y0, y1, index), FITS[fit], *self._scratch(), *maps, *unused)
+            maps = best[y0:y1], disparity[y0:y1], index[y0:y1] if len(index) == len(best) else index
+            images = self._laid_out(y0, y1)
+            for part in self.winning:
+                kernel = slide_kernel(self._term, scoring, part.n, mode)
+                kernel(*self._arguments(images, part, scoring), FITS[fit], *self._scratch(part.n), *maps, *unused)
 
         in_strips(work, self.shape[0], self.rows, self.threads)
 
@@ -205,34 +148,76 @@ class BoxMatch:
         from twinlens.matching.kernels.slide import slide_kernel
 
         whole = gain == 1.0 and int(offset) == 0 and volume.dtype.kind == "u" and np.dtype(self.scores).kind == "u"
-        kernel = slide_kernel(self._term, self.cost.scoring, self.passes.n, WHOLE if whole else VOLUME)
+        mode = WHOLE if whole else VOLUME
         maps = np.empty((len(volume), self.shape[1]), self.scores), np.empty((1, 1), np.float32)
         kind = np.float64 if np.dtype(self.scores).itemsize > 4 else np.float32
         values = np.array([gain, offset, 0 if blank is None else blank], kind)
-        for index in range(self.passes.count):
-            target = self.depth, self.passes.first(index), int(blank is not None)
-            arguments = self._arguments(self.left, self.left_stats, y0, y0 + len(volume), index)
-            kernel(*arguments, 0, *self._scratch(), *maps, volume.reshape(-1), target, values)
+        images = self._laid_out(y0, y0 + len(volume))
+        for part in self.filling:
+            kernel = slide_kernel(self._term, self.cost.scoring, part.n, mode)
+            target = self.depth, part.first, int(blank is not None)
+            arguments = self._arguments(images, part, self.cost.scoring), (0, *self._scratch(part.n))
+            kernel(*arguments[0], *arguments[1], *maps, np.zeros((1, 1), np.int32), volume.reshape(-1), target, values)
 
     @property
     def _term(self) -> str:
-        fits = self.cost.term == "product" and self.left.dtype == np.uint8 and self.sums == np.int32
-        return "product8" if fits else self.cost.term
+        """The pixel term; bytes have kernels of their own, as long as the sums are narrow."""
+        narrow = {"product": np.int32, "absolute": np.uint16}.get(self.cost.term)
+        return f"{self.cost.term}8" if self.left.dtype == np.uint8 and self.sums == narrow else self.cost.term
 
-    def _scratch(self) -> tuple[NDArray[Any], NDArray[np.uint8], NDArray[Any]]:
-        """The kernel's column sums, its room for two rows of the right image, and for one pixel's costs."""
-        columns = aligned_zeros((self.left.shape[1] + self.side) * self.passes.n, self.sums)
-        return columns, np.zeros(2 * self.right.shape[1], np.uint8), aligned_zeros(self.passes.n, self.scores)
-
-    def _arguments(self, left: Image, left_stats: tuple[Image, Image], y0: int, y1: int, index: int) -> tuple[Any, ...]:
-        """What the kernel reads in one pass over one strip; see `kernels.slide.winner_kernel`."""
+    def _laid_out(self, y0: int, y1: int) -> tuple[Image, Image]:
+        """The rows that windows of y0..y1 look at: left, and right reversed, both continued by their edges."""
         radius, width = self.side // 2, self.shape[1]
-        first = self.low + self.passes.first(index)
-        rows = slice(y0, y1 + 2 * radius)
-        right_start = width - 1 + 2 * radius + first - self.low
-        stride = self.right_stats[0].shape[1]
-        layout = (self.left.shape[1], self.right.shape[1], right_start, stride, width - 1 + first + max(-self.low, 0))
-        spans = (radius, self.side**2, first, self.low - first, self.high - first, *self.passes.own(index))
-        lefts = tuple(array[y0:y1].ravel() for array in left_stats)
-        rights = tuple(array[y0:y1].ravel() for array in self.right_stats)
-        return left[rows].ravel(), self.right[rows].ravel(), layout, lefts, rights, spans
+        rows, lanes = (y0 - radius, y1 + radius), self._last - self.low
+        left = extended(self.left, rows, (-radius, width + radius))
+        # Seen from the other side, column c is W - 1 - c.
+        columns = (-radius + self.low, width + radius + self.low + lanes)
+        return left, extended(self.right[:, ::-1], rows, columns)
+
+    @property
+    def _last(self) -> int:
+        """The largest disparity that any lane holds."""
+        held = max(part.first + part.n for part in (*self.winning, *self.filling))
+        return int(self.low + held - 1)
+
+    def _scratch(self, n: int) -> tuple[Any, ...]:
+        """The slack, the kernel's column sums, its room for one pixel's costs, and the fence around lanes."""
+        columns = aligned_zeros((self.shape[1] + 2 * (self.side // 2) + self.side) * n, self.sums)
+        fence = aligned_zeros(4 * n, self.scores)
+        fence[:] = largest(self.scores)
+        fence[n : 3 * n] = smallest(self.scores)
+        return np.full(1, self.slack, self.scores), columns, aligned_zeros(n + 2 * GUARD, self.scores), fence
+
+    def _arguments(self, images: tuple[Image, Image], part: Pass, scoring: str) -> tuple[Any, ...]:
+        """What the kernel reads in one pass over one strip; see `kernels.slide.slide_kernel`."""
+        left, right = images
+        radius, width, area = self.side // 2, self.shape[1], self.side**2
+        first = self.low + part.first
+        layout = (left.shape[1], right.shape[1], width - 1 + 2 * radius + part.first)
+        spans = (radius, area, first, self.low - first, self.high - first, part.begin, part.end)
+        # Sums of 8-bit squares fit 32 bits, and float64 what is made of them; 16-bit ones need all of 64.
+        small = left.dtype == np.uint8 and self.side < 180
+        kind = np.float64 if self.floats else (np.int32 if small else np.int64)
+        typed = np.float64(area) if small or self.floats else np.int64(area)
+        modes = STATISTICS[scoring]
+        states = tuple(
+            np.zeros((3, image.shape[1] if mode else 1), kind) for image, mode in zip(images, modes, strict=True)
+        )
+        equals = tuple(np.zeros(image.shape[1] if self.floats else 1, np.int64) for image in images)
+        weight = -area if scoring == "zncc_of_weighted" else 1
+        return left.ravel(), right.ravel(), layout, spans, modes, typed, weight, *states, equals
+
+
+def _settled(left: Image, right: Image, cost: Cost) -> tuple[Image, Image]:
+    """Float images whose sums lose as little as can be.
+
+    Absolute differences: rounded to a grid of 2^-40 of the largest value, on which all sums are exact. Scores that are
+    blind to an offset: less the left image's mean.
+    """
+    if cost.scoring in ("zncc", "zssd"):
+        return left - left.mean(), right - left.mean()
+    top = max(float(np.abs(left).max()), float(np.abs(right).max()))
+    if cost.term != "absolute" or top == 0:
+        return left, right
+    step = 2.0 ** (np.frexp(top)[1] - 40)
+    return np.rint(left / step) * step, np.rint(right / step) * step

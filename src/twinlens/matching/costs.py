@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from twinlens.errors import InputError
+
 V, PARABOLA = "v", "parabola"
 
 
@@ -36,6 +38,11 @@ class Cost:
         return self.scoring != "sum" or self.term == "zero-mean absolute"
 
     @property
+    def growth(self) -> int:
+        """The power of the window's area with which the cost grows: the kernel's ZSSD is n times the sum of squares."""
+        return {"sum": 1, "zssd": 2}.get(self.scoring, 0)
+
+    @property
     def in_lanes(self) -> bool:
         """Can the sliding kernel compute it?"""
         return self.term in ("absolute", "square", "product", "hamming")
@@ -46,7 +53,7 @@ COSTS: dict[str, Cost] = {
     "ssd": Cost("square", "sum", PARABOLA, "sum of squared differences", p1=0.002, p2=0.02),
     "ncc": Cost("product", "ncc", PARABOLA, "1 - cosine of the windows' angle: blind to gain", offset=1.0),
     "zsad": Cost("zero-mean absolute", "sum", V, "SAD of mean-free windows: blind to offset"),
-    "zssd": Cost("square", "zssd", PARABOLA, "SSD of mean-free windows: blind to offset", p1=0.002, p2=0.02),
+    "zssd": Cost("square", "zssd", PARABOLA, "SSD of mean-free windows: blind to offset", p1=0.0005, p2=0.005),
     "zncc": Cost("product", "zncc", PARABOLA, "1 - correlation coefficient: blind to gain and offset", offset=1.0),
     "jaccard": Cost("absolute", "jaccard", V, "1 - weighted Jaccard similarity"),
     "census": Cost(
@@ -67,22 +74,38 @@ def numbers(cost: Cost, dtype: np.dtype[Any], side: int) -> tuple[type[np.generi
     """(dtype of window sums, dtype of scores) that hold this cost of images of `dtype` without loss.
 
     Integer sums may wrap around where the score they end in does not: n S_LR - S_L S_R is at most (n m / 2)^2 for
-    values up to m, though its two parts are larger. Floating-point images are summed in float64.
+    values up to m, though its two parts are larger. Floating-point images are summed in float64. Raises InputError for
+    windows whose score of whole numbers does not fit 64 bits: ZNCC and ZSSD of 16-bit images, some 256 pixels wide.
     """
     if dtype.kind == "f":
         return np.float64, np.float64
     area, largest = side * side, int(np.iinfo(dtype).max)
     if cost.term == "product":
         bound = (area * largest) ** 2 // 4 if cost.scoring == "zncc" else area * largest**2
+        _check_room(cost, dtype, side, bound, 63)
         return (np.int32, np.float32) if bound < 1 << 31 and dtype.itemsize == 1 else (np.int64, np.float64)
     top = {"absolute": largest, "square": largest**2, "hamming": 8 * dtype.itemsize}[cost.term] * area
     if cost.scoring == "zssd":
+        _check_room(cost, dtype, side, (area * largest) ** 2, 64)
         wide = np.uint32 if (area * largest) ** 2 < 1 << 32 else np.uint64
         return wide, wide
     sums = next(kind for kind in (np.uint16, np.uint32, np.uint64) if top < np.iinfo(kind).max)
     if cost.scoring == "jaccard":
         return sums, np.float32 if top < 1 << 24 else np.float64
     return sums, sums
+
+
+def _check_room(cost: Cost, dtype: np.dtype[Any], side: int, bound: int, bits: int) -> None:
+    """Bounds grow with the fourth power of the side."""
+    if bound < 1 << bits:
+        return
+    most = side - 2
+    while bound * most**4 // side**4 >= 1 << bits:
+        most -= 2
+    raise InputError(
+        f"block_size is {side}; {cost.description.split(':')[0]!r} of {dtype} images is exact up to {most}: "
+        "take a smaller window, or float32 images"
+    )
 
 
 def largest_cost(cost: Cost, span: float, side: int, bits: int) -> float:
@@ -96,6 +119,6 @@ def largest_cost(cost: Cost, span: float, side: int, bits: int) -> float:
     if cost.transform:
         return float(bits * area)
     if cost.term == "square":
-        # The kernel's ZSSD is n times the sum of squares, at most (n span / 2)^2.
-        return (area * span) ** 2 / 4.0 if cost.scoring == "zssd" else area * span**2
+        # The kernel's ZSSD is n times the sum of squares; differences reach from -span to span.
+        return (area * span) ** 2 if cost.scoring == "zssd" else area * span**2
     return area * span

@@ -8,11 +8,11 @@ import numpy as np
 
 from twinlens.errors import InputError, unknown
 from twinlens.matching import refine
-from twinlens.matching.box import cpu_count
 from twinlens.matching.checks import amount, check_block_size, whole
 from twinlens.matching.costs import COSTS
 from twinlens.matching.images import Disparity, Image, pair
 from twinlens.matching.search import Search, search
+from twinlens.matching.strips import cpu_count
 from twinlens.matching.supports import SUPPORTS, Settings
 
 SUBPIXEL = ("auto", "none", "parabola", "v")
@@ -29,7 +29,7 @@ class StereoMatcher:
 
     cost: a name of `COSTS`. block_size: side of the window, odd, in pixels. The search covers the disparities
     min_disparity <= d < min_disparity + num_disparities, in pixels, d = u_left - u_right.
-    support: a name of `SUPPORTS`; contrast, gamma_similar, gamma_near, epsilon: see `supports.Settings`.
+    support: a name of `SUPPORTS`; contrast, gamma_similar, gamma_near, epsilon, noise: see `supports.Settings`.
     census_window: side of the window of the census and rank transforms.
     optimisation: a name of `OPTIMISATIONS`; p1, p2: its penalties in parts of the largest cost; None: the cost's own.
     subpixel: "auto" (the fit that suits the cost), "v", "parabola" or "none".
@@ -63,6 +63,7 @@ class StereoMatcher:
     gamma_similar: float = 12.0
     gamma_near: float = 12.0
     epsilon: float = 1e-4
+    noise: float = 2.0
     optimisation: str = "wta"
     p1: float | None = None
     p2: float | None = None
@@ -102,7 +103,7 @@ class StereoMatcher:
         for name in ("texture", "uniqueness"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, 0.0)
-        for name in ("contrast", "speckle_range", "texture", "uniqueness"):
+        for name in ("contrast", "noise", "speckle_range", "texture", "uniqueness"):
             amount(name, getattr(self, name))
         for name in ("lr_check", "p1", "p2"):
             if getattr(self, name) is not None:
@@ -177,7 +178,7 @@ class StereoMatcher:
             count=self.num_disparities,
             descriptor=self.census_window,
             support=SUPPORTS[self.support],
-            settings=Settings(self.contrast, self.gamma_similar, self.gamma_near, self.epsilon),
+            settings=Settings(self.contrast, self.gamma_similar, self.gamma_near, self.epsilon, self.noise),
             paths={"wta": 0, "sgm4": 4, "sgm8": 8}[self.optimisation],
             penalties=self.penalties,
             fit=cost.fit if self.subpixel == "auto" else self.subpixel,

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twinlens.matching.box import FITS, BoxMatch, in_strips, largest
+from twinlens.matching.box import FITS, BoxMatch, largest
 from twinlens.matching.costs import Cost, largest_cost
 from twinlens.matching.images import Image
 from twinlens.matching.semiglobal import LANES, Penalties, Sweeps, quantised, scaled, stored
 from twinlens.matching.semiglobal import Costs as Volumes
+from twinlens.matching.strips import in_strips
 from twinlens.matching.supports import Scene, Settings, Strip, Support, levels
 from twinlens.matching.transforms import census_images, rank_image
 from twinlens.matching.volume import BirchfieldTomasi, BoxCosts, Chosen, Costs, Volume, ZeroMeanAbsolute
@@ -48,7 +49,7 @@ def search(task: Search, left: Image, right: Image) -> Chosen:
         if len(boxes) == 1:
             return _fastest(task, boxes[0])
     costs = _costs(task, left, right, low, high)
-    gather = _gatherer(task, costs, Scene(*levels(left, right), task.side, low, task.settings), low)
+    gather = _gatherer(task, costs, Scene(*levels(left, right), task.side, low, task.settings, task.cost.growth), low)
     return (
         _smoothed(task, left, right, gather, costs, low, high) if task.paths else _local(task, left, gather, low, high)
     )
@@ -70,7 +71,7 @@ def _fastest(task: Search, box: BoxMatch) -> Chosen:
     nothing = np.empty((0, 0))
     if not task.rivals:
         return Chosen(found.disparity, nothing, nothing)
-    rivals = box.rivals(found.disparity)
+    rivals = box.rivals(found)
     cost, rival = (
         np.where(values == largest(box.scores), np.inf, _settled_scores(values, task.cost))
         for values in (found.cost, rivals)
@@ -84,9 +85,17 @@ def _settled_scores(values: Volume, cost: Cost) -> Volume:
     return np.round(costs, 6) if cost.offset else costs
 
 
-def _costs(task: Search, left: Image, right: Image, low: int, high: int) -> Costs:
+def _sides(task: Search) -> tuple[int, ...]:
+    """The windows whose costs the support gathers, the widest first."""
+    return (1,) if task.support.pixelwise else task.support.windows(task.side)
+
+
+def _costs(task: Search, left: Image, right: Image, low: int, high: int) -> tuple[Costs, ...]:
     """Costs of single pixels or of windows, as the support wants them."""
-    side = 1 if task.support.pixelwise else task.support.window(task.side)
+    return tuple(_costs_of(task, left, right, side, low, high) for side in _sides(task))
+
+
+def _costs_of(task: Search, left: Image, right: Image, side: int, low: int, high: int) -> Costs:
     if task.cost.term == "birchfield-tomasi":
         return BirchfieldTomasi(left, right, side, low, high - low)
     if task.cost.term == "zero-mean absolute":
@@ -94,18 +103,19 @@ def _costs(task: Search, left: Image, right: Image, low: int, high: int) -> Cost
     return BoxCosts(_boxes(task, left, right, side, low, high), task.cost.offset)
 
 
-def _gatherer(task: Search, costs: Costs, scene: Scene, low: int) -> Callable[[int, int], Volume]:
+def _gatherer(task: Search, costs: tuple[Costs, ...], scene: Scene, low: int) -> Callable[[int, int], Volume]:
     """gathered(start, stop): the rows start..stop of the volume of gathered costs."""
     height, width = scene.left.shape
     halo = task.support.halo(task.side)
 
     def gathered(start: int, stop: int) -> Volume:
         first, last = max(0, start - halo), min(height, stop + halo)
-        volume = np.empty((last - first, width, costs.count), np.float64)
-        costs.fill(volume, first)
-        if task.support.masked:
-            _blank(volume, low)
-        return task.support.gather(Strip(volume, first, start, stop), scene)
+        volumes = tuple(np.empty((last - first, width, each.count), np.float64) for each in costs)
+        for each, volume in zip(costs, volumes, strict=True):
+            each.fill(volume, first)
+            if task.support.masked:
+                _blank(volume, low)
+        return task.support.gather(Strip(volumes[0], first, start, stop, volumes[1:]), scene)
 
     return gathered
 
@@ -151,24 +161,24 @@ def _smoothed(
     left: Image,
     right: Image,
     gather: Callable[[int, int], Volume],
-    costs: Costs,
+    costs: tuple[Costs, ...],
     low: int,
     high: int,
 ) -> Chosen:
     """The same from gathered costs, whatever the support."""
-    side = 1 if task.support.pixelwise else task.support.window(task.side)
-    full = largest_cost(task.cost, _span(left, right), side, task.descriptor**2 - 1) * task.support.parts
+    count = costs[0].count
+    full = largest_cost(task.cost, _span(left, right), _sides(task)[0], task.descriptor**2 - 1) * task.support.parts
     gain, top = scaled(full, False, task.penalties[1])
     penalties = _penalties(task, top)
-    volume = np.full((*left.shape, -(-costs.count // LANES) * LANES), top, penalties.dtype)
+    volume = np.full((*left.shape, -(-count // LANES) * LANES), top, penalties.dtype)
 
     def work(start: int, stop: int) -> None:
         part = gather(start, stop)
         _blank(part, low)
-        volume[start:stop, :, : costs.count] = np.minimum(np.rint(np.maximum(part, 0) * gain), top)
+        volume[start:stop, :, :count] = np.minimum(np.rint(np.maximum(part, 0) * gain), top)
 
     in_strips(work, left.shape[0], STRIP_ROWS, task.threads)
-    return _optimised(task, stored(volume), left, costs.count, penalties, low, high)
+    return _optimised(task, stored(volume), left, count, penalties, low, high)
 
 
 def _penalties(task: Search, top: int) -> Penalties:

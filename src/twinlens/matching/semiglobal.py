@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.matching.box import FITS, BoxMatch, in_strips
+from twinlens.matching.box import FITS, BoxMatch
+from twinlens.matching.strips import in_strips
 from twinlens.matching.volume import Chosen, fill_sum
 
 PATH_TOP = 8191  # the most that a path's cost may be: eight of them add up in 16 bits

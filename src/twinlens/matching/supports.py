@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from twinlens.matching.images import Image, extended
 
@@ -22,34 +23,43 @@ class Settings:
 
     contrast: where a cross's arm ends. gamma_similar, gamma_near: decay of the adaptive weights with difference (grey
     levels) and distance (pixels). epsilon: the variance, of a guide that spans 0 to 1, below which a guided filter
-    smooths.
+    smooths. noise: standard deviation of the images' noise, for which an adaptive window makes itself wide enough.
     """
 
     contrast: float = 20.0
     gamma_similar: float = 12.0
     gamma_near: float = 12.0
     epsilon: float = 1e-4
+    noise: float = 2.0
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What a support may look at beside the costs: both images as levels 0..255, and the search's range."""
+    """What a support may look at beside the costs: both images as levels 0..255, and the search's range.
+
+    growth: the power of a window's area with which its cost grows.
+    """
 
     left: NDArray[np.int32]
     right: NDArray[np.int32]
     side: int
     low: int
     settings: Settings
+    growth: int = 1
 
 
 @dataclass(frozen=True)
 class Strip:
-    """Rows first..first+len(volume) of a cost volume, of which rows start..stop of the image are wanted."""
+    """Rows first..first+len(volume) of a cost volume, of which rows start..stop of the image are wanted.
+
+    others: the same rows of the volumes of the support's other windows.
+    """
 
     volume: Volume
     first: int
     start: int
     stop: int
+    others: tuple[Volume, ...] = ()
 
     @property
     def top(self) -> int:
@@ -68,15 +78,15 @@ class Support:
     """A way to gather costs.
 
     halo(side): how many rows beyond its own a pixel looks at. pixelwise: it gathers costs of pixels, not of windows;
-    window(side): the side of these windows. masked: candidates without a partner are +inf to it, else what
-    edge-continued images give. parts: how many windows' costs it adds up.
+    windows(side): the sides of these windows, the widest first. masked: candidates without a partner are +inf to it,
+    else what edge-continued images give. parts: how many windows' costs it adds up.
     """
 
     description: str
     gather: Callable[[Strip, Scene], Volume]
     halo: Callable[[int], int]
     pixelwise: bool
-    window: Callable[[int], int] = lambda side: side
+    windows: Callable[[int], tuple[int, ...]] = lambda side: (side,)
     masked: bool = False
     parts: int = 1
 
@@ -93,8 +103,18 @@ def levels(left: Image, right: Image) -> tuple[NDArray[np.int32], NDArray[np.int
     return one, other
 
 
+def odd(number: float) -> int:
+    """The nearest odd whole number, at least 1; of two, the larger."""
+    return max(1, 2 * round(number // 2) + 1)
+
+
+def family(side: int) -> tuple[int, ...]:
+    """The sizes among which an adaptive window chooses: all of the side, two thirds of it, one third; odd."""
+    return tuple(sorted({odd(side), odd(side * 2 / 3), odd(side / 3)}, reverse=True))
+
+
 def quarter(side: int) -> int:
-    """The sub-window of the adaptive window: of half the side, odd."""
+    """The sub-window of an adaptive window: of half the side, odd."""
     return 2 * (side // 4) + 1
 
 
@@ -111,18 +131,47 @@ def _shiftable(strip: Strip, scene: Scene) -> Volume:
     return out
 
 
-def _adaptive(strip: Strip, scene: Scene) -> Volume:
-    """Hirschmueller, Innocent and Garibaldi, "Real-time correlation-based stereo vision with reduced border errors".
+UNCERTAINTY = 0.05  # pixels: how well an adaptive window wants to know the disparity before it stays small
 
-    IJCV 2002, five windows: the sub-window around the pixel and the two best of the four around it, so that the window
-    bends around edges in one of six shapes, chosen for each candidate. Taken from the multi-window family instead of
-    Kanade and Okutomi's iteration because it is exact for whole numbers, costs the same at every pixel, and needs no
-    model of noise or first guess of the disparity.
+
+def window_sizes(image: NDArray[Any], sides: tuple[int, ...], noise: float) -> NDArray[np.int64]:
+    """(H, W) which of `sides`, the widest first, an adaptive window takes at each pixel of an image in grey levels.
+
+    Noise of standard deviation s in both images leaves a window's disparity uncertain by a variance of
+    2 s^2 / sum Ix^2, where Ix are the horizontal derivatives in it (central differences): Okutomi and Kanade, "A
+    locally adaptive window for signal matching", IJCV 1992. The smallest window that knows better than `UNCERTAINTY`
+    is taken, or else the widest.
+    """
+    squares = np.square(np.gradient(image.astype(np.float64), axis=1) if image.shape[1] > 1 else np.zeros(image.shape))
+    needed = 2.0 * noise**2 / UNCERTAINTY**2
+    sizes = np.zeros(image.shape, np.int64)
+    for index, side in enumerate(sides):
+        # Whole quarters of squared grey levels; rounded to them, sums do not depend on where a strip begins.
+        energy = ndimage.uniform_filter(squares, side, mode="nearest") * side**2
+        sizes[np.rint(4 * energy) >= 4 * needed] = index
+    return sizes
+
+
+def _adaptive(strip: Strip, scene: Scene) -> Volume:
+    """A window whose size follows the image's texture, and whose shape the disparities around the pixel.
+
+    Size: at each pixel the smallest of three that holds enough signal for the noise (`window_sizes`), which is what
+    Kanade and Okutomi's window grows for. Shape: five sub-windows, after Hirschmueller, Innocent and Garibaldi,
+    "Real-time correlation-based stereo vision with reduced border errors", IJCV 2002: the one around the pixel and the
+    two best of the four around it, so that the window bends around edges in one of six shapes, chosen for each
+    candidate. Taken from the multi-window family instead of Kanade and Okutomi's iteration, since that needs a first
+    guess of the disparity and a model of how it varies, and finds a rectangle at most.
     """
     from twinlens.matching.kernels.supports import best_quarters
 
+    sides = family(scene.side)
+    rows = slice(max(0, strip.start - scene.side), strip.stop + scene.side)
+    sizes = window_sizes(scene.left[rows], sides, scene.settings.noise)[strip.start - rows.start :]
     out = strip.empty()
-    best_quarters(strip.volume, scene.side // 2 - quarter(scene.side) // 2, strip.top, out)
+    for index, (side, volume) in enumerate(zip(sides, (strip.volume, *strip.others), strict=True)):
+        scale = (quarter(sides[0]) / quarter(side)) ** (2 * scene.growth)
+        step = side // 2 - quarter(side) // 2
+        best_quarters(volume, step, strip.top, sizes, index, scale, out)
     return out
 
 
@@ -205,11 +254,11 @@ SUPPORTS: dict[str, Support] = {
         masked=True,
     ),
     "adaptive": Support(
-        "five half-size windows: the pixel's and the best two around it",
+        "as wide as the texture asks for; five half-size windows: the pixel's and the best two around it",
         _adaptive,
         lambda side: side // 2,
         pixelwise=False,
-        window=quarter,
+        windows=lambda side: tuple(quarter(size) for size in family(side)),
         parts=3,
     ),
     "cross": Support("the cross-shaped region of like pixels", _cross, lambda side: side // 2, pixelwise=True),

@@ -5,7 +5,7 @@
 import numpy as np
 
 from twinlens.matching.kernels.compiling import jit
-from twinlens.matching.kernels.slide import fitted
+from twinlens.matching.kernels.fits import fitted
 
 
 @jit

@@ -48,7 +48,8 @@ class LanesModel(models.PrimitiveModel):
         super().__init__(manager, lanes, ir.VectorType(element, lanes.n))
 
 
-def _splat(builder: Any, scalar: Any, n: int) -> Any:
+def splat_of(builder: Any, scalar: Any, n: int) -> Any:
+    """The scalar in all of n lanes."""
     undefined = ir.Constant(ir.VectorType(scalar.type, n), ir.Undefined)
     first = builder.insert_element(undefined, scalar, INT32(0))
     return builder.shuffle_vector(first, undefined, ir.Constant(ir.VectorType(INT32, n), [0] * n))
@@ -58,7 +59,8 @@ def _narrow(builder: Any, index: Any, width: Any) -> Any:
     return index if width.width == index.type.width else builder.trunc(index, width)
 
 
-def _call(builder: Any, name: str, result: Any, args: list[Any]) -> Any:
+def call_intrinsic(builder: Any, name: str, result: Any, args: list[Any]) -> Any:
+    """Call one of LLVM's own functions."""
     signature = ir.FunctionType(result, [arg.type for arg in args])
     return builder.call(cgutils.get_or_insert_function(builder.module, signature, name), args)
 
@@ -94,12 +96,35 @@ def store(_typing: Any, array: Any, index: Any, value: Any) -> Any:
 
 
 @intrinsic
+def read(_typing: Any, array: Any, index: Any) -> Any:
+    """read(array, index): array[index] of a contiguous 1-D array; not bounds-checked, nor counted from the end."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        return builder.load(builder.gep(data, [args[1]]))
+
+    return array.dtype(array, types.intp), generate
+
+
+@intrinsic
+def write(_typing: Any, array: Any, index: Any, value: Any) -> Any:
+    """write(array, index, value): array[index] = value, as `read` reads; the value is of the array's dtype."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        builder.store(args[2], builder.gep(data, [args[1]]))
+        return context.get_dummy_value()
+
+    return types.none(array, types.intp, array.dtype), generate
+
+
+@intrinsic
 def splat(_typing: Any, scalar: Any, like: Any) -> Any:
     """splat(scalar, like): the scalar in as many lanes as `like` has."""
     result = Lanes(scalar, like.n)
 
     def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        return _splat(builder, args[0], like.n)
+        return splat_of(builder, args[0], like.n)
 
     return result(scalar, like), generate
 
@@ -164,9 +189,9 @@ def distance(_typing: Any, a: Any, b: Any) -> Any:
 
     def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         if a.is_float:
-            return _call(builder, f"llvm.fabs.{a.suffix}", args[0].type, [builder.fsub(*args)])
-        high = _call(builder, f"llvm.umax.{a.suffix}", args[0].type, args)
-        low = _call(builder, f"llvm.umin.{a.suffix}", args[0].type, args)
+            return call_intrinsic(builder, f"llvm.fabs.{a.suffix}", args[0].type, [builder.fsub(*args)])
+        high = call_intrinsic(builder, f"llvm.umax.{a.suffix}", args[0].type, args)
+        low = call_intrinsic(builder, f"llvm.umin.{a.suffix}", args[0].type, args)
         return builder.sub(high, low)
 
     return a(a, b), generate
@@ -178,7 +203,7 @@ def _pairwise(integer: str, floating: str) -> Any:
         def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
             if not a.is_float:
                 sign = "s" if a.dtype.signed else "u"
-                return _call(builder, f"llvm.{sign}{integer}.{a.suffix}", args[0].type, args)
+                return call_intrinsic(builder, f"llvm.{sign}{integer}.{a.suffix}", args[0].type, args)
             return builder.select(builder.fcmp_ordered(floating, *args), *args)
 
         return a(a, b), generate
@@ -195,34 +220,9 @@ def ones(_typing: Any, value: Any) -> Any:
     """ones(value): how many bits are set in each lane."""
 
     def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        return _call(builder, f"llvm.ctpop.{value.suffix}", args[0].type, [args[0]])
+        return call_intrinsic(builder, f"llvm.ctpop.{value.suffix}", args[0].type, [args[0]])
 
     return value(value), generate
-
-
-@intrinsic
-def dot_pairs(_typing: Any, pairs: Any, factors: Any) -> Any:
-    """dot_pairs(pairs, factors): pairs[2 i] * low half of factors + pairs[2 i + 1] * its high half, in int32.
-
-    pairs are int16, factors is one int32. Written such that LLVM finds the one instruction many processors have for it.
-    """
-    n = pairs.n // 2
-    result = Lanes(types.int32, n)
-
-    def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        wide = context.get_value_type(result)
-        both = builder.bitcast(_splat(builder, args[1], n), args[0].type)
-        full = ir.VectorType(INT32, 2 * n)
-        product = builder.mul(builder.sext(args[0], full), builder.sext(both, full))
-        undefined = ir.Constant(full, ir.Undefined)
-        places = [ir.Constant(ir.VectorType(INT32, n), list(range(first, 2 * n, 2))) for first in (0, 1)]
-        halves = [builder.shuffle_vector(product, undefined, place) for place in places]
-        # LLVM would add the halves to what follows one by one and miss its match. The one fence it has is for floats.
-        fenced = ir.VectorType(ir.FloatType(), n)
-        total = builder.bitcast(builder.add(*halves), fenced)
-        return builder.bitcast(_call(builder, f"llvm.arithmetic.fence.v{n}f32", fenced, [total]), wide)
-
-    return result(pairs, types.int32), generate
 
 
 @intrinsic
@@ -241,15 +241,15 @@ def lowest(_typing: Any, value: Any) -> Any:
 
 
 @intrinsic
-def first_equal(_typing: Any, value: Any, scalar: Any) -> Any:
-    """first_equal(value, scalar): the index of the first lane that equals the scalar; one of them must."""
+def first_at_most(_typing: Any, value: Any, bound: Any) -> Any:
+    """first_at_most(value, bound): the index of the first lane <= the scalar bound; one of them must be."""
 
     def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        target = _splat(builder, args[1], value.n)
+        target = splat_of(builder, args[1], value.n)
         compare = builder.fcmp_ordered if value.is_float else builder.icmp_unsigned
         mask = ir.IntType(value.n)
-        bits = builder.bitcast(compare("==", args[0], target), mask)
-        index = _call(builder, f"llvm.cttz.i{value.n}", mask, [bits, BIT(1)])
+        bits = builder.bitcast(compare("<=", args[0], target), mask)
+        index = call_intrinsic(builder, f"llvm.cttz.i{value.n}", mask, [bits, BIT(1)])
         if value.n == INT64.width:
             return index
         return (builder.trunc if value.n > INT64.width else builder.zext)(index, INT64)
@@ -277,8 +277,8 @@ def inside(_typing: Any, value: Any, start: Any, stop: Any, fill: Any) -> Any:
     def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         bound = ir.IntType(value.dtype.bitwidth)
         lanes = ir.Constant(ir.VectorType(bound, value.n), list(range(value.n)))
-        above = builder.icmp_signed(">=", lanes, _splat(builder, _narrow(builder, args[1], bound), value.n))
-        below = builder.icmp_signed("<", lanes, _splat(builder, _narrow(builder, args[2], bound), value.n))
-        return builder.select(builder.and_(above, below), args[0], _splat(builder, args[3], value.n))
+        above = builder.icmp_signed(">=", lanes, splat_of(builder, _narrow(builder, args[1], bound), value.n))
+        below = builder.icmp_signed("<", lanes, splat_of(builder, _narrow(builder, args[2], bound), value.n))
+        return builder.select(builder.and_(above, below), args[0], splat_of(builder, args[3], value.n))
 
     return value(value, types.int64, types.int64, value.dtype), generate

@@ -16,8 +16,8 @@ from collections.abc import Callable
 import numpy as np
 
 from twinlens.matching.kernels.compiling import inlined, jit
-from twinlens.matching.kernels.lanes import convert, first_equal, inside, load, lowest, smaller, splat, store
-from twinlens.matching.kernels.slide import fitted
+from twinlens.matching.kernels.fits import fitted
+from twinlens.matching.kernels.lanes import convert, first_at_most, inside, load, lowest, smaller, splat, store
 
 GUARD = 64  # numbers between two slots; the ones next to a slot are costs too high for a path to come from
 
@@ -135,7 +135,7 @@ def settle_kernel(n: int) -> Callable[..., None]:
             for chunk in range(0, depth, n):
                 value = load(sums, at + chunk, n)
                 if lowest(value) == least:
-                    k = chunk + first_equal(value, least)
+                    k = chunk + first_at_most(value, least)
                     break
             offset = 0.0
             if start < k < stop - 1:

@@ -32,12 +32,17 @@ def lowest_around(volume, radius, top, row, out):
 
 
 @jit
-def best_quarters(volume, step, top, out):
-    """out = the sub-window's cost at the pixel plus the two lowest of its four diagonal neighbours at `step` pixels."""
+def best_quarters(volume, step, top, sizes, size, scale, out):
+    """out = the sub-window's cost at the pixel plus the two lowest of its four diagonal neighbours at `step` pixels.
+
+    Times scale, and only at pixels whose number in sizes, (len(out), W) or more, is `size`.
+    """
     rows, width, depth = volume.shape
     for y in range(len(out)):
         up, down = max(y + top - step, 0), min(y + top + step, rows - 1)
         for x in range(width):
+            if sizes[y, x] != size:
+                continue
             first, last = max(x - step, 0), min(x + step, width - 1)
             a, b, c, d = volume[up, first], volume[up, last], volume[down, first], volume[down, last]
             centre, here = volume[y + top, x], out[y, x]
@@ -45,7 +50,7 @@ def best_quarters(volume, step, top, out):
                 low, high = min(a[j], b[j]), max(a[j], b[j])
                 low2, high2 = min(c[j], d[j]), max(c[j], d[j])
                 # Of the lowest two, one is the least of all, the other the least of what is left of both pairs.
-                here[j] = centre[j] + min(low, low2) + min(max(low, low2), min(high, high2))
+                here[j] = scale * (centre[j] + min(low, low2) + min(max(low, low2), min(high, high2)))
 
 
 @jit

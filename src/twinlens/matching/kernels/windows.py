@@ -1,4 +1,7 @@
-"""Sums over the square window around every pixel, and the scales that normalise a correlation."""
+"""Sums over the square window around every pixel of a row, and the scales that normalise a correlation.
+
+A row at a time: `advance` slides the sums of columns down, `window_row` adds columns up to windows.
+"""
 
 # numba types what it compiles by itself; its decorators and the functions given to it carry no annotations
 # mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
@@ -7,65 +10,101 @@ import numpy as np
 
 from twinlens.matching.kernels.compiling import jit
 
-NO_SCALE, INVERSE_DEVIATION, INVERSE_NORM, TOTAL = 0, 1, 2, 3
-FLAT = 1e-12  # a float window whose variance is below this part of its mean square has none: what is left is rounding
+NOTHING, TOTALS, DEVIATIONS, NORMS, SHARES = 0, 1, 2, 3, 4
 
 
 @jit
-def scale(mode, flat, area, totals, squares, scales):
-    """scales = 1 / sqrt(n S2 - S^2), or 1 / sqrt(S2); 0 for a window without variance, or without light.
+def advance(mode, new, old, there, state, equal):
+    """Slide the columns' sums one row down: `new` enters, and where `there` is set `old` leaves.
 
-    The type of `area` is what this is computed in: integers where float64 would round.
+    state (3, W): the sums of values and of squares, and the row before. equal: (W,) for how many rows, this one
+    included, each column has held its value; (1,) for whole numbers, whose sums tell it.
     """
+    kind = state.dtype.type
+    sums, squares = state[0], state[1]
+    if len(equal) == len(new):
+        for x in range(len(new)):
+            equal[x] = equal[x] + 1 if equal[x] > 0 and new[x] == state[2, x] else 1
+            state[2, x] = kind(new[x])
+    if there:
+        for x in range(len(new)):
+            sums[x] += kind(new[x]) - kind(old[x])
+    else:
+        for x in range(len(new)):
+            sums[x] += kind(new[x])
+    if mode in (DEVIATIONS, NORMS):
+        if there:
+            for x in range(len(new)):
+                a, b = kind(new[x]), kind(old[x])
+                squares[x] += a * a - b * b
+        else:
+            for x in range(len(new)):
+                a = kind(new[x])
+                squares[x] += a * a
+
+
+@jit
+def box_row(columns, side, spare, out):
+    """out[x] = columns[x] + ... + columns[x + side - 1], by sums of 1, 2, 4, ... columns; spare is as columns."""
+    width = len(out)
+    spare[:] = columns
+    for x in range(width):
+        out[x] = 0
+    place, power, left = 0, 1, side
+    while True:
+        if left & 1:
+            for x in range(width):
+                out[x] += spare[x + place]
+            place += power
+        left >>= 1
+        if left == 0:
+            break
+        for x in range(len(spare) - power):
+            spare[x] += spare[x + power]
+        power *= 2
+
+
+@jit
+def inverse_roots(mode, area, totals, squares, scales):
+    """scales = 1 / sqrt(n S2 - S^2), or 1 / sqrt(S2); 0 where there is nothing to take the root of.
+
+    The type of `area` is what the difference is computed in: integers where float64 would round.
+    """
+    kind = scales.dtype.type
     for x in range(len(totals)):
         total, square = area * 0 + totals[x], area * 0 + squares[x]
-        spread = square if mode == INVERSE_NORM else area * square - total * total
-        there = spread > flat * area * square
-        root = np.sqrt(np.float64(spread if there else area))
-        scales[x] = 1.0 / root if there else 0.0
+        spread = square if mode == NORMS else area * square - total * total
+        there = spread > 0
+        root = np.sqrt(kind(spread if there else area))
+        scales[x] = kind(1) / root if there else kind(0)
 
 
 @jit
-def window_stats(image, radius, mode, flat, area, columns, offset, totals, scales):
-    """Fill totals and scales, (H, offset + W or more), from column `offset` on; without a mode, totals alone.
+def forget_flat(mode, side, row, equal, scales):
+    """scales = 0 for windows of one value (for NORMS: of zeros); the windows end in `row`, whose columns are `equal`.
 
-    image (H + 2 r, W + 2 r) is padded; area is (2 r + 1)^2 in the type that scales are computed in; columns is a
-    zeroed scratch (3, W + 2 r) in the dtype the sums are kept in.
+    Sums of floats cannot tell it: they round by more than a faint window varies.
     """
-    side = 2 * radius + 1
-    height, width = image.shape[0] - 2 * radius, image.shape[1] - 2 * radius
-    squared = mode != TOTAL and mode != NO_SCALE
-    sums, squares, spare = columns[0], columns[1], columns[2]
-    for y in range(1 - side, height):
-        new = image[y + side - 1]
-        for x in range(width + 2 * radius):
-            sums[x] += columns.dtype.type(new[x])
-        if squared:
-            for x in range(width + 2 * radius):
-                value = columns.dtype.type(new[x])
-                squares[x] += value * value
-        if y > 0:
-            old = image[y - 1]
-            for x in range(width + 2 * radius):
-                sums[x] -= columns.dtype.type(old[x])
-            if squared:
-                for x in range(width + 2 * radius):
-                    value = columns.dtype.type(old[x])
-                    squares[x] -= value * value
-        if y < 0:
-            continue
-        # Added up anew at every pixel, not slid: that has no chain, and goes through many pixels at once.
-        total, square = totals[y, offset : offset + width], spare[:width]
-        total[:] = 0
-        for k in range(side):
-            for x in range(width):
-                total[x] += totals.dtype.type(sums[x + k])
-        if mode == TOTAL:
-            for x in range(width):
-                scales[y, offset + x] = total[x]
-        if squared:
-            square[:] = 0
-            for k in range(side):
-                for x in range(width):
-                    square[x] += squares[x + k]
-            scale(mode, flat, area, total, square, scales[y, offset : offset + width])
+    length = 0
+    for x in range(len(row)):
+        goes_on = length > 0 and row[x] == row[x - 1]
+        length = 0 if equal[x] < side else (length + 1 if goes_on else 1)
+        if length >= side and (mode == DEVIATIONS or row[x] == 0):
+            scales[x - side + 1] = 0
+
+
+@jit
+def window_row(mode, side, area, row, state, equal, totals, scales):
+    """Fill totals and scales, (W - side + 1), of the windows that end in `row`, from the columns' sums."""
+    count = len(totals)
+    box = np.empty_like(state[0])
+    box_row(state[0], side, box, totals)
+    if mode == SHARES:
+        for x in range(count):
+            scales[x] = totals[x]
+    elif mode in (DEVIATIONS, NORMS):
+        squares = np.empty(count, state.dtype)
+        box_row(state[1], side, box, squares)
+        inverse_roots(mode, area, totals, squares, scales)
+        if len(equal) == len(row):
+            forget_flat(mode, side, row, equal, scales)

@@ -1,0 +1,219 @@
+"""Every measure with every support against plain loops, in several number types; the rest is refused with reason."""
+
+import functools
+
+import numpy as np
+import pytest
+from matching_reference import WINDOW_COSTS, pixel_difference
+
+import twinlens.matching as tm
+from twinlens.errors import InputError
+from twinlens.matching.costs import COSTS
+from twinlens.matching.supports import SUPPORTS
+
+SIDE, LOW, COUNT, DESCRIPTOR = 5, -2, 5, 3
+RADIUS = SIDE // 2
+SHAPE = (6, 11)
+NORMALISED = ("ncc", "zsad", "zssd", "zncc", "jaccard")
+PIXELWISE = ("cross", "weighted", "guided")
+
+
+def images(dtype):
+    """A pair with an edge, a constant patch and noise."""
+    rng = np.random.default_rng(7)
+    scene = rng.integers(0, 50, (2, *SHAPE)) + 90 * (np.arange(SHAPE[1]) > 5)
+    scene[0, 1:5, :4] = 60
+    factor = {"uint8": 1, "uint16": 257, "float32": 1 / 255}[dtype]
+    return (scene * factor).astype(dtype)
+
+
+def grey_levels(left, right):
+    """Both as whole levels 0..255."""
+    if left.dtype.kind == "f":
+        low, high = min(left.min(), right.min()), max(left.max(), right.max())
+        return [np.rint((image.astype(float) - low) * (255 / (float(high) - low))) for image in (left, right)]
+    return [np.rint(image / (257 if image.dtype == np.uint16 else 1)) for image in (left, right)]
+
+
+def window_cost(name, left, right):
+    """cost(y, x, d, side) of edge-continued images."""
+    height, width = left.shape
+    whole = name in WINDOW_COSTS
+    difference = None if whole else pixel_difference(name, left, right, DESCRIPTOR)
+
+    @functools.cache
+    def cost(y, x, d, side):
+        reach = np.arange(-(side // 2), side // 2 + 1)
+        rows = np.clip(y + reach, 0, height - 1)
+        ours, theirs = (np.clip(column + reach, 0, width - 1) for column in (x, x - d))
+        if whole:
+            a, b = left[np.ix_(rows, ours)], right[np.ix_(rows, theirs)]
+            return WINDOW_COSTS[name](a.astype(float), b.astype(float))
+        return sum(difference(v, h, k) for v in rows for h, k in zip(ours, theirs, strict=True))
+
+    return cost
+
+
+def volume_of(cost, side):
+    volume = np.empty((*SHAPE, COUNT))
+    for y, x, i in np.ndindex(volume.shape):
+        volume[y, x, i] = cost(y, x, LOW + i, side)
+    return volume
+
+
+def without_partners(volume):
+    partner = np.arange(SHAPE[1])[:, None] - LOW - np.arange(COUNT)
+    volume[:, (partner < 0) | (partner >= SHAPE[1])] = np.inf
+    return volume
+
+
+def around(y, x, radius):
+    return np.s_[max(0, y - radius) : y + radius + 1, max(0, x - radius) : x + radius + 1]
+
+
+def fixed(cost, _left, _right, _growth):
+    return volume_of(cost, SIDE)
+
+
+def shiftable(cost, _left, _right, _growth):
+    volume = without_partners(volume_of(cost, SIDE))
+    best = np.empty_like(volume)
+    for y, x in np.ndindex(SHAPE):
+        best[y, x] = volume[around(y, x, RADIUS)].min(axis=(0, 1))
+    return best
+
+
+def adaptive(cost, left, _right, growth):
+    """The five sub-windows of the smallest of 5, 3 and 1 whose window has sum Ix^2 >= 2 (2 / 0.05)^2, or else of 5."""
+    height, width = SHAPE
+    padded = np.pad(left, ((0, 0), (1, 1)), mode="edge")
+    slope = (padded[:, 2:] - padded[:, :-2]) / 2
+    slope[:, [0, -1]] *= 2  # where there is one neighbour the step is one pixel
+    energy = np.pad(slope**2, 3, mode="edge")
+    volume = np.empty((*SHAPE, COUNT))
+    chosen = set()
+    for y, x in np.ndindex(SHAPE):
+        side = 5
+        for smaller in (3, 1):
+            reach = smaller // 2
+            near = energy[y + 3 - reach : y + 4 + reach, x + 3 - reach : x + 4 + reach]
+            side = smaller if near.sum() >= 2 * (2.0 / 0.05) ** 2 else side
+        chosen.add(side)
+        quarter = {5: 3, 3: 1, 1: 1}[side]
+        step = side // 2 - quarter // 2
+        rows, columns = (max(y - step, 0), min(y + step, height - 1)), (max(x - step, 0), min(x + step, width - 1))
+        for i in range(COUNT):
+            corners = sorted(cost(v, h, LOW + i, quarter) for v in rows for h in columns)
+            total = cost(y, x, LOW + i, quarter) + corners[0] + corners[1]
+            volume[y, x, i] = total * (9 / quarter**2) ** growth
+    assert len(chosen) > 1
+    return volume
+
+
+def arms(image, y, x):
+    """How far left, right, up and down the pixel's cross reaches."""
+    result = []
+    for dy, dx in ((0, -1), (0, 1), (-1, 0), (1, 0)):
+        reach = 0
+        while reach < RADIUS:
+            v, u = y + dy * (reach + 1), x + dx * (reach + 1)
+            if not (0 <= v < SHAPE[0] and 0 <= u < SHAPE[1]) or abs(image[v, u] - image[y, x]) > 20:
+                break
+            reach += 1
+        result.append(reach)
+    return result
+
+
+def cross(cost, left, _right, _growth):
+    costs = volume_of(cost, 1)
+    volume = np.empty_like(costs)
+    for y, x in np.ndindex(SHAPE):
+        _, _, up, down = arms(left, y, x)
+        region = []
+        for v in range(y - up, y + down + 1):
+            before, after, _, _ = arms(left, v, x)
+            region += [costs[v, u] for u in range(x - before, x + after + 1)]
+        volume[y, x] = np.mean(region, axis=0)
+    return volume
+
+
+def weighted(cost, left, right, _growth):
+    costs, (height, width) = volume_of(cost, 1), SHAPE
+    volume = np.empty_like(costs)
+    for y, x, i in np.ndindex(costs.shape):
+        u = int(np.clip(x - LOW - i, 0, width - 1))
+        top = bottom = 0.0
+        for v in range(max(0, y - RADIUS), min(height, y + RADIUS + 1)):
+            for h in range(max(-RADIUS, -x), min(RADIUS, width - 1 - x) + 1):
+                ours = abs(left[y, x] - left[v, x + h])
+                theirs = abs(right[y, u] - right[v, int(np.clip(u + h, 0, width - 1))])
+                weight = np.exp(-2 * np.hypot(v - y, h) / 12 - (ours + theirs) / 12)
+                top, bottom = top + weight * costs[v, x + h, i], bottom + weight
+        volume[y, x, i] = top / bottom
+    return volume
+
+
+def box_mean(values):
+    out = np.empty_like(values)
+    for y, x in np.ndindex(values.shape[:2]):
+        out[y, x] = values[around(y, x, RADIUS)].mean(axis=(0, 1))
+    return out
+
+
+def guided(cost, left, _right, _growth):
+    costs, guide = volume_of(cost, 1), left[:, :, None] / 255
+    slope = (box_mean(costs * guide) - box_mean(guide) * box_mean(costs)) / (
+        box_mean(guide**2) - box_mean(guide) ** 2 + 1e-4
+    )
+    return box_mean(slope) * guide + box_mean(box_mean(costs) - slope * box_mean(guide))
+
+
+REFERENCES = {
+    "fixed": fixed,
+    "shiftable": shiftable,
+    "adaptive": adaptive,
+    "cross": cross,
+    "weighted": weighted,
+    "guided": guided,
+}
+
+
+def growth(name):
+    return {"ncc": 0, "zncc": 0, "jaccard": 0, "zssd": 2}.get(name, 1)
+
+
+def found(dtype, name, support):
+    return tm.match(
+        *images(dtype), name, support=support, block_size=SIDE, min_disparity=LOW, num_disparities=COUNT,
+        census_window=DESCRIPTOR, subpixel="none", threads=1,
+    )  # fmt: skip
+
+
+def test_the_references_cover_all_there_is():
+    assert set(REFERENCES) == set(SUPPORTS)
+    assert set(PIXELWISE) == {name for name, support in SUPPORTS.items() if support.pixelwise}
+    assert set(NORMALISED) == {name for name, cost in COSTS.items() if cost.normalised}
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "float32", pytest.param("uint16", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("support", REFERENCES)
+@pytest.mark.parametrize("name", COSTS)
+def test_every_measure_with_every_support_equals_plain_loops(name, support, dtype):
+    if support in PIXELWISE and name in NORMALISED:
+        with pytest.raises(InputError, match="statistics of whole windows"):
+            found(dtype, name, support)
+        return
+    left, right = images(dtype)
+    volume = REFERENCES[support](window_cost(name, left, right), *grey_levels(left, right), growth(name))
+    volume = without_partners(volume)
+    disparity = found(dtype, name, support)
+    least = volume.min(axis=-1)
+    np.testing.assert_array_equal(np.isfinite(disparity), np.isfinite(least))
+    index = np.where(np.isfinite(disparity), disparity - LOW, 0).astype(int)
+    chosen = np.take_along_axis(volume, index[..., None], -1)[..., 0]
+    known = np.isfinite(least)
+    scale = 1.0 if growth(name) == 0 else float(np.abs(least[known]).max())
+    np.testing.assert_allclose(chosen[known], least[known], atol=1e-6 * scale)
+    if dtype != "float32" and name in ("sad", "ssd", "census", "rank") and support in ("fixed", "shiftable"):
+        expected = np.where(known, volume.argmin(-1) + LOW, np.inf)
+        np.testing.assert_array_equal(disparity, expected)
