@@ -3,7 +3,7 @@
 A study is one short file that ends in a `Study`; `STUDIES` lists them.
 """
 
-from twinlens.studies import baseline, focal_length, focus, pinhole, radiometric, texture, window
+from twinlens.studies import aperture, baseline, focal_length, focus, pinhole, radiometric, texture, window
 from twinlens.studies.bootstrap import Interval, bootstrap, mean_of, paired_difference
 from twinlens.studies.run import run_study
 from twinlens.studies.study import Figure, Finding, Measured, Picture, Result, Setup, Stands, Study, sweep
@@ -12,6 +12,7 @@ from twinlens.studies.table import Column, Table, from_csv, to_csv
 STUDIES: dict[str, Study] = {
     study.name: study
     for study in (
+        aperture.STUDY,
         pinhole.STUDY,
         focus.STUDY,
         window.STUDY,
