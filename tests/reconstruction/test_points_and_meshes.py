@@ -15,11 +15,13 @@ from twinlens.reconstruction import (
     Surface,
     mesh_of,
     points_of,
+    sampled,
     view_of_disparity,
     view_of_truth,
     write_glb,
     write_ply,
 )
+from twinlens.reconstruction.picture import orbit, splat
 
 POSE = look_at([1.0, -2.0, 1.5], [0.2, 3.0, 1.0])
 CAMERA = Camera(40, 30, 45.0, 44.0, 18.5, 15.25, BrownConrady(-0.1, 0.02))
@@ -147,3 +149,33 @@ def test_disparities_at_infinity_and_beyond_are_unknown():
     assert not found.known.any()
     assert not len(points_of(found))
     assert not len(mesh_of(found).faces)
+
+
+def test_samples_are_on_the_triangles_as_dense_as_asked_and_coloured_between_the_corners():
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1]])
+    colors = np.array([[0, 0, 0], [200, 0, 0], [0, 200, 0], [200, 200, 0]], np.uint8)
+    cloud = sampled(Surface(corners, np.array([[0, 1, 2], [1, 3, 2]]), colors), 0.02)
+    assert len(cloud) == 1250 + 2166
+    flat = cloud.points[:1250]
+    assert (flat[:, 2] == 0).all()
+    assert (flat[:, :2].sum(axis=1) <= 1 + 1e-12).all()
+    assert np.allclose(flat.mean(axis=0), [1 / 3, 1 / 3, 0], atol=0.03)
+    assert np.abs(cloud.colors[:, :2] - 200 * cloud.points[:, :2]).max() <= 0.5 + 1e-9
+    with pytest.raises(InputError, match="widen"):
+        sampled(Surface(corners, np.array([[0, 1, 2]])), 1e-5)
+
+
+def test_a_splatted_cloud_is_seen_where_it_projects_the_nearer_before_the_farther():
+    camera = Camera(40, 30, 45.0, 45.0, 19.5, 14.5)
+    points = np.array([[0.0, 0, 3], [0.0, 0, 2], [0.5, 0.2, 2]])
+    colors = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255]], np.uint8)
+    for order in ([0, 1, 2], [1, 0, 2]):
+        picture = splat(Cloud(points[order], colors[order]), camera, np.eye(4), 2)
+        assert (picture[14:16, 19:21] == [0, 255, 0]).all()
+        u, v = camera.project(points[2])
+        assert (picture[round(v), round(u)] == [0, 0, 255]).all()
+        assert (picture == 255).all(axis=2).sum() == 40 * 30 - 8
+    carried = orbit(POSE, [0.2, 3.0, 1.0], 30.0, 10.0)
+    distance = [np.linalg.norm(pose[:3, 3] - [0.2, 3.0, 1.0]) for pose in (POSE, carried)]
+    assert distance[0] == pytest.approx(distance[1])
+    assert np.allclose(Camera(9, 9, 9.0, 9.0, 4.0, 4.0).project(np.linalg.inv(carried)[:3] @ [0.2, 3.0, 1.0, 1]), 4)

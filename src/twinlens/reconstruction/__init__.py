@@ -6,7 +6,7 @@ docs/reconstruction.md has the formulas and where they come from. Knows no match
 from twinlens.reconstruction.evaluation import Comparison, compare
 from twinlens.reconstruction.export import write_glb, write_ply
 from twinlens.reconstruction.fusion import fuse, thinned
-from twinlens.reconstruction.surface import Cloud, Surface, mesh_of, points_of
+from twinlens.reconstruction.surface import Cloud, Surface, mesh_of, points_of, sampled
 from twinlens.reconstruction.tsdf import Volume, integrate, surface_of
 from twinlens.reconstruction.views import DepthView, view_of_disparity, view_of_truth
 
@@ -21,6 +21,7 @@ __all__ = [
     "integrate",
     "mesh_of",
     "points_of",
+    "sampled",
     "surface_of",
     "thinned",
     "view_of_disparity",

@@ -10,6 +10,8 @@ from twinlens.errors import InputError, check_number
 from twinlens.geometry import Float
 from twinlens.reconstruction.views import DepthView
 
+_MOST_SAMPLES = 50_000_000
+
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
@@ -69,6 +71,27 @@ def mesh_of(view: DepthView, max_angle_deg: float = 85.0) -> Surface:
     renamed[used] = np.arange(len(used))
     colors = None if view.image is None else view.image.reshape(-1, 3)[used]
     return Surface(positions[used], renamed[faces], colors)
+
+
+def sampled(surface: Surface, spacing: float, seed: int = 0) -> Cloud:
+    """Points spread at random over a surface's triangles, one for each `spacing` squared of area, metres, or more.
+
+    Colours are those between the corners'. Raises InputError for more than 50 million.
+    """
+    check_number("spacing", spacing, "a positive number of metres", above=0)
+    a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
+    counts = np.ceil(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1) / spacing**2).astype(np.int64)
+    if counts.sum() > _MOST_SAMPLES:
+        raise InputError(f"a spacing of {spacing} m makes {counts.sum()} points, more than {_MOST_SAMPLES}: widen it")
+    face = np.repeat(np.arange(len(counts)), counts)
+    r, s = np.random.default_rng(seed).random((2, len(face)))
+    shares = np.stack([1 - np.sqrt(r), np.sqrt(r) * (1 - s), np.sqrt(r) * s], axis=1)  # uniform: Osada et al. 2002
+    corners = surface.faces[face]
+    points = np.einsum("nk,nkc->nc", shares, surface.vertices[corners])
+    if surface.colors is None:
+        return Cloud(points)
+    mixed = np.einsum("nk,nkc->nc", shares, surface.colors[corners].astype(np.float64))
+    return Cloud(points, np.rint(mixed).astype(np.uint8))
 
 
 def _grid_faces(height: int, width: int) -> NDArray[np.int64]:

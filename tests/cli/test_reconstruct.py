@@ -1,0 +1,50 @@
+import json
+
+import pytest
+import trimesh
+
+from twinlens.dataset import read_png
+
+QUICK = ("--size", "64x48", "--spp", "4")
+
+
+@pytest.fixture(scope="module")
+def arc(tmp_path_factory):
+    """Three unrectified views of the table."""
+    from twinlens.cli import run
+
+    folder = tmp_path_factory.mktemp("arc")
+    (folder / "rig.toml").write_text('layout = "arc"\ncount = 3\nangle_deg = 24\n')
+    line = ["render", "tabletop", "--rig", folder / "rig.toml", *QUICK, "-o", folder / "out"]
+    assert run([str(part) for part in line]) == 0
+    return folder / "out" / "tabletop"
+
+
+def test_truth_of_many_views_is_fused_and_is_the_true_surface(twinlens, arc, tmp_path):
+    code, out, _ = twinlens("reconstruct", arc, "-o", tmp_path / "r", "--far", 2, "--cell-mm", 20, "--json")
+    assert code == 0
+    told = json.loads(out)
+    assert told["views"] == 3
+    assert told["against_truth"]["points"]["accuracy_mean_mm"] == 0
+    assert told["against_truth"]["mesh"]["accuracy_median_mm"] < 15
+    assert len(trimesh.load(tmp_path / "r" / "points.ply").vertices) == told["points"]
+    assert len(trimesh.load(tmp_path / "r" / "mesh.ply", process=False).faces) == told["faces"]
+    (mesh,) = trimesh.load(tmp_path / "r" / "mesh.glb").geometry.values()
+    assert len(mesh.faces)
+    assert read_png(tmp_path / "r" / "reconstruction.png").shape == (96, 128, 3)
+    assert json.loads((tmp_path / "r" / "reconstruction.json").read_text()) == told
+
+
+def test_matched_views_are_rectified_first(twinlens, arc, tmp_path):
+    code, out, _ = twinlens("reconstruct", arc, "-o", tmp_path / "r", "--method", "zncc:block_size=7", "--far", 2)
+    assert code == 0
+    assert "from 2 depth maps" in out
+    assert "accuracy" in out
+
+
+def test_what_cannot_be_is_refused_in_a_line(twinlens, arc, tmp_path):
+    for wrong in (("--method", "truht"), ("--far", "0.1"), ("--cell-mm", "-1"), ("--min-views", "9")):
+        code, _, err = twinlens("reconstruct", arc, "-o", tmp_path / "r", *wrong)
+        assert code == 2
+        assert err.count("\n") == 1
+        assert not (tmp_path / "r").exists()
