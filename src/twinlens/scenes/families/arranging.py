@@ -23,7 +23,8 @@ _LYING = {"bottle": 0.12, "cup": 0.08, "candle": 0.1, "tin": 0.08, "pawn": 0.15,
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """A body at its place: its rest, turned by `turn` (3, 3) in all, moved to `place` (3,), where its lowest point is."""
+    """A body at its place: its rest, turned about z by `spin` (3, 3), moved to `place` (3,), which its lowest point
+    is level with."""
 
     drawn: Drawn
     rest: Rest
@@ -54,7 +55,7 @@ class Standing:
     @property
     def balance(self) -> Float:
         """Its centre of mass seen from above (2,)."""
-        return self.moved(self.rest.centre[None, :2])[0]
+        return np.asarray(self.moved(self.rest.centre[None, :2])[0])
 
 
 def choose_rest(drawn: Drawn, rng: Rng) -> Rest | None:

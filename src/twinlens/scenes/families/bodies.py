@@ -7,11 +7,11 @@ import numpy as np
 from scipy.ndimage import zoom
 
 from twinlens.geometry import Float
+from twinlens.scenes.families.brushes import Image, Rng
 from twinlens.scenes.families.catalogue import GLASS_LIKES, KINDS, METAL_LIKES, draw_kind
 from twinlens.scenes.families.family import Request
 from twinlens.scenes.families.finishes import Coat, coat, draw_finish, repeats, texels
 from twinlens.scenes.families.palettes import Palette
-from twinlens.scenes.families.patterns import Image, Rng
 from twinlens.scenes.families.solids import Solid, box_mapped
 from twinlens.scenes.scene import Mesh, Plugin
 

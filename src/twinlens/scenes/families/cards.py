@@ -1,6 +1,7 @@
 """Test charts in a laboratory: boards, steps, wedges and waves on a floor, each at its own distance and slant."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -29,7 +30,9 @@ def compose(request: Request) -> Scene:
     stage = Stage()
     _charts(request, stage, view, palette, deep)
     _surroundings(request, stage, view, palette, deep)
-    lighting.key_and_fill(stage, request.rng("light"), np.array([0.0, 0.55 * deep, 0.3]), 0.42 * deep, -90.0)
+    rng = request.rng("light")
+    light = lighting.daylight if rng.random() < 0.3 else lighting.key_and_fill
+    light(stage, rng, np.array([0.0, 0.55 * deep, 0.3]), 0.42 * deep, -90.0)
     return fitting.finished(request, stage, view, FAMILY.about)
 
 
@@ -40,7 +43,7 @@ def _view(request: Request) -> View:
     """Level or looking down a little, eyes over the floor z = 0; charts stand at y > 0."""
     rng = request.rng("view")
     eye = np.array([0.0, 0.0, rng.uniform(0.45, 0.7)])
-    target = eye + [0.0, 1.0, -rng.uniform(0.05, 0.3)]
+    target = eye + np.array([0.0, 1.0, -rng.uniform(0.05, 0.3)])
     return View(look_at(eye, target), float(rng.uniform(45, 62)), request.aspect, request.width_px)
 
 
@@ -135,7 +138,7 @@ def _cheeks(profile: Float, width: float) -> list[Mesh]:
     rear = profile[:, 0].max()
     made = []
     for side in (-1.0, 1.0):
-        for a, b in zip(profile[:-1], profile[1:], strict=True):
+        for a, b in pairwise(profile):
             yz = np.array([a, [rear, a[1]], [rear, b[1]], b])
             corners = np.column_stack([np.full(4, side * width / 2), yz])
             quad = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
@@ -202,6 +205,6 @@ def _surroundings(request: Request, stage: Stage, view: View, palette: Palette, 
         stage.add(name, sheet.mesh(), surface(request.rng(name), sheet, view, kind, colors, tile))
 
 
-def _mesh(sheet: Sheet) -> tuple[Float, np.ndarray]:  # type: ignore[type-arg]
+def _mesh(sheet: Sheet) -> tuple[Float, shapes.Faces]:
     mesh = sheet.mesh()
     return mesh.vertices, mesh.faces

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twinlens.scenes.families import solids, vessels
+from twinlens.scenes.families import prisms, solids, vessels
 from twinlens.scenes.families.solids import Rng, Solid
 
 
@@ -53,13 +53,13 @@ KINDS: dict[str, Kind] = {
     "blob": Kind(solids.blob, (0.1, 0.2), 0.9, _GLAZED),
     "ring": Kind(solids.ring, (0.1, 0.24), 0.8, _TOY),
     "knot": Kind(solids.knot, (0.12, 0.26), 0.5, _CAST),
-    "crystal": Kind(solids.crystal, (0.08, 0.18), 0.8, ("plain", "granite", "marble", "wood", "chips")),
-    "star": Kind(solids.star, (0.1, 0.2), 0.5, _TOY),
-    "gear": Kind(solids.gear, (0.1, 0.24), 0.8, ("plain", "cloudy", "granite")),
-    "flower": Kind(solids.flower, (0.1, 0.2), 0.5, _TOY),
-    "heart": Kind(solids.heart, (0.08, 0.18), 0.4, ("plain", "cloudy", "wood", "dots")),
-    "prism": Kind(solids.prism, (0.08, 0.22), 0.6, _TOY),
-    "nut": Kind(solids.nut, (0.07, 0.16), 0.5, ("plain", "granite")),
+    "crystal": Kind(prisms.crystal, (0.08, 0.18), 0.8, ("plain", "granite", "marble", "wood", "chips")),
+    "star": Kind(prisms.star, (0.1, 0.2), 0.5, _TOY),
+    "gear": Kind(prisms.gear, (0.1, 0.24), 0.8, ("plain", "cloudy", "granite")),
+    "flower": Kind(prisms.flower, (0.1, 0.2), 0.5, _TOY),
+    "heart": Kind(prisms.heart, (0.08, 0.18), 0.4, ("plain", "cloudy", "wood", "dots")),
+    "prism": Kind(prisms.prism, (0.08, 0.22), 0.6, _TOY),
+    "nut": Kind(prisms.nut, (0.07, 0.16), 0.5, ("plain", "granite")),
 }
 METAL_LIKES = ("gear", "nut", "knot", "ring", "vase", "goblet", "tin", "ball", "crystal", "bowl", "capsule", "blob")
 GLASS_LIKES = ("vase", "bottle", "goblet", "ball", "cup", "crystal")

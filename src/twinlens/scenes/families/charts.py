@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from twinlens.geometry import Float
 from twinlens.scenes import textures
+from twinlens.scenes.families.brushes import Image, ramp, seed
 from twinlens.scenes.families.palettes import Palette, varied
-from twinlens.scenes.families.patterns import Image, pattern, ramp, seed
+from twinlens.scenes.families.patterns import pattern
 
 Rng = np.random.Generator
 _PAPER = np.array([[0.03, 0.03, 0.035], [0.8, 0.79, 0.76]])
@@ -86,7 +86,7 @@ def draw_chart(rng: Rng, n: int, palette: Palette) -> Image:
     """A chart of n x n texels, framed by a margin of paper."""
     weights = np.array([weight for _, weight in CHARTS.values()])
     name = list(CHARTS)[int(rng.choice(len(CHARTS), p=weights / weights.sum()))]
-    made: Float = CHARTS[name][0](rng, n, palette).copy()
+    made: Image = CHARTS[name][0](rng, n, palette).copy()
     margin = max(1, n // 24)
     for edge in (made[:margin], made[-margin:], made[:, :margin], made[:, -margin:]):
         edge[:] = _PAPER[1]

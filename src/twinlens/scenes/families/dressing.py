@@ -9,10 +9,11 @@ import numpy as np
 
 from twinlens.errors import unknown
 from twinlens.scenes.families.bodies import own_texture, shrunk
+from twinlens.scenes.families.brushes import Image
 from twinlens.scenes.families.family import Request
 from twinlens.scenes.families.finishes import material, metal_pixels, texels
 from twinlens.scenes.families.palettes import Palette, varied
-from twinlens.scenes.families.patterns import Image, pattern
+from twinlens.scenes.families.patterns import pattern
 from twinlens.scenes.scene import Bitmap
 
 WORDS = {  # patterns, tile in metres, finish, roughness

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from twinlens.geometry import Float
+from twinlens.scenes.families.brushes import Image, noise
 from twinlens.scenes.families.palettes import METALS, Palette, varied
-from twinlens.scenes.families.patterns import Image, noise, pattern
+from twinlens.scenes.families.patterns import pattern
 from twinlens.scenes.families.solids import Rng, Solid
 from twinlens.scenes.scene import Bitmap, Plugin
 

@@ -4,15 +4,18 @@ import math
 
 import numpy as np
 
-from twinlens.geometry import look_at
+from twinlens.geometry import Float, look_at, transform_points
 from twinlens.scenes.families import fitting, lighting
 from twinlens.scenes.families.bodies import draw_body, random_turn
+from twinlens.scenes.families.catalogue import KINDS
 from twinlens.scenes.families.family import Family, Request
+from twinlens.scenes.families.finishes import coat
 from twinlens.scenes.families.palettes import Palette, draw_palette
+from twinlens.scenes.families.sky import painted_sky
 from twinlens.scenes.families.stage import Stage, placed
 from twinlens.scenes.families.surfaces import WALLS, Sheet, surface, wall_colors
 from twinlens.scenes.families.view import View
-from twinlens.scenes.scene import Scene
+from twinlens.scenes.scene import Mesh, Scene
 
 
 def compose(request: Request) -> Scene:
@@ -23,8 +26,9 @@ def compose(request: Request) -> Scene:
     stage = Stage()
     _bodies(request, stage, view, palette, deep)
     near = stage.seen(view).depth_range[0]
-    _backdrop(request, stage, view, palette, near * deep)
-    _light(request, stage, view, deep)
+    open_air = request.rng("open air").random() < 0.4
+    (_moon if open_air else _backdrop)(request, stage, view, palette, near * deep)
+    _light(request, stage, view, deep, open_air)
     return fitting.finished(request, stage, view, FAMILY.about)
 
 
@@ -42,11 +46,11 @@ def _bodies(request: Request, stage: Stage, view: View, palette: Palette, deep: 
     count = request.count
     steps = (np.arange(count) + request.rng("steps").random(count)) / count
     inverse = 1 + (1 / (0.9 * deep) - 1) * steps
-    taken: list[tuple[np.ndarray, float]] = []  # type: ignore[type-arg]
+    taken: list[tuple[Float, float]] = []
     for index, depth in enumerate(1 / inverse):
         drawn = draw_body(request, ("body", index), palette)
         rng = request.rng("place", index)
-        share = math.exp(rng.uniform(math.log(0.09), math.log(0.3)))
+        share = math.exp(rng.uniform(math.log(0.1), math.log(0.34)))
         reach = 0.5 * share * view.covered(float(depth))[0]
         size = reach / float(np.linalg.norm(drawn.solid.mesh.vertices, axis=1).max())
         for _ in range(40):
@@ -82,8 +86,32 @@ def _backdrop(request: Request, stage: Stage, view: View, palette: Palette, far:
     stage.add("backdrop", wall.mesh(), material)
 
 
-def _light(request: Request, stage: Stage, view: View, deep: float) -> None:
+def _moon(request: Request, stage: Stage, view: View, palette: Palette, far: float) -> None:
+    """In the open air, a great ball is what is farthest."""
+    rng = request.rng("moon")
+    x, y = rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.6), rng.uniform(-0.5, 0.3)
+    share = rng.uniform(0.16, 0.28)
+    solid = KINDS["ball"].make(rng)
+    turn = random_turn(rng)
+
+    def pose(distance: float) -> Float:
+        return placed(turn, view.at(x, y, distance), 2 * share * float(view.covered(distance)[0]))
+
+    def mesh(distance: float) -> list[Mesh]:
+        return [Mesh(transform_points(pose(distance), solid.mesh.vertices), solid.mesh.faces)]
+
+    distance = fitting.solve_far(view, stage, mesh, far, far)
+    size = 2 * share * float(view.covered(distance)[0])
+    names = ("granite", "marble", "stripes", "cloudy", "cloudy")
+    made = coat(request.rng("moon", "texture"), solid, size, view.pixel(distance), palette, "matte", names)
+    stage.add("moon", solid.mesh, made.plugin(), pose(distance))
+
+
+def _light(request: Request, stage: Stage, view: View, deep: float, open_air: bool) -> None:
     rng = request.rng("light")
     if request.assets.hdris and lighting.given_environment(stage, rng, request.assets):
         return
-    lighting.key_and_fill(stage, rng, view.at(0, 0, 0.5 * deep), 0.6 * deep, -90.0)
+    if open_air:
+        lighting.environment(stage, painted_sky(rng), float(rng.uniform(0, 360)))
+    else:
+        lighting.key_and_fill(stage, rng, view.at(0, 0, 0.5 * deep), 0.6 * deep, -90.0)

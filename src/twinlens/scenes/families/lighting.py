@@ -1,13 +1,13 @@
-"""Light: soft boxes, sun and sky, and painted or given environment maps, each strong enough that shadows mean something."""
+"""Light: lamps, sun and sky, and environment maps, painted or given; each strong enough to throw a shadow."""
 
 import math
 
 import numpy as np
 
 from twinlens.geometry import Float, look_at
-from twinlens.scenes import shapes
 from twinlens.scenes.families.assets import Assets
-from twinlens.scenes.families.patterns import Image, noise
+from twinlens.scenes.families.brushes import Image
+from twinlens.scenes.families.sky import clear_sky
 from twinlens.scenes.families.stage import Stage
 from twinlens.scenes.placement import rotation
 from twinlens.scenes.scene import Bitmap, Color, Mesh, Plugin
@@ -18,10 +18,23 @@ _UPRIGHT = rotation(np.array([1.0, 0.0, 0.0]), 90.0)  # environment maps have y 
 WARM, NEUTRAL, COOL = np.array([1.0, 0.84, 0.66]), np.array([1.0, 0.96, 0.91]), np.array([0.84, 0.93, 1.0])
 
 
-def panel(stage: Stage, name: str, place: Float, target: Float, size: tuple[float, float], radiance: Float) -> None:
-    """A rectangular lamp of `size` metres at `place` that shines towards `target`."""
-    pose = look_at(place, target, _up(place, target))
-    stage.add(name, rectangle(*size), _BLACK, pose, {"type": "area", "radiance": _color(radiance)})
+def panel(
+    stage: Stage,
+    name: str,
+    place: Float,
+    target: Float,
+    size: tuple[float, float],
+    radiance: Float,
+    weight: float = 1.0,
+) -> None:
+    """A rectangular lamp of `size` metres at `place` that shines towards `target`; `weight`: its share of samples."""
+    glow(stage, name, rectangle(*size), look_at(place, target, _up(place, target)), radiance, weight)
+
+
+def glow(stage: Stage, name: str, mesh: Mesh, pose: Float, radiance: Float, weight: float = 1.0) -> None:
+    """A mesh that shines: panels, window panes, lamp shades."""
+    emitter = {"type": "area", "radiance": _color(radiance), "sampling_weight": float(weight)}
+    stage.add(name, mesh, _BLACK, pose, emitter)
 
 
 def rectangle(width: float, height: float) -> Mesh:
@@ -47,28 +60,36 @@ def from_direction(azimuth_deg: float, elevation_deg: float) -> Float:
     return np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
 
 
-def ambient(stage: Stage, radiance: Float) -> None:
+def ambient(stage: Stage, radiance: Float, weight: float = 0.35) -> None:
     """Even light from everywhere."""
     pixels = np.broadcast_to(np.asarray(radiance, dtype=np.float32), (4, 8, 3))
-    environment(stage, np.ascontiguousarray(pixels))
+    environment(stage, np.ascontiguousarray(pixels), weight=weight)
 
 
-def environment(stage: Stage, pixels: Image, turn_deg: float = 0.0) -> None:
+def environment(stage: Stage, pixels: Image, turn_deg: float = 0.0, weight: float = 1.0) -> None:
     """A picture (H, W, 3) of everything around, top row straight up, as the light and the background."""
     pose = rotation(np.array([0.0, 0.0, 1.0]), turn_deg) @ _UPRIGHT
-    stage.lights["environment"] = {"type": "envmap", "bitmap": Bitmap(pixels), "to_world": pose}
-
-
-def sun_and_sky(stage: Stage, rng: Rng, azimuth_deg: float, elevation_deg: float) -> None:
-    """Daylight of some haze. Source: Hosek and Wilkie, An Analytic Model for Full Spectral Sky-Dome Radiance, 2012."""
-    stage.lights["sky"] = {
-        "type": "sunsky",
-        "turbidity": float(rng.uniform(2.0, 5.0)),
-        "sun_direction": from_direction(azimuth_deg, elevation_deg).tolist(),
-        "sun_aperture": float(rng.uniform(1.0, 3.0)),
-        "sun_scale": float(rng.uniform(0.5, 1.0)),
-        "sky_scale": 1.0,
+    stage.lights["environment"] = {
+        "type": "envmap",
+        "bitmap": Bitmap(pixels),
+        "to_world": pose,
+        "sampling_weight": float(weight),
     }
+
+
+def sun_and_sky(stage: Stage, rng: Rng, middle: Float, radius: float, azimuth_deg: float, elevation_deg: float) -> None:
+    """A clear sky, and the sun as a far disc, somewhat larger than it is so that its shadows have soft edges.
+
+    The sun lights a level surface about four times as strongly as the sky does when it is high, less when low.
+    """
+    sky = clear_sky(float(rng.uniform(2.2, 5.0)), elevation_deg)
+    environment(stage, sky, azimuth_deg, 0.5)
+    far, half = 40.0 * radius, 40.0 * radius * math.tan(math.radians(rng.uniform(0.6, 1.6)))
+    toward = from_direction(azimuth_deg, elevation_deg)
+    low = math.exp(-elevation_deg / 14)
+    tone = np.array([1.0, 0.95 - 0.35 * low, 0.88 - 0.6 * low])
+    radiance = 4.0 * math.pi * (1 - 0.6 * low) * far**2 / (2 * half) ** 2
+    panel(stage, "sun", middle + far * toward, middle, (2 * half, 2 * half), radiance * tone, 1.0)
 
 
 def given_environment(stage: Stage, rng: Rng, assets: Assets) -> bool:
@@ -82,56 +103,26 @@ def given_environment(stage: Stage, rng: Rng, assets: Assets) -> bool:
     return True
 
 
-def painted_sky(rng: Rng, width: int = 512) -> Image:
-    """A sky of clouds over a hazy horizon and dark ground, (width/2, width, 3), its sun a soft glow."""
-    n = width
-    zenith, horizon, cloud = _SKIES[int(rng.integers(len(_SKIES)))]
-    elevation = (0.5 - (np.arange(n // 2)[:, None] + 0.5) / (n // 2)) * math.pi
-    height = np.clip(np.sin(elevation), 0, 1) ** 0.55
-    sky = np.array(horizon) + (np.array(zenith) - np.array(horizon)) * height[..., None]
-    field = noise(n, rng, 5, octaves=7, gain=0.55, contrast=1.6)[: n // 2]
-    cover = np.clip((field - rng.uniform(0.45, 0.6)) * 4, 0, 1)[..., None] * np.clip(height * 3, 0, 1)[..., None]
-    sky = sky * (1 - cover) + np.array(cloud) * cover
-    ground = np.array(horizon) * 0.35
-    out = np.where(elevation[..., None] > 0, sky, ground)
-    azimuth, rise = rng.integers(n), math.radians(rng.uniform(15, 60))
-    longitude = (np.arange(n)[None, :] - azimuth) * 2 * math.pi / n
-    toward = np.sin(elevation) * math.sin(rise) + np.cos(elevation) * math.cos(rise) * np.cos(longitude)
-    glow = 60 * np.exp((toward - 1) * 300) + 1.2 * np.exp((toward - 1) * 6)
-    return (out + glow[..., None] * (0.5 + 0.5 * np.array(cloud))).astype(np.float32)
-
-
-_SKIES = (
-    ((0.16, 0.36, 0.75), (0.75, 0.85, 0.95), (1.0, 0.98, 0.95)),
-    ((0.25, 0.33, 0.55), (1.0, 0.62, 0.38), (1.0, 0.75, 0.6)),
-    ((0.45, 0.52, 0.6), (0.8, 0.82, 0.85), (0.92, 0.93, 0.95)),
-    ((0.1, 0.15, 0.4), (0.75, 0.45, 0.55), (0.8, 0.6, 0.75)),
-    ((0.12, 0.45, 0.6), (0.9, 0.92, 0.82), (1.0, 1.0, 0.95)),
-)
-
-
 def key_and_fill(stage: Stage, rng: Rng, middle: Float, radius: float, view_azimuth_deg: float) -> None:
-    """A key light from one side, larger or smaller, a weak fill from the other, and dim light from all around.
+    """A key light from one side, hard or soft, a weak fill from the other, and dim light from all around.
 
     `middle` is what is lit, `radius` how large it is, `view_azimuth_deg` where the camera stands as seen from it.
     """
     side = float(rng.choice([-1.0, 1.0]))
-    tone, other = ((WARM, COOL), (NEUTRAL, NEUTRAL), (COOL, WARM))[int(rng.integers(3))]
-    spread = rng.uniform(0.6, 1.8) * radius
-    far = 4.0 * radius
-    key = from_direction(view_azimuth_deg + side * rng.uniform(50, 115), rng.uniform(32, 62))
-    strength = 9.0 * (radius * 1.2 / spread) ** 2 * rng.uniform(0.8, 1.25)
+    tone, other = ((WARM, COOL), (NEUTRAL, NEUTRAL), (COOL, WARM), (WARM, NEUTRAL))[int(rng.integers(4))]
+    spread = math.exp(rng.uniform(math.log(0.18), math.log(1.2))) * radius
+    far = 4.5 * radius
+    key = from_direction(view_azimuth_deg + side * rng.uniform(55, 98), rng.uniform(28, 58))
+    strength = 11.0 * (1.2 * radius / spread) ** 2 * rng.uniform(0.8, 1.25)
     panel(stage, "key-light", middle + far * key, middle, (2 * spread, 2 * spread), strength * tone)
     fill = from_direction(view_azimuth_deg - side * rng.uniform(25, 80), rng.uniform(20, 50))
-    panel(stage, "fill-light", middle + far * fill, middle, (2.4 * radius, 2.4 * radius), rng.uniform(0.6, 1.6) * other)
-    ambient(stage, rng.uniform(0.12, 0.3) * (0.5 * other + 0.5))
+    level = rng.uniform(0.3, 1.2)
+    panel(stage, "fill-light", middle + far * fill, middle, (2.4 * radius, 2.4 * radius), level * other, 0.35)
+    ambient(stage, rng.uniform(0.1, 0.25) * (0.5 * other + 0.5))
 
 
-def tilted(mesh: Mesh, pose: Float) -> Mesh:
-    """A mesh moved once and for all."""
-    return shapes.transformed(mesh, pose)
-
-
-def glow(stage: Stage, name: str, mesh: Mesh, pose: Float, radiance: Float) -> None:
-    """A mesh that shines: window panes, lamp shades."""
-    stage.add(name, mesh, _BLACK, pose, {"type": "area", "radiance": _color(radiance)})
+def daylight(stage: Stage, rng: Rng, middle: Float, radius: float, view_azimuth_deg: float) -> None:
+    """Sun and sky, the sun at one side of the camera."""
+    side = float(rng.choice([-1.0, 1.0]))
+    azimuth = view_azimuth_deg + side * rng.uniform(40, 95)
+    sun_and_sky(stage, rng, middle, radius, float(azimuth), float(rng.uniform(22, 55)))

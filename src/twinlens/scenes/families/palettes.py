@@ -72,4 +72,4 @@ def varied(rng: Rng, colors: Float, amount: float = 0.12) -> Float:
     """The colours, each a little lighter or darker and warmer or cooler, within what paint can be."""
     light = np.exp(rng.normal(0, amount, (len(colors), 1)))
     warm = 1 + rng.normal(0, 0.35 * amount, (len(colors), 1)) * np.array([1.0, 0.0, -1.0])
-    return np.clip(colors * light * warm, 0.012, 0.86)
+    return np.asarray(np.clip(colors * light * warm, 0.012, 0.86))

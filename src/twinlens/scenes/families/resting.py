@@ -14,15 +14,15 @@ from twinlens.scenes.scene import Mesh
 
 Rng = np.random.Generator
 _SAME_PLANE = 1e-5  # hull triangles whose planes agree to this are one face
-_MOST_FACES = 24
+_MOST_FACES = 12
 _LEAST_MARGIN = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """A way to lie: the turn (3, 3), and points (N, 3) on hull and its centre of mass afterwards, lowest at z = 0.
+    """A way to lie: the turn (3, 3), and points (N, 3) of the hull and its centre of mass afterwards, lowest at z = 0.
 
-    `support` (N, 2) is the contact polygon, `top` (N, 2) the level face on top that is whole, or None, `height` the highest z.
+    `support` (N, 2) is the contact polygon, `top` (N, 2) the whole level face on top, or None, `height` the highest z.
     """
 
     turn: Float

@@ -1,4 +1,4 @@
-"""A furnished room seen from its open end: walls with windows, furniture along them and in the middle, clutter on it."""
+"""A furnished room seen from its open end: walls and windows, furniture along them and in the middle, clutter."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from twinlens.geometry import Float, look_at, transform_points
 from twinlens.scenes import shapes
-from twinlens.scenes.families import fitting, furniture, lighting
+from twinlens.scenes.families import fitting, furnishings, furniture, lighting
 from twinlens.scenes.families.arranging import arrange, choose_rest
 from twinlens.scenes.families.bodies import draw_body
 from twinlens.scenes.families.dressing import dress
@@ -46,7 +46,7 @@ def compose(request: Request) -> Scene:
     return fitting.finished(request, stage, view, FAMILY.about)
 
 
-FAMILY = Family("a furnished room", (8, 22), compose, 2.5)
+FAMILY = Family("a furnished room", (12, 26), compose, 2.5)
 
 
 def _view(request: Request, shell: Shell) -> View:
@@ -54,7 +54,7 @@ def _view(request: Request, shell: Shell) -> View:
     rng = request.rng("view")
     eye = np.array([rng.uniform(-0.3, 0.3) * shell.width, shell.front + rng.uniform(0.25, 0.5), rng.uniform(1.15, 1.6)])
     target = np.array([-0.6 * eye[0] + rng.uniform(-0.4, 0.4), shell.back, rng.uniform(0.55, 1.0)])
-    return View(look_at(eye, target), float(rng.uniform(56, 70)), request.aspect, request.width_px)
+    return View(look_at(eye, target), float(rng.uniform(50, 63)), request.aspect, request.width_px)
 
 
 def _rectangle(size: tuple[float, float], pose: Float, margin: float = 0.0) -> Float:
@@ -76,7 +76,7 @@ class _Plan:
     def furnish(self) -> None:
         """Along the back, along the sides, in the middle, and one piece in front that is as near as is wanted."""
         self._in_front()
-        self._along("back", self.shell.width, 4)
+        self._along("back", self.shell.width, 5)
         for side in ("left", "right"):
             self._along(side, self.shell.back - self.shell.front, 3)
         self._in_the_middle()
@@ -101,12 +101,12 @@ class _Plan:
 
     def _along(self, side: str, length: float, most: int) -> None:
         rng = self.request.rng("along", side)
-        names = list(furniture.AGAINST_WALLS)
+        names = list(furnishings.AGAINST_WALLS)
         for attempt in range(2 * most):
-            name = names[int(rng.integers(len(names)))]
+            name = names[int(rng.integers(3 if attempt < 2 else len(names)))]
             if sum(piece.kind in (name, "armchair" if name == "sofa" else name) for piece, _ in self.placed) >= 2:
                 continue
-            piece = furniture.AGAINST_WALLS[name](self.request.rng("piece", side, attempt))
+            piece = furnishings.AGAINST_WALLS[name](self.request.rng("piece", side, attempt))
             along = float(rng.uniform(-0.5, 0.5) * (length - piece.floor[0]))
             off = piece.floor[1] / 2 + 0.05
             if self._try(piece, self.shell.against(side, along, off)):
@@ -114,8 +114,8 @@ class _Plan:
 
     def _in_the_middle(self) -> None:
         rng = self.request.rng("middle")
-        name = list(furniture.IN_THE_MIDDLE)[int(rng.integers(len(furniture.IN_THE_MIDDLE)))]
-        piece = furniture.IN_THE_MIDDLE[name](self.request.rng("piece", "middle"))
+        name = list(furnishings.IN_THE_MIDDLE)[int(rng.integers(len(furnishings.IN_THE_MIDDLE)))]
+        piece = furnishings.IN_THE_MIDDLE[name](self.request.rng("piece", "middle"))
         for _ in range(30):
             place = np.array(
                 [rng.uniform(-0.25, 0.25) * self.shell.width, rng.uniform(0.35, 0.75) * self.shell.back, 0]
@@ -141,9 +141,9 @@ class _Plan:
     def _in_front(self) -> None:
         """At one side of the picture, shifted along the view until its nearest corner is where it should be."""
         rng = self.request.rng("front")
-        names = list(furniture.IN_FRONT)
+        names = list(furnishings.IN_FRONT)
         for attempt in range(8):
-            piece = furniture.IN_FRONT[names[int(rng.integers(len(names)))]](
+            piece = furnishings.IN_FRONT[names[int(rng.integers(len(names)))]](
                 self.request.rng("piece", "front", attempt)
             )
             side, turn = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.45, 0.85), float(rng.uniform(0, 360))
@@ -169,7 +169,7 @@ def _put(request: Request, stage: Stage, view: View, palette: Palette, piece: Pi
     for name, mesh, word in piece.parts:
         label = name if name.startswith(piece.kind) or piece.kind in ("lamp", "plant") else f"{piece.kind}-{name}"
         if word == "lit":
-            lighting.glow(stage, label, mesh, pose, request.rng("lit", index).uniform(2.0, 4.0) * lighting.WARM)
+            lighting.glow(stage, label, mesh, pose, request.rng("lit", index).uniform(2.0, 4.0) * lighting.WARM, 0.4)
             continue
         stage.add(label, mesh, dress(request, (piece.kind, index, name), word, palette, pixel, shared), pose)
 
@@ -265,12 +265,13 @@ def _picture(
 def _light(request: Request, stage: Stage, shell: Shell) -> None:
     """A lamp or a light well above, the open end behind the camera, and what little comes from everywhere."""
     rng = request.rng("light")
-    if rng.random() < 0.7:
+    if rng.random() < 0.8:
         spot = np.array([rng.uniform(-0.2, 0.2) * shell.width, rng.uniform(0.3, 0.6) * shell.back, shell.height - 0.02])
         side = rng.uniform(0.5, 1.1)
         tone = (lighting.WARM, lighting.NEUTRAL)[int(rng.integers(2))]
-        lighting.panel(stage, "ceiling-light", spot, spot - [0, 0, 1], (side, side), rng.uniform(2.0, 5.0) * tone)
+        lighting.panel(stage, "ceiling-light", spot, spot - [0, 0, 1], (side, side), rng.uniform(3.0, 6.0) * tone)
     place = np.array([0.0, shell.front + 0.02, 0.55 * shell.height])
     size = (0.9 * shell.width, 0.8 * shell.height)
-    lighting.panel(stage, "hall-light", place, place + [0, 1, 0], size, rng.uniform(0.35, 0.9) * lighting.NEUTRAL)
-    lighting.ambient(stage, 0.1 * lighting.NEUTRAL)
+    lighting.panel(
+        stage, "hall-light", place, place + np.array([0, 1, 0]), size, rng.uniform(0.7, 1.4) * lighting.NEUTRAL, 0.6
+    )

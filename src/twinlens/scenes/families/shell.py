@@ -100,7 +100,7 @@ def paint(request: Request, part: str, tone: Float, texels: int) -> dict[str, ob
 
 
 def window(request: Request, stage: Stage, shell: Shell, side: str, along: float, index: int) -> None:
-    """A window in a wall: a bright pane, frame and bars before it, perhaps curtains; the pane is the room's daylight."""
+    """A window in a wall: a bright pane, the room's daylight, behind frame and bars, perhaps curtains."""
     rng = request.rng("window", index)
     wide, tall = rng.uniform(0.9, 1.7), rng.uniform(1.1, 1.5)
     sill = rng.uniform(0.75, 0.95)

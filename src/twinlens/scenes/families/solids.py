@@ -4,7 +4,6 @@ Every body is watertight once its equal vertices are joined, so that volumes and
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,7 +56,7 @@ def box_mapped(vertices: Float, faces: Indices, smooth_deg: float) -> Mesh:
 
     Smooth where faces that share a vertex meet at less than `smooth_deg`.
     """
-    cross = _face_cross(vertices, faces)
+    cross = face_cross(vertices, faces)
     unit_cross = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-15)
     normals = _creased(vertices, np.asarray(faces), cross, math.radians(max(smooth_deg, 0.1)))
     corner = vertices[faces].reshape(-1, 3)
@@ -88,13 +87,13 @@ def _creased(vertices: Float, faces: Indices, cross: Float, angle: float) -> Flo
 def sheet(points: Float, wrap_v: bool = False) -> Mesh:
     """A closed surface from a grid (rows, columns, 3) whose columns wrap around; its first and last rows are poles,
     or, with `wrap_v`, meet. Normals are means over the faces that share a place."""
-    rows, columns = points.shape[:2]
+    columns = points.shape[1]
     closed = np.concatenate([points, points[:, :1]], axis=1)
     if wrap_v:
         closed = np.concatenate([closed, closed[:1]], axis=0)
     v, u = np.meshgrid(np.linspace(0, 1, len(closed)), np.linspace(0, 1, columns + 1), indexing="ij")
     vertices, faces = closed.reshape(-1, 3), shapes.grid(columns + 1, len(closed))
-    cross = _face_cross(vertices, faces)
+    cross = face_cross(vertices, faces)
     faces, cross = faces[np.linalg.norm(cross, axis=1) > 1e-12], cross[np.linalg.norm(cross, axis=1) > 1e-12]
     _, same = np.unique(np.round(vertices, 9), axis=0, return_inverse=True)
     total = np.zeros((same.max() + 1, 3))
@@ -105,7 +104,8 @@ def sheet(points: Float, wrap_v: bool = False) -> Mesh:
     return Mesh(vertices, faces, normals, np.stack([u, v], axis=-1).reshape(-1, 2))
 
 
-def _face_cross(vertices: Float, faces: Indices) -> Float:
+def face_cross(vertices: Float, faces: Indices) -> Float:
+    """Cross products (F, 3) of the triangles' sides: normals, of twice their areas' length."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     return np.asarray(np.cross(b - a, c - a))
 
@@ -213,106 +213,3 @@ def block(rng: Rng) -> Solid:
 def cuboid(kind: str, extents: Float, radius: float, upright: bool = True) -> Solid:
     """A rounded box of these proportions; patterns at their own scale on every side."""
     return unit(kind, shapes.rounded_box(np.asarray(extents), radius, 2, tile=1.0), upright)
-
-
-def crystal(rng: Rng) -> Solid:
-    """One of the regular polyhedra, or a cut of one."""
-    golden = (1 + math.sqrt(5)) / 2
-    corners = {
-        "tetrahedron": [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)],
-        "octahedron": [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)],
-        "icosahedron": [p for a in (-1, 1) for b in (-golden, golden) for p in ((0, a, b), (a, b, 0), (b, 0, a))],
-        "dodecahedron": [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
-        + [p for a in (-1 / golden, 1 / golden) for b in (-golden, golden) for p in ((0, a, b), (a, b, 0), (b, 0, a))],
-        "cuboctahedron": [p for a in (-1, 1) for b in (-1, 1) for p in ((0, a, b), (a, b, 0), (b, 0, a))],
-    }
-    name = list(corners)[int(rng.integers(len(corners)))]
-    return hull_of(name, np.array(corners[name], dtype=np.float64))
-
-
-def hull_of(kind: str, points: Float, upright: bool = False) -> Solid:
-    """The convex hull of points, flat-sided."""
-    from scipy.spatial import ConvexHull
-
-    hull = ConvexHull(points)
-    faces = hull.simplices.copy()
-    inward = (_face_cross(points, faces) * hull.equations[:, :3]).sum(axis=1) < 0
-    faces[inward] = faces[inward][:, ::-1]
-    return unit(kind, box_mapped(points, faces, 0.0), upright)
-
-
-def extruded(kind: str, outline: Float, height: float, hole: float = 0.0, bevel: float = 0.03) -> Solid:
-    """A prism over an outline (N, 2) that is seen whole from the origin, its edges cut; `hole`: a round one's radius."""
-    n = len(outline)
-    inner = outline * (1 - bevel / np.linalg.norm(outline, axis=1, keepdims=True))
-    rings = [(inner, -height / 2), (outline, -height / 2 + bevel), (outline, height / 2 - bevel), (inner, height / 2)]
-    if hole > 0:
-        angle = np.arctan2(outline[:, 1], outline[:, 0])
-        rim = hole * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        rings += [(rim, height / 2), (rim, -height / 2)]
-    vertices = np.concatenate([np.column_stack([xy, np.full(n, z)]) for xy, z in rings])
-    index = np.arange(len(rings) * n).reshape(len(rings), n)
-    following = np.roll(index, -1, axis=1)
-    pairs = list(zip(range(len(rings)), [*range(1, len(rings)), 0], strict=True))
-    pairs = pairs if hole > 0 else pairs[:-1]
-    faces = [np.stack([index[a], following[a], following[b]], -1) for a, b in pairs]
-    faces += [np.stack([index[a], following[b], index[b]], -1) for a, b in pairs]
-    if hole == 0:
-        low, high = len(vertices), len(vertices) + 1
-        vertices = np.vstack([vertices, [[0, 0, -height / 2], [0, 0, height / 2]]])
-        faces.append(np.stack([following[0], index[0], np.full(n, low)], -1))
-        faces.append(np.stack([index[-1], following[-1], np.full(n, high)], -1))
-    return unit(kind, box_mapped(vertices, np.concatenate(faces), 25.0), False)
-
-
-def polar(radius: Callable[[Float], Float], count: int = 120) -> Float:
-    """Outline points (N, 2) of a radius that depends on the angle."""
-    angle = np.linspace(0, 2 * math.pi, count, endpoint=False)
-    return np.asarray(radius(angle)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
-
-
-def star(rng: Rng) -> Solid:
-    """A star of 4 to 8 points."""
-    points, inner = int(rng.integers(4, 9)), rng.uniform(0.45, 0.7)
-    angle = np.arange(2 * points) * math.pi / points
-    outline = np.where(np.arange(2 * points) % 2 == 0, 1.0, inner)[:, None] * np.stack(
-        [np.cos(angle), np.sin(angle)], -1
-    )
-    return extruded("star", outline, rng.uniform(0.25, 0.6))
-
-
-def gear(rng: Rng) -> Solid:
-    """A toothed wheel with a bore."""
-    teeth, depth = int(rng.integers(8, 19)), rng.uniform(0.12, 0.22)
-    outline = polar(
-        lambda a: 1 - depth * np.clip(0.5 + 1.6 * np.cos(teeth * a), 0, 1), 16 * teeth if teeth < 12 else 12 * teeth
-    )
-    return extruded("gear", outline, rng.uniform(0.2, 0.5), hole=rng.uniform(0.2, 0.45), bevel=0.02)
-
-
-def flower(rng: Rng) -> Solid:
-    """A prism over a rounded flower, clover or wave."""
-    petals, depth = int(rng.integers(3, 8)), rng.uniform(0.1, 0.3)
-    return extruded("flower", polar(lambda a: 1 + depth * np.cos(petals * a)), rng.uniform(0.25, 0.8))
-
-
-def heart(rng: Rng) -> Solid:
-    """A heart, thick."""
-    t = np.linspace(0, 2 * math.pi, 100, endpoint=False)
-    x = 16 * np.sin(t) ** 3
-    y = 13 * np.cos(t) - 5 * np.cos(2 * t) - 2 * np.cos(3 * t) - np.cos(4 * t) + 1.5
-    return extruded("heart", np.stack([x, y], axis=-1)[::-1] / 16, rng.uniform(0.3, 0.6))
-
-
-def prism(rng: Rng) -> Solid:
-    """A bar of 3, 5, 6 or 8 sides."""
-    sides = int(rng.choice([3, 5, 6, 8]))
-    angle = np.arange(sides) * 2 * math.pi / sides
-    return extruded("prism", np.stack([np.cos(angle), np.sin(angle)], -1), rng.uniform(0.5, 2.2))
-
-
-def nut(rng: Rng) -> Solid:
-    """A hexagonal nut."""
-    angle = np.arange(60) * math.pi / 30
-    apothem = np.cos(math.pi / 6) / np.cos((angle % (math.pi / 3)) - math.pi / 6)
-    return extruded("nut", apothem[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1), rng.uniform(0.5, 0.9), 0.52)

@@ -9,16 +9,20 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+from numpy.typing import NDArray
 
 from twinlens.geometry import Float
+from twinlens.scenes import textures
+from twinlens.scenes.families.brushes import Image, Rng, seed
 from twinlens.scenes.families.finishes import material, texels
 from twinlens.scenes.families.palettes import Palette, varied
-from twinlens.scenes.families.patterns import Image, Rng, noise, pattern
+from twinlens.scenes.families.patterns import pattern
 from twinlens.scenes.families.view import View
 from twinlens.scenes.scene import Bitmap, Mesh, Plugin
 
+Mask = NDArray[np.bool_]
 _MOST_TEXELS = 1024
+_BEYOND = 1.4  # of half the picture: the other eye sees a little more than this one
 _STEEPEST = 0.25  # cosine: beyond, a surface is seen too flat to be filtered for
 
 
@@ -71,12 +75,12 @@ def surface(
 ) -> Plugin:
     """The material of a sheet in a pattern that repeats every `tile` metres, filtered for `view`."""
     near = max(view.pixel(_nearest(sheet, view)), 1e-6)
+    if name == "cloudy":
+        colors = np.vstack([colors[:1], 0.55 * colors[:1] + 0.45 * colors[1:]])
     image = pattern(name, texels(tile, near, _MOST_TEXELS), rng, colors, mottle)
     baked = bake(image, tile, sheet, view)
-    drift = noise(256, rng, 2, octaves=3, contrast=0.5)
-    rows, columns = (np.linspace(0, 255, count) for count in baked.shape[:2])
-    slow = map_coordinates(drift, np.meshgrid(rows, columns, indexing="ij"), order=1)
-    baked = np.clip(baked * (1 + 0.7 * (slow - 0.5))[..., None], 0.005, 0.88).astype(np.float32)
+    slow = textures.fractal_noise(baked.shape[1], baked.shape[0], (2, 2), seed(rng), 2, contrast=0.5)
+    baked = np.clip(baked * (1 + np.float32(0.7) * (slow - np.float32(0.5)))[..., None], 0.005, 0.88)
     return material(finish, Bitmap(baked, wrap="clamp"), roughness)
 
 
@@ -87,56 +91,79 @@ def _nearest(sheet: Sheet, view: View) -> float:
     return float(chosen.min()) if chosen.size else 1.0
 
 
-def _seen(sheet: Sheet, view: View, s: Float, t: Float) -> tuple[Float, Float]:
-    """Depth (rows, columns) at the fractions t, s of the sides, and whether the picture shows that point."""
+def _seen(sheet: Sheet, view: View, s: Float, t: Float, reach: float = 1.05) -> tuple[Float, Mask]:
+    """Depth (rows, columns) at the fractions t, s of the sides, and whether that point lies within `reach` of the
+    picture's half size."""
     points = sheet.corner + s[None, :, None] * sheet.u + t[:, None, None] * sheet.v
     cam = (points - view.eye) @ view.world_from_cam[:3, :3]
     depth = cam[..., 2]
     x, y = (np.abs(cam[..., i]) / np.maximum(depth, 1e-9) / view.half[i] for i in range(2))
-    return depth, (depth > 1e-6) & (x < 1.05) & (y < 1.05)
+    return depth, (depth > 1e-6) & (x < reach) & (y < reach)
 
 
 def bake(image: Image, tile: float, sheet: Sheet, view: View) -> Image:
-    """A periodic image, `tile` metres wide, laid out over a whole sheet at the sharpness each place is seen with."""
+    """A periodic image, `tile` metres wide, laid out over a whole sheet at the sharpness each place is seen with.
+
+    Well outside the picture a quarter of the texels will do.
+    """
     texel = tile / len(image)
-    columns, rows = (int(np.clip(math.ceil(length / texel), 8, _MOST_TEXELS)) for length in sheet.lengths)
-    s, t = (np.arange(columns) + 0.5) / columns, 1 - (np.arange(rows) + 0.5) / rows
-    level = _level(sheet, view, s, t, texel, max(sheet.lengths[0] / columns, sheet.lengths[1] / rows))
-    x = s * sheet.lengths[0] / tile
-    y = (1 - t) * sheet.lengths[1] / tile
+    columns, rows = (int(np.clip(math.ceil(length / texel / 4) * 4, 8, _MOST_TEXELS)) for length in sheet.lengths)
     pyramid = [image]
     while len(pyramid[-1]) > 2:
         p = pyramid[-1]
         pyramid.append(0.25 * (p[::2, ::2] + p[1::2, ::2] + p[::2, 1::2] + p[1::2, 1::2]))
-    level = np.clip(level, 0, len(pyramid) - 1.001)
-    out = np.zeros((rows, columns, 3), dtype=np.float32)
-    for number, picture in enumerate(pyramid):
-        weight = np.clip(1 - np.abs(level - number), 0, 1).astype(np.float32)
-        row, column = np.nonzero(weight)
-        if len(row):
-            out[row, column] += weight[row, column, None] * _wrapped(picture, y[row], x[column])
+    coarse = _laid(pyramid, tile, sheet, view, rows // 4, columns // 4, None)
+    out = np.repeat(np.repeat(coarse, 4, axis=0), 4, axis=1)
+    s, t = (np.arange(columns // 4) + 0.5) / (columns // 4), 1 - (np.arange(rows // 4) + 0.5) / (rows // 4)
+    inside = _seen(sheet, view, s, t, _BEYOND)[1]
+    inside = np.repeat(np.repeat(inside, 4, axis=0), 4, axis=1)
+    if inside.any():
+        out[inside] = _laid(pyramid, tile, sheet, view, rows, columns, inside)
     return out
 
 
-def _level(sheet: Sheet, view: View, s: Float, t: Float, texel: float, laid: float) -> Float:
-    """Pyramid level (rows, columns): log2 of texels a pixel covers there, the long way where it is seen aslant."""
-    points = sheet.corner + s[None, :, None] * sheet.u + t[:, None, None] * sheet.v
-    away = points - view.eye
-    depth = np.maximum(away @ view.world_from_cam[:3, 2], 1e-6)
-    cosine = np.abs(away @ sheet.normal) / np.linalg.norm(away, axis=-1)
-    pixel = view.pixel(1.0) * depth / np.maximum(cosine, _STEEPEST)
-    return np.asarray(np.log2(np.maximum(np.maximum(pixel, laid) / texel, 1.0)))
+def _laid(
+    pyramid: list[Image], tile: float, sheet: Sheet, view: View, rows: int, columns: int, inside: Mask | None
+) -> Image:
+    """The image on a grid of texels (rows, columns, 3), or on those `inside` (N, 3): between two pyramid levels."""
+    row, column = np.indices((rows, columns)) if inside is None else np.nonzero(inside)
+    s, t = ((column + 0.5) / columns).astype(np.float32), (1 - (row + 0.5) / rows).astype(np.float32)
+    wide, high = sheet.lengths
+    texel = tile / len(pyramid[0])
+    level = np.clip(_level(sheet, view, s, t, texel, max(wide / columns, high / rows)), 0, len(pyramid) - 1.001)
+    x, y = s * np.float32(wide / tile), (1 - t) * np.float32(high / tile)
+    out = np.zeros((*level.shape, 3), dtype=np.float32)
+    lower = level.astype(np.int64)
+    fraction = (level - lower).astype(np.float32)
+    for number in np.unique(lower):
+        here = lower == number
+        w = fraction[here][:, None]
+        fine, rough = (_wrapped(pyramid[number + k], y[here], x[here]) for k in (0, 1))
+        out[here] = fine * (1 - w) + rough * w
+    return out
 
 
-def _wrapped(picture: Image, y: Float, x: Float) -> Image:
+def _level(sheet: Sheet, view: View, s: Image, t: Image, texel: float, laid: float) -> Image:
+    """Pyramid level at s, t: log2 of texels a pixel covers there, the long way where it is seen aslant."""
+    origin, u, v = (view.cam_from_world[:3, :3] @ vector for vector in (sheet.corner - view.eye, sheet.u, sheet.v))
+    x, y, z = (np.float32(origin[i]) + s * np.float32(u[i]) + t * np.float32(v[i]) for i in range(3))
+    off = abs(float((sheet.corner - view.eye) @ sheet.normal))
+    cosine = np.float32(off) / np.sqrt(x * x + y * y + z * z)
+    pixel = np.float32(view.pixel(1.0)) * np.maximum(z, np.float32(1e-6)) / np.maximum(cosine, np.float32(_STEEPEST))
+    return np.asarray(np.log2(np.maximum(np.maximum(pixel, np.float32(laid)) / np.float32(texel), 1.0)), np.float32)
+
+
+def _wrapped(picture: Image, y: Image, x: Image) -> Image:
     """Bilinear values (N, 3) of a periodic picture at fractions of its height and width."""
     n = len(picture)
-    rows, columns = y * n - 0.5, x * n - 0.5
-    i, j = np.floor(rows).astype(int), np.floor(columns).astype(int)
-    fy, fx = (rows - i).astype(np.float32)[:, None], (columns - j).astype(np.float32)[:, None]
-    i, j, below, right = i % n, j % n, (i + 1) % n, (j + 1) % n
-    upper = picture[i, j] * (1 - fx) + picture[i, right] * fx
-    lower = picture[below, j] * (1 - fx) + picture[below, right] * fx
+    rows, columns = y * n - np.float32(0.5), x * n - np.float32(0.5)
+    i, j = np.floor(rows).astype(np.int32), np.floor(columns).astype(np.int32)
+    fy, fx = (rows - i)[:, None], (columns - j)[:, None]
+    below, right = (i + 1) % n * n, (j + 1) % n
+    i, j = i % n * n, j % n
+    flat = picture.reshape(-1, 3)
+    upper = np.take(flat, i + j, axis=0) * (1 - fx) + np.take(flat, i + right, axis=0) * fx
+    lower = np.take(flat, below + j, axis=0) * (1 - fx) + np.take(flat, below + right, axis=0) * fx
     return np.asarray(upper * (1 - fy) + lower * fy)
 
 
@@ -145,11 +172,13 @@ WALLS = (
     ("tiles", 0.8), ("planks", 1.1), ("granite", 1.0), ("triangles", 1.4), ("zigzag", 0.9),
 )  # fmt: skip
 TOPS = (
-    ("planks", 0.7), ("planks", 0.9), ("wood", 0.6), ("marble", 0.9), ("gingham", 0.35), ("stripes", 0.5), ("weave", 0.3),
+    ("planks", 0.7), ("planks", 0.9), ("wood", 0.6), ("marble", 0.9), ("gingham", 0.35), ("stripes", 0.5),
+    ("weave", 0.3),
     ("chips", 0.5), ("tiles", 0.5), ("granite", 0.5), ("zigzag", 0.6), ("mosaic", 0.5), ("cloudy", 0.8),
 )  # fmt: skip
 FLOORS = (
-    ("planks", 1.1), ("planks", 1.3), ("tiles", 1.6), ("chips", 1.2), ("checks", 1.2), ("granite", 0.8), ("mosaic", 1.2),
+    ("planks", 1.1), ("planks", 1.3), ("tiles", 1.6), ("chips", 1.2), ("checks", 1.2), ("granite", 0.8),
+    ("mosaic", 1.2),
     ("marble", 1.6), ("weave", 0.4),
 )  # fmt: skip
 

@@ -36,7 +36,7 @@ def compose(request: Request) -> Scene:
     return fitting.finished(request, stage, view, FAMILY.about)
 
 
-FAMILY = Family("bodies at rest on a table", (8, 18), compose, 1.8)
+FAMILY = Family("bodies at rest on a table", (9, 18), compose, 1.8)
 
 
 def _view(request: Request, deep: float) -> View:
@@ -45,7 +45,7 @@ def _view(request: Request, deep: float) -> View:
     pitch, fov = math.radians(rng.uniform(14, 36)), rng.uniform(38, 56)
     while fov > 12 and _nearest_share(pitch, fov, request.aspect) < 1.45 / deep:
         fov *= 0.94
-    distance = rng.uniform(0.42, 0.52) / math.tan(math.radians(fov) / 2)
+    distance = rng.uniform(0.3, 0.42) / math.tan(math.radians(fov) / 2)
     eye = distance * np.array([0.0, -math.cos(pitch), math.sin(pitch)])
     aim = np.array([0.0, 0.0, 0.07])
     return View(look_at(eye + aim, aim), float(fov), request.aspect, request.width_px)
@@ -67,11 +67,11 @@ def _still_life(request: Request, view: View, palette: Palette) -> list[Standing
             bodies.append((drawn, rest, request.rng("place", index)))
     bodies.sort(key=lambda body: -body[1].height * np.ptp(body[1].points[:, 0]))
     half = 0.5 * view.covered(float(view.depth(np.zeros((1, 3)))[0]))
-    reach = np.array([0.72 * half[0], 0.62 * half[0]])
+    reach = np.array([0.8 * half[0], 0.7 * half[0]])
 
     def where(rng: Rng, rest: Rest) -> Float:
         back = 0.5 * min(rest.height / 0.3, 1.0) - 0.15
-        return np.clip(rng.normal([0.0, back], [0.5, 0.42]), -1, 1) * reach
+        return np.asarray(np.clip(rng.normal([0.0, back], [0.55, 0.45]), -1, 1) * reach)
 
     def allowed(outline: Float) -> bool:
         return bool((np.abs(outline / (1.15 * reach)) < 1).all())
@@ -167,4 +167,5 @@ def _light(request: Request, stage: Stage, view: View) -> None:
     if request.assets.hdris and rng.random() < 0.6 and lighting.given_environment(stage, rng, request.assets):
         return
     half = 0.5 * view.covered(float(view.depth(np.zeros((1, 3)))[0]))[0]
-    lighting.key_and_fill(stage, rng, np.array([0.0, 0.0, 0.1]), half, -90.0)
+    light = lighting.daylight if rng.random() < 0.25 else lighting.key_and_fill
+    light(stage, rng, np.array([0.0, 0.0, 0.1]), half, -90.0)

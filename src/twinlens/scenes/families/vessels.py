@@ -8,7 +8,7 @@ from twinlens.scenes.families.solids import Rng, Solid, cuboid, turned
 
 
 def _hollow(outside: list[tuple[float, float]], wall: float, floor: float) -> Float:
-    """An outside profile from its foot to its lip, closed by its own inside, `wall` thinner; corners at foot and lip."""
+    """An outside profile from foot to lip, closed by its own inside, `wall` thinner; corners at foot and lip."""
     outer = [(0.0, outside[0][1]), outside[0], *outside]
     lip = outside[-1]
     inner = [(max(r - wall, 0.35 * r), h) for r, h in reversed(outside) if h > floor]
@@ -34,8 +34,10 @@ def bottle(rng: Rng) -> Solid:
     r, tall, neck = rng.uniform(0.2, 0.36), rng.uniform(1.1, 1.8), rng.uniform(0.07, 0.1)
     shoulder = rng.uniform(0.5, 0.66) * tall
     profile = [
-        (0, 0), (0.92 * r, 0), (0.92 * r, 0), (r, 0.05), (r, 0.6 * shoulder), (r, shoulder), (0.75 * r, shoulder + 0.13),
-        (neck * 1.15, shoulder + 0.26), (neck, tall - 0.12), (neck, tall - 0.1), (neck, tall - 0.1), (neck * 1.3, tall - 0.1),
+        (0, 0), (0.92 * r, 0), (0.92 * r, 0), (r, 0.05), (r, 0.6 * shoulder), (r, shoulder),
+        (0.75 * r, shoulder + 0.13),
+        (neck * 1.15, shoulder + 0.26), (neck, tall - 0.12), (neck, tall - 0.1), (neck, tall - 0.1),
+        (neck * 1.3, tall - 0.1),
         (neck * 1.3, tall - 0.1), (neck * 1.3, tall), (neck * 1.3, tall), (0, tall),
     ]  # fmt: skip
     return turned("bottle", np.array(profile))
@@ -79,7 +81,8 @@ def jar(rng: Rng) -> Solid:
     lid = tall + 0.09
     profile = [
         (0, 0), (r, 0), (r, 0), (r * 1.04, 0.5 * tall), (r, tall), (r, tall), (r * 1.07, tall), (r * 1.07, tall),
-        (r * 1.07, lid), (r * 1.07, lid), (0.3 * r, lid + 0.05), (0.12 * r, lid + 0.09), (0.22 * r, lid + 0.17), (0, lid + 0.23),
+        (r * 1.07, lid), (r * 1.07, lid), (0.3 * r, lid + 0.05), (0.12 * r, lid + 0.09), (0.22 * r, lid + 0.17),
+        (0, lid + 0.23),
     ]  # fmt: skip
     return turned("jar", np.array(profile))
 
@@ -89,7 +92,8 @@ def tin(rng: Rng) -> Solid:
     r, tall = rng.uniform(0.28, 0.5), rng.uniform(0.4, 1.2)
     e = 0.018
     profile = [
-        (0, 0.012), (r - e, 0.012), (r - e, 0), (r + e, 0), (r + e, 0), (r + e, 0.03), (r + e, 0.03), (r, 0.045), (r, 0.045),
+        (0, 0.012), (r - e, 0.012), (r - e, 0), (r + e, 0), (r + e, 0), (r + e, 0.03), (r + e, 0.03), (r, 0.045),
+        (r, 0.045),
         (r, tall - 0.045), (r, tall - 0.045), (r + e, tall - 0.03), (r + e, tall - 0.03), (r + e, tall), (r + e, tall),
         (r - e, tall), (r - e, tall), (r - e, tall - 0.012), (r - e, tall - 0.012), (0, tall - 0.012),
     ]  # fmt: skip
@@ -140,8 +144,10 @@ def pawn(rng: Rng) -> Solid:
     """A turned game piece or chair knob."""
     waist, head = rng.uniform(0.1, 0.16), rng.uniform(0.18, 0.24)
     profile = [
-        (0, 0), (0.34, 0), (0.34, 0), (0.35, 0.07), (0.29, 0.12), (0.27, 0.18), (0.2, 0.24), (waist, 0.55), (waist + 0.01, 0.66),
-        (0.22, 0.7), (0.22, 0.73), (0.11, 0.77), (head, 0.77 + 0.9 * head), (0.7 * head, 0.77 + 1.65 * head), (0, 0.77 + 1.95 * head),
+        (0, 0), (0.34, 0), (0.34, 0), (0.35, 0.07), (0.29, 0.12), (0.27, 0.18), (0.2, 0.24), (waist, 0.55),
+        (waist + 0.01, 0.66),
+        (0.22, 0.7), (0.22, 0.73), (0.11, 0.77), (head, 0.77 + 0.9 * head), (0.7 * head, 0.77 + 1.65 * head),
+        (0, 0.77 + 1.95 * head),
     ]  # fmt: skip
     return turned("pawn", np.array(profile))
 
