@@ -7,6 +7,8 @@ worker that dies costs the sample it was making, which another makes again.
 import functools
 import logging
 import os
+import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -51,17 +53,16 @@ def local_cluster(workers: int) -> Engine:
         if not indices:
             return
         order = _order(work, threads=max(1, len(os.sched_getaffinity(0)) // workers))
-        with (
-            distributed.LocalCluster(
+        with _deaf_to_interrupts():
+            local = distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=_THREADS,
                 processes=True,
                 memory_limit=0,
                 dashboard_address=None,
                 silence_logs=logging.CRITICAL,
-            ) as cluster,
-            distributed.Client(cluster) as client,
-        ):
+            )
+        with local as cluster, distributed.Client(cluster) as client:
             yield from _run(client, order, indices, report, stop)
 
     return engine
@@ -170,6 +171,19 @@ def _order(work: Work, threads: int | None = None) -> Order:
     root = place(work.folder)
     folder = str(root.resolve())
     return Order(dict(work.recipe.written), path, folder, work.made_with, threads)
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """What is started within ignores Ctrl-C, which a terminal sends to all of a command's processes at once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

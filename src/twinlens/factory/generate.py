@@ -86,7 +86,7 @@ def generate(
             work = Work(recipe, str(root), ledger.made_with)
             for index, entry in engine(work, todo, _of_whole(report, before, recipe.count, len(todo)), stop):
                 upkeep.took(index, entry)
-        if shared:
+        if shared or stop():
             ledger.recover()
         if ledger.is_complete:
             finish(ledger)
