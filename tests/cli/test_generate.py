@@ -1,0 +1,83 @@
+import json
+
+import pytest
+
+from factory_recipes import RECIPE, write_recipe
+from twinlens.cli.generate import _clock
+
+
+@pytest.fixture(scope="module")
+def recipe(tmp_path_factory):
+    return write_recipe(tmp_path_factory.mktemp("recipe"), count=2)
+
+
+def test_a_dataset_is_made_and_told(twinlens, recipe, tmp_path):
+    code, out, err = twinlens("generate", recipe, "-o", tmp_path / "set", "--limit", 1)
+    assert code == 0
+    assert f"{tmp_path / 'set'}: 1 of 2 samples, 1 of them made now" in out
+    assert "the same command goes on from here" in err
+    code, out, err = twinlens("generate", recipe, "-o", tmp_path / "set")
+    assert (code, err) == (0, "")
+    assert "2 of 2 samples, 1 of them made now" in out
+    assert twinlens("verify", tmp_path / "set")[0] == 0
+
+
+def test_json_is_all_that_is_printed(twinlens, recipe, tmp_path):
+    code, out, _ = twinlens("generate", recipe, "-o", tmp_path / "set", "--json")
+    told = json.loads(out)
+    assert code == 0
+    assert (told["count"], told["made"], told["complete"], told["failures"]) == (2, 2, True, [])
+
+
+def test_a_dry_run_tells_time_and_disk_and_writes_nothing(twinlens, recipe, tmp_path):
+    code, out, _ = twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run")
+    assert code == 0
+    assert "2 samples, 0 of them there, 2 to make" in out
+    assert '"index": 0' in out
+    assert "GB in all" in out
+    assert not (tmp_path / "set").exists()
+    told = json.loads(twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run", "--json")[1])
+    assert told["bytes"] == 2 * told["bytes_each"]
+
+
+def test_samples_that_cannot_be_are_told_with_the_remedy(twinlens, tmp_path):
+    text = RECIPE.replace("uniform = [0.05, 0.2]", "sweep = [0.1, 2.5]") + "[gates]\nattempts = 2\nvisible = 0.5\n"
+    path = write_recipe(tmp_path, text, count=2)
+    code, out, err = twinlens("generate", path, "-o", tmp_path / "set")
+    assert code == 1
+    assert "1 of 2 samples" in out
+    assert "turned away: 2 too little visible in both views" in out
+    assert "sample 1: not made, 2 draws turned away" in err
+    assert "change rig.baseline" in err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--shard", "0/2"], "--shard must read i/n with i from 1 to n, as 2/8, got '0/2'"),
+        (["--shard", "3/2"], "--shard must read i/n"),
+        (["--shard", "half"], "--shard must read i/n"),
+        (["--limit", "0"], "0 is not in the range x>=1"),
+        (["--workers", "2", "--scheduler", "tcp://x:1"], "keep one"),
+    ],
+)
+def test_bad_options_are_refused_in_a_line(twinlens, recipe, tmp_path, options, message):
+    code, out, err = twinlens("generate", recipe, "-o", tmp_path / "set", *options)
+    assert (code, out) == (2, "")
+    assert message in err
+    assert len(err.splitlines()) == 1
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_mistake_in_the_recipe_is_a_line(twinlens, tmp_path):
+    path = write_recipe(tmp_path, RECIPE.replace("baseline", "basline"))
+    code, _, err = twinlens("generate", path, "-o", tmp_path / "set")
+    assert code == 2
+    assert (
+        err
+        == f"twinlens: {path}: rig: unknown key 'basline'; did you mean 'baseline'? (known: {err.split('known: ')[1]}"
+    )
+
+
+def test_time_is_told_as_people_do():
+    assert [_clock(seconds) for seconds in (3.4, 89, 90, 7265)] == ["3 s", "89 s", "0 h 01 min", "2 h 01 min"]
