@@ -84,7 +84,7 @@ def shiftable(cost, _left, _right, _growth):
 
 
 def adaptive(cost, left, _right, growth):
-    """The five sub-windows of the smallest of 5, 3 and 1 whose window has sum Ix^2 >= 2 (2 / 0.05)^2, or else of 5."""
+    """The five sub-windows of 3, where sum Ix^2 in its window is >= 2 (2 / 0.05)^2, and else of 5."""
     height, width = SHAPE
     padded = np.pad(left, ((0, 0), (1, 1)), mode="edge")
     slope = (padded[:, 2:] - padded[:, :-2]) / 2
@@ -94,12 +94,10 @@ def adaptive(cost, left, _right, growth):
     chosen = set()
     for y, x in np.ndindex(SHAPE):
         side = 5
-        for smaller in (3, 1):
-            reach = smaller // 2
-            near = energy[y + 3 - reach : y + 4 + reach, x + 3 - reach : x + 4 + reach]
-            side = smaller if near.sum() >= 2 * (2.0 / 0.05) ** 2 else side
+        if energy[y + 2 : y + 5, x + 2 : x + 5].sum() >= 2 * (2.0 / 0.05) ** 2:
+            side = 3
         chosen.add(side)
-        quarter = {5: 3, 3: 1, 1: 1}[side]
+        quarter = {5: 3, 3: 1}[side]
         step = side // 2 - quarter // 2
         rows, columns = (max(y - step, 0), min(y + step, height - 1)), (max(x - step, 0), min(x + step, width - 1))
         for i in range(COUNT):

@@ -13,9 +13,11 @@ from twinlens.matching.costs import COSTS
 from twinlens.matching.images import Disparity, Image, pair
 from twinlens.matching.search import Search, search
 from twinlens.matching.strips import cpu_count
-from twinlens.matching.supports import SUPPORTS, Settings
+from twinlens.matching.supports import SUPPORTS, Settings, levels
+from twinlens.matching.transforms import clipped_slope
 
 SUBPIXEL = ("auto", "none", "parabola", "v")
+PREFILTERS = ("none", "xsobel")
 OPTIMISATIONS = {
     "wta": "each pixel on its own: winner takes all",
     "sgm4": "semi-global, along rows and columns",
@@ -31,6 +33,7 @@ class StereoMatcher:
     min_disparity <= d < min_disparity + num_disparities, in pixels, d = u_left - u_right.
     support: a name of `SUPPORTS`; contrast, gamma_similar, gamma_near, epsilon, noise: see `supports.Settings`.
     census_window: side of the window of the census and rank transforms.
+    prefilter: "none", or "xsobel": compare the clipped horizontal slopes of the images (`transforms.clipped_slope`).
     optimisation: a name of `OPTIMISATIONS`; p1, p2: its penalties in parts of the largest cost; None: the cost's own.
     subpixel: "auto" (the fit that suits the cost), "v", "parabola" or "none".
 
@@ -49,6 +52,13 @@ class StereoMatcher:
     then unknown, +inf. Of equal costs the smallest disparity wins. A winner at the end of its pixel's range gets no
     sub-pixel fit.
 
+    Numbers: uint8 and uint16 are summed in whole numbers, without loss; only the normalised costs (ncc, zncc, jaccard)
+    are rounded, to 32-bit floats for uint8 (an error below 1e-6) and 64-bit ones else. Correlations that differ by less
+    than that count as they round. Floats are summed in 64 bits: costs that differ by less than 2^-40 of the largest
+    count as equal, and of costs that only rounding tells apart any may win. A window of one value correlates with
+    nothing: its ZNCC costs 1 with every partner; a window of zeros has an NCC cost of 1, and two of them a Jaccard cost
+    of 0. Windows may be wider than the image, and the range too.
+
     >>> StereoMatcher(cost="sad", block_size=7).num_disparities
     64
     """
@@ -59,6 +69,7 @@ class StereoMatcher:
     min_disparity: int = 0
     support: str = "fixed"
     census_window: int = 7
+    prefilter: str = "none"
     contrast: float = 20.0
     gamma_similar: float = 12.0
     gamma_near: float = 12.0
@@ -84,6 +95,7 @@ class StereoMatcher:
             ("optimisation", self.optimisation, OPTIMISATIONS),
             ("sub-pixel fit", self.subpixel, SUBPIXEL),
             ("filling", self.fill, refine.FILLS),
+            ("prefilter", self.prefilter, PREFILTERS),
         ):
             if name not in known:
                 raise unknown(kind, str(name), known)
@@ -161,7 +173,8 @@ class StereoMatcher:
         return images
 
     def _found(self, left: Image, right: Image) -> Disparity:
-        found = search(self._task(), left, right)
+        images = [clipped_slope(grey) for grey in levels(left, right)] if self.prefilter == "xsobel" else [left, right]
+        found = search(self._task(), images[0], images[1])
         disparity = found.disparity
         if self.uniqueness > 0:
             disparity = refine.unique(disparity, found.cost, found.rival, self.uniqueness)

@@ -55,8 +55,8 @@ METHODS: dict[str, Method] = {
     ),
     "adaptive": Method(
         "adaptive",
-        "ZNCC, five half-size windows that bend around edges",
-        {"cost": "zncc", "support": "adaptive", "block_size": 13},
+        "ZNCC, windows that grow where texture lacks and bend around edges",
+        {"cost": "zncc", "support": "adaptive", "block_size": 21},
     ),
     "cross": Method(
         "cross",

@@ -109,8 +109,8 @@ def odd(number: float) -> int:
 
 
 def family(side: int) -> tuple[int, ...]:
-    """The sizes among which an adaptive window chooses: all of the side, two thirds of it, one third; odd."""
-    return tuple(sorted({odd(side), odd(side * 2 / 3), odd(side / 3)}, reverse=True))
+    """The sizes among which an adaptive window chooses: all of the side, three quarters of it, one half; odd."""
+    return tuple(sorted({odd(side), odd(side * 3 / 4), odd(side / 2)}, reverse=True))
 
 
 def quarter(side: int) -> int:

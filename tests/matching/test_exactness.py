@@ -1,0 +1,154 @@
+"""What stays true where numbers round, overflow or tie."""
+
+import numpy as np
+import pytest
+from matching_reference import naive_volume
+
+import twinlens.matching as tm
+from twinlens.errors import InputError
+from twinlens.matching.box import BoxMatch
+from twinlens.matching.costs import COSTS
+from twinlens.matching.passes import filling, winning
+from twinlens.matching.supports import window_sizes
+from twinlens.matching.transforms import clipped_slope
+
+
+def costs_of(left, right, name, side, low, count):
+    """The kernel's cost volume, (H, W, count)."""
+    box = BoxMatch(left, right, COSTS[name], side, low, low + count, 1)
+    volume = np.zeros((*left.shape, box.depth))
+    box.fill(volume, 0, 1.0, COSTS[name].offset, np.inf)
+    return volume[..., :count]
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("value", [0.0, 0.1])
+@pytest.mark.parametrize("name", ["zncc", "ncc"])
+def test_a_constant_window_of_floats_costs_what_it_is_said_to(name, value, scale):
+    """Rows of light above leave rounding in the sums below, where a dark wall begins."""
+    rng = np.random.default_rng(0)
+    left, right = 1000 * rng.random((2, 40, 24))
+    left[12:], right[12:] = value, value
+    left, right = scale * left, scale * right
+    dark = np.s_[20:36]
+    got = costs_of(left, right, name, 5, 0, 4)[dark]
+    expected = naive_volume(left, right, name, 5, 0, 4)[dark]
+    known = np.isfinite(expected)
+    np.testing.assert_allclose(got[known], expected[known], atol=1e-6)
+    np.testing.assert_allclose(expected[known], 1 if name == "zncc" or value == 0 else 0, atol=1e-12)
+    if name == "zncc" or value == 0:
+        disparity = tm.match(left, right, name, block_size=5, num_disparities=4)
+        assert (disparity[dark] == 0).all()
+
+
+@pytest.mark.parametrize("name", ["sad", "ssd", "zssd", "zncc", "ncc", "jaccard"])
+def test_of_equal_windows_of_floats_the_smallest_disparity_wins(name):
+    tile = np.random.default_rng(1).random((70, 4)).astype(np.float32) / 3
+    image = np.tile(tile, (1, 12))
+    found = tm.match(image, image, name, block_size=5, num_disparities=12, subpixel="none", threads=1)
+    np.testing.assert_array_equal(found[:, 16:-4], np.zeros((70, 28)))
+
+
+@pytest.mark.parametrize(("name", "most"), [("zncc", 303), ("zssd", 255)])
+def test_windows_too_wide_for_64_bits_are_refused_in_a_line(name, most):
+    extremes = np.zeros((2, 2, 8), np.uint16)
+    extremes[0, :, ::2] = extremes[1, :, 1::2] = 65535
+    tm.match(*extremes, name, block_size=most, num_disparities=2)
+    with pytest.raises(InputError, match=f"exact up to {most}") as caught:
+        tm.match(*extremes, name, block_size=most + 2, num_disparities=2)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "side"), [("zncc", 41), ("zssd", 41)])
+def test_wide_windows_of_16_bits_are_exact(name, side):
+    left, right = np.random.default_rng(2).choice([0, 65535], (2, 3, 9)).astype(np.uint16)
+    got, expected = costs_of(left, right, name, side, 0, 3), naive_volume(left, right, name, side, 0, 3)
+    known = np.isfinite(expected)
+    np.testing.assert_allclose(got[known], expected[known], rtol=1e-12, atol=1e-9)
+
+
+def test_a_winner_is_no_rival_of_itself_however_its_place_rounds():
+    """The V lies so far to one side that disparity 3000 - 0.49998 is stored as half a pixel: whose index is it?"""
+    width, d = 3010, 3000
+    left, right = np.full((1, width), 40000, np.uint16), np.zeros((1, width), np.uint16)
+    right[0, :] = 0
+    x = width - 5
+    right[0, x - d], right[0, x - d + 1], right[0, x - d - 1] = 40000, 39999, 0
+    matcher = tm.StereoMatcher(cost="sad", block_size=1, min_disparity=d - 3, num_disparities=7, uniqueness=50)
+    found = matcher.match(left, right)
+    assert found[0, x] == pytest.approx(d - 0.5, abs=1e-3)
+    box = BoxMatch(left, right, COSTS["sad"], 1, d - 3, d + 4, 1)
+    winners = box.winners("v")
+    assert winners.index[0, x] == d
+    assert box.rivals(winners)[0, x] == 40000
+
+
+@pytest.mark.parametrize("bits", [16, 32, 64])
+@pytest.mark.parametrize("candidates", [1, 2, 16, 17, 63, 64, 65, 80, 96, 127, 128, 129, 130, 256, 999, 5000])
+def test_passes_cover_every_candidate_once_and_see_its_neighbours(candidates, bits):
+    wins = np.zeros(candidates + 300, int)
+    for part in winning(candidates, bits):
+        wins[part.first + part.begin : part.first + part.end] += 1
+        assert part.first == 0 or part.begin == 1
+    assert (wins[:candidates] == 1).all()
+    places = [part.first + lane for part in filling(candidates, bits) for lane in range(part.n)]
+    assert places == list(range(len(places)))
+    assert candidates <= len(places) < candidates + 16
+
+
+def test_slopes_of_the_prefilter_are_those_of_opencv():
+    cv2 = pytest.importorskip("cv2")
+    image = np.random.default_rng(3).integers(0, 256, (12, 20), dtype=np.uint8)
+    expected = np.clip(cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3, borderType=cv2.BORDER_REPLICATE), -31, 31) + 31
+    np.testing.assert_array_equal(clipped_slope(image.astype(np.int32)), expected)
+
+
+def test_the_prefilter_forgets_an_offset_of_brightness():
+    scene = np.random.default_rng(4).integers(0, 200, (30, 80), dtype=np.uint8)
+    left, right = scene[:, 5:65], scene[:, 9:69] + np.uint8(50)
+    found = tm.match(left, right, "sad", block_size=5, num_disparities=9, prefilter="xsobel")
+    assert np.mean(np.abs(found[3:-3, 14:-4] - 4) < 0.5) > 0.99
+
+
+PILLAR = 7
+
+
+def scene_of_a_pillar():
+    """A thin pillar before a textured ground, and right of it a wall of faint texture; noise in both eyes.
+
+    left, right, the disparity, and which pixels both eyes see.
+    """
+    rng = np.random.default_rng(5)
+    ground, front = rng.normal(120, 30, (2, 60, 220))
+    ground[:, 110:] = 120 + np.repeat(rng.normal(0, 1.5, (60, 55)), 2, axis=1)
+    truth, seen = np.full((60, 160), 6.0), np.ones((60, 160), bool)
+    truth[:, 50 : 50 + PILLAR], seen[:, 42:50] = 14, False
+    left, right = ground[:, 10:170].copy(), ground[:, 16:176].copy()
+    left[:, 50 : 50 + PILLAR] = right[:, 36 : 36 + PILLAR] = front[:, :PILLAR]
+    noisy = [np.rint(image + rng.normal(0, 2, image.shape)) for image in (left, right)]
+    return *(np.clip(image, 0, 255).astype(np.uint8) for image in noisy), truth, seen
+
+
+def test_no_fixed_window_is_as_good_as_an_adaptive_one_both_at_edges_and_on_faint_walls():
+    left, right, truth, seen = scene_of_a_pillar()
+    edges = seen.copy()
+    edges[:, :38] = edges[:, 62 + PILLAR :] = edges[:10] = edges[-10:] = False
+
+    def bad(**options):
+        wrong = np.abs(tm.match(left, right, "sad", num_disparities=32, **options) - truth) > 1
+        return wrong[edges].mean(), wrong[10:-10, 112:145].mean()
+
+    at_edges, on_walls = bad(support="adaptive", block_size=15)
+    for side in range(3, 23, 2):
+        edges_then, walls_then = bad(block_size=side)
+        assert at_edges < 0.5 * edges_then
+        assert on_walls < 0.6 * walls_then or at_edges < 0.2 * edges_then
+
+
+def test_an_adaptive_window_is_small_where_texture_is_and_wide_where_none_is():
+    image = np.full((21, 60), 90)
+    image[:, 30:] += np.random.default_rng(6).integers(0, 150, (21, 30))
+    sizes = window_sizes(image, (9, 5, 3), 2.0)
+    assert (sizes[:, :25] == 0).all()
+    assert (sizes[:, 36:] == 2).mean() > 0.9
+    assert (window_sizes(image, (9, 5, 3), 1000.0) == 0).all()
