@@ -2,14 +2,17 @@
 
 import copy
 import pickle
+import re
 from collections import Counter
 from collections.abc import Mapping
+from pathlib import Path
 
 import dataset_scene
 import numpy as np
 import pytest
 
 from twinlens.dataset import Dataset, Manifest, Row, place, truth_files, write_manifest, write_png, write_sample
+from twinlens.dataset.items import check_name
 from twinlens.errors import FileError, InputError
 
 SAMPLE = dataset_scene.sample(num_lenses=2)
@@ -108,6 +111,15 @@ def test_unknown_names_are_told_at_once(folder, name, message):
 def test_what_a_sample_lacks_is_told(folder, name, error, message):
     with pytest.raises(error, match=message):
         _ = Dataset(folder)[0][name]
+
+
+def test_the_page_lists_names_that_there_are():
+    page = (Path(__file__).parents[2] / "docs" / "loading.md").read_text()
+    table = page[page.index("| name | |") :].partition("\n\n")[0]
+    named = {name for row in table.splitlines()[2:] for name in re.findall(r"`([^`]+)`", row.split("|")[1])}
+    assert {"im0", "lens1.blur_circle_px0", "material_kind0", "world_from_cam0", "ndisp"} < named
+    for name in named - {"lens0"}:
+        check_name(name)
 
 
 def test_names_and_splits(folder):
