@@ -89,6 +89,7 @@ def test_sintel(data, opened, pass_name):
         assert np.abs(disparity[0][known] - sample.disp0[known]).max() <= 1 / 16384
 
 
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 def test_webdataset(data, tmp_path):
     webdataset = pytest.importorskip("webdataset")
     export(data, tmp_path / "out", "webdataset", lens=1)
