@@ -40,6 +40,8 @@ class At:
     path: str = ""
 
     def __truediv__(self, key: str | int) -> "At":
+        if isinstance(key, str) and not key.isprintable():
+            key = repr(key)  # a message is one line
         step = f"[{key}]" if isinstance(key, int) else f".{key}" if self.path else key
         return At(self.source, self.path + step)
 
