@@ -70,8 +70,10 @@ def random_scene(
     if family not in FAMILIES:
         raise unknown("scene family", str(family), FAMILIES)
     chosen = FAMILIES[family]
-    check_number("aspect", aspect, "a positive width over height", above=0.0)
-    check_number("width", width, "a positive number of pixels", above=0.0)
+    check_number("aspect", aspect, "a width over height of 0.2 to 5", least=0.2)
+    check_number("width", width, "a number of pixels >= 16", least=16)
+    if aspect > 5:
+        raise InputError(f"aspect must be a width over height of 0.2 to 5, got {aspect:g}")
     root = _root(seed)
     wanted = _count_range(chosen if object_count is None else object_count)
     request = Request(
@@ -103,10 +105,13 @@ def _label(seed: int | np.random.SeedSequence) -> str:
 
 
 def _count_range(wanted: Any) -> tuple[int, int]:
-    least, most = (
-        wanted.object_count if isinstance(wanted, Family) else wanted if isinstance(wanted, tuple) else (wanted, wanted)
-    )
-    for number in (least, most):
+    if isinstance(wanted, Family):
+        return wanted.object_count
+    numbers = tuple(wanted) if isinstance(wanted, (tuple, list)) else (wanted, wanted)
+    if len(numbers) != 2:
+        raise InputError(f"object_count must be a number or two, (least, most), got {in_one_line(wanted)}")
+    least, most = numbers
+    for number in numbers:
         if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 1 <= number <= _MOST_OBJECTS:
             raise InputError(
                 f"object_count must be 1 to {_MOST_OBJECTS}, or two such numbers, got {in_one_line(wanted)}"

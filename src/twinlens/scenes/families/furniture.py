@@ -116,14 +116,8 @@ def chair(rng: Rng) -> Piece:
     """Seat, legs and back, with slats or a panel."""
     w, d, seat, back = rng.uniform(0.42, 0.48), rng.uniform(0.42, 0.48), 0.45, rng.uniform(0.8, 0.98)
     frame = [legs(w, d, seat, 0.035, 0.02, False)]
-    for sx in (-1, 1):
-        frame.append(
-            rod(
-                np.array([sx * (w / 2 - 0.02), d / 2 - 0.02, seat]),
-                np.array([sx * (w / 2 - 0.03), d / 2 + 0.05, back]),
-                0.017,
-            )
-        )
+    sides = (0.02 - w / 2, w / 2 - 0.02)
+    frame += [rod(np.array([x, d / 2 - 0.02, seat]), np.array([0.98 * x, d / 2 + 0.05, back]), 0.017) for x in sides]
     if rng.random() < 0.5:
         for height in np.linspace(seat + 0.12, back - 0.03, 4):
             lean = 0.07 * (height - seat) / (back - seat)
@@ -150,8 +144,7 @@ def sofa(rng: Rng, seats: int = 0) -> Piece:
         board((width, depth, 0.24), (0, 0, 0.24), 0.05),
         board((width, 0.2, high - 0.14), (0, depth / 2 - 0.1, 0.5 * (high + 0.14)), 0.07),
     ]
-    for side in (-1, 1):
-        body.append(board((arm, depth, 0.44), (side * (width - arm) / 2, 0, 0.36), 0.05))
+    body += [board((arm, depth, 0.44), (side * (width - arm) / 2, 0, 0.36), 0.05) for side in (-1, 1)]
     cushions = []
     for i in range(seats):
         x = (i - (seats - 1) / 2) * seat
@@ -163,8 +156,8 @@ def sofa(rng: Rng, seats: int = 0) -> Piece:
         ("cushions", shapes.merged(cushions), "fabric"),
         ("feet", feet, "wood"),
     ]
-    for i in range(int(rng.integers(0, 4))):
-        parts.append((f"pillow-{i}", _pillow(rng, width - 2 * arm, depth, low), "pattern"))
+    pillows = [_pillow(rng, width - 2 * arm, depth, low) for _ in range(int(rng.integers(0, 4)))]
+    parts += [(f"pillow-{i}", pillow, "pattern") for i, pillow in enumerate(pillows)]
     return Piece("sofa" if seats > 1 else "armchair", tuple(parts), (width, depth), high)
 
 

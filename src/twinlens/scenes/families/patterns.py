@@ -67,7 +67,7 @@ def planks(n: int, rng: Rng, colors: Float) -> Image:
     across = np.minimum(u * count % 1.0, 1 - u * count % 1.0) / count
     along = np.abs((u[:, None] + cuts[board]) % 0.5 - 0.25) - 0.25 + gap / 2
     groove = 1 - 0.65 * np.maximum(np.clip(1.5 - across / gap, 0, 1), along > 0)
-    return np.clip(ramp(rolled, tones) * (light * groove)[..., None], 0, 0.9).astype(np.float32)
+    return np.asarray(np.clip(ramp(rolled, tones) * (light * groove)[..., None], 0, 0.9), dtype=np.float32)
 
 
 def bricks(n: int, rng: Rng, colors: Float) -> Image:

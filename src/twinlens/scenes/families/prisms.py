@@ -36,7 +36,7 @@ def hull_of(kind: str, points: Float, upright: bool = False) -> Solid:
 
 
 def extruded(kind: str, outline: Float, height: float, hole: float = 0.0, bevel: float = 0.03) -> Solid:
-    """A prism over an outline (N, 2) that is seen whole from the origin, its edges cut; `hole`: a round one's radius."""
+    """A prism over an outline (N, 2) that is seen whole from the origin, its edges cut; `hole`: a bore's radius."""
     n = len(outline)
     inner = outline * (1 - bevel / np.linalg.norm(outline, axis=1, keepdims=True))
     rings = [(inner, -height / 2), (outline, -height / 2 + bevel), (outline, height / 2 - bevel), (inner, height / 2)]

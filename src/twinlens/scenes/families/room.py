@@ -1,6 +1,7 @@
 """A furnished room seen from its open end: walls and windows, furniture along them and in the middle, clutter."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,9 +31,7 @@ def compose(request: Request) -> Scene:
     palette = draw_palette(request.rng("palette"))
     rng = request.rng("room")
     shell = Shell(rng.uniform(3.4, 5.2), -1.2, rng.uniform(3.6, 5.6), rng.uniform(2.45, 2.9))
-    view = _view(request, shell)
-    far = look(view, [(mesh.vertices, mesh.faces) for mesh in shell.meshes()]).depth_range[1]
-    near = far / fitting.ratio(request, 3.2, 6.0)
+    view, near = _composed(_view(request, shell), shell, fitting.ratio(request, 3.2, 6.0))
     plan = _Plan(request, shell, view, near)
     plan.furnish()
     stage = Stage()
@@ -55,6 +54,16 @@ def _view(request: Request, shell: Shell) -> View:
     eye = np.array([rng.uniform(-0.3, 0.3) * shell.width, shell.front + rng.uniform(0.25, 0.5), rng.uniform(1.15, 1.6)])
     target = np.array([-0.6 * eye[0] + rng.uniform(-0.4, 0.4), shell.back, rng.uniform(0.55, 1.0)])
     return View(look_at(eye, target), float(rng.uniform(50, 63)), request.aspect, request.width_px)
+
+
+def _composed(view: View, shell: Shell, deep: float) -> tuple[View, float]:
+    """The view, narrowed until no floor is seen nearer than it may be, and that nearest depth."""
+    sides = [(mesh.vertices, mesh.faces) for mesh in shell.meshes()]
+    while True:
+        floor, far = look(view, sides, 320).depth_range
+        if floor >= far / deep or view.fov_x_deg < 25:
+            return view, far / deep
+        view = replace(view, fov_x_deg=0.95 * view.fov_x_deg)
 
 
 def _rectangle(size: tuple[float, float], pose: Float, margin: float = 0.0) -> Float:
@@ -81,13 +90,14 @@ class _Plan:
             self._along(side, self.shell.back - self.shell.front, 3)
         self._in_the_middle()
 
-    def _try(self, piece: Piece, pose: Float, margin: float = 0.04) -> bool:
+    def _try(self, piece: Piece, pose: Float, margin: float = 0.04, near: float | None = None) -> bool:
         """Put a piece there if it is free, inside, and far enough away."""
+        least = self.near if near is None else near
         outline = _rectangle(piece.floor, pose, margin)
         inner = np.array([self.shell.width / 2 - 0.01, self.shell.back - 0.01])
         if (np.abs(outline[:, 0]) > inner[0] + margin).any() or (outline[:, 1] > inner[1] + margin).any():
             return False
-        if any(gap(outline, other) <= 0 for other in self.taken) or self._depth(piece, pose) < self.near:
+        if any(gap(outline, other) <= 0 for other in self.taken) or self._depth(piece, pose) < least:
             return False
         self.placed.append((piece, pose))
         self.taken.append(_rectangle(piece.floor, pose))
@@ -142,24 +152,22 @@ class _Plan:
         """At one side of the picture, shifted along the view until its nearest corner is where it should be."""
         rng = self.request.rng("front")
         names = list(furnishings.IN_FRONT)
-        for attempt in range(8):
-            piece = furnishings.IN_FRONT[names[int(rng.integers(len(names)))]](
-                self.request.rng("piece", "front", attempt)
-            )
-            side, turn = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.45, 0.85), float(rng.uniform(0, 360))
-            depth = self.near + 0.3
+        for attempt in range(16):
+            make = furnishings.IN_FRONT[names[int(rng.integers(len(names)))]]
+            piece = make(self.request.rng("piece", "front", attempt))
+            side, turn = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.4, 0.8), float(rng.uniform(0, 360))
+            depth = found = self.near + 0.3
             for _ in range(6):
-                place = self.view.at(side, 0.0, depth) * [1, 1, 0]
-                pose = translation(place) @ rotation(np.array([0.0, 0, 1]), turn)
-                depth += self.near * 1.001 - self._depth(piece, pose)
-            if self._visible(piece, pose) and self._try(piece, pose):
+                pose = translation(self.view.at(side, 0.0, depth) * [1, 1, 0]) @ rotation(np.array([0.0, 0, 1]), turn)
+                found = self._nearest_seen(piece, pose)
+                depth += self.near - found if math.isfinite(found) else 0.2 * self.near
+            if abs(found - self.near) < 0.01 * self.near and self._try(piece, pose, near=0.0):
                 return
 
-    def _visible(self, piece: Piece, pose: Float) -> bool:
-        """Whether its top is in the picture."""
-        top = np.append(pose[:2, 3], piece.height)
-        x, y, z = transform_points(self.view.cam_from_world, top)
-        return bool(z > 0 and abs(x) < 0.95 * z * self.view.half[0] and abs(y) < 0.85 * z * self.view.half[1])
+    def _nearest_seen(self, piece: Piece, pose: Float) -> float:
+        """The nearest depth at which the picture shows the piece; +inf where it does not."""
+        parts = [(transform_points(pose, mesh.vertices), mesh.faces) for _, mesh, _ in piece.parts]
+        return float(look(self.view, parts).depth.min())
 
 
 def _put(request: Request, stage: Stage, view: View, palette: Palette, piece: Piece, pose: Float, index: int) -> None:
@@ -273,5 +281,5 @@ def _light(request: Request, stage: Stage, shell: Shell) -> None:
     place = np.array([0.0, shell.front + 0.02, 0.55 * shell.height])
     size = (0.9 * shell.width, 0.8 * shell.height)
     lighting.panel(
-        stage, "hall-light", place, place + np.array([0, 1, 0]), size, rng.uniform(0.7, 1.4) * lighting.NEUTRAL, 0.6
+        stage, "hall-light", place, place + np.array([0, 1, 0]), size, rng.uniform(1.0, 1.8) * lighting.NEUTRAL, 0.8
     )

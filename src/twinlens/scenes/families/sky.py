@@ -65,22 +65,21 @@ def _perez(key: str, turbidity: float, zenith: Float, away: Float, theta: float)
 
 
 def painted_sky(rng: Rng, width: int = 512) -> Image:
-    """A sky of clouds over a hazy horizon and dark ground, (width/2, width, 3), its sun a soft glow."""
+    """A sky of clouds, hazy at the horizon and going on below it, (width/2, width, 3), its sun a soft glow."""
     n = width
     zenith, horizon, cloud = _SKIES[int(rng.integers(len(_SKIES)))]
     elevation = (0.5 - (np.arange(n // 2)[:, None] + 0.5) / (n // 2)) * math.pi
-    height = np.clip(np.sin(elevation), 0, 1) ** 0.55
+    height = np.abs(np.sin(elevation)) ** 0.55
     sky = np.array(horizon) + (np.array(zenith) - np.array(horizon)) * height[..., None]
     field = noise(n, rng, 5, octaves=7, gain=0.55, contrast=1.6)[: n // 2]
     cover = np.clip((field - rng.uniform(0.45, 0.6)) * 4, 0, 1)[..., None] * np.clip(height * 3, 0, 1)[..., None]
     sky = sky * (1 - cover) + np.array(cloud) * cover
-    ground = np.array(horizon) * 0.35
-    out = np.where(elevation[..., None] > 0, sky, ground)
+    out = np.where(elevation[..., None] > 0, sky, 0.8 * sky)
     azimuth, rise = rng.integers(n), math.radians(rng.uniform(15, 60))
     longitude = (np.arange(n)[None, :] - azimuth) * 2 * math.pi / n
     toward = np.sin(elevation) * math.sin(rise) + np.cos(elevation) * math.cos(rise) * np.cos(longitude)
     glow = 60 * np.exp((toward - 1) * 300) + 1.2 * np.exp((toward - 1) * 6)
-    return (out + glow[..., None] * (0.5 + 0.5 * np.array(cloud))).astype(np.float32)
+    return np.asarray(out + glow[..., None] * (0.5 + 0.5 * np.array(cloud)), dtype=np.float32)
 
 
 _SKIES = (

@@ -45,7 +45,7 @@ def _view(request: Request, deep: float) -> View:
     pitch, fov = math.radians(rng.uniform(14, 36)), rng.uniform(38, 56)
     while fov > 12 and _nearest_share(pitch, fov, request.aspect) < 1.45 / deep:
         fov *= 0.94
-    distance = rng.uniform(0.3, 0.42) / math.tan(math.radians(fov) / 2)
+    distance = rng.uniform(0.34, 0.46) / math.tan(math.radians(fov) / 2)
     eye = distance * np.array([0.0, -math.cos(pitch), math.sin(pitch)])
     aim = np.array([0.0, 0.0, 0.07])
     return View(look_at(eye + aim, aim), float(fov), request.aspect, request.width_px)

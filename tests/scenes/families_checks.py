@@ -1,0 +1,104 @@
+"""Independent checks of bodies at rest: nothing here uses what placed them.
+
+Inside or outside is told by the winding number of the surface around a point, the sum of solid angles over 4 pi.
+Source: van Oosterom and Strackee, The Solid Angle of a Plane Triangle, IEEE TBME 30(2), 1983.
+"""
+
+import numpy as np
+from scipy.spatial import Delaunay, QhullError
+
+from twinlens.geometry import transform_points
+
+SURROUNDINGS = {"table", "wall", "floor", "key-light", "fill-light", "sun"}
+
+
+def bodies(scene):
+    """name -> (vertices in the world, faces) of what lies on the table."""
+    return {
+        thing.name: (transform_points(thing.world_from_object, thing.shape.vertices), thing.shape.faces)
+        for thing in scene.objects
+        if thing.name not in SURROUNDINGS
+    }
+
+
+def winding(points, body):
+    """Winding number (N,) of a closed surface around points (N, 3)."""
+    vertices, faces = body
+    total = np.zeros(len(points))
+    for start in range(0, len(points), 64):
+        chunk = points[start : start + 64]
+        a, b, c = (vertices[faces[:, i]][None] - chunk[:, None] for i in range(3))
+        la, lb, lc = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
+        above = np.einsum("nfc,nfc->nf", a, np.cross(b, c))
+        dot = lambda p, q: np.einsum("nfc,nfc->nf", p, q)  # noqa: E731
+        below = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
+        total[start : start + 64] = 2 * np.arctan2(above, below).sum(axis=1) / (4 * np.pi)
+    return total
+
+
+def inside(points, body):
+    """Which points (N,) lie inside."""
+    low, high = body[0].min(axis=0), body[0].max(axis=0)
+    found = ((points > low) & (points < high)).all(axis=1)
+    found[found] = winding(points[found], body) > 0.5
+    return found
+
+
+def samples(body, count):
+    """Points on a surface: vertices and middles of triangles, `count` of them at even steps."""
+    vertices, faces = body
+    points = np.concatenate([vertices[np.unique(faces)], vertices[faces].mean(axis=1)])
+    return points[np.linspace(0, len(points) - 1, min(count, len(points))).astype(int)]
+
+
+def intersecting(scene, count=400):
+    """Pairs of names of which one reaches into the other."""
+    found = bodies(scene)
+    return [
+        (one, other)
+        for one in found
+        for other in found
+        if one != other and inside(samples(found[one], count), found[other]).any()
+    ]
+
+
+def floating(scene, table):
+    """Names of bodies that nothing carries: under the lowest points, 0.1% of a body's size farther down, there is the
+    table's top at height `table` or the inside of another body, and the centre of mass lies above such points."""
+    import trimesh
+
+    found = bodies(scene)
+    out = []
+    for name, (vertices, faces) in found.items():
+        size = np.ptp(vertices, axis=0).max()
+        lowest = vertices[vertices[:, 2] < vertices[:, 2].min() + 1e-4 * size]
+        lowest = np.unique(np.round(lowest, 9), axis=0)
+        under = lowest - [0, 0, 1e-3 * size]
+        carried = under[:, 2] < table
+        for other, body in found.items():
+            if other != name:
+                carried |= inside(under, body)
+        centre = trimesh.Trimesh(vertices, faces, process=False).center_mass[:2]
+        try:
+            balanced = Delaunay(lowest[carried, :2]).find_simplex(centre) >= 0
+        except (QhullError, ValueError):
+            balanced = False
+        if not balanced or vertices[:, 2].min() < table:
+            out.append(name)
+    return out
+
+
+def table_height(scene):
+    """Where the table's top is."""
+    table = next(thing for thing in scene.objects if thing.name == "table")
+    return transform_points(table.world_from_object, table.shape.vertices)[:, 2].max()
+
+
+def camera_inside(scene):
+    """Names of closed bodies around the camera."""
+    eye = scene.world_from_left[None, :3, 3]
+    return [
+        thing.name
+        for thing in scene.objects
+        if inside(eye, (transform_points(thing.world_from_object, thing.shape.vertices), thing.shape.faces))[0]
+    ]
