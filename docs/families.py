@@ -16,7 +16,7 @@ from twinlens.factory import default_rig
 from twinlens.scenes.families import FAMILIES, random_scene
 
 HERE = Path(__file__).parent
-WIDTH, HEIGHT, SPP = 160, 120, 64
+WIDTH, HEIGHT, SPP = 160, 120, 24
 ROWS, COLUMNS = 2, 8
 
 
