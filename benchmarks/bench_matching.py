@@ -1,16 +1,24 @@
 """How fast twinlens matches, beside OpenCV: one process, the same threads, medians of interleaved runs.
 
-    python benchmarks/bench_matching.py [--rounds 15] [--threads 2]
+    python benchmarks/bench_matching.py [--rounds 9] [--threads 2] [--write]
 
-Prints for each size and range the million disparity evaluations a second (W H D / time) and the ratios that matter,
-once of wall time and once of processor time: the latter holds on a machine that does other things meanwhile.
-Compile time (first call, less the second) is apart; it is paid once a machine, since compiled code is kept on disk.
+For each size and range: milliseconds, million disparity evaluations a second (W H D / time), and the ratios that
+matter, once of wall time and once of processor time: the latter holds on a machine that does other things meanwhile.
+Then what 16-bit and float images cost beside 8-bit ones, what each range from 16 to 256 disparities costs, and the
+time of the first call: compiling (once a machine, since compiled code is kept on disk), and loading what is kept.
+`--write` puts it all into benchmarks/matching.md.
 """
 
 import argparse
+import os
+import platform
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -20,8 +28,19 @@ from twinlens.matching.strips import cpu_count
 
 SIZES = ((640, 480), (1280, 720))
 RANGES = (64, 128)
+EVERY_RANGE = (16, 32, 48, 64, 72, 80, 96, 112, 128, 160, 192, 256)
+DTYPES = ("uint8", "uint16", "float32")
 BLOCK = 9
+PAGE = Path(__file__).with_name("matching.md")
+RIVALS = (("sad", "OpenCV StereoBM"), ("zncc", "sad"), ("zncc", "OpenCV StereoBM"), ("sgm4", "OpenCV SGBM"),
+          ("sgm", "OpenCV SGBM HH"))  # fmt: skip
+PUBLISHED = """
+Others, measured on machines of this kind (`accuracy.md` has their maps' quality and times, by `bench_accuracy.py
+--peers`): CNES Pandora 1.9 makes 20-40 million disparity evaluations a second (SAD, ZNCC, census at 640x480, 64
+disparities), the Machine Vision Toolbox 2.4 about 1.
+"""
 Run = Callable[[], object]
+Times = dict[str, float]
 
 
 def textured_pair(width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
@@ -37,88 +56,124 @@ def textured_pair(width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
     return noisy[0], noisy[1]
 
 
-def first_calls(runs: dict[str, Run]) -> dict[str, float]:
-    """Seconds by which the first call is longer than the second: compiling, or loading what was compiled before."""
-    result = {}
-    for name, run in runs.items():
-        times = []
-        for _ in range(2):
-            start = time.perf_counter()
-            run()
-            times.append(time.perf_counter() - start)
-        result[name] = max(times[0] - times[1], 0.0)
-    return result
-
-
-def interleaved(runs: dict[str, Run], rounds: int) -> tuple[dict[str, float], dict[str, float]]:
+def interleaved(runs: dict[str, Run], rounds: int) -> tuple[Times, Times]:
     """Median seconds of each run, by the wall and by the processors.
 
-    Every round runs each of them once, so that all meet the same machine.
+    Every round runs each of them once, so that all meet the same machine; a round before it is not counted.
     """
     wall: dict[str, list[float]] = {name: [] for name in runs}
     processor: dict[str, list[float]] = {name: [] for name in runs}
-    for _ in range(rounds):
+    for index in range(rounds + 1):
         for name, run in runs.items():
             start, used = time.perf_counter(), time.process_time()
             run()
-            wall[name].append(time.perf_counter() - start)
-            processor[name].append(time.process_time() - used)
-    return tuple({name: statistics.median(values) for name, values in times.items()} for times in (wall, processor))
+            if index:
+                wall[name].append(time.perf_counter() - start)
+                processor[name].append(time.process_time() - used)
+    medians = [{name: statistics.median(values) for name, values in times.items()} for times in (wall, processor)]
+    return medians[0], medians[1]
 
 
-def contestants(left: np.ndarray, right: np.ndarray, count: int, threads: int) -> dict[str, Run]:
-    def ours(method: str) -> Run:
-        matcher = tm.parse_method(method).matcher(num_disparities=count, threads=threads)
-        return lambda: matcher.match(left, right)
+def ours(method: str, pair: tuple[np.ndarray, np.ndarray], count: int, threads: int) -> Run:
+    matcher = tm.parse_method(method).matcher(num_disparities=count, threads=threads)
+    return lambda: matcher.match(*pair)
 
+
+def contestants(pair: tuple[np.ndarray, np.ndarray], count: int, threads: int) -> dict[str, Run]:
     block_matcher = cv2.StereoBM.create(count, BLOCK)
     semiglobal = cv2.StereoSGBM.create(0, count, 3, 72, 288)
     eight_paths = cv2.StereoSGBM.create(0, count, 3, 72, 288, mode=cv2.STEREO_SGBM_MODE_HH)
     return {
-        "OpenCV StereoBM": lambda: block_matcher.compute(left, right),
-        "sad": ours(f"sad:block_size={BLOCK}"),
-        "ssd": ours(f"ssd:block_size={BLOCK}"),
-        "zncc": ours(f"zncc:block_size={BLOCK}"),
-        "OpenCV SGBM default": lambda: semiglobal.compute(left, right),
-        "sgm4": ours("sgm4"),
-        "OpenCV SGBM HH": lambda: eight_paths.compute(left, right),
-        "sgm": ours("sgm"),
+        "OpenCV StereoBM": lambda: block_matcher.compute(*pair),
+        "sad": ours(f"sad:block_size={BLOCK}", pair, count, threads),
+        "ssd": ours(f"ssd:block_size={BLOCK}", pair, count, threads),
+        "zncc": ours(f"zncc:block_size={BLOCK}", pair, count, threads),
+        "OpenCV SGBM": lambda: semiglobal.compute(*pair),
+        "sgm4": ours("sgm4", pair, count, threads),
+        "OpenCV SGBM HH": lambda: eight_paths.compute(*pair),
+        "sgm": ours("sgm", pair, count, threads),
     }
 
 
-RIVALS = (("sad", "OpenCV StereoBM"), ("zncc", "sad"), ("sgm4", "OpenCV SGBM default"), ("sgm", "OpenCV SGBM HH"))
+def beside_opencv(rounds: int, threads: int) -> Iterator[str]:
+    for width, height in SIZES:
+        pair = textured_pair(width, height)
+        for count in RANGES:
+            wall, processor = interleaved(contestants(pair, count, threads), rounds)
+            yield f"\n## {width}x{height}, {count} disparities, block {BLOCK}, 8-bit\n"
+            yield "| matcher | ms | processor ms | Mde/s |\n| --- | ---: | ---: | ---: |"
+            for name, seconds in wall.items():
+                rate = width * height * count / seconds / 1e6
+                yield f"| {name} | {1e3 * seconds:.2f} | {1e3 * processor[name]:.2f} | {rate:.0f} |"
+            yield "\n| throughput of | by the wall | by processor time |\n| --- | ---: | ---: |"
+            for one, other in RIVALS:
+                ratios = (times[other] / times[one] for times in (wall, processor))
+                yield f"| {one} / {other} | {' | '.join(f'{ratio:.2f}' for ratio in ratios)} |"
 
 
-def report(
-    width: int,
-    height: int,
-    count: int,
-    seconds: dict[str, float],
-    used: dict[str, float],
-    compiling: dict[str, float],
-) -> None:
-    print(f"\n{width}x{height}, {count} disparities, block {BLOCK}, 8-bit")
-    for name, value in seconds.items():
-        rate = width * height * count / value / 1e6
-        print(f"  {name:24s} {1e3 * value:8.2f} ms {rate:8.0f} Mde/s   first call +{compiling[name]:.2f} s")
-    for ours, theirs in RIVALS:
-        by_wall, by_processor = seconds[theirs] / seconds[ours], used[theirs] / used[ours]
-        print(f"  {ours} / {theirs}: {by_wall:.2f}x the throughput ({by_processor:.2f}x a processor second)")
+def by_dtype(rounds: int, threads: int) -> Iterator[str]:
+    images = textured_pair(640, 480)
+    factor = {"uint8": 1, "uint16": 257, "float32": 1 / 255}
+    yield "\n## 16-bit and float images, 640x480, 64 disparities: processor ms\n"
+    yield f"| method | {' | '.join(DTYPES)} |\n| --- |{' ---: |' * len(DTYPES)}"
+    methods = [f"{name}:block_size={BLOCK}" for name in ("sad", "ssd", "zncc", "census")] + ["sgm"]
+    for method in methods:
+        pairs = {
+            dtype: tuple((image.astype(np.float64) * factor[dtype]).astype(dtype) for image in images)
+            for dtype in DTYPES
+        }
+        _, processor = interleaved({dtype: ours(method, pairs[dtype], 64, threads) for dtype in DTYPES}, rounds)
+        yield f"| {method} | {' | '.join(f'{1e3 * processor[dtype]:.1f}' for dtype in DTYPES)} |"
+
+
+def by_range(rounds: int, threads: int) -> Iterator[str]:
+    pair = textured_pair(640, 480)
+    yield "\n## Every range, 640x480: processor ms\n"
+    yield f"| method | {' | '.join(str(count) for count in EVERY_RANGE)} |\n| --- |{' ---: |' * len(EVERY_RANGE)}"
+    for name in ("sad", "ssd", "zncc", "sgm"):
+        method = name if name == "sgm" else f"{name}:block_size={BLOCK}"
+        _, processor = interleaved({str(n): ours(method, pair, n, threads) for n in EVERY_RANGE}, rounds)
+        yield f"| {name} | {' | '.join(f'{1e3 * seconds:.1f}' for seconds in processor.values())} |"
+
+
+FIRST_CALL = """
+import time, numpy as np, twinlens.matching as tm
+pair = np.random.default_rng(0).integers(0, 256, (2, 60, 200), dtype=np.uint8)
+start = time.perf_counter(); tm.match(*pair, METHOD); print(time.perf_counter() - start)
+"""
+
+
+def first_calls() -> Iterator[str]:
+    yield "\n## The first call of a process, seconds\n"
+    yield "| method | compiling | compiled before |\n| --- | ---: | ---: |"
+    for method in ("sad", "zncc", "sgm"):
+        with tempfile.TemporaryDirectory() as folder:
+            command = [sys.executable, "-c", FIRST_CALL.replace("METHOD", repr(method))]
+            environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
+            times = [float(subprocess.check_output(command, env=environment, text=True)) for _ in range(2)]
+        yield f"| {method} | {times[0]:.1f} | {times[1]:.2f} |"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--threads", type=int, default=cpu_count())
+    parser.add_argument("--write", action="store_true", help=f"write {PAGE.name}")
     options = parser.parse_args()
     cv2.setNumThreads(options.threads)
-    print(f"{options.threads} threads, OpenCV {cv2.__version__}, medians of {options.rounds} interleaved rounds")
-    for width, height in SIZES:
-        left, right = textured_pair(width, height)
-        for count in RANGES:
-            runs = contestants(left, right, count, options.threads)
-            compiling = first_calls(runs)
-            report(width, height, count, *interleaved(runs, options.rounds), compiling)
+    how = (
+        f"{options.threads} threads, OpenCV {cv2.__version__}, {platform.machine()}, medians of {options.rounds} rounds"
+    )
+    lines = ["# Matching speed\n", f"`python benchmarks/bench_matching.py --write`: one process, {how}, interleaved."]
+    parts = [beside_opencv, by_dtype, by_range]
+    for text in (text for part in parts for text in part(options.rounds, options.threads)):
+        print(text, flush=True)
+        lines.append(text)
+    for text in (*first_calls(), PUBLISHED):
+        print(text, flush=True)
+        lines.append(text)
+    if options.write:
+        PAGE.write_text("\n".join(lines).rstrip() + "\n")
 
 
 if __name__ == "__main__":

@@ -2,7 +2,8 @@
 
     python benchmarks/bench_matching_memory.py
 
-Prints what numpy allocates at its peak, less the result, for images that grow taller.
+Prints what numpy allocates at its peak, less the result, for images that grow taller. Fails if a winner-take-all
+match of twice the height takes more than a tenth of what the added rows of a cost volume would.
 """
 
 import tracemalloc
@@ -12,6 +13,7 @@ import numpy as np
 import twinlens.matching as tm
 
 WIDTH, COUNT = 640, 128
+LOCAL = ("sad", "ssd", "zncc", "census", "adaptive", "cross", "guided")
 HEIGHTS = (240, 480, 960)
 
 
@@ -30,9 +32,13 @@ def peak_mib(method: str, height: int) -> float:
 def main() -> None:
     volume = [f"{WIDTH * height * COUNT * 2 / 2**20:.0f}" for height in HEIGHTS]
     print(f"{WIDTH} wide, {COUNT} disparities; a 16-bit cost volume would take {', '.join(volume)} MiB")
-    for method in ("sad", "ssd", "zncc", "census", "adaptive", "cross", "guided", "sgm"):
-        sizes = ", ".join(f"{height} rows {peak_mib(method, height):7.1f} MiB" for height in HEIGHTS)
-        print(f"  {method:10s} {sizes}")
+    for method in (*LOCAL, "sgm"):
+        peaks = [peak_mib(method, height) for height in HEIGHTS]
+        sizes = (f"{height} rows {peak:7.1f} MiB" for height, peak in zip(HEIGHTS, peaks, strict=True))
+        print(f"  {method:10s} {', '.join(sizes)}")
+        added = WIDTH * (HEIGHTS[-1] - HEIGHTS[-2]) * COUNT * 2 / 2**20
+        if method in LOCAL and peaks[-1] - peaks[-2] > 0.1 * added:
+            raise SystemExit(f"{method}: {peaks[-1] - peaks[-2]:.1f} MiB more for twice the rows; it is not O(W D)")
 
 
 if __name__ == "__main__":

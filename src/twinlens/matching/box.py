@@ -1,5 +1,6 @@
 """Winner-take-all with a fixed square window: prepares memory for the kernel and shares the rows between threads."""
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -152,7 +153,8 @@ class BoxMatch:
         maps = np.empty((len(volume), self.shape[1]), self.scores), np.empty((1, 1), np.float32)
         kind = np.float64 if np.dtype(self.scores).itemsize > 4 else np.float32
         values = np.array([gain, offset, 0 if blank is None else blank], kind)
-        images = self._laid_out(y0, y0 + len(volume))
+        rows = slice(y0, y0 + len(volume) + 2 * (self.side // 2))
+        images = self._whole[0][rows], self._whole[1][rows]
         for part in self.filling:
             kernel = slide_kernel(self._term, self.cost.scoring, part.n, mode)
             target = self.depth, part.first, int(blank is not None)
@@ -173,6 +175,11 @@ class BoxMatch:
         # Seen from the other side, column c is W - 1 - c.
         columns = (-radius + self.low, width + radius + self.low + lanes)
         return left, extended(self.right[:, ::-1], rows, columns)
+
+    @functools.cached_property
+    def _whole(self) -> tuple[Image, Image]:
+        """All rows: volumes are filled some rows at a time, too few to lay them out anew."""
+        return self._laid_out(0, self.shape[0])
 
     @property
     def _last(self) -> int:
