@@ -8,12 +8,14 @@ from pathlib import Path
 import drjit
 import numpy as np
 import pytest
-from optics_lights import HERE, chequered_room, sky, square_camera
+from optics_lights import HERE, chequered_room, lamps, sky, square_camera
+from scipy.stats import t as student
 
 import twinlens as tl
-from twinlens.camera import BrownConrady, Polygon
+from twinlens.camera import Annulus, BrownConrady, MaskAperture, Polygon
 from twinlens.errors import InputError
-from twinlens.rendering.rings import plan_rings
+from twinlens.rendering import lens_grid, sheaf
+from twinlens.rendering.rings import plan_rings, share_of, sheaves
 
 LEFT = tl.Camera(24, 18, fx=26.0, fy=31.0, cx=10.2, cy=9.1)  # pixels of two widths, off-centre
 RIG = tl.Rig.stereo(LEFT, 0.1, right=LEFT.replace(cx=13.7))  # doffs = 3.5
@@ -53,49 +55,89 @@ def direct(room):
 
 
 def blocks(images: np.ndarray) -> np.ndarray:
-    """Grey means of blocks of pixels of stacked images (n, ..., H, W, 3)."""
+    """Grey means of blocks of pixels of stacked images (n, ..., H, W, 3): (n, blocks)."""
     shade = images.mean(axis=-1)
     h, w = shade.shape[-2:]
-    return shade.reshape(*shade.shape[:-2], h // BLOCK, BLOCK, w // BLOCK, BLOCK).mean(axis=(-3, -1))
+    cut = shade.reshape(*shade.shape[:-2], h // BLOCK, BLOCK, w // BLOCK, BLOCK).mean(axis=(-3, -1))
+    return cut.reshape(len(images), -1)
 
 
-def z_squared(a: np.ndarray, b: np.ndarray) -> float:
-    """Welch's t^2 between block means of two stacks, over its expectation nu/(nu - 2): about 1 for the same light."""
+def differ(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether some block means of two stacks differ: Welch's |t| against Student's quantile, Bonferroni, level 0.1%.
+
+    The bound holds however the blocks of an image depend on each other.
+    """
     a, b = blocks(a), blocks(b)
-    t2 = (a.mean(0) - b.mean(0)) ** 2 / (a.var(0, ddof=1) / len(a) + b.var(0, ddof=1) / len(b))
-    nu = len(a) + len(b) - 2
-    return float(t2.mean() * (nu - 2) / nu)
+    va, vb = a.var(0, ddof=1) / len(a), b.var(0, ddof=1) / len(b)
+    spread = va + vb > 0  # black stays black in every seed
+    va, vb, apart = va[spread], vb[spread], np.abs(a.mean(0) - b.mean(0))
+    t = apart[spread] / np.sqrt(va + vb)
+    freedom = (va + vb) ** 2 / (va**2 / (len(a) - 1) + vb**2 / (len(b) - 1))
+    return bool((t > student.ppf(1 - 0.0005 / t.size, freedom)).any() or (apart[~spread] > 1e-6).any())
 
 
-# Blocks of one image share samples, so fewer than all 24 of both eyes count: with 12 the mean of t^2 scatters by 0.45.
-SAME, OTHER = 2.2, 4.0
+def variance_ratio(of: np.ndarray, to: np.ndarray) -> tuple[float, float, float]:
+    """The ratio of two mean squares over stacks of the same length, and its 99% limits by the jackknife of its log.
+
+    `of`, `to`: stacks (n, ...) whose mean over all but the first axis are the squares' shares, by leaving one out.
+    """
+    n = len(of)
+    logs = np.log(of / to)
+    middle = logs.mean()
+    half = student.ppf(0.995, n - 1) * np.sqrt((n - 1) / n * ((logs - middle) ** 2).sum())
+    return float(np.exp(middle)), float(np.exp(middle - half)), float(np.exp(middle + half))
+
+
+def left_out(images: np.ndarray) -> np.ndarray:
+    """Mean variance of a stack without its first image, without its second, ..."""
+    return np.array([np.delete(images, i, axis=0).var(axis=0, ddof=1).mean() for i in range(len(images))])
 
 
 @pytest.mark.parametrize("index", range(len(LENSES)), ids=list(LENSES))
 def test_every_lens_sees_what_it_sees_by_itself(grids, direct, index):
-    assert z_squared(grids[0][:, index], direct[:, index]) < SAME
+    assert not differ(grids[0][:, index], direct[:, index])
 
 
 def test_the_comparison_notices_another_lens(grids, direct):
     names = list(LENSES)
     for a, b in (("wide near", "wide far"), ("wide far", "wide near"), ("pinhole", "wide far")):
-        assert z_squared(grids[0][:, names.index(a)], direct[:, names.index(b)]) > OTHER
-    assert z_squared(grids[0][:, 0, 0], direct[:, 0, 1]) > OTHER  # the left eye is not the right one
+        assert differ(grids[0][:, names.index(a)], direct[:, names.index(b)])
+    assert differ(grids[0][:, :1, 0], direct[:, :1, 1])  # the left eye is not the right one
+
+
+@pytest.mark.parametrize(("factors", "same"), [((1.0, 1.0), True), ((0.8, 3.2 / 3), False), ((1.0, 1.2), False)])
+def test_the_weights_of_rings_are_right_and_a_fifth_off_is_noticed(monkeypatch, factors, same):
+    """A lamp out of focus is an even disk of 19 pixels, of which the inner ring makes the inner half."""
+
+    def askew(ring, lens):
+        return share_of(ring, lens) * (factors[ring.inner > 0] if lens.aperture_diameter == 0.4 else 1.0)
+
+    monkeypatch.setattr(lens_grid, "share_of", askew)
+    scene, rig = lamps([(0.0, 0.0, 2.5)], 0.05), tl.Rig([square_camera(24, 80.0)], [HERE])
+    lenses = [tl.ThinLens(0.4, 1.0), tl.ThinLens(0.2, 1.0)]
+    images = repeated(lambda seed: tl.render_lens_grid(scene, rig, lenses, spp=1024, seed=seed)[0])
+    alone = repeated(lambda seed: tl.render(scene, rig, lenses[0], spp=1024, seed=100 + seed))
+    assert differ(images, alone) != same
 
 
 @pytest.mark.parametrize("index", range(len(LENSES)), ids=list(LENSES))
-def test_the_standard_error_is_the_error(grids, direct, index):
-    """Within 30% of the distance from a reference of all other seeds' images, with the reference's own error off."""
+def test_the_standard_error_bounds_the_error(grids, index):
+    """The stated variance is that between seeds, or up to 1.5^2 times it, within its confidence limits."""
     images, stated = grids
-    for camera in (0, 1):
-        measured = np.sqrt(images[:, index, camera].var(axis=0, ddof=1).mean())
-        assert np.sqrt((stated[:, index, camera] ** 2).mean()) == pytest.approx(measured, rel=0.3)
+    own = stated[:, index] ** 2
+    told = np.array([np.delete(own, i, axis=0).mean() for i in range(REPEATS)])
+    ratio, low, high = variance_ratio(told, left_out(images[:, index]))
+    assert high >= 1.0, ratio
+    assert low <= 1.5**2, ratio
+    assert high / low < 3.5
 
 
-def test_the_error_is_about_that_of_the_direct_images(grids, direct):
-    """At most 1.5 times their mean squared error, as a few seeds tell it: what `spp` promises."""
-    ratio = grids[0].var(axis=0, ddof=1).mean(axis=(1, 2, 3, 4)) / direct.var(axis=0, ddof=1).mean(axis=(1, 2, 3, 4))
-    assert ratio.max() < 1.5
+@pytest.mark.parametrize("index", range(len(LENSES)), ids=list(LENSES))
+def test_the_error_is_about_that_of_the_direct_images(grids, direct, index):
+    """What `spp` promises: not beyond 1.3 times their mean squared error, as confidently as the seeds tell it."""
+    _, low, high = variance_ratio(left_out(grids[0][:, index]), left_out(direct[:, index]))
+    assert low < 1.3
+    assert high / low < 3.5
 
 
 def test_bytes_depend_on_the_seed_and_not_on_the_threads(room):
@@ -140,10 +182,9 @@ def test_what_cannot_share_paths_is_rendered_lens_by_lens(room, camera, lens):
     rig, lenses = tl.Rig([camera], [HERE]), [tl.ThinLens(0.2, 5.0), lens]
     grid = repeated(lambda seed: tl.render_lens_grid(room, rig, lenses, spp=SPP, seed=seed)[1])
     alone = repeated(lambda seed: tl.render(room, rig, lens, spp=SPP, seed=100 + seed))
-    assert z_squared(grid, alone) < SAME
+    assert not differ(grid, alone)
     one = tl.render_lens_grid(room, rig, lenses, spp=1, seed=0)
     assert np.isnan(one.standard_error).all()
-    assert one.rays == 2 * camera.width * camera.height
 
 
 SCALAR = """
@@ -155,7 +196,7 @@ from optics_lights import chequered_room, square_camera
 rig = tl.Rig.stereo(square_camera(18, 26.0), 0.1)
 lenses = [tl.Pinhole(), tl.ThinLens(0.2, 2.0)]
 grids = [tl.render_lens_grid(chequered_room(), rig, lenses, spp=16, seed=seed) for seed in range(12)]
-assert np.isnan(grids[0].standard_error).all()
+assert all((grid.standard_error > 0).all() for grid in grids)
 np.save(sys.argv[2], [list(grid) for grid in grids])
 """
 
@@ -172,12 +213,12 @@ def test_the_scalar_backend_renders_lens_by_lens(room, tmp_path):
     rig = tl.Rig.stereo(square_camera(18, 26.0), 0.1)
     for i, lens in enumerate((tl.Pinhole(), tl.ThinLens(0.2, 2.0))):
         direct = repeated(lambda seed, lens=lens: tl.render(room, rig, lens, spp=16, seed=100 + seed))
-        assert z_squared(scalar[:, i], direct) < SAME
+        assert not differ(scalar[:, i], direct)
 
 
-@pytest.mark.parametrize("fall", [1.0, 1.25, 1.5])
+@pytest.mark.parametrize("fall", [1.0, 1.1, 1.5])
 def test_rings_are_as_many_as_radii_and_give_each_lens_its_error(fall):
-    """Six apertures one stop apart, in units of one sample's variance, two passes a ring: that of 64 direct samples."""
+    """Six apertures one stop apart, in units of one sample's variance: that of 64 direct samples."""
     lenses = [tl.ThinLens(0.1 / 2 ** (0.5 * stop), focus) for stop in range(6) for focus in (1.0, 2.0, 3.0, 4.0)]
     rings = plan_rings(lenses, 64, fall)
     assert len(rings) == 6
@@ -185,8 +226,7 @@ def test_rings_are_as_many_as_radii_and_give_each_lens_its_error(fall):
         inside = [ring for ring in rings if ring.outer <= 0.5 * lens.aperture_diameter]
         shares = np.array([ring.area for ring in inside]) / (0.25 * lens.aperture_diameter**2)
         assert shares.sum() == pytest.approx(1.0)
-        passes = np.array([ring.spp / 2 for ring in inside])
-        variance = (shares**2 * passes**-fall / 2).sum()
+        variance = (shares**2 * np.array([float(ring.spp) for ring in inside]) ** -fall).sum()
         assert 0.85 * 64**-fall < variance <= 64**-fall * (1 + 1e-9)
         assert all(lens.vergence in ring.vergences for ring in inside)
 
@@ -194,3 +234,102 @@ def test_rings_are_as_many_as_radii_and_give_each_lens_its_error(fall):
 def test_an_empty_list_of_lenses_is_refused(room):
     with pytest.raises(InputError, match="at least one lens"):
         tl.render_lens_grid(room, RIG, [])
+
+
+@pytest.mark.parametrize("radiance", [1e-12, 3.0, 1e8])
+def test_light_of_any_strength_keeps_its_value(radiance):
+    grid = tl.render_lens_grid(sky(radiance), RIG, [tl.ThinLens(0.1, 1.0), tl.ThinLens(0.07, 3.0)], spp=4)
+    assert np.array(list(grid)) == pytest.approx(radiance, rel=1e-5)
+    assert (grid.standard_error < 1e-5 * radiance).all()
+
+
+@pytest.mark.parametrize("radiance", [np.nan, np.inf])
+def test_light_that_is_not_finite_is_told_as_in_direct_images(monkeypatch, radiance):
+    """Where a ray meets such light its pixel says so, all others are as they would be, and so is their error."""
+    lit = chequered_room()
+    lenses = [LENSES["wide near"], LENSES["narrow far"]]
+    clean = np.array(list(tl.render_lens_grid(lit, RIG, lenses, spp=4, seed=3)))
+    sample = sheaf.Tracer._radiance
+
+    def spoilt(self, shared, *rest):
+        colour, strides = sample(self, shared, *rest)
+        colour.x[self.camera.width * 9 + 7] = radiance
+        return colour, strides
+
+    monkeypatch.setattr(sheaf.Tracer, "_radiance", spoilt)
+    grid = tl.render_lens_grid(lit, RIG, lenses, spp=4, seed=3)
+    images = np.array(list(grid))
+    bad = ~np.isfinite(images)
+    assert 0 < bad.sum() < 20 * images.shape[0] * images.shape[1]
+    assert (images[~bad] == clean[~bad]).all()
+    assert np.isfinite(grid.standard_error).all()
+
+
+@pytest.mark.parametrize("spp", [1, 2])
+def test_few_samples_have_the_right_mean(room, direct, spp):
+    """Every pixel has samples of its own by construction: none is filled from others."""
+    index = list(LENSES).index("wide far")
+    lenses = list(LENSES.values())
+    images = np.array([tl.render_lens_grid(room, RIG, lenses, spp=spp, seed=seed)[index] for seed in range(24)])
+    assert not differ(images.astype(np.float64), direct[:, index])
+
+
+LISTS = {
+    "one": [tl.ThinLens(0.4, 1.9)],
+    "pinhole alone": [tl.Pinhole()],
+    "infinity alone": [tl.ThinLens(0.2, np.inf)],
+    "pinholes of two kinds": [tl.Pinhole(), tl.ThinLens(0.0, 2.0)],
+    "equal apertures": [tl.ThinLens(0.2, 1.9), tl.ThinLens(0.2, 5.0), tl.BareAperture(0.2, 4.0)],
+    "the same twice": [tl.ThinLens(0.2, 1.9), tl.ThinLens(0.4, 1.9), tl.ThinLens(0.2, 1.9)],
+}
+
+
+@pytest.mark.parametrize("name", LISTS)
+def test_lists_of_every_kind(room, name):
+    lenses, rig = LISTS[name], tl.Rig([LEFT], [HERE])
+    grid = repeated(lambda seed: list(tl.render_lens_grid(room, rig, lenses, spp=8, seed=seed)))
+    for i, lens in enumerate(lenses):
+        assert not differ(grid[:, i], repeated(lambda seed, lens=lens: tl.render(room, rig, lens, 8, 100 + seed)))
+    if name == "the same twice":
+        assert (grid[:, 0] == grid[:, 2]).all()
+
+
+def test_other_shapes_leave_the_disks_their_shared_paths(room):
+    rig, disks = tl.Rig([LEFT], [HERE]), [tl.ThinLens(0.4, 1.9), tl.Pinhole(), tl.ThinLens(0.2, 5.0)]
+    shapes = [tl.ThinLens(0.3, 2.0, shape) for shape in (Polygon(5), Annulus(0.5), MaskAperture(np.eye(3)))]
+    both = tl.render_lens_grid(room, rig, [shapes[0], disks[0], shapes[1], disks[1], shapes[2], disks[2]], spp=8)
+    alone = tl.render_lens_grid(room, rig, disks, spp=8)
+    assert [(both[2 * i + 1][0] == alone[i][0]).all() for i in range(3)] == [True] * 3
+    assert both.rays == alone.rays + 3 * 8 * LEFT.width * LEFT.height
+    assert (both.standard_error > 0).all()
+
+
+def test_the_error_of_a_lens_by_itself_is_told(room):
+    rig, lens = tl.Rig([LEFT], [HERE]), tl.ThinLens(0.3, 2.0, Polygon(5))
+    grids = [tl.render_lens_grid(room, rig, [lens], spp=SPP, seed=seed) for seed in range(REPEATS)]
+    images = np.array([grid[0][0] for grid in grids], dtype=np.float64)
+    own = np.array([grid.standard_error[0, 0] ** 2 for grid in grids])
+    told = np.array([np.delete(own, i).mean() for i in range(REPEATS)])
+    ratio, low, high = variance_ratio(told, left_out(images))
+    assert high >= 1.0, ratio
+    assert low <= 1.5**2, ratio
+    assert high / low < 3.5
+
+
+def test_a_bare_hole_among_lenses_does_not_swell_the_film():
+    """5 mm before a film 5 cm away shears by 45 pixels where the lenses shear by 2."""
+    camera = tl.Camera.from_fov(640, 480, fov_x_deg=40)
+    lenses = [tl.ThinLens(0.02 / 2 ** (0.5 * stop), z) for stop in range(6) for z in (1.2, 1.5, 2.0, 2.9)]
+    for ring in plan_rings([*lenses, tl.BareAperture(0.005, 0.05)], 64):
+        parts = sheaves(ring, camera)
+        assert sorted(k for part in parts for k in part.vergences) == sorted(ring.vergences)
+        films = [(640 + 2 * part.margin[0]) * (480 + 2 * part.margin[1]) for part in parts]
+        assert sum(films) <= 2.1 * 640 * 480
+
+
+def test_a_sheaf_is_parted_only_where_that_saves_film():
+    camera = tl.Camera.from_fov(640, 480, fov_x_deg=40)
+    for far in (0.4, 10.0, 1e3, 1e5):
+        (ring,) = plan_rings([tl.ThinLens(0.02, 1.2), tl.ThinLens(0.02, 1.3), tl.ThinLens(0.02, 1 / far)], 4)
+        film = sum((640 + 2 * x) * (480 + 2 * y) for x, y in (part.margin for part in sheaves(ring, camera)))
+        assert film <= 3 * 640 * 480  # one by one

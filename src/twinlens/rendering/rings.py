@@ -1,19 +1,15 @@
-"""Concentric rings that make up a list of disk apertures: which there are, their samples, and points on them."""
+"""Concentric rings that make up a list of disk apertures: which there are, their samples, who shares their paths."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from twinlens.camera import Lens
-from twinlens.rendering.backends import mitsuba
+from twinlens.camera import Camera, Lens
 
-FEWEST_PASSES = 2
-"""A ring's standard error is read off the differences of its passes."""
-
-STRATIFIED_FALL = 1.25
+STRATIFIED_FALL = 1.1
 """The variance of n stratified samples falls as n^-1.5 where edges make it (Mitchell, Consequences of Stratified
-Sampling in Graphics, 1996) and as n^-1 where noise in many dimensions does: midway."""
+Sampling in Graphics, 1996) and as n^-1 where noise in many dimensions does: what the bundled scenes show."""
 
 
 @dataclass(frozen=True)
@@ -34,21 +30,18 @@ class Ring:
 def plan_rings(lenses: Sequence[Lens], spp: int, fall: float = STRATIFIED_FALL) -> list[Ring]:
     """Rings between the radii, innermost first, with the fewest samples that give every lens its direct error.
 
-    n samples in FEWEST_PASSES passes have the variance s^2 FEWEST_PASSES^(fall - 1) / n^fall, a direct image has
-    s^2 / spp^fall. With weights w = area/(area of the lens) a lens has sum w^2 of that over its rings: going outwards,
-    each ring takes just what its lens still needs.
+    n samples have the variance s^2 / n^fall. With weights w = area/(area of the lens) a lens has sum w^2 of that over
+    its rings, and should have s^2 / spp^fall: going outwards, each ring takes just what its lens still needs.
     """
-    radii = sorted({0.5 * lens.aperture_diameter for lens in lenses})
-    fewest = min(FEWEST_PASSES, spp)
-    split = fewest ** (fall - 1)
+    fewest = min(2, spp)  # two halves tell the error
     rings: list[Ring] = []
     inner = 0.0
-    for outer in radii:
+    for outer in sorted({0.5 * lens.aperture_diameter for lens in lenses}):
         wanted = sorted({lens.vergence for lens in lenses if 0.5 * lens.aperture_diameter >= outer > 0})
         weight = (outer**2 - inner**2) / outer**2 if outer else 1.0
-        spent = sum((ring.area / outer**2) ** 2 * split / ring.spp**fall for ring in rings if outer)
-        count = math.ceil((weight**2 * split / (spp**-fall - spent)) ** (1 / fall) - 1e-9)
-        rings.append(Ring(inner, outer, tuple(wanted or [lenses[0].vergence]), max(fewest, count)))
+        spent = sum((ring.area / outer**2) ** 2 / ring.spp**fall for ring in rings if outer)
+        count = math.ceil((weight**2 / (spp**-fall - spent)) ** (1 / fall) - 1e-9)
+        rings.append(Ring(inner, outer, tuple(wanted or [0.0]), max(fewest, count)))
         inner = outer
     return rings
 
@@ -61,16 +54,38 @@ def share_of(ring: Ring, lens: Lens) -> float:
     return ring.area / radius**2 if ring.outer <= radius else 0.0
 
 
-def sample_ring(ring: Ring, square: Any) -> tuple[Any, Any]:
-    """Points uniform on the ring, metres: the concentric map with its squared radius laid between the two radii."""
-    import drjit as dr
+@dataclass(frozen=True)
+class Sheaf:
+    """Vergences of a ring that share their paths. `middle` is where the paths are drawn: shifts are smallest there."""
 
-    from twinlens.camera.warp import concentric
-    from twinlens.rendering.warp import DrJitMath
+    vergences: tuple[float, ...]
+    margin: tuple[int, int]
 
-    mi = mitsuba()
-    inner2, area = (dr.opaque(mi.Float, value) for value in (ring.inner**2, ring.area))
-    xp: Any = DrJitMath()
-    radius, turn = concentric(square.x, square.y, xp)
-    radius = xp.sqrt(inner2 + area * radius * radius)
-    return radius * xp.cos(2 * math.pi * turn), radius * xp.sin(2 * math.pi * turn)
+    @property
+    def middle(self) -> float:
+        """Midway, in 1/m."""
+        return 0.5 * (self.vergences[0] + self.vergences[-1])
+
+
+def sheaves(ring: Ring, camera: Camera) -> list[Sheaf]:
+    """The ring's vergences, parted wherever two sets of paths on less film cost less than one on more.
+
+    Shared paths start on film padded by the largest shift on every side. A bare hole among lenses may need more
+    padding than its own image takes.
+    """
+    return _parted(tuple(ring.vergences), ring.outer, camera)
+
+
+def _parted(vergences: tuple[float, ...], radius: float, camera: Camera) -> list[Sheaf]:
+    half_range = 0.5 * (vergences[-1] - vergences[0]) * radius
+    whole = Sheaf(vergences, (math.ceil(half_range * camera.fx), math.ceil(half_range * camera.fy)))
+    if len(vergences) == 1:
+        return [whole]
+    gaps = [b - a for a, b in itertools.pairwise(vergences)]
+    cut = gaps.index(max(gaps)) + 1
+    parts = _parted(vergences[:cut], radius, camera) + _parted(vergences[cut:], radius, camera)
+    return [whole] if _film(whole, camera) <= sum(_film(part, camera) for part in parts) else parts
+
+
+def _film(sheaf: Sheaf, camera: Camera) -> int:
+    return (camera.width + 2 * sheaf.margin[0]) * (camera.height + 2 * sheaf.margin[1])

@@ -1,60 +1,46 @@
-"""The mean image of a ring over its passes, and how far it may be off."""
+"""The mean image of a sheaf of paths over its passes, at each focus, and how far it may be off."""
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera import Camera
 from twinlens.geometry import Float
 
-FIXED_POINT = 2.0**32
-"""Of a unit of radiance: sums are kept as whole numbers, which overflow beyond 4e9 units a pixel and pass."""
 
+class SheafMean:
+    """Running means over passes, and their doubt, for each focus.
 
-class RingMean:
-    """Running mean of a ring's image over passes, each pixel over its own samples, and the spread between passes."""
+    The doubt is read off two halves of each pass: were they independent, means a and b of n_a and n_b samples would
+    give the pass's mean the variance n_a n_b / n^2 (a - b)^2 in expectation. They are parts of one stratified pattern,
+    whose errors partly cancel, so it is an upper bound: exact for noise, twice the variance where strata do best.
+    """
 
-    def __init__(self, camera: Camera) -> None:
-        self.total = np.zeros((camera.height, camera.width, 3))
-        self.count = np.zeros((camera.height, camera.width, 1))
-        self.passes = np.zeros_like(self.count)  # in which a pixel got samples
-        self.squares = np.zeros_like(self.total)
+    def __init__(self, focuses: int, height: int, width: int) -> None:
+        self.total = np.zeros((focuses, 3, height, width))
+        self.doubt = np.zeros_like(self.total)
+        self.count = 0
+        self.known = True
 
-    def add(self, fixed: NDArray[np.uint64]) -> None:
-        """One pass's fixed-point sums (H, W, 4)."""
-        total = fixed[..., :3].astype(np.float64) / FIXED_POINT
-        count = fixed[..., 3:].astype(np.float64)
-        self.total += total
-        self.count += count
-        self.passes += count > 0
-        self.squares += total**2 / np.maximum(count, 1.0)
+    def add(self, halves: NDArray[np.floating], counts: tuple[int, int]) -> None:
+        """Sums of one pass, (2, F, 3, H, W), over so many samples each."""
+        first, second = counts
+        self.total += halves[0] + halves[1]
+        self.count += first + second
+        if not (first and second):
+            self.known = False
+            return
+        self.doubt += first * second * (halves[0] / first - halves[1] / second) ** 2
 
-    def image(self) -> Float:
-        """The mean over all passes; a pixel that no sample reached takes its neighbours' mean."""
-        mean = self.total / np.maximum(self.count, 1.0)
-        empty = self.count[..., 0] == 0
-        if empty.any():
-            mean[empty] = _neighbours(self.total, self.count)[empty]
+    def image(self, focus: int) -> Float:
+        """(H, W, 3)."""
+        mean: Float = np.moveaxis(self.total[focus] / self.count, 0, -1)
         return mean
 
-    def standard_error(self) -> float:
-        """Root mean square over the pixels with samples in several passes, from their variance; NaN without any.
-
-        The variance of a mean of passes m_p of n_p samples is sum n_p (m_p - mean)^2 / ((passes - 1) sum n_p).
-        """
-        known = self.passes[..., 0] > 1
-        if not known.any():
+    def variance(self, focus: int) -> float:
+        """Mean over the pixels and channels whose radiance is finite; NaN where one sample was all."""
+        if not self.known:
             return math.nan
-        count, passes, total = self.count[known], self.passes[known], self.total[known]
-        between = np.maximum(self.squares[known] - total**2 / count, 0.0)
-        return math.sqrt(float((between / ((passes - 1) * count)).mean()))
-
-
-def _neighbours(total: Float, count: Float) -> Float:
-    """Mean over the 5x5 window of samples, 0 where even that is empty."""
-    from scipy.ndimage import uniform_filter
-
-    counts, totals = (np.asarray(uniform_filter(sums, size=(5, 5, 1))) for sums in (count, total))
-    filled: Float = totals / np.where(counts > 1e-12, counts, np.inf)
-    return filled
+        doubt = self.doubt[focus]
+        finite = np.isfinite(doubt)
+        return float(doubt[finite].mean()) / self.count**2 if finite.any() else math.nan
