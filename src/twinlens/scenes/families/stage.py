@@ -1,5 +1,6 @@
 """A scene being put together: bodies, their materials and lights, as they come; then a `Scene`."""
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,8 +31,11 @@ class Stage:
         return self.objects[-1]
 
     def _unique(self, name: str) -> str:
-        count = sum(thing.name.rsplit("-", 1)[0] == name or thing.name == name for thing in self.objects)
-        return name if count == 0 else f"{name}-{count + 1}"
+        """The name, of letters that any file format takes, numbered where it is taken."""
+        plain = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "body"
+        taken = {thing.name for thing in self.objects}
+        numbered = (f"{plain}-{number}" for number in range(2, len(taken) + 3))
+        return plain if plain not in taken else next(one for one in numbered if one not in taken)
 
     def seen(self, view: View, columns: int = 160) -> Seen:
         """The z-buffer of everything so far."""
