@@ -48,6 +48,7 @@ _HOMES = {
     "render_lens_grid": "rendering",
     "sad": "matching",
     "ssd": "matching",
+    "study": "studies",
     "triangulate": "triangulation",
     "undistort_maps": "camera",
     "zncc": "matching",

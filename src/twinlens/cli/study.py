@@ -8,7 +8,6 @@ import click
 
 from twinlens.cli.benchmark import split_methods
 from twinlens.cli.progress import progress_bar
-from twinlens.errors import unknown
 
 
 @click.command("study")
@@ -36,25 +35,27 @@ def command(
 ) -> None:
     """Run the study NAME; write OUTPUT/table.csv, study.json, figures/ and index.html. `list` names the studies.
 
+    NAME may be a Python file that ends in STUDY = ...: its code is run.
+
     \b
     Example:  twinlens study list
               twinlens study radiometric --scene cards --methods sad,census --seeds 2 -o radiometric
+              twinlens study my_study.py -o mine
     """
-    from twinlens.studies import STUDIES
-
     if name == "list":
         _list(as_json)
         return
-    if name not in STUDIES:
-        raise unknown("study", name, [*STUDIES, "list"])
+    from twinlens.studies import find_study
+
+    study = find_study(name)
     if output is None:
         raise click.UsageError("name the folder of the results: -o DIR")
     from twinlens.report.study_files import write_study
     from twinlens.studies import run_study
 
-    with progress_bar(f"study {name}") as report:
+    with progress_bar(f"study {study.name}") as report:
         result = run_study(
-            STUDIES[name], scenes=scenes, methods=tuple(split_methods(methods)) if methods else None, seeds=seeds,
+            study, scenes=scenes, methods=tuple(split_methods(methods)) if methods else None, seeds=seeds,
             first_seed=first_seed, progress=report, **_sizes(size, spp),
         )  # fmt: skip
     page = write_study(output, result)
@@ -87,7 +88,5 @@ def _tell(result: Any, page: Path, as_json: bool) -> None:
     for stands in result.findings:
         finding = stands.finding
         verdict = "holds" if finding.holds else "DOES NOT HOLD"
-        click.echo(
-            f"{verdict}, {stands.seeds} of {stands.of} seeds alone: {finding.text}: {finding.measured} {finding.unit}"
-        )
+        click.echo(f"{verdict}, {stands.seeds} of {stands.of} seeds alone: {finding.sentence}.")
     click.echo(f"page: {page.resolve().as_uri()}")

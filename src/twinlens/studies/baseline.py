@@ -5,8 +5,18 @@ Baseline/Resolution Stereo, CVPR 2008, equation 3.
 """
 
 from twinlens.scenes import load_scene
-from twinlens.studies.range_error import COLUMNS, in_proportion, law_residual, plane_rows, scene_rows, square_law
-from twinlens.studies.study import Figure, Finding, Measured, Setup, Study, sweep
+from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, sweep
+from twinlens.studies.range_error import (
+    COLUMNS,
+    PLANES,
+    SCENES,
+    TOLERANCE,
+    exponent,
+    law_residual,
+    plane_rows,
+    scene_rows,
+    square_law,
+)
 from twinlens.studies.table import Row, Table
 
 PLANE_BASELINES = (0.06, 0.12, 0.24)
@@ -28,15 +38,14 @@ def measure(setup: Setup) -> Measured:
 
 
 def conclude(table: Table) -> list[Finding]:
-    """The square law of depth, and occlusion in proportion to the base."""
-    methods = [str(method) for method in table.values("method")]
-    scenes = table.where(lambda row: row["scene"] != "planes")
+    """The law of depth error, along z and B; occlusion in proportion to the base."""
+    planes = table.where(part=PLANES)
+    occluded = "What the other eye cannot see grows as B^p, p = {}"
     return [
-        *square_law(table, methods),
+        *square_law(table, [str(method) for method in table.values("method")]),
         law_residual(table),
-        in_proportion(
-            scenes, "baseline_mm", "occluded", "What the other eye cannot see grows with the base; the exponent of B"
-        ),
+        exponent(planes, "baseline_mm", "depth_error_mm", -1.0, TOLERANCE, "Depth error falls as B^p, p = {}"),
+        exponent(table.where(part=SCENES), "baseline_mm", "occluded", 1.0, 0.15, occluded),
     ]
 
 
@@ -48,16 +57,17 @@ STUDY = Study(
     conclude=conclude,
     figures=(
         Figure(
-            "depth-error", "Depth error of a plane: z²/(fB)", "z_m", "depth_error_mm", by="method", panel="baseline_mm",
-            log_x=True, log_y=True, where={"scene": "planes"}, residual_of="predicted_mm",
+            "depth-error", "Depth error of planes and z²/(f B)", "z_m", "depth_error_mm", by="method",
+            panel="baseline_mm", log_x=True, log_y=True, where={"part": PLANES},
+            residual_of="predicted_mm", also=("predicted_mm",),
         ),
         Figure(
-            "occlusion", "Hidden from the other eye", "baseline_mm", "occluded", by="scene",
-            where={"scene": ("staircase", "tabletop", "cards")},
+            "occlusion", "Hidden from the other eye, of the left pixels inside its picture", "baseline_mm", "occluded",
+            by="scene", where={"part": SCENES},
         ),
         Figure(
-            "wrong", "Wrong pixels", "baseline_mm", "totbad2", by="method", panel="scene",
-            where={"scene": ("staircase", "tabletop", "cards")},
+            "wrong", "Wrong pixels against the base", "baseline_mm", "totbad2", by="method", panel="scene",
+            where={"part": SCENES},
         ),
     ),
     defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2), spp=16),

@@ -1,8 +1,18 @@
 """`focal-length`: a longer lens sees less and measures it better: z^2/(f B) again, along f."""
 
 from twinlens.scenes import load_scene
-from twinlens.studies.range_error import COLUMNS, in_proportion, law_residual, plane_rows, scene_rows, square_law
-from twinlens.studies.study import Figure, Finding, Measured, Setup, Study, sweep
+from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, sweep
+from twinlens.studies.range_error import (
+    COLUMNS,
+    PLANES,
+    SCENES,
+    TOLERANCE,
+    exponent,
+    law_residual,
+    plane_rows,
+    scene_rows,
+    square_law,
+)
 from twinlens.studies.table import Row, Table
 
 PLANE_FIELDS = (80.0, 50.0, 28.0)
@@ -25,16 +35,12 @@ def measure(setup: Setup) -> Measured:
 
 
 def conclude(table: Table) -> list[Finding]:
-    """The square law of depth, and depth error falling as 1/f at each depth."""
-    planes = table.where(scene="planes")
-    methods = [str(method) for method in table.values("method")]
-    precise = Table(
-        table.columns, tuple({**row, "depth_error_mm": 1.0 / float(row["depth_error_mm"])} for row in planes)
-    )
+    """The law of depth error, along z and f."""
+    planes = table.where(part=PLANES)
     return [
-        *square_law(table, methods),
+        *square_law(table, [str(method) for method in table.values("method")]),
         law_residual(table),
-        in_proportion(precise, "fx_px", "depth_error_mm", "The precision of depth grows as f^p; p"),
+        exponent(planes, "fx_px", "depth_error_mm", -1.0, TOLERANCE, "Depth error falls as f^p, p = {}"),
     ]
 
 
@@ -46,12 +52,12 @@ STUDY = Study(
     conclude=conclude,
     figures=(
         Figure(
-            "depth-error", "Depth error of a plane: z²/(fB)", "z_m", "depth_error_mm", by="method", panel="fx_px",
-            log_x=True, log_y=True, where={"scene": "planes"}, residual_of="predicted_mm",
+            "depth-error", "Depth error of planes and z²/(f B)", "z_m", "depth_error_mm", by="method", panel="fx_px",
+            log_x=True, log_y=True, where={"part": PLANES}, residual_of="predicted_mm", also=("predicted_mm",),
         ),
         Figure(
-            "wrong", "Wrong pixels", "fx_px", "totbad2", by="method", panel="scene",
-            where={"scene": ("staircase", "tabletop", "cards")},
+            "wrong", "Wrong pixels against the focal length", "fx_px", "totbad2", by="method", panel="scene",
+            where={"part": SCENES},
         ),
     ),
     defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2), spp=16),

@@ -5,16 +5,16 @@ bundled scenes        -> wrong pixels, and how much of the left view the right o
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Pinhole, Rig
 from twinlens.sensor import Sensor
-from twinlens.studies.bootstrap import Interval, bootstrap, mean_of
+from twinlens.studies.bootstrap import log_slope, over_scenes
+from twinlens.studies.model import Finding, Setup, agrees
 from twinlens.studies.stage import Stage, stream
-from twinlens.studies.study import Finding, Setup
 from twinlens.studies.table import Column, Row, Table
 from twinlens.studies.targets import noise_plane
 
@@ -26,18 +26,21 @@ PHASES = (0.0, 0.25, 0.5, 0.75)
 """The right principal point is moved by these parts of a pixel: a matcher errs by where between pixels a match is."""
 PLANE_SIZE = (160, 120)
 _RIM = 12
-PLANES = "planes"
+_PLACE = ("baseline_mm", "fx_px", "z_m")
+PLANES, SCENES = "planes", "scenes"
+"""The parts of the table."""
 TOLERANCE = 0.05
 COLUMNS = (
+    Column("part", "", "part"),
     Column("method", "", "matcher"),
     Column("baseline_mm", "mm", "baseline"),
     Column("fx_px", "px", "focal length"),
     Column("z_m", "m", "depth"),
-    Column("depth_error_mm", "mm", "depth error, robust standard deviation"),
-    Column("predicted_mm", "mm", "z^2/(f B) times the matcher's disparity error"),
-    Column("disparity_error_px", "px", "disparity error, robust standard deviation"),
-    Column("occluded", "%", "left pixels inside the right image but hidden in it"),
-    Column("totbad2", "%", "pixels wrong by more than 2 px or unknown"),
+    Column("depth_error_mm", "mm", "depth error, robust s.d."),
+    Column("predicted_mm", "mm", "z²/(f B) times the disparity error"),
+    Column("disparity_error_px", "px", "disparity error, robust s.d."),
+    Column("occluded", "%", "hidden from the other eye"),
+    Column("totbad2", "%", "wrong by > 2 px or unknown"),
 )
 SENSOR = Sensor.preset("machine_vision")
 
@@ -54,8 +57,8 @@ def plane_rows(setup: Setup, seed: int, baseline: float, fov_x_deg: float) -> It
         for z in DEPTHS:
             metres, pixels = found[z, method]
             yield {
-                "scene": PLANES, "seed": seed, "method": method, "baseline_mm": 1e3 * baseline, "fx_px": camera.fx,
-                "z_m": z, "depth_error_mm": 1e3 * _spread(metres),
+                "scene": "plane", "part": PLANES, "seed": seed, "method": method, "baseline_mm": 1e3 * baseline,
+                "fx_px": camera.fx, "z_m": z, "depth_error_mm": 1e3 * _spread(metres),
                 "predicted_mm": 1e3 * z**2 / (camera.fx * baseline) * typical,
                 "disparity_error_px": _spread(pixels), "occluded": math.nan, "totbad2": math.nan,
             }  # fmt: skip
@@ -68,8 +71,9 @@ def scene_rows(setup: Setup, name: str, seed: int, baseline: float, fov_x_deg: f
     pictures = stage.expose(radiance, Pinhole(), stream(seed, 1), SENSOR)
     for method, scores in stage.errors(pictures, setup.methods).items():
         yield {
-            "scene": name, "seed": seed, "method": method, "baseline_mm": 1e3 * baseline, "fx_px": stage.camera.fx,
-            "z_m": math.nan, "depth_error_mm": math.nan, "predicted_mm": math.nan, "disparity_error_px": math.nan,
+            "scene": name, "part": SCENES, "seed": seed, "method": method, "baseline_mm": 1e3 * baseline,
+            "fx_px": stage.camera.fx, "z_m": math.nan, "depth_error_mm": math.nan, "predicted_mm": math.nan,
+            "disparity_error_px": math.nan,
             "occluded": hidden_percent(stage), "totbad2": scores["totbad2"],
         }  # fmt: skip
 
@@ -85,47 +89,32 @@ def hidden_percent(stage: Stage) -> float:
 def square_law(table: Table, methods: Sequence[str]) -> list[Finding]:
     """For every matcher: the exponent of depth error against z, by least squares of the logarithms; 2 is the law."""
     return [
-        _exponent(table.where(scene=PLANES, method=method), f"{method}: the exponent of z in its depth error")
+        exponent(table.where(part=PLANES, method=method), "z_m", "depth_error_mm", 2.0, TOLERANCE,
+                 f"{method}: depth error grows as z^p, p = {{}}")
         for method in methods
-    ]
+    ]  # fmt: skip
 
 
-def _exponent(rows: Table, text: str) -> Finding:
-    units = [
-        np.array([np.polyfit(np.log(part.numbers("z_m")), np.log(part.numbers("depth_error_mm")), 1)[0]])
-        for _, part in rows.groups("seed", "baseline_mm", "fx_px")
-    ]
-    slope = bootstrap(lambda values: float(values.mean()), units)
-    return Finding(text, slope, abs(slope.value / 2 - 1) <= TOLERANCE, "", 2.0, TOLERANCE)
+def exponent(rows: Table, x: str, y: str, expected: float, tolerance: float, text: str) -> Finding:
+    """The exponent p of y ~ x^p, fitted where all else is equal."""
+    slope = log_slope(x, y)
+    alike = ["method", *(name for name in _PLACE if name != x and not np.isnan(rows.numbers(name)).any())]
+    measured = over_scenes(rows, lambda unit: [slope(part) for _, part in unit.groups(*alike)])
+    return Finding(text, measured, agrees(measured, expected, tolerance), "", expected, tolerance)
 
 
 def law_residual(table: Table) -> Finding:
     """How far the measured depth errors are from z^2/(f B) sigma_d, root mean square over all planes."""
-    rows = table.where(scene=PLANES)
-    units = [
-        np.log(part.numbers("depth_error_mm") / part.numbers("predicted_mm"))
-        for _, part in rows.groups("seed", "method")
-    ]
-    rms = bootstrap(lambda values: 100 * math.sqrt(float(np.mean(values**2))), units)
-    return Finding(
-        "Depth errors equal z^2/(f B) times the disparity error; rms of the residual", rms, rms.value <= 5, "%"
+
+    def logarithms(unit: Table) -> Float:
+        return np.log(unit.numbers("depth_error_mm") / unit.numbers("predicted_mm"))
+
+    rms = over_scenes(table.where(part=PLANES), logarithms, lambda values: 100 * math.sqrt(float(np.mean(values**2))))
+    text = (
+        "Depth errors equal z^2/(f B) times one disparity error for each matcher and pair, all depths together, within "
+        f"{{}} rms, where {100 * TOLERANCE:g} % are allowed"
     )
-
-
-def in_proportion(table: Table, x: str, y: str, text: str) -> Finding:
-    """Whether y is proportional to x over a scene's rows: the exponent of y against x, 1 if so."""
-    slopes = []
-    for _, unit in table.groups("scene", "seed"):
-        places = sorted({float(value) for value in unit.numbers(x)})
-        means = [mean_of(unit.where(_at(x, place)), y).value for place in places]
-        if min(means) > 0 and len(places) > 1:
-            slopes.append(np.array([np.polyfit(np.log(places), np.log(means), 1)[0]]))
-    slope: Interval = bootstrap(lambda values: float(values.mean()), slopes)
-    return Finding(text, slope, abs(slope.value - 1) <= 0.15, "", 1.0, 0.15)
-
-
-def _at(name: str, value: float) -> Callable[[Row], bool]:
-    return lambda row: float(row[name]) == value
+    return Finding(text, rms, rms.value <= 100 * TOLERANCE, "%")
 
 
 def _plane_errors(setup: Setup, rig: Rig, depth: float, seed: int) -> dict[str, tuple[Float, Float]]:

@@ -9,7 +9,7 @@ from twinlens.errors import InputError
 from twinlens.matching import parse_method
 from twinlens.rendering import backend
 from twinlens.scenes import load_scene
-from twinlens.studies.study import Progress, Result, Setup, Stands, Study
+from twinlens.studies.model import Progress, Result, Setup, Stands, Study
 from twinlens.studies.table import Table, table
 
 
@@ -42,7 +42,7 @@ def run_study(
     for name, given in (("scenes", scenes), ("methods", methods)):
         if given:
             if not getattr(defaults, name):
-                raise InputError(f"the study {study.name} makes its own {name}; leave out --{name}")
+                raise InputError(f"the study {study.name} takes no {name}: what it photographs or asks needs none")
             changes[name] = tuple(given)
     if progress is not None:
         changes["progress"] = progress
@@ -53,20 +53,19 @@ def run_study(
         load_scene(name)
     measured = study.measure(setup)
     rows = table(study.all_columns, measured.rows)
-    return Result(
-        study, setup, rows, _findings(study, rows), measured.pictures, _protocol(study, setup, measured.notes)
-    )
+    protocol = _protocol(study, setup, {**measured.notes, **measured.remarks})
+    return Result(study, setup, rows, _findings(study, rows), measured.pictures, protocol, measured.remarks)
 
 
 def _findings(study: Study, rows: Table) -> tuple[Stands, ...]:
-    """Each finding, and how many seeds bear it out alone.
+    """Each finding, and how many seeds bear it out alone: give the same answer, and hold.
 
     Findings are matched by their place in the list, so `conclude` must give the same list of questions for any rows.
     """
     seeds = rows.values("seed")
     alone = [study.conclude(rows.where(seed=seed)) for seed in seeds]
     return tuple(
-        Stands(finding, sum(each[k].holds for each in alone), len(seeds))
+        Stands(finding, sum(each[k].holds and each[k].answer == finding.answer for each in alone), len(seeds))
         for k, finding in enumerate(study.conclude(rows))
     )
 

@@ -15,9 +15,9 @@ from scipy import interpolate, ndimage
 from twinlens.camera import Camera, Pinhole, Rig
 from twinlens.matching import grey, parse_method
 from twinlens.sensor import Exposure, Sensor
-from twinlens.studies.bootstrap import Interval, bootstrap
+from twinlens.studies.bootstrap import Interval, log_slope, over_scenes
+from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, agrees
 from twinlens.studies.stage import Stage, stream
-from twinlens.studies.study import Figure, Finding, Measured, Setup, Study
 from twinlens.studies.table import Column, Row, Table
 from twinlens.studies.targets import noise_plane
 
@@ -34,6 +34,10 @@ _RIM = 16
 _BLUNDER_PX = 1.0
 _MOST_BLUNDERS = 2.0
 _EXPONENT_TOLERANCE = 0.15
+_MIDDLE = 0.04
+_NOISY = (0.02, 0.04, 0.08)
+"""Contrasts: where the bound is neither near a pixel nor below what sub-pixel fits are good for."""
+_NONE = Interval(math.nan, math.nan, math.nan)
 
 
 def measure(setup: Setup) -> Measured:
@@ -113,39 +117,40 @@ def conclude(table: Table) -> list[Finding]:
     return [_above(sound), _nearest(sound), _inverse(sound)]
 
 
-def _ratios(rows: Table) -> Interval:
-    units = [part.numbers("error_px") / part.numbers("bound_px") for _, part in rows.groups("seed", "method")]
-    return bootstrap(lambda values: float(values.min()), units)
+def _least(values: Float) -> float:
+    return float(values.min())
+
+
+def _ratios(rows: Table) -> Float:
+    return rows.numbers("error_px") / rows.numbers("bound_px")
 
 
 def _above(rows: Table) -> Finding:
-    least = _ratios(rows)
-    text = "No matcher beats the Cramer-Rao bound of its window; the least error over bound is"
-    return Finding(text, least, least.value >= 0.95)
+    least = over_scenes(rows, _ratios, _least)
+    text = "No matcher beats the Cramer-Rao bound of its window: the least error is {} times the bound"
+    return Finding(text, least, least.value >= 1.0)
 
 
 def _nearest(rows: Table) -> Finding:
     """At medium contrast: of the matchers, the nearest to its bound."""
-    middle = rows.where(swept="contrast", contrast=0.04)
-    ratios = {str(method): _ratios(middle.where(method=method)) for method in middle.values("method")}
+    middle = rows.where(swept="contrast", contrast=_MIDDLE)
+    ratios = {str(method): over_scenes(middle.where(method=method), _ratios) for method in middle.values("method")}
     if not ratios:
-        return Finding("Nearest to its bound at contrast 0.04: all matchers blundered", _ratios(rows), False)
+        return Finding(f"At contrast {_MIDDLE:g} every matcher blunders; least error {{}}", _NONE, False)
     best = min(ratios, key=lambda method: ratios[method].value)
-    return Finding(f"Nearest to its bound at contrast 0.04 is {best}, at error over bound", ratios[best], True)
+    text = f"At contrast {_MIDDLE:g} the nearest to its bound is {best}, whose error is {{}} times the bound"
+    return Finding(text, ratios[best], True, answer=best)
 
 
 def _inverse(rows: Table) -> Finding:
     """d log(error) / d log(contrast) over the low contrasts, all matchers."""
-    low = rows.where(swept="contrast", contrast=(0.02, 0.04, 0.08))
-    slopes = [
-        np.array([np.polyfit(np.log(part.numbers("contrast")), np.log(part.numbers("error_px")), 1)[0]])
-        for _, part in low.groups("seed", "method")
-        if len(part) > 1
-    ]
-    slope = bootstrap(lambda values: float(values.mean()), slopes)
-    holds = abs(slope.value + 1) <= _EXPONENT_TOLERANCE
-    text = "Where noise rules, the error falls with contrast; its exponent"
-    return Finding(text, slope, holds, "", -1.0, _EXPONENT_TOLERANCE)
+    low = rows.where(swept="contrast", contrast=_NOISY)
+    slope = log_slope("contrast", "error_px")
+    measured = over_scenes(low, lambda unit: [slope(part) for _, part in unit.groups("method")])
+    return Finding(
+        "While noise rules, error is in proportion to 1/contrast: its exponent is {}", measured,
+        agrees(measured, -1.0, _EXPONENT_TOLERANCE), "", -1.0, _EXPONENT_TOLERANCE,
+    )  # fmt: skip
 
 
 STUDY = Study(
@@ -154,11 +159,11 @@ STUDY = Study(
     columns=(
         Column("swept", "", "what is swept"),
         Column("method", "", "matcher"),
-        Column("contrast", "", "contrast (standard deviation / mean)"),
+        Column("contrast", "", "contrast, standard deviation / mean"),
         Column("grain_px", "px", "grain of the texture"),
         Column("error_px", "px", "sub-pixel error, rms"),
-        Column("bound_px", "px", "Cramer-Rao bound of the window"),
-        Column("blunders", "%", "errors of a pixel and more"),
+        Column("bound_px", "px", "Cramer-Rao bound"),
+        Column("blunders", "%", "wrong by a pixel or more"),
     ),
     measure=measure,
     conclude=conclude,

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from twinlens.camera import ThinLens
 from twinlens.sensor import Sensor
-from twinlens.studies.bootstrap import mean_of, paired_difference
+from twinlens.studies.bootstrap import over_scenes, paired_difference
+from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, is_above, sweep
 from twinlens.studies.pictures import disparity_picture, error_picture
 from twinlens.studies.stage import Stage, score_columns, stream
-from twinlens.studies.study import Figure, Finding, Measured, Picture, Setup, Study, sweep
 from twinlens.studies.table import Column, Row, Table, Value
 
 SIZES = (3, 5, 7, 9, 13, 17, 21, 31)
@@ -80,44 +80,44 @@ def _panel(stage: Stage, pictures: Sequence[NDArray[Any]], maps: dict[str, NDArr
     truth, top = stage.truth.disparity, float(stage.ndisp)
     images = [pictures[0], pictures[1], disparity_picture(truth, top)]
     captions = ["left", "right", "true disparity"]
-    for method, found in maps.items():
-        images += [disparity_picture(found, top)]
-        captions += [method]
+    images += [disparity_picture(found, top) for found in maps.values()]
+    captions += ["SSD, fixed 21x21", "adaptive window", "semi-global"]
     images += [error_picture(found, truth) for found in maps.values()]
-    captions += [f"error of {method}, white 0 to black 4 px" for method in maps]
+    captions += ["its error, black: 4 px"] * len(maps)
     return Picture(f"panel-{stage.scene.name}", f"{stage.scene.name}: fixed, adaptive, semi-global", tuple(images),
                    tuple(captions), columns=3)  # fmt: skip
 
 
 def conclude(table: Table) -> list[Finding]:
-    """Where large blocks serve and where small ones do; and what an adaptive window wins at edges."""
+    """Where large blocks serve and where small ones do; and what bending windows win at edges."""
     swept = table.where(lambda row: math.isfinite(float(row["block_size"])))
-    findings = [_trade(swept, str(method)) for method in swept.values("method")]
-    edges = table.where(region="discontinuity", method=BESIDE)
-    for better in BESIDE[1:]:
+    methods = [str(method) for method in swept.values("method")]
+    findings = [_larger(swept.where(method=method), method, "textureless", "no texture") for method in methods]
+    findings += [_larger(swept.where(method=method), method, "out-of-focus", "no focus") for method in methods]
+    edges = table.where(lambda row: math.isnan(float(row["block_size"])), region="discontinuity")
+    for better, name in (("adaptive", "an adaptive window"), ("sgm", "semi-global matching")):
         gain = paired_difference(edges, "totbad2", "method", BESIDE[0], better)
-        text = f"At discontinuities {better} has fewer wrong pixels than SSD with a fixed 21x21 block, by"
-        findings.append(
-            Finding(text, gain, gain.low > 0 or (math.isnan(gain.low) and gain.value > 0), "percent points")
-        )
+        text = f"At discontinuities {name} has {{}} fewer wrong pixels than SSD with a fixed block of 21x21"
+        findings.append(Finding(text, gain, is_above(gain), "percent points"))
     return findings
 
 
-def _trade(table: Table, method: str) -> Finding:
-    """The best block in textureless parts is larger than at discontinuities."""
-    best = {region: best_size(table.where(method=method, region=region)) for region in ("textureless", "discontinuity")}
-    rows = table.where(method=method, region="textureless", block_size=best["textureless"])
-    text = (
-        f"{method}: the best block is {best['textureless']:.0f} where there is no texture and "
-        f"{best['discontinuity']:.0f} at discontinuities; wrong pixels where there is no texture"
-    )
-    return Finding(text, mean_of(rows, "totbad2"), best["textureless"] > best["discontinuity"], "%")
+def _larger(rows: Table, method: str, region: str, words: str) -> Finding:
+    """How many times as wide the best block of a region is as the best at discontinuities."""
+
+    def ratio(unit: Table) -> float:
+        return math.log(best_size(unit.where(region=region)) / best_size(unit.where(region="discontinuity")))
+
+    times = over_scenes(rows, ratio, lambda values: math.exp(float(values.mean())))
+    text = f"{method}: where there is {words} the best block is {{}} times as wide as at discontinuities"
+    return Finding(text, times, is_above(times, 1.0))
 
 
-def best_size(table: Table) -> float:
-    """The block size with the fewest wrong pixels."""
-    sizes = [float(size) for size in table.values("block_size")]
-    return min(sizes, key=lambda size: mean_of(table.where(block_size=size), "totbad2").value, default=math.nan)
+def best_size(rows: Table) -> float:
+    """The block size with the fewest wrong pixels; NaN where there is none."""
+    known = rows.where(lambda row: math.isfinite(float(row["totbad2"])))
+    wrong = {float(size): known.where(block_size=size).numbers("totbad2").mean() for size in known.values("block_size")}
+    return min(wrong, key=lambda size: float(wrong[size]), default=math.nan)
 
 
 STUDY = Study(
@@ -135,8 +135,8 @@ STUDY = Study(
     conclude=conclude,
     figures=(
         Figure(
-            "window", "Block size against error", "block_size", "totbad2", by="method", panel="region", log_x=True,
-            where={"block_size": tuple(float(size) for size in SIZES)},
+            "window", "Wrong pixels against block size, part by part", "block_size", "totbad2", by="method",
+            panel="region", log_x=True, best="least", where={"block_size": tuple(float(size) for size in SIZES)},
         ),
     ),
     defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "ssd", "zncc", "census"), (0, 1, 2)),

@@ -3,7 +3,7 @@
     Setup -> measure -> Table (the CSV) -> conclude -> Findings
                           |--------------> Figures (drawn by the report room, of the CSV alone)
 
-A `Study` is data and two functions; `STUDIES` lists them, `run_study` runs one.
+A `Study` is data and two functions; `STUDIES` lists those that come along, `run_study` runs one.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -53,8 +53,10 @@ class Setup:
 class Finding:
     """One conclusion: what was claimed or asked, what was measured, and whether it holds.
 
-    text says it in words. measured: a number with its interval, in `unit`. expected: what theory says, if it does, and
-    within which `tolerance` (relative). holds: whether the measurement agrees.
+    text: a sentence without its full stop, with {} where the measured number stands. measured: the number with its
+    interval, in `unit`. holds: whether the measurement bears the sentence out. expected: what theory says, if it does,
+    and within which `tolerance` (relative). answer: what was found where the sentence names one of several, as a
+    matcher; a seed bears the finding out only if it gives the same answer.
     """
 
     text: str
@@ -63,6 +65,22 @@ class Finding:
     unit: str = ""
     expected: float | None = None
     tolerance: float | None = None
+    answer: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """The text with the number in its place."""
+        return self.text.replace("{}", self.measured.said(self.unit), 1)
+
+
+def agrees(measured: Interval, expected: float, tolerance: float) -> bool:
+    """Whether a measured value is within the relative tolerance of what theory expects."""
+    return abs(measured.value / expected - 1) <= tolerance
+
+
+def is_above(measured: Interval, floor: float = 0.0) -> bool:
+    """Whether a value is above the floor, and its interval, where there is one, too."""
+    return measured.value > floor and not measured.low <= floor
 
 
 @dataclass(frozen=True)
@@ -73,6 +91,8 @@ class Figure:
     where: only rows with these values; rows whose `by` is "theory" are drawn as a black dashed line. residual_of: the
     column with the prediction; a strip below shows measured / predicted - 1. also: columns drawn in the same colour as
     y, dashed and without marks (a bound, a prediction). marks: (column, label): a vertical line at the column's mean.
+    best: "least" or "most": the point of each line that is ringed. x_of: what the x axis says in the panel of this
+    value, where that differs.
     """
 
     name: str
@@ -89,6 +109,8 @@ class Figure:
     residual_of: str = ""
     also: tuple[str, ...] = ()
     marks: tuple[tuple[str, str], ...] = ()
+    best: str = ""
+    x_of: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,11 +126,12 @@ class Picture:
 
 @dataclass(frozen=True)
 class Measured:
-    """What `measure` gives: the rows, pictures, and notes for the protocol (constants, what was saved, ...)."""
+    """What `measure` gives: the rows, pictures, notes for the protocol's JSON, and remarks that the page says too."""
 
     rows: Sequence[Row]
     pictures: tuple[Picture, ...] = ()
     notes: Mapping[str, Any] = field(default_factory=dict)
+    remarks: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -158,6 +181,7 @@ class Result:
     findings: tuple[Stands, ...]
     pictures: tuple[Picture, ...]
     protocol: Mapping[str, Any]
+    remarks: Mapping[str, str] = field(default_factory=dict)
 
 
 def sweep(setup: Setup, *values: Sequence[Value]) -> Iterator[tuple[Any, ...]]:

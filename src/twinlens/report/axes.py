@@ -1,0 +1,81 @@
+"""What stands around a plot: labels with units, ticks that read as numbers, a panel's title, and marked places."""
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from twinlens.studies import Figure, Table
+
+_TICK_ROOM = 0.065
+"""The least distance of two ticks, as a share of the axis."""
+_MARK = "#444444"
+
+
+def label_axes(axes: Any, figure: Figure, rows: Table, name: Any) -> None:
+    """Labels, scales, grid and marks of one panel, whose rows these are; `name` is its value of `figure.panel`."""
+    axes.set_xlabel(figure.x_of.get(name, rows.column(figure.x).label))
+    axes.set_ylabel(rows.column(figure.y).label)
+    if figure.panel:
+        axes.set_title(_panel_title(rows, figure.panel, name))
+    if figure.kind == "heatmap":
+        return
+    if figure.log_x:
+        axes.set_xscale("log")
+        _ticks_at(axes.xaxis, rows.numbers(figure.x))
+    if figure.log_y:
+        axes.set_yscale("log")
+        _plain_log(axes)
+    else:
+        _from_zero(axes, rows.numbers(figure.y))
+    axes.grid(True, color="#DDDDDD", linewidth=0.6)
+    axes.set_axisbelow(True)
+    for column, text in figure.marks:
+        _mark(axes, rows.numbers(column), text)
+
+
+def _panel_title(rows: Table, panel: str, name: Any) -> str:
+    column = rows.column(panel)
+    return name if isinstance(name, str) else f"{column.text} {name:.4g} {column.unit}".strip()
+
+
+def _from_zero(axes: Any, values: NDArray[np.float64]) -> None:
+    """An axis of what cannot be negative begins at 0."""
+    if np.nanmin(values) >= 0:
+        axes.set_ylim(bottom=0)
+
+
+def _ticks_at(axis: Any, values: NDArray[np.float64]) -> None:
+    """Ticks at the values themselves, as 1.4 and not as 10^0, but for those too near to the last one."""
+    places = np.unique(values[values > 0])
+    room = _TICK_ROOM * math.log(places[-1] / places[0])
+    ticks: list[float] = []
+    for place in places:
+        if not ticks or math.log(place / ticks[-1]) >= room:
+            ticks.append(float(place))
+    axis.set_ticks(ticks, [f"{tick:.3g}" for tick in ticks])
+    axis.set_ticks([], minor=True)
+
+
+def _plain_log(axes: Any) -> None:
+    """1, 2, 5, 10 where a decade or two are shown, the decades where there are more; never 2 x 10^1."""
+    low, high = axes.get_ylim()
+    few = math.log10(high / low) < 2.5
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=20))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _mark(axes: Any, places: NDArray[np.float64], text: str) -> None:
+    """A vertical line at the mean of the places, its name along it."""
+    places = places[np.isfinite(places)]
+    if not places.size:
+        return
+    place = float(places.mean())
+    axes.axvline(place, color=_MARK, linestyle=":", linewidth=1.2)
+    axes.annotate(
+        text, (place, 0.02), xytext=(-2, 0), textcoords="offset points", xycoords=axes.get_xaxis_transform(),
+        rotation=90, fontsize=7.5, va="bottom", ha="right", color=_MARK,
+    )  # fmt: skip
