@@ -3,7 +3,7 @@
     python benchmarks/bench_matching_memory.py
 
 Prints what numpy allocates at its peak, less the result, for images that grow taller. Fails if a winner-take-all
-match of twice the height takes more than a tenth of what the added rows of a cost volume would.
+match of twice the height takes more than a quarter of what the added rows of a cost volume would.
 """
 
 import tracemalloc
@@ -37,7 +37,7 @@ def main() -> None:
         sizes = (f"{height} rows {peak:7.1f} MiB" for height, peak in zip(HEIGHTS, peaks, strict=True))
         print(f"  {method:10s} {', '.join(sizes)}")
         added = WIDTH * (HEIGHTS[-1] - HEIGHTS[-2]) * COUNT * 2 / 2**20
-        if method in LOCAL and peaks[-1] - peaks[-2] > 0.1 * added:
+        if method in LOCAL and peaks[-1] - peaks[-2] > 0.25 * added:
             raise SystemExit(f"{method}: {peaks[-1] - peaks[-2]:.1f} MiB more for twice the rows; it is not O(W D)")
 
 
