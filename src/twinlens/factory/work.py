@@ -18,6 +18,7 @@ from twinlens.factory.plan import sample_name
 from twinlens.factory.produce import Exhausted, make
 from twinlens.factory.recipe import Recipe, differences
 from twinlens.factory.sample import made_with
+from twinlens.rendering import forget_kernels
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,9 @@ def rendered(work: Work, index: int, progress: Callable[[float], None] | None = 
         return make(work.recipe, index, progress)
     except Exhausted as spent:
         return Failure(index, plain(spent.rejections), spent.remedy)
+    finally:
+        if any(subject.kind == "family" for subject in work.recipe.subjects):
+            forget_kernels()  # of a scene that will not come again
 
 
 def written(work: Work, index: int, made: Sample | Failure) -> Entry:

@@ -5,6 +5,7 @@ The choice is made once a process. `TWINLENS_BACKEND` (auto, scalar, llvm, cuda)
 
 import ctypes
 import functools
+import gc
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,6 +78,22 @@ def use_threads(count: int) -> None:
     import drjit
 
     drjit.set_thread_count(count)
+
+
+def forget_kernels() -> None:
+    """Give back the memory of compiled kernels and of scenes that nobody holds; what is used again comes from the disk.
+
+    Every new mixture of materials is a kernel of its own, kept for the life of the process: a thousand random scenes
+    would fill the memory.
+    """
+    if not backend().is_jit:
+        return
+    import drjit
+
+    gc.collect()  # scenes hold their parts in cycles
+    drjit.sync_thread()
+    drjit.flush_kernel_cache()
+    drjit.flush_malloc_cache()
 
 
 def _wanted() -> str:
