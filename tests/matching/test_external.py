@@ -38,6 +38,26 @@ def test_opencv_is_given_what_it_would_be_given_by_hand():
     np.testing.assert_array_equal(ours, np.where(by_hand < 0, np.inf, by_hand))
 
 
+@pytest.mark.parametrize("mode", ["default", "hh", "3way"])
+def test_a_range_wider_than_the_image_is_refused_before_opencv_sees_it(mode):
+    """One column less than it needs; with that column it answers."""
+    left, right = (image[:, :35] for image in scene())
+    for width, ok in ((34, False), (35, True)):
+        images = [np.ascontiguousarray(image[:, :width]) for image in (left, right)]
+        try:
+            found = tm.match(*images, f"opencv_sgbm:mode={mode}", num_disparities=32, block_size=5)
+            assert (ok, found.shape) == (True, images[0].shape)
+        except InputError as error:
+            assert not ok
+            assert "wider than 34 pixels" in str(error)
+
+
+@pytest.mark.parametrize("text", ["opencv_bm:texture=1000000000000", "opencv_sgbm:uniqueness=1000000000000"])
+def test_what_opencv_itself_refuses_is_one_line(text):
+    with pytest.raises(InputError, match=r"^OpenCV's Stereo\w+ refuses this: [^\n]+$"):
+        tm.match(*scene(), text)
+
+
 def test_without_opencv_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(MissingExtraError, match=r"twinlens\[opencv\]"):

@@ -353,6 +353,8 @@ def test_a_board_file_that_is_none_is_not_overwritten(tmp_path):
         (([pair()], [Constant("a", 4)]), {"regions": ["nonoc"]}, "did you mean 'nonocc'"),
         (([pair()], [Constant("a", 4)]), {"regions": []}, "nothing to score"),
         (([pair()], [Constant("a", 4)]), {"time_limit": 0}, "time limits are 0"),
+        (([pair()], [Constant("a", 4)]), {"time_limit": np.inf}, "time limits are inf .* at most 1e"),
+        (([pair()], [Constant("a", 4)]), {"time_limit": 1e300}, "at most 1e"),
         (([pair()], [Constant("a", 4)]), {"memory_limit": 0}, "memory_limit is 0"),
     ],
 )

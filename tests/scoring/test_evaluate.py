@@ -221,3 +221,12 @@ def test_bad_input_is_refused_in_one_line(args, options, says):
     with pytest.raises(InputError, match=says) as error:
         evaluate(*args, **options)
     assert "\n" not in str(error.value)
+
+
+def test_the_sizes_that_are_said_to_be_expected_are_those_that_pass():
+    """Of a truth of odd size there is no half."""
+    with pytest.raises(InputError) as error:
+        evaluate(np.ones((2, 2)), np.ones((5, 6)))
+    assert str(error.value).endswith("expects (5, 6) for a truth of (5, 6)")
+    with pytest.raises(InputError, match=r"expects \(6, 10\) or \(3, 5\) for a truth"):
+        evaluate(np.ones((2, 2)), np.ones((6, 10)))

@@ -114,6 +114,12 @@ LOOPS = {
 }
 
 
+def test_a_column_alone_has_no_texture_to_tell():
+    one = Pair("p", np.zeros((4, 1), np.uint8), np.zeros((4, 1), np.uint8), np.ones((4, 1), np.float32), None, 2)
+    seen = replace(one, mask0_nonocc=np.full((4, 1), 255, np.uint8))
+    assert list(region_masks(seen, ["textureless", "all", "discontinuity"])) == ["all", "discontinuity"]
+
+
 def test_mirror_and_glass_stand_apart():
     pair = random_pair(7)
     masks = region_masks(pair, ["mirror", "transmissive"])

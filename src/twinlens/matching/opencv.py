@@ -1,5 +1,7 @@
 """OpenCV's matchers behind the same two words, `match(left, right)`; they come with the extra opencv."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,8 +29,22 @@ def _eight_bit(left: Any, right: Any) -> tuple[Image, Image]:
     return one.astype(np.uint8), other.astype(np.uint8)
 
 
+@contextmanager
+def _refusing(cv2: Any, name: str) -> Iterator[None]:
+    """What OpenCV refuses, and a number that no C int holds, as one line of ours."""
+    try:
+        yield
+    except (cv2.error, ValueError, OverflowError) as problem:
+        raise InputError(f"OpenCV's {name} refuses this: {' '.join(str(problem).split())[:200]}") from None
+
+
 def _from_sixteenths(fixed: Image, low: int) -> Disparity:
     return np.where(fixed < low * SIXTEENTHS, np.inf, fixed / SIXTEENTHS).astype(np.float32)
+
+
+def _in_sixteens(count: int) -> int:
+    """The next multiple of 16."""
+    return -(-count // SIXTEENTHS) * SIXTEENTHS
 
 
 @dataclass(frozen=True)
@@ -59,15 +75,16 @@ class OpenCVBlock:
         cv2, images = _opencv(), _eight_bit(left, right)
         if self.block_size >= min(images[0].shape):
             raise InputError(f"block_size is {self.block_size}; OpenCV's StereoBM needs a larger image than that")
-        matcher = cv2.StereoBM.create(-(-self.num_disparities // SIXTEENTHS) * SIXTEENTHS, self.block_size)
-        matcher.setMinDisparity(self.min_disparity)
-        matcher.setTextureThreshold(self.texture)
-        matcher.setUniquenessRatio(self.uniqueness)
-        if not self.prefilter:
-            matcher.setPreFilterType(cv2.STEREO_BM_PREFILTER_NORMALIZED_RESPONSE)
-            matcher.setPreFilterSize(5)
-            matcher.setPreFilterCap(63)
-        return _from_sixteenths(matcher.compute(*images), self.min_disparity)
+        with _refusing(cv2, "StereoBM"):
+            matcher = cv2.StereoBM.create(_in_sixteens(self.num_disparities), self.block_size)
+            matcher.setMinDisparity(self.min_disparity)
+            matcher.setTextureThreshold(self.texture)
+            matcher.setUniquenessRatio(self.uniqueness)
+            if not self.prefilter:
+                matcher.setPreFilterType(cv2.STEREO_BM_PREFILTER_NORMALIZED_RESPONSE)
+                matcher.setPreFilterSize(5)
+                matcher.setPreFilterCap(63)
+            return _from_sixteenths(matcher.compute(*images), self.min_disparity)
 
 
 @dataclass(frozen=True)
@@ -94,13 +111,24 @@ class OpenCVSemiGlobal:
     def match(self, left: Any, right: Any) -> Disparity:
         """The left image's disparity, (H, W) float32, +inf where unknown."""
         cv2, images = _opencv(), _eight_bit(left, right)
-        matcher = cv2.StereoSGBM.create(
-            minDisparity=self.min_disparity,
-            numDisparities=-(-self.num_disparities // SIXTEENTHS) * SIXTEENTHS,
-            blockSize=self.block_size,
-            P1=8 * self.block_size**2,
-            P2=32 * self.block_size**2,
-            uniquenessRatio=self.uniqueness,
-            mode=getattr(cv2, MODES[self.mode]),
-        )
-        return _from_sixteenths(matcher.compute(*images), self.min_disparity)
+        self._check_width(images[0].shape[1])
+        with _refusing(cv2, "StereoSGBM"):
+            matcher = cv2.StereoSGBM.create(
+                minDisparity=self.min_disparity,
+                numDisparities=_in_sixteens(self.num_disparities),
+                blockSize=self.block_size,
+                P1=8 * self.block_size**2,
+                P2=32 * self.block_size**2,
+                uniquenessRatio=self.uniqueness,
+                mode=getattr(cv2, MODES[self.mode]),
+            )
+            return _from_sixteenths(matcher.compute(*images), self.min_disparity)
+
+    def _check_width(self, width: int) -> None:
+        """StereoSGBM matches only columns from which the whole range is inside, and its 3-way mode does not ask."""
+        low, high = min(self.min_disparity, 0), max(self.min_disparity + _in_sixteens(self.num_disparities), 0)
+        if width + low - high <= self.block_size // 2:
+            raise InputError(
+                f"OpenCV's StereoSGBM matches images wider than {high - low + self.block_size // 2} pixels over this "
+                f"range with this block_size; this one is {width} wide: search fewer num_disparities"
+            )

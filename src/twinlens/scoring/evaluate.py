@@ -133,7 +133,8 @@ def _scale(found: tuple[int, ...], wanted: tuple[int, ...], rules: Protocol) -> 
     for scale in rules.upsampling:
         if tuple(scale * n for n in found) == wanted:
             return scale
-    allowed = " or ".join(str(tuple(n // scale for n in wanted)) for scale in rules.upsampling)
+    whole = [scale for scale in rules.upsampling if all(n % scale == 0 for n in wanted)]
+    allowed = " or ".join(str(tuple(n // scale for n in wanted)) for scale in whole)
     raise InputError(f"disp has shape {found}: {rules.title} expects {allowed} for a truth of {wanted}")
 
 

@@ -49,6 +49,11 @@ def _grey_levels(image: NDArray[Any]) -> NDArray[np.uint8]:
     return (image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image
 
 
+def _textureless(sample: Pair) -> Mask | None:
+    """A column alone has no neighbours to differ from."""
+    return None if sample.im0.shape[1] < 2 else made.textureless(_grey_levels(sample.im0))
+
+
 def _blurred(sample: Pair) -> Mask | None:
     return None if sample.blur0 is None else made.out_of_focus(sample.blur0)
 
@@ -70,7 +75,7 @@ REGIONS: Mapping[str, Region] = MappingProxyType(
             Region(
                 "textureless",
                 "non-occluded; mean squared horizontal difference over 3x3 below 16 (Middlebury 2002)",
-                _inside_nonocc(lambda s: made.textureless(_grey_levels(s.im0))),
+                _inside_nonocc(_textureless),
             ),
             Region(
                 "discontinuity",

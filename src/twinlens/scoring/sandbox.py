@@ -27,6 +27,8 @@ START_LIMIT_S = 60.0
 """How long a fresh process may take to import what it needs."""
 DYING_S = 5.0
 """How long a child that closed its pipe may take to be dead, and have an exit code."""
+LONGEST_LIMIT_S = 1e6
+"""Of a call: eleven days, and less than the operating system's clocks can wait for."""
 END_S = 2.0
 """How long a child may take to end its own programs and remove its files, before it is killed."""
 
@@ -43,8 +45,10 @@ class Child:
     """
 
     def __init__(self, limit: float, warm_up_limit: float, memory_limit: int | None = None) -> None:
-        if not (limit > 0 and warm_up_limit > 0):
-            raise InputError(f"time limits are {limit} and {warm_up_limit} s: expected more than 0")
+        if not (0 < limit <= LONGEST_LIMIT_S and 0 < warm_up_limit <= LONGEST_LIMIT_S):
+            raise InputError(
+                f"time limits are {limit} and {warm_up_limit} s: expected more than 0, at most {LONGEST_LIMIT_S:g}"
+            )
         if memory_limit is not None and not memory_limit > 0:
             raise InputError(f"memory_limit is {memory_limit} bytes: expected more than 0")
         self.limit, self.warm_up_limit, self.memory_limit = limit, warm_up_limit, memory_limit
