@@ -84,26 +84,28 @@ def shiftable(cost, _left, _right, _growth):
 
 
 def adaptive(cost, left, _right, growth):
-    """The five sub-windows of 3, where sum Ix^2 in its window is >= 2 (2 / 0.05)^2, and else of 5."""
+    """The five sub-windows of the smallest of 9, 7, 5 whose window has sum Ix^2 >= 2 (2 / 0.05)^2, or else of 9."""
     height, width = SHAPE
     padded = np.pad(left, ((0, 0), (1, 1)), mode="edge")
     slope = (padded[:, 2:] - padded[:, :-2]) / 2
     slope[:, [0, -1]] *= 2  # where there is one neighbour the step is one pixel
-    energy = np.pad(slope**2, 3, mode="edge")
+    energy = np.pad(slope**2, 4, mode="edge")
     volume = np.empty((*SHAPE, COUNT))
     chosen = set()
     for y, x in np.ndindex(SHAPE):
-        side = 5
-        if energy[y + 2 : y + 5, x + 2 : x + 5].sum() >= 2 * (2.0 / 0.05) ** 2:
-            side = 3
+        side = 9
+        for smaller in (7, 5):
+            reach = smaller // 2
+            near = energy[y + 4 - reach : y + 5 + reach, x + 4 - reach : x + 5 + reach]
+            side = smaller if near.sum() >= 2 * (2.0 / 0.05) ** 2 else side
         chosen.add(side)
-        quarter = {5: 3, 3: 1}[side]
+        quarter = {9: 5, 7: 3, 5: 3}[side]
         step = side // 2 - quarter // 2
         rows, columns = (max(y - step, 0), min(y + step, height - 1)), (max(x - step, 0), min(x + step, width - 1))
         for i in range(COUNT):
             corners = sorted(cost(v, h, LOW + i, quarter) for v in rows for h in columns)
             total = cost(y, x, LOW + i, quarter) + corners[0] + corners[1]
-            volume[y, x, i] = total * (9 / quarter**2) ** growth
+            volume[y, x, i] = total * (25 / quarter**2) ** growth
     assert len(chosen) > 1
     return volume
 
@@ -182,7 +184,8 @@ def growth(name):
 
 def found(dtype, name, support):
     return tm.match(
-        *images(dtype), name, support=support, block_size=SIDE, min_disparity=LOW, num_disparities=COUNT,
+        *images(dtype), name, support=support, block_size=9 if support == "adaptive" else SIDE,
+        min_disparity=LOW, num_disparities=COUNT,
         census_window=DESCRIPTOR, subpixel="none", threads=1,
     )  # fmt: skip
 

@@ -109,8 +109,12 @@ def odd(number: float) -> int:
 
 
 def family(side: int) -> tuple[int, ...]:
-    """The sizes among which an adaptive window chooses: all of the side, three quarters of it, one half; odd."""
-    return tuple(sorted({odd(side), odd(side * 3 / 4), odd(side / 2)}, reverse=True))
+    """The sizes among which an adaptive window chooses: all of the side, three quarters of it, one half; odd.
+
+    None is below 5, whose sub-windows of 3 are the least that tell candidates apart.
+    """
+    least = min(side, 5)
+    return tuple(sorted({max(odd(part * side), least) for part in (1, 0.75, 0.5)}, reverse=True))
 
 
 def quarter(side: int) -> int:
