@@ -11,10 +11,11 @@ is free, and drawn pixel by pixel so that neighbours err independently:
 - samples of equal shifts travel together, so they trade the strata of the first light among themselves;
 - what follows along the path is stratified in the pixel where it starts, and no longer where it lands.
 
-The last is a choice by numbers (still life at 640x480, 64 samples, six apertures, shears to 2 pixels; variance of
-pixels and of 8x8 means over those of direct images): orders shared in every dimension 1.1 and 6, in film, aperture,
-first light and first bounce 1.05 and 2.4, without the bounce, as here, 1.2 and 1.1, in film and aperture alone about
-1.6 and 1.0. Light that neighbours sample in one order is blotched, and deep strata gain little.
+The last is a choice by numbers (part of the still life at 640x480, 64 samples, six apertures, shears to 2 pixels;
+variance of pixels and of 8x8 means over those of direct images, four of the 24 cells): orders shared in every dimension
+1.1 and 6, in film, aperture, first light and first bounce 1.0 and 2.4, without the bounce, as here, 1.2 and 1.4. With
+independent orders in film and aperture too the pixels' rises to some 1.6. Light that neighbours sample in one order is
+blotched, and deep strata gain little.
 
 After Kensler, Correlated Multi-Jittered Sampling, Pixar Technical Memo 13-01, 2013; Metropolis et al., 1953.
 """
