@@ -205,3 +205,5 @@ def test_unseen_pixels_map_outside():
 def test_a_rectifying_rotation_must_be_one():
     with pytest.raises(InputError, match="rotation"):
         undistort_maps(camera(None), camera(None), to_from_camera=2 * np.eye(3))
+    with pytest.raises(InputError, match="determinant"):
+        undistort_maps(camera(None), camera(None), to_from_camera=np.diag([-1.0, 1.0, 1.0]))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from twinlens import geometry
-from twinlens.camera import BrownConrady, Camera, Rig
+from twinlens.camera import BrownConrady, Camera, Rig, layouts
 from twinlens.errors import InputError
 
 CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
@@ -132,3 +132,10 @@ def test_impossible_rigs_are_refused(make, says):
     with pytest.raises(InputError, match=says) as caught:
         make()
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("metres", [0, 1e-30, 1e300, np.nan])
+def test_no_two_cameras_are_so_near_or_so_far(metres):
+    for make in (lambda: Rig.stereo(CAMERA, metres), lambda: layouts.line(CAMERA, 2, metres)):
+        with pytest.raises(InputError, match="must be a positive number of metres, from 1e-12 to 1e"):
+            make()

@@ -47,7 +47,8 @@ class Camera:
         for name, least, most in (("fx", 1e-3, 1e9), ("fy", 1e-3, 1e9), ("pixel_pitch_um", 1e-3, 1e6)):
             check_number(f"camera {name}", getattr(self, name), f"from {least:g} to {most:g}", least=least, most=most)
         for name in ("cx", "cy"):
-            check_number(f"camera {name}", getattr(self, name), "a finite number", least=-1e9, most=1e9)
+            allowed = "a number of pixels, at most 1e9 either way"
+            check_number(f"camera {name}", getattr(self, name), allowed, least=-1e9, most=1e9)
         if not isinstance(self.distortion, Distortion | None):
             raise InputError(
                 f"camera distortion must be BrownConrady, KannalaBrandt or None, got {in_one_line(self.distortion)}"

@@ -13,6 +13,7 @@ from twinlens.camera.intrinsics import Camera
 from twinlens.camera.rig import Rig
 from twinlens.errors import InputError, check_number
 from twinlens.geometry import Float, check_rigid, rigid
+from twinlens.optics import check_length
 
 Cameras = Camera | Sequence[Camera]
 
@@ -43,8 +44,8 @@ def grid(
     """
     _check_count("rows", rows)
     _check_count("columns", columns)
-    check_number("spacing_x", spacing_x, "a positive number of metres", above=0)
-    check_number("spacing_y", spacing_y, "a positive number of metres", above=0)
+    check_length("spacing_x", spacing_x)
+    check_length("spacing_y", spacing_y)
     places = [rigid(np.eye(3), [j * spacing_x, i * spacing_y, 0.0]) for i in range(rows) for j in range(columns)]
     return _placed(cameras, places, world_from_first)
 
@@ -59,7 +60,7 @@ def arc(
     arc's middle, whether or not one stands there: its y axis is the arc's axis.
     """
     _check_count("count", count)
-    check_number("radius", radius, "a positive number of metres", above=0)
+    check_length("radius", radius)
     check_number("angle_deg", angle_deg, "over 0 and up to 360 degrees", above=0)
     if angle_deg > 360:
         raise InputError(f"angle_deg must be over 0 and up to 360 degrees, got {angle_deg}")
@@ -73,8 +74,8 @@ def toed_in(cameras: Cameras, baseline: float, distance: float, world_from_middl
 
     Each is turned inwards by atan(baseline / 2 distance); the pose is that of the middle, looking straight ahead.
     """
-    check_number("baseline", baseline, "a positive number of metres", above=0)
-    check_number("distance", distance, "a positive number of metres", above=0)
+    check_length("baseline", baseline)
+    check_length("distance", distance)
     turn = math.atan2(0.5 * baseline, distance)
     places = [rigid(_about_y(side * turn), [-side * 0.5 * baseline, 0.0, 0.0]) for side in (1, -1)]
     return _placed(cameras, places, world_from_middle)

@@ -16,7 +16,8 @@ class Misalignment:
     """How far one camera is from where calibration has it.
 
     vertical_px : its image is shifted down by this many pixels (cy is).
-    pitch_deg, yaw_deg, roll_deg : the camera is turned about its own x, then y, then z axis.
+    pitch_deg, yaw_deg, roll_deg : the camera is turned about the x, then the y, then the z axis that calibration gives
+    it; these stay where they are meanwhile: R = Rz(roll) Ry(yaw) Rx(pitch).
     """
 
     vertical_px: float = 0.0

@@ -21,8 +21,10 @@ def undistort_maps(
         rotation = np.eye(3) if to_from_camera is None else np.asarray(to_from_camera, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"to_from_camera must be a 3x3 rotation, got {in_one_line(to_from_camera)}") from error
-    if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
+    if rotation.shape != (3, 3):
         raise InputError(f"to_from_camera must be a 3x3 rotation, got shape {rotation.shape}")
+    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(rotation) < 0:
+        raise InputError(f"to_from_camera must be a rotation of determinant +1, got {in_one_line(rotation)}")
     for each in (camera, to_camera):
         if not isinstance(each, Camera):
             raise InputError(f"undistort_maps needs two cameras, got {in_one_line(each)}")

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twinlens.camera.intrinsics import Camera
-from twinlens.errors import InputError, check_number
+from twinlens.errors import InputError
 from twinlens.geometry import Float, check_rigid, inverse, rigid, transform_points
+from twinlens.optics import check_length
 
 _ALIGNED = 1e-9  # of the baseline (metres) or of a unit axis: beyond this a pair is not rectified
 
@@ -57,7 +58,7 @@ class Rig:
         `right` gives the right camera's own intrinsics (its cx makes doffs = cx_right - cx_left); the left one's unless
         said. World coordinates are the left camera's when no pose is given.
         """
-        check_number("baseline", baseline, "a positive number of metres", above=0)
+        check_length("baseline", baseline)
         right = right or camera
         if (camera.fx, camera.fy, camera.cy, camera.height) != (right.fx, right.fy, right.cy, right.height):
             raise InputError("the right camera of a rectified pair shares fx, fy, cy and height with the left one")
@@ -106,8 +107,9 @@ class Rig:
         return other if other < len(self) else index - 1
 
     def pair(self, a: int, b: int) -> "Rig":
-        """Two of the cameras, in that order, as a rig of their own."""
-        return Rig([self.cameras[i] for i in (a, b)], [self.world_from_cams[i] for i in (a, b)])
+        """Two of the cameras, in that order, as a rig of their own; believed to be what it was believed to be."""
+        believed = None if self.believed is None else self.believed.pair(a, b)
+        return Rig([self.cameras[i] for i in (a, b)], [self.world_from_cams[i] for i in (a, b)], believed)
 
     def baseline(self, a: int = 0, b: int = 1) -> float:
         """Distance of two camera centres, metres."""

@@ -1,0 +1,41 @@
+"""Errors of calibration left in on purpose."""
+
+import cv2
+import numpy as np
+import pytest
+
+from twinlens.camera import ALIGNED, Camera, Misalignment, Rig, misaligned
+from twinlens.errors import InputError
+
+CAMERA = Camera(64, 48, 70.0, 69.0, 31.0, 24.1)
+
+
+def test_turns_follow_each_other_about_axes_that_stay():
+    """Large angles, by OpenCV's turn about an axis, one after the other on the axes of the camera."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(np.array([0.3, -0.2, 1.1]))[0], [3.0, 2.0, 1.0]
+    rig = Rig.stereo(CAMERA, 0.2, pose)
+    off = Misalignment(pitch_deg=30, yaw_deg=40, roll_deg=50).applied(rig)
+    axes = np.eye(3)
+    for axis, degrees in zip(np.eye(3), (30, 40, 50), strict=True):
+        axes = cv2.Rodrigues(axis * np.radians(degrees))[0] @ axes
+    believed_from_true = np.linalg.inv(off.believed.world_from_cams[1]) @ off.world_from_cams[1]
+    np.testing.assert_allclose(believed_from_true[:3, :3], axes, atol=1e-12)
+    np.testing.assert_allclose(believed_from_true[:3, 3], 0, atol=1e-12)
+    np.testing.assert_array_equal(off.world_from_cams[0], rig.world_from_cams[0])
+
+
+def test_two_of_its_cameras_are_believed_to_be_what_they_were():
+    three = Rig([CAMERA] * 3, [np.eye(4)] * 3)
+    off = misaligned(three, (ALIGNED, Misalignment(vertical_px=1.5), Misalignment(roll_deg=1)))
+    pair = off.pair(2, 1)
+    assert pair.cameras[1].cy == CAMERA.cy + 1.5
+    assert pair.nominal.cameras[1].cy == CAMERA.cy
+    np.testing.assert_array_equal(pair.nominal.world_from_cams[0], np.eye(4))
+    assert three.pair(0, 1).believed is None
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_one_error_is_a_pairs(count):
+    with pytest.raises(InputError, match=f"this rig has {count} cameras"):
+        ALIGNED.applied(Rig([CAMERA] * count, [np.eye(4)] * count))
