@@ -34,7 +34,8 @@ def broken_assets(recipe: Recipe) -> list[dict[str, str]]:
         for path in getattr(listed, kind):
             alone: dict[str, Any] = {kind: (path,)}
             for broken, reason in Assets(**alone).check().broken:
-                found.append({"kind": kind, "file": _relative(broken, recipe.folder), "reason": reason})
+                name = _relative(broken, recipe.folder)
+                found.append({"kind": kind, "file": name, "reason": reason.replace(str(broken), name)})
     return found
 
 

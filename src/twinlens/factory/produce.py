@@ -52,7 +52,8 @@ def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample
             rejections.append({"attempt": attempt, "reason": turned.reason, "found": turned.found})
             remedy = turned.remedy
         except InputError as error:
-            rejections.append({"attempt": attempt, "reason": "impossible draw", "found": str(error)})
+            found = str(error).replace(f"{recipe.folder}/", "")  # a dataset names no place of this machine
+            rejections.append({"attempt": attempt, "reason": "impossible draw", "found": found})
             remedy = "what the message names"
         else:
             return dataclasses.replace(sample, record={**sample.record, "rejections": rejections})

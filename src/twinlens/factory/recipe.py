@@ -90,9 +90,22 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
 
 def _check_drawn(recipe: Recipe) -> None:
     """Every value that is sure to come, each with the others' first: what reads well here will be planned well."""
-    families = any(subject.kind == "family" for subject in recipe.subjects)
+    families = [subject.name for subject in recipe.subjects if subject.kind == "family"]
     for drawn in corners(recipe.drawn):
-        check_settings(drawn, recipe.at, families)
+        depths = check_settings(drawn, recipe.at, bool(families))
+        for name in families:
+            _check_depths(recipe.at / "scene" / "depth_range", name, depths)
+
+
+def _check_depths(at: At, family: str, depths: tuple[float, float] | None) -> None:
+    from twinlens.scenes.families import FAMILIES
+
+    if depths is None:
+        return
+    near, far = depths
+    least = FAMILIES[family].least_ratio
+    if not far >= least * near:
+        raise at.wrong(f"a {family} scene needs far >= {least:g} near, got [{near:g}, {far:g}]")
 
 
 def _subjects(keys: Table[Any], folder: Path) -> tuple[tuple[Subject, ...], tuple[float, ...] | None]:

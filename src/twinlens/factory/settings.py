@@ -61,8 +61,11 @@ def read_settings(drawn: Mapping[str, Any], at: At) -> Settings:
     )
 
 
-def check_settings(drawn: Mapping[str, Any], at: At, families: bool) -> None:
-    """Raise InputError for what could not be a sample, whatever its scene is. `families`: whether scenes are made."""
+def check_settings(drawn: Mapping[str, Any], at: At, families: bool) -> tuple[float, float] | None:
+    """Raise InputError for what could not be a sample, whatever its scene is; the depths asked for, if any.
+
+    `families` says whether scenes are made, and not read from files.
+    """
     settings = read_settings(drawn, at)
     if not families:
         for key in ("depth_range", "object_count"):
@@ -71,6 +74,7 @@ def check_settings(drawn: Mapping[str, Any], at: At, families: bool) -> None:
     rig_from_table(settings.rig, _STAND_IN, settings.width, settings.height, at / "rig")
     for k, lens in enumerate(settings.lenses):
         lens_from_table(lens, None, at / "lenses" / k)
+    return settings.depth_range
 
 
 def _scene(at: At, value: Any) -> dict[str, Any]:

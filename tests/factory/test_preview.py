@@ -1,0 +1,33 @@
+import numpy as np
+import pytest
+
+from twinlens.factory.preview import MOST, chosen, colored, sheet
+
+
+@pytest.mark.parametrize("count", [1, 2, 47, 48, 49, 1000, 10_000_000])
+def test_the_sheet_is_bounded_and_spread_over_the_whole(count):
+    shown = chosen(count)
+    assert len(shown) == min(count, MOST)
+    assert shown == sorted(set(shown))
+    assert shown[0] == 0
+    assert shown[-1] >= count * (1 - 1 / len(shown)) - 1
+
+
+def test_colours_rise_with_disparity_and_unknown_is_black():
+    disparity = np.full((4, 6), np.inf, np.float32)
+    disparity[0] = np.arange(6)
+    image = colored(disparity)
+    assert not image[1:].any()
+    assert image[0, 0, 2] > image[0, 0, 0]  # turbo begins blue
+    assert image[0, -1, 0] > image[0, -1, 2]  # and ends red
+    assert not colored(np.full((2, 2), np.inf, np.float32)).any()
+
+
+def test_tiles_stand_in_rows_and_missing_ones_are_grey():
+    white = np.full((10, 20, 3), 255, np.uint8)
+    page = sheet([white, None, *[white] * 8])
+    assert page.shape == (2 * 14 + 4, 8 * 24 + 4, 3)
+    assert (page[4:14, 4:24] == 255).all()
+    assert (page[4:14, 28:48] == 40).all()
+    assert (page[18:28, 28:48] == 255).all()
+    assert not page[18:28, 52:].any()
