@@ -53,8 +53,9 @@ def plan(view: DepthView) -> Map:
     """The grid of what stands in the way, and the shortest way from START to GOAL that keeps clear of it."""
     points = view.positions()[view.known]
     height = points[:, 2]
-    blocked = _count(points[(height > STEP) & (height < HEAD)]) >= LEAST
-    seen = blocked | (_count(points[height <= STEP]) > 0)
+    standing, lying = _count(points[(height > STEP) & (height < HEAD)]), _count(points[height <= STEP])
+    blocked = (standing >= LEAST) & (standing > lying)
+    seen = blocked | (lying > 0)
     reach = int(np.ceil(RADIUS / CELL))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     closed = binary_dilation(blocked, np.hypot(x, y) <= RADIUS / CELL)

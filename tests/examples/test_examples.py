@@ -41,7 +41,7 @@ def box(centre, size, degrees):
 
 def test_the_robot_arrives_and_keeps_clear_of_what_truly_stands_there():
     robot = example("robot")
-    left, view = robot.look(spp=8)
+    left, view = robot.look(spp=32)
     found = robot.plan(view)
     assert np.allclose(found.way[0], robot.START, atol=robot.CELL)
     assert np.allclose(found.way[-1], robot.GOAL, atol=robot.CELL)
