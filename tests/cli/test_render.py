@@ -110,6 +110,42 @@ def test_render_says_what_no_lens_can_be_and_where_the_model_ends(twinlens, ball
     assert err.count("\n") == 1
 
 
+def test_a_lens_by_its_f_number_is_not_sent_to_a_wider_sensor(twinlens, ball, tmp_path):
+    """There it would be as fast; and what can be bought is not called impossible."""
+    lenses = ("--lens", "f/0.5@1000", "--lens", "f/0.96@1000", "--lens", "thin:0.0005")
+    code, out, _ = twinlens("render", ball, *QUICK, *lenses, "-o", tmp_path / "out")
+    fast, sold, narrow = (line for line in out.splitlines() if line.startswith("  "))
+    assert code == 0
+    assert fast.endswith("(blur as asked, but no lens that is sold is so fast)")
+    assert sold.endswith("gain 1")
+    assert re.match(r"  thin:0.0005: f/\d{3,}, ", narrow)
+
+
+def test_what_was_finished_is_listed_when_the_next_scene_fails(twinlens, ball, tmp_path, monkeypatch):
+    from twinlens import factory
+
+    make = factory.make_sample
+
+    def interrupted(scene, *rest, **options):
+        if scene.name == "cards":
+            raise KeyboardInterrupt
+        return make(scene, *rest, **options)
+
+    monkeypatch.setattr(factory, "make_sample", interrupted)
+    code, _, err = twinlens("render", ball, "cards", *QUICK, "-o", tmp_path / "out")
+    assert (code, err.strip()) == (130, "twinlens: interrupted; what was finished is kept")
+    assert [row.name for row in read_manifest(tmp_path / "out").rows] == ["ball"]
+    assert twinlens("verify", tmp_path / "out")[0] == 0
+
+
+def test_a_damaged_list_is_told_before_a_picture_is_taken(twinlens, ball, tmp_path):
+    (tmp_path / "dataset.json").write_text("garbage")
+    code, out, err = twinlens("render", ball, *QUICK, "-o", tmp_path)
+    assert (code, out) == (2, "")
+    assert "dataset.json: not valid JSON" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["dataset.json"]
+
+
 def test_help_shows_options_in_groups_and_each_once(twinlens):
     from twinlens.cli.render import command
 

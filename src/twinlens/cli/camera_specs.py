@@ -45,7 +45,7 @@ def parse_distortion(text: str) -> Distortion:
         raise InputError(f"--distortion {text!r}: {unknown('model', model, ('fisheye', BrownConrady.name))}")
     where = f"--distortion {text!r}"
     if model in ("fisheye", KannalaBrandt.name):
-        numbers = parse_numbers("--distortion", rest, 1, 4, "fisheye:k1[,k2,k3,k4]")
+        numbers = parse_numbers("--distortion", rest, 1, 4, f"{model}:k1[,k2,k3,k4]")
         return told(where, lambda: KannalaBrandt(*numbers))
     numbers = parse_numbers("--distortion", rest, 1, 8, "k1,k2,p1,p2,k3,k4,k5,k6 (1 to 8 numbers)")
     return told(where, lambda: BrownConrady(*numbers))

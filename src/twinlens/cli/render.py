@@ -28,9 +28,12 @@ from twinlens.errors import InputError, OutputError
 
 if TYPE_CHECKING:
     from twinlens.camera import Aperture, Lens, Rig
-    from twinlens.dataset import Row, Sample
+    from twinlens.dataset import Manifest, Row, Sample
     from twinlens.scenes import Scene
     from twinlens.sensor import Sensor
+
+FASTEST = 0.95
+"""The smallest f-number of a photographic lens that is sold, to be read as a measure and no law."""
 
 _SECTIONS = {
     "Lens": ("lenses", "aperture", "diffraction"),
@@ -92,8 +95,11 @@ def command(scenes: tuple[str, ...], output: Path, overwrite: bool, as_json: boo
     aperture = parse_aperture(asked["aperture"])
     jobs = [_job(load_scene(name), asked, aperture) for name in scenes]
     _check_names([scene.name for scene, _, _ in jobs], output, overwrite)
-    made = [_one(job, asked["lenses"], output, options, overwrite) for job in jobs]
-    _list(output, [row for row, _ in made], asked["seed"])
+    made = []
+    for job in jobs:
+        row, lines = _one(job, asked["lenses"], output, options, overwrite)
+        _list(output, row, asked["seed"])
+        made.append((row, lines))
     _tell(output, made, as_json)
 
 
@@ -141,6 +147,7 @@ def _inside(asked: dict[str, Any], width: int) -> dict[str, Any]:
 
 
 def _check_names(names: list[str], output: Path, overwrite: bool) -> None:
+    _manifest(output)  # one that is damaged is better told before the pictures are taken
     double = next((name for name in names if names.count(name) > 1), None)
     if double is not None:
         raise InputError(f"two scenes are named {double!r}; a sample's folder has its scene's name")
@@ -181,32 +188,54 @@ def _exposed(sample: "Sample", k: int, text: str) -> str:
     """What lens k was as a photographer says it: f-number, time, gain; and whether such a lens can be bought."""
     camera, taken = sample.rig.cameras[0], sample.shots[k].record["exposures"][0]
     number, time, gain = taken["working_f_number"], taken["time_s"], taken["gain"]
-    line = f"{text}: f/{number:.2g}, {_duration(time)}, gain {gain:.3g}"
-    if number >= 1 or sample.shots[k].lens.name != "thinlens":
+    line = f"{text}: f/{_f_number(number)}, {_duration(time)}, gain {gain:.3g}"
+    if number >= FASTEST or sample.shots[k].lens.name != "thinlens":
         return line
+    if text.startswith("f/"):  # of any sensor: a wider one has a wider lens
+        return f"{line} (blur as asked, but no lens that is sold is so fast)"
     width = 1e-3 * camera.width * camera.pixel_pitch_um
     return (
-        f"{line} (blur as asked, but no lens is so fast: this sensor is {width:.3g} mm wide; "
+        f"{line} (blur as asked, but no lens that is sold is so fast: this sensor is {width:.3g} mm wide; "
         f"--sensor-width-mm {width * 1.4 / number:.2g} makes it f/1.4)"
     )
 
 
+def _f_number(number: float) -> str:
+    """As engraved: two digits, and no power of ten before there must be.
+
+    >>> _f_number(1.414), _f_number(142.8), _f_number(8.6e7)
+    ('1.4', '143', '8.6e+07')
+    """
+    return f"{number:.0f}" if 99.5 <= number < 1e5 else f"{number:.2g}"
+
+
 def _duration(time: float) -> str:
-    """Seconds as they stand on a shutter's dial; what no shutter does, in microseconds."""
+    """Seconds as they stand on a shutter's dial; what no shutter does, in microseconds.
+
+    >>> _duration(1 / 60), _duration(0.39), _duration(2e-5)
+    ('1/60 s', '0.39 s', '20 us')
+    """
     if time < 1e-4:
         return f"{1e6 * time:.3g} us"
-    return f"1/{1 / time:.0f} s" if time < 0.4 else f"{time:.3g} s"
+    return f"1/{1 / time:.0f} s" if time < 0.1 else f"{time:.3g} s"
 
 
-def _list(output: Path, rows: "list[Row]", seed: int) -> None:
-    """Write dataset.json (the samples it knew, with the new ones in their places or at the end) and the card.
+def _manifest(output: Path) -> "Manifest | None":
+    """What dataset.json says, if there is one; FileError where it is damaged."""
+    from twinlens.dataset import read_manifest
+
+    return read_manifest(output) if (output / "dataset.json").exists() else None
+
+
+def _list(output: Path, row: "Row", seed: int) -> None:
+    """Write dataset.json (the samples it knew, with the new one in its place or at the end) and the card.
 
     Its recipe and what else it says stay. Where samples were made with several seeds it names none; each has its own.
     """
-    from twinlens.dataset import Manifest, describe, read_manifest, write_manifest
+    from twinlens.dataset import Manifest, describe, write_manifest
 
-    before = read_manifest(output) if (output / "dataset.json").exists() else Manifest((), seed=seed)
-    known = {row.name: row for row in before.rows} | {row.name: row for row in rows}
+    before = _manifest(output) or Manifest((), seed=seed)
+    known = {each.name: each for each in before.rows} | {row.name: row}
     shared = before.seed if before.recipe or before.seed == seed else None
     write_manifest(output, Manifest(tuple(known.values()), before.recipe, shared, before.info))
     describe(output)

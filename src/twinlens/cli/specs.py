@@ -4,6 +4,7 @@ Those of the camera's inside and of the sensor stand in `twinlens.cli.camera_spe
 """
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -11,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from twinlens.camera import Annulus, Aperture, BareAperture, Disk, Lens, MaskAperture, Pinhole, Polygon, ThinLens
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, in_one_line, unknown
 
 Made = TypeVar("Made")
 
@@ -43,10 +44,10 @@ def parse_size(text: str) -> tuple[int, int]:
     >>> parse_size("640x480")
     (640, 480)
     """
-    width, cross, height = text.lower().partition("x")
-    if not (cross and width.isdecimal() and height.isdecimal()):
-        raise InputError(f"--size must read WIDTHxHEIGHT, as 640x480, got {text!r}")
-    return int(width), int(height)
+    sides = re.fullmatch(r"([0-9]{1,9})[xX]([0-9]{1,9})", text)
+    if sides is None:
+        raise InputError(f"--size must read WIDTHxHEIGHT, as 640x480, got {in_one_line(text)}")
+    return int(sides[1]), int(sides[2])
 
 
 def parse_lens(text: str, focus: float | None, film_distance: float, aperture: Aperture | None = None) -> Lens:
@@ -57,9 +58,11 @@ def parse_lens(text: str, focus: float | None, film_distance: float, aperture: A
     """
     where, shape = f"--lens {text!r}", aperture or Disk()
     kind, colon, rest = ("f/", "/", text[2:]) if text.startswith("f/") else text.partition(":")
-    if kind not in LENSES or (kind == "pinhole" and colon):
+    if kind not in LENSES:
         raise InputError(f"{where}: {unknown('lens', kind, LENSES)}; a lens reads {' | '.join(LENSES.values())}")
     if kind == "pinhole":
+        if colon:
+            raise InputError(f"{where}: a pinhole has no numbers; a lens reads {' | '.join(LENSES.values())}")
         return Pinhole()
     amount, at, place = rest.partition("@")
     if not amount or (kind == "hole" and not at) or (at and not place):
