@@ -1,5 +1,7 @@
 import json
 
+import pytest
+
 from twinlens.dataset import Dataset
 
 QUICK = ("--size", "48x36", "--spp", "1")
@@ -25,3 +27,25 @@ def test_a_toed_in_pair_is_rectified_and_verifies(twinlens, tmp_path):
         code, _, err = twinlens("rectify", tmp_path / "out" / "cards", "-o", tmp_path / "no", *wrong)
         assert code == 2
         assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("second", "says"),
+    [("{ translate = [0.02, 0.0, 0.4] }", "looks along the baseline"), ("{}", "one place")],
+)
+def test_a_pair_without_a_rectification_is_refused_in_a_line(twinlens, tmp_path, second, says):
+    """The epipole inside the image; two cameras in one place. The truth of such a pair is there all the same."""
+    file, sample = tmp_path / "rig.toml", tmp_path / "out" / "cards"
+    file.write_text(f'layout = "cameras"\ncameras = [{{}}, {second}]\n')
+    assert twinlens("render", "cards", "--rig", file, "--size", "96x72", "--spp", "1", "-o", tmp_path / "out")[0] == 0
+    assert twinlens("verify", tmp_path / "out")[0] == 0
+    commands = [("rectify", sample, "-o", tmp_path / "no")]
+    commands += [("reconstruct", sample, "--method", "sgm", "-o", tmp_path / "no")]
+    if second == "{}":
+        commands += [("show", "epipolar", sample, "-o", tmp_path / "no.png")]
+    for command in commands:
+        code, _, err = twinlens(*command)
+        assert code == 2
+        assert says in err
+        assert err.count("\n") == 1
+    assert not list(tmp_path.glob("no*"))

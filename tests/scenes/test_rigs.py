@@ -8,7 +8,7 @@ import pytest
 from twinlens import geometry
 from twinlens.camera import BrownConrady, Camera, KannalaBrandt, Misalignment, layouts
 from twinlens.errors import InputError
-from twinlens.scenes import Scene, rig_from_table
+from twinlens.scenes import Scene, load_scene, rig_from_table
 
 POSE = geometry.look_at([1.0, -2.0, 1.5], [0.2, 3.0, 1.0])
 SCENE = Scene("stage", (), {}, POSE, (1.0, 3.0), fov_x_deg=40.0, baseline=0.25)
@@ -135,3 +135,33 @@ def test_a_scene_that_does_not_say_its_depths_asks_for_the_distance():
     vague = Scene("vague", (), {}, POSE, (0.1, 1e4), depth_range_known=False)
     with pytest.raises(InputError, match="distance"):
         rig_from_table({"layout": "toed_in"}, vague, 64, 48)
+
+
+TOML = """
+[camera]
+position = [0, -3, 1]
+look_at = [0, 0, 1]
+depth_range = [2, 4]
+[materials.chalk]
+type = "diffuse"
+[objects.ball]
+shape = "sphere"
+radius = 0.5
+material = "chalk"
+[lights.sky]
+type = "constant"
+[rig]
+layout = "arc"
+count = 4
+angle_deg = 40
+"""
+
+
+def test_a_scene_file_may_describe_its_rig(tmp_path):
+    file = tmp_path / "scene.toml"
+    file.write_text(TOML)
+    scene = load_scene(file)
+    assert len(rig_from_table(scene.rig, scene, 64, 48)) == 4
+    file.write_text(TOML.replace("angle_deg = 40", "angle_deg = 400"))
+    with pytest.raises(InputError, match=r"scene.toml: rig.angle_deg: must be a finite number > 0 and <= 360, got 400"):
+        load_scene(file)
