@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from twinlens.cli.match import picture_range
+from twinlens.cli.match import DEFAULT_WINDOW, WINDOWS, picture_range
 from twinlens.dataset import read_pfm, read_png, write_png
-from twinlens.matching import OnnxNetwork, StereoMatcher
+from twinlens.matching import METHODS, OnnxNetwork, StereoMatcher
 
 
 @pytest.fixture
@@ -66,3 +66,18 @@ def test_the_picture_spans_what_was_searched_or_else_what_was_found():
     assert picture_range(found, network) == (2.5, 7)
     assert picture_range(found[:, :1], network) == (2.5, 3.5)
     assert picture_range(found[:, 1:2], network) == (0, 1)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 2), (5, 3)])
+def test_a_thumbnail_is_matched_by_what_nobody_asked_to_change(twinlens, tmp_path, size):
+    """Every method's own window is larger than that."""
+    write_png(tmp_path / "a.png", np.zeros(size, np.uint8))
+    for method in ("zncc", "cross", "sgm"):
+        arguments = ("match", tmp_path / "a.png", tmp_path / "a.png", "--method", method, "-o", tmp_path / "d.pfm")
+        code, _, err = twinlens(*arguments)
+        assert code == 0, err
+        assert read_pfm(tmp_path / "d.pfm").shape == size
+
+
+def test_no_method_has_a_larger_window_of_its_own():
+    assert max(method.options.get(name) or 0 for method in METHODS.values() for name in WINDOWS) == DEFAULT_WINDOW

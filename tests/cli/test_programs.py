@@ -204,3 +204,10 @@ def test_what_a_matcher_prints_here_is_not_on_our_stream(twinlens, dataset, tmp_
     assert code == 0
     assert "hello" in err
     assert json.loads(out)["entries"][0]["failure"]["kind"] == "wrong-type"
+
+
+def test_a_name_that_is_there_twice_is_told_before_the_first_match(twinlens, dataset, tmp_path):
+    code, out, err = twinlens("benchmark", dataset, "motorcycle", dataset, "--methods", "sad", "-o", tmp_path / "b")
+    assert (code, out) == (2, "")
+    assert "two samples are named" in err
+    assert not (tmp_path / "b").exists()

@@ -34,7 +34,8 @@ PNG = np.where(np.isfinite(DISP), DISP * 256, 0).astype(np.uint16)
 
 
 @pytest.mark.parametrize(
-    "name", ["s.pfm", "s/disp0.pfm", "s/disp0METHOD.pfm", "s/some-method-1f.pfm", "all/s.pfm", "all/s/x.pfm"]
+    "name",
+    ["s.pfm", "s/disp0.pfm", "s/disp0METHOD.pfm", "s/some-method-1f.pfm", "all/s.pfm", "all/s/x.pfm", "s/lens-0.pfm"],
 )
 @pytest.mark.parametrize("packed", [True, False])
 def test_every_layout_is_found(tmp_path, name, packed):

@@ -62,7 +62,13 @@ class Chain(Sequence[Any]):
     """Sequences one after the other; each item is fetched when it is asked for."""
 
     def __init__(self, parts: Sequence[Sequence[Any]]) -> None:
+        self._parts = parts
         self._places = [(part, i) for part in parts for i in range(len(part))]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The pairs' names, in order; no image is read where a part knows its names."""
+        return tuple(name for part in self._parts for name in getattr(part, "names", None) or [p.name for p in part])
 
     def __len__(self) -> int:
         return len(self._places)

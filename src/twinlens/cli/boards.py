@@ -2,6 +2,7 @@
 
 import contextlib
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -75,6 +76,7 @@ def run_board(
     from twinlens.report import write_page
     from twinlens.scoring import MapFolder, Step, run_benchmark
 
+    _check_names(getattr(pairs, "names", ()))
     maps = MapFolder(output / "maps")
     with progress_bar("matching") as report, contextlib.redirect_stdout(sys.stderr):
 
@@ -88,6 +90,13 @@ def run_board(
         )  # fmt: skip
     write_page(output / "index.html", board, pairs, maps)
     return board
+
+
+def _check_names(names: Sequence[str]) -> None:
+    """Hours of matching had better not end at a name that is there twice."""
+    double = next((name for name, count in Counter(names).items() if count > 1), None)
+    if double is not None:
+        raise InputError(f"two samples are named {double!r}: a board tells them apart by name; run one dataset alone")
 
 
 def _bytes(gib: float | None) -> int | None:

@@ -14,6 +14,8 @@ from twinlens.errors import InputError
 
 DEFAULT_METHOD = "zncc"
 DEFAULT_NDISP = 64
+DEFAULT_WINDOW = 35
+"""The largest window that a method has unless told otherwise."""
 WINDOWS = ("block_size", "census_window", "median")
 
 
@@ -93,7 +95,7 @@ def check_size(matcher: Any, size: tuple[int, ...]) -> None:
         raise InputError(f"num_disparities (--ndisp) is {count}: {wide}, {2 * width - 1} in all")
     if not -width < first < width:
         raise InputError(f"min_disparity is {first}: {wide}")
-    largest = 2 * max(size) - 1
+    largest = max(2 * max(size) - 1, DEFAULT_WINDOW)
     for option in WINDOWS:
         if getattr(matcher, option, 0) > largest:
             raise InputError(

@@ -93,7 +93,7 @@ class Submission:
                 return name
         inside = [name for name in self.files if re.fullmatch(rf"{re.escape(stem)}/[^/]+\.pfm", name)]
         # Beside the maps of other lenses, which are named so, a nameless one is the first lens's.
-        alone = [name for name in inside if not re.search(r"/lens-\d+\.pfm$", name)]
+        alone = [name for name in inside if not re.search(r"/lens-0*[1-9]\d*\.pfm$", name)]
         return alone[0] if len(alone) == 1 else None
 
     def map_of(self, sample: str, shape: tuple[int, int], aliases: Sequence[str] = ()) -> NDArray[np.float32]:
