@@ -254,3 +254,16 @@ def test_an_estimate_knows_the_size_of_a_sample(recipe, whole, folder):
     told = estimate(recipe, folder)
     size = sum(path.stat().st_size for path in (whole / "0000000").iterdir())
     assert told.bytes_each == size
+
+
+def test_a_draw_that_cannot_be_built_is_counted_and_the_next_one_taken(folder, tmp_path):
+    """Either coefficient alone keeps the image unfolded (1 + 3 k1 r^2 + 5 k2 r^4 > 0), both together do not."""
+    bent = "[rig.distortion]\nk1.choice = [0.0, -0.4, -0.4]\nk2.choice = [0.0, -0.5, -0.5]\n\n[[lenses]]"
+    recipe = read_recipe(write_recipe(tmp_path, RECIPE.replace("[[lenses]]", bent, 1), count=6))
+    outcome = generate(recipe, folder)
+    assert set(outcome.rejections) == {"impossible draw"}
+    bends = [sample.record["record"]["spec"]["drawn"]["rig"]["distortion"] for sample in Dataset(folder)]
+    assert len(bends) == 6
+    assert {"k1": -0.4, "k2": -0.5} not in bends
+    found = [turned["found"] for row in read_manifest(folder).rows for turned in row.info["rejections"]]
+    assert not [text for text in found if str(tmp_path) in text]
