@@ -140,3 +140,13 @@ def test_an_error_left_in_moves_the_picture_and_leaves_the_truth(scene):
     left, right = ([sample.shots[0].radiances[i] for sample in (a, b)] for i in (0, 1))
     assert np.array_equal(*left)
     assert np.abs(right[1][3:] - right[0][:-3]).mean() < 0.5 * np.abs(right[1] - right[0]).mean()
+
+
+def test_what_was_left_in_is_made_again_from_the_record(scene, tmp_path):
+    from twinlens.dataset import Dataset, write_sample
+    from twinlens.factory import remake
+
+    off = Misalignment(vertical_px=3.0, yaw_deg=0.5).applied(default_rig(scene, 24, 18))
+    made = make_sample(scene, off, LENSES[:1], spp=2)
+    write_sample(tmp_path / "cards", made)
+    assert sample_files(remake(Dataset(tmp_path)[0].record)) == sample_files(made)

@@ -37,8 +37,7 @@ def command(
     """Rectify two views of a sample: rows agree, and disparities are exact, cast anew through the new cameras.
 
     \b
-    Example:  twinlens render cards --rig toed_in.toml -o out
-              twinlens rectify out/cards -o rectified/cards --fit valid --own-centres
+    Example:  twinlens rectify out/cards -o rectified/cards --fit valid --own-centres
     """
     from twinlens.dataset import write_sample
     from twinlens.factory import rectified_sample

@@ -16,7 +16,11 @@ if TYPE_CHECKING:
 
 @click.group("show")
 def command() -> None:
-    """Draw what a sample holds."""
+    """Draw what a sample holds.
+
+    \b
+    Example:  twinlens show epipolar out/staircase -o epipolar.png
+    """
 
 
 @command.command("epipolar")
