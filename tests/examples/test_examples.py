@@ -99,6 +99,7 @@ def test_the_inserted_ball_is_the_one_that_would_have_been_photographed():
     assert covered[0][..., 0].sum() < 0.85 * disk  # the jug stands before a part of it
 
 
+@pytest.mark.slow
 def test_a_thing_is_captured_from_all_around():
     capture = example("capture")
     made = capture.capture(count=12, width=128, spp=8, cell=0.015)
