@@ -1,7 +1,8 @@
 """What the dataset factory costs beside bare rendering, and whether it stays as it began over many samples.
 
-    python benchmarks/bench_generate.py cost [samples]       # making a sample / the two mi.render calls, interleaved
-    python benchmarks/bench_generate.py flat [samples]       # memory and speed of the last tenth against the first
+    python benchmarks/bench_generate.py             # both, short
+    python benchmarks/bench_generate.py cost 20     # making a sample / the two mi.render calls, interleaved
+    python benchmarks/bench_generate.py flat 1000   # memory and speed of the last tenth against the first
 
 `cost` makes whole samples (rig, gates, both images, both truths, all files encoded and written) at 640x480 and 64
 samples a pixel, and between them renders the same two images with Mitsuba alone: a busy machine slows both alike.
@@ -136,6 +137,6 @@ if __name__ == "__main__":
     if what == "_flat":
         _flat(*sys.argv[2:4])
     if what in ("cost", "all"):
-        cost(int(sys.argv[2]) if len(sys.argv) > 2 else 20)
+        cost(int(sys.argv[2]) if len(sys.argv) > 2 else 3)
     if what in ("flat", "all"):
-        flat(int(sys.argv[2]) if len(sys.argv) > 2 else 1000)
+        flat(int(sys.argv[2]) if len(sys.argv) > 2 else 40)
