@@ -48,3 +48,14 @@ def test_what_cannot_be_is_refused_in_a_line(twinlens, arc, tmp_path):
         assert code == 2
         assert err.count("\n") == 1
         assert not (tmp_path / "r").exists()
+
+
+def test_a_plain_folder_without_truth_is_reconstructed_and_not_compared(twinlens, dataset, tmp_path):
+    folder = tmp_path / "plain"
+    folder.mkdir()
+    for name in ("im0.png", "im1.png", "calib.txt"):
+        (folder / name).write_bytes((dataset / "cards" / name).read_bytes())
+    code, out, _ = twinlens("reconstruct", folder, "--method", "zncc", "-o", tmp_path / "r", "--far", 4, "--json")
+    assert code == 0
+    assert json.loads(out)["against_truth"] == {}
+    assert twinlens("reconstruct", folder, "-o", tmp_path / "s")[0] == 2  # it has no truth to fuse

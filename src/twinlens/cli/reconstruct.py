@@ -119,9 +119,14 @@ def _matched(stored: "StoredSample", method: str, left: int, right: int) -> "Dep
 
 
 def _range(stored: "StoredSample", rig: Any, left: int) -> tuple[int, int]:
-    """(lowest, count) of the disparities of what the left view sees, a few more on both sides."""
+    """(lowest, count) of the disparities of what the left view truly sees, a few more on both sides.
+
+    A plain folder without truth says its count in calib.txt.
+    """
     import numpy as np
 
+    if not stored.has(f"truth{left}.exr"):
+        return 0, stored.ndisp
     truth = stored.truth(left)
     x = [rig.project(side, truth.position[truth.hit])[:, 0] for side in (0, 1)]
     inside = np.isfinite(x[0]) & np.isfinite(x[1])
