@@ -43,7 +43,8 @@ def _panel_title(rows: Table, panel: str, name: Any) -> str:
 
 def _from_zero(axes: Any, values: NDArray[np.float64]) -> None:
     """An axis of what cannot be negative begins at 0."""
-    if np.nanmin(values) >= 0:
+    known = values[np.isfinite(values)]
+    if known.size and known.min() >= 0:
         axes.set_ylim(bottom=0)
 
 

@@ -165,13 +165,14 @@ def _diffracted(stage: Stage, lens: ThinLens, radiance: Radiance) -> Radiance:
 def _crops(stage: Stage, lenses: Sequence[ThinLens], images: Sequence[Radiance]) -> Picture:
     """The nearest edge of the scene's middle, through every lens, exposed alike bright, with diffraction."""
     depth = np.where(np.isfinite(stage.truth.depth), stage.truth.depth, np.inf)
-    inner = depth[_CROP:-_CROP, _CROP:-_CROP]
+    side = min(_CROP, *(length // 3 for length in depth.shape))
+    inner = depth[side:-side, side:-side]
     y, x = np.unravel_index(int(np.argmin(inner)), inner.shape)
     parts = []
     for lens, radiance in zip(lenses, images, strict=True):
         seen = _diffracted(stage, lens, radiance)
         picture = stage.expose(seen, lens, 0, SENSOR)[0]
-        parts.append(crop(picture, int(x) + _CROP // 2, int(y) + _CROP // 2, _CROP, _CROP, _ZOOM))
+        parts.append(crop(picture, int(x) + side // 2, int(y) + side // 2, side, side, _ZOOM))
     captions = tuple(f"f/{number:g}" for number in F_NUMBERS)
     title = f"{stage.scene.name}: the same crop from f/1 to f/32"
     return Picture(f"crops-{stage.scene.name}", title, tuple(parts), captions)

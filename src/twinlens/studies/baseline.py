@@ -5,7 +5,8 @@ Baseline/Resolution Stereo, CVPR 2008, equation 3.
 """
 
 from twinlens.scenes import load_scene
-from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, sweep
+from twinlens.studies.bootstrap import log_slope, over_scenes
+from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, is_above, sweep
 from twinlens.studies.range_error import (
     COLUMNS,
     PLANES,
@@ -40,13 +41,19 @@ def measure(setup: Setup) -> Measured:
 def conclude(table: Table) -> list[Finding]:
     """The law of depth error, along z and B; occlusion in proportion to the base."""
     planes = table.where(part=PLANES)
-    occluded = "What the other eye cannot see grows as B^p, p = {}"
     return [
         *square_law(table, [str(method) for method in table.values("method")]),
         law_residual(table),
         exponent(planes, "baseline_mm", "depth_error_mm", -1.0, TOLERANCE, "Depth error falls as B^p, p = {}"),
-        exponent(table.where(part=SCENES), "baseline_mm", "occluded", 1.0, 0.15, occluded),
+        _occlusion(table.where(part=SCENES)),
     ]
+
+
+def _occlusion(rows: Table) -> Finding:
+    """In proportion to B where every edge hides by itself; less where gaps are narrower than what would be hidden."""
+    growth = over_scenes(rows, log_slope("baseline_mm", "occluded"))
+    text = "What the other eye cannot see grows with the base as B^p, in proportion at most, p = {}"
+    return Finding(text, growth, is_above(growth) and growth.value <= 1 + TOLERANCE)
 
 
 STUDY = Study(

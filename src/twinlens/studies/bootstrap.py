@@ -21,7 +21,7 @@ from twinlens.studies.table import Table, Value
 Float = NDArray[np.float64]
 Statistic = Callable[[Float], float]
 
-DRAWS = 2000
+DRAWS = 1000
 LEVEL = 0.95
 _STREAM = 6
 

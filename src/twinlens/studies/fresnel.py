@@ -19,7 +19,7 @@ _RINGS_OUT = 12
 
 
 def intensity(radius: Float, diameter: float, film: float, depth: float, wavelength: float) -> Float:
-    """|U(r)|^2 at each radius (metres, on the film), in arbitrary units.
+    """|U(r)|^2 at each radius (metres, on the film), U as above.
 
     >>> i = intensity(np.array([0.0, 1.0]), 0.2e-3, 0.05, np.inf, 550e-9)
     >>> bool(i[0] > 1000 * i[1])
@@ -31,7 +31,7 @@ def intensity(radius: Float, diameter: float, film: float, depth: float, wavelen
     nodes, weights = np.polynomial.legendre.leggauss(64 + math.ceil(turns))
     rho = 0.5 * edge * (nodes + 1.0)
     waves = special.j0(2.0 * math.pi / (wavelength * film) * radius[:, None] * rho)
-    amplitude = waves @ (weights * rho * np.exp(1j * bend * rho**2))
+    amplitude = waves @ (0.5 * edge * weights * rho * np.exp(1j * bend * rho**2))
     return np.asarray(np.abs(amplitude) ** 2)
 
 
@@ -60,7 +60,7 @@ def transfer(frequency: Float, diameter: float, film: float, depth: float, wavel
     """
     edge = 0.5 * diameter
     shift = wavelength * film * np.asarray(frequency, np.float64)[:, None]
-    nodes, weights = np.polynomial.legendre.leggauss(400)
+    nodes, weights = np.polynomial.legendre.leggauss(240)
     half = np.maximum(edge - 0.5 * shift, 0.0)
     x = 0.5 * half * (nodes + 1.0)
     chord = 2.0 * np.sqrt(np.maximum(edge**2 - (x + 0.5 * shift) ** 2, 0.0))

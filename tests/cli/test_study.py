@@ -1,0 +1,81 @@
+"""`twinlens study`: a study of one's own from a file, the list, and refusals in one line."""
+
+import json
+
+import pytest
+
+OWN = """
+from twinlens.studies import Column, Figure, Finding, Measured, Setup, Study, mean_of
+
+def measure(setup):
+    return Measured([{"scene": "none", "seed": s, "x": x, "y": 2.0 * x} for s in setup.seeds for x in (1.0, 3.0)])
+
+def conclude(table):
+    return [Finding("On average y is {}", mean_of(table, "y"), True)]
+
+STUDY = Study("mine", "What is y?", (Column("x", "", "x"), Column("y", "", "y")), measure, conclude,
+              (Figure("y", "y of x", "x", "y"),), Setup((), (), (0, 1)))
+"""
+
+
+@pytest.fixture
+def own(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(OWN)
+    return path
+
+
+def test_the_list_names_every_study(twinlens):
+    code, out, _ = twinlens("study", "list")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()] == [
+        "aperture", "pinhole", "focus", "window", "baseline", "focal-length", "radiometric", "texture",
+    ]  # fmt: skip
+    assert set(json.loads(twinlens("study", "list", "--json")[1])) == {line.split()[0] for line in out.splitlines()}
+
+
+def test_a_study_of_ones_own_is_a_file(twinlens, own, tmp_path):
+    code, out, err = twinlens("study", own, "--seeds", "3", "--first-seed", "4", "-o", tmp_path / "out")
+    assert code == 0, err
+    assert "holds, 3 of 3 seeds alone: On average y is 4 [4, 4]." in out
+    assert (tmp_path / "out" / "table.csv").read_text().splitlines()[1:3] == ["none,4,1,2", "none,4,3,6"]
+    assert (tmp_path / "out" / "index.html").exists()
+
+
+def test_json_is_what_was_found(twinlens, own, tmp_path):
+    code, out, _ = twinlens("study", own, "--json", "-o", tmp_path / "out")
+    assert code == 0
+    assert json.loads(out)["findings"][0]["measured"] == 4
+
+
+def refused(twinlens, *arguments):
+    code, out, err = twinlens("study", *arguments)
+    assert code == 2, (out, err)
+    assert out == ""
+    assert err.count("\n") == 1
+    return err
+
+
+def test_refusals_are_one_line(twinlens, own, tmp_path):
+    o = ("-o", tmp_path / "out")
+    assert "did you mean 'pinhole'" in refused(twinlens, "pinhol", *o)
+    assert "-o DIR" in refused(twinlens, "window")
+    assert "did you mean 'staircase'" in refused(twinlens, "window", "--scene", "stairs", *o)
+    assert "did you mean 'zncc'" in refused(twinlens, "window", "--methods", "zncd", *o)
+    assert "takes no scenes" in refused(twinlens, "texture", "--scene", "cards", *o)
+    assert "seeds" in refused(twinlens, "window", "--seeds", "0", *o)
+    assert "WIDTHxHEIGHT" in refused(twinlens, "window", "--size", "9", *o)
+    assert "no such file" in refused(twinlens, tmp_path / "absent.py", *o)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("STUDY = 3", "gives no study"), ("1/0", "ZeroDivisionError"), ("def", "SyntaxError")],
+)
+def test_files_that_give_no_study_are_refused(twinlens, tmp_path, text, words):
+    path = tmp_path / "mine.py"
+    path.write_text(text)
+    error = refused(twinlens, path, "-o", tmp_path / "out")
+    assert words in error
+    assert str(path) in error

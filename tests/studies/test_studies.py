@@ -1,0 +1,185 @@
+"""Every study on a setup so small that it says nothing of stereo, but all of the study: rows, findings, bytes."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import twinlens as tl
+from twinlens.errors import InputError
+from twinlens.report.plots import draw
+from twinlens.studies import (
+    STUDIES,
+    Setup,
+    baseline,
+    focal_length,
+    focus,
+    from_csv,
+    pinhole,
+    range_error,
+    run_study,
+    texture,
+    to_csv,
+    window,
+)
+
+METHODS = {"window": ("sad", "census"), "radiometric": ("sad", "census")}
+TINY = {"width": 96, "height": 72, "spp": 2}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _fewer():
+    """Fewer of what is swept, where a sweep is long."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr(range_error, "DEPTHS", (1.0, 4.0))
+    patch.setattr(range_error, "PHASES", (0.25,))
+    patch.setattr(texture, "CONTRASTS", (0.04, 0.32))
+    patch.setattr(texture, "SCALES_PX", (1.0, 2.5))
+    patch.setattr(texture, "PHASES", (0.25,))
+    patch.setattr(pinhole, "DIAMETERS_MM", (2.0, 0.6, 0.29, 0.23, 0.15, 0.07))
+    patch.setattr(pinhole, "SHOWN_MM", (pinhole.BOX_MM, 0.35))
+    patch.setattr(baseline, "PLANE_BASELINES", (0.06, 0.24))
+    patch.setattr(baseline, "FACTORS", (0.5, 1.0))
+    patch.setattr(focal_length, "PLANE_FIELDS", (80.0, 28.0))
+    patch.setattr(focal_length, "FACTORS", (1.0, 0.4))
+    patch.setattr(focus, "_LINE_SPP", 64)
+    patch.setattr(window, "SIZES", (3, 9, 21))
+    yield
+    patch.undo()
+
+
+@pytest.fixture(scope="module")
+def results(_fewer):
+    made = {}
+
+    def of(name):
+        if name not in made:
+            made[name] = run(name)
+        return made[name]
+
+    return of
+
+
+def run(name, **more):
+    study = STUDIES[name]
+    scenes = study.defaults.scenes[:1]
+    methods = study.defaults.methods and METHODS.get(name, ("zncc", "census"))
+    return run_study(study, scenes=scenes, methods=methods, **{"seeds": 1, **TINY, **more})
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_rows_are_well_formed(results, name):
+    result = results(name)
+    assert len(result.table) > 3
+    assert set(result.table.values("seed")) == {0.0}
+    for column in result.study.columns:
+        values = [row[column.name] for row in result.table]
+        assert any(value != "" and value == value for value in values), column.name
+        assert column.text
+        if column.unit == "%":
+            known = [float(value) for value in values if not math.isnan(float(value))]
+            assert all(0 <= value <= 100 for value in known)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_findings_are_sentences_with_a_number(results, name):
+    findings = results(name).findings
+    assert findings
+    for stands in findings:
+        finding = stands.finding
+        assert finding.text.count("{}") == 1
+        assert "{}" not in finding.sentence
+        assert finding.text[-1] != "."
+        assert isinstance(finding.holds, (bool, np.bool_))
+        assert 0 <= stands.seeds <= stands.of == 1
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_other_seeds_are_asked_the_same_questions(results, name):
+    """The rows again under another seed: as many findings, and of equal rows equal ones."""
+    result = results(name)
+    again = tuple({**row, "seed": 1.0} for row in result.table)
+    both = replace(result.table, rows=(*result.table.rows, *again))
+    alone = result.study.conclude(both.where(seed=1.0))
+    assert len(alone) == len(result.study.conclude(both)) == len(result.findings)
+    assert [finding.text for finding in alone] == [stands.finding.text for stands in result.findings]
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_figures_are_drawn_from_the_csv_read_back(results, name):
+    result = results(name)
+    table = from_csv(to_csv(result.table), result.study.all_columns)
+    assert to_csv(table) == to_csv(result.table)
+    for figure in result.study.figures:
+        sheet = draw(figure, table)
+        assert all(axes.get_ylabel() for axes in sheet.axes)
+
+
+@pytest.mark.parametrize("name", ["aperture", "texture"])
+def test_the_same_seed_gives_the_same_bytes(results, name):
+    assert to_csv(run(name).table) == to_csv(results(name).table)
+
+
+def test_another_seed_gives_another_table():
+    first, other = (run("texture", first_seed=seed).table for seed in (0, 5))
+    assert first.numbers("error_px").tolist() != other.numbers("error_px").tolist()
+
+
+def test_what_the_lens_grid_saved_is_said_and_not_in_the_table(results):
+    result = results("aperture")
+    assert "light paths" in result.remarks["lens grid"]
+    saved = result.protocol["lens_grid_saved"]["staircase"]
+    assert saved["direct_paths"] == 11 * TINY["spp"] * 2 * TINY["width"] * TINY["height"]
+    assert not any("_s" in column.name[-2:] for column in result.study.columns)
+
+
+def test_a_panel_shows_left_right_truth_and_three_matchers(results):
+    panel = results("window").pictures[0]
+    assert panel.captions[:6] == (
+        "left",
+        "right",
+        "true disparity",
+        "SSD, fixed 21x21",
+        "adaptive window",
+        "semi-global",
+    )
+    assert all(image.shape[:2] == (TINY["height"], TINY["width"]) for image in panel.images)
+
+
+def test_progress_goes_from_nothing_to_all():
+    told = []
+    run("window", progress=lambda share, now: told.append(share))
+    assert told == sorted(told)
+    assert told[0] == 0
+
+
+def test_python_gets_the_table():
+    table = tl.study("texture", methods=("zncc",), seeds=1, **TINY)
+    assert set(table.values("method")) == {"zncc"}
+    assert (table.numbers("error_px") > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "choices", "words"),
+    [
+        ("apertur", {}, "did you mean 'aperture'"),
+        ("window", {"scenes": ("stairs",)}, "did you mean 'staircase'"),
+        ("window", {"methods": ("zncd",)}, "did you mean 'zncc'"),
+        ("texture", {"scenes": ("cards",)}, "takes no scenes"),
+        ("pinhole", {"methods": ("sad",)}, "takes no methods"),
+        ("window", {"seeds": 0}, "one seed or more"),
+        ("window", {"first_seed": -1}, "one seed or more"),
+        ("window", {"scenes": ("cards", "cards")}, "twice"),
+        ("window", {"spp": 0}, "spp"),
+        ("no/such.py", {}, "no such file"),
+    ],
+)
+def test_what_cannot_be_run_is_refused(name, choices, words):
+    with pytest.raises(InputError, match=words):
+        tl.study(name, **choices)
+
+
+def test_a_setup_without_seeds_is_refused():
+    with pytest.raises(InputError, match="one seed"):
+        Setup(("cards",), ("sad",), ())

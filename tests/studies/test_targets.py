@@ -1,0 +1,62 @@
+"""Targets: noise with the statistics it is asked for, planes that fill both views."""
+
+import numpy as np
+import pytest
+
+from twinlens.camera import Camera, Rig
+from twinlens.errors import InputError
+from twinlens.rendering import ground_truth
+from twinlens.scenes import load_scene
+from twinlens.studies.stage import Stage, model_of
+from twinlens.studies.targets import noise_plane, noise_texture, plane_size, texels
+
+CAMERA = Camera(96, 72, 90.0, 90.0, 47.5, 35.5)
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("contrast", [0.05, 0.2])
+def test_noise_has_the_contrast_and_the_grain_it_is_asked_for(scale, contrast):
+    """White noise smoothed by s correlates as r(t) = exp(-t^2 / 4 s^2); half a difference over two texels has the
+    variance (1 - r(2)) / 2 of the noise's own."""
+    greys = [noise_texture(400, 300, scale, contrast, seed) for seed in range(4)]
+    assert greys[0].shape == (300, 400)
+    assert np.mean(greys) == pytest.approx(0.5, abs=1e-3)
+    assert all(grey.std() / 0.5 == pytest.approx(contrast, rel=0.01) for grey in greys)
+    slopes = [np.gradient(grey, axis=1)[:, 2:-2].var() / grey.var() for grey in greys]
+    assert np.mean(slopes) == pytest.approx((1 - np.exp(-1.0 / scale**2)) / 2, rel=0.06)
+
+
+def test_noise_is_another_for_another_seed_and_the_same_for_the_same():
+    first, again, other = (noise_texture(50, 40, 1.0, 0.2, seed) for seed in (1, 1, 2))
+    assert np.array_equal(first, again)
+    assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("depth", "base", "tilt"), [(1.0, 0.3, 0.0), (8.0, 0.06, 0.0), (2.0, 0.1, 0.6), (2.0, 0.1, -0.6)]
+)
+def test_a_plane_fills_both_views(depth, base, tilt):
+    rig = Rig.stereo(CAMERA, base, np.eye(4))
+    truths = ground_truth(noise_plane(rig, depth, 1, tilt=tilt), rig)
+    assert all(np.isfinite(truth.depth).all() for truth in truths)
+    middle = truths[0].depth[35:37, 47:49].mean()
+    assert middle == pytest.approx(depth, rel=0.15 if tilt else 1e-5)
+
+
+def test_a_planes_print_has_the_same_texels_at_every_distance():
+    rig = Rig.stereo(CAMERA, 1e-6, np.eye(4))
+    assert texels(rig, 1.0) == texels(rig, 8.0)
+    assert plane_size(rig, 8.0)[1] == pytest.approx(8 * plane_size(rig, 1.0)[1])
+
+
+def test_a_model_of_a_scene_looks_the_same_and_is_as_much_smaller():
+    whole, small = (Stage.of("staircase", 48, 36, scale=scale) for scale in (1.0, 0.2))
+    assert np.allclose(small.truth.disparity, whole.truth.disparity, rtol=1e-3)
+    assert np.allclose(small.truth.depth, 0.2 * whole.truth.depth, rtol=1e-4)
+
+
+def test_a_scene_with_lamps_of_its_own_is_no_model():
+    scene = load_scene("cards")
+    lit = scene.__class__(**{**scene.__dict__, "lights": {"lamp": {"type": "point", "position": [0, 0, 1]}}})
+    with pytest.raises(InputError, match="cannot be made a model"):
+        model_of(lit, 0.5)
