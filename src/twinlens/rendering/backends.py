@@ -94,6 +94,9 @@ def forget_kernels() -> None:
     drjit.sync_thread()
     drjit.flush_kernel_cache()
     drjit.flush_malloc_cache()
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc keeps what was freed, piecemeal
+    if trim is not None:
+        trim(0)
 
 
 def _wanted() -> str:
