@@ -5,8 +5,6 @@ from pathlib import Path
 from twinlens.dataset import Dataset, StoredSample
 from twinlens.errors import InputError
 
-SAMPLE_HELP = "a sample's folder, DATASET/SAMPLE"
-
 
 def open_sample(path: Path) -> StoredSample:
     """The sample whose folder `path` is. Raises InputError for a dataset of several, FileError for anything else."""

@@ -62,14 +62,6 @@ def mitsuba() -> Any:
     return mitsuba
 
 
-def require_jit(what: str) -> None:
-    """Raise BackendError unless the backend is LLVM or CUDA; `what` names the wish."""
-    if not backend().is_jit:
-        raise BackendError(
-            f"{what} needs the LLVM or CUDA backend; this process renders with scalar_rgb: {_INSTALL_LLVM}"
-        )
-
-
 def use_threads(count: int) -> None:
     """Render with so many threads in this process, all of the machine's unless said. The images are the same."""
     if count < 1:
