@@ -22,8 +22,8 @@ from twinlens.studies import Figure, Table, mean_of
 
 THEORY = "theory"
 """The value of `by` that is a prediction, not a measurement."""
-PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C6D31", "#4D4D4D", "#A6761D")
-"""Okabe and Ito's colours (Color Universal Design, 2008) but for their yellow, and four darker ones."""
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C6D31", "#4D4D4D", "#882255")
+"""Okabe and Ito's colours (Color Universal Design, 2008) but for their yellow, and four more."""
 _MARKERS = "osD^vP>X<*"
 _STYLE = {
     "font.family": "DejaVu Sans",
@@ -40,6 +40,8 @@ _PANEL_INCHES = ((6.4, 3.8), (4.9, 3.4), (3.6, 3.1))
 """Width and height of a panel where one, two or three stand side by side."""
 _STRIP = 0.35
 _LEGEND_A_ROW = 6
+_MOST_BANDS = 6
+"""Of more lines the intervals are bars: bands would lie over each other."""
 _PREDICTED: dict[str, Any] = {"color": "#444444", "linestyle": "--", "linewidth": 1.2}
 _Looks = Mapping[Any, Mapping[str, Any]]
 
@@ -140,7 +142,10 @@ def _lines(sheet: Sheet, axes: Any, figure: Figure, rows: Table, looks: _Looks) 
             axes.plot(places, other, linestyle="--", linewidth=1.2, color=look["color"])
         if name != THEORY and all(math.isfinite(mean.low) for mean in means):
             low, high = [mean.low for mean in means], [mean.high for mean in means]
-            axes.fill_between(places, low, high, color=look["color"], alpha=0.1, linewidth=0)
+            if len(looks) > _MOST_BANDS:
+                axes.vlines(places, low, high, color=look["color"], alpha=0.4, linewidth=1.0)
+            else:
+                axes.fill_between(places, low, high, color=look["color"], alpha=0.12, linewidth=0)
         if figure.best and np.isfinite(values).any():
             k = int(np.nanargmin(values) if figure.best == "least" else np.nanargmax(values))
             axes.plot(places[k], values[k], color=look["color"], **_RING)

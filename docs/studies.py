@@ -1,0 +1,56 @@
+"""Makes the figures of docs/studies.md: `python docs/studies.py`, or some of them: `python docs/studies.py window ...`.
+
+Each study is run with one seed, at its own settings otherwise, into out/studies/NAME; one that lies there already is
+not run again. The page shows one figure of each, in few colours, so that the repository stays small.
+"""
+
+import io
+import sys
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from twinlens.report.plots import draw, encode
+from twinlens.report.study_files import write_study
+from twinlens.studies import STUDIES, from_csv, run_study
+
+HERE = Path(__file__).parent
+BUILD = HERE.parent / "out" / "studies"
+SHOWN = {
+    "aperture": "wrong",
+    "pinhole": "sharpness",
+    "focus": "map",
+    "window": "window",
+    "baseline": "depth-error",
+    "focal-length": "depth-error",
+    "radiometric": "radiometric",
+    "texture": "contrast",
+}
+WIDEST, COLOURS = 1000, 128
+
+
+def main(names: list[str]) -> None:
+    """Write docs/studies/NAME.png for each of these studies, or for all."""
+    for name in names or STUDIES:
+        study, folder = STUDIES[name], BUILD / name
+        if not (folder / "table.csv").exists():
+            write_study(folder, run_study(study, seeds=1))
+        table = from_csv((folder / "table.csv").read_text(), study.all_columns)
+        figure = next(figure for figure in study.figures if figure.name == SHOWN[name])
+        small(encode(draw(figure, table), "png"), HERE / "studies" / f"{name}.png")
+
+
+def small(png: bytes, path: Path) -> None:
+    """The picture, at most `WIDEST` pixels wide, in `COLOURS` colours."""
+    picture = Image.open(io.BytesIO(png)).convert("RGB")
+    scale = min(1.0, WIDEST / picture.width)
+    size = tuple(int(side) for side in np.rint(scale * np.array(picture.size)))
+    path.parent.mkdir(exist_ok=True)
+    picture.resize(size, Image.Resampling.LANCZOS).quantize(COLOURS, Image.Quantize.MAXCOVERAGE).save(
+        path, optimize=True
+    )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,39 @@
+"""docs/studies.md: the study of one's own runs as printed, is short, and every link leads somewhere."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from twinlens.cli import run
+from twinlens.studies import STUDIES
+
+PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
+pytestmark = pytest.mark.skipif(not PAGE.exists(), reason="the page is not beside these tests")
+
+
+def blocks():
+    return re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
+
+
+def test_the_study_of_ones_own_is_short_and_runs(tmp_path):
+    text = next(block for block in blocks() if "STUDY = Study(" in block)
+    assert len(text.splitlines()) < 60
+    path = tmp_path / "low_light.py"
+    path.write_text(text)
+    out = tmp_path / "out"
+    assert run(["study", str(path), "--seeds", "1", "--size", "96x72", "--spp", "2", "-o", str(out)]) == 0
+    assert len(json.loads((out / "study.json").read_text())["findings"]) == 2
+    assert (out / "figures" / "light.svg").exists()
+
+
+def test_every_study_has_its_section():
+    titles = " ".join(re.findall(r"^### (.*)$", PAGE.read_text(), flags=re.MULTILINE))
+    assert all(name in titles for name in STUDIES)
+
+
+def test_links_lead_somewhere():
+    links = re.findall(r"\]\(([^)#]+)\)", PAGE.read_text())
+    assert links
+    assert all((PAGE.parent / link).exists() for link in links)
