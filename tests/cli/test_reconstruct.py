@@ -59,3 +59,11 @@ def test_a_plain_folder_without_truth_is_reconstructed_and_not_compared(twinlens
     assert code == 0
     assert json.loads(out)["against_truth"] == {}
     assert twinlens("reconstruct", folder, "-o", tmp_path / "s")[0] == 2  # it has no truth to fuse
+
+
+def test_a_view_of_the_empty_sky_is_refused_in_a_line(twinlens, tmp_path):
+    (tmp_path / "sky.toml").write_text("position = [0, -3, 1]\nlook_at = [0, -3, 9]\nup = [0, 1, 0]\n")
+    assert twinlens("render", "cards", "--rig", tmp_path / "sky.toml", *QUICK, "-o", tmp_path / "o")[0] == 0
+    code, _, err = twinlens("reconstruct", tmp_path / "o" / "cards", "--method", "sad", "-o", tmp_path / "r")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "sees nothing that could be matched" in err

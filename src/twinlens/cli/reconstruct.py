@@ -130,6 +130,8 @@ def _range(stored: "StoredSample", rig: Any, left: int) -> tuple[int, int]:
     truth = stored.truth(left)
     x = [rig.project(side, truth.position[truth.hit])[:, 0] for side in (0, 1)]
     inside = np.isfinite(x[0]) & np.isfinite(x[1])
+    if not inside.any():
+        raise InputError(f"{stored.folder}: view {left} sees nothing that could be matched; leave it out")
     low, high = np.percentile((x[0] - x[1])[inside], (0.1, 99.9))
     return int(np.floor(low)) - 2, int(np.ceil(high) - np.floor(low)) + 5
 

@@ -60,9 +60,7 @@ def integrate(
     reach = _REACH * cell if reach is None else reach
     check_number("reach", reach, "a number of metres, a cell or more", least=cell)
     low, high = _bounds(views, reach) if bounds is None else _checked_bounds(bounds)
-    shape = np.ceil((high - low) / cell).astype(int) + 1
-    if shape.prod() > _MOST_CELLS:
-        raise InputError(f"cells of {cell} m make {shape.tolist()}, more than 64 million: use larger cells or bounds")
+    shape = _shape(high - low, cell)
     colored = all(view.image is not None for view in views)
     distance, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     colors = np.zeros((*shape, 3), np.float32) if colored else None
@@ -84,9 +82,10 @@ def surface_of(volume: Volume) -> Surface:
 
     known = volume.weight > 0
     told = np.where(known, volume.distance, 1.0).astype(np.float32)
-    if min(told.shape) < 2 or not (told.min() < 0 < told.max()):
+    whole = _whole_cells(known)
+    if not (_crossed(told) & whole).any():
         raise InputError("no surface crosses the grid: check the bounds, and that the cells are smaller than the scene")
-    vertices, faces, _, _ = marching_cubes(told, 0.0, mask=_whole_cells(known), gradient_direction="descent")
+    vertices, faces, _, _ = marching_cubes(told, 0.0, mask=whole, gradient_direction="descent")
     colors = None if volume.colors is None else _colors_at(volume.colors, vertices)
     return Surface(volume.origin + volume.cell * vertices.astype(np.float64), faces.astype(np.int64), colors)
 
@@ -104,6 +103,16 @@ def _checked_bounds(bounds: ArrayLike) -> tuple[Float, Float]:
     if corners.shape != (2, 3) or not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
         raise InputError(f"bounds must be the lowest and the highest corner, (2, 3), got {corners.tolist()}")
     return corners[0], corners[1]
+
+
+def _shape(extent: Float, cell: float) -> tuple[int, int, int]:
+    """Cells along each axis. They are counted as floats, since whole numbers of too many would wrap around."""
+    with np.errstate(over="ignore"):
+        x, y, z = (np.ceil(extent / cell) + 1).tolist()
+    if not x * y * z <= _MOST_CELLS:
+        count = f"{x:g} x {y:g} x {z:g}"
+        raise InputError(f"cells of {cell} m make {count}, more than 64 million: use larger cells or smaller bounds")
+    return int(x), int(y), int(z)
 
 
 def _slab(volume: Volume, i: int) -> Float:
@@ -166,12 +175,26 @@ def _depth_at(view: DepthView, pixels: Float, reach: float) -> Float:
     return np.where(smooth, between, nearest)
 
 
+def _crossed(told: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Which cubes have corners on both sides of the surface, under the index of their last corner."""
+    before = told > 0
+    crossed = np.zeros(told.shape, dtype=bool)
+    crossed[1:, 1:, 1:] = _of_corners(np.logical_or, before) & _of_corners(np.logical_or, ~before)
+    return crossed
+
+
 def _whole_cells(known: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which cubes have eight known corners, under the index of the corner that marching cubes asks for: the last."""
-    ends = (slice(None, -1), slice(1, None))
     whole = np.zeros_like(known)
-    whole[1:, 1:, 1:] = np.logical_and.reduce([known[a, b, c] for a in ends for b in ends for c in ends])
+    whole[1:, 1:, 1:] = _of_corners(np.logical_and, known)
     return whole
+
+
+def _of_corners(joined: np.ufunc, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The flags of every cube's eight corners `joined`, (X - 1, Y - 1, Z - 1)."""
+    ends = (slice(None, -1), slice(1, None))
+    found: NDArray[np.bool_] = joined.reduce([flags[a, b, c] for a in ends for b in ends for c in ends])
+    return found
 
 
 def _colors_at(colors: NDArray[np.float32], vertices: NDArray[np.float32]) -> NDArray[np.uint8]:
