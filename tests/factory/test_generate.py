@@ -156,10 +156,11 @@ def test_another_recipe_is_refused_and_the_difference_named(recipe, folder, tmp_
     assert digests(folder) == before
 
 
-def test_samples_of_another_recipe_are_not_taken_for_its_own(recipe, folder, tmp_path):
+@pytest.mark.parametrize("rows_too", [False, True])
+def test_samples_of_another_recipe_are_not_taken_for_its_own(recipe, folder, tmp_path, rows_too):
     generate(recipe, folder, limit=1)
     (folder / "dataset.json").unlink()
-    for row in (folder / ".rows").iterdir():
+    for row in (folder / ".rows").iterdir() if rows_too else ():
         row.unlink()
     other = read_recipe(write_recipe(tmp_path, RECIPE.replace("seed = 11", "seed = 12")))
     with pytest.raises(InputError, match="another recipe made it"):
@@ -173,6 +174,17 @@ def test_other_tools_are_refused(recipe, folder):
     record["info"]["made_with"]["versions"]["mitsuba"] = "3.9.0"
     path.write_text(json.dumps(record))
     with pytest.raises(InputError, match=r"versions.mitsuba: '3\.9\.0' -> "):
+        generate(recipe, folder)
+
+
+def test_samples_that_other_tools_made_are_not_merged(recipe, folder, tmp_path):
+    generate(recipe, folder, limit=1)
+    (folder / "dataset.json").unlink()
+    path = folder / "0000000" / "sample.json"
+    record = json.loads(path.read_text())
+    record["record"]["versions"]["mitsuba"] = "3.9.0"
+    path.write_text(json.dumps(record))
+    with pytest.raises(InputError, match=r"other tools made it .*mitsuba"):
         generate(recipe, folder)
 
 

@@ -139,7 +139,7 @@ def make_one(order: Order, index: int) -> Entry:
     root = place(order.folder)
     if made is not None:
         return written(work, index, made)
-    entry: Entry = recovered_row(root, work.recipe, index)
+    entry: Entry = recovered_row(root, work.recipe, index, work.made_with)
     write_row(root, index, entry)
     return entry
 

@@ -67,13 +67,13 @@ class Ledger:
         """Take in every row and every whole sample that earlier runs left."""
         there = whole_samples(self.folder)
         self.entries = {i: e for i, e in self.entries.items() if isinstance(e, Failure) or e.name in there}
-        for index, entry in self._kept_rows():
+        for index, entry in self._kept_rows() if self.has_file else ():  # without dataset.json, rows may be any recipe's
             if isinstance(entry, Failure) or entry.name in there:
                 self.entries.setdefault(index, entry)
         known = {sample_name(index) for index in self.entries}
         for name in sorted(there - known):
             if name.isdecimal() and sample_name(int(name)) == name and int(name) < self.recipe.count:
-                self.entries[int(name)] = recovered_row(self.folder, self.recipe, int(name))
+                self.entries[int(name)] = recovered_row(self.folder, self.recipe, int(name), self.made_with)
 
     def missing(self) -> list[int]:
         """The indices of the samples that are still to be made."""
@@ -113,6 +113,7 @@ class Ledger:
             **info,
         }
         write_manifest(self.folder, Manifest(tuple(rows), self.recipe.written, self.recipe.seed, said))
+        self.has_file = True
 
     def clear(self) -> None:
         """Remove what only unfinished datasets need. Nobody else may be writing there."""
@@ -192,8 +193,8 @@ def row_info(record: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def recovered_row(folder: Place, recipe: Recipe, index: int) -> Row:
-    """The row of a whole sample, from its files. Raises InputError when another recipe has made it."""
+def recovered_row(folder: Place, recipe: Recipe, index: int, made_with: Mapping[str, Any]) -> Row:
+    """The row of a whole sample, from its files. Raises InputError when another recipe, or other tools, made it."""
     name = sample_name(index)
     record = read_json(folder / name / MARK, SAMPLE_KIND, SAMPLE_VERSION).get("record", {})
     try:
@@ -201,6 +202,8 @@ def recovered_row(folder: Place, recipe: Recipe, index: int) -> Row:
         if record["spec"] != expected:
             changed = differences(record["spec"], expected)[:2]
             raise InputError(f"{folder / name}: another recipe made it ({'; '.join(changed)}); name another folder")
+        if changed := differences({key: record[key] for key in made_with}, made_with)[:2]:
+            raise InputError(f"{folder / name}: other tools made it ({'; '.join(changed)}); name another folder")
         return row_of(folder, name, row_info(record))
     except (KeyError, TypeError) as error:
         raise FileError(f"{folder / name}: is there, and no recipe made it; name another folder") from error

@@ -61,7 +61,7 @@ def written(work: Work, index: int, made: Sample | Failure) -> Entry:
         except OutputError:
             if not is_whole(folder):
                 raise
-            entry = recovered_row(root, work.recipe, index)
+            entry = recovered_row(root, work.recipe, index, work.made_with)
     write_row(root, index, entry)
     return entry
 
