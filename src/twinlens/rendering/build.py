@@ -2,7 +2,7 @@
 
 import weakref
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from twinlens.errors import InputError
 from twinlens.geometry import Float, rotate, transform_points
 from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.repeats import without_repeats
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
 
 _INSTANCE = 1 << 10  # Mitsuba 3.9 has the type, and no name for it
@@ -54,13 +55,14 @@ def build(scene: Scene) -> BuiltScene:
 
 def _build_objects(scene: Scene) -> BuiltScene:
     mi = mitsuba()
-    materials = {name: _load(plugin, f"material {name!r}") for name, plugin in scene.materials.items()}
+    plugins, uv_factors = without_repeats(scene)
+    materials = {name: _load(plugin, f"material {name!r}") for name, plugin in plugins.items()}
     material_names = tuple(materials)
     parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
     placed: list[tuple[str, int, Any]] = []  # key of the shape in the scene, material id, leaf shape
     names: list[str] = []
     for index, thing in enumerate(scene.objects):
-        leaf = _leaf(thing, materials[thing.material])
+        leaf = _leaf(thing, materials[thing.material], uv_factors.get(thing.material))
         material_id = 1 + material_names.index(thing.material)
         for name, key, part in _parts(thing, index, leaf, parts):
             parts[key] = part
@@ -97,11 +99,14 @@ def _parts(thing: SceneObject, index: int, leaf: Any, parts: dict[str, Any]) -> 
     return rows
 
 
-def _leaf(thing: SceneObject, bsdf: Any) -> Any:
+def _leaf(thing: SceneObject, bsdf: Any, uv_factors: Float | None) -> Any:
     mi = mitsuba()
     emitter = None if thing.emitter is None else _load(thing.emitter, f"emitter of object {thing.name!r}")
     if isinstance(thing.shape, Mesh):
-        return _mesh(thing.name, thing.shape, thing.world_from_object, bsdf, emitter)
+        mesh = thing.shape
+        if uv_factors is not None and mesh.uv is not None:
+            mesh = replace(mesh, uv=mesh.uv * uv_factors)
+        return _mesh(thing.name, mesh, thing.world_from_object, bsdf, emitter)
     _check_round(thing)
     plugin = {**plain(thing.shape), "bsdf": bsdf}
     own = plugin.get("to_world", mi.ScalarTransform4f())
