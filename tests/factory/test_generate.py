@@ -1,3 +1,4 @@
+import importlib
 import json
 import os
 
@@ -200,6 +201,22 @@ def test_only_one_run_writes_at_a_time(recipe, folder):
         generate(recipe, folder)
     with locked(folder, shared=True):
         generate(recipe, folder, shard=(1, 2))
+
+
+def test_shards_that_end_together_finish_one_after_the_other(recipe, folder, monkeypatch):
+    module = importlib.import_module("twinlens.factory.generate")
+    finish, refused = module.finish, []
+
+    def finish_while_another_tries(ledger):
+        with pytest.raises(OutputError, match="another run"), locked(folder, shared=True):
+            pass
+        refused.append(True)
+        finish(ledger)
+
+    generate(recipe, folder, shard=(1, 2))
+    monkeypatch.setattr(module, "finish", finish_while_another_tries)
+    assert generate(recipe, folder, shard=(2, 2)).complete
+    assert refused
 
 
 def test_what_cannot_be_written_is_told(recipe, tmp_path):

@@ -88,9 +88,12 @@ def generate(
                 upkeep.took(index, entry)
         if shared or stop():
             ledger.recover()
-        if ledger.is_complete:
+        if ledger.is_complete and not shared:
             finish(ledger)
-        return _outcome(ledger, before, stop())
+    if ledger.is_complete and shared:
+        with locked(root, wait=True):  # several shards may find that all is made: one after the other
+            finish(ledger)
+    return _outcome(ledger, before, stop())
 
 
 class _Upkeep:

@@ -67,7 +67,7 @@ class Ledger:
         """Take in every row and every whole sample that earlier runs left."""
         there = whole_samples(self.folder)
         self.entries = {i: e for i, e in self.entries.items() if isinstance(e, Failure) or e.name in there}
-        for index, entry in self._kept_rows() if self.has_file else ():  # without dataset.json, rows may be any recipe's
+        for index, entry in self._kept_rows() if self.has_file else ():  # without it, they may be another recipe's
             if isinstance(entry, Failure) or entry.name in there:
                 self.entries.setdefault(index, entry)
         known = {sample_name(index) for index in self.entries}

@@ -12,10 +12,11 @@ _NAME = ".lock"
 
 
 @contextlib.contextmanager
-def locked(folder: Place, shared: bool = False) -> Iterator[None]:
+def locked(folder: Place, shared: bool = False, wait: bool = False) -> Iterator[None]:
     """Hold the lock of `folder`; `shared` with others that hold it so, as the shards of a dataset do.
 
-    Raises OutputError when another run holds it. Buckets and file systems without locks are not locked.
+    Raises OutputError when another run holds it, unless asked to `wait` for that. Buckets and file systems without
+    locks are not locked.
     """
     if isinstance(folder, RemotePath):
         yield
@@ -26,19 +27,19 @@ def locked(folder: Place, shared: bool = False) -> Iterator[None]:
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written; {error.strerror}") from error
     try:
-        _take(descriptor, folder, shared)
+        _take(descriptor, folder, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))
         try:
             yield
         finally:
-            if not shared:
+            if not shared and not wait:  # who waits for this file would hold one that nobody else sees
                 (folder / _NAME).unlink(missing_ok=True)
     finally:
         os.close(descriptor)
 
 
-def _take(descriptor: int, folder: Place, shared: bool) -> None:
+def _take(descriptor: int, folder: Place, how: int) -> None:
     try:
-        fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, how)
     except BlockingIOError:
         raise OutputError(
             f"{folder}: another run is writing there; wait for it, or split the work by --shard"
