@@ -1,7 +1,7 @@
 """Makes the figures of docs/studies.md: `python docs/studies.py`, or some of them: `python docs/studies.py window ...`.
 
 Each study is run with one seed, at its own settings otherwise, into out/studies/NAME; one that lies there already is
-not run again. The page shows one figure of each, in few colours, so that the repository stays small.
+not run again. The page shows one figure of each, in fewer colours.
 """
 
 import io
@@ -27,7 +27,7 @@ SHOWN = {
     "radiometric": "radiometric",
     "texture": "contrast",
 }
-WIDEST, COLOURS = 1000, 128
+WIDEST, COLOURS = 1000, 160
 
 
 def main(names: list[str]) -> None:
@@ -47,7 +47,7 @@ def small(png: bytes, path: Path) -> None:
     scale = min(1.0, WIDEST / picture.width)
     size = tuple(int(side) for side in np.rint(scale * np.array(picture.size)))
     path.parent.mkdir(exist_ok=True)
-    picture.resize(size, Image.Resampling.LANCZOS).quantize(COLOURS, Image.Quantize.MAXCOVERAGE).save(
+    picture.resize(size, Image.Resampling.LANCZOS).quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=4).save(
         path, optimize=True
     )
 

@@ -33,7 +33,7 @@ def label_axes(axes: Any, figure: Figure, rows: Table, name: Any) -> None:
     axes.grid(True, color="#DDDDDD", linewidth=0.6)
     axes.set_axisbelow(True)
     for column, text in figure.marks:
-        _mark(axes, rows.numbers(column), text)
+        _mark(axes, rows.numbers(column), text, at_top=figure.best == "least")
 
 
 def _panel_title(rows: Table, panel: str, name: Any) -> str:
@@ -69,14 +69,14 @@ def _plain_log(axes: Any) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def _mark(axes: Any, places: NDArray[np.float64], text: str) -> None:
-    """A vertical line at the mean of the places, its name along it."""
+def _mark(axes: Any, places: NDArray[np.float64], text: str, at_top: bool) -> None:
+    """A vertical line at the mean of the places, its name along it, away from where curves are of interest."""
     places = places[np.isfinite(places)]
     if not places.size:
         return
     place = float(places.mean())
     axes.axvline(place, color=_MARK, linestyle=":", linewidth=1.2)
     axes.annotate(
-        text, (place, 0.02), xytext=(-2, 0), textcoords="offset points", xycoords=axes.get_xaxis_transform(),
-        rotation=90, fontsize=7.5, va="bottom", ha="right", color=_MARK,
+        text, (place, 0.98 if at_top else 0.02), xycoords=axes.get_xaxis_transform(), xytext=(-2, 0),
+        textcoords="offset points", rotation=90, fontsize=7.5, va="top" if at_top else "bottom", ha="right", color=_MARK,
     )  # fmt: skip

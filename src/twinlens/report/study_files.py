@@ -101,7 +101,7 @@ def _page(result: Result, images: Mapping[str, bytes]) -> str:
         parts.append("<h2>Pictures</h2>")
     for picture in result.pictures:
         name = f"pictures/{picture.name}.png"
-        parts.append(_image(name, images[name], picture.title))
+        parts.append(_image(name, images[name], picture.title, shown=f"{html.escape(picture.title)}. "))
     parts.append("<h2>Protocol</h2>" + _protocol(result))
     skeleton = resources.files("twinlens.report").joinpath("page/study.html").read_text()
     title = html.escape(f"twinlens study: {study.name}")
@@ -142,11 +142,11 @@ def _unsettled(findings: Sequence[Stands]) -> str:
     return f"<p class=note>{text}</p>"
 
 
-def _image(path: str, data: bytes, title: str, other: str = "", scale: float = 1.0) -> str:
+def _image(path: str, data: bytes, title: str, other: str = "", scale: float = 1.0, shown: str = "") -> str:
     source = "data:image/png;base64," + base64.b64encode(data).decode("ascii")
     link = f' <a href="{html.escape(other)}">SVG</a>' if other else ""
     alt, width = html.escape(title), round(scale * int.from_bytes(data[16:20], "big"))
-    caption = f'<a href="{html.escape(path)}">PNG</a>{link}'
+    caption = f'{shown}<a href="{html.escape(path)}">PNG</a>{link}'
     return f'<figure><img src="{source}" width="{width}" alt="{alt}"><figcaption>{caption}</figcaption></figure>'
 
 

@@ -39,8 +39,8 @@ LINEAR = Sensor.preset("machine_vision", output="linear", bits=16, wavelengths=(
 EXPOSED_AT = 1.0
 """The fixed exposure is the automatic one of this f-number."""
 _CROP, _ZOOM = 40, 3
-_MOST_COST = 1.0
-"""Percent points: theory is right when its f-number costs no more than this over the best."""
+_MOST_COST = 0.2
+"""Theory is right when its f-number costs no more than this part of what the worst one costs over the best."""
 _MODES = ("fixed exposure", "equal brightness")
 _LAW_AT = 11.0
 
@@ -75,9 +75,10 @@ def _saved(stage: Stage, setup: Setup, grid: LensGrid, seconds: float) -> dict[s
     """What one set of light paths cost, beside as many direct photographs of the same error as there are lenses."""
     lens = lens_of(stage, EXPOSED_AT)
     stage.photograph(lens, 1, stream(setup.seeds[0], 8))
+    few = max(1, setup.spp // 4)
     begun = time.perf_counter()
-    stage.photograph(lens, setup.spp, stream(setup.seeds[0], 9))
-    direct = len(F_NUMBERS) * (time.perf_counter() - begun)
+    stage.photograph(lens, few, stream(setup.seeds[0], 9))
+    direct = len(F_NUMBERS) * setup.spp / few * (time.perf_counter() - begun)
     paths = len(F_NUMBERS) * setup.spp * 2 * setup.width * setup.height
     return {"grid_s": round(seconds, 2), "direct_s": round(direct, 2), "grid_paths": grid.rays, "direct_paths": paths}
 
@@ -86,7 +87,7 @@ def _said(name: str, saved: Mapping[str, float]) -> str:
     return (
         f"{name}: {len(F_NUMBERS)} lenses from {saved['grid_paths'] / 1e6:.3g} million light paths in "
         f"{saved['grid_s']:.3g} s; one by one {saved['direct_paths'] / 1e6:.3g} million, "
-        f"{saved['direct_s']:.3g} s by the time of one"
+        f"about {saved['direct_s']:.3g} s"
     )
 
 
@@ -195,11 +196,12 @@ def _optimum(rows: Table, text: str) -> Finding:
     best = min(numbers, key=lambda number: wrong[number])
     chosen = min(numbers, key=lambda number: abs(math.log(number / predicted)))
     cost = paired_difference(rows, "totbad2", "f_number", chosen, best)
+    allowed = _MOST_COST * (max(wrong.values()) - wrong[best])
     said = (
         f"{text}, is best at f/{best:g}; at f/{chosen:g}, the nearest to theory's f/{predicted:.2g}, it has {{}} more "
-        f"wrong pixels, where {_MOST_COST:g} are allowed"
+        f"wrong pixels, where {allowed:.2g} are allowed: a fifth of what the worst f-number costs"
     )
-    return Finding(said, cost, cost.value <= _MOST_COST, "percent points")
+    return Finding(said, cost, cost.value <= allowed, "percent points")
 
 
 def _square_law(table: Table) -> Finding:
@@ -241,9 +243,13 @@ STUDY = Study(
                where={"diffraction": "without"}, **_LOOK),
         Figure("predicted", "What theory expects of a matcher's error", "f_number", "predicted", by="diffraction",
                panel="exposure", log_x=True, log_y=True, best="least"),
-        Figure("light", "Mean level at a fixed exposure", "f_number", "level", by="scene", log_x=True, log_y=True,
+        Figure("light", "Mean level at a fixed exposure, as far as noise is not cut at zero", "f_number", "level",
+               by="scene", log_x=True, log_y=True,
                also=("square_law",), residual_of="square_law",
-               where={"exposure": _MODES[0], "diffraction": "without"}),
+               where={"exposure": _MODES[0], "diffraction": "without", "f_number": F_NUMBERS[:9]}),
     ),
-    defaults=Setup(("staircase", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1), width=480, height=360, spp=64),
+    defaults=Setup(
+        ("staircase", "cards"), ("sad", "ssd", "ncc", "zncc", "census", "rank", "birchfield_tomasi", "sgm"), (0, 1),
+        width=400, height=300, spp=32,
+    ),
 )  # fmt: skip

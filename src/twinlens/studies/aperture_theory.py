@@ -5,10 +5,14 @@ texture of grain s (a Gaussian's standard deviation, measured on the sharp pictu
 keeps slopes of variance ~ 1/(s^2 + b^2)^2, with b^2 = (c/4)^2 of the blur disk, c = A fx |1/z - k|, and
 (0.45 lambda N/p)^2 of the Airy pattern (the Gaussian of least squares: Zhang, Zerubia and Olivo-Marin, Gaussian
 approximations of fluorescence microscope point-spread function models, Applied Optics 46(10), 2007: 0.225 lambda/NA).
-Noise: signal S electrons have sqrt(S + r^2 + m^2)/S relative to them, with the read noise r and the noise m that the
-light paths themselves leave (their standard error, which the Airy pattern smooths as it does the picture). The harmonic
-mean over the picture's pixels of (s^2 + b^2) sigma/S, each with its true depth, is smallest at the predicted f-number;
-burnt pixels tell nothing.
+Noise: a signal of S electrons comes with sqrt(S + r^2), read noise r, on the picture as it is; and with the noise m
+that the light paths left in it (their standard error) before diffraction, which spreads that noise as it does the signal
+and so takes nothing from their ratio. Together
+
+    error^2 = ((s^2 + blur + airy) sqrt(S + r^2) / S)^2 + ((s^2 + blur) m / S)^2
+
+and its harmonic mean over the picture's pixels, each with its true depth, is smallest at the predicted f-number. Burnt
+pixels tell nothing.
 """
 
 import math
@@ -17,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import ThinLens
-from twinlens.diffraction import airy_kernel, kernel_radius_px
 from twinlens.matching import grey
 from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.stage import Stage
@@ -49,27 +52,21 @@ def predicted_error(
     stage: Stage, lens: ThinLens, exposure: Exposure, image: NDArray[np.float32], grain: float, paths: float,
     diffracts: bool,
 ) -> float:  # fmt: skip
-    """The theory of the module's first lines, in arbitrary units: the harmonic mean of (s^2 + b^2) sigma / S.
+    """The theory of the module's first lines, in arbitrary units: the harmonic mean of the error.
 
     paths: standard error of the radiance, rms.
     """
     known = np.isfinite(stage.truth.depth)
-    spread = (stage.blur(lens)[known] / 4.0) ** 2
+    before = grain**2 + (stage.blur(lens)[known] / 4.0) ** 2
     number = stage.camera.film_distance / lens.aperture_diameter
-    smoothed = paths
-    if diffracts:
-        pitch = 1e-6 * stage.camera.pixel_pitch_um
-        reach = kernel_radius_px((pitch, pitch), WAVELENGTH, number)
-        kernel = airy_kernel((pitch, pitch), WAVELENGTH, number, reach)
-        smoothed = paths * math.sqrt(float((kernel**2).sum()))
-        spread = spread + (_AIRY_GAUSSIAN * WAVELENGTH * number / pitch) ** 2
+    airy = _AIRY_GAUSSIAN * WAVELENGTH * number / (1e-6 * stage.camera.pixel_pitch_um) if diffracts else 0.0
     rate = SENSOR.level_rate(image, camera=stage.camera, lens=lens).mean(axis=-1)[known]
     wells = rate * exposure.time * SENSOR.full_well
     step = SENSOR.full_well / 255.0 / exposure.gain
-    left_by_paths = smoothed * float(wells.mean() / image.mean(axis=-1)[known].mean())
-    noise = np.sqrt(wells + SENSOR.read_noise**2 + step**2 / 12.0 + left_by_paths**2)
+    sensor = np.sqrt(wells + SENSOR.read_noise**2 + step**2 / 12.0)
+    left_by_paths = paths * float(wells.mean() / image.mean(axis=-1)[known].mean())
     telling = wells * exposure.gain < SENSOR.full_well
-    return 1.0 / float(np.mean(telling * wells / ((grain**2 + spread) * noise)))
+    return 1.0 / float(np.mean(telling * wells / np.hypot((before + airy**2) * sensor, before * left_by_paths)))
 
 
 def best_f_number(numbers: Float, errors: Float) -> float:

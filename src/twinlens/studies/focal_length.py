@@ -60,5 +60,5 @@ STUDY = Study(
             where={"part": SCENES},
         ),
     ),
-    defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2), spp=16),
+    defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1), spp=16),
 )  # fmt: skip
