@@ -1,5 +1,6 @@
 """Rectified samples: their truth is that of the pair built rectified, their rows agree, their pictures show it."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -109,6 +110,19 @@ def test_warping_is_bilinear_and_black_outside():
     assert warp(np.stack([image] * 3, axis=2), x, y).shape == (1, 3, 3)
     with pytest.raises(InputError, match="one shape"):
         warp(image, x, y[:, :2])
+
+
+@pytest.mark.parametrize("pictures", ["maps", "render"])
+def test_what_a_recipe_drew_is_not_said_of_the_new_cameras(stored, tmp_path, pictures):
+    record = {**stored.record["record"], "spp": 1, "spec": {"ndisp": 5}, "rejections": []}
+    (tmp_path / "s").mkdir()
+    for path in stored.folder.iterdir():
+        (tmp_path / "s" / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "s" / "sample.json").write_text(json.dumps({**stored.record, "record": record}))
+    sample = rectified_sample(Dataset(tmp_path / "s")[0], pictures=pictures, zero_doffs=False)
+    assert sample.record["rectified_from"]["pictures"] == pictures
+    assert not {"spec", "rejections"} & sample.record.keys()
+    assert sample.ndisp is None
 
 
 def test_a_scene_that_is_not_the_samples_is_refused(stored, scene):

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import twinlens as tl
+from factory_recipes import RECIPE, write_recipe
 from twinlens.camera import BrownConrady, MaskAperture, Polygon
 from twinlens.dataset import sample_files
 from twinlens.errors import InputError
-from twinlens.factory import default_rig, make_sample, remake
+from twinlens.factory import default_rig, make, make_sample, read_recipe, remake
 from twinlens.factory.remake import sensor_from_record
 from twinlens.rendering import backend
 from twinlens.sensor import Exposure, Mismatch, Sensor
@@ -115,3 +116,17 @@ def test_a_sensor_comes_back_from_its_json():
     from dataclasses import asdict
 
     assert sensor_from_record(json.loads(json.dumps(asdict(SENSOR)))) == SENSOR
+
+
+def test_a_recipes_sample_is_the_same_bytes_too(tmp_path):
+    text = RECIPE.replace("[rig]", "ndisp = 77\n\n[gates]\ntexture = 0\n\n[rig]", 1)
+    recipe = read_recipe(write_recipe(tmp_path, text))
+    files = sample_files(make(recipe, 1))
+    again = remake(json.loads(files["sample.json"]), tl.load_scene(tmp_path / "tiny"))
+    assert sample_files(again) == files
+
+
+def test_warped_pictures_cannot_be_photographed_again(record):
+    warped = {**record, "record": {**record["record"], "rectified_from": {"pictures": "maps"}}}
+    with pytest.raises(InputError, match="rectify that one again"):
+        remake(warped)

@@ -10,7 +10,7 @@ from twinlens.camera import ALIGNED, Misalignment
 from twinlens.dataset import Sample, Shot, StoredSample
 from twinlens.dataset.record import plain
 from twinlens.errors import unknown
-from twinlens.factory.remake import remake, scene_of
+from twinlens.factory.remake import ORIGIN, remake, scene_of
 from twinlens.rectification import Rectification, rectify
 from twinlens.rendering import ground_truth
 from twinlens.scenes import Scene
@@ -52,17 +52,18 @@ def rectified_sample(
     """
     if pictures not in PICTURES:
         raise unknown("way to make the pictures", pictures, PICTURES)
-    record = stored.record
-    scene = scene_of(record, scene)
+    scene = scene_of(stored.record, scene)
+    made = {key: value for key, value in stored.record["record"].items() if key not in ORIGIN}
     result = rectify(stored.rig, left, right, fit=fit, zero_doffs=zero_doffs, misalignment=misalignment)
     origin = {"rectified_from": {"sample": stored.name, "views": [left, right], "fit": fit, "pictures": pictures}}
     if pictures == "render":
-        sample = remake({**record, "rig": plain(result.rectified_rig)}, scene, progress=progress)
+        new = {**stored.record, "record": made, "rig": plain(result.rectified_rig)}
+        sample = remake(new, scene, progress=progress)
         return replace(sample, record={**sample.record, **origin})
-    truths = ground_truth(scene, result.aligned_rig, sky_disparity=bool(record["record"].get("sky_disparity")))
+    truths = ground_truth(scene, result.aligned_rig, sky_disparity=bool(made.get("sky_disparity")))
     shots = tuple(_warped(stored, k, (left, right), result) for k in range(stored.num_lenses))
-    made = {**record["record"], "keep_radiance": False, **origin}
-    return Sample(result.rectified_rig, shots, _where_pictured(truths, result), record=made)
+    said = {**made, "keep_radiance": False, **origin}
+    return Sample(result.rectified_rig, shots, _where_pictured(truths, result), record=said)
 
 
 def _warped(stored: StoredSample, k: int, views: tuple[int, int], result: Rectification) -> Shot:

@@ -1,7 +1,8 @@
 """A sample made again from its record alone."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
+from types import NoneType
 from typing import Any
 
 from twinlens.camera import Lens
@@ -12,6 +13,9 @@ from twinlens.factory.sample import file_digests, make_sample
 from twinlens.scenes import Scene, load_scene
 from twinlens.sensor import Exposure, Mismatch, Sensor
 
+ORIGIN = ("spec", "rejections", "rectified_from")
+"""What a record may say besides: what came before `make_sample`, a recipe's draw or another sample."""
+
 
 def remake(
     record: Mapping[str, Any], scene: Scene | None = None, *, progress: Callable[[float], None] | None = None
@@ -21,12 +25,14 @@ def remake(
     Its files are the same to the byte where backend and versions are those that the record names. A bundled scene is
     found by its name; any other has to be given as `scene`, as `load_scene` reads it from its file.
 
-    Raises InputError for a scene that is another one than the record's, or that is not bundled and not given, and for a
-    record that `make_sample` did not write.
+    Raises InputError for a scene that is another one than the record's, or that is not bundled and not given, for
+    pictures that were warped from others, and for a record that `make_sample` did not write.
     """
     made = _part(record, "record", Mapping)
+    if isinstance(made.get("rectified_from"), Mapping) and made["rectified_from"].get("pictures") == "maps":
+        raise InputError("its pictures were warped from another sample's, not photographed: rectify that one again")
     scene = scene_of(record, scene)
-    return make_sample(
+    sample = make_sample(
         scene,
         rig_from_plain(record.get("rig")),
         _lenses(record),
@@ -39,6 +45,8 @@ def remake(
         keep_radiance=_part(made, "keep_radiance", bool),
         progress=progress,
     )
+    ndisp = _part(_part(made, "spec", Mapping), "ndisp", (int, NoneType)) if "spec" in made else None
+    return replace(sample, ndisp=ndisp, record={**sample.record, **{key: made[key] for key in ORIGIN if key in made}})
 
 
 def sensor_from_record(record: Mapping[str, Any]) -> Sensor:
