@@ -76,7 +76,8 @@ def _mark(axes: Any, places: NDArray[np.float64], text: str, at_top: bool) -> No
         return
     place = float(places.mean())
     axes.axvline(place, color=_MARK, linestyle=":", linewidth=1.2)
+    height, side = (0.98, "top") if at_top else (0.02, "bottom")
     axes.annotate(
-        text, (place, 0.98 if at_top else 0.02), xycoords=axes.get_xaxis_transform(), xytext=(-2, 0),
-        textcoords="offset points", rotation=90, fontsize=7.5, va="top" if at_top else "bottom", ha="right", color=_MARK,
+        text, (place, height), xycoords=axes.get_xaxis_transform(), xytext=(-2, 0), textcoords="offset points",
+        rotation=90, fontsize=7.5, va=side, ha="right", color=_MARK,
     )  # fmt: skip

@@ -6,8 +6,8 @@ keeps slopes of variance ~ 1/(s^2 + b^2)^2, with b^2 = (c/4)^2 of the blur disk,
 (0.45 lambda N/p)^2 of the Airy pattern (the Gaussian of least squares: Zhang, Zerubia and Olivo-Marin, Gaussian
 approximations of fluorescence microscope point-spread function models, Applied Optics 46(10), 2007: 0.225 lambda/NA).
 Noise: a signal of S electrons comes with sqrt(S + r^2), read noise r, on the picture as it is; and with the noise m
-that the light paths left in it (their standard error) before diffraction, which spreads that noise as it does the signal
-and so takes nothing from their ratio. Together
+that the light paths left in it (their standard error) before diffraction, which spreads that noise as it does the
+signal and so takes nothing from their ratio. Together
 
     error^2 = ((s^2 + blur + airy) sqrt(S + r^2) / S)^2 + ((s^2 + blur) m / S)^2
 
