@@ -96,6 +96,7 @@ def test_shards_make_the_whole_in_any_order(recipe, whole, folder):
     made = [generate(recipe, folder, shard=(i, 3)) for i in (2, 3, 1)]
     assert [outcome.made for outcome in made] == [1, 1, 2]
     assert [outcome.complete for outcome in made] == [False, False, True]
+    assert [(outcome.before, outcome.there) for outcome in made] == [(0, 1), (1, 2), (2, 4)]
     assert digests(folder) | {".lock": ""} == digests(whole) | {".lock": ""}
 
 
@@ -259,6 +260,7 @@ def test_a_sample_that_cannot_be_is_told_with_what_to_change_and_the_rest_is_mad
     recipe = read_recipe(write_recipe(tmp_path, text))
     outcome = generate(recipe, folder)
     assert [failure.index for failure in outcome.failures] == [1, 3]
+    assert (outcome.count, outcome.made, outcome.before, outcome.there) == (4, 2, 0, 2)
     assert "rig.baseline" in outcome.failures[0].remedy
     assert len(outcome.failures[0].rejections) == 3
     assert outcome.complete

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from twinlens.factory.preview import MOST, chosen, colored, sheet
+from twinlens.dataset import StoredSample, write_png
+from twinlens.factory.preview import MOST, chosen, colored, sheet, tile
 
 
 @pytest.mark.parametrize("count", [1, 2, 47, 48, 49, 1000, 10_000_000])
@@ -31,3 +32,9 @@ def test_tiles_stand_in_rows_and_missing_ones_are_grey():
     assert (page[4:14, 28:48] == 40).all()
     assert (page[18:28, 28:48] == 255).all()
     assert not page[18:28, 52:].any()
+
+
+@pytest.mark.parametrize("value", [0, 200, 255, 256, 30_000, 65_535])
+def test_sixteen_bits_are_shown_by_their_upper_eight_however_dark(tmp_path, value):
+    write_png(tmp_path / "im0.png", np.full((6, 8, 3), value, np.uint16))
+    assert np.abs(tile(StoredSample(tmp_path, "dark")).astype(int) - value // 257).max() <= 1

@@ -112,8 +112,9 @@ def _tell(outcome: "Outcome", output: str, as_json: bool) -> None:
             f"{last['reason']} ({last['found']}); change {failure.remedy}",
             err=True,
         )
-    there = outcome.before + outcome.made - len(outcome.failures)
-    click.echo(f"{output}: {there} of {outcome.count} samples, {outcome.made} of them made now{_turned(outcome)}")
+    click.echo(
+        f"{output}: {outcome.there} of {outcome.count} samples, {outcome.made} of them made now{_turned(outcome)}"
+    )
     if not outcome.complete:
         click.echo("the same command goes on from here", err=True)
 

@@ -30,12 +30,13 @@ Engine = Callable[[Work, Sequence[int], Report, Callable[[], bool]], Iterator[tu
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended: samples in all, made by this run, there before; those that failed; whether it is complete, or
-    was interrupted."""
+    """How a run ended: samples asked for, made by this run, there before and there now (other shards' too); those that
+    failed; whether it is complete, or was interrupted."""
 
     count: int
     made: int
     before: int
+    there: int
     failures: tuple[Failure, ...]
     rejections: dict[str, int]
     complete: bool
@@ -80,12 +81,13 @@ def generate(
         ledger.recover()
         if not ledger.has_file:
             ledger.write()
-        before = len(ledger.entries)
+        before, known, made = len(ledger.rows()), len(ledger.entries), 0
         todo = [index for index in ledger.missing() if index % shard[1] == shard[0] - 1][:limit]
         with _Upkeep(ledger, alone=not shared) as upkeep:
             work = Work(recipe, str(root), ledger.made_with)
-            for index, entry in engine(work, todo, _of_whole(report, before, recipe.count, len(todo)), stop):
+            for index, entry in engine(work, todo, _of_whole(report, known, recipe.count, len(todo)), stop):
                 upkeep.took(index, entry)
+                made += not isinstance(entry, Failure)
         if shared or stop():
             ledger.recover()
         if ledger.is_complete and not shared:
@@ -93,7 +95,17 @@ def generate(
     if ledger.is_complete and shared:
         with locked(root, wait=True):  # several shards may find that all is made: one after the other
             finish(ledger)
-    return _outcome(ledger, before, stop())
+    there = len(ledger.rows())
+    return Outcome(
+        count=recipe.count,
+        made=made if shared else there - before,
+        before=before,
+        there=there,
+        failures=tuple(ledger.failures()),
+        rejections=ledger.rejections(),
+        complete=ledger.is_complete,
+        interrupted=stop() and not ledger.is_complete,
+    )
 
 
 class _Upkeep:
@@ -134,15 +146,3 @@ def _check(limit: int | None, shard: tuple[int, int]) -> None:
 def _of_whole(report: Report, before: int, count: int, todo: int) -> Report:
     """The fraction of this run's samples, told with how many samples there are."""
     return lambda fraction, now: report(fraction, f"{before + round(fraction * todo)}/{count} {now}".strip())
-
-
-def _outcome(ledger: Ledger, before: int, interrupted: bool) -> Outcome:
-    return Outcome(
-        count=ledger.recipe.count,
-        made=len(ledger.entries) - before,
-        before=before,
-        failures=tuple(ledger.failures()),
-        rejections=ledger.rejections(),
-        complete=ledger.is_complete,
-        interrupted=interrupted and not ledger.is_complete,
-    )

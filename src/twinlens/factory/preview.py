@@ -59,8 +59,7 @@ def tile(sample: StoredSample) -> Image:
     """The first image and, where there is one, the first disparity map below it, `_WIDTH` px wide."""
     image = sample.im0
     grey = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
-    top = float(np.iinfo(grey.dtype).max) if grey.max() > 255 or grey.dtype == np.uint8 else 1.0
-    parts = [_narrow((grey / top * 255).astype(np.uint8))]
+    parts = [_narrow((grey / float(np.iinfo(grey.dtype).max) * 255).astype(np.uint8))]
     with contextlib.suppress(FileError):  # a rig that is not rectified has no disparity
         parts.append(_narrow(colored(sample.disp0)))
     return np.concatenate(parts)

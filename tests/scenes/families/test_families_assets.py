@@ -1,5 +1,7 @@
 """The user's own files: drawn like twinlens's own, normalised, placed at rest; a broken one skipped and named."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import trimesh
@@ -32,6 +34,18 @@ def test_broken_files_are_named_once_with_the_reason(folder):
     assert {path.name for path, _ in assets.broken} == {"torn.ply", "empty.obj", "flat.ply", "torn.png"}
     assert all(reason and "\n" not in reason for _, reason in assets.broken)
     assert "flat" in {path.name: reason for path, reason in assets.broken}["flat.ply"]
+
+
+def test_memory_does_not_grow_with_the_folder(tmp_path):
+    for i in range(12):
+        Image.fromarray(np.full((500, 500, 3), 20 * i, np.uint8)).save(tmp_path / f"{i}.png")
+    assets = Assets.from_folders(textures=[tmp_path])
+    tracemalloc.start()
+    assets.check()
+    kept = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert kept < 6 * 500 * 500 * 3 * 4
+    assert not assets.broken
 
 
 def test_meshes_are_brought_to_one_size(folder):

@@ -23,6 +23,8 @@ MESHES = (".glb", ".obj", ".ply", ".stl")
 PICTURES = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
 HDRIS = (".hdr", ".exr", ".png")
 MOST_TRIANGLES = 100_000
+MOST_KEPT = 4
+"""Files whose content stays in memory, the last ones read: a folder of environment maps may be larger than that."""
 
 
 @dataclass(eq=False)
@@ -94,6 +96,8 @@ class Assets:
             except (InputError, OSError) as error:
                 self._failed[path] = str(error).removeprefix(f"{path}: ")
                 return None
+            if len(self._read) > MOST_KEPT:
+                del self._read[next(iter(self._read))]
         made: T = self._read[path]
         return made
 
