@@ -22,6 +22,8 @@ def test_a_toed_in_pair_is_rectified_and_verifies(twinlens, tmp_path):
         ("--fit", "vlid"),
         ("--misalignment", "roll=1"),
         ("--misalignment", "roll_deg=x"),
+        ("--misalignment", "roll_deg=1,roll_deg=2"),
+        ("--misalignment", "roll_deg=inf"),
         ("--cameras", "1,0"),
     ):
         code, _, err = twinlens("rectify", tmp_path / "out" / "cards", "-o", tmp_path / "no", *wrong)

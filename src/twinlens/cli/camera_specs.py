@@ -79,7 +79,7 @@ def parse_mismatch(text: str) -> Mismatch:
     Mismatch(gain=1.0, time=1.05, black_level=2.0)
     """
     where = f"--mismatch {text!r}"
-    given = _pairs(where, text)
+    given = parse_pairs(where, text)
     for key in given:
         if key not in _MISMATCHES:
             raise InputError(f"{where}: {unknown('quantity', key, _MISMATCHES)}")
@@ -99,7 +99,7 @@ def parse_sensor(text: str) -> Sensor:
         raise InputError(f"{where}: {unknown('sensor', preset, PRESETS)}")
     known = {field.name: field.default for field in fields(Sensor) if field.name != "mismatch"}
     changes = {}
-    for key, value in (_pairs(where, rest) if colon else {}).items():
+    for key, value in (parse_pairs(where, rest) if colon else {}).items():
         if key not in known:
             raise InputError(f"{where}: {unknown('figure', key, known)}")
         changes[key] = _like(known[key], value, f"{where}, {key}")
@@ -120,8 +120,8 @@ def _like(example: Any, text: str, where: str) -> Any:
     return int(value) if isinstance(example, int) and value.is_integer() else value
 
 
-def _pairs(where: str, text: str) -> dict[str, str]:
-    """The names and values of `a=1,b=2`."""
+def parse_pairs(where: str, text: str) -> dict[str, str]:
+    """The names and values of `a=1,b=2`; `where` is what a message begins with."""
     pairs: dict[str, str] = {}
     for part in text.split(","):
         name, equals, value = (piece.strip() for piece in part.partition("="))

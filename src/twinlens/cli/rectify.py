@@ -6,8 +6,10 @@ from pathlib import Path
 import click
 
 from twinlens.camera import ALIGNED, Misalignment
+from twinlens.cli.camera_specs import parse_pairs
 from twinlens.cli.progress import progress_bar
 from twinlens.cli.samples import open_sample, parse_pair
+from twinlens.cli.specs import number, told
 from twinlens.errors import InputError, unknown
 
 
@@ -66,13 +68,9 @@ def parse_misalignment(text: str | None) -> Misalignment:
     """
     if text is None:
         return ALIGNED
-    known, given = list(vars(ALIGNED)), {}
-    for part in text.split(","):
-        name, _, value = part.partition("=")
-        if name.strip() not in known:
-            raise InputError(f"--misalignment {text!r}: {unknown('quantity', name.strip(), known)}")
-        try:
-            given[name.strip()] = float(value)
-        except ValueError:
-            raise InputError(f"--misalignment {text!r}: {part!r} must read NAME=NUMBER") from None
-    return Misalignment(**given)
+    where, known = f"--misalignment {text!r}", list(vars(ALIGNED))
+    given = parse_pairs(where, text)
+    for name in given:
+        if name not in known:
+            raise InputError(f"{where}: {unknown('quantity', name, known)}")
+    return told(where, lambda: Misalignment(**{name: number(value, where) for name, value in given.items()}))
