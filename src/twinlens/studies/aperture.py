@@ -250,6 +250,6 @@ STUDY = Study(
     ),
     defaults=Setup(
         ("staircase", "cards"), ("sad", "ssd", "ncc", "zncc", "census", "rank", "birchfield_tomasi", "sgm"), (0, 1),
-        width=400, height=300, spp=32,
+        width=480, height=360, spp=64,
     ),
 )  # fmt: skip
