@@ -17,7 +17,7 @@ def correspondence_of(truths: tuple[Truth, Truth], rig: Rig, source: int, target
     Positions are float32 in a file, so pixels are within 1e-7 fx |X| / z of `tl.correspondence`'s. Visibility is the
     file's own where the target is the source's partner. For any other it is judged by what the target sees at the
     nearest pixel, and so within half a pixel at edges: the same object, its tangent plane within a thousandth of the
-    distance.
+    distance. Where surfaces bend within a pixel by more than that, seen points are missed.
 
     Raises InputError unless the two are different cameras of the rig.
     """
