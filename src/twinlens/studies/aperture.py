@@ -103,9 +103,7 @@ def _sweep(setup: Setup, stage: Stage, lenses: Sequence[ThinLens], grid: LensGri
         for diffraction, radiance in (("without", sharp), ("with", _diffracted(stage, lens, sharp))):
             for mode in _MODES:
                 exposure = fixed if mode == _MODES[0] else _automatic(stage, lens, radiance)
-                predicted = predicted_error(
-                    stage, lens, exposure, radiance[0], grain, float(grid.standard_error[k, 0]), diffraction == "with"
-                )
+                predicted = predicted_error(stage, lens, exposure, radiance[0], grain, diffraction == "with")
                 level = _level(stage, lens, exposure, radiance)
                 case: Row = {
                     "scene": stage.scene.name, "f_number": number, "exposure": mode, "diffraction": diffraction,

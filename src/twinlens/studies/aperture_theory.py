@@ -5,14 +5,9 @@ texture of grain s (a Gaussian's standard deviation, measured on the sharp pictu
 keeps slopes of variance ~ 1/(s^2 + b^2)^2, with b^2 = (c/4)^2 of the blur disk, c = A fx |1/z - k|, and
 (0.45 lambda N/p)^2 of the Airy pattern (the Gaussian of least squares: Zhang, Zerubia and Olivo-Marin, Gaussian
 approximations of fluorescence microscope point-spread function models, Applied Optics 46(10), 2007: 0.225 lambda/NA).
-Noise: a signal of S electrons comes with sqrt(S + r^2), read noise r, on the picture as it is; and with the noise m
-that the light paths left in it (their standard error) before diffraction, which spreads that noise as it does the
-signal and so takes nothing from their ratio. Together
-
-    error^2 = ((s^2 + blur + airy) sqrt(S + r^2) / S)^2 + ((s^2 + blur) m / S)^2
-
-and its harmonic mean over the picture's pixels, each with its true depth, is smallest at the predicted f-number. Burnt
-pixels tell nothing.
+Noise: a signal of S electrons comes with sqrt(S + r^2), read noise r. The harmonic mean over the picture's pixels, each
+with its true depth, of  (s^2 + b^2) sqrt(S + r^2) / S  is smallest at the predicted f-number. Burnt pixels tell
+nothing. What noise the light paths leave in a picture is the renderer's, not the camera's, and has no place in it.
 """
 
 import math
@@ -49,13 +44,9 @@ def grain_px(image: NDArray[np.float32]) -> float:
 
 
 def predicted_error(
-    stage: Stage, lens: ThinLens, exposure: Exposure, image: NDArray[np.float32], grain: float, paths: float,
-    diffracts: bool,
+    stage: Stage, lens: ThinLens, exposure: Exposure, image: NDArray[np.float32], grain: float, diffracts: bool
 ) -> float:  # fmt: skip
-    """The theory of the module's first lines, in arbitrary units: the harmonic mean of the error.
-
-    paths: standard error of the radiance, rms.
-    """
+    """The theory of the module's first lines, in arbitrary units: the harmonic mean of the error."""
     known = np.isfinite(stage.truth.depth)
     before = grain**2 + (stage.blur(lens)[known] / 4.0) ** 2
     number = stage.camera.film_distance / lens.aperture_diameter
@@ -64,9 +55,8 @@ def predicted_error(
     wells = rate * exposure.time * SENSOR.full_well
     step = SENSOR.full_well / 255.0 / exposure.gain
     sensor = np.sqrt(wells + SENSOR.read_noise**2 + step**2 / 12.0)
-    left_by_paths = paths * float(wells.mean() / image.mean(axis=-1)[known].mean())
     telling = wells * exposure.gain < SENSOR.full_well
-    return 1.0 / float(np.mean(telling * wells / np.hypot((before + airy**2) * sensor, before * left_by_paths)))
+    return 1.0 / float(np.mean(telling * wells / ((before + airy**2) * sensor)))
 
 
 def best_f_number(numbers: Float, errors: Float) -> float:
