@@ -56,7 +56,7 @@ def command(
     from twinlens.dataset import encode_png
     from twinlens.dataset.files import write_folder
     from twinlens.dataset.record import encode_json
-    from twinlens.reconstruction import compare, fuse, integrate, sampled, surface_of
+    from twinlens.reconstruction import fuse, integrate, sampled, surface_of
     from twinlens.reconstruction.export import glb_bytes, ply_bytes
 
     stored = open_sample(sample)
@@ -71,11 +71,7 @@ def command(
         spread = sampled(surface, 0.5 * cell)
         report(0.8, "comparing")
         spacing = 500 * cell if spacing_mm is None else spacing_mm
-        true = _true_surface(stored, far)
-        found = {} if true is None else {
-            name: compare(thing, true, spacing_mm=spacing).to_dict()
-            for name, thing in (("points", cloud), ("mesh", spread))
-        }  # fmt: skip
+        found = _against_truth(_true_surface(stored, far), spacing, points=cloud, mesh=spread)
     record = {
         "sample": str(sample), "method": method, "views": len(views), "min_views": min_views, "points": len(cloud),
         "vertices": len(surface.vertices), "faces": len(surface.faces), "cell_mm": 1e3 * cell, "against_truth": found,
@@ -153,6 +149,15 @@ def _true_surface(stored: "StoredSample", far: float | None) -> "Cloud | None":
     if not stored.has("truth0.exr"):
         return None
     return fuse([_cut(view, far) for view in depth_views(stored, "truth")])
+
+
+def _against_truth(true: "Cloud | None", spacing_mm: float, **clouds: "Cloud") -> dict[str, Any]:
+    """How each cloud compares with the true surface; nothing where that is not known."""
+    from twinlens.reconstruction import compare
+
+    if true is None:
+        return {}
+    return {name: compare(cloud, true, spacing_mm=spacing_mm).to_dict() for name, cloud in clouds.items()}
 
 
 def _longest(cloud: "Cloud") -> float:
