@@ -265,6 +265,26 @@ def test_the_working_llvm_of_this_machine_is_used(both):
     assert name == "cuda" or Path(library).exists()
 
 
+def test_a_missing_library_named_by_the_user_leads_to_the_one_that_works(both):
+    """The whole way: the probe of the machine's own LLVM is what this process then uses."""
+    both["llvm"]("truth")
+    script = (
+        "from twinlens.rendering.backends import mitsuba; mi = mitsuba()\n"
+        "mi.render(mi.load_dict(mi.cornell_box()), spp=1); print(mi.variant())"
+    )
+    child = run_python(script, DRJIT_LIBLLVM_PATH="/nonexistent")
+    assert child.returncode == 0, child.stderr
+    assert child.stdout.strip() in ("llvm_ad_rgb", "cuda_ad_rgb")
+
+
+def test_a_host_that_read_a_broken_path_first_is_told_in_a_line(both):
+    both["llvm"]("truth")
+    script = "import mitsuba; from twinlens.rendering import backend; backend()"
+    child = run_python(script, DRJIT_LIBLLVM_PATH="/nonexistent")
+    last = child.stderr.splitlines()[-1] if child.stderr else ""
+    assert child.returncode == 0 or "BackendError: llvm_ad_rgb works by itself" in last
+
+
 def test_importing_twinlens_imports_no_renderer():
     child = run_python(
         "import sys, twinlens, twinlens.rendering; print('mitsuba' in sys.modules, 'drjit' in sys.modules)"

@@ -7,6 +7,7 @@ import ctypes
 import functools
 import gc
 import os
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,7 +100,12 @@ def _wanted() -> str:
 
 
 def _already_set() -> Backend | None:
-    """A host program that chose a variant before us keeps it."""
+    """A host program that chose a variant before us keeps it.
+
+    Mitsuba is not imported here: with it Dr.Jit reads DRJIT_LIBLLVM_PATH, once, before we know a library that works.
+    """
+    if "mitsuba" not in sys.modules:
+        return None
     import mitsuba
 
     variant = mitsuba.variant()
@@ -154,6 +160,13 @@ def _activate(chosen: Backend) -> None:
         os.environ["DRJIT_LIBLLVM_PATH"] = chosen.library
     import mitsuba
 
-    if mitsuba.variant() != chosen.variant:
+    if mitsuba.variant() == chosen.variant:
+        return
+    try:
         mitsuba.set_variant(chosen.variant)
-        mitsuba.set_log_level(mitsuba.LogLevel.Error)
+    except ImportError as error:
+        raise BackendError(
+            f"{chosen.variant} works by itself but not in this process: mitsuba was imported before, with another "
+            "DRJIT_LIBLLVM_PATH; unset that, or render with twinlens first"
+        ) from error
+    mitsuba.set_log_level(mitsuba.LogLevel.Error)
