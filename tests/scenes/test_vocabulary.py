@@ -33,7 +33,7 @@ VALUES: dict[str, str] = {
     "flip_normals": "true",
     "hide_emitters": "true",
     "center": "[0, 0, 1]",
-    "p0": "[0, 0, 1]",
+    "p0": "[0, 0, -1]",
     "p1": "[0, 1, 1]",
     "position": "[0, 0, 3]",
     "direction": "[0, 0.1, -1]",
