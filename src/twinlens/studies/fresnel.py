@@ -21,7 +21,7 @@ _RINGS_OUT = 12
 def intensity(radius: Float, diameter: float, film: float, depth: float, wavelength: float) -> Float:
     """|U(r)|^2 at each radius (metres, on the film), U as above.
 
-    >>> i = intensity(np.array([0.0, 1.0]), 0.2e-3, 0.05, np.inf, 550e-9)
+    >>> i = intensity(np.array([0.0, 1e-2]), 0.2e-3, 0.05, np.inf, 550e-9)
     >>> bool(i[0] > 1000 * i[1])
     True
     """
