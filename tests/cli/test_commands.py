@@ -96,6 +96,17 @@ def test_report_makes_the_page_again(twinlens, dataset, tmp_path):
     assert "page.html" in out
 
 
+def test_report_takes_the_board_s_folder_too(twinlens, dataset, tmp_path):
+    twinlens("benchmark", dataset, "--methods", "sad", "-o", tmp_path / "board")
+    (tmp_path / "board" / "index.html").unlink()
+    code, _, err = twinlens("report", tmp_path / "board")
+    assert code == 0, err
+    assert (tmp_path / "board" / "index.html").exists()
+    code, _, err = twinlens("report", tmp_path)
+    assert code == 2
+    assert str(tmp_path / "board.json") in err
+
+
 def test_a_folder_of_maps_is_scored_like_a_method(twinlens, dataset, tmp_path):
     twinlens("benchmark", dataset, "--methods", "sad", "-o", tmp_path / "board")
     code, _, _ = twinlens("score", tmp_path / "board" / "maps", "--truth", dataset, "-o", tmp_path / "other")
@@ -127,6 +138,15 @@ def test_a_board_on_which_everything_failed_says_why(twinlens, dataset, tmp_path
     empty.mkdir()
     (empty / "other.pfm").write_bytes((dataset / "cards" / "disp0.pfm").read_bytes())
     code, out, _ = twinlens("score", empty, "--truth", dataset, "-o", tmp_path / "board")
-    assert code == 0
+    assert code == 1
     assert "no map of" in out
     assert "every method failed" in out
+
+
+@pytest.mark.parametrize("form", [(), ("--json",)])
+def test_the_exit_code_tells_that_every_method_failed_and_not_that_some_did(twinlens, dataset, tmp_path, form):
+    """A function that is in no module fails; beside a matcher that answers, it fails alone."""
+    bad = "function:function=nomodule:f"
+    assert twinlens("benchmark", dataset, "--methods", bad, "-o", tmp_path / "none", *form)[0] == 1
+    assert (tmp_path / "none" / "index.html").exists()
+    assert twinlens("benchmark", dataset, "--methods", f"{bad},sad", "-o", tmp_path / "some", *form)[0] == 0

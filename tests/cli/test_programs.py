@@ -201,7 +201,7 @@ def test_a_memory_limit_that_is_none_is_refused(twinlens, dataset, tmp_path, gib
 def test_what_a_matcher_prints_here_is_not_on_our_stream(twinlens, dataset, tmp_path, monkeypatch):
     monkeypatch.setattr("twinlens.matching.matcher.StereoMatcher.match", lambda self, left, right: print("hello") or 1)
     code, out, err = twinlens("benchmark", dataset, "--methods", "sad", "-o", tmp_path / "b", "--json")
-    assert code == 0
+    assert code == 1
     assert "hello" in err
     assert json.loads(out)["entries"][0]["failure"]["kind"] == "wrong-type"
 

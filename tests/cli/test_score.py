@@ -88,3 +88,31 @@ def test_missing_maps_are_counted_and_named(twinlens, dataset, tmp_path):
     assert code == 0
     assert [failure and failure["kind"] for failure in found.values()] == [None, "missing", "missing"]
     assert err == "mine: 2 of 3 maps are missing: cards/lens-1.pfm, motorcycle.pfm\n"
+
+
+@pytest.mark.parametrize("word", ["folder", "motorcycle"])
+def test_one_map_against_a_dataset_says_that_one_truth_map_is_wanted(twinlens, maps, dataset, word):
+    truth = dataset if word == "folder" else word
+    code, out, err = twinlens("score", maps / "d.pfm", "--truth", truth)
+    assert (code, out) == (2, "")
+    assert f"{truth} is a dataset" in err
+    assert "one truth map" in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_one_map_that_two_datasets_would_take_for_theirs_is_refused(twinlens, maps, dataset, tmp_path, turned):
+    """`cards` of two lenses takes cards.pfm for its first lens's; `cards` of one lens takes it for its own."""
+    other = tmp_path / "other"
+    assert twinlens("render", "cards", "--size", "64x48", "--spp", "2", "-o", other)[0] == 0
+    write_pfm(tmp_path / "mine" / "cards.pfm", tl.Dataset(dataset)[0].disp0)
+    truths = (other, dataset) if turned else (dataset, other)
+    options = [word for truth in truths for word in ("--truth", truth)]
+    code, out, err = twinlens("score", tmp_path / "mine", *options, "-o", tmp_path / "board")
+    assert (code, out) == (2, "")
+    assert "cards.pfm would be scored for both" in err
+    assert "'cards'" in err
+    assert not (tmp_path / "board").exists()
+    write_pfm(tmp_path / "mine" / "cards" / "lens-0.pfm", tl.Dataset(dataset)[0].disp0)
+    code, _, err = twinlens("score", tmp_path / "mine", *options, "-o", tmp_path / "board")
+    assert (code, err) == (0, "mine: 1 of 3 maps are missing: cards/lens-1.pfm\n"), "each has a file of its own now"

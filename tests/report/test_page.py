@@ -337,6 +337,19 @@ def test_a_method_that_was_not_run_everywhere_says_so(tmp_path):
 
 
 @needs_chromium
+def test_a_board_on_which_everything_failed_lists_every_failure(tmp_path):
+    board = run_benchmark([pair(), pair("lane")], [Flat("first", None), Flat("second", None)], warm_up=False)
+    dom = browse(tmp_path / "page.html", page_html(board))
+    assert 'data-ready="1"' in dom
+    listed = re.search(r'<div id="failed">(.*?)</div>', dom, re.S)[1]
+    assert re.sub(r"<[^>]+>", "", listed) == (
+        "crash first on every sample: RuntimeError: firstcrash second on every sample: RuntimeError: second"
+    )
+    assert "0 of 2 samples, 2 failed" in dom
+    assert "Nothing was scored." in dom
+
+
+@needs_chromium
 def test_evil_names_are_shown_as_text_and_run_nothing(tmp_path):
     board, samples, maps = made((EVIL, "b" + EVIL, "c" + EVIL), sample="s" + EVIL, title="t" + EVIL)
     dom = browse(tmp_path / "page.html", page_html(board, samples, maps))

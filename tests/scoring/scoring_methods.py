@@ -1,5 +1,6 @@
 """A sample, and matchers good, bad and dangerous: at module level, so that a spawned process can import them."""
 
+import contextlib
 import ctypes
 import os
 import signal
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from twinlens.errors import InputError
 from twinlens.scoring import Pair
 
 
@@ -165,3 +167,41 @@ class Trouble:
     def scribbles(self, left):
         left[:] = 0
         return np.zeros(left.shape[:2], np.float32)
+
+
+@dataclass(frozen=True)
+class Unloadable:
+    """A method that this process can send and that asks for too much where it is loaded, by itself or wrapped."""
+
+    name: str
+    error: type
+
+    def __reduce__(self):
+        return _hungry, (self.error,)
+
+    def __call__(self, left, right, *, ndisp):
+        raise NotImplementedError
+
+
+def _hungry(error):
+    try:
+        raise error("no memory: failed to map segment from shared object")
+    except error as cause:
+        raise InputError("the library is not installed") from cause
+
+
+@dataclass(frozen=True)
+class Starving:
+    """Leaves its process no memory at the warm-up, so that the following question kills it."""
+
+    name: str
+
+    def __call__(self, left, right, *, ndisp):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (2**17, resource.getrlimit(resource.RLIMIT_DATA)[1]))
+        kept = []
+        with contextlib.suppress(MemoryError):
+            while True:
+                kept.append(bytes(2**15))
+        self.__dict__["kept"] = kept

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scoring_methods import Constant, Hangs, Signed, Slow, Starts, Trouble, pair
+from scoring_methods import Constant, Hangs, Signed, Slow, Starts, Starving, Trouble, Unloadable, pair
 
 from twinlens.dataset import Calibration
 from twinlens.errors import FileError, InputError
@@ -110,6 +110,33 @@ def test_a_crash_of_compiled_code_a_glutton_and_a_talker_stay_alone(capfd):
 def test_a_memory_limit_alone_runs_methods_apart():
     board = run_benchmark([pair()], [Trouble("dies"), Constant("good", 4)], memory_limit=2**31, warm_up=False)
     assert [e.ok for e in board.entries] == [False, True]
+
+
+only_linux = pytest.mark.skipif(sys.platform != "linux", reason="only Linux counts a process's data")
+
+
+@only_linux
+@pytest.mark.parametrize("warm_up", [True, False])
+def test_a_limit_below_what_a_process_needs_to_start_is_a_lack_of_memory(warm_up):
+    board = run_benchmark([pair()], [Constant("small", 4)], memory_limit=2**17, warm_up=warm_up)
+    failure = board.entries[0].failure
+    assert failure.kind == "memory"
+    assert "before the first match; the limit is 0.00012 GiB" in failure.message
+
+
+@pytest.mark.parametrize(("error", "kind"), [(MemoryError, "memory"), (ImportError, "memory"), (KeyError, "crash")])
+def test_a_lack_of_memory_while_loading_is_told_from_a_crash(error, kind):
+    board = run_benchmark([pair()], [Unloadable("u", error)], time_limit=30, warm_up=False)
+    assert board.entries[0].failure.kind == kind
+
+
+@only_linux
+def test_a_child_whose_memory_fails_between_two_calls_says_so():
+    """The limit sinks to less than it has once it was greeted; the next question is too large to be read."""
+    image, truth = np.zeros((600, 800, 3), np.uint8), np.ones((600, 800), np.float32)
+    large = Pair("a", image, image, truth, None, 16)
+    board = run_benchmark([large], [Starving("s")], time_limit=30, warm_up=True)
+    assert board.entries[0].failure.kind == "memory"
 
 
 def test_a_hang_while_warming_up_is_bounded_and_not_tried_again(tmp_path):

@@ -38,13 +38,13 @@ def command(
     time_limit: float | None,
     memory_limit: float | None,
     as_json: bool,
-) -> None:
+) -> int:
     """Run matchers on every pair of DATASET..., score them, and write OUTPUT/board.json and OUTPUT/index.html.
 
     A dataset is a folder that `twinlens render` made, a folder in Middlebury's layout, or the word motorcycle: the
     real pair with measured truth that comes along. What OUTPUT/board.json holds already is not run again. A matcher
     that crashes, answers nonsense, takes longer than --time-limit or more than --memory-limit fails alone: the board
-    says why.
+    says why. Where all fail everywhere the exit code is 1.
 
     \b
     Example:  twinlens benchmark out motorcycle --methods sad,zncc:block_size=15 -o board
@@ -55,7 +55,7 @@ def command(
     if time_limit is None and any(getattr(matcher, "is_foreign", False) for matcher in matchers):
         time_limit = FOREIGN_LIMIT_S
     board = run_board(pairs, matchers, output, protocols, regions, time_limit, memory_limit=memory_limit)
-    print_board(board, output, as_json)
+    return print_board(board, output, as_json)
 
 
 class Chain(Sequence[Any]):

@@ -107,15 +107,16 @@ def _bytes(gib: float | None) -> int | None:
     return int(gib * 2**30)
 
 
-def print_board(board: "Board", output: Path, as_json: bool) -> None:
-    """The leaderboards, what failed, and where the page is."""
+def print_board(board: "Board", output: Path, as_json: bool) -> int:
+    """The leaderboards, what failed, and where the page is; the exit code, 1 where every method failed everywhere."""
     from rich.console import Console
 
     from twinlens.scoring import board_to_json, failures, leaderboard_table
 
+    code = 1 if board.entries and not any(entry.ok for entry in board.entries) else 0
     if as_json:
         click.echo(board_to_json(board))
-        return
+        return code
     terminal = Console()
     console = terminal if terminal.is_terminal else Console(width=_FILE_WIDTH)
     columns = None if console.width >= _FILE_WIDTH else _NARROW
@@ -126,5 +127,6 @@ def print_board(board: "Board", output: Path, as_json: bool) -> None:
     for line in failures(board):
         click.echo(f"failed: {line}")
     if not region:
-        click.echo("nothing was scored: every method failed")
+        click.echo("nothing was scored: " + ("every method failed" if code else "no sample has these regions"))
     click.echo(f"page: {(output / 'index.html').resolve().as_uri()}")
+    return code

@@ -12,7 +12,7 @@ import click
     "-o", "--output", type=click.Path(path_type=Path), help="The page.  [default: index.html beside the board]"
 )
 def command(board: Path, datasets: tuple[str, ...], output: Path | None) -> None:
-    """Make the leaderboard page of BOARD (a board.json). DATASET... add their images, truth and maps.
+    """Make the leaderboard page of BOARD (a board.json, or its folder). DATASET... add their images, truth and maps.
 
     \b
     Example:  twinlens report board/board.json out motorcycle -o leaderboard.html
@@ -21,6 +21,8 @@ def command(board: Path, datasets: tuple[str, ...], output: Path | None) -> None
     from twinlens.report import write_page
     from twinlens.scoring import MapFolder, read_board
 
+    if board.is_dir():
+        board = board / "board.json"
     scores = read_board(board)
     pairs = Chain([pairs_of(name) for name in datasets])
     page = write_page(output or board.parent / "index.html", scores, pairs, MapFolder(board.parent / "maps"))

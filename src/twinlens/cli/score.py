@@ -1,5 +1,6 @@
 """`twinlens score`: disparity maps that something else made, against the truth."""
 
+import contextlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,10 +10,10 @@ import click
 from click.core import ParameterSource
 
 from twinlens.cli.boards import OPTIONS, print_board, run_board
-from twinlens.errors import InputError
+from twinlens.errors import FileError, InputError
 
 if TYPE_CHECKING:
-    from twinlens.scoring import Board, RegionScores, Scores
+    from twinlens.scoring import Board, RegionScores, Scores, Submission
 
 FIRST_FEW = 3
 _MAPS = (".pfm", ".png")
@@ -42,7 +43,7 @@ def command(
     time_limit: float | None,
     memory_limit: float | None,
     as_json: bool,
-) -> None:
+) -> int:
     """Score MAPS against --truth.
 
     MAPS are folders or zips with one map a sample (<sample>.pfm, <sample>.png or <sample>/disp0.pfm; PNG as KITTI's;
@@ -60,12 +61,13 @@ def command(
             raise InputError(
                 "one map is scored against one truth by one --protocol; for more, give folders and datasets"
             )
+        _refuse_dataset(submissions[0], truths[0])
         scores = _score_one(submissions[0], Path(truths[0]), mask, ndisp, min_disparity, protocols[0])
         _print_json(scores) if as_json else _print(scores)
-        return
+        return 0
     if output is None:
         raise InputError("scoring folders or zips makes a board: say where with -o FOLDER")
-    _score_many(submissions, truths, output, protocols, regions, as_json)
+    return _score_many(submissions, truths, output, protocols, regions, as_json)
 
 
 def _refuse_what_does_not_apply(one: bool) -> None:
@@ -85,6 +87,15 @@ def _refuse_what_does_not_apply(one: bool) -> None:
             raise InputError(why)
 
 
+def _refuse_dataset(estimate: Path, truth: str) -> None:
+    """A lone map does not say which of a dataset's samples it is of."""
+    if Path(truth).is_dir() or (truth == "motorcycle" and not Path(truth).exists()):
+        raise InputError(
+            f"{truth} is a dataset, and {estimate} is one map: give one truth map, as --truth SAMPLE/disp0.pfm, or a "
+            "folder of maps"
+        )
+
+
 def _score_many(
     submissions: Sequence[Path],
     truths: Sequence[str],
@@ -92,16 +103,39 @@ def _score_many(
     protocols: Sequence[str],
     regions: Sequence[str],
     as_json: bool,
-) -> None:
+) -> int:
     from twinlens.cli.benchmark import Chain, pairs_of
     from twinlens.scoring import open_submission
 
     methods = [open_submission(path) for path in submissions]
     parts = [pairs_of(name) for name in truths]
+    _check_shared(methods, parts)
     board = run_board(Chain(parts), methods, output, protocols, regions)
-    print_board(board, output, as_json)
+    code = print_board(board, output, as_json)
     for line in _missing(board, parts):
         click.echo(line, err=True)
+    return code
+
+
+def _check_shared(methods: Sequence["Submission"], parts: Sequence[Sequence[Any]]) -> None:
+    """One file is the map of one sample alone: scored for two, of one name in two datasets, it is wrong for one."""
+    samples = [named for part in parts for named in _aliases(part).items()]
+    for method in methods:
+        owners: dict[str, str] = {}
+        for sample, aliases in samples:
+            with contextlib.suppress(FileError):  # a map that is missing is told later, with all others
+                file = method.file_of(sample, aliases)
+                other = owners.setdefault(file, sample)
+                if other != sample:
+                    raise InputError(
+                        f"{method.path}: {file} would be scored for both {other!r} and {sample!r}, samples that share "
+                        "a name: score each dataset alone"
+                    )
+
+
+def _aliases(part: Sequence[Any]) -> dict[str, tuple[str, ...]]:
+    """What the maps of each pair may be called besides its name."""
+    return getattr(part, "aliases", None) or {pair.name: () for pair in part}
 
 
 def _missing(board: "Board", parts: Sequence[Sequence[Any]]) -> list[str]:

@@ -160,6 +160,8 @@ def _number(value: float) -> float | str | None:
 
 def _document(board: Board, pictures: Mapping[str, Any], weights: Mapping[str, float] | None) -> dict[str, Any]:
     first = {e.sample: e for e in reversed(board.entries)}
+    # Where nothing was scored there is no region, and yet there are methods, with what they failed on.
+    regions = board.regions or ("",)
     return {
         "title": board.title,
         "meta": dict(board.meta),
@@ -173,7 +175,7 @@ def _document(board: Board, pictures: Mapping[str, Any], weights: Mapping[str, f
         "metrics": {m.name: {"unit": m.unit, "text": m.text, "lower": m.lower_is_better} for m in METRICS.values()},
         "times": list(TIMES),
         "entries": [_entry(e) for e in board.entries],
-        "means": {p: {r: _means(board, p, r, weights) for r in board.regions} for p in board.protocols},
+        "means": {p: {r: _means(board, p, r, weights) for r in regions} for p in board.protocols},
         "weighted": bool(weights),
         "colormaps": {n: base64.b64encode(t.tobytes()).decode("ascii") for n, t in COLORMAPS.items()},
         "unknown": {"truth": NO_TRUTH, "estimate": NO_ESTIMATE},

@@ -5,8 +5,9 @@ strangers there is `sandbox`.
 """
 
 import contextlib
+import errno
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -75,11 +76,32 @@ def call(method: Method, left: Image, right: Image, search: Search) -> Answer:
         found = method(left, right, **search)
     except TimeoutError as error:
         raise MethodError("time-limit", str(error)) from error
-    except MemoryError as error:
-        raise MethodError("memory", f"asked for more memory than there is: {error}".rstrip(": ")) from error
     except (Exception, SystemExit) as error:
-        raise MethodError("crash", f"{type(error).__name__}: {error}") from error
+        raise failed(error) from error
     return Answer(checked(found, left.shape[:2]), time.perf_counter() - start)
+
+
+def failed(error: BaseException, doing: str = "") -> MethodError:
+    """What an exception means: memory where the lack of it is the cause, however it was wrapped, else a crash."""
+    hunger = next((cause for cause in _causes(error) if _is_hunger(cause)), None)
+    if hunger is not None:
+        return MethodError("memory", f"{doing}asked for more memory than there is: {hunger}".rstrip(": "))
+    return MethodError("crash", f"{doing}{type(error).__name__}: {error}")
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    seen: set[int] = set()
+    while error is not None and id(error) not in seen:
+        seen.add(id(error))
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def _is_hunger(error: BaseException) -> bool:
+    """Whether this says that memory ran out; the dynamic loader says so in words alone."""
+    if isinstance(error, OSError) and error.errno == errno.ENOMEM:
+        return True
+    return isinstance(error, MemoryError) or (isinstance(error, ImportError) and "failed to map segment" in str(error))
 
 
 def warm_up(method: Method, left: Image, right: Image, search: Search) -> None:

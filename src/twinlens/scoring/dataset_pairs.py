@@ -54,6 +54,11 @@ class DatasetPairs(Sequence[Pair]):
         return tuple(name for _, _, name, _ in self._jobs)
 
     @property
+    def aliases(self) -> dict[str, tuple[str, ...]]:
+        """For every pair's name, what else a submission's map of it may be called, without the ending."""
+        return {name: aliases for _, _, name, aliases in self._jobs}
+
+    @property
     def map_names(self) -> dict[str, str]:
         """For every pair's name, the file that a submission's map of it is best called."""
         return {name: f"{aliases[0] if aliases else name}.pfm" for _, _, name, aliases in self._jobs}

@@ -13,6 +13,7 @@ import contextlib
 import multiprocessing
 import os
 import pickle
+import re
 import signal
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -21,7 +22,7 @@ from typing import Any, NoReturn
 
 from twinlens.errors import InputError
 from twinlens.scoring.board import Failure
-from twinlens.scoring.calls import Answer, Image, Method, MethodError, Search, call, warm_up
+from twinlens.scoring.calls import Answer, Image, Method, MethodError, Search, call, failed, warm_up
 
 START_LIMIT_S = 60.0
 """How long a fresh process may take to import what it needs."""
@@ -29,6 +30,8 @@ DYING_S = 5.0
 """How long a child that closed its pipe may take to be dead, and have an exit code."""
 LONGEST_LIMIT_S = 1e6
 """Of a call: eleven days, and less than the operating system's clocks can wait for."""
+HUNGRY = 122
+"""The exit code of a child that memory failed where it can say no more: between two calls, or on the way to one."""
 END_S = 2.0
 """How long a child may take to end its own programs and remove its files, before it is killed."""
 
@@ -96,7 +99,7 @@ class Child:
                 raise MethodError("time-limit", f"no answer within {limit:g} s")
             return pipe.recv()
         except (EOFError, OSError):
-            raise MethodError("crash", f"its process died ({_ending(self._kill(patience=DYING_S))})") from None
+            raise _death(self._kill(patience=DYING_S)) from None
 
     def _started(self) -> Connection:
         if self._pipe is not None and self._process is not None and self._process.is_alive():
@@ -112,12 +115,16 @@ class Child:
 
     def _greet(self, pipe: Connection) -> None:
         """Wait for the child's first word: a child that dies before it has a main script that cannot be spawned."""
-        try:
-            if pipe.poll(START_LIMIT_S) and pipe.recv() == "ready":
-                return
-        except (EOFError, OSError):
-            pass
-        self._kill()
+        word = None
+        with contextlib.suppress(EOFError, OSError):
+            word = pipe.recv() if pipe.poll(START_LIMIT_S) else None
+        if word == "ready":
+            return
+        code = self._kill(patience=DYING_S if word is None else 0.0)
+        if isinstance(word, Failure):
+            raise MethodError(word.kind, word.message)
+        if code == HUNGRY:
+            raise _death(code)
         raise InputError('a time limit needs a second process: guard the script with `if __name__ == "__main__":`')
 
     def _kill(self, patience: float = 0.0) -> int | None:
@@ -150,6 +157,13 @@ def _pickled(method: Method) -> bytes:
         ) from error
 
 
+def _death(code: int | None) -> MethodError:
+    """Why a child that said nothing is dead."""
+    if code == HUNGRY:
+        return MethodError("memory", "its process had no memory left to be asked with")
+    return MethodError("crash", f"its process died ({_ending(code)})")
+
+
 def _ending(code: int | None) -> str:
     """How a process ended, in words.
 
@@ -169,14 +183,34 @@ def _serve(pipe: Connection, memory_limit: int | None) -> None:
     if hasattr(os, "setsid"):  # a group of its own, so that it can be killed with all that it starts
         os.setsid()
     _be_quiet()
+    held = _held()
+    if memory_limit is not None and held > memory_limit:
+        needs = f"a process needs {held / 2**30:.2f} GiB before the first match"
+        pipe.send(Failure("memory", f"{needs}; the limit is {memory_limit / 2**30:.2g} GiB"))
+        return
     _be_modest(memory_limit)
     signal.signal(signal.SIGTERM, _end)
+    try:
+        _converse(pipe)
+    except MemoryError:
+        os._exit(HUNGRY)
+
+
+def _converse(pipe: Connection) -> None:
     loaded: dict[bytes, Method] = {}
     with contextlib.suppress(_EndedError, EOFError, OSError):
         pipe.send("ready")
         while True:
             kind, pickled, left, right, search = pipe.recv()
             pipe.send(_answer(kind, loaded, pickled, left, right, search))
+
+
+def _held() -> int:
+    """Bytes of data that this process has already, as a limit counts them; 0 where the system does not say."""
+    with contextlib.suppress(OSError):  # Linux alone knows this file
+        found = re.search(r"^VmData:\s*(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)
+        return int(found[1]) * 1024 if found else 0
+    return 0
 
 
 def _be_quiet() -> None:
@@ -219,5 +253,5 @@ def _unpickled(pickled: bytes) -> Method:
     try:
         method: Method = pickle.loads(pickled)
     except Exception as error:
-        raise MethodError("crash", f"cannot be loaded in another process: {type(error).__name__}: {error}") from error
+        raise failed(error, "cannot be loaded in another process: ") from error
     return method

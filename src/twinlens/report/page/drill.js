@@ -138,6 +138,7 @@ function start() {
   $("over").addEventListener("change", () => { if (state.over) { state.sample = state.over; redraw(); } });
   $("get-csv").addEventListener("click", () => save("board.csv", "text/csv", data.downloads.csv));
   $("get-json").addEventListener("click", () => save("board.json", "application/json", data.downloads.json));
+  $("get-latex").disabled = !state.region;
   $("get-latex").addEventListener("click", () => save("board.tex", "application/x-tex", data.downloads.latex[state.protocol][state.region]));
   redraw().then(() => { document.documentElement.dataset.ready = "1"; });
 }

@@ -65,10 +65,12 @@ function whyNot({ failure, failed, missing, n }) {
 
 function drawWords() {
   const region = byName(data.regions, state.region);
-  const lines = { ...rules().lines, region: `${region.name}: ${region.text || "given by the caller"}` };
+  const lines = { ...rules().lines };
+  if (region) lines.region = `${region.name}: ${region.text || "given by the caller"}`;
   if (!state.over) lines.mean = `${data.weighted ? "weighted" : "plain"} mean over samples; none where a method failed or was not run`;
   $("rules").replaceChildren(...Object.entries(lines).flatMap(([k, v]) => [el("dt", {}, k), el("dd", {}, v)]));
   const counts = state.over ? data.methods.map((m) => scoresOf(m.name, state.over).counts).find(Boolean) : null;
+  if (!region) { $("counts").textContent = "Nothing was scored."; drawFailures(); return; }
   const n = state.over ? 0 : Math.max(...data.methods.map((m) => scoresOf(m.name, "").n), 0);
   $("counts").textContent = counts ? `${counts[1].toLocaleString("en")} of ${counts[0].toLocaleString("en")} pixels are evaluated in this region.`
     : state.over ? "No pixel of this sample is in this region." : `${n} of ${data.samples.length} samples have pixels in this region. Choose a row to look closer.`;
@@ -112,7 +114,7 @@ const walk = (open) => (event) => {
 
 function drawMatrix() {
   const m = data.metrics[state.sort];
-  $("matrix-title").textContent = `${state.sort} [${m.unit}] on each sample, ${state.region}`;
+  $("matrix-title").textContent = `${state.sort} [${m.unit}] on each sample${state.region && `, ${state.region}`}`;
   const rows = ranked("");
   const cells = rows.map((r) => data.samples.map((s) => scoresOf(r.method.name, s.name)));
   const limits = data.samples.map((_, k) => cells.map((row) => row[k].value(state.sort)).filter(Number.isFinite));
