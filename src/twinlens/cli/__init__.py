@@ -1,7 +1,7 @@
 """The command line: one short module a command, named in `COMMANDS`, and the one place that prints, asks or exits.
 
-Exit codes: 0 success; 1 twinlens's own failure (and what `verify` finds wrong); 2 bad usage or bad input, in one line;
-130 interrupted.
+Exit codes: 0 success; 1 twinlens's own failure, what `verify` finds wrong, or a board without scores; 2 bad usage or
+bad input, in one line; 130 interrupted.
 """
 
 import errno
