@@ -8,10 +8,10 @@ demo: .venv/installed
 	$(BIN)/twinlens demo -o demo
 
 test: .venv/installed-test
-	$(BIN)/pytest -m "not slow"
+	$(BIN)/pytest -n auto --dist loadfile -m "not slow"
 
 test-all: .venv/installed-test
-	$(BIN)/pytest
+	$(BIN)/pytest -n auto --dist loadfile
 
 lint: .venv/installed-lint
 	$(BIN)/ruff check .
