@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from factory_recipes import RECIPE, write_recipe
+from factory_recipes import RECIPE, digests, write_recipe
 from twinlens.cli.generate import _clock
 
 
@@ -81,3 +81,19 @@ def test_a_mistake_in_the_recipe_is_a_line(twinlens, tmp_path):
 
 def test_time_is_told_as_people_do():
     assert [_clock(seconds) for seconds in (3.4, 89, 90, 7265)] == ["3 s", "89 s", "0 h 01 min", "2 h 01 min"]
+
+
+def test_a_shard_that_is_done_says_what_is_needed_still(twinlens, recipe, tmp_path):
+    _, _, err = twinlens("generate", recipe, "-o", tmp_path / "set", "--shard", "1/2")
+    assert err == "this shard is done; the dataset is finished once the other shards are made\n"
+    assert twinlens("generate", recipe, "-o", tmp_path / "set", "--shard", "2/2")[2] == ""
+
+
+def test_render_puts_no_sample_into_what_generate_makes(twinlens, recipe, tmp_path):
+    assert twinlens("generate", recipe, "-o", tmp_path / "set", "--limit", 1)[0] == 0
+    before = digests(tmp_path / "set")
+    code, out, err = twinlens("render", "cards", "--size", "32x24", "--spp", "1", "-o", tmp_path / "set")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "is a dataset that `twinlens generate` makes of its recipe; name another folder" in err
+    assert digests(tmp_path / "set") == before
+    assert twinlens("generate", recipe, "-o", tmp_path / "set")[0] == 0

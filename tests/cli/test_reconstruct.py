@@ -67,3 +67,21 @@ def test_a_view_of_the_empty_sky_is_refused_in_a_line(twinlens, tmp_path):
     code, _, err = twinlens("reconstruct", tmp_path / "o" / "cards", "--method", "sad", "-o", tmp_path / "r")
     assert (code, err.count("\n")) == (2, 1)
     assert "sees nothing that could be matched" in err
+
+
+def test_nothing_but_an_earlier_reconstruction_is_overwritten(twinlens, arc, tmp_path, monkeypatch):
+    line = ("reconstruct", arc, "-o", tmp_path / "r", "--far", 2, "--cell-mm", 40)
+    assert twinlens(*line)[0] == 0
+    (tmp_path / "r" / "points.ply").unlink()
+    assert twinlens(*line, "--overwrite")[0] == 0
+    assert (tmp_path / "r" / "points.ply").exists()
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / "thesis.tex").touch()
+    monkeypatch.setattr("twinlens.cli.reconstruct.depth_views", None)  # refused before any work
+    code, _, err = twinlens(*line)
+    assert code == 2
+    assert err == f"twinlens: {tmp_path / 'r'}: is there already; choose another name, or add --overwrite\n"
+    code, _, err = twinlens("reconstruct", arc, "-o", tmp_path / "home", "--overwrite")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "is no reconstruction" in err
+    assert (tmp_path / "home" / "thesis.tex").exists()

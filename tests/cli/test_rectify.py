@@ -17,7 +17,8 @@ def test_a_toed_in_pair_is_rectified_and_verifies(twinlens, tmp_path):
     assert {"disp0.pfm", "calib.txt"} <= set(json.loads(out)["files"])
     assert Dataset(target)[0].calibration.doffs == json.loads(out)["doffs"] != 0
     assert twinlens("verify", target)[0] == 0
-    assert twinlens("rectify", tmp_path / "out" / "cards", "-o", target)[0] == 2  # it is there
+    code, _, err = twinlens("rectify", tmp_path / "out" / "cards", "-o", target)
+    assert (code, err) == (2, f"twinlens: {target}: is there already; choose another name, or add --overwrite\n")
     for wrong in (
         ("--fit", "vlid"),
         ("--misalignment", "roll=1"),

@@ -185,3 +185,17 @@ def test_an_unknown_backend():
     )
     assert child.returncode == 2
     assert "did you mean 'llvm'" in child.stderr
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        ("demo",), ("render", "cards"), ("generate", "recipe.toml"), ("reconstruct", "out"), ("rectify", "out"),
+        ("show", "epipolar", "out"), ("export", "out", "--to", "carla"), ("match", "a.png", "b.png"),
+        ("benchmark", "out"), ("score", "maps", "--truth", "out"), ("study", "window"), ("report", "board.json"),
+    ],
+    ids=lambda line: line[0],
+)  # fmt: skip
+def test_an_empty_output_is_not_the_current_folder(refuses, tmp_path, monkeypatch, line):
+    monkeypatch.chdir(tmp_path)
+    refuses("'-o' / '--output': the name is empty", *line, "-o", "")

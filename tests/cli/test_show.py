@@ -37,3 +37,12 @@ def test_cameras_that_are_no_pair_are_refused(twinlens, dataset, tmp_path, camer
 def test_what_is_no_sample_is_refused(twinlens, dataset, tmp_path):
     assert twinlens("show", "epipolar", tmp_path / "none", "-o", tmp_path / "e.png")[0] == 2
     assert twinlens("show", "epipolr", dataset / "cards", "-o", tmp_path / "e.png")[0] == 2
+
+
+def test_the_picture_is_a_png_by_its_name(twinlens, dataset, tmp_path):
+    for name in ("e.jpg", "e"):
+        code, _, err = twinlens("show", "epipolar", dataset / "cards", "-o", tmp_path / name)
+        assert (code, err.count("\n")) == (2, 1)
+        assert "written as .png" in err
+        assert not (tmp_path / name).exists()
+    assert twinlens("show", "epipolar", dataset / "cards", "-o", tmp_path / "E.PNG")[0] == 0

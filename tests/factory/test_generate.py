@@ -1,6 +1,9 @@
 import importlib
 import json
 import os
+import shutil
+import threading
+from pathlib import Path
 
 import fsspec
 import numpy as np
@@ -8,7 +11,7 @@ import pytest
 
 from factory_recipes import RECIPE, digests, write_recipe
 from twinlens.dataset import Dataset, read_manifest, sample_files, verify_dataset
-from twinlens.errors import InputError, OutputError
+from twinlens.errors import FileError, InputError, OutputError
 from twinlens.factory import estimate, generate, make, produce, read_recipe, spec_from_plain
 from twinlens.factory.lock import locked
 
@@ -97,7 +100,8 @@ def test_shards_make_the_whole_in_any_order(recipe, whole, folder):
     assert [outcome.made for outcome in made] == [1, 1, 2]
     assert [outcome.complete for outcome in made] == [False, False, True]
     assert [(outcome.before, outcome.there) for outcome in made] == [(0, 1), (1, 2), (2, 4)]
-    assert digests(folder) | {".lock": ""} == digests(whole) | {".lock": ""}
+    assert [outcome.left for outcome in made] == [0, 0, 0]
+    assert digests(folder) == digests(whole)
 
 
 def test_shards_made_apart_are_merged_by_a_run_of_the_whole(recipe, whole, folder, tmp_path):
@@ -298,3 +302,49 @@ def test_a_draw_that_cannot_be_built_is_counted_and_the_next_one_taken(folder, t
     assert {"k1": -0.4, "k2": -0.5} not in bends
     found = [turned["found"] for row in read_manifest(folder).rows for turned in row.info["rejections"]]
     assert not [text for text in found if str(tmp_path) in text]
+
+
+def test_who_waited_for_a_lock_that_was_removed_takes_the_new_one(folder):
+    """Else two would write: one with the file that is gone, one with the file that is there."""
+    entered, leave, second = threading.Event(), threading.Event(), threading.Event()
+
+    def wait_for_it():
+        entered.set()
+        with locked(folder, wait=True):
+            second.set()
+            leave.wait(10)
+
+    with locked(folder):
+        waiter = threading.Thread(target=wait_for_it)
+        waiter.start()
+        assert entered.wait(10)
+        assert not second.wait(0.2)
+    assert second.wait(10)
+    with pytest.raises(OutputError, match="another run is writing"), locked(folder):
+        pass
+    leave.set()
+    waiter.join()
+    assert not (folder / ".lock").exists()
+
+
+@pytest.mark.parametrize("file", ["im0.png", "sample.json"])
+def test_a_damaged_sample_is_told_with_what_to_do(recipe, whole, folder, file):
+    shutil.copytree(whole, folder)
+    (folder / "0000001" / file).write_bytes(b"torn")
+    if file == "sample.json":
+        for path in filter(Path.is_file, folder.iterdir()):  # so that its row is made of its files again
+            path.unlink()
+    with pytest.raises(FileError) as caught:
+        generate(recipe, folder)
+    assert f"{folder / '0000001' / file}" in str(caught.value)
+    assert f"delete the folder {folder / '0000001'}; the same command makes it again" in str(caught.value)
+    shutil.rmtree(folder / "0000001")
+    assert generate(recipe, folder).complete
+    assert digests(folder) == digests(whole)
+
+
+def test_a_folder_without_its_mark_is_told_with_what_to_do(recipe, folder):
+    (folder / "0000000").mkdir(parents=True)
+    (folder / "0000000" / "im0.png").touch()
+    with pytest.raises(OutputError, match=r"is no whole sample; delete the folder .*0000000; the same command"):
+        generate(recipe, folder, limit=1)

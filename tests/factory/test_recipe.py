@@ -95,6 +95,9 @@ def test_every_key_is_read():
         ("weights", [1], "weights: must be a list of 2 values"),
         ("weights", [0, 0], "weights: at least one weight must be > 0"),
         ("width", {"choice": [320, 0]}, "width: must be a whole number from 1"),
+        ("width", 12, "width: must be 16 or more for a family, got 12"),
+        ("width", {"choice": [320, 1600]}, "width: must be 0.2 to 5 times the height for a family, got 1600 x 240"),
+        ("height", {"integers": [240, 1700]}, "width: must be 0.2 to 5 times the height for a family, got 320 x 1700"),
         ("spp", {"uniform": [4, 16]}, "spp: must be a whole number"),
         ("rig.baseline", {"uniform": [-0.1, 0.2]}, r"recipe.toml: rig.baseline: must be a finite number > 0, got -0.1"),
         ("rig.basline", 0.1, "rig: unknown key 'basline'; did you mean 'baseline'?"),
@@ -251,3 +254,25 @@ def test_many_damaged_files_are_read_or_refused(tmp_path_factory, cut):
     start, length, put = cut
     data = SMALLEST.encode()
     bytes_are_read_or_refused(tmp_path_factory.getbasetemp(), data[:start] + put + data[start + length :])
+
+
+def test_a_scene_from_a_file_may_be_as_narrow_as_it_likes():
+    recipe_from_table({"seed": 1, "count": 1, "scenes": ["cards"], "width": 8, "height": 80})
+
+
+def test_assets_belong_to_families(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "a.png").touch()
+    table = {"seed": 1, "count": 1, "assets": {"textures": "mine"}}
+    assert recipe_from_table({**table, "families": ["cards"]}, tmp_path / "recipe.toml").assets
+    with pytest.raises(InputError, match=r"recipe\.toml: assets: belongs to 'families'"):
+        recipe_from_table({**table, "scenes": ["cards"]}, tmp_path / "recipe.toml")
+
+
+def test_a_folder_without_a_file_of_the_kind_is_named_as_the_recipe_does(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "a.txt").touch()
+    for kind in ("meshes", "textures", "hdris"):
+        table = {"seed": 1, "count": 1, "families": ["cards"], "assets": {kind: ["mine"]}}
+        with pytest.raises(InputError, match=rf"recipe\.toml: assets\.{kind}: 'mine' holds no \.\w+, .* file"):
+            recipe_from_table(table, tmp_path / "recipe.toml")

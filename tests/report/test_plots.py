@@ -116,3 +116,10 @@ def test_lines_differ_in_marker_too():
 def test_figures_that_cannot_be_drawn_are_refused(figure, words):
     with pytest.raises(InputError, match=words):
         draw(figure, table())
+
+
+@pytest.mark.parametrize("nothing", [np.nan, 0.0, -1.0])
+@pytest.mark.parametrize("column", ["z_m", "error"])
+def test_a_logarithmic_axis_may_have_nothing_to_show(nothing, column):
+    rows = Table(COLUMNS, tuple({**row, column: nothing} for row in table()))
+    encode(draw(Figure("f", "t", "z_m", "error", by="method", log_x=True, log_y=True), rows), "png")

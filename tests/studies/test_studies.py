@@ -12,6 +12,7 @@ from twinlens.report.plots import draw
 from twinlens.studies import (
     STUDIES,
     Setup,
+    Table,
     baseline,
     focal_length,
     focus,
@@ -172,6 +173,8 @@ def test_python_gets_the_table():
         ("window", {"first_seed": -1}, "one seed or more"),
         ("window", {"scenes": ("cards", "cards")}, "twice"),
         ("window", {"spp": 0}, "spp"),
+        ("texture", {"width": 63}, "must be 64x48 or larger, got 63x180"),
+        ("window", {"width": 64, "height": 47}, "must be 64x48 or larger, got 64x47"),
         ("no/such.py", {}, "no such file"),
     ],
 )
@@ -183,3 +186,18 @@ def test_what_cannot_be_run_is_refused(name, choices, words):
 def test_a_setup_without_seeds_is_refused():
     with pytest.raises(InputError, match="one seed"):
         Setup(("cards",), ("sad",), ())
+
+
+def test_a_question_that_the_methods_leave_open_has_no_verdict():
+    rest = {"scene": "cards", "seed": 0, "amount": 0.5, "totbad1": 0.0, "avgerr": 0.0}
+    rows = tuple(
+        {**rest, "change": change, "method": method, "totbad2": wrong}
+        for change in ("gain", "gamma", "vignetting", "noise")
+        for method, wrong in (("sad", 30.0), ("census", 10.0))
+    )
+    columns = STUDIES["radiometric"].all_columns
+    both, one = (STUDIES["radiometric"].conclude(Table(columns, part))[-1] for part in (rows, rows[::2]))
+    assert both.asked
+    assert both.holds
+    assert not one.asked
+    assert "nan" not in one.sentence

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from twinlens.cli.boards import OPTIONS, print_board, run_board
+from twinlens.cli.places import PATH
 from twinlens.errors import InputError
 
 DEFAULT_METHODS = "sad,ssd,zncc"
@@ -17,7 +18,7 @@ FOREIGN_LIMIT_S = 600.0
 
 @click.command("benchmark")
 @click.argument("datasets", nargs=-1, required=True, metavar="DATASET...")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder of the board.")
+@click.option("-o", "--output", required=True, type=PATH, help="Folder of the board.")
 @click.option(
     "--methods", "methods", multiple=True, show_default=DEFAULT_METHODS,
     help="Matchers, commas between them, as sad,zncc:block_size=15,lr_check=1; may be given several times.",

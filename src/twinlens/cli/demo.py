@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from twinlens.cli.boards import print_board, run_board
+from twinlens.cli.places import PATH
 from twinlens.cli.progress import progress_bar
 from twinlens.cli.specs import middle_focus
 
@@ -18,9 +19,7 @@ _APERTURE_OF_BASELINE = 0.5  # blur = A/B |d - d_focus|: half a pixel for each p
 
 
 @click.command("demo")
-@click.option(
-    "-o", "--output", default="demo", show_default=True, type=click.Path(path_type=Path), help="Folder for it."
-)
+@click.option("-o", "--output", default="demo", show_default=True, type=PATH, help="Folder for it.")
 @click.option("--json", "as_json", is_flag=True, help="Print the board as JSON.")
 def command(output: Path, as_json: bool) -> None:
     """Photograph three scenes through a pinhole and a wide lens, match them, and score the matches.

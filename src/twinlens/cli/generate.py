@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from twinlens.cli.places import ADDRESS
 from twinlens.cli.progress import progress_bar
 from twinlens.errors import InputError
 
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
 
 @click.command("generate")
 @click.argument("recipe", type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, help="Folder of the dataset, or a bucket's address (s3://...).")
+@click.option(
+    "-o", "--output", required=True, type=ADDRESS, help="Folder of the dataset, or a bucket's address (s3://...)."
+)
 @click.option("--dry-run", is_flag=True, help="Make one sample, write nothing; tell what would be made, time and disk.")
 @click.option("--limit", type=click.IntRange(min=1), help="Make at most so many samples now.")
 @click.option("--shard", default="1/1", show_default=True, help="i/n: make every n-th sample, from the i-th on.")
@@ -116,7 +119,13 @@ def _tell(outcome: "Outcome", output: str, as_json: bool) -> None:
         f"{output}: {outcome.there} of {outcome.count} samples, {outcome.made} of them made now{_turned(outcome)}"
     )
     if not outcome.complete:
-        click.echo("the same command goes on from here", err=True)
+        click.echo(_next(outcome), err=True)
+
+
+def _next(outcome: "Outcome") -> str:
+    if outcome.left or outcome.interrupted:
+        return "the same command goes on from here"
+    return "this shard is done; the dataset is finished once the other shards are made"
 
 
 def _turned(outcome: "Outcome") -> str:

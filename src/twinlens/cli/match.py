@@ -10,6 +10,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from twinlens.cli.places import PATH
 from twinlens.errors import InputError
 
 DEFAULT_METHOD = "zncc"
@@ -22,7 +23,7 @@ WINDOWS = ("block_size", "census_window", "median")
 @click.command("match")
 @click.argument("left", type=click.Path(path_type=Path))
 @click.argument("right", type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The map: a .pfm file.")
+@click.option("-o", "--output", required=True, type=PATH, help="The map: a .pfm file.")
 @click.option("--method", show_default="zncc", help="A matcher, as zncc or sad:block_size=15,lr_check=1.")
 @click.option(
     "--command", "program", metavar="COMMAND",

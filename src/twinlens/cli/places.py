@@ -1,8 +1,12 @@
-"""Where a dataset lies, as a command's argument: a folder's path, or a bucket's address."""
+"""Where something lies, as a command's argument: a path, or a bucket's address. An empty one is always a mistake."""
 
+import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from twinlens.errors import OutputError
 
 if TYPE_CHECKING:
     from twinlens.dataset import Place
@@ -17,7 +21,38 @@ class PlaceType(click.ParamType):  # type: ignore[type-arg]
         """The Path or RemotePath."""
         from twinlens.dataset import place
 
-        return place(value)
+        return place(_filled(value, self, param, ctx))
 
 
-PLACE = PlaceType()
+class PathType(click.Path):
+    """A path; none is empty, which would be the current folder."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The Path."""
+        return super().convert(_filled(value, self, param, ctx), param, ctx)
+
+
+class AddressType(click.ParamType):  # type: ignore[type-arg]
+    """A path or an address, as text; never an empty one."""
+
+    name = "path or address"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The text."""
+        return str(_filled(value, self, param, ctx))
+
+
+PLACE, PATH, ADDRESS = PlaceType(), PathType(path_type=Path), AddressType()
+
+
+def check_free(output: Path, overwrite: bool) -> None:
+    """Refuse a place that is taken, before any work is done. Raises OutputError."""
+    if not overwrite and os.path.lexists(output):
+        raise OutputError(f"{output}: is there already; choose another name, or add --overwrite")
+
+
+def _filled(value: Any, kind: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    """The value, unless it is empty, as that of a shell's variable that was never set."""
+    if value == "":
+        kind.fail("the name is empty; is a variable of the shell not set?", param, ctx)
+    return value

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from twinlens.cli.places import PATH, check_free
 from twinlens.cli.progress import progress_bar
 from twinlens.cli.samples import open_sample
-from twinlens.errors import InputError
+from twinlens.errors import InputError, OutputError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,17 +21,19 @@ if TYPE_CHECKING:
     from twinlens.reconstruction import Cloud, DepthView
 
 _CELLS = 160  # along the longest side of what is reconstructed
+_RECORD = "reconstruction.json"
 _SIDES = (-25.0, 25.0)  # degrees round it from which it is pictured
 
 
 @click.command("reconstruct")
 @click.argument("sample", type=click.Path(path_type=Path), metavar="DATASET/SAMPLE")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder for it.")
+@click.option("-o", "--output", required=True, type=PATH, help="Folder for it.")
 @click.option("--method", default="truth", show_default=True, help="truth, or a matcher: sgm, zncc:block_size=11, ...")
 @click.option("--cell-mm", type=float, help="Cells of the fused surface.  [default: a 160th of the longest side]")
 @click.option("--min-views", type=click.IntRange(min=1), default=1, show_default=True, help="That confirm a point.")
 @click.option("--far", type=float, help="Leave out what is further than this, metres.")
 @click.option("--spacing-mm", type=float, help="Thin both clouds before comparing.  [default: half a cell]")
+@click.option("--overwrite", is_flag=True, help="Replace an earlier reconstruction.")
 @click.option("--json", "as_json", is_flag=True, help="Print the comparison as JSON.")
 def command(
     sample: Path,
@@ -40,6 +43,7 @@ def command(
     min_views: int,
     far: float | None,
     spacing_mm: float | None,
+    overwrite: bool,
     as_json: bool,
 ) -> None:
     """Reconstruct a sample from the depths of all its views: true ones, or matched between neighbours.
@@ -59,6 +63,7 @@ def command(
     from twinlens.reconstruction import fuse, integrate, sampled, surface_of
     from twinlens.reconstruction.export import glb_bytes, ply_bytes
 
+    _check_output(output, overwrite)
     stored = open_sample(sample)
     with progress_bar("reconstructing") as report:
         views = [_cut(view, far) for view in depth_views(stored, method)]
@@ -80,11 +85,20 @@ def command(
         "points.ply": ply_bytes(cloud),
         "mesh.ply": ply_bytes(surface),
         "mesh.glb": glb_bytes(surface, views[0].world_from_cam),
-        "reconstruction.json": encode_json(record),
+        _RECORD: encode_json(record),
         "reconstruction.png": encode_png(np.concatenate(_pictures(views, cloud, spread), axis=0)),
     }
-    write_folder(output, files)
+    write_folder(output, files, overwrite)
     click.echo(json.dumps(record, indent=1) if as_json else _told(output, record))
+
+
+def _check_output(output: Path, overwrite: bool) -> None:
+    """Refuse what may not be written before the work; to overwrite is to remove, so nothing but a reconstruction is."""
+    check_free(output, overwrite)
+    if not output.exists() or (output / _RECORD).is_file():
+        return
+    if not output.is_dir() or any(output.iterdir()):
+        raise OutputError(f"{output}: is there and is no reconstruction, so it is not overwritten; choose another name")
 
 
 def depth_views(stored: "StoredSample", method: str) -> "list[DepthView]":

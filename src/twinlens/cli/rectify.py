@@ -7,6 +7,7 @@ import click
 
 from twinlens.camera import ALIGNED, Misalignment
 from twinlens.cli.camera_specs import parse_pairs
+from twinlens.cli.places import PATH, check_free
 from twinlens.cli.progress import progress_bar
 from twinlens.cli.samples import open_sample, parse_pair
 from twinlens.cli.specs import number, told
@@ -15,7 +16,7 @@ from twinlens.errors import InputError, unknown
 
 @click.command("rectify")
 @click.argument("sample", type=click.Path(path_type=Path), metavar="DATASET/SAMPLE")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder of the new sample.")
+@click.option("-o", "--output", required=True, type=PATH, help="Folder of the new sample.")
 @click.option("--cameras", default="0,1", show_default=True, help="The left and the right view, counted from 0.")
 @click.option("--pictures", default="maps", show_default=True, help="maps: warp them; render: take them anew.")
 @click.option("--fit", default="focal", show_default=True, help="focal (keep it), all (of both images) or valid.")
@@ -45,6 +46,7 @@ def command(
     from twinlens.factory import rectified_sample
     from twinlens.scenes import load_scene
 
+    check_free(output, overwrite)
     stored = open_sample(sample)
     left, right = parse_pair(cameras, len(stored.rig))
     with progress_bar("rectifying") as report:

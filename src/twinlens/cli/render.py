@@ -21,6 +21,7 @@ from twinlens.cli.camera_specs import (
     parse_numbers,
     parse_sensor,
 )
+from twinlens.cli.places import PATH
 from twinlens.cli.progress import progress_bar
 from twinlens.cli.sections import Sectioned
 from twinlens.cli.specs import APERTURE_HELP, LENS_HELP, middle_focus, parse_aperture, parse_lens, parse_size
@@ -49,7 +50,7 @@ _SECTIONS = {
 
 @click.command("render", cls=Sectioned, sections=_SECTIONS)
 @click.argument("scenes", nargs=-1, required=True, metavar="SCENE...")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder of the dataset.")
+@click.option("-o", "--output", required=True, type=PATH, help="Folder of the dataset.")
 @click.option("--lens", "lenses", multiple=True, default=("pinhole",), show_default=True, help=LENS_HELP)
 @click.option("--aperture", default="disk", show_default=True, help=APERTURE_HELP)
 @click.option("--diffraction", is_flag=True, help="Blur by the Airy pattern of each lens; disks only.")
@@ -147,7 +148,9 @@ def _inside(asked: dict[str, Any], width: int) -> dict[str, Any]:
 
 
 def _check_names(names: list[str], output: Path, overwrite: bool) -> None:
-    _manifest(output)  # one that is damaged is better told before the pictures are taken
+    known = _manifest(output)  # one that is damaged is better told before the pictures are taken
+    if known is not None and "made_with" in known.info:
+        raise OutputError(f"{output}: is a dataset that `twinlens generate` makes of its recipe; name another folder")
     double = next((name for name in names if names.count(name) > 1), None)
     if double is not None:
         raise InputError(f"two scenes are named {double!r}; a sample's folder has its scene's name")

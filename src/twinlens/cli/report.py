@@ -4,13 +4,13 @@ from pathlib import Path
 
 import click
 
+from twinlens.cli.places import PATH
+
 
 @click.command("report")
 @click.argument("board", type=click.Path(path_type=Path))
 @click.argument("datasets", nargs=-1, metavar="[DATASET...]")
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), help="The page.  [default: index.html beside the board]"
-)
+@click.option("-o", "--output", type=PATH, help="The page.  [default: index.html beside the board]")
 def command(board: Path, datasets: tuple[str, ...], output: Path | None) -> None:
     """Make the leaderboard page of BOARD (a board.json, or its folder). DATASET... add their images, truth and maps.
 

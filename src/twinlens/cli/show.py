@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from twinlens.cli.places import PATH
 from twinlens.cli.samples import open_sample, parse_pair
 from twinlens.errors import InputError
 
@@ -25,7 +26,7 @@ def command() -> None:
 
 @command.command("epipolar")
 @click.argument("sample", type=click.Path(path_type=Path), metavar="DATASET/SAMPLE")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The picture, a PNG.")
+@click.option("-o", "--output", required=True, type=PATH, help="The picture, a PNG.")
 @click.option("--cameras", default="0,1", show_default=True, help="The two views, counted from 0.")
 @click.option("--points", type=click.IntRange(1, 100), default=9, show_default=True, help="How many.")
 @click.option("--json", "as_json", is_flag=True, help="Print the points, F and the epipoles as JSON.")
@@ -42,6 +43,8 @@ def epipolar(sample: Path, output: Path, cameras: str, points: int, as_json: boo
     from twinlens.epipolar import epipoles, fundamental_matrix, ideal_pixels, sampson_distance
     from twinlens.epipolar_picture import epipolar_picture
 
+    if output.suffix.lower() != ".png":
+        raise InputError(f"--output {output}: the picture is written as .png; name it so")
     stored = open_sample(sample)
     rig = stored.rig
     if len(rig) < 2:

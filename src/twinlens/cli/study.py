@@ -7,14 +7,13 @@ from typing import Any
 import click
 
 from twinlens.cli.benchmark import split_methods
+from twinlens.cli.places import PATH
 from twinlens.cli.progress import progress_bar
 
 
 @click.command("study")
 @click.argument("name")
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), help="Folder of the results.  [needed, but for 'list']"
-)
+@click.option("-o", "--output", type=PATH, help="Folder of the results.  [needed, but for 'list']")
 @click.option("--scene", "scenes", multiple=True, help="A bundled name or a scene's file; may be given several times.")
 @click.option("--methods", "methods", multiple=True, help="Matchers, commas between them, as sad,zncc:block_size=15.")
 @click.option("--seeds", type=click.IntRange(1, 1000), help="Repetitions, each with a seed of its own.")
@@ -87,6 +86,9 @@ def _tell(result: Any, page: Path, as_json: bool) -> None:
         return
     for stands in result.findings:
         finding = stands.finding
+        if not finding.asked:
+            click.echo(f"not asked: {finding.sentence}.")
+            continue
         verdict = "holds" if finding.holds else "DOES NOT HOLD"
         click.echo(f"{verdict}, {stands.seeds} of {stands.of} seeds alone: {finding.sentence}.")
     click.echo(f"page: {page.resolve().as_uri()}")

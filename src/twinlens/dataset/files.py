@@ -87,7 +87,7 @@ def fill_folder(folder: Where, files: Iterable[tuple[str, bytes]], overwrite: bo
     if isinstance(folder, RemotePath):
         return _fill_remote(folder, files, overwrite)
     if not overwrite and os.path.lexists(folder):
-        raise OutputError(f"{folder}: is there already; choose another name, or ask for it to be overwritten")
+        raise OutputError(f"{folder}: is there already; choose another name, or overwrite it (--overwrite)")
     with _told_as_output_error(folder), _removed_on_failure(_aside(folder)) as aside:
         names = _fill(aside, files)
         if overwrite and os.path.lexists(folder):
@@ -127,7 +127,7 @@ def is_hidden(name: str) -> bool:
 def _fill_remote(folder: RemotePath, files: Iterable[tuple[str, bytes]], overwrite: bool) -> list[str]:
     there = set(folder.files())
     if there and not overwrite:
-        raise OutputError(f"{folder}: is there already; choose another name, or ask for it to be overwritten")
+        raise OutputError(f"{folder}: is there already; choose another name, or overwrite it (--overwrite)")
     names: list[str] = []
     with removed_on_failure(folder, names):
         for name, data in files:

@@ -158,7 +158,7 @@ def write_marked(folder: RemotePath, files: Mapping[str, bytes], overwrite: bool
     """
     there = set(folder.files())
     if MARK in there and not overwrite:
-        raise OutputError(f"{folder}: is there already; choose another name, or ask for it to be overwritten")
+        raise OutputError(f"{folder}: is there already; choose another name, or overwrite it (--overwrite)")
     if MARK not in there and there - set(files):
         raise OutputError(f"{folder}: is there and is no sample, so it is not overwritten; choose another name")
     remove_objects(folder, [name for name in (MARK, *sorted(there - set(files))) if name in there])

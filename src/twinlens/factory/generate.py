@@ -31,7 +31,7 @@ Engine = Callable[[Work, Sequence[int], Report, Callable[[], bool]], Iterator[tu
 @dataclass(frozen=True)
 class Outcome:
     """How a run ended: samples asked for, made by this run, there before and there now (other shards' too); those that
-    failed; whether it is complete, or was interrupted."""
+    failed; whether it is complete, or was interrupted; and how many samples of its own share are left to make."""
 
     count: int
     made: int
@@ -41,6 +41,7 @@ class Outcome:
     rejections: dict[str, int]
     complete: bool
     interrupted: bool
+    left: int = 0
 
 
 def generate(
@@ -82,7 +83,7 @@ def generate(
         if not ledger.has_file:
             ledger.write()
         before, known, made = len(ledger.rows()), len(ledger.entries), 0
-        todo = [index for index in ledger.missing() if index % shard[1] == shard[0] - 1][:limit]
+        todo = _share(ledger.missing(), shard)[:limit]
         with _Upkeep(ledger, alone=not shared) as upkeep:
             work = Work(recipe, str(root), ledger.made_with)
             for index, entry in engine(work, todo, _of_whole(report, known, recipe.count, len(todo)), stop):
@@ -105,7 +106,13 @@ def generate(
         rejections=ledger.rejections(),
         complete=ledger.is_complete,
         interrupted=stop() and not ledger.is_complete,
+        left=len(_share(ledger.missing(), shard)),
     )
+
+
+def _share(indices: Sequence[int], shard: tuple[int, int]) -> list[int]:
+    """Those of the samples that a shard makes."""
+    return [index for index in indices if index % shard[1] == shard[0] - 1]
 
 
 class _Upkeep:

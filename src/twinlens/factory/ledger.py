@@ -4,7 +4,7 @@
                                and at the end holds nothing that depends on how often a run was stopped
     DIR/.rows/0000007.json     one sample's row (or why there is none), written right after its folder appears; many
                                processes may write there at once. Gone when the dataset is complete
-    DIR/.lock                  held while a run writes there
+    DIR/.lock                  held while a run writes there; gone when it ends, but for shards before the last
 
 A sample whose folder is there and whose row is not, because the process was killed in between, gets its row from its
 files.
@@ -196,7 +196,8 @@ def row_info(record: Mapping[str, Any]) -> dict[str, Any]:
 def recovered_row(folder: Place, recipe: Recipe, index: int, made_with: Mapping[str, Any]) -> Row:
     """The row of a whole sample, from its files. Raises InputError when another recipe, or other tools, made it."""
     name = sample_name(index)
-    record = read_json(folder / name / MARK, SAMPLE_KIND, SAMPLE_VERSION).get("record", {})
+    with advised(folder / name):
+        record = read_json(folder / name / MARK, SAMPLE_KIND, SAMPLE_VERSION).get("record", {})
     try:
         expected = plain(plan(recipe, index, record["spec"]["attempt"]).plain())
         if record["spec"] != expected:
@@ -207,6 +208,20 @@ def recovered_row(folder: Place, recipe: Recipe, index: int, made_with: Mapping[
         return row_of(folder, name, row_info(record))
     except (KeyError, TypeError) as error:
         raise FileError(f"{folder / name}: is there, and no recipe made it; name another folder") from error
+
+
+def remedy(sample: Place) -> str:
+    """What to do about a sample that is damaged."""
+    return f"delete the folder {sample}; the same command makes it again"
+
+
+@contextlib.contextmanager
+def advised(sample: Place) -> Iterator[None]:
+    """FileErrors about a file of this sample, with what to do about it."""
+    try:
+        yield
+    except FileError as error:
+        raise FileError(f"{error}; {remedy(sample)}") from error
 
 
 def whole_samples(folder: Place) -> set[str]:

@@ -4,6 +4,7 @@ import contextlib
 import fcntl
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 from twinlens.dataset.storage import Place, RemotePath
 from twinlens.errors import OutputError
@@ -21,20 +22,38 @@ def locked(folder: Place, shared: bool = False, wait: bool = False) -> Iterator[
     if isinstance(folder, RemotePath):
         yield
         return
+    how = (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB)
+    while not _is_there(folder, descriptor := _taken(folder, how)):
+        os.close(descriptor)  # whoever held it before has removed it: nobody else sees this one
+    try:
+        yield
+    finally:
+        if not shared:
+            (folder / _NAME).unlink(missing_ok=True)
+        os.close(descriptor)
+
+
+def _taken(folder: Path, how: int) -> int:
+    """The descriptor of the lock's file, locked."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(folder / _NAME, os.O_RDWR | os.O_CREAT, 0o666)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written; {error.strerror}") from error
     try:
-        _take(descriptor, folder, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))
-        try:
-            yield
-        finally:
-            if not shared and not wait:  # who waits for this file would hold one that nobody else sees
-                (folder / _NAME).unlink(missing_ok=True)
-    finally:
+        _take(descriptor, folder, how)
+    except BaseException:
         os.close(descriptor)
+        raise
+    return descriptor
+
+
+def _is_there(folder: Path, descriptor: int) -> bool:
+    """Whether the open file is the one that the folder holds."""
+    try:
+        return os.path.samestat((folder / _NAME).stat(), os.fstat(descriptor))
+    except FileNotFoundError:
+        return False
 
 
 def _take(descriptor: int, folder: Place, how: int) -> None:

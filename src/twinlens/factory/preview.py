@@ -15,6 +15,7 @@ from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import write_file
 from twinlens.dataset.storage import Place
 from twinlens.errors import FileError
+from twinlens.factory.ledger import advised
 from twinlens.factory.plan import sample_name
 
 NAME = "preview.png"
@@ -40,7 +41,9 @@ class Preview:
         there = set(done)
         for index in self.chosen:
             if index in there and index not in self._tiles:
-                self._tiles[index] = tile(StoredSample(self.folder / sample_name(index), sample_name(index)))
+                folder = self.folder / sample_name(index)
+                with advised(folder):
+                    self._tiles[index] = tile(StoredSample(folder, folder.name))
         if self._tiles:
             write_file(self.folder / NAME, encode_png(sheet([self._tiles.get(index) for index in self.chosen])))
 

@@ -84,6 +84,8 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
     )
     keys.take("about", _about, None)
     keys.done()
+    if recipe.assets and subjects[0].kind == "scene":
+        raise (at / "assets").wrong("belongs to 'families'; a scene from a file is as it is")
     _check_drawn(recipe)
     return recipe
 
@@ -159,7 +161,19 @@ def _assets(at: At, value: Any, folder: Path) -> dict[str, tuple[str, ...]]:
         for name in names:
             if not _is_there(folder / name):
                 raise (at / kind).wrong(f"no folder {name!r} beside the recipe")
+            _check_kind(at / kind, kind, folder, name)
     return given
+
+
+def _check_kind(at: At, kind: str, folder: Path, name: str) -> None:
+    """Raise InputError for a folder without any file of the kind; what the files hold is found when they are drawn."""
+    from twinlens.scenes.families import Assets
+
+    try:
+        Assets.from_folders(**{kind: [folder / name]})
+    except InputError as error:
+        said = str(error).removeprefix(f"{kind}: ").replace(repr(str(folder / name)), repr(name))
+        raise at.wrong(said) from None
 
 
 def _about(at: At, value: Any) -> About:

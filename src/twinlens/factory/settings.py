@@ -16,6 +16,8 @@ from twinlens.sensor import Exposure, Sensor
 _PINHOLE = [{"kind": "pinhole"}]
 _MOST_LENSES = 100
 _MOST_SPP = 1_000_000
+_ASPECTS, _LEAST_WIDTH = (0.2, 5.0), 16
+"""What families of scenes are composed for: width over height, and pixels across."""
 _STAND_IN = Scene("any", (), {}, np.eye(4), (1.0, 10.0))
 
 
@@ -67,7 +69,9 @@ def check_settings(drawn: Mapping[str, Any], at: At, families: bool) -> tuple[fl
     `families` says whether scenes are made, and not read from files.
     """
     settings = read_settings(drawn, at)
-    if not families:
+    if families:
+        _check_picture(settings, at)
+    else:
         for key in ("depth_range", "object_count"):
             if key in drawn.get("scene", {}):
                 raise (at / "scene" / key).wrong("belongs to 'families'; a scene from a file is as it is")
@@ -75,6 +79,16 @@ def check_settings(drawn: Mapping[str, Any], at: At, families: bool) -> tuple[fl
     for k, lens in enumerate(settings.lenses):
         lens_from_table(lens, None, at / "lenses" / k)
     return settings.depth_range
+
+
+def _check_picture(settings: Settings, at: At) -> None:
+    """Families compose their scenes for the picture: it must be one that they can fill."""
+    if settings.width < _LEAST_WIDTH:
+        raise (at / "width").wrong(f"must be {_LEAST_WIDTH} or more for a family, got {settings.width}")
+    aspect = settings.width / settings.height
+    if not _ASPECTS[0] <= aspect <= _ASPECTS[1]:
+        asked = f"{settings.width} x {settings.height}"
+        raise (at / "width").wrong(f"must be 0.2 to 5 times the height for a family, got {asked}")
 
 
 def _scene(at: At, value: Any) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from twinlens.dataset import Row, Sample, write_sample
 from twinlens.dataset.record import plain
 from twinlens.dataset.storage import is_whole, place
 from twinlens.errors import InputError, OutputError
-from twinlens.factory.ledger import Entry, Failure, recovered_row, row_info, write_row
+from twinlens.factory.ledger import Entry, Failure, recovered_row, remedy, row_info, write_row
 from twinlens.factory.plan import sample_name
 from twinlens.factory.produce import Exhausted, make
 from twinlens.factory.recipe import Recipe, differences
@@ -60,6 +60,8 @@ def written(work: Work, index: int, made: Sample | Failure) -> Entry:
             entry = Row(sample_name(index), write_sample(folder, made), plain(row_info(plain(made.record))))
         except OutputError:
             if not is_whole(folder):
+                if folder.exists():
+                    raise OutputError(f"{folder}: is there and is no whole sample; {remedy(folder)}") from None
                 raise
             entry = recovered_row(root, work.recipe, index, work.made_with)
     write_row(root, index, entry)

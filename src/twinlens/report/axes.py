@@ -22,10 +22,10 @@ def label_axes(axes: Any, figure: Figure, rows: Table, name: Any) -> None:
         axes.set_title(_panel_title(rows, figure.panel, name))
     if figure.kind == "heatmap":
         return
-    if figure.log_x:
+    if figure.log_x and _any_positive(rows, figure.x):
         axes.set_xscale("log")
         _ticks_at(axes.xaxis, rows.numbers(figure.x))
-    if figure.log_y:
+    if figure.log_y and _any_positive(rows, figure.y, *figure.also):
         axes.set_yscale("log")
         _plain_log(axes)
     else:
@@ -41,6 +41,12 @@ def _panel_title(rows: Table, panel: str, name: Any) -> str:
     return name if isinstance(name, str) else f"{column.text} {name:.4g} {column.unit}".strip()
 
 
+def _any_positive(rows: Table, *columns: str) -> bool:
+    """Whether there is anything that a logarithmic axis could show."""
+    values = np.concatenate([rows.numbers(column) for column in columns])
+    return bool((np.isfinite(values) & (values > 0)).any())
+
+
 def _from_zero(axes: Any, values: NDArray[np.float64]) -> None:
     """An axis of what cannot be negative begins at 0."""
     known = values[np.isfinite(values)]
@@ -50,7 +56,7 @@ def _from_zero(axes: Any, values: NDArray[np.float64]) -> None:
 
 def _ticks_at(axis: Any, values: NDArray[np.float64]) -> None:
     """Ticks at the values themselves, as 1.4 and not as 10^0, but for those too near to the last one."""
-    places = np.unique(values[values > 0])
+    places = np.unique(values[np.isfinite(values) & (values > 0)])
     room = _TICK_ROOM * math.log(places[-1] / places[0])
     ticks: list[float] = []
     for place in places:

@@ -78,7 +78,7 @@ def _plain(stands: Stands) -> dict[str, Any]:
         "unit": finding.unit,
         "expected": None if finding.expected is None else _number(finding.expected),
         "tolerance": finding.tolerance,
-        "holds": bool(finding.holds),
+        "holds": bool(finding.holds) if finding.asked else None,
         "seeds_alone": [stands.seeds, stands.of],
     }
 
@@ -112,6 +112,8 @@ def _finding(stands: Stands) -> str:
     finding = stands.finding
     before, _, after = (html.escape(part) for part in finding.text.partition("{}"))
     number = f"<b>{html.escape(finding.measured.said(finding.unit))}</b>" if "{}" in finding.text else ""
+    if not finding.asked:
+        return f'<div class="finding"><p>{before}{number}{after}.</p><p class=note>Not asked</p></div>\n'
     notes = [_VERDICTS[finding.holds] + (", but not for every seed" if _is_shaky(stands) else "")]
     if finding.expected is not None:
         within = "" if finding.tolerance is None else f", and within {100 * finding.tolerance:.3g} % of it is asked"
@@ -129,7 +131,7 @@ def _is_shaky(stands: Stands) -> bool:
 def _unsettled(findings: Sequence[Stands]) -> str:
     """A sentence on what other seeds would change."""
     shaky = sum(_is_shaky(stands) for stands in findings)
-    failed = sum(not stands.finding.holds for stands in findings)
+    failed = sum(stands.finding.asked and not stands.finding.holds for stands in findings)
     seeds = findings[0].of if findings else 0
     if seeds < 2:
         text = "One seed was run: whether the findings stand with another is not known."

@@ -18,6 +18,8 @@ from twinlens.studies.bootstrap import Interval
 from twinlens.studies.table import Column, Row, Table, Value
 
 Progress = Callable[[float, str], None]
+LEAST_SIZE = (64, 48)
+"""Width and height in pixels below which windows leave nothing of a photograph to measure."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,9 @@ class Setup:
         for name in ("width", "height", "spp"):
             if not (isinstance(getattr(self, name), int) and getattr(self, name) > 0):
                 raise InputError(f"a study's {name} must be a positive whole number, got {getattr(self, name)!r}")
+        if self.width < LEAST_SIZE[0] or self.height < LEAST_SIZE[1]:
+            least = "{}x{}".format(*LEAST_SIZE)
+            raise InputError(f"a study's photographs must be {least} or larger, got {self.width}x{self.height}")
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,8 @@ class Finding:
     text: a sentence without its full stop, with {} where the measured number stands. measured: the number with its
     interval, in `unit`. holds: whether the measurement bears the sentence out. expected: what theory says, if it does,
     and within which `tolerance` (relative). answer: what was found where the sentence names one of several, as a
-    matcher; a seed bears the finding out only if it gives the same answer.
+    matcher; a seed bears the finding out only if it gives the same answer. asked: False where the chosen methods or
+    scenes leave the question open: nothing was measured then, and there is no verdict.
     """
 
     text: str
@@ -66,6 +72,7 @@ class Finding:
     expected: float | None = None
     tolerance: float | None = None
     answer: str = ""
+    asked: bool = True
 
     @property
     def sentence(self) -> str:

@@ -119,7 +119,8 @@ def _census(rows: Table) -> Finding:
     census = next((method for method in ranking if method.partition(":")[0] == "census"), None)
     rivals = [method for method in ranking if method != census]
     if census is None or not rivals:
-        return Finding(f"{text}: not asked without census and a rival; {{}}", Interval(*3 * (float("nan"),)), False)
+        nothing = Interval(*3 * (float("nan"),))
+        return Finding(f"{text}: takes census and a rival among the methods", nothing, holds=False, asked=False)
     margin = paired_difference(rows, "totbad2", "method", rivals[0], census)
     return Finding(f"{text}: {{}} fewer than {rivals[0]}", margin, is_above(margin), "percent points")
 
