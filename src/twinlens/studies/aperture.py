@@ -23,7 +23,7 @@ from twinlens.studies.aperture_theory import SENSOR, WAVELENGTH, best_f_number, 
 from twinlens.studies.bootstrap import log_slope, over_scenes, paired_difference
 from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, agrees
 from twinlens.studies.pictures import crop
-from twinlens.studies.stage import Stage, stream
+from twinlens.studies.stage import SCORES, Stage, stream
 from twinlens.studies.table import Column, Row, Table
 
 Float = NDArray[np.float64]
@@ -228,9 +228,7 @@ STUDY = Study(
         Column("square_law", "", "A² through the level at f/11"),
         Column("predicted", "a.u.", "predicted error"),
         Column("theory_best", "", "f-number of the least predicted error"),
-        Column("totbad2", "%", "wrong by > 2 px or unknown"),
-        Column("totbad1", "%", "wrong by > 1 px or unknown"),
-        Column("avgerr", "px", "mean error"),
+        *SCORES,
     ),
     measure=measure,
     conclude=conclude,

@@ -4,9 +4,8 @@ The law of stereo, z^2/(f B) metres of depth for a pixel of disparity: Gallup, F
 Baseline/Resolution Stereo, CVPR 2008, equation 3.
 """
 
-from twinlens.scenes import load_scene
 from twinlens.studies.bootstrap import log_slope, over_scenes
-from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, is_above, sweep
+from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, is_above
 from twinlens.studies.range_error import (
     COLUMNS,
     PLANES,
@@ -14,11 +13,10 @@ from twinlens.studies.range_error import (
     TOLERANCE,
     exponent,
     law_residual,
-    plane_rows,
-    scene_rows,
+    measure_pairs,
     square_law,
 )
-from twinlens.studies.table import Row, Table
+from twinlens.studies.table import Table
 
 PLANE_BASELINES = (0.06, 0.12, 0.24)
 FACTORS = (0.25, 0.5, 1.0, 1.5)
@@ -28,13 +26,8 @@ FOV_X_DEG = 50.0
 
 def measure(setup: Setup) -> Measured:
     """Planes at every depth for each base, then every scene with a part or a multiple of its own base."""
-    rows: list[Row] = []
-    for seed in setup.seeds:
-        for base in PLANE_BASELINES:
-            rows += plane_rows(setup, seed, base, FOV_X_DEG)
-    for name, factor, seed in sweep(setup, FACTORS, setup.seeds):
-        scene = load_scene(name)
-        rows += scene_rows(setup, name, seed, factor * scene.baseline, scene.fov_x_deg)
+    planes = [(base, FOV_X_DEG) for base in PLANE_BASELINES]
+    rows = measure_pairs(setup, planes, lambda scene, factor: (factor * scene.baseline, scene.fov_x_deg), FACTORS)
     return Measured(rows, notes={"plane_baselines_m": PLANE_BASELINES, "factors": FACTORS})
 
 

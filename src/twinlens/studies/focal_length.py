@@ -1,7 +1,6 @@
 """`focal-length`: a longer lens sees less and measures it better: z^2/(f B) again, along f."""
 
-from twinlens.scenes import load_scene
-from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, sweep
+from twinlens.studies.model import Figure, Finding, Measured, Setup, Study
 from twinlens.studies.range_error import (
     COLUMNS,
     PLANES,
@@ -9,11 +8,10 @@ from twinlens.studies.range_error import (
     TOLERANCE,
     exponent,
     law_residual,
-    plane_rows,
-    scene_rows,
+    measure_pairs,
     square_law,
 )
-from twinlens.studies.table import Row, Table
+from twinlens.studies.table import Table
 
 PLANE_FIELDS = (80.0, 50.0, 28.0)
 """Horizontal fields of view, degrees."""
@@ -24,13 +22,8 @@ BASELINE = 0.12
 
 def measure(setup: Setup) -> Measured:
     """Planes at every depth for each focal length, then every scene with narrower and narrower views."""
-    rows: list[Row] = []
-    for seed in setup.seeds:
-        for fov_x_deg in PLANE_FIELDS:
-            rows += plane_rows(setup, seed, BASELINE, fov_x_deg)
-    for name, factor, seed in sweep(setup, FACTORS, setup.seeds):
-        scene = load_scene(name)
-        rows += scene_rows(setup, name, seed, scene.baseline, factor * scene.fov_x_deg)
+    planes = [(BASELINE, fov_x_deg) for fov_x_deg in PLANE_FIELDS]
+    rows = measure_pairs(setup, planes, lambda scene, factor: (scene.baseline, factor * scene.fov_x_deg), FACTORS)
     return Measured(rows, notes={"plane_fields_deg": PLANE_FIELDS, "factors": FACTORS, "baseline_m": BASELINE})
 
 

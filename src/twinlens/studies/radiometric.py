@@ -18,7 +18,7 @@ from twinlens.camera import Pinhole
 from twinlens.sensor import Sensor
 from twinlens.studies.bootstrap import Interval, mean_of, paired_difference
 from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, is_above, sweep
-from twinlens.studies.stage import Stage, stream
+from twinlens.studies.stage import SCORES, Stage, stream
 from twinlens.studies.table import Column, Row, Table
 
 Image = NDArray[Any]
@@ -132,9 +132,7 @@ STUDY = Study(
         Column("change", "", "difference between the eyes"),
         Column("amount", "", "strength"),
         Column("method", "", "matcher"),
-        Column("totbad2", "%", "wrong by > 2 px or unknown"),
-        Column("totbad1", "%", "wrong by > 1 px or unknown"),
-        Column("avgerr", "px", "mean error"),
+        *SCORES,
     ),
     measure=measure,
     conclude=conclude,

@@ -5,15 +5,16 @@ bundled scenes        -> wrong pixels, and how much of the left view the right o
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Pinhole, Rig
+from twinlens.scenes import Scene, load_scene
 from twinlens.sensor import Sensor
 from twinlens.studies.bootstrap import log_slope, over_scenes
-from twinlens.studies.model import Finding, Setup, agrees
+from twinlens.studies.model import Finding, Setup, agrees, sweep
 from twinlens.studies.stage import Stage, stream
 from twinlens.studies.table import Column, Row, Table
 from twinlens.studies.targets import noise_plane
@@ -43,6 +44,23 @@ COLUMNS = (
     Column("totbad2", "%", "wrong by > 2 px or unknown"),
 )
 SENSOR = Sensor.preset("machine_vision")
+
+
+def measure_pairs(
+    setup: Setup, planes: Sequence[tuple[float, float]], pair_of: Callable[[Scene, float], tuple[float, float]],
+    factors: Sequence[float],
+) -> list[Row]:  # fmt: skip
+    """Planes at every depth by each pair of `planes`, then every scene by the pair that `pair_of` makes of each factor.
+
+    A pair is (baseline in metres, horizontal field of view in degrees).
+    """
+    rows: list[Row] = []
+    for seed in setup.seeds:
+        for baseline, fov_x_deg in planes:
+            rows += plane_rows(setup, seed, baseline, fov_x_deg)
+    for name, factor, seed in sweep(setup, factors, setup.seeds):
+        rows += scene_rows(setup, name, seed, *pair_of(load_scene(name), factor))
+    return rows
 
 
 def plane_rows(setup: Setup, seed: int, baseline: float, fov_x_deg: float) -> Iterator[Row]:

@@ -21,10 +21,18 @@ from twinlens.rendering import ground_truth, render
 from twinlens.scenes import Scene, load_scene
 from twinlens.scoring import Pair, Scores, evaluate, region_masks
 from twinlens.sensor import Exposure, Sensor
+from twinlens.studies.table import Column
 from twinlens.truth import Truth
 
 Image = NDArray[Any]
 Float = NDArray[np.float64]
+
+SCORES = (
+    Column("totbad2", "%", "wrong by > 2 px or unknown"),
+    Column("totbad1", "%", "wrong by > 1 px or unknown"),
+    Column("avgerr", "px", "mean error"),
+)
+"""The columns of a table that `score_columns` fills."""
 
 _STREAM = 7
 

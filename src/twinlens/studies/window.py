@@ -16,7 +16,7 @@ from twinlens.sensor import Sensor
 from twinlens.studies.bootstrap import over_scenes, paired_difference
 from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, is_above, sweep
 from twinlens.studies.pictures import disparity_picture, error_picture
-from twinlens.studies.stage import Stage, score_columns, stream
+from twinlens.studies.stage import SCORES, Stage, score_columns, stream
 from twinlens.studies.table import Column, Row, Table, Value
 
 SIZES = (3, 5, 7, 9, 13, 17, 21, 31)
@@ -127,9 +127,7 @@ STUDY = Study(
         Column("method", "", "matcher"),
         Column("block_size", "px", "block size"),
         Column("region", "", "region"),
-        Column("totbad2", "%", "wrong by > 2 px or unknown"),
-        Column("totbad1", "%", "wrong by > 1 px or unknown"),
-        Column("avgerr", "px", "mean error"),
+        *SCORES,
     ),
     measure=measure,
     conclude=conclude,
