@@ -42,3 +42,5 @@ clean:
 
 pictures: .venv/installed
 	$(BIN)/python docs/pictures.py
+	$(BIN)/python docs/families.py
+	$(BIN)/python docs/studies.py

@@ -7,7 +7,9 @@
 `cost` makes whole samples (rig, gates, both images, both truths, all files encoded and written) at 640x480 and 64
 samples a pixel, and between them renders the same two images with Mitsuba alone: a busy machine slows both alike.
 
-`flat` makes small samples of random families, each a new scene, in a process of its own that does nothing else.
+`flat` makes small samples of random families, each a new scene, in a process of its own that does nothing else. After
+each it takes the machine's pace, the processor time of a fixed piece of work, so that what else runs meanwhile does not
+pass for a change of speed.
 """
 
 import json
@@ -103,14 +105,16 @@ def flat(count: int) -> None:
         ]
     tenths = np.array_split(np.array(rows), 10)
     for k, part in enumerate(tenths, start=1):
-        print(f"tenth {k:2d}: peak {part[:, 0].max():7.1f} MiB, {part[:, 1].mean():.3f} s of processor a sample")
+        peak, used, pace = part[:, 0].max(), part[:, 1].mean(), part[:, 2].mean()
+        print(f"tenth {k:2d}: peak {peak:7.1f} MiB, {used:.3f} s of processor a sample, pace {1e3 * pace:.1f} ms")
     first, last = tenths[0], tenths[-1]
+    used, pace = (first[:, column].mean() / last[:, column].mean() for column in (1, 2))
     print(f"memory, last against first: {last[:, 0].max() / first[:, 0].max():.3f}")
-    print(f"throughput, last against first: {first[:, 1].mean() / last[:, 1].mean():.3f}")
+    print(f"throughput, last against first: {used:.3f}; at equal pace {used / pace:.3f}")
 
 
 def _flat(path: str, folder: str) -> None:
-    """Run the factory; a line [resident MiB, processor s] a sample."""
+    """Run the factory; a line [resident MiB, processor s, pace s] a sample."""
     from twinlens.factory import generate
     from twinlens.factory.work import work_here
 
@@ -119,12 +123,20 @@ def _flat(path: str, folder: str) -> None:
     def engine(*arguments):
         before = cpu_s()
         for entry in work_here(*arguments):
-            now = cpu_s()
-            print(json.dumps([resident_mib(), now - before]), flush=True)
-            before = now
+            used = cpu_s() - before
+            print(json.dumps([resident_mib(), used, pace_s()]), flush=True)
+            before = cpu_s()
             yield entry
 
     generate(recipe, folder, engine=engine)
+
+
+def pace_s() -> float:
+    """Processor time of a fixed piece of work."""
+    numbers = np.random.default_rng(0).random(400_000)
+    start = time.thread_time()
+    np.sort(numbers)
+    return time.thread_time() - start
 
 
 def resident_mib() -> float:

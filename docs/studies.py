@@ -1,6 +1,6 @@
 """Makes the figures of docs/studies.md: `python docs/studies.py`, or some of them: `python docs/studies.py window ...`.
 
-Each study is run with one seed, at its own settings otherwise, into out/studies/NAME; one that lies there already is
+Each study is run at its own settings into out/studies/NAME, one to four minutes each; one that lies there already is
 not run again. The page shows one figure of each, in fewer colours.
 """
 
@@ -23,7 +23,7 @@ SHOWN = {
     "focus": "map",
     "window": "window",
     "baseline": "depth-error",
-    "focal-length": "depth-error",
+    "focal-length": "wrong",
     "radiometric": "radiometric",
     "texture": "contrast",
 }
@@ -35,7 +35,7 @@ def main(names: list[str]) -> None:
     for name in names or STUDIES:
         study, folder = STUDIES[name], BUILD / name
         if not (folder / "table.csv").exists():
-            write_study(folder, run_study(study, seeds=1))
+            write_study(folder, run_study(study))
         table = from_csv((folder / "table.csv").read_text(), study.all_columns)
         figure = next(figure for figure in study.figures if figure.name == SHOWN[name])
         small(encode(draw(figure, table), "png"), HERE / "studies" / f"{name}.png")
