@@ -39,3 +39,10 @@ def test_two_of_its_cameras_are_believed_to_be_what_they_were():
 def test_one_error_is_a_pairs(count):
     with pytest.raises(InputError, match=f"this rig has {count} cameras"):
         ALIGNED.applied(Rig([CAMERA] * count, [np.eye(4)] * count))
+
+
+@pytest.mark.parametrize("error", [{"roll_deg": 200}, {"yaw_deg": 90}, {"pitch_deg": -90}, {"vertical_px": np.inf}])
+def test_what_is_no_error_of_calibration_is_refused(error):
+    with pytest.raises(InputError, match=f"{next(iter(error))} must be"):
+        Misalignment(**error)
+    assert Misalignment(roll_deg=-89.9).roll_deg == -89.9

@@ -93,6 +93,7 @@ def test_a_scheduler_of_the_users_serves_as_well(recipe, whole, tmp_path):
 def test_nobody_at_the_address_is_told(recipe, tmp_path):
     with pytest.raises(BackendError, match="no Dask scheduler answers at 'nonsense://x'"):
         generate(read_recipe(recipe), tmp_path / "set", engine=remote_cluster("nonsense://x"))
+    assert not (tmp_path / "set").exists()
 
 
 def test_without_dask_the_extra_is_named(monkeypatch):
@@ -103,7 +104,7 @@ def test_without_dask_the_extra_is_named(monkeypatch):
 
 def test_a_worker_with_other_tools_refuses(recipe, tmp_path):
     read = read_recipe(recipe)
-    order = Order(dict(read.written), str(recipe), str(tmp_path), {"backend": "abacus", "versions": {}}, THREADS)
+    order = Order(dict(read.written), str(recipe), str(tmp_path), {"backend": "abacus", "versions": {}}, {}, THREADS)
     with pytest.raises(InputError, match="this worker renders with other tools than the dataset's: backend: 'abacus'"):
         make_one(order, 0)
     assert not list(tmp_path.iterdir())

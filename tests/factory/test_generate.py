@@ -14,6 +14,7 @@ from twinlens.dataset import Dataset, read_manifest, sample_files, verify_datase
 from twinlens.errors import FileError, InputError, OutputError
 from twinlens.factory import estimate, generate, make, produce, read_recipe, spec_from_plain
 from twinlens.factory.lock import locked
+from twinlens.factory.produce import Exhausted
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +56,7 @@ def test_a_sample_alone_is_that_sample_of_the_set(recipe, whole):
 
 def test_a_sample_is_made_again_from_what_its_record_says(recipe, whole):
     record = Dataset(whole)[2].record["record"]
-    again = produce(spec_from_plain(record["spec"]), recipe.folder)
+    again = produce(spec_from_plain(record["spec"]), recipe.sources)
     stored = Dataset(whole)[2]
     assert np.array_equal(again.shots[0].images[1], stored.im1)
     assert again.rig.baseline() == stored.rig.baseline()
@@ -348,3 +349,22 @@ def test_a_folder_without_its_mark_is_told_with_what_to_do(recipe, folder):
     (folder / "0000000" / "im0.png").touch()
     with pytest.raises(OutputError, match=r"is no whole sample; delete the folder .*0000000; the same command"):
         generate(recipe, folder, limit=1)
+
+
+def test_where_nothing_is_left_to_chance_the_first_draw_tells(folder, tmp_path):
+    """Twenty draws of a scene from a file with one rig are one draw; but photographs have noise, and are taken anew."""
+    fixed = "seed = 1\ncount = {count}\nscenes = ['tiny']\nwidth = 32\nheight = 24\nspp = 1\n"
+    recipe = read_recipe(write_recipe(tmp_path, fixed + "ndisp = 1\nrig.baseline.sweep = [0.1, 0.001]\n", count=2))
+    outcome = generate(recipe, folder)
+    assert [(failure.index, len(failure.rejections)) for failure in outcome.failures] == [(0, 1)]
+    assert outcome.failures[0].rejections[0]["reason"] == "disparity beyond ndisp"
+    assert outcome.there == 1
+    bent = "[rig.distortion]\nk1.sweep = [0.0, -0.4]\nk2.sweep = [0.0, -0.5]\n"  # unfolded alone, not together
+    with pytest.raises(Exhausted, match="1 draws turned away"):
+        make(read_recipe(write_recipe(tmp_path, fixed + bent)), 3)
+    noisy = read_recipe(write_recipe(tmp_path, fixed + "exposure.time = 1e-9\n[gates]\nattempts = 3\n", count=1))
+    with pytest.raises(Exhausted, match="3 draws turned away"):
+        make(noisy, 0)
+    drawn = "ndisp = 1\nrig.baseline.uniform = [0.1, 0.2]\n[gates]\nattempts = 3\n"
+    with pytest.raises(Exhausted, match="3 draws turned away"):
+        make(read_recipe(write_recipe(tmp_path, fixed + drawn, count=1)), 0)

@@ -164,3 +164,12 @@ def test_what_was_left_in_is_made_again_from_the_record(scene, tmp_path):
     made = make_sample(scene, off, LENSES[:1], spp=2)
     write_sample(tmp_path / "cards", made)
     assert sample_files(remake(Dataset(tmp_path)[0].record)) == sample_files(made)
+
+
+def test_a_mismatch_that_no_exposure_can_have_is_refused_before_the_first_picture(scene, monkeypatch):
+    from twinlens.factory import sample
+
+    monkeypatch.setattr(sample, "render", lambda *_, **__: pytest.fail("rendered"))
+    sensor = Sensor(mismatch=Mismatch(time=100.0))
+    with pytest.raises(InputError, match="the mismatch makes an exposure that cannot be: exposure time must be"):
+        make_sample(scene, default_rig(scene, 48, 36), LENSES, sensor=sensor, exposure=Exposure(1e8))

@@ -83,6 +83,18 @@ def test_a_lens_below_f1_warns_of_the_paraxial_law(number, warns):
         assert all("\n" not in str(w.message) for w in caught)
 
 
+@pytest.mark.parametrize("fast", [0, 1, 2])
+def test_the_fastest_camera_of_a_rig_is_warned_of_whichever_it_is(fast):
+    """Three cameras behind one lens: the film of one is half as far from it, at f/0.7 where the others have f/1.4."""
+    cameras = [CAMERA] * 3
+    cameras[fast] = CAMERA.replace(pixel_pitch_um=CAMERA.pixel_pitch_um / 2)
+    rig, white = Rig(cameras, [np.eye(4)] * 3), [np.ones((64, 96, 3))] * 3
+    lens = ThinLens(CAMERA.film_distance / 1.4, 1.0)
+    with pytest.warns(ParaxialWarning, match=r"working f-number v/A = 0\.7 ") as caught:
+        Sensor().expose_rig(white, rig=rig, lens=lens, exposure=Exposure(1e-6))
+    assert len(caught) == 1
+
+
 def test_an_automatic_exposure_makes_up_for_the_law():
     """The picture through f/0.05 is the one through f/4: no warning (they are errors here), and the same grey."""
     wide, narrow = (

@@ -276,6 +276,7 @@ def test_the_default_is_the_machine_vision_preset():
         ({"full_well": np.ones((40, 40))}, "full_well"),
         ({"dark_current": None}, "dark_current"),
         ({"mismatch": None}, "mismatch"),
+        ({"mismatch": Mismatch(time=2.0), "longest_exposure": 1e9}, "mismatch makes an exposure that cannot be"),
         ({"mismatch": {"gain": 1.1}}, "mismatch"),
         ({"read_noise": -1.0}, "read_noise"),
         ({"prnu": math.nan}, "prnu"),

@@ -18,6 +18,8 @@ class Misalignment:
     vertical_px : its image is shifted down by this many pixels (cy is).
     pitch_deg, yaw_deg, roll_deg : the camera is turned about the x, then the y, then the z axis that calibration gives
     it; these stay where they are meanwhile: R = Rz(roll) Ry(yaw) Rx(pitch).
+
+    Raises InputError for what is no number, and for a quarter turn and more, which is another camera and no error.
     """
 
     vertical_px: float = 0.0
@@ -28,6 +30,8 @@ class Misalignment:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             check_number(name, value, "a finite number")
+            if name.endswith("_deg"):
+                check_number(name, value, "less than a quarter turn, -90 to 90 degrees", above=-90, most=90 - 1e-9)
 
     def applied(self, rig: Rig) -> Rig:
         """The pair `rig` with its second camera so shifted and turned; its `believed` is the rig as it was."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from twinlens.cli.places import ADDRESS
+from twinlens.cli.places import ADDRESS, PATH
 from twinlens.cli.progress import progress_bar
 from twinlens.errors import InputError
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @click.command("generate")
-@click.argument("recipe", type=click.Path(path_type=Path))
+@click.argument("recipe", type=PATH)
 @click.option(
     "-o", "--output", required=True, type=ADDRESS, help="Folder of the dataset, or a bucket's address (s3://...)."
 )
@@ -109,10 +109,10 @@ def _tell(outcome: "Outcome", output: str, as_json: bool) -> None:
         click.echo(json.dumps({"dataset": output, **asdict(outcome)}, indent=1))
         return
     for failure in outcome.failures:
-        last = failure.rejections[-1]
+        last, draws = failure.rejections[-1], len(failure.rejections)
+        tried = f", {draws} draws turned away, the last because" if draws > 1 else ""
         click.echo(
-            f"sample {failure.index}: not made, {len(failure.rejections)} draws turned away, the last because: "
-            f"{last['reason']} ({last['found']}); change {failure.remedy}",
+            f"sample {failure.index}: not made{tried}: {last['reason']} ({last['found']}); change {failure.remedy}",
             err=True,
         )
     click.echo(

@@ -21,19 +21,19 @@ WINDOWS = ("block_size", "census_window", "median")
 
 
 @click.command("match")
-@click.argument("left", type=click.Path(path_type=Path))
-@click.argument("right", type=click.Path(path_type=Path))
+@click.argument("left", type=PATH)
+@click.argument("right", type=PATH)
 @click.option("-o", "--output", required=True, type=PATH, help="The map: a .pfm file.")
-@click.option("--method", show_default="zncc", help="A matcher, as zncc or sad:block_size=15,lr_check=1.")
+@click.option("--method", help="A matcher, as zncc or sad:block_size=15,lr_check=1.  [default: zncc]")
 @click.option(
     "--command", "program", metavar="COMMAND",
     help="Or any program, as 'prog {left} {right} {out}': reads two PNGs, writes a PFM; {num_disparities} and "
     "{min_disparity} are known too. No shell reads it.",
 )  # fmt: skip
 @click.option("--time-limit", type=float, help="Seconds that the program may take.  [default: 600]")
-@click.option("--ndisp", type=click.IntRange(min=1), show_default="64", help="Disparities to search.")
+@click.option("--ndisp", type=click.IntRange(min=1), help="Disparities to search.  [default: 64]")
 @click.option("--min-disparity", type=int, default=0, show_default=True, help="The first of them, pixels.")
-@click.option("--picture", type=click.Path(path_type=Path), help="Also write the map as a colour PNG.")
+@click.option("--picture", type=PATH, help="Also write the map as a colour PNG.")
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
 def command(
     left: Path,
@@ -53,8 +53,7 @@ def command(
     Example:  twinlens match out/staircase/im0.png out/staircase/im1.png --ndisp 64 -o disp.pfm
               twinlens match im0.png im1.png --command "./prog {left} {right} {out}" -o disp.pfm
     """
-    from twinlens.cli.images import read_image
-    from twinlens.dataset import write_pfm, write_png
+    from twinlens.dataset import read_image, write_pfm, write_png
 
     if output.suffix.lower() != ".pfm":
         raise InputError(f"--output {output}: a disparity map is written as .pfm; --picture makes a PNG to look at")

@@ -25,11 +25,11 @@ class PlaceType(click.ParamType):  # type: ignore[type-arg]
 
 
 class PathType(click.Path):
-    """A path; none is empty, which would be the current folder."""
+    """A path of this machine, also as file://...; none is empty, which would be the current folder, nor a bucket's."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The Path."""
-        return super().convert(_filled(value, self, param, ctx), param, ctx)
+        return super().convert(_local(_filled(value, self, param, ctx), self, param, ctx), param, ctx)
 
 
 class AddressType(click.ParamType):  # type: ignore[type-arg]
@@ -49,6 +49,19 @@ def check_free(output: Path, overwrite: bool) -> None:
     """Refuse a place that is taken, before any work is done. Raises OutputError."""
     if not overwrite and os.path.lexists(output):
         raise OutputError(f"{output}: is there already; choose another name, or add --overwrite")
+
+
+def _local(value: Any, kind: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    """The value, unless it is an address that fsspec opens: as a path it would be a folder named after it."""
+    text = os.fspath(value)
+    if "://" not in text:
+        return value
+    from twinlens.dataset import RemotePath, place
+
+    found = place(text)
+    if isinstance(found, RemotePath):
+        kind.fail(f"{text!r} is a bucket's address, and this works with places of this machine alone", param, ctx)
+    return str(found)
 
 
 def _filled(value: Any, kind: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:

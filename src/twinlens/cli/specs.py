@@ -9,9 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-
-from twinlens.camera import Annulus, Aperture, BareAperture, Disk, Lens, MaskAperture, Pinhole, Polygon, ThinLens
+from twinlens.camera import Annulus, Aperture, BareAperture, Disk, Lens, Pinhole, Polygon, ThinLens
 from twinlens.errors import InputError, in_one_line, unknown
 
 Made = TypeVar("Made")
@@ -58,6 +56,8 @@ def parse_lens(text: str, focus: float | None, film_distance: float, aperture: A
     """
     where, shape = f"--lens {text!r}", aperture or Disk()
     kind, colon, rest = ("f/", "/", text[2:]) if text.startswith("f/") else text.partition(":")
+    if meant := re.fullmatch(r"[fF]/?([0-9.].*)", text if kind != "f/" else ""):
+        raise InputError(f"{where}: an f-number reads f/N[@FOCUS_M]; did you mean 'f/{meant[1]}'?")
     if kind not in LENSES:
         raise InputError(f"{where}: {unknown('lens', kind, LENSES)}; a lens reads {' | '.join(LENSES.values())}")
     if kind == "pinhole":
@@ -89,7 +89,9 @@ def parse_aperture(text: str) -> Aperture:
     if kind not in APERTURES:
         raise InputError(f"{where}: {unknown('aperture', kind, APERTURES)}")
     if kind == "mask" and rest:
-        return mask_aperture(Path(rest))
+        from twinlens.factory.masks import read_mask
+
+        return read_mask(Path(rest))
     parts = rest.split(":") if rest else []
     least, most = {"disk": (0, 0), "polygon": (1, 3), "annulus": (1, 1), "mask": (1, 1)}[kind]
     if not least <= len(parts) <= most:
@@ -99,18 +101,6 @@ def parse_aperture(text: str) -> Aperture:
         blades = int(numbers[0]) if numbers[0].is_integer() else numbers[0]
         return told(where, lambda: Polygon(blades, *numbers[1:]))  # type: ignore[arg-type]
     return told(where, lambda: Annulus(numbers[0])) if kind == "annulus" else Disk()
-
-
-def mask_aperture(path: Path) -> MaskAperture:
-    """The aperture that a grey picture draws: white is open, black is shut, row 0 the top. Raises InputError."""
-    from twinlens.cli.images import read_image
-
-    mask = read_image(path)
-    if mask.ndim == 3:
-        if not (mask == mask[..., :1]).all():
-            raise InputError(f"{path}: is coloured; an aperture mask is a grey picture, white where light passes")
-        mask = mask[..., 0]
-    return told(str(path), lambda: MaskAperture(np.ascontiguousarray(mask)))
 
 
 def middle_focus(depth_range: tuple[float, float]) -> float:

@@ -9,6 +9,7 @@ from twinlens.factory.recipe import Recipe, read_recipe, recipe_from_table
 from twinlens.factory.rectified import rectified_sample
 from twinlens.factory.remake import remake, scene_of
 from twinlens.factory.sample import default_rig, make_sample
+from twinlens.factory.sources import Sources
 
 __all__ = [
     "Estimate",
@@ -17,6 +18,7 @@ __all__ = [
     "Recipe",
     "Rejected",
     "SampleSpec",
+    "Sources",
     "default_rig",
     "estimate",
     "generate",

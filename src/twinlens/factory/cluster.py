@@ -18,11 +18,12 @@ from typing import Any
 
 from twinlens.dataset import Sample
 from twinlens.dataset.storage import is_whole, place
-from twinlens.errors import BackendError, MissingExtraError
+from twinlens.errors import BackendError, InputError, MissingExtraError
 from twinlens.factory.generate import Engine, Report
 from twinlens.factory.ledger import Entry, Failure, recovered_row, write_row
 from twinlens.factory.plan import sample_name
 from twinlens.factory.recipe import recipe_from_table
+from twinlens.factory.sources import changed_files
 from twinlens.factory.work import Work, check_tools, rendered, written
 from twinlens.rendering import use_threads
 
@@ -33,12 +34,16 @@ _AHEAD = 2  # samples given to the cluster for each of its threads: enough that 
 
 @dataclass(frozen=True)
 class Order:
-    """A `Work` as it travels: the recipe as it was written. `threads` to render with; None takes the worker's own."""
+    """A `Work` as it travels: the recipe as it was written, and what the files hold that it leads to.
+
+    `threads` to render with; None takes the worker's own.
+    """
 
     written: Mapping[str, Any] = field(hash=False)
     path: str
     folder: str
     made_with: Mapping[str, Any] = field(hash=False)
+    sources: Mapping[str, str] = field(hash=False)
     threads: int | None = None
 
 
@@ -71,9 +76,12 @@ def local_cluster(workers: int) -> Engine:
 def remote_cluster(address: str) -> Engine:
     """The engine of a Dask cluster that is there already, by its scheduler's address, as ``tcp://host:8786``.
 
-    Raises MissingExtraError without Dask distributed, BackendError when nobody answers at the address.
+    Raises MissingExtraError without Dask distributed, BackendError when nobody answers at the address; both at once, so
+    that a dataset is not begun which nobody makes.
     """
     distributed = _distributed()
+    with _reached(distributed, address):
+        pass
 
     def engine(work: Work, indices: Sequence[int], report: Report, stop: Callable[[], bool]) -> Iterator[Any]:
         with _reached(distributed, address) as client:
@@ -157,6 +165,8 @@ def _work(order: Order, threads: int) -> Work:
     use_threads(threads)
     work = Work(recipe_from_table(order.written, Path(order.path)), order.folder, order.made_with)
     check_tools(work)
+    if changed := changed_files(order.sources, work.recipe.sources.digests):
+        raise InputError(f"this worker has other files beside the recipe than the dataset's: {changed}")
     return work
 
 
@@ -170,7 +180,7 @@ def _order(work: Work, threads: int | None = None) -> Order:
     path = os.path.abspath(work.recipe.at.source.file)  # noqa: PTH100  a worker stands in another folder
     root = place(work.folder)
     folder = str(root.resolve())
-    return Order(dict(work.recipe.written), path, folder, work.made_with, threads)
+    return Order(dict(work.recipe.written), path, folder, work.made_with, work.recipe.sources.digests, threads)
 
 
 @contextmanager

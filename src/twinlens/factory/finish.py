@@ -1,12 +1,11 @@
 """The last step of a dataset: what depends on all of its samples, the same however they came to be."""
 
-from pathlib import Path
 from typing import Any
 
 from twinlens.dataset import write_card, write_croissant
 from twinlens.factory.ledger import Failure, Ledger
 from twinlens.factory.preview import Preview
-from twinlens.factory.recipe import ASSETS, Recipe
+from twinlens.factory.recipe import Recipe
 
 
 def finish(ledger: Ledger) -> None:
@@ -23,21 +22,12 @@ def finish(ledger: Ledger) -> None:
 
 def broken_assets(recipe: Recipe) -> list[dict[str, str]]:
     """The files of the recipe's asset folders that cannot be used, by their names there, and why; read one by one."""
-    if not recipe.assets:
-        return []
     from twinlens.scenes.families import Assets
 
-    folders = {kind: [recipe.folder / name for name in names] for kind, names in recipe.assets.items()}
-    listed = Assets.from_folders(**folders)
     found = []
-    for kind in ASSETS:
-        for path in getattr(listed, kind):
+    for kind, files in recipe.sources.asset_files.items():
+        for name, path in files.items():
             alone: dict[str, Any] = {kind: (path,)}
             for broken, reason in Assets(**alone).check().broken:
-                name = _relative(broken, recipe.folder)
                 found.append({"kind": kind, "file": name, "reason": reason.replace(str(broken), name)})
     return found
-
-
-def _relative(path: Path, folder: Path) -> str:
-    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.name

@@ -23,11 +23,14 @@ _BURNT = 0.98
 
 
 class Rejected(Exception):  # noqa: N818  no failure: the draw was a bad one
-    """A sample that a gate turned away: `reason` is what is counted, `found` what was seen, `remedy` what to change."""
+    """A sample that a gate turned away: `reason` is what is counted, `found` what was seen, `remedy` what to change.
 
-    def __init__(self, reason: str, found: str, remedy: str) -> None:
+    `noisy`: whether it was seen in a photograph, whose noise another draw has otherwise.
+    """
+
+    def __init__(self, reason: str, found: str, remedy: str, noisy: bool = False) -> None:
         super().__init__(f"{reason}: {found}")
-        self.reason, self.found, self.remedy = reason, found, remedy
+        self.reason, self.found, self.remedy, self.noisy = reason, found, remedy, noisy
 
 
 @dataclass(frozen=True)
@@ -117,10 +120,12 @@ def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
                     "too little texture",
                     f"{share:.1%} of lens {k}'s pictures, at least {gates.texture:.1%} asked",
                     "scenes or families, lenses (smaller aperture), or gates.texture",
+                    noisy=True,
                 )
 
 
 def _at_most(bound: float, share: float, gate: str, reason: str, where: str) -> None:
     if share > bound:
         asked = f"at most {bound:.1%} asked"
-        raise Rejected(reason, f"{share:.1%} of {where}, {asked}", f"exposure, the scene's lights, or gates.{gate}")
+        remedy = f"exposure, the scene's lights, or gates.{gate}"
+        raise Rejected(reason, f"{share:.1%} of {where}, {asked}", remedy, noisy=True)

@@ -74,6 +74,7 @@ def generate(
     """
     _check(limit, shard)
     root = place(folder)
+    recipe.sources.take_stock()  # what cannot be read is told before anything is written
     shared = shard != (1, 1)
     with locked(root, shared):
         ledger = Ledger(root, recipe, made_with())

@@ -25,6 +25,7 @@ from twinlens.dataset.storage import MARK, Place, RemotePath, remove_objects
 from twinlens.errors import FileError, InputError
 from twinlens.factory.plan import plan, sample_name
 from twinlens.factory.recipe import Recipe, differences
+from twinlens.factory.sources import changed_files
 
 ROWS = ".rows"
 _KIND, _VERSION = "twinlens-row", 1
@@ -50,7 +51,7 @@ Entry = Row | Failure
 class Ledger:
     """The entries of a dataset at `folder`, by the index of their samples.
 
-    Raises InputError where another recipe, or other versions, have begun a dataset there.
+    Raises InputError where another recipe, other versions, or other files beside the recipe have begun a dataset there.
     """
 
     def __init__(self, folder: Place, recipe: Recipe, made_with: Mapping[str, Any]) -> None:
@@ -106,6 +107,7 @@ class Ledger:
         splits = {name: sum(row.info.get("split") == name for row in rows) for name in self.recipe.splits}
         said = {
             "made_with": self.made_with,
+            "sources": self.recipe.sources.digests,
             "complete": self.is_complete,
             "rejections": self.rejections(),
             "failed": [failure.plain() for failure in self.failures()],
@@ -135,12 +137,22 @@ class Ledger:
         if changed or not made_with:
             what = "; ".join(changed[:3]) or "it was not made by `twinlens generate`"
             raise InputError(f"{self.folder}: holds another dataset ({what}); name another folder, or undo the change")
+        self._check_sources(known.info.get("sources", {}))
         try:
             listed: dict[int, Entry] = {int(row.info["index"]): row for row in known.rows}
             listed |= {int(failed["index"]): Failure(**failed) for failed in known.info.get("failed", ())}
         except (KeyError, TypeError, ValueError) as error:
             raise FileError(f"{self.folder / NAME}: is not as `twinlens generate` writes it ({error})") from None
         self.entries = {index: entry for index, entry in listed.items() if index < self.recipe.count}
+
+    def _check_sources(self, known: Any) -> None:
+        if not isinstance(known, Mapping):
+            raise FileError(f'{self.folder / NAME}: "sources" must be an object')
+        if changed := changed_files(known, self.recipe.sources.digests):
+            raise InputError(
+                f"{self.folder}: was begun when the files beside the recipe held something else ({changed}); put them "
+                "back as they were, or name another folder"
+            )
 
     def _refuse_strangers(self) -> None:
         """A folder without dataset.json may hold what a run of before has left, and nothing else."""
@@ -205,6 +217,11 @@ def recovered_row(folder: Place, recipe: Recipe, index: int, made_with: Mapping[
             raise InputError(f"{folder / name}: another recipe made it ({'; '.join(changed)}); name another folder")
         if changed := differences({key: record[key] for key in made_with}, made_with)[:2]:
             raise InputError(f"{folder / name}: other tools made it ({'; '.join(changed)}); name another folder")
+        if record["sources_sha256"] != recipe.sources.digest:
+            raise InputError(
+                f"{folder / name}: was made when the files beside the recipe (scenes, assets, masks) held something "
+                "else; put them back as they were, or name another folder"
+            )
         return row_of(folder, name, row_info(record))
     except (KeyError, TypeError) as error:
         raise FileError(f"{folder / name}: is there, and no recipe made it; name another folder") from error

@@ -3,26 +3,30 @@
 kind = "thin"                      # pinhole | thin | hole
 aperture_mm = 8                    # or f_number = 4
 focus = "middle"                   # metres, inf, or one of FOCUSES
-shape = { kind = "polygon", blades = 6, rotation_deg = 15, roundness = 0.3 }   # disk | polygon | annulus
+shape = { kind = "polygon", blades = 6, rotation_deg = 15, roundness = 0.3 }   # one of SHAPES
 film_mm = 50                       # of a bare hole
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from twinlens.camera import Annulus, Camera, Disk, Lens, Pinhole, Polygon, ThinLens
+from twinlens.camera import Annulus, Camera, Disk, Lens, MaskAperture, Pinhole, Polygon, ThinLens
 from twinlens.camera.aperture import Aperture
 from twinlens.camera.lens import BareAperture
-from twinlens.errors import InputError
+from twinlens.errors import FileError, InputError
 from twinlens.factory.draws import stream
+from twinlens.factory.masks import read_mask
 from twinlens.scenes.scene import Scene
-from twinlens.scenes.table import At, Parser, Table, choice, number, show, whole
+from twinlens.scenes.table import At, Parser, Table, choice, listed, number, show, text, whole
 from twinlens.truth import Truth
 
+_LARGEST_ROW = 4096
 _LEAST_SEEN = 0.005  # of the image: an object that is worth a focus
 
 
@@ -36,43 +40,54 @@ class View:
     seed: int = 0
 
 
-def lens_from_table(table: Mapping[str, Any], view: View | None, at: At) -> Lens:
+Find = Callable[[str], Path]
+"""The path of a file that a lens names."""
+
+
+def lens_from_table(table: Mapping[str, Any], view: View | None, at: At, find: Find = Path) -> Lens:
     """The lens that `table` describes. Raises InputError naming the key that is unknown, missing or wrong.
 
-    Without a `view` the table is merely checked: a focus that depends on the scene is taken as 1 m.
+    Without a `view` the table is merely checked: a focus that depends on the scene is taken as 1 m. Masks are read from
+    where `find` says, and noted among the source's assets; FileError for one that cannot be read.
     """
     keys: Table[Any] = Table(at, table)
     kind = keys.take("kind", choice(*_KINDS))
     try:
-        lens = _KINDS[kind](keys, view)
+        lens = _KINDS[kind](keys, view, partial(_shape, find=find))
+    except FileError:
+        raise
     except InputError as error:
         raise error if str(error).startswith(str(at.source.file)) else at.wrong(str(error)) from error
     keys.done()
     return lens
 
 
-def _pinhole(keys: Table[Any], view: View | None) -> Lens:
+def _pinhole(keys: Table[Any], view: View | None, shaped: Parser[Aperture]) -> Lens:
     return Pinhole()
 
 
-def _thin(keys: Table[Any], view: View | None) -> Lens:
+def _thin(keys: Table[Any], view: View | None, shaped: Parser[Aperture]) -> Lens:
     by_number = keys.has("f_number")
     if by_number == keys.has("aperture_mm"):
         raise keys.at.wrong("a thin lens needs either 'aperture_mm' or 'f_number'")
     size = keys.take("f_number" if by_number else "aperture_mm", number(above=0.0) if by_number else number(0.0))
     focus = _distance(keys.take("focus", _focus, "middle"), view, keys.at / "focus")
-    shape = keys.take("shape", _shape, Disk())
+    shape = keys.take("shape", shaped, Disk())
     if not by_number:
         return ThinLens(1e-3 * size, focus, shape)
     return ThinLens.from_f_number(size, focus, view.camera.film_distance if view else 1e-3, shape)
 
 
-def _hole(keys: Table[Any], view: View | None) -> Lens:
+def _hole(keys: Table[Any], view: View | None, shaped: Parser[Aperture]) -> Lens:
     diameter, film = keys.take("aperture_mm", number(0.0)), keys.take("film_mm", number(above=0.0))
-    return BareAperture(1e-3 * diameter, 1e-3 * film, keys.take("shape", _shape, Disk()))
+    return BareAperture(1e-3 * diameter, 1e-3 * film, keys.take("shape", shaped, Disk()))
 
 
-_KINDS: dict[str, Callable[[Table[Any], View | None], Lens]] = {"pinhole": _pinhole, "thin": _thin, "hole": _hole}
+_KINDS: dict[str, Callable[[Table[Any], View | None, Parser[Aperture]], Lens]] = {
+    "pinhole": _pinhole,
+    "thin": _thin,
+    "hole": _hole,
+}
 
 
 def _focus(at: At, value: Any) -> float | str:
@@ -135,24 +150,37 @@ FOCUSES: dict[str, Callable[[View], float]] = {
 """Where a lens may focus, by name: by the scene's depths, on what the first view's centre shows, or on some object."""
 
 
-def _shape(at: At, value: Any) -> Aperture:
+def _shape(at: At, value: Any, find: Find) -> Aperture:
     keys: Table[Any] = Table(at, value)
-    kind = keys.take("kind", choice(*_SHAPES))
-    made, parsers = _SHAPES[kind]
-    given = {key: keys.take(key, parser) for key, parser in parsers.items() if keys.has(key)}
+    kind = keys.take("kind", choice(*SHAPES))
+    shape = SHAPES[kind](keys, find)
     keys.done()
-    if kind == "annulus" and not given:
-        raise at.wrong("needs the key 'inner'")
-    if kind == "polygon" and "blades" not in given:
-        raise at.wrong("needs the key 'blades'")
-    return made(**given)
+    return shape
 
 
-_SHAPES: dict[str, tuple[Callable[..., Aperture], dict[str, Parser[Any]]]] = {
-    "disk": (Disk, {}),
-    "polygon": (
-        Polygon,
-        {"blades": whole(3, 1000), "rotation_deg": number(), "roundness": number(0.0, 1.0)},
-    ),
-    "annulus": (Annulus, {"inner": number(0.0, 0.999)}),
+def _polygon(keys: Table[Any], find: Find) -> Aperture:
+    blades = keys.take("blades", whole(3, 1000))
+    return Polygon(blades, keys.take("rotation_deg", number(), 0.0), keys.take("roundness", number(0.0, 1.0), 0.0))
+
+
+def _mask(keys: Table[Any], find: Find) -> Aperture:
+    """Of a grey picture, or of numbers in the recipe itself: rows from the top, 0 shut, 1 open."""
+    if keys.has("file") == keys.has("cells"):
+        raise keys.at.wrong("a mask needs either 'file' (a grey picture) or 'cells' (rows of numbers from 0 to 1)")
+    if keys.has("cells"):
+        rows = listed(listed(number(0.0, 1.0), 1, _LARGEST_ROW), 1, _LARGEST_ROW)
+        return MaskAperture(keys.take("cells", rows))
+    name = keys.take("file", text)
+    if not (name and name.isprintable()):
+        raise (keys.at / "file").wrong(f"must be the name of a picture beside the recipe, got {show(name)}")
+    keys.at.source.assets.append(Path(name))
+    return read_mask(find(name))
+
+
+SHAPES: dict[str, Callable[[Table[Any], Find], Aperture]] = {
+    "disk": lambda keys, find: Disk(),
+    "polygon": _polygon,
+    "annulus": lambda keys, find: Annulus(keys.take("inner", number(0.0, 1.0))),
+    "mask": _mask,
 }
+"""Apertures, by the kind of their table."""

@@ -92,6 +92,13 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
     )
 
 
+def is_fixed(recipe: Recipe) -> bool:
+    """Whether another draw of a sample would be the same but for noise: a scene from a file, and nothing by chance."""
+    chosen = recipe.weights is None or len(recipe.subjects) == 1
+    from_files = all(subject.kind == "scene" for subject in recipe.subjects)
+    return chosen and from_files and all(leaf.is_sweep for leaf in leaves(recipe.drawn))
+
+
 def sample_name(index: int) -> str:
     """The folder of a sample: its index in seven digits, so that names sort, however far a dataset grows.
 

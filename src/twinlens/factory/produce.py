@@ -4,27 +4,26 @@ spec -> scene -> rig -> truth -> gates -> lenses -> photographs -> gates -> Samp
 """
 
 import dataclasses
-import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from twinlens.camera import Rig
 from twinlens.dataset import Sample
-from twinlens.errors import InputError
+from twinlens.errors import FileError, InputError
 from twinlens.factory.draws import stream
 from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
 from twinlens.factory.lenses import View, lens_from_table
-from twinlens.factory.plan import SampleSpec, plan
+from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
 from twinlens.factory.settings import Settings, read_settings
+from twinlens.factory.sources import Sources
 from twinlens.rendering import ground_truth
-from twinlens.scenes import Scene, bundled_scenes, load_scene, rig_from_table
+from twinlens.scenes import Scene, rig_from_table
 from twinlens.scenes.table import At, Source
 
 Progress = Callable[[float], None]
-_SCENES_KEPT = 8
 
 
 class Exhausted(Exception):  # noqa: N818  the run goes on without this sample
@@ -38,49 +37,54 @@ class Exhausted(Exception):  # noqa: N818  the run goes on without this sample
 def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample:
     """The `index`-th sample of a recipe, in the first of its draws that passes the gates.
 
-    Its record has the `spec`, and under `rejections` why the draws before were turned away. Raises Exhausted when all
-    were, which a mistake in the recipe may cause as well as bad luck.
+    Its record has the `spec`, under `rejections` why the draws before were turned away, and under `sources_sha256` what
+    the files held that the recipe leads to. Raises Exhausted when all were, which a mistake in the recipe may cause as
+    well as bad luck (where nothing is left to chance, the first draw tells), and FileError for a file that cannot be
+    read, or that holds something else than when the recipe's first sample was made.
     """
     rejections: list[dict[str, Any]] = []
     remedy = ""
     for attempt in range(recipe.gates.attempts):
         spec = plan(recipe, index, attempt)
-        find_scene(spec, recipe.folder)
+        _find_scene(spec, recipe.sources)  # one that cannot be read is nobody's bad luck
         try:
-            sample = produce(spec, recipe.folder, recipe.assets, recipe.gates, progress)
+            sample = produce(spec, recipe.sources, recipe.gates, progress)
         except Rejected as turned:
             rejections.append({"attempt": attempt, "reason": turned.reason, "found": turned.found})
-            remedy = turned.remedy
+            remedy, by_chance = turned.remedy, turned.noisy
+        except FileError:
+            raise
         except InputError as error:
             found = str(error).replace(f"{recipe.folder}/", "")  # a dataset names no place of this machine
             rejections.append({"attempt": attempt, "reason": "impossible draw", "found": found})
-            remedy = "what the message names"
+            remedy, by_chance = "what the message names", False
         else:
-            return dataclasses.replace(sample, record={**sample.record, "rejections": rejections})
+            more = {"rejections": rejections, "sources_sha256": recipe.sources.digest}
+            return dataclasses.replace(sample, record={**sample.record, **more})
+        if not by_chance and is_fixed(recipe):
+            break
     raise Exhausted(index, rejections, remedy)
 
 
 def produce(
-    spec: SampleSpec,
-    folder: Path = Path(),
-    assets: Mapping[str, tuple[str, ...]] | None = None,
-    gates: Gates | None = None,
-    progress: Progress | None = None,
+    spec: SampleSpec, sources: Sources | None = None, gates: Gates | None = None, progress: Progress | None = None
 ) -> Sample:
-    """The sample of a spec; the same spec gives the same sample.
+    """The sample of a spec; the same spec and files give the same sample.
 
     Parameters
     ----------
-    folder : Path
-        Where scene files and `assets` (folders by their kind) are found: the recipe's own.
+    sources : Sources, optional
+        The files of its recipe; without them bundled scenes alone are found, and scene files by their path.
     gates : Gates, optional
         None asks no gate.
 
-    Raises Rejected where a gate turns it away, and InputError for a spec that cannot be.
+    Raises Rejected where a gate turns it away, FileError for a file that cannot be read, and InputError for a spec that
+    cannot be.
     """
+    sources = Sources() if sources is None else sources
     at = At(Source(Path("recipe.toml")))  # without its folder: messages are kept in the dataset
     settings = read_settings(spec.drawn, at)
-    scene = _scene(spec, settings, folder, assets or {})
+    scene = _scene(spec, settings, sources)
     rig = _rig(scene, settings, at)
     truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity)
     if gates is not None:
@@ -89,7 +93,7 @@ def produce(
     sample = make_sample(
         scene,
         rig,
-        [lens_from_table(table, view, at / "lenses" / k) for k, table in enumerate(settings.lenses)],
+        [lens_from_table(table, view, at / "lenses" / k, sources.file) for k, table in enumerate(settings.lenses)],
         spp=settings.spp,
         seed=spec.seed,
         sensor=settings.sensor,
@@ -112,8 +116,8 @@ def _rig(scene: Scene, settings: Settings, at: At) -> Rig:
     return rig_from_table(table, moved, settings.width, settings.height, at / "rig")
 
 
-def _scene(spec: SampleSpec, settings: Settings, folder: Path, assets: Mapping[str, tuple[str, ...]]) -> Scene:
-    found = find_scene(spec, folder)
+def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
+    found = _find_scene(spec, sources)
     if found is not None:
         return found
     from twinlens.scenes.families import random_scene
@@ -121,7 +125,7 @@ def _scene(spec: SampleSpec, settings: Settings, folder: Path, assets: Mapping[s
     return random_scene(
         spec.scene,
         int(stream(spec.seed, "scene").integers(1 << 31)),
-        assets=_assets(folder, tuple(sorted(assets.items()))),
+        assets=sources.families_assets,
         depth_range=settings.depth_range,
         object_count=settings.object_count,
         aspect=settings.width / settings.height,
@@ -129,21 +133,6 @@ def _scene(spec: SampleSpec, settings: Settings, folder: Path, assets: Mapping[s
     )
 
 
-def find_scene(spec: SampleSpec, folder: Path) -> Scene | None:
-    """The scene of a spec that names one; None where it is made anew. A file that is no scene is nobody's bad luck."""
-    if spec.kind != "scene":
-        return None
-    return _loaded(spec.scene if spec.scene in bundled_scenes() else str(folder / spec.scene))
-
-
-@functools.lru_cache(_SCENES_KEPT)
-def _loaded(name_or_path: str) -> Scene:
-    """A scene of a file, kept: the renderer keeps what it built of it as long as it lives."""
-    return load_scene(name_or_path)
-
-
-@functools.lru_cache(1)
-def _assets(folder: Path, given: tuple[tuple[str, tuple[str, ...]], ...]) -> Any:
-    from twinlens.scenes.families import Assets
-
-    return Assets.from_folders(**{kind: [folder / name for name in names] for kind, names in given})
+def _find_scene(spec: SampleSpec, sources: Sources) -> Scene | None:
+    """The scene of a spec that names one; None where it is made anew."""
+    return sources.scene(spec.scene) if spec.kind == "scene" else None

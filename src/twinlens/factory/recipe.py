@@ -8,6 +8,7 @@ value that its distributions begin, end or choose with. docs/recipes.md shows ev
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from twinlens.errors import InputError, unknown
 from twinlens.factory.draws import corners, normalised, template
 from twinlens.factory.gates import Gates, gates_from_table
 from twinlens.factory.settings import DRAWN, check_settings
+from twinlens.factory.sources import Sources
 from twinlens.scenes import bundled_scenes
 from twinlens.scenes.table import At, Source, Table, choice, listed, number, show, text, whole
 from twinlens.scenes.toml_file import read_toml
@@ -55,6 +57,13 @@ class Recipe:
     def folder(self) -> Path:
         """What paths in the recipe are relative to."""
         return self.at.source.folder
+
+    @cached_property
+    def sources(self) -> Sources:
+        """The files that it leads to; what they hold is read when it is first asked for."""
+        scenes = tuple(subject.name for subject in self.subjects if subject.kind == "scene")
+        masks = tuple(dict.fromkeys(path.as_posix() for path in self.at.source.assets))
+        return Sources(self.folder, scenes, self.assets, masks)
 
 
 def read_recipe(path: str | os.PathLike[str]) -> Recipe:
@@ -111,8 +120,10 @@ def _check_depths(at: At, family: str, depths: tuple[float, float] | None) -> No
 
 
 def _subjects(keys: Table[Any], folder: Path) -> tuple[tuple[Subject, ...], tuple[float, ...] | None]:
-    if keys.has("scenes") == keys.has("families"):
-        raise keys.at.wrong("needs either 'scenes' or 'families', as scenes = [\"staircase\"]")
+    if keys.has("scenes") and keys.has("families"):
+        raise keys.at.wrong("has both 'scenes' and 'families': scenes are read from files, families made; keep one")
+    if not keys.has("scenes") and not keys.has("families"):
+        raise keys.at.wrong("needs 'scenes' or 'families', as scenes = [\"staircase\"]")
     key = "scenes" if keys.has("scenes") else "families"
     read = (lambda at, value: _scene(at, value, folder)) if key == "scenes" else _family
     subjects = keys.take(key, listed(read, 1, 1000))

@@ -9,11 +9,12 @@ from twinlens.camera import Lens
 from twinlens.dataset import Sample
 from twinlens.dataset.record import lens_from_plain, rig_from_plain
 from twinlens.errors import InputError, unknown
-from twinlens.factory.sample import file_digests, make_sample
+from twinlens.factory.sample import make_sample
+from twinlens.factory.sources import file_digests
 from twinlens.scenes import Scene, load_scene
 from twinlens.sensor import Exposure, Mismatch, Sensor
 
-ORIGIN = ("spec", "rejections", "rectified_from")
+ORIGIN = ("spec", "rejections", "sources_sha256", "rectified_from")
 """What a record may say besides: what came before `make_sample`, a recipe's draw or another sample."""
 
 

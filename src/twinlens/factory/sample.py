@@ -4,7 +4,6 @@ scene, rig, lens k -> render -> radiance (-> diffract) -> sensor -> Shot k --+
 scene, rig ---------> ground_truth ------------------------------> Truths ---+-> dataset.Sample
 """
 
-import hashlib
 import zlib
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import asdict
@@ -20,6 +19,7 @@ from twinlens.camera.lens import check_lens
 from twinlens.dataset import Sample, Shot
 from twinlens.diffraction import diffract
 from twinlens.errors import InputError
+from twinlens.factory.sources import file_digests
 from twinlens.rendering import SAMPLERS, backend, ground_truth, render
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.sensor import Exposure, Sensor
@@ -105,7 +105,7 @@ def make_sample(
     Raises InputError when diffraction is asked of an aperture that is no disk, and what rendering and sensor refuse.
     """
     sensor = sensor or Sensor()
-    _check(lenses, exposure, diffraction)
+    _check(lenses, exposure, sensor, diffraction)
     shots = []
     for k, lens in enumerate(lenses):
         stream = _stream(scene, seed, k)
@@ -130,13 +130,15 @@ def make_sample(
     return Sample(rig, tuple(shots), tuple(truths), record=_record(scene, request))
 
 
-def _check(lenses: Sequence[Lens], exposure: Exposure | None, diffraction: bool) -> None:
+def _check(lenses: Sequence[Lens], exposure: Exposure | None, sensor: Sensor, diffraction: bool) -> None:
     """Refuse before the first picture what only the last one would find out."""
     if not lenses:
         raise InputError("a sample needs one lens or more")
     for lens in lenses:
         check_lens(lens)
     check_exposure(exposure)
+    if exposure is not None:
+        sensor.mismatch.applied(exposure)
     for lens in lenses if diffraction else ():
         if lens.aperture_diameter > 0 and not isinstance(lens.aperture, Disk):
             raise InputError(
@@ -174,16 +176,6 @@ def made_with() -> dict[str, Any]:
     """What renders in this process: samples made with the same are the same to the byte."""
     versions = {name: version(name) for name in ("twinlens", "mitsuba", "drjit", "numpy")}
     return {"backend": backend().variant, "versions": versions}
-
-
-def file_digests(scene: Scene) -> dict[str, str]:
-    """SHA-256 of the files that the scene was read from, hexadecimal, by their names below the scene's own folder."""
-    home = scene.files[0].parent if scene.files else Path()
-    names = (path.relative_to(home) if path.is_relative_to(home) else Path(path.name) for path in scene.files)
-    return {
-        name.as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-        for name, path in zip(names, scene.files, strict=True)
-    }
 
 
 def _part(progress: Callable[[float], None], index: int, count: int) -> Callable[[float], None]:

@@ -58,7 +58,7 @@ def read_settings(drawn: Mapping[str, Any], at: At) -> Settings:
         sensor=keys.take("sensor", lambda at, value: sensor_from_table(value, at), Sensor()),
         exposure=keys.take("exposure", lambda at, value: exposure_from_table(value, at), None),
         rig=keys.take("rig", _table, {}),
-        lenses=keys.take("lenses", listed(_table, 1, _MOST_LENSES), _PINHOLE),
+        lenses=keys.take("lenses", _lenses, _PINHOLE),
         **keys.take("scene", _scene, _scene(at, {})),
     )
 
@@ -77,7 +77,7 @@ def check_settings(drawn: Mapping[str, Any], at: At, families: bool) -> tuple[fl
                 raise (at / "scene" / key).wrong("belongs to 'families'; a scene from a file is as it is")
     rig_from_table(settings.rig, _STAND_IN, settings.width, settings.height, at / "rig")
     for k, lens in enumerate(settings.lenses):
-        lens_from_table(lens, None, at / "lenses" / k)
+        lens_from_table(lens, None, at / "lenses" / k, lambda name: at.source.folder / name)
     return settings.depth_range
 
 
@@ -107,6 +107,13 @@ def _depths(at: At, value: Any) -> tuple[float, float]:
     if not near < far:
         raise at.wrong(f"must be [near, far] with near < far, in metres, got [{near:g}, {far:g}]")
     return near, far
+
+
+def _lenses(at: At, value: Any) -> list[Mapping[str, Any]]:
+    if isinstance(value, Mapping):
+        raise at.wrong("is a list of tables, one for each lens: write [[lenses]] above each, not [lenses]")
+    tables: list[Mapping[str, Any]] = listed(_table, 1, _MOST_LENSES)(at, value)
+    return tables
 
 
 def _table(at: At, value: Any) -> Mapping[str, Any]:

@@ -7,7 +7,7 @@ import numpy as np
 from twinlens.diffraction import check_wavelengths
 from twinlens.errors import InputError, check_number, check_triple, in_one_line, unknown
 from twinlens.sensor import picture
-from twinlens.sensor.exposure import Mismatch
+from twinlens.sensor.exposure import Exposure, Mismatch
 
 if TYPE_CHECKING:
     from twinlens.sensor.model import Sensor
@@ -48,6 +48,7 @@ def check_figures(sensor: "Sensor") -> dict[str, tuple[float, float, float]]:
     for name, (least, most) in _RANGES.items():
         check_number(f"sensor {name}", getattr(sensor, name), f"from {least:g} to {most:g}", least=least, most=most)
     _check_choices(sensor)
+    sensor.mismatch.applied(Exposure(sensor.longest_exposure, sensor.largest_gain))
     check_number("sensor black_level", sensor.black_level, "a number of DN >= 0", least=0)
     if sensor.black_level >= sensor.largest_dn:
         raise InputError(f"sensor black_level must lie in 0..{sensor.largest_dn} DN, got {sensor.black_level}")

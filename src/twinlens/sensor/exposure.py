@@ -77,6 +77,17 @@ class Mismatch:
             most=1e6,
         )
 
+    def applied(self, exposure: Exposure) -> Exposure:
+        """The exposure that such an eye has when the rig is given `exposure`. Raises InputError where none is so long.
+
+        >>> Mismatch(time=2.0).applied(Exposure(0.01))
+        Exposure(time=0.02, gain=1.0)
+        """
+        try:
+            return Exposure(exposure.time * self.time, exposure.gain * self.gain)
+        except InputError as error:
+            raise InputError(f"the mismatch makes an exposure that cannot be: {error}") from error
+
 
 def check_exposure(exposure: Exposure | None) -> None:
     """Raise InputError for what is neither an exposure nor None, the automatic one."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import Camera
-from twinlens.camera.lens import Lens, check_lens
+from twinlens.camera.lens import Lens, check_lens, film_distance
 from twinlens.camera.radiance import checked_radiance
 from twinlens.camera.rig import Rig
 from twinlens.diffraction import CHANNEL_WAVELENGTHS
@@ -175,7 +175,7 @@ class Sensor:
         image = checked_radiance("radiance", radiance, camera)
         nominal = exposure or auto_exposure([image], sensor=self, cameras=camera, lens=lens)
         differs = self.mismatch if eye else Mismatch()
-        true = Exposure(nominal.time * differs.time, nominal.gain * differs.gain)
+        true = differs.applied(nominal)
         black = self.black_level + differs.black_level
         wells = self._wells(image, camera, lens, true.time, seed, eye)
         electrons = self._read_out(wells, seed, eye)
@@ -201,13 +201,16 @@ class Sensor:
     def expose_rig(
         self, images: Sequence[ArrayLike], *, rig: Rig, lens: Lens, seed: int = 0, exposure: Exposure | None = None
     ) -> list[Photo]:
-        """A picture for each camera of a rig, under one exposure, each eye with its own noise and fixed pattern."""
+        """A picture for each camera of a rig, under one exposure, each eye with its own noise and fixed pattern.
+
+        The `ParaxialWarning` of `expose` is given once, for the camera whose film is nearest to the lens.
+        """
         if len(images) != len(rig):
             raise InputError(f"expose_rig needs one image a camera, got {len(images)} images and {len(rig)} cameras")
         check_lens(lens)
         check_exposure(exposure)
         if exposure is not None:
-            light.warn_below_f1(rig.cameras[0], lens)
+            light.warn_below_f1(min(rig.cameras, key=lambda camera: film_distance(camera, lens)), lens)
         shared = exposure or auto_exposure(images, sensor=self, cameras=rig.cameras, lens=lens)
         return [
             self._take(image, camera, lens, shared, seed, eye)

@@ -7,6 +7,7 @@ memory than an honest file of that length could fill.
 
 from twinlens.dataset.codecs.calib import Calibration, decode_calib, encode_calib, read_calib, write_calib
 from twinlens.dataset.codecs.exr import Exr, decode_exr, encode_exr, read_exr, write_exr
+from twinlens.dataset.codecs.image import read_image
 from twinlens.dataset.codecs.pfm import decode_pfm, encode_pfm, read_pfm, write_pfm
 from twinlens.dataset.codecs.png import decode_png, encode_png, read_png, write_png
 
@@ -23,6 +24,7 @@ __all__ = [
     "encode_png",
     "read_calib",
     "read_exr",
+    "read_image",
     "read_pfm",
     "read_png",
     "write_calib",

@@ -32,11 +32,13 @@ class Assets:
     """Files to draw from, sorted by path, so that a folder gives the same scenes on every machine.
 
     A file's content is checked when it is first drawn; `broken` lists those that were drawn and could not be used.
+    `before_reading` is called with the path of each file before it is read, and may raise.
     """
 
     meshes: tuple[Path, ...] = ()
     textures: tuple[Path, ...] = ()
     hdris: tuple[Path, ...] = ()
+    before_reading: Callable[[Path], object] | None = None
     _failed: dict[Path, str] = field(default_factory=dict, repr=False)
     _read: dict[Path, Any] = field(default_factory=dict, repr=False)
 
@@ -91,6 +93,8 @@ class Assets:
         if path in self._failed:
             return None
         if path not in self._read:
+            if self.before_reading is not None:
+                self.before_reading(path)
             try:
                 self._read[path] = read(path)
             except (InputError, OSError) as error:
