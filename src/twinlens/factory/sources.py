@@ -1,0 +1,176 @@
+"""The files that a recipe leads to: scenes, assets, masks of apertures. What they hold is part of what a dataset is.
+
+Every file is hashed once, before the first sample is made. Whenever it is opened after that, its size and the time of
+its last change are looked at, and it is hashed again only where they differ: a file that is edited in the middle of a
+run is told, and costs nothing while nobody touches it.
+"""
+
+import hashlib
+import os
+import weakref
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from twinlens.dataset.files import read_bytes
+from twinlens.errors import FileError
+from twinlens.scenes import Scene, bundled_folder, bundled_scenes, load_scene
+
+if TYPE_CHECKING:
+    from twinlens.scenes.families import Assets
+
+_SCENES_KEPT = 8
+_NAMED = 3
+
+Stamp = tuple[int, int, int]
+"""Size, and the times of the last change of content and of permissions, ns."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """What lies beside a recipe, and is named in it relative to `folder`.
+
+    scenes : bundled names, scene files, or folders with a scene.toml.
+    assets : folders or files of the user, by their kind (meshes, textures, hdris).
+    masks : pictures of apertures.
+    """
+
+    folder: Path = Path()
+    scenes: tuple[str, ...] = ()
+    assets: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    masks: tuple[str, ...] = ()
+    _known: dict[Path, tuple[Stamp, str]] = field(default_factory=dict, init=False, repr=False)
+    _loaded: dict[str, Scene] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def digests(self) -> dict[str, str]:
+        """SHA-256 of every file, hexadecimal, by its name as the recipe leads to it, sorted. Raises FileError."""
+        files = {name: path for scene in self.scenes for name, path in self._scene_files(scene).items()}
+        files |= {name: path for kind in self.asset_files.values() for name, path in kind.items()}
+        files |= {Path(name).as_posix(): self.folder / name for name in self.masks}
+        return {name: self.unchanged(path) for name, path in sorted(files.items())}
+
+    def take_stock(self) -> None:
+        """Hash every file now, and not when `digests` is first asked for. Raises InputError for what cannot be read."""
+        _ = self.digests
+
+    @property
+    def digest(self) -> str:
+        """One SHA-256 for all of them: that of what `sha256sum` prints for the sorted names."""
+        listed = "".join(f"{digest}  {name}\n" for name, digest in self.digests.items())
+        return hashlib.sha256(listed.encode()).hexdigest()
+
+    def scene(self, name: str) -> Scene:
+        """The scene of that name, read from its files; the last few are kept. Raises InputError."""
+        if name not in self._loaded:
+            scene = load_scene(self._place_of(name))
+            _digests[scene] = {file: self.unchanged(path) for file, path in _files_of(scene).items()}
+            self._loaded[name] = scene
+            if len(self._loaded) > _SCENES_KEPT:
+                del self._loaded[next(iter(self._loaded))]
+        return self._loaded[name]
+
+    def file(self, name: str) -> Path:
+        """The path of a file that the recipe names, unchanged. Raises FileError."""
+        self.unchanged(self.folder / name)
+        return self.folder / name
+
+    @cached_property
+    def asset_files(self) -> dict[str, dict[str, Path]]:
+        """The files of each kind of assets by their names, listed once. Raises InputError for a folder without any."""
+        return {kind: self._listed(kind, names) for kind, names in self.assets.items()}
+
+    @cached_property
+    def families_assets(self) -> "Assets":
+        """The assets as families of scenes draw from them."""
+        from twinlens.scenes.families import Assets
+
+        listed: dict[str, Any] = {kind: tuple(sorted(set(found.values()))) for kind, found in self.asset_files.items()}
+        return Assets(**listed, before_reading=self.unchanged)
+
+    def unchanged(self, path: Path) -> str:
+        """The file's SHA-256, which is what it was when it was first asked for. Raises FileError where it is not."""
+        try:
+            stamp, known = _stamp(path), self._known.get(path)
+            if known is not None and known[0] == stamp:
+                return known[1]
+            with path.open("rb") as file:
+                now = hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError as error:
+            raise FileError(f"{path}: cannot be read ({error.strerror})") from error
+        if known is not None and now != known[1]:
+            raise FileError(
+                f"{path}: has changed while samples were made from it; put it back as it was and run the same command"
+            )
+        self._known[path] = (stamp, now)
+        return now
+
+    def _place_of(self, name: str) -> str | Path:
+        return name if name in bundled_scenes() else self.folder / name
+
+    def _scene_files(self, name: str) -> dict[str, Path]:
+        """The scene's own files and those it names, by name: below the scene's folder, that as the recipe says it."""
+        scene = self.scene(name)
+        home = bundled_folder() / name if name in bundled_scenes() else self.folder / name
+        shown = Path(name)
+        if not home.is_dir():
+            home, shown = home.parent, shown.parent
+        return {(shown / below).as_posix(): path for below, path in _names_below(home, scene.files).items()}
+
+    def _listed(self, kind: str, names: tuple[str, ...]) -> dict[str, Path]:
+        from twinlens.scenes.families import Assets
+
+        found: dict[str, Path] = {}
+        for name in names:
+            paths: tuple[Path, ...] = getattr(Assets.from_folders(**{kind: [self.folder / name]}), kind)
+            found |= {(Path(name) / path.relative_to(self.folder / name)).as_posix(): path for path in paths}
+        return found
+
+
+_digests: "weakref.WeakKeyDictionary[Scene, dict[str, str]]" = weakref.WeakKeyDictionary()
+
+
+def file_digests(scene: Scene) -> dict[str, str]:
+    """SHA-256 of the files that a scene was read from, hexadecimal, by their names below the scene's own folder.
+
+    Taken once for a scene: what its files hold later is not what it was read from. Raises FileError.
+    """
+    if scene not in _digests:
+        named = _files_of(scene).items()
+        _digests[scene] = {name: hashlib.sha256(read_bytes(path)).hexdigest() for name, path in named}
+    return dict(_digests[scene])
+
+
+def _files_of(scene: Scene) -> dict[str, Path]:
+    return _names_below(scene.files[0].parent, scene.files) if scene.files else {}
+
+
+def _names_below(home: Path, files: tuple[Path, ...]) -> dict[str, Path]:
+    """Files by their names below `home`, however they and it are written; by their last part where they are not."""
+    home = home.resolve()
+    return {
+        (path.resolve().relative_to(home).as_posix() if path.resolve().is_relative_to(home) else path.name): path
+        for path in files
+    }
+
+
+def changed_files(before: Mapping[str, str], now: Mapping[str, str]) -> str:
+    """Which files hold something else than before, in words; empty where none does.
+
+    >>> changed_files({"a.png": "00", "b.png": "11"}, {"a.png": "22", "c.png": "33"})
+    'a.png has changed, b.png is gone, c.png is new'
+    """
+    found = [
+        f"{name} {'is new' if name not in before else 'is gone' if name not in now else 'has changed'}"
+        for name in sorted({**before, **now})
+        if before.get(name) != now.get(name)
+    ]
+    more = [f"and {len(found) - _NAMED} more"] if len(found) > _NAMED else []
+    return ", ".join(found[:_NAMED] + more)
+
+
+def _stamp(path: Path) -> Stamp:
+    found = os.stat(path)  # noqa: PTH116  one call
+    return found.st_size, found.st_mtime_ns, found.st_ctime_ns

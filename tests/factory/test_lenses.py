@@ -1,0 +1,117 @@
+"""Every quantity of every lens can be said in a recipe, fixed or drawn."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from factory_recipes import write_recipe
+from twinlens.camera import Annulus, BareAperture, Disk, MaskAperture, Pinhole, Polygon, ThinLens
+from twinlens.dataset import write_png
+from twinlens.errors import InputError
+from twinlens.factory import make, plan, read_recipe, recipe_from_table
+from twinlens.factory.lenses import SHAPES, lens_from_table
+from twinlens.scenes.table import At, Source
+
+CELLS = [[0.0, 1.0, 0.5], [1.0, 0.25, 0.0]]
+LENSES = [
+    ({"kind": "pinhole"}, Pinhole()),
+    ({"kind": "thin", "aperture_mm": 8, "focus": 1.5}, ThinLens(8e-3, 1.5)),
+    ({"kind": "thin", "aperture_mm": 8, "focus": math.inf}, ThinLens(8e-3, math.inf)),
+    (
+        {"kind": "thin", "aperture_mm": 8, "focus": 2, "shape": {"kind": "annulus", "inner": 0.4}},
+        ThinLens(8e-3, 2.0, Annulus(0.4)),
+    ),
+    (
+        {"kind": "hole", "aperture_mm": 0.35, "film_mm": 50, "shape": {"kind": "mask", "cells": CELLS}},
+        BareAperture(0.35e-3, 50e-3, MaskAperture(CELLS)),
+    ),
+    (
+        {
+            "kind": "hole", "aperture_mm": 2, "film_mm": 40,
+            "shape": {"kind": "polygon", "blades": 7, "rotation_deg": 12.5, "roundness": 0.3},
+        },
+        BareAperture(2e-3, 40e-3, Polygon(7, 12.5, 0.3)),
+    ),
+    ({"kind": "hole", "aperture_mm": 2, "film_mm": 40, "shape": {"kind": "disk"}}, BareAperture(2e-3, 40e-3, Disk())),
+]  # fmt: skip
+AT = At(Source(Path("recipe.toml")), "lenses[0]")
+
+
+@pytest.mark.parametrize(("table", "lens"), LENSES)
+def test_a_table_is_the_lens(table, lens):
+    assert lens_from_table(table, None, AT) == lens
+
+
+def test_no_quantity_of_a_lens_or_an_aperture_is_left_out():
+    """Each field of each class differs from its default in one of the lenses above."""
+    said = set()
+    for lens in (lens for _, lens in LENSES):
+        for thing in (lens, lens.aperture):
+            for field in dataclasses.fields(thing):
+                asked = field.default is dataclasses.MISSING or getattr(thing, field.name) != field.default
+                if field.init and asked:
+                    said.add((type(thing), field.name))
+    kinds = (Pinhole, ThinLens, BareAperture, Disk, Polygon, Annulus, MaskAperture)
+    assert said == {(kind, field.name) for kind in kinds for field in dataclasses.fields(kind) if field.init}
+    assert {shape.name for shape in (Disk, Polygon, Annulus, MaskAperture)} == set(SHAPES)
+
+
+def test_every_quantity_may_be_drawn(tmp_path):
+    (tmp_path / "codes").mkdir()
+    for k in range(2):
+        write_png(tmp_path / "codes" / f"{k}.png", np.roll(np.eye(4, dtype=np.uint8) * 255, k, axis=1))
+    shapes = [
+        {"kind": "polygon", "blades": {"integers": [5, 9]}, "rotation_deg": {"uniform": [0, 72]}, "roundness": 0.5},
+        {"kind": "annulus", "inner": {"uniform": [0.1, 0.6]}},
+        {"kind": "mask", "file": {"sweep": ["codes/0.png", "codes/1.png"]}},
+        {"kind": "mask", "cells": [[{"uniform": [0.2, 1]}, 1]]},
+        {"choice": [{"kind": "disk"}, {"kind": "mask", "file": "codes/1.png"}]},
+    ]
+    lens = {"kind": "hole", "aperture_mm": {"log_uniform": [0.2, 2]}, "film_mm": {"uniform": [30, 60]}}
+    written = {"seed": 1, "count": 30, "scenes": ["cards"], "lenses": [{**lens, "shape": shape} for shape in shapes]}
+    recipe = recipe_from_table(written, tmp_path / "recipe.toml")
+    drawn = [plan(recipe, index).drawn["lenses"] for index in range(30)]
+    for k in range(len(shapes)):
+        made = {repr(lens_from_table(tables[k], None, AT, lambda name: tmp_path / name).aperture) for tables in drawn}
+        assert len(made) > 1
+    assert recipe.sources.masks == ("codes/0.png", "codes/1.png")
+
+
+def test_a_mask_of_a_recipe_reaches_the_sample(tmp_path):
+    cells = np.random.default_rng(0).integers(0, 256, (3, 5), dtype=np.uint8)
+    (tmp_path / "codes").mkdir()
+    write_png(tmp_path / "codes" / "a.png", cells)
+    text = (
+        'seed = 1\ncount = {count}\nscenes = ["tiny"]\nwidth = 32\nheight = 24\nspp = 1\n[[lenses]]\nkind = "thin"\n'
+        'aperture_mm = 8\nfocus = 2\nshape = {{ kind = "mask", file = "codes/a.png" }}\n'
+    )
+    sample = make(read_recipe(write_recipe(tmp_path, text)), 0)
+    assert sample.shots[0].lens == ThinLens(8e-3, 2.0, MaskAperture(cells / 255))
+
+
+@pytest.mark.parametrize(
+    ("shape", "said"),
+    [
+        ({"kind": "mask"}, r"lenses\[0\].shape: a mask needs either 'file'"),
+        ({"kind": "mask", "file": "a.png", "cells": [[1]]}, "a mask needs either 'file'"),
+        ({"kind": "mask", "file": "nowhere.png"}, r"nowhere\.png: no such file"),
+        ({"kind": "mask", "file": ""}, r"shape\.file: must be the name of a picture"),
+        ({"kind": "mask", "file": "a\nb.png"}, r"shape\.file: must be the name of a picture"),
+        ({"kind": "mask", "cells": [[0, 0]]}, "mask is black"),
+        ({"kind": "mask", "cells": [[0, 2]]}, r"shape\.cells\[0\]\[1\]: must be a finite number >= 0 and <= 1"),
+        ({"kind": "mask", "cells": [[1, 0], [1]]}, "unequal"),
+        ({"kind": "mask", "cells": []}, r"shape\.cells: must be a list"),
+        ({"kind": "annulus"}, "needs the key 'inner'"),
+        ({"kind": "annulus", "inner": 1}, "inner"),
+        ({"kind": "disk", "blades": 5}, "unknown key 'blades'"),
+        ({"kind": "msk"}, "did you mean 'mask'"),
+    ],
+)
+def test_shapes_that_cannot_be(tmp_path, shape, said):
+    lens = {"kind": "thin", "aperture_mm": 8, "shape": shape}
+    with pytest.raises(InputError, match=said) as told:
+        recipe_from_table({"seed": 1, "count": 1, "scenes": ["cards"], "lenses": [lens]}, tmp_path / "recipe.toml")
+    assert "\n" not in str(told.value)

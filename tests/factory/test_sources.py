@@ -1,0 +1,187 @@
+"""What the files beside a recipe hold is part of what a dataset is: samples of two contents are never mixed."""
+
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from factory_recipes import RECIPE, SCENE, digests, write_recipe
+from twinlens.dataset import Dataset, read_manifest, write_png
+from twinlens.errors import FileError, InputError
+from twinlens.factory import Sources, estimate, generate, make, read_recipe
+from twinlens.factory.cluster import Order, make_one
+from twinlens.factory.sources import changed_files, file_digests
+from twinlens.scenes import load_scene
+
+ASSETS = """
+seed = 4
+count = 2
+families = ["cards"]
+width = 32
+height = 24
+spp = 1
+[scene]
+object_count = 3
+[assets]
+textures = ["mine"]
+[gates]
+texture = 0
+dark = 1
+burnt = 1
+"""
+
+
+def picture(path: Path, seed: int) -> None:
+    path.parent.mkdir(exist_ok=True)
+    write_png(path, np.random.default_rng(seed).integers(0, 255, (16, 16, 3), np.uint8))
+
+
+@pytest.fixture
+def begun(tmp_path):
+    """A recipe of the tiny scene, and a dataset that has one of its two samples."""
+    recipe = write_recipe(tmp_path, count=2)
+    generate(read_recipe(recipe), tmp_path / "set", limit=1)
+    return recipe, tmp_path / "set"
+
+
+def test_a_scene_edited_between_two_runs_is_refused_and_named_until_it_is_put_back(begun, tmp_path):
+    recipe, folder = begun
+    before = digests(folder)
+    scene = recipe.parent / "tiny" / "scene.toml"
+    scene.write_text(SCENE.replace("reflectance = 0.4", "reflectance = 0.5"))
+    for call in (generate, estimate):
+        with pytest.raises(
+            InputError, match=r"tiny/scene\.toml has changed.*put them back as they were, or name"
+        ) as told:
+            call(read_recipe(recipe), folder)
+        assert "\n" not in str(told.value)
+    assert digests(folder) == before
+    scene.write_text(SCENE)
+    assert generate(read_recipe(recipe), folder).complete
+    (tmp_path / "other").mkdir()
+    generate(read_recipe(recipe), tmp_path / "other" / "set")
+    assert digests(folder) == digests(tmp_path / "other" / "set")
+
+
+def test_a_file_that_was_only_touched_is_the_same_file(begun):
+    recipe, folder = begun
+    os.utime(recipe.parent / "tiny" / "scene.toml", (1, 1))
+    assert generate(read_recipe(recipe), folder).complete
+
+
+def test_samples_alone_are_known_by_what_they_were_made_of(begun):
+    recipe, folder = begun
+    (folder / "dataset.json").unlink()
+    (recipe.parent / "tiny" / "scene.toml").write_text(SCENE + "# a word more\n")
+    with pytest.raises(InputError, match=r"0000000: was made when the files beside the recipe"):
+        generate(read_recipe(recipe), folder)
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (lambda mine: picture(mine / "a.png", 9), "mine/a.png has changed"),
+        (lambda mine: (mine / "a.png").unlink(), "mine/a.png is gone"),
+        (lambda mine: picture(mine / "c.png", 9), "mine/c.png is new"),
+        (lambda mine: (mine / "notes.txt").write_text("no picture"), None),
+    ],
+)
+def test_an_asset_that_changes_comes_or_goes_is_named(tmp_path, edit, said):
+    for seed, name in enumerate(("a.png", "b.png")):
+        picture(tmp_path / "mine" / name, seed)
+    (tmp_path / "recipe.toml").write_text(ASSETS)
+    generate(read_recipe(tmp_path / "recipe.toml"), tmp_path / "set", limit=1)
+    assert set(read_manifest(tmp_path / "set").info["sources"]) == {"mine/a.png", "mine/b.png"}
+    edit(tmp_path / "mine")
+    again = read_recipe(tmp_path / "recipe.toml")
+    if said is None:
+        assert generate(again, tmp_path / "set").complete
+        return
+    with pytest.raises(InputError, match=said):
+        generate(again, tmp_path / "set")
+
+
+def test_a_run_hashes_each_file_once(tmp_path, monkeypatch):
+    recipe, hashed, digest = read_recipe(write_recipe(tmp_path)), [], hashlib.file_digest
+
+    def counting(file, *rest):
+        hashed.append(Path(file.name).name)
+        return digest(file, *rest)
+
+    monkeypatch.setattr(hashlib, "file_digest", counting)
+    assert generate(recipe, tmp_path / "set").made == 4
+    assert hashed == ["scene.toml"]
+
+
+@pytest.mark.parametrize("damage", ["edited", "gone"])
+def test_an_asset_that_changes_in_the_middle_is_told_and_is_no_bad_draw(tmp_path, damage):
+    picture(tmp_path / "mine" / "a.png", 0)
+    (tmp_path / "recipe.toml").write_text(ASSETS)
+    recipe = read_recipe(tmp_path / "recipe.toml")
+    recipe.sources.take_stock()
+    picture(tmp_path / "mine" / "a.png", 1)
+    if damage == "gone":
+        (tmp_path / "mine" / "a.png").unlink()
+    with pytest.raises(FileError, match=r"mine/a\.png: (has changed while|cannot be read \(No such file)"):
+        make(recipe, 0)
+
+
+def test_a_mask_that_goes_in_the_middle_ends_the_run_and_keeps_what_was_made(tmp_path):
+    lens = 'kind = "thin"\naperture_mm = 8\nshape = {{ kind = "mask", file = "code.png" }}\n'
+    text = RECIPE.replace(RECIPE[RECIPE.index('kind = "thin"') : RECIPE.index("[sensor]")], lens + "\n")
+    write_png(tmp_path / "code.png", np.eye(3, dtype=np.uint8) * 255)
+    recipe = read_recipe(write_recipe(tmp_path, text, count=3))
+    assert set(recipe.sources.digests) == {"code.png", "tiny/scene.toml"}
+    generate(recipe, tmp_path / "set", limit=1)
+    (tmp_path / "code.png").rename(tmp_path / "away.png")
+    with pytest.raises(FileError, match=r"code\.png"):
+        generate(recipe, tmp_path / "set")
+    assert read_manifest(tmp_path / "set").info["rejections"] == {}
+    (tmp_path / "away.png").rename(tmp_path / "code.png")
+    assert generate(read_recipe(tmp_path / "recipe.toml"), tmp_path / "set").complete
+    assert len(Dataset(tmp_path / "set")) == 3
+
+
+def test_nothing_is_begun_where_a_file_cannot_be_read(tmp_path):
+    recipe = read_recipe(write_recipe(tmp_path))
+    (tmp_path / "tiny" / "scene.toml").write_text("[camera\n")
+    with pytest.raises(FileError, match=r"scene\.toml: not valid TOML"):
+        generate(recipe, tmp_path / "set")
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_worker_with_other_files_refuses(tmp_path):
+    recipe = read_recipe(write_recipe(tmp_path))
+    from twinlens.factory.sample import made_with
+
+    order = Order(dict(recipe.written), str(tmp_path / "recipe.toml"), str(tmp_path), made_with(), {"a.png": "00"}, 1)
+    with pytest.raises(InputError, match=r"this worker has other files .*: a\.png is gone, tiny/scene\.toml is new"):
+        make_one(order, 0)
+
+
+def test_a_scenes_files_have_the_same_names_however_its_folder_is_written(tmp_path, monkeypatch):
+    """Two of one name in two folders stay two."""
+    (tmp_path / "scene").mkdir()
+    for seed, folder in enumerate(("a", "b")):
+        picture(tmp_path / "scene" / folder / "t.png", seed)
+    textures = "".join(f'[textures.{k}]\ntype = "bitmap"\nfilename = "{k}/t.png"\n' for k in ("a", "b"))
+    painted = SCENE.replace('"noise"', '"a"').replace("reflectance = 0.4", 'reflectance = "b"')
+    (tmp_path / "scene" / "scene.toml").write_text(painted.replace("[textures.noise]", f"{textures}[textures.noise]"))
+    monkeypatch.chdir(tmp_path)
+    found = [file_digests(load_scene(where)) for where in ("scene", tmp_path / "scene", "./scene/scene.toml")]
+    assert found[0] == found[1] == found[2]
+    assert set(found[0]) == {"scene.toml", "a/t.png", "b/t.png"}
+    sources = Sources(tmp_path, ("scene",))
+    assert set(sources.digests) == {"scene/scene.toml", "scene/a/t.png", "scene/b/t.png"}
+    assert sources.digests["scene/a/t.png"] == hashlib.sha256((tmp_path / "scene/a/t.png").read_bytes()).hexdigest()
+
+
+def test_a_bundled_scene_is_named_after_itself():
+    assert "cards/scene.toml" in Sources(scenes=("cards",)).digests
+
+
+def test_of_many_changes_three_are_named():
+    assert changed_files({}, {str(k): "" for k in range(5)}) == "0 is new, 1 is new, 2 is new, and 2 more"
+    assert changed_files({"a": "1"}, {"a": "1"}) == ""
