@@ -2,10 +2,11 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import pytest
 
-from twinlens.dataset import Dataset, place, read_manifest
+from twinlens.dataset import Dataset, place, read_manifest, write_manifest
 
 
 @pytest.fixture
@@ -73,7 +74,7 @@ def test_export_to_and_from_a_bucket(twinlens, dataset, tmp_path):
 def test_export_of_an_unknown_split(twinlens, dataset, tmp_path):
     code, _, err = twinlens("export", dataset, "--to", "carla", "-o", tmp_path / "out", "--split", "train")
     assert code == 2
-    assert "unknown split 'train'" in err
+    assert "has no splits, asked was 'train'" in err
 
 
 def test_describe_keeps_what_it_is_told(twinlens, own):
@@ -87,3 +88,31 @@ def test_describe_keeps_what_it_is_told(twinlens, own):
     assert read_manifest(own).info["about"] == {"license": "CC-BY-4.0", "creator": "Ada"}
     assert len(Dataset(own)) == 1
     assert twinlens("verify", own)[0] == 0
+
+
+def test_export_of_a_split_that_is_misspelt_lists_them(twinlens, own, tmp_path):
+    manifest = read_manifest(own)
+    write_manifest(own, replace(manifest, rows=(replace(manifest.rows[0], info={"split": "train"}),)))
+    code, _, err = twinlens("export", own, "--to", "carla", "-o", tmp_path / "out", "--split", "trian")
+    assert code == 2
+    assert "unknown split 'trian'; did you mean 'train'? (known: train)" in err
+    assert twinlens("export", own, "--to", "carla", "-o", tmp_path / "out", "--split", "train")[0] == 0
+
+
+def test_a_bucket_is_rendered_into_and_looked_at(twinlens, tmp_path):
+    """And file:// is a folder of this machine."""
+    bucket, local = f"memory:/{tmp_path}/rendered", f"file://{tmp_path}/local"
+    line = ("render", "cards", "--size", "64x48", "--spp", "1", "-o")
+    assert twinlens(*line, bucket)[0] == 0
+    assert twinlens("verify", bucket)[0] == 0
+    code, _, err = twinlens(*line, bucket)
+    assert code == 2
+    assert "is there already" in err
+    assert twinlens(*line, bucket, "--overwrite")[0] == 0
+    assert twinlens("show", "epipolar", f"{bucket}/cards", "-o", f"file://{tmp_path}/e.png")[0] == 0
+    assert (tmp_path / "e.png").is_file()
+    assert twinlens("rectify", f"{bucket}/cards", "-o", tmp_path / "rectified")[0] == 0
+    assert twinlens("benchmark", bucket, "--methods", "sad", "-o", local)[0] == 0
+    assert (tmp_path / "local" / "board.json").is_file()
+    assert twinlens("score", tmp_path / "rectified" / "disp0.pfm", "--truth", f"{bucket}/cards/disp0.pfm")[0] == 0
+    assert not [path.name for path in tmp_path.iterdir() if ":" in path.name]

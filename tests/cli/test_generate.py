@@ -97,3 +97,34 @@ def test_render_puts_no_sample_into_what_generate_makes(twinlens, recipe, tmp_pa
     assert "is a dataset that `twinlens generate` makes of its recipe; name another folder" in err
     assert digests(tmp_path / "set") == before
     assert twinlens("generate", recipe, "-o", tmp_path / "set")[0] == 0
+
+
+def test_where_nobody_schedules_nothing_is_begun(twinlens, recipe, tmp_path):
+    pytest.importorskip("distributed")
+    code, out, err = twinlens("generate", recipe, "-o", tmp_path / "set", "--scheduler", "nonsense://x")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "no Dask scheduler answers at 'nonsense://x'" in err
+    assert not (tmp_path / "set").exists()
+
+
+def test_a_set_of_which_no_sample_could_be_made_says_so(twinlens, tmp_path):
+    """A scene and a rig that are fixed are refused at the first draw, and the dataset is told from no dataset."""
+    text = "seed = 1\ncount = {count}\nscenes = ['tiny']\nwidth = 32\nheight = 24\nspp = 1\nndisp = 1\n"
+    code, out, err = twinlens("generate", write_recipe(tmp_path, text, count=2), "-o", tmp_path / "set")
+    assert code == 1
+    assert "0 of 2 samples" in out
+    assert err.startswith("sample 0: not made: disparity beyond ndisp (view 0 has")
+    for command in (("describe",), ("export", "--to", "carla", "-o", tmp_path / "out"), ("verify",)):
+        code, out, err = twinlens(command[0], tmp_path / "set", *command[1:])
+        assert code in (1, 2)
+        assert "lists no sample: 2 could not be made" in out + err
+        assert "no dataset.json" not in out + err
+
+
+def test_brackets_of_lenses_that_are_too_few(twinlens, tmp_path):
+    path = write_recipe(tmp_path, RECIPE.replace("[[lenses]]", "[lenses]"))
+    code, _, err = twinlens("generate", path, "-o", tmp_path / "set")
+    assert code == 2
+    assert err == (
+        f"twinlens: {path}: lenses: is a list of tables, one for each lens: write [[lenses]] above each, not [lenses]\n"
+    )

@@ -61,14 +61,25 @@ def test_missing_scene_file(refuses, tmp_path):
         (("--aperture", "polygon:2"), "blades"),
         (("--aperture", "polygon:5", "--lens", "thin:3", "--diffraction"), "disks only, got a polygon"),
         (("--distortion", "-3"), "folds"),
-        (("--focal-length-px", "0"), "fx"),
-        (("--focal-length-px", "70,-1"), "fy"),
+        (("--distortion", "fisheye:"), "--distortion must read fisheye:k1[,k2,k3,k4], got ''"),
+        (("--distortion", "0.1,"), "--distortion must read k1,k2"),
+        (("--baseline", "1e9"), "--baseline 1e+09: the views would show nothing in common"),
+        (("--lens", "F/2.8"), "did you mean 'f/2.8'?"),
+        (("--lens", "f2.8@3"), "did you mean 'f/2.8@3'?"),
+        (("--aperture", "polygon:6"), "--aperture polygon:6: every lens here is a pinhole"),
+        (("--aperture", "disk", "--lens", "thin:0"), "--aperture disk: every lens here is a pinhole"),
+        (("--diffraction",), "--diffraction: every lens here is a pinhole"),
+        (("--exposure", "1e9", "--mismatch", "exposure=2"), "the mismatch makes an exposure that cannot be"),
+        (("--exposure", "1,1e9", "--mismatch", "gain=2"), "the mismatch makes an exposure that cannot be"),
+        (("--focal-length-px", "0"), "--focal-length-px must read FX[,FY], positive"),
+        (("--focal-length-px", "70,-1"), "--focal-length-px must read FX[,FY], positive"),
+        (("--focal-length-px", "inf"), "--focal-length-px must read FX[,FY], positive"),
         (("--focal-length-px", "1,2,3"), "FX[,FY]"),
         (("--focal-length-px", "70", "--fov", "40"), "keep one"),
         (("--principal-point", "3"), "CX,CY"),
         (("--principal-point", "3,inf"), "cy"),
-        (("--pixel-pitch-um", "0"), "pixel_pitch_um"),
-        (("--sensor-width-mm", "-36"), "pixel_pitch_um"),
+        (("--pixel-pitch-um", "0"), "--pixel-pitch-um must be a positive number, got 0"),
+        (("--sensor-width-mm", "-36"), "--sensor-width-mm must be a positive number, got -36"),
         (("--sensor-width-mm", "36", "--pixel-pitch-um", "5"), "keep one"),
         (("--exposure", "1/0"), "1/60"),
         (("--mismatch", "gian=2"), "did you mean 'gain'"),
@@ -199,3 +210,56 @@ def test_an_unknown_backend():
 def test_an_empty_output_is_not_the_current_folder(refuses, tmp_path, monkeypatch, line):
     monkeypatch.chdir(tmp_path)
     refuses("'-o' / '--output': the name is empty", *line, "-o", "")
+
+
+def test_a_folder_that_is_no_scene(refuses, tmp_path):
+    (tmp_path / "scenes").mkdir()
+    refuses(
+        "is a folder without a scene.toml; name a scene's file, or one of", "render", tmp_path / "scenes", "-o", "x"
+    )
+
+
+def test_disparities_beyond_the_picture(refuses, dataset):
+    truth = dataset / "cards" / "disp0.pfm"
+    for first in ("64", "400", "-64"):
+        refuses("is 64 pixels wide", "score", truth, "--truth", truth, "--min-disparity", first)
+
+
+def test_a_turn_that_is_no_error_of_calibration(refuses, dataset, tmp_path):
+    for turn in ("roll_deg=200", "yaw_deg=-90"):
+        refuses("quarter turn", "rectify", dataset / "cards", "--misalignment", turn, "-o", tmp_path / "o")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        ("demo",), ("reconstruct", "out"), ("rectify", "out"), ("show", "epipolar", "out"), ("match", "a.png", "b.png"),
+        ("benchmark", "out"), ("score", "maps", "--truth", "out"), ("study", "window"), ("report", "board.json"),
+    ],
+    ids=lambda line: line[0],
+)  # fmt: skip
+def test_a_bucket_is_no_folder_of_this_machine(refuses, tmp_path, monkeypatch, line):
+    monkeypatch.chdir(tmp_path)
+    refuses("'memory://x/y' is a bucket's address", *line, "-o", "memory://x/y")
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [
+        ("--published", "yesterday", "published must be a date, as 2026-01-31, got 'yesterday'"),
+        ("--published", "2026-02-30", "published must be a date"),
+        ("--published", "20260131", "published must be a date"),
+        ("--url", "example.org/set", "url must be an address, as https://example.org/set"),
+        ("--url", "https://", "url must be an address"),
+        ("--url", "https://[x", "url must be an address"),
+        ("--url", "https://exam ple.org", "url must be an address"),
+        ("--name", "", "name is empty; say something, or leave it out"),
+        ("--creator", "  ", "creator is empty"),
+        ("--license", "", "license is empty"),
+        ("--name", "a\nb", "name must be one line"),
+    ],
+)
+def test_what_describes_nothing(refuses, dataset, option, value, words):
+    before = {path: path.read_bytes() for path in dataset.iterdir() if path.is_file()}
+    refuses(words, "describe", dataset, option, value)
+    assert {path: path.read_bytes() for path in dataset.iterdir() if path.is_file()} == before

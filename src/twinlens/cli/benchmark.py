@@ -20,8 +20,9 @@ FOREIGN_LIMIT_S = 600.0
 @click.argument("datasets", nargs=-1, required=True, metavar="DATASET...")
 @click.option("-o", "--output", required=True, type=PATH, help="Folder of the board.")
 @click.option(
-    "--methods", "methods", multiple=True, show_default=DEFAULT_METHODS,
-    help="Matchers, commas between them, as sad,zncc:block_size=15,lr_check=1; may be given several times.",
+    "--methods", "methods", multiple=True,
+    help="Matchers, commas between them, as sad,zncc:block_size=15,lr_check=1; may be given several times.  "
+    f"[default: {DEFAULT_METHODS}]",
 )  # fmt: skip
 @click.option(
     "--command", "commands", multiple=True, metavar="[NAME=]COMMAND",

@@ -29,7 +29,7 @@ def parse_numbers(option: str, text: str, least: int, most: int, form: str) -> l
     [320.0, 240.5]
     """
     parts = text.split(",")
-    if not least <= len(parts) <= most:
+    if not (least <= len(parts) <= most and all(part.strip() for part in parts)):
         raise InputError(f"{option} must read {form}, got {text!r}")
     return [number(part.strip(), f"{option} {text!r}") for part in parts]
 

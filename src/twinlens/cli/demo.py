@@ -8,7 +8,7 @@ import click
 
 from twinlens.cli.boards import print_board, run_board
 from twinlens.cli.places import PATH
-from twinlens.cli.progress import progress_bar
+from twinlens.cli.progress import progress_bar, tell_stage
 from twinlens.cli.specs import middle_focus
 
 SCENES = ("staircase", "cards", "spheres")
@@ -42,6 +42,7 @@ def command(output: Path, as_json: bool) -> None:
     _render(dataset, SPP[used.name])
     rendered = time.perf_counter()
     pairs = [*DatasetPairs(Dataset(dataset)), motorcycle()]
+    tell_stage(f"matching {len(pairs)} pairs by {len(METHODS)} methods")
     board = run_board(
         pairs, named_methods(METHODS), output / "board", ("middlebury-v3",), ("all", "nonocc"), title="twinlens demo"
     )
@@ -60,6 +61,7 @@ def _render(dataset: Path, spp: int) -> None:
     rows: Sequence[Row] = ()
     with progress_bar("rendering") as report:
         for i, name in enumerate(SCENES):
+            tell_stage(f"rendering {name}, scene {i + 1} of {len(SCENES)}")
             scene = load_scene(name)
             rig = default_rig(scene, WIDTH, HEIGHT)
             wide = ThinLens(_APERTURE_OF_BASELINE * rig.baseline(), middle_focus(scene.depth_range))

@@ -12,16 +12,14 @@ if TYPE_CHECKING:
 
 @click.command("describe")
 @click.argument("dataset", type=PLACE)
-@click.option("--name", default="", help="Of the dataset.  [default: its folder's]")
-@click.option("--description", default="", help="A sentence or more.")
-@click.option("--license", "license_", default="", help="As CC-BY-4.0, or the address of a licence's text.")
-@click.option("--creator", default="", help="Who made it.")
-@click.option("--url", default="", help="Where it can be had.")
-@click.option("--published", default="", help="The date, as 2026-01-31.")
-@click.option("--cite-as", default="", help="A BibTeX entry.")
-def command(
-    dataset: "Place", name: str, description: str, license_: str, creator: str, url: str, published: str, cite_as: str
-) -> None:
+@click.option("--name", help="Of the dataset.  [default: its folder's]")
+@click.option("--description", help="A sentence or more.")
+@click.option("--license", "license", help="As CC-BY-4.0, or the address of a licence's text.")
+@click.option("--creator", help="Who made it.")
+@click.option("--url", help="Where it can be had.")
+@click.option("--published", help="The date, as 2026-01-31.")
+@click.option("--cite-as", help="A BibTeX entry.")
+def command(dataset: "Place", **given: str | None) -> None:
     """Write DATASET's card (README.md with pictures and statistics) and its Croissant metadata (croissant.json).
 
     What is said here is kept in dataset.json, and need not be said again. Every dataset that twinlens makes is
@@ -32,6 +30,6 @@ def command(
     """
     from twinlens.dataset import About, describe
 
-    said = About(name, description, license_, creator, url, published, cite_as)
+    said = About.of({key: value for key, value in given.items() if value is not None})
     for file in describe(dataset, said):
         click.echo(str(dataset / file))

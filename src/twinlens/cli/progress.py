@@ -1,13 +1,20 @@
-"""A progress bar on a terminal for work that takes longer than two seconds; silence anywhere else."""
+"""A progress bar on a terminal for work that takes longer than two seconds; elsewhere silence, or a line a stage."""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 _PATIENCE_S = 2.0
+
+
+def tell_stage(text: str) -> None:
+    """One line on the error stream where no bar shows how far the work is."""
+    if not Console(stderr=True).is_terminal:
+        click.echo(text, err=True)
 
 
 @contextmanager

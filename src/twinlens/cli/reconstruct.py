@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from twinlens.cli.places import PATH, check_free
+from twinlens.cli.places import PATH, PLACE, check_free
 from twinlens.cli.progress import progress_bar
 from twinlens.cli.samples import open_sample
 from twinlens.errors import InputError, OutputError
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from twinlens.dataset import StoredSample
+    from twinlens.dataset import Place, StoredSample
     from twinlens.reconstruction import Cloud, DepthView
 
 _CELLS = 160  # along the longest side of what is reconstructed
@@ -26,7 +26,7 @@ _SIDES = (-25.0, 25.0)  # degrees round it from which it is pictured
 
 
 @click.command("reconstruct")
-@click.argument("sample", type=click.Path(path_type=Path), metavar="DATASET/SAMPLE")
+@click.argument("sample", type=PLACE, metavar="DATASET/SAMPLE")
 @click.option("-o", "--output", required=True, type=PATH, help="Folder for it.")
 @click.option("--method", default="truth", show_default=True, help="truth, or a matcher: sgm, zncc:block_size=11, ...")
 @click.option("--cell-mm", type=float, help="Cells of the fused surface.  [default: a 160th of the longest side]")
@@ -36,7 +36,7 @@ _SIDES = (-25.0, 25.0)  # degrees round it from which it is pictured
 @click.option("--overwrite", is_flag=True, help="Replace an earlier reconstruction.")
 @click.option("--json", "as_json", is_flag=True, help="Print the comparison as JSON.")
 def command(
-    sample: Path,
+    sample: "Place",
     output: Path,
     method: str,
     cell_mm: float | None,

@@ -2,20 +2,24 @@
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from twinlens.camera import ALIGNED, Misalignment
 from twinlens.cli.camera_specs import parse_pairs
-from twinlens.cli.places import PATH, check_free
+from twinlens.cli.places import PATH, PLACE, check_free
 from twinlens.cli.progress import progress_bar
 from twinlens.cli.samples import open_sample, parse_pair
 from twinlens.cli.specs import number, told
 from twinlens.errors import InputError, unknown
 
+if TYPE_CHECKING:
+    from twinlens.dataset import Place
+
 
 @click.command("rectify")
-@click.argument("sample", type=click.Path(path_type=Path), metavar="DATASET/SAMPLE")
+@click.argument("sample", type=PLACE, metavar="DATASET/SAMPLE")
 @click.option("-o", "--output", required=True, type=PATH, help="Folder of the new sample.")
 @click.option("--cameras", default="0,1", show_default=True, help="The left and the right view, counted from 0.")
 @click.option("--pictures", default="maps", show_default=True, help="maps: warp them; render: take them anew.")
@@ -26,7 +30,7 @@ from twinlens.errors import InputError, unknown
 @click.option("--overwrite", is_flag=True, help="Replace a sample that is there already.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was written as JSON.")
 def command(
-    sample: Path,
+    sample: "Place",
     output: Path,
     cameras: str,
     pictures: str,

@@ -1,14 +1,15 @@
 """`twinlens render`: scenes in, samples of a dataset out."""
 
 import json
+import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from twinlens.cli.camera_specs import (
     DISTORTION_HELP,
@@ -21,7 +22,7 @@ from twinlens.cli.camera_specs import (
     parse_numbers,
     parse_sensor,
 )
-from twinlens.cli.places import PATH
+from twinlens.cli.places import PATH, PLACE
 from twinlens.cli.progress import progress_bar
 from twinlens.cli.sections import Sectioned
 from twinlens.cli.specs import APERTURE_HELP, LENS_HELP, middle_focus, parse_aperture, parse_lens, parse_size
@@ -29,12 +30,14 @@ from twinlens.errors import InputError, OutputError
 
 if TYPE_CHECKING:
     from twinlens.camera import Aperture, Lens, Rig
-    from twinlens.dataset import Manifest, Row, Sample
+    from twinlens.dataset import Manifest, Place, Row, Sample
     from twinlens.scenes import Scene
     from twinlens.sensor import Sensor
 
 FASTEST = 0.95
 """The smallest f-number of a photographic lens that is sold, to be read as a measure and no law."""
+
+_NO_WIDTH = "every lens here is a pinhole of no width, where it changes nothing; add a lens, as --lens thin:20"
 
 _SECTIONS = {
     "Lens": ("lenses", "aperture", "diffraction"),
@@ -50,7 +53,9 @@ _SECTIONS = {
 
 @click.command("render", cls=Sectioned, sections=_SECTIONS)
 @click.argument("scenes", nargs=-1, required=True, metavar="SCENE...")
-@click.option("-o", "--output", required=True, type=PATH, help="Folder of the dataset.")
+@click.option(
+    "-o", "--output", required=True, type=PLACE, help="Folder of the dataset, or a bucket's address (s3://...)."
+)
 @click.option("--lens", "lenses", multiple=True, default=("pinhole",), show_default=True, help=LENS_HELP)
 @click.option("--aperture", default="disk", show_default=True, help=APERTURE_HELP)
 @click.option("--diffraction", is_flag=True, help="Blur by the Airy pattern of each lens; disks only.")
@@ -62,7 +67,7 @@ _SECTIONS = {
 @click.option("--pixel-pitch-um", type=float, help="Width of a pixel.  [default: 5]")
 @click.option("--sensor-width-mm", type=float, help="Of the whole image, as 36, instead of --pixel-pitch-um.")
 @click.option("--baseline", type=float, help="Stereo base, metres.  [default: the scene's]")
-@click.option("--rig", type=click.Path(path_type=Path), help="A .toml with a rig's table; see docs/rigs.md.")
+@click.option("--rig", type=PATH, help="A .toml with a rig's table; see docs/rigs.md.")
 @click.option("--sensor", default="machine_vision", show_default=True, help=SENSOR_HELP)
 @click.option("--bits", type=click.Choice(["8", "16"]), help="Of a channel of the pictures.  [default: 8]")
 @click.option("--exposure", default="auto", metavar="TIME_S[,GAIN]", help=EXPOSURE_HELP)
@@ -73,7 +78,7 @@ _SECTIONS = {
 @click.option("--sky-disparity", is_flag=True, help="Give rays that hit nothing the disparity at infinity.")
 @click.option("--overwrite", is_flag=True, help="Replace samples that are there already.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was written as JSON.")
-def command(scenes: tuple[str, ...], output: Path, overwrite: bool, as_json: bool, **asked: Any) -> None:
+def command(scenes: tuple[str, ...], output: "Place", overwrite: bool, as_json: bool, **asked: Any) -> None:
     """Photograph SCENE... (bundled names, scene.toml or Mitsuba .xml files) with a stereo rig.
 
     Every scene becomes one sample, OUTPUT/<scene>: im0.png and im1.png for the first lens, lens-1/, lens-2/, ... for
@@ -120,9 +125,35 @@ def _job(scene: "Scene", asked: dict[str, Any], aperture: "Aperture") -> "tuple[
     if asked["rig"] is not None:
         scene = scene_with_rig(scene, asked["rig"])
     rig = default_rig(scene, width, height, asked["fov"], asked["baseline"], _inside(asked, width))
+    if asked["baseline"] is not None and scene.depth_range_known:
+        _check_shared(rig, scene)
     focus = middle_focus(scene.depth_range) if scene.depth_range_known else None
     film = rig.cameras[0].film_distance
-    return scene, rig, tuple(parse_lens(text, focus, film, aperture) for text in asked["lenses"])
+    lenses = tuple(parse_lens(text, focus, film, aperture) for text in asked["lenses"])
+    _refuse_what_a_pinhole_has_not(lenses, asked)
+    return scene, rig, lenses
+
+
+def _check_shared(rig: "Rig", scene: "Scene") -> None:
+    """Parallel views that are farther apart than they are wide where the scene ends show nothing in common."""
+    camera, far = rig.cameras[0], scene.depth_range[1]
+    wide = far * camera.width / camera.fx
+    parallel = len(rig) > 1 and abs(rig.b_from_a(0, 1)[2, 2] - 1) < 1e-9
+    if parallel and rig.baseline() >= wide:
+        raise InputError(
+            f"--baseline {rig.baseline():g}: the views would show nothing in common; at {far:g} m, where {scene.name} "
+            f"ends, each is {wide:.3g} m wide"
+        )
+
+
+def _refuse_what_a_pinhole_has_not(lenses: "tuple[Lens, ...]", asked: dict[str, Any]) -> None:
+    """Where no lens has any width, its shape and its diffraction would change nothing."""
+    if any(lens.aperture_diameter > 0 for lens in lenses):
+        return
+    if click.get_current_context().get_parameter_source("aperture") is not ParameterSource.DEFAULT:
+        raise InputError(f"--aperture {asked['aperture']}: {_NO_WIDTH}")
+    if asked["diffraction"]:
+        raise InputError(f"--diffraction: {_NO_WIDTH}")
 
 
 def _inside(asked: dict[str, Any], width: int) -> dict[str, Any]:
@@ -131,9 +162,15 @@ def _inside(asked: dict[str, Any], width: int) -> dict[str, Any]:
         if asked[one] is not None and asked[other] is not None:
             names = (f"--{name.replace('_', '-')}" for name in (one, other))
             raise InputError(f"{' and '.join(names)} say the same thing twice; keep one")
+    for name in ("pixel_pitch_um", "sensor_width_mm"):
+        if asked[name] is not None and not 0 < asked[name] < math.inf:
+            raise InputError(f"--{name.replace('_', '-')} must be a positive number, got {asked[name]:g}")
     inside: dict[str, Any] = {}
     if asked["focal_length_px"] is not None:
-        focal = parse_numbers("--focal-length-px", asked["focal_length_px"], 1, 2, "FX[,FY], as 700 or 700,690")
+        form = "FX[,FY], positive numbers of pixels, as 700 or 700,690"
+        focal = parse_numbers("--focal-length-px", asked["focal_length_px"], 1, 2, form)
+        if not all(0 < number < math.inf for number in focal):
+            raise InputError(f"--focal-length-px must read {form}, got {asked['focal_length_px']!r}")
         inside |= {"fx": focal[0], "fy": focal[-1]}
     if asked["principal_point"] is not None:
         inside["cx"], inside["cy"] = parse_numbers("--principal-point", asked["principal_point"], 2, 2, "CX,CY")
@@ -147,7 +184,7 @@ def _inside(asked: dict[str, Any], width: int) -> dict[str, Any]:
     return inside
 
 
-def _check_names(names: list[str], output: Path, overwrite: bool) -> None:
+def _check_names(names: list[str], output: "Place", overwrite: bool) -> None:
     known = _manifest(output)  # one that is damaged is better told before the pictures are taken
     if known is not None and "made_with" in known.info:
         raise OutputError(f"{output}: is a dataset that `twinlens generate` makes of its recipe; name another folder")
@@ -162,7 +199,7 @@ def _check_names(names: list[str], output: Path, overwrite: bool) -> None:
 def _one(
     job: "tuple[Scene, Rig, tuple[Lens, ...]]",
     texts: tuple[str, ...],
-    output: Path,
+    output: "Place",
     options: dict[str, Any],
     overwrite: bool,
 ) -> "tuple[Row, list[str]]":
@@ -223,14 +260,14 @@ def _duration(time: float) -> str:
     return f"1/{1 / time:.0f} s" if time < 0.1 else f"{time:.3g} s"
 
 
-def _manifest(output: Path) -> "Manifest | None":
+def _manifest(output: "Place") -> "Manifest | None":
     """What dataset.json says, if there is one; FileError where it is damaged."""
     from twinlens.dataset import read_manifest
 
     return read_manifest(output) if (output / "dataset.json").exists() else None
 
 
-def _list(output: Path, row: "Row", seed: int) -> None:
+def _list(output: "Place", row: "Row", seed: int) -> None:
     """Write dataset.json (the samples it knew, with the new one in its place or at the end) and the card.
 
     Its recipe and what else it says stay. Where samples were made with several seeds it names none; each has its own.
@@ -244,7 +281,7 @@ def _list(output: Path, row: "Row", seed: int) -> None:
     describe(output)
 
 
-def _tell(output: Path, made: "list[tuple[Row, list[str]]]", as_json: bool) -> None:
+def _tell(output: "Place", made: "list[tuple[Row, list[str]]]", as_json: bool) -> None:
     from twinlens.rendering import backend
 
     used = backend()

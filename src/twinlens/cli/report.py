@@ -8,7 +8,7 @@ from twinlens.cli.places import PATH
 
 
 @click.command("report")
-@click.argument("board", type=click.Path(path_type=Path))
+@click.argument("board", type=PATH)
 @click.argument("datasets", nargs=-1, metavar="[DATASET...]")
 @click.option("-o", "--output", type=PATH, help="The page.  [default: index.html beside the board]")
 def command(board: Path, datasets: tuple[str, ...], output: Path | None) -> None:

@@ -1,12 +1,10 @@
 """Which sample a path means: a sample's own folder, or DATASET/SAMPLE."""
 
-from pathlib import Path
-
-from twinlens.dataset import Dataset, StoredSample
+from twinlens.dataset import Dataset, Place, StoredSample
 from twinlens.errors import InputError
 
 
-def open_sample(path: Path) -> StoredSample:
+def open_sample(path: Place) -> StoredSample:
     """The sample whose folder `path` is. Raises InputError for a dataset of several, FileError for anything else."""
     dataset = Dataset(path)
     if len(dataset) > 1:

@@ -23,10 +23,10 @@ _FOR_ONE = "is for one map scored against one truth; a dataset brings its own"
 
 
 @click.command("score")
-@click.argument("submissions", nargs=-1, required=True, metavar="MAPS...", type=click.Path(path_type=Path))
+@click.argument("submissions", nargs=-1, required=True, metavar="MAPS...", type=PATH)
 @click.option("--truth", "truths", multiple=True, required=True, help="The dataset(s), or one truth map for one map.")
 @click.option("-o", "--output", type=PATH, help="Folder of the board; needed for datasets.")
-@click.option("--mask", type=click.Path(path_type=Path), help="For one map: a PNG, 255 where both cameras see.")
+@click.option("--mask", type=PATH, help="For one map: a PNG, 255 where both cameras see.")
 @click.option("--ndisp", type=click.IntRange(min=1), help="For one map: estimates are clipped to [0, ndisp].")
 @click.option(
     "--min-disparity", type=int, help="For one map: clip from here on.  [default: 0, or the truth's smallest below it]"
@@ -63,7 +63,7 @@ def command(
                 "one map is scored against one truth by one --protocol; for more, give folders and datasets"
             )
         _refuse_dataset(submissions[0], truths[0])
-        scores = _score_one(submissions[0], Path(truths[0]), mask, ndisp, min_disparity, protocols[0])
+        scores = _score_one(submissions[0], truths[0], mask, ndisp, min_disparity, protocols[0])
         _print_json(scores) if as_json else _print(scores)
         return 0
     if output is None:
@@ -90,7 +90,10 @@ def _refuse_what_does_not_apply(one: bool) -> None:
 
 def _refuse_dataset(estimate: Path, truth: str) -> None:
     """A lone map does not say which of a dataset's samples it is of."""
-    if Path(truth).is_dir() or (truth == "motorcycle" and not Path(truth).exists()):
+    from twinlens.dataset import place
+
+    where = place(truth)
+    if where.is_dir() or (truth == "motorcycle" and not where.exists()):
         raise InputError(
             f"{truth} is a dataset, and {estimate} is one map: give one truth map, as --truth SAMPLE/disp0.pfm, or a "
             "folder of maps"
@@ -156,13 +159,19 @@ def _missing(board: "Board", parts: Sequence[Sequence[Any]]) -> list[str]:
 
 
 def _score_one(
-    estimate: Path, truth: Path, mask: Path | None, ndisp: int | None, min_disparity: int | None, protocol: str
+    estimate: Path, truth: str, mask: Path | None, ndisp: int | None, min_disparity: int | None, protocol: str
 ) -> "Scores":
     from twinlens.cli.images import read_disparity
-    from twinlens.dataset import read_png
+    from twinlens.dataset import place, read_png
     from twinlens.scoring import evaluate, search_range
 
-    true = read_disparity(truth)
+    true = read_disparity(place(truth))
+    width = true.shape[1]
+    if min_disparity is not None and not -width < min_disparity < width:
+        raise InputError(
+            f"--min-disparity {min_disparity}: {truth} is {width} pixels wide, so that disparities lie between "
+            f"{1 - width} and {width - 1}"
+        )
     return evaluate(
         read_disparity(estimate),
         true,

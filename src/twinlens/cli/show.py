@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from twinlens.cli.places import PATH
+from twinlens.cli.places import PATH, PLACE
 from twinlens.cli.samples import open_sample, parse_pair
 from twinlens.errors import InputError
 
 if TYPE_CHECKING:
-    from twinlens.dataset import StoredSample
+    from twinlens.dataset import Place, StoredSample
     from twinlens.geometry import Float
 
 
@@ -25,12 +25,12 @@ def command() -> None:
 
 
 @command.command("epipolar")
-@click.argument("sample", type=click.Path(path_type=Path), metavar="DATASET/SAMPLE")
+@click.argument("sample", type=PLACE, metavar="DATASET/SAMPLE")
 @click.option("-o", "--output", required=True, type=PATH, help="The picture, a PNG.")
 @click.option("--cameras", default="0,1", show_default=True, help="The two views, counted from 0.")
 @click.option("--points", type=click.IntRange(1, 100), default=9, show_default=True, help="How many.")
 @click.option("--json", "as_json", is_flag=True, help="Print the points, F and the epipoles as JSON.")
-def epipolar(sample: Path, output: Path, cameras: str, points: int, as_json: bool) -> None:
+def epipolar(sample: "Place", output: Path, cameras: str, points: int, as_json: bool) -> None:
     """Draw points, the epipolar curves on which their partners must lie, and the epipoles, over two views.
 
     The points are true matches that both views see. The curves are those of the calibration: where an error was left

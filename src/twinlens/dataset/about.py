@@ -1,13 +1,16 @@
 """What only a dataset's maker can say of it: name, licence, authors; kept in dataset.json under ``info.about``."""
 
 import dataclasses
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import date
 from typing import Any
+from urllib.parse import urlsplit
 
 from twinlens.dataset.dataset import Dataset
 from twinlens.dataset.manifest import NAME, Manifest
-from twinlens.errors import FileError, InputError, unknown
+from twinlens.errors import FileError, InputError, in_one_line, unknown
 
 KEY = "about"
 UNNAMED = "stereo dataset"
@@ -21,6 +24,8 @@ class About:
     description : one sentence or more.
     license : an SPDX name as ``CC-BY-4.0``, or the address of a licence's text.
     creator : who made it. url : where it can be had. published : the date, ``2026-01-31``. cite_as : a BibTeX entry.
+
+    Raises InputError for a date or an address that is none, and for control characters in what is one line.
     """
 
     name: str = ""
@@ -35,16 +40,25 @@ class About:
         for field in dataclasses.fields(self):
             if not isinstance(getattr(self, field.name), str):
                 raise InputError(f"{KEY}: {field.name} must be text, got {getattr(self, field.name)!r}")
+        for name in ("name", "license", "creator", "url", "published"):
+            if not getattr(self, name).isprintable():
+                raise InputError(f"{KEY}: {name} must be one line, got {in_one_line(getattr(self, name))}")
+        if self.url and not _is_address(self.url):
+            raise InputError(f"{KEY}: url must be an address, as https://example.org/set, got {in_one_line(self.url)}")
+        if self.published and not _is_date(self.published):
+            raise InputError(f"{KEY}: published must be a date, as 2026-01-31, got {in_one_line(self.published)}")
 
     @classmethod
     def of(cls, values: Any) -> "About":
-        """From plain data, or InputError naming the key that is not known."""
+        """From plain data, or InputError naming the key that is not known, or says nothing."""
         known = [field.name for field in dataclasses.fields(cls)]
         if not isinstance(values, Mapping):
             raise InputError(f"{KEY} must be a table of {', '.join(known)}")
         for key in values:
             if key not in known:
                 raise unknown(f"key of {KEY}", str(key), known)
+            if isinstance(values[key], str) and not values[key].strip():
+                raise InputError(f"{KEY}: {key} is empty; say something, or leave it out")
         return cls(**values)
 
     @property
@@ -55,6 +69,21 @@ class About:
     def plain(self) -> dict[str, str]:
         """What is said, as a manifest's info holds it."""
         return {name: value for name, value in dataclasses.asdict(self).items() if value}
+
+
+def _is_address(text: str) -> bool:
+    try:
+        parts = urlsplit(text)
+    except ValueError:  # brackets that are not closed
+        return False
+    return bool(parts.scheme and parts.netloc) and not re.search(r"\s", text)
+
+
+def _is_date(text: str) -> bool:
+    try:
+        return bool(re.fullmatch(r"[0-9]{4}-[0-9]{2}-[0-9]{2}", text) and date.fromisoformat(text))
+    except ValueError:
+        return False
 
 
 def about(dataset: Dataset) -> tuple[About, Manifest]:

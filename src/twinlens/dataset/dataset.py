@@ -9,7 +9,7 @@ from twinlens.dataset.items import check_name, read_all
 from twinlens.dataset.manifest import NAME, Manifest, read_manifest
 from twinlens.dataset.storage import Place, RemotePath, Where, is_whole, place
 from twinlens.dataset.stored import StoredSample
-from twinlens.errors import FileError, unknown
+from twinlens.errors import FileError, InputError, unknown
 
 T = TypeVar("T")
 
@@ -30,7 +30,10 @@ class Dataset(Sequence[StoredSample]):
         self.path = place(path)
         if not self.path.is_dir():
             raise FileError(f"{self.path}: no such folder; a dataset is a folder of samples")
-        self._samples = _listed(self.path) if (self.path / NAME).is_file() else _found(self.path)
+        listed = (self.path / NAME).is_file()
+        self._samples = _listed(self.path) if listed else _found(self.path)
+        if not self._samples and listed:
+            raise FileError(_why_none(self.path))
         if not self._samples:
             raise FileError(f"{self.path}: holds no sample: no {NAME}, and no folder with an im0.png")
 
@@ -69,7 +72,9 @@ class Dataset(Sequence[StoredSample]):
 
     def split(self, name: str) -> "Dataset":
         """The samples whose row in dataset.json says that they belong to the split, or InputError when none does."""
-        splits = [str(sample.row.get("info", {}).get("split", "")) for sample in self._samples]
+        splits = [str(sample.row.get("info", {}).get("split") or "") for sample in self._samples]
+        if not any(splits):
+            raise InputError(f"{self.path}: has no splits, asked was {name!r}; a recipe's [splits] makes them")
         if name not in splits or not name:
             raise unknown("split", name, set(splits) - {""})
         return self._view(tuple(s for s, split in zip(self._samples, splits, strict=True) if split == name))
@@ -129,6 +134,16 @@ def found_samples(path: Place) -> Dataset:
     view = object.__new__(Dataset)
     view.path, view._samples = path, _found(path)
     return view
+
+
+def _why_none(path: Place) -> str:
+    """Why a dataset.json lists no sample: `twinlens generate` keeps what it could not make, and whether it goes on."""
+    info = read_manifest(path).info
+    failed = info.get("failed")
+    if isinstance(failed, list) and failed:
+        return f'{path / NAME}: lists no sample: {len(failed)} could not be made; "failed" in it says why'
+    more = "; the command that began it makes them" if info.get("complete") is False else ""
+    return f"{path / NAME}: lists no sample{more}"
 
 
 def _listed(path: Place) -> tuple[StoredSample, ...]:

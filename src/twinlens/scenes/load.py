@@ -31,6 +31,9 @@ def load_scene(name_or_path: str | Path) -> Scene:
     if str(name_or_path) in bundled_scenes():
         return read_scene_toml(bundled_folder() / name_or_path / _SCENE_FILE, str(name_or_path))
     if path.is_dir():
+        if not (path / _SCENE_FILE).is_file():
+            known = ", ".join(bundled_scenes())
+            raise FileError(f"{path}: is a folder without a {_SCENE_FILE}; name a scene's file, or one of {known}")
         path = path / _SCENE_FILE
     if path.suffix in (".toml", ".xml"):
         if not path.is_file():
