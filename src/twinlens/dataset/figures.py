@@ -91,8 +91,18 @@ def _draw(
     edges = _edges(low, high, logarithmic)
     axes.stairs(100 * mixed_counts(edges, many) / len(many), edges, fill=True, color=_FILL)
     if logarithmic:
-        axes.set_xscale("log")
+        _log_scale(axes, decades=np.log10(high / low))
     axes.set_xlim(edges[0], edges[-1])
+
+
+def _log_scale(axes: Any, decades: float) -> None:
+    """A logarithmic x axis with plain numbers at 1, 2, 5 of each decade, or at 1 alone where there are many."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 3 else (1.0,)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
 
 
 def _edges(low: float, high: float, logarithmic: bool) -> NDArray[np.float64]:
