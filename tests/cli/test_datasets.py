@@ -116,3 +116,11 @@ def test_a_bucket_is_rendered_into_and_looked_at(twinlens, tmp_path):
     assert (tmp_path / "local" / "board.json").is_file()
     assert twinlens("score", tmp_path / "rectified" / "disp0.pfm", "--truth", f"{bucket}/cards/disp0.pfm")[0] == 0
     assert not [path.name for path in tmp_path.iterdir() if ":" in path.name]
+
+
+@pytest.mark.parametrize("size", ["8x6", "16x12"])
+def test_a_picture_of_a_few_pixels_verifies(twinlens, tmp_path, size):
+    """Thin bars, steps and steep walls: hardly a pixel shows what its neighbours show."""
+    scenes = ("fence", "staircase", "room")
+    assert twinlens("render", *scenes, "--size", size, "--spp", "1", "-o", tmp_path / "out")[0] == 0
+    assert twinlens("verify", tmp_path / "out")[:2] == (0, "3 samples, 0 with findings\n")

@@ -256,7 +256,6 @@ def test_a_bucket_is_no_folder_of_this_machine(refuses, tmp_path, monkeypatch, l
         ("--name", "", "name is empty; say something, or leave it out"),
         ("--creator", "  ", "creator is empty"),
         ("--license", "", "license is empty"),
-        ("--name", "a\nb", "name must be one line"),
     ],
 )
 def test_what_describes_nothing(refuses, dataset, option, value, words):

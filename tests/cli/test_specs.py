@@ -177,12 +177,12 @@ def test_sensors(text, sensor):
 @pytest.mark.parametrize(
     ("parse", "text", "says"),
     [
-        (parse_distortion, "", "is not a number"),
+        (parse_distortion, "", "must read k1,k2"),
         (parse_distortion, "0.1,nan", "'nan' is not a number"),
         (parse_distortion, "0.1,inf", "finite"),
         (parse_distortion, "1,2,3,4,5,6,7,8,9", "1 to 8 numbers"),
         (parse_distortion, "fisheye:1,2,3,4,5", r"fisheye:k1\[,k2"),
-        (parse_distortion, "fisheye:", "'' is not a number"),
+        (parse_distortion, "fisheye:", r"must read fisheye:k1\["),
         (parse_distortion, "fishey:1", "did you mean 'fisheye'"),
         (parse_exposure, "0", "time"),
         (parse_exposure, "-1/60", "time"),

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from twinlens import geometry
-from twinlens.camera import Rig
+from twinlens.camera import Camera, Rig
 from twinlens.dataset import (
     Dataset,
     Manifest,
+    laws,
     read_exr,
     read_pfm,
     read_png,
@@ -210,6 +211,29 @@ def test_views_that_show_different_worlds_are_told(tmp_path):
     findings = verify_sample(Dataset(tmp_path)[0])
     assert findings[0].startswith("truth0.exr: only ")
     assert "are at a depth that the other view has there" in findings[0]
+
+
+def small_pair(size, baseline):
+    pose = geometry.look_at([0.5, -1.0, 1.5], [2.0, 3.0, 1.0])
+    pair = Rig.stereo(Camera.from_fov(*size, 60), baseline, world_from_left=pose)
+    return pair, [vars(truth) for truth in dataset_scene.truths(pair)]
+
+
+@pytest.mark.parametrize("baseline", [0.05, 0.4, 0.9])
+@pytest.mark.parametrize("size", [(1, 1), (2, 7), (5, 4), (8, 6), (16, 12)])
+def test_pictures_of_a_few_pixels_agree_with_each_other_too(size, baseline):
+    """There most pixels are at the border, or beside a silhouette, where a view's centres say little of its points."""
+    pair, truths = small_pair(size, baseline)
+    assert laws.views_agree((truths[0], truths[1]), pair, (0, 1)) == []
+    assert laws.views_agree((truths[1], truths[0]), pair, (1, 0)) == []
+
+
+@pytest.mark.parametrize("larger", [0.5, 1.1, 1.5])
+@pytest.mark.parametrize("size", [(12, 9), (16, 12)])
+def test_different_worlds_are_told_by_a_hundred_pixels(size, larger):
+    pair, (left, right) = small_pair(size, 0.4)
+    (finding,) = laws.views_agree((left, {**right, "depth": larger * right["depth"]}), pair, (0, 1))
+    assert "are at a depth that the other view has there" in finding
 
 
 def test_a_record_that_claims_another_rig_is_told(loose):

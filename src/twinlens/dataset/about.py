@@ -25,7 +25,7 @@ class About:
     license : an SPDX name as ``CC-BY-4.0``, or the address of a licence's text.
     creator : who made it. url : where it can be had. published : the date, ``2026-01-31``. cite_as : a BibTeX entry.
 
-    Raises InputError for a date or an address that is none, and for control characters in what is one line.
+    Raises InputError for a date or an address that is none.
     """
 
     name: str = ""
@@ -40,9 +40,6 @@ class About:
         for field in dataclasses.fields(self):
             if not isinstance(getattr(self, field.name), str):
                 raise InputError(f"{KEY}: {field.name} must be text, got {getattr(self, field.name)!r}")
-        for name in ("name", "license", "creator", "url", "published"):
-            if not getattr(self, name).isprintable():
-                raise InputError(f"{KEY}: {name} must be one line, got {in_one_line(getattr(self, name))}")
         if self.url and not _is_address(self.url):
             raise InputError(f"{KEY}: url must be an address, as https://example.org/set, got {in_one_line(self.url)}")
         if self.published and not _is_date(self.published):
