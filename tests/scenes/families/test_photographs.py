@@ -32,3 +32,15 @@ def test_a_scene_can_be_photographed_and_matched(family, seed):
     grey = photo.astype(float).mean(axis=2)
     changes = np.abs(np.diff(grey, axis=1))
     assert (changes > 2).mean() > 0.3
+
+
+def test_a_room_with_a_window_is_not_dark_beside_it():
+    """The pane is a twentieth of the picture, and many times as bright as the wall around it."""
+    scene = random_scene("room", 0, width=SIZE[0])
+    rig = default_rig(scene, *SIZE)
+    truth = tl.ground_truth(scene, rig)[0]
+    panes = [i + 1 for i, name in enumerate(truth.object_names) if name.startswith("window-pane")]
+    assert np.isin(truth.object_id, panes).mean() > 0.03
+    radiance = tl.render(scene, rig, tl.Pinhole(), spp=16, seed=0)
+    photo = tl.Sensor().expose_rig(radiance, rig=rig, lens=tl.Pinhole(), seed=0)[0].image
+    assert np.median(photo) > 75

@@ -127,3 +127,20 @@ def test_what_cannot_be_asked_is_refused_in_a_line(bad, said):
     with pytest.raises(InputError, match=said) as caught:
         random_scene(**{"family": "tabletop", "seed": 0, **bad})
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("seed", [4, 5, 9, 16, 26])  # a lamp before the camera; then rooms without one
+def test_what_fills_a_room_is_not_in_the_picture(seed):
+    """A lamp or a glazed front that is not seen gives more light than all windows and shades that are."""
+    scene = random_scene("room", seed, width=80)
+    shown = {scene.objects[i].name for i in np.unique(seen(scene).body[seen(scene).body >= 0])}
+    flux = {}
+    for thing in scene.objects:
+        if thing.emitter is not None:
+            a, b, c = (thing.shape.vertices[thing.shape.faces[:, i]] for i in range(3))
+            area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+            flux[thing.name] = area * float(np.mean(thing.emitter["radiance"].rgb))
+    filling = {"ceiling-light", "hall-light"} & set(flux)
+    assert not filling & shown
+    assert sum(flux[name] for name in filling) > sum(flux[name] for name in set(flux) - filling)
+    assert sum(flux[name] for name in filling) > 15

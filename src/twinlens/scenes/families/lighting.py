@@ -9,6 +9,7 @@ from twinlens.scenes.families.assets import Assets
 from twinlens.scenes.families.brushes import Image
 from twinlens.scenes.families.sky import clear_sky
 from twinlens.scenes.families.stage import Stage
+from twinlens.scenes.families.view import View, look
 from twinlens.scenes.placement import rotation
 from twinlens.scenes.scene import Bitmap, Color, Mesh, Plugin
 
@@ -42,6 +43,17 @@ def rectangle(width: float, height: float) -> Mesh:
     corners = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]]) * [width, height, 1]
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
     return Mesh(corners, faces, np.tile([0.0, 0.0, 1.0], (4, 1)), np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]]))
+
+
+def unseen(view: View, spot: Float, side: float, front: float) -> Float:
+    """`spot` (3,), moved towards the camera, as far as y = `front`, until a level lamp there is not in the picture.
+
+    `side` is the lamp's, in metres; a little more is kept out, for the right eye stands elsewhere.
+    """
+    lamp = rectangle(side + 0.3, side + 0.3)
+    while spot[1] > front and np.isfinite(look(view, [(lamp.vertices + spot, lamp.faces)], 64).depth).any():
+        spot = spot - [0.0, min(0.2, spot[1] - front), 0.0]
+    return spot
 
 
 def _up(place: Float, target: Float) -> Float:

@@ -41,7 +41,7 @@ def compose(request: Request) -> Scene:
         _put(request, stage, view, palette, piece, pose, index)
     _clutter(request, stage, view, palette, plan)
     _decorate(request, stage, view, palette, shell, plan)
-    _light(request, stage, shell)
+    _light(request, stage, shell, view)
     return fitting.finished(request, stage, view, FAMILY.about)
 
 
@@ -270,16 +270,23 @@ def _picture(
     stage.add("picture", canvas, dress(request, ("picture", index), "picture", palette, pixel / max(w, h), 0), pose)
 
 
-def _light(request: Request, stage: Stage, shell: Shell) -> None:
-    """A lamp or a light well above, the open end behind the camera, and what little comes from everywhere."""
+def _light(request: Request, stage: Stage, shell: Shell, view: View) -> None:
+    """What fills the room: a lamp below the ceiling, or a glazed front behind the camera; the other one is weaker.
+
+    Windows and lamp shades are seen, and a picture that shows them well is dark unless the rest is lit by something
+    that it does not show: a window alone leaves its own wall, and all that stands before it, in the shade.
+    """
     rng = request.rng("light")
-    if rng.random() < 0.8:
+    by_lamp = rng.random() < 0.8
+    if by_lamp:
         spot = np.array([rng.uniform(-0.2, 0.2) * shell.width, rng.uniform(0.3, 0.6) * shell.back, shell.height - 0.02])
-        side = rng.uniform(0.5, 1.1)
+        side = rng.uniform(1.0, 1.7)
         tone = (lighting.WARM, lighting.NEUTRAL)[int(rng.integers(2))]
-        lighting.panel(stage, "ceiling-light", spot, spot - [0, 0, 1], (side, side), rng.uniform(3.0, 6.0) * tone)
+        level = rng.uniform(8.0, 12.0) / side**2
+        spot = lighting.unseen(view, spot, side, shell.front + side / 2)
+        lighting.panel(stage, "ceiling-light", spot, spot - [0, 0, 1], (side, side), level * tone)
     place = np.array([0.0, shell.front + 0.02, 0.55 * shell.height])
     size = (0.9 * shell.width, 0.8 * shell.height)
-    lighting.panel(
-        stage, "hall-light", place, place + np.array([0, 1, 0]), size, rng.uniform(1.0, 1.8) * lighting.NEUTRAL, 0.8
-    )
+    level = rng.uniform(1.4, 2.2) if by_lamp else rng.uniform(3.5, 5.0)
+    tone = lighting.NEUTRAL if by_lamp else lighting.COOL
+    lighting.panel(stage, "hall-light", place, place + np.array([0, 1, 0]), size, level * tone)

@@ -109,7 +109,7 @@ def window(request: Request, stage: Stage, shell: Shell, side: str, along: float
     pane = lighting.rectangle(wide, tall)
     upright = rotation(np.array([1.0, 0, 0]), 90.0)
     pane = shapes.transformed(pane, translation(np.array([0, -0.012, sill + tall / 2])) @ upright)
-    strength = float(rng.uniform(3.0, 5.5))
+    strength = float(rng.uniform(1.8, 3.0))
     lighting.glow(stage, f"window-pane-{index}", pane, pose, strength * sky)
     stage.add(
         "window-frame",
