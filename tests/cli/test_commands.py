@@ -151,3 +151,13 @@ def test_the_exit_code_tells_that_every_method_failed_and_not_that_some_did(twin
     assert twinlens("benchmark", dataset, "--methods", bad, "-o", tmp_path / "none", *form)[0] == 1
     assert (tmp_path / "none" / "index.html").exists()
     assert twinlens("benchmark", dataset, "--methods", f"{bad},sad", "-o", tmp_path / "some", *form)[0] == 0
+
+
+def test_a_demo_without_a_terminal_tells_its_stages(capsys, monkeypatch, tmp_path):
+    from twinlens.cli import demo
+
+    monkeypatch.setattr(demo, "SCENES", ("cards",))
+    monkeypatch.setattr(demo, "WIDTH", 48)
+    monkeypatch.setattr(demo, "HEIGHT", 36)
+    demo._render(tmp_path / "set", 1)
+    assert capsys.readouterr().err == "rendering cards, scene 1 of 1\n"
