@@ -6,7 +6,8 @@ from families_checks import camera_inside, floating, intersecting, table_height
 
 from twinlens.scenes.families import random_scene
 
-SCENES = [pytest.param(seed, marks=[] if seed < 2 else pytest.mark.slow) for seed in range(200)]
+QUICK = (0, 1, 136)  # in the last a pebble juts out over the box that carries it, beside a taller vase
+SCENES = [pytest.param(seed, marks=[] if seed in QUICK else pytest.mark.slow) for seed in range(200)]
 
 
 @pytest.mark.parametrize("seed", SCENES)

@@ -1,4 +1,5 @@
-"""Bodies set down on a level surface: footprints apart, some on top of others where the contact can be shown.
+"""Bodies set down on a level surface: footprints apart, some on top of others where the contact can be shown, and
+clear of what stands beside those.
 
 A body goes on top of another only if it rests there as on a table: its whole contact lies within the level top of the
 one below, and the two together keep their balance on what carries them.
@@ -6,6 +7,7 @@ one below, and the two together keep their balance on what carries them.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -42,7 +44,7 @@ class Standing:
         """An outline (N, 2) of the rest where it stands."""
         return np.asarray(polygon @ self.spin[:2, :2].T + self.place[:2])
 
-    @property
+    @cached_property
     def footprint(self) -> Float:
         """Its shadow's outline (N, 2) in the world."""
         return self.moved(self.rest.footprint)
@@ -100,7 +102,7 @@ def arrange(
     for drawn, rest, rng in bodies:
         standing = None
         if done and rng.random() < stacked:
-            standing = _on_top(drawn, rest, rng, done, carried)
+            standing = _on_top(drawn, rest, rng, done, carried, spacing)
         if standing is None:
             standing = _beside(drawn, rest, rng, done, where, height, allowed, spacing)
         if standing is not None:
@@ -118,22 +120,23 @@ def _beside(
     allowed: Callable[[Float], bool],
     spacing: float,
 ) -> Standing | None:
-    others = [(other.footprint, other.place[:2], _reach(other.rest)) for other in done]
     for _ in range(_TRIES):
         spin = turn_about_z(_angle(drawn, rng))
-        place = np.append(where(rng, rest), height + CLEARANCE * drawn.size)
-        trial = Standing(drawn, rest, spin, place)
-        outline, reach = trial.footprint, _reach(rest)
-        if allowed(outline) and all(
-            np.linalg.norm(place[:2] - at) > reach + far + spacing or gap(outline, other) > spacing
-            for other, at, far in others
-        ):
+        trial = Standing(drawn, rest, spin, np.append(where(rng, rest), height + CLEARANCE * drawn.size))
+        if allowed(trial.footprint) and _apart(trial, done, spacing):
             return trial
     return None
 
 
-def _reach(rest: Rest) -> float:
-    return float(np.linalg.norm(rest.points[:, :2], axis=1).max())
+def _apart(trial: Standing, others: list[Standing], spacing: float) -> bool:
+    """Whether its footprint is clear of all those that reach as high as its lowest point."""
+    outline, reach = trial.footprint, trial.rest.reach
+    return all(
+        other.top < trial.place[2]
+        or np.linalg.norm(trial.place[:2] - other.place[:2]) > reach + other.rest.reach + spacing
+        or gap(outline, other.footprint) > spacing
+        for other in others
+    )
 
 
 def _angle(drawn: Drawn, rng: Rng) -> float:
@@ -143,8 +146,13 @@ def _angle(drawn: Drawn, rng: Rng) -> float:
     return float(rng.uniform(0, 2 * np.pi))
 
 
-def _on_top(drawn: Drawn, rest: Rest, rng: Rng, done: list[Standing], carried: dict[int, int]) -> Standing | None:
-    """Standing on the level top of a body that carries nothing yet; recorded in `carried` as index -> carrier."""
+def _on_top(
+    drawn: Drawn, rest: Rest, rng: Rng, done: list[Standing], carried: dict[int, int], spacing: float
+) -> Standing | None:
+    """Standing on the level top of a body that carries nothing yet; recorded in `carried` as index -> carrier.
+
+    It may jut out over its carriers, but not into a neighbour that is taller than these.
+    """
     for index in rng.permutation(len(done)):
         below = done[index]
         if below.rest.top is None or index in carried.values() or _depth_of(index, carried) >= 3:
@@ -157,7 +165,8 @@ def _on_top(drawn: Drawn, rest: Rest, rng: Rng, done: list[Standing], carried: d
             xy = middle - offset + rng.normal(0, 0.06, 2) * drawn.size
             trial = Standing(drawn, rest, spin, np.append(xy, below.top + CLEARANCE * drawn.size))
             support = trial.moved(rest.support)
-            if min(inside_by(slab, corner) for corner in support) > 0 and _balanced(trial, index, done, carried):
+            rests_there = min(inside_by(slab, corner) for corner in support) > 0
+            if rests_there and _balanced(trial, index, done, carried) and _apart(trial, done, spacing):
                 carried[len(done)] = int(index)
                 return trial
     return None

@@ -5,6 +5,7 @@ footprint is the convex hull of its shadow; bodies whose footprints are apart ca
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -38,10 +39,15 @@ class Rest:
         """How high it reaches."""
         return float(self.points[:, 2].max())
 
-    @property
+    @cached_property
     def footprint(self) -> Float:
         """The outline (N, 2) of its shadow, counter-clockwise."""
         return outline(self.points[:, :2])
+
+    @cached_property
+    def reach(self) -> float:
+        """How far its shadow reaches from its place."""
+        return float(np.linalg.norm(self.points[:, :2], axis=1).max())
 
 
 def outline(points: Float) -> Float:
