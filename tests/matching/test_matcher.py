@@ -122,6 +122,20 @@ def test_wide_windows_of_saturated_images_do_not_overflow(side):
         np.testing.assert_allclose(chosen_costs(volume, got, 0), volume.min(-1), atol=1e-5, rtol=1e-6)
 
 
+@pytest.mark.parametrize("side", [3, 11])
+@pytest.mark.parametrize("low", [-5, 0, 3])
+def test_what_lies_outside_the_image_never_wins_over_what_correlates_negatively(side, low):
+    """Light that grows to the right in one eye and to the left in the other, then black: costs of 2, and of 1."""
+    ramp = 7 * np.arange(44) + np.random.default_rng(7).integers(0, 5, (6, 44))
+    left, right = np.where(np.arange(44) < 30, ramp, 0).astype(np.uint8), (255 - ramp // 2).astype(np.uint8)
+    volume = naive_volume(left, right, "zncc", side, low, 16)
+    got = tm.match(left, right, "zncc", block_size=side, min_disparity=low, num_disparities=16, subpixel="none")
+    known = np.isfinite(volume.min(-1))
+    np.testing.assert_array_equal(np.isfinite(got), known)
+    assert {1, 2} <= set(np.round(volume.min(-1)[known], 1))
+    np.testing.assert_allclose(chosen_costs(volume, got, low)[known], volume.min(-1)[known], atol=1e-5)
+
+
 @pytest.mark.parametrize("cost", ALL)
 def test_constant_images_tie_and_the_smallest_disparity_wins(cost):
     flat = np.full((6, 12), 80, np.uint8)

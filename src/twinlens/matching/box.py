@@ -26,7 +26,7 @@ STATISTICS = {
     "jaccard": (SHARES, SHARES),
 }
 """What a scoring takes of the windows of the left image and of the right one; see `kernels.windows`."""
-GUARD = 64
+GUARD, SLOTS = 64, 4
 ROUNDING = 2.0**-40  # of the largest cost: floats that differ by less are equal
 
 
@@ -188,12 +188,12 @@ class BoxMatch:
         return int(self.low + held - 1)
 
     def _scratch(self, n: int) -> tuple[Any, ...]:
-        """The slack, the kernel's column sums, its room for one pixel's costs, and the fence around lanes."""
+        """The slack, the kernel's column sums, its room for some pixels' costs, and the fence around lanes."""
         columns = aligned_zeros((self.shape[1] + 2 * (self.side // 2) + self.side) * n, self.sums)
         fence = aligned_zeros(4 * n, self.scores)
         fence[:] = largest(self.scores)
         fence[n : 3 * n] = smallest(self.scores)
-        return np.full(1, self.slack, self.scores), columns, aligned_zeros(n + 2 * GUARD, self.scores), fence
+        return np.full(1, self.slack, self.scores), columns, aligned_zeros(SLOTS * n + 2 * GUARD, self.scores), fence
 
     def _arguments(self, images: tuple[Image, Image], part: Pass, scoring: str) -> tuple[Any, ...]:
         """What the kernel reads in one pass over one strip; see `kernels.slide.slide_kernel`."""

@@ -71,14 +71,25 @@ def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any
     return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
 
 
+def load_of(context: Any, builder: Any, array_type: Any, array: Any, index: Any, n: int) -> Any:
+    """n elements from array[index] on."""
+    place = _pointer(context, builder, array_type, array, index, n)
+    return builder.load(place, align=array_type.dtype.bitwidth // 8)
+
+
+def store_to(context: Any, builder: Any, array_type: Any, array: Any, index: Any, value: Any) -> None:
+    """Write a vector to array[index] and on."""
+    place = _pointer(context, builder, array_type, array, index, value.type.count)
+    builder.store(value, place, align=array_type.dtype.bitwidth // 8)
+
+
 @intrinsic(prefer_literal=True)
 def load(_typing: Any, array: Any, index: Any, n: Any) -> Any:
     """load(array, index, n): the n elements from array[index] on, of a contiguous 1-D array; not bounds-checked."""
     result = Lanes(array.dtype, n.literal_value)
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = _pointer(context, builder, signature.args[0], args[0], args[1], result.n)
-        return builder.load(pointer, align=array.dtype.bitwidth // 8)
+        return load_of(context, builder, signature.args[0], args[0], args[1], result.n)
 
     return result(array, types.intp, n), generate
 
@@ -88,8 +99,7 @@ def store(_typing: Any, array: Any, index: Any, value: Any) -> Any:
     """store(array, index, value): write the lanes to array[index] and on; not bounds-checked."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        pointer = _pointer(context, builder, signature.args[0], args[0], args[1], value.n)
-        builder.store(args[2], pointer, align=array.dtype.bitwidth // 8)
+        store_to(context, builder, signature.args[0], *args)
         return context.get_dummy_value()
 
     return types.none(array, types.intp, value), generate

@@ -1,7 +1,7 @@
 """Two image rows at once: the one that enters the window and the one that leaves it, byte beside byte in one number.
 
 A box sum that slides down gains one row and loses another. Where pixels are bytes, both fit one 16-bit number, and one
-instruction of many processors takes the leaving row's term from the entering row's: `dot_pairs` for products,
+instruction of many processors takes the leaving row's term from the entering row's: `slide_products` for products,
 `distance_pairs` for absolute differences.
 """
 
@@ -16,10 +16,11 @@ from numba import types
 from numba.extending import intrinsic, overload
 
 from twinlens.matching.kernels.compiling import jit
-from twinlens.matching.kernels.lanes import INT32, Lanes, call_intrinsic, splat_of
+from twinlens.matching.kernels.lanes import INT32, Lanes, call_intrinsic, load_of, splat_of, store_to
 
 BYTE, INT16 = ir.IntType(8), ir.IntType(16)
 PAIRED = ("product8", "absolute8")
+PART = 16  # lanes; every vector has a multiple of them
 
 
 def _deal(builder: Any, values: Any, first: int) -> Any:
@@ -66,31 +67,58 @@ def _dot_onto(context: Any, builder: Any, total: Any, words: Any, factors: Any) 
 
 
 @intrinsic
-def dot_pairs(_typing: Any, total: Any, pairs: Any, factors: Any) -> Any:
-    """dot_pairs(total, pairs, factors): total + pairs[2 i] * low half of factors + pairs[2 i + 1] * its high half.
+def slide_products(
+    _typing: Any, window: Any, columns: Any, enters: Any, leaves: Any, pairs: Any, at: Any, factors: Any
+) -> Any:
+    """slide_products(window, columns, enters, leaves, pairs, at, factors): the window one step further right.
 
-    total is int32, pairs are bytes, factors is one int32 of two signed halves.
+    To the column sums from columns[enters] on it adds pairs[2 i] * low half of factors + pairs[2 i + 1] * its high
+    half, of the pairs from pairs[2 at] on; the window gains what this makes and loses the sums from columns[leaves] on.
+    Sums are int32, pairs are bytes, factors is one int32 of two signed halves.
+    Some lanes after others: LLVM keeps the order it is given, and all at once would not fit the registers.
     """
 
-    def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        words = ir.VectorType(INT16, pairs.n)
-        both = builder.bitcast(splat_of(builder, args[2], total.n), words)
-        return _dot_onto(context, builder, args[0], builder.zext(args[1], words), both)
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        words, kinds = ir.VectorType(INT16, 2 * PART), signature.args
+        both, parts = builder.bitcast(splat_of(builder, args[6], PART), words), []
+        for first in range(0, window.n, PART):
+            enter, leave, pair = (builder.add(args[i], ir.Constant(args[i].type, first)) for i in (2, 3, 5))
+            doubled = builder.add(pair, pair)
+            terms = builder.zext(load_of(context, builder, kinds[4], args[4], doubled, 2 * PART), words)
+            column = load_of(context, builder, kinds[1], args[1], enter, PART)
+            column = _dot_onto(context, builder, column, terms, both)
+            store_to(context, builder, kinds[1], args[1], enter, column)
+            change = builder.sub(column, load_of(context, builder, kinds[1], args[1], leave, PART))
+            parts.append(builder.add(_cut(builder, args[0], first, PART), change))
+        return _joined(builder, parts)
 
-    return total(total, pairs, types.int32), generate
+    return window(window, columns, types.intp, types.intp, pairs, types.intp, types.int32), generate
 
 
 @intrinsic
-def add_product(_typing: Any, total: Any, values: Any, factor: Any) -> Any:
-    """add_product(total, values, factor): total + values * factor, int32, of values and a factor from 0 to 32767."""
+def scored_product(_typing: Any, total: Any, factor: Any, values: Any, scales: Any, at: Any) -> Any:
+    """scored_product(total, factor, values, scales, at): (total + factor * values) * scales, in the scales' dtype.
 
-    def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        words = ir.VectorType(INT16, 2 * total.n)
-        both = builder.bitcast(splat_of(builder, args[2], total.n), words)
-        wide = builder.zext(args[1], args[0].type)
-        return _dot_onto(context, builder, args[0], builder.bitcast(wide, words), both)
+    values and scales are read from `at` on; total is int32, factor and values are whole numbers from 0 to 32767.
+    Some lanes after others: LLVM keeps the order it is given, and all at once would not fit the registers.
+    """
+    result = Lanes(scales.dtype, total.n)
 
-    return total(total, values, types.int32), generate
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        totals, factor, _, _, at = args
+        words = ir.VectorType(INT16, 2 * PART)
+        both = builder.bitcast(splat_of(builder, factor, PART), words)
+        parts = []
+        for first in range(0, total.n, PART):
+            place = builder.add(at, ir.Constant(at.type, first))
+            value = load_of(context, builder, signature.args[2], args[2], place, PART)
+            scale = load_of(context, builder, signature.args[3], args[3], place, PART)
+            part = _cut(builder, totals, first, PART)
+            wide = builder.bitcast(builder.zext(value, part.type), words)
+            parts.append(builder.fmul(builder.sitofp(_dot_onto(context, builder, part, wide, both), scale.type), scale))
+        return _joined(builder, parts)
+
+    return result(total, types.int32, values, scales, types.intp), generate
 
 
 def _differences(context: Any, builder: Any, values: Any) -> Any:
@@ -139,7 +167,6 @@ def _with_both_terms(kind: Any, total: Any, pairs: Any, both: Any) -> Any:
     if not isinstance(kind, types.StringLiteral):
         return None
     return {
-        "product8": lambda kind, total, pairs, both: dot_pairs(total, pairs, both),
         "absolute8": lambda kind, total, pairs, both: total + distance_pairs(pairs, both),
     }.get(kind.literal_value, lambda kind, total, pairs, both: total)
 

@@ -19,12 +19,12 @@ from collections.abc import Callable
 import numpy as np
 
 from twinlens.matching.kernels.compiling import inlined, jit
+from twinlens.matching.kernels.fences import fenced
 from twinlens.matching.kernels.fits import NO_FIT, offsets, settle_row
 from twinlens.matching.kernels.lanes import (
     convert,
     first_at_most,
     inside,
-    larger,
     load,
     lowest,
     read,
@@ -32,23 +32,13 @@ from twinlens.matching.kernels.lanes import (
     store,
     write,
 )
-from twinlens.matching.kernels.pairs import PAIRED, weave_left, weave_right, with_both_terms
+from twinlens.matching.kernels.pairs import PAIRED, slide_products, weave_left, weave_right, with_both_terms
 from twinlens.matching.kernels.terms import score, term
-from twinlens.matching.kernels.windows import NOTHING, advance, window_row
+from twinlens.matching.kernels.windows import NOTHING, advance, shut_out, window_row
 
 WINNERS, RIVALS, VOLUME, WHOLE = 0, 1, 2, 3
+SLOTS = 4  # pixels whose costs are kept: a row of them would not stay near the processor
 GUARD = 64  # numbers before a pixel's costs, so that a winner in lane 0 has a neighbour to read
-
-
-@inlined
-def fenced(cost, fence, n, begin, end):
-    """The lanes begin..end of cost, all others the largest number.
-
-    fence holds n of the largest number, 2 n of the smallest, and n of the largest.
-    """
-    below = load(fence, n - min(max(begin, 0), n), n)
-    above = load(fence, 3 * n - min(max(end, 0), n), n)
-    return larger(larger(cost, below), above)
 
 
 @inlined
@@ -57,6 +47,13 @@ def rival(cost, begin, end, k, bar):
     below = inside(cost, begin, min(max(k - 1, 0), end), bar)
     above = inside(cost, max(min(k + 2, end), begin), end, bar)
     return min(lowest(below), lowest(above))
+
+
+@inlined
+def winner(cost, slack):
+    """The lowest cost, and the first lane that is not dearer by more than `slack`."""
+    least = lowest(cost)
+    return least, first_at_most(cost, least + slack)
 
 
 @functools.cache
@@ -96,11 +93,15 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
         else:
             there_totals = np.zeros(right_stride if modes[1] != NOTHING else 1, columns.dtype)
         there_scales = np.zeros(right_stride if modes[1] != NOTHING else 1, costs.dtype)
-        lanes, found = np.zeros(width, np.int32), np.zeros((3, width), costs.dtype)
+        lanes, found = np.zeros(width + 2, np.int32), np.zeros((3, width + 2), costs.dtype)
         before, value, after = found[0], found[1], found[2]
+        row_lanes, row_value = lanes[1 : width + 1], value[1 : width + 1]
+        row_before, row_after = before[2:], after[2:]
+        waiting, last = like, 0
         offset = np.zeros(width, np.float64)
+        spare_left, spare_right = np.empty_like(left_state), np.empty_like(right_state)
         whole = own_begin == 0 and own_end == n and low <= 0 and high >= n
-        full_from, full_to = (first + n - 1, first + width) if whole else (0, 0)
+        full_from, full_to = (first + (0 if narrow else n - 1), first + width) if whole else (0, 0)
         for y in range(1 - side, height):
             window = zero
             row, gone, leaves = y + side - 1, max(y - 1, 0), y > 0
@@ -114,42 +115,48 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
             if modes[0] != NOTHING:
                 advance(modes[0], new_left, old_left, leaves, left_state, equals[0])
                 if y >= 0:
-                    window_row(modes[0], side, area, new_left, left_state, equals[0], totals, scales)
+                    window_row(modes[0], side, area, new_left, left_state, equals[0], spare_left, totals, scales)
             if modes[1] != NOTHING:
                 advance(modes[1], new_right, old_right, leaves, right_state, equals[1])
                 if y >= 0:
                     count = right_stride - 2 * radius
                     parts = there_totals[:count], there_scales[:count]
-                    window_row(modes[1], side, area, new_right, right_state, equals[1], parts[0], parts[1])
+                    window_row(modes[1], side, area, new_right, right_state, equals[1], spare_right, *parts)
+                    if narrow:
+                        shut_out(there_totals, there_scales, width, first - right_start + width - 1 + 2 * radius)
             for x in range(width + 2 * radius):
-                column = load(columns, (x + side) * n, n)
                 at = right_start - x
-                if paired:
-                    column = with_both_terms(kind, column, load(pairs, 2 * at, twice), read(both, x))
+                if kind == "product8":
+                    window = slide_products(window, columns, (x + side) * n, x * n, pairs, at, read(both, x))
                 else:
-                    column = column + term(kind, splat(read(new_left, x), zero), load(new_right, at, n), zero)
-                    if leaves:
-                        column = column - term(kind, splat(read(old_left, x), zero), load(old_right, at, n), zero)
-                store(columns, (x + side) * n, column)
-                window = window + (column - load(columns, x * n, n))
+                    column = load(columns, (x + side) * n, n)
+                    if paired:
+                        column = with_both_terms(kind, column, load(pairs, 2 * at, twice), read(both, x))
+                    else:
+                        column = column + term(kind, splat(read(new_left, x), zero), load(new_right, at, n), zero)
+                        if leaves:
+                            column = column - term(kind, splat(read(old_left, x), zero), load(old_right, at, n), zero)
+                    store(columns, (x + side) * n, column)
+                    window = window + (column - load(columns, x * n, n))
                 u = x - 2 * radius
                 if y < 0 or u < 0:
                     continue
+                if mode == WINNERS:
+                    least, k = winner(waiting, slack[0])
+                    write(value, u, least)
+                    write(lanes, u, np.int32(k))
+                    place = GUARD + (u - 2) % SLOTS * n + last
+                    write(before, u, read(costs, place - 1))
+                    write(after, u, read(costs, place + 1))
+                    last = k
                 total, scale = read(totals, u), read(scales, u)
                 cost = score(scoring, window, window_area, total, scale, there_totals, there_scales, at, like)
                 start, stop = max(low, u - first - width + 1, 0), min(high, u - first + 1, n)
                 if mode == WINNERS:
-                    own = cost
+                    store(costs, GUARD + u % SLOTS * n, cost)
+                    waiting = cost
                     if u < full_from or u >= full_to:
-                        own = fenced(cost, fence, n, max(start, own_begin), min(stop, own_end))
-                    least = lowest(own)
-                    k = first_at_most(own, costs.dtype.type(least + slack[0]))
-                    write(value, u, least)
-                    write(lanes, u, np.int32(k))
-                    if fit != NO_FIT:
-                        store(costs, GUARD, cost)
-                        write(before, u, read(costs, GUARD + k - 1))
-                        write(after, u, read(costs, GUARD + k + 1))
+                        waiting = fenced(cost, fence, n, max(start, own_begin), min(stop, own_end))
                 elif mode == RIVALS:
                     begin, end = max(start, own_begin), min(stop, own_end)
                     if begin < end:
@@ -165,9 +172,17 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
                         scaled = inside(scaled, min(start, n), max(stop, 0), values[2])
                     store(volume, (y * width + u) * target[0] + target[1], convert(scaled, out))
             if mode == WINNERS and y >= 0:
+                least, k = winner(waiting, slack[0])
+                write(value, width, least)
+                write(lanes, width, np.int32(k))
+                for u in range(width, width + 2):
+                    place = GUARD + (u - 2) % SLOTS * n + last
+                    write(before, u, read(costs, place - 1))
+                    write(after, u, read(costs, place + 1))
+                    last = k
                 if fit != NO_FIT:
-                    offsets(fit, before, value, after, offset)
+                    offsets(fit, row_before, row_value, row_after, offset)
                 kept = index[min(y, len(index) - 1)]
-                settle_row(first, low, high, lanes, value, offset, best[y], disparity[y], kept)
+                settle_row(first, low, high, row_lanes, row_value, offset, best[y], disparity[y], kept)
 
     return slide

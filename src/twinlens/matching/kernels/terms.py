@@ -10,7 +10,7 @@ from numba import types
 from numba.extending import overload
 
 from twinlens.matching.kernels.lanes import convert, distance, larger, load, ones, splat
-from twinlens.matching.kernels.pairs import add_product
+from twinlens.matching.kernels.pairs import scored_product
 
 
 def term(kind: str, a: Any, b: Any, like: Any) -> Any:
@@ -61,7 +61,7 @@ def _score(
 
     def zncc_of_weighted(kind, window, area, total, scale, totals, scales, at, like):
         # The left image came times the area, negative.
-        return convert(add_product(window, load(totals, at, n), total), like) * load(scales, at, n)
+        return scored_product(window, total, totals, scales, at)
 
     def ncc(kind, window, area, total, scale, totals, scales, at, like):
         return convert(window, like) * (load(scales, at, n) * splat(-scale, like))

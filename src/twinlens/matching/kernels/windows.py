@@ -45,23 +45,28 @@ def advance(mode, new, old, there, state, equal):
 
 @jit
 def box_row(columns, side, spare, out):
-    """out[x] = columns[x] + ... + columns[x + side - 1], by sums of 1, 2, 4, ... columns; spare is as columns."""
+    """out[x] = columns[x] + ... + columns[x + side - 1], by sums of 1, 2, 4, ... columns; spare is (2, W), side odd.
+
+    Each doubling is written where nothing is read, and what lies ahead is a row of its own: LLVM makes no vector code
+    of a row that is added to itself, nor of places that might count from a row's end.
+    """
     width = len(out)
-    spare[:] = columns
     for x in range(width):
-        out[x] = 0
-    place, power, left = 0, 1, side
-    while True:
+        out[x] = columns[x]
+    sums, into = columns, 0
+    place, power, left = 1, 1, side >> 1
+    while left > 0:
+        twice, ahead = spare[into], sums[power:]
+        for x in range(len(columns) - 2 * power + 1):
+            twice[x] = sums[x] + ahead[x]
+        sums, into = twice, 1 - into
+        power *= 2
         if left & 1:
+            ahead = sums[place:]
             for x in range(width):
-                out[x] += spare[x + place]
+                out[x] += ahead[x]
             place += power
         left >>= 1
-        if left == 0:
-            break
-        for x in range(len(spare) - power):
-            spare[x] += spare[x + power]
-        power *= 2
 
 
 @jit
@@ -94,17 +99,34 @@ def forget_flat(mode, side, row, equal, scales):
 
 
 @jit
-def window_row(mode, side, area, row, state, equal, totals, scales):
-    """Fill totals and scales, (W - side + 1), of the windows that end in `row`, from the columns' sums."""
+def window_row(mode, side, area, row, state, equal, spare, totals, scales):
+    """Fill totals and scales, (W - side + 1), of the windows that end in `row`, from the columns' sums.
+
+    spare is (3, W), of the columns' type.
+    """
     count = len(totals)
-    box = np.empty_like(state[0])
-    box_row(state[0], side, box, totals)
+    box_row(state[0], side, spare, totals)
     if mode == SHARES:
         for x in range(count):
             scales[x] = totals[x]
     elif mode in (DEVIATIONS, NORMS):
-        squares = np.empty(count, state.dtype)
-        box_row(state[1], side, box, squares)
+        squares = spare[2, :count]
+        box_row(state[1], side, spare, squares)
         inverse_roots(mode, area, totals, squares, scales)
         if len(equal) == len(row):
             forget_flat(mode, side, row, equal, scales)
+
+
+@jit
+def shut_out(totals, scales, width, low):
+    """Give windows centred outside an image of this width, seen from the disparity `low`, a ZNCC that never wins.
+
+    For the 16-bit totals of `terms.zncc_of_weighted`: with the largest total t, S_L t - n S_LR is at least
+    S_L (t - 255 n) for bytes, which is more than sqrt(255 n S_L), the most that a window inside costs, for n up to 121,
+    the last odd square for which 255 n < t. Where S_L = 0 all candidates cost 0.
+    """
+    begin, end = max(-low, 0), max(width - low, 0)
+    for x in range(begin):
+        totals[x], scales[x] = 32767, 1
+    for x in range(end, len(totals)):
+        totals[x], scales[x] = 32767, 1
