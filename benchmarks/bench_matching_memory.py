@@ -14,7 +14,7 @@ import twinlens.matching as tm
 
 WIDTH, COUNT = 640, 128
 LOCAL = ("sad", "ssd", "zncc", "census", "adaptive", "cross", "guided")
-HEIGHTS = (240, 480, 960)
+HEIGHTS = (120, 240, 480)
 
 
 def peak_mib(method: str, height: int) -> float:

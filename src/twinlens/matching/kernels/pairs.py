@@ -20,7 +20,7 @@ from twinlens.matching.kernels.lanes import INT32, Lanes, call_intrinsic, load_o
 
 BYTE, INT16 = ir.IntType(8), ir.IntType(16)
 PAIRED = ("product8", "absolute8")
-PART = 16  # lanes; every vector has a multiple of them
+PART = 64  # lanes at a time
 
 
 def _deal(builder: Any, values: Any, first: int) -> Any:
@@ -79,17 +79,18 @@ def slide_products(
     """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        words, kinds = ir.VectorType(INT16, 2 * PART), signature.args
-        both, parts = builder.bitcast(splat_of(builder, args[6], PART), words), []
-        for first in range(0, window.n, PART):
+        n, kinds = min(PART, window.n), signature.args
+        words = ir.VectorType(INT16, 2 * n)
+        both, parts = builder.bitcast(splat_of(builder, args[6], n), words), []
+        for first in range(0, window.n, n):
             enter, leave, pair = (builder.add(args[i], ir.Constant(args[i].type, first)) for i in (2, 3, 5))
             doubled = builder.add(pair, pair)
-            terms = builder.zext(load_of(context, builder, kinds[4], args[4], doubled, 2 * PART), words)
-            column = load_of(context, builder, kinds[1], args[1], enter, PART)
+            terms = builder.zext(load_of(context, builder, kinds[4], args[4], doubled, 2 * n), words)
+            column = load_of(context, builder, kinds[1], args[1], enter, n)
             column = _dot_onto(context, builder, column, terms, both)
             store_to(context, builder, kinds[1], args[1], enter, column)
-            change = builder.sub(column, load_of(context, builder, kinds[1], args[1], leave, PART))
-            parts.append(builder.add(_cut(builder, args[0], first, PART), change))
+            change = builder.sub(column, load_of(context, builder, kinds[1], args[1], leave, n))
+            parts.append(builder.add(_cut(builder, args[0], first, n), change))
         return _joined(builder, parts)
 
     return window(window, columns, types.intp, types.intp, pairs, types.intp, types.int32), generate
@@ -106,14 +107,15 @@ def scored_product(_typing: Any, total: Any, factor: Any, values: Any, scales: A
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         totals, factor, _, _, at = args
-        words = ir.VectorType(INT16, 2 * PART)
-        both = builder.bitcast(splat_of(builder, factor, PART), words)
+        n = min(PART, total.n)
+        words = ir.VectorType(INT16, 2 * n)
+        both = builder.bitcast(splat_of(builder, factor, n), words)
         parts = []
-        for first in range(0, total.n, PART):
+        for first in range(0, total.n, n):
             place = builder.add(at, ir.Constant(at.type, first))
-            value = load_of(context, builder, signature.args[2], args[2], place, PART)
-            scale = load_of(context, builder, signature.args[3], args[3], place, PART)
-            part = _cut(builder, totals, first, PART)
+            value = load_of(context, builder, signature.args[2], args[2], place, n)
+            scale = load_of(context, builder, signature.args[3], args[3], place, n)
+            part = _cut(builder, totals, first, n)
             wide = builder.bitcast(builder.zext(value, part.type), words)
             parts.append(builder.fmul(builder.sitofp(_dot_onto(context, builder, part, wide, both), scale.type), scale))
         return _joined(builder, parts)
