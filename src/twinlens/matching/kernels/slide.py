@@ -95,12 +95,14 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
         there_scales = np.zeros(right_stride if modes[1] != NOTHING else 1, costs.dtype)
         lanes, found = np.zeros(width + 2, np.int32), np.zeros((3, width + 2), costs.dtype)
         before, value, after = found[0], found[1], found[2]
+        # Found a pixel later, and written where that pixel is; the neighbours' costs two later.
         row_lanes, row_value = lanes[1 : width + 1], value[1 : width + 1]
         row_before, row_after = before[2:], after[2:]
         waiting, last = like, 0
         offset = np.zeros(width, np.float64)
         spare_left, spare_right = np.empty_like(left_state), np.empty_like(right_state)
         whole = own_begin == 0 and own_end == n and low <= 0 and high >= n
+        # `shut_out` keeps lanes beyond the image's left edge from winning: no fence is needed while lane 0 is inside.
         full_from, full_to = (first + (0 if narrow else n - 1), first + width) if whole else (0, 0)
         for y in range(1 - side, height):
             window = zero
@@ -142,6 +144,8 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
                 if y < 0 or u < 0:
                     continue
                 if mode == WINNERS:
+                    # The winner of the pixel before, and the neighbours of the one before that: their instructions
+                    # wait for each other, and the processor fills the time with this pixel's.
                     least, k = winner(waiting, slack[0])
                     write(value, u, least)
                     write(lanes, u, np.int32(k))
@@ -172,6 +176,7 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
                         scaled = inside(scaled, min(start, n), max(stop, 0), values[2])
                     store(volume, (y * width + u) * target[0] + target[1], convert(scaled, out))
             if mode == WINNERS and y >= 0:
+                # What the last two pixels still lack.
                 least, k = winner(waiting, slack[0])
                 write(value, width, least)
                 write(lanes, width, np.int32(k))
