@@ -35,7 +35,7 @@ def _fewer():
     patch = pytest.MonkeyPatch()
     patch.setattr(range_error, "DEPTHS", (1.0, 4.0))
     patch.setattr(range_error, "PHASES", (0.25,))
-    patch.setattr(texture, "CONTRASTS", (0.04, 0.32))
+    patch.setattr(texture, "CONTRASTS", (0.04, 0.06, 0.08, 0.32))
     patch.setattr(texture, "SCALES_PX", (1.0, 2.5))
     patch.setattr(texture, "PHASES", (0.25,))
     patch.setattr(pinhole, "DIAMETERS_MM", (2.0, 0.6, 0.29, 0.23, 0.15, 0.07))
