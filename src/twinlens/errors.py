@@ -56,8 +56,9 @@ def check_number(
     above: float = -math.inf,
     least: float = -math.inf,
     most: float = math.inf,
+    below: float = math.inf,
 ) -> None:
-    """Raise InputError unless `value` is a finite real number > above, >= least and <= most; `allowed` says so.
+    """Raise InputError unless `value` is a finite real number > above, >= least, <= most, < below; `allowed` says so.
 
     Truth values, texts and arrays are no numbers.
 
@@ -66,7 +67,7 @@ def check_number(
     twinlens.errors.InputError: baseline must be a positive number of metres, got -0.1
     """
     number = _as_float(value)
-    if not (math.isfinite(number) and number > above and least <= number <= most):
+    if not (math.isfinite(number) and above < number < below and least <= number <= most):
         raise InputError(f"{name} must be {allowed}, got {in_one_line(value)}")
 
 

@@ -39,3 +39,19 @@ def test_postscript_reaches_no_interpreter(tmp_path, monkeypatch, name):
     with pytest.raises(FileError, match=name):
         read_image(tmp_path / name)
     assert started == []
+
+
+@pytest.mark.parametrize("name", ["a.tif", "a.pgm", "a.png"])
+def test_sixteen_bits_stay_sixteen(tmp_path, name):
+    pixels = (np.arange(35) * 1800).astype(np.uint16).reshape(7, 5)
+    Image.fromarray(pixels).save(tmp_path / name)
+    read = read_image(tmp_path / name)
+    assert read.dtype == np.uint16
+    np.testing.assert_array_equal(read, pixels)
+
+
+@pytest.mark.parametrize("pixels", [np.zeros((4, 4, 4), np.uint8), np.ones((4, 4), np.float32)])
+def test_alpha_and_floats_are_refused_rather_than_lost(tmp_path, pixels):
+    Image.fromarray(pixels).save(tmp_path / "a.tif")
+    with pytest.raises(FileError, match=r"a\.tif: an image of mode .*; save it as PNG"):
+        read_image(tmp_path / "a.tif")

@@ -128,6 +128,30 @@ def test_an_asset_that_changes_in_the_middle_is_told_and_is_no_bad_draw(tmp_path
         make(recipe, 0)
 
 
+WALL = """<scene version="3.0.0">
+<integrator type="path"/>
+<emitter type="constant"/>
+<shape type="rectangle"><transform name="to_world"><scale value="9"/>
+<rotate x="1" angle="180"/><translate z="{z}"/></transform></shape>
+<sensor type="perspective"><float name="fov" value="50"/></sensor>
+</scene>"""
+
+
+@pytest.mark.parametrize("rendered", [False, True])
+def test_a_mitsuba_file_that_changes_in_the_middle_is_told(tmp_path, rendered):
+    """Mitsuba opens it when it is first rendered, after twinlens has read it."""
+    (tmp_path / "wall.xml").write_text(WALL.format(z=3))
+    lines = ("seed = 4", "count = 2", 'scenes = ["wall.xml"]', "width = 9", "height = 9", "spp = 1")
+    (tmp_path / "recipe.toml").write_text("\n".join((*lines, "gates = { texture = 0, burnt = 1 }")))
+    recipe = read_recipe(tmp_path / "recipe.toml")
+    recipe.sources.take_stock()
+    if rendered:
+        make(recipe, 0)
+    (tmp_path / "wall.xml").write_text(WALL.format(z=7))
+    with pytest.raises(FileError, match=r"wall\.xml: has changed while samples were made"):
+        make(recipe, 1)
+
+
 def test_a_mask_that_goes_in_the_middle_ends_the_run_and_keeps_what_was_made(tmp_path):
     lens = 'kind = "thin"\naperture_mm = 8\nshape = {{ kind = "mask", file = "code.png" }}\n'
     text = RECIPE.replace(RECIPE[RECIPE.index('kind = "thin"') : RECIPE.index("[sensor]")], lens + "\n")

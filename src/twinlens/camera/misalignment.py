@@ -31,7 +31,7 @@ class Misalignment:
         for name, value in vars(self).items():
             check_number(name, value, "a finite number")
             if name.endswith("_deg"):
-                check_number(name, value, "less than a quarter turn, -90 to 90 degrees", above=-90, most=90 - 1e-9)
+                check_number(name, value, "less than a quarter turn, -90 to 90 degrees", above=-90, below=90)
 
     def applied(self, rig: Rig) -> Rig:
         """The pair `rig` with its second camera so shifted and turned; its `believed` is the rig as it was."""

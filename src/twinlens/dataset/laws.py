@@ -99,8 +99,9 @@ def views_agree(truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int])
     The point's depth must lie between the least and the greatest of the 3x3 pixels around its projection. That says
     something only where both views show one object all around: at the border a point may lie beyond the last centre,
     and at silhouettes, which in a small picture are nearly everywhere, the centres may show what is beside it. Of the
-    pixels that remain 5% may fail; swapped, shifted or mismatched views fail nearly everywhere. Where a few are left,
-    as many may fail as 5% come to by chance once in a million times.
+    pixels that remain 5% may fail; swapped views, and views of different worlds or sizes, fail nearly everywhere. Where
+    a few are left, as many may fail as 5% come to by chance once in a million times, as if pixels failed alone: a rule
+    of thumb. A view that is a pixel beside its place may pass: `positions_agree` tells that.
     """
     here, there = truths
     camera = rig.cameras[views[1]]

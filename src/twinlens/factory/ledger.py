@@ -137,7 +137,7 @@ class Ledger:
         if changed or not made_with:
             what = "; ".join(changed[:3]) or "it was not made by `twinlens generate`"
             raise InputError(f"{self.folder}: holds another dataset ({what}); name another folder, or undo the change")
-        self._check_sources(known.info.get("sources", {}))
+        self._check_sources(known.info.get("sources"))
         try:
             listed: dict[int, Entry] = {int(row.info["index"]): row for row in known.rows}
             listed |= {int(failed["index"]): Failure(**failed) for failed in known.info.get("failed", ())}
@@ -146,9 +146,14 @@ class Ledger:
         self.entries = {index: entry for index, entry in listed.items() if index < self.recipe.count}
 
     def _check_sources(self, known: Any) -> None:
-        if not isinstance(known, Mapping):
+        if known is None and self.recipe.sources.digests:
+            raise InputError(
+                f"{self.folder}: was begun by a twinlens that did not record what the files beside a recipe hold; name "
+                "another folder"
+            )
+        if not isinstance(known, Mapping | None):
             raise FileError(f'{self.folder / NAME}: "sources" must be an object')
-        if changed := changed_files(known, self.recipe.sources.digests):
+        if changed := changed_files(known or {}, self.recipe.sources.digests):
             raise InputError(
                 f"{self.folder}: was begun when the files beside the recipe held something else ({changed}); put them "
                 "back as they were, or name another folder"

@@ -49,6 +49,7 @@ def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample
         _find_scene(spec, recipe.sources)  # one that cannot be read is nobody's bad luck
         try:
             sample = produce(spec, recipe.sources, recipe.gates, progress)
+            _find_scene(spec, recipe.sources)  # a scene.xml was opened again to render it
         except Rejected as turned:
             rejections.append({"attempt": attempt, "reason": turned.reason, "found": turned.found})
             remedy, by_chance = turned.remedy, turned.noisy

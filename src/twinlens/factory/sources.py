@@ -63,14 +63,16 @@ class Sources:
         return hashlib.sha256(listed.encode()).hexdigest()
 
     def scene(self, name: str) -> Scene:
-        """The scene of that name, read from its files; the last few are kept. Raises InputError."""
-        if name not in self._loaded:
-            scene = load_scene(self._place_of(name))
-            _digests[scene] = {file: self.unchanged(path) for file, path in _files_of(scene).items()}
-            self._loaded[name] = scene
-            if len(self._loaded) > _SCENES_KEPT:
-                del self._loaded[next(iter(self._loaded))]
-        return self._loaded[name]
+        """The scene of that name, read from its files, which hold what they did; the last few scenes are kept.
+
+        Raises InputError. A Mitsuba .xml is opened again when it is first rendered: ask once more after that.
+        """
+        scene = self._loaded.get(name) or load_scene(self._place_of(name))
+        _digests[scene] = {file: self.unchanged(path) for file, path in _files_of(scene).items()}
+        self._loaded[name] = scene
+        if len(self._loaded) > _SCENES_KEPT:
+            del self._loaded[next(iter(self._loaded))]
+        return scene
 
     def file(self, name: str) -> Path:
         """The path of a file that the recipe names, unchanged. Raises FileError."""
