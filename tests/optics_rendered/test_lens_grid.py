@@ -252,9 +252,9 @@ def test_light_that_is_not_finite_is_told_as_in_direct_images(monkeypatch, radia
     sample = sheaf.Tracer._radiance
 
     def spoilt(self, shared, *rest):
-        colour, strides = sample(self, shared, *rest)
+        colour = sample(self, shared, *rest)
         colour.x[self.camera.width * 9 + 7] = radiance
-        return colour, strides
+        return colour
 
     monkeypatch.setattr(sheaf.Tracer, "_radiance", spoilt)
     grid = tl.render_lens_grid(lit, RIG, lenses, spp=4, seed=3)
@@ -333,3 +333,34 @@ def test_a_sheaf_is_parted_only_where_that_saves_film():
         (ring,) = plan_rings([tl.ThinLens(0.02, 1.2), tl.ThinLens(0.02, 1.3), tl.ThinLens(0.02, 1 / far)], 4)
         film = sum((640 + 2 * x) * (480 + 2 * y) for x, y in (part.margin for part in sheaves(ring, camera)))
         assert film <= 3 * 640 * 480  # one by one
+
+
+PASSES = """
+import resource, sys
+sys.path.insert(0, sys.argv[1])
+import twinlens as tl
+from optics_lights import HERE, sky
+from twinlens.rendering import sheaf
+sheaf.RAYS_A_PASS = int(sys.argv[3])
+rig = tl.Rig([tl.Camera.from_fov(384, 384, fov_x_deg=40)], [HERE])
+grid = tl.render_lens_grid(sky(), rig, [tl.ThinLens(0.02, 2.0)], spp=int(sys.argv[2]))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, grid.rays)
+"""
+
+
+@pytest.mark.slow
+def test_memory_is_bounded_by_passes():
+    """Four passes' worth of rays take what one pass takes, and more where they are traced at once."""
+
+    def taken(spp, rays_a_pass):
+        command = [sys.executable, "-c", PASSES, str(Path(__file__).parent), str(spp), str(rays_a_pass)]
+        child = subprocess.run(command, capture_output=True, text=True, timeout=300)
+        assert child.returncode == 0, child.stderr
+        return [float(word) for word in child.stdout.split()]
+
+    (one, rays), (four, more), (at_once, _) = taken(48, 1 << 23), taken(192, 1 << 23), taken(192, 1 << 26)
+    assert rays < 1 << 23
+    assert more == 4 * rays
+    grown = at_once - one
+    assert grown > 100  # megabytes
+    assert four - one < 0.2 * grown

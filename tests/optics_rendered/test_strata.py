@@ -1,94 +1,210 @@
-"""The samples of the lens grid: one in each stratum of every pixel they land in, and uniform over seeds."""
+"""The samples of the lens grid: even in every pixel they land in, one in each stratum, and uniform over seeds."""
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 import twinlens as tl
 from twinlens.rendering.build import build
+from twinlens.rendering.pattern import pattern, weave
 from twinlens.rendering.rings import Ring, Sheaf
 from twinlens.rendering.sheaf import Tracer, _Film
-from twinlens.rendering.strata import pattern, strata, strata_sampler
+from twinlens.rendering.strata import chessboard, deal, multijitter, strata, strata_sampler
 
 PIXELS = 50
 SHEARS = [(-8.0, -9.0), (-2.0, -2.5), (6.0, 7.0)]  # pixels a metre, of a ring of a fifth of a metre
+DIMENSIONS = {"first light": 2, "lobe": 3, "first bounce": 4, "later": 7}
 
 
-def drawn(count, seed, draw, shears=SHEARS) -> tuple[np.ndarray, object]:
+def drawn(count, seed, draw, dimension=0, shears=SHEARS) -> tuple[np.ndarray, object]:
     """[pixel, sample, axis] of a draw of a pass, and the pattern."""
     shared = pattern(strata(count), 0.05, 0.2, shears, seed)
     sampler = strata_sampler(shared.grid)
     sampler.start(shared, PIXELS, seed)
-    values = np.array(draw(sampler, shared))
-    return np.atleast_2d(values).T.reshape(len(shared), PIXELS, -1).swapaxes(0, 1), shared
-
-
-def later(sampler, _):
-    """A pair of the sixth dimension."""
-    for _ in range(5):
+    for _ in range(dimension):
         sampler.next_1d()
+    values = np.atleast_2d(np.array(draw(sampler)))
+    return by_sample(sampler, values.T), shared
+
+
+def by_sample(sampler, values) -> np.ndarray:
+    """Rows of rays as [pixel, sample, ...]; each pixel's slots hold every sample once."""
+    pixel, sample = np.array(sampler.pixel), np.array(sampler.sample)
+    assert len(np.unique(pixel * sampler.sample_count() + sample)) == len(values)
+    sorted_values = np.empty((pixel.max() + 1, sampler.sample_count(), *values.shape[1:]), values.dtype)
+    sorted_values[pixel, sample] = values
+    return sorted_values
+
+
+def pair(sampler):
     return sampler.next_2d()
 
 
-DRAWS = {
-    "film": lambda sampler, shared: sampler.next_in(shared.film_cell),
-    "first light": lambda sampler, _: sampler.next_2d(),
-    "later": later,
-}
+def cells_of(values, grid) -> np.ndarray:
+    return (np.floor(values[..., 0] * grid[0]) + grid[0] * np.floor(values[..., 1] * grid[1])).astype(int)
 
 
 @pytest.mark.parametrize("count", [1, 2, 8, 11, 25, 64])
-@pytest.mark.parametrize("name", DRAWS)
+@pytest.mark.parametrize("name", DIMENSIONS)
 def test_every_stratum_of_every_pixel_gets_one_sample_and_so_does_every_row_and_column(count, name):
-    (values, _), (columns, rows) = drawn(count, 3, DRAWS[name]), strata(count)
+    (values, _), (columns, rows) = drawn(count, 3, pair, DIMENSIONS[name]), strata(count)
     n = columns * rows
     assert count <= n <= 1.2 * count + 1
-    x, y = np.moveaxis(values, -1, 0)
-    for cells in (np.floor(x * columns) + columns * np.floor(y * rows), np.floor(x * n), np.floor(y * n)):
+    for cells in (cells_of(values, (columns, rows)), np.floor(values[..., 0] * n), np.floor(values[..., 1] * n)):
         assert (np.sort(cells, axis=1) == np.arange(n)).all()
 
 
 @pytest.mark.parametrize("count", [1, 11, 32])
 def test_single_numbers_are_stratified(count):
-    x = drawn(count, 4, lambda sampler, _: sampler.next_1d())[0][..., 0]
+    x = drawn(count, 4, lambda sampler: sampler.next_1d())[0][..., 0]
     n = x.shape[1]
     assert (np.sort(np.floor(x * n), axis=1) == np.arange(n)).all()
 
 
-def test_samples_of_equal_shifts_trade_their_strata_and_no_others_do():
-    values, shared = drawn(64, 5, DRAWS["first light"])
-    cell = (np.floor(values[..., 0] * 8) + 8 * np.floor(values[..., 1] * 8)).astype(int)
-    for first in np.unique(shared.first):
-        group = np.flatnonzero(shared.first == first)
-        assert (shared.shifts[group] == shared.shifts[group[0]]).all()
-        assert len(group) == shared.size[group[0]]
-        assert (np.sort(cell[:, group], axis=1) == np.sort(cell[0, group])).all()
-    assert len(np.unique(shared.first)) > 8
-    largest = np.argmax(shared.size)
-    assert len(np.unique(cell[:, largest])) > 1
+@pytest.mark.parametrize("name", ["first light", "first bounce"])
+def test_strata_hold_where_samples_land(name):
+    """Samples of equal shifts come from one pixel, others from any other: together they have all strata once."""
+    values, shared = drawn(64, 5, pair, DIMENSIONS[name])
+    cells, random = cells_of(values, shared.grid), np.random.default_rng(0)
+    assert len(np.unique(shared.group)) > 8
+    for _ in range(20):
+        from_pixel = random.integers(PIXELS, size=shared.group.max() + 1)[shared.group]
+        assert (np.sort(cells[from_pixel, np.arange(64)]) == np.arange(64)).all()
+    traders = 2 * shared.group + shared.white
+    assert len(np.unique(cells[:, np.argmax(np.bincount(traders)[traders])])) > 1
+
+
+@pytest.mark.parametrize("name", DIMENSIONS)
+def test_either_half_of_the_samples_has_the_strata_of_one_colour(name):
+    values, shared = drawn(32, 8, pair, DIMENSIONS[name])
+    colours = chessboard(shared.grid)[cells_of(values, shared.grid)]
+    assert (np.abs((colours == shared.white).mean(axis=1) - 0.5) == 0.5).all()
+    assert shared.white.sum() == 16
+
+
+def test_samples_of_equal_shifts_move_alike():
+    shared = pattern((8, 8), 0.05, 0.2, SHEARS, 5)
+    for group in range(shared.group.max() + 1):
+        assert len(np.unique(shared.shifts[shared.group == group], axis=0)) == 1
+    assert len(np.unique(shared.shifts, axis=0)) == shared.group.max() + 1
 
 
 def test_pixels_differ_where_nothing_shears():
-    """With no shift to keep, two pixels agree on a stratum as often as chance has it."""
-    for name in ("first light", "later"):
-        values, shared = drawn(28, 6, DRAWS[name], shears=[(0.0, 0.0)])
-        assert (shared.size == 28).all()
-        cell = np.floor(values[..., 0] * 7) + 7 * np.floor(values[..., 1] * 4)
-        assert (cell[:, None] == cell[None]).mean(axis=-1)[~np.eye(PIXELS, dtype=bool)].mean() < 0.06
+    """With no shift to keep, two pixels agree as often as chance has it: on one of the 14 strata of a colour where all
+    take the same colour, else on one of 28."""
+    for name, choices in (("first light", 14), ("first bounce", 14), ("later", 28)):
+        values, shared = drawn(28, 6, pair, DIMENSIONS[name], shears=[(0.0, 0.0)])
+        assert (shared.group == 0).all()
+        cell = cells_of(values, shared.grid)
+        agreement = (cell[:, None] == cell[None]).mean(axis=-1)[~np.eye(PIXELS, dtype=bool)].mean()
+        assert agreement == pytest.approx(1 / choices, rel=0.1)
 
 
 def test_dimensions_and_seeds_do_not_repeat_each_other():
     """The order of strata is another one in the next dimension and with the next seed."""
     orders = []
-    for seed in (1, 2):
+    for seed in range(4):
         shared = pattern((8, 8), 0.0, 0.2, SHEARS, 0)
         sampler = strata_sampler(shared.grid)
         sampler.start(shared, 1, seed)
-        orders += [np.floor(np.array(sampler.next_1d()) * 64) for _ in range(20)]
-    agreement = (np.array(orders)[:, None] == np.array(orders)[None]).mean(axis=-1)[~np.eye(40, dtype=bool)]
-    assert agreement.max() < 0.15
+        sample = np.argsort(np.array(sampler.sample))
+        orders += [np.floor(np.array(sampler.next_1d())[sample] * 64) for _ in range(20)]
+    agreement = (np.array(orders)[:, None] == np.array(orders)[None]).mean(axis=-1)[~np.eye(80, dtype=bool)]
+    assert agreement.max() < 0.2
     assert agreement.mean() == pytest.approx(1 / 64, rel=0.15)
+
+
+def test_later_dimensions_are_independent():
+    """A sample's strata of two of them, over pixels and seeds: every pair as often."""
+    counts = np.zeros((6, 6))
+    for seed in range(60):
+        shared = pattern((3, 2), 0.05, 0.2, SHEARS, seed)
+        sampler = strata_sampler(shared.grid)
+        sampler.start(shared, 1, seed)
+        for _ in range(5):
+            sampler.next_1d()
+        several = [cells_of(np.array(sampler.next_2d()).T, (3, 2)) for _ in range(12)]
+        one = int(np.flatnonzero(np.array(sampler.sample) == seed % 6)[0])
+        np.add.at(counts, ([cells[one] for cells in several[::2]], [cells[one] for cells in several[1::2]]), 1)
+    assert uniform(counts)
+
+
+def test_beyond_the_deck_numbers_are_random():
+    sampler = strata_sampler((8, 8))
+    sampler.start(pattern((8, 8), 0.0, 0.1, SHEARS, 0), 64, 0)
+    sampler.dimension = dr.opaque(mi.UInt32, sampler.orders)
+    x = np.array(sampler.next_1d())
+    assert uniform(np.histogram(x, bins=20, range=(0, 1))[0])
+    assert (np.sort(np.floor(x.reshape(64, 64) * 64), axis=0) != np.arange(64)[:, None]).any(axis=0).all()
+
+
+def uniform(counts) -> bool:
+    """Whether counts of equally likely outcomes are: chi square within its central 99.9%."""
+    expected = counts.sum() / counts.size
+    return bool(((counts - expected) ** 2).sum() / expected < chi2.ppf(0.999, counts.size - 1))
+
+
+def test_any_sample_has_any_stratum_as_often():
+    white, classes = chessboard((4, 2)), np.array([0, 1, 2, 1, 3, 2, 1, 0])
+    classes = 2 * classes + white
+    dealt = []
+    for seed in range(2000):
+        random = np.random.default_rng(seed)
+        dealt.append(deal(random.random(3) < 0.5, classes, white, (4, 2), random)[seed % 3])
+    dealt = np.array(dealt)
+    assert uniform(np.array([(dealt[:, 3] == stratum).sum() for stratum in range(8)]))
+    assert uniform(np.array([((dealt[:, 3] == 5) & (dealt[:, 4] == other)).sum() for other in (0, 2, 7)]))
+
+
+def test_places_are_uniform_at_every_aperture_point_over_seeds():
+    """Jointly in 4x4 parts of the pixel and 2x2 of the aperture; in the pixel they start in, and where they land."""
+    shears = np.array([(-6.0, -6.75), (6.0, 6.75)])
+    random, starts, lands = np.random.default_rng(0), np.zeros((4, 4, 2, 2)), np.zeros((4, 4, 2, 2))
+    for seed in range(2500):
+        shared = pattern((3, 2), 0.05, 0.2, shears, seed)
+        m = random.integers(6)
+        half = tuple(np.floor(2 * shared.square[m]).astype(int))
+        landing = (shared.film[m].astype(float) + shared.aperture[m] * shears[1]) % 1.0
+        starts[(*np.floor(4 * shared.film[m]).astype(int), *half)] += 1
+        lands[(*np.minimum(4 * landing, 3).astype(int), *half)] += 1
+    assert uniform(starts)
+    assert uniform(lands)
+    assert not uniform(starts * np.where(np.arange(2) == 0, 1.3, 0.7))  # it would notice
+
+
+def misses(points, random) -> float:
+    """Mean squared error of the shares of points on one side of random lines, points and lines in the unit square."""
+    fine = np.stack(np.meshgrid(*[(np.arange(64) + 0.5) / 64] * 2), axis=-1).reshape(-1, 2)
+    angles, through = random.uniform(0, 2 * np.pi, 300), random.random((300, 2))
+    normals = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    shares = [((of @ normals.T) < (through * normals).sum(axis=1)).mean(axis=0) for of in (points, fine)]
+    return float(((shares[0] - shares[1]) ** 2).mean())
+
+
+def test_landings_are_even_at_every_focus():
+    """Edges through the pixel, beside places stratified where they start alone."""
+    random, grid = np.random.default_rng(1), (8, 4)
+    shears, woven, left = np.array([-4.0, -1.3, 1.3, 4.0]), np.zeros((20, 4)), np.zeros((20, 4))
+    for trial in range(20):
+        aperture = 0.2 * (random.random((32, 2)) - 0.5)
+        moves = aperture[:, None] * shears[:, None]
+        places = weave(moves, chessboard(grid), random)
+        cells = multijitter(random.permutation(32), grid, random)
+        for focus in range(4):
+            woven[trial, focus] = misses((places + moves[:, focus]) % 1.0, random)
+            left[trial, focus] = misses((cells + moves[:, focus]) % 1.0, random)
+    assert (woven.mean(axis=0) < 0.75 * left.mean(axis=0))[[0, 3]].all()
+    assert woven.mean() < 0.8 * left.mean()
+
+
+def test_weaving_takes_sums_that_no_order_changes():
+    """Else the bytes of an image could depend on how many threads multiply matrices."""
+    random = np.random.default_rng(0)
+    moves, white = random.normal(size=(24, 5, 2)), chessboard((6, 4))
+    places = [weave(of, white, np.random.default_rng(1)) for of in (moves, moves[:, [3, 0, 4, 2, 1]])]
+    assert (places[0] == places[1]).all()
 
 
 @pytest.fixture(scope="module")
@@ -103,9 +219,10 @@ def places():
         shared = pattern((4, 3), ring.inner, ring.outer, shears, seed)
         sampler = strata_sampler(shared.grid)
         sampler.start(shared, PIXELS, seed)
-        found.append([np.array(part).reshape(12, PIXELS) for part in tracer._places(sampler, shared, ring, shears)])
+        rays = np.stack([np.array(part) for part in tracer._places(sampler, shared, ring, shears)], axis=-1)
+        found.append(by_sample(sampler, rays).swapaxes(0, 1))
         patterns.append(shared)
-    return np.moveaxis(np.array(found), 1, -1), patterns, shears
+    return np.array(found), patterns, shears
 
 
 def test_every_sample_lands_as_far_away_as_the_pattern_says(places):
@@ -121,11 +238,11 @@ def test_every_sample_lands_as_far_away_as_the_pattern_says(places):
 def test_places_and_points_are_uniform_over_seeds(places):
     """Place in the pixel, area of the ring and turn around it: mean and spread within four standard errors."""
     found, _, _ = places
-    any_of = np.random.default_rng(0).integers(12, size=300)  # samples stand in the order of their shifts
+    any_of = np.random.default_rng(0).integers(12, size=300)
     one = found[np.arange(300), any_of, 0]
     radius2 = (one[..., 2] ** 2 + one[..., 3] ** 2 - 0.05**2) / (0.2**2 - 0.05**2)
     turn = np.arctan2(one[..., 3], one[..., 2]) / (2 * np.pi) % 1.0
-    for values in (one[..., 0], one[..., 1], radius2, turn):
+    for values in (one[..., 0] % 1.0, one[..., 1] % 1.0, radius2, turn):
         assert abs(values.mean() - 0.5) < 4 * np.sqrt(1 / 12 / 300)
         assert abs(values.var() - 1 / 12) < 4 * np.sqrt(1 / 180 / 300)
 
@@ -147,10 +264,8 @@ def test_gathering_puts_every_ray_where_it_lands():
         column, row = x - 2 + shifts[m, focus, 0], y - 3 + shifts[m, focus, 1]
         if 0 <= column < 7 and 0 <= row < 5:
             expected[int(second[m]), focus, :, row, column] += values[:, m, y, x]
-    by_sample = mi.Color3f(*(mi.Float(plane.ravel()) for plane in values))
-    assert film.gather(by_sample, (1, film.pixels), shifts, second) == pytest.approx(expected)
-    by_pixel = mi.Color3f(*(mi.Float(np.moveaxis(plane, 0, -1).ravel()) for plane in values))
-    assert film.gather(by_pixel, (6, 1), shifts, second) == pytest.approx(expected)
+    radiance = mi.Color3f(*(mi.Float(plane.ravel()) for plane in values))
+    assert film.gather(radiance, shifts, second) == pytest.approx(expected)
 
 
 def test_dimensions_go_on_within_compiled_loops():

@@ -23,7 +23,7 @@ from twinlens.geometry import Float
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.radiance import Progress, check_lens, check_request, check_view, part_of, render
-from twinlens.rendering.rings import STRATIFIED_FALL, Ring, plan_rings, share_of, sheaves
+from twinlens.rendering.rings import STRATIFIED_FALL, Ring, plan_rings, samples_that_land, share_of, sheaves
 from twinlens.scenes import Scene
 
 Image = NDArray[np.float32]
@@ -174,7 +174,8 @@ def _together(
 ) -> dict[int, _Shots]:
     """The lenses of these numbers from one set of paths a camera. The rays are counted with the first."""
     chosen = [lenses[i] for i in shared]
-    rings = plan_rings(chosen, spp, 1.0 if sampler == "independent" else STRATIFIED_FALL)
+    stratified = sampler != "independent"
+    rings = plan_rings(chosen, samples_that_land(spp) if stratified else spp, STRATIFIED_FALL if stratified else 1.0)
     built = build(scene)
     columns = []
     for index, (camera, pose) in enumerate(zip(rig.cameras, rig.world_from_cams, strict=True)):

@@ -1,6 +1,6 @@
 """Traces the paths of a ring once and gathers them at every focus: the kernels of the lens grid.
 
-Sample m of a pixel lands a known whole number of pixels away (`twinlens.rendering.strata`), so images are gathered,
+Sample m of a pixel lands a known whole number of pixels away (`twinlens.rendering.pattern`), so images are gathered,
 each pixel adding its samples in their order: no atomics, no rounding to a fixed scale, the same bytes however many
 threads there are, and light of any strength. What is not finite stays so, as in Mitsuba's film.
 """
@@ -18,11 +18,16 @@ from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.law import CameraLaw
+from twinlens.rendering.pattern import Pattern, pattern
 from twinlens.rendering.radiance import takes
 from twinlens.rendering.rings import Ring, Sheaf
-from twinlens.rendering.strata import Pattern, pattern, strata, strata_sampler
+from twinlens.rendering.strata import MOST, strata, strata_sampler
 from twinlens.rendering.tally import SheafMean
 from twinlens.rendering.warp import DrJitMath
+
+OWN_STRATUM = 0.5
+"""How far a pixel's own places and aperture points stray from the shared ones, in strata: neighbours see little things
+differently, and what is even over the shared ones stays so."""
 
 RAYS_A_PASS = 3 << 23
 """Twelve bytes of radiance each, 300 MB in all: 64 samples of 640x480 pixels are one pattern."""
@@ -39,18 +44,16 @@ class Tracer:
     def trace(self, ring: Ring, sheaf: Sheaf, seeds: np.random.SeedSequence) -> SheafMean:
         """The mean radiance through a ring for each vergence of the sheaf."""
         film = _Film(self.camera, sheaf)
-        room = max(1, RAYS_A_PASS // film.pixels)
-        passes = math.ceil(ring.spp / room)
+        passes = math.ceil(ring.spp / min(MOST, max(1, RAYS_A_PASS // film.pixels)))
         grid = strata(math.ceil(ring.spp / passes))
         shears = [((k - sheaf.middle) * self.camera.fx, (k - sheaf.middle) * self.camera.fy) for k in sheaf.vergences]
         mean = SheafMean(len(shears), self.camera.height, self.camera.width)
         for _ in range(passes):
             shape_seed, seed = (int(word) for word in seeds.spawn(1)[0].generate_state(2))
             shared = pattern(grid, ring.inner, ring.outer, shears, shape_seed)
-            radiance, strides = self._radiance(shared, ring, film, shears, sheaf.middle, seed)
+            radiance = self._radiance(shared, ring, film, shears, sheaf.middle, seed)
             white = int(shared.white.sum())
-            sums = film.gather(radiance, strides, shared.shifts, shared.white)
-            mean.add(sums, (len(shared) - white, white))
+            mean.add(film.gather(radiance, shared.shifts, shared.white), (len(shared) - white, white))
             self.rays += film.pixels * len(shared)
         return mean
 
@@ -62,21 +65,26 @@ class Tracer:
         shears: list[tuple[float, float]],
         middle: float,
         seed: int,
-    ) -> tuple[Any, tuple[int, int]]:
-        """Radiance of every ray, and the strides of a ray's number by pixel and by sample."""
+    ) -> Any:
+        """Radiance of every ray, that of sample m of a pixel at number ``pixel + pixels * m``."""
         mi = mitsuba()
         grained = self.sampler == "multijitter"
         places = strata_sampler(shared.grid)
-        places.start(shared, film.pixels, seed, grained)
+        if grained:
+            places.start(shared, film.pixels, seed)
+        else:
+            places.start_by_pixel(film.pixels, seed)
         x, y, ax, ay = self._places(places, shared, ring, shears)
         u, v = film.start(places.pixel)
         origin, direction = self.law.ray(u + x, v + y, ax, ay, dr.opaque(mi.Float, middle))
         ray = mi.RayDifferential3f(mi.Ray3f(origin, direction))
         sampler = places if grained else self._mitsuba_sampler(shared, film, seed)
         radiance, valid, _ = self.built.integrator.sample(self.built.mi_scene, sampler, ray, None, True)
-        radiance = dr.select(valid, radiance, 0.0)
-        dr.eval(radiance)
-        return radiance, (1, film.pixels) if grained else (len(shared), 1)
+        number = places.pixel + dr.opaque(mi.UInt32, film.pixels) * places.sample
+        sorted_radiance = dr.zeros(mi.Color3f, film.pixels * len(shared))
+        dr.scatter(sorted_radiance, dr.select(valid, radiance, 0.0), number)
+        dr.eval(sorted_radiance)
+        return sorted_radiance
 
     def _mitsuba_sampler(self, shared: Pattern, film: "_Film", seed: int) -> Any:
         """Mitsuba's sampler, for the dimensions after the first four."""
@@ -89,21 +97,28 @@ class Tracer:
     def _places(
         self, places: Any, shared: Pattern, ring: Ring, shears: list[tuple[float, float]]
     ) -> tuple[Any, Any, Any, Any]:
-        """Place in the pixel and aperture point of every ray: its own where it lands as the shared one, else that."""
+        """Place from the pixel's corner and aperture point of every ray: its own if that lands where the shared does.
+
+        A Metropolis step from the shared place and point, by an even move of the one and to any point of the other's
+        part of a stratum: what was uniform stays so (Metropolis et al., 1953).
+        """
         mi = mitsuba()
-        x, y, ax, ay = (
+        columns, rows = (size / OWN_STRATUM for size in shared.grid)
+        x, y, across, down, ax, ay = (
             dr.gather(mi.Float, mi.Float(np.ascontiguousarray(values)), places.sample)
-            for values in (*shared.film.T, *shared.aperture.T)
+            for values in (*shared.film.T, *shared.square.T, *shared.aperture.T)
         )
-        own, square = places.next_in(shared.film_cell), places.next_in(shared.aperture_cell)
+        move, part = places.next_own(), places.next_own()
+        own_x, own_y = x + (move[0] - 0.5) / columns, y + (move[1] - 0.5) / rows
+        square = (dr.floor(across * columns) + part[0]) / columns, (dr.floor(down * rows) + part[1]) / rows
         inner2, outer2 = (dr.opaque(mi.Float, radius**2) for radius in (ring.inner, ring.outer))
-        own_ax, own_ay = on_ring(square.x, square.y, inner2, outer2, DrJitMath())
+        own_ax, own_ay = on_ring(*square, inner2, outer2, DrJitMath())
         alike = mi.Bool(True)
-        for focus, (along, down) in enumerate(shears):
+        for focus, (along, down_) in enumerate(shears):
             to = [dr.gather(mi.Int32, mi.Int32(shared.shifts[:, focus, axis]), places.sample) for axis in (0, 1)]
-            alike &= mi.Int32(dr.floor(own.x + dr.opaque(mi.Float, along) * own_ax)) == to[0]
-            alike &= mi.Int32(dr.floor(own.y + dr.opaque(mi.Float, down) * own_ay)) == to[1]
-        pairs = ((own.x, x), (own.y, y), (own_ax, ax), (own_ay, ay))
+            alike &= mi.Int32(dr.floor(own_x + dr.opaque(mi.Float, along) * own_ax)) == to[0]
+            alike &= mi.Int32(dr.floor(own_y + dr.opaque(mi.Float, down_) * own_ay)) == to[1]
+        pairs = ((own_x, x), (own_y, y), (own_ax, ax), (own_ay, ay))
         return tuple(dr.select(alike, mine, common) for mine, common in pairs)
 
 
@@ -123,43 +138,36 @@ class _Film:
         left, top = (dr.opaque(mi.Float, margin + 0.5) for margin in self.margin)
         return mi.Float(pixel % width) - left, mi.Float(pixel // width) - top
 
-    def gather(
-        self, radiance: Any, strides: tuple[int, int], shifts: NDArray[np.int32], second: NDArray[np.bool_]
-    ) -> Float:
+    def gather(self, radiance: Any, shifts: NDArray[np.int32], second: NDArray[np.bool_]) -> Float:
         """Sums of what lands on each pixel, (2, F, 3, H, W): over the samples of the first half and of the second."""
         mi = mitsuba()
         width, height = self.image
         target = dr.arange(mi.Int32, width * height)
         columns = dr.opaque(mi.Int32, width)
         across, down = target % columns + self.margin[0], target // columns + self.margin[1]
-        focuses = shifts.shape[1]
-        sums = np.zeros((2, focuses, 3, height, width))
-        of_pixel, of_sample = (dr.opaque(mi.Int32, stride) for stride in strides)
-        for focus in range(focuses):
-            back = mi.Int32(np.ascontiguousarray(shifts[:, focus, 0] + self.width * shifts[:, focus, 1]))
-            start = across + dr.opaque(mi.Int32, self.width) * down
-            for half in (0, 1):
-                members = np.flatnonzero(second == bool(half)).astype(np.int32)
-                if not len(members):
-                    continue
-                found = _sum(radiance, start, of_pixel, of_sample, back, mi.Int32(members), len(members))
-                sums[half, focus] = np.array(found).reshape(3, height, width)
+        start = across + dr.opaque(mi.Int32, self.width) * down
+        back = self.pixels * np.arange(len(shifts))[:, None] - shifts[..., 0] - self.width * shifts[..., 1]
+        sums = np.zeros((2, shifts.shape[1], 3, height, width))
+        for half, focus in np.ndindex(sums.shape[:2]):
+            steps = back[second == bool(half), focus].astype(np.int32)
+            if len(steps):
+                sums[half, focus] = np.array(_sum(radiance, start, mi.Int32(steps), len(steps))).reshape(
+                    3, height, width
+                )
         return sums
 
 
-def _sum(radiance: Any, start: Any, of_pixel: Any, of_sample: Any, back: Any, members: Any, count: int) -> Any:
-    """Sum over member samples m of the radiance at ``start - back[m]``, in their order."""
+def _sum(radiance: Any, start: Any, steps: Any, count: int) -> Any:
+    """Sum over the steps of the radiance at ``start + step``, in their order."""
     mi = mitsuba()
-    lanes = dr.width(start)
 
     def step(i: Any, red: Any, green: Any, blue: Any) -> tuple[Any, Any, Any, Any]:
-        m = dr.gather(mi.Int32, members, i)
-        ray = mi.UInt32((start - dr.gather(mi.Int32, back, m)) * of_pixel + m * of_sample)
+        ray = mi.UInt32(start + dr.gather(mi.Int32, steps, i))
         terms = (mi.Float64(dr.gather(mi.Float, radiance[c], ray)) for c in range(3))
         return i + 1, *(total + term for total, term in zip((red, green, blue), terms, strict=True))
 
     last = dr.opaque(mi.Int32, count)
-    zeros = (dr.zeros(mi.Float64, lanes) for _ in range(3))
+    zeros = (dr.zeros(mi.Float64, dr.width(start)) for _ in range(3))
     _, *colour = dr.while_loop((mi.Int32(0), *zeros), lambda i, *_: i < last, step)
     dr.eval(colour)
     return colour
