@@ -51,9 +51,12 @@ class Tracer:
         for _ in range(passes):
             shape_seed, seed = (int(word) for word in seeds.spawn(1)[0].generate_state(2))
             shared = pattern(grid, ring.inner, ring.outer, shears, shape_seed)
-            radiance = self._radiance(shared, ring, film, shears, sheaf.middle, seed)
             white = int(shared.white.sum())
-            mean.add(film.gather(radiance, shared.shifts, shared.white), (len(shared) - white, white))
+            # The radiance has no name here, so that it is gone before the next pass begins.
+            sums = film.gather(
+                self._radiance(shared, ring, film, shears, sheaf.middle, seed), shared.shifts, shared.white
+            )
+            mean.add(sums, (len(shared) - white, white))
             self.rays += film.pixels * len(shared)
         return mean
 
