@@ -40,6 +40,7 @@ def _fewer():
     patch.setattr(texture, "PHASES", (0.25,))
     patch.setattr(pinhole, "DIAMETERS_MM", (2.0, 0.6, 0.29, 0.23, 0.15, 0.07))
     patch.setattr(pinhole, "SHOWN_MM", (pinhole.BOX_MM, 0.35))
+    patch.setattr(pinhole, "_PLATE_SPP", 4)
     patch.setattr(baseline, "PLANE_BASELINES", (0.06, 0.24))
     patch.setattr(baseline, "FACTORS", (0.5, 1.0))
     patch.setattr(focal_length, "PLANE_FIELDS", (80.0, 28.0))

@@ -1,9 +1,13 @@
 """`pinhole`: from a box without a barrier to a hole of 0.07 mm. Sharpness, light and noise; which hole is the best.
 
 Sharpness is MTF50 by the slanted edge of ISO 12233. Two models of the hole stand side by side: "far field", the traced
-picture convolved with the Airy pattern, which is what `twinlens.diffract` does; and "Fresnel", the sharp picture
-convolved with Fresnel's pattern, exact for one plane target. Rules for the best diameter: 1.9 sqrt(f lambda) (Rayleigh,
-On pinhole photography, 1891), and sqrt(2.44 f lambda), where the hole is as wide as its own Airy disk.
+picture as `twinlens.diffract` blurs it, whose pattern is spread over a pixel once more; and "Fresnel", the sharp
+picture convolved with Fresnel's pattern, exact for one plane target: both three times finer than the pixels, which are
+summed of them afterwards, so that the pixel's box is in the picture once, as in theory. Two rows of light: "sensor",
+the level and noise that the radiometry of `Sensor` gives; "plate", the light that finds its way through a real hole.
+
+Rules for the best diameter: 1.9 sqrt(f lambda) (Rayleigh, On pinhole photography, 1891), and sqrt(2.44 f lambda), where
+the hole is as wide as its own Airy disk.
 """
 
 import math
@@ -13,41 +17,52 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 
 from twinlens.camera import BareAperture, Camera, Pinhole, Rig
 from twinlens.diffraction import FresnelWarning, diffract
 from twinlens.rendering import render
-from twinlens.scenes import Scene, SceneObject
 from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.bootstrap import Interval, log_slope, mean_of, over_scenes, paired_difference
-from twinlens.studies.fresnel import fresnel_kernel, through_hole, transfer
+from twinlens.studies.edge_target import (
+    DEPTH,
+    FILM,
+    PITCH,
+    WAVELENGTH,
+    edge_camera,
+    edge_scene,
+    theoretical_best,
+    theory,
+)
+from twinlens.studies.film_levels import light_of, signal_to_noise, white_rate
+from twinlens.studies.fresnel import fresnel_kernel, through_hole
 from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, agrees, is_above
-from twinlens.studies.slanted_edge import crossing, frequency_at
+from twinlens.studies.plate import film_light
+from twinlens.studies.slanted_edge import frequency_at
 from twinlens.studies.stage import Stage, stream
 from twinlens.studies.table import Column, Row, Table
 
 Float = NDArray[np.float64]
 
-FILM = 0.05
-PITCH = 25e-6
-WAVELENGTH = 550e-9
-DEPTH = 10.0
-SLANT = math.radians(5.0)
-DIAMETERS_MM = (2.0, 1.4, 1.0, 0.6, 0.5, 0.4, 0.35, 0.32, 0.29, 0.26, 0.23, 0.2, 0.15, 0.1, 0.07)
+DIAMETERS_MM = (2.0, 1.4, 1.0, 0.6, 0.5, 0.4, 0.35, 0.32, 0.3, 0.29, 0.28, 0.26, 0.23, 0.2, 0.15, 0.1, 0.07)
 BOX_MM = 100.0
 """A box without a barrier: a hole twice as wide as the box is deep."""
+PLATES_MM = (2.5, 5.0, 10.0, BOX_MM)
+"""Holes wide enough for light paths to find, and so narrow that the square law is off by 1 %; and the open box."""
 SHOWN_MM = (BOX_MM, 2.0, 1.0, 0.6, 0.35, 0.15, 0.07)
 RAYLEIGH_MM = 1e3 * 1.9 * math.sqrt(FILM * WAVELENGTH)
 AIRY_MM = 1e3 * math.sqrt(2.44 * FILM * WAVELENGTH)
-SENSOR = Sensor.preset(
-    "machine_vision", filters="mono", output="linear", bits=16, wavelengths=(WAVELENGTH,) * 3, prnu=0.0, dsnu=0.0
-)
 CONTRASTS = (0.5, 0.1)
 _MODELS = ("far field", "Fresnel")
-_EDGE_SPP = 64
-_TOLERANCE, _RULE_TOLERANCE = 0.05, 0.15
-"""Of the best hole against wave optics, and against the rules of thumb, which leave out the pixel and the target."""
+_LIGHTS = ("sensor", "plate")
+_EDGE_SPP, _PLATE_SPP = 64, 1024
+_FINER = 3
+"""Times finer than its pixels is the sharp picture that Fresnel's pattern blurs."""
+_TOLERANCE, _RULE_TOLERANCE = 0.02, 0.15
+"""Of the best hole against wave optics: a slanted edge is good for 1 %, and the parabola through three holes for half
+of that (of theory's own values at these holes it finds 0.2273 and 0.2884 mm, for 0.2277 and 0.2899). Against the rules
+of thumb, which leave out the pixel and the target."""
+_LIGHT_TOLERANCE = 0.02
+"""1 % for the cosines of a hole of a fifth of the film distance, and two deviations of what 1500 light paths tell."""
 _NEAR_BEST_MM, _SHOT_MM = 0.23, 0.2
 """Below the second a hole gives so few electrons that reading them out adds as much noise as counting them."""
 
@@ -57,77 +72,68 @@ def measure(setup: Setup) -> Measured:
     rows: list[Row] = []
     for done, seed in enumerate(setup.seeds):
         setup.progress(0.8 * done / len(setup.seeds), "edge")
-        rows += _edges(seed)
+        rows += [*_edges(seed), *_lights(seed)]
     setup.progress(0.8, "pictures")
     pictures = tuple(_pictures(setup, name) for name in setup.scenes)
     return Measured(rows, pictures, {"film_m": FILM, "pitch_m": PITCH, "wavelength_m": WAVELENGTH, "depth_m": DEPTH})
 
 
 def _edges(seed: int) -> list[Row]:
+    """Sharpness, a row for each hole and model."""
     camera = edge_camera()
-    rig = Rig((camera,), (np.eye(4),))
-    scene = edge_scene()
-    sharp = _grey(render(scene, rig, Pinhole(), _EDGE_SPP, stream(seed, 0))[0])
-    fixed = 0.5 / _white_rate(camera, max(DIAMETERS_MM))
-    unit = _light(camera, BareAperture(1e-3, FILM), seed, len(DIAMETERS_MM) + 1)
+    scene, rig = edge_scene(), Rig((camera,), (np.eye(4),))
+    fine = Rig((edge_camera(_FINER),), (np.eye(4),))
+    sharp = _grey(render(scene, fine, Pinhole(), _EDGE_SPP // 4, stream(seed, 0))[0])
     rows: list[Row] = []
-    for k, millimetres in enumerate((BOX_MM, *DIAMETERS_MM)):
+    for k, millimetres in enumerate(DIAMETERS_MM):
         hole = BareAperture(1e-3 * millimetres, FILM)
         traced = render(scene, rig, hole, _EDGE_SPP, stream(seed, 1, k))[0]
-        far = _grey(_diffracted(traced, camera, hole)) if millimetres < BOX_MM else None
-        near = None if far is None else through_hole(sharp, _kernel(hole))
-        light = _light(camera, hole, seed, k) / unit
-        noise = _signal_to_noise(camera, hole, Exposure(fixed), stream(seed, 2, k))
+        far = _grey(_diffracted(traced, camera, hole))
+        near = _binned(through_hole(sharp, _fine_kernel(millimetres)))
         for model, picture in zip(_MODELS, (far, near), strict=True):
-            sharpness = [math.nan if picture is None else frequency_at(picture, c) / (1e3 * PITCH) for c in CONTRASTS]
+            mtf50, mtf10 = (frequency_at(picture, contrast) / (1e3 * PITCH) for contrast in CONTRASTS)
             rows.append(
-                {"scene": "edge", "seed": seed, "model": model, "diameter_mm": millimetres, "mtf50": sharpness[0],
-                 "mtf10": sharpness[1], "predicted_mtf50": theory(millimetres, 0.5),
-                 "light": light, "predicted_light": millimetres**2, "snr": noise, "rayleigh_mm": RAYLEIGH_MM,
-                 "airy_mm": AIRY_MM}
-            )  # fmt: skip
+                _row(seed, model, millimetres, mtf50=mtf50, mtf10=mtf10, predicted_mtf50=theory(millimetres, 0.5))
+            )
     return rows
 
 
-def _kernel(hole: BareAperture) -> Float:
-    return fresnel_kernel(hole.diameter, FILM, DEPTH, WAVELENGTH, PITCH)
+def _lights(seed: int) -> list[Row]:
+    """Light and noise, a row for each hole, and each that light paths go through."""
+    camera = edge_camera()
+    fixed = 0.5 / white_rate(camera, max(DIAMETERS_MM))
+    unit = light_of(camera, BareAperture(1e-3, FILM), seed, len(DIAMETERS_MM) + 1)
+    rows: list[Row] = []
+    for k, millimetres in enumerate((BOX_MM, *DIAMETERS_MM)):
+        hole = BareAperture(1e-3 * millimetres, FILM)
+        noise = signal_to_noise(camera, hole, Exposure(fixed), stream(seed, 2, k))
+        rows.append(_row(seed, _LIGHTS[0], millimetres, light=light_of(camera, hole, seed, k) / unit, snr=noise))
+    square_law = (0.5e-3 / FILM) ** 2  # E / (pi L) of a hole of 1 mm
+    for k, millimetres in enumerate(PLATES_MM):
+        found = film_light(1e-3 * millimetres, FILM, _PLATE_SPP, stream(seed, 6, k))
+        rows.append(_row(seed, _LIGHTS[1], millimetres, light=found / square_law))
+    return rows
 
 
-@lru_cache
-def theory(millimetres: float, contrast: float) -> float:
-    """The frequency (cycles/mm on the film) at which Hopkins's transfer function times the pixel's reads so."""
-    if millimetres == BOX_MM:
-        return math.nan
-    frequency = np.linspace(0.0, 0.5 / PITCH, 2001)
-    contrasts = transfer(frequency, 1e-3 * millimetres, FILM, DEPTH, WAVELENGTH) * np.sinc(frequency * PITCH)
-    return crossing(frequency, contrasts, contrast) / 1e3
+def _row(seed: int, model: str, millimetres: float, **known: float) -> Row:
+    measured = dict.fromkeys(("mtf50", "mtf10", "predicted_mtf50", "light", "snr"), math.nan)
+    place: Row = {"scene": "edge", "seed": seed, "model": model, "diameter_mm": millimetres}
+    rules = {"predicted_light": millimetres**2, "rayleigh_mm": RAYLEIGH_MM, "airy_mm": AIRY_MM}
+    return {**place, **measured, **known, **rules}
 
 
-@lru_cache
-def theoretical_best(contrast: float) -> float:
-    """The diameter (mm) at which `theory` is largest."""
-    found = optimize.minimize_scalar(lambda d: -theory(d, contrast), bounds=(0.12, 0.45), method="bounded")
-    return float(found.x)
+@lru_cache(maxsize=len(DIAMETERS_MM))
+def _fine_kernel(millimetres: float) -> Float:
+    """Fresnel's pattern at the fine picture's points, no wider than that picture."""
+    half = _FINER * edge_camera().width // 2
+    return fresnel_kernel(1e-3 * millimetres, FILM, DEPTH, WAVELENGTH, PITCH / _FINER, sub=1, most_px=half)
 
 
-def edge_camera() -> Camera:
-    """That looks at the edge: its film is at `FILM`, its pixels are `PITCH` wide."""
-    fx = FILM / PITCH
-    return Camera(420, 90, fx, fx, 209.5, 44.5)
-
-
-def edge_scene() -> Scene:
-    """A shining half plane at `DEPTH`, its edge near the axis, `SLANT` off the vertical."""
-    size = 4.0
-    pose = np.eye(4)
-    sine, cosine = math.sin(SLANT), math.cos(SLANT)
-    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    pose[:3, :3] = turn @ np.diag([size, -size, -1.0])
-    pose[:3, 3] = turn @ np.array([-size, 0.0, 0.0]) + np.array([0.0, 0.0, DEPTH])
-    glow = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
-    half = SceneObject("half", {"type": "rectangle"}, "black", pose, glow)
-    black = {"black": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}}
-    return Scene("edge", (half,), black, np.eye(4), (5.0, 20.0), integrator={"type": "path", "max_depth": 2})
+def _binned(fine: Float) -> Float:
+    """Means of `_FINER` x `_FINER` points."""
+    height, width = (side // _FINER for side in fine.shape)
+    means: Float = fine.reshape(height, _FINER, width, _FINER).mean(axis=(1, 3))
+    return means
 
 
 def _grey(image: NDArray[Any]) -> Float:
@@ -139,27 +145,6 @@ def _diffracted(image: NDArray[np.float32], camera: Camera, hole: BareAperture) 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FresnelWarning)
         return diffract(image, camera, hole, (WAVELENGTH,) * 3)
-
-
-def _white_rate(camera: Camera, millimetres: float) -> float:
-    """Shares of white a second that a radiance of 1 gives through this hole."""
-    white = np.ones((camera.height, camera.width, 3), np.float32)
-    return float(SENSOR.level_rate(white, camera=camera, lens=BareAperture(1e-3 * millimetres, FILM)).mean())
-
-
-def _light(camera: Camera, hole: BareAperture, seed: int, k: int) -> float:
-    """Mean level of an evenly lit film over the exposure time, which brings any hole to about a half of white."""
-    time = 0.5 / _white_rate(camera, 1e3 * hole.diameter)
-    white = np.ones((camera.height, camera.width, 3), np.float32)
-    photo = SENSOR.expose(white, camera=camera, lens=hole, seed=stream(seed, 3, k), exposure=Exposure(time))
-    return float(photo.image.mean()) / time
-
-
-def _signal_to_noise(camera: Camera, hole: BareAperture, exposure: Exposure, seed: int) -> float:
-    """Mean over standard deviation of an evenly lit film at this exposure; NaN where it burns out."""
-    white = np.ones((camera.height, camera.width, 3), np.float32)
-    image = SENSOR.expose(white, camera=camera, lens=hole, seed=seed, exposure=exposure).image.astype(np.float64)
-    return math.nan if image.max() >= 65535 else float(image.mean() / image.std())
 
 
 def _pictures(setup: Setup, name: str) -> Picture:
@@ -186,22 +171,48 @@ def _coloured(image: NDArray[np.float32], camera: Camera, hole: BareAperture) ->
 
 def conclude(table: Table) -> list[Finding]:
     """The best hole by each model, beside the rules; the law of light; what the smallest hole costs in noise."""
-    fresnel = table.where(model=_MODELS[1])
+    fresnel, sensor = table.where(model=_MODELS[1]), table.where(model=_LIGHTS[0])
     return [
         _best_hole(fresnel, "mtf50", 0.5, "The sharpest hole, of the highest MTF50, is {} wide"),
         _best_hole(fresnel, "mtf10", 0.1, "The hole of the finest detail, of the highest MTF10, is {} wide"),
         _rule(fresnel, "mtf50", AIRY_MM, "It is sharpest near sqrt(2.44 f lambda), as wide as its Airy disk"),
         _rule(fresnel, "mtf10", RAYLEIGH_MM, "Detail is finest near Rayleigh's 1.9 sqrt(f lambda)"),
         _far_from_true(table),
-        _exponent(fresnel, "light", 2.0, 0.01, "The light on the film grows as A^p, p = {}"),
+        *_square_law(table.where(model=_LIGHTS[1])),
+        _radiometry(table),
         _exponent(
-            fresnel.where(lambda row: float(row["diameter_mm"]) >= _SHOT_MM),
+            sensor.where(lambda row: float(row["diameter_mm"]) >= _SHOT_MM),
             "snr",
             1.0,
             0.05,
             f"At one exposure signal to noise grows as A^p, as photons arrive, down to {_SHOT_MM:g} mm: p = {{}}",
         ),
     ]
+
+
+def _square_law(plates: Table) -> list[Finding]:
+    """What light paths say, with no radiometry of a camera: the square law, and half of it in the open box."""
+    growth = "Behind a hole in a real plate, from {:g} to {:g} mm, path-traced light grows as A^p, p = {{}}"
+    narrow = sorted(PLATES_MM)[:-1]
+    box = mean_of(plates.where(diameter_mm=BOX_MM), "light")
+    share = Interval(*(value / BOX_MM**2 for value in (box.value, box.low, box.high)))
+    text = "Without a barrier, a hole twice as wide as the box is deep, the film gets {} of what the square law says"
+    return [
+        _exponent(plates, "light", 2.0, _LIGHT_TOLERANCE, growth.format(narrow[0], narrow[-1])),
+        Finding(text, share, agrees(share, 0.5, _LIGHT_TOLERANCE), "", 0.5, _LIGHT_TOLERANCE),
+    ]
+
+
+def _radiometry(table: Table) -> Finding:
+    """The sensor's radiometry, which is a formula, against light paths: in the open box, where cosines weigh most."""
+    open_box = table.where(diameter_mm=BOX_MM)
+    ratio = over_scenes(open_box, lambda unit: _only(unit, _LIGHTS[0]) / _only(unit, _LIGHTS[1]))
+    text = "There the sensor's radiometry gives {} times the light of the paths"
+    return Finding(text, ratio, agrees(ratio, 1.0, _LIGHT_TOLERANCE), "", 1.0, _LIGHT_TOLERANCE)
+
+
+def _only(rows: Table, model: str) -> float:
+    return float(rows.where(model=model).numbers("light").mean())
 
 
 def _best(rows: Table, measure_of: str) -> Interval:
@@ -248,19 +259,19 @@ def _exponent(rows: Table, name: str, expected: float, tolerance: float, text: s
     return Finding(text, slope, agrees(slope, expected, tolerance), "", expected, tolerance)
 
 
-_HOLES = {"diameter_mm": DIAMETERS_MM}
-_ONE_MODEL = {**_HOLES, "model": _MODELS[1]}
+_HOLES = {"model": _MODELS}
+_SENSOR = {"diameter_mm": DIAMETERS_MM, "model": _LIGHTS[0]}
 _MARKS = (("rayleigh_mm", "1.9 sqrt(f lambda)"), ("airy_mm", "sqrt(2.44 f lambda)"))
 STUDY = Study(
     name="pinhole",
     question="How large should the hole of a pinhole camera be?",
     columns=(
-        Column("model", "", "diffraction"),
+        Column("model", "", "model of the hole, or source of the light"),
         Column("diameter_mm", "mm", "diameter of the hole"),
         Column("mtf50", "cycles/mm", "sharpness on the film, MTF50"),
         Column("mtf10", "cycles/mm", "finest detail on the film, MTF10"),
         Column("predicted_mtf50", "cycles/mm", "Hopkins's transfer function"),
-        Column("light", "", "light on the film, through 1 mm = 1"),
+        Column("light", "", "light on the film, square law through 1 mm = 1"),
         Column("predicted_light", "", "square of the diameter"),
         Column("snr", "", "signal to noise at one exposure"),
         Column("rayleigh_mm", "mm", "1.9 sqrt(f lambda)"),
@@ -273,10 +284,11 @@ STUDY = Study(
                where=_HOLES, marks=_MARKS, also=("predicted_mtf50",), residual_of="predicted_mtf50"),
         Figure("detail", "Finest detail of a bare hole", "diameter_mm", "mtf10", by="model", log_x=True, log_y=True,
                where=_HOLES, marks=_MARKS),
-        Figure("light", "Light on the film against the square law", "diameter_mm", "light", kind="scatter", log_x=True,
-               log_y=True, also=("predicted_light",), residual_of="predicted_light", where=_ONE_MODEL),
+        Figure("light", "Light on the film against the square law", "diameter_mm", "light", by="model", kind="scatter",
+               log_x=True, log_y=True, also=("predicted_light",), residual_of="predicted_light",
+               where={"model": _LIGHTS}),
         Figure("noise", "Signal to noise at one exposure", "diameter_mm", "snr", log_x=True, log_y=True,
-               where=_ONE_MODEL, marks=_MARKS),
+               where=_SENSOR, marks=_MARKS),
     ),
     defaults=Setup(("tabletop", "staircase"), (), (0, 1, 2), spp=64),
 )  # fmt: skip
