@@ -1,7 +1,7 @@
 """Makes the figures of docs/studies.md: `python docs/studies.py`, or some of them: `python docs/studies.py window ...`.
 
-Each study is run at its own settings into out/studies/NAME, one to four minutes each; one that lies there already is
-not run again. The page shows one figure of each, in fewer colours.
+Each study is run at its own settings into out/studies/NAME, one to four minutes each. `--keep` draws the figures of
+what lies there already instead, whatever code made it. The page shows one figure of each, in fewer colours.
 """
 
 import io
@@ -18,7 +18,7 @@ from twinlens.studies import STUDIES, from_csv, run_study
 HERE = Path(__file__).parent
 BUILD = HERE.parent / "out" / "studies"
 SHOWN = {
-    "aperture": "wrong",
+    "aperture": "equal",
     "pinhole": "sharpness",
     "focus": "map",
     "window": "window",
@@ -30,11 +30,11 @@ SHOWN = {
 WIDEST, COLOURS = 1000, 160
 
 
-def main(names: list[str]) -> None:
-    """Write docs/studies/NAME.png for each of these studies, or for all."""
+def main(names: list[str], keep: bool) -> None:
+    """Write docs/studies/NAME.png for each of these studies, or for all; of runs that lie there, if they are kept."""
     for name in names or STUDIES:
         study, folder = STUDIES[name], BUILD / name
-        if not (folder / "table.csv").exists():
+        if not (keep and (folder / "table.csv").exists()):
             write_study(folder, run_study(study))
         table = from_csv((folder / "table.csv").read_text(), study.all_columns)
         figure = next(figure for figure in study.figures if figure.name == SHOWN[name])
@@ -53,4 +53,4 @@ def small(png: bytes, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main([word for word in sys.argv[1:] if word != "--keep"], keep="--keep" in sys.argv)

@@ -76,11 +76,14 @@ def _plain_log(axes: Any) -> None:
 
 
 def _mark(axes: Any, places: NDArray[np.float64], text: str, at_top: bool) -> None:
-    """A vertical line at the mean of the places, its name along it, away from where curves are of interest."""
+    """A vertical line at the mean of the places, the geometric one on a logarithmic axis; its name along it.
+
+    At the end of the line where curves are of no interest.
+    """
     places = places[np.isfinite(places)]
     if not places.size:
         return
-    place = float(places.mean())
+    place = float(np.exp(np.log(places).mean()) if axes.get_xscale() == "log" else places.mean())
     axes.axvline(place, color=_MARK, linestyle=":", linewidth=1.2)
     height, side = (0.98, "top") if at_top else (0.02, "bottom")
     axes.annotate(

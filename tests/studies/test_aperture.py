@@ -1,0 +1,171 @@
+"""The study of f-numbers: theory's pieces against truths of their own, and verdicts on tables whose answer is known."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.ndimage import fourier_shift, gaussian_filter
+from scipy.special import j1
+
+from twinlens.optics import circle_of_confusion_px
+from twinlens.sensor import Exposure
+from twinlens.studies import STUDIES, Table, aperture, aperture_shots, aperture_theory
+from twinlens.studies.aperture_shots import F_NUMBERS, Model
+from twinlens.studies.stage import Stage
+
+STUDY = STUDIES["aperture"]
+
+
+@pytest.mark.parametrize("grain", [1.0, 1.5, 2.0])
+def test_grain_of_noise_smoothed_by_a_known_gaussian(grain):
+    noise = np.random.default_rng(5).normal(size=(256, 256))
+    texture = 0.5 + gaussian_filter(noise, grain, mode="wrap")
+    picture = np.repeat(texture[..., None], 3, axis=2).astype(np.float32)
+    assert aperture_theory.grain_px(picture) == pytest.approx(grain, rel=0.07)
+
+
+def test_a_blur_disk_spreads_as_a_gaussian_of_a_quarter_of_its_width():
+    y, x = np.mgrid[-200:201, -200:201]
+    disk = x**2 + y**2 <= 160**2
+    assert math.sqrt((x[disk] ** 2).mean()) == pytest.approx(2 * 160 / 4.0, rel=0.005)
+
+
+def test_the_gaussian_of_the_airy_patterns_peak():
+    """(2 J1(v)/v)^2, v = pi r / (lambda N), near its middle."""
+    number, pitch_um = 16.0, 3.45
+    radius = np.linspace(1e-3, 0.3, 50)
+    phase = math.pi * radius * 1e-6 * pitch_um / (aperture_theory.WAVELENGTH * number)
+    airy = (2 * j1(phase) / phase) ** 2
+    sigma = float(np.mean(np.sqrt(-0.5 * radius**2 / np.log(airy))))
+    assert aperture_theory.airy_px(number, pitch_um) == pytest.approx(sigma, rel=0.01)
+
+
+@pytest.mark.parametrize("wells", [12.0, 150.0, 1500.0, 5000.0])
+def test_noise_is_that_of_photographs_of_a_grey_wall(wells):
+    """The spread of the picture's green numbers, undone by the curve's rise between two walls a little unlike."""
+    stage = Stage.of("cards", 160, 120, pixel_pitch_um=3.45)
+    lens, sensor = Model(stage, 1.0).lens(4.0), aperture_theory.SENSOR
+    wall = np.full((120, 160, 3), 0.2, np.float32)
+    rate = float(sensor.level_rate(wall, camera=stage.camera, lens=lens)[0, 0, 1]) * sensor.full_well
+
+    def greens(held):
+        exposure = Exposure(held / rate)
+        shots = [sensor.expose(wall, camera=stage.camera, lens=lens, seed=k, exposure=exposure) for k in range(4)]
+        return np.stack([shot.image[..., 1] for shot in shots]).astype(np.float64)
+
+    rise = (greens(1.1 * wells).mean() - greens(0.9 * wells).mean()) / (0.2 * wells)
+    assert greens(wells).std() / rise == pytest.approx(float(aperture_theory.noise_electrons(wells)), rel=0.1)
+
+
+def test_least_squares_reach_the_bound_that_blur_raises():
+    """A texture of grain s, blurred by b, shifted, in noise: its error grows as (s^2 + b^2) and the noise."""
+    grain, shift, size = 1.5, 0.02, 64
+    waves = -2j * math.pi * np.fft.fftfreq(size)
+    random = np.random.default_rng(9)
+
+    def error(blur, noise):
+        misses = []
+        for _ in range(150):
+            texture = (
+                gaussian_filter(random.normal(size=(size, size)), grain, mode="wrap") * 2 * grain * math.sqrt(math.pi)
+            )
+            first = gaussian_filter(texture, blur, mode="wrap")
+            second = np.fft.ifft2(fourier_shift(np.fft.fft2(first), (0, shift))).real
+            steep = np.fft.ifft2(waves * np.fft.fft2(first + second)).real / 2
+            seen = first - second + random.normal(0, noise, first.shape)
+            misses.append(float((steep * seen).sum() / (steep**2).sum()))
+        return float(np.std(misses))
+
+    sharp = error(0.0, 0.05)
+    for blur, noise in ((2.0, 0.05), (3.0, 0.05), (0.0, 0.15)):
+        bound = aperture_theory.shift_bound(grain, [0.0, blur**2], 1.0, [0.05, noise])
+        assert error(blur, noise) / sharp == pytest.approx(bound[1] / bound[0], rel=0.25)
+
+
+def test_the_lens_at_full_size_blurs_as_the_models_does_its_own_depths():
+    stage = Stage.of("cards", 96, 72, pixel_pitch_um=3.45)
+    model = Model.of(stage)
+    known = np.isfinite(stage.truth.depth)
+    blur = np.abs(stage.blur(model.full_size(model.lens(1.0))))[known]
+    assert np.quantile(blur, 0.95) == pytest.approx(24.0)
+    small = model.lens(1.0)
+    assert stage.camera.film_distance / small.aperture_diameter == pytest.approx(1.0)
+    depths = model.scale * stage.truth.depth[known]
+    own = circle_of_confusion_px(depths, small.aperture_diameter, stage.camera.fx, small.vergence)
+    np.testing.assert_allclose(np.abs(own), blur, rtol=1e-9)
+
+
+def test_a_lens_at_full_size_photographs_what_the_models_lens_does():
+    whole, small = (Stage.of("staircase", 64, 48, pixel_pitch_um=3.45, scale=scale) for scale in (1.0, 0.2))
+    model = Model(whole, 0.2)
+    lens = model.lens(0.05)
+    big, little = whole.photograph(model.full_size(lens), 32, 1)[0], small.photograph(lens, 32, 1)[0]
+    assert np.abs(big - little).mean() < 0.02 * big.mean()
+
+
+def test_theory_weighs_blur_against_noise_inside_the_sweep():
+    """Where shot noise is all, the optimum of a wall blurred by c at f/1 is c / (4 s); the sensor's own adds to it."""
+    numbers = np.array(F_NUMBERS)
+    wells = 4000.0 / numbers**2
+    errors = aperture_theory.shift_bound(1.2, (12.0 / 4 / numbers) ** 2, wells, np.sqrt(wells))
+    assert aperture_theory.best_f_number(numbers, errors) == pytest.approx(12.0 / 4 / 1.2, rel=0.05)
+
+
+def test_an_optimum_beside_what_is_unknown_is_the_sample_itself():
+    numbers = np.array([1.0, 2.0, 4.0, 8.0])
+    assert aperture_theory.best_f_number(numbers, np.array([np.inf, 1.0, 2.0, 3.0])) == 2.0
+    assert aperture_theory.best_f_number(numbers, np.array([np.nan, 3.0, 2.0, 1.0])) == 8.0
+
+
+def table(best, cost=2.0, theory=5.6, jitter=0.0):
+    """Wrong pixels as a parabola over stops: least at the f-number `best` says of each scene."""
+    random = np.random.default_rng(2)
+    rows = [
+        {
+            "scene": scene, "seed": seed, "f_number": number, "exposure": mode, "diffraction": "with", "method": "sad",
+            "level": 1 / number**2, "square_law": 1.0, "predicted": 1.0, "theory_best": theory, "totbad1": 0.0,
+            "avgerr": 0.0, "a50": 0.0,
+            "totbad2": 9 + cost * math.log2(number / place) ** 2 + jitter * random.normal(),
+        }
+        for scene, place in best.items()
+        for seed in (0, 1)
+        for mode in aperture_shots.MODES
+        for number in F_NUMBERS
+    ]  # fmt: skip
+    light = [{**row, "diffraction": "without"} for row in rows]
+    return Table(STUDY.all_columns, (*rows, *light))
+
+
+def verdict(made):
+    return aperture.conclude(made)[1]
+
+
+def test_theory_is_right_where_every_scene_is_best_near_it():
+    found = verdict(table({"a": 5.6, "b": 4.0, "c": 8.0}))
+    assert found.asked
+    assert found.holds
+    assert found.measured.value == pytest.approx(0.0, abs=0.1)
+    assert "f/5.6" in found.sentence
+
+
+@pytest.mark.parametrize("best", [{"a": 11.0, "b": 11.0, "c": 11.0}, {"a": 2.0, "b": 5.6, "c": 16.0}])
+def test_theory_is_wrong_where_a_scene_is_best_elsewhere_even_if_scenes_cancel(best):
+    found = verdict(table(best))
+    assert found.asked
+    assert not found.holds
+
+
+def test_a_matcher_whose_basin_is_flatter_than_its_noise_does_not_decide():
+    found = verdict(table({"a": 5.6, "b": 5.6, "c": 5.6}, cost=0.01, jitter=0.5))
+    assert not found.asked
+    assert "does not decide" in found.sentence
+
+
+def test_an_optimum_at_the_end_of_the_sweep_is_called_so():
+    found = verdict(table({"a": 0.9, "b": 0.9, "c": 0.9}))
+    assert "f/1, the end of the sweep" in found.sentence
+    assert not found.holds
+
+
+def test_the_square_law_is_of_the_levels():
+    assert aperture.conclude(table({"a": 4.0}))[0].measured.value == pytest.approx(2.0)
