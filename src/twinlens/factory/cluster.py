@@ -25,7 +25,7 @@ from twinlens.factory.plan import sample_name
 from twinlens.factory.recipe import recipe_from_table
 from twinlens.factory.sources import changed_files
 from twinlens.factory.work import Work, check_tools, rendered, written
-from twinlens.rendering import use_threads
+from twinlens.rendering import steady_memory, use_threads
 
 _POLL_S = 0.25
 _THREADS = 2  # of Dask in a local worker: one sample is written while the next is rendered
@@ -163,6 +163,7 @@ def _rendered(order: Order, index: int, threads: int) -> tuple[Work, Sample | Fa
 @functools.lru_cache(1)
 def _work(order: Order, threads: int) -> Work:
     use_threads(threads)
+    steady_memory()
     work = Work(recipe_from_table(order.written, Path(order.path)), order.folder, order.made_with)
     check_tools(work)
     if changed := changed_files(order.sources, work.recipe.sources.digests):

@@ -18,7 +18,7 @@ from twinlens.factory.plan import sample_name
 from twinlens.factory.produce import Exhausted, make
 from twinlens.factory.recipe import Recipe, differences
 from twinlens.factory.sample import made_with
-from twinlens.rendering import forget_kernels
+from twinlens.rendering import forget_kernels, steady_memory
 
 
 @dataclass(frozen=True)
@@ -80,6 +80,7 @@ def work_here(
 ) -> Iterator[tuple[int, Entry]]:
     """The engine of this process; see `twinlens.factory.generate.Engine`."""
     done = 0
+    steady_memory()
 
     def progress(fraction: float) -> None:
         if stop():

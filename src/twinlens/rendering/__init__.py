@@ -1,6 +1,6 @@
 """Photographs and exact truth of a scene. The only room that imports mitsuba and drjit, and only when it is used."""
 
-from twinlens.rendering.backends import Backend, backend, doctor, forget_kernels, use_threads
+from twinlens.rendering.backends import Backend, backend, doctor, forget_kernels, steady_memory, use_threads
 from twinlens.rendering.ground_truth import correspondence, ground_truth
 from twinlens.rendering.lens_grid import LensGrid, render_lens_grid
 from twinlens.rendering.radiance import SAMPLERS, render
@@ -16,5 +16,6 @@ __all__ = [
     "ground_truth",
     "render",
     "render_lens_grid",
+    "steady_memory",
     "use_threads",
 ]

@@ -16,6 +16,8 @@ from twinlens.errors import BackendError, InputError, unknown
 from twinlens.rendering import llvm
 
 VARIANTS = {"scalar": "scalar_rgb", "llvm": "llvm_ad_rgb", "cuda": "cuda_ad_rgb"}
+_M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8  # malloc.h
+_LARGE_BLOCK = 1 << 17  # bytes; glibc's own threshold at the start
 _INSTALL_LLVM = "install LLVM 17 or newer for about 3x the speed and every lens (Debian, Ubuntu: apt install libllvm19)"
 
 
@@ -90,6 +92,18 @@ def forget_kernels() -> None:
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc keeps what was freed, piecemeal
     if trim is not None:
         trim(0)
+
+
+def steady_memory() -> None:
+    """Have glibc give large blocks back to the system one by one, and keep small ones in one place, from now on.
+
+    By itself it takes ever larger blocks from a heap for each thread, once such a block was freed. Among what stays
+    they leave holes that are never given back: 3% more memory in a hundred random scenes, and again in the next.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        mallopt(_M_MMAP_THRESHOLD, _LARGE_BLOCK)
+        mallopt(_M_ARENA_MAX, 1)
 
 
 def _wanted() -> str:
