@@ -63,6 +63,12 @@ def test_one_unit_has_no_interval():
     assert found.said("px") == "1.5 px"
 
 
+def test_few_units_are_said_to_be_a_range_and_five_an_interval():
+    few, enough = (bootstrap(mean, [[float(k)] for k in range(n)]) for n in (3, 5))
+    assert few.said("px") == "1 px (range of 3: 0 to 2)"
+    assert enough.said("px").startswith("2 px [")
+
+
 def test_nothing_known_is_nan_and_nan_is_left_out():
     assert math.isnan(bootstrap(mean, [[math.nan]]).value)
     assert bootstrap(mean, [[1.0, math.nan], [3.0]]).value == 2.0

@@ -59,6 +59,25 @@ def test_kernels_keep_light_and_symmetry():
     assert np.allclose(through_hole(np.full((30, 40), 0.7), kernel), 0.7)
 
 
+def test_a_sampled_pattern_transforms_without_the_pixels_box():
+    """Band-limited by the pupil, samples of half its cutoff's period are all there is to know."""
+    diameter, depth, pitch = 0.26e-3, 10.0, 8e-6
+    kernel = fresnel_kernel(diameter, FILM, depth, WAVE, pitch, sub=1)
+    frequency = np.linspace(0.0, 0.9 * diameter / (WAVE * FILM), 12)[1:]
+    places = (np.arange(kernel.shape[0]) - kernel.shape[0] // 2) * pitch
+    found = np.array([(kernel.sum(axis=0) * np.cos(2 * np.pi * f * places)).sum() for f in frequency])
+    assert np.abs(found - transfer(frequency, diameter, FILM, depth, WAVE)).max() < 0.01
+
+
+def test_what_lies_outside_the_rings_is_as_little_as_is_said():
+    """Forty rings against a hundred and sixty: 0.5 % of the light, less what is outside of those."""
+    diameter, pitch = 0.05e-3, 100e-6
+    few = fresnel_kernel(diameter, FILM, np.inf, WAVE, pitch)
+    many = airy_kernel((pitch, pitch), WAVE, FILM / diameter, 4 * (few.shape[0] // 2))
+    middle = slice(many.shape[0] // 2 - few.shape[0] // 2, many.shape[0] // 2 + few.shape[0] // 2 + 1)
+    assert 0.002 < 1.0 - many[middle, middle].sum() < 0.006
+
+
 def test_theorys_best_hole_lies_between_the_rules_of_thumb_and_a_bit_below():
     """Rayleigh's rule is for a point seen by eye; MTF50 asks for less detail, and the pixel takes its part."""
     assert pinhole.AIRY_MM * 0.85 < pinhole.theoretical_best(0.5) < pinhole.AIRY_MM

@@ -26,6 +26,8 @@ from twinlens.studies import (
 )
 
 METHODS = {"window": ("sad", "census"), "radiometric": ("sad", "census")}
+QUICK = ("aperture", "texture", "radiometric")
+"""Run twice in any case; the others where slow tests are."""
 TINY = {"width": 96, "height": 72, "spp": 2}
 
 
@@ -118,7 +120,9 @@ def test_figures_are_drawn_from_the_csv_read_back(results, name):
         assert all(axes.get_ylabel() for axes in sheet.axes)
 
 
-@pytest.mark.parametrize("name", ["aperture", "texture"])
+@pytest.mark.parametrize(
+    "name", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in STUDIES if name not in QUICK)]
+)
 def test_the_same_seed_gives_the_same_bytes(results, name):
     assert to_csv(run(name).table) == to_csv(results(name).table)
 

@@ -75,6 +75,7 @@ def _plain(stands: Stands) -> dict[str, Any]:
         "text": finding.sentence,
         "measured": _number(finding.measured.value),
         "interval": [_number(finding.measured.low), _number(finding.measured.high)],
+        "interval_units": finding.measured.units,
         "unit": finding.unit,
         "expected": None if finding.expected is None else _number(finding.expected),
         "tolerance": finding.tolerance,
@@ -160,8 +161,8 @@ def _protocol(result: Result) -> str:
         "seeds": ", ".join(str(seed) for seed in setup.seeds),
         "photographs": f"{setup.width}x{setup.height}, {setup.spp} samples a pixel",
         "backend": str(result.protocol.get("backend", "")),
-        "intervals": "95 %, in brackets and as bands: bootstrap over scenes, over seeds where one scene is all; of two "
-        "to four scenes or seeds it is their range",
+        "intervals": "bootstrap over scenes, over seeds where one scene is all, in brackets and as bands: 95 %; of two "
+        "to four scenes or seeds no more than their range can be said, and is",
         "rows": f"{len(result.table)}",
         **result.remarks,
     }

@@ -51,7 +51,7 @@ def _occlusion(rows: Table) -> Finding:
 
 STUDY = Study(
     name="baseline",
-    question="What does a wider base buy in depth, and what does it cost in occlusion?",
+    question="If disparity errors do not depend on distance, what depth does a wider base buy, and what does it hide?",
     columns=COLUMNS,
     measure=measure,
     conclude=conclude,
@@ -70,5 +70,5 @@ STUDY = Study(
             where={"part": SCENES},
         ),
     ),
-    defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1), spp=16),
+    defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2), spp=16),
 )  # fmt: skip

@@ -23,25 +23,36 @@ Statistic = Callable[[Float], float]
 
 DRAWS = 1000
 LEVEL = 0.95
+LEAST_UNITS = 5
+"""Of fewer an interval is said to be the range that it is."""
 _STREAM = 6
 
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate and its confidence interval, [low, high]; of one unit alone both ends are NaN."""
+    """An estimate and its confidence interval, [low, high]; of one unit alone both ends are NaN.
+
+    units: how many scenes or seeds it was drawn of; 0 where that is not known. Of few it is no interval of 95 %, but
+    about the range of what each gave.
+    """
 
     value: float
     low: float
     high: float
+    units: int = 0
 
     def said(self, unit: str = "") -> str:
         """In words.
 
-        >>> Interval(2.5, 2.25, 2.75).said("px")
-        '2.5 px [2.25, 2.75]'
+        >>> Interval(2.5, 2.25, 2.75, 9).said("px"), Interval(2.5, 2.25, 2.75, 3).said("px")
+        ('2.5 px [2.25, 2.75]', '2.5 px (range of 3: 2.25 to 2.75)')
         """
         value = f"{brief(self.value)} {unit}".strip()
-        return value if math.isnan(self.low) else f"{value} [{brief(self.low)}, {brief(self.high)}]"
+        if math.isnan(self.low):
+            return value
+        if 0 < self.units < LEAST_UNITS:
+            return f"{value} (range of {self.units}: {brief(self.low)} to {brief(self.high)})"
+        return f"{value} [{brief(self.low)}, {brief(self.high)}]"
 
 
 def brief(number: float) -> str:
@@ -64,7 +75,7 @@ def bootstrap(statistic: Statistic, units: Sequence[ArrayLike], seed: int = 0) -
     `units`: each an array of its measurements; NaN measurements are left out.
 
     >>> bootstrap(mean, [[1.0], [2.0], [3.0]])
-    Interval(value=2.0, low=1.0, high=3.0)
+    Interval(value=2.0, low=1.0, high=3.0, units=3)
     """
     arrays = [clean[~np.isnan(clean)] for clean in (np.asarray(unit, np.float64).ravel() for unit in units)]
     arrays = [values for values in arrays if values.size]
@@ -72,9 +83,9 @@ def bootstrap(statistic: Statistic, units: Sequence[ArrayLike], seed: int = 0) -
         return Interval(math.nan, math.nan, math.nan)
     value = float(statistic(np.concatenate(arrays)))
     if len(arrays) < 2:
-        return Interval(value, math.nan, math.nan)
+        return Interval(value, math.nan, math.nan, 1)
     low, high = np.quantile(_drawn(statistic, arrays, seed), _levels(len(arrays)))
-    return Interval(value, float(low), float(high))
+    return Interval(value, float(low), float(high), len(arrays))
 
 
 def _drawn(statistic: Statistic, arrays: Sequence[Float], seed: int) -> Float:

@@ -39,7 +39,7 @@ def conclude(table: Table) -> list[Finding]:
 
 STUDY = Study(
     name="focal-length",
-    question="What does a longer focal length buy in depth?",
+    question="If disparity errors do not depend on distance, what depth does a longer focal length buy?",
     columns=COLUMNS,
     measure=measure,
     conclude=conclude,
@@ -53,5 +53,5 @@ STUDY = Study(
             where={"part": SCENES},
         ),
     ),
-    defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1), spp=16),
+    defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2), spp=16),
 )  # fmt: skip

@@ -97,7 +97,8 @@ class Figure:
     kind: "line" (means with bootstrap bands), "scatter" (every row a point), "heatmap" (mean of `z` over x and y).
     where: only rows with these values; rows whose `by` is "theory" are drawn as a black dashed line. residual_of: the
     column with the prediction; a strip below shows measured / predicted - 1. also: columns drawn in the same colour as
-    y, dashed and without marks (a bound, a prediction). marks: (column, label): a vertical line at the column's mean.
+    y, dashed and without marks (a bound, a prediction). marks: (column, label): a vertical line at the column's mean,
+    the geometric one where x is logarithmic.
     best: "least" or "most": the point of each line that is ringed. x_of: what the x axis says in the panel of this
     value, where that differs.
     """

@@ -1,7 +1,10 @@
 """How far off a depth is: what `baseline` and `focal-length` have in common.
 
-planes at many depths -> disparity error is the same at each, so depth error must follow z^2/(f B)
+planes at many depths -> is the disparity error the same at each? then depth error follows z^2/(f B), by algebra
 bundled scenes        -> wrong pixels, and how much of the left view the right one cannot see
+
+The planes' print is the same in pixels at every depth (`targets`), so that nothing but distance differs: what is tested
+of z^2 is that the disparity error does not depend on distance, and that rig, truth and matcher turn one into the other.
 """
 
 import math
@@ -108,7 +111,7 @@ def square_law(table: Table, methods: Sequence[str]) -> list[Finding]:
     """For every matcher: the exponent of depth error against z, by least squares of the logarithms; 2 is the law."""
     return [
         exponent(table.where(part=PLANES, method=method), "z_m", "depth_error_mm", 2.0, TOLERANCE,
-                 f"{method}: depth error grows as z^p, p = {{}}")
+                 f"{method}: the disparity error does not depend on distance, so depth error grows as z^p, p = {{}}")
         for method in methods
     ]  # fmt: skip
 

@@ -22,7 +22,7 @@ from twinlens.studies.table import Column, Row, Table, Value
 SIZES = (3, 5, 7, 9, 13, 17, 21, 31)
 REGIONS = ("nonocc", "textureless", "discontinuity", "out-of-focus")
 BESIDE = ("ssd:block_size=21", "adaptive", "sgm")
-"""A large fixed window, the adaptive one, and the state of the art: the panel."""
+"""A large fixed window, the adaptive one, and semi-global matching (the classical state of the art): the panel."""
 BLUR_PX = 6.0
 """Of the nearest or farthest point of a scene, whichever is more."""
 SENSOR = Sensor.preset("machine_vision")

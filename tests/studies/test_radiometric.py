@@ -1,0 +1,76 @@
+"""Differences between the eyes: each does what its name says, to the right picture, and noise to both."""
+
+import numpy as np
+import pytest
+
+from twinlens.studies.radiometric import CHANGES, SENSOR, changed_pair, is_local, photographs
+from twinlens.studies.stage import Stage
+
+GREY = np.full((61, 81, 3), 100, np.uint8)
+
+
+def changed(name, amount, seed=0):
+    return changed_pair((GREY, GREY), CHANGES[name], amount, seed)
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_the_neutral_amount_changes_nothing(name):
+    left, right = changed(name, CHANGES[name].neutral)
+    assert np.array_equal(left, GREY)
+    assert np.array_equal(right, GREY)
+
+
+@pytest.mark.parametrize("name", ["gain", "gamma", "vignetting"])
+def test_the_left_picture_stays(name):
+    left, right = changed(name, CHANGES[name].amounts[0])
+    assert np.array_equal(left, GREY)
+    assert not np.array_equal(right, GREY)
+
+
+def test_gain_multiplies_and_burns_out():
+    assert (changed("gain", 1.4)[1] == 140).all()
+    assert (changed("gain", 4.0)[1] == 255).all()
+
+
+def test_gamma_keeps_black_and_white_and_is_undone_by_its_inverse():
+    ramp = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
+    dark = changed_pair((ramp, ramp), CHANGES["gamma"], 2.0, 0)[1]
+    assert dark[0, 0, 0] == 0
+    assert dark[0, 255, 0] == 255
+    assert dark[0, 128, 0] == 64
+    back = changed_pair((dark, dark), CHANGES["gamma"], 0.5, 0)[1]
+    assert np.abs(back[0, 40:].astype(int) - ramp[0, 40:]).max() <= 2
+
+
+def test_vignetting_leaves_the_middle_and_says_what_the_corners_keep():
+    right = changed("vignetting", 0.3)[1]
+    assert right[30, 40, 0] == 100
+    assert {int(right[y, x, 0]) for y in (0, -1) for x in (0, -1)} == {30}
+    assert right[30, 0, 0] == 65  # half way to a corner, by the square of the distance
+
+
+def test_noise_is_on_both_pictures_of_the_strength_said_and_unlike():
+    left, right = (picture.astype(float) - 100 for picture in changed("noise", 8.0))
+    for noise in (left, right):
+        # A deviation of n draws is known to 1/sqrt(2 n); rounding adds 1/12 of variance.
+        assert noise.std() == pytest.approx(np.hypot(8.0, 12**-0.5), rel=4 / np.sqrt(2 * noise.size))
+    assert abs(np.corrcoef(left.ravel(), right.ravel())[0, 1]) < 4 / np.sqrt(left.size)
+    assert np.array_equal(changed("noise", 8.0)[1], changed("noise", 8.0)[1])
+    assert not np.array_equal(changed("noise", 8.0)[1], changed("noise", 8.0, seed=1)[1])
+
+
+def test_the_photographs_noise_is_that_of_their_light_paths():
+    """Four times the samples, half the noise, as independent paths have it or better; and the sensor adds none."""
+    assert not SENSOR.shot_noise
+    stage = Stage.of("cards", 64, 48)
+    few, many = (photographs(stage, spp, 0)[1] for spp in (8, 128))
+    assert 0 < many < 0.5 * few
+
+
+@pytest.mark.parametrize(
+    ("method", "local"),
+    [("sad", True), ("zncc:block_size=21", True), ("sgm", False), ("sgm4", False), ("sad:optimisation=sgm8", False),
+     ("adaptive", False), ("program:command='prog {left} {right} {out}'", False)],
+)  # fmt: skip
+def test_local_costs_are_told_by_how_they_search(method, local):
+    assert is_local(method) is local

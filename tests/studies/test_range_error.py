@@ -1,0 +1,41 @@
+"""What the other eye cannot see, against a count by geometry."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from twinlens.camera import Camera, Rig
+from twinlens.scenes import Bitmap
+from twinlens.studies.range_error import hidden_percent
+from twinlens.studies.stage import Stage
+from twinlens.studies.targets import noise_texture, shining
+
+CAMERA = Camera(96, 72, 90.0, 90.0, 47.5, 35.5)
+
+
+def square(name, centre, side):
+    pose = np.diag([0.5 * side, -0.5 * side, -1.0, 1.0])
+    pose[:3, 3] = centre
+    return name, {"type": "rectangle"}, pose, Bitmap(noise_texture(32, 32, 1.0, 0.2, 0).astype(np.float32))
+
+
+@pytest.mark.parametrize("base", [0.05, 0.1, 0.2])
+def test_a_card_before_a_wall_hides_as_much_wall_as_their_disparities_differ(base):
+    """A card of h rows hides f B (1/near - 1/far) columns of the wall beside it; all counted, by hand, in pixels."""
+    near, far, side = 1.0, 2.0, 0.4
+    scene = shining("card", [square("wall", (0, 0, far), 20.0), square("card", (0.1, 0, near), side)], near)
+    stage = Stage(scene, Rig.stereo(CAMERA, base, np.eye(4)))
+    step = CAMERA.fx * base * (1 / near - 1 / far)
+    outside = CAMERA.height * CAMERA.fx * base / far
+    expected = 100 * step * (CAMERA.fx * side / near) / (CAMERA.width * CAMERA.height - outside)
+    # Either border of the strip, of 36 rows, may fall half a pixel to either side.
+    assert hidden_percent(stage) == pytest.approx(expected, abs=100 * 36 / (96 * 72))
+
+
+def test_what_lies_outside_the_other_picture_is_not_hidden_but_not_asked():
+    truth = SimpleNamespace(
+        disparity=np.array([[3.0, 1.0, 1.0, 1.0, np.inf]], np.float32),
+        visible=np.array([[False, True, True, False, False]]),
+    )
+    assert hidden_percent(SimpleNamespace(truth=truth, camera=SimpleNamespace(width=5))) == pytest.approx(100 / 3)

@@ -1,0 +1,91 @@
+"""The Cramer-Rao bound of a shift against shifts that are made and measured; and what findings leave out."""
+
+import math
+
+import numpy as np
+import pytest
+
+from twinlens.studies import STUDIES, Table, texture
+
+STUDY = STUDIES["texture"]
+GAIN, SIGMA, SHIFT, SIDE = 900.0, 4.0, 0.06, 7
+
+
+def waves(seed, shift=0.0, size=(63, 210)):
+    """Light (H, W) and its derivative along u, of waves no shorter than six pixels: known between pixels too."""
+    random = np.random.default_rng(seed)
+    v, u = np.mgrid[: size[0], : size[1]]
+    light, slope = np.full(size, 1.0), np.zeros(size)
+    for _ in range(60):
+        across, down, phase = random.uniform(-0.16, 0.16), random.uniform(-0.16, 0.16), random.uniform(0, 2 * np.pi)
+        angle = 2 * np.pi * (across * (u - shift) + down * v) + phase
+        light += 0.01 * np.cos(angle)
+        slope -= 0.01 * 2 * np.pi * across * np.sin(angle)
+    return light, slope
+
+
+def test_slopes_are_those_of_the_light_in_the_pictures_grey_levels():
+    light, slope = waves(0)
+    picture = GAIN * light + np.random.default_rng(1).normal(0.0, SIGMA, light.shape)
+    found = texture._slopes(picture, np.repeat(light[..., None], 3, axis=2).astype(np.float32))
+    error = (found - GAIN * slope)[:, 4:-4]
+    assert np.abs(error).max() < 0.02 * np.abs(GAIN * slope).max()
+
+
+def test_made_shifts_are_measured_as_well_as_the_bound_says_and_no_better():
+    """Two noisy pictures, the right one shifted; every window's shift by least squares, which reaches the bound."""
+    errors, bounds = [], []
+    for seed in range(8):
+        light, _ = waves(seed)
+        random = np.random.default_rng(100 + seed)
+        left = GAIN * light + random.normal(0.0, SIGMA, light.shape)
+        right = GAIN * waves(seed, shift=SHIFT)[0] + random.normal(0.0, SIGMA, light.shape)
+        slopes = texture._slopes(GAIN * light, np.repeat(light[..., None], 3, axis=2).astype(np.float32))
+        information = texture._window_sum(slopes**2, SIDE)
+        found = texture._window_sum(slopes * (left - right), SIDE) / information
+        apart = (slice(SIDE, -SIDE, SIDE), slice(SIDE, -SIDE, SIDE))  # windows that share no pixel
+        errors.append((found - SHIFT)[apart].ravel())
+        bounds.append((math.sqrt(2) * SIGMA / np.sqrt(information))[apart].ravel())
+    error, bound = np.concatenate(errors), np.concatenate(bounds)
+    ratio = math.sqrt(float(np.mean((error / bound) ** 2)))
+    # A deviation of n draws is known to 1/sqrt(2 n).
+    assert ratio == pytest.approx(1.0, abs=4 / math.sqrt(2 * error.size))
+
+
+def rows(power=-1.0, blunders=lambda contrast: 0.0, contrasts=texture._NOISY):
+    return Table(
+        STUDY.all_columns,
+        tuple(
+            {"scene": "plane", "seed": seed, "swept": "contrast", "method": "sad", "contrast": contrast,
+             "grain_px": 1.0,
+             "error_px": 0.01 * contrast**power, "bound_px": 0.004 * contrast**-1.0, "blunders": blunders(contrast)}
+            for seed in (0, 1) for contrast in contrasts
+        ),
+    )  # fmt: skip
+
+
+def test_the_law_names_the_contrasts_it_was_fitted_to():
+    finding = texture.conclude(rows())[-1]
+    assert finding.holds
+    assert "0.03, 0.04, 0.06, 0.08" in finding.text
+    fewer = texture.conclude(rows(blunders=lambda contrast: 5.0 * (contrast < 0.035)))[-1]
+    assert fewer.asked
+    assert "0.04, 0.06, 0.08" in fewer.text
+    assert "0.03" not in fewer.text
+
+
+def test_a_law_of_two_contrasts_is_not_asked():
+    finding = texture.conclude(rows(blunders=lambda contrast: 5.0 * (contrast < 0.05)))[-1]
+    assert not finding.asked
+    assert "{}" not in finding.text
+
+
+def test_another_power_is_not_the_law():
+    assert not texture.conclude(rows(power=-1.3))[-1].holds
+
+
+def test_a_minimum_has_no_interval():
+    above = texture.conclude(rows())[0]
+    assert above.measured.value == pytest.approx(2.5)
+    assert math.isnan(above.measured.low)
+    assert "[" not in above.sentence
