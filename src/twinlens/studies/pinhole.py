@@ -194,8 +194,7 @@ def _square_law(plates: Table) -> list[Finding]:
     """What light paths say, with no radiometry of a camera: the square law, and half of it in the open box."""
     growth = "Behind a hole in a real plate, from {:g} to {:g} mm, path-traced light grows as A^p, p = {{}}"
     narrow = sorted(PLATES_MM)[:-1]
-    box = mean_of(plates.where(diameter_mm=BOX_MM), "light")
-    share = Interval(*(value / BOX_MM**2 for value in (box.value, box.low, box.high)), box.units)
+    share = over_scenes(plates.where(diameter_mm=BOX_MM), lambda unit: unit.numbers("light") / BOX_MM**2)
     text = "Without a barrier, a hole twice as wide as the box is deep, the film gets {} of what the square law says"
     return [
         _exponent(plates, "light", 2.0, _LIGHT_TOLERANCE, growth.format(narrow[0], narrow[-1])),
