@@ -37,7 +37,7 @@ def test_the_list_names_every_study(twinlens):
 def test_a_study_of_ones_own_is_a_file(twinlens, own, tmp_path):
     code, out, err = twinlens("study", own, "--seeds", "3", "--first-seed", "4", "-o", tmp_path / "out")
     assert code == 0, err
-    assert "holds, 3 of 3 seeds alone: On average y is 4 [4, 4]." in out
+    assert "holds, 3 of 3 seeds alone: On average y is 4 (range of 3: 4 to 4)." in out
     assert (tmp_path / "out" / "table.csv").read_text().splitlines()[1:3] == ["none,4,1,2", "none,4,3,6"]
     assert (tmp_path / "out" / "index.html").exists()
 
@@ -92,3 +92,19 @@ def test_what_was_not_asked_gets_no_verdict(twinlens, tmp_path):
     page = (tmp_path / "out" / "index.html").read_text()
     assert "Not asked" in page
     assert "not hold" not in page.lower()
+
+
+def test_results_go_where_they_can_and_over_nothing_else(twinlens, own, tmp_path):
+    """It is told before anything is measured."""
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "index.html").write_text("mine")
+    for place, said in (("letters", "holds 'index.html' and no study.json"), ("mine.py", "a file stands where"),
+                        ("mine.py/out", "a file stands where")):  # fmt: skip
+        code, out, err = twinlens("study", own, "-o", tmp_path / place)
+        assert (code, out) == (2, "")
+        assert said in err
+        assert err.count("\n") == 1
+    assert (tmp_path / "letters" / "index.html").read_text() == "mine"
+    assert [entry.name for entry in (tmp_path / "letters").iterdir()] == ["index.html"]
+    for _ in range(2):
+        assert twinlens("study", own, "-o", tmp_path / "new" / "place")[0] == 0

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from twinlens.dataset import Dataset, place, read_calib, write_pfm, write_sample
+from twinlens.dataset import Dataset, Manifest, place, read_calib, row_of, write_manifest, write_pfm, write_sample
 from twinlens.dataset.export import LAYOUTS, export
 from twinlens.errors import FileError, InputError, MissingExtraError, OutputError
 
@@ -344,3 +344,15 @@ def test_into_a_bucket_and_from_it(tmp_path):
     sizes = export(Dataset(bucket / "in"), bucket / "out", "carla")
     assert (bucket / "out").files() == sorted(sizes)
     assert export(Dataset(bucket / "in"), tmp_path / "out", "carla") == sizes
+
+
+def test_an_export_into_the_dataset_is_refused(tmp_path):
+    folder = tmp_path / "set"
+    write_sample(folder / "s0", dataset_scene.sample())
+    data = Dataset(folder)
+    write_manifest(folder, Manifest((row_of(folder, "s0"),), {}, 0, {}))
+    for inside in (folder / "out", folder / "s0" / "out"):
+        with pytest.raises(OutputError, match="lies inside the dataset"):
+            export(data, inside, "middlebury")
+        assert not inside.exists()
+    export(data, tmp_path / "beside", "middlebury")

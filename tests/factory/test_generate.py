@@ -154,6 +154,22 @@ def test_a_set_may_grow_and_its_samples_stay(recipe, folder, tmp_path):
     assert len(Dataset(folder)) == 6
 
 
+def test_a_set_does_not_shrink(recipe, folder, tmp_path):
+    generate(recipe, folder, limit=2)
+    before = digests(folder)
+    with pytest.raises(InputError, match=r"holds 1 sample\(s\) beyond the recipe's count of 1; a count may grow"):
+        generate(read_recipe(write_recipe(tmp_path, count=1)), folder)
+    assert digests(folder) == before
+
+
+def test_a_folder_in_which_nothing_was_made_takes_another_recipe(recipe, folder, tmp_path):
+    """As after a mistake that only the first sample told."""
+    assert generate(recipe, folder, stop=count_to(2)).there == 0
+    other = read_recipe(write_recipe(tmp_path, RECIPE.replace("spp = 1", "spp = 2"), count=1))
+    assert generate(other, folder).complete
+    assert read_manifest(folder).recipe["spp"] == 2
+
+
 def test_another_recipe_is_refused_and_the_difference_named(recipe, folder, tmp_path):
     generate(recipe, folder, limit=1)
     before = digests(folder)

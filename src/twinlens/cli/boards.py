@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from twinlens.cli.places import check_results
 from twinlens.cli.progress import progress_bar
 from twinlens.errors import InputError
 
@@ -76,6 +77,7 @@ def run_board(
     from twinlens.report import write_page
     from twinlens.scoring import MapFolder, Step, run_benchmark
 
+    check_results(output, "board.json")
     _check_names(getattr(pairs, "names", ()))
     maps = MapFolder(output / "maps")
     with progress_bar("matching") as report, contextlib.redirect_stdout(sys.stderr):

@@ -1,5 +1,6 @@
 """Where something lies, as a command's argument: a path, or a bucket's address. An empty one is always a mistake."""
 
+import contextlib
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,6 +50,29 @@ def check_free(output: Path, overwrite: bool) -> None:
     """Refuse a place that is taken, before any work is done. Raises OutputError."""
     if not overwrite and os.path.lexists(output):
         raise OutputError(f"{output}: is there already; choose another name, or add --overwrite")
+
+
+def check_results(folder: Path, mark: str) -> None:
+    """Refuse a folder that cannot be made, or that holds other things than results, before any work is done.
+
+    Results have a file named `mark` among them, and may be written again. Raises OutputError.
+    """
+    if folder.is_dir():
+        strangers = sorted(entry.name for entry in folder.iterdir() if not entry.name.startswith("."))
+        if strangers and not (folder / mark).is_file():
+            raise OutputError(f"{folder}: holds {strangers[0]!r} and no {mark}; name a new folder, or an empty one")
+        return
+    missing = [each for each in (folder, *folder.parents) if not os.path.lexists(each)]
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        taken = isinstance(error, (FileExistsError, NotADirectoryError))
+        why = "a file stands where a folder is needed" if taken else f"cannot be made; {error.strerror}"
+        raise OutputError(f"{folder}: {why}") from error
+    finally:
+        for each in missing:
+            with contextlib.suppress(OSError):
+                each.rmdir()
 
 
 def _local(value: Any, kind: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:

@@ -59,9 +59,10 @@ class Ledger:
         self.made_with = plain(made_with)
         self.entries: dict[int, Entry] = {}
         self.has_file = (folder / NAME).is_file()
-        if self.has_file:
-            self._take_over(read_manifest(folder))
-        else:
+        known = read_manifest(folder) if self.has_file else None
+        if known is not None and self._is_begun(known):
+            self._take_over(known)
+        elif known is None:
             self._refuse_strangers()
 
     def recover(self) -> None:
@@ -128,6 +129,11 @@ class Ledger:
                 path.unlink()
             rows.rmdir()
 
+    def _is_begun(self, known: Manifest) -> bool:
+        """Whether anything was made. Where nothing was, another recipe takes nothing from anybody."""
+        made = known.rows or known.info.get("failed") or "made_with" not in known.info
+        return bool(made or whole_samples(self.folder))
+
     def _take_over(self, known: Manifest) -> None:
         changed = differences(known.recipe, plain(self.recipe.written))
         made_with = known.info.get("made_with", {})
@@ -143,7 +149,12 @@ class Ledger:
             listed |= {int(failed["index"]): Failure(**failed) for failed in known.info.get("failed", ())}
         except (KeyError, TypeError, ValueError) as error:
             raise FileError(f"{self.folder / NAME}: is not as `twinlens generate` writes it ({error})") from None
-        self.entries = {index: entry for index, entry in listed.items() if index < self.recipe.count}
+        if more := sum(index >= self.recipe.count for index in listed):
+            raise InputError(
+                f"{self.folder}: holds {more} sample(s) beyond the recipe's count of {self.recipe.count}; a count may "
+                "grow, not shrink: raise it again, or name another folder"
+            )
+        self.entries = listed
 
     def _check_sources(self, known: Any) -> None:
         if known is None and self.recipe.sources.digests:

@@ -6,6 +6,7 @@ sample. docs/format.md tells what each one keeps.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 
 import twinlens
 from twinlens.dataset.export.eth3d import eth3d
@@ -17,6 +18,7 @@ from twinlens.dataset.export.sintel import sintel
 from twinlens.dataset.export.source import Source
 from twinlens.dataset.export.webdataset import webdataset
 from twinlens.dataset.files import fill_folder, read_bytes
+from twinlens.dataset.manifest import NAME as MANIFEST
 from twinlens.dataset.storage import Place, RemotePath, Where, place
 from twinlens.dataset.stored import StoredSample
 from twinlens.errors import InputError, OutputError, unknown
@@ -60,6 +62,7 @@ def export(
         raise unknown("layout", to, LAYOUTS)
     if not len(dataset):
         raise InputError("export needs one sample or more")
+    _check_outside(place(folder), dataset)
     if overwrite:
         _check_replaceable(place(folder))
     sizes: dict[str, int] = {}
@@ -91,6 +94,17 @@ def _measured(files: Iterator[tuple[str, bytes]], sizes: dict[str, int]) -> Iter
     for name, data in files:
         sizes[name] = len(data)
         yield name, data
+
+
+def _check_outside(folder: Place, dataset: Sequence[StoredSample]) -> None:
+    """An export inside the dataset would be taken for more of its samples."""
+    if isinstance(folder, RemotePath):
+        return
+    around = (folder.absolute(), *folder.absolute().parents)
+    for sample in dataset:
+        home = Path(str(sample.folder)).absolute()
+        if home in around or (home.parent in around and (home.parent / MANIFEST).is_file()):
+            raise OutputError(f"{folder}: lies inside the dataset that is exported; choose a folder beside it")
 
 
 def _check_replaceable(folder: Place) -> None:
