@@ -161,6 +161,17 @@ def test_a_matcher_whose_basin_is_flatter_than_its_noise_does_not_decide():
     assert "does not decide" in found.sentence
 
 
+def test_a_basin_flat_on_one_side_alone_still_refutes_a_theory_on_the_other():
+    made = table({"a": 8.0, "b": 8.0, "c": 8.0}, theory=2.0)
+    flat = tuple(
+        {**row, "totbad2": 9.0 + 0.2 * (row["seed"] - 0.5) * (row["f_number"] - 8)} if row["f_number"] > 8 else row
+        for row in made
+    )
+    found = verdict(Table(made.columns, flat))
+    assert found.asked
+    assert not found.holds
+
+
 def test_an_optimum_at_the_end_of_the_sweep_is_called_so():
     found = verdict(table({"a": 0.9, "b": 0.9, "c": 0.9}))
     assert "f/1, the end of the sweep" in found.sentence

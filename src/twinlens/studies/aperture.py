@@ -9,7 +9,7 @@ What is photographed, and why it was chosen so, is in `aperture_shots`.
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ from twinlens.studies.aperture_shots import (
     shots,
 )
 from twinlens.studies.aperture_theory import SENSOR, best_f_number, grain_px, predicted_error
-from twinlens.studies.bootstrap import Interval, log_slope, over_scenes
+from twinlens.studies.bootstrap import Interval, brief, log_slope, over_scenes
 from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, agrees, is_above
 from twinlens.studies.pictures import crop
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
@@ -173,19 +173,24 @@ def conclude(table: Table) -> list[Finding]:
 def _optimum(rows: Table, text: str) -> Finding:
     """How far the f-number of the fewest wrong pixels lies from theory's, scene by scene.
 
-    No scene's distance may pass the allowance. Where the basin is flatter than its noise (`is_decided`), the matcher
-    does not tell which f-number is best, and there is no verdict.
+    No scene's distance may pass the allowance. Where two stops beside the best cost no more than noise does, nor theory's
+    f-number in the scenes where it is far, the matcher does not tell which is best, and there is no verdict.
     """
     distance = over_scenes(rows, _stops_from_theory)
     best = best_of(rows)
     where = f"f/{best:g}" + (", the end of the sweep" if best in (F_NUMBERS[0], F_NUMBERS[-1]) else "")
-    numbers = rows.numbers("theory_best")
-    theory = f"f/{numbers.min():.2g} to f/{numbers.max():.2g}, scene by scene"
-    said = f"{text}, has the fewest wrong pixels at {where}: {{}} narrower than theory's {theory}"
-    if not is_decided(rows):
-        said += "; but what two stops cost is within its noise, so that it does not decide"
-        return Finding(said, distance, False, "stops", asked=False)
-    return Finding(f"{said}; {ALLOWED_STOPS} to either side are allowed", distance, _is_near(distance), "stops")
+    numbers, cost = rows.numbers("theory_best"), cost_over_best(rows, _of_theory)
+    said = (
+        f"{text}, has the fewest wrong pixels at {where}: {{}} narrower than theory's f/{numbers.min():.2g} to "
+        f"f/{numbers.max():.2g}, scene by scene, which cost {brief(cost.value)} percent points"
+    )
+    far = [scene for scene in rows.values("scene") if abs(_mean_stops(rows.where(scene=scene))) > ALLOWED_STOPS]
+    refuted = bool(far) and is_above(cost_over_best(rows.where(scene=far), _of_theory))
+    if refuted or is_above(cost_over_best(rows, _two_stops_beside)):
+        said += f"; {ALLOWED_STOPS} stops to either side are allowed in each scene"
+        return Finding(said, distance, not far, "stops")
+    return Finding(f"{said}; its basin is flatter than its noise: it does not decide", distance, False, "stops",
+                   asked=False)  # fmt: skip
 
 
 def best_of(rows: Table) -> float:
@@ -193,21 +198,29 @@ def best_of(rows: Table) -> float:
     return min(F_NUMBERS, key=lambda number: _wrong_at(rows, number))
 
 
-def is_decided(rows: Table) -> bool:
-    """Whether the f-numbers two stops beside the best, as far as the sweep goes, have more wrong pixels.
+def cost_over_best(rows: Table, places: Callable[[int, Table], list[int]]) -> Interval:
+    """How many more wrong pixels the cheapest of some places of the sweep have than the best one, over scenes.
 
     The best is each scene's own, found on its other seeds (where one seed is all, on that): of mere noise, what is best
-    under one seed is no better under another. The cost of the cheaper side, with an interval over scenes all above 0.
+    under one seed is no better under another. places: from the best one's place and a scene and seed's rows.
     """
 
     def cost(unit: Table) -> float:
         own = unit.rows[0]
         others = rows.where(lambda row: row["seed"] != own["seed"], scene=own["scene"])
         at = F_NUMBERS.index(best_of(others if len(others) else unit))
-        wrong = [_wrong_at(unit, number) for number in F_NUMBERS]
-        return min(wrong[k] - wrong[at] for k in (at - 2, at + 2) if 0 <= k < len(wrong))
+        return min(_wrong_at(unit, F_NUMBERS[k]) for k in places(at, unit)) - _wrong_at(unit, F_NUMBERS[at])
 
-    return is_above(over_scenes(rows, cost))
+    return over_scenes(rows, cost)
+
+
+def _two_stops_beside(at: int, unit: Table) -> list[int]:
+    return [k for k in (at - 2, at + 2) if 0 <= k < len(F_NUMBERS)]
+
+
+def _of_theory(at: int, unit: Table) -> list[int]:
+    theory = float(unit.numbers("theory_best")[0])
+    return [min(range(len(F_NUMBERS)), key=lambda k: abs(math.log(F_NUMBERS[k] / theory)))]
 
 
 def _wrong_at(rows: Table, f_number: float) -> float:
@@ -221,10 +234,8 @@ def _stops_from_theory(unit: Table) -> float:
     return 2.0 * math.log2(best / float(unit.numbers("theory_best")[0]))
 
 
-def _is_near(distance: Interval) -> bool:
-    """The whole interval where there is one, so that scenes on either side do not cancel."""
-    ends = [end for end in (distance.value, distance.low, distance.high) if not math.isnan(end)]
-    return all(abs(end) <= ALLOWED_STOPS for end in ends)
+def _mean_stops(rows: Table) -> float:
+    return over_scenes(rows, _stops_from_theory).value
 
 
 def _square_law(table: Table) -> Finding:
