@@ -173,8 +173,8 @@ def conclude(table: Table) -> list[Finding]:
 def _optimum(rows: Table, text: str) -> Finding:
     """How far the f-number of the fewest wrong pixels lies from theory's, scene by scene.
 
-    No scene's distance may pass the allowance. Where two stops beside the best cost no more than noise does, nor theory's
-    f-number in the scenes where it is far, the matcher does not tell which is best, and there is no verdict.
+    No scene's distance may pass the allowance. Where two stops beside the best cost no more than noise does, nor
+    theory's f-number in the scenes where it is far, the matcher does not tell which is best: there is no verdict.
     """
     distance = over_scenes(rows, _stops_from_theory)
     best = best_of(rows)
