@@ -108,3 +108,26 @@ def test_results_go_where_they_can_and_over_nothing_else(twinlens, own, tmp_path
     assert [entry.name for entry in (tmp_path / "letters").iterdir()] == ["index.html"]
     for _ in range(2):
         assert twinlens("study", own, "-o", tmp_path / "new" / "place")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("line", "instead", "said"),
+    [
+        ("return Measured(", "return list(", "mine: `measure` must return Measured(rows) with a row or more, got ["),
+        ("for x in (1.0, 3.0)", "for x in ()", "with a row or more, got no rows"),
+        ("return [Finding(", "return None and [Finding(", "`conclude` must return a list of Findings, got None"),
+        ("def measure(setup):", "def measure(setup):\n    raise OSError('boom')", "mine.py, line 5: OSError: boom"),
+        ("from twinlens", "1 / 0\nfrom twinlens", "mine.py, line 2: ZeroDivisionError: division by zero"),
+        ("from twinlens", "raise SystemExit(7)\nfrom twinlens", "mine.py, line 2: SystemExit: 7"),
+        ("(0, 1)))", "2))", "mine.py, line 11: TypeError"),
+        ('"x", "y"),), Setup', '"x", "yy"),), Setup', "the figure 'y': unknown column 'yy'; did you mean 'y'?"),
+    ],
+)  # fmt: skip
+def test_a_mistake_in_ones_own_study_is_one_line_that_says_where(twinlens, own, tmp_path, line, instead, said):
+    assert line in OWN
+    own.write_text(OWN.replace(line, instead, 1))
+    code, out, err = twinlens("study", own, "-o", tmp_path / "out")
+    assert (code, out) == (2, "")
+    assert said in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()

@@ -1,12 +1,15 @@
 """The studies by name, and where others come from: an installed package, or a file of one's own."""
 
+import dataclasses
 import importlib.metadata
 import importlib.util
 import os
+import traceback
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from twinlens.errors import FileError, InputError, unknown
+from twinlens.errors import FileError, InputError, TwinlensError, unknown
 from twinlens.studies import aperture, baseline, focal_length, focus, pinhole, radiometric, texture, window
 from twinlens.studies.model import Study
 from twinlens.studies.run import run_study
@@ -66,11 +69,26 @@ def _from_file(path: Path) -> Study:
     if spec is None or spec.loader is None:
         raise FileError(f"{path}: cannot be imported as Python")
     module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise FileError(f"{path}: {type(error).__name__}: {error}") from error
-    return _checked(getattr(module, "STUDY", None), str(path))
+    _told(path, spec.loader.exec_module)(module)
+    found = _checked(getattr(module, "STUDY", None), str(path))
+    return dataclasses.replace(found, measure=_told(path, found.measure), conclude=_told(path, found.conclude))
+
+
+def _told(path: Path, function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """The function of a user's file; what it raises becomes one line that says where in the file."""
+
+    def call(given: Any) -> Any:
+        try:
+            return function(given)
+        except TwinlensError:
+            raise
+        except (Exception, SystemExit) as error:
+            frames = traceback.extract_tb(error.__traceback__)
+            lines = [frame.lineno for frame in frames if frame.filename == str(path)]
+            line = f", line {lines[-1]}" if lines else ""
+            raise FileError(f"{path}{line}: {type(error).__name__}: {' '.join(str(error).split())}") from error
+
+    return call
 
 
 def _checked(found: Any, where: str) -> Study:

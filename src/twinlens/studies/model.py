@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import InputError
+from twinlens.errors import InputError, unknown
 from twinlens.studies.bootstrap import Interval
 from twinlens.studies.table import Column, Row, Table, Value
 
@@ -120,6 +120,12 @@ class Figure:
     best: str = ""
     x_of: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The names of all columns that it draws from."""
+        named = (self.x, self.y, self.by, self.panel, self.z, self.residual_of, *self.where, *self.also)
+        return tuple(name for name in (*named, *(column for column, _ in self.marks)) if name)
+
 
 @dataclass(frozen=True, eq=False)
 class Picture:
@@ -163,6 +169,13 @@ class Study:
     conclude: Callable[[Table], Sequence[Finding]]
     figures: tuple[Figure, ...]
     defaults: Setup
+
+    def __post_init__(self) -> None:
+        known = [column.name for column in self.all_columns]
+        for figure in self.figures:
+            for name in figure.columns:
+                if name not in known:
+                    raise InputError(f"the figure {figure.name!r}: {unknown('column', name, known)}")
 
     @property
     def all_columns(self) -> tuple[Column, ...]:

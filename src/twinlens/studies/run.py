@@ -1,7 +1,7 @@
 """Run a study: measure, round to what the CSV says, conclude for all seeds and for each, and note the protocol."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -9,7 +9,7 @@ from twinlens.errors import InputError
 from twinlens.matching import parse_method
 from twinlens.rendering import backend
 from twinlens.scenes import load_scene
-from twinlens.studies.model import Progress, Result, Setup, Stands, Study
+from twinlens.studies.model import Finding, Measured, Progress, Result, Setup, Stands, Study
 from twinlens.studies.table import Table, table
 
 
@@ -52,6 +52,9 @@ def run_study(
     for name in setup.scenes:
         load_scene(name)
     measured = study.measure(setup)
+    if not isinstance(measured, Measured) or not measured.rows:
+        what = "no rows" if isinstance(measured, Measured) else f"{measured!r:.60}"
+        raise InputError(f"the study {study.name}: `measure` must return Measured(rows) with a row or more, got {what}")
     rows = table(study.all_columns, measured.rows)
     protocol = _protocol(study, setup, {**measured.notes, **measured.remarks})
     return Result(study, setup, rows, _findings(study, rows), measured.pictures, protocol, measured.remarks)
@@ -63,11 +66,21 @@ def _findings(study: Study, rows: Table) -> tuple[Stands, ...]:
     Findings are matched by their place in the list, so `conclude` must give the same list of questions for any rows.
     """
     seeds = rows.values("seed")
-    alone = [study.conclude(rows.where(seed=seed)) for seed in seeds]
+    whole = _concluded(study, rows)
+    alone = [_concluded(study, rows.where(seed=seed)) for seed in seeds]
+    if any(len(each) != len(whole) for each in alone):
+        raise InputError(f"the study {study.name}: `conclude` must give as many findings for a seed's rows as for all")
     return tuple(
         Stands(finding, sum(each[k].holds and each[k].answer == finding.answer for each in alone), len(seeds))
-        for k, finding in enumerate(study.conclude(rows))
+        for k, finding in enumerate(whole)
     )
+
+
+def _concluded(study: Study, rows: Table) -> Sequence[Finding]:
+    found = study.conclude(rows)
+    if not isinstance(found, Sequence) or not all(isinstance(each, Finding) for each in found):
+        raise InputError(f"the study {study.name}: `conclude` must return a list of Findings, got {found!r:.60}")
+    return found
 
 
 def _protocol(study: Study, setup: Setup, notes: Mapping[str, Any]) -> dict[str, Any]:
