@@ -290,6 +290,6 @@ STUDY = Study(
     defaults=Setup(
         ("staircase", "cards", "tabletop"),
         ("sad", "ssd", "ncc", "zncc", "census", "rank", "birchfield_tomasi", "sgm"), (0, 1),
-        width=400, height=300, spp=32,
+        width=400, height=300, spp=24,
     ),
 )  # fmt: skip
