@@ -98,7 +98,8 @@ def steady_memory() -> None:
     """Have glibc give large blocks back to the system one by one, and keep small ones in one place, from now on.
 
     By itself it takes ever larger blocks from a heap for each thread, once such a block was freed. Among what stays
-    they leave holes that are never given back: 3% more memory in a hundred random scenes, and again in the next.
+    they leave holes that are never given back: of 1,000 random scenes the last hundred took 11% more memory than the
+    first, and so 6%. It holds for the whole process; where the C library is another, nothing happens.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
