@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from twinlens.dataset import files
-from twinlens.dataset.files import read_bytes, remove_unfinished, write_file, write_folder
+from twinlens.dataset.files import read_bytes, remove_unfinished, write_file, write_folder, write_pieces
 from twinlens.errors import FileError, InputError, OutputError
 
 CONTENT = {"a.txt": b"one", "deep/er/b.txt": b"two"}
@@ -24,12 +24,13 @@ def fail_after(monkeypatch, count, error):
     written = []
     whole = files._write_and_flush
 
-    def write(path, data):
+    def write(path, pieces):
+        data = b"".join(pieces)
         if len(written) == count:
             path.write_bytes(data[: len(data) // 2])
             raise error
         written.append(path)
-        whole(path, data)
+        whole(path, (data,))
 
     monkeypatch.setattr(files, "_write_and_flush", write)
 
@@ -91,7 +92,7 @@ def test_a_swap_that_fails_puts_the_old_one_back(tmp_path, monkeypatch):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_disk_that_fills_up_only_when_flushed_is_noticed(tmp_path):
     with pytest.raises(OSError, match="No space"):
-        files._write_and_flush(Path("/dev/full"), b"x" * 10)
+        files._write_and_flush(Path("/dev/full"), (b"x" * 10,))
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
@@ -139,6 +140,18 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
     with pytest.raises(OutputError, match="disk is full"):
         write_file(tmp_path / "f", b"newer")
     assert tree(tmp_path) == {"f": b"old"}
+
+
+def test_a_file_whose_pieces_end_in_an_error_is_not_there(tmp_path):
+    def pieces():
+        yield b"half"
+        raise ValueError("of a mind of its own")
+
+    with pytest.raises(OutputError, match="of a mind of its own"):
+        write_pieces(tmp_path / "f", pieces())
+    assert not any(tmp_path.iterdir())
+    write_pieces(tmp_path / "f", iter((b"one", b"two")))
+    assert (tmp_path / "f").read_bytes() == b"onetwo"
 
 
 def test_what_a_killed_process_left_is_swept(tmp_path):

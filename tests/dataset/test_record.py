@@ -11,6 +11,7 @@ from twinlens.camera import BareAperture, Camera, Pinhole, Rig, ThinLens
 from twinlens.dataset.record import (
     TYPES,
     encode_json,
+    encode_json_listing,
     from_plain,
     lens_from_plain,
     plain,
@@ -77,6 +78,17 @@ def test_everything_public_of_the_camera_room_can_be_recorded():
 )
 def test_plain_data_goes_through_json_unchanged(value):
     assert through_text(value) == value
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_a_listing_in_pieces_has_the_bytes_of_the_whole(count):
+    record = {"format": "x", "info": {"deep": [{"a": [1, 2]}], "empty": {}}}
+    entries = [
+        {"name": f"\u00e9{k}", "files": {"a": "0"}, "info": {"at": [k, 0.5], "of": [{"b": None}]}} for k in range(count)
+    ]
+    pieces = list(encode_json_listing(record, "samples", iter(entries)))
+    assert b"".join(pieces) == encode_json({**record, "samples": entries})
+    assert len(pieces) == count + 2
 
 
 def test_numpy_values_become_plain_numbers():

@@ -55,13 +55,18 @@ def read_bytes(path: Where) -> bytes:
 
 def write_file(path: Where, data: bytes) -> None:
     """`data` as the file `path`, replacing what was there: whole, or not at all and OutputError."""
+    write_pieces(path, (data,))
+
+
+def write_pieces(path: Where, pieces: Iterable[bytes]) -> None:
+    """`write_file` for a file made piece by piece, so that it need not be in memory as one; in a bucket it still is."""
     path = place(path)
     if isinstance(path, RemotePath):
-        path.write_bytes(data)
+        path.write_bytes(b"".join(pieces))
         return
     with _told_as_output_error(path), _removed_on_failure(_aside(path)) as aside:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _write_and_flush(aside, data)
+        _write_and_flush(aside, pieces)
         aside.replace(path)
         _flush_folder(path.parent)
 
@@ -148,7 +153,7 @@ def _fill(aside: Path, files: Iterable[tuple[str, bytes]]) -> list[str]:
             raise _same_name(name)
         target.parent.mkdir(parents=True, exist_ok=True)
         inside.add(target.parent)
-        _write_and_flush(target, data)
+        _write_and_flush(target, (data,))
         names.append(name)
     for each in inside:
         _flush_folder(each)
@@ -177,9 +182,9 @@ def _swap(aside: Path, folder: Path) -> None:
     _remove(old)
 
 
-def _write_and_flush(path: Path, data: bytes) -> None:
+def _write_and_flush(path: Path, pieces: Iterable[bytes]) -> None:
     with path.open("wb") as file:
-        file.write(data)
+        file.writelines(pieces)
         file.flush()
         os.fsync(file.fileno())
 

@@ -1,13 +1,13 @@
 """dataset.json: what a dataset was made from, and the checksum of every file in it."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import twinlens
-from twinlens.dataset.files import files_below, is_hidden, read_bytes, write_file
-from twinlens.dataset.record import decode_json, encode_json, plain, relative_name
+from twinlens.dataset.files import files_below, is_hidden, read_bytes, write_pieces
+from twinlens.dataset.record import decode_json, encode_json_listing, plain, relative_name
 from twinlens.dataset.storage import Where, place
 from twinlens.errors import FileError
 
@@ -27,7 +27,7 @@ class Row:
 class Manifest:
     """A dataset's manifest: the recipe and seed it follows, its rows in order, and plain data (versions, counts)."""
 
-    rows: tuple[Row, ...]
+    rows: Sequence[Row]
     recipe: Mapping[str, Any] = field(default_factory=dict)
     seed: int | None = None
     info: Mapping[str, Any] = field(default_factory=dict)
@@ -42,9 +42,9 @@ def write_manifest(folder: Where, manifest: Manifest) -> None:
         "seed": manifest.seed,
         "recipe": plain(manifest.recipe),
         "info": plain(manifest.info),
-        "samples": [plain({"name": row.name, "files": row.files, "info": row.info}) for row in manifest.rows],
     }
-    write_file(place(folder) / NAME, encode_json(record))
+    rows = ({"name": row.name, "files": row.files, "info": row.info} for row in manifest.rows)
+    write_pieces(place(folder) / NAME, encode_json_listing(record, "samples", rows))
 
 
 def read_manifest(folder: Where) -> Manifest:

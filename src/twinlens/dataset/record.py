@@ -9,7 +9,7 @@ import dataclasses
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +82,21 @@ def lens_from_plain(value: Any) -> Lens:
 def encode_json(record: Mapping[str, Any]) -> bytes:
     """The record as indented UTF-8 text, in its own order; small lists of numbers stand on one line."""
     return (_laid_out(plain(record), 0) + "\n").encode()
+
+
+def encode_json_listing(record: Mapping[str, Any], name: str, entries: Iterable[Mapping[str, Any]]) -> Iterator[bytes]:
+    """The pieces of ``encode_json({**record, name: [*entries]})``, one entry at a time in memory.
+
+    >>> b"".join(encode_json_listing({"a": 1}, "b", iter([{"c": 2}]))) == encode_json({"a": 1, "b": [{"c": 2}]})
+    True
+    """
+    head = _laid_out({**plain(record), name: []}, 0)
+    yield head[: -len("]\n}")].encode()
+    gap = "\n  "
+    for entry in entries:
+        yield (gap + _laid_out(plain(entry), 2)).encode()
+        gap = ",\n  "
+    yield ("]\n}\n" if gap == "\n  " else "\n ]\n}\n").encode()
 
 
 def read_json(path: Where, kind: str, version: int) -> dict[str, Any]:

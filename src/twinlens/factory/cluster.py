@@ -19,8 +19,9 @@ from typing import Any
 from twinlens.dataset import Sample
 from twinlens.dataset.storage import is_whole, place
 from twinlens.errors import BackendError, InputError, MissingExtraError
+from twinlens.factory.entries import Entry, Failure
 from twinlens.factory.generate import Engine, Report
-from twinlens.factory.ledger import Entry, Failure, recovered_row, write_row
+from twinlens.factory.ledger import recovered_row, write_row
 from twinlens.factory.plan import sample_name
 from twinlens.factory.recipe import recipe_from_table
 from twinlens.factory.sources import changed_files

@@ -8,7 +8,8 @@ from typing import Any
 from twinlens.dataset import sample_files
 from twinlens.dataset.storage import Where, place
 from twinlens.errors import InputError
-from twinlens.factory.ledger import Failure, Ledger
+from twinlens.factory.entries import Failure
+from twinlens.factory.ledger import Ledger
 from twinlens.factory.plan import plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import made_with

@@ -3,7 +3,7 @@
 from typing import Any
 
 from twinlens.dataset import write_card, write_croissant
-from twinlens.factory.ledger import Failure, Ledger
+from twinlens.factory.ledger import Ledger
 from twinlens.factory.preview import Preview
 from twinlens.factory.recipe import Recipe
 
@@ -12,9 +12,8 @@ def finish(ledger: Ledger) -> None:
     """Write dataset.json, card, metadata and preview as they stay; remove what only an unfinished dataset needs."""
     broken = broken_assets(ledger.recipe)
     ledger.write(**({"skipped_assets": broken} if ledger.recipe.assets else {}))
-    made = [index for index, entry in ledger.entries.items() if not isinstance(entry, Failure)]
-    Preview(ledger.folder, ledger.recipe.count).write(made)
-    if made:
+    Preview(ledger.folder, ledger.recipe.count).write(ledger.entries.made)
+    if ledger.entries.made:
         write_card(ledger.folder)
         write_croissant(ledger.folder)
     ledger.clear()

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from twinlens.dataset import remove_unfinished
 from twinlens.dataset.storage import Where, place
 from twinlens.errors import InputError
+from twinlens.factory.entries import Entry, Failure
 from twinlens.factory.finish import finish
-from twinlens.factory.ledger import Entry, Failure, Ledger
+from twinlens.factory.ledger import Ledger
 from twinlens.factory.lock import locked
 from twinlens.factory.preview import Preview
 from twinlens.factory.recipe import Recipe
@@ -83,7 +84,7 @@ def generate(
         ledger.recover()
         if not ledger.has_file:
             ledger.write()
-        before, known, made = len(ledger.rows()), len(ledger.entries), 0
+        before, known, made = len(ledger.entries.made), len(ledger.entries), 0
         todo = _share(ledger.missing(), shard)[:limit]
         with _Upkeep(ledger, alone=not shared) as upkeep:
             work = Work(recipe, str(root), ledger.made_with)
@@ -97,14 +98,14 @@ def generate(
     if ledger.is_complete and shared:
         with locked(root, wait=True):  # several shards may find that all is made: one after the other
             finish(ledger)
-    there = len(ledger.rows())
+    there = len(ledger.entries.made)
     return Outcome(
         count=recipe.count,
         made=made if shared else there - before,
         before=before,
         there=there,
-        failures=tuple(ledger.failures()),
-        rejections=ledger.rejections(),
+        failures=tuple(ledger.entries.failures),
+        rejections=ledger.entries.rejections(),
         complete=ledger.is_complete,
         interrupted=stop() and not ledger.is_complete,
         left=len(_share(ledger.missing(), shard)),
@@ -139,7 +140,7 @@ class _Upkeep:
     def _write(self) -> None:
         begun = time.monotonic()
         self._ledger.write()
-        self._preview.write([index for index, entry in self._ledger.entries.items() if not isinstance(entry, Failure)])
+        self._preview.write(self._ledger.entries.made)
         now = time.monotonic()
         self._due = now + max(_WRITE_EVERY_S, (now - begun) / _WRITE_SHARE)
 

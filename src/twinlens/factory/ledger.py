@@ -12,7 +12,6 @@ files.
 
 import contextlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from twinlens.dataset import Manifest, Row, read_manifest, remove_unfinished, row_of, write_manifest
@@ -23,29 +22,13 @@ from twinlens.dataset.sample import KIND as SAMPLE_KIND
 from twinlens.dataset.sample import VERSION as SAMPLE_VERSION
 from twinlens.dataset.storage import MARK, Place, RemotePath, remove_objects
 from twinlens.errors import FileError, InputError
+from twinlens.factory.entries import Entries, Entry, Failure
 from twinlens.factory.plan import plan, sample_name
 from twinlens.factory.recipe import Recipe, differences
 from twinlens.factory.sources import changed_files
 
 ROWS = ".rows"
 _KIND, _VERSION = "twinlens-row", 1
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A sample that no draw of passed the gates: its rejections, and what in the recipe to change."""
-
-    index: int
-    rejections: list[dict[str, Any]]
-    remedy: str
-
-    def plain(self) -> dict[str, Any]:
-        """As dataset.json lists it."""
-        return {"index": self.index, "remedy": self.remedy, "rejections": self.rejections}
-
-
-Entry = Row | Failure
-"""What became of a sample."""
 
 
 class Ledger:
@@ -57,7 +40,7 @@ class Ledger:
     def __init__(self, folder: Place, recipe: Recipe, made_with: Mapping[str, Any]) -> None:
         self.folder, self.recipe = folder, recipe
         self.made_with = plain(made_with)
-        self.entries: dict[int, Entry] = {}
+        self.entries = Entries()
         self.has_file = (folder / NAME).is_file()
         known = read_manifest(folder) if self.has_file else None
         if known is not None and self._is_begun(known):
@@ -68,10 +51,12 @@ class Ledger:
     def recover(self) -> None:
         """Take in every row and every whole sample that earlier runs left."""
         there = whole_samples(self.folder)
-        self.entries = {i: e for i, e in self.entries.items() if isinstance(e, Failure) or e.name in there}
+        for index, name in zip(self.entries.made, [row.name for row in self.entries.rows], strict=True):
+            if name not in there:
+                self.entries.pop(index)
         for index, entry in self._kept_rows() if self.has_file else ():  # without it, they may be another recipe's
-            if isinstance(entry, Failure) or entry.name in there:
-                self.entries.setdefault(index, entry)
+            if index not in self.entries and (isinstance(entry, Failure) or entry.name in there):
+                self.entries[index] = entry
         known = {sample_name(index) for index in self.entries}
         for name in sorted(there - known):
             if name.isdecimal() and sample_name(int(name)) == name and int(name) < self.recipe.count:
@@ -86,36 +71,20 @@ class Ledger:
         """Whether every sample is made, or known to be impossible."""
         return not self.missing()
 
-    def rows(self) -> list[Row]:
-        """The samples, in order."""
-        return [entry for _, entry in sorted(self.entries.items()) if isinstance(entry, Row)]
-
-    def failures(self) -> list[Failure]:
-        """The samples that could not be made, in order."""
-        return [entry for _, entry in sorted(self.entries.items()) if isinstance(entry, Failure)]
-
-    def rejections(self) -> dict[str, int]:
-        """How often each gate turned a draw away."""
-        counts: dict[str, int] = {}
-        for _, entry in sorted(self.entries.items()):
-            for turned in entry.rejections if isinstance(entry, Failure) else entry.info.get("rejections", ()):
-                counts[turned["reason"]] = counts.get(turned["reason"], 0) + 1
-        return dict(sorted(counts.items()))
-
     def write(self, **info: Any) -> None:
         """Write dataset.json as things stand; `info` is more to say there."""
-        rows = self.rows()
+        rows = self.entries.rows
         splits = {name: sum(row.info.get("split") == name for row in rows) for name in self.recipe.splits}
         said = {
             "made_with": self.made_with,
             "sources": self.recipe.sources.digests,
             "complete": self.is_complete,
-            "rejections": self.rejections(),
-            "failed": [failure.plain() for failure in self.failures()],
+            "rejections": self.entries.rejections(),
+            "failed": [failure.plain() for failure in self.entries.failures],
             **({"splits": splits} if splits else {}),
             **info,
         }
-        write_manifest(self.folder, Manifest(tuple(rows), self.recipe.written, self.recipe.seed, said))
+        write_manifest(self.folder, Manifest(rows, self.recipe.written, self.recipe.seed, said))
         self.has_file = True
 
     def clear(self) -> None:
@@ -145,16 +114,17 @@ class Ledger:
             raise InputError(f"{self.folder}: holds another dataset ({what}); name another folder, or undo the change")
         self._check_sources(known.info.get("sources"))
         try:
-            listed: dict[int, Entry] = {int(row.info["index"]): row for row in known.rows}
-            listed |= {int(failed["index"]): Failure(**failed) for failed in known.info.get("failed", ())}
+            for row in known.rows:
+                self.entries[int(row.info["index"])] = row
+            for failed in known.info.get("failed", ()):
+                self.entries[int(failed["index"])] = Failure(**failed)
         except (KeyError, TypeError, ValueError) as error:
             raise FileError(f"{self.folder / NAME}: is not as `twinlens generate` writes it ({error})") from None
-        if more := sum(index >= self.recipe.count for index in listed):
+        if more := sum(index >= self.recipe.count for index in self.entries):
             raise InputError(
                 f"{self.folder}: holds {more} sample(s) beyond the recipe's count of {self.recipe.count}; a count may "
                 "grow, not shrink: raise it again, or name another folder"
             )
-        self.entries = listed
 
     def _check_sources(self, known: Any) -> None:
         if known is None and self.recipe.sources.digests:

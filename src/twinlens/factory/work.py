@@ -13,7 +13,8 @@ from twinlens.dataset import Row, Sample, write_sample
 from twinlens.dataset.record import plain
 from twinlens.dataset.storage import is_whole, place
 from twinlens.errors import InputError, OutputError
-from twinlens.factory.ledger import Entry, Failure, recovered_row, remedy, row_info, write_row
+from twinlens.factory.entries import Entry, Failure
+from twinlens.factory.ledger import recovered_row, remedy, row_info, write_row
 from twinlens.factory.plan import sample_name
 from twinlens.factory.produce import Exhausted, make
 from twinlens.factory.recipe import Recipe, differences
