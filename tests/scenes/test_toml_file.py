@@ -107,6 +107,12 @@ def test_syntax_errors_say_the_line(tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(MINIMAL, encoding="utf-8-sig")
+    assert load_scene(path).materials.keys() == {"grey"}
+
+
 def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_bytes(b"description = '\xff'")

@@ -19,11 +19,11 @@ _ANY_SIZE = 64, 48  # pixels, of images that a rig is tried with when its scene 
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file; FileError says the line where its syntax fails."""
+    """The tables of a TOML file, with a byte order mark or without; FileError says the line where its syntax fails."""
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise FileError(f"{path}: a scene file is text of at most {_LARGEST_FILE >> 20} MiB")
-        written = path.read_text(encoding="utf-8")
+        written = path.read_text(encoding="utf-8-sig")
         return tomllib.loads(written)
     except tomllib.TOMLDecodeError as error:
         last = f"at end of document, line {len(written.splitlines())}"
