@@ -97,7 +97,12 @@ def test_a_mask_of_a_recipe_reaches_the_sample(tmp_path):
     [
         ({"kind": "mask"}, r"lenses\[0\].shape: a mask needs either 'file'"),
         ({"kind": "mask", "file": "a.png", "cells": [[1]]}, "a mask needs either 'file'"),
-        ({"kind": "mask", "file": "nowhere.png"}, r"nowhere\.png: no such file"),
+        (
+            {"kind": "mask", "file": "nowhere.png"},
+            r"recipe\.toml: lenses\[0\]\.shape\.file: .*nowhere\.png: no such file",
+        ),
+        ({"kind": "mask", "file": "blue.png"}, r"lenses\[0\]\.shape\.file: .*blue\.png: is coloured; an aperture mask"),
+        ({"kind": "mask", "file": "black.png"}, r"lenses\[0\]\.shape\.file: .*black\.png: .*black"),
         ({"kind": "mask", "file": ""}, r"shape\.file: must be the name of a picture"),
         ({"kind": "mask", "file": "a\nb.png"}, r"shape\.file: must be the name of a picture"),
         ({"kind": "mask", "cells": [[0, 0]]}, "mask is black"),
@@ -111,6 +116,8 @@ def test_a_mask_of_a_recipe_reaches_the_sample(tmp_path):
     ],
 )
 def test_shapes_that_cannot_be(tmp_path, shape, said):
+    write_png(tmp_path / "blue.png", np.full((3, 3, 3), (0, 0, 255), np.uint8))
+    write_png(tmp_path / "black.png", np.zeros((3, 3), np.uint8))
     lens = {"kind": "thin", "aperture_mm": 8, "shape": shape}
     with pytest.raises(InputError, match=said) as told:
         recipe_from_table({"seed": 1, "count": 1, "scenes": ["cards"], "lenses": [lens]}, tmp_path / "recipe.toml")

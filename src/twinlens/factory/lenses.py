@@ -174,7 +174,10 @@ def _mask(keys: Table[Any], find: Find) -> Aperture:
     if not (name and name.isprintable()):
         raise (keys.at / "file").wrong(f"must be the name of a picture beside the recipe, got {show(name)}")
     keys.at.source.assets.append(Path(name))
-    return read_mask(find(name))
+    try:
+        return read_mask(find(name))
+    except FileError as error:
+        raise FileError(str((keys.at / "file").wrong(str(error)))) from error
 
 
 SHAPES: dict[str, Callable[[Table[Any], Find], Aperture]] = {
