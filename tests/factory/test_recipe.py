@@ -99,6 +99,9 @@ def test_every_key_is_read():
         ("width", {"choice": [320, 1600]}, "width: must be 0.2 to 5 times the height for a family, got 1600 x 240"),
         ("height", {"integers": [240, 1700]}, "width: must be 0.2 to 5 times the height for a family, got 320 x 1700"),
         ("spp", {"uniform": [4, 16]}, "spp: must be a whole number"),
+        ("spp", {"choice": [4.5]}, "spp: must be a whole number from 1 to 1000000, got 4.5$"),
+        ("sensor.read_noise", {"uniform": [-2, 3]}, "sensor.read_noise: [^;]*$"),
+        ("rig.distortion", {"k9": 1}, "rig.distortion: unknown key 'k9'; did you mean 'k6'"),
         ("rig.baseline", {"uniform": [-0.1, 0.2]}, r"recipe.toml: rig.baseline: must be a finite number > 0, got -0.1"),
         ("rig.basline", 0.1, "rig: unknown key 'basline'; did you mean 'baseline'?"),
         ("rig.layout", "circle", "rig.layout: unknown value 'circle'"),
@@ -124,6 +127,34 @@ def test_every_key_is_read():
         ("gates.attempts", 0, "gates.attempts: must be a whole number"),
         ("gates.texture", 2, "gates.texture: must be a finite number"),
         ("splits", {"train": 0.8, "test": 0.1}, "splits: the shares must add up to 1"),
+        *(
+            ("splits", {name: 1.0}, r"splits: the name of a split is a word, as train.*, got ")
+            for name in ("", " ", "train ", "../x", "a/b", "a\\b", ".", "..", ".train", "a\nb")
+        ),
+        (
+            "rig.baseline",
+            {"unifrom": [0.1, 0.2]},
+            r"rig.baseline: .* got .*; did you mean the distribution 'uniform'\?$",
+        ),
+        ("spp", {"interger": [4, 16]}, r"spp: must be a whole number .*; did you mean the distribution 'integers'\?$"),
+        ("sensor.adc_bits", {"choise": [8, 10]}, r"adc_bits: .*; did you mean the distribution 'choice'\?$"),
+        ("scene.depth_range", {"swep": [[1, 5]]}, r"depth_range: .*; did you mean the distribution 'sweep'\?$"),
+        ("diffraction", {"choose": [True]}, r"diffraction: must be true or false.* distribution 'choice'\?$"),
+        (
+            "rig.baseline",
+            {"gauss": [0.1, 0.2]},
+            "rig.baseline: .*; distributions are uniform, log_uniform, integers, normal, choice, sweep$",
+        ),
+        (
+            "width",
+            {"uniform": [320, 640]},
+            r"width: must be a whole number .*; 'uniform' draws any number, \{ integers =",
+        ),
+        (
+            "sensor.adc_bits",
+            {"normal": [10, 1], "clip": [8, 12]},
+            r"adc_bits: .*'normal' draws .* \{ integers = \[low, hi",
+        ),
         ("assets", {"meshes": "nowhere/"}, "assets.meshes: no folder 'nowhere/' beside the recipe"),
         ("about", {"licence": "MIT"}, "about: unknown key of about 'licence'; did you mean 'license'?"),
         ("keep", ["radiances"], r"keep\[0\]: unknown value 'radiances'; did you mean 'radiance'?"),
@@ -136,6 +167,16 @@ def test_mistakes_are_named_with_their_place_and_the_nearest_key(place, value, m
     assert "\n" not in str(caught.value)
 
 
+def test_diffraction_where_no_lens_has_a_width_is_refused():
+    recipe = {"seed": 1, "count": 1, "scenes": ["cards"], "diffraction": {"choice": [False, True]}}
+    thin = {"kind": "thin", "aperture_mm": 0}
+    for lenses in ({}, {"lenses": [{"kind": "pinhole"}]}, {"lenses": [thin]}):
+        with pytest.raises(InputError, match=r"^recipe.toml: diffraction: every lens here is a pinhole of no width"):
+            recipe_from_table({**recipe, **lenses})
+    for last in (thin | {"aperture_mm": {"choice": [0, 8]}}, {"choice": [thin, thin | {"aperture_mm": 1}]}):
+        recipe_from_table({**recipe, "lenses": [{"kind": "pinhole"}, last]})
+
+
 def test_depths_of_a_scene_from_a_file_are_not_the_recipes():
     with pytest.raises(InputError, match=r"scene\.depth_range: belongs to 'families'"):
         recipe_from_table({"seed": 1, "count": 1, "scenes": ["cards"], "scene": {"depth_range": [1, 2]}})
@@ -146,6 +187,15 @@ def test_a_scene_that_is_not_there_is_named_with_the_nearest_one():
         recipe_from_table({"seed": 1, "count": 1, "scenes": ["stairs"]})
 
 
+@pytest.mark.parametrize("name", ["nofile.toml", "stairs/scene.toml", "..\\stairs", "staircase.xml"])
+def test_a_scene_file_that_is_not_there_is_told_with_the_folder_and_no_bundled_name(tmp_path, name):
+    with pytest.raises(InputError) as told:
+        recipe_from_table({"seed": 1, "count": 1, "scenes": [name]}, tmp_path / "recipe.toml")
+    assert str(told.value) == (
+        f"{tmp_path / 'recipe.toml'}: scenes[0]: no such file beside the recipe, in {tmp_path}: {name!r}"
+    )
+
+
 @pytest.mark.parametrize(
     "text", ["seed = ", "seed = 1\nseed = 2", "a = " + "[" * 5000, "x = " + "9" * 5000, "\x00", "é"]
 )
@@ -153,6 +203,14 @@ def test_what_is_no_toml_is_told_as_such(tmp_path, text):
     (tmp_path / "recipe.toml").write_text(text)
     with pytest.raises(InputError, match=r"recipe\.toml: "):
         read_recipe(tmp_path / "recipe.toml")
+
+
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path):
+    plain, marked = tmp_path / "plain.toml", tmp_path / "marked.toml"
+    plain.write_text(SMALLEST, encoding="utf-8")
+    marked.write_text(SMALLEST, encoding="utf-8-sig")
+    assert marked.read_bytes()[:3] == b"\xef\xbb\xbf"
+    assert read_recipe(marked).written == read_recipe(plain).written
 
 
 def test_a_missing_recipe_is_told(tmp_path):

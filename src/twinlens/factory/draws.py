@@ -11,6 +11,7 @@ A `template` is a table in which any leaf may be one of these. Each leaf draws f
 place in the recipe, so that a quantity added to a recipe leaves the others' values as they were.
 """
 
+import difflib
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from twinlens.scenes.table import At, Table, listed, number, show
+from twinlens.scenes.table import At, Hint, Table, listed, number, show
 
 _DEEPEST = 12
 _MOST_CHOICES = 1000
@@ -153,6 +154,32 @@ KINDS: dict[str, Callable[[At, Table[Any]], Distribution]] = {
     "sweep": _sweep,
 }
 """Every distribution, by the key that names it."""
+
+
+_ANY_NUMBER = ("uniform", "log_uniform", "normal")
+
+
+def hints(tree: Any) -> Hint:
+    """What to say more of a value of the wrong kind in a template: which distribution was meant, or does better.
+
+    >>> hints({})("rig.baseline", {"unifrom": [0.1, 0.2]}, float)
+    "; did you mean the distribution 'uniform'?"
+    """
+    kinds = {leaf.place: leaf.kind for leaf in leaves(tree)}
+
+    def hint(place: str, value: Any, kind: type) -> str:
+        if isinstance(value, Mapping):
+            return _meant(value)
+        if kind is int and kinds.get(place) in _ANY_NUMBER:
+            return f"; {kinds[place]!r} draws any number, {{ integers = [low, high] }} whole ones"
+        return ""
+
+    return hint
+
+
+def _meant(table: Mapping[str, Any]) -> str:
+    near = [found for key in table for found in difflib.get_close_matches(str(key), KINDS, n=1)]
+    return f"; did you mean the distribution {near[0]!r}?" if near else f"; distributions are {', '.join(KINDS)}"
 
 
 def normalised(at: At, weights: list[float]) -> np.ndarray[Any, np.dtype[np.float64]]:

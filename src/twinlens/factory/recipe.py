@@ -7,14 +7,14 @@ value that its distributions begin, end or choose with. docs/recipes.md shows ev
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from twinlens.dataset.about import About
 from twinlens.errors import InputError, unknown
-from twinlens.factory.draws import corners, normalised, template
+from twinlens.factory.draws import corners, hints, normalised, template
 from twinlens.factory.gates import Gates, gates_from_table
 from twinlens.factory.settings import DRAWN, check_settings
 from twinlens.factory.sources import Sources
@@ -102,10 +102,18 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
 def _check_drawn(recipe: Recipe) -> None:
     """Every value that is sure to come, each with the others' first: what reads well here will be planned well."""
     families = [subject.name for subject in recipe.subjects if subject.kind == "family"]
+    at = At(replace(recipe.at.source, hint=hints(recipe.drawn)))
+    diffraction = width = False
     for drawn in corners(recipe.drawn):
-        depths = check_settings(drawn, recipe.at, bool(families))
+        asked = check_settings(drawn, at, bool(families))
+        diffraction, width = diffraction or asked.diffraction, width or asked.lens_has_width
         for name in families:
-            _check_depths(recipe.at / "scene" / "depth_range", name, depths)
+            _check_depths(at / "scene" / "depth_range", name, asked.depth_range)
+    if diffraction and not width:
+        raise (at / "diffraction").wrong(
+            "every lens here is a pinhole of no width, where it changes nothing; add [[lenses]] with an aperture, or "
+            "leave it out"
+        )
 
 
 def _check_depths(at: At, family: str, depths: tuple[float, float] | None) -> None:
@@ -145,8 +153,15 @@ def _scene(at: At, value: Any, folder: Path) -> Subject:
     except (OSError, ValueError):
         found = False
     if not found:
-        raise at.wrong(f"{unknown('scene', name, bundled_scenes())}, nor a scene file beside the recipe")
+        raise at.wrong(_not_there(name, folder))
     return Subject("scene", name)
+
+
+def _not_there(name: str, folder: Path) -> str:
+    """A name that reads as a path is meant as one, and no bundled scene is near it."""
+    if Path(name).suffix or any(letter in name for letter in "/\\"):
+        return f"no such file beside the recipe, in {folder.absolute()}: {name!r}"
+    return f"{unknown('scene', name, bundled_scenes())}, nor a scene file beside the recipe"
 
 
 def _family(at: At, value: Any) -> Subject:
@@ -157,11 +172,20 @@ def _family(at: At, value: Any) -> Subject:
 
 def _splits(at: At, value: Any) -> dict[str, float]:
     shares = {name: number(0.0, 1.0)(at / name, share) for name, share in Table[Any](at, value).rest().items()}
-    if not all(name and name.isprintable() for name in shares):
-        raise at.wrong("the name of a split is a word, as train")
+    for name in shares:
+        if not _is_word(name):
+            raise at.wrong(
+                f"the name of a split is a word, as train, without / and \\ or a dot before, got {show(name)}"
+            )
     if not shares or abs(sum(shares.values()) - 1.0) > 1e-6:
         raise at.wrong(f"the shares must add up to 1, got {show(value)}")
     return shares
+
+
+def _is_word(name: str) -> bool:
+    """Whether a name is a label to read, and could be a folder's."""
+    written = name and name.isprintable() and name == name.strip()
+    return bool(written) and not name.startswith(".") and not any(letter in name for letter in "/\\")
 
 
 def _assets(at: At, value: Any, folder: Path) -> dict[str, tuple[str, ...]]:

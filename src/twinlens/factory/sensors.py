@@ -76,7 +76,7 @@ def _value(at: At, value: Any) -> Any:
     if wanted is float:
         return number()(at, value)
     if not isinstance(value, wanted) or (wanted is int and isinstance(value, bool)):
-        raise at.wrong(f"must be {_WORDS[wanted]}, got {value!r:.60}")
+        raise at.unlike(wanted, _WORDS[wanted], value)
     return value
 
 
@@ -85,7 +85,7 @@ _WORDS: dict[type, str] = {bool: "true or false", int: "a whole number", str: "a
 
 def _three(at: At, value: Any) -> tuple[float, ...]:
     if not isinstance(value, list) or len(value) != 3:
-        raise at.wrong(f"must be three numbers (red, green, blue), got {value!r:.60}")
+        raise at.unlike(list, "three numbers (red, green, blue)", value)
     read: Parser[float] = number()
     return tuple(read(at / i, entry) for i, entry in enumerate(value))
 

@@ -63,8 +63,17 @@ def read_settings(drawn: Mapping[str, Any], at: At) -> Settings:
     )
 
 
-def check_settings(drawn: Mapping[str, Any], at: At, families: bool) -> tuple[float, float] | None:
-    """Raise InputError for what could not be a sample, whatever its scene is; the depths asked for, if any.
+@dataclass(frozen=True)
+class Asked:
+    """What is to be judged of all draws together, or beside the recipe's families."""
+
+    depth_range: tuple[float, float] | None
+    diffraction: bool
+    lens_has_width: bool
+
+
+def check_settings(drawn: Mapping[str, Any], at: At, families: bool) -> Asked:
+    """Raise InputError for what could not be a sample, whatever its scene is.
 
     `families` says whether scenes are made, and not read from files.
     """
@@ -76,9 +85,11 @@ def check_settings(drawn: Mapping[str, Any], at: At, families: bool) -> tuple[fl
             if key in drawn.get("scene", {}):
                 raise (at / "scene" / key).wrong("belongs to 'families'; a scene from a file is as it is")
     rig_from_table(settings.rig, _STAND_IN, settings.width, settings.height, at / "rig")
-    for k, lens in enumerate(settings.lenses):
+    lenses = [
         lens_from_table(lens, None, at / "lenses" / k, lambda name: at.source.folder / name)
-    return settings.depth_range
+        for k, lens in enumerate(settings.lenses)
+    ]
+    return Asked(settings.depth_range, settings.diffraction, any(lens.aperture_diameter > 0 for lens in lenses))
 
 
 def _check_picture(settings: Settings, at: At) -> None:

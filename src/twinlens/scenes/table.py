@@ -17,15 +17,23 @@ from twinlens.geometry import Float
 
 T = TypeVar("T")
 REQUIRED: Any = object()
+Hint = Callable[[str, Any, type], str]
+"""Of a value at a place where another kind was wanted: what more to say of it, or nothing."""
+
+
+def _no_hint(place: str, value: Any, kind: type) -> str:
+    return ""
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """The file being read, the folder its assets must lie below, and the assets it named so far."""
+    """The file being read, the folder its assets must lie below, the assets it named so far, and what it may say more
+    of a value of the wrong kind."""
 
     file: Path
     textures: Mapping[str, Any] = field(default_factory=dict)
     assets: list[Path] = field(default_factory=list)
+    hint: Hint = _no_hint
 
     @property
     def folder(self) -> Path:
@@ -49,6 +57,11 @@ class At:
         """The error of this place; raise it."""
         where = f"{self.path}: " if self.path else ""
         return InputError(f"{self.source.file}: {where}{text}")
+
+    def unlike(self, kind: type, wanted: str, value: Any) -> InputError:
+        """The error for a value that is not as wanted, with the source's hint where it is of another kind."""
+        more = "" if isinstance(value, kind) else self.source.hint(self.path, value, kind)
+        return self.wrong(f"must be {wanted}, got {show(value)}{more}")
 
     def unknown(self, kind: str, name: str, known: Iterable[str]) -> InputError:
         """The error for a name of this place that is not among the known ones, with the nearest of them."""
@@ -112,7 +125,7 @@ def number(low: float = -math.inf, high: float = math.inf, *, above: float | Non
     def parse(at: At, value: Any) -> float:
         good = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
         if not good or not floor <= value <= high or (above is not None and value == above):
-            raise at.wrong(f"must be {_range_text(floor, high, above is not None)}, got {show(value)}")
+            raise at.unlike(float, _range_text(floor, high, above is not None), value)
         return float(value)
 
     return parse
@@ -129,7 +142,7 @@ def whole(low: int, high: int) -> Parser[int]:
 
     def parse(at: At, value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise at.wrong(f"must be a whole number from {low} to {high}, got {show(value)}")
+            raise at.unlike(int, f"a whole number from {low} to {high}", value)
         return value
 
     return parse
@@ -138,14 +151,14 @@ def whole(low: int, high: int) -> Parser[int]:
 def boolean(at: At, value: Any) -> bool:
     """true or false."""
     if not isinstance(value, bool):
-        raise at.wrong(f"must be true or false, got {show(value)}")
+        raise at.unlike(bool, "true or false", value)
     return value
 
 
 def text(at: At, value: Any) -> str:
     """A string."""
     if not isinstance(value, str):
-        raise at.wrong(f"must be a string, got {show(value)}")
+        raise at.unlike(str, "a string", value)
     return value
 
 
@@ -166,7 +179,7 @@ def listed(item: Parser[T], least: int = 0, most: int = 100_000) -> Parser[list[
     def parse(at: At, value: Any) -> list[T]:
         if not isinstance(value, list) or not least <= len(value) <= most:
             size = f"{least}" if least == most else f"{least} to {most}"
-            raise at.wrong(f"must be a list of {size} values, got {show(value)}")
+            raise at.unlike(list, f"a list of {size} values", value)
         return [item(at / i, element) for i, element in enumerate(value)]
 
     return parse
