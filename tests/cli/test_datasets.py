@@ -18,7 +18,7 @@ def test_verify_prints_each_finding_and_counts(twinlens, own):
     (own / "cards" / "disp0.pfm").unlink()
     code, out, _ = twinlens("verify", own)
     assert code == 1
-    assert out.splitlines() == ["cards: disp0.pfm: is missing", "1 samples, 1 with findings"]
+    assert out.splitlines() == ["cards: disp0.pfm: is missing", "1 sample, 1 with findings"]
     code, out, _ = twinlens("verify", own, "--json")
     assert code == 1
     assert json.loads(out) == {"cards": ["disp0.pfm: is missing"]}

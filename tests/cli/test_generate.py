@@ -16,10 +16,16 @@ def test_a_dataset_is_made_and_told(twinlens, recipe, tmp_path):
     assert code == 0
     assert f"{tmp_path / 'set'}: 1 of 2 samples, 1 of them made now" in out
     assert "the same command goes on from here" in err
+    code, out, err = twinlens("verify", tmp_path / "set")
+    assert (code, out) == (0, "1 sample, 0 with findings\n")
+    assert err == (
+        f"{tmp_path / 'set'}: dataset.json lists 1 of the 2 samples of its recipe; "
+        "the `twinlens generate` that began it makes the rest\n"
+    )
     code, out, err = twinlens("generate", recipe, "-o", tmp_path / "set")
     assert (code, err) == (0, "")
     assert "2 of 2 samples, 1 of them made now" in out
-    assert twinlens("verify", tmp_path / "set")[0] == 0
+    assert twinlens("verify", tmp_path / "set") == (0, "2 samples, 0 with findings\n", "")
 
 
 def test_json_is_all_that_is_printed(twinlens, recipe, tmp_path):

@@ -13,6 +13,7 @@ from twinlens.dataset import (
     describe,
     place,
     unchecked,
+    unfinished,
     verify_place,
     write_manifest,
     write_sample,
@@ -52,6 +53,7 @@ def test_a_whole_dataset_has_no_findings(root):
     (root / "notes" / "todo.txt").touch()
     assert wrong(root) == {}
     assert unchecked(root) == ""
+    assert unfinished(root) == ""
 
 
 def test_in_a_bucket(tmp_path):
@@ -108,6 +110,37 @@ def test_metadata_of_another_list_is_told(root):
     }
     describe(root)
     assert wrong(root) == {}
+
+
+@pytest.mark.parametrize(
+    ("count", "info", "said"),
+    [
+        (2, {"complete": True}, ""),
+        (5, {"complete": False}, "lists 2 of the 5 samples of its recipe; the `twinlens generate` that began it makes"),
+        (5, {}, "lists 2 of the 5 samples of its recipe; the `twinlens generate` that began it makes the rest"),
+        (5, {"failed": [{}]}, '1 could not be made ("failed" in it says why); the `twinlens generate` that began it'),
+        (
+            3,
+            {"complete": True, "failed": [{}]},
+            'lists 2 of the 3 samples of its recipe; 1 could not be made ("failed"',
+        ),
+        ("many", {"failed": 7}, ""),
+    ],
+)
+def test_what_is_still_to_be_made_is_told_and_nothing_wrong(root, count, info, said):
+    write_manifest(root, Manifest(Dataset(root).manifest.rows, {"count": count}, info=info))
+    describe(root)
+    assert wrong(root) == {}
+    assert said in unfinished(root)
+    assert bool(said) == bool(unfinished(root))
+    assert ("makes the rest" in unfinished(root)) == (count == 5)
+
+
+def test_of_a_list_that_is_damaged_or_gone_nothing_more_is_told(root):
+    (root / "dataset.json").write_text("{")
+    assert unfinished(root) == ""
+    (root / "dataset.json").unlink()
+    assert unfinished(root) == ""
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"distribution": 7}', '{"distribution": [7]}', "[" * 5000])

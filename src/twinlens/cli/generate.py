@@ -141,7 +141,8 @@ def _tell_estimate(recipe: "Recipe", output: str, as_json: bool) -> int:
     if as_json:
         click.echo(json.dumps({"dataset": output, **asdict(told)}, indent=1))
         return 0
-    click.echo(f"{output}: {told.count} samples, {told.before} of them there, {told.todo} to make")
+    samples = f"{told.count} sample{'' if told.count == 1 else 's'}"
+    click.echo(f"{output}: {samples}, {told.before} of them there, {told.todo} to make")
     click.echo(f"the next would be {json.dumps(told.next)}")
     if told.todo:
         click.echo(

@@ -18,21 +18,23 @@ if TYPE_CHECKING:
 def command(dataset: "Place", as_json: bool) -> int:
     """Check DATASET: checksums, shapes, disparity against depth, each view's truth against the other's.
 
-    Names each sample and what is wrong with it; exit code 1 if anything is.
+    Names each sample and what is wrong with it; exit code 1 if anything is. Samples that are still to be made are told,
+    and are nothing wrong.
 
     \b
     Example:  twinlens verify out
     """
-    from twinlens.dataset import unchecked
+    from twinlens.dataset import unchecked, unfinished
 
     findings = _findings(dataset, as_json)
-    if unchecked(dataset):
-        click.echo(f"{dataset}: {unchecked(dataset)}", err=True)
+    for more in filter(None, (unchecked(dataset), unfinished(dataset))):
+        click.echo(f"{dataset}: {more}", err=True)
     whole, wrong = findings.pop("dataset.json", []), sum(map(bool, findings.values()))
     if as_json:
         click.echo(json.dumps(({"dataset.json": whole} if whole else {}) | findings, indent=1))
     else:
-        click.echo(f"{len(findings)} samples, {wrong} with findings" + (", and dataset.json too" if whole else ""))
+        samples = f"{len(findings)} sample{'' if len(findings) == 1 else 's'}"
+        click.echo(f"{samples}, {wrong} with findings" + (", and dataset.json too" if whole else ""))
     return 1 if wrong or whole else 0
 
 

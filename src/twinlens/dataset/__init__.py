@@ -4,7 +4,7 @@ What a sample looks like on the disk is written in docs/format.md.
 """
 
 from twinlens.dataset.about import About
-from twinlens.dataset.audit import unchecked, verify_place
+from twinlens.dataset.audit import unchecked, unfinished, verify_place
 from twinlens.dataset.card import write_card
 from twinlens.dataset.codecs import (
     Calibration,
@@ -70,6 +70,7 @@ __all__ = [
     "sample_files",
     "statistics",
     "unchecked",
+    "unfinished",
     "verify_dataset",
     "verify_place",
     "verify_sample",

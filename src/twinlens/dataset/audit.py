@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from twinlens.dataset.croissant import NAME as CROISSANT
 from twinlens.dataset.dataset import Dataset, found_samples
 from twinlens.dataset.files import is_hidden, read_bytes
-from twinlens.dataset.manifest import NAME
+from twinlens.dataset.manifest import NAME, read_manifest
 from twinlens.dataset.storage import MARK, Place, RemotePath, Where, place
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError
@@ -40,6 +40,26 @@ def unchecked(where: Where) -> str:
     if (place(where) / NAME).is_file():
         return ""
     return f"no {NAME} here: the files were held against each other, but not against checksums"
+
+
+def unfinished(where: Where) -> str:
+    """How many of its recipe's samples a dataset lacks, and what to do about it, in a line; empty where it lacks none.
+
+    Those that could not be made are told too. A list that cannot be read is told by `verify_place`.
+    """
+    try:
+        manifest = read_manifest(where)
+    except FileError:
+        return ""
+    count, failed = manifest.recipe.get("count"), manifest.info.get("failed")
+    if not isinstance(count, int) or len(manifest.rows) >= count:
+        return ""
+    lost = len(failed) if isinstance(failed, list) else 0
+    said = [f"{NAME} lists {len(manifest.rows)} of the {count} samples of its recipe"]
+    said += [f'{lost} could not be made ("failed" in it says why)'] if lost else []
+    if len(manifest.rows) + lost < count:
+        said.append("the `twinlens generate` that began it makes the rest")
+    return "; ".join(said)
 
 
 def _of_the_whole(folder: Place, dataset: Dataset) -> list[str]:
