@@ -236,6 +236,67 @@ def test_different_worlds_are_told_by_a_hundred_pixels(size, larger):
     assert "are at a depth that the other view has there" in finding
 
 
+def beside(truth, camera, pose, du, dv):
+    """A view's truth moved by whole pixels, and true in itself: each position on its own pixel's ray, at its depth."""
+    moved = {key: np.roll(value, (dv, du), (0, 1)) if np.ndim(value) > 1 else value for key, value in truth.items()}
+    return as_seen_by(moved, camera, pose)
+
+
+def as_seen_by(truth, camera, pose):
+    hit = truth["object_id"] > 0
+    rays = camera.unproject(camera.pixel_grid())
+    points = geometry.transform_points(pose, np.where(hit, truth["depth"], 1.0)[..., None] * rays)
+    return {**truth, "position": np.where(hit[..., None], points, np.inf)}
+
+
+@pytest.mark.parametrize("views", [(0, 1), (1, 0)])
+@pytest.mark.parametrize(
+    ("wall", "step", "axis"),
+    [((0.1, 0.05, 1.0), (1, 0), "u"), ((0.1, 0.05, 1.0), (-1, 0), "u"), ((0.02, 0.2, 1.0), (0, 1), "v")],
+)
+def test_a_view_that_is_a_pixel_beside_its_place_is_told_by_the_other(monkeypatch, wall, step, axis, views):
+    monkeypatch.setattr(dataset_scene, "WALL", np.array(wall) / 4.0)
+    pair = dataset_scene.rig(width=120, height=90)
+    truths = [vars(truth) for truth in dataset_scene.truths(pair)]
+    here, there = (truths[i] for i in views)
+    camera, pose = pair.cameras[views[1]], pair.world_from_cams[views[1]]
+    assert laws.views_agree((here, there), pair, views) == []
+    assert laws.views_agree((here, beside(there, camera, pose, 0, 0)), pair, views) == []
+    moved = beside(there, camera, pose, *step)
+    assert laws.positions_agree(moved, camera, pose) == []
+    (finding,) = laws.views_agree((here, moved), pair, views)
+    assert f" px along {axis} beside the surfaces that the other view has" in finding
+
+
+def test_a_view_whose_pixels_have_other_centres_is_told():
+    """The slip of conventions: centres at whole pixels, and at halves."""
+    pair, other = (dataset_scene.rig(width=120, height=90, doffs=doffs) for doffs in (1.25, 1.75))
+    left, right = vars(dataset_scene.truths(pair)[0]), vars(dataset_scene.truths(other)[1])
+    (finding,) = laws.views_agree((left, as_seen_by(right, pair.cameras[1], pair.world_from_cams[1])), pair, (0, 1))
+    assert " px along u beside the surfaces" in finding
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.005, 0.02])
+def test_views_of_a_waving_wall_agree(bend):
+    """Planes are judged, and what bends within a pixel is left alone: no shape is taken for a view out of place."""
+    pair = Rig.stereo(Camera.from_fov(160, 120, 60), 0.1)
+    truths = [waving(camera, x, bend) for camera, x in zip(pair.cameras, (0.0, 0.1), strict=True)]
+    assert laws.views_agree((truths[0], truths[1]), pair, (0, 1)) == []
+    assert laws.views_agree((truths[1], truths[0]), pair, (1, 0)) == []
+
+
+def waving(camera, x, bend):
+    """z = 2 + 0.3 X + bend sin(60 X) in the left camera's frame, seen from (x, 0, 0), by fixed-point steps."""
+    rays = camera.unproject(camera.pixel_grid())
+    z = np.full(rays.shape[:2], 2.0)
+    for _ in range(400):
+        across = x + z * rays[..., 0]
+        z += 0.05 * (2.0 + 0.3 * across + bend * np.sin(60.0 * across) - z)
+    points = z[..., None] * rays + [x, 0.0, 0.0]
+    px = camera.project(points - [0.1 - x, 0.0, 0.0])
+    return {"depth": z, "position": points, "object_id": np.ones(z.shape, int), "visible": camera.contains(px)}
+
+
 def test_a_record_that_claims_another_rig_is_told(loose):
     path = loose.folder / "sample.json"
     record = json.loads(path.read_text())

@@ -30,6 +30,9 @@ _LAST_PLACES = 4 * float(np.finfo(np.float32).eps)
 _SLACK_DEPTH = 1e-3  # of the depth: what may lie between neighbouring pixel centres
 _SELDOM = 0.05  # of the pixels inside one object's picture; it may hide parts of itself, and bend between centres
 _BY_CHANCE = 1e-6
+_FLAT = 0.05  # px: what bends, and float32, may seem to move a surface by, where it is said to be flat
+_FEWEST_FLAT = 100  # pixels
+_QUARTER = 0.25  # px: half a pixel is the error that conventions make
 
 
 def positions_agree(truth: Arrays, camera: Camera, world_from_cam: NDArray[np.float64]) -> Findings:
@@ -101,7 +104,12 @@ def views_agree(truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int])
     and at silhouettes, which in a small picture are nearly everywhere, the centres may show what is beside it. Of the
     pixels that remain 5% may fail; swapped views, and views of different worlds or sizes, fail nearly everywhere. Where
     a few are left, as many may fail as 5% come to by chance once in a million times, as if pixels failed alone: a rule
-    of thumb. A view that is a pixel beside its place may pass: `positions_agree` tells that.
+    of thumb.
+
+    Bounds of 3x3 pixels hide a view that stands a pixel beside its place. Where the other view is flat and slanted its
+    depths tell to a fraction of a pixel how far beside its surface a point lies: along the slope, so that surfaces
+    slanted to the side answer for u, those slanted up or down for v. Half of either, if there are enough, must lie
+    within a quarter of a pixel.
     """
     here, there = truths
     camera = rig.cameras[views[1]]
@@ -115,14 +123,42 @@ def views_agree(truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int])
         return [f"{np.count_nonzero(~inside)} visible pixels project outside the other view"]
     v, u = _nearest(px, camera)
     judged = _inside_one_object(here["object_id"])[seen] & _inside_one_object(there["object_id"])[v, u]
-    px, cam = px[judged], cam[judged]
+    px, cam, world = px[judged], cam[judged], world[judged]
     around = _around(there["depth"], px, camera)
     low, high = around.min(axis=0), around.max(axis=0)
     agree = (cam[:, 2] >= low * (1 - _SLACK_DEPTH)) & (cam[:, 2] <= high * (1 + _SLACK_DEPTH))
     wrong = int(np.count_nonzero(~agree))
-    if not wrong or bdtrc(wrong - 1, agree.size, _SELDOM) >= _BY_CHANCE:
-        return []
-    return [f"only {agree.mean():.1%} of its visible pixels are at a depth that the other view has there"]
+    if wrong and bdtrc(wrong - 1, agree.size, _SELDOM) < _BY_CHANCE:
+        return [f"only {agree.mean():.1%} of its visible pixels are at a depth that the other view has there"]
+    scale = np.abs(world).sum(axis=-1) + np.abs(rig.world_from_cams[views[1]][:3, 3]).sum()
+    few = slice(None, None, max(1, len(px) // _LOOKED_AT))
+    return _beside(around[:, few], px[few], cam[few, 2], scale[few], camera)
+
+
+def _beside(
+    around: NDArray[Any], px: NDArray[np.float64], z: NDArray[np.float64], scale: NDArray[np.float64], camera: Camera
+) -> Findings:
+    """How far points lie beside the surfaces of a view, where those are flat: 1/z is linear in u and v on a plane.
+
+    around (9, N): the view's depths in the 3x3 pixels around px (N, 2), where points of depth z (N,) project. scale
+    (N,): the size of the numbers, metres, of which the last places are lost.
+    """
+    lost = _LAST_PLACES * scale / z
+    with np.errstate(all="ignore"):  # depths of a damaged file; what comes of them is not said to be flat
+        near = 1.0 / around.astype(np.float64)
+        slope = 0.5 * np.stack([near[5] - near[3], near[7] - near[1]])
+        steps = np.array([(du, dv) for dv in (-1, 0, 1) for du in (-1, 0, 1)])
+        bent = np.abs(near - near[4] - steps @ slope).max(axis=0) + (lost + _LAST_PLACES) * near[4]
+        steep = np.hypot(*slope)
+        flat = (bent <= _FLAT * steep) & (steep > 0) & (lost * max(camera.fx, camera.fy) <= _FLAT)
+        off_px = np.abs(1.0 / z - near[4] - ((px - np.floor(px + 0.5)).T * slope).sum(axis=0)) / steep
+    findings = []
+    sideways = np.abs(slope[0]) > np.abs(slope[1])
+    for name, chosen in (("u", sideways), ("v", ~sideways)):
+        along = off_px[flat & chosen]
+        if along.size >= _FEWEST_FLAT and np.median(along) > _QUARTER:
+            findings.append(f"lies {np.median(along):.2g} px along {name} beside the surfaces that the other view has")
+    return findings
 
 
 def eyes_agree(
