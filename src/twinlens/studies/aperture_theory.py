@@ -33,6 +33,7 @@ Float = NDArray[np.float64]
 WAVELENGTH = 549e-9
 SENSOR = Sensor.preset("machine_vision", wavelengths=(WAVELENGTH,) * 3)
 _AIRY_GAUSSIAN = 0.45
+LUMA = np.array([0.299, 0.587, 0.114])
 _PATCH = 16
 
 
@@ -70,6 +71,19 @@ def noise_electrons(wells: ArrayLike, gain: float = 1.0) -> Float:
     rounding = (steps[0] ** 2 + (steps[1] / _srgb_slope(level)) ** 2) / 12.0
     unlike = SENSOR.dsnu**2 + (SENSOR.prnu * held) ** 2
     return np.asarray(np.sqrt(held + SENSOR.read_noise**2 + unlike + rounding))
+
+
+def luma_noise(levels: Float, gain: float = 1.0) -> Float:
+    """Root mean square noise of the luma that is matched, (..,), of pixels (.., 3) of so many shares of white.
+
+    Each channel's own, and the step of the whole numbers that luma is rounded to.
+    """
+    response = np.array(SENSOR.quantum_efficiency) * np.array(SENSOR.wavelengths)
+    balance = response.max() / response
+    held = levels * SENSOR.full_well / (gain * balance)
+    channels = LUMA * balance * noise_electrons(held, gain) * gain / SENSOR.full_well
+    step = 1.0 / (255.0 * _srgb_slope(levels @ LUMA))
+    return np.asarray(np.sqrt((channels**2).sum(axis=-1) + step**2 / 12.0))
 
 
 def _srgb_slope(level: Float) -> Float:
