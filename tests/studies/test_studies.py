@@ -111,6 +111,18 @@ def test_other_seeds_are_asked_the_same_questions(results, name):
 
 
 @pytest.mark.parametrize("name", STUDIES)
+def test_a_part_of_the_methods_or_scenes_is_concluded_of_too(results, name):
+    """What they leave open has no verdict, and no number that is none."""
+    result = results(name)
+    for column in ("method", "scene"):
+        known = [each.name for each in result.table.columns]
+        for value in result.table.values(column) if column in known else ():
+            for finding in result.study.conclude(result.table.where(**{column: value})):
+                assert "nan" not in finding.sentence
+                assert not (finding.asked and math.isnan(finding.measured.value))
+
+
+@pytest.mark.parametrize("name", STUDIES)
 def test_figures_are_drawn_from_the_csv_read_back(results, name):
     result = results(name)
     table = from_csv(to_csv(result.table), result.study.all_columns)
@@ -202,6 +214,8 @@ def test_a_question_that_the_methods_leave_open_has_no_verdict():
     )
     columns = STUDIES["radiometric"].all_columns
     both, one = (STUDIES["radiometric"].conclude(Table(columns, part))[-1] for part in (rows, rows[::2]))
+    none = STUDIES["radiometric"].conclude(Table(columns, tuple({**row, "method": "sgm"} for row in rows[::2])))
+    assert [finding.asked for finding in none] == 5 * [False]
     assert both.asked
     assert both.holds
     assert not one.asked

@@ -46,7 +46,11 @@ class Interval:
 
         >>> Interval(2.5, 2.25, 2.75, 9).said("px"), Interval(2.5, 2.25, 2.75, 3).said("px")
         ('2.5 px [2.25, 2.75]', '2.5 px (range of 3: 2.25 to 2.75)')
+        >>> Interval(math.nan, math.nan, math.nan).said("px")
+        '(not measured)'
         """
+        if math.isnan(self.value):
+            return "(not measured)"
         value = f"{brief(self.value)} {unit}".strip()
         if math.isnan(self.low):
             return value

@@ -6,6 +6,7 @@
 A `Study` is data and two functions; `STUDIES` lists those that come along, `run_study` runs one.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -62,7 +63,8 @@ class Finding:
     interval, in `unit`. holds: whether the measurement bears the sentence out. expected: what theory says, if it does,
     and within which `tolerance` (relative). answer: what was found where the sentence names one of several, as a
     matcher; a seed bears the finding out only if it gives the same answer. asked: False where the chosen methods or
-    scenes leave the question open: nothing was measured then, and there is no verdict.
+    scenes leave the question open: nothing was measured then, and there is no verdict. So it is, too, where the
+    sentence has a number and that is NaN: what measures it found no rows.
     """
 
     text: str
@@ -73,6 +75,11 @@ class Finding:
     tolerance: float | None = None
     answer: str = ""
     asked: bool = True
+
+    def __post_init__(self) -> None:
+        if "{}" in self.text and math.isnan(self.measured.value):
+            object.__setattr__(self, "asked", False)
+            object.__setattr__(self, "holds", False)
 
     @property
     def sentence(self) -> str:

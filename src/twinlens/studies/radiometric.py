@@ -71,6 +71,9 @@ CHANGES: Mapping[str, Change] = {
 }
 
 
+_NOTHING = Interval(*3 * (float("nan"),))
+
+
 def measure(setup: Setup) -> Measured:
     """A row for every scene, seed, difference, strength and matcher."""
     rows: list[Row] = []
@@ -141,6 +144,9 @@ def _ranking(rows: Table) -> list[str]:
 
 def _fewest(rows: Table, change: str) -> Finding:
     """The cost with the fewest wrong pixels on average over the strengths, and how far the next one is."""
+    if not len(rows):
+        text = f"Under {change} a local cost has the fewest wrong pixels: takes one among the methods"
+        return Finding(text, _NOTHING, holds=False, asked=False)
     best, *others = _ranking(rows)
     if not others:
         text = f"Under {change} {best}, asked alone, has {{}} of its pixels wrong"
@@ -156,8 +162,7 @@ def _census(rows: Table) -> Finding:
     census = next((method for method in ranking if method.partition(":")[0] == "census"), None)
     rivals = [method for method in ranking if method != census]
     if census is None or not rivals:
-        nothing = Interval(*3 * (float("nan"),))
-        return Finding(f"{text}: takes census and a rival among the methods", nothing, holds=False, asked=False)
+        return Finding(f"{text}: takes census and a rival among the methods", _NOTHING, holds=False, asked=False)
     margin = paired_difference(rows, "totbad2", "method", rivals[0], census)
     return Finding(f"{text}: {{}} fewer than {rivals[0]}", margin, is_above(margin), "percent points")
 
