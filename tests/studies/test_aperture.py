@@ -117,14 +117,18 @@ def test_an_optimum_beside_what_is_unknown_is_the_sample_itself():
     assert aperture_theory.best_f_number(numbers, np.array([np.nan, 3.0, 2.0, 1.0])) == 8.0
 
 
-def table(best, cost=2.0, theory=5.6, jitter=0.0):
-    """Wrong pixels as a parabola over stops: least at the f-number `best` says of each scene."""
+def table(best, cost=2.0, theory=5.6, jitter=0.0, median=2.0):
+    """Wrong pixels as a parabola over stops: least at the f-number `best` says of each scene.
+
+    The median error is least at `median`, where the Cramer-Rao bound has f/2.
+    """
     random = np.random.default_rng(2)
     rows = [
         {
             "scene": scene, "seed": seed, "f_number": number, "exposure": mode, "diffraction": "with", "method": "sad",
-            "level": 1 / number**2, "square_law": 1.0, "predicted": 1.0, "theory_best": theory, "totbad1": 0.0,
-            "avgerr": 0.0, "a50": 0.0,
+            "level": 1 / number**2, "square_law": 1.0, "predicted": 1.0, "theory_best": 2.0, "totbad1": 0.0,
+            "predicted_wrong": 1.0, "theory_best_wrong": theory, "avgerr": 0.0,
+            "a50": 1 + math.log2(number / median) ** 2,
             "totbad2": 9 + cost * math.log2(number / place) ** 2 + jitter * random.normal(),
         }
         for scene, place in best.items()
@@ -176,6 +180,14 @@ def test_an_optimum_at_the_end_of_the_sweep_is_called_so():
     found = verdict(table({"a": 0.9, "b": 0.9, "c": 0.9}))
     assert "f/1, the end of the sweep" in found.sentence
     assert not found.holds
+
+
+@pytest.mark.parametrize(("median", "holds"), [(2.0, True), (3.0, True), (4.0, False), (1.0, False)])
+def test_the_median_error_is_set_beside_the_bound_and_not_beside_what_tells_wrong_pixels(median, holds):
+    found = aperture.conclude(table({"a": 11.0, "b": 8.0}, median=median))[-1]
+    assert found.holds == holds
+    assert found.measured.value == pytest.approx(2 * math.log2(median / 2.0), abs=0.1)
+    assert ("sad" in found.sentence) != holds
 
 
 def test_the_square_law_is_of_the_levels():

@@ -11,7 +11,7 @@ truth these sums, less the squares of the left eye's noise that all share, are G
 so that a single far rival wins with the chance Q(D^2 / sqrt(8 sigma^2 D^2 + 12 n sigma^4)): without noise on noise,
 Q(sqrt(n V) / (2 sigma)). A match is wrong where the least of the sums, refined by a parabola, lies over 2 px from
 the truth, which is in the middle of the range. Blur wide enough that texture is no more than a slope makes that what
-the Cramer-Rao bound says of P(|error| > 2 px); without any texture it is mere chance, about 1 - 5/ndisp.
+the Cramer-Rao bound says of P(|error| > 2 px); without any texture it is mere chance, about 1 - 4/ndisp.
 
 A window holds few grains, one alone where blur is wider than it is, and may find them faint: D_h^2, and the noise on
 it, are those of its own texture, a sum of lambda_i z_i^2 over its mean, z normal and lambda the eigenvalues of the
@@ -23,7 +23,8 @@ The chance has no closed form: the Gaussians are drawn, 2000 times, always the s
 
 Sources: Ziv and Zakai, Some lower bounds on signal parameter estimation, IEEE Trans. Information Theory 15(3), 1969;
 Ianniello, Time delay estimation via cross-correlation in the presence of large estimation errors, IEEE Trans. ASSP
-30(6), 1982; Weinstein and Weiss, Fundamental limitations in passive time delay estimation II, IEEE Trans. ASSP 32(5), 1984.
+30(6), 1982; Weinstein and Weiss, Fundamental limitations in passive time delay estimation II, IEEE Trans. ASSP 32(5),
+1984.
 """
 
 from collections.abc import Iterator
@@ -64,7 +65,7 @@ def mismatch(snr: Float, spread: float, side: int, ndisp: int) -> Float:
     """The theory of the module's first lines. snr: V/sigma^2, (K,); spread: g in pixels. Returns (K,) of 0 to 1.
 
     >>> mismatch(np.array([0.0, 100.0]), 1.2, 9, 32).round(1)
-    array([0.8, 0. ])
+    array([0.9, 0. ])
     """
     shifts = np.arange(ndisp) - ndisp // 2
     errors = (np.abs(_least(sums, shifts)) for sums in _drawn(snr, spread, side, shifts))
@@ -102,7 +103,8 @@ def _fading(normal: Float, spread: float, side: int, shifts: NDArray[np.int64]) 
     light = np.ones(normal.shape)
     for distance in np.unique(np.abs(shifts[shifts != 0])):
         differences = 2.0 * _rho(lags, spread) - _rho(lags + distance, spread) - _rho(lags - distance, spread)
-        drawn = np.sort(squares @ np.outer(np.linalg.eigvalsh(differences), down).ravel())
+        scales = np.outer(np.linalg.eigvalsh(differences), down).ravel()
+        drawn = np.sort(squares @ np.maximum(scales, 0.0))
         for k in np.flatnonzero(np.abs(shifts) == distance):
             light[:, k] = np.interp(ndtr(normal[:, k]), rank, drawn / drawn.mean())
     return light
@@ -121,6 +123,5 @@ def _least(sums: Float, shifts: NDArray[np.int64]) -> Float:
     inner = np.clip(best, 1, len(shifts) - 2)
     below, least, above = (np.take_along_axis(sums, (inner + k)[:, None], axis=1)[:, 0] for k in (-1, 0, 1))
     bend = below - 2.0 * least + above
-    return np.asarray(
-        shifts[best] + np.where(best == inner, 0.5 * (below - above) / np.where(bend > 0, bend, 1.0), 0.0)
-    )
+    beside = np.where(best == inner, 0.5 * (below - above) / np.where(bend > 0, bend, 1.0), 0.0)
+    return np.asarray(shifts[best] + beside)

@@ -14,8 +14,8 @@ A picture's predicted error is the median over its pixels, each with its true de
 arbitrary units. Burnt pixels know nothing: their error is infinite. What noise the light paths leave in a picture is
 the renderer's, not the camera's, and has no place in it.
 
-The bound is that of a match a fraction of a pixel from the truth. It is not the share of wrong pixels, which are
-mismatches: that both are least at about the same f-number is the question that the study puts, not a theorem.
+The bound is that of a match a fraction of a pixel from the truth, and the study sets it beside the median error. It is
+not the share of wrong pixels, which are mismatches: `aperture_evidence`.
 """
 
 import math
