@@ -58,7 +58,7 @@ def test_export_again_needs_to_be_told(twinlens, dataset, tmp_path):
     assert "is there already" in err
     code, out, _ = twinlens(*arguments, "--overwrite", "--lens", "1")
     assert code == 0
-    assert "1 samples, 8 files" in out
+    assert "1 sample, 8 files" in out
 
 
 def test_export_to_and_from_a_bucket(twinlens, dataset, tmp_path):

@@ -40,4 +40,5 @@ def command(
         click.echo(json.dumps({"output": str(output), "layout": layout, "files": sizes}, indent=1))
         return
     size = sum(sizes.values()) / 1e6
-    click.echo(f"{output}: {len(samples)} samples, {len(sizes)} files, {size:.1f} MB in the layout of {layout}")
+    count = f"{len(samples)} sample" + "s" * (len(samples) != 1)
+    click.echo(f"{output}: {count}, {len(sizes)} files, {size:.1f} MB in the layout of {layout}")

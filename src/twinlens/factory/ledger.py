@@ -144,11 +144,12 @@ class Ledger:
         """A folder without dataset.json may hold what a run of before has left, and nothing else."""
         if not self.folder.is_dir():
             return
-        for entry in self.folder.iterdir():
-            if not (entry.name.startswith(".") or entry.name.isdecimal() or entry.name == "preview.png"):
-                raise InputError(
-                    f"{self.folder}: is no dataset and holds {entry.name!r}; name a new folder, or an empty one"
-                )
+        there = [entry.name for entry in self.folder.iterdir()]
+        for name in there:
+            if not (name.startswith(".") or name.isdecimal() or name == "preview.png"):
+                lost = any(name.isdecimal() for name in there)
+                way = "or, where dataset.json was lost, move that away and go on" if lost else "or an empty one"
+                raise InputError(f"{self.folder}: is no dataset and holds {name!r}; name a new folder, {way}")
 
     def _kept_rows(self) -> Iterator[tuple[int, Entry]]:
         folder = self.folder / ROWS
