@@ -127,7 +127,8 @@ def table(best, cost=2.0, theory=5.6, jitter=0.0, median=2.0):
         {
             "scene": scene, "seed": seed, "f_number": number, "exposure": mode, "diffraction": "with", "method": "sad",
             "level": 1 / number**2, "square_law": 1.0, "predicted": 1.0, "theory_best": 2.0, "totbad1": 0.0,
-            "predicted_wrong": 1.0, "theory_best_wrong": theory, "avgerr": 0.0,
+            "predicted_wrong": 1.0, "theory_best_wrong": theory, "avgerr": 0.0, "rendered_wrong": 1.0,
+            "path_noise": 3.0 if mode == aperture_shots.MODES[1] else 0.2,
             "a50": 1 + math.log2(number / median) ** 2,
             "totbad2": 9 + cost * math.log2(number / place) ** 2 + jitter * random.normal(),
         }
@@ -184,10 +185,16 @@ def test_an_optimum_at_the_end_of_the_sweep_is_called_so():
 
 @pytest.mark.parametrize(("median", "holds"), [(2.0, True), (3.0, True), (4.0, False), (1.0, False)])
 def test_the_median_error_is_set_beside_the_bound_and_not_beside_what_tells_wrong_pixels(median, holds):
-    found = aperture.conclude(table({"a": 11.0, "b": 8.0}, median=median))[-1]
+    found = aperture.conclude(table({"a": 11.0, "b": 8.0}, median=median))[-3]
     assert found.holds == holds
     assert found.measured.value == pytest.approx(2 * math.log2(median / 2.0), abs=0.1)
     assert ("sad" in found.sentence) != holds
+
+
+def test_whose_noise_the_pictures_have_is_told_of_each_exposure():
+    fixed, equal = aperture.conclude(table({"a": 4.0}))[-2:]
+    assert (fixed.holds, equal.holds) == (True, False)
+    assert equal.measured.value == pytest.approx(3.0)
 
 
 def test_the_square_law_is_of_the_levels():

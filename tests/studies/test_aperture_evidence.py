@@ -133,9 +133,26 @@ def test_light_is_lost_by_blur_by_noise_and_by_nothing_else():
     theory = Evidence.of(stage, lens, radiance)
     time = 0.3 / float(theory.levels.mean())
     sharp = np.zeros(stage.truth.depth.shape)
-    few = theory.wrong(lens, Exposure(time), sharp, diffracts=False)
-    assert theory.wrong(lens, Exposure(time / 100), sharp, diffracts=False) > few
-    assert theory.wrong(lens, Exposure(time), sharp + 12.0, diffracts=False) > few
-    assert theory.wrong(model.lens(32.0), Exposure(time * (32 / 11) ** 2), sharp, diffracts=True) > few
-    wide = theory.wrong(ThinLens(4 * lens.aperture_diameter, lens.focus_distance), Exposure(time / 16), sharp, False)
-    assert wide == pytest.approx(few)
+
+    def wrong(lens, time, blur=0.0, diffracts=False):
+        return theory.expected(lens, Exposure(time), sharp + blur, diffracts).wrong
+
+    few = wrong(lens, time)
+    assert wrong(lens, time / 100) > few
+    assert wrong(lens, time, blur=12.0) > few
+    assert wrong(model.lens(32.0), time * (32 / 11) ** 2, diffracts=True) > few
+    assert wrong(ThinLens(4 * lens.aperture_diameter, lens.focus_distance), time / 16) == pytest.approx(few)
+    rendered = theory.expected(lens, Exposure(time), sharp, diffracts=False, paths=0.5)
+    assert rendered.wrong == few
+    assert rendered.rendered_wrong > few
+
+
+def test_light_paths_are_a_tenth_of_the_light_where_they_say_so():
+    """Beside shot noise alone: a tenth of S electrons over sqrt(S) of them."""
+    stage = Stage.of("cards", 96, 72, pixel_pitch_um=3.45)
+    lens = Model(stage, 1.0).lens(11.0)
+    wall = [np.full((72, 96, 3), 0.2, np.float32)] * 2
+    theory = Evidence.of(stage, lens, wall)
+    time = 0.5 / float(theory.levels.mean())
+    ratio = theory.expected(lens, Exposure(time), np.zeros((72, 96)), diffracts=False, paths=0.1).path_noise
+    assert ratio == pytest.approx(0.1 * math.sqrt(0.5 * aperture_theory.SENSOR.full_well) / math.sqrt(0.45), rel=0.2)

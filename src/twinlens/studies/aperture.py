@@ -8,6 +8,7 @@ pixels, `aperture_evidence`. What is concluded is in `aperture_findings`.
 What is photographed, and why it was chosen so, is in `aperture_shots`.
 """
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -56,7 +57,7 @@ def measure(setup: Setup) -> Measured:
         begun = time.perf_counter()
         grid = render_lens_grid(model.stage.scene, model.stage.rig, lenses, setup.spp, stream(seed, 0))
         seconds = time.perf_counter() - begun
-        rows += _sweep(setup, model, grid.images, seed, done / len(places))
+        rows += _sweep(setup, model, grid, seed, done / len(places))
         if seed == setup.seeds[0]:
             saved[name] = _saved(model, setup, grid, seconds)
             scales[name] = model.scale
@@ -91,8 +92,10 @@ def _said(name: str, saved: Mapping[str, float]) -> str:
     )
 
 
-def _sweep(setup: Setup, model: Model, images: Sequence[Radiance], seed: int, share: float) -> list[Row]:
+def _sweep(setup: Setup, model: Model, grid: LensGrid, seed: int, share: float) -> list[Row]:
     """A seed's rows of one scene."""
+    images = grid.images
+    paths = _path_noise(grid)
     grain = grain_px(images[F_NUMBERS.index(GRAIN_AT)][0])
     evidence = Evidence.of(model.stage, model.lens(SHARP_AT), images[F_NUMBERS.index(SHARP_AT)])
     rows: list[Row] = []
@@ -101,7 +104,7 @@ def _sweep(setup: Setup, model: Model, images: Sequence[Radiance], seed: int, sh
         case: Row = {
             "scene": model.stage.scene.name, "seed": seed, "f_number": shot.f_number, "exposure": shot.mode,
             "diffraction": shot.diffraction, "level": level(model.stage, shot),
-            **_predicted(model, shot, grain, evidence),
+            **_predicted(model, shot, grain, evidence, paths[F_NUMBERS.index(shot.f_number)]),
         }  # fmt: skip
         draw = stream(seed, 1, F_NUMBERS.index(shot.f_number), MODES.index(shot.mode))
         pictures = model.stage.expose(shot.radiance, shot.lens, draw, SENSOR, shot.exposure)
@@ -115,12 +118,22 @@ def _scores(stage: Stage, pictures: Sequence[NDArray[Any]], method: str) -> dict
     return {**score_columns(scores), "a50": scores.regions["nonocc"]["A50"]}
 
 
-def _predicted(model: Model, shot: Shot, grain: float, evidence: Evidence) -> dict[str, float]:
+def _path_noise(grid: LensGrid) -> list[float]:
+    """What noise the light paths left in each lens's pictures, in parts of their light, root mean squares."""
+    light = [math.sqrt(np.mean([np.square(eye, dtype=np.float64).mean() for eye in eyes])) for eyes in grid.images]
+    return [float(np.mean(error)) / level for error, level in zip(grid.standard_error, light, strict=True)]
+
+
+def _predicted(model: Model, shot: Shot, grain: float, evidence: Evidence, paths: float) -> dict[str, float]:
     """What the two theories expect."""
     blur = model.stage.blur(model.full_size(shot.lens))
     diffracts = shot.diffraction == "with"
     error = predicted_error(model.stage, shot.lens, shot.exposure, shot.radiance[0], blur, grain, diffracts)
-    return {"predicted": error, "predicted_wrong": evidence.wrong(shot.lens, shot.exposure, blur, diffracts)}
+    expected = evidence.expected(shot.lens, shot.exposure, blur, diffracts, paths)
+    return {
+        "predicted": error, "predicted_wrong": expected.wrong, "rendered_wrong": expected.rendered_wrong,
+        "path_noise": expected.path_noise,
+    }  # fmt: skip
 
 
 def _with_theory(rows: Sequence[Row]) -> list[Row]:
@@ -188,6 +201,8 @@ STUDY = Study(
         Column("theory_best", "", "f-number of the least predicted error"),
         Column("predicted_wrong", "%", "expected to be wrong by > 2 px"),
         Column("theory_best_wrong", "", "f-number of the fewest expected to be wrong"),
+        Column("rendered_wrong", "%", "the same, with the noise of the light paths"),
+        Column("path_noise", "", "noise of the light paths over the sensor's"),
         *SCORES,
         Column("a50", "px", "median error"),
     ),
@@ -201,9 +216,9 @@ STUDY = Study(
         Figure("median", "Median error, with diffraction: what theory bounds", "f_number", "a50", by="method",
                panel="exposure", log_x=True, log_y=True, best="least",
                marks=(("theory_best", "theory"),), where={"diffraction": "with"}),
-        Figure("predicted-wrong", "What theory expects of wrong pixels, with diffraction", "f_number",
+        Figure("predicted-wrong", "What theory expects of wrong pixels; dashed: and of the light paths", "f_number",
                "predicted_wrong", by="scene", panel="exposure", log_x=True, best="least",
-               where={"diffraction": "with"}),
+               also=("rendered_wrong",), where={"diffraction": "with"}),
         Figure("predicted", "The Cramer-Rao bound of a matcher's error, with diffraction", "f_number", "predicted",
                by="scene", panel="exposure", log_x=True, log_y=True, best="least", where={"diffraction": "with"}),
         Figure("light", "Mean level at a fixed exposure, as far as noise is not cut at zero", "f_number", "level",

@@ -15,11 +15,13 @@ paths, which the eyes do not share, is none. Grain: s^2 = covariance of the eyes
 V = s^2 gradient^2. Blur disks are taken as squares of the same variance, near surfaces as veils that hide nothing. What
 one eye alone sees speaks for no depth.
 
-The noise is that of the luma which matchers compare, at the level of the sharp picture.
+The noise is that of the luma which matchers compare, at the level of the sharp picture: the camera's, and where asked
+for, that which the renderer says its light paths left in the radiance. No camera has the latter, but the pictures have.
 """
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +40,19 @@ SHARP_AT = 11.0
 """The f-number whose pictures tell the texture."""
 SIDE = StereoMatcher().block_size
 """Of the window: the matchers' own, unless they are told otherwise."""
-_STRIDE = 3
+_STRIDE = 4
 _PATCH = 17
+
+
+class Expected(NamedTuple):
+    """Percentages of wrong pixels: of the camera's noise alone, and of that and the noise of light paths.
+
+    path_noise: the latter noise over the sensor's, the median of the picture.
+    """
+
+    wrong: float
+    rendered_wrong: float
+    path_noise: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +72,7 @@ class Evidence:
     depth: NDArray[np.int64]
     places: NDArray[np.bool_]
     _seen: dict[tuple[int, int], Float] = field(default_factory=dict)
+    _found: dict[tuple[bytes, float], tuple[NDArray[np.intp], Float]] = field(default_factory=dict)
 
     @staticmethod
     def of(stage: Stage, lens: ThinLens, sharp: list[NDArray[np.float32]]) -> "Evidence":
@@ -75,35 +89,48 @@ class Evidence:
         places[::_STRIDE, ::_STRIDE] = both[::_STRIDE, ::_STRIDE]
         return Evidence(stage, lens, levels[0], texture, grain, depth, places)
 
-    def wrong(self, lens: ThinLens, exposure: Exposure, blur_px: Float, diffracts: bool) -> float:
-        """The percentage of wrong pixels that theory expects; NaN of none. blur_px: of every depth, signed, (H, W)."""
+    def expected(
+        self, lens: ThinLens, exposure: Exposure, blur_px: Float, diffracts: bool, paths: float = 0.0
+    ) -> Expected:  # fmt: skip
+        """What theory expects of a photograph; NaN where there are no places.
+
+        blur_px: of every pixel's depth, signed, (H, W). paths: noise that light paths leave, in parts of the light.
+        """
         if not self.places.any():
-            return math.nan
-        camera, disk = self.stage.camera, np.abs(blur_px)
-        airy = airy_px(camera.film_distance / lens.aperture_diameter, camera.pixel_pitch_um) if diffracts else 0.0
-        least = self.grain**2 + airy**2
+            return Expected(math.nan, math.nan, math.nan)
+        disk = np.abs(blur_px)
+        least = self.grain**2 + self._airy(lens, diffracts) ** 2
         found, agreed = self._majority(disk, least)
-        light = (lens.aperture_diameter / self.lens.aperture_diameter) ** 2 * exposure.time * exposure.gain
-        levels = light * self.levels[self.places]
-        lit = levels @ LUMA < 1.0
-        snr = np.where(lit, light**2 * agreed / (SIDE * luma_noise(np.minimum(levels, 1.0), exposure.gain)) ** 2, 0.0)
         spread = np.sqrt(least + (disk[self.places] / 4.0) ** 2)
         elsewhere = np.abs(found - self.stage.truth.disparity[self.places]) > RIGHT_PX
-        shares = np.where(elsewhere, 1.0, mismatch_share(snr, spread, SIDE, self.stage.ndisp))
-        return 100.0 * float(shares.mean())
+        light = (lens.aperture_diameter / self.lens.aperture_diameter) ** 2 * exposure.time * exposure.gain
+        levels = light * self.levels[self.places]
+        luma, sensor = levels @ LUMA, luma_noise(np.minimum(levels, 1.0), exposure.gain)
+
+        def wrong(noise: Float) -> float:
+            snr = np.where(luma < 1.0, light**2 * agreed / (SIDE * noise) ** 2, 0.0)
+            shares = np.where(elsewhere, 1.0, mismatch_share(snr, spread, SIDE, self.stage.ndisp))
+            return 100.0 * float(shares.mean())
+
+        return Expected(wrong(sensor), wrong(np.hypot(sensor, paths * luma)), float(np.median(paths * luma / sensor)))
+
+    def _airy(self, lens: ThinLens, diffracts: bool) -> float:
+        camera = self.stage.camera
+        return airy_px(camera.film_distance / lens.aperture_diameter, camera.pixel_pitch_um) if diffracts else 0.0
 
     def _majority(self, disk: Float, least: float) -> tuple[NDArray[np.intp], Float]:
         """The disparity for which most texture in the window speaks, and A of it, (places,); `least`: s^2 + airy^2."""
-        depths, inverse = np.unique(self.depth, return_inverse=True)
-        inverse = inverse.reshape(self.depth.shape)
-        disks = np.bincount(inverse.ravel(), disk.ravel()) / np.bincount(inverse.ravel())
-        depths, disks = depths[depths >= 0], disks[depths >= 0]
-        spread = least + (disks / 4.0) ** 2
-        seen = np.stack([self._of_layer(int(d), _box(c)) for d, c in zip(depths, disks, strict=True)], axis=1)
-        away = np.arange(self.stage.ndisp) - depths[:, None]
-        agreed = (seen * self.grain**2 / spread) @ np.exp(-(away**2) / (4.0 * spread[:, None]))
-        found = agreed.argmax(axis=1)
-        return found, agreed[np.arange(len(found)), found]
+        pixels = np.bincount(self.depth.ravel() + 1)[1:]
+        depths = np.flatnonzero(pixels)
+        disks = np.bincount(self.depth.ravel() + 1, disk.ravel())[1:][depths] / pixels[depths]
+        key = disks.tobytes(), least
+        if key not in self._found:
+            spread = least + (disks / 4.0) ** 2
+            seen = np.stack([self._of_layer(int(d), _box(c)) for d, c in zip(depths, disks, strict=True)], axis=1)
+            away = np.arange(self.stage.ndisp) - depths[:, None]
+            agreed = (seen * self.grain**2 / spread) @ np.exp(-(away**2) / (4.0 * spread[:, None]))
+            self._found[key] = agreed.argmax(axis=1), agreed.max(axis=1)
+        return self._found[key]
 
     def _of_layer(self, depth: int, box: int) -> Float:
         """The texture of one disparity in the window around every place, spread over squares of this side, (places,).

@@ -35,7 +35,8 @@ def conclude(table: Table) -> list[Finding]:
     for mode in MODES:
         rows = table.where(exposure=mode, diffraction="with")
         findings += [optimum(rows.where(method=method), f"{method}, at {mode}") for method in rows.values("method")]
-    return findings + [_medians(table.where(exposure=mode, diffraction="with"), mode) for mode in MODES]
+    findings += [_medians(table.where(exposure=mode, diffraction="with"), mode) for mode in MODES]
+    return findings + [_path_noise(table.where(exposure=mode, diffraction="with"), mode) for mode in MODES]
 
 
 def optimum(rows: Table, text: str) -> Finding:
@@ -75,6 +76,16 @@ def _medians(rows: Table, mode: str) -> Finding:
         f"matchers, {{}} narrower than the bound's {_range(rows, MEDIAN)}; within {ALLOWED_STOPS} stops {said}"
     )
     return Finding(text, over_scenes(rows, distance), not far, "stops")
+
+
+def _path_noise(rows: Table, mode: str) -> Finding:
+    """Whether the noise in the pictures is the camera's, in the mean of the sweep."""
+    ratio = over_scenes(rows, lambda unit: unit.numbers("path_noise").mean())
+    text = (
+        f"The noise of the pictures is the camera's: at {mode} the light paths leave {{}} times the sensor's, in the "
+        "mean of the sweep; where that is more than once, wrong pixels tell of the renderer"
+    )
+    return Finding(text, ratio, ratio.value < 1.0, asked=math.isfinite(ratio.value))
 
 
 def _range(rows: Table, aim: Aim) -> str:
