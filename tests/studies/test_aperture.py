@@ -127,7 +127,7 @@ def table(best, cost=2.0, theory=5.6, jitter=0.0, median=2.0):
         {
             "scene": scene, "seed": seed, "f_number": number, "exposure": mode, "diffraction": "with", "method": "sad",
             "level": 1 / number**2, "square_law": 1.0, "predicted": 1.0, "theory_best": 2.0, "totbad1": 0.0,
-            "predicted_wrong": 1.0, "theory_best_wrong": theory, "avgerr": 0.0, "rendered_wrong": 1.0,
+            "predicted_wrong": 1.0, "theory_best_wrong": theory, "avgerr": 0.0,
             "path_noise": 3.0 if mode == aperture_shots.MODES[1] else 0.2,
             "a50": 1 + math.log2(number / median) ** 2,
             "totbad2": 9 + cost * math.log2(number / place) ** 2 + jitter * random.normal(),

@@ -142,9 +142,7 @@ def test_light_is_lost_by_blur_by_noise_and_by_nothing_else():
     assert wrong(lens, time, blur=12.0) > few
     assert wrong(model.lens(32.0), time * (32 / 11) ** 2, diffracts=True) > few
     assert wrong(ThinLens(4 * lens.aperture_diameter, lens.focus_distance), time / 16) == pytest.approx(few)
-    rendered = theory.expected(lens, Exposure(time), sharp, diffracts=False, paths=0.5)
-    assert rendered.wrong == few
-    assert rendered.rendered_wrong > few
+    assert theory.expected(lens, Exposure(time), sharp, diffracts=False, paths=0.5).wrong == few
 
 
 def test_light_paths_are_a_tenth_of_the_light_where_they_say_so():

@@ -119,7 +119,7 @@ def _scores(stage: Stage, pictures: Sequence[NDArray[Any]], method: str) -> dict
 
 
 def _path_noise(grid: LensGrid) -> list[float]:
-    """What noise the light paths left in each lens's pictures, in parts of their light, root mean squares."""
+    """What noise the light paths left in each lens's pictures, in parts of their light, root mean squares; at most."""
     light = [math.sqrt(np.mean([np.square(eye, dtype=np.float64).mean() for eye in eyes])) for eyes in grid.images]
     return [float(np.mean(error)) / level for error, level in zip(grid.standard_error, light, strict=True)]
 
@@ -131,8 +131,7 @@ def _predicted(model: Model, shot: Shot, grain: float, evidence: Evidence, paths
     error = predicted_error(model.stage, shot.lens, shot.exposure, shot.radiance[0], blur, grain, diffracts)
     expected = evidence.expected(shot.lens, shot.exposure, blur, diffracts, paths)
     return {
-        "predicted": error, "predicted_wrong": expected.wrong, "rendered_wrong": expected.rendered_wrong,
-        "path_noise": expected.path_noise,
+        "predicted": error, "predicted_wrong": expected.wrong, "path_noise": expected.path_noise,
     }  # fmt: skip
 
 
@@ -201,8 +200,7 @@ STUDY = Study(
         Column("theory_best", "", "f-number of the least predicted error"),
         Column("predicted_wrong", "%", "expected to be wrong by > 2 px"),
         Column("theory_best_wrong", "", "f-number of the fewest expected to be wrong"),
-        Column("rendered_wrong", "%", "the same, with the noise of the light paths"),
-        Column("path_noise", "", "noise of the light paths over the sensor's"),
+        Column("path_noise", "", "noise of the light paths, before diffraction, over the sensor's"),
         *SCORES,
         Column("a50", "px", "median error"),
     ),
@@ -216,9 +214,9 @@ STUDY = Study(
         Figure("median", "Median error, with diffraction: what theory bounds", "f_number", "a50", by="method",
                panel="exposure", log_x=True, log_y=True, best="least",
                marks=(("theory_best", "theory"),), where={"diffraction": "with"}),
-        Figure("predicted-wrong", "What theory expects of wrong pixels; dashed: and of the light paths", "f_number",
+        Figure("predicted-wrong", "What theory expects of wrong pixels, with diffraction", "f_number",
                "predicted_wrong", by="scene", panel="exposure", log_x=True, best="least",
-               also=("rendered_wrong",), where={"diffraction": "with"}),
+               where={"diffraction": "with"}),
         Figure("predicted", "The Cramer-Rao bound of a matcher's error, with diffraction", "f_number", "predicted",
                by="scene", panel="exposure", log_x=True, log_y=True, best="least", where={"diffraction": "with"}),
         Figure("light", "Mean level at a fixed exposure, as far as noise is not cut at zero", "f_number", "level",

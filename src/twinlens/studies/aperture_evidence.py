@@ -15,8 +15,8 @@ paths, which the eyes do not share, is none. Grain: s^2 = covariance of the eyes
 V = s^2 gradient^2. Blur disks are taken as squares of the same variance, near surfaces as veils that hide nothing. What
 one eye alone sees speaks for no depth.
 
-The noise is that of the luma which matchers compare, at the level of the sharp picture: the camera's, and where asked
-for, that which the renderer says its light paths left in the radiance. No camera has the latter, but the pictures have.
+The noise is that of the luma which matchers compare, at the level of the sharp picture. It is the camera's: what light
+paths leave in the radiance is not counted, but set beside it, as the pictures have it too.
 """
 
 import math
@@ -40,18 +40,14 @@ SHARP_AT = 11.0
 """The f-number whose pictures tell the texture."""
 SIDE = StereoMatcher().block_size
 """Of the window: the matchers' own, unless they are told otherwise."""
-_STRIDE = 4
+_STRIDE = 3
 _PATCH = 17
 
 
 class Expected(NamedTuple):
-    """Percentages of wrong pixels: of the camera's noise alone, and of that and the noise of light paths.
-
-    path_noise: the latter noise over the sensor's, the median of the picture.
-    """
+    """The percentage of wrong pixels; the noise of the light paths over that of the sensor, the picture's median."""
 
     wrong: float
-    rendered_wrong: float
     path_noise: float
 
 
@@ -97,7 +93,7 @@ class Evidence:
         blur_px: of every pixel's depth, signed, (H, W). paths: noise that light paths leave, in parts of the light.
         """
         if not self.places.any():
-            return Expected(math.nan, math.nan, math.nan)
+            return Expected(math.nan, math.nan)
         disk = np.abs(blur_px)
         least = self.grain**2 + self._airy(lens, diffracts) ** 2
         found, agreed = self._majority(disk, least)
@@ -106,13 +102,9 @@ class Evidence:
         light = (lens.aperture_diameter / self.lens.aperture_diameter) ** 2 * exposure.time * exposure.gain
         levels = light * self.levels[self.places]
         luma, sensor = levels @ LUMA, luma_noise(np.minimum(levels, 1.0), exposure.gain)
-
-        def wrong(noise: Float) -> float:
-            snr = np.where(luma < 1.0, light**2 * agreed / (SIDE * noise) ** 2, 0.0)
-            shares = np.where(elsewhere, 1.0, mismatch_share(snr, spread, SIDE, self.stage.ndisp))
-            return 100.0 * float(shares.mean())
-
-        return Expected(wrong(sensor), wrong(np.hypot(sensor, paths * luma)), float(np.median(paths * luma / sensor)))
+        snr = np.where(luma < 1.0, light**2 * agreed / (SIDE * sensor) ** 2, 0.0)
+        shares = np.where(elsewhere, 1.0, mismatch_share(snr, spread, SIDE, self.stage.ndisp))
+        return Expected(100.0 * float(shares.mean()), float(np.median(paths * luma / sensor)))
 
     def _airy(self, lens: ThinLens, diffracts: bool) -> float:
         camera = self.stage.camera

@@ -36,7 +36,7 @@ def conclude(table: Table) -> list[Finding]:
         rows = table.where(exposure=mode, diffraction="with")
         findings += [optimum(rows.where(method=method), f"{method}, at {mode}") for method in rows.values("method")]
     findings += [_medians(table.where(exposure=mode, diffraction="with"), mode) for mode in MODES]
-    return findings + [_path_noise(table.where(exposure=mode, diffraction="with"), mode) for mode in MODES]
+    return findings + [_path_noise(table.where(exposure=mode, diffraction="without"), mode) for mode in MODES]
 
 
 def optimum(rows: Table, text: str) -> Finding:
@@ -82,8 +82,8 @@ def _path_noise(rows: Table, mode: str) -> Finding:
     """Whether the noise in the pictures is the camera's, in the mean of the sweep."""
     ratio = over_scenes(rows, lambda unit: unit.numbers("path_noise").mean())
     text = (
-        f"The noise of the pictures is the camera's: at {mode} the light paths leave {{}} times the sensor's, in the "
-        "mean of the sweep; where that is more than once, wrong pixels tell of the renderer"
+        f"The noise of the pictures is the camera's: at {mode} the light paths leave at most {{}} times the sensor's, "
+        "in the mean of the sweep; where that is far more than 1, wrong pixels tell of the renderer"
     )
     return Finding(text, ratio, ratio.value < 1.0, asked=math.isfinite(ratio.value))
 

@@ -74,29 +74,35 @@ def mismatch(snr: Float, spread: float, side: int, ndisp: int) -> Float:
 
 def _drawn(snr: Float, spread: float, side: int, shifts: NDArray[np.int64]) -> Iterator[Float]:
     """Sums of squared differences in units of sigma^2, (2000, ndisp), for each snr."""
-    pixels, random = side**2, np.random.default_rng(0)
+    pixels = side**2
     apart = shifts[:, None] - shifts
     common = np.maximum(1.0 - np.abs(apart) / side, 0.0)
     alike, near = _rho(apart, spread), _rho(shifts, spread)
     texture = 4.0 * pixels * (1.0 - near[:, None] - near + alike) * (1.0 + common)
-    own = _normal(random, 4.0 * pixels * np.eye(len(shifts)) + 2.0 * pixels * common)
-    on_texture = _normal(random, texture)
-    light = _fading(_normal(random, 0.25 + 0.75 * alike**2), spread, side, shifts)
+    own = _normal(0, 4.0 * pixels * np.eye(len(shifts)) + 2.0 * pixels * common)
+    on_texture = _normal(1, texture)
+    light = _fading(_normal(2, 0.25 + 0.75 * alike**2), spread, side, shifts)
     mean = 2.0 * pixels * light * (1.0 - near)
     on_texture *= np.sqrt(light)
     for ratio in snr:
         yield ratio * mean + np.sqrt(ratio) * on_texture + own
 
 
-def _normal(random: np.random.Generator, covariance: Float) -> Float:
+def _normal(seed: int, covariance: Float) -> Float:
     """Draws of this covariance, (2000, ndisp)."""
     steady = covariance + _JITTER * covariance.max() * np.eye(len(covariance))
-    return np.asarray(random.standard_normal((_DRAWS, len(covariance))) @ np.linalg.cholesky(steady).T)
+    return np.asarray(_standard(seed, len(covariance)) @ np.linalg.cholesky(steady).T)
+
+
+@lru_cache(maxsize=4)
+def _standard(seed: int, columns: int) -> Float:
+    """Independent normal numbers, (2000, columns)."""
+    return np.random.default_rng(seed).standard_normal((_DRAWS, columns))
 
 
 def _fading(normal: Float, spread: float, side: int, shifts: NDArray[np.int64]) -> Float:
     """D_h^2 over its mean, of the same rank as these normal variables, (2000, ndisp)."""
-    squares = np.random.default_rng(1).standard_normal((_DRAWS, side * side)) ** 2
+    squares = _standard(3, side * side) ** 2
     lags = np.arange(side)[:, None] - np.arange(side)
     down = np.linalg.eigvalsh(_rho(lags, spread))
     rank = np.linspace(0.0, 1.0, _DRAWS)
