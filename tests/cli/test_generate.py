@@ -1,4 +1,7 @@
 import json
+import os
+import subprocess
+import sys
 
 import pytest
 
@@ -134,3 +137,45 @@ def test_brackets_of_lenses_that_are_too_few(twinlens, tmp_path):
     assert err == (
         f"twinlens: {path}: lenses: is a list of tables, one for each lens: write [[lenses]] above each, not [lenses]\n"
     )
+
+
+FAMILY = """
+seed = 3
+count = 4
+families = ["cards"]
+width = 24
+height = 16
+spp = 1
+
+[gates]
+attempts = 1
+texture = 0.0
+"""
+
+
+@pytest.mark.parametrize(("options", "there"), [((), 4), (("--limit", "3"), 3), (("--limit", "2"), 2)])
+def test_a_long_run_that_is_renewed_does_what_one_run_would(twinlens, tmp_path, monkeypatch, options, there):
+    monkeypatch.setattr("twinlens.cli.generate.RENEWED_AFTER", 2)
+    (tmp_path / "r.toml").write_text(FAMILY)
+    code, out, err = twinlens("generate", tmp_path / "r.toml", "-o", tmp_path / "set", *options)
+    assert (code, out) == (0, f"{tmp_path / 'set'}: {there} of 4 samples, {there} of them made now\n")
+    assert ("goes on from here" in err) == (there < 4)
+
+
+def test_a_renewed_run_is_a_fresh_process_in_the_old_ones_place(tmp_path):
+    (tmp_path / "r.toml").write_text(FAMILY.replace("count = 4", "count = 3"))
+    program = (
+        "import os, sys, twinlens.cli.generate as g\n"
+        "g.RENEWED_AFTER = 1\n"
+        "print(os.getpid(), 'mitsuba' in sys.modules, file=sys.stderr)\n"
+        "from twinlens.cli import main\n"
+        "main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, "generate", str(tmp_path / "r.toml"), "-o", str(tmp_path / "set")],
+        env={**os.environ, "TWINLENS_BACKEND": "scalar"}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout == f"{tmp_path / 'set'}: 3 of 3 samples, 3 of them made now\n"
+    began = done.stderr.splitlines()
+    assert len(began) == 3
+    assert set(began) == {f"{began[0].split()[0]} False"}, "one process, with nothing loaded yet"

@@ -14,6 +14,7 @@ from typing import Any
 import click
 
 import twinlens
+from twinlens.cli.renewal import Renewal, renewed
 from twinlens.errors import TwinlensError, unknown
 
 COMMANDS = {
@@ -74,6 +75,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
     try:
         result: Any = cli.main(args=arguments, prog_name="twinlens", standalone_mode=False)
         sys.stdout.flush()
+    except Renewal as again:
+        if arguments is None:
+            renewed(again.options)
+        return run([*(sys.argv[1:] if arguments is None else arguments), *again.options])
     except click.exceptions.NoArgsIsHelpError as help_page:
         help_page.show()
         return 2

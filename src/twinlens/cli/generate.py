@@ -5,7 +5,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +13,14 @@ import click
 
 from twinlens.cli.places import ADDRESS, PATH
 from twinlens.cli.progress import progress_bar
+from twinlens.cli.renewal import Renewal
 from twinlens.errors import InputError
 
 if TYPE_CHECKING:
     from twinlens.factory import Outcome, Recipe
+
+RENEWED_AFTER = 300
+"""Samples of new scenes that one process makes: see `twinlens.cli.renewal`."""
 
 
 @click.command("generate")
@@ -30,6 +34,7 @@ if TYPE_CHECKING:
 @click.option("--workers", type=click.IntRange(min=1), help="Make them in so many processes of this machine (Dask).")
 @click.option("--scheduler", help="Make them on the Dask cluster of this scheduler, as tcp://host:8786.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON.")
+@click.option("--made", default=0, hidden=True, help="How many samples this run made before it was renewed.")
 def command(
     recipe: Path,
     output: str,
@@ -39,6 +44,7 @@ def command(
     workers: int | None,
     scheduler: str | None,
     as_json: bool,
+    made: int,
 ) -> int:
     """Make the dataset that RECIPE (a .toml file) describes.
 
@@ -56,14 +62,23 @@ def command(
     if dry_run:
         return _tell_estimate(read, output, as_json)
     with progress_bar("generating") as report, _stop_on_signal() as stop:
+        engine = _engine(workers, scheduler)
+        now = limit if engine or not _compiles(read) else min(limit or RENEWED_AFTER, RENEWED_AFTER)
         outcome = generate(
-            read, output, limit=limit, shard=_shard(shard), report=report, stop=stop.is_set,
-            **_engine(workers, scheduler),
+            read, output, limit=now, shard=_shard(shard), report=report, stop=stop.is_set, **engine,
         )  # fmt: skip
+    outcome = replace(outcome, made=made + outcome.made)
+    if now != limit and outcome.left and not outcome.interrupted:
+        raise Renewal("--made", str(outcome.made), *(() if limit is None else ("--limit", str(limit - RENEWED_AFTER))))
     _tell(outcome, output, as_json)
     if outcome.interrupted:
         raise KeyboardInterrupt
     return 1 if outcome.failures else 0
+
+
+def _compiles(recipe: "Recipe") -> bool:
+    """Whether each sample is a scene of its own, with kernels of its own."""
+    return any(subject.kind == "family" for subject in recipe.subjects)
 
 
 def _engine(workers: int | None, scheduler: str | None) -> dict[str, Any]:
