@@ -7,12 +7,14 @@
 `cost` makes whole samples (rig, gates, both images, both truths, all files encoded and written) at 640x480 and 64
 samples a pixel, and between them renders the same two images with Mitsuba alone: a busy machine slows both alike.
 
-`flat` makes small samples of random families, each a new scene, in a process of its own that does nothing else. After
-each it takes the machine's pace, the processor time of a fixed piece of work, so that what else runs meanwhile does not
-pass for a change of speed.
+`flat` runs `twinlens generate` on small samples of random families, each a new scene, with no kernel kept from earlier
+runs, and watches it from outside (Linux): the most memory that was resident while each sample was made, and its
+processor time. After each it takes the machine's pace, the processor time of a fixed piece of work, so that what else
+runs meanwhile does not pass for a change of speed.
 """
 
-import json
+import contextlib
+import os
 import resource
 import subprocess
 import sys
@@ -30,14 +32,18 @@ from twinlens.rendering.radiance import make_sensor
 from twinlens.scenes import load_scene
 
 COST = {"seed": 1, "scenes": ["cards", "staircase"], "width": 640, "height": 480, "spp": 64}
-FLAT = {
-    "seed": 2,
-    "families": ["tabletop", "flying", "room", "cards"],
-    "width": 64,
-    "height": 48,
-    "spp": 4,
-    "gates": {"attempts": 1, "texture": 0.0},
-}
+FLAT = """
+seed = 2
+count = {count}
+families = ["tabletop", "flying", "room", "cards"]
+width = 64
+height = 48
+spp = 4
+
+[gates]
+attempts = 1
+texture = 0.0
+"""
 
 
 def cpu_s() -> float:
@@ -97,12 +103,11 @@ def cost(count: int) -> None:
 def flat(count: int) -> None:
     """Print peak memory and processor time by tenths of a run of `count` samples, and the last against the first."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "recipe.json"
-        path.write_text(json.dumps({**FLAT, "count": count}))
-        run = [sys.executable, __file__, "_flat", str(path), str(Path(folder) / "set")]
-        rows = [
-            json.loads(line) for line in subprocess.run(run, stdout=subprocess.PIPE, check=True).stdout.splitlines()
-        ]
+        path, target = Path(folder) / "recipe.toml", Path(folder) / "set"
+        path.write_text(FLAT.format(count=count))
+        command = [sys.executable, "-m", "twinlens", "generate", str(path), "-o", str(target)]
+        with subprocess.Popen(command, env={**os.environ, "HOME": folder}) as run:  # no kernel is kept from before
+            rows = list(watched(run, target / ".rows"))
     tenths = np.array_split(np.array(rows), 10)
     for k, part in enumerate(tenths, start=1):
         peak, used, pace = part[:, 0].max(), part[:, 1].mean(), part[:, 2].mean()
@@ -113,22 +118,22 @@ def flat(count: int) -> None:
     print(f"throughput, last against first: {used:.3f}; at equal pace {used / pace:.3f}")
 
 
-def _flat(path: str, folder: str) -> None:
-    """Run the factory; a line [resident MiB, processor s, pace s] a sample."""
-    from twinlens.factory import generate
-    from twinlens.factory.work import work_here
+def watched(run, folder):
+    """(peak MiB, processor s, pace s) of each sample of which a row comes to lie in `folder` while the process runs.
 
-    recipe = recipe_from_table(json.loads(Path(path).read_text()))
-
-    def engine(*arguments):
-        before = cpu_s()
-        for entry in work_here(*arguments):
-            used = cpu_s() - before
-            print(json.dumps([resident_mib(), used, pace_s()]), flush=True)
-            before = cpu_s()
-            yield entry
-
-    generate(recipe, folder, engine=engine)
+    The last samples' rows go with the folder when the dataset is finished: what was not seen is left out.
+    """
+    seen, peak, before = 0, 0.0, 0.0
+    while run.poll() is None:
+        with contextlib.suppress(OSError):  # the process, or the folder, may be gone
+            memory, used = resident_mib(run.pid), used_s(run.pid)
+            peak = max(peak, memory)
+            there = sum(1 for _ in folder.iterdir())
+            for _ in range(seen, there):
+                yield peak, (used - before) / (there - seen), pace_s()
+            if there > seen:
+                seen, peak, before = there, 0.0, used
+        time.sleep(0.02)
 
 
 def pace_s() -> float:
@@ -139,15 +144,19 @@ def pace_s() -> float:
     return time.thread_time() - start
 
 
-def resident_mib() -> float:
-    """Memory of this process that is really there."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**20
+def resident_mib(process: int) -> float:
+    """Memory of a process that is really there."""
+    return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * resource.getpagesize() / 2**20
+
+
+def used_s(process: int) -> float:
+    """Processor time of a process, all threads, since it began."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 if __name__ == "__main__":
     what = sys.argv[1] if len(sys.argv) > 1 else "all"
-    if what == "_flat":
-        _flat(*sys.argv[2:4])
     if what in ("cost", "all"):
         cost(int(sys.argv[2]) if len(sys.argv) > 2 else 3)
     if what in ("flat", "all"):

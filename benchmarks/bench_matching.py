@@ -4,6 +4,7 @@
 
 For each size and range: milliseconds, million disparity evaluations a second (W H D / time), and the ratios that
 matter, once of wall time and once of processor time: the latter holds on a machine that does other things meanwhile.
+Then StereoBM, SAD and ZNCC on one thread each, so that no two of them share one core's units.
 Then what 16-bit and float images cost beside 8-bit ones, what each range from 16 to 256 disparities costs, and the
 time of the first call: compiling (once a machine, since compiled code is kept on disk), and loading what is kept.
 `--write` puts it all into benchmarks/matching.md.
@@ -111,6 +112,22 @@ def beside_opencv(rounds: int, threads: int) -> Iterator[str]:
                 yield f"| {one} / {other} | {' | '.join(f'{ratio:.2f}' for ratio in ratios)} |"
 
 
+def on_one_thread(rounds: int, threads: int) -> Iterator[str]:
+    names = ("OpenCV StereoBM", "sad", "zncc")
+    yield f"\n## One thread each, block {BLOCK}, 8-bit: ms\n"
+    yield f"| pair | {' | '.join(names)} | sad / StereoBM | zncc / sad |\n| --- |{' ---: |' * 5}"
+    cv2.setNumThreads(1)
+    for width, height in SIZES:
+        pair = textured_pair(width, height)
+        for count in RANGES:
+            runs = contestants(pair, count, 1)
+            wall, _ = interleaved({name: runs[name] for name in names}, 2 * rounds)
+            ratios = wall["OpenCV StereoBM"] / wall["sad"], wall["sad"] / wall["zncc"]
+            cells = [*(f"{1e3 * wall[name]:.2f}" for name in names), *(f"{ratio:.2f}" for ratio in ratios)]
+            yield f"| {width}x{height}, {count} disparities | {' | '.join(cells)} |"
+    cv2.setNumThreads(threads)
+
+
 def by_dtype(rounds: int, threads: int) -> Iterator[str]:
     images = textured_pair(640, 480)
     factor = {"uint8": 1, "uint16": 257, "float32": 1 / 255}
@@ -165,7 +182,7 @@ def main() -> None:
         f"{options.threads} threads, OpenCV {cv2.__version__}, {platform.machine()}, medians of {options.rounds} rounds"
     )
     lines = ["# Matching speed\n", f"`python benchmarks/bench_matching.py --write`: one process, {how}, interleaved."]
-    parts = [beside_opencv, by_dtype, by_range]
+    parts = [beside_opencv, on_one_thread, by_dtype, by_range]
     for text in (text for part in parts for text in part(options.rounds, options.threads)):
         print(text, flush=True)
         lines.append(text)

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from factory_recipes import PATIENCE_S, digests, finish, rows_in, start, write_recipe
+from factory_recipes import PATIENCE_S, RECIPE, digests, finish, rows_in, start, write_recipe
 
 
 def kill_after(process, folder, rows, delay):
@@ -42,7 +42,8 @@ def test_three_kills_change_nothing(tmp_path):
 
 @pytest.mark.slow
 def test_twenty_kills_of_thirty_samples_change_nothing(tmp_path):
-    recipe = write_recipe(tmp_path, count=30)
+    slow = RECIPE.replace("spp = 1", "spp = 64")  # or the thirty would be made before the twentieth kill
+    recipe = write_recipe(tmp_path, slow, count=30)
     finish(start(recipe, tmp_path / "whole" / "set"))
     assert killed_and_resumed(tmp_path / "killed" / "set", recipe, 20, np.random.default_rng(1)) >= 18
     assert digests(tmp_path / "killed" / "set") == digests(tmp_path / "whole" / "set")

@@ -227,6 +227,6 @@ STUDY = Study(
     defaults=Setup(
         ("staircase", "cards", "tabletop"),
         ("sad", "ssd", "ncc", "zncc", "census", "rank", "birchfield_tomasi", "sgm"), (0, 1),
-        width=400, height=300, spp=24,
+        width=240, height=180, spp=80,
     ),
 )  # fmt: skip
