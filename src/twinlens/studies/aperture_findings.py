@@ -50,8 +50,8 @@ def optimum(rows: Table, text: str) -> Finding:
     where = f"f/{best:g}" + (", the end of the sweep" if best in (F_NUMBERS[0], F_NUMBERS[-1]) else "")
     cost = cost_over_best(rows, _of_theory)
     said = (
-        f"{text}, has the fewest wrong pixels at {where}: {{}} narrower than theory's {_range(rows, WRONG)}, scene by "
-        f"scene, which cost {brief(cost.value)} percent points"
+        f"{text}, has the fewest wrong pixels at {where}, in the mean {{}} (above 0: narrower) from theory's "
+        f"{_range(rows, WRONG)}, scene by scene; theory's cost {brief(cost.value)} percent points more"
     )
     far = _far(rows, WRONG)
     refuted = bool(far) and is_above(cost_over_best(rows.where(scene=far), _of_theory))
@@ -73,7 +73,8 @@ def _medians(rows: Table, mode: str) -> Finding:
     said = f"in some scene it is not for {', '.join(far)}" if far else "it is, in each scene and for each matcher"
     text = (
         f"The median error, which the Cramer-Rao bound is of, is least, at {mode} and in the mean of {len(methods)} "
-        f"matchers, {{}} narrower than the bound's {_range(rows, MEDIAN)}; within {ALLOWED_STOPS} stops {said}"
+        f"matchers, {{}} (above 0: narrower) from the bound's {_range(rows, MEDIAN)}; "
+        f"within {ALLOWED_STOPS} stops {said}"
     )
     return Finding(text, over_scenes(rows, distance), not far, "stops")
 
