@@ -1,6 +1,6 @@
 """`python -m twinlens` is the command line."""
 
-from twinlens.cli import main
+from twinlens.cli import console
 
 if __name__ == "__main__":
-    main()
+    console()

@@ -6,7 +6,8 @@ import sys
 import pytest
 
 from factory_recipes import RECIPE, digests, write_recipe
-from twinlens.cli.generate import _clock
+from twinlens.cli.generate import _batch, _clock
+from twinlens.cli.renewal import Progress
 
 
 @pytest.fixture(scope="module")
@@ -153,29 +154,62 @@ texture = 0.0
 """
 
 
-@pytest.mark.parametrize(("options", "there"), [((), 4), (("--limit", "3"), 3), (("--limit", "2"), 2)])
-def test_a_long_run_that_is_renewed_does_what_one_run_would(twinlens, tmp_path, monkeypatch, options, there):
-    monkeypatch.setattr("twinlens.cli.generate.RENEWED_AFTER", 2)
-    (tmp_path / "r.toml").write_text(FAMILY)
-    code, out, err = twinlens("generate", tmp_path / "r.toml", "-o", tmp_path / "set", *options)
-    assert (code, out) == (0, f"{tmp_path / 'set'}: {there} of 4 samples, {there} of them made now\n")
-    assert ("goes on from here" in err) == (there < 4)
+RENEWED = """
+import os, sys
+import twinlens.cli.generate as g
+from twinlens.cli import console
+g.RENEWED_AFTER, g._compiles = 1, lambda recipe: True
+print(os.getpid(), "mitsuba" in sys.modules, file=sys.stderr)
+{more}
+console()
+"""
+
+
+def renewed(folder, *options, more="", recipe=FAMILY):
+    """A run whose processes make a sample each; how often it began, its answer, and what it complained of."""
+    (folder / "r.toml").write_text(recipe)
+    program = RENEWED.format(more=more)
+    done = subprocess.run(
+        [sys.executable, "-c", program, "generate", "-o", str(folder / "set"), *options, "--", str(folder / "r.toml")],
+        env={**os.environ, "TWINLENS_BACKEND": "scalar"}, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    lines = done.stderr.splitlines()
+    began = [line for line in lines if line.split()[-1] in ("True", "False")]
+    return began, done.stdout, [line for line in lines if line not in began]
 
 
 def test_a_renewed_run_is_a_fresh_process_in_the_old_ones_place(tmp_path):
-    (tmp_path / "r.toml").write_text(FAMILY.replace("count = 4", "count = 3"))
-    program = (
-        "import os, sys, twinlens.cli.generate as g\n"
-        "g.RENEWED_AFTER = 1\n"
-        "print(os.getpid(), 'mitsuba' in sys.modules, file=sys.stderr)\n"
-        "from twinlens.cli import main\n"
-        "main()"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program, "generate", str(tmp_path / "r.toml"), "-o", str(tmp_path / "set")],
-        env={**os.environ, "TWINLENS_BACKEND": "scalar"}, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert done.stdout == f"{tmp_path / 'set'}: 3 of 3 samples, 3 of them made now\n"
-    began = done.stderr.splitlines()
+    began, out, _ = renewed(tmp_path, "--limit", "3")
+    assert out == f"{tmp_path / 'set'}: 3 of 4 samples, 3 of them made now\n"
     assert len(began) == 3
     assert set(began) == {f"{began[0].split()[0]} False"}, "one process, with nothing loaded yet"
+    began, out, err = renewed(tmp_path, "--json")
+    told = json.loads(out)
+    assert (told["before"], told["made"], told["there"], told["complete"]) == (3, 1, 4, True)
+    assert (len(began), err) == (1, [])
+
+
+def test_a_process_that_cannot_be_replaced_goes_on(tmp_path):
+    began, out, err = renewed(tmp_path, more="sys.executable = '/nowhere/python'")
+    assert (len(began), err) == (1, [])
+    assert out == f"{tmp_path / 'set'}: 4 of 4 samples, 4 of them made now\n"
+
+
+def test_a_recipe_that_is_edited_meanwhile_is_not_read_again(tmp_path):
+    more = "g._content = lambda recipe, seen=[]: seen.append(1) or len(seen)"
+    began, out, err = renewed(tmp_path, more=more)
+    assert (len(began), err) == (1, [])
+    assert out == f"{tmp_path / 'set'}: 4 of 4 samples, 4 of them made now\n"
+
+
+def test_who_calls_the_command_line_keeps_its_process(twinlens, tmp_path, monkeypatch):
+    monkeypatch.setattr("twinlens.cli.generate.RENEWED_AFTER", 1)
+    monkeypatch.setattr("os.execv", None)
+    (tmp_path / "r.toml").write_text(FAMILY)
+    code, out, _ = twinlens("generate", tmp_path / "r.toml", "-o", tmp_path / "set")
+    assert (code, out) == (0, f"{tmp_path / 'set'}: 4 of 4 samples, 4 of them made now\n")
+
+
+def test_the_larger_the_dataset_the_rarer_it_is_read_again():
+    assert [_batch(Progress(there=there), None) for there in (0, 900, 3000)] == [300, 300, 1000]
+    assert _batch(Progress(), 7) == 7

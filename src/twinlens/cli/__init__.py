@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 import twinlens
-from twinlens.cli.renewal import Renewal, renewed
+from twinlens.cli.renewal import Renewal, begin_anew, is_possible
 from twinlens.errors import TwinlensError, unknown
 
 COMMANDS = {
@@ -65,20 +65,24 @@ def cli() -> None:
     """
 
 
+def console() -> None:
+    """What `twinlens` and `python -m twinlens` do: the process is the command line's, which may begin it anew."""
+    sys.exit(run(renewable=is_possible()))
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and leave the process with its exit code."""
     sys.exit(run(arguments))
 
 
-def run(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; the exit code. Everything twinlens refuses becomes one line on the error stream."""
+def run(arguments: Sequence[str] | None = None, *, renewable: bool = False) -> int:
+    """Run the command line; the exit code. Everything twinlens refuses becomes one line on the error stream.
+
+    `renewable`: whether a command may put a fresh process in this one's place, and go on there.
+    """
     try:
-        result: Any = cli.main(args=arguments, prog_name="twinlens", standalone_mode=False)
+        result = _run(arguments, renewable)
         sys.stdout.flush()
-    except Renewal as again:
-        if arguments is None:
-            renewed(again.options)
-        return run([*(sys.argv[1:] if arguments is None else arguments), *again.options])
     except click.exceptions.NoArgsIsHelpError as help_page:
         help_page.show()
         return 2
@@ -98,6 +102,14 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, click.Abort):
         return _refuse("interrupted; what was finished is kept", 130)
     return result if isinstance(result, int) else 0
+
+
+def _run(arguments: Sequence[str] | None, renewable: bool) -> Any:
+    try:
+        return cli.main(args=arguments, prog_name="twinlens", standalone_mode=False, obj=renewable)
+    except Renewal as again:
+        begin_anew(again.progress)
+    return cli.main(args=arguments, prog_name="twinlens", standalone_mode=False, obj=False)
 
 
 def _refuse(message: str, code: int) -> int:

@@ -13,14 +13,14 @@ import click
 
 from twinlens.cli.places import ADDRESS, PATH
 from twinlens.cli.progress import progress_bar
-from twinlens.cli.renewal import Renewal
+from twinlens.cli.renewal import Progress, Renewal, earlier
 from twinlens.errors import InputError
 
 if TYPE_CHECKING:
     from twinlens.factory import Outcome, Recipe
 
 RENEWED_AFTER = 300
-"""Samples of new scenes that one process makes: see `twinlens.cli.renewal`."""
+"""Samples of new scenes that one process makes at least: see `twinlens.cli.renewal`."""
 
 
 @click.command("generate")
@@ -34,8 +34,9 @@ RENEWED_AFTER = 300
 @click.option("--workers", type=click.IntRange(min=1), help="Make them in so many processes of this machine (Dask).")
 @click.option("--scheduler", help="Make them on the Dask cluster of this scheduler, as tcp://host:8786.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was made as JSON.")
-@click.option("--made", default=0, hidden=True, help="How many samples this run made before it was renewed.")
+@click.pass_obj
 def command(
+    renewable: bool | None,
     recipe: Path,
     output: str,
     dry_run: bool,
@@ -44,7 +45,6 @@ def command(
     workers: int | None,
     scheduler: str | None,
     as_json: bool,
-    made: int,
 ) -> int:
     """Make the dataset that RECIPE (a .toml file) describes.
 
@@ -58,27 +58,51 @@ def command(
     """
     from twinlens.factory import generate, read_recipe
 
+    done, content = earlier(), _content(recipe)
     read = read_recipe(recipe)
     if dry_run:
         return _tell_estimate(read, output, as_json)
+    engine, part = _engine(workers, scheduler), _shard(shard)
+    renewable = bool(renewable) and not engine and content is not None and _compiles(read)
     with progress_bar("generating") as report, _stop_on_signal() as stop:
-        engine = _engine(workers, scheduler)
-        now = limit if engine or not _compiles(read) else min(limit or RENEWED_AFTER, RENEWED_AFTER)
-        outcome = generate(
-            read, output, limit=now, shard=_shard(shard), report=report, stop=stop.is_set, **engine,
-        )  # fmt: skip
-    outcome = replace(outcome, made=made + outcome.made)
-    if now != limit and outcome.left and not outcome.interrupted:
-        raise Renewal("--made", str(outcome.made), *(() if limit is None else ("--limit", str(limit - RENEWED_AFTER))))
+        while True:
+            left = None if limit is None else limit - done.tried
+            batch = _batch(done, left) if renewable else left
+            outcome = generate(read, output, limit=batch, shard=part, report=report, stop=stop.is_set, **engine)
+            done = _after(done, outcome, batch or 0)
+            if batch == left or not outcome.left or stop.is_set():
+                break
+            if _content(recipe) == content:
+                raise Renewal(done)
+            renewable = False  # a fresh process would read another recipe than this one did
+    outcome = replace(outcome, made=done.made, before=done.before or 0)
     _tell(outcome, output, as_json)
     if outcome.interrupted:
         raise KeyboardInterrupt
     return 1 if outcome.failures else 0
 
 
+def _content(recipe: Path) -> bytes | None:
+    """What the file holds; None for what can be read only once, as a pipe."""
+    return recipe.read_bytes() if recipe.is_file() else None
+
+
 def _compiles(recipe: "Recipe") -> bool:
-    """Whether each sample is a scene of its own, with kernels of its own."""
-    return any(subject.kind == "family" for subject in recipe.subjects)
+    """Whether each sample has kernels of its own, of which memory is kept."""
+    from twinlens.rendering import backend
+
+    return recipe.makes_scenes and backend().is_jit
+
+
+def _batch(done: Progress, left: int | None) -> int:
+    """How many samples this process makes: the larger the dataset, the more is read again to go on."""
+    most = max(RENEWED_AFTER, done.there // 3)
+    return most if left is None else min(most, left)
+
+
+def _after(done: Progress, outcome: "Outcome", tried: int) -> Progress:
+    before = outcome.before if done.before is None else done.before
+    return Progress(done.tried + tried, done.made + outcome.made, before, outcome.there)
 
 
 def _engine(workers: int | None, scheduler: str | None) -> dict[str, Any]:

@@ -11,6 +11,7 @@ files.
 """
 
 import contextlib
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -55,7 +56,7 @@ class Ledger:
             if name not in there:
                 self.entries.pop(index)
         for index, entry in self._kept_rows() if self.has_file else ():  # without it, they may be another recipe's
-            if index not in self.entries and (isinstance(entry, Failure) or entry.name in there):
+            if isinstance(entry, Failure) or entry.name in there:
                 self.entries[index] = entry
         known = {sample_name(index) for index in self.entries}
         for name in sorted(there - known):
@@ -74,7 +75,8 @@ class Ledger:
     def write(self, **info: Any) -> None:
         """Write dataset.json as things stand; `info` is more to say there."""
         rows = self.entries.rows
-        splits = {name: sum(row.info.get("split") == name for row in rows) for name in self.recipe.splits}
+        counts = Counter(row.info.get("split") for row in rows)
+        splits = {name: counts[name] for name in self.recipe.splits}
         said = {
             "made_with": self.made_with,
             "sources": self.recipe.sources.digests,
@@ -152,13 +154,15 @@ class Ledger:
                 raise InputError(f"{self.folder}: is no dataset and holds {name!r}; name a new folder, {way}")
 
     def _kept_rows(self) -> Iterator[tuple[int, Entry]]:
+        """Of samples that are not known yet."""
         folder = self.folder / ROWS
         if not folder.is_dir():
             return
         for name in files_below(folder):
-            if name.endswith(".json") and name[:-5].isdecimal() and int(name[:-5]) < self.recipe.count:
+            index = int(name[:-5]) if name.endswith(".json") and name[:-5].isdecimal() else self.recipe.count
+            if index < self.recipe.count and index not in self.entries:
                 with contextlib.suppress(FileError):  # a row that cannot be read is made from the sample's files again
-                    yield int(name[:-5]), read_row(folder / name)
+                    yield index, read_row(folder / name)
 
 
 def write_row(folder: Place, index: int, entry: Entry) -> None:

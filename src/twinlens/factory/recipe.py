@@ -58,6 +58,11 @@ class Recipe:
         """What paths in the recipe are relative to."""
         return self.at.source.folder
 
+    @property
+    def makes_scenes(self) -> bool:
+        """Whether families make a scene for each sample; else scenes come from files."""
+        return self.subjects[0].kind == "family"
+
     @cached_property
     def sources(self) -> Sources:
         """The files that it leads to; what they hold is read when it is first asked for."""

@@ -42,7 +42,7 @@ def rendered(work: Work, index: int, progress: Callable[[float], None] | None = 
     except Exhausted as spent:
         return Failure(index, plain(spent.rejections), spent.remedy)
     finally:
-        if any(subject.kind == "family" for subject in work.recipe.subjects):
+        if work.recipe.makes_scenes:
             forget_kernels()  # of a scene that will not come again
 
 
