@@ -1,25 +1,24 @@
 """The chance that noise takes a block match far from the truth: the threshold effect of a shift's estimation.
 
-A window of n = side^2 pixels, whose texture has variance V and autocorrelation rho(x) = exp(-x^2 / (4 g^2)), is matched
-by its sum of squared differences; either eye adds white Gaussian noise of variance sigma^2. Over the shifts h from the
-truth these sums, less the squares of the left eye's noise that all share, are Gaussian by the central limit, with
+A window of n = side^2 pixels, whose texture t has variance V and autocorrelation rho(x) = exp(-x^2 / (4 g^2)) along
+either axis, is matched by its sum of squared differences; either eye adds white Gaussian noise, a and b, of variance
+sigma^2. At the shift h from the truth, which is in the middle of the range, the sum is
 
-    mean          D_h^2 = 2 n V (1 - rho(h))
-    covariance    4 n V sigma^2 (1 - rho(h) - rho(k) + rho(h - k)) (1 + w(h - k))        noise on texture
-                + 4 n sigma^4 [h = k] + 2 n sigma^4 w(h - k),   w(x) = (1 - |x| / side)+      noise on noise
+    S_h = sum over the window of (t(x) - t(x + h) + a(x) - b(x + h))^2 = E_h + T_h + N_h
 
-so that a single far rival wins with the chance Q(D^2 / sqrt(8 sigma^2 D^2 + 12 n sigma^4)): without noise on noise,
-Q(sqrt(n V) / (2 sigma)). A match is wrong where the least of the sums, refined by a parabola, lies over 2 px from
-the truth, which is in the middle of the range. Blur wide enough that texture is no more than a slope makes that what
-the Cramer-Rao bound says of P(|error| > 2 px); without any texture it is mere chance, about 1 - 4/ndisp.
+    texture     E_h = sum (t(x) - t(x + h))^2,                             2 n V (1 - rho(h)) in the mean
+    both        T_h = 2 sum (t(x) - t(x + h)) (a(x) - b(x + h)),           of variance 8 sigma^2 E_h
+    noise       N_h = sum (a(x) - b(x + h))^2, whose far differences are   of variance 12 n sigma^4
 
-A window holds few grains, one alone where blur is wider than it is, and may find them faint: D_h^2, and the noise on
-it, are those of its own texture, a sum of lambda_i z_i^2 over its mean, z normal and lambda the eigenvalues of the
-covariance of the differences t(x) - t(x + h) in the window: of those along x times those along y. This is fading, whose
-tail falls as a power of the light. A quarter of its variance is of the left window's texture and so all shifts', the
-rest is alike as rho(h - k)^2.
+so that a single far rival would win with the chance Q(E / sqrt(8 sigma^2 E + 12 n sigma^4)), were all this Gaussian. A
+match is wrong where the least of the sums, refined by a parabola, lies over 2 px from the truth. Blur wide enough that
+texture is no more than a slope makes that what the Cramer-Rao bound says of P(|error| > 2 px); without any texture it
+is mere chance, about 1 - 4/ndisp.
 
-The chance has no closed form: the Gaussians are drawn, 2000 times, always the same.
+V is the texture's, not the window's own. A window holds few grains, one alone where blur is wider than it is, and may
+find them faint: fading, whose tail falls as a power of the light. Nor is N_h Gaussian enough in the tail that the least
+of many rivals lies in. So the chance has no closed form. Textures and noise are drawn, Gaussian in their values, 2000
+windows, always the same; nothing is assumed of the sums.
 
 Sources: Ziv and Zakai, Some lower bounds on signal parameter estimation, IEEE Trans. Information Theory 15(3), 1969;
 Ianniello, Time delay estimation via cross-correlation in the presence of large estimation errors, IEEE Trans. ASSP
@@ -27,13 +26,12 @@ Ianniello, Time delay estimation via cross-correlation in the presence of large 
 1984.
 """
 
-from collections.abc import Iterator
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RegularGridInterpolator
-from scipy.special import ndtr
 
 Float = NDArray[np.float64]
 
@@ -42,7 +40,14 @@ RIGHT_PX = 2
 _SNR = np.geomspace(1e-3, 1e4, 29)
 _SPREADS = np.geomspace(0.5, 12.0, 12)
 _DRAWS = 2000
-_JITTER = 1e-9
+
+
+class Sums(NamedTuple):
+    """E, T and N of the module's first lines, of drawn windows at each shift, (2000, ndisp), for V = sigma = 1."""
+
+    texture: Float
+    both: Float
+    noise: Float
 
 
 def mismatch_share(snr: ArrayLike, spread: ArrayLike, side: int, ndisp: int) -> Float:
@@ -68,52 +73,42 @@ def mismatch(snr: Float, spread: float, side: int, ndisp: int) -> Float:
     array([0.9, 0. ])
     """
     shifts = np.arange(ndisp) - ndisp // 2
-    errors = (np.abs(_least(sums, shifts)) for sums in _drawn(snr, spread, side, shifts))
-    return np.array([float((error > RIGHT_PX).mean()) for error in errors])
+    sums = drawn_sums(spread, side, ndisp)
+    totals = (ratio * sums.texture + np.sqrt(ratio) * sums.both + sums.noise for ratio in snr)
+    return np.array([float((np.abs(_least(total, shifts)) > RIGHT_PX).mean()) for total in totals])
 
 
-def _drawn(snr: Float, spread: float, side: int, shifts: NDArray[np.int64]) -> Iterator[Float]:
-    """Sums of squared differences in units of sigma^2, (2000, ndisp), for each snr."""
-    pixels = side**2
-    apart = shifts[:, None] - shifts
-    common = np.maximum(1.0 - np.abs(apart) / side, 0.0)
-    alike, near = _rho(apart, spread), _rho(shifts, spread)
-    texture = 4.0 * pixels * (1.0 - near[:, None] - near + alike) * (1.0 + common)
-    own = _normal(0, 4.0 * pixels * np.eye(len(shifts)) + 2.0 * pixels * common)
-    on_texture = _normal(1, texture)
-    light = _fading(_normal(2, 0.25 + 0.75 * alike**2), spread, side, shifts)
-    mean = 2.0 * pixels * light * (1.0 - near)
-    on_texture *= np.sqrt(light)
-    for ratio in snr:
-        yield ratio * mean + np.sqrt(ratio) * on_texture + own
+def drawn_sums(spread: float, side: int, ndisp: int) -> Sums:
+    """The parts of the sums of squared differences at the shifts -(ndisp // 2) to ndisp - ndisp // 2 - 1."""
+    width = side + ndisp - 1
+    textures = _root(side, spread) @ _standard(0, side, width) @ _root(width, spread)
+    left, noise, other_noise = (
+        textures[:, :, ndisp // 2 :][:, :, :side],
+        _standard(1, side, side),
+        _standard(2, side, width),
+    )
+    parts = np.empty((3, _DRAWS, ndisp))
+    for k in range(ndisp):
+        texture, both = left - textures[:, :, k : k + side], noise - other_noise[:, :, k : k + side]
+        parts[:, :, k] = _inner(texture, texture), 2.0 * _inner(texture, both), _inner(both, both)
+    return Sums(*parts)
 
 
-def _normal(seed: int, covariance: Float) -> Float:
-    """Draws of this covariance, (2000, ndisp)."""
-    steady = covariance + _JITTER * covariance.max() * np.eye(len(covariance))
-    return np.asarray(_standard(seed, len(covariance)) @ np.linalg.cholesky(steady).T)
+def _inner(one: Float, other: Float) -> Float:
+    """Of each draw's window, (2000,)."""
+    return np.asarray(np.einsum("nyx,nyx->n", one, other))
 
 
-@lru_cache(maxsize=4)
-def _standard(seed: int, columns: int) -> Float:
-    """Independent normal numbers, (2000, columns)."""
-    return np.random.default_rng(seed).standard_normal((_DRAWS, columns))
+def _root(length: int, spread: float) -> Float:
+    """What makes a texture's row of independent numbers: the symmetric root of its covariance, (length, length)."""
+    values, vectors = np.linalg.eigh(_rho(np.arange(length)[:, None] - np.arange(length), spread))
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 
-def _fading(normal: Float, spread: float, side: int, shifts: NDArray[np.int64]) -> Float:
-    """D_h^2 over its mean, of the same rank as these normal variables, (2000, ndisp)."""
-    squares = _standard(3, side * side) ** 2
-    lags = np.arange(side)[:, None] - np.arange(side)
-    down = np.linalg.eigvalsh(_rho(lags, spread))
-    rank = np.linspace(0.0, 1.0, _DRAWS)
-    light = np.ones(normal.shape)
-    for distance in np.unique(np.abs(shifts[shifts != 0])):
-        differences = 2.0 * _rho(lags, spread) - _rho(lags + distance, spread) - _rho(lags - distance, spread)
-        scales = np.outer(np.linalg.eigvalsh(differences), down).ravel()
-        drawn = np.sort(squares @ np.maximum(scales, 0.0))
-        for k in np.flatnonzero(np.abs(shifts) == distance):
-            light[:, k] = np.interp(ndtr(normal[:, k]), rank, drawn / drawn.mean())
-    return light
+@lru_cache(maxsize=3)
+def _standard(seed: int, rows: int, columns: int) -> Float:
+    """Independent normal numbers, (2000, rows, columns)."""
+    return np.random.default_rng(seed).standard_normal((_DRAWS, rows, columns))
 
 
 def _rho(x: ArrayLike, spread: float) -> Float:
