@@ -86,11 +86,11 @@ def test_what_was_not_asked_gets_no_verdict(twinlens, tmp_path):
     path.write_text(OWN.replace('mean_of(table, "y"), True', 'mean_of(table, "y"), False, asked=False'))
     code, out, err = twinlens("study", path, "-o", tmp_path / "out")
     assert code == 0, err
-    assert out.startswith("not asked: On average y is")
+    assert out.startswith("no verdict: On average y is")
     assert "HOLD" not in out
     assert json.loads((tmp_path / "out" / "study.json").read_text())["findings"][0]["holds"] is None
     page = (tmp_path / "out" / "index.html").read_text()
-    assert "Not asked" in page
+    assert "No verdict" in page
     assert "not hold" not in page.lower()
 
 

@@ -66,6 +66,6 @@ def test_the_best_hole_is_where_wave_optics_has_it():
     for finding in found[:2]:
         assert finding.holds, finding.sentence
         assert finding.tolerance == 0.02
-    asked = [finding for finding in found if finding.asked]
+    asked = [finding for finding in found if finding.has_verdict]
     assert len(asked) >= 4
     assert all(np.isfinite(finding.measured.value) for finding in asked)

@@ -9,9 +9,9 @@ from twinlens.studies import Finding, Interval
 NOTHING = Interval(math.nan, math.nan, math.nan)
 
 
-def test_a_number_that_no_row_gives_is_not_asked_and_not_printed():
+def test_a_number_that_no_row_gives_has_no_verdict_and_not_printed():
     finding = Finding("Census has {} fewer", NOTHING, holds=True, unit="%")
-    assert (finding.asked, finding.holds) == (False, False)
+    assert not finding.has_verdict
     assert finding.sentence == "Census has (not measured) fewer"
 
 
@@ -20,5 +20,5 @@ def test_a_number_that_no_row_gives_is_not_asked_and_not_printed():
 )
 def test_a_sentence_without_a_number_and_a_number_without_an_interval_have_their_verdict(text, measured):
     finding = Finding(text, measured, holds=True)
-    assert finding.asked
+    assert finding.has_verdict
     assert finding.holds

@@ -119,7 +119,7 @@ def test_a_part_of_the_methods_or_scenes_is_concluded_of_too(results, name):
         for value in result.table.values(column) if column in known else ():
             for finding in result.study.conclude(result.table.where(**{column: value})):
                 assert "nan" not in finding.sentence
-                assert not (finding.asked and math.isnan(finding.measured.value))
+                assert not (finding.has_verdict and math.isnan(finding.measured.value))
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -215,8 +215,8 @@ def test_a_question_that_the_methods_leave_open_has_no_verdict():
     columns = STUDIES["radiometric"].all_columns
     both, one = (STUDIES["radiometric"].conclude(Table(columns, part))[-1] for part in (rows, rows[::2]))
     none = STUDIES["radiometric"].conclude(Table(columns, tuple({**row, "method": "sgm"} for row in rows[::2])))
-    assert [finding.asked for finding in none] == 5 * [False]
-    assert both.asked
+    assert [finding.has_verdict for finding in none] == 5 * [False]
+    assert both.has_verdict
     assert both.holds
-    assert not one.asked
+    assert not one.has_verdict
     assert "nan" not in one.sentence

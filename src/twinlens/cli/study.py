@@ -87,8 +87,8 @@ def _tell(result: Any, page: Path, as_json: bool) -> None:
         return
     for stands in result.findings:
         finding = stands.finding
-        if not finding.asked:
-            click.echo(f"not asked: {finding.sentence}.")
+        if not finding.has_verdict:
+            click.echo(f"no verdict: {finding.sentence}.")
             continue
         verdict = "holds" if finding.holds else "DOES NOT HOLD"
         click.echo(f"{verdict}, {stands.seeds} of {stands.of} seeds alone: {finding.sentence}.")

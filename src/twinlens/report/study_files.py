@@ -79,7 +79,7 @@ def _plain(stands: Stands) -> dict[str, Any]:
         "unit": finding.unit,
         "expected": None if finding.expected is None else _number(finding.expected),
         "tolerance": finding.tolerance,
-        "holds": bool(finding.holds) if finding.asked else None,
+        "holds": bool(finding.holds) if finding.has_verdict else None,
         "seeds_alone": [stands.seeds, stands.of],
     }
 
@@ -113,8 +113,8 @@ def _finding(stands: Stands) -> str:
     finding = stands.finding
     before, _, after = (html.escape(part) for part in finding.text.partition("{}"))
     number = f"<b>{html.escape(finding.measured.said(finding.unit))}</b>" if "{}" in finding.text else ""
-    if not finding.asked:
-        return f'<div class="finding"><p>{before}{number}{after}.</p><p class=note>Not asked</p></div>\n'
+    if not finding.has_verdict:
+        return f'<div class="finding"><p>{before}{number}{after}.</p><p class=note>No verdict</p></div>\n'
     notes = [_VERDICTS[finding.holds] + (", but not for every seed" if _is_shaky(stands) else "")]
     if finding.expected is not None:
         within = "" if finding.tolerance is None else f", and within {100 * finding.tolerance:.3g} % of it is asked"
@@ -132,7 +132,7 @@ def _is_shaky(stands: Stands) -> bool:
 def _unsettled(findings: Sequence[Stands]) -> str:
     """A sentence on what other seeds would change."""
     shaky = sum(_is_shaky(stands) for stands in findings)
-    failed = sum(stands.finding.asked and not stands.finding.holds for stands in findings)
+    failed = sum(stands.finding.has_verdict and not stands.finding.holds for stands in findings)
     seeds = findings[0].of if findings else 0
     if seeds < 2:
         text = "One seed was run: whether the findings stand with another is not known."

@@ -63,8 +63,7 @@ class Finding:
     interval, in `unit`. holds: whether the measurement bears the sentence out. expected: what theory says, if it does,
     and within which `tolerance` (relative). answer: what was found where the sentence names one of several, as a
     matcher; a seed bears the finding out only if it gives the same answer. asked: False where the chosen methods or
-    scenes leave the question open: nothing was measured then, and there is no verdict. So it is, too, where the
-    sentence has a number and that is NaN: what measures it found no rows.
+    scenes leave the question open.
     """
 
     text: str
@@ -76,10 +75,10 @@ class Finding:
     answer: str = ""
     asked: bool = True
 
-    def __post_init__(self) -> None:
-        if "{}" in self.text and math.isnan(self.measured.value):
-            object.__setattr__(self, "asked", False)
-            object.__setattr__(self, "holds", False)
+    @property
+    def has_verdict(self) -> bool:
+        """Whether it was asked, and measured: a number that the sentence names is NaN where no rows tell it."""
+        return self.asked and not ("{}" in self.text and math.isnan(self.measured.value))
 
     @property
     def sentence(self) -> str:
