@@ -9,7 +9,7 @@ from twinlens.studies import Finding, Interval
 NOTHING = Interval(math.nan, math.nan, math.nan)
 
 
-def test_a_number_that_no_row_gives_has_no_verdict_and_not_printed():
+def test_a_number_that_no_row_gives_has_no_verdict_and_is_not_printed():
     finding = Finding("Census has {} fewer", NOTHING, holds=True, unit="%")
     assert not finding.has_verdict
     assert finding.sentence == "Census has (not measured) fewer"
