@@ -97,7 +97,9 @@ def _sweep(setup: Setup, model: Model, grid: LensGrid, seed: int, share: float) 
     images = grid.images
     paths = _path_noise(grid)
     grain = grain_px(images[F_NUMBERS.index(GRAIN_AT)][0])
-    evidence = Evidence.of(model.stage, model.lens(SHARP_AT), images[F_NUMBERS.index(SHARP_AT)])
+    sharp = model.lens(SHARP_AT)
+    blur = model.stage.blur(model.full_size(sharp))
+    evidence = Evidence.of(model.stage, sharp, blur, images[F_NUMBERS.index(SHARP_AT)])
     rows: list[Row] = []
     for shot in shots(model, images):
         setup.progress(share, f"{model.stage.scene.name} f/{shot.f_number:g}")

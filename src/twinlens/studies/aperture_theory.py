@@ -76,14 +76,20 @@ def noise_electrons(wells: ArrayLike, gain: float = 1.0) -> Float:
 def luma_noise(levels: Float, gain: float = 1.0) -> Float:
     """Root mean square noise of the luma that is matched, (..,), of pixels (.., 3) of so many shares of white.
 
-    Each channel's own, and the step of the whole numbers that luma is rounded to.
+    Luma is of encoded channels, Y' = sum w_c f(L_c), rounded to whole numbers. Its noise is brought back to shares of
+    white as more light of the same colour would change it, by  dY'/dY = sum w_c f'(L_c) L_c / Y,  Y = sum w_c L_c: each
+    channel's noise weighs w_c f'(L_c) over that, a dark channel's more than w_c. A burnt channel has neither noise nor
+    change; where all are burnt, noise is infinite.
     """
     response = np.array(SENSOR.quantum_efficiency) * np.array(SENSOR.wavelengths)
     balance = response.max() / response
     held = levels * SENSOR.full_well / (gain * balance)
-    channels = LUMA * balance * noise_electrons(held, gain) * gain / SENSOR.full_well
-    step = 1.0 / (255.0 * _srgb_slope(levels @ LUMA))
-    return np.asarray(np.sqrt((channels**2).sum(axis=-1) + step**2 / 12.0))
+    rise = LUMA * np.where(levels < 1.0, _srgb_slope(levels), 0.0)
+    luma = levels @ LUMA
+    brighter = np.where(luma > 0, (rise * levels).sum(axis=-1) / np.where(luma > 0, luma, 1.0), _srgb_slope(luma))
+    channels = rise * balance * noise_electrons(held, gain) * gain / SENSOR.full_well
+    noise = np.sqrt((channels**2).sum(axis=-1) + 1.0 / (12.0 * 255.0**2))
+    return np.divide(noise, brighter, out=np.full(luma.shape, math.inf), where=brighter > 0)
 
 
 def _srgb_slope(level: Float) -> Float:
