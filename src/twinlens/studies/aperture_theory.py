@@ -89,7 +89,7 @@ def luma_noise(levels: Float, gain: float = 1.0) -> Float:
     brighter = np.where(luma > 0, (rise * levels).sum(axis=-1) / np.where(luma > 0, luma, 1.0), _srgb_slope(luma))
     channels = rise * balance * noise_electrons(held, gain) * gain / SENSOR.full_well
     noise = np.sqrt((channels**2).sum(axis=-1) + 1.0 / (12.0 * 255.0**2))
-    return np.divide(noise, brighter, out=np.full(luma.shape, math.inf), where=brighter > 0)
+    return np.asarray(np.divide(noise, brighter, out=np.full(luma.shape, math.inf), where=brighter > 0))
 
 
 def _srgb_slope(level: Float) -> Float:
