@@ -9,6 +9,7 @@ import pytest
 import twinlens as tl
 from twinlens.cli.boards import run_board
 from twinlens.dataset import write_pfm
+from twinlens.dataset.lock import locked
 from twinlens.scoring import Pair, open_submission
 
 
@@ -116,3 +117,26 @@ def test_one_map_that_two_datasets_would_take_for_theirs_is_refused(twinlens, ma
     write_pfm(tmp_path / "mine" / "cards" / "lens-0.pfm", tl.Dataset(dataset)[0].disp0)
     code, _, err = twinlens("score", tmp_path / "mine", *options, "-o", tmp_path / "board")
     assert (code, err) == (0, "mine: 1 of 3 maps are missing: cards/lens-1.pfm\n"), "each has a file of its own now"
+
+
+def test_a_board_that_another_run_is_writing_is_left_alone(twinlens, dataset, tmp_path):
+    """Else whichever ends last would write its own entries alone; before the first pair there is no board.json yet."""
+    board = tmp_path / "board"
+    maps = board / "maps" / "cards"
+    maps.mkdir(parents=True)
+    commands = (("benchmark", dataset, "--methods", "sad"), ("score", maps, "--truth", dataset))
+    with locked(board):
+        before = sorted(board.rglob("*"))
+        for command in commands:
+            code, out, err = twinlens(*command, "-o", board)
+            assert (code, out) == (2, "")
+            assert err == f"twinlens: {board}: another run is writing there; wait for it\n"
+        assert sorted(board.rglob("*")) == before
+
+
+def test_boards_one_after_the_other_are_one_board(twinlens, dataset, tmp_path):
+    for method in ("sad", "ssd"):
+        assert twinlens("benchmark", dataset, "--methods", method, "-o", tmp_path / "board")[0] == 0
+        assert sorted(path.name for path in (tmp_path / "board").iterdir()) == ["board.json", "index.html", "maps"]
+    entries = json.loads((tmp_path / "board" / "board.json").read_text())["entries"]
+    assert {entry["method"] for entry in entries} == {"sad", "ssd"}

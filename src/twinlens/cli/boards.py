@@ -3,7 +3,7 @@
 import contextlib
 import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,26 +72,39 @@ def run_board(
 ) -> "Board":
     """Run, score and save OUTPUT/board.json with its maps, and write the page. Limits: seconds a call, GiB a process.
 
-    What methods print goes to the error stream: ours may be read by a script.
+    What methods print goes to the error stream: ours may be read by a script. Raises OutputError, touching nothing,
+    where another run is writing there.
     """
     from twinlens.report import write_page
     from twinlens.scoring import MapFolder, Step, run_benchmark
 
-    check_results(output, "board.json")
     _check_names(getattr(pairs, "names", ()))
     maps = MapFolder(output / "maps")
-    with progress_bar("matching") as report, contextlib.redirect_stdout(sys.stderr):
+    with _alone(output):
+        with progress_bar("matching") as report, contextlib.redirect_stdout(sys.stderr):
 
-        def tell(step: Step) -> None:
-            report(step.done / (step.total or step.done), f"{step.sample}: {step.method}")
+            def tell(step: Step) -> None:
+                report(step.done / (step.total or step.done), f"{step.sample}: {step.method}")
 
-        board = run_benchmark(
-            pairs, methods, protocol=protocols, regions=regions, progress=tell, time_limit=time_limit,
-            memory_limit=_bytes(memory_limit), save=output / "board.json", on_map=maps.keep, on_drop=maps.drop,
-            title=title,
-        )  # fmt: skip
-    write_page(output / "index.html", board, pairs, maps)
+            board = run_benchmark(
+                pairs, methods, protocol=protocols, regions=regions, progress=tell, time_limit=time_limit,
+                memory_limit=_bytes(memory_limit), save=output / "board.json", on_map=maps.keep, on_drop=maps.drop,
+                title=title,
+            )  # fmt: skip
+        write_page(output / "index.html", board, pairs, maps)
     return board
+
+
+@contextlib.contextmanager
+def _alone(output: Path) -> Iterator[None]:
+    """Be the only run that writes there; refuse a folder of other things. A running one may have no board.json yet."""
+    from twinlens.dataset.lock import locked
+
+    if not output.is_dir():
+        check_results(output, "board.json")
+    with locked(output):
+        check_results(output, "board.json")
+        yield
 
 
 def _check_names(names: Sequence[str]) -> None:

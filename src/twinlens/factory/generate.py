@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from twinlens.dataset import remove_unfinished
+from twinlens.dataset.lock import WAIT, locked
 from twinlens.dataset.storage import Where, place
 from twinlens.errors import InputError
 from twinlens.factory.entries import Entry, Failure
 from twinlens.factory.finish import finish
 from twinlens.factory.ledger import Ledger
-from twinlens.factory.lock import locked
 from twinlens.factory.preview import Preview
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import made_with
@@ -77,7 +77,7 @@ def generate(
     root = place(folder)
     recipe.sources.take_stock()  # what cannot be read is told before anything is written
     shared = shard != (1, 1)
-    with locked(root, shared):
+    with locked(root, shared, remedy=f"{WAIT}, or split the work by --shard"):
         ledger = Ledger(root, recipe, made_with())
         if not shared:
             remove_unfinished(root)

@@ -1,4 +1,4 @@
-"""One run at a time: a lock on a dataset's folder, which the system lets go when its process ends, however it ends."""
+"""One run at a time: a lock on a folder of results, which the system lets go when its process ends, however it ends."""
 
 import contextlib
 import fcntl
@@ -10,20 +10,22 @@ from twinlens.dataset.storage import Place, RemotePath
 from twinlens.errors import OutputError
 
 _NAME = ".lock"
+WAIT = "wait for it"
+"""What whoever comes second can do in any case."""
 
 
 @contextlib.contextmanager
-def locked(folder: Place, shared: bool = False, wait: bool = False) -> Iterator[None]:
+def locked(folder: Place, shared: bool = False, wait: bool = False, remedy: str = WAIT) -> Iterator[None]:
     """Hold the lock of `folder`; `shared` with others that hold it so, as the shards of a dataset do.
 
-    Raises OutputError when another run holds it, unless asked to `wait` for that. Buckets and file systems without
-    locks are not locked.
+    Raises OutputError, ending in the `remedy`, when another run holds it, unless asked to `wait` for that. Buckets and
+    file systems without locks are not locked.
     """
     if isinstance(folder, RemotePath):
         yield
         return
     how = (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB)
-    while not _is_there(folder, descriptor := _taken(folder, how)):
+    while not _is_there(folder, descriptor := _taken(folder, how, remedy)):
         os.close(descriptor)  # whoever held it before has removed it: nobody else sees this one
     try:
         yield
@@ -33,7 +35,7 @@ def locked(folder: Place, shared: bool = False, wait: bool = False) -> Iterator[
         os.close(descriptor)
 
 
-def _taken(folder: Path, how: int) -> int:
+def _taken(folder: Path, how: int, remedy: str) -> int:
     """The descriptor of the lock's file, locked."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -41,7 +43,7 @@ def _taken(folder: Path, how: int) -> int:
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written; {error.strerror}") from error
     try:
-        _take(descriptor, folder, how)
+        _take(descriptor, folder, how, remedy)
     except BaseException:
         os.close(descriptor)
         raise
@@ -56,12 +58,10 @@ def _is_there(folder: Path, descriptor: int) -> bool:
         return False
 
 
-def _take(descriptor: int, folder: Place, how: int) -> None:
+def _take(descriptor: int, folder: Place, how: int, remedy: str) -> None:
     try:
         fcntl.flock(descriptor, how)
     except BlockingIOError:
-        raise OutputError(
-            f"{folder}: another run is writing there; wait for it, or split the work by --shard"
-        ) from None
+        raise OutputError(f"{folder}: another run is writing there; {remedy}") from None
     except OSError:
         return  # a file system that knows no locks
