@@ -29,6 +29,7 @@ def test_verify_says_that_there_is_no_list(twinlens, own):
     code, out, err = twinlens("verify", own)
     assert code == 1
     assert out.startswith("dataset.json: is missing")
+    assert out.endswith("\n1 sample, 0 with findings; 1 finding of the dataset as a whole\n")
     assert "no dataset.json here" in err
     code, out, err = twinlens("verify", own / "cards", "--json")
     assert (code, json.loads(out)) == (0, {"cards": []})

@@ -32,6 +32,19 @@ def test_a_dataset_is_made_and_told(twinlens, recipe, tmp_path):
     assert twinlens("verify", tmp_path / "set") == (0, "2 samples, 0 with findings\n", "")
 
 
+def test_a_finished_dataset_that_grows_again_is_unfinished_and_nothing_wrong(twinlens, recipe, tmp_path):
+    grown = write_recipe(tmp_path, count=4)
+    twinlens("generate", recipe, "-o", tmp_path / "set")
+    twinlens("generate", grown, "-o", tmp_path / "set", "--limit", 1)
+    code, out, err = twinlens("verify", tmp_path / "set")
+    assert (code, out) == (0, "3 samples, 0 with findings\n")
+    assert "lists 3 of the 4 samples" in err
+    twinlens("generate", grown, "-o", tmp_path / "set")
+    assert twinlens("verify", tmp_path / "set") == (0, "4 samples, 0 with findings\n", "")
+    twinlens("generate", grown, "-o", tmp_path / "other" / "set")
+    assert digests(tmp_path / "set") == digests(tmp_path / "other" / "set")
+
+
 def test_json_is_all_that_is_printed(twinlens, recipe, tmp_path):
     code, out, _ = twinlens("generate", recipe, "-o", tmp_path / "set", "--json")
     told = json.loads(out)

@@ -136,6 +136,24 @@ def test_what_is_still_to_be_made_is_told_and_nothing_wrong(root, count, info, s
     assert ("makes the rest" in unfinished(root)) == (count == 5)
 
 
+def test_metadata_is_not_held_against_a_list_that_still_grows(root):
+    """It describes the dataset as it was when it was last finished, and is made anew when it is again."""
+    rows = Dataset(root).manifest.rows
+    write_manifest(root, Manifest(rows, {"count": 5}, info={"complete": False}))
+    assert wrong(root) == {}
+    write_manifest(root, Manifest(rows, {"count": 2}, info={"complete": True}))
+    assert "describes another dataset.json" in wrong(root)["dataset.json"][0]
+
+
+def test_a_sample_whose_row_waits_to_be_listed_is_nothing_wrong(root):
+    """As shards leave it, and a run that was killed between two dataset.json."""
+    for name in ("0000000", "0000001"):
+        shutil.copytree(root / "a", root / name)
+    (root / ".rows").mkdir()
+    (root / ".rows" / "0000001.json").touch()
+    assert wrong(root) == {"dataset.json": ["0000000: is a sample that dataset.json does not list"]}
+
+
 def test_of_a_list_that_is_damaged_or_gone_nothing_more_is_told(root):
     (root / "dataset.json").write_text("{")
     assert unfinished(root) == ""

@@ -34,8 +34,12 @@ def command(dataset: "Place", as_json: bool) -> int:
         click.echo(json.dumps(({"dataset.json": whole} if whole else {}) | findings, indent=1))
     else:
         samples = f"{len(findings)} sample{'' if len(findings) == 1 else 's'}"
-        click.echo(f"{samples}, {wrong} with findings" + (", and dataset.json too" if whole else ""))
+        click.echo(f"{samples}, {wrong} with findings" + _of_the_whole(len(whole)))
     return 1 if wrong or whole else 0
+
+
+def _of_the_whole(count: int) -> str:
+    return f"; {count} finding{'' if count == 1 else 's'} of the dataset as a whole" if count else ""
 
 
 def _findings(dataset: "Place", quiet: bool) -> dict[str, list[str]]:

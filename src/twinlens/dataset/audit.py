@@ -12,6 +12,8 @@ from twinlens.dataset.storage import MARK, Place, RemotePath, Where, place
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError
 
+ROWS = ".rows"
+"""The folder beside an unfinished dataset's samples with a row for each that dataset.json does not list yet."""
 _OF_A_SAMPLE = (MARK, "im0.png")
 
 
@@ -64,11 +66,17 @@ def unfinished(where: Where) -> str:
 
 def _of_the_whole(folder: Place, dataset: Dataset) -> list[str]:
     if (folder / NAME).is_file():
-        beside = _beside(folder, set(dataset.names))
-        return [f"{name}: is a sample that {NAME} does not list" for name in beside] + _of_croissant(folder)
+        beside = [name for name in _beside(folder, set(dataset.names)) if not _waits(folder, name)]
+        described = [] if dataset.manifest.info.get("complete") is False else _of_croissant(folder)
+        return [f"{name}: is a sample that {NAME} does not list" for name in beside] + described
     if dataset[0].folder != folder and any(sample.has(MARK) for sample in dataset):
         return [f"is missing, so that no file can be held against its checksum; found without it: {len(dataset)}"]
     return []
+
+
+def _waits(folder: Place, name: str) -> bool:
+    """Whether a sample that is not listed is one that the next `twinlens generate` lists."""
+    return (folder / ROWS / f"{name}.json").is_file()
 
 
 def _beside(folder: Place, known: set[str]) -> list[str]:
@@ -97,7 +105,7 @@ def _folders_of_samples(folder: Place, known: set[str]) -> Iterator[str]:
 
 
 def _of_croissant(folder: Place) -> list[str]:
-    """croissant.json holds the SHA-256 of dataset.json."""
+    """croissant.json holds the SHA-256 of dataset.json. It is of the finished one: while a dataset grows, of none."""
     if not (folder / CROISSANT).is_file():
         return []
     try:

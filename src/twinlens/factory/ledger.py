@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from twinlens.dataset import Manifest, Row, read_manifest, remove_unfinished, row_of, write_manifest
+from twinlens.dataset.audit import ROWS
 from twinlens.dataset.files import files_below, read_bytes, write_file
 from twinlens.dataset.manifest import NAME
 from twinlens.dataset.record import decode_json, encode_json, plain, read_json
@@ -28,7 +29,6 @@ from twinlens.factory.plan import plan, sample_name
 from twinlens.factory.recipe import Recipe, differences
 from twinlens.factory.sources import changed_files
 
-ROWS = ".rows"
 _KIND, _VERSION = "twinlens-row", 1
 
 
