@@ -188,13 +188,34 @@ def test_the_median_error_is_set_beside_the_bound_and_not_beside_what_tells_wron
     found = aperture.conclude(table({"a": 11.0, "b": 8.0}, median=median))[-3]
     assert found.holds == holds
     assert found.measured.value == pytest.approx(2 * math.log2(median / 2.0), abs=0.1)
-    assert ("sad" in found.sentence) != holds
+    assert ("in some scene it is not for sad" in found.sentence) != holds
+
+
+def test_a_median_error_flatter_than_its_noise_does_not_decide():
+    made = table({"a": 4.0, "b": 4.0}, median=11.0)
+    random = np.random.default_rng(4)
+    flat = Table(made.columns, tuple({**row, "a50": 1 + 0.1 * random.normal()} for row in made))
+    found = aperture.conclude(flat)[-3]
+    assert not found.asked
+    assert not found.holds
+    assert "flatter than noise it is for sad" in found.sentence
 
 
 def test_whose_noise_the_pictures_have_is_told_of_each_exposure():
     fixed, equal = aperture.conclude(table({"a": 4.0}))[-2:]
     assert (fixed.holds, equal.holds) == (True, False)
     assert equal.measured.value == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(("ratios", "holds"), [
+    ((0.2, 0.3, 0.45), True), ((0.6, 0.7, 0.8), False), ((0.2, 0.3, 0.9), False),
+])  # fmt: skip
+def test_the_light_paths_noise_is_allowed_where_its_whole_interval_is(ratios, holds):
+    made = table(dict.fromkeys("abc", 4.0))
+    scenes = dict(zip("abc", ratios, strict=True))
+    found = aperture.conclude(Table(made.columns, tuple({**row, "path_noise": scenes[row["scene"]]} for row in made)))
+    assert found[-2].holds == holds
+    assert found[-2].measured.value == pytest.approx(np.mean(ratios))
 
 
 def test_the_square_law_is_of_the_levels():

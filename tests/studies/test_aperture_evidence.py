@@ -168,8 +168,7 @@ def refined(left, right):
 
 
 @pytest.mark.parametrize(("grain", "contrast", "level"), [
-    (1.2, 0.08, 0.02), (1.2, 0.08, 0.005), (1.2, 0.08, 0.002), (1.2, 0.02, 0.2), (1.2, 0.02, 0.04), (1.2, 0.02, 0.02),
-    (2.0, 0.08, 0.008), (2.0, 0.08, 0.003), (2.0, 0.02, 0.05),
+    (1.2, 0.08, 0.005), (1.2, 0.08, 0.002), (1.2, 0.02, 0.2), (1.2, 0.02, 0.04), (2.0, 0.08, 0.008), (2.0, 0.02, 0.05),
 ])  # fmt: skip
 def test_of_a_flat_sheet_as_many_are_wrong_as_theory_reads_off_it(grain, contrast, level):
     """From the light to the matches: through the sensor, its 8-bit pictures and their luma, by a naive SSD.

@@ -1,7 +1,7 @@
 """The theory of mismatches against matches of synthetic textures in noise, counted by a naive block match.
 
-Allowed is 0.03. Counts of single seeds spread by up to 0.027, means of six by 0.011, as does theory of 2000 draws: two
-standard deviations where half of the matches are wrong, more elsewhere.
+Allowed is 0.03: two standard deviations or more. Counts of single seeds spread by up to 0.027, means of six by 0.011,
+and theory, of 4000 draws, by up to 0.008.
 """
 
 import math

@@ -95,7 +95,7 @@ def _said(name: str, saved: Mapping[str, float]) -> str:
 def _sweep(setup: Setup, model: Model, grid: LensGrid, seed: int, share: float) -> list[Row]:
     """A seed's rows of one scene."""
     images = grid.images
-    paths = _path_noise(grid)
+    paths = _noise_of_paths(grid)
     grain = grain_px(images[F_NUMBERS.index(GRAIN_AT)][0])
     sharp = model.lens(SHARP_AT)
     blur = model.stage.blur(model.full_size(sharp))
@@ -120,10 +120,10 @@ def _scores(stage: Stage, pictures: Sequence[NDArray[Any]], method: str) -> dict
     return {**score_columns(scores), "a50": scores.regions["nonocc"]["A50"]}
 
 
-def _path_noise(grid: LensGrid) -> list[float]:
+def _noise_of_paths(grid: LensGrid) -> list[float]:
     """What noise the light paths left in each lens's pictures, in parts of their light, root mean squares; at most."""
-    light = [math.sqrt(np.mean([np.square(eye, dtype=np.float64).mean() for eye in eyes])) for eyes in grid.images]
-    return [float(np.mean(error)) / level for error, level in zip(grid.standard_error, light, strict=True)]
+    lights = [math.sqrt(np.mean([np.square(eye, dtype=np.float64).mean() for eye in eyes])) for eyes in grid.images]
+    return [float(np.mean(error)) / light for error, light in zip(grid.standard_error, lights, strict=True)]
 
 
 def _predicted(model: Model, shot: Shot, grain: float, evidence: Evidence, paths: float) -> dict[str, float]:
@@ -132,9 +132,7 @@ def _predicted(model: Model, shot: Shot, grain: float, evidence: Evidence, paths
     diffracts = shot.diffraction == "with"
     error = predicted_error(model.stage, shot.lens, shot.exposure, shot.radiance[0], blur, grain, diffracts)
     expected = evidence.expected(shot.lens, shot.exposure, blur, diffracts, paths)
-    return {
-        "predicted": error, "predicted_wrong": expected.wrong, "path_noise": expected.path_noise,
-    }  # fmt: skip
+    return {"predicted": error, "predicted_wrong": expected.wrong, "path_noise": expected.path_noise}
 
 
 def _with_theory(rows: Sequence[Row]) -> list[Row]:

@@ -17,7 +17,7 @@ is mere chance, about 1 - 4/ndisp.
 
 V is the texture's, not the window's own. A window holds few grains, one alone where blur is wider than it is, and may
 find them faint: fading, whose tail falls as a power of the light. Nor is N_h Gaussian enough in the tail that the least
-of many rivals lies in. So the chance has no closed form. Textures and noise are drawn, Gaussian in their values, 2000
+of many rivals lies in. So the chance has no closed form. Textures and noise are drawn, Gaussian in their values, 4000
 windows, always the same; nothing is assumed of the sums.
 
 Sources: Ziv and Zakai, Some lower bounds on signal parameter estimation, IEEE Trans. Information Theory 15(3), 1969;
@@ -39,11 +39,11 @@ RIGHT_PX = 2
 """An error up to this many pixels is none."""
 _SNR = np.geomspace(1e-3, 1e4, 29)
 _SPREADS = np.geomspace(0.5, 12.0, 12)
-_DRAWS = 2000
+_DRAWS = 4000
 
 
 class Sums(NamedTuple):
-    """E, T and N of the module's first lines, of drawn windows at each shift, (2000, ndisp), for V = sigma = 1."""
+    """E, T and N of the module's first lines, of drawn windows at each shift, (4000, ndisp), for V = sigma = 1."""
 
     texture: Float
     both: Float
@@ -95,7 +95,7 @@ def drawn_sums(spread: float, side: int, ndisp: int) -> Sums:
 
 
 def _inner(one: Float, other: Float) -> Float:
-    """Of each draw's window, (2000,)."""
+    """Of each draw's window, (4000,)."""
     return np.asarray(np.einsum("nyx,nyx->n", one, other))
 
 
@@ -107,7 +107,7 @@ def _root(length: int, spread: float) -> Float:
 
 @lru_cache(maxsize=3)
 def _standard(seed: int, rows: int, columns: int) -> Float:
-    """Independent normal numbers, (2000, rows, columns)."""
+    """Independent normal numbers, (4000, rows, columns)."""
     return np.random.default_rng(seed).standard_normal((_DRAWS, rows, columns))
 
 
