@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -43,6 +44,31 @@ def test_a_finished_dataset_that_grows_again_is_unfinished_and_nothing_wrong(twi
     assert twinlens("verify", tmp_path / "set") == (0, "4 samples, 0 with findings\n", "")
     twinlens("generate", grown, "-o", tmp_path / "other" / "set")
     assert digests(tmp_path / "set") == digests(tmp_path / "other" / "set")
+
+
+@pytest.mark.parametrize("damage", ["changed", "cut", "lost"])
+def test_what_verify_says_of_damage_mends_it(twinlens, recipe, tmp_path, damage):
+    root = tmp_path / "set"
+    twinlens("generate", recipe, "-o", root)
+    before = digests(root)
+    file = root / "0000001" / {"changed": "disp0.pfm", "cut": "im1.png", "lost": "calib.txt"}[damage]
+    data = file.read_bytes()
+    if damage == "lost":
+        file.unlink()
+        code, out, err = twinlens("generate", recipe, "-o", root)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert f"{file}: is not there any more; delete the folder {file.parent}; the same command makes it again" in err
+    else:
+        file.write_bytes(data[:-20] if damage == "cut" else data[:-1] + bytes([data[-1] ^ 1]))
+    code, out, err = twinlens("verify", root)
+    assert (code, out.splitlines()[-1]) == (1, "2 samples, 1 with findings")
+    assert err == (
+        f"{root}: 1 sample is damaged: delete the folder of each and run the same `twinlens generate`: "
+        "it makes them again, the same to the byte\n"
+    )
+    shutil.rmtree(file.parent)
+    twinlens("generate", recipe, "-o", root)
+    assert digests(root) == before
 
 
 def test_json_is_all_that_is_printed(twinlens, recipe, tmp_path):

@@ -10,6 +10,7 @@ from twinlens.dataset import (
     Dataset,
     Manifest,
     Row,
+    cure,
     describe,
     place,
     unchecked,
@@ -159,6 +160,22 @@ def test_of_a_list_that_is_damaged_or_gone_nothing_more_is_told(root):
     assert unfinished(root) == ""
     (root / "dataset.json").unlink()
     assert unfinished(root) == ""
+
+
+def test_what_generate_made_and_is_damaged_can_be_made_again(root):
+    rows = Dataset(root).manifest.rows
+    write_manifest(root, Manifest(rows, info={"made_with": {"backend": "scalar_rgb"}}))
+    assert cure(root, wrong(root)) == ""
+    (root / "a" / "notes.txt").touch()
+    assert cure(root, wrong(root)) == ""
+    (root / "a" / "disp0.pfm").write_bytes(b"")
+    assert cure(root, wrong(root)).startswith("1 sample is damaged: delete the folder of each and run the same")
+    shutil.rmtree(root / "train" / "0")
+    assert cure(root, wrong(root)).startswith("2 samples are damaged: ")
+    write_manifest(root, Manifest(rows))
+    assert cure(root, wrong(root)) == "", "nobody knows how to make them"
+    (root / "dataset.json").write_text("{")
+    assert cure(root, wrong(root)) == ""
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"distribution": 7}', '{"distribution": [7]}', "[" * 5000])

@@ -336,6 +336,37 @@ def test_a_damaged_sample_is_told_with_what_to_do(recipe, whole, folder, file):
     assert digests(folder) == digests(whole)
 
 
+@pytest.mark.parametrize("files", [("calib.txt",), ("im0.png", "im1.png"), ("lens-1/im0.png",)])
+def test_a_sample_that_lost_a_file_is_told_with_what_to_do(recipe, whole, folder, tmp_path, files):
+    """Else it would be counted among those that are there."""
+    if "/" in files[0]:
+        text = RECIPE.replace("[sensor]", "[[lenses]]\nkind = 'pinhole'\n\n[sensor]")
+        recipe = read_recipe(write_recipe(tmp_path, text, count=2))
+        generate(recipe, folder)
+    else:
+        shutil.copytree(whole, folder)
+    before = digests(folder)
+    for file in files:
+        (folder / "0000001" / file).unlink()
+    more = r" \(nor are 1 more\)" if len(files) > 1 else ""
+    for way in (generate, estimate):
+        with pytest.raises(
+            FileError, match=f"{files[0]}: is not there any more{more}; delete the folder .*0000001; the"
+        ):
+            way(recipe, folder)
+    shutil.rmtree(folder / "0000001")
+    assert generate(recipe, folder).made == 1
+    assert digests(folder) == before
+
+
+def test_a_sample_in_a_bucket_that_lost_a_file_is_told(recipe):
+    url = f"memory://{os.getpid()}/lost"
+    generate(recipe, url, limit=2)
+    fsspec.filesystem("memory").rm(f"/{os.getpid()}/lost/0000001/calib.txt")
+    with pytest.raises(FileError, match=r"0000001/calib.txt: is not there any more; delete the folder"):
+        generate(recipe, url)
+
+
 def test_a_folder_without_its_mark_is_told_with_what_to_do(recipe, folder):
     (folder / "0000000").mkdir(parents=True)
     (folder / "0000000" / "im0.png").touch()

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 def command(dataset: "Place", as_json: bool) -> int:
     """Check DATASET: checksums, shapes, disparity against depth, each view's truth against the other's.
 
-    Names each sample and what is wrong with it; exit code 1 if anything is. Samples that are still to be made are told,
-    and are nothing wrong.
+    Names each sample and what is wrong with it, and how to mend what `twinlens generate` made; exit code 1 if anything
+    is wrong. Samples that are still to be made are told, and are nothing wrong.
 
     \b
     Example:  twinlens verify out
     """
-    from twinlens.dataset import unchecked, unfinished
+    from twinlens.dataset import cure, unchecked, unfinished
 
     findings = _findings(dataset, as_json)
     for more in filter(None, (unchecked(dataset), unfinished(dataset))):
@@ -35,6 +35,8 @@ def command(dataset: "Place", as_json: bool) -> int:
     else:
         samples = f"{len(findings)} sample{'' if len(findings) == 1 else 's'}"
         click.echo(f"{samples}, {wrong} with findings" + _of_the_whole(len(whole)))
+    if way := cure(dataset, findings):
+        click.echo(f"{dataset}: {way}", err=True)
     return 1 if wrong or whole else 0
 
 

@@ -4,7 +4,7 @@ What a sample looks like on the disk is written in docs/format.md.
 """
 
 from twinlens.dataset.about import About
-from twinlens.dataset.audit import unchecked, unfinished, verify_place
+from twinlens.dataset.audit import cure, unchecked, unfinished, verify_place
 from twinlens.dataset.card import write_card
 from twinlens.dataset.codecs import (
     Calibration,
@@ -50,6 +50,7 @@ __all__ = [
     "Where",
     "arrays",
     "checksums",
+    "cure",
     "describe",
     "encode_pfm",
     "encode_png",

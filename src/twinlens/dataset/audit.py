@@ -1,15 +1,16 @@
 """Is a whole dataset what it says it is: its list, what lies beside its samples, and each sample (`verify_sample`)."""
 
+import contextlib
 import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from twinlens.dataset.croissant import NAME as CROISSANT
 from twinlens.dataset.dataset import Dataset, found_samples
 from twinlens.dataset.files import is_hidden, read_bytes
 from twinlens.dataset.manifest import NAME, read_manifest
 from twinlens.dataset.storage import MARK, Place, RemotePath, Where, place
-from twinlens.dataset.verify import verify_sample
+from twinlens.dataset.verify import is_of_damage, verify_sample
 from twinlens.errors import FileError
 
 ROWS = ".rows"
@@ -62,6 +63,22 @@ def unfinished(where: Where) -> str:
     if len(manifest.rows) + lost < count:
         said.append("the `twinlens generate` that began it makes the rest")
     return "; ".join(said)
+
+
+def cure(where: Where, found: Mapping[str, Sequence[str]]) -> str:
+    """What to do about the damaged samples of a dataset that `twinlens generate` made, in a line; empty without any.
+
+    `found`: the findings of `verify_place`, by name.
+    """
+    damaged = sum(any(map(is_of_damage, lines)) for name, lines in found.items() if name != NAME)
+    with contextlib.suppress(FileError):
+        if damaged and "made_with" in read_manifest(where).info:
+            what = f"{damaged} sample{' is' if damaged == 1 else 's are'} damaged"
+            return (
+                f"{what}: delete the folder of each and run the same `twinlens generate`: it makes them again, the "
+                "same to the byte"
+            )
+    return ""
 
 
 def _of_the_whole(folder: Place, dataset: Dataset) -> list[str]:

@@ -23,6 +23,7 @@ from twinlens.dataset.stored import StoredSample
 from twinlens.dataset.truth_files import read_truth
 from twinlens.errors import FileError
 
+_LOST, _CHANGED = "is missing", "differs from its SHA-256 in dataset.json"
 _VIEW = re.compile(r"(?:lens-\d+/)?(im|disp|mask|truth|radiance)(\d+)(?:GT|nocc)?(\.png|\.pfm|\.exr)$")
 
 _READERS: dict[str, Callable[[Any], Any]] = {
@@ -49,6 +50,15 @@ def verify_sample(sample: StoredSample) -> list[str]:
     return findings or _sizes(content) or _truths(content)
 
 
+def is_of_damage(finding: str) -> bool:
+    """Whether a finding is of what was lost or changed since the sample was made, and not of what it was made with.
+
+    >>> is_of_damage("im0.png: is missing"), is_of_damage("notes.txt: is not listed in dataset.json")
+    (True, False)
+    """
+    return finding.endswith((_LOST, _CHANGED, "no such folder"))
+
+
 def verify_dataset(dataset: Dataset) -> Iterator[tuple[str, list[str]]]:
     """(name, findings) of each sample in turn; see `verify_sample`."""
     for sample in dataset:
@@ -63,8 +73,8 @@ def _unlike_their_checksums(sample: StoredSample) -> list[str]:
         found = checksums(sample.folder)
     except FileError as error:
         return [str(error)]
-    missing = [f"{name}: is missing" for name in stated if name not in found]
-    changed = [f"{name}: differs from its SHA-256 in dataset.json" for name in found if found[name] != stated.get(name)]
+    missing = [f"{name}: {_LOST}" for name in stated if name not in found]
+    changed = [f"{name}: {_CHANGED}" for name in found if found[name] != stated.get(name)]
     added = {name: f"{name}: is not listed in dataset.json" for name in found if name not in stated}
     return missing + [added.get(line.partition(":")[0], line) for line in changed]
 

@@ -38,6 +38,7 @@ def estimate(recipe: Recipe, folder: Where) -> Estimate:
     root = place(folder)
     ledger = Ledger(root, recipe, made_with())
     ledger.recover()
+    ledger.refuse_damaged()
     missing = ledger.missing()
     before = recipe.count - len(missing)
     if not missing:

@@ -71,7 +71,8 @@ def generate(
     stop : callable
         Asked between passes: True drops the sample in the making, leaves all others whole, and ends the run.
 
-    Raises InputError where `folder` holds another dataset, OutputError where it cannot be written.
+    Raises InputError where `folder` holds another dataset, FileError where a sample there lacks a file, OutputError
+    where it cannot be written.
     """
     _check(limit, shard)
     root = place(folder)
@@ -82,6 +83,7 @@ def generate(
         if not shared:
             remove_unfinished(root)
         ledger.recover()
+        ledger.refuse_damaged()
         if not ledger.has_file:
             ledger.write()
         before, known, made = len(ledger.entries.made), len(ledger.entries), 0

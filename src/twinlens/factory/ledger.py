@@ -63,6 +63,15 @@ class Ledger:
             if name.isdecimal() and sample_name(int(name)) == name and int(name) < self.recipe.count:
                 self.entries[int(name)] = recovered_row(self.folder, self.recipe, int(name), self.made_with)
 
+    def refuse_damaged(self) -> None:
+        """Raise FileError where a file that a sample's row lists is gone. What is in them is for `verify` to read."""
+        listed = set(self.folder.files()) if isinstance(self.folder, RemotePath) else None
+        for row in self.entries.rows:
+            if lost := _lost(self.folder, row, listed):
+                more = f" (nor are {len(lost) - 1} more)" if len(lost) > 1 else ""
+                sample = self.folder / row.name
+                raise FileError(f"{sample / lost[0]}: is not there any more{more}; {remedy(sample)}")
+
     def missing(self) -> list[int]:
         """The indices of the samples that are still to be made."""
         return [index for index in range(self.recipe.count) if index not in self.entries]
@@ -230,6 +239,15 @@ def advised(sample: Place) -> Iterator[None]:
         yield
     except FileError as error:
         raise FileError(f"{error}; {remedy(sample)}") from error
+
+
+def _lost(folder: Place, row: Row, listed: set[str] | None) -> list[str]:
+    """The files of a sample that are gone; `listed` are all names in a bucket, where asking for each takes long."""
+    if listed is not None:
+        return [name for name in row.files if f"{row.name}/{name}" not in listed]
+    sample = folder / row.name
+    there = {entry.name for entry in sample.iterdir()}
+    return [name for name in row.files if name not in there and not (sample / name).is_file()]
 
 
 def whole_samples(folder: Place) -> set[str]:
