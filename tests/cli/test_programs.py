@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from twinlens.cli import boards as cli_boards
 from twinlens.cli.benchmark import DEFAULT_METHODS, matchers_of, split_methods
 from twinlens.scoring import PROTOCOLS, REGIONS
+from twinlens.scoring import benchmark as scoring_benchmark
 
 FLAT = """
 import struct, sys
@@ -158,6 +160,7 @@ def test_help_lists_every_protocol_and_region(twinlens):
 
 STRANGERS = """
 import ctypes
+import time
 import numpy as np
 
 def good(left, right, num_disparities, min_disparity):
@@ -166,6 +169,9 @@ def good(left, right, num_disparities, min_disparity):
 
 def segfaults(left, right, num_disparities, min_disparity):
     ctypes.string_at(0)
+
+def sleeps(left, right, num_disparities, min_disparity):
+    time.sleep(60)
 
 def hoards(left, right, num_disparities, min_disparity):
     kept = []
@@ -211,3 +217,22 @@ def test_a_name_that_is_there_twice_is_told_before_the_first_match(twinlens, dat
     assert (code, out) == (2, "")
     assert "two samples are named" in err
     assert not (tmp_path / "b").exists()
+
+
+def test_a_function_that_sleeps_costs_little_more_than_its_limits(twinlens, dataset, tmp_path, monkeypatch):
+    (tmp_path / "sleepers.py").write_text(STRANGERS)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    begun = time.monotonic()
+    code, out, err = twinlens(
+        "benchmark", dataset, "--methods", "function:function=sleepers:sleeps", "-o", tmp_path / "b", "--json",
+        "--time-limit", "1", "--warm-up-limit", "2",
+    )  # fmt: skip
+    assert code == 1, err
+    assert time.monotonic() - begun < 30
+    messages = [e["failure"]["message"] for e in json.loads(out)["entries"]]
+    assert len(messages) == 2
+    assert all(m.startswith("no answer within 1 s; a first, uncounted call gave none in 2") for m in messages)
+
+
+def test_the_first_call_has_the_limit_of_the_scoring_room():
+    assert cli_boards.WARM_UP_LIMIT_S == scoring_benchmark.WARM_UP_LIMIT_S

@@ -1,5 +1,6 @@
 """Running methods on samples: failures stay alone, resume runs only what is new, a limit really limits."""
 
+import re
 import subprocess
 import sys
 import time
@@ -146,6 +147,28 @@ def test_a_hang_while_warming_up_is_bounded_and_not_tried_again(tmp_path):
     assert [e.failure.kind for e in board.entries] == ["time-limit"] * 2
     assert time.monotonic() - start < 25
     assert method.note.read_text().split() == ["32", "40", "40"]  # a warm-up has 32 rows, the images 40
+    says = "no answer within 0.5 s; a first, uncounted call gave none in 0.5 s, and is not made again"
+    assert [without_decimals(e.failure.message) for e in board.entries] == [without_decimals(says)] * 2
+
+
+def without_decimals(text):
+    """A time that was measured is a little longer than the limit."""
+    return re.sub(r"0\.5\d*", "0.5", text)
+
+
+def test_a_method_that_is_always_slow_is_warmed_up_once(tmp_path):
+    """Its first call ends, later than the limit; a second one in the next process would end as late, and not help."""
+    method = Hangs("slow", tmp_path / "rows", seconds=1.0)
+    samples = [pair(name, seed) for seed, name in enumerate("abc")]
+    board = run_benchmark(samples, [method, Constant("good", 4)], time_limit=0.4, warm_up_limit=30)
+    assert method.note.read_text().split() == ["32", "40", "40", "40"]
+    failures = [e.failure for e in board.entries if e.method == "slow"]
+    assert [f.kind for f in failures] == ["time-limit"] * 3
+    first, *later = [f.message for f in failures]
+    assert re.fullmatch(r"no answer within 0\.4 s, after 1\.\d+ s for a first, uncounted call", first)
+    for message in later:
+        assert re.fullmatch(r"no answer within 0\.4 s; a first, uncounted call took 1\.\d+ s, and is not .*", message)
+    assert all(e.ok for e in board.entries if e.method == "good")
 
 
 def test_a_fresh_process_is_warmed_up_again():

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from twinlens.cli.boards import OPTIONS, print_board, run_board
+from twinlens.cli.boards import OPTIONS, WARM_UP_LIMIT_S, print_board, run_board
 from twinlens.cli.places import PATH
 from twinlens.errors import InputError
 
@@ -29,12 +29,17 @@ FOREIGN_LIMIT_S = 600.0
     help="Any program, as mine='prog {left} {right} {out}': reads two PNGs, writes a PFM; {num_disparities} is known "
     "too. No shell reads it. May be given several times.",
 )  # fmt: skip
+@click.option(
+    "--warm-up-limit", type=float, default=WARM_UP_LIMIT_S, show_default=True,
+    help="Under a limit: seconds that a method's first match of a few rows may take, which does not count.",
+)  # fmt: skip
 @OPTIONS
 def command(
     datasets: tuple[str, ...],
     output: Path,
     methods: tuple[str, ...],
     commands: tuple[str, ...],
+    warm_up_limit: float,
     protocols: tuple[str, ...],
     regions: tuple[str, ...],
     time_limit: float | None,
@@ -56,7 +61,10 @@ def command(
     pairs = Chain([pairs_of(name) for name in datasets])
     if time_limit is None and any(getattr(matcher, "is_foreign", False) for matcher in matchers):
         time_limit = FOREIGN_LIMIT_S
-    board = run_board(pairs, matchers, output, protocols, regions, time_limit, memory_limit=memory_limit)
+    board = run_board(
+        pairs, matchers, output, protocols, regions, time_limit,
+        memory_limit=memory_limit, warm_up_limit=warm_up_limit,
+    )  # fmt: skip
     return print_board(board, output, as_json)
 
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from twinlens.scoring import Board
 
 MOST_GIB = 2**20
+WARM_UP_LIMIT_S = 120.0
+"""As in the scoring room, which is not opened for a --help."""
 _FILE_WIDTH = 132
 _NARROW = ("totbad2.0", "bad2.0", "avgerr", "invalid", "time")
 
@@ -45,8 +47,9 @@ _CHOICES = (
         cls=_Listing, registry="REGIONS", help="Where to score: NAMES; may be given several times.",
     ),
     click.option(
-        "--time-limit", type=float, help="Seconds that one match may take; matchers then run apart.  "
-        "[default: 600 where an ONNX model or a Python function is among them]",
+        "--time-limit", type=float, help="Seconds that one match may take, where a first one of a few rows, which may "
+        "compile, does not count; matchers then run apart.  [default: 600 where an ONNX model or a Python function is "
+        "among them]",
     ),
     click.option("--memory-limit", type=float, help="GiB of memory that a matcher may take; it then runs apart."),
     click.option("--json", "as_json", is_flag=True, help="Print the board as JSON."),
@@ -69,6 +72,7 @@ def run_board(
     time_limit: float | None = None,
     title: str = "twinlens leaderboard",
     memory_limit: float | None = None,
+    warm_up_limit: float = WARM_UP_LIMIT_S,
 ) -> "Board":
     """Run, score and save OUTPUT/board.json with its maps, and write the page. Limits: seconds a call, GiB a process.
 
@@ -89,7 +93,7 @@ def run_board(
             board = run_benchmark(
                 pairs, methods, protocol=protocols, regions=regions, progress=tell, time_limit=time_limit,
                 memory_limit=_bytes(memory_limit), save=output / "board.json", on_map=maps.keep, on_drop=maps.drop,
-                title=title,
+                title=title, warm_up_limit=warm_up_limit,
             )  # fmt: skip
         write_page(output / "index.html", board, pairs, maps)
     return board

@@ -90,7 +90,8 @@ def run_benchmark(
     warm_up, warm_up_limit
         Call each method once on a few rows before its first measured call of a range `ndisp` (our kernels are compiled
         for it) in a process, so that compiling is not timed; under a time limit that call has `warm_up_limit` seconds
-        of its own.
+        of its own. It is made again in the fresh process that follows a killed one, unless it hung, or took longer than
+        the time limit and did not help.
     save
         The board's JSON file: read first if it exists (resume), written every few seconds and at the end.
     board

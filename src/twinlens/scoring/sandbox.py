@@ -15,6 +15,7 @@ import os
 import pickle
 import re
 import signal
+import time
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -58,7 +59,8 @@ class Child:
         self._process: BaseProcess | None = None
         self._pipe: Connection | None = None
         self._warm: set[tuple[str, int]] = set()
-        self._hung: set[str] = set()
+        self._first_s: dict[str, float] = {}
+        self._given_up: set[str] = set()
 
     def __enter__(self) -> "Child":
         return self
@@ -69,26 +71,47 @@ class Child:
     def warm_up(self, method: Method, left: Image, right: Image, search: Search) -> None:
         """As the function, in the child, once for each ndisp in every process: a fresh one has compiled nothing.
 
-        A hang or a dead process is left for the measured call to meet; what hung here once is not warmed up again.
+        A hang or a dead process is left for the measured call to meet. A method is not warmed up again that hung here,
+        or that took more than `limit` and then failed all the same: every pair would pay for it.
         """
         self._started()
-        key = method.name, search["ndisp"]
-        if key in self._warm or method.name in self._hung:
+        name, ndisp = method.name, search["ndisp"]
+        if (name, ndisp) in self._warm or name in self._given_up:
             return
+        begun = time.monotonic()
         try:
             self._ask(("warm-up", _pickled(method), left, right, search), self.warm_up_limit)
-            self._warm.add(key)
+            self._warm.add((name, ndisp))
         except MethodError as error:
             if error.failure.kind == "time-limit":
-                self._hung.add(method.name)
+                self._given_up.add(name)
+        self._first_s[name] = time.monotonic() - begun
 
     def call(self, method: Method, left: Image, right: Image, search: Search) -> Answer:
         """As the function, in the child."""
         limit = self.limit + float(getattr(method, "grace_s", 0.0))
-        answer = self._ask(("call", _pickled(method), left, right, search), limit)
+        before = self._before(method.name, search["ndisp"])
+        try:
+            answer = self._ask(("call", _pickled(method), left, right, search), limit)
+        except MethodError as error:
+            if self._first_s.get(method.name, 0.0) > self.limit:
+                self._given_up.add(method.name)
+            if error.failure.kind == "time-limit":
+                raise MethodError("time-limit", f"{error}{before}") from error
+            raise
         if isinstance(answer, Failure):
             raise MethodError(answer.kind, answer.message)
         return Answer(*answer)
+
+    def _before(self, name: str, ndisp: int) -> str:
+        """What a reader of a time limit needs to know of the call before: it took time too, and was not counted."""
+        took = self._first_s.get(name)
+        if took is None:
+            return ""
+        if (name, ndisp) in self._warm:
+            return f", after {took:.3g} s for a first, uncounted call"
+        hung = took >= self.warm_up_limit
+        return f"; a first, uncounted call {'gave none in' if hung else 'took'} {took:.3g} s, and is not made again"
 
     def _ask(self, question: tuple[Any, ...], limit: float) -> Any:
         pipe = self._started()
