@@ -8,9 +8,10 @@
 samples a pixel, and between them renders the same two images with Mitsuba alone: a busy machine slows both alike.
 
 `flat` runs `twinlens generate` on small samples of random families, each a new scene, with no kernel kept from earlier
-runs, and watches it from outside (Linux): the most memory that was resident while each sample was made, and its
-processor time. After each it takes the machine's pace, the processor time of a fixed piece of work, so that what else
-runs meanwhile does not pass for a change of speed.
+runs, and watches it from outside (Linux): the least and the most memory that was resident while each sample was made,
+and its processor time. The least is what the run keeps; the most is what the largest of the kernels needs while it is
+compiled, which is the scene's luck. After each sample it takes the machine's pace, the processor time of a fixed piece of
+work, so that what else runs meanwhile does not pass for a change of speed.
 """
 
 import contextlib
@@ -110,29 +111,31 @@ def flat(count: int) -> None:
             rows = list(watched(run, target / ".rows"))
     tenths = np.array_split(np.array(rows), 10)
     for k, part in enumerate(tenths, start=1):
-        peak, used, pace = part[:, 0].max(), part[:, 1].mean(), part[:, 2].mean()
-        print(f"tenth {k:2d}: peak {peak:7.1f} MiB, {used:.3f} s of processor a sample, pace {1e3 * pace:.1f} ms")
+        kept, peak, used, pace = part[:, 0].max(), part[:, 1].max(), part[:, 2].mean(), part[:, 3].mean()
+        said = f"kept at most {kept:.1f} MiB, peak {peak:.1f} MiB, {used:.3f} s of processor a sample"
+        print(f"tenth {k:2d}: {said}, pace {1e3 * pace:.1f} ms")
     first, last = tenths[0], tenths[-1]
-    used, pace = (first[:, column].mean() / last[:, column].mean() for column in (1, 2))
-    print(f"memory, last against first: {last[:, 0].max() / first[:, 0].max():.3f}")
+    kept, peak = (last[:, column].max() / first[:, column].max() for column in (0, 1))
+    used, pace = (first[:, column].mean() / last[:, column].mean() for column in (2, 3))
+    print(f"memory, last against first: kept {kept:.3f}, peak {peak:.3f}")
     print(f"throughput, last against first: {used:.3f}; at equal pace {used / pace:.3f}")
 
 
 def watched(run, folder):
-    """(peak MiB, processor s, pace s) of each sample of which a row comes to lie in `folder` while the process runs.
+    """(least MiB, most MiB, processor s, pace s) of each sample of which a row comes to lie in `folder` meanwhile.
 
     The last samples' rows go with the folder when the dataset is finished: what was not seen is left out.
     """
-    seen, peak, before = 0, 0.0, 0.0
+    seen, before, held = 0, 0.0, []
     while run.poll() is None:
         with contextlib.suppress(OSError):  # the process, or the folder, may be gone
-            memory, used = resident_mib(run.pid), used_s(run.pid)
-            peak = max(peak, memory)
+            used = used_s(run.pid)
+            held.append(resident_mib(run.pid))
             there = sum(1 for _ in folder.iterdir())
             for _ in range(seen, there):
-                yield peak, (used - before) / (there - seen), pace_s()
+                yield min(held), max(held), (used - before) / (there - seen), pace_s()
             if there > seen:
-                seen, peak, before = there, 0.0, used
+                seen, before, held = there, used, []
         time.sleep(0.02)
 
 
