@@ -10,8 +10,8 @@ samples a pixel, and between them renders the same two images with Mitsuba alone
 `flat` runs `twinlens generate` on small samples of random families, each a new scene, with no kernel kept from earlier
 runs, and watches it from outside (Linux): the least and the most memory that was resident while each sample was made,
 and its processor time. The least is what the run keeps; the most is what the largest of the kernels needs while it is
-compiled, which is the scene's luck. After each sample it takes the machine's pace, the processor time of a fixed piece of
-work, so that what else runs meanwhile does not pass for a change of speed.
+compiled, which is the scenes' luck. After each sample it takes the machine's pace, the processor time of a fixed piece
+of work, so that what else runs meanwhile does not pass for a change of speed.
 """
 
 import contextlib
