@@ -118,6 +118,16 @@ def test_bad_options_are_refused_in_a_line(twinlens, recipe, tmp_path, options, 
     assert not (tmp_path / "set").exists()
 
 
+def test_a_backend_that_is_none_leaves_no_folder(recipe, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "twinlens", "generate", str(recipe), "-o", str(tmp_path / "set")],
+        env={**os.environ, "TWINLENS_BACKEND": "banana"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "banana" in done.stderr
+    assert not (tmp_path / "set").exists()
+
+
 def test_a_mistake_in_the_recipe_is_a_line(twinlens, tmp_path):
     path = write_recipe(tmp_path, RECIPE.replace("baseline", "basline"))
     code, _, err = twinlens("generate", path, "-o", tmp_path / "set")

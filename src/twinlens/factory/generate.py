@@ -77,9 +77,10 @@ def generate(
     _check(limit, shard)
     root = place(folder)
     recipe.sources.take_stock()  # what cannot be read is told before anything is written
+    tools = made_with()  # and so is a backend that does not work here
     shared = shard != (1, 1)
     with locked(root, shared, remedy=f"{WAIT}, or split the work by --shard"):
-        ledger = Ledger(root, recipe, made_with())
+        ledger = Ledger(root, recipe, tools)
         if not shared:
             remove_unfinished(root)
         ledger.recover()
