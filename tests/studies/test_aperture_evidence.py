@@ -175,7 +175,7 @@ def refined(left, right):
 def test_of_a_flat_sheet_as_many_are_wrong_as_theory_reads_off_it(grain, contrast, level, blur):
     """From the light to the matches: blurred by a disk, through the sensor, its 8-bit luma, by a naive SSD.
 
-    Allowed are 5 percent points. Counts of 1600 windows that do not overlap spread by 1.2 at most; theory's are 1 to 3 too
+    Allowed are 5 percent points. Counts of 1600 windows side by side spread by 1.2 at most; theory's are 1 to 4 too
     high without blur, as it knows the windows at the borders too, and means over 25 px take some texture with them.
     """
     from twinlens.matching import grey
