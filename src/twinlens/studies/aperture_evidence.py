@@ -184,7 +184,7 @@ def shared_texture(left: Float, right: Float, depth: NDArray[np.int64]) -> tuple
     """Grain in pixels and variance, (H, W), of the texture that two aligned pictures (H, W) share.
 
     depth: disparities in whole pixels, (H, W), -1 where the pictures are not aligned. A picture's variance is about its
-    means over 25 pixels, so that shading does not count as texture. True within 8 % (grain) and 11 % (variance) from 1
+    means over 25 pixels, so that shading does not count as texture. True within 8 % (grain) and 13 % (variance) from 1
     to 2 px: above, those means take texture with them, at 3 px 11 % and 22 % of it.
     """
     steep = _slopes(left, right, depth) + _slopes(left.T, right.T, depth.T).T
