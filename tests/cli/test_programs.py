@@ -21,9 +21,9 @@ open(out, "wb").write(b"Pf\\n%d %d\\n-1.0\\n" % (width, height) + struct.pack("<
 """
 FAULTS = {
     "dies": ("import sys; sys.exit('no weights')", "crash", "no weights"),
-    "nan": ("", "crash", "returned nan"),
+    "nan": ("", "not-a-number", "returned nan"),
     "silent": ("pass", "crash", "wrote no file"),
-    "cut": ("import sys; open(sys.argv[2], 'wb').write(b'Pf\\n1 1\\n-1.0\\nabcd')", "crash", "shape (1, 1)"),
+    "cut": ("import sys; open(sys.argv[2], 'wb').write(b'Pf\\n1 1\\n-1.0\\nabcd')", "wrong-shape", "shape (1, 1)"),
     "hangs": ("import time; time.sleep(60)", "time-limit", "longer than 1 s"),
 }
 

@@ -88,6 +88,40 @@ def test_every_failure_stays_alone():
     assert all("\n" not in e.failure.message for e in board.entries if e.failure)
 
 
+WRONG = """
+import numpy as np
+
+def nan(left, right, **search):
+    return np.full(left.shape[:2], np.nan)
+
+def minus_inf(left, right, **search):
+    return np.full(left.shape[:2], -np.inf)
+
+def wrong_size(left, right, **search):
+    return np.zeros((3, 3))
+
+def nothing(left, right, **search):
+    return None
+
+def words(left, right, **search):
+    return "far away"
+
+def raises(left, right, **search):
+    raise RuntimeError
+"""
+
+
+@pytest.mark.parametrize("limit", [None, 30])
+def test_a_function_by_name_fails_by_the_same_kinds(tmp_path, monkeypatch, limit):
+    (tmp_path / "wrong_answers.py").write_text(WRONG)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    kinds = {name: KINDS[name] for name in ("nan", "minus_inf", "wrong_size", "nothing", "raises")}
+    kinds["words"] = "wrong-type"
+    methods = [NamedMethod(f"function:function=wrong_answers:{name}") for name in kinds]
+    board = run_benchmark([pair()], methods, warm_up=False, time_limit=limit)
+    assert {e.method.rpartition(":")[2]: e.failure.kind for e in board.entries} == kinds
+
+
 def test_a_limit_stops_a_hang_and_survives_a_dead_process():
     methods = [Trouble("hangs"), Constant("good", 4), Trouble("dies"), Trouble("raises"), Constant("better", 5)]
     start = time.monotonic()

@@ -18,19 +18,35 @@ from twinlens.matching.identity import content_of
 from twinlens.matching.images import Disparity
 
 
+class WrongAnswerError(InputError):
+    """A stranger's code answered, and not with a disparity map; kind: wrong-type, wrong-shape or not-a-number."""
+
+    def __init__(self, kind: str, message: str) -> None:
+        super().__init__(message)
+        self.kind = kind
+
+
 def checked_result(result: Any, shape: tuple[int, ...], name: str) -> Disparity:
-    """The result as float32 (H, W), or an InputError that says what `name` did wrong."""
-    try:
-        disparity = np.asarray(result, dtype=np.float32)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} returned {type(result).__name__}, not an array of disparities") from None
+    """The result as float32 (H, W), or a WrongAnswerError that says what `name` did wrong."""
+    disparity = _numbers(result, name)
     if disparity.shape != shape:
-        raise InputError(f"{name} returned shape {disparity.shape}; the left image has {shape}")
+        raise WrongAnswerError("wrong-shape", f"{name} returned shape {disparity.shape}; the left image has {shape}")
     wrong = np.isnan(disparity) | np.isneginf(disparity)
     if wrong.any():
         y, x = np.argwhere(wrong)[0]
-        raise InputError(f"{name} returned {disparity[y, x]} at [{y}, {x}]; unknown disparities are +inf")
+        raise WrongAnswerError(
+            "not-a-number", f"{name} returned {disparity[y, x]} at [{y}, {x}]; unknown disparities are +inf"
+        )
     return disparity
+
+
+def _numbers(result: Any, name: str) -> Disparity:
+    try:
+        if result is not None:  # which numpy takes for one NaN
+            return np.asarray(result, dtype=np.float32)
+    except (TypeError, ValueError):
+        pass
+    raise WrongAnswerError("wrong-type", f"{name} returned {type(result).__name__}, not an array of disparities")
 
 
 @dataclass(frozen=True)

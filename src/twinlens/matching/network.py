@@ -13,7 +13,7 @@ import numpy as np
 
 from twinlens.errors import FileError, InputError, MissingExtraError
 from twinlens.matching.checks import amount, whole
-from twinlens.matching.external import checked_result
+from twinlens.matching.external import WrongAnswerError, checked_result
 from twinlens.matching.identity import content_of
 from twinlens.matching.images import Disparity, Image, pair
 
@@ -177,5 +177,7 @@ def _padded(size: int, wanted: Any, multiple: int, name: str) -> int:
 def _plane(found: Image, model: str) -> Image:
     """(H, W) of (H, W), (1, H, W) or (1, 1, H, W)."""
     if not 2 <= found.ndim <= 4 or any(size != 1 for size in found.shape[:-2]):
-        raise InputError(f"{model}: returned shape {found.shape}; expected (1, 1, H, W), (1, H, W) or (H, W)")
+        raise WrongAnswerError(
+            "wrong-shape", f"{model}: returned shape {found.shape}; expected (1, 1, H, W), (1, H, W) or (H, W)"
+        )
     return found.reshape(found.shape[-2:])

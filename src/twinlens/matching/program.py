@@ -23,7 +23,7 @@ import numpy as np
 
 from twinlens.errors import InputError
 from twinlens.matching.checks import amount, whole
-from twinlens.matching.external import checked_result
+from twinlens.matching.external import WrongAnswerError, checked_result
 from twinlens.matching.identity import content_of
 from twinlens.matching.images import Disparity, Image, pair
 
@@ -214,7 +214,7 @@ def _read_pfm(path: Path, shape: tuple[int, ...], name: str) -> Disparity:
         except ValueError:
             raise InputError(f"{name}: {{out}} is not a PFM file: its header cannot be read") from None
         if magic == b"Pf" and size != shape:
-            raise InputError(f"{name} returned shape {size}; the left image has {tuple(shape)}")
+            raise WrongAnswerError("wrong-shape", f"{name} returned shape {size}; the left image has {tuple(shape)}")
         body = file.read(4 * size[0] * size[1] + 1) if magic == b"Pf" else b""
     if len(body) != 4 * size[0] * size[1]:
         raise InputError(f"{name}: {{out}} is not a grey PFM file of the size it names")

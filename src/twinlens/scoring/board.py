@@ -15,7 +15,7 @@ FAILURES: Mapping[str, str] = MappingProxyType(
         "crash": "it raised an exception, or its process died",
         "memory": "it asked for more memory than there is, or than it may have",
         "time-limit": "it did not answer within the time limit",
-        "wrong-type": "it answered something that is no float array",
+        "wrong-type": "it answered something that is no array of disparities",
         "wrong-shape": "its map has another size than the left image",
         "not-a-number": "its map holds NaN or -inf",
         "missing": "a submission has no map of this sample",

@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from twinlens.matching.external import WrongAnswerError
 from twinlens.scoring.board import Failure
 
 WARM_UP_ROWS = 32
@@ -76,6 +77,8 @@ def call(method: Method, left: Image, right: Image, search: Search) -> Answer:
         found = method(left, right, **search)
     except TimeoutError as error:
         raise MethodError("time-limit", str(error)) from error
+    except WrongAnswerError as error:
+        raise MethodError(error.kind, str(error)) from error
     except (Exception, SystemExit) as error:
         raise failed(error) from error
     return Answer(checked(found, left.shape[:2]), time.perf_counter() - start)
