@@ -53,6 +53,27 @@ def test_the_least_is_ringed():
     assert [float(ring.get_xdata()[0]) for ring in rings] == [1.0, 1.0]
 
 
+@pytest.mark.parametrize(
+    "figure",
+    [
+        LINE, Figure("f", "t", "z_m", "error", panel="place", kind="scatter"),
+        Figure("f", "t", "z_m", "error", by="method", panel="place", residual_of="predicted", log_y=True),
+        Figure("f", "t", "z_m", "seed", panel="place", kind="heatmap", z="error"),
+    ],
+)  # fmt: skip
+def test_a_panel_of_which_nothing_was_measured_says_so_and_makes_up_no_scale(figure):
+    rows = Table(COLUMNS, tuple({**row, "error": np.nan} if row["place"] == "near" else row for row in table()))
+    sheet = draw(figure, rows)
+    near = sheet.axes[0]
+    assert near.get_title() == "near"
+    assert [text.get_text() for text in near.texts] == ["nothing measured"]
+    assert not len(near.get_xticks()) + len(near.get_yticks())
+    far = next(axes for axes in sheet.axes if axes.get_title() == "far")
+    assert len(far.get_yticks())
+    assert "nothing measured" not in [text.get_text() for text in far.texts]
+    assert encode(sheet, "png")[:4] == b"\x89PNG"
+
+
 def test_residuals_are_measured_over_predicted():
     rows = Table(COLUMNS, tuple({**row, "error": 1.1 * row["predicted"]} for row in table()))
     sheet = draw(Figure("f", "t", "z_m", "error", by="method", residual_of="predicted", also=("predicted",)), rows)

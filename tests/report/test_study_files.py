@@ -4,6 +4,7 @@ import io
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -79,6 +80,17 @@ def test_the_page_says_which_findings_do_not_stand(folder):
     assert "Holds, but not for every seed; theory says 1 m, and within 5 % of it is asked" in page
     assert "borne out by 1 of 2 seeds alone" in page
     assert "1 of 2 findings hold for all seeds together but not for each alone. 1 of 2 do not hold." in page
+
+
+def test_the_page_says_why_a_finding_has_no_verdict(tmp_path):
+    """Grey, which is the colour of no kind: neither held nor refuted."""
+    nothing = Interval(math.nan, math.nan, math.nan)
+    findings = [Finding("It is {}", nothing, False), Finding("So is {}", Interval(1.0, 0.0, 2.0), False, asked=False)]
+    page = write_study(tmp_path, run_study(replace(STUDY, conclude=lambda table: findings))).read_text()
+    said = '<div class="finding"><p>{}.</p><p class=note>No verdict: {}</p></div>'
+    assert said.format("It is <b>(not measured)</b>", "nothing was measured for it") in page
+    assert said.format("So is <b>1 [0, 2]</b>", "what was run does not decide it") in page
+    assert "do not hold" not in page
 
 
 def test_the_protocol_is_whole(folder):

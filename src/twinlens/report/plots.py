@@ -17,7 +17,7 @@ from matplotlib.figure import Figure as Sheet
 from matplotlib.lines import Line2D
 
 from twinlens.errors import InputError, unknown
-from twinlens.report.axes import label_axes
+from twinlens.report.axes import label_axes, say_nothing
 from twinlens.studies import Figure, Table, mean_of
 
 THEORY = "theory"
@@ -85,6 +85,9 @@ def _sheet(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> Sheet:
     for k, (title, rows) in enumerate(panels):
         line, column = divmod(k, columns)
         axes = sheet.add_subplot(grid[line * (2 if strip else 1), column])
+        if not np.isfinite(rows.numbers(figure.z or figure.y)).any():
+            say_nothing(axes, figure, rows, title)
+            continue
         _KINDS[figure.kind](sheet, axes, figure, rows, looks)
         label_axes(axes, figure, rows, title)
         if strip:

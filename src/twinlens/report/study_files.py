@@ -114,7 +114,8 @@ def _finding(stands: Stands) -> str:
     before, _, after = (html.escape(part) for part in finding.text.partition("{}"))
     number = f"<b>{html.escape(finding.measured.said(finding.unit))}</b>" if "{}" in finding.text else ""
     if not finding.has_verdict:
-        return f'<div class="finding"><p>{before}{number}{after}.</p><p class=note>No verdict</p></div>\n'
+        why = "nothing was measured for it" if math.isnan(finding.measured.value) else "what was run does not decide it"
+        return f'<div class="finding"><p>{before}{number}{after}.</p><p class=note>No verdict: {why}</p></div>\n'
     notes = [_VERDICTS[finding.holds] + (", but not for every seed" if _is_shaky(stands) else "")]
     if finding.expected is not None:
         within = "" if finding.tolerance is None else f", and within {100 * finding.tolerance:.3g} % of it is asked"
