@@ -12,7 +12,7 @@ from scene_text import Read
 
 from twinlens.camera import Camera, Rig
 from twinlens.errors import FileError, InputError
-from twinlens.scenes import Bitmap, Mesh, Scene, bundled_folder, bundled_scenes, load_scene
+from twinlens.scenes import Bitmap, Mesh, Scene, bundled_folder, bundled_headings, bundled_scenes, load_scene
 
 PROMISED = {"cards", "fence", "room", "spheres", "staircase", "tabletop"}
 
@@ -48,6 +48,18 @@ def test_loading_a_scene_imports_no_renderer() -> None:
 @pytest.fixture(scope="module", params=sorted(PROMISED))
 def bundled(request: pytest.FixtureRequest) -> Scene:
     return load_scene(request.param)
+
+
+def test_a_heading_is_the_scenes_own(bundled: Scene) -> None:
+    (heading,) = (heading for heading in bundled_headings() if heading.name == bundled.name)
+    for field in ("depth_range", "baseline", "description"):
+        assert getattr(heading, field) == getattr(bundled, field)
+
+
+def test_headings_draw_no_texture(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("twinlens.scenes.toml_file.read_textures", None)
+    monkeypatch.setattr("twinlens.scenes.toml_file.scene_object", None)
+    assert [heading.name for heading in bundled_headings()] == bundled_scenes()
 
 
 def test_a_bundled_scene_is_described_and_pictured(bundled: Scene) -> None:

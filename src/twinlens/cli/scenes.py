@@ -1,6 +1,7 @@
 """`twinlens scenes`: what there is to photograph."""
 
 import json
+from dataclasses import asdict
 
 import click
 
@@ -13,15 +14,11 @@ def command(as_json: bool) -> None:
     \b
     Example:  twinlens scenes
     """
-    from twinlens.scenes import bundled_scenes, load_scene
+    from twinlens.scenes import bundled_headings
 
-    scenes = [load_scene(name) for name in bundled_scenes()]
+    scenes = bundled_headings()
     if as_json:
-        rows = [
-            {"name": s.name, "depth_range": s.depth_range, "baseline": s.baseline, "description": s.description}
-            for s in scenes
-        ]
-        click.echo(json.dumps(rows, indent=1))
+        click.echo(json.dumps([asdict(scene) for scene in scenes], indent=1))
         return
     width = max(len(scene.name) for scene in scenes)
     for scene in scenes:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from twinlens.errors import FileError, InputError, unknown
 from twinlens.scenes.scene import Scene
-from twinlens.scenes.toml_file import read_scene_toml
+from twinlens.scenes.toml_file import Heading, read_heading, read_scene_toml
 from twinlens.scenes.xml_file import read_scene_xml
 
 _SCENE_FILE = "scene.toml"
@@ -20,6 +20,11 @@ def bundled_folder() -> Path:
 def bundled_scenes() -> list[str]:
     """The names of the bundled scenes, sorted."""
     return sorted(path.parent.name for path in bundled_folder().glob(f"*/{_SCENE_FILE}"))
+
+
+def bundled_headings() -> list[Heading]:
+    """The headings of the bundled scenes, sorted by name."""
+    return [read_heading(bundled_folder() / name / _SCENE_FILE, name) for name in bundled_scenes()]
 
 
 def load_scene(name_or_path: str | Path) -> Scene:

@@ -1,7 +1,7 @@
 """A scene.toml becomes a `Scene`: camera, materials, lights, objects, and every mistake named by file and key."""
 
 import tomllib
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +76,27 @@ def read_scene_toml(path: Path, name: str) -> Scene:
     if rig is not None:
         rig_from_table(rig, scene, *_ANY_SIZE, at / "rig")
     return scene
+
+
+@dataclass(frozen=True)
+class Heading:
+    """What tells a scene from others at a glance; depth range and baseline in metres, as those of `Scene`."""
+
+    name: str
+    depth_range: tuple[float, float]
+    baseline: float
+    description: str
+
+
+def read_heading(path: Path, name: str) -> Heading:
+    """The heading of a scene.toml file: no texture is drawn and no object built, which takes a second a scene.
+
+    Raises InputError as `read_scene_toml`, of what it reads.
+    """
+    table: Table[Any] = Table(At(Source(path)), read_toml(path))
+    table.need("camera")
+    camera = table.take("camera", _camera)
+    return Heading(name, camera["depth_range"], camera["baseline"], table.take("description", text, ""))
 
 
 def scene_with_rig(scene: Scene, path: Path) -> Scene:
