@@ -82,11 +82,15 @@ def test_a_dry_run_tells_time_and_disk_and_writes_nothing(twinlens, recipe, tmp_
     code, out, _ = twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run")
     assert code == 0
     assert "2 samples, 0 of them there, 2 to make" in out
-    assert '"index": 0' in out
-    assert "GB in all" in out
+    assert "the next would be sample 0, of the scene tiny, of the split test:" in out
+    assert "MB in all" in out
     assert not (tmp_path / "set").exists()
     told = json.loads(twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run", "--json")[1])
     assert told["bytes"] == 2 * told["bytes_each"]
+    drawn = told["next"]["drawn"]
+    assert f"  rig.baseline = {drawn['rig']['baseline']:.6g}\n" in out
+    assert "  width = 32\n" in out
+    assert '  lenses[0].kind = "thin"\n' in out
 
 
 def test_samples_that_cannot_be_are_told_with_the_remedy(twinlens, tmp_path):

@@ -3,7 +3,7 @@
 import json
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -182,13 +182,49 @@ def _tell_estimate(recipe: "Recipe", output: str, as_json: bool) -> int:
         return 0
     samples = f"{told.count} sample{'' if told.count == 1 else 's'}"
     click.echo(f"{output}: {samples}, {told.before} of them there, {told.todo} to make")
-    click.echo(f"the next would be {json.dumps(told.next)}")
-    if told.todo:
+    if told.next is not None:
+        for line in _drawn(told.next):
+            click.echo(line)
         click.echo(
-            f"one took {told.seconds_each:.1f} s and {told.bytes_each / 1e6:.1f} MB: "
-            f"about {_clock(told.seconds)} and {told.bytes / 1e9:.2f} GB in all, on this machine alone"
+            f"one took {told.seconds_each:.1f} s and {_size(told.bytes_each)}: "
+            f"about {_clock(told.seconds)} and {_size(told.bytes)} in all, on this machine alone"
         )
     return 0
+
+
+def _drawn(spec: Mapping[str, Any]) -> Iterator[str]:
+    """A sample's values, one a line, each by its place in the recipe."""
+    split = f", of the split {spec['split']}" if spec["split"] else ""
+    yield f"the next would be sample {spec['index']}, of the {spec['kind']} {spec['scene']}{split}:"
+    for place, value in _flat("", spec["drawn"]):
+        yield f"  {place} = {value}"
+
+
+def _flat(place: str, value: Any) -> Iterator[tuple[str, str]]:
+    """The numbers and words of a tree, each with its place.
+
+    >>> dict(_flat("", {"rig": {"baseline": 0.123456789}, "lenses": [{"kind": "thin"}]}))
+    {'rig.baseline': '0.123457', 'lenses[0].kind': '"thin"'}
+    """
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            yield from _flat(f"{place}.{key}" if place else key, part)
+    elif isinstance(value, list) and any(isinstance(part, (Mapping, list)) for part in value):
+        for k, part in enumerate(value):
+            yield from _flat(f"{place}[{k}]", part)
+    else:
+        yield place, f"{value:.6g}" if isinstance(value, float) else json.dumps(value)
+
+
+def _size(count: float) -> str:
+    """Bytes, in the unit that leaves a number to read.
+
+    >>> _size(2.5e9), _size(999_999_999), _size(23_400), _size(0)
+    ('2.50 GB', '1000.0 MB', '0.02 MB', '0.00 MB')
+    """
+    if count >= 1e9:
+        return f"{count / 1e9:.2f} GB"
+    return f"{count / 1e6:.1f} MB" if count >= 1e5 else f"{count / 1e6:.2f} MB"
 
 
 def _clock(seconds: float) -> str:
