@@ -231,8 +231,47 @@ def test_a_function_that_sleeps_costs_little_more_than_its_limits(twinlens, data
     assert time.monotonic() - begun < 30
     messages = [e["failure"]["message"] for e in json.loads(out)["entries"]]
     assert len(messages) == 2
-    assert all(m.startswith("no answer within 1 s; a first, uncounted call gave none in 2") for m in messages)
+    assert all(m.startswith("no answer within 1 s; a first, uncounted call gave none in 2 s") for m in messages)
 
 
 def test_the_first_call_has_the_limit_of_the_scoring_room():
     assert cli_boards.WARM_UP_LIMIT_S == scoring_benchmark.WARM_UP_LIMIT_S
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (
+            ["--methods", "sad,function:function=nomodule:f"],
+            "function 'nomodule:f' cannot be imported: No module",
+        ),
+        (["--methods", "function:function=math:nothing"], "has no attribute 'nothing'"),
+        (["--methods", "function:function=math:pi"], "cannot be called"),
+        (["--methods", "sad,onnx:model=none.onnx"], "none.onnx: No such file"),
+        (["--methods", "program:command='./none {left} {right} {out}'"], "'./none' cannot be started: no such program"),
+        (["--command", "x=README {left} {right} {out}", "--methods", "sad"], "'README' cannot be started: no such"),
+        (["--command", "x=none {left} {right} {out}", "--time-limit", "9"], "'none' cannot be started: no such"),
+    ],
+)
+def test_what_a_matcher_lacks_is_told_before_anything_runs(twinlens, dataset, tmp_path, options, words):
+    code, out, err = twinlens("benchmark", dataset, *options, "-o", tmp_path / "b")
+    assert (code, out) == (2, "")
+    assert words in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "b").exists()
+
+
+def test_what_a_board_holds_outlives_a_program_that_is_away(twinlens, dataset, tmp_path, program):
+    """Another content is another method, whose old scores go: but a missing file is no content."""
+    path = tmp_path / "prog.sh"
+    command = program(FLAT).split(" ", 1)[1]
+    arguments = ("benchmark", dataset, "--command", f"mine={path} {command}", "-o", tmp_path / "b")
+    path.write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n')
+    path.chmod(0o755)
+    assert twinlens(*arguments)[0] == 0
+    board = (tmp_path / "b" / "board.json").read_bytes()
+    path.chmod(0o644)
+    code, _, err = twinlens(*arguments)
+    assert code == 2
+    assert "cannot be started: it is not executable" in err
+    assert (tmp_path / "b" / "board.json").read_bytes() == board

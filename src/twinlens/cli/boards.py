@@ -101,14 +101,23 @@ def run_board(
 
 @contextlib.contextmanager
 def _alone(output: Path) -> Iterator[None]:
-    """Be the only run that writes there; refuse a folder of other things. A running one may have no board.json yet."""
+    """Be the only run that writes there; refuse a folder of other things. A running one may have no board.json yet.
+
+    A folder made for nothing is removed again.
+    """
     from twinlens.dataset.lock import locked
 
-    if not output.is_dir():
+    is_new = not output.is_dir()
+    if is_new:
         check_results(output, "board.json")
-    with locked(output):
-        check_results(output, "board.json")
-        yield
+    try:
+        with locked(output):
+            check_results(output, "board.json")
+            yield
+    finally:
+        if is_new:
+            with contextlib.suppress(OSError):
+                output.rmdir()
 
 
 def _check_names(names: Sequence[str]) -> None:

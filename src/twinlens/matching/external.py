@@ -72,9 +72,16 @@ class PythonFunction:
         origin = None if callable(self.function) else _file_of(self.function.partition(":")[0])
         return content_of([Path(origin)] if origin else [])
 
+    def check_parts(self) -> None:
+        """InputError if there is no such function; its module is imported."""
+        self._function()
+
+    def _function(self) -> Callable[..., Any]:
+        return self.function if callable(self.function) else _imported(self.function)
+
     def match(self, left: Any, right: Any) -> Disparity:
         """The left image's disparity, (H, W) float32, +inf where unknown."""
-        function = self.function if callable(self.function) else _imported(self.function)
+        function = self._function()
         result = function(left, right, num_disparities=self.num_disparities, min_disparity=self.min_disparity)
         return checked_result(result, np.shape(left)[:2], f"function {getattr(function, '__name__', function)!r}")
 
@@ -95,6 +102,8 @@ def _imported(place: str) -> Callable[..., Any]:
             found = getattr(found, part)
     except (ImportError, AttributeError) as problem:
         raise InputError(f"function {place!r} cannot be imported: {problem}") from None
+    except SyntaxError as problem:
+        raise InputError(f"function {place!r} cannot be imported: its module is no Python; {problem}") from None
     if not callable(found):
         raise InputError(f"function {place!r} is {type(found).__name__}, which cannot be called")
     return found  # type: ignore[no-any-return]

@@ -103,6 +103,12 @@ class MethodSpec:
         """The hashes of the files that the matcher consists of: a network's, a program's; none of twinlens's own."""
         return str(getattr(self.matcher(), "content", ""))
 
+    def check_parts(self) -> None:
+        """Refuse a matcher made of files or functions that are not there; twinlens's own are made of none."""
+        check = getattr(self.matcher(), "check_parts", None)
+        if check is not None:
+            check()
+
     @property
     def is_foreign(self) -> bool:
         """Whether code runs in this process that is not twinlens's nor OpenCV's, and that may take it down."""

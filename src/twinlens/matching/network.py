@@ -57,6 +57,11 @@ class OnnxNetwork:
         beside = path.parent.glob(f"{glob.escape(path.name)}[._]data*")
         return content_of([path, *beside])
 
+    def check_parts(self) -> None:
+        """FileError if there is no such file, MissingExtraError if there is nothing to run it."""
+        _changed(str(self.model))
+        _onnxruntime()
+
     def match(self, left: Any, right: Any) -> Disparity:
         """The left image's disparity, (H, W) float32, +inf where unknown."""
         pair(left, right)

@@ -73,6 +73,15 @@ class Program:
         named = [part for word in words[1:] for part in {word, word.rpartition("=")[2]}]
         return content_of(Path(name) for name in (shutil.which(words[0]), *named) if name and _is_file(name))
 
+    def check_parts(self) -> None:
+        """InputError if there is no such program, or it may not be run; of the files it names nothing is known."""
+        name = self._words({})[0]
+        if shutil.which(name) is None:
+            there = Path(name).is_file()
+            raise InputError(
+                f"{self._name} cannot be started: {'it is not executable' if there else 'no such program'}"
+            )
+
     def _words(self, values: dict[str, str]) -> list[str]:
         try:
             words = shlex.split(self.command)

@@ -108,7 +108,8 @@ def run_benchmark(
     Raises
     ------
     InputError
-        Unknown protocol or region, methods or samples that share a name, a sample that cannot be scored.
+        Unknown protocol or region, methods or samples that share a name, a sample that cannot be scored, a method made
+        of files or functions that are not there (by its `check_parts`, if it has one): that before anything runs.
     FileError, OutputError
         `save` holds no board, or cannot be written.
     """
@@ -119,6 +120,7 @@ def run_benchmark(
     limit = CHILD_LIMIT_S if time_limit is None else time_limit
     worker = Child(limit, warm_up_limit, memory_limit) if apart else InProcess()
     with worker, Keeper(current, save) as keeper:
+        _check_parts(methods, worker)
         run = _Run(plan, worker, current, on_map, on_drop, warm_up)
         total = len(samples) * len(methods) if isinstance(samples, Sized) else None
         for done, (ready, method) in enumerate(_pairs(samples, methods, plan), start=1):
@@ -144,6 +146,13 @@ def _check_names(methods: Sequence[Method | Submission]) -> None:
         raise InputError(f"two methods are named {double!r}: a board tells them apart by name")
     if not names:
         raise InputError("no method to run")
+
+
+def _check_parts(methods: Sequence[Method | Submission], worker: InProcess | Child) -> None:
+    """What is missing is mended in a minute: it is no failure to keep on a board, nor one that ends what it holds."""
+    for method in methods:
+        if (missing := worker.lacks(method)) is not None:
+            raise InputError(missing)
 
 
 @dataclass(frozen=True)

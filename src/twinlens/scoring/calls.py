@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from twinlens.errors import TwinlensError
 from twinlens.matching.external import WrongAnswerError
 from twinlens.scoring.board import Failure
 
@@ -84,6 +85,20 @@ def call(method: Method, left: Image, right: Image, search: Search) -> Answer:
     return Answer(checked(found, left.shape[:2]), time.perf_counter() - start)
 
 
+def lacks(method: Any) -> str | None:
+    """Why `method` can run on no sample, by its own `check_parts` if it has one; None where nothing speaks against it.
+
+    Only what twinlens itself refuses counts, and no lack of memory: the rest is for the measured call to meet.
+    """
+    try:
+        getattr(method, "check_parts", bool)()
+    except TwinlensError as error:
+        return None if failed(error).failure.kind == "memory" else str(error)
+    except (Exception, SystemExit):
+        return None
+    return None
+
+
 def failed(error: BaseException, doing: str = "") -> MethodError:
     """What an exception means: memory where the lack of it is the cause, however it was wrapped, else a crash."""
     hunger = next((cause for cause in _causes(error) if _is_hunger(cause)), None)
@@ -124,6 +139,10 @@ class InProcess:
 
     def __exit__(self, *_: object) -> None:
         return None
+
+    def lacks(self, method: Any) -> str | None:
+        """See `lacks`."""
+        return lacks(method)
 
     def warm_up(self, method: Method, left: Image, right: Image, search: Search) -> None:
         """See `warm_up`; once for each method and ndisp."""

@@ -53,6 +53,10 @@ class NamedMethod:
         """Whether it runs a stranger's code in this process: see `MethodSpec.is_foreign`."""
         return self._parsed.is_foreign
 
+    def check_parts(self) -> None:
+        """Raises InputError or FileError where what it is made of is not there: a network's file, a function."""
+        self._parsed.check_parts()
+
     def __call__(self, left: NDArray[Any], right: NDArray[Any], *, ndisp: int, min_disparity: int = 0) -> NDArray[Any]:
         """Match over `ndisp` disparities from `min_disparity`, unless the text says other numbers."""
         return self._parsed(left, right, num_disparities=ndisp, min_disparity=min_disparity)
@@ -85,6 +89,10 @@ class NamedProgram:
     def spec(self) -> str:
         """The command and the hashes of the files it names; how long it may take does not change what it answers."""
         return _joined(f"program:command={self.command!r}", self._program(1).content)
+
+    def check_parts(self) -> None:
+        """Raises InputError where there is no such program."""
+        self._program(1).check_parts()
 
     def _program(self, ndisp: int, min_disparity: int = 0) -> Program:
         program = Program(self.command, num_disparities=ndisp, min_disparity=min_disparity)

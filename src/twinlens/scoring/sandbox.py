@@ -23,7 +23,7 @@ from typing import Any, NoReturn
 
 from twinlens.errors import InputError
 from twinlens.scoring.board import Failure
-from twinlens.scoring.calls import Answer, Image, Method, MethodError, Search, call, failed, warm_up
+from twinlens.scoring.calls import Answer, Image, Method, MethodError, Search, call, failed, lacks, warm_up
 
 START_LIMIT_S = 60.0
 """How long a fresh process may take to import what it needs."""
@@ -68,6 +68,16 @@ class Child:
     def __exit__(self, *_: object) -> None:
         self._kill()
 
+    def lacks(self, method: Any) -> str | None:
+        """As the function, in the child: it imports a stranger's modules. A hang or a dead process tells nothing."""
+        if not hasattr(method, "check_parts"):
+            return None
+        try:
+            found: str | None = self._ask(("lacks", _pickled(method), None, None, {}), self.warm_up_limit)
+        except MethodError:
+            return None
+        return found if isinstance(found, str) else None
+
     def warm_up(self, method: Method, left: Image, right: Image, search: Search) -> None:
         """As the function, in the child, once for each ndisp in every process: a fresh one has compiled nothing.
 
@@ -78,14 +88,15 @@ class Child:
         name, ndisp = method.name, search["ndisp"]
         if (name, ndisp) in self._warm or name in self._given_up:
             return
-        begun = time.monotonic()
+        begun, hung = time.monotonic(), False
         try:
             self._ask(("warm-up", _pickled(method), left, right, search), self.warm_up_limit)
             self._warm.add((name, ndisp))
         except MethodError as error:
-            if error.failure.kind == "time-limit":
-                self._given_up.add(name)
-        self._first_s[name] = time.monotonic() - begun
+            hung = error.failure.kind == "time-limit"
+        self._first_s[name] = self.warm_up_limit if hung else time.monotonic() - begun
+        if hung:
+            self._given_up.add(name)
 
     def call(self, method: Method, left: Image, right: Image, search: Search) -> Answer:
         """As the function, in the child."""
@@ -264,6 +275,8 @@ def _answer(kind: str, loaded: dict[bytes, Method], pickled: bytes, left: Image,
     try:
         if pickled not in loaded:
             loaded[pickled] = _unpickled(pickled)
+        if kind == "lacks":
+            return lacks(loaded[pickled])
         if kind == "warm-up":
             return warm_up(loaded[pickled], left, right, search)
         found = call(loaded[pickled], left, right, search)
