@@ -219,6 +219,25 @@ def test_a_name_that_is_there_twice_is_told_before_the_first_match(twinlens, dat
     assert not (tmp_path / "b").exists()
 
 
+def test_a_failure_of_before_is_told_and_tried_again_when_asked(twinlens, dataset, tmp_path, program):
+    """The program fails for want of a file in a folder that it names, which is no part of what tells it from others."""
+    weights = tmp_path / "weights"
+    code = f"import os, sys\nif not os.path.exists({str(weights)!r}): sys.exit('no weights')\n{FLAT}"
+    arguments = ("benchmark", dataset, "-o", tmp_path / "b", "--command", f"mine={program(code)}")
+    assert twinlens(*arguments)[0] == 1
+    weights.mkdir()
+    status, out, err = twinlens(*arguments)
+    assert status == 1
+    assert "failed: mine on cards" in out
+    assert err == "2 failures of an earlier run kept, and not tried again; --retry-failed does\n"
+    status, out, err = twinlens("benchmark", dataset, "-o", tmp_path / "b", "--methods", "sad")
+    assert (status, err) == (0, "")
+    assert "failed: " not in out
+    status, out, err = twinlens(*arguments, "--retry-failed")
+    assert (status, err) == (0, "")
+    assert "failed: " not in out
+
+
 def test_a_function_that_sleeps_costs_little_more_than_its_limits(twinlens, dataset, tmp_path, monkeypatch):
     (tmp_path / "sleepers.py").write_text(STRANGERS)
     monkeypatch.syspath_prepend(str(tmp_path))

@@ -33,6 +33,7 @@ FOREIGN_LIMIT_S = 600.0
     "--warm-up-limit", type=float, default=WARM_UP_LIMIT_S, show_default=True,
     help="Under a limit: seconds that a method's first match of a few rows may take, which does not count.",
 )  # fmt: skip
+@click.option("--retry-failed", is_flag=True, help="Run again what failed in an earlier run.")
 @OPTIONS
 def command(
     datasets: tuple[str, ...],
@@ -40,6 +41,7 @@ def command(
     methods: tuple[str, ...],
     commands: tuple[str, ...],
     warm_up_limit: float,
+    retry_failed: bool,
     protocols: tuple[str, ...],
     regions: tuple[str, ...],
     time_limit: float | None,
@@ -49,9 +51,9 @@ def command(
     """Run matchers on every pair of DATASET..., score them, and write OUTPUT/board.json and OUTPUT/index.html.
 
     A dataset is a folder that `twinlens render` made, a folder in Middlebury's layout, or the word motorcycle: the
-    real pair with measured truth that comes along. What OUTPUT/board.json holds already is not run again. A matcher
-    that crashes, answers nonsense, takes longer than --time-limit or more than --memory-limit fails alone: the board
-    says why. Where all fail everywhere the exit code is 1.
+    real pair with measured truth that comes along. What OUTPUT/board.json holds already is not run again, its
+    failures only with --retry-failed. A matcher that crashes, answers nonsense, takes longer than --time-limit or
+    more than --memory-limit fails alone: the board says why. Where all fail everywhere the exit code is 1.
 
     \b
     Example:  twinlens benchmark out motorcycle --methods sad,zncc:block_size=15 -o board
@@ -63,9 +65,9 @@ def command(
         time_limit = FOREIGN_LIMIT_S
     board = run_board(
         pairs, matchers, output, protocols, regions, time_limit,
-        memory_limit=memory_limit, warm_up_limit=warm_up_limit,
+        memory_limit=memory_limit, warm_up_limit=warm_up_limit, retry_failed=retry_failed,
     )  # fmt: skip
-    return print_board(board, output, as_json)
+    return print_board(board, output, as_json, [matcher.name for matcher in matchers])
 
 
 class Chain(Sequence[Any]):

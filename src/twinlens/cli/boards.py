@@ -3,7 +3,7 @@
 import contextlib
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,6 +73,7 @@ def run_board(
     title: str = "twinlens leaderboard",
     memory_limit: float | None = None,
     warm_up_limit: float = WARM_UP_LIMIT_S,
+    retry_failed: bool = False,
 ) -> "Board":
     """Run, score and save OUTPUT/board.json with its maps, and write the page. Limits: seconds a call, GiB a process.
 
@@ -84,19 +85,31 @@ def run_board(
 
     _check_names(getattr(pairs, "names", ()))
     maps = MapFolder(output / "maps")
+    before: set[tuple[str, str]] = set()
     with _alone(output):
         with progress_bar("matching") as report, contextlib.redirect_stdout(sys.stderr):
 
             def tell(step: Step) -> None:
                 report(step.done / (step.total or step.done), f"{step.sample}: {step.method}")
+                if step.skipped:
+                    before.add((step.method, step.sample))
 
             board = run_benchmark(
                 pairs, methods, protocol=protocols, regions=regions, progress=tell, time_limit=time_limit,
                 memory_limit=_bytes(memory_limit), save=output / "board.json", on_map=maps.keep, on_drop=maps.drop,
-                title=title, warm_up_limit=warm_up_limit,
+                title=title, warm_up_limit=warm_up_limit, retry_failed=retry_failed,
             )  # fmt: skip
         write_page(output / "index.html", board, pairs, maps)
+    _tell_old_failures(board, before)
     return board
+
+
+def _tell_old_failures(board: "Board", before: Set[tuple[str, str]]) -> None:
+    """What went wrong in an earlier run may have been mended since: say that it was not tried again, and how to."""
+    old = {(e.method, e.sample) for e in board.entries if not e.ok} & before
+    if old:
+        pairs = "1 failure" if len(old) == 1 else f"{len(old)} failures"
+        click.echo(f"{pairs} of an earlier run kept, and not tried again; --retry-failed does", err=True)
 
 
 @contextlib.contextmanager
@@ -135,8 +148,11 @@ def _bytes(gib: float | None) -> int | None:
     return int(gib * 2**30)
 
 
-def print_board(board: "Board", output: Path, as_json: bool) -> int:
-    """The leaderboards, what failed, and where the page is; the exit code, 1 where every method failed everywhere."""
+def print_board(board: "Board", output: Path, as_json: bool, asked: Sequence[str] | None = None) -> int:
+    """The leaderboards, what failed, and where the page is; the exit code, 1 where every method failed everywhere.
+
+    asked: the methods whose failures are listed, None for all: a board may hold those of many runs.
+    """
     from rich.console import Console
 
     from twinlens.scoring import board_to_json, failures, leaderboard_table
@@ -152,7 +168,7 @@ def print_board(board: "Board", output: Path, as_json: bool) -> int:
     for protocol in board.protocols if region else ():
         fitting = columns if protocol == "middlebury-v3" else None
         console.print(leaderboard_table(board, protocol, region, columns=fitting))
-    for line in failures(board):
+    for line in failures(board, asked):
         click.echo(f"failed: {line}")
     if not region:
         click.echo("nothing was scored: " + ("every method failed" if code else "no sample has these regions"))

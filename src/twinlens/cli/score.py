@@ -114,8 +114,8 @@ def _score_many(
     methods = [open_submission(path) for path in submissions]
     parts = [pairs_of(name) for name in truths]
     _check_shared(methods, parts)
-    board = run_board(Chain(parts), methods, output, protocols, regions)
-    code = print_board(board, output, as_json)
+    board = run_board(Chain(parts), methods, output, protocols, regions, retry_failed=True)  # reading a map is quick
+    code = print_board(board, output, as_json, [method.name for method in methods])
     for line in _missing(board, parts):
         click.echo(line, err=True)
     return code

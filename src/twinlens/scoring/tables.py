@@ -3,7 +3,7 @@
 import csv
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from rich.markup import escape
 from rich.table import Table
@@ -97,9 +97,13 @@ def leaderboard_table(
     return table
 
 
-def failures(board: Board) -> list[str]:
-    """One line for every pair that failed: method, sample, kind and message; a pair counts once, not per protocol."""
-    found = {(e.method, e.sample): e.failure for e in board.entries if e.failure is not None}
+def failures(board: Board, methods: Collection[str] | None = None) -> list[str]:
+    """One line for every pair that failed: method, sample, kind and message; a pair counts once, not per protocol.
+
+    methods: names of those that count, None for all.
+    """
+    mine = [e for e in board.entries if methods is None or e.method in methods]
+    found = {(e.method, e.sample): e.failure for e in mine if e.failure is not None}
     return [f"{method} on {sample}: {failure.kind} ({failure.message})" for (method, sample), failure in found.items()]
 
 
