@@ -16,9 +16,7 @@ _MARK = "#444444"
 
 def label_axes(axes: Any, figure: Figure, rows: Table, name: Any) -> None:
     """Labels, scales, grid and marks of one panel, whose rows these are; `name` is its value of `figure.panel`."""
-    axes.set_xlabel(figure.x_of.get(name, rows.column(figure.x).label))
-    axes.set_ylabel(rows.column(figure.y).label)
-    _title(axes, figure, rows, name)
+    _name_axes(axes, figure, rows, name)
     if figure.kind == "heatmap":
         return
     if figure.log_x and _any_positive(rows, figure.x):
@@ -37,13 +35,15 @@ def label_axes(axes: Any, figure: Figure, rows: Table, name: Any) -> None:
 
 def say_nothing(axes: Any, figure: Figure, rows: Table, name: Any) -> None:
     """The panel of rows of which none was measured: words in place of scales that would be made up."""
-    _title(axes, figure, rows, name)
+    _name_axes(axes, figure, rows, name)
     axes.set_xticks([])
     axes.set_yticks([])
     axes.text(0.5, 0.5, "nothing measured", transform=axes.transAxes, ha="center", va="center", color=_MARK)
 
 
-def _title(axes: Any, figure: Figure, rows: Table, name: Any) -> None:
+def _name_axes(axes: Any, figure: Figure, rows: Table, name: Any) -> None:
+    axes.set_xlabel(figure.x_of.get(name, rows.column(figure.x).label))
+    axes.set_ylabel(rows.column(figure.y).label)
     if figure.panel:
         axes.set_title(_panel_title(rows, figure.panel, name))
 
