@@ -10,7 +10,7 @@ import twinlens as tl
 from twinlens.cli.boards import run_board
 from twinlens.dataset import write_pfm
 from twinlens.dataset.lock import locked
-from twinlens.scoring import Pair, open_submission
+from twinlens.scoring import Pair, caption, open_submission, read_board
 
 
 @pytest.fixture
@@ -140,3 +140,17 @@ def test_boards_one_after_the_other_are_one_board(twinlens, dataset, tmp_path):
         assert sorted(path.name for path in (tmp_path / "board").iterdir()) == ["board.json", "index.html", "maps"]
     entries = json.loads((tmp_path / "board" / "board.json").read_text())["entries"]
     assert {entry["method"] for entry in entries} == {"sad", "ssd"}
+
+
+def test_a_table_that_is_no_terminal_s_is_cut_nowhere(twinlens, dataset, tmp_path):
+    maps = tmp_path / ("m" * 200)
+    for name in ("lens-0.pfm", "lens-1.pfm"):
+        (maps / "cards").mkdir(parents=True, exist_ok=True)
+        (maps / "cards" / name).write_bytes((dataset / "cards" / "disp0.pfm").read_bytes())
+    code, out, err = twinlens("score", maps, "--truth", dataset, "-o", tmp_path / "board", "--protocol", "eth3d")
+    assert code == 0, err
+    lines = out.splitlines()
+    assert sum(maps.name in line for line in lines) == 1
+    assert lines == [line.rstrip() for line in lines]
+    board = read_board(tmp_path / "board" / "board.json")
+    assert set(caption(board, "eth3d", "nonocc").splitlines()) <= set(lines)

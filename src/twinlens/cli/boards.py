@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 MOST_GIB = 2**20
 WARM_UP_LIMIT_S = 120.0
 """As in the scoring room, which is not opened for a --help."""
-_FILE_WIDTH = 132
+_WIDE = 132
+_ENDLESS = 100_000
 _NARROW = ("totbad2.0", "bad2.0", "avgerr", "invalid", "time")
 
 
@@ -153,24 +154,39 @@ def print_board(board: "Board", output: Path, as_json: bool, asked: Sequence[str
 
     asked: the methods whose failures are listed, None for all: a board may hold those of many runs.
     """
-    from rich.console import Console
-
-    from twinlens.scoring import board_to_json, failures, leaderboard_table
+    from twinlens.scoring import board_to_json, failures
 
     code = 1 if board.entries and not any(entry.ok for entry in board.entries) else 0
     if as_json:
         click.echo(board_to_json(board))
         return code
-    terminal = Console()
-    console = terminal if terminal.is_terminal else Console(width=_FILE_WIDTH)
-    columns = None if console.width >= _FILE_WIDTH else _NARROW
     region = "nonocc" if "nonocc" in board.regions else next(iter(board.regions), "")
     for protocol in board.protocols if region else ():
-        fitting = columns if protocol == "middlebury-v3" else None
-        console.print(leaderboard_table(board, protocol, region, columns=fitting))
+        _print_table(board, protocol, region)
     for line in failures(board, asked):
         click.echo(f"failed: {line}")
     if not region:
         click.echo("nothing was scored: " + ("every method failed" if code else "no sample has these regions"))
     click.echo(f"page: {(output / 'index.html').resolve().as_uri()}")
     return code
+
+
+def _print_table(board: "Board", protocol: str, region: str) -> None:
+    """As wide as the terminal; a file has no width, so that nothing is cut there, and no line ends in blanks."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from twinlens.scoring import caption, leaderboard_table
+
+    terminal = Console()
+    if terminal.is_terminal:
+        narrow = protocol == "middlebury-v3" and terminal.width < _WIDE
+        terminal.print(leaderboard_table(board, protocol, region, columns=_NARROW if narrow else None))
+        return
+    table = leaderboard_table(board, protocol, region)
+    title, table.title, table.caption = str(table.title), None, None
+    endless = Console(width=_ENDLESS)
+    with endless.capture() as text:
+        endless.print(table)
+    lines = [Text.from_markup(title).plain, *text.get().splitlines(), *caption(board, protocol, region).splitlines()]
+    click.echo("\n".join(line.rstrip() for line in lines))
