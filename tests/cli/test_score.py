@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 
 import numpy as np
 import pytest
@@ -154,3 +155,24 @@ def test_a_table_that_is_no_terminal_s_is_cut_nowhere(twinlens, dataset, tmp_pat
     assert lines == [line.rstrip() for line in lines]
     board = read_board(tmp_path / "board" / "board.json")
     assert set(caption(board, "eth3d", "nonocc").splitlines()) <= set(lines)
+
+
+def test_what_was_matched_before_a_damaged_sample_is_kept_and_told(twinlens, dataset, tmp_path):
+    copy = tmp_path / "set"
+    shutil.copytree(dataset, copy)
+    image = next(copy.glob("cards/lens-*/im1.png"))
+    whole = image.read_bytes()
+    image.write_bytes(whole[:50])
+    command = ("benchmark", copy, "--methods", "sad", "-o", tmp_path / "board")
+    code, out, err = twinlens(*command)
+    assert (code, out) == (2, "")
+    assert str(image) in err
+    board = tmp_path / "board" / "board.json"
+    assert err.endswith(
+        f"; the match made before is kept in {board}: once this is mended, the same command goes on from there\n"
+    )
+    first = json.loads(board.read_text())["entries"]
+    assert len(first) == 1
+    image.write_bytes(whole)
+    assert twinlens(*command)[0] == 0
+    assert json.loads(board.read_text())["entries"][0] == first[0]

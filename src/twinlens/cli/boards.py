@@ -11,7 +11,7 @@ import click
 
 from twinlens.cli.places import check_results
 from twinlens.cli.progress import progress_bar
-from twinlens.errors import InputError
+from twinlens.errors import FileError, InputError
 
 if TYPE_CHECKING:
     from twinlens.scoring import Board
@@ -87,13 +87,17 @@ def run_board(
     _check_names(getattr(pairs, "names", ()))
     maps = MapFolder(output / "maps")
     before: set[tuple[str, str]] = set()
+    made: list[str] = []
     with _alone(output):
-        with progress_bar("matching") as report, contextlib.redirect_stdout(sys.stderr):
+        aside = contextlib.redirect_stdout(sys.stderr)
+        with progress_bar("matching") as report, aside, _saying_what_is_kept(output, made):
 
             def tell(step: Step) -> None:
                 report(step.done / (step.total or step.done), f"{step.sample}: {step.method}")
                 if step.skipped:
                     before.add((step.method, step.sample))
+                else:
+                    made.append(step.sample)
 
             board = run_benchmark(
                 pairs, methods, protocol=protocols, regions=regions, progress=tell, time_limit=time_limit,
@@ -111,6 +115,21 @@ def _tell_old_failures(board: "Board", before: Set[tuple[str, str]]) -> None:
     if old:
         pairs = "1 failure" if len(old) == 1 else f"{len(old)} failures"
         click.echo(f"{pairs} of an earlier run kept, and not tried again; --retry-failed does", err=True)
+
+
+@contextlib.contextmanager
+def _saying_what_is_kept(output: Path, made: Sequence[str]) -> Iterator[None]:
+    """A sample that cannot be read ends the run, and not what it has `made` before."""
+    try:
+        yield
+    except InputError as error:
+        if not made:
+            raise
+        kept = "the match made before is" if len(made) == 1 else f"the {len(made)} matches made before are"
+        kind = FileError if isinstance(error, FileError) else InputError
+        raise kind(
+            f"{error}; {kept} kept in {output / 'board.json'}: once this is mended, the same command goes on from there"
+        ) from error
 
 
 @contextlib.contextmanager
