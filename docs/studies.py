@@ -18,7 +18,7 @@ from twinlens.studies import STUDIES, from_csv, run_study
 HERE = Path(__file__).parent
 BUILD = HERE.parent / "out" / "studies"
 SHOWN = {
-    "aperture": "equal",
+    "aperture": "fixed",
     "pinhole": "sharpness",
     "focus": "map",
     "window": "window",
