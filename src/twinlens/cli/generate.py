@@ -77,7 +77,7 @@ def command(
             renewable = False  # a fresh process would read another recipe than this one did
     outcome = replace(outcome, made=done.made, before=done.before or 0)
     _tell(outcome, output, as_json)
-    if outcome.interrupted:
+    if outcome.interrupted or (stop.is_set() and outcome.left):
         raise KeyboardInterrupt
     return 1 if outcome.failures else 0
 
