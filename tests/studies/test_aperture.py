@@ -1,12 +1,14 @@
 """The study of f-numbers: theory's pieces against truths of their own, and verdicts on tables whose answer is known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.ndimage import fourier_shift, gaussian_filter
 from scipy.special import j1
 
+from twinlens.camera import Rig
 from twinlens.optics import circle_of_confusion_px
 from twinlens.sensor import Exposure
 from twinlens.studies import STUDIES, Table, aperture, aperture_shots, aperture_theory
@@ -95,8 +97,24 @@ def test_the_lens_at_full_size_blurs_as_the_models_does_its_own_depths():
     np.testing.assert_allclose(np.abs(own), blur, rtol=1e-9)
 
 
+def shrunk(stage, scale):
+    """The stage with every length times `scale`: things, base and the eyes' places."""
+    size = np.diag([scale, scale, scale, 1.0])
+    things = tuple(
+        replace(thing, instances=tuple(size @ pose for pose in thing.instances))
+        if thing.instances
+        else replace(thing, world_from_object=size @ thing.world_from_object)
+        for thing in stage.scene.objects
+    )
+    poses = [np.vstack([pose[:3] * [1, 1, 1, scale], pose[3:]]) for pose in stage.rig.world_from_cams]
+    return Stage(replace(stage.scene, objects=things), Rig(stage.rig.cameras, tuple(poses)))
+
+
 def test_a_lens_at_full_size_photographs_what_the_models_lens_does():
-    whole, small = (Stage.of("staircase", 64, 48, pixel_pitch_um=3.45, scale=scale) for scale in (1.0, 0.2))
+    whole = Stage.of("staircase", 64, 48, pixel_pitch_um=3.45)
+    small = shrunk(whole, 0.2)
+    assert np.allclose(small.truth.depth, 0.2 * whole.truth.depth, rtol=1e-4)
+    assert np.allclose(small.truth.disparity, whole.truth.disparity, rtol=1e-3)
     model = Model(whole, 0.2)
     lens = model.lens(0.05)
     big, little = whole.photograph(model.full_size(lens), 32, 1)[0], small.photograph(lens, 32, 1)[0]

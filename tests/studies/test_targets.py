@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 
 from twinlens.camera import Camera, Rig
-from twinlens.errors import InputError
 from twinlens.rendering import ground_truth
-from twinlens.scenes import load_scene
-from twinlens.studies.stage import Stage, model_of
 from twinlens.studies.targets import noise_plane, noise_texture, plane_size, texels
 
 CAMERA = Camera(96, 72, 90.0, 90.0, 47.5, 35.5)
@@ -47,16 +44,3 @@ def test_a_planes_print_has_the_same_texels_at_every_distance():
     rig = Rig.stereo(CAMERA, 1e-6, np.eye(4))
     assert texels(rig, 1.0) == texels(rig, 8.0)
     assert plane_size(rig, 8.0)[1] == pytest.approx(8 * plane_size(rig, 1.0)[1])
-
-
-def test_a_model_of_a_scene_looks_the_same_and_is_as_much_smaller():
-    whole, small = (Stage.of("staircase", 48, 36, scale=scale) for scale in (1.0, 0.2))
-    assert np.allclose(small.truth.disparity, whole.truth.disparity, rtol=1e-3)
-    assert np.allclose(small.truth.depth, 0.2 * whole.truth.depth, rtol=1e-4)
-
-
-def test_a_scene_with_lamps_of_its_own_is_no_model():
-    scene = load_scene("cards")
-    lit = scene.__class__(**{**scene.__dict__, "lights": {"lamp": {"type": "point", "position": [0, 0, 1]}}})
-    with pytest.raises(InputError, match="cannot be made a model"):
-        model_of(lit, 0.5)

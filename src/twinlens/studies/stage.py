@@ -5,7 +5,7 @@ radiance -> sensor -> pictures -> matchers -> scores, region by region
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Lens, Rig, film_distance
-from twinlens.errors import InputError
 from twinlens.factory import default_rig
 from twinlens.matching import parse_method
 from twinlens.optics import circle_of_confusion_px
@@ -52,15 +51,10 @@ class Stage:
     @staticmethod
     def of(
         name: str, width: int, height: int, *, fov_x_deg: float | None = None, baseline: float | None = None,
-        pixel_pitch_um: float | None = None, scale: float = 1.0,
+        pixel_pitch_um: float | None = None,
     ) -> "Stage":  # fmt: skip
-        """The scene of this name, or its model at `scale`, with the pair it was composed for.
-
-        Field of view, baseline and pitch may differ.
-        """
+        """The scene of this name with the pair it was composed for; field of view, baseline and pitch may differ."""
         scene = load_scene(name)
-        if scale != 1.0:
-            scene = model_of(scene, scale)
         rig = default_rig(scene, width, height, fov_x_deg, baseline)
         if pixel_pitch_um is not None:
             cameras = tuple(camera.replace(pixel_pitch_um=pixel_pitch_um) for camera in rig.cameras)
@@ -140,29 +134,6 @@ class Stage:
         blur = None if lens is None else np.abs(self.blur(lens)).astype(np.float32)
         visible = np.where(self.truth.visible, np.uint8(255), np.uint8(0))
         return Pair(self.scene.name, pictures[0], pictures[1], self.truth.disparity, visible, self.ndisp, blur0=blur)
-
-
-def model_of(scene: Scene, scale: float) -> Scene:
-    """The scene as a model: every length times `scale`, the base and the eyes' place with it.
-
-    Raises InputError for a Mitsuba file, and for a scene with lights at a place of their own (all else looks the same).
-    """
-    if scene.xml is not None or any("to_world" in light or "position" in light for light in scene.lights.values()):
-        raise InputError(
-            f"scene {scene.name!r} cannot be made a model: give one of a scene.toml, lit by objects and sky"
-        )
-    size = np.diag([scale, scale, scale, 1.0])
-    objects = tuple(
-        replace(thing, world_from_object=size @ thing.world_from_object)
-        if not thing.instances
-        else replace(thing, instances=tuple(size @ pose for pose in thing.instances))
-        for thing in scene.objects
-    )
-    pose = scene.world_from_left.copy()
-    pose[:3, 3] *= scale
-    near, far = scene.depth_range
-    return replace(scene, objects=objects, world_from_left=pose, depth_range=(scale * near, scale * far),
-                   baseline=scale * scene.baseline)  # fmt: skip
 
 
 def score_columns(scores: Scores, region: str = "nonocc") -> dict[str, float]:
