@@ -59,6 +59,17 @@ class Interval:
         return f"{value} [{brief(self.low)}, {brief(self.high)}]"
 
 
+def unsigned(of: Interval, above: str, below: str) -> tuple[Interval, str]:
+    """A difference as a sentence says it that has a word for its sign: turned round, with `below`, where it is under 0.
+
+    >>> unsigned(Interval(-2.0, -3.0, 1.0, 3), "fewer", "more")
+    (Interval(value=2.0, low=-1.0, high=3.0, units=3), 'more')
+    """
+    if of.value < 0:
+        return Interval(-of.value, -of.high, -of.low, of.units), below
+    return of, above
+
+
 def brief(number: float) -> str:
     """Three digits that count, and no exponent where five would do.
 

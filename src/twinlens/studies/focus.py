@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from twinlens.camera import Camera, Rig, ThinLens
 from twinlens.rendering import LensGrid, render_lens_grid
 from twinlens.sensor import Sensor
-from twinlens.studies.bootstrap import over_scenes, paired_difference
+from twinlens.studies.bootstrap import over_scenes, paired_difference, unsigned
 from twinlens.studies.lamps import blur_and_disparity, straight_line
 from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, agrees, is_above
 from twinlens.studies.stage import Stage, stream
@@ -139,11 +139,12 @@ def _best_focus(table: Table, method: str) -> Finding:
         (paired_difference(rows, "totbad2", "focus", end, best) for end in (FOCI[0], FOCI[-1])),
         key=lambda gain: gain.value,
     )
+    said, way = unsigned(worst_gain, "fewer", "more")
     text = (
         f"{method}, wide open: the best focus lies {100 * best:.0f} % of the way from a scene's far to its near end, "
-        "with {} fewer wrong pixels than at the better end"
+        f"with {{}} {way} wrong pixels than at the better end"
     )
-    return Finding(text, worst_gain, is_above(worst_gain), "percent points", answer=f"{best:g}")
+    return Finding(text, said, is_above(worst_gain), "percent points", answer=f"{best:g}")
 
 
 def _worse_unlike(table: Table, method: str) -> Finding:
@@ -154,8 +155,9 @@ def _worse_unlike(table: Table, method: str) -> Finding:
         return float(wrong["far and near"] - 0.5 * (wrong["both far"] + wrong["both near"]))
 
     measured = over_scenes(table.where(part="eyes", method=method), gap)
-    text = f"{method}: eyes focused unlike have {{}} more wrong pixels than eyes focused alike, at the same mean blur"
-    return Finding(text, measured, is_above(measured), "percent points")
+    said, way = unsigned(measured, "more", "fewer")
+    text = f"{method}: eyes focused unlike have {{}} {way} wrong pixels than eyes focused alike, at the same mean blur"
+    return Finding(text, said, is_above(measured), "percent points")
 
 
 COLUMNS = (

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from twinlens.camera import Pinhole
 from twinlens.matching import StereoMatcher, parse_method
 from twinlens.sensor import Sensor, auto_exposure
-from twinlens.studies.bootstrap import Interval, brief, mean_of, paired_difference
+from twinlens.studies.bootstrap import Interval, brief, mean_of, paired_difference, unsigned
 from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, is_above, sweep
 from twinlens.studies.stage import SCORES, Stage, stream
 from twinlens.studies.table import Column, Row, Table
@@ -152,8 +152,9 @@ def _fewest(rows: Table, change: str) -> Finding:
         text = f"Under {change} {best}, asked alone, has {{}} of its pixels wrong"
         return Finding(text, mean_of(rows, "totbad2"), True, "%", answer=best)
     margin = paired_difference(rows, "totbad2", "method", others[0], best)
-    text = f"Under {change} {best} has the fewest wrong pixels of the local costs, {{}} fewer than {others[0]}"
-    return Finding(text, margin, is_above(margin), "percent points", answer=best)
+    said, way = unsigned(margin, "fewer", "more")
+    text = f"Under {change} {best} has the fewest wrong pixels of the local costs, {{}} {way} than {others[0]}"
+    return Finding(text, said, is_above(margin), "percent points", answer=best)
 
 
 def _census(rows: Table) -> Finding:
@@ -164,7 +165,8 @@ def _census(rows: Table) -> Finding:
     if census is None or not rivals:
         return Finding(f"{text}: takes census and a rival among the methods", _NOTHING, holds=False, asked=False)
     margin = paired_difference(rows, "totbad2", "method", rivals[0], census)
-    return Finding(f"{text}: {{}} fewer than {rivals[0]}", margin, is_above(margin), "percent points")
+    said, way = unsigned(margin, "fewer", "more")
+    return Finding(f"{text}: {{}} {way} than {rivals[0]}", said, is_above(margin), "percent points")
 
 
 STUDY = Study(

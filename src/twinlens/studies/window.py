@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from twinlens.camera import ThinLens
 from twinlens.sensor import Sensor
-from twinlens.studies.bootstrap import Interval, over_scenes, paired_difference
+from twinlens.studies.bootstrap import over_scenes, paired_difference, unsigned
 from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, is_above, sweep
 from twinlens.studies.pictures import disparity_picture, error_picture
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
@@ -98,13 +98,9 @@ def conclude(table: Table) -> list[Finding]:
     for better, name in (("adaptive", "an adaptive window"), ("sgm", "semi-global matching")):
         gain = paired_difference(edges, "totbad2", "method", BESIDE[0], better)
         text = f"At discontinuities {name} has fewer wrong pixels than SSD with a fixed block of 21x21"
-        said, way = (_negated(gain), "more") if gain.value < 0 else (gain, "fewer")
+        said, way = unsigned(gain, "fewer", "more")
         findings.append(Finding(f"{text}: {{}} {way}", said, is_above(gain), "percent points"))
     return findings
-
-
-def _negated(of: Interval) -> Interval:
-    return Interval(-of.value, -of.high, -of.low, of.units)
 
 
 def _larger(rows: Table, method: str, region: str, words: str) -> Finding:
