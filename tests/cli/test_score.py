@@ -11,7 +11,7 @@ import twinlens as tl
 from twinlens.cli.boards import run_board
 from twinlens.dataset import write_pfm
 from twinlens.dataset.lock import locked
-from twinlens.scoring import Pair, caption, open_submission, read_board
+from twinlens.scoring import Pair, board_from_json, caption, open_submission, read_board
 
 
 @pytest.fixture
@@ -90,6 +90,27 @@ def test_missing_maps_are_counted_and_named(twinlens, dataset, tmp_path):
     assert code == 0
     assert [failure and failure["kind"] for failure in found.values()] == [None, "missing", "missing"]
     assert err == "mine: 2 of 3 maps are missing: cards/lens-1.pfm, motorcycle.pfm\n"
+
+
+def test_maps_of_no_sample_are_counted_and_named(twinlens, dataset, tmp_path):
+    """Most often a misspelt name: four of them are told by three, and by all in the JSON, which is still a board."""
+    truth = tl.Dataset(dataset)[0].disp0
+    for name in ("cards/lens-0", "cards/lens-1", "card", "cards/lens-2", "crads/lens-0", "fence"):
+        write_pfm(tmp_path / "mine" / f"{name}.pfm", truth)
+    arguments = ("score", tmp_path / "mine", "--truth", dataset, "-o", tmp_path / "b")
+    code, out, err = twinlens(*arguments, "--json")
+    assert code == 0
+    told = "card.pfm, cards/lens-2.pfm, crads/lens-0.pfm and 1 more"
+    assert err == f"mine: 4 maps are of no sample here, and not scored: {told}\n"
+    unscored = ["card.pfm", "cards/lens-2.pfm", "crads/lens-0.pfm", "fence.pfm"]
+    assert json.loads(out)["unscored"] == {"mine": unscored}
+    assert board_from_json(out) == read_board(tmp_path / "b" / "board.json")
+    for name in unscored[1:]:
+        (tmp_path / "mine" / name).unlink()
+    assert twinlens(*arguments)[2] == "mine: 1 map is of no sample here, and not scored: card.pfm\n"
+    (tmp_path / "mine" / unscored[0]).unlink()
+    code, out, err = twinlens(*arguments, "--json")
+    assert (code, err, json.loads(out)["unscored"]) == (0, "", {"mine": []})
 
 
 @pytest.mark.parametrize("word", ["folder", "motorcycle"])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scoring_methods import pair
 
-from twinlens.dataset import write_pfm, write_png
+from twinlens.dataset import encode_png, write_pfm, write_png
 from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.errors import FileError
 from twinlens.scoring import open_submission, run_benchmark
@@ -332,3 +332,30 @@ def test_a_damaged_zip_is_read_or_refused(tmp_path):
         except FileError as error:
             assert str(tmp_path) in str(error)  # noqa: PT017  either outcome is right, another exception is not
     assert 0 < kept < 300
+
+
+@pytest.mark.parametrize("packed", [True, False])
+@pytest.mark.parametrize("top", ["", "all/"])
+def test_maps_of_no_sample_are_told(tmp_path, packed, top):
+    """Those under other names, and of lenses that there are not; not what lies beside a sample's map, nor pictures."""
+    ours = ["s/lens-0.pfm", "s/lens-1.pfm", "s/disp1.pfm", "s.png", "t/mine.pfm"]
+    strange = ["S2.pfm", "s-lens-2.pfm", "s/lens-2.pfm", "s/lens-3/disp0.pfm", "t-.png", "u/disp0.pfm"]
+    pixels = {".pfm": encode_pfm(DISP), ".png": encode_png(PNG)}
+    files = {f"{top}{name}": pixels[name[-4:]] for name in ours + strange}
+    files |= {f"{top}u/preview.png": encode_png(np.zeros((2, 3), np.uint8)), f"{top}notes.txt": b"hi"}
+    files |= {f"{top}cut.png": encode_png(PNG)[:20]}
+    submission = zipped(tmp_path / "my.zip", files.items()) if packed else _filled(tmp_path / "my", files)
+    assert submission.strangers(LENSES | {"t": ()}) == tuple(f"{top}{name}" for name in sorted(strange))
+
+
+def test_a_submission_of_one_sample_alone_has_no_folder_above_it(tmp_path):
+    submission = _filled(tmp_path / "my", {f"s/{name}.pfm": encode_pfm(DISP) for name in ("disp0", "old", "lens-2")})
+    assert submission.strangers({"s": (), "t": ()}) == ("s/lens-2.pfm",)
+    assert submission.strangers({"t": ()}) == ("s/disp0.pfm", "s/lens-2.pfm", "s/old.pfm")
+
+
+def _filled(folder, files):
+    for name, data in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
+    return open_submission(folder)

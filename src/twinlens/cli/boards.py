@@ -1,9 +1,10 @@
 """What the commands that make boards share: their options, the run with its progress, and the last lines."""
 
 import contextlib
+import json
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -168,16 +169,24 @@ def _bytes(gib: float | None) -> int | None:
     return int(gib * 2**30)
 
 
-def print_board(board: "Board", output: Path, as_json: bool, asked: Sequence[str] | None = None) -> int:
+def print_board(
+    board: "Board",
+    output: Path,
+    as_json: bool,
+    asked: Sequence[str] | None = None,
+    beside: Mapping[str, Any] | None = None,
+) -> int:
     """The leaderboards, what failed, and where the page is; the exit code, 1 where every method failed everywhere.
 
-    asked: the methods whose failures are listed, None for all: a board may hold those of many runs.
+    asked: the methods whose failures are listed, None for all: a board may hold those of many runs. beside: what the
+    JSON says besides the board.
     """
     from twinlens.scoring import board_to_json, failures
 
     code = 1 if board.entries and not any(entry.ok for entry in board.entries) else 0
     if as_json:
-        click.echo(board_to_json(board))
+        text = board_to_json(board)
+        click.echo(json.dumps(json.loads(text) | dict(beside), indent=1) if beside else text)
         return code
     region = "nonocc" if "nonocc" in board.regions else next(iter(board.regions), "")
     for protocol in board.protocols if region else ():

@@ -2,7 +2,7 @@
 
 import contextlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -110,15 +110,38 @@ def _score_many(
 ) -> int:
     from twinlens.cli.benchmark import Chain, pairs_of
     from twinlens.scoring import open_submission
+    from twinlens.scoring.board_json import UNSCORED
 
     methods = [open_submission(path) for path in submissions]
     parts = [pairs_of(name) for name in truths]
     _check_shared(methods, parts)
+    strangers = _strangers(methods, parts)
     board = run_board(Chain(parts), methods, output, protocols, regions, retry_failed=True)  # reading a map is quick
-    code = print_board(board, output, as_json, [method.name for method in methods])
-    for line in _missing(board, parts):
+    code = print_board(board, output, as_json, [method.name for method in methods], {UNSCORED: strangers})
+    for line in (*_missing(board, parts), *_unscored(strangers)):
         click.echo(line, err=True)
     return code
+
+
+def _strangers(methods: Sequence["Submission"], parts: Sequence[Sequence[Any]]) -> dict[str, tuple[str, ...]]:
+    """For each submission the maps in it that are of no sample."""
+    samples = {name: aliases for part in parts for name, aliases in _aliases(part).items()}
+    return {method.name: method.strangers(samples) for method in methods}
+
+
+def _unscored(strangers: Mapping[str, Sequence[str]]) -> list[str]:
+    """A line for each submission that holds such maps: how many, and the first few."""
+    lines = []
+    for method, files in strangers.items():
+        if files:
+            count = "1 map is" if len(files) == 1 else f"{len(files)} maps are"
+            lines.append(f"{method}: {count} of no sample here, and not scored: {_first_few(files)}")
+    return lines
+
+
+def _first_few(names: Sequence[str]) -> str:
+    more = f" and {len(names) - FIRST_FEW} more" if len(names) > FIRST_FEW else ""
+    return ", ".join(names[:FIRST_FEW]) + more
 
 
 def _check_shared(methods: Sequence["Submission"], parts: Sequence[Sequence[Any]]) -> None:
@@ -152,9 +175,7 @@ def _missing(board: "Board", parts: Sequence[Sequence[Any]]) -> list[str]:
         failures = {e.sample: e.failure for e in board.entries if e.method == method and e.failure is not None}
         lost = [files[s] for s, failure in failures.items() if failure.kind == "missing" and s in files]
         if lost:
-            more = f" and {len(lost) - FIRST_FEW} more" if len(lost) > FIRST_FEW else ""
-            names = ", ".join(lost[:FIRST_FEW])
-            lines.append(f"{method}: {len(lost)} of {len(files)} maps are missing: {names}{more}")
+            lines.append(f"{method}: {len(lost)} of {len(files)} maps are missing: {_first_few(lost)}")
     return lines
 
 

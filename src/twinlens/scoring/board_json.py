@@ -17,6 +17,8 @@ FORMAT = "twinlens-board"
 VERSION = 1
 MAX_BYTES = 256 * 2**20
 BIGGEST = 1e300
+UNSCORED = "unscored"
+"""What `twinlens score --json` says besides the board: maps of no sample. They are no part of it."""
 
 _BOARD = {"format": str, "version": int, "title": str, "meta": dict, "protocols": dict, "entries": list}
 _ENTRY = {
@@ -72,6 +74,7 @@ def board_from_json(text: str) -> Board:
         raise InputError(f"not a board: expected a JSON object with format {FORMAT!r}")
     if document.get("version") != VERSION:
         raise InputError(f"board version {document.get('version')!r}: this twinlens reads version {VERSION}")
+    document.pop(UNSCORED, None)
     _check(document, _BOARD, "the board")
     meta = {key: _text(value, f"meta {key!r}") for key, value in document["meta"].items()}
     entries = tuple(_entry(item, f"entry {i}") for i, item in enumerate(document["entries"]))

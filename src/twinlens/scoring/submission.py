@@ -12,6 +12,7 @@ because Python's zipfile unpacks the others whole, however little is asked of th
 Hidden files and the folder __MACOSX, which a Mac puts into its zips, are not there.
 """
 
+import contextlib
 import hashlib
 import os
 import re
@@ -19,7 +20,7 @@ import stat
 import struct
 import unicodedata
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -38,6 +39,9 @@ SLACK_BYTES = 65536
 """What a file may hold beyond four bytes a pixel: headers, and the chunks of a PNG that did not compress."""
 MAX_FILES = 100_000
 PNG_SIZE = slice(16, 24)
+PNG_KIND = slice(24, 26)
+GREY_16 = b"\x10\x00"
+"""Where a PNG says its depth and kind of colour, and what it says there of 16-bit grey (ISO 15948, IHDR)."""
 COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
@@ -77,15 +81,46 @@ class Submission:
 
     def file_of(self, sample: str, aliases: Sequence[str] = ()) -> str:
         """The name of the map of that sample, or FileError saying what was looked for."""
+        found = self._found(sample, aliases)
+        if found is not None:
+            return found
+        best = aliases[0] if aliases else sample
+        raise FileError(f"{self.path}: no map of {sample!r}: expected {best}.pfm, {best}.png or {best}/disp0.pfm")
+
+    def _found(self, sample: str, aliases: Sequence[str]) -> str | None:
         tops = {name.partition("/")[0] for name in self.files}
         above = ("", f"{tops.pop()}/") if len(tops) == 1 else ("",)
         names = (sample, file_name(sample), *aliases)
-        for stem in dict.fromkeys(f"{top}{name}" for name in names for top in above):
-            found = self._named(stem)
-            if found is not None:
-                return found
-        best = aliases[0] if aliases else sample
-        raise FileError(f"{self.path}: no map of {sample!r}: expected {best}.pfm, {best}.png or {best}/disp0.pfm")
+        stems = dict.fromkeys(f"{top}{name}" for name in names for top in above)
+        return next((found for stem in stems if (found := self._named(stem)) is not None), None)
+
+    def strangers(self, samples: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+        """The maps that lie under a name of no sample, sorted; `samples`: each one's name and its aliases.
+
+        Most often a name is misspelt. What else lies in a sample's own folder, or is no map (a picture), is no mistake.
+        """
+        used = {file for name, aliases in samples.items() if (file := self._found(name, aliases)) is not None}
+        names = {each for name, aliases in samples.items() for each in (name, file_name(name), *aliases)}
+        folders = {name.partition("/")[0] for name in names}
+        tops = {name.partition("/")[0] for name in self.files}
+        top = f"{tops.pop()}/" if len(tops) == 1 and not tops <= folders else ""
+        return tuple(
+            name
+            for name in sorted(self.files.keys() - used)
+            if not _is_of_one_of(name.removeprefix(top), names, folders) and self._is_map(name)
+        )
+
+    def _is_map(self, name: str) -> bool:
+        """Whether the file is a PFM, or a PNG as maps are: 16-bit grey, by its first bytes. Nothing more is read."""
+        if not name.endswith(".png"):
+            return name.endswith(".pfm")
+        with contextlib.suppress(Exception):  # as in _read: damage is no map that anybody can name
+            if self.path.is_dir():
+                with (self.path / name).open("rb") as file:
+                    return file.read(PNG_KIND.stop)[PNG_KIND] == GREY_16
+            with zipfile.ZipFile(self.path) as archive, archive.open(name) as member:
+                return member.read(PNG_KIND.stop)[PNG_KIND] == GREY_16
+        return False
 
     def _named(self, stem: str) -> str | None:
         for name in (f"{stem}.pfm", f"{stem}.png", f"{stem}/disp0.pfm", f"{stem}/disp0.png"):
@@ -153,6 +188,18 @@ def _own_name(place: Path) -> str:
     return name[: -len(".zip")] if name.lower().endswith(".zip") and not place.is_dir() else name
 
 
+def _is_of_one_of(name: str, names: Set[str], folders: Set[str]) -> bool:
+    """Whether a file, named from the top, lies where a sample's things do: beside one of `names`, or in its folder.
+
+    A folder of several lenses holds one map a lens: one of a lens that the sample has not is of no sample.
+    """
+    folder, slash, _ = name.partition("/")
+    lens = re.match(r"[^/]+/lens-\d+(?=[./])", name)
+    if lens is not None:
+        return lens[0] in names
+    return folder in folders if slash else name.rpartition(".")[0] in names
+
+
 def _is_hidden(name: str) -> bool:
     return any(part.startswith(".") or part == "__MACOSX" for part in name.split("/"))
 
@@ -174,7 +221,7 @@ def _check_size(found: tuple[int, ...], wanted: tuple[int, int], where: str) -> 
 
 def _folder_files(folder: Path) -> dict[str, int]:
     found = {}
-    for place in (place for depth in ("*", "*/*", "*/*/*") for place in sorted(folder.glob(depth))):
+    for place in (place for depth in ("*", "*/*", "*/*/*", "*/*/*/*") for place in sorted(folder.glob(depth))):
         if place.is_file():
             if not place.resolve().is_relative_to(folder.resolve()):
                 raise FileError(f"{place}: is a link that leaves {folder}")
