@@ -149,7 +149,14 @@ def test_time_is_told_as_people_do():
 def test_a_shard_that_is_done_says_what_is_needed_still(twinlens, recipe, tmp_path):
     _, _, err = twinlens("generate", recipe, "-o", tmp_path / "set", "--shard", "1/2")
     assert err == "this shard is done; the dataset is finished once the other shards are made\n"
+    code, out, err = twinlens("verify", tmp_path / "set")
+    assert (code, out) == (0, "1 sample, 0 with findings\n")
+    assert err == (
+        f"{tmp_path / 'set'}: dataset.json lists 0 of the 2 samples of its recipe; 1 more is made and not listed yet; "
+        "the `twinlens generate` that began it makes the rest and lists them\n"
+    )
     assert twinlens("generate", recipe, "-o", tmp_path / "set", "--shard", "2/2")[2] == ""
+    assert twinlens("verify", tmp_path / "set") == (0, "2 samples, 0 with findings\n", "")
 
 
 def test_render_puts_no_sample_into_what_generate_makes(twinlens, recipe, tmp_path):

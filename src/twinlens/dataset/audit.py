@@ -10,32 +10,40 @@ from twinlens.dataset.dataset import Dataset, found_samples
 from twinlens.dataset.files import is_hidden, read_bytes
 from twinlens.dataset.manifest import NAME, read_manifest
 from twinlens.dataset.storage import MARK, Place, RemotePath, Where, place
+from twinlens.dataset.stored import StoredSample
 from twinlens.dataset.verify import is_of_damage, verify_sample
+from twinlens.dataset.waiting import waiting_samples
 from twinlens.errors import FileError
 
-ROWS = ".rows"
-"""The folder beside an unfinished dataset's samples with a row for each that dataset.json does not list yet."""
 _OF_A_SAMPLE = (MARK, "im0.png")
 
 
 def verify_place(where: Where, progress: Callable[[float, str], None] | None = None) -> Iterator[tuple[str, list[str]]]:
     """(name, findings): of dataset.json, which stands for the dataset as a whole, and then of each sample in turn.
 
-    One sample is in memory at a time. `progress` hears the fraction done and the sample's name. Never raises for what a
+    Samples that are made and wait to be listed are checked like the others, against their own rows. One sample is in
+    memory at a time. `progress` hears the fraction done and the sample's name. Never raises for what a
     file holds; FileError when there is no dataset at all.
     """
-    folder = place(where)
-    try:
-        dataset, findings = Dataset(folder), []
-    except FileError as error:
-        if not (folder / NAME).is_file():
-            raise
-        dataset, findings = found_samples(folder), [str(error).removeprefix(f"{folder / NAME}: ")]
-    yield NAME, findings or _of_the_whole(folder, dataset)
-    for i, sample in enumerate(dataset):
+    samples, findings = _opened(place(where))
+    yield NAME, findings
+    for i, sample in enumerate(samples):
         if progress is not None:
-            progress(i / len(dataset), sample.name)
+            progress(i / len(samples), sample.name)
         yield sample.name, verify_sample(sample)
+
+
+def _opened(folder: Place) -> tuple[Sequence[StoredSample], list[str]]:
+    """The samples that are to be checked, and the findings of the whole."""
+    if not (folder / NAME).is_file():
+        return (dataset := Dataset(folder)), _without_list(folder, dataset)
+    try:
+        listed = read_manifest(folder).rows
+        waiting = waiting_samples(folder, {row.name for row in listed})
+        samples = [*(Dataset(folder) if listed or not waiting else ()), *waiting]
+    except FileError as error:
+        return found_samples(folder), [str(error).removeprefix(f"{folder / NAME}: ")]
+    return samples, _of_the_list(folder, {sample.name for sample in samples})
 
 
 def unchecked(where: Where) -> str:
@@ -48,7 +56,8 @@ def unchecked(where: Where) -> str:
 def unfinished(where: Where) -> str:
     """How many of its recipe's samples a dataset lacks, and what to do about it, in a line; empty where it lacks none.
 
-    Those that could not be made are told too. A list that cannot be read is told by `verify_place`.
+    Those that could not be made, or are made and wait to be listed, are told too. A list that cannot be read is told by
+    `verify_place`.
     """
     try:
         manifest = read_manifest(where)
@@ -58,10 +67,14 @@ def unfinished(where: Where) -> str:
     if not isinstance(count, int) or len(manifest.rows) >= count:
         return ""
     lost = len(failed) if isinstance(failed, list) else 0
+    waiting = len(waiting_samples(place(where), {row.name for row in manifest.rows}))
     said = [f"{NAME} lists {len(manifest.rows)} of the {count} samples of its recipe"]
+    said += [f"{waiting} more {'is' if waiting == 1 else 'are'} made and not listed yet"] if waiting else []
     said += [f'{lost} could not be made ("failed" in it says why)'] if lost else []
-    if len(manifest.rows) + lost < count:
-        said.append("the `twinlens generate` that began it makes the rest")
+    rest = len(manifest.rows) + waiting + lost < count
+    if rest or waiting:
+        what = " and ".join(["makes the rest"] * rest + ["lists them"] * bool(waiting))
+        said.append(f"the `twinlens generate` that began it {what}")
     return "; ".join(said)
 
 
@@ -81,19 +94,18 @@ def cure(where: Where, found: Mapping[str, Sequence[str]]) -> str:
     return ""
 
 
-def _of_the_whole(folder: Place, dataset: Dataset) -> list[str]:
-    if (folder / NAME).is_file():
-        beside = [name for name in _beside(folder, set(dataset.names)) if not _waits(folder, name)]
-        described = [] if dataset.manifest.info.get("complete") is False else _of_croissant(folder)
-        return [f"{name}: is a sample that {NAME} does not list" for name in beside] + described
-    if dataset[0].folder != folder and any(sample.has(MARK) for sample in dataset):
-        return [f"is missing, so that no file can be held against its checksum; found without it: {len(dataset)}"]
-    return []
+def _of_the_list(folder: Place, known: set[str]) -> list[str]:
+    """`known`: the names of the samples that are listed, or wait to be."""
+    growing = read_manifest(folder).info.get("complete") is False
+    beside = [f"{name}: is a sample that {NAME} does not list" for name in _beside(folder, known)]
+    return beside + ([] if growing else _of_croissant(folder))
 
 
-def _waits(folder: Place, name: str) -> bool:
-    """Whether a sample that is not listed is one that the next `twinlens generate` lists."""
-    return (folder / ROWS / f"{name}.json").is_file()
+def _without_list(folder: Place, dataset: Dataset) -> list[str]:
+    if dataset[0].folder == folder or not any(sample.has(MARK) for sample in dataset):
+        return []
+    lost = f"is missing, so that no file can be held against its checksum; found without it: {len(dataset)}"
+    return [f"{lost}; where `twinlens generate` made them, the same command writes it again"]
 
 
 def _beside(folder: Place, known: set[str]) -> list[str]:

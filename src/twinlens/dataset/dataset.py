@@ -9,6 +9,7 @@ from twinlens.dataset.items import check_name, read_all
 from twinlens.dataset.manifest import NAME, Manifest, read_manifest
 from twinlens.dataset.storage import Place, RemotePath, Where, is_whole, place
 from twinlens.dataset.stored import StoredSample
+from twinlens.dataset.waiting import waiting_samples
 from twinlens.errors import FileError, InputError, unknown
 
 T = TypeVar("T")
@@ -142,7 +143,8 @@ def _why_none(path: Place) -> str:
     failed = info.get("failed")
     if isinstance(failed, list) and failed:
         return f'{path / NAME}: lists no sample: {len(failed)} could not be made; "failed" in it says why'
-    more = "; the command that began it makes them" if info.get("complete") is False else ""
+    going_on = "lists those that are there and makes the rest" if waiting_samples(path, ()) else "makes them"
+    more = f"; the `twinlens generate` that began it {going_on}" if info.get("complete") is False else ""
     return f"{path / NAME}: lists no sample{more}"
 
 

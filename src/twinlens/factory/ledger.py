@@ -16,20 +16,18 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from twinlens.dataset import Manifest, Row, read_manifest, remove_unfinished, row_of, write_manifest
-from twinlens.dataset.audit import ROWS
 from twinlens.dataset.files import files_below, read_bytes, write_file
 from twinlens.dataset.manifest import NAME
 from twinlens.dataset.record import decode_json, encode_json, plain, read_json
 from twinlens.dataset.sample import KIND as SAMPLE_KIND
 from twinlens.dataset.sample import VERSION as SAMPLE_VERSION
 from twinlens.dataset.storage import MARK, Place, RemotePath, remove_objects
+from twinlens.dataset.waiting import ROW_KIND, ROW_VERSION, ROWS
 from twinlens.errors import FileError, InputError
 from twinlens.factory.entries import Entries, Entry, Failure
 from twinlens.factory.plan import plan, sample_name
 from twinlens.factory.recipe import Recipe, differences
 from twinlens.factory.sources import changed_files
-
-_KIND, _VERSION = "twinlens-row", 1
 
 
 class Ledger:
@@ -180,13 +178,13 @@ def write_row(folder: Place, index: int, entry: Entry) -> None:
         entry.plain() if isinstance(entry, Failure) else {"name": entry.name, "files": entry.files, "info": entry.info}
     )
     kind = "failure" if isinstance(entry, Failure) else "row"
-    record = {"format": _KIND, "version": _VERSION, kind: said}
+    record = {"format": ROW_KIND, "version": ROW_VERSION, kind: said}
     write_file(folder / ROWS / f"{sample_name(index)}.json", encode_json(record))
 
 
 def read_row(path: Place) -> Entry:
     """What `write_row` kept. Raises FileError."""
-    record = decode_json(read_bytes(path), str(path), _KIND, _VERSION)
+    record = decode_json(read_bytes(path), str(path), ROW_KIND, ROW_VERSION)
     try:
         return Failure(**record["failure"]) if "failure" in record else Row(**record["row"])
     except (KeyError, TypeError) as error:
