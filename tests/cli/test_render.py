@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twinlens.camera import BareAperture, BrownConrady, MaskAperture, ThinLens
-from twinlens.dataset import Dataset, Manifest, Row, read_manifest, sample_files, write_manifest, write_png
+from twinlens.dataset import Dataset, Manifest, Row, place, read_manifest, sample_files, write_manifest, write_png
 from twinlens.factory import remake
 from twinlens.rendering import backend
 from twinlens.scenes import load_scene
@@ -156,3 +156,73 @@ def test_help_shows_options_in_groups_and_each_once(twinlens):
         if option.param_type_name == "option":
             assert len(re.findall(rf"^  (-\w, )?{option.opts[-1]}\b(?!-)", out, re.MULTILINE)) == 1, option.opts
     assert "TWINLENS_BACKEND" in out
+
+
+def test_a_folder_of_other_things_is_left_alone(twinlens, ball, tmp_path, monkeypatch):
+    """Neither is anything added to it, nor is anything in it overwritten; hidden files are no other things."""
+    from twinlens import factory
+
+    make = factory.make_sample
+    monkeypatch.setattr(factory, "make_sample", lambda *_, **__: pytest.fail("a picture was taken"))
+    home = tmp_path / "home"
+    (home / "ball").mkdir(parents=True)
+    (home / "letter.txt").write_text("mine")
+    (home / "ball" / "photo.png").write_text("mine too")
+    before = sorted(home.rglob("*"))
+    for options, words in (
+        ((), f"{home / 'ball'}: is there already; name another folder, or add --overwrite"),
+        (
+            ("--overwrite",),
+            f"{home / 'ball'}: is there and is no sample, so it is not overwritten; choose another name",
+        ),
+    ):
+        assert twinlens("render", ball, *QUICK, *options, "-o", home) == (2, "", f"twinlens: {words}\n")
+    (home / "ball" / "photo.png").unlink()
+    refusal = f"{home}: holds 'letter.txt' and no dataset.json; name a new folder, or an empty one"
+    assert twinlens("render", ball, *QUICK, "--overwrite", "-o", home) == (2, "", f"twinlens: {refusal}\n")
+    (home / "ball" / "photo.png").write_text("mine too")
+    assert sorted(home.rglob("*")) == before
+    assert (home / "ball" / "photo.png").read_text() == "mine too"
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / ".DS_Store").touch()
+    monkeypatch.setattr(factory, "make_sample", make)
+    assert twinlens("render", ball, *QUICK, "-o", tmp_path / "empty")[0] == 0
+
+
+def test_what_render_made_it_adds_to_and_replaces(twinlens, ball, tmp_path):
+    """Also the first sample of a run that was stopped before it could list it."""
+    out = tmp_path / "out"
+    again = ("render", ball, *QUICK, "--overwrite", "-o", out)
+    assert twinlens("render", ball, *QUICK, "-o", out)[0] == 0
+    (out / "notes.txt").write_text("of the dataset")
+    assert twinlens(*again)[0] == 0
+    assert (out / "notes.txt").exists()
+    for entry in out.iterdir():
+        if entry.is_file():
+            entry.unlink()
+    other = tmp_path / "other.toml"
+    other.write_text(BALL)
+    code, _, err = twinlens("render", other, *QUICK, "-o", out)
+    assert (code, err.count("\n")) == (2, 1)
+    assert f"{out}: holds 'ball' and no dataset.json" in err
+    assert twinlens(*again)[0] == 0
+    assert [row.name for row in read_manifest(out).rows] == ["ball"]
+
+
+def test_a_folder_that_cannot_be_is_told_before_a_picture_is_taken(twinlens, ball, tmp_path, monkeypatch):
+    from twinlens import factory
+
+    monkeypatch.setattr(factory, "make_sample", lambda *_, **__: pytest.fail("a picture was taken"))
+    (tmp_path / "file").touch()
+    for out in (tmp_path / "file", tmp_path / "file" / "out"):
+        refusal = f"twinlens: {out}: a file stands where a folder is needed\n"
+        assert twinlens("render", ball, *QUICK, "-o", out) == (2, "", refusal)
+
+
+def test_a_bucket_of_other_things_is_left_alone(twinlens, ball):
+    bucket = place("memory://others/set")
+    (bucket / "letter.txt").write_bytes(b"mine")
+    code, _, err = twinlens("render", ball, *QUICK, "-o", bucket)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "holds 'letter.txt' and no dataset.json" in err
+    assert bucket.files() == ["letter.txt"]

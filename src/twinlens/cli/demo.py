@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from twinlens.cli.boards import print_board, run_board
-from twinlens.cli.places import PATH
+from twinlens.cli.places import PATH, check_samples
 from twinlens.cli.progress import progress_bar, tell_stage
 from twinlens.cli.specs import middle_focus
 
@@ -39,6 +39,7 @@ def command(output: Path, as_json: bool) -> None:
     if used.advice:
         click.echo(used.advice, err=True)
     dataset = output / "dataset"
+    check_samples(dataset, SCENES, overwrite=True)
     _render(dataset, SPP[used.name])
     rendered = time.perf_counter()
     pairs = [*DatasetPairs(Dataset(dataset)), motorcycle()]

@@ -2,15 +2,16 @@
 
 import contextlib
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from twinlens.errors import OutputError
+from twinlens.errors import InputError, OutputError
 
 if TYPE_CHECKING:
-    from twinlens.dataset import Place
+    from twinlens.dataset import Manifest, Place
 
 
 class PlaceType(click.ParamType):  # type: ignore[type-arg]
@@ -57,10 +58,66 @@ def check_results(folder: Path, mark: str) -> None:
 
     Results have a file named `mark` among them, and may be written again. Raises OutputError.
     """
+    _check_possible(folder)
+    if folder.is_dir() and not (folder / mark).is_file():
+        _refuse_strangers(folder, _entries(folder), mark)
+
+
+def check_samples(output: "Place", names: Sequence[str], overwrite: bool) -> None:
+    """Refuse a dataset's place where samples of these names cannot come, before any picture is taken.
+
+    The folder is new, empty, or lists its samples. A run that was stopped before it could list its first sample left
+    that alone: it may be made again.
+
+    Raises InputError for a name that is there twice, FileError for a damaged list, OutputError.
+    """
+    known = manifest_of(output)
+    if known is not None and "made_with" in known.info:
+        raise OutputError(f"{output}: is a dataset that `twinlens generate` makes of its recipe; name another folder")
+    double = next((name for name in names if names.count(name) > 1), None)
+    if double is not None:
+        raise InputError(f"two scenes are named {double!r}; a sample's folder has its scene's name")
+    if isinstance(output, Path):
+        _check_possible(output)
+    there = next((name for name in names if (output / name).exists()), None)
+    if there is not None and not overwrite:
+        raise OutputError(f"{output / there}: is there already; name another folder, or add --overwrite")
+    for name in names:
+        check_replaceable(output / name)
+    if known is None and output.is_dir():
+        _refuse_strangers(output, [entry for entry in _entries(output) if entry not in names], "dataset.json")
+
+
+def check_replaceable(folder: "Place") -> None:
+    """Refuse what would not be overwritten in the end, because it is no sample, before any work. Raises OutputError.
+
+    In a bucket the end tells: a broken attempt there is written over.
+    """
+    if not isinstance(folder, Path) or not os.path.lexists(folder) or (folder / "sample.json").is_file():
+        return
+    if not folder.is_dir() or any(folder.iterdir()):
+        raise OutputError(f"{folder}: is there and is no sample, so it is not overwritten; choose another name")
+
+
+def manifest_of(output: "Place") -> "Manifest | None":
+    """What dataset.json says, if there is one; FileError where it is damaged."""
+    from twinlens.dataset import read_manifest
+
+    return read_manifest(output) if (output / "dataset.json").exists() else None
+
+
+def _entries(folder: "Place") -> list[str]:
+    return sorted(entry.name for entry in folder.iterdir() if not entry.name.startswith("."))
+
+
+def _refuse_strangers(folder: "Place", strangers: Sequence[str], mark: str) -> None:
+    if strangers:
+        raise OutputError(f"{folder}: holds {strangers[0]!r} and no {mark}; name a new folder, or an empty one")
+
+
+def _check_possible(folder: Path) -> None:
+    """Refuse a folder that is not there and cannot be made: it is made for a moment, with those above it."""
     if folder.is_dir():
-        strangers = sorted(entry.name for entry in folder.iterdir() if not entry.name.startswith("."))
-        if strangers and not (folder / mark).is_file():
-            raise OutputError(f"{folder}: holds {strangers[0]!r} and no {mark}; name a new folder, or an empty one")
         return
     missing = [each for each in (folder, *folder.parents) if not os.path.lexists(each)]
     try:

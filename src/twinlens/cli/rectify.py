@@ -8,7 +8,7 @@ import click
 
 from twinlens.camera import ALIGNED, Misalignment
 from twinlens.cli.camera_specs import parse_pairs
-from twinlens.cli.places import PATH, PLACE, check_free
+from twinlens.cli.places import PATH, PLACE, check_free, check_replaceable
 from twinlens.cli.progress import progress_bar
 from twinlens.cli.samples import open_sample, parse_pair
 from twinlens.cli.specs import number, told
@@ -51,6 +51,7 @@ def command(
     from twinlens.scenes import load_scene
 
     check_free(output, overwrite)
+    check_replaceable(output)
     stored = open_sample(sample)
     left, right = parse_pair(cameras, len(stored.rig))
     with progress_bar("rectifying") as report:

@@ -22,15 +22,15 @@ from twinlens.cli.camera_specs import (
     parse_numbers,
     parse_sensor,
 )
-from twinlens.cli.places import PATH, PLACE
+from twinlens.cli.places import PATH, PLACE, check_samples, manifest_of
 from twinlens.cli.progress import progress_bar
 from twinlens.cli.sections import Sectioned
 from twinlens.cli.specs import APERTURE_HELP, LENS_HELP, middle_focus, parse_aperture, parse_lens, parse_size
-from twinlens.errors import InputError, OutputError
+from twinlens.errors import InputError
 
 if TYPE_CHECKING:
     from twinlens.camera import Aperture, Lens, Rig
-    from twinlens.dataset import Manifest, Place, Row, Sample
+    from twinlens.dataset import Place, Row, Sample
     from twinlens.scenes import Scene
     from twinlens.sensor import Sensor
 
@@ -82,7 +82,8 @@ def command(scenes: tuple[str, ...], output: "Place", overwrite: bool, as_json: 
     """Photograph SCENE... (bundled names, scene.toml or Mitsuba .xml files) with a stereo rig.
 
     Every scene becomes one sample, OUTPUT/<scene>: im0.png and im1.png for the first lens, lens-1/, lens-2/, ... for
-    the others, and beside them the exact truth that they share. OUTPUT/dataset.json lists the samples.
+    the others, and beside them the exact truth that they share. OUTPUT/dataset.json lists the samples. OUTPUT is a
+    new folder, an empty one, or one that render made, to which samples are added.
 
     TWINLENS_BACKEND=scalar, llvm or cuda in the environment chooses what renders; see `twinlens doctor`.
 
@@ -100,7 +101,7 @@ def command(scenes: tuple[str, ...], output: "Place", overwrite: bool, as_json: 
     }  # fmt: skip
     aperture = parse_aperture(asked["aperture"])
     jobs = [_job(load_scene(name), asked, aperture) for name in scenes]
-    _check_names([scene.name for scene, _, _ in jobs], output, overwrite)
+    check_samples(output, [scene.name for scene, _, _ in jobs], overwrite)
     made = []
     for job in jobs:
         row, lines = _one(job, asked["lenses"], output, options, overwrite)
@@ -184,18 +185,6 @@ def _inside(asked: dict[str, Any], width: int) -> dict[str, Any]:
     return inside
 
 
-def _check_names(names: list[str], output: "Place", overwrite: bool) -> None:
-    known = _manifest(output)  # one that is damaged is better told before the pictures are taken
-    if known is not None and "made_with" in known.info:
-        raise OutputError(f"{output}: is a dataset that `twinlens generate` makes of its recipe; name another folder")
-    double = next((name for name in names if names.count(name) > 1), None)
-    if double is not None:
-        raise InputError(f"two scenes are named {double!r}; a sample's folder has its scene's name")
-    there = next((name for name in names if (output / name).exists()), None)
-    if there is not None and not overwrite:
-        raise OutputError(f"{output / there}: is there already; name another folder, or add --overwrite")
-
-
 def _one(
     job: "tuple[Scene, Rig, tuple[Lens, ...]]",
     texts: tuple[str, ...],
@@ -260,13 +249,6 @@ def _duration(time: float) -> str:
     return f"1/{1 / time:.0f} s" if time < 0.1 else f"{time:.3g} s"
 
 
-def _manifest(output: "Place") -> "Manifest | None":
-    """What dataset.json says, if there is one; FileError where it is damaged."""
-    from twinlens.dataset import read_manifest
-
-    return read_manifest(output) if (output / "dataset.json").exists() else None
-
-
 def _list(output: "Place", row: "Row", seed: int) -> None:
     """Write dataset.json (the samples it knew, with the new one in its place or at the end) and the card.
 
@@ -274,7 +256,7 @@ def _list(output: "Place", row: "Row", seed: int) -> None:
     """
     from twinlens.dataset import Manifest, describe, write_manifest
 
-    before = _manifest(output) or Manifest((), seed=seed)
+    before = manifest_of(output) or Manifest((), seed=seed)
     known = {each.name: each for each in before.rows} | {row.name: row}
     shared = before.seed if before.recipe or before.seed == seed else None
     write_manifest(output, Manifest(tuple(known.values()), before.recipe, shared, before.info))
