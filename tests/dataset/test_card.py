@@ -26,7 +26,7 @@ from twinlens.dataset import (
     write_png,
     write_sample,
 )
-from twinlens.dataset.figures import contact_sheet, statistics_figure, tile
+from twinlens.dataset.figures import contact_sheet, panels, statistics_figure, tile
 from twinlens.errors import FileError, InputError
 
 rdflib_warns = pytest.mark.filterwarnings("ignore::DeprecationWarning:rdflib")
@@ -174,6 +174,23 @@ def test_the_figure_of_any_statistics(count):
     assert picture.size[0] > 500
     assert np.ptp(np.asarray(picture)[..., 0]) > 100
     assert not {"Software", "Creation Time", "date"} & set(picture.info)
+
+
+def drawn(*many):
+    return [panel.xlabel.partition(" ")[0] for panel in panels(many)]
+
+
+def test_the_figure_has_no_panel_of_what_no_sample_has():
+    through_lenses = statistics(dataset_scene.sample(num_lenses=2))
+    # As a pinhole's sample has it: no circle is wider than 0.
+    sharp = through_lenses | {"blur_px": [[0.0] * 33]}
+    alone = sharp | {"cameras": 1, "disparity": [], "occluded": 0.0}
+    assert drawn(through_lenses) == drawn(sharp, through_lenses) == ["disparity", "depth", "blur", "pixels"]
+    assert drawn(sharp, sharp) == ["disparity", "depth", "pixels"]
+    assert drawn(alone) == ["depth"]
+    assert drawn({}) == drawn() == []
+    heights = [Image.open(io.BytesIO(statistics_figure(many))).height for many in ([sharp], [through_lenses])]
+    assert heights[1] == 2 * heights[0], "a row of three, and two rows of two"
 
 
 @rdflib_warns

@@ -46,7 +46,7 @@ based camera, and the exact answer for every pixel.
 | --- | --- |
 {facts}
 
-![distributions of disparity, depth, blur and occlusion]({figure})
+![distributions of what the truth holds]({figure})
 
 Quantities are those of the left views, every sample weighing the same. Disparity is u_left - u_right in pixels, depth
 is along the optical axis in metres, the blur circle is the diameter in pixels that a point is spread over by the lens.

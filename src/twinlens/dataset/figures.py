@@ -5,6 +5,7 @@ The same dataset gives the same bytes with the same versions of Pillow and matpl
 
 import io
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,19 @@ _TILE_WIDTH, _GAP = 160, 4
 _BINS = 60
 _INK, _FILL, _QUIET = "#1b2a3a", "#3b7dd8", "#6b7785"
 _WIDE = 8.0  # depths that span so many times the least are drawn on a logarithmic axis
+_GRIDS = ((1, 1), (1, 1), (1, 2), (1, 3), (2, 2))
+"""Rows and columns of so many panels."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A histogram of distributions, each given by its quantiles and of weight one."""
+
+    xlabel: str
+    ylabel: str
+    many: list[list[float]]
+    wide: float = np.inf
+    """How many times the least the most may be until the axis is logarithmic."""
 
 
 def tile(image: NDArray[Any]) -> Image.Image:
@@ -49,45 +63,51 @@ def contact_sheet(tiles: Sequence[Image.Image], columns: int = 8) -> bytes:
 
 
 def statistics_figure(many: Sequence[Statistics]) -> bytes:
-    """A PNG of what the samples hold, each of the same weight: disparity, depth, blur circle, occluded pixels."""
+    """A PNG of what the samples hold, each of the same weight: disparity, depth, blur circle, occluded pixels.
+
+    What none of them has is left out: a disparity, where each has one camera; blur, where all are photographed through
+    pinholes. Where nothing is left, the picture says so.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 5.6), dpi=110, layout="constrained")
+    there = panels(many)
+    rows, columns = _GRIDS[len(there)]
+    figure = Figure(figsize=(9.0, 2.8 * rows), dpi=110, layout="constrained")
     canvas = FigureCanvasAgg(figure)
-    axes = figure.subplots(2, 2).ravel()
-    share = "share of the pixels (%)"
-    many = [each for each in many if "disparity" in each]
-    _draw(axes[0], [each["disparity"] for each in many], "disparity (px)", share)
-    _draw(axes[1], [each["depth"] for each in many], "depth (m)", share, wide=_WIDE)
-    blurs = [blur for each in many for blur in each["blur_px"]]
-    _draw(axes[2], [blur for blur in blurs if blur and blur[-1] > 0], "blur circle's diameter (px)", share)
-    occluded = [100 * each["occluded"] for each in many]
-    _draw(
-        axes[3], [[value, value] for value in occluded], "pixels that one view alone sees (%)", "share of samples (%)"
-    )
+    for panel, axes in zip(there, figure.subplots(rows, columns, squeeze=False).ravel() if there else (), strict=True):
+        _draw(axes, panel)
+    if not there:
+        figure.text(0.5, 0.5, "no sample has a truth to draw", ha="center", color=_QUIET)
     stream = io.BytesIO()
     canvas.print_png(stream, metadata={"Software": None})
     return stream.getvalue()
 
 
-def _draw(
-    axes: Any, many: list[list[float]], xlabel: str, ylabel: str, least: float = np.inf, wide: float = np.inf
-) -> None:
-    """A histogram of distributions given by their quantiles, from `least` or less."""
-    many = [each for each in many if each]
-    axes.set_xlabel(xlabel, color=_INK)
+def panels(many: Sequence[Statistics]) -> list[Panel]:
+    """The panels of the figure that have anything to show."""
+    share = "share of the pixels (%)"
+    known = [each for each in many if "disparity" in each]
+    blurs = [blur for each in known for blur in each["blur_px"]]
+    hidden = [100 * each["occluded"] for each in known if each["cameras"] > 1]
+    every = (
+        Panel("disparity (px)", share, [each["disparity"] for each in known if each["disparity"]]),
+        Panel("depth (m)", share, [each["depth"] for each in known if each["depth"]], wide=_WIDE),
+        Panel("blur circle's diameter (px)", share, [blur for blur in blurs if blur and blur[-1] > 0]),
+        Panel("pixels that one view alone sees (%)", "share of samples (%)", [[value, value] for value in hidden]),
+    )
+    return [panel for panel in every if panel.many]
+
+
+def _draw(axes: Any, panel: Panel) -> None:
+    many = panel.many
+    axes.set_xlabel(panel.xlabel, color=_INK)
+    axes.set_ylabel(panel.ylabel, color=_INK, fontsize=8)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(_QUIET)
     axes.tick_params(colors=_QUIET, labelsize=8)
-    if not many:
-        axes.set_xticks([])
-        axes.set_yticks([])
-        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", color=_QUIET)
-        return
-    axes.set_ylabel(ylabel, color=_INK, fontsize=8)
-    low, high = min(least, *(each[0] for each in many)), max(each[-1] for each in many)
-    logarithmic = low > 0 and high > wide * low
+    low, high = min(each[0] for each in many), max(each[-1] for each in many)
+    logarithmic = low > 0 and high > panel.wide * low
     edges = _edges(low, high, logarithmic)
     axes.stairs(100 * mixed_counts(edges, many) / len(many), edges, fill=True, color=_FILL)
     if logarithmic:
