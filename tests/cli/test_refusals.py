@@ -199,6 +199,26 @@ def test_an_unknown_backend():
 
 
 @pytest.mark.parametrize(
+    ("line", "meaning"),
+    [
+        (("render", "cards"), "Folder of the dataset"),
+        (("generate", "recipe.toml"), "Folder of the dataset"),
+        (("reconstruct", "out"), "Folder for it."),
+        (("rectify", "out"), "Folder of the new sample."),
+        (("show", "epipolar", "out"), "The picture, a PNG."),
+        (("export", "out", "--to", "carla"), "Folder to make."),
+        (("match", "a.png", "b.png"), "The map: a .pfm file."),
+        (("benchmark", "out"), "Folder of the board."),
+        (("score", "maps", "--truth", "out"), "Folder of the board."),
+        (("study", "window"), "Folder of the results."),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else "",
+)
+def test_a_missing_output_is_told_in_one_way(refuses, line, meaning):
+    refuses(f"twinlens: Missing option '-o' / '--output': {meaning}", *line)
+
+
+@pytest.mark.parametrize(
     "line",
     [
         ("demo",), ("render", "cards"), ("generate", "recipe.toml"), ("reconstruct", "out"), ("rectify", "out"),
@@ -210,6 +230,32 @@ def test_an_unknown_backend():
 def test_an_empty_output_is_not_the_current_folder(refuses, tmp_path, monkeypatch, line):
     monkeypatch.chdir(tmp_path)
     refuses("'-o' / '--output': the name is empty", *line, "-o", "")
+
+
+def test_folders_above_an_output_are_made(twinlens, dataset, tmp_path):
+    pair = dataset / "cards" / "im0.png", dataset / "cards" / "im1.png"
+    for name, line in {
+        "a/b/d.pfm": (
+            "match",
+            *pair,
+            "--method",
+            "sad:block_size=5",
+            "--ndisp",
+            "8",
+            "--picture",
+            tmp_path / "c/d.png",
+        ),
+        "e/f/board": ("benchmark", dataset, "--methods", "sad:block_size=5"),
+        "g/h/page.html": ("report", tmp_path / "e" / "f" / "board"),
+        "i/j/set": ("export", dataset, "--to", "carla"),
+        "k/l/lines.png": ("show", "epipolar", dataset / "cards"),
+        "m/n/set": ("render", "cards", "--size", "32x24", "--spp", "1"),
+        "o/p/cards": ("rectify", dataset / "cards"),
+        "q/r/points": ("reconstruct", dataset / "cards", "--cell-mm", "40"),
+    }.items():
+        code, _, err = twinlens(*line, "-o", tmp_path / name)
+        assert (code, err) == (0, "")
+        assert (tmp_path / name).exists()
 
 
 def test_a_folder_that_is_no_scene(refuses, tmp_path):

@@ -59,7 +59,7 @@ def refused(twinlens, *arguments):
 def test_refusals_are_one_line(twinlens, own, tmp_path):
     o = ("-o", tmp_path / "out")
     assert "did you mean 'pinhole'" in refused(twinlens, "pinhol", *o)
-    assert "-o DIR" in refused(twinlens, "window")
+    assert "Missing option '-o' / '--output': " in refused(twinlens, "window")
     assert "did you mean 'staircase'" in refused(twinlens, "window", "--scene", "stairs", *o)
     assert "did you mean 'zncc'" in refused(twinlens, "window", "--methods", "zncd", *o)
     assert "takes no scenes" in refused(twinlens, "texture", "--scene", "cards", *o)

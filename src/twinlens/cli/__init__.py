@@ -86,6 +86,8 @@ def run(arguments: Sequence[str] | None = None, *, renewable: bool = False) -> i
     except click.exceptions.NoArgsIsHelpError as help_page:
         help_page.show()
         return 2
+    except click.MissingParameter as error:
+        return _refuse(_with_help(error), 2)
     except click.ClickException as error:
         return _refuse(error.format_message(), 2)
     except TwinlensError as error:
@@ -110,6 +112,12 @@ def _run(arguments: Sequence[str] | None, renewable: bool) -> Any:
     except Renewal as again:
         begin_anew(again.progress)
     return cli.main(args=arguments, prog_name="twinlens", standalone_mode=False, obj=False)
+
+
+def _with_help(error: click.MissingParameter) -> str:
+    """What is missing, and what it is."""
+    meaning = getattr(error.param, "help", None)
+    return error.format_message().rstrip(".") + (f": {meaning}" if meaning else "")
 
 
 def _refuse(message: str, code: int) -> int:

@@ -47,6 +47,13 @@ class AddressType(click.ParamType):  # type: ignore[type-arg]
 PLACE, PATH, ADDRESS = PlaceType(), PathType(path_type=Path), AddressType()
 
 
+def missing_output() -> click.MissingParameter:
+    """The refusal of a command that needs its -o now, as click's own where it is always needed."""
+    context = click.get_current_context()
+    option = next(option for option in context.command.params if option.name == "output")
+    return click.MissingParameter(ctx=context, param=option)
+
+
 def check_free(output: Path, overwrite: bool) -> None:
     """Refuse a place that is taken, before any work is done. Raises OutputError."""
     if not overwrite and os.path.lexists(output):

@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from twinlens.cli.boards import OPTIONS, print_board, run_board
-from twinlens.cli.places import PATH
+from twinlens.cli.places import PATH, missing_output
 from twinlens.errors import FileError, InputError
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ _FOR_ONE = "is for one map scored against one truth; a dataset brings its own"
 @click.command("score")
 @click.argument("submissions", nargs=-1, required=True, metavar="MAPS...", type=PATH)
 @click.option("--truth", "truths", multiple=True, required=True, help="The dataset(s), or one truth map for one map.")
-@click.option("-o", "--output", type=PATH, help="Folder of the board; needed for datasets.")
+@click.option("-o", "--output", type=PATH, help="Folder of the board.  [needed, but for one map]")
 @click.option("--mask", type=PATH, help="For one map: a PNG, 255 where both cameras see.")
 @click.option("--ndisp", type=click.IntRange(min=1), help="For one map: estimates are clipped to [0, ndisp].")
 @click.option(
@@ -67,7 +67,7 @@ def command(
         _print_json(scores) if as_json else _print(scores)
         return 0
     if output is None:
-        raise InputError("scoring folders or zips makes a board: say where with -o FOLDER")
+        raise missing_output()
     return _score_many(submissions, truths, output, protocols, regions, as_json)
 
 

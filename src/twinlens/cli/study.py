@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from twinlens.cli.benchmark import split_methods
-from twinlens.cli.places import PATH, check_results
+from twinlens.cli.places import PATH, check_results, missing_output
 from twinlens.cli.progress import progress_bar
 
 
@@ -48,7 +48,7 @@ def command(
 
     study = find_study(name)
     if output is None:
-        raise click.UsageError("name the folder of the results: -o DIR")
+        raise missing_output()
     check_results(output, "study.json")
     from twinlens.report.study_files import write_study
     from twinlens.studies import run_study
