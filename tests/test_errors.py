@@ -1,4 +1,4 @@
-"""What the checks of numbers take, and what they refuse, in one line."""
+"""What the checks of numbers take and refuse, in one line; which names are misspelt, and which are strangers."""
 
 import math
 from decimal import Decimal
@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from twinlens.errors import InputError, check_number, check_triple
+from twinlens.errors import InputError, check_number, check_triple, nearest, unknown
 
 
 @pytest.mark.parametrize("value", [1, 0.5, Fraction(1, 3), np.float32(2), np.float64(3), np.int16(4), np.uint8(5)])
@@ -46,3 +46,45 @@ def test_a_large_value_is_shown_short_and_in_one_line():
         check_number("x", np.zeros((50, 50)), "a number")
     assert "\n" not in str(refusal.value)
     assert len(str(refusal.value)) < 80
+
+
+SCENES = ("cards", "fence", "staircase", "spheres", "tabletop")
+SENSORS = ("ideal", "machine_vision", "phone")
+METHODS = ("adaptive", "census", "jaccard", "ncc", "opencv_bm", "sad", "sgm", "sgm4", "ssd", "zncc", "zsad", "zssd")
+LAYOUTS = ("carla", "eth3d", "kitti2015", "middlebury", "parquet", "sceneflow", "sintel", "webdataset")
+KEYS = ("aperture_diameter", "baseline", "fov_x_deg", "focus_distance", "min_disparity", "num_disparities", "spp")
+
+
+@pytest.mark.parametrize(
+    ("typed", "known", "meant"),
+    [
+        ("stairs", SCENES, "staircase"), ("Fence", SCENES, "fence"), ("sphere", SCENES, "spheres"),
+        ("cards2", SCENES, "cards"), ("table", SCENES, "tabletop"), ("fnece", SCENES, "fence"),
+        ("phne", SENSORS, "phone"), ("machine", SENSORS, "machine_vision"),
+        ("machine-vision", SENSORS, "machine_vision"),
+        ("ZNCC", METHODS, "zncc"), ("znc", METHODS, "zncc"), ("zncd", METHODS, "zncc"), ("sda", METHODS, "sad"),
+        ("cencus", METHODS, "census"), ("jacard", METHODS, "jaccard"), ("opencv", METHODS, "opencv_bm"),
+        ("sgm8", METHODS, "sgm"), ("kitti", LAYOUTS, "kitti2015"), ("midlebury", LAYOUTS, "middlebury"),
+        ("eth3", LAYOUTS, "eth3d"), ("scene_flow", LAYOUTS, "sceneflow"), ("web-dataset", LAYOUTS, "webdataset"),
+        ("fov_x_degg", KEYS, "fov_x_deg"), ("fov", KEYS, "fov_x_deg"), ("basline", KEYS, "baseline"),
+        ("diameter", KEYS, "aperture_diameter"), ("num_disparity", KEYS, "num_disparities"), ("ssp", KEYS, "spp"),
+    ],
+)  # fmt: skip
+def test_a_misspelt_name_is_told_from_its_neighbours(typed, known, meant):
+    assert nearest(typed, known) == meant
+    assert str(unknown("name", typed, known)).startswith(f"unknown name {typed!r}; did you mean {meant!r}? (known: ")
+
+
+@pytest.mark.parametrize(
+    ("typed", "known"),
+    [
+        ("nikon", SENSORS), ("canon", SENSORS), ("sony", SENSORS), ("drone", SENSORS), ("iphone-15-pro", SENSORS),
+        ("peace", SCENES), ("bridge", SCENES), ("car", ("fence", "staircase")), ("office", SCENES), ("x", SCENES),
+        ("raft", METHODS), ("psmnet", METHODS), ("elas", METHODS), ("orb", METHODS), ("mse", METHODS),
+        ("coco", LAYOUTS), ("tartanair", LAYOUTS), ("cityscapes", LAYOUTS), ("colmap", LAYOUTS), ("nerf", LAYOUTS),
+        ("gamma", KEYS), ("iso", KEYS), ("exposure", KEYS), ("shutter", KEYS), ("", KEYS), ("d", KEYS),
+    ],
+)  # fmt: skip
+def test_a_stranger_is_likened_to_nobody(typed, known):
+    assert nearest(typed, known) is None
+    assert str(unknown("name", typed, known)).startswith(f"unknown name {typed!r} (known: ")

@@ -5,10 +5,14 @@ A message names the value, what is allowed, and the remedy. Imports nothing of t
 
 import difflib
 import math
+import re
 import reprlib
 from collections.abc import Iterable
 from numbers import Real
 from typing import Any
+
+_ALIKE = 0.65
+_SHORTEST_PART = 3
 
 
 class TwinlensError(Exception):
@@ -44,9 +48,34 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
     "unknown scene 'stairs'; did you mean 'staircase'? (known: fence, staircase)"
     """
     names = sorted(known)
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
+    near = nearest(name, names)
+    hint = f"; did you mean {near!r}?" if near else ""
     return InputError(f"unknown {kind} {name!r}{hint} (known: {', '.join(names)})")
+
+
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """The known name that `name` may be a misspelling or a part of; None where it is a stranger.
+
+    A misspelling shares at least `_ALIKE` of its letters with the name, in order (Ratcliff and Obershelp's measure, as
+    difflib has it), whatever their case: one letter of three may be wrong, or two of six, but not two of five. A part
+    is what a name begins with, or its last words: three letters or more.
+
+    >>> nearest("ZNC", ["sad", "zncc"]), nearest("diameter", ["aperture_diameter"]), nearest("nikon", ["phone"])
+    ('zncc', 'aperture_diameter', None)
+    """
+    plain = _plain(name)
+    shares = {each: difflib.SequenceMatcher(None, plain, _plain(each)).ratio() for each in known}
+    close = [each for each, share in shares.items() if share >= _ALIKE or _is_part(plain, _plain(each))]
+    return max(close, key=lambda each: shares[each], default=None)
+
+
+def _plain(name: str) -> str:
+    """As names are compared: no case, and one sign between words."""
+    return re.sub(r"[-_.\s]+", "_", name.casefold())
+
+
+def _is_part(part: str, name: str) -> bool:
+    return len(part) >= _SHORTEST_PART and (name.startswith(part) or name.endswith(f"_{part}"))
 
 
 def check_number(
