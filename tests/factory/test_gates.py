@@ -108,14 +108,15 @@ def test_raw_pictures_are_black_at_their_black_level():
         check_photographs(GATES, sample, sensor)
 
 
-def test_noise_is_no_texture_and_paint_is():
+@pytest.mark.parametrize("noise", [0.03, 0.1, 0.2])
+def test_noise_is_no_texture_and_paint_is(noise):
     """The wall stands at one depth, so the right picture is the left one shifted by the disparity."""
     rig, truths = truth_of(scene(wall()))
     rng = np.random.default_rng(3)
     shape = SIZE[::-1]
 
     def noisy(picture):
-        return np.repeat((picture + rng.normal(0, 0.03, shape))[..., None], 3, axis=2)
+        return np.repeat((picture + rng.normal(0, noise, shape))[..., None], 3, axis=2)
 
     flat = np.full(shape, 0.5)
     with pytest.raises(Rejected, match="too little texture"):
@@ -124,6 +125,22 @@ def test_noise_is_no_texture_and_paint_is():
     paint = 0.5 + 0.1 * rng.standard_normal((shape[0], shape[1] + disparity))
     left, right = paint[:, :-disparity], paint[:, disparity:]
     check_photographs(GATES, photographed(rig, truths, noisy(left), noisy(right)), Sensor())
+
+
+@pytest.mark.parametrize("noise", [0.03, 0.1, 0.2])
+def test_texture_is_told_from_noise_down_to_half_of_it(noise):
+    """The correlation of texture t in noise s is t^2 / (t^2 + s^2); that of mere noise strays by 1/16 in a window."""
+    rng = np.random.default_rng(7)
+    shape = (40 * WINDOW, 40 * WINDOW)
+    texture = rng.normal(0, 1, shape)
+
+    def share(part):
+        left, right = (0.5 + part * noise * texture + rng.normal(0, noise, shape) for _ in range(2))
+        return textured_windows(left, right, np.ones(shape, bool))
+
+    assert share(0.0) < 0.01
+    assert share(0.7) > 0.95  # a third correlated, where 3/16 is asked, and 0.05 is the deviation
+    assert textured_windows(texture, texture, np.ones(shape, bool)) == 1.0
 
 
 def test_windows_count_by_their_covariance():

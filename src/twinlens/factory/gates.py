@@ -119,7 +119,7 @@ def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
                 raise Rejected(
                     "too little texture",
                     f"{share:.1%} of lens {k}'s pictures, at least {gates.texture:.1%} asked",
-                    "scenes or families, lenses (smaller aperture), or gates.texture",
+                    "scenes or families, lenses (smaller aperture), exposure (less noise), or gates.texture",
                     noisy=True,
                 )
 
