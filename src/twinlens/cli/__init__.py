@@ -14,6 +14,7 @@ from typing import Any
 import click
 
 import twinlens
+from twinlens.cli.interrupts import INTERRUPTED, take_over, told
 from twinlens.cli.renewal import Renewal, begin_anew, is_possible
 from twinlens.errors import TwinlensError, unknown
 
@@ -67,7 +68,10 @@ def cli() -> None:
 
 def console() -> None:
     """What `twinlens` and `python -m twinlens` do: the process is the command line's, which may begin it anew."""
-    sys.exit(run(renewable=is_possible()))
+    ender = take_over()
+    code = run(renewable=is_possible())
+    ender.asked = True  # all is said: an interrupt of what is left to do at the end, ends it
+    sys.exit(code)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -101,8 +105,8 @@ def run(arguments: Sequence[str] | None = None, *, renewable: bool = False) -> i
         if error.errno in (errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EPERM, errno.EDQUOT):
             return _refuse(f"{error.filename or 'output'}: {error.strerror}", 2)
         raise
-    except (KeyboardInterrupt, click.Abort):
-        return _refuse("interrupted; what was finished is kept", 130)
+    except (KeyboardInterrupt, click.Abort) as error:
+        return _refuse(told(error), INTERRUPTED)
     return result if isinstance(result, int) else 0
 
 

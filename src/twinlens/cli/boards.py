@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from twinlens.cli.interrupts import saying
 from twinlens.cli.places import check_results
 from twinlens.cli.progress import progress_bar
 from twinlens.errors import FileError, InputError
@@ -120,9 +121,10 @@ def _tell_old_failures(board: "Board", before: Set[tuple[str, str]]) -> None:
 
 @contextlib.contextmanager
 def _saying_what_is_kept(output: Path, made: Sequence[str]) -> Iterator[None]:
-    """A sample that cannot be read ends the run, and not what it has `made` before."""
+    """A sample that cannot be read ends the run, and not what it has `made` before; nor does an interrupt."""
     try:
-        yield
+        with saying(lambda: "what was finished is kept" if made else ""):
+            yield
     except InputError as error:
         if not made:
             raise

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from twinlens.cli.interrupts import once_more
 from twinlens.cli.places import ADDRESS, PATH
 from twinlens.cli.progress import progress_bar
 from twinlens.cli.renewal import Progress, Renewal, earlier
@@ -78,7 +79,7 @@ def command(
     outcome = replace(outcome, made=done.made, before=done.before or 0)
     _tell(outcome, output, as_json)
     if outcome.interrupted or (stop.is_set() and outcome.left):
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt("what was finished is kept" if outcome.there else "")
     return 1 if outcome.failures else 0
 
 
@@ -129,7 +130,7 @@ def _stop_on_signal() -> Iterator[threading.Event]:
 
     def asked(*_: object) -> None:
         if stop.is_set():
-            raise KeyboardInterrupt
+            once_more(before[signal.SIGINT])
         stop.set()
 
     if threading.current_thread() is not threading.main_thread():

@@ -22,6 +22,7 @@ from twinlens.cli.camera_specs import (
     parse_numbers,
     parse_sensor,
 )
+from twinlens.cli.interrupts import saying
 from twinlens.cli.places import PATH, PLACE, check_samples, manifest_of
 from twinlens.cli.progress import progress_bar
 from twinlens.cli.sections import Sectioned
@@ -102,11 +103,12 @@ def command(scenes: tuple[str, ...], output: "Place", overwrite: bool, as_json: 
     aperture = parse_aperture(asked["aperture"])
     jobs = [_job(load_scene(name), asked, aperture) for name in scenes]
     check_samples(output, [scene.name for scene, _, _ in jobs], overwrite)
-    made = []
-    for job in jobs:
-        row, lines = _one(job, asked["lenses"], output, options, overwrite)
-        _list(output, row, asked["seed"])
-        made.append((row, lines))
+    made: list[tuple[Row, list[str]]] = []
+    with saying(lambda: "what was finished is kept" if made else ""):
+        for job in jobs:
+            row, lines = _one(job, asked["lenses"], output, options, overwrite)
+            _list(output, row, asked["seed"])
+            made.append((row, lines))
     _tell(output, made, as_json)
 
 
