@@ -1,0 +1,106 @@
+"""How much of a photograph's wrong pixels is the renderer's: direct photographs with more and more samples a pixel.
+
+    python benchmarks/bench_samples.py [--size 240x180] [--seeds 1] [--write]
+
+Of the study `aperture`: its scenes as models, its pixels, its sensor, at equal brightness without diffraction. Each
+pair is rendered alone and not from light paths shared with other lenses, exposed, and matched by SSD; wrong are
+non-occluded pixels off by more than 2 px or unknown. `expected` is what the study's theory of mismatches, which knows
+the sensor's noise alone, reads off the sharp pair at f/11 with the most samples. Means over the seeds, in brackets
+their least and most. The renderer's noise falls as samples grow, the camera's stays.
+
+With LLVM a seed took 4.7 minutes of one processor, on a machine that did other things too. `--write` puts the table
+into docs/studies.md, in place of the one there.
+"""
+
+import argparse
+import statistics
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from twinlens.sensor import Exposure
+from twinlens.studies.aperture_evidence import SHARP_AT, Evidence
+from twinlens.studies.aperture_shots import PIXEL_PITCH_UM, Model, automatic
+from twinlens.studies.aperture_theory import SENSOR
+from twinlens.studies.stage import Stage, stream
+
+SCENES, F_NUMBERS, SAMPLES = ("cards", "staircase"), (1.0, 2.0, 4.0), (16, 64, 256)
+PAGE = Path(__file__).parents[1] / "docs" / "studies.md"
+HEAD = f"| | {SAMPLES[0]} samples |" + "".join(f" {spp} |" for spp in SAMPLES[1:]) + " expected |"
+
+
+class Theory(NamedTuple):
+    """What a seed's sharp pair holds."""
+
+    seed: int
+    evidence: Evidence
+
+
+def rows(size: tuple[int, int], seeds: Sequence[int], samples: Sequence[int] = SAMPLES) -> Iterator[tuple[str, list]]:
+    """(scene and f-number, the percentages of every seed: for each number of samples, and expected)."""
+    for scene in SCENES:
+        model = Model.of(Stage.of(scene, *size, pixel_pitch_um=PIXEL_PITCH_UM))
+        theories = [theory(model, seed, samples[-1]) for seed in seeds]
+        for number in F_NUMBERS:
+            yield (
+                f"{scene}, f/{number:g}",
+                list(zip(*(row(model, number, each, samples) for each in theories), strict=True)),
+            )
+
+
+def row(model: Model, number: float, known: Theory, samples: Sequence[int]) -> list[float]:
+    """Of one seed: the percentages, and what is expected at the exposure of the last."""
+    shots = [photographed(model, number, known.seed, spp) for spp in samples]
+    lens = model.lens(number)
+    blur = model.stage.blur(model.full_size(lens))
+    return [wrong for wrong, _ in shots] + [known.evidence.expected(lens, shots[-1][1], blur, diffracts=False).wrong]
+
+
+def photographed(model: Model, number: float, seed: int, spp: int) -> tuple[float, Exposure]:
+    """Per cent of the pixels that SSD gets wrong on a direct photograph, and how that was exposed."""
+    stage, lens = model.stage, model.lens(number)
+    radiance = stage.photograph(model.full_size(lens), spp, stream(seed, 10, spp))
+    exposure = automatic(stage, lens, radiance)
+    pictures = stage.expose(radiance, lens, stream(seed, 11, spp), SENSOR, exposure)
+    return stage.errors(pictures, ("ssd",))["ssd"]["totbad2"], exposure
+
+
+def theory(model: Model, seed: int, spp: int) -> Theory:
+    """What the sharp pair tells of the texture."""
+    stage, lens = model.stage, model.lens(SHARP_AT)
+    sharp = stage.photograph(model.full_size(lens), spp, stream(seed, 12))
+    return Theory(seed, Evidence.of(stage, lens, stage.blur(model.full_size(lens)), sharp))
+
+
+def cell(values: Sequence[float]) -> str:
+    """Mean, and least and most where they differ."""
+    mean, least, most = (f"{value:.2g}" for value in (statistics.mean(values), min(values), max(values)))
+    return f"{mean} %" if least == most else f"{mean} % ({least} to {most})"
+
+
+def replace_table(page: str, table: Sequence[str]) -> str:
+    """The page with this table where the one of the same first line is."""
+    lines = page.splitlines()
+    start = lines.index(HEAD)
+    end = next(k for k in range(start, len(lines)) if not lines[k].startswith("|"))
+    return "\n".join([*lines[:start], *table, *lines[end:]]) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--size", default="240x180", help="of the photographs, the study's own unless said")
+    parser.add_argument("--seeds", type=int, default=1, help="how many, from 0")
+    parser.add_argument("--write", action="store_true", help="put the table into docs/studies.md")
+    options = parser.parse_args()
+    width, height = (int(side) for side in options.size.split("x"))
+    table = [HEAD, "| --- |" + " ---: |" * (len(SAMPLES) + 1)]
+    print("\n".join(table), flush=True)
+    for name, values in rows((width, height), range(options.seeds)):
+        table.append(f"| {name} | {' | '.join(map(cell, values))} |")
+        print(table[-1], flush=True)
+    if options.write:
+        PAGE.write_text(replace_table(PAGE.read_text(), table))
+
+
+if __name__ == "__main__":
+    main()
