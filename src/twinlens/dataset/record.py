@@ -18,6 +18,8 @@ import numpy as np
 from twinlens import camera
 from twinlens.camera import Camera, Lens, Rig
 from twinlens.dataset.files import read_bytes
+from twinlens.dataset.packed import LARGE, pack, unpack
+from twinlens.dataset.packed import TYPE as PACKED
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError, unknown
 
@@ -32,7 +34,7 @@ _DEEPEST = 64
 def plain(value: Any) -> Any:
     """`value` as what JSON can say: dataclasses, mappings, sequences, arrays, numbers, paths and text, nested.
 
-    Raises InputError for anything else, NaN among it.
+    Large arrays are packed. Raises InputError for anything else, NaN among it.
 
     >>> plain(camera.ThinLens(0.01, focus_distance=math.inf))["focus_distance"]
     'inf'
@@ -43,7 +45,8 @@ def plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {_key(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        large = value.dtype.kind == "f" and value.size > LARGE and not np.isnan(value).any()
+        return pack(value) if large else plain(value.tolist())
     if isinstance(value, (list, tuple)):
         return [plain(entry) for entry in value]
     return _scalar(value)
@@ -149,6 +152,8 @@ def _key(key: Any) -> str:
 
 def _built(value: Mapping[str, Any]) -> Any:
     name = value["type"]
+    if name == PACKED:
+        return unpack(value)
     if not isinstance(name, str) or name not in TYPES:
         raise unknown("type", str(name), TYPES)
     known = [field.name for field in dataclasses.fields(TYPES[name]) if field.init]
@@ -165,7 +170,7 @@ def _built(value: Mapping[str, Any]) -> Any:
 
 
 def _infinite(value: Any) -> Any:
-    return float(value) if value in ("inf", "-inf") else value
+    return float(value) if isinstance(value, str) and value in ("inf", "-inf") else value
 
 
 def _check_depth(value: Any) -> None:

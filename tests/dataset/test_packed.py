@@ -1,0 +1,78 @@
+"""Large arrays of a record read back to the same numbers, take little room, and are refused where they are damaged."""
+
+import base64
+import json
+import zlib
+
+import numpy as np
+import pytest
+
+from twinlens.camera import MaskAperture, ThinLens
+from twinlens.dataset.packed import LARGE, pack, unpack
+from twinlens.dataset.record import encode_json, lens_from_plain, plain
+from twinlens.errors import InputError
+
+SIDE = 256
+random = np.random.default_rng(4)
+MASKS = {
+    "binary": random.random((SIDE, SIDE)) < 0.5,
+    "grey": random.integers(0, 256, (SIDE, SIDE), np.uint8),
+    "fine": random.integers(0, 65536, (SIDE, SIDE), np.uint16),
+    "any": random.random((SIDE, SIDE)),
+}
+# Bits of a cell, and a third more for base64; as a list of decimals a cell took 20 letters.
+LETTERS = {"binary": 0.3, "grey": 1.4, "fine": 2.7, "any": 10.7}
+
+
+@pytest.mark.parametrize("kind", MASKS)
+def test_a_large_mask_reads_back_equal_and_takes_little_room(kind):
+    lens = ThinLens(0.01, 2.0, MaskAperture(MASKS[kind]))
+    text = encode_json({"lens": lens})
+    assert len(text) < LETTERS[kind] * SIDE**2 + 500
+    back = lens_from_plain(json.loads(text)["lens"])
+    assert back == lens
+    assert back.aperture.digest == lens.aperture.digest
+
+
+def test_small_masks_and_whole_numbers_stay_readable():
+    assert plain(MaskAperture([[0.0, 0.5], [1.0, 0.25]]))["mask"] == [[0.0, 0.5], [1.0, 0.25]]
+    assert plain(np.arange(LARGE + 1)) == list(range(LARGE + 1))
+    with pytest.raises(InputError, match="NaN"):
+        plain(np.full(LARGE + 1, np.nan))
+
+
+def test_the_text_is_what_the_page_says():
+    kept = pack(MASKS["fine"] / 65535)
+    rows = np.frombuffer(zlib.decompress(base64.b64decode(kept["zlib"])), "<u2").reshape(kept["shape"])
+    assert np.array_equal(rows, MASKS["fine"])
+    assert (kept["type"], kept["levels"]) == ("array", 65535)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"shape": [SIDE, 7]}, r"damaged \(its shape asks for 1792 bytes\)"),
+        ({"shape": [SIDE, SIDE + 1]}, "damaged"),
+        ({"shape": [-1, 2]}, "positive whole numbers"),
+        ({"shape": 7}, "positive whole numbers"),
+        ({"shape": [True, 2]}, "positive whole numbers"),
+        ({"shape": [10**9, 10**9]}, "may have 80000000 numbers"),
+        ({"levels": 7}, "levels"),
+        ({"levels": [255]}, "levels"),
+        ({"levels": 255.0}, "levels"),
+        ({"zlib": 7}, "zlib"),
+        ({"zlib": "no base64"}, "damaged"),
+        ({"zlib": "AAAA"}, "damaged"),
+        ({"zlib": "\u00e9"}, "damaged"),
+    ],
+)
+def test_what_is_damaged_is_told(change, message):
+    with pytest.raises(InputError, match=message):
+        unpack(pack(MASKS["grey"] / 255) | change)
+
+
+def test_an_array_is_no_lens():
+    with pytest.raises(InputError, match="a lens must be an object"):
+        lens_from_plain(pack(MASKS["any"]))
+    with pytest.raises(InputError):
+        lens_from_plain(plain(ThinLens(0.01, 2.0)) | {"focus_distance": pack(MASKS["any"])})
