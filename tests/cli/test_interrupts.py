@@ -109,3 +109,12 @@ def test_descendants_are_found_in_sessions_of_their_own():
     finally:
         os.kill(grandchild, signal.SIGKILL)
         process.communicate(timeout=PATIENCE_S)
+
+
+def test_who_was_started_deaf_to_interrupts_stays_so(monkeypatch):
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        interrupts.take_over()
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)

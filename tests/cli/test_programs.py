@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from twinlens.cli import boards as cli_boards
+from twinlens import scoring
 from twinlens.cli.benchmark import DEFAULT_METHODS, matchers_of, split_methods
 from twinlens.scoring import PROTOCOLS, REGIONS
-from twinlens.scoring import benchmark as scoring_benchmark
 
 FLAT = """
 import struct, sys
@@ -253,8 +252,9 @@ def test_a_function_that_sleeps_costs_little_more_than_its_limits(twinlens, data
     assert all(m.startswith("no answer within 1 s; a first, uncounted call gave none in 2 s") for m in messages)
 
 
-def test_the_first_call_has_the_limit_of_the_scoring_room():
-    assert cli_boards.WARM_UP_LIMIT_S == scoring_benchmark.WARM_UP_LIMIT_S
+def test_help_tells_the_limit_that_the_scoring_room_has(twinlens, monkeypatch):
+    monkeypatch.setattr(scoring, "WARM_UP_LIMIT_S", 77.0)
+    assert "[default: 77]" in " ".join(twinlens("benchmark", "--help")[1].split())
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from twinlens.cli.boards import OPTIONS, WARM_UP_LIMIT_S, print_board, run_board
+from twinlens.cli.boards import OPTIONS, Listing, print_board, run_board
 from twinlens.cli.places import PATH
 from twinlens.errors import InputError
 
@@ -30,8 +30,9 @@ FOREIGN_LIMIT_S = 600.0
     "too. No shell reads it. May be given several times.",
 )  # fmt: skip
 @click.option(
-    "--warm-up-limit", type=float, default=WARM_UP_LIMIT_S, show_default=True,
-    help="Under a limit: seconds that a method's first match of a few rows may take, which does not count.",
+    "--warm-up-limit", type=float, cls=Listing, registry="WARM_UP_LIMIT_S",
+    help="Under a limit: seconds that a method's first match of a few rows may take, which does not count.  "
+    "[default: NAMES]",
 )  # fmt: skip
 @click.option("--retry-failed", is_flag=True, help="Run again what failed in an earlier run.")
 @OPTIONS
@@ -40,7 +41,7 @@ def command(
     output: Path,
     methods: tuple[str, ...],
     commands: tuple[str, ...],
-    warm_up_limit: float,
+    warm_up_limit: float | None,
     retry_failed: bool,
     protocols: tuple[str, ...],
     regions: tuple[str, ...],

@@ -19,15 +19,13 @@ if TYPE_CHECKING:
     from twinlens.scoring import Board
 
 MOST_GIB = 2**20
-WARM_UP_LIMIT_S = 120.0
-"""As in the scoring room, which is not opened for a --help."""
 _WIDE = 132
 _ENDLESS = 100_000
 _NARROW = ("totbad2.0", "bad2.0", "avgerr", "invalid", "time")
 
 
-class _Listing(click.Option):
-    """An option whose help lists a registry of the scoring room, opened only when somebody asks for help."""
+class Listing(click.Option):
+    """An option whose help tells a registry's NAMES, or a number, of the scoring room, opened only for that help."""
 
     def __init__(self, *arguments: Any, registry: str, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
@@ -36,18 +34,24 @@ class _Listing(click.Option):
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         from twinlens import scoring
 
-        self.help = (self.help or "").replace("NAMES", ", ".join(getattr(scoring, self.registry)))
-        return super().get_help_record(ctx)
+        said = getattr(scoring, self.registry)
+        text = f"{said:g}" if isinstance(said, float) else ", ".join(said)
+        plain = self.help or ""
+        self.help = plain.replace("NAMES", text)
+        try:
+            return super().get_help_record(ctx)
+        finally:
+            self.help = plain
 
 
 _CHOICES = (
     click.option(
         "--protocol", "protocols", multiple=True, default=("middlebury-v3",), show_default=True,
-        cls=_Listing, registry="PROTOCOLS", help="Scoring rules: NAMES; may be given several times.",
+        cls=Listing, registry="PROTOCOLS", help="Scoring rules: NAMES; may be given several times.",
     ),
     click.option(
         "--region", "regions", multiple=True, default=("all", "nonocc"), show_default=True,
-        cls=_Listing, registry="REGIONS", help="Where to score: NAMES; may be given several times.",
+        cls=Listing, registry="REGIONS", help="Where to score: NAMES; may be given several times.",
     ),
     click.option(
         "--time-limit", type=float, help="Seconds that one match may take, where a first one of a few rows, which may "
@@ -75,7 +79,7 @@ def run_board(
     time_limit: float | None = None,
     title: str = "twinlens leaderboard",
     memory_limit: float | None = None,
-    warm_up_limit: float = WARM_UP_LIMIT_S,
+    warm_up_limit: float | None = None,
     retry_failed: bool = False,
 ) -> "Board":
     """Run, score and save OUTPUT/board.json with its maps, and write the page. Limits: seconds a call, GiB a process.
@@ -84,7 +88,7 @@ def run_board(
     where another run is writing there.
     """
     from twinlens.report import write_page
-    from twinlens.scoring import MapFolder, Step, run_benchmark
+    from twinlens.scoring import WARM_UP_LIMIT_S, MapFolder, Step, run_benchmark
 
     _check_names(getattr(pairs, "names", ()))
     maps = MapFolder(output / "maps")
@@ -104,7 +108,8 @@ def run_board(
             board = run_benchmark(
                 pairs, methods, protocol=protocols, regions=regions, progress=tell, time_limit=time_limit,
                 memory_limit=_bytes(memory_limit), save=output / "board.json", on_map=maps.keep, on_drop=maps.drop,
-                title=title, warm_up_limit=warm_up_limit, retry_failed=retry_failed,
+                title=title, retry_failed=retry_failed,
+                warm_up_limit=WARM_UP_LIMIT_S if warm_up_limit is None else warm_up_limit,
             )  # fmt: skip
         write_page(output / "index.html", board, pairs, maps)
     _tell_old_failures(board, before)
@@ -137,23 +142,14 @@ def _saying_what_is_kept(output: Path, made: Sequence[str]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _alone(output: Path) -> Iterator[None]:
-    """Be the only run that writes there; refuse a folder of other things. A running one may have no board.json yet.
+    """Be the only run that writes there; refuse a folder of other things. A running one may have no board.json yet."""
+    from twinlens.scoring.alone import alone
 
-    A folder made for nothing is removed again.
-    """
-    from twinlens.dataset.lock import locked
-
-    is_new = not output.is_dir()
-    if is_new:
+    if not output.is_dir():
         check_results(output, "board.json")
-    try:
-        with locked(output):
-            check_results(output, "board.json")
-            yield
-    finally:
-        if is_new:
-            with contextlib.suppress(OSError):
-                output.rmdir()
+    with alone(output):
+        check_results(output, "board.json")
+        yield
 
 
 def _check_names(names: Sequence[str]) -> None:

@@ -33,8 +33,13 @@ class Ender:
 
 
 def take_over() -> Ender:
-    """Handle the interrupts of this process from now on. The last steps of its end, which are quick, hear none."""
+    """Handle the interrupts of this process from now on. The last steps of its end, which are quick, hear none.
+
+    A process that was started to hear none at all, as a script's in the background, goes on hearing none.
+    """
     ender = Ender()
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        return ender
     signal.signal(signal.SIGINT, ender)
     atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     return ender

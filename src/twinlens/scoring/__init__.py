@@ -3,7 +3,7 @@
 Never renders, never matches, never draws; usable where mitsuba cannot be imported.
 """
 
-from twinlens.scoring.benchmark import Step, run_benchmark, spec_of
+from twinlens.scoring.benchmark import WARM_UP_LIMIT_S, Step, run_benchmark, spec_of
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure, Mean
 from twinlens.scoring.board_json import board_from_json, board_to_json, json_number, read_board, write_board
 from twinlens.scoring.catalogue import METRICS, Metric, find_metric
@@ -24,6 +24,7 @@ __all__ = [
     "METRICS",
     "PROTOCOLS",
     "REGIONS",
+    "WARM_UP_LIMIT_S",
     "Board",
     "DatasetPairs",
     "Entry",

@@ -4,19 +4,22 @@ Calls other people's code (through `sandbox`) and writes the board's file; print
 """
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
+from collections.abc import Callable, Iterable, Sequence, Sized
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from twinlens.errors import FileError, InputError
+from twinlens.scoring.alone import alone
 from twinlens.scoring.board import Board, Entry, Failure
 from twinlens.scoring.calls import Answer, InProcess, Method, MethodError
-from twinlens.scoring.checks import Disparity, Mask
+from twinlens.scoring.checks import Disparity
 from twinlens.scoring.evaluate import RESERVED, evaluate
-from twinlens.scoring.pair import Pair, Sample, fingerprint, load_pair
-from twinlens.scoring.protocols import Protocol, find_protocol
-from twinlens.scoring.region_sets import region_masks
+from twinlens.scoring.pair import Pair, Sample
+from twinlens.scoring.plan import Plan, Ready, plan_of, ready_samples
+from twinlens.scoring.protocols import Protocol
 from twinlens.scoring.resume import Keeper, resumed
 from twinlens.scoring.sandbox import Child
 from twinlens.scoring.submission import Submission
@@ -36,15 +39,6 @@ class Step:
     sample: str
     skipped: bool
     failure: Failure | None
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What stays the same for every pair of a run."""
-
-    protocols: tuple[Protocol, ...]
-    regions: tuple[str, ...]
-    retry_failed: bool
 
 
 def run_benchmark(
@@ -93,7 +87,8 @@ def run_benchmark(
         of its own. It is made again in the fresh process that follows a killed one, unless it hung, or took longer than
         the time limit and did not help.
     save
-        The board's JSON file: read first if it exists (resume), written every few seconds and at the end.
+        The board's JSON file: read first if it exists (resume), written every few seconds and at the end. Only one run
+        at a time writes boards in a folder; a second is refused.
     board
         A board to resume from instead. A pair is skipped if an entry agrees in method spec, sample fingerprint,
         protocol and regions; entries that disagree are replaced, and all others stay.
@@ -111,32 +106,32 @@ def run_benchmark(
         Unknown protocol or region, methods or samples that share a name, a sample that cannot be scored, a method made
         of files or functions that are not there (by its `check_parts`, if it has one): that before anything runs.
     FileError, OutputError
-        `save` holds no board, or cannot be written.
+        `save` holds no board, or cannot be written, or another run is writing in its folder.
     """
-    plan = _plan(protocol, regions, retry_failed)
+    plan = plan_of(protocol, regions, retry_failed)
     _check_names(methods)
-    current = resumed(save, board, title)
     apart = time_limit is not None or memory_limit is not None
     limit = CHILD_LIMIT_S if time_limit is None else time_limit
     worker = Child(limit, warm_up_limit, memory_limit) if apart else InProcess()
-    with worker, Keeper(current, save) as keeper:
-        _check_parts(methods, worker)
-        run = _Run(plan, worker, current, on_map, on_drop, warm_up)
-        total = len(samples) * len(methods) if isinstance(samples, Sized) else None
-        for done, (ready, method) in enumerate(_pairs(samples, methods, plan), start=1):
-            skipped, failure = run.pair(ready, method)
-            if not skipped:
-                keeper.keep(run.board)
-            if progress is not None:
-                progress(Step(done, total, method.name, ready.sample.name, skipped, failure))
-        return keeper.finished(run.board)
+    with _alone_there(save), worker:
+        current = resumed(save, board, title)
+        with Keeper(current, save) as keeper:
+            _check_parts(methods, worker)
+            run = _Run(plan, worker, current, on_map, on_drop, warm_up)
+            total = len(samples) * len(methods) if isinstance(samples, Sized) else None
+            turns = ((ready, method) for ready in ready_samples(samples, plan) for method in methods)
+            for done, (ready, method) in enumerate(turns, start=1):
+                skipped, failure = run.pair(ready, method)
+                if not skipped:
+                    keeper.keep(run.board)
+                if progress is not None:
+                    progress(Step(done, total, method.name, ready.sample.name, skipped, failure))
+            return keeper.finished(run.board)
 
 
-def _plan(protocol: str | Sequence[str], regions: Sequence[str], retry_failed: bool) -> Plan:
-    names = (protocol,) if isinstance(protocol, str) else tuple(protocol)
-    if not names or not regions:
-        raise InputError("nothing to score: name at least one protocol and one region")
-    return Plan(tuple(find_protocol(name) for name in names), tuple(regions), retry_failed)
+def _alone_there(save: str | os.PathLike[str] | None) -> AbstractContextManager[None]:
+    """Nobody else writes a board beside that file meanwhile; without a file there is nobody to keep away."""
+    return nullcontext() if save is None else alone(Path(save).parent)
 
 
 def _check_names(methods: Sequence[Method | Submission]) -> None:
@@ -153,31 +148,6 @@ def _check_parts(methods: Sequence[Method | Submission], worker: InProcess | Chi
     for method in methods:
         if (missing := worker.lacks(method)) is not None:
             raise InputError(missing)
-
-
-@dataclass(frozen=True)
-class _Ready:
-    """A sample, loaded and checked; its fingerprint, region masks and protocols, made once for all methods."""
-
-    sample: Pair
-    sha: str
-    masks: dict[str, Mask]
-    protocols: tuple[Protocol, ...]
-
-
-def _pairs(
-    samples: Iterable[Sample], methods: Sequence[Method | Submission], plan: Plan
-) -> Iterator[tuple[_Ready, Method | Submission]]:
-    seen: set[str] = set()
-    for sample in samples:
-        if sample.name in seen:
-            raise InputError(f"two samples are named {sample.name!r}: a board tells them apart by name")
-        seen.add(sample.name)
-        pair = load_pair(sample)
-        protocols = tuple(p for p in plan.protocols if pair.calibration is not None or not p.needs_calibration)
-        ready = _Ready(pair, fingerprint(pair), region_masks(pair, plan.regions), protocols)
-        for method in methods:
-            yield ready, method
 
 
 def spec_of(method: Method | Submission) -> str:
@@ -200,7 +170,7 @@ class _Run:
         self.plan, self.worker, self.board, self.on_map, self.on_drop = plan, worker, board, on_map, on_drop
         self.warm_up = warm_up
 
-    def pair(self, ready: _Ready, method: Method | Submission) -> tuple[bool, Failure | None]:
+    def pair(self, ready: Ready, method: Method | Submission) -> tuple[bool, Failure | None]:
         """Run and score one pair unless the board has it; (was it skipped, why did it fail)."""
         spec, sample = spec_of(method), ready.sample
         self._drop_stale(sample.name, ready.sha, method.name, spec)
@@ -229,7 +199,7 @@ class _Run:
             for method, sample in sorted(pairs):
                 self.on_drop(method, sample)
 
-    def _is_done(self, method: str, ready: _Ready) -> bool:
+    def _is_done(self, method: str, ready: Ready) -> bool:
         found = [self.board.find(method, ready.sample.name, rules.name) for rules in ready.protocols]
         return all(
             e is not None and (set(ready.masks) <= set(e.regions) if e.ok else not self.plan.retry_failed)
@@ -247,7 +217,7 @@ class _Run:
         except MethodError as error:
             return None, error.failure
 
-    def _scored(self, entry: Entry, ready: _Ready, rules: Protocol, answer: Answer | None) -> Entry:
+    def _scored(self, entry: Entry, ready: Ready, rules: Protocol, answer: Answer | None) -> Entry:
         if answer is None:
             return entry
         masks = ready.masks
@@ -278,7 +248,7 @@ def _submitted(sample: Pair, submission: Submission) -> tuple[Answer | None, Fai
 
 
 def _entry(
-    ready: _Ready, method: str, spec: str, rules: Protocol, answer: Answer | None, failure: Failure | None
+    ready: Ready, method: str, spec: str, rules: Protocol, answer: Answer | None, failure: Failure | None
 ) -> Entry:
     sample = ready.sample
     height, width = sample.disp0.shape
