@@ -261,6 +261,12 @@ const pixel = (canvas, x, y) => [...canvas.getContext("2d").getImageData(x, y, 1
   document.querySelector("#matrix td.cell").focus();
   for (const name of ["ArrowDown", "ArrowRight", "ArrowRight", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"])
     key(document.activeElement, name);
+  const all = (place, selector) => [...place.querySelectorAll(selector)];
+  const cell = (c) => [c.textContent, getComputedStyle(c).backgroundColor];
+  said.scales = all(document, "#matrix td.limits").map((c) => all(c, ".ends span").map((s) => s.textContent));
+  said.cells = all(document, "#matrix tbody tr").map((row) => all(row, "td.cell").map(cell));
+  const grounds = all(document, "#matrix .scale").map((s) => getComputedStyle(s).backgroundImage);
+  said.ends = grounds.map((ground, k) => said.cells.filter((row) => ground.includes(row[k][1])).length);
   said.stops = document.querySelectorAll('#matrix td[tabindex="0"]').length;
   key(document.activeElement, "Enter");
   await later(50);
@@ -319,6 +325,10 @@ def test_a_reader_can_sort_switch_look_closer_and_download(tmp_path):
     assert said["files"][0] == ["board.csv", "method,sample,"]
     assert [name for name, _ in said["files"]] == ["board.csv", "board.json", "board.tex"]
     assert said["versus"] == 6
+    for k, (best, worst) in enumerate(said["scales"]):
+        numbers = [float(row[k][0]) for row in said["cells"] if not row[k][0].isalpha()]
+        assert (float(best), float(worst)) == (min(numbers), max(numbers)), "the scale ends where its column does"
+    assert said["ends"] == [2, 2], "in the colours of the best cell and the worst"
     assert said["stops"] == 1
     assert said["walked"] == ["street again", "high"], "by arrows to the second row and column"
     assert said["row"] == "low"

@@ -91,11 +91,22 @@ function drawFailures() {
   }));
 }
 
+const tint = (better) => `color-mix(in srgb, var(--accent) ${Math.round(6 + 46 * better)}%, transparent)`;
+
 function shade(value, low, high) {
   if (!Number.isFinite(value)) return "transparent";
   const share = high > low ? (value - low) / (high - low) : 0;
-  const better = data.metrics[state.sort].lower ? 1 - share : share;
-  return `color-mix(in srgb, var(--accent) ${Math.round(6 + 46 * better)}%, transparent)`;
+  return tint(data.metrics[state.sort].lower ? 1 - share : share);
+}
+
+// The scale of a sample's column: each has its own, as samples are not equally hard.
+function scale(values) {
+  if (!values.length) return "–";
+  const ends = [Math.min(...values), Math.max(...values)], [best, worst] = data.metrics[state.sort].lower ? ends : ends.reverse();
+  const bar = el("div", { class: "scale", style: `background:linear-gradient(90deg, ${tint(1)}, ${tint(0)})` });
+  const numbers = best === worst ? el("span", {}, show(state.sort, best)) : [el("span", {}, show(state.sort, best)), el("span", {}, show(state.sort, worst))];
+  if (best === worst) bar.style.background = shade(best, best, worst);
+  return [bar, el("div", { class: "ends" }, numbers)];
 }
 
 // The cells are one stop of the tab key; arrows go from one to the next.
@@ -125,7 +136,8 @@ function drawMatrix() {
         const c = cells[i][k], v = c.value(state.sort), open = () => look(s.name, r.method.name);
         return el("td", { class: "cell", tabindex: i || k ? "-1" : "0", onkeydown: walk(open), style: `background:${shade(v, Math.min(...limits[k]), Math.max(...limits[k]))}`, title: c.failure ? c.failure.join(": ") : `${r.method.name} on ${s.name}`, onclick: open },
           c.failure ? el("span", { class: "fail" }, c.failure[0]) : show(state.sort, v));
-      })))));
+      })))),
+    el("tfoot", {}, el("tr", {}, el("td", { class: "name" }, "Colours, best to worst"), limits.map((values) => el("td", { class: "limits" }, scale(values))))));
 }
 
 // Round numbers on a logarithmic axis: as few as still make three.
