@@ -206,6 +206,8 @@ def test_a_child_that_hung_is_asked_again(answers, tmp_path):
         ("raise SystemExit(0)", "works"),
         ("import os; os.abort()", "aborts the process (signal 6)"),
         ("raise RuntimeError('two\\nlines')", "fails: lines"),
+        ("raise RuntimeError('word ' * 70 + 'end.')", f"fails: RuntimeError: {'word ' * 70}end."),
+        ("raise RuntimeError('word ' * 200)", f"fails: RuntimeError: {'word ' * 76}..."),
         ("raise SystemExit(3)", "fails with exit code 3"),
     ],
 )

@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import textwrap
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -30,6 +31,8 @@ _FOLDERS = (
 _NAMES = ("libLLVM.so*", "libLLVM-*.so*", "libLLVM.dylib")
 _PROBE_SECONDS = 120
 _STOPPED = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)  # by somebody, not by the library
+_LONGEST_ANSWER = 400
+"""Letters of what a library said last: most sentences are whole then, and a longer one ends between two words."""
 _PASSING = ("did not answer", "was stopped")  # answers that another day may change: not remembered
 
 _PROBE = """
@@ -100,7 +103,9 @@ def _run(script: str, environment: dict[str, str]) -> str:
     if child.returncode < 0:
         return f"aborts the process (signal {-child.returncode})"
     lines = [line.strip() for line in child.stderr.splitlines() if line.strip()]
-    return f"fails: {lines[-1][:160]}" if lines else f"fails with exit code {child.returncode}"
+    if not lines:
+        return f"fails with exit code {child.returncode}"
+    return f"fails: {textwrap.shorten(lines[-1], _LONGEST_ANSWER, placeholder=' ...')}"
 
 
 def _version(path: Path) -> tuple[int, ...]:
