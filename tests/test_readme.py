@@ -37,6 +37,7 @@ def test_block_works_as_printed(folder, number):
         command, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True, timeout=300
     )
     assert child.returncode == 0, child.stderr
+    assert "no lens that is sold" not in child.stdout, "an example is of a lens that there could be"
 
 
 def test_links_lead_somewhere():

@@ -61,7 +61,7 @@ def cli() -> None:
     """Physically based synthetic stereo: real optics, exact ground truth, and a benchmark for stereo matchers.
 
     \b
-    Example:  twinlens render staircase --lens pinhole --lens thin:20 -o out
+    Example:  twinlens render staircase --lens pinhole --lens f/1.4 --sensor-width-mm 36 -o out
               twinlens benchmark out --methods sad,zncc:block_size=15 -o board
     """
 

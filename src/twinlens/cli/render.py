@@ -89,7 +89,7 @@ def command(scenes: tuple[str, ...], output: "Place", overwrite: bool, as_json: 
     TWINLENS_BACKEND=scalar, llvm or cuda in the environment chooses what renders; see `twinlens doctor`.
 
     \b
-    Example:  twinlens render staircase cards --lens pinhole --lens thin:20 -o out
+    Example:  twinlens render staircase cards --lens pinhole --lens f/1.4 --sensor-width-mm 36 -o out
               twinlens render tabletop --lens thin:60@1.2 --aperture polygon:6 -o bokeh
               twinlens render cards --lens f/2 --lens f/4 --sensor-width-mm 36 --exposure 1/150000 -o stops
     """
