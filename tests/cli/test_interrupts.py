@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from twinlens import factory
+from twinlens import cli, factory
 from twinlens.cli import interrupts
 
 PATIENCE_S = 60
@@ -118,3 +118,14 @@ def test_who_was_started_deaf_to_interrupts_stays_so(monkeypatch):
         assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_the_way_out_of_an_interrupt_is_the_short_one(monkeypatch):
+    """On the long one, Python's, a third interrupt would find no handler any more, and end it by its signal."""
+    ended = []
+    monkeypatch.setattr(cli, "run", lambda **_: 130)
+    monkeypatch.setattr(cli, "end", ended.append)
+    monkeypatch.setattr(cli, "take_over", interrupts.Ender)
+    with pytest.raises(SystemExit):
+        cli.console()
+    assert ended == [""]

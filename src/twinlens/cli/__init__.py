@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 import twinlens
-from twinlens.cli.interrupts import INTERRUPTED, take_over, told
+from twinlens.cli.interrupts import INTERRUPTED, end, take_over, told
 from twinlens.cli.renewal import Renewal, begin_anew, is_possible
 from twinlens.errors import TwinlensError, unknown
 
@@ -71,6 +71,8 @@ def console() -> None:
     ender = take_over()
     code = run(renewable=is_possible())
     ender.asked = True  # all is said: an interrupt of what is left to do at the end, ends it
+    if code == INTERRUPTED:
+        end("")  # Python's own way out is long enough for a third interrupt to end it by its signal
     sys.exit(code)
 
 

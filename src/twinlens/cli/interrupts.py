@@ -52,14 +52,15 @@ def once_more(before: object) -> None:
     raise KeyboardInterrupt
 
 
-def end() -> NoReturn:
+def end(message: str = "twinlens: interrupted again; ended at once\n") -> NoReturn:
     """Leave at once: no waiting, no tidying up, no word of Python's. What this process started is ended too."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     for child in _descendants(os.getpid()):
         with contextlib.suppress(OSError):
             os.kill(child, signal.SIGKILL)
     with contextlib.suppress(OSError):
-        shown = _SHOWN_AGAIN if os.isatty(2) else ""
-        os.write(2, f"{shown}twinlens: interrupted again; ended at once\n".encode())
+        shown = _SHOWN_AGAIN if message and os.isatty(2) else ""
+        os.write(2, f"{shown}{message}".encode())
     os._exit(INTERRUPTED)
 
 
