@@ -21,7 +21,6 @@ STATISTICS = {
     "zssd": (TOTALS, TOTALS),
     "zncc": (DEVIATIONS, DEVIATIONS),
     "zncc_of_right": (TOTALS, DEVIATIONS),
-    "zncc_of_weighted": (TOTALS, DEVIATIONS),
     "ncc": (NORMS, NORMS),
     "jaccard": (SHARES, SHARES),
 }
@@ -104,8 +103,11 @@ class BoxMatch:
         best = np.full(self.shape, largest(self.scores), self.scores)
         disparity = np.full(self.shape, np.inf, np.float32)
         index = np.zeros(self.shape if costs else (1, 1), np.int32)
-        scoring = self.cost.scoring if costs else self._short
-        self._search(best, disparity, index, fit, WINNERS, scoring)
+        if self._correlates and not costs:
+            self._correlate(best, disparity, fit)
+        else:
+            scoring = self.cost.scoring if costs else self._short
+            self._search(best, disparity, index, fit, WINNERS, scoring)
         return Winners(disparity, best, index)
 
     @property
@@ -113,8 +115,7 @@ class BoxMatch:
         """The scoring with which whole numbers find the winners soonest."""
         if self.cost.scoring != "zncc" or self.floats:
             return self.cost.scoring
-        fits = self._term == "product8" and self.side**2 * 255 < 1 << 15
-        return "zncc_of_weighted" if fits else "zncc_of_right"
+        return "zncc_of_right"
 
     def rivals(self, winners: Winners) -> NDArray[Any]:
         """The lowest cost among candidates at least two away from the winner; the largest number where none is."""
@@ -137,6 +138,32 @@ class BoxMatch:
             for part in self.winning:
                 kernel = slide_kernel(self._term, scoring, part.n, mode)
                 kernel(*self._arguments(images, part, scoring), FITS[fit], *self._scratch(part.n), *maps, *unused)
+
+        in_strips(work, self.shape[0], self.rows, self.threads)
+
+    @property
+    def _correlates(self) -> bool:
+        """Has this ZNCC of bytes a kernel of its own? Totals of its windows fit 15 bits."""
+        return self.cost.scoring == "zncc" and self._term == "product8" and self.side**2 * 255 < 1 << 15
+
+    def _correlate(self, best: NDArray[Any], disparity: Disparity, fit: str) -> None:
+        """What `_search` finds for winners, without their costs: by the kernel that knows no other measure."""
+        if self.low >= self.high:
+            return
+        from twinlens.matching.kernels.correlate import correlation_kernel, room
+
+        centre, width = _centre(self.left), self.shape[1]
+
+        def work(y0: int, y1: int) -> None:
+            images = self._laid_out(y0, y1)
+            for part in self.winning:
+                sums, fence = aligned_zeros(room(width, part.n), np.int32), aligned_zeros(4 * part.n, np.int32)
+                fence[:] = np.iinfo(np.int32).min
+                fence[part.n : 3 * part.n] = np.iinfo(np.int32).max
+                area = np.array([self.side**2], np.int32)
+                scratch = area, FITS[fit], sums, fence
+                kernel = correlation_kernel(part.n)
+                kernel(*self._places(images, part), *centre, *scratch, best[y0:y1], disparity[y0:y1])
 
         in_strips(work, self.shape[0], self.rows, self.threads)
 
@@ -195,24 +222,37 @@ class BoxMatch:
         fence[n : 3 * n] = smallest(self.scores)
         return np.full(1, self.slack, self.scores), columns, aligned_zeros(SLOTS * n + 2 * GUARD, self.scores), fence
 
-    def _arguments(self, images: tuple[Image, Image], part: Pass, scoring: str) -> tuple[Any, ...]:
-        """What the kernel reads in one pass over one strip; see `kernels.slide.slide_kernel`."""
+    def _places(self, images: tuple[Image, Image], part: Pass) -> tuple[Any, ...]:
+        """The images of one strip, how their rows lie, and what one pass searches; see `kernels.slide.slide_kernel`."""
         left, right = images
-        radius, width, area = self.side // 2, self.shape[1], self.side**2
-        first = self.low + part.first
+        radius, width, first = self.side // 2, self.shape[1], self.low + part.first
         layout = (left.shape[1], right.shape[1], width - 1 + 2 * radius + part.first)
-        spans = (radius, area, first, self.low - first, self.high - first, part.begin, part.end)
-        # Sums of 8-bit squares fit 32 bits, and float64 what is made of them; 16-bit ones need all of 64.
+        spans = (radius, self.side**2, first, self.low - first, self.high - first, part.begin, part.end)
+        return left.ravel(), right.ravel(), layout, spans
+
+    def _arguments(self, images: tuple[Image, Image], part: Pass, scoring: str) -> tuple[Any, ...]:
+        """What `kernels.slide.slide_kernel` reads in one pass over one strip."""
+        left = images[0]
+        # Sums of 8-bit squares fit 32 bits, and so does what is made of those of small windows, or float64; 16-bit
+        # ones need all of 64.
         small = left.dtype == np.uint8 and self.side < 180
         kind = np.float64 if self.floats else (np.int32 if small else np.int64)
-        typed = np.float64(area) if small or self.floats else np.int64(area)
+        wide = np.int32 if small and self.side < 20 else (np.float64 if small or self.floats else np.int64)
         modes = STATISTICS[scoring]
         states = tuple(
             np.zeros((3, image.shape[1] if mode else 1), kind) for image, mode in zip(images, modes, strict=True)
         )
         equals = tuple(np.zeros(image.shape[1] if self.floats else 1, np.int64) for image in images)
-        weight = -area if scoring == "zncc_of_weighted" else 1
-        return left.ravel(), right.ravel(), layout, spans, modes, typed, weight, *states, equals
+        return *self._places(images, part), modes, np.array([self.side**2], wide), *states, equals
+
+
+def _centre(left: Image) -> tuple[int, bool]:
+    """What `kernels.quads` takes from the left image's bytes, 127 or 128, and whether a pixel is then out of range.
+
+    Of the two, the one that leaves fewer such pixels: each costs a second step.
+    """
+    black, white = np.count_nonzero(left == 0), np.count_nonzero(left == 255)
+    return (128, bool(black)) if black <= white else (127, bool(white))
 
 
 def _settled(left: Image, right: Image, cost: Cost) -> tuple[Image, Image]:

@@ -128,6 +128,17 @@ def write(_typing: Any, array: Any, index: Any, value: Any) -> Any:
     return types.none(array, types.intp, array.dtype), generate
 
 
+@intrinsic(prefer_literal=True)
+def lane(_typing: Any, value: Any, index: Any) -> Any:
+    """lane(value, index): one of the lanes, a scalar; the index is written down."""
+    place = INT32(index.literal_value)
+
+    def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+        return builder.extract_element(args[0], place)
+
+    return value.dtype(value, index), generate
+
+
 @intrinsic
 def splat(_typing: Any, scalar: Any, like: Any) -> Any:
     """splat(scalar, like): the scalar in as many lanes as `like` has."""
@@ -236,35 +247,14 @@ def ones(_typing: Any, value: Any) -> Any:
 
 
 @intrinsic
-def lowest(_typing: Any, value: Any) -> Any:
-    """lowest(value): the smallest of the lanes, a scalar. No lane may be NaN."""
+def as_floats(_typing: Any, value: Any) -> Any:
+    """as_floats(value): the float32 numbers whose bits int32 lanes, or one int32, hold."""
+    result = Lanes(types.float32, value.n) if isinstance(value, Lanes) else types.float32
 
-    def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        kind = "fmin" if value.is_float else ("smin" if value.dtype.signed else "umin")
-        flags = ("nnan", "nsz") if value.is_float else ()
-        element = args[0].type.element
-        name = f"llvm.vector.reduce.{kind}.{value.suffix}"
-        function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(element, [args[0].type]), name)
-        return builder.call(function, args, fastmath=flags)
+    def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+        return builder.bitcast(args[0], context.get_value_type(result))
 
-    return value.dtype(value), generate
-
-
-@intrinsic
-def first_at_most(_typing: Any, value: Any, bound: Any) -> Any:
-    """first_at_most(value, bound): the index of the first lane <= the scalar bound; one of them must be."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        target = splat_of(builder, args[1], value.n)
-        compare = builder.fcmp_ordered if value.is_float else builder.icmp_unsigned
-        mask = ir.IntType(value.n)
-        bits = builder.bitcast(compare("<=", args[0], target), mask)
-        index = call_intrinsic(builder, f"llvm.cttz.i{value.n}", mask, [bits, BIT(1)])
-        if value.n == INT64.width:
-            return index
-        return (builder.trunc if value.n > INT64.width else builder.zext)(index, INT64)
-
-    return types.int64(value, value.dtype), generate
+    return result(value), generate
 
 
 @intrinsic

@@ -17,7 +17,8 @@ import numpy as np
 
 from twinlens.matching.kernels.compiling import inlined, jit
 from twinlens.matching.kernels.fits import fitted
-from twinlens.matching.kernels.lanes import convert, first_at_most, inside, load, lowest, smaller, splat, store
+from twinlens.matching.kernels.lanes import convert, inside, load, smaller, splat, store
+from twinlens.matching.kernels.pick import first_at_most, lowest
 
 GUARD = 64  # numbers between two slots; the ones next to a slot are costs too high for a path to come from
 

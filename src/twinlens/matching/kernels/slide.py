@@ -21,20 +21,11 @@ import numpy as np
 from twinlens.matching.kernels.compiling import inlined, jit
 from twinlens.matching.kernels.fences import fenced
 from twinlens.matching.kernels.fits import NO_FIT, offsets, settle_row
-from twinlens.matching.kernels.lanes import (
-    convert,
-    first_at_most,
-    inside,
-    load,
-    lowest,
-    read,
-    splat,
-    store,
-    write,
-)
+from twinlens.matching.kernels.lanes import convert, inside, load, read, splat, store, write
 from twinlens.matching.kernels.pairs import PAIRED, slide_products, weave_left, weave_right, with_both_terms
+from twinlens.matching.kernels.pick import first_at_most, lowest
 from twinlens.matching.kernels.terms import score, term
-from twinlens.matching.kernels.windows import NOTHING, advance, shut_out, window_row
+from twinlens.matching.kernels.windows import NOTHING, advance, window_row
 
 WINNERS, RIVALS, VOLUME, WHOLE = 0, 1, 2, 3
 SLOTS = 4  # pixels whose costs are kept: a row of them would not stay near the processor
@@ -68,15 +59,14 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
     `spans` is (radius, area, disparity of lane 0, low, high, begin, end): lanes low..high lie in the requested range,
     lanes begin..end may win in this pass. `modes` says which statistics of the left and the right windows the scoring
     takes (`windows`), `area` is the window's in the type they are computed in, left_state, right_state and the two
-    `equal`s are their columns' sums. weight multiplies the left image's pixels. Costs above the least by no more than
+    `equal`s are their columns' sums. Costs above the least by no more than
     `slack` count as equal to it. `target` is (depth, place, masked), `values` is (gain, offset, blank).
     """
     paired, signed, twice = kind in PAIRED, kind == "product8", 2 * n
-    narrow = scoring == "zncc_of_weighted"
 
     @jit
     def slide(
-        left, right, layout, spans, modes, area, weight, left_state, right_state, equals, fit, slack,
+        left, right, layout, spans, modes, area, left_state, right_state, equals, fit, slack,
         columns, costs, fence, best, disparity, index, volume, target, values,
     ):  # fmt: skip
         height, width = best.shape
@@ -88,10 +78,7 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
         pairs = np.zeros(2 * right_stride if paired else 1, np.uint8)
         both = np.zeros(left_stride if paired else 1, np.int32)
         totals, scales = np.zeros(width, columns.dtype), np.zeros(width, costs.dtype)
-        if narrow:
-            there_totals = np.zeros(right_stride, np.uint16)
-        else:
-            there_totals = np.zeros(right_stride if modes[1] != NOTHING else 1, columns.dtype)
+        there_totals = np.zeros(right_stride if modes[1] != NOTHING else 1, columns.dtype)
         there_scales = np.zeros(right_stride if modes[1] != NOTHING else 1, costs.dtype)
         lanes, found = np.zeros(width + 2, np.int32), np.zeros((3, width + 2), costs.dtype)
         before, value, after = found[0], found[1], found[2]
@@ -102,8 +89,7 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
         offset = np.zeros(width, np.float64)
         spare_left, spare_right = np.empty_like(left_state), np.empty_like(right_state)
         whole = own_begin == 0 and own_end == n and low <= 0 and high >= n
-        # `shut_out` keeps lanes beyond the image's left edge from winning: no fence is needed while lane 0 is inside.
-        full_from, full_to = (first + (0 if narrow else n - 1), first + width) if whole else (0, 0)
+        full_from, full_to = (first + n - 1, first + width) if whole else (0, 0)
         for y in range(1 - side, height):
             window = zero
             row, gone, leaves = y + side - 1, max(y - 1, 0), y > 0
@@ -112,7 +98,7 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
             new_right = right[row * right_stride : (row + 1) * right_stride]
             old_right = right[gone * right_stride : (gone + 1) * right_stride]
             if paired:
-                weave_left(new_left, old_left, leaves, weight, signed, both)
+                weave_left(new_left, old_left, leaves, signed, both)
                 weave_right(new_right, old_right, leaves, pairs)
             if modes[0] != NOTHING:
                 advance(modes[0], new_left, old_left, leaves, left_state, equals[0])
@@ -124,8 +110,6 @@ def slide_kernel(kind: str, scoring: str, n: int, mode: int) -> Callable[..., No
                     count = right_stride - 2 * radius
                     parts = there_totals[:count], there_scales[:count]
                     window_row(modes[1], side, area, new_right, right_state, equals[1], spare_right, *parts)
-                    if narrow:
-                        shut_out(there_totals, there_scales, width, first - right_start + width - 1 + 2 * radius)
             for x in range(width + 2 * radius):
                 at = right_start - x
                 if kind == "product8":

@@ -10,7 +10,6 @@ from numba import types
 from numba.extending import overload
 
 from twinlens.matching.kernels.lanes import convert, distance, larger, load, ones, splat
-from twinlens.matching.kernels.pairs import scored_product
 
 
 def term(kind: str, a: Any, b: Any, like: Any) -> Any:
@@ -59,10 +58,6 @@ def _score(
         covariance = splat(total, window) * load(totals, at, n) - convert(splat(area, window), window) * window
         return convert(covariance, like) * load(scales, at, n)
 
-    def zncc_of_weighted(kind, window, area, total, scale, totals, scales, at, like):
-        # The left image came times the area, negative.
-        return scored_product(window, total, totals, scales, at)
-
     def ncc(kind, window, area, total, scale, totals, scales, at, like):
         return convert(window, like) * (load(scales, at, n) * splat(-scale, like))
 
@@ -75,7 +70,7 @@ def _score(
         union = splat(scale, like) + load(scales, at, n) + sad
         return (sad + sad) / larger(union, splat(tiny(like), like))
 
-    scorings = zncc, zncc_of_right, zncc_of_weighted, ncc, zssd, jaccard
+    scorings = zncc, zncc_of_right, ncc, zssd, jaccard
     return {"sum": plain, **{function.__name__: function for function in scorings}}[kind.literal_value]
 
 

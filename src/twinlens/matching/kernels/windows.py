@@ -73,14 +73,15 @@ def box_row(columns, side, spare, out):
 def inverse_roots(mode, area, totals, squares, scales):
     """scales = 1 / sqrt(n S2 - S^2), or 1 / sqrt(S2); 0 where there is nothing to take the root of.
 
-    The type of `area` is what the difference is computed in: integers where float64 would round.
+    The dtype of `area`, (1,), is what the difference is computed in: one that does not round it.
     """
-    kind = scales.dtype.type
+    kind, wide = scales.dtype.type, area.dtype.type
+    n = area[0]
     for x in range(len(totals)):
-        total, square = area * 0 + totals[x], area * 0 + squares[x]
-        spread = square if mode == NORMS else area * square - total * total
+        total, square = wide(totals[x]), wide(squares[x])
+        spread = square if mode == NORMS else wide(wide(n * square) - wide(total * total))
         there = spread > 0
-        root = np.sqrt(kind(spread if there else area))
+        root = np.sqrt(kind(spread if there else n))
         scales[x] = kind(1) / root if there else kind(0)
 
 
@@ -115,18 +116,3 @@ def window_row(mode, side, area, row, state, equal, spare, totals, scales):
         inverse_roots(mode, area, totals, squares, scales)
         if len(equal) == len(row):
             forget_flat(mode, side, row, equal, scales)
-
-
-@jit
-def shut_out(totals, scales, width, low):
-    """Give windows centred outside an image of this width, seen from the disparity `low`, a ZNCC that never wins.
-
-    For the 16-bit totals of `terms.zncc_of_weighted`: with the largest total t, S_L t - n S_LR is at least
-    S_L (t - 255 n) for bytes, which is more than sqrt(255 n S_L), the most that a window inside costs, for n up to 121,
-    the last odd square for which 255 n < t. Where S_L = 0 all candidates cost 0.
-    """
-    begin, end = max(-low, 0), max(width - low, 0)
-    for x in range(begin):
-        totals[x], scales[x] = 32767, 1
-    for x in range(end, len(totals)):
-        totals[x], scales[x] = 32767, 1
