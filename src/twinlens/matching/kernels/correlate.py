@@ -87,8 +87,8 @@ def correlation_kernel(n: int) -> Callable[..., None]:
         # Minus the left windows' totals, of `MORE` pixels before the row and of the row.
         minus = np.zeros(width + 2 * MORE, np.int32)
         lanes, likeness = np.zeros(width + MORE, np.int32), np.zeros(width + MORE, np.float32)
-        around, offset = np.zeros((3, width + MORE), np.float32), np.zeros(width, np.float64)
-        before, here, after = around[0], around[1], around[2]
+        before, after = np.zeros(width + MORE, np.float32), np.zeros(width + MORE, np.float32)
+        offset = np.zeros(width, np.float64)
         value, index = np.zeros(width, np.float32), np.zeros(1, np.int32)
         # The right windows centred inside the image; the others are given no likeness.
         seen = max(right_start - across - width + 1 - first, 0), max(right_start - across + 1 - first, 0)
@@ -100,7 +100,7 @@ def correlation_kernel(n: int) -> Callable[..., None]:
             new_right = right[row * right_stride : (row + 1) * right_stride]
             old_right = right[gone * right_stride : (gone + 1) * right_stride]
             weave_quads(new_right, old_right, side, quads[MORE:])
-            weave_factors(new_left, old_left, leaves, side, np.int32(centre), factors)
+            weave_factors(new_left, old_left, leaves, side, centre, factors)
             if rare:
                 weave_rests(new_left, old_left, leaves, side, centre, rests)
             advance(TOTALS, new_left, old_left, leaves, left_state, equal)
@@ -136,7 +136,6 @@ def correlation_kernel(n: int) -> Callable[..., None]:
                 place, beside = lead + (u - 2) * n + last - 1, GUARD + at + 1 + last
                 near = costs_around(sums, place, there_totals, there_scales, beside, read(minus, u), four)
                 write(before, u, lane(near, 0))
-                write(here, u, lane(near, 1))
                 write(after, u, lane(near, 2))
                 last = k
                 waiting = similarities(window, read(minus, u + MORE), there_totals, there_scales, GUARD + at)
@@ -147,7 +146,7 @@ def correlation_kernel(n: int) -> Callable[..., None]:
                 for u in range(width):
                     value[u] = -likeness[u + 1]
                 if fit != NO_FIT:
-                    offsets(fit, before[MORE:], here[MORE:], after[MORE:], offset)
+                    offsets(fit, before[MORE:], value, after[MORE:], offset)
                 settle_row(first, low, high, lanes[1:], value, offset, best[y], disparity[y], index)
 
     return correlate

@@ -33,9 +33,15 @@ def weave_quads(new, old, side, quads):
 
 
 @inlined
-def byte(value):
-    """The byte of a number from -128 to 127, or of 127 for 128."""
-    return min(value, 127) & 255
+def enters(pixel, centre):
+    """The byte of pixel - centre, for a centre of 127 or 128; 127 for 128."""
+    return (pixel - 128 if centre == 128 else pixel - 127 - (pixel == 255)) & 255
+
+
+@inlined
+def leaves(pixel, centre):
+    """The byte of centre - pixel, for a centre of 127 or 128; 127 for 128."""
+    return (128 - pixel - (pixel == 0) if centre == 128 else 127 - pixel) & 255
 
 
 @jit
@@ -47,13 +53,12 @@ def weave_factors(new, old, there, side, centre, factors):
     """
     begin = min(side, len(new))
     for x in range(begin):
-        leaves = byte(centre - np.int32(old[x])) if there else 0
-        factors[x] = byte(np.int32(new[x]) - centre) | leaves << 8
+        factors[x] = enters(new[x], centre) | (leaves(old[x], centre) << 8 if there else 0)
     ahead, new_ahead, old_ahead = factors[begin:], new[begin:], old[begin:]
     for x in range(len(new) - begin):
-        enters, leaves = byte(np.int32(new_ahead[x]) - centre), byte(centre - np.int32(new[x]))
-        above = byte(centre - np.int32(old_ahead[x])) << 8 | byte(np.int32(old[x]) - centre) << 24
-        ahead[x] = enters | leaves << 16 | (above if there else 0)
+        of_new = enters(new_ahead[x], centre) | leaves(new[x], centre) << 16
+        of_old = leaves(old_ahead[x], centre) << 8 | enters(old[x], centre) << 24
+        ahead[x] = of_new | (of_old if there else 0)
 
 
 @jit

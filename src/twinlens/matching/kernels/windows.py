@@ -45,7 +45,22 @@ def advance(mode, new, old, there, state, equal):
 
 @jit
 def box_row(columns, side, spare, out):
-    """out[x] = columns[x] + ... + columns[x + side - 1], by sums of 1, 2, 4, ... columns; spare is (2, W), side odd.
+    """out[x] = columns[x] + ... + columns[x + side - 1]; spare is (2, W), side odd. By thirds where side is 9."""
+    if side == 9:
+        thirds = spare[0]
+        second, third = columns[1:], columns[2:]
+        for x in range(len(columns) - 2):
+            thirds[x] = columns[x] + second[x] + third[x]
+        second, third = thirds[3:], thirds[6:]
+        for x in range(len(out)):
+            out[x] = thirds[x] + second[x] + third[x]
+    else:
+        doubled_row(columns, side, spare, out)
+
+
+@jit
+def doubled_row(columns, side, spare, out):
+    """`box_row` by sums of 1, 2, 4, ... columns.
 
     Each doubling is written where nothing is read, and what lies ahead is a row of its own: LLVM makes no vector code
     of a row that is added to itself, nor of places that might count from a row's end.
