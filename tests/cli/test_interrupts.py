@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from twinlens import cli, factory
-from twinlens.cli import interrupts
+from twinlens.cli import generate, interrupts
 
 PATIENCE_S = 60
 SLEEPER = """
@@ -129,3 +129,69 @@ def test_the_way_out_of_an_interrupt_is_the_short_one(monkeypatch):
     with pytest.raises(SystemExit):
         cli.console()
     assert ended == [""]
+
+
+LATE = """
+import atexit, os, signal
+from twinlens import cli
+def run(**_):
+    atexit.register(os.kill, os.getpid(), signal.SIGINT)
+    return {code}
+cli.run = run
+cli.console()
+"""
+
+
+@pytest.mark.parametrize("code", [0, 1])
+def test_an_interrupt_when_all_is_said_changes_neither_the_code_nor_what_was_said(code):
+    process = subprocess.run([sys.executable, "-c", LATE.format(code=code)], capture_output=True, timeout=PATIENCE_S)
+    assert (process.returncode, process.stderr) == (code, b"")
+
+
+def test_generate_hears_no_interrupt_where_the_process_was_started_deaf_to_them():
+    """As a script's in the background; what batch systems send is heard all the same."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with generate._stop_on_signal() as stop:
+            signal.raise_signal(signal.SIGINT)
+            assert not stop.is_set()
+            signal.raise_signal(signal.SIGTERM)
+            assert stop.is_set()
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGTERM)
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+class Left(BaseException):
+    """In the place of the process's end."""
+
+
+@pytest.mark.parametrize("step", ["_descendants", "os.isatty", "signal.signal"])
+def test_the_end_comes_whatever_fails_on_the_way(monkeypatch, step):
+    def fails(*_):
+        raise RuntimeError(step)
+
+    def leave(code):
+        raise Left(code)
+
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    monkeypatch.setattr(interrupts, "_descendants", lambda _: [])
+    monkeypatch.setattr(f"twinlens.cli.interrupts.{step}", fails)
+    monkeypatch.setattr(os, "_exit", leave)
+    with pytest.raises(Left) as left:
+        interrupts.end("-")
+    assert left.value.args == (130,)
+
+
+def test_a_process_that_ends_while_it_is_listed_hides_no_other(monkeypatch, tmp_path):
+    (tmp_path / "children").write_text("123456789 ")
+
+    def vanishing(self, _):
+        if "123456789" not in str(self):
+            yield tmp_path / "children"
+        raise FileNotFoundError(self)
+
+    monkeypatch.setattr(Path, "glob", vanishing)
+    assert interrupts._descendants(1) == [123456789]

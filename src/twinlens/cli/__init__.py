@@ -70,7 +70,7 @@ def console() -> None:
     """What `twinlens` and `python -m twinlens` do: the process is the command line's, which may begin it anew."""
     ender = take_over()
     code = run(renewable=is_possible())
-    ender.asked = True  # all is said: an interrupt of what is left to do at the end, ends it
+    ender.code = code  # all is done and said: an interrupt of what is left to do at the end, ends it
     if code == INTERRUPTED:
         end("")  # Python's own way out is long enough for a third interrupt to end it by its signal
     sys.exit(code)

@@ -125,7 +125,10 @@ def _shard(text: str) -> tuple[int, int]:
 
 @contextmanager
 def _stop_on_signal() -> Iterator[threading.Event]:
-    """An event that the first Ctrl-C (or SIGTERM, which batch systems send) sets; the second ends at once."""
+    """An event that the first Ctrl-C (or SIGTERM, which batch systems send) sets; the second ends at once.
+
+    A signal that the process was started to ignore stays ignored.
+    """
     stop = threading.Event()
 
     def asked(*_: object) -> None:
@@ -136,12 +139,15 @@ def _stop_on_signal() -> Iterator[threading.Event]:
     if threading.current_thread() is not threading.main_thread():
         yield stop
         return
-    before = {kind: signal.signal(kind, asked) for kind in (signal.SIGINT, signal.SIGTERM)}
+    before = {kind: signal.getsignal(kind) for kind in (signal.SIGINT, signal.SIGTERM)}
+    heard = [kind for kind, handler in before.items() if handler is not signal.SIG_IGN]
     try:
+        for kind in heard:
+            signal.signal(kind, asked)
         yield stop
     finally:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
+        for kind in heard:
+            signal.signal(kind, before[kind])
 
 
 def _tell(outcome: "Outcome", output: str, as_json: bool) -> None:

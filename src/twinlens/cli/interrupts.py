@@ -1,7 +1,8 @@
 """Ctrl-C: the first ends the work in good order; the second ends the process at once, with all that it started.
 
 Only where the process is the command line's own: who calls `main` or `run` keeps his handlers. What is written is
-written aside and renamed, so that an end at any moment leaves nothing half-written in its place.
+written aside and renamed, so that an end at any moment leaves nothing half-written in its place. An end at once may
+leave a folder behind among the system's temporary ones: twinlens-*, in which `twinlens.matching.program` ran a program.
 """
 
 import atexit
@@ -19,13 +20,16 @@ _SHOWN_AGAIN = "\r\x1b[2K\x1b[?25h"
 
 
 class Ender:
-    """The handler of SIGINT; `asked`: whether the first has come."""
+    """The handler of SIGINT; `asked`: whether the first has come; `code`: the exit code, once all is done and said."""
 
     def __init__(self) -> None:
         self.asked = False
+        self.code: int | None = None
 
     def __call__(self, *_: object) -> None:
-        """KeyboardInterrupt the first time; the end of the process after it."""
+        """KeyboardInterrupt the first time; the end of the process after it, and without a word once all is said."""
+        if self.code is not None:
+            end("", self.code)
         if self.asked:
             end()
         self.asked = True
@@ -52,16 +56,18 @@ def once_more(before: object) -> None:
     raise KeyboardInterrupt
 
 
-def end(message: str = "twinlens: interrupted again; ended at once\n") -> NoReturn:
+def end(message: str = "twinlens: interrupted again; ended at once\n", code: int = INTERRUPTED) -> NoReturn:
     """Leave at once: no waiting, no tidying up, no word of Python's. What this process started is ended too."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for child in _descendants(os.getpid()):
+    try:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for child in _descendants(os.getpid()):
+            with contextlib.suppress(OSError):
+                os.kill(child, signal.SIGKILL)
         with contextlib.suppress(OSError):
-            os.kill(child, signal.SIGKILL)
-    with contextlib.suppress(OSError):
-        shown = _SHOWN_AGAIN if message and os.isatty(2) else ""
-        os.write(2, f"{shown}{message}".encode())
-    os._exit(INTERRUPTED)
+            shown = _SHOWN_AGAIN if message and os.isatty(2) else ""
+            os.write(2, f"{shown}{message}".encode())
+    finally:
+        os._exit(code)
 
 
 @contextlib.contextmanager
@@ -87,8 +93,9 @@ def told(error: BaseException) -> str:
 def _descendants(process: int) -> list[int]:
     """The processes that this one started, and those that they did, also in sessions of their own; Linux tells."""
     found = []
-    for tasks in Path(f"/proc/{process}/task").glob("*/children"):
-        with contextlib.suppress(OSError, ValueError):
-            for child in (int(word) for word in tasks.read_text().split()):
-                found += [child, *_descendants(child)]
+    with contextlib.suppress(OSError):  # they end while they are listed, too
+        for tasks in Path(f"/proc/{process}/task").glob("*/children"):
+            with contextlib.suppress(OSError, ValueError):
+                for child in (int(word) for word in tasks.read_text().split()):
+                    found += [child, *_descendants(child)]
     return found
