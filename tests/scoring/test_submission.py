@@ -354,6 +354,29 @@ def test_a_submission_of_one_sample_alone_has_no_folder_above_it(tmp_path):
     assert submission.strangers({"t": ()}) == ("s/disp0.pfm", "s/lens-2.pfm", "s/old.pfm")
 
 
+@pytest.mark.parametrize("asks", [lambda each: len(each.strangers({"s": ()})), lambda each: len(each.spec) and 40])
+def test_a_zip_is_opened_once_however_many_maps_are_asked_of(tmp_path, monkeypatch, asks):
+    """Its list is read each time: as often as it is long, that takes hours."""
+    submission = zipped(tmp_path / "my.zip", [(f"no-{k}.png", encode_png(PNG)) for k in range(40)])
+    opened = []
+    original = zipfile.ZipFile.__init__
+    monkeypatch.setattr(zipfile.ZipFile, "__init__", lambda self, *more: opened.append(more) or original(self, *more))
+    assert asks(submission) == 40
+    assert len(opened) == 1
+
+
+def test_a_zip_that_is_gone_meanwhile_is_told(tmp_path):
+    submission = zipped(tmp_path / "my.zip", [("no.png", encode_png(PNG))])
+    (tmp_path / "my.zip").unlink()
+    for asks in (
+        lambda: submission.strangers({"s": ()}),
+        lambda: submission.spec,
+        lambda: submission.map_of("no", SHAPE),
+    ):
+        with pytest.raises(FileError, match=r"my\.zip: no such file or folder$"):
+            asks()
+
+
 def _filled(folder, files):
     for name, data in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)

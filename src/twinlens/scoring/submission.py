@@ -20,11 +20,11 @@ import stat
 import struct
 import unicodedata
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,10 +73,10 @@ class Submission:
     def spec(self) -> str:
         """A SHA-256 of the maps' names and contents (of a zip: its checksums): other maps are another method."""
         digest = hashlib.sha256()
-        for name in sorted(self.files):
-            if name.endswith((".pfm", ".png")):
-                digest.update(f"{name} {self.files[name]}\n".encode("utf-8", "surrogatepass"))
-                digest.update(self._fingerprint(name))
+        names = [name for name in sorted(self.files) if name.endswith((".pfm", ".png"))]
+        for name, fingerprint in zip(names, self._fingerprints(names), strict=True):
+            digest.update(f"{name} {self.files[name]}\n".encode("utf-8", "surrogatepass"))
+            digest.update(fingerprint)
         return f"submission {digest.hexdigest()}"
 
     def file_of(self, sample: str, aliases: Sequence[str] = ()) -> str:
@@ -104,23 +104,19 @@ class Submission:
         folders = {name.partition("/")[0] for name in names}
         tops = {name.partition("/")[0] for name in self.files}
         top = f"{tops.pop()}/" if len(tops) == 1 and not tops <= folders else ""
-        return tuple(
-            name
-            for name in sorted(self.files.keys() - used)
-            if not _is_of_one_of(name.removeprefix(top), names, folders) and self._is_map(name)
-        )
+        unused = sorted(self.files.keys() - used)
+        strange = [name for name in unused if not _is_of_one_of(name.removeprefix(top), names, folders)]
+        with self._opener() as opened:
+            return tuple(name for name in strange if _is_map(name, opened))
 
-    def _is_map(self, name: str) -> bool:
-        """Whether the file is a PFM, or a PNG as maps are: 16-bit grey, by its first bytes. Nothing more is read."""
-        if not name.endswith(".png"):
-            return name.endswith(".pfm")
-        with contextlib.suppress(Exception):  # as in _read: damage is no map that anybody can name
-            if self.path.is_dir():
-                with (self.path / name).open("rb") as file:
-                    return file.read(PNG_KIND.stop)[PNG_KIND] == GREY_16
-            with zipfile.ZipFile(self.path) as archive, archive.open(name) as member:
-                return member.read(PNG_KIND.stop)[PNG_KIND] == GREY_16
-        return False
+    @contextlib.contextmanager
+    def _opener(self) -> Iterator[Callable[[str], IO[bytes]]]:
+        """What opens files by their names. A zip is opened once for all: each opening reads its whole list."""
+        if self.path.is_dir():
+            yield lambda name: (self.path / name).open("rb")
+        else:
+            with _archive(self.path) as archive:
+                yield archive.open
 
     def _named(self, stem: str) -> str | None:
         for name in (f"{stem}.pfm", f"{stem}.png", f"{stem}/disp0.pfm", f"{stem}/disp0.png"):
@@ -156,12 +152,10 @@ class Submission:
         if self.files[name] > limit:
             raise too_much
         try:
-            if self.path.is_dir():
-                with (self.path / name).open("rb") as file:
-                    data = file.read(limit + 1)
-            else:
-                with zipfile.ZipFile(self.path) as archive, archive.open(name) as member:
-                    data = member.read(limit + 1)
+            with self._opener() as opened, opened(name) as file:
+                data = file.read(limit + 1)
+        except FileError:
+            raise
         # zipfile answers damage with exceptions of its own, of zlib, and of the standard library's other decoders.
         except Exception as error:
             raise FileError(f"{where}: cannot be read ({error})") from None
@@ -169,12 +163,14 @@ class Submission:
             raise too_much
         return data
 
-    def _fingerprint(self, name: str) -> bytes:
+    def _fingerprints(self, names: Iterable[str]) -> Iterator[bytes]:
         if not self.path.is_dir():
-            with zipfile.ZipFile(self.path) as archive:
-                return archive.getinfo(name).CRC.to_bytes(4, "big")
-        with (self.path / name).open("rb") as file:
-            return hashlib.file_digest(file, "sha256").digest()
+            with _archive(self.path) as archive:
+                yield from (archive.getinfo(name).CRC.to_bytes(4, "big") for name in names)
+            return
+        for name in names:
+            with (self.path / name).open("rb") as file:
+                yield hashlib.file_digest(file, "sha256").digest()
 
 
 def open_submission(path: str | os.PathLike[str], name: str | None = None) -> Submission:
@@ -198,6 +194,15 @@ def _is_of_one_of(name: str, names: Set[str], folders: Set[str]) -> bool:
     if lens is not None:
         return lens[0] in names
     return folder in folders if slash else name.rpartition(".")[0] in names
+
+
+def _is_map(name: str, opened: Callable[[str], IO[bytes]]) -> bool:
+    """Whether the file is a PFM, or a PNG as maps are: 16-bit grey, by its first bytes. Nothing more is read."""
+    if not name.endswith(".png"):
+        return name.endswith(".pfm")
+    with contextlib.suppress(Exception), opened(name) as file:  # as in _read: damage is no map that anybody can name
+        return file.read(PNG_KIND.stop)[PNG_KIND] == GREY_16
+    return False
 
 
 def _is_hidden(name: str) -> bool:
@@ -229,14 +234,18 @@ def _folder_files(folder: Path) -> dict[str, int]:
     return found
 
 
-def _zip_files(path: Path) -> dict[str, int]:
+def _archive(path: Path) -> zipfile.ZipFile:
     try:
-        with zipfile.ZipFile(path) as archive:
-            members = archive.infolist()
+        return zipfile.ZipFile(path)
     except FileNotFoundError:
         raise FileError(f"{path}: no such file or folder") from None
     except Exception as error:
         raise FileError(f"{path}: neither a folder nor a readable zip ({error})") from None
+
+
+def _zip_files(path: Path) -> dict[str, int]:
+    with _archive(path) as archive:
+        members = archive.infolist()
     if len(members) > MAX_FILES:
         raise FileError(f"{path}: {len(members)} files, more than {MAX_FILES}")
     found: dict[str, int] = {}
