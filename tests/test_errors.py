@@ -1,5 +1,6 @@
 """What the checks of numbers take and refuse, in one line; which names are misspelt, and which are strangers."""
 
+import difflib
 import math
 from decimal import Decimal
 from fractions import Fraction
@@ -88,3 +89,13 @@ def test_a_misspelt_name_is_told_from_its_neighbours(typed, known, meant):
 def test_a_stranger_is_likened_to_nobody(typed, known):
     assert nearest(typed, known) is None
     assert str(unknown("name", typed, known)).startswith(f"unknown name {typed!r} (known: ")
+
+
+def test_a_very_long_name_is_not_compared_letter_by_letter(monkeypatch):
+    asked = []
+    monkeypatch.setattr(difflib.SequenceMatcher, "ratio", lambda pair: asked.append(pair.b) or 1.0)
+    assert nearest("zncc" * 25_000, METHODS) is None
+    assert nearest("qvxy", METHODS) is None, "nor one that shares no letters"
+    assert asked == []
+    assert nearest("zncd", ["raft", "zncc"]) == "zncc"
+    assert asked == ["zncc"]

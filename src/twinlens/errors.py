@@ -64,9 +64,19 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     ('zncc', 'aperture_diameter', None)
     """
     plain = _plain(name)
-    shares = {each: difflib.SequenceMatcher(None, plain, _plain(each)).ratio() for each in known}
-    close = [each for each, share in shares.items() if share >= _ALIKE or _is_part(plain, _plain(each))]
-    return max(close, key=lambda each: shares[each], default=None)
+    close = {each: share for each in known if (share := _share(plain, _plain(each))) is not None}
+    return max(close, key=lambda each: close[each], default=None)
+
+
+def _share(plain: str, known: str) -> float | None:
+    """Of their letters, how many they share; None where too few. Bounds of it come first: a name may be very long."""
+    pair = difflib.SequenceMatcher(None, plain, known)
+    if _is_part(plain, known):
+        return pair.ratio()
+    if pair.real_quick_ratio() < _ALIKE or pair.quick_ratio() < _ALIKE:
+        return None
+    share = pair.ratio()
+    return share if share >= _ALIKE else None
 
 
 def _plain(name: str) -> str:
