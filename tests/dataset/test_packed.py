@@ -37,6 +37,7 @@ def test_a_large_mask_reads_back_equal_and_takes_little_room(kind):
 def test_small_masks_and_whole_numbers_stay_readable():
     assert plain(MaskAperture([[0.0, 0.5], [1.0, 0.25]]))["mask"] == [[0.0, 0.5], [1.0, 0.25]]
     assert plain(np.arange(LARGE + 1)) == list(range(LARGE + 1))
+    assert plain({"user": np.full(LARGE + 1, 0.5)}) == {"user": [0.5] * (LARGE + 1)}  # only fields are read back
     with pytest.raises(InputError, match="NaN"):
         plain(np.full(LARGE + 1, np.nan))
 
@@ -56,7 +57,9 @@ def test_the_text_is_what_the_page_says():
         ({"shape": [-1, 2]}, "positive whole numbers"),
         ({"shape": 7}, "positive whole numbers"),
         ({"shape": [True, 2]}, "positive whole numbers"),
-        ({"shape": [10**9, 10**9]}, "may have 80000000 numbers"),
+        ({"shape": []}, "1 to 4 positive whole numbers"),
+        ({"shape": [1] * 65}, "1 to 4 positive whole numbers"),
+        ({"shape": [10**9, 10**9]}, "may have 16777216 numbers"),
         ({"levels": 7}, "levels"),
         ({"levels": [255]}, "levels"),
         ({"levels": 255.0}, "levels"),
@@ -69,6 +72,23 @@ def test_the_text_is_what_the_page_says():
 def test_what_is_damaged_is_told(change, message):
     with pytest.raises(InputError, match=message):
         unpack(pack(MASKS["grey"] / 255) | change)
+
+
+def test_a_body_that_is_cut_or_goes_on_is_damaged_and_so_is_nan():
+    kept = pack(MASKS["grey"] / 255)
+    body = base64.b64decode(kept["zlib"])
+    for changed in (body[:-2], body + b"more"):
+        with pytest.raises(InputError, match="damaged"):
+            unpack(kept | {"zlib": base64.b64encode(changed).decode()})
+    nan = base64.b64encode(zlib.compress(np.full(2000, np.nan).tobytes())).decode()
+    with pytest.raises(InputError, match="NaN"):
+        unpack({"type": "array", "shape": [2000], "levels": None, "zlib": nan})
+
+
+def test_a_field_of_no_type_is_refused_before_anything_is_unpacked():
+    lens = plain(ThinLens(0.01, 2.0)) | {"x": [{"type": "array", "shape": "not looked at"}]}
+    with pytest.raises(InputError, match="unknown field of ThinLens 'x'"):
+        lens_from_plain(lens)
 
 
 def test_an_array_is_no_lens():

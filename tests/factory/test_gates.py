@@ -6,7 +6,7 @@ import pytest
 import twinlens as tl
 from twinlens.dataset import Sample, Shot
 from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
-from twinlens.factory.texture import WINDOW, textured_windows
+from twinlens.factory.texture import WINDOW, grey, textured_windows
 from twinlens.rendering import ground_truth
 from twinlens.scenes import Mesh, Scene, SceneObject
 from twinlens.sensor import Sensor
@@ -128,7 +128,7 @@ def test_noise_is_no_texture_and_paint_is(noise):
 
 
 @pytest.mark.parametrize("noise", [0.03, 0.1, 0.2])
-def test_texture_is_told_from_noise_down_to_half_of_it(noise):
+def test_texture_is_told_from_noise_where_it_is_about_half_of_it(noise):
     """The correlation of texture t in noise s is t^2 / (t^2 + s^2); that of mere noise strays by 1/16 in a window."""
     rng = np.random.default_rng(7)
     shape = (40 * WINDOW, 40 * WINDOW)
@@ -139,8 +139,20 @@ def test_texture_is_told_from_noise_down_to_half_of_it(noise):
         return textured_windows(left, right, np.ones(shape, bool))
 
     assert share(0.0) < 0.01
+    assert share(0.25) < 0.05
+    assert 0.4 < share(0.5) < 0.8  # correlated 1/5, a little above what is asked
     assert share(0.7) > 0.95  # a third correlated, where 3/16 is asked, and 0.05 is the deviation
     assert textured_windows(texture, texture, np.ones(shape, bool)) == 1.0
+
+
+@pytest.mark.parametrize("shift", [4, 5])
+def test_the_colours_of_a_raw_mosaic_are_no_texture(shift):
+    """A flat red wall is a pattern of 2x2 in both eyes' mosaics, which fall on each other at even disparities."""
+    sensor = Sensor(filters="RGGB", output="raw")
+    red = np.zeros((4 * WINDOW, 4 * WINDOW + shift))
+    red[::2, ::2] = 3000
+    left, right = (grey(each.astype(np.uint16), sensor) for each in (red[:, shift:], red[:, :-shift]))
+    assert textured_windows(left, right, np.ones(left.shape, bool)) == 0.0
 
 
 def test_windows_count_by_their_covariance():

@@ -1,11 +1,10 @@
-"""One run at a time writes boards in a folder, whoever started it."""
+"""One run at a time writes a board, whoever started it."""
 
 import threading
 
 import pytest
 from scoring_methods import pair
 
-from twinlens.dataset.lock import locked
 from twinlens.errors import InputError, OutputError
 from twinlens.scoring import read_board, run_benchmark
 from twinlens.scoring.alone import alone
@@ -18,10 +17,10 @@ class Flat:
         return pair().disp0
 
 
-def test_a_second_run_is_refused_and_changes_nothing(tmp_path):
-    """Else whichever ends last would write its own entries alone; so also for the command line's, whose lock it is."""
+def test_a_second_run_of_one_board_is_refused_and_changes_nothing(tmp_path):
+    """Else whichever ends last would write its own entries alone."""
     board = tmp_path / "board.json"
-    with locked(tmp_path), pytest.raises(OutputError, match="another run is writing there"):
+    with alone(tmp_path, "board.json"), pytest.raises(OutputError, match=r"board\.json: another run is writing there"):
         run_benchmark([pair()], [Flat()], save=board, warm_up=False)
     assert not board.exists()
     run_benchmark([pair()], [Flat()], save=board, warm_up=False)
@@ -29,25 +28,29 @@ def test_a_second_run_is_refused_and_changes_nothing(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["board.json"]
 
 
-def test_while_a_run_goes_on_others_are_refused_and_it_goes_in_again_itself(tmp_path):
-    heard = []
+def test_a_run_that_its_own_progress_starts_on_the_same_board_is_refused_too(tmp_path):
+    board, heard = tmp_path / "board.json", []
 
-    def other():
-        with pytest.raises(OutputError), alone(tmp_path):
-            pass
+    def again():
+        with pytest.raises(OutputError):
+            run_benchmark([pair()], [Flat()], save=tmp_path / "x" / ".." / "board.json", warm_up=False)
         heard.append("refused")
 
     def told(step):
-        thread = threading.Thread(target=other)
+        (tmp_path / "x").mkdir()
+        again()
+        thread = threading.Thread(target=again)
         thread.start()
         thread.join()
-        with alone(tmp_path):
-            heard.append("in")
 
-    run_benchmark([pair()], [Flat()], save=tmp_path / "board.json", warm_up=False, progress=told)
-    assert heard == ["refused", "in"]
-    with locked(tmp_path):
-        pass
+    run_benchmark([pair()], [Flat()], save=board, warm_up=False, progress=told)
+    assert heard == ["refused", "refused"]
+
+
+def test_boards_of_other_names_may_be_written_at_once(tmp_path):
+    with alone(tmp_path), alone(tmp_path, "a.json"):
+        run_benchmark([pair()], [Flat()], save=tmp_path / "b.json", warm_up=False)
+    assert len(read_board(tmp_path / "b.json").entries) == 1
 
 
 def test_folders_made_for_nothing_are_removed(tmp_path):

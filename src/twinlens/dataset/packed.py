@@ -21,7 +21,9 @@ from twinlens.errors import InputError
 TYPE = "array"
 LARGE = 1024
 """Arrays of more numbers than this are packed; smaller ones are lists that a person can read."""
-_MOST = 80_000_000
+MOST = 4096 * 4096
+"""Numbers that a packed array may have: as many as an aperture mask. More are lists."""
+_DIMENSIONS = 4
 _DTYPES: dict[int | None, str] = {255: "<u1", 65535: "<u2", None: "<f8"}
 
 
@@ -40,15 +42,17 @@ def unpack(value: Mapping[str, Any]) -> NDArray[np.float64]:
            [0.2 , 0.25]])
     """
     shape, levels, body = value.get("shape"), value.get("levels"), value.get("zlib")
-    if not (isinstance(shape, list) and all(type(side) is int and side > 0 for side in shape)):
-        raise InputError(f"an array's shape must be positive whole numbers, got {str(shape)[:40]}")
+    if not (isinstance(shape, list) and 0 < len(shape) <= _DIMENSIONS and all(type(n) is int and n > 0 for n in shape)):
+        raise InputError(f"an array's shape must be 1 to {_DIMENSIONS} positive whole numbers, got {str(shape)[:40]}")
     if not (levels is None or type(levels) is int) or levels not in _DTYPES or not isinstance(body, str):
         raise InputError('an array must have "levels" (255, 65535 or null) and "zlib" (a text)')
     dtype, count = np.dtype(_DTYPES[levels]), math.prod(shape)
-    if count > _MOST:
-        raise InputError(f"an array of a record may have {_MOST} numbers, got {count}")
+    if count > MOST:
+        raise InputError(f"an array of a record may have {MOST} numbers, got {count}")
     data = _inflated(body, count * dtype.itemsize)
     numbers = np.frombuffer(data, dtype).reshape(shape).astype(np.float64)
+    if np.isnan(numbers).any():
+        raise InputError("an array of a record is damaged (it holds NaN)")
     return numbers if levels is None else numbers / levels
 
 
@@ -63,9 +67,10 @@ def _numbers(array: NDArray[np.float64]) -> tuple[int | None, NDArray[Any]]:
 
 def _inflated(body: str, size: int) -> bytes:
     try:
-        data = zlib.decompressobj().decompress(base64.b64decode(body, validate=True), size + 1)
+        reader = zlib.decompressobj()
+        data = reader.decompress(base64.b64decode(body, validate=True), size + 1)
     except (binascii.Error, ValueError, zlib.error) as error:
         raise InputError(f"an array of a record is damaged ({error})") from None
-    if len(data) != size:
+    if len(data) != size or not reader.eof or reader.unused_data:
         raise InputError(f"an array of a record is damaged (its shape asks for {size} bytes)")
     return data

@@ -18,7 +18,7 @@ import numpy as np
 from twinlens import camera
 from twinlens.camera import Camera, Lens, Rig
 from twinlens.dataset.files import read_bytes
-from twinlens.dataset.packed import LARGE, pack, unpack
+from twinlens.dataset.packed import LARGE, MOST, pack, unpack
 from twinlens.dataset.packed import TYPE as PACKED
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError, unknown
@@ -34,19 +34,18 @@ _DEEPEST = 64
 def plain(value: Any) -> Any:
     """`value` as what JSON can say: dataclasses, mappings, sequences, arrays, numbers, paths and text, nested.
 
-    Large arrays are packed. Raises InputError for anything else, NaN among it.
+    Large arrays that are fields of dataclasses are packed. Raises InputError for anything else, NaN among it.
 
     >>> plain(camera.ThinLens(0.01, focus_distance=math.inf))["focus_distance"]
     'inf'
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value) if f.init}
+        fields = {f.name: _field(getattr(value, f.name)) for f in dataclasses.fields(value) if f.init}
         return {"type": type(value).__name__} | fields
     if isinstance(value, Mapping):
         return {_key(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):
-        large = value.dtype.kind == "f" and value.size > LARGE and not np.isnan(value).any()
-        return pack(value) if large else plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, (list, tuple)):
         return [plain(entry) for entry in value]
     return _scalar(value)
@@ -130,6 +129,11 @@ def relative_name(name: Any, where: Where) -> str:
     return str(name)
 
 
+def _field(value: Any) -> Any:
+    large = isinstance(value, np.ndarray) and value.dtype.kind == "f" and LARGE < value.size <= MOST
+    return pack(value) if large and not np.isnan(value).any() else plain(value)
+
+
 def _scalar(value: Any) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
@@ -157,10 +161,10 @@ def _built(value: Mapping[str, Any]) -> Any:
     if not isinstance(name, str) or name not in TYPES:
         raise unknown("type", str(name), TYPES)
     known = [field.name for field in dataclasses.fields(TYPES[name]) if field.init]
-    arguments = {key: from_plain(entry) for key, entry in value.items() if key != "type"}
-    for key in arguments:
-        if key not in known:
+    for key in value:
+        if key not in known and key != "type":
             raise unknown(f"field of {name}", key, known)
+    arguments = {key: from_plain(entry) for key, entry in value.items() if key != "type"}
     try:
         return TYPES[name](**{key: _infinite(entry) for key, entry in arguments.items()})
     except InputError:

@@ -130,8 +130,8 @@ def run_benchmark(
 
 
 def _alone_there(save: str | os.PathLike[str] | None) -> AbstractContextManager[None]:
-    """Nobody else writes a board beside that file meanwhile; without a file there is nobody to keep away."""
-    return nullcontext() if save is None else alone(Path(save).parent)
+    """Nobody else writes that file meanwhile; without a file there is nobody to keep away."""
+    return nullcontext() if save is None else alone(Path(save).absolute().parent, Path(save).name)
 
 
 def _check_names(methods: Sequence[Method | Submission]) -> None:

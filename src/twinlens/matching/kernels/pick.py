@@ -40,7 +40,9 @@ def _first(comparison: str) -> Any:
     def function(_typing: Any, value: Any, bound: Any) -> Any:
         def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
             target = splat_of(builder, args[1], value.n)
-            compare = builder.fcmp_ordered if value.is_float else builder.icmp_unsigned
+            signed = not value.is_float and value.dtype.signed
+            whole = builder.icmp_signed if signed else builder.icmp_unsigned
+            compare = builder.fcmp_ordered if value.is_float else whole
             mask = ir.IntType(value.n)
             bits = builder.bitcast(compare(comparison, args[0], target), mask)
             index = call_intrinsic(builder, f"llvm.cttz.i{value.n}", mask, [bits, BIT(1)])

@@ -64,14 +64,14 @@ def weave_factors(new, old, there, side, centre, factors):
 @jit
 def weave_rests(new, old, there, side, centre, rests):
     """rests (W) int32: the bytes by which those of `weave_factors` are too low, 0 or 1."""
-    enters, leaves = (255, -1) if centre == 127 else (-1, 0)
+    high, low = (255, -1) if centre == 127 else (-1, 0)
     for x in range(len(new)):
-        a, b = np.int32(new[x] == enters), np.int32(there and old[x] == leaves)
+        a, b = np.int32(new[x] == high), np.int32(there and old[x] == low)
         rests[x] = a | b << 8
     begin = min(side, len(new))
     ahead = rests[begin:]
     for x in range(len(new) - begin):
-        a, b = np.int32(new[x] == leaves), np.int32(there and old[x] == enters)
+        a, b = np.int32(new[x] == low), np.int32(there and old[x] == high)
         ahead[x] |= (a | b << 8) << 16
 
 
