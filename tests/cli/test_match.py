@@ -40,6 +40,27 @@ def test_what_no_image_of_this_size_can_need_is_refused(twinlens, images, tmp_pa
     assert not (tmp_path / "d.pfm").exists()
 
 
+def test_neither_its_images_nor_a_samples_truth_are_written_over(twinlens, images, tmp_path):
+    before = images[0].read_bytes()
+    sample = tmp_path / "sample"
+    sample.mkdir()
+    (sample / "sample.json").write_text("{}")
+    for options, words in (
+        (
+            ("-o", tmp_path / "d.pfm", "--picture", tmp_path / ".." / tmp_path.name / "l.png"),
+            "is one of the two images",
+        ),
+        (("-o", sample / "disp0.pfm"), "stands in a sample of a dataset"),
+        (("-o", tmp_path / "d.pfm", "--picture", sample / "im1.png"), "stands in a sample of a dataset"),
+    ):
+        code, out, err = twinlens("match", *images, *options)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert words in err
+    assert images[0].read_bytes() == before
+    assert [path.name for path in sample.iterdir()] == ["sample.json"]
+    assert not (tmp_path / "d.pfm").exists()
+
+
 @pytest.mark.parametrize(
     "options", [("--ndisp", "79", "--min-disparity", "-39"), (), ("--method", "sad:block_size=79")]
 )

@@ -58,6 +58,9 @@ def test_without_opencv_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(MissingExtraError, match=r"twinlens\[opencv\]"):
         tm.match(*scene(), "opencv_bm")
+    for text in ("opencv_bm", "opencv_sgbm"):  # so a board refuses it before it runs anything
+        with pytest.raises(MissingExtraError, match="opencv"):
+            tm.parse_method(text).check_parts()
 
 
 def constant(left, _right, num_disparities, min_disparity):

@@ -59,6 +59,7 @@ def command(
         raise InputError(f"--output {output}: a disparity map is written as .pfm; --picture makes a PNG to look at")
     if picture is not None and picture.suffix.lower() != ".png":
         raise InputError(f"--picture {picture}: must end in .png")
+    _check_spared((left, right), {"--output": output, "--picture": picture})
     search = {"num_disparities": DEFAULT_NDISP if ndisp is None else ndisp, "min_disparity": min_disparity}
     matcher, name = _matcher(method, program, time_limit, **search)
     if ndisp is not None and not hasattr(matcher, "num_disparities"):
@@ -79,6 +80,17 @@ def command(
         click.echo(json.dumps(answer, indent=1))
     else:
         click.echo(f"{output}: {name}, {known:.1%} of the pixels matched, {seconds:.2f} s with compiling")
+
+
+def _check_spared(inputs: tuple[Path, ...], outputs: dict[str, Path | None]) -> None:
+    """Refuse to write over the images that are matched, or into a sample, whose truth a map must not replace."""
+    for option, place in outputs.items():
+        if place is None:
+            continue
+        if any(place.exists() and path.exists() and place.samefile(path) for path in inputs):
+            raise InputError(f"{option} {place}: is one of the two images; name another file")
+        if (place.absolute().parent / "sample.json").exists():
+            raise InputError(f"{option} {place}: stands in a sample of a dataset; write it elsewhere")
 
 
 def check_size(matcher: Any, size: tuple[int, ...]) -> None:

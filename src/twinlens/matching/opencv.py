@@ -70,6 +70,10 @@ class OpenCVBlock:
         whole("num_disparities", self.num_disparities, 1)
         whole("min_disparity", self.min_disparity)
 
+    def check_parts(self) -> None:
+        """MissingExtraError if OpenCV is not there."""
+        _opencv()
+
     def match(self, left: Any, right: Any) -> Disparity:
         """The left image's disparity, (H, W) float32, +inf where unknown."""
         cv2, images = _opencv(), _eight_bit(left, right)
@@ -107,6 +111,10 @@ class OpenCVSemiGlobal:
         whole("min_disparity", self.min_disparity)
         if self.mode not in MODES:
             raise unknown("mode", str(self.mode), MODES)
+
+    def check_parts(self) -> None:
+        """MissingExtraError if OpenCV is not there."""
+        _opencv()
 
     def match(self, left: Any, right: Any) -> Disparity:
         """The left image's disparity, (H, W) float32, +inf where unknown."""
