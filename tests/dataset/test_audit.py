@@ -19,8 +19,6 @@ from twinlens.dataset import (
     write_manifest,
     write_sample,
 )
-from twinlens.dataset.files import write_file
-from twinlens.dataset.record import encode_json
 from twinlens.errors import FileError
 
 NAMES = ("a", "train/0")
@@ -149,54 +147,17 @@ def test_metadata_is_not_held_against_a_list_that_still_grows(root):
     assert "describes another dataset.json" in wrong(root)["dataset.json"][0]
 
 
-def test_a_sample_whose_row_waits_to_be_listed_is_nothing_wrong(root):
-    """As shards leave it, and a run that was killed between two dataset.json."""
+def test_a_sample_whose_row_cannot_be_read_is_told_and_held_against_itself(root):
     for name in ("0000000", "0000001"):
         shutil.copytree(root / "a", root / name)
     (root / ".rows").mkdir()
     (root / ".rows" / "0000001.json").touch()
-    assert wrong(root) == {"dataset.json": ["0000000: is a sample that dataset.json does not list"]}
-    assert "0000001" in dict(verify_place(root)), "without a row it is still held against itself"
-
-
-def shards(root, count, **info):
-    """What shards have made of `count` samples when none has listed them: two, and one that could not be made."""
-    rows = [
-        {"name": name, "files": write_sample(root / name, dataset_scene.sample())} for name in ("0000000", "0000002")
-    ]
-    for name, kept in (("0000000", {"row": rows[0]}), ("0000002", {"row": rows[1]}), ("0000004", {"failure": {}})):
-        write_file(root / ".rows" / f"{name}.json", encode_json({"format": "twinlens-row", "version": 1, **kept}))
-    write_manifest(root, Manifest((), {"count": count}, info={"complete": False, **info}))
-    return root
-
-
-@pytest.mark.parametrize("where", ["disk", "bucket"])
-def test_what_shards_have_made_is_checked_before_it_is_listed(tmp_path, where):
-    root = shards(tmp_path / "set" if where == "disk" else place(f"memory:/{tmp_path}/set"), 6)
-    assert dict(verify_place(root)) == {"dataset.json": [], "0000000": [], "0000002": []}
-    (root / "0000002" / "disp0.pfm").write_bytes(b"short")
-    assert list(wrong(root)) == ["0000002"]
-    assert "SHA-256" in wrong(root)["0000002"][0]
-    with pytest.raises(FileError, match="began it lists those that are there and makes the rest"):
-        Dataset(root)
-
-
-@pytest.mark.parametrize(
-    ("count", "failed", "said"),
-    [
-        (
-            6,
-            [],
-            "2 more are made and not listed yet; the `twinlens generate` that began it makes the rest and lists them",
-        ),
-        (2, [], "2 more are made and not listed yet; the `twinlens generate` that began it lists them"),
-        (3, [{}], "that began it lists them"),
-    ],
-)
-def test_what_shards_have_made_is_told(tmp_path, count, failed, said):
-    told = unfinished(shards(tmp_path / "set", count, failed=failed))
-    assert told.startswith(f"dataset.json lists 0 of the {count} samples of its recipe; ")
-    assert told.endswith(said)
+    beside, row = wrong(root)["dataset.json"][::-1]
+    assert beside == "0000000: is a sample that dataset.json does not list"
+    assert row.startswith(".rows/0000001.json: not valid JSON")
+    assert row.endswith("the next `twinlens generate` makes it again, from the sample's files")
+    (root / "0000001" / "disp0.pfm").write_bytes(b"")
+    assert wrong(root)["0000001"][0].startswith("disp0.pfm: not a PFM")
 
 
 def test_of_a_list_that_is_damaged_or_gone_nothing_more_is_told(root):

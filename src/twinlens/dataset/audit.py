@@ -3,16 +3,18 @@
 import contextlib
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 from twinlens.dataset.croissant import NAME as CROISSANT
 from twinlens.dataset.dataset import Dataset, found_samples
 from twinlens.dataset.files import is_hidden, read_bytes
-from twinlens.dataset.manifest import NAME, read_manifest
-from twinlens.dataset.storage import MARK, Place, RemotePath, Where, place
+from twinlens.dataset.manifest import NAME, Manifest, read_manifest
+from twinlens.dataset.storage import MARK, Place, RemotePath, Where, is_whole, place
 from twinlens.dataset.stored import StoredSample
 from twinlens.dataset.verify import is_of_damage, verify_sample
-from twinlens.dataset.waiting import waiting_samples
+from twinlens.dataset.waiting import is_of_recipe, kept_rows
 from twinlens.errors import FileError
 
 _OF_A_SAMPLE = (MARK, "im0.png")
@@ -38,12 +40,62 @@ def _opened(folder: Place) -> tuple[Sequence[StoredSample], list[str]]:
     if not (folder / NAME).is_file():
         return (dataset := Dataset(folder)), _without_list(folder, dataset)
     try:
-        listed = read_manifest(folder).rows
-        waiting = waiting_samples(folder, {row.name for row in listed})
-        samples = [*(Dataset(folder) if listed or not waiting else ()), *waiting]
+        state = _state(folder)
+        samples = state.samples or (() if _grows(state.manifest) else Dataset(folder))
     except FileError as error:
         return found_samples(folder), [str(error).removeprefix(f"{folder / NAME}: ")]
-    return samples, _of_the_list(folder, {sample.name for sample in samples})
+    return samples, state.findings + ([] if state.manifest.info.get("complete") is False else _of_croissant(folder))
+
+
+@dataclass(frozen=True)
+class _State:
+    """A dataset at one moment: its list, what is made and waits to be listed, and what is wrong with the whole."""
+
+    folder: Place
+    manifest: Manifest
+    waiting: Sequence[StoredSample]
+    findings: list[str]
+
+    @property
+    def samples(self) -> tuple[StoredSample, ...]:
+        """Those that are listed, and then those that wait to be."""
+        rows = ((row.name, {"files": row.files, "info": row.info}) for row in self.manifest.rows)
+        return (*(StoredSample(self.folder / name, name, row) for name, row in rows), *self.waiting)
+
+
+def _state(folder: Place) -> _State:
+    """How things stand in `folder`, others making samples there meanwhile. Raises FileError for its list.
+
+    A sample's folder appears before its row, and its row before it is listed: what is looked for in this order is
+    found by a later step when it has moved on since the one before.
+    """
+    before = {row.name for row in read_manifest(folder).rows}
+    folders = list(_folders_of_samples(folder, before))
+    kept, unread = kept_rows(folder, before)
+    manifest = read_manifest(folder)
+    listed = {row.name for row in manifest.rows}
+    waiting = [sample for sample in kept if sample.name not in listed]
+    beside = _beside(folders, listed | {sample.name for sample in waiting})
+    if _grows(manifest):
+        rowless, beside = _without_row(folder, manifest, beside)
+        waiting = sorted([*waiting, *rowless], key=lambda sample: sample.name)
+    findings = [line for name, line in unread.items() if name not in listed]
+    return _State(folder, manifest, waiting, findings + [f"{n}: is a sample that {NAME} does not list" for n in beside])
+
+
+def _grows(manifest: Manifest) -> bool:
+    """Whether `twinlens generate` began the dataset and has not finished it."""
+    return manifest.info.get("complete") is False and "made_with" in manifest.info
+
+
+def _without_row(folder: Place, manifest: Manifest, beside: Sequence[str]) -> tuple[list[StoredSample], list[str]]:
+    """Of what lies beside, the recipe's own samples that have no row yet (nor ever, after a kill); and the rest."""
+    count = manifest.recipe.get("count")
+    own = {name for name in beside if is_of_recipe(name.partition("/")[0], count)}
+    whole = {name for name in own if is_of_recipe(name, count) and is_whole(folder / name)}
+    # In a bucket a sample appears file by file: without its mark it is being written, or will be written over.
+    rest = set(beside) - (own if isinstance(folder, RemotePath) else whole)
+    return [StoredSample(folder / name, name) for name in sorted(whole)], sorted(rest)
 
 
 def unchecked(where: Where) -> str:
@@ -60,16 +112,18 @@ def unfinished(where: Where) -> str:
     `verify_place`.
     """
     try:
-        manifest = read_manifest(where)
+        state = _state(place(where))
     except FileError:
         return ""
+    manifest, waiting = state.manifest, len(state.waiting)
     count, failed = manifest.recipe.get("count"), manifest.info.get("failed")
     if not isinstance(count, int) or len(manifest.rows) >= count:
         return ""
     lost = len(failed) if isinstance(failed, list) else 0
-    waiting = len(waiting_samples(place(where), {row.name for row in manifest.rows}))
+    rowless = sum("files" not in sample.row for sample in state.waiting)
     said = [f"{NAME} lists {len(manifest.rows)} of the {count} samples of its recipe"]
-    said += [f"{waiting} more {'is' if waiting == 1 else 'are'} made and not listed yet"] if waiting else []
+    without = f" ({rowless} without checksums so far)" * bool(rowless)
+    said += [f"{waiting} more {'is' if waiting == 1 else 'are'} made and not listed yet{without}"] if waiting else []
     said += [f'{lost} could not be made ("failed" in it says why)'] if lost else []
     rest = len(manifest.rows) + waiting + lost < count
     if rest or waiting:
@@ -94,13 +148,6 @@ def cure(where: Where, found: Mapping[str, Sequence[str]]) -> str:
     return ""
 
 
-def _of_the_list(folder: Place, known: set[str]) -> list[str]:
-    """`known`: the names of the samples that are listed, or wait to be."""
-    growing = read_manifest(folder).info.get("complete") is False
-    beside = [f"{name}: is a sample that {NAME} does not list" for name in _beside(folder, known)]
-    return beside + ([] if growing else _of_croissant(folder))
-
-
 def _without_list(folder: Place, dataset: Dataset) -> list[str]:
     if dataset[0].folder == folder or not any(sample.has(MARK) for sample in dataset):
         return []
@@ -108,29 +155,38 @@ def _without_list(folder: Place, dataset: Dataset) -> list[str]:
     return [f"{lost}; where `twinlens generate` made them, the same command writes it again"]
 
 
-def _beside(folder: Place, known: set[str]) -> list[str]:
-    """The folders below `folder` with a sample's files in them that are none of `known`, nor lie in a sample."""
+def _beside(folders: Iterable[str], known: set[str]) -> list[str]:
+    """Those of `folders`, with a sample's files in them, that are none of `known`, nor lie in a sample."""
     found: set[str] = set()
-    for name in sorted(_folders_of_samples(folder, known), key=lambda name: name.count("/")):
+    for name in sorted(folders, key=lambda name: name.count("/")):
         ancestors = {name[:end] for end, letter in enumerate(name) if letter == "/"}
-        hidden = any(is_hidden(part) for part in name.split("/"))
-        if name and not hidden and not ({name} | ancestors) & (known | found):
+        if name and not ({name} | ancestors) & (known | found):
             found.add(name)
     return sorted(found)
 
 
 def _folders_of_samples(folder: Place, known: set[str]) -> Iterator[str]:
+    """The names of the folders below `folder` with a sample's files in them, but for hidden ones."""
     if isinstance(folder, RemotePath):
-        yield from {name.rpartition("/")[0] for name in folder.files() if name.rpartition("/")[2] in _OF_A_SAMPLE}
+        found = {name.rpartition("/")[0] for name in folder.files() if name.rpartition("/")[2] in _OF_A_SAMPLE}
+        yield from (name for name in found if not any(map(is_hidden, name.split("/"))))
         return
     level = [folder]
     while level:
-        below = [entry for each in level for entry in each.iterdir() if entry.is_dir()]
+        below = [entry for each in level for entry in _entries(each) if entry.is_dir() and not is_hidden(entry.name)]
         # What is known is not looked into: most of a dataset's files lie there.
         level = [entry for entry in below if entry.relative_to(folder).as_posix() not in known]
         for entry in level:
             if any((entry / file).is_file() for file in _OF_A_SAMPLE):
                 yield entry.relative_to(folder).as_posix()
+
+
+def _entries(folder: Path) -> list[Path]:
+    """What lies in a folder; nothing where it has gone meanwhile."""
+    try:
+        return list(folder.iterdir())
+    except FileNotFoundError:
+        return []
 
 
 def _of_croissant(folder: Place) -> list[str]:

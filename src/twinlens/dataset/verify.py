@@ -18,12 +18,12 @@ from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.codecs.pfm import read_pfm
 from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.dataset import Dataset
-from twinlens.dataset.manifest import checksums
+from twinlens.dataset.manifest import NAME, checksums
 from twinlens.dataset.stored import StoredSample
 from twinlens.dataset.truth_files import read_truth
 from twinlens.errors import FileError
 
-_LOST, _CHANGED = "is missing", "differs from its SHA-256 in dataset.json"
+_LOST, _CHANGED = "is missing", "differs from its SHA-256 in"
 _VIEW = re.compile(r"(?:lens-\d+/)?(im|disp|mask|truth|radiance)(\d+)(?:GT|nocc)?(\.png|\.pfm|\.exr)$")
 
 _READERS: dict[str, Callable[[Any], Any]] = {
@@ -36,8 +36,8 @@ _READERS: dict[str, Callable[[Any], Any]] = {
 def verify_sample(sample: StoredSample) -> list[str]:
     """What is wrong with a sample, one line a finding; empty when all is well. Never raises for what a file holds.
 
-    With a row of dataset.json every file must be there with its SHA-256 and no other; without one the files that are
-    there must agree. Plain Middlebury folders are read and their sizes compared.
+    With a row of dataset.json, or one that waits to be listed there, every file must be there with its SHA-256 and no
+    other; without one the files that are there must agree. Plain Middlebury folders are read and their sizes compared.
     """
     findings = _unlike_their_checksums(sample)
     if findings:
@@ -56,7 +56,7 @@ def is_of_damage(finding: str) -> bool:
     >>> is_of_damage("im0.png: is missing"), is_of_damage("notes.txt: is not listed in dataset.json")
     (True, False)
     """
-    return finding.endswith((_LOST, _CHANGED, "no such folder"))
+    return finding.endswith((_LOST, "no such folder")) or _CHANGED in finding
 
 
 def verify_dataset(dataset: Dataset) -> Iterator[tuple[str, list[str]]]:
@@ -68,14 +68,14 @@ def verify_dataset(dataset: Dataset) -> Iterator[tuple[str, list[str]]]:
 def _unlike_their_checksums(sample: StoredSample) -> list[str]:
     if "files" not in sample.row:
         return []
-    stated = sample.row["files"]
+    stated, stands_in = sample.row["files"], sample.row.get("stands_in", NAME)
     try:
         found = checksums(sample.folder)
     except FileError as error:
         return [str(error)]
     missing = [f"{name}: {_LOST}" for name in stated if name not in found]
-    changed = [f"{name}: {_CHANGED}" for name in found if found[name] != stated.get(name)]
-    added = {name: f"{name}: is not listed in dataset.json" for name in found if name not in stated}
+    changed = [f"{name}: {_CHANGED} {stands_in}" for name in found if found[name] != stated.get(name)]
+    added = {name: f"{name}: is not listed in {stands_in}" for name in found if name not in stated}
     return missing + [added.get(line.partition(":")[0], line) for line in changed]
 
 
