@@ -11,9 +11,10 @@ import pytest
 from factory_recipes import RECIPE, digests, write_recipe
 from twinlens.dataset import Dataset, read_manifest, sample_files, verify_dataset
 from twinlens.dataset.lock import locked
-from twinlens.errors import FileError, InputError, OutputError
+from twinlens.errors import BackendError, FileError, InputError, OutputError
 from twinlens.factory import estimate, generate, make, produce, read_recipe, spec_from_plain
 from twinlens.factory.produce import Exhausted
+from twinlens.rendering import Backend, builtin
 
 
 @pytest.fixture(scope="module")
@@ -391,3 +392,38 @@ def test_where_nothing_is_left_to_chance_the_first_draw_tells(folder, tmp_path):
     drawn = "ndisp = 1\nrig.baseline.uniform = [0.1, 0.2]\n[gates]\nattempts = 3\n"
     with pytest.raises(Exhausted, match="3 draws turned away"):
         make(read_recipe(write_recipe(tmp_path, fixed + drawn, count=1)), 0)
+
+
+THIN = 'kind = "thin"\naperture_mm = {{ choice = [0, 2, 8] }}\nfocus = "object"'
+
+
+@pytest.fixture
+def scalar(monkeypatch):
+    """Lenses are judged as where no LLVM works."""
+    monkeypatch.setattr(builtin, "backend", lambda: Backend("scalar", "scalar_rgb", "a test says so"))
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [
+        'kind = "hole"\naperture_mm = 1\nfilm_mm = 50',
+        'kind = "thin"\naperture_mm = 8\nshape = {{ kind = "polygon", blades = 6 }}',
+        'kind = "thin"\naperture_mm = {{ uniform = [2, 8] }}\nfocus = inf',
+    ],
+)
+def test_lenses_that_the_backend_cannot_do_leave_no_folder_behind(scalar, tmp_path, folder, lens):
+    """Every third of the recipe's own apertures has no width: these have, in every draw."""
+    assert THIN in RECIPE
+    refused = read_recipe(write_recipe(tmp_path, RECIPE.replace(THIN, lens)))
+    with pytest.raises(BackendError, match="needs the LLVM or CUDA backend"):
+        generate(refused, folder)
+    assert not folder.exists()
+
+
+def test_lenses_that_some_draw_could_do_are_tried(scalar, tmp_path, folder):
+    """The same with an opening that may be shut: nobody is refused for what a draw may not ask."""
+    lens = 'kind = "thin"\naperture_mm = {{ choice = [0, 2] }}\nfocus = inf'
+    tried = read_recipe(write_recipe(tmp_path, RECIPE.replace(THIN, lens), count=1))
+    calls = []
+    generate(tried, folder, engine=lambda work, todo, report, stop: iter(calls.append(list(todo)) or ()))
+    assert calls == [[0]]

@@ -34,7 +34,7 @@ def offer(monkeypatch):
 
 @pytest.fixture
 def answers(monkeypatch):
-    """Say what a child answers for each library, and count how often one is asked."""
+    """Say what a child answers for each library, as if it were there, and count how often one is asked."""
     asked = []
 
     def arrange(by_name):
@@ -43,6 +43,7 @@ def answers(monkeypatch):
             return by_name[asked[-1]]
 
         monkeypatch.setattr(llvm, "_run", run)
+        monkeypatch.setattr(llvm, "_is_missing", lambda library: False)
         return asked
 
     return arrange
@@ -81,20 +82,26 @@ def test_a_user_who_names_an_llvm_that_aborts_gets_the_scalar_backend_and_an_ima
         "b._has_cuda_driver = lambda: False; llvm._FOLDERS = ()\n"
         "chosen = b.backend(); mi = b.mitsuba()\n"
         "scene = mi.load_dict(mi.cornell_box()); mi.render(scene, spp=1)\n"
-        "print(chosen.variant, '|', chosen.reason)"
+        "print(chosen.variant, '|', b.doctor().reason, '|', chosen.reason)"
     )
     child = run_python(script, DRJIT_LIBLLVM_PATH=str(DEBIAN / "libLLVM-15.so.1"), DRJIT_CACHE_DIR=str(tmp_path))
     assert child.returncode == 0, child.stderr
     assert child.stdout.startswith("scalar_rgb | libLLVM-15.so.1 ")
+    assert child.stdout.endswith(" | no usable LLVM; `twinlens doctor` tells why\n")
 
 
 def test_a_user_who_names_a_missing_library_gets_a_reason(monkeypatch, tmp_path):
-    """A real child; whatever Dr.Jit makes of the path, the answer is about this one."""
     monkeypatch.setattr(llvm, "_FOLDERS", ())
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(tmp_path / "libLLVM-gone.so"))
     chosen = backend.doctor()
     assert chosen.name == "scalar"
-    assert "libLLVM-gone.so" in chosen.reason
+    assert chosen.reason == "libLLVM-gone.so fails: no such file"
+
+
+def test_a_mere_name_is_left_to_the_loader(monkeypatch):
+    """The system knows where libLLVM-42.so is, in a folder that this module does not."""
+    monkeypatch.setattr(llvm, "_run", lambda script, environment: "works")
+    assert llvm.probe("llvm_ad_rgb", Path("libLLVM-42.so")).works
 
 
 def test_a_working_llvm_is_chosen_behind_a_broken_one(offer, answers, tmp_path):

@@ -17,6 +17,7 @@ from twinlens.factory.entries import Entry, Failure
 from twinlens.factory.finish import finish
 from twinlens.factory.ledger import Ledger
 from twinlens.factory.preview import Preview
+from twinlens.factory.produce import check_backend
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import made_with
 from twinlens.factory.work import Work, work_here
@@ -72,12 +73,15 @@ def generate(
         Asked between passes: True drops the sample in the making, leaves all others whole, and ends the run.
 
     Raises InputError where `folder` holds another dataset, FileError where a sample there lacks a file, OutputError
-    where it cannot be written.
+    where it cannot be written; and, before anything is, BackendError where the backend that works here cannot
+    photograph through the lenses of the first sample.
     """
     _check(limit, shard)
     root = place(folder)
     recipe.sources.take_stock()  # what cannot be read is told before anything is written
     tools = made_with()  # and so is a backend that does not work here
+    if shard[0] <= recipe.count:
+        check_backend(recipe, shard[0] - 1)  # the first sample's lenses, too
     shared = shard != (1, 1)
     with locked(root, shared, remedy=f"{WAIT}, or split the work by --shard"):
         ledger = Ledger(root, recipe, tools)

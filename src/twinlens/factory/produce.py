@@ -8,9 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from twinlens.camera import Rig
+from twinlens.camera import Lens, Rig
 from twinlens.dataset import Sample
-from twinlens.errors import FileError, InputError
+from twinlens.errors import BackendError, FileError, InputError
 from twinlens.factory.draws import stream
 from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
 from twinlens.factory.lenses import View, lens_from_table
@@ -19,7 +19,7 @@ from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
 from twinlens.factory.settings import Settings, read_settings
 from twinlens.factory.sources import Sources
-from twinlens.rendering import ground_truth
+from twinlens.rendering import check_possible, ground_truth
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.scenes.table import At, Source
 
@@ -94,7 +94,7 @@ def produce(
     sample = make_sample(
         scene,
         rig,
-        [lens_from_table(table, view, at / "lenses" / k, sources.file) for k, table in enumerate(settings.lenses)],
+        _lenses(settings, view, at, sources),
         spp=settings.spp,
         seed=spec.seed,
         sensor=settings.sensor,
@@ -108,6 +108,31 @@ def produce(
     if gates is not None:
         check_photographs(gates, sample, settings.sensor)
     return dataclasses.replace(sample, ndisp=spec.ndisp, record={**sample.record, "spec": spec.plain()})
+
+
+def check_backend(recipe: Recipe, index: int) -> None:
+    """Raise BackendError where the backend of this process can photograph through the lenses of no draw of a sample.
+
+    No scene is opened for it: what cannot be judged without one is told when the sample is made.
+    """
+    at = At(Source(Path("recipe.toml")))
+    refusal = None
+    for attempt in range(1 if is_fixed(recipe) else recipe.gates.attempts):
+        try:
+            for lens in _lenses(read_settings(plan(recipe, index, attempt).drawn, at), None, at, recipe.sources):
+                check_possible(lens)
+        except BackendError as error:
+            refusal = error
+        except InputError:  # an impossible draw, of which the dataset keeps a record
+            return
+        else:
+            return
+    if refusal is not None:
+        raise refusal
+
+
+def _lenses(settings: Settings, view: View | None, at: At, sources: Sources) -> list[Lens]:
+    return [lens_from_table(table, view, at / "lenses" / k, sources.file) for k, table in enumerate(settings.lenses)]
 
 
 def _rig(scene: Scene, settings: Settings, at: At) -> Rig:

@@ -1,6 +1,7 @@
 """Photographs and exact truth of a scene. The only room that imports mitsuba and drjit, and only when it is used."""
 
 from twinlens.rendering.backends import Backend, backend, doctor, forget_kernels, steady_memory, use_threads
+from twinlens.rendering.builtin import check_possible
 from twinlens.rendering.ground_truth import correspondence, ground_truth
 from twinlens.rendering.lens_grid import LensGrid, render_lens_grid
 from twinlens.rendering.radiance import SAMPLERS, render
@@ -10,6 +11,7 @@ __all__ = [
     "Backend",
     "LensGrid",
     "backend",
+    "check_possible",
     "correspondence",
     "doctor",
     "forget_kernels",

@@ -8,12 +8,13 @@ import functools
 import gc
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from twinlens.errors import BackendError, InputError, unknown
 from twinlens.rendering import llvm
+from twinlens.rendering.hold import interrupts_held
 
 VARIANTS = {"scalar": "scalar_rgb", "llvm": "llvm_ad_rgb", "cuda": "cuda_ad_rgb"}
 _M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8  # malloc.h
@@ -38,6 +39,10 @@ class Backend:
         return self.name != "scalar"
 
 
+_activated: dict[str, Backend] = {}
+"""What was set up here, by variant. An interrupt that came meanwhile is heard before `backend` can remember it."""
+
+
 @functools.cache
 def backend() -> Backend:
     """The backend of this process, found and set up at the first call.
@@ -45,13 +50,13 @@ def backend() -> Backend:
     Raises InputError for an unknown TWINLENS_BACKEND, BackendError when the one asked for does not work here.
     """
     wanted = _wanted()
-    chosen = _already_set() or _choose(wanted)
+    chosen = _already_set() or _briefly(_choose(wanted))
     _activate(chosen)
     return chosen
 
 
 def doctor() -> Backend:
-    """What `backend` would choose, without setting it up."""
+    """What `backend` would choose, without setting it up; its reason is the whole one, what each library said."""
     return _choose(_wanted())
 
 
@@ -126,7 +131,7 @@ def _already_set() -> Backend | None:
     variant = mitsuba.variant()
     for name, known in VARIANTS.items():
         if variant == known:
-            return Backend(name, known, "the variant was set before twinlens was asked")
+            return _activated.get(known) or Backend(name, known, "the variant was set before twinlens was asked")
     if variant is not None:
         raise BackendError(
             f"mitsuba's variant is already {variant}; twinlens renders with {', '.join(VARIANTS.values())}"
@@ -162,6 +167,13 @@ def _why(probes: list[llvm.Probe]) -> str:
     return "; ".join(f"{Path(probe.path).name} {probe.answer}" for probe in probes)
 
 
+def _briefly(chosen: Backend) -> Backend:
+    """With a reason that closes the line of a command, whatever the libraries had to say."""
+    if chosen.is_jit or not chosen.probes:
+        return chosen
+    return replace(chosen, reason="no usable LLVM; `twinlens doctor` tells why")
+
+
 def _has_cuda_driver() -> bool:
     try:
         ctypes.CDLL("libcuda.so.1")
@@ -171,17 +183,24 @@ def _has_cuda_driver() -> bool:
 
 
 def _activate(chosen: Backend) -> None:
+    """Import Mitsuba with this backend. An interrupt meanwhile is heard once it is done, some tenths of a second."""
     if chosen.library is not None:
         os.environ["DRJIT_LIBLLVM_PATH"] = chosen.library
+    with interrupts_held():
+        _set_variant(chosen.variant)
+        _activated[chosen.variant] = chosen
+
+
+def _set_variant(variant: str) -> None:
     import mitsuba
 
-    if mitsuba.variant() == chosen.variant:
+    if mitsuba.variant() == variant:
         return
     try:
-        mitsuba.set_variant(chosen.variant)
+        mitsuba.set_variant(variant)
     except ImportError as error:
         raise BackendError(
-            f"{chosen.variant} works by itself but not in this process: mitsuba was imported before, with another "
+            f"{variant} works by itself but not in this process: mitsuba was imported before, with another "
             "DRJIT_LIBLLVM_PATH; unset that, or render with twinlens first"
         ) from error
     mitsuba.set_log_level(mitsuba.LogLevel.Error)

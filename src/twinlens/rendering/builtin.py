@@ -11,7 +11,7 @@ import numpy as np
 from twinlens.camera import Camera, Disk, Lens
 from twinlens.errors import BackendError
 from twinlens.geometry import Float
-from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.backends import backend, mitsuba
 
 _NEEDS_JIT = "needs the LLVM or CUDA backend (Debian, Ubuntu: apt install libllvm19)"
 _NEAR_CLIP = 1e-3
@@ -22,7 +22,8 @@ def builtin_sensor(
 ) -> Any:
     """Mitsuba's `perspective` or `thinlens` for this camera, or BackendError saying what the scalar mode cannot do."""
     mi = mitsuba()
-    _check(camera, lens)
+    _check_camera(camera)
+    _check_lens(lens)
     mitsuba_from_opencv = np.diag([-1.0, -1.0, 1.0, 1.0])  # Mitsuba's x points left, its y up
     full_width, full_height, offset_x, offset_y = _centred_film(camera)
     plugin: dict[str, Any] = {
@@ -52,13 +53,22 @@ def builtin_sensor(
     return mi.load_dict(plugin)
 
 
-def _check(camera: Camera, lens: Lens) -> None:
+def check_possible(lens: Lens) -> None:
+    """Raise BackendError for a lens that this process's backend cannot photograph through, whatever its camera."""
+    if not backend().is_jit:
+        _check_lens(lens)
+
+
+def _check_camera(camera: Camera) -> None:
     if camera.fx != camera.fy:
         raise BackendError(f"rendering pixels that are not square (fx={camera.fx}, fy={camera.fy}) {_NEEDS_JIT}")
     if camera.distortion is not None:
         raise BackendError(f"rendering lens distortion {_NEEDS_JIT}")
     if any(2 * c % 1 for c in (camera.cx, camera.cy)):
         raise BackendError(f"a principal point off the half-pixel grid (cx={camera.cx}, cy={camera.cy}) {_NEEDS_JIT}")
+
+
+def _check_lens(lens: Lens) -> None:
     if lens.aperture_diameter > 0 and not (isinstance(lens.aperture, Disk) and lens.vergence > 1e-5):
         raise BackendError(f"a lens that is no disk focused at a finite distance {_NEEDS_JIT}")
 

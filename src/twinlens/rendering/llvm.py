@@ -72,6 +72,8 @@ def candidates() -> list[Path]:
 
 def probe(variant: str, library: Path | None = None) -> Probe:
     """Render a tiny image in a child process, with this LLVM (or CUDA), and say whether it lived."""
+    if library is not None and _is_missing(library):
+        return Probe(str(library), False, "fails: no such file")
     memory = _Memory(variant, library)
     if (known := memory.recall()) is not None:
         return known
@@ -106,6 +108,17 @@ def _run(script: str, environment: dict[str, str]) -> str:
     if not lines:
         return f"fails with exit code {child.returncode}"
     return f"fails: {textwrap.shorten(lines[-1], _LONGEST_ANSWER, placeholder=' ...')}"
+
+
+def _is_missing(library: Path) -> bool:
+    """Whether there is no such file for sure: a mere name is looked for by the system's loader, in its own folders."""
+    try:
+        library.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return os.sep in str(library)
+    except OSError:
+        return False
+    return False
 
 
 def _version(path: Path) -> tuple[int, ...]:

@@ -1,0 +1,142 @@
+"""Ctrl-C while Mitsuba sets itself up: the set-up ends first, and then the interrupt is heard."""
+
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from twinlens.rendering.hold import interrupts_held
+
+backends = importlib.import_module("twinlens.rendering.backends")  # the room's `backend` is the function
+SCALAR = backends.Backend("scalar", "scalar_rgb", "a test asks for it")
+SLOW_MITSUBA = """
+import os, signal, time
+os.kill(os.getpid(), signal.SIGINT)
+time.sleep(0.01)
+LogLevel = type("LogLevel", (), {"Error": 0})
+steps = ["imported"]
+chosen = None
+
+
+def variant():
+    return chosen
+
+
+def set_variant(name):
+    global chosen
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.01)
+    chosen = name
+    steps.append("variant")
+
+
+def set_log_level(level):
+    steps.append("log level")
+"""
+
+
+@pytest.fixture(autouse=True)
+def pythons_own_handler():
+    """pytest may have been started deaf, as a script's child in the background is."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
+def slow_mitsuba(monkeypatch, tmp_path):
+    """A module of that name which is interrupted while it is imported, and again while its variant is set."""
+    (tmp_path / "mitsuba.py").write_text(SLOW_MITSUBA)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "mitsuba", raising=False)
+    monkeypatch.setattr(backends, "_activated", {})
+    yield
+    sys.modules.pop("mitsuba", None)
+
+
+def interrupt():
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_an_interrupted_set_up_ends_and_then_the_interrupt_is_heard(slow_mitsuba):
+    with pytest.raises(KeyboardInterrupt):
+        backends._activate(SCALAR)
+    assert sys.modules["mitsuba"].steps == ["imported", "variant", "log level"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_who_asks_again_after_the_interrupt_is_told_the_first_reason(slow_mitsuba):
+    with pytest.raises(KeyboardInterrupt):
+        backends._activate(SCALAR)
+    assert backends._already_set() is SCALAR
+
+
+def test_an_interrupt_is_heard_once_by_the_handler_that_was_there():
+    heard = []
+    signal.signal(signal.SIGINT, lambda *_: heard.append("interrupt"))
+    with interrupts_held():
+        interrupt()
+        interrupt()
+        assert heard == []
+    assert heard == ["interrupt"]
+    interrupt()
+    assert heard == ["interrupt"] * 2
+
+
+def test_without_an_interrupt_nothing_is_raised_and_the_handler_is_back():
+    with interrupts_held():
+        pass
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_error_keeps_its_way_and_the_handler_is_back():
+    with pytest.raises(ZeroDivisionError), interrupts_held():
+        1 / 0  # noqa: B018
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("kind", [signal.SIG_IGN, signal.SIG_DFL])
+def test_what_is_no_handler_of_pythons_stays(kind):
+    signal.signal(signal.SIGINT, kind)
+    with interrupts_held():
+        assert signal.getsignal(signal.SIGINT) is kind
+    assert signal.getsignal(signal.SIGINT) is kind
+
+
+def test_a_thread_of_work_changes_nothing():
+    seen = []
+
+    def work():
+        with interrupts_held():
+            seen.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [signal.default_int_handler]
+
+
+def test_the_real_mitsuba_lives_through_an_interrupt():
+    """A child, interrupted where Python imports Mitsuba's own library, which would abort it; then it renders."""
+    script = (
+        "import importlib, os, signal, sys\n"
+        "b = importlib.import_module('twinlens.rendering.backends')\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "class Interrupting:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        name == 'mitsuba.mitsuba_ext' and os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Interrupting())\n"
+        "try: b.backend()\n"
+        "except KeyboardInterrupt: print('interrupted')\n"
+        "sys.meta_path.pop(0)\n"
+        "mi = b.mitsuba(); mi.render(mi.load_dict(mi.cornell_box()), spp=1)\n"
+        "print(b.backend().reason)"
+    )
+    environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
+    child = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=100)
+    assert child.returncode == 0, child.stderr
+    assert child.stdout.splitlines() == ["interrupted", "TWINLENS_BACKEND asks for it"]
