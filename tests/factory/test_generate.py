@@ -412,7 +412,7 @@ def scalar(monkeypatch):
     ],
 )
 def test_lenses_that_the_backend_cannot_do_leave_no_folder_behind(scalar, tmp_path, folder, lens):
-    """Every third of the recipe's own apertures has no width: these have, in every draw."""
+    """The recipe's own aperture may be shut; these are open, in every draw."""
     assert THIN in RECIPE
     refused = read_recipe(write_recipe(tmp_path, RECIPE.replace(THIN, lens)))
     with pytest.raises(BackendError, match="needs the LLVM or CUDA backend"):

@@ -123,6 +123,19 @@ def test_no_library_at_all_is_said_so(offer):
     assert chosen.advice
 
 
+def test_who_renders_without_llvm_is_told_so_briefly_and_by_the_doctor_at_length(monkeypatch, offer, answers):
+    """What is rendered with closes the line of every command: however many libraries said however much."""
+    offer("/nowhere/libLLVM-42.so", "/nowhere/libLLVM-43.so")
+    answers({"libLLVM-42.so": "fails: " + "word " * 70, "libLLVM-43.so": "aborts the process (signal 6)"})
+    monkeypatch.setattr(backend, "_already_set", lambda: None)
+    monkeypatch.setattr(backend, "_activate", lambda chosen: None)
+    chosen, told = backend.backend.__wrapped__(), backend.doctor()
+    assert chosen.reason == "no usable LLVM; `twinlens doctor` tells why"
+    assert (chosen.variant, chosen.advice, chosen.probes) == (told.variant, told.advice, told.probes)
+    assert "word word" in told.reason
+    assert "libLLVM-43.so aborts" in told.reason
+
+
 def test_a_cuda_device_comes_first_and_a_broken_one_is_passed_over(monkeypatch, offer, answers):
     monkeypatch.setattr(backend, "_has_cuda_driver", lambda: True)
     offer("/nowhere/libLLVM-42.so")
