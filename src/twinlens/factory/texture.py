@@ -4,9 +4,9 @@ Noise looks like texture in one picture; the eyes' noise is independent. So a wi
 picture and the right one, brought to it by the true correspondence, vary together: their covariance is the variance of
 what both show, and that of noise averages to nothing. Over a window's n pixels it does so down to 1/sqrt(n) of the
 pictures' own variance. So a window's covariance must be that of the least contrast, and three times what chance leaves:
-with n = 256, of the windows with texture of half the noise's deviation some 60 % count, of those with a third of it a
-tenth. This takes the noise of neighbouring pixels for independent: demosaicing makes flat windows pass more often, 2 to
-4 % of them for strong noise instead of 0.1 %, and noise blurred over three pixels would make it a tenth.
+with n = 256, of the windows with fine texture of half the noise's deviation some 60 % count, of those with a third of
+it a tenth. This takes the noise of neighbouring pixels for independent: demosaicing makes flat windows pass more often,
+2 to 4 % of them for strong noise instead of 0.1 %, and noise blurred by a Gaussian of one pixel would make it a tenth.
 """
 
 from collections.abc import Sequence

@@ -88,7 +88,7 @@ def run_benchmark(
         the time limit and did not help.
     save
         The board's JSON file: read first if it exists (resume), written every few seconds and at the end. Only one run
-        at a time writes boards in a folder; a second is refused.
+        at a time writes it; a second is refused.
     board
         A board to resume from instead. A pair is skipped if an entry agrees in method spec, sample fingerprint,
         protocol and regions; entries that disagree are replaced, and all others stay.
@@ -106,7 +106,7 @@ def run_benchmark(
         Unknown protocol or region, methods or samples that share a name, a sample that cannot be scored, a method made
         of files or functions that are not there (by its `check_parts`, if it has one): that before anything runs.
     FileError, OutputError
-        `save` holds no board, or cannot be written, or another run is writing in its folder.
+        `save` holds no board, or cannot be written, or another run is writing it.
     """
     plan = plan_of(protocol, regions, retry_failed)
     _check_names(methods)

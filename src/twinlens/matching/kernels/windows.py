@@ -45,31 +45,27 @@ def advance(mode, new, old, there, state, equal):
 
 @jit
 def box_row(columns, side, spare, out):
-    """out[x] = columns[x] + ... + columns[x + side - 1]; spare is (2, W), side odd. By thirds where side is 9."""
-    if side == 9:
-        thirds = spare[0]
-        second, third = columns[1:], columns[2:]
-        for x in range(len(columns) - 2):
-            thirds[x] = columns[x] + second[x] + third[x]
-        second, third = thirds[3:], thirds[6:]
-        for x in range(len(out)):
-            out[x] = thirds[x] + second[x] + third[x]
-    else:
-        doubled_row(columns, side, spare, out)
+    """out[x] = columns[x] + ... + columns[x + side - 1]; spare is (2, W), side odd.
 
-
-@jit
-def doubled_row(columns, side, spare, out):
-    """`box_row` by sums of 1, 2, 4, ... columns.
-
-    Each doubling is written where nothing is read, and what lies ahead is a row of its own: LLVM makes no vector code
-    of a row that is added to itself, nor of places that might count from a row's end.
+    By threes as long as the side is their multiple, then by sums of 1, 2, 4, ... of what that gives. Each pass is
+    written where nothing is read, and what lies ahead is a row of its own: LLVM makes no vector code of a row that is
+    added to itself, nor of places that might count from a row's end.
     """
     width = len(out)
+    sums, into, step, rest = columns, 0, 1, side
+    while rest % 3 == 0 and rest > 3:
+        thirds, second, third = spare[into], sums[step:], sums[2 * step :]
+        for x in range(len(columns) - 3 * step + 1):
+            thirds[x] = sums[x] + second[x] + third[x]
+        sums, into, step, rest = thirds, 1 - into, 3 * step, rest // 3
+    if rest == 3:
+        second, third = sums[step:], sums[2 * step :]
+        for x in range(width):
+            out[x] = sums[x] + second[x] + third[x]
+        return
     for x in range(width):
-        out[x] = columns[x]
-    sums, into = columns, 0
-    place, power, left = 1, 1, side >> 1
+        out[x] = sums[x]
+    place, power, left = step, step, rest >> 1
     while left > 0:
         twice, ahead = spare[into], sums[power:]
         for x in range(len(columns) - 2 * power + 1):
