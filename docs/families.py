@@ -13,7 +13,7 @@ from PIL import Image
 
 import twinlens as tl
 from twinlens.factory import default_rig
-from twinlens.scenes.families import FAMILIES, random_scene
+from twinlens.families import FAMILIES, random_scene
 
 HERE = Path(__file__).parent
 WIDTH, HEIGHT, SPP = 160, 120, 24

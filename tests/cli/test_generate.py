@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from factory_recipes import RECIPE, digests, write_recipe
+from tests.factory_recipes import RECIPE, digests, write_recipe
 from twinlens.cli.generate import _batch, _clock
 from twinlens.cli.renewal import Progress
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from twinlens import geometry
 from twinlens.camera import Camera, Rig, ThinLens
+from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample, Shot
-from twinlens.truth import Truth
 
 LENS = ThinLens(0.02, focus_distance=2.5)
 CARD = ((-0.5, 0.3), (-0.2, 0.35), 2.0)  # x range, y range, z

@@ -3,9 +3,9 @@
 import json
 import shutil
 
-import dataset_scene
 import pytest
 
+from tests.dataset import dataset_scene
 from twinlens.dataset import (
     Dataset,
     Manifest,

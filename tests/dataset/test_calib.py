@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from dataset_damage import damaged
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.dataset.dataset_damage import damaged
 from twinlens import geometry
 from twinlens.camera import Camera, Rig
 from twinlens.dataset.codecs.calib import Calibration, decode_calib, encode_calib, read_calib, write_calib

@@ -4,12 +4,12 @@ import hashlib
 import io
 import json
 
-import dataset_scene
 import numpy as np
 import pytest
 import yaml
 from PIL import Image
 
+from tests.dataset import dataset_scene
 from twinlens.dataset import (
     About,
     Dataset,

@@ -5,12 +5,12 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
-import dataset_scene
 import numpy as np
 import pytest
-from dataset_damage import damaged
 from hypothesis import HealthCheck, given, settings
 
+from tests.dataset import dataset_scene
+from tests.dataset.dataset_damage import damaged
 from twinlens.dataset import (
     Dataset,
     Manifest,

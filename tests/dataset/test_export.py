@@ -7,12 +7,12 @@ import sys
 import tarfile
 
 import cv2
-import dataset_scene
 import numpy as np
 import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from tests.dataset import dataset_scene
 from twinlens.dataset import Dataset, Manifest, place, read_calib, row_of, write_manifest, write_pfm, write_sample
 from twinlens.dataset.export import LAYOUTS, export
 from twinlens.errors import FileError, InputError, MissingExtraError, OutputError

@@ -1,11 +1,11 @@
 import numpy as np
 import OpenEXR
 import pytest
-from dataset_damage import damaged
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from tests.dataset.dataset_damage import damaged
 from twinlens.dataset.codecs.exr import decode_exr, encode_exr, read_exr, write_exr
 from twinlens.errors import FileError, InputError, TwinlensError
 from twinlens.rendering.backends import mitsuba

@@ -7,13 +7,13 @@ files are also exchanged for others, so that what is behind the parser is met to
 import json
 import resource
 
-import dataset_scene
 import numpy as np
 import pytest
-from dataset_damage import damaged
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tests.dataset import dataset_scene
+from tests.dataset.dataset_damage import damaged
 from twinlens.dataset import (
     Dataset,
     Manifest,

@@ -7,10 +7,10 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
-import dataset_scene
 import numpy as np
 import pytest
 
+from tests.dataset import dataset_scene
 from twinlens.dataset import Dataset, Manifest, Row, place, truth_files, write_manifest, write_png, write_sample
 from twinlens.dataset.items import check_name
 from twinlens.errors import FileError, InputError

@@ -1,10 +1,10 @@
-import dataset_scene
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from tests.dataset import dataset_scene
 from twinlens.dataset import mask_from_both, mask_from_one
 from twinlens.errors import InputError
 

@@ -3,11 +3,11 @@ import re
 import cv2
 import numpy as np
 import pytest
-from dataset_damage import damaged
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from tests.dataset.dataset_damage import damaged
 from twinlens.dataset.codecs.pfm import decode_pfm, encode_pfm, read_pfm, write_pfm
 from twinlens.errors import FileError, InputError, OutputError, TwinlensError
 

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 import skimage.io
-from dataset_damage import damaged
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 
+from tests.dataset.dataset_damage import damaged
 from twinlens.dataset.codecs.png import decode_png, encode_png, read_png, write_png
 from twinlens.errors import FileError, InputError, TwinlensError
 

@@ -1,11 +1,11 @@
 import json
 
-import dataset_scene
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.dataset import dataset_scene
 from twinlens.camera import Pinhole
 from twinlens.dataset import (
     Dataset,

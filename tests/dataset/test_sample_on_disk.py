@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
-import dataset_scene
 import numpy as np
 import pytest
 
+from tests.dataset import dataset_scene
 from twinlens.camera import Rig
 from twinlens.dataset import Dataset, Shot, checksums, sample_files, write_sample
 from twinlens.dataset.record import plain
@@ -205,8 +205,8 @@ def test_a_killed_writer_leaves_whole_samples_only(tmp_path):
     program = textwrap.dedent(
         f"""
         import itertools, sys
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
-        import dataset_scene
+        sys.path.insert(0, {str(Path(__file__).parents[2])!r})
+        from tests.dataset import dataset_scene
         from twinlens.dataset import write_sample
         sample = dataset_scene.sample()
         print("ready", flush=True)

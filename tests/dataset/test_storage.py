@@ -3,12 +3,12 @@
 import pickle
 from pathlib import Path
 
-import dataset_scene
 import fsspec
 import numpy as np
 import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
+from tests.dataset import dataset_scene
 from twinlens.dataset import (
     Dataset,
     Manifest,

@@ -2,11 +2,11 @@
 
 import io
 
-import dataset_scene
 import numpy as np
 import pytest
 from PIL import Image
 
+from tests.dataset import dataset_scene
 from twinlens.dataset import Dataset, write_sample
 from twinlens.dataset.export import export
 

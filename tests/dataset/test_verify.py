@@ -1,10 +1,10 @@
 import json
 import shutil
 
-import dataset_scene
 import numpy as np
 import pytest
 
+from tests.dataset import dataset_scene
 from twinlens import geometry
 from twinlens.camera import Camera, Rig
 from twinlens.dataset import (

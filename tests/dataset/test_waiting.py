@@ -2,9 +2,9 @@
 
 import shutil
 
-import dataset_scene
 import pytest
 
+from tests.dataset import dataset_scene
 from twinlens.dataset import (
     Dataset,
     Manifest,

@@ -9,7 +9,7 @@ import time
 import psutil
 import pytest
 
-from factory_recipes import PATIENCE_S, digests, finish, rows_in, start, write_recipe
+from tests.factory_recipes import PATIENCE_S, digests, finish, rows_in, start, write_recipe
 from twinlens.errors import BackendError, InputError, MissingExtraError
 from twinlens.factory import generate, read_recipe
 from twinlens.factory.cluster import Order, local_cluster, make_one, remote_cluster

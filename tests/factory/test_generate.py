@@ -8,7 +8,7 @@ import fsspec
 import numpy as np
 import pytest
 
-from factory_recipes import RECIPE, digests, write_recipe
+from tests.factory_recipes import RECIPE, digests, write_recipe
 from twinlens.dataset import Dataset, read_manifest, sample_files, verify_dataset
 from twinlens.dataset.lock import locked
 from twinlens.errors import BackendError, FileError, InputError, OutputError

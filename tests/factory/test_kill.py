@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from factory_recipes import PATIENCE_S, RECIPE, digests, finish, rows_in, start, write_recipe
+from tests.factory_recipes import PATIENCE_S, RECIPE, digests, finish, rows_in, start, write_recipe
 
 
 def kill_after(process, folder, rows, delay):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from factory_recipes import write_recipe
+from tests.factory_recipes import write_recipe
 from twinlens.camera import Annulus, BareAperture, Disk, MaskAperture, Pinhole, Polygon, ThinLens
 from twinlens.dataset import write_png
 from twinlens.errors import InputError

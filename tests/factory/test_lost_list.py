@@ -2,7 +2,7 @@
 
 import pytest
 
-from factory_recipes import digests, write_recipe
+from tests.factory_recipes import digests, write_recipe
 from twinlens.errors import InputError
 from twinlens.factory import generate, read_recipe
 

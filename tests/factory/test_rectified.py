@@ -12,7 +12,7 @@ from twinlens.dataset import Dataset, verify_sample, write_sample
 from twinlens.errors import InputError
 from twinlens.factory import make_sample, rectified_sample
 from twinlens.geometry import rigid
-from twinlens.rectification import warp
+from twinlens.geometry.rectification import warp
 from twinlens.sensor import Sensor
 
 BASELINE, CROSSING = 0.3, 1.6

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from factory_recipes import RECIPE, write_recipe
+from tests.factory_recipes import RECIPE, write_recipe
 from twinlens.camera import BrownConrady, MaskAperture, Polygon
 from twinlens.dataset import sample_files
 from twinlens.errors import InputError

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from factory_recipes import RECIPE, SCENE, digests, write_recipe
+from tests.factory_recipes import RECIPE, SCENE, digests, write_recipe
 from twinlens.dataset import Dataset, read_manifest, write_png
 from twinlens.errors import FileError, InputError
 from twinlens.factory import Sources, estimate, generate, make, read_recipe

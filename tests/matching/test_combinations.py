@@ -4,9 +4,9 @@ import functools
 
 import numpy as np
 import pytest
-from matching_reference import WINDOW_COSTS, pixel_difference
 
 import twinlens.matching as tm
+from tests.matching.matching_reference import WINDOW_COSTS, pixel_difference
 from twinlens.errors import InputError
 from twinlens.matching.costs import COSTS
 from twinlens.matching.supports import SUPPORTS

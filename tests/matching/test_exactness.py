@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from matching_reference import naive_volume
 
 import twinlens.matching as tm
+from tests.matching.matching_reference import naive_volume
 from twinlens.errors import InputError
 from twinlens.matching.box import BoxMatch
 from twinlens.matching.costs import COSTS

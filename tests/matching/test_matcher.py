@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from matching_reference import naive_fit, naive_volume
 
 import twinlens.matching as tm
+from tests.matching.matching_reference import naive_fit, naive_volume
 from twinlens.errors import InputError
 from twinlens.matching.box import BoxMatch
 from twinlens.matching.costs import COSTS

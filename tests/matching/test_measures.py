@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from matching_reference import naive_descriptors, pixel_difference
 
 import twinlens as tl
 import twinlens.matching as tm
+from tests.matching.matching_reference import naive_descriptors, pixel_difference
 from twinlens.errors import InputError
 
 VALUES = st.integers(0, 255)

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from matching_reference import (
+from scipy import ndimage
+
+import twinlens.matching as tm
+from tests.matching.matching_reference import (
     is_candidate,
     naive_paths,
     naive_pixel_costs,
     naive_pixel_window_volume,
     naive_volume,
 )
-from scipy import ndimage
-
-import twinlens.matching as tm
 from twinlens.errors import InputError
 from twinlens.matching.costs import COSTS
 from twinlens.matching.semiglobal import Penalties, Sweeps, stored

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from optics_lights import HERE, centroid, disk_diameter, grey, lamps, square_camera
 
 import twinlens as tl
+from tests.optics_rendered.optics_lights import HERE, centroid, disk_diameter, grey, lamps, square_camera
 from twinlens.camera import Disk, MaskAperture, Polygon
 
 FX = 400.0

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from optics_lights import HERE, centroid, grey, lamps
 
 import twinlens as tl
+from tests.optics_rendered.optics_lights import HERE, centroid, grey, lamps
 from twinlens.camera import BrownConrady, KannalaBrandt
 
 DISTORTIONS = {

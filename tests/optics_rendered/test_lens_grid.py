@@ -8,10 +8,10 @@ from pathlib import Path
 import drjit
 import numpy as np
 import pytest
-from optics_lights import HERE, chequered_room, lamps, sky, square_camera
 from scipy.stats import t as student
 
 import twinlens as tl
+from tests.optics_rendered.optics_lights import HERE, chequered_room, lamps, sky, square_camera
 from twinlens.camera import Annulus, BrownConrady, MaskAperture, Polygon
 from twinlens.errors import InputError
 from twinlens.rendering import lens_grid, sheaf
@@ -192,7 +192,7 @@ import sys
 import numpy as np
 sys.path.insert(0, sys.argv[1])
 import twinlens as tl
-from optics_lights import chequered_room, square_camera
+from tests.optics_rendered.optics_lights import chequered_room, square_camera
 rig = tl.Rig.stereo(square_camera(18, 26.0), 0.1)
 lenses = [tl.Pinhole(), tl.ThinLens(0.2, 2.0)]
 grids = [tl.render_lens_grid(chequered_room(), rig, lenses, spp=16, seed=seed) for seed in range(12)]
@@ -204,7 +204,7 @@ np.save(sys.argv[2], [list(grid) for grid in grids])
 def test_the_scalar_backend_renders_lens_by_lens(room, tmp_path):
     """In a process of its own; the same light as the direct images of this one."""
     file = tmp_path / "grid.npy"
-    command = [sys.executable, "-c", SCALAR, str(Path(__file__).parent), str(file)]
+    command = [sys.executable, "-c", SCALAR, str(Path(__file__).parents[2]), str(file)]
     child = subprocess.run(
         command, env={**os.environ, "TWINLENS_BACKEND": "scalar"}, capture_output=True, text=True, timeout=300
     )
@@ -339,7 +339,7 @@ PASSES = """
 import resource, sys
 sys.path.insert(0, sys.argv[1])
 import twinlens as tl
-from optics_lights import HERE, sky
+from tests.optics_rendered.optics_lights import HERE, sky
 from twinlens.rendering import sheaf
 sheaf.RAYS_A_PASS = int(sys.argv[3])
 rig = tl.Rig([tl.Camera.from_fov(384, 384, fov_x_deg=40)], [HERE])
@@ -353,7 +353,7 @@ def test_memory_is_bounded_by_passes():
     """Four passes' worth of rays take what one pass takes, and more where they are traced at once."""
 
     def taken(spp, rays_a_pass):
-        command = [sys.executable, "-c", PASSES, str(Path(__file__).parent), str(spp), str(rays_a_pass)]
+        command = [sys.executable, "-c", PASSES, str(Path(__file__).parents[2]), str(spp), str(rays_a_pass)]
         child = subprocess.run(command, capture_output=True, text=True, timeout=300)
         assert child.returncode == 0, child.stderr
         return [float(word) for word in child.stdout.split()]

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from optics_lights import HERE, chequered_room, grey, lamps, sky, square_camera
 
 import twinlens as tl
-from twinlens.diffraction import diffract
+from tests.optics_rendered.optics_lights import HERE, chequered_room, grey, lamps, sky, square_camera
+from twinlens.optics.diffraction import diffract
 from twinlens.sensor import Exposure
 
 SENSOR = tl.Sensor(

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-WORKER = Path(__file__).parent / "rendering_worker.py"
+WORKER = "tests.rendering.rendering_worker"
+ROOT = Path(__file__).parents[2]
 BACKENDS = ("scalar", "llvm")
 GROUPS = {  # jobs that share a process; the last one meddles with threads
     "truth": ["truth"],
@@ -45,9 +46,9 @@ class Renderer:
         key = self.backend, group
         if key not in self.answers:
             file = self._folder / f"{group}.npz"
-            command = [sys.executable, str(WORKER), str(file), *GROUPS[group]]
+            command = [sys.executable, "-m", WORKER, str(file), *GROUPS[group]]
             environment = {**os.environ, "TWINLENS_BACKEND": self.backend}
-            child = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+            child = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300)
             assert child.returncode == 0, child.stderr
             with np.load(file) as arrays:
                 alone = f"{group}/" if len(GROUPS[group]) == 1 else ""

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from rendering_bodies import first_hits, seen_from
+
+from tests.rendering.rendering_bodies import first_hits, seen_from
 
 ROUND = [(np.cos(a), np.sin(a)) for a in np.arange(8) * np.pi / 4]
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from rendering_bodies import Ball, Coin, Hull, Plate, Soup, Tube, unit
 
+from tests.rendering.rendering_bodies import Ball, Coin, Hull, Plate, Soup, Tube, unit
 from twinlens.camera import Camera, Rig
 from twinlens.geometry import look_at
 from twinlens.scenes import Mesh, Scene, SceneObject

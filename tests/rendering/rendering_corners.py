@@ -5,9 +5,9 @@ Each case is (closed forms, SceneObject, Rig); the same numbers for the worker a
 
 import numpy as np
 import trimesh
-from rendering_bodies import Coin, Hull, Plate, unit
-from rendering_cases import moved, pose, turn
 
+from tests.rendering.rendering_bodies import Coin, Hull, Plate, unit
+from tests.rendering.rendering_cases import moved, pose, turn
 from twinlens.camera import Camera, Rig
 from twinlens.geometry import look_at
 from twinlens.scenes import Mesh, Scene, SceneObject

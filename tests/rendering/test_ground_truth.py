@@ -6,9 +6,9 @@ Where an answer differs, the pixel must lie within a stated distance of an edge 
 import numpy as np
 import pytest
 import rendering_cases as cases
-from rendering_answers import View
 
-from twinlens.truth import MATERIAL_KINDS
+from tests.rendering.rendering_answers import View
+from twinlens.camera.truth import MATERIAL_KINDS
 
 RIGS = dict(enumerate(cases.rigs())) | {"crossed": cases.crossed_rig()}
 GRAZING = 0.02  # cosine of the angle of incidence

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import rendering_corners as corners
-from rendering_answers import View
-from rendering_bodies import Ball, unit
+
+from tests.rendering.rendering_answers import View
+from tests.rendering.rendering_bodies import Ball, unit
 
 CASES = corners.cases()
 FINE = ("plain ball", "mirrored ball", "inside out ball")

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
-from scene_text import MINIMAL, Read
 
+from tests.scenes.scene_text import MINIMAL, Read
 from twinlens.scenes import Scene, load_scene
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import OpenEXR
 import pytest
 from PIL import EpsImagePlugin, Image
-from scene_text import Read
 
+from tests.scenes.scene_text import Read
 from twinlens.errors import FileError, InputError
 from twinlens.scenes import assets
 from twinlens.scenes.assets import asset, read_picture

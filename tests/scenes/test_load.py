@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from scene_text import Read
 
+from tests.scenes.scene_text import Read
 from twinlens.camera import Camera, Rig
 from twinlens.errors import FileError, InputError
 from twinlens.scenes import Bitmap, Mesh, Scene, bundled_folder, bundled_headings, bundled_scenes, load_scene

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from scene_text import Read
 
+from tests.scenes.scene_text import Read
 from twinlens.errors import FileError, InputError
 from twinlens.scenes import Mesh, objects
 from twinlens.scenes.objects import BODIES, read_mesh

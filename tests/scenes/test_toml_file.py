@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scene_text import MINIMAL, Read
 
+from tests.scenes.scene_text import MINIMAL, Read
 from twinlens.errors import FileError, InputError
 from twinlens.scenes import load_scene
 from twinlens.scenes.plugins import BSDFS, EMITTERS, SHAPES

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pytest
-from scene_text import Read
 
+from tests.scenes.scene_text import Read
 from twinlens.camera import Camera, Rig
 from twinlens.scenes import load_scene
 from twinlens.scenes.plugins import AREA_EMITTERS, BSDFS, EMITTERS, INTEGRATORS, SHAPES

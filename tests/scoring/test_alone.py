@@ -3,8 +3,8 @@
 import threading
 
 import pytest
-from scoring_methods import pair
 
+from tests.scoring.scoring_methods import pair
 from twinlens.errors import InputError, OutputError
 from twinlens.scoring import read_board, run_benchmark
 from twinlens.scoring.alone import alone

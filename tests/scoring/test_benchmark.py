@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scoring_methods import Constant, Hangs, Signed, Slow, Starts, Starving, Trouble, Unloadable, pair
 
+from tests.scoring.scoring_methods import Constant, Hangs, Signed, Slow, Starts, Starving, Trouble, Unloadable, pair
 from twinlens.dataset import Calibration
 from twinlens.errors import FileError, InputError
 from twinlens.scoring import (

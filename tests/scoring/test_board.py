@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
-from scoring_methods import Constant, Trouble, pair
 
+from tests.scoring.scoring_methods import Constant, Trouble, pair
 from twinlens.dataset import Calibration
 from twinlens.errors import FileError, InputError, OutputError, TwinlensError
 from twinlens.scoring import (

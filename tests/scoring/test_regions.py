@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from scoring_methods import Constant, pair
 
+from tests.scoring.scoring_methods import Constant, pair
+from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.errors import InputError
 from twinlens.scoring import REGIONS, Pair, region_masks, run_benchmark
 from twinlens.scoring.regions import (
@@ -19,7 +20,6 @@ from twinlens.scoring.regions import (
     out_of_focus,
     textureless,
 )
-from twinlens.truth import MATERIAL_KINDS
 
 shapes = hnp.array_shapes(min_dims=2, max_dims=2, min_side=2, max_side=9)
 truths = hnp.arrays(np.float32, shapes, elements=st.sampled_from([3.0, 4.0, 4.5, 5.0, 6.5, 20.0, np.inf]))

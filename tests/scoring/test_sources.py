@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scoring_methods import pair
 
 import twinlens
+from tests.scoring.scoring_methods import pair
 from twinlens.camera import Camera, Pinhole, Rig, ThinLens
+from twinlens.camera.truth import MATERIAL_KINDS, Truth
 from twinlens.dataset import Dataset, Sample, Shot, motorcycle, write_sample
 from twinlens.errors import FileError, InputError
 from twinlens.scoring import (
@@ -23,7 +24,6 @@ from twinlens.scoring import (
     spec_of,
 )
 from twinlens.scoring.maps import file_name
-from twinlens.truth import MATERIAL_KINDS, Truth
 
 
 def truth(disparity, depth):

@@ -8,8 +8,8 @@ import zlib
 
 import numpy as np
 import pytest
-from scoring_methods import pair
 
+from tests.scoring.scoring_methods import pair
 from twinlens.dataset import encode_png, write_pfm, write_png
 from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.errors import FileError

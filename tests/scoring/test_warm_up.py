@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scoring_methods import pair
 
+from tests.scoring.scoring_methods import pair
 from twinlens.scoring import run_benchmark
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from twinlens.diffraction import airy_kernel
+from twinlens.optics.diffraction import airy_kernel
 from twinlens.studies import pinhole
 from twinlens.studies.fresnel import fresnel_kernel, intensity, through_hole, transfer
 

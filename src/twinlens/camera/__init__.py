@@ -8,14 +8,17 @@ from twinlens.camera.lens import BareAperture, Lens, Pinhole, ThinLens, film_dis
 from twinlens.camera.misalignment import ALIGNED, Misalignment, misaligned
 from twinlens.camera.remap import undistort_maps
 from twinlens.camera.rig import Rig
+from twinlens.camera.truth import MATERIAL_KINDS, Correspondence, Truth
 
 __all__ = [
     "ALIGNED",
+    "MATERIAL_KINDS",
     "Annulus",
     "Aperture",
     "BareAperture",
     "BrownConrady",
     "Camera",
+    "Correspondence",
     "Disk",
     "Distortion",
     "KannalaBrandt",
@@ -26,6 +29,7 @@ __all__ = [
     "Polygon",
     "Rig",
     "ThinLens",
+    "Truth",
     "film_distance",
     "film_image",
     "misaligned",

@@ -40,8 +40,8 @@ def epipolar(sample: "Place", output: Path, cameras: str, points: int, as_json: 
     Example:  twinlens show epipolar out/staircase -o epipolar.png
     """
     from twinlens.dataset import write_png
-    from twinlens.epipolar import epipoles, fundamental_matrix, ideal_pixels, sampson_distance
-    from twinlens.epipolar_picture import epipolar_picture
+    from twinlens.geometry.epipolar import epipoles, fundamental_matrix, ideal_pixels, sampson_distance
+    from twinlens.report.epipolar_picture import epipolar_picture
 
     if output.suffix.lower() != ".png":
         raise InputError(f"--output {output}: the picture is written as .png; name it so")
@@ -69,7 +69,7 @@ def _matches(stored: "StoredSample", a: int, b: int, count: int) -> "tuple[Float
     """Pixels of true matches that both pictures show, far from each other: (N, 2) each."""
     import numpy as np
 
-    from twinlens.epipolar_picture import spread_points
+    from twinlens.report.epipolar_picture import spread_points
 
     truth = stored.truth(a) if stored.has(f"truth{a}.exr") else None
     if truth is None:
@@ -89,7 +89,7 @@ def _matches_of_disparity(stored: "StoredSample", a: int, b: int, count: int) ->
     """Those of a plain folder: its left disparity map, where both views see the pixel."""
     import numpy as np
 
-    from twinlens.epipolar_picture import spread_points
+    from twinlens.report.epipolar_picture import spread_points
 
     if (a, b) != (0, 1):
         raise InputError(f"{stored.folder}: has no truth{a}.exr; only views 0,1 can be told from disparities")

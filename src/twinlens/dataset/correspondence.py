@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from twinlens import geometry
 from twinlens.camera import Rig
+from twinlens.camera.truth import Correspondence, Truth
 from twinlens.errors import InputError
-from twinlens.truth import Correspondence, Truth
 
 _ON_PLANE = 1e-3  # of the distance: how far a point may stand off the surface that the target sees beside it
 

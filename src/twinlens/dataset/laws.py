@@ -14,10 +14,10 @@ from scipy.special import bdtrc
 
 from twinlens import geometry
 from twinlens.camera import Camera, Lens, Rig
+from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.dataset.codecs.calib import Calibration
 from twinlens.dataset.occlusion import HIDDEN, UNKNOWN, VISIBLE
 from twinlens.dataset.truth_files import blur_circle_px
-from twinlens.truth import MATERIAL_KINDS
 
 _LOOKED_AT, _FEWEST = 50_000, 1_000  # pixels: chance alone correlates a thousand by 0.03
 _CLEARLY = 0.15

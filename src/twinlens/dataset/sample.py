@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 import twinlens
 from twinlens.camera import Camera, Lens, Rig
+from twinlens.camera.truth import MATERIAL_KINDS, Truth
 from twinlens.dataset.codecs.calib import Calibration, encode_calib, tidy
 from twinlens.dataset.codecs.exr import encode_exr
 from twinlens.dataset.codecs.pfm import encode_pfm
@@ -26,7 +27,6 @@ from twinlens.dataset.record import encode_json, plain
 from twinlens.dataset.storage import Place, RemotePath, Where, place
 from twinlens.dataset.truth_files import encode_truth
 from twinlens.errors import InputError, OutputError
-from twinlens.truth import MATERIAL_KINDS, Truth
 
 KIND, VERSION = "twinlens-sample", 1
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Lens, Rig
+from twinlens.camera.truth import Correspondence, Truth
 from twinlens.dataset import items
 from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.codecs.exr import read_exr
@@ -25,7 +26,6 @@ from twinlens.dataset.sample import KIND, VERSION
 from twinlens.dataset.storage import Place
 from twinlens.dataset.truth_files import blur_circle_px, read_truth, truth_from_arrays
 from twinlens.errors import FileError, InputError
-from twinlens.truth import Correspondence, Truth
 
 Image = NDArray[Any]
 Disparity = NDArray[np.float32]

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from twinlens import optics
 from twinlens.camera import Camera, Lens
+from twinlens.camera.truth import Truth
 from twinlens.dataset.codecs.exr import encode_exr, read_exr
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError
-from twinlens.truth import Truth
 
 VECTORS = ("position", "normal", "shading_normal")
 """Truth's (H, W, 3) arrays: each is three channels, ``<name>.X`` ``<name>.Y`` ``<name>.Z``."""

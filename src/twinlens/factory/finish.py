@@ -21,7 +21,7 @@ def finish(ledger: Ledger) -> None:
 
 def broken_assets(recipe: Recipe) -> list[dict[str, str]]:
     """The files of the recipe's asset folders that cannot be used, by their names there, and why; read one by one."""
-    from twinlens.scenes.families import Assets
+    from twinlens.families import Assets
 
     found = []
     for kind, files in recipe.sources.asset_files.items():

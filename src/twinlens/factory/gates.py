@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from twinlens.camera import Rig
+from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample
 from twinlens.factory.inside import encloses
 from twinlens.factory.texture import grey, textured
 from twinlens.scenes import Scene
 from twinlens.scenes.table import At, Table, boolean, number, whole
 from twinlens.sensor import Sensor
-from twinlens.truth import Truth
 
 _DARK = 0.02  # of the image's range
 _BURNT = 0.98

@@ -19,12 +19,12 @@ import numpy as np
 from twinlens.camera import Annulus, Camera, Disk, Lens, MaskAperture, Pinhole, Polygon, ThinLens
 from twinlens.camera.aperture import Aperture
 from twinlens.camera.lens import BareAperture
+from twinlens.camera.truth import Truth
 from twinlens.errors import FileError, InputError
 from twinlens.factory.draws import stream
 from twinlens.factory.masks import read_mask
 from twinlens.scenes.scene import Scene
 from twinlens.scenes.table import At, Parser, Table, choice, listed, number, show, text, whole
-from twinlens.truth import Truth
 
 _LARGEST_ROW = 4096
 _LEAST_SEEN = 0.005  # of the image: an object that is worth a focus

@@ -146,7 +146,7 @@ def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
     found = _find_scene(spec, sources)
     if found is not None:
         return found
-    from twinlens.scenes.families import random_scene
+    from twinlens.families import random_scene
 
     return random_scene(
         spec.scene,

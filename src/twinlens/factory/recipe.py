@@ -122,7 +122,7 @@ def _check_drawn(recipe: Recipe) -> None:
 
 
 def _check_depths(at: At, family: str, depths: tuple[float, float] | None) -> None:
-    from twinlens.scenes.families import FAMILIES
+    from twinlens.families import FAMILIES
 
     if depths is None:
         return
@@ -170,7 +170,7 @@ def _not_there(name: str, folder: Path) -> str:
 
 
 def _family(at: At, value: Any) -> Subject:
-    from twinlens.scenes.families import FAMILIES
+    from twinlens.families import FAMILIES
 
     return Subject("family", choice(*FAMILIES)(at, value))
 
@@ -207,7 +207,7 @@ def _assets(at: At, value: Any, folder: Path) -> dict[str, tuple[str, ...]]:
 
 def _check_kind(at: At, kind: str, folder: Path, name: str) -> None:
     """Raise InputError for a folder without any file of the kind; what the files hold is found when they are drawn."""
-    from twinlens.scenes.families import Assets
+    from twinlens.families import Assets
 
     try:
         Assets.from_folders(**{kind: [folder / name]})

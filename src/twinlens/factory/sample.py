@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Disk, Lens, Rig
 from twinlens.camera.lens import check_lens
+from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample, Shot
-from twinlens.diffraction import diffract
 from twinlens.errors import InputError
 from twinlens.factory.sources import file_digests
+from twinlens.optics.diffraction import diffract
 from twinlens.rendering import SAMPLERS, backend, ground_truth, render
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.sensor import Exposure, Sensor
 from twinlens.sensor.exposure import check_exposure
-from twinlens.truth import Truth
 
 _SHOT_STREAM = 2
 
@@ -93,7 +93,8 @@ def make_sample(
         One for all lenses, so that a smaller aperture is darker. If not given, each lens has its own automatic one;
         either is shared by the eyes.
     diffraction : bool
-        Whether apertures of some width blur what falls on the film by their Airy pattern (`twinlens.diffraction`), at
+        Whether apertures of some width blur what falls on the film by their Airy pattern
+        (`twinlens.optics.diffraction`),
         the sensor's wavelengths. It is known for disks only.
     sky_disparity : bool
         As `ground_truth` takes it.

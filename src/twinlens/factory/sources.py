@@ -19,7 +19,7 @@ from twinlens.errors import FileError
 from twinlens.scenes import Scene, bundled_folder, bundled_scenes, load_scene
 
 if TYPE_CHECKING:
-    from twinlens.scenes.families import Assets
+    from twinlens.families import Assets
 
 _SCENES_KEPT = 8
 _NAMED = 3
@@ -87,7 +87,7 @@ class Sources:
     @cached_property
     def families_assets(self) -> "Assets":
         """The assets as families of scenes draw from them."""
-        from twinlens.scenes.families import Assets
+        from twinlens.families import Assets
 
         listed: dict[str, Any] = {kind: tuple(sorted(set(found.values()))) for kind, found in self.asset_files.items()}
         return Assets(**listed, before_reading=self.unchanged)
@@ -122,7 +122,7 @@ class Sources:
         return {(shown / below).as_posix(): path for below, path in _names_below(home, scene.files).items()}
 
     def _listed(self, kind: str, names: tuple[str, ...]) -> dict[str, Path]:
-        from twinlens.scenes.families import Assets
+        from twinlens.families import Assets
 
         found: dict[str, Path] = {}
         for name in names:

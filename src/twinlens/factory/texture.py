@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Rig
+from twinlens.camera.truth import Truth
 from twinlens.geometry import inverse, transform_points
 from twinlens.sensor import Sensor
 from twinlens.sensor.picture import BAYER
-from twinlens.truth import Truth
 
 WINDOW = 16
 _LEAST_CONTRAST = 0.01  # of the range, rms: about two grey levels of eight bits

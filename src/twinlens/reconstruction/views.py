@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens import geometry
 from twinlens.camera import Camera, Rig
+from twinlens.camera.truth import Truth
 from twinlens.errors import InputError
 from twinlens.geometry import Float
-from twinlens.truth import Truth
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Rig
+from twinlens.camera.truth import Correspondence, Truth
 from twinlens.errors import InputError
 from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.build import BuiltScene, build
@@ -20,7 +21,6 @@ from twinlens.rendering.radiance import check_view
 from twinlens.rendering.refine import Exact
 from twinlens.rendering.surfaces import exact_hits, sky_is_seen, unblocked
 from twinlens.scenes import Scene
-from twinlens.truth import Correspondence, Truth
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.errors import unknown
 from twinlens.scoring import regions as made
 from twinlens.scoring.checks import Mask, mask_of
 from twinlens.scoring.pair import Pair
-from twinlens.truth import MATERIAL_KINDS
 
 
 @dataclass(frozen=True)

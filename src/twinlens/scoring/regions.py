@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.errors import InputError, unknown
 from twinlens.scoring.checks import Mask, disparity_map
-from twinlens.truth import MATERIAL_KINDS
 
 HIDDEN = 128
 """The value of a uint8 visibility mask for a known pixel that the partner camera does not see."""

@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twinlens.diffraction import check_wavelengths
 from twinlens.errors import InputError, check_number, check_triple, in_one_line, unknown
+from twinlens.optics.diffraction import check_wavelengths
 from twinlens.sensor import picture
 from twinlens.sensor.exposure import Exposure, Mismatch
 

@@ -11,8 +11,8 @@ from twinlens.camera.intrinsics import Camera
 from twinlens.camera.lens import Lens, check_lens, film_distance
 from twinlens.camera.radiance import checked_radiance
 from twinlens.camera.rig import Rig
-from twinlens.diffraction import CHANNEL_WAVELENGTHS
 from twinlens.errors import InputError, unknown
+from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS
 from twinlens.sensor import light, noise, picture
 from twinlens.sensor.checks import check_figures, check_seed
 from twinlens.sensor.exposure import Exposure, Mismatch, auto_exposure, check_exposure

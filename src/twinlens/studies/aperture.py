@@ -186,7 +186,7 @@ def _wrong(name: str, mode: str, diffraction: str) -> Figure:
     )  # fmt: skip
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="aperture",
     question="Which f-number is best for stereo, when blur, diffraction and noise are weighed?",
     columns=(

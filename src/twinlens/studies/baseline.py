@@ -49,7 +49,7 @@ def _occlusion(rows: Table) -> Finding:
     return Finding(text, growth, is_above(growth) and growth.value <= 1 + TOLERANCE)
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="baseline",
     question="If disparity errors do not depend on distance, what depth does a wider base buy, and what does it hide?",
     columns=COLUMNS,

@@ -37,7 +37,7 @@ def conclude(table: Table) -> list[Finding]:
     ]
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="focal-length",
     question="If disparity errors do not depend on distance, what depth does a longer focal length buy?",
     columns=COLUMNS,

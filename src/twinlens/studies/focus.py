@@ -173,7 +173,7 @@ COLUMNS = (
     Column("blur_px", "px", "blur circle, measured"),
     Column("predicted_px", "px", "(A/B) |d - d_focus|"),
 )
-STUDY = Study(
+STUDY: Study = Study(
     name="focus",
     question="Where should a stereo pair focus, and what if its eyes focus unlike?",
     columns=COLUMNS,

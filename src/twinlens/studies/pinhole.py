@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import BareAperture, Camera, Pinhole, Rig
-from twinlens.diffraction import FresnelWarning, diffract
+from twinlens.optics.diffraction import FresnelWarning, diffract
 from twinlens.rendering import render
 from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.bootstrap import Interval, log_slope, mean_of, over_scenes, paired_difference, unsigned
@@ -262,7 +262,7 @@ def _exponent(rows: Table, name: str, expected: float, tolerance: float, text: s
 _HOLES = {"model": _MODELS}
 _SENSOR = {"diameter_mm": DIAMETERS_MM, "model": _LIGHTS[0]}
 _MARKS = (("rayleigh_mm", "1.9 sqrt(f lambda)"), ("airy_mm", "sqrt(2.44 f lambda)"))
-STUDY = Study(
+STUDY: Study = Study(
     name="pinhole",
     question="How large should the hole of a pinhole camera be?",
     columns=(

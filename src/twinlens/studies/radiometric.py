@@ -169,7 +169,7 @@ def _census(rows: Table) -> Finding:
     return Finding(f"{text}: {{}} {way} than {rivals[0]}", said, is_above(margin), "percent points")
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="radiometric",
     question="The eyes differ in gain, gamma, vignetting or noise: which cost minds least?",
     columns=(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Lens, Rig, film_distance
+from twinlens.camera.truth import Truth
 from twinlens.factory import default_rig
 from twinlens.matching import parse_method
 from twinlens.optics import circle_of_confusion_px
@@ -21,7 +22,6 @@ from twinlens.scenes import Scene, load_scene
 from twinlens.scoring import Pair, Scores, evaluate, region_masks
 from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.table import Column
-from twinlens.truth import Truth
 
 Image = NDArray[Any]
 Float = NDArray[np.float64]

@@ -171,7 +171,7 @@ def _said(contrasts: Sequence[float]) -> str:
     return ", ".join(f"{contrast:g}" for contrast in contrasts)
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="texture",
     question="How much texture does a matcher need, and how near does it come to the Cramer-Rao bound?",
     columns=(

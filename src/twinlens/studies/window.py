@@ -121,7 +121,7 @@ def best_size(rows: Table) -> float:
     return min(wrong, key=lambda size: float(wrong[size]), default=math.nan)
 
 
-STUDY = Study(
+STUDY: Study = Study(
     name="window",
     question="How large should the block be, in textureless, discontinuous and out-of-focus parts?",
     columns=(

@@ -1,0 +1,195 @@
+"""Large flat surfaces (floors, walls, table tops): patterns baked for the view, finer near the camera than far away.
+
+The renderer has no mipmaps, so each texel is taken from the level of an image pyramid that the size of a pixel on the
+surface calls for there: nothing is finer than two pixels where it is seen, near or far. Source: Williams, Pyramidal
+Parametrics, SIGGRAPH 1983.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.families.brushes import Image, Rng, seed
+from twinlens.families.finishes import material, texels
+from twinlens.families.palettes import Palette, varied
+from twinlens.families.patterns import pattern
+from twinlens.families.view import View
+from twinlens.geometry import Float
+from twinlens.scenes import textures
+from twinlens.scenes.scene import Bitmap, Mesh, Plugin
+
+Mask = NDArray[np.bool_]
+_MOST_TEXELS = 1024
+_BEYOND = 1.4  # of half the picture: the other eye sees a little more than this one
+_STEEPEST = 0.25  # cosine: beyond, a surface is seen too flat to be filtered for
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A rectangle: a corner (3,), and its two sides (3,) as vectors, at right angles; its front is u x v."""
+
+    corner: Float
+    u: Float
+    v: Float
+
+    @property
+    def lengths(self) -> tuple[float, float]:
+        """Of its sides, metres."""
+        return float(np.linalg.norm(self.u)), float(np.linalg.norm(self.v))
+
+    @property
+    def normal(self) -> Float:
+        """Of its front, unit length."""
+        n = np.cross(self.u, self.v)
+        return np.asarray(n / np.linalg.norm(n))
+
+    def mesh(self, thickness: float = 0.0) -> Mesh:
+        """Two triangles, or with a thickness a closed slab behind them; (u, v) as seen from the front everywhere."""
+        corners = self.corner + np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ np.stack([self.u, self.v])
+        square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+        quad = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
+        if thickness == 0:
+            return Mesh(corners, quad, np.tile(self.normal, (4, 1)), square)
+        behind = corners - thickness * self.normal
+        rings = [corners, behind[::-1]]
+        rings += [np.stack([corners[i], behind[i], behind[i - 3], corners[i - 3]]) for i in range(4)]
+        uvs = [square, square[::-1]] + [square[[i, i, i - 3, i - 3]] for i in range(4)]
+        faces = np.concatenate([quad + np.uint32(4 * i) for i in range(6)])
+        normals = [np.cross(r[1] - r[0], r[2] - r[0]) for r in rings]
+        unit = np.concatenate([np.tile(n / np.linalg.norm(n), (4, 1)) for n in normals])
+        return Mesh(np.concatenate(rings), faces, unit, np.concatenate(uvs))
+
+
+def surface(
+    rng: Rng,
+    sheet: Sheet,
+    view: View,
+    name: str,
+    colors: Float,
+    tile: float,
+    finish: str = "matte",
+    roughness: float = 0.25,
+    mottle: float = 0.1,
+) -> Plugin:
+    """The material of a sheet in a pattern that repeats every `tile` metres, filtered for `view`."""
+    near = max(view.pixel(_nearest(sheet, view)), 1e-6)
+    if name == "cloudy":
+        colors = np.vstack([colors[:1], 0.55 * colors[:1] + 0.45 * colors[1:]])
+    image = pattern(name, texels(tile, near, _MOST_TEXELS), rng, colors, mottle)
+    baked = bake(image, tile, sheet, view)
+    slow = textures.fractal_noise(baked.shape[1], baked.shape[0], (2, 2), seed(rng), 2, contrast=0.5)
+    baked = np.clip(baked * (1 + np.float32(0.7) * (slow - np.float32(0.5)))[..., None], 0.005, 0.88)
+    return material(finish, Bitmap(baked, wrap="clamp"), roughness)
+
+
+def _nearest(sheet: Sheet, view: View) -> float:
+    """A depth about that of the nearest part of the sheet in the picture."""
+    depth, inside = _seen(sheet, view, np.linspace(0.02, 0.98, 25), np.linspace(0.02, 0.98, 25))
+    chosen = depth[inside] if inside.any() else depth[depth > 0]
+    return float(chosen.min()) if chosen.size else 1.0
+
+
+def _seen(sheet: Sheet, view: View, s: Float, t: Float, reach: float = 1.05) -> tuple[Float, Mask]:
+    """Depth (rows, columns) at the fractions t, s of the sides, and whether that point lies within `reach` of the
+    picture's half size."""
+    points = sheet.corner + s[None, :, None] * sheet.u + t[:, None, None] * sheet.v
+    cam = (points - view.eye) @ view.world_from_cam[:3, :3]
+    depth = cam[..., 2]
+    x, y = (np.abs(cam[..., i]) / np.maximum(depth, 1e-9) / view.half[i] for i in range(2))
+    return depth, (depth > 1e-6) & (x < reach) & (y < reach)
+
+
+def bake(image: Image, tile: float, sheet: Sheet, view: View) -> Image:
+    """A periodic image, `tile` metres wide, laid out over a whole sheet at the sharpness each place is seen with.
+
+    Well outside the picture a quarter of the texels will do.
+    """
+    texel = tile / len(image)
+    columns, rows = (int(np.clip(math.ceil(length / texel / 4) * 4, 8, _MOST_TEXELS)) for length in sheet.lengths)
+    pyramid = [image]
+    while len(pyramid[-1]) > 2:
+        p = pyramid[-1]
+        pyramid.append(0.25 * (p[::2, ::2] + p[1::2, ::2] + p[::2, 1::2] + p[1::2, 1::2]))
+    coarse = _laid(pyramid, tile, sheet, view, rows // 4, columns // 4, None)
+    out = np.repeat(np.repeat(coarse, 4, axis=0), 4, axis=1)
+    s, t = (np.arange(columns // 4) + 0.5) / (columns // 4), 1 - (np.arange(rows // 4) + 0.5) / (rows // 4)
+    inside = _seen(sheet, view, s, t, _BEYOND)[1]
+    inside = np.repeat(np.repeat(inside, 4, axis=0), 4, axis=1)
+    if inside.any():
+        out[inside] = _laid(pyramid, tile, sheet, view, rows, columns, inside)
+    return out
+
+
+def _laid(
+    pyramid: list[Image], tile: float, sheet: Sheet, view: View, rows: int, columns: int, inside: Mask | None
+) -> Image:
+    """The image on a grid of texels (rows, columns, 3), or on those `inside` (N, 3): between two pyramid levels."""
+    row, column = np.indices((rows, columns)) if inside is None else np.nonzero(inside)
+    s, t = ((column + 0.5) / columns).astype(np.float32), (1 - (row + 0.5) / rows).astype(np.float32)
+    wide, high = sheet.lengths
+    texel = tile / len(pyramid[0])
+    level = np.clip(_level(sheet, view, s, t, texel, max(wide / columns, high / rows)), 0, len(pyramid) - 1.001)
+    x, y = s * np.float32(wide / tile), (1 - t) * np.float32(high / tile)
+    out = np.zeros((*level.shape, 3), dtype=np.float32)
+    lower = level.astype(np.int64)
+    fraction = (level - lower).astype(np.float32)
+    for number in np.unique(lower):
+        here = lower == number
+        w = fraction[here][:, None]
+        fine, rough = (_wrapped(pyramid[number + k], y[here], x[here]) for k in (0, 1))
+        out[here] = fine * (1 - w) + rough * w
+    return out
+
+
+def _level(sheet: Sheet, view: View, s: Image, t: Image, texel: float, laid: float) -> Image:
+    """Pyramid level at s, t: log2 of texels a pixel covers there, the long way where it is seen aslant."""
+    origin, u, v = (view.cam_from_world[:3, :3] @ vector for vector in (sheet.corner - view.eye, sheet.u, sheet.v))
+    x, y, z = (np.float32(origin[i]) + s * np.float32(u[i]) + t * np.float32(v[i]) for i in range(3))
+    off = abs(float((sheet.corner - view.eye) @ sheet.normal))
+    cosine = np.float32(off) / np.sqrt(x * x + y * y + z * z)
+    pixel = np.float32(view.pixel(1.0)) * np.maximum(z, np.float32(1e-6)) / np.maximum(cosine, np.float32(_STEEPEST))
+    return np.asarray(np.log2(np.maximum(np.maximum(pixel, np.float32(laid)) / np.float32(texel), 1.0)), np.float32)
+
+
+def _wrapped(picture: Image, y: Image, x: Image) -> Image:
+    """Bilinear values (N, 3) of a periodic picture at fractions of its height and width."""
+    n = len(picture)
+    rows, columns = y * n - np.float32(0.5), x * n - np.float32(0.5)
+    i, j = np.floor(rows).astype(np.int32), np.floor(columns).astype(np.int32)
+    fy, fx = (rows - i)[:, None], (columns - j)[:, None]
+    below, right = (i + 1) % n * n, (j + 1) % n
+    i, j = i % n * n, j % n
+    flat = picture.reshape(-1, 3)
+    upper = np.take(flat, i + j, axis=0) * (1 - fx) + np.take(flat, i + right, axis=0) * fx
+    lower = np.take(flat, below + j, axis=0) * (1 - fx) + np.take(flat, below + right, axis=0) * fx
+    return np.asarray(upper * (1 - fy) + lower * fy)
+
+
+WALLS = (
+    ("cloudy", 1.6), ("cloudy", 1.2), ("weave", 0.5), ("stripes", 0.7), ("bricks", 1.0), ("scales", 0.8), ("dots", 0.8),
+    ("tiles", 0.8), ("planks", 1.1), ("granite", 1.0), ("triangles", 1.4), ("zigzag", 0.9),
+)  # fmt: skip
+TOPS = (
+    ("planks", 0.7), ("planks", 0.9), ("wood", 0.6), ("marble", 0.9), ("gingham", 0.35), ("stripes", 0.5),
+    ("weave", 0.3),
+    ("chips", 0.5), ("tiles", 0.5), ("granite", 0.5), ("zigzag", 0.6), ("mosaic", 0.5), ("cloudy", 0.8),
+)  # fmt: skip
+FLOORS = (
+    ("planks", 1.1), ("planks", 1.3), ("tiles", 1.6), ("chips", 1.2), ("checks", 1.2), ("granite", 0.8),
+    ("mosaic", 1.2),
+    ("marble", 1.6), ("weave", 0.4),
+)  # fmt: skip
+
+
+def wall_colors(rng: Rng, palette: Palette, quiet: float = 0.35) -> Float:
+    """Colours of a wall: a ground and others drawn towards it, so that a pattern on it stays behind what stands before.
+
+    Two neighbours differ by at least what a matcher needs to tell places apart.
+    """
+    ground = varied(rng, palette.grounds[rng.permutation(len(palette.grounds))], 0.06)
+    if rng.random() < 0.25:
+        ground[0] = 0.75 * varied(rng, palette.accents[rng.permutation(len(palette.accents))][:1], 0.1)[0] + 0.02
+    others = np.vstack([ground[1:], palette.accents])
+    return np.vstack([ground[:1], ground[0] + (others - ground[0]) * (quiet + 0.15)])

@@ -1,0 +1,27 @@
+"""The examples of docs/rigs.md and docs/reconstruction.md run as printed."""
+
+import doctest
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import twinlens as tl
+from twinlens.scenes import rig_from_table
+
+DOCS = Path(__file__).parents[2] / "docs"
+pytestmark = pytest.mark.skipif(not DOCS.is_dir(), reason="the pages are not beside these tests")
+
+
+@pytest.mark.parametrize("page", ["rigs.md", "reconstruction.md"])
+def test_examples_run_as_printed(page):
+    failed, tried = doctest.testfile(str(DOCS / page), module_relative=False)
+    assert tried > 5
+    assert failed == 0
+
+
+def test_the_rig_of_the_page_is_one():
+    table = (DOCS / "rigs.md").read_text().split("```toml\n")[1].split("```")[0]
+    rig = rig_from_table(tomllib.loads(table), tl.load_scene("cards"), 64, 48)
+    assert rig.cameras[1].fy == 705
+    assert rig.believed is not None

@@ -1,0 +1,88 @@
+"""The user's own files: drawn like twinlens's own, normalised, placed at rest; a broken one skipped and named."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from tests.families.families_checks import floating, intersecting, table_height
+from twinlens.errors import InputError
+from twinlens.families import Assets, random_scene
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Three good meshes of odd sizes, three broken ones, a picture and an environment map."""
+    trimesh.creation.box([200.0, 90.0, 50.0]).export(tmp_path / "crate.ply")
+    trimesh.creation.capsule(height=0.02, radius=0.01).export(tmp_path / "pill.obj")
+    trimesh.creation.icosphere(subdivisions=2, radius=7).export(tmp_path / "globe.glb")
+    (tmp_path / "torn.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 9\n")
+    (tmp_path / "empty.obj").write_text("# nothing\n")
+    trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).export(tmp_path / "flat.ply")
+    rng = np.random.default_rng(0)
+    Image.fromarray(rng.integers(0, 255, (40, 60, 3), dtype=np.uint8)).save(tmp_path / "cloth.png")
+    (tmp_path / "torn.png").write_bytes(b"\x89PNG broken")
+    return tmp_path
+
+
+def test_broken_files_are_named_once_with_the_reason(folder):
+    assets = Assets.from_folders(meshes=[folder], textures=[folder], hdris=[folder])
+    assert assets.broken == ()  # nothing was read yet
+    assets.check()
+    assert {path.name for path, _ in assets.broken} == {"torn.ply", "empty.obj", "flat.ply", "torn.png"}
+    assert all(reason and "\n" not in reason for _, reason in assets.broken)
+    assert "flat" in {path.name: reason for path, reason in assets.broken}["flat.ply"]
+
+
+def test_memory_does_not_grow_with_the_folder(tmp_path):
+    for i in range(12):
+        Image.fromarray(np.full((500, 500, 3), 20 * i, np.uint8)).save(tmp_path / f"{i}.png")
+    assets = Assets.from_folders(textures=[tmp_path])
+    tracemalloc.start()
+    assets.check()
+    kept = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert kept < 6 * 500 * 500 * 3 * 4
+    assert not assets.broken
+
+
+def test_meshes_are_brought_to_one_size(folder):
+    assets = Assets.from_folders(meshes=[folder])
+    rng = np.random.default_rng(1)
+    drawn = dict(assets.mesh(rng) for _ in range(30))
+    assert set(drawn) == {"crate", "pill", "globe"}
+    for mesh in drawn.values():
+        assert np.ptp(mesh.vertices, axis=0).max() == pytest.approx(1.0)
+        np.testing.assert_allclose(mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0), 0, atol=1e-9)
+
+
+def test_a_users_meshes_rest_on_the_table_too(folder):
+    assets = Assets.from_folders(meshes=[folder], textures=[folder], hdris=[folder])
+    scene = random_scene("tabletop", 8, assets=assets, width=80)
+    names = {thing.name.rsplit("-", 1)[0] for thing in scene.objects}
+    assert names & {"crate", "pill", "globe"}
+    assert intersecting(scene) == []
+    assert floating(scene, table_height(scene)) == []
+
+
+@pytest.mark.parametrize("family", ["flying", "room", "cards"])
+def test_every_family_takes_a_users_files(folder, family):
+    assets = Assets.from_folders(meshes=[folder], textures=[folder], hdris=[folder])
+    assert random_scene(family, 1, assets=assets, width=80).objects
+
+
+def test_only_broken_files_leave_what_twinlens_makes(folder):
+    for name in ("crate.ply", "pill.obj", "globe.glb"):
+        (folder / name).unlink()
+    assets = Assets.from_folders(meshes=[folder])
+    assert random_scene("tabletop", 1, assets=assets, width=80).objects
+    assert len(assets.broken) == 3
+
+
+def test_a_missing_or_empty_folder_is_said(tmp_path):
+    with pytest.raises(InputError, match="no folder"):
+        Assets.from_folders(meshes=[tmp_path / "nowhere"])
+    with pytest.raises(InputError, match=r"holds no \.glb"):
+        Assets.from_folders(meshes=[tmp_path])

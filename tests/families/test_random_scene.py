@@ -1,0 +1,146 @@
+"""Families: the same seed gives the same scene, and what is asked of a scene is what it is."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.families.families_checks import camera_inside
+from twinlens.errors import InputError
+from twinlens.families import FAMILIES, Assets, random_scene
+from twinlens.families.view import View, look
+from twinlens.scenes import Bitmap, Mesh
+
+
+def fingerprint(scene):
+    """All numbers of a scene, in order."""
+    parts = [scene.world_from_left.ravel(), [scene.fov_x_deg, scene.baseline, *scene.depth_range]]
+    for thing in scene.objects:
+        parts += [thing.world_from_object.ravel(), thing.shape.vertices.ravel(), thing.shape.uv.ravel()]
+    for plugin in [*scene.materials.values(), *scene.lights.values()]:
+        parts += [part.pixels.ravel() for part in plugin.values() if isinstance(part, Bitmap)]
+    return np.concatenate([np.asarray(part, dtype=np.float64).ravel() for part in parts])
+
+
+def seen(scene):
+    view = View(scene.world_from_left, scene.fov_x_deg, 4 / 3)
+    world = [
+        (t.shape.vertices @ t.world_from_object[:3, :3].T + t.world_from_object[:3, 3], t.shape.faces)
+        for t in scene.objects
+    ]
+    return look(view, world)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_scene_is_a_function_of_its_seed(family):
+    first, again = (random_scene(family, 11, width=80) for _ in range(2))
+    np.testing.assert_array_equal(fingerprint(first), fingerprint(again))
+    other = random_scene(family, 12, width=80)
+    assert fingerprint(other).shape != fingerprint(first).shape or (fingerprint(other) != fingerprint(first)).any()
+    assert first.name == f"{family}-11"
+
+
+def test_a_seed_sequence_is_a_seed_and_is_not_used_up():
+    sequence = np.random.SeedSequence(5, spawn_key=(3,))
+    first = random_scene("cards", sequence, width=80)
+    sequence.spawn(2)
+    np.testing.assert_array_equal(fingerprint(first), fingerprint(random_scene("cards", sequence, width=80)))
+    assert first.name != random_scene("cards", np.random.SeedSequence(5, spawn_key=(4,)), width=80).name
+    np.testing.assert_array_equal(
+        fingerprint(random_scene("cards", 5, width=80)),
+        fingerprint(random_scene("cards", np.random.SeedSequence(5), width=80)),
+    )
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("wanted", [(0.5, 2.0), (2.0, 11.0)])
+def test_the_depths_asked_for_are_those_seen(family, wanted):
+    scene = random_scene(family, 4, depth_range=wanted, width=80)
+    near, far = scene.depth_range
+    assert near == pytest.approx(wanted[0], rel=0.01)
+    assert far == pytest.approx(wanted[1], rel=0.06)
+    np.testing.assert_allclose(seen(scene).depth_range, scene.depth_range, rtol=1e-6)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_scenes_are_made_of_meshes_that_a_renderer_takes(family):
+    scene = random_scene(family, 2, width=80)
+    assert all(isinstance(thing.shape, Mesh) for thing in scene.objects)
+    assert all(thing.shape.uv is not None and thing.shape.normals is not None for thing in scene.objects)
+    assert sum(len(thing.shape.faces) for thing in scene.objects) < 100_000
+    assert len({thing.name for thing in scene.objects}) == len(scene.objects)
+    assert camera_inside(scene) == []
+    for plugin in scene.materials.values():
+        for part in plugin.values():
+            if isinstance(part, Bitmap):
+                assert part.pixels.dtype == np.float32
+                assert 0 <= part.pixels.min() <= part.pixels.max() <= 1
+
+
+def test_more_objects_when_more_are_wanted():
+    few, many = (len(random_scene("flying", 3, object_count=n, width=80).objects) for n in (4, 16))
+    assert few < many
+    assert few <= 4 + 3  # a wall or a moon, and lamps
+
+
+@pytest.mark.parametrize("family", ["flying", "cards"])
+def test_depths_are_spread_over_the_range(family):
+    """Each third of the range of disparities is seen somewhere, in nearly every scene."""
+    filled = []
+    for seed in range(6):
+        depth = seen(random_scene(family, seed, width=80)).depth
+        share = (1 / depth[np.isfinite(depth)] - 1 / depth[np.isfinite(depth)].max()) / np.ptp(
+            1 / depth[np.isfinite(depth)]
+        )
+        filled.append((np.histogram(share, 3, (0, 1))[0] > 0).mean())
+    assert np.mean(filled) > 0.9
+
+
+def test_a_new_texture_moves_no_object(tmp_path):
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (32, 32, 3), dtype=np.uint8)).save(tmp_path / "a.png")
+    plain = random_scene("tabletop", 6, width=80)
+    dressed = random_scene("tabletop", 6, width=80, assets=Assets.from_folders(textures=[tmp_path]))
+    assert [t.name for t in plain.objects] == [t.name for t in dressed.objects]
+    for one, other in zip(plain.objects, dressed.objects, strict=True):
+        np.testing.assert_array_equal(one.world_from_object, other.world_from_object)
+
+
+@pytest.mark.parametrize(
+    ("bad", "said"),
+    [
+        ({"family": "table"}, "did you mean 'tabletop'"),
+        ({"seed": -1}, "seed must be"),
+        ({"seed": True}, "seed must be"),
+        ({"seed": 1.5}, "seed must be"),
+        ({"depth_range": (2.0, 2.1)}, "needs far >="),
+        ({"depth_range": (0.0, 2.0)}, "depth_range"),
+        ({"depth_range": 3.0}, "depth_range"),
+        ({"object_count": 0}, "object_count"),
+        ({"object_count": (5, 2)}, "object_count"),
+        ({"object_count": (1, 2, 3)}, "object_count"),
+        ({"object_count": 10_000}, "object_count"),
+        ({"aspect": 0.0}, "aspect"),
+        ({"aspect": 50.0}, "aspect"),
+        ({"width": 0}, "width"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused_in_a_line(bad, said):
+    with pytest.raises(InputError, match=said) as caught:
+        random_scene(**{"family": "tabletop", "seed": 0, **bad})
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("seed", [4, 5, 9, 16, 26])  # a lamp before the camera; then rooms without one
+def test_what_fills_a_room_is_not_in_the_picture(seed):
+    """A lamp or a glazed front that is not seen gives more light than all windows and shades that are."""
+    scene = random_scene("room", seed, width=80)
+    shown = {scene.objects[i].name for i in np.unique(seen(scene).body[seen(scene).body >= 0])}
+    flux = {}
+    for thing in scene.objects:
+        if thing.emitter is not None:
+            a, b, c = (thing.shape.vertices[thing.shape.faces[:, i]] for i in range(3))
+            area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+            flux[thing.name] = area * float(np.mean(thing.emitter["radiance"].rgb))
+    filling = {"ceiling-light", "hall-light"} & set(flux)
+    assert not filling & shown
+    assert sum(flux[name] for name in filling) > sum(flux[name] for name in set(flux) - filling)
+    assert sum(flux[name] for name in filling) > 15

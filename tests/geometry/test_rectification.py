@@ -1,0 +1,213 @@
+"""Rectification: rows agree, OpenCV turns the cameras alike, maps and truth follow, and the impossible is refused."""
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.rigs import DISTORTIONS, random_rig, rotation, seen
+from twinlens import geometry
+from twinlens.camera import BrownConrady, Camera, Rig
+from twinlens.camera.layouts import grid, line, toed_in
+from twinlens.errors import InputError
+from twinlens.geometry.rectification import FITS, Misalignment, Rectification, rectify
+
+CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
+
+
+@pytest.fixture(scope="module")
+def pairs():
+    """Pairs of unlike cameras that look much alike, with a cloud that they see, as rectifying asks for."""
+    return [alike(np.random.default_rng(seed)) for seed in range(30)]
+
+
+def alike(rng):
+    rig, _ = random_rig(rng, distorted=True)
+    world = geometry.rigid(rotation(rng), rng.uniform(-5, 5, 3))
+    poses = [geometry.rigid(rotation(rng, 0.15), place) for place in ([0, 0, 0], [0.4, *rng.uniform(-0.1, 0.1, 2)])]
+    points = geometry.transform_points(world, rng.uniform([-0.3, -0.3, 2], [0.5, 0.3, 4], (20, 3)))
+    return Rig(rig.cameras, [world @ pose for pose in poses]), points
+
+
+def rectified(result, points, side):
+    return result.rectified_pixels(side, seen(result.pair, points, side))
+
+
+def test_rows_agree_and_disparity_tells_depth(pairs):
+    for rig, points in pairs:
+        result = rectify(rig)
+        assert result.rectified_rig.is_rectified()
+        left, right = (rectified(result, points, side) for side in (0, 1))
+        assert np.abs(left[:, 1] - right[:, 1]).max() < 1e-6
+        new = result.rectified_rig
+        depth = geometry.transform_points(geometry.inverse(new.world_from_cams[0]), points)[:, 2]
+        disparity = new.cameras[0].fx * result.baseline / depth - result.doffs
+        assert np.allclose(left[:, 0] - right[:, 0], disparity, atol=1e-6)
+
+
+def test_the_old_images_hold_what_the_rectified_cameras_see(pairs):
+    """Truth cast through `rectified_rig` and images taken through the maps agree on every point."""
+    for rig, points in pairs:
+        result = rectify(rig, misalignment=Misalignment(1.5, 0.1, -0.2, 0.3))
+        for side in (0, 1):
+            cast = seen(result.rectified_rig, points, side)
+            assert np.allclose(cast, rectified(result, points, side), atol=1e-8)
+            assert np.allclose(result.source_pixels(side, cast), seen(rig, points, side), atol=1e-8)
+
+
+def opencv(rig, size=(640, 480)):
+    right_from_left = rig.b_from_a(0, 1)
+    coefficients = [np.zeros(5) if c.distortion is None else np.array(c.distortion.coefficients) for c in rig.cameras]
+    (k0, k1), (d0, d1) = (camera.K for camera in rig.cameras), coefficients
+    return cv2.stereoRectify(
+        k0, d0, k1, d1, size, right_from_left[:3, :3], right_from_left[:3, 3:].copy(), flags=0, alpha=-1
+    ), coefficients
+
+
+def test_cameras_turn_as_in_opencv_and_points_fall_in_its_rows(pairs):
+    for rig, points in pairs:
+        if any(camera.distortion is not None and camera.distortion.name == "kannala-brandt" for camera in rig.cameras):
+            continue
+        (turn0, turn1, p0, p1, *_), coefficients = opencv(rig)
+        result = rectify(rig)
+        assert np.allclose(result.rotation(0), turn0, atol=1e-6)
+        assert np.allclose(result.rotation(1), turn1, atol=1e-6)
+        assert result.baseline == pytest.approx(-p1[0, 3] / p1[0, 0], abs=1e-6)
+        for side, turn, p in ((0, turn0, p0), (1, turn1, p1)):
+            pixels, camera = seen(rig, points, side)[:, None], rig.cameras[side]
+            often = (cv2.TERM_CRITERIA_COUNT, 50, 0.0)
+            theirs = cv2.undistortPoints(pixels, camera.K, coefficients[side], None, turn, p, often)
+            new = result.rectified_rig.cameras[side]
+            ours = (rectified(result, points, side) - (new.cx, new.cy)) / (new.fx, new.fy)
+            assert np.allclose(ours, (theirs[:, 0] - p[:2, 2]) / np.diag(p)[:2], atol=1e-6)
+
+
+def test_maps_are_those_of_opencv():
+    camera = CAMERA.replace(distortion=BrownConrady(-0.1, 0.02, 1e-3, -5e-4))
+    result = rectify(toed_in(camera, 0.3, 2.0))
+    for side in (0, 1):
+        new = result.rectified_rig.cameras[side]
+        theirs = cv2.initUndistortRectifyMap(
+            camera.K, np.array(camera.distortion.coefficients), result.rotation(side), new.K, (640, 480), cv2.CV_32FC1
+        )
+        assert all(np.allclose(a, b, atol=1e-3) for a, b in zip(result.maps(side), theirs, strict=True))
+        inside = [(m >= 0) & (m <= n - 1) for m, n in zip(theirs, (640, 480), strict=True)]
+        assert (result.valid(side) != (inside[0] & inside[1])).mean() < 1e-4
+
+
+@pytest.mark.parametrize("distortion", DISTORTIONS)
+def test_a_toed_in_pair_rectifies_to_the_pair_built_parallel_in_its_place(distortion):
+    pose = geometry.look_at([1, 2, 3], [4, 5, 3.5])
+    result = rectify(toed_in(CAMERA.replace(distortion=distortion), 0.3, 2.0, pose))
+    new = result.rectified_rig.cameras[0]
+    built = Rig.stereo(new, 0.3, pose @ geometry.rigid(np.eye(3), [-0.15, 0, 0]))
+    for side in (0, 1):
+        assert np.allclose(result.rectified_rig.px_from_world(side), built.px_from_world(side), atol=1e-9)
+
+
+def test_a_parallel_pair_is_left_as_it_is():
+    camera = CAMERA.replace(fy=700.0, cx=319.5, cy=239.5)
+    result = rectify(line(camera, 2, 0.1))
+    assert pytest.approx(camera.K) == result.rectified_rig.cameras[0].K
+    assert np.allclose(result.maps(0)[0], np.arange(640), atol=1e-4)
+    assert result.valid(1)[1:-1, 1:-1].all()
+
+
+def test_cameras_one_above_the_other_are_turned_on_their_side():
+    result = rectify(grid(CAMERA, 2, 1, 0.1, 0.1), width=480, height=640)
+    assert result.rectified_rig.is_rectified()
+    assert np.allclose(np.abs(result.rotation(0)), [[0, 1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+
+
+def test_doffs_center_each_image_on_what_it_sees():
+    rig = toed_in(CAMERA, 0.5, 1.5)
+    shared, own = rectify(rig), rectify(rig, zero_doffs=False)
+    assert shared.doffs == 0
+    assert own.valid(0).mean() > shared.valid(0).mean() + 0.05
+    for side in (0, 1):
+        u, _ = own.rectified_pixels(side, [[0.0, 240.0], [639.0, 240.0]]).T
+        assert u.mean() == pytest.approx(319.5, abs=3)
+
+
+def test_fit_all_keeps_every_pixel_and_fit_valid_has_no_empty_one(pairs):
+    for rig, _ in pairs[:10]:
+        whole = rectify(rig, fit="all", zero_doffs=False)
+        full = rectify(rig, fit="valid", zero_doffs=False)
+        for side in (0, 1):
+            corners = whole.rectified_pixels(side, [[0, 0], [639, 0], [0, 479], [639, 479]])
+            assert (corners > -1e-6).all()
+            assert (corners < (639 + 1e-6, 479 + 1e-6)).all()
+            assert full.valid(side).mean() > 1 - 1e-5
+        loose = wider(full.rectified_rig, 0.99)
+        looser = Rectification(full.pair, loose, loose)
+        assert not (looser.valid(0).all() and looser.valid(1).all())
+
+
+def wider(rig, factor):
+    """The same cameras with `factor` of their focal length, looking along the same middle."""
+    middle = np.array([319.5, 239.5])
+    shorter = []
+    for camera in rig.cameras:
+        cx, cy = middle + factor * (np.array([camera.cx, camera.cy]) - middle)
+        shorter.append(camera.replace(fx=camera.fx * factor, fy=camera.fy * factor, cx=cx, cy=cy))
+    return Rig(shorter, rig.world_from_cams)
+
+
+def test_misalignment_shifts_rows_by_what_was_asked():
+    rig = toed_in(CAMERA, 0.3, 2.0)
+    points = np.random.default_rng(0).uniform([-0.3, -0.3, 1.5], [0.3, 0.3, 3], (20, 3))
+    off = rectify(rig, misalignment=Misalignment(vertical_px=1.25))
+    left, right = (rectified(off, points, side) for side in (0, 1))
+    assert np.allclose(right[:, 1] - left[:, 1], 1.25, atol=1e-9)
+    assert off.aligned_rig.is_rectified()
+    assert not off.rectified_rig.is_rectified()
+
+
+@pytest.mark.parametrize(
+    ("turn", "moved"),
+    [
+        ({"pitch_deg": 0.5}, lambda x, y: (x / (np.cos(A) - y * np.sin(A)), (y + np.tan(A)) / (1 - y * np.tan(A)))),
+        ({"yaw_deg": 0.5}, lambda x, y: ((x - np.tan(A)) / (1 + x * np.tan(A)), y / (np.cos(A) + x * np.sin(A)))),
+        ({"roll_deg": 0.5}, lambda x, y: (x * np.cos(A) + y * np.sin(A), y * np.cos(A) - x * np.sin(A))),
+    ],
+)
+def test_misalignment_turns_the_second_camera_only(turn, moved):
+    """Closed forms: a camera that pitches up by A sees a level point tan(A) lower, and so on."""
+    rig = line(CAMERA, 2, 0.2)
+    pixels = np.array([[100.0, 100.0], [500.0, 300.0]])
+    straight, turned = rectify(rig), rectify(rig, misalignment=Misalignment(**turn))
+    assert np.allclose(straight.rectified_pixels(0, pixels), turned.rectified_pixels(0, pixels), atol=1e-12)
+    camera = straight.rectified_rig.cameras[1]
+    x, y = camera.unproject(straight.rectified_pixels(1, pixels))[:, :2].T
+    expected = np.stack(moved(x, y), axis=1) * camera.fx + (camera.cx, camera.cy)
+    assert np.allclose(turned.rectified_pixels(1, pixels), expected, atol=1e-9)
+
+
+A = np.radians(0.5)
+
+
+def two(place, turn=(0, 0, 0)):
+    return Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(cv2.Rodrigues(np.array(turn, float))[0], place)])
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: rectify(two([0, 0, 0])), "one place"),
+        (lambda: rectify(two([0.01, 0, 0.5])), "looks along the baseline"),
+        (lambda: rectify(two([0.5, 0, 0], (0, -1.5, 0))), "looks along the baseline"),
+        (lambda: rectify(two([0.27, 0, 0.5])), "85 degrees"),
+        (lambda: rectify(two([-0.5, 0, 0])), "other way round"),
+        (lambda: rectify(two([0.5, 0, 0]), 0, 2), "out of 0 to 1"),
+        (lambda: rectify(two([0.5, 0, 0]), fit="al"), "did you mean 'all'"),
+        (lambda: rectify(two([0.5, 0, 0]), width=0), "width"),
+        (lambda: rectify(two([0.1, 0, 0], (0, 0.9, 0)), fit="valid"), "zero_doffs=False"),
+        (lambda: Misalignment(roll_deg=np.nan), "roll_deg"),
+    ],
+)
+def test_what_no_plane_can_hold_is_refused(make, says):
+    with pytest.raises(InputError, match=says):
+        make()
+
+
+def test_every_fit_is_known_by_name():
+    assert {rectify(two([0.5, 0, 0]), fit=fit).rectified_rig.is_rectified() for fit in FITS} == {True}

@@ -1,0 +1,217 @@
+"""Triangulation: exact pixels return the point, OpenCV agrees, noise spreads it as predicted, infinity is inf."""
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.rigs import random_rig, seen
+from twinlens import geometry
+from twinlens.camera import Camera, Rig
+from twinlens.camera.layouts import line, toed_in
+from twinlens.errors import InputError
+from twinlens.geometry.epipolar import fundamental_matrix
+from twinlens.geometry.hartley_sturm import correct_matches
+from twinlens.geometry.triangulation import METHODS, covariance, triangulate
+
+CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
+CLOSE, FAR = np.array([[0.3, -0.1, 2.0]]), np.array([[0.3, -0.1, 1e9]])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_point_seen_by_two_cameras_comes_back(method):
+    for seed in range(40):
+        rig, points = random_rig(np.random.default_rng(seed), distorted=True)
+        back = triangulate(rig, [seen(rig, points, i) for i in (0, 1)], method=method)
+        assert np.abs(back - points).max() < 1e-9
+
+
+@pytest.mark.parametrize("method", ["midpoint", "dlt"])
+def test_a_point_seen_by_four_cameras_comes_back(method):
+    for seed in range(10):
+        rig, points = random_rig(np.random.default_rng(seed), count=4, distorted=True)
+        back = triangulate(rig, [seen(rig, points, i) for i in (2, 0, 3)], (2, 0, 3), method)
+        assert np.abs(back - points).max() < 1e-9
+
+
+def noisy(rig, points, rng, sigma=1.0):
+    return [seen(rig, points, i) + rng.normal(0, sigma, (len(points), 2)) for i in range(len(rig))]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_exact_matches_triangulate_as_in_opencv(method):
+    """Noisy pixels, first moved on to their epipolar lines: from there every method has one answer."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        rig, points = random_rig(rng)
+        matches = correct_matches(fundamental_matrix(rig), *noisy(rig, points, rng))
+        theirs = cv2.triangulatePoints(rig.px_from_world(0), rig.px_from_world(1), *(m.T.copy() for m in matches)).T
+        assert np.allclose(triangulate(rig, matches, method=method), geometry.dehomogeneous(theirs), atol=1e-6)
+
+
+@pytest.mark.parametrize("sigma", [0.3, 5.0])
+def test_corrected_matches_equal_opencv(sigma):
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        rig, points = random_rig(rng)
+        matrix, (a, b) = fundamental_matrix(rig), noisy(rig, points, rng, sigma)
+        ours, theirs = correct_matches(matrix, a, b), cv2.correctMatches(matrix, a[None], b[None])
+        assert all(np.allclose(mine, its[0], atol=1e-6) for mine, its in zip(ours, theirs, strict=True))
+
+
+def test_corrected_matches_of_wild_noise_move_no_further_than_opencv():
+    """At 40 px its polynomial loses digits: the answers part by up to 0.03 px, and ours must be the nearer one."""
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        rig, points = random_rig(rng)
+        matrix, given = fundamental_matrix(rig), np.stack(noisy(rig, points, rng, 40.0))
+        ours, theirs = correct_matches(matrix, *given), cv2.correctMatches(matrix, *given[:, None])
+        moved = [((np.reshape(each, given.shape) - given) ** 2).sum(axis=(0, 2)) for each in (ours, theirs)]
+        assert (moved[0] <= moved[1] + 1e-8).all()
+        assert np.allclose(ours, np.reshape(theirs, given.shape), atol=0.05)
+
+
+def off_lines(matrix, a, b):
+    return np.abs(np.einsum("ni,ij,nj->n", geometry.homogeneous(b), matrix, geometry.homogeneous(a)))
+
+
+@pytest.mark.parametrize("rig", [line(CAMERA, 2, 0.2), toed_in(CAMERA, 0.3, 2.0)], ids=["rectified", "toed-in"])
+def test_no_match_nearer_than_the_corrected_one_is_found_by_search(rig):
+    rng = np.random.default_rng(1)
+    a = rng.uniform(100, 400, (5, 2))
+    b = a - (30, 0) + rng.normal(0, 3, (5, 2))
+    matrix = fundamental_matrix(rig)
+    near_a, near_b = correct_matches(matrix, a, b)
+    assert off_lines(matrix, near_a, near_b).max() < 1e-12
+    cost = ((near_a - a) ** 2 + (near_b - b) ** 2).sum(axis=1)
+    for i in range(5):  # matches all about: a's pixel anywhere near, b's the foot on its line
+        tries = a[i] + rng.normal(0, 2, (4000, 2))
+        lines = geometry.homogeneous(tries) @ matrix.T
+        off = geometry.homogeneous(b[i]) @ lines.T / np.linalg.norm(lines[:, :2], axis=1)
+        assert cost[i] <= (((tries - a[i]) ** 2).sum(axis=1) + off**2).min() + 1e-9
+
+
+def test_half_of_a_vertical_error_goes_to_each_image_of_a_rectified_pair():
+    near_a, near_b = correct_matches(fundamental_matrix(line(CAMERA, 2, 0.2)), [[100.0, 50.0]], [[80.0, 53.0]])
+    assert np.allclose(near_a, [[100, 51.5]], atol=1e-9)
+    assert np.allclose(near_b, [[80, 51.5]], atol=1e-9)
+
+
+def test_the_midpoint_halves_the_shortest_way_between_two_rays():
+    rig = line(CAMERA, 2, 1.0)
+    above = seen(rig, np.array([[0.5, -0.25, 2.0]]), 0), seen(rig, np.array([[0.5, 0.25, 2.0]]), 1)
+    got = triangulate(rig, above, method="midpoint")[0]
+    ends = [[0.5, -0.25, 2.0], [-0.5, 0.25, 2.0]]
+    normal = np.cross(*ends)
+    s, _, t = np.linalg.solve(np.stack([ends[0], normal, np.negative(ends[1])], axis=1), [1.0, 0, 0])
+    assert np.allclose(got, 0.5 * (s * np.array(ends[0]) + [1, 0, 0] + t * np.array(ends[1])), atol=1e-12)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_noise_spreads_points_as_predicted(method):
+    """Monte Carlo of 20000 draws: variances are known to 1 %, and each of the six numbers must agree to 5 %."""
+    rng = np.random.default_rng(5)
+    rig, points = random_rig(rng, distorted=True)
+    draws = np.repeat(points[:1], 20000 if method == "optimal" else 4000, axis=0)
+    got = triangulate(rig, noisy(rig, draws, rng, 0.3), method=method)
+    if method != "optimal":  # no promise but that they do no better than the bound
+        assert np.trace(np.cov(got.T)) > 0.93 * np.trace(covariance(rig, points[:1], 0.3)[0])
+        return
+    root = np.linalg.cholesky(covariance(rig, points[:1], 0.3)[0])
+    whitened = np.linalg.solve(root, (got - points[0]).T)
+    assert np.abs(np.cov(whitened) - np.eye(3)).max() < 0.05
+
+
+def test_depth_is_uncertain_by_z_squared_over_fb():
+    rig, depths = line(CAMERA, 2, 0.1), np.array([1.0, 2.0, 8.0])
+    points = np.stack([0.05 + 0 * depths, 0 * depths, depths], axis=1)
+    sigma = np.sqrt(covariance(rig, points, 0.25)[:, 2, 2])
+    assert np.allclose(sigma, depths**2 / (CAMERA.fx * 0.1) * np.sqrt(2) * 0.25, rtol=0.01)
+
+
+def test_more_cameras_and_quieter_ones_leave_less_doubt():
+    rig, points = random_rig(np.random.default_rng(2), count=3)
+    two, three = covariance(rig, points), covariance(rig, points, 1.0, (0, 1, 2))
+    assert (np.linalg.eigvalsh(two - three) > -1e-15).all()
+    assert (np.trace(three, axis1=1, axis2=2) < np.trace(two, axis1=1, axis2=2)).all()
+    assert np.allclose(covariance(rig, points, [2.0, 2.0]), 4 * two)
+    assert (np.linalg.eigvalsh(two - covariance(rig, points, [1.0, 0.5])) > -1e-15).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_rays_that_meet_nowhere_in_front_give_inf_and_never_nan(method):
+    rig = line(CAMERA, 2, 0.1)
+    parallel, parting = ([[300.0, 200.0]], [[300.0, 200.0]]), ([[300.0, 200.0]], [[301.0, 200.0]])
+    for pixels in (parallel, parting):
+        assert np.isposinf(triangulate(rig, pixels, method=method)).all()
+    toed = toed_in(CAMERA, 0.5, 2.0)
+    behind = triangulate(toed, ([[10.0, 200.0]], [[630.0, 200.0]]), method=method)
+    assert np.isposinf(behind).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_both_looking_along_the_baseline_gives_inf(method):
+    ahead = Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(np.eye(3), [0.0, 0.0, 1.0])])
+    assert np.isposinf(triangulate(ahead, [[[CAMERA.cx, CAMERA.cy]]] * 2, method=method)).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_far_point_is_far_and_not_infinite(method):
+    rig = line(CAMERA, 2, 0.1)
+    far = np.array([[100.0, 50.0, 1000.0]])
+    assert np.allclose(triangulate(rig, [seen(rig, far, i) for i in (0, 1)], method=method), far, rtol=1e-8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_no_pixels_make_no_points(method):
+    rig = line(CAMERA, 2, 0.1)
+    assert triangulate(rig, [np.zeros((0, 2))] * 2, method=method).shape == (0, 3)
+    assert covariance(rig, np.zeros((0, 3))).shape == (0, 3, 3)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_far_from_the_world_s_origin_no_more_is_lost_than_its_digits(method):
+    rig, points = random_rig(np.random.default_rng(0), distorted=True)
+    away = 1e5
+    moved = Rig(rig.cameras, [geometry.rigid(pose[:3, :3], pose[:3, 3] + away) for pose in rig.world_from_cams])
+    pixels = [seen(moved, points + away, i) for i in (0, 1)]
+    assert np.abs(triangulate(moved, pixels, method=method) - points - away).max() < 1e-9
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_wild_pixels_give_points_or_inf_and_never_nan(method):
+    rng, ahead = np.random.default_rng(1), Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(np.eye(3), [0.0, 0.0, 1.0])])
+    for rig in (line(CAMERA, 2, 0.1), toed_in(CAMERA, 0.5, 2.0), ahead):
+        points = triangulate(rig, rng.uniform(0, 480, (2, 500, 2)), method=method)
+        assert (np.isfinite(points).all(axis=1) | np.isposinf(points).all(axis=1)).all()
+        assert np.isfinite(points).any()
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda r: triangulate(r, [[[1.0, 2.0]]] * 2, method="optical"), "did you mean 'optimal'"),
+        (lambda r: triangulate(r, [[[1.0, 2.0]]] * 2, (0, 0)), "different cameras"),
+        (lambda r: triangulate(r, [[[1.0, 2.0]]] * 2, (0, 3)), "out of 0 to 2"),
+        (lambda r: triangulate(r, [[[1.0, 2.0]]] * 3, (0, 1, 2)), "'midpoint' or 'dlt'"),
+        (lambda r: triangulate(r, [[[1.0, np.nan]]] * 2), "finite"),
+        (lambda r: triangulate(r, [[[1.0, 2.0]], [[1.0, 2.0]] * 2]), "as many"),
+        (lambda r: triangulate(Rig([CAMERA] * 2, [np.eye(4)] * 2), [[[1.0, 2.0]]] * 2), "one place"),
+        (lambda r: covariance(r, [[0.0, 0, -1]]), "z > 0"),
+        (lambda r: covariance(r, [[0.0, 0, np.inf]]), "infinity"),
+        (lambda r: covariance(r, [[0.0, 0, 1]], 0.0), "sigma_px"),
+        (lambda r: covariance(r, FAR * 1e9), "not fixed"),
+        (lambda r: correct_matches(np.diag([1.0, 0, 0]), [[1.0, 2]], [[1.0, 2]]), "rank 2"),
+        (lambda r: correct_matches(np.eye(3), [[1.0, 2]], [[1.0, 2, 3]]), "as many pixels"),
+        (lambda r: correct_matches(np.eye(3), [[np.inf, 2]], [[1.0, 2]]), "finite"),
+    ],
+)
+def test_what_has_no_answer_is_refused(make, says):
+    with pytest.raises(InputError, match=says):
+        make(line(CAMERA, 3, 0.1))
+
+
+def test_a_pixel_on_the_epipole_is_left_as_it_is():
+    ahead = Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(np.eye(3), [0.0, 0.0, 1.0])])
+    pair = np.array([[CAMERA.cx, CAMERA.cy]]), np.array([[5.0, 7.0]])
+    for given, got in zip(pair, correct_matches(fundamental_matrix(ahead), *pair), strict=True):
+        assert np.array_equal(given, got)

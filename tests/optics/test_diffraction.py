@@ -1,0 +1,220 @@
+"""The Airy kernel against brute-force integrals, its laws, and the claim about where a bare hole's model fails."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+from scipy.integrate import dblquad
+from scipy.signal import argrelmin, fftconvolve
+from scipy.special import j0, j1
+
+from twinlens.camera import Annulus, BareAperture, Camera, Pinhole, ThinLens
+from twinlens.errors import InputError
+from twinlens.optics import diffraction as df
+
+CAMERA = Camera(64, 48, 700.0, 700.0, 31.5, 23.5, pixel_pitch_um=3.0)
+SHARP = ThinLens(CAMERA.film_distance / 16, focus_distance=1.0)
+
+
+def airy(x: float, y: float, wavelength: float, f_number: float) -> float:
+    """Irradiance per square metre of film of a point that sends one watt."""
+    t = math.pi * math.hypot(x, y) / (wavelength * f_number)
+    return math.pi / 4 / (wavelength * f_number) ** 2 * ((2 * j1(t) / t) ** 2 if t else 1.0)
+
+
+@pytest.mark.parametrize("pitch", [(2e-6, 2e-6), (6e-6, 4e-6)])
+def test_a_kernel_value_is_the_integral_over_a_pixel(pitch):
+    """Against adaptive quadrature of the pattern itself. All values are scaled up alike, by the tail that is cut."""
+    wavelength, f_number = 550e-9, 5.6
+    kernel = df.airy_kernel(pitch, wavelength, f_number, 40)
+    kept = []
+    for i, j in [(0, 0), (1, 0), (0, 1), (2, 3)]:
+        x, y = i * pitch[0], j * pitch[1]
+        brute, _ = dblquad(
+            lambda b, a: airy(a, b, wavelength, f_number),
+            *(x - pitch[0] / 2, x + pitch[0] / 2),
+            *(y - pitch[1] / 2, y + pitch[1] / 2),
+            epsrel=1e-6,
+        )
+        kept.append(brute / kernel[40 + j, 40 + i])
+    assert kept == pytest.approx([kept[0]] * 4, rel=2e-5)
+    assert 0.99 < kept[0] < 1
+
+
+@pytest.mark.parametrize("f_number", [0.5, 4.0, 64.0])
+@pytest.mark.parametrize("radius", [0, 3, 60])
+def test_the_kernel_sums_to_one_and_is_symmetric(f_number, radius):
+    kernel = df.airy_kernel((3e-6, 3e-6), 500e-9, f_number, radius)
+    assert kernel.shape == (2 * radius + 1, 2 * radius + 1)
+    assert abs(kernel.sum() - 1) < 1e-12
+    assert (kernel >= 0).all()
+    for turned in (kernel.T, kernel[::-1], kernel[:, ::-1]):
+        assert turned == pytest.approx(kernel, abs=1e-14)
+
+
+def test_the_tail_outside_the_kernel_is_at_most_what_was_asked():
+    wavelength, f_number, pitch = 500e-9, 11.0, 4e-6
+    radius = df.kernel_radius_px((pitch, pitch), wavelength, f_number, tail=0.01)
+    outside = 1 - df.encircled_energy(radius * pitch, wavelength, f_number)
+    assert 0.005 < outside <= 0.0105
+
+
+@pytest.mark.parametrize("f_number", [2.8, 8.0, 22.0])
+@pytest.mark.parametrize("wavelength", df.CHANNEL_WAVELENGTHS)
+def test_first_dark_ring_measured_on_the_kernel(wavelength, f_number):
+    """Fine pixels show the first minimum along the row through the centre at 1.22 lambda N within 2%."""
+    pitch = wavelength * f_number / 100
+    row = df.airy_kernel((pitch, pitch), wavelength, f_number, 200)[200, 200:]
+    assert argrelmin(row)[0][0] * pitch == pytest.approx(1.22 * wavelength * f_number, rel=0.02)
+    assert df.airy_radius(wavelength, f_number) == pytest.approx(1.21967 * wavelength * f_number, rel=1e-5)
+
+
+def test_encircled_energy_is_rayleighs():
+    """83.8%, 91.0% and 93.8% within the first three dark rings: Born and Wolf, section 8.5.2."""
+    zeros = np.array([3.83171, 7.01559, 10.17347]) / math.pi
+    assert df.encircled_energy(zeros * 500e-9 * 8, 500e-9, 8.0) == pytest.approx([0.838, 0.910, 0.938], abs=1e-3)
+
+
+def test_a_point_of_light_becomes_the_kernel_in_each_colour():
+    image = np.zeros((48, 64, 3), np.float32)
+    image[24, 32] = [1, 2, 3]
+    blurred = df.diffract(image, CAMERA, SHARP)
+    assert blurred.dtype == np.float32
+    widths = []
+    for c, wavelength in enumerate(df.CHANNEL_WAVELENGTHS):
+        kernel = df.airy_kernel(
+            (3e-6, 3e-6), wavelength, 16.0, min(df.kernel_radius_px((3e-6, 3e-6), wavelength, 16), 64)
+        )
+        middle = len(kernel) // 2
+        assert blurred[20:29, 28:37, c] == pytest.approx(
+            kernel[middle - 4 : middle + 5, middle - 4 : middle + 5] * (c + 1), rel=0.01, abs=1e-5
+        )
+        widths.append(1 / kernel.max())
+    assert widths == sorted(widths, reverse=True)
+
+
+def test_light_is_conserved():
+    """Reflection at the borders gives back just what leaves: an even field stays, every picture keeps its sum."""
+    image = np.random.default_rng(0).random((48, 64, 3)).astype(np.float32)
+    light, kept = (picture.sum(axis=(0, 1), dtype=float) for picture in (image, df.diffract(image, CAMERA, SHARP)))
+    assert kept == pytest.approx(light, rel=1e-6)
+    assert df.diffract(np.full_like(image, 0.7), CAMERA, SHARP) == pytest.approx(0.7, rel=1e-6)
+
+
+def test_a_wide_lens_and_large_pixels_change_nothing():
+    image = np.random.default_rng(0).random((48, 64, 3)).astype(np.float32)
+    coarse = CAMERA.replace(pixel_pitch_um=2000.0)
+    lens = ThinLens(coarse.film_distance, focus_distance=1.0)
+    assert df.diffract(image, coarse, lens) == pytest.approx(image, abs=1e-3)
+
+
+def test_a_bare_hole_takes_its_own_film_distance():
+    """Pixels are v/fx wide there: the pattern of a hole is A/(lambda fx) pixels wide whatever v is."""
+    image = np.zeros((48, 64, 3), np.float32)
+    image[24, 32] = 1
+    near, far = (df.diffract(image, CAMERA, BareAperture(20e-6, v)) for v in (0.05, 0.2))
+    assert near == pytest.approx(far, abs=1e-6)
+
+
+def true_and_modelled_pattern(n: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Fresnel's integral behind a hole of radius 1, the disk convolved with the Airy pattern, and a pixel's area."""
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    s, w = (nodes + 1) / 2, weights / 2
+    reach = 4 + 6 / n
+    line = np.linspace(-reach, reach, 501)
+    r = np.hypot(*np.meshgrid(line, line))
+    radii = np.linspace(0, r.max(), 3000)
+    field = (np.exp(1j * np.pi * n * s**2) * s * w) @ j0(2 * np.pi * n * np.outer(s, radii))
+    true = np.interp(r, radii, np.abs(2 * np.pi * n * field) ** 2 / np.pi)
+    x = 2 * np.pi * n * np.maximum(r, 1e-9)
+    step = line[1] - line[0]
+    disk = np.clip((1 - r) / step + 0.5, 0, 1) / np.pi
+    return true, fftconvolve(disk, (2 * j1(x) / x) ** 2 * np.pi * n**2, mode="same") * step**2, step**2
+
+
+@pytest.mark.parametrize(("n", "share"), [(0.1, 0.03), (0.2, 0.09), (0.5, 0.28), (1.0, 0.24), (5.0, 0.19)])
+def test_the_share_of_misplaced_light_is_what_the_docstring_says(n, share):
+    true, modelled, area = true_and_modelled_pattern(n)
+    assert 0.5 * np.abs(true - modelled).sum() * area == pytest.approx(share, abs=0.012)
+
+
+def test_the_true_peak_at_the_sharpest_pinhole():
+    true, modelled, _ = true_and_modelled_pattern(1.0)
+    assert true[250, 250] / modelled[250, 250] == pytest.approx(4.4, abs=0.1)
+
+
+@pytest.mark.parametrize(("number", "warns"), [(0.1, False), (1.0, True), (30.0, True), (200.0, False)])
+def test_a_bare_hole_warns_between_rays_and_waves(number, warns):
+    hole = BareAperture(2 * math.sqrt(number * 549e-9 * 0.05), 0.05)
+    assert df.fresnel_number(hole.diameter, 549e-9, 0.05) == pytest.approx(number)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        df.diffract(np.ones((48, 64, 3)), CAMERA, hole)
+    assert [w.category for w in caught] == [df.FresnelWarning] * warns
+
+
+@pytest.mark.parametrize(
+    ("image", "lens", "says"),
+    [
+        (np.ones((48, 64, 3)), Pinhole(), "no width"),
+        (np.ones((48, 64, 3)), ThinLens(0.0, 1.0), "no width"),
+        (np.ones((48, 64, 3)), ThinLens(1e-3, 1.0, Annulus(0.5)), "annulus"),
+        (np.ones((48, 64)), SHARP, "shape"),
+        (np.full((48, 64, 3), np.nan), SHARP, "finite"),
+        (np.full((48, 64, 3), -1.0), SHARP, ">= 0"),
+        (np.full((48, 64, 3), "a"), SHARP, "numbers"),
+        (np.ones((48, 64, 3), complex), SHARP, "real numbers"),
+        (None, SHARP, "numbers"),
+        ([[1.0], [1.0, 2.0]], SHARP, "unequal"),
+    ],
+)
+def test_what_cannot_be_diffracted_is_refused_in_one_line(image, lens, says):
+    with pytest.raises(InputError, match=says) as refusal:
+        df.diffract(image, CAMERA, lens)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        ((0.0, 1e-6), 5e-7, 8.0, 3),
+        ((1e-6, math.nan), 5e-7, 8.0, 3),
+        ((1e-6, 1e-6), -1.0, 8.0, 3),
+        ((1e-6, 1e-6), "5e-7", 8.0, 3),
+        ((1e-6, 1e-6), 5e-7, math.nan, 3),
+    ],
+)
+def test_impossible_kernels_are_refused(bad):
+    with pytest.raises(InputError, match="positive"):
+        df.airy_kernel(*bad)
+
+
+@pytest.mark.parametrize("radius", [-1, 1.5, math.nan, None, True])
+def test_impossible_kernel_sizes_are_refused(radius):
+    with pytest.raises(InputError, match="radius_px"):
+        df.airy_kernel((1e-6, 1e-6), 5e-7, 8.0, radius)
+
+
+@pytest.mark.parametrize(
+    "wavelengths", [(5e-7, 5e-7), (5e-7,) * 4, (5e-7, math.nan, 5e-7), (5e-7, 0.0, 5e-7), (1, 2, math.inf), 5e-7, None]
+)
+def test_a_picture_has_three_wavelengths(wavelengths):
+    with pytest.raises(InputError, match="three positive numbers of metres") as refusal:
+        df.diffract(np.ones((48, 64, 3)), CAMERA, SHARP, wavelengths)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("ask", "says"),
+    [
+        (lambda: df.airy_radius(0.0, 8.0), "wavelength"),
+        (lambda: df.airy_radius(5e-7, math.nan), "working_f_number"),
+        (lambda: df.encircled_energy(1e-6, 5e-7, 0.0), "working_f_number"),
+        (lambda: df.fresnel_number(1e-3, 5e-7, 0.0), "distance"),
+        (lambda: df.kernel_radius_px((1e-6, 1e-6), 5e-7, 8.0, tail=0.0), "tail"),
+    ],
+)
+def test_impossible_light_is_refused(ask, says):
+    with pytest.raises(InputError, match=says):
+        ask()
