@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from tests.rigs import random_rig, seen
+from twinlens import geometry
 from twinlens.camera import Camera, Rig
 from twinlens.camera.layouts import line, toed_in
 from twinlens.errors import InputError
-from twinlens.geometry import epipolar, geometry
+from twinlens.geometry import epipolar
 
 CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
 SEEDS = range(100)

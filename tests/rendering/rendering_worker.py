@@ -9,11 +9,11 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
-import rendering_cases as cases
-import rendering_corners as corners
-import rendering_photos as photos
 
 import twinlens as tl
+from tests.rendering import rendering_cases as cases
+from tests.rendering import rendering_corners as corners
+from tests.rendering import rendering_photos as photos
 from twinlens.camera import Camera, Rig
 
 

@@ -3,14 +3,15 @@
 import cv2
 import numpy as np
 import pytest
-import rendering_cases as cases
 
 import twinlens as tl
+from tests.rendering import rendering_cases as cases
 from tests.rendering.rendering_answers import View
 from tests.rigs import rotation
+from twinlens import geometry
 from twinlens.camera import BrownConrady, Camera, KannalaBrandt, Rig
 from twinlens.errors import InputError
-from twinlens.geometry import epipolar, geometry, triangulation
+from twinlens.geometry import epipolar, triangulation
 
 DISTORTIONS = (None, BrownConrady(-0.1, 0.02, 1e-3, -5e-4), KannalaBrandt(0.02, -0.01))
 LEAST = 20  # pixels of a pair of images that both see

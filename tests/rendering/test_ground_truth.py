@@ -5,8 +5,8 @@ Where an answer differs, the pixel must lie within a stated distance of an edge 
 
 import numpy as np
 import pytest
-import rendering_cases as cases
 
+from tests.rendering import rendering_cases as cases
 from tests.rendering.rendering_answers import View
 from twinlens.camera.truth import MATERIAL_KINDS
 

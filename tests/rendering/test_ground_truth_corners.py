@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-import rendering_corners as corners
 
+from tests.rendering import rendering_corners as corners
 from tests.rendering.rendering_answers import View
 from tests.rendering.rendering_bodies import Ball, unit
 

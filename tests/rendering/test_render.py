@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-import rendering_photos as photos
 
+from tests.rendering import rendering_photos as photos
 from twinlens.camera import Polygon
 
 JOBS = "photos"

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-import scoring_loops as naive
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.scoring import scoring_loops as naive
 from twinlens.dataset import Calibration
 from twinlens.errors import InputError
 from twinlens.scoring import PROTOCOLS, evaluate, interpolate_background

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scoring_loops as naive
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.scoring import scoring_loops as naive
 from twinlens.dataset import Calibration
 from twinlens.scoring import PROTOCOLS, REGIONS, Pair, evaluate, region_masks, run_benchmark
 
