@@ -107,7 +107,7 @@ def check_number(
     """
     number = _as_float(value)
     if not (math.isfinite(number) and above < number < below and least <= number <= most):
-        raise InputError(f"{name} must be {allowed}, got {in_one_line(value)}")
+        raise InputError(f"{name} must be {allowed}, got {format_value(value)}")
 
 
 def check_triple(name: str, values: Any, allowed: str) -> tuple[float, float, float]:
@@ -121,14 +121,14 @@ def check_triple(name: str, values: Any, allowed: str) -> tuple[float, float, fl
     except TypeError:
         numbers = []
     if len(numbers) != 3 or not all(math.isfinite(number) and number > 0 for number in numbers):
-        raise InputError(f"{name} must be {allowed}, got {in_one_line(values)}")
+        raise InputError(f"{name} must be {allowed}, got {format_value(values)}")
     return numbers[0], numbers[1], numbers[2]
 
 
-def in_one_line(value: Any) -> str:
+def format_value(value: Any) -> str:
     """What a message shows of a value: its repr, cut where it is long.
 
-    >>> in_one_line([[0.5, 1.0], [2.0, 4.0]])
+    >>> format_value([[0.5, 1.0], [2.0, 4.0]])
     '[[0.5, 1.0], [2.0, 4.0]]'
     """
     return " ".join(reprlib.repr(value).split())

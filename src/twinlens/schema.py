@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import pydantic
 
-from twinlens.errors import InputError, in_one_line, unknown
+from twinlens.errors import InputError, format_value, unknown
 
 Model = TypeVar("Model", bound=pydantic.BaseModel)
 
@@ -90,8 +90,8 @@ def _describe(error: Any, model: type[pydantic.BaseModel], start: str) -> str:
         allowed = _literals(limits["expected"])
         near = difflib.get_close_matches(str(value), allowed, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        return _at(where, f"must be one of {', '.join(allowed)}, got {in_one_line(value)}{hint}")
-    return _at(where, f"must be {_allowed(kind, limits, error['msg'])}, got {in_one_line(value)}")
+        return _at(where, f"must be one of {', '.join(allowed)}, got {format_value(value)}{hint}")
+    return _at(where, f"must be {_allowed(kind, limits, error['msg'])}, got {format_value(value)}")
 
 
 def _at(where: str, message: str) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.warp import NUMPY, ArrayMath, concentric, invert_cdf, on_ring
-from twinlens.errors import InputError, check_number, in_one_line
+from twinlens.errors import InputError, check_number, format_value
 
 Float = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ class Polygon:
         if not whole or not 3 <= self.blades <= _MOST_BLADES:
             raise InputError(
                 f"polygon aperture: blades must be a whole number >= 3, at most {_MOST_BLADES}, "
-                f"got {in_one_line(self.blades)}"
+                f"got {format_value(self.blades)}"
             )
         check_number("polygon aperture: rotation_deg", self.rotation_deg, "a finite number", least=-1e6, most=1e6)
         check_number("polygon aperture: roundness", self.roundness, "a number between 0 and 1", least=0, most=1)

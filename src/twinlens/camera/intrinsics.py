@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twinlens.camera.distortion import Distortion, check_invertible
-from twinlens.errors import InputError, check_number, in_one_line
+from twinlens.errors import InputError, check_number, format_value
 from twinlens.geometry import Float, film_from_cam, px_from_film
 
 _LARGEST_SIDE = 65536
@@ -51,7 +51,7 @@ class Camera:
             check_number(f"camera {name}", getattr(self, name), allowed, least=-1e9, most=1e9)
         if not isinstance(self.distortion, Distortion | None):
             raise InputError(
-                f"camera distortion must be BrownConrady, KannalaBrandt or None, got {in_one_line(self.distortion)}"
+                f"camera distortion must be BrownConrady, KannalaBrandt or None, got {format_value(self.distortion)}"
             )
         check_invertible(self)
 
@@ -126,5 +126,5 @@ def _check_size(width: int, height: int) -> None:
     for name, value in (("width", width), ("height", height)):
         if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= _LARGEST_SIDE:
             raise InputError(
-                f"camera {name} must be a whole number of pixels from 1 to {_LARGEST_SIDE}, got {in_one_line(value)}"
+                f"camera {name} must be a whole number of pixels from 1 to {_LARGEST_SIDE}, got {format_value(value)}"
             )

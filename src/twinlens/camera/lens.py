@@ -9,7 +9,7 @@ from typing import ClassVar
 from twinlens import optics
 from twinlens.camera.aperture import FULL_DISK, Aperture
 from twinlens.camera.intrinsics import Camera
-from twinlens.errors import InputError, check_number, in_one_line
+from twinlens.errors import InputError, check_number, format_value
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ Lens = Pinhole | ThinLens | BareAperture
 def check_lens(lens: Lens) -> None:
     """Raise InputError for what is no lens."""
     if not isinstance(lens, Lens):
-        raise InputError(f"a lens is a Pinhole, a ThinLens or a BareAperture, got {in_one_line(lens)}")
+        raise InputError(f"a lens is a Pinhole, a ThinLens or a BareAperture, got {format_value(lens)}")
 
 
 def film_distance(camera: Camera, lens: Lens) -> float:
@@ -126,4 +126,4 @@ def film_distance(camera: Camera, lens: Lens) -> float:
 def _check_hole(name: str, diameter: float, aperture: Aperture) -> None:
     optics.check_diameter(name, diameter)
     if not isinstance(aperture, Aperture):
-        raise InputError(f"aperture must be Disk, Polygon, Annulus or MaskAperture, got {in_one_line(aperture)}")
+        raise InputError(f"aperture must be Disk, Polygon, Annulus or MaskAperture, got {format_value(aperture)}")

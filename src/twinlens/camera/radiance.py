@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import Camera
-from twinlens.errors import InputError, in_one_line
+from twinlens.errors import InputError, format_value
 
 _REAL = "buif"  # numpy's kinds of truth values, integers and floating-point numbers
 
@@ -16,7 +16,7 @@ def checked_radiance(name: str, radiance: ArrayLike, camera: Camera) -> NDArray[
     infinite and negative values.
     """
     if not isinstance(camera, Camera):
-        raise InputError(f"camera must be a Camera, got {in_one_line(camera)}")
+        raise InputError(f"camera must be a Camera, got {format_value(camera)}")
     wanted = (camera.height, camera.width, 3)
     try:
         image = np.asarray(radiance)

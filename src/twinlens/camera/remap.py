@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import Camera
-from twinlens.errors import InputError, in_one_line
+from twinlens.errors import InputError, format_value
 
 _OUTSIDE_PX = -1e4  # what a map says where there is no source pixel: outside for any interpolation kernel
 
@@ -20,14 +20,14 @@ def undistort_maps(
     try:
         rotation = np.eye(3) if to_from_camera is None else np.asarray(to_from_camera, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"to_from_camera must be a 3x3 rotation, got {in_one_line(to_from_camera)}") from error
+        raise InputError(f"to_from_camera must be a 3x3 rotation, got {format_value(to_from_camera)}") from error
     if rotation.shape != (3, 3):
         raise InputError(f"to_from_camera must be a 3x3 rotation, got shape {rotation.shape}")
     if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(rotation) < 0:
-        raise InputError(f"to_from_camera must be a rotation of determinant +1, got {in_one_line(rotation)}")
+        raise InputError(f"to_from_camera must be a rotation of determinant +1, got {format_value(rotation)}")
     for each in (camera, to_camera):
         if not isinstance(each, Camera):
-            raise InputError(f"undistort_maps needs two cameras, got {in_one_line(each)}")
+            raise InputError(f"undistort_maps needs two cameras, got {format_value(each)}")
     directions = to_camera.unproject(to_camera.pixel_grid()) @ rotation
     pixels = np.nan_to_num(camera.project(directions), nan=_OUTSIDE_PX).astype(np.float32)
     return pixels[..., 0].copy(), pixels[..., 1].copy()

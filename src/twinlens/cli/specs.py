@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from twinlens.camera import Annulus, Aperture, BareAperture, Disk, Lens, Pinhole, Polygon, ThinLens
-from twinlens.errors import InputError, in_one_line, unknown
+from twinlens.errors import InputError, format_value, unknown
 
 Made = TypeVar("Made")
 
@@ -44,7 +44,7 @@ def parse_size(text: str) -> tuple[int, int]:
     """
     sides = re.fullmatch(r"([0-9]{1,9})[xX]([0-9]{1,9})", text)
     if sides is None:
-        raise InputError(f"--size must read WIDTHxHEIGHT, as 640x480, got {in_one_line(text)}")
+        raise InputError(f"--size must read WIDTHxHEIGHT, as 640x480, got {format_value(text)}")
     return int(sides[1]), int(sides[2])
 
 

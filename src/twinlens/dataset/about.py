@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 from twinlens.dataset.dataset import Dataset
 from twinlens.dataset.manifest import NAME, Manifest
-from twinlens.errors import FileError, InputError, in_one_line, unknown
+from twinlens.errors import FileError, InputError, format_value, unknown
 
 KEY = "about"
 UNNAMED = "stereo dataset"
@@ -41,9 +41,9 @@ class About:
             if not isinstance(getattr(self, field.name), str):
                 raise InputError(f"{KEY}: {field.name} must be text, got {getattr(self, field.name)!r}")
         if self.url and not _is_address(self.url):
-            raise InputError(f"{KEY}: url must be an address, as https://example.org/set, got {in_one_line(self.url)}")
+            raise InputError(f"{KEY}: url must be an address, as https://example.org/set, got {format_value(self.url)}")
         if self.published and not _is_date(self.published):
-            raise InputError(f"{KEY}: published must be a date, as 2026-01-31, got {in_one_line(self.published)}")
+            raise InputError(f"{KEY}: published must be a date, as 2026-01-31, got {format_value(self.published)}")
 
     @classmethod
     def of(cls, values: Any) -> "About":

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.errors import InputError, check_number, in_one_line, unknown
+from twinlens.errors import InputError, check_number, format_value, unknown
 from twinlens.families import cards, flying, room, tabletop
 from twinlens.families.assets import Assets
 from twinlens.families.family import Family, Request
@@ -93,7 +93,7 @@ def _root(seed: Any) -> np.random.SeedSequence:
     if isinstance(seed, np.random.SeedSequence):
         return seed
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise InputError(f"seed must be a whole number >= 0 or a SeedSequence, got {in_one_line(seed)}")
+        raise InputError(f"seed must be a whole number >= 0 or a SeedSequence, got {format_value(seed)}")
     return np.random.SeedSequence(int(seed))
 
 
@@ -109,15 +109,15 @@ def _count_range(wanted: Any) -> tuple[int, int]:
         return wanted.object_count
     numbers = tuple(wanted) if isinstance(wanted, (tuple, list)) else (wanted, wanted)
     if len(numbers) != 2:
-        raise InputError(f"object_count must be a number or two, (least, most), got {in_one_line(wanted)}")
+        raise InputError(f"object_count must be a number or two, (least, most), got {format_value(wanted)}")
     least, most = numbers
     for number in numbers:
         if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 1 <= number <= _MOST_OBJECTS:
             raise InputError(
-                f"object_count must be 1 to {_MOST_OBJECTS}, or two such numbers, got {in_one_line(wanted)}"
+                f"object_count must be 1 to {_MOST_OBJECTS}, or two such numbers, got {format_value(wanted)}"
             )
     if least > most:
-        raise InputError(f"object_count must be (least, most), got {in_one_line(wanted)}")
+        raise InputError(f"object_count must be (least, most), got {format_value(wanted)}")
     return int(least), int(most)
 
 

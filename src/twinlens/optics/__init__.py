@@ -13,7 +13,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.errors import InputError, check_number, in_one_line
+from twinlens.errors import InputError, check_number, format_value
 
 AIRY_FIRST_ZERO = 1.2196698912665045
 """First zero of the Airy pattern in units of lambda v / A: the first root of J1, 3.8317..., over pi."""
@@ -147,7 +147,7 @@ def _checked_depth(depth: ArrayLike) -> NDArray[np.float64]:
     try:
         z = np.asarray(depth, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"depth must be a number or an array of metres, got {in_one_line(depth)}") from error
+        raise InputError(f"depth must be a number or an array of metres, got {format_value(depth)}") from error
     if not (z > 0).all():
         raise InputError("depth must be positive (+inf where nothing was hit); NaN and values <= 0 are refused")
     return z

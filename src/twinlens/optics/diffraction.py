@@ -22,7 +22,7 @@ from scipy.special import j0, j1
 from twinlens.camera import BareAperture, Camera, Lens, film_distance
 from twinlens.camera.lens import check_lens
 from twinlens.camera.radiance import checked_radiance
-from twinlens.errors import InputError, check_number, check_triple, in_one_line
+from twinlens.errors import InputError, check_number, check_triple, format_value
 from twinlens.optics import AIRY_FIRST_ZERO, LONGEST, SHORTEST, check_diameter, check_length
 
 Float = NDArray[np.float64]
@@ -100,7 +100,7 @@ def airy_kernel(pixel_pitch: tuple[float, float], wavelength: float, working_f_n
     whole = isinstance(radius_px, (int, np.integer)) and not isinstance(radius_px, bool)
     if not whole or not 0 <= radius_px <= _LARGEST_RADIUS:
         raise InputError(
-            f"radius_px must be a whole number of pixels >= 0, at most {_LARGEST_RADIUS}, got {in_one_line(radius_px)}"
+            f"radius_px must be a whole number of pixels >= 0, at most {_LARGEST_RADIUS}, got {format_value(radius_px)}"
         )
     return _airy_kernel(pixel_pitch, wavelength, working_f_number, radius_px).copy()
 
@@ -214,7 +214,7 @@ def _check_light(wavelength: float, working_f_number: float) -> None:
 def _check_pitch(pixel_pitch: tuple[float, float]) -> None:
     allowed = "two positive numbers of metres"
     if not isinstance(pixel_pitch, (tuple, list)) or len(pixel_pitch) != 2:
-        raise InputError(f"pixel_pitch must be {allowed}, got {in_one_line(pixel_pitch)}")
+        raise InputError(f"pixel_pitch must be {allowed}, got {format_value(pixel_pitch)}")
     for pitch in pixel_pitch:
         check_number("pixel_pitch", pitch, allowed, least=SHORTEST, most=LONGEST)
 

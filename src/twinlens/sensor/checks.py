@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twinlens.errors import InputError, check_number, check_triple, in_one_line, unknown
+from twinlens.errors import InputError, check_number, check_triple, format_value, unknown
 from twinlens.optics.diffraction import check_wavelengths
 from twinlens.sensor import picture
 from twinlens.sensor.exposure import Exposure, Mismatch
@@ -32,7 +32,7 @@ _RANGES = {
 def check_seed(name: str, value: int) -> None:
     """InputError unless `value` is a whole number >= 0."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 0:
-        raise InputError(f"{name} must be a whole number >= 0, got {in_one_line(value)}")
+        raise InputError(f"{name} must be a whole number >= 0, got {format_value(value)}")
 
 
 def check_figures(sensor: "Sensor") -> dict[str, tuple[float, float, float]]:
@@ -44,7 +44,7 @@ def check_figures(sensor: "Sensor") -> dict[str, tuple[float, float, float]]:
         "wavelengths": check_wavelengths("sensor wavelengths", sensor.wavelengths),
     }
     if max(triples["quantum_efficiency"]) > 1:
-        raise InputError(f"sensor quantum_efficiency is at most 1 electron a photon, got {in_one_line(efficiency)}")
+        raise InputError(f"sensor quantum_efficiency is at most 1 electron a photon, got {format_value(efficiency)}")
     for name, (least, most) in _RANGES.items():
         check_number(f"sensor {name}", getattr(sensor, name), f"from {least:g} to {most:g}", least=least, most=most)
     _check_choices(sensor)
@@ -58,19 +58,19 @@ def check_figures(sensor: "Sensor") -> dict[str, tuple[float, float, float]]:
 
 def _check_choices(sensor: "Sensor") -> None:
     if not _is_whole(sensor.adc_bits) or not 8 <= sensor.adc_bits <= 16:
-        raise InputError(f"sensor adc_bits must be a whole number from 8 to 16, got {in_one_line(sensor.adc_bits)}")
+        raise InputError(f"sensor adc_bits must be a whole number from 8 to 16, got {format_value(sensor.adc_bits)}")
     if not _is_whole(sensor.bits) or sensor.bits not in (8, 16):
-        raise InputError(f"sensor bits must be 8 or 16, got {in_one_line(sensor.bits)}")
+        raise InputError(f"sensor bits must be 8 or 16, got {format_value(sensor.bits)}")
     for name in ("white_balance", "shot_noise", "vignetting"):
         value: Any = getattr(sensor, name)
         if not isinstance(value, (bool, np.bool_)):
-            raise InputError(f"sensor {name} must be True or False, got {in_one_line(value)}")
+            raise InputError(f"sensor {name} must be True or False, got {format_value(value)}")
     for name, known in (("filters", picture.FILTERS), ("output", OUTPUTS)):
         value = getattr(sensor, name)
         if not isinstance(value, str) or value not in known:
-            raise unknown(f"sensor {name}", value if isinstance(value, str) else in_one_line(value), known)
+            raise unknown(f"sensor {name}", value if isinstance(value, str) else format_value(value), known)
     if not isinstance(sensor.mismatch, Mismatch):
-        raise InputError(f"sensor mismatch must be a Mismatch, got {in_one_line(sensor.mismatch)}")
+        raise InputError(f"sensor mismatch must be a Mismatch, got {format_value(sensor.mismatch)}")
 
 
 def _is_whole(value: Any) -> bool:

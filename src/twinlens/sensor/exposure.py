@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.lens import Lens
-from twinlens.errors import InputError, check_number, in_one_line
+from twinlens.errors import InputError, check_number, format_value
 
 if TYPE_CHECKING:
     from twinlens.sensor.model import Sensor
@@ -92,7 +92,7 @@ class Mismatch:
 def check_exposure(exposure: Exposure | None) -> None:
     """Raise InputError for what is neither an exposure nor None, the automatic one."""
     if not isinstance(exposure, Exposure | None):
-        raise InputError(f"exposure must be an Exposure or None (automatic), got {in_one_line(exposure)}")
+        raise InputError(f"exposure must be an Exposure or None (automatic), got {format_value(exposure)}")
 
 
 def auto_exposure(
