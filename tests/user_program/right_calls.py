@@ -1,0 +1,30 @@
+"""A user's program that uses the public names with their types. It is type-checked, never run."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+import twinlens as tl
+
+scene: tl.Scene = tl.load_scene("staircase")
+camera = tl.Camera.from_fov(640, 480, fov_x_deg=50)
+rig: tl.Rig = tl.Rig.stereo(camera, baseline=0.10, world_from_left=scene.world_from_left)
+lens = tl.ThinLens(aperture_diameter=0.01, focus_distance=2.0)
+left, right = tl.render(scene, rig, lens, spp=64, seed=0)
+truth: list[tl.Truth] = tl.ground_truth(scene, rig)
+depth: NDArray[np.float64] = truth[0].depth
+grid = tl.render_lens_grid(scene, rig, [lens, tl.Pinhole()], spp=64, seed=0)
+photo = tl.Sensor().expose(left, camera=camera, lens=lens, seed=0)
+disparity: NDArray[np.float32] = tl.match(photo.image, photo.image, method="zncc", block_size=9, num_disparities=64)
+scores = tl.evaluate(disparity, truth[0].disparity, mask_nonocc=truth[0].visible, ndisp=64)
+bad: float = scores.nonocc["bad2.0"]
+similarity: float = tl.zncc(np.ones((3, 3)), np.ones((3, 3)))
+
+data = tl.Dataset("out/")
+count: int = len(data)
+stored: NDArray[np.float32] = data[0].disp0
+
+matcher = tl.StereoMatcher(cost="zncc", block_size=7, num_disparities=32)
+other: NDArray[np.float32] = matcher.match(photo.image, photo.image)
+
+names: list[str] = list(tl.bundled_scenes())
+functions = tl.scoring.evaluate, tl.matching.match, tl.geometry.look_at
