@@ -19,20 +19,20 @@ def test_turns_follow_each_other_about_axes_that_stay():
     axes = np.eye(3)
     for axis, degrees in zip(np.eye(3), (30, 40, 50), strict=True):
         axes = cv2.Rodrigues(axis * np.radians(degrees))[0] @ axes
-    believed_from_true = np.linalg.inv(off.believed.world_from_cams[1]) @ off.world_from_cams[1]
-    np.testing.assert_allclose(believed_from_true[:3, :3], axes, atol=1e-12)
-    np.testing.assert_allclose(believed_from_true[:3, 3], 0, atol=1e-12)
+    calibrated_from_true = np.linalg.inv(off.calibrated.world_from_cams[1]) @ off.world_from_cams[1]
+    np.testing.assert_allclose(calibrated_from_true[:3, :3], axes, atol=1e-12)
+    np.testing.assert_allclose(calibrated_from_true[:3, 3], 0, atol=1e-12)
     np.testing.assert_array_equal(off.world_from_cams[0], rig.world_from_cams[0])
 
 
-def test_two_of_its_cameras_are_believed_to_be_what_they_were():
+def test_a_pair_of_a_misaligned_rig_keeps_its_calibrated_pair():
     three = Rig([CAMERA] * 3, [np.eye(4)] * 3)
     off = misaligned(three, (ALIGNED, Misalignment(vertical_px=1.5), Misalignment(roll_deg=1)))
     pair = off.pair(2, 1)
     assert pair.cameras[1].cy == CAMERA.cy + 1.5
     assert pair.nominal.cameras[1].cy == CAMERA.cy
     np.testing.assert_array_equal(pair.nominal.world_from_cams[0], np.eye(4))
-    assert three.pair(0, 1).believed is None
+    assert three.pair(0, 1).calibrated is None
 
 
 @pytest.mark.parametrize("count", [1, 3])

@@ -69,13 +69,13 @@ def test_views_zero_and_one_are_the_pair_that_readers_of_two_views_expect(datase
         assert np.array_equal(dataset["line"].disparity(i), two.truths[i].disparity)
 
 
-def test_what_was_left_in_on_purpose_is_told_beside_what_is_believed(dataset):
+def test_a_misaligned_sample_stores_its_calibrated_rig(dataset):
     stored, rig = dataset["off"], rigs()["off"]
     assert stored.rig.is_rectified()
     assert stored.calibration.doffs == 0
     assert stored.photographed_by.cameras == rig.cameras
     assert np.array_equal(stored.photographed_by.world_from_cams[1], rig.world_from_cams[1])
-    assert dataset["line"].photographed_by.believed is None
+    assert dataset["line"].photographed_by.calibrated is None
 
 
 def test_any_two_stored_views_correspond_as_cast_anew(dataset):

@@ -154,3 +154,10 @@ def test_names_that_lead_elsewhere_are_refused(name):
     with pytest.raises(FileError, match="plain relative name"):
         relative_name(name, "dataset.json")
     assert relative_name("train/0001", "dataset.json") == "train/0001"
+
+
+def test_a_rig_of_an_earlier_version_is_read():
+    rig = Rig.stereo(Camera.from_fov(64, 48, 60), 0.1)
+    written = plain(rig)
+    written["believed"] = written.pop("calibrated")
+    assert rig_from_plain(written).calibrated is None

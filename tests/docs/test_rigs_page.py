@@ -24,4 +24,4 @@ def test_the_rig_of_the_page_is_one():
     table = (DOCS / "rigs.md").read_text().split("```toml\n")[1].split("```")[0]
     rig = rig_from_table(tomllib.loads(table), tl.load_scene("cards"), 64, 48)
     assert rig.cameras[1].fy == 705
-    assert rig.believed is not None
+    assert rig.calibrated is not None

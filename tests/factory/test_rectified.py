@@ -85,7 +85,7 @@ def test_an_error_left_in_is_in_the_pictures_and_not_in_the_truth(stored):
     error = Misalignment(vertical_px=2.0)
     plain, off = (rectified_sample(stored, misalignment=m) for m in (Misalignment(), error))
     assert np.array_equal(plain.truths[0].disparity, off.truths[0].disparity)
-    assert off.rig.believed is not None
+    assert off.rig.calibrated is not None
     a, b = (s.shots[0].images[1].astype(int) for s in (plain, off))
     assert np.abs(a[20:50] - b[22:52]).mean() < 0.1 * np.abs(a[20:50] - b[20:50]).mean()
 

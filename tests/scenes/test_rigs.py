@@ -86,14 +86,14 @@ def test_what_cameras_share_and_what_is_their_own():
     assert second.distortion == KannalaBrandt(k1=0.02)
 
 
-def test_an_error_of_calibration_moves_the_second_camera_and_what_was_asked_for_is_believed():
+def test_a_misalignment_moves_the_second_camera_and_keeps_the_calibrated_rig():
     ours = rig("misalignment = { vertical_px = 1.5, roll_deg = 0.2 }")
-    same(ours.believed, rig(""))
+    same(ours.calibrated, rig(""))
     same(ours, Misalignment(1.5, roll_deg=0.2).applied(rig("")))
     assert not ours.is_rectified()
     all_of_them = rig('layout = "line"\ncount = 3\nmisalignment = [{ yaw_deg = 1 }, {}, { vertical_px = -2 }]')
     assert all_of_them.cameras[2].cy == pytest.approx(21.5)
-    turned = geometry.inverse(all_of_them.believed.world_from_cams[0]) @ all_of_them.world_from_cams[0]
+    turned = geometry.inverse(all_of_them.calibrated.world_from_cams[0]) @ all_of_them.world_from_cams[0]
     assert turned[0, 2] == pytest.approx(np.sin(np.radians(1)))
 
 

@@ -34,7 +34,7 @@ class Misalignment:
                 check_number(name, value, "less than a quarter turn, -90 to 90 degrees", above=-90, below=90)
 
     def applied(self, rig: Rig) -> Rig:
-        """The pair `rig` with its second camera so shifted and turned; its `believed` is the rig as it was."""
+        """The pair `rig` with its second camera so shifted and turned; its `calibrated` is the rig as it was."""
         if len(rig) != 2:
             raise InputError(f"one misalignment is that of a pair's second camera; this rig has {len(rig)} cameras")
         return misaligned(rig, (ALIGNED, self))
@@ -44,7 +44,7 @@ ALIGNED = Misalignment()
 
 
 def misaligned(rig: Rig, errors: Sequence[Misalignment]) -> Rig:
-    """`rig` with one error a camera; its `believed` is the rig as it was. Raises InputError when the counts differ."""
+    """`rig` with one error a camera; its `calibrated` is the rig as it was. Raises InputError when the counts differ."""
     if len(errors) != len(rig):
         raise InputError(f"a rig of {len(rig)} cameras needs as many misalignments, got {len(errors)}")
     cameras, poses = [], []
@@ -53,4 +53,4 @@ def misaligned(rig: Rig, errors: Sequence[Misalignment]) -> Rig:
         turn = rigid(Rotation.from_euler("xyz", angles, degrees=True).as_matrix(), np.zeros(3))
         cameras.append(camera.replace(cy=camera.cy + error.vertical_px))
         poses.append(pose @ turn)
-    return Rig(cameras, poses, believed=rig)
+    return Rig(cameras, poses, calibrated=rig)

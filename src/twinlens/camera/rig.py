@@ -25,27 +25,27 @@ class Rig:
     cameras : sequence of Camera
     world_from_cams : sequence of (4, 4) arrays
         One rigid pose a camera.
-    believed : Rig or None
-        What its owner takes it for, where an error of calibration was left in on purpose (`camera.misaligned`): images
-        are taken by the rig as it is, and a sample's truth and calibration are those of the believed one.
+    calibrated : Rig or None
+        The rig that the calibration describes, where it differs on purpose (`camera.misaligned`): images are taken by
+        this rig, while a sample's truth and calibration are those of the calibrated one.
 
     Raises InputError when the counts differ, there is none, or a pose is not rigid.
     """
 
     cameras: tuple[Camera, ...]
     world_from_cams: tuple[Float, ...]
-    believed: "Rig | None" = None
+    calibrated: "Rig | None" = None
 
     def __init__(
-        self, cameras: Sequence[Camera], world_from_cams: Sequence[ArrayLike], believed: "Rig | None" = None
+        self, cameras: Sequence[Camera], world_from_cams: Sequence[ArrayLike], calibrated: "Rig | None" = None
     ) -> None:
         if len(cameras) != len(world_from_cams) or not cameras:
             raise InputError(
                 f"a rig needs one pose a camera, got {len(cameras)} cameras and {len(world_from_cams)} poses"
             )
         poses = tuple(check_rigid(pose, f"world_from_cams[{i}]") for i, pose in enumerate(world_from_cams))
-        _check_believed(believed, cameras)
-        object.__setattr__(self, "believed", believed)
+        _check_calibrated(calibrated, cameras)
+        object.__setattr__(self, "calibrated", calibrated)
         object.__setattr__(self, "cameras", tuple(cameras))
         object.__setattr__(self, "world_from_cams", poses)
 
@@ -68,8 +68,8 @@ class Rig:
 
     @property
     def nominal(self) -> "Rig":
-        """What truth and calibration are of: the `believed` rig, or this one where no error was left in."""
-        return self.believed or self
+        """The rig of truth and calibration: `calibrated`, or this rig where it has none."""
+        return self.calibrated or self
 
     def __len__(self) -> int:
         return len(self.cameras)
@@ -107,9 +107,9 @@ class Rig:
         return other if other < len(self) else index - 1
 
     def pair(self, a: int, b: int) -> "Rig":
-        """Two of the cameras, in that order, as a rig of their own; believed to be what it was believed to be."""
-        believed = None if self.believed is None else self.believed.pair(a, b)
-        return Rig([self.cameras[i] for i in (a, b)], [self.world_from_cams[i] for i in (a, b)], believed)
+        """The rig of cameras `a` and `b`, in that order, with the pair of its `calibrated` rig."""
+        calibrated = None if self.calibrated is None else self.calibrated.pair(a, b)
+        return Rig([self.cameras[i] for i in (a, b)], [self.world_from_cams[i] for i in (a, b)], calibrated)
 
     def baseline(self, a: int = 0, b: int = 1) -> float:
         """Distance of two camera centres, metres."""
@@ -131,10 +131,10 @@ class Rig:
         return bool(parallel and x > 0 and max(abs(y), abs(z)) <= _ALIGNED * x + _ROUNDING * far)
 
 
-def _check_believed(believed: object, cameras: Sequence[Camera]) -> None:
-    if believed is None:
+def _check_calibrated(calibrated: object, cameras: Sequence[Camera]) -> None:
+    if calibrated is None:
         return
-    if not isinstance(believed, Rig) or believed.believed is not None:
-        raise InputError("what a rig is believed to be is a plain Rig")
-    if [(c.width, c.height) for c in believed.cameras] != [(c.width, c.height) for c in cameras]:
-        raise InputError("a rig and what it is believed to be have as many cameras, with images of the same sizes")
+    if not isinstance(calibrated, Rig) or calibrated.calibrated is not None:
+        raise InputError("calibrated must be a Rig that has no calibrated rig itself")
+    if [(c.width, c.height) for c in calibrated.cameras] != [(c.width, c.height) for c in cameras]:
+        raise InputError("a rig and its calibrated rig must have the same number of cameras and the same image sizes")

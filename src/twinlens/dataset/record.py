@@ -28,6 +28,9 @@ TYPES: dict[str, type] = {
 }
 """What a record can be read back to: the public dataclasses of the camera room, by the name under "type"."""
 
+RENAMED = {("Rig", "believed"): "calibrated"}
+"""Fields that earlier versions wrote under another name."""
+
 _DEEPEST = 64
 
 
@@ -161,6 +164,7 @@ def _built(value: Mapping[str, Any]) -> Any:
     if not isinstance(name, str) or name not in TYPES:
         raise unknown("type", str(name), TYPES)
     known = [field.name for field in dataclasses.fields(TYPES[name]) if field.init]
+    value = {RENAMED.get((name, key), key): entry for key, entry in value.items()}
     for key in value:
         if key not in known and key != "type":
             raise unknown(f"field of {name}", key, known)

@@ -65,7 +65,7 @@ class Sample:
     Parameters
     ----------
     rig : Rig
-        As it is; truth and calibration are of its `nominal` one, as its owner believes it to be.
+        The rig that takes the images. Truth and calibration are those of `rig.nominal`.
     shots : one Shot a lens; the first is the folder's own im0 and im1, the others lie in lens-1, lens-2, ...
     truths : one Truth a camera, or empty.
     ndisp : bound of the disparities, 0 <= d < ndisp; None takes it from the truth.

@@ -47,7 +47,7 @@ def rig_from_table(table: Mapping[str, Any], scene: Scene, width: int, height: i
 
     Returns
     -------
-    Rig. With `misalignment` it is the rig as it is, and its `believed` the one that was asked for.
+    Rig. With `misalignment` it is the misaligned rig, and its `calibrated` is the rig without the error.
 
     Raises InputError naming the key that is unknown, missing or wrong, and what would be right.
     """
