@@ -6,7 +6,7 @@ import pydantic
 import pytest
 
 from twinlens.errors import InputError
-from twinlens.schema import StrictModel, read
+from twinlens.schema import StrictModel, default_key, read
 
 
 class Disk(StrictModel):
@@ -27,6 +27,7 @@ class Lens(StrictModel):
 class File(StrictModel):
     lenses: list[Lens] = pydantic.Field(min_length=1)
     named: dict[str, Disk] = pydantic.Field(default_factory=dict)
+    scale: float | list[float] = 1.0
     sharp: bool = False
 
     @pydantic.model_validator(mode="after")
@@ -60,6 +61,10 @@ DISK = {"kind": "disk", "diameter": 1.0}
         ),
         ({"lenses": [{"aperture": {"kind": "disc"}}]}, "f.toml: rig.lenses[0].aperture.kind: must be one of"),
         ({"lenses": [{"aperture": DISK}], "named": {"a": {**DISK, "b": 1}}}, "f.toml: rig.named.a: unknown key 'b'"),
+        ({"lenses": [{"aperture": {"diameter": 1.0}}]}, "f.toml: rig.lenses[0].aperture: missing key 'kind'"),
+        ({"lenses": [{"aperture": 3}]}, "f.toml: rig.lenses[0].aperture: must be a table of keys and values, got 3"),
+        ({"lenses": [{"aperture": DISK}], "scale": "x"}, "f.toml: rig.scale: must be a number or a list, got 'x'"),
+        ({"lenses": [{"aperture": DISK}], "scale": [1, "x"]}, "f.toml: rig.scale[1]: must be a number, got 'x'"),
         ({"lenses": [{"aperture": DISK}] * 3}, "f.toml: rig: at most two lenses"),
         ({"lenses": [{"aperture": {**DISK, "diameter": float("nan")}}]}, "must be a finite number, got nan"),
     ],
@@ -76,3 +81,12 @@ def test_valid_data_becomes_the_model():
     file = read(File, {"lenses": [{"aperture": DISK}], "sharp": True}, "f.toml")
     assert file.lenses[0].aperture == Disk(kind="disk", diameter=1.0)
     assert file.sharp
+
+
+def test_a_type_adapter_reads_as_a_model_does():
+    lens = pydantic.TypeAdapter(
+        Annotated[Disk | Blades, pydantic.Field(discriminator="kind"), default_key("kind", "disk")]
+    )
+    assert read(lens, {"diameter": 2.0}, "f.toml") == Disk(kind="disk", diameter=2.0)
+    with pytest.raises(InputError, match=r"f.toml: rig: unknown key 'count'"):
+        read(lens, {"count": 2}, "f.toml", "rig")

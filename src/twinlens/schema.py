@@ -5,8 +5,6 @@ list of validation errors into one `InputError` of one line: file, key, what is 
 """
 
 import difflib
-import types
-import typing
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,7 +13,7 @@ import pydantic
 
 from twinlens.errors import InputError, format_value, unknown
 
-Model = TypeVar("Model", bound=pydantic.BaseModel)
+T = TypeVar("T")
 
 
 class StrictModel(pydantic.BaseModel):
@@ -25,13 +23,33 @@ class StrictModel(pydantic.BaseModel):
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False, arbitrary_types_allowed=True
     )
 
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _reject_unknown_keys(cls, data: Any) -> Any:
+        known = [info.alias or name for name, info in cls.model_fields.items()]
+        for key in data if isinstance(data, Mapping) else ():
+            if key not in known:
+                raise unknown("key", str(key), known)
+        return data
 
-def read(model: type[Model], data: Any, file: str | Path, key: str = "", context: Any = None) -> Model:
+
+def default_key(key: str, value: str) -> pydantic.BeforeValidator:
+    """Lets a table leave out the key that chooses its model: `value` is used then. For `Annotated`.
+
+    >>> default_key("type", "path").func({"max_depth": 3})
+    {'type': 'path', 'max_depth': 3}
+    """
+    return pydantic.BeforeValidator(lambda table: {key: value, **table} if isinstance(table, Mapping) else table)
+
+
+def read(
+    model: type[T] | pydantic.TypeAdapter[T], data: Any, file: str | Path, key: str = "", context: Any = None
+) -> T:
     """Validate `data`, plain values as TOML or JSON has them, against `model`.
 
     Parameters
     ----------
-    model : subclass of pydantic.BaseModel
+    model : subclass of pydantic.BaseModel, or a TypeAdapter
     data : object
         The value read from the file, usually a dict.
     file : str or Path
@@ -46,11 +64,11 @@ def read(model: type[Model], data: Any, file: str | Path, key: str = "", context
     InputError
         One line: file, key, what is allowed, and the value. Only the first error is reported.
     """
+    adapter = model if isinstance(model, pydantic.TypeAdapter) else pydantic.TypeAdapter(model)
     try:
-        return model.model_validate(data, context=context)
+        return adapter.validate_python(data, context=context)
     except pydantic.ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        raise InputError(f"{file}: {_describe(first, model, key)}") from error
+        raise InputError(f"{file}: {_describe(error.errors(include_url=False), data, key)}") from error
 
 
 def dotted(parts: tuple[str | int, ...], start: str = "") -> str:
@@ -69,47 +87,70 @@ def dotted(parts: tuple[str | int, ...], start: str = "") -> str:
     return path
 
 
-def _describe(error: Any, model: type[pydantic.BaseModel], start: str) -> str:
-    """`key: message` of one pydantic error."""
-    location, parents = _walk(error["loc"], model)
-    kind, value, limits = error["type"], error["input"], error.get("ctx", {})
-    if kind == "extra_forbidden":
-        known = [key for parent in parents for key in _fields(parent)]
-        return _at(dotted(location[:-1], start), str(unknown("key", str(location[-1]), known)))
-    if kind == "missing":
-        return _at(dotted(location[:-1], start), f"missing key {str(location[-1])!r}")
-    if kind == "union_tag_not_found":
-        return _at(dotted(location, start), f"missing key {limits['discriminator']}")
-    if kind == "union_tag_invalid":
-        kind, value, limits = "literal_error", limits["tag"], {"expected": limits["expected_tags"]}
-        location = (*location, error["ctx"]["discriminator"].strip("'"))
-    where = dotted(location, start)
-    if kind == "value_error":
-        return _at(where, str(limits["error"]))
-    if kind == "literal_error":
-        allowed = _literals(limits["expected"])
-        near = difflib.get_close_matches(str(value), allowed, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        return _at(where, f"must be one of {', '.join(allowed)}, got {format_value(value)}{hint}")
-    return _at(where, f"must be {_allowed(kind, limits, error['msg'])}, got {format_value(value)}")
+def _describe(errors: list[Any], data: Any, start: str) -> str:
+    """`key: message` of the first of pydantic's errors.
 
-
-def _at(where: str, message: str) -> str:
+    An untagged union has one error for each member; the one that fits the type of the value is chosen.
+    """
+    parts = _key_parts(errors[0]["loc"], data)
+    same = [error for error in errors if _key_parts(error["loc"], data)[: len(parts)] == parts]
+    deeper = [
+        error for error in same if error["type"] not in _TYPES or len(_key_parts(error["loc"], data)) > len(parts)
+    ]
+    error = (deeper or errors)[0]
+    parts = _key_parts(error["loc"], data)
+    if error["type"] == "union_tag_invalid":
+        parts = (*parts, error["ctx"]["discriminator"].strip("'"))
+    where = dotted(parts, start)
+    message = _message(error) if deeper else _must_be(" or ".join(dict.fromkeys(map(_allowed, same))), error["input"])
     return f"{where}: {message}" if where else message
 
 
-_KINDS = {
+def _key_parts(location: tuple[str | int, ...], data: Any) -> tuple[str | int, ...]:
+    """The parts of a location that are keys of the data; the others name the members of unions."""
+    parts = []
+    for part in location:
+        known = isinstance(data, Mapping) and part in data
+        if known or (isinstance(data, list) and isinstance(part, int) and part < len(data)):
+            parts.append(part)
+            data = data[part]
+    return tuple(parts)
+
+
+def _message(error: Any) -> str:
+    kind, limits = error["type"], error.get("ctx", {})
+    if kind == "missing":
+        return f"missing key {str(error['loc'][-1])!r}"
+    if kind == "union_tag_not_found":
+        return f"missing key {limits['discriminator']}"
+    if kind == "value_error":
+        return str(limits["error"])
+    if kind in ("literal_error", "union_tag_invalid"):
+        value = limits["tag"] if kind == "union_tag_invalid" else error["input"]
+        choices = _choices(limits["expected_tags" if kind == "union_tag_invalid" else "expected"])
+        near = difflib.get_close_matches(str(value), choices, n=1)
+        return _must_be(f"one of {', '.join(choices)}", value) + (f"; did you mean {near[0]!r}?" if near else "")
+    return _must_be(_allowed(error), error["input"])
+
+
+def _must_be(allowed: str, value: Any) -> str:
+    return f"must be {allowed}, got {format_value(value)}"
+
+
+_TYPES = {
     "string_type": "a string",
     "bool_type": "true or false",
     "int_type": "a whole number",
-    "int_from_float": "a whole number",
     "float_type": "a number",
-    "finite_number": "a finite number",
     "list_type": "a list",
     "tuple_type": "a list",
     "dict_type": "a table of keys and values",
     "model_type": "a table of keys and values",
     "model_attributes_type": "a table of keys and values",
+}
+_LIMITS = {
+    "int_from_float": "a whole number",
+    "finite_number": "a finite number",
     "greater_than": "> {gt:g}",
     "greater_than_equal": ">= {ge:g}",
     "less_than": "< {lt:g}",
@@ -120,65 +161,13 @@ _KINDS = {
 """What is allowed, by pydantic's error type; other types use pydantic's own message."""
 
 
-def _allowed(kind: str, limits: Mapping[str, Any], message: str) -> str:
-    if kind in _KINDS:
-        return _KINDS[kind].format(**limits)
-    return message.removeprefix("Input should be ").removeprefix("Value should be ")
+def _allowed(error: Any) -> str:
+    kind = error["type"]
+    if kind in _TYPES or kind in _LIMITS:
+        return (_TYPES | _LIMITS)[kind].format(**error.get("ctx", {}))
+    return str(error["msg"]).removeprefix("Input should be ").removeprefix("Value should be ")
 
 
-def _literals(expected: str) -> list[str]:
+def _choices(expected: str) -> list[str]:
     """The choices in pydantic's text "'a', 'b' or 'c'"."""
     return [part.strip().strip("'") for part in expected.replace(" or ", ", ").split(",")]
-
-
-def _walk(location: tuple[str | int, ...], model: Any) -> tuple[tuple[str | int, ...], list[Any]]:
-    """(location without the tags of unions, which are not keys of the file; the types found at its parent)."""
-    kept: list[str | int] = []
-    options, parents = [model], [model]
-    for part in location:
-        members = [one for option in options for one in _options(option)]
-        following = [found for option in members for found in _children(option, part)]
-        tagged = [one for one in members if _has_tag(one, part)]
-        if not following and tagged:
-            options = tagged
-            continue
-        kept.append(part)
-        options, parents = following, members
-    return tuple(kept), parents
-
-
-def _has_tag(option: Any, tag: str | int) -> bool:
-    """Whether a union's member is the one that pydantic calls `tag`: by a Literal field, or by the type's name."""
-    literals = [value for each in _fields(option).values() for value in typing.get_args(each)]
-    return tag in literals or tag == getattr(option, "__name__", None)
-
-
-def _fields(option: Any) -> dict[str, Any]:
-    """Keys of a model and the types of their values; {} for what is not a model."""
-    if isinstance(option, type) and issubclass(option, pydantic.BaseModel):
-        return {info.alias or name: info.annotation for name, info in option.model_fields.items()}
-    return {}
-
-
-def _options(annotation: Any) -> list[Any]:
-    """The members of a union, or the annotation alone; `Annotated` is removed."""
-    origin = typing.get_origin(annotation)
-    if origin is typing.Annotated:
-        return _options(typing.get_args(annotation)[0])
-    if origin in (typing.Union, types.UnionType):
-        return [one for member in typing.get_args(annotation) for one in _options(member)]
-    return [annotation]
-
-
-def _children(annotation: Any, part: str | int) -> list[Any]:
-    """The types that the value at `part` of a value of this type may have."""
-    found: list[Any] = []
-    for option in _options(annotation):
-        fields, arguments = _fields(option), typing.get_args(option)
-        if part in fields:
-            found.append(fields[str(part)])
-        elif isinstance(part, str) and typing.get_origin(option) in (dict, Mapping) and arguments:
-            found.append(arguments[1])
-        elif isinstance(part, int) and typing.get_origin(option) in (list, tuple) and arguments:
-            found.append(arguments[min(part, len(arguments) - 1)] if arguments[-1] is not ... else arguments[0])
-    return found
