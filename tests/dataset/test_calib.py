@@ -80,7 +80,7 @@ def test_a_pair_that_is_not_rectified_has_no_calib():
         ("doffs=124.343", "doffs", "line 3 must read name=value"),
         ("width=2964", "width=0", "positive"),
         ("width=2964", "width=29.64", "invalid literal"),
-        ("width=2964", "width=2964\nwidth=2964", "a second time"),
+        ("width=2964", "width=2964\nwidth=2964", "repeats the key"),
         ("baseline=193.001", "baseline=1e999999999", "number of millimetres"),
         ("baseline=193.001", "baseline=-1", "positive"),
         ("baseline=193.001", "baseline=nan", "finite"),
@@ -90,7 +90,7 @@ def test_a_pair_that_is_not_rectified_has_no_calib():
         ("ndisp=270", "ndisp=-3", "ndisp must be 1 or more"),
     ],
 )
-def test_each_wrong_line_is_told(old, new, message):
+def test_errors_name_the_wrong_line(old, new, message):
     assert old in MOTORCYCLE
     with pytest.raises(FileError, match=rf"^calib\.txt: .*{message}"):
         decode_calib(MOTORCYCLE.replace(old, new, 1))
@@ -105,7 +105,7 @@ def test_damage_is_read_or_refused(data):
     assert decode_calib(encode_calib(calibration)) == calibration
 
 
-def test_a_file_that_is_no_text(tmp_path):
+def test_files_that_are_not_text_are_rejected(tmp_path):
     for content in (b"\xff\xfe\x00", b"x" * (1 << 17)):
         (tmp_path / "calib.txt").write_bytes(content)
         with pytest.raises(FileError, match=r"calib\.txt"):

@@ -109,6 +109,10 @@ def test_kitti(data, exported):
             noc = cv2.imread(str(seen[i]), cv2.IMREAD_UNCHANGED)
             np.testing.assert_array_equal(noc > 0, sample.mask_nonocc(i) == 255)
             np.testing.assert_array_equal(noc[noc > 0], stored[noc > 0])
+        background = cv2.imread(str(root / "obj_map" / image[0].name), cv2.IMREAD_UNCHANGED)
+        assert background.dtype == np.uint8
+        assert background.shape == sample.disp0.shape
+        assert not background.any()
     assert images[1][0].name == "000001_10.png"
 
 
@@ -162,6 +166,16 @@ def test_eth3ds_colmap_files_project_the_truth_to_its_pixels(data, exported):
         np.testing.assert_allclose(v, rows + 0.5, atol=1e-3)
 
 
+def test_eth3ds_colmap_model_is_complete(exported):
+    """The three files that COLMAP reads; pycolmap 4.2 opens them."""
+    scene = exported("eth3d") / "ETH3D/two_view_training/s0"
+    assert all((scene / name).is_file() for name in ("cameras.txt", "images.txt", "points3D.txt"))
+    assert all(line.startswith("#") for line in (scene / "points3D.txt").read_text().splitlines())
+    pycolmap = pytest.importorskip("pycolmap")
+    model = pycolmap.Reconstruction(str(scene))
+    assert (model.num_cameras(), model.num_images(), model.num_points3D()) == (2, 2, 0)
+
+
 def test_sceneflow(data, exported):
     root = exported("sceneflow") / "SceneFlow" / "FlyingThings3D"
     images = pairs(root, "frames_cleanpass/*/*/*/left/*.png", "frames_cleanpass/*/*/*/right/*.png")
@@ -205,9 +219,21 @@ def test_webdataset(data, exported):
     np.testing.assert_array_equal(image, data[2].lens(1).im0)
 
 
+def test_webdataset_keys_are_unique(tmp_path):
+    names = ("a.b", "a-b", "a/b", "a%2Eb")
+    for name in names:
+        write_sample(tmp_path / "in" / name, dataset_scene.sample())
+    write_manifest(tmp_path / "in", Manifest(tuple(row_of(tmp_path / "in", name) for name in names)))
+    export(Dataset(tmp_path / "in"), tmp_path / "out", "webdataset")
+    with tarfile.open(tmp_path / "out" / "shard-000000.tar") as tar:
+        entries = tar.getnames()
+    assert len(set(entries)) == len(entries) == 8 * len(names)
+    assert {name.split(".", 1)[0] for name in entries} == {"a%2Eb", "a-b", "a/b", "a%252Eb"}
+
+
 def test_shards_are_closed_at_their_size(data):
     from twinlens.dataset.export import Source
-    from twinlens.dataset.export.webdataset import webdataset
+    from twinlens.dataset.export.archives import webdataset
 
     shards = list(webdataset((Source(s, i) for i, s in enumerate(data)), shard_bytes=1))
     assert [name for name, _ in shards] == [f"shard-{i:06d}.tar" for i in range(3)]
@@ -253,10 +279,10 @@ def test_a_failure_leaves_nothing(data, tmp_path, to):
     assert [entry.name for entry in tmp_path.iterdir()] == ["in"]
 
 
-def test_what_cannot_be_exported_is_told(data, tmp_path):
+def test_invalid_requests_are_rejected(data, tmp_path):
     with pytest.raises(InputError, match="unknown layout 'kitti'; did you mean 'kitti2015'"):
         export(data, tmp_path / "out", "kitti")
-    with pytest.raises(InputError, match="one sample or more"):
+    with pytest.raises(InputError, match="one or more samples"):
         export(data[:0], tmp_path / "out", "carla")
     with pytest.raises(InputError, match="lenses 0 to 1, no lens 2"):
         export(data, tmp_path / "out", "carla", lens=2)
@@ -276,14 +302,15 @@ def test_what_cannot_be_exported_is_told(data, tmp_path):
         *((to, -1.0) for to in ("carla", "eth3d", "middlebury", "sceneflow")),
     ],
 )
-def test_disparities_beyond_a_layout_are_refused(tmp_path, to, value):
+def test_disparities_beyond_a_layout_are_rejected(tmp_path, to, value):
     write_sample(tmp_path / "in" / "s", dataset_scene.sample())
     write_pfm(tmp_path / "in" / "s" / "disp0.pfm", np.full((48, 64), value, np.float32))
-    with pytest.raises(InputError, match="s: has disparities from"):
+    others = re.escape("layouts without this limit: parquet, webdataset")
+    with pytest.raises(InputError, match=f"s: has disparities from .*; {others}$"):
         export(Dataset(tmp_path / "in"), tmp_path / "out", to)
 
 
-def test_names_that_fall_together_are_told(tmp_path):
+def test_sample_names_that_collide_are_rejected(tmp_path):
     from twinlens.dataset import Manifest, row_of, write_manifest
 
     for name in ("a/b", "a-b"):
@@ -302,7 +329,7 @@ def test_negative_disparities_stay_where_readers_keep_the_sign(tmp_path):
     assert (values == -1.5).all()
 
 
-def test_a_pair_that_is_not_rectified_is_told(tmp_path):
+def test_an_unrectified_pair_is_rejected(tmp_path):
     sample = dataset_scene.sample()
     turned = sample.rig.world_from_cams[1] @ np.diag([-1.0, -1, 1, 1])
     rig = type(sample.rig)(sample.rig.cameras, [sample.rig.world_from_cams[0], turned])
@@ -311,11 +338,11 @@ def test_a_pair_that_is_not_rectified_is_told(tmp_path):
     for to in LAYOUTS:
         with pytest.raises((InputError, FileError)) as caught:
             export(Dataset(tmp_path / "in"), tmp_path / "out", to)
-        assert "s: is no rectified pair" in str(caught.value), to
+        assert "s: is not a rectified pair" in str(caught.value), to
     assert [entry.name for entry in tmp_path.iterdir()] == ["in"]
 
 
-def test_only_an_export_is_overwritten(data, tmp_path):
+def test_only_an_earlier_export_is_overwritten(data, tmp_path):
     out = tmp_path / "out"
     export(data, out, "kitti2015")
     before = {path.name for path in out.iterdir()}
@@ -327,12 +354,12 @@ def test_only_an_export_is_overwritten(data, tmp_path):
     for name in ("home", "empty"):
         (tmp_path / name).mkdir()
     (tmp_path / "home" / "EXPORT.md").write_text("# My own\n")
-    with pytest.raises(OutputError, match="is no earlier export"):
+    with pytest.raises(OutputError, match="is not an earlier export"):
         export(data, tmp_path / "home", "carla", overwrite=True)
     assert export(data, tmp_path / "empty", "carla", overwrite=True)
 
 
-def test_progress_is_told(data, tmp_path):
+def test_progress_is_reported(data, tmp_path):
     heard = []
     export(data, tmp_path / "out", "carla", progress=lambda fraction, name: heard.append((fraction, name)))
     assert heard == [(0, "s0"), (pytest.approx(1 / 3), "s1"), (pytest.approx(2 / 3), "s2")]
@@ -346,13 +373,13 @@ def test_into_a_bucket_and_from_it(tmp_path):
     assert export(Dataset(bucket / "in"), tmp_path / "out", "carla") == sizes
 
 
-def test_an_export_into_the_dataset_is_refused(tmp_path):
+def test_an_export_into_the_dataset_is_rejected(tmp_path):
     folder = tmp_path / "set"
     write_sample(folder / "s0", dataset_scene.sample())
     data = Dataset(folder)
     write_manifest(folder, Manifest((row_of(folder, "s0"),), {}, 0, {}))
     for inside in (folder / "out", folder / "s0" / "out"):
-        with pytest.raises(OutputError, match="lies inside the dataset"):
+        with pytest.raises(OutputError, match="is inside the dataset"):
             export(data, inside, "middlebury")
         assert not inside.exists()
     export(data, tmp_path / "beside", "middlebury")

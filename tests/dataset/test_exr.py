@@ -41,7 +41,7 @@ def test_strides_byte_order_and_types():
         np.testing.assert_array_equal(back[name], view)
 
 
-def test_text_travels_and_bytes_are_the_same_each_time():
+def test_text_round_trip_and_equal_bytes():
     assert decode_exr(GOOD).text == {"names": "wall\nball"}
     again = {"depth": np.asfortranarray(PLANE), "id": PLANE.astype(np.uint32)}
     assert encode_exr(again, {"names": "wall\nball"}) == GOOD
@@ -57,7 +57,7 @@ def test_mitsuba_reads_it(tmp_path):
     np.testing.assert_array_equal(pixels[..., names.index("normal.X")], -PLANE)
 
 
-def test_half_floats_of_other_writers_are_widened(tmp_path):
+def test_half_floats_become_float32(tmp_path):
     half = PLANE.astype(np.float16)
     OpenEXR.File({"compression": OpenEXR.PIZ_COMPRESSION}, {"R": half}).write(str(tmp_path / "h.exr"))
     back = read_exr(tmp_path / "h.exr").channels["R"]
@@ -78,18 +78,18 @@ def test_half_floats_of_other_writers_are_widened(tmp_path):
         {"a": np.array([["x"]])},
     ],
 )
-def test_what_no_exr_of_ours_can_hold_is_refused(channels):
+def test_unsupported_channels_are_rejected(channels):
     with pytest.raises(InputError, match="EXR"):
         encode_exr(channels)
 
 
 @pytest.mark.parametrize("length", range(0, len(GOOD), 7))
-def test_every_truncation_is_noticed(length):
+def test_every_truncation_is_rejected(length):
     with pytest.raises(FileError, match=r"^t\.exr: "):
         decode_exr(GOOD[:length], "t.exr")
 
 
-def test_a_small_file_with_a_huge_header_costs_no_memory(peak_below):
+def test_a_small_file_with_a_large_header_allocates_no_memory(peak_below):
     place = GOOD.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
     for corner in (1_000_000, 2_000_000_000, -5):
         huge = GOOD[:place] + np.array([0, 0, corner, corner], "<i4").tobytes() + GOOD[place + 16 :]
@@ -99,7 +99,7 @@ def test_a_small_file_with_a_huge_header_costs_no_memory(peak_below):
 
 @settings(max_examples=200)
 @given(damaged(GOOD))
-def test_damage_is_read_or_refused(data):
+def test_damaged_files_are_read_or_rejected(data):
     try:
         image = decode_exr(data)
     except TwinlensError:
@@ -107,7 +107,7 @@ def test_damage_is_read_or_refused(data):
     assert sum(plane.nbytes for plane in image.channels.values()) <= 4 * 1100 * len(data)
 
 
-def test_damage_does_not_speak_on_standard_output(capfd):
+def test_damage_prints_nothing_to_stdout(capfd):
     data = bytearray(GOOD)
     data[-40] ^= 255
     with pytest.raises(FileError):

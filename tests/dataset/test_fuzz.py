@@ -26,17 +26,10 @@ from twinlens.dataset import (
 )
 from twinlens.dataset.about import about
 from twinlens.dataset.card import _card
-from twinlens.dataset.codecs import (
-    decode_calib,
-    decode_exr,
-    decode_pfm,
-    decode_png,
-    encode_calib,
-    encode_exr,
-    encode_pfm,
-    encode_png,
-)
-from twinlens.dataset.codecs.calib import Calibration
+from twinlens.dataset.codecs.calib import Calibration, decode_calib, encode_calib
+from twinlens.dataset.codecs.exr import decode_exr, encode_exr
+from twinlens.dataset.codecs.pfm import decode_pfm, encode_pfm
+from twinlens.dataset.codecs.png import decode_png, encode_png
 from twinlens.dataset.quantities import stored_statistics
 from twinlens.dataset.truth_files import read_truth
 from twinlens.errors import TwinlensError

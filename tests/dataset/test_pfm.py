@@ -17,7 +17,7 @@ GOOD = encode_pfm(np.arange(35, dtype=np.float32).reshape(5, 7))
 
 
 @given(hnp.arrays(np.float32, shapes, elements=values))
-def test_what_is_written_reads_back_bit_for_bit(array):
+def test_round_trip_is_bit_exact(array):
     back = decode_pfm(encode_pfm(array))
     assert back.dtype == np.float32
     assert back.flags.c_contiguous
@@ -32,7 +32,7 @@ def test_strides_and_byte_order_of_the_array_do_not_matter(array):
 
 
 @pytest.mark.parametrize("color", [False, True])
-def test_opencv_reads_what_we_write_and_we_read_what_opencv_writes(tmp_path, color):
+def test_round_trip_with_opencv(tmp_path, color):
     rng = np.random.default_rng(0)
     array = rng.normal(size=(5, 8, 3) if color else (5, 8)).astype(np.float32)
     write_pfm(tmp_path / "ours.pfm", array)
@@ -42,14 +42,14 @@ def test_opencv_reads_what_we_write_and_we_read_what_opencv_writes(tmp_path, col
     np.testing.assert_array_equal(read_pfm(tmp_path / "theirs.pfm"), array)
 
 
-def test_both_byte_orders_read_from_the_bottom_up():
+def test_both_byte_orders_are_read_bottom_up():
     rows = np.array([[1, 2, 3], [4, 5, np.inf]], np.float32)
     for order, scale in (("<f4", b"-1.0"), (">f4", b"1"), ("<f4", b"-0.003922")):
         data = b"Pf\n3 2\n" + scale + b"\n" + rows[::-1].astype(order).tobytes()
         np.testing.assert_array_equal(decode_pfm(data), rows)
 
 
-def test_the_header_suits_the_strictest_reader():
+def test_the_header_suits_torchvision():
     # torchvision splits the header by lines and matches the second with this expression.
     first, second, third, body = GOOD.split(b"\n", 3)
     assert first == b"Pf"
@@ -59,11 +59,11 @@ def test_the_header_suits_the_strictest_reader():
 
 
 @pytest.mark.parametrize("bad", [np.nan, -np.inf])
-def test_nan_and_minus_infinity_are_refused_both_ways(bad):
+def test_nan_and_minus_infinity_are_rejected_in_both_directions(bad):
     array = np.array([[1, bad]], np.float32)
     with pytest.raises(InputError, match="NaN or -inf"):
         encode_pfm(array)
-    with pytest.raises(FileError, match=r"^a\.pfm: holds NaN or -inf"):
+    with pytest.raises(FileError, match=r"^a\.pfm: contains NaN or -inf"):
         decode_pfm(b"Pf\n2 1\n-1.0\n" + array.tobytes(), "a.pfm")
 
 
@@ -71,7 +71,7 @@ def test_nan_and_minus_infinity_are_refused_both_ways(bad):
     "array",
     [np.zeros(3), np.zeros((2, 2, 2)), np.zeros((0, 3)), np.array([["a"]]), np.array([[1j]]), np.array([[1e39]])],
 )
-def test_what_no_pfm_can_hold_is_refused(array):
+def test_unsupported_arrays_are_rejected(array):
     with pytest.raises(InputError):
         encode_pfm(array)
 
@@ -91,19 +91,39 @@ def test_what_no_pfm_can_hold_is_refused(array):
         b"Pf\n" + b" " * 1000 + b"2 2\n-1\n" + bytes(16),
     ],
 )
-def test_no_pfm_at_all(data, peak_below):
+def test_invalid_headers_are_rejected(data, peak_below):
     with peak_below(1 << 20), pytest.raises(FileError, match=r"^x\.pfm: "):
         decode_pfm(data, "x.pfm")
 
 
 @pytest.mark.parametrize("length", range(len(GOOD)))
-def test_every_truncation_is_noticed(length):
+def test_every_truncation_is_rejected(length):
     with pytest.raises(FileError):
         decode_pfm(GOOD[:length])
 
 
+HEADERS = {
+    "crlf": b"Pf\r\n7 5\r\n-1.0\r\n",
+    "comments": b"Pf # grey\n# made by a program\n7 5\n#\n-1.0\n",
+    "comment after the scale": b"Pf\n7 5\n-1.0 # little-endian\n",
+    "crlf and comments": b"Pf\r\n# size\r\n7 # width\r\n5\r\n-1.0\r\n",
+    "spaces": b"Pf 7 5 -1.0 ",
+}
+
+
+@pytest.mark.parametrize("kind", HEADERS)
+def test_comments_and_crlf_are_read_and_truncation_is_still_rejected(kind):
+    # The first pixels are bytes that could be taken for a line end or a comment.
+    pixels = b"\r\n\n#" + GOOD[-136:]
+    expected = decode_pfm(b"Pf\n7 5\n-1.0\n" + pixels)
+    np.testing.assert_array_equal(decode_pfm(HEADERS[kind] + pixels), expected)
+    for wrong in (HEADERS[kind] + pixels[:-1], HEADERS[kind] + pixels + b"\0", HEADERS[kind][:-1] + pixels):
+        with pytest.raises(FileError):
+            decode_pfm(wrong)
+
+
 @given(damaged(GOOD))
-def test_damage_is_read_or_refused(data):
+def test_damaged_files_are_read_or_rejected(data):
     try:
         array = decode_pfm(data)
     except TwinlensError:

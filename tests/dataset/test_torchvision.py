@@ -95,7 +95,7 @@ def test_webdataset(data, tmp_path):
     export(data, tmp_path / "out", "webdataset", lens=1)
     items = webdataset.WebDataset(str(tmp_path / "out" / "shard-000000.tar"), shardshuffle=False).decode("pil")
     for sample, item in zip(data, items, strict=True):
-        assert item["__key__"] == sample.name.replace(".", "-")
+        assert item["__key__"] == sample.name.replace(".", "%2E")
         np.testing.assert_array_equal(np.asarray(item["im0.png"]), sample.lens(1).im0)
         np.testing.assert_array_equal(np.asarray(item["mask1nocc.png"].convert("L")), sample.mask1_nonocc)
         np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(item["disp1.pfm"]))), sample.disp1)

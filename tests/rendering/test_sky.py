@@ -44,3 +44,14 @@ def test_sky_has_the_disparity_of_infinity_and_is_seen_where_the_partner_sees_it
         inside = (seen_at >= -0.5) & (seen_at < CAMERA.width - 0.5)
         assert (truth.visible[sky] == (inside & ~behind_wall)[sky]).all()
         assert (truth.visible[sky]).any()
+
+
+def test_sky_of_a_rig_without_doffs_has_disparity_zero_without_a_sign():
+    scene = tl.Scene(
+        "empty", (SceneObject("wall", WALL, "grey"),), {"grey": {"type": "diffuse"}}, np.eye(4), (1.0, 9.0)
+    )
+    for truth in tl.ground_truth(scene, tl.Rig.stereo(CAMERA, BASELINE), sky_disparity=True):
+        sky = truth.disparity[~truth.hit]
+        assert sky.size
+        assert (sky == 0).all()
+        assert not np.signbit(sky).any()

@@ -6,20 +6,10 @@ What a sample looks like on the disk is written in docs/format.md.
 from twinlens.dataset.about import About
 from twinlens.dataset.audit import cure, unchecked, unfinished, verify_place
 from twinlens.dataset.card import write_card
-from twinlens.dataset.codecs import (
-    Calibration,
-    encode_pfm,
-    encode_png,
-    read_calib,
-    read_exr,
-    read_image,
-    read_pfm,
-    read_png,
-    write_calib,
-    write_exr,
-    write_pfm,
-    write_png,
-)
+from twinlens.dataset.codecs.calib import Calibration, read_calib, write_calib
+from twinlens.dataset.codecs.exr import read_exr, write_exr
+from twinlens.dataset.codecs.pfm import encode_pfm, read_pfm, write_pfm
+from twinlens.dataset.codecs.png import encode_png, read_image, read_png, write_png
 from twinlens.dataset.croissant import write_croissant
 from twinlens.dataset.dataset import Dataset, arrays
 from twinlens.dataset.description import describe

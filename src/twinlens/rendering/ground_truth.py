@@ -144,7 +144,7 @@ def _disparity(rig: Rig, view: _View, other: int, pixels: Float, sky: bool) -> F
         found = view.hits.body >= 0
         u = rig.cameras[view.index].pixel_grid()[..., 0].reshape(-1)
         disparity[found] = (u[found] - pixels[found, 0]) * (1 if view.index == left else -1)
-        disparity[~found] = -rig.doffs(left, right) if sky else np.inf
+        disparity[~found] = 0.0 - rig.doffs(left, right) if sky else np.inf  # not -0.0
     return disparity
 
 

@@ -1,8 +1,8 @@
 """calib.txt: the calibration of a rectified pair, as Middlebury writes it since 2014.
 
 Lines of ``name=value``: cam0 and cam1 are K as ``[fx 0 cx; 0 fy cy; 0 0 1]`` in pixels, doffs in pixels, baseline in
-millimetres, then width, height, ndisp, isint, vmin, vmax. Numbers are written so that they
-read back to the same float64.
+millimetres, then width, height, ndisp, isint, vmin, vmax. Numbers are written with as many digits as read back to the
+same float64.
 
 Source: https://vision.middlebury.edu/stereo/data/scenes2014/ and .../submit3/, "calib.txt".
 """
@@ -21,32 +21,36 @@ from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
-_NEEDED = ("cam0", "cam1", "doffs", "baseline", "width", "height")
-_OPTIONAL = ("ndisp", "isint", "vmin", "vmax")
-_LARGEST_FILE = 1 << 16
-_ROUNDED = 0.01  # Middlebury rounds cx and doffs to three digits, so they agree to that only
+_REQUIRED = ("cam0", "cam1", "doffs", "baseline", "width", "height")
+_MAX_BYTES = 1 << 16
+_DOFFS_TOLERANCE = 0.01  # px: Middlebury rounds cx and doffs to three digits
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """A rectified pair's calibration.
+    """Calibration of a rectified pair.
 
     Parameters
     ----------
     cam0, cam1 : (fx, fy, cx, cy)
-        Of the left and right camera, pixels, pixel centres at integers. fx, fy and cy are common to the two.
+        Left and right camera, pixels, pixel centres at integers.
     baseline : float
         Metres.
     width, height : int
-        Of the images, pixels.
+        Image size, pixels.
     doffs : float
         cx1 - cx0, pixels.
     ndisp : int or None
-        A bound of the disparities, 0 <= d < ndisp; None where the file has none.
+        Bound of the disparities, 0 <= d < ndisp; None if the file has none.
     isint : bool
-        Whether the truth has whole disparities only.
+        Whether the true disparities are integers; Middlebury's evaluation then rounds estimates before it scores them.
     vmin, vmax : float or None
-        The tightest bounds of the truth, for colouring it.
+        Bounds of the true disparities, for colour maps.
+
+    Raises
+    ------
+    InputError
+        For numbers that are not finite or not positive, and for doffs that differ from cx1 - cx0.
     """
 
     cam0: tuple[float, float, float, float]
@@ -68,12 +72,12 @@ class Calibration:
             raise InputError("a calibration needs positive fx, fy, baseline, width and height")
         if self.ndisp is not None and self.ndisp < 1:
             raise InputError(f"ndisp must be 1 or more, got {self.ndisp}")
-        if abs(self.cam1[2] - self.cam0[2] - self.doffs) > _ROUNDED:
+        if abs(self.cam1[2] - self.cam0[2] - self.doffs) > _DOFFS_TOLERANCE:
             raise InputError(f"doffs must be cx1 - cx0 = {self.cam1[2] - self.cam0[2]}, got {self.doffs}")
 
     @classmethod
     def from_rig(cls, rig: Rig, ndisp: int | None = None) -> "Calibration":
-        """The calibration of a rig's first two cameras, or InputError where they are no rectified pair."""
+        """The calibration of a rig's first two cameras. Raises InputError if they are not a rectified pair."""
         if len(rig) < 2 or not rig.is_rectified():
             raise InputError("calib.txt describes a rectified pair; these cameras are none")
         left, right = rig.cameras[:2]
@@ -82,30 +86,30 @@ class Calibration:
 
     @property
     def fx(self) -> float:
-        """Of the left camera, pixels."""
+        """Focal length of the left camera, pixels."""
         return self.cam0[0]
 
     @property
     def K0(self) -> NDArray[np.float64]:  # noqa: N802
-        """The left camera's K, (3, 3)."""
+        """Left camera matrix, (3, 3)."""
         return _matrix(self.cam0)
 
     @property
     def K1(self) -> NDArray[np.float64]:  # noqa: N802
-        """The right camera's K, (3, 3)."""
+        """Right camera matrix, (3, 3)."""
         return _matrix(self.cam1)
 
     def rig(self) -> Rig:
-        """The pair as a Rig, the world being the left camera's frame."""
+        """The pair as a Rig; the world frame is the left camera's."""
         left, right = (Camera(self.width, self.height, *cam) for cam in (self.cam0, self.cam1))
         return Rig.stereo(left, self.baseline, right=right)
 
     def depth(self, disparity: ArrayLike) -> NDArray[np.float64]:
-        """z = fx B / (d + doffs) in metres; unknown (+inf) stays +inf. See `geometry.depth_from_disparity`."""
+        """z = fx B / (d + doffs), metres; +inf stays +inf. See `geometry.depth_from_disparity`."""
         return geometry.depth_from_disparity(disparity, self.fx, self.baseline, self.doffs)
 
     def replace(self, **changes: object) -> "Calibration":
-        """A copy with some fields changed, checked again."""
+        """A checked copy with some fields changed."""
         return replace(self, **changes)  # type: ignore[arg-type]
 
 
@@ -124,34 +128,36 @@ def encode_calib(calibration: Calibration) -> str:
     isint=0
     """
     fields = {
-        "cam0": "[{} 0 {}; 0 {} {}; 0 0 1]".format(*(repr(float(calibration.cam0[i])) for i in (0, 2, 1, 3))),
-        "cam1": "[{} 0 {}; 0 {} {}; 0 0 1]".format(*(repr(float(calibration.cam1[i])) for i in (0, 2, 1, 3))),
-        "doffs": repr(float(calibration.doffs)),
-        "baseline": _plain(_moved(repr(float(calibration.baseline)), 3)),
+        **{
+            name: "[{0!r} 0 {2!r}; 0 {1!r} {3!r}; 0 0 1]".format(*map(float, getattr(calibration, name)))
+            for name in ("cam0", "cam1")
+        },
+        "doffs": float(calibration.doffs),
+        "baseline": _plain_digits(_shifted(repr(float(calibration.baseline)), 3)),
         "width": int(calibration.width),
         "height": int(calibration.height),
         "ndisp": calibration.ndisp,
         "isint": int(calibration.isint),
-        "vmin": None if calibration.vmin is None else repr(float(calibration.vmin)),
-        "vmax": None if calibration.vmax is None else repr(float(calibration.vmax)),
+        "vmin": None if calibration.vmin is None else float(calibration.vmin),
+        "vmax": None if calibration.vmax is None else float(calibration.vmax),
     }
     return "".join(f"{key}={value}\n" for key, value in fields.items() if value is not None)
 
 
 def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
-    """The calibration in the text of a calib.txt. Keys it does not know are passed over: Middlebury's own have grown.
+    """Parse the text of a calib.txt. Unknown keys are ignored, since Middlebury has added keys over time.
 
-    Raises FileError beginning with `name` when a line, a number or a needed key is not right.
+    Raises FileError that begins with `name` for an invalid line or number and for a missing key.
     """
     fields = _fields(text, name)
-    missing = [key for key in _NEEDED if key not in fields]
+    missing = [key for key in _REQUIRED if key not in fields]
     if missing:
-        raise FileError(f"{name}: has no {missing[0]}= line; needed are {', '.join(_NEEDED)}")
+        raise FileError(f"{name}: has no {missing[0]}= line; required are {', '.join(_REQUIRED)}")
     try:
         return Calibration(
             cam0=_camera(fields["cam0"]),
             cam1=_camera(fields["cam1"]),
-            baseline=float(_moved(fields["baseline"], -3)),
+            baseline=float(_shifted(fields["baseline"], -3)),
             width=int(fields["width"]),
             height=int(fields["height"]),
             doffs=float(fields["doffs"]),
@@ -163,16 +169,15 @@ def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
     except ValueError as error:
         raise FileError(f"{name}: {error}") from None
     except ArithmeticError:
-        raise FileError(
-            f"{name}: the baseline must be a number of millimetres, got {fields['baseline'][:40]!r}"
-        ) from None
+        got = fields["baseline"][:40]
+        raise FileError(f"{name}: the baseline must be a number of millimetres, got {got!r}") from None
 
 
 def read_calib(path: Where) -> Calibration:
-    """The calibration in a calib.txt. Raises FileError."""
+    """Read a calib.txt. Raises FileError."""
     data = read_bytes(path)
-    if len(data) > _LARGEST_FILE:
-        raise FileError(f"{path}: {len(data)} bytes are no calib.txt")
+    if len(data) > _MAX_BYTES:
+        raise FileError(f"{path}: not a calib.txt ({len(data)} bytes; at most {_MAX_BYTES})")
     try:
         return decode_calib(data.decode("utf-8"), str(path))
     except UnicodeDecodeError:
@@ -184,6 +189,11 @@ def write_calib(path: Where, calibration: Calibration) -> None:
     write_file(path, encode_calib(calibration).encode())
 
 
+def tidy(length: float) -> float:
+    """`length` without the last bits that a difference of two poses loses: 0.1, not 0.09999999999999998."""
+    return float(f"{length:.14g}")
+
+
 def _fields(text: str, name: str) -> dict[str, str]:
     fields: dict[str, str] = {}
     for number, line in enumerate(text.splitlines(), 1):
@@ -193,35 +203,26 @@ def _fields(text: str, name: str) -> dict[str, str]:
         if not equals:
             raise FileError(f"{name}: line {number} must read name=value, got {line.strip()[:40]!r}")
         if key in fields:
-            raise FileError(f"{name}: line {number} gives {key} a second time")
+            raise FileError(f"{name}: line {number} repeats the key {key}")
         fields[key] = value
     return fields
 
 
 def _camera(text: str) -> tuple[float, float, float, float]:
-    rows = [row.split() for row in re.sub(r"^\[|\]$", "", text).split(";")]
-    if [len(row) for row in rows] != [3, 3, 3]:
-        raise ValueError(f"a camera must read [fx 0 cx; 0 fy cy; 0 0 1], got {text[:80]!r}")
-    k = [[float(entry) for entry in row] for row in rows]
-    if (k[0][1], k[1][0], k[2]) != (0.0, 0.0, [0.0, 0.0, 1.0]):
+    rows = [[float(entry) for entry in row.split()] for row in re.sub(r"^\[|\]$", "", text).split(";")]
+    if [len(row) for row in rows] != [3, 3, 3] or (rows[0][1], rows[1][0], rows[2]) != (0.0, 0.0, [0.0, 0.0, 1.0]):
         raise ValueError(f"a camera must read [fx 0 cx; 0 fy cy; 0 0 1], without skew, got {text[:80]!r}")
-    return k[0][0], k[1][1], k[0][2], k[1][2]
+    return rows[0][0], rows[1][1], rows[0][2], rows[1][2]
 
 
-def _moved(decimal: str, places: int) -> Decimal:
-    """The decimal number with its point moved, exactly: metres to millimetres and back lose no bit."""
+def _shifted(decimal: str, places: int) -> Decimal:
+    """`decimal` times 10^places, exactly: metres to millimetres and back lose no bit."""
     return Decimal(decimal).scaleb(places)
 
 
-def _plain(number: Decimal) -> str:
-    """`number` in plain digits with a point."""
+def _plain_digits(number: Decimal) -> str:
     text = format(number.normalize(), "f")
     return text if "." in text else f"{text}.0"
-
-
-def tidy(length: float) -> float:
-    """`length` without the last bits that a distance of two poses has lost: 0.1, not 0.09999999999999998."""
-    return float(f"{length:.14g}")
 
 
 def _matrix(cam: tuple[float, float, float, float]) -> NDArray[np.float64]:

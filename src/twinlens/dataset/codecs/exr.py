@@ -1,7 +1,7 @@
-"""OpenEXR: named float32 and integer channels without loss, and text beside them.
+"""OpenEXR: named float32 and integer channels, lossless, with string attributes.
 
-One scan-line part, ZIP-compressed: of the lossless methods the smallest on truth maps, and as quick to write as any
-that compresses them well (benchmarks/bench_codecs.py). The bytes depend on the channels and the text only.
+Files have one scan-line part with ZIP compression, the smallest lossless method on truth maps
+(benchmarks/bench_codecs.py). The bytes depend on the channels and the text only.
 
 Source: Technical Introduction to OpenEXR, https://openexr.com/en/latest/TechnicalIntroduction.html.
 """
@@ -25,57 +25,52 @@ from twinlens.errors import FileError, InputError
 Channel = NDArray[np.float32] | NDArray[np.uint32]
 
 _MAGIC = b"\x76\x2f\x31\x01"
-_LARGEST_RATIO = 1100  # of pixels to file, in bytes: what DEFLATE can reach, and a little for the blocks' headers
-_OWN = "twinlens."  # prefix of the text attributes
+_MAX_RATIO = 1100  # decoded pixels to bytes: the limit of DEFLATE, plus the headers of blocks
+_PREFIX = "twinlens."  # of the string attributes
 _READING = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
 class Exr:
-    """What an EXR file holds: `channels`, name -> float32 or uint32 (H, W), and `text`, name -> string."""
+    """Content of an EXR file: `channels`, name -> float32 or uint32 (H, W), and `text`, name -> string."""
 
     channels: Mapping[str, Channel]
     text: Mapping[str, str] = field(default_factory=dict)
 
 
 def encode_exr(channels: Mapping[str, ArrayLike], text: Mapping[str, str] | None = None) -> bytes:
-    """An EXR of named (H, W) channels: floats are kept as float32, booleans and integers as uint32, all without loss.
+    """Encode named (H, W) channels: floats as float32, booleans and integers as uint32, without loss.
 
     `text` becomes string attributes named ``twinlens.<name>``. Raises InputError when shapes differ, there is no
-    channel, an integer does not fit, or a float64 lies outside float32's range.
+    channel, an integer is outside uint32, or a float64 is outside float32.
     """
-    if not channels:
-        raise InputError("an EXR needs one channel or more")
-    planes = {name: _storable(name, values) for name, values in channels.items()}
+    planes = {name: _to_channel(name, values) for name, values in channels.items()}
     shapes = {plane.shape for plane in planes.values()}
-    if len(shapes) > 1:
-        raise InputError(f"the channels of an EXR must be of one shape, got {sorted(shapes)}")
+    if len(shapes) != 1:
+        raise InputError(f"an EXR needs one or more channels of the same shape, got shapes {sorted(shapes)}")
     header: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    header |= {_OWN + name: value for name, value in (text or {}).items()}
+    header |= {_PREFIX + name: value for name, value in (text or {}).items()}
     stream = io.BytesIO()
     OpenEXR.File(header, planes).write(stream)
     return stream.getvalue()
 
 
 def decode_exr(data: bytes, name: str = "EXR data") -> Exr:
-    """The channels of a one-part EXR, half floats widened to float32. Raises FileError beginning with `name`."""
+    """Decode an EXR with one part; half floats become float32. Raises FileError that begins with `name`."""
     if data[:4] != _MAGIC:
         raise FileError(f"{name}: not an OpenEXR file")
-    _check_size(_opened(data, name, header_only=True), len(data), name)
-    part = _opened(data, name)
-    channels = {key: _plane(channel.pixels) for key, channel in sorted(part.channels.items())}
-    if not channels or any(plane is None or plane.ndim != 2 for plane in channels.values()):
+    _check_size(_open(data, name, header_only=True), len(data), name)
+    part = _open(data, name)
+    channels = {key: channel.pixels for key, channel in sorted(part.channels.items())}
+    if not channels or any(pixels is None or pixels.ndim != 2 for pixels in channels.values()):
         raise FileError(f"{name}: has no readable channels; the file is damaged")
-    text = {
-        key.removeprefix(_OWN): value
-        for key, value in part.header.items()
-        if key.startswith(_OWN) and isinstance(value, str)
-    }
-    return Exr(channels, text)
+    planes = {key: each if each.dtype == np.uint32 else each.astype(np.float32) for key, each in channels.items()}
+    attributes = ((key, value) for key, value in part.header.items() if isinstance(value, str))
+    return Exr(planes, {key.removeprefix(_PREFIX): value for key, value in attributes if key.startswith(_PREFIX)})
 
 
 def read_exr(path: Where) -> Exr:
-    """The channels and text of an EXR file; see `decode_exr`. Raises FileError."""
+    """Read the channels and text of an EXR file; see `decode_exr`. Raises FileError."""
     return decode_exr(read_bytes(path), str(path))
 
 
@@ -84,11 +79,11 @@ def write_exr(path: Where, channels: Mapping[str, ArrayLike], text: Mapping[str,
     write_file(path, encode_exr(channels, text))
 
 
-def _storable(name: str, values: ArrayLike) -> Channel:
+def _to_channel(name: str, values: ArrayLike) -> Channel:
+    """float32 or uint32 (H, W), contiguous: OpenEXR ignores the strides of a buffer."""
     array = np.asarray(values)
     if array.ndim != 2 or 0 in array.shape:
         raise InputError(f"EXR channel {name!r} must be (H, W), got shape {array.shape}")
-    # OpenEXR reads the buffer from its start, whatever the strides say.
     if array.dtype.kind in "biu":
         if array.dtype.kind != "b" and (array.min() < 0 or array.max() > np.iinfo(np.uint32).max):
             raise InputError(f"EXR channel {name!r} holds integers outside 0 to 2^32 - 1")
@@ -102,19 +97,13 @@ def _storable(name: str, values: ArrayLike) -> Channel:
     return plane
 
 
-def _plane(pixels: Any) -> Any:
-    return pixels if pixels is None or pixels.dtype == np.uint32 else pixels.astype(np.float32)
-
-
-def _opened(data: bytes, name: str, header_only: bool = False) -> Any:
-    # OpenEXR reports damaged pixels by a line on sys.stdout, where a command's answer belongs: send it to stderr. The
+def _open(data: bytes, name: str, header_only: bool = False) -> Any:
+    # OpenEXR prints errors in pixel data to sys.stdout, where a command prints its result: redirect them to stderr. The
     # lock keeps two threads from restoring each other's stream.
     with _READING, contextlib.redirect_stdout(sys.stderr):
         try:
-            file = OpenEXR.File(io.BytesIO(data), separate_channels=True, header_only=header_only)
-            parts = file.parts
-        # RuntimeError, ValueError, UnicodeDecodeError, MemoryError: by where the damage lies.
-        except Exception as error:
+            parts = OpenEXR.File(io.BytesIO(data), separate_channels=True, header_only=header_only).parts
+        except Exception as error:  # RuntimeError, ValueError, UnicodeDecodeError or MemoryError
             raise FileError(f"{name}: not a readable OpenEXR file; the file is damaged ({error})") from None
     if len(parts) != 1:
         raise FileError(f"{name}: needs exactly one readable part, has {len(parts)}")
@@ -122,11 +111,11 @@ def _opened(data: bytes, name: str, header_only: bool = False) -> Any:
 
 
 def _check_size(part: Any, length: int, name: str) -> None:
-    """Refuse, before memory is asked for, sizes that the file cannot fill."""
+    """Reject sizes that the file cannot fill, before any memory is allocated."""
     low, high = part.header["dataWindow"]
     width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
     channels = len(part.header["channels"])
-    if width < 1 or height < 1 or width * height * channels > _LARGEST_RATIO * length:
+    if width < 1 or height < 1 or width * height * channels > _MAX_RATIO * length:
         raise FileError(
             f"{name}: {length} bytes cannot hold {channels} channels of {width} x {height} pixels; the file is damaged"
         )

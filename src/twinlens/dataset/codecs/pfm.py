@@ -1,8 +1,8 @@
-"""PFM, the portable float map: disparity maps as Middlebury, ETH3D and SceneFlow keep them.
+"""PFM, the portable float map: float32 images, in which Middlebury, ETH3D and SceneFlow store disparity maps.
 
-Three header lines (``Pf`` or ``PF``, ``width height``, scale), then float32 rows from the bottom up. The sign of the
-scale tells the byte order, negative for little-endian; its size is kept by nobody (Middlebury writes 0.0039) and has no
-meaning here. Unknown is +inf; NaN and -inf are refused in both directions.
+The header holds ``Pf`` (grey) or ``PF`` (RGB), width, height and scale; float32 rows follow, bottom row first. A
+negative scale means little-endian; its magnitude is ignored. Comments (``# ...``) and CRLF line ends are read, and
+never written. Unknown pixels are +inf; NaN and -inf are rejected in both directions.
 
 Source: P. Debevec, http://www.pauldebevec.com/Research/HDR/PFM/; Middlebury stereo evaluation v3, its SDK's README.
 """
@@ -18,47 +18,55 @@ from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
-_HEADER = re.compile(rb"(P[fF])\s+(\d{1,9})\s+(\d{1,9})\s+([-+0-9.eE]{1,32})\s")
-_HEADER_LIMIT = 128
+_HEADER = re.compile(rb"(P[fF])#(\d{1,9})#(\d{1,9})#([-+0-9.eE]{1,32})".replace(b"#", rb"(?:\s|#[^\n]*\n)+"))
+_LINE_END = re.compile(rb"[ \t]*(?:#[^\n]*)?\r?\n|[ \t]")
+_HEADER_LIMIT = 1000
 
 
 def encode_pfm(values: ArrayLike) -> bytes:
-    """A little-endian PFM of `values` (H, W) or (H, W, 3): real numbers or +inf, kept as float32.
+    """Encode `values`, (H, W) or (H, W, 3) real numbers or +inf, as little-endian PFM.
 
     Raises InputError for another shape, NaN, -inf, or a number too large for float32.
 
     >>> encode_pfm([[1.0, 2.0]])[:14]
     b'Pf\\n2 1\\n-1.0\\n\\x00\\x00'
     """
-    array = _as_float32(values)
-    if array.ndim not in (2, 3) or 0 in array.shape or (array.ndim == 3 and array.shape[2] != 3):
-        raise InputError(f"a PFM holds (H, W) or (H, W, 3) values, got shape {array.shape}")
+    given = np.asarray(values)
+    if given.dtype.kind not in "fiub":
+        raise InputError(f"a PFM holds real numbers, got an array of {given.dtype}")
+    if given.ndim not in (2, 3) or 0 in given.shape or (given.ndim == 3 and given.shape[2] != 3):
+        raise InputError(f"a PFM holds (H, W) or (H, W, 3) values, got shape {given.shape}")
+    _reject_nan(given, "PFM values", InputError)
+    with np.errstate(over="ignore"):
+        array = given.astype("<f4")
+    if given.dtype != np.float32 and np.isposinf(array).sum() != np.isposinf(given).sum():
+        raise InputError("PFM values: a number is too large for float32; only +inf means unknown")
     kind = "Pf" if array.ndim == 2 else "PF"
     header = f"{kind}\n{array.shape[1]} {array.shape[0]}\n-1.0\n".encode()
     return header + np.ascontiguousarray(array[::-1]).tobytes()
 
 
 def decode_pfm(data: bytes, name: str = "PFM data") -> NDArray[np.float32]:
-    """The values of a PFM, float32 (H, W) or (H, W, 3), top row first. Raises FileError beginning with `name`."""
+    """Decode a PFM to float32 (H, W) or (H, W, 3), top row first. Raises FileError that begins with `name`."""
     header = _HEADER.match(data[:_HEADER_LIMIT])
     if header is None:
         raise FileError(f"{name}: not a PFM (a line Pf or PF, a line 'width height', a line with the scale)")
-    width, height = int(header[2]), int(header[3])
-    channels = 3 if header[1] == b"PF" else 1
-    body = memoryview(data)[header.end() :]
-    if width < 1 or height < 1 or len(body) != 4 * width * height * channels:
+    width, height, channels = int(header[2]), int(header[3]), 3 if header[1] == b"PF" else 1
+    size = 4 * width * height * channels
+    start = len(data) - size
+    if size < 1 or not _LINE_END.fullmatch(data, header.end(), max(start, header.end())):
         raise FileError(
-            f"{name}: {len(body)} bytes of pixels, but its header says {width} x {height} x {channels} float32"
-            f" ({4 * width * height * channels} bytes); the file is damaged"
+            f"{name}: {max(len(data) - header.end() - 1, 0)} bytes of pixels, but the header specifies {width} x"
+            f" {height} x {channels} float32 ({size} bytes); the file is damaged"
         )
-    rows = np.frombuffer(body, dtype=_byte_order(header[4], name)).reshape(height, width, channels)
+    rows = np.frombuffer(data, _dtype(header[4], name), offset=start).reshape(height, width, channels)
     array = rows[::-1].astype(np.float32)
-    _refuse_nan(array, name, FileError)
+    _reject_nan(array, name, FileError)
     return array if channels == 3 else array[..., 0]
 
 
 def read_pfm(path: Where) -> NDArray[np.float32]:
-    """The values of a PFM file, float32 (H, W) or (H, W, 3), top row first; +inf is unknown. Raises FileError."""
+    """Read a PFM file: float32 (H, W) or (H, W, 3), top row first, +inf unknown. Raises FileError."""
     return decode_pfm(read_bytes(path), str(path))
 
 
@@ -67,7 +75,7 @@ def write_pfm(path: Where, values: ArrayLike) -> None:
     write_file(path, encode_pfm(values))
 
 
-def _byte_order(scale: bytes, name: str) -> str:
+def _dtype(scale: bytes, name: str) -> str:
     try:
         value = float(scale)
     except ValueError:
@@ -77,18 +85,6 @@ def _byte_order(scale: bytes, name: str) -> str:
     return "<f4" if value < 0 else ">f4"
 
 
-def _as_float32(values: ArrayLike) -> NDArray[np.float32]:
-    given = np.asarray(values)
-    if given.dtype.kind not in "fiub":
-        raise InputError(f"a PFM holds real numbers, got an array of {given.dtype}")
-    _refuse_nan(given, "PFM values", InputError)
-    with np.errstate(over="ignore"):
-        array = given.astype("<f4")
-    if given.dtype != np.float32 and np.isposinf(array).sum() != np.isposinf(given).sum():
-        raise InputError("PFM values: a number is too large for float32; +inf alone means unknown")
-    return array
-
-
-def _refuse_nan(array: NDArray[Any], name: str, error: type[InputError]) -> None:
+def _reject_nan(array: NDArray[Any], name: str, error: type[InputError]) -> None:
     if array.dtype.kind == "f" and not (array > -np.inf).all():
-        raise error(f"{name}: holds NaN or -inf; +inf is the one mark for unknown")
+        raise error(f"{name}: contains NaN or -inf; unknown pixels must be +inf")

@@ -1,22 +1,16 @@
-"""Datasets in the layouts that other people's readers open: one module a layout, all in `LAYOUTS`.
+"""Export of datasets to the layouts of other readers, all in the dict `LAYOUTS`.
 
-A layout is a function from samples to (relative name, content) pairs; nothing is assumed of the samples but what they
-say themselves, and what a layout cannot hold (a disparity beyond its range, a missing view) is an error that names the
-sample. docs/format.md tells what each one keeps.
+A layout is a function from samples to (relative name, content) pairs. What a layout cannot hold, such as a disparity
+beyond its range or a missing view, is an error that names the sample. docs/format.md lists what each layout keeps.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import twinlens
-from twinlens.dataset.export.eth3d import eth3d
-from twinlens.dataset.export.kitti import kitti2015
-from twinlens.dataset.export.middlebury import carla, middlebury
-from twinlens.dataset.export.parquet import parquet
-from twinlens.dataset.export.sceneflow import sceneflow
-from twinlens.dataset.export.sintel import sintel
+from twinlens.dataset.export.archives import parquet, webdataset
+from twinlens.dataset.export.layouts import carla, eth3d, kitti2015, middlebury, sceneflow, sintel
 from twinlens.dataset.export.source import Source
-from twinlens.dataset.export.webdataset import webdataset
 from twinlens.dataset.files import fill_folder, read_bytes
 from twinlens.dataset.manifest import NAME as MANIFEST
 from twinlens.dataset.storage import Place, RemotePath, Where, place
@@ -51,67 +45,87 @@ def export(
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> dict[str, int]:
-    """Write the samples as `folder` in the layout `to` (a name of LAYOUTS); relative name -> size in bytes.
+    """Write samples to `folder` in the layout `to`, a key of LAYOUTS.
 
-    `lens` chooses the images of samples photographed through several. The folder appears whole or not at all; one that
-    is there already is refused unless `overwrite` is said and it is an earlier export. EXPORT.md in it names the
-    samples in their order. `progress` hears the fraction done and the sample's name. Raises InputError for an unknown
-    layout or a sample that it cannot hold, FileError for a file that a sample lacks, OutputError.
+    The folder appears whole or not at all. EXPORT.md in it lists the samples in order.
+
+    Parameters
+    ----------
+    dataset : sequence of StoredSample
+    folder : str or path
+        Must not exist, unless `overwrite` is set and it is an earlier export or empty.
+    to : str
+    lens : int
+        Which images to export of samples taken through several lenses.
+    overwrite : bool
+    progress : callable or None
+        Called with the fraction done and the sample's name.
+
+    Returns
+    -------
+    dict
+        Relative name -> size in bytes.
+
+    Raises
+    ------
+    InputError
+        For an unknown layout, or a sample that the layout cannot hold.
+    FileError
+        For a file that a sample lacks.
+    OutputError
     """
     if to not in LAYOUTS:
         raise unknown("layout", to, LAYOUTS)
     if not len(dataset):
-        raise InputError("export needs one sample or more")
+        raise InputError("export needs one or more samples")
     _check_outside(place(folder), dataset)
     if overwrite:
         _check_replaceable(place(folder))
     sizes: dict[str, int] = {}
-    fill_folder(folder, _measured(_files(dataset, to, lens, progress), sizes), overwrite)
+
+    def files() -> Iterator[tuple[str, bytes]]:
+        for name, data in _files(dataset, to, lens, progress):
+            sizes[name] = len(data)
+            yield name, data
+
+    fill_folder(folder, files(), overwrite)
     return sizes
 
 
 def _files(
     dataset: Sequence[StoredSample], to: str, lens: int, progress: Progress | None
 ) -> Iterator[tuple[str, bytes]]:
-    names: list[str] = []
-
     def sources() -> Iterator[Source]:
         for i, sample in enumerate(dataset):
             if progress is not None:
                 progress(i / len(dataset), sample.name)
-            names.append(sample.name)
             source = Source(sample, i, lens)
             source.check()
             yield source
 
     yield from LAYOUTS[to](sources())
-    lines = "".join(f"{i}. {name}\n" for i, name in enumerate(names))
-    head = f"{_FIRST_LINE} {twinlens.__version__}\n\nIn the layout `{to}`; the samples, in order:\n\n"
-    yield NOTE, (head + lines).encode()
-
-
-def _measured(files: Iterator[tuple[str, bytes]], sizes: dict[str, int]) -> Iterator[tuple[str, bytes]]:
-    for name, data in files:
-        sizes[name] = len(data)
-        yield name, data
+    names = "".join(f"{i}. {sample.name}\n" for i, sample in enumerate(dataset))
+    yield NOTE, f"{_FIRST_LINE} {twinlens.__version__}\n\nLayout: `{to}`. Samples, in order:\n\n{names}".encode()
 
 
 def _check_outside(folder: Place, dataset: Sequence[StoredSample]) -> None:
-    """An export inside the dataset would be taken for more of its samples."""
+    """Reject a folder inside the dataset, where the export would be found as more samples."""
     if isinstance(folder, RemotePath):
         return
     around = (folder.absolute(), *folder.absolute().parents)
     for sample in dataset:
         home = Path(str(sample.folder)).absolute()
         if home in around or (home.parent in around and (home.parent / MANIFEST).is_file()):
-            raise OutputError(f"{folder}: lies inside the dataset that is exported; choose a folder beside it")
+            raise OutputError(f"{folder}: is inside the dataset to export; choose a folder outside of it")
 
 
 def _check_replaceable(folder: Place) -> None:
-    """Refuse to overwrite, which removes, what is no export: a home folder, a dataset."""
+    """Reject overwriting, which removes, a folder that is not an export: a home folder, a dataset."""
     if not folder.exists():
         return
     if (folder / NOTE).is_file() and read_bytes(folder / NOTE).startswith(_FIRST_LINE.encode()):
         return
     if isinstance(folder, RemotePath) or not folder.is_dir() or any(folder.iterdir()):
-        raise OutputError(f"{folder}: is there and is no earlier export, so it is not overwritten; choose another name")
+        raise OutputError(
+            f"{folder}: exists and is not an earlier export, so it is not overwritten; choose another name"
+        )
