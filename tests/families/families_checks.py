@@ -1,6 +1,6 @@
-"""Independent checks of bodies at rest: nothing here uses what placed them.
+"""Checks of bodies at rest, independent of the placement code.
 
-Inside or outside is told by the winding number of the surface around a point, the sum of solid angles over 4 pi.
+A point is inside a body where the surface's winding number, the sum of solid angles over 4 pi, is above 0.5.
 Source: van Oosterom and Strackee, The Solid Angle of a Plane Triangle, IEEE TBME 30(2), 1983.
 """
 
@@ -13,7 +13,7 @@ SURROUNDINGS = {"table", "wall", "floor", "key-light", "fill-light", "sun"}
 
 
 def bodies(scene):
-    """name -> (vertices in the world, faces) of what lies on the table."""
+    """name -> (vertices in the world, faces) of the bodies on the table."""
     return {
         thing.name: (transform_points(thing.world_from_object, thing.shape.vertices), thing.shape.faces)
         for thing in scene.objects
@@ -37,7 +37,7 @@ def winding(points, body):
 
 
 def inside(points, body):
-    """Which points (N,) lie inside."""
+    """Mask (N,) of the points inside a body."""
     low, high = body[0].min(axis=0), body[0].max(axis=0)
     found = ((points > low) & (points < high)).all(axis=1)
     found[found] = winding(points[found], body) > 0.5
@@ -45,14 +45,14 @@ def inside(points, body):
 
 
 def samples(body, count):
-    """Points on a surface: vertices and middles of triangles, `count` of them at even steps."""
+    """At most `count` points of a surface: vertices and centres of triangles."""
     vertices, faces = body
     points = np.concatenate([vertices[np.unique(faces)], vertices[faces].mean(axis=1)])
     return points[np.linspace(0, len(points) - 1, min(count, len(points))).astype(int)]
 
 
 def intersecting(scene, count=400):
-    """Pairs of names of which one reaches into the other."""
+    """Pairs of names of bodies of which the first has points inside the second."""
     found = bodies(scene)
     return [
         (one, other)
@@ -63,8 +63,11 @@ def intersecting(scene, count=400):
 
 
 def floating(scene, table):
-    """Names of bodies that nothing carries: under the lowest points, 0.1% of a body's size farther down, there is the
-    table's top at height `table` or the inside of another body, and the centre of mass lies above such points."""
+    """Names of bodies without support, and of those below the table's top at height `table`.
+
+    A lowest point is supported where the point 0.1% of the body's size below it is in the table or in another body. The
+    centre of mass must lie above the supported points.
+    """
     import trimesh
 
     found = bodies(scene)
@@ -89,13 +92,13 @@ def floating(scene, table):
 
 
 def table_height(scene):
-    """Where the table's top is."""
+    """The height of the table's top."""
     table = next(thing for thing in scene.objects if thing.name == "table")
     return transform_points(table.world_from_object, table.shape.vertices)[:, 2].max()
 
 
 def camera_inside(scene):
-    """Names of closed bodies around the camera."""
+    """Names of closed bodies that contain the camera."""
     eye = scene.world_from_left[None, :3, 3]
     return [
         thing.name

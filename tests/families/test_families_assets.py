@@ -1,4 +1,4 @@
-"""The user's own files: drawn like twinlens's own, normalised, placed at rest; a broken one skipped and named."""
+"""A user's own files: normalised, drawn, placed at rest; broken ones are skipped and listed."""
 
 import tracemalloc
 
@@ -27,9 +27,9 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_broken_files_are_named_once_with_the_reason(folder):
+def test_broken_files_are_listed_with_the_reason(folder):
     assets = Assets.from_folders(meshes=[folder], textures=[folder], hdris=[folder])
-    assert assets.broken == ()  # nothing was read yet
+    assert assets.broken == ()  # no file was read yet
     assets.check()
     assert {path.name for path, _ in assets.broken} == {"torn.ply", "empty.obj", "flat.ply", "torn.png"}
     assert all(reason and "\n" not in reason for _, reason in assets.broken)
@@ -48,7 +48,7 @@ def test_memory_does_not_grow_with_the_folder(tmp_path):
     assert not assets.broken
 
 
-def test_meshes_are_brought_to_one_size(folder):
+def test_meshes_are_scaled_to_extent_one(folder):
     assets = Assets.from_folders(meshes=[folder])
     rng = np.random.default_rng(1)
     drawn = dict(assets.mesh(rng) for _ in range(30))
@@ -58,7 +58,7 @@ def test_meshes_are_brought_to_one_size(folder):
         np.testing.assert_allclose(mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0), 0, atol=1e-9)
 
 
-def test_a_users_meshes_rest_on_the_table_too(folder):
+def test_user_meshes_rest_on_the_table(folder):
     assets = Assets.from_folders(meshes=[folder], textures=[folder], hdris=[folder])
     scene = random_scene("tabletop", 8, assets=assets, width=80)
     names = {thing.name.rsplit("-", 1)[0] for thing in scene.objects}
@@ -68,12 +68,12 @@ def test_a_users_meshes_rest_on_the_table_too(folder):
 
 
 @pytest.mark.parametrize("family", ["flying", "room", "cards"])
-def test_every_family_takes_a_users_files(folder, family):
+def test_every_family_accepts_user_files(folder, family):
     assets = Assets.from_folders(meshes=[folder], textures=[folder], hdris=[folder])
     assert random_scene(family, 1, assets=assets, width=80).objects
 
 
-def test_only_broken_files_leave_what_twinlens_makes(folder):
+def test_with_only_broken_files_scenes_use_built_in_bodies(folder):
     for name in ("crate.ply", "pill.obj", "globe.glb"):
         (folder / name).unlink()
     assets = Assets.from_folders(meshes=[folder])
@@ -81,8 +81,8 @@ def test_only_broken_files_leave_what_twinlens_makes(folder):
     assert len(assets.broken) == 3
 
 
-def test_a_missing_or_empty_folder_is_said(tmp_path):
+def test_a_missing_or_empty_folder_is_an_error(tmp_path):
     with pytest.raises(InputError, match="no folder"):
         Assets.from_folders(meshes=[tmp_path / "nowhere"])
-    with pytest.raises(InputError, match=r"holds no \.glb"):
+    with pytest.raises(InputError, match=r"contains no \.glb"):
         Assets.from_folders(meshes=[tmp_path])

@@ -1,4 +1,4 @@
-"""Families: the same seed gives the same scene, and what is asked of a scene is what it is."""
+"""Random scenes: the same seed gives the same scene, and the settings are respected."""
 
 import numpy as np
 import pytest
@@ -7,12 +7,12 @@ from PIL import Image
 from tests.families.families_checks import camera_inside
 from twinlens.errors import InputError
 from twinlens.families import FAMILIES, Assets, random_scene
-from twinlens.families.view import View, look
+from twinlens.families.view import View, rasterize
 from twinlens.scenes import Bitmap, Mesh
 
 
 def fingerprint(scene):
-    """All numbers of a scene, in order."""
+    """All numbers of a scene in order."""
     parts = [scene.world_from_left.ravel(), [scene.fov_x_deg, scene.baseline, *scene.depth_range]]
     for thing in scene.objects:
         parts += [thing.world_from_object.ravel(), thing.shape.vertices.ravel(), thing.shape.uv.ravel()]
@@ -21,17 +21,18 @@ def fingerprint(scene):
     return np.concatenate([np.asarray(part, dtype=np.float64).ravel() for part in parts])
 
 
-def seen(scene):
+def z_buffer(scene):
+    """The z-buffer of a scene at 4:3."""
     view = View(scene.world_from_left, scene.fov_x_deg, 4 / 3)
     world = [
         (t.shape.vertices @ t.world_from_object[:3, :3].T + t.world_from_object[:3, 3], t.shape.faces)
         for t in scene.objects
     ]
-    return look(view, world)
+    return rasterize(view, world)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_a_scene_is_a_function_of_its_seed(family):
+def test_the_same_seed_gives_the_same_scene(family):
     first, again = (random_scene(family, 11, width=80) for _ in range(2))
     np.testing.assert_array_equal(fingerprint(first), fingerprint(again))
     other = random_scene(family, 12, width=80)
@@ -39,7 +40,7 @@ def test_a_scene_is_a_function_of_its_seed(family):
     assert first.name == f"{family}-11"
 
 
-def test_a_seed_sequence_is_a_seed_and_is_not_used_up():
+def test_a_seed_sequence_is_a_seed_and_is_not_changed():
     sequence = np.random.SeedSequence(5, spawn_key=(3,))
     first = random_scene("cards", sequence, width=80)
     sequence.spawn(2)
@@ -53,16 +54,16 @@ def test_a_seed_sequence_is_a_seed_and_is_not_used_up():
 
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("wanted", [(0.5, 2.0), (2.0, 11.0)])
-def test_the_depths_asked_for_are_those_seen(family, wanted):
+def test_the_requested_depth_range_is_that_of_the_picture(family, wanted):
     scene = random_scene(family, 4, depth_range=wanted, width=80)
     near, far = scene.depth_range
     assert near == pytest.approx(wanted[0], rel=0.01)
     assert far == pytest.approx(wanted[1], rel=0.06)
-    np.testing.assert_allclose(seen(scene).depth_range, scene.depth_range, rtol=1e-6)
+    np.testing.assert_allclose(z_buffer(scene).depth_range, scene.depth_range, rtol=1e-6)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_scenes_are_made_of_meshes_that_a_renderer_takes(family):
+def test_scenes_are_small_textured_meshes_with_unique_names(family):
     scene = random_scene(family, 2, width=80)
     assert all(isinstance(thing.shape, Mesh) for thing in scene.objects)
     assert all(thing.shape.uv is not None and thing.shape.normals is not None for thing in scene.objects)
@@ -76,18 +77,18 @@ def test_scenes_are_made_of_meshes_that_a_renderer_takes(family):
                 assert 0 <= part.pixels.min() <= part.pixels.max() <= 1
 
 
-def test_more_objects_when_more_are_wanted():
+def test_a_larger_object_count_gives_more_objects():
     few, many = (len(random_scene("flying", 3, object_count=n, width=80).objects) for n in (4, 16))
     assert few < many
     assert few <= 4 + 3  # a wall or a moon, and lamps
 
 
 @pytest.mark.parametrize("family", ["flying", "cards"])
-def test_depths_are_spread_over_the_range(family):
-    """Each third of the range of disparities is seen somewhere, in nearly every scene."""
+def test_disparities_are_spread_over_the_range(family):
+    """In nearly every scene, each third of the disparity range is visible."""
     filled = []
     for seed in range(6):
-        depth = seen(random_scene(family, seed, width=80)).depth
+        depth = z_buffer(random_scene(family, seed, width=80)).depth
         share = (1 / depth[np.isfinite(depth)] - 1 / depth[np.isfinite(depth)].max()) / np.ptp(
             1 / depth[np.isfinite(depth)]
         )
@@ -95,7 +96,7 @@ def test_depths_are_spread_over_the_range(family):
     assert np.mean(filled) > 0.9
 
 
-def test_a_new_texture_moves_no_object(tmp_path):
+def test_added_textures_move_no_object(tmp_path):
     Image.fromarray(np.random.default_rng(0).integers(0, 255, (32, 32, 3), dtype=np.uint8)).save(tmp_path / "a.png")
     plain = random_scene("tabletop", 6, width=80)
     dressed = random_scene("tabletop", 6, width=80, assets=Assets.from_folders(textures=[tmp_path]))
@@ -105,7 +106,7 @@ def test_a_new_texture_moves_no_object(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("bad", "said"),
+    ("bad", "message"),
     [
         ({"family": "table"}, "did you mean 'tabletop'"),
         ({"seed": -1}, "seed must be"),
@@ -123,17 +124,17 @@ def test_a_new_texture_moves_no_object(tmp_path):
         ({"width": 0}, "width"),
     ],
 )
-def test_what_cannot_be_asked_is_refused_in_a_line(bad, said):
-    with pytest.raises(InputError, match=said) as caught:
+def test_bad_settings_raise_one_line_errors(bad, message):
+    with pytest.raises(InputError, match=message) as caught:
         random_scene(**{"family": "tabletop", "seed": 0, **bad})
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("seed", [4, 5, 9, 16, 26])  # a lamp before the camera; then rooms without one
-def test_what_fills_a_room_is_not_in_the_picture(seed):
-    """A lamp or a glazed front that is not seen gives more light than all windows and shades that are."""
+@pytest.mark.parametrize("seed", [4, 5, 9, 16, 26])  # 4: a lamp before the camera; the others: none
+def test_the_main_lights_of_a_room_are_not_visible(seed):
+    """The ceiling lamp or the front wall, not visible, gives more light than all visible windows and lamp shades."""
     scene = random_scene("room", seed, width=80)
-    shown = {scene.objects[i].name for i in np.unique(seen(scene).body[seen(scene).body >= 0])}
+    shown = {scene.objects[i].name for i in np.unique(z_buffer(scene).index[z_buffer(scene).index >= 0])}
     flux = {}
     for thing in scene.objects:
         if thing.emitter is not None:

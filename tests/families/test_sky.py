@@ -1,14 +1,14 @@
-"""The sky model: bluest away from the sun, brightest around it, of mean 1."""
+"""The clear sky: brightest at the sun, bluest opposite to it, of mean luminance 1."""
 
 import numpy as np
 
 from twinlens.families.sky import clear_sky
 
 
-def test_a_clear_sky_is_bright_at_the_sun_and_blue_away_from_it():
+def test_a_clear_sky_is_bright_at_the_sun_and_blue_opposite_to_it():
     sky = clear_sky(2.5, 40.0)
     above = sky[: len(sky) // 2] @ [0.2126, 0.7152, 0.0722]
-    assert abs(above.mean() - 1) < 0.1  # what is out of the screen's gamut is cut off
+    assert abs(above.mean() - 1) < 0.1  # colours outside the sRGB gamut are clipped
     row, column = np.unravel_index(above.argmax(), above.shape)
     assert abs(column - 128) < 4
     assert abs((0.5 - (row + 0.5) / 128) * 180 - 40.0) < 4

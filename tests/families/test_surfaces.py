@@ -1,4 +1,4 @@
-"""Baked surfaces are sharp where they are near and smooth where far: no pixel sees detail finer than itself."""
+"""Baked surfaces are sharp near the camera and smooth far from it: no pixel contains finer detail."""
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -12,7 +12,7 @@ VIEW = View(look_at([0, 0, 0.6], [0, 3, 0]), 50.0, 4 / 3, 320)
 
 
 def seen(texture, x, y):
-    """Values of a floor's texture at film positions x, y in [-1, 1], bilinear."""
+    """Bilinear values of the floor's texture at picture positions x, y in [-1, 1]."""
     directions = (
         np.stack([x * VIEW.half[0], y * VIEW.half[1], np.ones_like(x)], axis=-1) @ VIEW.world_from_cam[:3, :3].T
     )
@@ -24,7 +24,7 @@ def seen(texture, x, y):
 
 
 def roughness(texture, row):
-    """How far the middle of a pixel is from its mean, root mean square along a row of pixels."""
+    """RMS difference of a pixel's centre from its mean, along a row of pixels."""
     columns = (2 * (np.arange(320) + 0.5) / 320 - 1)[:, None, None]
     offset = (np.arange(8) + 0.5) / 8 - 0.5
     x = columns + offset[None, :, None] * 2 / 320
@@ -34,7 +34,7 @@ def roughness(texture, row):
     return np.sqrt(np.mean((middle - mean) ** 2))
 
 
-def test_a_checkered_floor_does_not_alias_far_away_and_is_there_nearby():
+def test_a_checkered_floor_does_not_alias_far_away_and_keeps_contrast_nearby():
     squares = np.indices((64, 64)).sum(axis=0) // 8 % 2
     checks = np.repeat(squares[..., None], 3, axis=2).astype(np.float32)
     baked = bake(checks, 0.8, FLOOR, VIEW)
@@ -45,6 +45,6 @@ def test_a_checkered_floor_does_not_alias_far_away_and_is_there_nearby():
     assert np.ptp(seen(baked, np.linspace(-1, 1, 320), np.full(320, near))) > 0.7
 
 
-def test_the_mean_is_kept():
+def test_baking_keeps_the_mean():
     noise = np.random.default_rng(0).random((64, 64, 1)).astype(np.float32).repeat(3, axis=2)
     assert abs(bake(noise, 0.5, FLOOR, VIEW).mean() - 0.5) < 0.02

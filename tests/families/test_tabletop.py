@@ -1,4 +1,4 @@
-"""Still lifes: nothing reaches into anything, nothing floats, by a check that knows nothing of how they were placed."""
+"""Still lifes: no bodies intersect and none floats, by checks independent of the placement code."""
 
 import numpy as np
 import pytest
@@ -6,20 +6,20 @@ import pytest
 from tests.families.families_checks import camera_inside, floating, intersecting, table_height
 from twinlens.families import random_scene
 
-QUICK = (0, 1, 136)  # in the last a pebble juts out over the box that carries it, beside a taller vase
+QUICK = (0, 1, 136)  # 136: a pebble overhangs the box that carries it, beside a taller vase
 SCENES = [pytest.param(seed, marks=[] if seed in QUICK else pytest.mark.slow) for seed in range(200)]
 
 
 @pytest.mark.parametrize("seed", SCENES)
-def test_bodies_rest_on_the_table_or_on_each_other_and_do_not_meet(seed):
+def test_bodies_rest_on_the_table_or_on_each_other_without_intersections(seed):
     scene = random_scene("tabletop", seed, width=160)
     assert intersecting(scene) == []
     assert floating(scene, table_height(scene)) == []
     assert camera_inside(scene) == []
 
 
-def test_the_check_finds_what_floats_and_what_meets():
-    """The check itself can fail: lift one body, push another into its neighbour."""
+def test_the_checks_find_floating_and_intersecting_bodies():
+    """The checks themselves fail for a lifted body, and for one moved into its neighbour."""
     scene = random_scene("tabletop", 3, width=160)
     first, second, *rest = scene.objects
     lifted = np.array(first.world_from_object)
@@ -39,7 +39,7 @@ def with_pose(scene, index, pose):
     return replace(scene, objects=tuple(objects))
 
 
-def test_some_bodies_stand_on_others():
+def test_some_bodies_are_stacked():
     stacked = 0
     for seed in range(4):
         scene = random_scene("tabletop", seed, width=160)

@@ -1,9 +1,9 @@
-"""The z-buffer against closed forms."""
+"""The z-buffer of a view, against closed forms."""
 
 import numpy as np
 import pytest
 
-from twinlens.families.view import View, look
+from twinlens.families.view import View, rasterize
 from twinlens.geometry import look_at
 
 QUAD = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
@@ -14,7 +14,7 @@ def view():
 
 
 def rays(columns):
-    """(x, y) at depth 1 of each pixel's centre."""
+    """(x, y) at depth 1 of each pixel centre."""
     rows = round(columns / (4 / 3))
     half = np.tan(np.radians(30))
     x = (2 * (np.arange(columns) + 0.5) / columns - 1) * half
@@ -23,32 +23,32 @@ def rays(columns):
 
 
 def test_a_slanted_plane_has_its_closed_form_depth():
-    """World y forward, z up: the plane y = 3 + x/2 is at z = 3/(1 - x/2) in the camera."""
+    """World y forward, z up: the plane y = 3 + x/2 has depth z = 3/(1 - x/2) in the camera."""
     wall = np.array([[-9, -1.5, -9], [5, 5.5, -9], [5, 5.5, 9], [-9, -1.5, 9.0]])
-    seen = look(view(), [(wall, QUAD)])
+    seen = rasterize(view(), [(wall, QUAD)])
     x, _ = rays(160)
     np.testing.assert_allclose(seen.depth, 3 / (1 - x / 2), rtol=1e-9)
 
 
-def test_a_floor_that_passes_under_the_camera_is_cut_and_seen_to_the_horizon():
+def test_a_floor_under_the_camera_is_clipped_and_visible_to_the_horizon():
     floor = np.array([[-500, -500, -1], [500, -500, -1], [500, 500, -1], [-500, 500, -1.0]])
-    seen = look(view(), [(floor, QUAD)])
+    seen = rasterize(view(), [(floor, QUAD)])
     _, y = rays(160)
     expected = np.where((y > 1 / 500), 1 / np.where(y > 0, y, 1), np.inf)
     np.testing.assert_allclose(seen.depth, expected, rtol=1e-6)
 
 
-def test_the_nearer_body_hides_the_farther_whatever_their_order():
+def test_the_nearer_mesh_hides_the_farther_in_any_order():
     far = np.array([[-9, 5, -9], [9, 5, -9], [9, 5, 9], [-9, 5, 9.0]])
     near = np.array([[0, 2, -9], [9, 2, -9], [9, 2, 9], [0, 2, 9.0]])
     x, _ = rays(160)
     for order, nearer in (([(far, QUAD), (near, QUAD)], 1), ([(near, QUAD), (far, QUAD)], 0)):
-        seen = look(view(), order)
-        np.testing.assert_array_equal(seen.body, np.where(x > 0, nearer, 1 - nearer))
+        seen = rasterize(view(), order)
+        np.testing.assert_array_equal(seen.index, np.where(x > 0, nearer, 1 - nearer))
         assert seen.depth_range == pytest.approx((2.0, 5.0))
-        assert seen.share(nearer) == pytest.approx(0.5)
+        assert (seen.index == nearer).mean() == pytest.approx(0.5)
 
 
-def test_what_lies_behind_is_not_seen():
+def test_a_mesh_behind_the_camera_is_not_visible():
     behind = np.array([[-9, -5, -9], [9, -5, -9], [9, -5, 9], [-9, -5, 9.0]])
-    assert not np.isfinite(look(view(), [(behind, QUAD)]).depth).any()
+    assert not np.isfinite(rasterize(view(), [(behind, QUAD)]).depth).any()

@@ -1,7 +1,7 @@
-"""The user's own meshes, textures and environment maps, to draw from as from what twinlens makes itself.
+"""A user's own meshes, textures and environment maps for random scenes.
 
-A folder is listed when it is named and read when a scene wants something of it. A file that cannot be used is skipped,
-and told in `Assets.broken` with the reason.
+A folder is listed at once; a file is read when a scene first draws it. A file that cannot be used is skipped and listed
+in `Assets.broken` with the reason.
 """
 
 from collections.abc import Callable, Iterable
@@ -13,25 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.errors import FileError, InputError
+from twinlens.families.draws import Rng
 from twinlens.scenes.assets import read_picture
 from twinlens.scenes.objects import read_mesh
 from twinlens.scenes.scene import Mesh
 
 T = TypeVar("T")
-Rng = np.random.Generator
 MESHES = (".glb", ".obj", ".ply", ".stl")
 PICTURES = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
 HDRIS = (".hdr", ".exr", ".png")
-MOST_TRIANGLES = 100_000
-MOST_KEPT = 4
-"""Files whose content stays in memory, the last ones read: a folder of environment maps may be larger than that."""
+MAX_TRIANGLES = 100_000
+MAX_CACHED = 4
+"""Files whose content stays in memory, the last ones read: a folder of environment maps may be larger than memory."""
 
 
 @dataclass(eq=False)
 class Assets:
     """Files to draw from, sorted by path, so that a folder gives the same scenes on every machine.
 
-    A file's content is checked when it is first drawn; `broken` lists those that were drawn and could not be used.
     `before_reading` is called with the path of each file before it is read, and may raise.
     """
 
@@ -49,9 +48,9 @@ class Assets:
         textures: Iterable[str | Path] = (),
         hdris: Iterable[str | Path] = (),
     ) -> "Assets":
-        """All files of known kinds in these folders and below them; a path may also name one file.
+        """All files of known types in these folders and their subfolders; a path may also name one file.
 
-        Raises InputError when a folder is not there, or holds no file of its kind.
+        Raises InputError when a folder is missing, or contains no file of its type.
         """
         return cls(
             _listed("meshes", meshes, MESHES), _listed("textures", textures, PICTURES), _listed("hdris", hdris, HDRIS)
@@ -63,26 +62,26 @@ class Assets:
         return tuple(sorted(self._failed.items()))
 
     def check(self) -> "Assets":
-        """Read every file now, so that `broken` names all of those that cannot be used."""
+        """Read every file now, so that `broken` lists all that cannot be used."""
         for paths, read in ((self.meshes, _mesh), (self.textures, _texture), (self.hdris, _hdri)):
             for path in paths:
                 self._get(path, read)
         return self
 
     def mesh(self, rng: Rng) -> tuple[str, Mesh] | None:
-        """A mesh and its name, of largest extent 1 m around the origin, z up; None when no file can be used."""
+        """A file's name and mesh, of largest extent 1 m, centred, z up; None when no file can be used."""
         return self._draw(rng, self.meshes, _mesh)
 
     def texture(self, rng: Rng) -> tuple[str, NDArray[np.float32]] | None:
-        """A picture (H, W, 3), linear, in [0, 1], and its name; None when no file can be used."""
+        """A file's name and picture (H, W, 3), linear, in [0, 0.95]; None when no file can be used."""
         return self._draw(rng, self.textures, _texture)
 
     def hdri(self, rng: Rng) -> tuple[str, NDArray[np.float32]] | None:
-        """An environment map (H, W, 3), linear, and its name; None when no file can be used."""
+        """A file's name and environment map (H, W, 3), linear; None when no file can be used."""
         return self._draw(rng, self.hdris, _hdri)
 
     def _draw(self, rng: Rng, paths: tuple[Path, ...], read: Callable[[Path], T]) -> tuple[str, T] | None:
-        """The first usable file in a random order: a broken one changes only the scenes that drew it."""
+        """The first usable file in a random order; a broken file changes only the scenes that drew it."""
         for index in rng.permutation(len(paths)):
             made = self._get(paths[index], read)
             if made is not None:
@@ -100,7 +99,7 @@ class Assets:
             except (InputError, OSError) as error:
                 self._failed[path] = str(error).removeprefix(f"{path}: ")
                 return None
-            if len(self._read) > MOST_KEPT:
+            if len(self._read) > MAX_CACHED:
                 del self._read[next(iter(self._read))]
         made: T = self._read[path]
         return made
@@ -115,20 +114,20 @@ def _listed(kind: str, folders: Iterable[str | Path], suffixes: tuple[str, ...])
             raise InputError(f"{kind}: no folder {str(folder)!r}")
         inside = {p for p in ([folder] if folder.is_file() else folder.rglob("*")) if p.suffix.lower() in suffixes}
         if not inside:
-            raise InputError(f"{kind}: {str(folder)!r} holds no {', '.join(suffixes)} file")
+            raise InputError(f"{kind}: {str(folder)!r} contains no {', '.join(suffixes)} file")
         found |= {path for path in inside if path.is_file()}
     return tuple(sorted(found))
 
 
 def _mesh(path: Path) -> Mesh:
-    """Normalised: largest extent 1, centred, z up (glTF and, by custom, OBJ have y up)."""
+    """A mesh of largest extent 1, centred, z up; glTF and, by convention, OBJ have y up."""
     mesh = read_mesh(path)
-    if len(mesh.faces) > MOST_TRIANGLES:
-        raise FileError(f"{path}: {len(mesh.faces)} triangles are more than {MOST_TRIANGLES}; simplify the mesh")
+    if len(mesh.faces) > MAX_TRIANGLES:
+        raise FileError(f"{path}: {len(mesh.faces)} triangles, at most {MAX_TRIANGLES} are allowed; simplify the mesh")
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     size = float((high - low).max())
     if not size > 0 or np.count_nonzero(high - low > 1e-6 * size) < 3:
-        raise FileError(f"{path}: is flat; a scene needs bodies with a volume")
+        raise FileError(f"{path}: is flat; a mesh needs an extent in all three dimensions")
     turn = np.eye(3) if path.suffix.lower() in (".ply", ".stl") else np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     vertices = (mesh.vertices - (low + high) / 2) @ turn.T / size
     return Mesh(vertices, mesh.faces, None if mesh.normals is None else mesh.normals @ turn.T, mesh.uv)

@@ -4,12 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from twinlens.families.brushes import Image, ramp, seed
-from twinlens.families.palettes import Palette, varied
-from twinlens.families.patterns import pattern
+from twinlens.families.colors import Palette, shuffled, varied
+from twinlens.families.draws import Rng, one_of, weighted
+from twinlens.families.patterns import Image, pattern, ramp, texture_seed
 from twinlens.scenes import textures
 
-Rng = np.random.Generator
 _PAPER = np.array([[0.03, 0.03, 0.035], [0.8, 0.79, 0.76]])
 
 
@@ -19,7 +18,7 @@ def _checker(rng: Rng, n: int, palette: Palette) -> Image:
 
 
 def _star(rng: Rng, n: int, palette: Palette) -> Image:
-    return ramp(textures.siemens_star(n, n, int(rng.choice([8, 12, 18]))), _PAPER)
+    return ramp(textures.siemens_star(n, n, one_of(rng, [8, 12, 18])), _PAPER)
 
 
 def _dots(rng: Rng, n: int, palette: Palette) -> Image:
@@ -31,19 +30,19 @@ def _dots(rng: Rng, n: int, palette: Palette) -> Image:
 
 
 def _random_squares(rng: Rng, n: int, palette: Palette) -> Image:
-    """Random squares of three or four greys, as in random-dot stereograms."""
-    cells = min(n // 2, int(rng.choice([16, 24, 32])))
-    return ramp(textures.value_noise(n, n, (cells, cells), seed(rng), "nearest"), _PAPER)
+    """Random grey squares, as in random-dot stereograms."""
+    cells = min(n // 2, one_of(rng, [16, 24, 32]))
+    return ramp(textures.value_noise(n, n, (cells, cells), texture_seed(rng), "nearest"), _PAPER)
 
 
 def _noise(rng: Rng, n: int, palette: Palette) -> Image:
-    """Noise of every scale."""
-    grey = textures.fractal_noise(n, n, (4, 4), seed(rng), 7, gain=0.75, contrast=1.8)
+    """Noise at all scales."""
+    grey = textures.fractal_noise(n, n, (4, 4), texture_seed(rng), 7, gain=0.75, contrast=1.8)
     return ramp(grey, np.vstack([_PAPER[:1], varied(rng, palette.accents[:1]), _PAPER[1:]]))
 
 
 def _bars(rng: Rng, n: int, palette: Palette) -> Image:
-    """Bars finer from left to right."""
+    """Bars of increasing frequency."""
     u = (np.arange(n * 4) + 0.5) / (n * 4)
     most = min(n / 5, 28)
     phase = 3 * u + 0.5 * (most - 3) * u**2
@@ -52,8 +51,8 @@ def _bars(rng: Rng, n: int, palette: Palette) -> Image:
     return ramp(grey if rng.random() < 0.5 else grey.T, _PAPER)
 
 
-def _colors(rng: Rng, n: int, palette: Palette) -> Image:
-    """Patches of colour in a dark frame, as a colour checker."""
+def _color_checker(rng: Rng, n: int, palette: Palette) -> Image:
+    """Patches of colour and a row of greys in a dark frame."""
     columns, rows = 6, 4
     tones = varied(rng, np.vstack([palette.accents] * 4)[:24], 0.25).reshape(rows, columns, 3)
     tones[-1] = np.linspace(0.03, 0.8, columns)[:, None]
@@ -65,29 +64,28 @@ def _colors(rng: Rng, n: int, palette: Palette) -> Image:
 
 def _poster(rng: Rng, n: int, palette: Palette) -> Image:
     """A print in colour."""
-    name = str(rng.choice(["art", "mosaic", "triangles", "marble", "camouflage", "chips", "zigzag", "scales"]))
-    return pattern(name, n, rng, varied(rng, palette.accents[rng.permutation(len(palette.accents))]))
+    name = one_of(rng, ["art", "mosaic", "triangles", "marble", "camouflage", "chips", "zigzag", "scales"])
+    return pattern(name, n, rng, varied(rng, shuffled(rng, palette.accents)))
 
 
-CHARTS: dict[str, tuple[Callable[[Rng, int, Palette], Image], float]] = {
-    "checker": (_checker, 1.2),
-    "star": (_star, 0.8),
-    "dots": (_dots, 1.0),
-    "squares": (_random_squares, 1.0),
-    "noise": (_noise, 1.0),
-    "bars": (_bars, 0.6),
-    "colours": (_colors, 0.8),
-    "poster": (_poster, 3.0),
-}
-"""Every chart, and how often it is drawn."""
+CHARTS: tuple[tuple[Callable[[Rng, int, Palette], Image], float], ...] = (
+    (_checker, 1.2),
+    (_star, 0.8),
+    (_dots, 1.0),
+    (_random_squares, 1.0),
+    (_noise, 1.0),
+    (_bars, 0.6),
+    (_color_checker, 0.8),
+    (_poster, 3.0),
+)
+"""Every chart and its weight in draws."""
 
 
 def draw_chart(rng: Rng, n: int, palette: Palette) -> Image:
-    """A chart of n x n texels, framed by a margin of paper."""
-    weights = np.array([weight for _, weight in CHARTS.values()])
-    name = list(CHARTS)[int(rng.choice(len(CHARTS), p=weights / weights.sum()))]
-    made: Image = CHARTS[name][0](rng, n, palette).copy()
+    """A chart of n x n texels with a margin of paper."""
+    draw = weighted(rng, [chart for chart, _ in CHARTS], [weight for _, weight in CHARTS])
+    made = np.array(draw(rng, n, palette), dtype=np.float32)
     margin = max(1, n // 24)
     for edge in (made[:margin], made[-margin:], made[:, :margin], made[:, -margin:]):
         edge[:] = _PAPER[1]
-    return np.asarray(made, dtype=np.float32)
+    return made

@@ -1,22 +1,24 @@
-"""What a family of scenes is, and what one scene of it is asked to be.
+"""What a family of scenes is, and the settings of one random scene.
 
-Every random decision is drawn from a stream named after what it decides (`Request.rng("object", 3, "texture")`), so
-that one more texture to choose from moves no object.
+Every random decision has its own stream, named after what it decides: `Request.rng("object", 3, "texture")`. A new
+texture in the tables therefore moves no object.
 """
 
-import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from twinlens.families.assets import Assets
+from twinlens.families.draws import Rng, log_uniform
 from twinlens.scenes.scene import Scene
+from twinlens.seeds import generator
 
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """One scene that is wanted: of which seed, how deep, how full, how wide its picture."""
+    """Settings of one scene: `count` objects, a picture `width_px` wide with width/height = `aspect`."""
 
     name: str
     root: np.random.SeedSequence
@@ -26,23 +28,24 @@ class Request:
     aspect: float
     width_px: int
 
-    def counting(self, count: int) -> "Request":
-        """The same with this many objects."""
-        return replace(self, count=count)
+    def rng(self, *part: str | int) -> Rng:
+        """The random stream of one part of the scene, independent of all others."""
+        entropy: Any = self.root.entropy
+        return generator(entropy, *self.root.spawn_key, *map(str, part))
 
-    def rng(self, *part: str | int) -> np.random.Generator:
-        """The random stream of one part of the scene; streams of other parts do not move it."""
-        key = tuple(zlib.crc32(str(step).encode()) for step in part)
-        seeds = np.random.SeedSequence(self.root.entropy, spawn_key=(*self.root.spawn_key, *key))
-        return np.random.Generator(np.random.PCG64(seeds))
+    def depth_ratio(self, low: float, high: float) -> float:
+        """Far depth over near depth: as requested, or drawn between `low` and `high`."""
+        if self.depth_range is not None:
+            return self.depth_range[1] / self.depth_range[0]
+        return log_uniform(self.rng("depth"), low, high)
 
 
 @dataclass(frozen=True)
 class Family:
-    """A kind of scene: what it shows, how many objects it has if nobody says, and what composes one."""
+    """A kind of scene: a description, the default object count (min, max), and the function that composes a scene."""
 
     about: str
     object_count: tuple[int, int]
     compose: Callable[[Request], Scene]
     least_ratio: float
-    """The least far/near that it can be composed for."""
+    """Smallest far/near that `compose` supports."""

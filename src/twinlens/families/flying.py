@@ -1,35 +1,44 @@
-"""Things in the air, at disparities spread evenly, before a wall or an open sky."""
+"""The family "flying": bodies in the air at evenly spread disparities, before a wall or the open sky."""
 
 import math
 
 import numpy as np
 
-from twinlens.families import fitting, lighting
-from twinlens.families.bodies import draw_body, random_turn
-from twinlens.families.catalogue import KINDS
+from twinlens.families import lighting
+from twinlens.families.bodies import draw_body
+from twinlens.families.colors import draw_palette
+from twinlens.families.composition import Composition
+from twinlens.families.draws import log_uniform, one_of
 from twinlens.families.family import Family, Request
-from twinlens.families.finishes import coat
-from twinlens.families.palettes import Palette, draw_palette
+from twinlens.families.kinds import KINDS
+from twinlens.families.materials import body_material
+from twinlens.families.poses import random_rotation, similarity
 from twinlens.families.sky import painted_sky
-from twinlens.families.stage import Stage, placed
 from twinlens.families.surfaces import WALLS, Sheet, surface, wall_colors
 from twinlens.families.view import View
-from twinlens.geometry import Float, look_at, transform_points
-from twinlens.scenes.scene import Mesh, Scene
+from twinlens.geometry import Float, look_at
+from twinlens.scenes import shapes
+from twinlens.scenes.scene import Scene
 
 
 def compose(request: Request) -> Scene:
-    """One scene: bodies, then what stands behind them, then light."""
-    palette = draw_palette(request.rng("palette"))
-    view = _view(request)
-    deep = fitting.ratio(request, 2.5, 8.0)
-    stage = Stage()
-    _bodies(request, stage, view, palette, deep)
-    near = stage.seen(view).depth_range[0]
-    open_air = request.rng("open air").random() < 0.4
-    (_moon if open_air else _backdrop)(request, stage, view, palette, near * deep)
-    _light(request, stage, view, deep, open_air)
-    return fitting.finished(request, stage, view, FAMILY.about)
+    """One scene: bodies, the background, lights."""
+    depth_ratio = request.depth_ratio(2.5, 8.0)
+    scene = Composition(request, _view(request), draw_palette(request.rng("palette")))
+    _add_bodies(scene, depth_ratio)
+    far = scene.z_buffer().depth_range[0] * depth_ratio
+    open_air = scene.rng("open air").random() < 0.4
+    if open_air:
+        _add_moon(scene, far)
+    else:
+        _add_wall(scene, far)
+    rng = scene.rng("light")
+    if not (request.assets.hdris and lighting.user_environment(scene, rng)):
+        if open_air:
+            lighting.environment(scene, painted_sky(rng), float(rng.uniform(0, 360)))
+        else:
+            lighting.key_and_fill(scene, rng, scene.view.at(0, 0, 0.5 * depth_ratio), 0.6 * depth_ratio)
+    return scene.scene(FAMILY.about)
 
 
 FAMILY = Family("things in the air, at disparities spread evenly", (14, 26), compose, 1.3)
@@ -41,32 +50,31 @@ def _view(request: Request) -> View:
     return View(look_at(np.zeros(3), target), float(rng.uniform(42, 65)), request.aspect, request.width_px)
 
 
-def _bodies(request: Request, stage: Stage, view: View, palette: Palette, deep: float) -> None:
-    """Bodies at even steps of 1/depth from 1 to `deep`, the nearest towards the edges, none within another's reach."""
-    count = request.count
-    steps = (np.arange(count) + request.rng("steps").random(count)) / count
-    inverse = 1 + (1 / (0.9 * deep) - 1) * steps
+def _add_bodies(scene: Composition, depth_ratio: float) -> None:
+    """Add bodies at even steps of 1/depth from 1 m to 0.9 `depth_ratio`; their bounding spheres do not overlap."""
+    count, view = scene.request.count, scene.view
+    steps = (np.arange(count) + scene.rng("steps").random(count)) / count
+    inverse = 1 + (1 / (0.9 * depth_ratio) - 1) * steps
     taken: list[tuple[Float, float]] = []
     for index, depth in enumerate(1 / inverse):
-        drawn = draw_body(request, ("body", index), palette)
-        rng = request.rng("place", index)
-        share = math.exp(rng.uniform(math.log(0.1), math.log(0.34)))
-        reach = 0.5 * share * view.covered(float(depth))[0]
-        size = reach / float(np.linalg.norm(drawn.solid.mesh.vertices, axis=1).max())
+        body = draw_body(scene, ("body", index))
+        rng = scene.rng("place", index)
+        reach = 0.5 * log_uniform(rng, 0.1, 0.34) * view.covered(float(depth))[0]
+        size = reach / float(np.linalg.norm(body.solid.mesh.vertices, axis=1).max())
         for _ in range(40):
             x, y = rng.uniform(-1, 1, 2) * (1.0, 0.95)
             centre = view.at(float(x), float(y), float(depth) + reach)
             if all(np.linalg.norm(centre - other) > reach + radius for other, radius in taken):
                 taken.append((centre, reach))
-                pose = placed(random_turn(rng), centre, size)
-                pixel = view.pixel(float(depth)) / size * drawn.size
-                stage.add(drawn.name, drawn.solid.mesh, drawn.material(pixel), pose)
+                pose = similarity(random_rotation(rng), centre, size)
+                pixel = view.pixel(float(depth)) / size * body.size
+                scene.add(body.name, body.solid.mesh, body.material(pixel), pose)
                 break
 
 
-def _backdrop(request: Request, stage: Stage, view: View, palette: Palette, far: float) -> None:
-    """A large wall, turned a little."""
-    rng = request.rng("backdrop")
+def _add_wall(scene: Composition, far: float) -> None:
+    """Add a large wall, turned a little."""
+    rng, view = scene.rng("backdrop"), scene.view
     yaw, pitch = np.radians(rng.uniform(-25, 25)), np.radians(rng.uniform(-8, 8))
     pose = view.world_from_cam[:3, :3]
     u = pose @ [math.cos(yaw), 0, math.sin(yaw)]
@@ -78,40 +86,30 @@ def _backdrop(request: Request, stage: Stage, view: View, palette: Palette, far:
         centre = view.at(0, 0, distance)
         return Sheet(centre - 0.5 * (width * u + height * v), width * u, height * v)
 
-    distance = fitting.solve_far(view, stage, lambda d: [sheet(d).mesh()], far, 0.8 * far)
-    name, tile = WALLS[int(rng.integers(len(WALLS)))]
-    wall = sheet(distance)
+    distance = scene.backdrop_distance(lambda d: [sheet(d).mesh()], far, 0.8 * far)
+    name, tile = one_of(rng, WALLS)
     tile *= 0.25 * view.covered(distance)[0]
-    material = surface(request.rng("wall"), wall, view, name, wall_colors(rng, palette), tile)
-    stage.add("backdrop", wall.mesh(), material)
+    colors = wall_colors(rng, scene.palette)
+    wall = sheet(distance)
+    scene.add("backdrop", wall.mesh(), surface(scene, ("wall",), wall, name, colors, tile))
 
 
-def _moon(request: Request, stage: Stage, view: View, palette: Palette, far: float) -> None:
-    """In the open air, a great ball is what is farthest."""
-    rng = request.rng("moon")
-    x, y = rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.6), rng.uniform(-0.5, 0.3)
+def _add_moon(scene: Composition, far: float) -> None:
+    """Add a large ball, the farthest object before an open sky."""
+    rng, view = scene.rng("moon"), scene.view
+    x, y = one_of(rng, [-1.0, 1.0]) * rng.uniform(0.2, 0.6), rng.uniform(-0.5, 0.3)
     share = rng.uniform(0.16, 0.28)
     solid = KINDS["ball"].make(rng)
-    turn = random_turn(rng)
+    turn = random_rotation(rng)
+
+    def size(distance: float) -> float:
+        return 2 * share * float(view.covered(distance)[0])
 
     def pose(distance: float) -> Float:
-        return placed(turn, view.at(x, y, distance), 2 * share * float(view.covered(distance)[0]))
+        return similarity(turn, view.at(x, y, distance), size(distance))
 
-    def mesh(distance: float) -> list[Mesh]:
-        return [Mesh(transform_points(pose(distance), solid.mesh.vertices), solid.mesh.faces)]
-
-    distance = fitting.solve_far(view, stage, mesh, far, far)
-    size = 2 * share * float(view.covered(distance)[0])
+    distance = scene.backdrop_distance(lambda d: [shapes.transformed(solid.mesh, pose(d))], far, far)
     names = ("granite", "marble", "stripes", "cloudy", "cloudy")
-    made = coat(request.rng("moon", "texture"), solid, size, view.pixel(distance), palette, "matte", names)
-    stage.add("moon", solid.mesh, made.plugin(), pose(distance))
-
-
-def _light(request: Request, stage: Stage, view: View, deep: float, open_air: bool) -> None:
-    rng = request.rng("light")
-    if request.assets.hdris and lighting.given_environment(stage, rng, request.assets):
-        return
-    if open_air:
-        lighting.environment(stage, painted_sky(rng), float(rng.uniform(0, 360)))
-    else:
-        lighting.key_and_fill(stage, rng, view.at(0, 0, 0.5 * deep), 0.6 * deep, -90.0)
+    stream, pixel = scene.rng("moon", "texture"), view.pixel(distance)
+    made = body_material(stream, solid, size(distance), pixel, scene.palette, "matte", names)
+    scene.add("moon", solid.mesh, made, pose(distance))

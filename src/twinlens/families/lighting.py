@@ -1,26 +1,25 @@
-"""Light: lamps, sun and sky, and environment maps, painted or given; each strong enough to throw a shadow."""
+"""Lights: area lamps, sun and sky, and environment maps. Every setup casts visible shadows."""
 
 import math
 
 import numpy as np
 
-from twinlens.families.assets import Assets
-from twinlens.families.brushes import Image
+from twinlens.families.composition import Composition
+from twinlens.families.draws import Rng, log_uniform, one_of
+from twinlens.families.patterns import Image
+from twinlens.families.poses import turn_x, turn_z
 from twinlens.families.sky import clear_sky
-from twinlens.families.stage import Stage
-from twinlens.families.view import View, look
+from twinlens.families.view import View, rasterize
 from twinlens.geometry import Float, look_at
-from twinlens.scenes.placement import rotation
 from twinlens.scenes.scene import Bitmap, Color, Mesh, Plugin
 
-Rng = np.random.Generator
 _BLACK: Plugin = {"type": "diffuse", "reflectance": Bitmap(np.zeros((2, 2, 3), dtype=np.float32))}
-_UPRIGHT = rotation(np.array([1.0, 0.0, 0.0]), 90.0)  # environment maps have y up, our worlds z
+_UPRIGHT = turn_x(90.0)  # environment maps have y up, these worlds z
 WARM, NEUTRAL, COOL = np.array([1.0, 0.84, 0.66]), np.array([1.0, 0.96, 0.91]), np.array([0.84, 0.93, 1.0])
 
 
 def panel(
-    stage: Stage,
+    scene: Composition,
     name: str,
     place: Float,
     target: Float,
@@ -28,14 +27,17 @@ def panel(
     radiance: Float,
     weight: float = 1.0,
 ) -> None:
-    """A rectangular lamp of `size` metres at `place` that shines towards `target`; `weight`: its share of samples."""
-    glow(stage, name, rectangle(*size), look_at(place, target, _up(place, target)), radiance, weight)
+    """Add a rectangular lamp of `size` metres at `place` that faces `target`; `weight` is its share of samples."""
+    steep = abs(place[2] - target[2]) > 0.95 * np.linalg.norm(place - target)
+    pose = look_at(place, target, [0.0, 1.0, 0.0] if steep else [0.0, 0.0, 1.0])
+    emitter(scene, name, rectangle(*size), pose, radiance, weight)
 
 
-def glow(stage: Stage, name: str, mesh: Mesh, pose: Float, radiance: Float, weight: float = 1.0) -> None:
-    """A mesh that shines: panels, window panes, lamp shades."""
-    emitter = {"type": "area", "radiance": _color(radiance), "sampling_weight": float(weight)}
-    stage.add(name, mesh, _BLACK, pose, emitter)
+def emitter(scene: Composition, name: str, mesh: Mesh, pose: Float, radiance: Float, weight: float = 1.0) -> None:
+    """Add a mesh that emits light, of radiance (3,)."""
+    r, g, b = (float(c) for c in radiance)
+    area = {"type": "area", "radiance": Color((r, g, b)), "sampling_weight": float(weight)}
+    scene.add(name, mesh, _BLACK, pose, area)
 
 
 def rectangle(width: float, height: float) -> Mesh:
@@ -45,96 +47,76 @@ def rectangle(width: float, height: float) -> Mesh:
     return Mesh(corners, faces, np.tile([0.0, 0.0, 1.0], (4, 1)), np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]]))
 
 
-def unseen(view: View, spot: Float, side: float, front: float) -> Float:
-    """`spot` (3,), moved towards the camera, as far as y = `front`, until a level lamp there is not in the picture.
+def out_of_view(view: View, spot: Float, side: float, front: float) -> Float:
+    """`spot` (3,) moved towards the camera, at most to y = `front`, until a level square lamp there is not visible.
 
-    `side` is the lamp's, in metres; a little more is kept out, for the right eye stands elsewhere.
+    `side` is the lamp's in metres; 0.3 m are added because the right camera sees more on its side.
     """
     lamp = rectangle(side + 0.3, side + 0.3)
-    while spot[1] > front and np.isfinite(look(view, [(lamp.vertices + spot, lamp.faces)], 64).depth).any():
+    while spot[1] > front and np.isfinite(rasterize(view, [(lamp.vertices + spot, lamp.faces)], 64).depth).any():
         spot = spot - [0.0, min(0.2, spot[1] - front), 0.0]
     return spot
 
 
-def _up(place: Float, target: Float) -> Float:
-    steep = abs(place[2] - target[2]) > 0.95 * np.linalg.norm(place - target)
-    return np.array([0.0, 1.0, 0.0] if steep else [0.0, 0.0, 1.0])
-
-
-def _color(rgb: Float) -> Color:
-    r, g, b = (float(c) for c in rgb)
-    return Color((r, g, b))
-
-
 def from_direction(azimuth_deg: float, elevation_deg: float) -> Float:
-    """The unit vector (3,) towards a light: azimuth from +x to +y, elevation from the ground."""
+    """The unit vector (3,) towards a light: azimuth from +x to +y, elevation above the horizon."""
     a, e = math.radians(azimuth_deg), math.radians(elevation_deg)
     return np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
 
 
-def ambient(stage: Stage, radiance: Float, weight: float = 0.35) -> None:
-    """Even light from everywhere."""
-    pixels = np.broadcast_to(np.asarray(radiance, dtype=np.float32), (4, 8, 3))
-    environment(stage, np.ascontiguousarray(pixels), weight=weight)
-
-
-def environment(stage: Stage, pixels: Image, turn_deg: float = 0.0, weight: float = 1.0) -> None:
-    """A picture (H, W, 3) of everything around, top row straight up, as the light and the background."""
-    pose = rotation(np.array([0.0, 0.0, 1.0]), turn_deg) @ _UPRIGHT
-    stage.lights["environment"] = {
+def environment(scene: Composition, pixels: Image, turn_deg: float = 0.0, weight: float = 1.0) -> None:
+    """Set the environment map (H, W, 3), its top row straight up: a light and the background."""
+    scene.lights["environment"] = {
         "type": "envmap",
         "bitmap": Bitmap(pixels),
-        "to_world": pose,
+        "to_world": turn_z(turn_deg) @ _UPRIGHT,
         "sampling_weight": float(weight),
     }
 
 
-def sun_and_sky(stage: Stage, rng: Rng, middle: Float, radius: float, azimuth_deg: float, elevation_deg: float) -> None:
-    """A clear sky, and the sun as a far disc, somewhat larger than it is so that its shadows have soft edges.
-
-    The sun lights a level surface about four times as strongly as the sky does when it is high, less when low.
-    """
-    sky = clear_sky(float(rng.uniform(2.2, 5.0)), elevation_deg)
-    environment(stage, sky, azimuth_deg, 0.5)
-    far, half = 40.0 * radius, 40.0 * radius * math.tan(math.radians(rng.uniform(0.6, 1.6)))
-    toward = from_direction(azimuth_deg, elevation_deg)
-    low = math.exp(-elevation_deg / 14)
-    tone = np.array([1.0, 0.95 - 0.35 * low, 0.88 - 0.6 * low])
-    radiance = 4.0 * math.pi * (1 - 0.6 * low) * far**2 / (2 * half) ** 2
-    panel(stage, "sun", middle + far * toward, middle, (2 * half, 2 * half), radiance * tone, 1.0)
-
-
-def given_environment(stage: Stage, rng: Rng, assets: Assets) -> bool:
-    """One of the user's environment maps, turned at random; False when there is none."""
-    drawn = assets.hdri(rng)
+def user_environment(scene: Composition, rng: Rng) -> bool:
+    """Light the scene with one of the user's environment maps at a random angle; False where there is none."""
+    drawn = scene.request.assets.hdri(rng)
     if drawn is None:
         return False
     pixels = drawn[1]
     mean = max(float(pixels.mean()), 1e-9)
-    environment(stage, np.minimum(pixels / mean, 2e3).astype(np.float32), float(rng.uniform(0, 360)))
+    environment(scene, np.minimum(pixels / mean, 2e3).astype(np.float32), float(rng.uniform(0, 360)))
     return True
 
 
-def key_and_fill(stage: Stage, rng: Rng, middle: Float, radius: float, view_azimuth_deg: float) -> None:
-    """A key light from one side, hard or soft, a weak fill from the other, and dim light from all around.
+def key_and_fill(scene: Composition, rng: Rng, middle: Float, radius: float) -> None:
+    """A hard or soft key light from one side, a weak fill light from the other, and dim ambient light.
 
-    `middle` is what is lit, `radius` how large it is, `view_azimuth_deg` where the camera stands as seen from it.
+    They light a sphere of `radius` metres around `middle` (3,), seen from -y.
     """
-    side = float(rng.choice([-1.0, 1.0]))
-    tone, other = ((WARM, COOL), (NEUTRAL, NEUTRAL), (COOL, WARM), (WARM, NEUTRAL))[int(rng.integers(4))]
-    spread = math.exp(rng.uniform(math.log(0.18), math.log(1.2))) * radius
+    side = one_of(rng, [-1.0, 1.0])
+    tone, other = one_of(rng, [(WARM, COOL), (NEUTRAL, NEUTRAL), (COOL, WARM), (WARM, NEUTRAL)])
+    spread = log_uniform(rng, 0.18, 1.2) * radius
     far = 4.5 * radius
-    key = from_direction(view_azimuth_deg + side * rng.uniform(55, 98), rng.uniform(28, 58))
+    key = from_direction(-90.0 + side * rng.uniform(55, 98), rng.uniform(28, 58))
     strength = 11.0 * (1.2 * radius / spread) ** 2 * rng.uniform(0.8, 1.25)
-    panel(stage, "key-light", middle + far * key, middle, (2 * spread, 2 * spread), strength * tone)
-    fill = from_direction(view_azimuth_deg - side * rng.uniform(25, 80), rng.uniform(20, 50))
+    panel(scene, "key-light", middle + far * key, middle, (2 * spread, 2 * spread), strength * tone)
+    fill = from_direction(-90.0 - side * rng.uniform(25, 80), rng.uniform(20, 50))
     level = rng.uniform(0.3, 1.2)
-    panel(stage, "fill-light", middle + far * fill, middle, (2.4 * radius, 2.4 * radius), level * other, 0.35)
-    ambient(stage, rng.uniform(0.1, 0.25) * (0.5 * other + 0.5))
+    panel(scene, "fill-light", middle + far * fill, middle, (2.4 * radius, 2.4 * radius), level * other, 0.35)
+    ambient = np.asarray(rng.uniform(0.1, 0.25) * (0.5 * other + 0.5), dtype=np.float32)
+    environment(scene, np.tile(ambient, (4, 8, 1)), weight=0.35)
 
 
-def daylight(stage: Stage, rng: Rng, middle: Float, radius: float, view_azimuth_deg: float) -> None:
-    """Sun and sky, the sun at one side of the camera."""
-    side = float(rng.choice([-1.0, 1.0]))
-    azimuth = view_azimuth_deg + side * rng.uniform(40, 95)
-    sun_and_sky(stage, rng, middle, radius, float(azimuth), float(rng.uniform(22, 55)))
+def daylight(scene: Composition, rng: Rng, middle: Float, radius: float) -> None:
+    """A clear sky, and the sun at one side of the camera, which looks from -y.
+
+    The sun is a distant square, larger than the real sun so that shadows have soft edges. When high, it lights a level
+    surface about four times as strongly as the sky does; when low, less.
+    """
+    side = one_of(rng, [-1.0, 1.0])
+    azimuth, elevation = -90.0 + side * float(rng.uniform(40, 95)), float(rng.uniform(22, 55))
+    environment(scene, clear_sky(float(rng.uniform(2.2, 5.0)), elevation), azimuth, 0.5)
+    far = 40.0 * radius
+    half = far * math.tan(math.radians(rng.uniform(0.6, 1.6)))
+    low = math.exp(-elevation / 14)
+    tone = np.array([1.0, 0.95 - 0.35 * low, 0.88 - 0.6 * low])
+    radiance = 4.0 * math.pi * (1 - 0.6 * low) * far**2 / (2 * half) ** 2
+    sun = middle + far * from_direction(azimuth, elevation)
+    panel(scene, "sun", sun, middle, (2 * half, 2 * half), radiance * tone)

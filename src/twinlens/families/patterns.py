@@ -1,19 +1,57 @@
-"""Coloured textures of scene families: float32 (n, n, 3), linear, periodic in both directions, averaged over texels.
+"""Coloured textures: float32 (n, n, 3), linear, periodic in both directions, each texel an average over its area.
 
-A pattern is drawn for a number of texels that the caller takes from how large a pixel is where the surface is seen:
-nothing in it is finer than a texel, so two pixels are its finest period. Each is painted over with faint mottling at
-several scales, as paint, glaze and cloth have it, so that no surface is one flat tone.
+The caller chooses n so that a texel is no smaller than a pixel where the surface is seen; the finest period is two
+texels. `pattern` adds faint mottling at several scales to each, so that no surface is a single flat tone.
 """
 
+import math
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from twinlens.families import prints
-from twinlens.families.brushes import Image, Rng, noise, ramp, seed
-from twinlens.families.palettes import STONES, WOODS, varied
+from twinlens.families.colors import STONES, WOODS, shuffled, varied
+from twinlens.families.draws import Rng, one_of
 from twinlens.geometry import Float
 from twinlens.scenes import textures
+
+Image = NDArray[np.float32]
+
+
+def texture_seed(rng: Rng) -> int:
+    """A seed for the functions of `twinlens.scenes.textures`."""
+    return int(rng.integers(1 << 31))
+
+
+def noise(n: int, rng: Rng, cells: int = 4, octaves: int = 6, gain: float = 0.55, contrast: float = 1.0) -> Image:
+    """Fractal noise (n, n) in [0, 1]; its coarsest cells are 1/cells wide."""
+    made: Image = textures.fractal_noise(n, n, (cells, cells), texture_seed(rng), octaves, gain, contrast)
+    return made
+
+
+def ramp(grey: Float | Image, colors: Float) -> Image:
+    """Grey values in [0, 1] mapped to a gradient through colours (K, 3) at even steps."""
+    stops = np.linspace(0, 1, len(colors))
+    return np.stack([np.interp(grey, stops, colors[:, c]) for c in range(3)], axis=-1).astype(np.float32)
+
+
+def _oversampling(n: int) -> int:
+    return 3 if n <= 160 else 2 if n <= 320 else 1
+
+
+def _uv(n: int) -> tuple[Float, Float]:
+    """Sample positions (m, m) finer than the texels; u rightwards, v downwards, both in [0, 1)."""
+    m = n * _oversampling(n)
+    at = (np.arange(m) + 0.5) / m
+    u, v = np.meshgrid(at, at)
+    return u, v
+
+
+def _averaged(n: int, fine: Float) -> Image:
+    """Colours (m, m, 3) at the positions of `_uv`, averaged over each texel."""
+    inner = _oversampling(n)
+    return np.asarray(fine.reshape(n, inner, n, inner, 3).mean(axis=(1, 3)), dtype=np.float32)
 
 
 def plain(n: int, rng: Rng, colors: Float) -> Image:
@@ -22,13 +60,13 @@ def plain(n: int, rng: Rng, colors: Float) -> Image:
 
 
 def cloudy(n: int, rng: Rng, colors: Float) -> Image:
-    """Two colours running into each other, as reactive glaze and washed plaster do."""
+    """A noisy gradient between two colours, as in reactive glaze and washed plaster."""
     return ramp(noise(n, rng, int(rng.integers(2, 6)), contrast=1.7), colors[:2])
 
 
 def marble(n: int, rng: Rng, colors: Float) -> Image:
     """Veins along the level lines of noise in a clouded stone."""
-    stone = STONES[int(rng.integers(len(STONES)))]
+    stone = one_of(rng, STONES)
     veins = np.zeros((n, n))
     for strength, cells in ((1.0, 2), (0.55, 4)):
         field = noise(n, rng, cells, octaves=6, gain=0.5, contrast=2.0).astype(np.float64) - 0.5
@@ -39,24 +77,24 @@ def marble(n: int, rng: Rng, colors: Float) -> Image:
 
 def granite(n: int, rng: Rng, colors: Float) -> Image:
     """Grains of three tones."""
-    stone = STONES[int(rng.integers(len(STONES)))]
+    stone = one_of(rng, STONES)
     tones = np.vstack([stone, stone.mean(axis=0, keepdims=True), 0.3 * stone[1:]])
     grains = noise(n, rng, max(4, n // 16), octaves=3, gain=0.8, contrast=2.2)
     return ramp(grains, varied(rng, tones, 0.06))
 
 
 def wood(n: int, rng: Rng, colors: Float) -> Image:
-    """Grain along v."""
-    tones = varied(rng, WOODS[int(rng.integers(len(WOODS)))], 0.08)
-    grey = textures.wood(n, n, int(rng.integers(3, 9)), seed(rng), waviness=rng.uniform(0.15, 0.7), grain=0.4)
-    return ramp(grey, tones)
+    """Wood grain along v."""
+    tones = varied(rng, one_of(rng, WOODS), 0.08)
+    count = int(rng.integers(3, 9))
+    return ramp(textures.wood(n, n, count, texture_seed(rng), waviness=rng.uniform(0.15, 0.7), grain=0.4), tones)
 
 
 def planks(n: int, rng: Rng, colors: Float) -> Image:
-    """Boards side by side along v, each of its own tone and piece of grain."""
-    tones = varied(rng, WOODS[int(rng.integers(len(WOODS)))], 0.08)
-    count = int(rng.choice([4, 5, 6]))
-    grey = textures.wood(n, n, count, seed(rng), waviness=0.35, grain=0.45).astype(np.float64)
+    """Boards along v, each with its own tone and grain."""
+    tones = varied(rng, one_of(rng, WOODS), 0.08)
+    count = one_of(rng, [4, 5, 6])
+    grey = textures.wood(n, n, count, texture_seed(rng), waviness=0.35, grain=0.45).astype(np.float64)
     starts, cuts, tint = rng.random(count), rng.random(count), rng.normal(0, 0.13, (count, 2))
     u = (np.arange(n) + 0.5) / n
     board = np.floor(u * count).astype(int)
@@ -71,9 +109,9 @@ def planks(n: int, rng: Rng, colors: Float) -> Image:
 
 
 def bricks(n: int, rng: Rng, colors: Float) -> Image:
-    """Running bond in the colours of fired clay, or painted over."""
+    """Running bond, in the colours of fired clay or painted."""
     clay = np.array([[0.32, 0.12, 0.07], [0.5, 0.24, 0.14]]) if rng.random() < 0.5 else 0.75 * colors[:1] + [[0], [0.1]]
-    grey = textures.bricks(n, n, (4, 8), seed(rng), mortar=max(0.09, 9.0 / n), variation=0.7)
+    grey = textures.bricks(n, n, (4, 8), texture_seed(rng), mortar=max(0.09, 9.0 / n), variation=0.7)
     mortar = np.array([[0.5, 0.47, 0.43]])
     tone = ramp(np.clip((grey - 0.3) / 0.7, 0, 1), clay)
     weight = np.clip(grey / 0.3, 0, 1)[..., None]
@@ -81,7 +119,7 @@ def bricks(n: int, rng: Rng, colors: Float) -> Image:
 
 
 def camouflage(n: int, rng: Rng, colors: Float) -> Image:
-    """Noise in steps: islands within islands."""
+    """Noise quantised to four levels."""
     field = noise(n, rng, int(rng.integers(2, 5)), octaves=4, contrast=1.6)
     steps = np.sort(rng.uniform(0.3, 0.7, 3))
     width = 0.02
@@ -89,49 +127,172 @@ def camouflage(n: int, rng: Rng, colors: Float) -> Image:
 
 
 def speckled(n: int, rng: Rng, colors: Float) -> Image:
-    """Stoneware: dark specks in a pale glaze."""
+    """Dark specks in a pale glaze, as in stoneware."""
     pale = 0.35 * colors[:1] + 0.4
-    specks = textures.random_dots(
-        n, n, int(rng.integers(60, 200)), (max(0.003, 0.6 / n), max(0.012, 1.0 / n)), seed(rng)
-    )
+    radii = max(0.003, 0.6 / n), max(0.012, 1.0 / n)
+    specks = textures.random_dots(n, n, int(rng.integers(60, 200)), radii, texture_seed(rng))
     weight = (0.8 * specks)[..., None]
     return np.asarray(pale * (1 - weight) + 0.12 * colors[1] * weight, dtype=np.float32)
 
 
 def weave(n: int, rng: Rng, colors: Float) -> Image:
-    """Plain cloth of two yarns, as fine as four texels a thread."""
+    """Plain weave of two yarns; a thread is at least four texels wide."""
     threads = max(4, min(n // 4, 40)) // 2 * 2
     over = textures.checker(n, n, (threads, threads))
     return ramp(0.5 * over + 0.5 * noise(n, rng, 6, contrast=1.2), np.vstack([0.72 * colors[0], colors[0]]))
 
 
-PATTERNS: dict[str, Callable[[int, Rng, Float], Image]] = {
-    "plain": plain,
-    "cloudy": cloudy,
-    "marble": marble,
-    "granite": granite,
-    "wood": wood,
-    "planks": planks,
-    "stripes": prints.stripes,
-    "gingham": prints.gingham,
-    "checks": prints.checks,
-    "dots": prints.dots,
-    "chips": prints.chips,
-    "mosaic": prints.mosaic,
-    "tiles": prints.tiles,
-    "bricks": bricks,
-    "triangles": prints.triangles,
-    "zigzag": prints.zigzag,
-    "scales": prints.scales,
-    "camouflage": camouflage,
-    "speckled": speckled,
-    "weave": weave,
-    "art": prints.art,
-}
+def stripes(n: int, rng: Rng, colors: Float) -> Image:
+    """Repeated bands of several widths."""
+    chosen = shuffled(rng, colors)[: int(rng.integers(2, 5))]
+    repeats, along_v = int(rng.integers(2, 6)), rng.random() < 0.5
+    edges = np.cumsum(rng.dirichlet(np.full(2 * len(chosen), 2.0)))
+    order = np.append(np.tile(np.arange(len(chosen)), 2), 0)
+    u, v = _uv(n)
+    t = (v if along_v else u) * repeats % 1.0
+    return _averaged(n, chosen[order[np.searchsorted(edges, t)]])
+
+
+def gingham(n: int, rng: Rng, colors: Float) -> Image:
+    """Stripes across stripes; the crossings are darkest."""
+    light, dark = 0.25 * colors[0] + 0.6, colors[1]
+    repeats, duty = int(rng.integers(3, 8)), rng.uniform(0.35, 0.6)
+    u, v = _uv(n)
+    weight = 0.5 * ((u * repeats % 1.0 < duty).astype(float) + (v * repeats % 1.0 < duty))
+    return _averaged(n, light + (dark - light) * weight[..., None])
+
+
+def checks(n: int, rng: Rng, colors: Float) -> Image:
+    """A checkerboard of two colours."""
+    cells = 2 * int(rng.integers(2, 5))
+    return ramp(textures.checker(n, n, (cells, cells)), colors[:2])
+
+
+def dots(n: int, rng: Rng, colors: Float) -> Image:
+    """Dots on a staggered lattice."""
+    cells, radius = 2 * int(rng.integers(2, 5)), rng.uniform(0.18, 0.36)
+    spots = shuffled(rng, colors[1:])[: min(3, len(colors) - 1)]
+    u, v = _uv(n)
+    row = np.floor(v * cells)
+    x = u * cells + 0.5 * (row % 2)
+    inside = np.hypot(x % 1.0 - 0.5, v * cells % 1.0 - 0.5) < radius
+    spot = spots[((np.floor(x) % cells + row) % len(spots)).astype(int)]
+    return _averaged(n, np.where(inside[..., None], spot, colors[0]))
+
+
+def _cells(n: int, centres: Float) -> tuple[Float, NDArray[np.intp]]:
+    """Distances (m, m, 2) to the two nearest of the periodic centres (K, 2), and their indices."""
+    distance, index = cKDTree(centres, boxsize=1.0).query(np.stack(_uv(n), axis=-1), k=2)
+    return distance, index
+
+
+def chips(n: int, rng: Rng, colors: Float) -> Image:
+    """Terrazzo: angular chips of several colours and sizes on a pale ground."""
+    count = int(rng.integers(90, 260))
+    centres, size = rng.random((count, 2)), rng.lognormal(0, 0.35, count)
+    tones = varied(rng, colors[rng.integers(len(colors), size=count)], 0.1)
+    reach = 0.42 / math.sqrt(count)
+    far, near = _cells(n, centres)
+    inside = (far[..., 0] < reach * size[near[..., 0]]) & (far[..., 1] - far[..., 0] > 0.25 * reach)
+    return _averaged(n, np.where(inside[..., None], tones[near[..., 0]], 0.3 * colors[-1] + 0.45))
+
+
+def mosaic(n: int, rng: Rng, colors: Float) -> Image:
+    """Broken tiles separated by grout."""
+    count = int(rng.integers(40, 130))
+    centres = rng.random((count, 2))
+    tones = varied(rng, colors[rng.integers(len(colors), size=count)], 0.1)
+    far, near = _cells(n, centres)
+    tile = far[..., 1] - far[..., 0] > 0.09 / math.sqrt(count)
+    return _averaged(n, np.where(tile[..., None], tones[near[..., 0]], np.full(3, 0.55)))
+
+
+def tiles(n: int, rng: Rng, colors: Float) -> Image:
+    """Square tiles with grout, some of a second colour."""
+    cells = one_of(rng, [4, 6, 8])
+    width = max(0.035, 1.2 * cells / n)
+    chosen = colors[np.where(rng.random((cells, cells)) < rng.uniform(0, 0.5), 1, 0)]
+    if rng.random() < 0.4:
+        chosen = colors[np.add.outer(np.arange(cells), np.arange(cells)) % 2]
+    chosen = chosen * np.exp(rng.normal(0, 0.07, (cells, cells, 1)))
+    x, y = (at * cells for at in _uv(n))
+    joint = (np.abs(x % 1.0 - 0.5) > 0.5 - width / 2) | (np.abs(y % 1.0 - 0.5) > 0.5 - width / 2)
+    return _averaged(n, np.where(joint[..., None], 0.5, chosen[y.astype(int), x.astype(int)]))
+
+
+def triangles(n: int, rng: Rng, colors: Float) -> Image:
+    """Squares halved along a diagonal, as in patchwork."""
+    cells = one_of(rng, [4, 6, 8])
+    tone = rng.integers(len(colors), size=(cells, cells, 2))
+    slope = rng.integers(2, size=(cells, cells))
+    u, v = _uv(n)
+    i, j = (v * cells).astype(int), (u * cells).astype(int)
+    x, y = u * cells % 1.0, v * cells % 1.0
+    half = np.where(slope[i, j] == 0, x > y, x + y > 1).astype(int)
+    return _averaged(n, colors[tone[i, j, half]])
+
+
+def zigzag(n: int, rng: Rng, colors: Float) -> Image:
+    """Chevrons, as in woven rugs."""
+    chosen = shuffled(rng, colors)[: int(rng.integers(3, 6))]
+    across, bands, height = int(rng.integers(2, 6)), int(rng.integers(1, 3)), rng.uniform(0.1, 0.3)
+    u, v = _uv(n)
+    t = v * bands + height * np.abs(2 * (u * across % 1.0) - 1)
+    return _averaged(n, chosen[(t * len(chosen) % len(chosen)).astype(int)])
+
+
+def scales(n: int, rng: Rng, colors: Float) -> Image:
+    """Overlapping fans of concentric rings (seigaiha)."""
+    cells = one_of(rng, [4, 6])
+    u, v = _uv(n)
+    best = np.full(u.shape, -1)
+    for row in range(3, -1, -1):  # the lowest fans are drawn last, over the others
+        base = np.floor(v * 2 * cells) + row - 1
+        x = u * cells + 0.5 * (base % 2)
+        r = np.hypot(x % 1.0 - 0.5, (v * 2 * cells - base - 1) / 2 * 1.0)
+        ring = np.clip((1 - r / 0.56) * 4, -1, 3.99)
+        best = np.where(r < 0.56, ring.astype(int), best)
+    return _averaged(n, np.where((best % 2 == 0)[..., None], colors[1], colors[0]))
+
+
+def art(n: int, rng: Rng, colors: Float) -> Image:
+    """An abstract print: discs, bars and rings on a ground."""
+    shapes = [
+        (
+            int(rng.integers(3)),
+            *rng.random(2),
+            rng.uniform(0.06, 0.3),
+            rng.uniform(0, math.pi),
+            int(rng.integers(1, len(colors))),
+        )
+        for _ in range(int(rng.integers(5, 12)))
+    ]
+    u, v = _uv(n)
+    out = np.broadcast_to(colors[0], (*u.shape, 3)).copy()
+    for kind, x, y, size, angle, tone in shapes:
+        dx, dy = (u - x + 0.5) % 1.0 - 0.5, (v - y + 0.5) % 1.0 - 0.5
+        r = np.hypot(dx, dy)
+        along, across = dx * math.cos(angle) + dy * math.sin(angle), dy * math.cos(angle) - dx * math.sin(angle)
+        bar = (np.abs(along) < min(1.4 * size, 0.35)) & (np.abs(across) < 0.22 * size)
+        out[(r < size, bar, np.abs(r - size) < 0.18 * size)[kind]] = colors[tone]
+    return _averaged(n, out)
+
+
+_ALL = (plain, cloudy, marble, granite, wood, planks, stripes, gingham, checks, dots, chips, mosaic, tiles, bricks,
+        triangles, zigzag, scales, camouflage, speckled, weave, art)  # fmt: skip
+PATTERNS: dict[str, Callable[[int, Rng, Float], Image]] = {function.__name__: function for function in _ALL}
+"""Every pattern by name."""
 
 
 def pattern(name: str, n: int, rng: Rng, colors: Float, mottle: float = 0.07) -> Image:
-    """A pattern with faint mottling over it, every texel within what paint can be."""
+    """A pattern with faint mottling, clipped to the albedo of paint."""
     painted = PATTERNS[name](n, rng, colors)
     wear = noise(n, rng, 3, octaves=6, gain=0.6) - np.float32(0.5)
     return np.asarray(np.clip(painted * np.exp(np.float32(5 * mottle) * wear)[..., None], 0.01, 0.88), dtype=np.float32)
+
+
+def half_size(image: Image) -> Image:
+    """The image at half its size: means over 2x2 texels; an odd last row or column is dropped."""
+    h, w = (length // 2 * 2 for length in image.shape[:2])
+    p = image[:h, :w]
+    return np.asarray(0.25 * (p[::2, ::2] + p[1::2, ::2] + p[::2, 1::2] + p[1::2, 1::2]))

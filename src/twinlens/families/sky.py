@@ -1,20 +1,19 @@
-"""Skies as pictures of everything around: a clear one from a sky model, and painted clouds. Rows from zenith down."""
+"""Environment maps of skies: a clear sky from a model, and painted clouds. The top row is the zenith."""
 
 import math
 
 import numpy as np
 
-from twinlens.families.brushes import Image, noise
+from twinlens.families.draws import Rng, one_of
+from twinlens.families.patterns import Image, noise
 from twinlens.geometry import Float
 
-Rng = np.random.Generator
-
-_PEREZ = {  # a, b of a T + b for A, B, C, D, E
+_PEREZ = {  # A, B, C, D, E as (a, b) of a T + b, with turbidity T
     "Y": ((0.1787, -1.4630), (-0.3554, 0.4275), (-0.0227, 5.3251), (0.1206, -2.5771), (-0.0670, 0.3703)),
     "x": ((-0.0193, -0.2592), (-0.0665, 0.0008), (-0.0004, 0.2125), (-0.0641, -0.8989), (-0.0033, 0.0452)),
     "y": ((-0.0167, -0.2608), (-0.0950, 0.0092), (-0.0079, 0.2102), (-0.0441, -1.6537), (-0.0109, 0.0529)),
 }
-_ZENITH = {  # rows for T^2, T, 1; columns for cubes to ones of the sun's angle from the zenith
+_ZENITH = {  # rows: T^2, T, 1; columns: the sun's zenith angle to the powers 3, 2, 1, 0
     "x": (
         (0.00166, -0.00375, 0.00209, 0.0),
         (-0.02903, 0.06377, -0.03202, 0.00394),
@@ -31,7 +30,7 @@ _GROUND = np.array([0.32, 0.29, 0.25])
 
 
 def clear_sky(turbidity: float, elevation_deg: float, width: int = 256) -> Image:
-    """A clear sky without its sun, of mean luminance 1 above the horizon, (width/2, width, 3), the sun in the middle.
+    """A clear sky without its sun, (width/2, width, 3), of mean luminance 1; the sun is above the centre column.
 
     Source: Preetham, Shirley and Smits, A Practical Analytic Model for Daylight, SIGGRAPH 1999, tables of appendix A.
     """
@@ -55,7 +54,7 @@ def clear_sky(turbidity: float, elevation_deg: float, width: int = 256) -> Image
 
 
 def _perez(key: str, turbidity: float, zenith: Float, away: Float, theta: float) -> Float:
-    """The distribution over the sky relative to its zenith; `zenith`: cosine from there, `away`: angle from the sun."""
+    """The sky relative to its zenith; `zenith` is the cosine of the zenith angle, `away` the angle from the sun."""
     a, b, c, d, e = (slope * turbidity + offset for slope, offset in _PEREZ[key])
 
     def f(cosine: Float | float, angle: Float | float) -> Float:
@@ -64,10 +63,20 @@ def _perez(key: str, turbidity: float, zenith: Float, away: Float, theta: float)
     return np.asarray(f(zenith, away) / f(1.0, theta))
 
 
+_SKIES = (
+    ((0.16, 0.36, 0.75), (0.75, 0.85, 0.95), (1.0, 0.98, 0.95)),
+    ((0.25, 0.33, 0.55), (1.0, 0.62, 0.38), (1.0, 0.75, 0.6)),
+    ((0.45, 0.52, 0.6), (0.8, 0.82, 0.85), (0.92, 0.93, 0.95)),
+    ((0.1, 0.15, 0.4), (0.75, 0.45, 0.55), (0.8, 0.6, 0.75)),
+    ((0.12, 0.45, 0.6), (0.9, 0.92, 0.82), (1.0, 1.0, 0.95)),
+)
+"""(zenith, horizon, cloud) colours of painted skies."""
+
+
 def painted_sky(rng: Rng, width: int = 512) -> Image:
-    """A sky of clouds, hazy at the horizon and going on below it, (width/2, width, 3), its sun a soft glow."""
+    """A cloudy sky, (width/2, width, 3), hazy at the horizon and mirrored below it; the sun is a soft glow."""
     n = width
-    zenith, horizon, cloud = _SKIES[int(rng.integers(len(_SKIES)))]
+    zenith, horizon, cloud = one_of(rng, _SKIES)
     elevation = (0.5 - (np.arange(n // 2)[:, None] + 0.5) / (n // 2)) * math.pi
     height = np.abs(np.sin(elevation)) ** 0.55
     sky = np.array(horizon) + (np.array(zenith) - np.array(horizon)) * height[..., None]
@@ -80,12 +89,3 @@ def painted_sky(rng: Rng, width: int = 512) -> Image:
     toward = np.sin(elevation) * math.sin(rise) + np.cos(elevation) * math.cos(rise) * np.cos(longitude)
     glow = 60 * np.exp((toward - 1) * 300) + 1.2 * np.exp((toward - 1) * 6)
     return np.asarray(out + glow[..., None] * (0.5 + 0.5 * np.array(cloud)), dtype=np.float32)
-
-
-_SKIES = (
-    ((0.16, 0.36, 0.75), (0.75, 0.85, 0.95), (1.0, 0.98, 0.95)),
-    ((0.25, 0.33, 0.55), (1.0, 0.62, 0.38), (1.0, 0.75, 0.6)),
-    ((0.45, 0.52, 0.6), (0.8, 0.82, 0.85), (0.92, 0.93, 0.95)),
-    ((0.1, 0.15, 0.4), (0.75, 0.45, 0.55), (0.8, 0.6, 0.75)),
-    ((0.12, 0.45, 0.6), (0.9, 0.92, 0.82), (1.0, 1.0, 0.95)),
-)

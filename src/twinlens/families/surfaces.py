@@ -1,8 +1,7 @@
 """Large flat surfaces (floors, walls, table tops): patterns baked for the view, finer near the camera than far away.
 
-The renderer has no mipmaps, so each texel is taken from the level of an image pyramid that the size of a pixel on the
-surface calls for there: nothing is finer than two pixels where it is seen, near or far. Source: Williams, Pyramidal
-Parametrics, SIGGRAPH 1983.
+The renderer has no mipmaps. Each texel is therefore taken from the level of an image pyramid that matches the size of a
+pixel there, so no visible detail is finer than two pixels. Source: Williams, Pyramidal Parametrics, SIGGRAPH 1983.
 """
 
 import math
@@ -11,24 +10,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.families.brushes import Image, Rng, seed
-from twinlens.families.finishes import material, texels
-from twinlens.families.palettes import Palette, varied
-from twinlens.families.patterns import pattern
+from twinlens.families.colors import Palette, shuffled, varied
+from twinlens.families.composition import Composition
+from twinlens.families.draws import Rng
+from twinlens.families.materials import material, texels
+from twinlens.families.patterns import Image, half_size, pattern, texture_seed
 from twinlens.families.view import View
 from twinlens.geometry import Float
 from twinlens.scenes import textures
 from twinlens.scenes.scene import Bitmap, Mesh, Plugin
 
 Mask = NDArray[np.bool_]
-_MOST_TEXELS = 1024
-_BEYOND = 1.4  # of half the picture: the other eye sees a little more than this one
-_STEEPEST = 0.25  # cosine: beyond, a surface is seen too flat to be filtered for
+_MAX_TEXELS = 1024
+_BEYOND = 1.4  # of half the picture: what the right camera may see of a surface
+_MIN_COSINE = 0.25  # steeper views are filtered as this one
 
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A rectangle: a corner (3,), and its two sides (3,) as vectors, at right angles; its front is u x v."""
+    """A rectangle: a corner (3,) and two perpendicular sides (3,) as vectors; its front is u x v."""
 
     corner: Float
     u: Float
@@ -36,17 +36,17 @@ class Sheet:
 
     @property
     def lengths(self) -> tuple[float, float]:
-        """Of its sides, metres."""
+        """Lengths of the sides, metres."""
         return float(np.linalg.norm(self.u)), float(np.linalg.norm(self.v))
 
     @property
     def normal(self) -> Float:
-        """Of its front, unit length."""
+        """Unit normal of the front."""
         n = np.cross(self.u, self.v)
         return np.asarray(n / np.linalg.norm(n))
 
     def mesh(self, thickness: float = 0.0) -> Mesh:
-        """Two triangles, or with a thickness a closed slab behind them; (u, v) as seen from the front everywhere."""
+        """Two triangles or, with a thickness, a closed slab behind them; (u, v) are those of the front."""
         corners = self.corner + np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ np.stack([self.u, self.v])
         square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
         quad = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
@@ -63,9 +63,9 @@ class Sheet:
 
 
 def surface(
-    rng: Rng,
+    scene: Composition,
+    stream: tuple[str, ...],
     sheet: Sheet,
-    view: View,
     name: str,
     colors: Float,
     tile: float,
@@ -73,27 +73,27 @@ def surface(
     roughness: float = 0.25,
     mottle: float = 0.1,
 ) -> Plugin:
-    """The material of a sheet in a pattern that repeats every `tile` metres, filtered for `view`."""
+    """The material of a sheet: a pattern that repeats every `tile` metres, filtered for the scene's view."""
+    rng, view = scene.rng(*stream), scene.view
     near = max(view.pixel(_nearest(sheet, view)), 1e-6)
     if name == "cloudy":
         colors = np.vstack([colors[:1], 0.55 * colors[:1] + 0.45 * colors[1:]])
-    image = pattern(name, texels(tile, near, _MOST_TEXELS), rng, colors, mottle)
+    image = pattern(name, texels(tile, near, _MAX_TEXELS), rng, colors, mottle)
     baked = bake(image, tile, sheet, view)
-    slow = textures.fractal_noise(baked.shape[1], baked.shape[0], (2, 2), seed(rng), 2, contrast=0.5)
+    slow = textures.fractal_noise(baked.shape[1], baked.shape[0], (2, 2), texture_seed(rng), 2, contrast=0.5)
     baked = np.clip(baked * (1 + np.float32(0.7) * (slow - np.float32(0.5)))[..., None], 0.005, 0.88)
     return material(finish, Bitmap(baked, wrap="clamp"), roughness)
 
 
 def _nearest(sheet: Sheet, view: View) -> float:
-    """A depth about that of the nearest part of the sheet in the picture."""
-    depth, inside = _seen(sheet, view, np.linspace(0.02, 0.98, 25), np.linspace(0.02, 0.98, 25))
+    """The depth of about the nearest visible part of the sheet."""
+    depth, inside = _project(sheet, view, np.linspace(0.02, 0.98, 25), np.linspace(0.02, 0.98, 25))
     chosen = depth[inside] if inside.any() else depth[depth > 0]
     return float(chosen.min()) if chosen.size else 1.0
 
 
-def _seen(sheet: Sheet, view: View, s: Float, t: Float, reach: float = 1.05) -> tuple[Float, Mask]:
-    """Depth (rows, columns) at the fractions t, s of the sides, and whether that point lies within `reach` of the
-    picture's half size."""
+def _project(sheet: Sheet, view: View, s: Float, t: Float, reach: float = 1.05) -> tuple[Float, Mask]:
+    """Depth (rows, columns) at fractions t, s of the sides, and whether it projects within `reach` half pictures."""
     points = sheet.corner + s[None, :, None] * sheet.u + t[:, None, None] * sheet.v
     cam = (points - view.eye) @ view.world_from_cam[:3, :3]
     depth = cam[..., 2]
@@ -102,30 +102,29 @@ def _seen(sheet: Sheet, view: View, s: Float, t: Float, reach: float = 1.05) -> 
 
 
 def bake(image: Image, tile: float, sheet: Sheet, view: View) -> Image:
-    """A periodic image, `tile` metres wide, laid out over a whole sheet at the sharpness each place is seen with.
+    """A periodic image, `tile` metres wide, repeated over a sheet, each texel filtered for the size of a pixel there.
 
-    Well outside the picture a quarter of the texels will do.
+    Well outside the picture the resolution is a quarter.
     """
     texel = tile / len(image)
-    columns, rows = (int(np.clip(math.ceil(length / texel / 4) * 4, 8, _MOST_TEXELS)) for length in sheet.lengths)
+    columns, rows = (int(np.clip(math.ceil(length / texel / 4) * 4, 8, _MAX_TEXELS)) for length in sheet.lengths)
     pyramid = [image]
     while len(pyramid[-1]) > 2:
-        p = pyramid[-1]
-        pyramid.append(0.25 * (p[::2, ::2] + p[1::2, ::2] + p[::2, 1::2] + p[1::2, 1::2]))
-    coarse = _laid(pyramid, tile, sheet, view, rows // 4, columns // 4, None)
+        pyramid.append(half_size(pyramid[-1]))
+    coarse = _sampled(pyramid, tile, sheet, view, rows // 4, columns // 4, None)
     out = np.repeat(np.repeat(coarse, 4, axis=0), 4, axis=1)
     s, t = (np.arange(columns // 4) + 0.5) / (columns // 4), 1 - (np.arange(rows // 4) + 0.5) / (rows // 4)
-    inside = _seen(sheet, view, s, t, _BEYOND)[1]
+    inside = _project(sheet, view, s, t, _BEYOND)[1]
     inside = np.repeat(np.repeat(inside, 4, axis=0), 4, axis=1)
     if inside.any():
-        out[inside] = _laid(pyramid, tile, sheet, view, rows, columns, inside)
+        out[inside] = _sampled(pyramid, tile, sheet, view, rows, columns, inside)
     return out
 
 
-def _laid(
+def _sampled(
     pyramid: list[Image], tile: float, sheet: Sheet, view: View, rows: int, columns: int, inside: Mask | None
 ) -> Image:
-    """The image on a grid of texels (rows, columns, 3), or on those `inside` (N, 3): between two pyramid levels."""
+    """The image at a grid of texels (rows, columns, 3), or at those `inside` (N, 3): trilinear in the pyramid."""
     row, column = np.indices((rows, columns)) if inside is None else np.nonzero(inside)
     s, t = ((column + 0.5) / columns).astype(np.float32), (1 - (row + 0.5) / rows).astype(np.float32)
     wide, high = sheet.lengths
@@ -144,17 +143,17 @@ def _laid(
 
 
 def _level(sheet: Sheet, view: View, s: Image, t: Image, texel: float, laid: float) -> Image:
-    """Pyramid level at s, t: log2 of texels a pixel covers there, the long way where it is seen aslant."""
+    """Pyramid level at s, t: log2 of the texels along the longer side of a pixel's footprint."""
     origin, u, v = (view.cam_from_world[:3, :3] @ vector for vector in (sheet.corner - view.eye, sheet.u, sheet.v))
     x, y, z = (np.float32(origin[i]) + s * np.float32(u[i]) + t * np.float32(v[i]) for i in range(3))
     off = abs(float((sheet.corner - view.eye) @ sheet.normal))
     cosine = np.float32(off) / np.sqrt(x * x + y * y + z * z)
-    pixel = np.float32(view.pixel(1.0)) * np.maximum(z, np.float32(1e-6)) / np.maximum(cosine, np.float32(_STEEPEST))
+    pixel = np.float32(view.pixel(1.0)) * np.maximum(z, np.float32(1e-6)) / np.maximum(cosine, np.float32(_MIN_COSINE))
     return np.asarray(np.log2(np.maximum(np.maximum(pixel, np.float32(laid)) / np.float32(texel), 1.0)), np.float32)
 
 
 def _wrapped(picture: Image, y: Image, x: Image) -> Image:
-    """Bilinear values (N, 3) of a periodic picture at fractions of its height and width."""
+    """Bilinear values (N, 3) of a periodic picture at fractions y, x of its height and width."""
     n = len(picture)
     rows, columns = y * n - np.float32(0.5), x * n - np.float32(0.5)
     i, j = np.floor(rows).astype(np.int32), np.floor(columns).astype(np.int32)
@@ -183,13 +182,13 @@ FLOORS = (
 )  # fmt: skip
 
 
-def wall_colors(rng: Rng, palette: Palette, quiet: float = 0.35) -> Float:
-    """Colours of a wall: a ground and others drawn towards it, so that a pattern on it stays behind what stands before.
+def wall_colors(rng: Rng, palette: Palette, contrast: float = 0.35) -> Float:
+    """Colours of a wall: a ground, and others mixed with it so that the pattern's contrast stays low.
 
-    Two neighbours differ by at least what a matcher needs to tell places apart.
+    At `contrast` 0 the pattern still has enough contrast for a matcher.
     """
-    ground = varied(rng, palette.grounds[rng.permutation(len(palette.grounds))], 0.06)
+    ground = varied(rng, shuffled(rng, palette.grounds), 0.06)
     if rng.random() < 0.25:
-        ground[0] = 0.75 * varied(rng, palette.accents[rng.permutation(len(palette.accents))][:1], 0.1)[0] + 0.02
+        ground[0] = 0.75 * varied(rng, shuffled(rng, palette.accents)[:1], 0.1)[0] + 0.02
     others = np.vstack([ground[1:], palette.accents])
-    return np.vstack([ground[:1], ground[0] + (others - ground[0]) * (quiet + 0.15)])
+    return np.vstack([ground[:1], ground[0] + (others - ground[0]) * (contrast + 0.15)])

@@ -1,4 +1,4 @@
-"""What the left camera of a scene being composed sees: sizes of pixels, and an exact z-buffer of its triangles."""
+"""What the left camera of a scene sees while the scene is composed: pixel sizes, and a z-buffer of its triangles."""
 
 import math
 from collections.abc import Sequence
@@ -9,8 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.geometry import Float, inverse, transform_points
+from twinlens.scenes.scene import Mesh
 
-_NEAR = 1e-3  # of the picture's width: triangles are cut there
+Triangles = tuple[Float, NDArray[np.uint32]]
+"""Vertices (V, 3) in the world, and faces (F, 3)."""
+
+_NEAR = 1e-3  # metres: triangles are clipped at this depth
+_IDENTITY = np.eye(4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +35,12 @@ class View:
 
     @cached_property
     def cam_from_world(self) -> Float:
-        """The pose, turned round."""
+        """The inverse of the pose."""
         return inverse(self.world_from_cam)
 
     @property
     def eye(self) -> Float:
-        """Where it stands (3,)."""
+        """The camera's centre (3,) in the world."""
         return self.world_from_cam[:3, 3]
 
     def depth(self, points: Float) -> Float:
@@ -43,78 +48,76 @@ class View:
         z: Float = transform_points(self.cam_from_world, points)[..., 2]
         return z
 
+    def depth_of(self, point: Float) -> float:
+        """Depth of one world point (3,)."""
+        return float(self.depth(np.asarray(point)[None])[0])
+
     def pixel(self, depth: float) -> float:
-        """Metres that a pixel covers at this depth."""
+        """Width of a pixel in metres at this depth."""
         return 2 * self.half[0] * depth / self.width_px
 
     def at(self, x: float, y: float, depth: float) -> Float:
-        """The world point (3,) seen at (x, y), each in [-1, 1] from left to right and from top to bottom."""
+        """The world point (3,) at (x, y) of the picture, each in [-1, 1] from left to right and from top to bottom."""
         return transform_points(self.world_from_cam, np.array([x * self.half[0], y * self.half[1], 1.0]) * depth)
 
     def covered(self, depth: float) -> Float:
-        """Width and height in metres of what the picture covers at this depth."""
+        """Width and height in metres of the picture's field at this depth."""
         return 2 * depth * np.array(self.half)
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """A z-buffer: depth (H, W), +inf where nothing is hit, and the index of the body seen there, -1 for none."""
+class ZBuffer:
+    """Depth (H, W), +inf where nothing is hit, and the index (H, W) of the mesh seen there, -1 for none."""
 
     depth: Float
-    body: NDArray[np.int64]
+    index: NDArray[np.int64]
 
     @property
     def depth_range(self) -> tuple[float, float]:
-        """Nearest and farthest depth seen."""
+        """Smallest and largest finite depth."""
         finite = self.depth[np.isfinite(self.depth)]
         return float(finite.min()), float(finite.max())
 
-    def share(self, body: int) -> float:
-        """The part of the picture that shows a body."""
-        return float((self.body == body).mean())
+
+def triangles(mesh: Mesh, pose: Float = _IDENTITY) -> Triangles:
+    """A mesh's triangles in the world."""
+    return transform_points(pose, mesh.vertices), mesh.faces
 
 
-def look(view: View, bodies: Sequence[tuple[Float, NDArray[np.uint32]]], columns: int = 160) -> Seen:
-    """What `view` sees of world-space triangle meshes (vertices (V, 3), faces (F, 3)) at each pixel's centre.
+def rasterize(view: View, meshes: Sequence[Triangles], columns: int = 160) -> ZBuffer:
+    """The z-buffer of world-space meshes, sampled at pixel centres, `columns` pixels wide.
 
-    Triangles are cut at the near plane, then every pixel of each one's bounding box is tested by its edge functions.
-    Source: Pineda, A Parallel Algorithm for Polygon Rasterization, SIGGRAPH 1988. Depth is 1/(a u + b v + c) there.
+    Triangles are clipped at the near plane; every pixel of a triangle's bounding box is tested with its edge functions,
+    and 1/depth is interpolated linearly. Source: Pineda, A Parallel Algorithm for Polygon Rasterization, SIGGRAPH 1988.
     """
     rows = max(1, round(columns / view.aspect))
-    triangles, owner = _triangles(view, bodies)
-    triangles, owner = _cut(triangles, owner, _NEAR)
+    corners = np.concatenate([transform_points(view.cam_from_world, vertices)[faces] for vertices, faces in meshes])
+    owner = np.repeat(np.arange(len(meshes)), [len(faces) for _, faces in meshes])
+    corners, owner = _clip(corners, owner, _NEAR)
     depth = np.full(rows * columns, np.inf)
-    body = np.full(rows * columns, -1, dtype=np.int64)
-    half = np.array(view.half)
-    uv = (triangles[..., :2] / triangles[..., 2:] / half + 1) / 2 * (columns, rows) - 0.5
+    index = np.full(rows * columns, -1, dtype=np.int64)
+    uv = (corners[..., :2] / corners[..., 2:] / np.array(view.half) + 1) / 2 * (columns, rows) - 0.5
     tri, x, y = _candidates(uv, columns, rows)
-    weights, area = _edges(uv[tri], x, y)
+    weights, area = _edge_functions(uv[tri], x, y)
     inside = (weights * np.sign(area)[:, None] >= 0).all(axis=1) & (area != 0)
     tri, weights, area = tri[inside], weights[inside], area[inside]
-    z = 1 / ((weights / area[:, None]) / triangles[tri, :, 2]).sum(axis=1)
+    z = 1 / ((weights / area[:, None]) / corners[tri, :, 2]).sum(axis=1)
     pixel = (y * columns + x)[inside]
-    order = np.lexsort((owner[tri], -z))  # nearest last: it stays
+    order = np.lexsort((owner[tri], -z))  # the nearest is written last
     depth[pixel[order]] = z[order]
-    body[pixel[order]] = owner[tri][order]
-    return Seen(depth.reshape(rows, columns), body.reshape(rows, columns))
+    index[pixel[order]] = owner[tri][order]
+    return ZBuffer(depth.reshape(rows, columns), index.reshape(rows, columns))
 
 
-def _triangles(view: View, bodies: Sequence[tuple[Float, NDArray[np.uint32]]]) -> tuple[Float, NDArray[np.int64]]:
-    """Corners (F, 3, 3) of all triangles in camera coordinates, and whose they are (F,)."""
-    corners = [transform_points(view.cam_from_world, vertices)[faces] for vertices, faces in bodies]
-    owner = np.repeat(np.arange(len(bodies)), [len(faces) for _, faces in bodies])
-    return np.concatenate(corners), owner
-
-
-def _cut(triangles: Float, owner: NDArray[np.int64], near: float) -> tuple[Float, NDArray[np.int64]]:
-    """The parts of triangles beyond depth `near`: none, one or two triangles each."""
-    beyond = triangles[..., 2] > near
+def _clip(corners: Float, owner: NDArray[np.int64], near: float) -> tuple[Float, NDArray[np.int64]]:
+    """The parts of triangles (F, 3, 3) beyond depth `near`: none, one or two triangles each."""
+    beyond = corners[..., 2] > near
     count = beyond.sum(axis=1)
-    kept = [(triangles[count == 3], owner[count == 3])]
+    kept = [(corners[count == 3], owner[count == 3])]
     for ahead in (1, 2):
         chosen = count == ahead
         odd = np.argmax(beyond[chosen] if ahead == 1 else ~beyond[chosen], axis=1)
-        corner = np.take_along_axis(triangles[chosen], (odd[:, None] + np.arange(3))[..., None] % 3, axis=1)
+        corner = np.take_along_axis(corners[chosen], (odd[:, None] + np.arange(3))[..., None] % 3, axis=1)
         a, b, c = corner[:, 0], corner[:, 1], corner[:, 2]
         ab, ac = (a + (near * 1.0001 - a[:, 2:]) / (p[:, 2:] - a[:, 2:]) * (p - a) for p in (b, c))
         made = [(a, ab, ac)] if ahead == 1 else [(ab, b, c), (ab, c, ac)]
@@ -135,10 +138,9 @@ def _candidates(uv: Float, columns: int, rows: int) -> tuple[NDArray[np.int64], 
     return tri, low[tri, 0] + step % width, low[tri, 1] + step // width
 
 
-def _edges(corners: Float, x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[Float, Float]:
-    """Edge functions (N, 3), that of corner i opposite to it, and their sum, twice the area."""
+def _edge_functions(corners: Float, x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[Float, Float]:
+    """Edge functions (N, 3), each opposite to its corner, and their sum: twice the triangle's area."""
     p = np.stack([x, y], axis=-1)[:, None] - corners
-    following = p[:, [1, 2, 0]]
-    last = p[:, [2, 0, 1]]
+    following, last = p[:, [1, 2, 0]], p[:, [2, 0, 1]]
     weights = following[..., 0] * last[..., 1] - following[..., 1] * last[..., 0]
     return weights, weights.sum(axis=1)

@@ -1,4 +1,4 @@
-"""Ways to lie, against closed forms and trimesh's own stable poses; distances of outlines against points."""
+"""Stable poses against closed forms and trimesh; distances of outlines against densely sampled points."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from twinlens.families.resting import gap, inside_by, outline, rests
+from twinlens.families.stable_poses import gap, inside_by, outline, stable_poses
 from twinlens.scenes import shapes
 from twinlens.scenes.scene import Mesh
 
@@ -15,12 +15,12 @@ def ours(made):
     return Mesh(np.array(made.vertices), np.array(made.faces))
 
 
-def test_a_box_rests_on_six_sides_at_the_heights_of_its_halves():
+def test_box_has_six_stable_poses():
     extents = np.array([1.0, 0.6, 0.3])
-    found = rests(ours(trimesh.creation.box(extents)))
+    found = stable_poses(ours(trimesh.creation.box(extents)))
     assert len(found) == 6
     assert sorted(round(rest.height, 6) for rest in found) == [0.3, 0.3, 0.6, 0.6, 1.0, 1.0]
-    assert found[0].height == pytest.approx(0.3)  # on its largest side it lies most often
+    assert found[0].height == pytest.approx(0.3)  # the largest face is the most probable
     for rest in found:
         np.testing.assert_allclose(rest.turn @ rest.turn.T, np.eye(3), atol=1e-12)
         assert np.linalg.det(rest.turn) == pytest.approx(1.0)
@@ -28,38 +28,38 @@ def test_a_box_rests_on_six_sides_at_the_heights_of_its_halves():
         assert rest.top is not None
 
 
-def test_a_tall_leaning_prism_falls_from_its_base():
-    """A box sheared until its centre of mass passes its edge does not rest on that base."""
+def test_a_sheared_box_topples_once_its_centre_of_mass_passes_its_edge():
+    """Sheared further, the box is no longer stable on its base."""
     box = trimesh.creation.box([0.3, 0.3, 1.0])
     for lean, stays in ((0.25, True), (0.35, False)):
         sheared = np.array(box.vertices)
         sheared[:, 0] += lean * sheared[:, 2] * (0.3 / 0.3)
-        found = rests(Mesh(sheared, np.array(box.faces)))
+        found = stable_poses(Mesh(sheared, np.array(box.faces)))
         on_base = [rest for rest in found if abs(rest.turn[2, 2]) > 1 - 1e-9]
         assert bool(on_base) == (stays or lean < 0.3)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_sides_are_those_that_trimesh_finds(seed):
+def test_stable_faces_are_those_of_trimesh(seed):
     points = np.random.default_rng(seed).normal(size=(14, 3))
     hull = trimesh.convex.convex_hull(points)
     transforms, _ = trimesh.poses.compute_stable_poses(hull, sigma=0.0, n_samples=1, threshold=0.0)
     theirs = {tuple(np.round(t[2, :3], 4) + 0.0) for t in transforms}
-    mine = {tuple(np.round(rest.turn[2], 4) + 0.0) for rest in rests(ours(hull))}
+    mine = {tuple(np.round(rest.turn[2], 4) + 0.0) for rest in stable_poses(ours(hull))}
     assert mine <= theirs
-    assert len(theirs) - len(mine) <= 1  # a side whose centre of mass is all but over its edge
+    assert len(theirs) - len(mine) <= 1  # a face with the centre of mass nearly above its edge
 
 
-def test_a_bowl_has_no_top_to_stand_on():
+def test_a_bowl_has_no_level_top():
     profile = np.array(
         [(0, 0), (0.2, 0), (0.2, 0), (0.5, 0.4), (0.5, 0.4), (0.45, 0.4), (0.45, 0.4), (0.15, 0.05), (0, 0.05)]
     )
-    upright = [rest for rest in rests(shapes.lathe(profile, 32, smooth=False)) if rest.turn[2, 2] > 0.999]
+    upright = [rest for rest in stable_poses(shapes.lathe(profile, 32, smooth=False)) if rest.turn[2, 2] > 0.999]
     assert upright
     assert all(rest.top is None for rest in upright)
 
 
-def test_gap_never_exceeds_the_distance():
+def test_gap_is_a_lower_bound_of_the_distance():
     rng = np.random.default_rng(5)
     apart = 0
     for _ in range(200):
@@ -74,7 +74,7 @@ def test_gap_never_exceeds_the_distance():
     assert apart > 50
 
 
-def test_inside_by_is_the_distance_to_the_nearest_side():
+def test_inside_by_is_the_distance_to_the_nearest_edge():
     square = np.array([[0.0, 0], [2, 0], [2, 2], [0, 2]])
     assert inside_by(square, np.array([1.0, 0.25])) == pytest.approx(0.25)
     assert inside_by(square, np.array([3.0, 1.0])) == pytest.approx(-1.0)

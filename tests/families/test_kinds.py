@@ -1,17 +1,17 @@
-"""Bodies are closed, turned outside out, of extent 1, with normals that point outwards."""
+"""Bodies are watertight, of extent 1, with outward faces and normals."""
 
 import numpy as np
 import pytest
 import trimesh
 
-from twinlens.families.catalogue import KINDS
-from twinlens.families.resting import centre_of_mass
+from twinlens.families.kinds import KINDS
+from twinlens.families.stable_poses import centre_of_mass
 
 RNG_SEEDS = (0, 1, 2)
 
 
-def joined(mesh):
-    """As trimesh sees it, equal vertices joined."""
+def merged(mesh):
+    """As a trimesh, with vertices at equal positions merged."""
     made = trimesh.Trimesh(np.round(mesh.vertices, 9), mesh.faces, process=False)
     made.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=7)
     made.update_faces(made.nondegenerate_faces())
@@ -19,10 +19,10 @@ def joined(mesh):
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_every_body_is_closed_and_turned_outwards(name):
+def test_every_body_is_watertight_with_outward_normals(name):
     for seed in RNG_SEEDS:
         mesh = KINDS[name].make(np.random.default_rng(seed)).mesh
-        solid = joined(mesh)
+        solid = merged(mesh)
         assert solid.is_watertight
         assert solid.is_winding_consistent
         assert solid.volume > 0
@@ -36,6 +36,6 @@ def test_every_body_is_closed_and_turned_outwards(name):
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_bodies_are_of_modest_size(name):
+def test_bodies_have_fewer_than_8000_faces(name):
     faces = [len(KINDS[name].make(np.random.default_rng(seed)).mesh.faces) for seed in RNG_SEEDS]
     assert max(faces) < 8000

@@ -1,26 +1,25 @@
-"""Colours that go together: small palettes, drawn one a scene, so that a picture looks arranged and not dyed at random.
-
-A palette names its walls and grounds (quiet colours for large surfaces) apart from its accents (for objects). All
-colours leave here linear.
-"""
+"""Colour palettes, linear RGB: each scene draws one, so that its colours go together."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from twinlens.families.draws import Rng, one_of
 from twinlens.geometry import Float
 from twinlens.scenes.colors import linear_from_srgb
-
-Rng = np.random.Generator
 
 
 @dataclass(frozen=True, eq=False)
 class Palette:
-    """Linear colours, each (N, 3): `grounds` for walls and floors, `accents` for objects."""
+    """Linear colours, each (N, 3): muted `grounds` for walls and floors, `accents` for objects."""
 
     name: str
     grounds: Float
     accents: Float
+
+    def shuffled_accents(self, rng: Rng) -> Float:
+        """The accents in a random order, each varied a little."""
+        return varied(rng, shuffled(rng, self.accents))
 
 
 # fmt: off
@@ -51,25 +50,29 @@ _METALS = ("f0d9a0", "e3b58f", "d9dadb", "b9bcc2", "e8c46a", "c7cdd6", "8d8f94")
 
 
 def _linear(words: str) -> Float:
+    """Linear RGB (N, 3) of hexadecimal sRGB colours."""
     encoded = [[int(word[i : i + 2], 16) / 255 for i in (0, 2, 4)] for word in words.split()]
     return np.asarray(linear_from_srgb(encoded), dtype=np.float64)
 
 
-PALETTES: dict[str, Palette] = {
-    name: Palette(name, _linear(grounds), _linear(accents)) for name, (grounds, accents) in _HEX.items()
-}
+PALETTES = {name: Palette(name, _linear(grounds), _linear(accents)) for name, (grounds, accents) in _HEX.items()}
 WOODS = tuple(_linear(words) for words in _WOODS)
 STONES = tuple(_linear(words) for words in _STONES)
-METALS = _linear(" ".join(_METALS))
+METALS = tuple(_linear(" ".join(_METALS)))
 
 
 def draw_palette(rng: Rng) -> Palette:
     """One of the palettes."""
-    return PALETTES[list(PALETTES)[int(rng.integers(len(PALETTES)))]]
+    return one_of(rng, list(PALETTES.values()))
+
+
+def shuffled(rng: Rng, colors: Float) -> Float:
+    """The colours (N, 3) in a random order."""
+    return np.asarray(colors[rng.permutation(len(colors))])
 
 
 def varied(rng: Rng, colors: Float, amount: float = 0.12) -> Float:
-    """The colours, each a little lighter or darker and warmer or cooler, within what paint can be."""
+    """The colours (N, 3) with random changes of lightness and warmth, clipped to the albedo of paint."""
     light = np.exp(rng.normal(0, amount, (len(colors), 1)))
     warm = 1 + rng.normal(0, 0.35 * amount, (len(colors), 1)) * np.array([1.0, 0.0, -1.0])
     return np.asarray(np.clip(colors * light * warm, 0.012, 0.86))

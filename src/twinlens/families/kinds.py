@@ -1,0 +1,378 @@
+"""The 33 kinds of bodies: a function of a random stream each, and the table of their sizes, weights and patterns.
+
+Profiles of lathed bodies run up the outside and, in hollow ones, down the inside; a point given twice is a hard edge.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twinlens.families.draws import Rng, one_of
+from twinlens.families.solids import Solid, closed_grid, cuboid, extruded, hard_edged, hull, lathed, polar, unit
+from twinlens.geometry import Float
+
+
+def _hollow(outside: list[tuple[float, float]], wall: float, floor: float) -> Float:
+    """The profile of a vessel from its outside, foot to lip: the inside is `wall` thinner and ends at `floor`."""
+    outer = [(0.0, outside[0][1]), outside[0], *outside]
+    lip = outside[-1]
+    inner = [(max(r - wall, 0.35 * r), h) for r, h in reversed(outside) if h > floor]
+    inner = [(lip[0] - wall, lip[1])] + [p for p in inner if p[1] < lip[1] - 1e-6]
+    end = inner[-1][0]
+    return np.array([*outer, lip, *inner, (0.7 * end, floor), (0.0, floor)])
+
+
+def _vase(rng: Rng) -> Solid:
+    belly, neck, tall = rng.uniform(0.3, 0.5), rng.uniform(0.09, 0.24), rng.uniform(0.9, 1.7)
+    foot, lip = rng.uniform(0.4, 0.75) * belly, neck * rng.uniform(1.1, 1.7)
+    at = rng.uniform(0.25, 0.6)
+    outside = [
+        (foot, 0.0), (0.5 * (foot + belly) * 1.1, 0.5 * at * tall), (belly, at * tall),
+        (0.55 * belly + 0.45 * neck, (0.45 * at + 0.55 * 0.8) * tall), (neck, 0.86 * tall), (lip, tall),
+    ]  # fmt: skip
+    return lathed(_hollow(outside, 0.03, 0.06))
+
+
+def _bottle(rng: Rng) -> Solid:
+    r, tall, neck = rng.uniform(0.2, 0.36), rng.uniform(1.1, 1.8), rng.uniform(0.07, 0.1)
+    shoulder = rng.uniform(0.5, 0.66) * tall
+    profile = [
+        (0, 0), (0.92 * r, 0), (0.92 * r, 0), (r, 0.05), (r, 0.6 * shoulder), (r, shoulder),
+        (0.75 * r, shoulder + 0.13), (neck * 1.15, shoulder + 0.26), (neck, tall - 0.12), (neck, tall - 0.1),
+        (neck, tall - 0.1), (neck * 1.3, tall - 0.1), (neck * 1.3, tall - 0.1), (neck * 1.3, tall),
+        (neck * 1.3, tall), (0, tall),
+    ]  # fmt: skip
+    return lathed(profile)
+
+
+def _bowl(rng: Rng) -> Solid:
+    deep, foot = rng.uniform(0.25, 0.5), rng.uniform(0.18, 0.28)
+    outside = [(foot, 0.0), (foot, 0.03), (0.33, 0.25 * deep), (0.46, 0.62 * deep), (0.5, deep)]
+    return lathed(_hollow(outside, 0.03, 0.055))
+
+
+def _cup(rng: Rng) -> Solid:
+    tall, foot, lip = rng.uniform(0.7, 1.2), rng.uniform(0.26, 0.4), rng.uniform(0.34, 0.44)
+    middle = 0.5 * (foot + lip) * rng.uniform(0.95, 1.15)
+    return lathed(_hollow([(foot, 0.0), (foot * 1.02, 0.04), (middle, 0.5 * tall), (lip, tall)], 0.03, 0.06))
+
+
+def _goblet(rng: Rng) -> Solid:
+    tall, r, wall = rng.uniform(1.1, 1.6), rng.uniform(0.26, 0.36), 0.025
+    foot = [(0, 0), (0.28, 0), (0.28, 0), (0.26, 0.03), (0.06, 0.09), (0.04, 0.25 * tall)]
+    outside = [(0.05, 0.45 * tall), (0.6 * r, 0.52 * tall), (r, 0.7 * tall), (0.88 * r, tall)]
+    inside = [(0.88 * r - wall, tall), (r - wall, 0.7 * tall), (0.5 * r, 0.56 * tall), (0, 0.53 * tall)]
+    return lathed([*foot, *outside, outside[-1], *inside])
+
+
+def _plate(rng: Rng) -> Solid:
+    r, rise = 0.5, rng.uniform(0.05, 0.1)
+    outside = [(0.6 * r, 0), (0.66 * r, 0.012), (0.8 * r, 0.5 * rise), (r, rise)]
+    inside = [(r, rise + 0.02), (0.8 * r, 0.5 * rise + 0.022), (0.62 * r, 0.03), (0, 0.03)]
+    return lathed([(0, 0), (0.6 * r, 0), *outside, outside[-1], inside[0], *inside])
+
+
+def _jar(rng: Rng) -> Solid:
+    """With a lid and a knob."""
+    r, tall = rng.uniform(0.34, 0.48), rng.uniform(0.6, 1.1)
+    lid = tall + 0.09
+    profile = [
+        (0, 0), (r, 0), (r, 0), (r * 1.04, 0.5 * tall), (r, tall), (r, tall), (r * 1.07, tall), (r * 1.07, tall),
+        (r * 1.07, lid), (r * 1.07, lid), (0.3 * r, lid + 0.05), (0.12 * r, lid + 0.09), (0.22 * r, lid + 0.17),
+        (0, lid + 0.23),
+    ]  # fmt: skip
+    return lathed(profile)
+
+
+def _tin(rng: Rng) -> Solid:
+    """A can with rolled rims."""
+    r, tall = rng.uniform(0.28, 0.5), rng.uniform(0.4, 1.2)
+    e = 0.018
+    profile = [
+        (0, 0.012), (r - e, 0.012), (r - e, 0), (r + e, 0), (r + e, 0), (r + e, 0.03), (r + e, 0.03), (r, 0.045),
+        (r, 0.045), (r, tall - 0.045), (r, tall - 0.045), (r + e, tall - 0.03), (r + e, tall - 0.03), (r + e, tall),
+        (r + e, tall), (r - e, tall), (r - e, tall), (r - e, tall - 0.012), (r - e, tall - 0.012), (0, tall - 0.012),
+    ]  # fmt: skip
+    return lathed(profile, smooth=False)
+
+
+def _candle(rng: Rng) -> Solid:
+    r, tall = rng.uniform(0.16, 0.36), rng.uniform(0.5, 1.2)
+    profile = [(0, 0), (r, 0), (r, 0), (r, tall - 0.06), (r, tall - 0.06), (0.96 * r, tall - 0.015), (0.85 * r, tall),
+               (0.5 * r, tall - 0.02), (0, tall - 0.03)]  # fmt: skip
+    return lathed(profile)
+
+
+def _apple(rng: Rng) -> Solid:
+    wide = rng.uniform(0.46, 0.54)
+    profile = [(0, 0.07), (0.12, 0.012), (0.22, 0.0), (0.36, 0.09), (wide, 0.42), (0.9 * wide, 0.72), (0.26, 0.86),
+               (0.1, 0.82), (0, 0.72)]  # fmt: skip
+    return lathed(profile)
+
+
+def _pear(rng: Rng) -> Solid:
+    profile = [(0, 0.05), (0.1, 0.01), (0.2, 0.0), (0.36, 0.1), (0.42, 0.34), (0.3, 0.66), (0.2, 0.88), (0.13, 1.02),
+               (0, 1.06)]  # fmt: skip
+    return lathed(np.array(profile) * [rng.uniform(0.9, 1.1), 1.0])
+
+
+def _egg(rng: Rng) -> Solid:
+    t = np.linspace(-np.pi / 2, np.pi / 2, 12)
+    r = 0.38 * np.cos(t) * (1 - 0.12 * np.sin(t))
+    r[[0, -1]] = 0.0
+    return lathed(np.stack([r, 0.52 * np.sin(t)], axis=-1), upright=False)
+
+
+def _pawn(rng: Rng) -> Solid:
+    waist, head = rng.uniform(0.1, 0.16), rng.uniform(0.18, 0.24)
+    profile = [
+        (0, 0), (0.34, 0), (0.34, 0), (0.35, 0.07), (0.29, 0.12), (0.27, 0.18), (0.2, 0.24), (waist, 0.55),
+        (waist + 0.01, 0.66), (0.22, 0.7), (0.22, 0.73), (0.11, 0.77), (head, 0.77 + 0.9 * head),
+        (0.7 * head, 0.77 + 1.65 * head), (0, 0.77 + 1.95 * head),
+    ]  # fmt: skip
+    return lathed(profile)
+
+
+def _cylinder(rng: Rng) -> Solid:
+    r, tall, e = rng.uniform(0.15, 0.5), rng.uniform(0.3, 1.2), 0.015
+    profile = [(0, 0), (r - e, 0), (r, e), (r, tall - e), (r - e, tall), (0, tall)]
+    return lathed(hard_edged(profile), upright=False, smooth=False)
+
+
+def _cone(rng: Rng) -> Solid:
+    """A cone or a frustum."""
+    r, top, tall = rng.uniform(0.3, 0.5), one_of(rng, [0.02, 0.02, 0.18]), rng.uniform(0.6, 1.2)
+    return lathed(hard_edged([(0, 0), (r, 0), (top, tall), (0, tall + 0.01)]), smooth=False)
+
+
+def _capsule(rng: Rng) -> Solid:
+    r, straight = rng.uniform(0.18, 0.32), rng.uniform(0.2, 0.7)
+    t = np.linspace(-np.pi / 2, 0, 7)
+    below = np.stack([r * np.cos(t), r * np.sin(t)], axis=-1)
+    below[0, 0] = 0.0
+    above = below[::-1] * [1, -1] + [0, straight]
+    return lathed(np.vstack([below, above]), upright=False)
+
+
+def _book(rng: Rng) -> Solid:
+    return cuboid(np.array([1.0, rng.uniform(0.62, 0.8), rng.uniform(0.08, 0.26)]), 0.012)
+
+
+def _carton(rng: Rng) -> Solid:
+    return cuboid(np.array([rng.uniform(0.4, 1.0), rng.uniform(0.3, 0.8), rng.uniform(0.4, 1.1)]), 0.012)
+
+
+def _block(rng: Rng) -> Solid:
+    extents = rng.uniform(0.35, 1.0, 3) if rng.random() < 0.7 else np.ones(3)
+    return cuboid(extents, rng.uniform(0.02, 0.14) * float(extents.min()), upright=False)
+
+
+def _sphere_angles(rows: int = 28, columns: int = 48) -> tuple[Float, Float]:
+    """Latitude (rows, 1) from the south pole, and longitude (1, columns)."""
+    longitude = np.linspace(0, 2 * math.pi, columns, endpoint=False)
+    return np.linspace(-math.pi / 2, math.pi / 2, rows)[:, None], longitude[None, :]
+
+
+def _sphere() -> Float:
+    """Points (rows, columns, 3) of the unit sphere."""
+    lat, lon = _sphere_angles()
+    xyz = np.stack(np.broadcast_arrays(np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)), -1)
+    xyz[[0, -1]] = [[[0, 0, -1]], [[0, 0, 1]]]
+    return xyz
+
+
+def _ball(rng: Rng) -> Solid:
+    return unit(closed_grid(_sphere()), False, (5.2, 3.14), True)
+
+
+def _ellipsoid(rng: Rng) -> Solid:
+    return unit(closed_grid(_sphere() * rng.uniform(0.5, 1.0, 3)), False, (4.4, 2.6), True)
+
+
+def _superquadric(rng: Rng) -> Solid:
+    """Between box, cylinder, sphere and octahedron. Source: Barr, Superquadrics, IEEE CG&A 1(1), 1981."""
+    e1, e2 = rng.choice([0.25, 0.4, 0.7, 1.0, 1.6], 2)
+    lat, lon = _sphere_angles(32, 64)
+
+    def power(x: Float, e: float) -> Float:
+        return np.asarray(np.sign(x) * np.abs(x) ** e)
+
+    ring = power(np.cos(lat), e1)
+    ring[[0, -1]] = 0.0
+    x, y, z = ring * power(np.cos(lon), e2), ring * power(np.sin(lon), e2), power(np.sin(lat), e1)
+    xyz = np.stack(np.broadcast_arrays(x, y, z), -1)
+    return unit(closed_grid(xyz * rng.uniform(0.55, 1.0, 3)), False, (4.8, 2.8), True)
+
+
+def _pebble(rng: Rng) -> Solid:
+    """A sphere displaced by a few waves."""
+    xyz = _sphere()
+    r = np.ones(xyz.shape[:2])
+    for frequency in (1.5, 2.5, 4.0, 7.0):
+        waves = rng.normal(0, 1, (4, 3)) * frequency
+        r += 0.09 / frequency**0.8 * np.sin(xyz @ waves.T + rng.uniform(0, 6.28, 4)).sum(axis=-1)
+    return unit(closed_grid(xyz * r[..., None] * rng.uniform(0.6, 1.0, 3)), False, (4.6, 2.7), True)
+
+
+def _blob(rng: Rng) -> Solid:
+    """A sphere with twisted ridges, as gourds have."""
+    lat, lon = _sphere_angles(36, 72)
+    count, twist, depth = int(rng.integers(5, 11)), rng.uniform(-2, 2), rng.uniform(0.05, 0.18)
+    r = 1 + depth * np.cos(count * lon + twist * lat) * np.cos(lat) ** 0.7
+    xyz = np.stack(np.broadcast_arrays(r * np.cos(lat) * np.cos(lon), r * np.cos(lat) * np.sin(lon), np.sin(lat)), -1)
+    xyz[[0, -1], :, :2] = 0.0
+    return unit(closed_grid(xyz * [1, 1, rng.uniform(0.6, 1.1)]), False, (5.0, 2.8), True)
+
+
+def _ring(rng: Rng) -> Solid:
+    """A torus, round or ridged."""
+    thick, count = rng.uniform(0.18, 0.42), int(rng.integers(4, 12))
+    depth = one_of(rng, [0.0, 0.0, 0.12])
+    theta = np.linspace(0, 2 * math.pi, 24, endpoint=False)[:, None] + math.pi
+    phi = np.linspace(0, 2 * math.pi, 72, endpoint=False)[None, :]
+    r = thick * (1 + depth * np.cos(count * phi))
+    across = 1 + r * np.cos(theta)
+    xyz = np.stack(np.broadcast_arrays(across * np.cos(phi), across * np.sin(phi), r * np.sin(theta)), -1)
+    return unit(closed_grid(xyz, wrap_v=True), False, (6.28, 6.28 * thick), True)
+
+
+def _knot(rng: Rng) -> Solid:
+    """A thick (p, q) torus knot."""
+    p, q = one_of(rng, [(2, 3), (3, 2), (2, 5)])
+    t = np.linspace(0, 2 * math.pi, 160, endpoint=False)
+
+    def curve(t: Float) -> Float:
+        r = 2 + np.cos(q * t)
+        return np.stack([r * np.cos(p * t), r * np.sin(p * t), np.sin(q * t)], axis=-1)
+
+    step = 1e-3
+    tangent = curve(t + step) - curve(t - step)
+    bend = curve(t + step) + curve(t - step) - 2 * curve(t)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    bend -= (bend * tangent).sum(axis=1, keepdims=True) * tangent
+    bend /= np.linalg.norm(bend, axis=1, keepdims=True)
+    side = np.cross(tangent, bend)
+    a = np.linspace(0, 2 * math.pi, 14, endpoint=False)[None, :, None]
+    points = curve(t)[:, None] + 0.42 * (np.cos(a) * bend[:, None] + np.sin(a) * side[:, None])
+    return unit(closed_grid(points.swapaxes(0, 1)[::-1], wrap_v=True), False, (24.0, 2.6), True)
+
+
+def _cyclic(first: tuple[float, ...], second: tuple[float, ...]) -> list[tuple[float, float, float]]:
+    """Cyclic permutations of (0, a, b)."""
+    return [p for a in first for b in second for p in ((0, a, b), (a, b, 0), (b, 0, a))]
+
+
+_GOLDEN = (1 + math.sqrt(5)) / 2
+_POLYHEDRA = (  # corners of tetrahedron, octahedron, icosahedron, dodecahedron, cuboctahedron
+    [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)],
+    [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)],
+    _cyclic((-1, 1), (-_GOLDEN, _GOLDEN)),
+    [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    + _cyclic((-1 / _GOLDEN, 1 / _GOLDEN), (-_GOLDEN, _GOLDEN)),
+    _cyclic((-1, 1), (-1, 1)),
+)
+
+
+def _crystal(rng: Rng) -> Solid:
+    return hull(np.array(one_of(rng, _POLYHEDRA), dtype=np.float64))
+
+
+def _directions(count: int) -> Float:
+    """Unit vectors (count, 2) at even steps of angle."""
+    angle = np.arange(count) * 2 * math.pi / count
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def _star(rng: Rng) -> Solid:
+    points, inner = int(rng.integers(4, 9)), rng.uniform(0.45, 0.7)
+    radius = np.where(np.arange(2 * points) % 2 == 0, 1.0, inner)
+    return extruded(radius[:, None] * _directions(2 * points), rng.uniform(0.25, 0.6))
+
+
+def _gear(rng: Rng) -> Solid:
+    """A toothed wheel with a bore."""
+    teeth, depth = int(rng.integers(8, 19)), rng.uniform(0.12, 0.22)
+    count = 16 * teeth if teeth < 12 else 12 * teeth
+    outline = polar(lambda a: 1 - depth * np.clip(0.5 + 1.6 * np.cos(teeth * a), 0, 1), count)
+    return extruded(outline, rng.uniform(0.2, 0.5), hole=rng.uniform(0.2, 0.45), bevel=0.02)
+
+
+def _flower(rng: Rng) -> Solid:
+    petals, depth = int(rng.integers(3, 8)), rng.uniform(0.1, 0.3)
+    return extruded(polar(lambda a: 1 + depth * np.cos(petals * a)), rng.uniform(0.25, 0.8))
+
+
+def _heart(rng: Rng) -> Solid:
+    t = np.linspace(0, 2 * math.pi, 100, endpoint=False)
+    x = 16 * np.sin(t) ** 3
+    y = 13 * np.cos(t) - 5 * np.cos(2 * t) - 2 * np.cos(3 * t) - np.cos(4 * t) + 1.5
+    return extruded(np.stack([x, y], axis=-1)[::-1] / 16, rng.uniform(0.3, 0.6))
+
+
+def _prism(rng: Rng) -> Solid:
+    return extruded(_directions(one_of(rng, [3, 5, 6, 8])), rng.uniform(0.5, 2.2))
+
+
+def _nut(rng: Rng) -> Solid:
+    """A hexagonal nut."""
+    angle = np.arange(60) * math.pi / 30
+    apothem = np.cos(math.pi / 6) / np.cos((angle % (math.pi / 3)) - math.pi / 6)
+    return extruded(apothem[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1), rng.uniform(0.5, 0.9), 0.52)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How a kind of body is made, the range of its largest extent in metres, its weight in draws, and its patterns."""
+
+    make: Callable[[Rng], Solid]
+    size: tuple[float, float]
+    weight: float
+    patterns: tuple[str, ...]
+
+
+_GLAZED = ("plain", "cloudy", "speckled", "stripes", "zigzag", "dots", "scales", "triangles", "marble")
+_FRUIT = ("cloudy", "speckled", "plain")
+_STONE = ("marble", "granite", "speckled", "cloudy", "chips")
+_PRINTED = ("art", "stripes", "triangles", "dots", "plain", "camouflage", "checks")
+_TOY = ("plain", "wood", "stripes", "dots", "triangles", "checks", "cloudy", "mosaic", "camouflage")
+_CAST = ("plain", "cloudy", "granite", "wood", "marble")
+
+KINDS: dict[str, Kind] = {
+    "vase": Kind(_vase, (0.18, 0.36), 1.6, _GLAZED),
+    "bottle": Kind(_bottle, (0.2, 0.34), 1.3, ("plain", "cloudy", "stripes", "speckled")),
+    "bowl": Kind(_bowl, (0.14, 0.28), 1.2, _GLAZED),
+    "cup": Kind(_cup, (0.08, 0.13), 1.4, _GLAZED),
+    "goblet": Kind(_goblet, (0.13, 0.2), 0.6, ("plain", "cloudy", "wood")),
+    "plate": Kind(_plate, (0.18, 0.28), 0.7, _GLAZED),
+    "jar": Kind(_jar, (0.12, 0.24), 1.0, _GLAZED),
+    "tin": Kind(_tin, (0.08, 0.15), 1.0, _PRINTED),
+    "candle": Kind(_candle, (0.07, 0.2), 0.8, ("plain", "cloudy", "stripes", "marble")),
+    "apple": Kind(_apple, (0.075, 0.095), 1.4, _FRUIT),
+    "pear": Kind(_pear, (0.09, 0.12), 0.9, _FRUIT),
+    "egg": Kind(_egg, (0.06, 0.09), 0.6, _FRUIT),
+    "pawn": Kind(_pawn, (0.09, 0.22), 0.8, ("wood", "plain", "marble")),
+    "cylinder": Kind(_cylinder, (0.08, 0.22), 0.7, _TOY),
+    "cone": Kind(_cone, (0.1, 0.2), 0.6, _TOY),
+    "capsule": Kind(_capsule, (0.08, 0.18), 0.5, _TOY),
+    "book": Kind(_book, (0.18, 0.3), 1.8, ("plain", "art", "stripes", "weave", "triangles", "cloudy", "scales")),
+    "carton": Kind(_carton, (0.1, 0.28), 1.4, _PRINTED),
+    "block": Kind(_block, (0.06, 0.16), 1.2, _TOY),
+    "ball": Kind(_ball, (0.07, 0.18), 1.2, ("stripes", "plain", "dots", "cloudy", "marble", "triangles")),
+    "ellipsoid": Kind(_ellipsoid, (0.08, 0.18), 0.5, _TOY),
+    "superquadric": Kind(_superquadric, (0.1, 0.22), 1.0, _TOY),
+    "pebble": Kind(_pebble, (0.06, 0.2), 1.1, _STONE),
+    "blob": Kind(_blob, (0.1, 0.2), 0.9, _GLAZED),
+    "ring": Kind(_ring, (0.1, 0.24), 0.8, _TOY),
+    "knot": Kind(_knot, (0.12, 0.26), 0.5, _CAST),
+    "crystal": Kind(_crystal, (0.08, 0.18), 0.8, ("plain", "granite", "marble", "wood", "chips")),
+    "star": Kind(_star, (0.1, 0.2), 0.5, _TOY),
+    "gear": Kind(_gear, (0.1, 0.24), 0.8, ("plain", "cloudy", "granite")),
+    "flower": Kind(_flower, (0.1, 0.2), 0.5, _TOY),
+    "heart": Kind(_heart, (0.08, 0.18), 0.4, ("plain", "cloudy", "wood", "dots")),
+    "prism": Kind(_prism, (0.08, 0.22), 0.6, _TOY),
+    "nut": Kind(_nut, (0.07, 0.16), 0.5, ("plain", "granite")),
+}
+METALLIC = ("gear", "nut", "knot", "ring", "vase", "goblet", "tin", "ball", "crystal", "bowl", "capsule", "blob")
+GLASSY = ("vase", "bottle", "goblet", "ball", "cup", "crystal")

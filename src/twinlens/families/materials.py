@@ -1,0 +1,174 @@
+"""Materials: a finish (matte, glossy, metal, ...) with a pattern at the resolution it is seen at.
+
+Only five Mitsuba plugins are used (`diffuse`, `roughplastic`, `roughconductor`, `conductor`, `dielectric`), and every
+colour is a bitmap: the renderer compiles a kernel for each new mix of plugin types, so most scenes share one kernel.
+"""
+
+import math
+
+import numpy as np
+from scipy.ndimage import zoom
+
+from twinlens.errors import unknown
+from twinlens.families.colors import METALS, Palette, shuffled, varied
+from twinlens.families.composition import Composition
+from twinlens.families.draws import Rng, one_of, weighted
+from twinlens.families.family import Request
+from twinlens.families.patterns import Image, half_size, noise, pattern
+from twinlens.families.solids import Solid
+from twinlens.geometry import Float
+from twinlens.scenes.scene import Bitmap, Plugin
+
+PROPORTIONS = {"matte": 0.44, "satin": 0.22, "glossy": 0.20, "metal": 0.09, "glass": 0.03, "mirror": 0.02}
+"""Shares of the finishes of bodies that take any; `draw_finish` leaves out metal or glass for bodies that do not."""
+
+_ROUGHNESS = {"satin": (0.18, 0.35), "glossy": (0.04, 0.12), "metal": (0.08, 0.3)}
+_MAX_TEXELS, _MIN_TEXELS = 512, 8
+_USER_TEXTURES = 0.4  # how often a surface takes a user's texture, where the user gave any
+
+
+def material(finish: str, color: Bitmap, roughness: float = 0.2) -> Plugin:
+    """A Mitsuba material of this finish; `color` is its reflectance, or a metal's tint."""
+    if finish == "glass":
+        return {"type": "dielectric", "int_ior": 1.5}
+    if finish == "mirror":
+        return {"type": "conductor", "material": "Ag", "specular_reflectance": color}
+    if finish == "metal":
+        return {"type": "roughconductor", "material": "none", "specular_reflectance": color, "alpha": roughness}
+    if finish == "matte":
+        return {"type": "diffuse", "reflectance": color}
+    return {"type": "roughplastic", "diffuse_reflectance": color, "alpha": roughness}
+
+
+def draw_finish(rng: Rng, metal: bool = True, glass: bool = True) -> str:
+    """A finish by its proportion; without metals or glass for bodies that are not made of them."""
+    names = [n for n in PROPORTIONS if (metal or n not in ("metal", "mirror")) and (glass or n != "glass")]
+    return weighted(rng, names, [PROPORTIONS[name] for name in names])
+
+
+def texels(length: float, pixel: float, most: int = _MAX_TEXELS) -> int:
+    """How many texels a tile of `length` metres has: a power of two, no texel smaller than a pixel of `pixel` metres.
+
+    >>> texels(0.1, 0.0011)
+    64
+    """
+    return int(np.clip(1 << math.floor(math.log2(max(length / pixel, 1.0))), _MIN_TEXELS, most))
+
+
+def body_material(
+    rng: Rng, solid: Solid, size: float, pixel: float, palette: Palette, finish: str, names: tuple[str, ...]
+) -> Plugin:
+    """A material in one of the patterns `names`, for a body `size` metres large seen with pixels of `pixel` metres."""
+    name = one_of(rng, names)
+    tile = size * one_of(rng, [0.35, 0.5, 0.7, 1.0])
+    if name in ("art", "wood", "marble", "cloudy"):
+        tile = size
+    n = texels(tile, pixel)
+    roughness = float(rng.uniform(*_ROUGHNESS.get(finish, (0.2, 0.2))))
+    if finish in ("metal", "mirror"):
+        pixels = metal_pixels(rng, n, finish)
+    else:
+        pixels = pattern(name, n, rng, palette.shuffled_accents(rng))
+    return material(finish, Bitmap(pixels, to_uv=_repeats(solid, size, tile)), roughness)
+
+
+def user_body_material(pixels: Image, rng: Rng, solid: Solid, size: float, pixel: float, finish: str) -> Plugin:
+    """A user's texture, repeated once or twice over a body, no texel smaller than a pixel."""
+    tile = size * one_of(rng, [0.5, 1.0])
+    color = Bitmap(resized(pixels, texels(tile, pixel)), to_uv=_repeats(solid, size, tile))
+    return material(finish, color, float(rng.uniform(0.05, 0.3)))
+
+
+def _repeats(solid: Solid, size: float, tile: float) -> Float:
+    """`to_uv` (4, 4) that repeats a tile along u and v of a body; a whole number of times where u closes on itself."""
+    u, v = (span * size / tile for span in solid.span)
+    u, v = (float(max(1, round(u))), max(v, 0.25)) if solid.around else (u, v)
+    return np.diag([u, v, 1.0, 1.0])
+
+
+def metal_pixels(rng: Rng, n: int, finish: str) -> Image:
+    """A metal's tint with faint wear; a mirror has none."""
+    tint = one_of(rng, METALS) if finish == "metal" else np.full(3, 0.95)
+    wear = 0.0 if finish == "mirror" else rng.uniform(0.15, 0.5)
+    grey = 1 - wear * noise(n, rng, 3, octaves=7, gain=0.7).astype(np.float64)
+    return (np.clip(tint * grey[..., None], 0, 0.97)).astype(np.float32)
+
+
+def user_texture(request: Request, *part: str | int) -> Image | None:
+    """One of the user's textures for a share of the surfaces; None for the others, and where no file can be used."""
+    if not request.assets.textures or request.rng(*part, "own texture").random() >= _USER_TEXTURES:
+        return None
+    drawn = request.assets.texture(request.rng(*part, "picture"))
+    return None if drawn is None else drawn[1]
+
+
+def resized(pixels: Image, side: int) -> Image:
+    """A picture as a square of at most `side` texels: halved while it is twice as large, then linear interpolation."""
+    while min(pixels.shape[:2]) >= 2 * side:
+        pixels = half_size(pixels)
+    factors = (min(side, _MAX_TEXELS) / pixels.shape[0], min(side, _MAX_TEXELS) / pixels.shape[1], 1)
+    return np.ascontiguousarray(np.clip(zoom(pixels, factors, order=1, grid_mode=True, mode="grid-wrap"), 0, 0.95))
+
+
+FURNITURE = {  # patterns, tile in metres, finish, roughness
+    "wood": (("wood",), 0.6, "satin", 0.25),
+    "fabric": (("weave", "weave", "weave", "cloudy", "stripes"), 0.22, "matte", 0.3),
+    "pattern": (("stripes", "zigzag", "dots", "triangles", "gingham", "scales", "weave"), 0.4, "matte", 0.3),
+    "paint": (("plain",), 0.8, "satin", 0.25),
+    "white": (("plain",), 0.8, "satin", 0.2),
+    "metal": (("plain",), 0.5, "metal", 0.2),
+    "glaze": (("plain", "speckled", "cloudy", "stripes"), 0.5, "glossy", 0.08),
+    "leaf": (("cloudy",), 0.4, "satin", 0.3),
+    "card": (("cloudy",), 0.6, "matte", 0.3),
+    "rug": (("zigzag", "triangles", "stripes", "scales", "checks", "weave", "mosaic"), 0.9, "matte", 0.3),
+    "picture": (("art", "camouflage", "triangles", "marble", "stripes", "art"), 1.0, "matte", 0.3),
+}
+"""Materials of the parts of furniture. The parts' (u, v) are in metres, those of pictures and spines in [0, 1]."""
+
+_FIXED_COLORS = {
+    "leaf": np.array([[0.035, 0.11, 0.03], [0.09, 0.22, 0.05], [0.05, 0.16, 0.07]]),
+    "card": np.array([[0.42, 0.29, 0.17], [0.36, 0.24, 0.14]]),
+    "white": np.array([[0.76, 0.75, 0.72]]),
+}
+
+
+def furniture_material(
+    scene: Composition, part: tuple[str | int, ...], word: str, pixel: float, shared: int = 0
+) -> Plugin:
+    """The material of one part of a piece of furniture; parts with the same `word` and `shared` look alike."""
+    if word == "spines":
+        return material("satin", Bitmap(_spines(scene, part), filter="nearest"), 0.3)
+    if word not in FURNITURE:
+        raise unknown("furniture material", word, FURNITURE)
+    names, tile, finish, roughness = FURNITURE[word]
+    rng = scene.rng("dress", *(part if word in ("pattern", "picture", "rug") else (word, shared)))
+    n = texels(tile, pixel, 256)
+    own = user_texture(scene.request, *part) if word in ("picture", "rug", "pattern", "fabric") else None
+    if own is not None:
+        pixels = resized(own, n)
+    elif word == "metal":
+        pixels = metal_pixels(rng, n, "metal")
+    else:
+        pixels = pattern(one_of(rng, names), n, rng, _colors(rng, word, scene.palette), 0.07)
+    return material(finish, Bitmap(pixels, to_uv=np.diag([1 / tile, 1 / tile, 1.0, 1.0])), roughness)
+
+
+def _colors(rng: Rng, word: str, palette: Palette) -> Float:
+    if word in _FIXED_COLORS:
+        return varied(rng, _FIXED_COLORS[word], 0.12)
+    tones = np.vstack([palette.accents, palette.grounds]) if word in ("fabric", "paint") else palette.accents
+    return varied(rng, shuffled(rng, tones), 0.1)
+
+
+def _spines(scene: Composition, part: tuple[str | int, ...]) -> Image:
+    """Spines of books: 32 columns, one a book, with bands and a label."""
+    rng, palette = scene.rng("spines", *part), scene.palette
+    cloth = varied(rng, np.vstack([palette.accents, palette.accents, palette.grounds]), 0.15)
+    columns = cloth[rng.integers(len(cloth), size=32)]
+    pixels = np.repeat(columns[None], 64, axis=0)
+    for book in range(32):
+        ink = columns[rng.integers(32)]
+        at, tall = int(rng.integers(8, 30)), int(rng.integers(3, 14))
+        pixels[at : at + tall, book] = ink
+        pixels[[50, 53], book] = ink if rng.random() < 0.5 else columns[book]
+    return pixels.astype(np.float32)
