@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from twinlens.factory import make, recipe_from_table
-from twinlens.factory.work import Work, written
+from twinlens.factory.workers import Work, written
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import build
 from twinlens.rendering.radiance import make_sensor

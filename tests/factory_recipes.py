@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 PATIENCE_S = 300
 
@@ -88,11 +89,11 @@ def digests(folder: Path) -> dict[str, str]:
     return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
-def start(recipe: Path, folder: Path, *options: str) -> "subprocess.Popen[str]":
+def start(recipe: Path, folder: Path, *options: str, **more: Any) -> "subprocess.Popen[str]":
     """`twinlens generate` in a process of its own, in scalar mode, which starts quickly."""
     command = [sys.executable, "-m", "twinlens", "generate", str(recipe), "-o", str(folder), *options]
     environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more)
 
 
 def finish(process: "subprocess.Popen[str]") -> str:

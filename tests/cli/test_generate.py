@@ -7,8 +7,7 @@ import sys
 import pytest
 
 from tests.factory_recipes import RECIPE, digests, write_recipe
-from twinlens.cli.generate import _batch, _clock
-from twinlens.cli.renewal import Progress
+from twinlens.cli.generate import _clock
 
 
 @pytest.fixture(scope="module")
@@ -19,8 +18,8 @@ def recipe(tmp_path_factory):
 def test_a_dataset_is_made_and_told(twinlens, recipe, tmp_path):
     code, out, err = twinlens("generate", recipe, "-o", tmp_path / "set", "--limit", 1)
     assert code == 0
-    assert f"{tmp_path / 'set'}: 1 of 2 samples, 1 of them made now" in out
-    assert "the same command goes on from here" in err
+    assert f"{tmp_path / 'set'}: 1 of 2 samples, 1 made by this run" in out
+    assert "run the same command to make the rest" in err
     code, out, err = twinlens("verify", tmp_path / "set")
     assert (code, out) == (0, "1 sample, 0 with findings\n")
     assert err == (
@@ -29,7 +28,7 @@ def test_a_dataset_is_made_and_told(twinlens, recipe, tmp_path):
     )
     code, out, err = twinlens("generate", recipe, "-o", tmp_path / "set")
     assert (code, err) == (0, "")
-    assert "2 of 2 samples, 1 of them made now" in out
+    assert "2 of 2 samples, 1 made by this run" in out
     assert twinlens("verify", tmp_path / "set") == (0, "2 samples, 0 with findings\n", "")
 
 
@@ -57,7 +56,7 @@ def test_what_verify_says_of_damage_mends_it(twinlens, recipe, tmp_path, damage)
         file.unlink()
         code, out, err = twinlens("generate", recipe, "-o", root)
         assert (code, out, err.count("\n")) == (2, "", 1)
-        assert f"{file}: is not there any more; delete the folder {file.parent}; the same command makes it again" in err
+        assert f"{file}: is missing; delete the folder {file.parent} and run the same command again" in err
     else:
         file.write_bytes(data[:-20] if damage == "cut" else data[:-1] + bytes([data[-1] ^ 1]))
     code, out, err = twinlens("verify", root)
@@ -81,9 +80,9 @@ def test_json_is_all_that_is_printed(twinlens, recipe, tmp_path):
 def test_a_dry_run_tells_time_and_disk_and_writes_nothing(twinlens, recipe, tmp_path):
     code, out, _ = twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run")
     assert code == 0
-    assert "2 samples, 0 of them there, 2 to make" in out
-    assert "the next would be sample 0, of the scene tiny, of the split test:" in out
-    assert "MB in all" in out
+    assert "2 samples, 0 made, 2 to make" in out
+    assert "next: sample 0, scene tiny, split test\n" in out
+    assert "MB on this machine" in out
     assert not (tmp_path / "set").exists()
     told = json.loads(twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run", "--json")[1])
     assert told["bytes"] == 2 * told["bytes_each"]
@@ -99,19 +98,19 @@ def test_samples_that_cannot_be_are_told_with_the_remedy(twinlens, tmp_path):
     code, out, err = twinlens("generate", path, "-o", tmp_path / "set")
     assert code == 1
     assert "1 of 2 samples" in out
-    assert "turned away: 2 too little visible in both views" in out
-    assert "sample 1: not made, 2 draws turned away" in err
+    assert "draws rejected: 2 too little visible in both views" in out
+    assert "sample 1 failed: 2 draws rejected; last reason: too little visible" in err
     assert "change rig.baseline" in err
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--shard", "0/2"], "--shard must read i/n with i from 1 to n, as 2/8, got '0/2'"),
-        (["--shard", "3/2"], "--shard must read i/n"),
-        (["--shard", "half"], "--shard must read i/n"),
+        (["--shard", "0/2"], "--shard must be i/n with i from 1 to n, such as 2/8, got '0/2'"),
+        (["--shard", "3/2"], "--shard must be i/n"),
+        (["--shard", "half"], "--shard must be i/n"),
         (["--limit", "0"], "0 is not in the range x>=1"),
-        (["--workers", "2", "--scheduler", "tcp://x:1"], "keep one"),
+        (["--workers", "2", "--scheduler", "tcp://x:1"], "--workers and --scheduler exclude each other"),
     ],
 )
 def test_bad_options_are_refused_in_a_line(twinlens, recipe, tmp_path, options, message):
@@ -148,7 +147,7 @@ def test_time_is_told_as_people_do():
 
 def test_a_shard_that_is_done_says_what_is_needed_still(twinlens, recipe, tmp_path):
     _, _, err = twinlens("generate", recipe, "-o", tmp_path / "set", "--shard", "1/2")
-    assert err == "this shard is done; the dataset is finished once the other shards are made\n"
+    assert err == "this shard is done; the dataset is complete when the other shards are done\n"
     code, out, err = twinlens("verify", tmp_path / "set")
     assert (code, out) == (0, "1 sample, 0 with findings\n")
     assert err == (
@@ -183,7 +182,7 @@ def test_a_set_of_which_no_sample_could_be_made_says_so(twinlens, tmp_path):
     code, out, err = twinlens("generate", write_recipe(tmp_path, text, count=2), "-o", tmp_path / "set")
     assert code == 1
     assert "0 of 2 samples" in out
-    assert err.startswith("sample 0: not made: disparity beyond ndisp (view 0 has")
+    assert err.startswith("sample 0 failed: disparity beyond ndisp (view 0 has")
     for command in (("describe",), ("export", "--to", "carla", "-o", tmp_path / "out"), ("verify",)):
         code, out, err = twinlens(command[0], tmp_path / "set", *command[1:])
         assert code in (1, 2)
@@ -198,78 +197,3 @@ def test_brackets_of_lenses_that_are_too_few(twinlens, tmp_path):
     assert err == (
         f"twinlens: {path}: lenses: is a list of tables, one for each lens: write [[lenses]] above each, not [lenses]\n"
     )
-
-
-FAMILY = """
-seed = 3
-count = 4
-families = ["cards"]
-width = 24
-height = 16
-spp = 1
-
-[gates]
-attempts = 1
-texture = 0.0
-"""
-
-
-RENEWED = """
-import os, sys
-import twinlens.cli.generate as g
-from twinlens.cli import console
-g.RENEWED_AFTER, g._compiles = 1, lambda recipe: True
-print(os.getpid(), "mitsuba" in sys.modules, file=sys.stderr)
-{more}
-console()
-"""
-
-
-def renewed(folder, *options, more="", recipe=FAMILY):
-    """A run whose processes make a sample each; how often it began, its answer, and what it complained of."""
-    (folder / "r.toml").write_text(recipe)
-    program = RENEWED.format(more=more)
-    done = subprocess.run(
-        [sys.executable, "-c", program, "generate", "-o", str(folder / "set"), *options, "--", str(folder / "r.toml")],
-        env={**os.environ, "TWINLENS_BACKEND": "scalar"}, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    lines = done.stderr.splitlines()
-    began = [line for line in lines if line.split()[-1] in ("True", "False")]
-    return began, done.stdout, [line for line in lines if line not in began]
-
-
-def test_a_renewed_run_is_a_fresh_process_in_the_old_ones_place(tmp_path):
-    began, out, _ = renewed(tmp_path, "--limit", "3")
-    assert out == f"{tmp_path / 'set'}: 3 of 4 samples, 3 of them made now\n"
-    assert len(began) == 3
-    assert set(began) == {f"{began[0].split()[0]} False"}, "one process, with nothing loaded yet"
-    began, out, err = renewed(tmp_path, "--json")
-    told = json.loads(out)
-    assert (told["before"], told["made"], told["there"], told["complete"]) == (3, 1, 4, True)
-    assert (len(began), err) == (1, [])
-
-
-def test_a_process_that_cannot_be_replaced_goes_on(tmp_path):
-    began, out, err = renewed(tmp_path, more="sys.executable = '/nowhere/python'")
-    assert (len(began), err) == (1, [])
-    assert out == f"{tmp_path / 'set'}: 4 of 4 samples, 4 of them made now\n"
-
-
-def test_a_recipe_that_is_edited_meanwhile_is_not_read_again(tmp_path):
-    more = "g._content = lambda recipe, seen=[]: seen.append(1) or len(seen)"
-    began, out, err = renewed(tmp_path, more=more)
-    assert (len(began), err) == (1, [])
-    assert out == f"{tmp_path / 'set'}: 4 of 4 samples, 4 of them made now\n"
-
-
-def test_who_calls_the_command_line_keeps_its_process(twinlens, tmp_path, monkeypatch):
-    monkeypatch.setattr("twinlens.cli.generate.RENEWED_AFTER", 1)
-    monkeypatch.setattr("os.execv", None)
-    (tmp_path / "r.toml").write_text(FAMILY)
-    code, out, _ = twinlens("generate", tmp_path / "r.toml", "-o", tmp_path / "set")
-    assert (code, out) == (0, f"{tmp_path / 'set'}: 4 of 4 samples, 4 of them made now\n")
-
-
-def test_the_larger_the_dataset_the_rarer_it_is_read_again():
-    assert [_batch(Progress(there=there), None) for there in (0, 900, 3000)] == [300, 300, 1000]
-    assert _batch(Progress(), 7) == 7

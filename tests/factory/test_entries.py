@@ -5,7 +5,7 @@ import tracemalloc
 import pytest
 
 from twinlens.dataset import Row
-from twinlens.factory.entries import Entries, Failure
+from twinlens.factory.ledger import Entries, Failure
 
 
 def row(index):

@@ -59,7 +59,7 @@ def test_an_interrupt_leaves_whole_samples_and_says_how_to_go_on(tmp_path, kind)
     process.send_signal(kind)
     _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130, err
-    assert "the same command goes on from here" in err
+    assert "run the same command to resume" in err
     assert "Traceback" not in err
     assert not list(folder.glob(".*unfinished*"))
     assert rows_in(folder) == len([entry for entry in folder.iterdir() if entry.is_dir() and entry.name != ".rows"])

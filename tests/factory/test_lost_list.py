@@ -12,7 +12,7 @@ def test_samples_give_their_list_back(tmp_path):
     generate(recipe, folder)
     before = digests(folder)
     (folder / "dataset.json").unlink()
-    with pytest.raises(InputError, match=r"where dataset\.json was lost, move that away"):
+    with pytest.raises(InputError, match=r"if dataset\.json was lost, move that file away"):
         generate(recipe, folder)
     for name in ("README.md", "samples.jpg", "statistics.png", "croissant.json"):
         (folder / name).rename(tmp_path / name)

@@ -11,8 +11,8 @@ from tests.factory_recipes import RECIPE, SCENE, digests, write_recipe
 from twinlens.dataset import Dataset, read_manifest, write_png
 from twinlens.errors import FileError, InputError
 from twinlens.factory import Sources, estimate, generate, make, read_recipe
-from twinlens.factory.cluster import Order, make_one
 from twinlens.factory.sources import changed_files, file_digests
+from twinlens.factory.workers import Order, make_one
 from twinlens.scenes import load_scene
 
 ASSETS = """
@@ -53,7 +53,7 @@ def test_a_scene_edited_between_two_runs_is_refused_and_named_until_it_is_put_ba
     scene.write_text(SCENE.replace("reflectance = 0.4", "reflectance = 0.5"))
     for call in (generate, estimate):
         with pytest.raises(
-            InputError, match=r"tiny/scene\.toml has changed.*put them back as they were, or name"
+            InputError, match=r"tiny/scene\.toml has changed.*restore them, or name"
         ) as told:
             call(read_recipe(recipe), folder)
         assert "\n" not in str(told.value)
@@ -75,7 +75,7 @@ def test_samples_alone_are_known_by_what_they_were_made_of(begun):
     recipe, folder = begun
     (folder / "dataset.json").unlink()
     (recipe.parent / "tiny" / "scene.toml").write_text(SCENE + "# a word more\n")
-    with pytest.raises(InputError, match=r"0000000: was made when the files beside the recipe"):
+    with pytest.raises(InputError, match=r"0000000: was made from other files beside the recipe"):
         generate(read_recipe(recipe), folder)
 
 
@@ -120,7 +120,7 @@ def test_an_asset_that_changes_in_the_middle_is_told_and_is_no_bad_draw(tmp_path
     picture(tmp_path / "mine" / "a.png", 0)
     (tmp_path / "recipe.toml").write_text(ASSETS)
     recipe = read_recipe(tmp_path / "recipe.toml")
-    recipe.sources.take_stock()
+    recipe.sources.hash_files()
     picture(tmp_path / "mine" / "a.png", 1)
     if damage == "gone":
         (tmp_path / "mine" / "a.png").unlink()
@@ -144,7 +144,7 @@ def test_a_mitsuba_file_that_changes_in_the_middle_is_told(tmp_path, rendered):
     lines = ("seed = 4", "count = 2", 'scenes = ["wall.xml"]', "width = 9", "height = 9", "spp = 1")
     (tmp_path / "recipe.toml").write_text("\n".join((*lines, "gates = { texture = 0, burnt = 1 }")))
     recipe = read_recipe(tmp_path / "recipe.toml")
-    recipe.sources.take_stock()
+    recipe.sources.hash_files()
     if rendered:
         make(recipe, 0)
     (tmp_path / "wall.xml").write_text(WALL.format(z=7))

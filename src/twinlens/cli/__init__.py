@@ -1,45 +1,46 @@
-"""The command line: one short module a command, named in `COMMANDS`, and the one place that prints, asks or exits.
+"""The command line: one module a command, listed in `COMMANDS`. Only this package prints and exits.
 
-Exit codes: 0 success; 1 twinlens's own failure, what `verify` finds wrong, or a board without scores; 2 bad usage or
-bad input, in one line; 130 interrupted.
+Exit codes: 0 success; 1 an internal error, findings of `verify`, or a board without scores; 2 bad usage or bad input,
+reported in one line; 130 interrupted.
 """
 
 import errno
 import importlib
 import os
+import signal
 import sys
 from collections.abc import Sequence
-from typing import Any
 
 import click
 
 import twinlens
-from twinlens.cli.interrupts import INTERRUPTED, end, take_over, told
-from twinlens.cli.renewal import Renewal, begin_anew, is_possible
 from twinlens.errors import TwinlensError, unknown
 
+INTERRUPTED = 130
+"""The exit code of an interrupted command: 128 + SIGINT, as shells have it."""
+
 COMMANDS = {
-    "demo": "Render, match and score a small benchmark, and make its page.",
-    "doctor": "Show which rendering backend works here, why, and what to install.",
+    "demo": "Render, match and score a small benchmark; write its page.",
+    "doctor": "Show which rendering backend is used, why, and what to install.",
     "scenes": "List the bundled scenes.",
-    "render": "Photograph scenes with a stereo rig; write pairs with exact truth.",
-    "generate": "Make a dataset from a recipe: varied scenes, resumable, in parallel.",
-    "reconstruct": "Make points and a surface of a sample's views; compare with the truth.",
-    "rectify": "Rectify two views of a sample; disparities are cast anew.",
-    "show": "Draw what a sample holds: its epipolar geometry, ...",
-    "verify": "Check a dataset: checksums, and whether its truth is true.",
+    "render": "Render scenes with a stereo rig; write pairs with exact ground truth.",
+    "generate": "Make a dataset from a recipe; resumable, parallel.",
+    "reconstruct": "Reconstruct points and a surface from a sample; compare with the truth.",
+    "rectify": "Rectify two views of a sample, with exact ground truth.",
+    "show": "Draw the epipolar geometry of a sample.",
+    "verify": "Check a dataset: checksums, and consistency of its ground truth.",
     "describe": "Write a dataset's card and its Croissant metadata.",
     "export": "Write a dataset in the layout of KITTI, ETH3D, Middlebury, ...",
-    "match": "Match two images; write the disparity map.",
-    "benchmark": "Run matchers on a dataset and score them; make the leaderboard.",
-    "score": "Score disparity maps that something else made.",
-    "study": "Sweep one physical quantity; table, figures and what was found.",
-    "report": "Make the leaderboard page of a board that was measured.",
+    "match": "Match two images; write a disparity map.",
+    "benchmark": "Run matchers on a dataset, score them, and write the leaderboard.",
+    "score": "Score disparity maps made by other programs.",
+    "study": "Sweep one physical quantity; write table, figures and findings.",
+    "report": "Write the leaderboard page of an existing board.",
 }
 
 
 class _Group(click.Group):
-    """Loads a command's module only when that command is used, so that --help is quick."""
+    """Imports a command's module only when that command is used, so that --help is fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -67,12 +68,12 @@ def cli() -> None:
 
 
 def console() -> None:
-    """What `twinlens` and `python -m twinlens` do: the process is the command line's, which may begin it anew."""
-    ender = take_over()
-    code = run(renewable=is_possible())
-    ender.code = code  # all is done and said: an interrupt of what is left to do at the end, ends it
-    if code == INTERRUPTED:
-        end("")  # Python's own way out is long enough for a third interrupt to end it by its signal
+    """The entry point of `twinlens` and `python -m twinlens`. SIGTERM, which batch systems send, acts as Ctrl-C."""
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    code = run()
+    for kind in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(kind, signal.SIG_IGN)  # the result is printed: a late interrupt must not change the exit code
     sys.exit(code)
 
 
@@ -81,13 +82,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.exit(run(arguments))
 
 
-def run(arguments: Sequence[str] | None = None, *, renewable: bool = False) -> int:
-    """Run the command line; the exit code. Everything twinlens refuses becomes one line on the error stream.
-
-    `renewable`: whether a command may put a fresh process in this one's place, and go on there.
-    """
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code. An error becomes one line on the error stream."""
     try:
-        result = _run(arguments, renewable)
+        result = cli.main(args=arguments, prog_name="twinlens", standalone_mode=False)
         sys.stdout.flush()
     except click.exceptions.NoArgsIsHelpError as help_page:
         help_page.show()
@@ -101,27 +99,20 @@ def run(arguments: Sequence[str] | None = None, *, renewable: bool = False) -> i
     except MemoryError as error:
         return _refuse(f"not enough memory ({error}); make the images smaller", 2)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader left; nothing more to say
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has closed the pipe
         return 1
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EPERM, errno.EDQUOT):
             return _refuse(f"{error.filename or 'output'}: {error.strerror}", 2)
         raise
     except (KeyboardInterrupt, click.Abort) as error:
-        return _refuse(told(error), INTERRUPTED)
+        cause = error if isinstance(error, KeyboardInterrupt) else error.__cause__  # click wraps it
+        return _refuse("; ".join(filter(None, ("interrupted", str(cause or "")))), INTERRUPTED)
     return result if isinstance(result, int) else 0
 
 
-def _run(arguments: Sequence[str] | None, renewable: bool) -> Any:
-    try:
-        return cli.main(args=arguments, prog_name="twinlens", standalone_mode=False, obj=renewable)
-    except Renewal as again:
-        begin_anew(again.progress)
-    return cli.main(args=arguments, prog_name="twinlens", standalone_mode=False, obj=False)
-
-
 def _with_help(error: click.MissingParameter) -> str:
-    """What is missing, and what it is."""
+    """The message of a missing parameter, with its help text."""
     meaning = getattr(error.param, "help", None)
     return error.format_message().rstrip(".") + (f": {meaning}" if meaning else "")
 

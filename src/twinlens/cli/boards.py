@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from twinlens.cli.interrupts import saying
 from twinlens.cli.places import check_results
-from twinlens.cli.progress import progress_bar
+from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.errors import FileError, InputError
 
 if TYPE_CHECKING:
@@ -128,7 +127,7 @@ def _tell_old_failures(board: "Board", before: Set[tuple[str, str]]) -> None:
 def _saying_what_is_kept(output: Path, made: Sequence[str]) -> Iterator[None]:
     """A sample that cannot be read ends the run, and not what it has `made` before; nor does an interrupt."""
     try:
-        with saying(lambda: "what was finished is kept" if made else ""):
+        with interrupt_note(lambda: "what was finished is kept" if made else ""):
             yield
     except InputError as error:
         if not made:

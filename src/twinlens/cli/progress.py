@@ -42,3 +42,12 @@ def progress_bar(what: str) -> Iterator[Callable[[float, str], None]]:
         yield report
     finally:
         bar.stop()
+
+
+@contextmanager
+def interrupt_note(kept: Callable[[], str]) -> Iterator[None]:
+    """Add a text, which may be empty, to the message of an interrupt within the block."""
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        raise KeyboardInterrupt(kept()) from error

@@ -22,9 +22,8 @@ from twinlens.cli.camera_specs import (
     parse_numbers,
     parse_sensor,
 )
-from twinlens.cli.interrupts import saying
 from twinlens.cli.places import PATH, PLACE, check_samples, manifest_of
-from twinlens.cli.progress import progress_bar
+from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.cli.sections import Sectioned
 from twinlens.cli.specs import APERTURE_HELP, LENS_HELP, middle_focus, parse_aperture, parse_lens, parse_size
 from twinlens.errors import InputError
@@ -104,7 +103,7 @@ def command(scenes: tuple[str, ...], output: "Place", overwrite: bool, as_json: 
     jobs = [_job(load_scene(name), asked, aperture) for name in scenes]
     check_samples(output, [scene.name for scene, _, _ in jobs], overwrite)
     made: list[tuple[Row, list[str]]] = []
-    with saying(lambda: "what was finished is kept" if made else ""):
+    with interrupt_note(lambda: "what was finished is kept" if made else ""):
         for job in jobs:
             row, lines = _one(job, asked["lenses"], output, options, overwrite)
             _list(output, row, asked["seed"])

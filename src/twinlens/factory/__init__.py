@@ -1,8 +1,7 @@
-"""From a recipe, or a scene, to samples: the only room that joins scenes, rendering, the sensor and the dataset."""
+"""Samples from a recipe or a scene: the only package that joins scenes, rendering, sensor and dataset."""
 
-from twinlens.factory.estimate import Estimate, estimate
 from twinlens.factory.gates import Gates, Rejected
-from twinlens.factory.generate import Outcome, generate
+from twinlens.factory.generate import Estimate, Outcome, estimate, generate
 from twinlens.factory.plan import SampleSpec, plan, spec_from_plain
 from twinlens.factory.produce import make, produce
 from twinlens.factory.recipe import Recipe, read_recipe, recipe_from_table
@@ -10,6 +9,7 @@ from twinlens.factory.rectified import rectified_sample
 from twinlens.factory.remake import remake, scene_of
 from twinlens.factory.sample import default_rig, make_sample
 from twinlens.factory.sources import Sources
+from twinlens.factory.workers import dask_cluster, in_process, worker_processes
 
 __all__ = [
     "Estimate",
@@ -19,9 +19,11 @@ __all__ = [
     "Rejected",
     "SampleSpec",
     "Sources",
+    "dask_cluster",
     "default_rig",
     "estimate",
     "generate",
+    "in_process",
     "make",
     "make_sample",
     "plan",
@@ -32,4 +34,5 @@ __all__ = [
     "remake",
     "scene_of",
     "spec_from_plain",
+    "worker_processes",
 ]

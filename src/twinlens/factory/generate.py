@@ -1,39 +1,43 @@
-"""Making a dataset: every sample that is not there yet, in this process or by many; stopped and continued at will.
+"""Making a dataset: every sample of a recipe that is not in the folder yet. A run may be stopped and resumed.
 
-recipe -> Ledger (what is there) -> make, one by one --queue--> Writer (a thread: encode, write, keep the row)
-                                 -> or a cluster's workers, each making and writing
-                                 -> dataset.json, preview.png, card: now and then, and at the end
+recipe -> Ledger (what the folder holds) -> engine -> (index, entry) -> Ledger -> dataset.json, preview.png, card
 """
 
+import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
+from typing import Any
 
-from twinlens.dataset import remove_unfinished
-from twinlens.dataset.lock import WAIT, locked
+from twinlens.dataset import remove_unfinished, sample_files, write_card, write_croissant
+from twinlens.dataset.lock import locked
 from twinlens.dataset.storage import Where, place
 from twinlens.errors import InputError
-from twinlens.factory.entries import Entry, Failure
-from twinlens.factory.finish import finish
-from twinlens.factory.ledger import Ledger
+from twinlens.factory.ledger import Entry, Failure, Ledger
+from twinlens.factory.plan import plan
 from twinlens.factory.preview import Preview
 from twinlens.factory.produce import check_backend
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import made_with
-from twinlens.factory.work import Work, work_here
+from twinlens.factory.workers import Engine, Report, Work, in_process, rendered
 
 _WRITE_EVERY_S = 5.0
-_WRITE_SHARE = 0.02  # of the time may go into dataset.json, which grows with the dataset
-
-Report = Callable[[float, str], None]
-Engine = Callable[[Work, Sequence[int], Report, Callable[[], bool]], Iterator[tuple[int, Entry]]]
-"""Makes samples: (index, what became of it) as each is on the disk. Stops early where the last argument says so."""
+_WRITE_SHARE = 0.02  # of the time at most goes into dataset.json, which grows with the dataset
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended: samples asked for, made by this run, there before and there now (other shards' too); those that
-    failed; whether it is complete, or was interrupted; and how many samples of its own share are left to make."""
+    """The state of a dataset after a run.
+
+    count : samples of the recipe.
+    made : samples that this run made.
+    before, there : samples in the folder before and after, those of other shards included.
+    failures : samples all of whose draws were rejected.
+    rejections : rejected draws by reason.
+    complete : whether every sample is made or failed.
+    left : samples of this shard that are still to be made.
+    """
 
     count: int
     made: int
@@ -42,7 +46,6 @@ class Outcome:
     failures: tuple[Failure, ...]
     rejections: dict[str, int]
     complete: bool
-    interrupted: bool
     left: int = 0
 
 
@@ -52,58 +55,67 @@ def generate(
     *,
     limit: int | None = None,
     shard: tuple[int, int] = (1, 1),
-    engine: Engine = work_here,
+    engine: Engine = in_process,
     report: Report = lambda fraction, now: None,
-    stop: Callable[[], bool] = lambda: False,
 ) -> Outcome:
-    """Make every sample of `recipe` that is not in `folder` yet. The same call goes on after any stop.
+    """Make every sample of `recipe` that is not in `folder` yet. After any stop the same call resumes.
 
     Parameters
     ----------
     limit : int, optional
-        Make at most so many samples now.
+        Make at most so many samples.
     shard : (i, n)
-        Make every n-th sample alone, from the i-th (1 to n) on: n such runs, at once and on different machines if they
-        share the folder, make the whole. The one that finds every sample made writes dataset.json.
+        Make only every n-th sample, starting with the i-th (1 to n). n such runs make the whole dataset, at the same
+        time and on several machines if they share the folder. The last one to finish writes dataset.json.
     engine : Engine
-        This process, unless a cluster's is given: `twinlens.factory.cluster`.
+        `in_process`, `worker_processes(count)` or `dask_cluster(address)`.
     report : callable
-        Is told the fraction done and what is being done.
-    stop : callable
-        Asked between passes: True drops the sample in the making, leaves all others whole, and ends the run.
+        Called with the fraction done and a text.
 
-    Raises InputError where `folder` holds another dataset, FileError where a sample there lacks a file, OutputError
-    where it cannot be written; and, before anything is, BackendError where the backend that works here cannot
-    photograph through the lenses of the first sample.
+    Raises
+    ------
+    InputError
+        `folder` holds another dataset.
+    FileError
+        A sample in `folder` lacks a file.
+    OutputError
+        `folder` cannot be written, or another run writes there.
+    BackendError
+        This machine's backend cannot render the lenses of the first sample; nothing is written then.
     """
     _check(limit, shard)
     root = place(folder)
-    recipe.sources.take_stock()  # what cannot be read is told before anything is written
-    tools = made_with()  # and so is a backend that does not work here
+    recipe.sources.hash_files()
+    tools = made_with()
     if shard[0] <= recipe.count:
-        check_backend(recipe, shard[0] - 1)  # the first sample's lenses, too
+        check_backend(recipe, shard[0] - 1)
     shared = shard != (1, 1)
-    with locked(root, shared, remedy=f"{WAIT}, or split the work by --shard"):
+    with locked(root, shared, remedy="wait for it, or split the work with --shard"):
         ledger = Ledger(root, recipe, tools)
         if not shared:
             remove_unfinished(root)
         ledger.recover()
-        ledger.refuse_damaged()
+        ledger.check_files()
         if not ledger.has_file:
             ledger.write()
         before, known, made = len(ledger.entries.made), len(ledger.entries), 0
         todo = _share(ledger.missing(), shard)[:limit]
-        with _Upkeep(ledger, alone=not shared) as upkeep:
-            work = Work(recipe, str(root), ledger.made_with)
-            for index, entry in engine(work, todo, _of_whole(report, known, recipe.count, len(todo)), stop):
-                upkeep.took(index, entry)
-                made += not isinstance(entry, Failure)
-        if shared or stop():
+        work = Work(recipe, str(root), ledger.made_with)
+        try:
+            results = engine(work, todo, _of_whole(report, known, recipe.count, len(todo)))
+            with _Upkeep(ledger, exclusive=not shared) as upkeep, closing(results):
+                for index, entry in results:
+                    upkeep.add(index, entry)
+                    made += not isinstance(entry, Failure)
+        finally:
+            if not shared:
+                remove_unfinished(root)
+        if shared:
             ledger.recover()
-        if ledger.is_complete and not shared:
+        elif ledger.is_complete:
             finish(ledger)
     if ledger.is_complete and shared:
-        with locked(root, wait=True):  # several shards may find that all is made: one after the other
+        with locked(root, wait=True):  # several shards may find at the same time that everything is made
             finish(ledger)
     there = len(ledger.entries.made)
     return Outcome(
@@ -114,21 +126,39 @@ def generate(
         failures=tuple(ledger.entries.failures),
         rejections=ledger.entries.rejections(),
         complete=ledger.is_complete,
-        interrupted=stop() and not ledger.is_complete,
         left=len(_share(ledger.missing(), shard)),
     )
 
 
-def _share(indices: Sequence[int], shard: tuple[int, int]) -> list[int]:
-    """Those of the samples that a shard makes."""
-    return [index for index in indices if index % shard[1] == shard[0] - 1]
+def finish(ledger: Ledger) -> None:
+    """Write the final dataset.json, preview, card and metadata; remove the files that only unfinished datasets need."""
+    broken = unusable_assets(ledger.recipe)
+    ledger.write(**({"skipped_assets": broken} if ledger.recipe.assets else {}))
+    Preview(ledger.folder, ledger.recipe.count).write(ledger.entries.made)
+    if ledger.entries.made:
+        write_card(ledger.folder)
+        write_croissant(ledger.folder)
+    ledger.clear()
+
+
+def unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
+    """The files in the recipe's asset folders that cannot be used, and why; each is read."""
+    from twinlens.families import Assets
+
+    found = []
+    for kind, files in recipe.sources.asset_files.items():
+        for name, path in files.items():
+            single: dict[str, Any] = {kind: (path,)}
+            for broken, reason in Assets(**single).check().broken:
+                found.append({"kind": kind, "file": name, "reason": reason.replace(str(broken), name)})
+    return found
 
 
 class _Upkeep:
-    """Takes entries into the ledger, and keeps dataset.json and the preview fresh without spending much on them."""
+    """Adds entries to the ledger and, unless other shards write too, keeps dataset.json and the preview current."""
 
-    def __init__(self, ledger: Ledger, alone: bool) -> None:
-        self._ledger, self._alone = ledger, alone
+    def __init__(self, ledger: Ledger, exclusive: bool) -> None:
+        self._ledger, self._exclusive = ledger, exclusive
         self._preview = Preview(ledger.folder, ledger.recipe.count)
         self._due = time.monotonic() + _WRITE_EVERY_S
 
@@ -136,29 +166,75 @@ class _Upkeep:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._alone:
+        if self._exclusive:
             self._write()
 
-    def took(self, index: int, entry: Entry) -> None:
+    def add(self, index: int, entry: Entry) -> None:
         self._ledger.entries[index] = entry
-        if self._alone and time.monotonic() >= self._due:
+        if self._exclusive and time.monotonic() >= self._due:
             self._write()
 
     def _write(self) -> None:
-        begun = time.monotonic()
+        start = time.monotonic()
         self._ledger.write()
         self._preview.write(self._ledger.entries.made)
         now = time.monotonic()
-        self._due = now + max(_WRITE_EVERY_S, (now - begun) / _WRITE_SHARE)
+        self._due = now + max(_WRITE_EVERY_S, (now - start) / _WRITE_SHARE)
+
+
+def _share(indices: Sequence[int], shard: tuple[int, int]) -> list[int]:
+    """The samples that a shard makes."""
+    return [index for index in indices if index % shard[1] == shard[0] - 1]
 
 
 def _check(limit: int | None, shard: tuple[int, int]) -> None:
     if limit is not None and limit < 1:
-        raise InputError(f"the limit must be 1 sample or more, got {limit}")
+        raise InputError(f"limit must be 1 or more, got {limit}")
     if not 1 <= shard[0] <= shard[1]:
         raise InputError(f"a shard is i/n with i from 1 to n, got {shard[0]}/{shard[1]}")
 
 
-def _of_whole(report: Report, before: int, count: int, todo: int) -> Report:
-    """The fraction of this run's samples, told with how many samples there are."""
-    return lambda fraction, now: report(fraction, f"{before + round(fraction * todo)}/{count} {now}".strip())
+def _of_whole(report: Report, known: int, count: int, todo: int) -> Callable[[float, str], None]:
+    """Report the fraction of this run's samples, and in the text the number of all."""
+    return lambda fraction, now: report(fraction, f"{known + round(fraction * todo)}/{count} {now}".strip())
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Samples of the recipe, in the folder, and to make; the next one's spec; seconds and bytes of one and of all."""
+
+    count: int
+    before: int
+    todo: int
+    next: dict[str, Any] | None
+    seconds_each: float = math.nan
+    bytes_each: int = 0
+    seconds: float = 0.0
+    bytes: int = 0
+
+
+def estimate(recipe: Recipe, folder: Where) -> Estimate:
+    """Make the next sample of `recipe`, write nothing, and extrapolate its time and size.
+
+    It is made twice and the second time is measured: the first compiles kernels that all samples share.
+    """
+    root = place(folder)
+    ledger = Ledger(root, recipe, made_with())
+    ledger.recover()
+    ledger.check_files()
+    missing = ledger.missing()
+    before = recipe.count - len(missing)
+    if not missing:
+        return Estimate(recipe.count, before, 0, None)
+    work = Work(recipe, str(root), ledger.made_with)
+    rendered(work, missing[0])
+    start = time.perf_counter()
+    made = rendered(work, missing[0])
+    if isinstance(made, Failure):
+        last = made.rejections[-1]
+        raise InputError(f"{recipe.file}: sample {made.index} fails: {last['found']}; change {made.remedy}")
+    size = sum(map(len, sample_files(made).values()))
+    seconds = time.perf_counter() - start
+    spec = plan(recipe, missing[0], made.record["spec"]["attempt"]).plain()
+    todo = len(missing)
+    return Estimate(recipe.count, before, todo, spec, seconds, size, seconds * todo, size * todo)

@@ -1,19 +1,22 @@
-"""What is done of a dataset, on the disk: so that any run, after any stop, goes on where the last one ended.
+"""The state of a dataset on disk, from which any run resumes where the last one stopped.
 
-    DIR/dataset.json           the recipe and the samples known when it was last written; it is written again and again,
-                               and at the end holds nothing that depends on how often a run was stopped
-    DIR/.rows/0000007.json     one sample's row (or why there is none), written right after its folder appears; many
-                               processes may write there at once. Gone when the dataset is complete
-    DIR/.lock                  held while a run writes there; gone when it ends, but for shards before the last
+    DIR/dataset.json           the recipe and the samples known when it was last written; the final one does not depend
+                               on how often a run was stopped
+    DIR/.rows/0000007.json     one sample's row, or why there is none, written right after its folder appears; many
+                               processes may write there at the same time. Removed when the dataset is complete
+    DIR/.lock                  locked while a run writes there
 
-A sample whose folder is there and whose row is not, because the process was killed in between, gets its row from its
+A sample whose folder exists and whose row does not, because the process was killed in between, gets its row from its
 files.
 """
 
 import contextlib
+import json
+import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, overload
 
 from twinlens.dataset import Manifest, Row, read_manifest, remove_unfinished, row_of, write_manifest
 from twinlens.dataset.files import files_below, read_bytes, write_file
@@ -24,16 +27,114 @@ from twinlens.dataset.sample import VERSION as SAMPLE_VERSION
 from twinlens.dataset.storage import MARK, Place, RemotePath, remove_objects
 from twinlens.dataset.waiting import ROW_KIND, ROW_VERSION, ROWS
 from twinlens.errors import FileError, InputError
-from twinlens.factory.entries import Entries, Entry, Failure
 from twinlens.factory.plan import plan, sample_name
 from twinlens.factory.recipe import Recipe, differences
 from twinlens.factory.sources import changed_files
 
 
-class Ledger:
-    """The entries of a dataset at `folder`, by the index of their samples.
+@dataclass(frozen=True)
+class Failure:
+    """A sample all of whose draws were rejected; `remedy` names what to change in the recipe."""
 
-    Raises InputError where another recipe, other versions, or other files beside the recipe have begun a dataset there.
+    index: int
+    rejections: list[dict[str, Any]]
+    remedy: str
+
+    def plain(self) -> dict[str, Any]:
+        """The record in dataset.json."""
+        return {"index": self.index, "remedy": self.remedy, "rejections": self.rejections}
+
+
+Entry = Row | Failure
+"""The result of one sample."""
+
+
+class Entries:
+    """Entries by sample index, compressed in memory; iterates over the indices in order."""
+
+    def __init__(self) -> None:
+        self._made: dict[int, bytes] = {}
+        self._failed: dict[int, bytes] = {}
+
+    def __len__(self) -> int:
+        return len(self._made) + len(self._failed)
+
+    def __contains__(self, index: int) -> bool:
+        return index in self._made or index in self._failed
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(sorted((*self._made, *self._failed)))
+
+    def __getitem__(self, index: int) -> Entry:
+        return _row(self._made[index]) if index in self._made else _failure(self._failed[index])
+
+    def __setitem__(self, index: int, entry: Entry) -> None:
+        self.pop(index)
+        if isinstance(entry, Failure):
+            self._failed[index] = _packed([entry.index, entry.rejections, entry.remedy])
+        else:
+            self._made[index] = _packed([entry.name, dict(entry.files), dict(entry.info)])
+
+    def pop(self, index: int) -> None:
+        """Remove an entry, if there is one."""
+        self._made.pop(index, None)
+        self._failed.pop(index, None)
+
+    @property
+    def made(self) -> list[int]:
+        """The indices of the samples that are made, sorted."""
+        return sorted(self._made)
+
+    @property
+    def rows(self) -> Sequence[Row]:
+        """The samples that are made, in order; each row is decompressed on access."""
+        return _Rows([self._made[index] for index in self.made])
+
+    @property
+    def failures(self) -> list[Failure]:
+        """The failed samples, in order."""
+        return [_failure(packed) for _, packed in sorted(self._failed.items())]
+
+    def rejections(self) -> dict[str, int]:
+        """The number of rejected draws by reason."""
+        counts = Counter(rejected["reason"] for row in self.rows for rejected in row.info.get("rejections", ()))
+        counts.update(rejected["reason"] for failure in self.failures for rejected in failure.rejections)
+        return dict(sorted(counts.items()))
+
+
+class _Rows(Sequence[Row]):
+    """Compressed rows as a sequence of rows."""
+
+    def __init__(self, packed: list[bytes]) -> None:
+        self._packed = packed
+
+    def __len__(self) -> int:
+        return len(self._packed)
+
+    @overload
+    def __getitem__(self, i: int) -> Row: ...
+    @overload
+    def __getitem__(self, i: slice) -> Sequence[Row]: ...
+    def __getitem__(self, i: int | slice) -> Row | Sequence[Row]:
+        return _Rows(self._packed[i]) if isinstance(i, slice) else _row(self._packed[i])
+
+
+def _packed(values: list[Any]) -> bytes:
+    return zlib.compress(json.dumps(values).encode(), 1)
+
+
+def _row(packed: bytes) -> Row:
+    return Row(*json.loads(zlib.decompress(packed)))
+
+
+def _failure(packed: bytes) -> Failure:
+    return Failure(*json.loads(zlib.decompress(packed)))
+
+
+class Ledger:
+    """The entries of the dataset in `folder`.
+
+    Raises InputError where the dataset there has another recipe, other versions, or other files beside the recipe.
     """
 
     def __init__(self, folder: Place, recipe: Recipe, made_with: Mapping[str, Any]) -> None:
@@ -42,18 +143,18 @@ class Ledger:
         self.entries = Entries()
         self.has_file = (folder / NAME).is_file()
         known = read_manifest(folder) if self.has_file else None
-        if known is not None and self._is_begun(known):
-            self._take_over(known)
+        if known is not None and self._has_samples(known):
+            self._load(known)
         elif known is None:
-            self._refuse_strangers()
+            self._refuse_other_files()
 
     def recover(self) -> None:
-        """Take in every row and every whole sample that earlier runs left."""
+        """Add every row and every whole sample that earlier runs left."""
         there = whole_samples(self.folder)
         for index, name in zip(self.entries.made, [row.name for row in self.entries.rows], strict=True):
             if name not in there:
                 self.entries.pop(index)
-        for index, entry in self._kept_rows() if self.has_file else ():  # without it, they may be another recipe's
+        for index, entry in self._waiting_rows() if self.has_file else ():  # without it, they may be another recipe's
             if isinstance(entry, Failure) or entry.name in there:
                 self.entries[index] = entry
         known = {sample_name(index) for index in self.entries}
@@ -61,14 +162,14 @@ class Ledger:
             if name.isdecimal() and sample_name(int(name)) == name and int(name) < self.recipe.count:
                 self.entries[int(name)] = recovered_row(self.folder, self.recipe, int(name), self.made_with)
 
-    def refuse_damaged(self) -> None:
-        """Raise FileError where a file that a sample's row lists is gone. What is in them is for `verify` to read."""
+    def check_files(self) -> None:
+        """Raise FileError where a file that a row lists is missing. `verify` checks their contents."""
         listed = set(self.folder.files()) if isinstance(self.folder, RemotePath) else None
         for row in self.entries.rows:
-            if lost := _lost(self.folder, row, listed):
-                more = f" (nor are {len(lost) - 1} more)" if len(lost) > 1 else ""
+            if lost := _missing_files(self.folder, row, listed):
+                more = f" (and {len(lost) - 1} more)" if len(lost) > 1 else ""
                 sample = self.folder / row.name
-                raise FileError(f"{sample / lost[0]}: is not there any more{more}; {remedy(sample)}")
+                raise FileError(f"{sample / lost[0]}: is missing{more}; {repair_hint(sample)}")
 
     def missing(self) -> list[int]:
         """The indices of the samples that are still to be made."""
@@ -76,15 +177,15 @@ class Ledger:
 
     @property
     def is_complete(self) -> bool:
-        """Whether every sample is made, or known to be impossible."""
+        """Whether every sample is made or failed."""
         return not self.missing()
 
     def write(self, **info: Any) -> None:
-        """Write dataset.json as things stand; `info` is more to say there."""
+        """Write dataset.json; `info` is added to it."""
         rows = self.entries.rows
         counts = Counter(row.info.get("split") for row in rows)
         splits = {name: counts[name] for name in self.recipe.splits}
-        said = {
+        record = {
             "made_with": self.made_with,
             "sources": self.recipe.sources.digests,
             "complete": self.is_complete,
@@ -93,11 +194,11 @@ class Ledger:
             **({"splits": splits} if splits else {}),
             **info,
         }
-        write_manifest(self.folder, Manifest(rows, self.recipe.written, self.recipe.seed, said))
+        write_manifest(self.folder, Manifest(rows, self.recipe.written, self.recipe.seed, record))
         self.has_file = True
 
     def clear(self) -> None:
-        """Remove what only unfinished datasets need. Nobody else may be writing there."""
+        """Remove the files that only unfinished datasets need. No other run may be writing there."""
         remove_unfinished(self.folder)
         rows = self.folder / ROWS
         if isinstance(rows, RemotePath):
@@ -107,12 +208,12 @@ class Ledger:
                 path.unlink()
             rows.rmdir()
 
-    def _is_begun(self, known: Manifest) -> bool:
-        """Whether anything was made. Where nothing was, another recipe takes nothing from anybody."""
+    def _has_samples(self, known: Manifest) -> bool:
+        """Whether anything was made; otherwise another recipe may use the folder."""
         made = known.rows or known.info.get("failed") or "made_with" not in known.info
         return bool(made or whole_samples(self.folder))
 
-    def _take_over(self, known: Manifest) -> None:
+    def _load(self, known: Manifest) -> None:
         changed = differences(known.recipe, plain(self.recipe.written))
         made_with = known.info.get("made_with", {})
         if not isinstance(made_with, Mapping):
@@ -128,71 +229,71 @@ class Ledger:
             for failed in known.info.get("failed", ()):
                 self.entries[int(failed["index"])] = Failure(**failed)
         except (KeyError, TypeError, ValueError) as error:
-            raise FileError(f"{self.folder / NAME}: is not as `twinlens generate` writes it ({error})") from None
+            raise FileError(f"{self.folder / NAME}: was not written by `twinlens generate` ({error})") from None
         if more := sum(index >= self.recipe.count for index in self.entries):
             raise InputError(
                 f"{self.folder}: holds {more} sample(s) beyond the recipe's count of {self.recipe.count}; a count may "
-                "grow, not shrink: raise it again, or name another folder"
+                "grow but not shrink: raise it, or name another folder"
             )
 
     def _check_sources(self, known: Any) -> None:
         if known is None and self.recipe.sources.digests:
             raise InputError(
-                f"{self.folder}: was begun by a twinlens that did not record what the files beside a recipe hold; name "
-                "another folder"
+                f"{self.folder}: was started by a version of twinlens that did not record the files beside a recipe; "
+                "name another folder"
             )
         if not isinstance(known, Mapping | None):
             raise FileError(f'{self.folder / NAME}: "sources" must be an object')
         if changed := changed_files(known or {}, self.recipe.sources.digests):
             raise InputError(
-                f"{self.folder}: was begun when the files beside the recipe held something else ({changed}); put them "
-                "back as they were, or name another folder"
+                f"{self.folder}: was started with other files beside the recipe ({changed}); restore them, or name "
+                "another folder"
             )
 
-    def _refuse_strangers(self) -> None:
-        """A folder without dataset.json may hold what a run of before has left, and nothing else."""
+    def _refuse_other_files(self) -> None:
+        """A folder without dataset.json may hold what an earlier run left, and nothing else."""
         if not self.folder.is_dir():
             return
-        there = [entry.name for entry in self.folder.iterdir()]
-        for name in there:
+        names = [entry.name for entry in self.folder.iterdir()]
+        for name in names:
             if not (name.startswith(".") or name.isdecimal() or name == "preview.png"):
-                lost = any(name.isdecimal() for name in there)
-                way = "or, where dataset.json was lost, move that away and go on" if lost else "or an empty one"
+                lost = any(name.isdecimal() for name in names)
+                way = "or, if dataset.json was lost, move that file away and run again" if lost else "or an empty one"
                 raise InputError(f"{self.folder}: is no dataset and holds {name!r}; name a new folder, {way}")
 
-    def _kept_rows(self) -> Iterator[tuple[int, Entry]]:
-        """Of samples that are not known yet."""
+    def _waiting_rows(self) -> Iterator[tuple[int, Entry]]:
+        """Rows of samples that have no entry yet. A row that cannot be read is made from the sample's files again."""
         folder = self.folder / ROWS
         if not folder.is_dir():
             return
         for name in files_below(folder):
             index = int(name[:-5]) if name.endswith(".json") and name[:-5].isdecimal() else self.recipe.count
             if index < self.recipe.count and index not in self.entries:
-                with contextlib.suppress(FileError):  # a row that cannot be read is made from the sample's files again
+                with contextlib.suppress(FileError):
                     yield index, read_row(folder / name)
 
 
 def write_row(folder: Place, index: int, entry: Entry) -> None:
-    """Keep what became of a sample, beside the dataset."""
-    said = (
-        entry.plain() if isinstance(entry, Failure) else {"name": entry.name, "files": entry.files, "info": entry.info}
-    )
-    kind = "failure" if isinstance(entry, Failure) else "row"
-    record = {"format": ROW_KIND, "version": ROW_VERSION, kind: said}
+    """Write the entry of a sample below DIR/.rows."""
+    record: dict[str, Any] = {"format": ROW_KIND, "version": ROW_VERSION}
+    if isinstance(entry, Failure):
+        record["failure"] = entry.plain()
+    else:
+        record["row"] = {"name": entry.name, "files": entry.files, "info": entry.info}
     write_file(folder / ROWS / f"{sample_name(index)}.json", encode_json(record))
 
 
 def read_row(path: Place) -> Entry:
-    """What `write_row` kept. Raises FileError."""
+    """Read what `write_row` wrote. Raises FileError."""
     record = decode_json(read_bytes(path), str(path), ROW_KIND, ROW_VERSION)
     try:
         return Failure(**record["failure"]) if "failure" in record else Row(**record["row"])
     except (KeyError, TypeError) as error:
-        raise FileError(f"{path}: is no row of a dataset ({error})") from None
+        raise FileError(f"{path}: is not a row of a dataset ({error})") from None
 
 
 def row_info(record: Mapping[str, Any]) -> dict[str, Any]:
-    """What dataset.json says of a sample besides its files, from its own record."""
+    """What dataset.json records of a sample besides its files, from the sample's own record."""
     spec = record["spec"]
     return {
         "index": spec["index"],
@@ -204,9 +305,9 @@ def row_info(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def recovered_row(folder: Place, recipe: Recipe, index: int, made_with: Mapping[str, Any]) -> Row:
-    """The row of a whole sample, from its files. Raises InputError when another recipe, or other tools, made it."""
+    """The row of a whole sample, from its files. Raises InputError if another recipe or other versions made it."""
     name = sample_name(index)
-    with advised(folder / name):
+    with repairable(folder / name):
         record = read_json(folder / name / MARK, SAMPLE_KIND, SAMPLE_VERSION).get("record", {})
     try:
         expected = plain(plan(recipe, index, record["spec"]["attempt"]).plain())
@@ -214,33 +315,33 @@ def recovered_row(folder: Place, recipe: Recipe, index: int, made_with: Mapping[
             changed = differences(record["spec"], expected)[:2]
             raise InputError(f"{folder / name}: another recipe made it ({'; '.join(changed)}); name another folder")
         if changed := differences({key: record[key] for key in made_with}, made_with)[:2]:
-            raise InputError(f"{folder / name}: other tools made it ({'; '.join(changed)}); name another folder")
+            raise InputError(f"{folder / name}: other versions made it ({'; '.join(changed)}); name another folder")
         if record["sources_sha256"] != recipe.sources.digest:
             raise InputError(
-                f"{folder / name}: was made when the files beside the recipe (scenes, assets, masks) held something "
-                "else; put them back as they were, or name another folder"
+                f"{folder / name}: was made from other files beside the recipe (scenes, assets, masks); restore them, "
+                "or name another folder"
             )
         return row_of(folder, name, row_info(record))
     except (KeyError, TypeError) as error:
-        raise FileError(f"{folder / name}: is there, and no recipe made it; name another folder") from error
+        raise FileError(f"{folder / name}: was not made from a recipe; name another folder") from error
 
 
-def remedy(sample: Place) -> str:
-    """What to do about a sample that is damaged."""
-    return f"delete the folder {sample}; the same command makes it again"
+def repair_hint(sample: Place) -> str:
+    """What to do about a damaged sample."""
+    return f"delete the folder {sample} and run the same command again"
 
 
 @contextlib.contextmanager
-def advised(sample: Place) -> Iterator[None]:
-    """FileErrors about a file of this sample, with what to do about it."""
+def repairable(sample: Place) -> Iterator[None]:
+    """Add `repair_hint` to FileErrors about the files of a sample."""
     try:
         yield
     except FileError as error:
-        raise FileError(f"{error}; {remedy(sample)}") from error
+        raise FileError(f"{error}; {repair_hint(sample)}") from error
 
 
-def _lost(folder: Place, row: Row, listed: set[str] | None) -> list[str]:
-    """The files of a sample that are gone; `listed` are all names in a bucket, where asking for each takes long."""
+def _missing_files(folder: Place, row: Row, listed: set[str] | None) -> list[str]:
+    """The files of a sample that are missing; `listed` are all names in a bucket, where single queries are slow."""
     if listed is not None:
         return [name for name in row.files if f"{row.name}/{name}" not in listed]
     sample = folder / row.name
@@ -249,7 +350,7 @@ def _lost(folder: Place, row: Row, listed: set[str] | None) -> list[str]:
 
 
 def whole_samples(folder: Place) -> set[str]:
-    """The names of the samples that are there, whole."""
+    """The names of the whole samples in a folder."""
     if isinstance(folder, RemotePath):
         return {name.partition("/")[0] for name in folder.files() if name.endswith(f"/{MARK}") and name.count("/") == 1}
     if not folder.is_dir():

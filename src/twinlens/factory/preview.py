@@ -15,7 +15,7 @@ from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import write_file
 from twinlens.dataset.storage import Place
 from twinlens.errors import FileError
-from twinlens.factory.ledger import advised
+from twinlens.factory.ledger import repairable
 from twinlens.factory.plan import sample_name
 
 NAME = "preview.png"
@@ -42,7 +42,7 @@ class Preview:
         for index in self.chosen:
             if index in there and index not in self._tiles:
                 folder = self.folder / sample_name(index)
-                with advised(folder):
+                with repairable(folder):
                     self._tiles[index] = tile(StoredSample(folder, folder.name))
         if self._tiles:
             write_file(self.folder / NAME, encode_png(sheet([self._tiles.get(index) for index in self.chosen])))

@@ -54,6 +54,11 @@ class Recipe:
     assets: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
+    def file(self) -> Path:
+        """The recipe's path, as messages name it."""
+        return self.at.source.file
+
+    @property
     def folder(self) -> Path:
         """What paths in the recipe are relative to."""
         return self.at.source.folder

@@ -52,7 +52,7 @@ class Sources:
         files |= {Path(name).as_posix(): self.folder / name for name in self.masks}
         return {name: self.unchanged(path) for name, path in sorted(files.items())}
 
-    def take_stock(self) -> None:
+    def hash_files(self) -> None:
         """Hash every file now, and not when `digests` is first asked for. Raises InputError for what cannot be read."""
         _ = self.digests
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -11,8 +12,9 @@ import pytest
 
 from tests.factory_recipes import PATIENCE_S, digests, finish, rows_in, start, write_recipe
 from twinlens.errors import BackendError, InputError, MissingExtraError
-from twinlens.factory import generate, read_recipe
-from twinlens.factory.cluster import Order, local_cluster, make_one, remote_cluster
+from twinlens.factory import generate, read_recipe, sample, workers
+from twinlens.factory.workers import Order, dask_cluster, make_one, worker_processes
+from twinlens.rendering import Backend
 
 THREADS = os.cpu_count() or 1
 
@@ -34,14 +36,18 @@ def workers_of(process):
     return [child for child in found if "spawn_main" in " ".join(child.cmdline())]
 
 
-def killing_one(process, folder):
-    """SIGKILL one of a run's workers as soon as a sample is there."""
+def wait_for_a_sample(process, folder):
     end = time.monotonic() + PATIENCE_S
     while rows_in(folder) < 1 and process.poll() is None and time.monotonic() < end:
         time.sleep(0.01)
-    workers = workers_of(process)
-    workers[0].kill()
-    return len(workers)
+
+
+def killing_one(process, folder):
+    """SIGKILL one of a run's workers as soon as a sample is there."""
+    wait_for_a_sample(process, folder)
+    found = workers_of(process)
+    found[0].kill()
+    return len(found)
 
 
 def test_a_killed_worker_costs_nothing(recipe, whole, tmp_path):
@@ -49,6 +55,39 @@ def test_a_killed_worker_costs_nothing(recipe, whole, tmp_path):
     assert killing_one(process, tmp_path / "set") >= 2
     assert "8 of 8 samples" in finish(process)
     assert digests(tmp_path / "set") == digests(whole)
+
+
+def test_a_process_is_replaced_after_some_samples_and_makes_the_same_bytes(recipe, whole, tmp_path, monkeypatch):
+    monkeypatch.setattr(workers, "RENEWED_AFTER", 3)
+    started = []
+
+    class Executor(workers.ProcessPoolExecutor):
+        def __init__(self, *args, **kwargs):
+            started.append(self)
+            super().__init__(*args, **kwargs)
+
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", Executor)
+    monkeypatch.setenv("TWINLENS_BACKEND", "scalar")
+    monkeypatch.setattr(sample, "backend", lambda: Backend("scalar", "scalar_rgb", "as in the workers"))
+    assert generate(read_recipe(recipe), tmp_path / "set", engine=worker_processes(1)).complete
+    assert len(started) == 3, "eight samples, three a process"
+    assert digests(tmp_path / "set") == digests(whole)
+
+
+def test_ctrl_c_in_a_terminal_ends_the_workers_too_and_keeps_finished_samples(recipe, whole, tmp_path):
+    """A terminal sends SIGINT to every process of the command."""
+    many = write_recipe(tmp_path, count=500)
+    process = start(many, tmp_path / "set", "--workers", "2", start_new_session=True)
+    wait_for_a_sample(process, tmp_path / "set")
+    running = workers_of(process)
+    os.killpg(process.pid, signal.SIGINT)
+    _, err = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, err) == (
+        130, "\ntwinlens: interrupted; finished samples are kept; run the same command to resume\n"
+    )  # fmt: skip
+    assert not psutil.wait_procs(running, timeout=5)[1]
+    assert rows_in(tmp_path / "set") >= 1
+    assert not list((tmp_path / "set").glob(".*unfinished*"))
 
 
 @pytest.mark.slow
@@ -92,19 +131,19 @@ def test_a_scheduler_of_the_users_serves_as_well(recipe, whole, tmp_path):
 
 def test_nobody_at_the_address_is_told(recipe, tmp_path):
     with pytest.raises(BackendError, match="no Dask scheduler answers at 'nonsense://x'"):
-        generate(read_recipe(recipe), tmp_path / "set", engine=remote_cluster("nonsense://x"))
+        generate(read_recipe(recipe), tmp_path / "set", engine=dask_cluster("nonsense://x"))
     assert not (tmp_path / "set").exists()
 
 
 def test_without_dask_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'twinlens\[cluster\]'"):
-        local_cluster(2)
+        dask_cluster("tcp://host:1")
 
 
 def test_a_worker_with_other_tools_refuses(recipe, tmp_path):
     read = read_recipe(recipe)
     order = Order(dict(read.written), str(recipe), str(tmp_path), {"backend": "abacus", "versions": {}}, {}, THREADS)
-    with pytest.raises(InputError, match="this worker renders with other tools than the dataset's: backend: 'abacus'"):
+    with pytest.raises(InputError, match=r"this worker has another backend .* than the dataset: backend: 'abacus'"):
         make_one(order, 0)
     assert not list(tmp_path.iterdir())

@@ -1,0 +1,314 @@
+"""Where samples are made: in this process, in worker processes of this machine, or on a Dask cluster.
+
+An engine makes the samples of the indices it is given and yields each one once it is on the disk. Whoever makes them,
+the samples are the same to the byte.
+"""
+
+import functools
+import os
+import signal
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from multiprocessing import active_children, get_context
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+from twinlens.dataset import Row, Sample, write_sample
+from twinlens.dataset.record import plain
+from twinlens.dataset.storage import is_whole, place
+from twinlens.errors import BackendError, InputError, MissingExtraError, OutputError
+from twinlens.factory.ledger import Entry, Failure, recovered_row, repair_hint, row_info, write_row
+from twinlens.factory.plan import sample_name
+from twinlens.factory.produce import Exhausted, make
+from twinlens.factory.recipe import Recipe, differences, recipe_from_table
+from twinlens.factory.sample import made_with
+from twinlens.factory.sources import changed_files
+from twinlens.rendering import forget_kernels, steady_memory, use_threads
+
+RENEWED_AFTER = 300
+"""Samples that a worker process makes before a new one replaces it. LLVM keeps about 15 KiB for each random scene that
+it compiled kernels for, whatever is freed; the memory of a process ends with it."""
+
+_POLL_S = 0.25
+_QUEUED = 2  # samples submitted for each thread of a Dask cluster, so that none waits
+_TRIES = 3
+
+Report = Callable[[float, str], None]
+Results = Generator[tuple[int, Entry], None, None]
+
+
+@dataclass(frozen=True)
+class Work:
+    """The recipe, the folder of the dataset, and the backend and versions that its samples must be made with."""
+
+    recipe: Recipe
+    folder: str
+    made_with: Mapping[str, Any]
+
+
+Engine = Callable[[Work, Sequence[int], Report], Results]
+"""Makes the samples of some indices; yields (index, entry) when a sample is on the disk, in any order."""
+
+
+def rendered(work: Work, index: int, progress: Callable[[float], None] | None = None) -> Sample | Failure:
+    """One sample in memory, or why all its draws were rejected."""
+    try:
+        return make(work.recipe, index, progress)
+    except Exhausted as error:
+        return Failure(index, plain(error.rejections), error.remedy)
+    finally:
+        if work.recipe.makes_scenes:
+            forget_kernels()
+
+
+def written(work: Work, index: int, made: Sample | Failure) -> Entry:
+    """Write a sample's folder, then its row. A whole sample that another worker has written meanwhile is kept."""
+    entry: Entry
+    if isinstance(made, Failure):
+        entry = made
+    else:
+        folder = place(work.folder) / sample_name(index)
+        try:
+            entry = Row(sample_name(index), write_sample(folder, made), plain(row_info(plain(made.record))))
+        except OutputError:
+            if not folder.exists():
+                raise
+            if not is_whole(folder):
+                raise OutputError(f"{folder}: exists and is not a whole sample; {repair_hint(folder)}") from None
+            entry = recovered_row(place(work.folder), work.recipe, index, work.made_with)
+    write_row(place(work.folder), index, entry)
+    return entry
+
+
+def in_process(work: Work, indices: Sequence[int], report: Report) -> Results:
+    """The engine of the calling thread: a second thread writes a sample while the next one is rendered."""
+    steady_memory()
+    writing: tuple[int, Future[Entry]] | None = None
+    with ThreadPoolExecutor(1, "twinlens-writer") as writer:
+        for done, index in enumerate(indices):
+            report(done / len(indices), "")
+            made = rendered(work, index, lambda part, done=done: report((done + min(part, 0.99)) / len(indices), ""))  # type: ignore[misc]
+            if writing is not None:
+                yield writing[0], writing[1].result()
+            writing = index, writer.submit(written, work, index, made)
+        if writing is not None:
+            yield writing[0], writing[1].result()
+
+
+@dataclass(frozen=True)
+class Order:
+    """A `Work` that can be pickled: the recipe as written, its path, and the SHA-256s of the files it names.
+
+    `threads` to render with; None: those of the Dask worker.
+    """
+
+    written: Mapping[str, Any] = field(hash=False)
+    path: str
+    folder: str
+    made_with: Mapping[str, Any] = field(hash=False)
+    sources: Mapping[str, str] = field(hash=False)
+    threads: int | None = None
+
+
+def worker_processes(count: int) -> Engine:
+    """The engine of `count` processes on this machine, which share its processors evenly.
+
+    A process is replaced after `RENEWED_AFTER` samples, and when it dies; its sample is made again.
+    """
+
+    def engine(work: Work, indices: Sequence[int], report: Report) -> Results:
+        order = _order(work, threads=max(1, len(os.sched_getaffinity(0)) // count))
+        workers = [_WorkerProcess() for _ in range(min(count, len(indices)))]
+        idle: SimpleQueue[_WorkerProcess] = SimpleQueue()
+        for worker in workers:
+            idle.put(worker)
+
+        def submit(index: int) -> Future[Entry]:
+            worker = idle.get()
+            future = worker.submit(order, index)
+            future.add_done_callback(lambda _: idle.put(worker))
+            return future
+
+        try:
+            yield from _collected(submit, lambda: len(workers), indices, report)
+        finally:
+            for worker in workers:
+                worker.stop()
+
+    return engine
+
+
+class _WorkerProcess:
+    """A process that makes one sample at a time; replaced after `RENEWED_AFTER` samples, and when it has died.
+
+    `ProcessPoolExecutor(max_tasks_per_child=...)` may deadlock when it replaces a process (CPython issue 115634), and
+    one executor for all workers would stop all of them when one dies.
+    """
+
+    def __init__(self) -> None:
+        self._executor: ProcessPoolExecutor | None = None
+        self._pid: Future[int] = Future()
+        self._made = 0
+
+    def submit(self, order: "Order", index: int) -> Future[Entry]:
+        if self._made == RENEWED_AFTER:
+            self.stop()
+        self._made += 1
+        with _interrupts_blocked():
+            for _ in range(_TRIES):
+                if self._executor is None:
+                    self._executor = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+                    self._pid = self._executor.submit(os.getpid)
+                try:
+                    return self._executor.submit(make_one, order, index)
+                except BrokenProcessPool:  # it has died since its last sample
+                    self.stop()
+        raise BackendError("worker processes die as soon as they start; more may be in the system's log")
+
+    def stop(self) -> None:
+        """End the process at once; a sample that it is making is lost."""
+        if self._executor is not None:
+            pid = self._pid.result() if self._pid.done() and self._pid.exception() is None else None
+            for process in active_children():
+                if process.pid == pid:
+                    process.kill()
+            self._executor.shutdown(cancel_futures=True)
+        self._executor, self._made = None, 0
+
+
+def dask_cluster(address: str) -> Engine:
+    """The engine of a running Dask cluster, by its scheduler's address, such as ``tcp://host:8786``.
+
+    Raises MissingExtraError without Dask distributed, and BackendError when no scheduler answers.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        raise MissingExtraError("--scheduler needs Dask distributed: pip install 'twinlens[cluster]'") from error
+    with _connected(distributed, address):
+        pass
+
+    def engine(work: Work, indices: Sequence[int], report: Report) -> Results:
+        order = _order(work)
+        with _connected(distributed, address) as client:
+            executor = client.get_executor(pure=False)
+            queued = lambda: _QUEUED * max(1, sum(client.nthreads().values()))  # noqa: E731
+            try:
+                yield from _collected(lambda i: executor.submit(make_one, order, i), queued, indices, report)
+            finally:
+                executor.shutdown(wait=False)
+
+    return engine
+
+
+def _collected(
+    submit: Callable[[int], Future[Entry]], most: Callable[[], int], indices: Sequence[int], report: Report
+) -> Results:
+    """Keep up to `most()` samples submitted and yield what is finished. A sample that lost its worker is resubmitted.
+
+    Raises BackendError at the end for samples whose worker died `_TRIES` times.
+    """
+    waiting, tries = iter(indices), Counter[int]()
+    running: dict[Future[Entry], int] = {}
+    done = 0
+    while True:
+        while len(running) < most() and (index := next(waiting, None)) is not None:
+            running[submit(index)] = index
+        if not running:
+            break
+        for future in wait(running, timeout=_POLL_S, return_when=FIRST_COMPLETED).done:
+            index = running.pop(future)
+            try:
+                entry = future.result()
+            except Exception as error:
+                if not _is_lost_worker(error):
+                    raise
+                tries[index] += 1
+                if tries[index] < _TRIES:
+                    running[submit(index)] = index
+            else:
+                done += 1
+                yield index, entry
+        report(done / len(indices), "")
+    if lost := [index for index, count in tries.items() if count == _TRIES]:
+        raise BackendError(
+            f"the worker of sample {lost[0]} died {_TRIES} times (out of memory?), as did those of {len(lost) - 1} "
+            "others; all other samples are kept; give the workers more memory or make the images smaller, and run the "
+            "same command to resume"
+        )
+
+
+def _is_lost_worker(error: Exception) -> bool:
+    return isinstance(error, BrokenProcessPool) or type(error).__name__ == "KilledWorker"  # the latter is Dask's
+
+
+_RENDERER = ThreadPoolExecutor(1, "twinlens-renderer")
+"""The thread of a worker that renders: Dr.Jit keeps its state by thread, and Dask runs tasks in several."""
+
+
+def make_one(order: Order, index: int) -> Entry:
+    """Make and write one sample, in a worker. One that a worker had finished before it died is kept."""
+    work, made = _RENDERER.submit(_rendered, order, index, order.threads or _dask_threads()).result()
+    if made is not None:
+        return written(work, index, made)
+    entry: Entry = recovered_row(place(order.folder), work.recipe, index, work.made_with)
+    write_row(place(order.folder), index, entry)
+    return entry
+
+
+def _rendered(order: Order, index: int, threads: int) -> tuple[Work, Sample | Failure | None]:
+    """The sample, why there is none, or None where it is written already."""
+    work = _work(order, threads)
+    if is_whole(place(order.folder) / sample_name(index)):
+        return work, None
+    return work, rendered(work, index)
+
+
+@functools.lru_cache(1)
+def _work(order: Order, threads: int) -> Work:
+    """Prepare this worker. Raises InputError where its versions, backend or files are not the dataset's."""
+    use_threads(threads)
+    steady_memory()
+    work = Work(recipe_from_table(order.written, Path(order.path)), order.folder, order.made_with)
+    if changed := differences(work.made_with, plain(made_with())):
+        raise InputError(f"this worker has another backend or other versions than the dataset: {'; '.join(changed)}")
+    if changed_sources := changed_files(order.sources, work.recipe.sources.digests):
+        raise InputError(f"this worker has other files beside the recipe than the dataset's: {changed_sources}")
+    return work
+
+
+def _dask_threads() -> int:
+    from distributed import get_worker
+
+    return int(get_worker().state.nthreads)
+
+
+def _order(work: Work, threads: int | None = None) -> Order:
+    path = os.path.abspath(work.recipe.file)  # noqa: PTH100  a worker has another working folder
+    folder = str(place(work.folder).resolve())
+    return Order(dict(work.recipe.written), path, folder, work.made_with, work.recipe.sources.digests, threads)
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Processes started within never receive SIGINT, which a terminal sends to all processes of a command."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _connected(distributed: Any, address: str) -> Iterator[Any]:
+    try:
+        client = distributed.Client(address, timeout=10)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise BackendError(f"no Dask scheduler answers at {address!r} ({error}); start one: dask scheduler") from error
+    with client:
+        yield client
