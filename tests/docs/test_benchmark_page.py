@@ -19,7 +19,7 @@ class Nothing:
     def __init__(self, name, fails=False):
         self.name, self.fails = name, fails
 
-    def __call__(self, left, right, *, ndisp):
+    def match(self, left, right, *, num_disparities, min_disparity):
         if self.fails:
             raise ValueError
         return np.full(left.shape[:2], np.inf, np.float32)

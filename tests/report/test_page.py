@@ -29,7 +29,7 @@ class Flat:
     def __init__(self, name, value):
         self.name, self.value = name, value
 
-    def __call__(self, left, right, *, ndisp):
+    def match(self, left, right, *, num_disparities, min_disparity):
         if self.value is None:
             raise RuntimeError(self.name)
         disp = np.full(left.shape[:2], self.value, np.float32)

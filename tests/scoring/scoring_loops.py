@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 INF = math.inf
 
 
@@ -14,7 +16,7 @@ def middlebury(disp, gt, mask, ndisp, rounded=False, scale=1):
                 continue
             n += 1
             d = disp[y // scale][x // scale]
-            if d == INF:
+            if d == INF or d > 1000 * ndisp:
                 invalid += 1
                 continue
             d = max(0.0, min(float(scale * ndisp), scale * d))
@@ -52,8 +54,8 @@ def kitti(disp, gt, mask):
             if true == INF or not mask[y][x]:
                 continue
             n += 1
-            e = abs(filled[y][x] - true)
-            outlier = e > 3.0 and (true == 0 or e / abs(true) > 0.05)
+            e = abs(np.float32(filled[y][x]) - np.float32(true))
+            outlier = e > np.float32(3) and (true == 0 or e / abs(np.float32(true)) > np.float32(0.05))
             outliers += outlier
             if 0 <= disp[y][x] < INF:
                 given += 1

@@ -38,7 +38,9 @@ class Constant:
     def spec(self):
         return f"constant {self.value} {self.holes}"
 
-    def __call__(self, left, right, *, ndisp):
+    def match(self, left, right, *, num_disparities, min_disparity):
+        if min_disparity < 0:
+            raise InputError("min_disparity < 0 is not supported")
         disp = np.full(left.shape[:2], self.value, np.float32)
         disp[:, : self.holes] = np.inf
         return disp
@@ -51,7 +53,7 @@ class Slow:
     name: str
     compiling: float
 
-    def __call__(self, left, right, *, ndisp):
+    def match(self, left, right, *, num_disparities, min_disparity):
         if self.name not in _COMPILED:
             _COMPILED.add(self.name)
             time.sleep(self.compiling)
@@ -69,7 +71,7 @@ class Hangs:
     note: Path
     seconds: float = 60
 
-    def __call__(self, left, right, *, ndisp):
+    def match(self, left, right, *, num_disparities, min_disparity):
         with self.note.open("a") as file:
             file.write(f"{len(left)}\n")
         time.sleep(self.seconds)
@@ -85,7 +87,7 @@ class Starts:
     deaf: bool = False
     session: bool = False
 
-    def __call__(self, left, right, *, ndisp):
+    def match(self, left, right, *, num_disparities, min_disparity):
         if self.deaf:
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
         with tempfile.TemporaryDirectory(dir=self.note.parent):
@@ -106,9 +108,9 @@ class Signed:
     name: str
     value: float
 
-    def __call__(self, left, right, *, ndisp, min_disparity=0):
+    def match(self, left, right, *, num_disparities, min_disparity):
         disp = np.full(left.shape[:2], self.value, np.float32)
-        disp[0, :2] = ndisp, min_disparity
+        disp[0, :2] = num_disparities, min_disparity
         return disp
 
 
@@ -118,7 +120,7 @@ class Trouble:
 
     name: str
 
-    def __call__(self, left, right, *, ndisp):
+    def match(self, left, right, *, num_disparities, min_disparity):
         return getattr(self, self.name.replace("-", "_"))(left)
 
     def raises(self, left):
@@ -181,7 +183,7 @@ class Unloadable:
     def __reduce__(self):
         return _hungry, (self.error,)
 
-    def __call__(self, left, right, *, ndisp):
+    def match(self, left, right, *, num_disparities, min_disparity):
         raise NotImplementedError
 
 
@@ -198,7 +200,7 @@ class Starving:
 
     name: str
 
-    def __call__(self, left, right, *, ndisp):
+    def match(self, left, right, *, num_disparities, min_disparity):
         import resource
 
         resource.setrlimit(resource.RLIMIT_DATA, (2**17, resource.getrlimit(resource.RLIMIT_DATA)[1]))

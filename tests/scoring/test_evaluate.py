@@ -144,6 +144,38 @@ def test_both_tests_of_d1_are_strict():
     assert evaluate(disp, gt, protocol="kitti2015").all["D1"] == pytest.approx(100 / 3)
 
 
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=50, deadline=None)
+def test_d1_is_computed_in_float32(seed):
+    """Truths and errors of exactly 5%, where 0.05 in float64 and in float32 decide differently."""
+    rng = np.random.default_rng(seed)
+    gt = (rng.integers(61 * 256, 250 * 256, (5, 40)) / 256).astype(np.float32)
+    disp = (gt * rng.choice([1.05, 0.95], gt.shape)).astype(np.float32)
+    found = evaluate(disp, gt, protocol="kitti2015").all
+    same(found, naive.kitti(disp.tolist(), gt.tolist(), np.ones(gt.shape, bool)))
+
+
+def test_middlebury_takes_far_too_large_estimates_for_no_estimate():
+    gt = np.full((1, 4), 10, np.float32)
+    disp = np.array([[10, 60, 12000, 12001]], np.float32)
+    scores = evaluate(disp, gt, ndisp=12).all
+    assert (scores["invalid"], scores["bad1.0"], scores["avgerr"]) == (25, 50, pytest.approx((0 + 2 + 2) / 3))
+    same(scores, naive.middlebury(disp.tolist(), gt.tolist(), np.ones(gt.shape, bool), 12))
+
+
+@given(seed=st.integers(0, 2**32 - 1), isint=st.booleans())
+@settings(max_examples=30, deadline=None)
+def test_isint_of_the_calibration_rounds_middlebury_s_estimates_alone(seed, isint):
+    disp, gt, mask = random_case(seed, 12, 12)
+    calibration = CALIBRATION.replace(isint=isint)
+    scores = evaluate(disp, gt, mask, 20, calibration=calibration)
+    assert scores.rounded == isint
+    same(scores.all, naive.middlebury(disp.tolist(), gt.tolist(), np.ones(gt.shape, bool), 20, isint))
+    eth3d = evaluate(disp, gt, mask, 20, protocol="eth3d", calibration=calibration)
+    assert not eth3d.rounded
+    assert not evaluate(disp, gt, mask, 20, calibration=calibration, round_disparity=False).rounded
+
+
 def test_d1_fills_what_eth3d_leaves_out_and_middlebury_counts_bad():
     gt = np.array([[1, 1, 1, 4]], np.float32)
     disp = np.array([[1, INF, INF, 4]], np.float32)

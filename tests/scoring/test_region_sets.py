@@ -136,7 +136,7 @@ def test_metres_stand_beside_pixels_on_one_board():
     class Off:
         name = "off"
 
-        def __call__(self, left, right, *, ndisp):
+        def match(self, left, right, *, num_disparities, min_disparity):
             return np.where(np.isfinite(pair.disp0), pair.disp0 + 1, np.inf).astype(np.float32)
 
     board = run_benchmark([pair], [Off()], protocol=list(PROTOCOLS), regions=["all", "near", "far"], warm_up=False)

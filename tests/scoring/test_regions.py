@@ -120,7 +120,7 @@ def test_materials_part_what_was_hit():
         (lambda: textureless(np.zeros((3, 3), np.uint8), window=4), "window is 4"),
         (lambda: discontinuity(np.full((3, 3), np.nan)), "gt holds NaN"),
         (lambda: discontinuity(np.zeros((3, 3)), window=0), "window is 0"),
-        (lambda: distance_bands([[1.0]], edges=(3, 2)), "rising order"),
+        (lambda: distance_bands([[1.0]], edges=(3, 2)), "ascending order"),
         (lambda: occluded(np.zeros((3, 3))), "mask_nonocc holds float64"),
         (lambda: of_material(np.zeros((3, 3), np.uint8), "miror"), "did you mean 'mirror'"),
         (lambda: region_masks(pair(), ["texturless"]), "did you mean 'textureless'"),

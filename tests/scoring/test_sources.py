@@ -23,7 +23,8 @@ from twinlens.scoring import (
     run_benchmark,
     spec_of,
 )
-from twinlens.scoring.maps import file_name
+from twinlens.scoring.map_folder import file_name
+from twinlens.scoring.samples import map_names
 
 
 def truth(disparity, depth):
@@ -52,7 +53,7 @@ def dataset(tmp_path_factory):
 def test_every_lens_of_a_sample_is_a_pair(dataset):
     pairs = DatasetPairs(dataset)
     names = ("one", "three · pinhole", "three · lens 200 mm at 1 m (1)", "three · lens 200 mm at 1 m (2)")
-    assert pairs.names == tuple(p.name for p in pairs) == names
+    assert tuple(pairs.aliases) == tuple(p.name for p in pairs) == names
     assert len(pairs) == 4
     assert (pairs[3].im0 - pairs[1].im0 == 2).all()
     assert [p.name for p in pairs[1:2]] == ["three · pinhole"]
@@ -60,7 +61,12 @@ def test_every_lens_of_a_sample_is_a_pair(dataset):
 
 def test_a_pair_says_what_a_map_of_it_is_called(dataset):
     pairs = DatasetPairs(dataset)
-    assert list(pairs.map_names.values()) == ["one.pfm", "three/lens-0.pfm", "three/lens-1.pfm", "three/lens-2.pfm"]
+    assert list(map_names(pairs.aliases).values()) == [
+        "one.pfm",
+        "three/lens-0.pfm",
+        "three/lens-1.pfm",
+        "three/lens-2.pfm",
+    ]
     assert pairs[0].aliases == ()
     assert pairs[1].aliases == ("three/lens-0", "three-lens-0", "three")
     assert pairs[3].aliases == ("three/lens-2", "three-lens-2")
@@ -87,7 +93,7 @@ def test_a_stored_sample_itself_can_be_benchmarked(dataset):
     class Five:
         name = "five"
 
-        def __call__(self, left, right, *, ndisp):
+        def match(self, left, right, *, num_disparities, min_disparity):
             return np.full(left.shape[:2], 5, np.float32)
 
     board = run_benchmark(dataset, [Five()], protocol=["middlebury-v3", "points"])
@@ -114,7 +120,7 @@ def test_methods_are_named_by_text_and_survive_pickling():
 
 def test_a_named_method_finds_a_shift():
     right = np.random.default_rng(1).integers(0, 255, (30, 60), np.uint8)
-    found = NamedMethod("sad:block_size=5")(np.roll(right, 6, axis=1), right, ndisp=16)
+    found = NamedMethod("sad:block_size=5").match(np.roll(right, 6, axis=1), right, num_disparities=16)
     assert np.median(found[5:-5, 20:-5]) == pytest.approx(6, abs=0.01)
 
 
@@ -127,7 +133,7 @@ def test_a_dataset_with_negative_disparities_is_searched_and_scored_there(tmp_pa
         tmp_path / "n", Sample(rig, (Shot(Pinhole(), (np.roll(right, -5, axis=1), right)),), tuple(views), ndisp=8)
     )
     pairs = DatasetPairs(Dataset(tmp_path))
-    assert pairs[0].search == {"ndisp": 13, "min_disparity": -5}
+    assert pairs[0].search == {"num_disparities": 13, "min_disparity": -5}
     entry = run_benchmark(pairs, [NamedMethod("sad:block_size=5")]).entries[0]
     assert entry.regions["all"]["A50"] == pytest.approx(0, abs=0.01)
 

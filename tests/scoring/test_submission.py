@@ -9,12 +9,14 @@ import zlib
 import numpy as np
 import pytest
 
+from tests.scoring import scoring_loops as naive
 from tests.scoring.scoring_methods import pair
-from twinlens.dataset import encode_png, write_pfm, write_png
+from twinlens.dataset import Calibration, encode_png, write_pfm, write_png
 from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.errors import FileError
-from twinlens.scoring import open_submission, run_benchmark
+from twinlens.scoring import Pair, open_submission, run_benchmark
 
+CALIBRATION = Calibration((90.0, 80.0, 5.5, 4.0), (90.0, 80.0, 5.5, 4.0), 0.2, 32, 40, 0.0)
 DISP = np.array([[1.5, np.inf, 3.25], [4.0, 5.0, 6.0]], np.float32)
 SHAPE = (2, 3)
 
@@ -107,6 +109,27 @@ def test_a_submission_is_scored_like_a_method_without_a_time(tmp_path):
     assert "t.pfm: is 31 x 40; the truth is 30 x 40" in board.entries[1].failure.message
 
 
+@pytest.mark.parametrize("scale", [2, 4])
+def test_a_smaller_map_is_scored_as_a_single_one(tmp_path, scale):
+    """By the protocols that scale it up; the others refuse it. The map that is kept has the truth's size."""
+    rng = np.random.default_rng(scale)
+    gt, image = rng.uniform(0, 15, (40, 32)).astype(np.float32), np.zeros((40, 32), np.uint8)
+    sample = Pair("s", image, image, gt, None, 16, CALIBRATION.replace(isint=True))
+    small = rng.uniform(0, 20 / scale, (40 // scale, 32 // scale)).astype(np.float32)
+    small[1, 1] = np.inf
+    write_pfm(tmp_path / "s.pfm", small)
+    kept = []
+    board = run_benchmark(
+        [sample], [open_submission(tmp_path)], protocol=["middlebury-v3", "eth3d"], on_map=lambda *map: kept.append(map)
+    )
+    entry, refused = board.entries
+    wanted = naive.middlebury(small.tolist(), gt.tolist(), np.ones(gt.shape, bool), 16 / scale, True, scale)
+    assert dict(entry.regions["all"]) == pytest.approx(wanted)
+    assert refused.failure.kind == "refused"
+    assert "ETH3D two-view expects (40, 32)" in refused.failure.message
+    np.testing.assert_array_equal(kept[0][2], scale * small.repeat(scale, 0).repeat(scale, 1))
+
+
 def test_other_maps_are_another_method(tmp_path):
     specs = set()
     for value in (1, 2):
@@ -124,14 +147,14 @@ def test_other_maps_are_another_method(tmp_path):
 @pytest.mark.parametrize("packed", [True, False])
 def test_names_that_some_computers_cannot_tell_apart_are_refused(tmp_path, one, other, packed):
     if packed:
-        with pytest.raises(FileError, match="one name on some computers") as error:
+        with pytest.raises(FileError, match="same name on some systems") as error:
             zipped(tmp_path / "evil.zip", [(one, encode_pfm(DISP)), (other, encode_pfm(DISP + 1))])
     else:
         for name in (one, other):
             write_pfm(tmp_path / "evil" / name, DISP)
         if len(list((tmp_path / "evil").rglob("*.pfm"))) < 2:
             pytest.skip("this file system cannot tell them apart either")
-        with pytest.raises(FileError, match="one name on some computers") as error:
+        with pytest.raises(FileError, match="same name on some systems") as error:
             open_submission(tmp_path / "evil")
     assert one in str(error.value)
     assert other in str(error.value)
@@ -197,7 +220,7 @@ def test_a_zip_that_reaches_out_is_refused_whole(tmp_path, name, edit, says):
 
 
 def test_a_name_that_is_there_twice_is_refused(tmp_path):
-    with pytest.warns(UserWarning, match="Duplicate name"), pytest.raises(FileError, match="there twice"):
+    with pytest.warns(UserWarning, match="Duplicate name"), pytest.raises(FileError, match="occurs twice"):
         zipped(tmp_path / "evil.zip", [("s.pfm", encode_pfm(DISP)), ("s.pfm", encode_pfm(DISP + 1))])
 
 
@@ -239,7 +262,7 @@ def test_a_compression_that_unpacks_whole_is_refused(tmp_path, monkeypatch, comp
     with zipfile.ZipFile(tmp_path / "bomb.zip", "w", compression) as archive:
         archive.writestr("s.pfm", BOMB)
     opened = opened_members(monkeypatch)
-    with pytest.raises(FileError, match=r"bomb\.zip: s\.pfm is compressed by another method than deflate"):
+    with pytest.raises(FileError, match=r"bomb\.zip: s\.pfm uses a compression other than deflate"):
         open_submission(tmp_path / "bomb.zip").map_of("s", SHAPE)
     assert opened == []
 
@@ -279,7 +302,7 @@ def test_a_small_png_that_claims_a_large_picture_is_refused_by_its_header(tmp_pa
         ("s.pfm", encode_pfm(DISP)[:-4], "damaged"),
         ("s.pfm", b"", "not a PFM"),
         ("s.pfm", encode_pfm(DISP).replace(np.float32(4).tobytes(), np.float32(np.nan).tobytes()), "NaN"),
-        ("s.pfm", encode_pfm(np.zeros((2, 3, 3), np.float32)), "colours"),
+        ("s.pfm", encode_pfm(np.zeros((2, 3, 3), np.float32)), "colour channels"),
         ("s.pfm", encode_pfm(DISP.T), "is 2 x 3; the truth is 3 x 2"),
         ("s.png", b"not a png", "not a PNG"),
     ],
@@ -345,16 +368,18 @@ def test_maps_of_no_sample_are_told(tmp_path, packed, top):
     files |= {f"{top}u/preview.png": encode_png(np.zeros((2, 3), np.uint8)), f"{top}notes.txt": b"hi"}
     files |= {f"{top}cut.png": encode_png(PNG)[:20]}
     submission = zipped(tmp_path / "my.zip", files.items()) if packed else _filled(tmp_path / "my", files)
-    assert submission.strangers(LENSES | {"t": ()}) == tuple(f"{top}{name}" for name in sorted(strange))
+    assert submission.unmatched_files(LENSES | {"t": ()}) == tuple(f"{top}{name}" for name in sorted(strange))
 
 
 def test_a_submission_of_one_sample_alone_has_no_folder_above_it(tmp_path):
     submission = _filled(tmp_path / "my", {f"s/{name}.pfm": encode_pfm(DISP) for name in ("disp0", "old", "lens-2")})
-    assert submission.strangers({"s": (), "t": ()}) == ("s/lens-2.pfm",)
-    assert submission.strangers({"t": ()}) == ("s/disp0.pfm", "s/lens-2.pfm", "s/old.pfm")
+    assert submission.unmatched_files({"s": (), "t": ()}) == ("s/lens-2.pfm",)
+    assert submission.unmatched_files({"t": ()}) == ("s/disp0.pfm", "s/lens-2.pfm", "s/old.pfm")
 
 
-@pytest.mark.parametrize("asks", [lambda each: len(each.strangers({"s": ()})), lambda each: len(each.spec) and 40])
+@pytest.mark.parametrize(
+    "asks", [lambda each: len(each.unmatched_files({"s": ()})), lambda each: len(each.spec) and 40]
+)
 def test_a_zip_is_opened_once_however_many_maps_are_asked_of(tmp_path, monkeypatch, asks):
     """Its list is read each time: as often as it is long, that takes hours."""
     submission = zipped(tmp_path / "my.zip", [(f"no-{k}.png", encode_png(PNG)) for k in range(40)])
@@ -369,7 +394,7 @@ def test_a_zip_that_is_gone_meanwhile_is_told(tmp_path):
     submission = zipped(tmp_path / "my.zip", [("no.png", encode_png(PNG))])
     (tmp_path / "my.zip").unlink()
     for asks in (
-        lambda: submission.strangers({"s": ()}),
+        lambda: submission.unmatched_files({"s": ()}),
         lambda: submission.spec,
         lambda: submission.map_of("no", SHAPE),
     ):

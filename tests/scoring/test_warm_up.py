@@ -17,8 +17,8 @@ class Noting:
     def __init__(self):
         self.calls = []
 
-    def __call__(self, left, right, *, ndisp):
-        self.calls.append((len(left), ndisp))
+    def match(self, left, right, *, num_disparities, min_disparity):
+        self.calls.append((len(left), num_disparities))
         return np.full(left.shape[:2], 4, np.float32)
 
 

@@ -81,7 +81,7 @@ class Chain(Sequence[Any]):
     @property
     def names(self) -> tuple[str, ...]:
         """The pairs' names, in order; no image is read where a part knows its names."""
-        return tuple(name for part in self._parts for name in getattr(part, "names", None) or [p.name for p in part])
+        return tuple(name for part in self._parts for name in getattr(part, "aliases", None) or [p.name for p in part])
 
     def __len__(self) -> int:
         return len(self._places)

@@ -142,11 +142,11 @@ def _saying_what_is_kept(output: Path, made: Sequence[str]) -> Iterator[None]:
 @contextlib.contextmanager
 def _alone(output: Path) -> Iterator[None]:
     """Be the only run that writes there; refuse a folder of other things. A running one may have no board.json yet."""
-    from twinlens.scoring.alone import alone
+    from twinlens.scoring.resume import exclusive
 
     if not output.is_dir():
         check_results(output, "board.json")
-    with alone(output):
+    with exclusive(output):
         check_results(output, "board.json")
         yield
 

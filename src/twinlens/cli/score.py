@@ -110,7 +110,7 @@ def _score_many(
 ) -> int:
     from twinlens.cli.benchmark import Chain, pairs_of
     from twinlens.scoring import open_submission
-    from twinlens.scoring.board_json import UNSCORED
+    from twinlens.scoring.board_file import UNSCORED
 
     methods = [open_submission(path) for path in submissions]
     parts = [pairs_of(name) for name in truths]
@@ -126,7 +126,7 @@ def _score_many(
 def _strangers(methods: Sequence["Submission"], parts: Sequence[Sequence[Any]]) -> dict[str, tuple[str, ...]]:
     """For each submission the maps in it that are of no sample."""
     samples = {name: aliases for part in parts for name, aliases in _aliases(part).items()}
-    return {method.name: method.strangers(samples) for method in methods}
+    return {method.name: method.unmatched_files(samples) for method in methods}
 
 
 def _unscored(strangers: Mapping[str, Sequence[str]]) -> list[str]:
@@ -167,9 +167,11 @@ def _aliases(part: Sequence[Any]) -> dict[str, tuple[str, ...]]:
 
 def _missing(board: "Board", parts: Sequence[Sequence[Any]]) -> list[str]:
     """For each submission that lacks maps one line: how many of how many, and what the first few are to be called."""
+    from twinlens.scoring.samples import map_names
+
     files: dict[str, str] = {}
     for part in parts:
-        files |= getattr(part, "map_names", None) or {pair.name: f"{pair.name}.pfm" for pair in part}
+        files |= map_names(_aliases(part))
     lines = []
     for method in board.methods:
         failures = {e.sample: e.failure for e in board.entries if e.method == method and e.failure is not None}

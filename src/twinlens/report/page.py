@@ -37,7 +37,7 @@ from twinlens.scoring import (
     board_to_json,
     load_pair,
 )
-from twinlens.scoring.catalogue import TIMES
+from twinlens.scoring.metrics import TIMES
 from twinlens.scoring.tables import COLUMNS
 
 MAX_WIDTH = 800

@@ -1,21 +1,16 @@
-"""scoring: disparity and truth in, numbers out. Metrics, regions, protocols, and the leaderboard made of them.
-
-Never renders, never matches, never draws; usable where mitsuba cannot be imported.
-"""
+"""Scoring of disparity maps: metrics, regions, protocols, and leaderboards. Works without mitsuba."""
 
 from twinlens.scoring.benchmark import WARM_UP_LIMIT_S, Step, run_benchmark, spec_of
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure, Mean
-from twinlens.scoring.board_json import board_from_json, board_to_json, json_number, read_board, write_board
-from twinlens.scoring.catalogue import METRICS, Metric, find_metric
-from twinlens.scoring.cloud import cloud_errors, points
-from twinlens.scoring.dataset_pairs import DatasetPairs, lens_label
+from twinlens.scoring.board_file import board_from_json, board_to_json, json_number, read_board, write_board
 from twinlens.scoring.evaluate import RegionScores, Scores, evaluate
-from twinlens.scoring.kitti import interpolate_background
-from twinlens.scoring.maps import MapFolder
+from twinlens.scoring.map_folder import MapFolder
 from twinlens.scoring.methods import NamedMethod, NamedProgram, named_methods, named_program
-from twinlens.scoring.pair import Pair, Sample, fingerprint, load_pair, search_range
-from twinlens.scoring.protocols import PROTOCOLS, Protocol, find_protocol
-from twinlens.scoring.region_sets import REGIONS, Region, region_masks
+from twinlens.scoring.metrics import METRICS, Metric, find_metric
+from twinlens.scoring.point_cloud import cloud_errors, points
+from twinlens.scoring.protocols import PROTOCOLS, Protocol, find_protocol, interpolate_background
+from twinlens.scoring.regions import REGIONS, Region, region_masks
+from twinlens.scoring.samples import DatasetPairs, Pair, Sample, fingerprint, lens_label, load_pair, search_range
 from twinlens.scoring.submission import Submission, open_submission
 from twinlens.scoring.tables import board_csv, board_latex, caption, failures, leaderboard_table, standings
 

@@ -1,4 +1,4 @@
-"""The leaderboard as data: one `Entry` for every method x sample x protocol, and means over samples. Prints nothing."""
+"""The leaderboard as data: one `Entry` for each method, sample and protocol, and means over samples."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -8,26 +8,27 @@ from types import MappingProxyType
 
 from twinlens.errors import InputError, unknown
 from twinlens.scoring.evaluate import RegionScores
+from twinlens.scoring.metrics import TIMES
 from twinlens.scoring.protocols import PROTOCOLS
 
 FAILURES: Mapping[str, str] = MappingProxyType(
     {
-        "crash": "it raised an exception, or its process died",
-        "memory": "it asked for more memory than there is, or than it may have",
-        "time-limit": "it did not answer within the time limit",
-        "wrong-type": "it answered something that is no array of disparities",
-        "wrong-shape": "its map has another size than the left image",
-        "not-a-number": "its map holds NaN or -inf",
-        "missing": "a submission has no map of this sample",
-        "refused": "a submission's map is damaged or of the wrong size",
+        "crash": "the method raised an exception, or its process died",
+        "memory": "the method ran out of memory, or exceeded its memory limit",
+        "time-limit": "the method exceeded the time limit",
+        "wrong-type": "the result is not an array of disparities",
+        "wrong-shape": "the map's size differs from the left image's",
+        "not-a-number": "the map contains NaN or -inf",
+        "missing": "the submission has no map of this sample",
+        "refused": "the submission's map is damaged or has the wrong size",
     }
 )
-"""Why a method can fail on a pair: kind -> what it means."""
+"""Why a method failed on a pair: kind -> meaning."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why there are no scores: one of `FAILURES`, and what was seen, in one line."""
+    """Why there are no scores: a kind of `FAILURES`, and the details in one line."""
 
     kind: str
     message: str
@@ -41,9 +42,8 @@ class Failure:
 class Entry:
     """One method on one sample by one protocol: scores by region, or the failure.
 
-    spec: everything that decides the method's answer. sample_sha256: of the images, truth, mask and search, which was
-    of `ndisp` disparities from `min_disparity`. seconds: wall time of the call, None where it did not end or was not
-    measured.
+    spec: everything that determines the method's results. sample_sha256: see `samples.fingerprint`. The search covered
+    `ndisp` disparities from `min_disparity`. seconds: wall time of the match, None if it failed or was not measured.
     """
 
     method: str
@@ -61,26 +61,26 @@ class Entry:
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """What no two entries of a board share."""
+        """Unique among the entries of a board."""
         return self.method, self.sample, self.protocol
 
     @property
     def ok(self) -> bool:
-        """Whether there are scores."""
+        """Whether the entry has scores."""
         return self.failure is None
 
     def evaluated(self, region: str) -> int:
-        """How many pixels of the region were scored; 0 where it is not there."""
+        """Number of scored pixels of the region; 0 without that region."""
         return self.regions[region].evaluated if region in self.regions else 0
 
     def times(self) -> dict[str, float]:
-        """time in s; time/MP in s per 10^6 pixels; time/GD in s per 10^9 pixels x ndisp. NaN where not measured."""
+        """time in s; time/MP in s per 10^6 pixels; time/GD in s per 10^9 pixels x ndisp. NaN if not measured."""
         seconds = math.nan if self.seconds is None else self.seconds
         pixels = self.width * self.height
         return {"time": seconds, "time/MP": seconds / pixels * 1e6, "time/GD": seconds / (pixels * self.ndisp) * 1e9}
 
     def value(self, region: str, metric: str) -> float:
-        """One number of this entry; NaN where it does not exist."""
+        """One metric or time of this entry; NaN if it is missing."""
         times = self.times()
         if metric in times:
             return times[metric]
@@ -90,10 +90,10 @@ class Entry:
 
 @dataclass(frozen=True)
 class Mean:
-    """A method's mean over samples in one region: `metrics`, over `counted` samples; the others are named.
+    """A method's mean over samples in one region: `metrics` over `counted` samples.
 
-    failed: it was run and gave nothing to score. missing: it was not run, and the board has the sample by another
-    method. If there is one of either, every mean is NaN: a mean over the easier rest would beat honest ones.
+    failed: samples on which the method failed. missing: samples that another method was run on and this one was not.
+    With any of either, every mean is NaN, because a mean over fewer, easier samples is not comparable.
     """
 
     method: str
@@ -104,13 +104,13 @@ class Mean:
 
     @property
     def total(self) -> int:
-        """How many samples there are to count."""
+        """Number of samples that a complete mean covers."""
         return self.counted + len(self.failed) + len(self.missing)
 
 
 @dataclass(frozen=True)
 class Board:
-    """All entries, in the order they were made, and what made them (`meta`: versions, machine)."""
+    """All entries in order of measurement; meta: versions and machine."""
 
     title: str = "twinlens board"
     entries: tuple[Entry, ...] = ()
@@ -146,59 +146,53 @@ class Board:
         return _unique(name for entry in self.entries for name in entry.regions)
 
     def find(self, method: str, sample: str, protocol: str) -> Entry | None:
-        """The entry of that key, or None."""
+        """The entry with that key, or None."""
         wanted = (method, sample, protocol)
         return next((entry for entry in self.entries if entry.key == wanted), None)
 
     def having(self, entry: Entry) -> "Board":
-        """A board with `entry` in place of the one of its key, or at the end."""
+        """A board with `entry` in place of the one with its key, or appended."""
         if all(old.key != entry.key for old in self.entries):
             return replace(self, entries=(*self.entries, entry))
         return replace(self, entries=tuple(entry if old.key == entry.key else old for old in self.entries))
 
     def without(self, unwanted: Callable[[Entry], bool]) -> "Board":
-        """A board with no entry of which `unwanted` is true."""
+        """A board without the entries for which `unwanted` is True."""
         return replace(self, entries=tuple(entry for entry in self.entries if not unwanted(entry)))
 
     def mean(self, method: str, protocol: str, region: str, weights: Mapping[str, float] | None = None) -> Mean:
-        """The weighted mean over samples, sum(w x) / sum(w); every weight is 1 where none is given.
+        """The weighted mean over samples, sum(w x) / sum(w), with weight 1 by default.
 
-        A sample that has no pixel in the region (or not the region at all) by any method counts for none. One that the
-        board has, and this method was not run on, is missing.
+        Samples without pixels in the region (by any method) are not counted.
 
         Raises
         ------
         InputError
-            A weight for an unknown sample, or a negative one.
+            A weight for an unknown sample, or a negative weight.
         """
         _check_weights(weights or {}, self.samples)
-        mine = [e for e in self._scored_by(protocol) if e.method == method]
+        entries = self._by_protocol.get(protocol, [])
+        mine = [e for e in entries if e.method == method]
         failed = tuple(e.sample for e in mine if not e.ok)
-        there = [e for e in mine if e.evaluated(region)]
-        had = {*failed, *(e.sample for e in there)}
-        missing = tuple(name for name in self._counting(protocol, region) if name not in had)
-        names = (*PROTOCOLS[protocol].metrics, "time", "time/MP", "time/GD")
-        factors = [(weights or {}).get(e.sample, 1.0) for e in there]
-        partly = bool(failed or missing)
-        means = {n: math.nan if partly else _mean([e.value(region, n) for e in there], factors) for n in names}
-        return Mean(method, means, len(there), failed, missing)
-
-    def _scored_by(self, protocol: str) -> list[Entry]:
-        return self._by_protocol.get(protocol, [])
+        scored = [e for e in mine if e.evaluated(region)]
+        succeeded = {e.sample for e in entries if e.ok}
+        expected = _unique(e.sample for e in entries if e.evaluated(region) or e.sample not in succeeded)
+        covered = {*failed, *(e.sample for e in scored)}
+        missing = tuple(name for name in expected if name not in covered)
+        names = (*PROTOCOLS[protocol].metrics, *TIMES)
+        if failed or missing:
+            return Mean(method, dict.fromkeys(names, math.nan), len(scored), failed, missing)
+        factors = [(weights or {}).get(e.sample, 1.0) for e in scored]
+        means = {name: _mean([e.value(region, name) for e in scored], factors) for name in names}
+        return Mean(method, means, len(scored), (), ())
 
     @cached_property
     def _by_protocol(self) -> dict[str, list[Entry]]:
-        """A page asks for the means of every method, protocol and region: each time through all would be slow."""
+        """Entries grouped once: a page needs the means of every method, protocol and region."""
         found: dict[str, list[Entry]] = {}
         for entry in self.entries:
             found.setdefault(entry.protocol, []).append(entry)
         return found
-
-    def _counting(self, protocol: str, region: str) -> tuple[str, ...]:
-        """The samples that count: some method has pixels there, or none has an answer that could say."""
-        mine = self._scored_by(protocol)
-        answered = {e.sample for e in mine if e.ok}
-        return _unique(e.sample for e in mine if e.evaluated(region) or e.sample not in answered)
 
 
 def _unique(names: Iterable[str]) -> tuple[str, ...]:
@@ -210,7 +204,7 @@ def _check_weights(weights: Mapping[str, float], samples: tuple[str, ...]) -> No
         if name not in samples:
             raise unknown("sample", name, samples)
         if not (math.isfinite(weight) and weight >= 0):
-            raise InputError(f"the weight of {name!r} is {weight}: expected a finite number, 0 or more")
+            raise InputError(f"the weight of {name!r} is {weight}: expected a finite number >= 0")
 
 
 def _mean(values: list[float], weights: list[float]) -> float:

@@ -1,4 +1,4 @@
-"""What may enter the scoring room: disparity maps and masks, looked at once, here. Knows no metric."""
+"""Validation of disparity maps and masks."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ Disparity = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 
 EVALUATED = 255
-"""The one value of a uint8 mask that counts a pixel in (Middlebury v3, ETH3D)."""
+"""Value of evaluated pixels in a uint8 mask (Middlebury v3, ETH3D)."""
 
 
 def disparity_map(name: str, values: ArrayLike) -> Disparity:
@@ -20,8 +20,7 @@ def disparity_map(name: str, values: ArrayLike) -> Disparity:
     Raises
     ------
     InputError
-        Not two-dimensional, empty, not real numbers, or holding NaN or -inf: an evaluator that let them through would
-        call NaN never bad (every comparison with it is false) and -inf valid.
+        Not two-dimensional, empty, not real numbers, or with NaN or -inf.
 
     >>> disparity_map("disp", [[1, 2]])
     array([[1., 2.]])
@@ -48,12 +47,12 @@ def _refuse(name: str, array: Disparity, where: Mask, what: str) -> None:
 
 
 def mask_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Mask:
-    """`values` as an (H, W) boolean mask: True of a boolean array, 255 and nothing else of a uint8 array.
+    """`values` as an (H, W) boolean mask; of a uint8 array only 255 is True.
 
     Raises
     ------
     InputError
-        Another dtype, or another shape than the truth's.
+        The dtype is neither bool nor uint8, or the shape is not the truth's.
 
     >>> mask_of("mask", np.array([[255, 128, 0]], np.uint8), (1, 3)).tolist()
     [[True, False, False]]

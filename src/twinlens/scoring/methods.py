@@ -1,4 +1,4 @@
-"""A board's methods by name: `zncc:block_size=21` as an object to call, to send to a process, and to resume by."""
+"""A board's methods by name: matchers of `matching.parse_method`, and programs by their command."""
 
 import re
 from collections.abc import Iterable
@@ -14,12 +14,12 @@ from twinlens.matching import MethodSpec, Program, parse_method
 
 @dataclass(frozen=True)
 class NamedMethod:
-    """One of twinlens's own matchers, named by the text that `matching.parse_method` reads.
+    """A matcher given as text, see `matching.parse_method`. Picklable.
 
     Raises
     ------
     InputError
-        The text names no matcher, or options that it does not have.
+        Unknown matcher or option.
 
     >>> NamedMethod("sad:block_size=7").name
     'sad:block_size=7'
@@ -36,30 +36,31 @@ class NamedMethod:
 
     @property
     def name(self) -> str:
-        """What the board calls it."""
+        """Name on the board."""
         return self._parsed.text
 
     @property
     def spec(self) -> str:
-        """The method with every option, defaults included, twinlens's version, and the hashes of the files it is made
-        of (`MethodSpec.content`): changed, it is another method."""
+        """All options including defaults, twinlens's version, and the hashes of the method's files."""
         method = self._parsed.method
         options = {**method.options, **self._parsed.options}
         text = ",".join(f"{name}={value!r}" for name, value in sorted(options.items()))
-        return _joined(f"twinlens {twinlens.__version__} {method.name}:{text}", self._parsed.content)
+        return _with_content(f"twinlens {twinlens.__version__} {method.name}:{text}", self._parsed.content)
 
     @property
     def is_foreign(self) -> bool:
-        """Whether it runs a stranger's code in this process: see `MethodSpec.is_foreign`."""
+        """Whether it runs foreign code in this process: see `MethodSpec.is_foreign`."""
         return self._parsed.is_foreign
 
     def check_parts(self) -> None:
-        """Raises InputError or FileError where what it is made of is not there: a network's file, a function."""
+        """InputError or FileError if a file or function that the method needs is missing."""
         self._parsed.check_parts()
 
-    def __call__(self, left: NDArray[Any], right: NDArray[Any], *, ndisp: int, min_disparity: int = 0) -> NDArray[Any]:
-        """Match over `ndisp` disparities from `min_disparity`, unless the text says other numbers."""
-        return self._parsed(left, right, num_disparities=ndisp, min_disparity=min_disparity)
+    def match(
+        self, left: NDArray[Any], right: NDArray[Any], *, num_disparities: int, min_disparity: int = 0
+    ) -> NDArray[Any]:
+        """Match; a range in the text takes precedence over the arguments."""
+        return self._parsed(left, right, num_disparities=num_disparities, min_disparity=min_disparity)
 
     def __reduce__(self) -> tuple[type["NamedMethod"], tuple[str]]:
         return NamedMethod, (self.text,)
@@ -67,14 +68,14 @@ class NamedMethod:
 
 @dataclass(frozen=True)
 class NamedProgram:
-    """Any program as a board's method; see `matching.Program` for its command.
+    """A program as a board's method; see `matching.Program` for the command.
 
-    name: what the board calls it. time_limit: seconds a call may take, after which the program is ended.
+    name: name on the board. time_limit: seconds per match, after which the program is killed.
 
     Raises
     ------
     InputError
-        The command does not name {left}, {right} and {out}.
+        The command lacks {left}, {right} or {out}.
     """
 
     name: str
@@ -87,28 +88,30 @@ class NamedProgram:
 
     @property
     def spec(self) -> str:
-        """The command and the hashes of the files it names; how long it may take does not change what it answers."""
-        return _joined(f"program:command={self.command!r}", self._program(1).content)
+        """The command and the hashes of the files it names; the time limit does not change results."""
+        return _with_content(f"program:command={self.command!r}", self._program(1).content)
 
     def check_parts(self) -> None:
-        """Raises InputError where there is no such program."""
+        """InputError if the program does not exist."""
         self._program(1).check_parts()
 
-    def _program(self, ndisp: int, min_disparity: int = 0) -> Program:
-        program = Program(self.command, num_disparities=ndisp, min_disparity=min_disparity)
+    def _program(self, num_disparities: int, min_disparity: int = 0) -> Program:
+        program = Program(self.command, num_disparities=num_disparities, min_disparity=min_disparity)
         return program if self.time_limit is None else replace(program, timeout_s=self.time_limit)
 
-    def __call__(self, left: NDArray[Any], right: NDArray[Any], *, ndisp: int, min_disparity: int = 0) -> NDArray[Any]:
-        """Run it on two files; {num_disparities} in the command becomes `ndisp`, {min_disparity} itself."""
-        return self._program(ndisp, min_disparity).match(left, right)
+    def match(
+        self, left: NDArray[Any], right: NDArray[Any], *, num_disparities: int, min_disparity: int = 0
+    ) -> NDArray[Any]:
+        """Run the program on two files."""
+        return self._program(num_disparities, min_disparity).match(left, right)
 
 
-def _joined(options: str, content: str) -> str:
+def _with_content(options: str, content: str) -> str:
     return f"{options} [{content}]" if content else options
 
 
 def named_program(text: str, time_limit: float | None = None) -> NamedProgram:
-    """The program of `name=command`, or of a command alone, which is then named by its program's file.
+    """The program in `name=command`, or in a command alone, which is named after its executable.
 
     >>> named_program("mine=./prog --fast {left} {right} {out}").name
     'mine'
@@ -123,7 +126,7 @@ def named_program(text: str, time_limit: float | None = None) -> NamedProgram:
 
 
 def named_methods(texts: Iterable[str]) -> list[NamedMethod]:
-    """One method for every text.
+    """One method for each text.
 
     >>> [m.name for m in named_methods(["sad", "zncc"])]
     ['sad', 'zncc']

@@ -1,15 +1,24 @@
-"""Error statistics: absolute errors in, percentages and pixels out. Knows no file, no mask and no protocol.
+"""Error statistics, and the table of their names, units and meanings.
 
-Every function takes `errors`, a 1-D float64 array of absolute errors in pixels, all finite. Percentages are 0 to 100.
-A statistic of no pixel at all is NaN: it has no value, and 0 would look like a perfect one.
+`errors` is a 1-D float64 array of finite absolute errors in pixels or metres. Percentages are 0 to 100; NaN over no
+pixels.
 """
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from twinlens.errors import unknown
+
 Errors = NDArray[np.float64]
+THRESHOLDS = (0.5, 1.0, 2.0, 4.0)
+"""Bad-pixel thresholds in pixels of the truth's resolution (Middlebury v3, ETH3D)."""
+QUANTILES = (50, 90, 95, 99)
+TIMES = ("time", "time/MP", "time/GD")
 
 
 def percent(count: int, total: int) -> float:
@@ -22,7 +31,7 @@ def percent(count: int, total: int) -> float:
 
 
 def bad_count(errors: Errors, threshold: float) -> int:
-    """How many errors are greater than `threshold` pixels, strictly (Middlebury v3, ETH3D).
+    """Number of errors strictly greater than `threshold`.
 
     >>> bad_count(np.array([0.5, 1.0, 1.5]), 1.0)
     1
@@ -30,45 +39,81 @@ def bad_count(errors: Errors, threshold: float) -> int:
     return int(np.count_nonzero(errors > threshold))
 
 
-def avgerr(errors: Errors) -> float:
-    """The mean absolute error, in pixels.
+def error_sizes(errors: Errors) -> dict[str, float]:
+    """Mean (avgerr), root mean square (rms) and quantiles A50, A90, A95, A99, in the unit of `errors`.
 
-    >>> avgerr(np.array([1.0, 3.0]))
-    2.0
-    """
-    return float(errors.mean()) if errors.size else math.nan
+    A_q is sorted(errors)[floor(n q / 100)], without interpolation, as in ETH3D's evaluator (two-view-evaluation,
+    `ComputeMetrics`). The index is computed in integers.
 
-
-def rms(errors: Errors) -> float:
-    """The root of the mean squared error, in pixels.
-
-    >>> rms(np.array([1.0, 7.0]))
-    5.0
-    """
-    return math.sqrt(float(np.mean(errors * errors))) if errors.size else math.nan
-
-
-def quantiles(errors: Errors, percents: tuple[int, ...]) -> dict[str, float]:
-    """A_q: the error that q percent of the pixels stay below, sorted(errors)[floor(n q / 100)], in pixels.
-
-    No interpolation between two errors; A50 of an even count is the upper of the two middle ones. The evaluator of
-    ETH3D (two-view-evaluation, `ComputeMetrics`) defines its A50 ... A99 so; the public Middlebury v3 kit computes
-    none, and the same rule serves both here. The index is floored in integers: 0.9 as a float is not nine tenths.
-
-    >>> quantiles(np.array([4.0, 1.0, 3.0, 2.0]), (50, 99))
-    {'A50': 3.0, 'A99': 4.0}
+    >>> error_sizes(np.array([4.0, 1.0, 3.0, 2.0]))
+    {'avgerr': 2.5, 'rms': 2.7386127875258306, 'A50': 3.0, 'A90': 4.0, 'A95': 4.0, 'A99': 4.0}
     """
     if not errors.size:
-        return {f"A{q}": math.nan for q in percents}
-    ranks = [errors.size * q // 100 for q in percents]
+        return dict.fromkeys(SIZES, math.nan)
+    ranks = [errors.size * q // 100 for q in QUANTILES]
     ordered = np.partition(errors, sorted(set(ranks)))
-    return {f"A{q}": float(ordered[rank]) for q, rank in zip(percents, ranks, strict=True)}
+    values = (errors.mean(), math.sqrt(float(np.mean(errors * errors))), *ordered[ranks])
+    return {name: float(value) for name, value in zip(SIZES, values, strict=True)}
 
 
-def kitti_outliers(errors: Errors, truth: Errors, pixels: float, share: float) -> int:
-    """How many errors exceed `pixels` AND `share` of the true disparity, both strictly (KITTI 2015 D1).
+BAD = tuple(f"bad{t}" for t in THRESHOLDS)
+SIZES = ("avgerr", "rms", *(f"A{q}" for q in QUANTILES))
 
-    >>> kitti_outliers(np.array([4.0, 4.0, 2.0]), np.array([70.0, 90.0, 10.0]), 3.0, 0.05)
-    1
+
+@dataclass(frozen=True)
+class Metric:
+    """One column of a board. `unit` is "%", "px", "m" or a unit of time."""
+
+    name: str
+    unit: str
+    text: str
+    lower_is_better: bool = True
+
+    def show(self, value: float) -> str:
+        """`value` as a table prints it, without the unit; a dash for NaN.
+
+        >>> METRICS["bad2.0"].show(12.3456), METRICS["time"].show(0.01234), METRICS["rms"].show(float("nan"))
+        ('12.35', '0.0123', '–')
+        """
+        if math.isnan(value):
+            return "–"
+        if math.isinf(value):
+            return "∞"
+        return f"{value:.2f}" if self.unit in ("%", "px") else f"{value:.3g}"
+
+
+METRICS: Mapping[str, Metric] = MappingProxyType(
+    {
+        metric.name: metric
+        for metric in (
+            *(Metric(f"bad{t}", "%", f"error above {t} px") for t in THRESHOLDS),
+            *(Metric(f"totbad{t}", "%", f"error above {t} px, or no estimate") for t in THRESHOLDS),
+            Metric("avgerr", "px", "mean absolute error"),
+            Metric("rms", "px", "root mean squared error"),
+            *(Metric(f"A{q}", "px", f"{q}% quantile of the absolute error") for q in QUANTILES),
+            Metric("invalid", "%", "pixels without an estimate"),
+            Metric("coverage", "%", "pixels with an estimate", lower_is_better=False),
+            Metric("D1", "%", "outliers after filling: error above 3 px and above 5% of the truth"),
+            Metric("D1_est", "%", "outliers among the estimated pixels"),
+            *(Metric(f"point_A{q}", "m", f"{q}% quantile of the point distance") for q in QUANTILES),
+            Metric("point_avgerr", "m", "mean distance between estimated and true point"),
+            Metric("point_rms", "m", "root mean squared distance between estimated and true point"),
+            Metric("point_rel", "%", "mean point distance relative to the true point's distance from the camera"),
+            Metric("time", "s", "wall time of one match"),
+            Metric("time/MP", "s/MP", "seconds per megapixel"),
+            Metric("time/GD", "s/GD", "seconds per 10^9 disparity evaluations (pixels x ndisp)"),
+        )
+    }
+)
+"""Every metric by name."""
+
+
+def find_metric(name: str) -> Metric:
+    """The metric of that name; InputError with the nearest known name if there is none.
+
+    >>> find_metric("coverage").lower_is_better
+    False
     """
-    return int(np.count_nonzero((errors > pixels) & (errors > share * np.abs(truth))))
+    if name not in METRICS:
+        raise unknown("metric", name, METRICS)
+    return METRICS[name]

@@ -1,7 +1,7 @@
-"""The rules by which an error counts: Middlebury v3, ETH3D and KITTI 2015, each one frozen `Protocol` in `PROTOCOLS`.
+"""Scoring rules of Middlebury v3, ETH3D and KITTI 2015, and point distances in metres: one `Protocol` each.
 
-A protocol is two functions, which pixels have an estimate and what is measured on them, and the lines of text that a
-table prints so that its numbers can be cited. Masks and regions are chosen by the caller (`evaluate`), not here.
+A protocol is two functions, `prepare` (which pixels have an estimate) and `measure` (the metrics of a region), and the
+text that tables print about them. `evaluate` chooses the pixels.
 """
 
 import math
@@ -13,19 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError, unknown
-from twinlens.scoring import metrics
-from twinlens.scoring.checks import Disparity, Mask
-from twinlens.scoring.kitti import interpolate_background
+from twinlens.scoring.checks import Disparity, Mask, disparity_map
+from twinlens.scoring.metrics import BAD, SIZES, THRESHOLDS, bad_count, error_sizes, percent
 
-THRESHOLDS = (0.5, 1.0, 2.0, 4.0)
-"""Bad-pixel thresholds in pixels of the truth's resolution (Middlebury v3, ETH3D)."""
-QUANTILES = (50, 90, 95, 99)
-KITTI_PIXELS, KITTI_SHARE = 3.0, 0.05
+KITTI_PIXELS, KITTI_SHARE = np.float32(3.0), np.float32(0.05)
+MIDDLEBURY_INVALID = 1000.0
+"""evaldisp treats an estimate above this multiple of ndisp as no estimate."""
 
 
 @dataclass(frozen=True)
 class Range:
-    """The disparities that the caller says can occur: [low, high] in pixels of the truth, high +inf when not told."""
+    """Possible disparities [low, high] in pixels of the truth; high is +inf if unknown."""
 
     low: float = 0.0
     high: float = math.inf
@@ -33,9 +31,9 @@ class Range:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A method's map made ready for measuring: `disp` (H, W) in pixels, `given` (H, W) where the method answered.
+    """A map prepared for measuring: `disp` (H, W) in pixels, and `given` (H, W), True where the method estimated.
 
-    `disp` may be finite where `given` is not: a protocol that fills gaps scores the filling.
+    A protocol that fills gaps has finite `disp` where `given` is False.
     """
 
     disp: Disparity
@@ -44,22 +42,30 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Pixels:
-    """What is measured: the evaluated pixels of one region as vectors of one length.
+    """The evaluated pixels of one region, as vectors of one length.
 
-    error: |estimate - truth| in pixels, float64, +inf where nothing was estimated. truth: pixels, float64, finite.
-    given: whether the method itself answered there. metres: where a calibration was given, the distance between the
-    estimated and the true point and the true point's own from the camera, both in metres.
+    estimate: pixels, float64, +inf where unknown. truth: pixels, float64, finite. given: see `Estimate`. metres: with a
+    calibration, the distance between estimated and true point, and the true point's distance from the camera.
     """
 
-    error: NDArray[np.float64]
+    estimate: NDArray[np.float64]
     truth: NDArray[np.float64]
     given: NDArray[np.bool_]
     metres: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
+    @property
+    def given_errors(self) -> NDArray[np.float64]:
+        """|estimate - truth| where the method estimated, in pixels."""
+        return np.abs(self.estimate[self.given] - self.truth[self.given])
+
 
 @dataclass(frozen=True)
 class Protocol:
-    """One benchmark's rules. `prepare` and `measure` are the rules; the strings say them on every table."""
+    """The rules of one benchmark, and their description as printed with every table.
+
+    upsampling: allowed ratios of the truth's size to the map's. rounds_integers: estimates are rounded if the
+    calibration has isint=1.
+    """
 
     name: str
     title: str
@@ -73,33 +79,21 @@ class Protocol:
     resolution: str
     headline: str
     upsampling: tuple[int, ...] = (1,)
+    rounds_integers: bool = False
     needs_calibration: bool = False
 
     def lines(self) -> Mapping[str, str]:
-        """What a table prints of the protocol, in order: label -> text.
+        """Description for tables and board files, label -> text.
 
         >>> PROTOCOLS["eth3d"].lines()["clip"]
         'none'
         """
-        return MappingProxyType(
-            {
-                "protocol": f"{self.title} ({self.name})",
-                "denominator": self.denominator,
-                "invalid": self.invalid,
-                "clip": self.clip,
-                "resolution": self.resolution,
-                "source": self.source,
-            }
-        )
+        names = ("denominator", "invalid", "clip", "resolution", "source")
+        return {"protocol": f"{self.title} ({self.name})"} | {name: getattr(self, name) for name in names}
 
 
 def find_protocol(name: str | Protocol) -> Protocol:
-    """The protocol of that name, or the protocol itself.
-
-    Raises
-    ------
-    InputError
-        No such name; the nearest is suggested.
+    """The protocol of that name, or the protocol itself; InputError with the nearest known name if there is none.
 
     >>> find_protocol("eth3d").title
     'ETH3D two-view'
@@ -112,62 +106,55 @@ def find_protocol(name: str | Protocol) -> Protocol:
 
 
 def _middlebury_prepare(disp: Disparity, allowed: Range) -> Estimate:
-    given = np.isfinite(disp)
-    return Estimate(np.where(given, np.clip(disp, allowed.low, allowed.high), disp), given)
+    limit = MIDDLEBURY_INVALID * (allowed.high - allowed.low)
+    given = np.isfinite(disp) & (disp <= limit)
+    return Estimate(np.where(given, np.clip(disp, allowed.low, allowed.high), _unknown(disp)), given)
 
 
 def _middlebury_measure(pixels: Pixels) -> dict[str, float]:
-    errors, total = pixels.error[pixels.given], pixels.error.size
-    counts = {t: metrics.bad_count(errors, t) for t in THRESHOLDS}
+    errors, total = pixels.given_errors, pixels.truth.size
+    counts = {t: bad_count(errors, t) for t in THRESHOLDS}
     missing = total - errors.size
     return {
-        **{f"bad{t}": metrics.percent(n, total) for t, n in counts.items()},
-        **{f"totbad{t}": metrics.percent(n + missing, total) for t, n in counts.items()},
-        **_sizes(errors),
-        "invalid": metrics.percent(missing, total),
-        "coverage": metrics.percent(errors.size, total),
+        **{f"bad{t}": percent(n, total) for t, n in counts.items()},
+        **{f"totbad{t}": percent(n + missing, total) for t, n in counts.items()},
+        **error_sizes(errors),
+        "invalid": percent(missing, total),
+        "coverage": percent(errors.size, total),
     }
 
 
 def _eth3d_prepare(disp: Disparity, allowed: Range) -> Estimate:
-    """No clipping; what is wider than the image is no estimate (two-view-evaluation, `ComputeMetrics`)."""
+    """No clipping; a disparity above the image's width is no estimate (two-view-evaluation, `ComputeMetrics`)."""
     given = np.isfinite(disp) & (np.abs(disp) <= disp.shape[1])
-    return Estimate(np.where(given, disp, np.asarray(np.inf, disp.dtype)), given)
+    return Estimate(np.where(given, disp, _unknown(disp)), given)
 
 
 def _eth3d_measure(pixels: Pixels) -> dict[str, float]:
-    errors, total = pixels.error[pixels.given], pixels.error.size
-    if total and not errors.size:
-        return _eth3d_worst()
-    return {
-        **{f"bad{t}": metrics.percent(metrics.bad_count(errors, t), errors.size) for t in THRESHOLDS},
-        **_sizes(errors),
-        "coverage": metrics.percent(errors.size, total),
-    }
-
-
-def _eth3d_worst() -> dict[str, float]:
-    """ETH3D's answer for a map without one estimate: everything bad, every error infinite."""
-    names = ("avgerr", "rms", *(f"A{q}" for q in QUANTILES))
-    return {**{f"bad{t}": 100.0 for t in THRESHOLDS}, **dict.fromkeys(names, math.inf), "coverage": 0.0}
+    errors, total = pixels.given_errors, pixels.truth.size
+    if total and not errors.size:  # ETH3D's result for a map without any estimate
+        return {**dict.fromkeys(BAD, 100.0), **dict.fromkeys(SIZES, math.inf), "coverage": 0.0}
+    bad = {f"bad{t}": percent(bad_count(errors, t), errors.size) for t in THRESHOLDS}
+    return {**bad, **error_sizes(errors), "coverage": percent(errors.size, total)}
 
 
 def _kitti_prepare(disp: Disparity, allowed: Range) -> Estimate:
-    """A negative disparity cannot be written in KITTI's 16-bit format: it is no estimate, and is filled like a gap."""
+    """KITTI's 16-bit format holds no negative disparity: it is filled like a gap."""
     given = np.isfinite(disp) & (disp >= 0)
-    return Estimate(interpolate_background(np.where(given, disp, np.asarray(np.inf, disp.dtype))), given)
+    return Estimate(interpolate_background(np.where(given, disp, _unknown(disp))), given)
 
 
 def _kitti_measure(pixels: Pixels) -> dict[str, float]:
-    def d1(chosen: Mask) -> float:
-        count = metrics.kitti_outliers(pixels.error[chosen], pixels.truth[chosen], KITTI_PIXELS, KITTI_SHARE)
-        return metrics.percent(count, int(np.count_nonzero(chosen)))
-
-    total = pixels.error.size
+    """In float32, like the devkit: err > 3.f && err / fabs(truth) > 0.05f."""
+    truth = pixels.truth.astype(np.float32)
+    error = np.abs(pixels.estimate.astype(np.float32) - truth)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        outlier = (error > KITTI_PIXELS) & (error / np.abs(truth) > KITTI_SHARE)
+    total, given = truth.size, int(np.count_nonzero(pixels.given))
     return {
-        "D1": d1(np.ones(total, np.bool_)),
-        "D1_est": d1(pixels.given),
-        "coverage": metrics.percent(int(np.count_nonzero(pixels.given)), total),
+        "D1": percent(int(np.count_nonzero(outlier)), total),
+        "D1_est": percent(int(np.count_nonzero(outlier & pixels.given)), given),
+        "coverage": percent(given, total),
     }
 
 
@@ -178,19 +165,54 @@ def _points_prepare(disp: Disparity, allowed: Range) -> Estimate:
 def _points_measure(pixels: Pixels) -> dict[str, float]:
     if pixels.metres is None:
         raise InputError("errors in metres need a calibration: evaluate(..., calibration=...)")
-    there = pixels.given & np.isfinite(pixels.metres[0])
-    distances, ranges = pixels.metres[0][there], pixels.metres[1][there]
-    sizes = {f"point_{name}": value for name, value in _sizes(distances).items()}
+    known = pixels.given & np.isfinite(pixels.metres[0])
+    distances, ranges = pixels.metres[0][known], pixels.metres[1][known]
+    sizes = {f"point_{name}": value for name, value in error_sizes(distances).items()}
     relative = 100.0 * float(np.mean(distances / ranges)) if distances.size else math.nan
-    return {**sizes, "point_rel": relative, "coverage": metrics.percent(distances.size, pixels.error.size)}
+    return {**sizes, "point_rel": relative, "coverage": percent(distances.size, pixels.truth.size)}
 
 
-def _sizes(errors: metrics.Errors) -> dict[str, float]:
-    return {"avgerr": metrics.avgerr(errors), "rms": metrics.rms(errors), **metrics.quantiles(errors, QUANTILES)}
+def _unknown(disp: Disparity) -> Disparity:
+    """+inf in the map's own dtype."""
+    return np.asarray(np.inf, disp.dtype)
 
 
-_BAD = tuple(f"bad{t}" for t in THRESHOLDS)
-_SIZES = ("avgerr", "rms", *(f"A{q}" for q in QUANTILES))
+def interpolate_background(disp: Disparity) -> Disparity:
+    """`disp` (H, W) in pixels, +inf where unknown, with its gaps filled as KITTI 2015 does; the dtype is kept.
+
+    A gap within a row takes the smaller of the two disparities next to it; the ends of a row repeat its first and last
+    estimate; then the ends of every column repeat that column's first and last value. A row without estimates between
+    rows that have some stays unknown. Source: Geiger, KITTI devkit, `io_disp.h`, `interpolateBackground`.
+
+    Raises
+    ------
+    InputError
+        `disp` is no disparity map (see `checks.disparity_map`).
+
+    >>> row = np.array([[np.inf, 5, np.inf, 3, np.inf]], np.float32)
+    >>> interpolate_background(row).tolist()
+    [[5.0, 5.0, 3.0, 3.0, 3.0]]
+    """
+    disp = disparity_map("disp", disp)
+    # At the ends of a row one of the two neighbours is +inf, so the minimum is the other.
+    in_rows = np.minimum(_last_known(disp), _last_known(disp[:, ::-1])[:, ::-1])
+    return _extend_ends(in_rows.T).T
+
+
+def _last_known(disp: Disparity) -> Disparity:
+    """Each unknown value replaced by the last known one to its left; +inf if there is none."""
+    last = np.maximum.accumulate(np.where(np.isfinite(disp), np.arange(disp.shape[1]), -1), axis=1)
+    return np.where(last < 0, _unknown(disp), np.take_along_axis(disp, np.maximum(last, 0), axis=1))
+
+
+def _extend_ends(rows: Disparity) -> Disparity:
+    """The ends of each row filled with its first and last known value; inner gaps are kept."""
+    known: NDArray[np.bool_] = np.isfinite(rows)
+    before_first = np.maximum.accumulate(known, axis=1) == 0
+    after_last = np.maximum.accumulate(known[:, ::-1], axis=1)[:, ::-1] == 0
+    filled = np.where(before_first, _last_known(rows[:, ::-1])[:, ::-1], rows)
+    return np.where(after_last, _last_known(rows), filled)
+
 
 PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
     {
@@ -198,21 +220,22 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
             name="middlebury-v3",
             title="Middlebury v3",
             source="Scharstein et al., GCPR 2014; MiddEval3 SDK, evaldisp.cpp",
-            metrics=(*_BAD, *(f"tot{b}" for b in _BAD), *_SIZES, "invalid", "coverage"),
+            metrics=(*BAD, *(f"tot{b}" for b in BAD), *SIZES, "invalid", "coverage"),
             prepare=_middlebury_prepare,
             measure=_middlebury_measure,
             denominator="bad, totbad, invalid, coverage: known truth in the region; avgerr, rms, A: its estimated part",
             invalid="counted apart from bad; totbad = bad + invalid",
-            clip="estimates to [0, ndisp], or to [m, m + ndisp] where disparities begin at m < 0",
+            clip="estimates to [0, ndisp], or to [m, m + ndisp] with a smallest disparity m < 0; isint=1 rounds them",
             resolution="the truth's; a map of 1/2 or 1/4 its size is repeated and scaled up",
             headline="totbad2.0",
             upsampling=(1, 2, 4),
+            rounds_integers=True,
         ),
         "eth3d": Protocol(
             name="eth3d",
             title="ETH3D two-view",
             source="Schöps et al., CVPR 2017; ETH3D/two-view-evaluation, main.cc",
-            metrics=(*_BAD, *_SIZES, "coverage"),
+            metrics=(*BAD, *SIZES, "coverage"),
             prepare=_eth3d_prepare,
             measure=_eth3d_measure,
             denominator="bad, avgerr, rms, A: estimated pixels with known truth in the region; coverage: known truth",
@@ -228,8 +251,8 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
             metrics=("D1", "D1_est", "coverage"),
             prepare=_kitti_prepare,
             measure=_kitti_measure,
-            denominator="D1, coverage: known truth in the region; D1_est: the estimated of these",
-            invalid="filled by background interpolation, then scored; still empty is an outlier; d < 0 is no estimate",
+            denominator="D1, coverage: known truth in the region; D1_est: its estimated part",
+            invalid="filled by background interpolation, then scored; unfilled is an outlier; d < 0 is no estimate",
             clip="none; outlier where |e| > 3 px and |e| > 5% of the truth",
             resolution="the truth's",
             headline="D1",
@@ -237,8 +260,8 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
         "points": Protocol(
             name="points",
             title="Points in metres",
-            source="distance between the estimated and the true point of one pixel, which lie on one viewing ray",
-            metrics=(*(f"point_{name}" for name in _SIZES), "point_rel", "coverage"),
+            source="distance between the estimated and the true point of a pixel, both on its viewing ray",
+            metrics=(*(f"point_{name}" for name in SIZES), "point_rel", "coverage"),
             prepare=_points_prepare,
             measure=_points_measure,
             denominator="all errors: estimated pixels with known truth in the region; coverage: known truth",

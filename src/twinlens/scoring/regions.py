@@ -1,10 +1,14 @@
-"""Where an error happens: masks (H, W) bool as pure functions of arrays; whether truth is known is not asked here.
+"""Regions of the image that are scored apart: functions of arrays to (H, W) bool masks, and their table `REGIONS`.
 
 Textureless, discontinuity and occluded follow Scharstein and Szeliski, "A Taxonomy and Evaluation of Dense Two-Frame
-Stereo Correspondence Algorithms", IJCV 47 (2002), section 5.1, and the authors' evaluator (StcEvaluate.cpp); as there,
-the first two are meant to be reported inside the non-occluded pixels, and `REGIONS` does so.
+Stereo Correspondence Algorithms", IJCV 47 (2002), section 5.1, and the authors' evaluator (StcEvaluate.cpp). As there,
+`REGIONS` restricts the first two to non-occluded pixels. Masks do not depend on whether the truth is known.
 """
 
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,20 +17,21 @@ from scipy import ndimage
 
 from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.errors import InputError, unknown
-from twinlens.scoring.checks import Mask, disparity_map
+from twinlens.scoring.checks import Mask, disparity_map, mask_of
+from twinlens.scoring.samples import Pair
 
 HIDDEN = 128
-"""The value of a uint8 visibility mask for a known pixel that the partner camera does not see."""
+"""Value of a uint8 visibility mask for a known pixel that is not visible in the partner camera."""
 TEXTURE_WINDOW, TEXTURE_LIMIT = 3, 4.0
 JUMP, JUMP_WINDOW = 2.0, 9
 BLUR_LIMIT_PX = 2.0
 
 
 def textureless(image: ArrayLike, window: int = TEXTURE_WINDOW, limit: float = TEXTURE_LIMIT) -> Mask:
-    """Where the mean over a window of the squared horizontal difference is below limit^2, in grey levels squared.
+    """Pixels whose squared horizontal difference, averaged over a window, is below limit^2 (grey levels squared).
 
-    A pixel's squared difference is the larger of those to its left and right neighbours, averaged over the channels;
-    the window repeats the image at its border.
+    A pixel's squared difference is the larger of those to its left and right neighbours, averaged over the channels.
+    At the border the image is extended by its edge pixels.
 
     Parameters
     ----------
@@ -45,7 +50,7 @@ def textureless(image: ArrayLike, window: int = TEXTURE_WINDOW, limit: float = T
     largest = np.maximum(np.pad(steps, ((0, 0), (1, 0)), mode="edge"), np.pad(steps, ((0, 0), (0, 1)), mode="edge"))
     ones = np.ones(window, np.int64)
     sums = ndimage.correlate1d(ndimage.correlate1d(largest, ones, axis=0, mode="nearest"), ones, axis=1, mode="nearest")
-    # Sums of integers against an integer-exact bound: a mean in floats would decide ties by its rounding.
+    # Integer sums: the rounding of a floating-point mean would decide ties.
     mask: Mask = sums < limit * limit * window * window * channels.shape[2]
     return mask
 
@@ -53,7 +58,7 @@ def textureless(image: ArrayLike, window: int = TEXTURE_WINDOW, limit: float = T
 def discontinuity(gt: ArrayLike, jump: float = JUMP, window: int = JUMP_WINDOW) -> Mask:
     """Pixels within a square window of a jump of the true disparity, |d - d'| >= jump between 4-neighbours, in pixels.
 
-    A step to or from an unknown pixel is no jump: nothing is known about it.
+    Differences to unknown pixels are not jumps.
 
     >>> discontinuity([[5.0, 5.0, 5.0, 9.0, 9.0]], window=3).tolist()
     [[False, True, True, True, True]]
@@ -73,7 +78,7 @@ def discontinuity(gt: ArrayLike, jump: float = JUMP, window: int = JUMP_WINDOW) 
 
 
 def occluded(mask_nonocc: NDArray[Any]) -> Mask:
-    """Known pixels that the partner does not see: 128 of a uint8 mask (255 seen, 0 unknown), False of a boolean one.
+    """Known pixels not visible in the right camera: 128 of a uint8 mask (255 visible, 0 unknown), False of a bool mask.
 
     >>> occluded(np.array([[255, 128, 0]], np.uint8)).tolist()
     [[False, True, False]]
@@ -88,9 +93,7 @@ def occluded(mask_nonocc: NDArray[Any]) -> Mask:
 
 
 def out_of_focus(blur_px: ArrayLike, limit_px: float = BLUR_LIMIT_PX) -> Mask:
-    """Where the blur circle's diameter |blur_px| exceeds limit_px; a signed or unsigned (H, W) map in pixels.
-
-    Where the map is not finite (nothing was hit) the answer is False.
+    """Pixels whose blur circle diameter |blur_px| exceeds limit_px; (H, W) signed or unsigned, False where not finite.
 
     >>> out_of_focus([[-3.0, 1.0, np.inf]]).tolist()
     [[True, False, False]]
@@ -103,8 +106,7 @@ def out_of_focus(blur_px: ArrayLike, limit_px: float = BLUR_LIMIT_PX) -> Mask:
 def distance_bands(gt: ArrayLike, edges: tuple[float, float] | None = None) -> tuple[Mask, Mask, Mask]:
     """(near, mid, far): far is d <= edges[0], near is d > edges[1], in pixels of true disparity.
 
-    Without edges they cut the range of the known disparities in thirds (not the number of pixels: a scene of a few
-    planes could not be cut so).
+    Without edges, the range of the known disparities is divided into thirds.
 
     >>> [band.tolist() for band in distance_bands([[1.0, 2.0, 4.0, np.inf]])]
     [[[False, False, True, False]], [[False, False, False, False]], [[True, True, False, False]]]
@@ -113,13 +115,13 @@ def distance_bands(gt: ArrayLike, edges: tuple[float, float] | None = None) -> t
     known = np.isfinite(truth)
     low, high = edges if edges is not None else _thirds(truth[known])
     if not low <= high:
-        raise InputError(f"edges are {edges}: expected (far, near) disparities in rising order")
+        raise InputError(f"edges are {edges}: expected (far, near) disparities in ascending order")
     far, near = known & (truth <= low), known & (truth > high)
     return near, known & ~far & ~near, far
 
 
 def _thirds(values: NDArray[Any]) -> tuple[float, float]:
-    """Where the range of the values is a third and two thirds through."""
+    """One third and two thirds of the range of the values."""
     if not values.size:
         return 0.0, 0.0
     low, high = float(values.min()), float(values.max())
@@ -141,3 +143,83 @@ def of_material(material_kind: ArrayLike, kind: str) -> Mask:
 def _odd(name: str, size: int) -> None:
     if size < 1 or size % 2 == 0:
         raise InputError(f"{name} is {size}: expected an odd number of pixels")
+
+
+@dataclass(frozen=True)
+class Region:
+    """A named part of the image; `mask` returns it for a sample, or None if the sample lacks the data it needs."""
+
+    name: str
+    text: str
+    mask: Callable[[Pair], Mask | None]
+
+
+def _nonocc(sample: Pair) -> Mask | None:
+    mask = sample.mask0_nonocc
+    return None if mask is None else mask_of("mask0_nonocc", mask, sample.disp0.shape)
+
+
+def _within_nonocc(part: Mask | None, sample: Pair) -> Mask | None:
+    visible = _nonocc(sample)
+    return None if visible is None or part is None else visible & part
+
+
+def _textureless(sample: Pair) -> Mask | None:
+    """In 8-bit grey levels, the unit of the limit; None for an image one pixel wide."""
+    image = sample.im0
+    if image.shape[1] < 2:
+        return None
+    return textureless((image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image)
+
+
+def _of(name: str, function: Callable[..., Mask]) -> Callable[[Pair], Mask | None]:
+    """`function` of one of the sample's optional maps."""
+
+    def mask(sample: Pair) -> Mask | None:
+        values = getattr(sample, name)
+        return None if values is None else function(values)
+
+    return mask
+
+
+_REGIONS = (
+    Region("all", "every pixel with known truth", lambda s: np.ones(s.disp0.shape, np.bool_)),
+    Region("nonocc", "visible in both cameras", _nonocc),
+    Region("occluded", "known, but hidden from or outside the right view", _of("mask0_nonocc", occluded)),
+    Region(
+        "textureless",
+        "non-occluded; mean squared horizontal difference over 3x3 below 16 (Middlebury 2002)",
+        lambda s: _within_nonocc(_textureless(s), s),
+    ),
+    Region(
+        "discontinuity",
+        "non-occluded; within 9x9 of a disparity jump of 2 px or more (Middlebury 2002)",
+        lambda s: _within_nonocc(discontinuity(s.disp0), s),
+    ),
+    Region("out-of-focus", f"blur circle wider than {BLUR_LIMIT_PX:g} px", _of("blur0", out_of_focus)),
+    Region("near", "upper third of the range of true disparities", lambda s: distance_bands(s.disp0)[0]),
+    Region("mid", "middle third of the range of true disparities", lambda s: distance_bands(s.disp0)[1]),
+    Region("far", "lower third of the range of true disparities", lambda s: distance_bands(s.disp0)[2]),
+    *(
+        Region(kind, f"{kind} materials", _of("material_kind0", partial(of_material, kind=kind)))
+        for kind in MATERIAL_KINDS[1:]
+    ),
+)
+REGIONS: Mapping[str, Region] = MappingProxyType({region.name: region for region in _REGIONS})
+"""Every region by name."""
+
+
+def region_masks(sample: Pair, names: Iterable[str]) -> dict[str, Mask]:
+    """Masks of the named regions, in that order, without those that the sample has no data for.
+
+    Raises
+    ------
+    InputError
+        An unknown name.
+    """
+    names = tuple(names)
+    for name in names:
+        if name not in REGIONS:
+            raise unknown("region", name, REGIONS)
+    masks = {name: REGIONS[name].mask(sample) for name in names}
+    return {name: mask for name, mask in masks.items() if mask is not None}

@@ -1,30 +1,48 @@
-"""What a run of before leaves, and what this one leaves to the next: a board's file, and who measured what is in it."""
+"""The board file during a run: its lock, resuming an earlier board, periodic writing, the machine's description."""
 
+import contextlib
 import os
 import platform
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 import twinlens
+from twinlens.dataset.lock import locked
 from twinlens.scoring.board import Board
-from twinlens.scoring.board_json import read_board, write_board
+from twinlens.scoring.board_file import read_board, write_board
 
 WRITE_EVERY_S = 2.0
-"""A file of every pair grows with each, so writing it after each would take the square of their number."""
+"""Minimum interval between writes: each write takes time in proportion to the number of entries."""
 MIXED = "entries of several machines or versions"
 
 
+@contextlib.contextmanager
+def exclusive(folder: Path, file: str = "") -> Iterator[None]:
+    """Lock `folder`, or one board `file` in it, against other runs; creates the folder, and removes it if left empty.
+
+    Raises OutputError if another run holds the lock or the folder cannot be created.
+    """
+    created = [each for each in (folder, *folder.parents) if not each.is_dir()]
+    try:
+        with locked(folder, file=file):
+            yield
+    finally:
+        for each in created:
+            with contextlib.suppress(OSError):
+                each.rmdir()
+
+
 def resumed(save: str | os.PathLike[str] | None, board: Board | None, title: str) -> Board:
-    """The board to go on with: the one given, else the one in the file, else an empty one; `title` is its new title.
+    """The board to continue: `board`, else the one in the file, else an empty one; with the new title.
 
     Raises
     ------
     FileError
-        The file holds no board.
+        The file is not a board.
     """
     if board is None and save is not None and Path(save).exists():
         board = read_board(save)
@@ -32,7 +50,7 @@ def resumed(save: str | os.PathLike[str] | None, board: Board | None, title: str
 
 
 def machine() -> dict[str, str]:
-    """What a reader of the times needs to know of the machine, and nothing that names it."""
+    """Versions and machine, for readers of the times; nothing that identifies the machine."""
     return {
         "twinlens": getattr(twinlens, "__version__", "unknown"),
         "python": platform.python_version(),
@@ -43,7 +61,7 @@ def machine() -> dict[str, str]:
 
 
 def joined(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, str]:
-    """Both descriptions in one, every value that either has, and a note `mixed` where they differ.
+    """Both descriptions in one: all values of each key, and the key `mixed` if they differ.
 
     >>> joined({"numpy": "1"}, {"numpy": "1"}), joined({"numpy": "1"}, {"numpy": "2"})["numpy"]
     ({'numpy': '1'}, '1; 2')
@@ -55,11 +73,8 @@ def joined(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, str]:
     return {name: "; ".join(dict.fromkeys(values)) for name, values in found.items()} | {"mixed": MIXED}
 
 
-class Keeper:
-    """Says of a growing board whose measurements are in it, and writes it to `save`: now and then, and at the end.
-
-    Leaving its `with`, for whatever reason, writes what is not yet written.
-    """
+class BoardWriter:
+    """Writes a growing board to `save`: every few seconds, and on leaving its `with` block for whatever reason."""
 
     def __init__(self, before: Board, save: str | os.PathLike[str] | None) -> None:
         self._old = {id(entry): entry for entry in before.entries}
@@ -68,31 +83,31 @@ class Keeper:
         self._unsaved: Board | None = None
         self._next = 0.0
 
-    def __enter__(self) -> "Keeper":
+    def __enter__(self) -> "BoardWriter":
         return self
 
     def __exit__(self, *_: object) -> None:
         self._write()
 
-    def keep(self, board: Board) -> None:
-        """The board has grown; it is written if the last time is `WRITE_EVERY_S` ago."""
+    def update(self, board: Board) -> None:
+        """Keep this board; write it if the last write was `WRITE_EVERY_S` ago."""
         self._unsaved = board
         if time.monotonic() >= self._next:
             self._write()
 
-    def finished(self, board: Board) -> Board:
-        """The board with its `meta`; written, if only to have a file."""
+    def finish(self, board: Board) -> Board:
+        """Write the board, even without new entries, and return it with its `meta`."""
         self._unsaved = board
         self._write()
-        return self._signed(board)
+        return self._with_meta(board)
 
     def _write(self) -> None:
         board, self._unsaved = self._unsaved, None
         if board is not None and self._save is not None:
-            write_board(self._signed(board), self._save)
+            write_board(self._with_meta(board), self._save)
             self._next = time.monotonic() + WRITE_EVERY_S
 
-    def _signed(self, board: Board) -> Board:
+    def _with_meta(self, board: Board) -> Board:
         old = [id(entry) in self._old for entry in board.entries]
         if old and all(old):
             return replace(board, meta=self._meta)

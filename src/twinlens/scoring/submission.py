@@ -1,15 +1,14 @@
-"""Maps that something else made: a folder or a zip of PFM or PNG files, read with suspicion and scored like a method.
+"""Submissions: a folder or zip of disparity maps (PFM or PNG), validated and scored like a method.
 
-For a sample named S the map is the first there is of S.pfm, S.png, S/disp0.pfm, S/disp0.png, or the only .pfm of S/
-(Middlebury's disp0METHOD.pfm, twinlens's own maps/), at the top or below the one folder that holds everything. S may
-also be an alias: the photographs of one sample through several lenses are S/lens-0, S/lens-1, ... PFM holds pixels,
-+inf unknown; PNG is 16-bit grey holding round(256 d), 0 unknown, as KITTI 2015 has it.
+The map of a sample S is the first that exists of S.pfm, S.png, S/disp0.pfm, S/disp0.png, or the only .pfm in S/
+(Middlebury's disp0METHOD.pfm, twinlens's own maps/), at the top or in the single folder that contains everything. S may
+also be an alias: S/lens-0, S/lens-1, ... for a sample with several lenses. PFM: pixels, +inf unknown. PNG: 16-bit grey,
+round(256 d), 0 unknown, as in KITTI 2015. A map has the truth's size, or 1/2 or 1/4 of it.
 
-Of a zip only the files asked for are unpacked, never to the disk, and never more bytes of one than a map of the truth's
-size can need; names that leave the archive, links, encrypted and doubled names (also those that some computers cannot
-tell apart: cases, composed accents) are refused before anything is read, and so is every compression but deflate,
-because Python's zipfile unpacks the others whole, however little is asked of them.
-Hidden files and the folder __MACOSX, which a Mac puts into its zips, are not there.
+A zip is never unpacked to disk. Refused are names that leave the archive, links, encryption, duplicate names (also if
+they differ only in case or Unicode composition), and compressions other than deflate, because zipfile decompresses
+their members whole, whatever number of bytes is requested. Of a member no more bytes are read than a map of the truth's
+size can have. Hidden files and __MACOSX folders are ignored.
 """
 
 import contextlib
@@ -32,27 +31,28 @@ from numpy.typing import NDArray
 from twinlens.dataset.codecs.pfm import decode_pfm
 from twinlens.dataset.codecs.png import decode_png
 from twinlens.errors import FileError
-from twinlens.scoring.maps import file_name
+from twinlens.scoring.map_folder import file_name
 
 KITTI_SCALE = 256.0
+SCALES = (1, 2, 4)
+"""Ratios of the truth's size to a map's; the protocol decides which of them it accepts."""
 SLACK_BYTES = 65536
-"""What a file may hold beyond four bytes a pixel: headers, and the chunks of a PNG that did not compress."""
+"""Bytes of a file beyond four per pixel: headers, and chunks of an incompressible PNG."""
 MAX_FILES = 100_000
-PNG_SIZE = slice(16, 24)
-PNG_KIND = slice(24, 26)
+PNG_SIZE, PNG_KIND = slice(16, 24), slice(24, 26)
 GREY_16 = b"\x10\x00"
-"""Where a PNG says its depth and kind of colour, and what it says there of 16-bit grey (ISO 15948, IHDR)."""
+"""Size, and bit depth and colour type, in a PNG's header (ISO 15948, IHDR); the latter for 16-bit grey."""
 COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
 @dataclass(frozen=True)
 class Submission:
-    """The maps of one method in a folder or a .zip. `name` is what the board calls it.
+    """The maps of one method in a folder or .zip. `name` is its name on the board.
 
     Raises
     ------
     FileError
-        No such file or folder, no zip, or a zip that asks for harm.
+        No such file or folder, not a zip, or an unsafe zip.
     """
 
     path: Path
@@ -63,15 +63,15 @@ class Submission:
 
     @cached_property
     def files(self) -> Mapping[str, int]:
-        """Every file below that is not hidden: its name, with slashes, and its size in bytes."""
+        """Every file that is not hidden: relative name with slashes -> size in bytes."""
         found = _folder_files(self.path) if self.path.is_dir() else _zip_files(self.path)
-        seen = {name: size for name, size in found.items() if not _is_hidden(name)}
-        _check_alike(self.path, seen)
-        return seen
+        visible = {name: size for name, size in found.items() if not _is_hidden(name)}
+        _check_distinct(self.path, visible)
+        return visible
 
     @cached_property
     def spec(self) -> str:
-        """A SHA-256 of the maps' names and contents (of a zip: its checksums): other maps are another method."""
+        """SHA-256 of the maps' names and contents (for a zip, of its checksums)."""
         digest = hashlib.sha256()
         names = [name for name in sorted(self.files) if name.endswith((".pfm", ".png"))]
         for name, fingerprint in zip(names, self._fingerprints(names), strict=True):
@@ -80,65 +80,25 @@ class Submission:
         return f"submission {digest.hexdigest()}"
 
     def file_of(self, sample: str, aliases: Sequence[str] = ()) -> str:
-        """The name of the map of that sample, or FileError saying what was looked for."""
+        """The file name of the sample's map, or FileError with the expected names."""
         found = self._found(sample, aliases)
         if found is not None:
             return found
         best = aliases[0] if aliases else sample
         raise FileError(f"{self.path}: no map of {sample!r}: expected {best}.pfm, {best}.png or {best}/disp0.pfm")
 
-    def _found(self, sample: str, aliases: Sequence[str]) -> str | None:
-        tops = {name.partition("/")[0] for name in self.files}
-        above = ("", f"{tops.pop()}/") if len(tops) == 1 else ("",)
-        names = (sample, file_name(sample), *aliases)
-        stems = dict.fromkeys(f"{top}{name}" for name in names for top in above)
-        return next((found for stem in stems if (found := self._named(stem)) is not None), None)
-
-    def strangers(self, samples: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-        """The maps that lie under a name of no sample, sorted; `samples`: each one's name and its aliases.
-
-        Most often a name is misspelt. What else lies in a sample's own folder, or is no map (a picture), is no mistake.
-        """
-        used = {file for name, aliases in samples.items() if (file := self._found(name, aliases)) is not None}
-        names = {each for name, aliases in samples.items() for each in (name, file_name(name), *aliases)}
-        folders = {name.partition("/")[0] for name in names}
-        tops = {name.partition("/")[0] for name in self.files}
-        top = f"{tops.pop()}/" if len(tops) == 1 and not tops <= folders else ""
-        unused = sorted(self.files.keys() - used)
-        strange = [name for name in unused if not _is_of_one_of(name.removeprefix(top), names, folders)]
-        with self._opener() as opened:
-            return tuple(name for name in strange if _is_map(name, opened))
-
-    @contextlib.contextmanager
-    def _opener(self) -> Iterator[Callable[[str], IO[bytes]]]:
-        """What opens files by their names. A zip is opened once for all: each opening reads its whole list."""
-        if self.path.is_dir():
-            yield lambda name: (self.path / name).open("rb")
-        else:
-            with _archive(self.path) as archive:
-                yield archive.open
-
-    def _named(self, stem: str) -> str | None:
-        for name in (f"{stem}.pfm", f"{stem}.png", f"{stem}/disp0.pfm", f"{stem}/disp0.png"):
-            if name in self.files:
-                return name
-        inside = [name for name in self.files if re.fullmatch(rf"{re.escape(stem)}/[^/]+\.pfm", name)]
-        # Beside the maps of other lenses, which are named so, a nameless one is the first lens's.
-        alone = [name for name in inside if not re.search(r"/lens-0*[1-9]\d*\.pfm$", name)]
-        return alone[0] if len(alone) == 1 else None
-
     def map_of(self, sample: str, shape: tuple[int, int], aliases: Sequence[str] = ()) -> NDArray[np.float32]:
-        """The map of that sample, (H, W) float32 pixels, +inf unknown.
+        """The sample's map, float32 pixels, +inf unknown, of the truth's `shape` (H, W) or 1/2 or 1/4 of it.
 
         Raises
         ------
         FileError
-            Missing, damaged, NaN in it, or another size than `shape` (H, W); the message names the file.
+            Missing, damaged, with NaN, or of another size; the message names the file.
         """
         name = self.file_of(sample, aliases)
         where = f"{self.path}: {name}" if not self.path.is_dir() else str(self.path / name)
         data = self._read(name, 4 * shape[0] * shape[1] + SLACK_BYTES, where)
-        # A PNG's own width and height come first: a small file may ask for a large picture.
+        # Check a PNG's size before decoding: a small file may decode to a very large image.
         if name.endswith(".png") and len(data) > PNG_SIZE.stop:
             width, height = struct.unpack(">II", data[PNG_SIZE])
             _check_size((height, width), shape, where)
@@ -146,21 +106,62 @@ class Submission:
         _check_size(disp.shape, shape, where)
         return disp
 
+    def unmatched_files(self, samples: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+        """Maps that belong to no sample, sorted: most often misspelt names. samples: name -> aliases.
+
+        Other files in a sample's own folder, and images that are not maps, are left out.
+        """
+        used = {file for name, aliases in samples.items() if (file := self._found(name, aliases)) is not None}
+        names = {each for name, aliases in samples.items() for each in (name, file_name(name), *aliases)}
+        folders = {name.partition("/")[0] for name in names}
+        top = self._top_folder()
+        top = "" if top.rstrip("/") in folders else top
+        unused = sorted(self.files.keys() - used)
+        unmatched = [name for name in unused if not _belongs(name.removeprefix(top), names, folders)]
+        with self._opener() as open_file:
+            return tuple(name for name in unmatched if _is_map(name, open_file))
+
+    def _found(self, sample: str, aliases: Sequence[str]) -> str | None:
+        tops = dict.fromkeys(("", self._top_folder()))
+        stems = dict.fromkeys(f"{top}{name}" for name in (sample, file_name(sample), *aliases) for top in tops)
+        return next((found for stem in stems if (found := self._map_at(stem)) is not None), None)
+
+    def _top_folder(self) -> str:
+        """The single folder that contains everything, with a slash; "" if there is none."""
+        tops = {name.partition("/")[0] for name in self.files}
+        return f"{tops.pop()}/" if len(tops) == 1 else ""
+
+    def _map_at(self, stem: str) -> str | None:
+        for name in (f"{stem}.pfm", f"{stem}.png", f"{stem}/disp0.pfm", f"{stem}/disp0.png"):
+            if name in self.files:
+                return name
+        inside = [name for name in self.files if re.fullmatch(rf"{re.escape(stem)}/[^/]+\.pfm", name)]
+        first_lens = [name for name in inside if not re.search(r"/lens-0*[1-9]\d*\.pfm$", name)]
+        return first_lens[0] if len(first_lens) == 1 else None
+
+    @contextlib.contextmanager
+    def _opener(self) -> Iterator[Callable[[str], IO[bytes]]]:
+        """A function that opens files by name. A zip is opened once, because opening it reads its whole directory."""
+        if self.path.is_dir():
+            yield lambda name: (self.path / name).open("rb")
+        else:
+            with _archive(self.path) as archive:
+                yield archive.open
+
     def _read(self, name: str, limit: int, where: str) -> bytes:
-        """At most `limit` bytes: what states more is not opened, and what states less is not believed."""
-        too_much = FileError(f"{where}: more than {limit} bytes, no map of this truth's size needs them")
+        """The file's bytes; FileError if it states, or has, more than `limit`."""
+        too_large = FileError(f"{where}: more than {limit} bytes, too large for a map of the truth's size")
         if self.files[name] > limit:
-            raise too_much
+            raise too_large
         try:
-            with self._opener() as opened, opened(name) as file:
+            with self._opener() as open_file, open_file(name) as file:
                 data = file.read(limit + 1)
         except FileError:
             raise
-        # zipfile answers damage with exceptions of its own, of zlib, and of the standard library's other decoders.
-        except Exception as error:
+        except Exception as error:  # zipfile, zlib and other decoders raise many types for damaged data
             raise FileError(f"{where}: cannot be read ({error})") from None
         if len(data) > limit:
-            raise too_much
+            raise too_large
         return data
 
     def _fingerprints(self, names: Iterable[str]) -> Iterator[bytes]:
@@ -174,20 +175,17 @@ class Submission:
 
 
 def open_submission(path: str | os.PathLike[str], name: str | None = None) -> Submission:
-    """The submission in a folder or .zip; its name is the folder's, or the file's without .zip, unless given."""
-    place = Path(path)
-    return Submission(place, name if name is not None else _own_name(place))
+    """The submission in a folder or .zip; its default name is the folder's, or the file's without .zip."""
+    source = Path(path)
+    own = source.absolute().name
+    is_zip = own.lower().endswith(".zip") and not source.is_dir()
+    return Submission(source, name if name is not None else own[: -len(".zip")] if is_zip else own)
 
 
-def _own_name(place: Path) -> str:
-    name = place.absolute().name
-    return name[: -len(".zip")] if name.lower().endswith(".zip") and not place.is_dir() else name
+def _belongs(name: str, names: Set[str], folders: Set[str]) -> bool:
+    """Whether a file, named relative to the top, belongs to a sample: one of `names`, or within one of `folders`.
 
-
-def _is_of_one_of(name: str, names: Set[str], folders: Set[str]) -> bool:
-    """Whether a file, named from the top, lies where a sample's things do: beside one of `names`, or in its folder.
-
-    A folder of several lenses holds one map a lens: one of a lens that the sample has not is of no sample.
+    In a folder of several lenses, the map of a lens that the sample does not have belongs to none.
     """
     folder, slash, _ = name.partition("/")
     lens = re.match(r"[^/]+/lens-\d+(?=[./])", name)
@@ -196,11 +194,11 @@ def _is_of_one_of(name: str, names: Set[str], folders: Set[str]) -> bool:
     return folder in folders if slash else name.rpartition(".")[0] in names
 
 
-def _is_map(name: str, opened: Callable[[str], IO[bytes]]) -> bool:
-    """Whether the file is a PFM, or a PNG as maps are: 16-bit grey, by its first bytes. Nothing more is read."""
+def _is_map(name: str, open_file: Callable[[str], IO[bytes]]) -> bool:
+    """Whether the file is a PFM, or by its header a 16-bit grey PNG."""
     if not name.endswith(".png"):
         return name.endswith(".pfm")
-    with contextlib.suppress(Exception), opened(name) as file:  # as in _read: damage is no map that anybody can name
+    with contextlib.suppress(Exception), open_file(name) as file:  # a damaged file is not a map
         return file.read(PNG_KIND.stop)[PNG_KIND] == GREY_16
     return False
 
@@ -209,28 +207,28 @@ def _is_hidden(name: str) -> bool:
     return any(part.startswith(".") or part == "__MACOSX" for part in name.split("/"))
 
 
-def _check_alike(path: Path, names: Iterable[str]) -> None:
-    """Two names that a Mac or Windows would take for one: which of the maps is meant nobody can say."""
+def _check_distinct(path: Path, names: Iterable[str]) -> None:
+    """Refuse two names that macOS or Windows treat as one."""
     seen: dict[str, str] = {}
     for name in names:
         plain = unicodedata.normalize("NFC", name).casefold()
         if plain in seen:
-            raise FileError(f"{path}: {seen[plain]} and {name} are one name on some computers; remove one")
+            raise FileError(f"{path}: {seen[plain]} and {name} are the same name on some systems; remove one")
         seen[plain] = name
 
 
-def _check_size(found: tuple[int, ...], wanted: tuple[int, int], where: str) -> None:
-    if found != wanted:
-        raise FileError(f"{where}: is {found[1]} x {found[0]}; the truth is {wanted[1]} x {wanted[0]}")
+def _check_size(found: tuple[int, ...], truth: tuple[int, int], where: str) -> None:
+    if not any(tuple(scale * n for n in found) == truth for scale in SCALES):
+        raise FileError(f"{where}: is {found[1]} x {found[0]}; the truth is {truth[1]} x {truth[0]}")
 
 
 def _folder_files(folder: Path) -> dict[str, int]:
     found = {}
-    for place in (place for depth in ("*", "*/*", "*/*/*", "*/*/*/*") for place in sorted(folder.glob(depth))):
-        if place.is_file():
-            if not place.resolve().is_relative_to(folder.resolve()):
-                raise FileError(f"{place}: is a link that leaves {folder}")
-            found[place.relative_to(folder).as_posix()] = place.stat().st_size
+    for path in (path for depth in ("*", "*/*", "*/*/*", "*/*/*/*") for path in sorted(folder.glob(depth))):
+        if path.is_file():
+            if not path.resolve().is_relative_to(folder.resolve()):
+                raise FileError(f"{path}: is a link that leaves {folder}")
+            found[path.relative_to(folder).as_posix()] = path.stat().st_size
     return found
 
 
@@ -258,17 +256,16 @@ def _zip_files(path: Path) -> dict[str, int]:
 
 def _check_member(path: Path, member: zipfile.ZipInfo, seen: Mapping[str, Any]) -> None:
     name = member.filename
-    parts = PurePosixPath(name).parts
-    if name.startswith("/") or "\\" in name or ":" in name or ".." in parts:
-        raise FileError(f"{path}: holds {name!r}, a name that leaves the archive")
+    if name.startswith("/") or "\\" in name or ":" in name or ".." in PurePosixPath(name).parts:
+        raise FileError(f"{path}: contains {name!r}, a name that leaves the archive")
     if stat.S_ISLNK(member.external_attr >> 16):
         raise FileError(f"{path}: {name} is a link")
     if member.flag_bits & 1:
         raise FileError(f"{path}: {name} is encrypted")
     if member.compress_type not in COMPRESSIONS:
-        raise FileError(f"{path}: {name} is compressed by another method than deflate, which every zip program knows")
+        raise FileError(f"{path}: {name} uses a compression other than deflate")
     if name in seen:
-        raise FileError(f"{path}: {name} is there twice")
+        raise FileError(f"{path}: {name} occurs twice")
 
 
 def _decoded(data: bytes, name: str, where: str) -> NDArray[np.float32]:
@@ -280,5 +277,5 @@ def _decoded(data: bytes, name: str, where: str) -> NDArray[np.float32]:
             raise FileError(f"{where}: a disparity PNG is 16-bit grey, round(256 d), 0 unknown")
         disp = np.where(codes == 0, np.inf, codes / KITTI_SCALE).astype(np.float32)
     if disp.ndim != 2:
-        raise FileError(f"{where}: holds colours; a disparity map has one number a pixel")
+        raise FileError(f"{where}: has colour channels; a disparity map has one value per pixel")
     return disp

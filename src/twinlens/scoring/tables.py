@@ -1,4 +1,4 @@
-"""A board as text: the terminal's table, CSV and LaTeX. Returns them; prints and writes nothing."""
+"""A board as text: the terminal's table, CSV and LaTeX."""
 
 import csv
 import io
@@ -11,9 +11,9 @@ from rich.text import Text
 
 from twinlens.errors import InputError, unknown
 from twinlens.scoring.board import Board, Entry, Mean
-from twinlens.scoring.catalogue import TIMES, find_metric
+from twinlens.scoring.metrics import TIMES, find_metric
 from twinlens.scoring.protocols import PROTOCOLS, Protocol
-from twinlens.scoring.region_sets import REGIONS
+from twinlens.scoring.regions import REGIONS
 
 COLUMNS: Mapping[str, tuple[str, ...]] = {
     "middlebury-v3": ("totbad2.0", "bad0.5", "bad1.0", "bad2.0", "bad4.0", "avgerr", "rms", "A50", "A95", "invalid"),
@@ -21,7 +21,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "kitti2015": ("D1", "D1_est", "coverage"),
     "points": ("point_avgerr", "point_rms", "point_A50", "point_A90", "point_A99", "point_rel", "coverage"),
 }
-"""The columns that a table shows unless told otherwise."""
+"""Default columns of a table, by protocol."""
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -33,7 +33,7 @@ def standings(
     sort: str | None = None,
     weights: Mapping[str, float] | None = None,
 ) -> list[Mean]:
-    """The methods' means over samples, best first by `sort` (the protocol's headline metric unless told).
+    """The methods' means over samples, best first by the metric `sort` (default: the protocol's headline).
 
     Methods without a value come last, in the board's order.
 
@@ -48,21 +48,21 @@ def standings(
         raise unknown("metric", metric.name, (*rules.metrics, *TIMES))
     sign = 1.0 if metric.lower_is_better else -1.0
 
-    def place(mean: Mean) -> tuple[bool, float]:
+    def rank(mean: Mean) -> tuple[bool, float]:
         value = mean.metrics[metric.name]
         return math.isnan(value), 0.0 if math.isnan(value) else sign * value
 
-    return sorted((board.mean(name, protocol, region, weights) for name in board.methods), key=place)
+    return sorted((board.mean(name, protocol, region, weights) for name in board.methods), key=rank)
 
 
 def caption(board: Board, protocol: str, region: str, weights: Mapping[str, float] | None = None) -> str:
-    """What a table's numbers mean, in lines: protocol, region, denominator, invalid policy, clip, resolution, mean."""
+    """What a table's numbers mean, one line each: protocol, region, denominator, invalid, clip, resolution, mean."""
     rules = _rules(board, protocol, region)
-    text = REGIONS[region].text if region in REGIONS else "given by the caller"
+    text = REGIONS[region].text if region in REGIONS else "defined by the caller"
     over = "weighted mean over samples" if weights else "plain mean over samples"
     lines = dict(rules.lines()) | {
         "region": f"{region}: {text}",
-        "mean": f"{over}; none where a method failed or was not run",
+        "mean": f"{over}; none if a method failed or was not run on a sample",
     }
     order = ("protocol", "region", "denominator", "invalid", "clip", "resolution", "mean")
     return "\n".join(f"{name}: {lines[name]}" for name in order)
@@ -77,14 +77,15 @@ def leaderboard_table(
     columns: Sequence[str] | None = None,
     weights: Mapping[str, float] | None = None,
 ) -> Table:
-    """The leaderboard as a rich table, best first, the best of each column in bold, the protocol below it."""
+    """The leaderboard as a rich table, best first, the best value of each column in bold, with its caption."""
     ranked = standings(board, protocol, region, sort=sort, weights=weights)
     names = _columns(protocol, columns)
-    title, below = (
-        escape(f"{board.title} · {PROTOCOLS[protocol].title} · {region}"),
-        Text(caption(board, protocol, region, weights)),
+    table = Table(
+        title=escape(f"{board.title} · {PROTOCOLS[protocol].title} · {region}"),
+        caption=Text(caption(board, protocol, region, weights)),
+        caption_justify="left",
+        title_justify="left",
     )
-    table = Table(title=title, caption=below, caption_justify="left", title_justify="left")
     table.add_column("#", justify="right", style="dim")
     table.add_column("method", no_wrap=True)
     for name in names:
@@ -93,22 +94,22 @@ def leaderboard_table(
     best = _best(ranked, names)
     for rank, mean in enumerate(ranked, start=1):
         cells = [_cell(mean, name, best) for name in names]
-        table.add_row(str(rank), Text(mean.method), *cells, _counted(mean))
+        table.add_row(str(rank), Text(mean.method), *cells, _coverage(mean))
     return table
 
 
 def failures(board: Board, methods: Collection[str] | None = None) -> list[str]:
-    """One line for every pair that failed: method, sample, kind and message; a pair counts once, not per protocol.
+    """One line per failed pair (not per protocol): method, sample, kind and message.
 
-    methods: names of those that count, None for all.
+    methods: names of the methods to list, None for all.
     """
-    mine = [e for e in board.entries if methods is None or e.method in methods]
-    found = {(e.method, e.sample): e.failure for e in mine if e.failure is not None}
+    listed = [e for e in board.entries if methods is None or e.method in methods]
+    found = {(e.method, e.sample): e.failure for e in listed if e.failure is not None}
     return [f"{method} on {sample}: {failure.kind} ({failure.message})" for (method, sample), failure in found.items()]
 
 
 def board_csv(board: Board) -> str:
-    """Every entry and region as one CSV row, numbers in full; a text that a spreadsheet would run gets a leading '."""
+    """Every entry and region as a CSV row, in full precision; formulas of spreadsheets get a leading apostrophe."""
     metrics = tuple(dict.fromkeys(name for p in board.protocols for name in PROTOCOLS[p].metrics))
     head = ("method", "sample", "protocol", "region", "status", "reason", "image_pixels", "evaluated", "estimated")
     out = io.StringIO()
@@ -129,7 +130,7 @@ def board_latex(
     columns: Sequence[str] | None = None,
     weights: Mapping[str, float] | None = None,
 ) -> str:
-    """The leaderboard as a LaTeX table (package booktabs), best of each column bold, the protocol in its caption."""
+    """The leaderboard as a LaTeX table (package booktabs), the best value of each column in bold."""
     ranked = standings(board, protocol, region, sort=sort, weights=weights)
     names = _columns(protocol, columns)
     best = _best(ranked, names)
@@ -181,7 +182,8 @@ def _cell(mean: Mean, name: str, best: Mapping[str, float]) -> Text:
     return Text(find_metric(name).show(value), style="bold" if value == best.get(name) else "")
 
 
-def _counted(mean: Mean) -> Text:
+def _coverage(mean: Mean) -> Text:
+    """How many of the samples have scores."""
     if mean.counted == mean.total:
         return Text(str(mean.counted))
     failed = f", {len(mean.failed)} failed" if mean.failed else ""
@@ -194,11 +196,8 @@ def _csv_row(entry: Entry, region: str, metrics: Sequence[str]) -> list[str]:
     counts = ["", "", ""] if scores is None else [str(n) for n in (scores.image, scores.evaluated, scores.estimated)]
     numbers = [entry.value(region, name) for name in (*metrics, *TIMES)]
     text = [entry.method, entry.sample, entry.protocol, region, *status]
-    return [*(_no_formula(t) for t in text), *counts, *("" if math.isnan(v) else repr(v) for v in numbers)]
-
-
-def _no_formula(text: str) -> str:
-    return f"'{text}" if text.startswith(_FORMULA_STARTS) else text
+    safe = (f"'{t}" if t.startswith(_FORMULA_STARTS) else t for t in text)
+    return [*safe, *counts, *("" if math.isnan(v) else repr(v) for v in numbers)]
 
 
 _LATEX = {

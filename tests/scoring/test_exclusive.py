@@ -7,20 +7,23 @@ import pytest
 from tests.scoring.scoring_methods import pair
 from twinlens.errors import InputError, OutputError
 from twinlens.scoring import read_board, run_benchmark
-from twinlens.scoring.alone import alone
+from twinlens.scoring.resume import exclusive
 
 
 class Flat:
     name = "flat"
 
-    def __call__(self, left, right, *, ndisp):
+    def match(self, left, right, *, num_disparities, min_disparity):
         return pair().disp0
 
 
 def test_a_second_run_of_one_board_is_refused_and_changes_nothing(tmp_path):
     """Else whichever ends last would write its own entries alone."""
     board = tmp_path / "board.json"
-    with alone(tmp_path, "board.json"), pytest.raises(OutputError, match=r"board\.json: another run is writing there"):
+    with (
+        exclusive(tmp_path, "board.json"),
+        pytest.raises(OutputError, match=r"board\.json: another run"),
+    ):
         run_benchmark([pair()], [Flat()], save=board, warm_up=False)
     assert not board.exists()
     run_benchmark([pair()], [Flat()], save=board, warm_up=False)
@@ -48,7 +51,7 @@ def test_a_run_that_its_own_progress_starts_on_the_same_board_is_refused_too(tmp
 
 
 def test_boards_of_other_names_may_be_written_at_once(tmp_path):
-    with alone(tmp_path), alone(tmp_path, "a.json"):
+    with exclusive(tmp_path), exclusive(tmp_path, "a.json"):
         run_benchmark([pair()], [Flat()], save=tmp_path / "b.json", warm_up=False)
     assert len(read_board(tmp_path / "b.json").entries) == 1
 
@@ -56,6 +59,6 @@ def test_boards_of_other_names_may_be_written_at_once(tmp_path):
 def test_folders_made_for_nothing_are_removed(tmp_path):
     with pytest.raises(InputError):
         run_benchmark([pair(), pair()], [], save=tmp_path / "a" / "b" / "board.json")
-    with pytest.raises(ZeroDivisionError), alone(tmp_path / "c" / "d"):
+    with pytest.raises(ZeroDivisionError), exclusive(tmp_path / "c" / "d"):
         raise ZeroDivisionError
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""Where a benchmark's disparity maps are kept: a folder of PFM files, one folder a sample. Scores nothing."""
+"""`MapFolder`: a benchmark's disparity maps as PFM files, one folder per sample."""
 
 import hashlib
 import os
@@ -14,16 +14,16 @@ from twinlens.errors import OutputError
 
 
 class MapFolder:
-    """Maps as <folder>/<sample>/<method>.pfm. A name that is no safe file name is slimmed and given a short hash.
+    """Maps as <folder>/<sample>/<method>.pfm; see `file_name` for names that are no safe file names.
 
-    Give `keep` to `run_benchmark` as on_map, `drop` as on_drop, and the folder itself to the report as its maps.
+    Pass `keep` to `run_benchmark` as on_map, `drop` as on_drop, and the object itself to the report as maps.
     """
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
         self.folder = Path(folder)
 
     def path(self, method: str, sample: str) -> Path:
-        """Where that map lies, or would lie."""
+        """Path of that map, whether it exists or not."""
         return self.folder / file_name(sample) / f"{file_name(method)}.pfm"
 
     def keep(self, method: str, sample: str, disp: NDArray[np.floating[Any]]) -> None:
@@ -31,7 +31,7 @@ class MapFolder:
         write_pfm(self.path(method, sample), disp)
 
     def drop(self, method: str, sample: str) -> None:
-        """Remove that map, if there is one; OutputError if it cannot be removed."""
+        """Remove that map if it exists; OutputError if it cannot be removed."""
         path = self.path(method, sample)
         try:
             path.unlink(missing_ok=True)
@@ -39,13 +39,13 @@ class MapFolder:
             raise OutputError(f"{path}: cannot be removed ({error.strerror or error})") from error
 
     def get(self, key: tuple[str, str], /) -> NDArray[np.floating[Any]] | None:
-        """The map of (method, sample), or None; FileError if its file is damaged."""
+        """The map of (method, sample), or None; FileError if the file is damaged."""
         path = self.path(*key)
         return read_pfm(path) if path.is_file() else None
 
 
 def file_name(name: str) -> str:
-    """A file name for any name: itself where it is plain, else its plain part and eight digits of its SHA-256.
+    """A safe file name: `name` itself if it is plain, else its plain characters and eight digits of its SHA-256.
 
     >>> file_name("sad-9"), file_name("../x")[:2], file_name("../x") == file_name("./x")
     ('sad-9', 'x-', False)

@@ -1,8 +1,8 @@
-"""Errors in metres: how far the reconstructed points are from the true ones. Knows disparity and calibration alone.
+"""Errors in metres between reconstructed and true points.
 
-Two questions, two answers. `point_errors` compares the two points of one pixel; both lie on its viewing ray, so their
-distance is the whole 3-D error. `cloud_errors` forgets the pixels and asks each cloud for the other's nearest point
-(accuracy and completeness: Seitz et al., CVPR 2006; F-score: Knapitsch et al., Tanks and Temples, 2017).
+`point_errors` compares the two points of each pixel, both on its viewing ray. `cloud_errors` compares two clouds by
+nearest neighbours (accuracy and completeness: Seitz et al., CVPR 2006; F-score: Knapitsch et al., Tanks and Temples,
+2017).
 """
 
 import math
@@ -20,19 +20,19 @@ Float = NDArray[np.float64]
 
 
 def depths(disp: ArrayLike, calibration: Calibration) -> Float:
-    """z = fx B / (d + doffs) in metres, any shape; +inf where d is unknown or d + doffs <= 0, which is no point.
+    """z = fx B / (d + doffs) in metres, any shape; +inf where d is unknown or d + doffs <= 0.
 
     >>> c = Calibration((100.0, 100.0, 0.0, 0.0), (100.0, 100.0, 0.0, 0.0), 0.1, 3, 1, 0.0)
     >>> depths([5.0, 0.0, np.inf], c).tolist()
     [2.0, inf, inf]
     """
     values = np.asarray(disp, np.float64)
-    there = np.where(values + calibration.doffs > 0, values, np.inf)
-    return np.asarray(depth_from_disparity(there, calibration.fx, calibration.baseline, calibration.doffs))
+    valid = np.where(values + calibration.doffs > 0, values, np.inf)
+    return np.asarray(depth_from_disparity(valid, calibration.fx, calibration.baseline, calibration.doffs))
 
 
 def ray_lengths(pixels: NDArray[np.intp], calibration: Calibration) -> Float:
-    """|(x, y, 1)| of the left camera's viewing rays at `pixels` (N, 2), rows of (v, u): distance by z.
+    """|(x, y, 1)| of the left camera's viewing rays at `pixels` (N, 2), rows of (v, u): the ratio of distance to z.
 
     >>> c = Calibration((4.0, 4.0, 0.0, 0.0), (4.0, 4.0, 0.0, 0.0), 0.1, 3, 1, 0.0)
     >>> ray_lengths(np.array([[0, 0], [0, 3]]), c).tolist()
@@ -43,19 +43,19 @@ def ray_lengths(pixels: NDArray[np.intp], calibration: Calibration) -> Float:
 
 
 def point_errors(found: Float, true: Float, pixels: NDArray[np.intp], calibration: Calibration) -> tuple[Float, Float]:
-    """Of N pixels: metres between the estimated and the true point, and metres from the camera to the true one.
+    """(distance between estimated and true point, distance from the camera to the true point), each (N,) in metres.
 
-    found, true: (N,) disparities; pixels: (N, 2) rows of (v, u). The first is +inf where either is no point.
+    found, true: (N,) disparities; pixels: (N, 2) rows of (v, u). The first is +inf where either point is undefined.
     """
     lengths = ray_lengths(pixels, calibration)
     z_found, z_true = depths(found, calibration), depths(true, calibration)
-    there = np.isfinite(z_found) & np.isfinite(z_true)
+    valid = np.isfinite(z_found) & np.isfinite(z_true)
     with np.errstate(invalid="ignore"):
-        return np.where(there, np.abs(z_found - z_true) * lengths, np.inf), z_true * lengths
+        return np.where(valid, np.abs(z_found - z_true) * lengths, np.inf), z_true * lengths
 
 
 def points(disp: ArrayLike, calibration: Calibration, mask: ArrayLike | None = None) -> Float:
-    """The cloud of a disparity map (H, W): (N, 3) points of the left camera's frame, in metres, unknown ones left out.
+    """Points (N, 3) in metres of a disparity map (H, W), in the left camera's frame, without unknown pixels.
 
     >>> c = Calibration((100.0, 100.0, 1.0, 0.0), (100.0, 100.0, 1.0, 0.0), 0.1, 3, 1, 0.0)
     >>> points([[np.inf, 5.0, 5.0]], c).tolist()
@@ -71,10 +71,10 @@ def points(disp: ArrayLike, calibration: Calibration, mask: ArrayLike | None = N
 
 
 def cloud_errors(found: ArrayLike, true: ArrayLike, threshold_m: float) -> dict[str, float]:
-    """Two clouds (N, 3) and (M, 3) against each other, nearest point to nearest point.
+    """Nearest-neighbour errors between the clouds `found` (N, 3) and `true` (M, 3), in metres.
 
-    accuracy, completeness: the mean distance in metres from found to true, and from true to found. precision, recall:
-    the share in % that is nearer than threshold_m, strictly. fscore: their harmonic mean. NaN where a cloud is empty.
+    accuracy, completeness: mean distance from found to true, and from true to found. precision, recall: percentage of
+    those distances below threshold_m. fscore: harmonic mean of precision and recall. All are NaN if a cloud is empty.
 
     >>> cloud_errors([[0, 0, 1], [0, 0, 3]], [[0, 0, 1]], 0.5)
     {'accuracy': 1.0, 'completeness': 0.0, 'precision': 50.0, 'recall': 100.0, 'fscore': 66.66666666666667}
@@ -87,13 +87,12 @@ def cloud_errors(found: ArrayLike, true: ArrayLike, threshold_m: float) -> dict[
         raise InputError(f"threshold_m is {threshold_m}: expected a positive distance in metres")
     if not (clouds[0].size and clouds[1].size):
         return dict.fromkeys(("accuracy", "completeness", "precision", "recall", "fscore"), math.nan)
-    there, back = (KDTree(b).query(a)[0] for a, b in (clouds, clouds[::-1]))
-    precision, recall = (100.0 * float(np.mean(d < threshold_m)) for d in (there, back))
-    both = 2 * precision * recall / (precision + recall) if precision + recall else 0.0
+    forward, backward = (KDTree(b).query(a)[0] for a, b in (clouds, clouds[::-1]))
+    precision, recall = (100.0 * float(np.mean(d < threshold_m)) for d in (forward, backward))
     return {
-        "accuracy": float(there.mean()),
-        "completeness": float(back.mean()),
+        "accuracy": float(forward.mean()),
+        "completeness": float(backward.mean()),
         "precision": precision,
         "recall": recall,
-        "fscore": both,
+        "fscore": 2 * precision * recall / (precision + recall) if precision + recall else 0.0,
     }

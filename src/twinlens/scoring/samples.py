@@ -1,0 +1,252 @@
+"""Samples of a benchmark: the `Sample` interface, a `Pair` in memory, the pairs of a dataset on disk."""
+
+import hashlib
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.dataset import Calibration, StoredSample
+from twinlens.errors import FileError, InputError
+from twinlens.scoring.checks import Disparity, disparity_map, mask_of
+
+
+class Sample(Protocol):
+    """Any object with these attributes is a sample; each is read once.
+
+    im0, im1: uint8 or uint16 (H, W[, 3]), left and right. disp0: float32 (H, W), true disparity of the left view in
+    pixels, +inf unknown. mask0_nonocc: uint8 (H, W), 255 visible in both views, or None. ndisp: disparities to search.
+
+    Optional: `calibration` (errors in metres), `blur0` (H, W) in pixels and `material_kind0` (H, W) (regions), and
+    `min_disparity`, the first disparity to search, a whole number.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def im0(self) -> NDArray[Any]: ...
+    @property
+    def im1(self) -> NDArray[Any]: ...
+    @property
+    def disp0(self) -> Disparity: ...
+    @property
+    def mask0_nonocc(self) -> NDArray[np.uint8] | NDArray[np.bool_] | None: ...
+    @property
+    def ndisp(self) -> int: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A sample in memory, validated when it is created. See `Sample` for the arrays.
+
+    The disparities to search are min_disparity to min_disparity + ndisp - 1. min_disparity is 0 except for rigs whose
+    principal points differ (doffs != 0). aliases: other names of this sample's map in a submission, the recommended one
+    first.
+
+    Raises
+    ------
+    InputError
+        Images that are not 8 or 16 bit or differ in size, a truth or map that does not fit, ndisp < 1.
+    """
+
+    name: str
+    im0: NDArray[Any]
+    im1: NDArray[Any]
+    disp0: Disparity
+    mask0_nonocc: NDArray[np.uint8] | NDArray[np.bool_] | None
+    ndisp: int
+    calibration: Calibration | None = None
+    blur0: NDArray[np.floating[Any]] | None = None
+    material_kind0: NDArray[np.uint8] | None = None
+    min_disparity: int = 0
+    aliases: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        try:
+            self._check()
+        except InputError as error:
+            raise InputError(f"sample {self.name!r}: {error}") from None
+
+    def _check(self) -> None:
+        size = disparity_map("disp0", self.disp0).shape
+        for name, image in (("im0", self.im0), ("im1", self.im1)):
+            if image.dtype not in (np.uint8, np.uint16) or image.shape[:2] != size or image.shape[2:] not in ((), (3,)):
+                raise InputError(
+                    f"{name} is {image.dtype} {image.shape}: expected uint8 or uint16 {size} or {(*size, 3)}"
+                )
+        if self.mask0_nonocc is not None:
+            mask_of("mask0_nonocc", self.mask0_nonocc, size)
+        for name, extra in (("blur0", self.blur0), ("material_kind0", self.material_kind0)):
+            if extra is not None and extra.shape != size:
+                raise InputError(f"{name} has shape {extra.shape}: expected the truth's, {size}")
+        if self.ndisp < 1:
+            raise InputError(f"ndisp is {self.ndisp}: expected 1 or more")
+        if not float(self.min_disparity).is_integer():
+            raise InputError(f"min_disparity is {self.min_disparity}: expected a whole number of pixels")
+
+    @property
+    def search(self) -> dict[str, int]:
+        """Keyword arguments of a matcher: num_disparities and min_disparity."""
+        return {"num_disparities": int(self.ndisp), "min_disparity": int(self.min_disparity)}
+
+
+def load_pair(sample: Sample) -> Pair:
+    """The sample as a `Pair`; optional data that is missing becomes None.
+
+    Raises
+    ------
+    FileError, InputError
+        Required data is missing or does not fit.
+    """
+    if isinstance(sample, Pair):
+        return sample
+    calibration, truth = optional(lambda: getattr(sample, "calibration", None)), sample.disp0
+    first = getattr(sample, "min_disparity", None)
+    ndisp, low = (sample.ndisp, first) if first is not None else search_range(sample.ndisp, calibration, truth)
+    return Pair(
+        sample.name,
+        sample.im0,
+        sample.im1,
+        truth,
+        sample.mask0_nonocc,
+        ndisp,
+        calibration,
+        optional(lambda: getattr(sample, "blur0", None)),
+        optional(lambda: getattr(sample, "material_kind0", None)),
+        low,
+    )
+
+
+def search_range(bound: int, calibration: Calibration | None, truth: Disparity) -> tuple[int, int]:
+    """(ndisp, min_disparity) of a stored sample whose disparities are below `bound`.
+
+    min_disparity is 0 unless the calibration's vmin, or without one the truth, is negative.
+
+    >>> search_range(4, None, np.array([[-1.5, 3.0]])), search_range(4, None, np.array([[1.0, np.inf]]))
+    ((6, -2), (4, 0))
+    """
+    low = None if calibration is None else calibration.vmin
+    if low is None or not math.isfinite(low):
+        low = float(np.min(truth, initial=0.0))
+    first = max(min(math.floor(low), 0), -truth.shape[1])  # disparities beyond the image's width match nothing
+    return bound - first, first
+
+
+def optional(read: Callable[[], Any]) -> Any:
+    """The result of `read`, or None if its file is missing."""
+    try:
+        return read()
+    except FileError:
+        return None
+
+
+def fingerprint(sample: Pair) -> str:
+    """SHA-256 of everything a score depends on: images, truth, mask, search range, calibration and region maps.
+
+    >>> image, truth = np.zeros((1, 1), np.uint8), np.ones((1, 1), np.float32)
+    >>> a, b = Pair("a", image, image, truth, None, 4), Pair("b", image, image, truth, None, 4)
+    >>> fingerprint(a) == fingerprint(b), fingerprint(a) == fingerprint(Pair("a", image, image, truth, None, 5))
+    (True, False)
+    """
+    search = {"ndisp": int(sample.ndisp)} | ({"min_disparity": sample.min_disparity} if sample.min_disparity else {})
+    digest = hashlib.sha256(f"{search} {sample.calibration}".encode())
+    for array in (sample.im0, sample.im1, sample.disp0, sample.mask0_nonocc, sample.blur0, sample.material_kind0):
+        if array is None:
+            digest.update(b"none")
+        else:
+            digest.update(f"{array.dtype.str}{array.shape}".encode())
+            digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def lens_label(lens: object) -> str:
+    """A lens in a few words: its aperture and focus distance.
+
+    >>> from twinlens.camera import Pinhole, ThinLens
+    >>> lens_label(Pinhole()), lens_label(ThinLens(0.02, 1.5))
+    ('pinhole', 'lens 20 mm at 1.5 m')
+    """
+    diameter, focus = getattr(lens, "aperture_diameter", None), getattr(lens, "focus_distance", None)
+    if not diameter:
+        return "pinhole"
+    return f"hole {1e3 * diameter:.3g} mm" if focus is None else f"lens {1e3 * diameter:.3g} mm at {focus:.3g} m"
+
+
+class DatasetPairs(Sequence[Pair]):
+    """Every sample of a `Dataset` (or of any sequence of stored samples), once for each lens.
+
+    A sample with one lens keeps its name; one with several gives "name · lens", numbered if labels repeat. Maps may
+    also be named name/lens-0, name-lens-0, ...; those of the first lens, whose images are the sample's own, also name.
+    Indexing reads that pair from disk; nothing is kept.
+    """
+
+    def __init__(self, samples: Sequence[StoredSample]) -> None:
+        named = [(sample, k, name) for sample in samples for k, name in enumerate(_names(sample))]
+        taken = {name for _, _, name in named}
+        self._jobs = [(*job, tuple(a for a in _aliases(job[0], job[1]) if a not in taken)) for job in named]
+
+    def __len__(self) -> int:
+        return len(self._jobs)
+
+    @overload
+    def __getitem__(self, index: int) -> Pair: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Pair]: ...
+    def __getitem__(self, index: int | slice) -> Pair | list[Pair]:
+        if isinstance(index, slice):
+            return [_pair(*job) for job in self._jobs[index]]
+        return _pair(*self._jobs[index])
+
+    def __iter__(self) -> Iterator[Pair]:
+        return (_pair(*job) for job in self._jobs)
+
+    @property
+    def aliases(self) -> dict[str, tuple[str, ...]]:
+        """Pair name -> other names of its map in a submission, without extension. Reads no image."""
+        return {name: aliases for _, _, name, aliases in self._jobs}
+
+
+def map_names(aliases: dict[str, tuple[str, ...]]) -> dict[str, str]:
+    """Pair name -> recommended file name of its map in a submission.
+
+    >>> map_names({"one": (), "two · pinhole": ("two/lens-0", "two")})
+    {'one': 'one.pfm', 'two · pinhole': 'two/lens-0.pfm'}
+    """
+    return {name: f"{others[0] if others else name}.pfm" for name, others in aliases.items()}
+
+
+def _names(sample: StoredSample) -> list[str]:
+    if sample.num_lenses == 1:
+        return [sample.name]
+    labels = [lens_label(sample.lens(k).lens) for k in range(sample.num_lenses)]
+    return [
+        f"{sample.name} · {label}" + (f" ({k})" if labels.count(label) > 1 else "") for k, label in enumerate(labels)
+    ]
+
+
+def _aliases(sample: StoredSample, k: int) -> tuple[str, ...]:
+    if sample.num_lenses == 1:
+        return ()
+    numbered = f"{sample.name}/lens-{k}", f"{sample.name}-lens-{k}"
+    return numbered if k else (*numbered, sample.name)
+
+
+def _pair(sample: StoredSample, k: int, name: str, aliases: tuple[str, ...]) -> Pair:
+    shot, truth, calibration = sample.lens(k), sample.disp0, optional(lambda: sample.calibration)
+    ndisp, first = search_range(sample.ndisp, calibration, truth)
+    return Pair(
+        name,
+        shot.im0,
+        shot.im1,
+        truth,
+        sample.mask0_nonocc,
+        ndisp,
+        calibration,
+        optional(lambda: shot.blur_circle_px(0)),
+        optional(lambda: sample.truth0.material_kind),
+        first,
+        aliases,
+    )
