@@ -91,23 +91,26 @@ from .camera import (
 from .camera import (
     undistort_maps as undistort_maps,
 )
+from .camera.diffraction import (
+    diffract as diffract,
+)
+from .camera.multiview import (
+    essential_matrix as essential_matrix,
+)
+from .camera.multiview import (
+    fundamental_matrix as fundamental_matrix,
+)
+from .camera.multiview import (
+    triangulate as triangulate,
+)
+from .camera.rectification import (
+    rectify as rectify,
+)
 from .dataset import (
     Dataset as Dataset,
 )
 from .errors import (
     TwinlensError as TwinlensError,
-)
-from .geometry.epipolar import (
-    essential_matrix as essential_matrix,
-)
-from .geometry.epipolar import (
-    fundamental_matrix as fundamental_matrix,
-)
-from .geometry.rectification import (
-    rectify as rectify,
-)
-from .geometry.triangulation import (
-    triangulate as triangulate,
 )
 from .matching import (
     StereoMatcher as StereoMatcher,
@@ -144,9 +147,6 @@ from .matching import (
 )
 from .matching import (
     zssd as zssd,
-)
-from .optics.diffraction import (
-    diffract as diffract,
 )
 from .rendering import (
     correspondence as correspondence,

@@ -1,6 +1,6 @@
-"""Every way twinlens says no. The command line catches `TwinlensError` in one place and prints its message as one line.
+"""The exceptions of twinlens and the checks that raise them. The command line prints their message as one line.
 
-A message names the value, what is allowed, and the remedy. Imports nothing of twinlens.
+A message states the value, what is allowed, and what to do. Imports nothing of twinlens.
 """
 
 import difflib
@@ -8,41 +8,41 @@ import math
 import re
 import reprlib
 from collections.abc import Iterable
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
-_ALIKE = 0.65
+_MIN_SIMILARITY = 0.65
 _SHORTEST_PART = 3
 
 
 class TwinlensError(Exception):
-    """The root of twinlens's own errors. `exit_code` is what the command line leaves with."""
+    """The base class of twinlens's errors. `exit_code` is the exit code of the command line."""
 
     exit_code = 2
 
 
 class InputError(TwinlensError, ValueError):
-    """A value, a name or a file that the caller gave cannot be used."""
+    """A value, name or file given by the caller cannot be used."""
 
 
 class FileError(InputError):
-    """A file is missing, unreadable, or not what its name promises; the message begins with its path."""
+    """A file is missing, unreadable or malformed; the message begins with its path."""
 
 
 class OutputError(TwinlensError, OSError):
-    """Something could not be written: a full disk, a read-only folder."""
+    """A file could not be written: a full disk, a read-only folder."""
 
 
 class MissingExtraError(TwinlensError, ImportError):
-    """An optional package is needed; the message names the extra that installs it."""
+    """An optional package is not installed; the message names the extra that installs it."""
 
 
 class BackendError(TwinlensError, RuntimeError):
-    """This machine's rendering backend cannot do what was asked; the message says what to install."""
+    """The rendering backend is not available on this machine; the message says what to install."""
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
-    """The error for a name that is not among the known ones, with the nearest of them.
+    """The error for a name that is not in `known`, with the nearest known name.
 
     >>> str(unknown("scene", "stairs", ["staircase", "fence"]))
     "unknown scene 'stairs'; did you mean 'staircase'? (known: fence, staircase)"
@@ -54,38 +54,31 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
-    """The known name that `name` may be a misspelling or a part of; None where it is a stranger.
+    """The known name that `name` is a misspelling or a part of, or None.
 
-    A misspelling shares at least `_ALIKE` of its letters with the name, in order (Ratcliff and Obershelp's measure, as
-    difflib has it), whatever their case: one letter of three may be wrong, or two of six, but not two of five. A part
-    is what a name begins with, or its last words: three letters or more.
+    A misspelling has a Ratcliff-Obershelp similarity (`difflib`) of at least 0.65, case ignored: one wrong letter of
+    three, or two of six, but not two of five. A part is a prefix or the last words of a name, three letters or more.
 
     >>> nearest("ZNC", ["sad", "zncc"]), nearest("diameter", ["aperture_diameter"]), nearest("nikon", ["phone"])
     ('zncc', 'aperture_diameter', None)
     """
-    plain = _plain(name)
-    close = {each: share for each in known if (share := _share(plain, _plain(each))) is not None}
+    typed = _normalized(name)
+    close = {each: ratio for each in known if (ratio := _similarity(typed, _normalized(each))) is not None}
     return max(close, key=lambda each: close[each], default=None)
 
 
-def _share(plain: str, known: str) -> float | None:
-    """Of their letters, how many they share; None where too few. Bounds of it come first: a name may be very long."""
-    pair = difflib.SequenceMatcher(None, plain, known)
-    if _is_part(plain, known):
-        return pair.ratio()
-    if pair.real_quick_ratio() < _ALIKE or pair.quick_ratio() < _ALIKE:
+def _similarity(typed: str, known: str) -> float | None:
+    """The similarity, or None below the minimum. Its cheap upper bounds come first: a name may be very long."""
+    pair = difflib.SequenceMatcher(None, typed, known)
+    is_part = len(typed) >= _SHORTEST_PART and (known.startswith(typed) or known.endswith(f"_{typed}"))
+    if not is_part and (pair.real_quick_ratio() < _MIN_SIMILARITY or pair.quick_ratio() < _MIN_SIMILARITY):
         return None
-    share = pair.ratio()
-    return share if share >= _ALIKE else None
+    ratio = pair.ratio()
+    return ratio if is_part or ratio >= _MIN_SIMILARITY else None
 
 
-def _plain(name: str) -> str:
-    """As names are compared: no case, and one sign between words."""
+def _normalized(name: str) -> str:
     return re.sub(r"[-_.\s]+", "_", name.casefold())
-
-
-def _is_part(part: str, name: str) -> bool:
-    return len(part) >= _SHORTEST_PART and (name.startswith(part) or name.endswith(f"_{part}"))
 
 
 def check_number(
@@ -97,9 +90,9 @@ def check_number(
     most: float = math.inf,
     below: float = math.inf,
 ) -> None:
-    """Raise InputError unless `value` is a finite real number > above, >= least, <= most, < below; `allowed` says so.
+    """Raise InputError unless `value` is a finite real number > above, >= least, <= most, < below.
 
-    Truth values, texts and arrays are no numbers.
+    `allowed` describes this range in the message. Booleans, text and arrays are refused.
 
     >>> check_number("baseline", -0.1, "a positive number of metres", above=0)
     Traceback (most recent call last):
@@ -110,8 +103,21 @@ def check_number(
         raise InputError(f"{name} must be {allowed}, got {format_value(value)}")
 
 
+def check_int(name: str, value: Any, least: int, most: int | None = None) -> None:
+    """Raise InputError unless `value` is an integer (not a bool) from `least` to `most`.
+
+    >>> check_int("count", 2.5, 1, 9)
+    Traceback (most recent call last):
+    twinlens.errors.InputError: count must be a whole number from 1 to 9, got 2.5
+    """
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not whole or value < least or (most is not None and value > most):
+        allowed = f">= {least}" if most is None else f"from {least} to {most}"
+        raise InputError(f"{name} must be a whole number {allowed}, got {format_value(value)}")
+
+
 def check_triple(name: str, values: Any, allowed: str) -> tuple[float, float, float]:
-    """`values` as three positive finite numbers (red, green, blue), or InputError; `allowed` says so in words.
+    """`values` as three positive finite numbers (red, green, blue), or InputError; `allowed` describes them.
 
     >>> check_triple("wavelengths", [611e-9, 549e-9, 464e-9], "three positive numbers of metres")
     (6.11e-07, 5.49e-07, 4.64e-07)
@@ -126,7 +132,7 @@ def check_triple(name: str, values: Any, allowed: str) -> tuple[float, float, fl
 
 
 def format_value(value: Any) -> str:
-    """What a message shows of a value: its repr, cut where it is long.
+    """The repr of `value` on one line, shortened, for a message.
 
     >>> format_value([[0.5, 1.0], [2.0, 4.0]])
     '[[0.5, 1.0], [2.0, 4.0]]'
@@ -135,7 +141,7 @@ def format_value(value: Any) -> str:
 
 
 def _as_float(value: Any) -> float:
-    """NaN for what is no real number, and for an integer too large to be one here."""
+    """`value` as a float; NaN for what is not a real number or is too large."""
     try:
         return float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
     except OverflowError:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from twinlens.camera import BrownConrady, Camera, KannalaBrandt
-from twinlens.camera.jacobian import projection_jacobian
 from twinlens.errors import InputError
 
 MODELS = [None, BrownConrady(-0.2, 0.05, 1e-3, 2e-3, 0.01, 0.02), KannalaBrandt(0.05, -0.02, 0.01, 0.003)]
@@ -18,11 +17,11 @@ def test_it_is_the_limit_of_differences(model):
     for axis in range(3):
         shift = step * np.eye(3)[axis]
         slope = (camera.project(points + shift) - camera.project(points - shift)) / (2 * step)
-        assert np.allclose(projection_jacobian(camera, points)[..., axis], slope, atol=1e-5)
+        assert np.allclose(camera.projection_jacobian(points)[..., axis], slope, atol=1e-5)
 
 
 @pytest.mark.parametrize("point", [[0, 0, 0], [0, 0, -1], [np.inf, 0, 1], [50.0, 0, 1]])
 def test_points_that_no_pixel_sees_are_refused(point):
     camera = Camera(640, 480, 700.0, 680.0, 310.0, 241.0, BrownConrady(-0.2))
     with pytest.raises(InputError, match="leave out"):
-        projection_jacobian(camera, [point])
+        camera.projection_jacobian([point])

@@ -12,6 +12,7 @@ from hypothesis.extra.numpy import arrays
 from twinlens import geometry
 from twinlens.camera import BrownConrady, Camera, Rig, layouts
 from twinlens.errors import InputError
+from twinlens.geometry.triangulation import triangulate_dlt
 
 CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
 turns = arrays(np.float64, 3, elements=st.floats(-3, 3))
@@ -59,7 +60,7 @@ def test_triangulating_what_a_rig_projects_returns_the_point(a, b):
         return
     matrices = [rig.px_from_world(i) for i in (0, 1)]
     seen = [geometry.dehomogeneous(matrix @ [*point, 1])[None] for matrix in matrices]
-    assert np.allclose(geometry.triangulate(matrices, seen)[0], point, atol=1e-7)
+    assert np.allclose(triangulate_dlt(matrices, seen)[0], point, atol=1e-7)
 
 
 def test_projection_equals_opencv():
@@ -120,7 +121,7 @@ def test_a_rig_does_not_change_with_the_arrays_it_was_made_from():
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: Rig([], []), "one pose a camera"),
+        (lambda: Rig([], []), "one pose per camera"),
         (lambda: Rig([CAMERA], []), "1 cameras and 0 poses"),
         (lambda: Rig([CAMERA] * 2, [np.eye(4), np.eye(4) * 2]), r"world_from_cams\[1\]"),
         (lambda: Rig([CAMERA], [np.eye(3)]), r"world_from_cams\[0\]"),

@@ -14,7 +14,7 @@ from twinlens.camera import (
 )
 from twinlens.cli.benchmark import split_methods
 from twinlens.cli.camera_specs import parse_distortion, parse_exposure, parse_mismatch, parse_sensor
-from twinlens.cli.specs import middle_focus, parse_aperture, parse_lens, parse_size
+from twinlens.cli.specs import parse_aperture, parse_lens, parse_size
 from twinlens.dataset import write_png
 from twinlens.errors import InputError
 from twinlens.sensor import Exposure, Mismatch, Sensor
@@ -219,11 +219,6 @@ def test_sizes_that_cannot_be(text):
     with pytest.raises(InputError, match="WIDTHxHEIGHT") as error:
         parse_size(text)
     assert len(str(error.value)) < 120
-
-
-def test_the_middle_focus_lies_midway_in_disparity():
-    near, far = 1.0, 4.0
-    assert 1 / near - 1 / middle_focus((near, far)) == pytest.approx(1 / middle_focus((near, far)) - 1 / far)
 
 
 def test_options_stay_with_their_method():

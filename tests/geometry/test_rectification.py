@@ -6,10 +6,10 @@ import pytest
 
 from tests.rigs import DISTORTIONS, random_rig, rotation, seen
 from twinlens import geometry
-from twinlens.camera import BrownConrady, Camera, Rig
+from twinlens.camera import BrownConrady, Camera, Misalignment, Rig
 from twinlens.camera.layouts import grid, line, toed_in
+from twinlens.camera.rectification import FITS, Rectification, rectify
 from twinlens.errors import InputError
-from twinlens.geometry.rectification import FITS, Misalignment, Rectification, rectify
 
 CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
 
@@ -192,11 +192,11 @@ def two(place, turn=(0, 0, 0)):
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: rectify(two([0, 0, 0])), "one place"),
+        (lambda: rectify(two([0, 0, 0])), "centres coincide"),
         (lambda: rectify(two([0.01, 0, 0.5])), "looks along the baseline"),
         (lambda: rectify(two([0.5, 0, 0], (0, -1.5, 0))), "looks along the baseline"),
         (lambda: rectify(two([0.27, 0, 0.5])), "85 degrees"),
-        (lambda: rectify(two([-0.5, 0, 0])), "other way round"),
+        (lambda: rectify(two([-0.5, 0, 0])), "exchange the two cameras"),
         (lambda: rectify(two([0.5, 0, 0]), 0, 2), "out of 0 to 1"),
         (lambda: rectify(two([0.5, 0, 0]), fit="al"), "did you mean 'all'"),
         (lambda: rectify(two([0.5, 0, 0]), width=0), "width"),

@@ -149,36 +149,6 @@ def test_projection_equals_opencv(rng):
         assert np.allclose(by_matrix, ours, atol=1e-8)
 
 
-def test_triangulation_returns_the_points_and_equals_opencv(rng):
-    for _ in range(20):
-        matrices, points = two_cameras(rng)
-        pixels = [g.dehomogeneous(g.homogeneous(points) @ m.T) for m in matrices]
-        ours = g.triangulate(matrices, pixels)
-        assert np.allclose(ours, points, atol=1e-9)
-        theirs = cv2.triangulatePoints(*matrices, *(p.T for p in pixels))
-        assert np.allclose(ours, (theirs[:3] / theirs[3]).T, atol=1e-7)
-
-
-def test_triangulation_of_noisy_pixels_averages_over_cameras(rng):
-    """More views of the same points, less error; every camera counts."""
-    points = rng.uniform([-1, -1, 4], [1, 1, 6], size=(200, 3))
-    K = np.array([[500, 0, 0], [0, 500, 0], [0, 0, 1.0]])
-    matrices = [K @ np.hstack([np.eye(3), [[-0.1 * i], [0], [0]]]) for i in range(9)]
-    pixels = [g.dehomogeneous(g.homogeneous(points) @ m.T) + rng.normal(0, 0.2, (200, 2)) for m in matrices]
-    error = {n: np.abs(g.triangulate(matrices[:n], pixels[:n]) - points)[:, 2].mean() for n in (2, 5, 9)}
-    assert error[2] > 2 * error[5] > 2 * error[9]
-
-
-def test_triangulation_refuses_what_does_not_fit(rng):
-    matrices, points = two_cameras(rng)
-    pixels = [g.dehomogeneous(g.homogeneous(points) @ m.T) for m in matrices]
-    refuses(lambda: g.triangulate(matrices[:1], pixels[:1]), "two or more cameras")
-    refuses(lambda: g.triangulate(matrices, pixels[:1]), "two or more cameras")
-    refuses(lambda: g.triangulate(matrices, [pixels[0], pixels[1][:-1]]), "triangulate")
-    refuses(lambda: g.triangulate([np.eye(3), np.eye(3)], pixels), "triangulate")
-    refuses(lambda: g.triangulate(matrices, [p * math.nan for p in pixels]), "triangulate")
-
-
 def test_the_film_of_a_real_camera_gives_the_same_pixels_as_fx(rng):
     """A 35 mm film box: v = 50 mm, 4 um wide and 5 um high pixels; fx = v m_x, and the point by similar triangles."""
     density = np.array([1 / 4e-6, 1 / 5e-6])
@@ -284,11 +254,3 @@ def refuses(call, *words):
 @pytest.fixture
 def rng():
     return np.random.default_rng(7)
-
-
-def two_cameras(rng):
-    """Two random projection matrices, and points some metres before both."""
-    K = np.array([[600, 0, 320], [0, 620, 240], [0, 0, 1.0]])
-    points = rng.uniform([-1, -1, 3], [1, 1, 6], size=(40, 3))
-    turns = [cv2.Rodrigues(rng.normal(0, 0.1, 3))[0] for _ in range(2)]
-    return [K @ np.hstack([turn, [[-0.3 * i], [0.05 * i], [0]]]) for i, turn in enumerate(turns)], points

@@ -8,10 +8,10 @@ from tests.rigs import random_rig, seen
 from twinlens import geometry
 from twinlens.camera import Camera, Rig
 from twinlens.camera.layouts import line, toed_in
+from twinlens.camera.multiview import covariance, fundamental_matrix, triangulate
 from twinlens.errors import InputError
-from twinlens.geometry.epipolar import fundamental_matrix
 from twinlens.geometry.hartley_sturm import correct_matches
-from twinlens.geometry.triangulation import METHODS, covariance, triangulate
+from twinlens.geometry.triangulation import METHODS, triangulate_dlt
 
 CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
 CLOSE, FAR = np.array([[0.3, -0.1, 2.0]]), np.array([[0.3, -0.1, 1e9]])
@@ -194,14 +194,14 @@ def test_wild_pixels_give_points_or_inf_and_never_nan(method):
         (lambda r: triangulate(r, [[[1.0, 2.0]]] * 2, (0, 3)), "out of 0 to 2"),
         (lambda r: triangulate(r, [[[1.0, 2.0]]] * 3, (0, 1, 2)), "'midpoint' or 'dlt'"),
         (lambda r: triangulate(r, [[[1.0, np.nan]]] * 2), "finite"),
-        (lambda r: triangulate(r, [[[1.0, 2.0]], [[1.0, 2.0]] * 2]), "as many"),
-        (lambda r: triangulate(Rig([CAMERA] * 2, [np.eye(4)] * 2), [[[1.0, 2.0]]] * 2), "one place"),
+        (lambda r: triangulate(r, [[[1.0, 2.0]], [[1.0, 2.0]] * 2]), "same N"),
+        (lambda r: triangulate(Rig([CAMERA] * 2, [np.eye(4)] * 2), [[[1.0, 2.0]]] * 2), "centres coincide"),
         (lambda r: covariance(r, [[0.0, 0, -1]]), "z > 0"),
         (lambda r: covariance(r, [[0.0, 0, np.inf]]), "infinity"),
         (lambda r: covariance(r, [[0.0, 0, 1]], 0.0), "sigma_px"),
-        (lambda r: covariance(r, FAR * 1e9), "not fixed"),
+        (lambda r: covariance(r, FAR * 1e9), "not determined"),
         (lambda r: correct_matches(np.diag([1.0, 0, 0]), [[1.0, 2]], [[1.0, 2]]), "rank 2"),
-        (lambda r: correct_matches(np.eye(3), [[1.0, 2]], [[1.0, 2, 3]]), "as many pixels"),
+        (lambda r: correct_matches(np.eye(3), [[1.0, 2]], [[1.0, 2, 3]]), "equally many pixels"),
         (lambda r: correct_matches(np.eye(3), [[np.inf, 2]], [[1.0, 2]]), "finite"),
     ],
 )
@@ -215,3 +215,53 @@ def test_a_pixel_on_the_epipole_is_left_as_it_is():
     pair = np.array([[CAMERA.cx, CAMERA.cy]]), np.array([[5.0, 7.0]])
     for given, got in zip(pair, correct_matches(fundamental_matrix(ahead), *pair), strict=True):
         assert np.array_equal(given, got)
+
+
+def test_triangulation_returns_the_points_and_equals_opencv(rng):
+    for _ in range(20):
+        matrices, points = two_cameras(rng)
+        pixels = [geometry.dehomogeneous(geometry.homogeneous(points) @ m.T) for m in matrices]
+        ours = triangulate_dlt(matrices, pixels)
+        assert np.allclose(ours, points, atol=1e-9)
+        theirs = cv2.triangulatePoints(*matrices, *(p.T for p in pixels))
+        assert np.allclose(ours, (theirs[:3] / theirs[3]).T, atol=1e-7)
+
+
+def test_triangulation_of_noisy_pixels_averages_over_cameras(rng):
+    """More views of the same points, less error; every camera counts."""
+    points = rng.uniform([-1, -1, 4], [1, 1, 6], size=(200, 3))
+    K = np.array([[500, 0, 0], [0, 500, 0], [0, 0, 1.0]])
+    matrices = [K @ np.hstack([np.eye(3), [[-0.1 * i], [0], [0]]]) for i in range(9)]
+    pixels = [
+        geometry.dehomogeneous(geometry.homogeneous(points) @ m.T) + rng.normal(0, 0.2, (200, 2)) for m in matrices
+    ]
+    error = {n: np.abs(triangulate_dlt(matrices[:n], pixels[:n]) - points)[:, 2].mean() for n in (2, 5, 9)}
+    assert error[2] > 2 * error[5] > 2 * error[9]
+
+
+def test_triangulation_refuses_what_does_not_fit(rng):
+    matrices, points = two_cameras(rng)
+    pixels = [geometry.dehomogeneous(geometry.homogeneous(points) @ m.T) for m in matrices]
+    refuses(lambda: triangulate_dlt(matrices[:1], pixels[:1]), "two or more views")
+    refuses(lambda: triangulate_dlt(matrices, pixels[:1]), "two or more views")
+    refuses(lambda: triangulate_dlt(matrices, [pixels[0], pixels[1][:-1]]), "triangulate_dlt")
+    refuses(lambda: triangulate_dlt([np.eye(3), np.eye(3)], pixels), "triangulate_dlt")
+    refuses(lambda: triangulate_dlt(matrices, [p * np.nan for p in pixels]), "triangulate_dlt")
+
+
+def refuses(call, word):
+    with pytest.raises(InputError, match=word):
+        call()
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
+
+
+def two_cameras(rng):
+    """Two random projection matrices, and points some metres before both."""
+    K = np.array([[600, 0, 320], [0, 620, 240], [0, 0, 1.0]])
+    points = rng.uniform([-1, -1, 3], [1, 1, 6], size=(40, 3))
+    turns = [cv2.Rodrigues(rng.normal(0, 0.1, 3))[0] for _ in range(2)]
+    return [K @ np.hstack([turn, [[-0.3 * i], [0.05 * i], [0]]]) for i, turn in enumerate(turns)], points

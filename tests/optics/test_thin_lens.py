@@ -1,4 +1,4 @@
-"""The formulas of optics.py against the textbook's own forms, rays traced by hand, and each other."""
+"""Thin-lens formulas against the textbook, rays traced by hand, and each other."""
 
 import math
 
@@ -170,3 +170,9 @@ def test_impossible_distances_are_refused(distance):
 def test_an_impossible_power_is_refused():
     with pytest.raises(InputError, match="power"):
         optics.vergence(math.nan, 0.05)
+
+
+def test_the_middle_focus_is_at_the_middle_of_the_disparities():
+    middle = optics.middle_focus(0.7, 2.5)
+    assert 1 / 0.7 - 1 / middle == pytest.approx(1 / middle - 1 / 2.5)
+    assert optics.middle_focus(math.inf, math.inf) == math.inf

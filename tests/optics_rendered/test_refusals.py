@@ -8,8 +8,9 @@ import pytest
 import twinlens as tl
 from twinlens import optics
 from twinlens.camera import Annulus, BrownConrady, KannalaBrandt, MaskAperture, Polygon, undistort_maps
+from twinlens.camera.diffraction import diffract
 from twinlens.errors import InputError
-from twinlens.optics.diffraction import airy_kernel, diffract
+from twinlens.optics.diffraction import airy_kernel
 
 CAMERA = tl.Camera(64, 48, 60.0, 60.0, 31.5, 23.5)
 LENS = tl.ThinLens(1e-4, 1.0)

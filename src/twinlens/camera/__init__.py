@@ -1,13 +1,14 @@
-"""Cameras, the lenses in front of them, and rigs of several: plain frozen data, no rendering."""
+"""Cameras, lenses and rigs of several cameras: immutable data and the geometry that follows from it. No rendering.
+
+`multiview` (epipolar geometry, triangulation) and `rectification` work on a `Rig`; `film` on images.
+"""
 
 from twinlens.camera.aperture import Annulus, Aperture, Disk, MaskAperture, Polygon
 from twinlens.camera.distortion import BrownConrady, Distortion, KannalaBrandt
 from twinlens.camera.film import film_image
-from twinlens.camera.intrinsics import Camera
+from twinlens.camera.intrinsics import Camera, undistort_maps
 from twinlens.camera.lens import BareAperture, Lens, Pinhole, ThinLens, film_distance
-from twinlens.camera.misalignment import ALIGNED, Misalignment, misaligned
-from twinlens.camera.remap import undistort_maps
-from twinlens.camera.rig import Rig
+from twinlens.camera.rig import ALIGNED, Misalignment, Rig, misaligned
 from twinlens.camera.truth import MATERIAL_KINDS, Correspondence, Truth
 
 __all__ = [

@@ -1,13 +1,13 @@
-"""The shape of an aperture, inside the square [-1, 1]^2 around its axis; the lens scales it by its radius A/2.
+"""Aperture shapes in the square [-1, 1]^2 around the optical axis; a lens scales them by its radius A/2.
 
-Coordinates are the camera's (x right, y down), seen from behind the lens, looking out. A shape answers three questions:
+Coordinates are the camera's (x right, y down), seen from behind the lens. Each shape has
 
-- ``transmission(x, y)``: how much of the light passes at a point, 0 to 1;
-- ``area_fraction``: its open area over that of the full disk of the same diameter, exactly;
-- ``sample(u1, u2)``: points uniform over the open area (weighted by transmission), from uniform numbers in [0, 1).
+- ``transmission(x, y)``: the share of light that passes at a point, 0 to 1;
+- ``area_fraction``: its open area relative to the full disk of the same diameter, exact;
+- ``sample(u1, u2)``: points distributed as the transmission, from uniform numbers in [0, 1).
 
-No sample is ever rejected, and the map is continuous wherever the shape allows it, so strata of the square stay strata
-of the aperture. The formulas are written once, for numpy and for any other array library: see `twinlens.camera.warp`.
+Sampling needs no rejection and is continuous where the shape allows it, so that it preserves stratification. It runs on
+NumPy and on other array libraries: see `twinlens.camera.warp`.
 """
 
 import hashlib
@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.warp import NUMPY, ArrayMath, concentric, invert_cdf, on_ring
-from twinlens.errors import InputError, check_number, format_value
+from twinlens.errors import InputError, check_int, check_number
 
 Float = NDArray[np.float64]
 
 _MOST_BLADES = 1000
-_LARGEST_MASK_SIDE = 4096  # cells: float32 random numbers reach every one
+_LARGEST_MASK_SIDE = 4096  # cells: float32 random numbers resolve each
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,11 @@ class Disk:
 
 @dataclass(frozen=True)
 class Polygon:
-    """The hole between `blades` diaphragm blades: a regular polygon with its corners on the unit circle.
+    """The opening of `blades` diaphragm blades: a regular polygon with its corners on the unit circle.
 
-    Its edges are arcs of ellipses about the axis, ``(a cos t, b sin t), |t| <= beta`` in the blade's own frame, through
-    the two corners: with alpha = pi/blades and beta = roundness * alpha, a = cos(alpha)/cos(beta) and
-    b = sin(alpha)/sin(beta). Roundness 0 is the straight edge, 1 the circle, and between them every edge sweeps equal
-    areas in equal steps of t, so that sampling is exact in closed form.
+    Its edges are arcs of ellipses about the axis, ``(a cos t, b sin t), |t| <= beta`` in the frame of each blade, with
+    alpha = pi/blades, beta = roundness * alpha, a = cos(alpha)/cos(beta) and b = sin(alpha)/sin(beta). Equal steps of t
+    sweep equal areas, so that sampling has a closed form.
 
     Parameters
     ----------
@@ -75,12 +74,7 @@ class Polygon:
     roundness: float = 0.0
 
     def __post_init__(self) -> None:
-        whole = isinstance(self.blades, (int, np.integer)) and not isinstance(self.blades, bool)
-        if not whole or not 3 <= self.blades <= _MOST_BLADES:
-            raise InputError(
-                f"polygon aperture: blades must be a whole number >= 3, at most {_MOST_BLADES}, "
-                f"got {format_value(self.blades)}"
-            )
+        check_int("polygon aperture: blades", self.blades, 3, _MOST_BLADES)
         check_number("polygon aperture: rotation_deg", self.rotation_deg, "a finite number", least=-1e6, most=1e6)
         check_number("polygon aperture: roundness", self.roundness, "a number between 0 and 1", least=0, most=1)
 
@@ -109,7 +103,7 @@ class Polygon:
         return _inside(along**2 + across**2 <= 1.0)
 
     def sample(self, u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
-        """Points (x, y) uniform inside: the concentric map, with the circle's turn laid along the edges."""
+        """Points (x, y) uniform in the polygon: the concentric map, with its angle mapped to the edges."""
         alpha, beta = self._half_angles
         radius, turn = concentric(u1, u2, xp)
         blade = xp.minimum(xp.floor(turn * self.blades), self.blades - 1.0)
@@ -124,7 +118,7 @@ class Polygon:
 
 @dataclass(frozen=True)
 class Annulus:
-    """The ring from radius `inner` (0 <= inner < 1) to 1, as a mirror lens has it.
+    """The ring from radius `inner` (0 <= inner < 1) to 1, as of a mirror lens.
 
     Raises InputError when inner is out of range.
     """
@@ -146,24 +140,24 @@ class Annulus:
         return 1.0 - self.inner**2
 
     def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
-        """1 on the ring, 0 off it; any shape."""
+        """1 in the ring, 0 outside; any shape."""
         radius2 = _square(x) + _square(y)
         return _inside((radius2 >= self.inner**2) & (radius2 <= 1.0))
 
     def sample(self, u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
-        """Points (x, y) uniform on the ring: the concentric map, its squared radius laid between inner^2 and 1."""
+        """Points (x, y) uniform in the ring."""
         return on_ring(u1, u2, self.inner**2, 1.0, xp)
 
 
 @dataclass(frozen=True, eq=False)
 class MaskAperture:
-    """A grey-scale mask: a coded aperture, a dirty lens, any picture. Equal masks are equal, and hash equal.
+    """A grey-scale mask: a coded aperture, or any image. Masks with equal cells are equal and hash equal.
 
     Parameters
     ----------
     mask : array (H, W)
-        Transmission of square cells, row 0 at the top (y = -1): float in [0, 1], bool, or uint8/uint16 (255 and 65535
-        are clear). The longer side spans the aperture's diameter, the shorter one is centred.
+        Transmission of square cells, row 0 at the top (y = -1): float in [0, 1], bool, or uint8/uint16 scaled
+        from 0..255 and 0..65535. The longer side spans the aperture's diameter, the shorter one is centred.
 
     Raises InputError for an empty or black mask, NaN, and values outside [0, 1].
     """
@@ -191,12 +185,12 @@ class MaskAperture:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the cells, hexadecimal: the mask's name in a record."""
+        """SHA-256 of the cells, hexadecimal, which names the mask in a record."""
         return hashlib.sha256(self.mask.tobytes()).hexdigest()
 
     @property
     def area_fraction(self) -> float:
-        """Sum of the transmissions times a cell's area, over pi; a clear square passes 4/pi.
+        """Sum of the transmissions times the area of a cell, over pi; 4/pi for a clear square.
 
         >>> round(MaskAperture([[1.0]]).area_fraction * math.pi, 12)
         4.0
@@ -209,7 +203,7 @@ class MaskAperture:
         return 2.0 / cells
 
     def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
-        """The value of the cell that a point lies in, 0 outside the mask; any shape."""
+        """The value of the cell at a point, 0 outside the mask; any shape."""
         height, width = self.mask.shape
         column = np.floor(np.asarray(x, dtype=np.float64) / self._cell + 0.5 * width)
         row = np.floor(np.asarray(y, dtype=np.float64) / self._cell + 0.5 * height)
@@ -218,7 +212,7 @@ class MaskAperture:
         return np.where(inside, cells, 0.0)
 
     def sample(self, u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
-        """Points (x, y) distributed as the transmission: the row by its CDF from u2, the cell in it from u1."""
+        """Points (x, y) distributed as the transmission: the row from u2, the cell in it from u1, by inverse CDF."""
         height, width = self.mask.shape
         row, down = invert_cdf(self._row_cdf, height, 0.0, u2, xp)
         column, right = invert_cdf(self._cell_cdf, width, row * (width + 1.0), u1, xp)
@@ -234,7 +228,7 @@ def _checked_mask(mask: ArrayLike) -> Float:
     try:
         cells = np.asarray(mask)
     except (TypeError, ValueError) as error:
-        raise InputError("aperture mask must be one array (H, W) of numbers, got rows of unequal shape") from error
+        raise InputError("aperture mask must be one array (H, W) of numbers, got rows of unequal length") from error
     if cells.ndim != 2 or not cells.size or max(cells.shape) > _LARGEST_MASK_SIDE:
         raise InputError(
             f"aperture mask must be a grey-scale image (H, W) of at most {_LARGEST_MASK_SIDE} cells a side, "
@@ -245,11 +239,9 @@ def _checked_mask(mask: ArrayLike) -> Float:
     clear = float(np.iinfo(cells.dtype).max) if cells.dtype in (np.uint8, np.uint16) else 1.0
     cells = cells.astype(np.float64) / clear
     if not ((cells >= 0) & (cells <= 1)).all():
-        raise InputError(
-            "aperture mask must hold transmissions from 0 to 1; NaN, negative and larger values are refused"
-        )
+        raise InputError("aperture mask must hold transmissions from 0 to 1, got NaN, negative or larger values")
     if not cells.any():
-        raise InputError("aperture mask is black: no light passes; open at least one cell")
+        raise InputError("aperture mask is black: at least one cell must transmit light")
     return np.ascontiguousarray(cells)
 
 

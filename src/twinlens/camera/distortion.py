@@ -1,9 +1,8 @@
-"""Lens distortion: where the ray of a straight pinhole really lands. Brown-Conrady and the Kannala-Brandt fisheye.
+"""Lens distortion: the Brown-Conrady model and the Kannala-Brandt fisheye.
 
-Both take ideal image coordinates (x, y) = (X/Z, Y/Z) to distorted ones, ``px = K (x_d, y_d, 1)``, with the coefficients
-named and ordered as OpenCV has them. A polynomial that is bent far enough folds the image over itself: `valid` says
-where a model still stands on the branch that the axis lies on, and `check_invertible` refuses a camera whose image
-reaches beyond it.
+Both map ideal image coordinates (x, y) = (X/Z, Y/Z) to distorted ones, ``px = K (x_d, y_d, 1)``, with the coefficients
+named and ordered as in OpenCV. Beyond a certain radius a polynomial may fold the image over itself: `valid` is true
+before the fold, and `check_invertible` refuses a camera whose image reaches beyond it.
 
 Sources: Brown, Decentering distortion of lenses, 1966; Kannala and Brandt, A generic camera model and calibration
 method for conventional, wide-angle, and fish-eye lenses, 2006; OpenCV's calib3d documentation for the order.
@@ -12,27 +11,22 @@ method for conventional, wide-angle, and fish-eye lenses, 2006; OpenCV's calib3d
 import math
 from dataclasses import astuple, dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import InputError, check_number
+from twinlens.geometry import Float, image_border
 
-if TYPE_CHECKING:
-    from twinlens.camera.intrinsics import Camera
-
-Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
 _ITERATIONS = 50
-_CONVERGED = 1e-12  # in units of the focal length: far below a pixel of any camera
+_CONVERGED = 1e-12  # in units of the focal length
 _HALVINGS = 8
-_PATH_STEPS = 64  # along the lines from the axis to the image's border, on which a fold is looked for
-_LARGEST = 1e6
-_COEFFICIENTS = "finite, and at most 1e6 either way"
-_NOTHING = 1e-100  # a leading coefficient that no film is wide enough to notice
+_PATH_STEPS = 64  # along the lines from the axis to the image's border that are searched for a fold
+_NEGLIGIBLE = 1e-100  # a leading coefficient without effect in any image
 
 
 @dataclass(frozen=True)
@@ -63,11 +57,11 @@ class BrownConrady:
 
     @property
     def coefficients(self) -> tuple[float, ...]:
-        """(k1, k2, p1, p2, k3, k4, k5, k6), as OpenCV takes them."""
+        """(k1, k2, p1, p2, k3, k4, k5, k6), in OpenCV's order."""
         return astuple(self)
 
     def distort(self, xy: ArrayLike) -> Float:
-        """Distorted coordinates (..., 2) of ideal ones (..., 2), float64: the formula alone, folded or not."""
+        """Distorted coordinates (..., 2) of ideal ones (..., 2), float64, also beyond the fold."""
         x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
         r2 = x * x + y * y
         radial = self._numerator(r2) / self._denominator(r2)
@@ -92,7 +86,7 @@ class BrownConrady:
         return np.stack([np.stack([dxx, mixed], axis=-1), np.stack([mixed, dyy], axis=-1)], axis=-2)
 
     def valid(self, xy: ArrayLike) -> Bool:
-        """Whether ideal points (..., 2) lie before the first fold: the radial part still rises, and det J > 0."""
+        """Whether ideal points (..., 2) are before the first fold: the radial part increases, and det J > 0."""
         x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
         before = x * x + y * y < self._fold_radius2
         with np.errstate(all="ignore"):
@@ -100,10 +94,10 @@ class BrownConrady:
         return unfolded
 
     def undistort(self, xy_distorted: ArrayLike) -> Float:
-        """Ideal coordinates (..., 2) of distorted ones (..., 2), to 1e-12; NaN where no valid point lands there."""
+        """Ideal coordinates (..., 2) of distorted ones (..., 2), to 1e-12; NaN where there are none."""
         target = np.asarray(xy_distorted, dtype=np.float64)
         flat = target.reshape(-1, 2)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # a step may meet a pole of R, or pass it
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # a step may reach a pole of R
             return _newton(self, flat).reshape(target.shape)
 
     @cached_property
@@ -125,10 +119,10 @@ class BrownConrady:
 
 @dataclass(frozen=True)
 class KannalaBrandt:
-    """OpenCV's fisheye: with theta the angle from the axis, theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8).
+    """OpenCV's fisheye: theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8), theta the angle from the axis.
 
-    ``(x_d, y_d) = theta_d / r (x, y)``, r = tan(theta). Directions at 90 degrees and more have no (x, y, 1), so a
-    camera with this model sees less than a half-space.
+    ``(x_d, y_d) = theta_d / r (x, y)``, r = tan(theta). Directions of 90 degrees and more are not supported: they
+    cannot be written as (x, y, 1).
 
     >>> round(float(KannalaBrandt().distort([1.0, 0.0])[0]), 12) == round(math.pi / 4, 12)
     True
@@ -145,7 +139,7 @@ class KannalaBrandt:
 
     @property
     def coefficients(self) -> tuple[float, ...]:
-        """(k1, k2, k3, k4), as OpenCV takes them."""
+        """(k1, k2, k3, k4), in OpenCV's order."""
         return astuple(self)
 
     def distort(self, xy: ArrayLike) -> Float:
@@ -157,13 +151,28 @@ class KannalaBrandt:
         return xy * scale
 
     def valid(self, xy: ArrayLike) -> Bool:
-        """Whether ideal points (..., 2) lie before the first fold: theta_d still rises."""
+        """Whether ideal points (..., 2) are before the first fold: theta_d increases."""
         radius = np.linalg.norm(np.asarray(xy, dtype=np.float64), axis=-1)
         unfolded: Bool = np.arctan(radius) < self._fold_angle
         return unfolded
 
+    def jacobian(self, xy: ArrayLike) -> Float:
+        """d(x_d, y_d)/d(x, y), (..., 2, 2).
+
+        Radially d theta_d / dr = theta_d' / (1 + r^2), tangentially theta_d / r; both are 1 on the axis.
+        """
+        xy = np.asarray(xy, dtype=np.float64)
+        radius = np.linalg.norm(xy, axis=-1)
+        angle = np.arctan(radius)
+        along = self._rise(angle) / (1.0 + radius**2)
+        across = np.divide(self._angle(angle), radius, out=np.ones_like(radius), where=radius > 0)
+        unit = np.divide(xy, radius[..., None], out=np.zeros_like(xy), where=radius[..., None] > 0)
+        radial = unit[..., :, None] * unit[..., None, :]
+        jacobian: Float = across[..., None, None] * np.eye(2) + (along - across)[..., None, None] * radial
+        return jacobian
+
     def undistort(self, xy_distorted: ArrayLike) -> Float:
-        """Ideal coordinates (..., 2) of distorted ones (..., 2), to 1e-12; NaN where no valid point lands there."""
+        """Ideal coordinates (..., 2) of distorted ones (..., 2), to 1e-12; NaN where there are none."""
         target = np.asarray(xy_distorted, dtype=np.float64)
         radius = np.linalg.norm(target, axis=-1, keepdims=True)
         angle = self._solve_angle(radius)
@@ -171,7 +180,7 @@ class KannalaBrandt:
         return np.where(np.isnan(angle), np.nan, target * scale)
 
     def _solve_angle(self, distorted: Float) -> Float:
-        """theta of theta_d: Newton's steps kept between bounds that a bisection tightens; NaN beyond the fold."""
+        """theta of theta_d by Newton's method safeguarded by bisection; NaN beyond the fold."""
         top = min(self._fold_angle, 0.5 * math.pi)
         reached = distorted < self._angle(top)
         low, high = np.zeros_like(distorted), np.full_like(distorted, top)
@@ -204,28 +213,25 @@ class KannalaBrandt:
 Distortion = BrownConrady | KannalaBrandt
 
 
-def check_invertible(camera: "Camera") -> None:
-    """InputError if the camera's distortion folds its image over: if some pixel is seen twice, or by nothing.
+def check_invertible(distortion: Distortion, K: Float, width: int, height: int) -> None:
+    """Raise InputError if the distortion folds the image over itself.
 
-    Every pixel is followed inwards from the image's border to the axis: on all of that line the model must have an
-    inverse on the axis's own branch (the determinant of its Jacobian stays positive).
+    On the lines from the image's border to the axis every point must have an inverse before the first fold.
     """
-    if camera.distortion is None:
-        return
-    border = _border(camera.width, camera.height)
-    ends = (border - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+    border = image_border(width, height, margin=0.5)
+    ends = (border - K[:2, 2]) / (K[0, 0], K[1, 1])
     path = np.linspace(0.0, 1.0, _PATH_STEPS)[:, None, None] * ends
-    lost = np.isnan(camera.distortion.undistort(path)).any(axis=(0, 2))
+    lost = np.isnan(distortion.undistort(path)).any(axis=(0, 2))
     if lost.any():
         u, v = border[np.argmax(lost)]
         raise InputError(
-            f"distortion {camera.distortion} folds the image over before pixel ({u:g}, {v:g}): no ray lands there, "
-            "or more than one; use smaller coefficients, a smaller image, or a larger fx and fy"
+            f"distortion {distortion} folds the image over itself before pixel ({u:g}, {v:g}): no ray, or more than "
+            "one, reaches it; use smaller coefficients, a smaller image, or a larger fx and fy"
         )
 
 
 def _newton(model: BrownConrady, target: Float) -> Float:
-    """Solve distort(x) = target for (N, 2) points by Newton's method; a step that brings no gain is halved."""
+    """Solve distort(x) = target for (N, 2) points by Newton's method with step halving; NaN where it fails."""
     xy, error = target.copy(), model.distort(target) - target
     active = np.flatnonzero(np.isfinite(error).all(axis=1))
     for _ in range(_ITERATIONS):
@@ -250,7 +256,7 @@ def _newton_step(model: BrownConrady, xy: Float, error: Float) -> Float:
 
 
 def _move(model: BrownConrady, xy: Float, target: Float, error: Float, step: Float) -> tuple[Float, Float, Bool]:
-    """Points and errors after the longest of the steps 1, 1/2, 1/4 ... that shrinks the error, and whether one did."""
+    """Points, errors and success of the longest of the steps 1, 1/2, 1/4 ... that reduces the error."""
     size = np.abs(error).max(axis=1)
     closer = np.zeros(len(xy), dtype=bool)
     for halving in range(_HALVINGS):
@@ -265,19 +271,13 @@ def _move(model: BrownConrady, xy: Float, target: Float, error: Float, step: Flo
     return xy, error, closer
 
 
-def _border(width: int, height: int) -> Float:
-    """Points (N, 2) along the outer edge of an image."""
-    u, v = np.linspace(-0.5, width - 0.5, 33), np.linspace(-0.5, height - 0.5, 33)
-    sides = [(u, np.full(33, v[0])), (u, np.full(33, v[-1])), (np.full(33, u[0]), v), (np.full(33, u[-1]), v)]
-    return np.concatenate([np.stack(side, axis=1) for side in sides])
-
-
 def _first_positive_root(polynomial: Polynomial) -> float:
-    roots = polynomial.trim(_NOTHING).roots()
+    roots = polynomial.trim(_NEGLIGIBLE).roots()
     real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots.real)) & (roots.real > 0)]
     return float(real.min()) if real.size else math.inf
 
 
-def _check_finite(model: "Distortion") -> None:
+def _check_finite(model: Distortion) -> None:
     for name, value in vars(model).items():
-        check_number(f"{model.name} distortion: {name}", value, _COEFFICIENTS, least=-_LARGEST, most=_LARGEST)
+        allowed = "a finite number, from -1e6 to 1e6"
+        check_number(f"{model.name} distortion: {name}", value, allowed, least=-1e6, most=1e6)

@@ -1,19 +1,45 @@
-"""The image as it really falls on the film: upside down and reversed, as in a box with a hole."""
+"""Images on the film of a camera: the check of linear radiance, and the inverted image of a real film."""
 
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from twinlens.camera.intrinsics import Camera
+from twinlens.errors import InputError, format_value
+
+_REAL = "buif"  # NumPy's kinds of booleans, integers and floating-point numbers
 
 
 def film_image(image: NDArray[Any]) -> NDArray[Any]:
-    """`image` (H, W, ...) turned by 180 degrees, as it lies on the film seen from behind, looking out of the camera.
+    """`image` (H, W, ...) rotated by 180 degrees, as it is on the film behind the aperture, seen from behind.
 
-    Light crosses in the aperture: a point at (X, Y) of the upright image that twinlens renders (a film in front of the
-    hole) meets the film behind it at (-X, -Y). Whoever sits inside the box and faces the film sees it mirrored as well.
-    The principal point (cx, cy) comes to (W - 1 - cx, H - 1 - cy). Turned twice, the image is itself again.
+    twinlens renders the upright image of a film in front of the aperture. A point at (X, Y) of it is at (-X, -Y) on the
+    real film; from inside the camera, facing the film, it is mirrored as well. The principal point (cx, cy) becomes
+    (W - 1 - cx, H - 1 - cy). The function is its own inverse.
 
     >>> film_image(np.array([[1, 2], [3, 4]])).tolist()
     [[4, 3], [2, 1]]
     """
     return np.ascontiguousarray(image[::-1, ::-1])
+
+
+def checked_radiance(name: str, radiance: ArrayLike, camera: Camera) -> NDArray[np.float64]:
+    """`radiance` as a float64 (H, W, 3) image of the camera's size.
+
+    Raises InputError, which begins with `name`, unless it is an array of that shape of finite real numbers >= 0.
+    """
+    if not isinstance(camera, Camera):
+        raise InputError(f"camera must be a Camera, got {format_value(camera)}")
+    shape = (camera.height, camera.width, 3)
+    try:
+        image = np.asarray(radiance)
+    except ValueError as error:
+        raise InputError(f"{name} must be an array (H, W, 3) = {shape}, got rows of unequal length") from error
+    if image.dtype.kind not in _REAL:
+        raise InputError(f"{name} must be an array (H, W, 3) = {shape} of real numbers, got {image.dtype}")
+    if image.shape != shape:
+        raise InputError(f"{name} must be (H, W, 3) = {shape}, the size of its camera, got shape {image.shape}")
+    if not (np.isfinite(image).all() and (image >= 0).all()):
+        raise InputError(f"{name} must be finite and >= 0 (linear radiance), got NaN, infinite or negative values")
+    return image.astype(np.float64, copy=False)

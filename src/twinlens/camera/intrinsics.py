@@ -1,16 +1,19 @@
-"""One camera's inside: how pixels and directions belong together (K and distortion), and the size of its pixels."""
+"""The intrinsics of a camera: calibration matrix, distortion, image size and pixel size."""
 
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.distortion import Distortion, check_invertible
-from twinlens.errors import InputError, check_number, format_value
+from twinlens.errors import InputError, check_int, check_number, format_value
 from twinlens.geometry import Float, film_from_cam, px_from_film
 
-_LARGEST_SIDE = 65536
+MAX_SIDE = 65536
+"""The largest width or height of an image, pixels."""
+
+_OUTSIDE_PX = -1e4  # value of a map without a source pixel: outside the image for any interpolation kernel
 
 
 @dataclass(frozen=True)
@@ -22,13 +25,13 @@ class Camera:
     width, height : int
         Image size in pixels.
     fx, fy : float
-        Focal lengths in pixels: the film distance over the pixel pitch, > 0.
+        Focal lengths in pixels: film distance over pixel pitch, > 0.
     cx, cy : float
-        Principal point in pixels, pixel centres at integers; it may lie outside the image.
+        Principal point in pixels, pixel centres at integers; it may be outside the image.
     distortion : BrownConrady, KannalaBrandt or None
-        Of the lens; it must not fold the image over.
+        Lens distortion; it must be invertible in the image.
     pixel_pitch_um : float
-        Width of a pixel in micrometres. Only light and diffraction ask for it; geometry and blur do not.
+        Width of a pixel in micrometres. Only light and diffraction depend on it; geometry and blur do not.
 
     Raises InputError when a value is out of range.
     """
@@ -43,17 +46,17 @@ class Camera:
     pixel_pitch_um: float = 5.0
 
     def __post_init__(self) -> None:
-        _check_size(self.width, self.height)
+        check_size(self.width, self.height)
         for name, least, most in (("fx", 1e-3, 1e9), ("fy", 1e-3, 1e9), ("pixel_pitch_um", 1e-3, 1e6)):
             check_number(f"camera {name}", getattr(self, name), f"from {least:g} to {most:g}", least=least, most=most)
         for name in ("cx", "cy"):
-            allowed = "a number of pixels, at most 1e9 either way"
-            check_number(f"camera {name}", getattr(self, name), allowed, least=-1e9, most=1e9)
+            check_number(f"camera {name}", getattr(self, name), "from -1e9 to 1e9 pixels", least=-1e9, most=1e9)
         if not isinstance(self.distortion, Distortion | None):
             raise InputError(
                 f"camera distortion must be BrownConrady, KannalaBrandt or None, got {format_value(self.distortion)}"
             )
-        check_invertible(self)
+        if self.distortion is not None:
+            check_invertible(self.distortion, self.K, self.width, self.height)
 
     @classmethod
     def from_fov(cls, width: int, height: int, fov_x_deg: float, pixel_pitch_um: float = 5.0) -> "Camera":
@@ -62,7 +65,7 @@ class Camera:
         >>> round(Camera.from_fov(640, 480, fov_x_deg=90).fx, 6)
         320.0
         """
-        _check_size(width, height)
+        check_size(width, height)
         check_number("fov_x_deg", fov_x_deg, "between 0 and 180 degrees", least=1e-6, most=180 - 1e-6)
         fx = 0.5 * width / math.tan(0.5 * math.radians(fov_x_deg))
         return cls(width, height, fx, fx, 0.5 * (width - 1), 0.5 * (height - 1), pixel_pitch_um=pixel_pitch_um)
@@ -86,7 +89,7 @@ class Camera:
     def project(self, points_cam: ArrayLike) -> Float:
         """Pixels (..., 2) of camera-frame points (..., 3).
 
-        NaN for points that no pixel sees: z <= 0, or beyond the fold of a distortion.
+        NaN for points without an image: z <= 0, or beyond the fold of a distortion.
         """
         xy = film_from_cam(points_cam, 1.0)
         if self.distortion is not None:
@@ -94,9 +97,9 @@ class Camera:
         return px_from_film(xy, (self.fx, self.fy), (self.cx, self.cy))
 
     def unproject(self, pixels: ArrayLike) -> Float:
-        """Directions (..., 3) in the camera frame, z = 1, along which pixels (..., 2) look: times depth, the point.
+        """Viewing directions (..., 3) of pixels (..., 2), camera frame, z = 1: multiplied by depth, the point.
 
-        Every pixel of the image has one; far outside it a distortion may have none, and x and y are NaN.
+        Every pixel of the image has one. Far outside the image a distortion may have none: x and y are NaN.
         """
         pixels = np.asarray(pixels, dtype=np.float64)
         xy = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
@@ -104,17 +107,34 @@ class Camera:
             xy = self.distortion.undistort(xy)
         return np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
 
+    def projection_jacobian(self, points_cam: ArrayLike) -> Float:
+        """d(u, v)/d(X, Y, Z), pixels per metre, (..., 2, 3) at camera-frame points (..., 3).
+
+        diag(fx, fy) D [[1, 0, -x], [0, 1, -y]] / Z, with the Jacobian D of the distortion at (x, y).
+        Raises InputError for points that are not finite, not in front of the camera, or beyond a distortion's fold.
+        """
+        points = np.asarray(points_cam, dtype=np.float64)
+        if not (np.isfinite(points).all() and (points[..., 2] > 0).all()):
+            raise InputError("a projection's derivative needs finite points with z > 0: leave out the others")
+        xy, z = points[..., :2] / points[..., 2:], points[..., 2, None, None]
+        inner = np.zeros((*points.shape[:-1], 2, 3))
+        inner[..., :2], inner[..., 2] = np.eye(2), -xy
+        if self.distortion is not None:
+            if not self.distortion.valid(xy).all():
+                raise InputError("a projection's derivative needs points before the fold: leave out the others")
+            inner = self.distortion.jacobian(xy) @ inner
+        jacobian: Float = np.array([[self.fx], [self.fy]]) * inner / z
+        return jacobian
+
     def pixel_grid(self) -> Float:
         """The centres (u, v) of all pixels, (H, W, 2)."""
         v, u = np.mgrid[: self.height, : self.width]
         return np.stack([u, v], axis=-1).astype(np.float64)
 
-    def contains(self, pixels: ArrayLike) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-        """Whether pixels (..., 2) lie on the image, [-0.5, W-0.5) x [-0.5, H-0.5); NaN does not."""
+    def contains(self, pixels: ArrayLike) -> NDArray[np.bool_]:
+        """Whether pixels (..., 2) are in the image, [-0.5, W-0.5) x [-0.5, H-0.5); False for NaN."""
         u, v = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
-        inside: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] = (
-            (u >= -0.5) & (u < self.width - 0.5) & (v >= -0.5) & (v < self.height - 0.5)
-        )
+        inside: NDArray[np.bool_] = (u >= -0.5) & (u < self.width - 0.5) & (v >= -0.5) & (v < self.height - 0.5)
         return inside
 
     def replace(self, **changes: object) -> "Camera":
@@ -122,9 +142,30 @@ class Camera:
         return replace(self, **changes)  # type: ignore[arg-type]
 
 
-def _check_size(width: int, height: int) -> None:
+def undistort_maps(
+    camera: Camera, to_camera: Camera, to_from_camera: ArrayLike | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(map_x, map_y), float32 (H, W) of `to_camera`: the pixel of `camera` in the same direction, for `cv2.remap`.
+
+    `to_from_camera` (3, 3) rotates directions of `camera` into `to_camera`, as a rectifying rotation; none by default.
+    A pixel that `camera` does not see maps to -10000, far outside the image.
+    """
+    for each in (camera, to_camera):
+        if not isinstance(each, Camera):
+            raise InputError(f"undistort_maps needs two cameras, got {format_value(each)}")
+    try:
+        rotation = np.eye(3) if to_from_camera is None else np.asarray(to_from_camera, dtype=np.float64)
+        valid = rotation.shape == (3, 3) and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
+    except (TypeError, ValueError, OverflowError):
+        valid = False
+    if not valid or np.linalg.det(rotation) < 0:
+        raise InputError(f"to_from_camera must be a 3x3 rotation of determinant +1, got {format_value(to_from_camera)}")
+    directions = to_camera.unproject(to_camera.pixel_grid()) @ rotation
+    pixels = np.nan_to_num(camera.project(directions), nan=_OUTSIDE_PX).astype(np.float32)
+    return pixels[..., 0].copy(), pixels[..., 1].copy()
+
+
+def check_size(width: int, height: int) -> None:
+    """Raise InputError unless both are whole numbers of pixels from 1 to `MAX_SIDE`."""
     for name, value in (("width", width), ("height", height)):
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= _LARGEST_SIDE:
-            raise InputError(
-                f"camera {name} must be a whole number of pixels from 1 to {_LARGEST_SIDE}, got {format_value(value)}"
-            )
+        check_int(f"camera {name} in pixels", value, 1, MAX_SIDE)

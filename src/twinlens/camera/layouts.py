@@ -1,6 +1,6 @@
-"""Rigs of many cameras from a few numbers: the toed-in pair, the line, the grid and the arc around an object.
+"""Camera layouts: the toed-in pair, the line, the grid and the arc around an object.
 
-Every layout takes one `Camera` for all, or a sequence with one for each, and is placed in the world by one pose.
+Each takes one `Camera` for all places, or a sequence with one for each, and one pose in the world.
 """
 
 import math
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.rig import Rig
-from twinlens.errors import InputError, check_number
+from twinlens.errors import InputError, check_int, check_number
 from twinlens.geometry import Float, check_rigid, rigid
 from twinlens.optics import check_length
 
@@ -39,11 +39,11 @@ def grid(
 ) -> Rig:
     """``rows * columns`` parallel cameras, row by row from the first at the top left; spacings in metres.
 
-    Camera (row, column) has index ``row * columns + column`` and stands at (column spacing_x, row spacing_y, 0) of the
-    first one's frame: x right, y down.
+    Camera (row, column) has index ``row * columns + column`` at (column spacing_x, row spacing_y, 0) of the first
+    one's frame: x right, y down.
     """
-    _check_count("rows", rows)
-    _check_count("columns", columns)
+    check_int("rows", rows, 1)
+    check_int("columns", columns, 1)
     check_length("spacing_x", spacing_x)
     check_length("spacing_y", spacing_y)
     places = [rigid(np.eye(3), [j * spacing_x, i * spacing_y, 0.0]) for i in range(rows) for j in range(columns)]
@@ -53,26 +53,23 @@ def grid(
 def arc(
     cameras: Cameras, count: int, radius: float, angle_deg: float, world_from_middle: ArrayLike | None = None
 ) -> Rig:
-    """`count` cameras on a level arc, all looking at the one point `radius` metres before the middle of the arc.
+    """`count` cameras on an arc, left to right, all looking at the point `radius` metres in front of the arc's middle.
 
-    `angle_deg` is the whole arc as that point sees it, over 0 and up to 360, left to right for the cameras; at 360 they
-    are a closed ring, whose first and last stand one step apart. `world_from_middle` is the pose of a camera in the
-    arc's middle, whether or not one stands there: its y axis is the arc's axis.
+    `angle_deg` is the angle of the arc at that point, above 0 and up to 360; at 360 the cameras form a closed ring.
+    `world_from_middle` is the pose of a camera in the middle of the arc; its y axis is the arc's axis.
     """
-    _check_count("count", count)
+    check_int("count", count, 1)
     check_length("radius", radius)
-    check_number("angle_deg", angle_deg, "over 0 and up to 360 degrees", above=0)
-    if angle_deg > 360:
-        raise InputError(f"angle_deg must be over 0 and up to 360 degrees, got {angle_deg}")
+    check_number("angle_deg", angle_deg, "above 0 and at most 360 degrees", above=0, most=360)
     steps = count if angle_deg == 360 else max(count - 1, 1)
     angles = math.radians(angle_deg) / steps * (np.arange(count) - 0.5 * (count - 1))
     return _placed(cameras, [_on_arc(radius, float(angle)) for angle in angles], world_from_middle)
 
 
 def toed_in(cameras: Cameras, baseline: float, distance: float, world_from_middle: ArrayLike | None = None) -> Rig:
-    """Two cameras `baseline` metres apart whose axes cross `distance` metres before the middle between them.
+    """Two cameras `baseline` metres apart whose axes intersect `distance` metres in front of their middle.
 
-    Each is turned inwards by atan(baseline / 2 distance); the pose is that of the middle, looking straight ahead.
+    Each is rotated inwards by atan(baseline / (2 distance)). The pose is that of the middle, looking straight ahead.
     """
     check_length("baseline", baseline)
     check_length("distance", distance)
@@ -86,7 +83,7 @@ def _on_arc(radius: float, angle: float) -> Float:
 
 
 def _about_y(angle: float) -> Float:
-    """The rotation about y that turns z towards x."""
+    """The rotation about y that moves z towards x."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
@@ -96,11 +93,6 @@ def _placed(cameras: Cameras, places: Sequence[Float], world_from_layout: ArrayL
     each = [cameras] * len(places) if isinstance(cameras, Camera) else list(cameras)
     if len(each) != len(places):
         raise InputError(
-            f"this layout has {len(places)} places: give one camera for all or {len(places)}, not {len(each)}"
+            f"this layout has {len(places)} places: give one camera for all, or {len(places)}, got {len(each)}"
         )
     return Rig(each, [pose @ place for place in places])
-
-
-def _check_count(name: str, count: int) -> None:
-    if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1:
-        raise InputError(f"{name} must be a whole number of 1 or more, got {count!r}")

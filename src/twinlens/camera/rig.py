@@ -1,4 +1,4 @@
-"""Several cameras in one world: any poses, and the rectified stereo pair as the special case people use most."""
+"""Several cameras with poses in one world, the rectified stereo pair, and calibration errors made on purpose."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twinlens.camera.intrinsics import Camera
-from twinlens.errors import InputError
+from twinlens.errors import InputError, check_number
 from twinlens.geometry import Float, check_rigid, inverse, rigid, transform_points
 from twinlens.optics import check_length
 
-_ALIGNED = 1e-9  # of the baseline (metres) or of a unit axis: beyond this a pair is not rectified
-
-_ROUNDING = 1e-15  # of the distance from the world's origin: what float64 poses cannot say
+_ALIGNED = 1e-9  # relative to the baseline, and for unit axes: tolerance of a rectified pair
+_ROUNDING = 1e-15  # relative to the distance from the world's origin: rounding of float64 poses
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +23,12 @@ class Rig:
     ----------
     cameras : sequence of Camera
     world_from_cams : sequence of (4, 4) arrays
-        One rigid pose a camera.
+        One rigid pose per camera.
     calibrated : Rig or None
         The rig that the calibration describes, where it differs on purpose (`camera.misaligned`): images are taken by
         this rig, while a sample's truth and calibration are those of the calibrated one.
 
-    Raises InputError when the counts differ, there is none, or a pose is not rigid.
+    Raises InputError when the counts differ, the rig is empty, or a pose is not rigid.
     """
 
     cameras: tuple[Camera, ...]
@@ -41,10 +40,11 @@ class Rig:
     ) -> None:
         if len(cameras) != len(world_from_cams) or not cameras:
             raise InputError(
-                f"a rig needs one pose a camera, got {len(cameras)} cameras and {len(world_from_cams)} poses"
+                f"a rig needs one pose per camera, got {len(cameras)} cameras and {len(world_from_cams)} poses"
             )
         poses = tuple(check_rigid(pose, f"world_from_cams[{i}]") for i, pose in enumerate(world_from_cams))
-        _check_calibrated(calibrated, cameras)
+        if calibrated is not None:
+            _check_calibrated(calibrated, cameras)
         object.__setattr__(self, "calibrated", calibrated)
         object.__setattr__(self, "cameras", tuple(cameras))
         object.__setattr__(self, "world_from_cams", poses)
@@ -53,15 +53,15 @@ class Rig:
     def stereo(
         cls, camera: Camera, baseline: float, world_from_left: ArrayLike | None = None, right: Camera | None = None
     ) -> "Rig":
-        """A rectified pair: the right camera stands `baseline` metres along the left one's x axis, axes parallel.
+        """A rectified pair: the right camera is `baseline` metres along the left one's x axis, with parallel axes.
 
-        `right` gives the right camera's own intrinsics (its cx makes doffs = cx_right - cx_left); the left one's unless
-        said. World coordinates are the left camera's when no pose is given.
+        `right` gives the right camera other intrinsics (its cx makes doffs = cx_right - cx_left); by default both
+        are equal. By default the world frame is the left camera's.
         """
         check_length("baseline", baseline)
         right = right or camera
         if (camera.fx, camera.fy, camera.cy, camera.height) != (right.fx, right.fy, right.cy, right.height):
-            raise InputError("the right camera of a rectified pair shares fx, fy, cy and height with the left one")
+            raise InputError("the cameras of a rectified pair must have equal fx, fy, cy and height")
         left_pose = np.eye(4) if world_from_left is None else check_rigid(world_from_left, "world_from_left")
         left_from_right = rigid(np.eye(3), [baseline, 0.0, 0.0])
         return cls((camera, right), (left_pose, left_pose @ left_from_right))
@@ -75,7 +75,7 @@ class Rig:
         return len(self.cameras)
 
     def b_from_a(self, a: int, b: int) -> Float:
-        """Camera b's coordinates from camera a's, (4, 4)."""
+        """The transform from camera a's coordinates to camera b's, (4, 4)."""
         return inverse(self.world_from_cams[b]) @ self.world_from_cams[a]
 
     def px_from_world(self, index: int) -> Float:
@@ -83,21 +83,18 @@ class Rig:
         return self.cameras[index].K @ inverse(self.world_from_cams[index])[:3]
 
     def project(self, index: int, points_world: ArrayLike) -> Float:
-        """Where camera `index` forms world points (..., 3), its distortion included: pixels (..., 2).
-
-        NaN for points that it does not see, as `Camera.project` says.
-        """
+        """Pixels (..., 2) of world points (..., 3) in camera `index`, distorted; NaN as in `Camera.project`."""
         return self.cameras[index].project(transform_points(inverse(self.world_from_cams[index]), points_world))
 
     def unproject(self, index: int, pixels: ArrayLike, depth: ArrayLike) -> Float:
-        """The world points (..., 3) at `depth` (...,) metres along the rays of camera `index`'s pixels (..., 2).
+        """The world points (..., 3) at `depth` (...,) metres of the pixels (..., 2) of camera `index`.
 
         >>> rig = Rig.stereo(Camera.from_fov(64, 48, 60), 0.1)
         >>> rig.project(1, rig.unproject(1, [10.0, 20.0], 2.0)).round(9).tolist()
         [10.0, 20.0]
         """
-        along = np.asarray(depth, dtype=np.float64)[..., None] * self.cameras[index].unproject(pixels)
-        return transform_points(self.world_from_cams[index], along)
+        points_cam = np.asarray(depth, dtype=np.float64)[..., None] * self.cameras[index].unproject(pixels)
+        return transform_points(self.world_from_cams[index], points_cam)
 
     def partner(self, index: int) -> int | None:
         """The camera that `index` is matched with: 0 with 1, 2 with 3, ...; the last of an odd number with its left."""
@@ -120,20 +117,69 @@ class Rig:
         return self.cameras[right].cx - self.cameras[left].cx
 
     def is_rectified(self, left: int = 0, right: int = 1) -> bool:
-        """Whether the two are a rectified pair in this order: equal rows, parallel axes, right one along +x."""
+        """Whether the two are a rectified pair in this order: equal rows, parallel axes, the right one along +x."""
         a, b = self.cameras[left], self.cameras[right]
         if a.distortion or b.distortion or (a.fx, a.fy, a.cy, a.height) != (b.fx, b.fy, b.cy, b.height):
             return False
         left_from_right = self.b_from_a(right, left)
         x, y, z = left_from_right[:3, 3]
         parallel = np.abs(left_from_right[:3, :3] - np.eye(3)).max() <= _ALIGNED
-        far = max(np.abs(pose[:3, 3]).max() for pose in (self.world_from_cams[left], self.world_from_cams[right]))
-        return bool(parallel and x > 0 and max(abs(y), abs(z)) <= _ALIGNED * x + _ROUNDING * far)
+        extent = max(np.abs(pose[:3, 3]).max() for pose in (self.world_from_cams[left], self.world_from_cams[right]))
+        return bool(parallel and x > 0 and max(abs(y), abs(z)) <= _ALIGNED * x + _ROUNDING * extent)
+
+
+@dataclass(frozen=True)
+class Misalignment:
+    """The error of one camera against its calibration.
+
+    Parameters
+    ----------
+    vertical_px : float
+        Shift of the image down, pixels (added to cy).
+    pitch_deg, yaw_deg, roll_deg : float
+        Rotations in degrees about the calibrated x, y and z axes, in this order: R = Rz(roll) Ry(yaw) Rx(pitch).
+        Less than 90 degrees.
+
+    Raises InputError when a value is out of range.
+    """
+
+    vertical_px: float = 0.0
+    pitch_deg: float = 0.0
+    yaw_deg: float = 0.0
+    roll_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            check_number(name, value, "a finite number")
+            if name.endswith("_deg"):
+                check_number(name, value, "between -90 and 90 degrees", above=-90, below=90)
+
+    def applied(self, rig: Rig) -> Rig:
+        """The pair `rig` with this error of its second camera; `calibrated` is the pair without it."""
+        if len(rig) != 2:
+            raise InputError(f"a single misalignment needs a rig of 2 cameras; this rig has {len(rig)} cameras")
+        return misaligned(rig, (ALIGNED, self))
+
+
+ALIGNED = Misalignment()
+
+
+def misaligned(rig: Rig, errors: Sequence[Misalignment]) -> Rig:
+    """`rig` with one error per camera; its `calibrated` is `rig`. Raises InputError when the counts differ."""
+    from scipy.spatial.transform import Rotation  # 0.3 s to import
+
+    if len(errors) != len(rig):
+        raise InputError(f"a rig of {len(rig)} cameras needs as many misalignments, got {len(errors)}")
+    cameras, poses = [], []
+    for camera, pose, error in zip(rig.cameras, rig.world_from_cams, errors, strict=True):
+        angles = (error.pitch_deg, error.yaw_deg, error.roll_deg)
+        rotation = rigid(Rotation.from_euler("xyz", angles, degrees=True).as_matrix(), np.zeros(3))
+        cameras.append(camera.replace(cy=camera.cy + error.vertical_px))
+        poses.append(pose @ rotation)
+    return Rig(cameras, poses, calibrated=rig)
 
 
 def _check_calibrated(calibrated: object, cameras: Sequence[Camera]) -> None:
-    if calibrated is None:
-        return
     if not isinstance(calibrated, Rig) or calibrated.calibrated is not None:
         raise InputError("calibrated must be a Rig that has no calibrated rig itself")
     if [(c.width, c.height) for c in calibrated.cameras] != [(c.width, c.height) for c in cameras]:

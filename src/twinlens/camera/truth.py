@@ -1,7 +1,4 @@
-"""What one camera sees, exactly: the arrays of the ground truth and what follows from them without a scene.
-
-Plain data between the rooms: `rendering` makes it, `dataset` writes it, `scoring` reads it. Never imports a renderer.
-"""
+"""Ground truth as arrays. `rendering` computes it, `dataset` stores it, `scoring` reads it."""
 
 from dataclasses import dataclass
 
@@ -9,21 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 MATERIAL_KINDS = ("none", "diffuse", "glossy", "mirror", "transmissive")
-"""What `Truth.material_kind` counts: its value is the index in this tuple; 0 where nothing was hit
-(or an instance in a raw Mitsuba file, which does not tell)."""
+"""Names of the values of `Truth.material_kind`, by index; 0 where nothing was hit, and for instances in a Mitsuba
+file, whose material is unknown."""
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """Ground truth of one view, cast along the chief ray of each pixel's centre, never averaged. Arrays (H, W[, 3]).
+    """Ground truth of one view, along the chief ray through each pixel's centre, not averaged. Arrays (H, W[, 3]).
 
     depth : float64, metres along the optical axis; +inf where nothing was hit.
     position : float64 (H, W, 3), world coordinates in metres; +inf where nothing was hit.
-    disparity : float32, pixels, u_left - u_right towards the partner view; +inf where unknown, or where the pair is not
-        rectified (then `position` projects into the partner).
-    visible : bool, whether the point is seen by the partner view: inside its image and nothing in between.
-    normal : float32 (H, W, 3), geometric unit normal in world coordinates, turned towards the camera; 0 where no hit.
-    shading_normal : float32 (H, W, 3), the interpolated one that shading uses, turned likewise.
+    disparity : float32, pixels, u_left - u_right towards the partner view; +inf where unknown or not rectified.
+    visible : bool, whether the partner view sees the point: inside its image and not occluded.
+    normal : float32 (H, W, 3), geometric unit normal in world coordinates, towards the camera; 0 where nothing was hit.
+    shading_normal : float32 (H, W, 3), the interpolated normal used for shading, oriented in the same way.
     object_id : int32, 0 where nothing was hit, else 1 + index into `object_names`.
     material_id : int32, 0 where nothing was hit, else 1 + index into `material_names`.
     material_kind : uint8, index into MATERIAL_KINDS.
@@ -55,12 +51,11 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Correspondence:
-    """Where each pixel of one camera (the source) lies in the image of another (the target). Arrays (H, W[, 2]).
+    """The pixel in one camera (the target) of each pixel of another (the source). Arrays (H, W[, 2]).
 
-    pixels : float64 (H, W, 2), (u', v') in the target's image, its distortion included, also where the point is outside
-        or occluded there; +inf where unknown: nothing was hit, or the point lies behind the target or beyond what its
-        lens can form.
-    visible : bool, whether the target sees the point: inside its image and nothing in between.
+    pixels : float64 (H, W, 2), (u', v') in the target's image, distorted, also where the point is outside the image or
+        occluded; +inf where nothing was hit, or the point is behind the target or beyond its distortion's range.
+    visible : bool, whether the target sees the point: inside its image and not occluded.
     disparity : float32, pixels, u_left - u_right where the two are a rectified pair in either order; +inf elsewhere.
     """
 

@@ -1,7 +1,7 @@
-"""Maps of the unit square that keep areas, written once for any array library.
+"""Area-preserving maps of the unit square, for NumPy and for other array libraries.
 
-A formula here asks for the few functions of `ArrayMath` and Python's own operators. `NUMPY` supplies numpy's; whoever
-has other arrays (a just-in-time compiler's, say) supplies an object with the same methods.
+The functions use Python's operators and the methods of `ArrayMath`. `NUMPY` implements it; the renderer has another
+implementation for its arrays.
 """
 
 import math
@@ -14,7 +14,7 @@ Float = NDArray[np.float64]
 
 
 class ArrayMath(Protocol):
-    """The functions that `sample` needs of an array library, element by element."""
+    """Element-wise functions of an array library."""
 
     def sqrt(self, x: Any, /) -> Any:
         """Square root."""
@@ -29,7 +29,7 @@ class ArrayMath(Protocol):
         """Absolute value."""
 
     def floor(self, x: Any, /) -> Any:
-        """Largest whole number below, as a float."""
+        """The floor, as a float."""
 
     def minimum(self, a: Any, b: Any, /) -> Any:
         """The smaller of two."""
@@ -42,7 +42,7 @@ class ArrayMath(Protocol):
 
 
 class NumpyMath:
-    """`ArrayMath` of numpy."""
+    """`ArrayMath` of NumPy."""
 
     sqrt = staticmethod(np.sqrt)
     sin = staticmethod(np.sin)
@@ -63,7 +63,7 @@ NUMPY: ArrayMath = NumpyMath()
 
 
 def concentric(u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
-    """The unit square on the disk by concentric squares: (radius, turn), both in [0, 1]; turn 1 is a full circle.
+    """The concentric map of the unit square to the disk: (radius, turn), both in [0, 1]; turn 1 is a full circle.
 
     Area-preserving and continuous. Source: Shirley and Chiu, A low distortion map between disk and square, 1997.
     """
@@ -77,9 +77,7 @@ def concentric(u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
 
 
 def on_ring(u1: Any, u2: Any, inner2: Any, outer2: Any, xp: ArrayMath) -> tuple[Any, Any]:
-    """Points (x, y) uniform between the squared radii `inner2` and `outer2`, in the radii's unit.
-
-    The concentric map, its squared radius laid between the two.
+    """Points (x, y) uniform in the ring between the squared radii `inner2` and `outer2`, by the concentric map.
 
     >>> [float(c) for c in on_ring(1.0, 0.5, 0.25, 1.0, NUMPY)]
     [1.0, 0.0]
@@ -90,10 +88,10 @@ def on_ring(u1: Any, u2: Any, inner2: Any, outer2: Any, xp: ArrayMath) -> tuple[
 
 
 def invert_cdf(table: Float, cells: int, start: Any, u: Any, xp: ArrayMath) -> tuple[Any, Any]:
-    """The cell whose span of ``table[start:start + cells + 1]`` holds u, and how far u lies into it, 0 to 1.
+    """The cell of the cumulative distribution ``table[start:start + cells + 1]`` that contains u, and u's place in it.
 
-    A bisection of fixed length, so that it unrolls where branches cost. The table rises from 0 to 1 (a cumulative
-    distribution); u is in [0, 1), and a cell of no probability is never chosen.
+    A bisection of fixed length, which compilers unroll. The table rises from 0 to 1; u is in [0, 1). A cell of zero
+    probability is never chosen.
     """
     low, high = 0.0 * u, 0.0 * u + cells
     for _ in range(cells.bit_length()):

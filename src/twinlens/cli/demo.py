@@ -9,7 +9,6 @@ import click
 from twinlens.cli.boards import print_board, run_board
 from twinlens.cli.places import PATH, check_samples
 from twinlens.cli.progress import progress_bar, tell_stage
-from twinlens.cli.specs import middle_focus
 
 SCENES = ("staircase", "cards", "spheres")
 METHODS = tuple(f"{cost}:block_size={size}" for cost in ("sad", "ssd", "zncc") for size in (7, 21))
@@ -57,6 +56,7 @@ def _render(dataset: Path, spp: int) -> None:
     from twinlens.camera import Pinhole, ThinLens
     from twinlens.dataset import Manifest, Row, describe, write_manifest, write_sample
     from twinlens.factory import default_rig, make_sample
+    from twinlens.optics import middle_focus
     from twinlens.scenes import load_scene
 
     rows: Sequence[Row] = ()
@@ -65,7 +65,7 @@ def _render(dataset: Path, spp: int) -> None:
             tell_stage(f"rendering {name}, scene {i + 1} of {len(SCENES)}")
             scene = load_scene(name)
             rig = default_rig(scene, WIDTH, HEIGHT)
-            wide = ThinLens(_APERTURE_OF_BASELINE * rig.baseline(), middle_focus(scene.depth_range))
+            wide = ThinLens(_APERTURE_OF_BASELINE * rig.baseline(), middle_focus(*scene.depth_range))
             sample = make_sample(
                 scene, rig, (Pinhole(), wide), spp=spp,
                 progress=lambda fraction, i=i, name=name: report((i + fraction) / len(SCENES), name),  # type: ignore[misc]

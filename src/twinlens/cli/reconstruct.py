@@ -115,7 +115,7 @@ def depth_views(stored: "StoredSample", method: str) -> "list[DepthView]":
 
 def _matched(stored: "StoredSample", method: str, left: int, right: int) -> "DepthView":
     """The depths that a matcher finds between two views; rectified first where they are no rectified pair."""
-    from twinlens.geometry.rectification import rectify
+    from twinlens.camera.rectification import rectify
     from twinlens.matching import parse_method
     from twinlens.reconstruction import view_of_disparity
 

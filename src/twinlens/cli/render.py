@@ -25,8 +25,9 @@ from twinlens.cli.camera_specs import (
 from twinlens.cli.places import PATH, PLACE, check_samples, manifest_of
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.cli.sections import Sectioned
-from twinlens.cli.specs import APERTURE_HELP, LENS_HELP, middle_focus, parse_aperture, parse_lens, parse_size
+from twinlens.cli.specs import APERTURE_HELP, LENS_HELP, parse_aperture, parse_lens, parse_size
 from twinlens.errors import InputError
+from twinlens.optics import middle_focus
 
 if TYPE_CHECKING:
     from twinlens.camera import Aperture, Lens, Rig
@@ -129,7 +130,7 @@ def _job(scene: "Scene", asked: dict[str, Any], aperture: "Aperture") -> "tuple[
     rig = default_rig(scene, width, height, asked["fov"], asked["baseline"], _inside(asked, width))
     if asked["baseline"] is not None and scene.depth_range_known:
         _check_shared(rig, scene)
-    focus = middle_focus(scene.depth_range) if scene.depth_range_known else None
+    focus = middle_focus(*scene.depth_range) if scene.depth_range_known else None
     film = rig.cameras[0].film_distance
     lenses = tuple(parse_lens(text, focus, film, aperture) for text in asked["lenses"])
     _refuse_what_a_pinhole_has_not(lenses, asked)

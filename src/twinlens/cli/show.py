@@ -39,8 +39,9 @@ def epipolar(sample: "Place", output: Path, cameras: str, points: int, as_json: 
     \b
     Example:  twinlens show epipolar out/staircase -o epipolar.png
     """
+    from twinlens.camera.multiview import epipoles, fundamental_matrix, ideal_pixels
     from twinlens.dataset import write_png
-    from twinlens.geometry.epipolar import epipoles, fundamental_matrix, ideal_pixels, sampson_distance
+    from twinlens.geometry.epipolar import sampson_distance
     from twinlens.report.epipolar_picture import epipolar_picture
 
     if output.suffix.lower() != ".png":
@@ -53,11 +54,12 @@ def epipolar(sample: "Place", output: Path, cameras: str, points: int, as_json: 
     here, there = _matches(stored, a, b, points)
     picture = epipolar_picture((stored.image(a), stored.image(b)), rig, here, there, a, b)
     write_png(output, picture)
-    off = sampson_distance(rig, ideal_pixels(rig.cameras[a], here), ideal_pixels(rig.cameras[b], there), a, b)
+    F = fundamental_matrix(rig, a, b)
+    off = sampson_distance(F, ideal_pixels(rig.cameras[a], here), ideal_pixels(rig.cameras[b], there))
     if as_json:
         record = {
             "picture": str(output), "cameras": [a, b], "points": {"a": here.tolist(), "b": there.tolist()},
-            "off_px": off.tolist(), "fundamental_matrix": fundamental_matrix(rig, a, b).tolist(),
+            "off_px": off.tolist(), "fundamental_matrix": F.tolist(),
             "epipoles": [epipole.tolist() for epipole in epipoles(rig, a, b)],
         }  # fmt: skip
         click.echo(json.dumps(record, indent=1))

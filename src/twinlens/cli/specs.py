@@ -103,12 +103,6 @@ def parse_aperture(text: str) -> Aperture:
     return told(where, lambda: Annulus(numbers[0])) if kind == "annulus" else Disk()
 
 
-def middle_focus(depth_range: tuple[float, float]) -> float:
-    """The depth at the middle of a scene's disparities: the harmonic mean of near and far, metres."""
-    near, far = depth_range
-    return 2.0 / (1.0 / near + 1.0 / far)
-
-
 def number(text: str, where: str) -> float:
     """The number that `text` is, or InputError beginning with `where`; inf is one, NaN is none.
 

@@ -23,6 +23,7 @@ from twinlens.camera.truth import Truth
 from twinlens.errors import FileError, InputError
 from twinlens.factory.draws import stream
 from twinlens.factory.masks import read_mask
+from twinlens.optics import middle_focus
 from twinlens.scenes.scene import Scene
 from twinlens.scenes.table import At, Parser, Table, choice, listed, number, show, text, whole
 
@@ -119,8 +120,7 @@ def _known_range(view: View) -> tuple[float, float]:
 
 def _middle(view: View) -> float:
     """The middle of the disparities: the harmonic mean of nearest and farthest."""
-    near, far = _known_range(view)
-    return 2.0 / (1.0 / near + 1.0 / far) if math.isfinite(near) else math.inf
+    return middle_focus(*_known_range(view))
 
 
 def _centre(view: View) -> float:

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import ALIGNED, Misalignment
+from twinlens.camera.rectification import Rectification, rectify
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample, Shot, StoredSample
 from twinlens.dataset.record import plain
 from twinlens.errors import unknown
 from twinlens.factory.remake import ORIGIN, remake, scene_of
-from twinlens.geometry.rectification import Rectification, rectify
 from twinlens.rendering import ground_truth
 from twinlens.scenes import Scene
 

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Disk, Lens, Rig
+from twinlens.camera.diffraction import diffract
 from twinlens.camera.lens import check_lens
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample, Shot
 from twinlens.errors import InputError
 from twinlens.factory.sources import file_digests
-from twinlens.optics.diffraction import diffract
 from twinlens.rendering import SAMPLERS, backend, ground_truth, render
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.sensor import Exposure, Sensor
@@ -94,7 +94,7 @@ def make_sample(
         either is shared by the eyes.
     diffraction : bool
         Whether apertures of some width blur what falls on the film by their Airy pattern
-        (`twinlens.optics.diffraction`),
+        (`twinlens.camera.diffraction`),
         the sensor's wavelengths. It is known for disks only.
     sky_disparity : bool
         As `ground_truth` takes it.

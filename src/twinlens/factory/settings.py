@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from twinlens.camera.intrinsics import MAX_SIDE
 from twinlens.factory.lenses import lens_from_table
 from twinlens.factory.sensors import exposure_from_table, jitter_from_table, sensor_from_table
 from twinlens.geometry import Float
@@ -40,8 +41,8 @@ class Settings:
 
 
 _SIMPLE: dict[str, tuple[Parser[Any], Any]] = {
-    "width": (whole(1, 65536), 640),
-    "height": (whole(1, 65536), 480),
+    "width": (whole(1, MAX_SIDE), 640),
+    "height": (whole(1, MAX_SIDE), 480),
     "spp": (whole(1, _MOST_SPP), 64),
     "diffraction": (boolean, False),
     "sky_disparity": (boolean, False),

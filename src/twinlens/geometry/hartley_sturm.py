@@ -1,8 +1,8 @@
-"""The smallest move of two pixels that makes them a match, exactly: Hartley and Sturm's polynomial of degree six.
+"""Optimal correction of a match: the smallest move of two pixels that satisfies the epipolar constraint.
 
-Each pair of corresponding epipolar lines is one value of a parameter t. The squared distance of the two pixels from
-their lines is a fraction in t, whose stationary points are the roots of a polynomial g(t); the best of them, or the
-line at t = infinity, is the global minimum.
+Each pair of corresponding epipolar lines has one parameter t. The squared distance of the two pixels from their lines
+is a rational function of t. Its stationary points are the real roots of a polynomial g(t) of degree six; the best of
+them, or the line at t = infinity, is the global minimum.
 
 Source: Hartley and Sturm, Triangulation, CVIU 68(2), 1997; Hartley and Zisserman 2004, algorithm 12.1.
 """
@@ -11,20 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import InputError
-from twinlens.geometry import Float, homogeneous
+from twinlens.geometry.transforms import Float, homogeneous
 
-_LEADING = 1e-10  # of the largest coefficient: a leading one below it only makes roots far outside the images
-_NOTHING = 1e-12  # relative: a pixel this near the epipole is on it, a matrix this near rank 1 has it
+_LEADING = 1e-10  # relative to the largest coefficient: a smaller leading one adds roots far outside the images
+_ZERO = 1e-12  # relative: distance of a pixel from the epipole, and of a matrix from rank 1
 
 Lines = tuple[Float, ...]
-"""a, b, c, d of F in the canonical frames and the inverse distances f_a, f_b of the epipoles there, (N, 1) each."""
+"""a, b, c, d of F in the canonical frames, and the inverse distances f_a, f_b of the epipoles, (N, 1) each."""
 
 
 def correct_matches(F: ArrayLike, pixels_a: ArrayLike, pixels_b: ArrayLike) -> tuple[Float, Float]:
-    """Pixels (N, 2), (N, 2) nearest to the given ones, in sum of squares, that satisfy p_b^T F p_a = 0.
+    """The pixels (N, 2), (N, 2) that satisfy p_b^T F p_a = 0 with the smallest sum of squared moves.
 
-    F (3, 3) is of any scale; pixels are ideal, in the units of F. A pixel on the epipole matches everything: its pair
-    is returned as it came. Raises InputError for shapes that do not fit, numbers that are not finite, or F of rank 1.
+    F (3, 3) has any scale. Pixels are ideal (undistorted). A pixel on the epipole matches every pixel: its pair is
+    returned unchanged. Raises InputError for shapes that do not fit, numbers that are not finite, or F of rank 1.
     """
     matrix, seen_a, seen_b = (np.array(values, dtype=np.float64) for values in (F, pixels_a, pixels_b))
     _check(matrix, seen_a, seen_b)
@@ -46,19 +46,19 @@ def correct_matches(F: ArrayLike, pixels_a: ArrayLike, pixels_b: ArrayLike) -> t
 def _check(matrix: Float, seen_a: Float, seen_b: Float) -> None:
     if matrix.shape != (3, 3) or seen_a.ndim != 2 or seen_a.shape[1:] != (2,) or seen_a.shape != seen_b.shape:
         shapes = f"{matrix.shape}, {seen_a.shape}, {seen_b.shape}"
-        raise InputError(f"correct_matches needs F (3, 3) and as many pixels (N, 2) twice, got shapes {shapes}")
+        raise InputError(f"correct_matches needs F (3, 3) and equally many pixels (N, 2) twice, got shapes {shapes}")
     if not all(np.isfinite(values).all() for values in (matrix, seen_a, seen_b)):
         raise InputError("correct_matches needs finite numbers: leave out points that a camera does not see")
     size = np.linalg.svd(matrix, compute_uv=False)
-    if not size[1] > _NOTHING * size[0]:
-        raise InputError("correct_matches needs F of rank 2, as two cameras standing apart have")
+    if not size[1] > _ZERO * size[0]:
+        raise InputError("correct_matches needs F of rank 2, that of two cameras with a baseline")
 
 
 def _canonical(epipole: Float, seen: Float) -> tuple[Float, Float, NDArray[np.bool_]]:
-    """Frames with each pixel at the origin and the epipole at (1, 0, f): px_from_canonical, f, and who is on it."""
+    """px_from_canonical, f and on_epipole for frames with the pixel at the origin and the epipole at (1, 0, f)."""
     away = epipole[:2] - seen * epipole[2]
     size = np.hypot(away[:, 0], away[:, 1])
-    on_epipole = size <= _NOTHING * np.abs(epipole[2])
+    on_epipole = size <= _ZERO * np.abs(epipole[2])
     size = np.where(on_epipole, 1.0, size)
     cosine, sine = (away / size[:, None]).T
     frames = np.zeros((len(seen), 3, 3))
@@ -73,7 +73,7 @@ def _moved(px_from_canonical: Float, points: Float) -> Float:
 
 
 def _best(lines: Lines) -> tuple[Float, Float]:
-    """(t, w), (N, 1) each, of the lines with the smallest cost: t over w is the parameter, w = 0 its infinity."""
+    """The lines with the smallest cost: their parameter t / w, (N, 1) each; w = 0 is the parameter at infinity."""
     roots = _real_parts_of_roots(_stationary(lines))
     t = np.concatenate([roots, np.ones((len(roots), 1))], axis=1)
     w = np.concatenate([np.ones_like(roots), np.zeros((len(roots), 1))], axis=1)
@@ -83,23 +83,20 @@ def _best(lines: Lines) -> tuple[Float, Float]:
 
 
 def _epipolar(lines: Lines, t: Float, w: Float) -> tuple[tuple[Float, Float, Float], tuple[Float, Float, Float]]:
-    """The two lines of t and w (N, M) in the canonical frames: (f_a t, w, -t) and (-f_b C, A, C).
-
-    A = a t + b w and C = c t + d w.
-    """
+    """The lines (f_a t, w, -t) and (-f_b C, A, C) in the canonical frames, with A = a t + b w and C = c t + d w."""
     a, b, c, d, f_a, f_b = lines
     over, under = a * t + b * w, c * t + d * w
     return (f_a * t, w, -t), (-f_b * under, over, under)
 
 
 def _square_distance(l: Float, m: Float, n: Float) -> Float:  # noqa: E741
-    """n^2 / (l^2 + m^2), of a line from the origin; inf for the line at infinity."""
+    """Squared distance n^2 / (l^2 + m^2) of a line from the origin; inf for the line at infinity."""
     square = l * l + m * m
     return np.divide(n * n, square, out=np.full_like(square, np.inf), where=square > 0)
 
 
 def _foot(l: Float, m: Float, n: Float) -> Float:  # noqa: E741
-    """The point (-l n, -m n) / (l^2 + m^2), (N, M, 2), of a line nearest to the origin."""
+    """The point of a line nearest to the origin, (-l n, -m n) / (l^2 + m^2), (N, M, 2)."""
     square = l * l + m * m
     return np.stack([-l * n, -m * n], axis=-1) / np.where(square > 0, square, 1.0)[..., None]
 
@@ -116,7 +113,7 @@ def _stationary(lines: Lines) -> Float:
 
 
 def _times(p: Float, q: Float) -> Float:
-    """The product of polynomials, row by row: (N, m), (N, n) -> (N, m + n - 1)."""
+    """Row-wise product of polynomials: (N, m), (N, n) -> (N, m + n - 1)."""
     product = np.zeros((len(p), p.shape[1] + q.shape[1] - 1))
     for power in range(p.shape[1]):
         product[:, power : power + q.shape[1]] += p[:, power, None] * q
@@ -124,9 +121,9 @@ def _times(p: Float, q: Float) -> Float:
 
 
 def _real_parts_of_roots(coefficients: Float) -> Float:
-    """Real parts (N, 6) of the roots, eigenvalues of companion matrices; 0 in the place of those a row does not have.
+    """Real parts (N, 6) of the roots, by eigenvalues of companion matrices; 0 fills rows of lower degree.
 
-    A complex root's real part is no stationary point, but a line like any other: it can only be outdone.
+    The real part of a complex root is not a stationary point. It is one more candidate, never below the minimum.
     """
     size = np.abs(coefficients)
     large = size > _LEADING * size.max(axis=1, keepdims=True)

@@ -1,7 +1,6 @@
-"""From pixels of two or more cameras back to the point, and how far noise in the pixels carries it.
+"""Points from pixels of two or more views, by three methods, and the covariance that pixel noise causes.
 
-Three ways, one visible dict: `midpoint` (nearest to the rays), `dlt` (the linear one) and `optimal` (Hartley and Sturm:
-the smallest move of the pixels that makes two rays meet). Distortion is undone first.
+Each method takes calibration matrices, poses and ideal (undistorted) pixels. `twinlens.camera.triangulate` takes a rig.
 
 Sources: Hartley and Sturm, Triangulation, CVIU 68(2), 1997; Hartley and Zisserman 2004, chapter 12 and section 5.2.
 """
@@ -11,161 +10,122 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens import geometry
-from twinlens.camera import Rig
-from twinlens.camera.jacobian import projection_jacobian
-from twinlens.errors import InputError, unknown
-from twinlens.geometry import Float
-from twinlens.geometry.epipolar import check_pair, fundamental_matrix, ideal_pixels
+from twinlens.errors import InputError
+from twinlens.geometry.epipolar import essential_matrix, fundamental_matrix
 from twinlens.geometry.hartley_sturm import correct_matches
+from twinlens.geometry.transforms import (
+    Float,
+    dehomogeneous,
+    float_array,
+    homogeneous,
+    inverse,
+    rotate,
+    transform_points,
+)
 
-_PARALLEL = 1e-12  # sine of the angle between rays below which they meet nowhere
-_SINGULAR = 1e-12  # of the largest singular value: below this the pixels say nothing about one direction
+_PARALLEL = 1e-12  # sine of the angle between rays that do not intersect
+_SINGULAR = 1e-12  # relative to the largest singular value
 
-Method = Callable[[Rig, tuple[int, ...], list[Float]], Float]
+Method = Callable[[Sequence[Float], Sequence[Float], Sequence[Float]], Float]
+"""K (3, 3), world_from_cam (4, 4) and ideal pixels (N, 2) of each view -> world points (N, 3); inf where rays are
+parallel."""
 
 
-def triangulate(
-    rig: Rig, pixels: Sequence[ArrayLike], cameras: Sequence[int] = (0, 1), method: str = "optimal"
-) -> Float:
-    """World points (N, 3), metres, seen at `pixels`: one (N, 2) array for each of the rig's `cameras`.
+def triangulate_dlt(px_from_worlds: Sequence[ArrayLike], pixels: Sequence[ArrayLike]) -> Float:
+    """World points (N, 3) seen at `pixels`, one (N, 2) per view, by projection matrices `px_from_worlds`, (3, 4) each.
 
-    Parameters
-    ----------
-    rig : Rig
-    pixels : sequence of (N, 2) arrays
-        As measured; the camera's distortion is undone here.
-    cameras : sequence of int
-        Which cameras, two or more; the optimal method takes two.
-    method : {"optimal", "midpoint", "dlt"}
-
-    Returns
-    -------
-    float64 (N, 3). +inf in all three coordinates where there is no point in front of every camera: rays that are
-    parallel (a point at infinity), that part (noise beyond infinity), or that both look along the baseline.
-
-    Raises InputError for pixels that are not finite, cameras that stand in one place, or an unknown method.
+    The homogeneous direct linear transform, each row scaled to unit norm; a point at infinity gives inf.
+    Raises InputError when counts or shapes do not fit, or a number is not finite.
+    Source: Hartley and Zisserman 2004, section 12.2.
     """
-    if method not in METHODS:
-        raise unknown("triangulation method", method, METHODS)
-    chosen = _checked(rig, pixels, cameras)
-    ideal = [ideal_pixels(rig.cameras[i], seen) for i, seen in zip(chosen, pixels, strict=True)]
-    if len({seen.shape for seen in ideal}) != 1 or ideal[0].ndim != 2:
-        raise InputError(f"pixels must be as many (N, 2) in every camera, got {[seen.shape for seen in ideal]}")
-    points = METHODS[method](rig, chosen, ideal)
-    return np.where(_before_all(rig, chosen, points)[:, None], points, np.inf)
+    if len(px_from_worlds) != len(pixels) or len(pixels) < 2:
+        raise InputError(
+            f"triangulate_dlt needs two or more views with pixels each, got {len(px_from_worlds)} and {len(pixels)}"
+        )
+    matrices = [float_array("triangulate_dlt", matrix) for matrix in px_from_worlds]
+    seen = [float_array("triangulate_dlt", uv) for uv in pixels]
+    if any(p.shape != (3, 4) for p in matrices) or any(uv.shape != (len(seen[0]), 2) for uv in seen):
+        raise InputError("triangulate_dlt needs 3x4 matrices and the same number of pixels (N, 2) in every view")
+    if not all(np.isfinite(values).all() for values in matrices + seen):
+        raise InputError("triangulate_dlt needs finite matrices and pixels: leave out points that a view does not see")
+    rows = []
+    for p, uv in zip(matrices, seen, strict=True):
+        rows += [uv[:, :1] * p[2] - p[0], uv[:, 1:] * p[2] - p[1]]
+    system = np.stack(rows, axis=1)
+    system /= np.linalg.norm(system, axis=2, keepdims=True)
+    return dehomogeneous(np.linalg.svd(system)[2][:, -1])
 
 
-def covariance(
-    rig: Rig, points_world: ArrayLike, sigma_px: float | Sequence[float] = 1.0, cameras: Sequence[int] = (0, 1)
-) -> Float:
-    """Covariance (N, 3, 3), square metres in world axes, of points (N, 3) triangulated from noisy pixels.
+def midpoint(Ks: Sequence[Float], world_from_cams: Sequence[Float], pixels: Sequence[Float]) -> Float:
+    """The point with the smallest sum of squared distances from the rays.
 
-    To first order C = (sum_i J_i^T J_i / sigma_i^2)^-1, J_i the (2, 3) derivative of the pixel in camera i (distortion
-    included): the bound that the optimal method reaches. `sigma_px` is the standard deviation of u and of v, pixels,
-    independent, one number or one a camera. Source: Hartley and Zisserman 2004, section 5.2.
-
-    Raises InputError for points at infinity, behind a camera, or so near the line through the centres (or so far) that
-    the pixels do not fix them.
+    The projections I - d d^T orthogonal to each ray are stacked and solved by their singular values. The normal
+    equations would square the small angle between distant rays.
     """
-    chosen = _checked(rig, cameras, cameras)
-    points = np.asarray(points_world, dtype=np.float64)
-    sigmas = np.broadcast_to(np.asarray(sigma_px, dtype=np.float64), len(chosen))
-    if not (np.isfinite(sigmas).all() and (sigmas > 0).all()):
-        raise InputError(f"sigma_px must be positive numbers of pixels, got {sigma_px}")
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise InputError("covariance needs finite points (N, 3): leave out those at infinity")
-    rows = [_world_jacobian(rig, i, points) / sigma for i, sigma in zip(chosen, sigmas, strict=True)]
-    _, size, axes = np.linalg.svd(np.concatenate(rows, axis=1))
+    centres, rays = _rays(Ks, world_from_cams, pixels)
+    origin, scale = centres[0], np.abs(centres - centres[0]).max()
+    count, equations = rays.shape[1], 3 * len(rays)
+    orthogonal = np.eye(3) - rays[..., :, None] * rays[..., None, :]
+    offsets = np.einsum("knij,kxj->nki", orthogonal, (centres - origin) / scale).reshape(count, equations)
+    left, size, axes = np.linalg.svd(orthogonal.swapaxes(0, 1).reshape(count, equations, 3), full_matrices=False)
+    intersecting = size[:, 2:] > _PARALLEL
+    along = np.einsum("nki,nk->ni", left, offsets) / np.where(intersecting, size, 1.0)
+    return np.where(intersecting, origin + scale * np.einsum("nki,nk->ni", axes, along), np.inf)
+
+
+def dlt(Ks: Sequence[Float], world_from_cams: Sequence[Float], pixels: Sequence[Float]) -> Float:
+    """`triangulate_dlt` in the frame of the first camera and in units of the largest baseline, for its conditioning."""
+    first = world_from_cams[0]
+    scale = max(float(np.linalg.norm(pose[:3, 3] - first[:3, 3])) for pose in world_from_cams[1:])
+    matrices = [(inverse(pose) @ first)[:3] / [1.0, 1.0, 1.0, scale] for pose in world_from_cams]
+    points = triangulate_dlt(matrices, [_directions(*view)[:, :2] for view in zip(Ks, pixels, strict=True)])
+    _, rays = _rays(Ks, world_from_cams, pixels)
+    intersecting = (np.linalg.norm(np.cross(rays[0], rays[1:]), axis=-1) > _PARALLEL).any(axis=0)
+    known = (intersecting & np.isfinite(points).all(axis=1))[:, None]
+    return np.where(known, transform_points(first, scale * np.where(known, points, 0.0)), np.inf)
+
+
+def optimal(Ks: Sequence[Float], world_from_cams: Sequence[Float], pixels: Sequence[Float]) -> Float:
+    """The point of the two rays after the smallest move of the pixels that makes the rays intersect."""
+    if len(Ks) != 2:
+        raise InputError(f"the optimal method takes two cameras, got {len(Ks)}: use 'midpoint' or 'dlt' for more")
+    matrix = fundamental_matrix(essential_matrix(*world_from_cams), *Ks)
+    return midpoint(Ks, world_from_cams, correct_matches(matrix, *pixels))
+
+
+METHODS: dict[str, Method] = {"optimal": optimal, "midpoint": midpoint, "dlt": dlt}
+"""The triangulation methods, by name."""
+
+
+def in_front(world_from_cams: Sequence[Float], points: Float) -> NDArray[np.bool_]:
+    """Whether points (N, 3) are finite and have positive depth in every camera, (N,)."""
+    finite: NDArray[np.bool_] = np.all(np.isfinite(points), axis=1)
+    safe = np.where(finite[:, None], points, 0.0)
+    depths = [(safe - pose[:3, 3]) @ pose[:3, 2] for pose in world_from_cams]
+    return np.logical_and(finite, np.all(np.stack(depths) > 0, axis=0))
+
+
+def covariance(jacobians: Float) -> Float:
+    """(J^T J)^-1, (N, 3, 3): the first-order covariance of points from the pixel derivatives J (N, 2 V, 3) of V views.
+
+    J is d(u, v)/d(world point) divided by the standard deviation of the pixels.
+    Raises InputError for a point that its pixels do not determine. Source: Hartley and Zisserman 2004, section 5.2.
+    """
+    _, size, axes = np.linalg.svd(jacobians)
     if (size[:, 2] <= _SINGULAR * size[:, 0]).any():
         raise InputError(
-            "a point in line with the cameras, or far beyond them, is not fixed by its pixels: leave it out"
+            "a point on the line through the cameras, or very far away, is not determined by its pixels: leave it out"
         )
     spread: Float = np.einsum("nki,nk,nkj->nij", axes, size**-2, axes)
     return spread
 
 
-def _checked(rig: Rig, pixels: Sequence[object], cameras: Sequence[int]) -> tuple[int, ...]:
-    """The cameras, some two of which stand apart, with pixels each."""
-    chosen = tuple(cameras)
-    if len(chosen) < 2 or len(chosen) != len(pixels) or len(set(chosen)) != len(chosen):
-        raise InputError(
-            f"triangulation needs pixels of two or more different cameras, got cameras {list(chosen)} and "
-            f"{len(pixels)} arrays"
-        )
-    if not all(0 <= i < len(rig) for i in chosen):
-        raise InputError(f"cameras must be out of 0 to {len(rig) - 1}, got {list(chosen)}")
-    check_pair(rig, chosen[0], max(chosen[1:], key=lambda i: rig.baseline(chosen[0], i)))
-    return chosen
+def _directions(K: Float, pixels: Float) -> Float:
+    return homogeneous((pixels - K[:2, 2]) / (K[0, 0], K[1, 1]))
 
 
-def _rays(rig: Rig, cameras: tuple[int, ...], ideal: list[Float]) -> tuple[Float, Float]:
-    """Centres (n, 1, 3) and unit directions (n, N, 3) in world axes."""
-    centres = np.stack([rig.world_from_cams[i][:3, 3] for i in cameras])[:, None]
-    rays = [geometry.rotate(rig.world_from_cams[i], _direction(rig, i, p)) for i, p in zip(cameras, ideal, strict=True)]
-    directions = np.stack(rays)
-    return centres, directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-
-
-def _direction(rig: Rig, index: int, ideal: Float) -> Float:
-    camera = rig.cameras[index]
-    return geometry.homogeneous((ideal - (camera.cx, camera.cy)) / (camera.fx, camera.fy))
-
-
-def _midpoint(rig: Rig, cameras: tuple[int, ...], ideal: list[Float]) -> Float:
-    """The point with the least sum of squared distances from the rays; inf where they are parallel.
-
-    The projections I - d d^T away from each ray are stacked and solved by their singular values, not by the normal
-    equations, which would square the small angle between far rays.
-    """
-    centres, rays = _rays(rig, cameras, ideal)
-    origin, scale = centres[0], np.abs(centres - centres[0]).max()
-    away = np.eye(3) - rays[..., :, None] * rays[..., None, :]
-    offsets = np.einsum("knij,kxj->nki", away, (centres - origin) / scale).reshape(rays.shape[1], 3 * len(rays))
-    left, size, axes = np.linalg.svd(away.swapaxes(0, 1).reshape(rays.shape[1], 3 * len(rays), 3), full_matrices=False)
-    meeting = size[:, 2:] > _PARALLEL
-    along = np.einsum("nki,nk->ni", left, offsets) / np.where(meeting, size, 1.0)
-    return np.where(meeting, origin + scale * np.einsum("nki,nk->ni", axes, along), np.inf)
-
-
-def _dlt(rig: Rig, cameras: tuple[int, ...], ideal: list[Float]) -> Float:
-    """`geometry.triangulate` in the first camera's frame, in units of the rig's extent, for its conditioning."""
-    first = rig.world_from_cams[cameras[0]]
-    scale = max(rig.baseline(cameras[0], i) for i in cameras[1:])
-    matrices = [rig.b_from_a(cameras[0], i)[:3] / ([1.0, 1.0, 1.0, scale]) for i in cameras]
-    seen = [_direction(rig, i, p)[:, :2] for i, p in zip(cameras, ideal, strict=True)]
-    points = geometry.triangulate(matrices, seen)
-    _, rays = _rays(rig, cameras, ideal)
-    meeting = (np.linalg.norm(np.cross(rays[0], rays[1:]), axis=-1) > _PARALLEL).any(axis=0)
-    known = meeting & np.isfinite(points).all(axis=1)
-    world = geometry.transform_points(first, scale * np.where(known[:, None], points, 0.0))
-    return np.where(known[:, None], world, np.inf)
-
-
-def _optimal(rig: Rig, cameras: tuple[int, ...], ideal: list[Float]) -> Float:
-    """The pixels moved least until their rays meet; where they do is then the same by any method."""
-    if len(cameras) != 2:
-        raise InputError(f"the optimal method takes two cameras, got {len(cameras)}: use 'midpoint' or 'dlt' for more")
-    corrected = correct_matches(fundamental_matrix(rig, *cameras), *ideal)
-    return _midpoint(rig, cameras, list(corrected))
-
-
-METHODS: dict[str, Method] = {"optimal": _optimal, "midpoint": _midpoint, "dlt": _dlt}
-"""Every way to triangulate, by name."""
-
-
-def _before_all(rig: Rig, cameras: tuple[int, ...], points: Float) -> NDArray[np.bool_]:
-    """Which points (N, 3) are finite and have positive depth in every camera."""
-    finite: NDArray[np.bool_] = np.all(np.isfinite(points), axis=1)
-    safe = np.where(finite[:, None], points, 0.0)
-    depths = [(safe - rig.world_from_cams[i][:3, 3]) @ rig.world_from_cams[i][:3, 2] for i in cameras]
-    return np.logical_and(finite, np.all(np.stack(depths) > 0, axis=0))
-
-
-def _world_jacobian(rig: Rig, index: int, points: Float) -> Float:
-    """d(u, v)/d(world point), (N, 2, 3)."""
-    cam_from_world = geometry.inverse(rig.world_from_cams[index])
-    return (
-        projection_jacobian(rig.cameras[index], geometry.transform_points(cam_from_world, points))
-        @ (cam_from_world[:3, :3])
-    )
+def _rays(Ks: Sequence[Float], poses: Sequence[Float], pixels: Sequence[Float]) -> tuple[Float, Float]:
+    """Centres (V, 1, 3) and unit directions (V, N, 3) in world axes."""
+    centres = np.stack([pose[:3, 3] for pose in poses])[:, None]
+    rays = np.stack([rotate(pose, _directions(K, uv)) for K, pose, uv in zip(Ks, poses, pixels, strict=True)])
+    return centres, rays / np.linalg.norm(rays, axis=-1, keepdims=True)

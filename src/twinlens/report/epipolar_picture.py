@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from twinlens.camera import Rig
+from twinlens.camera.multiview import check_pair, epipolar_curve, epipole_in_image
 from twinlens.errors import InputError
-from twinlens.geometry import Float, inverse
-from twinlens.geometry.epipolar import check_pair, epipolar_curve, epipole_in_image
+from twinlens.geometry import Float
 
 # Okabe and Ito's colours, told apart by every eye; their black would not show on an image.
 COLORS = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167))
@@ -47,7 +47,7 @@ def epipolar_picture(
     points = _points(here, None if there is None else there)
     pictures = [_rgb(image) for image in images]
     lines = [_curves(rig, points[1], b, a), _curves(rig, points[0], a, b)]
-    marks = [_epipole(rig, a, b), _epipole(rig, b, a)]
+    marks = [epipole_in_image(rig, a, b), epipole_in_image(rig, b, a)]
     panels = [_panel(*parts) for parts in zip(pictures, lines, points, marks, strict=True)]
     return _beside(panels)
 
@@ -85,14 +85,6 @@ def _curves(rig: Rig, points: Float, a: int, b: int) -> list[Float]:
     """What b sees of each of a's pixels along its ray: (_STEPS, 2) each, NaN where it sees nothing."""
     depths = rig.baseline(a, b) * np.geomspace(_NEAR, _FAR, _STEPS)
     return [epipolar_curve(rig, pixel, depths, a, b) for pixel in points]
-
-
-def _epipole(rig: Rig, a: int, b: int) -> Float | None:
-    """Where the line through both centres pierces a's image, as its lens forms it; None outside."""
-    if not epipole_in_image(rig, a, b):
-        return None
-    towards = inverse(rig.world_from_cams[a])[:3] @ [*rig.world_from_cams[b][:3, 3], 1.0]
-    return rig.cameras[a].project(towards * np.sign(towards[2]))
 
 
 def _rgb(image: NDArray[Any]) -> NDArray[np.uint8]:

@@ -17,8 +17,10 @@ from typing import Any
 import numpy as np
 
 from twinlens.camera import BrownConrady, Camera, Distortion, KannalaBrandt, Misalignment, Rig, layouts, misaligned
+from twinlens.camera.intrinsics import MAX_SIDE
 from twinlens.errors import InputError
 from twinlens.geometry import Float, rigid
+from twinlens.optics import middle_focus
 from twinlens.scenes.placement import camera_pose, rotation
 from twinlens.scenes.scene import Scene
 from twinlens.scenes.table import At, Parser, Source, Table, choice, listed, number, vector, whole
@@ -27,7 +29,6 @@ Keys = Table[Any]
 Place = Callable[[Sequence[Camera], Float], Rig]
 """Cameras and the layout's pose in the world -> the rig."""
 
-_LARGEST = 65536
 _MOST = 1000
 
 
@@ -147,8 +148,8 @@ def _own_pose(entry: Keys) -> Callable[[Float], Float]:
 
 
 _INSIDE: dict[str, Parser[Any]] = {
-    "width": whole(1, _LARGEST),
-    "height": whole(1, _LARGEST),
+    "width": whole(1, MAX_SIDE),
+    "height": whole(1, MAX_SIDE),
     "fov_x_deg": number(high=179.0, above=0.0),
     "fx": number(above=0.0),
     "fy": number(above=0.0),
@@ -230,8 +231,7 @@ def _metres(keys: Keys, key: str, default: float | None) -> float:
 
 def _middle(scene: Scene) -> float | None:
     """The depth in the middle of the scene's disparities, metres; None where the scene does not say its depths."""
-    near, far = scene.depth_range
-    return 2.0 / (1.0 / near + 1.0 / far) if scene.depth_range_known else None
+    return middle_focus(*scene.depth_range) if scene.depth_range_known else None
 
 
 def _told(at: At, make: Callable[[], Any]) -> Any:

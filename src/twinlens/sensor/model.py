@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from twinlens.camera.film import checked_radiance
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.lens import Lens, check_lens, film_distance
-from twinlens.camera.radiance import checked_radiance
 from twinlens.camera.rig import Rig
 from twinlens.errors import InputError, unknown
 from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import ThinLens
-from twinlens.optics.diffraction import diffract
+from twinlens.camera.diffraction import diffract
 from twinlens.sensor import Exposure, Sensor, auto_exposure
 from twinlens.studies.aperture_theory import SENSOR, WAVELENGTH
 from twinlens.studies.stage import Stage

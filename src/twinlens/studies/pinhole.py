@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import BareAperture, Camera, Pinhole, Rig
-from twinlens.optics.diffraction import FresnelWarning, diffract
+from twinlens.camera.diffraction import diffract
+from twinlens.optics.diffraction import FresnelWarning
 from twinlens.rendering import render
 from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.bootstrap import Interval, log_slope, mean_of, over_scenes, paired_difference, unsigned

@@ -16,7 +16,7 @@ from twinlens.camera import Camera, Lens, Rig, film_distance
 from twinlens.camera.truth import Truth
 from twinlens.factory import default_rig
 from twinlens.matching import parse_method
-from twinlens.optics import circle_of_confusion_px
+from twinlens.optics import circle_of_confusion_px, middle_focus
 from twinlens.rendering import ground_truth, render
 from twinlens.scenes import Scene, load_scene
 from twinlens.scoring import Pair, Scores, evaluate, region_masks
@@ -74,8 +74,7 @@ class Stage:
     @property
     def middle_focus(self) -> float:
         """The depth at the middle of the scene's disparities, metres."""
-        near, far = self.scene.depth_range
-        return 2.0 / (1.0 / near + 1.0 / far)
+        return middle_focus(*self.scene.depth_range)
 
     @cached_property
     def ndisp(self) -> int:

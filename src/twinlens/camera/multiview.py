@@ -1,0 +1,172 @@
+"""Epipolar geometry and triangulation of the cameras of a `Rig`, any poses, intrinsics and distortion.
+
+The formulas are in `twinlens.geometry`. A pair is given by the indices (a, b) of its cameras, in this order. Ideal
+pixels are those of a lens without distortion: `ideal_pixels` converts measured ones.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twinlens.camera.intrinsics import Camera
+from twinlens.camera.rig import Rig
+from twinlens.errors import InputError, unknown
+from twinlens.geometry import Float, epipolar, inverse, transform_points
+from twinlens.geometry import triangulation as methods
+
+
+def check_pair(rig: Rig, a: int, b: int) -> None:
+    """Raise InputError unless a and b are two cameras of the rig with a baseline between them."""
+    if not (0 <= a < len(rig) and 0 <= b < len(rig)) or a == b:
+        raise InputError(f"a pair needs two different cameras out of 0 to {len(rig) - 1}, got {a} and {b}")
+    epipolar.check_baseline(rig.world_from_cams[a], rig.world_from_cams[b])
+
+
+def essential_matrix(rig: Rig, a: int = 0, b: int = 1) -> Float:
+    """E = [t]x R with x_b = R x_a + t, (3, 3) in metres: d_b^T E d_a = 0 for directions d of one point.
+
+    Its singular values are (B, B, 0), with the baseline B. Raises InputError where there is no baseline.
+    """
+    check_pair(rig, a, b)
+    return epipolar.essential_matrix(rig.world_from_cams[a], rig.world_from_cams[b])
+
+
+def fundamental_matrix(rig: Rig, a: int = 0, b: int = 1) -> Float:
+    """F = K_b^-T E K_a^-1, (3, 3) of unit Frobenius norm: p_b^T F p_a = 0 for ideal pixels p = (u, v, 1).
+
+    `geometry.epipolar` has the epipolar lines and the Sampson distance of F.
+    Raises InputError where there is no baseline.
+    """
+    return epipolar.fundamental_matrix(essential_matrix(rig, a, b), rig.cameras[a].K, rig.cameras[b].K)
+
+
+def ideal_pixels(camera: Camera, pixels: ArrayLike) -> Float:
+    """Pixels (..., 2) of `camera` with its distortion removed: K (x, y, 1), (..., 2).
+
+    Raises InputError for pixels that are not finite, or outside the range of the distortion.
+    """
+    measured = np.asarray(pixels, dtype=np.float64)
+    if measured.shape[-1:] != (2,) or not np.isfinite(measured).all():
+        raise InputError(
+            f"pixels must be finite and of shape (..., 2), got shape {measured.shape}: leave out invisible points"
+        )
+    if camera.distortion is None:
+        return measured
+    ideal = camera.unproject(measured)[..., :2] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    if np.isnan(ideal).any():
+        raise InputError("a pixel is outside the range of the camera's distortion: leave it out")
+    return ideal
+
+
+def epipolar_curve(rig: Rig, pixel: ArrayLike, depths: ArrayLike, a: int = 0, b: int = 1) -> Float:
+    """Pixels (M, 2) in camera b, distorted, of the points at `depths` (M,) metres on the ray of camera a's pixel (2,).
+
+    NaN where b does not see the point. Raises InputError for a depth that is not positive and finite.
+    """
+    check_pair(rig, a, b)
+    z = np.asarray(depths, dtype=np.float64)
+    if not (np.isfinite(z).all() and (z > 0).all()):
+        raise InputError("depths along an epipolar curve must be finite and positive")
+    points = z[..., None] * rig.cameras[a].unproject(pixel)
+    return rig.cameras[b].project(transform_points(rig.b_from_a(a, b), points))
+
+
+def epipoles(rig: Rig, a: int = 0, b: int = 1) -> tuple[Float, Float]:
+    """(e_a, e_b), homogeneous ideal pixels (3,) of unit norm: the image of b's centre in a, and of a's centre in b.
+
+    F e_a = 0 and e_b^T F = 0. The last entry is 0 for an epipole at infinity, and negative where the other centre is
+    behind the camera.
+    """
+    check_pair(rig, a, b)
+    points = [
+        rig.cameras[i].K @ epipolar.centre_direction(rig.world_from_cams[i], rig.world_from_cams[j])
+        for i, j in ((a, b), (b, a))
+    ]
+    return points[0] / np.linalg.norm(points[0]), points[1] / np.linalg.norm(points[1])
+
+
+def epipole_in_image(rig: Rig, a: int = 0, b: int = 1) -> Float | None:
+    """The pixel (2,), distorted, where the line through both centres meets a's image, in front or behind; or None.
+
+    A view that contains its epipole cannot be rectified.
+    """
+    check_pair(rig, a, b)
+    direction = epipolar.centre_direction(rig.world_from_cams[a], rig.world_from_cams[b])
+    pixel = rig.cameras[a].project(direction * np.sign(direction[2]))
+    return pixel if rig.cameras[a].contains(pixel) else None
+
+
+def triangulate(
+    rig: Rig, pixels: Sequence[ArrayLike], cameras: Sequence[int] = (0, 1), method: str = "optimal"
+) -> Float:
+    """World points (N, 3), metres, seen at `pixels`: one (N, 2) array for each of `cameras`.
+
+    Parameters
+    ----------
+    rig : Rig
+    pixels : sequence of (N, 2) arrays
+        Measured pixels; the camera's distortion is removed here.
+    cameras : sequence of int
+        Two or more cameras; the optimal method takes two.
+    method : {"optimal", "midpoint", "dlt"}
+        See `geometry.triangulation`.
+
+    Returns
+    -------
+    float64 (N, 3). +inf in all three coordinates where no point in front of every camera exists: parallel rays
+    (a point at infinity), diverging rays, or rays along the baseline.
+
+    Raises InputError for pixels that are not finite, cameras without a baseline, or an unknown method.
+    """
+    if method not in methods.METHODS:
+        raise unknown("triangulation method", method, methods.METHODS)
+    chosen = _checked_cameras(rig, pixels, cameras)
+    ideal = [ideal_pixels(rig.cameras[i], seen) for i, seen in zip(chosen, pixels, strict=True)]
+    if len({seen.shape for seen in ideal}) != 1 or ideal[0].ndim != 2:
+        shapes = [seen.shape for seen in ideal]
+        raise InputError(f"pixels must be (N, 2), with the same N in every camera, got {shapes}")
+    poses = [rig.world_from_cams[i] for i in chosen]
+    points = methods.METHODS[method]([rig.cameras[i].K for i in chosen], poses, ideal)
+    return np.where(methods.in_front(poses, points)[:, None], points, np.inf)
+
+
+def covariance(
+    rig: Rig, points_world: ArrayLike, sigma_px: float | Sequence[float] = 1.0, cameras: Sequence[int] = (0, 1)
+) -> Float:
+    """Covariance (N, 3, 3), square metres in world axes, of points (N, 3) triangulated from noisy pixels.
+
+    To first order C = (sum_i J_i^T J_i / sigma_i^2)^-1, J_i the (2, 3) derivative of the pixel in camera i (distortion
+    included). The optimal method reaches this bound. `sigma_px` is the standard deviation of u and of v, pixels,
+    independent, one number or one per camera. Source: Hartley and Zisserman 2004, section 5.2.
+
+    Raises InputError for points at infinity, behind a camera, or that the pixels do not determine: near the line
+    through the centres, or very far.
+    """
+    chosen = _checked_cameras(rig, cameras, cameras)
+    points = np.asarray(points_world, dtype=np.float64)
+    sigmas = np.broadcast_to(np.asarray(sigma_px, dtype=np.float64), len(chosen))
+    if not (np.isfinite(sigmas).all() and (sigmas > 0).all()):
+        raise InputError(f"sigma_px must be positive numbers of pixels, got {sigma_px}")
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise InputError("covariance needs finite points (N, 3): leave out those at infinity")
+    rows = []
+    for i, sigma in zip(chosen, sigmas, strict=True):
+        cam_from_world = inverse(rig.world_from_cams[i])
+        in_camera = rig.cameras[i].projection_jacobian(transform_points(cam_from_world, points))
+        rows.append(in_camera @ cam_from_world[:3, :3] / sigma)
+    return methods.covariance(np.concatenate(rows, axis=1))
+
+
+def _checked_cameras(rig: Rig, pixels: Sequence[object], cameras: Sequence[int]) -> tuple[int, ...]:
+    """The cameras; InputError unless they are different, two of them have a baseline, and each has pixels."""
+    chosen = tuple(cameras)
+    if len(chosen) < 2 or len(chosen) != len(pixels) or len(set(chosen)) != len(chosen):
+        raise InputError(
+            f"triangulation needs pixels of two or more different cameras, got cameras {list(chosen)} and "
+            f"{len(pixels)} arrays"
+        )
+    if not all(0 <= i < len(rig) for i in chosen):
+        raise InputError(f"cameras must be out of 0 to {len(rig) - 1}, got {list(chosen)}")
+    check_pair(rig, chosen[0], max(chosen[1:], key=lambda i: rig.baseline(chosen[0], i)))
+    return chosen

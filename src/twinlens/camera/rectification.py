@@ -1,0 +1,194 @@
+"""Rectification of any calibrated pair: both cameras are rotated about their centres until their rows agree.
+
+The cameras keep their centres, take one orientation whose x axis is the baseline, and lose their distortion. Images
+are resampled by `maps`. Ground truth is cast again through `rectified_rig`, never resampled.
+
+Source: Bouguet's method, as in OpenCV's stereoRectify; Hartley and Zisserman 2004, section 11.12.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twinlens.camera.intrinsics import Camera, undistort_maps
+from twinlens.camera.multiview import check_pair, epipole_in_image
+from twinlens.camera.rig import ALIGNED, Misalignment, Rig
+from twinlens.errors import InputError, unknown
+from twinlens.geometry import Float, homogeneous, image_border, rigid
+from twinlens.geometry.rectification import rectified_orientation, warp
+
+_MAX_TAN = math.tan(math.radians(85))  # the widest direction in a rectified image
+_BISECTIONS = 60
+
+Size = tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Rectification:
+    """A pair and its rectified pair. `side` is 0 for the first camera, 1 for the second.
+
+    pair : Rig of two, the original cameras.
+    aligned_rig : Rig of two, rectified exactly: ``aligned_rig.is_rectified()``.
+    rectified_rig : Rig of two, the cameras of the rectified images; `aligned_rig` with the misalignment, if any.
+    """
+
+    pair: Rig
+    aligned_rig: Rig
+    rectified_rig: Rig
+
+    @property
+    def doffs(self) -> float:
+        """cx_right - cx_left, pixels."""
+        return self.aligned_rig.doffs()
+
+    @property
+    def baseline(self) -> float:
+        """Distance of the centres, metres; rectification does not change it."""
+        return self.pair.baseline()
+
+    def rotation(self, side: int) -> Float:
+        """rect_from_cam (3, 3): from the original camera's axes to the rectified ones."""
+        rotation: Float = self.rectified_rig.world_from_cams[side][:3, :3].T @ self.pair.world_from_cams[side][:3, :3]
+        return rotation
+
+    def maps(self, side: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(map_x, map_y), float32 (H, W): the original pixel of each rectified one, for `cv2.remap`."""
+        return undistort_maps(self.pair.cameras[side], self.rectified_rig.cameras[side], self.rotation(side))
+
+    def warp(self, side: int, image: NDArray[Any]) -> NDArray[Any]:
+        """The original image (H, W[, C]) rectified, bilinear, of its dtype; 0 outside the original image."""
+        return warp(image, *self.maps(side))
+
+    def valid(self, side: int) -> NDArray[np.bool_]:
+        """Whether the source of a rectified pixel is between the outermost pixel centres of its image, bool (H, W)."""
+        return _within(self.pair.cameras[side], self.source_pixels(side, self.rectified_rig.cameras[side].pixel_grid()))
+
+    def source_pixels(self, side: int, rectified: ArrayLike) -> Float:
+        """Original pixels (..., 2), float64, of rectified pixels (..., 2); NaN where there are none."""
+        rays = self.rectified_rig.cameras[side].unproject(rectified) @ self.rotation(side)
+        return self.pair.cameras[side].project(rays)
+
+    def rectified_pixels(self, side: int, source: ArrayLike) -> Float:
+        """Rectified pixels (..., 2), float64, of original pixels (..., 2); the inverse of `source_pixels`."""
+        rays = self.pair.cameras[side].unproject(source) @ self.rotation(side).T
+        return self.rectified_rig.cameras[side].project(rays)
+
+
+def rectify(
+    rig: Rig,
+    left: int = 0,
+    right: int = 1,
+    *,
+    width: int | None = None,
+    height: int | None = None,
+    fit: str = "focal",
+    zero_doffs: bool = True,
+    misalignment: Misalignment = ALIGNED,
+) -> Rectification:
+    """Rectify the pair (left, right) of `rig`, any poses, intrinsics and distortion.
+
+    Parameters
+    ----------
+    width, height : int
+        Size of the rectified images, pixels; by default the left camera's.
+    fit : {"focal", "all", "valid"}
+        How fx = fy is chosen: the mean focal length of the two cameras; the largest that shows all of both images; or
+        the smallest for which every rectified pixel has a source.
+    zero_doffs : bool
+        Give both cameras one principal point, so that infinity has disparity 0. If False, each image is centred on
+        what its camera sees, as converging cameras need, and `doffs` is not 0.
+    misalignment : Misalignment
+        Calibration error of the second rectified camera.
+
+    Raises InputError where the centres coincide, an epipole is in its image, the right camera is left of the left one,
+    or a pixel is 85 degrees or more from the rectified axis.
+    """
+    check_pair(rig, left, right)
+    if fit not in FITS:
+        raise unknown("fit", fit, FITS)
+    pair = rig.pair(left, right)
+    for side, index in enumerate((left, right)):
+        if epipole_in_image(pair, side, 1 - side) is not None:
+            raise InputError(
+                f"camera {index} looks along the baseline (the epipole is in its image) and cannot be rectified; "
+                "use cameras side by side"
+            )
+    world_from_rect = rectified_orientation(*pair.world_from_cams)
+    outlines = [_outline(pair, side, world_from_rect) for side in (0, 1)]
+    first = pair.cameras[0]
+    size = first.width if width is None else width, first.height if height is None else height
+    centres = _centres(outlines, zero_doffs)
+    focal = FITS[fit](pair, world_from_rect, outlines, centres, size)
+    cameras = []
+    for centre, old in zip(centres, pair.cameras, strict=True):
+        cx, cy = 0.5 * (np.array(size) - 1) - focal * centre
+        cameras.append(Camera(*size, focal, focal, float(cx), float(cy), pixel_pitch_um=old.pixel_pitch_um))
+    aligned = Rig(cameras, [rigid(world_from_rect, pose[:3, 3]) for pose in pair.world_from_cams])
+    return Rectification(pair, aligned, aligned if misalignment == ALIGNED else misalignment.applied(aligned))
+
+
+def _outline(pair: Rig, side: int, world_from_rect: Float) -> Float:
+    """The border of an original image as directions (x, y, 1) of the rectified frame: (N, 2)."""
+    camera = pair.cameras[side]
+    rays = camera.unproject(image_border(camera.width, camera.height))
+    x, y, z = (rays @ pair.world_from_cams[side][:3, :3].T @ world_from_rect).T
+    if not (np.hypot(x, y) < _MAX_TAN * z).all():
+        raise InputError(
+            f"camera {side} of the pair sees directions 85 degrees or more from the rectified axis: "
+            "use a narrower field of view, or cameras with more similar directions"
+        )
+    return np.stack([x / z, y / z], axis=1)
+
+
+def _centres(outlines: list[Float], zero_doffs: bool) -> list[Float]:
+    """The direction (x, y) at the middle of each rectified image."""
+    own = [0.5 * (outline.min(axis=0) + outline.max(axis=0)) for outline in outlines]
+    mean = 0.5 * (own[0] + own[1])
+    return [np.array([mean[0] if zero_doffs else centre[0], mean[1]]) for centre in own]
+
+
+Fit = Callable[[Rig, Float, list[Float], list[Float], Size], float]
+"""pair, world_from_rect, outlines, centres, size -> focal length, pixels."""
+
+
+def _fit_focal(pair: Rig, *_: object) -> float:
+    return float(np.mean([(camera.fx, camera.fy) for camera in pair.cameras]))
+
+
+def _fit_all(_: Rig, __: Float, outlines: list[Float], centres: list[Float], size: Size) -> float:
+    reach = np.max([np.abs(outline - centre).max(axis=0) for outline, centre in zip(outlines, centres, strict=True)], 0)
+    return float((0.5 * (np.array(size) - 1) / reach).min())
+
+
+def _fit_valid(pair: Rig, world_from_rect: Float, outlines: list[Float], centres: list[Float], size: Size) -> float:
+    """The smallest focal length at which the whole rectified border has sources, by bisection."""
+    low, high = _fit_all(pair, world_from_rect, outlines, centres, size), 1e3 * _fit_focal(pair)
+    offsets = image_border(*size) - 0.5 * (np.array(size) - 1)
+
+    def covered(focal: float) -> bool:
+        for camera, pose, centre in zip(pair.cameras, pair.world_from_cams, centres, strict=True):
+            rays = homogeneous(centre + offsets / focal) @ world_from_rect.T @ pose[:3, :3]
+            if not _within(camera, camera.project(rays)).all():
+                return False
+        return True
+
+    if not covered(high):
+        raise InputError("fit='valid' needs the middle of the rectified image in both views: try zero_doffs=False")
+    for _ in range(_BISECTIONS):
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if covered(middle) else (middle, high)
+    return high
+
+
+FITS: dict[str, Fit] = {"focal": _fit_focal, "all": _fit_all, "valid": _fit_valid}
+"""The choices of the focal length of rectified cameras, by name."""
+
+
+def _within(camera: Camera, pixels: Float) -> NDArray[np.bool_]:
+    """Whether pixels (..., 2) are between the outermost pixel centres; False for NaN."""
+    inside: NDArray[np.bool_] = np.all((pixels >= 0) & (pixels <= (camera.width - 1, camera.height - 1)), axis=-1)
+    return inside
