@@ -6,9 +6,8 @@ import pytest
 import twinlens.matching as tm
 from tests.matching.matching_reference import naive_volume
 from twinlens.errors import InputError
-from twinlens.matching.box import BoxMatch
+from twinlens.matching.box import BoxMatch, blank
 from twinlens.matching.costs import COSTS
-from twinlens.matching.passes import filling, winning
 from twinlens.matching.supports import window_sizes
 from twinlens.matching.transforms import clipped_slope
 
@@ -16,9 +15,10 @@ from twinlens.matching.transforms import clipped_slope
 def costs_of(left, right, name, side, low, count):
     """The kernel's cost volume, (H, W, count)."""
     box = BoxMatch(left, right, COSTS[name], side, low, low + count, 1)
-    volume = np.zeros((*left.shape, box.depth))
-    box.fill(volume, 0, 1.0, COSTS[name].offset, np.inf)
-    return volume[..., :count]
+    volume = np.zeros((*left.shape, count))
+    box.fill(volume[..., : box.count], 0, 1.0, COSTS[name].offset)
+    blank(volume, box.low, count)
+    return volume
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
@@ -78,22 +78,7 @@ def test_a_winner_is_no_rival_of_itself_however_its_place_rounds():
     found = matcher.match(left, right)
     assert found[0, x] == pytest.approx(d - 0.5, abs=1e-3)
     box = BoxMatch(left, right, COSTS["sad"], 1, d - 3, d + 4, 1)
-    winners = box.winners("v")
-    assert winners.index[0, x] == d
-    assert box.rivals(winners)[0, x] == 40000
-
-
-@pytest.mark.parametrize("bits", [16, 32, 64])
-@pytest.mark.parametrize("candidates", [1, 2, 16, 17, 63, 64, 65, 80, 96, 127, 128, 129, 130, 256, 999, 5000])
-def test_passes_cover_every_candidate_once_and_see_its_neighbours(candidates, bits):
-    wins = np.zeros(candidates + 300, int)
-    for part in winning(candidates, bits):
-        wins[part.first + part.begin : part.first + part.end] += 1
-        assert part.first == 0 or part.begin == 1
-    assert (wins[:candidates] == 1).all()
-    places = [part.first + lane for part in filling(candidates, bits) for lane in range(part.n)]
-    assert places == list(range(len(places)))
-    assert candidates <= len(places) < candidates + 16
+    assert box.winners("v").rival[0, x] == 40000
 
 
 def test_slopes_of_the_prefilter_are_those_of_opencv():

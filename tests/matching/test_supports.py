@@ -169,13 +169,13 @@ def test_every_cost_with_every_support_finds_a_shift_or_is_refused_with_the_reas
 
 
 @pytest.mark.parametrize("large", [20, 150])  # sums of 8 bits, and of 16
-@pytest.mark.parametrize("depth", [16, 48, 64])
+@pytest.mark.parametrize("depth", [32, 64, 96])
 @pytest.mark.parametrize("paths", [4, 8])
 def test_path_costs_equal_paths_followed_one_by_one(depth, paths, large):
-    costs = np.random.default_rng(depth).integers(0, 60, (5, 80, depth))
+    costs = np.random.default_rng(depth).integers(0, 60, (5, 110, depth))
     ways = [(0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1)][:paths]
     total = naive_paths(costs, ways, 7, large).astype(float)
-    total[~is_candidate((5, 80), 0, depth)] = np.inf
+    total[~is_candidate((5, 110), 0, depth)] = np.inf
     penalties = Penalties(7, large, 60)
     volume = stored(costs.astype(penalties.dtype))
     got = Sweeps(volume, costs.shape, paths, penalties, 0, depth, "none").chosen(2, rivals=True)

@@ -70,29 +70,41 @@ COSTS: dict[str, Cost] = {
 }
 
 
-def numbers(cost: Cost, dtype: np.dtype[Any], side: int) -> tuple[type[np.generic], type[np.generic]]:
-    """(dtype of window sums, dtype of scores) that hold this cost of images of `dtype` without loss.
+@dataclass(frozen=True)
+class Numbers:
+    """The dtypes that hold a cost without loss: window sums of the term, the windows' totals, and scores."""
 
-    Integer sums may wrap around where the score they end in does not: n S_LR - S_L S_R is at most (n m / 2)^2 for
-    values up to m, though its two parts are larger. Floating-point images are summed in float64. Raises InputError for
-    windows whose score of whole numbers does not fit 64 bits: ZNCC and ZSSD of 16-bit images, some 256 pixels wide.
+    sums: type[np.generic]
+    totals: type[np.generic]
+    scores: type[np.generic]
+
+
+def numbers(cost: Cost, dtype: np.dtype[Any], side: int) -> Numbers:
+    """The dtypes for this cost of images of `dtype`.
+
+    Floating-point images are summed in float64. Totals of uint8 images are float64, which holds n S_LR and S_L S_R
+    exactly; those of wider integers are 64-bit integers, which may wrap around where the score does not: n S_LR - S_L
+    S_R is at most (n m / 2)^2 for values up to m. Raises InputError for windows whose score does not fit 64 bits: ZNCC
+    and ZSSD of 16-bit images, about 256 pixels wide.
     """
     if dtype.kind == "f":
-        return np.float64, np.float64
+        return Numbers(np.float64, np.float64, np.float64)
     area, largest = side * side, int(np.iinfo(dtype).max)
+    bytewise = dtype.itemsize == 1
     if cost.term == "product":
-        bound = (area * largest) ** 2 // 4 if cost.scoring == "zncc" else area * largest**2
-        _check_room(cost, dtype, side, bound, 63)
-        return (np.int32, np.float32) if bound < 1 << 31 and dtype.itemsize == 1 else (np.int64, np.float64)
+        _check_room(cost, dtype, side, (area * largest) ** 2 // 4 if cost.scoring == "zncc" else area * largest**2, 63)
+        if not bytewise:
+            return Numbers(np.int64, np.int64, np.float64)
+        totals = np.int32 if (area * largest) ** 2 // 4 < 1 << 31 else np.float64
+        return Numbers(np.int32 if area * largest**2 < 1 << 31 else np.int64, totals, np.float32)
     top = {"absolute": largest, "square": largest**2, "hamming": 8 * dtype.itemsize}[cost.term] * area
+    sums = next(kind for kind in (np.uint16, np.uint32, np.uint64) if top < np.iinfo(kind).max)
     if cost.scoring == "zssd":
         _check_room(cost, dtype, side, (area * largest) ** 2, 64)
-        wide = np.uint32 if (area * largest) ** 2 < 1 << 32 else np.uint64
-        return wide, wide
-    sums = next(kind for kind in (np.uint16, np.uint32, np.uint64) if top < np.iinfo(kind).max)
+        return Numbers(np.uint32, np.float64, np.float64) if bytewise else Numbers(np.uint64, np.uint64, np.uint64)
     if cost.scoring == "jaccard":
-        return sums, np.float32 if top < 1 << 24 else np.float64
-    return sums, sums
+        return Numbers(sums, np.float64, np.float32 if top < 1 << 24 else np.float64)
+    return Numbers(sums, np.float64, sums)
 
 
 def _check_room(cost: Cost, dtype: np.dtype[Any], side: int, bound: int, bits: int) -> None:

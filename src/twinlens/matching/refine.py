@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy import ndimage, sparse
 
 from twinlens.matching.images import Disparity, Image
 from twinlens.matching.supports import levels
@@ -60,9 +60,16 @@ def without_speckles(disparity: Disparity, size: int, difference: float) -> Disp
 
     Neighbours share a side. Density falls by isolated mistakes, and by thin things.
     """
-    from twinlens.matching.kernels.patches import patch_sizes
-
-    return _kept(disparity, patch_sizes(np.ascontiguousarray(disparity), float(difference)) >= size)
+    place = np.arange(disparity.size).reshape(disparity.shape)
+    edges = []
+    for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        with np.errstate(invalid="ignore"):  # two unknown pixels: inf - inf
+            near = np.abs(disparity[one] - disparity[other]) <= difference
+        edges.append((place[one][near], place[other][near]))
+    ends = [np.concatenate(part) for part in zip(*edges, strict=True)]
+    graph = sparse.coo_array((np.ones(len(ends[0]), bool), tuple(ends)), shape=(disparity.size,) * 2)
+    labels = sparse.csgraph.connected_components(graph, directed=False)[1].reshape(disparity.shape)
+    return _kept(disparity, np.bincount(labels.ravel())[labels] >= size)
 
 
 def median(disparity: Disparity, side: int) -> Disparity:

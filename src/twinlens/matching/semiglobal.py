@@ -5,22 +5,18 @@ each keeps what its paths add for its first half of the rows and then, crossing 
 chooses the winners. So one volume is kept, H W D numbers of 8 bits where they suffice and of 16 elsewhere.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from twinlens.matching.box import FITS, BoxMatch
+from twinlens.matching.box import FITS, BoxMatch, Chosen, Volume, blank, fill_sum, limits
 from twinlens.matching.strips import in_strips
-from twinlens.matching.volume import Chosen, fill_sum
 
 PATH_TOP = 8191  # the most that a path's cost may be: eight of them add up in 16 bits
-LANES = 16
 STRIP_BYTES = 1 << 19  # of costs that are made and used up before the next: they stay in a processor's cache
-Volume = NDArray[Any]
 
 
 def scaled(full: float, whole: bool, large: float) -> tuple[float, int]:
@@ -40,6 +36,11 @@ class Penalties:
     large: int
     top: int
 
+    @classmethod
+    def parts(cls, parts: tuple[float, float], top: int) -> "Penalties":
+        """P1 and P2 as parts of the largest cost."""
+        return cls(round(parts[0] * top), round(parts[1] * top), top)
+
     @property
     def dtype(self) -> type[np.unsignedinteger[Any]]:
         """What holds a path's cost, with P1 on top of it, and the detours of four paths, at most P2 each."""
@@ -49,28 +50,28 @@ class Penalties:
 Costs = Callable[[int, int], Volume]  # costs(y0, y1): those rows, (y1 - y0, W, depth), depth a multiple of LANES
 
 
-def quantised(boxes: Sequence[BoxMatch], gain: float, offset: float, penalties: Penalties, threads: int) -> Costs:
+def quantised(boxes: tuple[BoxMatch, ...], gain: float, offset: float, penalties: Penalties, threads: int) -> Costs:
     """The sum of the boxes' costs, as round(cost * gain + offset); the largest cost where there is no partner.
 
-    Costs of single pixels are made anew whenever they are asked for, which takes less time than to fetch them from
-    memory; those of windows are kept.
+    Costs of single pixels are computed in each sweep, which takes less time than reading them from memory; those of
+    windows are kept.
     """
-    height, width = boxes[0].shape
-    depth = -(-boxes[0].depth // LANES) * LANES
+    box = boxes[0]
 
     def made(y0: int, y1: int) -> Volume:
-        part = np.empty((y1 - y0, width, depth), penalties.dtype)
-        fill_sum(boxes, part, y0, gain, offset + 0.5, float(penalties.top))
+        part = np.empty((y1 - y0, box.shape[1], box.depth), penalties.dtype)
+        fill_sum(boxes, part, y0, gain, offset + 0.5)
+        blank(part, box.low, box.count, penalties.top)
         return part
 
-    if boxes[0].side == 1:
+    if box.side == 1:
         return made
-    volume = np.empty((height, width, depth), penalties.dtype)
+    volume = np.empty((*box.shape, box.depth), penalties.dtype)
 
     def work(y0: int, y1: int) -> None:
         volume[y0:y1] = made(y0, y1)
 
-    in_strips(work, height, boxes[0].rows, threads)
+    in_strips(work, box.shape[0], box.rows, threads)
     return stored(volume)
 
 
@@ -97,11 +98,10 @@ class Sweeps:
 
     def chosen(self, threads: int, *, rivals: bool) -> Chosen:
         height, width, _ = self.shape
-        chosen = Chosen.empty((height, width))
-        maps = chosen.cost, chosen.rival if rivals else np.empty((1, 1)), chosen.disparity
+        chosen = Chosen.empty((height, width), rivals)
         kept = np.empty(self.shape, self.penalties.dtype)
         middle = height // 2
-        runs = self._run(False, kept, maps), self._run(True, kept, maps)
+        runs = self._run(False, kept, chosen), self._run(True, kept, chosen)
         for finish in (False, True):
             spans = ((middle, height), (0, middle)) if finish else ((0, middle), (middle, height))
             with ThreadPoolExecutor(min(threads, 2)) as pool:
@@ -109,7 +109,7 @@ class Sweeps:
                     done.result()
         return chosen
 
-    def _run(self, turned: bool, kept: Volume, maps: tuple[NDArray[Any], ...]) -> Callable[[int, int, bool], None]:
+    def _run(self, turned: bool, kept: Volume, chosen: Chosen) -> Callable[[int, int, bool], None]:
         """run(y0, y1, finish): carry one sweep through these rows, in strips."""
         from twinlens.matching.kernels.semiglobal import GUARD, slot_count, sweep_kernel
 
@@ -120,15 +120,14 @@ class Sweeps:
         flat = np.append(slots.ravel(), slots[0, :GUARD])
         minima, sums = np.zeros(len(slots), dtype), np.zeros(width * depth, np.uint16)
         penalties = dtype(self.penalties.small), dtype(self.penalties.large)
-        kernel = sweep_kernel(next(n for n in (128, 64, 32, 16) if depth % n == 0), self.paths == 8)
+        kernel, ends = sweep_kernel(self.paths == 8), limits(np.uint16)
         rows = max(1, STRIP_BYTES // (width * depth * np.dtype(dtype).itemsize))
 
         def strip(y0: int, y1: int, finish: bool) -> None:
-            part = [array[y0:y1] if len(array) == height else array for array in maps]
             span = height - y1 if turned else y0, y1 - y0, *self.shape
             volumes = self.costs(y0, y1).reshape(-1), kept[y0:y1].reshape(-1)
             state = flat, minima, span, penalties, turned, finish, sums
-            kernel(*volumes, *state, self.low, self.count, FITS[self.fit], tuple(part))
+            kernel(*volumes, *state, self.low, self.count, FITS[self.fit], ends, *chosen.rows(y0, y1))
 
         def run(y0: int, y1: int, finish: bool) -> None:
             tops = range(y0, y1, rows)

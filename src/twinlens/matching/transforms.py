@@ -24,7 +24,7 @@ def census_images(image: Image, side: int) -> list[NDArray[Any]]:
     uint32 words up to 5x5, uint64 beyond, and as many images of words as the window needs.
     Source: Zabih and Woodfill, "Non-parametric local transforms for computing visual correspondence", ECCV 1994.
     """
-    from twinlens.matching.kernels.order import census_words
+    from twinlens.matching.kernels.windows import census_words
 
     word = np.uint32 if side <= 5 else np.uint64
     room, bits, radius = 8 * np.dtype(word).itemsize, side * side - 1, side // 2

@@ -1,47 +1,12 @@
 """Cost volumes, made a strip of rows at a time: costs of windows, of pixels, and what has a kernel of its own."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.matching.box import BoxMatch
-from twinlens.matching.images import Disparity, Image, extended
-
-Volume = NDArray[Any]
-
-
-@dataclass(frozen=True)
-class Chosen:
-    """What a search found, each (H, W): disparity float32, its cost, and the best cost two or more candidates away.
-
-    disparity is +inf, and the costs too, where there was no candidate.
-    """
-
-    disparity: Disparity
-    cost: NDArray[np.float64]
-    rival: NDArray[np.float64]
-
-    @staticmethod
-    def empty(shape: tuple[int, ...]) -> "Chosen":
-        return Chosen(np.full(shape, np.inf, np.float32), np.full(shape, np.inf), np.full(shape, np.inf))
-
-
-def fill_sum(
-    boxes: Sequence[BoxMatch], volume: Volume, y0: int, gain: float, offset: float, blank: float | None
-) -> None:
-    """Write rows from y0 on of the sum of the boxes' costs, as cost * gain + offset; see `BoxMatch.fill`."""
-    part = volume[..., : boxes[0].depth]
-    for index, box in enumerate(boxes):
-        target = np.empty(part.shape, volume.dtype) if index or part.shape != volume.shape else volume
-        box.fill(target, y0, gain, offset if index == 0 else 0.0, None if blank is None else blank / len(boxes))
-        if index:
-            part += target
-        elif target is not volume:
-            part[:] = target
-    volume[..., boxes[0].depth :] = 0 if blank is None else blank
+from twinlens.matching.box import BoxMatch, Volume, fill_sum
+from twinlens.matching.images import Image, extended
 
 
 @dataclass(frozen=True)
@@ -57,19 +22,19 @@ class BirchfieldTomasi:
     right: Image
     side: int
     low: int
-    count: int
+    depth: int
 
     def fill(self, volume: Volume, y0: int) -> None:
-        """Write the rows from y0 on of the window costs, (rows, W, count); images are continued by their edges."""
+        """Write the rows from y0 on of the window costs, (rows, W, depth); images are continued by their edges."""
         from twinlens.matching.kernels.volumes import birchfield_tomasi, window_sums
 
         radius, (rows, width, _) = self.side // 2, volume.shape
-        span, last = (y0 - radius, y0 + rows + radius), self.low + self.count - 1
+        span, last = (y0 - radius, y0 + rows + radius), self.low + self.depth - 1
         left = self._bounds(self.left, span, (-radius, width + radius))
         right = self._bounds(self.right, span, (-radius - last, width + radius - self.low))[:, :, ::-1]
-        pixels = np.empty((rows + 2 * radius, width + 2 * radius, self.count), volume.dtype)
+        pixels = np.empty((rows + 2 * radius, width + 2 * radius, self.depth), volume.dtype)
         birchfield_tomasi(left, np.ascontiguousarray(right), width + 2 * radius - 1, pixels)
-        window_sums(pixels, radius, np.empty((width + 2 * radius, self.count)), volume)
+        window_sums(pixels, radius, np.empty((width + 2 * radius, self.depth)), volume)
 
     @staticmethod
     def _bounds(image: Image, rows: tuple[int, int], columns: tuple[int, int]) -> Image:
@@ -89,14 +54,14 @@ class ZeroMeanAbsolute:
     right: Image
     side: int
     low: int
-    count: int
+    depth: int
 
     def fill(self, volume: Volume, y0: int) -> None:
-        """Write the rows from y0 on of the window costs, (rows, W, count)."""
+        """Write the rows from y0 on of the window costs, (rows, W, depth)."""
         from twinlens.matching.kernels.volumes import zero_mean_absolute
 
         radius, (rows, width, _) = self.side // 2, volume.shape
-        span, last = (y0 - radius, y0 + rows + radius), self.low + self.count - 1
+        span, last = (y0 - radius, y0 + rows + radius), self.low + self.depth - 1
         left = extended(self.left, span, (-radius, width + radius)).astype(np.float64)
         right = extended(self.right, span, (-radius - last, width + radius - self.low)).astype(np.float64)
         means = [self._means(image) for image in (left, right)]
@@ -117,13 +82,9 @@ class BoxCosts:
     boxes: tuple[BoxMatch, ...]
     offset: float = 0.0
 
-    @property
-    def count(self) -> int:
-        return self.boxes[0].depth
-
     def fill(self, volume: Volume, y0: int) -> None:
-        """Write the rows from y0 on of the costs, (rows, W, count)."""
-        fill_sum(self.boxes, volume, y0, 1.0, self.offset, None)
+        """Write the rows from y0 on of the costs, (rows, W, depth)."""
+        fill_sum(self.boxes, volume, y0, 1.0, self.offset)
 
 
 Costs = BoxCosts | BirchfieldTomasi | ZeroMeanAbsolute

@@ -1,5 +1,7 @@
-"""The compiled inner loops of the matching room: arrays in, arrays out, nothing checked. Importing it imports numba.
+"""Compiled inner loops of the matching room: arrays in, arrays out, no checks. Its modules import Numba.
 
-Everything here is written for one shape of loop: the disparity is innermost and lies in SIMD lanes, so a step to the
-next pixel is a handful of vector instructions for all its candidates at once.
+In the searching kernels the disparity is the innermost dimension: one step handles LANES candidates of a pixel.
 """
+
+LANES = 32
+"""Candidates handled at once. The depth of a cost volume in these kernels is a multiple of it."""

@@ -1,6 +1,9 @@
-"""How the kernels are compiled: cached on disk where the machine allows it, in memory where it does not."""
+"""Compile kernels with Numba and keep the machine code on disk where the machine allows it."""
 
+import functools
+import hashlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, cast
 
 import numba
@@ -8,19 +11,31 @@ import numba
 Function = Callable[..., Any]
 
 
-def jit(function: Function) -> Function:
-    """Compile `function` without the interpreter lock, its machine code kept on disk for the next process.
+@functools.cache
+def source_digest() -> str:
+    """Digest of all kernel sources.
 
-    It lies in NUMBA_CACHE_DIR, beside the source, or in the user's cache directory.
-    numba refuses to decorate at all when none of these places can be written (an installation that is read-only, a
-    user without a home); the kernels are then compiled anew in each process.
+    Numba's file cache checks only the file that defines a function, not the files that it imports.
     """
+    files = sorted(Path(__file__).parent.glob("*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
+
+
+def jit(function: Function) -> Function:
+    """Compile `function` to run without the interpreter lock and cache the machine code on disk.
+
+    The cache files are in NUMBA_CACHE_DIR, next to the source or in the user's cache directory. Their names contain the
+    function's qualified name, so the digest in it invalidates them when any kernel source changes. Numba raises
+    RuntimeError if none of these directories is writable; the kernels are then compiled in each process.
+    """
+    function.__qualname__ += f"_{source_digest()}"
+    options = {"nogil": True, "error_model": "numpy"}
     try:
-        return cast("Function", numba.njit(nogil=True, cache=True, error_model="numpy")(function))
+        return cast("Function", numba.njit(cache=True, **options)(function))
     except RuntimeError:
-        return cast("Function", numba.njit(nogil=True, error_model="numpy")(function))
+        return cast("Function", numba.njit(**options)(function))
 
 
 def inlined(function: Function) -> Function:
-    """Paste `function` into the kernels that call it: a call would count references to every array it is given."""
+    """Compile `function` as a part of each kernel that calls it."""
     return cast("Function", numba.njit(inline="always")(function))

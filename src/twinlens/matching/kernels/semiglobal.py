@@ -15,10 +15,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from twinlens.matching.kernels import LANES
 from twinlens.matching.kernels.compiling import inlined, jit
-from twinlens.matching.kernels.fits import fitted
-from twinlens.matching.kernels.lanes import convert, inside, load, smaller, splat, store
-from twinlens.matching.kernels.pick import first_at_most, lowest
+from twinlens.matching.kernels.lanes import convert, load, lowest, smaller, splat, store
+from twinlens.matching.kernels.settle import settle_row
 
 GUARD = 64  # numbers between two slots; the ones next to a slot are costs too high for a path to come from
 
@@ -26,8 +26,8 @@ GUARD = 64  # numbers between two slots; the ones next to a slot are costs too h
 @inlined
 def detour(same, above, below, penalty, least, jump):
     """min(L', L'(d - 1) + P1, L'(d + 1) + P1, min L' + P2) - min L', in lanes: at most P2."""
-    near = smaller(above, below) + splat(penalty, same)
-    return smaller(smaller(same, near), splat(jump, same)) - splat(least, same)
+    near = smaller(above, below) + splat(penalty)
+    return smaller(smaller(same, near), splat(jump)) - splat(least)
 
 
 def slot_count(height: int, width: int) -> int:
@@ -36,7 +36,7 @@ def slot_count(height: int, width: int) -> int:
 
 
 @functools.cache
-def sweep_kernel(n: int, diagonals: bool) -> Callable[..., None]:
+def sweep_kernel(diagonals: bool) -> Callable[..., None]:
     """Some rows of a sweep of n lanes: with the two diagonal paths or without, down the image or, turned, up.
 
     costs and kept are rows of flat (H, W, depth) volumes, depth a multiple of n; slots is flat, numbers that no path's
@@ -45,16 +45,16 @@ def sweep_kernel(n: int, diagonals: bool) -> Callable[..., None]:
     Unfinished, kept receives the sum of the sweep's detours. Finished, that of the other sweep is read from it, and
     the sums over all paths' costs go through settle; see there for sums (W, depth) and what follows.
     """
-    settle = settle_kernel(n)
 
     @jit
-    def sweep(costs, kept, slots, minima, span, penalties, turned, finish, sums, low, count, fit, maps):
+    def sweep(costs, kept, slots, minima, span, penalties, turned, finish, sums, low, count, fit, limits,
+              best, rivals, disparity):  # fmt: skip
         first, rows, height, width, depth = span
         small, large = penalties
-        like, wide = load(costs, 0, n), load(sums, 0, n)
+        like = load(costs, 0)
         dtype = costs.dtype.type
         top = dtype(np.iinfo(costs.dtype).max)
-        paths = splat(np.uint16(8 if diagonals else 4), like)
+        paths = splat(np.uint16(8 if diagonals else 4))
         pitch = depth + GUARD
         for i in range(rows):
             y, r = first + i, rows - 1 - i if turned else i
@@ -70,84 +70,40 @@ def sweep_kernel(n: int, diagonals: bool) -> Callable[..., None]:
                 m0, m1, m2, m3 = minima[0], minima[1 + x], minima[right], minima[left]
                 j0, j1, j2, j3 = dtype(m0 + large), dtype(m1 + large), dtype(m2 + large), dtype(m3 + large)
                 new0 = new1 = new2 = new3 = top
-                low0, low1 = load(slots, row - 1, n), load(slots, column - 1, n)
+                low0, low1 = load(slots, row - 1), load(slots, column - 1)
                 low2 = low3 = like
                 if diagonals:
-                    low2, low3 = load(slots, falling - 1, n), load(slots, rising - 1, n)
-                for chunk in range(0, depth, n):
-                    cost = load(costs, at + chunk, n)
+                    low2, low3 = load(slots, falling - 1), load(slots, rising - 1)
+                for chunk in range(0, depth, LANES):
+                    cost = load(costs, at + chunk)
                     i0, i1, i2, i3 = row + chunk, column + chunk, falling + chunk, rising + chunk
-                    extra = detour(load(slots, i0, n), load(slots, i0 + 1, n), low0, small, m0, j0)
-                    low0 = load(slots, i0 + n - 1, n)
+                    extra = detour(load(slots, i0), load(slots, i0 + 1), low0, small, m0, j0)
+                    low0 = load(slots, i0 + LANES - 1)
                     store(slots, i0, cost + extra)
                     new0, total = min(new0, lowest(cost + extra)), extra
-                    extra = detour(load(slots, i1, n), load(slots, i1 + 1, n), low1, small, m1, j1)
-                    low1 = load(slots, i1 + n - 1, n)
+                    extra = detour(load(slots, i1), load(slots, i1 + 1), low1, small, m1, j1)
+                    low1 = load(slots, i1 + LANES - 1)
                     store(slots, i1, cost + extra)
                     new1, total = min(new1, lowest(cost + extra)), total + extra
                     if diagonals:
-                        extra = detour(load(slots, i2, n), load(slots, i2 + 1, n), low2, small, m2, j2)
-                        low2 = load(slots, i2 + n - 1, n)
+                        extra = detour(load(slots, i2), load(slots, i2 + 1), low2, small, m2, j2)
+                        low2 = load(slots, i2 + LANES - 1)
                         store(slots, i2, cost + extra)
                         new2, total = min(new2, lowest(cost + extra)), total + extra
-                        extra = detour(load(slots, i3, n), load(slots, i3 + 1, n), low3, small, m3, j3)
-                        low3 = load(slots, i3 + n - 1, n)
+                        extra = detour(load(slots, i3), load(slots, i3 + 1), low3, small, m3, j3)
+                        low3 = load(slots, i3 + LANES - 1)
                         store(slots, i3, cost + extra)
                         new3, total = min(new3, lowest(cost + extra)), total + extra
                     if finish:
-                        both = convert(total, wide) + convert(load(kept, at + chunk, n), wide)
-                        store(sums, u * depth + chunk, both + convert(cost, wide) * paths)
+                        both = convert(total, sums) + convert(load(kept, at + chunk), sums)
+                        store(sums, u * depth + chunk, both + convert(cost, sums) * paths)
                     else:
                         store(kept, at + chunk, total)
                 minima[0], minima[1 + x] = new0, new1
                 if diagonals:
                     minima[right], minima[left] = new2, new3
             if finish:
-                settle(sums, depth, low, count, fit, maps[0][r], maps[1][min(r, len(maps[1]) - 1)], maps[2][r])
+                one = min(r, len(best) - 1)
+                settle_row(sums, depth, low, count, fit, limits, best[one], rivals[one], disparity[r])
 
     return sweep
-
-
-@functools.cache
-def settle_kernel(n: int) -> Callable[..., None]:
-    """Winner-take-all over one row of sums, flat (W, depth) uint16, in n lanes.
-
-    As `choose`: of `count` candidates from disparity `low` on, those with a partner in the image. best, rivals and
-    disparity are (W,); rivals is (1,) where no one asks for them.
-    """
-
-    @jit
-    def settle(sums, depth, low, count, fit, best, rivals, disparity):
-        width = len(best)
-        for x in range(width):
-            start, stop = max(0, x - low - width + 1), min(count, x - low + 1)
-            if start >= stop:
-                continue
-            at = x * depth
-            least = np.uint16(65535)
-            for chunk in range(0, depth, n):
-                value = load(sums, at + chunk, n)
-                if start > chunk or stop < chunk + n:
-                    first, last = min(max(start - chunk, 0), n), min(max(stop - chunk, 0), n)
-                    value = inside(value, first, last, np.uint16(65535))
-                    store(sums, at + chunk, value)
-                least = min(least, lowest(value))
-            k = start
-            for chunk in range(0, depth, n):
-                value = load(sums, at + chunk, n)
-                if lowest(value) == least:
-                    k = chunk + first_at_most(value, least)
-                    break
-            offset = 0.0
-            if start < k < stop - 1:
-                offset = fitted(fit, sums[at + k - 1], least, sums[at + k + 1])
-            best[x] = least
-            disparity[x] = low + k + offset
-            if len(rivals) == width:
-                second = np.float64(np.inf)
-                for j in range(start, stop):
-                    if abs(j - k) > 1:
-                        second = min(second, np.float64(sums[at + j]))
-                rivals[x] = second
-
-    return settle

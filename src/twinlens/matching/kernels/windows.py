@@ -1,129 +1,92 @@
-"""Sums over the square window around every pixel of a row, and the scales that normalise a correlation.
+"""What is computed once per image: statistics of the window around each pixel, and census descriptors."""
 
-A row at a time: `advance` slides the sums of columns down, `window_row` adds columns up to windows.
-"""
-
-# numba types what it compiles by itself; its decorators and the functions given to it carry no annotations
+# Numba infers the types of what it compiles; its decorators and the functions given to them carry no annotations.
 # mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
 
 import numpy as np
 
 from twinlens.matching.kernels.compiling import jit
 
-NOTHING, TOTALS, DEVIATIONS, NORMS, SHARES = 0, 1, 2, 3, 4
+TOTALS, DEVIATIONS, NORMS = 0, 1, 2
 
 
 @jit
-def advance(mode, new, old, there, state, equal):
-    """Slide the columns' sums one row down: `new` enters, and where `there` is set `old` leaves.
+def window_statistics(image, side, mode, totals, scales):
+    """Sums and scales of all windows of a padded image (rows + side - 1, columns + side - 1).
 
-    state (3, W): the sums of values and of squares, and the row before. equal: (W,) for how many rows, this one
-    included, each column has held its value; (1,) for whole numbers, whose sums tell it.
+    totals (rows, columns): the sum S of the window's n pixels. scales, for DEVIATIONS: 1 / sqrt(n S2 - S^2), with the
+    sum S2 of the squares; for NORMS: 1 / sqrt(S2); 0 where the root's argument is not positive. For TOTALS: S.
+    Whole numbers are summed without loss in the dtype of `totals`.
     """
-    kind = state.dtype.type
-    sums, squares = state[0], state[1]
-    if len(equal) == len(new):
-        for x in range(len(new)):
-            equal[x] = equal[x] + 1 if equal[x] > 0 and new[x] == state[2, x] else 1
-            state[2, x] = kind(new[x])
-    if there:
-        for x in range(len(new)):
-            sums[x] += kind(new[x]) - kind(old[x])
-    else:
-        for x in range(len(new)):
-            sums[x] += kind(new[x])
-    if mode in (DEVIATIONS, NORMS):
-        if there:
-            for x in range(len(new)):
-                a, b = kind(new[x]), kind(old[x])
-                squares[x] += a * a - b * b
-        else:
-            for x in range(len(new)):
-                a = kind(new[x])
-                squares[x] += a * a
+    rows, columns = totals.shape
+    kind, area = totals.dtype.type, totals.dtype.type(side * side)
+    padded = image.shape[1]
+    sums, squares = np.zeros(padded, totals.dtype), np.zeros(padded, totals.dtype)
+    roots = np.zeros(columns, totals.dtype)
+    for y in range(1 - side, rows):
+        new = image[y + side - 1]
+        for x in range(padded):
+            a = kind(new[x])
+            sums[x] += a
+            squares[x] += a * a
+        if y > 0:
+            old = image[y - 1]
+            for x in range(padded):
+                a = kind(old[x])
+                sums[x] -= a
+                squares[x] -= a * a
+        if y < 0:
+            continue
+        total, square = kind(0), kind(0)
+        for x in range(side - 1):
+            total += sums[x]
+            square += squares[x]
+        row = totals[y]
+        for x in range(columns):
+            total += sums[x + side - 1]
+            square += squares[x + side - 1]
+            row[x], roots[x] = total, square
+            total -= sums[x]
+            square -= squares[x]
+        for x in range(columns):
+            spread = np.float64(area * roots[x] - row[x] * row[x] if mode == DEVIATIONS else roots[x])
+            scale = 1.0 / np.sqrt(spread) if spread > 0 else 0.0
+            scales[y, x] = row[x] if mode == TOTALS else scale
 
 
 @jit
-def box_row(columns, side, spare, out):
-    """out[x] = columns[x] + ... + columns[x + side - 1]; spare is (2, W), side odd.
+def zero_flat_scales(image, side, zeros_only, scales):
+    """Set scales to 0 for windows of one value (zeros_only: of zeros) of a padded image.
 
-    By threes as long as the side is their multiple, then by sums of 1, 2, 4, ... of what that gives. Each pass is
-    written where nothing is read, and what lies ahead is a row of its own: LLVM makes no vector code of a row that is
-    added to itself, nor of places that might count from a row's end.
+    Sums of floats cannot tell these windows: their rounding errors exceed the variance of a faint texture.
     """
-    width = len(out)
-    sums, into, step, rest = columns, 0, 1, side
-    while rest % 3 == 0 and rest > 3:
-        thirds, second, third = spare[into], sums[step:], sums[2 * step :]
-        for x in range(len(columns) - 3 * step + 1):
-            thirds[x] = sums[x] + second[x] + third[x]
-        sums, into, step, rest = thirds, 1 - into, 3 * step, rest // 3
-    if rest == 3:
-        second, third = sums[step:], sums[2 * step :]
-        for x in range(width):
-            out[x] = sums[x] + second[x] + third[x]
-        return
-    for x in range(width):
-        out[x] = sums[x]
-    place, power, left = step, step, rest >> 1
-    while left > 0:
-        twice, ahead = spare[into], sums[power:]
-        for x in range(len(columns) - 2 * power + 1):
-            twice[x] = sums[x] + ahead[x]
-        sums, into = twice, 1 - into
-        power *= 2
-        if left & 1:
-            ahead = sums[place:]
+    same = np.zeros(image.shape[1], np.int64)  # for how many rows each column has held its value
+    for y in range(len(image)):
+        row, above = image[y], image[max(y - 1, 0)]
+        length = 0
+        for x in range(len(row)):
+            same[x] = same[x] + 1 if row[x] == above[x] else 1
+            goes_on = length > 0 and row[x] == row[x - 1]
+            length = 0 if same[x] < side else (length + 1 if goes_on else 1)
+            if length >= side and (row[x] == 0 or not zeros_only):
+                scales[y - side + 1, x - side + 1] = 0
+
+
+@jit
+def census_words(padded, side, first, last, words):
+    """words (H, W), zeros: the bits first..last of each pixel's window, row by row without its centre.
+
+    A bit is set where the neighbour is darker than the centre. padded (H + side - 1, W + side - 1). The first bit ends
+    up highest.
+    """
+    height, width = words.shape
+    one = words.dtype.type(1)
+    radius = side // 2
+    for y in range(height):
+        centre, word = padded[y + radius, radius : radius + width], words[y]
+        for bit in range(first, last):
+            place = bit + (bit >= side * side // 2)
+            column = place % side
+            neighbour = padded[y + place // side, column : column + width]
             for x in range(width):
-                out[x] += ahead[x]
-            place += power
-        left >>= 1
-
-
-@jit
-def inverse_roots(mode, area, totals, squares, scales):
-    """scales = 1 / sqrt(n S2 - S^2), or 1 / sqrt(S2); 0 where there is nothing to take the root of.
-
-    The dtype of `area`, (1,), is what the difference is computed in: one that does not round it.
-    """
-    kind, wide = scales.dtype.type, area.dtype.type
-    n = area[0]
-    for x in range(len(totals)):
-        total, square = wide(totals[x]), wide(squares[x])
-        spread = square if mode == NORMS else wide(wide(n * square) - wide(total * total))
-        there = spread > 0
-        root = np.sqrt(kind(spread if there else n))
-        scales[x] = kind(1) / root if there else kind(0)
-
-
-@jit
-def forget_flat(mode, side, row, equal, scales):
-    """scales = 0 for windows of one value (for NORMS: of zeros); the windows end in `row`, whose columns are `equal`.
-
-    Sums of floats cannot tell it: they round by more than a faint window varies.
-    """
-    length = 0
-    for x in range(len(row)):
-        goes_on = length > 0 and row[x] == row[x - 1]
-        length = 0 if equal[x] < side else (length + 1 if goes_on else 1)
-        if length >= side and (mode == DEVIATIONS or row[x] == 0):
-            scales[x - side + 1] = 0
-
-
-@jit
-def window_row(mode, side, area, row, state, equal, spare, totals, scales):
-    """Fill totals and scales, (W - side + 1), of the windows that end in `row`, from the columns' sums.
-
-    spare is (3, W), of the columns' type.
-    """
-    count = len(totals)
-    box_row(state[0], side, spare, totals)
-    if mode == SHARES:
-        for x in range(count):
-            scales[x] = totals[x]
-    elif mode in (DEVIATIONS, NORMS):
-        squares = spare[2, :count]
-        box_row(state[1], side, spare, squares)
-        inverse_roots(mode, area, totals, squares, scales)
-        if len(equal) == len(row):
-            forget_flat(mode, side, row, equal, scales)
+                word[x] = (word[x] << one) | words.dtype.type(neighbour[x] < centre[x])

@@ -1,48 +1,10 @@
-"""The kernel of ZNCC of bytes: what its bytes say, and its winners beside whole numbers."""
+"""ZNCC of 8-bit images: the winners are those of exact whole-number arithmetic."""
 
 import numpy as np
 import pytest
 
 from twinlens.matching.box import BoxMatch
 from twinlens.matching.costs import COSTS
-from twinlens.matching.kernels.quads import weave_factors, weave_quads, weave_rests
-
-EDGES = (0, 1, 126, 127, 128, 129, 254, 255)
-
-
-def signed_bytes(words):
-    """(W, 4) of the bytes of (W,) int32, lowest first."""
-    return words.astype("<i4").view(np.int8).reshape(-1, 4).astype(int)
-
-
-@pytest.mark.parametrize("centre", [127, 128])
-@pytest.mark.parametrize("there", [True, False])
-@pytest.mark.parametrize(("width", "side"), [(40, 5), (9, 9), (4, 7), (3, 1)])
-def test_factors_and_their_rests_say_what_enters_and_what_leaves(centre, there, width, side):
-    rng = np.random.default_rng(width)
-    new, old = rng.choice(EDGES, (2, width)).astype(np.uint8)
-    factors, rests = np.zeros(width, np.int32), np.zeros(width, np.int32)
-    weave_factors(new, old, there, side, centre, factors)
-    weave_rests(new, old, there, side, centre, rests)
-    for x, found in enumerate(signed_bytes(factors) + signed_bytes(rests)):
-        behind = x >= side
-        expected = [
-            int(new[x]) - centre,
-            (centre - int(old[x])) * there,
-            centre - int(new[x - side]) if behind else 0,
-            (int(old[x - side]) - centre) * there if behind else 0,
-        ]
-        assert list(found) == expected
-    assert set(np.unique(signed_bytes(rests))) <= {0, 1}
-
-
-def test_quads_hold_both_rows_here_and_a_side_ahead():
-    new, old = np.random.default_rng(0).integers(0, 256, (2, 12), dtype=np.uint8)
-    quads = np.zeros(12, np.uint32)
-    weave_quads(new, old, 5, quads)
-    found = quads.astype("<u4").view(np.uint8).reshape(-1, 4)
-    ahead = [np.append(row[5:], np.zeros(5, np.uint8)) for row in (new, old)]
-    np.testing.assert_array_equal(found, np.stack([new, old, *ahead], axis=-1))
 
 
 def exact_winners(left, right, side, low, high):

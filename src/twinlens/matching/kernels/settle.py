@@ -1,0 +1,89 @@
+"""Winner-take-all over the costs of a row of pixels, with a sub-pixel fit."""
+
+# Numba infers the types of what it compiles; its decorators and the functions given to them carry no annotations.
+# mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
+
+import numpy as np
+
+from twinlens.matching.kernels import LANES
+from twinlens.matching.kernels.compiling import inlined, jit
+from twinlens.matching.kernels.lanes import first_at_most, load, lowest, mask_outside, smaller, store
+
+NO_FIT, V_FIT, PARABOLA_FIT = 0, 1, 2
+
+
+@inlined
+def fitted(fit, before, here, after):
+    """Offset of the minimum, in [-0.5, 0.5] pixels, from the costs at d - 1, d and d + 1.
+
+    V: two lines of opposite slope, (before - after) / (2 (max(before, after) - here)), for absolute differences.
+    Parabola: (before - after) / (2 (before - 2 here + after)), for squares.
+    Source: Shimizu and Okutomi, "Sub-pixel estimation error cancellation on area-based matching", IJCV 2005.
+    """
+    a, c, b = np.float64(before), np.float64(here), np.float64(after)
+    bend = 2.0 * (max(a, b) - c) if fit == V_FIT else 2.0 * (a - 2.0 * c + b)
+    bends = fit != NO_FIT and bend > 0.0
+    ratio = (a - b) / (bend if bends else 1.0)
+    return ratio if bends else 0.0
+
+
+@inlined
+def lowest_rival(costs, at, start, stop, k):
+    """The lowest cost of the candidates start..stop that are at least two away from the winner k; +inf if none is."""
+    least = np.inf
+    for j in range(start, k - 1):
+        least = min(least, np.float64(costs[at + j]))
+    for j in range(max(k + 2, start), stop):
+        least = min(least, np.float64(costs[at + j]))
+    return least
+
+
+@jit
+def settle_row(costs, depth, low, count, fit, limits, best, rivals, disparity):
+    """Write the winner of each pixel of a row.
+
+    costs: flat (W, depth), depth a multiple of LANES; candidate j of pixel x is disparity low + j. The first `count`
+    candidates are searched, and of these the ones with a partner in the image; costs of all others are overwritten.
+    limits: (slack, top) of the costs' dtype. The winner is the first candidate whose cost is at most `slack` above the
+    lowest; `top` is the largest cost. disparity (W,) receives the winner with the sub-pixel fit, unless it is at an end
+    of its pixel's range. best and rivals (W,) receive its cost and the lowest cost of a candidate at least two away;
+    pass arrays of size 0 to skip them. Pixels without a candidate are left unchanged.
+    """
+    slack, top = limits
+    width = len(disparity)
+    for x in range(width):
+        start, stop = max(0, x - low - width + 1), min(count, x - low + 1)
+        if start >= stop:
+            continue
+        at = x * depth
+        if start > 0 or stop < depth:
+            for chunk in range(0, depth, LANES):
+                if start > chunk or stop < chunk + LANES:
+                    first, last = min(max(start - chunk, 0), LANES), min(max(stop - chunk, 0), LANES)
+                    store(costs, at + chunk, mask_outside(load(costs, at + chunk), first, last, top))
+        lanes = load(costs, at)
+        for chunk in range(LANES, depth, LANES):
+            lanes = smaller(lanes, load(costs, at + chunk))
+        least = lowest(lanes)
+        bound = least + slack
+        chunk = 0
+        while lowest(load(costs, at + chunk)) > bound:
+            chunk += LANES
+        k = chunk + first_at_most(load(costs, at + chunk), bound)
+        offset = 0.0
+        if start < k and k < stop - 1:
+            offset = fitted(fit, costs[at + k - 1], costs[at + k], costs[at + k + 1])
+        disparity[x] = low + k + offset
+        if len(best) > 0:
+            best[x] = least
+            rivals[x] = lowest_rival(costs, at, start, stop, k)
+
+
+@jit
+def settle_rows(volume, depth, low, count, fit, limits, best, rivals, disparity):
+    """`settle_row` for each row of a flat (rows, W, depth) volume."""
+    rows, width = disparity.shape
+    for y in range(rows):
+        costs = volume[y * width * depth : (y + 1) * width * depth]
+        kept = min(y, len(best) - 1)
+        settle_row(costs, depth, low, count, fit, limits, best[kept], rivals[kept], disparity[y])
