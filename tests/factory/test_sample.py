@@ -116,7 +116,7 @@ def test_the_eyes_differ_as_the_sensor_says(scene, sample):
     ("lenses", "options", "says"),
     [
         ([], {}, "one lens or more"),
-        (["pinhole"], {}, "a lens is a Pinhole"),
+        (["pinhole"], {}, "a lens must be a Pinhole"),
         ([tl.ThinLens(0.01, 1.0, Polygon(6))], {"diffraction": True}, "disks only, got a polygon"),
         ([tl.Pinhole()], {"exposure": 0.1}, "an Exposure or None"),
     ],
@@ -171,5 +171,5 @@ def test_a_mismatch_that_no_exposure_can_have_is_refused_before_the_first_pictur
 
     monkeypatch.setattr(sample, "render", lambda *_, **__: pytest.fail("rendered"))
     sensor = Sensor(mismatch=Mismatch(time=100.0))
-    with pytest.raises(InputError, match="the mismatch makes an exposure that cannot be: exposure time must be"):
+    with pytest.raises(InputError, match="the mismatch makes the exposure invalid: exposure time must be"):
         make_sample(scene, default_rig(scene, 48, 36), LENSES, sensor=sensor, exposure=Exposure(1e8))

@@ -52,9 +52,7 @@ def test_a_scene_edited_between_two_runs_is_refused_and_named_until_it_is_put_ba
     scene = recipe.parent / "tiny" / "scene.toml"
     scene.write_text(SCENE.replace("reflectance = 0.4", "reflectance = 0.5"))
     for call in (generate, estimate):
-        with pytest.raises(
-            InputError, match=r"tiny/scene\.toml has changed.*restore them, or name"
-        ) as told:
+        with pytest.raises(InputError, match=r"tiny/scene\.toml has changed.*restore them, or name") as told:
             call(read_recipe(recipe), folder)
         assert "\n" not in str(told.value)
     assert digests(folder) == before

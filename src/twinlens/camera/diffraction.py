@@ -48,7 +48,7 @@ def diffract(
     waves = check_wavelengths("wavelengths", wavelengths)
     check_lens(lens)
     if lens.aperture_diameter == 0:
-        raise InputError("an aperture of zero width has no diffraction pattern; give the aperture a diameter")
+        raise InputError("a pinhole (zero width) has no diffraction pattern; give the aperture a diameter")
     if lens.aperture.name != "disk":
         raise InputError(f"diffraction is available for a disk aperture only, got {lens.aperture.name}")
     distance = film_distance(camera, lens)

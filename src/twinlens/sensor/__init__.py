@@ -1,13 +1,12 @@
-"""Radiance becomes a digital picture: light on the film, electrons, numbers. After EMVA standard 1288.
+"""Digital images from radiance, after EMVA standard 1288: light on the film, electrons, digital numbers, an image.
 
-`light` says how many electrons a second a radiance makes, `noise` counts them and reads them out, `picture` turns the
-numbers into an image to look at, `exposure` chooses time and gain. `Sensor.expose` goes the whole way.
+`light` computes electrons per second, `noise` counts and reads them, `picture` develops the numbers into an image and
+`exposure` chooses time and gain. `Sensor.expose` applies all of them.
 """
 
 from twinlens.sensor.exposure import Exposure, Mismatch, auto_exposure
 from twinlens.sensor.light import ParaxialWarning
-from twinlens.sensor.model import Sensor
-from twinlens.sensor.photo import Photo
+from twinlens.sensor.model import Photo, Sensor
 from twinlens.sensor.presets import PRESETS
 
 __all__ = ["PRESETS", "Exposure", "Mismatch", "ParaxialWarning", "Photo", "Sensor", "auto_exposure"]

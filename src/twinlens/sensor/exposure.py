@@ -1,4 +1,4 @@
-"""How long and how strongly: an exposure, the automatic one, and how two eyes may differ in it."""
+"""Exposure time and gain, automatic exposure, and the exposure differences between the cameras of a rig."""
 
 import math
 from collections.abc import Sequence
@@ -8,26 +8,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.camera.intrinsics import Camera
-from twinlens.camera.lens import Lens
+from twinlens.camera import Camera, Lens
 from twinlens.errors import InputError, check_number, format_value
 
 if TYPE_CHECKING:
     from twinlens.sensor.model import Sensor
 
-Float = NDArray[np.float64]
-
-_MIDDLE_GREY = 0.18  # of white: where the geometric mean of a picture goes
-_HIGHLIGHT = 0.9  # of white: where the highlight percentile may go
+_MIDDLE_GREY = 0.18  # of white: target of the geometric mean
+_HIGHLIGHT = 0.9  # of white: limit of the highlight percentile
 _HIGHLIGHT_PERCENTILE = 98.0
-_STOPS_BELOW = 2.0  # how far highlights may push the middle grey down
-_BLACK = 1e-3  # of the highlight: darker pixels have no say in the mean
+_STOPS_BELOW = 2.0  # largest reduction of the mean for the highlights
+_BLACK = 1e-3  # of the highlight: darker pixels are excluded from the mean
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # Rec. ITU-R BT.709
 
 
 @dataclass(frozen=True)
 class Exposure:
-    """Exposure time in seconds, and gain: 1 at the sensor's base sensitivity, each doubling a stop, as ISO speeds go.
+    """Exposure time in seconds, and gain: 1 at the sensor's base sensitivity, doubling per stop as ISO speeds do.
 
     At gain 1 a full well fills the converter's range. Raises InputError unless both are positive and finite.
     """
@@ -51,12 +48,12 @@ class Exposure:
 
 @dataclass(frozen=True)
 class Mismatch:
-    """What every eye but the first has differently, unknown to whoever develops its picture.
+    """Differences of the cameras after the first, not known to the development of their images.
 
     Parameters
     ----------
     gain, time : float
-        Factors on the exposure's gain and time, > 0.
+        Factors of the exposure's gain and time, > 0.
     black_level : float
         Added to the black level, DN.
     """
@@ -69,16 +66,11 @@ class Mismatch:
         for name in ("gain", "time"):
             allowed = "a positive factor from 0.001 to 1000"
             check_number(f"mismatch {name}", getattr(self, name), allowed, least=1e-3, most=1e3)
-        check_number(
-            "mismatch black_level",
-            self.black_level,
-            "a finite number of DN, at most 1e6 either way",
-            least=-1e6,
-            most=1e6,
-        )
+        allowed = "a finite number of DN, from -1e6 to 1e6"
+        check_number("mismatch black_level", self.black_level, allowed, least=-1e6, most=1e6)
 
     def applied(self, exposure: Exposure) -> Exposure:
-        """The exposure that such an eye has when the rig is given `exposure`. Raises InputError where none is so long.
+        """`exposure` with these factors. Raises InputError if the result is out of range.
 
         >>> Mismatch(time=2.0).applied(Exposure(0.01))
         Exposure(time=0.02, gain=1.0)
@@ -86,11 +78,11 @@ class Mismatch:
         try:
             return Exposure(exposure.time * self.time, exposure.gain * self.gain)
         except InputError as error:
-            raise InputError(f"the mismatch makes an exposure that cannot be: {error}") from error
+            raise InputError(f"the mismatch makes the exposure invalid: {error}") from error
 
 
 def check_exposure(exposure: Exposure | None) -> None:
-    """Raise InputError for what is neither an exposure nor None, the automatic one."""
+    """Raise InputError unless `exposure` is an Exposure, or None (automatic)."""
     if not isinstance(exposure, Exposure | None):
         raise InputError(f"exposure must be an Exposure or None (automatic), got {format_value(exposure)}")
 
@@ -98,11 +90,11 @@ def check_exposure(exposure: Exposure | None) -> None:
 def auto_exposure(
     images: Sequence[ArrayLike], *, sensor: "Sensor", cameras: Sequence[Camera] | Camera, lens: Lens
 ) -> Exposure:
-    """One exposure for all `images` (linear radiance (H, W, 3)), so that a stereo pair is exposed alike.
+    """One exposure for all `images` (linear radiance (H, W, 3)), so that a stereo pair is exposed equally.
 
-    The geometric mean luminance of what is not black goes to 18% of white, unless the brightest 2% would then pass 90%
-    of white: they are held there, at the cost of up to two stops of the mean. The time is used first, to the sensor's
-    `longest_exposure`, then the gain, to its `largest_gain`. An image without light gets both.
+    The geometric mean luminance of the pixels that are not black becomes 18% of white. If the brightest 2% would
+    exceed 90% of white, the exposure is reduced by up to two stops. Time is increased first, up to the sensor's
+    `longest_exposure`, then gain, up to its `largest_gain`. A black image gets both limits.
     """
     each = [cameras] * len(images) if isinstance(cameras, Camera) else list(cameras)
     if not images or len(each) != len(images):
@@ -110,13 +102,13 @@ def auto_exposure(
     levels = [
         sensor.level_rate(image, camera=c, lens=lens).reshape(-1, 3) for image, c in zip(images, each, strict=True)
     ]
-    wanted = _wanted(np.concatenate(levels))
-    time = min(wanted, sensor.longest_exposure)
-    return Exposure(time, min(max(wanted / time, 1.0), sensor.largest_gain))
+    product = _time_times_gain(np.concatenate(levels))
+    time = min(product, sensor.longest_exposure)
+    return Exposure(time, min(max(product / time, 1.0), sensor.largest_gain))
 
 
-def _wanted(levels: Float) -> float:
-    """Time x gain in seconds for `levels` (N, 3), shares of white a second at gain 1."""
+def _time_times_gain(levels: NDArray[np.float64]) -> float:
+    """Time times gain in seconds for `levels` (N, 3), shares of white per second at gain 1."""
     highlight = float(np.percentile(levels.max(axis=1), _HIGHLIGHT_PERCENTILE)) or float(levels.max())
     if highlight == 0:
         return math.inf

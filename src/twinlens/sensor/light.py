@@ -1,11 +1,11 @@
-"""From radiance to electrons a second: the light on the film, the photons in it, and those that a pixel catches.
+"""Light on the film and electrons per second.
 
-    E = pi/4 (A/v)^2 T L                   a lens, paraxial; T the aperture's area fraction; W/m^2
-    E = pi L R^2 / (R^2 + v^2)             a bare hole of radius R = A/2, exact on the axis before an even field
-    rate = QE * E * pixel area / (h c / lambda)        electrons a second in a pixel
+    E = pi/4 (A/v)^2 T L                   a lens, paraxial; T the area fraction of the aperture; W/m^2
+    E = pi L R^2 / (R^2 + v^2)             a bare aperture of radius R = A/2, exact on the axis in a uniform field
+    rate = QE * E * pixel area / (h c / lambda)        electrons per second in a pixel
 
-The two agree within (A/2v)^2. A rendered picture is the mean radiance over the open aperture, every part of it weighted
-evenly: natural vignetting is that of a small aperture, and no cos^4 is laid across a wide hole.
+The two agree within (A/2v)^2. A rendered image is the mean radiance over the open aperture, weighted evenly: natural
+vignetting is that of a small aperture, and no cos^4 is applied across a wide one.
 
 Sources: Born and Wolf, Principles of Optics, 7th ed., section 4.8.3; Howell, A Catalog of Radiation Heat Transfer
 Configuration Factors, B-12 (disk to element); EMVA Standard 1288, release 4.0 linear, section 2.
@@ -17,52 +17,47 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera.aperture import Disk
-from twinlens.camera.intrinsics import Camera
-from twinlens.camera.lens import BareAperture, Lens, film_distance
+from twinlens.camera import BareAperture, Camera, Disk, Lens, film_distance
 
 Float = NDArray[np.float64]
 
 _PLANCK = 6.62607015e-34  # J s, exact in the SI
 _LIGHT = 299792458.0  # m/s, exact in the SI
-_STRATA = 256  # a side: over the opening of a bare hole that is no disk
+_STRATA = 256  # per side, over a bare aperture that is not a disk
 
 
 class ParaxialWarning(UserWarning):
-    """A lens is wider than its film is far: below f/1 the paraxial law promises too much light."""
+    """The working f-number of a lens is below 1, where the paraxial formula gives too much light."""
 
 
 def warn_below_f1(camera: Camera, lens: Lens) -> None:
-    """Give a `ParaxialWarning` for a lens of v/A < 1, in the name of the caller's caller.
+    """Give a `ParaxialWarning` for a lens of v/A < 1, attributed to the caller of the caller.
 
-    For exposures that the user fixed: an automatic one makes up for the light that the law promises too much.
+    For exposures given by the user: an automatic exposure compensates for the excess.
     """
     number = math.inf if isinstance(lens, BareAperture) else working_f_number(camera, lens, math.inf)
     if number < 1:
         warnings.warn(
-            f"working f-number v/A = {number:.3g} is below 1, where the paraxial law pi/4 (A/v)^2 L gives too much "
-            "light: stop the lens down, or give the camera a larger pixel_pitch_um",
+            f"working f-number v/A = {number:.3g} is below 1, where the paraxial formula pi/4 (A/v)^2 L gives too much "
+            "light: use a smaller aperture, or give the camera a larger pixel_pitch_um",
             ParaxialWarning,
             stacklevel=3,
         )
 
 
 def working_f_number(camera: Camera, lens: Lens, pinhole_f_number: float) -> float:
-    """N = v/A; `pinhole_f_number` stands in for an aperture of no width.
+    """N = v/A; `pinhole_f_number` for an aperture of zero width.
 
-    Not f/A, the number engraved on a lens (`ThinLens.from_f_number`): the two are one when the lens is focused at inf.
+    Not f/A, the number engraved on a lens (`ThinLens.from_f_number`); they are equal for a focus at infinity.
     """
     diameter = lens.aperture_diameter
     return film_distance(camera, lens) / diameter if diameter > 0 else pinhole_f_number
 
 
 def irradiance_factor(camera: Camera, lens: Lens, pinhole_f_number: float) -> float:
-    """E/L in steradians, on the axis.
+    """E/L in steradians, on the axis; for a bare aperture at most pi.
 
-    A lens: pi/4 (A/v)^2 times the aperture's area fraction, the paraxial law, too much below f/1. A bare hole: the
-    exact pi R^2/(R^2 + v^2), which no hole however wide takes beyond pi.
-
-    >>> from twinlens.camera import BareAperture, Camera, ThinLens
+    >>> from twinlens.camera import ThinLens
     >>> camera = Camera.from_fov(640, 480, fov_x_deg=50)
     >>> lens = ThinLens(camera.film_distance / 2, focus_distance=1.0)
     >>> round(irradiance_factor(camera, lens, 8.0) / math.pi, 12)
@@ -71,16 +66,16 @@ def irradiance_factor(camera: Camera, lens: Lens, pinhole_f_number: float) -> fl
     0.5
     """
     if isinstance(lens, BareAperture) and lens.diameter > 0:
-        return _hole_factor(lens)
+        return _bare_aperture_factor(lens)
     number = working_f_number(camera, lens, pinhole_f_number)
     open_fraction = lens.aperture.area_fraction if lens.aperture_diameter > 0 else 1.0
     return 0.25 * math.pi * open_fraction / number**2
 
 
-def _hole_factor(hole: BareAperture) -> float:
-    """The integral of v^2/(v^2 + r^2)^2 over the open area: in closed form for a disk, else over strata of the opening.
+def _bare_aperture_factor(hole: BareAperture) -> float:
+    """The integral of v^2/(v^2 + r^2)^2 over the open area: in closed form for a disk, otherwise over strata.
 
-    Of the strata, good to 0.1% up to A/v = 100.
+    The sum over strata is accurate to 0.1% up to A/v = 100.
     """
     ratio2 = (0.5 * hole.diameter / hole.film_distance) ** 2
     if isinstance(hole.aperture, Disk):
@@ -99,7 +94,7 @@ def cos4(camera: Camera) -> Float:
 
 
 def pixel_area(camera: Camera, lens: Lens) -> float:
-    """Of one pixel, m^2: (v/fx)(v/fy)."""
+    """Area of a pixel, m^2: (v/fx)(v/fy)."""
     distance = film_distance(camera, lens)
     return distance / camera.fx * distance / camera.fy
 

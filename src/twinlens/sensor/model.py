@@ -1,4 +1,4 @@
-"""The sensor: its figures, and how it takes a picture."""
+"""The sensor: its parameters, their checks, and the exposure of an image."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -7,69 +7,91 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from twinlens.camera import Camera, Lens, Rig, film_distance
 from twinlens.camera.film import checked_radiance
-from twinlens.camera.intrinsics import Camera
-from twinlens.camera.lens import Lens, check_lens, film_distance
-from twinlens.camera.rig import Rig
-from twinlens.errors import InputError, unknown
-from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS
+from twinlens.camera.lens import check_lens
+from twinlens.errors import InputError, check_int, check_number, check_triple, format_value, unknown
+from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, check_wavelengths
 from twinlens.sensor import light, noise, picture
-from twinlens.sensor.checks import check_figures, check_seed
 from twinlens.sensor.exposure import Exposure, Mismatch, auto_exposure, check_exposure
-from twinlens.sensor.photo import Image, Photo
+from twinlens.sensor.picture import Image
 from twinlens.sensor.presets import PRESETS
 
 Float = NDArray[np.float64]
 
+OUTPUTS = (*picture.CURVES, "raw")
+
+_RANGES = {
+    "full_well": (1.0, 1e9),
+    "gamma": (0.01, 100.0),
+    "radiance_scale": (1e-12, 1e12),
+    "pinhole_f_number": (1e-3, 1e6),
+    "longest_exposure": (1e-9, 1e9),
+    "largest_gain": (1e-3, 1e9),
+    "read_noise": (0.0, 1e9),
+    "dark_current": (0.0, 1e9),
+    "prnu": (0.0, 10.0),
+    "dsnu": (0.0, 1e9),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """An image, uint8 or uint16, (H, W, 3) or (H, W), and the record of its exposure, a plain dict."""
+
+    image: Image
+    record: dict[str, Any]
+
 
 @dataclass(frozen=True)
 class Sensor:
-    """An image sensor after EMVA 1288. The default has the figures of the preset `machine_vision`.
+    """An image sensor after EMVA 1288. The defaults are the preset `machine_vision`.
 
     Parameters
     ----------
     quantum_efficiency : (float, float, float)
         Electrons per photon in the red, green and blue band, in (0, 1].
     wavelengths : (float, float, float)
-        Of the three bands, metres.
+        Wavelengths of the three bands, metres.
     full_well : float
-        Electrons that a pixel holds (saturation capacity).
+        Saturation capacity of a pixel, electrons.
     read_noise : float
-        Temporal dark noise at no exposure, electrons rms.
+        Temporal dark noise at zero exposure, electrons rms.
     dark_current : float
-        Electrons a second.
+        Electrons per second.
     prnu, dsnu : float
-        Unlike pixels: relative rms of their sensitivity (0.01 is 1%), and rms of their dark offset in electrons.
+        Pixel non-uniformity: relative rms of the sensitivity (0.01 is 1%), and rms of the dark offset in electrons.
     adc_bits : int
-        Of the converter, 8 to 16. At gain 1 a full well fills its range above the black level.
+        Bits of the converter, 8 to 16. At gain 1 a full well fills its range above the black level.
     black_level : float
-        DN that darkness reads.
+        Digital number of zero electrons.
     filters : str
-        "rgb" (three values at every pixel), "mono", or a Bayer mosaic ("RGGB" ...), which needs OpenCV to be developed.
+        "rgb" (three values per pixel), "mono", or a Bayer colour filter array ("RGGB" ...).
     output : str
-        "srgb", "linear", "gamma" (1/gamma power), or "raw": the converter's numbers, neither balanced nor demosaiced.
+        "srgb", "linear", "gamma" (1/gamma power), or "raw": the converter's numbers, without white balance and
+        demosaicing.
     gamma : float
-        Of the output "gamma".
+        Exponent of the output "gamma".
     bits : int
-        Of the picture, 8 or 16; a raw picture is uint8 up to 8 adc_bits, else uint16.
+        Bits of the image, 8 or 16; a raw image is uint8 for 8 adc_bits, otherwise uint16.
     white_balance : bool
         Scale the channels so that equal radiances give equal values.
     shot_noise : bool
-        Whether light and dark current come in whole electrons at random times.
+        Poisson noise of light and dark current.
     vignetting : bool
-        Whether the film darkens as cos^4 towards its corners.
+        Natural vignetting: cos^4 of the field angle.
     radiance_scale : float
         W/(m^2 sr), in the band of each channel, of a rendered radiance of 1.
     pinhole_f_number : float
-        The f-number that an aperture of no width is exposed as.
+        The f-number at which an aperture of zero width is exposed.
     longest_exposure, largest_gain : float
         Limits of the automatic exposure: seconds, and a factor.
     mismatch : Mismatch
-        What the eyes after the first have differently.
+        Differences of the cameras after the first.
     serial : int
-        The seed of its fixed pattern: another serial number, another copy of the sensor.
+        Seed of the fixed patterns.
 
-    Raises InputError when one is out of range.
+    Raises InputError when a value is out of range.
     """
 
     quantum_efficiency: tuple[float, float, float] = (0.55, 0.62, 0.50)
@@ -96,12 +118,40 @@ class Sensor:
     serial: int = 0
 
     def __post_init__(self) -> None:
-        for name, values in check_figures(self).items():
-            object.__setattr__(self, name, values)
+        allowed = "three positive numbers (red, green, blue)"
+        efficiency = check_triple("sensor quantum_efficiency", self.quantum_efficiency, allowed)
+        if max(efficiency) > 1:
+            raise InputError(f"sensor quantum_efficiency must be at most 1 electron per photon, got {efficiency}")
+        object.__setattr__(self, "quantum_efficiency", efficiency)
+        object.__setattr__(self, "wavelengths", check_wavelengths("sensor wavelengths", self.wavelengths))
+        for name, (least, most) in _RANGES.items():
+            check_number(f"sensor {name}", getattr(self, name), f"from {least:g} to {most:g}", least=least, most=most)
+        self._check_choices()
+        self.mismatch.applied(Exposure(self.longest_exposure, self.largest_gain))
+        check_number("sensor black_level", self.black_level, "a number of DN >= 0", least=0)
+        if self.black_level >= self.largest_dn:
+            raise InputError(f"sensor black_level must be below {self.largest_dn} DN, got {self.black_level}")
+        check_int("sensor serial", self.serial, 0)
+
+    def _check_choices(self) -> None:
+        check_int("sensor adc_bits", self.adc_bits, 8, 16)
+        check_int("sensor bits", self.bits, 8, 16)
+        if self.bits not in (8, 16):
+            raise InputError(f"sensor bits must be 8 or 16, got {self.bits}")
+        for name in ("white_balance", "shot_noise", "vignetting"):
+            value = getattr(self, name)
+            if not isinstance(value, (bool, np.bool_)):
+                raise InputError(f"sensor {name} must be True or False, got {format_value(value)}")
+        for name, known in (("filters", picture.FILTERS), ("output", OUTPUTS)):
+            value = getattr(self, name)
+            if not isinstance(value, str) or value not in known:
+                raise unknown(f"sensor {name}", value if isinstance(value, str) else format_value(value), known)
+        if not isinstance(self.mismatch, Mismatch):
+            raise InputError(f"sensor mismatch must be a Mismatch, got {format_value(self.mismatch)}")
 
     @classmethod
     def preset(cls, name: str, **changes: Any) -> "Sensor":
-        """The sensor of that name in `PRESETS`, some of its figures changed.
+        """The sensor of that name in `PRESETS`, with some fields changed.
 
         >>> Sensor.preset("ideal", bits=16).read_noise
         0.0
@@ -111,7 +161,7 @@ class Sensor:
         return cls(**PRESETS[name]).replace(**changes)
 
     def replace(self, **changes: Any) -> "Sensor":
-        """A copy with some fields changed, checked again; an unknown name is refused."""
+        """A copy with some fields changed, checked again. Raises InputError for an unknown field."""
         known = [field.name for field in fields(self)]
         for name in changes:
             if name not in known:
@@ -128,14 +178,14 @@ class Sensor:
         return gain * (self.largest_dn - self.black_level) / self.full_well
 
     def electrons_per_radiance(self, camera: Camera, lens: Lens) -> Float:
-        """Electrons a second in a pixel on the axis, per unit of rendered radiance, (3,) for red, green and blue."""
+        """Electrons per second in a pixel on the axis, per unit of rendered radiance, (3,) for red, green and blue."""
         joules = light.irradiance_factor(camera, lens, self.pinhole_f_number) * light.pixel_area(camera, lens)
         photons = np.array([light.photons_per_joule(wavelength) for wavelength in self.wavelengths])
         electrons: Float = self.radiance_scale * joules * photons * np.array(self.quantum_efficiency)
         return electrons
 
     def level_rate(self, radiance: ArrayLike, *, camera: Camera, lens: Lens) -> Float:
-        """Shares of white a second at gain 1 that a radiance image makes, (H, W, 3): what the exposure is judged by."""
+        """Shares of white per second at gain 1, (H, W, 3), of a radiance image; automatic exposure uses them."""
         check_lens(lens)
         rates = self._rates(checked_radiance("radiance", radiance, camera), camera, lens)
         if self.filters == "mono":
@@ -152,37 +202,50 @@ class Sensor:
         exposure: Exposure | None = None,
         eye: int = 0,
     ) -> Photo:
-        """Take a picture of linear radiance (H, W, 3).
+        """Expose linear radiance (H, W, 3).
 
-        `exposure` is chosen automatically if not given. `eye` numbers the sensor on its rig: each eye is another copy
-        of the sensor with a fixed pattern and noise of its own, and eyes after the first have the `mismatch`.
+        `exposure` is automatic by default. `eye` is the index of the camera in its rig: each has its own fixed patterns
+        and noise, and those after the first have the `mismatch`.
 
-        Raises InputError for an image of another size than the camera's, negative or NaN radiance, a negative seed.
-        A given exposure through a lens below f/1 earns a `ParaxialWarning`: it would promise too much light.
+        Raises InputError for a radiance that is negative, NaN or not of the camera's size, and a negative seed.
+        Gives a `ParaxialWarning` for a given exposure through a lens below f/1.
         """
-        image = checked_radiance("radiance", radiance, camera)
         check_lens(lens)
         check_exposure(exposure)
         if exposure is not None:
             light.warn_below_f1(camera, lens)
-        return self._take(image, camera, lens, exposure, seed, eye)
+        return self._take(radiance, camera, lens, exposure, seed, eye)
 
     def _take(
         self, radiance: ArrayLike, camera: Camera, lens: Lens, exposure: Exposure | None, seed: int, eye: int
     ) -> Photo:
-        check_seed("seed", seed)
-        check_seed("eye", eye)
+        check_int("seed", seed, 0)
+        check_int("eye", eye, 0)
         image = checked_radiance("radiance", radiance, camera)
         nominal = exposure or auto_exposure([image], sensor=self, cameras=camera, lens=lens)
-        differs = self.mismatch if eye else Mismatch()
-        true = differs.applied(nominal)
-        black = self.black_level + differs.black_level
+        mismatch = self.mismatch if eye else Mismatch()
+        true = mismatch.applied(nominal)
+        black = self.black_level + mismatch.black_level
         wells = self._wells(image, camera, lens, true.time, seed, eye)
         electrons = self._read_out(wells, seed, eye)
         numbers = noise.quantise(electrons, self.system_gain(true.gain), black, self.adc_bits)
-        full = (wells >= self.full_well) | (numbers >= self.largest_dn)
-        measured = {"saturated_fraction": float(full.mean()), "mean_electrons": float(electrons.mean())}
-        return Photo(self._develop(numbers), self._record(camera, lens, true, black, seed, eye) | measured)
+        saturated = (wells >= self.full_well) | (numbers >= self.largest_dn)
+        number = light.working_f_number(camera, lens, self.pinhole_f_number)
+        record = {
+            "time_s": true.time,
+            "gain": true.gain,
+            "working_f_number": number,
+            "ev": true.value(number),
+            "system_gain_dn_per_electron": self.system_gain(true.gain),
+            "black_level_dn": black,
+            "electrons_per_radiance": (self.electrons_per_radiance(camera, lens) * true.time).tolist(),
+            "seed": int(seed),
+            "eye": int(eye),
+            "sensor": asdict(self),
+            "saturated_fraction": float(saturated.mean()),
+            "mean_electrons": float(electrons.mean()),
+        }
+        return Photo(self._develop(numbers), record)
 
     def expose_pair(
         self,
@@ -194,19 +257,19 @@ class Sensor:
         seed: int = 0,
         exposure: Exposure | None = None,
     ) -> tuple[Photo, Photo]:
-        """`expose_rig` of a stereo pair."""
+        """`expose_rig` for a stereo pair."""
         photos = self.expose_rig([left, right], rig=rig, lens=lens, seed=seed, exposure=exposure)
         return photos[0], photos[1]
 
     def expose_rig(
         self, images: Sequence[ArrayLike], *, rig: Rig, lens: Lens, seed: int = 0, exposure: Exposure | None = None
     ) -> list[Photo]:
-        """A picture for each camera of a rig, under one exposure, each eye with its own noise and fixed pattern.
+        """Expose one image per camera of a rig, with one exposure; see `expose`.
 
-        The `ParaxialWarning` of `expose` is given once, for the camera whose film is nearest to the lens.
+        The `ParaxialWarning` is given once, for the camera with the smallest film distance.
         """
         if len(images) != len(rig):
-            raise InputError(f"expose_rig needs one image a camera, got {len(images)} images and {len(rig)} cameras")
+            raise InputError(f"expose_rig needs one image per camera, got {len(images)} images and {len(rig)} cameras")
         check_lens(lens)
         check_exposure(exposure)
         if exposure is not None:
@@ -218,12 +281,12 @@ class Sensor:
         ]
 
     def _rates(self, image: Float, camera: Camera, lens: Lens) -> Float:
-        """Expected electrons a second, (H, W, 3)."""
+        """Expected electrons per second, (H, W, 3)."""
         rates = image * self.electrons_per_radiance(camera, lens)
         return rates * light.cos4(camera)[..., None] if self.vignetting else rates
 
     def _wells(self, image: Float, camera: Camera, lens: Lens, time: float, seed: int, eye: int) -> Float:
-        """Electrons that every pixel holds at the end of the exposure, (H, W, 3) or (H, W)."""
+        """Electrons of each pixel at the end of the exposure, (H, W, 3) or (H, W)."""
         expected = self._rates(image, camera, lens) * time
         if self.filters == "mono":
             expected = expected.sum(axis=-1)
@@ -235,7 +298,7 @@ class Sensor:
         return noise.collect(expected, self.dark_current * time, self.full_well, shot_seed, eye)
 
     def _read_out(self, wells: Float, seed: int, eye: int) -> Float:
-        """Electrons as the converter sees them: what a pixel holds, its own offset, and the noise of reading."""
+        """Electrons at the converter: those of the wells with dark offset and read noise."""
         electrons = wells
         if self.dsnu:
             electrons = electrons + self.dsnu * noise.pattern(self.serial, "dsnu", eye, wells.shape)
@@ -244,7 +307,7 @@ class Sensor:
         return electrons
 
     def _balance(self) -> Float:
-        """Factors (3,) of at least 1 that make equal radiances equal."""
+        """White balance factors (3,), >= 1."""
         if not self.white_balance or self.filters == "mono":
             return np.ones(3)
         response: Float = np.array(self.quantum_efficiency) * np.array(self.wavelengths)
@@ -261,20 +324,3 @@ class Sensor:
         else:
             linear = linear * balance if linear.ndim == 3 else linear
         return picture.encode(linear, self.output, self.gamma, self.bits)
-
-    def _record(
-        self, camera: Camera, lens: Lens, exposure: Exposure, black: float, seed: int, eye: int
-    ) -> dict[str, Any]:
-        number = light.working_f_number(camera, lens, self.pinhole_f_number)
-        return {
-            "time_s": exposure.time,
-            "gain": exposure.gain,
-            "working_f_number": number,
-            "ev": exposure.value(number),
-            "system_gain_dn_per_electron": self.system_gain(exposure.gain),
-            "black_level_dn": black,
-            "electrons_per_radiance": (self.electrons_per_radiance(camera, lens) * exposure.time).tolist(),
-            "seed": int(seed),
-            "eye": int(eye),
-            "sensor": asdict(self),
-        }

@@ -1,31 +1,33 @@
-"""From the converter's numbers to a picture: white balance, demosaicing, a curve, and 8 or 16 bits."""
+"""Images from the converter's numbers: colour filter arrays, demosaicing, tone curves, 8 or 16 bits."""
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import MissingExtraError
-
 Float = NDArray[np.float64]
+Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")
-"""Colour filter mosaics, named by the 2x2 block at the top left, row by row."""
+"""Colour filter arrays, named by the 2x2 block at the top left, row by row."""
 
 FILTERS = ("rgb", "mono", *BAYER)
-"""`rgb`: three values at every pixel, as three chips behind a prism. `mono`: one, of all three bands."""
+"""`rgb`: three values per pixel, as of a three-chip camera. `mono`: one value, the sum of the three bands."""
 
-_DEMOSAIC_RANGE = 65535.0
+# Malvar, He and Cutler, High-quality linear interpolation for demosaicing of Bayer-patterned color images, ICASSP 2004.
+_GREEN = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]]) / 8
+_IN_ROW = np.array([[0, 0, 1, 0, 0], [0, -2, 0, -2, 0], [-2, 8, 10, 8, -2], [0, -2, 0, -2, 0], [0, 0, 1, 0, 0]]) / 16
+_OPPOSITE = np.array([[0, 0, -3, 0, 0], [0, 4, 0, 4, 0], [-3, 0, 12, 0, -3], [0, 4, 0, 4, 0], [0, 0, -3, 0, 0]]) / 16
 
 
 class Curve(Protocol):
-    """From linear values in 0..1 to encoded ones in 0..1."""
+    """A tone curve from linear values in 0..1 to encoded values in 0..1."""
 
     def __call__(self, linear: Float, gamma: float) -> Float: ...
 
 
 def srgb(linear: Float, gamma: float = 2.4) -> Float:
-    """The curve of sRGB, IEC 61966-2-1; `gamma` plays no part.
+    """The curve of sRGB, IEC 61966-2-1; `gamma` is not used.
 
     >>> round(float(srgb(np.array(0.18))) * 255)
     118
@@ -33,7 +35,7 @@ def srgb(linear: Float, gamma: float = 2.4) -> Float:
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
 
 
-def _straight(linear: Float, gamma: float) -> Float:
+def _linear(linear: Float, gamma: float) -> Float:
     return linear
 
 
@@ -42,11 +44,11 @@ def _power(linear: Float, gamma: float) -> Float:
     return encoded
 
 
-CURVES: dict[str, Curve] = {"srgb": srgb, "linear": _straight, "gamma": _power}
+CURVES: dict[str, Curve] = {"srgb": srgb, "linear": _linear, "gamma": _power}
 
 
 def channel_map(pattern: str, height: int, width: int) -> NDArray[np.intp]:
-    """Which channel (0 red, 1 green, 2 blue) each pixel of a mosaic sees, (H, W).
+    """The channel (0 red, 1 green, 2 blue) of each pixel of a colour filter array, (H, W).
 
     >>> channel_map("GRBG", 2, 4).tolist()
     [[1, 0, 1, 0], [2, 1, 2, 1]]
@@ -56,32 +58,33 @@ def channel_map(pattern: str, height: int, width: int) -> NDArray[np.intp]:
 
 
 def mosaic(values: Float, pattern: str) -> Float:
-    """What a mosaic (H, W) sees of values (H, W, 3)."""
+    """The values (H, W) that a colour filter array passes of values (H, W, 3)."""
     channel = channel_map(pattern, *values.shape[:2])
     return np.take_along_axis(values, channel[..., None], axis=2)[..., 0]
 
 
 def demosaic(values: Float, pattern: str) -> Float:
-    """Three channels (H, W, 3) of a mosaic (H, W) in 0..1, by OpenCV's edge-aware interpolation in 16 bits.
+    """Three channels (H, W, 3) of a mosaic (H, W) in 0..1, by gradient-corrected linear interpolation.
 
-    Raises MissingExtraError without OpenCV.
+    Source: Malvar, He and Cutler, ICASSP 2004. Borders are continued by reflection about the outermost pixels.
     """
-    cv2 = _opencv()
-    code = getattr(cv2, f"COLOR_Bayer{pattern}2RGB_EA")
-    whole = np.rint(np.clip(values, 0.0, 1.0) * _DEMOSAIC_RANGE).astype(np.uint16)
-    full: Float = cv2.cvtColor(whole, code).astype(np.float64)
-    return full / _DEMOSAIC_RANGE
+    from scipy.ndimage import convolve  # slow to import
+
+    values = np.clip(values, 0.0, 1.0)
+    channel = channel_map(pattern, *values.shape)
+    green, in_row, in_column, opposite = (
+        convolve(values, kernel, mode="mirror") for kernel in (_GREEN, _IN_ROW, _IN_ROW.T, _OPPOSITE)
+    )
+    full = np.stack([values] * 3, axis=-1)
+    full[..., 1] = np.where(channel == 1, values, green)
+    for c, letter in ((0, "R"), (2, "B")):
+        same_row = (np.arange(len(values)) % 2 == pattern.index(letter) // 2)[:, None]
+        at_green = np.where(same_row, in_row, in_column)
+        full[..., c] = np.select([channel == c, channel == 1], [values, at_green], opposite)
+    return full
 
 
-def encode(linear: Float, curve: str, gamma: float, bits: int) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """A picture of `bits` (8 or 16) from linear values, clipped to 0..1."""
+def encode(linear: Float, curve: str, gamma: float, bits: int) -> Image:
+    """An image of `bits` (8 or 16) from linear values, clipped to 0..1."""
     encoded: Float = np.rint(CURVES[curve](np.clip(linear, 0.0, 1.0), gamma) * (2**bits - 1))
     return encoded.astype(np.uint8) if bits == 8 else encoded.astype(np.uint16)
-
-
-def _opencv() -> Any:
-    try:
-        import cv2
-    except ImportError as error:
-        raise MissingExtraError("demosaicing a Bayer sensor needs OpenCV: pip install 'twinlens[opencv]'") from error
-    return cv2

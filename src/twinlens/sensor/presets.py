@@ -1,22 +1,22 @@
-"""Figures of sensors by their class; each names its source, or says that a figure is merely typical of the class.
+"""Parameters of typical sensors, with their sources.
 
 ideal
-    EMVA 1288's ideal sensor: every photon is counted, nothing else is. The shot noise is the light's own and stays;
-    ``shot_noise=False`` takes it away too. Its well and its converter are generous and invented.
+    EMVA 1288's ideal sensor: every photon is counted, without any noise but shot noise; ``shot_noise=False`` removes
+    that too. Its full well and converter are chosen large.
 machine_vision
-    A global-shutter CMOS of 3.45 um pixels, Sony IMX250. Matrix Vision's manual of the mvBlueFOX3-2051 measures, after
-    EMVA 1288 on the grey camera, a maximal SNR of 40.3 dB, so a full well of 10^4.03 = 10700 electrons, and a dynamic
-    range of 71.2 dB, so a threshold of 2.95 electrons = sqrt(s^2 + sq^2 + 1/4) + 1/2, from which s = 2.3 electrons of
-    read noise with the 12-bit converter's sq = 0.76 electrons taken out. Quantum efficiencies, dark current (at room
-    temperature), PRNU and DSNU are typical of the class. Three values at every pixel; the colour camera itself has
-    ``filters="RGGB"``, the grey one ``filters="mono"``.
+    A global-shutter CMOS of 3.45 um pixels, Sony IMX250. Matrix Vision's manual of the mvBlueFOX3-2051 gives, after
+    EMVA 1288 and for the monochrome camera, a maximal SNR of 40.3 dB, that is a full well of 10^4.03 = 10700 electrons,
+    and a dynamic range of 71.2 dB, that is a threshold of 2.95 electrons = sqrt(s^2 + sq^2 + 1/4) + 1/2. With sq = 0.76 electrons of
+    the 12-bit converter, the read noise is s = 2.3 electrons. Quantum efficiencies, dark current (at room
+    temperature), PRNU and DSNU are typical of the class. Three values per pixel; the colour camera has
+    ``filters="RGGB"``, the monochrome one ``filters="mono"``.
 phone
     A back-illuminated CMOS of 1.4 um pixels, Sony IMX363 as in a Google Pixel 4a: full well 6000 electrons, read noise
     5 electrons, PRNU 0.7%, no measurable dark current or DSNU, 10 bits with black at 64, from Lyu, Goossens, Wandell
-    and Farrell, Accurate smartphone camera simulation using 3D scenes, 2022 (arXiv:2201.07411), as their ISETCam model
-    `sensorIMX363` has it. Quantum efficiencies are typical of the class.
+    and Farrell, Accurate smartphone camera simulation using 3D scenes, 2022 (arXiv:2201.07411), the ISETCam model
+    `sensorIMX363`. Quantum efficiencies are typical of the class.
 
-Full well, read noise and dark current belong to the pixels' size: give the camera `pixel_pitch_um` 3.45 or 1.4.
+Full well, read noise and dark current depend on the pixel size: give the camera `pixel_pitch_um` 3.45 or 1.4.
 """
 
 from typing import Any
