@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from twinlens.sensor import Exposure
-from twinlens.studies.aperture_evidence import SHARP_AT, Evidence
-from twinlens.studies.aperture_shots import PIXEL_PITCH_UM, Model, automatic
-from twinlens.studies.aperture_theory import SENSOR
+from twinlens.studies.aperture.evidence import SHARP_AT, Evidence
+from twinlens.studies.aperture.shots import PIXEL_PITCH_UM, Model, automatic
+from twinlens.studies.aperture.theory import SENSOR
 from twinlens.studies.stage import Stage, stream
 
 SCENES, F_NUMBERS, SAMPLES = ("cards", "staircase"), (1.0, 2.0, 4.0), (16, 64, 256)
@@ -52,7 +52,7 @@ def row(model: Model, number: float, known: Theory, samples: Sequence[int]) -> l
     """Of one seed: the percentages, and what is expected at the exposure of the last."""
     shots = [photographed(model, number, known.seed, spp) for spp in samples]
     lens = model.lens(number)
-    blur = model.stage.blur(model.full_size(lens))
+    blur = model.blur(lens)
     return [wrong for wrong, _ in shots] + [known.evidence.expected(lens, shots[-1][1], blur, diffracts=False).wrong]
 
 
@@ -69,7 +69,7 @@ def theory(model: Model, seed: int, spp: int) -> Theory:
     """What the sharp pair tells of the texture."""
     stage, lens = model.stage, model.lens(SHARP_AT)
     sharp = stage.photograph(model.full_size(lens), spp, stream(seed, 12))
-    return Theory(seed, Evidence.of(stage, lens, stage.blur(model.full_size(lens)), sharp))
+    return Theory(seed, Evidence.of(stage, lens, model.blur(lens), sharp))
 
 
 def cell(values: Sequence[float]) -> str:

@@ -1,4 +1,4 @@
-"""`twinlens study`: a study of one's own from a file, the list, and refusals in one line."""
+"""`twinlens study`: the list, studies from files, one-line errors."""
 
 import json
 
@@ -34,15 +34,15 @@ def test_the_list_names_every_study(twinlens):
     assert set(json.loads(twinlens("study", "list", "--json")[1])) == {line.split()[0] for line in out.splitlines()}
 
 
-def test_a_study_of_ones_own_is_a_file(twinlens, own, tmp_path):
+def test_a_study_from_a_file(twinlens, own, tmp_path):
     code, out, err = twinlens("study", own, "--seeds", "3", "--first-seed", "4", "-o", tmp_path / "out")
     assert code == 0, err
-    assert "holds, 3 of 3 seeds alone: On average y is 4 (range of 3: 4 to 4)." in out
+    assert "On average y is 4 (range of 3: 4 to 4).\n    holds; 3 of 3 seeds support it.\n" in out
     assert (tmp_path / "out" / "table.csv").read_text().splitlines()[1:3] == ["none,4,1,2", "none,4,3,6"]
     assert (tmp_path / "out" / "index.html").exists()
 
 
-def test_json_is_what_was_found(twinlens, own, tmp_path):
+def test_json_has_the_findings(twinlens, own, tmp_path):
     code, out, _ = twinlens("study", own, "--json", "-o", tmp_path / "out")
     assert code == 0
     assert json.loads(out)["findings"][0]["measured"] == 4
@@ -56,7 +56,7 @@ def refused(twinlens, *arguments):
     return err
 
 
-def test_refusals_are_one_line(twinlens, own, tmp_path):
+def test_errors_are_one_line(twinlens, own, tmp_path):
     o = ("-o", tmp_path / "out")
     assert "did you mean 'pinhole'" in refused(twinlens, "pinhol", *o)
     assert "Missing option '-o' / '--output': " in refused(twinlens, "window")
@@ -71,9 +71,9 @@ def test_refusals_are_one_line(twinlens, own, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [("STUDY = 3", "gives no study"), ("1/0", "ZeroDivisionError"), ("def", "SyntaxError")],
+    [("STUDY = 3", "no study found"), ("1/0", "ZeroDivisionError"), ("def", "SyntaxError")],
 )
-def test_files_that_give_no_study_are_refused(twinlens, tmp_path, text, words):
+def test_files_without_a_study_raise(twinlens, tmp_path, text, words):
     path = tmp_path / "mine.py"
     path.write_text(text)
     error = refused(twinlens, path, "-o", tmp_path / "out")
@@ -81,21 +81,21 @@ def test_files_that_give_no_study_are_refused(twinlens, tmp_path, text, words):
     assert str(path) in error
 
 
-def test_what_was_not_asked_gets_no_verdict(twinlens, tmp_path):
+def test_an_undecided_claim_has_no_verdict(twinlens, tmp_path):
     path = tmp_path / "mine.py"
-    path.write_text(OWN.replace('mean_of(table, "y"), True', 'mean_of(table, "y"), False, asked=False'))
+    path.write_text(OWN.replace('mean_of(table, "y"), True', 'mean_of(table, "y"), False, decided=False'))
     code, out, err = twinlens("study", path, "-o", tmp_path / "out")
     assert code == 0, err
-    assert out.startswith("no verdict: On average y is")
-    assert "HOLD" not in out
+    assert "no verdict: not decided" in out
+    assert "hold" not in out
     assert json.loads((tmp_path / "out" / "study.json").read_text())["findings"][0]["holds"] is None
     page = (tmp_path / "out" / "index.html").read_text()
     assert "No verdict" in page
     assert "not hold" not in page.lower()
 
 
-def test_results_go_where_they_can_and_over_nothing_else(twinlens, own, tmp_path):
-    """It is told before anything is measured."""
+def test_results_never_overwrite_other_files(twinlens, own, tmp_path):
+    """Checked before the study runs."""
     (tmp_path / "letters").mkdir()
     (tmp_path / "letters" / "index.html").write_text("mine")
     for place, said in (("letters", "holds 'index.html' and no study.json"), ("mine.py", "a file stands where"),
@@ -113,8 +113,9 @@ def test_results_go_where_they_can_and_over_nothing_else(twinlens, own, tmp_path
 @pytest.mark.parametrize(
     ("line", "instead", "said"),
     [
-        ("return Measured(", "return list(", "mine: `measure` must return Measured(rows) with a row or more, got ["),
-        ("for x in (1.0, 3.0)", "for x in ()", "with a row or more, got no rows"),
+        ("return Measured(", "return list(", "mine: `measure` must return Measured(rows) with at least one row, got ["),
+        ("for x in (1.0, 3.0)", "for x in ()", "with at least one row, got no rows"),
+        ('"x": x, "y": 2.0 * x', '"y": 2.0 * x', "mine: no row has the column 'x'"),
         ("return [Finding(", "return None and [Finding(", "`conclude` must return a list of Findings, got None"),
         ("def measure(setup):", "def measure(setup):\n    raise OSError('boom')", "mine.py, line 5: OSError: boom"),
         ("from twinlens", "1 / 0\nfrom twinlens", "mine.py, line 2: ZeroDivisionError: division by zero"),
@@ -123,7 +124,7 @@ def test_results_go_where_they_can_and_over_nothing_else(twinlens, own, tmp_path
         ('"x", "y"),), Setup', '"x", "yy"),), Setup', "the figure 'y': unknown column 'yy'; did you mean 'y'?"),
     ],
 )  # fmt: skip
-def test_a_mistake_in_ones_own_study_is_one_line_that_says_where(twinlens, own, tmp_path, line, instead, said):
+def test_an_error_in_a_study_file_is_one_line_with_its_location(twinlens, own, tmp_path, line, instead, said):
     assert line in OWN
     own.write_text(OWN.replace(line, instead, 1))
     code, out, err = twinlens("study", own, "-o", tmp_path / "out")

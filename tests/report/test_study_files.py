@@ -1,4 +1,4 @@
-"""A study's files: the same bytes each time, a page that names nothing outside itself and believes no name."""
+"""Files of a study: reproducible bytes, a self-contained page, escaped names."""
 
 import io
 import json
@@ -43,7 +43,7 @@ def folder(tmp_path_factory):
     return where
 
 
-def test_all_files_are_there(folder):
+def test_files_of_a_study(folder):
     names = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
     assert names == [
         "figures/plot.png", "figures/plot.svg", "index.html", "pictures/shown.png", "study.json", "table.csv",
@@ -57,13 +57,13 @@ def test_the_same_result_gives_the_same_files(folder, tmp_path):
             assert (tmp_path / path.relative_to(folder)).read_bytes() == path.read_bytes()
 
 
-def test_the_page_believes_no_name(folder):
+def test_names_are_escaped(folder):
     page = (folder / "index.html").read_text()
     assert "<script" not in page
     assert page.count("&lt;script&gt;") >= 6
 
 
-def test_the_page_loads_nothing(folder):
+def test_the_page_is_self_contained(folder):
     page = (folder / "index.html").read_text()
     assert "default-src 'none'" in page
     assert all(link.startswith("data:image/png;base64,") for link in re.findall(r'src="([^"]*)"', page))
@@ -74,26 +74,26 @@ def test_the_page_loads_nothing(folder):
     assert all((folder / link).exists() for link in links)
 
 
-def test_the_page_says_which_findings_do_not_stand(folder):
+def test_the_page_reports_verdicts(folder):
     page = (folder / "index.html").read_text()
     assert "The least is <b>1 m</b> of all." in page
-    assert "Holds, but not for every seed; theory says 1 m, and within 5 % of it is asked" in page
-    assert "borne out by 1 of 2 seeds alone" in page
-    assert "1 of 2 findings hold for all seeds together but not for each alone. 1 of 2 do not hold." in page
+    assert "Holds; expected 1 m within 5 %; 1 of 2 seeds support it." in page
+    assert "Does not hold; 0 of 2 seeds support it." in page
+    assert page.count('class="finding shaky"') == page.count('class="finding bad"') == 1
 
 
-def test_the_page_says_why_a_finding_has_no_verdict(tmp_path):
-    """Grey, which is the colour of no kind: neither held nor refuted."""
+def test_the_page_gives_the_reason_for_no_verdict(tmp_path):
+    """Grey: neither confirmed nor refuted."""
     nothing = Interval(math.nan, math.nan, math.nan)
-    findings = [Finding("It is {}", nothing, False), Finding("So is {}", Interval(1.0, 0.0, 2.0), False, asked=False)]
+    findings = [Finding("It is {}", nothing, False), Finding("So is {}", Interval(1.0, 0.0, 2.0), False, decided=False)]
     page = write_study(tmp_path, run_study(replace(STUDY, conclude=lambda table: findings))).read_text()
-    said = '<div class="finding"><p>{}.</p><p class=note>No verdict: {}</p></div>'
-    assert said.format("It is <b>(not measured)</b>", "nothing was measured for it") in page
-    assert said.format("So is <b>1 [0, 2]</b>", "what was run does not decide it") in page
-    assert "do not hold" not in page
+    said = '<div class="finding"><p>{}.</p><p class=note>No verdict: {}.</p></div>'
+    assert said.format("It is <b>(not measured)</b>", "not measured") in page
+    assert said.format("So is <b>1 [0, 2]</b>", "not decided") in page
+    assert "not hold" not in page
 
 
-def test_the_protocol_is_whole(folder):
+def test_the_protocol_is_complete(folder):
     protocol = json.loads((folder / "study.json").read_text())
     assert protocol["seeds"] == [0, 1]
     assert protocol["note"] == 1.5
@@ -104,7 +104,7 @@ def test_the_protocol_is_whole(folder):
     assert {"twinlens", "mitsuba", "numpy"} <= set(protocol["versions"])
 
 
-def test_pictures_stand_below_their_captions(folder):
+def test_pictures_are_below_their_captions(folder):
     sheet = np.asarray(Image.open(io.BytesIO((folder / "pictures/shown.png").read_bytes())))
     black = tiles(Picture("p", "t", (np.zeros((20, 30), np.uint8),), ("",)))
     assert black.shape[1] == 30

@@ -1,4 +1,4 @@
-"""Intervals hold what they promise on distributions whose truth is known."""
+"""Coverage of the intervals on known distributions."""
 
 import math
 
@@ -17,7 +17,7 @@ def make(rows):
 
 
 def coverage(draw, truth, units, seed):
-    """The share of trials whose interval holds the truth."""
+    """The share of trials whose interval contains the truth."""
     random = np.random.default_rng(seed)
     found = [bootstrap(mean, draw(random, units)[:, None], seed=trial) for trial in range(TRIALS)]
     return np.mean([interval.low <= truth <= interval.high for interval in found])
@@ -31,18 +31,18 @@ def coverage(draw, truth, units, seed):
     ],
     ids=["normal", "uniform"],
 )
-def test_intervals_of_ten_units_hold_the_mean_as_often_as_they_say(draw, truth):
-    # 95 % of 200 trials: two standard deviations are 3 %; ten units leave the percentile method two points short.
+def test_intervals_of_ten_units_have_nominal_coverage(draw, truth):
+    # Two standard deviations of 95 % in 200 trials are 3 %; ten units leave the percentile method two points short.
     assert 0.89 <= coverage(draw, truth, 10, 1) <= 0.99
 
 
-def test_three_units_hold_the_mean_three_times_in_four_as_the_page_says():
+def test_the_range_of_three_units_covers_the_mean_three_times_in_four():
     share = coverage(lambda random, n: random.normal(0.0, 1.0, n), 0.0, 3, 2)
     assert abs(share - 0.75) < 3 * math.sqrt(0.75 * 0.25 / TRIALS)
 
 
-def test_seeds_of_one_scene_do_not_pass_for_scenes():
-    """Ten seeds that agree cannot tell of other scenes: the interval is as wide as the scenes are apart."""
+def test_seeds_of_one_scene_are_not_counted_as_scenes():
+    """The interval spans the differences between scenes, however many seeds agree."""
     many = make(
         [(scene, seed, "a", value) for scene, value in (("x", 0.0), ("y", 1.0), ("z", 2.0)) for seed in range(10)]
     )
@@ -51,7 +51,7 @@ def test_seeds_of_one_scene_do_not_pass_for_scenes():
     assert (mean_of(many, "value").low, mean_of(many, "value").high) == (0.0, 2.0)
 
 
-def test_one_scene_is_judged_by_its_seeds():
+def test_the_interval_of_one_scene_is_over_its_seeds():
     found = mean_of(make([("x", seed, "a", float(seed)) for seed in range(3)]), "value")
     assert (found.low, found.value, found.high) == (0.0, 1.0, 2.0)
 
@@ -60,16 +60,16 @@ def test_one_unit_has_no_interval():
     found = bootstrap(mean, [[1.0, 2.0]])
     assert found.value == 1.5
     assert math.isnan(found.low)
-    assert found.said("px") == "1.5 px"
+    assert found.format("px") == "1.5 px"
 
 
-def test_few_units_are_said_to_be_a_range_and_five_an_interval():
+def test_fewer_than_five_units_give_a_range():
     few, enough = (bootstrap(mean, [[float(k)] for k in range(n)]) for n in (3, 5))
-    assert few.said("px") == "1 px (range of 3: 0 to 2)"
-    assert enough.said("px").startswith("2 px [")
+    assert few.format("px") == "1 px (range of 3: 0 to 2)"
+    assert enough.format("px").startswith("2 px [")
 
 
-def test_nothing_known_is_nan_and_nan_is_left_out():
+def test_nan_is_ignored():
     assert math.isnan(bootstrap(mean, [[math.nan]]).value)
     assert bootstrap(mean, [[1.0, math.nan], [3.0]]).value == 2.0
 
@@ -79,19 +79,19 @@ def test_the_same_units_give_the_same_interval():
     assert bootstrap(mean, units) == bootstrap(mean, units)
 
 
-def test_pairs_cancel_what_scenes_differ_in():
+def test_paired_differences_cancel_differences_between_scenes():
     rows = [(scene, 0, kind, base + (kind == "b")) for scene, base in (("x", 0.0), ("y", 50.0)) for kind in "ab"]
     found = paired_difference(make(rows), "value", "kind", "b", "a")
     assert (found.low, found.value, found.high) == (1.0, 1.0, 1.0)
 
 
-def test_exponents_are_read_off_powers():
+def test_log_slope_of_powers():
     rows = make([(k, 0, "a", 3.0 * (k + 1.0) ** -1.7) for k in range(5)])
     grown = Table(rows.columns, tuple({**row, "scene": row["scene"] + 1.0} for row in rows))
     assert log_slope("scene", "value")(grown) == pytest.approx(-1.7)
     assert math.isnan(log_slope("seed", "value")(grown))
 
 
-def test_other_statistics_are_of_all_values():
+def test_other_statistics():
     rows = make([(scene, 0, "a", value) for scene, value in (("x", 5.0), ("y", 1.0))])
     assert over_scenes(rows, lambda unit: unit.numbers("value"), lambda values: float(values.min())).value == 1.0

@@ -1,4 +1,4 @@
-"""Differences between the eyes: each does what its name says, to the right picture, and noise to both."""
+"""Radiometric differences: gain, gamma and vignetting of the right image, noise of both; local costs."""
 
 import numpy as np
 import pytest
@@ -21,18 +21,18 @@ def test_the_neutral_amount_changes_nothing(name):
 
 
 @pytest.mark.parametrize("name", ["gain", "gamma", "vignetting"])
-def test_the_left_picture_stays(name):
+def test_the_left_image_is_unchanged(name):
     left, right = changed(name, CHANGES[name].amounts[0])
     assert np.array_equal(left, GREY)
     assert not np.array_equal(right, GREY)
 
 
-def test_gain_multiplies_and_burns_out():
+def test_gain_multiplies_and_saturates():
     assert (changed("gain", 1.4)[1] == 140).all()
     assert (changed("gain", 4.0)[1] == 255).all()
 
 
-def test_gamma_keeps_black_and_white_and_is_undone_by_its_inverse():
+def test_gamma_keeps_black_and_white_and_has_an_inverse():
     ramp = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
     dark = changed_pair((ramp, ramp), CHANGES["gamma"], 2.0, 0)[1]
     assert dark[0, 0, 0] == 0
@@ -42,25 +42,25 @@ def test_gamma_keeps_black_and_white_and_is_undone_by_its_inverse():
     assert np.abs(back[0, 40:].astype(int) - ramp[0, 40:]).max() <= 2
 
 
-def test_vignetting_leaves_the_middle_and_says_what_the_corners_keep():
+def test_vignetting_keeps_the_centre_and_scales_the_corners():
     right = changed("vignetting", 0.3)[1]
     assert right[30, 40, 0] == 100
     assert {int(right[y, x, 0]) for y in (0, -1) for x in (0, -1)} == {30}
-    assert right[30, 0, 0] == 65  # half way to a corner, by the square of the distance
+    assert right[30, 0, 0] == 65  # half of the squared distance to a corner
 
 
-def test_noise_is_on_both_pictures_of_the_strength_said_and_unlike():
+def test_noise_is_independent_in_both_images():
     left, right = (picture.astype(float) - 100 for picture in changed("noise", 8.0))
     for noise in (left, right):
-        # A deviation of n draws is known to 1/sqrt(2 n); rounding adds 1/12 of variance.
+        # Relative standard error 1/sqrt(2 n); rounding adds a variance of 1/12.
         assert noise.std() == pytest.approx(np.hypot(8.0, 12**-0.5), rel=4 / np.sqrt(2 * noise.size))
     assert abs(np.corrcoef(left.ravel(), right.ravel())[0, 1]) < 4 / np.sqrt(left.size)
     assert np.array_equal(changed("noise", 8.0)[1], changed("noise", 8.0)[1])
     assert not np.array_equal(changed("noise", 8.0)[1], changed("noise", 8.0, seed=1)[1])
 
 
-def test_the_photographs_noise_is_that_of_their_light_paths():
-    """Four times the samples, half the noise, as independent paths have it or better; and the sensor adds none."""
+def test_rendering_noise_falls_with_the_samples():
+    """16 times the samples: at most half the noise; the sensor adds none."""
     assert not SENSOR.shot_noise
     stage = Stage.of("cards", 64, 48)
     few, many = (photographs(stage, spp, 0)[1] for spp in (8, 128))
@@ -72,5 +72,5 @@ def test_the_photographs_noise_is_that_of_their_light_paths():
     [("sad", True), ("zncc:block_size=21", True), ("sgm", False), ("sgm4", False), ("sad:optimisation=sgm8", False),
      ("adaptive", False), ("program:command='prog {left} {right} {out}'", False)],
 )  # fmt: skip
-def test_local_costs_are_told_by_how_they_search(method, local):
+def test_local_costs_are_recognised(method, local):
     assert is_local(method) is local

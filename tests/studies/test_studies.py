@@ -1,4 +1,4 @@
-"""Every study on a setup so small that it says nothing of stereo, but all of the study: rows, findings, bytes."""
+"""Every study at a tiny size: rows, findings, figures, reproducibility, errors."""
 
 import math
 from dataclasses import replace
@@ -13,12 +13,10 @@ from twinlens.studies import (
     STUDIES,
     Setup,
     Table,
-    baseline,
-    focal_length,
+    depth_error,
     focus,
     from_csv,
     pinhole,
-    range_error,
     run_study,
     texture,
     to_csv,
@@ -27,26 +25,26 @@ from twinlens.studies import (
 
 METHODS = {"window": ("sad", "census"), "radiometric": ("sad", "census")}
 QUICK = ("aperture", "texture", "radiometric")
-"""Run twice in any case; the others where slow tests are."""
+"""Studies that are run twice; the others only in slow tests."""
 TINY = {"width": 96, "height": 72, "spp": 2}
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _fewer():
-    """Fewer of what is swept, where a sweep is long."""
+    """Shorter sweeps."""
     patch = pytest.MonkeyPatch()
-    patch.setattr(range_error, "DEPTHS", (1.0, 4.0))
-    patch.setattr(range_error, "PHASES", (0.25,))
+    patch.setattr(depth_error, "DEPTHS", (1.0, 4.0))
+    patch.setattr(depth_error, "PHASES", (0.25,))
     patch.setattr(texture, "CONTRASTS", (0.04, 0.06, 0.08, 0.32))
     patch.setattr(texture, "SCALES_PX", (1.0, 2.5))
     patch.setattr(texture, "PHASES", (0.25,))
     patch.setattr(pinhole, "DIAMETERS_MM", (2.0, 0.6, 0.29, 0.23, 0.15, 0.07))
     patch.setattr(pinhole, "SHOWN_MM", (pinhole.BOX_MM, 0.35))
     patch.setattr(pinhole, "_PLATE_SPP", 4)
-    patch.setattr(baseline, "PLANE_BASELINES", (0.06, 0.24))
-    patch.setattr(baseline, "FACTORS", (0.5, 1.0))
-    patch.setattr(focal_length, "PLANE_FIELDS", (80.0, 28.0))
-    patch.setattr(focal_length, "FACTORS", (1.0, 0.4))
+    patch.setattr(depth_error, "PLANE_BASELINES", (0.06, 0.24))
+    patch.setattr(depth_error, "BASELINE_FACTORS", (0.5, 1.0))
+    patch.setattr(depth_error, "PLANE_FIELDS", (80.0, 28.0))
+    patch.setattr(depth_error, "FIELD_FACTORS", (1.0, 0.4))
     patch.setattr(focus, "_LINE_SPP", 64)
     patch.setattr(window, "SIZES", (3, 9, 21))
     yield
@@ -90,29 +88,29 @@ def test_rows_are_well_formed(results, name):
 def test_findings_are_sentences_with_a_number(results, name):
     findings = results(name).findings
     assert findings
-    for stands in findings:
-        finding = stands.finding
-        assert finding.text.count("{}") == 1
+    for support in findings:
+        finding = support.finding
+        assert finding.template.count("{}") == 1
         assert "{}" not in finding.sentence
         assert finding.text[-1] != "."
         assert isinstance(finding.holds, (bool, np.bool_))
-        assert 0 <= stands.seeds <= stands.of == 1
+        assert 0 <= support.supporting <= support.seeds == 1
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_other_seeds_are_asked_the_same_questions(results, name):
-    """The rows again under another seed: as many findings, and of equal rows equal ones."""
+def test_every_seed_tests_the_same_claims(results, name):
+    """The rows repeated with another seed: as many findings, and equal findings of equal rows."""
     result = results(name)
     again = tuple({**row, "seed": 1.0} for row in result.table)
     both = replace(result.table, rows=(*result.table.rows, *again))
     alone = result.study.conclude(both.where(seed=1.0))
     assert len(alone) == len(result.study.conclude(both)) == len(result.findings)
-    assert [finding.text for finding in alone] == [stands.finding.text for stands in result.findings]
+    assert [finding.text for finding in alone] == [support.finding.text for support in result.findings]
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_a_part_of_the_methods_or_scenes_is_concluded_of_too(results, name):
-    """What they leave open has no verdict, and no number that is none."""
+def test_conclusions_from_some_of_the_methods_or_scenes(results, name):
+    """Open claims have no verdict, and NaN is never printed."""
     result = results(name)
     for column in ("method", "scene"):
         known = [each.name for each in result.table.columns]
@@ -144,7 +142,7 @@ def test_another_seed_gives_another_table():
     assert first.numbers("error_px").tolist() != other.numbers("error_px").tolist()
 
 
-def test_what_the_lens_grid_saved_is_said_and_not_in_the_table(results):
+def test_the_savings_of_the_lens_grid_are_reported_outside_the_table(results):
     result = results("aperture")
     assert "light paths" in result.remarks["lens grid"]
     saved = result.protocol["lens_grid_saved"]["staircase"]
@@ -152,7 +150,7 @@ def test_what_the_lens_grid_saved_is_said_and_not_in_the_table(results):
     assert not any("_s" in column.name[-2:] for column in result.study.columns)
 
 
-def test_a_panel_shows_left_right_truth_and_three_matchers(results):
+def test_the_panel_of_window(results):
     panel = results("window").pictures[0]
     assert panel.captions[:6] == (
         "left",
@@ -165,14 +163,14 @@ def test_a_panel_shows_left_right_truth_and_three_matchers(results):
     assert all(image.shape[:2] == (TINY["height"], TINY["width"]) for image in panel.images)
 
 
-def test_progress_goes_from_nothing_to_all():
-    told = []
-    run("window", progress=lambda share, now: told.append(share))
-    assert told == sorted(told)
-    assert told[0] == 0
+def test_progress_increases_from_zero():
+    shares = []
+    run("window", progress=lambda share, now: shares.append(share))
+    assert shares == sorted(shares)
+    assert shares[0] == 0
 
 
-def test_python_gets_the_table():
+def test_study_returns_the_table():
     table = tl.study("texture", methods=("zncc",), seeds=1, **TINY)
     assert set(table.values("method")) == {"zncc"}
     assert (table.numbers("error_px") > 0).all()
@@ -186,8 +184,8 @@ def test_python_gets_the_table():
         ("window", {"methods": ("zncd",)}, "did you mean 'zncc'"),
         ("texture", {"scenes": ("cards",)}, "takes no scenes"),
         ("pinhole", {"methods": ("sad",)}, "takes no methods"),
-        ("window", {"seeds": 0}, "one seed or more"),
-        ("window", {"first_seed": -1}, "one seed or more"),
+        ("window", {"seeds": 0}, "at least one seed"),
+        ("window", {"first_seed": -1}, "at least one seed"),
         ("window", {"scenes": ("cards", "cards")}, "twice"),
         ("window", {"spp": 0}, "spp"),
         ("texture", {"width": 63}, "must be 64x48 or larger, got 63x180"),
@@ -195,17 +193,17 @@ def test_python_gets_the_table():
         ("no/such.py", {}, "no such file"),
     ],
 )
-def test_what_cannot_be_run_is_refused(name, choices, words):
+def test_invalid_choices_raise(name, choices, words):
     with pytest.raises(InputError, match=words):
         tl.study(name, **choices)
 
 
-def test_a_setup_without_seeds_is_refused():
+def test_a_setup_without_seeds_raises():
     with pytest.raises(InputError, match="one seed"):
         Setup(("cards",), ("sad",), ())
 
 
-def test_a_question_that_the_methods_leave_open_has_no_verdict():
+def test_a_claim_that_the_methods_leave_open_has_no_verdict():
     rest = {"scene": "cards", "seed": 0, "amount": 0.5, "totbad1": 0.0, "avgerr": 0.0}
     rows = tuple(
         {**rest, "change": change, "method": method, "totbad2": wrong}

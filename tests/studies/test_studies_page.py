@@ -1,4 +1,4 @@
-"""docs/studies.md: the study of one's own runs as printed, is short, and every link leads somewhere."""
+"""docs/studies.md: the example study runs as printed, links work, tables match their scripts."""
 
 import json
 import re
@@ -10,7 +10,7 @@ from twinlens.cli import run
 from twinlens.studies import STUDIES
 
 PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
-pytestmark = pytest.mark.skipif(not PAGE.exists(), reason="the page is not beside these tests")
+pytestmark = pytest.mark.skipif(not PAGE.exists(), reason="docs/ is not available")
 
 
 def blocks():

@@ -1,4 +1,4 @@
-"""A table survives its CSV byte for byte, and refuses rows that do not fit."""
+"""Tables: CSV round trips, missing values, selection, errors."""
 
 import math
 
@@ -16,36 +16,43 @@ WORDS = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), m
 
 
 @given(st.lists(st.tuples(WORDS, st.floats(allow_nan=True, allow_infinity=True))))
-def test_text_of_a_table_read_back_is_the_same_text(rows):
+def test_csv_round_trip(rows):
     text = to_csv(Table(COLUMNS, tuple({"name": word, "z_m": value} for word, value in rows)))
     assert to_csv(from_csv(text, COLUMNS)) == text
 
 
 @given(st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=1))
-def test_nine_digits_keep_every_float32(values):
+def test_nine_digits_preserve_float32(values):
     rows = tuple({"name": "a", "z_m": value} for value in values)
     back = from_csv(to_csv(Table(COLUMNS, rows)), COLUMNS).numbers("z_m")
     assert np.array_equal(np.float32(back), np.float32(values))
 
 
-def test_lines_end_in_a_newline_alone_and_commas_are_quoted():
+def test_line_ends_and_quotes():
     text = to_csv(Table(COLUMNS, ({"name": 'a,"b"', "z_m": 1},)))
     assert text == 'name,z_m\n"a,""b""",1\n'
 
 
-def test_what_is_not_known_is_nan_in_the_file():
+def test_unknown_values_are_nan_in_the_file():
     text = to_csv(Table(COLUMNS, ({"name": "", "z_m": math.nan}, {"name": "x", "z_m": -math.inf})))
     assert text == "name,z_m\n,nan\nx,-inf\n"
 
 
-def test_rounding_makes_a_table_what_its_csv_says():
+def test_a_table_is_rounded_as_its_csv():
     rounded = table(COLUMNS, [{"name": "a", "z_m": 1 / 3}])
     assert rounded.rows == from_csv(to_csv(rounded), COLUMNS).rows
     assert rounded.numbers("z_m")[0] != 1 / 3
 
 
+def test_missing_values_are_filled():
+    filled = table(COLUMNS, [{"name": "a"}, {"z_m": 2.0}])
+    assert [row["name"] for row in filled] == ["a", ""]
+    assert math.isnan(filled.rows[0]["z_m"])
+    assert filled.rows[1]["z_m"] == 2.0
+
+
 @pytest.mark.parametrize("row", [{"name": "a"}, {"name": "a", "z_m": 1, "more": 2}])
-def test_rows_that_do_not_fit_are_refused(row):
+def test_missing_and_unknown_columns_raise(row):
     with pytest.raises(InputError, match=r"row 0 .*(z_m|more)"):
         Table(COLUMNS, (row,))
 
@@ -55,12 +62,12 @@ def test_unknown_columns_name_the_nearest():
         Table(COLUMNS, ()).numbers("z_mm")
 
 
-def test_a_csv_of_other_columns_is_refused():
+def test_a_csv_with_other_columns_raises():
     with pytest.raises(InputError, match="expected name, z_m"):
         from_csv("name,depth\na,1\n", COLUMNS)
 
 
-def test_where_and_groups_part_the_rows():
+def test_where_and_groups():
     rows = tuple({"name": word, "z_m": float(k)} for k, word in enumerate("abcab"))
     whole = Table(COLUMNS, rows)
     assert len(whole.where(name=("a", "b"))) == 4

@@ -1,4 +1,4 @@
-"""Targets: noise with the statistics it is asked for, planes that fill both views."""
+"""Targets: statistics of noise textures, planes that fill both views."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ CAMERA = Camera(96, 72, 90.0, 90.0, 47.5, 35.5)
 
 @pytest.mark.parametrize("scale", [1.0, 2.0, 4.0])
 @pytest.mark.parametrize("contrast", [0.05, 0.2])
-def test_noise_has_the_contrast_and_the_grain_it_is_asked_for(scale, contrast):
+def test_noise_has_the_requested_contrast_and_grain(scale, contrast):
     """White noise smoothed by s correlates as r(t) = exp(-t^2 / 4 s^2); half a difference over two texels has the
     variance (1 - r(2)) / 2 of the noise's own."""
     greys = [noise_texture(400, 300, scale, contrast, seed) for seed in range(4)]
@@ -23,24 +23,22 @@ def test_noise_has_the_contrast_and_the_grain_it_is_asked_for(scale, contrast):
     assert np.mean(slopes) == pytest.approx((1 - np.exp(-1.0 / scale**2)) / 2, rel=0.06)
 
 
-def test_noise_is_another_for_another_seed_and_the_same_for_the_same():
+def test_noise_depends_on_the_seed_alone():
     first, again, other = (noise_texture(50, 40, 1.0, 0.2, seed) for seed in (1, 1, 2))
     assert np.array_equal(first, again)
     assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.2
 
 
-@pytest.mark.parametrize(
-    ("depth", "base", "tilt"), [(1.0, 0.3, 0.0), (8.0, 0.06, 0.0), (2.0, 0.1, 0.6), (2.0, 0.1, -0.6)]
-)
-def test_a_plane_fills_both_views(depth, base, tilt):
+@pytest.mark.parametrize(("depth", "base"), [(1.0, 0.3), (8.0, 0.06)])
+def test_a_plane_fills_both_views(depth, base):
     rig = Rig.stereo(CAMERA, base, np.eye(4))
-    truths = ground_truth(noise_plane(rig, depth, 1, tilt=tilt), rig)
+    truths = ground_truth(noise_plane(rig, depth, 1), rig)
     assert all(np.isfinite(truth.depth).all() for truth in truths)
     middle = truths[0].depth[35:37, 47:49].mean()
-    assert middle == pytest.approx(depth, rel=0.15 if tilt else 1e-5)
+    assert middle == pytest.approx(depth, rel=1e-5)
 
 
-def test_a_planes_print_has_the_same_texels_at_every_distance():
+def test_a_plane_has_the_same_number_of_texels_at_every_distance():
     rig = Rig.stereo(CAMERA, 1e-6, np.eye(4))
     assert texels(rig, 1.0) == texels(rig, 8.0)
     assert plane_size(rig, 8.0)[1] == pytest.approx(8 * plane_size(rig, 1.0)[1])

@@ -1,4 +1,4 @@
-"""The Cramer-Rao bound of a shift against shifts that are made and measured; and what findings leave out."""
+"""The Cramer-Rao bound against least-squares estimates of known shifts; findings of known tables."""
 
 import math
 
@@ -12,7 +12,7 @@ GAIN, SIGMA, SHIFT, SIDE = 900.0, 4.0, 0.06, 7
 
 
 def waves(seed, shift=0.0, size=(63, 210)):
-    """Light (H, W) and its derivative along u, of waves no shorter than six pixels: known between pixels too."""
+    """Radiance (H, W) and its derivative along u: a sum of waves of at least six pixels."""
     random = np.random.default_rng(seed)
     v, u = np.mgrid[: size[0], : size[1]]
     light, slope = np.full(size, 1.0), np.zeros(size)
@@ -24,7 +24,7 @@ def waves(seed, shift=0.0, size=(63, 210)):
     return light, slope
 
 
-def test_slopes_are_those_of_the_light_in_the_pictures_grey_levels():
+def test_slopes_are_those_of_the_radiance_in_grey_levels():
     light, slope = waves(0)
     picture = GAIN * light + np.random.default_rng(1).normal(0.0, SIGMA, light.shape)
     found = texture._slopes(picture, np.repeat(light[..., None], 3, axis=2).astype(np.float32))
@@ -32,8 +32,8 @@ def test_slopes_are_those_of_the_light_in_the_pictures_grey_levels():
     assert np.abs(error).max() < 0.02 * np.abs(GAIN * slope).max()
 
 
-def test_made_shifts_are_measured_as_well_as_the_bound_says_and_no_better():
-    """Two noisy pictures, the right one shifted; every window's shift by least squares, which reaches the bound."""
+def test_least_squares_reach_the_bound():
+    """Two noisy images, the right one shifted; the shift of every window by least squares."""
     errors, bounds = [], []
     for seed in range(8):
         light, _ = waves(seed)
@@ -48,7 +48,7 @@ def test_made_shifts_are_measured_as_well_as_the_bound_says_and_no_better():
         bounds.append((math.sqrt(2) * SIGMA / np.sqrt(information))[apart].ravel())
     error, bound = np.concatenate(errors), np.concatenate(bounds)
     ratio = math.sqrt(float(np.mean((error / bound) ** 2)))
-    # A deviation of n draws is known to 1/sqrt(2 n).
+    # The standard deviation of n samples has a relative standard error of 1/sqrt(2 n).
     assert ratio == pytest.approx(1.0, abs=4 / math.sqrt(2 * error.size))
 
 
@@ -64,23 +64,23 @@ def rows(power=-1.0, blunders=lambda contrast: 0.0, contrasts=texture._NOISY):
     )  # fmt: skip
 
 
-def test_the_law_names_the_contrasts_it_was_fitted_to():
+def test_the_exponent_names_its_contrasts():
     finding = texture.conclude(rows())[-1]
     assert finding.holds
     assert "0.03, 0.04, 0.06, 0.08" in finding.text
     fewer = texture.conclude(rows(blunders=lambda contrast: 5.0 * (contrast < 0.035)))[-1]
-    assert fewer.asked
+    assert fewer.decided
     assert "0.04, 0.06, 0.08" in fewer.text
     assert "0.03" not in fewer.text
 
 
-def test_a_law_of_two_contrasts_is_not_asked():
+def test_two_contrasts_do_not_decide_the_exponent():
     finding = texture.conclude(rows(blunders=lambda contrast: 5.0 * (contrast < 0.05)))[-1]
-    assert not finding.asked
+    assert not finding.decided
     assert "{}" not in finding.text
 
 
-def test_another_power_is_not_the_law():
+def test_another_exponent_does_not_hold():
     assert not texture.conclude(rows(power=-1.3))[-1].holds
 
 

@@ -1,4 +1,4 @@
-"""`twinlens study`: sweep one physical quantity; a table, figures, and a page that says what was found."""
+"""`twinlens study`: run a study and write its table, figures and findings."""
 
 import json
 from pathlib import Path
@@ -13,14 +13,18 @@ from twinlens.cli.progress import progress_bar
 
 @click.command("study")
 @click.argument("name")
-@click.option("-o", "--output", type=PATH, help="Folder of the results.  [needed, but for 'list']")
-@click.option("--scene", "scenes", multiple=True, help="A bundled name or a scene's file; may be given several times.")
-@click.option("--methods", "methods", multiple=True, help="Matchers, commas between them, as sad,zncc:block_size=15.")
-@click.option("--seeds", type=click.IntRange(1, 1000), help="Repetitions, each with a seed of its own.")
-@click.option("--first-seed", type=click.IntRange(min=0), default=0, show_default=True, help="The first of the seeds.")
+@click.option("-o", "--output", type=PATH, help="Output folder.  [required, except for 'list']")
+@click.option("--scene", "scenes", multiple=True, help="Bundled name or scene file; repeatable.")
+@click.option(
+    "--methods", "methods", multiple=True, help="Matchers, e.g. sad,zncc:block_size=15; repeatable."
+)
+@click.option(
+    "--seeds", type=click.IntRange(1, 1000), help="Number of repetitions.  [default: the study's]"
+)
+@click.option("--first-seed", type=click.IntRange(min=0), default=0, show_default=True, help="First seed.")
 @click.option("--size", help="Image size, WIDTHxHEIGHT.  [default: the study's]")
-@click.option("--spp", type=click.IntRange(1, 1_000_000), help="Samples a pixel.  [default: the study's]")
-@click.option("--json", "as_json", is_flag=True, help="Print what was found as JSON.")
+@click.option("--spp", type=click.IntRange(1, 1_000_000), help="Samples per pixel.  [default: the study's]")
+@click.option("--json", "as_json", is_flag=True, help="Print protocol and findings as JSON.")
 def command(
     name: str,
     output: Path | None,
@@ -32,9 +36,10 @@ def command(
     spp: int | None,
     as_json: bool,
 ) -> None:
-    """Run the study NAME; write OUTPUT/table.csv, study.json, figures/ and index.html. `list` names the studies.
+    """Run the study NAME and write OUTPUT/table.csv, study.json, figures/ and index.html.
 
-    NAME may be a Python file that ends in STUDY = ...: its code is run.
+    NAME is an included study (`twinlens study list`) or a Python file that defines STUDY = Study(...), which is
+    executed.
 
     \b
     Example:  twinlens study list
@@ -59,7 +64,7 @@ def command(
             first_seed=first_seed, progress=report, **_sizes(size, spp),
         )  # fmt: skip
     page = write_study(output, result)
-    _tell(result, page, as_json)
+    _report(result, page, as_json)
 
 
 def _list(as_json: bool) -> None:
@@ -81,15 +86,10 @@ def _sizes(size: str | None, spp: int | None) -> dict[str, int]:
     return sizes
 
 
-def _tell(result: Any, page: Path, as_json: bool) -> None:
+def _report(result: Any, page: Path, as_json: bool) -> None:
     if as_json:
         click.echo((page.parent / "study.json").read_text())
         return
-    for stands in result.findings:
-        finding = stands.finding
-        if not finding.has_verdict:
-            click.echo(f"no verdict: {finding.sentence}.")
-            continue
-        verdict = "holds" if finding.holds else "DOES NOT HOLD"
-        click.echo(f"{verdict}, {stands.seeds} of {stands.of} seeds alone: {finding.sentence}.")
+    for support in result.findings:
+        click.echo(f"{support.finding.sentence}.\n    {support.verdict}.")
     click.echo(f"page: {page.resolve().as_uri()}")

@@ -1,10 +1,10 @@
-"""A study that was run, as files: table.csv, study.json, figures, pictures, and one page that says what was found."""
+"""The files of a completed study: table.csv, study.json, figures, pictures, and index.html with the findings."""
 
 import base64
 import html
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -16,18 +16,16 @@ from twinlens.dataset import encode_png
 from twinlens.dataset.files import write_file
 from twinlens.dataset.record import encode_json
 from twinlens.report.plots import DPI, draw, encode
-from twinlens.studies import Picture, Result, Stands, from_csv, to_csv
-from twinlens.studies.bootstrap import brief
+from twinlens.studies import Picture, Result, SeedSupport, from_csv, to_csv
 
 _GAP = 6
-_VERDICTS = {True: "Holds", False: "Does not hold"}
 
 
 def write_study(folder: str | os.PathLike[str], result: Result) -> Path:
-    """Write the study's files into `folder`, each whole or not at all, and return the page's path.
+    """Write the study's files into `folder`, each atomically, and return the path of the page.
 
-    table.csv, study.json (protocol and findings), figures/NAME.png and .svg, pictures/NAME.png, index.html. The figures
-    are drawn of the text of table.csv, read back.
+    table.csv, study.json (protocol and findings), figures/NAME.png and .svg, pictures/NAME.png, index.html. Figures are
+    drawn from table.csv, read back.
     """
     target = Path(folder)
     text = to_csv(result.table)
@@ -51,7 +49,7 @@ def write_study(folder: str | os.PathLike[str], result: Result) -> Path:
 
 
 def tiles(picture: Picture) -> NDArray[np.uint8]:
-    """The images side by side on white, uint8 (H, W, 3), `columns` in a row, each below its caption."""
+    """The captioned images on white, uint8 (H, W, 3), `columns` in a row."""
     from matplotlib import font_manager
     from PIL import Image, ImageDraw, ImageFont
 
@@ -69,8 +67,8 @@ def tiles(picture: Picture) -> NDArray[np.uint8]:
     return np.asarray(sheet)
 
 
-def _plain(stands: Stands) -> dict[str, Any]:
-    finding = stands.finding
+def _plain(support: SeedSupport) -> dict[str, Any]:
+    finding = support.finding
     return {
         "text": finding.sentence,
         "measured": _number(finding.measured.value),
@@ -80,7 +78,7 @@ def _plain(stands: Stands) -> dict[str, Any]:
         "expected": None if finding.expected is None else _number(finding.expected),
         "tolerance": finding.tolerance,
         "holds": bool(finding.holds) if finding.has_verdict else None,
-        "seeds_alone": [stands.seeds, stands.of],
+        "seeds_alone": [support.supporting, support.seeds],
     }
 
 
@@ -91,8 +89,7 @@ def _number(value: float) -> float | None:
 def _page(result: Result, images: Mapping[str, bytes]) -> str:
     study = result.study
     parts = [f"<h1>{html.escape(study.name)}</h1><p class=lead>{html.escape(study.question)}</p>"]
-    parts.append("<h2>What was found</h2>" + "".join(_finding(stands) for stands in result.findings))
-    parts.append(_unsettled(result.findings))
+    parts.append("<h2>Findings</h2>" + "".join(_finding(support) for support in result.findings))
     if study.figures:
         parts.append("<h2>Figures</h2>")
     for figure in study.figures:
@@ -109,41 +106,15 @@ def _page(result: Result, images: Mapping[str, bytes]) -> str:
     return skeleton.replace("{{title}}", title).replace("{{body}}", "\n".join(parts))
 
 
-def _finding(stands: Stands) -> str:
-    finding = stands.finding
-    before, _, after = (html.escape(part) for part in finding.text.partition("{}"))
-    number = f"<b>{html.escape(finding.measured.said(finding.unit))}</b>" if "{}" in finding.text else ""
-    if not finding.has_verdict:
-        why = "nothing was measured for it" if math.isnan(finding.measured.value) else "what was run does not decide it"
-        return f'<div class="finding"><p>{before}{number}{after}.</p><p class=note>No verdict: {why}</p></div>\n'
-    notes = [_VERDICTS[finding.holds] + (", but not for every seed" if _is_shaky(stands) else "")]
-    if finding.expected is not None:
-        within = "" if finding.tolerance is None else f", and within {100 * finding.tolerance:.3g} % of it is asked"
-        notes.append(f"theory says {brief(finding.expected)} {finding.unit}".strip() + within)
-    notes.append(f"borne out by {stands.seeds} of {stands.of} seeds alone")
-    kind = "shaky" if _is_shaky(stands) else ("good" if finding.holds else "bad")
-    said = html.escape("; ".join(notes))
-    return f'<div class="finding {kind}"><p>{before}{number}{after}.</p><p class=note>{said}</p></div>\n'
-
-
-def _is_shaky(stands: Stands) -> bool:
-    return stands.finding.holds and stands.seeds < stands.of
-
-
-def _unsettled(findings: Sequence[Stands]) -> str:
-    """A sentence on what other seeds would change."""
-    shaky = sum(_is_shaky(stands) for stands in findings)
-    failed = sum(stands.finding.has_verdict and not stands.finding.holds for stands in findings)
-    seeds = findings[0].of if findings else 0
-    if seeds < 2:
-        text = "One seed was run: whether the findings stand with another is not known."
-    elif shaky:
-        text = f"{shaky} of {len(findings)} findings hold for all seeds together but not for each alone."
-    else:
-        text = "Every finding that holds does so for each seed alone."
-    if failed:
-        text += f" {failed} of {len(findings)} do not hold."
-    return f"<p class=note>{text}</p>"
+def _finding(support: SeedSupport) -> str:
+    finding = support.finding
+    before, _, after = (html.escape(part) for part in finding.template.partition("{}"))
+    number = f"<b>{html.escape(finding.measured.format(finding.unit))}</b>" if "{}" in finding.template else ""
+    kind = "" if not finding.has_verdict else " good" if finding.holds else " bad"
+    if kind == " good" and support.supporting < support.seeds:
+        kind = " shaky"
+    text, verdict = f"{before}{number}{after}", html.escape(support.verdict)
+    return f'<div class="finding{kind}"><p>{text}.</p><p class=note>{verdict[0].upper()}{verdict[1:]}.</p></div>\n'
 
 
 def _image(path: str, data: bytes, title: str, other: str = "", scale: float = 1.0, shown: str = "") -> str:
@@ -157,16 +128,16 @@ def _image(path: str, data: bytes, title: str, other: str = "", scale: float = 1
 def _protocol(result: Result) -> str:
     setup = result.setup
     rows = {
-        "scenes": ", ".join(setup.scenes) or "made by the study",
+        "scenes": ", ".join(setup.scenes) or "synthetic targets",
         "matchers": ", ".join(setup.methods) or "none",
         "seeds": ", ".join(str(seed) for seed in setup.seeds),
-        "photographs": f"{setup.width}x{setup.height}, {setup.spp} samples a pixel",
+        "images": f"{setup.width}x{setup.height}, {setup.spp} samples per pixel",
         "backend": str(result.protocol.get("backend", "")),
-        "intervals": "bootstrap over scenes, over seeds where one scene is all, in brackets and as bands: 95 %; of two "
-        "to four scenes or seeds no more than their range can be said, and is",
+        "intervals": "95 % bootstrap over scenes, or over seeds for a single scene, in brackets and as bands; the range of "
+        "fewer than five scenes or seeds",
         "rows": f"{len(result.table)}",
         **result.remarks,
     }
     lines = "".join(f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>" for name, text in rows.items())
-    files = 'All of it: <a href="study.json">study.json</a>; the numbers: <a href="table.csv">table.csv</a>.'
+    files = 'Complete protocol: <a href="study.json">study.json</a>; measurements: <a href="table.csv">table.csv</a>.'
     return f"<table>{lines}</table><p class=note>{files}</p>"

@@ -1,12 +1,11 @@
-"""Sweeps of one physical quantity, composed of the rooms below: what aperture, focus, baseline or noise do to stereo.
+"""Studies: sweeps of one physical quantity, such as aperture, focus or baseline, and its effect on stereo matching.
 
-A study is one short file that ends in a `Study`; `STUDIES` lists those that come along.
+A study is one module or package that defines a `Study`; `STUDIES` lists the included ones.
 """
 
 from twinlens.studies.bootstrap import Interval, bootstrap, log_slope, mean_of, over_scenes, paired_difference
-from twinlens.studies.catalogue import STUDIES, find_study, study
-from twinlens.studies.model import Figure, Finding, Measured, Picture, Result, Setup, Stands, Study, sweep
-from twinlens.studies.run import run_study
+from twinlens.studies.model import Figure, Finding, Measured, Picture, Result, SeedSupport, Setup, Study, sweep
+from twinlens.studies.run import STUDIES, find_study, run_study, study
 from twinlens.studies.stage import Stage, stream
 from twinlens.studies.table import Column, Table, from_csv, to_csv
 
@@ -19,9 +18,9 @@ __all__ = [
     "Measured",
     "Picture",
     "Result",
+    "SeedSupport",
     "Setup",
     "Stage",
-    "Stands",
     "Study",
     "Table",
     "bootstrap",

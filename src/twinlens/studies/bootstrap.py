@@ -1,11 +1,11 @@
-"""Confidence intervals by resampling: how far a mean could be off, had other scenes been photographed.
+"""Confidence intervals by bootstrap over scenes.
 
-What one scene gives is not independent, however many seeds it is photographed with: scenes are drawn whole, with
-replacement (Davison and Hinkley, Bootstrap Methods and their Application, 1997, section 3.8). Where one scene is all,
-its seeds are drawn. Of n units the percentile interval is too narrow, as sqrt((n - 1)/n) and as the normal beside
-Student's t; its levels are widened to make up for both (Hesterberg, What Teachers Should Know About the Bootstrap, The
-American Statistician 69(4), 2015, "expanded percentile"). Of two to four units that is their whole range, and no
-resampling can say more: the range of three covers the true median three times in four.
+Measurements of one scene are not independent, however many seeds it is rendered with. Whole scenes are resampled with
+replacement (Davison and Hinkley, Bootstrap Methods and their Application, 1997, section 3.8); with a single scene, its
+seeds are resampled. For n units the percentile interval is too narrow by sqrt((n - 1)/n) and by the ratio of the normal
+to Student's t; its levels are widened accordingly (Hesterberg, What Teachers Should Know About the Bootstrap, The
+American Statistician 69(4), 2015, "expanded percentile"). With two to four units the interval is their whole range; the
+range of three covers the true median with probability 3/4.
 """
 
 import math
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, stdtrit
 
+from twinlens.seeds import generator
 from twinlens.studies.table import Table, Value
 
 Float = NDArray[np.float64]
@@ -23,17 +24,16 @@ Statistic = Callable[[Float], float]
 
 DRAWS = 1000
 LEVEL = 0.95
-LEAST_UNITS = 5
-"""Of fewer an interval is said to be the range that it is."""
+MIN_UNITS = 5
+"""With fewer units an interval is reported as a range."""
 _STREAM = 6
 
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate and its confidence interval, [low, high]; of one unit alone both ends are NaN.
+    """An estimate and its confidence interval [low, high]; both ends are NaN for a single unit.
 
-    units: how many scenes or seeds it was drawn of; 0 where that is not known. Of few it is no interval of 95 %, but
-    about the range of what each gave.
+    units: the number of scenes or seeds resampled; 0 if unknown.
     """
 
     value: float
@@ -41,12 +41,12 @@ class Interval:
     high: float
     units: int = 0
 
-    def said(self, unit: str = "") -> str:
-        """In words.
+    def format(self, unit: str = "") -> str:
+        """The value and its interval as text.
 
-        >>> Interval(2.5, 2.25, 2.75, 9).said("px"), Interval(2.5, 2.25, 2.75, 3).said("px")
+        >>> Interval(2.5, 2.25, 2.75, 9).format("px"), Interval(2.5, 2.25, 2.75, 3).format("px")
         ('2.5 px [2.25, 2.75]', '2.5 px (range of 3: 2.25 to 2.75)')
-        >>> Interval(math.nan, math.nan, math.nan).said("px")
+        >>> Interval(math.nan, math.nan, math.nan).format("px")
         '(not measured)'
         """
         if math.isnan(self.value):
@@ -54,13 +54,13 @@ class Interval:
         value = f"{brief(self.value)} {unit}".strip()
         if math.isnan(self.low):
             return value
-        if 0 < self.units < LEAST_UNITS:
+        if 0 < self.units < MIN_UNITS:
             return f"{value} (range of {self.units}: {brief(self.low)} to {brief(self.high)})"
         return f"{value} [{brief(self.low)}, {brief(self.high)}]"
 
 
 def unsigned(of: Interval, above: str, below: str) -> tuple[Interval, str]:
-    """A difference as a sentence says it that has a word for its sign: turned round, with `below`, where it is under 0.
+    """The size of a difference and the word for its sign: `above` if it is >= 0 or NaN, otherwise `below`.
 
     >>> unsigned(Interval(-2.0, -3.0, 1.0, 3), "fewer", "more")
     (Interval(value=2.0, low=-1.0, high=3.0, units=3), 'more')
@@ -71,7 +71,7 @@ def unsigned(of: Interval, above: str, below: str) -> tuple[Interval, str]:
 
 
 def brief(number: float) -> str:
-    """Three digits that count, and no exponent where five would do.
+    """Three significant digits, without an exponent from 1000 to 1e6.
 
     >>> brief(0.03512), brief(12345.6), brief(-2)
     ('0.0351', '12346', '-2')
@@ -80,14 +80,13 @@ def brief(number: float) -> str:
 
 
 def mean(values: Float) -> float:
-    """The statistic of most findings."""
     return float(values.mean())
 
 
 def bootstrap(statistic: Statistic, units: Sequence[ArrayLike], seed: int = 0) -> Interval:
-    """The statistic of all units' values together, with its interval over the units that could have been drawn.
+    """The statistic of all measurements together, with its interval from resampling the units.
 
-    `units`: each an array of its measurements; NaN measurements are left out.
+    units: one array of measurements per unit; NaN measurements are ignored.
 
     >>> bootstrap(mean, [[1.0], [2.0], [3.0]])
     Interval(value=2.0, low=1.0, high=3.0, units=3)
@@ -97,30 +96,26 @@ def bootstrap(statistic: Statistic, units: Sequence[ArrayLike], seed: int = 0) -
     if not arrays:
         return Interval(math.nan, math.nan, math.nan)
     value = float(statistic(np.concatenate(arrays)))
-    if len(arrays) < 2:
+    count = len(arrays)
+    if count < 2:
         return Interval(value, math.nan, math.nan, 1)
-    low, high = np.quantile(_drawn(statistic, arrays, seed), _levels(len(arrays)))
-    return Interval(value, float(low), float(high), len(arrays))
+    tail = float(ndtr(math.sqrt(count / (count - 1)) * stdtrit(count - 1, 0.5 - LEVEL / 2)))
+    low, high = np.quantile(_resampled(statistic, arrays, seed), (tail, 1.0 - tail))
+    return Interval(value, float(low), float(high), count)
 
 
-def _drawn(statistic: Statistic, arrays: Sequence[Float], seed: int) -> Float:
-    """The statistic of every draw; equal draws are looked at once."""
-    random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
-    picks = np.sort(random.integers(0, len(arrays), (DRAWS, len(arrays))), axis=1)
+def _resampled(statistic: Statistic, arrays: Sequence[Float], seed: int) -> Float:
+    """The statistic of every resample; equal resamples are evaluated once."""
+    picks = np.sort(generator(seed, _STREAM).integers(0, len(arrays), (DRAWS, len(arrays))), axis=1)
     distinct, counts = np.unique(picks, axis=0, return_counts=True)
     values = [float(statistic(np.concatenate([arrays[i] for i in pick]))) for pick in distinct]
     return np.repeat(np.array(values), counts)
 
 
-def _levels(units: int) -> tuple[float, float]:
-    tail = float(ndtr(math.sqrt(units / (units - 1)) * stdtrit(units - 1, 0.5 - LEVEL / 2)))
-    return tail, 1.0 - tail
-
-
 def over_scenes(table: Table, measure: Callable[[Table], ArrayLike], statistic: Statistic = mean) -> Interval:
-    """The statistic of what `measure` gives of each scene and seed's rows, with its interval over scenes.
+    """The statistic of `measure`, evaluated on the rows of each scene and seed, with its interval over scenes.
 
-    Over the seeds where one scene is all.
+    With a single scene, the interval is over its seeds.
     """
     scenes: dict[Value, list[Float]] = {}
     for (scene, _), unit in table.groups("scene", "seed"):
@@ -135,7 +130,7 @@ def mean_of(table: Table, name: str) -> Interval:
 
 
 def paired_difference(table: Table, name: str, by: str, first: Value, second: Value) -> Interval:
-    """Mean of (value at `first` minus value at `second` of the column `by`), scene by scene and seed by seed."""
+    """Mean over scenes and seeds of: column `name` where `by` equals `first`, minus where it equals `second`."""
 
     def difference(unit: Table) -> Float:
         a, b = (unit.where(**{by: which}).numbers(name) for which in (first, second))
@@ -145,7 +140,7 @@ def paired_difference(table: Table, name: str, by: str, first: Value, second: Va
 
 
 def log_slope(x: str, y: str) -> Callable[[Table], float]:
-    """What measures the exponent p of y ~ x^p in a table's rows, by least squares of the logarithms; NaN of one x."""
+    """A function that fits the exponent p of y ~ x^p by least squares of the logarithms; NaN for fewer than two x."""
 
     def slope(unit: Table) -> float:
         across, up = unit.numbers(x), unit.numbers(y)

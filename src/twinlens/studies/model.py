@@ -1,11 +1,10 @@
-"""What a study is: a question, a way to measure, what is concluded of the table, and which figures are drawn of it.
+"""What a study is: a question, a measurement, findings and figures.
 
-    Setup -> measure -> Table (the CSV) -> conclude -> Findings
-                          |--------------> Figures (drawn by the report room, of the CSV alone)
-
-A `Study` is data and two functions; `STUDIES` lists those that come along, `run_study` runs one.
+Setup -> measure -> Table (the CSV) -> conclude -> Findings
+                      |--------------> Figures (drawn by the report room, from the CSV alone)
 """
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,20 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError, unknown
-from twinlens.studies.bootstrap import Interval
+from twinlens.studies.bootstrap import Interval, brief, unsigned
 from twinlens.studies.table import Column, Row, Table, Value
 
 Progress = Callable[[float, str], None]
-LEAST_SIZE = (64, 48)
-"""Width and height in pixels below which windows leave nothing of a photograph to measure."""
+MIN_SIZE = (64, 48)
+"""Smallest width and height of an image in pixels; smaller ones are all border for the matchers' windows."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """What a study is run on.
+    """The input of a study.
 
-    scenes: names or files, as `load_scene` takes them. methods: as `matching.parse_method` reads them. seeds: one
-    repetition each, of every random draw. width, height, spp: of the photographs. progress: told the fraction done.
+    scenes: names or files, as for `load_scene`. methods: as for `matching.parse_method`. seeds: one repetition each.
+    width, height: of the images, pixels. spp: samples per pixel. progress: called with the fraction done and a label.
+
+    Raises InputError for an empty list of seeds, a repeated entry, and sizes that are too small or not integers.
     """
 
     scenes: tuple[str, ...]
@@ -37,33 +38,33 @@ class Setup:
     width: int = 320
     height: int = 240
     spp: int = 32
-    progress: Progress = lambda fraction, now: None
+    progress: Progress = lambda fraction, label: None
 
     def __post_init__(self) -> None:
         if not self.seeds:
-            raise InputError("a study needs one seed at least")
+            raise InputError("a study needs at least one seed")
         for name in ("scenes", "methods", "seeds"):
             values = getattr(self, name)
             double = next((value for value in values if values.count(value) > 1), None)
             if double is not None:
-                raise InputError(f"a study's {name} name {double!r} twice")
+                raise InputError(f"{name} of a study contain {double!r} twice")
         for name in ("width", "height", "spp"):
             if not (isinstance(getattr(self, name), int) and getattr(self, name) > 0):
-                raise InputError(f"a study's {name} must be a positive whole number, got {getattr(self, name)!r}")
-        if self.width < LEAST_SIZE[0] or self.height < LEAST_SIZE[1]:
-            least = "{}x{}".format(*LEAST_SIZE)
-            raise InputError(f"a study's photographs must be {least} or larger, got {self.width}x{self.height}")
+                raise InputError(f"{name} of a study must be a positive integer, got {getattr(self, name)!r}")
+        if self.width < MIN_SIZE[0] or self.height < MIN_SIZE[1]:
+            least = "{}x{}".format(*MIN_SIZE)
+            raise InputError(f"images of a study must be {least} or larger, got {self.width}x{self.height}")
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One conclusion: what was claimed or asked, what was measured, and whether it holds.
+    """A claim, the measurement that tests it, and whether the claim holds.
 
-    text: a sentence without its full stop, with {} where the measured number stands. measured: the number with its
-    interval, in `unit`. holds: whether the measurement bears the sentence out. expected: what theory says, if it does,
-    and within which `tolerance` (relative). answer: what was found where the sentence names one of several, as a
-    matcher; a seed bears the finding out only if it gives the same answer. asked: False where the chosen methods or
-    scenes leave the question open.
+    text: the claim, a sentence without its full stop. measured: the number with its interval, in `unit`. result: what
+    was measured, in words that are right for either outcome. One {} in `text` or in `result` stands for the number.
+    expected: the value predicted by theory, if any, and its relative `tolerance`. answer: what was found where the
+    claim names one of several, such as a matcher; a seed supports the finding only with the same answer. decided:
+    False where the chosen methods, scenes or noise leave the claim open.
     """
 
     text: str
@@ -73,40 +74,75 @@ class Finding:
     expected: float | None = None
     tolerance: float | None = None
     answer: str = ""
-    asked: bool = True
+    decided: bool = True
+    result: str = ""
 
     @property
     def has_verdict(self) -> bool:
-        """Whether it was asked, and measured: a number that the sentence names is NaN where no rows tell it."""
-        return self.asked and not ("{}" in self.text and math.isnan(self.measured.value))
+        """Whether the claim was decided; it is open where its number could not be measured (NaN)."""
+        return self.decided and not ("{}" in self.text + self.result and math.isnan(self.measured.value))
+
+    @property
+    def template(self) -> str:
+        """The claim and the result, with {} for the number."""
+        return f"{self.text}. Measured: {self.result}" if self.result else self.text
 
     @property
     def sentence(self) -> str:
-        """The text with the number in its place."""
-        return self.text.replace("{}", self.measured.said(self.unit), 1)
+        """The claim and the result with the number filled in, without the last full stop."""
+        return self.template.replace("{}", self.measured.format(self.unit), 1)
+
+    @property
+    def prediction(self) -> str:
+        """The expected value and its tolerance in words; empty where nothing was predicted."""
+        if self.expected is None:
+            return ""
+        within = "" if self.tolerance is None else f" within {100 * self.tolerance:.3g} %"
+        return f"expected {brief(self.expected)} {self.unit}".strip() + within
 
 
-def agrees(measured: Interval, expected: float, tolerance: float) -> bool:
-    """Whether a measured value is within the relative tolerance of what theory expects."""
-    return abs(measured.value / expected - 1) <= tolerance
+def compared(
+    claim: str, difference: Interval, above: str, below: str, rest: str, *, unit: str = "percentage points",
+    answer: str = "",
+) -> Finding:  # fmt: skip
+    """The claim that a difference is positive; it holds if the whole interval is above 0.
+
+    The result is worded by the sign: `above` for a positive difference, `below` for a negative one.
+
+    >>> finding = compared("SSD has fewer wrong pixels than SAD", Interval(-2, -3, -1, 9), "fewer", "more", "than SAD")
+    >>> finding.holds, finding.sentence.partition(". ")[2]
+    (False, 'Measured: 2 percentage points [1, 3] more than SAD')
+    """
+    size, word = unsigned(difference, above, below)
+    return Finding(claim, size, is_above(difference), unit, answer=answer, result=f"{{}} {word} {rest}".strip())
+
+
+def predicted(text: str, measured: Interval, expected: float, tolerance: float, unit: str = "") -> Finding:
+    """The claim that a value equals a prediction; it holds within the relative tolerance."""
+    holds = abs(measured.value / expected - 1) <= tolerance
+    return Finding(text, measured, holds, unit, expected, tolerance)
+
+
+def open_claim(text: str) -> Finding:
+    """A claim that the chosen methods or scenes cannot decide, and that has no number."""
+    return Finding(text, Interval(math.nan, math.nan, math.nan), holds=False, decided=False)
 
 
 def is_above(measured: Interval, floor: float = 0.0) -> bool:
-    """Whether a value is above the floor, and its interval, where there is one, too."""
+    """Whether a value and its interval, if it has one, are above the floor."""
     return measured.value > floor and not measured.low <= floor
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A plot of the table: the mean of `y` against `x`, a line for each value of `by`, a panel for each of `panel`.
+    """A plot of the table: the mean of `y` against `x`, one line per value of `by`, one panel per value of `panel`.
 
-    kind: "line" (means with bootstrap bands), "scatter" (every row a point), "heatmap" (mean of `z` over x and y).
-    where: only rows with these values; rows whose `by` is "theory" are drawn as a black dashed line. residual_of: the
-    column with the prediction; a strip below shows measured / predicted - 1. also: columns drawn in the same colour as
-    y, dashed and without marks (a bound, a prediction). marks: (column, label): a vertical line at the column's mean,
-    the geometric one where x is logarithmic.
-    best: "least" or "most": the point of each line that is ringed. x_of: what the x axis says in the panel of this
-    value, where that differs.
+    kind: "line" (means with bootstrap bands), "scatter" (a point per row), "heatmap" (mean of `z` over x and y).
+    where: keep rows with these values; rows whose `by` is "theory" are drawn as a black dashed line. residual_of: a
+    column of predictions; a strip below shows measured / predicted - 1. also: columns drawn dashed in the colour of y
+    (a bound, a prediction). marks: (column, label): a vertical line at the mean of the column, geometric on a
+    logarithmic axis. best: "least" or "most": the point of each line that is ringed. x_of: x-axis labels of panels
+    whose label differs.
     """
 
     name: str
@@ -128,14 +164,14 @@ class Figure:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The names of all columns that it draws from."""
+        """The names of all columns that are drawn."""
         named = (self.x, self.y, self.by, self.panel, self.z, self.residual_of, *self.where, *self.also)
         return tuple(name for name in (*named, *(column for column, _ in self.marks)) if name)
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Images side by side, each with its caption: uint8 (H, W) or (H, W, 3). What no table can show."""
+    """Captioned images side by side, uint8 (H, W) or (H, W, 3), `columns` in a row."""
 
     name: str
     title: str
@@ -146,7 +182,10 @@ class Picture:
 
 @dataclass(frozen=True)
 class Measured:
-    """What `measure` gives: the rows, pictures, notes for the protocol's JSON, and remarks that the page says too."""
+    """The output of `measure`: rows of the table, pictures, notes for study.json, and remarks for page and JSON.
+
+    A row may omit columns: they become NaN, or "" in a column of words.
+    """
 
     rows: Sequence[Row]
     pictures: tuple[Picture, ...] = ()
@@ -160,12 +199,12 @@ class Study:
 
     Parameters
     ----------
-    name, question : what it is called, and what it asks, in a sentence.
+    name, question : the study's name, and its question as one sentence.
     columns : of its table, besides "scene" and "seed", which every table has.
     measure : Setup -> Measured.
-    conclude : Table -> findings; called with the whole table, and with each seed's rows alone.
-    figures : drawn of the CSV.
-    defaults : the Setup it is run on unless told otherwise.
+    conclude : Table -> findings; called with the whole table, and with the rows of each seed alone.
+    figures : drawn from the CSV.
+    defaults : the Setup used where nothing else is chosen.
     """
 
     name: str
@@ -190,32 +229,40 @@ class Study:
 
 
 @dataclass(frozen=True, eq=False)
-class Stands:
-    """A finding of all rows, and for how many of the seeds it holds when each is looked at alone."""
+class SeedSupport:
+    """A finding from all rows, and how many of the seeds support it when each is evaluated alone."""
 
     finding: Finding
+    supporting: int
     seeds: int
-    of: int
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in words, with the prediction and the number of supporting seeds."""
+        finding = self.finding
+        if not finding.has_verdict:
+            return "no verdict: " + ("not measured" if math.isnan(finding.measured.value) else "not decided")
+        seeds = f"{self.supporting} of {self.seeds} seeds support it"
+        verdict = "holds" if finding.holds else "does not hold"
+        return "; ".join(part for part in (verdict, finding.prediction, seeds) if part)
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A study that was run: its table, what was found, and everything a page or a protocol says of it."""
+    """A completed study."""
 
     study: Study
     setup: Setup
     table: Table
-    findings: tuple[Stands, ...]
+    findings: tuple[SeedSupport, ...]
     pictures: tuple[Picture, ...]
     protocol: Mapping[str, Any]
     remarks: Mapping[str, str] = field(default_factory=dict)
 
 
 def sweep(setup: Setup, *values: Sequence[Value]) -> Iterator[tuple[Any, ...]]:
-    """Every (scene, *values) of a grid, scene by scene, telling the progress before each."""
-    grid: list[tuple[Any, ...]] = [(scene,) for scene in setup.scenes]
-    for axis in values:
-        grid = [(*place, value) for place in grid for value in axis]
+    """Every (scene, *values) of a grid, scene by scene; reports the progress before each."""
+    grid = list(itertools.product(setup.scenes, *values))
     for done, place in enumerate(grid):
         setup.progress(done / len(grid), " ".join(str(value) for value in place))
         yield place

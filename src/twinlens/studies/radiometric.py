@@ -1,10 +1,9 @@
-"""`radiometric`: the two eyes differ in gain, gamma, vignetting or noise. Which cost minds least?
+"""`radiometric`: matching costs on image pairs that differ in gain, gamma, vignetting or noise.
 
-The question of Hirschmueller and Scharstein, Evaluation of Stereo Matching Costs on Images with Radiometric
-Differences, PAMI 31(9), 2009: they change the right image of a pair and find census the most robust of all. Here the
-photograph is made once per scene and seed, by a sensor without noise of its own; each difference is then put on the
-right picture as they did, and noise on both. What noise the light paths leave in the photographs is measured, from its
-two halves, and said beside the protocol.
+After Hirschmueller and Scharstein, Evaluation of Stereo Matching Costs on Images with Radiometric Differences, PAMI
+31(9), 2009, who alter the right image of a pair and find census the most robust cost. Each scene and seed is exposed
+once, by a sensor without noise; each difference is then applied to the right image, and noise to both. The rendering
+noise left in the images is measured from two halves of the samples and reported.
 """
 
 import dataclasses
@@ -18,8 +17,8 @@ from numpy.typing import NDArray
 from twinlens.camera import Pinhole
 from twinlens.matching import StereoMatcher, parse_method
 from twinlens.sensor import Sensor, auto_exposure
-from twinlens.studies.bootstrap import Interval, brief, mean_of, paired_difference, unsigned
-from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, is_above, sweep
+from twinlens.studies.bootstrap import brief, mean_of, paired_difference
+from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, compared, open_claim, sweep
 from twinlens.studies.stage import SCORES, Stage, stream
 from twinlens.studies.table import Column, Row, Table
 
@@ -28,78 +27,69 @@ Image = NDArray[Any]
 SENSOR = Sensor.preset("ideal", output="srgb", shot_noise=False)
 
 
-def _gain(picture: Image, amount: float, seed: int) -> Image:
-    return _levels(picture * amount)
-
-
-def _gamma(picture: Image, amount: float, seed: int) -> Image:
-    return _levels(255.0 * (picture / 255.0) ** amount)
-
-
 def _vignetting(picture: Image, amount: float, seed: int) -> Image:
     height, width = picture.shape[:2]
     y, x = np.ogrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
-    falloff = 1.0 - (1.0 - amount) * (x**2 + y**2) / 2.0
-    return _levels(picture * falloff[..., None])
+    falloff: Image = 1.0 - (1.0 - amount) * (x**2 + y**2) / 2.0
+    return picture * falloff[..., None]
 
 
 def _noise(picture: Image, amount: float, seed: int) -> Image:
-    return _levels(picture + amount * np.random.default_rng(seed).standard_normal(picture.shape))
-
-
-def _levels(values: NDArray[Any]) -> Image:
-    levels: Image = np.rint(np.clip(values, 0, 255)).astype(np.uint8)
-    return levels
+    return picture + amount * np.random.default_rng(seed).standard_normal(picture.shape)
 
 
 @dataclass(frozen=True)
 class Change:
-    """A difference between the eyes: what it does to a picture of 8 bits, how strongly, and which amount is none."""
+    """A radiometric difference: (8-bit image, amount, seed) -> levels, its amounts, and the amount without effect."""
 
-    apply: Callable[[Image, float, int], Image]
+    levels: Callable[[Image, float, int], Image]
     amounts: tuple[float, ...]
     neutral: float
     text: str
     both: bool = False
 
+    def apply(self, picture: Image, amount: float, seed: int) -> Image:
+        """The altered image, rounded and clipped to 8 bits."""
+        altered: Image = np.rint(np.clip(self.levels(picture, amount, seed), 0, 255)).astype(np.uint8)
+        return altered
+
 
 CHANGES: Mapping[str, Change] = {
-    "gain": Change(_gain, (0.5, 0.7, 1.0, 1.4, 2.0), 1.0, "factor on the right picture's levels"),
-    "gamma": Change(_gamma, (0.5, 0.7, 1.0, 1.4, 2.0), 1.0, "exponent of the right picture's levels"),
-    "vignetting": Change(_vignetting, (0.3, 0.5, 0.7, 0.85, 1.0), 1.0, "light left in the right picture's corners"),
-    "noise": Change(_noise, (0.0, 2.0, 4.0, 8.0, 16.0), 0.0, "noise of either picture, s.d. (grey levels)", both=True),
-}
-
-
-_NOTHING = Interval(*3 * (float("nan"),))
+    "gain": Change(lambda picture, amount, seed: picture * amount,
+                   (0.5, 0.7, 1.0, 1.4, 2.0), 1.0, "gain of the right image"),
+    "gamma": Change(lambda picture, amount, seed: 255.0 * (picture / 255.0) ** amount,
+                    (0.5, 0.7, 1.0, 1.4, 2.0), 1.0, "gamma of the right image"),
+    "vignetting": Change(_vignetting, (0.3, 0.5, 0.7, 0.85, 1.0), 1.0, "transmission in the right image's corners"),
+    "noise": Change(_noise, (0.0, 2.0, 4.0, 8.0, 16.0), 0.0, "noise of both images, s.d. (grey levels)", both=True),
+}  # fmt: skip
 
 
 def measure(setup: Setup) -> Measured:
-    """A row for every scene, seed, difference, strength and matcher."""
+    """A row for every scene, seed, difference, amount and matcher."""
     rows: list[Row] = []
-    left_over: dict[str, list[float]] = {}
+    noise: dict[str, list[float]] = {}
     for scene, seed in sweep(setup, setup.seeds):
         stage = Stage.of(scene, setup.width, setup.height)
-        pictures, grain = photographs(stage, setup.spp, seed)
-        left_over.setdefault(scene, []).append(grain)
+        pictures, rms = photographs(stage, setup.spp, seed)
+        noise.setdefault(scene, []).append(rms)
         for name, change in CHANGES.items():
             for amount in change.amounts:
                 place = {"scene": scene, "seed": seed, "change": name, "amount": amount}
                 found = stage.errors(changed_pair(pictures, change, amount, seed), setup.methods)
                 rows += [{**place, "method": method, **scores} for method, scores in found.items()]
-    grains = {scene: float(np.sqrt(np.mean(np.square(values)))) for scene, values in left_over.items()}
-    text = ", ".join(f"{scene} {brief(grain)}" for scene, grain in grains.items())
+    totals = {scene: float(np.sqrt(np.mean(np.square(values)))) for scene, values in noise.items()}
+    text = ", ".join(f"{scene} {brief(total)}" for scene, total in totals.items())
     return Measured(
         rows,
-        notes={"sensor": dataclasses.asdict(SENSOR), "light_path_noise": grains},
-        remarks={"noise of the light paths": f"{text} grey levels of 255, rms, before any difference is put on"},
+        notes={"sensor": dataclasses.asdict(SENSOR), "light_path_noise": totals},
+        remarks={"rendering noise": f"{text}; rms grey levels of 255, before any difference is applied"},
     )
 
 
 def photographs(stage: Stage, spp: int, seed: int) -> tuple[tuple[Image, Image], float]:
-    """The pair of `spp` samples a pixel, and the noise its light paths leave in the left picture, rms grey levels.
+    """The image pair from `spp` samples per pixel, and the rendering noise of the left image, rms grey levels.
 
-    It is taken by two halves: their mean is the photograph, and half their difference has its mean's deviation.
+    Two halves of the samples are rendered: their mean is the image, and half their difference has its standard error.
     """
     halves = [stage.photograph(Pinhole(), max(spp // 2, 1), stream(seed, 0, half)) for half in range(2)]
     light = [0.5 * (first + second) for first, second in zip(*halves, strict=True)]
@@ -107,25 +97,25 @@ def photographs(stage: Stage, spp: int, seed: int) -> tuple[tuple[Image, Image],
     first, second = (
         stage.expose(half, Pinhole(), stream(seed, 1), SENSOR, exposure)[0].astype(np.float64) for half in halves
     )
-    grain = 0.5 * float(np.sqrt(np.mean((first - second) ** 2)))
-    return stage.expose(light, Pinhole(), stream(seed, 1), SENSOR, exposure), grain
+    rms = 0.5 * float(np.sqrt(np.mean((first - second) ** 2)))
+    return stage.expose(light, Pinhole(), stream(seed, 1), SENSOR, exposure), rms
 
 
 def changed_pair(pictures: Sequence[Image], change: Change, amount: float, seed: int) -> tuple[Image, Image]:
-    """The pair with this difference between its eyes."""
+    """The pair with this difference between its images."""
     left = change.apply(pictures[0], amount, stream(seed, 2)) if change.both else pictures[0]
     return left, change.apply(pictures[1], amount, stream(seed, 3))
 
 
 def conclude(table: Table) -> list[Finding]:
-    """For each difference the best of the local costs; and whether census is the best of them over all."""
+    """The best local cost under each difference, and whether census is the best over all of them."""
     changed = table.where(lambda row: row["amount"] != CHANGES[str(row["change"])].neutral)
     local = changed.where(lambda row: is_local(str(row["method"])))
     return [*(_fewest(local.where(change=change), change) for change in CHANGES), _census(local)]
 
 
 def is_local(method: str) -> bool:
-    """Whether the method is a cost over one fixed block whose least value wins; networks and programs are none.
+    """Whether the method takes the least cost over one fixed block; networks and external programs do not.
 
     >>> [is_local(method) for method in ("census:block_size=5", "zncc:optimisation=sgm8", "sgm4", "adaptive")]
     [True, False, False, False]
@@ -138,51 +128,49 @@ def is_local(method: str) -> bool:
 
 
 def _ranking(rows: Table) -> list[str]:
+    """The methods by increasing share of wrong pixels."""
     wrong = {str(method): rows.where(method=method).numbers("totbad2").mean() for method in rows.values("method")}
     return sorted(wrong, key=lambda method: float(wrong[method]))
 
 
 def _fewest(rows: Table, change: str) -> Finding:
-    """The cost with the fewest wrong pixels on average over the strengths, and how far the next one is."""
+    """The cost with the fewest wrong pixels, averaged over the amounts, and its margin over the second best."""
     if not len(rows):
-        text = f"Under {change} a local cost has the fewest wrong pixels: takes one among the methods"
-        return Finding(text, _NOTHING, holds=False, asked=False)
+        return open_claim(f"Under {change}, one local cost has the fewest wrong pixels: no local cost was run")
     best, *others = _ranking(rows)
     if not others:
-        text = f"Under {change} {best}, asked alone, has {{}} of its pixels wrong"
+        text = f"Under {change}, {best} is the only local cost; it has {{}} wrong pixels"
         return Finding(text, mean_of(rows, "totbad2"), True, "%", answer=best)
     margin = paired_difference(rows, "totbad2", "method", others[0], best)
-    said, way = unsigned(margin, "fewer", "more")
-    text = f"Under {change} {best} has the fewest wrong pixels of the local costs, {{}} {way} than {others[0]}"
-    return Finding(text, said, is_above(margin), "percent points", answer=best)
+    text = f"Under {change}, {best} has the fewest wrong pixels of the local costs"
+    return compared(text, margin, "fewer", "more", f"than {others[0]}", answer=best)
 
 
 def _census(rows: Table) -> Finding:
-    text = "Over all four differences census has the fewest wrong pixels, as Hirschmueller and Scharstein (2009) report"
+    text = "Over all four differences census has the fewest wrong pixels (Hirschmueller and Scharstein 2009)"
     ranking = _ranking(rows)
     census = next((method for method in ranking if method.partition(":")[0] == "census"), None)
     rivals = [method for method in ranking if method != census]
     if census is None or not rivals:
-        return Finding(f"{text}: takes census and a rival among the methods", _NOTHING, holds=False, asked=False)
+        return open_claim(f"{text}: needs census and another local cost")
     margin = paired_difference(rows, "totbad2", "method", rivals[0], census)
-    said, way = unsigned(margin, "fewer", "more")
-    return Finding(f"{text}: {{}} {way} than {rivals[0]}", said, is_above(margin), "percent points")
+    return compared(text, margin, "fewer", "more", f"than {rivals[0]}")
 
 
-STUDY: Study = Study(
+STUDY = Study(
     name="radiometric",
-    question="The eyes differ in gain, gamma, vignetting or noise: which cost minds least?",
+    question="Which matching cost is most robust to differences in gain, gamma, vignetting or noise?",
     columns=(
-        Column("change", "", "difference between the eyes"),
-        Column("amount", "", "strength"),
+        Column("change", "", "radiometric difference"),
+        Column("amount", "", "amount"),
         Column("method", "", "matcher"),
         *SCORES,
     ),
     measure=measure,
     conclude=conclude,
     figures=(
-        Figure("radiometric", "Wrong pixels of each cost when the eyes differ", "amount", "totbad2", by="method",
-               panel="change", x_of={name: change.text for name, change in CHANGES.items()}),
+        Figure("radiometric", "Wrong pixels of each cost under radiometric differences", "amount", "totbad2",
+               by="method", panel="change", x_of={name: change.text for name, change in CHANGES.items()}),
     ),
     defaults=Setup(
         ("staircase", "tabletop", "cards"),

@@ -1,16 +1,63 @@
-"""Run a study: measure, round to what the CSV says, conclude for all seeds and for each, and note the protocol."""
+"""Find a study by name, package or file, and run it."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from importlib.metadata import version
+import importlib.metadata
+import importlib.util
+import os
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from twinlens.errors import InputError
+from twinlens.errors import FileError, InputError, TwinlensError, unknown
 from twinlens.matching import parse_method
 from twinlens.rendering import backend
 from twinlens.scenes import load_scene
-from twinlens.studies.model import Finding, Measured, Progress, Result, Setup, Stands, Study
+from twinlens.studies.aperture import STUDY as APERTURE
+from twinlens.studies.depth_error import BASELINE, FOCAL_LENGTH
+from twinlens.studies.focus import STUDY as FOCUS
+from twinlens.studies.model import Finding, Measured, Progress, Result, SeedSupport, Setup, Study
+from twinlens.studies.pinhole import STUDY as PINHOLE
+from twinlens.studies.radiometric import STUDY as RADIOMETRIC
 from twinlens.studies.table import Table, table
+from twinlens.studies.texture import STUDY as TEXTURE
+from twinlens.studies.window import STUDY as WINDOW
+
+STUDIES: dict[str, Study] = {
+    study.name: study
+    for study in (APERTURE, PINHOLE, FOCUS, WINDOW, BASELINE, FOCAL_LENGTH, RADIOMETRIC, TEXTURE)
+}  # fmt: skip
+ENTRY_POINTS = "twinlens.studies"
+
+
+def find_study(name: str | os.PathLike[str]) -> Study:
+    """The study of this name, or the object STUDY of this Python file, whose code is executed.
+
+    Packages provide studies under the entry point `twinlens.studies`. Raises InputError for an unknown name, with the
+    nearest known one, and FileError for a file without a study.
+
+    >>> find_study("apertur")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    twinlens.errors.InputError: unknown study 'apertur'; did you mean 'aperture'? (known: ...
+    """
+    text = os.fspath(name)
+    if text in STUDIES:
+        return STUDIES[text]
+    if text.endswith(".py"):
+        return _from_file(Path(text))
+    installed = {point.name: point for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
+    if text not in installed:
+        raise unknown("study", text, [*STUDIES, *installed])
+    return _checked(installed[text].load(), f"the entry point {installed[text].value}")
+
+
+def study(name: str | os.PathLike[str], **choices: Any) -> Table:
+    """Run a study and return its table; `choices` as for `run_study`, which also returns findings and pictures.
+
+    >>> table = study("texture", seeds=1)  # doctest: +SKIP
+    >>> table.where(method="zncc").numbers("error_px")  # doctest: +SKIP
+    """
+    return run_study(find_study(name), **choices).table
 
 
 def run_study(
@@ -23,26 +70,27 @@ def run_study(
     progress: Progress | None = None,
     **sizes: int,
 ) -> Result:
-    """Run `study` on these scenes, methods and seeds, each its own default where not given.
+    """Run a study; arguments that are not given take the study's defaults.
 
     Parameters
     ----------
-    scenes, methods : as `Setup` has them.
-    seeds : how many repetitions: the seeds first_seed, first_seed + 1, ...
+    scenes, methods : as in `Setup`.
+    seeds : the number of repetitions, with the seeds first_seed, first_seed + 1, ...
+    progress : called with the fraction done and a label.
     sizes : width, height, spp.
 
     The same arguments give the same table on the same backend. Raises InputError for an unknown scene or method, and
-    for scenes given to a study that makes its own.
+    for scenes or methods given to a study that does not use them.
     """
     defaults = study.defaults
     count = len(defaults.seeds) if seeds is None else seeds
     if count < 1 or first_seed < 0:
-        raise InputError(f"a study needs one seed or more, each >= 0; got {count} from {first_seed}")
+        raise InputError(f"a study needs at least one seed, each >= 0; got {count} from {first_seed}")
     changes: dict[str, Any] = {"seeds": tuple(range(first_seed, first_seed + count)), **sizes}
     for name, given in (("scenes", scenes), ("methods", methods)):
         if given:
             if not getattr(defaults, name):
-                raise InputError(f"the study {study.name} takes no {name}: what it photographs or asks needs none")
+                raise InputError(f"the study {study.name} takes no {name}")
             changes[name] = tuple(given)
     if progress is not None:
         changes["progress"] = progress
@@ -51,27 +99,38 @@ def run_study(
         parse_method(text)
     for name in setup.scenes:
         load_scene(name)
-    measured = study.measure(setup)
-    if not isinstance(measured, Measured) or not measured.rows:
-        what = "no rows" if isinstance(measured, Measured) else f"{measured!r:.60}"
-        raise InputError(f"the study {study.name}: `measure` must return Measured(rows) with a row or more, got {what}")
+    measured = _measured(study, setup)
     rows = table(study.all_columns, measured.rows)
     protocol = _protocol(study, setup, {**measured.notes, **measured.remarks})
     return Result(study, setup, rows, _findings(study, rows), measured.pictures, protocol, measured.remarks)
 
 
-def _findings(study: Study, rows: Table) -> tuple[Stands, ...]:
-    """Each finding, and how many seeds bear it out alone: give the same answer, and hold.
+def _measured(study: Study, setup: Setup) -> Measured:
+    measured = study.measure(setup)
+    if not isinstance(measured, Measured) or not measured.rows:
+        what = "no rows" if isinstance(measured, Measured) else f"{measured!r:.60}"
+        raise InputError(
+            f"the study {study.name}: `measure` must return Measured(rows) with at least one row, got {what}"
+        )
+    found = {name for row in measured.rows for name in row}
+    missing = [column.name for column in study.all_columns if column.name not in found]
+    if missing:
+        raise InputError(f"the study {study.name}: no row has the column {missing[0]!r}")
+    return measured
 
-    Findings are matched by their place in the list, so `conclude` must give the same list of questions for any rows.
+
+def _findings(study: Study, rows: Table) -> tuple[SeedSupport, ...]:
+    """Each finding, and how many seeds support it alone, that is, give the same answer and hold.
+
+    Findings are matched by their position, so `conclude` must test the same claims for any rows.
     """
     seeds = rows.values("seed")
     whole = _concluded(study, rows)
-    alone = [_concluded(study, rows.where(seed=seed)) for seed in seeds]
-    if any(len(each) != len(whole) for each in alone):
-        raise InputError(f"the study {study.name}: `conclude` must give as many findings for a seed's rows as for all")
+    single = [_concluded(study, rows.where(seed=seed)) for seed in seeds]
+    if any(len(each) != len(whole) for each in single):
+        raise InputError(f"the study {study.name}: `conclude` must return as many findings for one seed as for all")
     return tuple(
-        Stands(finding, sum(each[k].holds and each[k].answer == finding.answer for each in alone), len(seeds))
+        SeedSupport(finding, sum(each[k].holds and each[k].answer == finding.answer for each in single), len(seeds))
         for k, finding in enumerate(whole)
     )
 
@@ -84,22 +143,56 @@ def _concluded(study: Study, rows: Table) -> Sequence[Finding]:
 
 
 def _protocol(study: Study, setup: Setup, notes: Mapping[str, Any]) -> dict[str, Any]:
+    specs = {text: parse_method(text) for text in setup.methods}
+    versions = {name: importlib.metadata.version(name) for name in ("twinlens", "mitsuba", "drjit", "numpy")}
     return {
         "study": study.name,
         "question": study.question,
         "scenes": list(setup.scenes),
-        "methods": {text: _options(text) for text in setup.methods},
+        "methods": {text: {**spec.method.options, **spec.options} for text, spec in specs.items()},
         "seeds": list(setup.seeds),
         "width": setup.width,
         "height": setup.height,
         "spp": setup.spp,
         "backend": backend().variant,
-        "versions": {name: version(name) for name in ("twinlens", "mitsuba", "drjit", "numpy")},
+        "versions": versions,
         "columns": {column.name: {"unit": column.unit, "text": column.text} for column in study.all_columns},
         **notes,
     }
 
 
-def _options(text: str) -> dict[str, Any]:
-    spec = parse_method(text)
-    return {**spec.method.options, **spec.options}
+def _from_file(path: Path) -> Study:
+    if not path.is_file():
+        raise FileError(f"{path}: no such file; a study file is a Python file that defines STUDY = Study(...)")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise FileError(f"{path}: cannot be imported as Python")
+    module = importlib.util.module_from_spec(spec)
+    _with_location(path, spec.loader.exec_module)(module)
+    found = _checked(getattr(module, "STUDY", None), str(path))
+    return dataclasses.replace(
+        found, measure=_with_location(path, found.measure), conclude=_with_location(path, found.conclude)
+    )
+
+
+def _with_location(path: Path, function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """A function of a user's file whose exceptions become a one-line FileError with file and line number."""
+
+    def call(given: Any) -> Any:
+        try:
+            return function(given)
+        except TwinlensError:
+            raise
+        except (Exception, SystemExit) as error:
+            frames = traceback.extract_tb(error.__traceback__)
+            lines = [frame.lineno for frame in frames if frame.filename == str(path)]
+            line = f", line {lines[-1]}" if lines else ""
+            raise FileError(f"{path}{line}: {type(error).__name__}: {' '.join(str(error).split())}") from error
+
+    return call
+
+
+def _checked(found: Any, where: str) -> Study:
+    if not isinstance(found, Study):
+        raise InputError(f"{where}: no study found; define STUDY = twinlens.studies.Study(...)")
+    return found

@@ -1,7 +1,7 @@
-"""A tidy table: one row a measurement, one column a quantity, its unit beside its name. Written and read as CSV.
+"""A tidy table: one row per measurement, one column per quantity, read and written as CSV.
 
-Numbers are written with nine digits, which float32 survives, and lines end in a newline alone: the same table is the
-same bytes everywhere.
+Numbers are written with nine significant digits, which float32 survives, and lines end with a newline: equal tables
+give equal bytes on every platform.
 """
 
 import csv
@@ -23,7 +23,7 @@ Float = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Column:
-    """A quantity: its name in the table, its unit ("" for none), and what it is, in words fit for an axis."""
+    """A quantity: its name in the table, its unit ("" for none), and its description, used as an axis label."""
 
     name: str
     unit: str
@@ -31,7 +31,7 @@ class Column:
 
     @property
     def label(self) -> str:
-        """What an axis says.
+        """The axis label.
 
         >>> Column("z_m", "m", "depth").label
         'depth (m)'
@@ -41,9 +41,9 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Columns and rows. Every row has every column; NaN or "" where a quantity has no value.
+    """Columns and rows. Every row has every column, with NaN or "" where a quantity has no value.
 
-    Raises InputError for a row that lacks a column or has one more.
+    Raises InputError for a row with a missing or an unknown column.
     """
 
     columns: tuple[Column, ...]
@@ -63,7 +63,7 @@ class Table:
         return iter(self.rows)
 
     def column(self, name: str) -> Column:
-        """The column of this name; InputError with the nearest one."""
+        """The column of this name; InputError with the nearest known name."""
         found = next((column for column in self.columns if column.name == name), None)
         if found is None:
             raise unknown("column", name, [column.name for column in self.columns])
@@ -75,12 +75,12 @@ class Table:
         return np.array([float(row[name]) for row in self.rows], np.float64)
 
     def values(self, name: str) -> list[Value]:
-        """The different values of a column, in the order in which they first come."""
+        """The distinct values of a column, in order of first occurrence."""
         self.column(name)
         return list(dict.fromkeys(row[name] for row in self.rows))
 
     def where(self, condition: Callable[[Row], bool] | None = None, /, **equal: Any) -> "Table":
-        """The rows that meet the condition and have these values (or one of them, for a tuple, list or set)."""
+        """The rows that satisfy the condition and have these values (one of them, for a tuple, list or set)."""
         for name in equal:
             self.column(name)
 
@@ -93,7 +93,7 @@ class Table:
         return Table(self.columns, tuple(row for row in self.rows if fits(row)))
 
     def groups(self, *names: str) -> Iterator[tuple[tuple[Value, ...], "Table"]]:
-        """The rows that agree in these columns, group by group, in the order of their first rows."""
+        """Groups of rows with equal values in these columns, in order of their first rows."""
         keys: dict[tuple[Value, ...], list[Row]] = {}
         for row in self.rows:
             keys.setdefault(tuple(row[name] for name in names), []).append(row)
@@ -102,7 +102,7 @@ class Table:
 
 
 def to_csv(table: Table) -> str:
-    """The table as RFC 4180 text, but with lines that end in a newline alone.
+    """The table as RFC 4180 text with lines that end in a newline.
 
     >>> print(to_csv(Table((Column("z_m", "m", "depth"),), ({"z_m": 2.5},))), end="")
     z_m
@@ -111,43 +111,38 @@ def to_csv(table: Table) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([column.name for column in table.columns])
-    writer.writerows([_written(row[column.name]) for column in table.columns] for row in table.rows)
+    writer.writerows([_format(row[column.name]) for column in table.columns] for row in table.rows)
     return text.getvalue()
 
 
 def from_csv(text: str, columns: Sequence[Column]) -> Table:
-    """The table that `to_csv` wrote; what reads as a number is one.
+    """The table that `to_csv` wrote; cells that parse as numbers are numbers.
 
-    Raises InputError when the header does not name these columns.
+    Raises InputError if the header does not name these columns.
     """
     lines = csv.reader(io.StringIO(text))
     header = next(lines, [])
     known = {column.name: column for column in columns}
     if sorted(header) != sorted(known):
         raise InputError(f"the CSV has the columns {', '.join(header)}; expected {', '.join(known)}")
-    rows = tuple({name: _read(cell) for name, cell in zip(header, line, strict=True)} for line in lines)
+    rows = tuple({name: _parse(cell) for name, cell in zip(header, line, strict=True)} for line in lines)
     return Table(tuple(known[name] for name in header), rows)
 
 
-def table(columns: Iterable[Column], rows: Iterable[Row]) -> Table:
-    """A table whose numbers are as its CSV has them, so that what is concluded of either is the same."""
+def table(columns: Iterable[Column], rows: Sequence[Row]) -> Table:
+    """A table with numbers rounded as in its CSV, and missing values filled: "" in columns of words, NaN elsewhere."""
     chosen = tuple(columns)
-    rounded = [{name: _read(_written(value)) for name, value in row.items()} for row in rows]
-    return Table(chosen, tuple(rounded))
+    words = {name for row in rows for name, value in row.items() if isinstance(value, str)}
+    empty: dict[str, Value] = {column.name: "" if column.name in words else math.nan for column in chosen}
+    full = ({**empty, **row} for row in rows)
+    return Table(chosen, tuple({name: _parse(_format(value)) for name, value in row.items()} for row in full))
 
 
-def _written(value: Value) -> str:
-    if isinstance(value, str):
-        return value
-    if isinstance(value, (bool, np.bool_)):
-        return str(int(value))
-    number = float(value)
-    if not math.isfinite(number):
-        return "nan" if math.isnan(number) else ("inf" if number > 0 else "-inf")
-    return f"{number:.9g}"
+def _format(value: Value) -> str:
+    return value if isinstance(value, str) else f"{float(value):.9g}"
 
 
-def _read(cell: str) -> Value:
+def _parse(cell: str) -> Value:
     try:
         return float(cell)
     except ValueError:

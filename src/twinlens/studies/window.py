@@ -1,7 +1,7 @@
-"""`window`: how large should a block be? Large ones bridge what has no texture and smear every edge.
+"""`window`: how large a block should be. Large blocks bridge missing texture; small ones keep depth edges.
 
-The dilemma that adaptive windows answer: Kanade and Okutomi, A Stereo Matching Algorithm with an Adaptive Window, PAMI
-16(9), 1994. A wide lens takes the pictures, so that some of each lies out of focus.
+Adaptive windows address this trade-off: Kanade and Okutomi, A Stereo Matching Algorithm with an Adaptive Window, PAMI
+16(9), 1994. Images are rendered through a wide lens, so that parts of each scene are out of focus.
 """
 
 import math
@@ -9,27 +9,29 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera import ThinLens
 from twinlens.sensor import Sensor
-from twinlens.studies.bootstrap import over_scenes, paired_difference, unsigned
-from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, is_above, sweep
-from twinlens.studies.pictures import disparity_picture, error_picture
+from twinlens.studies.bootstrap import over_scenes, paired_difference
+from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, compared, is_above, sweep
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
-from twinlens.studies.table import Column, Row, Table, Value
+from twinlens.studies.table import Column, Row, Table
 
 SIZES = (3, 5, 7, 9, 13, 17, 21, 31)
 REGIONS = ("nonocc", "textureless", "discontinuity", "out-of-focus")
-BESIDE = ("ssd:block_size=21", "adaptive", "sgm")
-"""A large fixed window, the adaptive one, and semi-global matching (the classical state of the art): the panel."""
+COMPARED = {"ssd:block_size=21": "SSD, fixed 21x21", "adaptive": "adaptive window", "sgm": "semi-global"}
+"""Methods shown side by side, and their captions."""
 BLUR_PX = 6.0
-"""Of the nearest or farthest point of a scene, whichever is more."""
+"""Blur at the ends of a scene's depth range."""
 SENSOR = Sensor.preset("machine_vision")
+_MAX_ERROR_PX = 4.0
+_VIRIDIS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], np.float64)
+_UNKNOWN = np.array([196, 200, 206], np.uint8)
 
 
 def measure(setup: Setup) -> Measured:
-    """A row for every scene, seed, matcher, block size and region; and the panel of each scene."""
+    """A row for every scene, seed, matcher, block size and region; a panel of disparity maps for each scene."""
     rows: list[Row] = []
     panels: list[Picture] = []
     for scene, seed in sweep(setup, setup.seeds):
@@ -37,20 +39,21 @@ def measure(setup: Setup) -> Measured:
         lens = wide_lens(stage)
         radiance = stage.photograph(lens, setup.spp, stream(seed, 0))
         pictures = stage.expose(radiance, lens, stream(seed, 1), SENSOR)
+        place = {"scene": scene, "seed": seed}
         for method in setup.methods:
             for size in SIZES:
                 found = stage.match(pictures, with_block(method, size))
-                rows += _rows(stage, found, pictures, lens, scene, seed, method, size)
-        beside = {method: stage.match(pictures, method) for method in BESIDE}
-        for method, found in beside.items():
-            rows += _rows(stage, found, pictures, lens, scene, seed, method, math.nan)
+                rows += _rows(stage, found, pictures, lens, {**place, "method": method, "block_size": size})
+        maps = {method: stage.match(pictures, method) for method in COMPARED}
+        for method, found in maps.items():
+            rows += _rows(stage, found, pictures, lens, {**place, "method": method})
         if seed == setup.seeds[0]:
-            panels.append(_panel(stage, pictures, beside))
-    return Measured(rows, tuple(panels), {"blur_px": BLUR_PX, "beside": BESIDE})
+            panels.append(_panel(stage, pictures, list(maps.values())))
+    return Measured(rows, tuple(panels), {"blur_px": BLUR_PX, "beside": tuple(COMPARED)})
 
 
 def wide_lens(stage: Stage) -> ThinLens:
-    """Focused at the middle of the disparities, as wide as blurs the ends of the depth range by `BLUR_PX`."""
+    """The lens focused at the middle of the disparity range that blurs both ends by `BLUR_PX`."""
     near, far = stage.scene.depth_range
     half = 0.5 * (1.0 / near - 1.0 / far)
     return ThinLens(BLUR_PX / (stage.camera.fx * half), stage.middle_focus)
@@ -66,64 +69,77 @@ def with_block(method: str, size: int) -> str:
 
 
 def _rows(
-    stage: Stage, found: NDArray[np.float32], pictures: Sequence[NDArray[Any]], lens: ThinLens, scene: str, seed: int,
-    method: str, size: float,
-) -> list[Row]:  # fmt: skip
+    stage: Stage, found: NDArray[np.float32], pictures: Sequence[NDArray[Any]], lens: ThinLens, place: Row
+) -> list[Row]:
     scores = stage.score(found, pictures, REGIONS, lens)
-    place: dict[str, Value] = {"scene": scene, "seed": seed, "method": method, "block_size": size}
-    return [
-        {**place, "region": region, **score_columns(scores, region)} for region in REGIONS if region in scores.regions
-    ]
+    regions = [region for region in REGIONS if region in scores.regions]
+    return [{**place, "region": region, **score_columns(scores, region)} for region in regions]
 
 
-def _panel(stage: Stage, pictures: Sequence[NDArray[Any]], maps: dict[str, NDArray[np.float32]]) -> Picture:
+def _panel(stage: Stage, pictures: Sequence[NDArray[Any]], maps: Sequence[NDArray[np.float32]]) -> Picture:
     truth, top = stage.truth.disparity, float(stage.ndisp)
-    images = [pictures[0], pictures[1], disparity_picture(truth, top)]
-    captions = ["left", "right", "true disparity"]
-    images += [disparity_picture(found, top) for found in maps.values()]
-    captions += ["SSD, fixed 21x21", "adaptive window", "semi-global"]
-    images += [error_picture(found, truth) for found in maps.values()]
-    captions += ["its error, black: 4 px"] * len(maps)
-    return Picture(f"panel-{stage.scene.name}", f"{stage.scene.name}: fixed, adaptive, semi-global", tuple(images),
-                   tuple(captions), columns=3)  # fmt: skip
+    colours = [disparity_picture(found, top) for found in (truth, *maps)]
+    images = (*pictures, *colours, *(error_picture(found, truth) for found in maps))
+    errors = [f"error, black: {_MAX_ERROR_PX:g} px"] * len(maps)
+    captions = ("left", "right", "true disparity", *COMPARED.values(), *errors)
+    title = f"{stage.scene.name}: fixed block, adaptive window, semi-global"
+    return Picture(f"panel-{stage.scene.name}", title, images, captions, columns=3)
+
+
+def disparity_picture(disparity: ArrayLike, top: float) -> NDArray[np.uint8]:
+    """(H, W) disparities as uint8 (H, W, 3), viridis from 0 to `top`; light grey where unknown."""
+    values = np.asarray(disparity, np.float64)
+    known = np.isfinite(values)
+    share = np.clip(np.where(known, values, 0.0) / top, 0.0, 1.0)
+    places = np.linspace(0.0, 1.0, len(_VIRIDIS))
+    colour = np.stack([np.interp(share, places, _VIRIDIS[:, k]) for k in range(3)], axis=-1)
+    return np.where(known[..., None], np.rint(colour).astype(np.uint8), _UNKNOWN)
+
+
+def error_picture(found: ArrayLike, truth: ArrayLike, most: float = _MAX_ERROR_PX) -> NDArray[np.uint8]:
+    """|found - truth| as uint8 (H, W, 3): white 0, black `most` px or unknown; light grey where truth is unknown."""
+    true, estimate = np.asarray(truth, np.float64), np.asarray(found, np.float64)
+    known = np.isfinite(true)
+    error = np.where(np.isfinite(estimate), np.abs(np.where(known, estimate - np.where(known, true, 0), 0)), np.inf)
+    grey = np.rint(255 * (1 - np.clip(error / most, 0, 1))).astype(np.uint8)
+    return np.where(known[..., None], np.repeat(grey[..., None], 3, axis=2), _UNKNOWN)
 
 
 def conclude(table: Table) -> list[Finding]:
-    """Where large blocks serve and where small ones do; and what bending windows win at edges."""
+    """The best block sizes without texture and without focus; the gain of other methods at discontinuities."""
     swept = table.where(lambda row: math.isfinite(float(row["block_size"])))
     methods = [str(method) for method in swept.values("method")]
-    findings = [_larger(swept.where(method=method), method, "textureless", "no texture") for method in methods]
-    findings += [_larger(swept.where(method=method), method, "out-of-focus", "no focus") for method in methods]
+    regions = (("textureless", "without texture"), ("out-of-focus", "out of focus"))
+    findings = [_larger(swept.where(method=method), method, *region) for region in regions for method in methods]
     edges = table.where(lambda row: math.isnan(float(row["block_size"])), region="discontinuity")
     for better, name in (("adaptive", "an adaptive window"), ("sgm", "semi-global matching")):
-        gain = paired_difference(edges, "totbad2", "method", BESIDE[0], better)
-        text = f"At discontinuities {name} has fewer wrong pixels than SSD with a fixed block of 21x21"
-        said, way = unsigned(gain, "fewer", "more")
-        findings.append(Finding(f"{text}: {{}} {way}", said, is_above(gain), "percent points"))
+        gain = paired_difference(edges, "totbad2", "method", next(iter(COMPARED)), better)
+        text = f"At discontinuities, {name} has fewer wrong pixels than SSD with a fixed 21x21 block"
+        findings.append(compared(text, gain, "fewer", "more", f"with {name}"))
     return findings
 
 
 def _larger(rows: Table, method: str, region: str, words: str) -> Finding:
-    """How many times as wide the best block of a region is as the best at discontinuities."""
+    """The ratio of the best block size in a region to the best one at discontinuities."""
 
     def ratio(unit: Table) -> float:
         return math.log(best_size(unit.where(region=region)) / best_size(unit.where(region="discontinuity")))
 
     times = over_scenes(rows, ratio, lambda values: math.exp(float(values.mean())))
-    text = f"{method}: where there is {words} the best block is {{}} times as wide as at discontinuities"
-    return Finding(text, times, is_above(times, 1.0))
+    text = f"{method}: the best block {words} is larger than at discontinuities"
+    return Finding(text, times, is_above(times, 1.0), result="{} times its width")
 
 
 def best_size(rows: Table) -> float:
-    """The block size with the fewest wrong pixels; NaN where there is none."""
+    """The block size with the fewest wrong pixels; NaN if there are no scores."""
     known = rows.where(lambda row: math.isfinite(float(row["totbad2"])))
     wrong = {float(size): known.where(block_size=size).numbers("totbad2").mean() for size in known.values("block_size")}
     return min(wrong, key=lambda size: float(wrong[size]), default=math.nan)
 
 
-STUDY: Study = Study(
+STUDY = Study(
     name="window",
-    question="How large should the block be, in textureless, discontinuous and out-of-focus parts?",
+    question="How large should the block be in textureless, discontinuous and out-of-focus regions?",
     columns=(
         Column("method", "", "matcher"),
         Column("block_size", "px", "block size"),
@@ -134,7 +150,7 @@ STUDY: Study = Study(
     conclude=conclude,
     figures=(
         Figure(
-            "window", "Wrong pixels against block size, part by part", "block_size", "totbad2", by="method",
+            "window", "Wrong pixels against block size by region", "block_size", "totbad2", by="method",
             panel="region", log_x=True, best="least", where={"block_size": tuple(float(size) for size in SIZES)},
         ),
     ),

@@ -1,7 +1,7 @@
-"""The theory of mismatches against matches of synthetic textures in noise, counted by a naive block match.
+"""The probability of mismatches against naive block matching of noisy synthetic textures.
 
-Allowed is 0.03: two standard deviations or more. Counts of single seeds spread by up to 0.027, means of six by 0.011,
-and theory, of 4000 draws, by up to 0.008.
+The tolerance of 0.03 is at least two standard deviations: 0.027 for the count of one seed, 0.011 for the mean of six,
+0.008 for the theory with its 4000 samples.
 """
 
 import math
@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from twinlens.studies.aperture_mismatch import RIGHT_PX, drawn_sums, mismatch, mismatch_share
+from twinlens.studies.aperture.mismatch import RIGHT_PX, drawn_sums, mismatch, mismatch_share
 
 SIDE, NDISP = 9, 32
 STEP = 8
 
 
 def textures(grain, count, size, random):
-    """Gaussian textures of variance 1, each twice: as the left eye sees them and, shifted by 14 px, the right one."""
+    """Pairs of Gaussian textures of variance 1, the right one shifted by 14 px."""
     for _ in range(count):
         sheet = gaussian_filter(random.normal(size=(size, size + NDISP)), grain, mode="wrap")
         sheet *= 2.0 * grain * math.sqrt(math.pi)
@@ -25,7 +25,7 @@ def textures(grain, count, size, random):
 
 
 def counted(grain, snr, seed):
-    """The share of windows whose least sum of squared differences, refined by a parabola, is wrong by over 2 px."""
+    """The share of windows whose least sum of squared differences, refined by a parabola, is wrong by > 2 px."""
     random = np.random.default_rng(seed)
     wrong = []
     for one, other in textures(grain, 3, 160, random):
@@ -47,13 +47,13 @@ def counted(grain, snr, seed):
     (3.0, 0.05), (3.0, 0.3), (3.0, 1.0), (3.0, 3.0),
     (6.0, 0.3), (6.0, 2.0), (6.0, 10.0), (6.0, 60.0),
 ])  # fmt: skip
-def test_mismatches_counted_are_those_expected(grain, snr):
+def test_counted_mismatches_equal_the_prediction(grain, snr):
     share = np.mean([counted(grain, snr, seed) for seed in range(3, 9)])
     assert mismatch(np.array([snr]), grain, SIDE, NDISP)[0] == pytest.approx(share, abs=0.03)
 
 
 def isserlis(grain, first, second):
-    """Cov(E_h, E_k) = 2 sums over the window of <(t(x) - t(x + h)) (t(y) - t(y + k))>^2, that is separable."""
+    """Cov(E_h, E_k) = 2 sums over the window of <(t(x) - t(x + h)) (t(y) - t(y + k))>^2, which is separable."""
 
     def alike(x):
         return np.exp(-(x**2) / (4 * grain**2))
@@ -64,7 +64,7 @@ def isserlis(grain, first, second):
 
 
 @pytest.mark.parametrize("grain", [1.2, 3.0])
-def test_the_texture_in_a_window_has_the_mean_and_the_covariance_that_it_has_in_closed_form(grain):
+def test_mean_and_covariance_of_the_texture_sum(grain):
     energies = drawn_sums(grain, SIDE, NDISP).texture
     shifts = np.arange(NDISP) - NDISP // 2
     mean = 2 * SIDE**2 * (1 - np.exp(-(shifts**2) / (4 * grain**2)))
@@ -75,21 +75,21 @@ def test_the_texture_in_a_window_has_the_mean_and_the_covariance_that_it_has_in_
         assert found == pytest.approx(isserlis(grain, one, other), abs=0.1 * scale)
 
 
-def test_noise_has_the_variance_that_it_has_in_closed_form():
+def test_variances_of_the_noise_sums():
     sums, far = drawn_sums(1.2, SIDE, NDISP), NDISP // 2 + 11
     assert sums.both[:, far].var() == pytest.approx(8 * sums.texture[:, far].mean(), rel=0.1)
     assert (sums.noise[:, far] - sums.noise[:, NDISP // 2]).var() == pytest.approx(12 * SIDE**2, rel=0.1)
 
 
 @pytest.mark.parametrize("spread", [0.7, 2.0, 8.0])
-def test_without_texture_all_is_chance_and_without_noise_all_is_right(spread):
-    """Of the shifts -16 to 15 those from -2 to 2 are right, the outer two by half: refined by a parabola."""
+def test_limits_without_texture_and_without_noise(spread):
+    """Of the shifts -16 to 15 those from -2 to 2 are right, the outer two half of the time after refinement."""
     none, all_of_it = mismatch(np.array([0.0, 1e6]), spread, SIDE, NDISP)
     assert none == pytest.approx(1 - 4 / 32, abs=0.03)
     assert all_of_it == 0.0
 
 
-def test_the_table_is_the_theory_between_its_places_and_at_them():
+def test_interpolation_in_the_table():
     at = np.array([0.2, 1.0, 5.0])
     for spread in (1.3, 4.0):
         expected = mismatch(at, spread, SIDE, NDISP)

@@ -1,9 +1,10 @@
-"""A point's light behind a bare round hole, by Fresnel's integral: between the shadow of the hole and its Airy pattern.
+"""Diffraction by a bare round hole, from its shadow to its Airy pattern: image of a point and transfer function.
 
     U(r) = integral over rho from 0 to a of  J0(2 pi r rho / (lambda v)) exp(i pi rho^2 (1/v + 1/z) / lambda) rho d rho
 
-with the hole's radius a, the film at v, the point at z; I = |U|^2 (Born and Wolf, Principles of Optics, section 8.8,
-the paraxial integral; Young, Pinhole optics, Applied Optics 10(12), 1971, of the pinhole camera).
+with the radius a of the hole, the film at v, the point at z; I = |U|^2. Born and Wolf, Principles of Optics, section
+8.8 (the paraxial integral); Young, Pinhole optics, Applied Optics 10(12), 1971 (the pinhole camera). All lengths in
+metres.
 """
 
 import math
@@ -14,12 +15,11 @@ from scipy import signal, special
 
 Float = NDArray[np.float64]
 
-_SUB = 3
-_RINGS_OUT = 40
+_RINGS = 40
 
 
 def intensity(radius: Float, diameter: float, film: float, depth: float, wavelength: float) -> Float:
-    """|U(r)|^2 at each radius (metres, on the film), U as above.
+    """|U(r)|^2 at each radius on the film.
 
     >>> i = intensity(np.array([0.0, 1e-2]), 0.2e-3, 0.05, np.inf, 550e-9)
     >>> bool(i[0] > 1000 * i[1])
@@ -36,34 +36,32 @@ def intensity(radius: Float, diameter: float, film: float, depth: float, wavelen
 
 
 def fresnel_kernel(
-    diameter: float, film: float, depth: float, wavelength: float, pitch: float, *, sub: int = _SUB,
+    diameter: float, film: float, depth: float, wavelength: float, pitch: float, *, sub: int = 3,
     most_px: int | None = None,
 ) -> Float:  # fmt: skip
-    """A point's light on the pixels around it, (2R + 1, 2R + 1), sum 1.
+    """The image of a point on pixels of this pitch, (2R + 1, 2R + 1), sum 1.
 
-    R takes in the hole's shadow and forty Airy rings beyond, or is `most_px`, if that is less. Outside forty rings
-    lies 2 / (40 pi^2) = 0.5 % of a narrow hole's light (Rayleigh, 1881); it is given back to the rest in proportion.
-    Each value is the mean of `sub` x `sub` points of a pixel: of 3 it is near the pixel's integral, for the image of a
-    point; 1 samples the pattern, for a picture that has been through its pixels already.
+    R covers the hole's shadow and forty Airy rings, at most `most_px`. The light outside forty rings, 2 / (40 pi^2) =
+    0.5 % for a narrow hole (Rayleigh, 1881), is distributed in proportion. Each value is the mean of `sub` x `sub`
+    points: 3 approximates the integral over the pixel; 1 samples the pattern, for images that are already sampled.
     """
-    reach = 0.5 * diameter * (1.0 + film / depth) + _RINGS_OUT * wavelength * film / diameter
-    size = min(math.ceil(reach / pitch), most_px or math.inf)
-    radii = np.linspace(0.0, math.sqrt(2.0) * (size + 1) * pitch, 8 * int(size) + 64)
+    reach = 0.5 * diameter * (1.0 + film / depth) + _RINGS * wavelength * film / diameter
+    size = int(min(math.ceil(reach / pitch), most_px or math.inf))
+    radii = np.linspace(0.0, math.sqrt(2.0) * (size + 1) * pitch, 8 * size + 64)
     profile = intensity(radii, diameter, film, depth, wavelength)
-    side = 2 * int(size) + 1
+    side = 2 * size + 1
     steps = (np.arange(side * sub) - (side * sub - 1) / 2) * pitch / sub
     fine = np.interp(np.hypot(steps[:, None], steps[None, :]), radii, profile)
     kernel = fine.reshape(side, sub, side, sub).sum(axis=(1, 3))
-    whole: Float = kernel / kernel.sum()
-    return whole
+    return np.asarray(kernel / kernel.sum())
 
 
 def transfer(frequency: Float, diameter: float, film: float, depth: float, wavelength: float) -> Float:
-    """The hole's optical transfer function, in closed form but for one integral: no pattern, pixel or picture in it.
+    """The optical transfer function of the hole at frequencies in cycles/m on the film.
 
     OTF(nu) = 1/(pi a^2) integral over |x| < a - s/2 of 2 sqrt(a^2 - (|x| + s/2)^2) cos(2 pi kappa s x / lambda) dx with
-    the pupil's shift s = lambda v nu and kappa = 1/v + 1/z; frequency in cycles a metre on the film (Hopkins, The
-    frequency response of a defocused optical system, Proc. Roy. Soc. A 231, 1955).
+    the shift s = lambda v nu of the pupil and kappa = 1/v + 1/z (Hopkins, The frequency response of a defocused optical
+    system, Proc. Roy. Soc. A 231, 1955).
 
     >>> transfer(np.array([0.0, 1e6]), 0.2e-3, 0.05, np.inf, 550e-9).round(6).tolist()
     [1.0, 0.0]
@@ -75,12 +73,10 @@ def transfer(frequency: Float, diameter: float, film: float, depth: float, wavel
     x = 0.5 * half * (nodes + 1.0)
     chord = 2.0 * np.sqrt(np.maximum(edge**2 - (x + 0.5 * shift) ** 2, 0.0))
     waves = np.cos(2.0 * math.pi * (1.0 / film + 1.0 / depth) * shift * x / wavelength)
-    total: Float = (half * weights * chord * waves).sum(axis=1) / (math.pi * edge**2)
-    return total
+    return np.asarray((half * weights * chord * waves).sum(axis=1) / (math.pi * edge**2))
 
 
-def through_hole(sharp: Float, kernel: Float) -> Float:
-    """A sharp grey picture (H, W) as the kernel blurs it; continued by its edge pixels."""
+def convolved(sharp: Float, kernel: Float) -> Float:
+    """A sharp grey image (H, W), extended by its edge pixels, convolved with the kernel."""
     reach = kernel.shape[0] // 2
-    blurred: Float = signal.fftconvolve(np.pad(sharp, reach, mode="edge"), kernel, mode="valid")
-    return blurred
+    return np.asarray(signal.fftconvolve(np.pad(sharp, reach, mode="edge"), kernel, mode="valid"))

@@ -1,11 +1,9 @@
-"""`aperture`: f/1 to f/32. Wide lenses blur what is out of focus, narrow ones diffract and starve: which is the best?
+"""`aperture`: the best f-number for stereo, from f/1 to f/32, between blur, diffraction and noise.
 
-Each scene's lenses are photographed from one set of light paths a seed (`render_lens_grid`); its radiances are then
-exposed (a) all for the same time, where shot noise grows as the hole shrinks, and (b) each to the same brightness; with
-and without diffraction. Two theories stand beside it: of the median error, `aperture_theory`, and of the share of wrong
-pixels, `aperture_evidence`. What is concluded is in `aperture_findings`.
-
-What is photographed, and why it was chosen so, is in `aperture_shots`.
+The lenses of a scene and seed are rendered from one set of light paths (`render_lens_grid`). The images are exposed
+(a) for the same time, so that shot noise grows as the aperture shrinks, and (b) to the same brightness; with and
+without diffraction. Two theories predict the best f-number: `theory` for the median error, `evidence` for the share of
+wrong pixels. `shots` documents the choice of parameters, `findings` the conclusions.
 """
 
 import math
@@ -17,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.rendering import LensGrid, render_lens_grid
-from twinlens.studies.aperture_evidence import SHARP_AT, SIDE, Evidence
-from twinlens.studies.aperture_findings import conclude
-from twinlens.studies.aperture_shots import (
+from twinlens.studies.aperture.evidence import SHARP_AT, SIDE, Evidence
+from twinlens.studies.aperture.findings import conclude
+from twinlens.studies.aperture.shots import (
     BLUR_PX,
     EXPOSED_AT,
     F_NUMBERS,
@@ -33,9 +31,8 @@ from twinlens.studies.aperture_shots import (
     level,
     shots,
 )
-from twinlens.studies.aperture_theory import SENSOR, best_f_number, grain_px, predicted_error
+from twinlens.studies.aperture.theory import SENSOR, best_f_number, grain_px, predicted_error
 from twinlens.studies.model import Figure, Measured, Picture, Setup, Study
-from twinlens.studies.pictures import crop
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
 from twinlens.studies.table import Column, Row
 
@@ -54,9 +51,9 @@ def measure(setup: Setup) -> Measured:
         setup.progress(done / len(places), name)
         model = Model.of(Stage.of(name, setup.width, setup.height, pixel_pitch_um=PIXEL_PITCH_UM))
         lenses = [model.full_size(model.lens(number)) for number in F_NUMBERS]
-        begun = time.perf_counter()
+        start = time.perf_counter()
         grid = render_lens_grid(model.stage.scene, model.stage.rig, lenses, setup.spp, stream(seed, 0))
-        seconds = time.perf_counter() - begun
+        seconds = time.perf_counter() - start
         rows += _sweep(setup, model, grid, seed, done / len(places))
         if seed == setup.seeds[0]:
             saved[name] = _saved(model, setup, grid, seconds)
@@ -66,77 +63,75 @@ def measure(setup: Setup) -> Measured:
     notes = {"f_numbers": F_NUMBERS, "pixel_pitch_um": PIXEL_PITCH_UM, "blur_px": BLUR_PX, "scales": scales,
              "exposed_at_f": EXPOSED_AT, "theory_block_size": SIDE, "lens_grid_saved": saved}  # fmt: skip
     remarks = {
-        "lens grid": ". ".join(_said(name, each) for name, each in saved.items()),
+        "lens grid": ". ".join(_describe(name, each) for name, each in saved.items()),
         "models": ", ".join(f"{name} 1:{1 / scale:.0f}" for name, scale in scales.items()),
     }
     return Measured(rows, tuple(pictures), notes, remarks)
 
 
 def _saved(model: Model, setup: Setup, grid: LensGrid, seconds: float) -> dict[str, float]:
-    """What one set of light paths cost, beside as many direct photographs of the same error as there are lenses."""
+    """Time and light paths of the lens grid, and of direct renders with as many samples."""
     lens = model.full_size(model.lens(EXPOSED_AT))
     model.stage.photograph(lens, 1, stream(setup.seeds[0], 8))
     few = max(1, setup.spp // 4)
-    begun = time.perf_counter()
+    start = time.perf_counter()
     model.stage.photograph(lens, few, stream(setup.seeds[0], 9))
-    direct = len(F_NUMBERS) * setup.spp / few * (time.perf_counter() - begun)
+    direct = len(F_NUMBERS) * setup.spp / few * (time.perf_counter() - start)
     paths = len(F_NUMBERS) * setup.spp * 2 * setup.width * setup.height
     return {"grid_s": round(seconds, 2), "direct_s": round(direct, 2), "grid_paths": grid.rays, "direct_paths": paths}
 
 
-def _said(name: str, saved: Mapping[str, float]) -> str:
+def _describe(name: str, saved: Mapping[str, float]) -> str:
     return (
         f"{name}: {len(F_NUMBERS)} lenses from {saved['grid_paths'] / 1e6:.3g} million light paths in "
-        f"{saved['grid_s']:.3g} s; one by one {saved['direct_paths'] / 1e6:.3g} million, "
+        f"{saved['grid_s']:.3g} s; direct renders need {saved['direct_paths'] / 1e6:.3g} million, "
         f"about {saved['direct_s']:.3g} s"
     )
 
 
-def _sweep(setup: Setup, model: Model, grid: LensGrid, seed: int, share: float) -> list[Row]:
-    """A seed's rows of one scene."""
-    images = grid.images
-    paths = _noise_of_paths(grid)
+def _sweep(setup: Setup, model: Model, grid: LensGrid, seed: int, done: float) -> list[Row]:
+    """The rows of one scene and seed."""
+    stage, images = model.stage, grid.images
+    paths = _rendering_noise(grid)
     grain = grain_px(images[F_NUMBERS.index(GRAIN_AT)][0])
     sharp = model.lens(SHARP_AT)
-    blur = model.stage.blur(model.full_size(sharp))
-    evidence = Evidence.of(model.stage, sharp, blur, images[F_NUMBERS.index(SHARP_AT)])
+    evidence = Evidence.of(stage, sharp, model.blur(sharp), images[F_NUMBERS.index(SHARP_AT)])
     rows: list[Row] = []
     for shot in shots(model, images):
-        setup.progress(share, f"{model.stage.scene.name} f/{shot.f_number:g}")
+        setup.progress(done, f"{stage.scene.name} f/{shot.f_number:g}")
+        k = F_NUMBERS.index(shot.f_number)
         case: Row = {
-            "scene": model.stage.scene.name, "seed": seed, "f_number": shot.f_number, "exposure": shot.mode,
-            "diffraction": shot.diffraction, "level": level(model.stage, shot),
-            **_predicted(model, shot, grain, evidence, paths[F_NUMBERS.index(shot.f_number)]),
+            "scene": stage.scene.name, "seed": seed, "f_number": shot.f_number, "exposure": shot.mode,
+            "diffraction": shot.diffraction, "level": level(stage, shot),
+            **_predictions(model, shot, grain, evidence, paths[k]),
         }  # fmt: skip
-        draw = stream(seed, 1, F_NUMBERS.index(shot.f_number), MODES.index(shot.mode))
-        pictures = model.stage.expose(shot.radiance, shot.lens, draw, SENSOR, shot.exposure)
-        rows += [{**case, "method": method, **_scores(model.stage, pictures, method)} for method in setup.methods]
-    return _with_theory(rows)
+        draw = stream(seed, 1, k, MODES.index(shot.mode))
+        pictures = stage.expose(shot.radiance, shot.lens, draw, SENSOR, shot.exposure)
+        rows += [{**case, "method": method, **_scores(stage, pictures, method)} for method in setup.methods]
+    return _with_curves(rows)
 
 
 def _scores(stage: Stage, pictures: Sequence[NDArray[Any]], method: str) -> dict[str, float]:
-    """The columns of every study, and the median error, whose bound it is that theory tells."""
     scores = stage.score(stage.match(pictures, method), pictures)
     return {**score_columns(scores), "a50": scores.regions["nonocc"]["A50"]}
 
 
-def _noise_of_paths(grid: LensGrid) -> list[float]:
-    """What noise the light paths left in each lens's pictures, in parts of their light, root mean squares; at most."""
+def _rendering_noise(grid: LensGrid) -> list[float]:
+    """Rms noise of the light paths relative to the rms radiance, an upper bound, for each lens."""
     lights = [math.sqrt(np.mean([np.square(eye, dtype=np.float64).mean() for eye in eyes])) for eyes in grid.images]
     return [float(np.mean(error)) / light for error, light in zip(grid.standard_error, lights, strict=True)]
 
 
-def _predicted(model: Model, shot: Shot, grain: float, evidence: Evidence, paths: float) -> dict[str, float]:
-    """What the two theories expect."""
-    blur = model.stage.blur(model.full_size(shot.lens))
+def _predictions(model: Model, shot: Shot, grain: float, evidence: Evidence, paths: float) -> dict[str, float]:
+    blur = model.blur(shot.lens)
     diffracts = shot.diffraction == "with"
     error = predicted_error(model.stage, shot.lens, shot.exposure, shot.radiance[0], blur, grain, diffracts)
     expected = evidence.expected(shot.lens, shot.exposure, blur, diffracts, paths)
     return {"predicted": error, "predicted_wrong": expected.wrong, "path_noise": expected.path_noise}
 
 
-def _with_theory(rows: Sequence[Row]) -> list[Row]:
-    """A seed's rows of one scene and, beside them, the f-numbers that theories have for the best, the law of light."""
+def _with_curves(rows: Sequence[Row]) -> list[Row]:
+    """The rows of one scene and seed with the f-numbers that the theories predict, and the square law of light."""
     curves: dict[tuple[Any, Any], dict[float, Row]] = {}
     for row in rows:
         curves.setdefault((row["exposure"], row["diffraction"]), {})[float(row["f_number"])] = row
@@ -144,16 +139,11 @@ def _with_theory(rows: Sequence[Row]) -> list[Row]:
         key: {"theory_best": _least(curve, "predicted"), "theory_best_wrong": _least(curve, "predicted_wrong")}
         for key, curve in curves.items()
     }
+    light = {key: float(curve[_LAW_AT]["level"]) for key, curve in curves.items()}
     return [
-        {
-            **row,
-            **best[row["exposure"], row["diffraction"]],
-            "square_law": (
-                float(curves[row["exposure"], row["diffraction"]][_LAW_AT]["level"])
-                * (_LAW_AT / float(row["f_number"])) ** 2
-            ),
-        }
+        {**row, **best[key], "square_law": light[key] * (_LAW_AT / float(row["f_number"])) ** 2}
         for row in rows
+        for key in [(row["exposure"], row["diffraction"])]
     ]
 
 
@@ -162,17 +152,17 @@ def _least(curve: Mapping[float, Row], column: str) -> float:
 
 
 def _crops(model: Model, images: Sequence[Radiance]) -> Picture:
-    """The nearest edge of the scene's middle, through every lens, exposed alike bright, with diffraction."""
+    """The nearest part of the scene's middle through every lens, at equal brightness with diffraction."""
     stage = model.stage
     depth = np.where(np.isfinite(stage.truth.depth), stage.truth.depth, np.inf)
     side = min(_CROP, *(length // 3 for length in depth.shape))
     inner = depth[side:-side, side:-side]
-    y, x = np.unravel_index(int(np.argmin(inner)), inner.shape)
+    y, x = (int(k) + side // 2 for k in np.unravel_index(int(np.argmin(inner)), inner.shape))
     parts = []
     for number, radiance in zip(F_NUMBERS, images, strict=True):
         seen = diffracted(stage, model.lens(number), radiance)
         picture = stage.expose(seen, model.lens(number), 0, SENSOR)[0]
-        parts.append(crop(picture, int(x) + side // 2, int(y) + side // 2, side, side, _ZOOM))
+        parts.append(picture[y : y + side, x : x + side].repeat(_ZOOM, axis=0).repeat(_ZOOM, axis=1))
     captions = tuple(f"f/{number:g}" for number in F_NUMBERS)
     title = f"{stage.scene.name}: the same crop from f/1 to f/32"
     return Picture(f"crops-{stage.scene.name}", title, tuple(parts), captions)
@@ -186,21 +176,26 @@ def _wrong(name: str, mode: str, diffraction: str) -> Figure:
     )  # fmt: skip
 
 
-STUDY: Study = Study(
+def _theory(name: str, title: str, y: str, by: str = "scene", **more: Any) -> Figure:
+    return Figure(name, f"{title}, with diffraction", "f_number", y, by=by, panel="exposure", log_x=True, best="least",
+                  where={"diffraction": "with"}, **more)  # fmt: skip
+
+
+STUDY = Study(
     name="aperture",
-    question="Which f-number is best for stereo, when blur, diffraction and noise are weighed?",
+    question="Which f-number is best for stereo, given blur, diffraction and noise?",
     columns=(
         Column("f_number", "", "f-number"),
         Column("exposure", "", "exposure"),
         Column("diffraction", "", "diffraction"),
         Column("method", "", "matcher"),
-        Column("level", "", "mean level of the linear picture"),
-        Column("square_law", "", "A² through the level at f/11"),
+        Column("level", "", "mean linear level"),
+        Column("square_law", "", "A², scaled to the level at f/11"),
         Column("predicted", "a.u.", "predicted error"),
         Column("theory_best", "", "f-number of the least predicted error"),
-        Column("predicted_wrong", "%", "expected to be wrong by > 2 px"),
-        Column("theory_best_wrong", "", "f-number of the fewest expected to be wrong"),
-        Column("path_noise", "", "noise of the light paths, before diffraction, over the sensor's"),
+        Column("predicted_wrong", "%", "predicted wrong by > 2 px"),
+        Column("theory_best_wrong", "", "f-number of the fewest predicted wrong pixels"),
+        Column("path_noise", "", "rendering noise over sensor noise, before diffraction"),
         *SCORES,
         Column("a50", "px", "median error"),
     ),
@@ -211,16 +206,11 @@ STUDY: Study = Study(
         _wrong("equal", MODES[1], "with"),
         _wrong("fixed-without", MODES[0], "without"),
         _wrong("equal-without", MODES[1], "without"),
-        Figure("median", "Median error, with diffraction: what theory bounds", "f_number", "a50", by="method",
-               panel="exposure", log_x=True, log_y=True, best="least",
-               marks=(("theory_best", "theory"),), where={"diffraction": "with"}),
-        Figure("predicted-wrong", "What theory expects of wrong pixels, with diffraction", "f_number",
-               "predicted_wrong", by="scene", panel="exposure", log_x=True, best="least",
-               where={"diffraction": "with"}),
-        Figure("predicted", "The Cramer-Rao bound of a matcher's error, with diffraction", "f_number", "predicted",
-               by="scene", panel="exposure", log_x=True, log_y=True, best="least", where={"diffraction": "with"}),
-        Figure("light", "Mean level at a fixed exposure, as far as noise is not cut at zero", "f_number", "level",
-               by="scene", log_x=True, log_y=True,
+        _theory("median", "Median error and its theory", "a50", by="method", log_y=True,
+                marks=(("theory_best", "theory"),)),
+        _theory("predicted-wrong", "Predicted wrong pixels", "predicted_wrong"),
+        _theory("predicted", "Cramer-Rao bound of the error", "predicted", log_y=True),
+        Figure("light", "Mean level at a fixed exposure", "f_number", "level", by="scene", log_x=True, log_y=True,
                also=("square_law",), residual_of="square_law",
                where={"exposure": MODES[0], "diffraction": "without", "f_number": F_NUMBERS[:9]}),
     ),

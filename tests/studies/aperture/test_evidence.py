@@ -1,4 +1,4 @@
-"""What theory reads off sharp pictures, and the strips that it gives to a wrong depth along edges, against matches."""
+"""Texture measured on sharp images, and predictions of wrong pixels, against counted matches."""
 
 import math
 from types import SimpleNamespace
@@ -9,9 +9,9 @@ from scipy.ndimage import convolve, gaussian_filter
 
 from twinlens.camera import ThinLens
 from twinlens.sensor import Exposure
-from twinlens.studies import aperture_theory
-from twinlens.studies.aperture_evidence import SIDE, Evidence, Texture, shared_texture
-from twinlens.studies.aperture_shots import Model
+from twinlens.studies.aperture import theory as aperture_theory
+from twinlens.studies.aperture.evidence import SIDE, Evidence, Texture, shared_texture
+from twinlens.studies.aperture.shots import Model
 from twinlens.studies.stage import Stage
 
 GRAIN, NDISP = 1.2, 32
@@ -24,7 +24,7 @@ def sheet(random, shape, grain=GRAIN):
 
 
 @pytest.mark.parametrize(("grain", "noise"), [(1.2, 0.0), (1.2, 0.7), (2.0, 0.0), (2.0, 0.7)])
-def test_texture_is_what_both_eyes_see_alike_and_noise_is_none(grain, noise):
+def test_shared_texture_excludes_noise(grain, noise):
     random = np.random.default_rng(4)
     texture = 0.3 * sheet(random, (240, 320), grain)
     left, right = (1.0 + texture + random.normal(0, 0.3 * noise, texture.shape) for _ in range(2))
@@ -36,7 +36,7 @@ def test_texture_is_what_both_eyes_see_alike_and_noise_is_none(grain, noise):
     assert (variance[:, :40] == 0).all()
 
 
-def test_an_edge_between_two_depths_is_the_nearer_ones():
+def test_an_edge_between_two_depths_belongs_to_the_nearer_one():
     depth = np.repeat([[3, 3, 3, 8, 8, 8, 3, 3]], 6, axis=0)
     picture = np.where(depth == 8, 1.0, 0.0)
     for eye, near in ((picture, depth), (picture.T, depth.T)):
@@ -45,7 +45,7 @@ def test_an_edge_between_two_depths_is_the_nearer_ones():
         assert variance[near == 8].any()
 
 
-def test_pictures_that_share_nothing_have_no_texture():
+def test_images_without_common_texture():
     grain, variance = shared_texture(np.ones((20, 30)), np.ones((20, 30)), np.ones((20, 30), np.int64))
     assert grain == 1.0
     assert (variance == 0).all()
@@ -53,7 +53,7 @@ def test_pictures_that_share_nothing_have_no_texture():
 
 @pytest.mark.parametrize(("colour", "gain"), [((0.2, 0.2, 0.2), 1.0), ((0.3, 0.1, 0.05), 1.0), ((0.05, 0.1, 0.3), 8.0)])
 @pytest.mark.parametrize("level", [0.005, 0.05, 0.3])
-def test_the_noise_of_luma_is_that_of_photographs_of_a_coloured_wall(colour, gain, level):
+def test_luma_noise_of_images_of_a_coloured_wall(colour, gain, level):
     from twinlens.matching import grey
 
     stage = Stage.of("cards", 160, 120, pixel_pitch_um=3.45)
@@ -72,7 +72,7 @@ def test_the_noise_of_luma_is_that_of_photographs_of_a_coloured_wall(colour, gai
     assert lumas(1.0).std() / rise == pytest.approx(expected, rel=0.06)
 
 
-def test_a_burnt_channel_has_no_noise_and_where_all_are_burnt_noise_is_infinite():
+def test_luma_noise_of_saturated_channels():
     some, all_of_them = aperture_theory.luma_noise(np.array([[1.0, 0.5, 0.5], [1.0, 1.0, 1.0]]))
     assert math.isfinite(some)
     assert math.isinf(all_of_them)
@@ -85,7 +85,7 @@ def disk(width):
 
 
 def pair(near_disk, far_disk, wall, card):
-    """Two eyes of a near card before a far wall, each blurred as a disk: (96, 200)."""
+    """Left and right images (96, 200) of a near card in front of a far wall, each blurred by a disk."""
     mask = np.zeros((96, 260))
     mask[:, LEFT_EDGE:RIGHT_EDGE] = 1.0
     eyes = []
@@ -98,7 +98,7 @@ def pair(near_disk, far_disk, wall, card):
 
 
 def matched(left, right):
-    """The shifts of the least sums of squared differences at the columns that have all partners, (rows, columns)."""
+    """The shifts of the least sums of squared differences, (rows, columns)."""
     half = SIDE // 2
     costs = np.full((NDISP, *left.shape), np.inf)
     for d in range(NDISP):
@@ -109,10 +109,10 @@ def matched(left, right):
 
 
 @pytest.mark.parametrize(("near_disk", "far_disk", "pixels"), [(0.6, 12.0, 1.0), (0.6, 0.6, 1.0), (12.0, 0.6, 2.0)])
-def test_the_strip_along_an_edge_that_has_the_wrong_depth_is_as_wide_as_matches_have_it(near_disk, far_disk, pixels):
-    """At the card's right edge, where both eyes see all of the wall.
+def test_the_strip_of_wrong_depth_along_an_edge(near_disk, far_disk, pixels):
+    """At the card's right edge, where the wall is visible in both images.
 
-    A blurred card is a veil that theory makes opaque: it is allowed twice as much.
+    The theory ignores that a blurred card is translucent, so the tolerance is doubled there.
     """
     random = np.random.default_rng(8)
     x = np.arange(200)
@@ -131,10 +131,10 @@ def test_the_strip_along_an_edge_that_has_the_wrong_depth_is_as_wide_as_matches_
     assert 32 * np.mean(expected) == pytest.approx(32 * np.mean(found), abs=pixels)
 
 
-def test_light_is_lost_by_blur_by_noise_and_by_nothing_else():
-    """More wrong with less light, with more blur, and with diffraction; the same through every lens if its light is.
+def test_wrong_pixels_depend_on_light_blur_and_diffraction():
+    """More wrong pixels with less light, more blur, or diffraction; equal for lenses with equal light.
 
-    The blur of the sharp pictures themselves costs nothing more.
+    Blur below that of the sharp images has no effect.
     """
     stage = Stage.of("cards", 96, 72, pixel_pitch_um=3.45)
     model = Model.of(stage)
@@ -157,7 +157,7 @@ def test_light_is_lost_by_blur_by_noise_and_by_nothing_else():
 
 
 def refined(left, right):
-    """As `matched`, by a parabola through the least sum and its neighbours, and where all partners are: (N,)."""
+    """As `matched`, refined by a parabola, at every fourth pixel whose partners are all in the image, (N,)."""
     squares = np.stack([(left[:, NDISP:] - np.roll(right, d, axis=1)[:, NDISP:]) ** 2 for d in range(NDISP)])
     costs = np.lib.stride_tricks.sliding_window_view(squares, (SIDE, SIDE), axis=(1, 2))[:, ::4, ::4].sum(axis=(3, 4))
     best = costs.argmin(axis=0)
@@ -172,11 +172,11 @@ def refined(left, right):
     (2.0, 0.08, 0.008, 0.0), (2.0, 0.02, 0.05, 0.0),
     (1.2, 0.08, 0.02, 6.0), (1.2, 0.08, 0.005, 6.0), (1.2, 0.08, 0.05, 12.0),
 ])  # fmt: skip
-def test_of_a_flat_sheet_as_many_are_wrong_as_theory_reads_off_it(grain, contrast, level, blur):
-    """From the light to the matches: blurred by a disk, through the sensor, its 8-bit luma, by a naive SSD.
+def test_wrong_pixels_of_a_flat_sheet(grain, contrast, level, blur):
+    """The whole chain: a texture blurred by a disk, exposed by the sensor, its 8-bit luma matched by a naive SSD.
 
-    Allowed are 5 percent points. Counts of 1600 windows side by side spread by 1.2 at most; theory's are 1 to 4 too
-    high without blur, as it knows the windows at the borders too, and means over 25 px take some texture with them.
+    The tolerance is 5 percentage points. Counts of 1600 windows have a standard deviation of at most 1.2. Without blur
+    the theory is 1 to 4 too high: it includes windows at the borders, and means over 25 px remove some texture.
     """
     from twinlens.matching import grey
 
@@ -204,8 +204,8 @@ def test_of_a_flat_sheet_as_many_are_wrong_as_theory_reads_off_it(grain, contras
     assert expected == pytest.approx(counted, abs=5.0)
 
 
-def test_light_paths_are_a_tenth_of_the_light_where_they_say_so():
-    """Beside shot noise alone: a tenth of S electrons over sqrt(S) of them."""
+def test_the_ratio_of_rendering_noise_to_shot_noise():
+    """A tenth of S electrons over sqrt(S)."""
     stage = Stage.of("cards", 96, 72, pixel_pitch_um=3.45)
     lens = Model(stage, 1.0).lens(11.0)
     wall = [np.full((72, 96, 3), 0.2, np.float32)] * 2

@@ -5,20 +5,20 @@ import pytest
 from scipy import special
 
 from twinlens.errors import InputError
-from twinlens.studies.slanted_edge import crossing, edge_spread, frequency_at, modulation_transfer
+from twinlens.studies.pinhole.slanted_edge import crossing, edge_spread, frequency_at, modulation_transfer
 
 WIDTH, HEIGHT = 121, 90
 SLOPE = np.tan(np.radians(5.0))
 
 
 def away():
-    """Distance of every pixel's centre from an edge five degrees off the vertical."""
+    """Distance of every pixel centre from an edge at five degrees to the vertical."""
     v, u = np.mgrid[:HEIGHT, :WIDTH]
     return (u - 56.3 - SLOPE * v) / np.hypot(1.0, SLOPE)
 
 
 def disk_edge(radius):
-    """The edge-spread function of a uniform disk: the share of its area on the left of a line."""
+    """The edge-spread function of a uniform disk: the share of its area left of a line."""
     x = np.clip(away() / radius, -1.0, 1.0)
     return 0.5 + (x * np.sqrt(1.0 - x**2) + np.arcsin(x)) / np.pi
 
@@ -32,7 +32,7 @@ EDGES = {
 
 
 @pytest.mark.parametrize("name", EDGES)
-def test_transfer_is_the_closed_form(name):
+def test_mtf_of_closed_forms(name):
     make, theory = EDGES[name]
     frequency, found = modulation_transfer(make())
     used = (frequency > 0.005) & (frequency < 0.3)
@@ -40,13 +40,13 @@ def test_transfer_is_the_closed_form(name):
 
 
 @pytest.mark.parametrize("name", EDGES)
-def test_mtf50_is_within_a_hundredth(name):
+def test_mtf50_is_within_one_percent(name):
     make, theory = EDGES[name]
     fine = np.linspace(1e-4, 0.5, 50001)
     assert frequency_at(make(), 0.5) == pytest.approx(crossing(fine, theory(fine), 0.5), rel=0.01)
 
 
-def test_turning_the_contrast_round_changes_nothing():
+def test_inverted_and_scaled_contrast():
     picture = EDGES["disk"][0]()
     assert frequency_at(1.0 - picture, 0.5) == pytest.approx(frequency_at(picture, 0.5), rel=1e-9)
     assert frequency_at(0.1 + 0.3 * picture, 0.5) == pytest.approx(frequency_at(picture, 0.5), rel=1e-9)
@@ -71,6 +71,6 @@ def test_edge_spread_rises_from_black_to_white():
     ],
     ids=["flat", "upright"],
 )
-def test_pictures_without_a_slanted_edge_are_refused(picture, words):
+def test_images_without_a_slanted_edge_raise(picture, words):
     with pytest.raises(InputError, match=words):
         frequency_at(picture, 0.5)

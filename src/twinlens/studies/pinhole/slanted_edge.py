@@ -1,9 +1,8 @@
-"""The slanted edge: the modulation transfer function of an imaging system, from one picture of one edge (ISO 12233).
+"""The modulation transfer function of an imaging system from the image of a slanted edge (ISO 12233).
 
-picture of an edge, some degrees off the vertical
-  -> the edge's line, by the centroid of each row's derivative, fitted straight
-  -> edge-spread function: every pixel put by its distance from the line, in bins of a quarter pixel
-  -> derivative -> Hamming window -> |Fourier transform| / its value at 0
+1. The edge line is fitted to the centroids of the rows' derivatives.
+2. The edge-spread function averages pixels by their distance from the line, in bins of a quarter pixel.
+3. Its derivative, times a Hamming window, is Fourier transformed; the magnitude is divided by its value at 0.
 """
 
 import math
@@ -19,22 +18,18 @@ OVERSAMPLING = 4
 
 
 def edge_spread(picture: ArrayLike) -> tuple[Float, Float]:
-    """The edge-spread function: (distance from the edge in pixels, mean grey), in bins of a quarter pixel.
+    """The edge-spread function: (distance from the edge in pixels, mean grey level), in bins of a quarter pixel.
 
-    picture: (H, W) linear grey levels with one nearly vertical edge through every row. Distances are measured at right
-    angles to the edge.
-
-    Raises InputError where a row has no edge, or where the edge is upright: it must cross a pixel from top to bottom.
+    picture: (H, W) linear grey levels with one nearly vertical edge through every row. Distances are perpendicular to
+    the edge. Raises InputError if a row has no edge, or if the edge spans less than a pixel from top to bottom.
     """
     image = np.asarray(picture, np.float64)
     slopes = np.abs(np.diff(image, axis=1))
-    weight = slopes.sum(axis=1)
-    if image.ndim != 2 or not (weight > 0).all():
-        raise InputError("the slanted edge needs a grey picture with an edge through every row")
-    middles = np.arange(image.shape[1] - 1) + 0.5
-    line = _line(slopes, middles)
+    if image.ndim != 2 or not (slopes.sum(axis=1) > 0).all():
+        raise InputError("the slanted edge needs a grey image with an edge through every row")
+    line = _fit_line(slopes)
     if abs(line[0]) * image.shape[0] < 1:
-        raise InputError("the edge is not slanted: it must cross more than a pixel from top to bottom")
+        raise InputError("the edge is not slanted: it must span more than a pixel from top to bottom")
     rows, columns = np.mgrid[: image.shape[0], : image.shape[1]]
     away = (columns - np.polyval(line, rows)) * math.cos(math.atan(line[0]))
     bins = np.rint(away * OVERSAMPLING).astype(np.intp)
@@ -45,15 +40,14 @@ def edge_spread(picture: ArrayLike) -> tuple[Float, Float]:
     full = count >= 0.5 * np.median(count)
     span = np.flatnonzero(full)
     inner = slice(span[0], span[-1] + 1)
-    means = np.interp(places[inner], places[full], total[full] / count[full])
-    return places[inner], means
+    return places[inner], np.interp(places[inner], places[full], total[full] / count[full])
 
 
-def _line(slopes: Float, middles: Float) -> Float:
-    """(slope, intercept) of the edge: u = slope v + intercept; twice, the second time near the first line only."""
+def _fit_line(slopes: Float) -> Float:
+    """(slope, intercept) of the edge u = slope v + intercept; refitted to the slopes near the previous line."""
+    middles = np.arange(slopes.shape[1]) + 0.5
     rows = np.arange(slopes.shape[0])
-    where = (slopes * middles).sum(axis=1) / slopes.sum(axis=1)
-    line = np.polyfit(rows, where, 1)
+    line = np.polyfit(rows, (slopes * middles).sum(axis=1) / slopes.sum(axis=1), 1)
     for _ in range(3):
         away = np.abs(middles - np.polyval(line, rows)[:, None])
         near = slopes * (away < 0.25 * len(middles))
@@ -64,29 +58,25 @@ def _line(slopes: Float, middles: Float) -> Float:
 
 
 def modulation_transfer(picture: ArrayLike) -> tuple[Float, Float]:
-    """(frequency in cycles a pixel, MTF), after ISO 12233: of the picture as it is, pixels and all.
+    """(frequency in cycles/pixel up to 1, MTF) of the whole system, pixels included.
 
-    The derivative of the edge-spread function is taken over two bins, which damps by a sinc that is divided out.
+    The derivative over two bins attenuates by a sinc, which is divided out.
     """
     _, spread = edge_spread(picture)
     line_spread = np.gradient(spread) * OVERSAMPLING
     centre = int(np.argmax(np.convolve(np.abs(line_spread), np.ones(OVERSAMPLING), mode="same")))
     half = min(centre, len(line_spread) - 1 - centre)
-    window = np.hamming(2 * half + 1)
-    lines = line_spread[centre - half : centre + half + 1] * window
+    lines = line_spread[centre - half : centre + half + 1] * np.hamming(2 * half + 1)
     length = 1 << max(len(lines) * 4 - 1, 1).bit_length()
     spectrum = np.abs(np.fft.rfft(lines, length))
     frequency = np.fft.rfftfreq(length, 1.0 / OVERSAMPLING)
     known = frequency <= 1.0
     damping = np.sinc(2.0 * frequency[known] / OVERSAMPLING)
-    transfer: Float = spectrum[known] / spectrum[0] / damping
-    return np.asarray(frequency[known], np.float64), transfer
+    return np.asarray(frequency[known], np.float64), np.asarray(spectrum[known] / spectrum[0] / damping)
 
 
 def frequency_at(picture: ArrayLike, contrast: float) -> float:
-    """The frequency (cycles a pixel) at which the contrast first falls to this; the highest known where it never does.
-
-    0.5 gives the MTF50 of everyday use, 0.1 the limiting resolution.
+    """The frequency in cycles/pixel at which the MTF first falls below `contrast`: 0.5 for MTF50, 0.1 for MTF10.
 
     >>> from scipy import special
     >>> u, v = np.meshgrid(np.arange(80.0), np.arange(60.0))
@@ -99,7 +89,7 @@ def frequency_at(picture: ArrayLike, contrast: float) -> float:
 
 
 def crossing(frequency: Float, transfer: Float, contrast: float) -> float:
-    """Where the transfer first falls below the contrast, by a straight line between the two frequencies around."""
+    """The interpolated frequency at which the transfer first falls below `contrast`; the highest if it does not."""
     below = np.flatnonzero(transfer < contrast)
     if not below.size or below[0] == 0:
         return float(frequency[-1])

@@ -1,18 +1,18 @@
-"""Fresnel's pattern against routes that share no line with it: Hopkins's transfer function, Airy's pattern, shadows."""
+"""Fresnel's pattern against Hopkins's transfer function, the Airy pattern and geometric shadows."""
 
 import numpy as np
 import pytest
 
 from twinlens.optics.diffraction import airy_kernel
 from twinlens.studies import pinhole
-from twinlens.studies.fresnel import fresnel_kernel, intensity, through_hole, transfer
+from twinlens.studies.pinhole.fresnel import convolved, fresnel_kernel, intensity, transfer
 
 FILM, WAVE = 0.05, 550e-9
 
 
 @pytest.mark.parametrize(("diameter", "depth"), [(0.15e-3, np.inf), (0.26e-3, 10.0), (0.6e-3, 2.0)])
-def test_the_patterns_transform_is_hopkins_transfer_function(diameter, depth):
-    """One integrates the wave to a pattern on pixels; the other overlaps the pupil with itself."""
+def test_the_fourier_transform_is_hopkins_transfer_function(diameter, depth):
+    """Independent computations: the pattern from the wave, the transfer function from the pupil's overlap."""
     pitch = 10e-6
     kernel = fresnel_kernel(diameter, FILM, depth, WAVE, pitch)
     frequency = np.linspace(0.0, 0.7 * diameter / (WAVE * FILM), 12)[1:]
@@ -22,16 +22,16 @@ def test_the_patterns_transform_is_hopkins_transfer_function(diameter, depth):
     assert np.abs(found - theory).max() < 0.03
 
 
-def test_a_small_hole_far_away_is_airys():
-    """Fresnel number 0.02: the phase across the hole hardly changes."""
+def test_a_small_hole_gives_the_airy_pattern():
+    """Fresnel number 0.02: almost constant phase across the hole."""
     diameter, pitch = 0.05e-3, 40e-6
     found = fresnel_kernel(diameter, FILM, np.inf, WAVE, pitch)
     airy = airy_kernel((pitch, pitch), WAVE, FILM / diameter, found.shape[0] // 2)
     assert np.abs(found - airy).max() < 0.01 * airy.max()
 
 
-def test_a_wide_hole_is_its_own_shadow():
-    """Fresnel number 90: the light lies inside the hole's projection, evenly but for ripples."""
+def test_a_wide_hole_gives_its_shadow():
+    """Fresnel number 90: uniform light inside the hole's projection, apart from fringes."""
     diameter, depth = 3e-3, 1.0
     shadow = 0.5 * diameter * (1 + FILM / depth)
     radius = np.linspace(0.0, 1.5 * shadow, 600)
@@ -42,8 +42,8 @@ def test_a_wide_hole_is_its_own_shadow():
     assert half == pytest.approx(0.5, abs=0.02)
 
 
-def test_light_at_the_axis_is_fresnels_zones():
-    """On the axis |U|^2 = (lambda v / pi)^2 sin^2(pi F / 2): brightest for odd Fresnel numbers, dark for even ones."""
+def test_fresnel_zones_on_the_axis():
+    """On the axis |U|^2 = (lambda v / pi)^2 sin^2(pi F / 2): bright for odd Fresnel numbers, dark for even ones."""
     numbers = np.array([0.5, 1.0, 1.5, 2.0, 3.0])
     holes = 2 * np.sqrt(numbers * WAVE * FILM)
     found = np.array([intensity(np.array([0.0, 1e-6]), hole, FILM, np.inf, WAVE)[0] for hole in holes])
@@ -51,16 +51,16 @@ def test_light_at_the_axis_is_fresnels_zones():
     assert np.allclose(found, theory, atol=1e-6 * theory.max())
 
 
-def test_kernels_keep_light_and_symmetry():
+def test_kernels_are_normalised_and_symmetric():
     kernel = fresnel_kernel(0.3e-3, FILM, 5.0, WAVE, 25e-6)
     assert kernel.sum() == pytest.approx(1.0)
     assert np.allclose(kernel, kernel.T)
     assert np.allclose(kernel, kernel[::-1, ::-1])
-    assert np.allclose(through_hole(np.full((30, 40), 0.7), kernel), 0.7)
+    assert np.allclose(convolved(np.full((30, 40), 0.7), kernel), 0.7)
 
 
-def test_a_sampled_pattern_transforms_without_the_pixels_box():
-    """Band-limited by the pupil, samples of half its cutoff's period are all there is to know."""
+def test_a_sampled_pattern_excludes_the_pixel():
+    """The pupil limits the band, so that sampling above twice the cutoff frequency is exact."""
     diameter, depth, pitch = 0.26e-3, 10.0, 8e-6
     kernel = fresnel_kernel(diameter, FILM, depth, WAVE, pitch, sub=1)
     frequency = np.linspace(0.0, 0.9 * diameter / (WAVE * FILM), 12)[1:]
@@ -69,8 +69,8 @@ def test_a_sampled_pattern_transforms_without_the_pixels_box():
     assert np.abs(found - transfer(frequency, diameter, FILM, depth, WAVE)).max() < 0.01
 
 
-def test_what_lies_outside_the_rings_is_as_little_as_is_said():
-    """Forty rings against a hundred and sixty: 0.5 % of the light, less what is outside of those."""
+def test_the_light_outside_forty_rings():
+    """Forty against 160 rings: 0.5 % of the light, less the light outside 160."""
     diameter, pitch = 0.05e-3, 100e-6
     few = fresnel_kernel(diameter, FILM, np.inf, WAVE, pitch)
     many = airy_kernel((pitch, pitch), WAVE, FILM / diameter, 4 * (few.shape[0] // 2))
@@ -78,7 +78,7 @@ def test_what_lies_outside_the_rings_is_as_little_as_is_said():
     assert 0.002 < 1.0 - many[middle, middle].sum() < 0.006
 
 
-def test_theorys_best_hole_lies_between_the_rules_of_thumb_and_a_bit_below():
-    """Rayleigh's rule is for a point seen by eye; MTF50 asks for less detail, and the pixel takes its part."""
-    assert pinhole.AIRY_MM * 0.85 < pinhole.theoretical_best(0.5) < pinhole.AIRY_MM
-    assert pinhole.AIRY_MM < pinhole.theoretical_best(0.1) < pinhole.RAYLEIGH_MM
+def test_predicted_best_holes_against_the_rules():
+    """The rules ignore the pixel and the target distance, so the predictions are somewhat smaller."""
+    assert pinhole.AIRY_MM * 0.85 < pinhole.predicted_best(0.5) < pinhole.AIRY_MM
+    assert pinhole.AIRY_MM < pinhole.predicted_best(0.1) < pinhole.RAYLEIGH_MM

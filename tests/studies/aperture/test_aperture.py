@@ -1,4 +1,4 @@
-"""The study of f-numbers: theory's pieces against truths of their own, and verdicts on tables whose answer is known."""
+"""The study `aperture`: parts of the theory against independent results, and findings of known tables."""
 
 import math
 from dataclasses import replace
@@ -11,28 +11,30 @@ from scipy.special import j1
 from twinlens.camera import Rig
 from twinlens.optics import circle_of_confusion_px
 from twinlens.sensor import Exposure
-from twinlens.studies import STUDIES, Table, aperture, aperture_shots, aperture_theory
-from twinlens.studies.aperture_shots import F_NUMBERS, Model
+from twinlens.studies import STUDIES, Table
+from twinlens.studies.aperture import theory as aperture_theory
+from twinlens.studies.aperture.findings import conclude
+from twinlens.studies.aperture.shots import F_NUMBERS, MODES, Model
 from twinlens.studies.stage import Stage
 
 STUDY = STUDIES["aperture"]
 
 
 @pytest.mark.parametrize("grain", [1.0, 1.5, 2.0])
-def test_grain_of_noise_smoothed_by_a_known_gaussian(grain):
+def test_grain_of_noise_smoothed_by_a_gaussian(grain):
     noise = np.random.default_rng(5).normal(size=(256, 256))
     texture = 0.5 + gaussian_filter(noise, grain, mode="wrap")
     picture = np.repeat(texture[..., None], 3, axis=2).astype(np.float32)
     assert aperture_theory.grain_px(picture) == pytest.approx(grain, rel=0.07)
 
 
-def test_a_blur_disk_spreads_as_a_gaussian_of_a_quarter_of_its_width():
+def test_the_standard_deviation_of_a_disk_is_a_quarter_of_its_diameter():
     y, x = np.mgrid[-200:201, -200:201]
     disk = x**2 + y**2 <= 160**2
     assert math.sqrt((x[disk] ** 2).mean()) == pytest.approx(2 * 160 / 4.0, rel=0.005)
 
 
-def test_the_gaussian_of_the_airy_patterns_peak():
+def test_the_gaussian_matches_the_peak_of_the_airy_pattern():
     """(2 J1(v)/v)^2, v = pi r / (lambda N), near its middle."""
     number, pitch_um = 16.0, 3.45
     radius = np.linspace(1e-3, 0.3, 50)
@@ -43,8 +45,8 @@ def test_the_gaussian_of_the_airy_patterns_peak():
 
 
 @pytest.mark.parametrize("wells", [12.0, 150.0, 1500.0, 5000.0])
-def test_noise_is_that_of_photographs_of_a_grey_wall(wells):
-    """The spread of the picture's green numbers, undone by the curve's rise between two walls a little unlike."""
+def test_noise_of_images_of_a_grey_wall(wells):
+    """The standard deviation of the green levels, divided by the slope of the tone curve between two levels."""
     stage = Stage.of("cards", 160, 120, pixel_pitch_um=3.45)
     lens, sensor = Model(stage, 1.0).lens(4.0), aperture_theory.SENSOR
     wall = np.full((120, 160, 3), 0.2, np.float32)
@@ -59,8 +61,8 @@ def test_noise_is_that_of_photographs_of_a_grey_wall(wells):
     assert greens(wells).std() / rise == pytest.approx(float(aperture_theory.noise_electrons(wells)), rel=0.1)
 
 
-def test_least_squares_reach_the_bound_that_blur_raises():
-    """A texture of grain s, blurred by b, shifted, in noise: its error grows as (s^2 + b^2) and the noise."""
+def test_least_squares_reach_the_bound_under_blur():
+    """A noisy, shifted texture of grain s and blur b: the error is proportional to (s^2 + b^2) noise."""
     grain, shift, size = 1.5, 0.02, 64
     waves = -2j * math.pi * np.fft.fftfreq(size)
     random = np.random.default_rng(9)
@@ -84,7 +86,7 @@ def test_least_squares_reach_the_bound_that_blur_raises():
         assert error(blur, noise) / sharp == pytest.approx(bound[1] / bound[0], rel=0.25)
 
 
-def test_the_lens_at_full_size_blurs_as_the_models_does_its_own_depths():
+def test_the_blur_at_full_size_equals_the_models():
     stage = Stage.of("cards", 96, 72, pixel_pitch_um=3.45)
     model = Model.of(stage)
     known = np.isfinite(stage.truth.depth)
@@ -98,7 +100,7 @@ def test_the_lens_at_full_size_blurs_as_the_models_does_its_own_depths():
 
 
 def shrunk(stage, scale):
-    """The stage with every length times `scale`: things, base and the eyes' places."""
+    """The stage with every length times `scale`."""
     size = np.diag([scale, scale, scale, 1.0])
     things = tuple(
         replace(thing, instances=tuple(size @ pose for pose in thing.instances))
@@ -110,7 +112,7 @@ def shrunk(stage, scale):
     return Stage(replace(stage.scene, objects=things), Rig(stage.rig.cameras, tuple(poses)))
 
 
-def test_a_lens_at_full_size_photographs_what_the_models_lens_does():
+def test_the_image_at_full_size_equals_the_models():
     whole = Stage.of("staircase", 64, 48, pixel_pitch_um=3.45)
     small = shrunk(whole, 0.2)
     assert np.allclose(small.truth.depth, 0.2 * whole.truth.depth, rtol=1e-4)
@@ -121,24 +123,24 @@ def test_a_lens_at_full_size_photographs_what_the_models_lens_does():
     assert np.abs(big - little).mean() < 0.02 * big.mean()
 
 
-def test_theory_weighs_blur_against_noise_inside_the_sweep():
-    """Where shot noise is all, the optimum of a wall blurred by c at f/1 is c / (4 s); the sensor's own adds to it."""
+def test_the_optimum_between_blur_and_shot_noise():
+    """With shot noise only, the optimum of a wall with blur c at f/1 is c / (4 s)."""
     numbers = np.array(F_NUMBERS)
     wells = 4000.0 / numbers**2
     errors = aperture_theory.shift_bound(1.2, (12.0 / 4 / numbers) ** 2, wells, np.sqrt(wells))
     assert aperture_theory.best_f_number(numbers, errors) == pytest.approx(12.0 / 4 / 1.2, rel=0.05)
 
 
-def test_an_optimum_beside_what_is_unknown_is_the_sample_itself():
+def test_an_optimum_next_to_unknown_errors_is_not_refined():
     numbers = np.array([1.0, 2.0, 4.0, 8.0])
     assert aperture_theory.best_f_number(numbers, np.array([np.inf, 1.0, 2.0, 3.0])) == 2.0
     assert aperture_theory.best_f_number(numbers, np.array([np.nan, 3.0, 2.0, 1.0])) == 8.0
 
 
 def table(best, cost=2.0, theory=5.6, jitter=0.0, median=2.0):
-    """Wrong pixels as a parabola over stops: least at the f-number `best` says of each scene.
+    """Wrong pixels as a parabola in stops, least at `best` of each scene; the median error is least at `median`.
 
-    The median error is least at `median`, where the Cramer-Rao bound has f/2.
+    The Cramer-Rao bound is least at f/2.
     """
     random = np.random.default_rng(2)
     rows = [
@@ -146,13 +148,13 @@ def table(best, cost=2.0, theory=5.6, jitter=0.0, median=2.0):
             "scene": scene, "seed": seed, "f_number": number, "exposure": mode, "diffraction": "with", "method": "sad",
             "level": 1 / number**2, "square_law": 1.0, "predicted": 1.0, "theory_best": 2.0, "totbad1": 0.0,
             "predicted_wrong": 1.0, "theory_best_wrong": theory, "avgerr": 0.0,
-            "path_noise": 3.0 if mode == aperture_shots.MODES[1] else 0.2,
+            "path_noise": 3.0 if mode == MODES[1] else 0.2,
             "a50": 1 + math.log2(number / median) ** 2,
             "totbad2": 9 + cost * math.log2(number / place) ** 2 + jitter * random.normal(),
         }
         for scene, place in best.items()
         for seed in (0, 1)
-        for mode in aperture_shots.MODES
+        for mode in MODES
         for number in F_NUMBERS
     ]  # fmt: skip
     light = [{**row, "diffraction": "without"} for row in rows]
@@ -160,67 +162,67 @@ def table(best, cost=2.0, theory=5.6, jitter=0.0, median=2.0):
 
 
 def verdict(made):
-    return aperture.conclude(made)[1]
+    return conclude(made)[1]
 
 
-def test_theory_is_right_where_every_scene_is_best_near_it():
+def test_theory_holds_if_every_scene_is_near():
     found = verdict(table({"a": 5.6, "b": 4.0, "c": 8.0}))
-    assert found.asked
+    assert found.decided
     assert found.holds
     assert found.measured.value == pytest.approx(0.0, abs=0.1)
     assert "f/5.6" in found.sentence
 
 
 @pytest.mark.parametrize("best", [{"a": 11.0, "b": 11.0, "c": 11.0}, {"a": 2.0, "b": 5.6, "c": 16.0}])
-def test_theory_is_wrong_where_a_scene_is_best_elsewhere_even_if_scenes_cancel(best):
+def test_theory_does_not_hold_if_one_scene_is_far(best):
     found = verdict(table(best))
-    assert found.asked
+    assert found.decided
     assert not found.holds
 
 
-def test_a_matcher_whose_basin_is_flatter_than_its_noise_does_not_decide():
+def test_a_curve_flatter_than_its_noise_does_not_decide():
     found = verdict(table({"a": 5.6, "b": 5.6, "c": 5.6}, cost=0.01, jitter=0.5))
-    assert not found.asked
-    assert "does not decide" in found.sentence
+    assert not found.decided
+    assert "too flat compared with its noise to decide" in found.sentence
 
 
-def test_a_basin_flat_on_one_side_alone_still_refutes_a_theory_on_the_other():
+def test_a_curve_flat_on_one_side_still_refutes_theory_on_the_other():
     made = table({"a": 8.0, "b": 8.0, "c": 8.0}, theory=2.0)
     flat = tuple(
         {**row, "totbad2": 9.0 + 0.2 * (row["seed"] - 0.5) * (row["f_number"] - 8)} if row["f_number"] > 8 else row
         for row in made
     )
     found = verdict(Table(made.columns, flat))
-    assert found.asked
+    assert found.decided
     assert not found.holds
 
 
-def test_an_optimum_at_the_end_of_the_sweep_is_called_so():
+def test_an_optimum_at_an_end_of_the_sweep_is_reported():
     found = verdict(table({"a": 0.9, "b": 0.9, "c": 0.9}))
-    assert "f/1, the end of the sweep" in found.sentence
+    assert "f/1, an end of the sweep" in found.sentence
     assert not found.holds
 
 
 @pytest.mark.parametrize(("median", "holds"), [(2.0, True), (3.0, True), (4.0, False), (1.0, False)])
-def test_the_median_error_is_set_beside_the_bound_and_not_beside_what_tells_wrong_pixels(median, holds):
-    found = aperture.conclude(table({"a": 11.0, "b": 8.0}, median=median))[-3]
+def test_the_median_error_is_compared_with_the_bound(median, holds):
+    found = conclude(table({"a": 11.0, "b": 8.0}, median=median))[-3]
     assert found.holds == holds
     assert found.measured.value == pytest.approx(2 * math.log2(median / 2.0), abs=0.1)
-    assert ("in some scene it is not for sad" in found.sentence) != holds
+    assert ("not within in some scene for sad" in found.sentence) != holds
 
 
 def test_a_median_error_flatter_than_its_noise_does_not_decide():
     made = table({"a": 4.0, "b": 4.0}, median=11.0)
     random = np.random.default_rng(4)
     flat = Table(made.columns, tuple({**row, "a50": 1 + 0.1 * random.normal()} for row in made))
-    found = aperture.conclude(flat)[-3]
-    assert not found.asked
+    found = conclude(flat)[-3]
+    assert not found.decided
     assert not found.holds
-    assert "flatter than noise it is for sad" in found.sentence
+    assert "too flat to decide for sad" in found.sentence
 
 
-def test_whose_noise_the_pictures_have_is_told_of_each_exposure():
-    fixed, equal = aperture.conclude(table({"a": 4.0}))[-2:]
+def test_rendering_noise_is_reported_for_each_exposure():
+    fixed, equal = conclude(table({"a": 4.0}))[-2:]
     assert (fixed.holds, equal.holds) == (True, False)
     assert equal.measured.value == pytest.approx(3.0)
 
@@ -228,13 +230,13 @@ def test_whose_noise_the_pictures_have_is_told_of_each_exposure():
 @pytest.mark.parametrize(("ratios", "holds"), [
     ((0.2, 0.3, 0.45), True), ((0.6, 0.7, 0.8), False), ((0.2, 0.3, 0.9), False),
 ])  # fmt: skip
-def test_the_light_paths_noise_is_allowed_where_its_whole_interval_is(ratios, holds):
+def test_the_whole_interval_of_rendering_noise_must_be_small(ratios, holds):
     made = table(dict.fromkeys("abc", 4.0))
     scenes = dict(zip("abc", ratios, strict=True))
-    found = aperture.conclude(Table(made.columns, tuple({**row, "path_noise": scenes[row["scene"]]} for row in made)))
+    found = conclude(Table(made.columns, tuple({**row, "path_noise": scenes[row["scene"]]} for row in made)))
     assert found[-2].holds == holds
     assert found[-2].measured.value == pytest.approx(np.mean(ratios))
 
 
-def test_the_square_law_is_of_the_levels():
-    assert aperture.conclude(table({"a": 4.0}))[0].measured.value == pytest.approx(2.0)
+def test_the_square_law_of_the_levels():
+    assert conclude(table({"a": 4.0}))[0].measured.value == pytest.approx(2.0)

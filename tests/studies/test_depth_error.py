@@ -1,4 +1,4 @@
-"""What the other eye cannot see, against a count by geometry."""
+"""The occluded share against geometry."""
 
 from types import SimpleNamespace
 
@@ -7,9 +7,9 @@ import pytest
 
 from twinlens.camera import Camera, Rig
 from twinlens.scenes import Bitmap
-from twinlens.studies.range_error import hidden_percent
+from twinlens.studies.depth_error import occluded_percent
 from twinlens.studies.stage import Stage
-from twinlens.studies.targets import noise_texture, shining
+from twinlens.studies.targets import glowing, noise_texture
 
 CAMERA = Camera(96, 72, 90.0, 90.0, 47.5, 35.5)
 
@@ -21,21 +21,21 @@ def square(name, centre, side):
 
 
 @pytest.mark.parametrize("base", [0.05, 0.1, 0.2])
-def test_a_card_before_a_wall_hides_as_much_wall_as_their_disparities_differ(base):
-    """A card of h rows hides f B (1/near - 1/far) columns of the wall beside it; all counted, by hand, in pixels."""
+def test_a_card_occludes_a_strip_as_wide_as_the_difference_of_disparities(base):
+    """A card of h rows occludes f B (1/near - 1/far) columns of the wall."""
     near, far, side = 1.0, 2.0, 0.4
-    scene = shining("card", [square("wall", (0, 0, far), 20.0), square("card", (0.1, 0, near), side)], near)
+    scene = glowing("card", [square("wall", (0, 0, far), 20.0), square("card", (0.1, 0, near), side)], near)
     stage = Stage(scene, Rig.stereo(CAMERA, base, np.eye(4)))
     step = CAMERA.fx * base * (1 / near - 1 / far)
     outside = CAMERA.height * CAMERA.fx * base / far
     expected = 100 * step * (CAMERA.fx * side / near) / (CAMERA.width * CAMERA.height - outside)
-    # Either border of the strip, of 36 rows, may fall half a pixel to either side.
-    assert hidden_percent(stage) == pytest.approx(expected, abs=100 * 36 / (96 * 72))
+    # Each border of the strip, of 36 rows, may move by half a pixel.
+    assert occluded_percent(stage) == pytest.approx(expected, abs=100 * 36 / (96 * 72))
 
 
-def test_what_lies_outside_the_other_picture_is_not_hidden_but_not_asked():
+def test_pixels_outside_the_right_image_are_not_counted():
     truth = SimpleNamespace(
         disparity=np.array([[3.0, 1.0, 1.0, 1.0, np.inf]], np.float32),
         visible=np.array([[False, True, True, False, False]]),
     )
-    assert hidden_percent(SimpleNamespace(truth=truth, camera=SimpleNamespace(width=5))) == pytest.approx(100 / 3)
+    assert occluded_percent(SimpleNamespace(truth=truth, camera=SimpleNamespace(width=5))) == pytest.approx(100 / 3)

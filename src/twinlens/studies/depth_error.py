@@ -1,0 +1,257 @@
+"""`baseline` and `focal-length`: how the depth error depends on distance, baseline and focal length.
+
+A disparity error sigma_d gives the depth error z^2 / (f B) sigma_d (Gallup, Frahm, Mordohai and Pollefeys, Variable
+Baseline/Resolution Stereo, CVPR 2008, equation 3). Textured planes whose print has the same size in pixels at every
+depth test the assumption that sigma_d does not depend on z. Bundled scenes give wrong pixels and occlusion.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.camera import Camera, Pinhole, Rig
+from twinlens.scenes import Scene, load_scene
+from twinlens.sensor import Sensor
+from twinlens.studies.bootstrap import log_slope, over_scenes
+from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, is_above, predicted, sweep
+from twinlens.studies.stage import Stage, stream
+from twinlens.studies.table import Column, Row, Table
+from twinlens.studies.targets import noise_plane
+
+Float = NDArray[np.float64]
+
+PLANE_BASELINES = (0.06, 0.12, 0.24)
+BASELINE_FACTORS = (0.25, 0.5, 1.0, 1.5)
+"""Times the default baseline of a bundled scene."""
+PLANE_FOV_X_DEG = 50.0
+PLANE_FIELDS = (80.0, 50.0, 28.0)
+"""Horizontal fields of view, degrees."""
+FIELD_FACTORS = (1.0, 0.8, 0.6, 0.4)
+"""Times the default field of view of a bundled scene."""
+PLANE_BASELINE = 0.12
+
+DEPTHS = tuple(2.0 ** (k / 2) for k in range(7))
+"""Of the planes, metres: 1 to 8."""
+PHASES = (0.0, 0.25, 0.5, 0.75)
+"""Shifts of the right principal point, pixels; they average over the sub-pixel position of the match."""
+PLANE_SIZE = (160, 120)
+_RIM = 12
+_FIXED = ("baseline_mm", "fx_px", "z_m")
+PLANES, SCENES = "planes", "scenes"
+"""Values of the column "part"."""
+TOLERANCE = 0.05
+SENSOR = Sensor.preset("machine_vision")
+
+
+def _measure_baselines(setup: Setup) -> Measured:
+    planes = [(base, PLANE_FOV_X_DEG) for base in PLANE_BASELINES]
+    rows = _pairs(setup, planes, lambda scene, factor: (factor * scene.baseline, scene.fov_x_deg), BASELINE_FACTORS)
+    return Measured(rows, notes={"plane_baselines_m": PLANE_BASELINES, "factors": BASELINE_FACTORS})
+
+
+def _measure_fields(setup: Setup) -> Measured:
+    planes = [(PLANE_BASELINE, fov_x_deg) for fov_x_deg in PLANE_FIELDS]
+    rows = _pairs(setup, planes, lambda scene, factor: (scene.baseline, factor * scene.fov_x_deg), FIELD_FACTORS)
+    return Measured(rows, notes={"plane_fields_deg": PLANE_FIELDS, "factors": FIELD_FACTORS,
+                                 "baseline_m": PLANE_BASELINE})  # fmt: skip
+
+
+def _pairs(
+    setup: Setup, planes: Sequence[tuple[float, float]], pair_of: Callable[[Scene, float], tuple[float, float]],
+    factors: Sequence[float],
+) -> list[Row]:  # fmt: skip
+    """Rows of planes for each pair of `planes`, then of every scene with `pair_of` (scene, factor).
+
+    A pair is (baseline in metres, horizontal field of view in degrees).
+    """
+    rows: list[Row] = [row for seed in setup.seeds for pair in planes for row in plane_rows(setup, seed, *pair)]
+    for name, factor, seed in sweep(setup, factors, setup.seeds):
+        rows += _scene_rows(setup, name, seed, *pair_of(load_scene(name), factor))
+    return rows
+
+
+def plane_rows(setup: Setup, seed: int, baseline: float, fov_x_deg: float) -> Iterator[Row]:
+    """A row for every depth and matcher, from rendered planes."""
+    fx = Camera.from_fov(setup.width, setup.height, fov_x_deg).fx
+    width, height = PLANE_SIZE
+    camera = Camera(width, height, fx, fx, 0.5 * (width - 1), 0.5 * (height - 1))
+    rig = Rig.stereo(camera, baseline, np.eye(4))
+    found = {(z, method): errors for z in DEPTHS for method, errors in _plane_errors(setup, rig, z, seed).items()}
+    for method in setup.methods:
+        typical = math.sqrt(float(np.mean([robust_deviation(found[z, method][1]) ** 2 for z in DEPTHS])))
+        for z in DEPTHS:
+            metres, pixels = found[z, method]
+            yield {
+                "scene": "plane", "part": PLANES, "seed": seed, "method": method, "baseline_mm": 1e3 * baseline,
+                "fx_px": camera.fx, "z_m": z, "depth_error_mm": 1e3 * robust_deviation(metres),
+                "predicted_mm": 1e3 * z**2 / (camera.fx * baseline) * typical,
+                "disparity_error_px": robust_deviation(pixels),
+            }  # fmt: skip
+
+
+def _plane_errors(setup: Setup, rig: Rig, depth: float, seed: int) -> dict[str, tuple[Float, Float]]:
+    """Per method: depth errors in metres and disparity errors in pixels, over all phases."""
+    scene = noise_plane(rig, depth, stream(seed, DEPTHS.index(depth)))
+    errors: dict[str, list[tuple[Float, Float]]] = {method: [] for method in setup.methods}
+    left = rig.cameras[0]
+    for k, phase in enumerate(PHASES):
+        stage = Stage(scene, Rig((left, left.replace(cx=left.cx + phase)), rig.world_from_cams))
+        draw = stream(seed, DEPTHS.index(depth), k)
+        pictures = stage.expose(stage.photograph(Pinhole(), setup.spp, draw), Pinhole(), draw, SENSOR)
+        for method in setup.methods:
+            errors[method].append(_errors(stage, stage.match(pictures, method), phase))
+    return {
+        method: (np.concatenate([z for z, _ in each]), np.concatenate([d for _, d in each]))
+        for method, each in errors.items()
+    }
+
+
+def _errors(stage: Stage, found: NDArray[np.float32], doffs: float) -> tuple[Float, Float]:
+    """Depth errors (m) and disparity errors (px) of inner pixels that are wrong by less than a pixel."""
+    true, z = stage.truth.disparity.astype(np.float64), stage.truth.depth.astype(np.float64)
+    disparity = found.astype(np.float64)
+    used = stage.truth.visible & np.isfinite(disparity) & (np.abs(disparity - true) < 1)
+    used[:_RIM] = used[-_RIM:] = used[:, :_RIM] = used[:, -_RIM:] = False
+    focal_base = stage.camera.fx * stage.rig.baseline(0, 1)
+    return focal_base / (disparity[used] + doffs) - z[used], (disparity - true)[used]
+
+
+def robust_deviation(errors: Float) -> float:
+    """1.4826 times the median absolute error: the standard deviation of normal errors, robust to outliers."""
+    return 1.4826 * float(np.median(np.abs(errors))) if errors.size else math.nan
+
+
+def _scene_rows(setup: Setup, name: str, seed: int, baseline: float, fov_x_deg: float) -> Iterator[Row]:
+    """A row for every matcher on a bundled scene."""
+    stage = Stage.of(name, setup.width, setup.height, fov_x_deg=fov_x_deg, baseline=baseline)
+    radiance = stage.photograph(Pinhole(), setup.spp, stream(seed, 0))
+    pictures = stage.expose(radiance, Pinhole(), stream(seed, 1), SENSOR)
+    for method, scores in stage.errors(pictures, setup.methods).items():
+        yield {
+            "scene": name, "part": SCENES, "seed": seed, "method": method, "baseline_mm": 1e3 * baseline,
+            "fx_px": stage.camera.fx, "occluded": occluded_percent(stage), "totbad2": scores["totbad2"],
+        }  # fmt: skip
+
+
+def occluded_percent(stage: Stage) -> float:
+    """Percentage of occluded pixels among the left pixels whose partner is inside the right image."""
+    disparity = stage.truth.disparity
+    partner = np.arange(stage.camera.width) - disparity
+    inside = np.isfinite(disparity) & (partner >= 0) & (partner <= stage.camera.width - 1)
+    return 100.0 * float((inside & ~stage.truth.visible).sum() / inside.sum())
+
+
+def conclude_baseline(table: Table) -> list[Finding]:
+    """Exponents of the depth error in z and B; growth of the occlusion with B."""
+    text = "The depth error is proportional to B^p with p = {}"
+    return [
+        *exponents_of_depth(table),
+        law_residual(table),
+        exponent(table.where(part=PLANES), "baseline_mm", "depth_error_mm", -1.0, text),
+        _occlusion(table.where(part=SCENES)),
+    ]
+
+
+def conclude_focal_length(table: Table) -> list[Finding]:
+    """Exponents of the depth error in z and f."""
+    text = "The depth error is proportional to f^p with p = {}"
+    return [
+        *exponents_of_depth(table),
+        law_residual(table),
+        exponent(table.where(part=PLANES), "fx_px", "depth_error_mm", -1.0, text),
+    ]
+
+
+def exponents_of_depth(table: Table) -> list[Finding]:
+    """For every matcher: the exponent of the depth error in z, which is 2 if the disparity error is constant."""
+    return [
+        exponent(table.where(part=PLANES, method=method), "z_m", "depth_error_mm", 2.0,
+                 f"{method}: the depth error is proportional to z^p with p = {{}}")
+        for method in table.values("method")
+    ]  # fmt: skip
+
+
+def exponent(rows: Table, x: str, y: str, expected: float, text: str) -> Finding:
+    """The exponent p of y ~ x^p, fitted for each matcher with the other quantities fixed."""
+    slope = log_slope(x, y)
+    fixed = ["method", *(name for name in _FIXED if name != x and not np.isnan(rows.numbers(name)).any())]
+    measured = over_scenes(rows, lambda unit: [slope(part) for _, part in unit.groups(*fixed)])
+    return predicted(text, measured, expected, TOLERANCE)
+
+
+def law_residual(table: Table) -> Finding:
+    """Root mean square deviation of the measured depth errors from z^2/(f B) sigma_d over all planes."""
+
+    def logarithms(unit: Table) -> Float:
+        return np.log(unit.numbers("depth_error_mm") / unit.numbers("predicted_mm"))
+
+    rms = over_scenes(table.where(part=PLANES), logarithms, lambda values: 100 * math.sqrt(float(np.mean(values**2))))
+    text = (
+        f"Depth errors deviate by at most {100 * TOLERANCE:g} % rms from z^2/(f B) times one disparity error per "
+        "matcher and camera pair"
+    )
+    return Finding(text, rms, rms.value <= 100 * TOLERANCE, "%", result="{} rms")
+
+
+def _occlusion(rows: Table) -> Finding:
+    """Proportional to B for isolated edges; slower where gaps are narrower than the occluded strip."""
+    growth = over_scenes(rows, log_slope("baseline_mm", "occluded"))
+    text = f"The occluded share is proportional to B^p with p between 0 and {1 + TOLERANCE:g}"
+    return Finding(text, growth, is_above(growth) and growth.value <= 1 + TOLERANCE, result="p = {}")
+
+
+_COLUMNS = (
+    Column("part", "", "part"),
+    Column("method", "", "matcher"),
+    Column("baseline_mm", "mm", "baseline"),
+    Column("fx_px", "px", "focal length"),
+    Column("z_m", "m", "depth"),
+    Column("depth_error_mm", "mm", "depth error, robust s.d."),
+    Column("predicted_mm", "mm", "z²/(f B) times the disparity error"),
+    Column("disparity_error_px", "px", "disparity error, robust s.d."),
+    Column("occluded", "%", "occluded in the right view"),
+    Column("totbad2", "%", "wrong by > 2 px or unknown"),
+)
+_DEFAULTS = Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2), spp=16)
+
+
+def _depth_error_figure(panel: str) -> Figure:
+    return Figure(
+        "depth-error", "Depth error of planes and z²/(f B)", "z_m", "depth_error_mm", by="method", panel=panel,
+        log_x=True, log_y=True, where={"part": PLANES}, residual_of="predicted_mm", also=("predicted_mm",),
+    )  # fmt: skip
+
+
+def _scene_figure(name: str, title: str, x: str, y: str, **more: str) -> Figure:
+    return Figure(name, title, x, y, where={"part": SCENES}, **more)  # type: ignore[arg-type]
+
+
+BASELINE = Study(
+    name="baseline",
+    question="How do depth error and occlusion depend on the baseline?",
+    columns=_COLUMNS,
+    measure=_measure_baselines,
+    conclude=conclude_baseline,
+    figures=(
+        _depth_error_figure("baseline_mm"),
+        _scene_figure("occlusion", "Occluded in the right view, of the left pixels inside its frame", "baseline_mm",
+                      "occluded", by="scene"),
+        _scene_figure("wrong", "Wrong pixels against the baseline", "baseline_mm", "totbad2", by="method",
+                      panel="scene"),
+    ),
+    defaults=_DEFAULTS,
+)  # fmt: skip
+FOCAL_LENGTH = Study(
+    name="focal-length",
+    question="How does the depth error depend on the focal length?",
+    columns=_COLUMNS,
+    measure=_measure_fields,
+    conclude=conclude_focal_length,
+    figures=(
+        _depth_error_figure("fx_px"),
+        _scene_figure("wrong", "Wrong pixels against the focal length", "fx_px", "totbad2", by="method", panel="scene"),
+    ),
+    defaults=_DEFAULTS,
+)

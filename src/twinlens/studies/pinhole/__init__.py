@@ -1,0 +1,268 @@
+"""`pinhole`: sharpness, light and noise behind a bare hole, from an open box down to 0.07 mm; the best diameter.
+
+Sharpness is the MTF50 of a slanted edge (ISO 12233) by two models. "far field": the traced image, blurred by
+`twinlens.diffract`, which integrates the Airy pattern over the pixel a second time. "Fresnel": the sharp image, three
+times finer than the pixels, convolved with Fresnel's pattern and binned; exact for a plane target. Light comes from two
+sources: "sensor", the radiometry of `Sensor`, and "plate", paths traced through a hole in a plate.
+
+Rules for the best diameter: 1.9 sqrt(f lambda) (Rayleigh, On pinhole photography, 1891), and sqrt(2.44 f lambda), at
+which the hole is as wide as its Airy disk.
+"""
+
+import math
+import warnings
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.camera import BareAperture, Camera, Pinhole, Rig
+from twinlens.camera.diffraction import diffract
+from twinlens.optics.diffraction import FresnelWarning
+from twinlens.rendering import render
+from twinlens.sensor import Exposure, Sensor
+from twinlens.studies.bootstrap import Interval, log_slope, over_scenes, paired_difference
+from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, compared, predicted
+from twinlens.studies.pinhole.edge import (
+    DEPTH,
+    FILM,
+    PITCH,
+    WAVELENGTH,
+    edge_camera,
+    edge_scene,
+    predicted_best,
+    predicted_frequency,
+)
+from twinlens.studies.pinhole.fresnel import convolved, fresnel_kernel
+from twinlens.studies.pinhole.light import exposed_rate, film_light, signal_to_noise, white_rate
+from twinlens.studies.pinhole.slanted_edge import frequency_at
+from twinlens.studies.stage import Stage, stream
+from twinlens.studies.table import Column, Row, Table
+
+Float = NDArray[np.float64]
+
+DIAMETERS_MM = (2.0, 1.4, 1.0, 0.6, 0.5, 0.4, 0.35, 0.32, 0.3, 0.29, 0.28, 0.26, 0.23, 0.2, 0.15, 0.1, 0.07)
+BOX_MM = 100.0
+"""The open box: a hole twice as wide as the box is deep."""
+PLATES_MM = (2.5, 5.0, 10.0, BOX_MM)
+"""Holes wide enough for light paths to find, and narrow enough for the square law within 1 %; and the open box."""
+SHOWN_MM = (BOX_MM, 2.0, 1.0, 0.6, 0.35, 0.15, 0.07)
+RAYLEIGH_MM = 1e3 * 1.9 * math.sqrt(FILM * WAVELENGTH)
+AIRY_MM = 1e3 * math.sqrt(2.44 * FILM * WAVELENGTH)
+CONTRASTS = (0.5, 0.1)
+MODELS = ("far field", "Fresnel")
+LIGHTS = ("sensor", "plate")
+_EDGE_SPP, _PLATE_SPP = 64, 1024
+_FINER = 3
+"""Oversampling of the sharp image that is convolved with Fresnel's pattern."""
+_TOLERANCE, _RULE_TOLERANCE = 0.02, 0.15
+"""Of the best hole against wave optics: 1 % for the slanted edge, 0.5 % for the parabola through three holes. Against
+the rules, which ignore pixel and target distance."""
+_LIGHT_TOLERANCE = 0.02
+"""1 % for the cosines at a hole of a fifth of the film distance, and two standard deviations of 1500 light paths."""
+_NEAR_BEST_MM, _SHOT_MM = 0.23, 0.2
+"""Below the second, read noise adds as much as shot noise."""
+
+
+def measure(setup: Setup) -> Measured:
+    """A row for every seed, hole and model; images of bundled scenes through every hole."""
+    rows: list[Row] = []
+    for done, seed in enumerate(setup.seeds):
+        setup.progress(0.8 * done / len(setup.seeds), "edge")
+        rows += [*_edges(seed), *_lights(seed)]
+    setup.progress(0.8, "pictures")
+    pictures = tuple(_pictures(setup, name) for name in setup.scenes)
+    return Measured(rows, pictures, {"film_m": FILM, "pitch_m": PITCH, "wavelength_m": WAVELENGTH, "depth_m": DEPTH})
+
+
+def _hole(millimetres: float) -> BareAperture:
+    return BareAperture(1e-3 * millimetres, FILM)
+
+
+def _edges(seed: int) -> list[Row]:
+    """Sharpness: a row for each hole and model."""
+    camera = edge_camera()
+    scene, rig = edge_scene(), Rig((camera,), (np.eye(4),))
+    fine = Rig((edge_camera(_FINER),), (np.eye(4),))
+    sharp = _green(render(scene, fine, Pinhole(), _EDGE_SPP // 4, stream(seed, 0))[0])
+    rows: list[Row] = []
+    for k, millimetres in enumerate(DIAMETERS_MM):
+        traced = render(scene, rig, _hole(millimetres), _EDGE_SPP, stream(seed, 1, k))[0]
+        far = _green(_diffracted(traced, camera, _hole(millimetres), (WAVELENGTH,) * 3))
+        near = _binned(convolved(sharp, _fine_kernel(millimetres)))
+        for model, picture in zip(MODELS, (far, near), strict=True):
+            mtf50, mtf10 = (frequency_at(picture, contrast) / (1e3 * PITCH) for contrast in CONTRASTS)
+            theory = predicted_frequency(millimetres, 0.5)
+            rows.append(_row(seed, model, millimetres, mtf50=mtf50, mtf10=mtf10, predicted_mtf50=theory))
+    return rows
+
+
+def _lights(seed: int) -> list[Row]:
+    """Light and noise: a row for each hole, and for each plate."""
+    camera = edge_camera()
+    fixed = Exposure(0.5 / white_rate(camera, _hole(max(DIAMETERS_MM))))
+    unit = exposed_rate(camera, _hole(1.0), seed, len(DIAMETERS_MM) + 1)
+    rows: list[Row] = []
+    for k, millimetres in enumerate((BOX_MM, *DIAMETERS_MM)):
+        noise = signal_to_noise(camera, _hole(millimetres), fixed, stream(seed, 2, k))
+        light = exposed_rate(camera, _hole(millimetres), seed, k) / unit
+        rows.append(_row(seed, LIGHTS[0], millimetres, light=light, snr=noise))
+    square_law = (0.5e-3 / FILM) ** 2  # E / (pi L) of a hole of 1 mm
+    for k, millimetres in enumerate(PLATES_MM):
+        found = film_light(1e-3 * millimetres, FILM, _PLATE_SPP, stream(seed, 6, k))
+        rows.append(_row(seed, LIGHTS[1], millimetres, light=found / square_law))
+    return rows
+
+
+def _row(seed: int, model: str, millimetres: float, **known: float) -> Row:
+    rules = {"predicted_light": millimetres**2, "rayleigh_mm": RAYLEIGH_MM, "airy_mm": AIRY_MM}
+    return {"scene": "edge", "seed": seed, "model": model, "diameter_mm": millimetres, **known, **rules}
+
+
+@lru_cache(maxsize=len(DIAMETERS_MM))
+def _fine_kernel(millimetres: float) -> Float:
+    """Fresnel's pattern sampled for the fine image, no wider than that image."""
+    half = _FINER * edge_camera().width // 2
+    return fresnel_kernel(1e-3 * millimetres, FILM, DEPTH, WAVELENGTH, PITCH / _FINER, sub=1, most_px=half)
+
+
+def _binned(fine: Float) -> Float:
+    """Means of `_FINER` x `_FINER` points."""
+    height, width = (side // _FINER for side in fine.shape)
+    return np.asarray(fine.reshape(height, _FINER, width, _FINER).mean(axis=(1, 3)))
+
+
+def _green(image: NDArray[Any]) -> Float:
+    return np.asarray(image[..., 1], np.float64)
+
+
+def _diffracted(image: NDArray[np.float32], camera: Camera, hole: BareAperture, *wavelengths: Any) -> NDArray[Any]:
+    """The image blurred by the Airy pattern, without the warning that the hole is in the near field."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FresnelWarning)
+        return diffract(image, camera, hole, *wavelengths)
+
+
+def _pictures(setup: Setup, name: str) -> Picture:
+    """The scene through each hole, with automatic exposure."""
+    stage = Stage.of(name, setup.width, setup.height)
+    rig = Rig((stage.camera,), stage.rig.world_from_cams[:1])
+    images, captions = [], []
+    for k, millimetres in enumerate(SHOWN_MM):
+        hole = _hole(millimetres)
+        radiance = render(stage.scene, rig, hole, setup.spp, stream(0, 4, k))[0]
+        if millimetres != BOX_MM:
+            radiance = _diffracted(radiance, stage.camera, hole)
+        photo = Sensor.preset("ideal").expose(radiance, camera=stage.camera, lens=hole, seed=stream(0, 5, k))
+        images.append(photo.image.astype(np.uint8))
+        captions.append("open box" if millimetres == BOX_MM else f"{millimetres:g} mm")
+    title = f"{name} through a bare hole, {1e3 * FILM:g} mm from the film"
+    return Picture(f"holes-{name}", title, tuple(images), tuple(captions), columns=4)
+
+
+def conclude(table: Table) -> list[Finding]:
+    """The best hole by wave optics and by the rules; the far-field error; the law of light; noise."""
+    fresnel, sensor, plates = (table.where(model=model) for model in (MODELS[1], *LIGHTS))
+    holes = sensor.where(lambda row: _SHOT_MM <= float(row["diameter_mm"]) < BOX_MM)
+    best = {name: _best(fresnel, name) for name in ("mtf50", "mtf10")}
+    return [
+        predicted("The hole with the highest MTF50 is {} wide", best["mtf50"], predicted_best(0.5), _TOLERANCE, "mm"),
+        predicted("The hole with the highest MTF10 is {} wide", best["mtf10"], predicted_best(0.1), _TOLERANCE, "mm"),
+        predicted("The highest MTF50 follows the rule sqrt(2.44 f lambda), the width of the Airy disk: {}",
+                  best["mtf50"], AIRY_MM, _RULE_TOLERANCE, "mm"),
+        predicted("The highest MTF10 follows Rayleigh's rule 1.9 sqrt(f lambda): {}",
+                  best["mtf10"], RAYLEIGH_MM, _RULE_TOLERANCE, "mm"),
+        far_field_error(table),
+        *_square_law(plates),
+        _radiometry(table),
+        _exponent(holes, "snr", 1.0, 0.05, "At a fixed exposure, signal to noise of holes from "
+                  f"{_SHOT_MM:g} mm is proportional to A^p (shot noise) with p = {{}}"),
+    ]  # fmt: skip
+
+
+def _square_law(plates: Table) -> list[Finding]:
+    """Path-traced light behind plates: the square law for small holes, half of it for the open box."""
+    narrow = sorted(PLATES_MM)[:-1]
+    share = over_scenes(plates.where(diameter_mm=BOX_MM), lambda unit: unit.numbers("light") / BOX_MM**2)
+    holes = plates.where(lambda row: float(row["diameter_mm"]) < BOX_MM)
+    text = "Path-traced light behind a hole in a plate, {:g} to {:g} mm, is proportional to A^p with p = {{}}"
+    return [
+        _exponent(holes, "light", 2.0, _LIGHT_TOLERANCE, text.format(narrow[0], narrow[-1])),
+        predicted("In an open box, twice as wide as deep, the film gets {} of the light of the square law", share, 0.5,
+                  _LIGHT_TOLERANCE),
+    ]  # fmt: skip
+
+
+def _radiometry(table: Table) -> Finding:
+    """The sensor's radiometry against light paths, in the open box, where the cosines matter most."""
+
+    def ratio(unit: Table) -> float:
+        sensor, plate = (float(unit.where(model=model).numbers("light").mean()) for model in LIGHTS)
+        return sensor / plate
+
+    measured = over_scenes(table.where(diameter_mm=BOX_MM), ratio)
+    text = "In the open box the sensor's radiometry gives {} times the path-traced light"
+    return predicted(text, measured, 1.0, _LIGHT_TOLERANCE)
+
+
+def _best(rows: Table, measure_of: str) -> Interval:
+    """The diameter (mm) of the highest frequency, by a parabola in log-log through the best hole and its neighbours."""
+
+    def peak(unit: Table) -> float:
+        known = unit.where(lambda row: math.isfinite(float(row[measure_of])))
+        x, y = np.log(known.numbers("diameter_mm")), np.log(known.numbers(measure_of))
+        order = np.argsort(x)
+        x, y = x[order], y[order]
+        k = int(np.clip(np.argmax(y), 1, len(x) - 2))
+        a, b, _ = np.polyfit(x[k - 1 : k + 2], y[k - 1 : k + 2], 2)
+        return math.exp(-b / (2 * a)) if a < 0 else math.exp(x[k])
+
+    return over_scenes(rows, peak)
+
+
+def far_field_error(table: Table) -> Finding:
+    """The MTF50 that the far-field pattern loses near the best hole, which `diffract` warns about."""
+    rows = table.where(diameter_mm=_NEAR_BEST_MM)
+    loss = paired_difference(rows, "mtf50", "model", MODELS[1], MODELS[0])
+    text = f"The far-field pattern underestimates the MTF50 of a hole of {_NEAR_BEST_MM:g} mm"
+    return compared(text, loss, "too low", "too high", "", unit="cycles/mm")
+
+
+def _exponent(rows: Table, name: str, expected: float, tolerance: float, text: str) -> Finding:
+    return predicted(text, over_scenes(rows, log_slope("diameter_mm", name)), expected, tolerance)
+
+
+def _figure(name: str, title: str, y: str, **more: Any) -> Figure:
+    return Figure(name, title, "diameter_mm", y, log_x=True, log_y=True, **more)
+
+
+_MARKS = (("rayleigh_mm", "1.9 sqrt(f lambda)"), ("airy_mm", "sqrt(2.44 f lambda)"))
+STUDY = Study(
+    name="pinhole",
+    question="Which hole diameter is best for a pinhole camera?",
+    columns=(
+        Column("model", "", "diffraction model or light source"),
+        Column("diameter_mm", "mm", "diameter of the hole"),
+        Column("mtf50", "cycles/mm", "sharpness on the film, MTF50"),
+        Column("mtf10", "cycles/mm", "resolution on the film, MTF10"),
+        Column("predicted_mtf50", "cycles/mm", "Hopkins's transfer function"),
+        Column("light", "", "light on the film, relative to a hole of 1 mm"),
+        Column("predicted_light", "", "square of the diameter"),
+        Column("snr", "", "signal to noise at a fixed exposure"),
+        Column("rayleigh_mm", "mm", "1.9 sqrt(f lambda)"),
+        Column("airy_mm", "mm", "sqrt(2.44 f lambda)"),
+    ),
+    measure=measure,
+    conclude=conclude,
+    figures=(
+        _figure("sharpness", "Sharpness of a bare hole", "mtf50", by="model", where={"model": MODELS}, marks=_MARKS,
+                also=("predicted_mtf50",), residual_of="predicted_mtf50"),
+        _figure("detail", "Resolution of a bare hole", "mtf10", by="model", where={"model": MODELS}, marks=_MARKS),
+        _figure("light", "Light on the film and the square law", "light", by="model", kind="scatter",
+                also=("predicted_light",), residual_of="predicted_light", where={"model": LIGHTS}),
+        _figure("noise", "Signal to noise at a fixed exposure", "snr", marks=_MARKS,
+                where={"diameter_mm": DIAMETERS_MM, "model": LIGHTS[0]}),
+    ),
+    defaults=Setup(("tabletop", "staircase"), (), (0, 1, 2), spp=64),
+)  # fmt: skip
