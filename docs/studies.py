@@ -1,7 +1,7 @@
-"""Makes the figures of docs/studies.md: `python docs/studies.py`, or some of them: `python docs/studies.py window ...`.
+"""Make the figures of docs/studies.md: `python docs/studies.py [--keep] [NAME ...]`.
 
-Each study is run at its own settings into out/studies/NAME, one to four minutes each. `--keep` draws the figures of
-what lies there already instead, whatever code made it. The page shows one figure of each, in fewer colours.
+Each study runs with its defaults into out/studies/NAME, one to four minutes each. `--keep` reuses existing tables there
+instead. One figure of each study is written to docs/studies/NAME.png with a reduced palette.
 """
 
 import io
@@ -31,7 +31,7 @@ WIDEST, COLOURS = 1000, 160
 
 
 def main(names: list[str], keep: bool) -> None:
-    """Write docs/studies/NAME.png for each of these studies, or for all; of runs that lie there, if they are kept."""
+    """Write docs/studies/NAME.png for these studies, or for all; `keep` reuses existing tables."""
     for name in names or STUDIES:
         study, folder = STUDIES[name], BUILD / name
         if not (keep and (folder / "table.csv").exists()):
@@ -42,7 +42,7 @@ def main(names: list[str], keep: bool) -> None:
 
 
 def small(png: bytes, path: Path) -> None:
-    """The picture, at most `WIDEST` pixels wide, in `COLOURS` colours."""
+    """Save the image at most `WIDEST` pixels wide, in `COLOURS` colours."""
     picture = Image.open(io.BytesIO(png)).convert("RGB")
     scale = min(1.0, WIDEST / picture.width)
     size = tuple(int(side) for side in np.rint(scale * np.array(picture.size)))

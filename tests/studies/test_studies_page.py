@@ -17,7 +17,7 @@ def blocks():
     return re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
 
 
-def test_the_study_of_ones_own_is_short_and_runs(tmp_path):
+def test_the_example_study_is_short_and_runs(tmp_path):
     text = next(block for block in blocks() if "STUDY = Study(" in block)
     assert len(text.splitlines()) < 60
     path = tmp_path / "low_light.py"
@@ -33,8 +33,8 @@ def test_every_study_has_its_section():
     assert all(name in titles for name in STUDIES)
 
 
-def test_the_table_of_samples_is_what_its_script_writes(monkeypatch):
-    """Every scene and f-number of the script has its row, and the script finds the table that it would renew."""
+def test_the_table_of_samples_matches_its_script(monkeypatch):
+    """Every scene and f-number of the script has a row, and the script finds the table to replace."""
     monkeypatch.syspath_prepend(PAGE.parents[1] / "benchmarks")
     import bench_samples as script
 
@@ -49,7 +49,7 @@ def test_the_table_of_samples_is_what_its_script_writes(monkeypatch):
     assert lines[2] not in renewed
 
 
-def test_the_script_of_samples_counts_wrong_pixels_and_reads_theory(monkeypatch):
+def test_the_script_of_samples_runs(monkeypatch):
     monkeypatch.syspath_prepend(PAGE.parents[1] / "benchmarks")
     import bench_samples as script
 
@@ -64,7 +64,7 @@ def test_the_script_of_samples_counts_wrong_pixels_and_reads_theory(monkeypatch)
     assert script.cell([1.0, 2.0]) == "1.5 % (1 to 2)"
 
 
-def test_links_lead_somewhere():
+def test_links_exist():
     links = re.findall(r"\]\(([^)#]+)\)", PAGE.read_text())
     assert links
     assert all((PAGE.parent / link).exists() for link in links)

@@ -133,7 +133,7 @@ def _protocol(result: Result) -> str:
         "seeds": ", ".join(str(seed) for seed in setup.seeds),
         "images": f"{setup.width}x{setup.height}, {setup.spp} samples per pixel",
         "backend": str(result.protocol.get("backend", "")),
-        "intervals": "95 % bootstrap over scenes, or over seeds for a single scene, in brackets and as bands; the range of "
+        "intervals": "95 % bootstrap over scenes, or over seeds for one scene, in brackets and as bands; the range of "
         "fewer than five scenes or seeds",
         "rows": f"{len(result.table)}",
         **result.remarks,

@@ -4,7 +4,19 @@ A study is one module or package that defines a `Study`; `STUDIES` lists the inc
 """
 
 from twinlens.studies.bootstrap import Interval, bootstrap, log_slope, mean_of, over_scenes, paired_difference
-from twinlens.studies.model import Figure, Finding, Measured, Picture, Result, SeedSupport, Setup, Study, sweep
+from twinlens.studies.model import (
+    Figure,
+    Finding,
+    Measured,
+    Picture,
+    Result,
+    SeedSupport,
+    Setup,
+    Study,
+    compared,
+    predicted,
+    sweep,
+)
 from twinlens.studies.run import STUDIES, find_study, run_study, study
 from twinlens.studies.stage import Stage, stream
 from twinlens.studies.table import Column, Table, from_csv, to_csv
@@ -24,12 +36,14 @@ __all__ = [
     "Study",
     "Table",
     "bootstrap",
+    "compared",
     "find_study",
     "from_csv",
     "log_slope",
     "mean_of",
     "over_scenes",
     "paired_difference",
+    "predicted",
     "run_study",
     "stream",
     "study",
