@@ -195,5 +195,5 @@ def test_brackets_of_lenses_that_are_too_few(twinlens, tmp_path):
     code, _, err = twinlens("generate", path, "-o", tmp_path / "set")
     assert code == 2
     assert err == (
-        f"twinlens: {path}: lenses: is a list of tables, one for each lens: write [[lenses]] above each, not [lenses]\n"
+        f"twinlens: {path}: lenses: must be a list of tables: write [[lenses]] above each lens, not [lenses]\n"
     )

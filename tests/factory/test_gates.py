@@ -1,5 +1,3 @@
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -47,7 +45,7 @@ def test_a_camera_in_a_box_is_refused_and_one_before_it_is_not():
     rig, truths = truth_of(made := scene(box("crate", 2.0, 0.0)))
     with pytest.raises(Rejected, match="camera inside an object: camera 0 in 'crate'"):
         check_truth(GATES, made, rig, truths, None)
-    check_truth(dataclasses.replace(GATES, inside=False), made, rig, truths, None)
+    check_truth(Gates(inside=False), made, rig, truths, None)
     rig, truths = truth_of(made := scene(box("crate", 2.0, 4.0), wall(6.0)))
     check_truth(GATES, made, rig, truths, None)
 
@@ -64,7 +62,7 @@ def test_the_right_eye_alone_in_a_box_is_found():
     made = scene(SceneObject("lamp", {"type": "sphere"}, "grey", pose), wall())
     rig, truths = truth_of(made)
     with pytest.raises(Rejected, match="camera 1 in 'lamp'"):
-        check_truth(dataclasses.replace(GATES, visible=0.0), made, rig, truths, None)
+        check_truth(Gates(visible=0.0), made, rig, truths, None)
 
 
 def test_disparity_is_held_to_ndisp_exactly():
@@ -74,7 +72,7 @@ def test_disparity_is_held_to_ndisp_exactly():
     with pytest.raises(Rejected, match="disparity beyond ndisp") as caught:
         check_truth(GATES, made, rig, truths, ndisp=int(np.floor(disparity)))
     assert "rig.baseline" in caught.value.remedy
-    check_truth(dataclasses.replace(GATES, beyond_ndisp=1.0), made, rig, truths, ndisp=1)
+    check_truth(Gates(beyond_ndisp=1.0), made, rig, truths, ndisp=1)
 
 
 def test_views_that_share_too_little_are_refused():
@@ -92,7 +90,7 @@ def test_black_and_burnt_pictures_are_refused_in_either_eye(level, reason):
     rig, truths = truth_of(scene(wall()))
     good = np.random.default_rng(0).uniform(0.1, 0.9, (*SIZE[::-1], 3))
     bad = np.full_like(good, level)
-    gates = dataclasses.replace(GATES, texture=0.0)
+    gates = Gates(texture=0.0)
     check_photographs(gates, photographed(rig, truths, good, good), Sensor())
     for pair, where in (((bad, good), "view 0"), ((good, bad), "view 1")):
         with pytest.raises(Rejected, match=f"{reason}: 100.0% of {where}"):

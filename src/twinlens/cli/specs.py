@@ -89,7 +89,7 @@ def parse_aperture(text: str) -> Aperture:
     if kind not in APERTURES:
         raise InputError(f"{where}: {unknown('aperture', kind, APERTURES)}")
     if kind == "mask" and rest:
-        from twinlens.factory.masks import read_mask
+        from twinlens.factory.lenses import read_mask
 
         return read_mask(Path(rest))
     parts = rest.split(":") if rest else []

@@ -1,74 +1,210 @@
-"""Distributions: what a value of a recipe may be instead of a number.
+"""Distributions: what a value of a recipe may be instead of a constant.
 
-    baseline = { uniform = [0.05, 0.2] }                   # any value between the two
+    baseline = { uniform = [0.05, 0.2] }                   # any number between the two
     spp = { integers = [16, 64] }                          # any whole number, both ends included
-    aperture_mm = { log_uniform = [1, 20] }                # each factor as likely as the next
-    tilt = { normal = [0, 2], clip = [-5, 5] }             # mean, deviation; drawn within clip, not piled up at it
+    aperture_mm = { log_uniform = [1, 20] }                # uniform in the logarithm
+    tilt = { normal = [0, 2], clip = [-5, 5] }             # mean and standard deviation, truncated to `clip`
     preset = { choice = ["phone", "machine_vision"], weights = [1, 3] }
-    focus = { sweep = [1, 2, 4] }                          # in turn: all sweeps together make a full factorial
+    focus = { sweep = [1, 2, 4] }                          # in turn; all sweeps together make a full factorial
 
-A `template` is a table in which any leaf may be one of these. Each leaf draws from a stream of its own, named by its
-place in the recipe, so that a quantity added to a recipe leaves the others' values as they were.
+A template is a table in which any leaf may be one of these. Each leaf draws from its own random stream, named by its
+key path, so that adding a distribution to a recipe does not change the values of the others.
 """
 
 import difflib
-import zlib
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator, Field, model_validator
 from scipy.special import ndtr, ndtri
 
-from twinlens.scenes.table import At, Hint, Table, listed, number, show
+from twinlens.errors import InputError, format_value
+from twinlens.schema import StrictModel, dotted, read
 
 _DEEPEST = 12
-_MOST_CHOICES = 1000
-_LEAST_SHARE = 1e-6  # of a normal distribution that its clip must keep: below, float64 no longer tells its values apart
-_LARGEST_WHOLE = 2**53
+_LEAST_SHARE = 1e-6  # of a normal distribution within its clip; below, float64 does not resolve its values
+
+
+def _ordered(ends: list[Any]) -> list[Any]:
+    low, high = ends
+    if not low <= high or not np.isfinite(high - low):
+        raise InputError(f"must be [low, high] with low <= high, got {format_value(ends)}")
+    return ends
+
+
+def _constant(values: list[Any]) -> list[Any]:
+    if any(True for value in values for _ in leaves(template(value, ""))):
+        raise InputError("the values of a distribution must be constants, not distributions")
+    return values
+
+
+Number = Annotated[float, AfterValidator(float)]
+Whole = Annotated[int, Field(ge=-(2**53), le=2**53)]
+NonNegative = Annotated[float, Field(ge=0), AfterValidator(float)]
+Positive = Annotated[float, Field(gt=0), AfterValidator(float)]
+Pair = Field(min_length=2, max_length=2)
+Values = Annotated[list[Any], Field(min_length=1, max_length=1000), AfterValidator(_constant)]
+
+
+class Distribution(StrictModel):
+    """A random value; the first key of its table names the kind."""
+
+    @property
+    def kind(self) -> str:
+        """The key of `KINDS`."""
+        return next(iter(type(self).model_fields))
+
+    @property
+    def values(self) -> list[Any]:
+        """The ends of the range, or all values."""
+        values: list[Any] = getattr(self, self.kind)
+        return values
+
+    def draw(self, rng: np.random.Generator) -> Any:
+        """One value."""
+        raise NotImplementedError
+
+
+class Uniform(Distribution):
+    """Any number between two."""
+
+    uniform: Annotated[list[Number], Pair, AfterValidator(_ordered)]
+
+    def draw(self, rng: np.random.Generator) -> Any:
+        low, high = self.uniform
+        return low + (high - low) * float(rng.random())
+
+
+class LogUniform(Distribution):
+    """Any number between two positive ones, uniform in the logarithm."""
+
+    log_uniform: Annotated[list[Positive], Pair, AfterValidator(_ordered)]
+
+    def draw(self, rng: np.random.Generator) -> Any:
+        low, high = np.log(self.log_uniform)
+        return float(np.clip(np.exp(low + (high - low) * rng.random()), self.values[0], self.values[1]))
+
+
+class Integers(Distribution):
+    """Any whole number between two, both included."""
+
+    integers: Annotated[list[Whole], Pair, AfterValidator(_ordered)]
+
+    def draw(self, rng: np.random.Generator) -> Any:
+        return int(rng.integers(self.integers[0], self.integers[1], endpoint=True))
+
+
+class Normal(Distribution):
+    """Mean and standard deviation of a normal distribution, truncated to a range."""
+
+    normal: Annotated[list[Number], Pair]
+    clip: Annotated[list[Number], Pair, AfterValidator(_ordered)]
+
+    @model_validator(mode="after")
+    def _check(self) -> "Normal":
+        mean, deviation = self.normal
+        if not deviation > 0:
+            raise InputError(f"normal must be [mean, standard deviation > 0], got {self.normal}")
+        below = self._shares()
+        if not below[1] - below[0] >= _LEAST_SHARE:
+            raise InputError(f"clip {self.clip} excludes nearly all of a normal around {mean:g} +- {deviation:g}")
+        return self
+
+    @property
+    def values(self) -> list[Any]:
+        return self.clip
+
+    def draw(self, rng: np.random.Generator) -> Any:
+        below, (mean, deviation) = self._shares(), self.normal
+        share = below[0] + (below[1] - below[0]) * rng.random()
+        return float(np.clip(mean + deviation * ndtri(share), self.clip[0], self.clip[1]))
+
+    def _shares(self) -> Any:
+        """The distribution function at the ends of `clip`, (2,)."""
+        mean, deviation = self.normal
+        return ndtr((np.array(self.clip) - mean) / deviation)
+
+
+class Choice(Distribution):
+    """One of several values, equally often or by weights."""
+
+    choice: Values
+    weights: list[NonNegative] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> "Choice":
+        if self.weights is not None:
+            normalized(self.weights, len(self.choice))
+        return self
+
+    def draw(self, rng: np.random.Generator) -> Any:
+        count = len(self.choice)
+        return self.choice[int(rng.choice(count, p=normalized(self.weights or [1.0] * count, count)))]
+
+
+class Sweep(Distribution):
+    """One value after the other, by the index of the sample."""
+
+    sweep: Values
+
+    def draw(self, rng: np.random.Generator) -> Any:
+        return self.sweep[0]  # `plan` takes the others by the index
+
+
+KINDS: dict[str, type[Distribution]] = {
+    "uniform": Uniform,
+    "log_uniform": LogUniform,
+    "integers": Integers,
+    "normal": Normal,
+    "choice": Choice,
+    "sweep": Sweep,
+}
+"""Every distribution, by the key that names it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Distribution:
-    """One quantity's distribution. `place` names it in the recipe; `values` are its ends, or all it may be."""
+class Leaf:
+    """A distribution in a template; `key` is its path there."""
 
-    kind: str
-    place: str
-    values: tuple[Any, ...]
-    draw: Callable[[np.random.Generator], Any]
+    key: str
+    distribution: Distribution
 
     @property
     def is_sweep(self) -> bool:
-        """Whether its values come in turn, by the sample's index, and not by chance."""
-        return self.kind == "sweep"
+        """Whether its values follow the index of the sample instead of chance."""
+        return isinstance(self.distribution, Sweep)
 
 
-def template(at: At, value: Any, depth: int = 0) -> Any:
-    """`value` with every table that names a distribution read as one. Raises InputError naming the place."""
+def template(value: Any, file: str | Path, key: str = "", depth: int = 0) -> Any:
+    """`value` with each table that names a distribution replaced by a `Leaf`. Raises InputError naming file and key."""
     if depth > _DEEPEST:
-        raise at.wrong(f"is nested more than {_DEEPEST} deep")
+        raise InputError(f"{file}: {key}: is nested more than {_DEEPEST} deep")
     if isinstance(value, Mapping):
-        kinds = [kind for kind in KINDS if kind in value]
-        if kinds:
-            return KINDS[kinds[0]](at, Table(at, value))
-        return {key: template(at / key, entry, depth + 1) for key, entry in value.items()}
+        kind = next((kind for kind in KINDS if kind in value), None)
+        if kind is not None:
+            return Leaf(key, read(KINDS[kind], value, file, key))
+        return {name: template(entry, file, dotted((name,), key), depth + 1) for name, entry in value.items()}
     if isinstance(value, list):
-        return [template(at / i, entry, depth + 1) for i, entry in enumerate(value)]
+        return [template(entry, file, dotted((i,), key), depth + 1) for i, entry in enumerate(value)]
     return value
 
 
-def leaves(tree: Any) -> Iterator[Distribution]:
-    """Every distribution in a template, in its order."""
-    if isinstance(tree, Distribution):
+def leaves(tree: Any) -> Iterator[Leaf]:
+    """Every distribution in a template, in order."""
+    if isinstance(tree, Leaf):
         yield tree
     elif isinstance(tree, (dict, list)):
         for entry in tree.values() if isinstance(tree, dict) else tree:
             yield from leaves(entry)
 
 
-def resolve(tree: Any, choose: Callable[[Distribution], Any]) -> Any:
-    """The template with `choose`'s answer in place of every distribution."""
-    if isinstance(tree, Distribution):
+def resolve(tree: Any, choose: Callable[[Leaf], Any]) -> Any:
+    """The template with `choose(leaf)` in place of every distribution."""
+    if isinstance(tree, Leaf):
         return choose(tree)
     if isinstance(tree, dict):
         return {key: resolve(entry, choose) for key, entry in tree.items()}
@@ -78,134 +214,38 @@ def resolve(tree: Any, choose: Callable[[Distribution], Any]) -> Any:
 
 
 def corners(tree: Any) -> Iterator[Any]:
-    """Tables to check a template by: every distribution at its first value, then each in turn at each of the others."""
-    yield resolve(tree, lambda leaf: leaf.values[0])
+    """Tables to check a template with: all distributions at their first values, then each at each other value."""
+    yield resolve(tree, lambda leaf: leaf.distribution.values[0])
     for one in leaves(tree):
-        for value in one.values[1:]:
-            yield resolve(tree, lambda leaf, one=one, value=value: value if leaf is one else leaf.values[0])  # type: ignore[misc]
+        for value in one.distribution.values[1:]:
+            chosen = {one.key: value}
+            yield resolve(tree, lambda leaf, chosen=chosen: chosen.get(leaf.key, leaf.distribution.values[0]))  # type: ignore[misc]
 
 
-def stream(seed: int, *key: int | str) -> np.random.Generator:
-    """Random numbers of one purpose: independent between seeds and keys."""
-    words = tuple(zlib.crc32(part.encode()) if isinstance(part, str) else part for part in key)
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=words))
+def hint(message: str, tree: Any) -> str:
+    """What to add to the error message of a template's value: the distribution that was meant, or a better one.
 
-
-def _uniform(at: At, table: Table[Any]) -> Distribution:
-    low, high = _range(at / "uniform", table.take("uniform", listed(number(), 2, 2)))
-    table.done()
-    return Distribution("uniform", at.path, (low, high), lambda rng: low + (high - low) * float(rng.random()))
-
-
-def _log_uniform(at: At, table: Table[Any]) -> Distribution:
-    low, high = _range(at / "log_uniform", table.take("log_uniform", listed(number(above=0.0), 2, 2)))
-    table.done()
-    logs = np.log([low, high])
-
-    def draw(rng: np.random.Generator) -> float:
-        return float(np.clip(np.exp(logs[0] + (logs[1] - logs[0]) * rng.random()), low, high))
-
-    return Distribution("log_uniform", at.path, (low, high), draw)
-
-
-def _integers(at: At, table: Table[Any]) -> Distribution:
-    low, high = _range(at / "integers", table.take("integers", listed(_whole, 2, 2)))
-    table.done()
-    return Distribution("integers", at.path, (low, high), lambda rng: int(rng.integers(low, high, endpoint=True)))
-
-
-def _normal(at: At, table: Table[Any]) -> Distribution:
-    mean, deviation = table.take("normal", listed(number(), 2, 2))
-    if not deviation > 0:
-        raise (at / "normal").wrong(f"must be [mean, standard deviation > 0], got {[mean, deviation]}")
-    low, high = _range(at / "clip", table.take("clip", listed(number(), 2, 2)))
-    table.done()
-    below = ndtr((np.array([low, high]) - mean) / deviation)
-    if not below[1] - below[0] >= _LEAST_SHARE:
-        raise (at / "clip").wrong(f"[{low:g}, {high:g}] leaves nothing of a normal around {mean:g} +- {deviation:g}")
-
-    def draw(rng: np.random.Generator) -> float:
-        share = below[0] + (below[1] - below[0]) * rng.random()
-        return float(np.clip(mean + deviation * ndtri(share), low, high))
-
-    return Distribution("normal", at.path, (low, high), draw)
-
-
-def _choice(at: At, table: Table[Any]) -> Distribution:
-    values = tuple(table.take("choice", listed(_plain, 1, _MOST_CHOICES)))
-    weights = table.take("weights", listed(number(low=0.0), len(values), len(values)), [1.0] * len(values))
-    table.done()
-    shares = normalised(at / "weights", weights)
-    return Distribution("choice", at.path, values, lambda rng: values[int(rng.choice(len(values), p=shares))])
-
-
-def _sweep(at: At, table: Table[Any]) -> Distribution:
-    values = tuple(table.take("sweep", listed(_plain, 1, _MOST_CHOICES)))
-    table.done()
-    return Distribution("sweep", at.path, values, lambda rng: values[0])
-
-
-KINDS: dict[str, Callable[[At, Table[Any]], Distribution]] = {
-    "uniform": _uniform,
-    "log_uniform": _log_uniform,
-    "integers": _integers,
-    "normal": _normal,
-    "choice": _choice,
-    "sweep": _sweep,
-}
-"""Every distribution, by the key that names it."""
-
-
-_ANY_NUMBER = ("uniform", "log_uniform", "normal")
-
-
-def hints(tree: Any) -> Hint:
-    """What to say more of a value of the wrong kind in a template: which distribution was meant, or does better.
-
-    >>> hints({})("rig.baseline", {"unifrom": [0.1, 0.2]}, float)
+    >>> hint("baseline: must be a number, got {'unifrom': [0.1, 0.2]}", {})
     "; did you mean the distribution 'uniform'?"
     """
-    kinds = {leaf.place: leaf.kind for leaf in leaves(tree)}
-
-    def hint(place: str, value: Any, kind: type) -> str:
-        if isinstance(value, Mapping):
-            return _meant(value)
-        if kind is int and kinds.get(place) in _ANY_NUMBER:
-            return f"; {kinds[place]!r} draws any number, {{ integers = [low, high] }} whole ones"
-        return ""
-
-    return hint
-
-
-def _meant(table: Mapping[str, Any]) -> str:
-    near = [found for key in table for found in difflib.get_close_matches(str(key), KINDS, n=1)]
-    return f"; did you mean the distribution {near[0]!r}?" if near else f"; distributions are {', '.join(KINDS)}"
+    key, _, problem = message.partition(": ")
+    if found := re.search(r"must be .*, got \{(.*)", problem):
+        near = [
+            kind for word in re.findall(r"'(\w+)':", found[1]) for kind in difflib.get_close_matches(word, KINDS, 1)
+        ]
+        return f"; did you mean the distribution {near[0]!r}?" if near else f"; distributions are {', '.join(KINDS)}"
+    kinds = {leaf.key: leaf.distribution.kind for leaf in leaves(tree)}
+    if "must be a whole number" in problem and kinds.get(key) in ("uniform", "log_uniform", "normal"):
+        return f"; {kinds[key]!r} draws any number, use {{ integers = [low, high] }}"
+    return ""
 
 
-def normalised(at: At, weights: list[float]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Weights as shares that sum to 1. Raises InputError when all are 0."""
+def normalized(weights: list[float], count: int) -> "np.ndarray[Any, np.dtype[np.float64]]":
+    """`count` weights divided by their sum. Raises InputError for another number of weights, or if all are 0."""
+    if len(weights) != count:
+        raise InputError(f"weights must be a list of {count} values, got {len(weights)}")
     largest = max(weights)
     if not largest > 0:
-        raise at.wrong("at least one weight must be > 0")
+        raise InputError("at least one of the weights must be > 0")
     shares = np.array(weights) / largest
     return np.asarray(shares / shares.sum())
-
-
-def _range(at: At, ends: list[Any]) -> tuple[Any, Any]:
-    low, high = ends
-    if not low <= high or not np.isfinite(high - low):
-        raise at.wrong(f"must be [low, high] with low <= high, got {show(ends)}")
-    return low, high
-
-
-def _whole(at: At, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > _LARGEST_WHOLE:
-        raise at.wrong(f"must be a whole number, got {show(value)}")
-    return value
-
-
-def _plain(at: At, value: Any) -> Any:
-    """A value to choose: anything but another distribution."""
-    if any(True for _ in leaves(template(at, value))):
-        raise at.wrong("a distribution within a distribution; write its values out")
-    return value

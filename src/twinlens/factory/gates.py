@@ -4,18 +4,19 @@ Some gates ask the truth alone and are asked before anything is rendered; the ot
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from twinlens.camera import Rig
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample
+from twinlens.factory.draws import Number
 from twinlens.factory.inside import encloses
 from twinlens.factory.texture import grey, textured
 from twinlens.scenes import Scene
-from twinlens.scenes.table import At, Table, boolean, number, whole
+from twinlens.schema import StrictModel
 from twinlens.sensor import Sensor
 
 _DARK = 0.02  # of the image's range
@@ -33,34 +34,27 @@ class Rejected(Exception):  # noqa: N818  no failure: the draw was a bad one
         self.reason, self.found, self.remedy, self.noisy = reason, found, remedy, noisy
 
 
-@dataclass(frozen=True)
-class Gates:
-    """Thresholds, as shares of an image's pixels. A share of 1 (of 0 where it is a least) opens the gate.
+Share = Annotated[Number, Field(ge=0, le=1)]
 
-    attempts : draws of one sample, at most.
-    inside : whether a camera inside a body is refused.
-    beyond_ndisp : most that may have disparities outside [0, ndisp), in recipes that name ndisp.
-    visible : least that the first view must show and its partner see.
-    dark, burnt : most that may be black, or as bright as can be, in any photograph.
-    texture : least share of windows of 16x16 pixels that must have texture which both eyes see, through every lens.
+
+class Gates(StrictModel):
+    """Thresholds, mostly as shares of an image's pixels.
+
+    attempts : maximum number of draws of one sample.
+    inside : whether to reject a camera inside a body.
+    beyond_ndisp : maximum share of disparities outside [0, ndisp), for recipes with ndisp.
+    visible : minimum share of the first view that its partner sees too.
+    dark, burnt : maximum share of a photograph that is black, or saturated.
+    texture : minimum share of 16x16 windows whose texture both views show, through every lens.
     """
 
-    attempts: int = 20
+    attempts: int = Field(20, ge=1, le=10_000)
     inside: bool = True
-    beyond_ndisp: float = 0.0
-    visible: float = 0.2
-    dark: float = 0.8
-    burnt: float = 0.5
-    texture: float = 0.1
-
-
-def gates_from_table(at: At, value: Any) -> Gates:
-    """The `[gates]` of a recipe. Raises InputError naming the key that is unknown or wrong."""
-    keys: Table[Any] = Table(at, value)
-    parsers = {"attempts": whole(1, 10_000), "inside": boolean}
-    shares = {f.name: keys.take(f.name, parsers.get(f.name, number(0.0, 1.0)), f.default) for f in fields(Gates)}
-    keys.done()
-    return Gates(**shares)
+    beyond_ndisp: Share = 0.0
+    visible: Share = 0.2
+    dark: Share = 0.8
+    burnt: Share = 0.5
+    texture: Share = 0.1
 
 
 def check_truth(gates: Gates, scene: Scene, rig: Rig, truths: Sequence[Truth], ndisp: int | None) -> None:

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from twinlens.errors import FileError, InputError
-from twinlens.factory.draws import Distribution, leaves, resolve, stream
+from twinlens.factory.draws import Leaf, leaves, resolve
 from twinlens.factory.recipe import Recipe, Subject
+from twinlens.seeds import generator
 
 _SEED_BITS = 53  # exact in every reader of JSON
 
@@ -73,17 +74,17 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
     digits = _digits(recipe, index)
     subject = _subject(recipe, index, attempt, digits)
 
-    def choose(leaf: Distribution) -> Any:
+    def choose(leaf: Leaf) -> Any:
         if leaf.is_sweep:
-            return leaf.values[digits[leaf.place]]
-        return leaf.draw(stream(recipe.seed, "draw", index, attempt, leaf.place))
+            return leaf.distribution.values[digits[leaf.key]]
+        return leaf.distribution.draw(generator(recipe.seed, "draw", index, attempt, leaf.key))
 
     return SampleSpec(
         index=index,
         attempt=attempt,
         name=sample_name(index),
         split=split_of(recipe, index),
-        seed=int(stream(recipe.seed, "sample", index, attempt).integers(1 << _SEED_BITS)),
+        seed=int(generator(recipe.seed, "sample", index, attempt).integers(1 << _SEED_BITS)),
         kind=subject.kind,
         scene=subject.name,
         drawn=resolve(recipe.drawn, choose),
@@ -113,14 +114,14 @@ def split_of(recipe: Recipe, index: int) -> str | None:
     if not recipe.splits:
         return None
     bounds = np.cumsum(list(recipe.splits.values()))
-    drawn = stream(recipe.seed, "split", index).random()
+    drawn = generator(recipe.seed, "split", index).random()
     return list(recipe.splits)[min(int(np.searchsorted(bounds, drawn, side="right")), len(bounds) - 1)]
 
 
 def _digits(recipe: Recipe, index: int) -> dict[str, int]:
     """How far each wheel has turned at `index`, by its place: the index in mixed radix, the first wheel fastest."""
     wheels = {} if recipe.weights else {"": len(recipe.subjects)}
-    wheels |= {leaf.place: len(leaf.values) for leaf in leaves(recipe.drawn) if leaf.is_sweep}
+    wheels |= {leaf.key: len(leaf.distribution.values) for leaf in leaves(recipe.drawn) if leaf.is_sweep}
     digits = {}
     for place, size in wheels.items():
         index, digits[place] = divmod(index, size)
@@ -130,7 +131,7 @@ def _digits(recipe: Recipe, index: int) -> dict[str, int]:
 def _subject(recipe: Recipe, index: int, attempt: int, digits: Mapping[str, int]) -> Subject:
     if recipe.weights is None:
         return recipe.subjects[digits[""]]
-    rng = stream(recipe.seed, "subject", index, attempt)
+    rng = generator(recipe.seed, "subject", index, attempt)
     return recipe.subjects[int(rng.choice(len(recipe.subjects), p=recipe.weights))]
 
 

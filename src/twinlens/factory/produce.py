@@ -8,22 +8,24 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from twinlens.camera import Lens, Rig
+from twinlens.camera import Rig
 from twinlens.dataset import Sample
 from twinlens.errors import BackendError, FileError, InputError
-from twinlens.factory.draws import stream
 from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
-from twinlens.factory.lenses import View, lens_from_table
+from twinlens.factory.lenses import View
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
-from twinlens.factory.settings import Settings, read_settings
+from twinlens.factory.settings import Settings, make_lenses, make_sensor
 from twinlens.factory.sources import Sources
 from twinlens.rendering import check_possible, ground_truth
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.scenes.table import At, Source
+from twinlens.schema import read
+from twinlens.seeds import generator
 
 Progress = Callable[[float], None]
+_FILE = Path("recipe.toml")  # without its folder: messages are recorded in the dataset
 
 
 class Exhausted(Exception):  # noqa: N818  the run goes on without this sample
@@ -56,7 +58,7 @@ def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample
         except FileError:
             raise
         except InputError as error:
-            found = str(error).replace(f"{recipe.folder}/", "")  # a dataset names no place of this machine
+            found = str(error).replace(f"{recipe.file.parent}/", "")  # a dataset names no place of this machine
             rejections.append({"attempt": attempt, "reason": "impossible draw", "found": found})
             remedy, by_chance = "what the message names", False
         else:
@@ -83,22 +85,22 @@ def produce(
     cannot be.
     """
     sources = Sources() if sources is None else sources
-    at = At(Source(Path("recipe.toml")))  # without its folder: messages are kept in the dataset
-    settings = read_settings(spec.drawn, at)
+    settings = read(Settings, dict(spec.drawn), _FILE)
     scene = _scene(spec, settings, sources)
-    rig = _rig(scene, settings, at)
+    rig = _rig(scene, settings)
     truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity)
     if gates is not None:
         check_truth(gates, scene, rig, truths, spec.ndisp)
+    sensor = make_sensor(settings, _FILE)
     view = View(scene, rig.nominal.cameras[0], truths, spec.seed)
     sample = make_sample(
         scene,
         rig,
-        _lenses(settings, view, at, sources),
+        make_lenses(settings, view, _FILE, sources.file),
         spp=settings.spp,
         seed=spec.seed,
-        sensor=settings.sensor,
-        exposure=settings.exposure,
+        sensor=sensor,
+        exposure=None if settings.exposure is None else settings.exposure.exposure(),
         diffraction=settings.diffraction,
         sky_disparity=settings.sky_disparity,
         keep_radiance="radiance" in spec.keep,
@@ -106,7 +108,7 @@ def produce(
         progress=progress,
     )
     if gates is not None:
-        check_photographs(gates, sample, settings.sensor)
+        check_photographs(gates, sample, sensor)
     return dataclasses.replace(sample, ndisp=spec.ndisp, record={**sample.record, "spec": spec.plain()})
 
 
@@ -115,11 +117,11 @@ def check_backend(recipe: Recipe, index: int) -> None:
 
     No scene is opened for it: what cannot be judged without one is told when the sample is made.
     """
-    at = At(Source(Path("recipe.toml")))
     refusal = None
     for attempt in range(1 if is_fixed(recipe) else recipe.gates.attempts):
         try:
-            for lens in _lenses(read_settings(plan(recipe, index, attempt).drawn, at), None, at, recipe.sources):
+            settings = read(Settings, dict(plan(recipe, index, attempt).drawn), _FILE)
+            for lens in make_lenses(settings, None, _FILE, recipe.sources.file):
                 check_possible(lens)
         except BackendError as error:
             refusal = error
@@ -131,15 +133,11 @@ def check_backend(recipe: Recipe, index: int) -> None:
         raise refusal
 
 
-def _lenses(settings: Settings, view: View | None, at: At, sources: Sources) -> list[Lens]:
-    return [lens_from_table(table, view, at / "lenses" / k, sources.file) for k, table in enumerate(settings.lenses)]
-
-
-def _rig(scene: Scene, settings: Settings, at: At) -> Rig:
+def _rig(scene: Scene, settings: Settings) -> Rig:
     """The recipe's rig where the jitter puts it. The scene's own rig is the recipe's where that says nothing."""
-    moved = scene.at(scene.world_from_left @ settings.jitter)
+    moved = scene.at(scene.world_from_left @ settings.scene.jitter.pose())
     table = settings.rig or scene.rig or {}
-    return rig_from_table(table, moved, settings.width, settings.height, at / "rig")
+    return rig_from_table(table, moved, settings.width, settings.height, At(Source(_FILE), "rig"))
 
 
 def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
@@ -150,10 +148,10 @@ def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
 
     return random_scene(
         spec.scene,
-        int(stream(spec.seed, "scene").integers(1 << 31)),
+        int(generator(spec.seed, "scene").integers(1 << 31)),
         assets=sources.families_assets,
-        depth_range=settings.depth_range,
-        object_count=settings.object_count,
+        depth_range=settings.scene.depth_range,
+        object_count=settings.scene.object_count,
         aspect=settings.width / settings.height,
         width=settings.width,
     )

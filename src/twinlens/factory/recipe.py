@@ -1,36 +1,102 @@
-"""recipe.toml: what a dataset is to be made of. Read strictly: a mistake is named by its place, with the nearest key.
+"""recipe.toml: the description of a dataset. docs/recipes.md shows every key.
 
-A recipe has a part that is the same for every sample (`seed`, `count`, which scenes, gates, splits) and a part that is
-drawn for each: a table (`Recipe.drawn`) in which any value may be a distribution. That part is checked here at every
-value that its distributions begin, end or choose with. docs/recipes.md shows every key.
+One part of a recipe is the same for all samples (`seed`, `count`, scenes, gates, splits). The other is drawn for each
+sample: `Recipe.drawn` is a template in which any value may be a distribution. It is checked with every value at which a
+distribution begins, ends or chooses.
 """
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, create_model
 
 from twinlens.dataset.about import About
-from twinlens.errors import InputError, unknown
-from twinlens.factory.draws import corners, hints, normalised, template
-from twinlens.factory.gates import Gates, gates_from_table
-from twinlens.factory.settings import DRAWN, check_settings
+from twinlens.errors import InputError, format_value, unknown
+from twinlens.factory.draws import NonNegative, Number, corners, hint, normalized, template
+from twinlens.factory.gates import Gates
+from twinlens.factory.lenses import mask_file
+from twinlens.factory.settings import Settings, check_settings
 from twinlens.factory.sources import Sources
 from twinlens.scenes import bundled_scenes
-from twinlens.scenes.table import At, Source, Table, choice, listed, number, show, text, whole
 from twinlens.scenes.toml_file import read_toml
+from twinlens.schema import StrictModel, read
 
-_LARGEST_COUNT = 10_000_000
-_LARGEST_SEED = 2**63 - 1
-KEEP = ("radiance",)
-ASSETS = ("meshes", "textures", "hdris")
+
+def _listed(value: Any) -> Any:
+    return [value] if isinstance(value, str) else value
+
+
+def _word(name: str) -> str:
+    usable = name and name.isprintable() and name == name.strip() and name[0] != "." and not set(name) & {"/", "\\"}
+    if not usable:
+        raise InputError(f"a split's name must be usable as a folder's, such as train, got {format_value(name)}")
+    return name
+
+
+def _shares(splits: dict[str, float]) -> dict[str, float]:
+    for name in splits:
+        _word(name)
+    if not splits or abs(sum(splits.values()) - 1.0) > 1e-6:
+        raise InputError(f"the shares must add up to 1, got {format_value(splits)}")
+    return splits
+
+
+def _family(name: str) -> str:
+    from twinlens.families import FAMILIES
+
+    if name not in FAMILIES:
+        raise unknown("family", name, FAMILIES)
+    return name
+
+
+def _no_duplicates(names: list[str]) -> list[str]:
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise InputError(f"{name!r} is listed twice; 'weights' sets how often each is drawn")
+    return names
+
+
+Names = Annotated[list[str], Field(min_length=1, max_length=1000), AfterValidator(_no_duplicates)]
+Folders = Annotated[list[str], Field(min_length=1)] | str
+Fraction = Annotated[Number, Field(ge=0, le=1)]
+
+
+class AssetsTable(StrictModel):
+    """Folders of files that families draw from, relative to the recipe."""
+
+    meshes: Folders | None = None
+    textures: Folders | None = None
+    hdris: Folders | None = None
+
+
+class _Constants(StrictModel):
+    seed: int = Field(ge=0, le=2**63 - 1)
+    count: int = Field(ge=1, le=10_000_000)
+    scenes: Names | None = None
+    families: Annotated[list[Annotated[str, AfterValidator(_family)]], AfterValidator(_no_duplicates)] | None = None
+    weights: list[NonNegative] | None = None
+    ndisp: int | None = Field(None, ge=1, le=65536)
+    keep: list[Literal["radiance"]] = Field(default_factory=list)
+    gates: Gates = Field(default_factory=lambda: Gates.model_validate({}))
+    splits: Annotated[dict[str, Fraction], AfterValidator(_shares)] | None = None
+    assets: AssetsTable = AssetsTable()
+    about: dict[str, Any] | None = None
+
+
+DRAWN = tuple(Settings.model_fields)
+"""The keys of a recipe that are drawn for every sample."""
+
+_DRAWN_FIELDS: dict[str, Any] = dict.fromkeys(DRAWN, (Any, None))
+RecipeTable: Any = create_model("RecipeTable", __base__=_Constants, **_DRAWN_FIELDS)
 
 
 @dataclass(frozen=True)
 class Subject:
-    """What a sample is of: a scene by name or file, or a family that each sample is another member of."""
+    """What a sample shows: a scene by name or file, or a random scene of a family."""
 
     kind: str  # scene | family
     name: str
@@ -38,229 +104,165 @@ class Subject:
 
 @dataclass(frozen=True, eq=False)
 class Recipe:
-    """A recipe that was read and checked. `written` is the file's own content, `at` where it stands."""
+    """A checked recipe. `written` is the content of the file."""
 
-    at: At
+    file: Path
     written: Mapping[str, Any]
     seed: int
     count: int
     subjects: tuple[Subject, ...]
     weights: tuple[float, ...] | None
     drawn: Mapping[str, Any]
-    ndisp: int | None = None
-    keep: tuple[str, ...] = ()
-    gates: Gates = field(default_factory=Gates)
-    splits: Mapping[str, float] = field(default_factory=dict)
-    assets: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-
-    @property
-    def file(self) -> Path:
-        """The recipe's path, as messages name it."""
-        return self.at.source.file
-
-    @property
-    def folder(self) -> Path:
-        """What paths in the recipe are relative to."""
-        return self.at.source.folder
+    ndisp: int | None
+    keep: tuple[str, ...]
+    gates: Gates
+    splits: Mapping[str, float]
+    assets: Mapping[str, tuple[str, ...]]
+    masks: tuple[str, ...]
 
     @property
     def makes_scenes(self) -> bool:
-        """Whether families make a scene for each sample; else scenes come from files."""
+        """Whether families make a scene for each sample; otherwise scenes are read from files."""
         return self.subjects[0].kind == "family"
 
     @cached_property
     def sources(self) -> Sources:
-        """The files that it leads to; what they hold is read when it is first asked for."""
+        """The files that the recipe names; they are read on first use."""
         scenes = tuple(subject.name for subject in self.subjects if subject.kind == "scene")
-        masks = tuple(dict.fromkeys(path.as_posix() for path in self.at.source.assets))
-        return Sources(self.folder, scenes, self.assets, masks)
+        return Sources(self.file.parent, scenes, self.assets, self.masks)
 
 
 def read_recipe(path: str | os.PathLike[str]) -> Recipe:
-    """The recipe in a file. Raises InputError naming the file, the place, and what would be right."""
+    """Read a recipe. Raises InputError naming the file, the key, and what is allowed."""
     path = Path(path)
     return recipe_from_table(read_toml(path), path)
 
 
 def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml")) -> Recipe:
-    """The recipe of a table as TOML has it; `path` is what messages name and files are found beside."""
-    at = At(Source(path))
-    keys: Table[Any] = Table(at, written)
-    subjects, weights = _subjects(keys, path.parent)
-    recipe = Recipe(
-        at=at,
+    """The recipe of a table as TOML has it; `path` is named in messages, and other files are relative to it."""
+    table = read(RecipeTable, dict(written), path)
+    subjects = _subjects(table, path)
+    weights = table.weights
+    if weights is not None:
+        weights = tuple(float(share) for share in _located(path, "", lambda: normalized(table.weights, len(subjects))))
+    if table.about is not None:
+        _located(path, "", lambda: About.of(table.about))
+    families = [subject.name for subject in subjects if subject.kind == "family"]
+    assets = {kind: tuple(_listed(names)) for kind, names in table.assets.model_dump(exclude_none=True).items()}
+    _check_assets(assets, bool(families), path)
+    drawn = {key: template(written[key], path, key) for key in DRAWN if key in written}
+    return Recipe(
+        file=path,
         written=dict(written),
-        seed=keys.take("seed", whole(0, _LARGEST_SEED)),
-        count=keys.take("count", whole(1, _LARGEST_COUNT)),
+        seed=table.seed,
+        count=table.count,
         subjects=subjects,
         weights=weights,
-        ndisp=keys.take("ndisp", whole(1, 65536), None),
-        keep=tuple(keys.take("keep", listed(choice(*KEEP)), [])),
-        gates=keys.take("gates", gates_from_table, Gates()),
-        splits=keys.take("splits", _splits, {}),
-        assets=keys.take("assets", lambda at, value: _assets(at, value, path.parent), {}),
-        drawn={key: keys.take(key, template) for key in DRAWN if keys.has(key)},
+        ndisp=table.ndisp,
+        keep=tuple(table.keep),
+        gates=table.gates,
+        splits=table.splits or {},
+        assets=assets,
+        drawn=drawn,
+        masks=_check_drawn(drawn, path, families),
     )
-    keys.take("about", _about, None)
-    keys.done()
-    if recipe.assets and subjects[0].kind == "scene":
-        raise (at / "assets").wrong("belongs to 'families'; a scene from a file is as it is")
-    _check_drawn(recipe)
-    return recipe
 
 
-def _check_drawn(recipe: Recipe) -> None:
-    """Every value that is sure to come, each with the others' first: what reads well here will be planned well."""
-    families = [subject.name for subject in recipe.subjects if subject.kind == "family"]
-    at = At(replace(recipe.at.source, hint=hints(recipe.drawn)))
-    diffraction = width = False
-    for drawn in corners(recipe.drawn):
-        asked = check_settings(drawn, at, bool(families))
-        diffraction, width = diffraction or asked.diffraction, width or asked.lens_has_width
-        for name in families:
-            _check_depths(at / "scene" / "depth_range", name, asked.depth_range)
-    if diffraction and not width:
-        raise (at / "diffraction").wrong(
-            "every lens here is a pinhole of no width, where it changes nothing; add [[lenses]] with an aperture, or "
-            "leave it out"
-        )
-
-
-def _check_depths(at: At, family: str, depths: tuple[float, float] | None) -> None:
-    from twinlens.families import FAMILIES
-
-    if depths is None:
-        return
-    near, far = depths
-    least = FAMILIES[family].least_ratio
-    if not far >= least * near:
-        raise at.wrong(f"a {family} scene needs far >= {least:g} near, got [{near:g}, {far:g}]")
-
-
-def _subjects(keys: Table[Any], folder: Path) -> tuple[tuple[Subject, ...], tuple[float, ...] | None]:
-    if keys.has("scenes") and keys.has("families"):
-        raise keys.at.wrong("has both 'scenes' and 'families': scenes are read from files, families made; keep one")
-    if not keys.has("scenes") and not keys.has("families"):
-        raise keys.at.wrong("needs 'scenes' or 'families', as scenes = [\"staircase\"]")
-    key = "scenes" if keys.has("scenes") else "families"
-    read = (lambda at, value: _scene(at, value, folder)) if key == "scenes" else _family
-    subjects = keys.take(key, listed(read, 1, 1000))
-    for i, subject in enumerate(subjects):
-        if subject in subjects[:i]:
-            raise (keys.at / key / i).wrong(f"names {subject.name!r} twice; 'weights' says how often each comes")
-    weights = keys.take("weights", listed(number(low=0.0), len(subjects), len(subjects)), None)
-    if weights is not None:
-        weights = tuple(float(share) for share in normalised(keys.at / "weights", weights))
-    return tuple(subjects), weights
-
-
-def _scene(at: At, value: Any, folder: Path) -> Subject:
-    name = text(at, value)
-    if name in bundled_scenes():
-        return Subject("scene", name)
+def _located(path: Path, key: str, make: Any) -> Any:
+    """What `make()` returns; InputErrors are prefixed with the file and the key."""
     try:
-        found = (folder / name).exists() and name not in ("", ".")
-    except (OSError, ValueError):
-        found = False
-    if not found:
-        raise at.wrong(_not_there(name, folder))
-    return Subject("scene", name)
+        return make()
+    except InputError as error:
+        raise InputError(f"{path}: {key}{': ' if key else ''}{error}") from error
 
 
-def _not_there(name: str, folder: Path) -> str:
-    """A name that reads as a path is meant as one, and no bundled scene is near it."""
+def _check_drawn(drawn: Mapping[str, Any], path: Path, families: list[str]) -> tuple[str, ...]:
+    """Check every value that a distribution may begin, end or choose with, each with the others' first.
+
+    Returns the mask files that lenses name.
+    """
+    checked = []
+    for table in corners(drawn):
+        try:
+            checked.append(check_settings(table, path, families))
+        except InputError as error:
+            raise type(error)(f"{error}{hint(str(error).removeprefix(f'{path}: '), drawn)}") from error
+    wide = any(lens.aperture_diameter > 0 for _, lenses in checked for lens in lenses)
+    if any(settings.diffraction for settings, _ in checked) and not wide:
+        raise InputError(
+            f"{path}: diffraction: has no effect, every lens is a pinhole; add [[lenses]] with an aperture or remove it"
+        )
+    masks = (mask_file(lens) for settings, _ in checked for lens in settings.lenses)
+    return tuple(dict.fromkeys(Path(name).as_posix() for name in masks if name))
+
+
+def _subjects(table: Any, path: Path) -> tuple[Subject, ...]:
+    if (table.scenes is None) == (table.families is None):
+        raise InputError(
+            f"{path}: needs either 'scenes' (bundled names or files) or 'families' (random scenes), as "
+            'scenes = ["staircase"]'
+        )
+    if table.families is not None:
+        return tuple(Subject("family", name) for name in table.families)
+    for i, name in enumerate(table.scenes):
+        _located(path, f"scenes[{i}]", lambda name=name: _check_scene(name, path.parent))
+    return tuple(Subject("scene", name) for name in table.scenes)
+
+
+def _check_scene(name: str, folder: Path) -> None:
+    if name in bundled_scenes() or (name not in ("", ".") and _exists(folder / name)):
+        return
     if Path(name).suffix or any(letter in name for letter in "/\\"):
-        return f"no such file beside the recipe, in {folder.absolute()}: {name!r}"
-    return f"{unknown('scene', name, bundled_scenes())}, nor a scene file beside the recipe"
+        raise InputError(f"no such file beside the recipe, in {folder.absolute()}: {name!r}")
+    raise InputError(f"{unknown('scene', name, bundled_scenes())}, nor a scene file beside the recipe")
 
 
-def _family(at: At, value: Any) -> Subject:
-    from twinlens.families import FAMILIES
-
-    return Subject("family", choice(*FAMILIES)(at, value))
-
-
-def _splits(at: At, value: Any) -> dict[str, float]:
-    shares = {name: number(0.0, 1.0)(at / name, share) for name, share in Table[Any](at, value).rest().items()}
-    for name in shares:
-        if not _is_word(name):
-            raise at.wrong(
-                f"the name of a split is a word, as train, without / and \\ or a dot before, got {show(name)}"
-            )
-    if not shares or abs(sum(shares.values()) - 1.0) > 1e-6:
-        raise at.wrong(f"the shares must add up to 1, got {show(value)}")
-    return shares
-
-
-def _is_word(name: str) -> bool:
-    """Whether a name is a label to read, and could be a folder's."""
-    written = name and name.isprintable() and name == name.strip()
-    return bool(written) and not name.startswith(".") and not any(letter in name for letter in "/\\")
-
-
-def _assets(at: At, value: Any, folder: Path) -> dict[str, tuple[str, ...]]:
-    keys: Table[Any] = Table(at, value)
-    given = {kind: keys.take(kind, _folders) for kind in ASSETS if keys.has(kind)}
-    keys.done()
-    for kind, names in given.items():
-        for name in names:
-            if not _is_there(folder / name):
-                raise (at / kind).wrong(f"no folder {name!r} beside the recipe")
-            _check_kind(at / kind, kind, folder, name)
-    return given
-
-
-def _check_kind(at: At, kind: str, folder: Path, name: str) -> None:
-    """Raise InputError for a folder without any file of the kind; what the files hold is found when they are drawn."""
+def _check_assets(assets: Mapping[str, tuple[str, ...]], families: bool, path: Path) -> None:
+    """Each folder must exist and have a file of its kind; the files' contents are checked when they are drawn."""
+    if assets and not families:
+        raise InputError(f"{path}: assets: can be used with 'families' only")
     from twinlens.families import Assets
 
-    try:
-        Assets.from_folders(**{kind: [folder / name]})
-    except InputError as error:
-        said = str(error).removeprefix(f"{kind}: ").replace(repr(str(folder / name)), repr(name))
-        raise at.wrong(said) from None
+    for kind, names in assets.items():
+        for name in names:
+            folder = path.parent / name
+            if not _exists(folder):
+                raise InputError(f"{path}: assets.{kind}: no folder {name!r} beside the recipe")
+            try:
+                Assets.from_folders(**{kind: [folder]})
+            except InputError as error:
+                message = str(error).removeprefix(f"{kind}: ").replace(repr(str(folder)), repr(name))
+                raise InputError(f"{path}: assets.{kind}: {message}") from None
 
 
-def _about(at: At, value: Any) -> About:
-    try:
-        return About.of(value)
-    except InputError as error:
-        raise at.wrong(str(error)) from error
-
-
-def _folders(at: At, value: Any) -> tuple[str, ...]:
-    return (text(at, value),) if isinstance(value, str) else tuple(listed(text, 1)(at, value))
-
-
-def _is_there(path: Path) -> bool:
+def _exists(path: Path) -> bool:
     try:
         return path.exists()
     except (OSError, ValueError):
         return False
 
 
-def differences(old: Mapping[str, Any], new: Mapping[str, Any], place: str = "") -> list[str]:
-    """Where two recipes, as written, differ: one `place: old -> new` each. `count` and `about` may differ.
+def differences(old: Mapping[str, Any], new: Mapping[str, Any], key: str = "") -> list[str]:
+    """Where two recipes differ: one `key: old -> new` each. `count` and `about` may differ.
 
     >>> differences({"spp": 16, "rig": {"baseline": 0.1}}, {"spp": 16, "rig": {"baseline": 0.2}})
     ['rig.baseline: 0.1 -> 0.2']
     """
     found = []
-    for key in dict.fromkeys([*old, *new]):
-        if not place and key in _MAY_DIFFER:
+    for name in dict.fromkeys([*old, *new]):
+        if not key and name in ("count", "about"):
             continue
-        a, b = old.get(key, _NOTHING), new.get(key, _NOTHING)
-        where = f"{place}.{key}" if place else str(key)
+        a, b = old.get(name, _ABSENT), new.get(name, _ABSENT)
+        path = f"{key}.{name}" if key else str(name)
         if isinstance(a, Mapping) and isinstance(b, Mapping):
-            found += differences(a, b, where)
+            found += differences(a, b, path)
         elif a != b:
-            found.append(f"{where}: {_said(a)} -> {_said(b)}")
+            found.append(f"{path}: {_shown(a)} -> {_shown(b)}")
     return found
 
 
-_NOTHING = object()
-_MAY_DIFFER = ("count", "about")
+_ABSENT = object()
 
 
-def _said(value: Any) -> str:
-    return "not said" if value is _NOTHING else show(value)
+def _shown(value: Any) -> str:
+    return "absent" if value is _ABSENT else format_value(value)

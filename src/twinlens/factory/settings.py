@@ -1,134 +1,188 @@
-"""The part of a recipe that every sample draws anew, with plain values in the place of its distributions."""
+"""The keys of a recipe that are drawn for every sample, after their distributions have been replaced by values."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, create_model
 
+from twinlens.camera import Lens
 from twinlens.camera.intrinsics import MAX_SIDE
-from twinlens.factory.lenses import lens_from_table
-from twinlens.factory.sensors import exposure_from_table, jitter_from_table, sensor_from_table
-from twinlens.geometry import Float
+from twinlens.errors import FileError, InputError
+from twinlens.factory.draws import Number, Positive
+from twinlens.factory.lenses import Find, LensTable, PinholeTable, View
+from twinlens.geometry import Float, rigid
 from twinlens.scenes import Scene, rig_from_table
-from twinlens.scenes.table import At, Parser, Table, boolean, listed, number, whole
-from twinlens.sensor import Exposure, Sensor
+from twinlens.scenes.placement import rotation
+from twinlens.scenes.table import At, Source
+from twinlens.schema import StrictModel, read
+from twinlens.sensor import PRESETS, Exposure, Mismatch, Sensor
 
-_PINHOLE = [{"kind": "pinhole"}]
-_MOST_LENSES = 100
-_MOST_SPP = 1_000_000
+_PRESET = "machine_vision"
+Step = Annotated[Number, Field(ge=-1e6, le=1e6)]
+Degrees = Annotated[Number, Field(ge=-360, le=360)]
+
+
+class JitterTable(StrictModel):
+    """Displacement of the rig from the scene's viewpoint: metres along its axes, then degrees about x, y, z."""
+
+    right: Step = 0.0
+    down: Step = 0.0
+    forward: Step = 0.0
+    pitch_deg: Degrees = 0.0
+    yaw_deg: Degrees = 0.0
+    roll_deg: Degrees = 0.0
+
+    def pose(self) -> Float:
+        """4x4, multiplied from the right: ``world_from_left @ pose``."""
+        x, y, z = map(rotation, np.eye(3), (self.pitch_deg, self.yaw_deg, self.roll_deg))
+        return rigid((y @ x @ z)[:3, :3], [self.right, self.down, self.forward])
+
+
+def _near_far(depths: tuple[float, float]) -> tuple[float, float]:
+    if not depths[0] < depths[1]:
+        raise InputError(f"must be [near, far] with near < far, in metres, got {list(depths)}")
+    return depths
+
+
+class SceneTable(StrictModel):
+    """Where the rig is, and, for families only, the depths and the number of objects."""
+
+    jitter: JitterTable = JitterTable()
+    depth_range: Annotated[tuple[Positive, Positive], Strict(strict=False), AfterValidator(_near_far)] | None = None
+    object_count: Annotated[int, Field(ge=1, le=10_000)] | None = None
+
+
+class ExposureTable(StrictModel):
+    """A fixed exposure: time in seconds, gain as a factor."""
+
+    time: Positive
+    gain: Positive = 1.0
+
+    def exposure(self) -> Exposure:
+        """The exposure."""
+        return Exposure(self.time, self.gain)
+
+
+def _keys_of(kind: type[Any]) -> dict[str, Any]:
+    """The fields of a dataclass of constants, as fields of a model. TOML has lists where Python has tuples."""
+    types = {float: Number, tuple: Annotated[list[Number], Field(min_length=3, max_length=3), AfterValidator(tuple)]}
+    return {
+        field.name: (types.get(type(field.default), type(field.default)), field.default)
+        for field in fields(kind)
+        if field.name != "mismatch"
+    }
+
+
+_MismatchTable: Any = create_model("MismatchTable", __base__=StrictModel, **_keys_of(Mismatch))
+
+
+class _SensorTable(StrictModel):
+    preset: Literal[tuple(PRESETS)] = _PRESET  # type: ignore[valid-type]
+    mismatch: _MismatchTable = _MismatchTable()
+
+    def sensor(self) -> Sensor:
+        """The preset with the given fields replaced. Raises InputError for a value out of range."""
+        given = {name: getattr(self, name) for name in self.model_fields_set - {"preset", "mismatch"}}
+        return Sensor.preset(self.preset, mismatch=Mismatch(**self.mismatch.model_dump()), **given)
+
+
+SensorTable: Any = create_model("SensorTable", __base__=_SensorTable, **_keys_of(Sensor))
+"""A preset, and every field of `Sensor` under its own name."""
+
+
+def _as_list(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        raise InputError("must be a list of tables: write [[lenses]] above each lens, not [lenses]")
+    return value
+
+
+def _pinhole() -> list[Any]:
+    return [PinholeTable()]
+
+
+Lenses = Annotated[list[LensTable], Field(min_length=1, max_length=100), BeforeValidator(_as_list)]
+
+
+class Settings(StrictModel):
+    """How one sample is taken. The rig stays a table: it is read where the scene is known."""
+
+    width: int = Field(640, ge=1, le=MAX_SIDE)
+    height: int = Field(480, ge=1, le=MAX_SIDE)
+    spp: int = Field(64, ge=1, le=1_000_000)
+    diffraction: bool = False
+    sky_disparity: bool = False
+    scene: SceneTable = SceneTable()
+    rig: dict[str, Any] = Field(default_factory=dict)
+    lenses: Lenses = Field(default_factory=_pinhole)
+    sensor: SensorTable = SensorTable()
+    exposure: ExposureTable | None = None
+
+
+@contextmanager
+def located(file: str | Path, key: str) -> Iterator[None]:
+    """Prefix InputErrors with the file and the key that cause them."""
+    try:
+        yield
+    except FileError as error:
+        raise FileError(f"{file}: {key}: {error}") from error
+    except InputError as error:
+        raise InputError(f"{file}: {key}: {error}") from error
+
+
 _ASPECTS, _LEAST_WIDTH = (0.2, 5.0), 16
-"""What families of scenes are composed for: width over height, and pixels across."""
+"""Image shapes that families compose scenes for: width over height, and pixels across."""
 _STAND_IN = Scene("any", (), {}, np.eye(4), (1.0, 10.0))
 
 
-@dataclass(frozen=True, eq=False)
-class Settings:
-    """How one sample is taken. Rig and lenses stay tables: they are read where the scene is known."""
+def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]) -> tuple[Settings, list[Lens]]:
+    """The settings and lenses of a drawn table, or InputError where no scene (of these families) could be its sample.
 
-    width: int
-    height: int
-    spp: int
-    diffraction: bool
-    sky_disparity: bool
-    sensor: Sensor
-    exposure: Exposure | None
-    jitter: Float
-    depth_range: tuple[float, float] | None
-    object_count: int | None
-    rig: Mapping[str, Any]
-    lenses: list[Mapping[str, Any]]
-
-
-_SIMPLE: dict[str, tuple[Parser[Any], Any]] = {
-    "width": (whole(1, MAX_SIDE), 640),
-    "height": (whole(1, MAX_SIDE), 480),
-    "spp": (whole(1, _MOST_SPP), 64),
-    "diffraction": (boolean, False),
-    "sky_disparity": (boolean, False),
-}
-DRAWN = (*_SIMPLE, "scene", "rig", "lenses", "sensor", "exposure")
-"""The keys of a recipe that are drawn for every sample."""
-
-
-def read_settings(drawn: Mapping[str, Any], at: At) -> Settings:
-    """The settings that a drawn table says, else their defaults. Raises InputError naming the place."""
-    keys: Table[Any] = Table(at, drawn)
-    return Settings(
-        **{key: keys.take(key, parser, default) for key, (parser, default) in _SIMPLE.items()},
-        sensor=keys.take("sensor", lambda at, value: sensor_from_table(value, at), Sensor()),
-        exposure=keys.take("exposure", lambda at, value: exposure_from_table(value, at), None),
-        rig=keys.take("rig", _table, {}),
-        lenses=keys.take("lenses", _lenses, _PINHOLE),
-        **keys.take("scene", _scene, _scene(at, {})),
-    )
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What is to be judged of all draws together, or beside the recipe's families."""
-
-    depth_range: tuple[float, float] | None
-    diffraction: bool
-    lens_has_width: bool
-
-
-def check_settings(drawn: Mapping[str, Any], at: At, families: bool) -> Asked:
-    """Raise InputError for what could not be a sample, whatever its scene is.
-
-    `families` says whether scenes are made, and not read from files.
+    Focus distances that depend on the scene are 1 m.
     """
-    settings = read_settings(drawn, at)
+    settings = read(Settings, dict(drawn), file)
     if families:
-        _check_picture(settings, at)
-    else:
-        for key in ("depth_range", "object_count"):
-            if key in drawn.get("scene", {}):
-                raise (at / "scene" / key).wrong("belongs to 'families'; a scene from a file is as it is")
-    rig_from_table(settings.rig, _STAND_IN, settings.width, settings.height, at / "rig")
-    lenses = [
-        lens_from_table(lens, None, at / "lenses" / k, lambda name: at.source.folder / name)
-        for k, lens in enumerate(settings.lenses)
-    ]
-    return Asked(settings.depth_range, settings.diffraction, any(lens.aperture_diameter > 0 for lens in lenses))
+        _check_families(settings, file, families)
+    elif given := settings.scene.model_fields_set & {"depth_range", "object_count"}:
+        raise InputError(f"{file}: scene.{min(given)}: can be used with 'families' only")
+    rig_from_table(settings.rig, _STAND_IN, settings.width, settings.height, At(Source(file), "rig"))
+    make_sensor(settings, file)
+    return settings, make_lenses(settings, None, file, lambda name: file.parent / name)
 
 
-def _check_picture(settings: Settings, at: At) -> None:
-    """Families compose their scenes for the picture: it must be one that they can fill."""
-    if settings.width < _LEAST_WIDTH:
-        raise (at / "width").wrong(f"must be {_LEAST_WIDTH} or more for a family, got {settings.width}")
-    aspect = settings.width / settings.height
-    if not _ASPECTS[0] <= aspect <= _ASPECTS[1]:
-        asked = f"{settings.width} x {settings.height}"
-        raise (at / "width").wrong(f"must be 0.2 to 5 times the height for a family, got {asked}")
+def make_sensor(settings: Settings, file: Path) -> Sensor:
+    """The sensor of a sample."""
+    try:
+        sensor: Sensor = settings.sensor.sensor()
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from error  # it names the sensor's field
+    return sensor
 
 
-def _scene(at: At, value: Any) -> dict[str, Any]:
-    keys: Table[Any] = Table(at, value)
-    given = {
-        "jitter": keys.take("jitter", lambda at, value: jitter_from_table(value, at), np.eye(4)),
-        "depth_range": keys.take("depth_range", _depths, None),
-        "object_count": keys.take("object_count", whole(1, 10_000), None),
-    }
-    keys.done()
-    return given
+def make_lenses(settings: Settings, view: View | None, file: Path, find: Find) -> list[Lens]:
+    """The lenses of a sample; without a view they are only checked."""
+    lenses = []
+    for k, table in enumerate(settings.lenses):
+        with located(file, f"lenses[{k}]"):
+            lenses.append(table.lens(view, find))
+    return lenses
 
 
-def _depths(at: At, value: Any) -> tuple[float, float]:
-    near, far = listed(number(above=0.0), 2, 2)(at, value)
-    if not near < far:
-        raise at.wrong(f"must be [near, far] with near < far, in metres, got [{near:g}, {far:g}]")
-    return near, far
+def _check_families(settings: Settings, file: Path, families: Sequence[str]) -> None:
+    from twinlens.families import FAMILIES
 
-
-def _lenses(at: At, value: Any) -> list[Mapping[str, Any]]:
-    if isinstance(value, Mapping):
-        raise at.wrong("is a list of tables, one for each lens: write [[lenses]] above each, not [lenses]")
-    tables: list[Mapping[str, Any]] = listed(_table, 1, _MOST_LENSES)(at, value)
-    return tables
-
-
-def _table(at: At, value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise at.wrong(f"must be a table of keys and values, got {value!r:.60}")
-    return value
+    width, height = settings.width, settings.height
+    if width < _LEAST_WIDTH:
+        raise InputError(f"{file}: width: must be >= {_LEAST_WIDTH} for families, got {width}")
+    if not _ASPECTS[0] <= width / height <= _ASPECTS[1]:
+        raise InputError(f"{file}: width: must be 0.2 to 5 times the height for families, got {width} x {height}")
+    for name in families if settings.scene.depth_range else ():
+        near, far = settings.scene.depth_range or (0.0, 0.0)
+        least = FAMILIES[name].least_ratio
+        if not far >= least * near:
+            raise InputError(
+                f"{file}: scene.depth_range: a {name} scene needs far >= {least:g} near, got [{near:g}, {far:g}]"
+            )
