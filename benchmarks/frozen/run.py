@@ -61,7 +61,7 @@ def main() -> None:
     dataset, output = options.work / "dataset", options.work / "board"
     if not (dataset / "dataset.json").exists():
         render(dataset, definition)
-    pairs = [*DatasetPairs(Dataset(dataset)), motorcycle()]
+    pairs = DatasetPairs(Dataset(dataset), [motorcycle()])
     print(f"matching {len(pairs)} pairs with {len(definition['methods'])} methods", flush=True)
     board = run_board(
         pairs, named_methods(definition["methods"]), output,

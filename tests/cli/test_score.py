@@ -89,7 +89,7 @@ def test_missing_maps_are_counted_and_named(twinlens, dataset, tmp_path):
     found = {e["sample"]: e["failure"] for e in json.loads(out)["entries"]}
     assert code == 0
     assert [failure and failure["kind"] for failure in found.values()] == [None, "missing", "missing"]
-    assert err == "mine: 2 of 3 maps are missing: cards/lens-1.pfm, motorcycle.pfm\n"
+    assert err == "mine: missing maps: 2 of 3 (cards/lens-1.pfm, motorcycle.pfm)\n"
 
 
 def test_maps_of_no_sample_are_counted_and_named(twinlens, dataset, tmp_path):
@@ -101,13 +101,13 @@ def test_maps_of_no_sample_are_counted_and_named(twinlens, dataset, tmp_path):
     code, out, err = twinlens(*arguments, "--json")
     assert code == 0
     told = "card.pfm, cards/lens-2.pfm, crads/lens-0.pfm and 1 more"
-    assert err == f"mine: 4 maps are of no sample here, and not scored: {told}\n"
+    assert err == f"mine: maps that match no sample: 4 ({told})\n"
     unscored = ["card.pfm", "cards/lens-2.pfm", "crads/lens-0.pfm", "fence.pfm"]
     assert json.loads(out)["unscored"] == {"mine": unscored}
     assert board_from_json(out) == read_board(tmp_path / "b" / "board.json")
     for name in unscored[1:]:
         (tmp_path / "mine" / name).unlink()
-    assert twinlens(*arguments)[2] == "mine: 1 map is of no sample here, and not scored: card.pfm\n"
+    assert twinlens(*arguments)[2] == "mine: maps that match no sample: 1 (card.pfm)\n"
     (tmp_path / "mine" / unscored[0]).unlink()
     code, out, err = twinlens(*arguments, "--json")
     assert (code, err, json.loads(out)["unscored"]) == (0, "", {"mine": []})
@@ -133,12 +133,12 @@ def test_one_map_that_two_datasets_would_take_for_theirs_is_refused(twinlens, ma
     options = [word for truth in truths for word in ("--truth", truth)]
     code, out, err = twinlens("score", tmp_path / "mine", *options, "-o", tmp_path / "board")
     assert (code, out) == (2, "")
-    assert "cards.pfm would be scored for both" in err
+    assert "cards.pfm matches both" in err
     assert "'cards'" in err
     assert not (tmp_path / "board").exists()
     write_pfm(tmp_path / "mine" / "cards" / "lens-0.pfm", tl.Dataset(dataset)[0].disp0)
     code, _, err = twinlens("score", tmp_path / "mine", *options, "-o", tmp_path / "board")
-    assert (code, err) == (0, "mine: 1 of 3 maps are missing: cards/lens-1.pfm\n"), "each has a file of its own now"
+    assert (code, err) == (0, "mine: missing maps: 1 of 3 (cards/lens-1.pfm)\n"), "each has a file of its own now"
 
 
 def test_a_board_that_another_run_is_writing_is_left_alone(twinlens, dataset, tmp_path):
@@ -190,7 +190,7 @@ def test_what_was_matched_before_a_damaged_sample_is_kept_and_told(twinlens, dat
     assert str(image) in err
     board = tmp_path / "board" / "board.json"
     assert err.endswith(
-        f"; the match made before is kept in {board}: once this is mended, the same command goes on from there\n"
+        f"; 1 finished matches are in {board}: fix this and rerun to resume\n"
     )
     first = json.loads(board.read_text())["entries"]
     assert len(first) == 1

@@ -321,7 +321,7 @@ def test_a_reader_can_sort_switch_look_closer_and_download(tmp_path):
     assert said["hole"] == [102, 112, 127]
     assert max(said["zero"]) < 30
     assert said["off"][2] > 200 > said["off"][0]
-    assert said["readout"] == "x 20  y 5:  truth 9.00 px, 5.00 px, off by −4.00"
+    assert said["readout"] == "x 20  y 5:  truth 9.00 px, 5.00 px, error −4.00"
     assert said["files"][0] == ["board.csv", "method,sample,"]
     assert [name for name, _ in said["files"]] == ["board.csv", "board.json", "board.tex"]
     assert said["versus"] == 6
@@ -343,7 +343,7 @@ def test_a_method_that_was_not_run_everywhere_says_so(tmp_path):
     both = run_benchmark(samples[:1], [Flat("late", 5)], protocol=board.protocols, regions=board.regions, board=board)
     dom = browse(tmp_path / "page.html", page_html(both))
     assert "1 of 2 samples<" in dom
-    assert "street again: it was not run there" in dom
+    assert "street again: not run" in dom
 
 
 @needs_chromium

@@ -19,12 +19,12 @@ from twinlens.scoring import (
     NamedMethod,
     load_pair,
     named_program,
+    open_submission,
     region_masks,
     run_benchmark,
     spec_of,
 )
 from twinlens.scoring.map_folder import file_name
-from twinlens.scoring.samples import map_names
 
 
 def truth(disparity, depth):
@@ -59,9 +59,9 @@ def test_every_lens_of_a_sample_is_a_pair(dataset):
     assert [p.name for p in pairs[1:2]] == ["three · pinhole"]
 
 
-def test_a_pair_says_what_a_map_of_it_is_called(dataset):
+def test_a_pair_has_names_for_its_map(dataset, tmp_path):
     pairs = DatasetPairs(dataset)
-    assert list(map_names(pairs.aliases).values()) == [
+    assert open_submission(tmp_path).missing_files(pairs.aliases) == [
         "one.pfm",
         "three/lens-0.pfm",
         "three/lens-1.pfm",

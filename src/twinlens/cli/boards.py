@@ -1,10 +1,9 @@
-"""What the commands that make boards share: their options, the run with its progress, and the last lines."""
+"""Options, run and output shared by the commands that make leaderboards."""
 
 import contextlib
 import json
 import sys
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,56 +14,33 @@ from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.errors import FileError, InputError
 
 if TYPE_CHECKING:
-    from twinlens.scoring import Board
+    from twinlens.scoring import Board, Groups
 
+PROTOCOLS = "middlebury-v3, eth3d, kitti2015, points"
+REGIONS = (
+    "all, nonocc, occluded, textureless, discontinuity, out-of-focus, near, mid, far, diffuse, glossy, mirror, "
+    "transmissive"
+)
+"""Names for --help, which must not import the scoring room."""
 MOST_GIB = 2**20
-_WIDE = 132
-_ENDLESS = 100_000
+_WIDE, _ENDLESS = 132, 100_000
 _NARROW = ("totbad2.0", "bad2.0", "avgerr", "invalid", "time")
-
-
-class Listing(click.Option):
-    """An option whose help tells a registry's NAMES, or a number, of the scoring room, opened only for that help."""
-
-    def __init__(self, *arguments: Any, registry: str, **settings: Any) -> None:
-        super().__init__(*arguments, **settings)
-        self.registry = registry
-
-    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        from twinlens import scoring
-
-        said = getattr(scoring, self.registry)
-        text = f"{said:g}" if isinstance(said, float) else ", ".join(said)
-        plain = self.help or ""
-        self.help = plain.replace("NAMES", text)
-        try:
-            return super().get_help_record(ctx)
-        finally:
-            self.help = plain
-
-
-_CHOICES = (
+_OPTIONS = (
     click.option(
         "--protocol", "protocols", multiple=True, default=("middlebury-v3",), show_default=True,
-        cls=Listing, registry="PROTOCOLS", help="Scoring rules: NAMES; may be given several times.",
+        help=f"Scoring rules: {PROTOCOLS}. Repeatable.",
     ),
     click.option(
         "--region", "regions", multiple=True, default=("all", "nonocc"), show_default=True,
-        cls=Listing, registry="REGIONS", help="Where to score: NAMES; may be given several times.",
+        help=f"Regions to score: {REGIONS}. Repeatable.",
     ),
-    click.option(
-        "--time-limit", type=float, help="Seconds that one match may take, where a first one of a few rows, which may "
-        "compile, does not count; matchers then run apart.  [default: 600 where an ONNX model or a Python function is "
-        "among them]",
-    ),
-    click.option("--memory-limit", type=float, help="GiB of memory that a matcher may take; it then runs apart."),
     click.option("--json", "as_json", is_flag=True, help="Print the board as JSON."),
 )  # fmt: skip
 
 
-def OPTIONS(command: Callable[..., Any]) -> Callable[..., Any]:  # noqa: N802  a decorator kept beside its table
-    """The options of scoring, as one decorator."""
-    for option in reversed(_CHOICES):
+def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorator that adds --protocol, --region and --json."""
+    for option in reversed(_OPTIONS):
         command = option(command)
     return command
 
@@ -75,90 +51,64 @@ def run_board(
     output: Path,
     protocols: Sequence[str],
     regions: Sequence[str],
-    time_limit: float | None = None,
+    *,
     title: str = "twinlens leaderboard",
-    memory_limit: float | None = None,
-    warm_up_limit: float | None = None,
-    retry_failed: bool = False,
+    page_options: Callable[["Board"], Mapping[str, Any]] = lambda board: {},
+    **options: Any,
 ) -> "Board":
-    """Run, score and save OUTPUT/board.json with its maps, and write the page. Limits: seconds a call, GiB a process.
+    """Run and score `methods`, write OUTPUT/board.json and the maps, then the page, and return the board.
 
-    What methods print goes to the error stream: ours may be read by a script. Raises OutputError, touching nothing,
-    where another run is writing there.
+    page_options: further arguments of `write_page`. options: further arguments of `run_benchmark`. What methods print
+    goes to stderr. Raises OutputError, before anything is written, if another run writes there.
     """
     from twinlens.report import write_page
-    from twinlens.scoring import WARM_UP_LIMIT_S, MapFolder, Step, run_benchmark
-
-    _check_names(getattr(pairs, "names", ()))
-    maps = MapFolder(output / "maps")
-    before: set[tuple[str, str]] = set()
-    made: list[str] = []
-    with _alone(output):
-        aside = contextlib.redirect_stdout(sys.stderr)
-        with progress_bar("matching") as report, aside, _saying_what_is_kept(output, made):
-
-            def tell(step: Step) -> None:
-                report(step.done / (step.total or step.done), f"{step.sample}: {step.method}")
-                if step.skipped:
-                    before.add((step.method, step.sample))
-                else:
-                    made.append(step.sample)
-
-            board = run_benchmark(
-                pairs, methods, protocol=protocols, regions=regions, progress=tell, time_limit=time_limit,
-                memory_limit=_bytes(memory_limit), save=output / "board.json", on_map=maps.keep, on_drop=maps.drop,
-                title=title, retry_failed=retry_failed,
-                warm_up_limit=WARM_UP_LIMIT_S if warm_up_limit is None else warm_up_limit,
-            )  # fmt: skip
-        write_page(output / "index.html", board, pairs, maps)
-    _tell_old_failures(board, before)
-    return board
-
-
-def _tell_old_failures(board: "Board", before: Set[tuple[str, str]]) -> None:
-    """What went wrong in an earlier run may have been mended since: say that it was not tried again, and how to."""
-    old = {(e.method, e.sample) for e in board.entries if not e.ok} & before
-    if old:
-        pairs = "1 failure" if len(old) == 1 else f"{len(old)} failures"
-        click.echo(f"{pairs} of an earlier run kept, and not tried again; --retry-failed does", err=True)
-
-
-@contextlib.contextmanager
-def _saying_what_is_kept(output: Path, made: Sequence[str]) -> Iterator[None]:
-    """A sample that cannot be read ends the run, and not what it has `made` before; nor does an interrupt."""
-    try:
-        with interrupt_note(lambda: "what was finished is kept" if made else ""):
-            yield
-    except InputError as error:
-        if not made:
-            raise
-        kept = "the match made before is" if len(made) == 1 else f"the {len(made)} matches made before are"
-        kind = FileError if isinstance(error, FileError) else InputError
-        raise kind(
-            f"{error}; {kept} kept in {output / 'board.json'}: once this is mended, the same command goes on from there"
-        ) from error
-
-
-@contextlib.contextmanager
-def _alone(output: Path) -> Iterator[None]:
-    """Be the only run that writes there; refuse a folder of other things. A running one may have no board.json yet."""
+    from twinlens.scoring import MapFolder, Step, run_benchmark
     from twinlens.scoring.resume import exclusive
 
+    maps = MapFolder(output / "maps")
+    skipped: set[tuple[str, str]] = set()
+    finished: list[str] = []
     if not output.is_dir():
         check_results(output, "board.json")
     with exclusive(output):
         check_results(output, "board.json")
-        yield
+        with progress_bar("matching") as report, contextlib.redirect_stdout(sys.stderr), _note(output, finished):
+
+            def progress(step: Step) -> None:
+                report(step.done / (step.total or step.done), f"{step.sample}: {step.method}")
+                if step.skipped:
+                    skipped.add((step.method, step.sample))
+                else:
+                    finished.append(step.sample)
+
+            board = run_benchmark(
+                pairs, methods, protocol=protocols, regions=regions, progress=progress, save=output / "board.json",
+                on_map=maps.keep, on_drop=maps.drop, title=title, **options,
+            )  # fmt: skip
+        write_page(output / "index.html", board, pairs, maps, **page_options(board))
+    kept = len({(e.method, e.sample) for e in board.entries if not e.ok} & skipped)
+    if kept:
+        click.echo(f"earlier failures kept: {kept}; use --retry-failed to rerun them", err=True)
+    return board
 
 
-def _check_names(names: Sequence[str]) -> None:
-    """Hours of matching had better not end at a name that is there twice."""
-    double = next((name for name, count in Counter(names).items() if count > 1), None)
-    if double is not None:
-        raise InputError(f"two samples are named {double!r}: a board tells them apart by name; run one dataset alone")
+@contextlib.contextmanager
+def _note(output: Path, finished: Sequence[str]) -> Iterator[None]:
+    """Add to an interrupt, or to an error of a sample that cannot be read, that finished matches are kept."""
+    try:
+        with interrupt_note(lambda: "finished matches are kept; rerun to resume" if finished else ""):
+            yield
+    except InputError as error:
+        if not finished:
+            raise
+        kind = FileError if isinstance(error, FileError) else InputError
+        raise kind(
+            f"{error}; {len(finished)} finished matches are in {output / 'board.json'}: fix this and rerun to resume"
+        ) from error
 
 
-def _bytes(gib: float | None) -> int | None:
+def memory_bytes(gib: float | None) -> int | None:
+    """--memory-limit in bytes."""
     if gib is None:
         return None
     if not 0 < gib < MOST_GIB:
@@ -170,25 +120,29 @@ def print_board(
     board: "Board",
     output: Path,
     as_json: bool,
-    asked: Sequence[str] | None = None,
-    beside: Mapping[str, Any] | None = None,
+    methods: Collection[str] | None = None,
+    extra: Mapping[str, Any] | None = None,
+    groups: "Groups | None" = None,
+    notes: Sequence[str] = (),
 ) -> int:
-    """The leaderboards, what failed, and where the page is; the exit code, 1 where every method failed everywhere.
+    """Print the leaderboards, the failures and the page's address; return the exit code, 1 if nothing has scores.
 
-    asked: the methods whose failures are listed, None for all: a board may hold those of many runs. beside: what the
-    JSON says besides the board.
+    methods: those whose failures are listed, None for all. extra: further keys of the JSON. groups: print means over
+    these groups of samples in place of means over all, and the `notes`.
     """
     from twinlens.scoring import board_to_json, failures
 
     code = 1 if board.entries and not any(entry.ok for entry in board.entries) else 0
     if as_json:
         text = board_to_json(board)
-        click.echo(json.dumps(json.loads(text) | dict(beside), indent=1) if beside else text)
+        click.echo(json.dumps(json.loads(text) | dict(extra), indent=1) if extra else text)
         return code
     region = "nonocc" if "nonocc" in board.regions else next(iter(board.regions), "")
     for protocol in board.protocols if region else ():
-        _print_table(board, protocol, region)
-    for line in failures(board, asked):
+        _print_table(board, protocol, region, groups)
+    for note in notes:
+        click.echo(note)
+    for line in failures(board, methods):
         click.echo(f"failed: {line}")
     if not region:
         click.echo("nothing was scored: " + ("every method failed" if code else "no sample has these regions"))
@@ -196,19 +150,22 @@ def print_board(
     return code
 
 
-def _print_table(board: "Board", protocol: str, region: str) -> None:
-    """As wide as the terminal; a file has no width, so that nothing is cut there, and no line ends in blanks."""
+def _print_table(board: "Board", protocol: str, region: str, groups: "Groups | None") -> None:
+    """Print a table, with columns chosen for the terminal's width; without a terminal, all columns untruncated."""
     from rich.console import Console
     from rich.text import Text
 
-    from twinlens.scoring import caption, leaderboard_table
+    from twinlens.scoring import caption, comparison_table, leaderboard_table
 
     terminal = Console()
+    if groups is not None:
+        table = comparison_table(board, protocol, region, groups)
+    else:
+        narrow = terminal.is_terminal and protocol == "middlebury-v3" and terminal.width < _WIDE
+        table = leaderboard_table(board, protocol, region, columns=_NARROW if narrow else None)
     if terminal.is_terminal:
-        narrow = protocol == "middlebury-v3" and terminal.width < _WIDE
-        terminal.print(leaderboard_table(board, protocol, region, columns=_NARROW if narrow else None))
+        terminal.print(table)
         return
-    table = leaderboard_table(board, protocol, region)
     title, table.title, table.caption = str(table.title), None, None
     endless = Console(width=_ENDLESS)
     with endless.capture() as text:

@@ -1,4 +1,4 @@
-"""`twinlens report`: a measured board, and the datasets it was measured on, as one page."""
+"""`twinlens report`: the leaderboard page of an existing board."""
 
 from pathlib import Path
 
@@ -10,20 +10,18 @@ from twinlens.cli.places import PATH
 @click.command("report")
 @click.argument("board", type=PATH)
 @click.argument("datasets", nargs=-1, metavar="[DATASET...]")
-@click.option("-o", "--output", type=PATH, help="The page.  [default: index.html beside the board]")
+@click.option("-o", "--output", type=PATH, help="The page.  [default: index.html next to the board]")
 def command(board: Path, datasets: tuple[str, ...], output: Path | None) -> None:
-    """Make the leaderboard page of BOARD (a board.json, or its folder). DATASET... add their images, truth and maps.
+    """Write the leaderboard page of BOARD (board.json or its folder), with images, truth and maps of DATASET...
 
     \b
     Example:  twinlens report board/board.json out motorcycle -o leaderboard.html
     """
-    from twinlens.cli.benchmark import Chain, pairs_of
     from twinlens.report import write_page
-    from twinlens.scoring import MapFolder, read_board
+    from twinlens.scoring import MapFolder, open_pairs, read_board
 
     if board.is_dir():
         board = board / "board.json"
-    scores = read_board(board)
-    pairs = Chain([pairs_of(name) for name in datasets])
-    page = write_page(output or board.parent / "index.html", scores, pairs, MapFolder(board.parent / "maps"))
+    scores, maps = read_board(board), MapFolder(board.parent / "maps")
+    page = write_page(output or board.parent / "index.html", scores, open_pairs(datasets), maps)
     click.echo(f"page: {page.resolve().as_uri()}")

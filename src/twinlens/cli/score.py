@@ -1,37 +1,39 @@
-"""`twinlens score`: disparity maps that something else made, against the truth."""
+"""`twinlens score`: score disparity maps made by other programs."""
 
-import contextlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
 
-from twinlens.cli.boards import OPTIONS, print_board, run_board
+from twinlens.cli.boards import board_options, print_board, run_board
 from twinlens.cli.places import PATH, missing_output
-from twinlens.errors import FileError, InputError
+from twinlens.errors import InputError
 
 if TYPE_CHECKING:
-    from twinlens.scoring import Board, RegionScores, Scores, Submission
+    from twinlens.scoring import Scores
 
 FIRST_FEW = 3
 _MAPS = (".pfm", ".png")
-_FOR_BOARDS = "is for folders or zips scored against datasets; one map is scored where --mask says"
-_FOR_ONE = "is for one map scored against one truth; a dataset brings its own"
+_FOR_BOARDS = {"output": "-o", "regions": "--region"}
+_FOR_ONE_MAP = {"mask": "--mask", "ndisp": "--ndisp", "min_disparity": "--min-disparity"}
 
 
 @click.command("score")
 @click.argument("submissions", nargs=-1, required=True, metavar="MAPS...", type=PATH)
-@click.option("--truth", "truths", multiple=True, required=True, help="The dataset(s), or one truth map for one map.")
-@click.option("-o", "--output", type=PATH, help="Folder of the board.  [needed, but for one map]")
-@click.option("--mask", type=PATH, help="For one map: a PNG, 255 where both cameras see.")
+@click.option(
+    "--truth", "truths", multiple=True, required=True, help="Dataset, or a truth map for one map. Repeatable."
+)
+@click.option("-o", "--output", type=PATH, help="Folder of the board.  [required, except for one map]")
+@click.option("--mask", type=PATH, help="For one map: PNG, 255 where visible in both cameras.")
 @click.option("--ndisp", type=click.IntRange(min=1), help="For one map: estimates are clipped to [0, ndisp].")
 @click.option(
-    "--min-disparity", type=int, help="For one map: clip from here on.  [default: 0, or the truth's smallest below it]"
-)
-@OPTIONS
+    "--min-disparity", type=int, help="For one map: lower end of the clipping range.  [default: 0, or the truth's "
+    "minimum if negative]",
+)  # fmt: skip
+@board_options
 def command(
     submissions: tuple[Path, ...],
     truths: tuple[str, ...],
@@ -41,102 +43,65 @@ def command(
     min_disparity: int | None,
     protocols: tuple[str, ...],
     regions: tuple[str, ...],
-    time_limit: float | None,
-    memory_limit: float | None,
     as_json: bool,
 ) -> int:
     """Score MAPS against --truth.
 
-    MAPS are folders or zips with one map a sample (<sample>.pfm, <sample>.png or <sample>/disp0.pfm; PNG as KITTI's;
-    <sample>/lens-0.pfm, <sample>/lens-1.pfm where it has several lenses), each one entry of the leaderboard; or a
-    single .pfm or .png against a single truth map.
+    MAPS are folders or zip files with one map per sample (<sample>.pfm, <sample>.png or <sample>/disp0.pfm; PNG as in
+    KITTI; <sample>/lens-0.pfm, <sample>/lens-1.pfm, ... for several lenses), each one row of the leaderboard; or a
+    single .pfm or .png, scored against a single truth map.
 
     \b
     Example:  twinlens score my-maps.zip --truth out -o board
               twinlens score disp.pfm --truth out/staircase/disp0.pfm --mask out/staircase/mask0nocc.png
     """
-    one = submissions[0].suffix.lower() in _MAPS and not submissions[0].is_dir()
-    _refuse_what_does_not_apply(one)
-    if one:
-        if len(submissions) > 1 or len(truths) > 1 or len(protocols) > 1:
-            raise InputError(
-                "one map is scored against one truth by one --protocol; for more, give folders and datasets"
-            )
-        _refuse_dataset(submissions[0], truths[0])
-        scores = _score_one(submissions[0], truths[0], mask, ndisp, min_disparity, protocols[0])
-        _print_json(scores) if as_json else _print(scores)
-        return 0
-    if output is None:
-        raise missing_output()
-    return _score_many(submissions, truths, output, protocols, regions, as_json)
+    one_map = submissions[0].suffix.lower() in _MAPS and not submissions[0].is_dir()
+    _check_options(one_map)
+    if not one_map:
+        if output is None:
+            raise missing_output()
+        return _score_submissions(submissions, truths, output, protocols, regions, as_json)
+    if len(submissions) > 1 or len(truths) > 1 or len(protocols) > 1:
+        raise InputError("one map is scored against one truth by one --protocol; for more, give folders and datasets")
+    scores = _score_map(submissions[0], truths[0], mask, ndisp, min_disparity, protocols[0])
+    _print_json(scores) if as_json else _print(scores)
+    return 0
 
 
-def _refuse_what_does_not_apply(one: bool) -> None:
-    """An option that would change nothing is a mistake of whoever gave it."""
-    idle = {
-        name: f"--{name.replace('_', '-')}: score runs no matcher, it reads maps; benchmark has that limit"
-        for name in ("time_limit", "memory_limit")
-    }
-    if one:
-        idle |= {name: f"{option}: {_FOR_BOARDS}" for name, option in (("output", "-o"), ("regions", "--region"))}
-    else:
-        names = ("mask", "ndisp", "min_disparity")
-        idle |= {name: f"--{name.replace('_', '-')}: {_FOR_ONE}" for name in names}
+def _check_options(one_map: bool) -> None:
+    """Refuse options that would have no effect."""
     context = click.get_current_context()
-    for name, why in idle.items():
+    for name, option in (_FOR_BOARDS if one_map else _FOR_ONE_MAP).items():
         if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
-            raise InputError(why)
+            only = "folders or zip files scored against datasets" if one_map else "one map scored against one truth map"
+            raise InputError(f"{option}: is only for {only}")
 
 
-def _refuse_dataset(estimate: Path, truth: str) -> None:
-    """A lone map does not say which of a dataset's samples it is of."""
-    from twinlens.dataset import place
-
-    where = place(truth)
-    if where.is_dir() or (truth == "motorcycle" and not where.exists()):
-        raise InputError(
-            f"{truth} is a dataset, and {estimate} is one map: give one truth map, as --truth SAMPLE/disp0.pfm, or a "
-            "folder of maps"
-        )
-
-
-def _score_many(
-    submissions: Sequence[Path],
+def _score_submissions(
+    paths: Sequence[Path],
     truths: Sequence[str],
     output: Path,
     protocols: Sequence[str],
     regions: Sequence[str],
     as_json: bool,
 ) -> int:
-    from twinlens.cli.benchmark import Chain, pairs_of
-    from twinlens.scoring import open_submission
+    from twinlens.scoring import open_pairs, open_submission
     from twinlens.scoring.board_file import UNSCORED
 
-    methods = [open_submission(path) for path in submissions]
-    parts = [pairs_of(name) for name in truths]
-    _check_shared(methods, parts)
-    strangers = _strangers(methods, parts)
-    board = run_board(Chain(parts), methods, output, protocols, regions, retry_failed=True)  # reading a map is quick
-    code = print_board(board, output, as_json, [method.name for method in methods], {UNSCORED: strangers})
-    for line in (*_missing(board, parts), *_unscored(strangers)):
-        click.echo(line, err=True)
+    submissions, pairs = [open_submission(path) for path in paths], open_pairs(truths)
+    for submission in submissions:
+        submission.check_unambiguous(pairs.aliases)
+    unmatched = {submission.name: submission.unmatched_files(pairs.aliases) for submission in submissions}
+    board = run_board(pairs, submissions, output, protocols, regions, retry_failed=True)
+    code = print_board(board, output, as_json, [submission.name for submission in submissions], {UNSCORED: unmatched})
+    for submission in submissions:
+        missing, extra = submission.missing_files(pairs.aliases), unmatched[submission.name]
+        if missing:
+            count = f"{len(missing)} of {len(pairs)}"
+            click.echo(f"{submission.name}: missing maps: {count} ({_first_few(missing)})", err=True)
+        if extra:
+            click.echo(f"{submission.name}: maps that match no sample: {len(extra)} ({_first_few(extra)})", err=True)
     return code
-
-
-def _strangers(methods: Sequence["Submission"], parts: Sequence[Sequence[Any]]) -> dict[str, tuple[str, ...]]:
-    """For each submission the maps in it that are of no sample."""
-    samples = {name: aliases for part in parts for name, aliases in _aliases(part).items()}
-    return {method.name: method.unmatched_files(samples) for method in methods}
-
-
-def _unscored(strangers: Mapping[str, Sequence[str]]) -> list[str]:
-    """A line for each submission that holds such maps: how many, and the first few."""
-    lines = []
-    for method, files in strangers.items():
-        if files:
-            count = "1 map is" if len(files) == 1 else f"{len(files)} maps are"
-            lines.append(f"{method}: {count} of no sample here, and not scored: {_first_few(files)}")
-    return lines
 
 
 def _first_few(names: Sequence[str]) -> str:
@@ -144,57 +109,23 @@ def _first_few(names: Sequence[str]) -> str:
     return ", ".join(names[:FIRST_FEW]) + more
 
 
-def _check_shared(methods: Sequence["Submission"], parts: Sequence[Sequence[Any]]) -> None:
-    """One file is the map of one sample alone: scored for two, of one name in two datasets, it is wrong for one."""
-    samples = [named for part in parts for named in _aliases(part).items()]
-    for method in methods:
-        owners: dict[str, str] = {}
-        for sample, aliases in samples:
-            with contextlib.suppress(FileError):  # a map that is missing is told later, with all others
-                file = method.file_of(sample, aliases)
-                other = owners.setdefault(file, sample)
-                if other != sample:
-                    raise InputError(
-                        f"{method.path}: {file} would be scored for both {other!r} and {sample!r}, samples that share "
-                        "a name: score each dataset alone"
-                    )
-
-
-def _aliases(part: Sequence[Any]) -> dict[str, tuple[str, ...]]:
-    """What the maps of each pair may be called besides its name."""
-    return getattr(part, "aliases", None) or {pair.name: () for pair in part}
-
-
-def _missing(board: "Board", parts: Sequence[Sequence[Any]]) -> list[str]:
-    """For each submission that lacks maps one line: how many of how many, and what the first few are to be called."""
-    from twinlens.scoring.samples import map_names
-
-    files: dict[str, str] = {}
-    for part in parts:
-        files |= map_names(_aliases(part))
-    lines = []
-    for method in board.methods:
-        failures = {e.sample: e.failure for e in board.entries if e.method == method and e.failure is not None}
-        lost = [files[s] for s, failure in failures.items() if failure.kind == "missing" and s in files]
-        if lost:
-            lines.append(f"{method}: {len(lost)} of {len(files)} maps are missing: {_first_few(lost)}")
-    return lines
-
-
-def _score_one(
+def _score_map(
     estimate: Path, truth: str, mask: Path | None, ndisp: int | None, min_disparity: int | None, protocol: str
 ) -> "Scores":
     from twinlens.cli.images import read_disparity
     from twinlens.dataset import place, read_png
     from twinlens.scoring import evaluate, search_range
 
-    true = read_disparity(place(truth))
+    where = place(truth)
+    if where.is_dir() or (truth == "motorcycle" and not where.exists()):
+        raise InputError(
+            f"{truth} is a dataset, and {estimate} is one map: give one truth map, as --truth SAMPLE/disp0.pfm, or a "
+            "folder of maps"
+        )
+    true = read_disparity(where)
     width = true.shape[1]
     if min_disparity is not None and not -width < min_disparity < width:
-        raise InputError(
-            f"--min-disparity {min_disparity}: {truth} is {width} pixels wide, so that disparities lie between "
-            f"{1 - width} and {width - 1}"
-        )
+        raise InputError(f"--min-disparity {min_disparity}: expected {1 - width} to {width - 1} for {truth}")
     return evaluate(
         read_disparity(estimate),
         true,
@@ -206,14 +137,13 @@ def _score_one(
 
 
 def _print_json(scores: "Scores") -> None:
-    rows = {name: _row(region) for name, region in scores.regions.items()}
-    click.echo(json.dumps({"protocol": scores.protocol.name, "regions": rows}, indent=1, allow_nan=False))
-
-
-def _row(region: "RegionScores") -> dict[str, Any]:
     from twinlens.scoring import json_number
 
-    return {name: json_number(value) for name, value in region.items()} | {"evaluated": region.evaluated}
+    rows = {
+        name: {metric: json_number(value) for metric, value in region.items()} | {"evaluated": region.evaluated}
+        for name, region in scores.regions.items()
+    }
+    click.echo(json.dumps({"protocol": scores.protocol.name, "regions": rows}, indent=1, allow_nan=False))
 
 
 def _print(scores: "Scores") -> None:

@@ -6,7 +6,6 @@ from typing import Any
 
 import click
 
-from twinlens.cli.benchmark import split_methods
 from twinlens.cli.places import PATH, check_results, missing_output
 from twinlens.cli.progress import progress_bar
 
@@ -56,6 +55,7 @@ def command(
         raise missing_output()
     check_results(output, "study.json")
     from twinlens.report.study_files import write_study
+    from twinlens.scoring import split_methods
     from twinlens.studies import run_study
 
     with progress_bar(f"study {study.name}") as report:

@@ -1,8 +1,8 @@
-"""A board and its maps as ONE self-contained HTML page: no network, works from file://, names cannot inject markup.
+"""A board and its maps as one self-contained HTML page that works from file:// without network.
 
-The page's skeleton, style and scripts are the files in `page/`; here they are joined with the data. Names reach the
-page in two ways only: escaped in the title, and inside a JSON block in which no `<`, `>` or `&` is left; the script
-puts them there as text. A content security policy lets nothing run but the page's own script, named by its hash.
+The skeleton, style and scripts are the files in `page/`. Names cannot inject markup: they appear escaped in the title,
+and in a JSON block without `<`, `>` and `&`, which the script inserts as text. The content security policy allows only
+the page's own script, by its hash.
 """
 
 import base64
@@ -29,6 +29,7 @@ from twinlens.scoring import (
     REGIONS,
     Board,
     Entry,
+    Groups,
     Mean,
     Pair,
     Sample,
@@ -41,15 +42,15 @@ from twinlens.scoring.metrics import TIMES
 from twinlens.scoring.tables import COLUMNS
 
 MAX_WIDTH = 800
-"""Maps and images wider than this are thinned by a whole stride."""
+"""Wider maps and images are subsampled by an integer stride."""
 BUDGET_BYTES = 14_000_000
 BYTES_PER_PIXEL = 0.65
-"""What a packed pixel of a typical matcher's map costs, measured; only used to choose the stride."""
+"""Measured size of a packed pixel, used to choose the stride."""
 _SCRIPTS = ("core.js", "table.js", "maps.js", "drill.js")
 
 
 class Maps(Protocol):
-    """Where the disparity maps are: a dict keyed by (method, sample) will do."""
+    """Source of disparity maps, e.g. a dict keyed by (method, sample)."""
 
     def get(self, key: tuple[str, str], /) -> NDArray[np.floating[Any]] | None:
         """The (H, W) map of that method on that sample, +inf unknown, or None."""
@@ -61,12 +62,9 @@ def write_page(
     board: Board,
     samples: Iterable[Sample] = (),
     maps: Maps | None = None,
-    *,
-    weights: Mapping[str, float] | None = None,
-    max_width: int = MAX_WIDTH,
-    budget_bytes: int = BUDGET_BYTES,
+    **options: Any,
 ) -> Path:
-    """Write the page whole or not at all, and return its path; see `page_html` for the rest.
+    """Write the page atomically and return its path; see `page_html` for the arguments.
 
     Raises
     ------
@@ -74,8 +72,7 @@ def write_page(
         The page cannot be written.
     """
     target = Path(path)
-    text = page_html(board, samples, maps, weights=weights, max_width=max_width, budget_bytes=budget_bytes)
-    write_file(target, text.encode("utf-8", "replace"))
+    write_file(target, page_html(board, samples, maps, **options).encode("utf-8", "replace"))
     return target
 
 
@@ -85,6 +82,8 @@ def page_html(
     maps: Maps | None = None,
     *,
     weights: Mapping[str, float] | None = None,
+    groups: Groups | None = None,
+    notes: Sequence[str] = (),
     max_width: int = MAX_WIDTH,
     budget_bytes: int = BUDGET_BYTES,
 ) -> str:
@@ -93,16 +92,17 @@ def page_html(
     Parameters
     ----------
     board
-        What the tables show. Nothing is scored again.
+        The scores; nothing is scored again.
     samples
-        The samples to look into: those of them that are on the board get images, truth and error maps. Each is held
-        only while it is packed.
+        Samples of the board to show with images, truth and error maps. Each is held in memory only while it is packed.
     maps
-        The methods' disparity maps; methods without one are shown in the tables alone.
+        The methods' disparity maps. Methods without one appear in the tables only.
     weights
-        Weights of the mean over samples; plain without.
+        Weights of the mean over samples; 1 by default.
+    groups, notes
+        Compare the methods' means over these groups of samples, with lines of text below.
     max_width, budget_bytes
-        Maps are thinned until they are at most this wide and the page about this large.
+        Maps are subsampled until they are at most this wide and the page about this large.
     """
     stride_floor = _budget_stride(board, budget_bytes)
     pictures = {
@@ -110,7 +110,7 @@ def page_html(
         for s in samples
         if s.name in board.samples
     }
-    data = _safe_json(_document(board, pictures, weights))
+    data = _safe_json(_document(board, pictures, weights, groups or {}) | {"notes": list(notes)})
     script = "\n".join(_file(name) for name in _SCRIPTS)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
     parts = {
@@ -120,7 +120,7 @@ def page_html(
         "script": script,
         "data": data,
     }
-    # One pass over the skeleton: what is put in is never looked at for places again.
+    # A single pass, so that inserted text is not searched for placeholders.
     return re.sub(r"\{\{(\w+)\}\}", lambda place: parts[place[1]], _file("page.html"))
 
 
@@ -129,7 +129,7 @@ def _file(name: str) -> str:
 
 
 def _safe_json(document: Any) -> str:
-    """JSON that cannot end the script block it stands in, nor open a comment or an entity."""
+    """JSON that cannot end the script block around it, or open a comment or an entity."""
     text = json.dumps(document, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -158,10 +158,10 @@ def _number(value: float) -> float | str | None:
     return "inf" if math.isinf(value) else float(f"{value:.6g}")
 
 
-def _document(board: Board, pictures: Mapping[str, Any], weights: Mapping[str, float] | None) -> dict[str, Any]:
+def _document(
+    board: Board, pictures: Mapping[str, Any], weights: Mapping[str, float] | None, groups: Groups
+) -> dict[str, Any]:
     first = {e.sample: e for e in reversed(board.entries)}
-    # Where nothing was scored there is no region, and yet there are methods, with what they failed on.
-    regions = board.regions or ("",)
     return {
         "title": board.title,
         "meta": dict(board.meta),
@@ -175,7 +175,11 @@ def _document(board: Board, pictures: Mapping[str, Any], weights: Mapping[str, f
         "metrics": {m.name: {"unit": m.unit, "text": m.text, "lower": m.lower_is_better} for m in METRICS.values()},
         "times": list(TIMES),
         "entries": [_entry(e) for e in board.entries],
-        "means": {p: {r: _means(board, p, r, weights) for r in regions} for p in board.protocols},
+        "means": _means(board, weights),
+        "groups": [
+            {"name": name, "samples": list(samples), "means": _means(board.subset(samples), None)}
+            for name, samples in groups.items()
+        ],
         "weighted": bool(weights),
         "colormaps": {n: base64.b64encode(t.tobytes()).decode("ascii") for n, t in COLORMAPS.items()},
         "unknown": {"truth": NO_TRUTH, "estimate": NO_ESTIMATE},
@@ -207,7 +211,7 @@ def _protocol(name: str) -> dict[str, Any]:
 
 
 def _entry(entry: Entry) -> dict[str, Any]:
-    """One pair; the values stand in the order of the protocol's metrics, because their names would be half the page."""
+    """One entry; values are in the order of the protocol's metrics, whose names would be half of the page."""
     names = PROTOCOLS[entry.protocol].metrics
     regions = {
         name: {"n": [s.image, s.evaluated, s.estimated], "v": [_number(s.get(metric, math.nan)) for metric in names]}
@@ -219,9 +223,12 @@ def _entry(entry: Entry) -> dict[str, Any]:
     return key | {"failure": failure, "times": times, "regions": regions}
 
 
-def _means(board: Board, protocol: str, region: str, weights: Mapping[str, float] | None) -> dict[str, dict[str, Any]]:
-    means = [board.mean(method, protocol, region, weights) for method in board.methods]
-    return {mean.method: _mean(mean) for mean in means}
+def _means(board: Board, weights: Mapping[str, float] | None) -> dict[str, Any]:
+    """Protocol -> region -> method -> mean. A board without scores has no regions; its failures are listed under ""."""
+    return {
+        p: {r: {m: _mean(board.mean(m, p, r, weights)) for m in board.methods} for r in board.regions or ("",)}
+        for p in board.protocols
+    }
 
 
 def _mean(mean: Mean) -> dict[str, Any]:

@@ -5,14 +5,33 @@ from twinlens.scoring.board import FAILURES, Board, Entry, Failure, Mean
 from twinlens.scoring.board_file import board_from_json, board_to_json, json_number, read_board, write_board
 from twinlens.scoring.evaluate import RegionScores, Scores, evaluate
 from twinlens.scoring.map_folder import MapFolder
-from twinlens.scoring.methods import NamedMethod, NamedProgram, named_methods, named_program
+from twinlens.scoring.methods import NamedMethod, NamedProgram, named_methods, named_program, split_methods
 from twinlens.scoring.metrics import METRICS, Metric, find_metric
 from twinlens.scoring.point_cloud import cloud_errors, points
 from twinlens.scoring.protocols import PROTOCOLS, Protocol, find_protocol, interpolate_background
 from twinlens.scoring.regions import REGIONS, Region, region_masks
-from twinlens.scoring.samples import DatasetPairs, Pair, Sample, fingerprint, lens_label, load_pair, search_range
+from twinlens.scoring.samples import (
+    DatasetPairs,
+    Pair,
+    Sample,
+    fingerprint,
+    lens_label,
+    load_pair,
+    open_pairs,
+    search_range,
+)
 from twinlens.scoring.submission import Submission, open_submission
-from twinlens.scoring.tables import board_csv, board_latex, caption, failures, leaderboard_table, standings
+from twinlens.scoring.tables import (
+    Groups,
+    board_csv,
+    board_latex,
+    caption,
+    comparison_table,
+    failures,
+    group_means,
+    leaderboard_table,
+    standings,
+)
 
 __all__ = [
     "FAILURES",
@@ -24,6 +43,7 @@ __all__ = [
     "DatasetPairs",
     "Entry",
     "Failure",
+    "Groups",
     "MapFolder",
     "Mean",
     "Metric",
@@ -43,11 +63,13 @@ __all__ = [
     "board_to_json",
     "caption",
     "cloud_errors",
+    "comparison_table",
     "evaluate",
     "failures",
     "find_metric",
     "find_protocol",
     "fingerprint",
+    "group_means",
     "interpolate_background",
     "json_number",
     "leaderboard_table",
@@ -55,6 +77,7 @@ __all__ = [
     "load_pair",
     "named_methods",
     "named_program",
+    "open_pairs",
     "open_submission",
     "points",
     "read_board",
@@ -62,6 +85,7 @@ __all__ = [
     "run_benchmark",
     "search_range",
     "spec_of",
+    "split_methods",
     "standings",
     "write_board",
 ]

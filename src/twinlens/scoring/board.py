@@ -1,7 +1,7 @@
 """The leaderboard as data: one `Entry` for each method, sample and protocol, and means over samples."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -155,6 +155,10 @@ class Board:
         if all(old.key != entry.key for old in self.entries):
             return replace(self, entries=(*self.entries, entry))
         return replace(self, entries=tuple(entry if old.key == entry.key else old for old in self.entries))
+
+    def subset(self, samples: Collection[str]) -> "Board":
+        """The board of these samples only."""
+        return self.without(lambda entry: entry.sample not in samples)
 
     def without(self, unwanted: Callable[[Entry], bool]) -> "Board":
         """A board without the entries for which `unwanted` is True."""

@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 from numpy.typing import NDArray
 
 import twinlens
-from twinlens.matching import MethodSpec, Program, parse_method
+from twinlens.errors import InputError
+from twinlens.matching import MethodSpec, Program, parse_method, split_commas
 
 
 @dataclass(frozen=True)
@@ -126,9 +127,26 @@ def named_program(text: str, time_limit: float | None = None) -> NamedProgram:
 
 
 def named_methods(texts: Iterable[str]) -> list[NamedMethod]:
-    """One method for each text.
+    """The methods in comma-separated lists; a comma within a method's options or quotes does not separate methods.
 
-    >>> [m.name for m in named_methods(["sad", "zncc"])]
-    ['sad', 'zncc']
+    >>> [m.name for m in named_methods(["sad,zncc:block_size=15,lr_check=1,ssd"])]
+    ['sad', 'zncc:block_size=15,lr_check=1', 'ssd']
     """
-    return [NamedMethod(text) for text in texts]
+    return [NamedMethod(text) for text in split_methods(texts)]
+
+
+def split_methods(texts: Iterable[str]) -> list[str]:
+    """The texts of single methods; InputError if there are none.
+
+    >>> split_methods(["program:command='prog -s 3,4 {left} {right} {out}',sad"])
+    ["program:command='prog -s 3,4 {left} {right} {out}'", 'sad']
+    """
+    methods: list[str] = []
+    for part in (part for text in texts for part in split_commas(text)):
+        if methods and re.match(r"\w+\s*=", part):
+            methods[-1] += f",{part}"
+        else:
+            methods.append(part)
+    if not methods:
+        raise InputError("--methods names no matcher")
+    return methods

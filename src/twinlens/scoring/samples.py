@@ -2,14 +2,15 @@
 
 import hashlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.dataset import Calibration, StoredSample
+from twinlens.dataset import Calibration, Dataset, StoredSample, motorcycle
 from twinlens.errors import FileError, InputError
 from twinlens.scoring.checks import Disparity, disparity_map, mask_of
 
@@ -176,17 +177,28 @@ def lens_label(lens: object) -> str:
 
 
 class DatasetPairs(Sequence[Pair]):
-    """Every sample of a `Dataset` (or of any sequence of stored samples), once for each lens.
+    """Every sample of the datasets (sequences of stored or other samples), once for each lens.
 
     A sample with one lens keeps its name; one with several gives "name · lens", numbered if labels repeat. Maps may
     also be named name/lens-0, name-lens-0, ...; those of the first lens, whose images are the sample's own, also name.
     Indexing reads that pair from disk; nothing is kept.
+
+    Raises
+    ------
+    InputError
+        Two pairs have the same name.
     """
 
-    def __init__(self, samples: Sequence[StoredSample]) -> None:
-        named = [(sample, k, name) for sample in samples for k, name in enumerate(_names(sample))]
-        taken = {name for _, _, name in named}
-        self._jobs = [(*job, tuple(a for a in _aliases(job[0], job[1]) if a not in taken)) for job in named]
+    def __init__(self, *datasets: Sequence[StoredSample | Sample]) -> None:
+        self._jobs: list[tuple[Any, int, str, tuple[str, ...]]] = []
+        for samples in datasets:
+            named = [(sample, k, name) for sample in samples for k, name in enumerate(_names(sample))]
+            taken = {name for _, _, name in named}
+            self._jobs += [(*job, tuple(a for a in _aliases(job[0], job[1]) if a not in taken)) for job in named]
+        names = [name for _, _, name, _ in self._jobs]
+        if len(set(names)) < len(names):
+            double = next(name for name in names if names.count(name) > 1)
+            raise InputError(f"two samples are named {double!r}: run each dataset alone")
 
     def __len__(self) -> int:
         return len(self._jobs)
@@ -209,17 +221,13 @@ class DatasetPairs(Sequence[Pair]):
         return {name: aliases for _, _, name, aliases in self._jobs}
 
 
-def map_names(aliases: dict[str, tuple[str, ...]]) -> dict[str, str]:
-    """Pair name -> recommended file name of its map in a submission.
-
-    >>> map_names({"one": (), "two · pinhole": ("two/lens-0", "two")})
-    {'one': 'one.pfm', 'two · pinhole': 'two/lens-0.pfm'}
-    """
-    return {name: f"{others[0] if others else name}.pfm" for name, others in aliases.items()}
+def open_pairs(names: Iterable[str]) -> DatasetPairs:
+    """The pairs of dataset folders, and of "motorcycle", the real pair that scikit-image ships."""
+    return DatasetPairs(*([motorcycle()] if n == "motorcycle" and not Path(n).exists() else Dataset(n) for n in names))
 
 
-def _names(sample: StoredSample) -> list[str]:
-    if sample.num_lenses == 1:
+def _names(sample: Any) -> list[str]:
+    if getattr(sample, "num_lenses", 1) == 1:
         return [sample.name]
     labels = [lens_label(sample.lens(k).lens) for k in range(sample.num_lenses)]
     return [
@@ -227,14 +235,16 @@ def _names(sample: StoredSample) -> list[str]:
     ]
 
 
-def _aliases(sample: StoredSample, k: int) -> tuple[str, ...]:
-    if sample.num_lenses == 1:
+def _aliases(sample: Any, k: int) -> tuple[str, ...]:
+    if getattr(sample, "num_lenses", 1) == 1:
         return ()
     numbered = f"{sample.name}/lens-{k}", f"{sample.name}-lens-{k}"
     return numbered if k else (*numbered, sample.name)
 
 
-def _pair(sample: StoredSample, k: int, name: str, aliases: tuple[str, ...]) -> Pair:
+def _pair(sample: Any, k: int, name: str, aliases: tuple[str, ...]) -> Pair:
+    if not isinstance(sample, StoredSample):
+        return load_pair(sample)
     shot, truth, calibration = sample.lens(k), sample.disp0, optional(lambda: sample.calibration)
     ndisp, first = search_range(sample.ndisp, calibration, truth)
     return Pair(

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from twinlens.dataset.codecs.pfm import decode_pfm
 from twinlens.dataset.codecs.png import decode_png
-from twinlens.errors import FileError
+from twinlens.errors import FileError, InputError
 from twinlens.scoring.map_folder import file_name
 
 KITTI_SCALE = 256.0
@@ -105,6 +105,22 @@ class Submission:
         disp = _decoded(data, name, where)
         _check_size(disp.shape, shape, where)
         return disp
+
+    def missing_files(self, samples: Mapping[str, Sequence[str]]) -> list[str]:
+        """Recommended names of the maps that the submission lacks. samples: name -> aliases."""
+        lacking = [(name, aliases) for name, aliases in samples.items() if self._found(name, aliases) is None]
+        return [f"{aliases[0] if aliases else name}.pfm" for name, aliases in lacking]
+
+    def check_unambiguous(self, samples: Mapping[str, Sequence[str]]) -> None:
+        """InputError if one file matches two samples, which have the same name in two datasets."""
+        owners: dict[str, str] = {}
+        for sample, aliases in samples.items():
+            file = self._found(sample, aliases)
+            if file is not None and owners.setdefault(file, sample) != sample:
+                raise InputError(
+                    f"{self.path}: {file} matches both {owners[file]!r} and {sample!r}, which share a name: score each "
+                    "dataset alone"
+                )
 
     def unmatched_files(self, samples: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
         """Maps that belong to no sample, sorted: most often misspelt names. samples: name -> aliases.

@@ -22,6 +22,8 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "points": ("point_avgerr", "point_rms", "point_A50", "point_A90", "point_A99", "point_rel", "coverage"),
 }
 """Default columns of a table, by protocol."""
+Groups = Mapping[str, Collection[str]]
+"""Title -> names of the samples of a group."""
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -95,6 +97,33 @@ def leaderboard_table(
     for rank, mean in enumerate(ranked, start=1):
         cells = [_cell(mean, name, best) for name in names]
         table.add_row(str(rank), Text(mean.method), *cells, _coverage(mean))
+    return table
+
+
+def group_means(board: Board, protocol: str, region: str, groups: Groups) -> dict[str, dict[str, float]]:
+    """Group -> method -> mean of the protocol's headline metric over the group's samples, best method first."""
+    metric = _rules(board, protocol, region).headline
+    return {
+        name: {mean.method: mean.metrics[metric] for mean in standings(board.subset(samples), protocol, region)}
+        for name, samples in groups.items()
+    }
+
+
+def comparison_table(board: Board, protocol: str, region: str, groups: Groups) -> Table:
+    """The protocol's headline metric, one column per group of samples, the first group's best method first."""
+    rules, values = _rules(board, protocol, region), group_means(board, protocol, region, groups)
+    metric = find_metric(rules.headline)
+    title = escape(f"{board.title} · {rules.title} · {region} · {metric.name} [{metric.unit}]")
+    table = Table(title=title, title_justify="left")
+    table.add_column("method", no_wrap=True)
+    for name in groups:
+        table.add_column(name, justify="right")
+    for method in next(iter(values.values())):
+        cells = [
+            Text(metric.show(column[method]), style="bold" if method == next(iter(column)) else "")
+            for column in values.values()
+        ]
+        table.add_row(Text(method), *cells)
     return table
 
 

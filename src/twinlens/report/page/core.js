@@ -1,5 +1,5 @@
 "use strict";
-// What every part of the page needs: the data, the reader's choices, and elements made of text, never of markup.
+// Shared by all parts: the data, the state of the controls, and elements built from text, never from markup.
 
 const data = JSON.parse(document.getElementById("data").textContent);
 const $ = (id) => document.getElementById(id);
@@ -8,7 +8,7 @@ const byName = (list, name) => list.find((item) => item.name === name);
 const state = {
   protocol: data.protocols.length ? data.protocols[0].name : "",
   region: data.regions.some((r) => r.name === "nonocc") ? "nonocc" : data.regions.length ? data.regions[0].name : "",
-  over: "", sort: "", flipped: false, columns: "main",
+  over: data.groups.length ? `mean: ${data.groups[0].name}` : "", sort: "", flipped: false, columns: "main",
   sample: "", method: "", first: "", second: "", range: 4, wide: "",
 };
 
@@ -34,7 +34,7 @@ function show(metric, value) {
   return value === 0 ? "0" : value >= 1000 ? Math.round(value).toString() : value.toPrecision(3);
 }
 
-// Lower rank first; what has no value comes last whatever the direction.
+// Best first, or worst first if flipped; NaN last in both cases.
 function compareBy(metric, flipped) {
   const sign = (data.metrics[metric].lower ? 1 : -1) * (flipped ? -1 : 1);
   return (a, b) => (Number.isNaN(a) ? 1 : 0) - (Number.isNaN(b) ? 1 : 0) || (a === b ? 0 : sign * (a - b)) || 0;
@@ -45,11 +45,16 @@ const entries = new Map(data.entries.map((e) => [keyOf(e.method, e.sample, e.pro
 const entryOf = (method, sample) => entries.get(keyOf(method, sample, state.protocol));
 const places = Object.fromEntries(data.protocols.map((p) => [p.name, Object.fromEntries(p.metrics.map((m, i) => [m, i]))]));
 
-// A method's numbers for the reader's protocol and region: over all samples, or on one of them.
+// A group of samples, and the sample, that the "Over" control selects, if any.
+const groupOf = (over) => data.groups.find((g) => over === `mean: ${g.name}`);
+const overSample = () => (byName(data.samples, state.over) ? state.over : "");
+
+// A method's numbers for the selected protocol and region: the mean over all samples or a group, or one sample's.
 function scoresOf(method, over) {
   const empty = { value: () => NaN, n: 0, failed: [], missing: [], failure: null };
-  if (!over) {
-    const mean = data.means[state.protocol][state.region][method];
+  const group = groupOf(over);
+  if (!over || group) {
+    const mean = (group || data).means[state.protocol][state.region][method];
     return { value: (metric) => number(mean.v[metric]), n: mean.n, failed: mean.failed, missing: mean.missing, failure: null };
   }
   const entry = entryOf(method, over);
@@ -59,7 +64,7 @@ function scoresOf(method, over) {
   return { ...empty, value, n: region ? region.n[1] : 0, failure: entry.failure, counts: region && region.n };
 }
 
-// What a click does, for those who have keys: Enter or space, as on a button.
+// Keyboard equivalent of a click: Enter or space, as on a button.
 const pressed = (act) => (event) => {
   if (event.key !== "Enter" && event.key !== " ") return;
   event.preventDefault();
@@ -96,12 +101,12 @@ async function save(name, type, packed) {
 
 function setTheme(name) {
   document.documentElement.dataset.theme = name;
-  try { localStorage.setItem("twinlens-theme", name); } catch { /* a file page may have no storage */ }
+  try { localStorage.setItem("twinlens-theme", name); } catch { /* pages from file:// may have no storage */ }
 }
 
 function firstTheme() {
-  const asked = /theme=(light|dark)/.exec(location.hash);
-  if (asked) return asked[1];
-  try { if (localStorage.getItem("twinlens-theme")) return localStorage.getItem("twinlens-theme"); } catch { /* as above */ }
+  const requested = /theme=(light|dark)/.exec(location.hash);
+  if (requested) return requested[1];
+  try { if (localStorage.getItem("twinlens-theme")) return localStorage.getItem("twinlens-theme"); } catch { /* see above */ }
   return matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
 }

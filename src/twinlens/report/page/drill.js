@@ -1,4 +1,4 @@
-// One sample closely: images, truth, disparity and errors side by side, two methods against each other, the pointer's numbers.
+// One sample: images, truth, disparity and error maps, the comparison of two methods, and values under the pointer.
 
 const sampleNow = () => byName(data.samples, state.sample);
 const pixels = (value) => `${+value.toPrecision(4)} px`;
@@ -18,7 +18,7 @@ async function drawPanels() {
   segments($("ranges"), [1, 2, 4, 8, 16].map((r) => [r, `±${r}`]), state.range, (r) => { state.range = r; redraw(); });
   drawChips();
   if (!p) {
-    $("panels").replaceChildren(el("p", { class: "card empty" }, "This page was made without the images of this sample."));
+    $("panels").replaceChildren(el("p", { class: "card empty" }, "This page was written without the images of this sample."));
     $("versus").replaceChildren();
     $("maps-note").textContent = "";
     return;
@@ -32,24 +32,24 @@ async function drawPanels() {
   $("versus").replaceChildren(...versusOf(p, truth, a, b));
   follow([...views, ...$("versus").children], p, truth, { est, a, b });
   const thin = p.truth.stride > 1 ? `Every ${ordinal(p.truth.stride)} pixel is shown. ` : "";
-  $("maps-note").textContent = `${thin}Maps are shown in steps of 1/${Math.round(1 / p.truth.step)} px; scores are of the full maps. Signed error = estimate − truth.`;
+  $("maps-note").textContent = `${thin}Maps are stored in steps of 1/${Math.round(1 / p.truth.step)} px; scores are computed from the full maps. Signed error = estimate − truth.`;
 }
 
-const words = (text) => el("div", { class: "legend" }, text);
+const caption = (text) => el("div", { class: "legend" }, text);
 const image = (uri, text) => el("img", { src: uri, alt: text });
 const missing = (name) => el("figure", { class: "card panel" }, el("figcaption", {}, el("span", {}, name)), el("p", { class: "empty" }, whyMissing(name)));
 
 function whyMissing(method) {
   const entry = entryOf(method, state.sample);
   if (entry && entry.failure) return `${entry.failure[0]}: ${entry.failure[1]}`;
-  return entry ? "Its map was not kept." : "It was not run on this sample.";
+  return entry ? "Its map is not available." : "Not run on this sample.";
 }
 
 function viewsOf(sample, p, truth, est) {
   const { w, h } = p.truth, range = p.range, e = state.range;
   const views = [
-    panel("Left image", `${sample.w} × ${sample.h}`, image(p.left, "left image"), words("The view whose disparity is scored.")),
-    panel("Right image", `ndisp ${sample.ndisp}`, image(p.right, "right image"), words("The cross stands where the truth puts the point.")),
+    panel("Left image", `${sample.w} × ${sample.h}`, image(p.left, "left image"), caption("The view whose disparity is scored.")),
+    panel("Right image", `ndisp ${sample.ndisp}`, image(p.right, "right image"), caption("The cross marks the true corresponding point.")),
     panel("True disparity", "", paint(w, h, painters.disparity(truth, range, noTruth)), legend("viridis", range[0], pixels(range[1]), ["truth"])),
   ];
   views[1].querySelector(".view").dataset.right = "1";
@@ -64,12 +64,12 @@ function versusOf(p, truth, a, b) {
   const { w, h } = p.truth, e = state.range;
   const one = (name, est, letter) => (est ? panel(`${letter} · ${name}`, "signed error", paint(w, h, painters.signed(est, truth, e)),
     legend("berlin", `≤ −${e}`, `≥ +${e} px`, ["estimate", "truth"])) : missing(name));
-  const both = a && b ? [panel("Who is closer", "|error A| − |error B|", paint(w, h, painters.closer(a, b, truth, e)),
+  const both = a && b ? [panel("Smaller error", "|error A| − |error B|", paint(w, h, painters.closer(a, b, truth, e)),
     legend("berlin", `A by ${e} px`, `B by ${e} px`, ["estimate", "truth"]))] : [];
   return [one(state.first, a, "A"), one(state.second, b, "B"), ...both];
 }
 
-// One pointer moves a cross on every view; on the right image it stands where the truth says the point is.
+// The pointer moves a cross on every view; on the right image the cross marks the true corresponding point.
 function follow(figures, p, truth, maps) {
   const views = figures.flatMap((f) => [...f.querySelectorAll(".view")]);
   const { w, h, stride } = p.truth;
@@ -85,9 +85,9 @@ function follow(figures, p, truth, maps) {
       view.style.setProperty("--y", `${(100 * (y + 0.5)) / h}%`);
     }
     const est = maps.est && maps.est[i];
-    const said = est == null || est === Infinity ? "no estimate" : `${est.toFixed(2)} px`;
-    const off = est != null && est !== Infinity && d !== Infinity ? `, off by ${est - d >= 0 ? "+" : "−"}${Math.abs(est - d).toFixed(2)}` : "";
-    $("readout").textContent = `x ${x * stride}  y ${y * stride}:  truth ${d === Infinity ? "unknown" : `${d.toFixed(2)} px`}, ${said}${off}`;
+    const value = est == null || est === Infinity ? "no estimate" : `${est.toFixed(2)} px`;
+    const off = est != null && est !== Infinity && d !== Infinity ? `, error ${est - d >= 0 ? "+" : "−"}${Math.abs(est - d).toFixed(2)}` : "";
+    $("readout").textContent = `x ${x * stride}  y ${y * stride}:  truth ${d === Infinity ? "unknown" : `${d.toFixed(2)} px`}, ${value}${off}`;
   };
   const leave = () => views.forEach((view) => view.classList.remove("pointed"));
   views.forEach((view) => { view.addEventListener("pointermove", move); view.addEventListener("pointerleave", leave); });
@@ -127,15 +127,16 @@ function start() {
   const sizes = `${data.methods.length} ${data.methods.length === 1 ? "method" : "methods"} on ${data.samples.length} stereo ${data.samples.length === 1 ? "pair" : "pairs"}`;
   $("summary").textContent = `${sizes}, scored by ${data.protocols.map((p) => p.title).join(", ")}.`;
   $("made").textContent = Object.entries(data.meta).map(([k, v]) => `${k} ${v}`).join(" · ");
+  $("groups-card").hidden = true;
   if (!data.entries.length) { $("board").replaceChildren(el("tr", {}, el("td", { class: "empty" }, "The board is empty."))); return; }
   state.sort = rules().headline;
-  const order = ranked("").map((r) => r.method.name);
+  const order = ranked(state.over).map((r) => r.method.name);
   state.method = state.first = order[0];
   state.second = order[1] || order[0];
   state.sample = (data.samples.find((s) => s.pictures) || data.samples[0]).name;
   for (const id of ["region", "over", "columns", "sample", "method", "first", "second"])
     $(id).addEventListener("change", (event) => { state[id] = event.target.value; redraw(); });
-  $("over").addEventListener("change", () => { if (state.over) { state.sample = state.over; redraw(); } });
+  $("over").addEventListener("change", () => { if (overSample()) { state.sample = state.over; redraw(); } });
   $("get-csv").addEventListener("click", () => save("board.csv", "text/csv", data.downloads.csv));
   $("get-json").addEventListener("click", () => save("board.json", "application/json", data.downloads.json));
   $("get-latex").disabled = !state.region;

@@ -1,9 +1,9 @@
-// Maps of numbers: unpacking them, colouring them, and the legends that say what the colours mean.
+// Unpacks and colours maps of numbers, and draws their legends.
 
 const luts = Object.fromEntries(Object.entries(data.colormaps).map(([name, text]) => [name, Uint8Array.from(atob(text), (c) => c.charCodeAt(0))]));
 const unpacked = new Map();
 
-// Row differences of 16-bit codes, low bytes before high bytes, deflated. See packing.py.
+// Row differences of 16-bit codes, low bytes before high bytes, deflated; see packing.py.
 async function unpack(packed) {
   const planes = new Uint8Array(await inflate(packed.data));
   const size = packed.w * packed.h, values = new Float32Array(size);
@@ -20,7 +20,7 @@ function mapOf(packed) {
   return unpacked.get(packed);
 }
 
-// colour(i) -> [value, low, high, lut] or a flat [r, g, b].
+// colour(i) -> [value, low, high, lut], or [r, g, b].
 function paint(width, height, colour) {
   const canvas = el("canvas", { width, height }), context = canvas.getContext("2d"), image = context.createImageData(width, height);
   for (let i = 0; i < width * height; i++) {

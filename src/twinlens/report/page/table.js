@@ -36,7 +36,8 @@ function drawBoard() {
   $("board").replaceChildren(
     el("thead", {}, el("tr", {}, el("th", { class: "name", scope: "col" }, "Method"), columns.map(headCell))),
     el("tbody", {}, rows.map((row, i) => boardRow(row, i, columns, best, largest))));
-  drawWords();
+  drawGroups();
+  drawRules();
   drawMatrix();
   drawScatter();
 }
@@ -44,8 +45,8 @@ function drawBoard() {
 function boardRow({ method, scores }, i, columns, best, largest) {
   const why = scores.failure ? scores.failure.join(": ") : [
     ...scores.failed.map((s) => `${s}: ${(entryOf(method.name, s).failure || []).join(": ")}`),
-    ...scores.missing.map((s) => `${s}: it was not run there`)].join("\n");
-  const open = () => { look(state.over || data.samples[0].name, method.name); };
+    ...scores.missing.map((s) => `${s}: not run`)].join("\n");
+  const open = () => { look(overSample() || state.sample, method.name); };
   return el("tr", { tabindex: "0", "aria-selected": String(method.name === state.method), onclick: open, onkeydown: pressed(open) },
     el("td", { class: "name", title: method.spec },
       el("span", { class: "rank" }, Number.isNaN(scores.value(state.sort)) ? "" : String(i + 1)), method.name,
@@ -56,28 +57,44 @@ function boardRow({ method, scores }, i, columns, best, largest) {
     }));
 }
 
-// Why a row has no numbers, in few words: a method that failed somewhere, or was not run everywhere, has no mean.
+// Why a row has no numbers: a method that failed or was not run on a sample has no mean.
 function whyNot({ failure, failed, missing, n }) {
   if (failure) return failure[0];
   if (!failed.length && !missing.length) return "";
   return `${n} of ${n + failed.length + missing.length} samples${failed.length ? `, ${failed.length} failed` : ""}`;
 }
 
-function drawWords() {
+// The headline metric, one column for each group of samples.
+function drawGroups() {
+  $("groups-card").hidden = !data.groups.length;
+  if (!data.groups.length || !state.region) return;
+  const metric = rules().headline, order = compareBy(metric, false), m = data.metrics[metric];
+  const values = data.methods.map((method) => [method.name, data.groups.map((g) => scoresOf(method.name, `mean: ${g.name}`).value(metric))]);
+  const best = data.groups.map((_, k) => values.map((row) => row[1][k]).sort(order)[0]);
+  $("groups-title").textContent = `${metric} [${m.unit}], ${state.region}: ${m.text}`;
+  $("groups").replaceChildren(
+    el("thead", {}, el("tr", {}, el("th", { class: "name", scope: "col" }, "Method"), data.groups.map((g) => el("th", { scope: "col", title: g.samples.join(", ") }, g.name)))),
+    el("tbody", {}, values.sort((a, b) => order(a[1][0], b[1][0])).map(([name, row]) => el("tr", {}, el("td", { class: "name" }, name),
+      row.map((v, k) => el("td", { class: v === best[k] ? "best" : "" }, show(metric, v)))))));
+  $("notes").replaceChildren(...data.notes.map((text) => el("p", {}, text)));
+}
+
+function drawRules() {
   const region = byName(data.regions, state.region);
   const lines = { ...rules().lines };
-  if (region) lines.region = `${region.name}: ${region.text || "given by the caller"}`;
-  if (!state.over) lines.mean = `${data.weighted ? "weighted" : "plain"} mean over samples; none where a method failed or was not run`;
+  if (region) lines.region = `${region.name}: ${region.text || "defined by the caller"}`;
+  const group = groupOf(state.over), sample = overSample();
+  if (!sample) lines.mean = `${data.weighted ? "weighted" : "plain"} mean over ${group ? group.samples.join(", ") : "samples"}; none if a method failed or was not run on a sample`;
   $("rules").replaceChildren(...Object.entries(lines).flatMap(([k, v]) => [el("dt", {}, k), el("dd", {}, v)]));
-  const counts = state.over ? data.methods.map((m) => scoresOf(m.name, state.over).counts).find(Boolean) : null;
+  const counts = sample ? data.methods.map((m) => scoresOf(m.name, sample).counts).find(Boolean) : null;
   if (!region) { $("counts").textContent = "Nothing was scored."; drawFailures(); return; }
-  const n = state.over ? 0 : Math.max(...data.methods.map((m) => scoresOf(m.name, "").n), 0);
+  const n = sample ? 0 : Math.max(...data.methods.map((m) => scoresOf(m.name, state.over).n), 0);
   $("counts").textContent = counts ? `${counts[1].toLocaleString("en")} of ${counts[0].toLocaleString("en")} pixels are evaluated in this region.`
-    : state.over ? "No pixel of this sample is in this region." : `${n} of ${data.samples.length} samples have pixels in this region. Choose a row to look closer.`;
+    : sample ? "No pixel of this sample is in this region." : `${n} of ${(group ? group.samples : data.samples).length} samples have pixels in this region. Click a row to inspect its maps.`;
   drawFailures();
 }
 
-// One line for a method and a reason, with the samples it happened on; protocols share their failures.
+// One line for each method and reason, with the samples concerned. Protocols share their failures.
 function drawFailures() {
   const lines = new Map();
   for (const e of data.entries.filter((e) => e.failure)) {
@@ -99,7 +116,7 @@ function shade(value, low, high) {
   return tint(data.metrics[state.sort].lower ? 1 - share : share);
 }
 
-// The scale of a sample's column: each has its own, as samples are not equally hard.
+// Colour scale of one sample's column: samples differ in difficulty.
 function scale(values) {
   if (!values.length) return "–";
   const ends = [Math.min(...values), Math.max(...values)], [best, worst] = data.metrics[state.sort].lower ? ends : ends.reverse();
@@ -109,7 +126,7 @@ function scale(values) {
   return [bar, el("div", { class: "ends" }, numbers)];
 }
 
-// The cells are one stop of the tab key; arrows go from one to the next.
+// The cells are one tab stop; arrow keys move between them.
 const walk = (open) => (event) => {
   const cell = event.currentTarget, row = cell.parentElement, at = [...row.children].indexOf(cell);
   const beside = (r) => r && r.children[at];
@@ -140,14 +157,14 @@ function drawMatrix() {
     el("tfoot", {}, el("tr", {}, el("td", { class: "name" }, "Colours, best to worst"), limits.map((values) => el("td", { class: "limits" }, scale(values))))));
 }
 
-// Round numbers on a logarithmic axis: as few as still make three.
+// Round numbers on a logarithmic axis: the coarsest choice with at least three ticks.
 function ticks(low, high) {
   const decades = Array.from({ length: Math.ceil(Math.log10(high)) - Math.floor(Math.log10(low)) + 1 }, (_, i) => 10 ** (Math.floor(Math.log10(low)) + i));
   const choices = [[1], [1, 3], [1, 2, 5], [1, 1.5, 2, 3, 4, 5, 7]].map((steps) => decades.flatMap((d) => steps.map((s) => s * d)).filter((t) => t >= low && t <= high));
   return choices.find((c) => c.length >= 3) || choices[choices.length - 1];
 }
 
-// Each label goes to the first place beside its dot where it covers no dot, no other label and no edge; or nowhere.
+// Each label takes the first position next to its dot where it covers no dot, label or edge; otherwise it is omitted.
 function labels(dots, width, floor) {
   const taken = dots.map((d) => [d.x - 6, d.y - 6, d.x + 6, d.y + 6]);
   const free = (box) => box[0] > 0 && box[2] < width && box[3] < floor && !taken.some((t) => box[0] < t[2] && box[2] > t[0] && box[1] < t[3] && box[3] > t[1]);
@@ -156,7 +173,7 @@ function labels(dots, width, floor) {
     const places = [[10, 4], [-10 - w, 4], [-w / 2, -11], [-w / 2, 20], [8, -9], [8, 18], [-8 - w, -9], [-8 - w, 18], [-w / 2, -24], [-w / 2, 33]];
     const box = ([dx, dy]) => [d.x + dx, d.y + dy - 11, d.x + dx + w, d.y + dy + 2];
     const place = places.find((p) => free(box(p)));
-    if (!place) return null; // its dot says its name under the pointer, and the table has it
+    if (!place) return null; // the dot has a tooltip
     taken.push(box(place));
     return el("text", { class: "tag", x: d.x + place[0], y: d.y + place[1] }, d.text);
   });
@@ -180,12 +197,14 @@ function drawScatter() {
     levels.map((v) => [el("line", { class: "grid", x1: left, x2: W - right, y1: py(v), y2: py(v) }), el("text", { x: left - 8, y: py(v) + 4, "text-anchor": "end" }, String(+v.toPrecision(3)))]).flat(),
     ticks(low, high).map((t) => el("text", { x: px(t), y: H - 12, "text-anchor": "middle" }, String(+t.toPrecision(2)))),
     tags,
-    dots.map((d) => el("circle", { class: d.name === state.method ? "dot on" : "dot", cx: px(d.x), cy: py(d.y), r: 5.5, onclick: () => look(state.over || state.sample, d.name) },
+    dots.map((d) => el("circle", { class: d.name === state.method ? "dot on" : "dot", cx: px(d.x), cy: py(d.y), r: 5.5, onclick: () => look(overSample() || state.sample, d.name) },
       el("title", {}, `${d.name}: ${show(y, d.y)} ${data.metrics[y].unit}, ${show(x, d.x)} ${data.metrics[x].unit}`)))));
 }
 
 function drawControls() {
   segments($("protocols"), data.protocols.map((p) => [p.name, p.title]), state.protocol, (name) => { state.protocol = name; state.sort = ""; redraw(); });
   options($("region"), data.regions.map((r) => r.name), state.region);
-  options($("over"), ["", ...data.samples.map((s) => s.name)], state.over, [`mean of ${data.samples.length} samples`, ...data.samples.map((s) => s.name)]);
+  const means = data.groups.length ? data.groups.map((g) => `mean: ${g.name}`) : [""];
+  const texts = data.groups.length ? means : [`mean of ${data.samples.length} samples`];
+  options($("over"), [...means, ...data.samples.map((s) => s.name)], state.over, [...texts, ...data.samples.map((s) => s.name)]);
 }
