@@ -189,9 +189,7 @@ def test_what_was_matched_before_a_damaged_sample_is_kept_and_told(twinlens, dat
     assert (code, out) == (2, "")
     assert str(image) in err
     board = tmp_path / "board" / "board.json"
-    assert err.endswith(
-        f"; 1 finished matches are in {board}: fix this and rerun to resume\n"
-    )
+    assert err.endswith(f"; 1 finished matches are in {board}: fix this and rerun to resume\n")
     first = json.loads(board.read_text())["entries"]
     assert len(first) == 1
     image.write_bytes(whole)

@@ -14,12 +14,8 @@ from twinlens.cli.progress import progress_bar
 @click.argument("name")
 @click.option("-o", "--output", type=PATH, help="Output folder.  [required, except for 'list']")
 @click.option("--scene", "scenes", multiple=True, help="Bundled name or scene file; repeatable.")
-@click.option(
-    "--methods", "methods", multiple=True, help="Matchers, e.g. sad,zncc:block_size=15; repeatable."
-)
-@click.option(
-    "--seeds", type=click.IntRange(1, 1000), help="Number of repetitions.  [default: the study's]"
-)
+@click.option("--methods", "methods", multiple=True, help="Matchers, e.g. sad,zncc:block_size=15; repeatable.")
+@click.option("--seeds", type=click.IntRange(1, 1000), help="Number of repetitions.  [default: the study's]")
 @click.option("--first-seed", type=click.IntRange(min=0), default=0, show_default=True, help="First seed.")
 @click.option("--size", help="Image size, WIDTHxHEIGHT.  [default: the study's]")
 @click.option("--spp", type=click.IntRange(1, 1_000_000), help="Samples per pixel.  [default: the study's]")
