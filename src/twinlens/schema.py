@@ -5,15 +5,23 @@ list of validation errors into one `InputError` of one line: file, key, what is 
 """
 
 import difflib
-from collections.abc import Mapping
+import typing
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, Union
 
 import pydantic
 
 from twinlens.errors import InputError, format_value, unknown
 
 T = TypeVar("T")
+
+Number = Annotated[float, pydantic.AfterValidator(float)]
+"""A number; a whole one is converted to float, as pydantic in strict mode does not."""
+
+Positive = Annotated[Number, pydantic.Field(gt=0)]
+NonNegative = Annotated[Number, pydantic.Field(ge=0)]
+Fraction = Annotated[Number, pydantic.Field(ge=0, le=1)]
 
 
 class StrictModel(pydantic.BaseModel):
@@ -40,6 +48,60 @@ def default_key(key: str, value: str) -> pydantic.BeforeValidator:
     {'type': 'path', 'max_depth': 3}
     """
     return pydantic.BeforeValidator(lambda table: {key: value, **table} if isinstance(table, Mapping) else table)
+
+
+def variants(base: type[StrictModel], tag: str, tables: Mapping[str, Mapping[str, Any]]) -> list[type[StrictModel]]:
+    """One model for each entry of `tables`: its name is the value of the key `tag`, its content the types of its keys.
+
+    A key whose type admits None is optional.
+    """
+
+    def model(name: str, keys: Mapping[str, Any]) -> type[StrictModel]:
+        fields: dict[str, Any] = {tag: (Literal[name], ...)}
+        for key, kind in keys.items():
+            fields[key] = (kind, None if type(None) in typing.get_args(kind) else ...)
+        return pydantic.create_model(name, __base__=base, **fields)
+
+    return [model(name, keys) for name, keys in tables.items()]
+
+
+def tagged(tag: str, models: Iterable[type[StrictModel]], default: str | None = None) -> Any:
+    """The union of models that the key `tag` tells apart; a table without it has the tag `default`."""
+    union: Any = Annotated[Union[tuple(models)], pydantic.Field(discriminator=tag)]  # noqa: UP007
+    return union if default is None else Annotated[union, default_key(tag, default)]
+
+
+def reads(kind: Any, then: Callable[[Any], Any] = lambda checked: checked) -> pydantic.PlainValidator:
+    """Validates by a type that was made at run time, for `Annotated`; `then` converts what it returns."""
+    adapter: pydantic.TypeAdapter[Any] = pydantic.TypeAdapter(kind)
+
+    def read_value(value: Any, info: pydantic.ValidationInfo) -> Any:
+        return then(adapter.validate_python(value, context=info.context))
+
+    return pydantic.PlainValidator(read_value, json_schema_input_type=kind)
+
+
+def one_of(kind: str, known: Iterable[str]) -> pydantic.PlainValidator:
+    """Restricts a string to the names of a table, for `Annotated`. A short list of names is a `Literal` instead."""
+    names = sorted(known)
+
+    def check(value: Any) -> Any:
+        if value not in names:
+            raise unknown(kind, str(value), names)
+        return value
+
+    return pydantic.PlainValidator(check, json_schema_input_type=Literal[tuple(names)])
+
+
+def repeated(count: int, item: Any) -> pydantic.BeforeValidator:
+    """Lets one value stand for a list of `count` equal ones, for `Annotated`; `item` is the type of a value.
+
+    >>> repeated(3, float).func(0.5)
+    [0.5, 0.5, 0.5]
+    """
+    return pydantic.BeforeValidator(
+        lambda value: value if isinstance(value, list) else [value] * count, json_schema_input_type=item | list[item]
+    )
 
 
 def read(
@@ -93,6 +155,12 @@ def _describe(errors: list[Any], data: Any, start: str) -> str:
     An untagged union has one error for each member; the one that fits the type of the value is chosen.
     """
     parts = _key_parts(errors[0]["loc"], data)
+    if errors[0]["type"] == "missing":
+        missing = [
+            error for error in errors if error["type"] == "missing" and error["loc"][:-1] == errors[0]["loc"][:-1]
+        ]
+        names = ", ".join(repr(str(error["loc"][-1])) for error in missing)
+        return _at(dotted(parts, start), f"missing key{'s' if len(missing) > 1 else ''} {names}")
     same = [error for error in errors if _key_parts(error["loc"], data)[: len(parts)] == parts]
     deeper = [
         error for error in same if error["type"] not in _TYPES or len(_key_parts(error["loc"], data)) > len(parts)
@@ -101,8 +169,11 @@ def _describe(errors: list[Any], data: Any, start: str) -> str:
     parts = _key_parts(error["loc"], data)
     if error["type"] == "union_tag_invalid":
         parts = (*parts, error["ctx"]["discriminator"].strip("'"))
-    where = dotted(parts, start)
-    message = _message(error) if deeper else _must_be(" or ".join(dict.fromkeys(map(_allowed, same))), error["input"])
+    choices = " or ".join(dict.fromkeys(map(_allowed, same)))
+    return _at(dotted(parts, start), _message(error) if deeper else _must_be(choices, error["input"]))
+
+
+def _at(where: str, message: str) -> str:
     return f"{where}: {message}" if where else message
 
 
@@ -119,8 +190,6 @@ def _key_parts(location: tuple[str | int, ...], data: Any) -> tuple[str | int, .
 
 def _message(error: Any) -> str:
     kind, limits = error["type"], error.get("ctx", {})
-    if kind == "missing":
-        return f"missing key {str(error['loc'][-1])!r}"
     if kind == "union_tag_not_found":
         return f"missing key {limits['discriminator']}"
     if kind == "value_error":

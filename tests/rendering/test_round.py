@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from twinlens.errors import InputError
-from twinlens.rendering.build import _check_round
-from twinlens.scenes.scene import SceneObject
+from twinlens.scenes.scene import SceneObject, check_uniform_scale
 
 UPRIGHT = {"type": "cylinder"}
 LYING = {"type": "cylinder", "p0": [0.0, 0.0, 0.0], "p1": [1.0, 0.0, 0.0]}
@@ -23,7 +22,7 @@ def thing(shape, scales, instances=()):
     [(UPRIGHT, (1, 1, 3)), (LYING, (3, 1, 1)), (SLANTED, (2, 2, 2)), (TURNED, (3, 1, 1)), (BALL, (2, 2, 2))],
 )
 def test_a_round_shape_may_be_longer_along_its_own_axis_and_larger(shape, scales):
-    _check_round(thing(shape, scales))
+    check_uniform_scale(thing(shape, scales))
 
 
 @pytest.mark.parametrize(
@@ -32,13 +31,13 @@ def test_a_round_shape_may_be_longer_along_its_own_axis_and_larger(shape, scales
      (BALL, (1, 1, 2))],
 )  # fmt: skip
 def test_a_round_shape_that_is_flattened_is_refused_in_one_line(shape, scales):
-    with pytest.raises(InputError, match="keeps its form") as refusal:
-        _check_round(thing(shape, scales))
+    with pytest.raises(InputError, match="needs a uniform scale") as refusal:
+        check_uniform_scale(thing(shape, scales))
     assert "\n" not in str(refusal.value)
-    with pytest.raises(InputError, match="keeps its form"):
-        _check_round(thing(shape, (1, 1, 1), (np.diag([*scales, 1.0]),)))
+    with pytest.raises(InputError, match="needs a uniform scale"):
+        check_uniform_scale(thing(shape, (1, 1, 1), (np.diag([*scales, 1.0]),)))
 
 
 def test_a_cylinder_of_no_length_is_refused():
-    with pytest.raises(InputError, match="two finite points apart"):
-        _check_round(thing({**LYING, "p1": LYING["p0"]}, (1, 1, 1)))
+    with pytest.raises(InputError, match="p0 and p1 finite and different"):
+        check_uniform_scale(thing({**LYING, "p1": LYING["p0"]}, (1, 1, 1)))

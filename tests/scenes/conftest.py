@@ -9,7 +9,7 @@ from twinlens.scenes import Scene, load_scene
 
 
 @pytest.fixture
-def read(tmp_path: Path) -> Read:
+def read_scene(tmp_path: Path) -> Read:
     """Loads the minimal scene with text added to its end and (old, new) replacements made in it."""
 
     def load(extra: str = "", *changes: tuple[str, str]) -> Scene:

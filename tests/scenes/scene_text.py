@@ -1,6 +1,6 @@
 """The smallest scene, for tests to bend."""
 
-from typing import Protocol
+from typing import Any, Protocol, get_args
 
 from twinlens.scenes import Scene
 
@@ -27,3 +27,8 @@ material = "grey"
 
 class Read(Protocol):
     def __call__(self, extra: str = "", *changes: tuple[str, str]) -> Scene: ...
+
+
+def required(keys: dict[str, Any]) -> list[str]:
+    """The keys of a plugin, shape or texture that have no default: their types do not admit None."""
+    return [key for key, kind in keys.items() if type(None) not in get_args(kind)]

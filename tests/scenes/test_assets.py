@@ -10,12 +10,11 @@ from PIL import EpsImagePlugin, Image
 from tests.scenes.scene_text import Read
 from twinlens.errors import FileError, InputError
 from twinlens.scenes import assets
-from twinlens.scenes.assets import asset, read_picture
-from twinlens.scenes.table import At, Source
+from twinlens.scenes.assets import SceneContext, find_asset, read_picture
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> At:
+def place(tmp_path: Path) -> SceneContext:
     home = tmp_path / "home"
     (home / "deep").mkdir(parents=True)
     (home / "deep" / "in.png").write_text("x")
@@ -23,14 +22,14 @@ def place(tmp_path: Path) -> At:
     (home / "link.png").symlink_to(tmp_path / "out.png")
     (home / "folder").symlink_to(tmp_path)
     (home / "inner.png").symlink_to(home / "deep" / "in.png")
-    return At(Source(home / "scene.toml"), "file")
+    return SceneContext(home)
 
 
-def test_files_below_the_folder_are_found_and_recorded(place: At) -> None:
-    found = asset(place, "deep/in.png")
+def test_files_below_the_folder_are_found_and_recorded(place: SceneContext) -> None:
+    found = find_asset("deep/in.png", place)
     assert found.read_text() == "x"
-    assert asset(place, "inner.png") == found
-    assert place.source.assets == [found, found]
+    assert find_asset("inner.png", place) == found
+    assert place.files == [found, found]
 
 
 @pytest.mark.parametrize(
@@ -40,10 +39,10 @@ def test_files_below_the_folder_are_found_and_recorded(place: At) -> None:
         *("", ".", "deep", "a\0b", "missing.png", "deep/../deep/in.png"),
     ],
 )
-def test_everything_else_is_refused(place: At, name: str) -> None:
-    with pytest.raises(InputError, match=r"scene\.toml: file: "):
-        asset(place, name)
-    assert place.source.assets == []
+def test_everything_else_is_refused(place: SceneContext, name: str) -> None:
+    with pytest.raises(InputError, match=r"must be a file name relative|leads outside|no file"):
+        find_asset(name, place)
+    assert place.files == []
 
 
 POSTSCRIPT = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\n0 0 moveto\nshowpage\n%%EOF\n"
@@ -91,7 +90,7 @@ def test_pictures_of_too_many_pixels_are_refused(tmp_path: Path, monkeypatch: py
         monkeypatch.setattr(assets, "_MOST_PIXELS", 40)
         assert read_picture(tmp_path / name).shape == (5, 8, 3)
         monkeypatch.setattr(assets, "_MOST_PIXELS", 39)
-        with pytest.raises(FileError, match=rf"{name}: a picture has 1 to 39 pixels, this one says 8x5"):
+        with pytest.raises(FileError, match=rf"{name}: a picture may have 1 to 39 pixels, got 8x5"):
             read_picture(tmp_path / name)
 
 
@@ -102,13 +101,13 @@ def test_an_exr_is_refused_from_its_header_alone(tmp_path: Path) -> None:
     small, huge = (np.array([0, 0, w - 1, h - 1], "<i4").tobytes() for w, h in ((8, 5), (1 << 20, 1 << 20)))
     assert data.count(small) == 2  # the data window and the display window
     (tmp_path / "t.exr").write_bytes(data.replace(small, huge))
-    with pytest.raises(FileError, match="this one says 1048576x1048576"):
+    with pytest.raises(FileError, match="got 1048576x1048576"):
         read_picture(tmp_path / "t.exr")
 
 
 def test_an_exr_of_many_parts_is_refused(tmp_path: Path) -> None:
     write_exr(tmp_path / "t.exr", (8, 5), (8, 5))
-    with pytest.raises(FileError, match="needs one part, it has 2"):
+    with pytest.raises(FileError, match="needs one part, got 2"):
         read_picture(tmp_path / "t.exr")
 
 
@@ -121,13 +120,13 @@ SKY = ('[lights.sky]\ntype = "constant"\nradiance = 1.0', "[lights.sky]\ntype = 
         ("sky.exr", b"v/1\x01 damaged", "cannot be read"),
         ("sky.png", POSTSCRIPT, "cannot be read"),
         ("sky.ps", POSTSCRIPT, "pictures may be"),
-        ("sky.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n", "a picture has 1 to"),
+        ("sky.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n", "a picture may have 1 to"),
         ("sky.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 4\n" + bytes(16), "needs 2x3 pixels or more"),
     ],
 )
 def test_an_environment_map_is_read_before_it_is_handed_on(
-    tmp_path: Path, read: Read, name: str, content: bytes, message: str
+    tmp_path: Path, read_scene: Read, name: str, content: bytes, message: str
 ) -> None:
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(FileError, match=rf"{name}: .*{message}"):
-        read("", (SKY[0], SKY[1].format(name)))
+    with pytest.raises(InputError, match=rf"lights.sky.filename: .*{name}: .*{message}"):
+        read_scene("", (SKY[0], SKY[1].format(name)))

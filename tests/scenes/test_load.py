@@ -29,8 +29,8 @@ def test_an_unknown_name_suggests_the_nearest(wrong: str, right: str) -> None:
         load_scene(wrong)
 
 
-def test_paths_are_taken_as_files_and_folders(read: Read, tmp_path: Path) -> None:
-    written = read()
+def test_paths_are_taken_as_files_and_folders(read_scene: Read, tmp_path: Path) -> None:
+    written = read_scene()
     for path in (tmp_path, tmp_path / "scene.toml", str(tmp_path / "scene.toml")):
         assert load_scene(path).name == written.name
     with pytest.raises(FileError, match="no such scene file"):
@@ -57,8 +57,7 @@ def test_a_heading_is_the_scenes_own(bundled: Scene) -> None:
 
 
 def test_headings_draw_no_texture(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("twinlens.scenes.toml_file.read_textures", None)
-    monkeypatch.setattr("twinlens.scenes.toml_file.scene_object", None)
+    monkeypatch.setattr("twinlens.scenes.scene_file.SceneFile", None)
     assert [heading.name for heading in bundled_headings()] == bundled_scenes()
 
 

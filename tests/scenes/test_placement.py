@@ -7,20 +7,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from twinlens.scenes.placement import instances, placement, rotation
+from twinlens.scenes.placement import CopyGrid, Placement, rotation
 from twinlens.scenes.scene import Scene
-from twinlens.scenes.table import At, Source, Table
 
 angles = st.floats(-720, 720)
 components = st.floats(-10, 10).filter(lambda x: abs(x) > 1e-3)
-AT = At(Source(None), "o")  # type: ignore[arg-type]
 
 
 def placed(**keys: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-    table: Table[Any] = Table(AT, keys)
-    pose = placement(table)
-    table.done()
-    return pose
+    return Placement.model_validate(keys).world_from_object()
+
+
+def copies(table: dict[str, Any]) -> tuple[np.ndarray[Any, np.dtype[np.float64]], ...]:
+    return CopyGrid.model_validate(table).poses()
 
 
 @given(angle=angles, x=components, y=components, z=components)
@@ -59,7 +58,7 @@ def test_straight_down_is_a_direction_too() -> None:
 
 
 def test_an_array_is_centred_with_its_step() -> None:
-    poses = instances(AT, {"count": [3, 2, 1], "step": [1.0, 0.5, 9.0]})
+    poses = copies({"count": [3, 2, 1], "step": [1.0, 0.5, 9.0]})
     places = np.array([pose[:3, 3] for pose in poses])
     np.testing.assert_allclose(places.mean(axis=0), 0, atol=1e-12)
     np.testing.assert_allclose(np.unique(places[:, 0]), [-1, 0, 1])
@@ -69,10 +68,10 @@ def test_an_array_is_centred_with_its_step() -> None:
 def test_jitter_stays_in_its_bounds_and_follows_its_seed() -> None:
     table = {"count": [9, 9, 1], "step": [1, 1, 0], "jitter": [0.1, 0.2, 0.0], "jitter_deg": 20, "seed": 4}
     still = {"count": [9, 9, 1], "step": [1, 1, 0]}
-    moved = np.array([p[:3, 3] for p in instances(AT, table)]) - [p[:3, 3] for p in instances(AT, still)]
+    moved = np.array([p[:3, 3] for p in copies(table)]) - [p[:3, 3] for p in copies(still)]
     assert (np.abs(moved).max(axis=0) <= [0.1, 0.2, 0.0]).all()
     assert np.abs(moved).max(axis=0)[0] > 0.08
-    np.testing.assert_array_equal(instances(AT, table), instances(AT, table))
+    np.testing.assert_array_equal(copies(table), copies(table))
 
 
 def test_the_default_pose_of_a_scene_may_be_moved() -> None:

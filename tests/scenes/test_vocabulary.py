@@ -10,7 +10,8 @@ import pytest
 from tests.scenes.scene_text import Read
 from twinlens.camera import Camera, Rig
 from twinlens.scenes import load_scene
-from twinlens.scenes.plugins import AREA_EMITTERS, BSDFS, EMITTERS, INTEGRATORS, SHAPES
+from twinlens.scenes.objects import ANALYTIC_SHAPES
+from twinlens.scenes.plugins import AREA_LIGHTS, INTEGRATORS, LIGHTS, MATERIALS
 
 rendering = pytest.importorskip("twinlens.rendering")
 build = pytest.importorskip("twinlens.rendering.build").build
@@ -71,9 +72,9 @@ def lines(kind: str, key: str | None) -> str:
     return "\n".join([f"type = '{kind}'", *map(line, keys)])
 
 
-@pytest.mark.parametrize(("kind", "key"), cases(BSDFS))
-def test_mitsuba_knows_the_material(read: Read, kind: str, key: str | None) -> None:
-    build(read(f"[materials.m]\n{lines(kind, key)}"))
+@pytest.mark.parametrize(("kind", "key"), cases(MATERIALS))
+def test_mitsuba_knows_the_material(read_scene: Read, kind: str, key: str | None) -> None:
+    build(read_scene(f"[materials.m]\n{lines(kind, key)}"))
 
 
 NUMBERS_ONLY = {
@@ -82,37 +83,37 @@ NUMBERS_ONLY = {
 }
 MAPPED = [
     pytest.param(kind, key, id=f"{kind}-{key}")
-    for kind, keys in BSDFS.items()
+    for kind, keys in MATERIALS.items()
     for key in keys
     if key not in NUMBERS_ONLY and key not in PAIRS and key not in NEEDS.get(kind, [])
 ]
 
 
 @pytest.mark.parametrize(("kind", "key"), MAPPED)
-def test_a_texture_may_stand_where_a_colour_may(read: Read, kind: str, key: str) -> None:
-    build(read(f"[materials.m]\n{lines(kind, None)}\n{key} = {NOISE}"))
+def test_a_texture_may_stand_where_a_colour_may(read_scene: Read, kind: str, key: str) -> None:
+    build(read_scene(f"[materials.m]\n{lines(kind, None)}\n{key} = {NOISE}"))
 
 
-@pytest.mark.parametrize(("kind", "key"), [c for c in cases(EMITTERS) if c.values[0] != "envmap"])
-def test_mitsuba_knows_the_light(read: Read, kind: str, key: str | None) -> None:
-    build(read(f"[lights.l]\n{lines(kind, key)}", ('[lights.sky]\ntype = "constant"\nradiance = 1.0', "")))
+@pytest.mark.parametrize(("kind", "key"), [c for c in cases(LIGHTS) if c.values[0] != "envmap"])
+def test_mitsuba_knows_the_light(read_scene: Read, kind: str, key: str | None) -> None:
+    build(read_scene(f"[lights.l]\n{lines(kind, key)}", ('[lights.sky]\ntype = "constant"\nradiance = 1.0', "")))
 
 
-@pytest.mark.parametrize(("kind", "key"), cases(AREA_EMITTERS))
-def test_mitsuba_knows_the_light_of_an_object(read: Read, kind: str, key: str | None) -> None:
+@pytest.mark.parametrize(("kind", "key"), cases(AREA_LIGHTS))
+def test_mitsuba_knows_the_light_of_an_object(read_scene: Read, kind: str, key: str | None) -> None:
     table = ", ".join(lines(kind, key).split("\n"))
-    build(read(f"emitter = {{ {table} }}"))
+    build(read_scene(f"emitter = {{ {table} }}"))
 
 
 @pytest.mark.parametrize(("kind", "key"), cases(INTEGRATORS))
-def test_mitsuba_knows_the_integrator(read: Read, kind: str, key: str | None) -> None:
-    build(read(f"[integrator]\n{lines(kind, key)}"))
+def test_mitsuba_knows_the_integrator(read_scene: Read, kind: str, key: str | None) -> None:
+    build(read_scene(f"[integrator]\n{lines(kind, key)}"))
 
 
-@pytest.mark.parametrize(("kind", "key"), cases(SHAPES))
-def test_mitsuba_knows_the_shape(read: Read, kind: str, key: str | None) -> None:
+@pytest.mark.parametrize(("kind", "key"), cases(ANALYTIC_SHAPES))
+def test_mitsuba_knows_the_shape(read_scene: Read, kind: str, key: str | None) -> None:
     extra = f"\n{line(key)}" if key else ""
-    build(read(f"[objects.s]\nshape = '{kind}'\nmaterial = 'grey'{extra}"))
+    build(read_scene(f"[objects.s]\nshape = '{kind}'\nmaterial = 'grey'{extra}"))
 
 
 FRONTAL = ("position = [0, -3, 1]\nlook_at = [0, 0, 0.5]", "position = [0, -3, 0]\nlook_at = [0, 0, 0]")
@@ -128,32 +129,32 @@ reflectance = { type = "gradient", size = 64, %s }
 """
 
 
-def photograph(read: Read, texture: str) -> np.ndarray[Any, Any]:
-    scene = read(WALL % texture, FRONTAL)
+def photograph(read_scene: Read, texture: str) -> np.ndarray[Any, Any]:
+    scene = read_scene(WALL % texture, FRONTAL)
     camera = Camera.from_fov(32, 32, fov_x_deg=40)
     image: np.ndarray[Any, Any] = rendering.render(scene, Rig([camera], [scene.world_from_left]), spp=4, seed=1)[0]
     return image.mean(axis=2)
 
 
-def test_the_top_of_a_texture_is_up_and_its_left_is_left(read: Read) -> None:
-    upright = photograph(read, "range = [0.1, 0.9]")
+def test_the_top_of_a_texture_is_up_and_its_left_is_left(read_scene: Read) -> None:
+    upright = photograph(read_scene, "range = [0.1, 0.9]")
     assert upright[2].mean() > 2 * upright[-3].mean()
-    sideways = photograph(read, "range = [0.1, 0.9], along = 'u'")
+    sideways = photograph(read_scene, "range = [0.1, 0.9], along = 'u'")
     assert sideways[:, -3].mean() > 2 * sideways[:, 2].mean()
 
 
-def test_repeat_repeats(read: Read) -> None:
-    twice = photograph(read, "range = [0.1, 0.9], along = 'u', repeat = [2, 1]").mean(axis=0)
+def test_repeat_repeats(read_scene: Read) -> None:
+    twice = photograph(read_scene, "range = [0.1, 0.9], along = 'u', repeat = [2, 1]").mean(axis=0)
     assert (np.diff(twice) < 0).sum() >= 1  # it falls back once in the middle
     np.testing.assert_allclose(twice[3:13], twice[3:13].mean() + (twice[19:29] - twice[19:29].mean()), rtol=0.25)
 
 
-def test_the_top_of_an_environment_map_is_up(read: Read, tmp_path: Path) -> None:
+def test_the_top_of_an_environment_map_is_up(read_scene: Read, tmp_path: Path) -> None:
     sky = np.zeros((16, 32, 3), np.float32)
     sky[:8] = 1.0
     OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": sky}).write(str(tmp_path / "sky.exr"))
     light = "[lights.sky]\ntype = 'envmap'\nfilename = 'sky.exr'"
-    scene = read("", ('[lights.sky]\ntype = "constant"\nradiance = 1.0', light), FRONTAL)
+    scene = read_scene("", ('[lights.sky]\ntype = "constant"\nradiance = 1.0', light), FRONTAL)
     camera = Camera.from_fov(32, 32, fov_x_deg=18)
     ball = rendering.render(scene, Rig([camera], [scene.world_from_left]), spp=16, seed=1)[0].mean(axis=2)
     assert ball[6, 16] > 2 * ball[-7, 16]

@@ -52,7 +52,7 @@ EVIL = [
     ('<plugin type="x"/>', "unknown element 'plugin'"),
     ('<shape type="obj"><string name="filename" value="../m.obj"/></shape>', "leads outside the scene's folder"),
     ('<shape type="obj"><string name="filename" value="/etc/passwd"/></shape>', "must be a file name relative"),
-    ('<shape type="obj"><string name="filename" value="$f"/></shape>', "only numbers may come from $"),
+    ('<shape type="obj"><string name="filename" value="$f"/></shape>', "$ parameters may replace numbers only"),
     ('<string name="$n" value="secret"/>', "scene.string: name='$n': write the name itself"),
     ('<bsdf type="diffuse" id="$n"/>', "write the id itself"),
     ('<bsdf type="diffuse"><ref id="$n"/></bsdf>', "write the id itself"),
@@ -61,9 +61,9 @@ EVIL = [
     ('<emitter type="constant"><spectrum name="radiance" value="$n"/></emitter>', "write the value itself"),
     ('<emitter type="constant"><spectrum name="radiance" filename="$n"/></emitter>', "write the filename itself"),
     ('<shape type="obj"><string name="filename" value="missing.obj"/></shape>', "no file 'missing.obj'"),
-    ('<default name="f" value="../../x"/>', "looks like a file's name"),
+    ('<default name="f" value="../../x"/>', "looks like a file name"),
     ('<bsdf type="conductor"><string name="material" value="../../x"/></bsdf>', "unknown conductor"),
-    ('<bsdf type="conductor"><string name="eta" value="../../x.spd"/></bsdf>', "looks like a file's name"),
+    ('<bsdf type="conductor"><string name="eta" value="../../x.spd"/></bsdf>', "looks like a file name"),
     ('<emitter type="constant"><spectrum name="radiance" filename="../x.spd"/></emitter>', "leads outside"),
     ('<emitter type="constant"><spectrum name="radiance" value="x.spd"/></emitter>', "write the spectrum's numbers"),
     ('<float type="x" name="a" value="1"/>', "<float> takes no type"),
@@ -98,7 +98,7 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
 )
 def test_no_name_of_a_link_out_of_the_folder_slips_through(tmp_path: Path, sly: str) -> None:
     (tmp_path / "secret").symlink_to("/etc/hostname")
-    with pytest.raises(InputError, match=r"leads outside|only numbers may come from \$"):
+    with pytest.raises(InputError, match=r"leads outside|\$ parameters may replace numbers only"):
         check(tmp_path, f"<scene>{sly}</scene>")
 
 

@@ -122,7 +122,7 @@ def _sensor(asked: dict[str, Any]) -> "Sensor":
 def _job(scene: "Scene", asked: dict[str, Any], aperture: "Aperture") -> "tuple[Scene, Rig, tuple[Lens, ...]]":
     """The scene, the rig that the options ask for, and the lenses on it."""
     from twinlens.factory import default_rig
-    from twinlens.scenes.toml_file import scene_with_rig
+    from twinlens.scenes import scene_with_rig
 
     width, height = parse_size(asked["size"])
     if asked["rig"] is not None:

@@ -20,7 +20,6 @@ from twinlens.factory.settings import Settings, make_lenses, make_sensor
 from twinlens.factory.sources import Sources
 from twinlens.rendering import check_possible, ground_truth
 from twinlens.scenes import Scene, rig_from_table
-from twinlens.scenes.table import At, Source
 from twinlens.schema import read
 from twinlens.seeds import generator
 
@@ -137,7 +136,7 @@ def _rig(scene: Scene, settings: Settings) -> Rig:
     """The recipe's rig where the jitter puts it. The scene's own rig is the recipe's where that says nothing."""
     moved = scene.at(scene.world_from_left @ settings.scene.jitter.pose())
     table = settings.rig or scene.rig or {}
-    return rig_from_table(table, moved, settings.width, settings.height, At(Source(_FILE), "rig"))
+    return rig_from_table(table, moved, settings.width, settings.height, _FILE, "rig")
 
 
 def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:

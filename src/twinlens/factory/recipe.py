@@ -21,8 +21,7 @@ from twinlens.factory.gates import Gates
 from twinlens.factory.lenses import mask_file
 from twinlens.factory.settings import Settings, check_settings
 from twinlens.factory.sources import Sources
-from twinlens.scenes import bundled_scenes
-from twinlens.scenes.toml_file import read_toml
+from twinlens.scenes import bundled_scenes, read_toml
 from twinlens.schema import StrictModel, read
 
 

@@ -17,7 +17,6 @@ from twinlens.factory.lenses import Find, LensTable, PinholeTable, View
 from twinlens.geometry import Float, rigid
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.scenes.placement import rotation
-from twinlens.scenes.table import At, Source
 from twinlens.schema import StrictModel, read
 from twinlens.sensor import PRESETS, Exposure, Mismatch, Sensor
 
@@ -148,7 +147,7 @@ def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]
         _check_families(settings, file, families)
     elif given := settings.scene.model_fields_set & {"depth_range", "object_count"}:
         raise InputError(f"{file}: scene.{min(given)}: can be used with 'families' only")
-    rig_from_table(settings.rig, _STAND_IN, settings.width, settings.height, At(Source(file), "rig"))
+    rig_from_table(settings.rig, _STAND_IN, settings.width, settings.height, file, "rig")
     make_sensor(settings, file)
     return settings, make_lenses(settings, None, file, lambda name: file.parent / name)
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from twinlens.errors import FileError, InputError
 from twinlens.families.draws import Rng
-from twinlens.scenes.assets import read_picture
-from twinlens.scenes.objects import read_mesh
+from twinlens.scenes.assets import read_mesh, read_picture
 from twinlens.scenes.scene import Mesh
 
 T = TypeVar("T")

@@ -6,7 +6,7 @@ import numpy as np
 
 from twinlens.families.draws import Rng, one_of
 from twinlens.geometry import Float
-from twinlens.scenes.colors import linear_from_srgb
+from twinlens.scenes.assets import linear_from_srgb
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,10 +12,10 @@ from twinlens.geometry import Float, rotate, transform_points
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.repeats import without_repeats
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
+from twinlens.scenes.scene import check_uniform_scale
 
 _INSTANCE = 1 << 10  # Mitsuba 3.9 has the type, and no name for it
 _BLOCK_PX = 16
-_ROUND = {"sphere": 3, "cylinder": 2}  # how many of a shape's own axes, from the first, must be scaled alike
 
 _cache: "weakref.WeakKeyDictionary[Scene, BuiltScene]" = weakref.WeakKeyDictionary()
 
@@ -107,35 +107,13 @@ def _leaf(thing: SceneObject, bsdf: Any, uv_factors: Float | None) -> Any:
         if uv_factors is not None and mesh.uv is not None:
             mesh = replace(mesh, uv=mesh.uv * uv_factors)
         return _mesh(thing.name, mesh, thing.world_from_object, bsdf, emitter)
-    _check_round(thing)
+    check_uniform_scale(thing)
     plugin = {**plain(thing.shape), "bsdf": bsdf}
     own = plugin.get("to_world", mi.ScalarTransform4f())
     plugin["to_world"] = mi.ScalarTransform4f(thing.world_from_object) @ own
     if emitter is not None:
         plugin["emitter"] = emitter
     return _load_plain(plugin, f"shape of object {thing.name!r}")
-
-
-def _check_round(thing: SceneObject) -> None:
-    """Mitsuba would draw a stretched sphere as a round one, and say so in a log alone."""
-    kind = "mesh" if isinstance(thing.shape, Mesh) else str(thing.shape["type"])
-    for pose in (thing.world_from_object, *thing.instances) if kind in _ROUND else ():
-        matrix = pose[:3, :3] @ _own_axes(thing.shape)
-        axes = matrix.T @ matrix
-        stretched = np.diag(axes).copy()
-        stretched[_ROUND[kind] :] = axes[0, 0]  # along its axis a cylinder may have any length
-        if np.abs(axes - np.diag(np.diag(axes))).max() + np.ptp(stretched) > 1e-6 * axes.max():
-            raise InputError(f"object {thing.name!r}: a {kind} keeps its form; scale it evenly, or stretch a mesh")
-
-
-def _own_axes(shape: Any) -> Float:
-    """A shape's own axes (3, 3) as columns, a cylinder's from `p0` to `p1` the last, where its `to_world` has them."""
-    along = np.asarray(shape.get("p1", (0, 0, 1)), float) - np.asarray(shape.get("p0", (0, 0, 0)), float)
-    if not np.isfinite(along).all() or not along.any():
-        raise InputError(f"a {shape['type']} from p0 to p1 needs two finite points apart, got {shape}")
-    axes = np.linalg.qr(np.column_stack([along, np.eye(3)]))[0][:, [1, 2, 0]]  # three that are square to each other
-    own: Float = np.asarray(shape.get("to_world", np.eye(4)), float)[:3, :3] @ axes
-    return own
 
 
 def _mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emitter: Any) -> Any:

@@ -1,86 +1,127 @@
-"""Files that a scene names: found below the scene's own folder and nowhere else, and read into arrays.
+"""Files that a scene names: paths below the scene's own folder only, pictures and meshes read into arrays.
 
-A scene file from a stranger must not make twinlens open other files of the machine, so absolute paths, ``..`` and
-symbolic links that lead out of the folder are refused before anything is opened. A file is only ever read as the kind
-that its suffix promises: libraries that look at the content instead would hand a renamed file to any of their readers
-(Pillow gives PostScript to Ghostscript).
+A scene file from an untrusted source must not open other files of the machine: absolute paths, ``..`` and symbolic
+links that leave the folder are rejected before anything is opened. A file is read only as the format of its suffix.
+Libraries that detect the format from the content would pass a renamed file to any of their readers (Pillow runs
+Ghostscript on PostScript).
 """
 
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
+import pydantic
+from numpy.typing import ArrayLike, NDArray
 
-from twinlens.errors import FileError
-from twinlens.scenes.colors import linear_from_srgb
-from twinlens.scenes.table import At, show, text
+from twinlens.errors import FileError, InputError, format_value
+from twinlens.scenes import shapes
+from twinlens.scenes.scene import Mesh
 
+MESH_FILES = {".ply", ".obj", ".glb", ".stl"}
+MOST_FACES = 20_000_000
+_LARGEST_MESH_FILE = 2 << 30  # bytes
 _MOST_PIXELS = 1 << 27
 _MOST_CHANNELS = 64
 _PILLOW_FORMATS = {".png": ["PNG"], ".jpg": ["JPEG"], ".jpeg": ["JPEG"]}
-_LEAST_SKY = (3, 2)  # rows and columns, Mitsuba's own limit
+_SMALLEST_SKY = (3, 2)  # rows and columns; Mitsuba's own limit
 
 
-def asset(at: At, value: Any) -> Path:
-    """The path of an existing file below the scene's folder, links resolved. Errors name the key and the remedy."""
-    name = text(at, value)
+@dataclass(frozen=True, eq=False)
+class SceneContext:
+    """What the models of a scene file need while they are read: folder of the file, named textures, files found."""
+
+    folder: Path
+    textures: dict[str, Any] = field(default_factory=dict)
+    files: list[Path] = field(default_factory=list)
+
+
+def find_asset(name: Any, context: SceneContext) -> Path:
+    """The path of an existing file below the scene's folder, links resolved; it is added to `context.files`.
+
+    Raises InputError that names the remedy.
+    """
+    if not isinstance(name, str):
+        raise InputError(f"must be a string, got {format_value(name)}")
     if not name or "\0" in name or PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive or "\\" in name:
-        raise at.wrong(f"must be a file name relative to the scene's folder, with forward slashes, got {show(name)}")
-    folder = at.source.folder.resolve()
+        raise InputError(
+            f"must be a file name relative to the scene's folder, with forward slashes, got {format_value(name)}"
+        )
+    folder = context.folder.resolve()
     path = (folder / name).resolve()
     if not path.is_relative_to(folder) or ".." in PurePosixPath(name).parts:
-        raise at.wrong(f"{name!r} leads outside the scene's folder; copy it below {folder} and name it from there")
+        raise InputError(f"{name!r} leads outside the scene's folder; copy the file to {folder}")
     if not path.is_file():
-        raise at.wrong(f"no file {name!r} in {folder}")
-    at.source.assets.append(path)
+        raise InputError(f"no file {name!r} in {folder}")
+    context.files.append(path)
     return path
 
 
-def read_picture(path: Path, raw: bool = False) -> NDArray[np.float32]:
-    """A picture as float32 (H, W, 3), linear: .png .jpg (sRGB unless `raw`), .exr and .hdr (linear as they are).
+def _asset(name: Any, info: Any) -> Path:
+    return find_asset(name, info.context)
 
-    Raises FileError when the file is damaged, too large, or of another kind.
+
+Asset = Annotated[Path, pydantic.PlainValidator(_asset, json_schema_input_type=str)]
+"""The name of a file below the scene's folder."""
+
+
+def _sky(name: Any, info: Any) -> Path:
+    path = find_asset(name, info.context)
+    read_sky(path)
+    return path
+
+
+Sky = Annotated[Path, pydantic.PlainValidator(_sky, json_schema_input_type=str)]
+"""The name of a picture below the scene's folder that Mitsuba accepts as an environment map."""
+
+
+def linear_from_srgb(encoded: ArrayLike) -> NDArray[np.float32]:
+    """Linear light from sRGB-encoded values in [0, 1]; float32, same shape. Source: IEC 61966-2-1:1999.
+
+    >>> [round(float(v), 6) for v in linear_from_srgb([0.0, 0.04045, 1.0])]
+    [0.0, 0.003131, 1.0]
     """
-    pixels, encoded = _decoded(path)
+    v = np.asarray(encoded, dtype=np.float64)
+    return np.where(v <= 0.04045, v / 12.92, ((np.maximum(v, 0.04045) + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def read_picture(path: Path, raw: bool = False) -> NDArray[np.float32]:
+    """A picture as linear float32 (H, W, 3).
+
+    .png and .jpg are decoded from sRGB unless `raw`; .exr and .hdr are linear already. Raises FileError when the file
+    is damaged, too large, of another format, or holds negative or non-finite values.
+    """
+    pixels, encoded = decode_picture(path)
     if not np.isfinite(pixels).all() or (pixels < 0).any():
         raise FileError(f"{path}: a texture needs finite values >= 0 in every pixel")
     return linear_from_srgb(pixels) if encoded and not raw else pixels
 
 
-def _decoded(path: Path) -> tuple[NDArray[np.float32], bool]:
-    """The picture's values as they are stored, and whether they are sRGB's. Raises FileError."""
-    readers = {".png": _read_8bit, ".jpg": _read_8bit, ".jpeg": _read_8bit, ".exr": _read_exr, ".hdr": _read_hdr}
-    reader = readers.get(path.suffix.lower())
+def decode_picture(path: Path) -> tuple[NDArray[np.float32], bool]:
+    """The stored values (H, W, 3) of a picture, and whether they are sRGB-encoded. Raises FileError."""
+    reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        raise FileError(f"{path}: pictures may be {', '.join(sorted(readers))}, got {path.suffix!r}")
+        raise FileError(f"{path}: pictures may be {', '.join(sorted(_READERS))}, got {path.suffix!r}")
     try:
         return reader(path)
     except FileError:
         raise
-    except Exception as error:  # the libraries raise what they like on damaged files; all of it is this file's fault
+    except Exception as error:  # libraries raise many types of exceptions on damaged files
         raise FileError(f"{path}: cannot be read as a {path.suffix} picture ({error})") from error
 
 
-def texture_picture(at: At, value: Any) -> Path:
-    """The path of a texture that Mitsuba may read: a whole picture of a known kind and a sensible size, any values."""
-    path = asset(at, value)
-    _decoded(path)
-    return path
-
-
-def sky_picture(at: At, value: Any) -> Path:
-    """The path of an environment map that Mitsuba may read: a whole picture of a known kind, of a sensible size."""
-    path = asset(at, value)
-    size = read_picture(path).shape[:2]
-    if size[0] < _LEAST_SKY[0] or size[1] < _LEAST_SKY[1]:
-        raise FileError(f"{path}: an environment map needs 2x3 pixels or more, got {size[1]}x{size[0]}")
-    return path
+def read_sky(path: Path) -> NDArray[np.float32]:
+    """A picture that Mitsuba accepts as an environment map. Raises FileError."""
+    pixels = read_picture(path)
+    if pixels.shape[0] < _SMALLEST_SKY[0] or pixels.shape[1] < _SMALLEST_SKY[1]:
+        size = f"{pixels.shape[1]}x{pixels.shape[0]}"
+        raise FileError(f"{path}: an environment map needs 2x3 pixels or more, got {size}")
+    return pixels
 
 
 def _check_size(path: Path, width: int, height: int) -> None:
     if not (width > 0 and height > 0 and width * height <= _MOST_PIXELS):
-        raise FileError(f"{path}: a picture has 1 to {_MOST_PIXELS} pixels, this one says {width}x{height}")
+        raise FileError(f"{path}: a picture may have 1 to {_MOST_PIXELS} pixels, got {width}x{height}")
 
 
 def _read_8bit(path: Path) -> tuple[NDArray[np.float32], bool]:
@@ -102,22 +143,22 @@ def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
         channels = {name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
     names = "RGB" if {"R", "G", "B"} <= channels.keys() else "YYY"
     if not set(names) <= channels.keys():
-        raise FileError(f"{path}: needs the channels R, G, B or Y, it has {', '.join(sorted(channels))}")
+        raise FileError(f"{path}: needs the channels R, G, B or Y, got {', '.join(sorted(channels))}")
     return np.ascontiguousarray(np.stack([channels[name] for name in names], axis=-1)), False
 
 
 def _check_exr(path: Path) -> None:
-    """Refuse from the header alone what would fill the memory: OpenEXR reads every part and channel of a file."""
+    """Check the header first: OpenEXR reads every part and channel of a file, whatever their size."""
     import OpenEXR
 
     with OpenEXR.File(str(path), header_only=True) as file:
         if len(file.parts) != 1:
-            raise FileError(f"{path}: needs one part, it has {len(file.parts)}")
+            raise FileError(f"{path}: needs one part, got {len(file.parts)}")
         header = dict(file.header())  # closing the file empties its own
     if header["type"] not in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
-        raise FileError(f"{path}: deep pictures are not read; flatten it")
+        raise FileError(f"{path}: deep pictures are not supported; flatten it")
     if len(header["channels"]) > _MOST_CHANNELS:
-        raise FileError(f"{path}: {len(header['channels'])} channels are more than {_MOST_CHANNELS}")
+        raise FileError(f"{path}: at most {_MOST_CHANNELS} channels are supported, got {len(header['channels'])}")
     (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
     _check_size(path, right - left + 1, bottom - top + 1)
 
@@ -129,7 +170,7 @@ def _read_hdr(path: Path) -> tuple[NDArray[np.float32], bool]:
     size, _, body = body.partition(b"\n")
     words = size.split()
     if not data.startswith(b"#?") or len(words) != 4 or (words[0], words[2]) != (b"-Y", b"+X"):
-        raise FileError(f"{path}: not a Radiance picture in the usual -Y +X order")
+        raise FileError(f"{path}: not a Radiance picture in -Y +X order")
     height, width = int(words[1]), int(words[3])
     _check_size(path, width, height)
     if b"FORMAT=32-bit_rle_rgbe" not in head:
@@ -167,3 +208,49 @@ def _unpack_run(body: NDArray[np.uint8], cursor: int, channel: NDArray[np.uint8]
         done += count
         cursor += 1 + taken
     return cursor
+
+
+_READERS = {".png": _read_8bit, ".jpg": _read_8bit, ".jpeg": _read_8bit, ".exr": _read_exr, ".hdr": _read_hdr}
+
+
+def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
+    """All triangles of a .ply, .obj, .glb or .stl file as one mesh. Materials and other files it names are ignored.
+
+    Edges sharper than `crease_deg` stay sharp; 0 makes every face flat. Raises FileError when the file is damaged, too
+    large, of another format, or holds no finite triangle.
+    """
+    if path.suffix.lower() not in MESH_FILES:
+        raise FileError(f"{path}: meshes may be {', '.join(sorted(MESH_FILES))}, got {path.suffix!r}")
+    try:
+        return _read_mesh(path, crease_deg)
+    except FileError:
+        raise
+    except Exception as error:  # trimesh raises many types of exceptions on damaged files
+        reason = " ".join(str(error).split())
+        raise FileError(f"{path}: cannot be read as a {path.suffix} mesh ({reason})") from error
+
+
+def _read_mesh(path: Path, crease_deg: float) -> Mesh:
+    import trimesh
+
+    if path.stat().st_size > _LARGEST_MESH_FILE:
+        raise FileError(f"{path}: a mesh file may have at most {_LARGEST_MESH_FILE >> 20} MiB")
+    with path.open("rb") as stream:  # a stream has no folder, so that the file cannot name its neighbours
+        loaded = trimesh.load_scene(stream, file_type=path.suffix[1:].lower(), process=False)
+    _check_parts(path, loaded)
+    made = loaded.to_mesh()
+    if not len(made.faces) or not np.isfinite(made.vertices).all():
+        raise FileError(f"{path}: has no triangles with finite vertices")
+    return shapes.from_trimesh(made, crease_deg)
+
+
+def _check_parts(path: Path, loaded: Any) -> None:
+    """Check before the parts are joined: one part may be placed many times, and joining shifts vertex numbers."""
+    for part in loaded.geometry.values():
+        faces = getattr(part, "faces", ())
+        if len(faces) and not 0 <= np.min(faces) <= np.max(faces) < len(part.vertices):
+            raise FileError(f"{path}: a face refers to a vertex outside 0 to {len(part.vertices) - 1}")
+    placed = (loaded.geometry[loaded.graph[node][1]] for node in loaded.graph.nodes_geometry)
+    count = sum(len(getattr(part, "faces", ())) for part in placed)
+    if count > MOST_FACES:
+        raise FileError(f"{path}: {count} triangles are more than {MOST_FACES}; simplify the mesh")

@@ -1,18 +1,32 @@
-"""Where an object stands: scale, then rotate, then translate; or aim; or a whole 4x4."""
+"""Poses as a scene file gives them: of objects and lights, of an object's copies, and of the left camera."""
 
 import math
-from typing import Any
+from typing import Annotated
 
+import annotated_types
 import numpy as np
+import pydantic
+from numpy.typing import ArrayLike
 
 from twinlens.errors import InputError
 from twinlens.geometry import Float, look_at
-from twinlens.scenes.table import At, Table, listed, number, scalar_or_vector, show, vector, whole
+from twinlens.schema import NonNegative, Number, Positive, StrictModel, repeated
 
-KEYS = ("translate", "rotate", "euler_deg", "look_at", "scale", "matrix")
+_MOST_COPIES = 100_000
+
+Vector2 = Annotated[list[Number], annotated_types.Len(2, 2)]
+Vector3 = Annotated[list[Number], annotated_types.Len(3, 3)]
+Scale = Annotated[list[Positive], annotated_types.Len(3, 3), repeated(3, Positive)]
+"""Three numbers > 0, or one for all three axes."""
+
+Matrix = Annotated[list[Annotated[list[Number], annotated_types.Len(4, 4)]], annotated_types.Len(4, 4)]
+_JITTER = Annotated[list[NonNegative], annotated_types.Len(3, 3), repeated(3, NonNegative)]
+_JITTER_DEG = Annotated[
+    list[Annotated[NonNegative, pydantic.Field(le=180)]], annotated_types.Len(3, 3), repeated(3, NonNegative)
+]
 
 
-def rotation(axis: Float, deg: float) -> Float:
+def rotation(axis: ArrayLike, deg: float) -> Float:
     """The 4x4 rotation by `deg` degrees about `axis` (3,), right-handed. Source: Rodrigues 1840.
 
     >>> rotation([0, 0, 1], 90)[:3, 0].round(12).tolist()
@@ -26,120 +40,162 @@ def rotation(axis: Float, deg: float) -> Float:
     return pose
 
 
-def translation(offset: Float) -> Float:
+def euler_rotation(angles_deg: ArrayLike) -> Float:
+    """The 4x4 rotation about the fixed axes x, then y, then z, by `angles_deg` (3,) degrees."""
+    x, y, z = (rotation(axis, deg) for axis, deg in zip(np.eye(3), np.asarray(angles_deg), strict=True))
+    turn: Float = z @ y @ x
+    return turn
+
+
+def translation(offset: ArrayLike) -> Float:
     """The 4x4 translation by `offset` (3,)."""
     pose = np.eye(4)
     pose[:3, 3] = offset
     return pose
 
 
-def placement(table: Table[Any]) -> Float:
-    """world_from_object (4, 4) from the placing keys of a table; the identity where it has none.
+def view_pose(position: ArrayLike, target: ArrayLike, up: ArrayLike | None = None) -> Float:
+    """world_from_cam (4, 4) of a camera at `position` that looks at `target`; `up` is the world's z by default."""
+    return look_at(position, target, (0.0, 0.0, 1.0) if up is None else up)
 
-    `scale` (one number or three, > 0), then one of `rotate` = {axis, deg} (or a list of them, applied in order),
-    `euler_deg` = [about x, about y, about z] applied in that order, `look_at` = a point the object's +z axis turns to;
-    then `translate`. Or `matrix` = 4 rows of 4, alone.
+
+class Rotation(StrictModel):
+    """A right-handed rotation by `deg` degrees about `axis`."""
+
+    axis: Vector3
+    deg: Number
+
+    @pydantic.model_validator(mode="after")
+    def _check(self) -> "Rotation":
+        if not np.linalg.norm(self.axis) > 1e-9:
+            raise InputError("the axis must not be zero")
+        return self
+
+
+class Pose(StrictModel):
+    """Rotation and translation. `rotate`, `euler_deg` and `look_at` exclude each other; `matrix` excludes all.
+
+    `euler_deg` turns about x, y and z in that order. `look_at` is a point that the object's +z axis turns to.
     """
-    if table.has("matrix"):
-        for key in KEYS:
-            if key != "matrix" and table.has(key):
-                raise table.at.wrong(f"'matrix' says everything about the placement; drop it or {key!r}")
-        return table.take("matrix", _matrix)  # type: ignore[no-any-return]
-    move = table.take("translate", vector(3), np.zeros(3))
-    stretch = table.take("scale", scalar_or_vector(3, number(above=0.0)), np.ones(3))
-    return translation(move) @ _turn(table, move) @ np.diag([*stretch, 1.0])
 
+    translate: Vector3 | None = None
+    rotate: Rotation | list[Rotation] | None = None
+    euler_deg: Vector3 | None = None
+    look_at: Vector3 | None = None
+    matrix: Matrix | None = None
 
-def _turn(table: Table[Any], position: Float) -> Float:
-    given = [key for key in ("rotate", "euler_deg", "look_at") if table.has(key)]
-    if len(given) > 1:
-        raise table.at.wrong(f"{given[0]!r} and {given[1]!r} both turn the object; keep one")
-    if table.has("euler_deg"):
-        angles = table.take("euler_deg", vector(3))
-        x, y, z = (rotation(axis, deg) for axis, deg in zip(np.eye(3), angles, strict=True))
-        turn: Float = z @ y @ x
+    @pydantic.model_validator(mode="after")
+    def _check(self) -> "Pose":
+        given = [key for key in Placement.model_fields if key in self.model_fields_set and key in self._placing_keys()]
+        turns = [key for key in given if key in ("rotate", "euler_deg", "look_at")]
+        if len(turns) > 1:
+            raise InputError(f"{turns[0]!r} and {turns[1]!r} exclude each other")
+        if self.matrix is not None and len(given) > 1:
+            other = next(key for key in given if key != "matrix")
+            raise InputError(f"'matrix' and {other!r} exclude each other")
+        self.world_from_object()
+        return self
+
+    @classmethod
+    def _placing_keys(cls) -> frozenset[str]:
+        """The keys of this table that place it; the others belong to what is placed."""
+        return frozenset(Pose.model_fields)
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether any key of the pose is given."""
+        return not self._placing_keys().isdisjoint(self.model_fields_set)
+
+    def world_from_object(self) -> Float:
+        """(4, 4); the identity where no key is given."""
+        if self.matrix is not None:
+            return _checked_matrix(self.matrix)
+        position = np.zeros(3) if self.translate is None else np.array(self.translate)
+        return translation(position) @ self._turn(position) @ self._stretch()
+
+    def _stretch(self) -> Float:
+        return np.eye(4)
+
+    def _turn(self, position: Float) -> Float:
+        if self.euler_deg is not None:
+            return euler_rotation(self.euler_deg)
+        if self.look_at is not None:
+            return _towards(position, np.array(self.look_at))
+        turn = np.eye(4)
+        for step in self.rotate if isinstance(self.rotate, list) else [self.rotate] if self.rotate else []:
+            turn = rotation(step.axis, step.deg) @ turn
         return turn
-    if table.has("look_at"):
-        return _aimed(table.at / "look_at", position, table.take("look_at", vector(3)))
-    return table.take("rotate", _rotations, np.eye(4))  # type: ignore[no-any-return]
 
 
-def _rotations(at: At, value: Any) -> Float:
-    if not isinstance(value, list):
-        return _one_rotation(at, value)
-    turn = np.eye(4)
-    for step in listed(_one_rotation)(at, value):
-        turn = step @ turn
-    return turn
+class Placement(Pose):
+    """A pose, and a `scale` (one number or three) that is applied first."""
+
+    scale: Scale | None = None
+
+    @classmethod
+    def _placing_keys(cls) -> frozenset[str]:
+        return frozenset(Placement.model_fields)
+
+    def _stretch(self) -> Float:
+        return np.diag([*(self.scale or [1.0] * 3), 1.0])
 
 
-def _one_rotation(at: At, value: Any) -> Float:
-    table: Table[Any] = Table(at, value)
-    axis, deg = table.take("axis", vector(3)), table.take("deg", number())
-    table.done()
-    if not np.linalg.norm(axis) > 1e-9:
-        raise at.wrong("the axis must not be zero")
-    return rotation(axis, deg)
+class CopyGrid(StrictModel):
+    """`count` = [nx, ny, nz] copies, `step` = [dx, dy, dz] metres apart, centred on the object.
+
+    `jitter` (metres) and `jitter_deg` bound a random translation and rotation of each copy, per axis.
+    """
+
+    count: Annotated[list[Annotated[int, pydantic.Field(ge=1, le=10_000)]], annotated_types.Len(3, 3)]
+    step: Vector3
+    jitter: _JITTER = [0.0] * 3
+    jitter_deg: _JITTER_DEG = [0.0] * 3
+    seed: int = pydantic.Field(0, ge=0, lt=2**32)
+
+    @pydantic.model_validator(mode="after")
+    def _check(self) -> "CopyGrid":
+        if math.prod(self.count) > _MOST_COPIES:
+            raise InputError(f"count makes {math.prod(self.count)} copies; at most {_MOST_COPIES} are allowed")
+        return self
+
+    def poses(self) -> tuple[Float, ...]:
+        """The (4, 4) pose of each copy."""
+        rng = np.random.default_rng(self.seed)
+        count = np.array(self.count)
+        cells = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1).reshape(-1, 3)
+        poses = []
+        for offset in (cells - (count - 1) / 2) * self.step:
+            turn = euler_rotation(rng.uniform(-1, 1, 3) * self.jitter_deg)
+            poses.append(translation(offset + rng.uniform(-1, 1, 3) * self.jitter) @ turn)
+        return tuple(poses)
 
 
-def _aimed(at: At, position: Float, target: Float) -> Float:
-    """The rotation that turns +z to the target, with -y as far up as it can be (as a camera would look)."""
+Copies = Annotated[list[Placement], annotated_types.Len(1)] | CopyGrid
+"""Placements of an object's copies: a list, or a grid."""
+
+
+def copy_poses(copies: Copies | None) -> tuple[Float, ...]:
+    """The (4, 4) poses of an object's copies; () for an object without copies."""
+    if copies is None:
+        return ()
+    return copies.poses() if isinstance(copies, CopyGrid) else tuple(copy.world_from_object() for copy in copies)
+
+
+def _towards(position: Float, target: Float) -> Float:
+    """The rotation that turns +z to the target, with -y as far up as possible, as a camera would look."""
     forward = target - position
     if not np.linalg.norm(forward) > 1e-9:
-        raise at.wrong(f"the target {target.tolist()} must lie away from the object's own place")
+        raise InputError(f"look_at: the target {target.tolist()} must differ from the object's own position")
     vertical = np.linalg.norm(forward[:2]) < 1e-6 * np.linalg.norm(forward)
     pose = look_at(position, target, up=(0.0, 1.0, 0.0) if vertical else (0.0, 0.0, 1.0))
     pose[:3, 3] = 0.0
     return pose
 
 
-def _matrix(at: At, value: Any) -> Float:
-    rows = np.array(listed(vector(4), 4, 4)(at, value))
-    if rows[3].tolist() != [0, 0, 0, 1] or not np.linalg.det(rows[:3, :3]) > 1e-12:
-        raise at.wrong("must be 4 rows of 4 with last row 0 0 0 1, invertible and not mirrored (determinant > 0)")
-    return rows
-
-
-def instances(at: At, value: Any) -> tuple[Float, ...]:
-    """Poses of an object's copies: a list of placements, or an array {count, step, jitter, jitter_deg, seed}."""
-    if isinstance(value, list):
-        return tuple(listed(_instance, 1)(at, value))
-    if isinstance(value, dict):
-        return _array(Table(at, value))
-    raise at.wrong(f"must be a list of placements or a table with count and step, got {show(value)}")
-
-
-def _instance(at: At, value: Any) -> Float:
-    table: Table[Any] = Table(at, value)
-    pose = placement(table)
-    table.done()
-    return pose
-
-
-def _array(table: Table[Any]) -> tuple[Float, ...]:
-    """`count` = [nx, ny, nz] copies `step` = [dx, dy, dz] metres apart, centred, each moved and turned a little."""
-    count = np.array(table.take("count", listed(whole(1, 10_000), 3, 3)))
-    step = table.take("step", vector(3))
-    jitter = table.take("jitter", scalar_or_vector(3, number(0.0)), np.zeros(3))
-    jitter_deg = table.take("jitter_deg", scalar_or_vector(3, number(0.0, 180.0)), np.zeros(3))
-    rng = np.random.default_rng(table.take("seed", whole(0, 2**32 - 1), 0))
-    table.done()
-    if count.prod() > 100_000:
-        raise table.at.wrong(f"count makes {count.prod()} copies; at most 100000")
-    cells = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1).reshape(-1, 3)
-    poses = []
-    for offset in (cells - (count - 1) / 2) * step:
-        angles = rng.uniform(-1, 1, 3) * jitter_deg
-        x, y, z = (rotation(axis, deg) for axis, deg in zip(np.eye(3), angles, strict=True))
-        poses.append(translation(offset + rng.uniform(-1, 1, 3) * jitter) @ z @ y @ x)
-    return tuple(poses)
-
-
-def camera_pose(table: Table[Any]) -> Float:
-    """world_from_left from `position`, `look_at` and `up`."""
-    eye, target = table.take("position", vector(3)), table.take("look_at", vector(3))
-    up = table.take("up", vector(3), np.array([0.0, 0.0, 1.0]))
-    try:
-        return look_at(eye, target, up)
-    except InputError as error:
-        raise table.at.wrong(str(error)) from error
+def _checked_matrix(rows: list[list[float]]) -> Float:
+    matrix = np.array(rows, dtype=np.float64)
+    if matrix[3].tolist() != [0, 0, 0, 1] or not np.linalg.det(matrix[:3, :3]) > 1e-12:
+        raise InputError(
+            "matrix must be 4 rows of 4 with last row 0 0 0 1, invertible and not mirrored (determinant > 0)"
+        )
+    return matrix

@@ -1,242 +1,288 @@
-"""A rig as a table of a scene file, a recipe or a file of its own: a layout by name, its measures, what is inside each
-camera, and errors of calibration left in on purpose. docs/rigs.md shows every key.
+"""A rig as a table of a scene file, of a recipe, or of a file of its own. docs/rigs.md shows every key.
 
-    layout = "toed_in"          # one of LAYOUTS; "parallel" unless said
-    baseline = 0.2              # the scene's unless said
-    distance = 2.0
-    fov_x_deg = 50              # or fx, fy, cx, cy in pixels; the scene's unless said
-    distortion = { model = "brown-conrady", k1 = -0.1 }
-    cameras = [{}, { fx = 710, fy = 705 }]             # what differs, a table a camera
-    misalignment = { vertical_px = 1.5, roll_deg = 0.2 }   # of the second camera, or a list with one a camera
+layout = "toed_in"          # parallel (default), toed_in, vertical, line, grid, arc, cameras
+baseline = 0.2              # default: the scene's
+distance = 2.0
+fov_x_deg = 50              # or fx, fy, cx, cy in pixels; default: the scene's
+distortion = { model = "brown-conrady", k1 = -0.1 }
+cameras = [{}, { fx = 710, fy = 705 }]                 # differences, one table for each camera
+misalignment = { vertical_px = 1.5, roll_deg = 0.2 }   # of the second camera, or a list with one for each
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import annotated_types
 import numpy as np
+import pydantic
 
 from twinlens.camera import BrownConrady, Camera, Distortion, KannalaBrandt, Misalignment, Rig, layouts, misaligned
 from twinlens.camera.intrinsics import MAX_SIDE
 from twinlens.errors import InputError
 from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
-from twinlens.scenes.placement import camera_pose, rotation
+from twinlens.scenes.placement import Matrix, Vector3, euler_rotation, view_pose
 from twinlens.scenes.scene import Scene
-from twinlens.scenes.table import At, Parser, Source, Table, choice, listed, number, vector, whole
+from twinlens.schema import Number, Positive, StrictModel, read, reads, tagged, variants
 
-Keys = Table[Any]
-Place = Callable[[Sequence[Camera], Float], Rig]
-"""Cameras and the layout's pose in the world -> the rig."""
-
-_MOST = 1000
+_MOST_CAMERAS = 1000
+Pixels = Annotated[int, pydantic.Field(ge=1, le=MAX_SIDE)]
+Count = Annotated[int, pydantic.Field(ge=1, le=_MOST_CAMERAS)]
 
 
-def rig_from_table(table: Mapping[str, Any], scene: Scene, width: int, height: int, at: At | None = None) -> Rig:
-    """The rig that `table` describes, where `scene` was composed to be seen from.
+class DistortionBase(StrictModel):
+    """Coefficients of a distortion model, as OpenCV names them."""
 
-    Parameters
-    ----------
-    table : mapping
-        Plain values as TOML has them; `LAYOUTS` names the layouts, and this module's first lines show the keys.
-    scene : Scene
-        Gives the pose, the field of view and the baseline that the table leaves out.
-    width, height : int
-        Size of the images, pixels, of every camera whose table says no `width` and `height` of its own.
-    at : At
-        Where the table stands, for messages; the file and key that a mistake is reported with.
+    def build(self) -> Distortion:
+        """The distortion of a camera."""
+        coefficients = self.model_dump(include=self.model_fields_set - {"model"})
+        return _MODELS[self.model](**coefficients)  # type: ignore[attr-defined]  # every variant has one
 
-    Returns
-    -------
-    Rig. With `misalignment` it is the misaligned rig, and its `calibrated` is the rig without the error.
 
-    Raises InputError naming the key that is unknown, missing or wrong, and what would be right.
+_MODELS: dict[str, type[BrownConrady] | type[KannalaBrandt]] = {
+    BrownConrady.name: BrownConrady,
+    KannalaBrandt.name: KannalaBrandt,
+}
+_COEFFICIENTS = {
+    BrownConrady.name: ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    KannalaBrandt.name: ("k1", "k2", "k3", "k4"),
+}
+_DISTORTIONS = {name: dict.fromkeys(keys, Number | None) for name, keys in _COEFFICIENTS.items()}
+DistortionTable = Annotated[
+    DistortionBase, reads(tagged("model", variants(DistortionBase, "model", _DISTORTIONS), BrownConrady.name))
+]
+
+
+class Intrinsics(StrictModel):
+    """What a table may set of a camera. An image size of its own centres the camera's principal point."""
+
+    width: Pixels | None = None
+    height: Pixels | None = None
+    fov_x_deg: Annotated[Number, pydantic.Field(gt=0, le=179)] | None = None
+    fx: Positive | None = None
+    fy: Positive | None = None
+    cx: Number | None = None
+    cy: Number | None = None
+    pixel_pitch_um: Positive | None = None
+    distortion: DistortionTable | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _check_focal_length(self) -> "Intrinsics":
+        if self.fov_x_deg is not None and self.fx is not None:
+            raise InputError("'fov_x_deg' and 'fx' both set the focal length; keep one")
+        if self.fy is not None and self.fx is None:
+            raise InputError("'fy' needs 'fx'")
+        return self
+
+    def given(self) -> dict[str, Any]:
+        """The values that the table sets, by the names of `Camera` and of `Camera.from_fov`."""
+        values = {key: getattr(self, key) for key in Intrinsics.model_fields if key in self.model_fields_set}
+        return values | ({"distortion": values["distortion"].build()} if "distortion" in values else {})
+
+    def camera(self, shared: Mapping[str, Any]) -> Camera:
+        """The camera with this table's values, and `shared` ones where it has none."""
+        own = self.given()
+        replaced = {"fx", "fy", "fov_x_deg"} if own.keys() & {"fx", "fov_x_deg"} else set()
+        replaced |= {"fov_x_deg"} if "fx" in shared else set()
+        replaced |= {key for key, size in (("cx", "width"), ("cy", "height")) if size in own}
+        values = {key: value for key, value in shared.items() if key not in replaced} | own
+        fov = values.pop("fov_x_deg", 90.0)
+        if "fx" in values:
+            values.setdefault("fy", values["fx"])
+        return Camera.from_fov(values["width"], values["height"], fov).replace(**values)
+
+
+class PosedIntrinsics(Intrinsics):
+    """A camera with a pose of its own.
+
+    In world coordinates: `position`, `look_at` and `up`, or `world_from_cam`. Relative to the rig's pose, in its axes
+    (x right, y down, z forward): `translate` and `euler_deg`.
     """
-    keys: Keys = Table(at or At(Source(Path("rig"))), table)
-    entries = keys.take("cameras", listed(lambda at, value: Table[Any](at, value), 1, _MOST), None)
-    layout = keys.take("layout", choice(*LAYOUTS), "parallel")
-    count, place = LAYOUTS[layout](keys, scene, entries)
-    if entries is not None and len(entries) != count:
-        raise (keys.at / "cameras").wrong(f"layout {layout!r} here has {count} cameras, got {len(entries)} tables")
-    pose = camera_pose(keys) if keys.has("position") else scene.world_from_left
-    shared = {"width": width, "height": height, "fov_x_deg": scene.fov_x_deg} | _inside(keys)
-    errors = keys.take("misalignment", _misalignments(count), None)
-    keys.done()
-    cameras = [_camera(entry, shared) for entry in entries or [keys] * count]
-    for entry in entries or ():
-        entry.done()
-    rig: Rig = _told(keys.at, lambda: place(cameras, pose))
-    return rig if errors is None else misaligned(rig, errors)
+
+    position: Vector3 | None = None
+    look_at: Vector3 | None = None
+    up: Vector3 | None = None
+    world_from_cam: Matrix | None = None
+    translate: Vector3 | None = None
+    euler_deg: Vector3 | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _check_pose(self) -> "PosedIntrinsics":
+        given = [key for key in ("position", "world_from_cam", "translate", "euler_deg") if getattr(self, key)]
+        if len(given) > 1 and given != ["translate", "euler_deg"]:
+            raise InputError(f"{given[0]!r} and {given[1]!r} both set the camera's pose; keep one")
+        _check_view(self.position, self.look_at, self.up)
+        return self
+
+    def pose(self, world_from_rig: Float) -> Float:
+        """world_from_cam (4, 4)."""
+        if self.position is not None and self.look_at is not None:
+            return view_pose(self.position, self.look_at, self.up)
+        if self.world_from_cam is not None:
+            return np.array(self.world_from_cam, dtype=np.float64)
+        turn = euler_rotation(self.euler_deg or [0.0] * 3)
+        return world_from_rig @ rigid(turn[:3, :3], self.translate or [0.0] * 3)
 
 
-def _parallel(keys: Keys, scene: Scene, _: Any) -> tuple[int, Place]:
-    baseline = _metres(keys, "baseline", scene.baseline)
+def _check_view(position: Any, target: Any, up: Any) -> None:
+    if (position is None) != (target is None) or (position is None and up is not None):
+        raise InputError("'position' and 'look_at' go together; give both or neither")
+
+
+class CalibrationError(StrictModel):
+    """How far a camera is off its calibration; see `twinlens.Misalignment`."""
+
+    vertical_px: Number = 0.0
+    pitch_deg: Number = 0.0
+    yaw_deg: Number = 0.0
+    roll_deg: Number = 0.0
+
+
+class RigBase(Intrinsics):
+    """Keys of every layout: the pose, what all cameras share, what each of them changes, and calibration errors."""
+
+    position: Vector3 | None = None
+    look_at: Vector3 | None = None
+    up: Vector3 | None = None
+    cameras: Annotated[list[Intrinsics], annotated_types.Len(1, _MOST_CAMERAS)] | None = None
+    misalignment: CalibrationError | list[CalibrationError] | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _check_pose(self) -> "RigBase":
+        _check_view(self.position, self.look_at, self.up)
+        return self
+
+    def rig(self, scene: Scene, width: int, height: int) -> Rig:
+        """The rig in the scene."""
+        pose = scene.world_from_left
+        if self.position is not None and self.look_at is not None:
+            pose = view_pose(self.position, self.look_at, self.up)
+        count, place = LAYOUTS[self.layout](self, scene)  # type: ignore[attr-defined]  # every variant has one
+        tables = self.cameras or [Intrinsics()] * count
+        if len(tables) != count:
+            raise InputError(f"cameras: this layout has {count} cameras, got {len(tables)} tables")
+        shared = {"width": width, "height": height, "fov_x_deg": scene.fov_x_deg} | self.given()
+        rig = place([table.camera(shared) for table in tables], pose)
+        return rig if self.misalignment is None else misaligned(rig, self._errors(count))
+
+    def _errors(self, count: int) -> list[Misalignment]:
+        errors = self.misalignment or CalibrationError()
+        if not isinstance(errors, list):
+            if count < 2:
+                raise InputError("misalignment: a table is for the second camera, and this rig has one; give a list")
+            errors = [errors if i == 1 else CalibrationError() for i in range(count)]
+        if len(errors) != count:
+            raise InputError(f"misalignment: must be a list of {count} tables, got {len(errors)}")
+        return [Misalignment(**error.model_dump()) for error in errors]
+
+
+Place = Callable[[Sequence[Camera], Float], Rig]
+"""Cameras and world_from_rig (4, 4) -> the rig."""
+
+
+def _parallel(table: Any, scene: Scene) -> tuple[int, Place]:
+    baseline = table.baseline or scene.baseline
     return 2, lambda cameras, pose: layouts.line(cameras, 2, baseline, pose)
 
 
-def _vertical(keys: Keys, scene: Scene, _: Any) -> tuple[int, Place]:
-    baseline = _metres(keys, "baseline", scene.baseline)
+def _vertical(table: Any, scene: Scene) -> tuple[int, Place]:
+    baseline = table.baseline or scene.baseline
     return 2, lambda cameras, pose: layouts.grid(cameras, 2, 1, baseline, baseline, pose)
 
 
-def _toed_in(keys: Keys, scene: Scene, _: Any) -> tuple[int, Place]:
-    """The scene's pose is that of a left camera: the middle stands half a baseline to its right."""
-    baseline = _metres(keys, "baseline", scene.baseline)
-    distance = _metres(keys, "distance", _middle(scene))
+def _toed_in(table: Any, scene: Scene) -> tuple[int, Place]:
+    """The scene's pose is that of a left camera; the middle of the pair is half a baseline to its right."""
+    baseline, distance = table.baseline or scene.baseline, table.distance or _middle_depth(scene, "distance")
     to_middle = rigid(np.eye(3), [0.5 * baseline, 0.0, 0.0])
     return 2, lambda cameras, pose: layouts.toed_in(cameras, baseline, distance, pose @ to_middle)
 
 
-def _line(keys: Keys, scene: Scene, _: Any) -> tuple[int, Place]:
-    count = keys.take("count", whole(1, _MOST))
-    spacing = _metres(keys, "spacing", scene.baseline)
-    return count, lambda cameras, pose: layouts.line(cameras, count, spacing, pose)
+def _line(table: Any, scene: Scene) -> tuple[int, Place]:
+    spacing = table.spacing or scene.baseline
+    return table.count, lambda cameras, pose: layouts.line(cameras, table.count, spacing, pose)
 
 
-def _grid(keys: Keys, scene: Scene, _: Any) -> tuple[int, Place]:
-    rows, columns = (keys.take(key, whole(1, _MOST)) for key in ("rows", "columns"))
-    if rows * columns > _MOST:
-        raise keys.at.wrong(f"rows and columns make {rows * columns} cameras; at most {_MOST}")
-    across = _metres(keys, "spacing_x", scene.baseline)
-    down = _metres(keys, "spacing_y", across)
-    return rows * columns, lambda cameras, pose: layouts.grid(cameras, rows, columns, across, down, pose)
+def _grid(table: Any, scene: Scene) -> tuple[int, Place]:
+    count = table.rows * table.columns
+    if count > _MOST_CAMERAS:
+        raise InputError(f"rows and columns make {count} cameras; at most {_MOST_CAMERAS} are allowed")
+    across = table.spacing_x or scene.baseline
+    down = table.spacing_y or across
+    return count, lambda cameras, pose: layouts.grid(cameras, table.rows, table.columns, across, down, pose)
 
 
-def _arc(keys: Keys, scene: Scene, _: Any) -> tuple[int, Place]:
-    count = keys.take("count", whole(1, _MOST))
-    radius = _metres(keys, "radius", _middle(scene))
-    angle = keys.take("angle_deg", number(high=360.0, above=0.0))
-    return count, lambda cameras, pose: layouts.arc(cameras, count, radius, angle, pose)
+def _arc(table: Any, scene: Scene) -> tuple[int, Place]:
+    radius = table.radius or _middle_depth(scene, "radius")
+    return table.count, lambda cameras, pose: layouts.arc(cameras, table.count, radius, table.angle_deg, pose)
 
 
-def _each(keys: Keys, scene: Scene, entries: list[Keys] | None) -> tuple[int, Place]:
-    if entries is None:
-        raise keys.at.wrong("layout 'cameras' needs the key 'cameras': a list with one table a camera")
-    poses = [_own_pose(entry) for entry in entries]
-    return len(poses), lambda cameras, pose: Rig(cameras, [own(pose) for own in poses])
+def _free(table: Any, scene: Scene) -> tuple[int, Place]:
+    return len(table.cameras), lambda cameras, pose: Rig(cameras, [one.pose(pose) for one in table.cameras])
 
 
-LAYOUTS: dict[str, Callable[[Keys, Scene, list[Keys] | None], tuple[int, Place]]] = {
+LAYOUTS: dict[str, Callable[[Any, Scene], tuple[int, Place]]] = {
     "parallel": _parallel,
     "toed_in": _toed_in,
     "vertical": _vertical,
     "line": _line,
     "grid": _grid,
     "arc": _arc,
-    "cameras": _each,
+    "cameras": _free,
 }
 """Every way to place cameras, by name; see `twinlens.camera.layouts`."""
 
-
-def _own_pose(entry: Keys) -> Callable[[Float], Float]:
-    """World coordinates (`position`, `look_at`, `up`, or the 4x4 `world_from_cam`), or a step and a turn from the rig's
-    pose in its axes (`translate`, `euler_deg`; x right, y down, z forward)."""
-    ways = {"position": ("look_at",), "world_from_cam": (), "translate": ("euler_deg",), "euler_deg": ("translate",)}
-    given = [key for key in ways if entry.has(key)]
-    for other in given[1:]:
-        if other not in ways[given[0]]:
-            raise entry.at.wrong(f"{given[0]!r} and {other!r} both place the camera; keep one")
-    if "position" in given:
-        fixed = camera_pose(entry)
-        return lambda pose: fixed
-    if "world_from_cam" in given:
-        matrix = np.array(entry.take("world_from_cam", listed(vector(4), 4, 4)))
-        return lambda pose: matrix
-    step = entry.take("translate", vector(3), np.zeros(3))
-    x, y, z = map(rotation, np.eye(3), entry.take("euler_deg", vector(3), np.zeros(3)))
-    return lambda pose: pose @ rigid((z @ y @ x)[:3, :3], step)
-
-
-_INSIDE: dict[str, Parser[Any]] = {
-    "width": whole(1, MAX_SIDE),
-    "height": whole(1, MAX_SIDE),
-    "fov_x_deg": number(high=179.0, above=0.0),
-    "fx": number(above=0.0),
-    "fy": number(above=0.0),
-    "cx": number(),
-    "cy": number(),
-    "pixel_pitch_um": number(above=0.0),
-    "distortion": lambda at, value: _distortion(at, value),
+_KEYS: dict[str, dict[str, Any]] = {
+    "parallel": {"baseline": Positive | None},
+    "toed_in": {"baseline": Positive | None, "distance": Positive | None},
+    "vertical": {"baseline": Positive | None},
+    "line": {"count": Count, "spacing": Positive | None},
+    "grid": {"rows": Count, "columns": Count, "spacing_x": Positive | None, "spacing_y": Positive | None},
+    "arc": {"count": Count, "radius": Positive | None, "angle_deg": Annotated[Number, pydantic.Field(gt=0, le=360)]},
+    "cameras": {"cameras": Annotated[list[PosedIntrinsics], annotated_types.Len(1, _MOST_CAMERAS)]},
 }
-"""What a table may say of a camera's inside."""
+RigTable = Annotated[RigBase, reads(tagged("layout", variants(RigBase, "layout", _KEYS), default="parallel"))]
+"""The table that `rig_from_table` reads."""
 
 
-def _inside(keys: Keys) -> dict[str, Any]:
-    given = {key: keys.take(key, parser) for key, parser in _INSIDE.items() if keys.has(key)}
-    if "fov_x_deg" in given and "fx" in given:
-        raise keys.at.wrong("'fov_x_deg' and 'fx' both say the focal length; keep one")
-    if "fy" in given and "fx" not in given:
-        raise keys.at.wrong("'fy' needs 'fx' beside it")
-    return given
+_RIG: pydantic.TypeAdapter[RigBase] = pydantic.TypeAdapter(RigTable)
 
 
-def _camera(entry: Keys, shared: Mapping[str, Any]) -> Camera:
-    """One camera: what its own table says, then what all share. A size of its own centres its principal point."""
-    own = _inside(entry)
-    unsaid = {"fx", "fy", "fov_x_deg"} if own.keys() & {"fx", "fov_x_deg"} else set()
-    unsaid |= {"fov_x_deg"} if "fx" in shared else set()
-    unsaid |= {"cx"} if "width" in own else set()
-    unsaid |= {"cy"} if "height" in own else set()
-    values = {key: value for key, value in shared.items() if key not in unsaid} | own
-    fov = values.pop("fov_x_deg", None)
+def rig_from_table(
+    table: Mapping[str, Any], scene: Scene, width: int, height: int, file: str | Path = "rig", key: str = ""
+) -> Rig:
+    """The rig that `table` describes, at the viewpoint of the scene unless the table has one.
 
-    def build() -> Camera:
-        centred = Camera.from_fov(values["width"], values["height"], 90.0 if fov is None else fov)
-        if "fx" in values:
-            values.setdefault("fy", values["fx"])
-        return centred.replace(**values)
+    Parameters
+    ----------
+    table : mapping
+        Plain values as TOML has them; the first lines of this module show the keys.
+    scene : Scene
+        Its pose, field of view and baseline are the defaults.
+    width, height : int
+        Image size in pixels of the cameras whose tables have none.
+    file, key : str
+        The file and the dotted path of the table, for error messages.
 
-    camera: Camera = _told(entry.at, build)
-    return camera
+    Returns
+    -------
+    Rig
+        With `misalignment`, its `calibrated` is the rig without the calibration errors.
 
-
-_MODELS: dict[str, tuple[type[BrownConrady] | type[KannalaBrandt], tuple[str, ...]]] = {
-    BrownConrady.name: (BrownConrady, ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")),
-    KannalaBrandt.name: (KannalaBrandt, ("k1", "k2", "k3", "k4")),
-}
-
-
-def _distortion(at: At, value: Any) -> Distortion:
-    keys: Keys = Table(at, value)
-    model, names = _MODELS[keys.take("model", choice(*_MODELS), BrownConrady.name)]
-    coefficients = {name: keys.take(name, number(), 0.0) for name in names}
-    keys.done()
-    return model(**coefficients)
-
-
-def _misalignments(count: int) -> Parser[Sequence[Misalignment]]:
-    def parse(at: At, value: Any) -> Sequence[Misalignment]:
-        if isinstance(value, list):
-            return listed(_misalignment, count, count)(at, value)
-        if count < 2:
-            raise at.wrong("a table is the second camera's, and this rig has one: give a list")
-        return [_misalignment(at, value) if i == 1 else Misalignment() for i in range(count)]
-
-    return parse
-
-
-def _misalignment(at: At, value: Any) -> Misalignment:
-    keys: Keys = Table(at, value)
-    names = ("vertical_px", "pitch_deg", "yaw_deg", "roll_deg")
-    error = Misalignment(**{name: keys.take(name, number(), 0.0) for name in names})
-    keys.done()
-    return error
-
-
-def _metres(keys: Keys, key: str, default: float | None) -> float:
-    parser = number(above=0.0)
-    value = keys.take(key, parser) if default is None else keys.take(key, parser, default)
-    return float(value)
-
-
-def _middle(scene: Scene) -> float | None:
-    """The depth in the middle of the scene's disparities, metres; None where the scene does not say its depths."""
-    return middle_focus(*scene.depth_range) if scene.depth_range_known else None
-
-
-def _told(at: At, make: Callable[[], Any]) -> Any:
-    """What `make` answers; what it refuses is told with its place."""
+    Raises
+    ------
+    InputError
+        Names the file, the key, and what is allowed.
+    """
+    checked = read(_RIG, table, file, key)
     try:
-        return make()
+        return checked.rig(scene, width, height)
     except InputError as error:
-        raise at.wrong(str(error)) from error
+        raise InputError(f"{file}: {key}{': ' if key else ''}{error}") from error
+
+
+def _middle_depth(scene: Scene, key: str) -> float:
+    """The depth of the middle of the scene's disparities, metres."""
+    if not scene.depth_range_known:
+        raise InputError(f"missing key {key!r}; the scene has no depth range to derive it from")
+    return middle_focus(*scene.depth_range)

@@ -113,6 +113,36 @@ class SceneObject:
     instances: tuple[Float, ...] = ()
 
 
+_ROUND = {"sphere": 3, "cylinder": 2}
+"""Shapes whose first axes, so many, must be scaled alike: Mitsuba would draw them round and only log a warning."""
+
+
+def check_uniform_scale(thing: SceneObject) -> None:
+    """Raise InputError where a sphere is stretched, or a cylinder other than along its axis."""
+    if isinstance(thing.shape, Mesh) or thing.shape["type"] not in _ROUND:
+        return
+    kind = thing.shape["type"]
+    for pose in (thing.world_from_object, *thing.instances):
+        axes = np.asarray(pose)[:3, :3] @ _own_axes(thing.shape)
+        gram = axes.T @ axes
+        stretched = np.diag(gram).copy()
+        stretched[_ROUND[kind] :] = gram[0, 0]
+        if np.abs(gram - np.diag(np.diag(gram))).max() + np.ptp(stretched) > 1e-6 * gram.max():
+            name = f"object {thing.name!r}: " if thing.name else ""
+            along = " (its axis may be longer)" if kind == "cylinder" else ""
+            raise InputError(f"{name}a {kind} needs a uniform scale{along}; use a mesh to stretch it")
+
+
+def _own_axes(shape: Plugin) -> Float:
+    """The axes (3, 3) of a shape, as columns; the last of a cylinder's runs from `p0` to `p1`."""
+    along = np.asarray(shape.get("p1", (0, 0, 1)), float) - np.asarray(shape.get("p0", (0, 0, 0)), float)
+    if not np.isfinite(along).all() or not along.any():
+        raise InputError(f"a {shape['type']} needs p0 and p1 finite and different, got {shape}")
+    axes = np.linalg.qr(np.column_stack([along, np.eye(3)]))[0][:, [1, 2, 0]]  # orthonormal, `along` last
+    own: Float = np.asarray(shape.get("to_world", np.eye(4)), float)[:3, :3] @ axes
+    return own
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A scene and its default viewpoint.

@@ -5,18 +5,25 @@ from typing import Any
 
 import numpy as np
 import OpenEXR
+import pydantic
 import pytest
 from PIL import Image
 
-from twinlens.errors import FileError, InputError
+from tests.scenes.scene_text import required
+from twinlens.errors import InputError
 from twinlens.scenes import Bitmap
-from twinlens.scenes.assets import read_picture
-from twinlens.scenes.paint import PATTERNS, texture
-from twinlens.scenes.table import At, Source
+from twinlens.scenes.assets import SceneContext, read_picture
+from twinlens.scenes.texture_tables import PATTERNS, Texture, TextureMap
+from twinlens.schema import read
+
+_TABLE: pydantic.TypeAdapter[Any] = pydantic.TypeAdapter(Texture)
+_MAP: pydantic.TypeAdapter[Bitmap] = pydantic.TypeAdapter(TextureMap)
 
 
 def paint(table: Any, folder: Path = Path(), **named: Any) -> Bitmap:
-    return texture(At(Source(folder / "scene.toml", named), "t"), table)
+    context = SceneContext(folder)
+    context.textures.update({name: read(_TABLE, entry, "scene.toml", name, context) for name, entry in named.items()})
+    return read(_MAP, table, "scene.toml", "t", context)
 
 
 def test_colors_are_spread_evenly_and_are_linear() -> None:
@@ -61,14 +68,14 @@ def test_textures_that_name_each_other_in_a_circle_are_refused() -> None:
 
 
 @pytest.mark.parametrize("name", PATTERNS)
-def test_every_pattern_refuses_a_key_it_does_not_know(name: str) -> None:
+def test_every_pattern_rejects_unknown_and_missing_keys(name: str) -> None:
     needed = {"cells": 4, "count": 3, "radius": 0.1, "spokes": 5, "rings": 3}
-    given = {key: needed[key] for key in PATTERNS[name].needs}
+    given = {key: needed[key] for key in required(PATTERNS[name])}
     assert paint({"type": name, "size": 16, **given}).pixels.shape == (16, 16)
     with pytest.raises(InputError, match="unknown key 'sede'; did you mean 'seed'"):
         paint({"type": name, "sede": 1, **given})
     for key in given:
-        with pytest.raises(InputError, match=f"needs the key '{key}'"):
+        with pytest.raises(InputError, match=f"missing key '{key}'"):
             paint({"type": name, **{k: v for k, v in given.items() if k != key}})
 
 
@@ -99,5 +106,5 @@ def test_radiance_pictures_match_opencv(tmp_path: Path, width: int) -> None:
 @pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.exr", "a.hdr", "a.tga"])
 def test_a_damaged_picture_is_named(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(b"#?RADIANCE\nnothing")
-    with pytest.raises(FileError, match=name):
+    with pytest.raises(InputError, match=name):
         paint({"type": "bitmap", "filename": name}, tmp_path)

@@ -1,0 +1,187 @@
+"""Scene files become a `Scene`: by the name of a bundled scene, or the path of a scene.toml or a Mitsuba .xml."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import annotated_types
+import pydantic
+
+from twinlens.errors import FileError, InputError, unknown
+from twinlens.scenes.assets import SceneContext
+from twinlens.scenes.objects import Object
+from twinlens.scenes.placement import Vector3, view_pose
+from twinlens.scenes.plugins import SURROUNDING_LIGHTS, Integrator, Light, Material
+from twinlens.scenes.rigs import RigTable, rig_from_table
+from twinlens.scenes.scene import Scene
+from twinlens.scenes.texture_tables import Texture
+from twinlens.scenes.xml_file import read_scene_xml
+from twinlens.schema import Number, Positive, StrictModel, read
+
+_SCENE_FILE = "scene.toml"
+_LARGEST_FILE = 16 << 20
+_ANY_SIZE = 64, 48  # pixels; a rig is built once with images of this size to check its table
+
+
+class ViewTable(StrictModel):
+    """[camera] of a scene file: the default left camera, and the range of depths that it sees."""
+
+    position: Vector3
+    look_at: Vector3
+    up: Vector3 = pydantic.Field([0.0, 0.0, 1.0])
+    fov_x_deg: Annotated[Number, pydantic.Field(ge=1, le=170)] = 50.0
+    baseline: Positive = 0.1
+    depth_range: Annotated[list[Positive], annotated_types.Len(2, 2)]
+
+    @pydantic.model_validator(mode="after")
+    def _check_pose(self) -> "ViewTable":
+        view_pose(self.position, self.look_at, self.up)
+        near, far = self.depth_range
+        if not near < far:
+            raise InputError(f"depth_range must be [near, far] with near < far, in metres, got [{near:g}, {far:g}]")
+        return self
+
+
+def _keep_named(textures: dict[str, Any], info: Any) -> dict[str, Any]:
+    info.context.textures.update(textures)
+    return textures
+
+
+class SceneFile(StrictModel):
+    """The keys of a scene.toml. Textures come first: the fields after it refer to them by name."""
+
+    description: str = ""
+    textures: Annotated[dict[str, Texture], pydantic.AfterValidator(_keep_named)] = pydantic.Field({})
+    materials: dict[str, Material]
+    objects: dict[str, Object]
+    camera: ViewTable
+    lights: dict[str, Light] = pydantic.Field({})
+    integrator: Integrator = pydantic.Field({"type": "path", "max_depth": 6})
+    rig: RigTable | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _check_scene(self) -> "SceneFile":
+        for name, thing in self.objects.items():
+            if thing.material not in self.materials:
+                raise InputError(f"objects.{name}.material: {unknown('material', thing.material, self.materials)}")
+        if not self.lights and not any(thing.emitter for thing in self.objects.values()):
+            raise InputError("the scene has no light: add one under [lights], or an emitter to an object")
+        if sum(light["type"] in SURROUNDING_LIGHTS for light in self.lights.values()) > 1:
+            raise InputError(f"lights: at most one of {', '.join(SURROUNDING_LIGHTS)} is allowed")
+        return self
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file. Raises FileError, for a syntax error with its line."""
+    try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise FileError(f"{path}: the file is larger than {_LARGEST_FILE >> 20} MiB")
+        written = path.read_text(encoding="utf-8-sig")
+        return tomllib.loads(written)
+    except tomllib.TOMLDecodeError as error:
+        last = f"at end of document, line {len(written.splitlines())}"
+        raise FileError(f"{path}: not valid TOML: {str(error).replace('at end of document', last)}") from error
+    except UnicodeDecodeError as error:
+        raise FileError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from error
+    except ValueError as error:  # an integer of thousands of digits
+        raise FileError(f"{path}: not valid TOML: {error}") from error
+    except RecursionError as error:
+        raise FileError(f"{path}: nested too deep") from error
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def read_scene_toml(path: Path, name: str) -> Scene:
+    """The scene of a scene.toml file. Raises InputError with file, key, and what is allowed."""
+    data = read_toml(path)
+    context = SceneContext(path.parent)
+    file = read(SceneFile, data, path, context=context)
+    scene = Scene(
+        name=name,
+        objects=tuple(replace(thing, name=key) for key, thing in file.objects.items()),
+        materials=file.materials,
+        lights=file.lights,
+        integrator=file.integrator,
+        description=file.description,
+        files=(path, *dict.fromkeys(context.files)),
+        rig=data.get("rig"),
+        **_view(file.camera),
+    )
+    return scene if scene.rig is None else _with_rig(scene, scene.rig, path, "rig")
+
+
+def _view(camera: ViewTable) -> dict[str, Any]:
+    """The fields of `Scene` that [camera] sets."""
+    near, far = camera.depth_range
+    pose = view_pose(camera.position, camera.look_at, camera.up)
+    view = {"world_from_left": pose, "depth_range": (near, far)}
+    return view | camera.model_dump(include={"fov_x_deg", "baseline"})
+
+
+def scene_with_rig(scene: Scene, path: Path) -> Scene:
+    """`scene` with the rig of a .toml file in place of its own. Raises InputError with file and key."""
+    return _with_rig(scene, read_toml(path), path, "")
+
+
+def _with_rig(scene: Scene, table: Mapping[str, Any], file: Path, key: str) -> Scene:
+    rig_from_table(table, scene, *_ANY_SIZE, file, key)
+    return replace(scene, rig=table)
+
+
+@dataclass(frozen=True)
+class Heading:
+    """The line of a scene in a list; depth range and baseline in metres, as those of `Scene`."""
+
+    name: str
+    depth_range: tuple[float, float]
+    baseline: float
+    description: str
+
+
+def read_heading(path: Path, name: str) -> Heading:
+    """The heading of a scene.toml file, read without its textures and objects, which take a second a scene."""
+    data = read_toml(path)
+    camera = read(ViewTable, data.get("camera", {}), path, "camera")
+    return Heading(name, _view(camera)["depth_range"], camera.baseline, str(data.get("description", "")))
+
+
+def bundled_folder() -> Path:
+    """The folder of the bundled scenes: inside the installed package, or next to src/ in a checkout."""
+    package = Path(__file__).parents[1]
+    installed = package / "bundled_scenes"
+    return installed if installed.is_dir() else package.parents[1] / "scenes"
+
+
+def bundled_scenes() -> list[str]:
+    """The names of the bundled scenes, sorted."""
+    return sorted(path.parent.name for path in bundled_folder().glob(f"*/{_SCENE_FILE}"))
+
+
+def bundled_headings() -> list[Heading]:
+    """The headings of the bundled scenes, sorted by name."""
+    return [read_heading(bundled_folder() / name / _SCENE_FILE, name) for name in bundled_scenes()]
+
+
+def load_scene(name_or_path: str | Path) -> Scene:
+    """The scene of a bundled name ("staircase"), of a scene.toml or the folder that has one, or of a Mitsuba .xml.
+
+    Raises InputError: for an unknown name with the nearest known one, for a mistake in a file with its key.
+    """
+    path = Path(name_or_path)
+    if str(name_or_path) in bundled_scenes():
+        return read_scene_toml(bundled_folder() / name_or_path / _SCENE_FILE, str(name_or_path))
+    if path.is_dir():
+        if not (path / _SCENE_FILE).is_file():
+            known = ", ".join(bundled_scenes())
+            raise FileError(f"{path}: the folder has no {_SCENE_FILE}; name a scene file, or one of {known}")
+        path = path / _SCENE_FILE
+    if path.suffix in (".toml", ".xml"):
+        if not path.is_file():
+            raise FileError(f"{path}: no such scene file")
+        name = path.resolve().parent.name if path.name == _SCENE_FILE else path.stem
+        return read_scene_xml(path) if path.suffix == ".xml" else read_scene_toml(path, name)
+    if path.is_file():
+        raise InputError(f"{path}: a scene is a .toml or a Mitsuba .xml file, got {path.suffix!r}")
+    raise unknown("scene", str(name_or_path), bundled_scenes())

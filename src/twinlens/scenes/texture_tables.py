@@ -1,0 +1,291 @@
+"""Colours and textures as a scene file gives them. A texture table becomes a `Bitmap`.
+
+A texture is a pattern made from a few numbers, a picture file, or other textures mixed or multiplied. Any value that
+may be a colour may be a texture table or the name of an entry of [textures] instead.
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import annotated_types
+import numpy as np
+import pydantic
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from twinlens.errors import InputError, format_value, unknown
+from twinlens.scenes import textures
+from twinlens.scenes.assets import Asset, linear_from_srgb, read_picture
+from twinlens.scenes.scene import Bitmap, Color
+from twinlens.schema import Fraction, NonNegative, Positive, StrictModel, reads, repeated, tagged, variants
+
+Pixels = NDArray[np.float32]
+_DEFAULT_SIZE = (512, 512)
+_DEEPEST = 8
+_HEX = re.compile(r"#[0-9a-fA-F]{6}")
+_STRICT = pydantic.ConfigDict(strict=True, allow_inf_nan=False)
+_RGB: pydantic.TypeAdapter[list[float]] = pydantic.TypeAdapter(
+    Annotated[list[NonNegative], annotated_types.Len(3, 3)], config=_STRICT
+)
+ColorText = str | NonNegative | Annotated[list[NonNegative], annotated_types.Len(3, 3)]
+"""A colour in a file: "#rrggbb" in sRGB, one number for a grey, or [r, g, b] in linear sRGB."""
+
+
+def read_color(value: Any) -> Color:
+    """The colour of a `ColorText` in linear sRGB."""
+    if isinstance(value, str):
+        if not _HEX.fullmatch(value):
+            raise InputError(f'must be a colour: "#rrggbb", [r, g, b] linear or a number, got {format_value(value)}')
+        encoded = [int(value[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+        return Color(tuple(linear_from_srgb(encoded).astype(float).tolist()))
+    r, g, b = _RGB.validate_python(value if isinstance(value, list) else [value] * 3)
+    return Color((r, g, b))
+
+
+def is_texture(value: Any) -> bool:
+    """Whether a value of a file is a texture table or a texture's name, not a colour or a number."""
+    return isinstance(value, Mapping) or (isinstance(value, str) and not value.startswith("#"))
+
+
+_COLOR = Annotated[Color, pydantic.PlainValidator(read_color, json_schema_input_type=ColorText)]
+_COUNT = Annotated[int, pydantic.Field(ge=1, le=4096)]
+_TEXELS = Annotated[int, pydantic.Field(ge=1, le=8192)]
+_RADIUS = Annotated[float, pydantic.Field(gt=0, le=0.25)]
+_PAIR = annotated_types.Len(2, 2)
+_RADII = Annotated[list[_RADIUS], _PAIR, repeated(2, _RADIUS), pydantic.AfterValidator(lambda radii: _ascending(radii))]
+_AXIS = Literal["u", "v"] | None
+Cells = Annotated[list[_COUNT], _PAIR, repeated(2, _COUNT)]
+Seed = Annotated[int, pydantic.Field(ge=0, le=2**31)]
+
+
+def _ascending(radii: list[float]) -> list[float]:
+    if radii[0] > radii[1]:
+        raise InputError("must be [least, most]")
+    return radii
+
+
+class Warp(StrictModel):
+    """Bends a texture by smooth noise: each texel is read from up to `amount` widths away, periodically."""
+
+    amount: Fraction
+    cells: Cells = pydantic.Field([4, 4])
+    seed: Seed = 0
+
+    def apply(self, pixels: Pixels) -> Pixels:
+        """The bent picture, (H, W) or (H, W, C)."""
+        height, width = pixels.shape[:2]
+        dx, dy = (
+            2 * self.amount * width * (noise - 0.5)
+            for noise in (
+                textures.fractal_noise(width, height, (self.cells[0], self.cells[1]), seed, octaves=3, contrast=1.5)
+                for seed in (self.seed, self.seed + 1)
+            )
+        )
+        rows, columns = np.mgrid[:height, :width]
+        where = np.stack([rows + dy, columns + dx])
+        layers = pixels[..., None] if pixels.ndim == 2 else pixels
+        bent = [map_coordinates(layers[..., c], where, order=1, mode="grid-wrap") for c in range(layers.shape[2])]
+        return np.stack(bent, axis=-1).astype(np.float32).reshape(pixels.shape)
+
+
+class TextureBase(StrictModel):
+    """Keys of every texture: `size` in texels, a `warp`, and how the finished picture is repeated and filtered."""
+
+    size: Annotated[list[_TEXELS], _PAIR, repeated(2, _TEXELS)] | None = None
+    warp: Warp | None = None
+    repeat: Annotated[list[Positive], _PAIR, repeated(2, Positive)] = pydantic.Field([1.0, 1.0])
+    filter_type: Literal["bilinear", "nearest"] = "bilinear"
+    wrap_mode: Literal["repeat", "mirror", "clamp"] = "repeat"
+
+    def bitmap(self, named: Mapping[str, "TextureBase"]) -> Bitmap:
+        """The finished texture; `named` are those of [textures]."""
+        pixels = np.ascontiguousarray(self.draw(_DEFAULT_SIZE, named, 0), dtype=np.float32)
+        return Bitmap(pixels, self.filter_type, self.wrap_mode, np.diag([*self.repeat, 1.0, 1.0]))
+
+    def draw(self, size: tuple[int, int], named: Mapping[str, "TextureBase"], depth: int) -> Pixels:
+        """Pixels (H, W) or (H, W, 3), of `size` = (width, height) unless the table has its own."""
+        if depth > _DEEPEST:
+            raise InputError(f"textures may be nested {_DEEPEST} deep; these are nested deeper or refer to each other")
+        width, height = self.size or size
+        pixels = self._draw((width, height), named, depth)
+        return self._colored(pixels if self.warp is None else self.warp.apply(pixels))
+
+    def _draw(self, size: tuple[int, int], named: Mapping[str, "TextureBase"], depth: int) -> Pixels:
+        raise NotImplementedError
+
+    def _colored(self, pixels: Pixels) -> Pixels:
+        return pixels
+
+
+class Pattern(TextureBase):
+    """A grey pattern of `twinlens.scenes.textures`, mapped to `colors` spread evenly over [0, 1], or to a `range`."""
+
+    seed: Seed = 0
+    colors: Annotated[list[_COLOR], annotated_types.Len(2, 64)] | None = None
+    range: Annotated[list[NonNegative], _PAIR, repeated(2, NonNegative)] | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _check(self) -> "Pattern":
+        if self.colors is not None and self.range is not None:
+            raise InputError("'colors' and 'range' exclude each other")
+        return self
+
+    def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Pixels:
+        kind = self.type  # type: ignore[attr-defined]  # every pattern has one
+        own = self.model_fields_set - Pattern.model_fields.keys() - {"type"}
+        pixels: Pixels = getattr(textures, kind)(*size, seed=self.seed, **{key: getattr(self, key) for key in own})
+        return pixels
+
+    def _colored(self, pixels: Pixels) -> Pixels:
+        if self.colors is None:
+            low, high = self.range or (0.0, 1.0)
+            return np.asarray(low + (high - low) * pixels, dtype=np.float32)
+        ramp = np.array([color.rgb for color in self.colors])
+        stops = np.linspace(0, 1, len(ramp))
+        return np.stack([np.interp(pixels, stops, ramp[:, c]) for c in range(3)], axis=-1).astype(np.float32)
+
+
+PATTERNS: dict[str, dict[str, Any]] = {
+    "value_noise": {"cells": Cells, "interpolation": Literal["smooth", "nearest"] | None},
+    "fractal_noise": {
+        "cells": Cells,
+        "octaves": Annotated[int, pydantic.Field(ge=1, le=14)] | None,
+        "gain": Annotated[float, pydantic.Field(ge=0.05, le=1)] | None,
+        "contrast": Positive | None,
+    },
+    "random_dots": {"count": Annotated[int, pydantic.Field(ge=1, le=200_000)], "radius": _RADII},
+    "checker": {"cells": Cells},
+    "stripes": {"count": _COUNT, "duty": Fraction | None, "profile": Literal["square", "sine"] | None, "along": _AXIS},
+    "siemens_star": {
+        "spokes": Annotated[int, pydantic.Field(ge=1, le=1024)],
+        "radius": Annotated[float, pydantic.Field(gt=0, le=1)] | None,
+    },
+    "bricks": {
+        "cells": Cells,
+        "mortar": Annotated[float, pydantic.Field(ge=0, le=0.9)] | None,
+        "variation": Fraction | None,
+    },
+    "wood": {
+        "rings": Annotated[int, pydantic.Field(ge=1, le=1024)],
+        "waviness": Annotated[float, pydantic.Field(ge=0, le=5)] | None,
+        "grain": Fraction | None,
+    },
+    "gradient": {"along": _AXIS},
+}
+"""The keys of each pattern: the parameters of its function in `twinlens.scenes.textures`."""
+
+
+class Picture(TextureBase):
+    """A picture file: .png or .jpg (sRGB unless `raw`), .exr or .hdr (linear). `size` has no effect."""
+
+    type: Literal["bitmap"]
+    filename: Asset
+    raw: bool = False
+
+    def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Pixels:
+        return read_picture(self.filename, self.raw)
+
+
+class Mix(TextureBase):
+    """(1 - weight) low + weight high, texel by texel."""
+
+    type: Literal["mix"]
+    low: "Part"
+    high: "Part"
+    weight: "Part"
+
+    def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Pixels:
+        low, high, weight = (_draw_part(part, size, named, depth) for part in (self.low, self.high, self.weight))
+        mixed = np.broadcast_to((1 - weight) * low + weight * high, (size[1], size[0], 3))
+        return np.asarray(mixed, dtype=np.float32)
+
+
+class Multiply(TextureBase):
+    """The product of the factors, texel by texel."""
+
+    type: Literal["multiply"]
+    factors: Annotated[list["Part"], annotated_types.Len(1, 16)]
+
+    def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Pixels:
+        result = np.ones((size[1], size[0], 3), dtype=np.float32)
+        for factor in self.factors:
+            result = result * _draw_part(factor, size, named, depth)
+        return result
+
+
+_TEXTURE = tagged("type", [*variants(Pattern, "type", PATTERNS), Picture, Mix, Multiply])
+
+
+def _read_part(value: Any, info: Any) -> Any:
+    """A colour, the name of a texture, or a texture."""
+    if isinstance(value, Mapping):
+        return _ADAPTER.validate_python(value, context=info.context)
+    return value if is_texture(value) else read_color(value)
+
+
+Part = Annotated[Any, pydantic.PlainValidator(_read_part, json_schema_input_type=_TEXTURE | ColorText)]
+Mix.model_rebuild()
+Multiply.model_rebuild()
+_ADAPTER: pydantic.TypeAdapter[TextureBase] = pydantic.TypeAdapter(_TEXTURE)
+Texture = Annotated[TextureBase, reads(_TEXTURE)]
+"""A table of [textures]."""
+
+
+def _draw_part(part: Any, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Pixels:
+    """A part of a texture as pixels that broadcast against (H, W, 3)."""
+    if isinstance(part, Color):
+        return np.array(part.rgb, dtype=np.float32)
+    table = _named(part, named) if isinstance(part, str) else part
+    if unused := table.model_fields_set & {"repeat", "filter_type", "wrap_mode"}:
+        raise InputError(f"{min(unused)!r} applies to a whole texture, not to a part of one")
+    pixels: Pixels = table.draw(size, named, depth + 1)
+    if pixels.shape[:2] != (size[1], size[0]):
+        raise InputError(f"a part of {pixels.shape[1]}x{pixels.shape[0]} texels in a texture of {size[0]}x{size[1]}")
+    return pixels if pixels.ndim == 3 else pixels[..., None]
+
+
+def _named(name: str, named: Mapping[str, TextureBase]) -> TextureBase:
+    if name not in named:
+        raise unknown("texture", name, named)
+    return named[name]
+
+
+def read_texture(value: Any, info: Any) -> Bitmap:
+    """A texture table, or the name of an entry of [textures], as a Bitmap."""
+    named = info.context.textures
+    table = _named(value, named) if isinstance(value, str) else _ADAPTER.validate_python(value, context=info.context)
+    return table.bitmap(named)
+
+
+def spectrum(limit: float) -> Any:
+    """The type of a colour or a texture that is nowhere above `limit`."""
+
+    def read(value: Any, info: Any) -> Color | Bitmap:
+        result = read_texture(value, info) if is_texture(value) else read_color(value)
+        highest = result.pixels.max() if isinstance(result, Bitmap) else max(result.rgb)
+        if highest > limit + 1e-6:
+            raise InputError(f"must lie in [0, {limit:g}], got {float(highest):g}")
+        return result
+
+    return Annotated[Any, pydantic.PlainValidator(read, json_schema_input_type=_TEXTURE | ColorText)]
+
+
+def number_or_texture(low: float, high: float) -> Any:
+    """The type of a number in [low, high], or of a texture whose values are."""
+    number = Annotated[float, pydantic.Field(ge=low, le=high)]
+    adapter: pydantic.TypeAdapter[float] = pydantic.TypeAdapter(number, config=_STRICT)
+
+    def read(value: Any, info: Any) -> float | Bitmap:
+        if not is_texture(value):
+            return float(adapter.validate_python(value))
+        result = read_texture(value, info)
+        lowest, highest = result.pixels.min(), result.pixels.max()
+        if not low <= lowest <= highest <= high:
+            raise InputError(f"must lie in [{low:g}, {high:g}], got {lowest:g} to {highest:g}")
+        return result
+
+    return Annotated[Any, pydantic.PlainValidator(read, json_schema_input_type=_TEXTURE | str | number)]
+
+
+TextureMap = Annotated[Bitmap, pydantic.PlainValidator(read_texture, json_schema_input_type=_TEXTURE | str)]
