@@ -261,7 +261,7 @@ def test_folders_above_an_output_are_made(twinlens, dataset, tmp_path):
 def test_a_folder_that_is_no_scene(refuses, tmp_path):
     (tmp_path / "scenes").mkdir()
     refuses(
-        "is a folder without a scene.toml; name a scene's file, or one of", "render", tmp_path / "scenes", "-o", "x"
+        "the folder has no scene.toml; name a scene file, or one of", "render", tmp_path / "scenes", "-o", "x"
     )
 
 
