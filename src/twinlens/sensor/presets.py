@@ -7,8 +7,8 @@ machine_vision
     A global-shutter CMOS of 3.45 um pixels, Sony IMX250. Matrix Vision's manual of the mvBlueFOX3-2051 gives, after
     EMVA 1288 and for the monochrome camera, a maximal SNR of 40.3 dB, that is a full well of 10^4.03 = 10700 electrons,
     and a dynamic range of 71.2 dB, that is a threshold of 2.95 electrons = sqrt(s^2 + sq^2 + 1/4) + 1/2. With
-    sq = 0.76 electrons of the 12-bit converter, the read noise is s = 2.3 electrons. Quantum efficiencies, dark current (at room
-    temperature), PRNU and DSNU are typical of the class. Three values per pixel; the colour camera has
+    sq = 0.76 electrons of the 12-bit converter, the read noise is s = 2.3 electrons. Quantum efficiencies, dark current
+    (at room temperature), PRNU and DSNU are typical of the class. Three values per pixel; the colour camera has
     ``filters="RGGB"``, the monochrome one ``filters="mono"``.
 phone
     A back-illuminated CMOS of 1.4 um pixels, Sony IMX363 as in a Google Pixel 4a: full well 6000 electrons, read noise
