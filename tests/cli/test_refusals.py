@@ -260,9 +260,7 @@ def test_folders_above_an_output_are_made(twinlens, dataset, tmp_path):
 
 def test_a_folder_that_is_no_scene(refuses, tmp_path):
     (tmp_path / "scenes").mkdir()
-    refuses(
-        "the folder has no scene.toml; name a scene file, or one of", "render", tmp_path / "scenes", "-o", "x"
-    )
+    refuses("the folder has no scene.toml; name a scene file, or one of", "render", tmp_path / "scenes", "-o", "x")
 
 
 def test_disparities_beyond_the_picture(refuses, dataset):
