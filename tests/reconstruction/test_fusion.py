@@ -147,12 +147,12 @@ def test_the_same_cloud_is_perfect_and_a_far_one_is_all_outliers():
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda ring: fuse([]), "one view or more"),
+        (lambda ring: fuse([]), "at least one view"),
         (lambda ring: fuse(ring, min_views=13), "from 1 to 12"),
         (lambda ring: fuse(ring, spacing=0.0), "spacing"),
         (lambda ring: integrate([], 0.1), "known depth"),
         (lambda ring: integrate(ring, 1e-4), "64 million"),
-        (lambda ring: integrate(ring, 0.1, reach=0.05), "a cell or more"),
+        (lambda ring: integrate(ring, 0.1, reach=0.05), "one cell or more"),
         (lambda ring: integrate(ring, 0.1, bounds=[[0, 0, 0], [1, 1, 0]]), "lowest"),
         (lambda ring: integrate(ring, 1e-300), "64 million"),
         (lambda ring: surface_of(integrate(ring, 0.1, bounds=[[5, 5, 5], [6, 6, 6]])), "no surface crosses"),

@@ -161,7 +161,7 @@ def test_samples_are_on_the_triangles_as_dense_as_asked_and_coloured_between_the
     assert (flat[:, :2].sum(axis=1) <= 1 + 1e-12).all()
     assert np.allclose(flat.mean(axis=0), [1 / 3, 1 / 3, 0], atol=0.03)
     assert np.abs(cloud.colors[:, :2] - 200 * cloud.points[:, :2]).max() <= 0.5 + 1e-9
-    with pytest.raises(InputError, match="widen"):
+    with pytest.raises(InputError, match="wider spacing"):
         sampled(Surface(corners, np.array([[0, 1, 2]])), 1e-5)
 
 

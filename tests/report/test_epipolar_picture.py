@@ -75,7 +75,7 @@ def test_points_are_allowed_ones_and_spread():
     [
         ([[np.nan, 0.0]], None, "finite"),
         ([0.0, 1.0], None, "N, 2"),
-        ([[0.0, 1.0]], [[0.0, 1.0], [2.0, 3.0]], "as many"),
+        ([[0.0, 1.0]], [[0.0, 1.0], [2.0, 3.0]], "same N"),
     ],
 )
 def test_points_that_are_none_are_refused(here, there, says):

@@ -43,3 +43,9 @@ def checked_radiance(name: str, radiance: ArrayLike, camera: Camera) -> NDArray[
     if not (np.isfinite(image).all() and (image >= 0).all()):
         raise InputError(f"{name} must be finite and >= 0 (linear radiance), got NaN, infinite or negative values")
     return image.astype(np.float64, copy=False)
+
+
+def rgb8(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """A uint8 or uint16 image (H, W[, 3]) as uint8 (H, W, 3)."""
+    eight = (image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image.astype(np.uint8)
+    return np.repeat(eight[..., None], 3, axis=2) if eight.ndim == 2 else eight

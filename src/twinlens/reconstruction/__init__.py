@@ -1,6 +1,6 @@
-"""From depth maps to things: points and meshes in metres with colour, fused from many views, held against the truth.
+"""Point clouds and meshes from depth maps: conversion, fusion of many views, and evaluation against the true surface.
 
-docs/reconstruction.md has the formulas and where they come from. Knows no matcher and no renderer.
+The formulas and their sources are in docs/reconstruction.md.
 """
 
 from twinlens.reconstruction.evaluation import Comparison, compare

@@ -1,18 +1,18 @@
-"""How good a reconstruction is, in millimetres: accuracy and completeness as DTU and ETH3D define them.
+"""Accuracy and completeness of a reconstruction in millimetres, after DTU and ETH3D.
 
-    accuracy      distances from the reconstruction to the true surface: is what is there right?
-    completeness  distances from the true surface to the reconstruction: is all of it there?
+    accuracy      distances from the reconstruction to the true surface
+    completeness  distances from the true surface to the reconstruction
 
-DTU reports the mean and median of both, leaving out distances beyond a limit (20 mm); ETH3D the share of points within
-a tolerance, and the harmonic mean F of the two shares. Both thin the points first, so that no place counts for more.
+DTU reports mean and median of both, without distances beyond a limit (20 mm); ETH3D the share of points within a
+tolerance, and the harmonic mean F of the two shares. Both thin the points first, for an even density.
 
 Sources: Jensen et al., Large scale multi-view stereopsis evaluation, CVPR 2014, and its evaluation code; Schoeps et
-al., A multi-view stereo benchmark with high-resolution images and multi-camera videos, CVPR 2017. Simpler than theirs:
-the true surface is what the given true points sample, thinning takes one point a cell, and parts that no true point is
-near count against accuracy, where ETH3D leaves out what its scanner did not see.
+al., A multi-view stereo benchmark with high-resolution images and multi-camera videos, CVPR 2017. Differences: the
+true surface is given by points, thinning keeps one point per cell, and points far from any true point count against
+accuracy, while ETH3D ignores what its scanner did not see.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -30,7 +30,7 @@ MAX_DISTANCE_MM = 20.0
 
 @dataclass(frozen=True)
 class Share:
-    """Parts, 0 to 1, within one tolerance: of the reconstruction near the truth, of the truth near it, and their F."""
+    """Shares, 0 to 1, within a tolerance: of the reconstruction, of the truth, and their F."""
 
     tolerance_mm: float
     accuracy: float
@@ -42,8 +42,8 @@ class Share:
 class Comparison:
     """DTU's means and medians, millimetres, of the distances up to `max_distance_mm`, and ETH3D's shares.
 
-    accuracy_outliers, completeness_outliers : parts, 0 to 1, of the points beyond that distance, which the means leave
-    out. points, true_points : how many were compared, after thinning. A mean of no distances is +inf.
+    accuracy_outliers, completeness_outliers : shares, 0 to 1, of the points beyond that distance.
+    points, true_points : numbers of points after thinning. Mean and median of no distances are +inf.
     """
 
     accuracy_mean_mm: float
@@ -59,7 +59,7 @@ class Comparison:
     spacing_mm: float | None
 
     def to_dict(self) -> dict[str, Any]:
-        """The same as plain data."""
+        """The fields as plain data."""
         return asdict(self)
 
 
@@ -76,11 +76,13 @@ def compare(
     Parameters
     ----------
     spacing_mm : float
-        Both clouds are thinned to one point a cell of this side (DTU: 0.2 mm). None compares all points.
+        Both clouds are thinned to one point per cell of this side (DTU: 0.2 mm). None compares all points.
     tolerances_mm : sequence of float
-        Of the shares. max_distance_mm : float, of the means.
+        Tolerances of the shares.
+    max_distance_mm : float
+        Limit of the means and medians.
 
-    Distances are from point to nearest point, so they cannot be told below half the spacing of the true points.
+    Distances are between points: they are not meaningful below half the spacing of the true points.
     Raises InputError for an empty cloud or a number that is not positive.
     """
     for name, value in [("max_distance_mm", max_distance_mm), *(("tolerances_mm", t) for t in tolerances_mm)]:
@@ -90,19 +92,19 @@ def compare(
     if spacing_mm is not None:
         check_number("spacing_mm", spacing_mm, "a positive number of millimetres", above=0)
         reconstructed, true = (thinned(cloud, 1e-3 * spacing_mm) for cloud in (reconstructed, true))
-    off = 1e3 * distances(reconstructed.points, true.points)
-    missed = 1e3 * distances(true.points, reconstructed.points)
-    near, near_truth = off[off <= max_distance_mm], missed[missed <= max_distance_mm]
+    to_truth = 1e3 * distances(reconstructed.points, true.points)
+    from_truth = 1e3 * distances(true.points, reconstructed.points)
+    near, near_truth = (d[d <= max_distance_mm] for d in (to_truth, from_truth))
     return Comparison(
-        accuracy_mean_mm=_mean(near),
-        accuracy_median_mm=_median(near),
-        accuracy_outliers=1 - len(near) / len(off),
-        completeness_mean_mm=_mean(near_truth),
-        completeness_median_mm=_median(near_truth),
-        completeness_outliers=1 - len(near_truth) / len(missed),
-        shares=tuple(_share(float(t), off, missed) for t in tolerances_mm),
-        points=len(off),
-        true_points=len(missed),
+        accuracy_mean_mm=_or_inf(np.mean, near),
+        accuracy_median_mm=_or_inf(np.median, near),
+        accuracy_outliers=1 - len(near) / len(to_truth),
+        completeness_mean_mm=_or_inf(np.mean, near_truth),
+        completeness_median_mm=_or_inf(np.median, near_truth),
+        completeness_outliers=1 - len(near_truth) / len(from_truth),
+        shares=tuple(_share(float(t), to_truth, from_truth) for t in tolerances_mm),
+        points=len(to_truth),
+        true_points=len(from_truth),
         max_distance_mm=float(max_distance_mm),
         spacing_mm=spacing_mm,
     )
@@ -114,14 +116,10 @@ def distances(points: Float, others: Float) -> Float:
     return found
 
 
-def _share(tolerance: float, off: Float, missed: Float) -> Share:
-    right, there = float((off <= tolerance).mean()), float((missed <= tolerance).mean())
-    return Share(tolerance, right, there, 2 * right * there / (right + there) if right + there else 0.0)
+def _share(tolerance: float, to_truth: Float, from_truth: Float) -> Share:
+    a, c = float((to_truth <= tolerance).mean()), float((from_truth <= tolerance).mean())
+    return Share(tolerance, a, c, 2 * a * c / (a + c) if a + c else 0.0)
 
 
-def _mean(values: Float) -> float:
-    return float(values.mean()) if len(values) else float("inf")
-
-
-def _median(values: Float) -> float:
-    return float(np.median(values)) if len(values) else float("inf")
+def _or_inf(statistic: Callable[[Float], Any], values: Float) -> float:
+    return float(statistic(values)) if len(values) else float("inf")

@@ -1,4 +1,4 @@
-"""Clouds and surfaces as files that other programs open: PLY and GLB, in metres, colours included."""
+"""PLY and GLB files of point clouds and surfaces, in metres, with colours."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ _GLTF = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def write_ply(path: Where, thing: Cloud | Surface) -> None:
-    """Write a cloud or a surface as binary PLY: world axes as they are, metres, float32. Raises OutputError."""
+    """Write `ply_bytes`. Raises OutputError."""
     write_file(path, ply_bytes(thing))
 
 
@@ -25,24 +25,24 @@ def write_glb(path: Where, thing: Cloud | Surface, world_from_cam: "NDArray[Any]
 
 
 def ply_bytes(thing: Cloud | Surface) -> bytes:
-    """A binary PLY: world axes as they are, metres, float32."""
-    return _bytes(_plain(thing), "ply")
+    """A binary PLY in world axes, metres, float32."""
+    return _bytes(_trimesh(thing), "ply")
 
 
 def glb_bytes(thing: Cloud | Surface, world_from_cam: "NDArray[Any] | None" = None) -> bytes:
     """A binary glTF 2.0: metres, float32, vertex colours.
 
-    glTF's axes are x right, y up, z towards the viewer. With `world_from_cam` (4, 4) it is turned so that this camera
-    looks along -z and up is up, as a viewer expects; without, world z becomes up: (x, z, -y).
+    glTF's axes are x right, y up, z towards the viewer. With `world_from_cam` (4, 4) the camera looks along -z with
+    its up direction along y; without it, the world's z axis is up: (x, z, -y).
     """
     upright = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
     gltf_from_world = upright if world_from_cam is None else _GLTF @ np.linalg.inv(world_from_cam)
-    plain = _plain(thing)
+    plain = _trimesh(thing)
     plain.apply_transform(gltf_from_world)
     return _bytes(plain, "glb")
 
 
-def _plain(thing: Cloud | Surface) -> Any:
+def _trimesh(thing: Cloud | Surface) -> Any:
     import trimesh
 
     if isinstance(thing, Cloud):

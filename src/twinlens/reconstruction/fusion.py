@@ -1,11 +1,11 @@
-"""Many views' depth maps in one cloud: points that other views confirm, one to a cell."""
+"""Fusion of depth maps into one point cloud, with a consistency check between views and thinning on a grid."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import InputError, check_number
+from twinlens.errors import InputError, check_int, check_number
 from twinlens.geometry import Float, inverse, transform_points
 from twinlens.reconstruction.surface import Cloud, points_of
 from twinlens.reconstruction.views import DepthView
@@ -19,33 +19,27 @@ def fuse(
     Parameters
     ----------
     spacing : float
-        Metres: points that share a cell of a grid of this side become their mean, colours too. None keeps all.
+        Side of a grid's cells, metres: the points in a cell are replaced by their mean, colours too. None keeps all.
     min_views : int
-        How many views, its own counted, must have a point's depth: another view does when its own depth, at the pixel
-        nearest to the point, is within `tolerance` of the point's, relative. 1 keeps all.
+        Views required per point, including its own. Another view counts if its depth at the nearest pixel differs
+        from the point's by at most `tolerance`, relative. 1 keeps all points.
 
-    Raises InputError without views, or for more `min_views` than there are. Source: of the test, Merrell et al., ICCV
-    2007; it is what COLMAP and others ask of their fused points.
+    Raises InputError without views, or for more `min_views` than views. Source of the check: Merrell et al., ICCV 2007;
+    COLMAP uses the same kind.
     """
     if not views:
-        raise InputError("fusing needs one view or more")
-    if isinstance(min_views, bool) or not isinstance(min_views, int) or not 1 <= min_views <= len(views):
-        raise InputError(f"min_views must be a whole number from 1 to {len(views)}, got {min_views!r}")
-    check_number("tolerance", tolerance, "a positive part of the depth", above=0)
-    clouds = [_confirmed(views, i, min_views, tolerance) for i in range(len(views))]
-    whole = joined(clouds)
+        raise InputError("fusing needs at least one view")
+    check_int("min_views", min_views, 1, len(views))
+    check_number("tolerance", tolerance, "a positive fraction of the depth", above=0)
+    clouds = [_consistent_points(views, i, min_views, tolerance) for i in range(len(views))]
+    colors = [cloud.colors for cloud in clouds if cloud.colors is not None]
+    points = np.concatenate([cloud.points for cloud in clouds])
+    whole = Cloud(points, np.concatenate(colors) if len(colors) == len(clouds) else None)
     return whole if spacing is None else thinned(whole, spacing)
 
 
-def joined(clouds: Sequence[Cloud]) -> Cloud:
-    """Several clouds as one; it has colours when all have."""
-    colors = [cloud.colors for cloud in clouds if cloud.colors is not None]
-    points = np.concatenate([cloud.points for cloud in clouds])
-    return Cloud(points, np.concatenate(colors) if len(colors) == len(clouds) else None)
-
-
 def thinned(cloud: Cloud, spacing: float) -> Cloud:
-    """One point, the mean, for each cell of a grid `spacing` metres wide that has any: no place counts for more."""
+    """The mean point of each occupied cell of a grid `spacing` metres wide."""
     check_number("spacing", spacing, "a positive number of metres", above=0)
     if not len(cloud):
         return cloud
@@ -61,7 +55,7 @@ def _means(values: NDArray[np.generic], cell: NDArray[np.int64], count: NDArray[
     return np.stack(sums, axis=1) / count[:, None]
 
 
-def _confirmed(views: Sequence[DepthView], i: int, min_views: int, tolerance: float) -> Cloud:
+def _consistent_points(views: Sequence[DepthView], i: int, min_views: int, tolerance: float) -> Cloud:
     cloud = points_of(views[i])
     if min_views == 1:
         return cloud
@@ -74,7 +68,7 @@ def _confirmed(views: Sequence[DepthView], i: int, min_views: int, tolerance: fl
 
 
 def _agrees(view: DepthView, points: Float, tolerance: float) -> NDArray[np.bool_]:
-    """Whether the view has each point's depth at the pixel nearest to it."""
+    """Whether the view's depth at the nearest pixel agrees with each point (N,)."""
     cam = transform_points(inverse(view.world_from_cam), points)
     pixels = view.camera.project(cam)
     inside = view.camera.contains(pixels)

@@ -1,4 +1,4 @@
-"""A cloud of coloured points as seen from anywhere: each a small square, the nearer before the farther. No light."""
+"""Images of a coloured point cloud from any pose: each point is a small square, hidden by nearer ones."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -7,11 +7,9 @@ from twinlens.camera import Camera
 from twinlens.geometry import Float, check_rigid, inverse, rigid, transform_points
 from twinlens.reconstruction.surface import Cloud
 
-_PAPER = 255
-
 
 def splat(cloud: Cloud, camera: Camera, world_from_cam: ArrayLike, size_px: int = 2) -> NDArray[np.uint8]:
-    """The picture uint8 (H, W, 3) that `camera` has of the cloud, white where nothing is. Grey where it has no colours.
+    """The image uint8 (H, W, 3) of the cloud: white background, grey points if it has no colours.
 
     size_px : side of a point's square, pixels.
     """
@@ -20,9 +18,9 @@ def splat(cloud: Cloud, camera: Camera, world_from_cam: ArrayLike, size_px: int 
     pixels = camera.project(cam)
     inside = camera.contains(pixels)
     colors = np.full((len(cloud), 3), 128, np.uint8) if cloud.colors is None else cloud.colors
-    order = np.argsort(-cam[inside, 2], kind="stable")  # far ones first: the nearer are painted over them
+    order = np.argsort(-cam[inside, 2], kind="stable")  # far points first
     corner = np.floor(pixels[inside][order] - 0.5 * (size_px - 1) + 0.5).astype(int)
-    picture = np.full((camera.height, camera.width, 3), _PAPER, np.uint8)
+    picture = np.full((camera.height, camera.width, 3), 255, np.uint8)
     depth = np.full((camera.height, camera.width), np.inf)
     for dv in range(size_px):
         for du in range(size_px):
@@ -31,7 +29,7 @@ def splat(cloud: Cloud, camera: Camera, world_from_cam: ArrayLike, size_px: int 
 
 
 def orbit(world_from_cam: ArrayLike, target: ArrayLike, angle_deg: float, rise_deg: float = 0.0) -> Float:
-    """The camera's pose carried around `target` (3,): by `angle_deg` about its own y axis, `rise_deg` about its x."""
+    """The camera's pose rotated about `target` (3,): `angle_deg` about the camera's y axis, `rise_deg` about x."""
     pose, centre = check_rigid(world_from_cam, "world_from_cam"), np.asarray(target, dtype=np.float64)
     a, b = np.radians([angle_deg, rise_deg])
     about_y = np.array([[np.cos(a), 0, np.sin(a)], [0, 1, 0], [-np.sin(a), 0, np.cos(a)]])

@@ -1,4 +1,4 @@
-"""Points and triangles of one depth map, in the colours that were photographed; triangles are cut at depth's jumps."""
+"""Point clouds and triangle meshes of one depth map, with the colours of its image."""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ _MOST_SAMPLES = 50_000_000
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points float64 (N, 3), world metres; colours uint8 (N, 3) or None. Raises InputError for what is not finite."""
+    """Points float64 (N, 3), world metres; colours uint8 (N, 3) or None. Raises InputError unless all are finite."""
 
     points: Float
     colors: NDArray[np.uint8] | None = None
@@ -29,8 +29,8 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles: vertices float64 (V, 3), world metres, faces int64 (F, 3) that turn counter-clockwise as seen from the
-    camera, colours uint8 (V, 3) or None. Raises InputError for what is not finite, or faces without their vertices.
+    """A triangle mesh: vertices float64 (V, 3), world metres, faces int64 (F, 3), counter-clockwise seen from the
+    camera, colours uint8 (V, 3) or None. Raises InputError unless all are finite and every face has its vertices.
     """
 
     vertices: Float
@@ -41,26 +41,24 @@ class Surface:
         _check("a surface's vertices", self.vertices, self.colors)
         corners = self.faces
         if corners.ndim != 2 or corners.shape[1] != 3 or (corners.size and not corners.min() >= 0):
-            raise InputError(f"a surface's faces must be (F, 3) rows of vertices, got shape {corners.shape}")
+            raise InputError(f"a surface's faces must be (F, 3) indices of vertices, got shape {corners.shape}")
         if corners.size and corners.max() >= len(self.vertices):
-            raise InputError(f"a face names vertex {corners.max()}, and there are {len(self.vertices)}")
+            raise InputError(f"a face refers to vertex {corners.max()} of {len(self.vertices)}")
 
 
 def points_of(view: DepthView) -> Cloud:
-    """One point a pixel of known depth, in rows from the top left."""
+    """One point per pixel of known depth, row by row from the top left."""
     known = view.known
     return Cloud(view.positions()[known], None if view.image is None else view.image[known])
 
 
 def mesh_of(view: DepthView, max_angle_deg: float = 85.0) -> Surface:
-    """Two triangles between each four neighbouring pixels of known depth, cut where the surface is not seen.
+    """Two triangles for each four neighbouring pixels of known depth, except across depth discontinuities.
 
-    A triangle is left out when its normal stands more than `max_angle_deg` off the ray to it: a jump of more than
-    tan(max_angle) footprints of a pixel, z / fx wide, from one pixel to the next (11 at 85 degrees) is no surface.
+    A triangle is omitted when the angle between its normal and the viewing ray exceeds `max_angle_deg`: a depth step
+    between neighbouring pixels of more than tan(max_angle) pixel footprints z / fx (11 at 85 degrees).
     """
-    check_number("max_angle_deg", max_angle_deg, "between 0 and 90 degrees", above=0)
-    if max_angle_deg >= 90:
-        raise InputError(f"max_angle_deg must be between 0 and 90 degrees, got {max_angle_deg}")
+    check_number("max_angle_deg", max_angle_deg, "between 0 and 90 degrees", above=0, below=90)
     known = view.known
     positions = np.where(known[..., None], view.positions(), 0.0).reshape(-1, 3)
     faces = _grid_faces(*known.shape)
@@ -74,15 +72,16 @@ def mesh_of(view: DepthView, max_angle_deg: float = 85.0) -> Surface:
 
 
 def sampled(surface: Surface, spacing: float, seed: int = 0) -> Cloud:
-    """Points spread at random over a surface's triangles, one for each `spacing` squared of area, metres, or more.
+    """Random points uniform on the triangles of a surface, at least one per `spacing` squared (metres) of area.
 
-    Colours are those between the corners'. Raises InputError for more than 50 million.
+    Colours are interpolated between the corners. Raises InputError for more than 50 million points.
     """
     check_number("spacing", spacing, "a positive number of metres", above=0)
     a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
     counts = np.ceil(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1) / spacing**2).astype(np.int64)
     if counts.sum() > _MOST_SAMPLES:
-        raise InputError(f"a spacing of {spacing} m makes {counts.sum()} points, more than {_MOST_SAMPLES}: widen it")
+        count = f"{counts.sum()} points, more than {_MOST_SAMPLES}"
+        raise InputError(f"a spacing of {spacing} m makes {count}: use a wider spacing")
     face = np.repeat(np.arange(len(counts)), counts)
     r, s = np.random.default_rng(seed).random((2, len(face)))
     shares = np.stack([1 - np.sqrt(r), np.sqrt(r) * (1 - s), np.sqrt(r) * s], axis=1)  # uniform: Osada et al. 2002
@@ -101,7 +100,7 @@ def _grid_faces(height: int, width: int) -> NDArray[np.int64]:
 
 
 def _facing(vertices: Float, faces: NDArray[np.int64], eye: Float) -> Float:
-    """Cosine (F,) of the angle between each face's normal and the way from it to the eye."""
+    """Cosine (F,) of the angle between each face's normal and the direction to the eye."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     ray = eye - (a + b + c) / 3
@@ -110,8 +109,8 @@ def _facing(vertices: Float, faces: NDArray[np.int64], eye: Float) -> Float:
     return cosine
 
 
-def _check(what: str, points: Float, colors: NDArray[np.uint8] | None) -> None:
+def _check(name: str, points: Float, colors: NDArray[np.uint8] | None) -> None:
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise InputError(f"{what} must be finite (N, 3), got shape {points.shape}")
+        raise InputError(f"{name} must be finite (N, 3), got shape {points.shape}")
     if colors is not None and (colors.shape != points.shape or colors.dtype != np.uint8):
-        raise InputError(f"{what} need colours uint8 {points.shape}, got {colors.dtype} {colors.shape}")
+        raise InputError(f"{name} need colours uint8 {points.shape}, got {colors.dtype} {colors.shape}")

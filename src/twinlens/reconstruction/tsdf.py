@@ -1,9 +1,9 @@
-"""Many depth maps in one surface: a grid of truncated signed distances, and the triangles where it crosses zero.
+"""Fusion of depth maps into one surface: a truncated signed distance function (TSDF) on a grid, and its zero set.
 
-Each view says of a cell how far before (+) or behind (-) its surface the cell lies, along its ray; the mean of what all
-say, straight looks counting more than slanted ones, is the distance, and its zero the surface. A cell that no view has
-within reach is unknown, and no triangle stands in it. Source: Curless and Levoy, A volumetric method for building
-complex models from range images, SIGGRAPH 1996; the triangles are scikit-image's (Lewiner's marching cubes).
+Each view gives a cell the distance along the viewing ray from the cell to the view's surface, positive in front. The
+TSDF is the mean over the views, weighted by the cosine of incidence; the surface is its zero crossing. Cells that no
+view reaches are unknown and get no triangles. Source: Curless and Levoy, A volumetric method for building complex
+models from range images, SIGGRAPH 1996; triangles by scikit-image (Lewiner's marching cubes).
 """
 
 from collections.abc import Sequence
@@ -18,16 +18,16 @@ from twinlens.reconstruction.surface import Surface
 from twinlens.reconstruction.views import DepthView
 
 _MOST_CELLS = 64_000_000
-_REACH = 4.0  # cells: the usual truncation
-_LEAST = 0.05  # what a pixel counts at the least
+_REACH = 4.0  # cells
+_MIN_WEIGHT = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """Distances on a grid: cell (i, j, k) has its centre at ``origin + cell * (i, j, k)``, world metres.
+    """A TSDF: cell (i, j, k) has its centre at ``origin + cell * (i, j, k)``, world metres.
 
-    distance : float32 (X, Y, Z), of the reach, -1 to 1; positive before the surface.
-    weight : float32 (X, Y, Z), how much was told: a look straight at the surface counts 1; 0 is unknown.
+    distance : float32 (X, Y, Z), relative to the reach, -1 to 1; positive in front of the surface.
+    weight : float32 (X, Y, Z), sum of the views' weights; 0 where unknown.
     colors : float32 (X, Y, Z, 3), 0 to 255, or None.
     """
 
@@ -42,50 +42,52 @@ class Volume:
 def integrate(
     views: Sequence[DepthView], cell: float, reach: float | None = None, bounds: ArrayLike | None = None
 ) -> Volume:
-    """The signed distances that `views` tell.
+    """The TSDF of `views`.
 
     Parameters
     ----------
     cell : float
-        Side of a cell, metres: finer shows more, and keeps more of the depths' noise.
+        Side of a cell, metres. Smaller cells show more detail and more noise.
     reach : float
-        Metres beyond which distances are cut and nothing is told behind a surface; 4 cells unless said. It must exceed
-        the depths' errors and stay below half the thickness of what is reconstructed.
+        Truncation distance, metres; 4 cells by default. It must exceed the depth errors and be less than half the
+        thickness of the object.
     bounds : (2, 3)
-        Lowest and highest corner, world metres; that of all the views' points, and the reach around, unless said.
+        Lowest and highest corner, world metres; by default those of all points of the views, extended by the reach.
 
-    Raises InputError without a view or a known depth, for bounds that are none, and for more than 64 million cells.
+    Raises InputError without a known depth, for invalid bounds, and for more than 64 million cells.
     """
     check_number("cell", cell, "a positive number of metres", above=0)
     reach = _REACH * cell if reach is None else reach
-    check_number("reach", reach, "a number of metres, a cell or more", least=cell)
+    check_number("reach", reach, "a number of metres, one cell or more", least=cell)
     low, high = _bounds(views, reach) if bounds is None else _checked_bounds(bounds)
     shape = _shape(high - low, cell)
     colored = all(view.image is not None for view in views)
     distance, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     colors = np.zeros((*shape, 3), np.float32) if colored else None
     volume = Volume(low, cell, reach, distance, weight, colors)
-    trusts = [_trust(view) for view in views]
-    for i in range(shape[0]):  # a slab at a time, so that memory stays that of the grid
-        slab = _slab(volume, i)
-        for view, trust in zip(views, trusts, strict=True):
-            _tell(view, trust, slab, volume, i)
+    weights = [_pixel_weights(view) for view in views]
+    j, k = np.mgrid[: shape[1], : shape[2]]
+    for i in range(shape[0]):  # one slab at a time bounds the memory
+        centres = low + cell * np.stack([np.full_like(j, i), j, k], axis=-1)
+        for view, pixel_weights in zip(views, weights, strict=True):
+            _add_view(view, pixel_weights, centres, volume, i)
     return volume
 
 
 def surface_of(volume: Volume) -> Surface:
-    """The zero of the distances as triangles, seen from outside counter-clockwise, with colours where views had them.
+    """The zero crossing as triangles, counter-clockwise seen from outside, with colours if all views have images.
 
-    Raises InputError where no surface crosses the grid.
+    Raises InputError if there is none.
     """
     from skimage.measure import marching_cubes
 
     known = volume.weight > 0
-    told = np.where(known, volume.distance, 1.0).astype(np.float32)
-    whole = _whole_cells(known)
-    if not (_crossed(told) & whole).any():
+    distance = np.where(known, volume.distance, 1.0).astype(np.float32)
+    known_cubes = _all_corners(known)
+    crossed = ~_all_corners(distance > 0) & ~_all_corners(distance <= 0)
+    if not (crossed & known_cubes).any():
         raise InputError("no surface crosses the grid: check the bounds, and that the cells are smaller than the scene")
-    vertices, faces, _, _ = marching_cubes(told, 0.0, mask=whole, gradient_direction="descent")
+    vertices, faces, _, _ = marching_cubes(distance, 0.0, mask=known_cubes, gradient_direction="descent")
     colors = None if volume.colors is None else _colors_at(volume.colors, vertices)
     return Surface(volume.origin + volume.cell * vertices.astype(np.float64), faces.astype(np.int64), colors)
 
@@ -93,7 +95,7 @@ def surface_of(volume: Volume) -> Surface:
 def _bounds(views: Sequence[DepthView], reach: float) -> tuple[Float, Float]:
     points = [view.positions()[view.known] for view in views]
     if not any(map(len, points)):
-        raise InputError("reconstructing needs one view or more with a known depth")
+        raise InputError("integrating needs at least one view with a known depth")
     every = np.concatenate(points)
     return every.min(axis=0) - reach, every.max(axis=0) + reach
 
@@ -101,12 +103,12 @@ def _bounds(views: Sequence[DepthView], reach: float) -> tuple[Float, Float]:
 def _checked_bounds(bounds: ArrayLike) -> tuple[Float, Float]:
     corners = np.asarray(bounds, dtype=np.float64)
     if corners.shape != (2, 3) or not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
-        raise InputError(f"bounds must be the lowest and the highest corner, (2, 3), got {corners.tolist()}")
+        raise InputError(f"bounds must be the lowest and highest corner, (2, 3), got {corners.tolist()}")
     return corners[0], corners[1]
 
 
 def _shape(extent: Float, cell: float) -> tuple[int, int, int]:
-    """Cells along each axis. They are counted as floats, since whole numbers of too many would wrap around."""
+    """Cells along each axis, counted as floats because integers would overflow."""
     with np.errstate(over="ignore"):
         x, y, z = (np.ceil(extent / cell) + 1).tolist()
     if not x * y * z <= _MOST_CELLS:
@@ -115,17 +117,10 @@ def _shape(extent: Float, cell: float) -> tuple[int, int, int]:
     return int(x), int(y), int(z)
 
 
-def _slab(volume: Volume, i: int) -> Float:
-    """World coordinates (Y, Z, 3) of the cells' centres of one slab."""
-    _, ny, nz = volume.distance.shape
-    j, k = np.mgrid[:ny, :nz]
-    return volume.origin + volume.cell * np.stack([np.full_like(j, i), j, k], axis=-1)
+def _pixel_weights(view: DepthView) -> Float:
+    """Weight of each pixel (H, W): the cosine between its ray and the surface normal, at least `_MIN_WEIGHT`.
 
-
-def _trust(view: DepthView) -> Float:
-    """What a pixel's word counts, (H, W): the cosine at which its ray meets the surface, _LEAST beside what is unknown.
-
-    Views at a slant see distances stretched, and round a limb they take the far side for the near one.
+    At grazing incidence the distance along the ray exceeds the distance to the surface.
     """
     points = view.positions()
     with np.errstate(invalid="ignore"):
@@ -133,12 +128,12 @@ def _trust(view: DepthView) -> Float:
         ray = view.world_from_cam[:3, 3] - points
         size = np.linalg.norm(normal, axis=-1) * np.linalg.norm(ray, axis=-1)
         cosine = np.abs((normal * ray).sum(axis=-1)) / np.where(size > 0, size, 1.0)
-    trust: Float = np.maximum(np.nan_to_num(cosine, nan=0.0), _LEAST)
-    return trust
+    weights: Float = np.maximum(np.nan_to_num(cosine, nan=0.0), _MIN_WEIGHT)
+    return weights
 
 
-def _tell(view: DepthView, trust: Float, centres: Float, volume: Volume, i: int) -> None:
-    """Add what one view says of the slab's cells."""
+def _add_view(view: DepthView, pixel_weights: Float, centres: Float, volume: Volume, i: int) -> None:
+    """Add one view to the cells of slab i, with centres (Y, Z, 3)."""
     cam = transform_points(inverse(view.world_from_cam), centres)
     pixels = view.camera.project(cam)
     inside = view.camera.contains(pixels)
@@ -146,22 +141,22 @@ def _tell(view: DepthView, trust: Float, centres: Float, volume: Volume, i: int)
         return
     depth = np.full(inside.shape, np.inf)
     depth[inside] = _depth_at(view, pixels[inside], volume.reach)
-    # The difference in depth, as a distance along the ray: cells far off the axis are further apart than their depths.
+    # The difference of depths, as a distance along the ray.
     away = (depth - cam[..., 2]) * np.linalg.norm(cam, axis=-1) / np.where(inside, cam[..., 2], 1.0)
-    told = inside & np.isfinite(depth) & (away >= -volume.reach)
-    u, v = np.floor(pixels[told] + 0.5).astype(int).T
-    before, word = volume.weight[i][told], trust[v, u]
-    after = before + word
-    said = np.minimum(away[told] / volume.reach, 1.0)
-    volume.distance[i][told] = (volume.distance[i][told] * before + said * word) / after
+    seen = inside & np.isfinite(depth) & (away >= -volume.reach)
+    u, v = np.floor(pixels[seen] + 0.5).astype(int).T
+    before, weight = volume.weight[i][seen], pixel_weights[v, u]
+    after = before + weight
+    truncated = np.minimum(away[seen] / volume.reach, 1.0)
+    volume.distance[i][seen] = (volume.distance[i][seen] * before + truncated * weight) / after
     if volume.colors is not None and view.image is not None:
-        mixed = volume.colors[i][told] * before[:, None] + view.image[v, u] * word[:, None]
-        volume.colors[i][told] = mixed / after[:, None]
-    volume.weight[i][told] = after
+        mixed = volume.colors[i][seen] * before[:, None] + view.image[v, u] * weight[:, None]
+        volume.colors[i][seen] = mixed / after[:, None]
+    volume.weight[i][seen] = after
 
 
 def _depth_at(view: DepthView, pixels: Float, reach: float) -> Float:
-    """Depth (N,) at pixels inside the image: bilinear where the four around are one surface, else the nearest one's."""
+    """Depth (N,) at pixels: bilinear where the four neighbours differ by at most `reach`, otherwise the nearest."""
     height, width = view.depth.shape
     u, v = pixels.clip(0, (width - 1, height - 1)).T
     left, top = np.floor(u).astype(int), np.floor(v).astype(int)
@@ -175,30 +170,16 @@ def _depth_at(view: DepthView, pixels: Float, reach: float) -> Float:
     return np.where(smooth, between, nearest)
 
 
-def _crossed(told: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Which cubes have corners on both sides of the surface, under the index of their last corner."""
-    before = told > 0
-    crossed = np.zeros(told.shape, dtype=bool)
-    crossed[1:, 1:, 1:] = _of_corners(np.logical_or, before) & _of_corners(np.logical_or, ~before)
-    return crossed
-
-
-def _whole_cells(known: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which cubes have eight known corners, under the index of the corner that marching cubes asks for: the last."""
-    whole = np.zeros_like(known)
-    whole[1:, 1:, 1:] = _of_corners(np.logical_and, known)
+def _all_corners(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether all eight corners of a cube are flagged, at the index of its last corner, as marching cubes expects."""
+    ends = (slice(None, -1), slice(1, None))
+    whole = np.zeros_like(flags)
+    whole[1:, 1:, 1:] = np.logical_and.reduce([flags[a, b, c] for a in ends for b in ends for c in ends])
     return whole
 
 
-def _of_corners(joined: np.ufunc, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The flags of every cube's eight corners `joined`, (X - 1, Y - 1, Z - 1)."""
-    ends = (slice(None, -1), slice(1, None))
-    found: NDArray[np.bool_] = joined.reduce([flags[a, b, c] for a in ends for b in ends for c in ends])
-    return found
-
-
 def _colors_at(colors: NDArray[np.float32], vertices: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Colours (V, 3) of the cell nearest to each vertex: both ends of the edge that it lies on are known."""
+    """Colours (V, 3) of the cell nearest to each vertex."""
     i, j, k = np.rint(vertices).astype(int).T
     nearest: NDArray[np.uint8] = np.rint(colors[i, j, k]).clip(0, 255).astype(np.uint8)
     return nearest

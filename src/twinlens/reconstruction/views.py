@@ -1,4 +1,4 @@
-"""A depth map and the camera that it belongs to: what every reconstruction starts from, matched or true."""
+"""A depth map with its camera and image, from matched or true disparities: the input of every reconstruction."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -6,18 +6,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens import geometry
-from twinlens.camera import Camera, Rig
-from twinlens.camera.truth import Truth
+from twinlens.camera import Camera, Rig, Truth
+from twinlens.camera.film import rgb8
 from twinlens.errors import InputError
-from twinlens.geometry import Float
+from twinlens.geometry import Float, check_rigid, depth_from_disparity
 
 
 @dataclass(frozen=True, eq=False)
 class DepthView:
-    """Depths as one camera has them, and what it photographed.
+    """A depth map and its image.
 
-    camera : Camera, of any distortion. world_from_cam : (4, 4).
+    camera : Camera, with any distortion. world_from_cam : (4, 4).
     depth : float64 (H, W), metres along the axis, > 0; +inf where unknown.
     image : uint8 (H, W, 3), or None.
 
@@ -30,19 +29,19 @@ class DepthView:
     image: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "world_from_cam", geometry.check_rigid(self.world_from_cam, "world_from_cam"))
+        object.__setattr__(self, "world_from_cam", check_rigid(self.world_from_cam, "world_from_cam"))
         depth = np.asarray(self.depth, dtype=np.float64)
         size = self.camera.height, self.camera.width
         if depth.shape != size or (self.image is not None and self.image.shape != (*size, 3)):
             image = None if self.image is None else self.image.shape
             raise InputError(f"a view of {size} pixels needs depth (H, W), image (H, W, 3); got {depth.shape}, {image}")
         if not (depth > 0).all():
-            raise InputError("depths must be positive, +inf where unknown; NaN and values <= 0 are refused")
+            raise InputError("depths must be positive, or +inf where unknown; got NaN or values <= 0")
         object.__setattr__(self, "depth", depth)
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Where there is a depth, bool (H, W)."""
+        """Where the depth is known, bool (H, W)."""
         return np.isfinite(self.depth)
 
     @property
@@ -58,31 +57,26 @@ class DepthView:
 
 
 def view_of_truth(truth: Truth, rig: Rig, index: int, image: NDArray[Any] | None = None) -> DepthView:
-    """Camera `index`'s true depths."""
-    return DepthView(rig.cameras[index], rig.world_from_cams[index], truth.depth, _eight_bits(image))
+    """The true depths of camera `index`, with its image, uint8 or uint16 (H, W[, 3])."""
+    return DepthView(
+        rig.cameras[index], rig.world_from_cams[index], truth.depth, None if image is None else rgb8(image)
+    )
 
 
 def view_of_disparity(
     disparity: ArrayLike, rig: Rig, left: int = 0, right: int = 1, image: NDArray[Any] | None = None
 ) -> DepthView:
-    """The left view's depths z = fx B / (d + doffs) of a rectified pair's left disparity map (H, W), +inf unknown.
+    """Depths z = fx B / (d + doffs) of the left view of a rectified pair, from its disparity map (H, W), +inf unknown.
 
-    A disparity of -doffs or less is at infinity or beyond: unknown. Raises InputError where the pair is not rectified,
-    or the map holds NaN or -inf.
+    A disparity of -doffs or less, at or beyond infinity, gives an unknown depth. Raises InputError unless the pair is
+    rectified, and for NaN or -inf.
     """
     values = np.asarray(disparity, dtype=np.float64)
     if not rig.is_rectified(left, right):
-        raise InputError(f"cameras {left} and {right} are no rectified pair in this order: rectify them first")
+        raise InputError(f"cameras {left} and {right} are not a rectified pair in this order: rectify them first")
     if np.isnan(values).any() or np.isneginf(values).any():
-        raise InputError("a disparity map holds +inf where unknown; NaN and -inf are refused")
+        raise InputError("unknown disparities must be +inf, got NaN or -inf")
     doffs = rig.doffs(left, right)
-    ahead = np.where(values + doffs > 0, values, np.inf)
-    depth = geometry.depth_from_disparity(ahead, rig.cameras[left].fx, rig.baseline(left, right), doffs)
-    return DepthView(rig.cameras[left], rig.world_from_cams[left], depth, _eight_bits(image))
-
-
-def _eight_bits(image: NDArray[Any] | None) -> NDArray[np.uint8] | None:
-    if image is None:
-        return None
-    eight = (image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image.astype(np.uint8)
-    return np.repeat(eight[..., None], 3, axis=2) if eight.ndim == 2 else eight
+    finite = np.where(values + doffs > 0, values, np.inf)
+    depth = depth_from_disparity(finite, rig.cameras[left].fx, rig.baseline(left, right), doffs)
+    return DepthView(rig.cameras[left], rig.world_from_cams[left], depth, None if image is None else rgb8(image))

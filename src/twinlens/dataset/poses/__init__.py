@@ -1,6 +1,6 @@
-"""Poses and intrinsics of a rig in other programs' files, axes and pixel conventions converted: COLMAP, OpenCV, NeRF.
+"""Rigs in the files of COLMAP, NeRF programs and OpenCV, with axes and pixel conventions converted.
 
-Middlebury's calib.txt, which describes a rectified pair only, is in `twinlens.dataset.codecs.calib`.
+Middlebury's calib.txt, for rectified pairs only, is in `twinlens.dataset.codecs.calib`.
 """
 
 from twinlens.dataset.poses.colmap import read_colmap, write_colmap

@@ -1,15 +1,16 @@
-"""COLMAP's text model: a folder of cameras.txt, images.txt and points3D.txt.
+"""COLMAP's text model: a folder with cameras.txt, images.txt and points3D.txt.
 
-A camera is ``ID MODEL WIDTH HEIGHT PARAMS...``; an image is ``ID QW QX QY QZ TX TY TZ CAMERA_ID NAME``, cam_from_world
-as a unit quaternion and a translation, and a second line of its sightings, which is left empty. Axes are ours (x right,
-y down, z forward); pixels are counted from the corner, so that cx and cy are 0.5 larger than ours. Lengths have no unit
-in COLMAP: metres are written and taken.
+A camera is ``ID MODEL WIDTH HEIGHT PARAMS...``. An image is ``ID QW QX QY QZ TX TY TZ CAMERA_ID NAME``, cam_from_world
+as a unit quaternion and a translation, followed by a line of 2D points, which is written empty. Axes are the same as
+here; pixels are counted from the image's corner, so that cx and cy are larger by 0.5. COLMAP has no length unit: metres
+are written and assumed.
 
 Source: https://colmap.github.io/format.html#text-format and .../cameras.html.
 """
 
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from scipy.spatial.transform import Rotation
@@ -31,20 +32,17 @@ MODELS: dict[str, tuple[str, ...]] = {
     "SIMPLE_RADIAL_FISHEYE": ("f", "cx", "cy", "k1"),
     "RADIAL_FISHEYE": ("f", "cx", "cy", "k1", "k2"),
 }
-"""The parameters of each camera model that can be read, in COLMAP's order."""
+"""The parameters of each supported camera model, in COLMAP's order."""
 
 
 def write_colmap(folder: str | os.PathLike[str], rig: Rig, names: Sequence[str] | None = None) -> None:
-    """Write the model of `rig`, without points, into `folder`; image names are im0.png ... unless given.
+    """Write the model of `rig`, without points, into `folder`; image names are im0.png ... by default.
 
-    Raises InputError for names that do not fit, OutputError.
+    Raises InputError for invalid names, and OutputError.
     """
-    chosen = image_names(rig, names)
     cameras = [f"{i} {_camera_text(camera)}" for i, camera in enumerate(rig.cameras, 1)]
-    images = [
-        f"{i} {_pose_text(pose)} {i} {name}\n"
-        for i, (pose, name) in enumerate(zip(rig.world_from_cams, chosen, strict=True), 1)
-    ]
+    named = enumerate(zip(rig.world_from_cams, image_names(rig, names), strict=True), 1)
+    images = [f"{i} {_pose_text(pose)} {i} {name}\n" for i, (pose, name) in named]
     for file, lines in (("cameras", cameras), ("images", images), ("points3D", [])):
         write_file(Path(folder) / f"{file}.txt", "".join(f"{line}\n" for line in lines).encode())
 
@@ -55,10 +53,10 @@ def read_colmap(folder: str | os.PathLike[str]) -> NamedRig:
     path = Path(folder) / "images.txt"
     found = sorted(_images(path), key=lambda image: image[0])
     if not found:
-        raise FileError(f"{path}: names no image")
+        raise FileError(f"{path}: has no images")
     missing = [camera for _, _, camera, _ in found if camera not in cameras]
     if missing:
-        raise FileError(f"{path}: names camera {missing[0]}, which cameras.txt does not have")
+        raise FileError(f"{path}: refers to camera {missing[0]}, which cameras.txt does not have")
     rig = Rig([cameras[camera] for _, _, camera, _ in found], [pose for _, pose, _, _ in found])
     return NamedRig(rig, tuple(name for _, _, _, name in found))
 
@@ -67,15 +65,10 @@ def _camera_text(camera: Camera) -> str:
     values = {"fx": camera.fx, "fy": camera.fy, "cx": camera.cx + HALF_PIXEL, "cy": camera.cy + HALF_PIXEL}
     model = "PINHOLE"
     if camera.distortion is not None:
-        values |= vars_of(camera.distortion)
+        values |= asdict(camera.distortion)
         model = "OPENCV_FISHEYE" if isinstance(camera.distortion, KannalaBrandt) else "FULL_OPENCV"
     numbers = " ".join(repr(float(values[name])) for name in MODELS[model])
     return f"{model} {camera.width} {camera.height} {numbers}"
-
-
-def vars_of(distortion: BrownConrady | KannalaBrandt) -> dict[str, float]:
-    """A distortion's coefficients by name."""
-    return {name: getattr(distortion, name) for name in distortion.__dataclass_fields__}
 
 
 def _pose_text(world_from_cam: Float) -> str:
@@ -92,7 +85,7 @@ def _cameras(path: Path) -> Iterator[tuple[int, Camera]]:
         try:
             yield int(words[0]), _camera(words[1], int(words[2]), int(words[3]), [float(word) for word in words[4:]])
         except (ValueError, IndexError) as error:
-            raise FileError(f"{path}: line {number} is no camera (ID MODEL WIDTH HEIGHT PARAMS): {error}") from None
+            raise FileError(f"{path}: line {number} must read ID MODEL WIDTH HEIGHT PARAMS: {error}") from None
 
 
 def _camera(model: str, width: int, height: int, numbers: list[float]) -> Camera:
@@ -110,7 +103,7 @@ def _camera(model: str, width: int, height: int, numbers: list[float]) -> Camera
 
 
 def _images(path: Path) -> Iterator[tuple[int, Float, int, str]]:
-    """(id, world_from_cam, camera id, name); every second line holds sightings and may be empty."""
+    """(id, world_from_cam, camera id, name) of each image; every second line has its 2D points and may be empty."""
     lines = list(_lines(path))
     while lines and not lines[-1][1].strip():
         lines.pop()
@@ -118,15 +111,14 @@ def _images(path: Path) -> Iterator[tuple[int, Float, int, str]]:
         words = line.split(maxsplit=9)
         try:
             w, x, y, z, *shift = (float(word) for word in words[1:8])
-            turn = Rotation.from_quat([x, y, z, w]).as_matrix()
-            yield int(words[0]), inverse(rigid(turn, shift)), int(words[8]), words[9].strip()
+            rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
+            yield int(words[0]), inverse(rigid(rotation, shift)), int(words[8]), words[9].strip()
         except (ValueError, IndexError) as error:
-            raise FileError(
-                f"{path}: line {number} is no image (ID QW QX QY QZ TX TY TZ CAMERA_ID NAME): {error}"
-            ) from None
+            form = "ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
+            raise FileError(f"{path}: line {number} must read {form}: {error}") from None
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines and their numbers from 1, comments left out."""
+    """The lines without comments, numbered from 1."""
     numbered = enumerate(read_text(path).splitlines(), 1)
     return ((number, line) for number, line in numbered if not line.lstrip().startswith("#"))

@@ -1,8 +1,8 @@
-"""transforms.json, as instant-ngp and Nerfstudio read it: intrinsics, and one ``transform_matrix`` a frame.
+"""transforms.json of instant-ngp and Nerfstudio: intrinsics, and one ``transform_matrix`` per frame.
 
-The matrix is world_from_cam with OpenGL's camera axes, x right, y UP, z BACK: ours times diag(1, -1, -1, 1). World axes
-are left as they are. Pixels are counted from the image's corner: cx and cy are 0.5 larger than ours. Intrinsics stand
-at the top for all frames, or in a frame for itself; where fl_x is missing, camera_angle_x gives it.
+The matrix is world_from_cam with OpenGL's camera axes (x right, y up, z backward): ours times diag(1, -1, -1, 1). World
+axes are unchanged. Pixels are counted from the image's corner: cx and cy are larger by 0.5. Intrinsics are given at the
+top level for all frames, or per frame; camera_angle_x replaces a missing fl_x.
 
 Source: Nerfstudio, "Data conventions"; instant-ngp, docs/nerf_dataset_tips.md.
 """
@@ -11,6 +11,7 @@ import json
 import math
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -25,10 +26,10 @@ _MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE")
 
 
 def write_transforms(path: str | os.PathLike[str], rig: Rig, names: Sequence[str] | None = None) -> None:
-    """Write `rig` as transforms.json; file_path is im0.png ... unless names are given.
+    """Write `rig` as transforms.json; file_path is im0.png ... by default.
 
-    Raises InputError for names that do not fit, or the rational coefficients k4, k5, k6 of a Brown-Conrady distortion,
-    which the format does not have; OutputError.
+    Raises InputError for invalid names and for rational distortion (k4, k5, k6), which the format cannot hold, and
+    OutputError.
     """
     frames = [
         {"file_path": name, **_intrinsics(camera), "transform_matrix": (pose @ _OPENGL).tolist()}
@@ -50,7 +51,7 @@ def read_transforms(path: str | os.PathLike[str]) -> NamedRig:
     except KeyError as error:
         raise FileError(f"{path}: has no {error.args[0]}") from None
     except (ValueError, TypeError, RecursionError) as error:
-        raise FileError(f"{path}: is no transforms.json: {error}") from None
+        raise FileError(f"{path}: not a valid transforms.json: {error}") from None
 
 
 def _intrinsics(camera: Camera) -> dict[str, Any]:
@@ -58,17 +59,13 @@ def _intrinsics(camera: Camera) -> dict[str, Any]:
     values |= {"cx": camera.cx + HALF_PIXEL, "cy": camera.cy + HALF_PIXEL, "camera_model": "OPENCV"}
     model = camera.distortion
     if isinstance(model, KannalaBrandt):
-        return values | {
-            "camera_model": "OPENCV_FISHEYE",
-            "k1": model.k1,
-            "k2": model.k2,
-            "k3": model.k3,
-            "k4": model.k4,
-        }
+        return values | {"camera_model": "OPENCV_FISHEYE"} | asdict(model)
     if model is None:
         return values
     if any((model.k4, model.k5, model.k6)):
-        raise InputError("transforms.json has no rational distortion (k4, k5, k6): write COLMAP's or OpenCV's files")
+        raise InputError(
+            "transforms.json cannot hold k4, k5, k6 (rational distortion): write COLMAP's or OpenCV's format"
+        )
     return values | {"k1": model.k1, "k2": model.k2, "k3": model.k3, "p1": model.p1, "p2": model.p2}
 
 
@@ -94,5 +91,5 @@ def _distortion(values: Mapping[str, Any]) -> BrownConrady | KannalaBrandt | Non
     if model == "OPENCV_FISHEYE":
         return KannalaBrandt(k1, k2, k3, k4)
     if k4:
-        raise InputError("k4 of a perspective camera is not OpenCV's and cannot be taken")
+        raise InputError("k4 of a perspective camera is not supported")
     return BrownConrady(k1, k2, p1, p2, k3) if any((k1, k2, k3, p1, p2)) else None

@@ -1,9 +1,9 @@
-"""OpenCV's FileStorage YAML of a calibrated pair, with the names that its stereo calibration sample uses.
+"""OpenCV's FileStorage YAML of a calibrated pair, with the names of its stereo calibration sample.
 
-``M1 D1 M2 D2`` are K and distortion of the two cameras, ``R`` and ``T`` take points of the first camera's frame to the
-second's (metres here, whatever unit a foreign file has is taken as such). Axes and pixel centres are ours. Added for
-what the sample leaves to the images: ``size1``, ``size2`` ([width, height]), ``fisheye1``, ``fisheye2`` (1 for the
-Kannala-Brandt model) and ``world_from_1``, the pose of the pair.
+``M1 D1 M2 D2`` are K and distortion of the two cameras; ``R`` and ``T`` transform points from the first camera's frame
+to the second's, in metres (the unit of other files is not converted). Axes and pixel centres are the same as here.
+Additional keys: ``size1``, ``size2`` ([width, height]), ``fisheye1``, ``fisheye2`` (1 for the Kannala-Brandt model) and
+``world_from_1``, the pose of the pair.
 
 Source: OpenCV, samples/cpp/stereo_calib.cpp, and its documentation of FileStorage.
 """
@@ -30,7 +30,7 @@ _NUMBER = re.compile(r"^(\w+):[ \t]*([-+.\w]+)[ \t]*$", re.M)
 
 
 def write_opencv(path: str | os.PathLike[str], rig: Rig) -> None:
-    """Write a pair for `cv2.FileStorage`. Raises InputError for a rig that is not of two cameras, OutputError."""
+    """Write a pair for `cv2.FileStorage`. Raises InputError unless the rig has two cameras, and OutputError."""
     if len(rig) != 2:
         raise InputError(f"OpenCV's stereo files describe a pair, got {len(rig)} cameras: write COLMAP's text instead")
     text = ["%YAML:1.0", "---"]
@@ -45,10 +45,10 @@ def write_opencv(path: str | os.PathLike[str], rig: Rig) -> None:
 
 
 def read_opencv(path: str | os.PathLike[str], size: tuple[int, int] | None = None) -> Rig:
-    """The pair in an OpenCV stereo file; the world is the first camera's frame where no pose is given.
+    """The pair in an OpenCV stereo file; without a pose, the world is the first camera's frame.
 
-    `size` (width, height) serves files that do not tell: intrinsics.yml and extrinsics.yml of the sample, as one file.
-    Raises FileError.
+    `size` (width, height) is needed for files without it, as OpenCV's intrinsics.yml and extrinsics.yml joined in one
+    file. Raises FileError.
     """
     nodes = _nodes(read_text(path))
     try:
@@ -57,9 +57,7 @@ def read_opencv(path: str | os.PathLike[str], size: tuple[int, int] | None = Non
         cameras = [_camera(nodes, i, size) for i in (1, 2)]
         return Rig(cameras, [pose, pose @ inverse(second_from_first)])
     except KeyError as error:
-        raise FileError(
-            f"{path}: has no {error.args[0]}; needed are M1, D1, M2, D2, R, T and the images' size"
-        ) from None
+        raise FileError(f"{path}: has no {error.args[0]}; it needs M1, D1, M2, D2, R, T and the images' size") from None
     except ValueError as error:
         raise FileError(f"{path}: {error}") from None
 
@@ -76,7 +74,7 @@ def _matrix_text(name: str, values: ArrayLike) -> str:
 
 
 def _nodes(text: str) -> Nodes:
-    """Every matrix, list of numbers and number at the top level, by name; what else a file holds is passed over."""
+    """Matrices, lists of numbers and numbers at the top level, by name; other nodes are ignored."""
     nodes: Nodes = {}
     for name, rows, cols, data in _MATRIX.findall(text):
         numbers = _numbers(data)
