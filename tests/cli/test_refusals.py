@@ -271,7 +271,7 @@ def test_disparities_beyond_the_picture(refuses, dataset):
 
 def test_a_turn_that_is_no_error_of_calibration(refuses, dataset, tmp_path):
     for turn in ("roll_deg=200", "yaw_deg=-90"):
-        refuses("between -90 and 90 degrees", "rectify", dataset / "cards", "--misalignment", turn, "-o", tmp_path / "o")
+        refuses("-90 and 90 degrees", "rectify", dataset / "cards", "--misalignment", turn, "-o", tmp_path / "o")
 
 
 @pytest.mark.parametrize(
