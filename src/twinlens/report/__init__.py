@@ -1,4 +1,4 @@
-"""report: numbers into figures and one self-contained page. Never recomputes a score, never renders, never matches."""
+"""Figures and self-contained HTML pages of boards and studies; computes no scores."""
 
 from twinlens.report.colormaps import COLORMAPS, NO_ESTIMATE, NO_TRUTH, colourise
 from twinlens.report.page import Maps, page_html, write_page

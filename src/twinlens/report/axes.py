@@ -1,4 +1,4 @@
-"""What stands around a plot: labels with units, ticks that read as numbers, a panel's title, and marked places."""
+"""Axes of study figures: labels with units, ticks, panel titles, marks."""
 
 import math
 from typing import Any
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from twinlens.studies import Figure, Table
 
-_TICK_ROOM = 0.065
-"""The least distance of two ticks, as a share of the axis."""
+_TICK_DISTANCE = 0.065
+"""Minimum distance of two ticks, relative to the axis."""
 _MARK = "#444444"
 
 
 def label_axes(axes: Any, figure: Figure, rows: Table, name: Any) -> None:
-    """Labels, scales, grid and marks of one panel, whose rows these are; `name` is its value of `figure.panel`."""
+    """Set labels, scales, grid and marks of one panel; rows: its data, name: its value of `figure.panel`."""
     _name_axes(axes, figure, rows, name)
     if figure.kind == "heatmap":
         return
@@ -33,8 +33,8 @@ def label_axes(axes: Any, figure: Figure, rows: Table, name: Any) -> None:
         _mark(axes, rows.numbers(column), text, at_top=figure.best == "least")
 
 
-def say_nothing(axes: Any, figure: Figure, rows: Table, name: Any) -> None:
-    """The panel of rows of which none was measured: words in place of scales that would be made up."""
+def label_empty(axes: Any, figure: Figure, rows: Table, name: Any) -> None:
+    """Label a panel without measured values: text instead of scales."""
     _name_axes(axes, figure, rows, name)
     axes.set_xticks([])
     axes.set_yticks([])
@@ -54,32 +54,32 @@ def _panel_title(rows: Table, panel: str, name: Any) -> str:
 
 
 def _any_positive(rows: Table, *columns: str) -> bool:
-    """Whether there is anything that a logarithmic axis could show."""
+    """Whether a logarithmic axis can show any of the values."""
     values = np.concatenate([rows.numbers(column) for column in columns])
     return bool((np.isfinite(values) & (values > 0)).any())
 
 
 def _from_zero(axes: Any, values: NDArray[np.float64]) -> None:
-    """An axis of what cannot be negative begins at 0."""
+    """Start the axis at 0 if no value is negative."""
     known = values[np.isfinite(values)]
     if known.size and known.min() >= 0:
         axes.set_ylim(bottom=0)
 
 
 def _ticks_at(axis: Any, values: NDArray[np.float64]) -> None:
-    """Ticks at the values themselves, as 1.4 and not as 10^0, but for those too near to the last one."""
+    """Ticks at the values themselves, as decimal numbers, without those too close to the previous tick."""
     places = np.unique(values[np.isfinite(values) & (values > 0)])
-    room = _TICK_ROOM * math.log(places[-1] / places[0])
+    distance = _TICK_DISTANCE * math.log(places[-1] / places[0])
     ticks: list[float] = []
     for place in places:
-        if not ticks or math.log(place / ticks[-1]) >= room:
+        if not ticks or math.log(place / ticks[-1]) >= distance:
             ticks.append(float(place))
     axis.set_ticks(ticks, [f"{tick:.3g}" for tick in ticks])
     axis.set_ticks([], minor=True)
 
 
 def _plain_log(axes: Any) -> None:
-    """1, 2, 5, 10 where a decade or two are shown, the decades where there are more; never 2 x 10^1."""
+    """Decimal ticks: 1, 2, 5, 10, ... for up to 2.5 decades, else whole decades."""
     low, high = axes.get_ylim()
     few = math.log10(high / low) < 2.5
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=20))
@@ -88,10 +88,7 @@ def _plain_log(axes: Any) -> None:
 
 
 def _mark(axes: Any, places: NDArray[np.float64], text: str, at_top: bool) -> None:
-    """A vertical line at the mean of the places, the geometric one on a logarithmic axis; its name along it.
-
-    At the end of the line where curves are of no interest.
-    """
+    """A labelled vertical line at the mean of the places (the geometric mean on a logarithmic axis)."""
     places = places[np.isfinite(places)]
     if not places.size:
         return

@@ -1,8 +1,7 @@
-"""Colour for maps of numbers: viridis, magma and berlin as 256-step tables, and flat colours for what is unknown.
+"""Colormaps viridis, magma and berlin as 256-step tables, and flat colours for unknown values.
 
-All three are perceptually even and safe for colour-blind readers. viridis and magma: van der Walt and Smith, 2015
-(CC0); berlin: after Crameri, Zenodo 1243862, diverging around a neutral black. Each is interpolated from a few of its
-colours.
+All three are perceptually uniform and readable with colour vision deficiencies. viridis and magma: van der Walt and
+Smith, 2015 (CC0); berlin: after Crameri, Zenodo 1243862, diverging around black. Interpolated from some anchor colours.
 """
 
 from collections.abc import Mapping
@@ -16,9 +15,9 @@ from twinlens.errors import InputError, unknown
 Table = NDArray[np.uint8]
 
 NO_TRUTH = (196, 200, 206)
-"""Light grey: the truth is unknown here. Greys do not occur in any of the maps."""
+"""Light grey: unknown truth. The colormaps contain no greys."""
 NO_ESTIMATE = (102, 112, 127)
-"""Slate: the method gave no disparity here."""
+"""Slate: no estimate."""
 
 _ANCHORS = {
     "viridis": "440154 481567 482677 453781 404788 39568c 33638d 2d708e 287d8e 238a8d 1f968b 20a387 29af7f 3cbb75"
@@ -45,9 +44,9 @@ def colourise(
     colormap: str = "viridis",
     unknown_colour: tuple[int, int, int] = NO_TRUTH,
 ) -> NDArray[np.uint8]:
-    """(H, W) numbers as an uint8 (H, W, 3) sRGB image: [low, high] spans the map, beyond it saturates.
+    """(H, W) numbers as a uint8 (H, W, 3) sRGB image; the colormap spans [low, high], values outside saturate.
 
-    What is not finite gets `unknown_colour`.
+    Values that are not finite get `unknown_colour`.
 
     Raises
     ------

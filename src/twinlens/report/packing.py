@@ -1,7 +1,7 @@
-"""Disparity maps and images small enough to travel inside a page, and exact enough to be read off it.
+"""Compact encodings of disparity maps, texts and images for embedding in a page.
 
-A disparity map becomes 16-bit steps of 1/16 px, each row as differences, low bytes before high bytes, zlib, base64: a
-page colours it itself, can show the value under the pointer, and needs no decoder that a browser's privacy mode blurs.
+A map becomes 16-bit steps of 1/16 px, differences along rows, low bytes before high bytes, zlib, base64. The page
+decodes it by itself, because privacy modes of browsers alter pixels read back from images.
 """
 
 import base64
@@ -20,7 +20,7 @@ UNKNOWN = 65535
 
 @dataclass(frozen=True)
 class Packed:
-    """A map for the page: value = offset + code * step in pixels; code 65535 is unknown. `stride`: every n-th pixel."""
+    """An encoded map: value = offset + code * step in pixels, code 65535 unknown; every `stride`-th pixel."""
 
     width: int
     height: int
@@ -30,19 +30,13 @@ class Packed:
     data: str
 
     def document(self) -> dict[str, Any]:
-        """As the page's script expects it."""
-        return {
-            "w": self.width,
-            "h": self.height,
-            "stride": self.stride,
-            "offset": self.offset,
-            "step": self.step,
-            "data": self.data,
-        }
+        """Keys as the page's script expects them."""
+        rest = {name: getattr(self, name) for name in ("stride", "offset", "step", "data")}
+        return {"w": self.width, "h": self.height, **rest}
 
 
 def stride_for(width: int, max_width: int) -> int:
-    """The smallest whole step through the pixels that leaves at most `max_width` of them.
+    """The smallest stride with at most `max_width` pixels in a row.
 
     >>> stride_for(640, 800), stride_for(2964, 800)
     (1, 4)
@@ -51,7 +45,7 @@ def stride_for(width: int, max_width: int) -> int:
 
 
 def pack(disp: NDArray[np.floating[Any]], stride: int = 1, step: float = STEP) -> Packed:
-    """An (H, W) disparity map, +inf unknown, as text. Values beyond the 65534 steps of the code saturate.
+    """Encode an (H, W) disparity map, +inf unknown. Values beyond 65534 steps saturate.
 
     >>> packed = pack(np.array([[1.0, 2.5, np.inf]], np.float32))
     >>> unpack(packed).tolist()
@@ -69,7 +63,7 @@ def pack(disp: NDArray[np.floating[Any]], stride: int = 1, step: float = STEP) -
 
 
 def unpack(packed: Packed) -> NDArray[np.float64]:
-    """What the page's script makes of it: (H, W) pixels, +inf unknown."""
+    """Decode as the page's script does: (H, W) pixels, +inf unknown."""
     planes = np.frombuffer(zlib.decompress(base64.b64decode(packed.data)), np.uint8).astype(np.uint16)
     low, high = planes.reshape(2, packed.height, packed.width)
     codes = np.cumsum(low | (high << 8), axis=1, dtype=np.uint16)
@@ -77,7 +71,7 @@ def unpack(packed: Packed) -> NDArray[np.float64]:
 
 
 def pack_text(text: str) -> str:
-    """A text for the page to inflate when somebody downloads it: zlib, base64. Numbers shrink to a half or less.
+    """Compress a text for download from the page: zlib, base64.
 
     >>> zlib.decompress(base64.b64decode(pack_text("a,b"))).decode()
     'a,b'

@@ -1,7 +1,6 @@
-"""Figures of a study's table, as PNG and SVG: legible, labelled with units, safe for colour-blind readers.
+"""Figures of a study's table, as PNG and SVG, in colours readable with colour vision deficiencies.
 
-They are drawn of the table alone (what the CSV says), with matplotlib's objects and no global state: the same table
-gives the same bytes.
+They depend on the table only and use no global matplotlib state: the same table gives the same bytes.
 """
 
 import io
@@ -17,13 +16,13 @@ from matplotlib.figure import Figure as Sheet
 from matplotlib.lines import Line2D
 
 from twinlens.errors import InputError, unknown
-from twinlens.report.axes import label_axes, say_nothing
+from twinlens.report.axes import label_axes, label_empty
 from twinlens.studies import Figure, Table, mean_of
 
 THEORY = "theory"
-"""The value of `by` that is a prediction, not a measurement."""
+"""The value of `by` that marks a prediction."""
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C6D31", "#4D4D4D", "#882255")
-"""Okabe and Ito's colours (Color Universal Design, 2008) but for their yellow, and four more."""
+"""The colours of Okabe and Ito (Color Universal Design, 2008) without yellow, and four more."""
 _MARKERS = "osD^vP>X<*"
 _STYLE = {
     "font.family": "DejaVu Sans",
@@ -37,20 +36,17 @@ _STYLE = {
 }
 DPI = 150
 _PANEL_INCHES = ((6.4, 3.8), (4.9, 3.4), (3.6, 3.1))
-"""Width and height of a panel where one, two or three stand side by side."""
+"""Width and height of a panel, with one, two or three in a row."""
 _STRIP = 0.35
 _LEGEND_A_ROW = 6
 _MOST_BANDS = 6
-"""Of more lines the intervals are bars: bands would lie over each other."""
+"""Intervals of more lines are drawn as bars, because bands would overlap."""
 _PREDICTED: dict[str, Any] = {"color": "#444444", "linestyle": "--", "linewidth": 1.2}
 _Looks = Mapping[Any, Mapping[str, Any]]
 
 
 def draw(figure: Figure, table: Table) -> Sheet:
-    """The figure as matplotlib has it.
-
-    Raises InputError for a column that the table lacks, and where the figure's rows are none.
-    """
+    """The figure as a matplotlib object. Raises InputError for an unknown column, or without rows to draw."""
     rows = table.where(**figure.where)
     if not len(rows):
         raise InputError(f"figure {figure.name!r}: the table has no rows with {dict(figure.where)}")
@@ -62,7 +58,7 @@ def draw(figure: Figure, table: Table) -> Sheet:
 
 
 def encode(sheet: Sheet, kind: str) -> bytes:
-    """The bytes of the figure, `kind` "png" or "svg", with no date in them."""
+    """The figure as `kind` "png" or "svg", without a date."""
     data = io.BytesIO()
     with matplotlib.rc_context(_STYLE):
         if kind == "svg":
@@ -86,7 +82,7 @@ def _sheet(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> Sheet:
         line, column = divmod(k, columns)
         axes = sheet.add_subplot(grid[line * (2 if strip else 1), column])
         if not np.isfinite(rows.numbers(figure.z or figure.y)).any():
-            say_nothing(axes, figure, rows, title)
+            label_empty(axes, figure, rows, title)
             continue
         _KINDS[figure.kind](sheet, axes, figure, rows, looks)
         label_axes(axes, figure, rows, title)
@@ -115,7 +111,7 @@ def _legend(sheet: Sheet, figure: Figure, rows: Table) -> None:
 
 
 def _looks(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> _Looks:
-    """Colour and marker of each line: the same value looks the same in every panel."""
+    """Colour and marker of each line, the same in every panel."""
     if not figure.by:
         return {}
     names = list(dict.fromkeys(value for _, rows in panels for value in rows.values(figure.by)))

@@ -143,7 +143,7 @@ const walk = (open) => (event) => {
 function drawMatrix() {
   const m = data.metrics[state.sort];
   $("matrix-title").textContent = `${state.sort} [${m.unit}] on each sample${state.region && `, ${state.region}`}`;
-  const rows = ranked("");
+  const rows = ranked(groupOf(state.over) ? state.over : "");
   const cells = rows.map((r) => data.samples.map((s) => scoresOf(r.method.name, s.name)));
   const limits = data.samples.map((_, k) => cells.map((row) => row[k].value(state.sort)).filter(Number.isFinite));
   $("matrix").replaceChildren(
