@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from twinlens.cli.benchmark import DEFAULT_METHODS, matchers_of
-from twinlens.scoring import PROTOCOLS, REGIONS, WARM_UP_LIMIT_S, split_methods
+from twinlens.matching import split_methods
+from twinlens.scoring import PROTOCOLS, REGIONS, WARM_UP_LIMIT_S
 
 FLAT = """
 import struct, sys
@@ -112,7 +113,7 @@ def test_match_by_a_program(twinlens, dataset, tmp_path, program):
     for options, words in (
         (("--method", "sad", "--command", "prog {left} {right} {out}"), "give one of them"),
         (("--time-limit", "3"), "needs --command"),
-        (("--command", "prog {left} {right}"), "must name {out}"),
+        (("--command", "prog {left} {right}"), "needs {out}"),
         (("--command", "prog {left} {right} {out}", "--time-limit", "0"), "timeout_s is 0"),
     ):
         code, _, err = twinlens("match", *images, *options, "-o", tmp_path / "none.pfm")

@@ -16,7 +16,7 @@ from twinlens.cli.camera_specs import parse_distortion, parse_exposure, parse_mi
 from twinlens.cli.specs import parse_aperture, parse_lens, parse_size
 from twinlens.dataset import write_png
 from twinlens.errors import InputError
-from twinlens.scoring import split_methods
+from twinlens.matching import split_methods
 from twinlens.sensor import Exposure, Mismatch, Sensor
 
 

@@ -112,8 +112,8 @@ def test_a_program_is_given_the_images_and_its_map_comes_back_the_right_way_up(t
 
 
 FAULTS = {
-    "is killed": ("import os; os.kill(os.getpid(), 9)", r"ended by SIGKILL \(out of memory\?\)"),
-    "breaks": ("import ctypes; ctypes.string_at(0)", "ended by SIGSEGV"),
+    "is killed": ("import os; os.kill(os.getpid(), 9)", r"killed by SIGKILL \(out of memory\?\)"),
+    "breaks": ("import ctypes; ctypes.string_at(0)", "killed by SIGSEGV"),
     "fails at length": (
         "import os, sys\nfor _ in range(2000): os.write(1, b'x' * 65535 + b'\\n')\nsys.exit('so much for that')",
         "status 1: so much for that",
@@ -122,7 +122,10 @@ FAULTS = {
     "writes nothing": ("pass", "wrote no file"),
     "hangs": ("import time; time.sleep(60)", "longer than 0.5 s"),
     "writes rubbish": ("import sys; open(sys.argv[3], 'wb').write(b'hello')", "not a PFM"),
-    "is cut short": ("import sys; open(sys.argv[3], 'wb').write(b'Pf\\n120 60\\n-1.0\\nabc')", "of the size it names"),
+    "is cut short": (
+        "import sys; open(sys.argv[3], 'wb').write(b'Pf\\n120 60\\n-1.0\\nabc')",
+        "of the size in its header",
+    ),
     "has another size": (
         "import sys; open(sys.argv[3], 'wb').write(b'Pf\\n1 1\\n-1.0\\nabcd')",
         r"shape \(1, 1\); the left image has \(60, 120\)",

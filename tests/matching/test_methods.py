@@ -10,6 +10,7 @@ import pytest
 
 import twinlens.matching as tm
 from twinlens.errors import InputError
+from twinlens.matching.reference import method_page, method_reference
 
 
 def test_every_method_is_described_and_can_be_made_with_its_defaults():
@@ -45,6 +46,76 @@ def test_a_data_set_s_range_fills_what_the_text_leaves_open():
 def test_a_wrong_text_is_refused_before_anything_runs(text, message):
     with pytest.raises(InputError, match=message):
         tm.parse_method(text)
+
+
+def test_a_method_can_be_named():
+    spec = tm.parse_method("mine=zncc:block_size=11")
+    assert (spec.name, spec.method.name, spec.matcher().block_size) == ("mine", "zncc", 11)
+    assert tm.parse_method("zncc:block_size=11").name == "zncc:block_size=11"
+    assert tm.split_methods(["a=sad,b=zncc:block_size=5,lr_check=1,c=sad", "sgm:block_size=3,cost=sad,ssd"]) == [
+        "a=sad", "b=zncc:block_size=5,lr_check=1", "c=sad", "sgm:block_size=3,cost=sad", "ssd",
+    ]  # fmt: skip
+
+
+FLAT = """
+import numpy as np
+from helper import VALUE
+
+def flat(left, right, *, num_disparities, min_disparity):
+    return np.full(left.shape[:2], VALUE + num_disparities + min_disparity)
+"""
+
+
+def test_a_function_in_a_file_is_a_method_from_any_folder(tmp_path, monkeypatch):
+    (tmp_path / "their_method.py").write_text(FLAT)
+    (tmp_path / "helper.py").write_text("VALUE = 100")
+    image = np.zeros((6, 9), np.uint8)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    for folder, place in ((tmp_path, "their_method.py"), (Path("/"), str(tmp_path / "their_method.py"))):
+        monkeypatch.chdir(folder)
+        spec = tm.parse_method(f"mine=function:{place}:flat")
+        assert spec.name == "mine"
+        assert spec.content.startswith("their_method.py=")
+        found = spec.match(image, image, num_disparities=7, min_disparity=2)
+        np.testing.assert_array_equal(found, np.full((6, 9), 109, np.float32))
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ("absent.py:f", "cannot be imported: .*No such file"),
+        ("wrong.py:f", "syntax error"),
+        ("right.py:g", "no attribute 'g'"),
+        ("right.py", "write path/to/file.py:name"),
+    ],
+)
+def test_a_function_that_cannot_be_imported_is_refused(place, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    Path("wrong.py").write_text("def f(:")
+    Path("right.py").write_text("f = print")
+    with pytest.raises(InputError, match=message):
+        tm.parse_method(f"function:{place}").check_parts()
+
+
+@pytest.mark.parametrize("name", ["sad", "sgm", "opencv_bm", "opencv_sgbm"])
+def test_the_range_of_a_call_replaces_that_of_the_matcher(name):
+    left, right = np.random.default_rng(0).integers(0, 256, (2, 30, 90), dtype=np.uint8)
+    matcher = tm.METHODS[name].make(num_disparities=16)
+    expected = tm.METHODS[name].make(num_disparities=32, min_disparity=-3).match(left, right)
+    np.testing.assert_array_equal(matcher.match(left, right, num_disparities=32, min_disparity=-3), expected)
+
+
+def test_the_reference_has_the_default_and_meaning_of_every_option():
+    for entry in method_reference():
+        options = {row["option"]: row["default"] for row in entry["options"]}
+        assert options == tm.METHODS[entry["method"]].options
+        assert all(row["meaning"] for row in entry["options"])
+
+
+def test_the_page_of_methods_is_current():
+    page = Path(__file__).parents[2] / "docs" / "methods.md"
+    assert page.read_text() == method_page(), "run: twinlens methods --markdown > docs/methods.md"
 
 
 def run_python(code: str, **environment: str) -> str:
@@ -104,7 +175,7 @@ def test_a_package_s_entry_point_is_a_method(somebodys_package):
         tm.match(image, image, "flat", num_disparities=7, min_disparity=2), np.full((6, 9), 9)
     )
     spec = tm.parse_method("flat")
-    assert spec.is_foreign
+    assert spec.runs_user_code
     assert spec.content.startswith("theirs.py=")
     with pytest.raises(InputError, match="did you mean 'flat'"):
         tm.find_method("flatt")

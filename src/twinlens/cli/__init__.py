@@ -31,6 +31,7 @@ COMMANDS = {
     "verify": "Check a dataset: checksums, and consistency of its ground truth.",
     "describe": "Write a dataset's card and its Croissant metadata.",
     "export": "Write a dataset in the layout of KITTI, ETH3D, Middlebury, ...",
+    "methods": "List the matching methods and their options.",
     "match": "Match two images; write a disparity map.",
     "benchmark": "Run matchers on a dataset, score them, and write the leaderboard.",
     "score": "Score disparity maps made by other programs.",

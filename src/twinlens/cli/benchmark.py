@@ -63,7 +63,7 @@ def command(
     from twinlens.scoring import open_pairs
 
     matchers = matchers_of(methods, commands, time_limit)
-    if time_limit is None and any(getattr(matcher, "is_foreign", False) for matcher in matchers):
+    if time_limit is None and any(getattr(matcher, "runs_user_code", False) for matcher in matchers):
         time_limit = FOREIGN_LIMIT_S
     board = run_board(
         open_pairs(datasets), matchers, output, protocols, regions, time_limit=time_limit,

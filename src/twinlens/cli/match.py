@@ -137,7 +137,7 @@ def _matcher(method: str | None, program: str | None, time_limit: float | None, 
         if time_limit is not None:
             raise InputError("--time-limit ends a program; it needs --command")
         spec = parse_method(method or DEFAULT_METHOD)
-        return spec.matcher(**search), spec.text
+        return spec.matcher(**search), spec.name
     if method is not None:
         raise InputError("--method and --command both name a matcher; give one of them")
     runner = Program(program, **search)

@@ -50,8 +50,8 @@ def command(
     if output is None:
         raise missing_output()
     check_results(output, "study.json")
+    from twinlens.matching import split_methods
     from twinlens.report.study_files import write_study
-    from twinlens.scoring import split_methods
     from twinlens.studies import run_study
 
     with progress_bar(f"study {study.name}") as report:

@@ -1,7 +1,7 @@
-"""Two images in, one disparity map out. No rendering, and nothing compiled before the first match.
+"""Stereo matching: two rectified images in, one disparity map out. No rendering.
 
-No files either, but for what a stranger's matcher is made of: `program` hands a program its pair, `network` opens a
-model, `identity` hashes them.
+Importing it does not import Numba; the kernels compile at the first match and are cached on disk. Only `program`,
+`network` and `external`, which run other people's matchers, use files.
 """
 
 from twinlens.matching.costs import COSTS
@@ -9,9 +9,10 @@ from twinlens.matching.external import PythonFunction
 from twinlens.matching.images import grey
 from twinlens.matching.matcher import OPTIMISATIONS, StereoMatcher
 from twinlens.matching.measures import birchfield_tomasi, census, jaccard, ncc, rank, sad, ssd, zncc, zsad, zssd
-from twinlens.matching.methods import METHODS, Method, MethodSpec, find_method, match, parse_method, split_commas
+from twinlens.matching.methods import METHODS, Method, MethodSpec, find_method, match, parse_method, split_methods
 from twinlens.matching.network import OnnxNetwork
 from twinlens.matching.opencv import OpenCVBlock, OpenCVSemiGlobal
+from twinlens.matching.options import Matcher
 from twinlens.matching.program import Program, ProgramTimeoutError
 from twinlens.matching.refine import consistent
 from twinlens.matching.supports import SUPPORTS
@@ -21,6 +22,7 @@ __all__ = [
     "METHODS",
     "OPTIMISATIONS",
     "SUPPORTS",
+    "Matcher",
     "Method",
     "MethodSpec",
     "OnnxNetwork",
@@ -41,7 +43,7 @@ __all__ = [
     "parse_method",
     "rank",
     "sad",
-    "split_commas",
+    "split_methods",
     "ssd",
     "zncc",
     "zsad",

@@ -23,7 +23,7 @@ Volume = NDArray[Any]
 
 @dataclass(frozen=True)
 class Chosen:
-    """The result of a search, (H, W) each: float32 disparity, its cost, the lowest cost two or more candidates away.
+    """A search's result, (H, W) each: disparity float32, its cost, and the lowest cost two or more candidates away.
 
     disparity and the costs are +inf where there is no candidate. The costs have shape (1, 0) where they are not wanted.
     """

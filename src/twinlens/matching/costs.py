@@ -1,6 +1,6 @@
-"""The matching costs by name: what a pixel adds to its window, how the sum is scored, and in which numbers it is exact.
+"""The matching costs by name: the pixel term, the score of a window's sum, and the dtypes in which both are exact.
 
-Every cost is lower-is-better; a similarity is turned here, once, into 1 - similarity.
+Every cost is lower-is-better: a similarity becomes 1 - similarity.
 """
 
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ V, PARABOLA = "v", "parabola"
 class Cost:
     """A matching cost.
 
-    term: what a pixel adds to its window's sum; the last two of `TERMS` have kernels of their own.
-    scoring: "sum", or the normalisation by the windows' own sums. fit: the sub-pixel fit that suits the shape of the
-    cost near its minimum. transform: what the images become first. offset: what the kernels leave out.
-    p1, p2: semi-global penalties for disparity steps of one pixel and more, in parts of the largest possible cost.
+    term: what a pixel adds to its window's sum. scoring: "sum", or the normalisation by statistics of the windows.
+    fit: the sub-pixel fit that suits the cost near its minimum. transform: "census", "rank" or "" for the images as
+    they are. offset: a constant that the kernels leave out. p1, p2: semi-global penalties for disparity steps of one
+    pixel and more, as parts of the largest possible cost.
     """
 
     term: str
@@ -34,38 +34,38 @@ class Cost:
 
     @property
     def normalised(self) -> bool:
-        """Does it compare statistics of whole windows, so that it cannot be taken apart into pixels?"""
+        """Whether it compares statistics of whole windows, so that it is no sum over pixels."""
         return self.scoring != "sum" or self.term == "zero-mean absolute"
 
     @property
     def growth(self) -> int:
-        """The power of the window's area with which the cost grows: the kernel's ZSSD is n times the sum of squares."""
+        """The power of the window's area to which the cost is proportional: the kernel's ZSSD is n times the sum."""
         return {"sum": 1, "zssd": 2}.get(self.scoring, 0)
 
     @property
     def in_lanes(self) -> bool:
-        """Can the sliding kernel compute it?"""
+        """Whether the sliding kernel can compute it."""
         return self.term in ("absolute", "square", "product", "hamming")
 
 
 COSTS: dict[str, Cost] = {
     "sad": Cost("absolute", "sum", V, "sum of absolute differences"),
     "ssd": Cost("square", "sum", PARABOLA, "sum of squared differences", p1=0.002, p2=0.02),
-    "ncc": Cost("product", "ncc", PARABOLA, "1 - cosine of the windows' angle: blind to gain", offset=1.0),
-    "zsad": Cost("zero-mean absolute", "sum", V, "SAD of mean-free windows: blind to offset"),
-    "zssd": Cost("square", "zssd", PARABOLA, "SSD of mean-free windows: blind to offset", p1=0.0005, p2=0.005),
-    "zncc": Cost("product", "zncc", PARABOLA, "1 - correlation coefficient: blind to gain and offset", offset=1.0),
+    "ncc": Cost("product", "ncc", PARABOLA, "1 - cosine of the windows' angle: invariant to gain", offset=1.0),
+    "zsad": Cost("zero-mean absolute", "sum", V, "SAD of mean-free windows: invariant to offset"),
+    "zssd": Cost("square", "zssd", PARABOLA, "SSD of mean-free windows: invariant to offset", p1=0.0005, p2=0.005),
+    "zncc": Cost("product", "zncc", PARABOLA, "1 - correlation coefficient: invariant to gain and offset", offset=1.0),
     "jaccard": Cost("absolute", "jaccard", V, "1 - weighted Jaccard similarity"),
     "census": Cost(
         "hamming",
         "sum",
         V,
-        "Hamming distance of census transforms: blind to monotonic change",
+        "Hamming distance of census transforms: invariant to monotonic change",
         "census",
         p1=0.2,
         p2=0.9,
     ),
-    "rank": Cost("absolute", "sum", V, "SAD of rank transforms: blind to monotonic change", "rank", p1=0.1, p2=0.4),
+    "rank": Cost("absolute", "sum", V, "SAD of rank transforms: invariant to monotonic change", "rank", p1=0.1, p2=0.4),
     "birchfield_tomasi": Cost("birchfield-tomasi", "sum", V, "absolute differences that sampling cannot raise"),
 }
 
@@ -108,7 +108,7 @@ def numbers(cost: Cost, dtype: np.dtype[Any], side: int) -> Numbers:
 
 
 def _check_room(cost: Cost, dtype: np.dtype[Any], side: int, bound: int, bits: int) -> None:
-    """Bounds grow with the fourth power of the side."""
+    """InputError if `bound`, which grows with the fourth power of the side, does not fit."""
     if bound < 1 << bits:
         return
     most = side - 2
@@ -121,9 +121,9 @@ def _check_room(cost: Cost, dtype: np.dtype[Any], side: int, bound: int, bits: i
 
 
 def largest_cost(cost: Cost, span: float, side: int, bits: int) -> float:
-    """The most that this cost can be for images whose values span `span`: the unit of p1 and p2.
+    """The largest value of this cost for images whose values span `span`: the unit of p1 and p2.
 
-    bits is what a pixel's descriptor holds: the census window less its centre.
+    bits: number of bits in a census descriptor.
     """
     area = side * side
     if cost.scoring in ("zncc", "ncc", "jaccard"):

@@ -1,16 +1,24 @@
-"""`StereoMatcher`: a classical stereo matcher as one frozen description, and what runs it."""
+"""`StereoMatcher`: a classical stereo matcher as one frozen description of its options."""
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from twinlens.errors import InputError, unknown
 from twinlens.matching import refine
-from twinlens.matching.checks import amount, check_block_size, whole
 from twinlens.matching.costs import COSTS
 from twinlens.matching.images import Disparity, Image, pair
+from twinlens.matching.options import (
+    MinDisparity,
+    NumDisparities,
+    amount,
+    check_block_size,
+    check_range,
+    whole,
+    with_range,
+)
 from twinlens.matching.search import Search, search
 from twinlens.matching.strips import cpu_count
 from twinlens.matching.supports import SUPPORTS, Settings, levels
@@ -19,74 +27,87 @@ from twinlens.matching.transforms import clipped_slope
 SUBPIXEL = ("auto", "none", "parabola", "v")
 PREFILTERS = ("none", "xsobel")
 OPTIMISATIONS = {
-    "wta": "each pixel on its own: winner takes all",
+    "wta": "winner takes all, for each pixel on its own",
     "sgm4": "semi-global, along rows and columns",
     "sgm8": "semi-global, along rows, columns and diagonals",
 }
 
 
+def _listed(names: Any) -> str:
+    return ", ".join(names)
+
+
 @dataclass(frozen=True)
 class StereoMatcher:
-    """A stereo matcher: what is compared, over which window, how the winner is chosen and refined.
+    """A stereo matcher: what is compared, over which window, and how the winner is chosen and refined.
 
-    cost: a name of `COSTS`. block_size: side of the window, odd, in pixels. The search covers the disparities
-    min_disparity <= d < min_disparity + num_disparities, in pixels, d = u_left - u_right.
-    support: a name of `SUPPORTS`; contrast, gamma_similar, gamma_near, epsilon, noise: see `supports.Settings`.
-    census_window: side of the window of the census and rank transforms.
-    prefilter: "none", or "xsobel": compare the clipped horizontal slopes of the images (`transforms.clipped_slope`).
-    optimisation: a name of `OPTIMISATIONS`; p1, p2: its penalties in parts of the largest cost; None: the cost's own.
-    subpixel: "auto" (the fit that suits the cost), "v", "parabola" or "none".
-
-    What follows makes pixels unknown, so density falls, in this order; 0 or None is off.
-    uniqueness: percent by which the best rival, two or more candidates away, must cost more than the winner.
-    texture: least root mean square horizontal difference in the window, in grey levels of 0..255.
-    lr_check: the most, in pixels, by which left and right disparity may differ.
-    speckle_size: the least pixels of a patch; within a patch neighbours differ by at most speckle_range pixels.
-    median: side of a median over the known pixels, density stays. fill: "none", or "background", which makes every
-    pixel of a map known that has one: by the farther of the known neighbours in its row.
-
-    threads: None for all processors; the answer is the same bytes for any number of them.
+    Every option has its meaning in its annotation; `twinlens methods` lists them. The steps run in this order: cost,
+    support, optimisation, winner-take-all with sub-pixel fit, uniqueness, texture, lr_check, speckles, median, fill.
+    uniqueness, texture, lr_check and speckle_size make pixels unknown.
 
     Borders: images are continued by their edge pixels (regions of the cross, weighted and guided supports end at the
-    edge instead), so every pixel gets an answer, unless none of its partners u - d lies inside the right image: it is
-    then unknown, +inf. Of equal costs the smallest disparity wins. A winner at the end of its pixel's range gets no
-    sub-pixel fit.
+    edge instead), so every pixel has a disparity unless none of its partners u - d is inside the right image: then it
+    is +inf. Of equal costs the smallest disparity wins. A winner at the end of its pixel's range has no sub-pixel fit.
 
-    Numbers: uint8 and uint16 are summed in whole numbers, without loss; only the normalised costs (ncc, zncc, jaccard)
-    are rounded, to 32-bit floats for uint8 (an error below 1e-6) and 64-bit ones else. Correlations that differ by less
-    than that count as they round. Floats are summed in 64 bits: costs that differ by less than 2^-40 of the largest
-    count as equal, and of costs that only rounding tells apart any may win. A window of one value correlates with
-    nothing: its ZNCC costs 1 with every partner; a window of zeros has an NCC cost of 1, and two of them a Jaccard cost
-    of 0. Windows may be wider than the image, and the range too.
+    Accuracy: uint8 and uint16 images are summed in whole numbers, without loss. Only the normalised costs (ncc, zncc,
+    jaccard) are rounded, to float32 for uint8 (an error below 1e-6) and float64 otherwise. Floating-point images are
+    summed in float64: costs that differ by less than 2^-40 of the largest count as equal. A window of one value has a
+    ZNCC cost of 1 with every partner; a window of zeros has an NCC cost of 1, and two of them a Jaccard cost of 0.
+    Windows and ranges may be wider than the image.
 
+    Results do not depend on the number of threads.
+
+    Raises
+    ------
+    InputError
+        An option has a wrong value, or the support cannot take the cost.
+
+    Examples
+    --------
     >>> StereoMatcher(cost="sad", block_size=7).num_disparities
     64
     """
 
-    cost: str = "zncc"
-    block_size: int = 9
-    num_disparities: int = 64
-    min_disparity: int = 0
-    support: str = "fixed"
-    census_window: int = 7
-    prefilter: str = "none"
-    contrast: float = 20.0
-    gamma_similar: float = 12.0
-    gamma_near: float = 12.0
-    epsilon: float = 1e-4
-    noise: float = 2.0
-    optimisation: str = "wta"
-    p1: float | None = None
-    p2: float | None = None
-    subpixel: str = "auto"
-    uniqueness: float = 0.0
-    texture: float = 0.0
-    lr_check: float | None = None
-    speckle_size: int = 0
-    speckle_range: float = 1.0
-    median: int = 0
-    fill: str = "none"
-    threads: int | None = None
+    cost: Annotated[str, f"Matching cost: {_listed(COSTS)}."] = "zncc"
+    block_size: Annotated[int, "Side of the window in pixels; odd."] = 9
+    num_disparities: NumDisparities = 64
+    min_disparity: MinDisparity = 0
+    support: Annotated[str, f"Support region over which costs are gathered: {_listed(SUPPORTS)}."] = "fixed"
+    census_window: Annotated[int, "Side of the window of the census and rank transforms; odd."] = 7
+    prefilter: Annotated[str, "none, or xsobel: compare clipped horizontal Sobel derivatives, as StereoBM does."] = (
+        "none"
+    )
+    contrast: Annotated[float, "Support cross: difference in grey levels of 0..255 at which an arm ends."] = 20.0
+    gamma_similar: Annotated[float, "Support weighted: grey levels over which a weight falls to 1/e."] = 12.0
+    gamma_near: Annotated[float, "Support weighted: pixels over which a weight falls to 1/e."] = 12.0
+    epsilon: Annotated[float, "Support guided: variance below which the filter smooths; of grey levels in 0..1."] = 1e-4
+    noise: Annotated[float, "Support adaptive: standard deviation of the image noise, in grey levels of 0..255."] = 2.0
+    optimisation: Annotated[str, "; ".join(f"{name}: {text}" for name, text in OPTIMISATIONS.items()) + "."] = "wta"
+    p1: Annotated[
+        float | None,
+        "Semi-global penalty for steps of one disparity, a part of the largest cost; none: the cost's.",
+    ] = None
+    p2: Annotated[
+        float | None, "Semi-global penalty for larger steps, a part of the largest cost; none: the cost's."
+    ] = None
+    subpixel: Annotated[str, "Sub-pixel fit: v, parabola, none, or auto: the fit that suits the cost."] = "auto"
+    uniqueness: Annotated[
+        float,
+        "Percent by which the best rival, two or more disparities away, must cost more than the winner; 0: off.",
+    ] = 0.0
+    texture: Annotated[
+        float, "Least root mean square horizontal difference in the window, in grey levels of 0..255; 0: off."
+    ] = 0.0
+    lr_check: Annotated[
+        float | None, "Largest difference in pixels between the left and the right disparity; none: off."
+    ] = None
+    speckle_size: Annotated[int, "Patches of fewer pixels become unknown; 0: off."] = 0
+    speckle_range: Annotated[float, "Largest difference in pixels between neighbours of one patch."] = 1.0
+    median: Annotated[int, "Side of a median filter over known pixels; odd; 0: off."] = 0
+    fill: Annotated[
+        str, "none, or background: fill unknown pixels with the smaller of the nearest known ones in the row."
+    ] = "none"
+    threads: Annotated[int | None, "Number of threads; none: all processors."] = None
 
     def __post_init__(self) -> None:
         for kind, name, known in (
@@ -101,8 +122,7 @@ class StereoMatcher:
                 raise unknown(kind, str(name), known)
         check_block_size("block_size", self.block_size)
         check_block_size("census_window", self.census_window)
-        whole("num_disparities", self.num_disparities, 1)
-        whole("min_disparity", self.min_disparity)
+        check_range(self.num_disparities, self.min_disparity)
         whole("speckle_size", self.speckle_size, 0)
         if self.median != 0:
             check_block_size("median", self.median)
@@ -131,8 +151,8 @@ class StereoMatcher:
     def _check_combination(self) -> None:
         if SUPPORTS[self.support].pixelwise and COSTS[self.cost].normalised:
             raise InputError(
-                f"cost {self.cost!r} compares statistics of whole windows, support {self.support!r} gathers single "
-                "pixels; use it with sad, ssd, census, rank or birchfield_tomasi"
+                f"cost {self.cost!r} compares statistics of whole windows, but support {self.support!r} gathers costs "
+                "of single pixels; use it with sad, ssd, census, rank or birchfield_tomasi"
             )
 
     @property
@@ -142,19 +162,39 @@ class StereoMatcher:
         return cost.p1 if self.p1 is None else self.p1, cost.p2 if self.p2 is None else self.p2
 
     def replace(self, **changes: Any) -> "StereoMatcher":
-        """The same matcher with some fields changed, checked anew."""
+        """The same matcher with some options changed, and checked."""
         return dataclasses.replace(self, **changes)
 
-    def match(self, left: Any, right: Any) -> Disparity:
-        """The left image's disparity, (H, W) float32 in pixels, +inf where unknown."""
-        images = self._checked(left, right)
-        disparity = self._found(*images)
+    def match(
+        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+    ) -> Disparity:
+        """Match two rectified images.
+
+        Parameters
+        ----------
+        left, right : array (H, W) or (H, W, 3)
+            Images of one size and dtype: uint8, uint16 or float32. Colour is converted to luma.
+        num_disparities, min_disparity : int, optional
+            Search range in pixels; default: the matcher's own.
+
+        Returns
+        -------
+        array (H, W) float32
+            The left image's disparity u_left - u_right in pixels; +inf where unknown.
+
+        Raises
+        ------
+        InputError
+            The images differ in size or dtype, or cannot be matched.
+        """
+        task, images = with_range(self, num_disparities, min_disparity), self._checked(left, right)
+        disparity = task._found(*images)
         if self.lr_check is not None:
-            disparity = refine.consistent(disparity, _mirrored(self._found(*_swapped(*images))), self.lr_check)
-        return self._polished(disparity)
+            disparity = refine.consistent(disparity, _mirrored(task._found(*_swapped(*images))), self.lr_check)
+        return self._refined(disparity)
 
     def match_pair(self, left: Any, right: Any) -> tuple[Disparity, Disparity]:
-        """The disparities of the left and of the right image, each (H, W); a point has the same sign in both."""
+        """The disparities of the left and of the right image, (H, W) each, both u_left - u_right; see `match`."""
         images = self._checked(left, right)
         ours, theirs = self._found(*images), self._found(*_swapped(*images))
         if self.lr_check is not None:
@@ -162,7 +202,7 @@ class StereoMatcher:
                 refine.consistent(ours, _mirrored(theirs), self.lr_check),
                 refine.consistent(theirs, _mirrored(ours), self.lr_check),
             )
-        return self._polished(ours), _mirrored(self._polished(theirs))
+        return self._refined(ours), _mirrored(self._refined(theirs))
 
     def _checked(self, left: Any, right: Any) -> tuple[Image, Image]:
         images = pair(left, right)
@@ -199,7 +239,7 @@ class StereoMatcher:
             threads=self.threads or cpu_count(),
         )
 
-    def _polished(self, disparity: Disparity) -> Disparity:
+    def _refined(self, disparity: Disparity) -> Disparity:
         if self.speckle_size > 0:
             disparity = refine.without_speckles(disparity, self.speckle_size, self.speckle_range)
         if self.median > 1:
@@ -212,5 +252,5 @@ def _mirrored(image: Any) -> Any:
 
 
 def _swapped(left: Image, right: Image) -> tuple[Image, Image]:
-    # Seen in a mirror, the right image is a left image: u' = W - 1 - u keeps u_left - u_right.
+    # Mirrored, the right image becomes a left image: u' = W - 1 - u keeps u_left - u_right.
     return _mirrored(right), _mirrored(left)

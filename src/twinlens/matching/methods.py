@@ -1,10 +1,11 @@
-"""The matchers by name, and the one line of text that names one with its options: `zncc:block_size=21,lr_check=1`."""
+"""The matchers by name, and the text that selects one with its options: `[NAME=]zncc:block_size=21,lr_check=1`."""
 
 import dataclasses
 import importlib.metadata
 import re
 import types
-from collections.abc import Mapping
+import typing
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,12 +23,16 @@ ENTRY_POINTS = "twinlens.methods"
 
 @dataclass(frozen=True)
 class Method:
-    """A matcher that can be called by name: what it is, and what its options are unless told otherwise."""
+    """A matcher that can be selected by name, with the defaults of its options.
+
+    positional: the option that may be given without its name.
+    """
 
     name: str
     description: str
     defaults: Mapping[str, Any] = field(default_factory=dict)
     matcher: type[Any] = StereoMatcher
+    positional: str | None = None
 
     @property
     def options(self) -> dict[str, Any]:
@@ -35,8 +40,14 @@ class Method:
         fields = {item.name: item.default for item in dataclasses.fields(self.matcher)}
         return {**fields, **self.defaults}
 
+    @property
+    def meanings(self) -> dict[str, str]:
+        """Every option with its meaning."""
+        hints = typing.get_type_hints(self.matcher, include_extras=True)
+        return {name: hints[name].__metadata__[0] for name in self.options}
+
     def make(self, **options: Any) -> Any:
-        """The matcher with these options: an object with match(left, right)."""
+        """The matcher with these options: an `options.Matcher`. Raises InputError for an unknown option."""
         known = self.options
         for name in options:
             if name not in known:
@@ -44,86 +55,97 @@ class Method:
         return self.matcher(**{**self.defaults, **options})
 
 
-def _of_cost(name: str) -> Method:
-    return Method(name, COSTS[name].description, {"cost": name})
-
-
 METHODS: dict[str, Method] = {
-    **{name: _of_cost(name) for name in COSTS},
-    "shiftable": Method(
-        "shiftable", "SAD, the best of all windows around a pixel", {"cost": "sad", "support": "shiftable"}
-    ),
-    "adaptive": Method(
-        "adaptive",
-        "ZNCC, windows that grow where texture lacks and bend around edges",
-        {"cost": "zncc", "support": "adaptive", "block_size": 21},
-    ),
-    "cross": Method(
-        "cross",
-        "census over cross-shaped regions of like pixels",
-        {"cost": "census", "support": "cross", "block_size": 35},
-    ),
-    "weighted": Method(
-        "weighted",
-        "census with weights of likeness and nearness; slow",
-        {"cost": "census", "support": "weighted", "block_size": 15},
-    ),
-    "guided": Method(
-        "guided", "census volume smoothed by a guided filter", {"cost": "census", "support": "guided", "block_size": 19}
-    ),
-    "sgm": Method(
-        "sgm", "census and semi-global matching, 8 paths", {"cost": "census", "block_size": 1, "optimisation": "sgm8"}
-    ),
-    "opencv_bm": Method("opencv_bm", "OpenCV's StereoBM (extra opencv)", {}, OpenCVBlock),
-    "opencv_sgbm": Method("opencv_sgbm", "OpenCV's StereoSGBM (extra opencv)", {}, OpenCVSemiGlobal),
-    "onnx": Method("onnx", "any ONNX model, left, right -> disparity (extra onnx): model=net.onnx", {}, OnnxNetwork),
-    "program": Method("program", "any program: command='prog {left} {right} {out}'", {}, Program),
-    "function": Method("function", "any Python function: function=module:name", {}, PythonFunction),
-    "sgm4": Method(
-        "sgm4", "census and semi-global matching, 4 paths", {"cost": "census", "block_size": 1, "optimisation": "sgm4"}
-    ),
+    method.name: method
+    for method in (
+        *(Method(name, cost.description, {"cost": name}) for name, cost in COSTS.items()),
+        Method("shiftable", "SAD of the best window that contains the pixel", {"cost": "sad", "support": "shiftable"}),
+        Method(
+            "adaptive",
+            "ZNCC in windows that grow where texture is faint and follow edges",
+            {"cost": "zncc", "support": "adaptive", "block_size": 21},
+        ),
+        Method(
+            "cross",
+            "census over cross-shaped regions of similar pixels",
+            {"cost": "census", "support": "cross", "block_size": 35},
+        ),
+        Method(
+            "weighted",
+            "census with weights of similarity and proximity; slow",
+            {"cost": "census", "support": "weighted", "block_size": 15},
+        ),
+        Method(
+            "guided",
+            "census smoothed by a guided filter",
+            {"cost": "census", "support": "guided", "block_size": 19},
+        ),
+        Method(
+            "sgm",
+            "semi-global matching of census costs, 8 paths",
+            {"cost": "census", "block_size": 1, "optimisation": "sgm8"},
+        ),
+        Method(
+            "sgm4",
+            "semi-global matching of census costs, 4 paths",
+            {"cost": "census", "block_size": 1, "optimisation": "sgm4"},
+        ),
+        Method("opencv_bm", "OpenCV's StereoBM (extra opencv)", {}, OpenCVBlock),
+        Method("opencv_sgbm", "OpenCV's StereoSGBM (extra opencv)", {}, OpenCVSemiGlobal),
+        Method("onnx", "an ONNX model (extra onnx): onnx:net.onnx", {}, OnnxNetwork, "model"),
+        Method("program", "a program: program:'prog {left} {right} {out}'", {}, Program, "command"),
+        Method("function", "a Python function: function:path/to/file.py:name", {}, PythonFunction, "function"),
+    )
 }
 
 
 @dataclass(frozen=True)
 class MethodSpec:
-    """A method and the options someone chose for it; `text` is how they wrote it, and its name on a board."""
+    """A method with options, as `parse_method` reads it.
 
-    text: str
+    name: the given name, or the text without one; boards list methods by it.
+    """
+
+    name: str
     method: Method
     options: Mapping[str, Any]
 
     def matcher(self, **defaults: Any) -> Any:
-        """The matcher; `defaults` fill what the options leave open, such as a data set's num_disparities."""
+        """The matcher; `defaults`, such as a data set's num_disparities, apply to options that are not given."""
         known = {name: value for name, value in defaults.items() if name in self.method.options}
         return self.method.make(**{**known, **self.options})
 
     @property
     def content(self) -> str:
-        """The hashes of the files that the matcher consists of: a network's, a program's; none of twinlens's own."""
+        """Hashes of the files that the matcher consists of: those of a network or a program; "" for twinlens's own."""
         return str(getattr(self.matcher(), "content", ""))
 
     def check_parts(self) -> None:
-        """Refuse a matcher made of files or functions that are not there; twinlens's own are made of none."""
+        """Raise a TwinlensError if a file, function or package that the matcher needs is missing."""
         check = getattr(self.matcher(), "check_parts", None)
         if check is not None:
             check()
 
     @property
-    def is_foreign(self) -> bool:
-        """Whether code runs in this process that is not twinlens's nor OpenCV's, and that may take it down."""
+    def runs_user_code(self) -> bool:
+        """Whether it runs code in this process that belongs neither to twinlens nor to OpenCV, and may crash it."""
         return self.method.matcher in (PythonFunction, OnnxNetwork)
 
-    def __call__(self, left: Any, right: Any, **defaults: Any) -> Disparity:
-        """The left image's disparity, (H, W) float32, +inf where unknown."""
-        result: Disparity = self.matcher(**defaults).match(left, right)
+    def match(
+        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+    ) -> Disparity:
+        """See `options.Matcher.match`. A range among the method's options takes precedence over the arguments."""
+        given = {"num_disparities": num_disparities, "min_disparity": min_disparity}
+        matcher = self.matcher(**{name: value for name, value in given.items() if value is not None})
+        result: Disparity = matcher.match(left, right)
         return result
 
 
 def find_method(name: str) -> Method:
-    """The method of this name, of twinlens or of an installed package, or an InputError with the nearest one.
+    """The method of this name, of twinlens or of an installed package.
 
-    A package offers function(left, right, num_disparities, min_disparity) under the entry point `twinlens.methods`.
+    A package offers function(left, right, *, num_disparities, min_disparity) under the entry point `twinlens.methods`.
+    Raises InputError, with the nearest name, if there is none.
 
     >>> find_method("znc")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -133,38 +155,82 @@ def find_method(name: str) -> Method:
         return METHODS[name]
     found = {point.name: point for point in importlib.metadata.entry_points(group=ENTRY_POINTS)}
     if name in found:
-        return Method(name, f"{found[name].value}", {"function": found[name].value}, PythonFunction)
+        return Method(name, found[name].value, {"function": found[name].value}, PythonFunction)
     raise unknown("method", name, [*METHODS, *found])
 
 
 def split_commas(text: str) -> list[str]:
-    """The pieces of a text between its commas, stripped; a comma inside '...' or "..." divides nothing.
+    """The parts of a text between its commas, stripped; commas inside '...' or "..." do not split.
 
     >>> split_commas("sad, program:command='prog --sizes 3,4',zncc")
     ['sad', "program:command='prog --sizes 3,4'", 'zncc']
     """
-    pieces = re.findall(r"""(?:'[^']*'|"[^"]*"|[^,])+""", text)
-    return [piece.strip() for piece in pieces if piece.strip()]
+    parts = re.findall(r"""(?:'[^']*'|"[^"]*"|[^,])+""", text)
+    return [part.strip() for part in parts if part.strip()]
+
+
+def split_methods(texts: Iterable[str]) -> list[str]:
+    """The methods in texts such as "sad,mine=zncc:block_size=15,lr_check=1".
+
+    An `option=value` belongs to the method before it, if that has such an option.
+
+    >>> split_methods(["sad,mine=zncc:block_size=15,lr_check=1", "sgm:cost=sad"])
+    ['sad', 'mine=zncc:block_size=15,lr_check=1', 'sgm:cost=sad']
+    """
+    methods: list[str] = []
+    for part in (part for text in texts for part in split_commas(text)):
+        option = re.match(r"(\w+)\s*=", part)
+        if methods and option and ":" in methods[-1] and not _starts_method(part, methods[-1], option[1]):
+            methods[-1] += f",{part}"
+        else:
+            methods.append(part)
+    if not methods:
+        raise InputError("no method is named")
+    return methods
+
+
+def _starts_method(part: str, before: str, name: str) -> bool:
+    """Whether `part`, which is name=..., is a named method and not an option of the method before it."""
+    try:
+        if name in find_method(_named(before)[1].partition(":")[0].strip()).options:
+            return False
+        find_method(_named(part)[1].partition(":")[0].strip())
+    except InputError:
+        return False
+    return True
+
+
+def _named(text: str) -> tuple[str, str]:
+    """(name, method text) of [NAME=]METHOD[:OPTIONS]; the name is the whole text where none is given."""
+    named = re.fullmatch(r"([\w.-]+)\s*=\s*(.+)", text.strip(), re.DOTALL)
+    return (named[1], named[2]) if named else (text.strip(), text.strip())
 
 
 def parse_method(text: str) -> MethodSpec:
-    """Read `name` or `name:option=value,option=value`; values are numbers, true, false, none, or words.
+    """Read [NAME=]METHOD or [NAME=]METHOD:OPTION=VALUE,OPTION=VALUE.
 
-    A value that holds a comma stands in quotes: `program:command='prog --sizes 3,4 {left} {right} {out}'`.
+    Values are numbers, true, false, none, or words. A value that holds a comma is quoted:
+    `program:'prog --sizes 3,4 {left} {right} {out}'`. Raises InputError for unknown methods and wrong options.
 
     >>> parse_method("zncc:block_size=21,lr_check=1").options
     mappingproxy({'block_size': 21, 'lr_check': 1})
+    >>> parse_method("mine=function:path/to/file.py:name").name
+    'mine'
     """
-    name, _, tail = text.strip().partition(":")
-    method = find_method(name.strip())
-    options = dict(_option(part, text, method) for part in split_commas(tail))
-    spec = MethodSpec(text.strip(), method, types.MappingProxyType(options))
+    name, rest = _named(text)
+    head, _, tail = rest.partition(":")
+    method = find_method(head.strip())
+    parts = split_commas(tail)
+    options = dict(_option(part, text.strip(), method, first=index == 0) for index, part in enumerate(parts))
+    spec = MethodSpec(name, method, types.MappingProxyType(options))
     spec.matcher()
     return spec
 
 
-def _option(part: str, text: str, method: Method) -> tuple[str, Any]:
+def _option(part: str, text: str, method: Method, first: bool) -> tuple[str, Any]:
     name, equals, value = (piece.strip() for piece in part.partition("="))
+    if first and method.positional and name not in method.options:
+        return method.positional, _unquoted(part)
     if not equals:
         raise InputError(f"{name!r} in {text!r} is not an option; write option=value")
     is_word = isinstance(method.options.get(name), str)
@@ -172,7 +238,7 @@ def _option(part: str, text: str, method: Method) -> tuple[str, Any]:
 
 
 def _unquoted(text: str) -> str:
-    """The text without the quotes around all of it; `'a b' 'c d'` has none such."""
+    """The text without quotes around the whole of it; `'a b' 'c d'` is left unchanged."""
     around = re.fullmatch(r"""'([^']*)'|"([^"]*)\"""", text)
     return text if around is None else (around[1] or around[2] or "")
 
@@ -190,13 +256,29 @@ def _value(text: str) -> Any:
 
 
 def match(left: Any, right: Any, method: str = "zncc", **options: Any) -> Disparity:
-    """Match two rectified images: the left one's disparity, u_left - u_right.
+    """Match two rectified images.
 
-    left, right: (H, W) or (H, W, 3) of one size and dtype, uint8, uint16 or float32; colour becomes luma (`grey`).
-    method: a name of `METHODS`, with or without options of its own ("sad:block_size=7"); options: block_size,
-    num_disparities, min_disparity and the others of `StereoMatcher` or of the method.
-    Returns (H, W) float32 in pixels, +inf where unknown. Raises InputError for what cannot be matched.
+    Parameters
+    ----------
+    left, right : array (H, W) or (H, W, 3)
+        Images of one size and dtype: uint8, uint16 or float32. Colour is converted to luma (`matching.grey`).
+    method : str
+        A name of `matching.METHODS`, with or without options: "sad:block_size=7".
+    **options
+        block_size, num_disparities, min_disparity and the other options of the method; see `twinlens methods`.
 
+    Returns
+    -------
+    array (H, W) float32
+        The left image's disparity u_left - u_right in pixels; +inf where unknown.
+
+    Raises
+    ------
+    InputError
+        An unknown method or option, a wrong value, or images that cannot be matched.
+
+    Examples
+    --------
     >>> import numpy as np
     >>> right = np.random.default_rng(0).integers(0, 256, (20, 40), dtype=np.uint8)
     >>> disparity = match(np.roll(right, 3, axis=1), right, method="sad", block_size=5, num_disparities=8)
@@ -207,4 +289,5 @@ def match(left: Any, right: Any, method: str = "zncc", **options: Any) -> Dispar
     for name in options:
         if name not in spec.method.options:
             raise unknown(f"option of {spec.method.name}", name, spec.method.options)
-    return spec(left, right, **options)
+    result: Disparity = spec.matcher(**options).match(left, right)
+    return result

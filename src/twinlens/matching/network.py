@@ -1,49 +1,46 @@
-"""Any ONNX model, left and right image -> disparity, behind `match(left, right)`: the method `onnx:model=net.onnx`.
-
-What a model may look like is said in `OnnxNetwork`. onnxruntime runs it on the processor; it comes with the extra onnx.
-"""
+"""Stereo networks in ONNX files as methods: `onnx:net.onnx`. They run on the processor and need the extra onnx."""
 
 import glob
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from twinlens.errors import FileError, InputError, MissingExtraError
-from twinlens.matching.checks import amount, whole
-from twinlens.matching.external import WrongAnswerError, checked_result
-from twinlens.matching.identity import content_of
-from twinlens.matching.images import Disparity, Image, pair
+from twinlens.matching.external import WrongAnswerError, checked_result, content_of
+from twinlens.matching.images import Disparity, Image, grey, pair
+from twinlens.matching.options import amount, whole
 
 CHANNELS = (1, 3)
-_QUIET = 4  # onnxruntime's severity "fatal": what it raises is said once, by us
+_FATAL = 4  # onnxruntime's highest severity: its errors are raised, and need not be logged too
 
 
 @dataclass(frozen=True)
 class OnnxNetwork:
     """A stereo network in a .onnx file.
 
-    Inputs: two float32 tensors (1, C, H, W), the left image first, C = 1 (luma) or 3 (red, green, blue), in `scale`
-    units: 1 gives 0..1, 255 gives 0..255, of 8-bit and 16-bit images alike. H and W may be fixed in the model: images
-    larger than that are refused, smaller ones are continued by their edge pixels, at the top and on the right, as they
-    are to a `multiple` of pixels where sizes are free. Disparities are then cropped to the image.
-    Output: one, or the `output`-th (0, 1, ...; -1 the last), of shape (1, 1, H, W), (1, H, W) or (H, W): pixels of
-    the input, positive to the left, times `sign`. +inf is unknown; NaN and -inf are refused.
+    Inputs: two float32 tensors (1, C, H, W), the left image first, C = 1 (luma) or 3 (red, green, blue). H and W may be
+    fixed in the model: larger images are refused; smaller ones are padded with their edge pixels, at the top and on the
+    right. Where H and W are free, images are padded to a `multiple`. Disparities are cropped to the image.
+    Output: (1, 1, H, W), (1, H, W) or (H, W), in pixels of the input, u_left - u_right after multiplication by `sign`.
+    +inf is unknown; NaN and -inf are refused.
 
-    A network searches the disparities it was made for: num_disparities and min_disparity are no options of it.
+    A network searches the range it was trained for: it has no options num_disparities and min_disparity.
     """
 
-    model: str = ""
-    scale: float = 1.0
-    multiple: int = 32
-    output: int = -1
-    sign: int = 1
+    model: Annotated[str, "The .onnx file."] = ""
+    scale: Annotated[float, "Largest value of the input, for 8-bit and 16-bit images: 1 for 0..1, 255 for 0..255."] = (
+        1.0
+    )
+    multiple: Annotated[int, "Images are padded to a multiple of this, in pixels, where the model's size is free."] = 32
+    output: Annotated[int, "Index of the output that is the disparity; -1: the last."] = -1
+    sign: Annotated[int, "1, or -1 for a network whose disparities are negative."] = 1
 
     def __post_init__(self) -> None:
         if not str(self.model).endswith(".onnx"):
-            raise InputError(f"model is {self.model!r}; name an .onnx file, as onnx:model=net.onnx")
+            raise InputError(f"model is {self.model!r}; name an .onnx file, as in onnx:net.onnx")
         amount("scale", self.scale, above=True)
         whole("multiple", self.multiple, 1)
         whole("output", self.output)
@@ -52,20 +49,21 @@ class OnnxNetwork:
 
     @property
     def content(self) -> str:
-        """The hash of the model's file, and of what exporters call `net.onnx.data` or `net.onnx_data` beside it."""
+        """The hashes of the model's file and of external data in `net.onnx.data` or `net.onnx_data`."""
         path = Path(self.model)
-        beside = path.parent.glob(f"{glob.escape(path.name)}[._]data*")
-        return content_of([path, *beside])
+        return content_of([path, *path.parent.glob(f"{glob.escape(path.name)}[._]data*")])
 
     def check_parts(self) -> None:
-        """FileError if there is no such file, MissingExtraError if there is nothing to run it."""
-        _changed(str(self.model))
+        """FileError if there is no such file, MissingExtraError if onnxruntime is not installed."""
+        _written_ns(str(self.model))
         _onnxruntime()
 
-    def match(self, left: Any, right: Any) -> Disparity:
-        """The left image's disparity, (H, W) float32, +inf where unknown."""
+    def match(
+        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+    ) -> Disparity:
+        """The network's disparities; see `options.Matcher.match`. The range is not used."""
         pair(left, right)
-        session = _session(str(self.model), _changed(str(self.model)))
+        session = _session(str(self.model), _written_ns(str(self.model)))
         height, width = np.shape(left)[:2]
         feeds = {
             place.name: self._tensor(np.asarray(image), place)
@@ -80,7 +78,7 @@ class OnnxNetwork:
         return f"model {Path(self.model).name!r}"
 
     def _tensor(self, image: Image, place: Any) -> Image:
-        """The image as the input wants it: (1, C, H, W) float32, padded at the top and on the right."""
+        """The image as the input takes it: (1, C, H, W) float32, padded at the top and on the right."""
         channels = _channels(place, self.model)
         levels = _unit(image) * np.float32(self.scale)
         planes = _planes(levels, channels)
@@ -109,8 +107,8 @@ def _onnxruntime() -> Any:
     return onnxruntime
 
 
-def _changed(model: str) -> int:
-    """When the file was written last, so that another file of the same name is loaded anew."""
+def _written_ns(model: str) -> int:
+    """When the file was last written; a changed file is loaded again."""
     try:
         return Path(model).stat().st_mtime_ns
     except OSError as problem:
@@ -118,14 +116,14 @@ def _changed(model: str) -> int:
 
 
 @lru_cache(maxsize=4)
-def _session(model: str, _changed: int) -> Any:
-    """The loaded model, kept: loading one takes longer than running it."""
+def _session(model: str, _written_ns: int) -> Any:
+    """The loaded model; loading takes longer than running it."""
     runtime = _onnxruntime()
     options = runtime.SessionOptions()
-    options.log_severity_level = _QUIET
+    options.log_severity_level = _FATAL
     try:
         return runtime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
-    except Exception as problem:  # as above
+    except Exception as problem:  # see _run
         raise FileError(f"{model}: not an ONNX model that can be run: {_one_line(problem)}") from None
 
 
@@ -156,7 +154,7 @@ def _channels(place: Any, model: str) -> int:
 
 
 def _unit(image: Image) -> Image:
-    """Integers in parts of their largest value; floating-point images are taken to be in 0..1."""
+    """Integers divided by their largest value; floating-point images are expected in 0..1."""
     largest = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1
     return image.astype(np.float32) / np.float32(largest)
 
@@ -165,8 +163,6 @@ def _planes(levels: Image, channels: int) -> Image:
     """(C, H, W) from (H, W) or (H, W, 1 or 3)."""
     flat = levels[..., 0] if levels.ndim == 3 and levels.shape[2] == 1 else levels
     if channels == 1:
-        from twinlens.matching.images import grey
-
         return grey(flat)[None]
     return np.moveaxis(flat, 2, 0) if flat.ndim == 3 else np.stack([flat] * 3)
 

@@ -1,8 +1,4 @@
-"""Any program behind the same two words, `match(left, right)`.
-
-The one module of this room that touches files, because files are all that a stranger's program understands: two PNGs
-go into a temporary folder, one PFM comes out of it, and the folder goes. Nothing of this can be seen from outside.
-"""
+"""Any program as a method. It reads two PNG files and writes a PFM file, in a temporary folder."""
 
 import contextlib
 import os
@@ -17,70 +13,68 @@ import time
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from twinlens.errors import InputError
-from twinlens.matching.checks import amount, whole
-from twinlens.matching.external import WrongAnswerError, checked_result
-from twinlens.matching.identity import content_of
+from twinlens.matching.external import WrongAnswerError, checked_result, content_of
 from twinlens.matching.images import Disparity, Image, pair
+from twinlens.matching.options import MinDisparity, NumDisparities, amount, check_range, with_range
 
-PLACES = ("{left}", "{right}", "{out}")
+PLACEHOLDERS = ("{left}", "{right}", "{out}")
 TAIL_BYTES = 4096
-"""How much of what a program prints is kept, for the message if it fails; the rest is read and forgotten."""
+"""How much of a program's output is kept for the message if it fails."""
 READ_BYTES = 1 << 16
 POLL_S = 0.1
 
 
 class ProgramTimeoutError(InputError, TimeoutError):
-    """A program took longer than it may, and was ended."""
+    """A program exceeded its time limit and was killed."""
 
 
 @dataclass(frozen=True)
 class Program:
-    """Any program that reads two images and writes a disparity map.
+    """A program that reads two images and writes a disparity map; see `command`.
 
-    command: its command line, with {left}, {right} (PNG files it is given), {out} (the file it must write: a grey PFM)
-    and, where it wants them, {num_disparities} and {min_disparity}. No shell reads it. In the PFM +inf is unknown.
-    timeout_s: how long it may take. What it prints is nobody's business, unless it fails: then its last line is said.
+    The program runs without a shell. In its PFM file +inf is unknown. Its output is shown only if it fails.
     """
 
-    command: str = ""
-    num_disparities: int = 64
-    min_disparity: int = 0
-    timeout_s: float = 600.0
+    command: Annotated[
+        str,
+        "Command line with {left} and {right}, PNG files to read, {out}, a grey PFM file to write, and optionally "
+        "{num_disparities} and {min_disparity}.",
+    ] = ""
+    num_disparities: NumDisparities = 64
+    min_disparity: MinDisparity = 0
+    timeout_s: Annotated[float, "Seconds per match, after which the program is killed."] = 600.0
 
     def __post_init__(self) -> None:
-        whole("num_disparities", self.num_disparities, 1)
-        whole("min_disparity", self.min_disparity)
+        check_range(self.num_disparities, self.min_disparity)
         amount("timeout_s", self.timeout_s, above=True)
-        for place in PLACES:
-            if place not in self.command:
+        for placeholder in PLACEHOLDERS:
+            if placeholder not in self.command:
                 raise InputError(
-                    f"command is {self.command!r}; it must name {place}, as 'prog {{left}} {{right}} {{out}}'"
+                    f"command is {self.command!r}; it needs {placeholder}, as in 'prog {{left}} {{right}} {{out}}'"
                 )
         self._words({})
 
     @property
     def content(self) -> str:
-        """The hashes of the program's own file and of every file that its command names, as `--weights=net.bin` does.
+        """The hashes of the program's file and of every file that its command names, such as `--weights=net.bin`.
 
-        What lies in a folder that it names, and what those files load in their turn, is not seen.
+        Files in folders that it names, and files that those files load, are not seen.
         """
         words = self._words({})
         named = [part for word in words[1:] for part in {word, word.rpartition("=")[2]}]
         return content_of(Path(name) for name in (shutil.which(words[0]), *named) if name and _is_file(name))
 
     def check_parts(self) -> None:
-        """InputError if there is no such program, or it may not be run; of the files it names nothing is known."""
+        """InputError if the program does not exist or is not executable. Other files are not checked."""
         name = self._words({})[0]
         if shutil.which(name) is None:
-            there = Path(name).is_file()
-            raise InputError(
-                f"{self._name} cannot be started: {'it is not executable' if there else 'no such program'}"
-            )
+            reason = "it is not executable" if Path(name).is_file() else "no such program"
+            raise InputError(f"{self._name} cannot be started: {reason}")
 
     def _words(self, values: dict[str, str]) -> list[str]:
         try:
@@ -91,14 +85,17 @@ class Program:
             words = [word.replace(f"{{{name}}}", value) for word in words]
         return words
 
-    def match(self, left: Any, right: Any) -> Disparity:
-        """The left image's disparity, (H, W) float32, +inf where unknown."""
+    def match(
+        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+    ) -> Disparity:
+        """The program's disparities; see `options.Matcher.match`."""
         pair(left, right)
+        task = with_range(self, num_disparities, min_disparity)
         with tempfile.TemporaryDirectory(prefix="twinlens-") as place:
             folder = Path(place)
             for name, image in (("left.png", left), ("right.png", right)):
                 (folder / name).write_bytes(_png(np.asarray(image)))
-            self._run(folder)
+            task._run(folder)
             shape = np.shape(left)[:2]
             return checked_result(_read_pfm(folder / "out.pfm", shape, self._name), shape, self._name)
 
@@ -109,9 +106,9 @@ class Program:
     def _run(self, folder: Path) -> None:
         values = {"left": str(folder / "left.png"), "right": str(folder / "right.png"), "out": str(folder / "out.pfm")}
         values |= {"num_disparities": str(self.num_disparities), "min_disparity": str(self.min_disparity)}
-        status, said = _finished(self._words(values), self.timeout_s, self._name)
+        status, printed = _finished(self._words(values), self.timeout_s, self._name)
         if status != 0:
-            last = (said.strip() or "it said nothing").splitlines()[-1]
+            last = (printed.strip() or "it printed nothing").splitlines()[-1]
             raise InputError(f"{self._name} {_ending(status)}: {last}")
         if not (folder / "out.pfm").is_file():
             raise InputError(f"{self._name} wrote no file at {{out}}")
@@ -124,24 +121,24 @@ def _is_file(name: str) -> bool:
 
 
 def _ending(status: int) -> str:
-    """How a program left, in words; a signal has a name, and the one that ends a glutton says what it may mean.
+    """How a program ended.
 
     >>> _ending(3), _ending(-11)
-    ('left with status 3', 'was ended by SIGSEGV')
+    ('exited with status 3', 'was killed by SIGSEGV')
     """
     if status >= 0:
-        return f"left with status {status}"
+        return f"exited with status {status}"
     with contextlib.suppress(ValueError):
         name = signal.Signals(-status).name
-        return f"was ended by {name}" + (" (out of memory?)" if name == "SIGKILL" else "")
-    return f"was ended by signal {-status}"
+        return f"was killed by {name}" + (" (out of memory?)" if name == "SIGKILL" else "")
+    return f"was killed by signal {-status}"
 
 
 def _finished(words: list[str], timeout_s: float, name: str) -> tuple[int, str]:
-    """Run a program to its end: (exit status, the last of what it printed).
+    """Run a program: (exit status, the end of its output).
 
-    It runs in a session of its own: at the limit all that it started ends with it. And the kernel is told that, if
-    memory runs out, this is the one to end.
+    It runs in a session of its own, so that its children are killed with it at the time limit. If memory runs out, the
+    kernel kills it first.
     """
     try:
         process = subprocess.Popen(
@@ -156,16 +153,16 @@ def _finished(words: list[str], timeout_s: float, name: str) -> tuple[int, str]:
     with contextlib.suppress(OSError):
         Path(f"/proc/{process.pid}/oom_score_adj").write_text("1000")
     try:
-        said = _listen(process, time.monotonic() + timeout_s)
+        printed = _listen(process, time.monotonic() + timeout_s)
     except subprocess.TimeoutExpired:
-        raise ProgramTimeoutError(f"{name} took longer than {timeout_s:g} s and was ended") from None
+        raise ProgramTimeoutError(f"{name} took longer than {timeout_s:g} s and was killed") from None
     finally:
         _end(process)
-    return process.returncode, said.decode(errors="replace")
+    return process.returncode, printed.decode(errors="replace")
 
 
 def _listen(process: "subprocess.Popen[bytes]", deadline: float) -> bytes:
-    """Read what the program prints until it has ended, and keep the last of it; TimeoutExpired at the deadline."""
+    """Read the program's output until it ends and return the end of it; TimeoutExpired at the deadline."""
     pipe, tail = process.stdout, b""
     with selectors.DefaultSelector() as selector:
         if pipe is not None:
@@ -174,19 +171,19 @@ def _listen(process: "subprocess.Popen[bytes]", deadline: float) -> bytes:
             if time.monotonic() >= deadline:
                 raise subprocess.TimeoutExpired(process.args, 0)
             ended = process.poll() is not None
-            heard = selector.select(0 if ended else POLL_S)
-            got = os.read(heard[0][0].fd, READ_BYTES) if heard else b""
+            ready = selector.select(0 if ended else POLL_S)
+            got = os.read(ready[0][0].fd, READ_BYTES) if ready else b""
             tail = (tail + got)[-TAIL_BYTES:]
-            if heard and not got:
+            if ready and not got:
                 break
-            if ended and not heard:  # somebody it started holds the pipe open, and is silent
+            if ended and not ready:  # a child of the program still holds the pipe open
                 return tail
     process.wait(max(deadline - time.monotonic(), 0))
     return tail
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:
-    """If it is still there, end it with all that it started; close its pipe."""
+    """Kill the program and its children if it still runs; close its pipe."""
     if process.poll() is None:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
@@ -196,12 +193,12 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
 
 
 def _png(image: Image) -> bytes:
-    """A PNG of (H, W) or (H, W, 3) uint8 or uint16 pixels, plainly: no filter, light compression.
+    """A PNG file of (H, W), (H, W, 1) or (H, W, 3) uint8 or uint16 pixels, with light compression.
 
-    Source: PNG specification, 3rd ed., W3C 2025, chapters 5 and 11.2. Pillow writes no 16-bit colour.
+    Source: PNG specification, 3rd ed., W3C 2025, chapters 5 and 11.2. Pillow cannot write 16-bit colour.
     """
     if image.dtype not in (np.uint8, np.uint16):
-        raise InputError("a program is given PNG files; its images must be uint8 or uint16")
+        raise InputError("programs read PNG files: the images must be uint8 or uint16")
     flat = image[:, :, 0] if image.ndim == 3 and image.shape[2] == 1 else image
     kind = 0 if flat.ndim == 2 else 2
     header = struct.pack(">IIBBBBB", flat.shape[1], flat.shape[0], 8 * flat.dtype.itemsize, kind, 0, 0, 0)
@@ -214,7 +211,7 @@ def _png(image: Image) -> bytes:
 
 
 def _read_pfm(path: Path, shape: tuple[int, ...], name: str) -> Disparity:
-    """A grey PFM of that (H, W), float32, first row on top; no more of the file is read than such a map can have."""
+    """A grey PFM file of this (H, W), float32, first row on top. At most the bytes of such a map are read."""
     with path.open("rb") as file:
         head = [file.readline(64).split() for _ in range(3)]
         try:
@@ -226,5 +223,5 @@ def _read_pfm(path: Path, shape: tuple[int, ...], name: str) -> Disparity:
             raise WrongAnswerError("wrong-shape", f"{name} returned shape {size}; the left image has {tuple(shape)}")
         body = file.read(4 * size[0] * size[1] + 1) if magic == b"Pf" else b""
     if len(body) != 4 * size[0] * size[1]:
-        raise InputError(f"{name}: {{out}} is not a grey PFM file of the size it names")
+        raise InputError(f"{name}: {{out}} is not a grey PFM file of the size in its header")
     return np.frombuffer(body, order).reshape(size)[::-1].astype(np.float32)

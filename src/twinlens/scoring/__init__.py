@@ -5,7 +5,7 @@ from twinlens.scoring.board import FAILURES, Board, Entry, Failure, Mean
 from twinlens.scoring.board_file import board_from_json, board_to_json, json_number, read_board, write_board
 from twinlens.scoring.evaluate import RegionScores, Scores, evaluate
 from twinlens.scoring.map_folder import MapFolder
-from twinlens.scoring.methods import NamedMethod, NamedProgram, named_methods, named_program, split_methods
+from twinlens.scoring.methods import NamedMethod, NamedProgram, named_methods, named_program
 from twinlens.scoring.metrics import METRICS, Metric, find_metric
 from twinlens.scoring.point_cloud import cloud_errors, points
 from twinlens.scoring.protocols import PROTOCOLS, Protocol, find_protocol, interpolate_background
@@ -85,7 +85,6 @@ __all__ = [
     "run_benchmark",
     "search_range",
     "spec_of",
-    "split_methods",
     "standings",
     "write_board",
 ]

@@ -9,8 +9,7 @@ from typing import Any, ClassVar
 from numpy.typing import NDArray
 
 import twinlens
-from twinlens.errors import InputError
-from twinlens.matching import MethodSpec, Program, parse_method, split_commas
+from twinlens.matching import MethodSpec, Program, parse_method, split_methods
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class NamedMethod:
     @property
     def name(self) -> str:
         """Name on the board."""
-        return self._parsed.text
+        return self._parsed.name
 
     @property
     def spec(self) -> str:
@@ -49,9 +48,9 @@ class NamedMethod:
         return _with_content(f"twinlens {twinlens.__version__} {method.name}:{text}", self._parsed.content)
 
     @property
-    def is_foreign(self) -> bool:
-        """Whether it runs foreign code in this process: see `MethodSpec.is_foreign`."""
-        return self._parsed.is_foreign
+    def runs_user_code(self) -> bool:
+        """Whether it runs user code in this process: see `MethodSpec.runs_user_code`."""
+        return self._parsed.runs_user_code
 
     def check_parts(self) -> None:
         """InputError or FileError if a file or function that the method needs is missing."""
@@ -61,7 +60,7 @@ class NamedMethod:
         self, left: NDArray[Any], right: NDArray[Any], *, num_disparities: int, min_disparity: int = 0
     ) -> NDArray[Any]:
         """Match; a range in the text takes precedence over the arguments."""
-        return self._parsed(left, right, num_disparities=num_disparities, min_disparity=min_disparity)
+        return self._parsed.match(left, right, num_disparities=num_disparities, min_disparity=min_disparity)
 
     def __reduce__(self) -> tuple[type["NamedMethod"], tuple[str]]:
         return NamedMethod, (self.text,)
@@ -133,20 +132,3 @@ def named_methods(texts: Iterable[str]) -> list[NamedMethod]:
     ['sad', 'zncc:block_size=15,lr_check=1', 'ssd']
     """
     return [NamedMethod(text) for text in split_methods(texts)]
-
-
-def split_methods(texts: Iterable[str]) -> list[str]:
-    """The texts of single methods; InputError if there are none.
-
-    >>> split_methods(["program:command='prog -s 3,4 {left} {right} {out}',sad"])
-    ["program:command='prog -s 3,4 {left} {right} {out}'", 'sad']
-    """
-    methods: list[str] = []
-    for part in (part for text in texts for part in split_commas(text)):
-        if methods and re.match(r"\w+\s*=", part):
-            methods[-1] += f",{part}"
-        else:
-            methods.append(part)
-    if not methods:
-        raise InputError("--methods names no matcher")
-    return methods

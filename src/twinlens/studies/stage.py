@@ -97,7 +97,7 @@ class Stage:
 
     def match(self, pictures: Sequence[Image], method: str) -> NDArray[np.float32]:
         """The left disparity map of one matcher over this scene's disparity range, (H, W)."""
-        return parse_method(method)(pictures[0], pictures[1], num_disparities=self.ndisp)
+        return parse_method(method).match(pictures[0], pictures[1], num_disparities=self.ndisp)
 
     def score(
         self, disparity: Image, pictures: Sequence[Image], regions: Sequence[str] = (), lens: Lens | None = None

@@ -1,0 +1,34 @@
+"""`twinlens methods`: the matching methods with their options."""
+
+import json
+
+import click
+
+
+@click.command("methods")
+@click.argument("names", nargs=-1, metavar="[METHOD]...")
+@click.option("--json", "as_json", is_flag=True, help="Print every method with all of its options as JSON.")
+@click.option("--markdown", is_flag=True, help="Print the page docs/methods.md.")
+def command(names: tuple[str, ...], as_json: bool, markdown: bool) -> None:
+    """List the matching methods; with METHOD..., their options, defaults and meanings.
+
+    \b
+    Example:  twinlens methods
+              twinlens methods zncc sgm
+              twinlens methods --json
+    """
+    from twinlens.matching.reference import method_page, method_reference, option_text
+
+    if markdown:
+        click.echo(method_page(), nl=False)
+        return
+    methods = method_reference(names)
+    if as_json:
+        click.echo(json.dumps(methods, indent=2))
+        return
+    for entry in methods:
+        click.echo(f"{entry['method']:18}{entry['description']}")
+        for row in entry["options"] if names else ():
+            click.echo(f"  {row['option']:16}{option_text(row['default']):12}{row['meaning']}")
+    if not names:
+        click.echo("\nFor the options of a method: twinlens methods NAME")
