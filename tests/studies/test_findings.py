@@ -146,6 +146,6 @@ def test_the_best_block_of_a_region_against_discontinuities(sizes, times, holds)
 @pytest.mark.parametrize(("power", "holds"), [(0.9, True), (1.2, False), (-0.2, False)])
 def test_the_growth_of_occlusion_has_two_limits(power, holds):
     rows = [{"part": depth_error.SCENES, "baseline_mm": b, "occluded": b**power} for b in (1.0, 2.0, 4.0)]
-    finding = depth_error._occlusion(rows_of("baseline", rows))
+    finding = depth_error.occlusion(rows_of("baseline", rows))
     assert finding.holds is holds
     assert f"Measured: p = {power:g}" in finding.sentence

@@ -41,10 +41,9 @@ def _fewer():
     patch.setattr(pinhole, "DIAMETERS_MM", (2.0, 0.6, 0.29, 0.23, 0.15, 0.07))
     patch.setattr(pinhole, "SHOWN_MM", (pinhole.BOX_MM, 0.35))
     patch.setattr(pinhole, "_PLATE_SPP", 4)
-    patch.setattr(depth_error, "PLANE_BASELINES", (0.06, 0.24))
-    patch.setattr(depth_error, "BASELINE_FACTORS", (0.5, 1.0))
-    patch.setattr(depth_error, "PLANE_FIELDS", (80.0, 28.0))
-    patch.setattr(depth_error, "FIELD_FACTORS", (1.0, 0.4))
+    for name, whole in (("baseline", depth_error.BY_BASELINE), ("focal-length", depth_error.BY_FOCAL_LENGTH)):
+        part = replace(whole, planes=whole.planes[::2], factors=whole.factors[1::2])
+        patch.setitem(STUDIES, name, replace(STUDIES[name], measure=part.measure))
     patch.setattr(focus, "_LINE_SPP", 64)
     patch.setattr(window, "SIZES", (3, 9, 21))
     yield
@@ -165,7 +164,7 @@ def test_the_panel_of_window(results):
 
 def test_progress_increases_from_zero():
     shares = []
-    run("window", progress=lambda share, now: shares.append(share))
+    run("texture", progress=lambda share, label: shares.append(share))
     assert shares == sorted(shares)
     assert shares[0] == 0
 
@@ -186,10 +185,10 @@ def test_study_returns_the_table():
         ("pinhole", {"methods": ("sad",)}, "takes no methods"),
         ("window", {"seeds": 0}, "at least one seed"),
         ("window", {"first_seed": -1}, "at least one seed"),
-        ("window", {"scenes": ("cards", "cards")}, "twice"),
+        ("window", {"scenes": ("cards", "cards")}, "must be distinct"),
         ("window", {"spp": 0}, "spp"),
-        ("texture", {"width": 63}, "must be 64x48 or larger, got 63x180"),
-        ("window", {"width": 64, "height": 47}, "must be 64x48 or larger, got 64x47"),
+        ("texture", {"width": 63}, "width of a study must be an integer >= 64, got 63"),
+        ("window", {"width": 64, "height": 47}, "height of a study must be an integer >= 48, got 47"),
         ("no/such.py", {}, "no such file"),
     ],
 )

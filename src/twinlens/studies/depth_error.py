@@ -5,8 +5,10 @@ Baseline/Resolution Stereo, CVPR 2008, equation 3). Textured planes whose print 
 depth test the assumption that sigma_d does not depend on z. Bundled scenes give wrong pixels and occlusion.
 """
 
+import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,16 +24,6 @@ from twinlens.studies.targets import noise_plane
 
 Float = NDArray[np.float64]
 
-PLANE_BASELINES = (0.06, 0.12, 0.24)
-BASELINE_FACTORS = (0.25, 0.5, 1.0, 1.5)
-"""Times the default baseline of a bundled scene."""
-PLANE_FOV_X_DEG = 50.0
-PLANE_FIELDS = (80.0, 50.0, 28.0)
-"""Horizontal fields of view, degrees."""
-FIELD_FACTORS = (1.0, 0.8, 0.6, 0.4)
-"""Times the default field of view of a bundled scene."""
-PLANE_BASELINE = 0.12
-
 DEPTHS = tuple(2.0 ** (k / 2) for k in range(7))
 """Of the planes, metres: 1 to 8."""
 PHASES = (0.0, 0.25, 0.5, 0.75)
@@ -45,31 +37,53 @@ TOLERANCE = 0.05
 SENSOR = Sensor.preset("machine_vision")
 
 
-def _measure_baselines(setup: Setup) -> Measured:
-    planes = [(base, PLANE_FOV_X_DEG) for base in PLANE_BASELINES]
-    rows = _pairs(setup, planes, lambda scene, factor: (factor * scene.baseline, scene.fov_x_deg), BASELINE_FACTORS)
-    return Measured(rows, notes={"plane_baselines_m": PLANE_BASELINES, "factors": BASELINE_FACTORS})
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep of one quantity, in the column `column`, `symbol` in formulas.
 
-
-def _measure_fields(setup: Setup) -> Measured:
-    planes = [(PLANE_BASELINE, fov_x_deg) for fov_x_deg in PLANE_FIELDS]
-    rows = _pairs(setup, planes, lambda scene, factor: (scene.baseline, factor * scene.fov_x_deg), FIELD_FACTORS)
-    return Measured(rows, notes={"plane_fields_deg": PLANE_FIELDS, "factors": FIELD_FACTORS,
-                                 "baseline_m": PLANE_BASELINE})  # fmt: skip
-
-
-def _pairs(
-    setup: Setup, planes: Sequence[tuple[float, float]], pair_of: Callable[[Scene, float], tuple[float, float]],
-    factors: Sequence[float],
-) -> list[Row]:  # fmt: skip
-    """Rows of planes for each pair of `planes`, then of every scene with `pair_of` (scene, factor).
-
-    A pair is (baseline in metres, horizontal field of view in degrees).
+    planes: the camera pairs that render planes, each (baseline in metres, horizontal field of view in degrees).
+    factors, pair: the pair that renders a bundled scene is pair(scene, factor).
     """
-    rows: list[Row] = [row for seed in setup.seeds for pair in planes for row in plane_rows(setup, seed, *pair)]
-    for name, factor, seed in sweep(setup, factors, setup.seeds):
-        rows += _scene_rows(setup, name, seed, *pair_of(load_scene(name), factor))
-    return rows
+
+    column: str
+    symbol: str
+    planes: tuple[tuple[float, float], ...]
+    factors: tuple[float, ...]
+    pair: Callable[[Scene, float], tuple[float, float]]
+
+    def measure(self, setup: Setup) -> Measured:
+        """Planes at every depth for each pair, then every bundled scene."""
+        places = itertools.product(setup.seeds, self.planes)
+        rows: list[Row] = [row for seed, pair in places for row in plane_rows(setup, seed, *pair)]
+        for name, factor, seed in sweep(setup, self.factors, setup.seeds):
+            rows += _scene_rows(setup, name, seed, *self.pair(load_scene(name), factor))
+        return Measured(rows, notes={"plane_pairs": self.planes, "factors": self.factors})
+
+    def conclude(self, table: Table) -> list[Finding]:
+        """Exponents of the depth error in z and in the swept quantity."""
+        text = f"The depth error is proportional to {self.symbol}^p with p = {{}}"
+        swept = exponent(table.where(part=PLANES), self.column, "depth_error_mm", -1.0, text)
+        return [*exponents_of_depth(table), law_residual(table), swept]
+
+    def figures(self, quantity: str) -> tuple[Figure, ...]:
+        """The depth error of planes, and the wrong pixels of bundled scenes."""
+        return (
+            Figure("depth-error", "Depth error of planes and z²/(f B)", "z_m", "depth_error_mm", by="method",
+                   panel=self.column, log_x=True, log_y=True, where={"part": PLANES}, residual_of="predicted_mm",
+                   also=("predicted_mm",)),
+            Figure("wrong", f"Wrong pixels against the {quantity}", self.column, "totbad2", by="method", panel="scene",
+                   where={"part": SCENES}),
+        )  # fmt: skip
+
+
+BY_BASELINE = Sweep(
+    "baseline_mm", "B", ((0.06, 50.0), (0.12, 50.0), (0.24, 50.0)), (0.25, 0.5, 1.0, 1.5),
+    lambda scene, factor: (factor * scene.baseline, scene.fov_x_deg),
+)  # fmt: skip
+BY_FOCAL_LENGTH = Sweep(
+    "fx_px", "f", ((0.12, 80.0), (0.12, 50.0), (0.12, 28.0)), (1.0, 0.8, 0.6, 0.4),
+    lambda scene, factor: (scene.baseline, factor * scene.fov_x_deg),
+)  # fmt: skip
 
 
 def plane_rows(setup: Setup, seed: int, baseline: float, fov_x_deg: float) -> Iterator[Row]:
@@ -143,27 +157,6 @@ def occluded_percent(stage: Stage) -> float:
     return 100.0 * float((inside & ~stage.truth.visible).sum() / inside.sum())
 
 
-def conclude_baseline(table: Table) -> list[Finding]:
-    """Exponents of the depth error in z and B; growth of the occlusion with B."""
-    text = "The depth error is proportional to B^p with p = {}"
-    return [
-        *exponents_of_depth(table),
-        law_residual(table),
-        exponent(table.where(part=PLANES), "baseline_mm", "depth_error_mm", -1.0, text),
-        _occlusion(table.where(part=SCENES)),
-    ]
-
-
-def conclude_focal_length(table: Table) -> list[Finding]:
-    """Exponents of the depth error in z and f."""
-    text = "The depth error is proportional to f^p with p = {}"
-    return [
-        *exponents_of_depth(table),
-        law_residual(table),
-        exponent(table.where(part=PLANES), "fx_px", "depth_error_mm", -1.0, text),
-    ]
-
-
 def exponents_of_depth(table: Table) -> list[Finding]:
     """For every matcher: the exponent of the depth error in z, which is 2 if the disparity error is constant."""
     return [
@@ -195,9 +188,9 @@ def law_residual(table: Table) -> Finding:
     return Finding(text, rms, rms.value <= 100 * TOLERANCE, "%", result="{} rms")
 
 
-def _occlusion(rows: Table) -> Finding:
-    """Proportional to B for isolated edges; slower where gaps are narrower than the occluded strip."""
-    growth = over_scenes(rows, log_slope("baseline_mm", "occluded"))
+def occlusion(table: Table) -> Finding:
+    """Growth of the occlusion: proportional to B for isolated edges, slower for gaps narrower than the strip."""
+    growth = over_scenes(table.where(part=SCENES), log_slope("baseline_mm", "occluded"))
     text = f"The occluded share is proportional to B^p with p between 0 and {1 + TOLERANCE:g}"
     return Finding(text, growth, is_above(growth) and growth.value <= 1 + TOLERANCE, result="p = {}")
 
@@ -217,29 +210,16 @@ _COLUMNS = (
 _DEFAULTS = Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2), spp=16)
 
 
-def _depth_error_figure(panel: str) -> Figure:
-    return Figure(
-        "depth-error", "Depth error of planes and z²/(f B)", "z_m", "depth_error_mm", by="method", panel=panel,
-        log_x=True, log_y=True, where={"part": PLANES}, residual_of="predicted_mm", also=("predicted_mm",),
-    )  # fmt: skip
-
-
-def _scene_figure(name: str, title: str, x: str, y: str, **more: str) -> Figure:
-    return Figure(name, title, x, y, where={"part": SCENES}, **more)  # type: ignore[arg-type]
-
-
 BASELINE = Study(
     name="baseline",
     question="How do depth error and occlusion depend on the baseline?",
     columns=_COLUMNS,
-    measure=_measure_baselines,
-    conclude=conclude_baseline,
+    measure=BY_BASELINE.measure,
+    conclude=lambda table: [*BY_BASELINE.conclude(table), occlusion(table)],
     figures=(
-        _depth_error_figure("baseline_mm"),
-        _scene_figure("occlusion", "Occluded in the right view, of the left pixels inside its frame", "baseline_mm",
-                      "occluded", by="scene"),
-        _scene_figure("wrong", "Wrong pixels against the baseline", "baseline_mm", "totbad2", by="method",
-                      panel="scene"),
+        *BY_BASELINE.figures("baseline"),
+        Figure("occlusion", "Occluded in the right view, of the left pixels inside its frame", "baseline_mm",
+               "occluded", by="scene", where={"part": SCENES}),
     ),
     defaults=_DEFAULTS,
 )  # fmt: skip
@@ -247,11 +227,8 @@ FOCAL_LENGTH = Study(
     name="focal-length",
     question="How does the depth error depend on the focal length?",
     columns=_COLUMNS,
-    measure=_measure_fields,
-    conclude=conclude_focal_length,
-    figures=(
-        _depth_error_figure("fx_px"),
-        _scene_figure("wrong", "Wrong pixels against the focal length", "fx_px", "totbad2", by="method", panel="scene"),
-    ),
+    measure=BY_FOCAL_LENGTH.measure,
+    conclude=BY_FOCAL_LENGTH.conclude,
+    figures=BY_FOCAL_LENGTH.figures("focal length"),
     defaults=_DEFAULTS,
 )

@@ -18,8 +18,6 @@ from twinlens.studies.bootstrap import Interval, brief, unsigned
 from twinlens.studies.table import Column, Row, Table, Value
 
 Progress = Callable[[float, str], None]
-MIN_SIZE = (64, 48)
-"""Smallest width and height of an image in pixels; smaller ones are all border for the matchers' windows."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,7 @@ class Setup:
     scenes: names or files, as for `load_scene`. methods: as for `matching.parse_method`. seeds: one repetition each.
     width, height: of the images, pixels. spp: samples per pixel. progress: called with the fraction done and a label.
 
-    Raises InputError for an empty list of seeds, a repeated entry, and sizes that are too small or not integers.
+    Raises InputError without seeds, for repeated entries, and for images smaller than 64x48.
     """
 
     scenes: tuple[str, ...]
@@ -45,15 +43,12 @@ class Setup:
             raise InputError("a study needs at least one seed")
         for name in ("scenes", "methods", "seeds"):
             values = getattr(self, name)
-            double = next((value for value in values if values.count(value) > 1), None)
-            if double is not None:
-                raise InputError(f"{name} of a study contain {double!r} twice")
-        for name in ("width", "height", "spp"):
-            if not (isinstance(getattr(self, name), int) and getattr(self, name) > 0):
-                raise InputError(f"{name} of a study must be a positive integer, got {getattr(self, name)!r}")
-        if self.width < MIN_SIZE[0] or self.height < MIN_SIZE[1]:
-            least = "{}x{}".format(*MIN_SIZE)
-            raise InputError(f"images of a study must be {least} or larger, got {self.width}x{self.height}")
+            if len(set(values)) < len(values):
+                raise InputError(f"{name} of a study must be distinct, got {', '.join(map(str, values))}")
+        for name, least in (("width", 64), ("height", 48), ("spp", 1)):
+            value = getattr(self, name)
+            if not (isinstance(value, int) and value >= least):
+                raise InputError(f"{name} of a study must be an integer >= {least}, got {value!r}")
 
 
 @dataclass(frozen=True)

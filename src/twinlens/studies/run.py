@@ -2,8 +2,8 @@
 
 import dataclasses
 import importlib.metadata
-import importlib.util
 import os
+import runpy
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -120,10 +120,7 @@ def _measured(study: Study, setup: Setup) -> Measured:
 
 
 def _findings(study: Study, rows: Table) -> tuple[SeedSupport, ...]:
-    """Each finding, and how many seeds support it alone, that is, give the same answer and hold.
-
-    Findings are matched by their position, so `conclude` must test the same claims for any rows.
-    """
+    """Each finding, and how many seeds alone hold it with the same answer; matched by position."""
     seeds = rows.values("seed")
     whole = _concluded(study, rows)
     single = [_concluded(study, rows.where(seed=seed)) for seed in seeds]
@@ -164,15 +161,9 @@ def _protocol(study: Study, setup: Setup, notes: Mapping[str, Any]) -> dict[str,
 def _from_file(path: Path) -> Study:
     if not path.is_file():
         raise FileError(f"{path}: no such file; a study file is a Python file that defines STUDY = Study(...)")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None:
-        raise FileError(f"{path}: cannot be imported as Python")
-    module = importlib.util.module_from_spec(spec)
-    _with_location(path, spec.loader.exec_module)(module)
-    found = _checked(getattr(module, "STUDY", None), str(path))
-    return dataclasses.replace(
-        found, measure=_with_location(path, found.measure), conclude=_with_location(path, found.conclude)
-    )
+    found = _checked(_with_location(path, runpy.run_path)(str(path)).get("STUDY"), str(path))
+    calls: dict[str, Any] = {name: _with_location(path, getattr(found, name)) for name in ("measure", "conclude")}
+    return dataclasses.replace(found, **calls)
 
 
 def _with_location(path: Path, function: Callable[[Any], Any]) -> Callable[[Any], Any]:

@@ -8,8 +8,9 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import matplotlib
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from twinlens.camera import ThinLens
 from twinlens.sensor import Sensor
@@ -26,8 +27,7 @@ BLUR_PX = 6.0
 """Blur at the ends of a scene's depth range."""
 SENSOR = Sensor.preset("machine_vision")
 _MAX_ERROR_PX = 4.0
-_VIRIDIS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], np.float64)
-_UNKNOWN = np.array([196, 200, 206], np.uint8)
+_UNKNOWN = "#c4c8ce"
 
 
 def measure(setup: Setup) -> Measured:
@@ -78,7 +78,7 @@ def _rows(
 
 def _panel(stage: Stage, pictures: Sequence[NDArray[Any]], maps: Sequence[NDArray[np.float32]]) -> Picture:
     truth, top = stage.truth.disparity, float(stage.ndisp)
-    colours = [disparity_picture(found, top) for found in (truth, *maps)]
+    colours = [coloured(found, top, "viridis") for found in (truth, *maps)]
     images = (*pictures, *colours, *(error_picture(found, truth) for found in maps))
     errors = [f"error, black: {_MAX_ERROR_PX:g} px"] * len(maps)
     captions = ("left", "right", "true disparity", *COMPARED.values(), *errors)
@@ -86,23 +86,17 @@ def _panel(stage: Stage, pictures: Sequence[NDArray[Any]], maps: Sequence[NDArra
     return Picture(f"panel-{stage.scene.name}", title, images, captions, columns=3)
 
 
-def disparity_picture(disparity: ArrayLike, top: float) -> NDArray[np.uint8]:
-    """(H, W) disparities as uint8 (H, W, 3), viridis from 0 to `top`; light grey where unknown."""
-    values = np.asarray(disparity, np.float64)
-    known = np.isfinite(values)
-    share = np.clip(np.where(known, values, 0.0) / top, 0.0, 1.0)
-    places = np.linspace(0.0, 1.0, len(_VIRIDIS))
-    colour = np.stack([np.interp(share, places, _VIRIDIS[:, k]) for k in range(3)], axis=-1)
-    return np.where(known[..., None], np.rint(colour).astype(np.uint8), _UNKNOWN)
+def coloured(values: NDArray[Any], top: float, colormap: str) -> NDArray[np.uint8]:
+    """(H, W) values from 0 to `top` as uint8 (H, W, 3); grey where not finite."""
+    colours = matplotlib.colormaps[colormap].with_extremes(bad=_UNKNOWN)
+    return np.asarray(colours(np.ma.masked_invalid(values / top), bytes=True)[..., :3])
 
 
-def error_picture(found: ArrayLike, truth: ArrayLike, most: float = _MAX_ERROR_PX) -> NDArray[np.uint8]:
+def error_picture(found: NDArray[Any], truth: NDArray[Any], most: float = _MAX_ERROR_PX) -> NDArray[np.uint8]:
     """|found - truth| as uint8 (H, W, 3): white 0, black `most` px or unknown; light grey where truth is unknown."""
-    true, estimate = np.asarray(truth, np.float64), np.asarray(found, np.float64)
-    known = np.isfinite(true)
-    error = np.where(np.isfinite(estimate), np.abs(np.where(known, estimate - np.where(known, true, 0), 0)), np.inf)
-    grey = np.rint(255 * (1 - np.clip(error / most, 0, 1))).astype(np.uint8)
-    return np.where(known[..., None], np.repeat(grey[..., None], 3, axis=2), _UNKNOWN)
+    with np.errstate(invalid="ignore"):
+        error = np.where(np.isfinite(found), np.abs(found - truth), most)
+    return coloured(np.where(np.isfinite(truth), error, np.nan), most, "gray_r")
 
 
 def conclude(table: Table) -> list[Finding]:

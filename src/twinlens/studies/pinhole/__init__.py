@@ -85,12 +85,13 @@ def _edges(seed: int) -> list[Row]:
     camera = edge_camera()
     scene, rig = edge_scene(), Rig((camera,), (np.eye(4),))
     fine = Rig((edge_camera(_FINER),), (np.eye(4),))
-    sharp = _green(render(scene, fine, Pinhole(), _EDGE_SPP // 4, stream(seed, 0))[0])
+    sharp = render(scene, fine, Pinhole(), _EDGE_SPP // 4, stream(seed, 0))[0][..., 1].astype(np.float64)
     rows: list[Row] = []
     for k, millimetres in enumerate(DIAMETERS_MM):
         traced = render(scene, rig, _hole(millimetres), _EDGE_SPP, stream(seed, 1, k))[0]
-        far = _green(_diffracted(traced, camera, _hole(millimetres), (WAVELENGTH,) * 3))
-        near = _binned(convolved(sharp, _fine_kernel(millimetres)))
+        far = _diffracted(traced, camera, _hole(millimetres), (WAVELENGTH,) * 3)[..., 1].astype(np.float64)
+        fine_near = convolved(sharp, _fine_kernel(millimetres))
+        near = fine_near.reshape(camera.height, _FINER, camera.width, _FINER).mean(axis=(1, 3))
         for model, picture in zip(MODELS, (far, near), strict=True):
             mtf50, mtf10 = (frequency_at(picture, contrast) / (1e3 * PITCH) for contrast in CONTRASTS)
             theory = predicted_frequency(millimetres, 0.5)
@@ -127,16 +128,6 @@ def _fine_kernel(millimetres: float) -> Float:
     return fresnel_kernel(1e-3 * millimetres, FILM, DEPTH, WAVELENGTH, PITCH / _FINER, sub=1, most_px=half)
 
 
-def _binned(fine: Float) -> Float:
-    """Means of `_FINER` x `_FINER` points."""
-    height, width = (side // _FINER for side in fine.shape)
-    return np.asarray(fine.reshape(height, _FINER, width, _FINER).mean(axis=(1, 3)))
-
-
-def _green(image: NDArray[Any]) -> Float:
-    return np.asarray(image[..., 1], np.float64)
-
-
 def _diffracted(image: NDArray[np.float32], camera: Camera, hole: BareAperture, *wavelengths: Any) -> NDArray[Any]:
     """The image blurred by the Airy pattern, without the warning that the hole is in the near field."""
     with warnings.catch_warnings():
@@ -164,46 +155,36 @@ def _pictures(setup: Setup, name: str) -> Picture:
 def conclude(table: Table) -> list[Finding]:
     """The best hole by wave optics and by the rules; the far-field error; the law of light; noise."""
     fresnel, sensor, plates = (table.where(model=model) for model in (MODELS[1], *LIGHTS))
-    holes = sensor.where(lambda row: _SHOT_MM <= float(row["diameter_mm"]) < BOX_MM)
-    best = {name: _best(fresnel, name) for name in ("mtf50", "mtf10")}
-    return [
-        predicted("The hole with the highest MTF50 is {} wide", best["mtf50"], predicted_best(0.5), _TOLERANCE, "mm"),
-        predicted("The hole with the highest MTF10 is {} wide", best["mtf10"], predicted_best(0.1), _TOLERANCE, "mm"),
-        predicted("The highest MTF50 follows the rule sqrt(2.44 f lambda), the width of the Airy disk: {}",
-                  best["mtf50"], AIRY_MM, _RULE_TOLERANCE, "mm"),
-        predicted("The highest MTF10 follows Rayleigh's rule 1.9 sqrt(f lambda): {}",
-                  best["mtf10"], RAYLEIGH_MM, _RULE_TOLERANCE, "mm"),
-        far_field_error(table),
-        *_square_law(plates),
-        _radiometry(table),
-        _exponent(holes, "snr", 1.0, 0.05, "At a fixed exposure, signal to noise of holes from "
-                  f"{_SHOT_MM:g} mm is proportional to A^p (shot noise) with p = {{}}"),
-    ]  # fmt: skip
-
-
-def _square_law(plates: Table) -> list[Finding]:
-    """Path-traced light behind plates: the square law for small holes, half of it for the open box."""
-    narrow = sorted(PLATES_MM)[:-1]
+    best50, best10 = _best(fresnel, "mtf50"), _best(fresnel, "mtf10")
+    unsaturated = sensor.where(lambda row: _SHOT_MM <= float(row["diameter_mm"]) < BOX_MM)
+    narrow = PLATES_MM[:-1]
     share = over_scenes(plates.where(diameter_mm=BOX_MM), lambda unit: unit.numbers("light") / BOX_MM**2)
-    holes = plates.where(lambda row: float(row["diameter_mm"]) < BOX_MM)
-    text = "Path-traced light behind a hole in a plate, {:g} to {:g} mm, is proportional to A^p with p = {{}}"
+    growth, noise = (
+        over_scenes(rows, log_slope("diameter_mm", name))
+        for rows, name in ((plates.where(diameter_mm=narrow), "light"), (unsaturated, "snr"))
+    )
     return [
-        _exponent(holes, "light", 2.0, _LIGHT_TOLERANCE, text.format(narrow[0], narrow[-1])),
-        predicted("In an open box, twice as wide as deep, the film gets {} of the light of the square law", share, 0.5,
-                  _LIGHT_TOLERANCE),
+        predicted("The hole with the highest MTF50 is {} wide", best50, predicted_best(0.5), _TOLERANCE, "mm"),
+        predicted("The hole with the highest MTF10 is {} wide", best10, predicted_best(0.1), _TOLERANCE, "mm"),
+        predicted("The highest MTF50 follows the rule sqrt(2.44 f lambda), the width of the Airy disk: {}",
+                  best50, AIRY_MM, _RULE_TOLERANCE, "mm"),
+        predicted("The highest MTF10 follows Rayleigh's rule 1.9 sqrt(f lambda): {}",
+                  best10, RAYLEIGH_MM, _RULE_TOLERANCE, "mm"),
+        far_field_error(table),
+        predicted(f"Path-traced light behind a hole in a plate, {narrow[0]:g} to {narrow[-1]:g} mm, is proportional to "
+                  "A^p with p = {}", growth, 2.0, _LIGHT_TOLERANCE),
+        predicted("In an open box, twice as wide as deep, the film gets {} of the light of the square law",
+                  share, 0.5, _LIGHT_TOLERANCE),
+        predicted("In the open box the sensor's radiometry gives {} times the path-traced light",
+                  over_scenes(table.where(diameter_mm=BOX_MM), _sensor_over_plate), 1.0, _LIGHT_TOLERANCE),
+        predicted(f"At a fixed exposure, signal to noise of holes from {_SHOT_MM:g} mm is proportional to A^p (shot "
+                  "noise) with p = {}", noise, 1.0, 0.05),
     ]  # fmt: skip
 
 
-def _radiometry(table: Table) -> Finding:
-    """The sensor's radiometry against light paths, in the open box, where the cosines matter most."""
-
-    def ratio(unit: Table) -> float:
-        sensor, plate = (float(unit.where(model=model).numbers("light").mean()) for model in LIGHTS)
-        return sensor / plate
-
-    measured = over_scenes(table.where(diameter_mm=BOX_MM), ratio)
-    text = "In the open box the sensor's radiometry gives {} times the path-traced light"
-    return predicted(text, measured, 1.0, _LIGHT_TOLERANCE)
+def _sensor_over_plate(unit: Table) -> float:
+    sensor, plate = (float(unit.where(model=model).numbers("light").mean()) for model in LIGHTS)
+    return sensor / plate
 
 
 def _best(rows: Table, measure_of: str) -> Interval:
@@ -227,10 +208,6 @@ def far_field_error(table: Table) -> Finding:
     loss = paired_difference(rows, "mtf50", "model", MODELS[1], MODELS[0])
     text = f"The far-field pattern underestimates the MTF50 of a hole of {_NEAR_BEST_MM:g} mm"
     return compared(text, loss, "too low", "too high", "", unit="cycles/mm")
-
-
-def _exponent(rows: Table, name: str, expected: float, tolerance: float, text: str) -> Finding:
-    return predicted(text, over_scenes(rows, log_slope("diameter_mm", name)), expected, tolerance)
 
 
 def _figure(name: str, title: str, y: str, **more: Any) -> Figure:

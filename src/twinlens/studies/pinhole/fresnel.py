@@ -28,7 +28,7 @@ def intensity(radius: Float, diameter: float, film: float, depth: float, wavelen
     edge = 0.5 * diameter
     bend = math.pi * (1.0 / film + 1.0 / depth) / wavelength
     turns = bend * edge**2 + 2.0 * math.pi * float(radius.max()) * edge / (wavelength * film)
-    nodes, weights = np.polynomial.legendre.leggauss(64 + math.ceil(turns))
+    nodes, weights = special.roots_legendre(64 + math.ceil(turns))
     rho = 0.5 * edge * (nodes + 1.0)
     waves = special.j0(2.0 * math.pi / (wavelength * film) * radius[:, None] * rho)
     amplitude = waves @ (0.5 * edge * weights * rho * np.exp(1j * bend * rho**2))
@@ -68,7 +68,7 @@ def transfer(frequency: Float, diameter: float, film: float, depth: float, wavel
     """
     edge = 0.5 * diameter
     shift = wavelength * film * np.asarray(frequency, np.float64)[:, None]
-    nodes, weights = np.polynomial.legendre.leggauss(240)
+    nodes, weights = special.roots_legendre(240)
     half = np.maximum(edge - 0.5 * shift, 0.0)
     x = 0.5 * half * (nodes + 1.0)
     chord = 2.0 * np.sqrt(np.maximum(edge**2 - (x + 0.5 * shift) ** 2, 0.0))
