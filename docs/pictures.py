@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 import twinlens as tl
-from twinlens.cli.specs import middle_focus
 from twinlens.dataset import write_png
 from twinlens.factory import default_rig, make_sample
+from twinlens.optics import middle_focus
 from twinlens.report import colourise
 
 HERE = Path(__file__).parent
@@ -22,7 +22,7 @@ def main() -> None:
     """Write docs/overview.png."""
     scene = tl.load_scene("tabletop")
     rig = default_rig(scene, WIDTH, HEIGHT)
-    lenses = (tl.Pinhole(), tl.ThinLens(APERTURE, middle_focus(scene.depth_range)))
+    lenses = (tl.Pinhole(), tl.ThinLens(APERTURE, middle_focus(*scene.depth_range)))
     sample = make_sample(scene, rig, lenses, spp=SPP, seed=0)
     truth = sample.truths[0].disparity
     low, high = float(truth[np.isfinite(truth)].min()), float(truth[np.isfinite(truth)].max())

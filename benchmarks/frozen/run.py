@@ -18,9 +18,9 @@ import table
 
 from twinlens.camera import Pinhole, ThinLens
 from twinlens.cli.boards import run_board
-from twinlens.cli.specs import middle_focus
 from twinlens.dataset import Dataset, Manifest, Row, motorcycle, write_manifest, write_sample
 from twinlens.factory import default_rig, make_sample
+from twinlens.optics import middle_focus
 from twinlens.rendering import backend
 from twinlens.scenes import Scene, load_scene
 from twinlens.scoring import DatasetPairs, load_pair, named_methods
@@ -32,7 +32,7 @@ HERE = Path(__file__).parent
 def render_sample(folder: Path, name: str, scene: Scene, definition: dict[str, Any], *, dull_right: bool) -> Row:
     """One scene through both lenses; or through the pinhole alone, with a right eye of another gain."""
     rig = default_rig(scene, definition["width"], definition["height"])
-    wide = ThinLens(definition["aperture_of_baseline"] * rig.baseline(), middle_focus(scene.depth_range))
+    wide = ThinLens(definition["aperture_of_baseline"] * rig.baseline(), middle_focus(*scene.depth_range))
     sensor = Sensor.preset(definition["sensor"])
     if dull_right:
         sensor = sensor.replace(mismatch=Mismatch(gain=definition["mismatch"]["gain"]))

@@ -1,4 +1,4 @@
-"""The commands that look after a dataset: verify, export, describe."""
+"""Commands on datasets: verify, export, describe; buckets."""
 
 import json
 import shutil
@@ -24,7 +24,7 @@ def test_verify_prints_each_finding_and_counts(twinlens, own):
     assert json.loads(out) == {"cards": ["disp0.pfm: is missing"]}
 
 
-def test_verify_says_that_there_is_no_list(twinlens, own):
+def test_verify_reports_a_missing_dataset_json(twinlens, own):
     (own / "dataset.json").unlink()
     code, out, err = twinlens("verify", own)
     assert code == 1
@@ -43,7 +43,7 @@ def test_verify_needs_a_dataset(twinlens, tmp_path):
         assert err.count("\n") == 1
 
 
-def test_export_tells_what_it_wrote(twinlens, dataset, tmp_path):
+def test_export_reports_what_it_wrote(twinlens, dataset, tmp_path):
     code, out, _ = twinlens("export", dataset, "--to", "carla", "-o", tmp_path / "out", "--json")
     assert code == 0
     answer = json.loads(out)
@@ -51,7 +51,7 @@ def test_export_tells_what_it_wrote(twinlens, dataset, tmp_path):
     assert all((tmp_path / "out" / name).stat().st_size == size for name, size in answer["files"].items())
 
 
-def test_export_again_needs_to_be_told(twinlens, dataset, tmp_path):
+def test_exporting_again_needs_overwrite(twinlens, dataset, tmp_path):
     arguments = ("export", dataset, "--to", "eth3d", "-o", tmp_path / "out")
     assert twinlens(*arguments)[0] == 0
     code, _, err = twinlens(*arguments)
@@ -59,7 +59,7 @@ def test_export_again_needs_to_be_told(twinlens, dataset, tmp_path):
     assert "is there already" in err
     code, out, _ = twinlens(*arguments, "--overwrite", "--lens", "1")
     assert code == 0
-    assert "1 sample, 8 files" in out
+    assert "1 sample, 9 files" in out
 
 
 def test_export_to_and_from_a_bucket(twinlens, dataset, tmp_path):
@@ -108,7 +108,7 @@ def test_a_bucket_is_rendered_into_and_looked_at(twinlens, tmp_path):
     assert twinlens("verify", bucket)[0] == 0
     code, _, err = twinlens(*line, bucket)
     assert code == 2
-    assert "is there already" in err
+    assert "exists already" in err
     assert twinlens(*line, bucket, "--overwrite")[0] == 0
     assert twinlens("show", "epipolar", f"{bucket}/cards", "-o", f"file://{tmp_path}/e.png")[0] == 0
     assert (tmp_path / "e.png").is_file()

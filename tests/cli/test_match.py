@@ -1,11 +1,12 @@
-"""`twinlens match`: the picture has colours whatever was searched, and a search that cannot be meant is refused."""
+"""`twinlens match`: search limits, protected files, and the colours of the picture."""
 
 import numpy as np
 import pytest
 
-from twinlens.cli.match import DEFAULT_WINDOW, WINDOWS, picture_range
 from twinlens.dataset import read_pfm, read_png, write_png
 from twinlens.matching import METHODS, OnnxNetwork, StereoMatcher
+from twinlens.matching.image_size import LARGEST_DEFAULT_WINDOW, WINDOW_OPTIONS
+from twinlens.report.colormaps import disparity_limits
 
 
 @pytest.fixture
@@ -25,14 +26,17 @@ def images(tmp_path):
         (("--min-disparity", "40"), "min_disparity is 40: an image 40 pixels wide"),
         (("--min-disparity", "-1000000000"), "from -39 to 39"),
         (("--method", "sad:num_disparities=100"), "num_disparities (--ndisp) is 100"),
-        (("--method", "sad:block_size=999999"), "block_size is 999999: a window of 79 sees all of an image of 40 x 30"),
+        (
+            ("--method", "sad:block_size=999999"),
+            "is 999999: a window of 79 covers all of an image of 40 x 30",
+        ),
         (("--method", "sad:median=81"), "median is 81"),
         (("--method", "census:census_window=81"), "census_window is 81"),
         (("--method", "opencv_sgbm:block_size=99999"), "block_size is 99999"),
-        (("--method", "onnx:model=n.onnx", "--ndisp", "8"), "searches the disparities that it was made for"),
+        (("--method", "onnx:model=n.onnx", "--ndisp", "8"), "the search range of onnx:model=n.onnx is fixed"),
     ],
 )
-def test_what_no_image_of_this_size_can_need_is_refused(twinlens, images, tmp_path, options, words):
+def test_searches_larger_than_the_images_are_refused(twinlens, images, tmp_path, options, words):
     code, out, err = twinlens("match", *images, *options, "-o", tmp_path / "d.pfm")
     assert (code, out) == (2, "")
     assert words in err
@@ -40,7 +44,7 @@ def test_what_no_image_of_this_size_can_need_is_refused(twinlens, images, tmp_pa
     assert not (tmp_path / "d.pfm").exists()
 
 
-def test_neither_its_images_nor_a_samples_truth_are_written_over(twinlens, images, tmp_path):
+def test_input_images_and_samples_are_not_overwritten(twinlens, images, tmp_path):
     before = images[0].read_bytes()
     sample = tmp_path / "sample"
     sample.mkdir()
@@ -50,8 +54,8 @@ def test_neither_its_images_nor_a_samples_truth_are_written_over(twinlens, image
             ("-o", tmp_path / "d.pfm", "--picture", tmp_path / ".." / tmp_path.name / "l.png"),
             "is one of the two images",
         ),
-        (("-o", sample / "disp0.pfm"), "stands in a sample of a dataset"),
-        (("-o", tmp_path / "d.pfm", "--picture", sample / "im1.png"), "stands in a sample of a dataset"),
+        (("-o", sample / "disp0.pfm"), "is in a sample of a dataset"),
+        (("-o", tmp_path / "d.pfm", "--picture", sample / "im1.png"), "is in a sample of a dataset"),
     ):
         code, out, err = twinlens("match", *images, *options)
         assert (code, out, err.count("\n")) == (2, "", 1)
@@ -64,13 +68,13 @@ def test_neither_its_images_nor_a_samples_truth_are_written_over(twinlens, image
 @pytest.mark.parametrize(
     "options", [("--ndisp", "79", "--min-disparity", "-39"), (), ("--method", "sad:block_size=79")]
 )
-def test_the_most_that_an_image_can_need_is_done(twinlens, images, tmp_path, options):
+def test_the_largest_useful_search_is_accepted(twinlens, images, tmp_path, options):
     code, _, err = twinlens("match", *images, *options, "-o", tmp_path / "d.pfm")
     assert code == 0, err
 
 
 @pytest.mark.parametrize("ndisp", ["1", "2", "16"])
-def test_the_picture_has_a_range_however_few_are_searched(twinlens, images, tmp_path, ndisp):
+def test_a_picture_of_few_disparities_has_a_colour_range(twinlens, images, tmp_path, ndisp):
     code, _, err = twinlens(
         "match", *images, "--ndisp", ndisp, "--min-disparity", "3", "--method", "sad", "-o", tmp_path / "d.pfm",
         "--picture", tmp_path / "d.png",
@@ -80,18 +84,18 @@ def test_the_picture_has_a_range_however_few_are_searched(twinlens, images, tmp_
     assert read_png(tmp_path / "d.png").shape == (30, 40, 3)
 
 
-def test_the_picture_spans_what_was_searched_or_else_what_was_found():
+def test_colours_span_the_search_range_or_else_the_map():
     found = np.array([[2.5, np.inf, 7.0]], np.float32)
     network = OnnxNetwork("n.onnx")
-    assert picture_range(found, StereoMatcher(min_disparity=-4, num_disparities=10)) == (-4, 5)
-    assert picture_range(found, network) == (2.5, 7)
-    assert picture_range(found[:, :1], network) == (2.5, 3.5)
-    assert picture_range(found[:, 1:2], network) == (0, 1)
+    assert disparity_limits(found, StereoMatcher(min_disparity=-4, num_disparities=10)) == (-4, 5)
+    assert disparity_limits(found, network) == (2.5, 7)
+    assert disparity_limits(found[:, :1], network) == (2.5, 3.5)
+    assert disparity_limits(found[:, 1:2], network) == (0, 1)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 2), (5, 3)])
-def test_a_thumbnail_is_matched_by_what_nobody_asked_to_change(twinlens, tmp_path, size):
-    """Every method's own window is larger than that."""
+def test_default_options_match_images_smaller_than_their_windows(twinlens, tmp_path, size):
+    """The default windows are larger than these images."""
     write_png(tmp_path / "a.png", np.zeros(size, np.uint8))
     for method in ("zncc", "cross", "sgm"):
         arguments = ("match", tmp_path / "a.png", tmp_path / "a.png", "--method", method, "-o", tmp_path / "d.pfm")
@@ -100,5 +104,6 @@ def test_a_thumbnail_is_matched_by_what_nobody_asked_to_change(twinlens, tmp_pat
         assert read_pfm(tmp_path / "d.pfm").shape == size
 
 
-def test_no_method_has_a_larger_window_of_its_own():
-    assert max(method.options.get(name) or 0 for method in METHODS.values() for name in WINDOWS) == DEFAULT_WINDOW
+def test_the_largest_default_window():
+    defaults = [method.options.get(name) or 0 for method in METHODS.values() for name in WINDOW_OPTIONS]
+    assert max(defaults) == LARGEST_DEFAULT_WINDOW

@@ -293,3 +293,7 @@ def test_what_a_board_holds_outlives_a_program_that_is_away(twinlens, dataset, t
     assert code == 2
     assert "cannot be started: it is not executable" in err
     assert (tmp_path / "b" / "board.json").read_bytes() == board
+
+
+def test_options_belong_to_the_method_before_them():
+    assert split_methods(["sad:block_size=5,lr_check=1,zncc", "ssd"]) == ["sad:block_size=5,lr_check=1", "zncc", "ssd"]

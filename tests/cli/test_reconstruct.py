@@ -1,3 +1,5 @@
+"""`twinlens reconstruct`: points and a surface of a sample, compared with its truth."""
+
 import json
 
 import pytest
@@ -20,29 +22,29 @@ def arc(tmp_path_factory):
     return folder / "out" / "tabletop"
 
 
-def test_truth_of_many_views_is_fused_and_is_the_true_surface(twinlens, arc, tmp_path):
+def test_the_fused_truth_of_several_views_is_the_true_surface(twinlens, arc, tmp_path):
     code, out, _ = twinlens("reconstruct", arc, "-o", tmp_path / "r", "--far", 2, "--cell-mm", 20, "--json")
     assert code == 0
-    told = json.loads(out)
-    assert told["views"] == 3
-    assert told["against_truth"]["points"]["accuracy_mean_mm"] == 0
-    assert told["against_truth"]["mesh"]["accuracy_median_mm"] < 15
-    assert len(trimesh.load(tmp_path / "r" / "points.ply").vertices) == told["points"]
-    assert len(trimesh.load(tmp_path / "r" / "mesh.ply", process=False).faces) == told["faces"]
+    record = json.loads(out)
+    assert record["views"] == 3
+    assert record["against_truth"]["points"]["accuracy_mean_mm"] == 0
+    assert record["against_truth"]["mesh"]["accuracy_median_mm"] < 15
+    assert len(trimesh.load(tmp_path / "r" / "points.ply").vertices) == record["points"]
+    assert len(trimesh.load(tmp_path / "r" / "mesh.ply", process=False).faces) == record["faces"]
     (mesh,) = trimesh.load(tmp_path / "r" / "mesh.glb").geometry.values()
     assert len(mesh.faces)
     assert read_png(tmp_path / "r" / "reconstruction.png").shape == (96, 128, 3)
-    assert json.loads((tmp_path / "r" / "reconstruction.json").read_text()) == told
+    assert json.loads((tmp_path / "r" / "reconstruction.json").read_text()) == record
 
 
-def test_matched_views_are_rectified_first(twinlens, arc, tmp_path):
+def test_unrectified_views_are_rectified_before_matching(twinlens, arc, tmp_path):
     code, out, _ = twinlens("reconstruct", arc, "-o", tmp_path / "r", "--method", "zncc:block_size=7", "--far", 2)
     assert code == 0
     assert "from 2 depth maps" in out
     assert "accuracy" in out
 
 
-def test_what_cannot_be_is_refused_in_a_line(twinlens, arc, tmp_path):
+def test_bad_options_give_one_line_errors(twinlens, arc, tmp_path):
     for wrong in (("--method", "truht"), ("--far", "0.1"), ("--cell-mm", "-1"), ("--min-views", "9")):
         code, _, err = twinlens("reconstruct", arc, "-o", tmp_path / "r", *wrong)
         assert code == 2
@@ -50,7 +52,7 @@ def test_what_cannot_be_is_refused_in_a_line(twinlens, arc, tmp_path):
         assert not (tmp_path / "r").exists()
 
 
-def test_a_plain_folder_without_truth_is_reconstructed_and_not_compared(twinlens, dataset, tmp_path):
+def test_a_folder_without_truth_is_reconstructed_without_comparison(twinlens, dataset, tmp_path):
     folder = tmp_path / "plain"
     folder.mkdir()
     for name in ("im0.png", "im1.png", "calib.txt"):
@@ -61,15 +63,15 @@ def test_a_plain_folder_without_truth_is_reconstructed_and_not_compared(twinlens
     assert twinlens("reconstruct", folder, "-o", tmp_path / "s")[0] == 2  # it has no truth to fuse
 
 
-def test_a_view_of_the_empty_sky_is_refused_in_a_line(twinlens, tmp_path):
+def test_a_view_without_surfaces_gives_a_one_line_error(twinlens, tmp_path):
     (tmp_path / "sky.toml").write_text("position = [0, -3, 1]\nlook_at = [0, -3, 9]\nup = [0, 1, 0]\n")
     assert twinlens("render", "cards", "--rig", tmp_path / "sky.toml", *QUICK, "-o", tmp_path / "o")[0] == 0
     code, _, err = twinlens("reconstruct", tmp_path / "o" / "cards", "--method", "sad", "-o", tmp_path / "r")
     assert (code, err.count("\n")) == (2, 1)
-    assert "sees nothing that could be matched" in err
+    assert "has no surface that both cameras can see" in err
 
 
-def test_nothing_but_an_earlier_reconstruction_is_overwritten(twinlens, arc, tmp_path, monkeypatch):
+def test_only_earlier_reconstructions_are_overwritten(twinlens, arc, tmp_path, monkeypatch):
     line = ("reconstruct", arc, "-o", tmp_path / "r", "--far", 2, "--cell-mm", 40)
     assert twinlens(*line)[0] == 0
     (tmp_path / "r" / "points.ply").unlink()
@@ -77,11 +79,11 @@ def test_nothing_but_an_earlier_reconstruction_is_overwritten(twinlens, arc, tmp
     assert (tmp_path / "r" / "points.ply").exists()
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "thesis.tex").touch()
-    monkeypatch.setattr("twinlens.cli.reconstruct.depth_views", None)  # refused before any work
+    monkeypatch.setattr("twinlens.reconstruction.of_sample.depth_views", None)  # refused before any work
     code, _, err = twinlens(*line)
     assert code == 2
-    assert err == f"twinlens: {tmp_path / 'r'}: is there already; choose another name, or add --overwrite\n"
+    assert err == f"twinlens: {tmp_path / 'r'}: exists already; choose another name, or add --overwrite\n"
     code, _, err = twinlens("reconstruct", arc, "-o", tmp_path / "home", "--overwrite")
     assert (code, err.count("\n")) == (2, 1)
-    assert "is no reconstruction" in err
+    assert "is not a reconstruction" in err
     assert (tmp_path / "home" / "thesis.tex").exists()

@@ -18,11 +18,11 @@ def test_a_toed_in_pair_is_rectified_and_verifies(twinlens, tmp_path):
     assert Dataset(target)[0].calibration.doffs == json.loads(out)["doffs"] != 0
     assert twinlens("verify", target)[0] == 0
     code, _, err = twinlens("rectify", tmp_path / "out" / "cards", "-o", target)
-    assert (code, err) == (2, f"twinlens: {target}: is there already; choose another name, or add --overwrite\n")
+    assert (code, err) == (2, f"twinlens: {target}: exists already; choose another name, or add --overwrite\n")
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "1.png").touch()
     code, _, err = twinlens("rectify", tmp_path / "out" / "cards", "-o", tmp_path / "photos", "--overwrite")
-    assert (code, "is no sample, so it is not overwritten" in err) == (2, True)
+    assert (code, "is not a sample, so it is not overwritten" in err) == (2, True)
     assert (tmp_path / "photos" / "1.png").exists()
     assert twinlens("rectify", tmp_path / "out" / "cards", "-o", target, "--overwrite")[0] == 0
     for wrong in (

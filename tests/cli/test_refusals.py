@@ -1,4 +1,4 @@
-"""Wrong input of every kind: exit code 2, one line that names it, and nothing half-written."""
+"""Bad input of every kind: exit code 2, a one-line error, and no partial output."""
 
 import os
 import shutil
@@ -15,7 +15,7 @@ from twinlens.scenes import bundled_folder
 
 @pytest.fixture
 def refuses(twinlens, tmp_path):
-    """Check that a command refuses with one line holding `words`, and leaves nothing in tmp_path that was not there."""
+    """Check that a command gives a one-line error with `words` and leaves tmp_path unchanged."""
 
     def check(words, *arguments):
         before = sorted(tmp_path.rglob("*"))
@@ -36,6 +36,11 @@ def test_unknown_command(refuses):
 
 def test_unknown_option(refuses):
     refuses("--sizes", "render", "cards", "--sizes", "3", "-o", "x")
+
+
+@pytest.mark.parametrize("option", ["--sensor", "--size", "--baseline"])
+def test_an_option_given_twice(refuses, option):
+    refuses(f"option {option} is given 2 times; give it once", "render", "cards", option, "1", option, "2", "-o", "x")
 
 
 def test_unknown_scene(refuses, tmp_path):
@@ -61,8 +66,8 @@ def test_missing_scene_file(refuses, tmp_path):
         (("--aperture", "polygon:2"), "blades"),
         (("--aperture", "polygon:5", "--lens", "thin:3", "--diffraction"), "disks only, got a polygon"),
         (("--distortion", "-3"), "folds"),
-        (("--distortion", "fisheye:"), "--distortion must read fisheye:k1[,k2,k3,k4], got ''"),
-        (("--distortion", "0.1,"), "--distortion must read k1,k2"),
+        (("--distortion", "fisheye:"), "--distortion must be fisheye:k1[,k2,k3,k4], got ''"),
+        (("--distortion", "0.1,"), "--distortion must be k1,k2"),
         (("--baseline", "1e9"), "--baseline 1e+09: the views would show nothing in common"),
         (("--lens", "F/2.8"), "did you mean 'f/2.8'?"),
         (("--lens", "f2.8@3"), "did you mean 'f/2.8@3'?"),
@@ -71,9 +76,9 @@ def test_missing_scene_file(refuses, tmp_path):
         (("--diffraction",), "--diffraction: every lens here is a pinhole"),
         (("--exposure", "1e9", "--mismatch", "exposure=2"), "the mismatch makes the exposure invalid"),
         (("--exposure", "1,1e9", "--mismatch", "gain=2"), "the mismatch makes the exposure invalid"),
-        (("--focal-length-px", "0"), "--focal-length-px must read FX[,FY], positive"),
-        (("--focal-length-px", "70,-1"), "--focal-length-px must read FX[,FY], positive"),
-        (("--focal-length-px", "inf"), "--focal-length-px must read FX[,FY], positive"),
+        (("--focal-length-px", "0"), "--focal-length-px must be FX[,FY], positive"),
+        (("--focal-length-px", "70,-1"), "--focal-length-px must be FX[,FY], positive"),
+        (("--focal-length-px", "inf"), "--focal-length-px must be FX[,FY], positive"),
         (("--focal-length-px", "1,2,3"), "FX[,FY]"),
         (("--focal-length-px", "70", "--fov", "40"), "keep one"),
         (("--principal-point", "3"), "CX,CY"),
@@ -110,16 +115,16 @@ def test_an_xml_that_names_a_plugin_path(refuses, tmp_path):
     refuses("../../evil", "render", scene, "-o", tmp_path / "o")
 
 
-def test_a_lens_must_say_its_focus_where_the_scene_does_not_say_its_depths(refuses, tmp_path):
+def test_a_lens_needs_a_focus_where_the_scene_has_no_depth_range(refuses, tmp_path):
     scene = tmp_path / "scene.xml"
     scene.write_text(
         '<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/></sensor>'
         '<shape type="sphere"/></scene>'
     )
-    refuses("where to focus", "render", scene, "--lens", "thin:20", "-o", tmp_path / "o")
+    refuses("add the focus distance", "render", scene, "--lens", "thin:20", "-o", tmp_path / "o")
 
 
-def test_a_sample_that_is_there_already(refuses, tmp_path):
+def test_an_existing_sample(refuses, tmp_path):
     (tmp_path / "o" / "cards").mkdir(parents=True)
     refuses("--overwrite", "render", "cards", "-o", tmp_path / "o")
 
@@ -135,7 +140,7 @@ def test_images_of_different_sizes(refuses, dataset, tmp_path):
     ("method", "words"),
     [("zncc:block_size=8", "odd"), ("znc", "did you mean 'zncc'"), ("zncc:blok_size=9", "block_size")],
 )
-def test_methods_that_cannot_be(refuses, dataset, tmp_path, method, words):
+def test_bad_methods(refuses, dataset, tmp_path, method, words):
     pair = dataset / "cards" / "im0.png", dataset / "cards" / "im1.png"
     refuses(words, "match", *pair, "--method", method, "-o", tmp_path / "d.pfm")
     refuses(words, "benchmark", dataset, "--methods", method, "-o", tmp_path / "board")
@@ -171,7 +176,7 @@ def test_an_estimate_of_another_size(refuses, dataset, tmp_path):
     refuses("shape", "score", tmp_path / "d.pfm", "--truth", dataset / "cards" / "disp0.pfm")
 
 
-def test_an_output_that_cannot_be_written(refuses, dataset):
+def test_an_unwritable_output(refuses, dataset):
     refuses("/proc/nowhere", "render", "cards", "--size", "32x24", "--spp", "1", "-o", "/proc/nowhere")
     pair = dataset / "cards" / "im0.png", dataset / "cards" / "im1.png"
     refuses("/proc/d.pfm", "match", *pair, "-o", "/proc/d.pfm")
@@ -202,19 +207,19 @@ def test_an_unknown_backend():
     ("line", "meaning"),
     [
         (("render", "cards"), "Folder of the dataset"),
-        (("generate", "recipe.toml"), "Folder of the dataset"),
-        (("reconstruct", "out"), "Folder for it."),
+        (("generate", "recipe.toml"), "Dataset folder"),
+        (("reconstruct", "out"), "Folder of the reconstruction."),
         (("rectify", "out"), "Folder of the new sample."),
-        (("show", "epipolar", "out"), "The picture, a PNG."),
-        (("export", "out", "--to", "carla"), "Folder to make."),
-        (("match", "a.png", "b.png"), "The map: a .pfm file."),
+        (("show", "epipolar", "out"), "The picture, a PNG file."),
+        (("export", "out", "--to", "carla"), "Folder of the export."),
+        (("match", "a.png", "b.png"), "The disparity map, a .pfm file."),
         (("benchmark", "out"), "Folder of the board."),
         (("score", "maps", "--truth", "out"), "Folder of the board."),
         (("study", "window"), "Folder of the results."),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
-def test_a_missing_output_is_told_in_one_way(refuses, line, meaning):
+def test_a_missing_output_gives_the_same_error_everywhere(refuses, line, meaning):
     refuses(f"twinlens: Missing option '-o' / '--output': {meaning}", *line)
 
 
@@ -227,7 +232,7 @@ def test_a_missing_output_is_told_in_one_way(refuses, line, meaning):
     ],
     ids=lambda line: line[0],
 )  # fmt: skip
-def test_an_empty_output_is_not_the_current_folder(refuses, tmp_path, monkeypatch, line):
+def test_an_empty_output_is_refused(refuses, tmp_path, monkeypatch, line):
     monkeypatch.chdir(tmp_path)
     refuses("'-o' / '--output': the name is empty", *line, "-o", "")
 
@@ -258,18 +263,18 @@ def test_folders_above_an_output_are_made(twinlens, dataset, tmp_path):
         assert (tmp_path / name).exists()
 
 
-def test_a_folder_that_is_no_scene(refuses, tmp_path):
+def test_a_folder_without_a_scene(refuses, tmp_path):
     (tmp_path / "scenes").mkdir()
     refuses("the folder has no scene.toml; name a scene file, or one of", "render", tmp_path / "scenes", "-o", "x")
 
 
-def test_disparities_beyond_the_picture(refuses, dataset):
+def test_disparities_beyond_the_image_width(refuses, dataset):
     truth = dataset / "cards" / "disp0.pfm"
     for first in ("64", "400", "-64"):
         refuses("is 64 pixels wide", "score", truth, "--truth", truth, "--min-disparity", first)
 
 
-def test_a_turn_that_is_no_error_of_calibration(refuses, dataset, tmp_path):
+def test_a_misalignment_beyond_a_quarter_turn(refuses, dataset, tmp_path):
     for turn in ("roll_deg=200", "yaw_deg=-90"):
         refuses("-90 and 90 degrees", "rectify", dataset / "cards", "--misalignment", turn, "-o", tmp_path / "o")
 
@@ -282,7 +287,7 @@ def test_a_turn_that_is_no_error_of_calibration(refuses, dataset, tmp_path):
     ],
     ids=lambda line: line[0],
 )  # fmt: skip
-def test_a_bucket_is_no_folder_of_this_machine(refuses, tmp_path, monkeypatch, line):
+def test_a_bucket_address_is_refused_where_a_local_path_is_needed(refuses, tmp_path, monkeypatch, line):
     monkeypatch.chdir(tmp_path)
     refuses("'memory://x/y' is a bucket's address", *line, "-o", "memory://x/y")
 
@@ -302,7 +307,7 @@ def test_a_bucket_is_no_folder_of_this_machine(refuses, tmp_path, monkeypatch, l
         ("--license", "", "license is empty"),
     ],
 )
-def test_what_describes_nothing(refuses, dataset, option, value, words):
+def test_bad_descriptions(refuses, dataset, option, value, words):
     before = {path: path.read_bytes() for path in dataset.iterdir() if path.is_file()}
     refuses(words, "describe", dataset, option, value)
     assert {path: path.read_bytes() for path in dataset.iterdir() if path.is_file()} == before

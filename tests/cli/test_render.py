@@ -170,15 +170,15 @@ def test_a_folder_of_other_things_is_left_alone(twinlens, ball, tmp_path, monkey
     (home / "ball" / "photo.png").write_text("mine too")
     before = sorted(home.rglob("*"))
     for options, words in (
-        ((), f"{home / 'ball'}: is there already; name another folder, or add --overwrite"),
+        ((), f"{home / 'ball'}: exists already; choose another folder, or add --overwrite"),
         (
             ("--overwrite",),
-            f"{home / 'ball'}: is there and is no sample, so it is not overwritten; choose another name",
+            f"{home / 'ball'}: exists and is not a sample, so it is not overwritten; choose another name",
         ),
     ):
         assert twinlens("render", ball, *QUICK, *options, "-o", home) == (2, "", f"twinlens: {words}\n")
     (home / "ball" / "photo.png").unlink()
-    refusal = f"{home}: holds 'letter.txt' and no dataset.json; name a new folder, or an empty one"
+    refusal = f"{home}: contains 'letter.txt' and no dataset.json; choose a new or an empty folder"
     assert twinlens("render", ball, *QUICK, "--overwrite", "-o", home) == (2, "", f"twinlens: {refusal}\n")
     (home / "ball" / "photo.png").write_text("mine too")
     assert sorted(home.rglob("*")) == before
@@ -204,7 +204,7 @@ def test_what_render_made_it_adds_to_and_replaces(twinlens, ball, tmp_path):
     other.write_text(BALL)
     code, _, err = twinlens("render", other, *QUICK, "-o", out)
     assert (code, err.count("\n")) == (2, 1)
-    assert f"{out}: holds 'ball' and no dataset.json" in err
+    assert f"{out}: contains 'ball' and no dataset.json" in err
     assert twinlens(*again)[0] == 0
     assert [row.name for row in read_manifest(out).rows] == ["ball"]
 
@@ -215,7 +215,7 @@ def test_a_folder_that_cannot_be_is_told_before_a_picture_is_taken(twinlens, bal
     monkeypatch.setattr(factory, "make_sample", lambda *_, **__: pytest.fail("a picture was taken"))
     (tmp_path / "file").touch()
     for out in (tmp_path / "file", tmp_path / "file" / "out"):
-        refusal = f"twinlens: {out}: a file stands where a folder is needed\n"
+        refusal = f"twinlens: {out}: a file exists where a folder is needed\n"
         assert twinlens("render", ball, *QUICK, "-o", out) == (2, "", refusal)
 
 
@@ -224,5 +224,5 @@ def test_a_bucket_of_other_things_is_left_alone(twinlens, ball):
     (bucket / "letter.txt").write_bytes(b"mine")
     code, _, err = twinlens("render", ball, *QUICK, "-o", bucket)
     assert (code, err.count("\n")) == (2, 1)
-    assert "holds 'letter.txt' and no dataset.json" in err
+    assert "contains 'letter.txt' and no dataset.json" in err
     assert bucket.files() == ["letter.txt"]

@@ -98,8 +98,8 @@ def test_results_never_overwrite_other_files(twinlens, own, tmp_path):
     """Checked before the study runs."""
     (tmp_path / "letters").mkdir()
     (tmp_path / "letters" / "index.html").write_text("mine")
-    for place, said in (("letters", "holds 'index.html' and no study.json"), ("mine.py", "a file stands where"),
-                        ("mine.py/out", "a file stands where")):  # fmt: skip
+    for place, said in (("letters", "contains 'index.html' and no study.json"), ("mine.py", "a file exists where"),
+                        ("mine.py/out", "a file exists where")):  # fmt: skip
         code, out, err = twinlens("study", own, "-o", tmp_path / place)
         assert (code, out) == (2, "")
         assert said in err

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import click
 
 import twinlens
+from twinlens.cli.options import refuse_repeated
 from twinlens.errors import TwinlensError, unknown
 
 INTERRUPTED = 130
@@ -51,6 +52,14 @@ class _Group(click.Group):
             raise click.UsageError(str(unknown("command", cmd_name, COMMANDS)))
         command: click.Command = importlib.import_module(f"twinlens.cli.{cmd_name}").command
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        name, command, rest = super().resolve_command(ctx, args)
+        if command is not None:
+            refuse_repeated(command, rest)
+        return name, command, rest
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

@@ -1,4 +1,4 @@
-"""`twinlens describe`: the card and the metadata of a dataset that is there."""
+"""`twinlens describe`: the card and the metadata of a dataset."""
 
 from typing import TYPE_CHECKING
 
@@ -12,24 +12,24 @@ if TYPE_CHECKING:
 
 @click.command("describe")
 @click.argument("dataset", type=PLACE)
-@click.option("--name", help="Of the dataset.  [default: its folder's]")
-@click.option("--description", help="A sentence or more.")
-@click.option("--license", "license", help="As CC-BY-4.0, or the address of a licence's text.")
-@click.option("--creator", help="Who made it.")
-@click.option("--url", help="Where it can be had.")
-@click.option("--published", help="The date, as 2026-01-31.")
+@click.option("--name", help="Name of the dataset.  [default: its folder's]")
+@click.option("--description", help="One or more sentences.")
+@click.option("--license", "license", help="A licence, such as CC-BY-4.0, or the address of its text.")
+@click.option("--creator", help="Author or organisation.")
+@click.option("--url", help="Address of the dataset.")
+@click.option("--published", help="Date of publication, such as 2026-01-31.")
 @click.option("--cite-as", help="A BibTeX entry.")
 def command(dataset: "Place", **given: str | None) -> None:
     """Write DATASET's card (README.md with pictures and statistics) and its Croissant metadata (croissant.json).
 
-    What is said here is kept in dataset.json, and need not be said again. Every dataset that twinlens makes is
-    described already; do it again after changing one.
+    The options are stored in dataset.json and kept by later runs. `twinlens render` and `generate` write both files;
+    run this command after changing a dataset.
 
     \b
     Example:  twinlens describe out --license CC-BY-4.0 --creator "Ada Lovelace"
     """
     from twinlens.dataset import About, describe
 
-    said = About.of({key: value for key, value in given.items() if value is not None})
-    for file in describe(dataset, said):
+    about = About.of({key: value for key, value in given.items() if value is not None})
+    for file in describe(dataset, about):
         click.echo(str(dataset / file))

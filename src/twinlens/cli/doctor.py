@@ -1,4 +1,4 @@
-"""`twinlens doctor`: what was found, what is chosen, what to install."""
+"""`twinlens doctor`: the rendering backends of this machine."""
 
 import json
 import os
@@ -14,10 +14,10 @@ _PACKAGES = ("twinlens", "mitsuba", "drjit", "numpy", "numba", "OpenEXR", "trime
 @click.command("doctor")
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
 def command(as_json: bool) -> None:
-    """Show which rendering backend works here, why, and what to install.
+    """Show which rendering backend works on this machine, why, and what to install.
 
-    Every LLVM library found is tried in a process of its own, newest first: some versions abort the process that
-    uses them. The answers are remembered beside the kernel cache.
+    Each LLVM library found is tested in a separate process, newest first, because some versions abort the process.
+    The results are stored next to the kernel cache.
 
     \b
     Example:  twinlens doctor

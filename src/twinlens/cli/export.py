@@ -1,7 +1,7 @@
-"""`twinlens export`: a dataset in the layout that another reader opens."""
+"""`twinlens export`: a dataset in the layout of another one."""
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,20 +12,26 @@ if TYPE_CHECKING:
     from twinlens.dataset import Place
 
 
+class _LayoutOption(click.Option):
+    """An option whose help lists the export layouts; the registry is imported only for that help."""
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        from twinlens.dataset.export import LAYOUTS
+
+        self.help = ", ".join(LAYOUTS) + "."
+        return super().get_help_record(ctx)
+
+
 @click.command("export")
 @click.argument("dataset", type=PLACE)
-@click.option(
-    "--to", "layout", required=True, help="carla, eth3d, kitti2015, middlebury, parquet, sceneflow, sintel, webdataset."
-)
-@click.option("-o", "--output", required=True, type=PLACE, help="Folder to make.")
-@click.option("--lens", type=click.IntRange(min=0), default=0, show_default=True, help="Which lens's images.")
-@click.option("--split", help="Only the samples of this split.")
+@click.option("--to", "layout", required=True, cls=_LayoutOption, help="The layout.")
+@click.option("-o", "--output", required=True, type=PLACE, help="Folder of the export.")
+@click.option("--lens", type=click.IntRange(min=0), default=0, show_default=True, help="Export this lens's images.")
+@click.option("--split", help="Export only the samples of this split.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier export.")
 @click.option("--json", "as_json", is_flag=True, help="Print the files and their sizes as JSON.")
-def command(
-    dataset: "Place", layout: str, output: "Place", lens: int, split: str | None, overwrite: bool, as_json: bool
-) -> None:
-    """Write DATASET in the layout of another dataset, so that its readers (torchvision's among them) open it.
+def command(dataset: "Place", layout: str, output: "Place", as_json: bool, split: str | None, **options: Any) -> None:
+    """Write DATASET in the layout of another dataset, so that readers of that layout (such as torchvision's) open it.
 
     \b
     Example:  twinlens export out --to kitti2015 -o out-kitti
@@ -35,7 +41,7 @@ def command(
 
     samples = Dataset(dataset) if split is None else Dataset(dataset).split(split)
     with progress_bar("exporting") as report:
-        sizes = export(samples, output, layout, lens, overwrite, report)
+        sizes = export(samples, output, layout, progress=report, **options)
     if as_json:
         click.echo(json.dumps({"output": str(output), "layout": layout, "files": sizes}, indent=1))
         return

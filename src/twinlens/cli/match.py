@@ -1,4 +1,4 @@
-"""`twinlens match`: two images in, a disparity map out."""
+"""`twinlens match`: the disparity map of two images."""
 
 import json
 import time
@@ -7,34 +7,28 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
-from numpy.typing import NDArray
 
 from twinlens.cli.places import PATH
 from twinlens.errors import InputError
 
 DEFAULT_METHOD = "zncc"
-DEFAULT_NDISP = 64
-DEFAULT_WINDOW = 35
-"""The largest window that a method has unless told otherwise."""
-WINDOWS = ("block_size", "census_window", "median")
 
 
 @click.command("match")
 @click.argument("left", type=PATH)
 @click.argument("right", type=PATH)
-@click.option("-o", "--output", required=True, type=PATH, help="The map: a .pfm file.")
-@click.option("--method", help="A matcher, as zncc or sad:block_size=15,lr_check=1.  [default: zncc]")
+@click.option("-o", "--output", required=True, type=PATH, help="The disparity map, a .pfm file.")
+@click.option("--method", help=f"A matcher, such as zncc or sad:block_size=15,lr_check=1.  [default: {DEFAULT_METHOD}]")
 @click.option(
     "--command", "program", metavar="COMMAND",
-    help="Or any program, as 'prog {left} {right} {out}': reads two PNGs, writes a PFM; {num_disparities} and "
-    "{min_disparity} are known too. No shell reads it.",
+    help="A program instead, such as 'prog {left} {right} {out}': it reads two PNG files and writes a PFM file. "
+    "{num_disparities} and {min_disparity} are replaced too. Runs without a shell.",
 )  # fmt: skip
-@click.option("--time-limit", type=float, help="Seconds that the program may take.  [default: 600]")
-@click.option("--ndisp", type=click.IntRange(min=1), help="Disparities to search.  [default: 64]")
-@click.option("--min-disparity", type=int, default=0, show_default=True, help="The first of them, pixels.")
+@click.option("--time-limit", type=float, help="Time limit of the program, seconds.  [default: 600]")
+@click.option("--ndisp", type=click.IntRange(min=1), help="Number of disparities to search.  [default: 64]")
+@click.option("--min-disparity", type=int, default=0, show_default=True, help="The smallest disparity, pixels.")
 @click.option("--picture", type=PATH, help="Also write the map as a colour PNG.")
-@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def command(
     left: Path,
     right: Path,
@@ -47,98 +41,65 @@ def command(
     picture: Path | None,
     as_json: bool,
 ) -> None:
-    """Match LEFT and RIGHT, a rectified pair, and write the left image's disparity (+inf where unknown).
+    """Match LEFT and RIGHT, a rectified pair, and write the left image's disparity map (+inf where unknown).
 
     \b
     Example:  twinlens match out/staircase/im0.png out/staircase/im1.png --ndisp 64 -o disp.pfm
               twinlens match im0.png im1.png --command "./prog {left} {right} {out}" -o disp.pfm
     """
-    from twinlens.dataset import read_image, write_pfm, write_png
+    import numpy as np
 
-    if output.suffix.lower() != ".pfm":
-        raise InputError(f"--output {output}: a disparity map is written as .pfm; --picture makes a PNG to look at")
-    if picture is not None and picture.suffix.lower() != ".png":
-        raise InputError(f"--picture {picture}: must end in .png")
-    _check_spared((left, right), {"--output": output, "--picture": picture})
-    search = {"num_disparities": DEFAULT_NDISP if ndisp is None else ndisp, "min_disparity": min_disparity}
-    matcher, name = _matcher(method, program, time_limit, **search)
+    from twinlens.dataset import read_image, write_pfm, write_png
+    from twinlens.matching.image_size import DEFAULT_DISPARITIES, check_image_size
+
+    _check_outputs((left, right), output, picture)
+    search = {"num_disparities": ndisp or DEFAULT_DISPARITIES, "min_disparity": min_disparity}
+    matcher, name = _matcher(method, program, time_limit, search)
     if ndisp is not None and not hasattr(matcher, "num_disparities"):
-        raise InputError(f"--ndisp: {name} searches the disparities that it was made for")
+        raise InputError(f"--ndisp: the search range of {name} is fixed")
     images = [read_image(path) for path in (left, right)]
-    check_size(matcher, images[0].shape[:2])
-    begun = time.perf_counter()
+    check_image_size(matcher, images[0].shape[:2])
+    start = time.perf_counter()
     disparity = matcher.match(*images)
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - start
     write_pfm(output, disparity)
     if picture is not None:
-        from twinlens.report import colourise
+        from twinlens.report.colormaps import colourise, disparity_limits
 
-        write_png(picture, colourise(disparity, *picture_range(disparity, matcher)))
+        write_png(picture, colourise(disparity, *disparity_limits(disparity, matcher)))
     known = float(np.isfinite(disparity).mean())
     if as_json:
-        answer = {"output": str(output), "method": name, "known_fraction": known, "seconds": seconds}
-        click.echo(json.dumps(answer, indent=1))
+        record = {"output": str(output), "method": name, "known_fraction": known, "seconds": seconds}
+        click.echo(json.dumps(record, indent=1))
     else:
-        click.echo(f"{output}: {name}, {known:.1%} of the pixels matched, {seconds:.2f} s with compiling")
+        click.echo(f"{output}: {name}, {known:.1%} of the pixels matched, {seconds:.2f} s including compilation")
 
 
-def _check_spared(inputs: tuple[Path, ...], outputs: dict[str, Path | None]) -> None:
-    """Refuse to write over the images that are matched, or into a sample, whose truth a map must not replace."""
-    for option, place in outputs.items():
-        if place is None:
+def _check_outputs(images: tuple[Path, ...], output: Path, picture: Path | None) -> None:
+    """Refuse wrong suffixes, the input images themselves, and files within a sample of a dataset."""
+    if output.suffix.lower() != ".pfm":
+        raise InputError(f"--output {output}: must end in .pfm; --picture writes a PNG to look at")
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise InputError(f"--picture {picture}: must end in .png")
+    for option, path in (("--output", output), ("--picture", picture)):
+        if path is None:
             continue
-        if any(place.exists() and path.exists() and place.samefile(path) for path in inputs):
-            raise InputError(f"{option} {place}: is one of the two images; name another file")
-        if (place.absolute().parent / "sample.json").exists():
-            raise InputError(f"{option} {place}: stands in a sample of a dataset; write it elsewhere")
+        if any(path.exists() and image.exists() and path.samefile(image) for image in images):
+            raise InputError(f"{option} {path}: is one of the two images; choose another file")
+        if (path.absolute().parent / "sample.json").exists():
+            raise InputError(f"{option} {path}: is in a sample of a dataset; choose another folder")
 
 
-def check_size(matcher: Any, size: tuple[int, ...]) -> None:
-    """Refuse options that no image of that (H, W) can need: they are mistakes, and some take all memory.
-
-    Two pixels of one row of W are at most W - 1 apart, so there are 2 W - 1 disparities; and a window with a side of
-    2 max(H, W) - 1 sees the whole image from every pixel.
-    """
-    height, width = size
-    most = max(2 * width - 1, DEFAULT_NDISP)  # the default suits a thumbnail too
-    wide = f"an image {width} pixels wide has disparities from {1 - width} to {width - 1}"
-    count, first = getattr(matcher, "num_disparities", 1), getattr(matcher, "min_disparity", 0)
-    if count > most:
-        raise InputError(f"num_disparities (--ndisp) is {count}: {wide}, {2 * width - 1} in all")
-    if not -width < first < width:
-        raise InputError(f"min_disparity is {first}: {wide}")
-    largest = max(2 * max(size) - 1, DEFAULT_WINDOW)
-    for option in WINDOWS:
-        if getattr(matcher, option, 0) > largest:
-            raise InputError(
-                f"{option} is {getattr(matcher, option)}: a window of {largest} sees all of an image of {width} x "
-                f"{height} from every pixel"
-            )
-
-
-def picture_range(disparity: NDArray[np.float32], matcher: Any) -> tuple[float, float]:
-    """What the picture's colours span: the disparities searched, or found, where the matcher does not say or knows one.
-
-    Two numbers apart at least 1, so that a map of one value has a colour too.
-    """
-    known = disparity[np.isfinite(disparity)]
-    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
-    first, count = getattr(matcher, "min_disparity", None), getattr(matcher, "num_disparities", None)
-    if first is not None and count is not None and count > 1:
-        low, high = float(first), float(first + count - 1)
-    return low, max(high, low + 1.0)
-
-
-def _matcher(method: str | None, program: str | None, time_limit: float | None, **search: int) -> tuple[Any, str]:
-    """The matcher asked for, and what it is called."""
+def _matcher(method: str | None, program: str | None, time_limit: float | None, search: dict[str, int]) -> Any:
+    """The matcher and its name."""
     from twinlens.matching import Program, parse_method
 
     if program is None:
         if time_limit is not None:
-            raise InputError("--time-limit ends a program; it needs --command")
+            raise InputError("--time-limit applies to programs only; use it with --command")
         spec = parse_method(method or DEFAULT_METHOD)
         return spec.matcher(**search), spec.name
     if method is not None:
-        raise InputError("--method and --command both name a matcher; give one of them")
+        raise InputError("--method and --command both name a matcher; use one of them")
     runner = Program(program, **search)
     return (runner if time_limit is None else replace(runner, timeout_s=time_limit)), program

@@ -1,4 +1,4 @@
-"""Where something lies, as a command's argument: a path, or a bucket's address. An empty one is always a mistake."""
+"""Paths and addresses as arguments of commands, and checks of output folders before any work is done."""
 
 import contextlib
 import os
@@ -14,100 +14,109 @@ if TYPE_CHECKING:
     from twinlens.dataset import Manifest, Place
 
 
-class PlaceType(click.ParamType):  # type: ignore[type-arg]
-    """A path, or an address such as s3://bucket/set; what is wrong with it is found when it is used."""
+class AddressType(click.ParamType):  # type: ignore[type-arg]
+    """A path or an address such as s3://bucket/set, as text; never empty."""
 
     name = "path or address"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The text."""
+        return _not_empty(value, self, param, ctx)
+
+
+class PlaceType(AddressType):
+    """A path or an address, as a Path or a RemotePath; whether it exists is checked when it is used."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> "Place":
         """The Path or RemotePath."""
         from twinlens.dataset import place
 
-        return place(_filled(value, self, param, ctx))
+        return place(super().convert(value, param, ctx))
 
 
 class PathType(click.Path):
-    """A path of this machine, also as file://...; none is empty, which would be the current folder, nor a bucket's."""
+    """A path on this machine, also as file://...; neither empty, which would be the current folder, nor a bucket."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The Path."""
-        return super().convert(_local(_filled(value, self, param, ctx), self, param, ctx), param, ctx)
+        from twinlens.dataset import RemotePath, place
 
-
-class AddressType(click.ParamType):  # type: ignore[type-arg]
-    """A path or an address, as text; never an empty one."""
-
-    name = "path or address"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The text."""
-        return str(_filled(value, self, param, ctx))
+        text = os.fspath(_not_empty(value, self, param, ctx))
+        if "://" in text:
+            found = place(text)
+            if isinstance(found, RemotePath):
+                self.fail(f"{text!r} is a bucket's address; only a path on this machine is supported here", param, ctx)
+            text = str(found)
+        return super().convert(text, param, ctx)
 
 
 PLACE, PATH, ADDRESS = PlaceType(), PathType(path_type=Path), AddressType()
 
 
+def _not_empty(value: Any, kind: click.ParamType, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # type: ignore[type-arg]
+    if value == "":
+        kind.fail("the name is empty; is a shell variable unset?", param, ctx)
+    return value
+
+
 def missing_output() -> click.MissingParameter:
-    """The refusal of a command that needs its -o now, as click's own where it is always needed."""
+    """The error of click for a missing -o, for commands that need it in some cases only."""
     context = click.get_current_context()
     option = next(option for option in context.command.params if option.name == "output")
     return click.MissingParameter(ctx=context, param=option)
 
 
 def check_free(output: Path, overwrite: bool) -> None:
-    """Refuse a place that is taken, before any work is done. Raises OutputError."""
+    """Raise OutputError where the output exists, unless it is to be overwritten."""
     if not overwrite and os.path.lexists(output):
-        raise OutputError(f"{output}: is there already; choose another name, or add --overwrite")
+        raise OutputError(f"{output}: exists already; choose another name, or add --overwrite")
 
 
 def check_results(folder: Path, mark: str) -> None:
-    """Refuse a folder that cannot be made, or that holds other things than results, before any work is done.
-
-    Results have a file named `mark` among them, and may be written again. Raises OutputError.
-    """
-    _check_possible(folder)
+    """Raise OutputError for a folder that cannot be created, and for one with files but without the file `mark`."""
+    _check_creatable(folder)
     if folder.is_dir() and not (folder / mark).is_file():
-        _refuse_strangers(folder, _entries(folder), mark)
+        _refuse_others(folder, _entries(folder), mark)
 
 
 def check_samples(output: "Place", names: Sequence[str], overwrite: bool) -> None:
-    """Refuse a dataset's place where samples of these names cannot come, before any picture is taken.
+    """Check that samples of these names can be written to the dataset `output`.
 
-    The folder is new, empty, or lists its samples. A run that was stopped before it could list its first sample left
-    that alone: it may be made again.
+    The folder must be new, empty, or have a dataset.json. The folders of these samples are allowed without one: an
+    earlier run may have been stopped before it wrote the list.
 
-    Raises InputError for a name that is there twice, FileError for a damaged list, OutputError.
+    Raises InputError for a repeated name, FileError for a damaged dataset.json, OutputError.
     """
     known = manifest_of(output)
     if known is not None and "made_with" in known.info:
-        raise OutputError(f"{output}: is a dataset that `twinlens generate` makes of its recipe; name another folder")
+        raise OutputError(f"{output}: is a dataset of `twinlens generate`; choose another folder")
     double = next((name for name in names if names.count(name) > 1), None)
     if double is not None:
-        raise InputError(f"two scenes are named {double!r}; a sample's folder has its scene's name")
+        raise InputError(f"two scenes are named {double!r}; a sample's folder is named after its scene")
     if isinstance(output, Path):
-        _check_possible(output)
-    there = next((name for name in names if (output / name).exists()), None)
-    if there is not None and not overwrite:
-        raise OutputError(f"{output / there}: is there already; name another folder, or add --overwrite")
+        _check_creatable(output)
+    existing = next((name for name in names if (output / name).exists()), None)
+    if existing is not None and not overwrite:
+        raise OutputError(f"{output / existing}: exists already; choose another folder, or add --overwrite")
     for name in names:
         check_replaceable(output / name)
     if known is None and output.is_dir():
-        _refuse_strangers(output, [entry for entry in _entries(output) if entry not in names], "dataset.json")
+        _refuse_others(output, [entry for entry in _entries(output) if entry not in names], "dataset.json")
 
 
-def check_replaceable(folder: "Place") -> None:
-    """Refuse what would not be overwritten in the end, because it is no sample, before any work. Raises OutputError.
+def check_replaceable(folder: "Place", mark: str = "sample.json", kind: str = "sample") -> None:
+    """Raise OutputError for what must not be overwritten: a file, or a folder with files but without the file `mark`.
 
-    In a bucket the end tells: a broken attempt there is written over.
+    Addresses of buckets are not checked.
     """
-    if not isinstance(folder, Path) or not os.path.lexists(folder) or (folder / "sample.json").is_file():
+    if not isinstance(folder, Path) or not os.path.lexists(folder) or (folder / mark).is_file():
         return
     if not folder.is_dir() or any(folder.iterdir()):
-        raise OutputError(f"{folder}: is there and is no sample, so it is not overwritten; choose another name")
+        raise OutputError(f"{folder}: exists and is not a {kind}, so it is not overwritten; choose another name")
 
 
 def manifest_of(output: "Place") -> "Manifest | None":
-    """What dataset.json says, if there is one; FileError where it is damaged."""
+    """The content of dataset.json, None without one. Raises FileError where it is damaged."""
     from twinlens.dataset import read_manifest
 
     return read_manifest(output) if (output / "dataset.json").exists() else None
@@ -117,13 +126,13 @@ def _entries(folder: "Place") -> list[str]:
     return sorted(entry.name for entry in folder.iterdir() if not entry.name.startswith("."))
 
 
-def _refuse_strangers(folder: "Place", strangers: Sequence[str], mark: str) -> None:
-    if strangers:
-        raise OutputError(f"{folder}: holds {strangers[0]!r} and no {mark}; name a new folder, or an empty one")
+def _refuse_others(folder: "Place", entries: Sequence[str], mark: str) -> None:
+    if entries:
+        raise OutputError(f"{folder}: contains {entries[0]!r} and no {mark}; choose a new or an empty folder")
 
 
-def _check_possible(folder: Path) -> None:
-    """Refuse a folder that is not there and cannot be made: it is made for a moment, with those above it."""
+def _check_creatable(folder: Path) -> None:
+    """Raise OutputError for a folder that cannot be created; it is created and removed again, with its parents."""
     if folder.is_dir():
         return
     missing = [each for each in (folder, *folder.parents) if not os.path.lexists(each)]
@@ -131,29 +140,9 @@ def _check_possible(folder: Path) -> None:
         folder.mkdir(parents=True)
     except OSError as error:
         taken = isinstance(error, (FileExistsError, NotADirectoryError))
-        why = "a file stands where a folder is needed" if taken else f"cannot be made; {error.strerror}"
+        why = "a file exists where a folder is needed" if taken else f"cannot be created; {error.strerror}"
         raise OutputError(f"{folder}: {why}") from error
     finally:
         for each in missing:
             with contextlib.suppress(OSError):
                 each.rmdir()
-
-
-def _local(value: Any, kind: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-    """The value, unless it is an address that fsspec opens: as a path it would be a folder named after it."""
-    text = os.fspath(value)
-    if "://" not in text:
-        return value
-    from twinlens.dataset import RemotePath, place
-
-    found = place(text)
-    if isinstance(found, RemotePath):
-        kind.fail(f"{text!r} is a bucket's address, and this works with places of this machine alone", param, ctx)
-    return str(found)
-
-
-def _filled(value: Any, kind: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-    """The value, unless it is empty, as that of a shell's variable that was never set."""
-    if value == "":
-        kind.fail("the name is empty; is a variable of the shell not set?", param, ctx)
-    return value

@@ -11,22 +11,26 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from twinlens.cli.camera_specs import (
+from twinlens.cli.options import Sectioned
+from twinlens.cli.places import PATH, PLACE, check_samples, manifest_of
+from twinlens.cli.progress import interrupt_note, progress_bar
+from twinlens.errors import InputError
+from twinlens.factory.camera_text import (
+    APERTURE_HELP,
     DISTORTION_HELP,
     EXPOSURE_HELP,
+    LENS_HELP,
     MISMATCH_HELP,
     SENSOR_HELP,
+    parse_aperture,
     parse_distortion,
     parse_exposure,
+    parse_lens,
     parse_mismatch,
     parse_numbers,
     parse_sensor,
+    parse_size,
 )
-from twinlens.cli.places import PATH, PLACE, check_samples, manifest_of
-from twinlens.cli.progress import interrupt_note, progress_bar
-from twinlens.cli.sections import Sectioned
-from twinlens.cli.specs import APERTURE_HELP, LENS_HELP, parse_aperture, parse_lens, parse_size
-from twinlens.errors import InputError
 from twinlens.optics import middle_focus
 
 if TYPE_CHECKING:
@@ -173,7 +177,7 @@ def _inside(asked: dict[str, Any], width: int) -> dict[str, Any]:
         form = "FX[,FY], positive numbers of pixels, as 700 or 700,690"
         focal = parse_numbers("--focal-length-px", asked["focal_length_px"], 1, 2, form)
         if not all(0 < number < math.inf for number in focal):
-            raise InputError(f"--focal-length-px must read {form}, got {asked['focal_length_px']!r}")
+            raise InputError(f"--focal-length-px must be {form}, got {asked['focal_length_px']!r}")
         inside |= {"fx": focal[0], "fy": focal[-1]}
     if asked["principal_point"] is not None:
         inside["cx"], inside["cy"] = parse_numbers("--principal-point", asked["principal_point"], 2, 2, "CX,CY")

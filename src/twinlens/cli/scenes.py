@@ -1,4 +1,4 @@
-"""`twinlens scenes`: what there is to photograph."""
+"""`twinlens scenes`: the bundled scenes."""
 
 import json
 from dataclasses import asdict
@@ -9,7 +9,7 @@ import click
 @click.command("scenes")
 @click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
 def command(as_json: bool) -> None:
-    """List the bundled scenes: name, depth range, and what each is there to stress.
+    """List the bundled scenes with their depth ranges and what each one tests.
 
     \b
     Example:  twinlens scenes

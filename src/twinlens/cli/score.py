@@ -112,8 +112,7 @@ def _first_few(names: Sequence[str]) -> str:
 def _score_map(
     estimate: Path, truth: str, mask: Path | None, ndisp: int | None, min_disparity: int | None, protocol: str
 ) -> "Scores":
-    from twinlens.cli.images import read_disparity
-    from twinlens.dataset import place, read_png
+    from twinlens.dataset import place, read_disparity, read_png
     from twinlens.scoring import evaluate, search_range
 
     where = place(truth)

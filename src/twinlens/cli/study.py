@@ -74,7 +74,7 @@ def _list(as_json: bool) -> None:
 
 
 def _sizes(size: str | None, spp: int | None) -> dict[str, int]:
-    from twinlens.cli.specs import parse_size
+    from twinlens.factory.camera_text import parse_size
 
     sizes = {} if spp is None else {"spp": spp}
     if size is not None:

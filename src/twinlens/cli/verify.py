@@ -1,4 +1,4 @@
-"""`twinlens verify`: is a dataset what its records say, and is its truth true?"""
+"""`twinlens verify`: checks of a dataset's files and of its truth."""
 
 import json
 from typing import TYPE_CHECKING
@@ -16,43 +16,35 @@ if TYPE_CHECKING:
 @click.argument("dataset", type=PLACE)
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
 def command(dataset: "Place", as_json: bool) -> int:
-    """Check DATASET: checksums, shapes, disparity against depth, each view's truth against the other's.
+    """Check DATASET: checksums, array shapes, disparity against depth, and each view's truth against the other's.
 
-    Names each sample and what is wrong with it, and how to mend what `twinlens generate` made; exit code 1 if anything
-    is wrong. Samples that are still to be made are told, and are nothing wrong.
+    Lists each problem with its sample, and how to repair what `twinlens generate` made. The exit code is 1 if there is
+    any. Samples that are not made yet are reported but are not problems.
 
     \b
     Example:  twinlens verify out
     """
-    from twinlens.dataset import cure, unchecked, unfinished
+    from twinlens.dataset import cure, unchecked, unfinished, verify_place
 
-    findings = _findings(dataset, as_json)
-    for more in filter(None, (unchecked(dataset), unfinished(dataset))):
-        click.echo(f"{dataset}: {more}", err=True)
-    whole, wrong = findings.pop("dataset.json", []), sum(map(bool, findings.values()))
+    findings: dict[str, list[str]] = {}
+    with progress_bar("verifying") as report:
+        for name, lines in verify_place(dataset, report):
+            findings[name] = lines
+            for line in () if as_json else lines:
+                click.echo(f"{name}: {line}")
+    for note in filter(None, (unchecked(dataset), unfinished(dataset))):
+        click.echo(f"{dataset}: {note}", err=True)
+    whole = findings.pop("dataset.json", [])
+    damaged = sum(map(bool, findings.values()))
     if as_json:
         click.echo(json.dumps(({"dataset.json": whole} if whole else {}) | findings, indent=1))
     else:
-        samples = f"{len(findings)} sample{'' if len(findings) == 1 else 's'}"
-        click.echo(f"{samples}, {wrong} with findings" + _of_the_whole(len(whole)))
-    if way := cure(dataset, findings):
-        click.echo(f"{dataset}: {way}", err=True)
-    return 1 if wrong or whole else 0
+        of_dataset = f"; {_count(len(whole), 'finding')} of the dataset as a whole" if whole else ""
+        click.echo(f"{_count(len(findings), 'sample')}, {damaged} with findings{of_dataset}")
+    if repair := cure(dataset, findings):
+        click.echo(f"{dataset}: {repair}", err=True)
+    return 1 if damaged or whole else 0
 
 
-def _of_the_whole(count: int) -> str:
-    return f"; {count} finding{'' if count == 1 else 's'} of the dataset as a whole" if count else ""
-
-
-def _findings(dataset: "Place", quiet: bool) -> dict[str, list[str]]:
-    """Of dataset.json and of each sample, printed as they are found."""
-    from twinlens.dataset import verify_place
-
-    found = {}
-    with progress_bar("verifying") as report:
-        for name, lines in verify_place(dataset, report):
-            found[name] = lines
-            if not quiet:
-                for line in lines:
-                    click.echo(f"{name}: {line}")
-    return found
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"

@@ -7,11 +7,12 @@ from twinlens.dataset.about import About
 from twinlens.dataset.audit import cure, unchecked, unfinished, verify_place
 from twinlens.dataset.card import write_card
 from twinlens.dataset.codecs.calib import Calibration, read_calib, write_calib
+from twinlens.dataset.codecs.disparity import read_disparity
 from twinlens.dataset.codecs.exr import read_exr, write_exr
 from twinlens.dataset.codecs.pfm import encode_pfm, read_pfm, write_pfm
 from twinlens.dataset.codecs.png import encode_png, read_image, read_png, write_png
 from twinlens.dataset.croissant import write_croissant
-from twinlens.dataset.dataset import Dataset, arrays
+from twinlens.dataset.dataset import Dataset, arrays, open_sample
 from twinlens.dataset.description import describe
 from twinlens.dataset.files import remove_unfinished
 from twinlens.dataset.manifest import Manifest, Row, checksums, read_manifest, row_of, write_manifest
@@ -48,8 +49,10 @@ __all__ = [
     "mask_from_both",
     "mask_from_one",
     "motorcycle",
+    "open_sample",
     "place",
     "read_calib",
+    "read_disparity",
     "read_exr",
     "read_image",
     "read_manifest",

@@ -137,6 +137,18 @@ def found_samples(path: Place) -> Dataset:
     return view
 
 
+def open_sample(path: Where) -> StoredSample:
+    """The sample at `path`: a sample's folder, DATASET/SAMPLE, or a dataset of one sample.
+
+    Raises InputError for a dataset of several samples, FileError for anything else.
+    """
+    dataset = Dataset(path)
+    if len(dataset) > 1:
+        example = dataset.path / dataset[0].name
+        raise InputError(f"{path}: is a dataset of {len(dataset)} samples; name one of them, such as {example}")
+    return dataset[0]
+
+
 def _why_none(path: Place) -> str:
     """Why a dataset.json lists no sample: `twinlens generate` keeps what it could not make, and whether it goes on."""
     info = read_manifest(path).info

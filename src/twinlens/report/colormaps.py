@@ -65,3 +65,18 @@ def colourise(
     share = (np.where(known, numbers, low) - low) / (high - low)
     index = np.rint(np.clip(share, 0, 1) * 255).astype(np.intp)
     return np.where(known[..., None], COLORMAPS[colormap][index], np.array(unknown_colour, np.uint8))
+
+
+def disparity_limits(disparity: ArrayLike, matcher: object) -> tuple[float, float]:
+    """(low, high) for the colours of a disparity map: the matcher's search range, or the range of the map.
+
+    The map's range is taken where the matcher has no `min_disparity` and `num_disparities`, or searches one disparity.
+    The limits differ by 1 at least.
+    """
+    values = np.asarray(disparity)
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    first, count = getattr(matcher, "min_disparity", None), getattr(matcher, "num_disparities", None)
+    if first is not None and count is not None and count > 1:
+        low, high = float(first), float(first + count - 1)
+    return low, max(high, low + 1.0)

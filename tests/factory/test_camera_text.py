@@ -1,3 +1,5 @@
+"""Lenses, apertures, distortions, exposures and sensors from the texts of options."""
+
 import numpy as np
 import pytest
 
@@ -12,11 +14,18 @@ from twinlens.camera import (
     Polygon,
     ThinLens,
 )
-from twinlens.cli.camera_specs import parse_distortion, parse_exposure, parse_mismatch, parse_sensor
-from twinlens.cli.specs import parse_aperture, parse_lens, parse_size
 from twinlens.dataset import write_png
 from twinlens.errors import InputError
-from twinlens.matching import split_methods
+from twinlens.factory.camera_text import (
+    parse_aperture,
+    parse_distortion,
+    parse_exposure,
+    parse_lens,
+    parse_misalignment,
+    parse_mismatch,
+    parse_sensor,
+    parse_size,
+)
 from twinlens.sensor import Exposure, Mismatch, Sensor
 
 
@@ -35,16 +44,16 @@ def test_lenses(text, lens):
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("", "unknown lens ''"),
         ("thick:2", "did you mean 'thin'"),
-        ("pinhole:3", "a pinhole has no numbers; a lens reads pinhole"),
-        ("thin", "must read thin:DIAMETER_MM"),
-        ("thin:", "must read thin:DIAMETER_MM"),
-        ("thin:2@", "must read thin:DIAMETER_MM"),
-        ("f/", "must read f/N"),
-        ("hole:1", "must read hole:DIAMETER_MM@FILM_MM"),
+        ("pinhole:3", "a pinhole has no parameters; a lens is one of pinhole"),
+        ("thin", "must be thin:DIAMETER_MM"),
+        ("thin:", "must be thin:DIAMETER_MM"),
+        ("thin:2@", "must be thin:DIAMETER_MM"),
+        ("f/", "must be f/N"),
+        ("hole:1", "must be hole:DIAMETER_MM@FILM_MM"),
         ("thin:x", "'x' is not a number"),
         ("thin:nan", "'nan' is not a number"),
         ("thin:-2", "aperture_diameter"),
@@ -58,14 +67,14 @@ def test_lenses(text, lens):
         ("hole:1@inf", "film_distance"),
     ],
 )
-def test_lenses_that_cannot_be(text, says):
-    with pytest.raises(InputError, match=says) as error:
+def test_bad_lenses_raise_errors(text, message):
+    with pytest.raises(InputError, match=message) as error:
         parse_lens(text, focus=3.0, film_distance=0.005)
     assert str(error.value).startswith(f"--lens {text!r}")
     assert "\n" not in str(error.value)
 
 
-def test_an_aperture_is_that_of_every_lens_of_some_width():
+def test_the_aperture_applies_to_every_lens_with_a_diameter():
     shape = Polygon(5)
     assert parse_lens("pinhole", 3.0, 0.005, shape) == Pinhole()
     for text in ("thin:20", "f/2", "hole:0.35@50"):
@@ -87,51 +96,51 @@ def test_apertures(text, shape):
 
 
 @pytest.mark.parametrize("colours", [(), (3,)], ids=["grey", "grey in three channels"])
-def test_a_mask_is_the_picture(tmp_path, colours):
+def test_a_mask_has_the_transmission_of_the_image(tmp_path, colours):
     cells = np.random.default_rng(0).integers(0, 256, (4, 6), dtype=np.uint8)
     write_png(tmp_path / "code.png", np.broadcast_to(cells[..., None], (4, 6, 3)).copy() if colours else cells)
     assert parse_aperture(f"mask:{tmp_path / 'code.png'}") == MaskAperture(cells / 255)
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("polygn:6", "did you mean 'polygon'"),
-        ("polygon", "must read polygon:BLADES"),
-        ("polygon:", "must read polygon:BLADES"),
-        ("polygon:6:1:0:3", "must read polygon:BLADES"),
+        ("polygon", "must be polygon:BLADES"),
+        ("polygon:", "must be polygon:BLADES"),
+        ("polygon:6:1:0:3", "must be polygon:BLADES"),
         ("polygon:x", "'x' is not a number"),
         ("polygon:2", "blades"),
         ("polygon:6.5", "blades"),
         ("polygon:inf", "blades"),
         ("polygon:6:inf", "rotation_deg"),
         ("polygon:6:0:2", "roundness"),
-        ("annulus", "must read annulus:INNER"),
+        ("annulus", "must be annulus:INNER"),
         ("annulus:1", "inner"),
-        ("disk:2", "must read disk"),
-        ("mask", "must read mask:FILE"),
-        ("mask:", "must read mask:FILE"),
+        ("disk:2", "must be disk"),
+        ("mask", "must be mask:FILE"),
+        ("mask:", "must be mask:FILE"),
     ],
 )
-def test_apertures_that_cannot_be(text, says):
-    with pytest.raises(InputError, match=says) as error:
+def test_bad_apertures_raise_errors(text, message):
+    with pytest.raises(InputError, match=message) as error:
         parse_aperture(text)
     assert str(error.value).startswith(f"--aperture {text!r}")
 
 
 @pytest.mark.parametrize(
-    ("cells", "says"),
+    ("cells", "message"),
     [
         (np.zeros((3, 3), np.uint8), "black"),
         (np.arange(27, dtype=np.uint8).reshape(3, 3, 3), "coloured"),
         (None, "no such file"),
     ],
 )
-def test_masks_that_cannot_be(tmp_path, cells, says):
+def test_bad_masks_raise_errors(tmp_path, cells, message):
     path = tmp_path / "mask.png"
     if cells is not None:
         write_png(path, cells)
-    with pytest.raises(InputError, match=says) as error:
+    with pytest.raises(InputError, match=message) as error:
         parse_aperture(f"mask:{path}")
     assert str(error.value).startswith(str(path))
 
@@ -145,7 +154,7 @@ def test_masks_that_cannot_be(tmp_path, cells, says):
         ("fisheye:0.1, -0.02", KannalaBrandt(k1=0.1, k2=-0.02)),
     ],
 )
-def test_distortions_in_opencvs_order(text, model):
+def test_distortion_coefficients_are_in_opencv_order(text, model):
     assert parse_distortion(text) == model
 
 
@@ -175,14 +184,14 @@ def test_sensors(text, sensor):
 
 
 @pytest.mark.parametrize(
-    ("parse", "text", "says"),
+    ("parse", "text", "message"),
     [
-        (parse_distortion, "", "must read k1,k2"),
+        (parse_distortion, "", "must be k1,k2"),
         (parse_distortion, "0.1,nan", "'nan' is not a number"),
         (parse_distortion, "0.1,inf", "finite"),
         (parse_distortion, "1,2,3,4,5,6,7,8,9", "1 to 8 numbers"),
         (parse_distortion, "fisheye:1,2,3,4,5", r"fisheye:k1\[,k2"),
-        (parse_distortion, "fisheye:", r"must read fisheye:k1\["),
+        (parse_distortion, "fisheye:", r"must be fisheye:k1\["),
         (parse_distortion, "fishey:1", "did you mean 'fisheye'"),
         (parse_exposure, "0", "time"),
         (parse_exposure, "-1/60", "time"),
@@ -195,6 +204,8 @@ def test_sensors(text, sensor):
         (parse_mismatch, "gain=1,gain=2", "each name once"),
         (parse_mismatch, "gian=1", "did you mean 'gain'"),
         (parse_mismatch, "gain=0", "mismatch gain"),
+        (parse_misalignment, "pitch=1", "did you mean 'pitch_deg'"),
+        (parse_misalignment, "roll_deg", "NAME=VALUE"),
         (parse_mismatch, "black=inf", "black_level"),
         (parse_sensor, "phne", "did you mean 'phone'"),
         (parse_sensor, "phone:", "NAME=VALUE"),
@@ -207,19 +218,15 @@ def test_sensors(text, sensor):
         (parse_sensor, "phone:filters=RGBG", "filters"),
     ],
 )
-def test_what_cannot_be_is_refused_by_the_options_name(parse, text, says):
-    with pytest.raises(InputError, match=says) as error:
+def test_errors_begin_with_the_option(parse, text, message):
+    with pytest.raises(InputError, match=message) as error:
         parse(text)
     assert str(error.value).startswith("--")
     assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("text", ["640", "640x", "x480", "-1x4", "640x480x3", "6.4x480", "1" * 5000 + "x3"])
-def test_sizes_that_cannot_be(text):
+def test_bad_sizes_raise_errors(text):
     with pytest.raises(InputError, match="WIDTHxHEIGHT") as error:
         parse_size(text)
     assert len(str(error.value)) < 120
-
-
-def test_options_stay_with_their_method():
-    assert split_methods(["sad:block_size=5,lr_check=1,zncc", "ssd"]) == ["sad:block_size=5,lr_check=1", "zncc", "ssd"]

@@ -1,0 +1,48 @@
+"""Options of commands: help in sections, pairs of cameras, and an error for an option that is given twice."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import click
+
+from twinlens.errors import InputError
+
+
+class Sectioned(click.Command):
+    """A command whose --help groups its options: `sections` maps headings to parameter names."""
+
+    def __init__(self, *args: Any, sections: Mapping[str, Sequence[str]], **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._sections = sections
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write one list of options for each section, and the remaining ones under "Options"."""
+        left = {option.name: option for option in self.get_params(ctx) if isinstance(option, click.Option)}
+        for heading, names in {**self._sections, "Options": tuple(left)}.items():
+            options = [left.pop(name) for name in tuple(left) if name in names]
+            with formatter.section(heading):
+                formatter.write_dl([record for option in options if (record := option.get_help_record(ctx))])
+
+
+def refuse_repeated(command: click.Command, arguments: Sequence[str]) -> None:
+    """Raise click.UsageError for an option that takes one value and is given twice; click would drop the first."""
+    _, _, given = command.make_parser(click.Context(command)).parse_args(list(arguments))
+    for param, count in Counter(given).items():
+        if count > 1 and isinstance(param, click.Option) and not (param.multiple or param.is_flag or param.count):
+            raise click.UsageError(f"option {param.opts[-1]} is given {count} times; give it once")
+
+
+def parse_pair(text: str, count: int) -> tuple[int, int]:
+    """The two cameras of `--cameras A,B`, out of `count`.
+
+    >>> parse_pair("0,2", 3)
+    (0, 2)
+    """
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) != 2 or not all(part.isdecimal() for part in parts):
+        raise InputError(f"--cameras must be A,B, such as 0,1, got {text!r}")
+    a, b = (int(part) for part in parts)
+    if a == b or max(a, b) >= count:
+        raise InputError(f"--cameras {text}: must be two different cameras out of 0 to {count - 1}")
+    return a, b

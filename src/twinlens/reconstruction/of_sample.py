@@ -1,0 +1,159 @@
+"""Reconstruction of a stored sample: its views' depths, true or matched, fused into points and a surface."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.camera import Rig
+from twinlens.camera.rectification import rectify
+from twinlens.dataset import StoredSample, encode_png
+from twinlens.dataset.record import encode_json
+from twinlens.errors import InputError
+from twinlens.reconstruction.evaluation import compare
+from twinlens.reconstruction.export import glb_bytes, ply_bytes
+from twinlens.reconstruction.fusion import fuse
+from twinlens.reconstruction.picture import orbit, splat
+from twinlens.reconstruction.surface import Cloud, Surface, sampled
+from twinlens.reconstruction.tsdf import integrate, surface_of
+from twinlens.reconstruction.views import DepthView, view_of_disparity, view_of_truth
+
+MatcherFactory = Callable[..., Any]
+"""(num_disparities=, min_disparity=) -> an object with `match(left, right)`."""
+
+RECORD = "reconstruction.json"
+_CELLS = 160  # along the longest side of the points
+_ORBIT_DEG = (-25.0, 25.0)  # viewpoints of the picture
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """Fused points and surface of depth maps, and a comparison with the true surface, {} where that is unknown."""
+
+    views: tuple[DepthView, ...]
+    points: Cloud
+    surface: Surface
+    cell: float
+    against_truth: dict[str, Any]
+
+    def record(self) -> dict[str, Any]:
+        """Counts, the cell in millimetres, and the comparison, as plain data."""
+        return {
+            "views": len(self.views),
+            "points": len(self.points),
+            "vertices": len(self.surface.vertices),
+            "faces": len(self.surface.faces),
+            "cell_mm": 1e3 * self.cell,
+            "against_truth": self.against_truth,
+        }
+
+    def files(self, record: dict[str, Any]) -> dict[str, bytes]:
+        """Contents by file name: points and surface as PLY and glTF, the record, and a picture of both."""
+        return {
+            "points.ply": ply_bytes(self.points),
+            "mesh.ply": ply_bytes(self.surface),
+            "mesh.glb": glb_bytes(self.surface, self.views[0].world_from_cam),
+            RECORD: encode_json(record),
+            "reconstruction.png": encode_png(self.picture()),
+        }
+
+    def picture(self) -> NDArray[np.uint8]:
+        """The points above the surface, each from two viewpoints: uint8 (H, W, 3)."""
+        middle = self.views[len(self.views) // 2]
+        camera = middle.camera.replace(distortion=None)
+        target = np.median(self.points.points, axis=0)
+        poses = [orbit(middle.world_from_cam, target, angle, 10.0) for angle in _ORBIT_DEG]
+        clouds = (self.points, sampled(self.surface, 0.5 * self.cell))
+        return np.concatenate([np.concatenate([splat(c, camera, p, 3) for p in poses], axis=1) for c in clouds], axis=0)
+
+
+def reconstruct(
+    stored: StoredSample,
+    matcher: MatcherFactory | None = None,
+    *,
+    cell: float | None = None,
+    min_views: int = 1,
+    far: float = np.inf,
+    spacing: float | None = None,
+    progress: Callable[[float, str], None] = lambda fraction, stage: None,
+) -> Reconstruction:
+    """Reconstruct a sample from the depths of all its views.
+
+    Parameters
+    ----------
+    stored : StoredSample
+    matcher : callable, optional
+        Makes the matcher of two neighbouring views from the range of their disparities; None takes the true depths.
+    cell : float, optional
+        Cell of the fused surface, metres; by default a 160th of the longest side.
+    min_views : int
+        Views required per point.
+    far : float
+        Depths beyond this, in metres, are left out.
+    spacing : float, optional
+        Both clouds are thinned to this spacing before the comparison, metres; by default half a cell.
+    progress : callable
+        Called with the fraction done and the stage.
+
+    Raises
+    ------
+    InputError
+        Where no point is left, or two views have nothing in common.
+    """
+    views = [_cut(view, far) for view in depth_views(stored, matcher)]
+    progress(0.4, "fusing")
+    points = fuse(views, min_views=min_views)
+    if not len(points):
+        raise InputError(f"{stored.folder}: no point is left; allow larger depths, or require fewer views per point")
+    if cell is None:
+        cell = float(np.ptp(points.points, axis=0).max()) / _CELLS
+    surface = surface_of(integrate(views, cell))
+    mesh = sampled(surface, 0.5 * cell)
+    progress(0.8, "comparing")
+    against_truth = {}
+    if stored.has("truth0.exr"):
+        true = fuse([_cut(view, far) for view in depth_views(stored)])
+        spacing_mm = 1e3 * (0.5 * cell if spacing is None else spacing)
+        for name, cloud in (("points", points), ("mesh", mesh)):
+            against_truth[name] = compare(cloud, true, spacing_mm=spacing_mm).to_dict()
+    return Reconstruction(tuple(views), points, surface, cell, against_truth)
+
+
+def depth_views(stored: StoredSample, matcher: MatcherFactory | None = None) -> list[DepthView]:
+    """The depth maps of a sample: each view's truth or, with a matcher, one of each two neighbours."""
+    rig = stored.rig
+    if matcher is None:
+        return [view_of_truth(stored.truth(i), rig, i, stored.image(i)) for i in range(len(rig))]
+    if len(rig) < 2:
+        raise InputError(f"{stored.folder}: matching needs two views, the sample has one; use its truth")
+    return [_matched(stored, matcher, i) for i in range(len(rig) - 1)]
+
+
+def _matched(stored: StoredSample, matcher: MatcherFactory, left: int) -> DepthView:
+    """The matched depths of a view and the next one; both are rectified first where they are not."""
+    rig, images = stored.rig.pair(left, left + 1), [stored.image(i) for i in (left, left + 1)]
+    if not rig.is_rectified():
+        result = rectify(rig, zero_doffs=False)
+        images, rig = [result.warp(side, image) for side, image in enumerate(images)], result.rectified_rig
+    low, count = _disparity_range(stored, rig, left)
+    disparity = matcher(num_disparities=count, min_disparity=low).match(*images)
+    return view_of_disparity(disparity, rig, image=images[0])
+
+
+def _disparity_range(stored: StoredSample, rig: Rig, left: int) -> tuple[int, int]:
+    """(lowest, count) of the left view's true disparities with a margin; those of calib.txt without truth."""
+    if not stored.has(f"truth{left}.exr"):
+        return 0, stored.ndisp
+    truth = stored.truth(left)
+    x = [rig.project(side, truth.position[truth.hit])[:, 0] for side in (0, 1)]
+    inside = np.isfinite(x[0]) & np.isfinite(x[1])
+    if not inside.any():
+        raise InputError(f"{stored.folder}: view {left} has no surface that both cameras can see; leave it out")
+    low, high = np.percentile((x[0] - x[1])[inside], (0.1, 99.9))
+    return int(np.floor(low)) - 2, int(np.ceil(high) - np.floor(low)) + 5
+
+
+def _cut(view: DepthView, far: float) -> DepthView:
+    return replace(view, depth=np.where(view.depth <= far, view.depth, np.inf))
