@@ -1,9 +1,9 @@
-"""One thing photographed from all around, as a turntable does it: matched, fused to one surface, and measured.
+"""Reconstruct an object from a ring of cameras and compare the surface with the true one.
 
-    ring of cameras -> each neighbouring pair rectified -> semi-global matching -> depth maps
-    -> signed distances of all -> triangles -> millimetres from the true surface
+    ring of cameras -> rectify each neighbouring pair -> semi-global matching -> depth maps
+    -> truncated signed distances -> triangles -> distance from the true surface in millimetres
 
-Run it: ``python examples/capture.py capture.png``.
+Run: ``python examples/capture.py capture.png``.
 """
 
 import sys
@@ -33,22 +33,22 @@ from twinlens.reconstruction import (
 from twinlens.reconstruction.picture import orbit, splat
 from twinlens.scenes import Bitmap, Mesh, SceneObject
 
-DISTANCE, SIZE = 1.2, 0.5  # metres: from the cameras to the middle, and across the thing
+DISTANCE, SIZE = 1.2, 0.5  # metres: from the cameras to the centre, and diameter of the object
 CELL = 0.006
-KEY = 12  # grey levels: what is as near to the corner's colour is the backdrop
+KEY = 12  # grey levels: largest difference of the background from the corner's colour
 
 
 @dataclass(frozen=True)
 class Capture:
-    """The photographs, the surface that came of them, and how it compares with the true one."""
+    """The images, the reconstructed surface, and its comparison with the true one."""
 
     photos: list[NDArray[np.uint8]]
     surface: Surface
     found: Comparison
 
 
-def thing() -> tl.Scene:
-    """A lumpy ball with a pattern of dots on it, under an even sky."""
+def object_scene() -> tl.Scene:
+    """A deformed sphere with a random texture under a uniform sky."""
     import trimesh
 
     ball = trimesh.creation.uv_sphere(radius=1.0, count=[96, 192])
@@ -56,19 +56,19 @@ def thing() -> tl.Scene:
     lumps = 1 + 0.12 * np.sin(5 * direction[:, 0]) * np.cos(4 * direction[:, 1]) + 0.08 * np.sin(6 * direction[:, 2])
     vertices = 0.5 * SIZE * lumps[:, None] * direction
     around = np.arctan2(direction[:, 1], direction[:, 0]) / (2 * np.pi)
-    uv = np.stack([2 * np.abs(around), 0.5 + 0.5 * direction[:, 2]], axis=1)  # mirrored at the back: no seam
+    uv = np.stack([2 * np.abs(around), 0.5 + 0.5 * direction[:, 2]], axis=1)  # mirrored at the back, without a seam
     rng = np.random.default_rng(0)
     dots = np.kron(rng.random((64, 64, 3)), np.ones((4, 4, 1))) * 0.7 + 0.3 * rng.random((256, 256, 3))
     paint = {"type": "diffuse", "reflectance": Bitmap((0.02 + 0.75 * dots**2).astype(np.float32))}
     mesh = Mesh(vertices, np.asarray(ball.faces, dtype=np.uint32), uv=uv)
-    objects = (SceneObject("thing", mesh, "paint"),)
+    objects = (SceneObject("object", mesh, "paint"),)
     pose = look_at([0.0, -DISTANCE, 0.0], [0, 0, 0])
-    return tl.Scene("thing", objects, {"paint": paint}, pose, (0.8, 1.5), lights={"sky": {"type": "constant"}})
+    return tl.Scene("object", objects, {"paint": paint}, pose, (0.8, 1.5), lights={"sky": {"type": "constant"}})
 
 
 def photograph(count: int, width: int, spp: int) -> tuple[tl.Rig, list[NDArray[np.uint8]], list[tl.Truth]]:
-    """The photographs of a closed ring of cameras, 8 bits each, and the truth of every view."""
-    scene = thing()
+    """The rig, a closed ring of cameras; its 8-bit images; and the ground truth of every view."""
+    scene = object_scene()
     camera = tl.Camera.from_fov(width, width, fov_x_deg=34)
     rig = layouts.arc(camera, count, DISTANCE, 360.0, scene.world_from_left)
     photos = tl.Sensor().expose_rig(tl.render(scene, rig, spp=spp), rig=rig, lens=tl.Pinhole(), seed=2)
@@ -76,7 +76,7 @@ def photograph(count: int, width: int, spp: int) -> tuple[tl.Rig, list[NDArray[n
 
 
 def depths(rig: tl.Rig, photos: list[NDArray[np.uint8]]) -> list[DepthView]:
-    """What semi-global matching finds between each view and the next, round the whole ring."""
+    """Depth maps of each pair of neighbours by semi-global matching."""
     views = []
     for a, b in pairwise([*range(len(rig)), 0]):
         result = tl.rectify(rig.pair(a, b), zero_doffs=False)
@@ -86,14 +86,14 @@ def depths(rig: tl.Rig, photos: list[NDArray[np.uint8]]) -> list[DepthView]:
         farthest = new.cameras[0].fx * result.baseline / (DISTANCE + 0.3 * SIZE) - result.doffs
         low, count = int(farthest) - 1, int(nearest - farthest) + 3
         found = tl.match(left, right, method="sgm", min_disparity=low, num_disparities=count, lr_check=1)
-        sky = np.abs(left.astype(int) - photos[a][0, 0]).max(axis=2) < KEY  # plain: there is nothing to match
+        sky = np.abs(left.astype(int) - photos[a][0, 0]).max(axis=2) < KEY  # without texture
         found[sky | ~result.valid(0)] = np.inf
         views.append(view_of_disparity(found, new, image=left))
     return views
 
 
 def capture(count: int = 20, width: int = 256, spp: int = 32, cell: float = CELL) -> Capture:
-    """Photograph, match, fuse and measure."""
+    """Render, match, fuse and evaluate."""
     rig, photos, truths = photograph(count, width, spp)
     surface = surface_of(integrate(depths(rig, photos), cell, reach=4 * cell))
     true = fuse([view_of_truth(truth, rig, i) for i, truth in enumerate(truths)])
@@ -101,7 +101,7 @@ def capture(count: int = 20, width: int = 256, spp: int = 32, cell: float = CELL
 
 
 def picture(made: Capture) -> Image.Image:
-    """Three photographs above, the surface from three other sides below."""
+    """Three images in the first row, the surface from three sides in the second."""
     width = made.photos[0].shape[1]
     camera = tl.Camera.from_fov(width, width, fov_x_deg=34)
     pose = look_at([0.0, -DISTANCE, 0.0], [0, 0, 0])

@@ -1,8 +1,8 @@
-"""A robot looks at a hall with two eyes, maps what stands in its way, and takes the shortest way to the far end.
+"""Plan the path of a robot through a hall from one stereo pair.
 
-    images -> disparity (semi-global) -> points in metres -> grid of what stands on the floor -> Dijkstra's way
+    images -> disparity (semi-global matching) -> points in metres -> obstacle grid -> Dijkstra's shortest path
 
-Run it: ``python examples/robot.py robot.png``.
+Run: ``python examples/robot.py robot.png``.
 """
 
 import sys
@@ -19,25 +19,25 @@ import twinlens as tl
 from twinlens.reconstruction import DepthView, view_of_disparity
 
 CELL = 0.05  # metres
-X, Y = (-2.0, 2.0), (0.0, 7.0)  # what is mapped: world x and y, metres
-STEP, HEAD = 0.06, 1.2  # metres: what stands higher than a step and lower than the robot's head is in its way
-RADIUS = 0.25  # of the robot, metres
+X, Y = (-2.0, 2.0), (0.0, 7.0)  # range of the map: world x and y, metres
+STEP, HEAD = 0.06, 1.2  # metres: obstacles are points between these heights
+RADIUS = 0.25  # radius of the robot, metres
 START, GOAL = (0.0, 0.6), (-0.9, 5.9)
-LEAST = 3  # points in a cell that make it an obstacle: fewer may be a mismatch
-UNKNOWN_COST = 4.0  # of a cell that was not seen, in cells that were
+MIN_POINTS = 3  # points that make a cell an obstacle; fewer may be wrong matches
+UNKNOWN_COST = 4.0  # cost of an unseen cell; a floor cell costs 1
 
 
 @dataclass(frozen=True)
 class Map:
-    """What is known of the floor, bool (ny, nx), row 0 nearest; `way` (N, 2) in world metres, empty where none is."""
+    """Obstacle and seen cells, bool (ny, nx), row 0 nearest; `path` (N, 2) in world metres, empty if there is none."""
 
     blocked: NDArray[np.bool_]
     seen: NDArray[np.bool_]
-    way: NDArray[np.float64]
+    path: NDArray[np.float64]
 
 
-def look(size: tuple[int, int] = (480, 320), spp: int = 64) -> tuple[NDArray[np.uint8], DepthView]:
-    """The left photograph, and the depths that semi-global matching finds."""
+def observe(size: tuple[int, int] = (480, 320), spp: int = 64) -> tuple[NDArray[np.uint8], DepthView]:
+    """The left image and its depths by semi-global matching."""
     scene = tl.load_scene(Path(__file__).with_name("hall.toml"))
     camera = tl.Camera.from_fov(*size, scene.fov_x_deg)
     rig = tl.Rig.stereo(camera, scene.baseline, scene.world_from_left)
@@ -50,16 +50,16 @@ def look(size: tuple[int, int] = (480, 320), spp: int = 64) -> tuple[NDArray[np.
 
 
 def plan(view: DepthView) -> Map:
-    """The grid of what stands in the way, and the shortest way from START to GOAL that keeps clear of it."""
+    """The obstacle grid, and the shortest path from START to GOAL with a clearance of RADIUS."""
     points = view.positions()[view.known]
     height = points[:, 2]
-    standing, lying = _count(points[(height > STEP) & (height < HEAD)]), _count(points[height <= STEP])
-    blocked = (standing >= LEAST) & (standing > lying)
-    seen = blocked | (lying > 0)
+    above, floor = _count(points[(height > STEP) & (height < HEAD)]), _count(points[height <= STEP])
+    blocked = (above >= MIN_POINTS) & (above > floor)
+    seen = blocked | (floor > 0)
     reach = int(np.ceil(RADIUS / CELL))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     closed = binary_dilation(blocked, np.hypot(x, y) <= RADIUS / CELL)
-    near = int(RADIUS / CELL)  # the walls that bound the map are further than a radius from a way inside
+    near = int(RADIUS / CELL)  # clearance from the left and right ends of the map
     closed[:, :near] = closed[:, -near:] = True
     costs = np.where(closed, -1.0, np.where(seen, 1.0, UNKNOWN_COST))
     graph = MCP_Geometric(costs)
@@ -71,17 +71,17 @@ def plan(view: DepthView) -> Map:
 
 
 def picture(left: NDArray[np.uint8], view: DepthView, found: Map) -> Image.Image:
-    """The way on the photograph, and beside it the map from above: red stands, grey is unseen, white is floor."""
+    """The path in the left image, and the map from above: obstacles red, floor white, unseen cells grey."""
     photo = Image.fromarray(left)
-    way = np.column_stack([found.way, np.full(len(found.way), 0.01)])
-    pixels = view.rig.project(0, way)
-    dots = pixels[_in_view(view, way, pixels)]
+    path = np.column_stack([found.path, np.full(len(found.path), 0.01)])
+    pixels = view.rig.project(0, path)
+    dots = pixels[_in_view(view, path, pixels)]
     draw, size = ImageDraw.Draw(photo), max(1.5, photo.height / 120)
     for u, v in dots.tolist():
         draw.ellipse((u - size, v - size, u + size, v + size), fill=(255, 220, 0))
     colors = np.where(found.seen[..., None], np.uint8(255), np.uint8(170)).repeat(3, axis=2)
     colors[found.blocked] = (190, 40, 30)
-    for x, y in found.way:
+    for x, y in found.path:
         colors[_cell((x, y))] = (30, 90, 200)
     scale = photo.height / colors.shape[0]
     above = Image.fromarray(colors[::-1]).resize(
@@ -94,7 +94,7 @@ def picture(left: NDArray[np.uint8], view: DepthView, found: Map) -> Image.Image
 
 
 def _in_view(view: DepthView, points: NDArray[np.float64], pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which points (N, 3) nothing stands before, by the depths of the view."""
+    """Whether points (N, 3) are visible, by the depths of the view."""
     inside = view.camera.contains(pixels)
     u, v = np.floor(np.where(inside[:, None], pixels, 0.0) + 0.5).astype(int).T
     depth = (points - view.world_from_cam[:3, 3]) @ view.world_from_cam[:3, 2]
@@ -102,23 +102,23 @@ def _in_view(view: DepthView, points: NDArray[np.float64], pixels: NDArray[np.fl
 
 
 def _count(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """How many points (N, 3) stand over each cell, (ny, nx)."""
+    """The number of points (N, 3) in each cell, (ny, nx)."""
     shape = round((Y[1] - Y[0]) / CELL), round((X[1] - X[0]) / CELL)
     counts, _, _ = np.histogram2d(points[:, 1], points[:, 0], bins=shape, range=(Y, X))
     return counts.astype(np.int64)
 
 
 def _cell(place: tuple[float, float]) -> tuple[int, int]:
-    """(row, column) of a place (x, y) in metres."""
+    """(row, column) of a position (x, y) in metres."""
     return int((place[1] - Y[0]) / CELL), int((place[0] - X[0]) / CELL)
 
 
 def main(path: str) -> None:
-    left, view = look()
+    left, view = observe()
     found = plan(view)
     picture(left, view, found).save(path)
-    length = np.linalg.norm(np.diff(found.way, axis=0), axis=1).sum()
-    print(f"{path}: {found.seen.mean():.0%} of the floor known, a way of {length:.2f} m")
+    length = np.linalg.norm(np.diff(found.path, axis=0), axis=1).sum()
+    print(f"{path}: {found.seen.mean():.0%} of the floor seen, path of {length:.2f} m")
 
 
 if __name__ == "__main__":

@@ -1,13 +1,12 @@
-"""A ball that is not there, put into the photographs of both eyes: hidden by what is before it, and out of focus.
+"""Insert a virtual ball into both images of a stereo pair, with occlusion and defocus.
 
-    photographs + true depths -> the room as a black mesh -> the ball rendered with that mesh, through the same lens
-    photograph * (1 - coverage) + ball
+    images + true depths -> the room as a black mesh -> the ball rendered with that mesh through the same lens
+    image * (1 - coverage) + ball
 
-What the ball covers of a pixel, occlusion and defocus together, is rendered exactly, with the mesh in the way. What is
-approximate: the photograph's own light is taken as behind the ball wherever both share a pixel's blur, the ball throws
-no shadow, and it is lit by two lamps of its own, not by the room.
+The coverage, occlusion and defocus together, is rendered exactly. Approximations: where both share a pixel, the image's
+light is assumed to come from behind the ball; the ball casts no shadow, and has its own two lights.
 
-Run it: ``python examples/virtual_object.py virtual_object.png``.
+Run: ``python examples/virtual_object.py virtual_object.png``.
 """
 
 import sys
@@ -34,62 +33,62 @@ Images = list[NDArray[np.float32]]
 
 
 def stage(size: tuple[int, int] = (400, 300)) -> tuple[tl.Scene, tl.Rig, Lens, NDArray[np.float64]]:
-    """A scene, two eyes, a lens that is sharp on the foreground, and where the ball is to be: half behind the jug."""
+    """The scene, the rig, a lens focused on the foreground, and the position of the ball, half behind the jug."""
     scene = tl.load_scene("tabletop")
     rig = tl.Rig.stereo(tl.Camera.from_fov(*size, scene.fov_x_deg), scene.baseline, scene.world_from_left)
     place = rig.unproject(0, [0.56 * size[0], 0.36 * size[1]], DEPTH)
     return scene, rig, tl.ThinLens(aperture_diameter=0.02, focus_distance=1.3), place
 
 
-def ball(place: NDArray[np.float64], shine: float | None = None) -> SceneObject:
-    """The ball; with `shine` it is a lamp of that radiance, every way alike."""
+def ball(place: NDArray[np.float64], radiance: float | None = None) -> SceneObject:
+    """The ball; with `radiance`, as a uniform area light."""
     pose = np.diag([RADIUS, RADIUS, RADIUS, 1.0])
     pose[:3, 3] = place
-    lamp = None if shine is None else {"type": "area", "radiance": Color((shine,) * 3)}
-    return SceneObject("ball", {"type": "sphere"}, "paint", pose, emitter=lamp)
+    emitter = None if radiance is None else {"type": "area", "radiance": Color((radiance,) * 3)}
+    return SceneObject("ball", {"type": "sphere"}, "paint", pose, emitter=emitter)
 
 
-def in_the_way(scene: tl.Scene, rig: tl.Rig, finer: int = 3) -> list[Surface]:
-    """What stands in the scene, as the two eyes' depths have it: a mesh each, cut where depth jumps.
+def room_meshes(scene: tl.Scene, rig: tl.Rig, scale: int = 3) -> list[Surface]:
+    """One mesh of the scene per camera, from its depths, cut at depth discontinuities.
 
-    Such a mesh ends up to a pixel inside what it shows: the depths are cast with `finer` times the pixels.
+    A mesh ends up to a pixel inside its object, so the depths are computed at `scale` times the resolution.
     """
-    fine = tl.Rig([_finer(camera, finer) for camera in rig.cameras], rig.world_from_cams)
+    fine = tl.Rig([_scaled(camera, scale) for camera in rig.cameras], rig.world_from_cams)
     return [mesh_of(view_of_truth(truth, fine, i)) for i, truth in enumerate(tl.ground_truth(scene, fine))]
 
 
-def _finer(camera: tl.Camera, times: int) -> tl.Camera:
-    """The same view on `times` as many pixels a side."""
-    cx, cy = ((c + 0.5) * times - 0.5 for c in (camera.cx, camera.cy))
-    size = camera.width * times, camera.height * times
-    return tl.Camera(*size, camera.fx * times, camera.fy * times, cx, cy)
+def _scaled(camera: tl.Camera, scale: int) -> tl.Camera:
+    """The same view with `scale` times the width and height."""
+    cx, cy = ((c + 0.5) * scale - 0.5 for c in (camera.cx, camera.cy))
+    size = camera.width * scale, camera.height * scale
+    return tl.Camera(*size, camera.fx * scale, camera.fy * scale, cx, cy)
 
 
 def insert(
-    photos: Images, rig: tl.Rig, lens: Lens, walls: list[Surface], things: tuple[SceneObject, SceneObject], spp: int
+    photos: Images, rig: tl.Rig, lens: Lens, room: list[Surface], balls: tuple[SceneObject, SceneObject], spp: int
 ) -> tuple[Images, Images]:
-    """(photographs with the ball, what the ball covers of each pixel, 0 to 1): linear float32 (H, W, 3) each.
+    """(images with the ball, coverage of each pixel by the ball, 0 to 1): linear float32 (H, W, 3) each.
 
-    `things` are the ball as it is to be seen, and as a black lamp of radiance 1.
+    `balls` are the visible ball, and the same ball as a light of radiance 1 for the coverage.
     """
-    blinds = tuple(
-        SceneObject(f"wall-{i}", Mesh(wall.vertices, wall.faces.astype(np.uint32)), "black")
-        for i, wall in enumerate(walls)
+    meshes = tuple(
+        SceneObject(f"room-{i}", Mesh(mesh.vertices, mesh.faces.astype(np.uint32)), "black")
+        for i, mesh in enumerate(room)
     )
-    seen, lamp = things
-    dark = tl.Scene("dark", (*blinds, lamp), {"black": BLACK, "paint": BLACK}, rig.world_from_cams[0], (0.5, 5.0))
-    lit = replace(dark, objects=(*blinds, seen), materials={"black": BLACK, "paint": PAINT}, lights=LAMPS)
+    visible, light = balls
+    dark = tl.Scene("dark", (*meshes, light), {"black": BLACK, "paint": BLACK}, rig.world_from_cams[0], (0.5, 5.0))
+    lit = replace(dark, objects=(*meshes, visible), materials={"black": BLACK, "paint": PAINT}, lights=LAMPS)
     covered, own = (tl.render(scene, rig, lens, spp) for scene in (dark, lit))
-    return [photo * (1 - c) + light for photo, c, light in zip(photos, covered, own, strict=True)], covered
+    return [photo * (1 - c) + added for photo, c, added in zip(photos, covered, own, strict=True)], covered
 
 
 def main(path: str) -> None:
     scene, rig, lens, place = stage()
     photos = tl.render(scene, rig, lens, spp=64)
-    mixed, _ = insert(photos, rig, lens, in_the_way(scene, rig), (ball(place), ball(place, 1.0)), spp=64)
+    mixed, _ = insert(photos, rig, lens, room_meshes(scene, rig), (ball(place), ball(place, 1.0)), spp=64)
     shown = tl.Sensor.preset("ideal").expose_rig(mixed, rig=rig, lens=lens, seed=0)
     Image.fromarray(np.concatenate([photo.image for photo in shown], axis=1)).save(path)
-    print(f"{path}: the ball is {rig.cameras[0].fx * rig.baseline() / DEPTH:.1f} px apart in the two eyes")
+    print(f"{path}: the disparity of the ball is {rig.cameras[0].fx * rig.baseline() / DEPTH:.1f} px")
 
 
 if __name__ == "__main__":

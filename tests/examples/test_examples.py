@@ -1,4 +1,4 @@
-"""The examples do what they say, on small pictures."""
+"""The examples, with small images."""
 
 import importlib.util
 from dataclasses import replace
@@ -11,7 +11,7 @@ import twinlens as tl
 from twinlens.scenes import Color
 
 FOLDER = Path(__file__).parents[2] / "examples"
-pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason="the examples are not beside these tests")
+pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason="the examples are not installed")
 
 
 def example(name):
@@ -21,11 +21,11 @@ def example(name):
     return module
 
 
-def clearance(way, inside):
-    """The least distance, metres, from a way (N, 2) to any point of the boxes' outlines that `inside` tells."""
+def clearance(path, inside):
+    """The smallest distance, metres, from a path (N, 2) to the points of the floor that are `inside` an obstacle."""
     x, y = np.meshgrid(np.arange(-2, 2, 0.02), np.arange(1, 5.6, 0.02))
     solid = np.stack([x, y], axis=-1)[inside(x, y)]
-    return np.linalg.norm(way[:, None] - solid[None], axis=2).min()
+    return np.linalg.norm(path[:, None] - solid[None], axis=2).min()
 
 
 def box(centre, size, degrees):
@@ -39,13 +39,13 @@ def box(centre, size, degrees):
     return inside
 
 
-def test_the_robot_arrives_and_keeps_clear_of_what_truly_stands_there():
+def test_the_path_reaches_the_goal_with_clearance_from_the_true_obstacles():
     robot = example("robot")
-    left, view = robot.look(spp=32)
+    left, view = robot.observe(spp=32)
     found = robot.plan(view)
-    assert np.allclose(found.way[0], robot.START, atol=robot.CELL)
-    assert np.allclose(found.way[-1], robot.GOAL, atol=robot.CELL)
-    steps = np.linalg.norm(np.diff(found.way, axis=0), axis=1)
+    assert np.allclose(found.path[0], robot.START, atol=robot.CELL)
+    assert np.allclose(found.path[-1], robot.GOAL, atol=robot.CELL)
+    steps = np.linalg.norm(np.diff(found.path, axis=0), axis=1)
     assert steps.max() < 1.5 * robot.CELL
     assert steps.sum() < 1.7 * np.linalg.norm(np.subtract(robot.GOAL, robot.START))
     for body in (
@@ -54,30 +54,30 @@ def test_the_robot_arrives_and_keeps_clear_of_what_truly_stands_there():
         box((0.35, 4.4), (0.7, 0.6), 35),
         lambda x, y: np.hypot(x - 1.15, y - 3.1) < 0.2,
     ):
-        assert clearance(found.way, body) > robot.RADIUS - 2 * robot.CELL
+        assert clearance(found.path, body) > robot.RADIUS - 2 * robot.CELL
     picture = robot.picture(left, view, found)
     assert picture.height == 320
     assert (np.asarray(picture)[:, :480] == (255, 220, 0)).all(axis=2).sum() > 50
 
 
-def test_a_goal_that_is_walled_in_has_no_way():
+def test_an_enclosed_goal_has_no_path():
     robot = example("robot")
     depth = np.full((40, 60), np.inf)
     camera = tl.Camera.from_fov(60, 40, 70)
     pose = tl.load_scene(FOLDER / "hall.toml").world_from_left
-    wall = (3.0 - pose[1, 3]) / (camera.unproject(camera.pixel_grid()) @ pose[:3, :3].T)[..., 1]  # y = 3 m, all across
+    wall = (3.0 - pose[1, 3]) / (camera.unproject(camera.pixel_grid()) @ pose[:3, :3].T)[..., 1]  # y = 3 m
     view = robot.DepthView(camera, pose, np.where(wall > 0, wall, depth))
-    assert not len(robot.plan(view).way)
+    assert not len(robot.plan(view).path)
 
 
-def test_the_inserted_ball_is_the_one_that_would_have_been_photographed():
-    """A faintly glowing ball: what is composed equals the scene rendered with the ball really in it."""
+def test_the_inserted_ball_equals_the_rendered_one():
+    """A weakly emitting ball: the composed image equals a rendering of the scene with the ball."""
     virtual = example("virtual_object")
     scene, rig, lens, place = virtual.stage(size=(100, 75))
     glow = 0.02
     photos = tl.render(scene, rig, lens, spp=64)
-    things = (replace(virtual.ball(place, glow), material="black"), virtual.ball(place, 1.0))
-    mixed, covered = virtual.insert(photos, rig, lens, virtual.in_the_way(scene, rig), things, spp=64)
+    balls = (replace(virtual.ball(place, glow), material="black"), virtual.ball(place, 1.0))
+    mixed, covered = virtual.insert(photos, rig, lens, virtual.room_meshes(scene, rig), balls, spp=64)
     dull = {"type": "diffuse", "reflectance": Color((0.0, 0.0, 0.0))}
     there = replace(
         scene,
@@ -96,11 +96,11 @@ def test_the_inserted_ball_is_the_one_that_would_have_been_photographed():
         assert np.median(after[rim]) < 0.3 * np.median(before[rim])
         assert after[share > 0.02].mean() < 0.4 * before[share > 0.02].mean()
     disk = np.pi * (rig.cameras[0].fx * virtual.RADIUS / virtual.DEPTH) ** 2
-    assert covered[0][..., 0].sum() < 0.85 * disk  # the jug stands before a part of it
+    assert covered[0][..., 0].sum() < 0.85 * disk  # the jug occludes a part of it
 
 
 @pytest.mark.slow
-def test_a_thing_is_captured_from_all_around():
+def test_an_object_is_captured_from_all_sides():
     capture = example("capture")
     made = capture.capture(count=12, width=128, spp=8, cell=0.015)
     assert made.found.accuracy_mean_mm < 8
