@@ -5,23 +5,26 @@ python docs/schemas.py
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pydantic
 
+from twinlens.scenes.rigs import RigTable
+from twinlens.scenes.scene_file import SceneFile
 from twinlens.scoring.board_file import BoardModel
 
 FOLDER = Path(__file__).parent / "schemas"
-MODELS = {
+MODELS: dict[str, Any] = {
     "board": BoardModel,
+    "rig": RigTable,
+    "scene": SceneFile,
 }
-"""File name without extension -> model, or a pydantic TypeAdapter."""
+"""File name without extension -> the model or type that pydantic reads the file with."""
 
 
 def schema(name: str) -> str:
     """The text of one schema file."""
-    model = MODELS[name]
-    adapter = model if isinstance(model, pydantic.TypeAdapter) else pydantic.TypeAdapter(model)
-    return json.dumps(adapter.json_schema(), indent=1) + "\n"
+    return json.dumps(pydantic.TypeAdapter(MODELS[name]).json_schema(), indent=1) + "\n"
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Renders scenes/<name>/picture.png, the small picture each bundled scene is known by.
+"""Renders scenes/<name>/picture.png, the preview of each bundled scene.
 
 python scenes/pictures.py                  # all of them
 python scenes/pictures.py fence room
@@ -14,11 +14,11 @@ import twinlens as tl
 from twinlens.scenes import bundled_folder
 
 WIDTH, HEIGHT, SPP = 480, 360, 144
-BRIGHT_PERCENT, BRIGHT_LEVEL = 97.0, 0.85  # this share of all values lies below this fraction of full scale
+BRIGHT_PERCENT, BRIGHT_LEVEL = 97.0, 0.85  # this percentile of the values is mapped to this fraction of full scale
 
 
 def picture(name: str, spp: int = SPP) -> NDArray[np.uint8]:
-    """The default view of a bundled scene, exposed for its bright parts and encoded as sRGB; uint8 (H, W, 3)."""
+    """The default view of a bundled scene, exposed for its highlights and encoded as sRGB; uint8 (H, W, 3)."""
     scene = tl.load_scene(name)
     camera = tl.Camera.from_fov(WIDTH, HEIGHT, fov_x_deg=scene.fov_x_deg)
     (radiance,) = tl.render(scene, tl.Rig([camera], [scene.world_from_left]), tl.Pinhole(), spp=spp, seed=0)
@@ -28,7 +28,7 @@ def picture(name: str, spp: int = SPP) -> NDArray[np.uint8]:
 
 
 def main(names: list[str]) -> None:
-    """Write the pictures of the named scenes, or of all."""
+    """Write the pictures of the named scenes, or of all scenes."""
     for name in names or tl.bundled_scenes():
         path = bundled_folder() / name / "picture.png"
         small = Image.fromarray(picture(name)).quantize(256, kmeans=2, dither=Image.Dither.FLOYDSTEINBERG)

@@ -50,14 +50,16 @@ def default_key(key: str, value: str) -> pydantic.BeforeValidator:
     return pydantic.BeforeValidator(lambda table: {key: value, **table} if isinstance(table, Mapping) else table)
 
 
-def variants(base: type[StrictModel], tag: str, tables: Mapping[str, Mapping[str, Any]]) -> list[type[StrictModel]]:
+def variants(
+    base: type[StrictModel], tag: str, tables: Mapping[str, Mapping[str, Any]], default: str | None = None
+) -> list[type[StrictModel]]:
     """One model for each entry of `tables`: its name is the value of the key `tag`, its content the types of its keys.
 
-    A key whose type admits None is optional.
+    A key whose type admits None is optional. The model named `default` may be used without its tag.
     """
 
     def model(name: str, keys: Mapping[str, Any]) -> type[StrictModel]:
-        fields: dict[str, Any] = {tag: (Literal[name], ...)}
+        fields: dict[str, Any] = {tag: (Literal[name], name if name == default else ...)}
         for key, kind in keys.items():
             fields[key] = (kind, None if type(None) in typing.get_args(kind) else ...)
         return pydantic.create_model(name, __base__=base, **fields)

@@ -212,8 +212,8 @@ _LIGHT = tagged(
         EnvironmentMap,
     ],
 )
-_AREA_LIGHT = tagged("type", variants(LightBase, "type", AREA_LIGHTS), default="area")
-_INTEGRATOR = tagged("type", variants(PluginTable, "type", INTEGRATORS), default="path")
+_AREA_LIGHT = tagged("type", variants(LightBase, "type", AREA_LIGHTS, "area"), default="area")
+_INTEGRATOR = tagged("type", variants(PluginTable, "type", INTEGRATORS, "path"), default="path")
 
 
 def _as_plugin(table: PluginTable) -> Plugin:

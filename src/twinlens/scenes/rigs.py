@@ -48,9 +48,11 @@ _COEFFICIENTS = {
     BrownConrady.name: ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
     KannalaBrandt.name: ("k1", "k2", "k3", "k4"),
 }
+_DEFAULT_MODEL = BrownConrady.name
 _DISTORTIONS = {name: dict.fromkeys(keys, Number | None) for name, keys in _COEFFICIENTS.items()}
 DistortionTable = Annotated[
-    DistortionBase, reads(tagged("model", variants(DistortionBase, "model", _DISTORTIONS), BrownConrady.name))
+    DistortionBase,
+    reads(tagged("model", variants(DistortionBase, "model", _DISTORTIONS, _DEFAULT_MODEL), _DEFAULT_MODEL)),
 ]
 
 
@@ -241,7 +243,9 @@ _KEYS: dict[str, dict[str, Any]] = {
     "arc": {"count": Count, "radius": Positive | None, "angle_deg": Annotated[Number, pydantic.Field(gt=0, le=360)]},
     "cameras": {"cameras": Annotated[list[PosedIntrinsics], annotated_types.Len(1, _MOST_CAMERAS)]},
 }
-RigTable = Annotated[RigBase, reads(tagged("layout", variants(RigBase, "layout", _KEYS), default="parallel"))]
+RigTable = Annotated[
+    RigBase, reads(tagged("layout", variants(RigBase, "layout", _KEYS, "parallel"), default="parallel"))
+]
 """The table that `rig_from_table` reads."""
 
 
