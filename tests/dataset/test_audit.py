@@ -1,4 +1,4 @@
-"""A dataset as a whole: its list, what lies beside its samples, and what is said when there is no list."""
+"""Verification of whole datasets: dataset.json, unlisted samples, metadata, and repair hints."""
 
 import json
 import shutil
@@ -10,9 +10,9 @@ from twinlens.dataset import (
     Dataset,
     Manifest,
     Row,
-    cure,
     describe,
     place,
+    repair_hint,
     unchecked,
     unfinished,
     verify_place,
@@ -45,7 +45,7 @@ def wrong(where):
     return {name: findings for name, findings in verify_place(where) if findings}
 
 
-def test_a_whole_dataset_has_no_findings(root):
+def test_a_complete_dataset_has_no_findings(root):
     heard = []
     assert [name for name, _ in verify_place(root, lambda *now: heard.append(now))] == ["dataset.json", *NAMES]
     assert heard == [(0.0, "a"), (0.5, "train/0")]
@@ -57,7 +57,7 @@ def test_a_whole_dataset_has_no_findings(root):
     assert unfinished(root) == ""
 
 
-def test_in_a_bucket(tmp_path):
+def test_verification_in_a_bucket(tmp_path):
     root = write(place(f"memory:/{tmp_path}/set"))
     assert wrong(root) == {}
     write_sample(root / "train" / "1", dataset_scene.sample())
@@ -68,7 +68,7 @@ def test_in_a_bucket(tmp_path):
     }
 
 
-def test_samples_that_are_not_listed_are_told(root):
+def test_unlisted_samples_are_reported(root):
     write_sample(root / "b", dataset_scene.sample(num_lenses=2))
     shutil.copytree(root / "a", root / "train" / "deep" / "er")
     assert wrong(root)["dataset.json"] == [
@@ -77,14 +77,14 @@ def test_samples_that_are_not_listed_are_told(root):
     ]
 
 
-def test_a_listed_sample_that_is_gone_is_told(root):
+def test_a_removed_sample_is_reported(root):
     shutil.rmtree(root / "a")
     ((name, findings),) = wrong(root).items()
     assert name == "a"
     assert "no such folder" in findings[0]
 
 
-def test_a_damaged_list_is_told_and_the_samples_are_still_checked(root):
+def test_a_damaged_list_is_reported_and_samples_are_checked(root):
     path = root / "dataset.json"
     path.write_bytes(path.read_bytes()[:-40])
     (root / "a" / "disp0.pfm").write_bytes(b"")
@@ -94,21 +94,21 @@ def test_a_damaged_list_is_told_and_the_samples_are_still_checked(root):
     assert str(root) not in str(found)
 
 
-def test_a_list_that_is_gone_is_told(root):
+def test_a_removed_list_is_reported(root):
     (root / "dataset.json").unlink()
     ((name, (finding,)),) = wrong(root).items()
     assert name == "dataset.json"
-    assert finding.startswith("is missing, so that no file can be held against its checksum; found without it: 1; ")
-    assert finding.endswith("where `twinlens generate` made them, the same command writes it again")
-    assert unchecked(root).startswith("no dataset.json here")
-    # One sample's own folder never had one.
+    assert finding.startswith("is missing, so no checksums can be verified; 1 found without it; ")
+    assert finding.endswith("if `twinlens generate` made them, rerun it to restore the file")
+    assert unchecked(root).startswith("no dataset.json: ")
+    # The folder of a single sample needs no dataset.json.
     assert wrong(root / "a") == {}
 
 
-def test_metadata_of_another_list_is_told(root):
+def test_outdated_metadata_is_reported(root):
     write_manifest(root, Manifest(Dataset(root).manifest.rows, seed=1))
     assert wrong(root) == {
-        "dataset.json": ["croissant.json: describes another dataset.json; `twinlens describe` makes it anew"]
+        "dataset.json": ["croissant.json: describes another dataset.json; `twinlens describe` rewrites it"]
     }
     describe(root)
     assert wrong(root) == {}
@@ -118,28 +118,28 @@ def test_metadata_of_another_list_is_told(root):
     ("count", "info", "said"),
     [
         (2, {"complete": True}, ""),
-        (5, {"complete": False}, "lists 2 of the 5 samples of its recipe; the `twinlens generate` that began it makes"),
-        (5, {}, "lists 2 of the 5 samples of its recipe; the `twinlens generate` that began it makes the rest"),
-        (5, {"failed": [{}]}, '1 could not be made ("failed" in it says why); the `twinlens generate` that began it'),
+        (5, {"complete": False}, "lists 2 of 5 samples; rerun `twinlens generate` to make"),
+        (5, {}, "lists 2 of 5 samples; rerun `twinlens generate` to make the missing samples"),
+        (5, {"failed": [{}]}, '1 failed ("failed" in it says why); rerun `twinlens generate`'),
         (
             3,
             {"complete": True, "failed": [{}]},
-            'lists 2 of the 3 samples of its recipe; 1 could not be made ("failed"',
+            'lists 2 of 3 samples; 1 failed ("failed"',
         ),
         ("many", {"failed": 7}, ""),
     ],
 )
-def test_what_is_still_to_be_made_is_told_and_nothing_wrong(root, count, info, said):
+def test_missing_samples_are_counted_and_not_findings(root, count, info, said):
     write_manifest(root, Manifest(Dataset(root).manifest.rows, {"count": count}, info=info))
     describe(root)
     assert wrong(root) == {}
     assert said in unfinished(root)
     assert bool(said) == bool(unfinished(root))
-    assert ("makes the rest" in unfinished(root)) == (count == 5)
+    assert ("make the missing" in unfinished(root)) == (count == 5)
 
 
-def test_metadata_is_not_held_against_a_list_that_still_grows(root):
-    """It describes the dataset as it was when it was last finished, and is made anew when it is again."""
+def test_metadata_of_an_unfinished_dataset_is_not_checked(root):
+    """It describes the last complete dataset, and is rewritten when the dataset is complete again."""
     rows = Dataset(root).manifest.rows
     write_manifest(root, Manifest(rows, {"count": 5}, info={"complete": False}))
     assert wrong(root) == {}
@@ -147,7 +147,7 @@ def test_metadata_is_not_held_against_a_list_that_still_grows(root):
     assert "describes another dataset.json" in wrong(root)["dataset.json"][0]
 
 
-def test_a_sample_whose_row_cannot_be_read_is_told_and_held_against_itself(root):
+def test_an_unreadable_row_is_reported_and_its_sample_checked(root):
     for name in ("0000000", "0000001"):
         shutil.copytree(root / "a", root / name)
     (root / ".rows").mkdir()
@@ -160,37 +160,37 @@ def test_a_sample_whose_row_cannot_be_read_is_told_and_held_against_itself(root)
     assert wrong(root)["0000001"][0].startswith("disp0.pfm: not a PFM")
 
 
-def test_of_a_list_that_is_damaged_or_gone_nothing_more_is_told(root):
+def test_nothing_is_counted_without_a_readable_list(root):
     (root / "dataset.json").write_text("{")
     assert unfinished(root) == ""
     (root / "dataset.json").unlink()
     assert unfinished(root) == ""
 
 
-def test_what_generate_made_and_is_damaged_can_be_made_again(root):
+def test_repair_hint_for_samples_of_generate(root):
     rows = Dataset(root).manifest.rows
     write_manifest(root, Manifest(rows, info={"made_with": {"backend": "scalar_rgb"}}))
-    assert cure(root, wrong(root)) == ""
+    assert repair_hint(root, wrong(root)) == ""
     (root / "a" / "notes.txt").touch()
-    assert cure(root, wrong(root)) == ""
+    assert repair_hint(root, wrong(root)) == ""
     (root / "a" / "disp0.pfm").write_bytes(b"")
-    assert cure(root, wrong(root)).startswith("1 sample is damaged: delete the folder of each and run the same")
+    assert repair_hint(root, wrong(root)).startswith("1 sample is damaged: delete their folders and rerun")
     shutil.rmtree(root / "train" / "0")
-    assert cure(root, wrong(root)).startswith("2 samples are damaged: ")
+    assert repair_hint(root, wrong(root)).startswith("2 samples are damaged: ")
     write_manifest(root, Manifest(rows))
-    assert cure(root, wrong(root)) == "", "nobody knows how to make them"
+    assert repair_hint(root, wrong(root)) == "", "not made by generate"
     (root / "dataset.json").write_text("{")
-    assert cure(root, wrong(root)) == ""
+    assert repair_hint(root, wrong(root)) == ""
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"distribution": 7}', '{"distribution": [7]}', "[" * 5000])
-def test_damaged_metadata_is_told(root, text):
+def test_damaged_metadata_is_reported(root, text):
     (root / "croissant.json").write_text(text)
-    assert wrong(root)["dataset.json"] == ["croissant.json: is damaged; `twinlens describe` makes it anew"]
+    assert wrong(root)["dataset.json"] == ["croissant.json: is damaged; `twinlens describe` rewrites it"]
 
 
-def test_no_dataset_at_all(tmp_path):
-    with pytest.raises(FileError, match="holds no sample"):
+def test_folders_without_samples_are_rejected(tmp_path):
+    with pytest.raises(FileError, match="has no sample"):
         list(verify_place(tmp_path))
     (tmp_path / "dataset.json").write_text(json.dumps({"format": "other"}))
     assert "not a twinlens-dataset file" in wrong(tmp_path)["dataset.json"][0]

@@ -110,7 +110,10 @@ def test_a_licence_that_is_an_address(tmp_path):
 
 @pytest.mark.parametrize(
     ("said", "message"),
-    [({"licence": "MIT"}, "unknown key of about 'licence'; did you mean 'license'"), ({"url": 7}, "url must be text")],
+    [
+        ({"licence": "MIT"}, "about: unknown key 'licence'; did you mean 'license'"),
+        ({"url": 7}, "about.url: must be a string"),
+    ],
 )
 def test_what_is_said_wrongly_is_told(tmp_path, said, message):
     made(tmp_path, about=said)
@@ -217,7 +220,15 @@ def test_croissant_by_its_own_library(tmp_path):
 @rdflib_warns
 def test_croissant_with_everything_said_has_nothing_to_warn_of(tmp_path):
     mlc = pytest.importorskip("mlcroissant")
-    said = About("set", "Pairs.", "CC-BY-4.0", "Ada", "https://example.org", "2026-01-31", "@misc{ada}")
+    said = About(
+        name="set",
+        description="Pairs.",
+        license="CC-BY-4.0",
+        creator="Ada",
+        url="https://example.org",
+        published="2026-01-31",
+        cite_as="@misc{ada}",
+    )
     describe(made(tmp_path), said)
     issues = mlc.Dataset(jsonld=str(tmp_path / "croissant.json")).metadata.ctx.issues
     assert not issues.errors

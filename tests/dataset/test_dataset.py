@@ -15,8 +15,7 @@ from twinlens.dataset import (
     Dataset,
     Manifest,
     Row,
-    arrays,
-    checksums,
+    hash_files,
     motorcycle,
     read_manifest,
     row_of,
@@ -42,7 +41,7 @@ def folder(tmp_path_factory):
     return folder
 
 
-def test_it_is_a_sequence_in_the_manifests_order(folder):
+def test_a_dataset_is_a_sequence_in_manifest_order(folder):
     data = Dataset(folder)
     assert len(data) == 3
     assert [sample.name for sample in data] == ["b", "a", "train/0001"]
@@ -73,20 +72,20 @@ def test_it_works_in_worker_processes(folder):
         assert list(pool.map(data.__getitem__, range(2))) == [shape_of(s) for s in Dataset(folder)[1:]]
 
 
-def test_mapped_items_are_what_a_data_loader_collates(folder):
-    items = Dataset(folder).map(arrays)
+def test_mapped_items_can_be_collated(folder):
+    items = Dataset(folder).map(dict)
     assert len(items) == 3
     assert len(items[:2]) == 2
     assert len(list(items)) == 3
     for name, value in items[0].items():
-        # A tensor is made from native, contiguous, writable memory alone.
+        # torch needs native, contiguous, writable memory.
         if name != "name":
             assert value.flags.c_contiguous
             assert value.flags.writeable
             assert value.dtype.isnative
 
 
-def test_arrays_are_read_anew_each_time(folder):
+def test_arrays_are_read_from_the_file_each_time(folder):
     sample = Dataset(folder)[0]
     sample.disp0[:] = 0
     assert sample.disp0.max() > 0
@@ -95,16 +94,16 @@ def test_arrays_are_read_anew_each_time(folder):
 def test_the_manifest_reads_back(folder):
     manifest = read_manifest(folder)
     assert (manifest.recipe, manifest.seed, manifest.info) == ({"count": 3}, 5, {"rejected": {}})
-    assert manifest.rows[0].files == checksums(folder / "b")
+    assert manifest.rows[0].files == hash_files(folder / "b")
     before = (folder / "dataset.json").read_bytes()
     write_manifest(folder, manifest)
     assert (folder / "dataset.json").read_bytes() == before
 
 
-def test_sums_are_those_of_sha256sum(folder):
+def test_hashes_equal_those_of_sha256sum(folder):
     path = folder / "a" / "im0.png"
-    told = subprocess.run(["sha256sum", str(path)], capture_output=True, text=True, check=True).stdout.split()[0]
-    assert checksums(folder / "a")["im0.png"] == told
+    expected = subprocess.run(["sha256sum", str(path)], capture_output=True, text=True, check=True).stdout.split()[0]
+    assert hash_files(folder / "a")["im0.png"] == expected
 
 
 def test_a_plain_middlebury_folder(tmp_path):
@@ -139,7 +138,7 @@ def test_a_folder_of_one_sample(folder, tmp_path):
     np.testing.assert_array_equal(data[0].im0, Dataset(folder)["a"].im0)
 
 
-def test_masks_are_made_where_there_is_none(tmp_path):
+def test_missing_masks_are_computed(tmp_path):
     sample = dataset_scene.sample(width=200, height=150)
     for i in (0, 1):
         write_png(tmp_path / f"im{i}.png", sample.shots[0].images[i])
@@ -152,14 +151,14 @@ def test_masks_are_made_where_there_is_none(tmp_path):
     assert stored.ndisp == np.ceil(stored.disp0[np.isfinite(stored.disp0)].max()) + 1
 
 
-def test_no_dataset_at_all(tmp_path):
+def test_folders_without_samples_are_rejected(tmp_path):
     with pytest.raises(FileError, match="no such folder"):
         Dataset(tmp_path / "nothing")
-    with pytest.raises(FileError, match="holds no sample"):
+    with pytest.raises(FileError, match="has no sample"):
         Dataset(tmp_path)
 
 
-def test_importing_the_room_loads_no_renderer():
+def test_importing_the_dataset_package_loads_no_renderer():
     code = (
         "import sys, twinlens.dataset; print([m for m in ('mitsuba', 'drjit', 'numba', 'torch') if m in sys.modules])"
     )
@@ -169,18 +168,18 @@ def test_importing_the_room_loads_no_renderer():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda m: m.pop("samples"), '"samples"'),
-        (lambda m: m.update(seed="x"), '"seed"'),
-        (lambda m: m["samples"][0].update(name="../b"), r"samples\[0\]: '../b' is not a plain relative name"),
+        (lambda m: m.pop("samples"), "missing key 'samples'"),
+        (lambda m: m.update(seed="x"), "seed: must be a whole number"),
+        (lambda m: m["samples"][0].update(name="../b"), r"samples\[0\]\.name: '../b' is not a plain relative name"),
         (lambda m: m["samples"][1].update(name="b"), "'b' twice"),
         (lambda m: m["samples"][1].update(files={"/etc/passwd": ""}), "plain relative name"),
-        (lambda m: m["samples"][1].update(files={"a": 1}), "SHA-256"),
-        (lambda m: m["samples"].append(7), r"samples\[3\]: needs"),
+        (lambda m: m["samples"][1].update(files={"a": 1}), r"samples\[1\]\.files\.a: must be a string, got 1"),
+        (lambda m: m["samples"].append(7), r"samples\[3\]: must be a table"),
         (lambda m: m.update(version=9), "reads version 1"),
         (lambda m: m.update(format="other"), "not a twinlens-dataset file"),
     ],
 )
-def test_a_wrong_manifest_is_told(folder, tmp_path, change, message):
+def test_an_invalid_manifest_is_rejected(folder, tmp_path, change, message):
     record = json.loads((folder / "dataset.json").read_text())
     change(record)
     (tmp_path / "dataset.json").write_text(json.dumps(record))
@@ -194,7 +193,7 @@ GOOD = GOOD.replace("[]", '[{"name": "a", "files": {"im0.png": "00"}, "info": {}
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(damaged(GOOD))
-def test_damaged_manifests_are_read_or_refused(tmp_path, data):
+def test_damaged_manifests_are_read_or_rejected(tmp_path, data):
     (tmp_path / "dataset.json").write_bytes(data)
     try:
         manifest = read_manifest(tmp_path)

@@ -67,7 +67,7 @@ def test_a_failure_on_the_way_leaves_nothing_and_keeps_what_was_there(
 
 def test_what_is_there_is_replaced_only_when_asked(tmp_path):
     write_folder(tmp_path / "s", {"x": b"old", "y": b"gone"})
-    with pytest.raises(OutputError, match="is there already"):
+    with pytest.raises(OutputError, match="already exists"):
         write_folder(tmp_path / "s", CONTENT)
     write_folder(tmp_path / "s", CONTENT, overwrite=True)
     assert tree(tmp_path / "s") == CONTENT
@@ -79,7 +79,7 @@ def test_a_swap_that_fails_puts_the_old_one_back(tmp_path, monkeypatch):
     rename = type(tmp_path).rename
 
     def broken(self, target):
-        if files._ASIDE in self.name and target == tmp_path / "s" and (self / "a.txt").exists():
+        if files._TEMPORARY in self.name and target == tmp_path / "s" and (self / "a.txt").exists():
             raise OSError(errno.EIO, "Input/output error")
         return rename(self, target)
 
@@ -156,9 +156,9 @@ def test_a_file_whose_pieces_end_in_an_error_is_not_there(tmp_path):
 
 def test_what_a_killed_process_left_is_swept(tmp_path):
     write_folder(tmp_path / "whole", CONTENT)
-    (tmp_path / f".s{files._ASIDE}12-ab").mkdir()
-    (tmp_path / f".s{files._ASIDE}12-ab" / "x").touch()
-    (tmp_path / f".d{files._ASIDE}13-cd").touch()
+    (tmp_path / f".s{files._TEMPORARY}12-ab").mkdir()
+    (tmp_path / f".s{files._TEMPORARY}12-ab" / "x").touch()
+    (tmp_path / f".d{files._TEMPORARY}13-cd").touch()
     (tmp_path / ".gitignore").touch()
     assert len(remove_unfinished(tmp_path)) == 2
     assert names(tmp_path) == [".gitignore", "whole"]

@@ -287,7 +287,7 @@ def test_invalid_requests_are_rejected(data, tmp_path):
     with pytest.raises(InputError, match="lenses 0 to 1, no lens 2"):
         export(data, tmp_path / "out", "carla", lens=2)
     (tmp_path / "there").mkdir()
-    with pytest.raises(OutputError, match="is there already"):
+    with pytest.raises(OutputError, match="already exists"):
         export(data, tmp_path / "there", "carla")
     assert [entry.name for entry in tmp_path.iterdir()] == ["there"]
 
@@ -347,7 +347,7 @@ def test_only_an_earlier_export_is_overwritten(data, tmp_path):
     export(data, out, "kitti2015")
     before = {path.name for path in out.iterdir()}
     assert "2. s2" in (out / "EXPORT.md").read_text()
-    with pytest.raises(OutputError, match="is there already"):
+    with pytest.raises(OutputError, match="already exists"):
         export(data, out, "carla")
     export(data[:1], out, "carla", overwrite=True)
     assert {path.name for path in out.iterdir()} == before - {"Kitti2015"} | {"carla-highres"}

@@ -114,7 +114,7 @@ def damage(dataset, tmp_path, name):
 def test_a_disparity_map_of_views_that_are_not_rectified_is_found(dataset, tmp_path):
     folder = damage(dataset, tmp_path, "toed")
     write_pfm(folder / "disp0.pfm", np.ones((36, 48), np.float32))
-    assert any("no rectified pair" in line for line in verify_sample(Dataset(folder)[0]))
+    assert any("not in a rectified pair" in line for line in verify_sample(Dataset(folder)[0]))
 
 
 def test_a_wrong_disparity_of_a_later_pair_is_found(dataset, tmp_path):

@@ -8,15 +8,14 @@ from hypothesis import strategies as st
 
 from twinlens import camera, geometry
 from twinlens.camera import BareAperture, Camera, Pinhole, Rig, ThinLens
+from twinlens.dataset.files import check_relative
 from twinlens.dataset.record import (
     TYPES,
     encode_json,
     encode_json_listing,
-    from_plain,
     lens_from_plain,
     plain,
     read_json,
-    relative_name,
     rig_from_plain,
 )
 from twinlens.errors import FileError, InputError
@@ -64,7 +63,7 @@ def test_distortion_reads_back_equal(distortion):
         rig_from_plain(plain(Rig([one], [np.eye(4)])) | {"cameras": [plain(one) | {"distortion": "none"}]})
 
 
-def test_everything_public_of_the_camera_room_can_be_recorded():
+def test_all_public_camera_types_can_be_recorded():
     assert {"Camera", "Rig", "Pinhole", "ThinLens", "BareAperture", "Disk"} <= set(TYPES)
     assert all(getattr(camera, name) is kind for name, kind in TYPES.items())
 
@@ -97,7 +96,7 @@ def test_numpy_values_become_plain_numbers():
 
 
 @pytest.mark.parametrize("value", [math.nan, {1: 2}, object(), {"a": {1, 2}}, b"bytes", np.array([np.nan])])
-def test_what_json_cannot_say_is_refused(value):
+def test_values_that_json_cannot_hold_are_rejected(value):
     with pytest.raises(InputError):
         plain(value)
 
@@ -110,23 +109,25 @@ def test_what_json_cannot_say_is_refused(value):
         ({"type": "ThinLens", "aperture_diameter": 0.1}, "focus_distance"),
         ({"type": "ThinLens", "aperture_diameter": "wide", "focus_distance": 1}, "aperture_diameter"),
         ({"type": "ThinLens", "aperture_diameter": -1, "focus_distance": 1}, "aperture_diameter"),
-        ({"type": "ThinLens", "aperture_diameter": 1, "focus_distance": 1, "aperture": "round"}, "aperture must be"),
-        ({"type": "Camera", "width": 1, "height": 1, "fx": 10**400, "fy": 1, "cx": 0, "cy": 0}, "camera fx"),
-        ({"type": ["Pinhole"]}, "unknown type"),
-        (7, "a lens must be"),
-        (None, "a lens must be"),
+        (
+            {"type": "ThinLens", "aperture_diameter": 1, "focus_distance": 1, "aperture": "round"},
+            "aperture: must be a table of keys and values",
+        ),
+        ({"type": "BareAperture", "diameter": 10**400, "film_distance": 1}, "diameter: must be a number"),
+        ({"type": ["Pinhole"]}, "must be one of Pinhole, ThinLens, BareAperture"),
+        (7, "lens: must be a table of keys and values, got 7"),
+        (None, "lens: must be a table of keys and values, got None"),
     ],
 )
-def test_a_wrong_lens_is_told(value, message):
+def test_an_invalid_lens_is_rejected(value, message):
     with pytest.raises(InputError, match=message):
         lens_from_plain(value)
 
 
-def test_a_rig_of_something_else_is_refused():
+def test_a_rig_of_other_types_is_rejected():
     for cams in ([1], [plain(Pinhole())]):
-        with pytest.raises(InputError, match="a rig must read"):
+        with pytest.raises(InputError, match=r"^sample\.json: rig\.cameras\[0\]"):
             rig_from_plain({"type": "Rig", "cameras": cams, "world_from_cams": [np.eye(4).tolist()]})
-    assert from_plain([{"a": plain(Pinhole())}]) == [{"a": Pinhole()}]
 
 
 @pytest.mark.parametrize(
@@ -143,17 +144,17 @@ def test_a_rig_of_something_else_is_refused():
         "\xff",
     ],
 )
-def test_records_of_another_kind_are_refused(tmp_path, text):
+def test_records_of_another_format_are_rejected(tmp_path, text):
     (tmp_path / "r.json").write_bytes(text.encode("latin-1"))
     with pytest.raises(FileError, match=r"r\.json: "):
         read_json(tmp_path / "r.json", "kind", 1)
 
 
-@pytest.mark.parametrize("name", ["", ".", "..", "../a", "a/../b", "/a", "a//b", "a\\b", "a\0", 3, None])
-def test_names_that_lead_elsewhere_are_refused(name):
-    with pytest.raises(FileError, match="plain relative name"):
-        relative_name(name, "dataset.json")
-    assert relative_name("train/0001", "dataset.json") == "train/0001"
+@pytest.mark.parametrize("name", ["", ".", "..", "../a", "a/../b", "/a", "a//b", "a\\b", "a\0"])
+def test_names_outside_the_folder_are_rejected(name):
+    with pytest.raises(InputError, match="plain relative name"):
+        check_relative(name)
+    assert check_relative("train/0001") == "train/0001"
 
 
 def test_a_rig_of_an_earlier_version_is_read():

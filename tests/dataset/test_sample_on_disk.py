@@ -14,7 +14,7 @@ import pytest
 
 from tests.dataset import dataset_scene
 from twinlens.camera import Rig
-from twinlens.dataset import Dataset, Shot, checksums, sample_files, write_sample
+from twinlens.dataset import Dataset, Shot, hash_files, sample_files, write_sample
 from twinlens.dataset.record import plain
 from twinlens.errors import FileError, InputError, OutputError
 from twinlens.optics import circle_of_confusion_px
@@ -149,7 +149,7 @@ def test_refused_arrays_leave_nothing_behind(tmp_path, sample):
 
 def test_a_sample_is_not_overwritten_unless_asked(tmp_path, sample):
     write_sample(tmp_path / "s", sample)
-    with pytest.raises(OutputError, match="is there already"):
+    with pytest.raises(OutputError, match="already exists"):
         write_sample(tmp_path / "s", sample)
     sums = write_sample(tmp_path / "s", dataset_scene.sample(), overwrite=True)
     assert not any(name.startswith("lens-") for name in sums)
@@ -162,15 +162,15 @@ def test_only_a_sample_is_overwritten(tmp_path, sample):
     (tmp_path / "file").touch()
     (tmp_path / "empty").mkdir()
     for name in ("home", "file"):
-        with pytest.raises(OutputError, match="is no sample"):
+        with pytest.raises(OutputError, match="is not a sample"):
             write_sample(tmp_path / name, sample, overwrite=True)
     assert (tmp_path / "home" / "thesis.tex").exists()
     sums = write_sample(tmp_path / "empty", sample, overwrite=True)
     assert list(sums) == sorted(sums)
-    assert sums == checksums(tmp_path / "empty")
+    assert sums == hash_files(tmp_path / "empty")
 
 
-def test_stored_samples_travel_to_other_processes(stored):
+def test_stored_samples_can_be_pickled(stored):
     again = pickle.loads(pickle.dumps(stored))
     assert again == stored
     np.testing.assert_array_equal(again.disp0, stored.disp0)
@@ -179,15 +179,18 @@ def test_stored_samples_travel_to_other_processes(stored):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda r: r.pop("rig"), "a rig must read"),
+        (lambda r: r.pop("rig"), "rig: must be a table of keys and values, got None"),
         (lambda r: r["rig"]["cameras"][0].update(fx=-1), "camera fx must be"),
-        (lambda r: r["rig"].update(poses=[]), "unknown field of Rig 'poses'"),
-        (lambda r: r["shots"][0].update(lens=plain({"type": "Glass"})), "unknown type 'Glass'"),
-        (lambda r: r.update(shots=7), '"shots" must be a list'),
+        (lambda r: r["rig"].update(poses=[]), "rig: unknown key 'poses'"),
+        (
+            lambda r: r["shots"][0].update(lens=plain({"type": "Glass"})),
+            r"shots\[0\]\.lens\.type: must be one of .*, got 'Glass'",
+        ),
+        (lambda r: r.update(shots=7), "shots: must be a list, got 7"),
         (lambda r: r["shots"][0].update(folder="../.."), "plain relative name"),
     ],
 )
-def test_a_wrong_record_is_told(tmp_path, sample, change, message):
+def test_an_invalid_record_is_rejected(tmp_path, sample, change, message):
     write_sample(tmp_path / "s", sample)
     path = tmp_path / "s" / "sample.json"
     record = json.loads(path.read_text())

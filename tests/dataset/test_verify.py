@@ -10,7 +10,7 @@ from twinlens.camera import Camera, Rig
 from twinlens.dataset import (
     Dataset,
     Manifest,
-    laws,
+    consistency,
     read_exr,
     read_pfm,
     read_png,
@@ -41,12 +41,12 @@ def listed(good, tmp_path):
 
 @pytest.fixture
 def loose(good, tmp_path):
-    """The same sample where no manifest vouches for it."""
+    """The same sample without a manifest."""
     shutil.copytree(good / "s", tmp_path / "loose")
     return Dataset(tmp_path / "loose")[0]
 
 
-def test_a_good_sample_has_no_findings(listed, loose):
+def test_a_correct_sample_has_no_findings(listed, loose):
     assert verify_sample(listed) == []
     assert verify_sample(loose) == []
     assert list(verify_dataset(Dataset(listed.folder.parent))) == [("s", [])]
@@ -54,7 +54,7 @@ def test_a_good_sample_has_no_findings(listed, loose):
 
 @pytest.mark.parametrize("baseline", [0.05, 1.0])
 @pytest.mark.parametrize("seed", range(3))
-def test_good_samples_from_anywhere_have_none(tmp_path, baseline, seed):
+def test_correct_samples_have_no_findings_at_any_pose(tmp_path, baseline, seed):
     rng = np.random.default_rng(seed)
     pair = dataset_scene.rig(width=90, height=70, baseline=baseline, doffs=rng.uniform(-9, 9))
     far = geometry.rigid(np.eye(3), rng.uniform(-100, 100, 3))
@@ -67,7 +67,7 @@ def test_good_samples_from_anywhere_have_none(tmp_path, baseline, seed):
     assert verify_sample(Dataset(tmp_path)[0]) == []
 
 
-def test_missing_changed_and_added_files_are_told(listed):
+def test_missing_changed_and_added_files_are_reported(listed):
     (listed.folder / "im1.png").unlink()
     (listed.folder / "extra.txt").touch()
     path = listed.folder / "lens-1" / "im0.png"
@@ -84,7 +84,7 @@ def test_missing_changed_and_added_files_are_told(listed):
 @pytest.mark.parametrize(
     "name", ["im0.png", "lens-1/im1.png", "disp0.pfm", "mask1nocc.png", "truth0.exr", "calib.txt", "sample.json"]
 )
-def test_a_truncated_file_is_named(loose, name):
+def test_a_truncated_file_is_reported(loose, name):
     path = loose.folder / name
     path.write_bytes(path.read_bytes()[:-60])
     findings = verify_sample(loose)
@@ -93,25 +93,25 @@ def test_a_truncated_file_is_named(loose, name):
     assert str(loose.folder) not in findings[0]
 
 
-def test_a_missing_image_is_told_without_a_manifest(loose):
+def test_a_missing_image_is_reported_without_a_manifest(loose):
     (loose.folder / "lens-1" / "im1.png").unlink()
     assert verify_sample(loose) == ["lens-1/im1.png: is missing (the image of view 1)"]
 
 
 def test_sizes_are_compared(loose):
     write_png(loose.folder / "im1.png", loose.im1[1:])
-    assert verify_sample(loose) == ["im1.png: is 120 x 89, and must be 120 x 90"]
+    assert verify_sample(loose) == ["im1.png: is 120 x 89, must be 120 x 90"]
 
 
-def test_truth_that_is_missing_is_told_without_a_manifest(loose):
+def test_missing_truth_is_reported_without_a_manifest(loose):
     for name in ("truth1.exr", "disp0.pfm", "mask1nocc.png"):
         (loose.folder / name).rename(loose.folder / "aside")
         assert verify_sample(loose) == [f"{name}: is missing"]
         (loose.folder / "aside").rename(loose.folder / name)
 
 
-def test_images_that_are_exchanged_are_told(tmp_path):
-    # A picture that both eyes see: a texture on the planes, looked up where their points are.
+def test_exchanged_images_are_reported(tmp_path):
+    # Images of a texture on the planes, evaluated at the position of each pixel.
     sample = dataset_scene.sample(num_lenses=2, width=160, height=120)
     left, right = (texture(truth) for truth in sample.truths)
     for name, lenses in (("good", [(left, right)] * 2), ("bad", [(left, right), (right, left)])):
@@ -119,7 +119,7 @@ def test_images_that_are_exchanged_are_told(tmp_path):
         write_sample(tmp_path / name, type(sample)(sample.rig, tuple(shots), sample.truths))
     assert verify_sample(Dataset(tmp_path)["good"]) == []
     (finding,) = verify_sample(Dataset(tmp_path)["bad"])
-    assert finding.startswith("lens-1/im0.png: looks exchanged with its partner's image: their edges correlate by ")
+    assert finding.startswith("lens-1/im0.png: looks exchanged with its partner's image: edges correlate by ")
 
 
 def texture(truth):
@@ -152,12 +152,15 @@ def swap(folder):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "finding"),
+    ("damage", "finding"),
     [
         (lambda f: change_pfm(f, "disp0.pfm", nudge), "disp0.pfm: disparity differs from fx B / z - doffs at 1 of"),
         (lambda f: change_pfm(f, "disp1.pfm", lambda d: d[:, ::-1]), "disp1.pfm: "),
         (lambda f: change_exr(f, "truth0.exr", "depth", nudge), "truth0.exr: position's z differs from depth at 1 of"),
-        (lambda f: change_exr(f, "truth1.exr", "position.X", nudge), "truth1.exr: position projects beside its pixel"),
+        (
+            lambda f: change_exr(f, "truth1.exr", "position.X", nudge),
+            "truth1.exr: position does not project to its pixel",
+        ),
         (lambda f: change_exr(f, "truth0.exr", "depth", np.negative), "truth0.exr: "),
         (
             lambda f: change_exr(f, "truth0.exr", "depth", lambda z: np.where(z < 9, -z, z)),
@@ -166,17 +169,17 @@ def swap(folder):
         (lambda f: change_exr(f, "truth0.exr", "position.Y", lambda y: y + 1e4), "truth0.exr: position"),
         (
             lambda f: change_exr(f, "truth0.exr", "object_id", lambda x: x * 2),
-            "truth0.exr: object_id goes up to 4, and 2",
+            "truth0.exr: object_id has the value 4, but only 2",
         ),
         (
             lambda f: change_exr(f, "truth1.exr", "material_kind", lambda x: x * 5),
-            "truth1.exr: material_kind goes up to 5",
+            "truth1.exr: material_kind has the value 5",
         ),
         (lambda f: change_exr(f, "truth0.exr", "blur_circle_px", nudge), "truth0.exr: blur_circle_px is not that of"),
-        (lambda f: change_exr(f, "truth0.exr", "object_id", np.zeros_like), "truth0.exr: depth is finite elsewhere"),
+        (lambda f: change_exr(f, "truth0.exr", "object_id", np.zeros_like), "truth0.exr: depth is not finite exactly"),
         (
             lambda f: write_png(f / "mask0nocc.png", 255 - read_png(f / "mask0nocc.png")),
-            "mask0nocc.png: mask holds other",
+            "mask0nocc.png: mask has other",
         ),
         (
             lambda f: write_png(f / "mask0nocc.png", read_png(f / "mask0nocc.png")[:, ::-1]),
@@ -186,8 +189,8 @@ def swap(folder):
         (swap, "truth0.exr: position"),
     ],
 )
-def test_broken_laws_are_told(loose, spoil, finding):
-    spoil(loose.folder)
+def test_inconsistent_arrays_are_reported(loose, damage, finding):
+    damage(loose.folder)
     findings = verify_sample(loose)
     assert any(line.startswith(finding) for line in findings), findings
 
@@ -197,8 +200,8 @@ def edit(path, old, new):
     path.write_text(path.read_text().replace(old, new))
 
 
-def test_views_that_show_different_worlds_are_told(tmp_path):
-    # Each view is true in itself; together they are not: the right one stands in a world that is larger by a tenth.
+def test_views_of_different_scenes_are_reported(tmp_path):
+    # Each view is consistent; together they are not, as the right one shows a scene that is larger by a tenth.
     sample = dataset_scene.sample(width=120, height=90)
     right = sample.truths[1]
     pose = sample.rig.world_from_cams[1]
@@ -221,23 +224,23 @@ def small_pair(size, baseline):
 
 @pytest.mark.parametrize("baseline", [0.05, 0.4, 0.9])
 @pytest.mark.parametrize("size", [(2, 7), (8, 6), (12, 9), (16, 12), (24, 18)])
-def test_pictures_of_a_few_pixels_agree_with_each_other_too(size, baseline):
-    """There most pixels are at the border, or beside a silhouette, where a view's centres say little of its points."""
+def test_correct_views_of_few_pixels_have_no_findings(size, baseline):
+    """Most pixels are at the border or at a silhouette, where depths at pixel centres prove little."""
     pair, truths = small_pair(size, baseline)
-    assert laws.views_agree((truths[0], truths[1]), pair, (0, 1)) == []
-    assert laws.views_agree((truths[1], truths[0]), pair, (1, 0)) == []
+    assert consistency.check_views((truths[0], truths[1]), pair, (0, 1)) == []
+    assert consistency.check_views((truths[1], truths[0]), pair, (1, 0)) == []
 
 
 @pytest.mark.parametrize("larger", [0.5, 1.1, 1.5])
 @pytest.mark.parametrize("size", [(12, 9), (16, 12)])
-def test_different_worlds_are_told_by_a_hundred_pixels(size, larger):
+def test_different_scenes_are_reported_from_a_hundred_pixels(size, larger):
     pair, (left, right) = small_pair(size, 0.4)
-    (finding,) = laws.views_agree((left, {**right, "depth": larger * right["depth"]}), pair, (0, 1))
+    (finding,) = consistency.check_views((left, {**right, "depth": larger * right["depth"]}), pair, (0, 1))
     assert "are at a depth that the other view has there" in finding
 
 
-def beside(truth, camera, pose, du, dv):
-    """A view's truth moved by whole pixels, and true in itself: each position on its own pixel's ray, at its depth."""
+def shifted(truth, camera, pose, du, dv):
+    """A view's truth shifted by whole pixels, with positions consistent with the new pixels."""
     moved = {key: np.roll(value, (dv, du), (0, 1)) if np.ndim(value) > 1 else value for key, value in truth.items()}
     return as_seen_by(moved, camera, pose)
 
@@ -254,35 +257,37 @@ def as_seen_by(truth, camera, pose):
     ("wall", "step", "axis"),
     [((0.1, 0.05, 1.0), (1, 0), "u"), ((0.1, 0.05, 1.0), (-1, 0), "u"), ((0.02, 0.2, 1.0), (0, 1), "v")],
 )
-def test_a_view_that_is_a_pixel_beside_its_place_is_told_by_the_other(monkeypatch, wall, step, axis, views):
+def test_a_view_shifted_by_a_pixel_is_reported(monkeypatch, wall, step, axis, views):
     monkeypatch.setattr(dataset_scene, "WALL", np.array(wall) / 4.0)
     pair = dataset_scene.rig(width=120, height=90)
     truths = [vars(truth) for truth in dataset_scene.truths(pair)]
     here, there = (truths[i] for i in views)
     camera, pose = pair.cameras[views[1]], pair.world_from_cams[views[1]]
-    assert laws.views_agree((here, there), pair, views) == []
-    assert laws.views_agree((here, beside(there, camera, pose, 0, 0)), pair, views) == []
-    moved = beside(there, camera, pose, *step)
-    assert laws.positions_agree(moved, camera, pose) == []
-    (finding,) = laws.views_agree((here, moved), pair, views)
-    assert f" px along {axis} beside the surfaces that the other view has" in finding
+    assert consistency.check_views((here, there), pair, views) == []
+    assert consistency.check_views((here, shifted(there, camera, pose, 0, 0)), pair, views) == []
+    moved = shifted(there, camera, pose, *step)
+    assert consistency.check_positions(moved, camera, pose) == []
+    (finding,) = consistency.check_views((here, moved), pair, views)
+    assert f" px along {axis} against the other view's surfaces" in finding
 
 
-def test_a_view_whose_pixels_have_other_centres_is_told():
-    """The slip of conventions: centres at whole pixels, and at halves."""
+def test_a_view_with_another_pixel_convention_is_reported():
+    """Pixel centres at integers in one view and at halves in the other."""
     pair, other = (dataset_scene.rig(width=120, height=90, doffs=doffs) for doffs in (1.25, 1.75))
     left, right = vars(dataset_scene.truths(pair)[0]), vars(dataset_scene.truths(other)[1])
-    (finding,) = laws.views_agree((left, as_seen_by(right, pair.cameras[1], pair.world_from_cams[1])), pair, (0, 1))
-    assert " px along u beside the surfaces" in finding
+    (finding,) = consistency.check_views(
+        (left, as_seen_by(right, pair.cameras[1], pair.world_from_cams[1])), pair, (0, 1)
+    )
+    assert " px along u against the other view's surfaces" in finding
 
 
 @pytest.mark.parametrize("bend", [0.0, 0.005, 0.02])
-def test_views_of_a_waving_wall_agree(bend):
-    """Planes are judged, and what bends within a pixel is left alone: no shape is taken for a view out of place."""
+def test_views_of_a_curved_wall_have_no_findings(bend):
+    """Only flat surfaces are tested: curvature is not mistaken for a shift."""
     pair = Rig.stereo(Camera.from_fov(160, 120, 60), 0.1)
     truths = [waving(camera, x, bend) for camera, x in zip(pair.cameras, (0.0, 0.1), strict=True)]
-    assert laws.views_agree((truths[0], truths[1]), pair, (0, 1)) == []
-    assert laws.views_agree((truths[1], truths[0]), pair, (1, 0)) == []
+    assert consistency.check_views((truths[0], truths[1]), pair, (0, 1)) == []
+    assert consistency.check_views((truths[1], truths[0]), pair, (1, 0)) == []
 
 
 def waving(camera, x, bend):
@@ -297,18 +302,18 @@ def waving(camera, x, bend):
     return {"depth": z, "position": points, "object_id": np.ones(z.shape, int), "visible": camera.contains(px)}
 
 
-def test_a_record_that_claims_another_rig_is_told(loose):
+def test_a_record_with_another_rig_is_reported(loose):
     path = loose.folder / "sample.json"
     record = json.loads(path.read_text())
     record["rig"]["cameras"][0]["cx"] += 0.5
     path.write_text(json.dumps(record))
     findings = verify_sample(loose)
     assert findings[0].startswith("calib.txt: cam0 is")
-    assert any(line.startswith("truth0.exr: position projects beside its pixel") for line in findings)
+    assert any(line.startswith("truth0.exr: position does not project to its pixel") for line in findings)
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_no_damage_makes_it_raise(loose, seed):
+def test_damage_never_raises(loose, seed):
     rng = np.random.default_rng(seed)
     paths = sorted(path for path in loose.folder.rglob("*") if path.is_file())
     path = paths[seed % len(paths)]

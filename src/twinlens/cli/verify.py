@@ -24,7 +24,7 @@ def command(dataset: "Place", as_json: bool) -> int:
     \b
     Example:  twinlens verify out
     """
-    from twinlens.dataset import cure, unchecked, unfinished, verify_place
+    from twinlens.dataset import repair_hint, unchecked, unfinished, verify_place
 
     findings: dict[str, list[str]] = {}
     with progress_bar("verifying") as report:
@@ -41,7 +41,7 @@ def command(dataset: "Place", as_json: bool) -> int:
     else:
         of_dataset = f"; {_count(len(whole), 'finding')} of the dataset as a whole" if whole else ""
         click.echo(f"{_count(len(findings), 'sample')}, {damaged} with findings{of_dataset}")
-    if repair := cure(dataset, findings):
+    if repair := repair_hint(dataset, findings):
         click.echo(f"{dataset}: {repair}", err=True)
     return 1 if damaged or whole else 0
 

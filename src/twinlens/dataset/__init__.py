@@ -4,47 +4,46 @@ What a sample looks like on the disk is written in docs/format.md.
 """
 
 from twinlens.dataset.about import About
-from twinlens.dataset.audit import cure, unchecked, unfinished, verify_place
-from twinlens.dataset.card import write_card
+from twinlens.dataset.audit import repair_hint, unchecked, unfinished, verify_place
+from twinlens.dataset.card import describe, write_card
 from twinlens.dataset.codecs.calib import Calibration, read_calib, write_calib
 from twinlens.dataset.codecs.disparity import read_disparity
 from twinlens.dataset.codecs.exr import read_exr, write_exr
 from twinlens.dataset.codecs.pfm import encode_pfm, read_pfm, write_pfm
 from twinlens.dataset.codecs.png import encode_png, read_image, read_png, write_png
 from twinlens.dataset.croissant import write_croissant
-from twinlens.dataset.dataset import Dataset, arrays, open_sample
-from twinlens.dataset.description import describe
+from twinlens.dataset.dataset import Dataset, open_sample
 from twinlens.dataset.files import remove_unfinished
-from twinlens.dataset.manifest import Manifest, Row, checksums, read_manifest, row_of, write_manifest
+from twinlens.dataset.manifest import DatasetFile, Manifest, Row, hash_files, read_manifest, row_of, write_manifest
 from twinlens.dataset.motorcycle import RealPair, motorcycle
-from twinlens.dataset.occlusion import mask_from_both, mask_from_one
 from twinlens.dataset.quantities import statistics
 from twinlens.dataset.sample import Sample, Shot, sample_files, write_sample
 from twinlens.dataset.storage import Place, RemotePath, Where, is_whole, place
-from twinlens.dataset.stored import StoredSample, StoredShot
+from twinlens.dataset.stored import SampleFile, StoredSample, StoredShot
 from twinlens.dataset.truth_files import read_truth
 from twinlens.dataset.verify import verify_dataset, verify_sample
+from twinlens.dataset.visibility import mask_from_both, mask_from_one
 
 __all__ = [
     "About",
     "Calibration",
     "Dataset",
+    "DatasetFile",
     "Manifest",
     "Place",
     "RealPair",
     "RemotePath",
     "Row",
     "Sample",
+    "SampleFile",
     "Shot",
     "StoredSample",
     "StoredShot",
     "Where",
-    "arrays",
-    "checksums",
-    "cure",
     "describe",
     "encode_pfm",
     "encode_png",
+    "hash_files",
     "is_whole",
     "mask_from_both",
     "mask_from_one",
@@ -60,6 +59,7 @@ __all__ = [
     "read_png",
     "read_truth",
     "remove_unfinished",
+    "repair_hint",
     "row_of",
     "sample_files",
     "statistics",

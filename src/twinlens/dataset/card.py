@@ -5,6 +5,7 @@ The front matter is Hugging Face's, so that the folder can be uploaded as it is.
 Source: https://huggingface.co/docs/hub/datasets-cards; Gebru et al., Datasheets for datasets, CACM 2021.
 """
 
+import dataclasses
 import json
 import re
 from collections import Counter
@@ -15,11 +16,12 @@ import numpy as np
 from PIL import Image
 
 import twinlens
-from twinlens.dataset.about import About, about
+from twinlens.dataset.about import KEY, About, about
+from twinlens.dataset.croissant import write_croissant
 from twinlens.dataset.dataset import Dataset
 from twinlens.dataset.figures import TILES, contact_sheet, statistics_figure, tile
 from twinlens.dataset.files import read_bytes, write_file
-from twinlens.dataset.manifest import Manifest
+from twinlens.dataset.manifest import Manifest, write_manifest
 from twinlens.dataset.quantities import Statistics, mixed_counts, stored_statistics
 from twinlens.dataset.record import plain
 from twinlens.dataset.storage import Place, Where
@@ -77,6 +79,20 @@ describes the files to machine-learning tools.
 
 {license}
 """
+
+
+def describe(dataset: Where | Dataset, given: About | None = None) -> list[str]:
+    """Write the card and croissant.json into a dataset's folder; returns the names of the files.
+
+    `given` is merged into dataset.json: texts that it leaves empty keep their value. Raises FileError if `given` is not
+    empty and there is no dataset.json, and OutputError.
+    """
+    dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
+    if given is not None and given.plain():
+        manifest = dataset.manifest
+        info = {**manifest.info, KEY: about(dataset)[0].plain() | given.plain()}
+        write_manifest(dataset.path, dataclasses.replace(manifest, info=info))
+    return [*write_card(dataset), write_croissant(dataset)]
 
 
 def write_card(dataset: Where | Dataset) -> list[str]:

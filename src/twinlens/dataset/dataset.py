@@ -1,4 +1,4 @@
-"""A dataset: the samples of a folder, in order. Read by plain Python, numpy, or a torch DataLoader; needs no torch."""
+"""A dataset: the samples of a folder, in order. Plain Python, numpy or torch read it; torch is optional."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -6,25 +6,31 @@ from typing import Any, Generic, TypeVar, overload
 
 from twinlens.dataset.files import is_hidden
 from twinlens.dataset.items import check_name, read_all
-from twinlens.dataset.manifest import NAME, Manifest, read_manifest
+from twinlens.dataset.manifest import NAME, Manifest, Row, pending_rows, read_manifest
 from twinlens.dataset.storage import Place, RemotePath, Where, is_whole, place
 from twinlens.dataset.stored import StoredSample
-from twinlens.dataset.waiting import waiting_samples
 from twinlens.errors import FileError, InputError, unknown
 
 T = TypeVar("T")
 
 
 class Dataset(Sequence[StoredSample]):
-    """The samples below `path`: its dataset.json's, in that order, or else every folder with an im0.png, by name.
+    """The samples of a folder: those of its dataset.json, in order, or else every subfolder with an im0.png, by name.
 
-    So it opens what twinlens made and plain folders in Middlebury's layout alike, and the folder of a single sample.
-    Indexing gives a `StoredSample`, a slice a Dataset, a name the sample of that name. Nothing is read until asked, and
-    nothing is kept, so it may be pickled to worker processes: ``DataLoader(Dataset(path), num_workers=4)`` gives
-    batches of name, im0, im1, disp0 and mask0_nonocc; `select` chooses others. An address such as ``s3://bucket/set``
-    is read in place, through fsspec.
+    It opens datasets of twinlens, plain folders in Middlebury's layout, and the folder of a single sample. Indexing by
+    number or name gives a `StoredSample`, a slice gives a Dataset. Files are read on access and not cached, so a
+    Dataset can be pickled to worker processes: ``DataLoader(Dataset(path), num_workers=4)`` gives batches of name, im0,
+    im1, disp0 and mask0_nonocc; `select` chooses other quantities.
 
-    Raises FileError when there is no such folder, or no sample in it.
+    Parameters
+    ----------
+    path : str or path
+        A folder, or an fsspec address such as ``s3://bucket/set``.
+
+    Raises
+    ------
+    FileError
+        If the folder does not exist or has no sample.
     """
 
     def __init__(self, path: Where) -> None:
@@ -34,9 +40,9 @@ class Dataset(Sequence[StoredSample]):
         listed = (self.path / NAME).is_file()
         self._samples = _listed(self.path) if listed else _found(self.path)
         if not self._samples and listed:
-            raise FileError(_why_none(self.path))
+            raise FileError(f"{self.path / NAME}: lists no sample{_why_empty(self.path)}")
         if not self._samples:
-            raise FileError(f"{self.path}: holds no sample: no {NAME}, and no folder with an im0.png")
+            raise FileError(f"{self.path}: has no sample: no {NAME}, and no folder with an im0.png")
 
     def __len__(self) -> int:
         return len(self._samples)
@@ -47,10 +53,11 @@ class Dataset(Sequence[StoredSample]):
     def __getitem__(self, index: slice) -> "Dataset": ...
     def __getitem__(self, index: int | str | slice) -> "StoredSample | Dataset":
         if isinstance(index, str):
-            return self._named(index)
-        if isinstance(index, slice):
-            return self._view(self._samples[index])
-        return self._samples[index]
+            for sample in self._samples:
+                if sample.name == index:
+                    return sample
+            raise unknown("sample", index, self.names)
+        return _view(self.path, self._samples[index]) if isinstance(index, slice) else self._samples[index]
 
     def __iter__(self) -> Iterator[StoredSample]:
         return iter(self._samples)
@@ -63,51 +70,39 @@ class Dataset(Sequence[StoredSample]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The samples' names, in order."""
+        """Names of the samples, in order."""
         return tuple(sample.name for sample in self._samples)
 
     @property
     def manifest(self) -> Manifest:
-        """dataset.json, of the whole dataset also in a slice of it. Raises FileError where there is none."""
+        """dataset.json of the whole dataset, also for a slice. Raises FileError if there is none."""
         return read_manifest(self.path)
 
     def split(self, name: str) -> "Dataset":
-        """The samples whose row in dataset.json says that they belong to the split, or InputError when none does."""
+        """The samples whose row in dataset.json names the split. Raises InputError if there are none."""
         splits = [str(sample.row.get("info", {}).get("split") or "") for sample in self._samples]
         if not any(splits):
-            raise InputError(f"{self.path}: has no splits, asked was {name!r}; a recipe's [splits] makes them")
+            raise InputError(f"{self.path}: has no splits, so no split {name!r}; [splits] in a recipe defines them")
         if name not in splits or not name:
             raise unknown("split", name, set(splits) - {""})
-        return self._view(tuple(s for s, split in zip(self._samples, splits, strict=True) if split == name))
+        return _view(self.path, tuple(s for s, split in zip(self._samples, splits, strict=True) if split == name))
 
     def select(self, *names: str) -> "Mapped[dict[str, Any]]":
-        """The dataset with a dict of the named quantities for each sample, read when it is asked for.
+        """The dataset as dicts of the named quantities, read on access; docs/loading.md lists the names.
 
-        ``Dataset(path).select("im0", "lens1.im0", "normal0", "K0")``; `twinlens.dataset.items` lists the names.
-        Raises InputError for a name that is not known, with the nearest that is.
+        ``Dataset(path).select("im0", "lens1.im0", "normal0", "K0")``. Raises InputError for an unknown name.
         """
         for name in names:
             check_name(name)
         return self.map(partial(read_all, names))
 
     def map(self, function: Callable[[StoredSample], T]) -> "Mapped[T]":
-        """The dataset with `function` applied to each sample when it is asked for; it pickles if the function does."""
+        """The dataset with `function` applied to each sample on access; it can be pickled if the function can."""
         return Mapped(self, function)
-
-    def _named(self, name: str) -> StoredSample:
-        for sample in self._samples:
-            if sample.name == name:
-                return sample
-        raise unknown("sample", name, [sample.name for sample in self._samples])
-
-    def _view(self, samples: tuple[StoredSample, ...]) -> "Dataset":
-        view = object.__new__(Dataset)
-        view.path, view._samples = self.path, samples
-        return view
 
 
 class Mapped(Sequence[T], Generic[T]):
-    """A dataset and what is made of each sample. Pickles when the function does."""
+    """A dataset with a function applied to each sample on access."""
 
     def __init__(self, dataset: Dataset, function: Callable[[StoredSample], T]) -> None:
         self.dataset, self.function = dataset, function
@@ -125,15 +120,19 @@ class Mapped(Sequence[T], Generic[T]):
         return self.function(self.dataset[index])
 
 
-def arrays(sample: StoredSample) -> dict[str, Any]:
-    """name, im0, im1, disp0 and mask0_nonocc of a sample, all in memory."""
-    return read_all(("name", "im0", "im1", "disp0", "mask0_nonocc"), sample)
-
-
 def found_samples(path: Place) -> Dataset:
-    """The dataset of the samples that lie below `path`, whatever its dataset.json says; it may be empty."""
+    """The dataset of the samples in the subfolders of `path`, without its dataset.json; it may be empty."""
+    return _view(path, _found(path))
+
+
+def stored(folder: Place, row: Row, listed_in: str = NAME) -> StoredSample:
+    """The sample of a row, and the file that lists it."""
+    return StoredSample(folder / row.name, row.name, {"files": row.files, "info": row.info, "listed_in": listed_in})
+
+
+def _view(path: Place, samples: tuple[StoredSample, ...]) -> Dataset:
     view = object.__new__(Dataset)
-    view.path, view._samples = path, _found(path)
+    view.path, view._samples = path, samples
     return view
 
 
@@ -149,20 +148,20 @@ def open_sample(path: Where) -> StoredSample:
     return dataset[0]
 
 
-def _why_none(path: Place) -> str:
-    """Why a dataset.json lists no sample: `twinlens generate` keeps what it could not make, and whether it goes on."""
+def _why_empty(path: Place) -> str:
+    """Why a dataset.json lists no sample, from what `twinlens generate` writes in it."""
     info = read_manifest(path).info
     failed = info.get("failed")
     if isinstance(failed, list) and failed:
-        return f'{path / NAME}: lists no sample: {len(failed)} could not be made; "failed" in it says why'
-    going_on = "lists those that are there and makes the rest" if waiting_samples(path, ()) else "makes them"
-    more = f"; the `twinlens generate` that began it {going_on}" if info.get("complete") is False else ""
-    return f"{path / NAME}: lists no sample{more}"
+        return f'; {len(failed)} samples failed ("failed" in it says why)'
+    if info.get("complete") is False:
+        action = "list the finished samples and make the others" if pending_rows(path, ())[0] else "make them"
+        return f"; rerun `twinlens generate` to {action}"
+    return ""
 
 
 def _listed(path: Place) -> tuple[StoredSample, ...]:
-    rows = read_manifest(path).rows
-    return tuple(StoredSample(path / row.name, row.name, {"files": row.files, "info": row.info}) for row in rows)
+    return tuple(stored(path, row) for row in read_manifest(path).rows)
 
 
 def _found(path: Place) -> tuple[StoredSample, ...]:
@@ -170,6 +169,6 @@ def _found(path: Place) -> tuple[StoredSample, ...]:
         return (StoredSample(path, path.resolve().name),)
     folders = sorted((entry for entry in path.iterdir() if not is_hidden(entry.name)), key=str)
     folders = [folder for folder in folders if (folder / "im0.png").is_file()]
-    if isinstance(path, RemotePath):  # where some have twinlens's mark, those without it are not whole
+    if isinstance(path, RemotePath):  # among samples of twinlens, those without a mark are incomplete
         folders = [folder for folder in folders if is_whole(folder)] or folders
     return tuple(StoredSample(folder, folder.name) for folder in folders)

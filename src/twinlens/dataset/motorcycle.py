@@ -1,9 +1,8 @@
-"""The real pair that comes along: Middlebury 2014 Motorcycle at a quarter of its size, with its measured truth.
+"""The real pair that scikit-image includes: Middlebury 2014 Motorcycle at quarter size, with measured truth.
 
-It lies inside the scikit-image wheel, so nothing is downloaded. Its calibration is the official one over four
-(fx 3979.911, cx 1244.772 and 1369.115, cy 1019.507, baseline 193.001 mm; ndisp 280 at full size). The left truth alone
-is there, so the mask is made from it by `occlusion.mask_from_one`, whose bound it shares: what unmeasured surfaces hide
-is not known.
+The calibration is the official one divided by four (fx 3979.911, cx 1244.772 and 1369.115, cy 1019.507, baseline
+193.001 mm; ndisp 280 at full size). Only the left truth is included, so the mask comes from `mask_from_one` and is an
+upper bound of what is visible.
 
 Source: Scharstein et al., High-resolution stereo datasets with subpixel-accurate ground truth, GCPR 2014;
 https://vision.middlebury.edu/stereo/data/scenes2014/.
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.dataset.codecs.calib import Calibration
-from twinlens.dataset.occlusion import Mask, mask_from_one
+from twinlens.dataset.visibility import Mask, mask_from_one
 
 CALIBRATION = Calibration(
     cam0=(994.978, 994.978, 311.193, 254.877),
@@ -33,10 +32,9 @@ CALIBRATION = Calibration(
 
 @dataclass(frozen=True, eq=False)
 class RealPair:
-    """A pair in memory with measured truth of its left view, under the names of a `StoredSample`.
+    """A pair in memory with the truth of its left view; the fields are named as those of a `StoredSample`.
 
-    im0, im1 : uint8 (H, W, 3). disp0 : float32 (H, W), pixels, +inf unknown. mask0_nonocc : uint8 (H, W), 255 visible
-    in both, 128 occluded or out of frame, 0 unknown.
+    im0, im1 : uint8 (H, W, 3). disp0 : float32 (H, W), pixels, +inf unknown. mask0_nonocc : uint8 (H, W).
     """
 
     name: str
@@ -54,11 +52,11 @@ class RealPair:
 
 
 def motorcycle() -> RealPair:
-    """Middlebury 2014 Motorcycle, 741 x 500, from scikit-image's own files."""
+    """Middlebury 2014 Motorcycle, 741 x 500, from scikit-image's files."""
     from skimage.data import stereo_motorcycle
 
     left, right, disparity = stereo_motorcycle()
-    # scikit-image's text says NaN marks unknown pixels, its file has +inf: both mean unknown here.
+    # scikit-image documents NaN for unknown pixels, its file has +inf.
     known = np.where(np.isfinite(disparity), disparity, np.inf).astype(np.float32)
     record = {"source": "Middlebury 2014 Motorcycle, a quarter of its size, from scikit-image"}
     return RealPair("motorcycle", left, right, known, mask_from_one(known), CALIBRATION, record)

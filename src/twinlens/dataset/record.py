@@ -1,143 +1,97 @@
-"""sample.json and dataset.json: plain data that a person can read, and the way back to cameras, lenses and rigs.
+"""sample.json and dataset.json: objects to plain JSON data, and the models that validate and rebuild them.
 
-A dataclass becomes an object of its fields with its class's name under "type", so a record says everything that made a
-sample and reads back to equal values: numbers are written with all their digits. JSON has no infinity, so it is the
-text "inf".
+A dataclass becomes an object of its fields with its class's name under "type". Numbers are written with all digits, so
+values read back equal. JSON has no infinity: it is written as the string "inf". An array field of more than 1024
+numbers, such as an aperture mask, is packed:
+
+    {"type": "array", "shape": [H, W], "levels": 255, "zlib": "eJxj..."}
+
+zlib is base64 of zlib of the numbers, row by row, little-endian: uint8 or uint16, to be divided by `levels` (255 or
+65535), where that gives exactly the array; else float64, and `levels` is null.
 """
 
+import base64
+import binascii
 import dataclasses
+import functools
 import json
 import math
+import operator
 import os
+import types
+import typing
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
+import pydantic
+from numpy.typing import NDArray
 
-from twinlens import camera
-from twinlens.camera import Camera, Lens, Rig
+from twinlens import camera, schema
+from twinlens.camera import Lens, Rig
 from twinlens.dataset.files import read_bytes
-from twinlens.dataset.packed import LARGE, MOST, pack, unpack
-from twinlens.dataset.packed import TYPE as PACKED
 from twinlens.dataset.storage import Where
-from twinlens.errors import FileError, InputError, unknown
+from twinlens.errors import FileError, InputError
 
 TYPES: dict[str, type] = {
     public.__name__: public for public in (getattr(camera, name) for name in camera.__all__) if isinstance(public, type)
 }
-"""What a record can be read back to: the public dataclasses of the camera room, by the name under "type"."""
+"""The public dataclasses of the camera room by name: what a record can be read back to."""
 
 RENAMED = {("Rig", "believed"): "calibrated"}
 """Fields that earlier versions wrote under another name."""
 
-_DEEPEST = 64
+PACKED_ABOVE, MAX_PACKED = 1024, 4096 * 4096
+"""Numbers in the smallest packed array, less one, and in the largest (that of an aperture mask)."""
+
+_MAX_DEPTH = 64
+_LEVELS: dict[int | None, str] = {255: "<u1", 65535: "<u2", None: "<f8"}
+
+_NUMBER_SCHEMA: dict[str, Any] = {"anyOf": [{"type": "number"}, {"enum": ["inf", "-inf"]}]}
+_ARRAY_SCHEMA: dict[str, Any] = {
+    "anyOf": [
+        {"type": "array", "items": {"type": "array", "items": {"type": "number"}}},
+        {"type": "object", "properties": dict.fromkeys(("type", "shape", "levels", "zlib"), True)},
+    ]
+}
+
+T = TypeVar("T")
+
+
+class FileModel(pydantic.BaseModel):
+    """Base of the models of files that twinlens writes: strict types, and unknown keys are ignored."""
+
+    model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
+
+
+def read(model: type[T] | pydantic.TypeAdapter[T], data: Any, file: Where, key: str = "") -> T:
+    """`schema.read` for files: raises FileError, one line with file, key and what is allowed."""
+    try:
+        return schema.read(model, data, str(file), key)
+    except InputError as error:
+        raise FileError(str(error)) from None
 
 
 def plain(value: Any) -> Any:
-    """`value` as what JSON can say: dataclasses, mappings, sequences, arrays, numbers, paths and text, nested.
+    """`value` as JSON data: dataclasses, mappings, sequences, arrays, numbers, paths and text, nested.
 
-    Large arrays that are fields of dataclasses are packed. Raises InputError for anything else, NaN among it.
+    Raises InputError for anything else, including NaN.
 
     >>> plain(camera.ThinLens(0.01, focus_distance=math.inf))["focus_distance"]
     'inf'
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: _field(getattr(value, f.name)) for f in dataclasses.fields(value) if f.init}
+        fields = {f.name: _plain_field(getattr(value, f.name)) for f in dataclasses.fields(value) if f.init}
         return {"type": type(value).__name__} | fields
     if isinstance(value, Mapping):
-        return {_key(key): plain(entry) for key, entry in value.items()}
+        if wrong := [key for key in value if not isinstance(key, str)]:
+            raise InputError(f"the keys of a record must be strings, got {wrong[0]!r}")
+        return {key: plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):
         return plain(value.tolist())
     if isinstance(value, (list, tuple)):
         return [plain(entry) for entry in value]
-    return _scalar(value)
-
-
-def from_plain(value: Any) -> Any:
-    """The dataclasses back from `plain`'s answer; lists stay lists where no dataclass takes them.
-
-    Raises InputError for a type or a field that is not known, or a value that its class refuses.
-    """
-    if isinstance(value, list):
-        return [from_plain(entry) for entry in value]
-    if not isinstance(value, Mapping):
-        return value
-    if "type" not in value:
-        return {key: from_plain(entry) for key, entry in value.items()}
-    return _built(value)
-
-
-def rig_from_plain(value: Any) -> Rig:
-    """The Rig back from `plain(rig)`, or InputError."""
-    rig = from_plain(value)
-    if not isinstance(rig, Rig) or not all(isinstance(each, Camera) for each in rig.cameras):
-        raise InputError('a rig must read {"type": "Rig", "cameras": [...], "world_from_cams": [...]}')
-    return rig
-
-
-def lens_from_plain(value: Any) -> Lens:
-    """The lens back from `plain(lens)`, or InputError."""
-    lens = from_plain(value)
-    if not isinstance(lens, Lens) or type(lens.aperture) not in TYPES.values():
-        raise InputError(f'a lens must be an object with a "type" of {", ".join(c.__name__ for c in Lens.__args__)}')
-    return lens
-
-
-def encode_json(record: Mapping[str, Any]) -> bytes:
-    """The record as indented UTF-8 text, in its own order; small lists of numbers stand on one line."""
-    return (_laid_out(plain(record), 0) + "\n").encode()
-
-
-def encode_json_listing(record: Mapping[str, Any], name: str, entries: Iterable[Mapping[str, Any]]) -> Iterator[bytes]:
-    """The pieces of ``encode_json({**record, name: [*entries]})``, one entry at a time in memory.
-
-    >>> b"".join(encode_json_listing({"a": 1}, "b", iter([{"c": 2}]))) == encode_json({"a": 1, "b": [{"c": 2}]})
-    True
-    """
-    head = _laid_out({**plain(record), name: []}, 0)
-    yield head[: -len("]\n}")].encode()
-    gap = "\n  "
-    for entry in entries:
-        yield (gap + _laid_out(plain(entry), 2)).encode()
-        gap = ",\n  "
-    yield ("]\n}\n" if gap == "\n  " else "\n ]\n}\n").encode()
-
-
-def read_json(path: Where, kind: str, version: int) -> dict[str, Any]:
-    """The record in a file that says ``"format": kind, "version": version``. Raises FileError."""
-    return decode_json(read_bytes(path), str(path), kind, version)
-
-
-def decode_json(data: bytes, path: str, kind: str, version: int) -> dict[str, Any]:
-    """The record in the bytes of such a file. Raises FileError beginning with `path`."""
-    try:
-        record = json.loads(data, parse_constant=_no_constant)
-        _check_depth(record)
-    except (ValueError, RecursionError) as error:
-        raise FileError(f"{path}: not valid JSON ({error})") from None
-    if not isinstance(record, dict) or record.get("format") != kind:
-        raise FileError(f'{path}: not a {kind} file (it must say "format": "{kind}")')
-    if record.get("version") != version:
-        given = json.dumps(record.get("version"))[:40]
-        raise FileError(f"{path}: is of version {given}, and this twinlens reads version {version}; update twinlens")
-    return record
-
-
-def relative_name(name: Any, where: Where) -> str:
-    """`name` if it is a plain relative path with /, staying below its folder; else FileError beginning with `where`."""
-    parts = name.split("/") if isinstance(name, str) else [""]
-    if any(part in ("", ".", "..") or "\\" in part or "\0" in part for part in parts) or Path(name).is_absolute():
-        raise FileError(f"{where}: {name!r} is not a plain relative name")
-    return str(name)
-
-
-def _field(value: Any) -> Any:
-    large = isinstance(value, np.ndarray) and value.dtype.kind == "f" and LARGE < value.size <= MOST
-    return pack(value) if large and not np.isnan(value).any() else plain(value)
-
-
-def _scalar(value: Any) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, os.PathLike):
@@ -148,67 +102,210 @@ def _scalar(value: Any) -> Any:
         return "inf" if value > 0 else "-inf"
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
-    raise InputError(f"a record holds plain data (numbers, text, lists, mappings, dataclasses), got {type(value)}")
+    raise InputError(f"a record holds numbers, strings, lists, mappings and dataclasses, got {type(value)}")
 
 
-def _key(key: Any) -> str:
-    if not isinstance(key, str):
-        raise InputError(f"the names in a record must be text, got {key!r}")
-    return key
+def rig_from_plain(value: Any, file: Where = "sample.json") -> Rig:
+    """The Rig of `plain(rig)`. Raises FileError that begins with `file` and the key."""
+    rig: Rig = read(_adapter(Rig), value, file, "rig")
+    return rig
 
 
-def _built(value: Mapping[str, Any]) -> Any:
-    name = value["type"]
-    if name == PACKED:
-        return unpack(value)
-    if not isinstance(name, str) or name not in TYPES:
-        raise unknown("type", str(name), TYPES)
-    known = [field.name for field in dataclasses.fields(TYPES[name]) if field.init]
-    value = {RENAMED.get((name, key), key): entry for key, entry in value.items()}
-    for key in value:
-        if key not in known and key != "type":
-            raise unknown(f"field of {name}", key, known)
-    arguments = {key: from_plain(entry) for key, entry in value.items() if key != "type"}
+def lens_from_plain(value: Any, file: Where = "sample.json", key: str = "lens") -> Lens:
+    """The lens of `plain(lens)`. Raises FileError that begins with `file` and the key."""
+    lens: Lens = read(_adapter(Lens), value, file, key)
+    return lens
+
+
+@functools.cache
+def _adapter(hint: Any) -> pydantic.TypeAdapter[Any]:
+    return pydantic.TypeAdapter(described(hint))
+
+
+def described(hint: Any) -> Any:
+    """The annotation that reads and rebuilds a value of type `hint`, a type of the camera room or of its fields."""
+    if hint is float:
+        return Annotated[float, pydantic.BeforeValidator(_infinite), pydantic.WithJsonSchema(_NUMBER_SCHEMA)]
+    if hint in TYPES.values():
+        return Annotated[_model(hint), pydantic.AfterValidator(lambda model: _rebuilt(hint, model))]
+    if typing.get_origin(hint) is np.ndarray:
+        return Annotated[Any, pydantic.BeforeValidator(_unpacked), pydantic.WithJsonSchema(_ARRAY_SCHEMA)]
+    if typing.get_origin(hint) is tuple:
+        return list[described(typing.get_args(hint)[0])]  # type: ignore[misc]
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        members = [described(each) for each in typing.get_args(hint) if each is not type(None)]
+        union = functools.reduce(operator.or_, members)
+        union = Annotated[union, pydantic.Field(discriminator="type")] if members[1:] else union
+        return union | None if type(None) in typing.get_args(hint) else union
+    return hint
+
+
+@functools.cache
+def _model(kind: type) -> type[pydantic.BaseModel]:
+    """The model of a dataclass's fields and its "type"."""
+    hints = typing.get_type_hints(kind)
+    fields: dict[str, Any] = {"type": (Literal[kind.__name__], ...)}
+    for each in dataclasses.fields(kind):
+        if each.init and hints[each.name] != kind | None:
+            required = each.default is dataclasses.MISSING and each.default_factory is dataclasses.MISSING
+            default = pydantic.Field() if required else pydantic.Field(default_factory=lambda: None)
+            fields[each.name] = (described(hints[each.name]), default)
+        elif each.init:  # a Rig in a Rig
+            fields[each.name] = (Annotated[Any, pydantic.AfterValidator(_optional(kind))], None)
+    return pydantic.create_model(kind.__name__, __base__=_Described, **fields)
+
+
+def _optional(kind: type) -> Any:
+    return lambda value: value if value is None else _adapter(kind).validate_python(value)
+
+
+class _Described(schema.StrictModel):
+    model_config = pydantic.ConfigDict(allow_inf_nan=True)
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _rename(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping):
+            return data
+        return {RENAMED.get((cls.__name__, key), key): value for key, value in data.items()}
+
+
+def _rebuilt(kind: type[T], model: pydantic.BaseModel) -> T:
+    arguments = {name: getattr(model, name) for name in model.model_fields_set - {"type"}}
     try:
-        return TYPES[name](**{key: _infinite(entry) for key, entry in arguments.items()})
+        return kind(**arguments)
     except InputError:
         raise
     except (TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        raise InputError(f"{name}: {error}") from None
+        raise InputError(f"{kind.__name__}: {error}") from None
 
 
 def _infinite(value: Any) -> Any:
-    return float(value) if isinstance(value, str) and value in ("inf", "-inf") else value
+    return float(value) if value in ("inf", "-inf") else value
+
+
+def encode_json(record: Mapping[str, Any]) -> bytes:
+    """The record as indented UTF-8 text, in its own order; lists of numbers are on one line."""
+    return (_indented(plain(record), 0) + "\n").encode()
+
+
+def encode_json_listing(record: Mapping[str, Any], name: str, entries: Iterable[Mapping[str, Any]]) -> Iterator[bytes]:
+    """The pieces of ``encode_json({**record, name: [*entries]})``, with one entry in memory at a time.
+
+    >>> b"".join(encode_json_listing({"a": 1}, "b", iter([{"c": 2}]))) == encode_json({"a": 1, "b": [{"c": 2}]})
+    True
+    """
+    head = _indented({**plain(record), name: []}, 0)
+    yield head[: -len("]\n}")].encode()
+    gap = "\n  "
+    for entry in entries:
+        yield (gap + _indented(plain(entry), 2)).encode()
+        gap = ",\n  "
+    yield ("]\n}\n" if gap == "\n  " else "\n ]\n}\n").encode()
+
+
+def read_json(path: Where, kind: str, version: int) -> dict[str, Any]:
+    """The record of a file with ``"format": kind, "version": version``. Raises FileError."""
+    return decode_json(read_bytes(path), str(path), kind, version)
+
+
+def decode_json(data: bytes, path: str, kind: str, version: int) -> dict[str, Any]:
+    """The record in the bytes of such a file. Raises FileError that begins with `path`."""
+    try:
+        record = json.loads(data, parse_constant=_reject_constant)
+        _check_depth(record)
+    except (ValueError, RecursionError) as error:
+        raise FileError(f"{path}: not valid JSON ({error})") from None
+    if not isinstance(record, dict) or record.get("format") != kind:
+        raise FileError(f'{path}: not a {kind} file (it needs "format": "{kind}")')
+    if record.get("version") != version:
+        found = json.dumps(record.get("version"))[:40]
+        raise FileError(f"{path}: has version {found}; this twinlens reads version {version}: update twinlens")
+    return record
+
+
+def pack(array: NDArray[Any]) -> dict[str, Any]:
+    """An array without NaN as one string: see the top of this file."""
+    array = np.asarray(array, np.float64)
+    levels: int | None
+    for levels in (255, 65535):
+        numbers = np.rint(array * levels)
+        if ((numbers >= 0) & (numbers <= levels)).all() and np.array_equal(numbers / levels, array):
+            break
+    else:
+        levels, numbers = None, array
+    body = base64.b64encode(zlib.compress(numbers.astype(_LEVELS[levels]).tobytes(), 9)).decode()
+    return {"type": "array", "shape": list(array.shape), "levels": levels, "zlib": body}
+
+
+class _Packed(schema.StrictModel):
+    type: Literal["array"]
+    shape: list[Annotated[int, pydantic.Field(ge=1)]] = pydantic.Field(min_length=1, max_length=4)
+    levels: int | None
+    zlib: str
+
+
+def unpack(value: Mapping[str, Any]) -> NDArray[np.float64]:
+    """The array of `pack(array)`. Raises InputError.
+
+    >>> unpack(pack(np.array([[0.0, 1.0], [0.2, 0.25]])))
+    array([[0.  , 1.  ],
+           [0.2 , 0.25]])
+    """
+    packed = schema.read(_Packed, value, "packed array")
+    if packed.levels not in _LEVELS:
+        raise InputError(f"packed array: levels must be 255, 65535 or null, got {packed.levels}")
+    dtype, count = np.dtype(_LEVELS[packed.levels]), math.prod(packed.shape)
+    if count > MAX_PACKED:
+        raise InputError(f"packed array: has {count} numbers, at most {MAX_PACKED} are allowed")
+    try:
+        reader = zlib.decompressobj()
+        data = reader.decompress(base64.b64decode(packed.zlib, validate=True), count * dtype.itemsize + 1)
+    except (binascii.Error, ValueError, zlib.error) as error:
+        raise InputError(f"packed array: damaged ({error})") from None
+    if len(data) != count * dtype.itemsize or not reader.eof or reader.unused_data:
+        raise InputError(f"packed array: damaged (its shape needs {count * dtype.itemsize} bytes)")
+    numbers = np.frombuffer(data, dtype).reshape(packed.shape).astype(np.float64)
+    if np.isnan(numbers).any():
+        raise InputError("packed array: damaged (it contains NaN)")
+    return numbers if packed.levels is None else numbers / packed.levels
+
+
+def _unpacked(value: Any) -> Any:
+    return unpack(value) if isinstance(value, Mapping) else value
+
+
+def _plain_field(value: Any) -> Any:
+    """A field of a dataclass: only these can be packed, as only these are read back to arrays."""
+    large = isinstance(value, np.ndarray) and value.dtype.kind == "f" and PACKED_ABOVE < value.size <= MAX_PACKED
+    return pack(value) if large and not np.isnan(value).any() else plain(value)
 
 
 def _check_depth(value: Any) -> None:
     level = [value]
-    for _ in range(_DEEPEST):
-        level = [entry for each in level for entry in _entries(each)]
+    for _ in range(_MAX_DEPTH):
+        level = [
+            entry
+            for each in level
+            for entry in (each.values() if isinstance(each, dict) else each if isinstance(each, list) else ())
+        ]
     if level:
-        raise ValueError(f"nested more than {_DEEPEST} deep")
+        raise ValueError(f"nested more than {_MAX_DEPTH} levels deep")
 
 
-def _entries(value: Any) -> list[Any]:
-    return list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
-
-
-def _no_constant(name: str) -> float:
+def _reject_constant(name: str) -> float:
     raise ValueError(f"{name} is not JSON")
 
 
-def _laid_out(value: Any, depth: int) -> str:
-    if depth > _DEEPEST:
-        raise InputError(f"a record may be nested {_DEEPEST} deep")
-    flat = json.dumps(value, ensure_ascii=False, allow_nan=False)
-    if not isinstance(value, (dict, list)) or not value or (isinstance(value, list) and _is_row(value)):
-        return flat
+def _indented(value: Any, depth: int) -> str:
+    if depth > _MAX_DEPTH:
+        raise InputError(f"a record may be nested {_MAX_DEPTH} levels deep")
+    if not isinstance(value, (dict, list)) or not any(
+        isinstance(value, dict) or isinstance(entry, (dict, list)) for entry in value
+    ):
+        return json.dumps(value, ensure_ascii=False, allow_nan=False)
     gap, end = "\n" + " " * (depth + 1), "\n" + " " * depth
     if isinstance(value, list):
-        return "[" + gap + f",{gap}".join(_laid_out(entry, depth + 1) for entry in value) + end + "]"
-    entries = (f"{json.dumps(key, ensure_ascii=False)}: {_laid_out(entry, depth + 1)}" for key, entry in value.items())
+        return "[" + gap + f",{gap}".join(_indented(entry, depth + 1) for entry in value) + end + "]"
+    entries = (f"{json.dumps(key, ensure_ascii=False)}: {_indented(entry, depth + 1)}" for key, entry in value.items())
     return "{" + gap + f",{gap}".join(entries) + end + "}"
-
-
-def _is_row(values: list[Any]) -> bool:
-    return not any(isinstance(value, (dict, list)) for value in values)

@@ -1,7 +1,7 @@
-"""A sample in memory, and its files: what `docs/format.md` says of one folder, as pure functions of arrays.
+"""A sample in memory, and its files as pure functions of arrays (docs/format.md describes the files).
 
-`sample_files` makes every byte and touches no disk, so that a thread may encode one sample while the next is rendered;
-`write_sample` puts them there whole or not at all.
+`sample_files` encodes without touching the disk, so a thread can encode one sample while the next is rendered;
+`write_sample` writes atomically.
 """
 
 import hashlib
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import twinlens
-from twinlens.camera import Camera, Lens, Rig
+from twinlens.camera import Lens, Rig
 from twinlens.camera.truth import MATERIAL_KINDS, Truth
 from twinlens.dataset.codecs.calib import Calibration, encode_calib, tidy
 from twinlens.dataset.codecs.exr import encode_exr
@@ -44,12 +44,12 @@ CONVENTIONS = {
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """One photograph by every camera of the rig, through one lens.
+    """One image per camera of the rig, through one lens.
 
     lens : Lens
-    images : one uint8 or uint16 (H, W, 3) or (H, W) array a camera.
-    radiances : one float32 (H, W, 3) linear array a camera, or None to keep none.
-    record : plain data of how it was taken (spp, sensor, exposure, ...).
+    images : one uint8 or uint16 (H, W, 3) or (H, W) array per camera.
+    radiances : one float32 (H, W, 3) linear array per camera, or None to store none.
+    record : plain data on how the images were taken (spp, sensor, exposure, ...).
     """
 
     lens: Lens
@@ -60,18 +60,25 @@ class Shot:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Everything that one folder will hold: a rig, its truth, and the shots taken with it.
+    """The content of one sample folder: a rig, its truth, and the shots taken with it.
 
     Parameters
     ----------
     rig : Rig
         The rig that takes the images. Truth and calibration are those of `rig.nominal`.
-    shots : one Shot a lens; the first is the folder's own im0 and im1, the others lie in lens-1, lens-2, ...
-    truths : one Truth a camera, or empty.
-    ndisp : bound of the disparities, 0 <= d < ndisp; None takes it from the truth.
-    record : plain data of everything else that made it (seed, scene, backend, versions, ...).
+    shots : tuple of Shot
+        One per lens. The first is the folder's im0 and im1; the others go to lens-1, lens-2, ...
+    truths : tuple of Truth
+        One per camera, or empty.
+    ndisp : int or None
+        Bound of the disparities, 0 <= d < ndisp; None: from the truth.
+    record : mapping
+        Plain data on how the sample was made (seed, scene, backend, versions, ...).
 
-    Raises InputError when the arrays do not fit the rig.
+    Raises
+    ------
+    InputError
+        If an array does not fit the rig.
     """
 
     rig: Rig
@@ -82,25 +89,28 @@ class Sample:
 
     def __post_init__(self) -> None:
         if not self.shots:
-            raise InputError("a sample needs one shot or more")
+            raise InputError("a sample needs one or more shots")
         for k, shot in enumerate(self.shots):
-            _check_each(f"images of shot {k}", shot.images, self.rig)
+            _check_sizes(f"images of shot {k}", shot.images, self.rig)
             if shot.radiances is not None:
-                _check_each(f"radiances of shot {k}", shot.radiances, self.rig)
+                _check_sizes(f"radiances of shot {k}", shot.radiances, self.rig)
         if self.truths:
-            _check_each("truths", [truth.depth for truth in self.truths], self.rig)
+            _check_sizes("truths", [truth.depth for truth in self.truths], self.rig)
 
     @property
     def is_rectified(self) -> bool:
-        """Whether the first two cameras are a rectified pair, and calib.txt can describe them."""
+        """Whether the first two cameras are a rectified pair, which calib.txt can describe."""
         return len(self.rig) > 1 and self.rig.nominal.is_rectified()
 
 
 def sample_files(sample: Sample) -> dict[str, bytes]:
-    """Every file of the sample, relative name -> content. The same sample gives the same bytes."""
+    """All files of the sample, relative name -> content. The same sample gives the same bytes."""
     files: dict[str, bytes] = {}
     for k, shot in enumerate(sample.shots):
-        files |= {f"{lens_folder(k)}{name}": data for name, data in _shot_files(shot).items()}
+        files |= {f"{lens_folder(k)}im{i}.png": encode_png(image) for i, image in enumerate(shot.images)}
+        for i, radiance in enumerate(shot.radiances or ()):
+            channels = {channel: radiance[..., c] for c, channel in enumerate("RGB")}
+            files[f"{lens_folder(k)}radiance{i}.exr"] = encode_exr(channels)
     for i, truth in enumerate(sample.truths):
         files |= _truth_files(sample, i, truth)
     if sample.is_rectified:
@@ -110,11 +120,15 @@ def sample_files(sample: Sample) -> dict[str, bytes]:
 
 
 def write_sample(folder: Where, sample: Sample, overwrite: bool = False) -> dict[str, str]:
-    """Write the sample as `folder`, whole or not at all; relative name -> SHA-256 of every file in it, by name.
+    """Write the sample as `folder`, atomically; returns relative name -> SHA-256 of its files, sorted by name.
 
-    Raises OutputError, and leaves nothing behind, when the folder is there already (unless `overwrite` is said and it
-    is a sample or empty), the disk is full or the place may not be written; InputError when an array cannot be kept as
-    its format asks.
+    Raises
+    ------
+    OutputError
+        If the folder exists (unless `overwrite` is set and it is a sample or empty) or cannot be written. Nothing is
+        left behind.
+    InputError
+        If an array does not fit its file format.
     """
     if overwrite:
         _check_replaceable(place(folder))
@@ -123,26 +137,19 @@ def write_sample(folder: Where, sample: Sample, overwrite: bool = False) -> dict
     return {name: hashlib.sha256(files[name]).hexdigest() for name in sorted(files)}
 
 
-def _check_replaceable(folder: Place) -> None:
-    """Refuse to overwrite, which removes, what is no sample: a home folder, a whole dataset."""
-    if isinstance(folder, RemotePath):
-        return  # its writer looks itself: a broken attempt there has no sample.json, and is written over
-    if not os.path.lexists(folder) or (folder / "sample.json").is_file():
-        return
-    if not folder.is_dir() or any(folder.iterdir()):
-        raise OutputError(f"{folder}: is there and is no sample, so it is not overwritten; choose another name")
-
-
 def lens_folder(k: int) -> str:
-    """The folder of shot k, with its slash: the sample's own for the first."""
+    """The folder of shot k, with its slash; the first shot is in the sample's own."""
     return f"lens-{k}/" if k else ""
 
 
-def _shot_files(shot: Shot) -> dict[str, bytes]:
-    files = {f"im{i}.png": encode_png(image) for i, image in enumerate(shot.images)}
-    for i, radiance in enumerate(shot.radiances or ()):
-        files[f"radiance{i}.exr"] = encode_exr({channel: radiance[..., c] for c, channel in enumerate("RGB")})
-    return files
+def _check_replaceable(folder: Place) -> None:
+    """Reject overwriting, which removes, a folder that is not a sample: a home folder, a dataset."""
+    if isinstance(folder, RemotePath):
+        return  # `write_marked` checks: there an interrupted sample, without sample.json, is overwritten
+    if not os.path.lexists(folder) or (folder / "sample.json").is_file():
+        return
+    if not folder.is_dir() or any(folder.iterdir()):
+        raise OutputError(f"{folder}: exists and is not a sample, so it is not overwritten; choose another name")
 
 
 def _truth_files(sample: Sample, i: int, truth: Truth) -> dict[str, bytes]:
@@ -168,7 +175,6 @@ def _calibration(sample: Sample) -> Calibration:
 
 def _record(sample: Sample) -> dict[str, Any]:
     rig = sample.rig.nominal
-    pair = {"baseline": tidy(rig.baseline()), "doffs_px": rig.doffs()} if len(rig) > 1 else None
     first = sample.truths[0] if sample.truths else None
     return {
         "format": KIND,
@@ -177,7 +183,7 @@ def _record(sample: Sample) -> dict[str, Any]:
         "conventions": CONVENTIONS,
         "rig": plain(sample.rig),
         "rectified": sample.is_rectified,
-        "pair": pair,
+        "pair": {"baseline": tidy(rig.baseline()), "doffs_px": rig.doffs()} if len(rig) > 1 else None,
         "shots": [
             {"folder": lens_folder(k) or "./", "lens": plain(shot.lens), "record": plain(shot.record)}
             for k, shot in enumerate(sample.shots)
@@ -190,13 +196,9 @@ def _record(sample: Sample) -> dict[str, Any]:
     }
 
 
-def _check_each(what: str, arrays: Any, rig: Rig) -> None:
+def _check_sizes(what: str, arrays: Any, rig: Rig) -> None:
     if len(arrays) != len(rig):
-        raise InputError(f"{what}: {len(arrays)} given, and the rig has {len(rig)} cameras")
+        raise InputError(f"{what}: got {len(arrays)}, but the rig has {len(rig)} cameras")
     for i, (array, camera) in enumerate(zip(arrays, rig.cameras, strict=True)):
-        if array.shape[:2] != _size(camera):
+        if array.shape[:2] != (camera.height, camera.width):
             raise InputError(f"{what}: camera {i} is {camera.width} x {camera.height}, its array is {array.shape}")
-
-
-def _size(camera: Camera) -> tuple[int, int]:
-    return camera.height, camera.width

@@ -1,8 +1,8 @@
-"""Where a dataset lies: a folder of this machine, or a bucket's address such as ``s3://bucket/set`` (fsspec's).
+"""Where a dataset is: a local folder, or an fsspec address such as ``s3://bucket/set``.
 
-`place` tells the two apart; both join with ``/`` and answer the few questions that the room asks, so that nothing else
-in it knows which one it holds. A bucket cannot rename a folder. There a folder of files appears by its mark: the one
-file that is written last and removed first, so that whoever finds the mark finds the rest.
+`place` chooses between `pathlib.Path` and `RemotePath`, which share the few operations that this room needs. Object
+stores cannot rename a folder, so a remote sample is complete when its `MARK` file exists: it is written last and
+removed first. docs/decisions/storage.md says why universal-pathlib is not used.
 
 Source: fsspec's specification, https://filesystem-spec.readthedocs.io/en/latest/api.html.
 """
@@ -18,12 +18,14 @@ from urllib.parse import unquote, urlsplit
 from twinlens.errors import FileError, InputError, MissingExtraError, OutputError, TwinlensError
 
 MARK = "sample.json"
-"""A sample in a bucket is whole when this file is there: it is written last, and removed first."""
+"""The file of a sample that is written last and removed first."""
+
+EXISTS = "already exists; choose another name, or overwrite it (--overwrite)"
 
 
 @dataclass(frozen=True, order=True)
 class RemotePath:
-    """A file or folder that fsspec reaches, by its address. Pickles; credentials are the environment's, as fsspec's."""
+    """A remote file or folder by its address. Can be pickled; credentials come from the environment, as in fsspec."""
 
     url: str
 
@@ -36,17 +38,17 @@ class RemotePath:
 
     @property
     def name(self) -> str:
-        """The last part of the address."""
+        """Last part of the address."""
         return self.url.rstrip("/").rpartition("/")[2]
 
     @property
     def suffix(self) -> str:
-        """The name's ending, with its dot."""
+        """File extension, with its dot."""
         return Path(self.name).suffix
 
     @property
     def parent(self) -> "RemotePath":
-        """What it lies in."""
+        """The folder that contains it."""
         return RemotePath(self.url.rstrip("/").rpartition("/")[0])
 
     def resolve(self) -> "RemotePath":
@@ -54,62 +56,60 @@ class RemotePath:
         return self
 
     def exists(self) -> bool:
-        """Whether a file or a folder is there. Raises FileError when that cannot be told."""
+        """Whether a file or a folder exists. Raises FileError if the store does not answer."""
         return self._kind() is not None
 
     def is_file(self) -> bool:
-        """Whether a file is there."""
+        """Whether a file exists."""
         return self._kind() == "file"
 
     def is_dir(self) -> bool:
-        """Whether a folder, that is an address with files below it, is there."""
+        """Whether a folder, that is an address with files below it, exists."""
         return self._kind() == "directory"
 
     def read_bytes(self) -> bytes:
-        """The whole file. Raises FileNotFoundError, and FileError when it cannot be read."""
-        with _told(self, FileError, "read"):
-            system, path = self._system()
+        """The content of the file. Raises FileNotFoundError or FileError."""
+        with _errors_as(FileError, self, "read"):
+            system, path = self.system()
             return bytes(system.cat_file(path))
 
     def write_bytes(self, data: bytes) -> None:
-        """Write the whole file. Raises OutputError."""
+        """Write the file. Raises OutputError."""
         write_objects(self.parent, {self.name: data})
 
     def iterdir(self) -> Iterator["RemotePath"]:
-        """The files and folders in it."""
-        with _told(self, FileError, "listed"):
-            system, path = self._system()
-            system.invalidate_cache()
+        """The files and folders in the folder."""
+        with _errors_as(FileError, self, "listed"):
+            system, path = self.system()
             names = [entry["name"].rstrip("/").rpartition("/")[2] for entry in system.ls(path, detail=True)]
         return (self / name for name in names if name)
 
     def files(self) -> list[str]:
-        """The relative names, with /, of all files below it, sorted; none when nothing is there."""
-        with _told(self, FileError, "listed"):
-            system, path = self._system()
-            system.invalidate_cache()
+        """Relative names, with /, of all files below, sorted; empty if nothing exists."""
+        with _errors_as(FileError, self, "listed"):
+            system, path = self.system()
             return sorted(found.removeprefix(path.rstrip("/") + "/") for found in system.find(path))
 
-    def _kind(self) -> str | None:
-        with _told(self, FileError, "read"):
-            system, path = self._system()
-            system.invalidate_cache()  # others may be writing there
-            try:
-                return str(system.info(path)["type"])
-            except (FileNotFoundError, NotADirectoryError):
-                return None
-
-    def _system(self) -> tuple[Any, str]:
-        """fsspec's file system for the address, one a process, and the path in it."""
+    def system(self) -> tuple[Any, str]:
+        """fsspec's file system, with its cache cleared as other processes may be writing; and the path in it."""
         from fsspec.core import url_to_fs
 
         try:
             system, path = url_to_fs(self.url)
         except ImportError as error:
-            raise MissingExtraError(f"{self}: needs a package more ({error})") from None
+            raise MissingExtraError(f"{self}: a package is missing ({error})") from None
         except ValueError as error:
-            raise InputError(f"{self}: no address that fsspec knows ({error})") from None
+            raise InputError(f"{self}: not an address that fsspec knows ({error})") from None
+        system.invalidate_cache()
         return system, path
+
+    def _kind(self) -> str | None:
+        with _errors_as(FileError, self, "read"):
+            system, path = self.system()
+            try:
+                return str(system.info(path)["type"])
+            except (FileNotFoundError, NotADirectoryError):
+                return None
 
 
 Place = Union[Path, RemotePath]  # noqa: UP007
@@ -117,7 +117,7 @@ Where = Union[str, os.PathLike[str], RemotePath]  # noqa: UP007
 
 
 def place(where: Where) -> Place:
-    """The folder or file that `where` names: an address with ``://`` is fsspec's, ``file://`` and all else is local.
+    """The path of `where`: an address with ``://`` is remote; ``file://`` and everything else is local.
 
     >>> place("out"), place("s3://bucket/set") / "0001"
     (PosixPath('out'), RemotePath(url='s3://bucket/set/0001'))
@@ -133,14 +133,14 @@ def place(where: Where) -> Place:
 
 
 def is_whole(folder: Where) -> bool:
-    """Whether a whole sample lies there, as `write_sample` leaves it."""
+    """Whether the folder holds a complete sample, as `write_sample` leaves it."""
     return (place(folder) / MARK).is_file()
 
 
 def write_objects(folder: RemotePath, files: Mapping[str, bytes]) -> None:
-    """Put `files` (relative name -> content) below `folder`, at once where the store can. Raises OutputError."""
-    with _told(folder, OutputError, "written"):
-        system, path = folder._system()
+    """Write `files` (relative name -> content) below `folder`, concurrently if the store can. Raises OutputError."""
+    with _errors_as(OutputError, folder, "written"):
+        system, path = folder.system()
         objects = {f"{path.rstrip('/')}/{name}": data for name, data in files.items()}
         try:
             system.pipe(objects)
@@ -151,50 +151,47 @@ def write_objects(folder: RemotePath, files: Mapping[str, bytes]) -> None:
 
 
 def write_marked(folder: RemotePath, files: Mapping[str, bytes], overwrite: bool) -> None:
-    """`files` below `folder`, their mark last; what fails is removed. Raises OutputError.
+    """Write `files` below `folder`, `MARK` last; on failure all are removed. Raises OutputError.
 
-    What a broken attempt left is written over. A folder with a mark is refused unless `overwrite`, one with files of
-    other names and no mark always.
+    The files of an interrupted attempt are overwritten. A folder with a mark is rejected unless `overwrite` is set; one
+    without a mark and with files of other names is always rejected.
     """
-    there = set(folder.files())
-    if MARK in there and not overwrite:
-        raise OutputError(f"{folder}: is there already; choose another name, or overwrite it (--overwrite)")
-    if MARK not in there and there - set(files):
-        raise OutputError(f"{folder}: is there and is no sample, so it is not overwritten; choose another name")
-    remove_objects(folder, [name for name in (MARK, *sorted(there - set(files))) if name in there])
-    with removed_on_failure(folder, files):
+    existing = set(folder.files())
+    if MARK in existing and not overwrite:
+        raise OutputError(f"{folder}: {EXISTS}")
+    if MARK not in existing and existing - set(files):
+        raise OutputError(f"{folder}: exists and is not a sample, so it is not overwritten; choose another name")
+    remove_objects(folder, [name for name in (MARK, *sorted(existing - set(files))) if name in existing])
+    with contextlib.ExitStack() as cleanup:
+        cleanup.callback(discard_objects, folder, files)
         write_objects(folder, {name: data for name, data in files.items() if name != MARK})
         write_objects(folder, {name: data for name, data in files.items() if name == MARK})
+        cleanup.pop_all()
 
 
 def remove_objects(folder: RemotePath, names: Iterable[str]) -> None:
-    """Remove the files below `folder` that are there, one after the other in that order. Raises OutputError."""
-    with _told(folder, OutputError, "removed"):
-        system, path = folder._system()
+    """Remove those of the files below `folder` that exist, in the given order. Raises OutputError."""
+    with _errors_as(OutputError, folder, "removed"):
+        system, path = folder.system()
         for name in names:
             with contextlib.suppress(FileNotFoundError):
                 system.rm_file(f"{path.rstrip('/')}/{name}")
 
 
-@contextlib.contextmanager
-def removed_on_failure(folder: RemotePath, names: Iterable[str]) -> Iterator[None]:
-    """Remove the files `names` below `folder` that are there when what is done within fails."""
-    try:
-        yield
-    except BaseException:
-        for name in names:
-            with contextlib.suppress(OutputError):
-                remove_objects(folder, [name])
-        raise
+def discard_objects(folder: RemotePath, names: Iterable[str]) -> None:
+    """Remove as many of the files below `folder` as possible, without errors."""
+    for name in names:
+        with contextlib.suppress(OutputError):
+            remove_objects(folder, [name])
 
 
 @contextlib.contextmanager
-def _told(where: RemotePath, kind: type[TwinlensError], what: str) -> Iterator[None]:
-    """Stores answer with whatever their client libraries raise: `kind` for each, but for what is missing."""
+def _errors_as(kind: type[TwinlensError], where: RemotePath, action: str) -> Iterator[None]:
+    """Turn every error of a store's client library, except for a missing file, into `kind`."""
     try:
         yield
     except (TwinlensError, FileNotFoundError):
         raise
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise kind(f"{where}: cannot be {what} ({reason})") from error
+        raise kind(f"{where}: cannot be {action} ({reason})") from error

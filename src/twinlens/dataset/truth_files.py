@@ -1,6 +1,6 @@
-"""The exact truth of one view as an EXR of named channels, and back.
+"""The ground truth of a view as an EXR file with named channels.
 
-Depth and position are kept as float32: half a unit in the last place is 6e-8 of the value, 0.1 micrometres at 2 m.
+Depth and position are stored as float32: half a unit in the last place is 6e-8 of the value, 0.1 micrometres at 2 m.
 """
 
 import json
@@ -18,73 +18,64 @@ from twinlens.dataset.storage import Where
 from twinlens.errors import FileError
 
 VECTORS = ("position", "normal", "shading_normal")
-"""Truth's (H, W, 3) arrays: each is three channels, ``<name>.X`` ``<name>.Y`` ``<name>.Z``."""
+"""(H, W, 3) arrays of a Truth, each stored as the channels ``<name>.X``, ``<name>.Y`` and ``<name>.Z``."""
 
 SCALARS = ("depth", "blur_circle_px", "visible", "object_id", "material_id", "material_kind")
-"""The channels of one number a pixel; the last four are unsigned integers."""
+"""(H, W) channels; the last four are unsigned integers."""
+
+_NAMES = ("object_names", "material_names")
+_DTYPES: dict[str, type] = {
+    "visible": np.bool_,
+    "object_id": np.int32,
+    "material_id": np.int32,
+    "material_kind": np.uint8,
+}
 
 
 def blur_circle_px(depth: NDArray[Any], camera: Camera, lens: Lens) -> NDArray[np.float32]:
-    """Signed diameter of the blur circle, pixels, float32 (H, W), of what stands at `depth`: positive before focus."""
+    """Signed diameter of the blur circle at `depth`, pixels, float32 (H, W); positive before the plane of focus."""
     blur = optics.circle_of_confusion_px(depth, lens.aperture_diameter, camera.fx, lens.vergence)
     return blur.astype(np.float32)
 
 
 def encode_truth(truth: Truth, camera: Camera, lens: Lens) -> bytes:
-    """The EXR of a view's truth; `lens` is the one its blur circles are of. See docs/format.md for the channels."""
-    channels: dict[str, NDArray[Any]] = {
-        "depth": truth.depth,
-        "blur_circle_px": blur_circle_px(truth.depth, camera, lens),
-        "visible": truth.visible,
-        "object_id": truth.object_id,
-        "material_id": truth.material_id,
-        "material_kind": truth.material_kind,
-    }
+    """The EXR file of a view's truth; `lens` determines the blur circles. docs/format.md lists the channels."""
+    channels: dict[str, NDArray[Any]] = {name: getattr(truth, name) for name in SCALARS if name != "blur_circle_px"}
+    channels["blur_circle_px"] = blur_circle_px(truth.depth, camera, lens)
     for name in VECTORS:
-        vector = getattr(truth, name)
-        channels |= {f"{name}.{axis}": vector[..., i] for i, axis in enumerate("XYZ")}
-    names = {"object_names": truth.object_names, "material_names": truth.material_names}
-    return encode_exr(channels, {name: json.dumps(entries) for name, entries in names.items()})
+        channels |= {f"{name}.{axis}": getattr(truth, name)[..., i] for i, axis in enumerate("XYZ")}
+    return encode_exr(channels, {name: json.dumps(getattr(truth, name)) for name in _NAMES})
 
 
 def read_truth(path: Where) -> dict[str, Any]:
-    """What a truth EXR holds, under the names of `Truth`: arrays (H, W) and (H, W, 3), and the two tuples of names.
+    """Read a truth file: arrays (H, W) and (H, W, 3) and two tuples of names, named as the fields of `Truth`.
 
     float32 depth, blur_circle_px, position, normal, shading_normal; bool visible; int32 object_id, material_id; uint8
     material_kind. Raises FileError.
     """
     exr = read_exr(path)
-    found = _stacked(exr.channels, str(path))
-    kinds: dict[str, type] = {"object_id": np.int32, "material_id": np.int32, "material_kind": np.uint8}
-    result: dict[str, Any] = {key: plane.astype(kinds.get(key, plane.dtype)) for key, plane in found.items()}
-    result["visible"] = found["visible"] != 0
-    for name in ("object_names", "material_names"):
-        result[name] = _names(exr.text.get(name, "[]"), str(path))
-    return result
+    channels = exr.channels
+    required = [*SCALARS, *(f"{name}.{axis}" for name in VECTORS for axis in "XYZ")]
+    missing = [name for name in required if name not in channels]
+    if missing:
+        raise FileError(f"{path}: has no channel {missing[0]!r}; a truth file has {', '.join(required)}")
+    result: dict[str, Any] = {name: channels[name].astype(_DTYPES.get(name, channels[name].dtype)) for name in SCALARS}
+    result |= {name: np.stack([channels[f"{name}.{axis}"] for axis in "XYZ"], axis=-1) for name in VECTORS}
+    return result | {name: _names(exr.text.get(name, "[]"), path) for name in _NAMES}
 
 
 def truth_from_arrays(arrays: Mapping[str, Any], disparity: NDArray[np.float32]) -> Truth:
-    """The Truth of `read_truth`'s answer and the view's disparity map."""
-    fields = {name: arrays[name] for name in (*VECTORS, *SCALARS, "object_names", "material_names")}
-    del fields["blur_circle_px"]
+    """The Truth of the arrays of `read_truth` and the view's disparity map."""
+    fields = {name: value for name, value in arrays.items() if name != "blur_circle_px"}
     wide = {name: fields[name].astype(np.float64) for name in ("depth", "position")}
     return Truth(**(fields | wide), disparity=disparity)
 
 
-def _stacked(channels: Mapping[str, NDArray[Any]], path: str) -> dict[str, NDArray[Any]]:
-    needed = [*SCALARS, *(f"{name}.{axis}" for name in VECTORS for axis in "XYZ")]
-    missing = [name for name in needed if name not in channels]
-    if missing:
-        raise FileError(f"{path}: has no channel {missing[0]!r}; a truth file holds {', '.join(needed)}")
-    vectors = {name: np.stack([channels[f"{name}.{axis}"] for axis in "XYZ"], axis=-1) for name in VECTORS}
-    return {name: channels[name] for name in SCALARS} | vectors
-
-
-def _names(text: str, path: str) -> tuple[str, ...]:
+def _names(text: str, path: Where) -> tuple[str, ...]:
     try:
         names = json.loads(text)
     except (ValueError, RecursionError):
         names = None
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise FileError(f"{path}: its lists of names are damaged")
+        raise FileError(f"{path}: the names of objects or materials are damaged")
     return tuple(names)

@@ -1,7 +1,7 @@
-"""Is a sample what it says it is: files there and unchanged, readable, of one size, and true to each other.
+"""Verification of one sample: files present and unchanged, readable, of the right size, and consistent.
 
-Three steps, each only when the one before found nothing: the files against their checksums, each file by its reader,
-and the laws between their arrays (`twinlens.dataset.laws`). A finding is one line that begins with a file's name.
+Each step runs only if the previous one found nothing: checksums, readers, sizes, and the relations between arrays
+(`twinlens.dataset.consistency`). A finding is one line that begins with a file name.
 """
 
 import re
@@ -9,22 +9,23 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twinlens.camera import Rig
-from twinlens.dataset import laws
+from twinlens.dataset import consistency
 from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.codecs.pfm import read_pfm
 from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.dataset import Dataset
-from twinlens.dataset.manifest import NAME, checksums
-from twinlens.dataset.stored import StoredSample
+from twinlens.dataset.manifest import NAME, hash_files
+from twinlens.dataset.record import read
+from twinlens.dataset.sample import lens_folder
+from twinlens.dataset.stored import SampleFile, StoredSample
 from twinlens.dataset.truth_files import read_truth
 from twinlens.errors import FileError
 
-_LOST, _CHANGED = "is missing", "differs from its SHA-256 in"
-_VIEW = re.compile(r"(?:lens-\d+/)?(im|disp|mask|truth|radiance)(\d+)(?:GT|nocc)?(\.png|\.pfm|\.exr)$")
+_MISSING, _CHANGED = "is missing", "differs from its SHA-256 in"
+_VIEW_FILE = re.compile(r"(?:lens-\d+/)?(im|disp|mask|truth|radiance)(\d+)(?:GT|nocc)?(\.png|\.pfm|\.exr)$")
 
 _READERS: dict[str, Callable[[Any], Any]] = {
     ".png": read_png,
@@ -32,122 +33,113 @@ _READERS: dict[str, Callable[[Any], Any]] = {
     ".exr": lambda path: read_truth(path) if path.name.startswith("truth") else read_exr(path).channels,
 }
 
+Content = dict[str, Any]
+"""What the files of a sample hold, by name; sample.json as "rig" and "lenses"."""
+
 
 def verify_sample(sample: StoredSample) -> list[str]:
-    """What is wrong with a sample, one line a finding; empty when all is well. Never raises for what a file holds.
+    """Check a sample; one line per finding, none if it is correct. Never raises for the content of a file.
 
-    With a row of dataset.json, or one that waits to be listed there, every file must be there with its SHA-256 and no
-    other; without one the files that are there must agree. Plain Middlebury folders are read and their sizes compared.
+    With a row in dataset.json, or in .rows if it is pending, every file must exist with its SHA-256, and no other.
+    Without a row the files must agree with each other. Of plain Middlebury folders, files are read and sizes compared.
     """
-    findings = _unlike_their_checksums(sample)
-    if findings:
-        return findings
     try:
-        present = list(checksums(sample.folder))
+        hashes = hash_files(sample.folder)
     except FileError as error:
         return [str(error)]
-    content, findings = _contents(sample, present)
-    return findings or _sizes(content) or _truths(content)
+    findings = _check_hashes(sample, hashes)
+    if findings:
+        return findings
+    content, findings = _read_files(sample, list(hashes))
+    return findings or _check_sizes(content) or _check_truth(content)
 
 
-def is_of_damage(finding: str) -> bool:
-    """Whether a finding is of what was lost or changed since the sample was made, and not of what it was made with.
+def is_damage(finding: str) -> bool:
+    """Whether a finding reports a lost or changed file, which making the sample again repairs.
 
-    >>> is_of_damage("im0.png: is missing"), is_of_damage("notes.txt: is not listed in dataset.json")
+    >>> is_damage("im0.png: is missing"), is_damage("notes.txt: is not listed in dataset.json")
     (True, False)
     """
-    return finding.endswith((_LOST, "no such folder")) or _CHANGED in finding
+    return finding.endswith((_MISSING, "no such folder")) or _CHANGED in finding
 
 
 def verify_dataset(dataset: Dataset) -> Iterator[tuple[str, list[str]]]:
-    """(name, findings) of each sample in turn; see `verify_sample`."""
+    """(name, findings) of each sample; see `verify_sample`."""
     for sample in dataset:
         yield sample.name, verify_sample(sample)
 
 
-def _unlike_their_checksums(sample: StoredSample) -> list[str]:
-    if "files" not in sample.row:
+def _check_hashes(sample: StoredSample, hashes: dict[str, str]) -> list[str]:
+    expected = sample.row.get("files")
+    if expected is None:
         return []
-    stated, stands_in = sample.row["files"], sample.row.get("stands_in", NAME)
-    try:
-        found = checksums(sample.folder)
-    except FileError as error:
-        return [str(error)]
-    missing = [f"{name}: {_LOST}" for name in stated if name not in found]
-    changed = [f"{name}: {_CHANGED} {stands_in}" for name in found if found[name] != stated.get(name)]
-    added = {name: f"{name}: is not listed in {stands_in}" for name in found if name not in stated}
-    return missing + [added.get(line.partition(":")[0], line) for line in changed]
+    listed_in = sample.row.get("listed_in", NAME)
+    findings = [f"{name}: {_MISSING}" for name in expected if name not in hashes]
+    for name, digest in hashes.items():
+        if name not in expected:
+            findings.append(f"{name}: is not listed in {listed_in}")
+        elif digest != expected[name]:
+            findings.append(f"{name}: {_CHANGED} {listed_in}")
+    return findings
 
 
-def _contents(sample: StoredSample, present: list[str]) -> tuple[dict[str, Any], list[str]]:
-    """Each file of a sample's own names by its reader, and what the readers refused."""
-    content: dict[str, Any] = {}
+def _read_files(sample: StoredSample, present: list[str]) -> tuple[Content, list[str]]:
+    content: Content = {}
     findings = []
     for name in present:
         path = sample.folder / name
         try:
-            if _VIEW.match(name):
+            if _VIEW_FILE.match(name):
                 content[name] = _READERS[path.suffix](path)
             elif name == "calib.txt":
                 content[name] = read_calib(path)
             elif name == "sample.json":
-                content["rig"] = sample.rig
-                content["lenses"] = [sample.lens(k).lens for k in range(sample.num_lenses)]
+                file = read(SampleFile, sample.record, path)
+                content["rig"], content["lenses"] = file.rig.nominal, [shot.lens for shot in file.shots]
         except FileError as error:
             findings.append(f"{name}: {str(error).removeprefix(str(path)).lstrip(': ')}")
-    for i, name in _expected_images(content):
-        if name not in present:
-            findings.append(f"{name}: is missing (the image of view {i})")
+    views, lenses = len(content.get("rig", (0, 1))), len(content.get("lenses", (0,)))
+    images = [(i, f"{lens_folder(k)}im{i}.png") for k in range(lenses) for i in range(views)]
+    findings += [f"{name}: is missing (the image of view {i})" for i, name in images if name not in present]
     return content, findings
 
 
-def _expected_images(content: dict[str, Any]) -> list[tuple[int, str]]:
-    views = len(content["rig"]) if "rig" in content else 2
-    folders = [f"lens-{k}/" if k else "" for k in range(len(content.get("lenses", [0])))]
-    return [(i, f"{folder}im{i}.png") for folder in folders for i in range(views)]
-
-
-def _sizes(content: dict[str, Any]) -> list[str]:
-    expected = _expected_sizes(content)
+def _check_sizes(content: Content) -> list[str]:
+    if "rig" in content:
+        expected = {i: (camera.height, camera.width) for i, camera in enumerate(content["rig"].cameras)}
+    elif "calib.txt" in content:
+        expected = dict.fromkeys((0, 1), (content["calib.txt"].height, content["calib.txt"].width))
+    else:
+        expected = dict.fromkeys((0, 1), content["im0.png"].shape[:2])
     findings = []
     for name, value in content.items():
-        view = _VIEW.match(name)
-        if view is None:
-            continue
-        arrays = value.values() if isinstance(value, dict) else [value]
-        size = next(array.shape[:2] for array in arrays if isinstance(array, np.ndarray))
-        wanted = expected.get(int(view[2]), size)
-        if size != wanted:
-            findings.append(f"{name}: is {size[1]} x {size[0]}, and must be {wanted[1]} x {wanted[0]}")
+        if (view := _VIEW_FILE.match(name)) is not None:
+            arrays = value.values() if isinstance(value, dict) else [value]
+            size = next(array.shape[:2] for array in arrays if isinstance(array, np.ndarray))
+            height, width = expected.get(int(view[2]), size)
+            if size != (height, width):
+                findings.append(f"{name}: is {size[1]} x {size[0]}, must be {width} x {height}")
     return findings
 
 
-def _expected_sizes(content: dict[str, Any]) -> dict[int, tuple[int, int]]:
-    if "rig" in content:
-        return {i: (camera.height, camera.width) for i, camera in enumerate(content["rig"].cameras)}
-    if "calib.txt" in content:
-        return dict.fromkeys((0, 1), (content["calib.txt"].height, content["calib.txt"].width))
-    return dict.fromkeys((0, 1), content["im0.png"].shape[:2])
-
-
-def _truths(content: dict[str, Any]) -> list[str]:
+def _check_truth(content: Content) -> list[str]:
     if "rig" not in content:
         return []
     rig: Rig = content["rig"]
     findings = []
     if "calib.txt" in content:
-        findings += _named("calib.txt", laws.calibration_agrees(content["calib.txt"], rig))
+        findings += _named("calib.txt", consistency.check_calibration(content["calib.txt"], rig))
     elif len(rig) > 1 and rig.is_rectified():
         findings.append("calib.txt: is missing (the first two cameras are a rectified pair)")
-    findings += _missing_truth(content, rig)
+    findings += [f"{name}: is missing" for name in _expected_truth(content, rig) if name not in content]
     for i in range(len(rig)):
         if f"truth{i}.exr" in content:
-            findings += _view_of(content, rig, i)
-    return findings or _exchanged(content, rig)
+            findings += _check_view(content, rig, i)
+    return findings or _check_exchange(content, rig)
 
 
-def _missing_truth(content: dict[str, Any], rig: Rig) -> list[str]:
-    """A view with truth has partners with truth, and masks, and disparities where the two are rectified."""
+def _expected_truth(content: Content, rig: Rig) -> list[str]:
+    """The truth files of a sample with truth: for each view, and for views with partners masks and disparities."""
     names = [f"truth{i}.exr" for i in range(len(rig))]
     if not any(name in content for name in (*names, "disp0.pfm", "mask0nocc.png")):
         return []
@@ -156,50 +148,41 @@ def _missing_truth(content: dict[str, Any], rig: Rig) -> list[str]:
         if partner is not None:
             names.append(f"mask{i}nocc.png")
             names += [f"disp{i}.pfm"] if rig.is_rectified(*sorted((i, partner))) else []
-    return [f"{name}: is missing" for name in names if name not in content]
+    return names
 
 
-def _exchanged(content: dict[str, Any], rig: Rig) -> list[str]:
-    findings = []
-    for k, i in ((k, i) for k in range(len(content["lenses"])) for i in range(len(rig) - 1)):
-        folder, maps = f"lens-{k}/" if k else "", (f"disp{i}.pfm", f"mask{i}nocc.png")
-        partner = rig.partner(i)
-        if partner == i + 1 and all(name in content for name in maps):
-            images = (content[f"{folder}im{i}.png"], content[f"{folder}im{partner}.png"])
-            findings += _named(f"{folder}im{i}.png", laws.eyes_agree(images, content[maps[0]], content[maps[1]]))
-    return findings
-
-
-def _view_of(content: dict[str, Any], rig: Rig, i: int) -> list[str]:
-    """The laws of view i's truth, alone and with its partner."""
-    truth = content[f"truth{i}.exr"]
-    findings = _named(f"truth{i}.exr", laws.positions_agree(truth, rig.cameras[i], rig.world_from_cams[i]))
+def _check_view(content: Content, rig: Rig, i: int) -> list[str]:
+    """Relations within the truth of view i, and with its partner's."""
+    name, camera, partner = f"truth{i}.exr", rig.cameras[i], rig.partner(i)
+    truth, disparity, mask = content[name], content.get(f"disp{i}.pfm"), content.get(f"mask{i}nocc.png")
+    findings = _named(name, consistency.check_positions(truth, camera, rig.world_from_cams[i]))
     if findings:
         return findings
-    findings += _named(f"truth{i}.exr", laws.ids_agree(truth))
-    findings += _named(f"truth{i}.exr", laws.blur_agrees(truth, rig.cameras[i], content["lenses"][0]))
-    disparity = content.get(f"disp{i}.pfm")
+    findings += _named(name, consistency.check_ids(truth))
+    findings += _named(name, consistency.check_blur(truth, camera, content["lenses"][0]))
     if disparity is not None:
-        findings += _named(f"disp{i}.pfm", _disparity_agrees(truth, disparity, rig, i))
-    if f"mask{i}nocc.png" in content:
-        known = truth["object_id"] > 0
-        if disparity is not None:
-            known = known | np.isfinite(disparity)
-        mask = content[f"mask{i}nocc.png"]
-        findings += _named(f"mask{i}nocc.png", laws.mask_agrees(mask, known, truth["visible"]))
-    partner = rig.partner(i)
+        pair = tuple(sorted((i, i if partner is None else partner)))
+        if partner is None or not rig.is_rectified(*pair):
+            findings.append(f"disp{i}.pfm: is a disparity map, but the view is not in a rectified pair")
+        else:
+            calibration = Calibration.from_rig(rig.pair(*pair))
+            findings += _named(f"disp{i}.pfm", consistency.check_disparity(truth, disparity, calibration))
+    if mask is not None:
+        known = truth["object_id"] > 0 if disparity is None else (truth["object_id"] > 0) | np.isfinite(disparity)
+        findings += _named(f"mask{i}nocc.png", consistency.check_mask(mask, known, truth["visible"]))
     if not findings and partner is not None and f"truth{partner}.exr" in content:
-        pair = (truth, content[f"truth{partner}.exr"])
-        findings += _named(f"truth{i}.exr", laws.views_agree(pair, rig, (i, partner)))
+        findings += _named(name, consistency.check_views((truth, content[f"truth{partner}.exr"]), rig, (i, partner)))
     return findings
 
 
-def _disparity_agrees(truth: laws.Arrays, disparity: NDArray[np.float32], rig: Rig, i: int) -> list[str]:
-    partner = rig.partner(i)
-    left, right = sorted((i, i if partner is None else partner))
-    if left == right or not rig.is_rectified(left, right):
-        return ["holds disparities, and the view is one of no rectified pair"]
-    return laws.disparity_agrees(truth, disparity, Calibration.from_rig(rig.pair(left, right)))
+def _check_exchange(content: Content, rig: Rig) -> list[str]:
+    findings = []
+    for k, i in ((k, i) for k in range(len(content["lenses"])) for i in range(len(rig) - 1)):
+        disparity, mask = content.get(f"disp{i}.pfm"), content.get(f"mask{i}nocc.png")
+        if rig.partner(i) == i + 1 and disparity is not None and mask is not None:
+            left, right = (f"{lens_folder(k)}im{j}.png" for j in (i, i + 1))
+            findings += _named(left, consistency.check_exchange((content[left], content[right]), disparity, mask))
+    return findings
 
 
 def _named(name: str, findings: list[str]) -> list[str]:

@@ -20,12 +20,11 @@ from typing import Any, overload
 
 from twinlens.dataset import Manifest, Row, read_manifest, remove_unfinished, row_of, write_manifest
 from twinlens.dataset.files import files_below, read_bytes, write_file
-from twinlens.dataset.manifest import NAME
+from twinlens.dataset.manifest import NAME, ROW_KIND, ROW_VERSION, ROWS
 from twinlens.dataset.record import decode_json, encode_json, plain, read_json
 from twinlens.dataset.sample import KIND as SAMPLE_KIND
 from twinlens.dataset.sample import VERSION as SAMPLE_VERSION
 from twinlens.dataset.storage import MARK, Place, RemotePath, remove_objects
-from twinlens.dataset.waiting import ROW_KIND, ROW_VERSION, ROWS
 from twinlens.errors import FileError, InputError
 from twinlens.factory.plan import plan, sample_name
 from twinlens.factory.recipe import Recipe, differences

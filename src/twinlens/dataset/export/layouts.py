@@ -18,7 +18,7 @@ from twinlens.dataset.codecs.calib import Calibration
 from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.export.source import Source, fixed_point
-from twinlens.dataset.occlusion import VISIBLE
+from twinlens.dataset.visibility import VISIBLE
 
 Files = Iterator[tuple[str, bytes]]
 

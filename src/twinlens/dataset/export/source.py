@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from twinlens.dataset.codecs.calib import encode_calib
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import read_bytes
-from twinlens.dataset.stored import Disparity, StoredSample
+from twinlens.dataset.stored import StoredSample
+from twinlens.dataset.visibility import Disparity
 from twinlens.errors import InputError
 
 SIGNED_LAYOUTS = ("parquet", "webdataset")

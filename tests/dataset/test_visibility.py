@@ -73,5 +73,5 @@ def test_wrong_maps_are_refused():
     for bad in (np.zeros(3, np.float32), np.full((2, 3), np.nan, np.float32), good - np.inf):
         with pytest.raises(InputError):
             mask_from_one(bad)
-    with pytest.raises(InputError, match="one shape"):
+    with pytest.raises(InputError, match="equal shape"):
         mask_from_both(good, good[:1])

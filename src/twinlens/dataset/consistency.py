@@ -1,0 +1,236 @@
+"""Relations that hold between the arrays of a sample, for any scene: each function returns its findings, one line each.
+
+Tolerances follow from the files: depth, position and disparity are float32, so a relation may be off by a few units in
+the last place, and by 1e-4 px where pixels are compared.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
+
+from twinlens import geometry
+from twinlens.camera import Camera, Lens, Rig
+from twinlens.camera.truth import MATERIAL_KINDS
+from twinlens.dataset.codecs.calib import Calibration
+from twinlens.dataset.truth_files import blur_circle_px
+from twinlens.dataset.visibility import HIDDEN, UNKNOWN, VISIBLE
+
+Arrays = Mapping[str, Any]
+Findings = list[str]
+
+_PX = 1e-4
+_ROUNDING = 4 * float(np.finfo(np.float32).eps)
+_DEPTH_TOLERANCE = 1e-3  # relative: how much depth may vary between neighbouring pixel centres
+_ALLOWED_FAILURES = 0.05  # of the pixels inside one object, which may hide parts of itself and curve between centres
+_SIGNIFICANCE = 1e-6
+_FLATNESS_PX = 0.05  # shift that curvature and float32 may cause on a surface that counts as flat
+_MIN_FLAT_PIXELS = 100
+_MAX_SHIFT_PX = 0.25  # wrong pixel conventions shift a view by half a pixel
+_MAX_PIXELS, _MIN_PIXELS = 50_000, 1_000  # of correlations; at a thousand pixels chance alone gives 0.03
+_MIN_DIFFERENCE = 0.15  # between two correlations
+
+
+def check_positions(truth: Arrays, camera: Camera, world_from_cam: NDArray[np.float64]) -> Findings:
+    """Every position is at its depth, on the ray through its pixel centre."""
+    hit = truth["object_id"] > 0
+    if not np.array_equal(hit, np.isfinite(truth["depth"])):
+        return ["depth is not finite exactly where object_id > 0"]
+    world = truth["position"][hit].astype(np.float64)
+    if not np.isfinite(world).all() or not (truth["depth"][hit] > 0).all():
+        return ["position is not finite, or depth not positive, where something was hit"]
+    cam = geometry.transform_points(geometry.inverse(world_from_cam), world)
+    scale = np.abs(world).sum(axis=-1) + np.abs(world_from_cam[:3, 3]).sum()
+    depth = truth["depth"][hit].astype(np.float64)
+    allowed_px = scale * _ROUNDING * max(camera.fx, camera.fy) / depth + _PX
+    error_px = np.abs(camera.project(cam) - camera.pixel_grid()[hit]).max(axis=-1, initial=0.0)
+    return [
+        *_compare("position's z differs from depth", np.abs(cam[:, 2] - depth), (scale + depth) * _ROUNDING, "m"),
+        *_compare("position does not project to its pixel", error_px, allowed_px, "px"),
+    ]
+
+
+def check_disparity(truth: Arrays, disparity: NDArray[np.float32], calibration: Calibration) -> Findings:
+    """d = fx B / z - doffs where something was hit; elsewhere +inf, or the disparity of infinity."""
+    hit = truth["object_id"] > 0
+    sky = disparity[~hit]
+    if not (np.isposinf(sky) | (np.abs(sky + calibration.doffs) <= _PX)).all():
+        return ["disparity is neither unknown nor -doffs where nothing was hit"]
+    depth, d = truth["depth"][hit], disparity[hit].astype(np.float64)
+    expected = geometry.disparity_from_depth(depth, calibration.fx, calibration.baseline, calibration.doffs)
+    allowed = _PX + _ROUNDING * (np.abs(expected) + abs(calibration.doffs))
+    return _compare("disparity differs from fx B / z - doffs", np.abs(d - expected), allowed, "px")
+
+
+def check_mask(mask: NDArray[Any], known: NDArray[np.bool_], visible: NDArray[np.bool_]) -> Findings:
+    """The mask is 0 where nothing is known, 255 where the partner sees the point, 128 elsewhere."""
+    if not np.isin(mask, (UNKNOWN, HIDDEN, VISIBLE)).all():
+        return [f"mask has other values than {UNKNOWN}, {HIDDEN} and {VISIBLE}"]
+    expected = np.where(known, np.where(visible, VISIBLE, HIDDEN), UNKNOWN)
+    wrong = np.count_nonzero(mask != expected)
+    return [f"mask differs from the truth at {wrong} of {mask.size} pixels"] if wrong else []
+
+
+def check_ids(truth: Arrays) -> Findings:
+    """Ids are at most the number of names in the file; kinds index MATERIAL_KINDS."""
+    limits = {
+        "object_id": len(truth["object_names"]),
+        "material_id": len(truth["material_names"]),
+        "material_kind": len(MATERIAL_KINDS) - 1,
+    }
+    return [
+        f"{name} has the value {truth[name].max()}, but only {limit} names exist"
+        for name, limit in limits.items()
+        if truth[name].max() > limit
+    ]
+
+
+def check_blur(truth: Arrays, camera: Camera, lens: Lens) -> Findings:
+    """The blur circles are those of the lens in sample.json."""
+    expected = blur_circle_px(truth["depth"], camera, lens).astype(np.float64)
+    error = np.abs(truth["blur_circle_px"] - expected)
+    return _compare("blur_circle_px is not that of the lens", error, _PX + 10 * _ROUNDING * np.abs(expected), "px")
+
+
+def check_views(truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int]) -> Findings:
+    """Points of one view that are visible in the other project into it, at a depth and place that it has there.
+
+    Depth: a point must be between the minimum and the maximum of the 3x3 depths around its projection. Only pixels with
+    the same object all around in both views are tested, as the image border and silhouettes prove nothing. 5% of these
+    may fail. Swapped views and views of different scenes or sizes fail nearly everywhere. For few pixels the limit is
+    the number that a failure rate of 5% exceeds once in a million, if pixels failed independently: a rule of thumb.
+
+    Place: 3x3 bounds do not notice a view that is shifted by a pixel. Where the other view is flat and slanted, depth
+    gives the shift along the slope to a fraction of a pixel: in u for surfaces slanted sideways, in v for those slanted
+    up or down. The median of each must be within a quarter of a pixel, if there are enough pixels.
+    """
+    here, there = truths
+    camera = rig.cameras[views[1]]
+    seen = here["visible"] & (here["object_id"] > 0)
+    world = here["position"][seen].astype(np.float64)
+    cam = geometry.transform_points(geometry.inverse(rig.world_from_cams[views[1]]), world)
+    px = camera.project(cam)
+    # A projection on the border may be outside by rounding.
+    inside = camera.contains(px) | camera.contains(px - 1e-3) | camera.contains(px + 1e-3)
+    if not inside.all():
+        return [f"{np.count_nonzero(~inside)} visible pixels project outside the other view"]
+    v, u = _nearest(px, camera)
+    tested = _inside_one_object(here["object_id"])[seen] & _inside_one_object(there["object_id"])[v, u]
+    px, cam, world = px[tested], cam[tested], world[tested]
+    around = _neighbours(there["depth"], px, camera)
+    low, high = around.min(axis=0), around.max(axis=0)
+    agree = (cam[:, 2] >= low * (1 - _DEPTH_TOLERANCE)) & (cam[:, 2] <= high * (1 + _DEPTH_TOLERANCE))
+    wrong = int(np.count_nonzero(~agree))
+    if wrong and bdtrc(wrong - 1, agree.size, _ALLOWED_FAILURES) < _SIGNIFICANCE:
+        return [f"only {agree.mean():.1%} of its visible pixels are at a depth that the other view has there"]
+    scale = np.abs(world).sum(axis=-1) + np.abs(rig.world_from_cams[views[1]][:3, 3]).sum()
+    some = slice(None, None, max(1, len(px) // _MAX_PIXELS))
+    return _check_shift(around[:, some], px[some], cam[some, 2], scale[some], camera)
+
+
+def _check_shift(
+    around: NDArray[Any], px: NDArray[np.float64], z: NDArray[np.float64], scale: NDArray[np.float64], camera: Camera
+) -> Findings:
+    """Shift of points from the flat surfaces of a view; 1/z is linear in u and v on a plane.
+
+    around (9, N): the view's depths in the 3x3 pixels around px (N, 2), where points of depth z (N,) project. scale
+    (N,): magnitude of the coordinates, metres, which sets their rounding error.
+    """
+    rounding = _ROUNDING * scale / z
+    with np.errstate(all="ignore"):  # depths of a damaged file; the results do not count as flat
+        inverse = 1.0 / around.astype(np.float64)
+        slope = 0.5 * np.stack([inverse[5] - inverse[3], inverse[7] - inverse[1]])
+        steps = np.array([(du, dv) for dv in (-1, 0, 1) for du in (-1, 0, 1)])
+        curvature = np.abs(inverse - inverse[4] - steps @ slope).max(axis=0) + (rounding + _ROUNDING) * inverse[4]
+        steepness = np.hypot(*slope)
+        flat = curvature <= _FLATNESS_PX * steepness
+        flat &= (steepness > 0) & (rounding * max(camera.fx, camera.fy) <= _FLATNESS_PX)
+        offset = ((px - np.floor(px + 0.5)).T * slope).sum(axis=0)
+        shift_px = np.abs(1.0 / z - inverse[4] - offset) / steepness
+    findings = []
+    sideways = np.abs(slope[0]) > np.abs(slope[1])
+    for name, chosen in (("u", sideways), ("v", ~sideways)):
+        along = shift_px[flat & chosen]
+        if along.size >= _MIN_FLAT_PIXELS and np.median(along) > _MAX_SHIFT_PX:
+            findings.append(f"is shifted by {np.median(along):.2g} px along {name} against the other view's surfaces")
+    return findings
+
+
+def check_exchange(
+    images: tuple[NDArray[Any], NDArray[Any]], disparity: NDArray[np.float32], mask: NDArray[Any]
+) -> Findings:
+    """The left and right images are not exchanged: their edges correlate better at the true disparity than swapped.
+
+    Horizontal differences are compared at whole pixels where both views see the point. Images with little texture or
+    much noise correlate in neither order and give no finding.
+    """
+    v, u = np.nonzero((mask == VISIBLE) & np.isfinite(disparity))
+    step = max(1, len(u) // _MAX_PIXELS)
+    v, u = v[::step], u[::step]
+    match = np.floor(u - disparity[v, u] + 0.5).astype(int)
+    inside = (match >= 0) & (match < disparity.shape[1])
+    if np.count_nonzero(inside) < _MIN_PIXELS:
+        return []
+    v, u, match = v[inside], u[inside], match[inside]
+    left, right = (_edges(image) for image in images)
+    straight, swapped = (_correlation(a[v, u], b[v, match]) for a, b in ((left, right), (right, left)))
+    if swapped < straight + _MIN_DIFFERENCE:
+        return []
+    values = f"edges correlate by {straight:.2f} at the true disparity, and by {swapped:.2f} if swapped"
+    return [f"looks exchanged with its partner's image: {values}"]
+
+
+def check_calibration(calibration: Calibration, rig: Rig) -> Findings:
+    """calib.txt and the rig of sample.json describe the same pair."""
+    if not rig.is_rectified():
+        return ["describes a rectified pair, but the rig of sample.json is not one"]
+    expected = Calibration.from_rig(rig)
+    names = ("cam0", "cam1", "baseline", "width", "height", "doffs")
+    return [
+        f"{name} is {getattr(calibration, name)}, but {getattr(expected, name)} in sample.json"
+        for name in names
+        if not np.allclose(getattr(calibration, name), getattr(expected, name), rtol=1e-9, atol=1e-9)
+    ]
+
+
+def _edges(image: NDArray[Any]) -> NDArray[np.float64]:
+    grey = image.astype(np.float64) if image.ndim == 2 else image.mean(axis=-1)
+    return np.diff(grey, axis=1, append=grey[:, -1:])
+
+
+def _correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Pearson's correlation; 0 if one of the two is constant."""
+    a, b = a - a.mean(), b - b.mean()
+    scale = np.sqrt((a * a).sum() * (b * b).sum())
+    return float((a * b).sum() / scale) if scale else 0.0
+
+
+def _nearest(px: NDArray[np.float64], camera: Camera) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Row and column of the pixel nearest to each of px (N, 2)."""
+    u, v = np.floor(px + 0.5).astype(int).T
+    return v.clip(0, camera.height - 1), u.clip(0, camera.width - 1)
+
+
+def _neighbours(depth: NDArray[Any], px: NDArray[np.float64], camera: Camera) -> NDArray[Any]:
+    """Depths (9, N) of the 3x3 pixels around each of px (N, 2), none of which is on the border."""
+    v, u = _nearest(px, camera)
+    return np.stack([depth[v + dv, u + du] for dv in (-1, 0, 1) for du in (-1, 0, 1)])
+
+
+def _inside_one_object(ids: NDArray[Any]) -> NDArray[np.bool_]:
+    """Whether all eight neighbours of a pixel exist and have its id, (H, W)."""
+    inside = np.zeros(ids.shape, np.bool_)
+    if min(ids.shape) >= 3:
+        windows = np.lib.stride_tricks.sliding_window_view(ids, (3, 3))
+        inside[1:-1, 1:-1] = (windows == ids[1:-1, 1:-1, None, None]).all(axis=(2, 3))
+    return inside
+
+
+def _compare(what: str, error: NDArray[np.float64], allowed: NDArray[np.float64], unit: str) -> Findings:
+    wrong = ~(error <= allowed)
+    if not wrong.any():
+        return []
+    worst = np.where(np.isnan(error), np.inf, error).max()
+    return [f"{what} at {np.count_nonzero(wrong)} of {wrong.size} pixels, by up to {worst:.3g} {unit}"]

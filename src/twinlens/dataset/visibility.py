@@ -1,0 +1,147 @@
+"""What the partner view sees: masks computed from disparity maps, and correspondences between stored views.
+
+Rendered samples have exact masks. For real pairs `mask_from_both` uses the cross-check of both disparity maps, and
+`mask_from_one` warps a single map into the partner view, where the nearer surface hides the farther one.
+
+Source: Scharstein and Szeliski, A taxonomy and evaluation of dense two-frame stereo correspondence algorithms, 2002,
+section 5 (occlusion by forward and inverse mapping).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens import geometry
+from twinlens.camera import Rig
+from twinlens.camera.truth import Correspondence, Truth
+from twinlens.errors import InputError
+
+VISIBLE, HIDDEN, UNKNOWN = 255, 128, 0
+
+_CROSS_CHECK_PX = 1.0
+_PLANE_TOLERANCE = 1e-3  # of the distance: between a point and the tangent plane of what the target view sees
+
+Mask = NDArray[np.uint8]
+Disparity = NDArray[np.float32]
+
+
+def mask_from_both(disparity: Disparity, partner: Disparity, left: bool = True) -> Mask:
+    """Middlebury mask of a view by the cross-check with its partner's disparity.
+
+    Parameters
+    ----------
+    disparity, partner : (H, W)
+        Pixels, +inf unknown.
+    left : bool
+        Whether the view is the left one, whose match is at u - d.
+
+    Returns
+    -------
+    uint8 (H, W)
+        255 (visible) if the partner's disparity at the pixel nearest to the match differs by at most one pixel; 128
+        (hidden) otherwise, and if the match is outside the image; 0 where the disparity is unknown.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ.
+    """
+    _check(disparity, partner)
+    known = np.isfinite(disparity)
+    target, inside = _targets(disparity, left)
+    matched = np.take_along_axis(partner, np.where(inside, target, 0), axis=1)
+    agree = np.abs(np.where(inside, matched, np.inf) - np.where(known, disparity, 0)) <= _CROSS_CHECK_PX
+    return _mask(known, inside & agree)
+
+
+def mask_from_one(disparity: Disparity, left: bool = True) -> Mask:
+    """Middlebury mask of a view, uint8 (H, W), from its own disparity only.
+
+    Each known pixel is warped to its match, at u - d (`left`) or u + d, and covers the two pixels around it; the
+    largest disparity wins. A pixel is hidden (128) if the winner at the pixel nearest to its match is more than one
+    pixel of disparity nearer, or if its match is outside the image. Surfaces of unknown disparity hide nothing, so the
+    visible area is an upper bound.
+
+    >>> mask_from_one(np.float32([[0, 0, 0, 2, 0]])).tolist()
+    [[255, 128, 255, 255, 255]]
+    """
+    _check(disparity, disparity)
+    known = np.isfinite(disparity)
+    target, inside = _targets(disparity, left)
+    winner = np.take_along_axis(_warped(disparity, left), np.where(inside, target, 0), axis=1)
+    return _mask(known, inside & (winner <= np.where(known, disparity, 0) + _CROSS_CHECK_PX))
+
+
+def correspondence_of(truths: tuple[Truth, Truth], rig: Rig, source: int, target: int) -> Correspondence:
+    """Where each pixel of camera `source` is in camera `target`; `truths` are those of the two, in this order.
+
+    Positions are float32 in a file, so pixels are within 1e-7 fx |X| / z of `tl.correspondence`. If the target is the
+    source's partner, visibility is the file's. Otherwise a point is visible if the target sees, at the nearest pixel,
+    the same object with a tangent plane within a thousandth of the distance: correct to half a pixel at edges, and
+    missing points on surfaces that curve more than that within a pixel.
+
+    Raises InputError unless the two are different cameras of the rig.
+    """
+    if not (0 <= source < len(rig) and 0 <= target < len(rig)) or source == target:
+        raise InputError(f"a pair needs two different cameras out of 0 to {len(rig) - 1}, got {source} and {target}")
+    here, there = truths
+    points = geometry.transform_points(geometry.inverse(rig.world_from_cams[target]), here.position[here.hit])
+    projected = rig.cameras[target].project(points)
+    pixels = np.full((*here.hit.shape, 2), np.inf)
+    pixels[here.hit] = np.where(np.isnan(projected), np.inf, projected)
+    is_partner = rig.partner(source) == target
+    visible = here.visible & here.hit if is_partner else _visible_in(here, there, rig, target, pixels)
+    disparity = np.full(here.hit.shape, np.inf)
+    for sign, pair in ((1, (source, target)), (-1, (target, source))):
+        if rig.is_rectified(*pair):
+            u = rig.cameras[source].pixel_grid()[..., 0]
+            disparity = np.where(here.hit, sign * (u - np.where(here.hit, pixels[..., 0], 0.0)), np.inf)
+            break
+    return Correspondence(pixels, visible, disparity.astype(np.float32))
+
+
+def _visible_in(here: Truth, there: Truth, rig: Rig, target: int, pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether the target's truth shows the surface of each point at the pixel nearest to it."""
+    inside = here.hit & rig.cameras[target].contains(np.where(np.isfinite(pixels), pixels, np.nan))
+    points, ids = here.position[inside], here.object_id[inside]
+    tolerance = _PLANE_TOLERANCE * np.linalg.norm(points - rig.world_from_cams[target][:3, 3], axis=1)
+    u, v = np.floor(pixels[inside] + 0.5).astype(int).T
+    same = there.object_id[v, u] == ids
+    step = points - np.where(same[:, None], there.position[v, u], points)
+    distance = np.abs(np.einsum("nc,nc->n", step, there.normal[v, u].astype(np.float64)))
+    visible = np.zeros(here.hit.shape, dtype=bool)
+    visible[inside] = same & (distance <= tolerance)
+    return visible
+
+
+def _targets(disparity: Disparity, left: bool) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """The pixel nearest to each match (H, W), and whether it is inside the image."""
+    exact = _matches(disparity, left)
+    inside = (exact >= -0.5) & (exact < disparity.shape[1] - 0.5)
+    return np.floor(np.where(inside, exact, 0.0) + 0.5).astype(np.intp), inside
+
+
+def _matches(disparity: Disparity, left: bool) -> NDArray[np.float64]:
+    u = np.arange(disparity.shape[1], dtype=np.float64)
+    return u - disparity if left else u + disparity
+
+
+def _warped(disparity: Disparity, left: bool) -> Disparity:
+    """The largest disparity warped to each pixel of the partner; -inf if there is none."""
+    width = disparity.shape[1]
+    largest = np.full(disparity.shape, -np.inf, np.float32)
+    exact = _matches(disparity, left)
+    for columns in (np.floor(exact), np.ceil(exact)):
+        inside = (columns >= 0) & (columns < width)
+        np.maximum.at(largest, (np.nonzero(inside)[0], columns[inside].astype(np.intp)), disparity[inside])
+    return largest
+
+
+def _mask(known: NDArray[np.bool_], visible: NDArray[np.bool_]) -> Mask:
+    return np.where(known & visible, VISIBLE, np.where(known, HIDDEN, UNKNOWN)).astype(np.uint8)
+
+
+def _check(disparity: Disparity, partner: Disparity) -> None:
+    if disparity.ndim != 2 or disparity.shape != partner.shape:
+        raise InputError(f"disparity maps must be (H, W) of equal shape, got {disparity.shape} and {partner.shape}")
+    if not ((disparity > -np.inf).all() and (partner > -np.inf).all()):
+        raise InputError("a disparity map contains NaN or -inf; unknown pixels must be +inf")
