@@ -23,8 +23,8 @@ def test_a_dataset_is_made_and_told(twinlens, recipe, tmp_path):
     code, out, err = twinlens("verify", tmp_path / "set")
     assert (code, out) == (0, "1 sample, 0 with findings\n")
     assert err == (
-        f"{tmp_path / 'set'}: dataset.json lists 1 of the 2 samples of its recipe; "
-        "the `twinlens generate` that began it makes the rest\n"
+        f"{tmp_path / 'set'}: dataset.json lists 1 of 2 samples; "
+        "rerun `twinlens generate` to make the missing samples\n"
     )
     code, out, err = twinlens("generate", recipe, "-o", tmp_path / "set")
     assert (code, err) == (0, "")
@@ -151,8 +151,8 @@ def test_a_shard_that_is_done_says_what_is_needed_still(twinlens, recipe, tmp_pa
     code, out, err = twinlens("verify", tmp_path / "set")
     assert (code, out) == (0, "1 sample, 0 with findings\n")
     assert err == (
-        f"{tmp_path / 'set'}: dataset.json lists 0 of the 2 samples of its recipe; 1 more is made and not listed yet; "
-        "the `twinlens generate` that began it makes the rest and lists them\n"
+        f"{tmp_path / 'set'}: dataset.json lists 0 of 2 samples; 1 made but not listed yet; "
+        "rerun `twinlens generate` to make the missing samples and list the finished ones\n"
     )
     assert twinlens("generate", recipe, "-o", tmp_path / "set", "--shard", "2/2")[2] == ""
     assert twinlens("verify", tmp_path / "set") == (0, "2 samples, 0 with findings\n", "")
@@ -186,7 +186,7 @@ def test_a_set_of_which_no_sample_could_be_made_says_so(twinlens, tmp_path):
     for command in (("describe",), ("export", "--to", "carla", "-o", tmp_path / "out"), ("verify",)):
         code, out, err = twinlens(command[0], tmp_path / "set", *command[1:])
         assert code in (1, 2)
-        assert "lists no sample: 2 could not be made" in out + err
+        assert "lists no sample; 2 samples failed" in out + err
         assert "no dataset.json" not in out + err
 
 

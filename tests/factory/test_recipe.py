@@ -156,7 +156,7 @@ def test_every_key_is_read():
             r"adc_bits: .*'normal' draws .* \{ integers = \[low, hi",
         ),
         ("assets", {"meshes": "nowhere/"}, "assets.meshes: no folder 'nowhere/' beside the recipe"),
-        ("about", {"licence": "MIT"}, "unknown key of about 'licence'; did you mean 'license'?"),
+        ("about", {"licence": "MIT"}, "unknown key 'licence'; did you mean 'license'?"),
         ("keep", ["radiances"], r"keep\[0\]: must be one of .*'radiances'; did you mean 'radiance'?"),
     ],
 )
