@@ -1,15 +1,16 @@
-"""What the camera costs beside Mitsuba's own, and what its sampler is worth: one process, interleaved rounds, medians.
+"""Speed of the camera plugin against Mitsuba's `thinlens`, and efficiency of the default sampler.
 
-Times are CPU seconds of all threads, which a busy machine disturbs less than a clock's.
+Times are medians over interleaved rounds in one process of the CPU seconds of all threads, which are more robust than
+wall time on a busy machine.
 
     python benchmarks/bench_camera.py [--width 320] [--spp 64] [--rounds 11] [--write]
 
-1. The camera plugin against Mitsuba's `thinlens`, which has the same disk lens: seconds an image, on each scene. The
-   ratio is the median over the rounds of the two times of one round. (That both images are the same is the tests' job.)
-2. The default sampler `multijitter` against `independent`, through a wide lens: error is the variance between rounds,
-   meaned over the pixels, and what counts is error x time.
+1. The camera plugin against Mitsuba's `thinlens` with the same disk lens: seconds per image for each scene. The ratio
+   is the median over the rounds of the ratio within a round. Tests check that both images are equal.
+2. The default sampler `multijitter` against `independent` through a wide lens: the variance between rounds, averaged
+   over the pixels, times the render time.
 
-`--write` puts the tables into benchmarks/camera.md.
+`--write` writes the tables to benchmarks/camera.md.
 """
 
 import argparse
@@ -29,7 +30,7 @@ from twinlens.rendering.builtin import builtin_sensor
 from twinlens.rendering.plugin import camera_sensor
 
 PAGE = Path(__file__).with_name("camera.md")
-WIDE = 0.03  # of the nearest depth: the aperture's diameter
+WIDE = 0.03  # aperture diameter over the nearest depth
 
 
 def wide_lens(scene: tl.Scene) -> tl.ThinLens:
@@ -45,7 +46,7 @@ def seconds(run: Callable[[], object]) -> float:
 
 
 def interleaved(runs: dict[str, Callable[[int], object]], rounds: int) -> dict[str, list[float]]:
-    """Seconds of each run in each round, after a warm-up; every other round in the other order."""
+    """Seconds of each run in each round, after a warm-up; the order alternates between rounds."""
     times: dict[str, list[float]] = {name: [] for name in runs}
     for name in runs:
         seconds(lambda name=name: runs[name](0))
@@ -101,7 +102,10 @@ def against_independent(name: str, width: int, spp: int, rounds: int) -> list[st
         error = float(np.var(np.asarray(taken, dtype=np.float64), axis=0, ddof=1).mean())
         costs.append(took * error)
         lines.append(f"| {kind} | {took:.3f} | {error:.3g} | {costs[-1]:.3g} |")
-    lines += ["", f"**multijitter is worth {costs[1] / costs[0]:.2f}x independent.** (The claim: at least 1.8.)"]
+    lines += [
+        "",
+        f"**multijitter is {costs[1] / costs[0]:.2f}x as efficient as independent** (required: at least 1.8).",
+    ]
     print("\n".join(lines))
     return lines
 
@@ -116,16 +120,20 @@ def main() -> None:
     options = parser.parse_args()
     sizes = options.width, options.spp, options.rounds
     size = f"{options.width}x{options.width * 3 // 4}"
-    setting = f"{backend().name}, {platform.machine()}, {size}, {options.spp} samples a pixel"
-    page = ["# The camera beside Mitsuba's own", "", f"`python benchmarks/bench_camera.py --write`: {setting},"]
+    setting = f"{backend().name}, {platform.machine()}, {size}, {options.spp} samples per pixel"
+    page = [
+        "# Camera plugin against Mitsuba's thinlens",
+        "",
+        f"`python benchmarks/bench_camera.py --write`: {setting},",
+    ]
     page += [
         f"medians of {options.rounds} interleaved rounds.",
         "",
-        "## A disk lens: the plugin against `thinlens`",
+        "## Render time with a disk lens",
         "",
     ]
     page += against_thinlens(options.scene or ["room", "cards", "tabletop"], *sizes)
-    page += ["", "The claim: at most 1.1.", "", "## The sampler, on `tabletop` through a wide lens", ""]
+    page += ["", "Required: at most 1.1.", "", "## Samplers, on `tabletop` through a wide lens", ""]
     page += against_independent("tabletop", *sizes)
     if options.write:
         PAGE.write_text("\n".join(page) + "\n")

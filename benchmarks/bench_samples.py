@@ -1,15 +1,14 @@
-"""How much of a photograph's wrong pixels is the renderer's: direct photographs with more and more samples a pixel.
+"""The effect of rendering noise on wrong pixels: direct renders with increasing samples per pixel.
 
     python benchmarks/bench_samples.py [--size 240x180] [--seeds 1] [--write]
 
-Of the study `aperture`: its scenes as models, its pixels, its sensor, at equal brightness without diffraction. Each
-pair is rendered alone and not from light paths shared with other lenses, exposed, and matched by SSD; wrong are
-non-occluded pixels off by more than 2 px or unknown. `expected` is what the study's theory of mismatches, which knows
-the sensor's noise alone, reads off the sharp pair at f/11 with the most samples. Means over the seeds, in brackets
-their least and most. The renderer's noise falls as samples grow, the camera's stays.
+Scenes, pixel pitch and sensor are those of the study `aperture`, at equal brightness without diffraction. Each pair is
+rendered directly, exposed, and matched by SSD. Wrong are non-occluded pixels with an error above 2 px or without a
+disparity. `expected` is the study's prediction, which includes sensor noise only, from the sharp images at f/11 with
+the most samples. Values are means over the seeds, with the range in brackets. Rendering noise falls with the samples;
+sensor noise does not.
 
-With LLVM a seed took 4.7 minutes of one processor, on a machine that did other things too. `--write` puts the table
-into docs/studies.md, in place of the one there.
+A seed takes about 4.7 CPU minutes with LLVM. `--write` replaces the table in docs/studies.md.
 """
 
 import argparse
@@ -30,14 +29,14 @@ HEAD = f"| | {SAMPLES[0]} samples |" + "".join(f" {spp} |" for spp in SAMPLES[1:
 
 
 class Theory(NamedTuple):
-    """What a seed's sharp pair holds."""
+    """A seed and the texture measured on its sharp images."""
 
     seed: int
     evidence: Evidence
 
 
 def rows(size: tuple[int, int], seeds: Sequence[int], samples: Sequence[int] = SAMPLES) -> Iterator[tuple[str, list]]:
-    """(scene and f-number, the percentages of every seed: for each number of samples, and expected)."""
+    """(scene and f-number, for each number of samples and for the prediction: the percentages of all seeds)."""
     for scene in SCENES:
         model = Model.of(Stage.of(scene, *size, pixel_pitch_um=PIXEL_PITCH_UM))
         theories = [theory(model, seed, samples[-1]) for seed in seeds]
@@ -49,7 +48,7 @@ def rows(size: tuple[int, int], seeds: Sequence[int], samples: Sequence[int] = S
 
 
 def row(model: Model, number: float, known: Theory, samples: Sequence[int]) -> list[float]:
-    """Of one seed: the percentages, and what is expected at the exposure of the last."""
+    """The percentages of one seed, and the prediction at the exposure of the last."""
     shots = [photographed(model, number, known.seed, spp) for spp in samples]
     lens = model.lens(number)
     blur = model.blur(lens)
@@ -57,7 +56,7 @@ def row(model: Model, number: float, known: Theory, samples: Sequence[int]) -> l
 
 
 def photographed(model: Model, number: float, seed: int, spp: int) -> tuple[float, Exposure]:
-    """Per cent of the pixels that SSD gets wrong on a direct photograph, and how that was exposed."""
+    """SSD's percentage of wrong pixels on a direct render, and its exposure."""
     stage, lens = model.stage, model.lens(number)
     radiance = stage.photograph(model.full_size(lens), spp, stream(seed, 10, spp))
     exposure = automatic(stage, lens, radiance)
@@ -66,20 +65,20 @@ def photographed(model: Model, number: float, seed: int, spp: int) -> tuple[floa
 
 
 def theory(model: Model, seed: int, spp: int) -> Theory:
-    """What the sharp pair tells of the texture."""
+    """The texture measured on the sharp images of a seed."""
     stage, lens = model.stage, model.lens(SHARP_AT)
     sharp = stage.photograph(model.full_size(lens), spp, stream(seed, 12))
     return Theory(seed, Evidence.of(stage, lens, model.blur(lens), sharp))
 
 
 def cell(values: Sequence[float]) -> str:
-    """Mean, and least and most where they differ."""
+    """The mean, with the range if the values differ."""
     mean, least, most = (f"{value:.2g}" for value in (statistics.mean(values), min(values), max(values)))
     return f"{mean} %" if least == most else f"{mean} % ({least} to {most})"
 
 
 def replace_table(page: str, table: Sequence[str]) -> str:
-    """The page with this table where the one of the same first line is."""
+    """The page with the table of the same first line replaced."""
     lines = page.splitlines()
     start = lines.index(HEAD)
     end = next(k for k in range(start, len(lines)) if not lines[k].startswith("|"))
@@ -88,9 +87,9 @@ def replace_table(page: str, table: Sequence[str]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--size", default="240x180", help="of the photographs, the study's own unless said")
-    parser.add_argument("--seeds", type=int, default=1, help="how many, from 0")
-    parser.add_argument("--write", action="store_true", help="put the table into docs/studies.md")
+    parser.add_argument("--size", default="240x180", help="image size (default: the study's)")
+    parser.add_argument("--seeds", type=int, default=1, help="number of seeds")
+    parser.add_argument("--write", action="store_true", help="replace the table in docs/studies.md")
     options = parser.parse_args()
     width, height = (int(side) for side in options.size.split("x"))
     table = [HEAD, "| --- |" + " ---: |" * (len(SAMPLES) + 1)]

@@ -208,7 +208,7 @@ def test_the_median_error_is_compared_with_the_bound(median, holds):
     found = conclude(table({"a": 11.0, "b": 8.0}, median=median))[-3]
     assert found.holds == holds
     assert found.measured.value == pytest.approx(2 * math.log2(median / 2.0), abs=0.1)
-    assert ("not within in some scene for sad" in found.sentence) != holds
+    assert ("outside in some scene for sad" in found.sentence) != holds
 
 
 def test_a_median_error_flatter_than_its_noise_does_not_decide():

@@ -68,7 +68,7 @@ def _medians(rows: Table, mode: str) -> Finding:
     near = {str(method): is_near(rows.where(method=method), MEDIAN) for method in rows.values("method")}
     said = [
         f"{words} for {', '.join(methods)}"
-        for words, verdict in (("within", True), ("not within in some scene", False), ("too flat to decide", None))
+        for words, verdict in (("within", True), ("outside in some scene", False), ("too flat to decide", None))
         if (methods := [method for method, found in near.items() if found is verdict])
     ]
     decided = [found for found in near.values() if found is not None]
