@@ -1,7 +1,7 @@
-"""Makes docs/families.png, a contact sheet of 64 random scenes, 16 of each family.
+"""Render docs/families.png, a contact sheet of 64 random scenes, 16 of each family.
 
 python docs/families.py
-python docs/families.py 100        # from another first seed
+python docs/families.py 100        # another first seed
 """
 
 import sys
@@ -21,7 +21,7 @@ ROWS, COLUMNS = 2, 8
 
 
 def picture(family: str, seed: int) -> NDArray[np.uint8]:
-    """The left picture of a scene at automatic exposure, uint8 (H, W, 3)."""
+    """The left image of a scene at automatic exposure, uint8 (H, W, 3)."""
     scene = random_scene(family, seed, width=2 * WIDTH)
     rig = default_rig(scene, WIDTH, HEIGHT)
     left = tl.Rig(rig.cameras[:1], rig.world_from_cams[:1])
@@ -31,7 +31,7 @@ def picture(family: str, seed: int) -> NDArray[np.uint8]:
 
 
 def main(first: int) -> None:
-    """Write the sheet, two rows a family."""
+    """Write the sheet, two rows per family."""
     rows = []
     for family in FAMILIES:
         tiles = [picture(family, first + k) for k in range(ROWS * COLUMNS)]

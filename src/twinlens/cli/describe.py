@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 def command(dataset: "Place", **given: str | None) -> None:
     """Write DATASET's card (README.md with pictures and statistics) and its Croissant metadata (croissant.json).
 
-    The options are stored in dataset.json and kept by later runs. `twinlens render` and `generate` write both files;
-    run this command after changing a dataset.
+    The options are stored in dataset.json, and later runs keep them. Datasets made by twinlens have both files already;
+    run this command after changing one.
 
     \b
     Example:  twinlens describe out --license CC-BY-4.0 --creator "Ada Lovelace"

@@ -19,8 +19,13 @@ if TYPE_CHECKING:
 @click.option("-o", "--output", required=True, type=PATH, help="Folder of the new sample.")
 @click.option("--cameras", default="0,1", show_default=True, help="The left and the right view, counted from 0.")
 @click.option("--pictures", default="maps", show_default=True, help="maps: warp the images; render: render new ones.")
-@click.option("--fit", default="focal", show_default=True, help="focal (keep it), all (of both images) or valid.")
-@click.option("--own-centres", is_flag=True, help="Centre each image on its own view, so that doffs is not 0.")
+@click.option(
+    "--fit",
+    default="focal",
+    show_default=True,
+    help="Focal length: focal (mean of both), all (both images fit) or valid (no empty pixels).",
+)
+@click.option("--own-centres", is_flag=True, help="Centre each view on its own image; doffs is then not 0.")
 @click.option("--misalignment", metavar="NAME=VALUE,...", help="Errors: vertical_px, pitch_deg, yaw_deg, roll_deg.")
 @click.option("--scene", metavar="FILE", help="The scene's file, unless the scene is a bundled one.")
 @click.option("--overwrite", is_flag=True, help="Replace an existing sample.")
@@ -37,7 +42,7 @@ def command(
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Rectify two views of a sample: matching pixels lie in the same row, and the truth is computed anew.
+    """Rectify two views of a sample: matching pixels share a row, and the truth is that of the new views.
 
     \b
     Example:  twinlens rectify out/cards -o rectified/cards --fit valid --own-centres

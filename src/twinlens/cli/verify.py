@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 def command(dataset: "Place", as_json: bool) -> int:
     """Check DATASET: checksums, array shapes, disparity against depth, and each view's truth against the other's.
 
-    Lists each problem with its sample, and how to repair what `twinlens generate` made. The exit code is 1 if there is
-    any. Samples that are not made yet are reported but are not problems.
+    Lists the findings of each sample, and how to repair datasets of `twinlens generate`. The exit code is 1 if there
+    are findings. Samples that `generate` has not made yet are reported, but are not findings.
 
     \b
     Example:  twinlens verify out
