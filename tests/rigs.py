@@ -1,4 +1,4 @@
-"""Random rigs of unlike cameras around a cloud of points that all of them see, for tests of geometry."""
+"""Random rigs of different cameras around a cloud of points that all see, for tests of geometry."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

@@ -1,4 +1,4 @@
-"""What the checks of numbers take and refuse, in one line; which names are misspelt, and which are strangers."""
+"""Checks of numbers, their messages, and the nearest known name."""
 
 import difflib
 import math
@@ -8,11 +8,11 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from twinlens.errors import InputError, check_number, check_triple, nearest, unknown
+from twinlens.errors import InputError, check_int, check_number, check_triple, nearest, unknown
 
 
 @pytest.mark.parametrize("value", [1, 0.5, Fraction(1, 3), np.float32(2), np.float64(3), np.int16(4), np.uint8(5)])
-def test_real_numbers_of_every_kind_are_numbers(value):
+def test_real_numbers_of_every_type_are_accepted(value):
     check_number("x", value, "> 0", above=0)
     assert check_triple("x", [value] * 3, "three") == pytest.approx((float(value),) * 3)
 
@@ -22,18 +22,29 @@ def test_real_numbers_of_every_kind_are_numbers(value):
     [math.nan, math.inf, -math.inf, True, np.True_, "1", None, 1j, Decimal(1), [1.0], np.ones(1), 10**400, np.nan],
     ids=lambda value: f"{type(value).__name__} {value}"[:20],
 )
-def test_what_is_no_finite_number_is_refused(value):
+def test_other_values_raise(value):
     with pytest.raises(InputError, match=r"^x must be a number, got "):
         check_number("x", value, "a number")
     with pytest.raises(InputError, match=r"^x must be three"):
         check_triple("x", [1.0, value, 1.0], "three")
 
 
-def test_above_is_open_and_least_is_closed():
+def test_above_is_exclusive_and_least_is_inclusive():
     check_number("x", 2.0, "at least 2", least=2)
     for value, bound in ((2.0, {"above": 2}), (np.nextafter(2, 0), {"least": 2})):
         with pytest.raises(InputError):
             check_number("x", value, "more", **bound)
+
+
+@pytest.mark.parametrize("value", [3, np.int16(3), np.uint8(9)])
+def test_integers_of_every_type_are_accepted(value):
+    check_int("x", value, 3, 9)
+
+
+@pytest.mark.parametrize("value", [2, 10, 3.0, True, np.True_, "3", None, math.nan, np.ones(1)])
+def test_other_values_are_not_integers_in_range(value):
+    with pytest.raises(InputError, match=r"^x must be a whole number from 3 to 9, got "):
+        check_int("x", value, 3, 9)
 
 
 @pytest.mark.parametrize("values", [(1.0, 1.0), (1.0,) * 4, (), 1.0, None, "abc", (0.0, 1.0, 1.0), (1.0, -1.0, 1.0)])
@@ -42,7 +53,7 @@ def test_a_triple_is_three_positive_numbers(values):
         check_triple("x", values, "three")
 
 
-def test_a_large_value_is_shown_short_and_in_one_line():
+def test_a_large_value_is_shortened_to_one_line():
     with pytest.raises(InputError) as refusal:
         check_number("x", np.zeros((50, 50)), "a number")
     assert "\n" not in str(refusal.value)
@@ -71,7 +82,7 @@ KEYS = ("aperture_diameter", "baseline", "fov_x_deg", "focus_distance", "min_dis
         ("diameter", KEYS, "aperture_diameter"), ("num_disparity", KEYS, "num_disparities"), ("ssp", KEYS, "spp"),
     ],
 )  # fmt: skip
-def test_a_misspelt_name_is_told_from_its_neighbours(typed, known, meant):
+def test_a_misspelled_name_has_a_nearest_name(typed, known, meant):
     assert nearest(typed, known) == meant
     assert str(unknown("name", typed, known)).startswith(f"unknown name {typed!r}; did you mean {meant!r}? (known: ")
 
@@ -86,12 +97,12 @@ def test_a_misspelt_name_is_told_from_its_neighbours(typed, known, meant):
         ("gamma", KEYS), ("iso", KEYS), ("exposure", KEYS), ("shutter", KEYS), ("", KEYS), ("d", KEYS),
     ],
 )  # fmt: skip
-def test_a_stranger_is_likened_to_nobody(typed, known):
+def test_an_unrelated_name_has_no_nearest_name(typed, known):
     assert nearest(typed, known) is None
     assert str(unknown("name", typed, known)).startswith(f"unknown name {typed!r} (known: ")
 
 
-def test_a_very_long_name_is_not_compared_letter_by_letter(monkeypatch):
+def test_a_very_long_name_is_rejected_by_upper_bounds(monkeypatch):
     asked = []
     monkeypatch.setattr(difflib.SequenceMatcher, "ratio", lambda pair: asked.append(pair.b) or 1.0)
     assert nearest("zncc" * 25_000, METHODS) is None

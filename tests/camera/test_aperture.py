@@ -1,4 +1,4 @@
-"""Aperture shapes: the samples fill just the open area, evenly; the areas are those of textbooks."""
+"""Aperture shapes: samples are uniform in the open area; areas equal closed forms."""
 
 import math
 
@@ -49,7 +49,7 @@ def test_samples_are_distributed_as_the_transmission(shape):
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=IDS)
-def test_no_sample_falls_on_an_opaque_point(shape):
+def test_no_sample_is_opaque(shape):
     x, y = shape.sample(*stratified(300))
     assert (shape.transmission(x * (1 - 1e-12), y * (1 - 1e-12)) > 0).all()
 
@@ -62,8 +62,8 @@ def test_area_fraction_is_the_integral_of_the_transmission(shape):
 
 
 @pytest.mark.parametrize("shape", SHAPES[:6], ids=IDS[:6])
-def test_neighbours_in_the_square_stay_neighbours_in_the_aperture(shape):
-    """No seam anywhere in the map, so strata stay whole; a ring opens at the middle of the square, and there only."""
+def test_sampling_is_continuous(shape):
+    """The map is continuous, strata stay connected; a ring is discontinuous only at the centre."""
     line = (np.arange(500) + 0.5) / 500
     u1, u2 = np.meshgrid(line, line)
     x, y = shape.sample(u1, u2)
@@ -75,14 +75,14 @@ def test_neighbours_in_the_square_stay_neighbours_in_the_aperture(shape):
 
 @given(st.floats(0, 1), st.floats(0, 1))
 def test_the_concentric_map_keeps_areas(a, b):
-    """The square of half-width s becomes the disk of radius s: Shirley and Chiu's rings."""
+    """The square of half-width s is mapped to the disk of radius s (Shirley and Chiu)."""
     radius, turn = concentric(a, b)
     assert radius == pytest.approx(2 * max(abs(a - 0.5), abs(b - 0.5)))
     assert 0 <= turn <= 1
 
 
 def test_stratified_samples_estimate_better_than_random_ones():
-    """The mean of x^2 over a hexagon: a closed form, and a fraction of the random error from strata."""
+    """The mean of x^2 over a hexagon against its closed form; strata reduce the random error."""
     shape = Polygon(6)
     truth = 5 / 24  # second moment of the regular hexagon of unit side over its area
     strata = np.std([np.mean(shape.sample(*stratified(16, s))[0] ** 2) - truth for s in range(30)])
@@ -98,16 +98,16 @@ def test_polygons_have_the_textbook_areas(blades, area):
     assert Polygon(blades, roundness=1).area_fraction == pytest.approx(1, rel=1e-14)
 
 
-def test_polygon_turns_from_right_to_down():
-    """The first corner lies along +x, and a quarter turn takes it to +y, which is down."""
+def test_polygon_rotation_is_from_right_to_down():
+    """The first corner is along +x; 90 degrees rotate it to +y, down."""
     assert Polygon(3).transmission(0.99, 0) == 1
     assert Polygon(3).transmission(-0.99, 0) == 0
     assert Polygon(3, rotation_deg=90).transmission(0, 0.99) == 1
     assert Polygon(3, rotation_deg=90).transmission(0, -0.99) == 0
 
 
-def test_mask_stands_as_it_is_drawn():
-    """Row 0 is up (y < 0), column 0 is left (x < 0); the longer side spans the diameter."""
+def test_mask_row_zero_is_at_the_top():
+    """Row 0 is at the top (y < 0), column 0 is left (x < 0); the longer side spans the diameter."""
     mask = MaskAperture(LETTER)
     assert mask.transmission(-0.7, -0.9) == 1
     assert mask.transmission(0.7, -0.9) == 0
@@ -125,14 +125,14 @@ def test_masks_are_equal_by_content():
         MaskAperture(grey).mask[0, 0] = 0
 
 
-def test_a_mask_does_not_follow_the_array_it_was_made_from():
+def test_a_mask_copies_its_array():
     cells = np.ones((2, 2))
     mask = MaskAperture(cells)
     cells[:] = 0
     assert mask.area_fraction == pytest.approx(4 / math.pi)
 
 
-def test_mask_sampling_reaches_the_last_cell_from_float32_numbers():
+def test_mask_sampling_reaches_the_last_cell_with_float32_numbers():
     mask = MaskAperture(np.eye(3))
     x, y = mask.sample(np.float32([0.0, 1 - 2**-24]), np.float32([0.0, 1 - 2**-24]))
     assert np.allclose([x, y], [[-1, 1], [-1, 1]], atol=1e-6)
@@ -158,7 +158,7 @@ def test_mask_sampling_reaches_the_last_cell_from_float32_numbers():
         (lambda: MaskAperture([["a"]]), "numbers"),
     ],
 )
-def test_impossible_apertures_are_refused_in_one_line(make, says):
+def test_invalid_apertures_raise_in_one_line(make, says):
     with pytest.raises(InputError, match=says) as refusal:
         make()
     assert "\n" not in str(refusal.value)

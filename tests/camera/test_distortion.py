@@ -1,4 +1,4 @@
-"""Distortion against OpenCV, against its own inverse, and at the fold."""
+"""Distortion against OpenCV, against its inverse, and at the fold."""
 
 import math
 import time
@@ -53,7 +53,7 @@ def opencv_projection(model, points: np.ndarray) -> np.ndarray:
 
 @settings(max_examples=60, deadline=None)
 @given(st.one_of(brown, fisheye), st.integers(0, 2**31))
-def test_projection_is_opencvs(model, seed):
+def test_projection_equals_opencv(model, seed):
     points = rays(seed, reach=0.6) * np.random.default_rng(seed).uniform(0.1, 50, (200, 1))
     mine = camera(model).project(points)
     assert np.abs(mine - opencv_projection(model, points)).max() < 1e-6
@@ -73,7 +73,7 @@ def test_undistort_inverts_distort(model, seed):
 
 @settings(max_examples=30, deadline=None)
 @given(brown, st.integers(0, 2**31))
-def test_jacobian_is_the_slope_of_distort(model, seed):
+def test_jacobian_equals_differences_of_distort(model, seed):
     xy = rays(seed, count=5)[:, :2]
     for point, slope in zip(xy, model.jacobian(xy), strict=True):
         assert slope == pytest.approx(numeric_jacobian(model, point), abs=1e-7)
@@ -105,15 +105,15 @@ def test_an_extreme_fisheye_still_inverts():
     assert np.arctan(model.undistort(model.distort(xy))[:, 0]) == pytest.approx(theta, abs=1e-12)
 
 
-def test_no_coefficients_change_nothing():
+def test_zero_coefficients_are_no_distortion():
     xy = rays(0)[:, :2]
     assert (BrownConrady().distort(xy) == xy).all()
     assert (BrownConrady().undistort(xy) == xy).all()
     assert camera(BrownConrady()).project(rays(0)) == pytest.approx(camera(None).project(rays(0)), abs=1e-12)
 
 
-def test_a_point_beyond_the_fold_is_not_seen():
-    """r (1 - 0.3 r^2) turns round at r = 1/sqrt(0.9): farther points would land inside the image again."""
+def test_a_point_beyond_the_fold_has_no_pixel():
+    """r (1 - 0.3 r^2) has its maximum at r = 1/sqrt(0.9): farther points would be projected into the image again."""
     model = BrownConrady(k1=-0.3)
     fold = 1 / math.sqrt(0.9)
     cam = Camera(200, 200, 300.0, 300.0, 99.5, 99.5, model)
@@ -126,7 +126,7 @@ def test_a_point_beyond_the_fold_is_not_seen():
 
 @pytest.mark.parametrize("edge", [0.999, 1.001])
 def test_the_image_may_reach_up_to_the_fold(edge):
-    """The fold is seen at 2/3 of its radius 1/sqrt(0.9): an image that ends before it is accepted, after it not."""
+    """The fold at the radius 1/sqrt(0.9) has 2/3 of it as its image: an image that ends before it is accepted."""
     fx = 100 / (edge * 2 / 3 / math.sqrt(0.9))
 
     def make() -> Camera:
@@ -150,13 +150,13 @@ def test_the_image_may_reach_up_to_the_fold(edge):
     ],
     ids=str,
 )
-def test_distortion_that_folds_is_refused_in_one_line(model):
+def test_folding_distortion_raises_in_one_line(model):
     with pytest.raises(InputError, match=r"folds the image over itself before pixel \(") as refusal:
         Camera.from_fov(640, 480, fov_x_deg=90).replace(distortion=model)
     assert "\n" not in str(refusal.value)
 
 
-def test_a_fisheye_image_wider_than_half_a_space_is_refused():
+def test_a_fisheye_image_beyond_180_degrees_raises():
     with pytest.raises(InputError, match="folds"):
         Camera(400, 400, 100.0, 100.0, 199.5, 199.5, KannalaBrandt())
 
@@ -170,7 +170,7 @@ def test_coefficients_are_finite(bad):
 
 
 @pytest.mark.parametrize("turned", [False, True])
-def test_undistort_maps_are_opencvs(turned):
+def test_undistort_maps_equal_opencv(turned):
     rotation = look_at([0, 0, 0], [0.05, 0.02, 1.0], up=[0, -1, 0])[:3, :3] if turned else np.eye(3)
     model = BrownConrady(-0.25, 0.08, 1e-3, -5e-4, 0.01)
     source, target = camera(model), Camera(320, 240, 300.0, 310.0, 150.0, 121.0)
@@ -183,7 +183,7 @@ def test_undistort_maps_are_opencvs(turned):
 
 
 def test_remapping_straightens_a_line():
-    """A straight line in space, drawn bent by the distorted camera, is straight again in the undistorted image."""
+    """A line in space, curved in the distorted image, is straight in the undistorted one."""
     model = BrownConrady(k1=-0.3, k2=0.05)
     cam = camera(model)
     x, y = np.moveaxis(cam.unproject(cam.pixel_grid())[..., :2], -1, 0)
@@ -202,7 +202,7 @@ def test_unseen_pixels_map_outside():
     assert (map_y < -100).all()
 
 
-def test_a_rectifying_rotation_must_be_one():
+def test_a_matrix_that_is_not_a_rotation_raises():
     with pytest.raises(InputError, match="rotation"):
         undistort_maps(camera(None), camera(None), to_from_camera=2 * np.eye(3))
     with pytest.raises(InputError, match="determinant"):

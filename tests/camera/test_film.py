@@ -1,11 +1,11 @@
-"""The film's image against rays that cross in the hole."""
+"""The inverted film image against rays through the aperture."""
 
 import numpy as np
 
 from twinlens.camera import Camera, film_image
 
 
-def test_a_point_lands_where_its_ray_through_the_hole_meets_the_film():
+def test_film_image_is_where_the_ray_through_the_aperture_meets_the_film():
     camera = Camera(41, 31, 50.0, 50.0, 22.0, 13.0)
     point = np.array([0.12, -0.06, 1.0])
     u, v = np.rint(camera.project(point)).astype(int)
@@ -19,7 +19,7 @@ def test_a_point_lands_where_its_ray_through_the_hole_meets_the_film():
     assert [columns[0], rows[0]] == (turned_centre + np.array([right, down])).tolist()
 
 
-def test_turning_twice_gives_the_image_back():
+def test_film_image_is_its_own_inverse():
     image = np.random.default_rng(0).random((5, 7, 3))
     assert (film_image(film_image(image)) == image).all()
     assert film_image(image).flags.c_contiguous

@@ -1,4 +1,4 @@
-"""Pixels and directions: OpenCV's projections, round trips, and every camera that cannot be."""
+"""Projection and its inverse against OpenCV, round trips, and invalid cameras."""
 
 import math
 
@@ -31,7 +31,7 @@ LENSES = [
 
 
 @given(cameras, pixel, pixel, st.floats(1e-3, 1e4))
-def test_unproject_and_project_undo_each_other(camera, u, v, depth):
+def test_unproject_and_project_are_inverse(camera, u, v, depth):
     point = camera.unproject([u, v]) * depth
     assert point[2] == depth
     assert np.allclose(camera.project(point), [u, v], atol=1e-9)
@@ -60,7 +60,7 @@ def opencv_coefficients(d):
     return None if d is None else np.array([d.k1, d.k2, d.p1, d.p2, d.k3, d.k4, d.k5, d.k6])
 
 
-def test_pixel_centres_are_whole_numbers_and_the_image_reaches_half_a_pixel_further():
+def test_pixel_centres_are_integers_and_the_image_extends_half_a_pixel():
     camera = Camera(4, 3, 100.0, 100.0, 1.5, 1.0)
     grid = camera.pixel_grid()
     assert grid.shape == (3, 4, 2)
@@ -71,7 +71,7 @@ def test_pixel_centres_are_whole_numbers_and_the_image_reaches_half_a_pixel_furt
     assert camera.contains(edge).tolist() == [True, True, True, False, False, False, False]
 
 
-def test_right_and_down_are_positive():
+def test_x_is_right_and_y_is_down():
     camera = Camera(101, 101, 100.0, 50.0, 50.0, 50.0)
     assert camera.project([0.1, 0.2, 1.0]).tolist() == [60.0, 60.0]
 
@@ -98,8 +98,8 @@ def test_fov_does_not_change_when_the_image_is_mirrored(camera):
 
 
 @given(cameras, st.floats(0.5, 50))
-def test_film_distance_is_the_one_whose_pixels_are_fx(camera, pitch):
-    """A film at v with pixels p wide: the half-field tangent of n pixels is n p / v."""
+def test_film_distance_is_fx_times_the_pixel_pitch(camera, pitch):
+    """A film at distance v with pixel pitch p: n pixels from the centre have the tangent n p / v."""
     camera = camera.replace(pixel_pitch_um=pitch)
     across = camera.unproject([camera.cx + 10, camera.cy])[0]
     assert across == pytest.approx(10 * pitch * 1e-6 / camera.film_distance, rel=1e-12)
@@ -122,7 +122,7 @@ GOOD = {"width": 640, "height": 480, "fx": 700.0, "fy": 700.0, "cx": 319.5, "cy"
     + [(size, v) for size in ("fx", "fy", "pixel_pitch_um") for v in (0.0, -1.0, math.inf, math.nan)]
     + [(centre, v) for centre in ("cx", "cy") for v in (math.inf, math.nan)],
 )
-def test_impossible_cameras_are_refused_by_the_name_of_the_field(field, value):
+def test_invalid_cameras_raise_naming_the_field(field, value):
     with pytest.raises(InputError) as caught:
         Camera(**GOOD | {field: value})
     assert f"camera {field}" in str(caught.value)
@@ -131,7 +131,7 @@ def test_impossible_cameras_are_refused_by_the_name_of_the_field(field, value):
 
 
 @pytest.mark.parametrize("fov", [0, 180, -5, math.nan])
-def test_impossible_fields_of_view_are_refused(fov):
+def test_invalid_fields_of_view_raise(fov):
     with pytest.raises(InputError, match="fov_x_deg"):
         Camera.from_fov(640, 480, fov)
 
@@ -141,7 +141,7 @@ def test_from_fov_checks_the_size_too():
         Camera.from_fov(-640, 480, 50)
 
 
-def test_replace_checks_again_and_leaves_the_first_alone():
+def test_replace_returns_a_checked_copy():
     camera = Camera(**GOOD)
     assert camera.replace(cx=3.0).cx == 3.0
     assert camera == Camera(**GOOD)

@@ -1,4 +1,4 @@
-"""The derivative of a projection equals differences of the projection, for every distortion."""
+"""The Jacobian of the projection against finite differences."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ MODELS = [None, BrownConrady(-0.2, 0.05, 1e-3, 2e-3, 0.01, 0.02), KannalaBrandt(
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: getattr(model, "name", "none"))
-def test_it_is_the_limit_of_differences(model):
+def test_jacobian_equals_differences_of_project(model):
     camera = Camera(640, 480, 700.0, 680.0, 310.0, 241.0, model)
     points = np.array([[0.3, -0.2, 1.5], [0.0, 0.0, 2.0], [-0.5, 0.4, 3.0]])
     step = 1e-6
@@ -21,7 +21,7 @@ def test_it_is_the_limit_of_differences(model):
 
 
 @pytest.mark.parametrize("point", [[0, 0, 0], [0, 0, -1], [np.inf, 0, 1], [50.0, 0, 1]])
-def test_points_that_no_pixel_sees_are_refused(point):
+def test_points_without_an_image_raise(point):
     camera = Camera(640, 480, 700.0, 680.0, 310.0, 241.0, BrownConrady(-0.2))
     with pytest.raises(InputError, match="leave out"):
         camera.projection_jacobian([point])

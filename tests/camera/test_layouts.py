@@ -1,4 +1,4 @@
-"""Rigs of many cameras stand where they say and look where they say."""
+"""Positions and directions of the cameras of each layout."""
 
 import numpy as np
 import pytest
@@ -16,20 +16,20 @@ def centres(rig):
     return geometry.transform_points(geometry.inverse(POSE), [pose[:3, 3] for pose in rig.world_from_cams])
 
 
-def test_any_two_of_a_line_are_a_rectified_pair():
+def test_any_two_cameras_of_a_line_are_a_rectified_pair():
     rig = line(CAMERA, 4, 0.1, POSE)
     assert all(rig.is_rectified(i, j) == (i < j) for i in range(4) for j in range(4) if i != j)
     assert np.allclose(centres(rig), [[0.1 * i, 0, 0] for i in range(4)])
 
 
-def test_a_grid_runs_row_by_row_to_the_right_and_down():
+def test_a_grid_is_ordered_row_by_row():
     rig = grid(CAMERA, 2, 3, 0.1, 0.2, POSE)
     assert np.allclose(centres(rig), [[0.1 * j, 0.2 * i, 0] for i in range(2) for j in range(3)])
     assert rig.is_rectified(3, 5)
     assert not rig.is_rectified(0, 3)
 
 
-def test_an_arc_looks_at_one_point_from_one_distance_over_the_whole_angle():
+def test_an_arc_looks_at_its_centre():
     rig = arc(CAMERA, 5, 2.0, 80, POSE)
     target = geometry.transform_points(POSE, [0, 0, 2.0])
     for i in range(5):
@@ -46,7 +46,7 @@ def test_a_full_circle_closes_with_equal_steps():
     assert [rig.baseline(i, (i + 1) % 6) for i in range(6)] == pytest.approx([1.0] * 6)
 
 
-def test_toed_in_axes_cross_at_the_distance():
+def test_toed_in_axes_intersect_at_the_distance():
     rig = toed_in(CAMERA, 0.3, 2.0, POSE)
     assert rig.baseline() == pytest.approx(0.3)
     assert centres(rig)[0, 0] < 0
@@ -55,7 +55,7 @@ def test_toed_in_axes_cross_at_the_distance():
         assert np.allclose(geometry.dehomogeneous(rig.px_from_world(i) @ target), [CAMERA.cx, CAMERA.cy])
 
 
-def test_each_place_can_have_a_camera_of_its_own():
+def test_a_layout_takes_one_camera_per_place():
     other = CAMERA.replace(fx=100.0)
     assert toed_in([CAMERA, other], 0.1, 1.0).cameras == (CAMERA, other)
 
@@ -74,6 +74,6 @@ def test_each_place_can_have_a_camera_of_its_own():
         (lambda: line(CAMERA, 3, 0.1, np.diag([1, 1, -1, 1])), "pose of a layout"),
     ],
 )
-def test_impossible_layouts_are_refused(make, says):
+def test_invalid_layouts_raise(make, says):
     with pytest.raises(InputError, match=says):
         make()

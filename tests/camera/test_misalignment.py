@@ -1,4 +1,4 @@
-"""Errors of calibration left in on purpose."""
+"""Misalignment of cameras against their calibration."""
 
 import cv2
 import numpy as np
@@ -10,8 +10,8 @@ from twinlens.errors import InputError
 CAMERA = Camera(64, 48, 70.0, 69.0, 31.0, 24.1)
 
 
-def test_turns_follow_each_other_about_axes_that_stay():
-    """Large angles, by OpenCV's turn about an axis, one after the other on the axes of the camera."""
+def test_rotations_are_about_the_calibrated_axes():
+    """Large angles, against a sequence of OpenCV's axis rotations."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(np.array([0.3, -0.2, 1.1]))[0], [3.0, 2.0, 1.0]
     rig = Rig.stereo(CAMERA, 0.2, pose)
@@ -36,13 +36,13 @@ def test_a_pair_of_a_misaligned_rig_keeps_its_calibrated_pair():
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_one_error_is_a_pairs(count):
+def test_a_single_misalignment_needs_a_pair(count):
     with pytest.raises(InputError, match=f"this rig has {count} cameras"):
         ALIGNED.applied(Rig([CAMERA] * count, [np.eye(4)] * count))
 
 
 @pytest.mark.parametrize("error", [{"roll_deg": 200}, {"yaw_deg": 90}, {"pitch_deg": -90}, {"vertical_px": np.inf}])
-def test_what_is_no_error_of_calibration_is_refused(error):
+def test_invalid_misalignments_raise(error):
     with pytest.raises(InputError, match=f"{next(iter(error))} must be"):
         Misalignment(**error)
     assert Misalignment(roll_deg=-89.9).roll_deg == -89.9

@@ -1,4 +1,4 @@
-"""Rigs: the closed form of the rectified pair, and honesty about every other pair."""
+"""Rigs: closed forms of the rectified pair, and the test of other pairs."""
 
 import math
 
@@ -22,7 +22,7 @@ baselines = st.floats(1e-3, 3)
 
 
 @given(poses, baselines, st.floats(-40, 40), st.floats(-2, 2), st.floats(-2, 2), st.floats(0.5, 20))
-def test_a_rectified_pair_sees_a_point_in_one_row_and_fx_b_over_z_apart(pose, baseline, doffs, x, y, z):
+def test_a_rectified_pair_has_equal_rows_and_disparity_fx_b_over_z(pose, baseline, doffs, x, y, z):
     rig = Rig.stereo(CAMERA, baseline, pose, right=CAMERA.replace(cx=CAMERA.cx + doffs))
     world = geometry.transform_points(pose, [x, y, z])
     left, right = (geometry.dehomogeneous(rig.px_from_world(i) @ [*world, 1]) for i in (0, 1))
@@ -35,7 +35,7 @@ def test_a_rectified_pair_sees_a_point_in_one_row_and_fx_b_over_z_apart(pose, ba
 
 
 @given(poses, baselines)
-def test_a_pair_whose_pose_was_typed_with_seven_digits_is_rectified_still(pose, baseline):
+def test_a_pose_with_seven_digits_gives_a_rectified_pair(pose, baseline):
     typed = np.round(pose, 7)
     assert Rig.stereo(CAMERA, baseline, typed).is_rectified()
 
@@ -49,8 +49,8 @@ def test_relative_poses_compose(a, b, c):
 
 
 @given(poses, poses)
-def test_triangulating_what_a_rig_projects_returns_the_point(a, b):
-    """Two cameras that both have the point before them, anywhere."""
+def test_triangulation_inverts_projection(a, b):
+    """Two random cameras with the point in front of both."""
     rig = Rig([CAMERA, CAMERA], [a, b])
     point = 0.5 * (a[:3, 3] + b[:3, 3]) + 3 * (a[:3, 2] + b[:3, 2])
     depths = [(rig.px_from_world(i) @ [*point, 1])[2] for i in (0, 1)]
@@ -94,22 +94,22 @@ def shifted(x=0.1, y=0.0, z=0.0, turn=(0.0, 0.0, 0.0)):
         (CAMERA.replace(distortion=BrownConrady(k1=-0.1)), shifted()),
     ],
 )
-def test_what_is_not_quite_rectified_is_not_called_so(right, pose):
+def test_nearly_rectified_pairs_are_not_rectified(right, pose):
     assert not Rig([CAMERA, right], [np.eye(4), pose]).is_rectified()
 
 
-def test_widths_and_principal_columns_may_differ_in_a_rectified_pair():
+def test_a_rectified_pair_may_differ_in_width_and_cx():
     assert Rig.stereo(CAMERA, 0.1, right=CAMERA.replace(cx=300.0, width=500)).is_rectified()
 
 
 @pytest.mark.parametrize(("count", "partners"), [(1, [None]), (2, [1, 0]), (3, [1, 0, 1]), (4, [1, 0, 3, 2])])
-def test_everyone_has_a_partner_but_the_only_one(count, partners):
+def test_partner_of_each_camera(count, partners):
     rig = Rig([CAMERA] * count, [shifted(0.1 * i) for i in range(count)])
     assert len(rig) == count
     assert [rig.partner(i) for i in range(count)] == partners
 
 
-def test_a_rig_does_not_change_with_the_arrays_it_was_made_from():
+def test_a_rig_copies_its_poses():
     pose = np.eye(4)
     rig = Rig.stereo(CAMERA, 0.1, pose)
     other = Rig([CAMERA], [pose])
@@ -129,14 +129,14 @@ def test_a_rig_does_not_change_with_the_arrays_it_was_made_from():
         (lambda: Rig.stereo(CAMERA, 0.1, np.diag([1, 1, -1, 1])), "world_from_left"),
     ],
 )
-def test_impossible_rigs_are_refused(make, says):
+def test_invalid_rigs_raise(make, says):
     with pytest.raises(InputError, match=says) as caught:
         make()
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("metres", [0, 1e-30, 1e300, np.nan])
-def test_no_two_cameras_are_so_near_or_so_far(metres):
+def test_extreme_baselines_raise(metres):
     for make in (lambda: Rig.stereo(CAMERA, metres), lambda: layouts.line(CAMERA, 2, metres)):
         with pytest.raises(InputError, match="must be a positive number of metres, from 1e-12 to 1e"):
             make()

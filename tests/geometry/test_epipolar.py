@@ -1,4 +1,4 @@
-"""Epipolar geometry of any two cameras: truth satisfies it, OpenCV agrees, and what has no answer says so."""
+"""Epipolar geometry of random pairs: matches satisfy it, results equal OpenCV, degenerate input raises."""
 
 import cv2
 import numpy as np
@@ -34,7 +34,7 @@ def rigs():
     return [random_rig(np.random.default_rng(seed), distorted=True) for seed in SEEDS]
 
 
-def test_matches_of_a_hundred_rigs_satisfy_f_e_and_their_lines(rigs):
+def test_matches_of_a_hundred_rigs_satisfy_the_epipolar_constraint(rigs):
     for rig, points in rigs:
         a, b = (ideal(rig, points, i) for i in (0, 1))
         assert residual(multiview.fundamental_matrix(rig), a, b).max() < 1e-9
@@ -45,7 +45,7 @@ def test_matches_of_a_hundred_rigs_satisfy_f_e_and_their_lines(rigs):
         assert np.abs(np.einsum("ni,ij,nj->n", rays[1], multiview.essential_matrix(rig), rays[0])).max() < 1e-10
 
 
-def test_a_pixel_off_its_line_is_as_far_off_as_it_was_moved(rigs):
+def test_distance_from_the_epipolar_line_is_in_pixels(rigs):
     for rig, points in rigs[:10]:
         a, b = (ideal(rig, points, i) for i in (0, 1))
         lines = epipolar.epipolar_lines(multiview.fundamental_matrix(rig), a)
@@ -59,7 +59,7 @@ def same_up_to_scale(a, b, tolerance):
     return min(np.abs(a - b).max(), np.abs(a + b).max()) < tolerance
 
 
-def test_f_is_what_opencv_finds_from_matches_alone(rigs):
+def test_fundamental_matrix_equals_opencvs_estimate_from_matches(rigs):
     for rig, points in rigs[:20]:
         a, b = (ideal(rig, points, i) for i in (0, 1))
         theirs, _ = cv2.findFundamentalMat(a, b, cv2.FM_8POINT)
@@ -67,7 +67,7 @@ def test_f_is_what_opencv_finds_from_matches_alone(rigs):
         assert same_up_to_scale(shift.T @ multiview.fundamental_matrix(rig) @ shift, shift.T @ theirs @ shift, 1e-6)
 
 
-def test_opencv_takes_e_apart_into_the_pose_of_the_pair(rigs):
+def test_opencv_recovers_the_pose_from_the_essential_matrix(rigs):
     for rig, points in rigs[:20]:
         matrix = multiview.essential_matrix(rig)
         rays = [rig.cameras[i].unproject(seen(rig, points, i))[:, :2] for i in (0, 1)]
@@ -85,14 +85,14 @@ def test_lines_equal_opencv(rigs):
         assert np.allclose(epipolar.epipolar_lines(multiview.fundamental_matrix(rig), a), theirs, atol=1e-6, rtol=1e-9)
 
 
-def test_the_way_back_is_the_transpose(rigs):
+def test_exchanging_the_cameras_transposes_f(rigs):
     for rig, _ in rigs[:20]:
         assert same_up_to_scale(
             multiview.fundamental_matrix(rig, 1, 0), multiview.fundamental_matrix(rig, 0, 1).T, 1e-12
         )
 
 
-def test_epipoles_are_where_the_centres_are_seen_and_f_forgets_them(rigs):
+def test_epipoles_are_images_of_the_centres_and_null_vectors_of_f(rigs):
     for rig, _ in rigs[:20]:
         matrix = multiview.fundamental_matrix(rig)
         at_a, at_b = multiview.epipoles(rig)
@@ -102,7 +102,7 @@ def test_epipoles_are_where_the_centres_are_seen_and_f_forgets_them(rigs):
         assert np.allclose(at_a, centre / np.linalg.norm(centre), atol=1e-12)
 
 
-def test_a_plane_holds_both_centres_and_the_point(rigs):
+def test_an_epipolar_plane_contains_both_centres_and_the_point(rigs):
     for rig, points in rigs[:20]:
         planes = epipolar.epipolar_planes(*centres(rig), points)
         for held in (points, *centres(rig)):
@@ -110,7 +110,7 @@ def test_a_plane_holds_both_centres_and_the_point(rigs):
         assert np.allclose(np.linalg.norm(planes[:, :3], axis=1), 1)
 
 
-def test_the_curve_of_a_pixel_passes_through_its_match_in_the_distorted_image(rigs):
+def test_the_epipolar_curve_contains_the_match_in_the_distorted_image(rigs):
     for rig, points in rigs[:20]:
         pose = geometry.inverse(rig.world_from_cams[0])
         depth = geometry.transform_points(pose, points[0])[2]
@@ -118,7 +118,7 @@ def test_the_curve_of_a_pixel_passes_through_its_match_in_the_distorted_image(ri
         assert np.allclose(curve[0], seen(rig, points, 1)[0], atol=1e-8)
 
 
-def test_rows_are_the_lines_of_a_rectified_pair_and_its_epipoles_lie_at_infinity():
+def test_a_rectified_pair_has_horizontal_lines_and_epipoles_at_infinity():
     rig = line(CAMERA, 2, 0.1)
     lines = epipolar.epipolar_lines(multiview.fundamental_matrix(rig), [[100.0, 50.0], [3.0, 400.0]])
     assert np.allclose(np.abs(lines), [[0, 1, 50], [0, 1, 400]], atol=1e-12)
@@ -126,7 +126,7 @@ def test_rows_are_the_lines_of_a_rectified_pair_and_its_epipoles_lie_at_infinity
     assert multiview.epipole_in_image(rig) is None
 
 
-def test_a_camera_in_view_of_the_other_has_its_epipole_there_ahead_or_behind():
+def test_the_epipole_is_the_image_of_the_other_camera_in_front_or_behind():
     ahead = Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(np.eye(3), [0.0, 0.0, 1.0])])
     for a, b in ((0, 1), (1, 0)):
         epipole, F = [CAMERA.cx, CAMERA.cy], multiview.fundamental_matrix(ahead, a, b)
@@ -136,13 +136,13 @@ def test_a_camera_in_view_of_the_other_has_its_epipole_there_ahead_or_behind():
         assert epipolar.sampson_distance(F, epipole, [1.0, 2.0]) == pytest.approx(0, abs=1e-12)
 
 
-def test_a_point_between_the_cameras_has_no_plane_of_its_own():
+def test_a_point_on_the_baseline_has_no_epipolar_plane():
     rig = toed_in(CAMERA, 0.4, 2.0)
     assert (epipolar.epipolar_planes(*centres(rig), [[0.05, 0, 0], [0.3, 0, 0]]) == 0).all()
 
 
-def test_a_line_wholly_at_infinity_is_named_as_such():
-    """b's film is parallel to the plane through the centres and the point: it meets that plane nowhere."""
+def test_a_line_at_infinity_is_0_0_1():
+    """b's image plane is parallel to the epipolar plane and does not intersect it."""
     up = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
     rig = Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(up, [0.5, 0, 0])])
     assert np.allclose(epipolar.epipolar_lines(multiview.fundamental_matrix(rig), [100.0, CAMERA.cy]), [0, 0, 1])
@@ -159,6 +159,6 @@ def test_a_line_wholly_at_infinity_is_named_as_such():
         (lambda: epipolar.epipolar_planes(*centres(line(CAMERA, 2, 0.1)), [[np.inf] * 3]), "infinity"),
     ],
 )
-def test_what_has_no_answer_is_refused(make, says):
+def test_invalid_input_raises(make, says):
     with pytest.raises(InputError, match=says):
         make()

@@ -1,4 +1,4 @@
-"""Rectification: rows agree, OpenCV turns the cameras alike, maps and truth follow, and the impossible is refused."""
+"""Rectification: rows agree, rotations and maps equal OpenCV, and impossible pairs raise."""
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
 
 @pytest.fixture(scope="module")
 def pairs():
-    """Pairs of unlike cameras that look much alike, with a cloud that they see, as rectifying asks for."""
+    """Pairs of different cameras with similar directions, and a cloud that both see."""
     return [alike(np.random.default_rng(seed)) for seed in range(30)]
 
 
@@ -32,7 +32,7 @@ def rectified(result, points, side):
     return result.rectified_pixels(side, seen(result.pair, points, side))
 
 
-def test_rows_agree_and_disparity_tells_depth(pairs):
+def test_rows_agree_and_disparity_gives_depth(pairs):
     for rig, points in pairs:
         result = rectify(rig)
         assert result.rectified_rig.is_rectified()
@@ -44,8 +44,8 @@ def test_rows_agree_and_disparity_tells_depth(pairs):
         assert np.allclose(left[:, 0] - right[:, 0], disparity, atol=1e-6)
 
 
-def test_the_old_images_hold_what_the_rectified_cameras_see(pairs):
-    """Truth cast through `rectified_rig` and images taken through the maps agree on every point."""
+def test_rectified_cameras_and_pixel_maps_agree(pairs):
+    """Projection by `rectified_rig` and the pixel maps agree."""
     for rig, points in pairs:
         result = rectify(rig, misalignment=Misalignment(1.5, 0.1, -0.2, 0.3))
         for side in (0, 1):
@@ -63,7 +63,7 @@ def opencv(rig, size=(640, 480)):
     ), coefficients
 
 
-def test_cameras_turn_as_in_opencv_and_points_fall_in_its_rows(pairs):
+def test_rotations_and_rows_equal_opencv(pairs):
     for rig, points in pairs:
         if any(camera.distortion is not None and camera.distortion.name == "kannala-brandt" for camera in rig.cameras):
             continue
@@ -81,7 +81,7 @@ def test_cameras_turn_as_in_opencv_and_points_fall_in_its_rows(pairs):
             assert np.allclose(ours, (theirs[:, 0] - p[:2, 2]) / np.diag(p)[:2], atol=1e-6)
 
 
-def test_maps_are_those_of_opencv():
+def test_maps_equal_opencv():
     camera = CAMERA.replace(distortion=BrownConrady(-0.1, 0.02, 1e-3, -5e-4))
     result = rectify(toed_in(camera, 0.3, 2.0))
     for side in (0, 1):
@@ -95,7 +95,7 @@ def test_maps_are_those_of_opencv():
 
 
 @pytest.mark.parametrize("distortion", DISTORTIONS)
-def test_a_toed_in_pair_rectifies_to_the_pair_built_parallel_in_its_place(distortion):
+def test_a_toed_in_pair_rectifies_to_the_parallel_pair(distortion):
     pose = geometry.look_at([1, 2, 3], [4, 5, 3.5])
     result = rectify(toed_in(CAMERA.replace(distortion=distortion), 0.3, 2.0, pose))
     new = result.rectified_rig.cameras[0]
@@ -104,7 +104,7 @@ def test_a_toed_in_pair_rectifies_to_the_pair_built_parallel_in_its_place(distor
         assert np.allclose(result.rectified_rig.px_from_world(side), built.px_from_world(side), atol=1e-9)
 
 
-def test_a_parallel_pair_is_left_as_it_is():
+def test_a_parallel_pair_does_not_change():
     camera = CAMERA.replace(fy=700.0, cx=319.5, cy=239.5)
     result = rectify(line(camera, 2, 0.1))
     assert pytest.approx(camera.K) == result.rectified_rig.cameras[0].K
@@ -112,13 +112,13 @@ def test_a_parallel_pair_is_left_as_it_is():
     assert result.valid(1)[1:-1, 1:-1].all()
 
 
-def test_cameras_one_above_the_other_are_turned_on_their_side():
+def test_a_vertical_pair_is_rotated_by_90_degrees():
     result = rectify(grid(CAMERA, 2, 1, 0.1, 0.1), width=480, height=640)
     assert result.rectified_rig.is_rectified()
     assert np.allclose(np.abs(result.rotation(0)), [[0, 1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
 
 
-def test_doffs_center_each_image_on_what_it_sees():
+def test_without_zero_doffs_each_image_is_centred_on_its_view():
     rig = toed_in(CAMERA, 0.5, 1.5)
     shared, own = rectify(rig), rectify(rig, zero_doffs=False)
     assert shared.doffs == 0
@@ -128,7 +128,7 @@ def test_doffs_center_each_image_on_what_it_sees():
         assert u.mean() == pytest.approx(319.5, abs=3)
 
 
-def test_fit_all_keeps_every_pixel_and_fit_valid_has_no_empty_one(pairs):
+def test_fit_all_shows_every_pixel_and_fit_valid_has_no_empty_ones(pairs):
     for rig, _ in pairs[:10]:
         whole = rectify(rig, fit="all", zero_doffs=False)
         full = rectify(rig, fit="valid", zero_doffs=False)
@@ -143,7 +143,7 @@ def test_fit_all_keeps_every_pixel_and_fit_valid_has_no_empty_one(pairs):
 
 
 def wider(rig, factor):
-    """The same cameras with `factor` of their focal length, looking along the same middle."""
+    """The same cameras with `factor` times their focal length and the same centre."""
     middle = np.array([319.5, 239.5])
     shorter = []
     for camera in rig.cameras:
@@ -152,7 +152,7 @@ def wider(rig, factor):
     return Rig(shorter, rig.world_from_cams)
 
 
-def test_misalignment_shifts_rows_by_what_was_asked():
+def test_vertical_misalignment_shifts_rows():
     rig = toed_in(CAMERA, 0.3, 2.0)
     points = np.random.default_rng(0).uniform([-0.3, -0.3, 1.5], [0.3, 0.3, 3], (20, 3))
     off = rectify(rig, misalignment=Misalignment(vertical_px=1.25))
@@ -170,8 +170,8 @@ def test_misalignment_shifts_rows_by_what_was_asked():
         ({"roll_deg": 0.5}, lambda x, y: (x * np.cos(A) + y * np.sin(A), y * np.cos(A) - x * np.sin(A))),
     ],
 )
-def test_misalignment_turns_the_second_camera_only(turn, moved):
-    """Closed forms: a camera that pitches up by A sees a level point tan(A) lower, and so on."""
+def test_rotational_misalignment_affects_the_second_camera_only(turn, moved):
+    """Closed forms for pitch, yaw and roll by the angle A."""
     rig = line(CAMERA, 2, 0.2)
     pixels = np.array([[100.0, 100.0], [500.0, 300.0]])
     straight, turned = rectify(rig), rectify(rig, misalignment=Misalignment(**turn))
@@ -204,10 +204,10 @@ def two(place, turn=(0, 0, 0)):
         (lambda: Misalignment(roll_deg=np.nan), "roll_deg"),
     ],
 )
-def test_what_no_plane_can_hold_is_refused(make, says):
+def test_pairs_that_cannot_be_rectified_raise(make, says):
     with pytest.raises(InputError, match=says):
         make()
 
 
-def test_every_fit_is_known_by_name():
+def test_every_fit_gives_a_rectified_pair():
     assert {rectify(two([0.5, 0, 0]), fit=fit).rectified_rig.is_rectified() for fit in FITS} == {True}

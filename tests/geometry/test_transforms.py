@@ -1,4 +1,4 @@
-"""Poses, points and pixels: the laws of the group, round trips, and OpenCV's answers to the same questions."""
+"""Transforms and projection: group axioms, round trips, and OpenCV."""
 
 import math
 
@@ -20,7 +20,7 @@ quaternions = arrays(np.float64, 4, elements=st.floats(-1, 1)).filter(lambda q: 
 
 
 def rotation_of(quaternion: np.ndarray) -> np.ndarray:
-    """The textbook matrix of a quaternion: no code of ours."""
+    """The rotation matrix of a quaternion, independent of twinlens."""
     w, x, y, z = quaternion / np.linalg.norm(quaternion)
     return np.array(
         [
@@ -35,7 +35,7 @@ poses = st.builds(lambda q, t: g.rigid(rotation_of(q), t), quaternions, vectors)
 
 
 @given(poses)
-def test_inverse_undoes_a_transform_from_both_sides(b_from_a):
+def test_inverse_is_the_left_and_right_inverse(b_from_a):
     a_from_b = g.inverse(b_from_a)
     assert np.allclose(a_from_b @ b_from_a, np.eye(4), atol=1e-12)
     assert np.allclose(b_from_a @ a_from_b, np.eye(4), atol=1e-12)
@@ -44,7 +44,7 @@ def test_inverse_undoes_a_transform_from_both_sides(b_from_a):
 
 
 @given(poses, poses, poses, clouds)
-def test_transforms_compose_associatively_as_their_names_read(d_from_c, c_from_b, b_from_a, points_a):
+def test_composition_is_associative(d_from_c, c_from_b, b_from_a, points_a):
     in_one = g.transform_points(d_from_c @ (c_from_b @ b_from_a), points_a)
     in_steps = g.transform_points(d_from_c, g.transform_points(c_from_b, g.transform_points(b_from_a, points_a)))
     assert np.allclose(in_one, in_steps, atol=1e-10)
@@ -52,14 +52,14 @@ def test_transforms_compose_associatively_as_their_names_read(d_from_c, c_from_b
 
 
 @given(poses, clouds)
-def test_points_and_directions_move_as_homogeneous_columns(b_from_a, points):
+def test_points_and_directions_equal_homogeneous_products(b_from_a, points):
     column = np.concatenate([points.T, np.ones((1, len(points)))])
     assert np.allclose(g.transform_points(b_from_a, points), (b_from_a @ column)[:3].T, atol=1e-12)
     assert np.allclose(g.rotate(b_from_a, points), g.transform_points(b_from_a, points) - b_from_a[:3, 3], atol=1e-11)
 
 
 @given(poses, clouds)
-def test_rigid_transforms_keep_distances_and_handedness(b_from_a, points):
+def test_rigid_transforms_preserve_distances_and_handedness(b_from_a, points):
     moved = g.transform_points(b_from_a, points)
     apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
     assert np.allclose(np.linalg.norm(moved[:, None] - moved[None], axis=-1), apart, atol=1e-10)
@@ -68,8 +68,8 @@ def test_rigid_transforms_keep_distances_and_handedness(b_from_a, points):
 
 
 @given(poses, clouds)
-def test_a_pose_typed_with_seven_digits_is_a_rotation_to_the_last_bit(b_from_a, points):
-    """Rounded numbers are taken for the rotation they mean, so that the inverse still undoes it."""
+def test_a_pose_with_seven_digits_is_made_orthonormal(b_from_a, points):
+    """Rounded matrices are replaced by the nearest rotation, so that the inverse is exact."""
     typed = g.check_rigid(np.round(b_from_a, 7), "pose")
     assert np.abs(typed - b_from_a).max() < 2e-7
     assert np.allclose(g.inverse(typed) @ typed, np.eye(4), atol=1e-12)
@@ -77,8 +77,8 @@ def test_a_pose_typed_with_seven_digits_is_a_rotation_to_the_last_bit(b_from_a, 
 
 
 @given(poses)
-def test_a_pose_that_is_exact_is_kept_bit_for_bit_and_apart_from_its_array(pose):
-    """Poses go through files and back: what is a rotation already is not touched, nor shared with the caller."""
+def test_an_exact_pose_is_copied_unchanged(pose):
+    """Poses must survive a round trip through files bit by bit."""
     given_array = pose.copy()
     kept = g.check_rigid(given_array, "pose")
     given_array[:3, 3] = 77
@@ -99,7 +99,7 @@ def test_a_point_at_infinity_becomes_inf():
 
 
 @given(vectors, vectors, vectors)
-def test_look_at_looks_at_its_target_with_up_above(eye, target, up):
+def test_look_at_points_at_its_target_with_up_above(eye, target, up):
     sight = target - eye
     if min(np.linalg.norm(sight), np.linalg.norm(up)) < 1e-6:
         return
@@ -115,7 +115,7 @@ def test_look_at_looks_at_its_target_with_up_above(eye, target, up):
 
 
 def test_look_at_north_from_the_origin_by_hand():
-    """Looking north (+y) on a map whose up is +z: right is east, down is -z."""
+    """Looking along +y with +z up: right is +x, down is -z."""
     assert g.look_at([0, 0, 0], [0, 3, 0])[:3, :3].T.tolist() == [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
 
 
@@ -129,7 +129,7 @@ def test_look_at_north_from_the_origin_by_hand():
         ([0, 0, 0], [0, math.inf, 0], [0, 0, 1]),
     ],
 )
-def test_look_at_refuses_what_has_no_answer(eye, target, up):
+def test_degenerate_look_at_raises(eye, target, up):
     refuses(lambda: g.look_at(eye, target, up), "look_at")
 
 
@@ -150,7 +150,7 @@ def test_projection_equals_opencv(rng):
 
 
 def test_the_film_of_a_real_camera_gives_the_same_pixels_as_fx(rng):
-    """A 35 mm film box: v = 50 mm, 4 um wide and 5 um high pixels; fx = v m_x, and the point by similar triangles."""
+    """v = 50 mm, pixels of 4 x 5 um: fx = v m_x, and the point by similar triangles."""
     density = np.array([1 / 4e-6, 1 / 5e-6])
     film = g.film_from_cam([0.3, -0.2, 1.5], film_distance=0.05)
     assert np.allclose(film, [0.01, -0.05 * 0.2 / 1.5], rtol=1e-14)
@@ -158,7 +158,7 @@ def test_the_film_of_a_real_camera_gives_the_same_pixels_as_fx(rng):
     assert np.allclose(g.px_from_film(film, density, (3001.25, 1999.5)), camera.project([0.3, -0.2, 1.5]), rtol=1e-13)
 
 
-def test_what_lies_behind_the_hole_has_no_image():
+def test_points_behind_the_aperture_have_no_image():
     assert np.isnan(g.film_from_cam([[1, 1, 0], [1, 1, -2], [0, 0, -1e-300]], 0.05)).all()
 
 
@@ -166,7 +166,7 @@ depths = st.floats(1e-3, 1e6)
 
 
 @given(depths, st.floats(10, 5000), st.floats(1e-3, 2), st.floats(-200, 200))
-def test_disparity_and_depth_undo_each_other(depth, fx, baseline, doffs):
+def test_disparity_and_depth_are_inverse(depth, fx, baseline, doffs):
     disparity = g.disparity_from_depth(depth, fx, baseline, doffs)
     if disparity + doffs < 1e-6:
         return
@@ -190,19 +190,19 @@ def test_unknown_stays_unknown():
 
 
 @pytest.mark.parametrize("depth", [0.0, -1.0, math.nan, -math.inf])
-def test_depths_that_no_camera_sees_are_refused(depth):
+def test_invalid_depths_raise(depth):
     refuses(lambda: g.disparity_from_depth([1.0, depth], 700, 0.1), "depth")
 
 
 @pytest.mark.parametrize("disparity", [-5.1, math.nan, -math.inf])
-def test_disparities_behind_the_camera_are_refused(disparity):
+def test_disparities_behind_the_camera_raise(disparity):
     refuses(lambda: g.depth_from_disparity([3.0, disparity], 700, 0.1, doffs=5.0), "disparity")
 
 
 @pytest.mark.parametrize(
     ("fx", "baseline"), [(0, 0.1), (700, 0), (-700, 0.1), (700, -0.1), (math.nan, 1), (7, math.inf)]
 )
-def test_pairs_without_parallax_are_refused(fx, baseline):
+def test_invalid_fx_and_baseline_raise(fx, baseline):
     refuses(lambda: g.disparity_from_depth(1.0, fx, baseline), "fx and baseline")
     refuses(lambda: g.depth_from_disparity(1.0, fx, baseline), "fx and baseline")
 
@@ -229,7 +229,7 @@ def not_rigid() -> dict[str, object]:
 
 
 @pytest.mark.parametrize("kind", not_rigid())
-def test_what_is_no_pose_is_refused_by_its_name(kind):
+def test_invalid_poses_raise_with_their_name(kind):
     refuses(lambda: g.check_rigid(not_rigid()[kind], "world_from_left"), "world_from_left")
 
 
@@ -237,12 +237,12 @@ def test_what_is_no_pose_is_refused_by_its_name(kind):
     ("rotation", "translation"),
     [(np.eye(2), [0, 0, 0]), (np.eye(3), [0, 0]), (np.eye(3), "abc"), (np.eye(3) * 2, [0, 0, 0])],
 )
-def test_rigid_refuses_parts_that_do_not_fit(rotation, translation):
+def test_rigid_raises_for_wrong_shapes(rotation, translation):
     refuses(lambda: g.rigid(rotation, translation), "rigid transform")
 
 
 def refuses(call, *words):
-    """InputError, on one line, that names what is wrong."""
+    """Expect an InputError of one line with these words."""
     with pytest.raises(InputError) as caught:
         call()
     message = str(caught.value)

@@ -1,4 +1,4 @@
-"""Triangulation: exact pixels return the point, OpenCV agrees, noise spreads it as predicted, infinity is inf."""
+"""Triangulation: exact pixels give the point, results equal OpenCV, noise has the predicted covariance."""
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ CLOSE, FAR = np.array([[0.3, -0.1, 2.0]]), np.array([[0.3, -0.1, 1e9]])
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_point_seen_by_two_cameras_comes_back(method):
+def test_exact_pixels_of_two_cameras_give_the_point(method):
     for seed in range(40):
         rig, points = random_rig(np.random.default_rng(seed), distorted=True)
         back = triangulate(rig, [seen(rig, points, i) for i in (0, 1)], method=method)
@@ -26,7 +26,7 @@ def test_a_point_seen_by_two_cameras_comes_back(method):
 
 
 @pytest.mark.parametrize("method", ["midpoint", "dlt"])
-def test_a_point_seen_by_four_cameras_comes_back(method):
+def test_exact_pixels_of_more_cameras_give_the_point(method):
     for seed in range(10):
         rig, points = random_rig(np.random.default_rng(seed), count=4, distorted=True)
         back = triangulate(rig, [seen(rig, points, i) for i in (2, 0, 3)], (2, 0, 3), method)
@@ -38,8 +38,8 @@ def noisy(rig, points, rng, sigma=1.0):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_exact_matches_triangulate_as_in_opencv(method):
-    """Noisy pixels, first moved on to their epipolar lines: from there every method has one answer."""
+def test_triangulation_of_corrected_matches_equals_opencv(method):
+    """After correction to their epipolar lines, all methods give the same point."""
     for seed in range(20):
         rng = np.random.default_rng(seed)
         rig, points = random_rig(rng)
@@ -58,8 +58,8 @@ def test_corrected_matches_equal_opencv(sigma):
         assert all(np.allclose(mine, its[0], atol=1e-6) for mine, its in zip(ours, theirs, strict=True))
 
 
-def test_corrected_matches_of_wild_noise_move_no_further_than_opencv():
-    """At 40 px its polynomial loses digits: the answers part by up to 0.03 px, and ours must be the nearer one."""
+def test_corrected_matches_move_no_further_than_opencvs_for_large_noise():
+    """At 40 px OpenCV's polynomial loses digits: the results differ by up to 0.03 px, and ours must be nearer."""
     for seed in range(10):
         rng = np.random.default_rng(seed)
         rig, points = random_rig(rng)
@@ -75,7 +75,7 @@ def off_lines(matrix, a, b):
 
 
 @pytest.mark.parametrize("rig", [line(CAMERA, 2, 0.2), toed_in(CAMERA, 0.3, 2.0)], ids=["rectified", "toed-in"])
-def test_no_match_nearer_than_the_corrected_one_is_found_by_search(rig):
+def test_random_search_finds_no_nearer_match(rig):
     rng = np.random.default_rng(1)
     a = rng.uniform(100, 400, (5, 2))
     b = a - (30, 0) + rng.normal(0, 3, (5, 2))
@@ -90,13 +90,13 @@ def test_no_match_nearer_than_the_corrected_one_is_found_by_search(rig):
         assert cost[i] <= (((tries - a[i]) ** 2).sum(axis=1) + off**2).min() + 1e-9
 
 
-def test_half_of_a_vertical_error_goes_to_each_image_of_a_rectified_pair():
+def test_a_vertical_error_is_divided_between_the_images():
     near_a, near_b = correct_matches(fundamental_matrix(line(CAMERA, 2, 0.2)), [[100.0, 50.0]], [[80.0, 53.0]])
     assert np.allclose(near_a, [[100, 51.5]], atol=1e-9)
     assert np.allclose(near_b, [[80, 51.5]], atol=1e-9)
 
 
-def test_the_midpoint_halves_the_shortest_way_between_two_rays():
+def test_the_midpoint_is_the_middle_of_the_shortest_segment_between_two_rays():
     rig = line(CAMERA, 2, 1.0)
     above = seen(rig, np.array([[0.5, -0.25, 2.0]]), 0), seen(rig, np.array([[0.5, 0.25, 2.0]]), 1)
     got = triangulate(rig, above, method="midpoint")[0]
@@ -107,7 +107,7 @@ def test_the_midpoint_halves_the_shortest_way_between_two_rays():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_noise_spreads_points_as_predicted(method):
+def test_covariance_of_noisy_points_equals_the_prediction(method):
     """Monte Carlo of 20000 draws: variances are known to 1 %, and each of the six numbers must agree to 5 %."""
     rng = np.random.default_rng(5)
     rig, points = random_rig(rng, distorted=True)
@@ -121,14 +121,14 @@ def test_noise_spreads_points_as_predicted(method):
     assert np.abs(np.cov(whitened) - np.eye(3)).max() < 0.05
 
 
-def test_depth_is_uncertain_by_z_squared_over_fb():
+def test_depth_error_is_z_squared_over_fb():
     rig, depths = line(CAMERA, 2, 0.1), np.array([1.0, 2.0, 8.0])
     points = np.stack([0.05 + 0 * depths, 0 * depths, depths], axis=1)
     sigma = np.sqrt(covariance(rig, points, 0.25)[:, 2, 2])
     assert np.allclose(sigma, depths**2 / (CAMERA.fx * 0.1) * np.sqrt(2) * 0.25, rtol=0.01)
 
 
-def test_more_cameras_and_quieter_ones_leave_less_doubt():
+def test_more_cameras_and_less_noise_reduce_the_covariance():
     rig, points = random_rig(np.random.default_rng(2), count=3)
     two, three = covariance(rig, points), covariance(rig, points, 1.0, (0, 1, 2))
     assert (np.linalg.eigvalsh(two - three) > -1e-15).all()
@@ -138,7 +138,7 @@ def test_more_cameras_and_quieter_ones_leave_less_doubt():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_rays_that_meet_nowhere_in_front_give_inf_and_never_nan(method):
+def test_rays_without_an_intersection_in_front_give_inf(method):
     rig = line(CAMERA, 2, 0.1)
     parallel, parting = ([[300.0, 200.0]], [[300.0, 200.0]]), ([[300.0, 200.0]], [[301.0, 200.0]])
     for pixels in (parallel, parting):
@@ -149,27 +149,27 @@ def test_rays_that_meet_nowhere_in_front_give_inf_and_never_nan(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_both_looking_along_the_baseline_gives_inf(method):
+def test_rays_along_the_baseline_give_inf(method):
     ahead = Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(np.eye(3), [0.0, 0.0, 1.0])])
     assert np.isposinf(triangulate(ahead, [[[CAMERA.cx, CAMERA.cy]]] * 2, method=method)).all()
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_far_point_is_far_and_not_infinite(method):
+def test_a_distant_point_is_finite(method):
     rig = line(CAMERA, 2, 0.1)
     far = np.array([[100.0, 50.0, 1000.0]])
     assert np.allclose(triangulate(rig, [seen(rig, far, i) for i in (0, 1)], method=method), far, rtol=1e-8)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_no_pixels_make_no_points(method):
+def test_no_pixels_give_no_points(method):
     rig = line(CAMERA, 2, 0.1)
     assert triangulate(rig, [np.zeros((0, 2))] * 2, method=method).shape == (0, 3)
     assert covariance(rig, np.zeros((0, 3))).shape == (0, 3, 3)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_far_from_the_world_s_origin_no_more_is_lost_than_its_digits(method):
+def test_accuracy_far_from_the_origin_is_that_of_float64(method):
     rig, points = random_rig(np.random.default_rng(0), distorted=True)
     away = 1e5
     moved = Rig(rig.cameras, [geometry.rigid(pose[:3, :3], pose[:3, 3] + away) for pose in rig.world_from_cams])
@@ -178,7 +178,7 @@ def test_far_from_the_world_s_origin_no_more_is_lost_than_its_digits(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_wild_pixels_give_points_or_inf_and_never_nan(method):
+def test_random_pixels_give_points_or_inf(method):
     rng, ahead = np.random.default_rng(1), Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(np.eye(3), [0.0, 0.0, 1.0])])
     for rig in (line(CAMERA, 2, 0.1), toed_in(CAMERA, 0.5, 2.0), ahead):
         points = triangulate(rig, rng.uniform(0, 480, (2, 500, 2)), method=method)
@@ -205,12 +205,12 @@ def test_wild_pixels_give_points_or_inf_and_never_nan(method):
         (lambda r: correct_matches(np.eye(3), [[np.inf, 2]], [[1.0, 2]]), "finite"),
     ],
 )
-def test_what_has_no_answer_is_refused(make, says):
+def test_invalid_input_raises(make, says):
     with pytest.raises(InputError, match=says):
         make(line(CAMERA, 3, 0.1))
 
 
-def test_a_pixel_on_the_epipole_is_left_as_it_is():
+def test_a_pixel_on_the_epipole_does_not_change():
     ahead = Rig([CAMERA] * 2, [np.eye(4), geometry.rigid(np.eye(3), [0.0, 0.0, 1.0])])
     pair = np.array([[CAMERA.cx, CAMERA.cy]]), np.array([[5.0, 7.0]])
     for given, got in zip(pair, correct_matches(fundamental_matrix(ahead), *pair), strict=True):
@@ -227,8 +227,8 @@ def test_triangulation_returns_the_points_and_equals_opencv(rng):
         assert np.allclose(ours, (theirs[:3] / theirs[3]).T, atol=1e-7)
 
 
-def test_triangulation_of_noisy_pixels_averages_over_cameras(rng):
-    """More views of the same points, less error; every camera counts."""
+def test_more_views_reduce_the_error_of_noisy_pixels(rng):
+    """The error decreases with the number of views."""
     points = rng.uniform([-1, -1, 4], [1, 1, 6], size=(200, 3))
     K = np.array([[500, 0, 0], [0, 500, 0], [0, 0, 1.0]])
     matrices = [K @ np.hstack([np.eye(3), [[-0.1 * i], [0], [0]]]) for i in range(9)]
@@ -239,7 +239,7 @@ def test_triangulation_of_noisy_pixels_averages_over_cameras(rng):
     assert error[2] > 2 * error[5] > 2 * error[9]
 
 
-def test_triangulation_refuses_what_does_not_fit(rng):
+def test_triangulate_dlt_raises_for_wrong_shapes(rng):
     matrices, points = two_cameras(rng)
     pixels = [geometry.dehomogeneous(geometry.homogeneous(points) @ m.T) for m in matrices]
     refuses(lambda: triangulate_dlt(matrices[:1], pixels[:1]), "two or more views")
@@ -260,7 +260,7 @@ def rng():
 
 
 def two_cameras(rng):
-    """Two random projection matrices, and points some metres before both."""
+    """Two random projection matrices, and points in front of both."""
     K = np.array([[600, 0, 320], [0, 620, 240], [0, 0, 1.0]])
     points = rng.uniform([-1, -1, 3], [1, 1, 6], size=(40, 3))
     turns = [cv2.Rodrigues(rng.normal(0, 0.1, 3))[0] for _ in range(2)]

@@ -1,4 +1,4 @@
-"""The Airy kernel against brute-force integrals, its laws, and the claim about where a bare hole's model fails."""
+"""The Airy kernel against numerical integrals, and the limits of the model against Fresnel's integral."""
 
 import math
 import warnings
@@ -19,14 +19,14 @@ SHARP = ThinLens(CAMERA.film_distance / 16, focus_distance=1.0)
 
 
 def airy(x: float, y: float, wavelength: float, f_number: float) -> float:
-    """Irradiance per square metre of film of a point that sends one watt."""
+    """Irradiance, W/m^2, of a point light of one watt."""
     t = math.pi * math.hypot(x, y) / (wavelength * f_number)
     return math.pi / 4 / (wavelength * f_number) ** 2 * ((2 * j1(t) / t) ** 2 if t else 1.0)
 
 
 @pytest.mark.parametrize("pitch", [(2e-6, 2e-6), (6e-6, 4e-6)])
 def test_a_kernel_value_is_the_integral_over_a_pixel(pitch):
-    """Against adaptive quadrature of the pattern itself. All values are scaled up alike, by the tail that is cut."""
+    """Against adaptive quadrature; all values have the same factor, which compensates for the tail."""
     wavelength, f_number = 550e-9, 5.6
     kernel = df.airy_kernel(pitch, wavelength, f_number, 40)
     kept = []
@@ -45,7 +45,7 @@ def test_a_kernel_value_is_the_integral_over_a_pixel(pitch):
 
 @pytest.mark.parametrize("f_number", [0.5, 4.0, 64.0])
 @pytest.mark.parametrize("radius", [0, 3, 60])
-def test_the_kernel_sums_to_one_and_is_symmetric(f_number, radius):
+def test_the_kernel_has_sum_one_and_is_symmetric(f_number, radius):
     kernel = df.airy_kernel((3e-6, 3e-6), 500e-9, f_number, radius)
     assert kernel.shape == (2 * radius + 1, 2 * radius + 1)
     assert abs(kernel.sum() - 1) < 1e-12
@@ -54,7 +54,7 @@ def test_the_kernel_sums_to_one_and_is_symmetric(f_number, radius):
         assert turned == pytest.approx(kernel, abs=1e-14)
 
 
-def test_the_tail_outside_the_kernel_is_at_most_what_was_asked():
+def test_the_light_outside_the_kernel_is_at_most_the_tail():
     wavelength, f_number, pitch = 500e-9, 11.0, 4e-6
     radius = df.kernel_radius_px((pitch, pitch), wavelength, f_number, tail=0.01)
     outside = 1 - df.encircled_energy(radius * pitch, wavelength, f_number)
@@ -64,20 +64,20 @@ def test_the_tail_outside_the_kernel_is_at_most_what_was_asked():
 @pytest.mark.parametrize("f_number", [2.8, 8.0, 22.0])
 @pytest.mark.parametrize("wavelength", df.CHANNEL_WAVELENGTHS)
 def test_first_dark_ring_measured_on_the_kernel(wavelength, f_number):
-    """Fine pixels show the first minimum along the row through the centre at 1.22 lambda N within 2%."""
+    """The first minimum of the central row is at 1.22 lambda N within 2%."""
     pitch = wavelength * f_number / 100
     row = df.airy_kernel((pitch, pitch), wavelength, f_number, 200)[200, 200:]
     assert argrelmin(row)[0][0] * pitch == pytest.approx(1.22 * wavelength * f_number, rel=0.02)
     assert df.airy_radius(wavelength, f_number) == pytest.approx(1.21967 * wavelength * f_number, rel=1e-5)
 
 
-def test_encircled_energy_is_rayleighs():
+def test_encircled_energy_equals_rayleighs():
     """83.8%, 91.0% and 93.8% within the first three dark rings: Born and Wolf, section 8.5.2."""
     zeros = np.array([3.83171, 7.01559, 10.17347]) / math.pi
     assert df.encircled_energy(zeros * 500e-9 * 8, 500e-9, 8.0) == pytest.approx([0.838, 0.910, 0.938], abs=1e-3)
 
 
-def test_a_point_of_light_becomes_the_kernel_in_each_colour():
+def test_a_point_of_light_gives_the_kernel_of_each_colour():
     image = np.zeros((48, 64, 3), np.float32)
     image[24, 32] = [1, 2, 3]
     blurred = diffract(image, CAMERA, SHARP)
@@ -95,23 +95,23 @@ def test_a_point_of_light_becomes_the_kernel_in_each_colour():
     assert widths == sorted(widths, reverse=True)
 
 
-def test_light_is_conserved():
-    """Reflection at the borders gives back just what leaves: an even field stays, every picture keeps its sum."""
+def test_diffraction_conserves_light():
+    """With reflection at the borders a uniform image does not change, and every image keeps its sum."""
     image = np.random.default_rng(0).random((48, 64, 3)).astype(np.float32)
     light, kept = (picture.sum(axis=(0, 1), dtype=float) for picture in (image, diffract(image, CAMERA, SHARP)))
     assert kept == pytest.approx(light, rel=1e-6)
     assert diffract(np.full_like(image, 0.7), CAMERA, SHARP) == pytest.approx(0.7, rel=1e-6)
 
 
-def test_a_wide_lens_and_large_pixels_change_nothing():
+def test_diffraction_is_negligible_for_a_wide_lens_and_large_pixels():
     image = np.random.default_rng(0).random((48, 64, 3)).astype(np.float32)
     coarse = CAMERA.replace(pixel_pitch_um=2000.0)
     lens = ThinLens(coarse.film_distance, focus_distance=1.0)
     assert diffract(image, coarse, lens) == pytest.approx(image, abs=1e-3)
 
 
-def test_a_bare_hole_takes_its_own_film_distance():
-    """Pixels are v/fx wide there: the pattern of a hole is A/(lambda fx) pixels wide whatever v is."""
+def test_a_bare_aperture_uses_its_own_film_distance():
+    """A pixel is v/fx wide: the pattern in pixels does not depend on v."""
     image = np.zeros((48, 64, 3), np.float32)
     image[24, 32] = 1
     near, far = (diffract(image, CAMERA, BareAperture(20e-6, v)) for v in (0.05, 0.2))
@@ -119,7 +119,7 @@ def test_a_bare_hole_takes_its_own_film_distance():
 
 
 def true_and_modelled_pattern(n: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """Fresnel's integral behind a hole of radius 1, the disk convolved with the Airy pattern, and a pixel's area."""
+    """Fresnel's integral for an aperture of radius 1, the disk convolved with the Airy pattern, and the pixel area."""
     nodes, weights = np.polynomial.legendre.leggauss(200)
     s, w = (nodes + 1) / 2, weights / 2
     reach = 4 + 6 / n
@@ -135,18 +135,18 @@ def true_and_modelled_pattern(n: float) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 @pytest.mark.parametrize(("n", "share"), [(0.1, 0.03), (0.2, 0.09), (0.5, 0.28), (1.0, 0.24), (5.0, 0.19)])
-def test_the_share_of_misplaced_light_is_what_the_docstring_says(n, share):
+def test_the_share_of_misplaced_light_is_as_documented(n, share):
     true, modelled, area = true_and_modelled_pattern(n)
     assert 0.5 * np.abs(true - modelled).sum() * area == pytest.approx(share, abs=0.012)
 
 
-def test_the_true_peak_at_the_sharpest_pinhole():
+def test_the_true_peak_of_the_sharpest_pinhole():
     true, modelled, _ = true_and_modelled_pattern(1.0)
     assert true[250, 250] / modelled[250, 250] == pytest.approx(4.4, abs=0.1)
 
 
 @pytest.mark.parametrize(("number", "warns"), [(0.1, False), (1.0, True), (30.0, True), (200.0, False)])
-def test_a_bare_hole_warns_between_rays_and_waves(number, warns):
+def test_a_bare_aperture_warns_at_intermediate_fresnel_numbers(number, warns):
     hole = BareAperture(2 * math.sqrt(number * 549e-9 * 0.05), 0.05)
     assert df.fresnel_number(hole.diameter, 549e-9, 0.05) == pytest.approx(number)
     with warnings.catch_warnings(record=True) as caught:
@@ -170,7 +170,7 @@ def test_a_bare_hole_warns_between_rays_and_waves(number, warns):
         ([[1.0], [1.0, 2.0]], SHARP, "unequal"),
     ],
 )
-def test_what_cannot_be_diffracted_is_refused_in_one_line(image, lens, says):
+def test_invalid_images_and_lenses_raise_in_one_line(image, lens, says):
     with pytest.raises(InputError, match=says) as refusal:
         diffract(image, CAMERA, lens)
     assert "\n" not in str(refusal.value)
@@ -186,13 +186,13 @@ def test_what_cannot_be_diffracted_is_refused_in_one_line(image, lens, says):
         ((1e-6, 1e-6), 5e-7, math.nan, 3),
     ],
 )
-def test_impossible_kernels_are_refused(bad):
+def test_invalid_kernels_raise(bad):
     with pytest.raises(InputError, match="positive"):
         df.airy_kernel(*bad)
 
 
 @pytest.mark.parametrize("radius", [-1, 1.5, math.nan, None, True])
-def test_impossible_kernel_sizes_are_refused(radius):
+def test_invalid_kernel_sizes_raise(radius):
     with pytest.raises(InputError, match="radius_px"):
         df.airy_kernel((1e-6, 1e-6), 5e-7, 8.0, radius)
 
@@ -200,7 +200,7 @@ def test_impossible_kernel_sizes_are_refused(radius):
 @pytest.mark.parametrize(
     "wavelengths", [(5e-7, 5e-7), (5e-7,) * 4, (5e-7, math.nan, 5e-7), (5e-7, 0.0, 5e-7), (1, 2, math.inf), 5e-7, None]
 )
-def test_a_picture_has_three_wavelengths(wavelengths):
+def test_invalid_wavelengths_raise(wavelengths):
     with pytest.raises(InputError, match="three positive numbers of metres") as refusal:
         diffract(np.ones((48, 64, 3)), CAMERA, SHARP, wavelengths)
     assert "\n" not in str(refusal.value)
@@ -216,6 +216,6 @@ def test_a_picture_has_three_wavelengths(wavelengths):
         (lambda: df.kernel_radius_px((1e-6, 1e-6), 5e-7, 8.0, tail=0.0), "tail"),
     ],
 )
-def test_impossible_light_is_refused(ask, says):
+def test_invalid_arguments_raise(ask, says):
     with pytest.raises(InputError, match=says):
         ask()

@@ -18,7 +18,7 @@ pixels = st.floats(0.2, 5.0)
 
 
 @given(focal, stops, st.floats(0.5, 50.0), pixels)
-def test_depth_of_field_is_the_textbooks(f, n, s, c_px):
+def test_depth_of_field_equals_the_textbook(f, n, s, c_px):
     """Near and far of Ray, Applied Photographic Optics: s (H - f) / (H +- (s - f)...), H = f^2 / (N c) + f.
 
     The textbook has a lens of fixed power and moves the film to v = f s / (s - f): at that film the two must agree.
@@ -36,7 +36,7 @@ def test_depth_of_field_is_the_textbooks(f, n, s, c_px):
 
 
 @given(focal, stops, pixels)
-def test_hyperfocal_distance_is_the_textbooks(f, n, c_px):
+def test_hyperfocal_distance_equals_the_textbook(f, n, c_px):
     """f^2 / (N c) + f, for the lens that is focused there."""
     pitch = 5e-6
     hyperfocal = f * f / (n * c_px * pitch) + f
@@ -45,7 +45,7 @@ def test_hyperfocal_distance_is_the_textbooks(f, n, c_px):
 
 
 @given(st.floats(1e-4, 0.05), st.floats(100, 5000), pixels)
-def test_focused_at_the_hyperfocal_distance_sharpness_runs_from_its_half_to_infinity(a, fx, c_px):
+def test_the_hyperfocal_depth_of_field_is_from_half_of_it_to_infinity(a, fx, c_px):
     h = optics.hyperfocal_distance(a, fx, c_px)
     near, far = optics.depth_of_field(a, fx, 1 / (h * (1 + 1e-12)), c_px)
     assert near == pytest.approx(h / 2)
@@ -53,7 +53,7 @@ def test_focused_at_the_hyperfocal_distance_sharpness_runs_from_its_half_to_infi
 
 
 @given(st.floats(1e-4, 0.05), st.floats(100, 5000), st.floats(-20.0, 5.0), pixels)
-def test_blur_at_the_limits_is_the_circle_allowed(a, fx, k, c_px):
+def test_blur_at_the_limits_is_the_circle(a, fx, k, c_px):
     limits = optics.depth_of_field(a, fx, k, c_px)
     for depth, sign in zip(limits, (1, -1), strict=True):
         if depth < math.inf:
@@ -62,21 +62,21 @@ def test_blur_at_the_limits_is_the_circle_allowed(a, fx, k, c_px):
 
 
 @given(st.floats(1e-4, 0.05), st.floats(100, 5000), st.floats(-20.0, 5.0), pixels, st.floats(1e-3, 1e3))
-def test_in_focus_is_what_lies_between_the_limits(a, fx, k, c_px, z):
+def test_in_focus_is_true_between_the_limits(a, fx, k, c_px, z):
     near, far = optics.depth_of_field(a, fx, k, c_px)
     if min(abs(z / near - 1), abs(z / far - 1)) > 1e-9:
         assert bool(optics.in_focus(z, a, fx, k, c_px)) == (near < z < far)
 
 
-def test_in_focus_at_the_ends():
-    """A pinhole is sharp everywhere; infinity is a depth; nothing is sharp behind an open box."""
+def test_in_focus_in_limiting_cases():
+    """A pinhole, infinite depth, and a bare aperture."""
     depths = np.array([[0.1, 1.0], [100.0, np.inf]])
     assert optics.in_focus(depths, 0.0, 700, 0.5).all()
     assert optics.in_focus(depths, 0.01, 700, 0.0).tolist() == [[False, False], [True, True]]
     assert not optics.in_focus(depths, 0.01, 700, -20.0).any()
 
 
-def test_depth_of_field_at_the_ends():
+def test_depth_of_field_in_limiting_cases():
     assert optics.depth_of_field(0.0, 700, 0.5) == (0.0, math.inf)
     assert optics.depth_of_field(0.01, 700, k=-20.0) == (math.inf, math.inf)  # an open box: nothing is sharp
     near, far = optics.depth_of_field(0.01, 700, k=0.0)
@@ -84,8 +84,8 @@ def test_depth_of_field_at_the_ends():
 
 
 @pytest.mark.parametrize("f", [math.inf, 0.05], ids=["bare hole", "lens"])
-def test_blur_is_the_spread_of_rays_bent_by_hand(f):
-    """Rays of a point through the aperture's two edges, bent by -y/f and followed to the film."""
+def test_blur_equals_traced_rays(f):
+    """Rays through the two edges of the aperture, deflected by -y/f and traced to the film."""
     v, a, z, fx = 0.06, 0.012, 0.8, 1200.0
     landings = [y + v * (y / z - y / f) for y in (-a / 2, a / 2)]  # paraxial: slope from the point, then the bend
     spread_px = (landings[1] - landings[0]) * fx / v
@@ -94,13 +94,13 @@ def test_blur_is_the_spread_of_rays_bent_by_hand(f):
 
 
 @given(st.floats(0.05, 100.0), st.floats(0.001, 0.3))
-def test_focal_length_obeys_gauss(s, v):
+def test_focal_length_obeys_the_thin_lens_equation(s, v):
     assert 1 / optics.focal_length(s, v) == pytest.approx(1 / s + 1 / v)
     assert optics.vergence(1 / optics.focal_length(s, v), v) == pytest.approx(1 / s, abs=1e-9 / v)
     assert optics.focal_length(math.inf, v) == pytest.approx(v)
 
 
-def test_blur_and_disparity_are_one_line():
+def test_blur_is_linear_in_disparity():
     """c = (A/B) (d - d_focus), over depths on both sides of focus."""
     fx, a, b, focus = 700.0, 0.02, 0.12, 1.5
     z = np.linspace(0.4, 20, 50)
@@ -113,20 +113,20 @@ def test_airy_zero_is_the_first_root_of_j1():
 
 
 def test_film_distance_and_fov_of_a_full_frame_camera():
-    """36 mm of film at 50 mm: 39.6 degrees, as lens tables say."""
+    """36 mm of film at 50 mm: 39.6 degrees."""
     camera = Camera.from_fov(6000, 4000, fov_x_deg=math.degrees(2 * math.atan(18 / 50)), pixel_pitch_um=6.0)
     assert camera.film_distance == pytest.approx(0.05)
     assert camera.fov_x_deg == pytest.approx(39.6, abs=0.01)
 
 
 @pytest.mark.parametrize("depth", [0.0, -1.0, math.nan, [1.0, math.nan], "near", None])
-def test_impossible_depths_are_refused(depth):
+def test_invalid_depths_raise(depth):
     with pytest.raises(InputError, match="depth must be"):
         optics.circle_of_confusion_px(depth, 0.01, 700, 0.5)
 
 
 @pytest.mark.parametrize("circle", [0.0, -1.0, math.nan, "1", True])
-def test_impossible_circles_are_refused(circle):
+def test_invalid_circles_raise(circle):
     with pytest.raises(InputError, match="circle_px"):
         optics.depth_of_field(0.01, 700, 0.5, circle)
     with pytest.raises(InputError, match="circle_px"):
@@ -145,7 +145,7 @@ IMPOSSIBLE_EYES = {
 @pytest.mark.parametrize(
     ("named", "change"), [(named, change) for named, changes in IMPOSSIBLE_EYES.items() for change in changes], ids=str
 )
-def test_impossible_eyes_are_refused(named, change):
+def test_invalid_apertures_raise(named, change):
     eye = {"aperture_diameter": 0.01, "fx": 700.0, "k": 0.5} | change
     asks = [lambda: optics.circle_of_confusion_px(1.0, **eye), lambda: optics.depth_of_field(**eye)]
     asks.append(lambda: optics.in_focus([1.0, 2.0], **eye))
@@ -158,7 +158,7 @@ def test_impossible_eyes_are_refused(named, change):
 
 
 @pytest.mark.parametrize("distance", [0.0, -2.0, math.nan, "2", None])
-def test_impossible_distances_are_refused(distance):
+def test_invalid_distances_raise(distance):
     with pytest.raises(InputError, match="focus_distance"):
         optics.focal_length(distance, 0.05)
     with pytest.raises(InputError, match="film_distance"):
@@ -167,7 +167,7 @@ def test_impossible_distances_are_refused(distance):
         optics.vergence(20.0, distance)
 
 
-def test_an_impossible_power_is_refused():
+def test_an_invalid_power_raises():
     with pytest.raises(InputError, match="power"):
         optics.vergence(math.nan, 0.05)
 

@@ -1,4 +1,4 @@
-"""Many views in one cloud and one surface, against spheres and planes that are known; and what is measured of them."""
+"""Fusion and evaluation against spheres and planes."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ CAMERA = Camera(120, 120, 240.0, 240.0, 59.5, 59.5, BrownConrady(-0.1, 0.02))
 
 
 def sphere_depth(camera, pose):
-    """Depths of a sphere of RADIUS about the world's origin, +inf beside it."""
+    """Depths of a sphere of RADIUS about the world's origin, +inf elsewhere."""
     rays = camera.unproject(camera.pixel_grid()) @ pose[:3, :3].T
     eye = pose[:3, 3]
     a, b, c = (rays**2).sum(-1), rays @ eye, eye @ eye - RADIUS**2
@@ -26,7 +26,7 @@ def sphere_depth(camera, pose):
 
 @pytest.fixture(scope="module")
 def ring():
-    """Twelve views around the sphere, its red growing with height."""
+    """Twelve views around the sphere; red increases with height."""
     rig = arc(CAMERA, 12, DISTANCE, 360.0, rigid(np.eye(3), [0, 0, -DISTANCE]))
     views = []
     for camera, pose in zip(rig.cameras, rig.world_from_cams, strict=True):
@@ -42,7 +42,7 @@ def surface(ring):
     return surface_of(integrate(ring, 0.02))
 
 
-def test_the_surface_is_the_sphere_where_views_saw_it(surface):
+def test_the_surface_is_the_sphere_where_it_was_seen(surface):
     off = np.linalg.norm(surface.vertices, axis=1) - RADIUS
     steep = np.abs(surface.vertices[:, 1]) > 0.3  # seen at a slant, or not at all
     assert np.abs(off[~steep]).max() < 0.003
@@ -50,7 +50,7 @@ def test_the_surface_is_the_sphere_where_views_saw_it(surface):
     assert abs(off[~steep].mean()) < 5e-4
 
 
-def test_its_triangles_look_outwards_and_have_the_colours_that_were_seen(surface):
+def test_triangles_face_outwards_and_have_the_colours_of_the_images(surface):
     solid = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
     level = np.abs(solid.triangles_center[:, 1]) < 0.3
     outwards = np.einsum("nc,nc->n", solid.face_normals, solid.triangles_center)
@@ -60,7 +60,7 @@ def test_its_triangles_look_outwards_and_have_the_colours_that_were_seen(surface
     assert (surface.colors[belt, 1] == 40).all()
 
 
-def test_nothing_stands_where_no_view_has_told(ring):
+def test_unseen_parts_have_no_triangles(ring):
     volume = integrate(ring[:1], 0.02)
     half = surface_of(volume)
     towards = ring[0].world_from_cam[:3, 3] / DISTANCE
@@ -69,7 +69,7 @@ def test_nothing_stands_where_no_view_has_told(ring):
     assert not inside.any() or volume.distance.min() >= -1
 
 
-def test_finer_cells_come_nearer(ring):
+def test_smaller_cells_are_more_accurate(ring):
     off = []
     for cell in (0.04, 0.02):
         vertices = surface_of(integrate(ring, cell)).vertices
@@ -77,7 +77,7 @@ def test_finer_cells_come_nearer(ring):
     assert off[1] < 0.6 * off[0]
 
 
-def test_noise_of_many_views_is_averaged(ring):
+def test_fusing_many_views_reduces_noise(ring):
     rng = np.random.default_rng(3)
     noisy = [DepthView(v.camera, v.world_from_cam, v.depth + rng.normal(0, 0.01, v.depth.shape)) for v in ring]
     vertices = surface_of(integrate(noisy, 0.02, reach=0.08)).vertices
@@ -86,7 +86,7 @@ def test_noise_of_many_views_is_averaged(ring):
     assert abs(off.mean()) < 0.002
 
 
-def test_fusing_keeps_what_other_views_confirm(ring):
+def test_fusing_keeps_points_that_other_views_agree_on(ring):
     wrong = ring[3].depth.copy()
     wrong[50:70, 50:70] *= 0.9  # a bump that only one view believes in
     views = [*ring[:3], DepthView(ring[3].camera, ring[3].world_from_cam, wrong), *ring[4:]]
@@ -96,7 +96,7 @@ def test_fusing_keeps_what_other_views_confirm(ring):
     assert len(strict) > 0.9 * (len(loose) - 400)
 
 
-def test_thinning_leaves_one_mean_point_a_cell():
+def test_thinning_keeps_the_mean_of_each_cell():
     rng = np.random.default_rng(0)
     cloud = Cloud(rng.uniform(-1, 1, (500, 3)), rng.integers(0, 255, (500, 3), np.uint8))
     thin = thinned(cloud, 0.5)
@@ -118,7 +118,7 @@ def grid_plane(z, width=1.0, step=0.01):
     return Cloud(np.stack([x.ravel(), y.ravel(), np.full(x.size, z)], axis=1))
 
 
-def test_a_plane_that_is_off_and_half_of_which_is_missing():
+def test_comparison_of_a_shifted_half_plane():
     found = compare(grid_plane(0.003, 0.5), grid_plane(0.0), tolerances_mm=(2, 4), max_distance_mm=20)
     assert found.accuracy_mean_mm == pytest.approx(3)
     assert found.accuracy_median_mm == pytest.approx(3)
@@ -136,7 +136,7 @@ def test_distances_equal_a_naive_loop():
     assert np.allclose(distances(a, b), [min(np.linalg.norm(p - q) for q in b) for p in a])
 
 
-def test_the_same_cloud_is_perfect_and_a_far_one_is_all_outliers():
+def test_comparison_of_equal_and_distant_clouds():
     plane = grid_plane(0.0)
     same, far = compare(plane, plane, spacing_mm=20), compare(grid_plane(5.0), plane)
     assert (same.accuracy_mean_mm, same.completeness_mean_mm, same.shares[0].f_score) == (0, 0, 1)
@@ -161,6 +161,6 @@ def test_the_same_cloud_is_perfect_and_a_far_one_is_all_outliers():
         (lambda ring: compare(grid_plane(0), grid_plane(0), tolerances_mm=[0]), "tolerances_mm"),
     ],
 )
-def test_what_has_no_answer_is_refused(ring, make, says):
+def test_invalid_input_raises(ring, make, says):
     with pytest.raises(InputError, match=says):
         make(ring)

@@ -1,4 +1,4 @@
-"""Depth from matched images: its error grows as z^2 / (f B), whatever the matcher."""
+"""The error of matched depth grows as z^2 / (f B)."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ MATCHERS = {
 
 
 def texture(rng):
-    """A random smooth texture of known value everywhere: waves of 4 to 20 pixels."""
+    """A random continuous texture with wavelengths of 4 to 20 pixels."""
     angle, phase = rng.uniform(0, 2 * np.pi, (2, 60))
     k = 2 * np.pi / rng.uniform(4, 20, 60)
     kx, ky = k * np.cos(angle), k * np.sin(angle)
@@ -23,7 +23,7 @@ def texture(rng):
 
 
 def pair(rng, middle, slope=0.03):
-    """Left and right image, with a little noise, of a slanted plane of disparity middle + slope (u - cx), and that."""
+    """Left and right image, with noise, of a slanted plane, and its disparity middle + slope (u - cx)."""
     v, u = np.mgrid[:HEIGHT, :WIDTH].astype(float)
     disparity = middle + slope * (u - 0.5 * (WIDTH - 1))
     paint = texture(rng)
@@ -33,7 +33,7 @@ def pair(rng, middle, slope=0.03):
 
 
 def depth_errors(matcher, baseline, depth, seeds=2):
-    """Absolute depth errors of the middle of the image, metres, of planes about `depth` metres away."""
+    """Absolute depth errors in the middle of the image, metres, of planes at about `depth` metres."""
     camera = Camera(WIDTH, HEIGHT, FX, FX, 0.5 * (WIDTH - 1), 0.5 * (HEIGHT - 1))
     rig = Rig.stereo(camera, baseline)
     found = []

@@ -1,4 +1,4 @@
-"""One depth map's points and triangles: on the true surface, coloured as photographed, cut where depth jumps."""
+"""Points and meshes of one depth map: positions, colours, discontinuities, and files."""
 
 import numpy as np
 import pytest
@@ -33,8 +33,8 @@ def view(depth, **changes):
     return DepthView(CAMERA.replace(**changes), POSE, depth, image)
 
 
-def test_points_of_true_disparity_lie_on_the_true_surface_within_what_float32_tells():
-    """d = fB/z is rounded to half a unit in its last place, and so is z, relative; with doffs a little more."""
+def test_points_of_true_disparity_are_on_the_surface_within_float32_rounding():
+    """The relative error of z is that of d = fB/z, half a unit in the last place, and slightly more with doffs."""
     scene = tl.load_scene("cards")
     left = Camera(96, 72, 105.0, 105.0, 47.5, 35.5)
     rig = Rig.stereo(left, 0.1, scene.world_from_left, right=left.replace(cx=48.75))
@@ -49,7 +49,7 @@ def test_points_of_true_disparity_lie_on_the_true_surface_within_what_float32_te
     assert off.max() > 0.05 * EPS * ray.max()  # it is float32 that limits, and nothing else
 
 
-def test_points_project_onto_their_pixels_in_order_with_their_colours():
+def test_points_project_to_their_pixels_and_have_their_colours():
     depth = np.random.default_rng(1).uniform(1, 3, (30, 40))
     depth[3:6, 10:20] = np.inf
     one = view(depth)
@@ -65,7 +65,7 @@ def plane_depth(camera, normal, offset):
     return offset / (camera.unproject(camera.pixel_grid()) @ np.asarray(normal))
 
 
-def test_a_plane_becomes_all_its_triangles_facing_the_camera():
+def test_a_plane_gives_all_triangles_facing_the_camera():
     one = view(plane_depth(CAMERA, [0.3, -0.2, 1.0], 2.0))
     mesh = mesh_of(one)
     assert len(mesh.faces) == 2 * 29 * 39
@@ -75,7 +75,7 @@ def test_a_plane_becomes_all_its_triangles_facing_the_camera():
     assert np.array_equal(mesh.colors, one.image.reshape(-1, 3))
 
 
-def test_triangles_are_cut_at_a_jump_and_around_what_is_unknown():
+def test_no_triangles_across_discontinuities_and_unknown_depths():
     depth = np.full((30, 40), 2.0)
     depth[:, 20:] = 3.0
     depth[10, 5] = np.inf
@@ -86,7 +86,7 @@ def test_triangles_are_cut_at_a_jump_and_around_what_is_unknown():
     assert len(np.unique(mesh.faces)) == len(mesh.vertices)
 
 
-def test_a_step_is_cut_from_the_angle_that_is_asked_for():
+def test_a_step_is_cut_beyond_the_angle():
     footprint = 2.0 / 45.0
     depth = np.full((30, 40), 2.0)
     depth[:, 20:] += 5 * footprint  # about 79 degrees
@@ -95,7 +95,7 @@ def test_a_step_is_cut_from_the_angle_that_is_asked_for():
 
 
 @pytest.mark.parametrize("make", [points_of, mesh_of])
-def test_files_are_read_back_by_another_library(make, tmp_path):
+def test_files_are_read_by_trimesh(make, tmp_path):
     thing = make(view(np.random.default_rng(2).uniform(1, 1.1, (30, 40))))
     points = thing.points if isinstance(thing, Cloud) else thing.vertices
     write_ply(tmp_path / "a.ply", thing)
@@ -111,7 +111,7 @@ def test_files_are_read_back_by_another_library(make, tmp_path):
     assert np.abs(back.vertices[:, 1] + y).max() < 1e-5
 
 
-def test_a_view_of_truth_has_its_depth_and_an_image_of_eight_bits():
+def test_a_view_of_truth_has_its_depth_and_an_8_bit_image():
     scene = tl.load_scene("cards")
     rig = toed_in(Camera(24, 18, 26.0, 26.0, 11.5, 8.5), 0.2, 1.5, scene.world_from_left)
     truth = tl.ground_truth(scene, rig)[1]
@@ -138,12 +138,12 @@ FLAT = np.full((30, 40), 2.0)
         (lambda: Surface(np.zeros((2, 3)), np.array([[0, 1, 2]])), "vertex 2"),
     ],
 )
-def test_what_cannot_be_is_refused(make, says):
+def test_invalid_input_raises(make, says):
     with pytest.raises(InputError, match=says):
         make()
 
 
-def test_disparities_at_infinity_and_beyond_are_unknown():
+def test_disparities_at_or_beyond_infinity_are_unknown():
     rig = Rig.stereo(CAMERA.replace(distortion=None), 0.1)
     found = view_of_disparity(np.where(np.arange(40) < 20, [[0.0]], [[-3.0]]) * np.ones((30, 1)), rig)
     assert not found.known.any()
@@ -151,7 +151,7 @@ def test_disparities_at_infinity_and_beyond_are_unknown():
     assert not len(mesh_of(found).faces)
 
 
-def test_samples_are_on_the_triangles_as_dense_as_asked_and_coloured_between_the_corners():
+def test_samples_are_uniform_on_the_triangles_with_interpolated_colours():
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1]])
     colors = np.array([[0, 0, 0], [200, 0, 0], [0, 200, 0], [200, 200, 0]], np.uint8)
     cloud = sampled(Surface(corners, np.array([[0, 1, 2], [1, 3, 2]]), colors), 0.02)
@@ -165,7 +165,7 @@ def test_samples_are_on_the_triangles_as_dense_as_asked_and_coloured_between_the
         sampled(Surface(corners, np.array([[0, 1, 2]])), 1e-5)
 
 
-def test_a_splatted_cloud_is_seen_where_it_projects_the_nearer_before_the_farther():
+def test_splatted_points_are_at_their_projections_and_occlude_farther_ones():
     camera = Camera(40, 30, 45.0, 45.0, 19.5, 14.5)
     points = np.array([[0.0, 0, 3], [0.0, 0, 2], [0.5, 0.2, 2]])
     colors = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255]], np.uint8)

@@ -1,4 +1,4 @@
-"""The picture: curves run through the partners of the points, nothing else is touched, epipoles are where they are."""
+"""The epipolar picture: curves pass through the matches, other pixels do not change, epipoles are marked."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def drawn(rig, here, there=None):
     return changed[:, :160], changed[:, 160 + GAP :]
 
 
-def test_lines_of_a_rectified_pair_are_rows_and_nothing_else_is_touched():
+def test_lines_of_a_rectified_pair_are_rows():
     left, right = drawn(line(CAMERA, 2, 0.1), [[120.0, 40.0]])
     assert not left[:20].any()
     assert set(np.flatnonzero(right.any(axis=1))) <= {39, 40, 41}
@@ -30,7 +30,7 @@ def test_lines_of_a_rectified_pair_are_rows_and_nothing_else_is_touched():
 
 
 @pytest.mark.parametrize("distortion", [None, BrownConrady(-0.2, 0.05)])
-def test_the_curve_of_each_point_runs_through_its_partner(distortion):
+def test_the_curve_of_each_point_passes_through_its_match(distortion):
     rig = toed_in(CAMERA.replace(distortion=distortion), 0.4, 1.5)
     points = np.array([[-0.2, -0.25, 1.4], [0.0, 0.1, 1.6], [0.25, 0.3, 1.3]])
     here, there = (rig.project(i, points) for i in (0, 1))
@@ -40,7 +40,7 @@ def test_the_curve_of_each_point_runs_through_its_partner(distortion):
         assert not right[v - 5 : v - 2, u].any()
 
 
-def test_the_epipole_is_where_the_other_camera_is_seen():
+def test_the_epipole_is_the_image_of_the_other_camera():
     rig = Rig([CAMERA] * 2, [np.eye(4), rigid(np.eye(3), [0.1, 0.0, 1.0])])
     left, right = drawn(rig, np.empty((0, 2)))
     for half, (u, v) in ((left, rig.project(0, [0.1, 0.0, 1.0])), (right, (79.5 + 15.0, 59.5))):
@@ -50,7 +50,7 @@ def test_the_epipole_is_where_the_other_camera_is_seen():
     assert not np.any(drawn(line(CAMERA, 2, 0.1), np.empty((0, 2))))
 
 
-def test_images_may_be_grey_or_of_sixteen_bits_and_of_unlike_sizes():
+def test_images_may_be_grey_16_bit_and_of_different_sizes():
     rig = Rig([CAMERA, CAMERA.replace(width=100, height=140)], line(CAMERA, 2, 0.1).world_from_cams)
     grey, deep = np.full((120, 160), 77, np.uint8), np.full((140, 100, 3), 55 << 8, np.uint16)
     picture = epipolar_picture((grey, deep), rig, np.empty((0, 2)))
@@ -59,7 +59,7 @@ def test_images_may_be_grey_or_of_sixteen_bits_and_of_unlike_sizes():
     assert (picture[:, -100:] == 55).all()
 
 
-def test_points_are_allowed_ones_and_spread():
+def test_points_are_allowed_and_spread_evenly():
     allowed = np.random.default_rng(0).random((90, 120)) < 0.3
     points = spread_points(allowed, 12)
     assert len(points) == 12
@@ -78,11 +78,11 @@ def test_points_are_allowed_ones_and_spread():
         ([[0.0, 1.0]], [[0.0, 1.0], [2.0, 3.0]], "same N"),
     ],
 )
-def test_points_that_are_none_are_refused(here, there, says):
+def test_invalid_points_raise(here, there, says):
     with pytest.raises(InputError, match=says):
         epipolar_picture((GREY, GREY), line(CAMERA, 2, 0.1), here, there)
 
 
-def test_cameras_in_one_place_are_refused():
+def test_coinciding_cameras_raise():
     with pytest.raises(InputError, match="centres coincide"):
         epipolar_picture((GREY, GREY), Rig([CAMERA] * 2, [np.eye(4)] * 2), [[0.0, 0.0]])

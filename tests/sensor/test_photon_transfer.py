@@ -1,4 +1,4 @@
-"""The photon transfer method of EMVA 1288 on simulated flat fields gives back the figures that went in."""
+"""The photon transfer method of EMVA 1288 on simulated flat fields recovers the parameters of the sensor."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ GAIN = 0.8  # leaves room above the full well in the converter
 
 
 def frame(level: float, seed: int) -> np.ndarray:
-    """A flat field whose green light fills the wells to `level` in the mean."""
+    """A flat field of green light with a mean of `level` full wells."""
     per_unit = SENSOR.electrons_per_radiance(CAMERA, LENS)[1] * 1e-3
     flat = np.zeros((300, 300, 3))
     flat[..., 1] = level * SENSOR.full_well / per_unit
@@ -44,7 +44,7 @@ def transfer() -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def system_gain(transfer) -> float:
-    """K: the slope of variance over mean, weighted as variances scatter."""
+    """K: the slope of variance over mean, weighted by the standard error."""
     mean, variance = transfer
     return np.polyfit(mean - mean[0], variance, 1, w=1 / variance)[0]
 
@@ -70,7 +70,7 @@ def test_black_level(transfer):
 
 
 def spatial_variance(level: float, count: int = 16) -> tuple[float, float]:
-    """Variance of the mean of `count` frames over the pixels, the rest of temporal noise taken off; and the mean."""
+    """Spatial variance of the mean of `count` frames, without the remaining temporal noise; and the mean."""
     frames = np.stack([frame(level, 1000 + i) for i in range(count)])
     return frames.mean(axis=0).var() - frames.var(axis=0, ddof=1).mean() / count, frames.mean()
 
@@ -84,7 +84,7 @@ def test_prnu_and_dsnu(system_gain):
 
 
 def test_quantum_efficiency(system_gain):
-    """Responsivity over K, with the standard's own count of photons: 50.34 A t lambda E in um^2, ms, um, uW/cm^2."""
+    """Responsivity over K, with the standard's formula of photons: 50.34 A t lambda E in um^2, ms, um, uW/cm^2."""
     radiance, time_ms = 2.0, 4.0
     irradiance = np.pi / 4 / 4**2 * radiance * 100  # W/m^2 are 100 uW/cm^2
     photons = 50.34 * 3.45**2 * time_ms * 0.549 * irradiance
@@ -97,7 +97,7 @@ def test_quantum_efficiency(system_gain):
 
 
 def test_dark_current_grows_with_time():
-    """mu_dark = mu_0 + I t, and its variance grows alike: EMVA 1288's dark signal."""
+    """mu_dark = mu_0 + I t, with equal variance (EMVA 1288)."""
     dark = np.zeros((300, 300, 3))
     warm = SENSOR.replace(dark_current=50.0, dsnu=0.0, read_noise=0.0)
     photo = warm.expose(dark, camera=CAMERA, lens=LENS, exposure=Exposure(8.0))

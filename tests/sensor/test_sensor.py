@@ -1,4 +1,4 @@
-"""Exposure, seeds, eyes and pictures."""
+"""Exposure, seeds, rigs and images."""
 
 import json
 import math
@@ -30,7 +30,7 @@ def scene() -> np.ndarray:
 
 @pytest.mark.parametrize("stop", range(9))
 def test_brightness_follows_the_aperture_squared_over_eight_stops(stop):
-    """Measured on pictures with shot noise, at one exposure: each stop down halves the light."""
+    """With shot noise and one exposure: each stop halves the light."""
     sensor = Sensor.preset("ideal", output="raw")
     exposure = Exposure(1e-3)
     scale = 0.7 * sensor.full_well / (sensor.electrons_per_radiance(CAMERA, LENS).max() * 1e-3)
@@ -51,21 +51,21 @@ def test_brightness_follows_the_open_area(aperture):
     assert light[1] / light[0] == pytest.approx(aperture.area_fraction, rel=1e-6)
 
 
-def test_a_small_bare_hole_and_a_lens_of_the_same_size_let_in_the_same_light():
+def test_a_small_bare_aperture_and_a_lens_of_the_same_size_pass_equal_light():
     size = CAMERA.film_distance / 16
     hole, lens = BareAperture(size, CAMERA.film_distance), LENS.replace(aperture_diameter=size)
     ratio = QUIET.electrons_per_radiance(CAMERA, hole) / QUIET.electrons_per_radiance(CAMERA, lens)
     assert ratio == pytest.approx([1, 1, 1], rel=1e-3)
 
 
-def test_a_deeper_box_is_darker_per_area_and_the_same_per_pixel():
-    """E falls as 1/v^2 while a pixel, v/fx wide, grows as v^2."""
+def test_light_per_pixel_does_not_depend_on_the_film_distance():
+    """E decreases as 1/v^2 while the pixel area (v/fx)^2 grows as v^2."""
     near, far = BareAperture(1e-3, 0.05), BareAperture(1e-3, 0.1)
     ratio = QUIET.electrons_per_radiance(CAMERA, far) / QUIET.electrons_per_radiance(CAMERA, near)
     assert ratio == pytest.approx([1, 1, 1], rel=1e-3)
 
 
-def test_a_pinhole_is_exposed_as_its_reference_aperture():
+def test_a_pinhole_is_exposed_as_its_f_number():
     f8 = ThinLens(CAMERA.film_distance / 8, focus_distance=math.inf)
     pinhole, f8 = (
         QUIET.expose(grey(), camera=CAMERA, lens=lens, exposure=Exposure(0.01)).record for lens in (Pinhole(), f8)
@@ -94,14 +94,14 @@ def test_linear_output_is_proportional_to_radiance_and_balanced():
     assert np.ptp(ratio[image > 0.3]) / ratio.mean() < 0.01
 
 
-def test_auto_exposure_puts_a_grey_wall_at_middle_grey():
+def test_auto_exposure_makes_a_grey_wall_middle_grey():
     picture = Sensor().expose(grey(37.0), camera=CAMERA, lens=LENS).image
     assert picture.dtype == np.uint8
     assert picture.mean() == pytest.approx(118, abs=1)  # 18% of white, as sRGB writes it
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
-def test_auto_exposure_sees_through_the_scale_of_the_scene(scale):
+def test_auto_exposure_does_not_depend_on_the_radiance_scale(scale):
     assert Sensor().expose(scene() * scale, camera=CAMERA, lens=LENS).image.mean() == pytest.approx(
         Sensor().expose(scene(), camera=CAMERA, lens=LENS).image.mean(), rel=0.01
     )
@@ -116,21 +116,21 @@ def test_auto_exposure_keeps_highlights_within_two_stops():
     assert lamp.image[40, 80].mean() > 40
 
 
-def test_darkness_is_a_black_picture():
+def test_a_black_scene_gives_a_black_image():
     photo = Sensor(longest_exposure=1.0).expose(grey(0.0), camera=CAMERA, lens=LENS)
     assert photo.record["time_s"] == 1.0
     assert photo.record["gain"] == 16.0
     assert photo.image.mean() < 20
 
 
-def test_gain_takes_over_where_the_time_ends():
+def test_gain_is_used_after_the_longest_time():
     dim = Sensor().expose(grey(), camera=CAMERA, lens=LENS).record
     short = Sensor(longest_exposure=dim["time_s"] / 4).expose(grey(), camera=CAMERA, lens=LENS)
     assert short.record["gain"] == pytest.approx(4)
     assert short.image.mean() == pytest.approx(118, abs=1.5)
 
 
-def test_exposure_value_is_a_stop_an_aperture_step_and_a_stop_a_doubling():
+def test_exposure_value_equals_its_definition():
     record = Sensor().expose(grey(), camera=CAMERA, lens=LENS, exposure=Exposure(1 / 60)).record
     assert record["ev"] == pytest.approx(math.log2(4**2 * 60))
 
@@ -148,7 +148,7 @@ def correlation(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.corrcoef(a, b)[0, 1])
 
 
-def test_same_seed_same_bytes_on_any_number_of_threads():
+def test_the_seed_determines_the_bytes_with_threads():
     def take(_: int) -> bytes:
         return Sensor().expose(scene(), camera=CAMERA, lens=LENS, seed=5).image.tobytes()
 
@@ -156,7 +156,7 @@ def test_same_seed_same_bytes_on_any_number_of_threads():
         assert len(set(pool.map(take, range(8)))) == 1
 
 
-def test_every_seed_draws_its_own_noise():
+def test_seeds_give_independent_noise():
     sensor = FIXED.replace(prnu=0.0)
     a, b, c = (noise_of(sensor, seed=seed) for seed in (0, 1, 2**40))
     bound = 5 / math.sqrt(len(a))
@@ -170,8 +170,8 @@ def test_left_and_right_noise_is_uncorrelated():
     assert left.record["time_s"] == right.record["time_s"]
 
 
-def test_the_fixed_pattern_stays_with_the_sensor():
-    """Equal over frames; another in the other eye and in another copy of the sensor."""
+def test_the_fixed_pattern_depends_on_the_sensor_only():
+    """Equal in all frames; different for other cameras and serial numbers."""
     still = FIXED.replace(shot_noise=False)
     first = noise_of(still, seed=1)
     assert correlation(first, noise_of(still, seed=2)) > 0.9999
@@ -180,12 +180,12 @@ def test_the_fixed_pattern_stays_with_the_sensor():
     assert abs(correlation(first, noise_of(still.replace(serial=7), seed=1))) < bound
 
 
-def test_a_pair_shares_the_exposure_that_both_need():
+def test_a_pair_shares_one_exposure():
     left, right = QUIET.expose_pair(grey(1.0), grey(3.0), rig=RIG, lens=LENS)
     assert right.image.mean() / left.image.mean() == pytest.approx(3, rel=1e-3)
 
 
-def test_mismatch_changes_the_other_eye_as_told():
+def test_mismatch_changes_the_second_camera():
     wrong = QUIET.replace(mismatch=Mismatch(gain=1.1, time=0.7, black_level=40.0), output="raw")
     left, right = wrong.expose_pair(grey(), grey(), rig=RIG, lens=LENS)
     light = left.image.mean() - 256
@@ -195,7 +195,7 @@ def test_mismatch_changes_the_other_eye_as_told():
 
 
 @pytest.mark.parametrize(("linear", "byte"), [(0.0, 0), (0.0031308, 10), (0.18, 118), (0.5, 188), (1.0, 255)])
-def test_srgb_bytes_are_the_published_ones(linear, byte):
+def test_srgb_equals_published_values(linear, byte):
     sensor = QUIET.replace(output="srgb", bits=8)
     exposure = Exposure(linear / sensor.level_rate(grey(), camera=CAMERA, lens=LENS).max() or 1e-12)
     assert (sensor.expose(grey(), camera=CAMERA, lens=LENS, exposure=exposure).image == byte).all()
@@ -208,7 +208,7 @@ def test_gamma_output_is_the_power_law():
 
 
 @pytest.mark.parametrize("pattern", [f for f in FILTERS if len(f) == 4 and f.isupper()])
-def test_a_mosaic_sees_each_colour_where_its_name_says(pattern):
+def test_a_mosaic_has_the_colours_of_its_name(pattern):
     for channel, letter in enumerate("RGB"):
         light = np.zeros((4, 4, 3))
         light[..., channel] = 1
@@ -220,7 +220,7 @@ def test_a_mosaic_sees_each_colour_where_its_name_says(pattern):
 
 
 @pytest.mark.parametrize("pattern", [f for f in FILTERS if len(f) == 4 and f.isupper()])
-def test_demosaicing_gives_smooth_colours_back(pattern):
+def test_demosaicing_restores_smooth_colours(pattern):
     v, u = np.mgrid[:64, :96]
     image = np.stack([0.2 + u / 200, 0.9 - v / 100, 0.4 + u / 300], axis=-1)
     exposure = Exposure(0.9 / QUIET.level_rate(image, camera=CAMERA, lens=LENS).max())
@@ -233,7 +233,7 @@ def test_demosaicing_gives_smooth_colours_back(pattern):
     assert np.abs(bayer - full)[4:-4, 4:-4].max() < 0.01 * 65535
 
 
-def test_mono_gathers_all_three_bands():
+def test_mono_sums_the_three_bands():
     sensor = QUIET.replace(filters="mono", output="raw", quantum_efficiency=(0.2, 0.5, 0.3))
     record = sensor.expose(grey(), camera=CAMERA, lens=LENS, exposure=Exposure(1e-3)).record
     assert record["mean_electrons"] == pytest.approx(sum(record["electrons_per_radiance"]))
@@ -241,7 +241,7 @@ def test_mono_gathers_all_three_bands():
 
 
 @pytest.mark.parametrize("bits", [8, 10, 16])
-def test_raw_numbers_are_the_converters(bits):
+def test_raw_output_is_the_converters_numbers(bits):
     sensor = Sensor(adc_bits=bits, output="raw", black_level=20.0, largest_gain=1e9)
     photo = sensor.expose(grey(1e9), camera=CAMERA, lens=LENS, exposure=Exposure(1.0))
     assert photo.image.dtype == (np.uint8 if bits == 8 else np.uint16)
@@ -250,7 +250,7 @@ def test_raw_numbers_are_the_converters(bits):
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_presets_take_good_pictures(name):
+def test_presets_give_well_exposed_images(name):
     photo = Sensor.preset(name).expose(scene(), camera=CAMERA, lens=LENS)
     assert photo.image.shape == (64, 96, 3)
     assert 60 < photo.image.mean() < 160
@@ -293,13 +293,13 @@ def test_the_default_is_the_machine_vision_preset():
         ({"gama": 2.0}, "did you mean 'gamma'"),
     ],
 )
-def test_impossible_sensors_are_refused(change, says):
+def test_invalid_sensors_raise(change, says):
     with pytest.raises(InputError, match=says) as refusal:
         Sensor().replace(**change)
     assert "\n" not in str(refusal.value)
 
 
-def test_impossible_exposures_are_refused():
+def test_invalid_exposures_raise():
     for bad in (
         lambda: Exposure(0.0),
         lambda: Exposure(1.0, math.inf),
@@ -333,12 +333,12 @@ def test_impossible_exposures_are_refused():
         (np.zeros((64, 96, 3)), {"eye": -1}, "eye"),
     ],
 )
-def test_impossible_pictures_are_refused(image, how, says):
+def test_invalid_radiances_and_seeds_raise(image, how, says):
     with pytest.raises(InputError, match=says):
         Sensor().expose(image, camera=CAMERA, lens=LENS, **how)
 
 
-def test_a_rig_needs_its_images():
+def test_a_missing_image_raises():
     with pytest.raises(InputError, match="one image per camera"):
         Sensor().expose_rig([grey()], rig=RIG, lens=LENS)
     with pytest.raises(InputError, match="one camera each"):

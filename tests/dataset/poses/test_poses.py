@@ -1,4 +1,4 @@
-"""Rigs in other programs' files: round trips lose nothing, axes turn as those programs say, and bad files are told."""
+"""Rigs in other programs' files: round trips, axis conventions, and invalid files."""
 
 import json
 
@@ -26,7 +26,7 @@ POSE = geometry.look_at([1, 2, 3], [4, 5, 3.5])
 
 @pytest.fixture(scope="module")
 def rig():
-    """One camera of every kind of distortion, anywhere."""
+    """One camera of every distortion model, with random poses."""
     made, _ = random_rig(np.random.default_rng(4), count=4)
     models = (*DISTORTIONS, BrownConrady(0.01, 0.02, 1e-4, 2e-4, 0.003))
     cameras = [camera.replace(distortion=model) for camera, model in zip(made.cameras, models, strict=True)]
@@ -40,7 +40,7 @@ def same(a, b):
     assert np.allclose(a.world_from_cams, b.world_from_cams, rtol=0, atol=1e-12)
 
 
-def test_colmap_comes_back(rig, tmp_path):
+def test_colmap_round_trip(rig, tmp_path):
     write_colmap(tmp_path, rig, ["a.png", "b/c d.png", "e", "f"])
     back = read_colmap(tmp_path)
     same(rig, back.rig)
@@ -48,7 +48,7 @@ def test_colmap_comes_back(rig, tmp_path):
     assert (tmp_path / "points3D.txt").read_text() == ""
 
 
-def test_transforms_come_back(rig, tmp_path):
+def test_transforms_round_trip(rig, tmp_path):
     write_transforms(tmp_path / "transforms.json", rig)
     back = read_transforms(tmp_path / "transforms.json")
     same(rig, back.rig)
@@ -56,13 +56,13 @@ def test_transforms_come_back(rig, tmp_path):
 
 
 @pytest.mark.parametrize(("a", "b"), [(0, 1), (2, 3)])
-def test_opencv_yaml_comes_back(rig, tmp_path, a, b):
+def test_opencv_yaml_round_trip(rig, tmp_path, a, b):
     pair = Rig([rig.cameras[i] for i in (a, b)], [rig.world_from_cams[i] for i in (a, b)])
     write_opencv(tmp_path / "pair.yml", pair)
     same(pair, read_opencv(tmp_path / "pair.yml"))
 
 
-def test_opencv_reads_what_is_written_and_the_other_way_round(rig, tmp_path):
+def test_opencv_reads_our_file_and_we_read_its(rig, tmp_path):
     pair = Rig([rig.cameras[1], rig.cameras[3]], [rig.world_from_cams[i] for i in (1, 3)])
     ours, theirs = tmp_path / "ours.yml", tmp_path / "theirs.yml"
     write_opencv(ours, pair)
@@ -80,8 +80,8 @@ def test_opencv_reads_what_is_written_and_the_other_way_round(rig, tmp_path):
     same(Rig(pair.cameras, [np.eye(4), pair.b_from_a(1, 0)]), back)
 
 
-def test_colmap_quaternions_take_world_points_to_the_camera(tmp_path):
-    """Its own definition, by the rotation formula v + 2 q x (q x v + w v), not by matrices."""
+def test_colmap_quaternions_transform_from_world_to_camera(tmp_path):
+    """By the rotation formula v + 2 q x (q x v + w v), not by matrices."""
     write_colmap(tmp_path, arc(CAMERA, 3, 2.0, 90, POSE))
     line_of = (tmp_path / "images.txt").read_text().splitlines()[0].split()
     w, *q = (float(word) for word in line_of[1:5])
@@ -93,7 +93,7 @@ def test_colmap_quaternions_take_world_points_to_the_camera(tmp_path):
     assert (tmp_path / "cameras.txt").read_text().splitlines()[0] == "1 PINHOLE 640 480 700.0 690.0 310.75 241.5"
 
 
-def test_the_nerf_matrix_has_up_and_back_for_its_second_and_third_axis(tmp_path):
+def test_the_nerf_matrix_has_y_up_and_z_backward(tmp_path):
     write_transforms(tmp_path / "t.json", Rig([CAMERA], [POSE]))
     frame = json.loads((tmp_path / "t.json").read_text())["frames"][0]
     matrix = np.array(frame["transform_matrix"])
@@ -103,7 +103,7 @@ def test_the_nerf_matrix_has_up_and_back_for_its_second_and_third_axis(tmp_path)
     assert (frame["cx"], frame["cy"], frame["fl_y"]) == (310.75, 241.5, 690.0)
 
 
-def test_transforms_of_the_first_kind_have_an_angle_for_all(tmp_path):
+def test_transforms_with_a_camera_angle_are_read(tmp_path):
     frames = [{"file_path": "./r_0", "transform_matrix": np.eye(4).tolist()}]
     table = {"camera_angle_x": np.radians(60), "w": 800, "h": 600, "frames": frames}
     (tmp_path / "t.json").write_text(json.dumps(table))
@@ -144,7 +144,7 @@ def test_colmap_models_are_read(tmp_path, text, model):
         ("1", "", "line 1 must read ID MODEL"),
     ],
 )
-def test_bad_colmap_models_are_told(tmp_path, cameras, images, says):
+def test_invalid_colmap_models_raise(tmp_path, cameras, images, says):
     (tmp_path / "cameras.txt").write_text(cameras)
     (tmp_path / "images.txt").write_text(images)
     with pytest.raises(FileError, match=says) as caught:
@@ -170,7 +170,7 @@ SIZE = {"w": 640, "h": 480, "fl_x": 700}
         ({**SIZE, "frames": [FRAME], "k4": 0.1}, "k4"),
     ],
 )
-def test_bad_transforms_are_told(tmp_path, table, says):
+def test_invalid_transforms_raise(tmp_path, table, says):
     (tmp_path / "t.json").write_text(json.dumps(table))
     with pytest.raises(FileError, match=says):
         read_transforms(tmp_path / "t.json")
@@ -187,7 +187,7 @@ def test_bad_transforms_are_told(tmp_path, table, says):
         ("size1: [ 640, 480 ]", "size1: [ 0, 480 ]", "width"),
     ],
 )
-def test_bad_opencv_files_are_told(tmp_path, old, new, says):
+def test_invalid_opencv_files_raise(tmp_path, old, new, says):
     path = tmp_path / "pair.yml"
     write_opencv(path, line(CAMERA, 2, 0.1))
     assert old in path.read_text()
@@ -196,7 +196,7 @@ def test_bad_opencv_files_are_told(tmp_path, old, new, says):
         read_opencv(path)
 
 
-def test_what_a_format_cannot_hold_is_refused(rig, tmp_path):
+def test_unsupported_rigs_raise(rig, tmp_path):
     rational = Rig([CAMERA.replace(distortion=BrownConrady(k4=0.01))], [np.eye(4)])
     for refused, says in (
         (lambda: write_opencv(tmp_path / "x.yml", rig), "4 cameras"),
@@ -211,7 +211,7 @@ def test_what_a_format_cannot_hold_is_refused(rig, tmp_path):
 
 
 @pytest.mark.parametrize("read", [read_opencv, read_transforms, read_colmap])
-def test_files_that_are_no_text_or_not_there_are_told(read, tmp_path):
+def test_missing_and_binary_files_raise(read, tmp_path):
     with pytest.raises(FileError, match="no such file"):
         read(tmp_path / "missing")
     path = tmp_path / "cameras.txt"
