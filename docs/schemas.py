@@ -9,6 +9,7 @@ from typing import Any
 
 import pydantic
 
+from twinlens.dataset import DatasetFile, SampleFile
 from twinlens.scenes.rigs import RigTable
 from twinlens.scenes.scene_file import SceneFile
 from twinlens.scoring.board_file import BoardModel
@@ -16,7 +17,9 @@ from twinlens.scoring.board_file import BoardModel
 FOLDER = Path(__file__).parent / "schemas"
 MODELS: dict[str, Any] = {
     "board": BoardModel,
+    "dataset": DatasetFile,
     "rig": RigTable,
+    "sample": SampleFile,
     "scene": SceneFile,
 }
 """File name without extension -> the model or type that pydantic reads the file with."""
