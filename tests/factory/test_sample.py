@@ -135,11 +135,11 @@ def test_a_scene_may_bring_a_rig_of_its_own(scene):
 def test_what_is_asked_of_every_camera_goes_before_what_a_table_says_of_one(scene):
     cameras = [{"fx": 20, "fy": 22}, {"fov_x_deg": 40, "distortion": {"k1": 0.2}, "cx": 3.0}]
     own = replace(scene, rig={"cameras": cameras})
-    first, second = default_rig(own, 48, 36, inside={"fx": 60.0, "fy": 61.0}).cameras
+    first, second = default_rig(own, 48, 36, intrinsics={"fx": 60.0, "fy": 61.0}).cameras
     assert (first.fx, first.fy, second.fx, second.fy) == (60.0, 61.0, 60.0, 61.0)
     assert (second.cx, second.distortion.k1) == (3.0, 0.2)
     plain = {"cx": 20.0, "cy": 21.0, "distortion": {"k1": -0.01}}
-    for camera, fx in zip(default_rig(own, 48, 36, inside=plain).cameras, (20, None), strict=True):
+    for camera, fx in zip(default_rig(own, 48, 36, intrinsics=plain).cameras, (20, None), strict=True):
         assert (camera.cx, camera.cy, camera.distortion.k1) == (20.0, 21.0, -0.01)
         assert fx in (None, camera.fx)
     assert default_rig(own, 48, 36, fov_x_deg=90).cameras[0].fx == pytest.approx(24)

@@ -1,12 +1,25 @@
 """Images on the film of a camera: the check of linear radiance, and the inverted image of a real film."""
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import Camera
-from twinlens.errors import InputError, format_value
+from twinlens.errors import InputError, format_value, unknown
+
+SENSOR_WIDTHS_MM = {
+    "1/2.3": 6.17,
+    "1/1.7": 7.6,
+    "2/3": 8.8,
+    "1": 13.2,
+    "4/3": 17.3,
+    "APS-C": 23.5,
+    "35mm": 36.0,
+}
+"""Widths of sensor formats in mm; APS-C is that of Nikon and Sony, Canon's is 22.3 mm. Source: the table of sensor
+formats and sizes in Wikipedia, Image sensor format; 36 x 24 mm is the image size of 135 film, ISO 1007."""
 
 _REAL = "buif"  # NumPy's kinds of booleans, integers and floating-point numbers
 
@@ -49,3 +62,20 @@ def rgb8(image: NDArray[Any]) -> NDArray[np.uint8]:
     """A uint8 or uint16 image (H, W[, 3]) as uint8 (H, W, 3)."""
     eight = (image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image.astype(np.uint8)
     return np.repeat(eight[..., None], 3, axis=2) if eight.ndim == 2 else eight
+
+
+def sensor_width_mm(value: Any) -> float:
+    """The width of a sensor in mm, given as a number or as a name of `SENSOR_WIDTHS_MM`.
+
+    >>> sensor_width_mm("APS-C"), sensor_width_mm(36)
+    (23.5, 36.0)
+
+    Raises InputError for another name, and unless the number is positive.
+    """
+    if isinstance(value, str):
+        if value not in SENSOR_WIDTHS_MM:
+            raise unknown("sensor format", value, SENSOR_WIDTHS_MM)
+        return SENSOR_WIDTHS_MM[value]
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0 < value < math.inf:
+        raise InputError(f"must be a positive number or the name of a format, got {format_value(value)}")
+    return float(value)

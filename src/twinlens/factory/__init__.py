@@ -7,7 +7,8 @@ from twinlens.factory.produce import make, produce
 from twinlens.factory.recipe import Recipe, read_recipe, recipe_from_table
 from twinlens.factory.rectified import rectified_sample
 from twinlens.factory.remake import remake, scene_of
-from twinlens.factory.sample import default_rig, make_sample
+from twinlens.factory.rigs import check_common_view, default_rig
+from twinlens.factory.sample import make_sample
 from twinlens.factory.sources import Sources
 from twinlens.factory.workers import dask_cluster, in_process, worker_processes
 
@@ -19,6 +20,7 @@ __all__ = [
     "Rejected",
     "SampleSpec",
     "Sources",
+    "check_common_view",
     "dask_cluster",
     "default_rig",
     "estimate",

@@ -5,7 +5,7 @@ scene, rig ---------> ground_truth ------------------------------> Truths ---+->
 """
 
 import zlib
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera import Camera, Disk, Lens, Rig
+from twinlens.camera import Disk, Lens, Rig
 from twinlens.camera.diffraction import diffract
 from twinlens.camera.lens import check_lens
 from twinlens.camera.truth import Truth
@@ -22,46 +22,11 @@ from twinlens.dataset import Sample, Shot
 from twinlens.errors import InputError
 from twinlens.factory.sources import file_digests
 from twinlens.rendering import SAMPLERS, backend, ground_truth, render
-from twinlens.scenes import Scene, rig_from_table
+from twinlens.scenes import Scene
 from twinlens.sensor import Exposure, Sensor
 from twinlens.sensor.exposure import check_exposure
 
 _SHOT_STREAM = 2
-
-
-def default_rig(
-    scene: Scene,
-    width: int,
-    height: int,
-    fov_x_deg: float | None = None,
-    baseline: float | None = None,
-    inside: Mapping[str, Any] | None = None,
-) -> Rig:
-    """The rig that a scene's file describes, or the rectified pair that it was composed for, at this image size.
-
-    Field of view and baseline may differ from the scene's, and so may what is `inside` every camera: fx, fy, cx, cy,
-    distortion, pixel_pitch_um, named as in a rig's table (docs/rigs.md). It goes before what the table says, of all
-    cameras or of one.
-    """
-    asked = {"fov_x_deg": fov_x_deg, "baseline": baseline, **(inside or {})}
-    said = {key: value for key, value in asked.items() if value is not None}
-    if scene.rig is not None or inside:
-        return rig_from_table({**_without(scene.rig or {}, said.keys()), **said}, scene, width, height)
-    camera = Camera.from_fov(width, height, scene.fov_x_deg if fov_x_deg is None else fov_x_deg)
-    return Rig.stereo(camera, scene.baseline if baseline is None else baseline, scene.world_from_left)
-
-
-def _without(table: Mapping[str, Any], said: Set[str]) -> dict[str, Any]:
-    """A rig's table without what is `said` otherwise: of all its cameras, and of each that has a table of its own."""
-    replaced = {*said, "fov_x_deg", "fx", "fy"} if said & {"fov_x_deg", "fx"} else {*said}
-
-    def kept(part: Any) -> Any:
-        return {key: part[key] for key in part if key not in replaced} if isinstance(part, Mapping) else part
-
-    own: dict[str, Any] = kept(table)
-    if isinstance(own.get("cameras"), list):
-        own["cameras"] = [kept(camera) for camera in own["cameras"]]
-    return own
 
 
 def make_sample(

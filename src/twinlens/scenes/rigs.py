@@ -4,6 +4,7 @@ layout = "toed_in"          # parallel (default), toed_in, vertical, line, grid,
 baseline = 0.2              # default: the scene's
 distance = 2.0
 fov_x_deg = 50              # or fx, fy, cx, cy in pixels; default: the scene's
+sensor_width_mm = 36        # or "APS-C", ...; or pixel_pitch_um
 distortion = { model = "brown-conrady", k1 = -0.1 }
 cameras = [{}, { fx = 710, fy = 705 }]                 # differences, one table for each camera
 misalignment = { vertical_px = 1.5, roll_deg = 0.2 }   # of the second camera, or a list with one for each
@@ -18,6 +19,7 @@ import numpy as np
 import pydantic
 
 from twinlens.camera import BrownConrady, Camera, Distortion, KannalaBrandt, Misalignment, Rig, layouts, misaligned
+from twinlens.camera.film import sensor_width_mm
 from twinlens.camera.intrinsics import MAX_SIDE
 from twinlens.errors import InputError
 from twinlens.geometry import Float, rigid
@@ -28,6 +30,8 @@ from twinlens.schema import Number, Positive, StrictModel, read, reads, tagged, 
 
 _MOST_CAMERAS = 1000
 Pixels = Annotated[int, pydantic.Field(ge=1, le=MAX_SIDE)]
+SensorWidth = Annotated[Positive, pydantic.BeforeValidator(sensor_width_mm, Number | str)]
+"""A width in mm, or the name of a sensor format."""
 Count = Annotated[int, pydantic.Field(ge=1, le=_MOST_CAMERAS)]
 
 
@@ -67,6 +71,7 @@ class Intrinsics(StrictModel):
     cx: Number | None = None
     cy: Number | None = None
     pixel_pitch_um: Positive | None = None
+    sensor_width_mm: SensorWidth | None = None
     distortion: DistortionTable | None = None
 
     @pydantic.model_validator(mode="after")
@@ -75,6 +80,8 @@ class Intrinsics(StrictModel):
             raise InputError("'fov_x_deg' and 'fx' both set the focal length; keep one")
         if self.fy is not None and self.fx is None:
             raise InputError("'fy' needs 'fx'")
+        if self.pixel_pitch_um is not None and self.sensor_width_mm is not None:
+            raise InputError("'pixel_pitch_um' and 'sensor_width_mm' both set the size of a pixel; keep one")
         return self
 
     def given(self) -> dict[str, Any]:
@@ -87,11 +94,15 @@ class Intrinsics(StrictModel):
         own = self.given()
         replaced = {"fx", "fy", "fov_x_deg"} if own.keys() & {"fx", "fov_x_deg"} else set()
         replaced |= {"fov_x_deg"} if "fx" in shared else set()
+        sizes = {"pixel_pitch_um", "sensor_width_mm"}
+        replaced |= sizes if own.keys() & sizes else set()
         replaced |= {key for key, size in (("cx", "width"), ("cy", "height")) if size in own}
         values = {key: value for key, value in shared.items() if key not in replaced} | own
         fov = values.pop("fov_x_deg", 90.0)
         if "fx" in values:
             values.setdefault("fy", values["fx"])
+        if "sensor_width_mm" in values:
+            values["pixel_pitch_um"] = 1e3 * values.pop("sensor_width_mm") / values["width"]
         return Camera.from_fov(values["width"], values["height"], fov).replace(**values)
 
 

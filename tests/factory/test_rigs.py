@@ -1,0 +1,52 @@
+"""Sensor widths in recipes and options: a number of millimetres or the name of a format."""
+
+import pytest
+
+from twinlens.camera.film import SENSOR_WIDTHS_MM
+from twinlens.errors import InputError
+from twinlens.factory import default_rig, plan, recipe_from_table
+from twinlens.scenes import load_scene, rig_from_table
+
+BASE = {"seed": 1, "count": 4, "scenes": ["cards"], "width": 320, "height": 240}
+
+
+@pytest.mark.parametrize(("width", "millimetres"), [(36, 36.0), ("35mm", 36.0), ("1/2.3", 6.17), ("APS-C", 23.5)])
+def test_a_sensor_width_is_the_width_of_all_pixels(width, millimetres):
+    rig = rig_from_table({"sensor_width_mm": width}, load_scene("cards"), 320, 240)
+    assert [camera.pixel_pitch_um * camera.width for camera in rig.cameras] == pytest.approx([1e3 * millimetres] * 2)
+
+
+def test_a_camera_may_have_a_sensor_of_its_own():
+    cameras = [{}, {"sensor_width_mm": "1", "width": 160}]
+    first, second = rig_from_table({"sensor_width_mm": 8.0, "cameras": cameras}, load_scene("cards"), 320, 240).cameras
+    assert (first.pixel_pitch_um, second.pixel_pitch_um) == pytest.approx((25.0, 82.5))
+
+
+def test_a_format_may_be_drawn():
+    recipe = recipe_from_table({**BASE, "rig": {"sensor_width_mm": {"sweep": ["35mm", 12]}}})
+    assert [plan(recipe, i).drawn["rig"]["sensor_width_mm"] for i in range(3)] == ["35mm", 12, "35mm"]
+
+
+@pytest.mark.parametrize(
+    ("rig", "message"),
+    [
+        ({"sensor_width_mm": "APSC"}, "unknown sensor format 'APSC'; did you mean 'APS-C'"),
+        ({"sensor_width_mm": 0}, "sensor_width_mm: must be a positive number or the name of a format, got 0"),
+        ({"sensor_width_mm": True}, "must be a positive number"),
+        ({"sensor_width_mm": 36, "pixel_pitch_um": 5}, "keep one"),
+        ({"cameras": [{}, {"sensor_width_mm": -1}]}, r"rig\.cameras\[1\]\.sensor_width_mm: must be"),
+    ],
+)
+def test_widths_that_cannot_be(rig, message):
+    with pytest.raises(InputError, match=message) as caught:
+        recipe_from_table({**BASE, "rig": rig})
+    assert str(caught.value).startswith("recipe.toml: rig")
+
+
+def test_a_width_replaces_the_pixel_pitch_of_the_scene(monkeypatch):
+    scene = load_scene("cards")
+    own = rig_from_table({"pixel_pitch_um": 3.45}, scene, 320, 240).cameras[0]
+    assert own.pixel_pitch_um == 3.45
+    assert default_rig(scene, 320, 240, intrinsics={"sensor_width_mm": "4/3"}).cameras[0].pixel_pitch_um == (
+        pytest.approx(1e3 * SENSOR_WIDTHS_MM["4/3"] / 320)
+    )
