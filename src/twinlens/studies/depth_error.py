@@ -123,7 +123,7 @@ def _plane_errors(setup: Setup, rig: Rig, depth: float, seed: int) -> dict[str, 
 
 
 def _errors(stage: Stage, found: NDArray[np.float32], doffs: float) -> tuple[Float, Float]:
-    """Depth errors (m) and disparity errors (px) of inner pixels that are wrong by less than a pixel."""
+    """Depth errors (m) and disparity errors (px) of inner pixels with errors below one pixel."""
     true, z = stage.truth.disparity.astype(np.float64), stage.truth.depth.astype(np.float64)
     disparity = found.astype(np.float64)
     used = stage.truth.visible & np.isfinite(disparity) & (np.abs(disparity - true) < 1)

@@ -8,10 +8,11 @@ is its disparity. Maps of wrong pixels over focus and aperture come from one set
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from twinlens.camera import Camera, Lens, Rig, ThinLens
 from twinlens.rendering import LensGrid, render, render_lens_grid
@@ -49,8 +50,7 @@ def measure(setup: Setup) -> Measured:
         stage = Stage.of(scene, setup.width, setup.height)
         lenses = [lens_at(stage, focus, blur) for blur in BLURS_PX for focus in FOCI]
         grid = render_lens_grid(stage.scene, stage.rig, lenses, setup.spp, stream(seed, 0))
-        rows += _maps(setup, stage, lenses, grid, seed)
-        rows += _different_focus(setup, stage, lenses, grid, seed)
+        rows += _rows(setup, stage, lenses, grid, seed)
     return Measured(rows, notes={"foci": FOCI, "blurs_px": BLURS_PX, "line_aperture_m": LINE_APERTURE,
                                  "line_baseline_m": LINE_BASELINE, "line_focus_m": LINE_FOCUS})  # fmt: skip
 
@@ -74,7 +74,7 @@ def blur_and_disparity(rig: Rig, lens: Lens, depth: float, spp: int, seed: int) 
     """(blur diameter, disparity) in pixels, measured on rendered images of a lamp between the two cameras."""
     scene = lamp(rig.cameras[0], depth, 0.5 * rig.baseline(0, 1))
     images = [image.mean(axis=-1).astype(np.float64) for image in render(scene, rig, lens, spp, seed)]
-    disparity = _centroid(images[0])[0] - _centroid(images[1])[0]
+    disparity = ndimage.center_of_mass(images[0])[1] - ndimage.center_of_mass(images[1])[1]
     return float(np.mean([disk_diameter(image) for image in images])), disparity
 
 
@@ -83,16 +83,10 @@ def disk_diameter(image: Float, own: float = LAMP_PX) -> float:
 
     The variances of the pixel (1/12) and of the lamp's own image (diameter `own`) are subtracted.
     """
-    u, v = _centroid(image)
+    v, u = ndimage.center_of_mass(image)
     rows, columns = np.mgrid[: image.shape[0], : image.shape[1]]
     both = float((((columns - u) ** 2 + (rows - v) ** 2) * image).sum() / image.sum())
     return math.sqrt(max(8.0 * (both - 2.0 / 12.0) - own**2, 0.0))
-
-
-def _centroid(image: Float) -> tuple[float, float]:
-    rows, columns = np.mgrid[: image.shape[0], : image.shape[1]]
-    total = float(image.sum())
-    return float((columns * image).sum() / total), float((rows * image).sum() / total)
 
 
 def _line(seed: int) -> list[Row]:
@@ -109,39 +103,22 @@ def _line(seed: int) -> list[Row]:
     return rows
 
 
-def _maps(setup: Setup, stage: Stage, lenses: Sequence[ThinLens], grid: LensGrid, seed: int) -> list[Row]:
-    rows: list[Row] = []
-    for k, lens in enumerate(lenses):
-        place = {"focus": FOCI[k % len(FOCI)], "aperture_px": BLURS_PX[k // len(FOCI)],
-                 "mean_blur_px": _mean_blur(stage, lens)}  # fmt: skip
-        pictures = stage.expose(grid[k], lens, stream(seed, 1, k), SENSOR)
-        rows += _scored(setup, stage, pictures, {"seed": seed, "part": "map", **place})
-    return rows
-
-
-def _different_focus(setup: Setup, stage: Stage, lenses: Sequence[ThinLens], grid: LensGrid, seed: int) -> list[Row]:
-    """Both cameras focused at the far end, both at the near end, and one at each: equal mean blur."""
+def _rows(setup: Setup, stage: Stage, lenses: Sequence[ThinLens], grid: LensGrid, seed: int) -> Iterator[Row]:
+    """Every lens, then both cameras focused at the far end, both at the near end, and one at each."""
+    blurs = [float(np.abs(stage.blur(lens))[np.isfinite(stage.truth.depth)].mean()) for lens in lenses]
     far = BLURS_PX.index(MISMATCH_BLUR_PX) * len(FOCI)
     near = far + len(FOCI) - 1
-    rows: list[Row] = []
-    for eyes, left, right in (("both far", far, far), ("both near", near, near), ("far and near", far, near)):
-        radiance: list[NDArray[np.float32]] = [grid[left][0], grid[right][1]]
-        pictures = stage.expose(radiance, lenses[left], stream(seed, 3, left, right), SENSOR)
-        blur = 0.5 * (_mean_blur(stage, lenses[left]) + _mean_blur(stage, lenses[right]))
-        place: Row = {"eyes": eyes, "aperture_px": MISMATCH_BLUR_PX, "mean_blur_px": blur}
-        rows += _scored(setup, stage, pictures, {"seed": seed, "part": "eyes", **place})
-    return rows
-
-
-def _scored(setup: Setup, stage: Stage, pictures: Sequence[NDArray[np.uint8]], place: Row) -> list[Row]:
-    return [
-        {**place, "scene": stage.scene.name, "method": method, "totbad2": each["totbad2"], "avgerr": each["avgerr"]}
-        for method, each in stage.errors(pictures, setup.methods).items()
-    ]
-
-
-def _mean_blur(stage: Stage, lens: ThinLens) -> float:
-    return float(np.abs(stage.blur(lens))[np.isfinite(stage.truth.depth)].mean())
+    eyes = {"both far": (far, far), "both near": (near, near), "far and near": (far, near)}
+    places: list[tuple[Row, int, int, tuple[int, ...]]] = []
+    places += [({"part": "map", "focus": FOCI[k % len(FOCI)]}, k, k, (1, k)) for k in range(len(lenses))]
+    places += [({"part": "eyes", "eyes": name}, *pair, (3, *pair)) for name, pair in eyes.items()]
+    for place, left, right, key in places:
+        radiance = [grid[left][0], grid[right][1]]
+        pictures = stage.expose(radiance, lenses[left], stream(seed, *key), SENSOR)
+        lens = {"aperture_px": BLURS_PX[left // len(FOCI)], "mean_blur_px": 0.5 * (blurs[left] + blurs[right])}
+        for method, scores in stage.errors(pictures, setup.methods).items():
+            errors = {"totbad2": scores["totbad2"], "avgerr": scores["avgerr"]}
+            yield {"scene": stage.scene.name, "seed": seed, "method": method, **place, **lens, **errors}
 
 
 def conclude(table: Table) -> list[Finding]:

@@ -55,11 +55,10 @@ class Setup:
 class Finding:
     """A claim, the measurement that tests it, and whether the claim holds.
 
-    text: the claim, a sentence without its full stop. measured: the number with its interval, in `unit`. result: what
-    was measured, in words that are right for either outcome. One {} in `text` or in `result` stands for the number.
-    expected: the value predicted by theory, if any, and its relative `tolerance`. answer: what was found where the
-    claim names one of several, such as a matcher; a seed supports the finding only with the same answer. decided:
-    False where the chosen methods, scenes or noise leave the claim open.
+    text: the claim, without its full stop. measured: the number with its interval, in `unit`. result: the measurement
+    in words that are right for either outcome. One {} in `text` or `result` stands for the number. expected: the
+    predicted value and its relative `tolerance`. answer: what was found where the claim names one of several, such as a
+    matcher; supporting seeds give the same answer. decided: False where the rows leave the claim open.
     """
 
     text: str
@@ -84,7 +83,7 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """The claim and the result with the number filled in, without the last full stop."""
+        """The claim and the result with the number, without the last full stop."""
         return self.template.replace("{}", self.measured.format(self.unit), 1)
 
     @property

@@ -1,7 +1,6 @@
 """Findings of the study `aperture`: the best f-numbers of matchers compared with the two theories."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,9 +44,9 @@ def conclude(table: Table) -> list[Finding]:
 def _optimum(rows: Table, label: str) -> Finding:
     """The distance between the f-numbers of fewest wrong pixels of matcher and theory."""
     distance = over_scenes(rows, lambda unit: _stops_from_theory(unit, WRONG))
-    best = best_of(rows, WRONG)
+    best = _best_of(rows, WRONG)
     end = ", an end of the sweep" if best in (F_NUMBERS[0], F_NUMBERS[-1]) else ""
-    cost = cost_over_best(rows, _of_theory, WRONG)
+    cost = cost_over_best(rows, WRONG)
     near = is_near(rows, WRONG)
     flat = "; the curve is too flat compared with its noise to decide" if near is None else ""
     return Finding(
@@ -94,10 +93,31 @@ def is_near(rows: Table, aim: Aim) -> bool | None:
     None if undecided: the errors two stops from the best f-number exceed the least by no more than noise, and so does
     theory's f-number in the scenes where it is far.
     """
-    far = _far(rows, aim)
-    if far and is_above(cost_over_best(rows.where(scene=far), _of_theory, aim)):
+    stops = {scene: over_scenes(rows.where(scene=scene), lambda unit: _stops_from_theory(unit, aim)).value
+             for scene in rows.values("scene")}  # fmt: skip
+    far = [scene for scene, distance in stops.items() if abs(distance) > ALLOWED_STOPS]
+    if far and is_above(cost_over_best(rows.where(scene=far), aim)):
         return False
-    return not far if is_above(cost_over_best(rows, _two_stops_away, aim)) else None
+    return not far if is_above(cost_over_best(rows, aim, steps=2)) else None
+
+
+def cost_over_best(rows: Table, aim: Aim, steps: int = 0) -> Interval:
+    """The additional error, over scenes, of theory's f-number, or of the better one `steps` steps from the best one.
+
+    The best f-number is cross-validated: found on the scene's other seeds, if there are any.
+    """
+
+    def cost(unit: Table) -> float:
+        own, theory = unit.rows[0], float(unit.numbers(aim.theory)[0])
+        others = rows.where(lambda row: row["seed"] != own["seed"], scene=own["scene"])
+        best = _best_of(others if len(others) else unit, aim)
+        at = F_NUMBERS.index(best)
+        places = [F_NUMBERS[k] for k in (at - steps, at + steps) if 0 <= k < len(F_NUMBERS)]
+        if not steps:
+            places = [min(F_NUMBERS, key=lambda number: abs(math.log(number / theory)))]
+        return min(_mean_at(unit, number, aim) for number in places) - _mean_at(unit, best, aim)
+
+    return over_scenes(rows, cost)
 
 
 def _range(rows: Table, aim: Aim) -> str:
@@ -105,42 +125,8 @@ def _range(rows: Table, aim: Aim) -> str:
     return f"f/{numbers.min():.2g} to f/{numbers.max():.2g}"
 
 
-def _far(rows: Table, aim: Aim) -> list[object]:
-    """The scenes where a matcher's best f-number is farther from theory's than allowed."""
-    stops = {scene: over_scenes(rows.where(scene=scene), lambda unit: _stops_from_theory(unit, aim)).value
-             for scene in rows.values("scene")}  # fmt: skip
-    return [scene for scene, distance in stops.items() if abs(distance) > ALLOWED_STOPS]
-
-
-def best_of(rows: Table, aim: Aim) -> float:
-    """The f-number of the least mean error."""
+def _best_of(rows: Table, aim: Aim) -> float:
     return min(F_NUMBERS, key=lambda number: _mean_at(rows, number, aim))
-
-
-def cost_over_best(rows: Table, places: Callable[[int, Table, Aim], list[int]], aim: Aim) -> Interval:
-    """The additional error of the best of some f-numbers over the best of all, over scenes.
-
-    The best of all is cross-validated: found on the scene's other seeds, if there are any. places: indices of
-    f-numbers, from the index of the best one and the rows of a scene and seed.
-    """
-
-    def cost(unit: Table) -> float:
-        own = unit.rows[0]
-        others = rows.where(lambda row: row["seed"] != own["seed"], scene=own["scene"])
-        best = best_of(others if len(others) else unit, aim)
-        least = min(_mean_at(unit, F_NUMBERS[k], aim) for k in places(F_NUMBERS.index(best), unit, aim))
-        return least - _mean_at(unit, best, aim)
-
-    return over_scenes(rows, cost)
-
-
-def _two_stops_away(best: int, unit: Table, aim: Aim) -> list[int]:
-    return [k for k in (best - 2, best + 2) if 0 <= k < len(F_NUMBERS)]
-
-
-def _of_theory(best: int, unit: Table, aim: Aim) -> list[int]:
-    theory = float(unit.numbers(aim.theory)[0])
-    return [min(range(len(F_NUMBERS)), key=lambda k: abs(math.log(F_NUMBERS[k] / theory)))]
 
 
 def _mean_at(rows: Table, f_number: float, aim: Aim) -> float:
