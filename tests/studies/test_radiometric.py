@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from twinlens.studies.radiometric import CHANGES, SENSOR, changed_pair, is_local, photographs
+from twinlens.studies.radiometric import CHANGES, SENSOR, changed_pair, image_pair, is_local
 from twinlens.studies.stage import Stage
 
 GREY = np.full((61, 81, 3), 100, np.uint8)
@@ -63,7 +63,7 @@ def test_rendering_noise_falls_with_the_samples():
     """16 times the samples: at most half the noise; the sensor adds none."""
     assert not SENSOR.shot_noise
     stage = Stage.of("cards", 64, 48)
-    few, many = (photographs(stage, spp, 0)[1] for spp in (8, 128))
+    few, many = (image_pair(stage, spp, 0)[1] for spp in (8, 128))
     assert 0 < many < 0.5 * few
 
 

@@ -70,7 +70,7 @@ def measure(setup: Setup) -> Measured:
     noise: dict[str, list[float]] = {}
     for scene, seed in sweep(setup, setup.seeds):
         stage = Stage.of(scene, setup.width, setup.height)
-        pictures, rms = photographs(stage, setup.spp, seed)
+        pictures, rms = image_pair(stage, setup.spp, seed)
         noise.setdefault(scene, []).append(rms)
         for name, change in CHANGES.items():
             for amount in change.amounts:
@@ -86,7 +86,7 @@ def measure(setup: Setup) -> Measured:
     )
 
 
-def photographs(stage: Stage, spp: int, seed: int) -> tuple[tuple[Image, Image], float]:
+def image_pair(stage: Stage, spp: int, seed: int) -> tuple[tuple[Image, Image], float]:
     """The image pair from `spp` samples per pixel, and the rendering noise of the left image, rms grey levels.
 
     Two halves of the samples are rendered: their mean is the image, and half their difference has its standard error.

@@ -49,7 +49,7 @@ def measure(setup: Setup) -> Measured:
             rows += _rows(stage, found, pictures, lens, {**place, "method": method})
         if seed == setup.seeds[0]:
             panels.append(_panel(stage, pictures, list(maps.values())))
-    return Measured(rows, tuple(panels), {"blur_px": BLUR_PX, "beside": tuple(COMPARED)})
+    return Measured(rows, tuple(panels), {"blur_px": BLUR_PX, "compared": tuple(COMPARED)})
 
 
 def wide_lens(stage: Stage) -> ThinLens:

@@ -65,7 +65,7 @@ def _medians(rows: Table, mode: str) -> Finding:
         return [_stops_from_theory(part, MEDIAN) for _, part in unit.groups("method")]
 
     near = {str(method): is_near(rows.where(method=method), MEDIAN) for method in rows.values("method")}
-    said = [
+    verdicts = [
         f"{words} for {', '.join(methods)}"
         for words, verdict in (("within", True), ("outside in some scene", False), ("too flat to decide", None))
         if (methods := [method for method, found in near.items() if found is verdict])
@@ -75,7 +75,7 @@ def _medians(rows: Table, mode: str) -> Finding:
         f"At {mode}, for every matcher and scene, the f-number with the least median error is within {ALLOWED_STOPS} "
         "stops of the Cramer-Rao bound's",
         over_scenes(rows, distance), bool(decided) and all(decided), "stops", decided=bool(decided),
-        result=f"bound {_range(rows, MEDIAN)}; mean distance {{}} (positive: narrower); {'; '.join(said)}",
+        result=f"bound {_range(rows, MEDIAN)}; mean distance {{}} (positive: narrower); {'; '.join(verdicts)}",
     )  # fmt: skip
 
 
