@@ -30,7 +30,24 @@ _NEGLIGIBLE = 1e-100  # a leading coefficient without effect in any image
 
 
 @dataclass(frozen=True)
-class BrownConrady:
+class _Model:
+    """Base of the two models."""
+
+    name: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            allowed = "a finite number, from -1e6 to 1e6"
+            check_number(f"{self.name} distortion: {name}", value, allowed, least=-1e6, most=1e6)
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        """The coefficients in the order of the fields, which is OpenCV's."""
+        return astuple(self)
+
+
+@dataclass(frozen=True)
+class BrownConrady(_Model):
     """Radial and tangential distortion with OpenCV's eight coefficients.
 
     With r^2 = x^2 + y^2 and R = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6)::
@@ -51,14 +68,6 @@ class BrownConrady:
     k4: float = 0.0
     k5: float = 0.0
     k6: float = 0.0
-
-    def __post_init__(self) -> None:
-        _check_finite(self)
-
-    @property
-    def coefficients(self) -> tuple[float, ...]:
-        """(k1, k2, p1, p2, k3, k4, k5, k6), in OpenCV's order."""
-        return astuple(self)
 
     def distort(self, xy: ArrayLike) -> Float:
         """Distorted coordinates (..., 2) of ideal ones (..., 2), float64, also beyond the fold."""
@@ -118,7 +127,7 @@ class BrownConrady:
 
 
 @dataclass(frozen=True)
-class KannalaBrandt:
+class KannalaBrandt(_Model):
     """OpenCV's fisheye: theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8), theta the angle from the axis.
 
     ``(x_d, y_d) = theta_d / r (x, y)``, r = tan(theta). Directions of 90 degrees and more are not supported: they
@@ -133,14 +142,6 @@ class KannalaBrandt:
     k2: float = 0.0
     k3: float = 0.0
     k4: float = 0.0
-
-    def __post_init__(self) -> None:
-        _check_finite(self)
-
-    @property
-    def coefficients(self) -> tuple[float, ...]:
-        """(k1, k2, k3, k4), in OpenCV's order."""
-        return astuple(self)
 
     def distort(self, xy: ArrayLike) -> Float:
         """Distorted coordinates (..., 2) of ideal ones (..., 2), float64."""
@@ -275,9 +276,3 @@ def _first_positive_root(polynomial: Polynomial) -> float:
     roots = polynomial.trim(_NEGLIGIBLE).roots()
     real = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots.real)) & (roots.real > 0)]
     return float(real.min()) if real.size else math.inf
-
-
-def _check_finite(model: Distortion) -> None:
-    for name, value in vars(model).items():
-        allowed = "a finite number, from -1e6 to 1e6"
-        check_number(f"{model.name} distortion: {name}", value, allowed, least=-1e6, most=1e6)

@@ -5,9 +5,8 @@ The formulas and their sources are in docs/reconstruction.md.
 
 from twinlens.reconstruction.evaluation import Comparison, compare
 from twinlens.reconstruction.export import write_glb, write_ply
-from twinlens.reconstruction.fusion import fuse, thinned
+from twinlens.reconstruction.fusion import Volume, fuse, integrate, surface_of, thinned
 from twinlens.reconstruction.surface import Cloud, Surface, mesh_of, points_of, sampled
-from twinlens.reconstruction.tsdf import Volume, integrate, surface_of
 from twinlens.reconstruction.views import DepthView, view_of_disparity, view_of_truth
 
 __all__ = [

@@ -14,10 +14,9 @@ from twinlens.dataset.record import encode_json
 from twinlens.errors import InputError
 from twinlens.reconstruction.evaluation import compare
 from twinlens.reconstruction.export import glb_bytes, ply_bytes
-from twinlens.reconstruction.fusion import fuse
+from twinlens.reconstruction.fusion import fuse, integrate, surface_of
 from twinlens.reconstruction.picture import orbit, splat
 from twinlens.reconstruction.surface import Cloud, Surface, sampled
-from twinlens.reconstruction.tsdf import integrate, surface_of
 from twinlens.reconstruction.views import DepthView, view_of_disparity, view_of_truth
 
 MatcherFactory = Callable[..., Any]
