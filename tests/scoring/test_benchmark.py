@@ -17,11 +17,11 @@ from twinlens.errors import FileError, InputError
 from twinlens.scoring import (
     Board,
     MapFolder,
-    NamedMethod,
     Pair,
     evaluate,
     fingerprint,
     load_pair,
+    named_method,
     read_board,
     resume,
     run_benchmark,
@@ -119,7 +119,7 @@ def test_a_function_by_name_fails_by_the_same_kinds(tmp_path, monkeypatch, limit
     monkeypatch.syspath_prepend(str(tmp_path))
     kinds = {name: KINDS[name] for name in ("nan", "minus_inf", "wrong_size", "nothing", "raises")}
     kinds["words"] = "wrong-type"
-    methods = [NamedMethod(f"function:function=wrong_answers:{name}") for name in kinds]
+    methods = [named_method(f"function:function=wrong_answers:{name}") for name in kinds]
     board = run_benchmark([pair()], methods, warm_up=False, time_limit=limit)
     assert {e.method.rpartition(":")[2]: e.failure.kind for e in board.entries} == kinds
 
@@ -238,7 +238,7 @@ def test_a_program_by_name_ends_with_the_limit(tmp_path):
     script = tmp_path / "prog.sh"
     script.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\nexec sleep 60\n")
     script.chmod(0o755)
-    method = NamedMethod(f"program:command='{script} {{left}} {{right}} {{out}}'")
+    method = named_method(f"program:command='{script} {{left}} {{right}} {{out}}'")
     board = run_benchmark([pair()], [method], time_limit=2.0, warm_up=False)
     assert board.entries[0].failure.kind == "time-limit"
     assert has_ended(int((tmp_path / "pid").read_text()))

@@ -5,7 +5,7 @@ from twinlens.scoring.board import FAILURES, Board, Entry, Failure, Mean
 from twinlens.scoring.board_file import board_from_json, board_to_json, json_number, read_board, write_board
 from twinlens.scoring.evaluate import RegionScores, Scores, evaluate
 from twinlens.scoring.map_folder import MapFolder
-from twinlens.scoring.methods import NamedMethod, NamedProgram, named_methods, named_program
+from twinlens.scoring.methods import NamedMethod, named_method, named_methods, named_program
 from twinlens.scoring.metrics import METRICS, Metric, find_metric
 from twinlens.scoring.point_cloud import cloud_errors, points
 from twinlens.scoring.protocols import PROTOCOLS, Protocol, find_protocol, interpolate_background
@@ -48,7 +48,6 @@ __all__ = [
     "Mean",
     "Metric",
     "NamedMethod",
-    "NamedProgram",
     "Pair",
     "Protocol",
     "Region",
@@ -75,6 +74,7 @@ __all__ = [
     "leaderboard_table",
     "lens_label",
     "load_pair",
+    "named_method",
     "named_methods",
     "named_program",
     "open_pairs",

@@ -1,134 +1,99 @@
-"""A board's methods by name: matchers of `matching.parse_method`, and programs by their command."""
+"""A board's methods by name: the matchers and programs that a command line names."""
 
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 from numpy.typing import NDArray
 
 import twinlens
-from twinlens.matching import MethodSpec, Program, parse_method, split_methods
+from twinlens.matching import MethodSpec, find_method, parse_method, split_methods
+
+PROGRAM_GRACE_S = 5.0
+"""Time beyond its limit that a worker gives to a program's matcher, which ends the program itself."""
 
 
 @dataclass(frozen=True)
 class NamedMethod:
-    """A matcher given as text, see `matching.parse_method`. Picklable.
+    """A method of `matching.METHODS` with options, under a name. Picklable.
 
-    Raises
-    ------
-    InputError
-        Unknown matcher or option.
-
-    >>> NamedMethod("sad:block_size=7").name
-    'sad:block_size=7'
+    grace_s: seconds beyond a time limit that the method needs because it enforces the limit itself.
     """
 
-    text: str
-
-    def __post_init__(self) -> None:
-        parse_method(self.text)
+    name: str
+    method: str
+    options: Mapping[str, Any]
+    grace_s: float = 0.0
 
     @cached_property
-    def _parsed(self) -> MethodSpec:
-        return parse_method(self.text)
-
-    @property
-    def name(self) -> str:
-        """Name on the board."""
-        return self._parsed.name
+    def _method(self) -> MethodSpec:
+        return MethodSpec(self.name, find_method(self.method), self.options)
 
     @property
     def spec(self) -> str:
-        """All options including defaults, twinlens's version, and the hashes of the method's files."""
-        method = self._parsed.method
-        options = {**method.options, **self._parsed.options}
-        text = ",".join(f"{name}={value!r}" for name, value in sorted(options.items()))
-        return _with_content(f"twinlens {twinlens.__version__} {method.name}:{text}", self._parsed.content)
+        """All options except time limits, with defaults, twinlens's version, and the hashes of the method's files."""
+        options = {**self._method.method.options, **self.options}
+        text = ",".join(f"{name}={value!r}" for name, value in sorted(options.items()) if name != "timeout_s")
+        content = f" [{self._method.content}]" if self._method.content else ""
+        return f"twinlens {twinlens.__version__} {self.method}:{text}{content}"
 
     @property
     def runs_user_code(self) -> bool:
         """Whether it runs user code in this process: see `MethodSpec.runs_user_code`."""
-        return self._parsed.runs_user_code
+        return self._method.runs_user_code
 
     def check_parts(self) -> None:
-        """InputError or FileError if a file or function that the method needs is missing."""
-        self._parsed.check_parts()
+        """TwinlensError if a file, function, program or package that the method needs is missing."""
+        self._method.check_parts()
 
     def match(
         self, left: NDArray[Any], right: NDArray[Any], *, num_disparities: int, min_disparity: int = 0
     ) -> NDArray[Any]:
-        """Match; a range in the text takes precedence over the arguments."""
-        return self._parsed.match(left, right, num_disparities=num_disparities, min_disparity=min_disparity)
+        """Match; a range among the options takes precedence over the arguments."""
+        return self._method.match(left, right, num_disparities=num_disparities, min_disparity=min_disparity)
 
-    def __reduce__(self) -> tuple[type["NamedMethod"], tuple[str]]:
-        return NamedMethod, (self.text,)
+    def __reduce__(self) -> tuple[type["NamedMethod"], tuple[Any, ...]]:
+        return NamedMethod, (self.name, self.method, dict(self.options), self.grace_s)
 
 
-@dataclass(frozen=True)
-class NamedProgram:
-    """A program as a board's method; see `matching.Program` for the command.
+def named_method(text: str) -> NamedMethod:
+    """The method in `[NAME=]METHOD[:OPTIONS]`, see `matching.parse_method`; InputError if there is none.
 
-    name: name on the board. time_limit: seconds per match, after which the program is killed.
+    >>> named_method("mine=sad:block_size=7").name
+    'mine'
+    """
+    parsed = parse_method(text)
+    return NamedMethod(parsed.name, parsed.method.name, dict(parsed.options))
+
+
+def named_methods(texts: Iterable[str]) -> list[NamedMethod]:
+    """The methods in comma-separated lists, see `matching.split_methods`.
+
+    >>> [m.name for m in named_methods(["sad,zncc:block_size=15,lr_check=1,ssd"])]
+    ['sad', 'zncc:block_size=15,lr_check=1', 'ssd']
+    """
+    return [named_method(text) for text in split_methods(texts)]
+
+
+def named_program(text: str, time_limit: float | None = None) -> NamedMethod:
+    """The program in `[NAME=]COMMAND`, by default named after its executable; it enforces `time_limit`, in seconds.
 
     Raises
     ------
     InputError
         The command lacks {left}, {right} or {out}.
-    """
-
-    name: str
-    command: str
-    time_limit: float | None = None
-    grace_s: ClassVar[float] = 5.0
-
-    def __post_init__(self) -> None:
-        self._program(1)
-
-    @property
-    def spec(self) -> str:
-        """The command and the hashes of the files it names; the time limit does not change results."""
-        return _with_content(f"program:command={self.command!r}", self._program(1).content)
-
-    def check_parts(self) -> None:
-        """InputError if the program does not exist."""
-        self._program(1).check_parts()
-
-    def _program(self, num_disparities: int, min_disparity: int = 0) -> Program:
-        program = Program(self.command, num_disparities=num_disparities, min_disparity=min_disparity)
-        return program if self.time_limit is None else replace(program, timeout_s=self.time_limit)
-
-    def match(
-        self, left: NDArray[Any], right: NDArray[Any], *, num_disparities: int, min_disparity: int = 0
-    ) -> NDArray[Any]:
-        """Run the program on two files."""
-        return self._program(num_disparities, min_disparity).match(left, right)
-
-
-def _with_content(options: str, content: str) -> str:
-    return f"{options} [{content}]" if content else options
-
-
-def named_program(text: str, time_limit: float | None = None) -> NamedProgram:
-    """The program in `name=command`, or in a command alone, which is named after its executable.
 
     >>> named_program("mine=./prog --fast {left} {right} {out}").name
     'mine'
     >>> named_program("bin/prog {left} {right} {out}").name
     'prog'
     """
-    named = re.fullmatch(r"([\w.-]+)=(.*)", text.strip(), re.DOTALL)
-    if named:
-        return NamedProgram(named[1], named[2].strip(), time_limit)
-    words = text.split()
-    return NamedProgram(words[0].rsplit("/", 1)[-1].strip("'\"") if words else "program", text.strip(), time_limit)
-
-
-def named_methods(texts: Iterable[str]) -> list[NamedMethod]:
-    """The methods in comma-separated lists; a comma within a method's options or quotes does not separate methods.
-
-    >>> [m.name for m in named_methods(["sad,zncc:block_size=15,lr_check=1,ssd"])]
-    ['sad', 'zncc:block_size=15,lr_check=1', 'ssd']
-    """
-    return [NamedMethod(text) for text in split_methods(texts)]
+    given = re.fullmatch(r"([\w.-]+)=(.*)", text.strip(), re.DOTALL)
+    command = (given[2] if given else text).strip()
+    executable = (command.split() or ["program"])[0].rsplit("/", 1)[-1].strip("'\"")
+    options = {"command": command} | ({} if time_limit is None else {"timeout_s": time_limit})
+    program = NamedMethod(given[1] if given else executable, "program", options, PROGRAM_GRACE_S)
+    program._method.matcher()
+    return program
