@@ -5,11 +5,14 @@ python docs/schemas.py
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Union
 
 import pydantic
 
 from twinlens.dataset import DatasetFile, SampleFile
+from twinlens.factory.draws import KINDS
+from twinlens.factory.recipe import RecipeTable
+from twinlens.factory.settings import Settings
 from twinlens.scenes.rigs import RigTable
 from twinlens.scenes.scene_file import SceneFile
 from twinlens.scoring.board_file import BoardModel
@@ -18,6 +21,7 @@ FOLDER = Path(__file__).parent / "schemas"
 MODELS: dict[str, Any] = {
     "board": BoardModel,
     "dataset": DatasetFile,
+    "recipe": RecipeTable,
     "rig": RigTable,
     "sample": SampleFile,
     "scene": SceneFile,
@@ -27,7 +31,40 @@ MODELS: dict[str, Any] = {
 
 def schema(name: str) -> str:
     """The text of one schema file."""
-    return json.dumps(pydantic.TypeAdapter(MODELS[name]).json_schema(), indent=1) + "\n"
+    found = pydantic.TypeAdapter(MODELS[name]).json_schema()
+    return json.dumps(with_distributions(found) if name == "recipe" else found, indent=1) + "\n"
+
+
+def with_distributions(recipe: dict[str, Any]) -> dict[str, Any]:
+    """The schema of a recipe whose drawn keys have their types, and accept a distribution in place of any value."""
+    drawn, rig = Settings.model_json_schema(), pydantic.TypeAdapter(RigTable).json_schema()
+    tables = drawn.pop("$defs") | rig.pop("$defs")
+    drawn["properties"]["rig"] = rig
+    kinds = pydantic.TypeAdapter(Union[tuple(KINDS.values())]).json_schema()  # noqa: UP007
+    recipe["properties"] |= drawable(drawn)["properties"]
+    recipe["$defs"] |= {name: drawable(table) for name, table in tables.items()} | kinds.pop("$defs")
+    recipe["$defs"]["Distribution"] = kinds
+    return recipe
+
+
+def drawable(node: Any) -> Any:
+    """A schema in which each property and list entry, but the constants that choose a table, may be a distribution."""
+
+    def either(value: Any) -> Any:
+        if isinstance(value, dict) and "const" in value:
+            return value
+        return {"anyOf": [drawable(value), {"$ref": "#/$defs/Distribution"}]}
+
+    if isinstance(node, list):
+        return [drawable(entry) for entry in node]
+    if not isinstance(node, dict):
+        return node
+    found = {key: value if key == "default" else drawable(value) for key, value in node.items()}
+    if "properties" in node:
+        found["properties"] = {key: either(value) for key, value in node["properties"].items()}
+    if isinstance(node.get("items"), dict):
+        found["items"] = either(node["items"])
+    return found
 
 
 if __name__ == "__main__":

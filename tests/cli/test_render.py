@@ -116,7 +116,7 @@ def test_a_lens_by_its_f_number_is_not_sent_to_a_wider_sensor(twinlens, ball, tm
     code, out, _ = twinlens("render", ball, *QUICK, *lenses, "-o", tmp_path / "out")
     fast, sold, narrow = (line for line in out.splitlines() if line.startswith("  "))
     assert code == 0
-    assert fast.endswith("(blur as asked, but no lens that is sold is so fast)")
+    assert fast.endswith("(the blur is as specified, but no lens on the market is this fast)")
     assert sold.endswith("gain 1")
     assert re.match(r"  thin:0.0005: f/\d{3,}, ", narrow)
 
@@ -133,7 +133,7 @@ def test_what_was_finished_is_listed_when_the_next_scene_fails(twinlens, ball, t
 
     monkeypatch.setattr(factory, "make_sample", interrupted)
     code, _, err = twinlens("render", ball, "cards", *QUICK, "-o", tmp_path / "out")
-    assert (code, err.strip()) == (130, "twinlens: interrupted; what was finished is kept")
+    assert (code, err.strip()) == (130, "twinlens: interrupted; finished samples are kept")
     assert [row.name for row in read_manifest(tmp_path / "out").rows] == ["ball"]
     assert twinlens("verify", tmp_path / "out")[0] == 0
 
@@ -226,3 +226,23 @@ def test_a_bucket_of_other_things_is_left_alone(twinlens, ball):
     assert (code, err.count("\n")) == (2, 1)
     assert "contains 'letter.txt' and no dataset.json" in err
     assert bucket.files() == ["letter.txt"]
+
+
+@pytest.mark.parametrize(("width", "millimetres"), [("36", 36.0), ("APS-C", 23.5), ("1/2.3", 6.17)])
+def test_a_sensor_width_is_a_number_or_a_format(twinlens, ball, tmp_path, width, millimetres):
+    assert twinlens("render", ball, *QUICK, "--sensor-width-mm", width, "-o", tmp_path / "out")[0] == 0
+    camera = Dataset(tmp_path / "out")["ball"].rig.cameras[0]
+    assert camera.pixel_pitch_um * camera.width == pytest.approx(1e3 * millimetres)
+
+
+def test_a_sensor_format_that_is_unknown(twinlens, ball, tmp_path):
+    code, _, err = twinlens("render", ball, *QUICK, "--sensor-width-mm", "APSC", "-o", tmp_path / "out")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--sensor-width-mm APSC: unknown sensor format 'APSC'; did you mean 'APS-C'?" in err
+
+
+def test_a_second_sensor_is_refused_and_a_phone_needs_no_extra(twinlens, ball, tmp_path):
+    code, _, err = twinlens("render", ball, *QUICK, "--sensor", "phone", "--sensor", "ideal", "-o", tmp_path / "out")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--sensor is given 2 times" in err
+    assert twinlens("render", ball, *QUICK, "--sensor", "phone", "-o", tmp_path / "out")[0] == 0

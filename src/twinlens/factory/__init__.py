@@ -8,7 +8,7 @@ from twinlens.factory.recipe import Recipe, read_recipe, recipe_from_table
 from twinlens.factory.rectified import rectified_sample
 from twinlens.factory.remake import remake, scene_of
 from twinlens.factory.rigs import check_common_view, default_rig
-from twinlens.factory.sample import make_sample
+from twinlens.factory.sample import add_sample, make_sample
 from twinlens.factory.sources import Sources
 from twinlens.factory.workers import dask_cluster, in_process, worker_processes
 
@@ -20,6 +20,7 @@ __all__ = [
     "Rejected",
     "SampleSpec",
     "Sources",
+    "add_sample",
     "check_common_view",
     "dask_cluster",
     "default_rig",

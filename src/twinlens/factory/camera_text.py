@@ -5,8 +5,8 @@ The grammar of each option is in its `_HELP` text; errors begin with the option'
 
 import math
 import re
-from collections.abc import Callable, Collection
-from dataclasses import fields
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,7 +25,9 @@ from twinlens.camera import (
     Polygon,
     ThinLens,
 )
-from twinlens.errors import InputError, format_value, unknown
+from twinlens.camera.film import SENSOR_WIDTHS_MM, sensor_width_mm
+from twinlens.dataset import Sample
+from twinlens.errors import InputError, check_number, format_value, unknown
 from twinlens.sensor import PRESETS, Exposure, Mismatch, Sensor
 
 Made = TypeVar("Made")
@@ -58,6 +60,9 @@ EXPOSURE_HELP = (
     "[default: automatic for each lens]"
 )
 MISMATCH_HELP = "Differences of the right camera: gain=1.1,exposure=1.05 (factors), black=2 (DN)."
+SENSOR_WIDTH_HELP = (
+    f"Width of the sensor in mm, or its format ({', '.join(SENSOR_WIDTHS_MM)}), instead of --pixel-pitch-um."
+)
 SENSOR_HELP = f"{', '.join(PRESETS)}; parameters may be changed: phone:prnu=0.01,filters=mono,output=linear."
 
 _MISMATCHES = {"gain": "gain", "exposure": "time", "black": "black_level"}
@@ -270,3 +275,81 @@ def _with_location(where: str, make: Callable[[], Made]) -> Made:
         return make()
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
+
+
+def parse_intrinsics(options: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of a rig's table that the options of `twinlens render` set for all cameras.
+
+    >>> parse_intrinsics({"focal_length_px": "700", "sensor_width_mm": "35mm"})
+    {'fx': 700.0, 'fy': 700.0, 'sensor_width_mm': 36.0}
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    for one, other in (("fov", "focal_length_px"), ("pixel_pitch_um", "sensor_width_mm")):
+        if one in given and other in given:
+            names = (f"--{name.replace('_', '-')}" for name in (one, other))
+            raise InputError(f"{' and '.join(names)} exclude each other")
+    found: dict[str, Any] = {}
+    if "focal_length_px" in given:
+        form = "FX[,FY], positive numbers of pixels, such as 700 or 700,690"
+        focal = parse_numbers("--focal-length-px", given["focal_length_px"], 1, 2, form)
+        if not all(0 < number < math.inf for number in focal):
+            raise InputError(f"--focal-length-px must be {form}, got {given['focal_length_px']!r}")
+        found |= {"fx": focal[0], "fy": focal[-1]}
+    if "principal_point" in given:
+        found["cx"], found["cy"] = parse_numbers("--principal-point", given["principal_point"], 2, 2, "CX,CY")
+    if "distortion" in given:
+        model = parse_distortion(given["distortion"])
+        found["distortion"] = {"model": model.name, **asdict(model)}
+    if "pixel_pitch_um" in given:
+        check_number("--pixel-pitch-um", given["pixel_pitch_um"], "a positive number", above=0)
+        found["pixel_pitch_um"] = given["pixel_pitch_um"]
+    if "sensor_width_mm" in given:
+        found["sensor_width_mm"] = _parse_sensor_width(given["sensor_width_mm"])
+    return found
+
+
+def _parse_sensor_width(text: str) -> float:
+    try:
+        return sensor_width_mm(float(text) if re.fullmatch(r"[-+.0-9e]+|[+-]?(inf|nan)", text) else text)
+    except (InputError, ValueError) as error:
+        raise InputError(f"--sensor-width-mm {text}: {error}") from error
+
+
+_FASTEST = 0.95
+"""The smallest f-number of photographic lenses on the market; an indication, not a limit."""
+
+
+def format_exposure(sample: Sample, k: int, text: str) -> str:
+    """F-number, time and gain of lens k, which the option `text` describes; and whether such a lens can be bought."""
+    camera, taken = sample.rig.cameras[0], sample.shots[k].record["exposures"][0]
+    number, time, gain = taken["working_f_number"], taken["time_s"], taken["gain"]
+    line = f"{text}: f/{_f_number(number)}, {_duration(time)}, gain {gain:.3g}"
+    if number >= _FASTEST or sample.shots[k].lens.name != "thinlens":
+        return line
+    fast = "the blur is as specified, but no lens on the market is this fast"
+    if text.startswith("f/"):  # independent of the sensor's size
+        return f"{line} ({fast})"
+    width = 1e-3 * camera.width * camera.pixel_pitch_um
+    return (
+        f"{line} ({fast}: this sensor is {width:.3g} mm wide; --sensor-width-mm {width * 1.4 / number:.2g} gives f/1.4)"
+    )
+
+
+def _f_number(number: float) -> str:
+    """Two digits, without an exponent below 1e5.
+
+    >>> _f_number(1.414), _f_number(142.8), _f_number(8.6e7)
+    ('1.4', '143', '8.6e+07')
+    """
+    return f"{number:.0f}" if 99.5 <= number < 1e5 else f"{number:.2g}"
+
+
+def _duration(time: float) -> str:
+    """Seconds as on a shutter's dial; microseconds below 0.1 ms.
+
+    >>> _duration(1 / 60), _duration(0.39), _duration(2e-5)
+    ('1/60 s', '0.39 s', '20 us')
+    """
+    if time < 1e-4:
+        return f"{1e6 * time:.3g} us"
+    return f"1/{1 / time:.0f} s" if time < 0.1 else f"{time:.3g} s"

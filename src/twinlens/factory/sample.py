@@ -18,7 +18,7 @@ from twinlens.camera import Disk, Lens, Rig
 from twinlens.camera.diffraction import diffract
 from twinlens.camera.lens import check_lens
 from twinlens.camera.truth import Truth
-from twinlens.dataset import Sample, Shot
+from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_manifest, write_manifest, write_sample
 from twinlens.errors import InputError
 from twinlens.factory.sources import file_digests
 from twinlens.rendering import SAMPLERS, backend, ground_truth, render
@@ -146,3 +146,17 @@ def made_with() -> dict[str, Any]:
 
 def _part(progress: Callable[[float], None], index: int, count: int) -> Callable[[float], None]:
     return lambda fraction: progress((index + fraction) / count)
+
+
+def add_sample(output: Place, name: str, sample: Sample, seed: int, overwrite: bool = False) -> Row:
+    """Write a sample into a dataset that no recipe made: its folder, its row in dataset.json, and the card.
+
+    dataset.json keeps its recipe, its other info and its other rows. It has a seed only while all samples share it.
+    """
+    row = Row(name, write_sample(output / name, sample, overwrite), {"scene": name})
+    before = read_manifest(output) if (output / "dataset.json").exists() else Manifest((), seed=seed)
+    known = {each.name: each for each in before.rows} | {name: row}
+    shared = before.seed if before.recipe or before.seed == seed else None
+    write_manifest(output, Manifest(tuple(known.values()), before.recipe, shared, before.info))
+    describe(output)
+    return row

@@ -66,11 +66,15 @@ class ExposureTable(StrictModel):
         return Exposure(self.time, self.gain)
 
 
+def _plain(default: Any) -> Any:
+    return list(default) if isinstance(default, tuple) else default
+
+
 def _keys_of(kind: type[Any]) -> dict[str, Any]:
     """The fields of a dataclass of constants, as fields of a model. TOML has lists where Python has tuples."""
     types = {float: Number, tuple: Annotated[list[Number], Field(min_length=3, max_length=3), AfterValidator(tuple)]}
     return {
-        field.name: (types.get(type(field.default), type(field.default)), field.default)
+        field.name: (types.get(type(field.default), type(field.default)), _plain(field.default))
         for field in fields(kind)
         if field.name != "mismatch"
     }
