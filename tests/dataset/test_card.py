@@ -88,7 +88,7 @@ def test_a_readme_of_someone_elses_is_left_alone(tmp_path):
     assert write_card(tmp_path)[0] == write_card(tmp_path)[0] == "README.md"
 
 
-def test_what_the_maker_says_is_kept(tmp_path):
+def test_texts_of_the_maker_are_kept(tmp_path):
     made(tmp_path / "set")
     odd = 'Blur: "a" [b]\n--- # c'
     describe(tmp_path / "set", About(name=odd, license="CC-BY-4.0", creator="Ada"))
@@ -102,7 +102,7 @@ def test_what_the_maker_says_is_kept(tmp_path):
     assert read_manifest(tmp_path / "set").info["about"]["creator"] == "Ada"
 
 
-def test_a_licence_that_is_an_address(tmp_path):
+def test_a_licence_may_be_an_address(tmp_path):
     describe(made(tmp_path), About(license="https://example.org/terms"))
     head, _ = front_matter((tmp_path / "README.md").read_text())
     assert (head["license"], head["license_link"]) == ("other", "https://example.org/terms")
@@ -115,7 +115,7 @@ def test_a_licence_that_is_an_address(tmp_path):
         ({"url": 7}, "about.url: must be a string"),
     ],
 )
-def test_what_is_said_wrongly_is_told(tmp_path, said, message):
+def test_invalid_texts_are_rejected(tmp_path, said, message):
     made(tmp_path, about=said)
     with pytest.raises(FileError, match=message):
         write_card(tmp_path)
@@ -123,7 +123,7 @@ def test_what_is_said_wrongly_is_told(tmp_path, said, message):
         About.of("MIT")
 
 
-def test_plain_folders_have_a_card_too(tmp_path):
+def test_plain_folders_have_a_card(tmp_path):
     pair = motorcycle()
     write_png(tmp_path / "m" / "im0.png", pair.im0)
     write_png(tmp_path / "m" / "im1.png", pair.im1)
@@ -133,30 +133,30 @@ def test_plain_folders_have_a_card_too(tmp_path):
         describe(tmp_path, About(license="MIT"))
 
 
-def test_samples_that_cannot_be_read_are_named_and_not_counted(tmp_path):
+def test_unreadable_samples_are_listed_and_not_counted(tmp_path):
     made(tmp_path, names=("a", "b", "c"))
     (tmp_path / "a" / "sample.json").write_text("{")
     (tmp_path / "b" / "im0.png").unlink()
     describe(tmp_path)
     text = (tmp_path / "README.md").read_text()
     assert "| samples | 2 |" in text
-    assert "Not readable, and not counted here: a." in text
+    assert "Unreadable, and not counted: a." in text
     with Image.open(tmp_path / "samples.jpg") as sheet:
         assert sheet.size[0] == 160 + 8
     for name in ("b", "c"):
         (tmp_path / name / "sample.json").write_text("{")
-    with pytest.raises(FileError, match="none of its samples can be read"):
+    with pytest.raises(FileError, match="no sample can be read"):
         describe(tmp_path)
 
 
-def test_a_bucket_has_a_card_too(tmp_path):
+def test_cards_are_written_to_buckets(tmp_path):
     root = place(f"memory:/{tmp_path}/set")
     for name in describe(made(root)):
         assert (root / name).is_file()
     assert [sample.name for sample in Dataset(root)] == ["a", "train/0"]
 
 
-def test_the_sheet_shows_each_image():
+def test_the_contact_sheet_shows_each_image():
     colors = [(250, 0, 0), (0, 250, 0), (0, 0, 250)]
     images = [np.full((60, 80, 3), color, np.uint8) for color in colors]
     images += [np.full((90, 60), 200 * 257, np.uint16)]
@@ -165,7 +165,7 @@ def test_the_sheet_shows_each_image():
     for i, color in enumerate([*colors, (200, 200, 200)]):
         pixel = sheet.getpixel((84 + i % 3 * 164, 64 + i // 3 * 124))
         np.testing.assert_allclose(pixel, color, atol=6)
-    with pytest.raises(InputError, match="one image or more"):
+    with pytest.raises(InputError, match="one or more images"):
         contact_sheet([])
 
 
@@ -183,9 +183,9 @@ def drawn(*many):
     return [panel.xlabel.partition(" ")[0] for panel in panels(many)]
 
 
-def test_the_figure_has_no_panel_of_what_no_sample_has():
+def test_the_figure_omits_quantities_that_no_sample_has():
     through_lenses = statistics(dataset_scene.sample(num_lenses=2))
-    # As a pinhole's sample has it: no circle is wider than 0.
+    # A pinhole: all blur circles have diameter 0.
     sharp = through_lenses | {"blur_px": [[0.0] * 33]}
     alone = sharp | {"cameras": 1, "disparity": [], "occluded": 0.0}
     assert drawn(through_lenses) == drawn(sharp, through_lenses) == ["disparity", "depth", "blur", "pixels"]
@@ -193,11 +193,11 @@ def test_the_figure_has_no_panel_of_what_no_sample_has():
     assert drawn(alone) == ["depth"]
     assert drawn({}) == drawn() == []
     heights = [Image.open(io.BytesIO(statistics_figure(many))).height for many in ([sharp], [through_lenses])]
-    assert heights[1] == 2 * heights[0], "a row of three, and two rows of two"
+    assert heights[1] == 2 * heights[0], "one row of three panels, two rows of two"
 
 
 @rdflib_warns
-def test_croissant_by_its_own_library(tmp_path):
+def test_mlcroissant_reads_the_metadata(tmp_path):
     mlc = pytest.importorskip("mlcroissant")
     data = Dataset(made(tmp_path / "set"))
     write_croissant(data)
@@ -218,7 +218,7 @@ def test_croissant_by_its_own_library(tmp_path):
 
 
 @rdflib_warns
-def test_croissant_with_everything_said_has_nothing_to_warn_of(tmp_path):
+def test_croissant_with_all_texts_has_no_warnings(tmp_path):
     mlc = pytest.importorskip("mlcroissant")
     said = About(
         name="set",

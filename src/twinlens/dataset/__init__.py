@@ -1,6 +1,6 @@
-"""A sample's files and nothing else: codecs, samples, manifests, loaders. Never renders.
+"""Samples and datasets on disk: codecs, samples, manifests, verification, export and loading. Never renders.
 
-What a sample looks like on the disk is written in docs/format.md.
+docs/format.md describes the files.
 """
 
 from twinlens.dataset.about import About

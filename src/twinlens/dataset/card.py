@@ -1,6 +1,6 @@
-"""The dataset card: README.md with what the dataset holds, how it was made and under which licence, and its pictures.
+"""The dataset card: README.md with contents, recipe, licence and figures of a dataset.
 
-The front matter is Hugging Face's, so that the folder can be uploaded as it is. The same dataset gives the same card.
+The front matter follows Hugging Face, so that the folder can be uploaded. The same dataset gives the same card.
 
 Source: https://huggingface.co/docs/hub/datasets-cards; Gebru et al., Datasheets for datasets, CACM 2021.
 """
@@ -32,48 +32,48 @@ T = TypeVar("T")
 
 SHEET, FIGURE = "samples.jpg", "statistics.png"
 _NAMES = ("README.md", "CARD.md")
-_OURS = "<!-- This card is twinlens's: it is written anew with the dataset. -->"
+_MARKER = "<!-- Written by twinlens; `twinlens describe` rewrites it. -->"
+_OLD_MARKER = "<!-- This card is twinlens's: it is written anew with the dataset. -->"
 _SPDX = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*$")
-_LONGEST_RECIPE = 20_000
+_MAX_RECIPE = 20_000
 
 _TEXT = """
 ![left images]({sheet})
 
-{count} stereo {samples}, rendered with twinlens {version}: images through a physically \
-based camera, and the exact answer for every pixel.
+{count} stereo {samples}, rendered with twinlens {version}: images of a physically based camera, and exact ground \
+truth for every pixel.
 
-## What it holds
+## Contents
 
 | | |
 | --- | --- |
 {facts}
 
-![distributions of what the truth holds]({figure})
+![distributions of the ground truth]({figure})
 
-Quantities are those of the left views, every sample weighing the same. Disparity is u_left - u_right in pixels, depth
-is along the optical axis in metres, the blur circle is the diameter in pixels that a point is spread over by the lens.
+Quantities are those of the left views; all samples have the same weight. Disparity is u_left - u_right in pixels, depth
+is along the optical axis in metres, and the blur circle is the diameter, in pixels, of the image of a point.
 
-## Reading it
+## Loading
 
     import twinlens as tl
     data = tl.Dataset("path/to/this/folder")
     data[0].im0, data[0].im1, data[0].disp0, data[0].mask0_nonocc, data[0].calibration
 
-Every sample is a folder of plain files under Middlebury's names (im0.png, disp0.pfm, calib.txt, ...), so that other
-tools open it as it is; `twinlens export` writes it in the layouts of KITTI, ETH3D, SceneFlow and others, and
-`twinlens verify` checks every file against its SHA-256 and every view's truth against the other's. croissant.json
-describes the files to machine-learning tools.
+Every sample is a folder of plain files with Middlebury's names (im0.png, disp0.pfm, calib.txt, ...), which other tools
+can open. `twinlens export` writes the layouts of KITTI, ETH3D, SceneFlow and others. `twinlens verify` checks every
+file against its SHA-256 and the truth of each view against the other's. croissant.json describes the files to
+machine-learning tools.
 
-## How it was made
+## Recipe
 
 {made}
 
-## What to know before using it
+## Limitations
 
-- The truth is that of the one ray through a pixel's centre; it is never averaged over the pixel or the lens. Unknown is
-  +inf.
-- A ray stops at the first surface, glass and mirrors included: `material_kind` in truth0.exr says where.
-- The scenes are synthetic: what a matcher scores here is its score on such scenes.
+- Ground truth is that of the ray through the pixel centre, not averaged over the pixel or the lens. Unknown is +inf.
+- A ray ends at the first surface, also at glass and mirrors; `material_kind` in truth0.exr identifies them.
+- The scenes are synthetic: scores on them do not replace scores on real images.
 
 ## Licence
 
@@ -96,30 +96,30 @@ def describe(dataset: Where | Dataset, given: About | None = None) -> list[str]:
 
 
 def write_card(dataset: Where | Dataset) -> list[str]:
-    """Write README.md, samples.jpg and statistics.png into a dataset's folder; their names.
+    """Write README.md, samples.jpg and statistics.png into a dataset's folder; returns their names.
 
-    A README.md that is not twinlens's own is left alone: then the card is CARD.md. Statistics come from sample.json
-    where they stand there, else from the truth; one sample is in memory at a time. Samples that cannot be read are not
-    counted, and named. Raises FileError when none can be read, and OutputError.
+    A README.md that twinlens did not write is kept, and the card is CARD.md. Statistics come from sample.json, or else
+    from the truth, with one sample in memory at a time. Unreadable samples are listed and not counted. Raises FileError
+    if no sample can be read, and OutputError.
     """
     dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
-    said, manifest = about(dataset)
-    many = {sample.name: told for sample in dataset if (told := _readable(sample, stored_statistics)) is not None}
+    given, manifest = about(dataset)
+    many = {sample.name: each for sample in dataset if (each := _readable(sample, stored_statistics)) is not None}
     chosen = np.linspace(0, len(many) - 1, min(len(many), TILES)).round().astype(int)
     tiles = (_readable(dataset[list(many)[i]], _left_tile) for i in chosen)
-    shown = [tile for tile in tiles if tile is not None]
+    shown = [each for each in tiles if each is not None]
     if not shown:
-        raise FileError(f"{dataset.path}: none of its samples can be read; `twinlens verify` says why")
+        raise FileError(f"{dataset.path}: no sample can be read; see `twinlens verify`")
     write_file(dataset.path / SHEET, contact_sheet(shown))
     write_file(dataset.path / FIGURE, statistics_figure(list(many.values())))
     name = _free_name(dataset.path)
-    lost = [name for name in dataset.names if name not in many]
-    write_file(dataset.path / name, _card(said, manifest, list(many.values()), lost).encode())
+    unreadable = [name for name in dataset.names if name not in many]
+    write_file(dataset.path / name, _card(given, manifest, list(many.values()), unreadable).encode())
     return [name, SHEET, FIGURE]
 
 
 def _readable(sample: StoredSample, read: Callable[[StoredSample], T]) -> T | None:
-    """What `read` answers of a sample, None where its files do not let it."""
+    """`read(sample)`, or None if a file cannot be read."""
     try:
         return read(sample)
     except FileError:
@@ -132,10 +132,13 @@ def _left_tile(sample: StoredSample) -> Image.Image:
 
 def _free_name(folder: Place) -> str:
     path = folder / _NAMES[0]
-    return _NAMES[1] if path.is_file() and _OURS.encode() not in read_bytes(path) else _NAMES[0]
+    if not path.is_file():
+        return _NAMES[0]
+    content = read_bytes(path)
+    return _NAMES[0] if any(marker.encode() in content for marker in (_MARKER, _OLD_MARKER)) else _NAMES[1]
 
 
-def _card(said: About, manifest: Manifest, many: Sequence[Statistics], lost: Sequence[str]) -> str:
+def _card(given: About, manifest: Manifest, many: Sequence[Statistics], unreadable: Sequence[str]) -> str:
     body = _TEXT.format(
         sheet=SHEET,
         figure=FIGURE,
@@ -143,22 +146,21 @@ def _card(said: About, manifest: Manifest, many: Sequence[Statistics], lost: Seq
         count=len(many),
         samples="samples" if len(many) > 1 else "sample",
         facts="\n".join(f"| {key} | {value} |" for key, value in _facts(manifest, many).items()),
-        made=_made(manifest) + (f"\n\nNot readable, and not counted here: {', '.join(lost)}." if lost else ""),
-        license=_license(said),
+        made=_made(manifest) + (f"\n\nUnreadable, and not counted: {', '.join(unreadable)}." if unreadable else ""),
+        license=_license(given),
     )
-    head = f"# {said.title}\n" + (f"\n{said.description}\n" if said.description else "")
-    return f"{_front_matter(said, len(many))}{_OURS}\n\n{head}{body}"
+    head = f"# {given.title}\n" + (f"\n{given.description}\n" if given.description else "")
+    return f"{_front_matter(given, len(many))}{_MARKER}\n\n{head}{body}"
 
 
-def _front_matter(said: About, count: int) -> str:
-    named = said.license.lower() if _SPDX.match(said.license) else "other" if said.license else "unknown"
-    entries: dict[str, Any] = {"pretty_name": said.title, "license": named}
-    if named == "other":
-        entries["license_link"] = said.license
-    category = next(text for limit, text in _CATEGORIES if count < limit)
+def _front_matter(given: About, count: int) -> str:
+    name = given.license.lower() if _SPDX.match(given.license) else "other" if given.license else "unknown"
+    entries: dict[str, Any] = {"pretty_name": given.title, "license": name}
+    if name == "other":
+        entries["license_link"] = given.license
     entries |= {"task_categories": ["depth-estimation"], "tags": ["stereo", "synthetic", "twinlens"]}
-    entries |= {"size_categories": [category]}
-    # JSON is YAML, so no text of the maker's can end its line.
+    entries["size_categories"] = [next(text for limit, text in _CATEGORIES if count < limit)]
+    # JSON is valid YAML, and escapes line breaks in the maker's texts.
     return "---\n" + "".join(f"{key}: {json.dumps(value)}\n" for key, value in entries.items()) + "---\n"
 
 
@@ -181,14 +183,18 @@ def _facts(manifest: Manifest, many: Sequence[Statistics]) -> dict[str, str]:
     blurs = [blur for each in known for blur in each["blur_px"] if blur and blur[-1] > 0]
     facts["disparity"] = _range([each["disparity"] for each in known], "px")
     facts["depth"] = _range([each["depth"] for each in known], "m")
-    facts["blur circle, through lenses that blur"] = _range(blurs, "px")
-    for name, text in (("visible", "seen by both views"), ("occluded", "seen by one view"), ("unknown", "unknown")):
+    facts["blur circle, lenses that blur"] = _range(blurs, "px")
+    for name, text in (
+        ("visible", "visible in both views"),
+        ("occluded", "visible in one view"),
+        ("unknown", "unknown"),
+    ):
         facts[f"pixels {text}"] = f"{100 * float(np.mean([each[name] for each in known])):.1f}%" if known else "-"
     return facts
 
 
 def _counted(values: Any) -> str:
-    """The values that occur, the commonest first: ``640 x 480``, or ``2 (9 samples), 3 (1 sample)``."""
+    """The values by frequency: ``640 x 480``, or ``2 (9), 3 (1)`` with their counts."""
     counts = Counter(" x ".join(map(str, v)) if isinstance(v, tuple) else str(v) for v in values).most_common()
     if len(counts) == 1:
         return counts[0][0]
@@ -206,7 +212,7 @@ def _range(many: Sequence[Sequence[float]], unit: str) -> str:
     edges = np.linspace(low, high, 1001) if low <= 0 else np.geomspace(low, high, 1001)
     below = np.cumsum(mixed_counts(edges, many)) / len(many)
     middle = edges[1 + int(np.searchsorted(below, 0.5))]
-    return f"{low:.4g} to {high:.4g} {unit}, half of it below {middle:.4g} {unit}"
+    return f"{low:.4g} to {high:.4g} {unit}, median {middle:.4g} {unit}"
 
 
 def _made(manifest: Manifest) -> str:
@@ -217,18 +223,18 @@ def _made(manifest: Manifest) -> str:
     rejected = manifest.info.get("rejected")
     if isinstance(rejected, Mapping) and rejected:
         counts = ", ".join(f"{reason}: {count}" for reason, count in rejected.items())
-        parts.append(f"Drawn, refused by the quality gates, and drawn anew - {counts}.")
-    parts.append("sample.json of each sample says what made it: cameras, lens, sensor, seed, backend.")
+        parts.append(f"Rejected draws - {counts}.")
+    parts.append("sample.json of each sample lists its cameras, lenses, sensor, seed and backend.")
     recipe = json.dumps(plain(manifest.recipe), indent=2, ensure_ascii=False)
-    if manifest.recipe and len(recipe) <= _LONGEST_RECIPE:
+    if manifest.recipe and len(recipe) <= _MAX_RECIPE:
         parts.append("The recipe:\n\n" + "\n".join(f"    {line}" for line in recipe.splitlines()))
     elif manifest.recipe:
-        parts.append("The recipe stands in dataset.json.")
+        parts.append("The recipe is in dataset.json.")
     return "\n\n".join(parts)
 
 
-def _license(said: About) -> str:
-    given = said.license or "Not stated by the maker of this dataset: ask before you pass it on."
-    by = f"Made by {said.creator}." if said.creator else ""
-    cite = "To cite it:\n\n" + "\n".join(f"    {line}" for line in said.cite_as.splitlines()) if said.cite_as else ""
-    return "\n\n".join(part for part in (given, by, cite) if part)
+def _license(given: About) -> str:
+    text = given.license or "Not stated by the maker of this dataset: ask before you redistribute it."
+    creator = f"Made by {given.creator}." if given.creator else ""
+    cite = "Citation:\n\n" + "\n".join(f"    {line}" for line in given.cite_as.splitlines()) if given.cite_as else ""
+    return "\n\n".join(part for part in (text, creator, cite) if part)

@@ -1,7 +1,7 @@
 """croissant.json: the dataset described to machine-learning tools, in MLCommons' Croissant 1.0 (JSON-LD on schema.org).
 
-One record set lists the samples of dataset.json; one more for each kind of file (left images, left disparities, ...)
-gives its content beside the folder it lies in: the sample's name, with /lens-1 and so on for the other lenses' images.
+One record set lists the samples of dataset.json. Each kind of file (left images, left disparities, ...) has a record
+set of its content and folder: the sample's name, followed by /lens-1 and so on for images of other lenses.
 
 Source: Croissant Format Specification 1.0, https://docs.mlcommons.org/croissant/docs/croissant-spec.html.
 """
@@ -22,7 +22,7 @@ from twinlens.dataset.storage import Where
 NAME = "croissant.json"
 _VERSION = "1.0.0"
 
-# mlcroissant decodes few formats, and hands over the bytes of what is text: the second format is for its sake.
+# mlcroissant decodes few formats, and returns the bytes of text: hence the second media types.
 _PNG, _PFM = ["image/png"], ["image/x-portable-floatmap", "text/plain"]
 _EXR, _TEXT, _JSON = ["image/x-exr", "text/plain"], ["text/plain"], ["text/plain", "application/json"]
 _KINDS = {
@@ -32,7 +32,7 @@ _KINDS = {
     "truth": ("truth of view {}: depth, position, normals, ids, blur circle", _EXR, "sc:Text"),
     "radiance": ("linear image of view {}", _EXR, "sc:Text"),
     "calib": ("calibration of the pair, as Middlebury's calib.txt", _TEXT, "sc:Text"),
-    "sample": ("everything that made the sample", _JSON, "sc:Text"),
+    "sample": ("how the sample was made", _JSON, "sc:Text"),
 }
 _FILE = re.compile(r"(?:.*/)?(([a-z]+)(\d*)[A-Za-z]*)\.[a-z]+$")
 
@@ -58,15 +58,15 @@ CONTEXT: dict[str, Any] = {
 
 
 def write_croissant(dataset: Where | Dataset) -> str:
-    """Write croissant.json into a dataset's folder; its name. The same dataset gives the same bytes.
+    """Write croissant.json into a dataset's folder; returns its name. The same dataset gives the same bytes.
 
-    Written after dataset.json, whose SHA-256 it holds. Raises FileError and OutputError.
+    It contains the SHA-256 of dataset.json, so it is written after it. Raises FileError and OutputError.
     """
     dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
-    said, manifest = about(dataset)
+    given, manifest = about(dataset)
     listed = read_bytes(dataset.path / MANIFEST) if (dataset.path / MANIFEST).is_file() else None
     files = (row.files for row in manifest.rows) if manifest.rows else _files_of(dataset)
-    record = _metadata(said)
+    record = _metadata(given)
     kinds = _kinds(files)
     record["distribution"] = [_file_set(name) for name in kinds]
     record["recordSet"] = [_content_of(name) for name in kinds]
@@ -83,24 +83,25 @@ def _files_of(dataset: Dataset) -> Iterable[list[str]]:
 
 
 def _kinds(files: Iterable[Iterable[str]]) -> list[str]:
-    """The names of files that samples hold, without the folders of lenses; only those that are known."""
+    """Known names of files of the samples, without the folders of lenses."""
     names = {name.rpartition("/")[2] for each in files for name in each}
     return sorted(name for name in names if (found := _FILE.match(name)) and found[2] in _KINDS)
 
 
-def _metadata(said: About) -> dict[str, Any]:
+def _metadata(given: About) -> dict[str, Any]:
     record: dict[str, Any] = {
         "@context": CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": "http://mlcommons.org/croissant/1.0",
-        "name": said.title,
-        "description": said.description or f"{said.title}: stereo pairs rendered by twinlens, with exact ground truth.",
+        "name": given.title,
+        "description": given.description
+        or f"{given.title}: stereo pairs rendered by twinlens, with exact ground truth.",
         "version": _VERSION,
     }
-    given = {"license": said.license, "url": said.url, "datePublished": said.published, "citeAs": said.cite_as}
-    record |= {key: value for key, value in given.items() if value}
-    if said.creator:
-        record["creator"] = {"@type": "sc:Person", "name": said.creator}
+    keys = {"license": "license", "url": "url", "datePublished": "published", "citeAs": "cite_as"}
+    record |= {key: value for key, name in keys.items() if (value := getattr(given, name))}
+    if given.creator:
+        record["creator"] = {"@type": "sc:Person", "name": given.creator}
     return record
 
 
@@ -109,7 +110,7 @@ def _manifest_object(data: bytes) -> dict[str, Any]:
         "@type": "cr:FileObject",
         "@id": MANIFEST,
         "name": MANIFEST,
-        "description": "The samples, and the SHA-256 of every file of each.",
+        "description": "The samples, and the SHA-256 of each of their files.",
         "contentUrl": MANIFEST,
         "contentSize": f"{len(data)} B",
         "encodingFormat": "application/json",
@@ -120,7 +121,7 @@ def _manifest_object(data: bytes) -> dict[str, Any]:
 def _samples(manifest: Manifest) -> dict[str, Any]:
     fields = {"name": "the sample's folder"}
     if manifest.rows and all("split" in row.info for row in manifest.rows):
-        fields["split"] = "which part of the dataset it belongs to"
+        fields["split"] = "the split of the dataset"
     paths = {"name": "$.samples[*].name", "split": "$.samples[*].info.split"}
     sources = {key: {"fileObject": {"@id": MANIFEST}, "extract": {"jsonPath": paths[key]}} for key in fields}
     entries = [_field(f"samples/{key}", text, "sc:Text", sources[key]) for key, text in fields.items()]
@@ -130,14 +131,14 @@ def _samples(manifest: Manifest) -> dict[str, Any]:
 
 
 def _file_set(name: str) -> dict[str, Any]:
-    text, encoding, _ = _told(name)
-    # A pattern's star crosses folders, so that nested samples and other lenses' images are found too.
+    text, encoding, _ = _kind_of(name)
+    # The star also matches slashes, so nested samples and images of other lenses are found.
     patterns = {"includes": f"*/{name}", "encodingFormat": encoding}
     return {"@type": "cr:FileSet", "@id": f"{name}-files", "name": f"{name}-files", "description": text} | patterns
 
 
 def _content_of(name: str) -> dict[str, Any]:
-    text, _, kind = _told(name)
+    text, _, kind = _kind_of(name)
     ident = name.replace(".", "-")
     source = {"fileSet": {"@id": f"{name}-files"}}
     folder = source | {
@@ -146,7 +147,7 @@ def _content_of(name: str) -> dict[str, Any]:
     }
     fields = [
         _field(
-            f"{ident}/folder", "the sample's name, and the lens's folder where it is not the first", "sc:Text", folder
+            f"{ident}/folder", "the sample's name, and the folder of the lens if it is not the first", "sc:Text", folder
         ),
         _field(f"{ident}/content", text, kind, source | {"extract": {"fileProperty": "content"}}),
     ]
@@ -158,8 +159,8 @@ def _field(ident: str, text: str, kind: str, source: dict[str, Any]) -> dict[str
     return entry | {"source": source}
 
 
-def _told(name: str) -> tuple[str, list[str], str]:
-    """Description, media types and data type of the files of a name."""
+def _kind_of(name: str) -> tuple[str, list[str], str]:
+    """Description, media types and data type of a file name."""
     found = _FILE.match(name)
     text, encoding, kind = _KINDS[found[2] if found else name]
     return text.format(found[3] if found else ""), encoding, kind
