@@ -50,8 +50,7 @@ class Change:
 
     def apply(self, picture: Image, amount: float, seed: int) -> Image:
         """The altered image, rounded and clipped to 8 bits."""
-        altered: Image = np.rint(np.clip(self.levels(picture, amount, seed), 0, 255)).astype(np.uint8)
-        return altered
+        return np.asarray(np.rint(np.clip(self.levels(picture, amount, seed), 0, 255)).astype(np.uint8))
 
 
 CHANGES: Mapping[str, Change] = {

@@ -44,8 +44,7 @@ def noise_texture(width: int, height: int, scale: float, contrast: float, seed: 
     """
     white = np.random.default_rng(seed).standard_normal((height, width))
     smooth = ndimage.gaussian_filter(white, scale, mode="wrap")
-    grey: Float = np.clip(0.5 + 0.5 * contrast * (smooth - smooth.mean()) / smooth.std(), 0.0, 1.0)
-    return grey
+    return np.asarray(np.clip(0.5 + 0.5 * contrast * (smooth - smooth.mean()) / smooth.std(), 0.0, 1.0))
 
 
 def plane_size(rig: Rig, depth: float) -> tuple[float, float]:

@@ -67,7 +67,8 @@ def _case(setup: Setup, seed: int, contrast: float, scale: float, swept: str) ->
     for k, phase in enumerate(PHASES):
         stage = Stage(scene, Rig((camera, camera.replace(cx=camera.cx + phase)), rig.world_from_cams))
         radiance = stage.photograph(Pinhole(), setup.spp, stream(seed, 0, k))
-        exposure = Exposure(_quarter_exposure(radiance[0], stage))
+        rate = float(SENSOR.level_rate(radiance[0], camera=camera, lens=Pinhole()).mean())
+        exposure = Exposure(0.25 / rate)  # the mean is a quarter of the full well
         shots = [stage.expose(radiance, Pinhole(), stream(seed, 1, k, eye), SENSOR, exposure) for eye in range(2)]
         sigma = float(np.std(grey(shots[0][0]).astype(np.float64) - grey(shots[1][0]))) / math.sqrt(2)
         slopes = _slopes(0.5 * (shots[0][0] + shots[1][0].astype(np.float64)), radiance[0])
@@ -83,24 +84,16 @@ def _case(setup: Setup, seed: int, contrast: float, scale: float, swept: str) ->
     ]
 
 
-def _quarter_exposure(light: NDArray[np.float32], stage: Stage) -> float:
-    """The exposure time in seconds that brings the mean to a quarter of the full well."""
-    rate = float(SENSOR.level_rate(light, camera=stage.camera, lens=Pinhole()).mean())
-    return 0.25 / rate
-
-
 def _slopes(picture: Float, light: NDArray[np.float32]) -> Float:
     """dI/du of the radiance (H, W) in the image's grey levels per pixel, from cubic splines along the rows."""
     flat = light.mean(axis=-1).astype(np.float64)
     gain, _ = np.polyfit(flat.ravel(), picture.ravel(), 1)
     curve = interpolate.CubicSpline(np.arange(flat.shape[1]), flat, axis=1)
-    slopes: Float = gain * curve(np.arange(flat.shape[1]), 1)
-    return slopes
+    return np.asarray(gain * curve(np.arange(flat.shape[1]), 1))
 
 
 def _window_sum(values: Float, side: int) -> Float:
-    total: Float = ndimage.uniform_filter(values, side, mode="nearest") * side**2
-    return total
+    return np.asarray(ndimage.uniform_filter(values, side, mode="nearest") * side**2)
 
 
 def _inner(values: Float) -> Float:

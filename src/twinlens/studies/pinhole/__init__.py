@@ -177,8 +177,8 @@ def conclude(table: Table) -> list[Finding]:
                   share, 0.5, _LIGHT_TOLERANCE),
         predicted("In the open box the sensor's radiometry gives {} times the path-traced light",
                   over_scenes(table.where(diameter_mm=BOX_MM), _sensor_over_plate), 1.0, _LIGHT_TOLERANCE),
-        predicted(f"At a fixed exposure, signal to noise of holes from {_SHOT_MM:g} mm is proportional to A^p (shot "
-                  "noise) with p = {}", noise, 1.0, 0.05),
+        predicted(f"At a fixed exposure, signal to noise of holes of {_SHOT_MM:g} mm or more is proportional to A^p "
+                  "(shot noise) with p = {}", noise, 1.0, 0.05),
     ]  # fmt: skip
 
 
