@@ -1,4 +1,4 @@
-"""The optics are measured on photographs of this process's backend, which must trace rays in compiled bundles."""
+"""The tests of this folder need a JIT backend."""
 
 import os
 
@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture(autouse=True, scope="session")
 def _compiled_backend():
-    """Skip where no such backend works; where TWINLENS_REQUIRE_LLVM=1 says there must be one, fail."""
+    """Skip without a working backend; fail if TWINLENS_REQUIRE_LLVM=1."""
     from twinlens.rendering import backend
 
     if not backend().is_jit and os.environ.get("TWINLENS_REQUIRE_LLVM") != "1":

@@ -1,4 +1,4 @@
-"""Lights on black whose photographs can be measured, and the rulers: moments, centroids, profiles."""
+"""Scenes of lights on a black background, and measurements of their images: centroids, moments, diameters."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ HERE = np.eye(4)
 
 
 def lamps(places, radius, radiance=1.0) -> Scene:
-    """Disks of light of `radius` metres that face the camera, centred on camera points `places`, and nothing else."""
+    """Disks of light of `radius` metres that face the camera, centred on camera points `places`."""
     light = {"type": "area", "radiance": {"type": "rgb", "value": radiance}}
     objects = []
     for i, place in enumerate(places):
@@ -22,7 +22,7 @@ def lamps(places, radius, radiance=1.0) -> Scene:
 
 
 def sky(radiance=1.0) -> Scene:
-    """The same light from everywhere."""
+    """A uniform sky."""
     lights = {"sky": {"type": "constant", "radiance": {"type": "rgb", "value": radiance}}}
     return Scene("sky", (), {"black": BLACK}, HERE, (0.2, 20.0), lights, {"type": "path", "max_depth": 2})
 
@@ -61,21 +61,21 @@ def grey(image: np.ndarray) -> np.ndarray:
 
 
 def centroid(image: np.ndarray) -> np.ndarray:
-    """(u, v) of the light's centre of gravity in a grey image."""
+    """The centroid (u, v) of a grey image."""
     v, u = np.mgrid[: image.shape[0], : image.shape[1]]
     return np.array([(u * image).sum(), (v * image).sum()]) / image.sum()
 
 
 def spread(image: np.ndarray) -> float:
-    """Mean squared distance of the light from its centre, px^2, as it was before pixels of width 1 gathered it."""
+    """Mean squared distance from the centroid, px^2, without the blur by pixels of width 1."""
     v, u = np.mgrid[: image.shape[0], : image.shape[1]]
     cu, cv = centroid(image)
     return float((((u - cu) ** 2 + (v - cv) ** 2) * image).sum() / image.sum()) - 2 / 12
 
 
 def disk_diameter(image: np.ndarray, own: float) -> float:
-    """The diameter of an even disk whose image a light of diameter `own` (px) has widened.
+    """The diameter of a uniform disk whose image is widened by a light of diameter `own` (px).
 
-    An even disk of diameter D has the mean squared radius D^2/8, and those of convolved shapes add.
+    A uniform disk of diameter D has the mean squared radius D^2/8; those of convolved shapes add.
     """
     return float(np.sqrt(max(0.0, 8 * spread(image) - own**2)))

@@ -1,4 +1,4 @@
-"""The blur of a small light, measured on photographs of it: its diameter, its line over disparity, its shape."""
+"""The blur of a small light in rendered images: its diameter, its linearity in disparity, and its shape."""
 
 import math
 
@@ -26,23 +26,23 @@ CAMERAS = {  # name: lens of an aperture, its vergence, five vergences of the li
 
 
 def photographed(scene, lens, seeds) -> np.ndarray:
-    """The mean over seeds of grey photographs by a camera on the axis."""
+    """The mean over seeds of grey images by a camera on the axis."""
     rig = tl.Rig([square_camera(SIDE, FX)], [HERE])
     return np.mean([grey(tl.render(scene, rig, lens, spp=SPP, seed=seed)[0]) for seed in seeds], axis=0)
 
 
 def lamp(depth: float, own: float, x: float = 0.0):
-    """A light whose image is `own` px wide."""
+    """A light whose image in focus is `own` px wide."""
     return lamps([(x, 0.0, depth)], 0.5 * own * depth / FX)
 
 
 @pytest.mark.parametrize("row", range(5))
 @pytest.mark.parametrize("name", CAMERAS)
-def test_the_blur_circle_is_as_wide_as_the_law_says(name, row):
-    """A fx |1/z - k| within 1% over five depths and five apertures, three standard errors included.
+def test_blur_circle_diameter(name, row):
+    """A fx |1/z - k| within 1% including three standard errors, over five depths and five apertures.
 
-    The diameter comes from the second moment of the light on the film: n hits know it to 0.29/sqrt(n), and to
-    (1 + OWN^2/c^2) times that with the light's own size taken off.
+    The diameter is computed from the second moment of the image. Its relative standard error for n hits is
+    0.29/sqrt(n), times (1 + OWN^2/c^2) for the subtraction of the light's own size.
     """
     lens_of, vergence, lights, apertures = CAMERAS[name]
     scene = lamp(1 / lights[row], OWN)
@@ -56,8 +56,8 @@ def test_the_blur_circle_is_as_wide_as_the_law_says(name, row):
         assert abs(disk_diameter(image, OWN) / expected - 1) + 3 * error < 0.01, (aperture, expected, error)
 
 
-def test_blur_over_disparity_is_a_line_whose_slope_is_aperture_over_baseline():
-    """Both are measured: disparity from the light's centres in the two eyes, blur from its spread."""
+def test_blur_is_linear_in_disparity_with_slope_aperture_over_baseline():
+    """Disparity is measured from the centroids in the two images, blur from the second moments."""
     aperture, baseline, focus = 0.06, 0.12, 1.0
     camera = square_camera(SIDE, FX)
     measured = []
@@ -87,7 +87,7 @@ SHAPES = {
 
 
 def through(shape, own: float, blur: float, side: int) -> np.ndarray:
-    """The aperture's transmission over a blur of `blur` px, gathered by pixels from a light of diameter `own` px."""
+    """The aperture's transmission over a blur of `blur` px, integrated over pixels for a light of diameter `own` px."""
     fine = 8
     line = ((np.arange(side * fine) + 0.5) / fine - 0.5 * side) / (0.5 * blur)
     open_ = shape.transmission(*np.meshgrid(line, line))
@@ -112,8 +112,8 @@ SIDES = pytest.mark.parametrize(
 
 @pytest.mark.parametrize("name", SHAPES)
 @SIDES
-def test_out_of_focus_a_light_draws_the_aperture(name, focus, turned):
-    """Turned by 180 degrees in front of the plane of focus, upright behind it; correlation >= 0.99."""
+def test_a_defocused_light_has_the_shape_of_the_aperture(name, focus, turned):
+    """Rotated by 180 degrees in front of the plane of focus, upright behind it; correlation >= 0.99."""
     shape, depth, own, blur = SHAPES[name], 1.0, 5.0, 26.0
     lens = tl.ThinLens(blur / FX / abs(1 / depth - 1 / focus), focus, aperture=shape)
     image = photographed(lamp(depth, own), lens, range(4))
@@ -124,7 +124,7 @@ def test_out_of_focus_a_light_draws_the_aperture(name, focus, turned):
 
 
 def point_photograph(shape, focus, own: float, blur: float, side: int, spp: int) -> np.ndarray:
-    """A light at 1 m that is `own` px wide in focus, photographed with a blur of `blur` px."""
+    """A light at 1 m that is `own` px wide in focus, rendered with a blur of `blur` px."""
     lens = tl.ThinLens(blur / FX / abs(1 - 1 / focus), focus, aperture=shape)
     rig = tl.Rig([square_camera(side, FX)], [HERE])
     passes = range(max(1, spp >> 14))
@@ -133,11 +133,8 @@ def point_photograph(shape, focus, own: float, blur: float, side: int, spp: int)
 
 @pytest.mark.parametrize("name", ["triangle", "code"])
 @SIDES
-def test_a_pointlike_light_draws_the_mask_itself(name, focus, turned):
-    """With a light of a sixteenth of the blur, against the aperture's bare transmission on the pixels.
-
-    The shape is the mask's alone: the light's own width is left out of what is expected.
-    """
+def test_a_small_light_has_the_shape_of_the_mask(name, focus, turned):
+    """A light of 1/16 of the blur, against the transmission of the aperture without the light's own width."""
     drawn = through(SHAPES[name], 0.01, 16.0, 18)
     image = point_photograph(SHAPES[name], focus, 1.0, 16.0, 18, 1 << 15)
     assert correlation(image, drawn[::-1, ::-1] if turned else drawn) > 0.99
@@ -147,15 +144,15 @@ def test_a_pointlike_light_draws_the_mask_itself(name, focus, turned):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["triangle", "code"])
 @SIDES
-def test_a_point_draws_the_mask_itself(name, focus, turned):
+def test_a_very_small_light_has_the_shape_of_the_mask(name, focus, turned):
     """The same with a light of a fortieth of the blur."""
     drawn = through(SHAPES[name], 0.01, 40.0, 44)
     image = point_photograph(SHAPES[name], focus, 1.0, 40.0, 44, 1 << 17)
     assert correlation(image, drawn[::-1, ::-1] if turned else drawn) > 0.99
 
 
-def test_a_disk_is_a_disk():
-    """The rulers notice a blur of another size: the law's own check."""
+def test_a_blur_of_another_size_is_detected():
+    """The comparison detects a blur of another size."""
     drawn = through(Disk(), OWN, 30.0, 48)
     assert disk_diameter(drawn, OWN) == pytest.approx(30.0, rel=2e-3)
     assert disk_diameter(drawn, 0.0) > 30.5  # the light itself, if it is forgotten, is noticed

@@ -1,4 +1,4 @@
-"""Photographs through a distorting lens: points of light land where `Camera.project` says."""
+"""Images with lens distortion: lights are at the pixels of `Camera.project`."""
 
 import numpy as np
 import pytest
@@ -20,21 +20,21 @@ RADIUS = 1.5 * DEPTH / CAMERA.fx
 
 
 def gathered(image: np.ndarray, near) -> np.ndarray:
-    """The centre of gravity of the pixels around `near` (u, v)."""
+    """The centroid of the pixels around `near` (u, v)."""
     u, v = np.round(near).astype(int)
     return centroid(image[v - 6 : v + 7, u - 6 : u + 7]) + np.array([u - 6, v - 6])
 
 
 def landing(camera: tl.Camera, place: np.ndarray) -> np.ndarray:
-    """That centre for a disk of light, from where the camera projects many points of it, each counted to its pixel."""
+    """The expected centroid of a disk of light, from the projections of many of its points, binned to pixels."""
     r, turn = np.sqrt((np.arange(40000) + 0.5) / 40000), np.arange(40000) * 2.399963229728653  # a sunflower's seeds
     points = place + RADIUS * np.stack([r * np.cos(turn), r * np.sin(turn), 0 * r], axis=-1)
     return np.floor(camera.project(points) + 0.5).mean(axis=0)
 
 
 @pytest.mark.parametrize("name", DISTORTIONS)
-def test_points_of_light_land_where_the_camera_projects_them(name):
-    """Centres of gravity of 20 lights all over the film, within 0.02 px; without distortion they are pixels away."""
+def test_lights_are_at_their_projections(name):
+    """Centroids of 20 lights within 0.02 px; without distortion they are pixels away."""
     camera = CAMERA.replace(distortion=DISTORTIONS[name])
     wanted = np.array([(u, v) for u in (9.3, 45.7, 80.2, 115.6, 150.9) for v in (9.1, 43.4, 78.8, 110.5)])
     places = camera.unproject(wanted) * DEPTH
@@ -44,8 +44,8 @@ def test_points_of_light_land_where_the_camera_projects_them(name):
     assert np.abs(CAMERA.project(places) - wanted).max() > 1.0
 
 
-def test_the_plain_camera_passes_the_same_ruler():
-    """Tall pixels and an odd principal point, no distortion: what the ruler itself can tell."""
+def test_lights_without_distortion_are_at_their_projections():
+    """Non-square pixels and an off-centre principal point: the accuracy of the measurement itself."""
     places = np.array([(-0.9, -0.6, DEPTH), (0.31, 0.27, DEPTH), (0.87, -0.44, DEPTH)])
     image = grey(tl.render(lamps(places, RADIUS), tl.Rig([CAMERA], [HERE]), spp=1024, seed=0)[0])
     missed = [gathered(image, CAMERA.project(place)) - landing(CAMERA, place) for place in places]

@@ -1,4 +1,4 @@
-"""Light through real apertures onto a sensor: brightness over stops, flat fields, the first dark ring of Airy."""
+"""Rendered light on a sensor: brightness over stops, flat fields, and the first dark ring of the Airy pattern."""
 
 import math
 
@@ -16,10 +16,10 @@ SENSOR = tl.Sensor(
 )  # fmt: skip
 
 
-def test_brightness_at_a_fixed_exposure_follows_the_square_of_the_aperture_over_8_stops():
-    """A lit room photographed from f/2 to f/32, focused on a card in it; each mean within 1% of A^2.
+def test_brightness_is_proportional_to_the_square_of_the_aperture_over_8_stops():
+    """A room rendered from f/2 to f/32; each mean is within 1% of A^2.
 
-    Three standard errors included, as four photographs of every stop tell them.
+    Three standard errors are included, estimated from four images per stop.
     """
     camera = square_camera(48, 60.0)
     rig, room = tl.Rig([camera], [HERE]), chequered_room()
@@ -43,8 +43,8 @@ def test_brightness_at_a_fixed_exposure_follows_the_square_of_the_aperture_over_
     assert np.abs(relative.mean(axis=1) - 1).max() + 3 * error < 0.01, (relative.mean(axis=1), error)
 
 
-def test_photon_transfer_on_a_photographed_sky_recovers_the_gain():
-    """Variance over mean of the pictures of an even sky, at ten exposure times: the system's gain, within 2%."""
+def test_photon_transfer_on_a_rendered_sky_gives_the_gain():
+    """Variance over mean of images of a uniform sky, at ten exposure times: the system gain, within 2%."""
     camera = square_camera(200, 400.0)
     sensor = SENSOR.replace(
         full_well=9000.0, read_noise=3.0, adc_bits=12, black_level=100.0, filters="mono", output="raw"
@@ -66,8 +66,8 @@ def test_photon_transfer_on_a_photographed_sky_recovers_the_gain():
 
 
 @pytest.mark.parametrize("f_number", [16.0, 24.0])
-def test_the_first_dark_ring_of_a_photographed_star(f_number):
-    """A light of half a pixel in focus, photographed and diffracted: its ring is at 1.22 lambda v/A within 2%."""
+def test_the_first_dark_ring_of_a_rendered_point(f_number):
+    """A light of half a pixel in focus, rendered and diffracted: its ring is at 1.22 lambda v/A within 2%."""
     camera = square_camera(161, 4000.0, pixel_pitch_um=1.0)
     lens = tl.ThinLens(camera.film_distance / f_number, 2.0)
     star = lamps([(0.0, 0.0, 2.0)], 0.25 * 2.0 / camera.fx, radiance=1e4)
@@ -86,10 +86,10 @@ def test_the_first_dark_ring_of_a_photographed_star(f_number):
         assert fit(lowest) < 0.01 * blurred[..., channel].max()
 
 
-def test_a_hole_lets_in_light_by_the_same_law():
-    """A bare hole and a lens of the same width before the same film gather the same light from an even sky.
+def test_a_bare_aperture_and_a_lens_pass_equal_light():
+    """A bare aperture and a lens of the same diameter and film distance collect equal light from a uniform sky.
 
-    To (A/2v)^2 = 1%, by which the lens's paraxial law exceeds what a hole of a fifth of the film distance lets in.
+    Within (A/2v)^2 = 1%, the error of the paraxial formula at A/v = 1/5.
     """
     camera = square_camera(16, 100.0)
     rig = tl.Rig([camera], [HERE])

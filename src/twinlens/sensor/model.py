@@ -210,18 +210,16 @@ class Sensor:
         Raises InputError for a radiance that is negative, NaN or not of the camera's size, and a negative seed.
         Gives a `ParaxialWarning` for a given exposure through a lens below f/1.
         """
+        image = checked_radiance("radiance", radiance, camera)
         check_lens(lens)
         check_exposure(exposure)
         if exposure is not None:
             light.warn_below_f1(camera, lens)
-        return self._take(radiance, camera, lens, exposure, seed, eye)
+        return self._take(image, camera, lens, exposure, seed, eye)
 
-    def _take(
-        self, radiance: ArrayLike, camera: Camera, lens: Lens, exposure: Exposure | None, seed: int, eye: int
-    ) -> Photo:
+    def _take(self, image: Float, camera: Camera, lens: Lens, exposure: Exposure | None, seed: int, eye: int) -> Photo:
         check_int("seed", seed, 0)
         check_int("eye", eye, 0)
-        image = checked_radiance("radiance", radiance, camera)
         nominal = exposure or auto_exposure([image], sensor=self, cameras=camera, lens=lens)
         mismatch = self.mismatch if eye else Mismatch()
         true = mismatch.applied(nominal)
@@ -270,14 +268,15 @@ class Sensor:
         """
         if len(images) != len(rig):
             raise InputError(f"expose_rig needs one image per camera, got {len(images)} images and {len(rig)} cameras")
+        checked = [checked_radiance("radiance", *view) for view in zip(images, rig.cameras, strict=True)]
         check_lens(lens)
         check_exposure(exposure)
         if exposure is not None:
             light.warn_below_f1(min(rig.cameras, key=lambda camera: film_distance(camera, lens)), lens)
-        shared = exposure or auto_exposure(images, sensor=self, cameras=rig.cameras, lens=lens)
+        shared = exposure or auto_exposure(checked, sensor=self, cameras=rig.cameras, lens=lens)
         return [
             self._take(image, camera, lens, shared, seed, eye)
-            for eye, (image, camera) in enumerate(zip(images, rig.cameras, strict=True))
+            for eye, (image, camera) in enumerate(zip(checked, rig.cameras, strict=True))
         ]
 
     def _rates(self, image: Float, camera: Camera, lens: Lens) -> Float:
