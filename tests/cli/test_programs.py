@@ -1,4 +1,4 @@
-"""Any program on the board: by name, without a shell, under a limit, and with its failures to itself."""
+"""Programs on a board: names, no shell, limits, failures."""
 
 import json
 import os
@@ -29,7 +29,7 @@ FAULTS = {
 
 @pytest.fixture
 def program(tmp_path):
-    """A command line that runs this Python code on {left}, {out} and one argument more."""
+    """A command line that runs Python code with {left}, {out} and one more argument."""
 
     def make(code, value="4", name="matcher"):
         path = tmp_path / f"{name}.py"
@@ -43,7 +43,7 @@ def entries(out):
     return {entry["method"]: entry for entry in json.loads(out)["entries"]}
 
 
-def test_a_program_stands_on_the_board_under_its_name(twinlens, dataset, tmp_path, program):
+def test_a_program_is_listed_under_its_name(twinlens, dataset, tmp_path, program):
     code, out, err = twinlens(
         "benchmark", dataset, "--command", f"flat={program(FLAT)}", "--methods", "sad:block_size=5",
         "-o", tmp_path / "board", "--json",
@@ -122,7 +122,7 @@ def test_match_by_a_program(twinlens, dataset, tmp_path, program):
 
 
 @pytest.mark.parametrize("command", ["", "prog {left} {out}", "x=prog", "'prog {left} {right} {out}"])
-def test_commands_that_cannot_be_are_refused(twinlens, dataset, tmp_path, command):
+def test_invalid_commands_are_refused(twinlens, dataset, tmp_path, command):
     code, _, err = twinlens("benchmark", dataset, "--command", command, "-o", tmp_path / "board")
     assert code == 2
     assert err.startswith("twinlens: command ")
@@ -136,11 +136,11 @@ def test_names_of_programs():
     assert named[0].options["command"] == "./a {left} {right} {out}"
 
 
-def test_without_any_name_the_default_methods_run():
+def test_default_methods():
     assert [m.name for m in matchers_of((), (), None)] == DEFAULT_METHODS.split(",")
 
 
-def test_commas_inside_a_program_s_command_divide_nothing(twinlens, dataset, tmp_path, program):
+def test_commas_in_a_quoted_command_do_not_separate_methods(twinlens, dataset, tmp_path, program):
     command = f"program:command='{program(FLAT, '3,4')}'"
     assert split_methods([f"sad,{command},zncc:block_size=5,lr_check=1"]) == [
         "sad", command, "zncc:block_size=5,lr_check=1",
@@ -157,7 +157,7 @@ def test_help_lists_every_protocol_and_region(twinlens):
     assert ", ".join(REGIONS) in words
 
 
-STRANGERS = """
+FUNCTIONS = """
 import ctypes
 import time
 import numpy as np
@@ -179,11 +179,11 @@ def hoards(left, right, num_disparities, min_disparity):
 """
 
 
-def test_a_stranger_s_function_cannot_take_the_board_down(twinlens, dataset, tmp_path, monkeypatch):
-    """Without a word about limits: functions and networks run in a process of their own."""
-    (tmp_path / "strangers.py").write_text(STRANGERS)
+def test_a_crashing_function_does_not_end_the_run(twinlens, dataset, tmp_path, monkeypatch):
+    """By default, functions and networks run in a worker process."""
+    (tmp_path / "functions.py").write_text(FUNCTIONS)
     monkeypatch.syspath_prepend(str(tmp_path))
-    names = [f"function:function=strangers:{name}" for name in ("good", "segfaults", "hoards")]
+    names = [f"function:function=functions:{name}" for name in ("good", "segfaults", "hoards")]
     options = [word for name in names for word in ("--methods", name)]
     code, out, err = twinlens("benchmark", dataset, *options, "--memory-limit", "2", "-o", tmp_path / "b", "--json")
     assert code == 0, err
@@ -197,13 +197,13 @@ def test_a_stranger_s_function_cannot_take_the_board_down(twinlens, dataset, tmp
 
 
 @pytest.mark.parametrize("gib", ["0", "-1", "nan", "1e9"])
-def test_a_memory_limit_that_is_none_is_refused(twinlens, dataset, tmp_path, gib):
+def test_an_invalid_memory_limit_is_refused(twinlens, dataset, tmp_path, gib):
     code, out, err = twinlens("benchmark", dataset, "--memory-limit", gib, "-o", tmp_path / "b")
     assert (code, out) == (2, "")
     assert "--memory-limit is" in err
 
 
-def test_what_a_matcher_prints_here_is_not_on_our_stream(twinlens, dataset, tmp_path, monkeypatch):
+def test_matchers_output_does_not_mix_with_json(twinlens, dataset, tmp_path, monkeypatch):
     monkeypatch.setattr("twinlens.matching.matcher.StereoMatcher.match", lambda self, left, right: print("hello") or 1)
     code, out, err = twinlens("benchmark", dataset, "--methods", "sad", "-o", tmp_path / "b", "--json")
     assert code == 1
@@ -211,15 +211,15 @@ def test_what_a_matcher_prints_here_is_not_on_our_stream(twinlens, dataset, tmp_
     assert json.loads(out)["entries"][0]["failure"]["kind"] == "wrong-type"
 
 
-def test_a_name_that_is_there_twice_is_told_before_the_first_match(twinlens, dataset, tmp_path):
+def test_duplicate_sample_names_are_refused_before_matching(twinlens, dataset, tmp_path):
     code, out, err = twinlens("benchmark", dataset, "motorcycle", dataset, "--methods", "sad", "-o", tmp_path / "b")
     assert (code, out) == (2, "")
     assert "two samples are named" in err
     assert not (tmp_path / "b").exists()
 
 
-def test_a_failure_of_before_is_told_and_tried_again_when_asked(twinlens, dataset, tmp_path, program):
-    """The program fails for want of a file in a folder that it names, which is no part of what tells it from others."""
+def test_earlier_failures_are_reported_and_rerun_on_request(twinlens, dataset, tmp_path, program):
+    """The program fails because a folder that it names is missing; folders are not part of its spec."""
     weights = tmp_path / "weights"
     code = f"import os, sys\nif not os.path.exists({str(weights)!r}): sys.exit('no weights')\n{FLAT}"
     arguments = ("benchmark", dataset, "-o", tmp_path / "b", "--command", f"mine={program(code)}")
@@ -237,8 +237,8 @@ def test_a_failure_of_before_is_told_and_tried_again_when_asked(twinlens, datase
     assert "failed: " not in out
 
 
-def test_a_function_that_sleeps_costs_little_more_than_its_limits(twinlens, dataset, tmp_path, monkeypatch):
-    (tmp_path / "sleepers.py").write_text(STRANGERS)
+def test_a_hanging_function_is_stopped_at_its_limits(twinlens, dataset, tmp_path, monkeypatch):
+    (tmp_path / "sleepers.py").write_text(FUNCTIONS)
     monkeypatch.syspath_prepend(str(tmp_path))
     begun = time.monotonic()
     code, out, err = twinlens(
@@ -271,7 +271,7 @@ def test_help_has_the_scoring_room_s_warm_up_limit(twinlens):
         (["--command", "x=none {left} {right} {out}", "--time-limit", "9"], "'none' cannot be started: no such"),
     ],
 )
-def test_what_a_matcher_lacks_is_told_before_anything_runs(twinlens, dataset, tmp_path, options, words):
+def test_missing_requirements_are_reported_before_anything_runs(twinlens, dataset, tmp_path, options, words):
     code, out, err = twinlens("benchmark", dataset, *options, "-o", tmp_path / "b")
     assert (code, out) == (2, "")
     assert words in err
@@ -279,8 +279,8 @@ def test_what_a_matcher_lacks_is_told_before_anything_runs(twinlens, dataset, tm
     assert not (tmp_path / "b").exists()
 
 
-def test_what_a_board_holds_outlives_a_program_that_is_away(twinlens, dataset, tmp_path, program):
-    """Another content is another method, whose old scores go: but a missing file is no content."""
+def test_a_missing_program_does_not_change_the_board(twinlens, dataset, tmp_path, program):
+    """Changed content means another method and drops its scores, but a missing file does not."""
     path = tmp_path / "prog.sh"
     command = program(FLAT).split(" ", 1)[1]
     arguments = ("benchmark", dataset, "--command", f"mine={path} {command}", "-o", tmp_path / "b")

@@ -1,4 +1,4 @@
-"""`twinlens score`: options that would change nothing are refused, and what it prints as JSON is JSON."""
+"""`twinlens score`: options without effect are refused, and --json prints valid JSON."""
 
 import json
 import math
@@ -24,7 +24,7 @@ def maps(tmp_path):
 
 
 @pytest.mark.parametrize("extra", [("--region", "all"), ("-o", "board"), ("--time-limit", "3")])
-def test_one_map_refuses_what_is_for_boards(twinlens, maps, extra):
+def test_one_map_refuses_options_of_boards(twinlens, maps, extra):
     code, out, err = twinlens("score", maps / "d.pfm", "--truth", maps / "gt.pfm", *extra)
     assert (code, out) == (2, "")
     assert extra[0] in err
@@ -34,8 +34,8 @@ def test_one_map_refuses_what_is_for_boards(twinlens, maps, extra):
 @pytest.mark.parametrize(
     "extra", [("--mask", "m.png"), ("--ndisp", "8"), ("--min-disparity", "-8"), ("--time-limit", "3")]
 )
-def test_boards_refuse_what_is_for_one_map(twinlens, maps, extra):
-    """Even of a folder that is named like a map."""
+def test_boards_refuse_options_of_one_map(twinlens, maps, extra):
+    """Also if a folder is named like a map."""
     code, out, err = twinlens("score", maps / "mine.pfm", "--truth", "motorcycle", "-o", maps / "board", *extra)
     assert (code, out) == (2, "")
     assert extra[0] in err
@@ -50,7 +50,7 @@ def test_a_perfect_map_of_negative_disparities_is_perfect(twinlens, maps, extra,
     assert json.loads(out)["regions"]["all"]["totbad2.0"] == totbad
 
 
-def test_a_map_of_before_is_not_shown_beside_a_failure(maps):
+def test_an_earlier_map_is_dropped_after_a_failure(maps):
     image, gt = np.zeros((4, 5), np.uint8), np.full((4, 5), 3, np.float32)
     pairs, folder = [Pair("s", image, image, gt, None, 8)], maps / "mine"
     kept = maps / "board" / "maps" / "s" / "mine.pfm"
@@ -71,7 +71,7 @@ def test_a_metric_without_a_number_is_still_json(twinlens, maps, protocol, avger
 
 
 def test_missing_maps_are_counted_and_named(twinlens, dataset, tmp_path):
-    """A sample of two lenses, and the real pair; of three maps one is there, under its plain name."""
+    """One of three maps exists, under the sample's plain name."""
     truth = tl.Dataset(dataset)[0].disp0
     write_pfm(tmp_path / "mine" / "cards.pfm", truth)
     arguments = (
@@ -92,16 +92,16 @@ def test_missing_maps_are_counted_and_named(twinlens, dataset, tmp_path):
     assert err == "mine: missing maps: 2 of 3 (cards/lens-1.pfm, motorcycle.pfm)\n"
 
 
-def test_maps_of_no_sample_are_counted_and_named(twinlens, dataset, tmp_path):
-    """Most often a misspelt name: four of them are told by three, and by all in the JSON, which is still a board."""
+def test_unmatched_maps_are_counted_and_named(twinlens, dataset, tmp_path):
+    """The first three are printed; the JSON, which is still a board, lists all."""
     truth = tl.Dataset(dataset)[0].disp0
     for name in ("cards/lens-0", "cards/lens-1", "card", "cards/lens-2", "crads/lens-0", "fence"):
         write_pfm(tmp_path / "mine" / f"{name}.pfm", truth)
     arguments = ("score", tmp_path / "mine", "--truth", dataset, "-o", tmp_path / "b")
     code, out, err = twinlens(*arguments, "--json")
     assert code == 0
-    told = "card.pfm, cards/lens-2.pfm, crads/lens-0.pfm and 1 more"
-    assert err == f"mine: maps that match no sample: 4 ({told})\n"
+    names = "card.pfm, cards/lens-2.pfm, crads/lens-0.pfm and 1 more"
+    assert err == f"mine: maps that match no sample: 4 ({names})\n"
     unscored = ["card.pfm", "cards/lens-2.pfm", "crads/lens-0.pfm", "fence.pfm"]
     assert json.loads(out)["unscored"] == {"mine": unscored}
     assert board_from_json(out) == read_board(tmp_path / "b" / "board.json")
@@ -114,7 +114,7 @@ def test_maps_of_no_sample_are_counted_and_named(twinlens, dataset, tmp_path):
 
 
 @pytest.mark.parametrize("word", ["folder", "motorcycle"])
-def test_one_map_against_a_dataset_says_that_one_truth_map_is_wanted(twinlens, maps, dataset, word):
+def test_one_map_against_a_dataset_is_refused(twinlens, maps, dataset, word):
     truth = dataset if word == "folder" else word
     code, out, err = twinlens("score", maps / "d.pfm", "--truth", truth)
     assert (code, out) == (2, "")
@@ -124,8 +124,8 @@ def test_one_map_against_a_dataset_says_that_one_truth_map_is_wanted(twinlens, m
 
 
 @pytest.mark.parametrize("turned", [False, True])
-def test_one_map_that_two_datasets_would_take_for_theirs_is_refused(twinlens, maps, dataset, tmp_path, turned):
-    """`cards` of two lenses takes cards.pfm for its first lens's; `cards` of one lens takes it for its own."""
+def test_one_map_that_matches_two_datasets_is_refused(twinlens, maps, dataset, tmp_path, turned):
+    """cards.pfm matches the first lens of one dataset's `cards`, and the other dataset's `cards`."""
     other = tmp_path / "other"
     assert twinlens("render", "cards", "--size", "64x48", "--spp", "2", "-o", other)[0] == 0
     write_pfm(tmp_path / "mine" / "cards.pfm", tl.Dataset(dataset)[0].disp0)
@@ -141,8 +141,8 @@ def test_one_map_that_two_datasets_would_take_for_theirs_is_refused(twinlens, ma
     assert (code, err) == (0, "mine: missing maps: 1 of 3 (cards/lens-1.pfm)\n"), "each has a file of its own now"
 
 
-def test_a_board_that_another_run_is_writing_is_left_alone(twinlens, dataset, tmp_path):
-    """Else whichever ends last would write its own entries alone; before the first pair there is no board.json yet."""
+def test_a_board_locked_by_another_run_is_not_changed(twinlens, dataset, tmp_path):
+    """Also before the first pair, when there is no board.json yet."""
     board = tmp_path / "board"
     maps = board / "maps" / "cards"
     maps.mkdir(parents=True)
@@ -164,7 +164,7 @@ def test_boards_one_after_the_other_are_one_board(twinlens, dataset, tmp_path):
     assert {entry["method"] for entry in entries} == {"sad", "ssd"}
 
 
-def test_a_table_that_is_no_terminal_s_is_cut_nowhere(twinlens, dataset, tmp_path):
+def test_a_table_without_terminal_is_not_truncated(twinlens, dataset, tmp_path):
     maps = tmp_path / ("m" * 200)
     for name in ("lens-0.pfm", "lens-1.pfm"):
         (maps / "cards").mkdir(parents=True, exist_ok=True)
@@ -178,7 +178,7 @@ def test_a_table_that_is_no_terminal_s_is_cut_nowhere(twinlens, dataset, tmp_pat
     assert set(caption(board, "eth3d", "nonocc").splitlines()) <= set(lines)
 
 
-def test_what_was_matched_before_a_damaged_sample_is_kept_and_told(twinlens, dataset, tmp_path):
+def test_matches_before_a_damaged_sample_are_kept(twinlens, dataset, tmp_path):
     copy = tmp_path / "set"
     shutil.copytree(dataset, copy)
     image = next(copy.glob("cards/lens-*/im1.png"))

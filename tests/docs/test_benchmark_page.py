@@ -1,4 +1,4 @@
-"""docs/benchmark.md names what there is: every protocol, region, failure and key, and nothing that is not."""
+"""docs/benchmark.md lists exactly the existing protocols, regions, failures and keys."""
 
 import json
 import re
@@ -14,7 +14,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "benchmark.md").read_text()
 
 
 class Nothing:
-    """Knows nothing, or raises."""
+    """Returns an empty map, or raises."""
 
     def __init__(self, name, fails=False):
         self.name, self.fails = name, fails
@@ -29,18 +29,18 @@ def section(title):
     return PAGE.partition(f"## {title}\n")[2].partition("\n## ")[0]
 
 
-def test_every_region_and_protocol_stands_there():
+def test_every_region_and_protocol_is_listed():
     found = re.findall(r"`([^`]+)`", "".join(re.findall(r"^\| (`.*?) \|", section("Regions"), re.M)))
     assert found == list(REGIONS)
     assert re.findall(r"`([^`]+)`", re.search(r"^\| \| (.*) \|$", section("Protocols"), re.M)[1]) == list(PROTOCOLS)
 
 
-def test_every_failure_stands_there_in_the_board_s_own_words():
+def test_every_failure_is_listed_with_its_text():
     rows = dict(re.findall(r"^\| `([a-z-]+)` \| (.*) \|$", section("Methods"), re.M))
     assert rows == dict(FAILURES)
 
 
-def test_every_key_of_a_board_stands_there():
+def test_every_key_of_a_board_is_listed():
     image = np.zeros((4, 5), np.uint8)
     pair = Pair("s", image, image, np.ones((4, 5), np.float32), None, 8)
     board = json.loads(board_to_json(run_benchmark([pair], [Nothing("a"), Nothing("b", True)], warm_up=False)))
@@ -52,8 +52,8 @@ def test_every_key_of_a_board_stands_there():
             assert re.search(rf"\b{key}\b", text), key
 
 
-def test_foreground_and_background_by_the_reader_s_own_words():
-    """The example of D1-fg and D1-bg: background and foreground weigh into all by their pixels."""
+def test_the_foreground_and_background_example():
+    """D1 of all pixels is the mean of D1-fg and D1-bg weighted by their pixels."""
     rng = np.random.default_rng(0)
     truth = rng.uniform(10, 30, (20, 30)).astype(np.float32)
     disp = truth + rng.choice([0, 5], truth.shape).astype(np.float32)

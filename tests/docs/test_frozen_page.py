@@ -1,4 +1,4 @@
-"""The published table of the frozen benchmark: made of its board, and nothing is claimed that it does not show."""
+"""The published table of the frozen benchmark matches its board, and the findings match the table."""
 
 import importlib.util
 import re
@@ -26,12 +26,12 @@ def tables():
 
 
 def bad(method, samples, region="nonocc"):
-    """The plain mean of totbad2.0, counted here once more."""
+    """Mean of totbad2.0, computed independently."""
     values = [BOARD.find(method, s, "middlebury-v3").value(region, "totbad2.0") for s in samples]
     return sum(values) / len(values)
 
 
-def test_the_page_is_made_of_the_board_and_the_findings():
+def test_the_page_matches_the_board_and_the_findings():
     sections = "\n".join(tables()._sections(BOARD))
     assert sections in PAGE
     assert FINDINGS in PAGE
@@ -44,8 +44,8 @@ def cells():
     return {float(text) for row in rows for cell in row if re.fullmatch(r"-?[\d.]+", text := cell.strip(" *"))}
 
 
-def test_every_number_of_the_findings_stands_in_a_table():
-    """A claim of 14.3% needs a cell that rounds to it; a little slack, for a cell is itself rounded."""
+def test_every_number_of_the_findings_is_in_a_table():
+    """A claim of 14.3% needs a cell that rounds to it, with slack for the cell's own rounding."""
     claims = re.findall(r"(\d+(?:\.\d+)?)%", FINDINGS) + re.findall(r"\b(0\.\d\d)\b", FINDINGS)
     numbers, found = [n for n in claims if n != "0.3"], cells()  # 0.3 is a difference, and the next test's
     assert len(numbers) > 30
@@ -54,7 +54,7 @@ def test_every_number_of_the_findings_stands_in_a_table():
         assert any(abs(cell - float(number)) <= half for cell in found), f"{number} stands in no table"
 
 
-def test_gain_is_nothing_to_what_removes_it():
+def test_unequal_gain_affects_only_costs_that_are_not_invariant():
     assert all(3 * bad(method, [GAIN]) < bad("sad", [GAIN]) for method in ("zncc", "census", "sgm"))
     assert bad("census", [REAL]) < bad("zncc", [REAL]) < bad("sad", [REAL])
 
@@ -71,8 +71,8 @@ def test_semi_global_beats_local(samples):
     assert bad("sgm", samples) < min(bad(method, samples) for method in local)
 
 
-def test_no_matcher_is_worse_than_its_counterpart_of_opencv_without_a_reason_given():
-    """By kind: SAD of windows beside StereoBM, semi-global beside StereoSGBM; the findings tell of each exception."""
+def test_matchers_worse_than_opencv_s_are_explained_in_the_findings():
+    """SAD against StereoBM, semi-global against StereoSGBM; the findings explain each exception."""
     rendered = [s for s in BOARD.samples if s not in (GAIN, REAL)]
     block = ("opencv_bm", "opencv_bm:texture=0,uniqueness=0")
     assert all(bad("sad", [s]) < min(bad(method, [s]) for method in block) for s in rendered)

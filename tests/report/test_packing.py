@@ -1,4 +1,4 @@
-"""What travels inside the page comes out as it went in; the colour tables are the published ones."""
+"""Encodings of the page round-trip; the colormaps equal the published ones."""
 
 import base64
 import io
@@ -23,7 +23,7 @@ disparities = hnp.arrays(
 
 
 @given(disp=disparities, stride=st.integers(1, 3))
-def test_a_map_comes_back_within_half_a_step(disp, stride):
+def test_a_map_round_trips_within_half_a_step(disp, stride):
     packed = pack(disp, stride)
     wanted = disp[::stride, ::stride]
     found = unpack(packed)
@@ -33,7 +33,7 @@ def test_a_map_comes_back_within_half_a_step(disp, stride):
     assert np.abs(found[known] - wanted[known]).max(initial=0) <= packed.step / 2
 
 
-def test_what_the_code_cannot_hold_saturates():
+def test_large_values_saturate():
     found = unpack(pack(np.array([[0, 1e6]], np.float32)))
     assert found.tolist() == [[0, 65534 / 16]]
 
@@ -46,7 +46,7 @@ def test_a_thinned_map_fits():
 
 
 @pytest.mark.parametrize("shape", [(12, 20), (12, 20, 3)])
-def test_an_image_comes_back_nearly(shape):
+def test_an_image_round_trips_approximately(shape):
     image = np.full(shape, 90, np.uint8)
     for stride, size in ((1, (20, 12)), (2, (10, 6))):
         kind, data = image_uri(image, stride).split(",")
@@ -68,7 +68,7 @@ def luminance(rgb):
     return linear @ [0.2126, 0.7152, 0.0722]
 
 
-def test_lightness_alone_tells_the_order():
+def test_lightness_is_monotonic():
     # Every eighth step: between neighbours the rounding to 8 bits is as large as the step.
     for name in ("viridis", "magma"):
         assert (np.diff(luminance(COLORMAPS[name][::8])) > 0).all()

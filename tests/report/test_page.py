@@ -1,4 +1,4 @@
-"""The page: one file that needs nothing, whatever names it is given; and, where there is Chromium, that it works."""
+"""The page is self-contained and safe for all names; in Chromium its controls work."""
 
 import base64
 import hashlib
@@ -24,7 +24,7 @@ EVIL = "</script><img src=x onerror=\"document.title='pwned'\"><!--<script>&lt;'
 
 
 class Flat:
-    """A matcher that knows one number."""
+    """Returns a constant, or raises."""
 
     def __init__(self, name, value):
         self.name, self.value = name, value
@@ -47,7 +47,7 @@ def pair(name="street"):
 
 
 def made(names=("low", "high"), sample="street", title="board"):
-    """A board, its samples and maps: the first method answers 5 px, the second 9 px, the third raises."""
+    """A board, its samples and maps: the first method returns 5 px, the second 9 px, the third raises."""
     maps, values = {}, (5, 9, None)
     methods = [Flat(name, value) for name, value in zip(names, values, strict=False)]
     samples = [pair(sample), pair(f"{sample} again")]
@@ -64,7 +64,7 @@ def made(names=("low", "high"), sample="street", title="board"):
 
 
 class Elements(HTMLParser):
-    """The tags a browser would make of a page, with their attributes, and the text of its JSON block."""
+    """Tags of a page as a browser parses them, with attributes, and the text of its JSON block."""
 
     def __init__(self, text):
         super().__init__()
@@ -159,8 +159,8 @@ def inflated(packed):
     return zlib.decompress(base64.b64decode(packed)).decode()
 
 
-def test_the_page_says_what_a_method_missed():
-    """It was run on one of two samples, so it has no mean; the page names the other."""
+def test_the_page_lists_samples_a_method_was_not_run_on():
+    """A method run on one of two samples has no mean, and the page names the other sample."""
     board, samples, _ = made()
     both = run_benchmark(samples[:1], [Flat("late", 5)], protocol=board.protocols, regions=board.regions, board=board)
     mean = json.loads(Elements(page_html(both)).data)["means"]["eth3d"]["all"]["late"]
@@ -168,21 +168,21 @@ def test_the_page_says_what_a_method_missed():
     assert mean["v"]["bad1.0"] is None
 
 
-def test_samples_and_maps_are_optional_and_strangers_are_left_out():
+def test_samples_and_maps_are_optional_and_unknown_samples_ignored():
     board, samples, _ = made()
     assert json.loads(Elements(page_html(board)).data)["samples"][0]["pictures"] is None
     assert len(page_html(board, [pair("unknown")])) == len(page_html(board))
     assert json.loads(Elements(page_html(board, samples)).data)["samples"][0]["pictures"]["maps"] == {}
 
 
-def test_wide_maps_and_full_budgets_are_thinned():
+def test_large_maps_are_subsampled():
     board, samples, maps = made()
     for options in ({"max_width": 20}, {"budget_bytes": 2000}):
         truth = json.loads(Elements(page_html(board, samples, maps, **options)).data)["samples"][0]["pictures"]["truth"]
         assert (truth["w"], truth["h"], truth["stride"]) == (20, 12, 2)
 
 
-def test_a_page_is_written_whole_or_not_at_all(tmp_path):
+def test_a_page_is_written_atomically(tmp_path):
     board, samples, maps = made()
     path = write_page(tmp_path / "board.html", board, samples, maps)
     assert path.read_text() == page_html(board, samples, maps)
@@ -195,15 +195,15 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path):
 
 
 def luminance(colour):
-    """The relative luminance of #rrggbb, by WCAG 2.2."""
+    """Relative luminance of #rrggbb (WCAG 2.2)."""
     values = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)]
     linear = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in values]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
 @pytest.mark.parametrize("theme", [":root {", ':root[data-theme="dark"] {'])
-def test_every_text_is_legible_on_every_ground(theme):
-    """At least 4.5 to 1, what WCAG 2.2 asks of small text (level AA)."""
+def test_text_has_enough_contrast(theme):
+    """At least 4.5 to 1, as WCAG 2.2 requires for small text (level AA)."""
     css = resources.files("twinlens.report").joinpath("page", "page.css").read_text()
     colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6})", css.partition(theme)[2].partition("}")[0]))
     pairs = [(text, ground) for text in ("ink", "soft", "faint", "accent", "best", "bad") for ground in ("bg", "card")]
@@ -291,7 +291,7 @@ const pixel = (canvas, x, y) => [...canvas.getContext("2d").getImageData(x, y, 1
 
 
 def browse(path, html):
-    """The page's elements after its script has run, as Chromium prints them."""
+    """The page's elements after its script has run, from Chromium's DOM dump."""
     path.write_text(html)
     command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=20000", "--dump-dom"]
     answer = subprocess.run([*command, f"{path.as_uri()}#theme=light"], capture_output=True, timeout=120, check=True)
@@ -301,11 +301,11 @@ def browse(path, html):
 needs_chromium = pytest.mark.skipif(
     CHROMIUM is None and not os.environ.get("TWINLENS_REQUIRE_CHROMIUM"), reason="no Chromium on this machine"
 )
-"""Where a browser is required, as in continuous integration, its absence is a failure and no silent skip."""
+"""Where a browser is required, as in continuous integration, its absence is a failure instead of a skip."""
 
 
 @needs_chromium
-def test_a_reader_can_sort_switch_look_closer_and_download(tmp_path):
+def test_sorting_selecting_inspecting_and_downloading(tmp_path):
     html = page_html(*made(("low", "high", "none")))
     # The page's own policy would stop this test's script; the next test runs under it.
     html = re.sub(r"<meta http-equiv=[^>]+>", "", html).replace("</body>", DRIVER + "</body>")
@@ -360,7 +360,7 @@ def test_a_board_on_which_everything_failed_lists_every_failure(tmp_path):
 
 
 @needs_chromium
-def test_evil_names_are_shown_as_text_and_run_nothing(tmp_path):
+def test_names_with_markup_are_shown_as_text(tmp_path):
     board, samples, maps = made((EVIL, "b" + EVIL, "c" + EVIL), sample="s" + EVIL, title="t" + EVIL)
     dom = browse(tmp_path / "page.html", page_html(board, samples, maps))
     assert 'data-ready="1"' in dom

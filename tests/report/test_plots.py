@@ -1,4 +1,4 @@
-"""Figures of a table: what is drawn is what the table says, and the bytes are the same each time."""
+"""Figures show the table's values, and their bytes are reproducible."""
 
 import numpy as np
 import pytest

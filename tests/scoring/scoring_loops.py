@@ -1,4 +1,4 @@
-"""The three protocols once more, one pixel at a time in plain Python, written from the evaluators' rules."""
+"""Naive reference: the three protocols pixel by pixel in plain Python, written from the evaluators' rules."""
 
 import math
 

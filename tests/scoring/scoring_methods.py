@@ -1,4 +1,4 @@
-"""A sample, and matchers good, bad and dangerous: at module level, so that a spawned process can import them."""
+"""A sample, and well-behaved and faulty matchers at module level, so that a worker process can import them."""
 
 import contextlib
 import ctypes
@@ -28,7 +28,7 @@ def pair(name="a", seed=0, truth=4.0, mask=True):
 
 @dataclass(frozen=True)
 class Constant:
-    """Answers one disparity everywhere, +inf in the first `holes` columns."""
+    """Returns a constant disparity, +inf in the first `holes` columns."""
 
     name: str
     value: float
@@ -48,7 +48,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class Slow:
-    """Its first call in a process takes `compiling` seconds, as one of compiled code does; the others take none."""
+    """Its first call in a process takes `compiling` seconds, like compilation."""
 
     name: str
     compiling: float
@@ -65,7 +65,7 @@ _COMPILED = set()
 
 @dataclass(frozen=True)
 class Hangs:
-    """Notes how many rows it was given, and does not come back for `seconds`."""
+    """Records the number of rows and sleeps for `seconds`."""
 
     name: str
     note: Path
@@ -80,7 +80,7 @@ class Hangs:
 
 @dataclass(frozen=True)
 class Starts:
-    """Starts `sleep`, writes its number into a file, and waits for it: quietly, or deaf to any request to end."""
+    """Starts `sleep`, records its process id, and waits for it; `deaf`: with SIGTERM blocked."""
 
     name: str
     note: Path
@@ -103,7 +103,7 @@ class Starts:
 
 @dataclass(frozen=True)
 class Signed:
-    """Answers one disparity everywhere, and writes what it was told to search into its map's corner."""
+    """Returns a constant disparity, with the search range in the first two pixels."""
 
     name: str
     value: float
@@ -116,7 +116,7 @@ class Signed:
 
 @dataclass(frozen=True)
 class Trouble:
-    """Does one kind of harm, named by itself."""
+    """Has the fault that its name states."""
 
     name: str
 
@@ -175,7 +175,7 @@ class Trouble:
 
 @dataclass(frozen=True)
 class Unloadable:
-    """A method that this process can send and that asks for too much where it is loaded, by itself or wrapped."""
+    """Can be pickled; unpickling raises `error` as the cause of an InputError."""
 
     name: str
     error: type
@@ -196,7 +196,7 @@ def _hungry(error):
 
 @dataclass(frozen=True)
 class Starving:
-    """Leaves its process no memory at the warm-up, so that the following question kills it."""
+    """Uses up its process's memory in the warm-up, so that the next images cannot be received."""
 
     name: str
 

@@ -1,4 +1,4 @@
-"""Running methods on samples: failures stay alone, resume runs only what is new, a limit really limits."""
+"""`run_benchmark`: isolated failures, resume, time and memory limits."""
 
 import re
 import subprocess
@@ -29,7 +29,7 @@ from twinlens.scoring import (
 
 
 class Counting:
-    """A method that says how often it was called."""
+    """Counts its calls."""
 
     def __init__(self, name, value, spec="v1"):
         self.name, self.value, self.spec, self.calls = name, value, spec, 0
@@ -39,7 +39,7 @@ class Counting:
         return np.full(left.shape[:2], self.value, np.float32)
 
 
-def test_the_board_holds_what_evaluate_answers():
+def test_the_board_holds_the_scores_of_evaluate():
     sample, method = pair(), Constant("c", 6.5, holes=3)
     entry = run_benchmark([sample], [method], protocol="eth3d").entries[0]
     scores = evaluate(
@@ -82,7 +82,7 @@ KINDS = {
 }
 
 
-def test_every_failure_stays_alone():
+def test_a_failure_does_not_affect_other_pairs():
     methods = [*(Trouble(name) for name in KINDS), Constant("good", 4)]
     board = run_benchmark([pair("a"), pair("b")], methods, warm_up=False)
     assert {(e.method, e.failure.kind) for e in board.entries if e.failure} == set(KINDS.items())
@@ -134,8 +134,8 @@ def test_a_limit_stops_a_hang_and_survives_a_dead_process():
     assert "signal 6" in board.find("dies", "a", "middlebury-v3").failure.message
 
 
-def test_a_crash_of_compiled_code_a_glutton_and_a_talker_stay_alone(capfd):
-    """A limit of 2 GiB is more than the good ones need, and less than this machine has."""
+def test_segfault_memory_exhaustion_and_massive_output_are_single_failures(capfd):
+    """The limit of 2 GiB is above what the good methods need and below this machine's memory."""
     methods = [Trouble("segfaults"), Trouble("hoards"), Trouble("talks"), Constant("good", 4)]
     board = run_benchmark([pair()], methods, memory_limit=2 * 2**30, time_limit=30, warm_up=False)
     kinds = {e.method: e.failure and e.failure.kind for e in board.entries}
@@ -144,7 +144,7 @@ def test_a_crash_of_compiled_code_a_glutton_and_a_talker_stay_alone(capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_memory_limit_alone_runs_methods_apart():
+def test_a_memory_limit_implies_a_worker_process():
     board = run_benchmark([pair()], [Trouble("dies"), Constant("good", 4)], memory_limit=2**31, warm_up=False)
     assert [e.ok for e in board.entries] == [False, True]
 
@@ -162,21 +162,21 @@ def test_a_limit_below_what_a_process_needs_to_start_is_a_lack_of_memory(warm_up
 
 
 @pytest.mark.parametrize(("error", "kind"), [(MemoryError, "memory"), (ImportError, "memory"), (KeyError, "crash")])
-def test_a_lack_of_memory_while_loading_is_told_from_a_crash(error, kind):
+def test_out_of_memory_while_loading_is_not_a_crash(error, kind):
     board = run_benchmark([pair()], [Unloadable("u", error)], time_limit=30, warm_up=False)
     assert board.entries[0].failure.kind == kind
 
 
 @only_linux
-def test_a_child_whose_memory_fails_between_two_calls_says_so():
-    """The limit sinks to less than it has once it was greeted; the next question is too large to be read."""
+def test_a_worker_out_of_memory_between_two_matches_is_a_memory_failure():
+    """The method lowers its own limit during the warm-up; the images of the next match cannot be received."""
     image, truth = np.zeros((600, 800, 3), np.uint8), np.ones((600, 800), np.float32)
     large = Pair("a", image, image, truth, None, 16)
     board = run_benchmark([large], [Starving("s")], time_limit=30, warm_up=True)
     assert board.entries[0].failure.kind == "memory"
 
 
-def test_a_hang_while_warming_up_is_bounded_and_not_tried_again(tmp_path):
+def test_a_hanging_warm_up_is_stopped_and_not_repeated(tmp_path):
     start = time.monotonic()
     method = Hangs("hangs", tmp_path / "rows")
     board = run_benchmark([pair("a"), pair("b", 1)], [method], time_limit=0.5, warm_up_limit=0.5)
@@ -188,7 +188,7 @@ def test_a_hang_while_warming_up_is_bounded_and_not_tried_again(tmp_path):
 
 
 def test_a_method_that_is_always_slow_is_warmed_up_once(tmp_path):
-    """Its first call ends, later than the limit; a second one in the next process would end as late, and not help."""
+    """Its warm-up ends after the time limit, so repeating it in a new worker would not help."""
     method = Hangs("slow", tmp_path / "rows", seconds=1.0)
     samples = [pair(name, seed) for seed, name in enumerate("abc")]
     board = run_benchmark(samples, [method, Constant("good", 4)], time_limit=0.4, warm_up_limit=30)
@@ -202,8 +202,8 @@ def test_a_method_that_is_always_slow_is_warmed_up_once(tmp_path):
     assert all(e.ok for e in board.entries if e.method == "good")
 
 
-def test_a_fresh_process_is_warmed_up_again():
-    """Compiling takes longer than the limit: without a new warm-up the innocent would fail, or look slow."""
+def test_a_new_worker_is_warmed_up_again():
+    """Compilation exceeds the time limit: without a new warm-up, the method would fail or appear slow."""
     methods = [Slow("slow", 1.0), Trouble("hangs")]
     board = run_benchmark([pair("a"), pair("b", 1)], methods, time_limit=0.5, warm_up_limit=2.0)
     assert [e.failure and e.failure.kind for e in board.entries] == [None, "time-limit"] * 2
@@ -234,7 +234,7 @@ def test_a_limit_ends_what_the_method_started(tmp_path, deaf, session):
 
 
 def test_a_program_by_name_ends_with_the_limit(tmp_path):
-    """twinlens starts programs in sessions of their own, where no killing of a group reaches them."""
+    """Programs run in their own sessions, which killing the worker's process group does not reach."""
     script = tmp_path / "prog.sh"
     script.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\nexec sleep 60\n")
     script.chmod(0o755)
@@ -245,7 +245,7 @@ def test_a_program_by_name_ends_with_the_limit(tmp_path):
 
 
 def negative(name="n"):
-    """A pair whose truth is -5 everywhere, as of a rig whose principal points differ."""
+    """A pair with the truth -5 everywhere, as of a rig whose principal points differ."""
     plain = pair(name, truth=-5.0)
     return replace(plain, min_disparity=-8, ndisp=16)
 
@@ -259,7 +259,7 @@ def test_a_perfect_answer_to_a_negative_truth_is_perfect():
 
 
 @pytest.mark.parametrize("limit", [None, 20.0])
-def test_a_method_is_told_where_negative_disparities_begin(limit):
+def test_methods_receive_a_negative_min_disparity(limit):
     corners = []
     run_benchmark(
         [negative(), pair("p")],
@@ -270,14 +270,14 @@ def test_a_method_is_told_where_negative_disparities_begin(limit):
     assert corners == [(16, -8), (16, 0)]
 
 
-def test_a_method_that_knows_no_negative_disparities_fails_there_alone():
+def test_a_method_without_negative_disparities_fails_on_such_pairs_only():
     board = run_benchmark([negative(), pair("p")], [Constant("c", 4)])
     assert [e.ok for e in board.entries] == [False, True]
     assert "min_disparity" in board.entries[0].failure.message
 
 
-def test_a_stored_sample_says_where_its_disparities_begin():
-    """vmin of its calibration, else its truth; ndisp is the bound that a dataset states, 0 <= d < ndisp."""
+def test_the_search_range_of_a_stored_sample():
+    """min_disparity from the calibration's vmin, or else from the truth; ndisp counts from there."""
     plain = pair(truth=-4.5)
     fields = ("name", "im0", "im1", "disp0", "mask0_nonocc", "ndisp")
     stored = SimpleNamespace(**{name: getattr(plain, name) for name in fields})
@@ -290,7 +290,7 @@ def test_a_stored_sample_says_where_its_disparities_begin():
     assert load_pair(stored).search == {"num_disparities": 16 + 30, "min_disparity": -30}
 
 
-def test_a_method_that_cannot_be_sent_says_so():
+def test_a_method_that_cannot_be_pickled_fails_with_a_reason():
     method = Counting("c", 4)
     method.secret = lambda: None
     entry = run_benchmark([pair()], [method, Constant("good", 4)], time_limit=5, warm_up=False)
@@ -298,7 +298,7 @@ def test_a_method_that_cannot_be_sent_says_so():
     assert entry.entries[1].ok
 
 
-def test_the_fingerprint_sees_every_part_of_a_sample():
+def test_the_fingerprint_covers_every_part_of_a_sample():
     first = pair()
     flipped = first.mask0_nonocc[::-1].copy()
     changes = [
@@ -338,7 +338,7 @@ def test_resume_runs_only_what_is_new(tmp_path):
     assert a.calls == 2
 
 
-def test_a_resumed_board_says_whose_measurements_it_holds():
+def test_a_resumed_board_describes_all_machines():
     first = run_benchmark([pair("s")], [Constant("a", 4)])
     assert "mixed" not in first.meta
     elsewhere = replace(first, meta=dict(first.meta) | {"twinlens": "0.0.1", "processors": "96"})
@@ -353,7 +353,7 @@ def test_a_resumed_board_says_whose_measurements_it_holds():
     assert replaced.meta == first.meta
 
 
-def test_the_file_is_written_now_and_then_and_at_the_end(tmp_path, monkeypatch):
+def test_the_file_is_written_periodically_and_at_the_end(tmp_path, monkeypatch):
     written = []
     monkeypatch.setattr(resume, "write_board", lambda board, path: written.append(len(board.entries)))
     samples = [pair(str(i), i) for i in range(20)]
@@ -362,7 +362,7 @@ def test_the_file_is_written_now_and_then_and_at_the_end(tmp_path, monkeypatch):
     assert len(written) < 10
 
 
-def test_what_was_measured_is_kept_when_a_run_breaks_off(tmp_path):
+def test_finished_entries_are_kept_when_a_run_is_interrupted(tmp_path):
     def broken():
         yield from (pair(str(i), i) for i in range(5))
         raise KeyboardInterrupt
@@ -372,15 +372,15 @@ def test_what_was_measured_is_kept_when_a_run_breaks_off(tmp_path):
     assert len(read_board(tmp_path / "b.json").entries) == 5
 
 
-def test_a_map_goes_when_what_made_it_fails_or_changes(tmp_path):
+def test_a_map_is_dropped_when_its_method_fails_or_changes(tmp_path):
     maps = MapFolder(tmp_path)
-    told = {"warm_up": False, "on_map": maps.keep, "on_drop": maps.drop}
-    board = run_benchmark([pair("s"), pair("t")], [Counting("raises", 4, spec="v1")], **told)
+    options = {"warm_up": False, "on_map": maps.keep, "on_drop": maps.drop}
+    board = run_benchmark([pair("s"), pair("t")], [Counting("raises", 4, spec="v1")], **options)
     assert maps.get(("raises", "s")) is not None
-    board = run_benchmark([pair("s")], [Trouble("raises")], board=board, **told)
+    board = run_benchmark([pair("s")], [Trouble("raises")], board=board, **options)
     assert not board.entries[0].ok
     assert [maps.get(("raises", name)) for name in "st"] == [None, None]
-    run_benchmark([pair("s")], [Counting("raises", 4, spec="raises")], board=board, retry_failed=True, **told)
+    run_benchmark([pair("s")], [Counting("raises", 4, spec="raises")], board=board, retry_failed=True, **options)
     assert maps.get(("raises", "s")) is not None
 
 
@@ -401,14 +401,14 @@ def test_resume_runs_again_what_disagrees(change):
     assert again.entries[-1].regions["all"]["avgerr"] == 2
 
 
-def test_a_failure_is_kept_until_asked_again():
+def test_a_failure_is_kept_unless_retry_failed():
     board = run_benchmark([pair()], [Trouble("raises")])
     method = Counting("raises", 4, spec="raises")
     assert not run_benchmark([pair()], [method], board=board, warm_up=False).entries[0].ok
     assert run_benchmark([pair()], [method], board=board, retry_failed=True, warm_up=False).entries[0].ok
 
 
-def test_progress_and_maps_are_told():
+def test_progress_and_on_map_are_called():
     steps, maps = [], {}
     run_benchmark(
         (p for p in [pair("s"), pair("t")]),
@@ -420,7 +420,7 @@ def test_progress_and_maps_are_told():
     assert set(maps) == {("a", "s"), ("a", "t")}
 
 
-def test_a_board_file_that_is_none_is_not_overwritten(tmp_path):
+def test_a_file_that_is_not_a_board_is_not_overwritten(tmp_path):
     save = tmp_path / "board.json"
     save.write_text("my thesis")
     with pytest.raises(FileError, match="not a board"):
@@ -443,7 +443,7 @@ def test_a_board_file_that_is_none_is_not_overwritten(tmp_path):
         (([pair()], [Constant("a", 4)]), {"memory_limit": 0}, "memory_limit is 0"),
     ],
 )
-def test_bad_plans_are_refused(args, options, says):
+def test_bad_arguments_are_refused(args, options, says):
     with pytest.raises(InputError, match=says):
         run_benchmark(*args, **options)
 
@@ -463,7 +463,7 @@ def test_an_empty_board_is_returned_for_no_samples():
 
 
 def test_scoring_and_its_page_need_no_renderer():
-    """In a fresh process where importing mitsuba, drjit or numba fails."""
+    """In a new process where importing mitsuba, drjit or numba fails."""
     script = """
 import sys
 for name in ("mitsuba", "drjit", "numba"):

@@ -1,4 +1,4 @@
-"""The board as data, as a file and as text."""
+"""The board as data, file and text."""
 
 import contextlib
 import csv
@@ -66,7 +66,7 @@ def test_a_failure_leaves_no_mean_and_comes_last():
 
 
 def test_a_pair_that_was_not_run_is_missing_and_leaves_no_mean():
-    """Else a method that was run on the easy sample alone would stand above one that was run on both."""
+    """A method run on the easy sample only must not rank above one run on both."""
     b = board(entry("easy", "s", 1), entry("both", "s", 10), entry("both", "t", 90))
     ranked = standings(b, "middlebury-v3")
     assert [(m.method, m.counted, m.missing, m.total) for m in ranked] == [("both", 2, (), 2), ("easy", 1, ("t",), 2)]
@@ -85,7 +85,7 @@ def test_a_region_not_scored_is_missing_only_where_another_has_it():
     assert b.mean("m", "middlebury-v3", "all").total == b.mean("n", "middlebury-v3", "all").total == 1
 
 
-def test_a_sample_without_the_region_counts_for_nobody():
+def test_a_sample_without_the_region_is_not_counted():
     b = board(entry("m", "s", 10), entry("m", "t", 30, region="near"), entry("m", "u", 50, evaluated=0))
     mean = b.mean("m", "middlebury-v3", "all")
     assert (mean.metrics["totbad2.0"], mean.counted) == (10, 1)
@@ -116,7 +116,7 @@ def test_two_entries_of_one_key_are_refused():
         (lambda b: b.mean("m", "middlebury-v3", "all", {"s": -1}), "weight of 's' is -1"),
     ],
 )
-def test_questions_a_board_cannot_answer(call, says):
+def test_unknown_names_are_refused(call, says):
     with pytest.raises(InputError, match=says):
         call(board(entry("m", "s", 10)))
 
@@ -127,7 +127,7 @@ numbers = st.one_of(st.floats(0, 1e9), st.just(math.inf), st.just(NAN))
 
 @given(method=texts, sample=texts, bad=numbers, message=texts, failed=st.booleans())
 @settings(max_examples=60, deadline=None)
-def test_json_gives_back_the_board(method, sample, bad, message, failed):
+def test_json_round_trip(method, sample, bad, message, failed):
     b = board(entry(method, sample, bad, failure=Failure("crash", message) if failed else None))
     text = board_to_json(b)
     json.loads(text, parse_constant=pytest.fail)
@@ -139,7 +139,7 @@ def test_json_gives_back_the_board(method, sample, bad, message, failed):
 
 
 def documents():
-    """(what is changed, a board's JSON with one thing wrong, what the reader says)."""
+    """(JSON with one error, part of the expected message)."""
     good = json.loads(board_to_json(board(entry("m", "s", 10), entry("n", "s", 0, failure=Failure("crash", "x")))))
 
     def changed(path, value):
@@ -204,7 +204,7 @@ def test_a_damaged_board_is_read_or_refused(data):
         assert isinstance(board_from_json(with_damage), Board)
 
 
-def test_a_board_keeps_where_disparities_begin_and_an_older_one_began_at_0():
+def test_min_disparity_is_stored_and_0_in_older_files():
     text = board_to_json(board(replace(entry("m", "s", 10), min_disparity=-7)))
     assert board_from_json(text).entries[0].min_disparity == -7
     older = json.loads(text)
@@ -212,7 +212,7 @@ def test_a_board_keeps_where_disparities_begin_and_an_older_one_began_at_0():
     assert board_from_json(json.dumps(older)).entries[0].min_disparity == 0
 
 
-def test_writing_is_whole_or_not_at_all(tmp_path):
+def test_writing_is_atomic(tmp_path):
     path = tmp_path / "b.json"
     write_board(board(entry("m", "s", 10)), path)
     before = path.read_text()
@@ -254,7 +254,7 @@ NAMED = ("protocol", "region", "denominator", "invalid", "clip", "resolution", "
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_every_table_names_the_rules_of_its_numbers(protocol):
-    """In the terminal, in LaTeX and in the board's file, whatever the protocol."""
+    """In the terminal, in LaTeX and in the board's file, for every protocol."""
     calibration = Calibration((9.0, 9.0, 1.0, 1.0), (9.0, 9.0, 1.0, 1.0), 0.1, 30, 40, 0.0)
     b = run_benchmark([replace(pair("s"), calibration=calibration)], [Constant("c", 4)], protocol=protocol)
     words = [line.partition(": ") for line in caption(b, protocol, "nonocc").splitlines()]
@@ -276,7 +276,7 @@ def test_a_table_of_weighted_means_says_so():
     assert "weighted mean over samples" in board_latex(b, "eth3d", "all", weights={"s": 2.0})
 
 
-def test_csv_keeps_every_number_and_defuses_formulas():
+def test_csv_keeps_every_number_and_escapes_formulas():
     b = real_board()
     rows = list(csv.DictReader(io.StringIO(board_csv(b))))
     assert len(rows) == 3 * 2 * 2 * 3 + 2 * 3
@@ -294,5 +294,5 @@ def test_latex_escapes_names_and_marks_the_best():
     assert text.count("{") == text.count("}")
 
 
-def test_failures_are_told_once_a_pair():
+def test_failures_are_listed_once_per_pair():
     assert failures(real_board()) == [f"raises on {s}: crash (RuntimeError: out of luck)" for s in "st"]

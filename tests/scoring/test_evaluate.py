@@ -1,4 +1,4 @@
-"""The protocols against their plain-Python double, and where they must agree or differ."""
+"""The protocols against a naive reference, and against each other."""
 
 import math
 
@@ -17,7 +17,7 @@ CALIBRATION = Calibration((90.0, 80.0, 5.5, 4.0), (90.0, 80.0, 8.5, 4.0), 0.2, 1
 
 
 def random_case(seed, height=None, width=None, holes=None):
-    """A truth and an estimate with holes, far-off values, exact hits and errors exactly on the thresholds."""
+    """A truth and an estimate with gaps, outliers, exact values, and errors exactly at the thresholds."""
     rng = np.random.default_rng(seed)
     height, width = height or int(rng.integers(1, 14)), width or int(rng.integers(1, 14))
     gt = (rng.integers(0, 16 * 30, (height, width)) / 16).astype(np.float32)
@@ -122,7 +122,7 @@ def test_only_middlebury_clips_to_ndisp():
     assert evaluate(disp, gt, ndisp=12, min_disparity=9).all["avgerr"] == (1 + 11) / 4
 
 
-def test_eth3d_takes_nothing_wider_than_the_image():
+def test_eth3d_counts_estimates_above_the_image_width_as_invalid():
     gt = np.full((1, 20), 10, np.float32)
     disp = gt.copy()
     disp[0, :4] = [20, 20.5, -20, -20.5]
@@ -155,7 +155,7 @@ def test_d1_is_computed_in_float32(seed):
     same(found, naive.kitti(disp.tolist(), gt.tolist(), np.ones(gt.shape, bool)))
 
 
-def test_middlebury_takes_far_too_large_estimates_for_no_estimate():
+def test_middlebury_counts_estimates_above_1000_ndisp_as_invalid():
     gt = np.full((1, 4), 10, np.float32)
     disp = np.array([[10, 60, 12000, 12001]], np.float32)
     scores = evaluate(disp, gt, ndisp=12).all
@@ -165,7 +165,7 @@ def test_middlebury_takes_far_too_large_estimates_for_no_estimate():
 
 @given(seed=st.integers(0, 2**32 - 1), isint=st.booleans())
 @settings(max_examples=30, deadline=None)
-def test_isint_of_the_calibration_rounds_middlebury_s_estimates_alone(seed, isint):
+def test_isint_rounds_estimates_under_middlebury_only(seed, isint):
     disp, gt, mask = random_case(seed, 12, 12)
     calibration = CALIBRATION.replace(isint=isint)
     scores = evaluate(disp, gt, mask, 20, calibration=calibration)
@@ -255,8 +255,8 @@ def test_bad_input_is_refused_in_one_line(args, options, says):
     assert "\n" not in str(error.value)
 
 
-def test_the_sizes_that_are_said_to_be_expected_are_those_that_pass():
-    """Of a truth of odd size there is no half."""
+def test_the_message_lists_the_accepted_sizes():
+    """A truth of odd size has no half size."""
     with pytest.raises(InputError) as error:
         evaluate(np.ones((2, 2)), np.ones((5, 6)))
     assert str(error.value).endswith("expects (5, 6) for a truth of (5, 6)")

@@ -1,4 +1,4 @@
-"""One run at a time writes a board, whoever started it."""
+"""Only one run at a time may write a board."""
 
 import threading
 
@@ -18,7 +18,7 @@ class Flat:
 
 
 def test_a_second_run_of_one_board_is_refused_and_changes_nothing(tmp_path):
-    """Else whichever ends last would write its own entries alone."""
+    """Otherwise the run that ends last would overwrite the other's entries."""
     board = tmp_path / "board.json"
     with (
         exclusive(tmp_path, "board.json"),
@@ -31,7 +31,7 @@ def test_a_second_run_of_one_board_is_refused_and_changes_nothing(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["board.json"]
 
 
-def test_a_run_that_its_own_progress_starts_on_the_same_board_is_refused_too(tmp_path):
+def test_a_nested_run_of_the_same_board_is_refused(tmp_path):
     board, heard = tmp_path / "board.json", []
 
     def again():
@@ -39,14 +39,14 @@ def test_a_run_that_its_own_progress_starts_on_the_same_board_is_refused_too(tmp
             run_benchmark([pair()], [Flat()], save=tmp_path / "x" / ".." / "board.json", warm_up=False)
         heard.append("refused")
 
-    def told(step):
+    def progress(step):
         (tmp_path / "x").mkdir()
         again()
         thread = threading.Thread(target=again)
         thread.start()
         thread.join()
 
-    run_benchmark([pair()], [Flat()], save=board, warm_up=False, progress=told)
+    run_benchmark([pair()], [Flat()], save=board, warm_up=False, progress=progress)
     assert heard == ["refused", "refused"]
 
 
@@ -56,7 +56,7 @@ def test_boards_of_other_names_may_be_written_at_once(tmp_path):
     assert len(read_board(tmp_path / "b.json").entries) == 1
 
 
-def test_folders_made_for_nothing_are_removed(tmp_path):
+def test_folders_left_empty_are_removed(tmp_path):
     with pytest.raises(InputError):
         run_benchmark([pair(), pair()], [], save=tmp_path / "a" / "b" / "board.json")
     with pytest.raises(ZeroDivisionError), exclusive(tmp_path / "c" / "d"):

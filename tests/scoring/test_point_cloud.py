@@ -1,4 +1,4 @@
-"""Errors in metres against points built by the pinhole's own geometry, and clouds against brute force."""
+"""Errors in metres against reprojected points, and clouds against brute force."""
 
 import math
 

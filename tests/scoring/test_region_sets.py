@@ -1,4 +1,4 @@
-"""Every named region against one plain loop over pixels, written from the words that the tables print."""
+"""Every named region against a naive loop over pixels, written from the text that tables print."""
 
 import math
 from dataclasses import replace
@@ -16,7 +16,7 @@ KINDS = {"diffuse": 1, "glossy": 2, "mirror": 3, "transmissive": 4}
 
 
 def random_pair(seed):
-    """Flat patches and noise, steps of disparity of 2 px and a little less, every value of mask and material."""
+    """Flat and noisy patches, disparity steps of 2 px and slightly less, every value of mask and material."""
     rng = np.random.default_rng(seed)
     height, width = (int(n) for n in rng.integers(6, 16, 2))
     image = rng.integers(0, 256, (height, width, 3), np.uint8)
@@ -32,7 +32,7 @@ def random_pair(seed):
 
 
 def naive_regions(pair):
-    """{name: set of (y, x)}: known truth alone."""
+    """Region -> set of (y, x) with known truth."""
     height, width = pair.disp0.shape
     gt, mask = pair.disp0.tolist(), pair.mask0_nonocc.tolist()
     known = {(y, x) for y in range(height) for x in range(width) if gt[y][x] < math.inf}
@@ -42,7 +42,7 @@ def naive_regions(pair):
     levels = pair.im0.reshape(height, width, -1).tolist()
 
     def rough(y, x):
-        """The larger mean squared step to the left or right neighbour; y and x may lie outside by a pixel."""
+        """The larger mean squared step to the left or right neighbour; y and x may be one pixel outside."""
         y, x = min(max(y, 0), height - 1), min(max(x, 0), width - 1)
         beside = [k for k in (x - 1, x + 1) if 0 <= k < width]
         return max(
@@ -87,7 +87,7 @@ def test_every_region_equals_the_loops(seed):
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=20, deadline=None)
 def test_every_protocol_in_every_region_equals_the_loops(seed):
-    """The plain-Python protocols inside the plain-Python regions: no line in common with what is tested."""
+    """Naive protocols within naive regions."""
     pair, rng = random_pair(seed), np.random.default_rng(seed + 1)
     truth = np.where(np.isfinite(pair.disp0), pair.disp0, 5)
     disp = (truth + rng.choice([0, 0.4, -1.5, 2, 2.2, 3.5, -40], truth.shape)).astype(np.float32)
@@ -114,13 +114,13 @@ LOOPS = {
 }
 
 
-def test_a_column_alone_has_no_texture_to_tell():
+def test_an_image_one_pixel_wide_has_no_textureless_region():
     one = Pair("p", np.zeros((4, 1), np.uint8), np.zeros((4, 1), np.uint8), np.ones((4, 1), np.float32), None, 2)
     seen = replace(one, mask0_nonocc=np.full((4, 1), 255, np.uint8))
     assert list(region_masks(seen, ["textureless", "all", "discontinuity"])) == ["all", "discontinuity"]
 
 
-def test_mirror_and_glass_stand_apart():
+def test_mirror_and_glass_are_separate_regions():
     pair = random_pair(7)
     masks = region_masks(pair, ["mirror", "transmissive"])
     assert (masks["mirror"] & masks["transmissive"]).sum() == 0
@@ -128,8 +128,8 @@ def test_mirror_and_glass_stand_apart():
     assert masks["transmissive"].sum() == (pair.material_kind0 == 4).sum() > 0
 
 
-def test_metres_stand_beside_pixels_on_one_board():
-    """One map, every protocol: errors in pixels by three, in metres by the fourth, in every region."""
+def test_one_board_holds_errors_in_metres_and_pixels():
+    """One map scored by every protocol in every region."""
     calibration = Calibration((90.0, 90.0, 5.0, 5.0), (90.0, 90.0, 5.0, 5.0), 0.1, 8, 8, 0.0)
     pair = replace(random_pair(3), calibration=calibration)
 

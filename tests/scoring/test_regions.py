@@ -1,4 +1,4 @@
-"""Regions against plain loops and laws, and what a sample can tell."""
+"""Regions against naive loops."""
 
 import math
 
@@ -76,7 +76,7 @@ def test_discontinuity_equals_the_loops(gt, window):
 
 
 @given(gt=truths)
-def test_the_bands_part_the_known_pixels(gt):
+def test_the_bands_partition_the_known_pixels(gt):
     near, mid, far = distance_bands(gt)
     np.testing.assert_array_equal(near.astype(int) + mid + far, np.isfinite(gt))
     if np.isfinite(gt).any():
@@ -96,7 +96,7 @@ def test_bands_by_given_edges():
     ]
 
 
-def test_occluded_is_neither_seen_nor_unknown():
+def test_occluded_is_neither_visible_nor_unknown():
     mask = np.array([[255, 128, 0]], np.uint8)
     assert occluded(mask).tolist() == [[False, True, False]]
     assert occluded(mask == 255).tolist() == [[False, True, True]]
@@ -106,7 +106,7 @@ def test_blur_counts_on_both_sides_of_the_focus():
     assert out_of_focus([[-2.5, -2, 0, 2, 2.5, np.nan]]).tolist() == [[True, False, False, False, True, False]]
 
 
-def test_materials_part_what_was_hit():
+def test_materials_partition_the_hit_pixels():
     kinds = np.arange(len(MATERIAL_KINDS), dtype=np.uint8)[None]
     found = sum(of_material(kinds, name).astype(int) for name in MATERIAL_KINDS)
     assert found.tolist() == [[1] * len(MATERIAL_KINDS)]
@@ -126,7 +126,7 @@ def test_materials_part_what_was_hit():
         (lambda: region_masks(pair(), ["texturless"]), "did you mean 'textureless'"),
     ],
 )
-def test_bad_questions_are_refused(call, says):
+def test_bad_arguments_are_refused(call, says):
     with pytest.raises(InputError, match=says):
         call()
 
@@ -137,7 +137,7 @@ def full():
     return Pair("full", plain.im0, plain.im1, plain.disp0, plain.mask0_nonocc, 16, None, plain.disp0 - 2, kinds)
 
 
-def test_a_sample_tells_the_regions_it_can():
+def test_regions_without_data_are_left_out():
     assert list(region_masks(full(), REGIONS)) == list(REGIONS)
     assert set(REGIONS) - set(region_masks(pair(mask=False), REGIONS)) == {
         "nonocc",
@@ -149,7 +149,7 @@ def test_a_sample_tells_the_regions_it_can():
     }
 
 
-def test_regions_of_2002_lie_inside_the_nonoccluded():
+def test_regions_of_2002_are_within_the_non_occluded_pixels():
     masks = region_masks(full(), REGIONS)
     for name in ("textureless", "discontinuity"):
         assert not (masks[name] & ~masks["nonocc"]).any()

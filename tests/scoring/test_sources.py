@@ -1,4 +1,4 @@
-"""Where a benchmark's samples, methods and maps come from: datasets on the disk, names, folders."""
+"""Samples of datasets, named methods, and the folder of maps."""
 
 import pickle
 import sys
@@ -38,7 +38,7 @@ def truth(disparity, depth):
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory):
-    """Two samples of a wall 2 m away: one seen through one lens, one through three, two of them alike."""
+    """Two samples of a wall 2 m away: one with one lens, one with three lenses, two of them equal."""
     rig = Rig.stereo(Camera(24, 16, 100.0, 100.0, 11.5, 7.5), baseline=0.1)
     image = np.random.default_rng(0).integers(0, 255, (16, 24, 3), np.uint8)
     views = [truth(np.full((16, 24), 5, np.float32), np.full((16, 24), 2.0)) for _ in range(2)]
@@ -125,7 +125,7 @@ def test_a_named_method_finds_a_shift():
 
 
 def test_a_dataset_with_negative_disparities_is_searched_and_scored_there(tmp_path):
-    """As by a rig whose principal points differ: here all of it lies at -5 px."""
+    """A rig whose principal points differ: all disparities are -5 px."""
     rig = Rig.stereo(Camera(60, 30, 100.0, 100.0, 29.5, 14.5), baseline=0.1)
     right = np.random.default_rng(1).integers(0, 255, (30, 60, 3), np.uint8)
     views = [truth(np.full((30, 60), -5, np.float32), np.full((30, 60), 2.0)) for _ in range(2)]
@@ -145,7 +145,7 @@ def test_another_version_is_another_method(monkeypatch):
 
 
 def test_another_network_or_program_under_the_same_name_is_run_again(tmp_path):
-    """Resume goes by what a method is made of, not by what its file is called."""
+    """Resume depends on the contents of a method's files, not on their names."""
     script = tmp_path / "prog.py"
     code = """
 import struct, sys
@@ -189,7 +189,7 @@ NAMES = [
 ]
 
 
-def test_maps_come_back_under_any_name(tmp_path):
+def test_maps_round_trip_under_any_name(tmp_path):
     folder = MapFolder(tmp_path / "maps")
     for i, method in enumerate(NAMES):
         for sample in NAMES[:3]:

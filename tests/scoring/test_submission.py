@@ -1,4 +1,4 @@
-"""Submissions: every layout people send, and every harm a zip can do."""
+"""Submissions: accepted layouts, and unsafe zip files."""
 
 import io
 import stat
@@ -54,7 +54,7 @@ def test_every_layout_is_found(tmp_path, name, packed):
 
 
 @pytest.mark.parametrize("packed", [True, False])
-def test_what_a_mac_adds_is_not_there(tmp_path, packed):
+def test_hidden_files_and_macosx_folders_are_ignored(tmp_path, packed):
     extras = {"__MACOSX/all/._s.pfm": b"x", "all/.DS_Store": b"x", ".DS_Store": b"x"}
     files = {"all/s.pfm": encode_pfm(DISP)} | extras
     if packed:
@@ -91,7 +91,7 @@ def test_pfm_comes_before_png_and_disp0_before_others(tmp_path):
     assert submission.file_of("t") == "t/disp0.pfm"
 
 
-def test_two_nameless_maps_of_one_sample_are_no_answer(tmp_path):
+def test_two_candidates_are_ambiguous(tmp_path):
     for name in "ab":
         write_pfm(tmp_path / "s" / f"{name}.pfm", DISP)
     with pytest.raises(FileError, match="no map of 's'"):
@@ -111,7 +111,7 @@ def test_a_submission_is_scored_like_a_method_without_a_time(tmp_path):
 
 @pytest.mark.parametrize("scale", [2, 4])
 def test_a_smaller_map_is_scored_as_a_single_one(tmp_path, scale):
-    """By the protocols that scale it up; the others refuse it. The map that is kept has the truth's size."""
+    """By protocols that scale it up; the others refuse it. The map passed on has the truth's size."""
     rng = np.random.default_rng(scale)
     gt, image = rng.uniform(0, 15, (40, 32)).astype(np.float32), np.zeros((40, 32), np.uint8)
     sample = Pair("s", image, image, gt, None, 16, CALIBRATION.replace(isint=True))
@@ -145,7 +145,7 @@ def test_other_maps_are_another_method(tmp_path):
 
 @pytest.mark.parametrize(("one", "other"), [("s.pfm", "S.pfm"), ("a/s.pfm", "A/s.pfm"), ("\u00e9.pfm", "e\u0301.pfm")])
 @pytest.mark.parametrize("packed", [True, False])
-def test_names_that_some_computers_cannot_tell_apart_are_refused(tmp_path, one, other, packed):
+def test_names_that_some_systems_treat_as_one_are_refused(tmp_path, one, other, packed):
     if packed:
         with pytest.raises(FileError, match="same name on some systems") as error:
             zipped(tmp_path / "evil.zip", [(one, encode_pfm(DISP)), (other, encode_pfm(DISP + 1))])
@@ -179,7 +179,7 @@ LENSES = {"s · pinhole": ("s/lens-0", "s-lens-0", "s"), "s · wide": ("s/lens-1
     ],
 )
 def test_every_lens_of_a_sample_has_a_plain_name(tmp_path, first, second):
-    """The names that the sample's own folder suggests; the first lens's images lie in it, the others' in lens-1, ..."""
+    """Names as suggested by the sample's own folder: the first lens's images are in it, the others' in lens-1, ..."""
     for name in (first, second):
         disp = DISP if name == first else DISP + 1
         if name.endswith("png"):
@@ -192,7 +192,7 @@ def test_every_lens_of_a_sample_has_a_plain_name(tmp_path, first, second):
         np.testing.assert_array_equal(submission.map_of(sample, SHAPE, aliases), DISP + k)
 
 
-def test_the_map_of_one_lens_is_not_taken_for_another_s(tmp_path):
+def test_a_map_of_one_lens_is_not_used_for_another(tmp_path):
     write_pfm(tmp_path / "s" / "lens-1.pfm", DISP)
     submission = open_submission(tmp_path)
     with pytest.raises(FileError, match=r"no map of 's · pinhole': expected s/lens-0\.pfm"):
@@ -214,12 +214,12 @@ def link(info):
         ("s.pfm", link, "s.pfm is a link"),
     ],
 )
-def test_a_zip_that_reaches_out_is_refused_whole(tmp_path, name, edit, says):
+def test_a_zip_with_names_or_links_that_leave_it_is_refused(tmp_path, name, edit, says):
     with pytest.raises(FileError, match=says):
         zipped(tmp_path / "evil.zip", [(name, encode_pfm(DISP))], edit)
 
 
-def test_a_name_that_is_there_twice_is_refused(tmp_path):
+def test_a_duplicate_name_is_refused(tmp_path):
     with pytest.warns(UserWarning, match="Duplicate name"), pytest.raises(FileError, match="occurs twice"):
         zipped(tmp_path / "evil.zip", [("s.pfm", encode_pfm(DISP)), ("s.pfm", encode_pfm(DISP + 1))])
 
@@ -238,7 +238,7 @@ BOMB = b"Pf\n3 2\n-1\n" + bytes(50_000_000)
 
 
 def opened_members(monkeypatch):
-    """The names of what is opened in any zip from here on."""
+    """A list that collects the names of opened zip members."""
     opened = []
     original = zipfile.ZipFile.open
     monkeypatch.setattr(
@@ -258,7 +258,7 @@ def test_a_bomb_that_states_its_size_is_not_opened(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("compression", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_a_compression_that_unpacks_whole_is_refused(tmp_path, monkeypatch, compression):
-    """zipfile decompresses all of a bz2 or LZMA member's input at once, whatever number of bytes is asked for."""
+    """zipfile decompresses a bz2 or LZMA member whole, whatever number of bytes is requested."""
     with zipfile.ZipFile(tmp_path / "bomb.zip", "w", compression) as archive:
         archive.writestr("s.pfm", BOMB)
     opened = opened_members(monkeypatch)
@@ -267,7 +267,7 @@ def test_a_compression_that_unpacks_whole_is_refused(tmp_path, monkeypatch, comp
     assert opened == []
 
 
-def test_a_bomb_that_lies_about_its_size_is_not_unpacked(tmp_path, monkeypatch):
+def test_a_bomb_with_a_false_size_is_not_unpacked(tmp_path, monkeypatch):
     zipped(tmp_path / "bomb.zip", [("s.pfm", BOMB)])
     data = bytearray((tmp_path / "bomb.zip").read_bytes())
     stated = data.index(b"PK\x01\x02") + 24
@@ -326,7 +326,7 @@ def test_eight_bit_png_is_refused(tmp_path):
         open_submission(tmp_path).map_of("s", SHAPE)
 
 
-def test_what_is_no_submission_is_refused(tmp_path):
+def test_other_files_are_refused(tmp_path):
     with pytest.raises(FileError, match="no such file"):
         open_submission(tmp_path / "none.zip")
     (tmp_path / "x.zip").write_bytes(b"PK nothing")
@@ -359,8 +359,8 @@ def test_a_damaged_zip_is_read_or_refused(tmp_path):
 
 @pytest.mark.parametrize("packed", [True, False])
 @pytest.mark.parametrize("top", ["", "all/"])
-def test_maps_of_no_sample_are_told(tmp_path, packed, top):
-    """Those under other names, and of lenses that there are not; not what lies beside a sample's map, nor pictures."""
+def test_unmatched_maps_are_listed(tmp_path, packed, top):
+    """Other names and lenses that do not exist; not further files of a sample, and not images."""
     ours = ["s/lens-0.pfm", "s/lens-1.pfm", "s/disp1.pfm", "s.png", "t/mine.pfm"]
     strange = ["S2.pfm", "s-lens-2.pfm", "s/lens-2.pfm", "s/lens-3/disp0.pfm", "t-.png", "u/disp0.pfm"]
     pixels = {".pfm": encode_pfm(DISP), ".png": encode_png(PNG)}
@@ -371,7 +371,7 @@ def test_maps_of_no_sample_are_told(tmp_path, packed, top):
     assert submission.unmatched_files(LENSES | {"t": ()}) == tuple(f"{top}{name}" for name in sorted(strange))
 
 
-def test_a_submission_of_one_sample_alone_has_no_folder_above_it(tmp_path):
+def test_a_single_sample_folder_is_not_a_top_folder(tmp_path):
     submission = _filled(tmp_path / "my", {f"s/{name}.pfm": encode_pfm(DISP) for name in ("disp0", "old", "lens-2")})
     assert submission.unmatched_files({"s": (), "t": ()}) == ("s/lens-2.pfm",)
     assert submission.unmatched_files({"t": ()}) == ("s/disp0.pfm", "s/lens-2.pfm", "s/old.pfm")
@@ -390,7 +390,7 @@ def test_a_zip_is_opened_once_however_many_maps_are_asked_of(tmp_path, monkeypat
     assert len(opened) == 1
 
 
-def test_a_zip_that_is_gone_meanwhile_is_told(tmp_path):
+def test_a_zip_deleted_meanwhile_is_an_error(tmp_path):
     submission = zipped(tmp_path / "my.zip", [("no.png", encode_png(PNG))])
     (tmp_path / "my.zip").unlink()
     for asks in (

@@ -1,4 +1,4 @@
-"""The call before the first measured one: once for each method and range, and never where it is not wanted."""
+"""The warm-up runs once for each method and number of disparities, and not with warm_up=False."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from twinlens.scoring import run_benchmark
 
 
 class Noting:
-    """A method that remembers the rows and the range of every call."""
+    """Records rows and range of every call."""
 
     name = "noting"
 

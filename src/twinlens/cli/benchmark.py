@@ -19,7 +19,7 @@ FOREIGN_LIMIT_S = 600.0
 @click.option("-o", "--output", required=True, type=PATH, help="Folder of the board.")
 @click.option(
     "--methods", "methods", multiple=True,
-    help="Comma-separated matchers, e.g. sad,zncc:block_size=15,lr_check=1. Repeatable.  "
+    help="Comma-separated matchers, e.g. sad,mine=zncc:block_size=15,lr_check=1; see `twinlens methods`. Repeatable.  "
     f"[default: {DEFAULT_METHODS}]",
 )  # fmt: skip
 @click.option(
