@@ -1,22 +1,17 @@
-"""How fast twinlens matches, beside OpenCV: one process, the same threads, medians of interleaved runs.
+"""The speed of matching compared with OpenCV: one process, equal threads, medians of interleaved runs.
 
     python benchmarks/bench_matching.py [--rounds 9] [--threads 2] [--write]
 
-For each size and range: milliseconds, million disparity evaluations a second (W H D / time), and the ratios that
-matter, once of wall time and once of processor time: the latter holds on a machine that does other things meanwhile.
-Then StereoBM, SAD and ZNCC on one thread each, so that no two of them share one core's units.
-Then what 16-bit and float images cost beside 8-bit ones, what each range from 16 to 256 disparities costs, and the
-time of the first call: compiling (once a machine, since compiled code is kept on disk), and loading what is kept.
-`--write` puts it all into benchmarks/matching.md.
+For each size and range: milliseconds, million disparity evaluations a second (W H D / time), and ratios of wall time
+and of processor time; the latter is meaningful on a machine that runs other programs too.
+Then StereoBM, SAD and ZNCC on one thread each, the cost of 16-bit and float images, of each range from 16 to 256
+disparities, and of the first match of a process (`bench_compile.py`).
+`--write` writes the tables to benchmarks/matching.md.
 """
 
 import argparse
-import os
 import platform
 import statistics
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -25,6 +20,7 @@ import cv2
 import numpy as np
 
 import twinlens.matching as tm
+from bench_compile import table
 from twinlens.matching.strips import cpu_count
 
 SIZES = ((640, 480), (1280, 720))
@@ -33,12 +29,12 @@ EVERY_RANGE = (16, 32, 48, 64, 72, 80, 96, 112, 128, 160, 192, 256)
 DTYPES = ("uint8", "uint16", "float32")
 BLOCK = 9
 PAGE = Path(__file__).with_name("matching.md")
-RIVALS = (("sad", "OpenCV StereoBM"), ("zncc", "sad"), ("zncc", "OpenCV StereoBM"), ("sgm4", "OpenCV SGBM"),
+RATIOS = (("sad", "OpenCV StereoBM"), ("zncc", "sad"), ("zncc", "OpenCV StereoBM"), ("sgm4", "OpenCV SGBM"),
           ("sgm", "OpenCV SGBM HH"))  # fmt: skip
 PUBLISHED = """
-Others, measured on machines of this kind (`accuracy.md` has their maps' quality and times, by `bench_accuracy.py
---peers`): CNES Pandora 1.9 makes 20-40 million disparity evaluations a second (SAD, ZNCC, census at 640x480, 64
-disparities), the Machine Vision Toolbox 2.4 about 1.
+Peers on machines of this kind (their quality and times are in `accuracy.md`, measured by `bench_accuracy.py --peers`):
+CNES Pandora 1.9 evaluates 20-40 million disparities a second (SAD, ZNCC, census at 640x480, 64 disparities), the
+Machine Vision Toolbox 2.4 about 1.
 """
 Run = Callable[[], object]
 Times = dict[str, float]
@@ -60,7 +56,7 @@ def textured_pair(width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
 def interleaved(runs: dict[str, Run], rounds: int) -> tuple[Times, Times]:
     """Median seconds of each run, by the wall and by the processors.
 
-    Every round runs each of them once, so that all meet the same machine; a round before it is not counted.
+    Every round runs each of them once; a warm-up round is not counted.
     """
     wall: dict[str, list[float]] = {name: [] for name in runs}
     processor: dict[str, list[float]] = {name: [] for name in runs}
@@ -80,7 +76,7 @@ def ours(method: str, pair: tuple[np.ndarray, np.ndarray], count: int, threads: 
     return lambda: matcher.match(*pair)
 
 
-def contestants(pair: tuple[np.ndarray, np.ndarray], count: int, threads: int) -> dict[str, Run]:
+def candidates(pair: tuple[np.ndarray, np.ndarray], count: int, threads: int) -> dict[str, Run]:
     block_matcher = cv2.StereoBM.create(count, BLOCK)
     semiglobal = cv2.StereoSGBM.create(0, count, 3, 72, 288)
     eight_paths = cv2.StereoSGBM.create(0, count, 3, 72, 288, mode=cv2.STEREO_SGBM_MODE_HH)
@@ -96,18 +92,18 @@ def contestants(pair: tuple[np.ndarray, np.ndarray], count: int, threads: int) -
     }
 
 
-def beside_opencv(rounds: int, threads: int) -> Iterator[str]:
+def against_opencv(rounds: int, threads: int) -> Iterator[str]:
     for width, height in SIZES:
         pair = textured_pair(width, height)
         for count in RANGES:
-            wall, processor = interleaved(contestants(pair, count, threads), rounds)
+            wall, processor = interleaved(candidates(pair, count, threads), rounds)
             yield f"\n## {width}x{height}, {count} disparities, block {BLOCK}, 8-bit\n"
             yield "| matcher | ms | processor ms | Mde/s |\n| --- | ---: | ---: | ---: |"
             for name, seconds in wall.items():
                 rate = width * height * count / seconds / 1e6
                 yield f"| {name} | {1e3 * seconds:.2f} | {1e3 * processor[name]:.2f} | {rate:.0f} |"
             yield "\n| throughput of | by the wall | by processor time |\n| --- | ---: | ---: |"
-            for one, other in RIVALS:
+            for one, other in RATIOS:
                 ratios = (times[other] / times[one] for times in (wall, processor))
                 yield f"| {one} / {other} | {' | '.join(f'{ratio:.2f}' for ratio in ratios)} |"
 
@@ -120,7 +116,7 @@ def on_one_thread(rounds: int, threads: int) -> Iterator[str]:
     for width, height in SIZES:
         pair = textured_pair(width, height)
         for count in RANGES:
-            runs = contestants(pair, count, 1)
+            runs = candidates(pair, count, 1)
             wall, _ = interleaved({name: runs[name] for name in names}, 2 * rounds)
             ratios = wall["OpenCV StereoBM"] / wall["sad"], wall["sad"] / wall["zncc"]
             cells = [*(f"{1e3 * wall[name]:.2f}" for name in names), *(f"{ratio:.2f}" for ratio in ratios)]
@@ -153,22 +149,9 @@ def by_range(rounds: int, threads: int) -> Iterator[str]:
         yield f"| {name} | {' | '.join(f'{1e3 * seconds:.1f}' for seconds in processor.values())} |"
 
 
-FIRST_CALL = """
-import time, numpy as np, twinlens.matching as tm
-pair = np.random.default_rng(0).integers(0, 256, (2, 60, 200), dtype=np.uint8)
-start = time.perf_counter(); tm.match(*pair, METHOD); print(time.perf_counter() - start)
-"""
-
-
 def first_calls() -> Iterator[str]:
-    yield "\n## The first call of a process, seconds\n"
-    yield "| method | compiling | compiled before |\n| --- | ---: | ---: |"
-    for method in ("sad", "zncc", "sgm"):
-        with tempfile.TemporaryDirectory() as folder:
-            command = [sys.executable, "-c", FIRST_CALL.replace("METHOD", repr(method))]
-            environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
-            times = [float(subprocess.check_output(command, env=environment, text=True)) for _ in range(2)]
-        yield f"| {method} | {times[0]:.1f} | {times[1]:.2f} |"
+    yield "\n## The first match of a process, 200x60: processor seconds\n"
+    yield "\n".join(table((200, 60)))
 
 
 def main() -> None:
@@ -182,7 +165,7 @@ def main() -> None:
         f"{options.threads} threads, OpenCV {cv2.__version__}, {platform.machine()}, medians of {options.rounds} rounds"
     )
     lines = ["# Matching speed\n", f"`python benchmarks/bench_matching.py --write`: one process, {how}, interleaved."]
-    parts = [beside_opencv, on_one_thread, by_dtype, by_range]
+    parts = [against_opencv, on_one_thread, by_dtype, by_range]
     for text in (text for part in parts for text in part(options.rounds, options.threads)):
         print(text, flush=True)
         lines.append(text)

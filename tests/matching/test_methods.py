@@ -147,6 +147,30 @@ print(m.match(image, image, "sad", num_disparities=2, block_size=3, subpixel="no
     assert run_python(code, NUMBA_CACHE_DIR=str(blocker)).strip() == "0.0"
 
 
+CACHED = """
+import sys
+from pathlib import Path
+from twinlens.matching.kernels import compiling
+compiling.source_digest = lambda: sys.argv[1]
+import numpy as np, twinlens.matching as m
+image = np.arange(60, dtype=np.uint8).reshape(5, 12) * 7
+m.match(image, image, sys.argv[2], num_disparities=2)
+"""
+
+
+@pytest.mark.parametrize("method", ["sad", "sgm:block_size=1"])
+def test_kernels_are_loaded_by_a_second_process_and_compiled_after_an_edit(method, tmp_path):
+    def cached(digest):
+        command = [sys.executable, "-c", CACHED, digest, method]
+        subprocess.run(command, env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}, check=True)
+        return {(path.name, path.stat().st_mtime_ns) for path in tmp_path.rglob("*.nb[ci]")}
+
+    first = cached("before")
+    assert first
+    assert cached("before") == first
+    assert len(cached("after")) == 2 * len(first)
+
+
 def test_similarity_and_cost_agree_in_direction():
     left = np.random.default_rng(0).integers(0, 256, (9, 9))
     assert tm.zncc(left, left) == pytest.approx(1)

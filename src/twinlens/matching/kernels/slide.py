@@ -18,9 +18,46 @@ from collections.abc import Callable
 import numpy as np
 
 from twinlens.matching.kernels import LANES
-from twinlens.matching.kernels.compiling import jit
+from twinlens.matching.kernels.compiling import inlined, jit
 from twinlens.matching.kernels.lanes import convert, count_ones, distance, larger, load, read, splat, store
 from twinlens.matching.kernels.settle import settle_row
+
+
+@inlined
+def pixel_term(term, a, b, sums):
+    """What a pixel adds to its window's sum, in the dtype of `sums`; a and b are lanes."""
+    if term == "absolute":
+        value = convert(distance(a, b), sums)
+    elif term == "square":
+        difference = convert(distance(a, b), sums)
+        value = difference * difference
+    elif term == "product":
+        value = convert(a, sums) * convert(b, sums)
+    else:
+        value = convert(count_ones(a ^ b), sums)
+    return value
+
+
+@inlined
+def score(scoring, total, costs, statistics, area, here, there):
+    """The cost, in the dtype of `costs`, of a window's sum. here and there: places of the windows' statistics."""
+    left_totals, left_scales, right_totals, right_scales = statistics
+    if scoring == "sum":
+        value = total
+    elif scoring == "zncc":
+        product = splat(read(left_totals, here)) * load(right_totals, there)
+        covariance = convert(product - area * convert(total, left_totals), costs)
+        value = covariance * load(right_scales, there) * splat(read(left_scales, here))
+    elif scoring == "ncc":
+        value = convert(total, costs) * load(right_scales, there) * splat(-read(left_scales, here))
+    elif scoring == "zssd":
+        offset = splat(read(left_totals, here)) - load(right_totals, there)
+        value = convert(area * convert(total, left_totals) - offset * offset, costs)
+    else:  # Jaccard: 1 - (S - SAD) / (S + SAD), with S the sum of both windows' totals
+        sad = convert(total, costs)
+        union = splat(read(left_scales, here)) + load(right_scales, there) + sad
+        value = (sad + sad) / larger(union, convert(splat(np.float64(1e-30)), costs))
+    return value
 
 
 @functools.cache
@@ -33,7 +70,7 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
     `windows.window_statistics`, flat with the rows of the result; size 1 where the scoring takes none.
 
     Without `volumes`, result is (fit, limits, best, rivals, disparity) as in `settle_row`, with a row axis. With it,
-    result is (volume, factors): volume (rows, W, depth or less) receives cost * factors[0] + factors[1]. Candidates
+    result is (volume, gain, offset), and volume (rows, W, depth or less) receives cost * gain + offset. Candidates
     without a partner in the image have the cost of edge-continued images.
     """
 
@@ -43,12 +80,11 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
         left_stride, right_stride, right_start = layout
         side, top, rows = window
         low, count, depth = search
-        left_totals, left_scales, right_totals, right_scales = statistics
         padded = left_stride
         width = padded - side + 1
         statistics_stride = right_stride - side + 1
         zero = convert(splat(0), columns)
-        area = convert(splat(side * side), left_totals)
+        area = convert(splat(side * side), statistics[0])
         for y in range(1 - side, rows):
             new, old = top + y + side - 1, top + max(y - 1, 0)
             new_left, old_left = new * left_stride, old * left_stride
@@ -58,51 +94,18 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
                 for x in range(padded):
                     enters, leaves = base + (x + side) * LANES, base + x * LANES
                     a, b = splat(read(left, new_left + x)), load(right, new_right + chunk - x)
-                    column = load(columns, enters)
-                    if term == "absolute":
-                        column = column + convert(distance(a, b), columns)
-                    elif term == "square":
-                        column = column + convert(distance(a, b), columns) * convert(distance(a, b), columns)
-                    elif term == "product":
-                        column = column + convert(a, columns) * convert(b, columns)
-                    else:
-                        column = column + convert(count_ones(a ^ b), columns)
+                    column = load(columns, enters) + pixel_term(term, a, b, columns)
                     if y > 0:
                         a, b = splat(read(left, old_left + x)), load(right, old_right + chunk - x)
-                        if term == "absolute":
-                            column = column - convert(distance(a, b), columns)
-                        elif term == "square":
-                            column = column - convert(distance(a, b), columns) * convert(distance(a, b), columns)
-                        elif term == "product":
-                            column = column - convert(a, columns) * convert(b, columns)
-                        else:
-                            column = column - convert(count_ones(a ^ b), columns)
+                        column = column - pixel_term(term, a, b, columns)
                     store(columns, enters, column)
                     total = total + (column - load(columns, leaves))
                     u = x - side + 1
                     if y < 0 or u < 0:
                         continue
                     here, there = y * width + u, y * statistics_stride + right_start - x + chunk
-                    place = u * depth + chunk
-                    if scoring == "sum":
-                        store(costs, place, total)
-                    elif scoring == "zncc":
-                        product = splat(read(left_totals, here)) * load(right_totals, there)
-                        covariance = convert(product - area * convert(total, left_totals), costs)
-                        scaled = covariance * load(right_scales, there)
-                        store(costs, place, scaled * splat(read(left_scales, here)))
-                    elif scoring == "ncc":
-                        scaled = convert(total, costs) * load(right_scales, there)
-                        store(costs, place, scaled * splat(-read(left_scales, here)))
-                    elif scoring == "zssd":
-                        offset = splat(read(left_totals, here)) - load(right_totals, there)
-                        spread = area * convert(total, left_totals) - offset * offset
-                        store(costs, place, convert(spread, costs))
-                    else:
-                        sad = convert(total, costs)
-                        sums = splat(read(left_scales, here)) + load(right_scales, there) + sad
-                        tiny = convert(splat(np.float64(1e-30)), costs)
-                        store(costs, place, (sad + sad) / larger(sums, tiny))
+                    cost = score(scoring, total, costs, statistics, area, here, there)
+                    store(costs, u * depth + chunk, cost)
             if y < 0:
                 continue
             if volumes:
