@@ -55,6 +55,14 @@ def limits(dtype: Any, slack: float = 0.0) -> tuple[Any, Any]:
     return kind(slack), kind(np.inf if np.dtype(dtype).kind == "f" else np.iinfo(dtype).max)
 
 
+def fence(dtype: Any, count: int) -> NDArray[Any]:
+    """(depth,): the least cost of each candidate; the largest number from `count` on, where no candidates are."""
+    kind = np.dtype(dtype)
+    values = np.full(in_lanes(count), -np.inf if kind.kind == "f" else 0, kind)
+    values[count:] = limits(dtype)[1]
+    return values
+
+
 def aligned_zeros(count: int, dtype: Any) -> NDArray[Any]:
     """Zeros that begin on a cache line, so that no vector load crosses two lines."""
     itemsize = np.dtype(dtype).itemsize
@@ -121,9 +129,11 @@ class BoxMatch:
         columns = aligned_zeros((left.shape[1] + side) * self.depth, self.numbers.sums)
         costs = aligned_zeros(width * self.depth, self.numbers.scores)
         statistics = *self._statistics(left[span]), *self._statistics(right[span])
-        kernel = slide_kernel(self.cost.term, self.cost.scoring, len(result) == 3)
         search = self.low, self.count, self.depth
-        kernel((left.ravel(), right.ravel(), layout), (side, top, rows), search, columns, costs, statistics, result)
+        volumes = len(result) == 3
+        kernel = slide_kernel(self.cost.term, self.cost.scoring, volumes)
+        buffers = columns, costs, fence(self.numbers.scores, self.depth if volumes else self.count)
+        kernel((left.ravel(), right.ravel(), layout), (side, top, rows), search, *buffers, statistics, result)
 
     def _statistics(self, image: Image) -> tuple[NDArray[Any], NDArray[Any]]:
         """(totals, scales), flat, of the windows of padded rows."""

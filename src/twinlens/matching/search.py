@@ -112,6 +112,7 @@ def _local(task: Search, left: Image, _right: Image, gather: Gather, low: int, h
 
     def work(start: int, stop: int) -> None:
         volume = gather(start, stop)
+        blank(volume, low, high - low)
         settings = volume.shape[2], low, high - low, FITS[task.fit], limits(np.float64)
         settle_rows(volume.reshape(-1), *settings, *chosen.rows(start, stop))
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.matching.box import FITS, BoxMatch, Chosen, Volume, blank, fill_sum, limits
+from twinlens.matching.box import FITS, BoxMatch, Chosen, Volume, blank, fence, fill_sum, limits
 from twinlens.matching.strips import in_strips
 
 PATH_TOP = 8191  # the most that a path's cost may be: eight of them add up in 16 bits
@@ -120,14 +120,14 @@ class Sweeps:
         flat = np.append(slots.ravel(), slots[0, :GUARD])
         minima, sums = np.zeros(len(slots), dtype), np.zeros(width * depth, np.uint16)
         penalties = dtype(self.penalties.small), dtype(self.penalties.large)
-        kernel, ends = sweep_kernel(self.paths == 8), limits(np.uint16)
+        kernel, ends, bars = sweep_kernel(self.paths == 8), limits(np.uint16), fence(np.uint16, self.count)
         rows = max(1, STRIP_BYTES // (width * depth * np.dtype(dtype).itemsize))
 
         def strip(y0: int, y1: int, finish: bool) -> None:
             span = height - y1 if turned else y0, y1 - y0, *self.shape
             volumes = self.costs(y0, y1).reshape(-1), kept[y0:y1].reshape(-1)
             state = flat, minima, span, penalties, turned, finish, sums
-            kernel(*volumes, *state, self.low, self.count, FITS[self.fit], ends, *chosen.rows(y0, y1))
+            kernel(*volumes, *state, self.low, self.count, FITS[self.fit], ends, bars, *chosen.rows(y0, y1))
 
         def run(y0: int, y1: int, finish: bool) -> None:
             tops = range(y0, y1, rows)

@@ -17,7 +17,7 @@ import numpy as np
 
 from twinlens.matching.kernels import LANES
 from twinlens.matching.kernels.compiling import inlined, jit
-from twinlens.matching.kernels.lanes import convert, load, lowest, smaller, splat, store
+from twinlens.matching.kernels.lanes import convert, larger, load, lowest, smaller, splat, store
 from twinlens.matching.kernels.settle import settle_row
 
 GUARD = 64  # numbers between two slots; the ones next to a slot are costs too high for a path to come from
@@ -47,7 +47,7 @@ def sweep_kernel(diagonals: bool) -> Callable[..., None]:
     """
 
     @jit
-    def sweep(costs, kept, slots, minima, span, penalties, turned, finish, sums, low, count, fit, limits,
+    def sweep(costs, kept, slots, minima, span, penalties, turned, finish, sums, low, count, fit, limits, fence,
               best, rivals, disparity):  # fmt: skip
         first, rows, height, width, depth = span
         small, large = penalties
@@ -96,7 +96,8 @@ def sweep_kernel(diagonals: bool) -> Callable[..., None]:
                         new3, total = min(new3, lowest(cost + extra)), total + extra
                     if finish:
                         both = convert(total, sums) + convert(load(kept, at + chunk), sums)
-                        store(sums, u * depth + chunk, both + convert(cost, sums) * paths)
+                        both = both + convert(cost, sums) * paths
+                        store(sums, u * depth + chunk, larger(both, load(fence, chunk)))
                     else:
                         store(kept, at + chunk, total)
                 minima[0], minima[1 + x] = new0, new1

@@ -43,7 +43,8 @@ def settle_row(costs, depth, low, count, fit, limits, best, rivals, disparity):
     """Write the winner of each pixel of a row.
 
     costs: flat (W, depth), depth a multiple of LANES; candidate j of pixel x is disparity low + j. The first `count`
-    candidates are searched, and of these the ones with a partner in the image; costs of all others are overwritten.
+    candidates are searched, and of these the ones with a partner in the image; the costs of others without a partner
+    are overwritten. Costs from `count` on are `top`.
     limits: (slack, top) of the costs' dtype. The winner is the first candidate whose cost is at most `slack` above the
     lowest; `top` is the largest cost. disparity (W,) receives the winner with the sub-pixel fit, unless it is at an end
     of its pixel's range. best and rivals (W,) receive its cost and the lowest cost of a candidate at least two away;
@@ -56,7 +57,7 @@ def settle_row(costs, depth, low, count, fit, limits, best, rivals, disparity):
         if start >= stop:
             continue
         at = x * depth
-        if start > 0 or stop < depth:
+        if start > 0 or stop < count:
             for chunk in range(0, depth, LANES):
                 if start > chunk or stop < chunk + LANES:
                     first, last = min(max(start - chunk, 0), LANES), min(max(stop - chunk, 0), LANES)

@@ -66,8 +66,9 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
 
     images: (left, right, layout). window: (side, first row of the result in the images, rows). search: (low, count,
     depth); candidate j is disparity low + j. columns: flat zeros (padded width + side, depth) for the sums of columns.
-    costs: flat scratch (W, depth). statistics: (left totals, left scales, right totals, right scales) as of
-    `windows.window_statistics`, flat with the rows of the result; size 1 where the scoring takes none.
+    costs: flat scratch (W, depth). fence (depth,): the least cost of each candidate. statistics: (left totals, left
+    scales, right totals, right scales) as of `windows.window_statistics`, flat with the rows of the result; size 1
+    where the scoring takes none.
 
     Without `volumes`, result is (fit, limits, best, rivals, disparity) as in `settle_row`, with a row axis. With it,
     result is (volume, gain, offset), and volume (rows, W, depth or less) receives cost * gain + offset. Candidates
@@ -75,7 +76,7 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
     """
 
     @jit
-    def slide(images, window, search, columns, costs, statistics, result):
+    def slide(images, window, search, columns, costs, fence, statistics, result):
         left, right, layout = images
         left_stride, right_stride, right_start = layout
         side, top, rows = window
@@ -105,7 +106,7 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
                         continue
                     here, there = y * width + u, y * statistics_stride + right_start - x + chunk
                     cost = score(scoring, total, costs, statistics, area, here, there)
-                    store(costs, u * depth + chunk, cost)
+                    store(costs, u * depth + chunk, larger(cost, load(fence, chunk)))
             if y < 0:
                 continue
             if volumes:
