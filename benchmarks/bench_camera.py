@@ -26,8 +26,7 @@ import numpy as np
 import twinlens as tl
 from twinlens.rendering.backends import backend
 from twinlens.rendering.build import build
-from twinlens.rendering.builtin import builtin_sensor
-from twinlens.rendering.plugin import camera_sensor
+from twinlens.rendering.sensors import builtin_sensor, camera_sensor
 
 PAGE = Path(__file__).with_name("camera.md")
 WIDE = 0.03  # aperture diameter over the nearest depth

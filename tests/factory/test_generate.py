@@ -14,7 +14,7 @@ from twinlens.dataset.lock import locked
 from twinlens.errors import BackendError, FileError, InputError, OutputError
 from twinlens.factory import estimate, generate, make, produce, read_recipe, spec_from_plain
 from twinlens.factory.produce import Exhausted
-from twinlens.rendering import Backend, builtin
+from twinlens.rendering import Backend, sensors
 
 
 @pytest.fixture(scope="module")
@@ -404,7 +404,7 @@ THIN = 'kind = "thin"\naperture_mm = {{ choice = [0, 2, 8] }}\nfocus = "object"'
 @pytest.fixture
 def scalar(monkeypatch):
     """Lenses are judged as where no LLVM works."""
-    monkeypatch.setattr(builtin, "backend", lambda: Backend("scalar", "scalar_rgb", "a test says so"))
+    monkeypatch.setattr(sensors, "backend", lambda: Backend("scalar", "scalar_rgb", "a test says so"))
 
 
 @pytest.mark.parametrize(

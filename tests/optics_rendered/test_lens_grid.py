@@ -14,8 +14,8 @@ import twinlens as tl
 from tests.optics_rendered.optics_lights import HERE, chequered_room, lamps, sky, square_camera
 from twinlens.camera import Annulus, BrownConrady, MaskAperture, Polygon
 from twinlens.errors import InputError
-from twinlens.rendering import lens_grid, sheaf
-from twinlens.rendering.rings import plan_rings, share_of, sheaves
+from twinlens.rendering import lens_grid, shared_paths
+from twinlens.rendering.annuli import area_fraction, plan_annuli, vergence_groups
 
 LEFT = tl.Camera(24, 18, fx=26.0, fy=31.0, cx=10.2, cy=9.1)  # pixels of two widths, off-centre
 RIG = tl.Rig.stereo(LEFT, 0.1, right=LEFT.replace(cx=13.7))  # doffs = 3.5
@@ -110,9 +110,9 @@ def test_the_weights_of_rings_are_right_and_a_fifth_off_is_noticed(monkeypatch, 
     """A lamp out of focus is an even disk of 19 pixels, of which the inner ring makes the inner half."""
 
     def askew(ring, lens):
-        return share_of(ring, lens) * (factors[ring.inner > 0] if lens.aperture_diameter == 0.4 else 1.0)
+        return area_fraction(ring, lens) * (factors[ring.inner > 0] if lens.aperture_diameter == 0.4 else 1.0)
 
-    monkeypatch.setattr(lens_grid, "share_of", askew)
+    monkeypatch.setattr(lens_grid, "area_fraction", askew)
     scene, rig = lamps([(0.0, 0.0, 2.5)], 0.05), tl.Rig([square_camera(24, 80.0)], [HERE])
     lenses = [tl.ThinLens(0.4, 1.0), tl.ThinLens(0.2, 1.0)]
     images = repeated(lambda seed: tl.render_lens_grid(scene, rig, lenses, spp=1024, seed=seed)[0])
@@ -220,7 +220,7 @@ def test_the_scalar_backend_renders_lens_by_lens(room, tmp_path):
 def test_rings_are_as_many_as_radii_and_give_each_lens_its_error(fall):
     """Six apertures one stop apart, in units of one sample's variance: that of 64 direct samples."""
     lenses = [tl.ThinLens(0.1 / 2 ** (0.5 * stop), focus) for stop in range(6) for focus in (1.0, 2.0, 3.0, 4.0)]
-    rings = plan_rings(lenses, 64, fall)
+    rings = plan_annuli(lenses, 64, fall)
     assert len(rings) == 6
     for lens in lenses:
         inside = [ring for ring in rings if ring.outer <= 0.5 * lens.aperture_diameter]
@@ -249,14 +249,14 @@ def test_light_that_is_not_finite_is_told_as_in_direct_images(monkeypatch, radia
     lit = chequered_room()
     lenses = [LENSES["wide near"], LENSES["narrow far"]]
     clean = np.array(list(tl.render_lens_grid(lit, RIG, lenses, spp=4, seed=3)))
-    sample = sheaf.Tracer._radiance
+    sample = shared_paths.Tracer._radiance
 
     def spoilt(self, shared, *rest):
         colour = sample(self, shared, *rest)
         colour.x[self.camera.width * 9 + 7] = radiance
         return colour
 
-    monkeypatch.setattr(sheaf.Tracer, "_radiance", spoilt)
+    monkeypatch.setattr(shared_paths.Tracer, "_radiance", spoilt)
     grid = tl.render_lens_grid(lit, RIG, lenses, spp=4, seed=3)
     images = np.array(list(grid))
     bad = ~np.isfinite(images)
@@ -320,18 +320,18 @@ def test_a_bare_hole_among_lenses_does_not_swell_the_film():
     """5 mm before a film 5 cm away shears by 45 pixels where the lenses shear by 2."""
     camera = tl.Camera.from_fov(640, 480, fov_x_deg=40)
     lenses = [tl.ThinLens(0.02 / 2 ** (0.5 * stop), z) for stop in range(6) for z in (1.2, 1.5, 2.0, 2.9)]
-    for ring in plan_rings([*lenses, tl.BareAperture(0.005, 0.05)], 64):
-        parts = sheaves(ring, camera)
+    for ring in plan_annuli([*lenses, tl.BareAperture(0.005, 0.05)], 64):
+        parts = vergence_groups(ring, camera)
         assert sorted(k for part in parts for k in part.vergences) == sorted(ring.vergences)
         films = [(640 + 2 * part.margin[0]) * (480 + 2 * part.margin[1]) for part in parts]
         assert sum(films) <= 2.1 * 640 * 480
 
 
-def test_a_sheaf_is_parted_only_where_that_saves_film():
+def test_vergences_are_split_only_where_that_saves_film():
     camera = tl.Camera.from_fov(640, 480, fov_x_deg=40)
     for far in (0.4, 10.0, 1e3, 1e5):
-        (ring,) = plan_rings([tl.ThinLens(0.02, 1.2), tl.ThinLens(0.02, 1.3), tl.ThinLens(0.02, 1 / far)], 4)
-        film = sum((640 + 2 * x) * (480 + 2 * y) for x, y in (part.margin for part in sheaves(ring, camera)))
+        (ring,) = plan_annuli([tl.ThinLens(0.02, 1.2), tl.ThinLens(0.02, 1.3), tl.ThinLens(0.02, 1 / far)], 4)
+        film = sum((640 + 2 * x) * (480 + 2 * y) for x, y in (part.margin for part in vergence_groups(ring, camera)))
         assert film <= 3 * 640 * 480  # one by one
 
 
@@ -340,8 +340,8 @@ import resource, sys
 sys.path.insert(0, sys.argv[1])
 import twinlens as tl
 from tests.optics_rendered.optics_lights import HERE, sky
-from twinlens.rendering import sheaf
-sheaf.RAYS_A_PASS = int(sys.argv[3])
+from twinlens.rendering import shared_paths
+shared_paths.RAYS_PER_PASS = int(sys.argv[3])
 rig = tl.Rig([tl.Camera.from_fov(384, 384, fov_x_deg=40)], [HERE])
 grid = tl.render_lens_grid(sky(), rig, [tl.ThinLens(0.02, 2.0)], spp=int(sys.argv[2]))
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, grid.rays)

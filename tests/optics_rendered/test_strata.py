@@ -7,11 +7,18 @@ import pytest
 from scipy.stats import chi2
 
 import twinlens as tl
+from twinlens.rendering.annuli import ApertureAnnulus, VergenceGroup
 from twinlens.rendering.build import build
-from twinlens.rendering.pattern import pattern, weave
-from twinlens.rendering.rings import Ring, Sheaf
-from twinlens.rendering.sheaf import Tracer, _Film
-from twinlens.rendering.strata import chessboard, deal, multijitter, strata, strata_sampler
+from twinlens.rendering.shared_paths import Tracer, _Film
+from twinlens.rendering.stratified_samples import (
+    checkerboard,
+    make_pattern,
+    multijittered_points,
+    place_evenly,
+    stratified_sampler,
+    stratum_grid,
+    stratum_orders,
+)
 
 PIXELS = 50
 SHEARS = [(-8.0, -9.0), (-2.0, -2.5), (6.0, 7.0)]  # pixels a metre, of a ring of a fifth of a metre
@@ -20,8 +27,8 @@ DIMENSIONS = {"first light": 2, "lobe": 3, "first bounce": 4, "later": 7}
 
 def drawn(count, seed, draw, dimension=0, shears=SHEARS) -> tuple[np.ndarray, object]:
     """[pixel, sample, axis] of a draw of a pass, and the pattern."""
-    shared = pattern(strata(count), 0.05, 0.2, shears, seed)
-    sampler = strata_sampler(shared.grid)
+    shared = make_pattern(stratum_grid(count), 0.05, 0.2, shears, seed)
+    sampler = stratified_sampler(shared.grid)
     sampler.start(shared, PIXELS, seed)
     for _ in range(dimension):
         sampler.next_1d()
@@ -49,7 +56,7 @@ def cells_of(values, grid) -> np.ndarray:
 @pytest.mark.parametrize("count", [1, 2, 8, 11, 25, 64])
 @pytest.mark.parametrize("name", DIMENSIONS)
 def test_every_stratum_of_every_pixel_gets_one_sample_and_so_does_every_row_and_column(count, name):
-    (values, _), (columns, rows) = drawn(count, 3, pair, DIMENSIONS[name]), strata(count)
+    (values, _), (columns, rows) = drawn(count, 3, pair, DIMENSIONS[name]), stratum_grid(count)
     n = columns * rows
     assert count <= n <= 1.2 * count + 1
     for cells in (cells_of(values, (columns, rows)), np.floor(values[..., 0] * n), np.floor(values[..., 1] * n)):
@@ -79,13 +86,13 @@ def test_strata_hold_where_samples_land(name):
 @pytest.mark.parametrize("name", DIMENSIONS)
 def test_either_half_of_the_samples_has_the_strata_of_one_colour(name):
     values, shared = drawn(32, 8, pair, DIMENSIONS[name])
-    colours = chessboard(shared.grid)[cells_of(values, shared.grid)]
+    colours = checkerboard(shared.grid)[cells_of(values, shared.grid)]
     assert (np.abs((colours == shared.white).mean(axis=1) - 0.5) == 0.5).all()
     assert shared.white.sum() == 16
 
 
 def test_samples_of_equal_shifts_move_alike():
-    shared = pattern((8, 8), 0.05, 0.2, SHEARS, 5)
+    shared = make_pattern((8, 8), 0.05, 0.2, SHEARS, 5)
     for group in range(shared.group.max() + 1):
         assert len(np.unique(shared.shifts[shared.group == group], axis=0)) == 1
     assert len(np.unique(shared.shifts, axis=0)) == shared.group.max() + 1
@@ -106,8 +113,8 @@ def test_dimensions_and_seeds_do_not_repeat_each_other():
     """The order of strata is another one in the next dimension and with the next seed."""
     orders = []
     for seed in range(4):
-        shared = pattern((8, 8), 0.0, 0.2, SHEARS, 0)
-        sampler = strata_sampler(shared.grid)
+        shared = make_pattern((8, 8), 0.0, 0.2, SHEARS, 0)
+        sampler = stratified_sampler(shared.grid)
         sampler.start(shared, 1, seed)
         sample = np.argsort(np.array(sampler.sample))
         orders += [np.floor(np.array(sampler.next_1d())[sample] * 64) for _ in range(20)]
@@ -120,8 +127,8 @@ def test_later_dimensions_are_independent():
     """A sample's strata of two of them, over pixels and seeds: every pair as often."""
     counts = np.zeros((6, 6))
     for seed in range(60):
-        shared = pattern((3, 2), 0.05, 0.2, SHEARS, seed)
-        sampler = strata_sampler(shared.grid)
+        shared = make_pattern((3, 2), 0.05, 0.2, SHEARS, seed)
+        sampler = stratified_sampler(shared.grid)
         sampler.start(shared, 1, seed)
         for _ in range(5):
             sampler.next_1d()
@@ -132,8 +139,8 @@ def test_later_dimensions_are_independent():
 
 
 def test_beyond_the_deck_numbers_are_random():
-    sampler = strata_sampler((8, 8))
-    sampler.start(pattern((8, 8), 0.0, 0.1, SHEARS, 0), 64, 0)
+    sampler = stratified_sampler((8, 8))
+    sampler.start(make_pattern((8, 8), 0.0, 0.1, SHEARS, 0), 64, 0)
     sampler.dimension = dr.opaque(mi.UInt32, sampler.orders)
     x = np.array(sampler.next_1d())
     assert uniform(np.histogram(x, bins=20, range=(0, 1))[0])
@@ -147,12 +154,12 @@ def uniform(counts) -> bool:
 
 
 def test_any_sample_has_any_stratum_as_often():
-    white, classes = chessboard((4, 2)), np.array([0, 1, 2, 1, 3, 2, 1, 0])
+    white, classes = checkerboard((4, 2)), np.array([0, 1, 2, 1, 3, 2, 1, 0])
     classes = 2 * classes + white
     dealt = []
     for seed in range(2000):
         random = np.random.default_rng(seed)
-        dealt.append(deal(random.random(3) < 0.5, classes, white, (4, 2), random)[seed % 3])
+        dealt.append(stratum_orders(random.random(3) < 0.5, classes, white, (4, 2), random)[seed % 3])
     dealt = np.array(dealt)
     assert uniform(np.array([(dealt[:, 3] == stratum).sum() for stratum in range(8)]))
     assert uniform(np.array([((dealt[:, 3] == 5) & (dealt[:, 4] == other)).sum() for other in (0, 2, 7)]))
@@ -163,7 +170,7 @@ def test_places_are_uniform_at_every_aperture_point_over_seeds():
     shears = np.array([(-6.0, -6.75), (6.0, 6.75)])
     random, starts, lands = np.random.default_rng(0), np.zeros((4, 4, 2, 2)), np.zeros((4, 4, 2, 2))
     for seed in range(2500):
-        shared = pattern((3, 2), 0.05, 0.2, shears, seed)
+        shared = make_pattern((3, 2), 0.05, 0.2, shears, seed)
         m = random.integers(6)
         half = tuple(np.floor(2 * shared.square[m]).astype(int))
         landing = (shared.film[m].astype(float) + shared.aperture[m] * shears[1]) % 1.0
@@ -190,8 +197,8 @@ def test_landings_are_even_at_every_focus():
     for trial in range(20):
         aperture = 0.2 * (random.random((32, 2)) - 0.5)
         moves = aperture[:, None] * shears[:, None]
-        places = weave(moves, chessboard(grid), random)
-        cells = multijitter(random.permutation(32), grid, random)
+        places = place_evenly(moves, checkerboard(grid), random)
+        cells = multijittered_points(random.permutation(32), grid, random)
         for focus in range(4):
             woven[trial, focus] = misses((places + moves[:, focus]) % 1.0, random)
             left[trial, focus] = misses((cells + moves[:, focus]) % 1.0, random)
@@ -202,8 +209,8 @@ def test_landings_are_even_at_every_focus():
 def test_weaving_takes_sums_that_no_order_changes():
     """Else the bytes of an image could depend on how many threads multiply matrices."""
     random = np.random.default_rng(0)
-    moves, white = random.normal(size=(24, 5, 2)), chessboard((6, 4))
-    places = [weave(of, white, np.random.default_rng(1)) for of in (moves, moves[:, [3, 0, 4, 2, 1]])]
+    moves, white = random.normal(size=(24, 5, 2)), checkerboard((6, 4))
+    places = [place_evenly(of, white, np.random.default_rng(1)) for of in (moves, moves[:, [3, 0, 4, 2, 1]])]
     assert (places[0] == places[1]).all()
 
 
@@ -213,13 +220,13 @@ def places():
     camera = tl.Camera(10, 5, 40.0, 45.0, 4.5, 2.0)
     scene = tl.load_scene("cards")
     tracer = Tracer(build(scene), camera, np.eye(4), "multijitter")
-    ring, found, patterns = Ring(0.05, 0.2, (0.0, 0.3), 12), [], []
+    ring, found, patterns = ApertureAnnulus(0.05, 0.2, (0.0, 0.3), 12), [], []
     shears = [(-6.0, -6.75), (6.0, 6.75)]
     for seed in range(300):
-        shared = pattern((4, 3), ring.inner, ring.outer, shears, seed)
-        sampler = strata_sampler(shared.grid)
+        shared = make_pattern((4, 3), ring.inner, ring.outer, shears, seed)
+        sampler = stratified_sampler(shared.grid)
         sampler.start(shared, PIXELS, seed)
-        rays = np.stack([np.array(part) for part in tracer._places(sampler, shared, ring, shears)], axis=-1)
+        rays = np.stack([np.array(part) for part in tracer._film_and_aperture(sampler, shared, ring, shears)], axis=-1)
         found.append(by_sample(sampler, rays).swapaxes(0, 1))
         patterns.append(shared)
     return np.array(found), patterns, shears
@@ -254,7 +261,7 @@ def test_most_pixels_have_places_of_their_own(places):
 
 def test_gathering_puts_every_ray_where_it_lands():
     """Beside a naive loop over rays."""
-    camera, sheaf = tl.Camera(7, 5, 9.0, 9.0, 3.0, 2.0), Sheaf((0.0, 1.0), (2, 3))
+    camera, sheaf = tl.Camera(7, 5, 9.0, 9.0, 3.0, 2.0), VergenceGroup((0.0, 1.0), (2, 3))
     film, random = _Film(camera, sheaf), np.random.default_rng(0)
     shifts = random.integers(-2, 3, size=(6, 2, 2)).astype(np.int32)
     values = random.random((3, 6, film.height, film.width)).astype(np.float32)
@@ -270,8 +277,8 @@ def test_gathering_puts_every_ray_where_it_lands():
 
 def test_dimensions_go_on_within_compiled_loops():
     """A bounce draws other numbers than the bounce before it."""
-    shared = pattern((4, 4), 0.0, 0.1, [(0.0, 0.0)], 0)
-    sampler = strata_sampler(shared.grid)
+    shared = make_pattern((4, 4), 0.0, 0.1, [(0.0, 0.0)], 0)
+    sampler = stratified_sampler(shared.grid)
     sampler.start(shared, 64, 1)
 
     def step(i, sampler, total):

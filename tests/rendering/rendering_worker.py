@@ -178,21 +178,21 @@ def count_job() -> dict[str, np.ndarray]:
     from twinlens.rendering import radiance
 
     scene, rig = photos.half_plane(2.0, x=0.1234), Rig([photos.camera()], [photos.POSE])
-    lens, usual = tl.ThinLens(0.3, 1.0), radiance.RAYS_A_PASS
+    lens, usual = tl.ThinLens(0.3, 1.0), radiance.RAYS_PER_PASS
     found = {}
     for sampler in radiance.SAMPLERS:
         for spp in (1, 2, 3, 7, 8, 13, 32):
             found[f"{sampler}/{spp}"] = tl.render(scene, rig, lens, spp=spp, sampler=sampler)[0]
-    radiance.RAYS_A_PASS = 5 * 40 * 6  # room for five samples a pixel: passes of four
+    radiance.RAYS_PER_PASS = 5 * 40 * 6  # room for five samples a pixel: passes of four
     done: list[float] = []
     found["narrow/13"] = tl.render(scene, rig, lens, spp=13, progress=done.append)[0]
     found["narrow/done"] = np.array(done)
-    radiance.RAYS_A_PASS = 1
+    radiance.RAYS_PER_PASS = 1
     found["narrowest/5"] = tl.render(scene, rig, lens, spp=5)[0]
-    radiance.RAYS_A_PASS = 64 * 40 * 6
+    radiance.RAYS_PER_PASS = 64 * 40 * 6
     many = [tl.render(scene, rig, lens, spp=1000, seed=seed)[0] for seed in range(4)]
     found["narrow mean"] = np.mean(many, axis=0)
-    radiance.RAYS_A_PASS = usual
+    radiance.RAYS_PER_PASS = usual
     return found
 
 

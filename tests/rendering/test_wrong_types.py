@@ -10,13 +10,13 @@ def view():
     return scene, tl.Rig.stereo(tl.Camera.from_fov(16, 12, 50), 0.1, scene.world_from_left)
 
 
-def test_what_is_no_scene_rig_or_lens_is_told(view):
+def test_arguments_of_wrong_types_are_input_errors(view):
     scene, rig = view
     for call, words in (
         (lambda: tl.render("cards", rig), "load_scene"),
         (lambda: tl.ground_truth("cards", rig), "load_scene"),
         (lambda: tl.render(scene, rig.cameras[0]), "Rig"),
-        (lambda: tl.render(scene, rig, "pinhole"), "a lens is"),
+        (lambda: tl.render(scene, rig, "pinhole"), "a lens must be"),
         (lambda: tl.render_lens_grid(scene, rig, tl.Pinhole()), "list"),
         (lambda: tl.render(scene, rig, spp="4"), "'4'"),
     ):

@@ -18,7 +18,7 @@ from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
 from twinlens.factory.settings import Settings, make_lenses, make_sensor
 from twinlens.factory.sources import Sources
-from twinlens.rendering import check_possible, ground_truth
+from twinlens.rendering import check_lens_supported, ground_truth
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.schema import read
 from twinlens.seeds import generator
@@ -121,7 +121,7 @@ def check_backend(recipe: Recipe, index: int) -> None:
         try:
             settings = read(Settings, dict(plan(recipe, index, attempt).drawn), _FILE)
             for lens in make_lenses(settings, None, _FILE, recipe.sources.file):
-                check_possible(lens)
+                check_lens_supported(lens)
         except BackendError as error:
             refusal = error
         except InputError:  # an impossible draw, of which the dataset keeps a record

@@ -28,7 +28,7 @@ from twinlens.factory.produce import Exhausted, make
 from twinlens.factory.recipe import Recipe, differences, recipe_from_table
 from twinlens.factory.sample import made_with
 from twinlens.factory.sources import changed_files
-from twinlens.rendering import forget_kernels, steady_memory, use_threads
+from twinlens.rendering import configure_malloc, forget_kernels, use_threads
 
 RENEWED_AFTER = 300
 """Samples that a worker process makes before a new one replaces it. LLVM keeps about 15 KiB for each random scene that
@@ -87,7 +87,7 @@ def written(work: Work, index: int, made: Sample | Failure) -> Entry:
 
 def in_process(work: Work, indices: Sequence[int], report: Report) -> Results:
     """The engine of the calling thread: a second thread writes a sample while the next one is rendered."""
-    steady_memory()
+    configure_malloc()
     writing: tuple[int, Future[Entry]] | None = None
     with ThreadPoolExecutor(1, "twinlens-writer") as writer:
         for done, index in enumerate(indices):
@@ -273,7 +273,7 @@ def _rendered(order: Order, index: int, threads: int) -> tuple[Work, Sample | Fa
 def _work(order: Order, threads: int) -> Work:
     """Prepare this worker. Raises InputError where its versions, backend or files are not the dataset's."""
     use_threads(threads)
-    steady_memory()
+    configure_malloc()
     work = Work(recipe_from_table(order.written, Path(order.path)), order.folder, order.made_with)
     if changed := differences(work.made_with, plain(made_with())):
         raise InputError(f"this worker has another backend or other versions than the dataset: {'; '.join(changed)}")

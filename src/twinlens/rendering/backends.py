@@ -3,18 +3,21 @@
 The choice is made once a process. `TWINLENS_BACKEND` (auto, scalar, llvm, cuda) overrides it.
 """
 
+import contextlib
 import ctypes
 import functools
 import gc
 import os
+import signal
 import sys
+import threading
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from twinlens.errors import BackendError, InputError, unknown
 from twinlens.rendering import llvm
-from twinlens.rendering.hold import interrupts_held
 
 VARIANTS = {"scalar": "scalar_rgb", "llvm": "llvm_ad_rgb", "cuda": "cuda_ad_rgb"}
 _M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8  # malloc.h
@@ -50,7 +53,7 @@ def backend() -> Backend:
     Raises InputError for an unknown TWINLENS_BACKEND, BackendError when the one asked for does not work here.
     """
     wanted = _wanted()
-    chosen = _already_set() or _briefly(_choose(wanted))
+    chosen = _already_set() or _with_short_reason(_choose(wanted))
     _activate(chosen)
     return chosen
 
@@ -99,7 +102,7 @@ def forget_kernels() -> None:
         trim(0)
 
 
-def steady_memory() -> None:
+def configure_malloc() -> None:
     """Have glibc give large blocks back to the system one by one, and keep small ones in one place, from now on.
 
     By itself it takes ever larger blocks from a heap for each thread, once such a block was freed. Among what stays
@@ -167,7 +170,7 @@ def _why(probes: list[llvm.Probe]) -> str:
     return "; ".join(f"{Path(probe.path).name} {probe.answer}" for probe in probes)
 
 
-def _briefly(chosen: Backend) -> Backend:
+def _with_short_reason(chosen: Backend) -> Backend:
     """With a reason that closes the line of a command, whatever the libraries had to say."""
     if chosen.is_jit or not chosen.probes:
         return chosen
@@ -186,7 +189,7 @@ def _activate(chosen: Backend) -> None:
     """Import Mitsuba with this backend. An interrupt meanwhile is heard once it is done, some tenths of a second."""
     if chosen.library is not None:
         os.environ["DRJIT_LIBLLVM_PATH"] = chosen.library
-    with interrupts_held():
+    with deferred_interrupts():
         _set_variant(chosen.variant)
         _activated[chosen.variant] = chosen
 
@@ -204,3 +207,24 @@ def _set_variant(variant: str) -> None:
             "DRJIT_LIBLLVM_PATH; unset that, or render with twinlens first"
         ) from error
     mitsuba.set_log_level(mitsuba.LogLevel.Error)
+
+
+@contextlib.contextmanager
+def deferred_interrupts() -> Iterator[None]:
+    """Keep SIGINT until the block has ended, then let its handler hear it once, however often it came.
+
+    Only the main thread may set handlers, and only it runs them: elsewhere nothing is held. A process that ignores
+    SIGINT, dies of it (SIG_DFL), or handles it outside Python goes on doing so.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield
+        return
+    came = threading.Event()
+    signal.signal(signal.SIGINT, lambda *_: came.set())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if came.is_set():
+            signal.raise_signal(signal.SIGINT)

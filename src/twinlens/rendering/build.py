@@ -1,7 +1,7 @@
 """A `Scene` becomes a Mitsuba scene, and a table of its bodies that the ground truth looks things up in."""
 
 import weakref
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,7 +10,6 @@ import numpy as np
 from twinlens.errors import InputError
 from twinlens.geometry import Float, rotate, transform_points
 from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.repeats import without_repeats
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
 from twinlens.scenes.scene import check_uniform_scale
 
@@ -55,7 +54,7 @@ def build(scene: Scene) -> BuiltScene:
 
 def _build_objects(scene: Scene) -> BuiltScene:
     mi = mitsuba()
-    plugins, uv_factors = without_repeats(scene)
+    plugins, uv_factors = move_uv_scales(scene)
     materials = {name: _load(plugin, f"material {name!r}") for name, plugin in plugins.items()}
     material_names = tuple(materials)
     parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
@@ -108,7 +107,7 @@ def _leaf(thing: SceneObject, bsdf: Any, uv_factors: Float | None) -> Any:
             mesh = replace(mesh, uv=mesh.uv * uv_factors)
         return _mesh(thing.name, mesh, thing.world_from_object, bsdf, emitter)
     check_uniform_scale(thing)
-    plugin = {**plain(thing.shape), "bsdf": bsdf}
+    plugin = {**mitsuba_value(thing.shape), "bsdf": bsdf}
     own = plugin.get("to_world", mi.ScalarTransform4f())
     plugin["to_world"] = mi.ScalarTransform4f(thing.world_from_object) @ own
     if emitter is not None:
@@ -158,7 +157,7 @@ def _flat32(values: Float) -> Any:
     return np.ascontiguousarray(values, dtype=np.float32).ravel()
 
 
-def plain(value: Any) -> Any:
+def mitsuba_value(value: Any) -> Any:
     """A plugin tree with our own values turned into Mitsuba's."""
     mi = mitsuba()
     if isinstance(value, Color):
@@ -168,11 +167,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.ndarray) and value.shape == (4, 4):
         return mi.ScalarTransform4f(value)
     if isinstance(value, Mapping):
-        return {key: _in_memory(value, key) or plain(part) for key, part in value.items()}
+        return {key: _environment_bitmap(value, key) or mitsuba_value(part) for key, part in value.items()}
     return value
 
 
-def _in_memory(plugin: Plugin, key: str) -> Any:
+def _environment_bitmap(plugin: Plugin, key: str) -> Any:
     """The picture of an environment map that is no file: Mitsuba takes it as it is, not as a texture. Else None."""
     if plugin.get("type") != "envmap" or not isinstance(plugin[key], Bitmap):
         return None
@@ -193,7 +192,7 @@ def _bitmap(texture: Bitmap) -> dict[str, Any]:
 
 
 def _load(plugin: Plugin, what: str) -> Any:
-    return _load_plain(plain(plugin), what)
+    return _load_plain(mitsuba_value(plugin), what)
 
 
 def _load_plain(plugin: dict[str, Any], what: str) -> Any:
@@ -236,3 +235,57 @@ def material_kind(bsdf: Any) -> int:
     if has(int(flags.GlossyReflection)):
         return 2
     return 3 if has(int(flags.DeltaReflection)) else 1
+
+
+def move_uv_scales(scene: Scene) -> tuple[Mapping[str, Plugin], Mapping[str, Float]]:
+    """The materials, and for some of them the factors (2,) that the (u, v) of the meshes that wear them must have.
+
+    A material is changed where only meshes with (u, v) wear it and its one or more pictures are all scaled alike.
+    """
+    materials, factors = dict(scene.materials), {}
+    for name, plugin in scene.materials.items():
+        scale = _common_scale(plugin)
+        worn_by = [thing.shape for thing in scene.objects if thing.material == name]
+        if scale is not None and all(isinstance(shape, Mesh) and shape.uv is not None for shape in worn_by):
+            materials[name] = _unscaled(plugin)
+            factors[name] = scale
+    return materials, factors
+
+
+def _common_scale(plugin: Plugin) -> Float | None:
+    """The factors that all pictures of the material have; None without any, or where a scale is not all there is."""
+    if any(_depends_on_uv_scale(part) for part in _plugins(plugin)) or any(
+        "to_uv" in part for part in _plugins(plugin)
+    ):
+        return None
+    scales = [picture.to_uv for picture in _pictures(plugin)]
+    if not scales or any(not np.array_equal(scale, scales[0]) for scale in scales):
+        return None
+    factors: Float = np.diag(scales[0])[:2].copy()
+    only_scale = np.array_equal(scales[0], np.diag([*factors, 1.0, 1.0]))
+    return factors if only_scale and not np.array_equal(factors, [1.0, 1.0]) else None
+
+
+def _depends_on_uv_scale(plugin: Plugin) -> bool:
+    """Bumps and normal maps measure slopes along (u, v): another scale would be another relief."""
+    return plugin.get("type") in ("bumpmap", "normalmap")
+
+
+def _plugins(plugin: Plugin) -> Iterator[Plugin]:
+    yield plugin
+    for value in plugin.values():
+        if isinstance(value, Mapping):
+            yield from _plugins(value)
+
+
+def _pictures(plugin: Plugin) -> Iterator[Bitmap]:
+    for part in _plugins(plugin):
+        yield from (value for value in part.values() if isinstance(value, Bitmap))
+
+
+def _unscaled(value: Any) -> Any:
+    if isinstance(value, Bitmap):
+        return replace(value, to_uv=np.eye(4))
+    if isinstance(value, Mapping):
+        return {key: _unscaled(part) for key, part in value.items()}
+    return value

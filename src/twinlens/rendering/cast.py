@@ -100,7 +100,7 @@ def _trace_singly(built: BuiltScene, origin: Float, unit: NDArray[np.float32], o
             out.prim[i] = pi.prim_index
 
 
-def measured_normals(built: BuiltScene, origin: Float, directions: Float) -> tuple[Float, Float]:
+def mitsuba_normals(built: BuiltScene, origin: Float, directions: Float) -> tuple[Float, Float]:
     """(geometric, shading) normals (N, 3) as Mitsuba gives them in float32, for shapes we know no closed form of."""
     mi = mitsuba()
     if backend().is_jit:

@@ -18,8 +18,7 @@ from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.cast import Hits, cast
 from twinlens.rendering.radiance import check_view
-from twinlens.rendering.refine import Exact
-from twinlens.rendering.surfaces import exact_hits, sky_is_seen, unblocked
+from twinlens.rendering.surfaces import Exact, exact_hits, infinity_visible_from, visible_from
 from twinlens.scenes import Scene
 
 
@@ -68,14 +67,14 @@ def correspondence(scene: Scene, rig: Rig, source: int = 0, target: int = 1, *, 
     if not (0 <= source < len(rig) and 0 <= target < len(rig)) or source == target:
         raise InputError(f"a pair needs two different cameras out of 0 to {len(rig) - 1}, got {source} and {target}")
     built = build(scene)
-    pixels, disparity, visible = _towards(built, rig, _look(built, rig, source), target, sky)
+    pixels, disparity, visible = _project_into(built, rig, _cast_view(built, rig, source), target, sky)
     shape = rig.cameras[source].height, rig.cameras[source].width
     return Correspondence(
         pixels.reshape(*shape, 2), visible.reshape(shape), disparity.astype(np.float32).reshape(shape)
     )
 
 
-def _look(built: BuiltScene, rig: Rig, index: int) -> _View:
+def _cast_view(built: BuiltScene, rig: Rig, index: int) -> _View:
     camera, pose = rig.cameras[index], rig.world_from_cams[index]
     directions = rotate(pose, camera.unproject(camera.pixel_grid())).reshape(-1, 3)
     hits = cast(built, pose[:3, 3], directions)
@@ -87,14 +86,14 @@ def _look(built: BuiltScene, rig: Rig, index: int) -> _View:
 
 
 def _view_truth(built: BuiltScene, rig: Rig, index: int, sky_disparity: bool) -> Truth:
-    view, camera, other = _look(built, rig, index), rig.cameras[index], rig.partner(index)
+    view, camera, other = _cast_view(built, rig, index), rig.cameras[index], rig.partner(index)
     disparity = np.full(len(view.position), np.inf)
     visible = np.zeros(len(view.position), dtype=bool)
     if other is not None:
         sky = sky_disparity and rig.is_rectified(*_in_order(rig, index, other))
-        _, disparity, visible = _towards(built, rig, view, other, sky)
+        _, disparity, visible = _project_into(built, rig, view, other, sky)
     object_id, material_id, material_kind = _ids(built, view.hits.body)
-    normal = _turned(view.exact.normal, -view.directions)
+    normal = _facing(view.exact.normal, -view.directions)
 
     def image(values: NDArray[Any], dtype: type[np.generic]) -> NDArray[Any]:
         return values.astype(dtype, copy=False).reshape(camera.height, camera.width, *values.shape[1:])
@@ -105,7 +104,7 @@ def _view_truth(built: BuiltScene, rig: Rig, index: int, sky_disparity: bool) ->
         disparity=image(disparity, np.float32),
         visible=image(visible, np.bool_),
         normal=image(normal, np.float32),
-        shading_normal=image(_turned(view.exact.shading_normal, normal), np.float32),
+        shading_normal=image(_facing(view.exact.shading_normal, normal), np.float32),
         object_id=image(object_id, np.int32),
         material_id=image(material_id, np.int32),
         material_kind=image(material_kind, np.uint8),
@@ -114,25 +113,27 @@ def _view_truth(built: BuiltScene, rig: Rig, index: int, sky_disparity: bool) ->
     )
 
 
-def _turned(vectors: Float, towards: Float) -> Float:
+def _facing(vectors: Float, towards: Float) -> Float:
     """Vectors (N, 3), those with the sign changed that point away from `towards`."""
     away = np.einsum("nc,nc->n", vectors, towards) < 0
     return np.where(away[:, None], -vectors, vectors)
 
 
-def _towards(built: BuiltScene, rig: Rig, view: _View, other: int, sky: bool) -> tuple[Float, Float, NDArray[np.bool_]]:
+def _project_into(
+    built: BuiltScene, rig: Rig, view: _View, other: int, sky: bool
+) -> tuple[Float, Float, NDArray[np.bool_]]:
     """(pixels in camera `other`, disparity, visible) of every pixel of `view`; disparity of rectified pairs alone."""
     found = view.hits.body >= 0
     camera, pose = rig.cameras[other], rig.world_from_cams[other]
     pixels = np.full((len(found), 2), np.inf)
     visible = np.zeros(len(found), dtype=bool)
     pixels[found] = _or_unknown(camera.project(transform_points(inverse(pose), view.position[found])))
-    visible[found] = camera.contains(pixels[found]) & unblocked(
+    visible[found] = camera.contains(pixels[found]) & visible_from(
         built, pose[:3, 3], view.position[found], view.hits.body[found], view.hits.prim[found]
     )
     if sky:
         pixels[~found] = _or_unknown(camera.project(rotate(inverse(pose), view.directions[~found])))
-        visible[~found] = sky_is_seen(built, rig, other, view.directions[~found])
+        visible[~found] = infinity_visible_from(built, rig, other, view.directions[~found])
     return pixels, _disparity(rig, view, other, pixels, sky), visible
 
 

@@ -74,7 +74,7 @@ def probe(variant: str, library: Path | None = None) -> Probe:
     """Render a tiny image in a child process, with this LLVM (or CUDA), and say whether it lived."""
     if library is not None and _is_missing(library):
         return Probe(str(library), False, "fails: no such file")
-    memory = _Memory(variant, library)
+    memory = _ProbeCache(variant, library)
     if (known := memory.recall()) is not None:
         return known
     environment = dict(os.environ)
@@ -129,7 +129,7 @@ def _version(path: Path) -> tuple[int, ...]:
 _ROW = {"path": str, "works": bool, "answer": str}
 
 
-class _Memory:
+class _ProbeCache:
     """One remembered answer in the kernel cache folder. A folder that can't be written costs a probe a process."""
 
     def __init__(self, variant: str, library: Path | None) -> None:

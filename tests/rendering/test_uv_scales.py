@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from twinlens.rendering.repeats import without_repeats
+from twinlens.rendering.build import move_uv_scales
 from twinlens.scenes import Bitmap, Mesh, Scene, SceneObject
 
 FACING = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -39,12 +39,12 @@ def test_a_mesh_shows_the_repeats_that_a_rectangle_shows():
 
 
 def test_only_the_mesh_takes_them_in():
-    _, factors = without_repeats(card(QUAD, (3.0, 2.0)))
+    _, factors = move_uv_scales(card(QUAD, (3.0, 2.0)))
     assert factors["card"].tolist() == [3.0, 2.0]
-    assert without_repeats(card({"type": "rectangle"}, (3.0, 2.0)))[1] == {}
-    assert without_repeats(card(QUAD, (1.0, 1.0)))[1] == {}
+    assert move_uv_scales(card({"type": "rectangle"}, (3.0, 2.0)))[1] == {}
+    assert move_uv_scales(card(QUAD, (1.0, 1.0)))[1] == {}
 
 
 @pytest.mark.parametrize("other", [Bitmap(PIXELS), {"type": "checkerboard", "to_uv": np.diag([2.0, 2.0, 1.0, 1.0])}])
 def test_pictures_that_repeat_unlike_stay_as_they_are(other):
-    assert without_repeats(card(QUAD, (3.0, 2.0), specular_transmittance=other))[1] == {}
+    assert move_uv_scales(card(QUAD, (3.0, 2.0), specular_transmittance=other))[1] == {}

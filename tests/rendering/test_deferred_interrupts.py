@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from twinlens.rendering.hold import interrupts_held
+from twinlens.rendering.backends import deferred_interrupts
 
 backends = importlib.import_module("twinlens.rendering.backends")  # the room's `backend` is the function
 SCALAR = backends.Backend("scalar", "scalar_rgb", "a test asks for it")
@@ -78,7 +78,7 @@ def test_who_asks_again_after_the_interrupt_is_told_the_first_reason(slow_mitsub
 def test_an_interrupt_is_heard_once_by_the_handler_that_was_there():
     heard = []
     signal.signal(signal.SIGINT, lambda *_: heard.append("interrupt"))
-    with interrupts_held():
+    with deferred_interrupts():
         interrupt()
         interrupt()
         assert heard == []
@@ -88,13 +88,13 @@ def test_an_interrupt_is_heard_once_by_the_handler_that_was_there():
 
 
 def test_without_an_interrupt_nothing_is_raised_and_the_handler_is_back():
-    with interrupts_held():
+    with deferred_interrupts():
         pass
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_an_error_keeps_its_way_and_the_handler_is_back():
-    with pytest.raises(ZeroDivisionError), interrupts_held():
+    with pytest.raises(ZeroDivisionError), deferred_interrupts():
         1 / 0  # noqa: B018
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
@@ -102,7 +102,7 @@ def test_an_error_keeps_its_way_and_the_handler_is_back():
 @pytest.mark.parametrize("kind", [signal.SIG_IGN, signal.SIG_DFL])
 def test_what_is_no_handler_of_pythons_stays(kind):
     signal.signal(signal.SIGINT, kind)
-    with interrupts_held():
+    with deferred_interrupts():
         assert signal.getsignal(signal.SIGINT) is kind
     assert signal.getsignal(signal.SIGINT) is kind
 
@@ -111,7 +111,7 @@ def test_a_thread_of_work_changes_nothing():
     seen = []
 
     def work():
-        with interrupts_held():
+        with deferred_interrupts():
             seen.append(signal.getsignal(signal.SIGINT))
 
     thread = threading.Thread(target=work)

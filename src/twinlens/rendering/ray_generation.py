@@ -1,0 +1,93 @@
+"""Rays of a camera in Dr.Jit: from a film position and an aperture point to an origin and a direction.
+
+The direction (x, y, 1) of a pixel and the aperture point a give the ray o = a, d = (x - k ax, y - k ay, 1) in the
+camera frame of `twinlens.geometry`, with k the vergence. All values are opaque to the compiler, so that cameras share
+kernels.
+"""
+
+import functools
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.camera import Camera
+from twinlens.geometry import Float
+from twinlens.rendering.backends import mitsuba
+
+
+class DrJitMath:
+    """See `twinlens.camera.warp.ArrayMath`."""
+
+    sqrt = staticmethod(dr.sqrt)
+    sin = staticmethod(dr.sin)
+    cos = staticmethod(dr.cos)
+    abs = staticmethod(dr.abs)
+    floor = staticmethod(dr.floor)
+    minimum = staticmethod(dr.minimum)
+    where = staticmethod(dr.select)
+
+    def __init__(self) -> None:
+        self._tables: dict[int, tuple[Float, Any]] = {}
+
+    def gather(self, table: Float, index: Any) -> Any:
+        """``table[index]``; each table is copied to the device once."""
+        mi = mitsuba()
+        if id(table) not in self._tables:
+            self._tables[id(table)] = table, mi.Float(np.ascontiguousarray(table, dtype=np.float32))
+        return dr.gather(mi.Float, self._tables[id(table)][1], mi.UInt32(index))
+
+
+class CornerTable:
+    """Bilinear interpolation of two values given at the (W + 1) x (H + 1) corners of the pixels."""
+
+    def __init__(self, corners: NDArray[np.float64]) -> None:
+        mi = mitsuba()
+        self._rows, self._columns = corners.shape[:2]
+        self._values = mi.Float(np.ascontiguousarray(corners, dtype=np.float32).ravel())
+
+    def __call__(self, across: Any, down: Any) -> Any:
+        """The values (Point2f) at `across`, `down` pixels from the top left corner of the image."""
+        mi = mitsuba()
+        column = dr.clip(dr.floor(across), 0, self._columns - 2)
+        row = dr.clip(dr.floor(down), 0, self._rows - 2)
+        index = mi.UInt32(row) * self._columns + mi.UInt32(column)
+        corner = [
+            dr.gather(mi.Point2f, self._values, index + step) for step in (0, 1, self._columns, self._columns + 1)
+        ]
+        right, below = across - column, down - row
+        return dr.lerp(dr.lerp(corner[0], corner[1], right), dr.lerp(corner[2], corner[3], right), below)
+
+
+def corner_directions(camera: Camera) -> Float:
+    """(x, y) of the directions (x, y, 1) at the corners of the pixels, (H + 1, W + 1, 2)."""
+    rows, columns = np.mgrid[: camera.height + 1, : camera.width + 1]
+    return camera.unproject(np.stack([columns, rows], axis=-1) - 0.5)[..., :2]
+
+
+class RayGenerator:
+    """Generates the rays of one camera at one pose."""
+
+    def __init__(self, camera: Camera, world_from_cam: Float) -> None:
+        mi = mitsuba()
+        opaque = functools.partial(dr.opaque, mi.Float)
+        self.principal = opaque(camera.cx), opaque(camera.cy)
+        self.focal = opaque(camera.fx), opaque(camera.fy)
+        self.undistorted = None if camera.distortion is None else CornerTable(corner_directions(camera))
+        self.x, self.y, self.z, self.origin = (
+            mi.Vector3f(*(opaque(world_from_cam[row, column]) for row in range(3))) for column in range(4)
+        )
+
+    def chief_ray(self, u: Any, v: Any) -> tuple[Any, Any]:
+        """(x, y) of the direction (x, y, 1) of the chief ray through film position (u, v), in pixels."""
+        if self.undistorted is not None:
+            direction = self.undistorted(u + 0.5, v + 0.5)
+            return direction.x, direction.y
+        return (u - self.principal[0]) / self.focal[0], (v - self.principal[1]) / self.focal[1]
+
+    def ray(self, u: Any, v: Any, ax: Any, ay: Any, k: Any) -> tuple[Any, Any]:
+        """Origin and unit direction in the world, from pixels (u, v) and metres (ax, ay), at vergence `k` in 1/m."""
+        x, y = self.chief_ray(u, v)
+        direction = (x - k * ax) * self.x + (y - k * ay) * self.y + self.z
+        return mitsuba().Point3f(self.origin + ax * self.x + ay * self.y), dr.normalize(direction)
