@@ -14,31 +14,16 @@ Float = NDArray[np.float64]
 
 
 class ArrayMath(Protocol):
-    """Element-wise functions of an array library."""
+    """Element-wise functions of an array library, as in NumPy; `gather` is ``table[index]``, with float indices."""
 
-    def sqrt(self, x: Any, /) -> Any:
-        """Square root."""
-
-    def sin(self, x: Any, /) -> Any:
-        """Sine."""
-
-    def cos(self, x: Any, /) -> Any:
-        """Cosine."""
-
-    def abs(self, x: Any, /) -> Any:
-        """Absolute value."""
-
-    def floor(self, x: Any, /) -> Any:
-        """The floor, as a float."""
-
-    def minimum(self, a: Any, b: Any, /) -> Any:
-        """The smaller of two."""
-
-    def where(self, condition: Any, a: Any, b: Any, /) -> Any:
-        """`a` where the condition holds, else `b`."""
-
-    def gather(self, table: Float, index: Any, /) -> Any:
-        """``table[index]`` for a constant one-dimensional table; `index` holds whole numbers as floats."""
+    def sqrt(self, x: Any, /) -> Any: ...
+    def sin(self, x: Any, /) -> Any: ...
+    def cos(self, x: Any, /) -> Any: ...
+    def abs(self, x: Any, /) -> Any: ...
+    def floor(self, x: Any, /) -> Any: ...
+    def minimum(self, a: Any, b: Any, /) -> Any: ...
+    def where(self, condition: Any, a: Any, b: Any, /) -> Any: ...
+    def gather(self, table: Float, index: Any, /) -> Any: ...
 
 
 class NumpyMath:
