@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture
 def peak_below():
-    """A context that fails when Python and numpy allocate more than so many bytes in it."""
+    """A context that fails if Python and numpy allocate more than `limit` bytes in it."""
 
     @contextmanager
     def peak(limit: int) -> Iterator[None]:

@@ -1,11 +1,11 @@
-"""Damaged files: what a broken download, a full disk or a flipped bit make of good bytes."""
+"""Damaged files, as broken downloads, full disks and flipped bits make them."""
 
 from hypothesis import strategies as st
 
 
 @st.composite
 def damaged(draw, good: bytes) -> bytes:
-    """`good`, cut short, with bytes changed, doubled, or with a stretch taken out."""
+    """`good` truncated, extended, with changed bytes, or with bytes removed."""
     kind = draw(st.sampled_from(["cut", "change", "extend", "remove", "header"]))
     place = draw(st.integers(0, len(good) - 1))
     if kind == "cut":

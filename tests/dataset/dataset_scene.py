@@ -1,4 +1,4 @@
-"""A scene small enough to be exact by hand: a slanted wall, a card before it, sky above, seen by a rectified pair."""
+"""A scene with exact truth in closed form: a slanted wall, a card in front of it, and sky, seen by a rectified pair."""
 
 import numpy as np
 
@@ -43,7 +43,7 @@ def _truth(pair: Rig, i: int) -> Truth:
     hit = ids > 0
     points = centres[i] + np.where(hit, depth, 1.0)[..., None] * directions
     px = partner.project(points - centres[1 - i])
-    visible = hit & partner.contains(px) & (again_depth(points, centres[1 - i]) > 1 - 1e-9)
+    visible = hit & partner.contains(px) & (first_hit(points, centres[1 - i]) > 1 - 1e-9)
     sign = 1 if i == 0 else -1
     disparity = np.where(hit, sign * (camera.pixel_grid()[..., 0] - px[..., 0]), np.inf)
     world = geometry.transform_points(pair.world_from_cams[0], points)
@@ -63,8 +63,8 @@ def _truth(pair: Rig, i: int) -> Truth:
     )
 
 
-def again_depth(points, origin):
-    """What fraction of the way from `origin` to `points` the first hit lies at."""
+def first_hit(points, origin):
+    """The first hit between `origin` and `points`, as a fraction of the distance."""
     directions = points - origin
     z = directions[..., 2:]
     depth, _ = cast(origin + np.zeros_like(points), directions / z)

@@ -46,9 +46,9 @@ def wrong(where):
 
 
 def test_a_complete_dataset_has_no_findings(root):
-    heard = []
-    assert [name for name, _ in verify_place(root, lambda *now: heard.append(now))] == ["dataset.json", *NAMES]
-    assert heard == [(0.0, "a"), (0.5, "train/0")]
+    calls = []
+    assert [name for name, _ in verify_place(root, lambda *now: calls.append(now))] == ["dataset.json", *NAMES]
+    assert calls == [(0.0, "a"), (0.5, "train/0")]
     (root / ".cache").mkdir()
     (root / "notes").mkdir()
     (root / "notes" / "todo.txt").touch()
@@ -115,7 +115,7 @@ def test_outdated_metadata_is_reported(root):
 
 
 @pytest.mark.parametrize(
-    ("count", "info", "said"),
+    ("count", "info", "expected"),
     [
         (2, {"complete": True}, ""),
         (5, {"complete": False}, "lists 2 of 5 samples; rerun `twinlens generate` to make"),
@@ -129,12 +129,12 @@ def test_outdated_metadata_is_reported(root):
         ("many", {"failed": 7}, ""),
     ],
 )
-def test_missing_samples_are_counted_and_not_findings(root, count, info, said):
+def test_missing_samples_are_counted_and_not_findings(root, count, info, expected):
     write_manifest(root, Manifest(Dataset(root).manifest.rows, {"count": count}, info=info))
     describe(root)
     assert wrong(root) == {}
-    assert said in unfinished(root)
-    assert bool(said) == bool(unfinished(root))
+    assert expected in unfinished(root)
+    assert bool(expected) == bool(unfinished(root))
     assert ("make the missing" in unfinished(root)) == (count == 5)
 
 

@@ -97,7 +97,7 @@ def test_errors_name_the_wrong_line(old, new, message):
 
 
 @given(damaged(MOTORCYCLE.encode()))
-def test_damage_is_read_or_refused(data):
+def test_damage_is_read_or_rejected(data):
     try:
         calibration = decode_calib(data.decode("utf-8", "replace"))
     except TwinlensError:

@@ -109,14 +109,14 @@ def test_a_licence_may_be_an_address(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("said", "message"),
+    ("texts", "message"),
     [
         ({"licence": "MIT"}, "about: unknown key 'licence'; did you mean 'license'"),
         ({"url": 7}, "about.url: must be a string"),
     ],
 )
-def test_invalid_texts_are_rejected(tmp_path, said, message):
-    made(tmp_path, about=said)
+def test_invalid_texts_are_rejected(tmp_path, texts, message):
+    made(tmp_path, about=texts)
     with pytest.raises(FileError, match=message):
         write_card(tmp_path)
     with pytest.raises(InputError):
@@ -220,7 +220,7 @@ def test_mlcroissant_reads_the_metadata(tmp_path):
 @rdflib_warns
 def test_croissant_with_all_texts_has_no_warnings(tmp_path):
     mlc = pytest.importorskip("mlcroissant")
-    said = About(
+    texts = About(
         name="set",
         description="Pairs.",
         license="CC-BY-4.0",
@@ -229,13 +229,13 @@ def test_croissant_with_all_texts_has_no_warnings(tmp_path):
         published="2026-01-31",
         cite_as="@misc{ada}",
     )
-    describe(made(tmp_path), said)
+    describe(made(tmp_path), texts)
     issues = mlc.Dataset(jsonld=str(tmp_path / "croissant.json")).metadata.ctx.issues
     assert not issues.errors
     assert not issues.warnings
 
 
-def test_croissant_vouches_for_the_manifest(tmp_path):
+def test_croissant_has_the_hash_of_the_manifest(tmp_path):
     write_croissant(made(tmp_path))
     record = json.loads((tmp_path / "croissant.json").read_text())
     assert record["distribution"][0]["sha256"] == hashlib.sha256((tmp_path / "dataset.json").read_bytes()).hexdigest()

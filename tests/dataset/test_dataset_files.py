@@ -42,7 +42,7 @@ def test_a_folder_appears_with_all_its_files(tmp_path):
 
 @pytest.mark.parametrize("count", [0, 1])
 @pytest.mark.parametrize(
-    ("error", "told", "remedy"),
+    ("error", "raised", "remedy"),
     [
         (OSError(errno.ENOSPC, "No space left on device"), OutputError, "disk is full"),
         (OSError(errno.EROFS, "Read-only file system"), OutputError, "read-only"),
@@ -50,22 +50,20 @@ def test_a_folder_appears_with_all_its_files(tmp_path):
         (KeyboardInterrupt(), KeyboardInterrupt, ".*"),
     ],
 )
-def test_a_failure_on_the_way_leaves_nothing_and_keeps_what_was_there(
-    tmp_path, monkeypatch, count, error, told, remedy
-):
+def test_a_failure_leaves_nothing_and_keeps_existing_files(tmp_path, monkeypatch, count, error, raised, remedy):
     write_folder(tmp_path / "old", {"x": b"kept"})
     fail_after(monkeypatch, count, error)
     for name, overwrite in (("new", False), ("old", True)):
-        with pytest.raises(told, match=remedy) as caught:
+        with pytest.raises(raised, match=remedy) as caught:
             write_folder(tmp_path / name, CONTENT, overwrite)
-        if told is OutputError:
+        if raised is OutputError:
             assert str(caught.value).startswith(f"{tmp_path / name}: cannot be written; ")
             assert "\n" not in str(caught.value)
     assert tree(tmp_path) == {"old/x": b"kept"}
     assert names(tmp_path) == ["old"]
 
 
-def test_what_is_there_is_replaced_only_when_asked(tmp_path):
+def test_existing_folders_are_replaced_only_with_overwrite(tmp_path):
     write_folder(tmp_path / "s", {"x": b"old", "y": b"gone"})
     with pytest.raises(OutputError, match="already exists"):
         write_folder(tmp_path / "s", CONTENT)
@@ -74,7 +72,7 @@ def test_what_is_there_is_replaced_only_when_asked(tmp_path):
     assert names(tmp_path) == ["s"]
 
 
-def test_a_swap_that_fails_puts_the_old_one_back(tmp_path, monkeypatch):
+def test_a_failed_swap_restores_the_old_folder(tmp_path, monkeypatch):
     write_folder(tmp_path / "s", {"x": b"old"})
     rename = type(tmp_path).rename
 
@@ -90,7 +88,7 @@ def test_a_swap_that_fails_puts_the_old_one_back(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_disk_that_fills_up_only_when_flushed_is_noticed(tmp_path):
+def test_errors_on_flush_are_noticed(tmp_path):
     with pytest.raises(OSError, match="No space"):
         files._write_and_flush(Path("/dev/full"), (b"x" * 10,))
 
@@ -117,7 +115,7 @@ def test_long_names_of_many_bytes(tmp_path):
 
 
 @pytest.mark.parametrize("path", [".", "/"])
-def test_places_that_have_no_name(tmp_path, monkeypatch, path):
+def test_paths_without_a_name_are_rejected(tmp_path, monkeypatch, path):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(OutputError, match="cannot be written"):
         write_file(path, b"")
@@ -127,14 +125,14 @@ def test_places_that_have_no_name(tmp_path, monkeypatch, path):
 
 
 @pytest.mark.parametrize("name", ["x" * 300, "nul\0byte"])
-def test_names_no_file_system_takes(tmp_path, name):
+def test_names_that_no_file_system_accepts(tmp_path, name):
     with pytest.raises(OutputError, match="cannot be written"):
         write_file(tmp_path / name, b"")
     with pytest.raises(FileError):
         read_bytes(tmp_path / name)
 
 
-def test_a_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
+def test_a_file_is_replaced_atomically(tmp_path, monkeypatch):
     write_file(tmp_path / "f", b"old")
     fail_after(monkeypatch, 0, OSError(errno.ENOSPC, "No space left on device"))
     with pytest.raises(OutputError, match="disk is full"):
@@ -142,19 +140,19 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
     assert tree(tmp_path) == {"f": b"old"}
 
 
-def test_a_file_whose_pieces_end_in_an_error_is_not_there(tmp_path):
+def test_a_file_whose_pieces_fail_does_not_appear(tmp_path):
     def pieces():
         yield b"half"
-        raise ValueError("of a mind of its own")
+        raise ValueError("a broken piece")
 
-    with pytest.raises(OutputError, match="of a mind of its own"):
+    with pytest.raises(OutputError, match="a broken piece"):
         write_pieces(tmp_path / "f", pieces())
     assert not any(tmp_path.iterdir())
     write_pieces(tmp_path / "f", iter((b"one", b"two")))
     assert (tmp_path / "f").read_bytes() == b"onetwo"
 
 
-def test_what_a_killed_process_left_is_swept(tmp_path):
+def test_files_of_killed_processes_are_removed(tmp_path):
     write_folder(tmp_path / "whole", CONTENT)
     (tmp_path / f".s{files._TEMPORARY}12-ab").mkdir()
     (tmp_path / f".s{files._TEMPORARY}12-ab" / "x").touch()

@@ -1,4 +1,4 @@
-"""Each layout is read back by the rules of its own readers, written here from their documentation."""
+"""Each layout is read back by the rules in its documentation."""
 
 import io
 import json
@@ -38,7 +38,7 @@ def exported(data, tmp_path):
 
 
 def pairs(root, left, right=None):
-    """torchvision's way: two patterns, sorted, as many on either side."""
+    """Two glob patterns, sorted and paired, as in torchvision."""
     first = sorted(root.glob(left))
     second = sorted(root.glob(right)) if right else [None] * len(first)
     assert len(first) == len(second) > 0
@@ -55,7 +55,7 @@ def rgb(path):
 
 
 def pfm_by_lines(path):
-    """torchvision's PFM reader, from its rules: three lines, the second matching digits, a space, digits, a newline."""
+    """torchvision's rules for PFM: three lines; the second matches digits, a space, digits, a newline."""
     with path.open("rb") as file:
         assert file.readline().rstrip() == b"Pf"
         width, height = map(int, re.match(rb"^(\d+)\s(\d+)\s$", file.readline()).groups())
@@ -360,9 +360,9 @@ def test_only_an_earlier_export_is_overwritten(data, tmp_path):
 
 
 def test_progress_is_reported(data, tmp_path):
-    heard = []
-    export(data, tmp_path / "out", "carla", progress=lambda fraction, name: heard.append((fraction, name)))
-    assert heard == [(0, "s0"), (pytest.approx(1 / 3), "s1"), (pytest.approx(2 / 3), "s2")]
+    calls = []
+    export(data, tmp_path / "out", "carla", progress=lambda fraction, name: calls.append((fraction, name)))
+    assert calls == [(0, "s0"), (pytest.approx(1 / 3), "s1"), (pytest.approx(2 / 3), "s2")]
 
 
 def test_into_a_bucket_and_from_it(tmp_path):

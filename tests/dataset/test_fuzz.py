@@ -1,4 +1,4 @@
-"""Damaged files of each kind: a twinlens error or a read, in bounded memory and time, and nothing else.
+"""Damaged files of each format are read or raise a twinlens error, in bounded memory and time.
 
 A hundred each time, ten thousand in the slow set. Bytes are damaged as disks and downloads do it; the values of JSON
 files are also exchanged for others, so that what is behind the parser is met too.
@@ -60,13 +60,13 @@ def read_sample(root):
 
 def read_dataset(root):
     data = Dataset(root)
-    said, manifest = about(data)
-    assert said.title in _card(said, manifest, [statistics(SAMPLE)], [])
+    texts, manifest = about(data)
+    assert texts.title in _card(texts, manifest, [statistics(SAMPLE)], [])
     write_croissant(data)
 
 
 def look_over(root):
-    """verify raises for nothing that a file holds: what it finds is its refusal."""
+    """Verification raises for no content of a file; a finding counts as a rejection."""
     _, findings = next(verify_place(root))
     if findings:
         raise TwinlensError(findings[0])
@@ -84,8 +84,8 @@ FILES = {
 def made(tmp_path_factory):
     root = tmp_path_factory.mktemp("fuzzed")
     row = Row("a", write_sample(root / "a", SAMPLE), {"split": "train"})
-    said = {"about": {"license": "MIT"}, "versions": {"numpy": "2"}, "rejected": {"dark": 1}}
-    write_manifest(root, Manifest((row,), {"count": 1}, 3, said))
+    texts = {"about": {"license": "MIT"}, "versions": {"numpy": "2"}, "rejected": {"dark": 1}}
+    write_manifest(root, Manifest((row,), {"count": 1}, 3, texts))
     write_croissant(root)
     return root
 
@@ -99,7 +99,7 @@ VALUES = st.recursive(
 
 @st.composite
 def other_values(draw, good: bytes) -> bytes:
-    """A JSON file with one to three of its values exchanged, wherever they stand, or taken out."""
+    """A JSON file with one to three of its values, at any depth, replaced or removed."""
     record = json.loads(good)
     for _ in range(draw(st.integers(1, 3))):
         holder, key = record, draw(st.sampled_from(sorted(record))) if record else None
@@ -113,8 +113,8 @@ def other_values(draw, good: bytes) -> bytes:
     return json.dumps(record).encode()
 
 
-def told(read, data) -> bool:
-    """Whether the data is refused, in one line."""
+def rejected(read, data) -> bool:
+    """Whether the data is rejected, with a message of one line."""
     try:
         read(data)
     except TwinlensError as error:
@@ -126,17 +126,17 @@ def told(read, data) -> bool:
 
 
 def fuzz(read, strategy, cases):
-    """Read so many damaged files; some are refused, and memory stays where it was."""
-    refused = []
+    """Read `cases` damaged files; some must be rejected, and memory must not grow."""
+    rejected = []
 
     @settings(max_examples=cases, deadline=LONGEST_MS, database=None, suppress_health_check=list(HealthCheck))
     @given(strategy)
     def each(data):
-        refused.append(told(read, data))
+        rejected.append(rejected(read, data))
 
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     each()
-    assert any(refused)
+    assert any(rejected)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB
 
 

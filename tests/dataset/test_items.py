@@ -1,4 +1,4 @@
-"""Loading for training: what a sample answers by name, and what torch's DataLoader makes of a dataset as it is."""
+"""Loading for training: quantities by name, and torch's DataLoader."""
 
 import copy
 import pickle
@@ -29,7 +29,7 @@ def folder(tmp_path_factory):
     return folder
 
 
-def test_a_sample_is_a_mapping_of_what_training_wants(folder):
+def test_a_sample_is_a_mapping_of_default_quantities(folder):
     sample = Dataset(folder)[0]
     assert isinstance(sample, Mapping)
     assert list(sample) == DEFAULT
@@ -42,7 +42,7 @@ def test_a_sample_is_a_mapping_of_what_training_wants(folder):
     assert {sample, copy.copy(sample), pickle.loads(pickle.dumps(sample))} == {sample}
 
 
-def test_every_name_answers_what_the_sample_holds(folder):
+def test_every_name_reads_its_quantity(folder):
     sample = Dataset(folder)[1]
     truth = sample.truth1
     expected = {
@@ -59,11 +59,11 @@ def test_every_name_answers_what_the_sample_holds(folder):
     }
     arrays = ("depth", "position", "normal", "shading_normal", "visible", "object_id", "material_id", "material_kind")
     expected |= {f"{name}1": getattr(truth, name) for name in arrays}
-    told = Dataset(folder).select(*expected)[1]
-    assert list(told) == list(expected)
-    for name, value in expected.items():  # blur is kept in the file, and worked out anew by a shot
-        np.testing.assert_allclose(told[name], value, rtol=1e-6)
-        np.testing.assert_array_equal(sample[name], told[name])
+    found = Dataset(folder).select(*expected)[1]
+    assert list(found) == list(expected)
+    for name, value in expected.items():  # blur is in the file, and computed for other lenses
+        np.testing.assert_allclose(found[name], value, rtol=1e-6)
+        np.testing.assert_array_equal(sample[name], found[name])
 
 
 def test_a_truth_file_is_read_once_for_all_its_arrays(folder, monkeypatch):
@@ -75,7 +75,7 @@ def test_a_truth_file_is_read_once_for_all_its_arrays(folder, monkeypatch):
     assert read == {"truth0.exr": 1, "truth1.exr": 1}
 
 
-def test_nothing_else_is_read(tmp_path):
+def test_only_selected_files_are_read(tmp_path):
     write_sample(tmp_path / "s", SAMPLE)
     for name in ("disp1.pfm", "truth0.exr", "im1.png", "calib.txt"):
         (tmp_path / "s" / name).write_bytes(b"damaged")
@@ -94,7 +94,7 @@ def test_nothing_else_is_read(tmp_path):
         ("im0\n", "unknown quantity"),
     ],
 )
-def test_unknown_names_are_told_at_once(folder, name, message):
+def test_unknown_names_are_rejected_immediately(folder, name, message):
     with pytest.raises(InputError, match=message):
         Dataset(folder).select("im0", name)
 
@@ -108,12 +108,12 @@ def test_unknown_names_are_told_at_once(folder, name, message):
         ("radiance0", FileError, r"radiance0\.exr: no such file"),
     ],
 )
-def test_what_a_sample_lacks_is_told(folder, name, error, message):
+def test_missing_quantities_are_reported(folder, name, error, message):
     with pytest.raises(error, match=message):
         _ = Dataset(folder)[0][name]
 
 
-def test_the_page_lists_names_that_there_are():
+def test_the_page_lists_valid_names():
     page = (Path(__file__).parents[2] / "docs" / "loading.md").read_text()
     table = page[page.index("| name | |") :].partition("\n\n")[0]
     named = {name for row in table.splitlines()[2:] for name in re.findall(r"`([^`]+)`", row.split("|")[1])}
@@ -136,7 +136,7 @@ def test_names_and_splits(folder):
         Dataset(folder / "s0").split("train")
 
 
-def test_pictures_alone(tmp_path):
+def test_a_sample_of_images_only(tmp_path):
     for i in range(3):
         write_png(tmp_path / "s" / f"im{i}.png", np.zeros((4, 5), np.uint8))
     assert list(Dataset(tmp_path)[0]) == ["name", "im0", "im1", "im2"]
@@ -149,7 +149,7 @@ def torch():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("workers", "start"), [(0, None), (2, "fork"), (2, "spawn")])
-def test_a_data_loader_takes_the_dataset_as_it_is(torch, folder, workers, start):
+def test_a_data_loader_accepts_the_dataset(torch, folder, workers, start):
     data = Dataset(folder)
     loader = torch.utils.data.DataLoader(data, batch_size=2, num_workers=workers, multiprocessing_context=start)
     batches = list(loader)

@@ -1,4 +1,4 @@
-"""One run at a time in a folder; what is left behind when it ends is nothing."""
+"""Exclusive and shared locks of a folder; no lock file is left."""
 
 import threading
 
@@ -13,26 +13,26 @@ def folder(tmp_path):
     return tmp_path / "set"
 
 
-def test_one_alone_or_several_that_share(folder):
+def test_exclusive_and_shared_locks(folder):
     with locked(folder):
         for shared in (False, True):
             with pytest.raises(OutputError, match=r"set: another run is writing there; go away$"):
                 locked(folder, shared, remedy="go away").__enter__()
-    refused = pytest.raises(OutputError, match=r"another run is writing there; wait for it$")
-    with locked(folder, shared=True), locked(folder, shared=True), refused:
+    rejected = pytest.raises(OutputError, match=r"another run is writing there; wait for it$")
+    with locked(folder, shared=True), locked(folder, shared=True), rejected:
         locked(folder).__enter__()
     with locked(folder):
         pass
 
 
-def test_nothing_is_left_of_a_lock(folder):
+def test_the_lock_file_is_removed(folder):
     with pytest.raises(KeyError), locked(folder):
         raise KeyError
     assert list(folder.iterdir()) == []
 
 
-def test_who_waited_for_a_lock_that_was_removed_takes_the_new_one(folder):
-    """Else two would write: one with the file that is gone, one with the file that is there."""
+def test_a_waiting_process_locks_the_new_file_when_the_old_one_is_removed(folder):
+    """Otherwise two would hold the lock: one of the removed file, one of the new one."""
     entered, leave, second = threading.Event(), threading.Event(), threading.Event()
 
     def wait_for_it():

@@ -1,4 +1,4 @@
-"""Samples of rigs that are no plain pair: three and four cameras, unrectified ones, and calibrations that are wrong."""
+"""Samples of other rigs than a rectified pair: three and four cameras, unrectified cameras, wrong calibrations."""
 
 import json
 
@@ -54,7 +54,7 @@ def test_every_view_has_its_files_and_only_rectified_pairs_have_disparities(data
         assert names(dataset, name) == expected
 
 
-def test_they_verify_and_read_back_to_the_same_rig(dataset):
+def test_samples_verify_and_read_back_to_the_same_rig(dataset):
     for stored in dataset:
         assert verify_sample(stored) == []
         rig = rigs()[stored.name].nominal
@@ -62,7 +62,7 @@ def test_they_verify_and_read_back_to_the_same_rig(dataset):
         assert all(np.array_equal(a, b) for a, b in zip(stored.rig.world_from_cams, rig.world_from_cams, strict=True))
 
 
-def test_views_zero_and_one_are_the_pair_that_readers_of_two_views_expect(dataset):
+def test_views_0_and_1_are_a_pair(dataset):
     two, three = (sample(rig) for rig in (rigs()["line"].pair(0, 1), rigs()["line"]))
     for i in (0, 1):
         assert np.array_equal(two.truths[i].visible, three.truths[i].visible)
@@ -78,7 +78,7 @@ def test_a_misaligned_sample_stores_its_calibrated_rig(dataset):
     assert dataset["line"].photographed_by.calibrated is None
 
 
-def test_any_two_stored_views_correspond_as_cast_anew(dataset):
+def test_correspondences_of_stored_views_equal_those_of_the_scene(dataset):
     scene = tl.load_scene("cards")
     for stored in dataset:
         rig = stored.rig
@@ -111,25 +111,25 @@ def damage(dataset, tmp_path, name):
     return folder
 
 
-def test_a_disparity_map_of_views_that_are_not_rectified_is_found(dataset, tmp_path):
+def test_a_disparity_map_of_unrectified_views_is_reported(dataset, tmp_path):
     folder = damage(dataset, tmp_path, "toed")
     write_pfm(folder / "disp0.pfm", np.ones((36, 48), np.float32))
     assert any("not in a rectified pair" in line for line in verify_sample(Dataset(folder)[0]))
 
 
-def test_a_wrong_disparity_of_a_later_pair_is_found(dataset, tmp_path):
+def test_a_wrong_disparity_of_a_later_pair_is_reported(dataset, tmp_path):
     folder = damage(dataset, tmp_path, "grid")
     write_pfm(folder / "disp3.pfm", read_pfm(folder / "disp3.pfm") + 0.01)
     assert any(line.startswith("disp3.pfm") for line in verify_sample(Dataset(folder)[0]))
 
 
-def test_a_rectified_pair_without_its_calibration_is_found(dataset, tmp_path):
+def test_a_missing_calibration_is_reported(dataset, tmp_path):
     folder = damage(dataset, tmp_path, "line")
     (folder / "calib.txt").unlink()
     assert any("calib.txt: is missing" in line for line in verify_sample(Dataset(folder)[0]))
 
 
-def test_a_wrong_pose_in_the_record_is_found(dataset, tmp_path):
+def test_a_wrong_pose_in_the_record_is_reported(dataset, tmp_path):
     folder = damage(dataset, tmp_path, "grid")
     record = json.loads((folder / "sample.json").read_text())
     record["rig"]["world_from_cams"][2][0][3] += 0.01

@@ -11,7 +11,7 @@ def pair():
     return motorcycle()
 
 
-def test_it_needs_no_network(monkeypatch):
+def test_the_pair_needs_no_network(monkeypatch):
     def refuse(*_):
         raise AssertionError("asked for a connection")
 
@@ -19,7 +19,7 @@ def test_it_needs_no_network(monkeypatch):
     assert motorcycle().name == "motorcycle"
 
 
-def test_what_is_in_it(pair):
+def test_the_pair_has_the_documented_content(pair):
     assert pair.im0.shape == pair.im1.shape == (500, 741, 3)
     assert pair.im0.dtype == np.uint8
     assert pair.disp0.shape == pair.mask0_nonocc.shape == (500, 741)
@@ -43,7 +43,7 @@ def test_the_calibration_fits_the_data(pair):
     assert 2.0 < depth.min() < depth.max() < 5.1
 
 
-def test_the_disparities_lead_to_the_same_colour_where_visible(pair):
+def test_visible_pixels_match_in_colour(pair):
     width = pair.disp0.shape[1]
     rows, columns = np.nonzero(pair.mask0_nonocc == 255)
     right = np.clip(np.round(columns - pair.disp0[rows, columns]).astype(int), 0, width - 1)

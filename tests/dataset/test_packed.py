@@ -1,4 +1,4 @@
-"""Large arrays of a record read back to the same numbers, take little room, and are refused where they are damaged."""
+"""Packed arrays of records: exact round trip, size, and damage."""
 
 import base64
 import json
@@ -19,15 +19,15 @@ MASKS = {
     "fine": random.integers(0, 65536, (SIDE, SIDE), np.uint16),
     "any": random.random((SIDE, SIDE)),
 }
-# Bits of a cell, and a third more for base64; as a list of decimals a cell took 20 letters.
-LETTERS = {"binary": 0.3, "grey": 1.4, "fine": 2.7, "any": 10.7}
+# Bytes per cell, times 4/3 for base64; a list of decimals needs 20 bytes per cell.
+BYTES_PER_CELL = {"binary": 0.3, "grey": 1.4, "fine": 2.7, "any": 10.7}
 
 
 @pytest.mark.parametrize("kind", MASKS)
-def test_a_large_mask_reads_back_equal_and_takes_little_room(kind):
+def test_large_masks_read_back_equal_and_are_small(kind):
     lens = ThinLens(0.01, 2.0, MaskAperture(MASKS[kind]))
     text = encode_json({"lens": lens})
-    assert len(text) < LETTERS[kind] * SIDE**2 + 500
+    assert len(text) < BYTES_PER_CELL[kind] * SIDE**2 + 500
     back = lens_from_plain(json.loads(text)["lens"])
     assert back == lens
     assert back.aperture.digest == lens.aperture.digest
@@ -41,7 +41,7 @@ def test_small_masks_and_whole_numbers_stay_readable():
         plain(np.full(PACKED_ABOVE + 1, np.nan))
 
 
-def test_the_text_is_what_the_page_says():
+def test_packed_arrays_follow_the_documented_format():
     kept = pack(MASKS["fine"] / 65535)
     rows = np.frombuffer(zlib.decompress(base64.b64decode(kept["zlib"])), "<u2").reshape(kept["shape"])
     assert np.array_equal(rows, MASKS["fine"])
@@ -68,12 +68,12 @@ def test_the_text_is_what_the_page_says():
         ({"zlib": "\u00e9"}, "damaged"),
     ],
 )
-def test_what_is_damaged_is_told(change, message):
+def test_damaged_arrays_are_rejected(change, message):
     with pytest.raises(InputError, match=message):
         unpack(pack(MASKS["grey"] / 255) | change)
 
 
-def test_a_body_that_is_cut_or_goes_on_is_damaged_and_so_is_nan():
+def test_truncated_and_extended_data_and_nan_are_rejected():
     kept = pack(MASKS["grey"] / 255)
     body = base64.b64decode(kept["zlib"])
     for changed in (body[:-2], body + b"more"):
@@ -84,13 +84,13 @@ def test_a_body_that_is_cut_or_goes_on_is_damaged_and_so_is_nan():
         unpack({"type": "array", "shape": [2000], "levels": None, "zlib": nan})
 
 
-def test_a_field_of_no_type_is_refused_before_anything_is_unpacked():
+def test_unknown_fields_are_rejected_before_arrays_are_unpacked():
     lens = plain(ThinLens(0.01, 2.0)) | {"x": [{"type": "array", "shape": "not looked at"}]}
     with pytest.raises(InputError, match="unknown key 'x'"):
         lens_from_plain(lens)
 
 
-def test_an_array_is_no_lens():
+def test_an_array_is_not_a_lens():
     with pytest.raises(InputError, match="must be one of Pinhole, ThinLens, BareAperture"):
         lens_from_plain(pack(MASKS["any"]))
     with pytest.raises(InputError):

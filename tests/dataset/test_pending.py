@@ -58,7 +58,7 @@ def test_pending_samples_are_verified(tmp_path, where):
 
 
 @pytest.mark.parametrize(
-    ("count", "failed", "said"),
+    ("count", "failed", "expected"),
     [
         (
             6,
@@ -69,10 +69,10 @@ def test_pending_samples_are_verified(tmp_path, where):
         (3, [{}], "rerun `twinlens generate` to list the finished ones"),
     ],
 )
-def test_pending_samples_are_counted(tmp_path, count, failed, said):
+def test_pending_samples_are_counted(tmp_path, count, failed, expected):
     line = unfinished(shards(tmp_path / "set", count, failed=failed))
     assert line.startswith(f"dataset.json lists 0 of {count} samples; ")
-    assert said in line
+    assert expected in line
 
 
 def row_of_a_sample(files):
@@ -98,11 +98,11 @@ def test_samples_with_other_names_are_not_pending(tmp_path, where):
     names = ("0000006", "3", "deep/0000003")
     for name in names:
         write_sample(root / name, dataset_scene.sample())
-    told = [f"{name}: is a sample that dataset.json does not list" for name in names]
-    assert wrong(root) == {"dataset.json": told}
+    lines = [f"{name}: is a sample that dataset.json does not list" for name in names]
+    assert wrong(root) == {"dataset.json": lines}
     for finished in ({"complete": True, **MADE_WITH}, {"complete": False}):
         write_manifest(root, Manifest((), {"count": 7}, info=finished))
-        assert wrong(root)["dataset.json"] == told, "generate does not continue this dataset"
+        assert wrong(root)["dataset.json"] == lines, "generate does not continue this dataset"
 
 
 def test_incomplete_samples_are_reported_on_disk_only(tmp_path):
@@ -186,7 +186,7 @@ def test_the_name_of_a_row_stays_below_the_folder(tmp_path, name):
 
 
 @pytest.mark.parametrize(
-    ("row", "said"),
+    ("row", "expected"),
     [
         (b"{", "not valid JSON"),
         (
@@ -198,12 +198,12 @@ def test_the_name_of_a_row_stays_below_the_folder(tmp_path, name):
         (encode_json({"format": "twinlens-row", "version": 1, "failure": {}}), "missing key 'row'"),
     ],
 )
-def test_an_unreadable_row_is_reported(tmp_path, row, said):
+def test_an_unreadable_row_is_reported(tmp_path, row, expected):
     root = shards(tmp_path / "set", 4, **MADE_WITH)
     (root / ".rows" / "0000000.json").write_bytes(row)
     ((name, (finding,)),) = wrong(root).items()
     assert name == "dataset.json"
-    assert finding.startswith(f".rows/0000000.json: {said}")
+    assert finding.startswith(f".rows/0000000.json: {expected}")
     assert "(1 without checksums)" in unfinished(root)
 
 

@@ -21,25 +21,25 @@ from twinlens.dataset.quantities import KEY, mixed_counts, quantiles, stored_sta
 NUMBERS = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=60)
 
 
-def test_they_are_those_of_the_truth():
+def test_statistics_are_those_of_the_truth():
     sample = dataset_scene.sample(num_lenses=2)
     truth = sample.truths[0]
-    told = statistics(sample)
+    found = statistics(sample)
     known = np.isfinite(truth.disparity)
     for name, values in (("disparity", truth.disparity[known]), ("depth", truth.depth[truth.hit])):
-        assert told[name][0] == pytest.approx(values.min(), rel=1e-4)
-        assert told[name][16] == pytest.approx(np.median(values), rel=1e-4)
-        assert told[name][-1] == pytest.approx(values.max(), rel=1e-4)
+        assert found[name][0] == pytest.approx(values.min(), rel=1e-4)
+        assert found[name][16] == pytest.approx(np.median(values), rel=1e-4)
+        assert found[name][-1] == pytest.approx(values.max(), rel=1e-4)
     # Of two lenses that differ in focus alone, what lies at infinity decides: c = A fx (1/z - 1/f).
     far = 0.02 * 70.0 * np.abs(1 / truth.depth[truth.hit] - 1 / sample.shots[1].lens.focus_distance)
-    assert told["blur_px"][1][-1] == pytest.approx(far.max(), rel=1e-4)
+    assert found["blur_px"][1][-1] == pytest.approx(far.max(), rel=1e-4)
     mask = truth.mask_nonocc()
-    assert told["occluded"] == pytest.approx((mask == 128).mean(), abs=1e-5)
-    assert told["visible"] + told["occluded"] + told["unknown"] == pytest.approx(1, abs=2e-5)
-    assert (told["size"], told["cameras"], told["lenses"]) == ([64, 48], 2, 2)
+    assert found["occluded"] == pytest.approx((mask == 128).mean(), abs=1e-5)
+    assert found["visible"] + found["occluded"] + found["unknown"] == pytest.approx(1, abs=2e-5)
+    assert (found["size"], found["cameras"], found["lenses"]) == ([64, 48], 2, 2)
 
 
-def test_large_images_are_taken_on_a_grid():
+def test_large_images_are_sampled_on_a_grid():
     large = statistics(dataset_scene.sample(width=640, height=480))
     small = statistics(dataset_scene.sample(width=640, height=480, baseline=0.4))
     assert large == small
@@ -48,19 +48,19 @@ def test_large_images_are_taken_on_a_grid():
     assert large["disparity"][16] == pytest.approx(middle, rel=5e-3)
 
 
-def test_samples_without_them_are_measured(tmp_path):
+def test_missing_statistics_are_computed(tmp_path):
     sample = dataset_scene.sample(num_lenses=2)
     write_sample(tmp_path / "s", sample)
     path = tmp_path / "s" / "sample.json"
     record = json.loads(path.read_text())
-    told = record.pop(KEY)
-    assert told == statistics(sample)
+    found = record.pop(KEY)
+    assert found == statistics(sample)
     path.write_text(json.dumps(record))
     stored = stored_statistics(Dataset(tmp_path)[0])
     for name in ("disparity", "depth"):
-        np.testing.assert_allclose(stored.pop(name), told.pop(name), rtol=1e-4)
-    np.testing.assert_allclose(stored.pop("blur_px"), told.pop("blur_px"), rtol=2e-3, atol=1e-6)
-    assert stored == told
+        np.testing.assert_allclose(stored.pop(name), found.pop(name), rtol=1e-4)
+    np.testing.assert_allclose(stored.pop("blur_px"), found.pop("blur_px"), rtol=2e-3, atol=1e-6)
+    assert stored == found
 
 
 @pytest.mark.parametrize(
@@ -83,19 +83,19 @@ def test_plain_folders(tmp_path):
     assert stored_statistics(Dataset(tmp_path)[0]) == {"size": [741, 500], "cameras": 2, "lenses": 1}
     write_pfm(tmp_path / "m" / "disp0GT.pfm", pair.disp0)
     write_calib(tmp_path / "m" / "calib.txt", pair.calibration)
-    told = stored_statistics(Dataset(tmp_path)[0])
-    assert told["blur_px"] == []
-    nearest = pair.calibration.depth(np.float32(told["disparity"][-1]))
-    assert told["depth"][0] == pytest.approx(float(nearest), rel=1e-3)
+    found = stored_statistics(Dataset(tmp_path)[0])
+    assert found["blur_px"] == []
+    nearest = pair.calibration.depth(np.float32(found["disparity"][-1]))
+    assert found["depth"][0] == pytest.approx(float(nearest), rel=1e-3)
 
 
 def test_without_blur_or_anything_known(tmp_path):
     sample = dataset_scene.sample()
     shot = dataset_scene.Shot(Pinhole(), sample.shots[0].images)
     truths = tuple(type(t)(**{**vars(t), "disparity": np.full_like(t.disparity, np.inf)}) for t in sample.truths)
-    told = statistics(dataset_scene.Sample(sample.rig, (shot,), truths))
-    assert told["disparity"] == []
-    assert set(told["blur_px"][0]) == {0.0}
+    found = statistics(dataset_scene.Sample(sample.rig, (shot,), truths))
+    assert found["disparity"] == []
+    assert set(found["blur_px"][0]) == {0.0}
     assert "depth" not in statistics(dataset_scene.Sample(sample.rig, (shot,)))
 
 

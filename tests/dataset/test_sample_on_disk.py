@@ -32,14 +32,14 @@ def stored(sample, tmp_path_factory):
     return Dataset(folder)[0]
 
 
-def test_the_folder_holds_what_the_format_says(stored):
+def test_the_folder_has_the_documented_files(stored):
     names = {path.relative_to(stored.folder).as_posix() for path in stored.folder.rglob("*") if path.is_file()}
     per_view = {f.format(i) for i in (0, 1) for f in ("im{}.png", "disp{}.pfm", "mask{}nocc.png", "truth{}.exr")}
     lenses = {f"lens-{k}/im{i}.png" for k in (1, 2) for i in (0, 1)}
     assert names == per_view | lenses | {"calib.txt", "sample.json"}
 
 
-def test_images_disparities_and_masks_come_back_exactly(stored, sample):
+def test_images_disparities_and_masks_read_back_exactly(stored, sample):
     for i in (0, 1):
         np.testing.assert_array_equal(stored.image(i), sample.shots[0].images[i])
         np.testing.assert_array_equal(stored.disparity(i), sample.truths[i].disparity)
@@ -49,7 +49,7 @@ def test_images_disparities_and_masks_come_back_exactly(stored, sample):
     np.testing.assert_array_equal(stored.disp1, stored.disparity(1))
 
 
-def test_the_truth_comes_back_to_the_last_place_of_float32(stored, sample):
+def test_the_truth_reads_back_in_float32_precision(stored, sample):
     for truth, original in ((stored.truth0, sample.truths[0]), (stored.truth1, sample.truths[1])):
         for name in ("depth", "position"):
             back, given = getattr(truth, name), getattr(original, name)
@@ -77,7 +77,7 @@ def test_each_lens_has_its_images_its_record_and_its_blur(stored, sample):
         stored.lens(3)
 
 
-def test_the_record_says_everything_and_reads_back(stored, sample):
+def test_the_record_reads_back(stored, sample):
     assert stored.record["record"] == {"seed": 7, "scene": "two planes"}
     assert stored.rig.cameras == sample.rig.cameras
     np.testing.assert_array_equal(stored.rig.world_from_cams, sample.rig.world_from_cams)
@@ -124,7 +124,7 @@ def test_a_pair_that_is_not_rectified_has_no_calibration(tmp_path, sample):
         _ = stored.calibration
 
 
-def test_arrays_that_do_not_fit_the_rig_are_refused(sample):
+def test_arrays_that_do_not_fit_the_rig_are_rejected(sample):
     shot = sample.shots[0]
     for wrong in (
         {"shots": ()},
@@ -137,7 +137,7 @@ def test_arrays_that_do_not_fit_the_rig_are_refused(sample):
             replace(sample, **wrong)
 
 
-def test_refused_arrays_leave_nothing_behind(tmp_path, sample):
+def test_rejected_arrays_leave_nothing_behind(tmp_path, sample):
     shot = replace(sample.shots[0], images=tuple(image / 255 for image in sample.shots[0].images))
     with pytest.raises(InputError, match="uint8 or uint16"):
         write_sample(tmp_path / "s", replace(sample, shots=(shot,)))
@@ -147,7 +147,7 @@ def test_refused_arrays_leave_nothing_behind(tmp_path, sample):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_sample_is_not_overwritten_unless_asked(tmp_path, sample):
+def test_a_sample_is_overwritten_only_on_request(tmp_path, sample):
     write_sample(tmp_path / "s", sample)
     with pytest.raises(OutputError, match="already exists"):
         write_sample(tmp_path / "s", sample)
@@ -204,7 +204,7 @@ def test_an_invalid_record_is_rejected(tmp_path, sample, change, message):
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="kills a process")
-def test_a_killed_writer_leaves_whole_samples_only(tmp_path):
+def test_a_killed_writer_leaves_complete_samples_only(tmp_path):
     program = textwrap.dedent(
         f"""
         import itertools, sys

@@ -1,4 +1,4 @@
-"""Datasets in buckets, on fsspec's own memory and local file systems."""
+"""Datasets in buckets, on fsspec's memory and local file systems."""
 
 import pickle
 from pathlib import Path
@@ -30,22 +30,22 @@ SAMPLE = dataset_scene.sample(num_lenses=2)
 
 
 class Watched(MemoryFileSystem):
-    """A store of its own that remembers what is asked of it, and can be told to fail at a name."""
+    """A store that records its requests, and fails at the file name `broken`."""
 
     protocol = "watched"
     store = {}  # noqa: RUF012
     pseudo_dirs = [""]  # noqa: RUF012
-    asked = []  # noqa: RUF012
+    requests = []  # noqa: RUF012
     broken = None
 
     def pipe_file(self, path, value, mode="overwrite", **kwargs):
         if self.broken and path.endswith(self.broken):
             raise RuntimeError("503\nslow down")
-        self.asked.append(("put", path))
+        self.requests.append(("put", path))
         super().pipe_file(path, value, mode, **kwargs)
 
     def rm_file(self, path):
-        self.asked.append(("remove", path))
+        self.requests.append(("remove", path))
         super()._rm(path)
 
 
@@ -54,14 +54,14 @@ fsspec.register_implementation("watched", Watched, clobber=True)
 
 @pytest.fixture(params=["memory", "local"])
 def root(request, tmp_path):
-    # A local folder by way of fsspec, as a store with real folders would be; place() would answer its Path.
+    # A local folder through fsspec, as a store with real folders; place() would return a Path.
     url = f"memory:/{tmp_path}" if request.param == "memory" else f"file://{tmp_path}"
     return RemotePath(url) / "bucket"
 
 
 @pytest.fixture
 def watched(tmp_path):
-    Watched.asked, Watched.broken = [], None
+    Watched.requests, Watched.broken = [], None
     return place(f"watched:/{tmp_path}/s")
 
 
@@ -89,13 +89,13 @@ def test_a_dataset_in_a_bucket_reads_back(root):
     assert dict(verify_dataset(data)) == {"train/0": [], "b": []}
 
 
-def test_the_same_bytes_as_on_the_disk(root, tmp_path):
+def test_files_have_the_same_bytes_as_on_disk(root, tmp_path):
     assert write_sample(root / "s", SAMPLE) == write_sample(tmp_path / "here", SAMPLE)
     for name, data in sample_files(SAMPLE).items():
         assert read_bytes(root / "s" / name) == data == read_bytes(tmp_path / "here" / name)
 
 
-def test_found_without_a_manifest(root):
+def test_samples_are_found_without_a_manifest(root):
     for name in ("b", "a"):
         write_sample(root / name, SAMPLE)
     write_file(root / ".cache" / "im0.png", b"")
@@ -103,13 +103,13 @@ def test_found_without_a_manifest(root):
     assert [sample.name for sample in Dataset(root / "a")] == ["a"]
 
 
-def test_the_mark_comes_last_and_goes_first(watched):
+def test_the_mark_is_written_last_and_removed_first(watched):
     write_sample(watched, SAMPLE)
-    puts = [Path(path).name for _, path in Watched.asked]
+    puts = [Path(path).name for _, path in Watched.requests]
     assert puts.index(MARK) == len(puts) - 1 == len(sample_files(SAMPLE)) - 1
-    Watched.asked.clear()
+    Watched.requests.clear()
     write_sample(watched, dataset_scene.sample(), overwrite=True)
-    kinds = [(kind, Path(path).name) for kind, path in Watched.asked]
+    kinds = [(kind, Path(path).name) for kind, path in Watched.requests]
     assert kinds[0] == ("remove", MARK)
     assert kinds[-1] == ("put", MARK)
     assert set(watched.files()) == set(sample_files(dataset_scene.sample()))
@@ -123,7 +123,7 @@ def test_a_failure_leaves_nothing(watched, broken):
     assert watched.files() == []
 
 
-def test_a_broken_attempt_is_no_sample_and_is_written_over(root):
+def test_an_incomplete_sample_is_overwritten(root):
     write_sample(root / "a", SAMPLE)
     write_sample(root / "b", SAMPLE)
     remove_objects(root / "b", [MARK])  # as a killed process leaves it
@@ -160,7 +160,7 @@ def test_folders_of_other_files(root):
     assert (root / "new").files() == []
 
 
-def test_what_is_not_there_is_told(root):
+def test_missing_files_are_reported(root):
     with pytest.raises(FileError, match="no such file"):
         read_bytes(root / "im0.png")
     with pytest.raises(FileError, match="no such folder"):
@@ -170,7 +170,7 @@ def test_what_is_not_there_is_told(root):
         Dataset(root)
 
 
-def test_addresses_that_nothing_answers():
+def test_unknown_protocols_and_missing_packages_are_reported():
     with pytest.raises(InputError, match="not an address that fsspec knows"):
         Dataset("nowhere://bucket")
     fsspec.register_implementation("lacking", "not_installed.Lacking", errtxt="Install lackfs", clobber=True)

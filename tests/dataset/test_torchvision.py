@@ -1,4 +1,4 @@
-"""Exports opened by the classes they are made for, where torchvision, webdataset and datasets are installed."""
+"""Exports opened by torchvision, webdataset and datasets, if they are installed."""
 
 import io
 
@@ -23,7 +23,7 @@ def data(tmp_path_factory):
 
 @pytest.fixture
 def opened(data, tmp_path):
-    """The layout's items, by the class of torchvision that reads it."""
+    """The items of an export, as torchvision's class reads them."""
     datasets = pytest.importorskip("torchvision.datasets")
 
     def run(to, name, **options):

@@ -16,7 +16,7 @@ maps = hnp.arrays(
 
 
 def loop_from_one(disparity, sign):
-    """The rule of mask_from_one, pixel by pixel."""
+    """`mask_from_one`, pixel by pixel."""
     height, width = disparity.shape
     mask = np.zeros(disparity.shape, np.uint8)
     for y, u in np.ndindex(height, width):
@@ -34,13 +34,13 @@ def loop_from_one(disparity, sign):
 
 
 @given(maps, st.booleans())
-def test_one_map_by_loops(disparity, left):
+def test_mask_from_one_equals_loops(disparity, left):
     expected = loop_from_one(disparity, 1 if left else -1)
     np.testing.assert_array_equal(mask_from_one(disparity, left), expected)
 
 
 @given(maps)
-def test_the_right_view_is_the_left_one_in_a_mirror(disparity):
+def test_the_right_view_is_the_mirrored_left_one(disparity):
     # Halves round the other way in a mirror: keep away from them.
     disparity = disparity + np.float32(0.125) * (disparity * 2 == np.round(disparity * 2))
     mirrored = mask_from_one(np.ascontiguousarray(disparity[:, ::-1]), left=False)[:, ::-1]
@@ -50,7 +50,7 @@ def test_the_right_view_is_the_left_one_in_a_mirror(disparity):
 
 
 @pytest.mark.parametrize("i", [0, 1])
-def test_they_find_the_exact_occlusions_but_for_their_edges(i):
+def test_masks_equal_exact_occlusions_except_at_edges(i):
     pair = dataset_scene.rig(width=320, height=240, baseline=0.4)
     pair = type(pair).stereo(pair.cameras[0].replace(fx=350.0, fy=350.0, cx=160.0, cy=120.0), 0.4, right=None)
     truths = dataset_scene.truths(pair)
@@ -68,7 +68,7 @@ def test_they_find_the_exact_occlusions_but_for_their_edges(i):
         assert wrong.mean() < 0.01
 
 
-def test_wrong_maps_are_refused():
+def test_invalid_maps_are_rejected():
     good = np.zeros((2, 3), np.float32)
     for bad in (np.zeros(3, np.float32), np.full((2, 3), np.nan, np.float32), good - np.inf):
         with pytest.raises(InputError):
