@@ -15,8 +15,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.special import j0, j1
 
 from twinlens.errors import InputError, check_int, check_number, check_triple, format_value
 from twinlens.optics.thin_lens import AIRY_FIRST_ZERO, LONGEST, SHORTEST, check_diameter, check_length
@@ -101,6 +99,8 @@ def kernel_radius_px(pixel_pitch: Pitch, wavelength: float, working_f_number: fl
 
 def convolve_airy(channel: Float, pixel_pitch: Pitch, wavelength: float, working_f_number: float) -> Float:
     """`channel` (H, W) convolved with the Airy kernel, continued by reflection at its borders; float64 (H, W), >= 0."""
+    from scipy.fft import irfft2, next_fast_len, rfft2
+
     radius = min(kernel_radius_px(pixel_pitch, wavelength, working_f_number), max(channel.shape))
     kernel = airy_kernel(pixel_pitch, wavelength, working_f_number, radius)
     padded = np.pad(channel, radius, mode="symmetric")
@@ -120,6 +120,8 @@ def check_wavelengths(name: str, values: Any) -> tuple[float, float, float]:
 
 def _energy_within(radius: Float) -> Float:
     """Encircled energy of a radius in units of lambda N."""
+    from scipy.special import j0, j1  # slow to import, and the sensor needs this module's wavelengths only
+
     x = math.pi * radius
     energy: Float = 1.0 - j0(x) ** 2 - j1(x) ** 2
     return energy
