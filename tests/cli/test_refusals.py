@@ -215,7 +215,7 @@ def test_an_unknown_backend():
         (("match", "a.png", "b.png"), "The disparity map, a .pfm file."),
         (("benchmark", "out"), "Folder of the board."),
         (("score", "maps", "--truth", "out"), "Folder of the board."),
-        (("study", "window"), "Folder of the results."),
+        (("study", "window"), "Output folder."),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
@@ -271,7 +271,7 @@ def test_a_folder_without_a_scene(refuses, tmp_path):
 def test_disparities_beyond_the_image_width(refuses, dataset):
     truth = dataset / "cards" / "disp0.pfm"
     for first in ("64", "400", "-64"):
-        refuses("is 64 pixels wide", "score", truth, "--truth", truth, "--min-disparity", first)
+        refuses("expected -63 to 63", "score", truth, "--truth", truth, "--min-disparity", first)
 
 
 def test_a_misalignment_beyond_a_quarter_turn(refuses, dataset, tmp_path):
