@@ -3,8 +3,8 @@
     scene = random_scene("tabletop", seed=7)
     scene = random_scene("room", seed=3, depth_range=(1.0, 6.0), object_count=(10, 20))
 
-The same seed gives the same scene on every machine. `Assets.from_folders` adds a user's own meshes, textures and
-environment maps to those that twinlens makes.
+The same seed gives the same scene. `Assets.from_folders` adds a user's own meshes, textures and environment maps to
+those that twinlens makes.
 """
 
 from typing import Any

@@ -7,7 +7,6 @@ import numpy as np
 
 from twinlens.families import lighting
 from twinlens.families.charts import draw_chart
-from twinlens.families.colors import draw_palette
 from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng, one_of, weighted
 from twinlens.families.family import Family, Request
@@ -17,7 +16,7 @@ from twinlens.families.poses import move, turn_x, turn_y, turn_z
 from twinlens.families.stable_poses import gap, outline
 from twinlens.families.surfaces import FLOORS, WALLS, Sheet, surface, wall_colors
 from twinlens.families.view import View
-from twinlens.geometry import Float, look_at, transform_points
+from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
 from twinlens.scenes.placement import translation
 from twinlens.scenes.scene import Bitmap, Mesh, Plugin, Scene
@@ -26,7 +25,7 @@ from twinlens.scenes.scene import Bitmap, Mesh, Plugin, Scene
 def compose(request: Request) -> Scene:
     """One scene: charts at even steps of 1/depth, the floor they stand on, the wall behind, lights."""
     depth_ratio = request.depth_ratio(2.2, 6.0)
-    scene = Composition(request, _view(request), draw_palette(request.rng("palette")))
+    scene = Composition(request, _view(request))
     _add_charts(scene, depth_ratio)
     _add_surroundings(scene, depth_ratio)
     rng = scene.rng("light")
@@ -43,7 +42,7 @@ def _view(request: Request) -> View:
     rng = request.rng("view")
     eye = np.array([0.0, 0.0, rng.uniform(0.45, 0.7)])
     target = eye + np.array([0.0, 1.0, -rng.uniform(0.05, 0.3)])
-    return View(look_at(eye, target), float(rng.uniform(45, 62)), request.aspect, request.width_px)
+    return request.view(eye, target, rng.uniform(45, 62))
 
 
 def _add_charts(scene: Composition, depth_ratio: float) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from twinlens.families.colors import Palette
+from twinlens.families.colors import Palette, draw_palette
 from twinlens.families.draws import Rng
 from twinlens.families.family import Request
 from twinlens.families.view import Triangles, View, ZBuffer, rasterize, triangles
@@ -19,14 +19,17 @@ _ROUNDS = 5
 
 @dataclass(eq=False)
 class Composition:
-    """The objects of a scene in metres, with the view and the palette it is composed for."""
+    """The objects of a scene in metres, the view it is composed for, and its palette."""
 
     request: Request
     view: View
-    palette: Palette
+    palette: Palette = field(init=False)
     objects: list[SceneObject] = field(default_factory=list)
     materials: dict[str, Plugin] = field(default_factory=dict)
     lights: dict[str, Plugin] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.palette = draw_palette(self.rng("palette"))
 
     def rng(self, *part: str | int) -> Rng:
         """The random stream of one part of the scene."""

@@ -12,6 +12,8 @@ import numpy as np
 
 from twinlens.families.assets import Assets
 from twinlens.families.draws import Rng, log_uniform
+from twinlens.families.view import View
+from twinlens.geometry import Float, look_at
 from twinlens.scenes.scene import Scene
 from twinlens.seeds import generator
 
@@ -32,6 +34,10 @@ class Request:
         """The random stream of one part of the scene, independent of all others."""
         entropy: Any = self.root.entropy
         return generator(entropy, *self.root.spawn_key, *map(str, part))
+
+    def view(self, eye: Float, target: Float, fov_x_deg: float) -> View:
+        """The camera at `eye` (3,) that looks at `target` (3,)."""
+        return View(look_at(eye, target), float(fov_x_deg), self.aspect, self.width_px)
 
     def depth_ratio(self, low: float, high: float) -> float:
         """Far depth over near depth: as requested, or drawn between `low` and `high`."""

@@ -6,7 +6,6 @@ import numpy as np
 
 from twinlens.families import lighting
 from twinlens.families.bodies import draw_body
-from twinlens.families.colors import draw_palette
 from twinlens.families.composition import Composition
 from twinlens.families.draws import log_uniform, one_of
 from twinlens.families.family import Family, Request
@@ -16,7 +15,7 @@ from twinlens.families.poses import random_rotation, similarity
 from twinlens.families.sky import painted_sky
 from twinlens.families.surfaces import WALLS, Sheet, surface, wall_colors
 from twinlens.families.view import View
-from twinlens.geometry import Float, look_at
+from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.scene import Scene
 
@@ -24,7 +23,7 @@ from twinlens.scenes.scene import Scene
 def compose(request: Request) -> Scene:
     """One scene: bodies, the background, lights."""
     depth_ratio = request.depth_ratio(2.5, 8.0)
-    scene = Composition(request, _view(request), draw_palette(request.rng("palette")))
+    scene = Composition(request, _view(request))
     _add_bodies(scene, depth_ratio)
     far = scene.z_buffer().depth_range[0] * depth_ratio
     open_air = scene.rng("open air").random() < 0.4
@@ -47,7 +46,7 @@ FAMILY = Family("things in the air, at disparities spread evenly", (14, 26), com
 def _view(request: Request) -> View:
     rng = request.rng("view")
     target = np.array([0.0, 1.0, rng.uniform(-0.15, 0.1)])
-    return View(look_at(np.zeros(3), target), float(rng.uniform(42, 65)), request.aspect, request.width_px)
+    return request.view(np.zeros(3), target, rng.uniform(42, 65))
 
 
 def _add_bodies(scene: Composition, depth_ratio: float) -> None:

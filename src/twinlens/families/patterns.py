@@ -144,7 +144,8 @@ def weave(n: int, rng: Rng, colors: Float) -> Image:
 
 def stripes(n: int, rng: Rng, colors: Float) -> Image:
     """Repeated bands of several widths."""
-    chosen = shuffled(rng, colors)[: int(rng.integers(2, 5))]
+    count = int(rng.integers(2, 5))
+    chosen = shuffled(rng, colors)[:count]
     repeats, along_v = int(rng.integers(2, 6)), rng.random() < 0.5
     edges = np.cumsum(rng.dirichlet(np.full(2 * len(chosen), 2.0)))
     order = np.append(np.tile(np.arange(len(chosen)), 2), 0)
@@ -234,7 +235,8 @@ def triangles(n: int, rng: Rng, colors: Float) -> Image:
 
 def zigzag(n: int, rng: Rng, colors: Float) -> Image:
     """Chevrons, as in woven rugs."""
-    chosen = shuffled(rng, colors)[: int(rng.integers(3, 6))]
+    count = int(rng.integers(3, 6))
+    chosen = shuffled(rng, colors)[:count]
     across, bands, height = int(rng.integers(2, 6)), int(rng.integers(1, 3)), rng.uniform(0.1, 0.3)
     u, v = _uv(n)
     t = v * bands + height * np.abs(2 * (u * across % 1.0) - 1)

@@ -8,7 +8,6 @@ import numpy as np
 from twinlens.families import furniture, lighting
 from twinlens.families.arrangement import Area, arrange, choose_rest
 from twinlens.families.bodies import draw_body
-from twinlens.families.colors import draw_palette
 from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng, one_of
 from twinlens.families.family import Family, Request
@@ -18,7 +17,7 @@ from twinlens.families.poses import move, turn_z
 from twinlens.families.room_shell import Shell, add_shell, add_window
 from twinlens.families.stable_poses import StablePose, gap
 from twinlens.families.view import View, rasterize, triangles
-from twinlens.geometry import Float, look_at, transform_points
+from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
 from twinlens.scenes.placement import translation
 from twinlens.scenes.scene import Mesh, Scene
@@ -33,7 +32,7 @@ def compose(request: Request) -> Scene:
     rng = request.rng("room")
     shell = Shell(rng.uniform(3.4, 5.2), -1.2, rng.uniform(3.6, 5.6), rng.uniform(2.45, 2.9))
     view, near = _narrowed(_view(request, shell), shell, request.depth_ratio(3.2, 6.0))
-    scene = Composition(request, view, draw_palette(request.rng("palette")))
+    scene = Composition(request, view)
     plan = _FloorPlan(scene, shell, near)
     plan.furnish()
     add_shell(scene, shell)
@@ -54,7 +53,7 @@ def _view(request: Request, shell: Shell) -> View:
     rng = request.rng("view")
     eye = np.array([rng.uniform(-0.3, 0.3) * shell.width, shell.front + rng.uniform(0.25, 0.5), rng.uniform(1.15, 1.6)])
     target = np.array([-0.6 * eye[0] + rng.uniform(-0.4, 0.4), shell.back, rng.uniform(0.55, 1.0)])
-    return View(look_at(eye, target), float(rng.uniform(50, 63)), request.aspect, request.width_px)
+    return request.view(eye, target, rng.uniform(50, 63))
 
 
 def _narrowed(view: View, shell: Shell, depth_ratio: float) -> tuple[View, float]:

@@ -7,14 +7,13 @@ import numpy as np
 from twinlens.families import lighting
 from twinlens.families.arrangement import Area, Placement, arrange, choose_rest
 from twinlens.families.bodies import draw_body
-from twinlens.families.colors import draw_palette
 from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng, one_of
 from twinlens.families.family import Family, Request
 from twinlens.families.stable_poses import StablePose
 from twinlens.families.surfaces import FLOORS, TOPS, WALLS, Sheet, surface, wall_colors
 from twinlens.families.view import View
-from twinlens.geometry import Float, look_at
+from twinlens.geometry import Float
 from twinlens.scenes.scene import Mesh, Scene
 
 _TABLE_HEIGHT = 0.74
@@ -25,7 +24,7 @@ _ORIGIN = np.zeros(3)
 def compose(request: Request) -> Scene:
     """One scene: camera, bodies, then table, wall and floor at suitable distances, then lights."""
     depth_ratio = request.depth_ratio(2.0, 5.0)
-    scene = Composition(request, _view(request, depth_ratio), draw_palette(request.rng("palette")))
+    scene = Composition(request, _view(request, depth_ratio))
     for placement in _still_life(scene):
         body = placement.body
         scene.add(body.name, body.solid.mesh, body.material(scene.pixel_at(placement.place)), placement.pose)
@@ -46,7 +45,7 @@ def _view(request: Request, depth_ratio: float) -> View:
     distance = rng.uniform(0.34, 0.46) / math.tan(math.radians(fov) / 2)
     eye = distance * np.array([0.0, -math.cos(pitch), math.sin(pitch)])
     aim = np.array([0.0, 0.0, 0.07])
-    return View(look_at(eye + aim, aim), float(fov), request.aspect, request.width_px)
+    return request.view(eye + aim, aim, fov)
 
 
 def _nearest_share(pitch: float, fov: float, aspect: float) -> float:
