@@ -1,8 +1,11 @@
 """`run_benchmark`: isolated failures, resume, time and memory limits."""
 
+import os
 import re
+import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -231,6 +234,24 @@ def test_a_limit_ends_what_the_method_started(tmp_path, deaf, session):
     assert has_ended(int(method.note.read_text()))
     left = [path.name for path in tmp_path.iterdir()]
     assert deaf or left == ["pid"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc to see other processes")
+def test_an_interrupt_keeps_finished_entries_and_ends_what_the_method_started(tmp_path):
+    method = Starts("starts", tmp_path / "pid")
+
+    def interrupt():
+        while not (method.note.exists() and method.note.read_text()):
+            time.sleep(0.05)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt):
+        run_benchmark([pair()], [Constant("c", 4), method], time_limit=50, warm_up=False, save=tmp_path / "board.json")
+    thread.join()
+    assert has_ended(int(method.note.read_text()))
+    assert [(e.method, e.ok) for e in read_board(tmp_path / "board.json").entries] == [("c", True)]
 
 
 def test_a_program_by_name_ends_with_the_limit(tmp_path):
