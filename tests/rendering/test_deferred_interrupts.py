@@ -139,4 +139,4 @@ def test_the_real_mitsuba_lives_through_an_interrupt():
     environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
     child = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=100)
     assert child.returncode == 0, child.stderr
-    assert child.stdout.splitlines() == ["interrupted", "TWINLENS_BACKEND asks for it"]
+    assert child.stdout.splitlines() == ["interrupted", "set by TWINLENS_BACKEND"]

@@ -1,4 +1,4 @@
-"""Photographs and exact truth of a scene. The only room that imports mitsuba and drjit, and only when it is used."""
+"""Images and exact ground truth of a scene. The only room that imports mitsuba and drjit, and only when it is used."""
 
 from twinlens.rendering.backends import Backend, backend, configure_malloc, doctor, forget_kernels, use_threads
 from twinlens.rendering.ground_truth import correspondence, ground_truth

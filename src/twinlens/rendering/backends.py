@@ -1,6 +1,6 @@
-"""Which Mitsuba variant renders here: CUDA or LLVM where they really work, the scalar one everywhere.
+"""The Mitsuba variant of this process: CUDA or LLVM where a test render succeeds, else scalar.
 
-The choice is made once a process. `TWINLENS_BACKEND` (auto, scalar, llvm, cuda) overrides it.
+It is chosen once per process. `TWINLENS_BACKEND` (auto, scalar, llvm, cuda) overrides the choice.
 """
 
 import contextlib
@@ -21,13 +21,13 @@ from twinlens.rendering import llvm
 
 VARIANTS = {"scalar": "scalar_rgb", "llvm": "llvm_ad_rgb", "cuda": "cuda_ad_rgb"}
 _M_MMAP_THRESHOLD, _M_ARENA_MAX = -3, -8  # malloc.h
-_LARGE_BLOCK = 1 << 17  # bytes; glibc's own threshold at the start
-_INSTALL_LLVM = "install LLVM 17 or newer for about 3x the speed and every lens (Debian, Ubuntu: apt install libllvm19)"
+_LARGE_BLOCK = 1 << 17  # bytes; glibc's initial threshold
+_INSTALL_LLVM = "install LLVM 17 or newer: about 3x faster, and all lenses (Debian, Ubuntu: apt install libllvm19)"
 
 
 @dataclass(frozen=True)
 class Backend:
-    """What renders, and why. `variant` is Mitsuba's name for it, `library` its LLVM, `advice` what to install."""
+    """Its Mitsuba `variant`, the `reason` of the choice, its LLVM `library`, and `advice` on what to install."""
 
     name: str
     variant: str
@@ -38,19 +38,19 @@ class Backend:
 
     @property
     def is_jit(self) -> bool:
-        """Whether rays are traced in compiled bundles (LLVM, CUDA), which the full camera law needs."""
+        """Whether kernels are compiled (LLVM, CUDA), which most cameras and lenses need."""
         return self.name != "scalar"
 
 
 _activated: dict[str, Backend] = {}
-"""What was set up here, by variant. An interrupt that came meanwhile is heard before `backend` can remember it."""
+"""Backends that were set up, by variant. An interrupt may end `backend` before it caches its result."""
 
 
 @functools.cache
 def backend() -> Backend:
-    """The backend of this process, found and set up at the first call.
+    """The backend of this process, chosen and set up at the first call.
 
-    Raises InputError for an unknown TWINLENS_BACKEND, BackendError when the one asked for does not work here.
+    Raises InputError for an unknown TWINLENS_BACKEND, BackendError when the requested backend does not work.
     """
     wanted = _wanted()
     chosen = _already_set() or _with_short_reason(_choose(wanted))
@@ -59,24 +59,24 @@ def backend() -> Backend:
 
 
 def doctor() -> Backend:
-    """What `backend` would choose, without setting it up; its reason is the whole one, what each library said."""
+    """The backend that `backend` would choose, without setting it up. Its reason has the result of each library."""
     return _choose(_wanted())
 
 
 def mitsuba() -> Any:
-    """The mitsuba module, with the chosen variant set. Raises BackendError if somebody has set another one since."""
+    """The mitsuba module with the chosen variant. Raises BackendError if another variant was set since."""
     chosen = backend().variant
     import mitsuba
 
     if mitsuba.variant() != chosen:
-        raise BackendError(f"mitsuba's variant was {chosen} and has been set to {mitsuba.variant()}; set it back")
+        raise BackendError(f"mitsuba's variant was changed from {chosen} to {mitsuba.variant()}; set it back")
     return mitsuba
 
 
 def use_threads(count: int) -> None:
-    """Render with so many threads in this process, all of the machine's unless said. The images are the same."""
+    """Set the number of rendering threads of this process (default: all). Images do not depend on it."""
     if count < 1:
-        raise InputError(f"a renderer needs 1 thread or more, got {count}")
+        raise InputError(f"the number of threads must be >= 1, got {count}")
     backend()
     import drjit
 
@@ -84,30 +84,29 @@ def use_threads(count: int) -> None:
 
 
 def forget_kernels() -> None:
-    """Give back the memory of compiled kernels and of scenes that nobody holds; what is used again comes from the disk.
+    """Free the memory of compiled kernels and of unreferenced scenes. Kernels are read from the disk cache when needed.
 
-    Every new mixture of materials is a kernel of its own, kept for the life of the process: a thousand random scenes
-    would fill the memory.
+    Every new combination of materials compiles a kernel that stays in memory; a thousand random scenes would fill it.
     """
     if not backend().is_jit:
         return
     import drjit
 
-    gc.collect()  # scenes hold their parts in cycles
+    gc.collect()  # scenes have reference cycles
     drjit.sync_thread()
     drjit.flush_kernel_cache()
     drjit.flush_malloc_cache()
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc keeps what was freed, piecemeal
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc keeps freed memory
     if trim is not None:
         trim(0)
 
 
 def configure_malloc() -> None:
-    """Have glibc give large blocks back to the system one by one, and keep small ones in one place, from now on.
+    """Let glibc return large blocks to the system, and use one arena for small ones; for the whole process.
 
-    By itself it takes ever larger blocks from a heap for each thread, once such a block was freed. Among what stays
-    they leave holes that are never given back: of 1,000 random scenes the last hundred took 11% more memory than the
-    first, and so 6%. It holds for the whole process; where the C library is another, nothing happens.
+    By default glibc raises its threshold for such blocks whenever one is freed and has an arena for each thread, which
+    fragments memory: over 1,000 random scenes memory grew by 11%, and by 6% with these settings. Has no effect with
+    other C libraries.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
@@ -123,9 +122,9 @@ def _wanted() -> str:
 
 
 def _already_set() -> Backend | None:
-    """A host program that chose a variant before us keeps it.
+    """The backend of a variant that the host program has set.
 
-    Mitsuba is not imported here: with it Dr.Jit reads DRJIT_LIBLLVM_PATH, once, before we know a library that works.
+    Does not import mitsuba, because Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported.
     """
     if "mitsuba" not in sys.modules:
         return None
@@ -134,7 +133,7 @@ def _already_set() -> Backend | None:
     variant = mitsuba.variant()
     for name, known in VARIANTS.items():
         if variant == known:
-            return _activated.get(known) or Backend(name, known, "the variant was set before twinlens was asked")
+            return _activated.get(known) or Backend(name, known, "set by the host program")
     if variant is not None:
         raise BackendError(
             f"mitsuba's variant is already {variant}; twinlens renders with {', '.join(VARIANTS.values())}"
@@ -145,7 +144,7 @@ def _already_set() -> Backend | None:
 def _choose(wanted: str) -> Backend:
     probes: list[llvm.Probe] = []
     if wanted == "scalar":
-        return Backend("scalar", VARIANTS["scalar"], "TWINLENS_BACKEND asks for it")
+        return Backend("scalar", VARIANTS["scalar"], "set by TWINLENS_BACKEND")
     if wanted in ("auto", "cuda") and _has_cuda_driver():
         probes.append(llvm.probe(VARIANTS["cuda"]))
         if probes[-1].works:
@@ -158,9 +157,9 @@ def _choose(wanted: str) -> Backend:
                 return Backend("llvm", VARIANTS["llvm"], reason, library=str(library), probes=tuple(probes))
     if wanted == "cuda":
         why = _why(probes) if probes else "no NVIDIA driver (libcuda.so.1) was found"
-        raise BackendError(f"TWINLENS_BACKEND=cuda does not work here: {why}; unset it, and LLVM is looked for")
+        raise BackendError(f"TWINLENS_BACKEND=cuda does not work: {why}; unset it to use LLVM")
     if wanted == "llvm":
-        raise BackendError(f"TWINLENS_BACKEND=llvm does not work here: {_why(probes)}; {_INSTALL_LLVM}")
+        raise BackendError(f"TWINLENS_BACKEND=llvm does not work: {_why(probes)}; {_INSTALL_LLVM}")
     return Backend("scalar", VARIANTS["scalar"], _why(probes), advice=_INSTALL_LLVM, probes=tuple(probes))
 
 
@@ -171,10 +170,10 @@ def _why(probes: list[llvm.Probe]) -> str:
 
 
 def _with_short_reason(chosen: Backend) -> Backend:
-    """With a reason that closes the line of a command, whatever the libraries had to say."""
+    """With a reason that fits on the line of a command, without the output of each library."""
     if chosen.is_jit or not chosen.probes:
         return chosen
-    return replace(chosen, reason="no usable LLVM; `twinlens doctor` tells why")
+    return replace(chosen, reason="no usable LLVM; see `twinlens doctor`")
 
 
 def _has_cuda_driver() -> bool:
@@ -186,7 +185,7 @@ def _has_cuda_driver() -> bool:
 
 
 def _activate(chosen: Backend) -> None:
-    """Import Mitsuba with this backend. An interrupt meanwhile is heard once it is done, some tenths of a second."""
+    """Import Mitsuba with this backend. SIGINT is deferred for the tenths of a second that this takes."""
     if chosen.library is not None:
         os.environ["DRJIT_LIBLLVM_PATH"] = chosen.library
     with deferred_interrupts():
@@ -203,18 +202,18 @@ def _set_variant(variant: str) -> None:
         mitsuba.set_variant(variant)
     except ImportError as error:
         raise BackendError(
-            f"{variant} works by itself but not in this process: mitsuba was imported before, with another "
-            "DRJIT_LIBLLVM_PATH; unset that, or render with twinlens first"
+            f"{variant} does not work in this process, because mitsuba was imported with another DRJIT_LIBLLVM_PATH; "
+            "unset it, or render with twinlens first"
         ) from error
     mitsuba.set_log_level(mitsuba.LogLevel.Error)
 
 
 @contextlib.contextmanager
 def deferred_interrupts() -> Iterator[None]:
-    """Keep SIGINT until the block has ended, then let its handler hear it once, however often it came.
+    """Defer SIGINT until the end of the block, then raise it once. An interrupted import of mitsuba would be unusable.
 
-    Only the main thread may set handlers, and only it runs them: elsewhere nothing is held. A process that ignores
-    SIGINT, dies of it (SIG_DFL), or handles it outside Python goes on doing so.
+    Only the main thread may set and runs handlers; in other threads nothing is deferred. Processes that ignore SIGINT,
+    use SIG_DFL, or handle it outside Python are not affected.
     """
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):

@@ -1,4 +1,4 @@
-"""A `Scene` becomes a Mitsuba scene, and a table of its bodies that the ground truth looks things up in."""
+"""Builds a Mitsuba scene from a `Scene`, and the table of its bodies that ground truth uses."""
 
 import weakref
 from collections.abc import Iterator, Mapping
@@ -13,7 +13,7 @@ from twinlens.rendering.backends import mitsuba
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
 from twinlens.scenes.scene import check_uniform_scale
 
-_INSTANCE = 1 << 10  # Mitsuba 3.9 has the type, and no name for it
+_INSTANCE = 1 << 10  # Mitsuba 3.9 has no name for this shape type
 _BLOCK_PX = 16
 
 _cache: "weakref.WeakKeyDictionary[Scene, BuiltScene]" = weakref.WeakKeyDictionary()
@@ -21,7 +21,7 @@ _cache: "weakref.WeakKeyDictionary[Scene, BuiltScene]" = weakref.WeakKeyDictiona
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """One entry of the id map: a leaf shape as it stands in the world, and what the truth calls it.
+    """A shape in the world, with its ids in the ground truth.
 
     `shape` is the Mitsuba shape whose geometry is hit, `instance` the Mitsuba instance that places it, if any.
     """
@@ -35,7 +35,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class BuiltScene:
-    """A loaded Mitsuba scene and its bodies. `object_names[i]` and `material_names[i]` belong to ids i + 1."""
+    """A loaded Mitsuba scene and its bodies. `object_names[i]` and `material_names[i]` have the id i + 1."""
 
     mi_scene: Any
     integrator: Any
@@ -46,7 +46,7 @@ class BuiltScene:
 
 
 def build(scene: Scene) -> BuiltScene:
-    """The Mitsuba scene of `scene`; built once and kept as long as the Scene lives."""
+    """The Mitsuba scene of `scene`, cached as long as the Scene exists."""
     if scene not in _cache:
         _cache[scene] = _build_xml(scene) if scene.xml is not None else _build_objects(scene)
     return _cache[scene]
@@ -79,12 +79,12 @@ def _build_objects(scene: Scene) -> BuiltScene:
 
 
 def _integrator(scene: Scene) -> Any:
-    """The scene's integrator, its blocks of a fixed size: else the scalar mode cuts them to the number of threads."""
+    """The scene's integrator. A fixed block size makes scalar images independent of the number of threads."""
     return _load({"block_size": _BLOCK_PX, **scene.integrator}, "integrator")
 
 
 def _parts(thing: SceneObject, index: int, leaf: Any, parts: dict[str, Any]) -> list[tuple[str, str, Any]]:
-    """(name, key, Mitsuba part) of each appearance of an object; instanced ones share a shape group put in `parts`."""
+    """(name, key, Mitsuba part) of each copy of an object; instances share a shape group, which is added to `parts`."""
     key = f"object{index:04d}"
     if not thing.instances:
         return [(thing.name, key, leaf)]
@@ -116,7 +116,7 @@ def _leaf(thing: SceneObject, bsdf: Any, uv_factors: Float | None) -> Any:
 
 
 def _mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emitter: Any) -> Any:
-    """A Mitsuba mesh with its pose baked in, in float64 until the last moment."""
+    """A Mitsuba mesh in world coordinates, transformed in float64."""
     mi = mitsuba()
     properties = mi.Properties()
     properties["bsdf"] = bsdf
@@ -132,7 +132,7 @@ def _mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emitter: A
     )
     faces = np.asarray(mesh.faces, dtype=np.uint32)
     if np.linalg.det(world_from_object[:3, :3]) < 0:
-        faces = faces[:, ::-1]  # a mirrored mesh keeps its outside outside
+        faces = faces[:, ::-1]  # keeps the orientation of a mirrored mesh
     buffers = mi.traverse(made)
     buffers["vertex_positions"] = _flat32(transform_points(world_from_object, mesh.vertices))
     buffers["faces"] = np.ascontiguousarray(faces).ravel()
@@ -145,7 +145,7 @@ def _mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emitter: A
 
 
 def _transform_normals(world_from_object: Float, normals: Float) -> Float:
-    """Normals turn with the inverse transpose; unit length again."""
+    """Normals (N, 3) transformed by the inverse transpose, of unit length."""
     pose = np.eye(4)
     pose[:3, :3] = np.linalg.inv(world_from_object[:3, :3]).T
     turned = rotate(pose, normals)
@@ -158,7 +158,7 @@ def _flat32(values: Float) -> Any:
 
 
 def mitsuba_value(value: Any) -> Any:
-    """A plugin tree with our own values turned into Mitsuba's."""
+    """A plugin tree with the values of `twinlens.scenes` converted to Mitsuba's."""
     mi = mitsuba()
     if isinstance(value, Color):
         return {"type": "rgb", "value": list(value.rgb)}
@@ -172,7 +172,7 @@ def mitsuba_value(value: Any) -> Any:
 
 
 def _environment_bitmap(plugin: Plugin, key: str) -> Any:
-    """The picture of an environment map that is no file: Mitsuba takes it as it is, not as a texture. Else None."""
+    """The Mitsuba bitmap of an environment map in memory, which is no texture plugin; else None."""
     if plugin.get("type") != "envmap" or not isinstance(plugin[key], Bitmap):
         return None
     return mitsuba().Bitmap(np.ascontiguousarray(plugin[key].pixels, dtype=np.float32))
@@ -200,7 +200,7 @@ def _load_plain(plugin: dict[str, Any], what: str) -> Any:
         return mitsuba().load_dict(plugin, optimize=False)
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[-1].strip()
-        raise InputError(f"{what}: Mitsuba refuses {plugin.get('type')!r}: {reason}") from error
+        raise InputError(f"{what}: Mitsuba rejects {plugin.get('type')!r}: {reason}") from error
 
 
 def _build_xml(scene: Scene) -> BuiltScene:
@@ -209,7 +209,7 @@ def _build_xml(scene: Scene) -> BuiltScene:
     try:
         mi_scene = mi.load_file(str(scene.xml), optimize=False)
     except RuntimeError as error:
-        raise InputError(f"{scene.xml}: Mitsuba refuses it: {str(error).strip().splitlines()[-1].strip()}") from error
+        raise InputError(f"{scene.xml}: Mitsuba rejects it: {str(error).strip().splitlines()[-1].strip()}") from error
     materials: dict[str, int] = {}
     names: list[str] = []
     bodies: list[Body] = []
@@ -218,14 +218,14 @@ def _build_xml(scene: Scene) -> BuiltScene:
         bsdf = shape.bsdf()
         material = materials.setdefault(bsdf.id() or f"material of {names[-1]}", len(materials) + 1)
         is_instance = shape.shape_type() == _INSTANCE
-        kind = 0 if is_instance else material_kind(bsdf)  # an instance does not tell the material inside
+        kind = 0 if is_instance else material_kind(bsdf)  # Mitsuba does not expose the material of an instance
         bodies.append(Body(index, material, kind, None if is_instance else shape, shape if is_instance else None))
     integrator = mi_scene.integrator() or _integrator(scene)
     return BuiltScene(mi_scene, integrator, tuple(bodies), tuple(names), tuple(materials))
 
 
 def material_kind(bsdf: Any) -> int:
-    """Index into MATERIAL_KINDS from what the BSDF can do: let light through, mirror it, gloss it, or scatter it."""
+    """Index into MATERIAL_KINDS from the flags of a BSDF: transmissive, mirror, glossy or diffuse."""
     flags = mitsuba().BSDFFlags
     has = int(bsdf.flags()).__and__
     if has(int(flags.DiffuseTransmission | flags.GlossyTransmission | flags.DeltaTransmission | flags.Null)):
@@ -238,22 +238,24 @@ def material_kind(bsdf: Any) -> int:
 
 
 def move_uv_scales(scene: Scene) -> tuple[Mapping[str, Plugin], Mapping[str, Float]]:
-    """The materials, and for some of them the factors (2,) that the (u, v) of the meshes that wear them must have.
+    """Materials without texture repeats, and the factors (2,) that the (u, v) of their meshes must be multiplied by.
 
-    A material is changed where only meshes with (u, v) wear it and its one or more pictures are all scaled alike.
+    Mitsuba compiles a texture's `to_uv` into its kernel, so that each scene with differently scaled textures needs a
+    kernel of its own. Texture coordinates of a mesh are data. A material is changed if only meshes with (u, v) use it
+    and all its textures have the same scale.
     """
     materials, factors = dict(scene.materials), {}
     for name, plugin in scene.materials.items():
         scale = _common_scale(plugin)
-        worn_by = [thing.shape for thing in scene.objects if thing.material == name]
-        if scale is not None and all(isinstance(shape, Mesh) and shape.uv is not None for shape in worn_by):
+        shapes = [thing.shape for thing in scene.objects if thing.material == name]
+        if scale is not None and all(isinstance(shape, Mesh) and shape.uv is not None for shape in shapes):
             materials[name] = _unscaled(plugin)
             factors[name] = scale
     return materials, factors
 
 
 def _common_scale(plugin: Plugin) -> Float | None:
-    """The factors that all pictures of the material have; None without any, or where a scale is not all there is."""
+    """The scale (2,) of all textures of a material; None if there is none, or if transforms differ or are no scales."""
     if any(_depends_on_uv_scale(part) for part in _plugins(plugin)) or any(
         "to_uv" in part for part in _plugins(plugin)
     ):
@@ -267,7 +269,7 @@ def _common_scale(plugin: Plugin) -> Float | None:
 
 
 def _depends_on_uv_scale(plugin: Plugin) -> bool:
-    """Bumps and normal maps measure slopes along (u, v): another scale would be another relief."""
+    """Bump and normal maps depend on derivatives along (u, v)."""
     return plugin.get("type") in ("bumpmap", "normalmap")
 
 

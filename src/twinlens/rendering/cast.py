@@ -1,7 +1,7 @@
-"""First hits of many rays, as numpy arrays, in compiled bundles or one by one.
+"""First hits of many rays as numpy arrays.
 
-Rays run from float64 origins along float64 directions that are not normalised: with z = 1 in the camera frame the
-parameter t is the depth itself. What comes back is what Mitsuba found in float32; `refine` makes it exact.
+Directions are not normalised: with z = 1 in the camera frame, the ray parameter t is the depth. Hits are Mitsuba's, in
+float32; `twinlens.rendering.surfaces` refines them.
 """
 
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ def _trace_bundle(built: BuiltScene, origin: Float, unit: NDArray[np.float32], o
     pi = built.mi_scene.ray_intersect_preliminary(ray)
     shape, instance = (dr.reinterpret_array(mi.UInt32, pointer) for pointer in (pi.shape, pi.instance))
     dr.eval(pi.t, pi.prim_index, shape, instance)
-    keys = np.where(np.asarray(instance) > 0, np.asarray(instance), np.asarray(shape))  # an instance hides its shape
+    keys = np.where(np.asarray(instance) > 0, np.asarray(instance), np.asarray(shape))  # prefer the instance
     out.body[:] = _rows(_handle_table(built), keys)
     hit = keys > 0
     out.t[hit] = np.asarray(pi.t)[hit]
@@ -61,7 +61,7 @@ def _trace_bundle(built: BuiltScene, origin: Float, unit: NDArray[np.float32], o
 
 
 def _rows(table: dict[int, int], keys: NDArray[np.uint32]) -> NDArray[np.int32]:
-    """Rows of the body table for Dr.Jit's registry handles; 0 is no shape: -1."""
+    """Rows of the body table for Dr.Jit's registry handles; -1 for handle 0, no shape."""
     rows_of_handles = np.full(max([int(keys.max(initial=0)), *table]) + 1, -1, dtype=np.int32)
     rows_of_handles[list(table)] = list(table.values())
     rows: NDArray[np.int32] = rows_of_handles[keys]
@@ -83,7 +83,7 @@ def _handle_table(built: BuiltScene) -> dict[int, int]:
 
 
 def _key(body: Body) -> Any:
-    """The Mitsuba object that names a body in a hit."""
+    """The Mitsuba object that identifies a body in a hit."""
     return body.shape if body.instance is None else body.instance
 
 
@@ -101,7 +101,7 @@ def _trace_singly(built: BuiltScene, origin: Float, unit: NDArray[np.float32], o
 
 
 def mitsuba_normals(built: BuiltScene, origin: Float, directions: Float) -> tuple[Float, Float]:
-    """(geometric, shading) normals (N, 3) as Mitsuba gives them in float32, for shapes we know no closed form of."""
+    """(geometric, shading) normals (N, 3) from Mitsuba, in float32, for shapes without a closed form."""
     mi = mitsuba()
     if backend().is_jit:
         towards = mi.Vector3f(np.ascontiguousarray(directions.T, dtype=np.float32))

@@ -1,4 +1,4 @@
-"""Exact truth of every view: one chief ray a pixel, refined in float64, and one ray back from the camera it is seen by.
+"""Exact ground truth of every view: one chief ray per pixel, refined in float64, and one ray from the other camera.
 
 pixel centres -> cast -> refine -> depth, position, normals, ids
                                      |-> project into another view -> correspondence, disparity
@@ -24,7 +24,7 @@ from twinlens.scenes import Scene
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """What the chief rays of one camera meet, a row a pixel: hits, their directions and positions (N, 3)."""
+    """The hits of one camera's chief rays, one row per pixel, with directions and positions (N, 3)."""
 
     index: int
     hits: Hits
@@ -34,7 +34,9 @@ class _View:
 
 
 def ground_truth(scene: Scene, rig: Rig, *, sky_disparity: bool = False) -> list[Truth]:
-    """The exact truth of every camera of `rig`, towards its partner (`Rig.partner`). Lens and samples play no part.
+    """The exact ground truth of every camera of `rig`, with disparity to its partner (`Rig.partner`).
+
+    It does not depend on lens or samples.
 
     Parameters
     ----------
@@ -43,7 +45,8 @@ def ground_truth(scene: Scene, rig: Rig, *, sky_disparity: bool = False) -> list
 
     Returns
     -------
-    list of Truth, one a camera.
+    list of Truth
+        One per camera.
     """
     check_view(scene, rig)
     built = build(scene)
@@ -51,10 +54,10 @@ def ground_truth(scene: Scene, rig: Rig, *, sky_disparity: bool = False) -> list
 
 
 def correspondence(scene: Scene, rig: Rig, source: int = 0, target: int = 1, *, sky: bool = False) -> Correspondence:
-    """Where every pixel of camera `source` lies in the image of camera `target`, and whether it is seen there.
+    """The position of every pixel of camera `source` in the image of camera `target`, and its visibility there.
 
-    Any two cameras of `rig`, in any poses, with any distortion: what the chief rays of the source's pixels meet, as the
-    target forms it. Two cameras in one place are no exception.
+    The hits of the source's chief rays are projected into the target. Any poses and distortions are allowed, also two
+    cameras at one position.
 
     Parameters
     ----------
@@ -114,7 +117,7 @@ def _view_truth(built: BuiltScene, rig: Rig, index: int, sky_disparity: bool) ->
 
 
 def _facing(vectors: Float, towards: Float) -> Float:
-    """Vectors (N, 3), those with the sign changed that point away from `towards`."""
+    """Vectors (N, 3), negated where they point away from `towards`."""
     away = np.einsum("nc,nc->n", vectors, towards) < 0
     return np.where(away[:, None], -vectors, vectors)
 
@@ -122,7 +125,7 @@ def _facing(vectors: Float, towards: Float) -> Float:
 def _project_into(
     built: BuiltScene, rig: Rig, view: _View, other: int, sky: bool
 ) -> tuple[Float, Float, NDArray[np.bool_]]:
-    """(pixels in camera `other`, disparity, visible) of every pixel of `view`; disparity of rectified pairs alone."""
+    """(pixels in camera `other`, disparity, visible) of every pixel of `view`; disparity for rectified pairs only."""
     found = view.hits.body >= 0
     camera, pose = rig.cameras[other], rig.world_from_cams[other]
     pixels = np.full((len(found), 2), np.inf)
@@ -155,12 +158,12 @@ def _in_order(rig: Rig, a: int, b: int) -> tuple[int, int]:
 
 
 def _or_unknown(pixels: Float) -> Float:
-    """Pixels with +inf, not NaN, where the camera has none."""
+    """Pixels with +inf in place of NaN, which marks points that the camera cannot project."""
     return np.where(np.isnan(pixels), np.inf, pixels)
 
 
 def _ids(built: BuiltScene, body: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(object, material, kind) ids (3, N) of body rows; row -1 is nothing: 0."""
+    """(object, material, kind) ids (3, N) of body rows; 0 for row -1, no hit."""
     table = [(row.object_id, row.material_id, row.material_kind) for row in built.bodies] + [(0, 0, 0)]
     ids: NDArray[np.int32] = np.array(table, dtype=np.int32).T[:, body]
     return ids

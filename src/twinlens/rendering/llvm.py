@@ -1,7 +1,6 @@
-"""Finding an LLVM that works. Some versions abort the whole process at the first render, so each is tried in a child.
+"""Finds an LLVM library that works. Some versions abort the process at the first render, so each is tried in a child.
 
-What a library answered is remembered beside Dr.Jit's kernel cache, keyed by the file's size and time, so that a machine
-is asked once.
+Results are cached next to Dr.Jit's kernel cache, keyed by the file's size and time.
 """
 
 import glob
@@ -30,10 +29,10 @@ _FOLDERS = (
 )
 _NAMES = ("libLLVM.so*", "libLLVM-*.so*", "libLLVM.dylib")
 _PROBE_SECONDS = 120
-_STOPPED = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)  # by somebody, not by the library
+_STOPPED = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)  # by a person or the system, not by the library
 _LONGEST_ANSWER = 400
-"""Letters of what a library said last: most sentences are whole then, and a longer one ends between two words."""
-_PASSING = ("did not answer", "was stopped")  # answers that another day may change: not remembered
+"""Characters of the last line of output of a library."""
+_PASSING = ("did not answer", "was stopped")  # results that may change, and are not cached
 
 _PROBE = """
 import resource
@@ -50,7 +49,7 @@ raise SystemExit(0 if 0.01 < mean < 10 else 3)
 
 @dataclass(frozen=True)
 class Probe:
-    """What one candidate answered: `works`, and in words why not."""
+    """The result of one library: whether it `works`, and a message."""
 
     path: str
     works: bool
@@ -58,7 +57,7 @@ class Probe:
 
 
 def candidates() -> list[Path]:
-    """Every libLLVM this machine might offer: the user's DRJIT_LIBLLVM_PATH first, then the newest version first."""
+    """The LLVM libraries of this machine: DRJIT_LIBLLVM_PATH first, then by version, newest first."""
     named = os.environ.get("DRJIT_LIBLLVM_PATH")
     found = {
         Path(file).resolve()
@@ -71,11 +70,11 @@ def candidates() -> list[Path]:
 
 
 def probe(variant: str, library: Path | None = None) -> Probe:
-    """Render a tiny image in a child process, with this LLVM (or CUDA), and say whether it lived."""
+    """Render a small image in a child process with this LLVM library (or CUDA), and report whether that works."""
     if library is not None and _is_missing(library):
         return Probe(str(library), False, "fails: no such file")
-    memory = _ProbeCache(variant, library)
-    if (known := memory.recall()) is not None:
+    cache = _ProbeCache(variant, library)
+    if (known := cache.load()) is not None:
         return known
     environment = dict(os.environ)
     if library is not None:
@@ -83,7 +82,7 @@ def probe(variant: str, library: Path | None = None) -> Probe:
     answer = _run(_PROBE.format(variant=variant), environment)
     result = Probe(str(library or variant), answer == "works", answer)
     if not answer.startswith(_PASSING):
-        memory.keep(result)
+        cache.store(result)
     return result
 
 
@@ -111,7 +110,7 @@ def _run(script: str, environment: dict[str, str]) -> str:
 
 
 def _is_missing(library: Path) -> bool:
-    """Whether there is no such file for sure: a mere name is looked for by the system's loader, in its own folders."""
+    """Whether the file does not exist. A name without a folder is searched for by the system's loader."""
     try:
         library.stat()
     except (FileNotFoundError, NotADirectoryError):
@@ -130,7 +129,7 @@ _ROW = {"path": str, "works": bool, "answer": str}
 
 
 class _ProbeCache:
-    """One remembered answer in the kernel cache folder. A folder that can't be written costs a probe a process."""
+    """One cached result in the kernel cache folder. If the folder is not writable, every process probes again."""
 
     def __init__(self, variant: str, library: Path | None) -> None:
         home = os.environ.get("DRJIT_CACHE_DIR") or os.path.expanduser("~/.drjit")  # noqa: PTH111  never raises
@@ -145,13 +144,13 @@ class _ProbeCache:
             return {}
         return kept if isinstance(kept, dict) else {}
 
-    def recall(self) -> Probe | None:
+    def load(self) -> Probe | None:
         row = self._read().get(self._key)
         if not isinstance(row, dict) or {name: type(value) for name, value in row.items()} != _ROW:
             return None
         return Probe(**row)  # type: ignore[arg-type]
 
-    def keep(self, result: Probe) -> None:
+    def store(self, result: Probe) -> None:
         rows = self._read() | {self._key: asdict(result)}
         try:
             self._file.parent.mkdir(parents=True, exist_ok=True)
@@ -172,7 +171,7 @@ def _file_stamp(library: Path) -> str:
 
 
 def _cuda_stamp() -> str:
-    """The driver and the devices this process may see: another machine of a shared home must ask again."""
+    """The driver and devices of this process, because machines may share a home folder."""
     try:
         driver = Path("/proc/driver/nvidia/version").read_text().splitlines()[0]
     except (OSError, IndexError):
