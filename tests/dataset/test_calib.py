@@ -110,3 +110,10 @@ def test_files_that_are_not_text_are_rejected(tmp_path):
         (tmp_path / "calib.txt").write_bytes(content)
         with pytest.raises(FileError, match=r"calib\.txt"):
             read_calib(tmp_path / "calib.txt")
+
+
+@pytest.mark.parametrize(("value", "expected"), [("0", False), ("1", True)])
+def test_isint_reads_back(value, expected):
+    calibration = decode_calib(MOTORCYCLE.replace("isint=0", f"isint={value}"))
+    assert calibration.isint is expected
+    assert decode_calib(encode_calib(calibration)) == calibration

@@ -14,7 +14,7 @@ import pytest
 
 from tests.dataset import dataset_scene
 from twinlens.camera import Rig
-from twinlens.dataset import Dataset, Shot, hash_files, sample_files, write_sample
+from twinlens.dataset import Dataset, Shot, hash_files, sample_files, verify_sample, write_sample
 from twinlens.dataset.record import plain
 from twinlens.errors import FileError, InputError, OutputError
 from twinlens.optics import circle_of_confusion_px
@@ -233,3 +233,16 @@ def test_a_killed_writer_leaves_complete_samples_only(tmp_path):
                 for path in folder.iterdir():
                     path.unlink()
                 folder.rmdir()
+
+
+def test_files_with_fewer_and_with_unknown_keys_are_read(tmp_path, sample):
+    """Readers need the rig and the shots; keys of other versions are ignored."""
+    write_sample(tmp_path / "s", sample)
+    path = tmp_path / "s" / "sample.json"
+    record = json.loads(path.read_text())
+    kept = {key: record[key] for key in ("format", "version", "rig", "shots")}
+    path.write_text(json.dumps(kept | {"comment": "by hand"}))
+    stored = Dataset(tmp_path)[0]
+    assert stored.rig.cameras == sample.rig.cameras
+    assert stored.lens(0).lens == sample.shots[0].lens
+    assert verify_sample(stored) == []

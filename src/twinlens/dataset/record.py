@@ -37,7 +37,7 @@ from twinlens.errors import FileError, InputError
 TYPES: dict[str, type] = {
     public.__name__: public for public in (getattr(camera, name) for name in camera.__all__) if isinstance(public, type)
 }
-"""The public dataclasses of the camera room by name: what a record can be read back to."""
+"""The public dataclasses of twinlens.camera by name: what a record can be read back to."""
 
 RENAMED = {("Rig", "believed"): "calibrated"}
 """Fields that earlier versions wrote under another name."""
@@ -119,11 +119,11 @@ def lens_from_plain(value: Any, file: Where = "sample.json", key: str = "lens") 
 
 @functools.cache
 def _adapter(hint: Any) -> pydantic.TypeAdapter[Any]:
-    return pydantic.TypeAdapter(described(hint))
+    return pydantic.TypeAdapter(annotation_of(hint))
 
 
-def described(hint: Any) -> Any:
-    """The annotation that reads and rebuilds a value of type `hint`, a type of the camera room or of its fields."""
+def annotation_of(hint: Any) -> Any:
+    """The annotation that reads and rebuilds a value of type `hint`, a type of twinlens.camera or of its fields."""
     if hint is float:
         return Annotated[float, pydantic.BeforeValidator(_infinite), pydantic.WithJsonSchema(_NUMBER_SCHEMA)]
     if hint in TYPES.values():
@@ -131,9 +131,9 @@ def described(hint: Any) -> Any:
     if typing.get_origin(hint) is np.ndarray:
         return Annotated[Any, pydantic.BeforeValidator(_unpacked), pydantic.WithJsonSchema(_ARRAY_SCHEMA)]
     if typing.get_origin(hint) is tuple:
-        return list[described(typing.get_args(hint)[0])]  # type: ignore[misc]
+        return list[annotation_of(typing.get_args(hint)[0])]  # type: ignore[misc]
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
-        members = [described(each) for each in typing.get_args(hint) if each is not type(None)]
+        members = [annotation_of(each) for each in typing.get_args(hint) if each is not type(None)]
         union = functools.reduce(operator.or_, members)
         union = Annotated[union, pydantic.Field(discriminator="type")] if members[1:] else union
         return union | None if type(None) in typing.get_args(hint) else union
@@ -149,17 +149,17 @@ def _model(kind: type) -> type[pydantic.BaseModel]:
         if each.init and hints[each.name] != kind | None:
             required = each.default is dataclasses.MISSING and each.default_factory is dataclasses.MISSING
             default = pydantic.Field() if required else pydantic.Field(default_factory=lambda: None)
-            fields[each.name] = (described(hints[each.name]), default)
+            fields[each.name] = (annotation_of(hints[each.name]), default)
         elif each.init:  # a Rig in a Rig
             fields[each.name] = (Annotated[Any, pydantic.AfterValidator(_optional(kind))], None)
-    return pydantic.create_model(kind.__name__, __base__=_Described, **fields)
+    return pydantic.create_model(kind.__name__, __base__=_DescriptionModel, **fields)
 
 
 def _optional(kind: type) -> Any:
     return lambda value: value if value is None else _adapter(kind).validate_python(value)
 
 
-class _Described(schema.StrictModel):
+class _DescriptionModel(schema.StrictModel):
     model_config = pydantic.ConfigDict(allow_inf_nan=True)
 
     @pydantic.model_validator(mode="before")

@@ -1,6 +1,6 @@
 """Where a dataset is: a local folder, or an fsspec address such as ``s3://bucket/set``.
 
-`place` chooses between `pathlib.Path` and `RemotePath`, which share the few operations that this room needs. Object
+`place` chooses between `pathlib.Path` and `RemotePath`, which share the few operations that this package needs. Object
 stores cannot rename a folder, so a remote sample is complete when its `MARK` file exists: it is written last and
 removed first. docs/decisions/storage.md says why universal-pathlib is not used.
 

@@ -17,11 +17,11 @@ from twinlens.camera import Lens, Rig
 from twinlens.camera.truth import Correspondence, Truth
 from twinlens.dataset import items
 from twinlens.dataset.codecs.calib import Calibration, read_calib
+from twinlens.dataset.codecs.disparity import read_disparity
 from twinlens.dataset.codecs.exr import read_exr
-from twinlens.dataset.codecs.pfm import read_pfm
 from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.files import check_relative
-from twinlens.dataset.record import FileModel, described, lens_from_plain, read, read_json, rig_from_plain
+from twinlens.dataset.record import FileModel, annotation_of, lens_from_plain, read, read_json, rig_from_plain
 from twinlens.dataset.sample import KIND, VERSION
 from twinlens.dataset.storage import Place
 from twinlens.dataset.truth_files import blur_circle_px, read_truth, truth_from_arrays
@@ -46,7 +46,7 @@ class ShotEntry(FileModel):
 
 
 class _ShotFile(ShotEntry):
-    lens: described(Lens)  # type: ignore[valid-type]
+    lens: annotation_of(Lens)  # type: ignore[valid-type]
 
 
 class SampleFile(FileModel):
@@ -56,7 +56,7 @@ class SampleFile(FileModel):
     version: Literal[1]
     twinlens: str = pydantic.Field(default="", description="version that wrote the file")
     conventions: dict[str, str] = pydantic.Field(default={})
-    rig: described(Rig)  # type: ignore[valid-type]
+    rig: annotation_of(Rig)  # type: ignore[valid-type]
     rectified: bool | None = None
     pair: dict[str, float] | None = pydantic.Field(
         None, description="baseline (m) and doffs_px of the first two cameras"
@@ -202,11 +202,7 @@ class StoredSample(Mapping[str, Any]):
 
     def disparity(self, i: int) -> Disparity:
         """True disparity of view i."""
-        path = self._disparity_path(i)
-        disparity = read_pfm(path)
-        if disparity.ndim != 2:
-            raise FileError(f"{path}: has three channels; a disparity map has one")
-        return disparity
+        return read_disparity(self._disparity_path(i))
 
     def has_disparity(self, i: int) -> bool:
         """Whether the folder has a disparity map of view i."""
