@@ -100,8 +100,8 @@ def test_a_scene_of_ones_own_has_to_be_given(scene, record, tmp_path):
         (lambda r: r["record"]["sensor"].update(mismatch=3), "mismatch must be an object"),
         (lambda r: r["record"].update(exposure=0.1), "exposure must be an object"),
         (lambda r: r["record"].update(exposure={"time": 0}), "exposure time"),
-        (lambda r: r.update(rig=None), "a rig must read"),
-        (lambda r: r["shots"].append({}), "a lens must be"),
+        (lambda r: r.update(rig=None), "rig: must be a table"),
+        (lambda r: r["shots"].append({}), "lens: must be a table"),
     ],
 )
 def test_a_record_that_is_none_is_refused_in_one_line(record, change, says):
