@@ -66,7 +66,7 @@ COSTS: dict[str, Cost] = {
         p2=0.9,
     ),
     "rank": Cost("absolute", "sum", V, "SAD of rank transforms: invariant to monotonic change", "rank", p1=0.1, p2=0.4),
-    "birchfield_tomasi": Cost("birchfield-tomasi", "sum", V, "absolute differences that sampling cannot raise"),
+    "birchfield_tomasi": Cost("birchfield-tomasi", "sum", V, "absolute differences, insensitive to sampling"),
 }
 
 

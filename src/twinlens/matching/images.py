@@ -1,4 +1,4 @@
-"""What a matcher accepts: two images of one size and dtype, made grey, with nothing in them that is not a number."""
+"""The images that matchers accept: two of one size and dtype, converted to grey, with finite values."""
 
 from typing import Any
 
@@ -15,10 +15,10 @@ WIDE_INTEGERS = "iu"
 
 
 def grey(image: Image) -> Image:
-    """The luma of a colour image, Y = 0.299 R + 0.587 G + 0.114 B, in the image's own dtype; a grey image as it is.
+    """The luma of a colour image, Y = 0.299 R + 0.587 G + 0.114 B, in the image's own dtype.
 
-    Integers are weighted in 1/16384 and rounded half up, so that uint8 stays uint8 and equal channels stay what they
-    are. The weights act on the stored (gamma-encoded) values, as video's luma does and OpenCV's BGR2GRAY.
+    Grey images are returned unchanged. Integers are weighted in 1/16384 and rounded half up, so that equal channels
+    keep their value. The weights apply to the stored (gamma-encoded) values, as in video and OpenCV's BGR2GRAY.
 
     Parameters: image (H, W), (H, W, 1) or (H, W, 3). Returns (H, W). Source: ITU-R BT.601-7, section 2.5.1.
 
@@ -40,9 +40,9 @@ def grey(image: Image) -> Image:
 
 
 def working(image: Image, name: str) -> Image:
-    """The image in a dtype the kernels know: uint8, uint16 or float64; exact for all that is accepted.
+    """The image in a dtype of the kernels, without loss: uint8, uint16 or float64.
 
-    bool becomes 0 and 1; int8, int16, float16, float32 and float64 are computed in float64.
+    bool becomes 0 and 1; int8, int16, float16 and float32 become float64. InputError for other dtypes and NaN or inf.
     """
     dtype = image.dtype
     if dtype == np.bool_:
@@ -76,7 +76,7 @@ def pair(left: Any, right: Any) -> tuple[Image, Image]:
 
 
 def extended(image: Image, rows: tuple[int, int], columns: tuple[int, int]) -> Image:
-    """image[rows[0]:rows[1], columns[0]:columns[1]], where what lies outside repeats the nearest edge pixel.
+    """image[rows[0]:rows[1], columns[0]:columns[1]], where pixels outside the image repeat the nearest edge pixel.
 
     >>> extended(np.array([[1, 2]]), (-1, 1), (-2, 3))
     array([[1, 1, 1, 2, 2],

@@ -1,10 +1,9 @@
 """The measures as plain functions of two windows: two arrays of one shape in, one float out.
 
-They compute in float64 straight from the formulas, so they are slow, exact, and what the image-sized kernels are held
-against. A window is any array, of any shape; pixels are compared in place. a, b are the windows, n their size, and a',
-b' the windows less their means. Distances are lower-is-better and 0 for equal windows; similarities are
-higher-is-better and 1 for equal windows. The three that look at a pixel's neighbours (census, rank, Birchfield-Tomasi)
-take no pixel from outside the windows; the first two need a centre, so an odd height and width. Surveys: Hirschmueller
+They evaluate the formulas in float64; the tests compare the kernels with them. A window is an array of any shape. a, b
+are the windows, n is their size, and a', b' are the windows minus their means. Distances are lower-is-better and 0 for
+equal windows; similarities are higher-is-better and 1 for equal windows. Census, rank and Birchfield-Tomasi read
+neighbouring pixels, but none outside the windows; census and rank need an odd height and width. Surveys: Hirschmueller
 and Scharstein, "Evaluation of stereo matching costs on images with radiometric differences", PAMI 2009; Brown, Burschka
 and Hager, "Advances in computational stereo", 2003.
 """
@@ -37,7 +36,7 @@ def _centred(w0: ArrayLike, w1: ArrayLike) -> tuple[Window, Window]:
 
 
 def sad(w0: ArrayLike, w1: ArrayLike) -> float:
-    """Sum of absolute differences, sum |a - b|: a distance in [0, inf), invariant to nothing.
+    """Sum of absolute differences, sum |a - b|: a distance in [0, inf), not invariant.
 
     >>> sad([[1, 2], [3, 4]], [[1, 2], [3, 7]])
     3.0
@@ -47,7 +46,7 @@ def sad(w0: ArrayLike, w1: ArrayLike) -> float:
 
 
 def ssd(w0: ArrayLike, w1: ArrayLike) -> float:
-    """Sum of squared differences, sum (a - b)^2: a distance in [0, inf), invariant to nothing.
+    """Sum of squared differences, sum (a - b)^2: a distance in [0, inf), not invariant.
 
     >>> ssd([[1, 2], [3, 4]], [[1, 2], [3, 7]])
     9.0
@@ -77,7 +76,7 @@ def zssd(w0: ArrayLike, w1: ArrayLike) -> float:
 
 
 def _cosine(a: Window, b: Window) -> float:
-    # Divided first: the product of two small norms underflows where each of them does not.
+    # Divide first: the product of two small norms may underflow.
     norms = np.linalg.norm(a), np.linalg.norm(b)
     return float(np.sum((a / norms[0]) * (b / norms[1]))) if min(norms) > 0 else 0.0
 
@@ -85,8 +84,8 @@ def _cosine(a: Window, b: Window) -> float:
 def ncc(w0: ArrayLike, w1: ArrayLike) -> float:
     """Normalised cross-correlation, sum(a b) / sqrt(sum a^2 sum b^2): the cosine of the angle between the windows.
 
-    A similarity in [-1, 1], and [0, 1] for images; invariant to gain. A window of zeros has no direction: 0.
-    Often printed in the place of ZNCC, which subtracts the means first.
+    A similarity in [-1, 1], and [0, 1] for images; invariant to gain. 0 for a window of zeros.
+    Some texts print this formula for ZNCC, which subtracts the means first.
 
     >>> round(ncc([1, 2, 3], [2, 4, 6]), 12)
     1.0
@@ -97,7 +96,7 @@ def ncc(w0: ArrayLike, w1: ArrayLike) -> float:
 def zncc(w0: ArrayLike, w1: ArrayLike) -> float:
     """Zero-mean NCC, sum(a' b') / sqrt(sum a'^2 sum b'^2): Pearson's correlation coefficient of the pixels.
 
-    A similarity in [-1, 1], invariant to gain and offset. A constant window correlates with nothing: 0.
+    A similarity in [-1, 1], invariant to gain and offset. 0 if a window is constant.
 
     >>> round(zncc([1, 2, 3], [11, 13, 15]), 12)
     1.0
@@ -113,7 +112,7 @@ def zncc(w0: ArrayLike, w1: ArrayLike) -> float:
 def jaccard(w0: ArrayLike, w1: ArrayLike) -> float:
     """Weighted Jaccard similarity, sum min(a, b) / sum max(a, b), of windows without negative values.
 
-    A similarity in [0, 1], invariant to nothing; two windows of zeros are equal: 1. With S = sum a + sum b it is
+    A similarity in [0, 1], not invariant; two windows of zeros are equal: 1. With S = sum a + sum b it is
     (S - SAD) / (S + SAD). Source: Ioffe, "Improved consistent sampling, weighted minhash and L1 sketching", ICDM 2010.
 
     >>> jaccard([1, 2], [3, 2])
@@ -127,7 +126,7 @@ def jaccard(w0: ArrayLike, w1: ArrayLike) -> float:
 
 
 def _darker(window: Window) -> NDArray[np.bool_]:
-    """Which pixels are darker than the one in the middle; the middle itself never is."""
+    """Mask of the pixels that are darker than the centre pixel."""
     if window.ndim != 2 or window.shape[0] % 2 == 0 or window.shape[1] % 2 == 0:
         raise InputError(
             f"the windows have shape {window.shape}; a window with a centre is 2-D, odd in height and width"
@@ -139,8 +138,8 @@ def census(w0: ArrayLike, w1: ArrayLike) -> float:
     """Hamming distance of the census descriptors: #{i : [a_i < a_c] != [b_i < b_c]}, a_c and b_c being the centres.
 
     A distance, whole, in [0, n - 1]; invariant to every strictly increasing change of brightness of either window (so
-    to gain > 0, offset and gamma). Windows 2-D of odd height and width. A constant window has no darker pixel: its
-    descriptor is all zeros. Source: Zabih and Woodfill, "Non-parametric local transforms for computing visual
+    to gain > 0, offset and gamma). Windows 2-D of odd height and width. The descriptor
+    of a constant window is all zeros. Source: Zabih and Woodfill, "Non-parametric local transforms for computing visual
     correspondence", ECCV 1994.
 
     >>> census([[1, 5, 9]], [[10, 50, 90]])
@@ -155,8 +154,8 @@ def census(w0: ArrayLike, w1: ArrayLike) -> float:
 def rank(w0: ArrayLike, w1: ArrayLike) -> float:
     """Difference of the ranks of the centres: |#{i : a_i < a_c} - #{i : b_i < b_c}|.
 
-    A distance, whole, in [0, n - 1], and never above `census`, which also says where the darker pixels are; invariant
-    as census is. Windows 2-D of odd height and width. Source: Zabih and Woodfill, ECCV 1994.
+    A distance, whole, in [0, n - 1], and at most `census`; invariant to the
+    same changes. Windows 2-D of odd height and width. Source: Zabih and Woodfill, ECCV 1994.
 
     >>> rank([[1, 5, 9]], [[90, 50, 10]])
     0.0
@@ -168,18 +167,18 @@ def rank(w0: ArrayLike, w1: ArrayLike) -> float:
 
 
 def _half_steps(window: Window) -> tuple[Window, Window]:
-    """(least, largest) of each pixel and the values half a pixel to its left and right, interpolated linearly."""
+    """(minimum, maximum) of each pixel and the linear interpolations half a pixel to its left and right."""
     padded = np.concatenate([window[..., :1], window, window[..., -1:]], axis=-1)
     before, after = (window + padded[..., :-2]) / 2, (window + padded[..., 2:]) / 2
     return np.minimum(window, np.minimum(before, after)), np.maximum(window, np.maximum(before, after))
 
 
 def birchfield_tomasi(w0: ArrayLike, w1: ArrayLike) -> float:
-    """Sum of absolute differences that sampling cannot raise: sum min(d(a, b), d(b, a)).
+    """Sum of absolute differences, insensitive to sampling: sum min(d(a, b), d(b, a)).
 
     d(a, b) = max(0, a - max b~, min b~ - a), and b~ holds b and its linear interpolations half a pixel to the left
-    and to the right, along the last axis, rows continued by their end pixels. A distance in [0, SAD]; invariant to
-    no change of brightness, and 0 for linear ramps shifted against each other by up to half a pixel. Source:
+    and to the right, along the last axis, rows continued by their end pixels. A distance in [0, SAD]; not
+    invariant to brightness, and 0 for linear ramps shifted against each other by up to half a pixel. Source:
     Birchfield and Tomasi, "A pixel dissimilarity measure that is insensitive to image sampling", PAMI 20(4), 1998.
 
     >>> birchfield_tomasi([0, 10, 20], [5, 15, 25])

@@ -1,6 +1,6 @@
-"""What is done to a disparity map after the search. Each step is a plain function and says what it does to density.
+"""Steps that refine a disparity map after the search.
 
-Maps are (H, W) float32 in pixels, +inf where unknown, and are never changed in place.
+Maps are (H, W) float32 in pixels, +inf where unknown, and are not changed in place. Density is the known fraction.
 """
 
 from typing import Any
@@ -23,8 +23,8 @@ def _kept(disparity: Disparity, keep: NDArray[np.bool_]) -> Disparity:
 def consistent(left: Disparity, right: Disparity, tolerance: float) -> Disparity:
     """The left disparities whose partner in the right map agrees within `tolerance` pixels; the others become +inf.
 
-    Each map lies on its own image's pixels. The partner of (u, v) is the right map's pixel nearest to (u - d, v);
-    outside the image, or unknown there, the pixel is not confirmed. Density falls, mostly in occlusions.
+    Each map is in its own image's pixels. The partner of (u, v) is the right map's pixel nearest to (u - d, v);
+    if that is outside the image or unknown, the pixel becomes +inf. Density falls, mostly in occlusions.
     Source: Fua, "A parallel stereo algorithm that produces dense depth maps and preserves image features", 1993.
     """
     height, width = left.shape
@@ -40,7 +40,8 @@ def consistent(left: Disparity, right: Disparity, tolerance: float) -> Disparity
 def unique(disparity: Disparity, cost: NDArray[Any], rival: NDArray[Any], percent: float) -> Disparity:
     """Keep a pixel that costs less than its best rival by more than `percent`: cost < (1 - percent/100) rival.
 
-    A rival is a candidate two or more away; a pixel without any is kept. Density falls where texture repeats or lacks.
+    A rival is a candidate two or more disparities away; a pixel without one is kept. Density falls where texture is
+    repetitive or faint.
     """
     return _kept(disparity, cost < (1.0 - percent / 100.0) * rival)
 
@@ -48,7 +49,7 @@ def unique(disparity: Disparity, cost: NDArray[Any], rival: NDArray[Any], percen
 def textured(disparity: Disparity, image: Image, side: int, least: float) -> Disparity:
     """Keep a pixel in whose window the root mean square horizontal difference is at least `least` grey levels.
 
-    The differences are between neighbours in a row, of levels 0..255. Density falls on plain surfaces.
+    The differences are between neighbours in a row, in levels of 0..255. Density falls on surfaces without texture.
     """
     grey = levels(image, image)[0].astype(np.float64)
     squares = np.square(np.diff(grey, axis=1, append=grey[:, -1:]))
@@ -56,9 +57,9 @@ def textured(disparity: Disparity, image: Image, side: int, least: float) -> Dis
 
 
 def without_speckles(disparity: Disparity, size: int, difference: float) -> Disparity:
-    """Forget patches of fewer than `size` pixels; in a patch, neighbours differ by at most `difference` pixels.
+    """Set patches of fewer than `size` pixels to +inf; in a patch, neighbours differ by at most `difference` pixels.
 
-    Neighbours share a side. Density falls by isolated mistakes, and by thin things.
+    Neighbours share a side. Isolated errors and thin structures become unknown.
     """
     place = np.arange(disparity.size).reshape(disparity.shape)
     edges = []
@@ -88,8 +89,8 @@ def median(disparity: Disparity, side: int) -> Disparity:
 def filled(disparity: Disparity) -> Disparity:
     """Every unknown pixel takes the smaller (farther) of the nearest known ones left and right in its row.
 
-    What is hidden from one eye is background. At a row's ends the one known neighbour is taken; a row without any takes
-    the nearest row that has some. Density becomes 1, unless nothing is known at all.
+    Occluded pixels are background. At a row's ends the only known neighbour is taken; a row without known pixels takes
+    the nearest row that has some. Density becomes 1 unless no pixel is known.
 
     >>> filled(np.float32([[np.inf, 5, np.inf, 3, np.inf]]))
     array([[5., 5., 3., 3., 3.]], dtype=float32)
@@ -110,6 +111,6 @@ def filled(disparity: Disparity) -> Disparity:
 
 
 def _nearest_true(flags: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """For each place the nearest place whose flag is set; of two, the earlier."""
+    """For each index the nearest index whose flag is set; of two, the smaller."""
     places = np.flatnonzero(flags)
     return np.asarray(places[np.abs(np.arange(len(flags))[:, None] - places[None, :]).argmin(axis=1)])

@@ -1,8 +1,8 @@
 """Semi-global matching: costs smoothed along 4 or 8 paths through every pixel.
 
-Two sweeps run side by side, one down and one up, so that no more than two threads help here. They meet in the middle:
-each keeps what its paths add for its first half of the rows and then, crossing the other's half, adds the two up and
-chooses the winners. So one volume is kept, H W D numbers of 8 bits where they suffice and of 16 elsewhere.
+Two sweeps run in parallel, one down and one up, on at most two threads. Each stores its paths' contributions for the
+first half of its rows. In the second half it adds those that the other sweep stored, and selects the winners. One
+volume of H W D numbers is stored, with 8 bits each where they suffice and 16 elsewhere.
 """
 
 from collections.abc import Callable
@@ -15,14 +15,14 @@ import numpy as np
 from twinlens.matching.box import FITS, BoxMatch, Chosen, Volume, blank, fence, fill_sum, limits
 from twinlens.matching.strips import in_strips
 
-PATH_TOP = 8191  # the most that a path's cost may be: eight of them add up in 16 bits
-STRIP_BYTES = 1 << 19  # of costs that are made and used up before the next: they stay in a processor's cache
+PATH_TOP = 8191  # largest cost of a path: the sum of eight fits 16 bits
+STRIP_BYTES = 1 << 19  # size of a strip of costs, which stays in a processor's cache
 
 
 def scaled(full: float, whole: bool, large: float) -> tuple[float, int]:
     """(gain, largest cost) for 16-bit costs, where the volume's costs reach `full` and P2 is `large` times that.
 
-    Whole numbers that fit are kept as they are.
+    Whole numbers that fit are not scaled.
     """
     top = int(PATH_TOP / (1.0 + large)) - 1
     return (1.0, int(full)) if whole and full <= top else (top / full, top)
@@ -43,7 +43,7 @@ class Penalties:
 
     @property
     def dtype(self) -> type[np.unsignedinteger[Any]]:
-        """What holds a path's cost, with P1 on top of it, and the detours of four paths, at most P2 each."""
+        """The dtype that holds a path's cost plus P1, and the detours of four paths, at most P2 each."""
         return np.uint8 if self.top + self.large + self.small < 256 and 4 * self.large < 256 else np.uint16
 
 
@@ -76,16 +76,15 @@ def quantised(boxes: tuple[BoxMatch, ...], gain: float, offset: float, penalties
 
 
 def stored(volume: Volume) -> Costs:
-    """The costs of a volume that is there."""
+    """The costs of a stored volume."""
     return lambda y0, y1: volume[y0:y1]
 
 
 @dataclass(frozen=True)
 class Sweeps:
-    """Both sweeps over costs of one shape (H, W, depth), and what they find.
+    """Both sweeps over costs of shape (H, W, depth).
 
-    paths: 4 (along rows and columns) or 8 (and diagonals). The winners are sought among the candidates low, low + 1,
-    ... of which there are `count`, as `volume.Chosen`.
+    paths: 4 (along rows and columns) or 8 (and diagonals). The winner is one of the disparities low..low+count-1.
     """
 
     costs: Costs

@@ -1,7 +1,7 @@
-"""The support windows by name: where a pixel's cost is gathered from, and with which weights.
+"""The support regions by name: over which pixels costs are gathered, and with which weights.
 
-A support turns a strip of a cost volume into the strip of gathered costs. Those that weigh or cut pixels one by one
-need pixel costs (block_size then is the region's reach); the others work on costs of whole windows.
+A support turns a strip of a cost volume into the strip of gathered costs. Supports that select or weight single pixels
+take pixel costs, and block_size is the size of their region; the others take costs of whole windows.
 """
 
 from collections.abc import Callable
@@ -21,9 +21,9 @@ Volume = NDArray[Any]
 class Settings:
     """The supports' parameters; contrasts are in grey levels of an image that spans 0 to 255.
 
-    contrast: where a cross's arm ends. gamma_similar, gamma_near: decay of the adaptive weights with difference (grey
-    levels) and distance (pixels). epsilon: the variance, of a guide that spans 0 to 1, below which a guided filter
-    smooths. noise: standard deviation of the images' noise, for which an adaptive window makes itself wide enough.
+    contrast: difference at which an arm of a cross ends. gamma_similar, gamma_near: decay of the adaptive weights with
+    difference (grey levels) and distance (pixels). epsilon: variance below which a guided filter smooths, for a guide
+    from 0 to 1. noise: standard deviation of the image noise, from which adaptive windows derive their size.
     """
 
     contrast: float = 20.0
@@ -35,9 +35,9 @@ class Settings:
 
 @dataclass(frozen=True)
 class Scene:
-    """What a support may look at beside the costs: both images as levels 0..255, and the search's range.
+    """What a support reads besides the costs: both images as levels 0..255, the window's side and the first disparity.
 
-    growth: the power of a window's area with which its cost grows.
+    growth: the power of a window's area to which its cost is proportional.
     """
 
     left: NDArray[np.int32]
@@ -50,7 +50,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Strip:
-    """Rows first..first+len(volume) of a cost volume, of which rows start..stop of the image are wanted.
+    """Rows first..first+len(volume) of a cost volume, from which the rows start..stop of the image are gathered.
 
     others: the same rows of the volumes of the support's other windows.
     """
@@ -77,9 +77,9 @@ class Strip:
 class Support:
     """A way to gather costs.
 
-    halo(side): how many rows beyond its own a pixel looks at. pixelwise: it gathers costs of pixels, not of windows;
-    windows(side): the sides of these windows, the widest first. masked: candidates without a partner are +inf to it,
-    else what edge-continued images give. parts: how many windows' costs it adds up.
+    halo(side): how many rows above and below a pixel it reads. pixelwise: it gathers costs of pixels, not of windows.
+    windows(side): the sides of the windows, the widest first. masked: candidates without a partner have the cost +inf
+    instead of that of edge-continued images. parts: how many windows' costs it adds up.
     """
 
     description: str
@@ -109,9 +109,9 @@ def odd(number: float) -> int:
 
 
 def family(side: int) -> tuple[int, ...]:
-    """The sizes among which an adaptive window chooses: all of the side, three quarters of it, one half; odd.
+    """The sizes of an adaptive window: the side, three quarters and one half of it; odd, and at least 5.
 
-    None is below 5, whose sub-windows of 3 are the least that tell candidates apart.
+    The sub-windows of a window of 5 have a side of 3; smaller ones hardly distinguish candidates.
     """
     least = min(side, 5)
     return tuple(sorted({max(odd(part * side), least) for part in (1, 0.75, 0.5)}, reverse=True))
@@ -135,36 +135,34 @@ def _shiftable(strip: Strip, scene: Scene) -> Volume:
     return out
 
 
-UNCERTAINTY = 0.05  # pixels: how well an adaptive window wants to know the disparity before it stays small
+UNCERTAINTY = 0.05  # pixels: standard deviation of the disparity for which an adaptive window is large enough
 
 
 def window_sizes(image: NDArray[Any], sides: tuple[int, ...], noise: float) -> NDArray[np.int64]:
-    """(H, W) which of `sides`, the widest first, an adaptive window takes at each pixel of an image in grey levels.
+    """(H, W): the index in `sides` (the widest first) of the window at each pixel of an image in grey levels.
 
-    Noise of standard deviation s in both images leaves a window's disparity uncertain by a variance of
-    2 s^2 / sum Ix^2, where Ix are the horizontal derivatives in it (central differences): Okutomi and Kanade, "A
-    locally adaptive window for signal matching", IJCV 1992. The smallest window that knows better than `UNCERTAINTY`
-    is taken, or else the widest.
+    Noise of standard deviation s in both images gives a window's disparity the variance 2 s^2 / sum Ix^2, with the
+    horizontal derivatives Ix in it (central differences): Okutomi and Kanade, "A locally adaptive window for signal
+    matching", IJCV 1992. The smallest window with a standard deviation below `UNCERTAINTY` is taken, or the widest.
     """
     squares = np.square(np.gradient(image.astype(np.float64), axis=1) if image.shape[1] > 1 else np.zeros(image.shape))
     needed = 2.0 * noise**2 / UNCERTAINTY**2
     sizes = np.zeros(image.shape, np.int64)
     for index, side in enumerate(sides):
-        # Whole quarters of squared grey levels; rounded to them, sums do not depend on where a strip begins.
+        # Squared grey levels are multiples of 1/4; rounded to these, sums do not depend on where a strip begins.
         energy = ndimage.uniform_filter(squares, side, mode="nearest") * side**2
         sizes[np.rint(4 * energy) >= 4 * needed] = index
     return sizes
 
 
 def _adaptive(strip: Strip, scene: Scene) -> Volume:
-    """A window whose size follows the image's texture, and whose shape the disparities around the pixel.
+    """A window that adapts its size to the texture and its shape to edges.
 
-    Size: at each pixel the smallest of three that holds enough signal for the noise (`window_sizes`), which is what
-    Kanade and Okutomi's window grows for. Shape: five sub-windows, after Hirschmueller, Innocent and Garibaldi,
-    "Real-time correlation-based stereo vision with reduced border errors", IJCV 2002: the one around the pixel and the
-    two best of the four around it, so that the window bends around edges in one of six shapes, chosen for each
-    candidate. Taken from the multi-window family instead of Kanade and Okutomi's iteration, since that needs a first
-    guess of the disparity and a model of how it varies, and finds a rectangle at most.
+    Size: at each pixel the smallest of three with enough signal for the noise (`window_sizes`). Shape: five
+    sub-windows, after Hirschmueller, Innocent and Garibaldi, "Real-time correlation-based stereo vision with reduced
+    border errors", IJCV 2002: the one around the pixel and the best two of the four around it, which gives one of six
+    shapes for each candidate. Kanade and Okutomi's iterative window is not used: it needs an initial disparity and a
+    model of its variation, and is always a rectangle.
     """
     from twinlens.matching.kernels.supports import best_quarters
 
@@ -258,21 +256,24 @@ SUPPORTS: dict[str, Support] = {
         masked=True,
     ),
     "adaptive": Support(
-        "as wide as the texture asks for; five half-size windows: the pixel's and the best two around it",
+        "size by the texture; the half-size window of the pixel and the best two of the four around it",
         _adaptive,
         lambda side: side // 2,
         pixelwise=False,
         windows=lambda side: tuple(quarter(size) for size in family(side)),
         parts=3,
     ),
-    "cross": Support("the cross-shaped region of like pixels", _cross, lambda side: side // 2, pixelwise=True),
+    "cross": Support("the cross-shaped region of similar pixels", _cross, lambda side: side // 2, pixelwise=True),
     "weighted": Support(
-        "the window, weighted by likeness and nearness in both images",
+        "the window, weighted by similarity and proximity in both images",
         _weighted,
         lambda side: side // 2,
         pixelwise=True,
     ),
     "guided": Support(
-        "a guided filter: lines in the left image's brightness", _guided, lambda side: 2 * (side // 2), pixelwise=True
+        "a guided filter: locally linear in the left image's brightness",
+        _guided,
+        lambda side: 2 * (side // 2),
+        pixelwise=True,
     ),
 }

@@ -1,4 +1,4 @@
-"""Images made of order instead of brightness: census and rank, which no monotonic change of exposure can move."""
+"""Image transforms before matching: census and rank, invariant to monotonic brightness changes, and a clipped Sobel."""
 
 from typing import Any
 
@@ -19,9 +19,9 @@ def neighbours(image: Image, side: int) -> list[Image]:
 
 
 def census_images(image: Image, side: int) -> list[NDArray[Any]]:
-    """One bit for each neighbour in the window: is it darker than the centre?
+    """One bit for each neighbour in the window, set where it is darker than the centre.
 
-    uint32 words up to 5x5, uint64 beyond, and as many images of words as the window needs.
+    uint32 words up to 5x5, uint64 beyond; as many images of words as the window needs.
     Source: Zabih and Woodfill, "Non-parametric local transforms for computing visual correspondence", ECCV 1994.
     """
     from twinlens.matching.kernels.windows import census_words
@@ -37,7 +37,7 @@ def census_images(image: Image, side: int) -> list[NDArray[Any]]:
 
 
 def rank_image(image: Image, side: int) -> NDArray[Any]:
-    """How many neighbours in the window are darker than the centre: uint8, or uint16 for windows above 15x15.
+    """Number of neighbours in the window that are darker than the centre: uint8, or uint16 for windows above 15x15.
 
     Source: Zabih and Woodfill, 1994, as census.
     """
@@ -50,8 +50,8 @@ def rank_image(image: Image, side: int) -> NDArray[Any]:
 def clipped_slope(levels: NDArray[np.int32]) -> NDArray[np.uint8]:
     """The horizontal Sobel derivative of grey levels 0..255, clipped to +-31 and raised by 31: uint8 from 0 to 62.
 
-    What StereoBM of OpenCV compares instead of brightness (PREFILTER_XSOBEL, its default cap): it forgets offsets, and
-    lets no edge outweigh a whole window. Sobel: (1, 2, 1) down times (-1, 0, 1) across, edges continued.
+    The prefilter of OpenCV's StereoBM (PREFILTER_XSOBEL with its default cap): invariant to offsets, and no edge
+    dominates a window. Sobel: (1, 2, 1) down times (-1, 0, 1) across, edges continued.
     Source: OpenCV, modules/calib3d/src/stereobm.cpp; the idea is Konolige's, "Small vision systems", 1997.
 
     >>> clipped_slope(np.array([[0, 3, 6, 200]], np.int32))

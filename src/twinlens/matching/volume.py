@@ -1,4 +1,4 @@
-"""Cost volumes, made a strip of rows at a time: costs of windows, of pixels, and what has a kernel of its own."""
+"""Cost volumes, computed a strip of rows at a time."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from twinlens.matching.images import Image, extended
 
 @dataclass(frozen=True)
 class BirchfieldTomasi:
-    """Pixel costs that sampling cannot raise, summed over windows.
+    """Absolute differences that are insensitive to sampling, summed over windows.
 
     d(l, r) = max(0, min over the half-pixel neighbourhood): the least difference between one pixel and the other
     image interpolated half a pixel around its partner, taken both ways. Source: Birchfield and Tomasi, "A pixel
@@ -48,7 +48,7 @@ class BirchfieldTomasi:
 
 @dataclass(frozen=True)
 class ZeroMeanAbsolute:
-    """ZSAD over windows, sum |(a - mean a) - (b - mean b)|; the means never separate: W H D side^2 steps."""
+    """ZSAD over windows, sum |(a - mean a) - (b - mean b)|; the means do not separate: W H D side^2 operations."""
 
     left: Image
     right: Image
@@ -66,7 +66,7 @@ class ZeroMeanAbsolute:
         right = extended(self.right, span, (-radius - last, width + radius - self.low)).astype(np.float64)
         means = [self._means(image) for image in (left, right)]
         right, right_means = (np.ascontiguousarray(array[:, ::-1]) for array in (right, means[1]))
-        # Reversed, candidate 0 of the window's first column is `start`; its window's mean lies 2 r columns before.
+        # Reversed, candidate 0 of the window's first column is at `start`; its window's mean is 2 r columns before.
         start = width + 2 * radius - 1
         zero_mean_absolute(left, right, means[0], right_means, start, width - 1, radius, volume)
 

@@ -1,13 +1,12 @@
-"""Semi-global matching: scanline optimisation from several directions at once, all candidates in lanes.
+"""Semi-global matching: scanline optimisation along several directions, LANES candidates at a time.
 
-One sweep goes down the image carrying the paths from above and from the left, the other is the same sweep over the
-image turned by 180 degrees. A path's costs of its last pixel lie in a slot of their own (a column for the vertical
-path, a diagonal's number for the diagonal ones), so a sweep needs memory for one row of paths, not for two.
-What two sweeps leave at a pixel is not their paths' costs L but the detours L - C, which are at most P2 each: for
-short descriptors all of it fits 8 bits.
+One sweep goes down the image with the paths from above and from the left; the other is the same sweep over the image
+turned by 180 degrees. A path's costs at its last pixel are stored in a slot (one for each column, for the vertical
+paths, and one for each diagonal), so a sweep needs memory for one row of paths.
+The sweeps store not the paths' costs L but the detours L - C, at most P2 each, which fit 8 bits for short descriptors.
 Source: Hirschmueller, "Stereo processing by semi-global matching and mutual information", PAMI 2008.
 """
-# numba types what it compiles by itself; its decorators and the functions given to it carry no annotations
+# Numba infers the types of what it compiles; its decorators and the functions given to them carry no annotations.
 # mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
 
 import functools
@@ -20,30 +19,31 @@ from twinlens.matching.kernels.compiling import inlined, jit
 from twinlens.matching.kernels.lanes import convert, larger, load, lowest, smaller, splat, store
 from twinlens.matching.kernels.settle import settle_row
 
-GUARD = 64  # numbers between two slots; the ones next to a slot are costs too high for a path to come from
+GUARD = 64  # numbers between two slots; those next to a slot are too large for a path to come from
 
 
 @inlined
 def detour(same, above, below, penalty, least, jump):
-    """min(L', L'(d - 1) + P1, L'(d + 1) + P1, min L' + P2) - min L', in lanes: at most P2."""
+    """min(L', L'(d - 1) + P1, L'(d + 1) + P1, min L' + P2) - min L', at most P2. The arguments are lanes."""
     near = smaller(above, below) + splat(penalty)
     return smaller(smaller(same, near), splat(jump)) - splat(least)
 
 
 def slot_count(height: int, width: int) -> int:
-    """Slots that a sweep needs: one for the row, one a column, and one for each diagonal of both kinds."""
+    """Number of slots of a sweep: one for the row, one per column, and one per diagonal of both directions."""
     return 1 + width + 2 * (width + height)
 
 
 @functools.cache
 def sweep_kernel(diagonals: bool) -> Callable[..., None]:
-    """Some rows of a sweep of n lanes: with the two diagonal paths or without, down the image or, turned, up.
+    """The kernel for some rows of a sweep, with or without the two diagonal paths.
 
-    costs and kept are rows of flat (H, W, depth) volumes, depth a multiple of n; slots is flat, numbers that no path's
-    cost reaches between its slots and 0 in them; minima holds a 0 for each slot; penalties is (P1, P2): all of one
-    unsigned dtype. span is (first, rows, H, W, depth), `first` counted in rows that the sweep has done before.
-    Unfinished, kept receives the sum of the sweep's detours. Finished, that of the other sweep is read from it, and
-    the sums over all paths' costs go through settle; see there for sums (W, depth) and what follows.
+    costs, kept: rows of flat (H, W, depth) volumes, depth a multiple of LANES. slots: flat, 0 in the slots and between
+    them numbers that no path's cost reaches. minima: a 0 for each slot. penalties: (P1, P2). All have one unsigned
+    dtype. span: (first, rows, H, W, depth); `first` counts the rows that the sweep has done before. turned: go up
+    instead of down. finish False: kept receives the sum of the sweep's detours. finish True: kept holds those of the
+    other sweep, and the sums of all paths' costs go to `settle_row`; sums is its scratch, fence (depth,) the least
+    value of each candidate's sum.
     """
 
     @jit

@@ -1,9 +1,9 @@
-"""What stands between pixel costs and the winner: the shapes and weights of the support, one kernel each.
+"""Gather costs over support regions: one kernel for each shape and weighting.
 
 Volumes are (rows, W, depth), the candidate's index last; outputs are the rows [top, top + len(out)) of the input.
-Regions never leave the image.
+Regions end at the image's edges.
 """
-# numba types what it compiles by itself; its decorators and the functions given to it carry no annotations
+# Numba infers the types of what it compiles; its decorators and the functions given to them carry no annotations.
 # mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
 
 import numpy as np
@@ -13,7 +13,7 @@ from twinlens.matching.kernels.compiling import jit
 
 @jit
 def lowest_around(volume, radius, top, row, out):
-    """out = min of the volume over the square of that radius around each pixel. row (W, depth) is a scratch."""
+    """out = min of the volume over the square of that radius around each pixel. row (W, depth): scratch."""
     rows, width, depth = volume.shape
     for y in range(len(out)):
         row[:] = volume[y + top]
@@ -35,7 +35,7 @@ def lowest_around(volume, radius, top, row, out):
 def best_quarters(volume, step, top, sizes, size, scale, out):
     """out = the sub-window's cost at the pixel plus the two lowest of its four diagonal neighbours at `step` pixels.
 
-    Times scale, and only at pixels whose number in sizes, (len(out), W) or more, is `size`.
+    Multiplied by scale, and only at pixels where sizes, (len(out), W) or more, is `size`.
     """
     rows, width, depth = volume.shape
     for y in range(len(out)):
@@ -49,13 +49,13 @@ def best_quarters(volume, step, top, sizes, size, scale, out):
             for j in range(depth):
                 low, high = min(a[j], b[j]), max(a[j], b[j])
                 low2, high2 = min(c[j], d[j]), max(c[j], d[j])
-                # Of the lowest two, one is the least of all, the other the least of what is left of both pairs.
+                # The lowest two: the least of all, and the least of the three others.
                 here[j] = scale * (centre[j] + min(low, low2) + min(max(low, low2), min(high, high2)))
 
 
 @jit
 def cross_arms(image, length, contrast, arms):
-    """arms (4, H, W): how far left, right, up and down neighbours stay within `contrast` of the pixel, to `length`."""
+    """arms (4, H, W): pixels to the left, right, top and bottom within `contrast` of the pixel, at most `length`."""
     height, width = image.shape
     steps = ((0, -1), (0, 1), (-1, 0), (1, 0))
     for y in range(height):
@@ -76,7 +76,7 @@ def cross_arms(image, length, contrast, arms):
 def cross_means(volume, arms, top, along, out):
     """out = the mean cost over each pixel's cross region: the horizontal arms of all pixels on its vertical arm.
 
-    arms (4, rows, W) belong to the volume's rows; along (rows, W, depth), float64, is a scratch for row sums.
+    arms (4, rows, W): of the volume's rows. along (rows, W, depth), float64: scratch for row sums.
     """
     rows, width, depth = volume.shape
     prefix = np.zeros((width + 1, depth), np.float64)
@@ -104,10 +104,10 @@ def cross_means(volume, arms, top, along, out):
 
 @jit
 def adaptive_weights(volume, left, right, start, nearness, similar, radius, top, out):
-    """out = the costs' mean over the window, weighted by likeness and nearness to the centre, in both images.
+    """out = the weighted mean of the costs over the window; weights of similarity and proximity in both images.
 
     left (rows, W); right reversed and edge-continued, candidate j of column x at start - x + j; nearness (side, side);
-    similar[k] is the weight of an absolute difference of k of the images' levels (they are given as levels).
+    similar[k]: the weight of an absolute difference of k grey levels; the images hold levels 0..255.
     """
     rows, width, depth = volume.shape
     columns = right.shape[1]
@@ -120,7 +120,7 @@ def adaptive_weights(volume, left, right, start, nearness, similar, radius, top,
         for i in range(max(-radius, -y), min(radius, rows - 1 - y) + 1):
             for k in range(-radius, radius + 1):
                 for q in range(columns):
-                    # Reversed: the neighbour k pixels to the right lies k places before.
+                    # The image is reversed: the neighbour k pixels to the right is at q - k.
                     neighbour = min(max(q - k, 0), columns - 1)
                     weights[q] = similar[abs(right[y, q] - right[y + i, neighbour])]
                 for x in range(max(0, -k), min(width, width - k)):
@@ -141,7 +141,7 @@ def adaptive_weights(volume, left, right, start, nearness, similar, radius, top,
 def clipped_means(volume, radius, top, scratch, out):
     """out = the volume's mean over the square window, cut at the edges.
 
-    scratch is two float64 arrays, (W + 1, depth) and (W, depth).
+    scratch: two float64 arrays, (W + 1, depth) and (W, depth).
     """
     rows, width, depth = volume.shape
     prefix, column = scratch
@@ -168,9 +168,9 @@ def clipped_means(volume, radius, top, scratch, out):
 
 @jit
 def guided_lines(mean_cost, mean_product, mean_guide, variance, epsilon, slope):
-    """Turn mean costs and mean products with the guide into the lines cost = slope * guide + intercept, in place.
+    """Fit cost = slope * guide + intercept from mean costs and mean products with the guide.
 
-    slope is written; mean_cost becomes the intercept.
+    Writes slope, and the intercept to mean_cost.
     """
     rows, width, depth = mean_cost.shape
     for y in range(rows):

@@ -1,8 +1,8 @@
-"""Costs that are no box sum of a simple term: Birchfield-Tomasi and ZSAD, and sums over windows of ready pixel costs.
+"""Costs that are not box sums of a simple term: Birchfield-Tomasi and ZSAD, and window sums of pixel costs.
 
-A volume is (rows, W, depth), the candidate's index last; right images lie reversed, as in `slide`.
+A volume is (rows, W, depth), the candidate's index last. Right images are reversed, as in `slide`.
 """
-# numba types what it compiles by itself; its decorators and the functions given to it carry no annotations
+# Numba infers the types of what it compiles; its decorators and the functions given to them carry no annotations.
 # mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
 
 import numpy as np
@@ -12,7 +12,7 @@ from twinlens.matching.kernels.compiling import jit
 
 @jit
 def birchfield_tomasi(left, right, start, volume):
-    """volume[y, x, j] from left and right (3, rows, columns): the image, and its minima and maxima half a pixel around.
+    """volume[y, x, j] of left and right (3, rows, columns): the image, its minimum and maximum within half a pixel.
 
     Candidate j of column x is the column start - x + j of the reversed right images.
     """
@@ -50,7 +50,7 @@ def zero_mean_absolute(left, right, left_mean, right_mean, start, mean_start, ra
 def window_sums(padded, radius, total, out):
     """out (rows, W, depth): sums over whole windows of padded (rows + 2 r, W + 2 r, depth).
 
-    total (W + 2 r, depth), float64, is a scratch.
+    total (W + 2 r, depth), float64: scratch.
     """
     rows, width, depth = out.shape
     running = np.zeros(depth, np.float64)
