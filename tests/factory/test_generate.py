@@ -388,13 +388,13 @@ def test_where_nothing_is_left_to_chance_the_first_draw_tells(folder, tmp_path):
     assert outcome.failures[0].rejections[0]["reason"] == "disparity beyond ndisp"
     assert outcome.there == 1
     bent = "[rig.distortion]\nk1.sweep = [0.0, -0.4]\nk2.sweep = [0.0, -0.5]\n"  # unfolded alone, not together
-    with pytest.raises(Exhausted, match="1 draws turned away"):
+    with pytest.raises(Exhausted, match="1 draws rejected"):
         make(read_recipe(write_recipe(tmp_path, fixed + bent)), 3)
     noisy = read_recipe(write_recipe(tmp_path, fixed + "exposure.time = 1e-9\n[gates]\nattempts = 3\n", count=1))
-    with pytest.raises(Exhausted, match="3 draws turned away"):
+    with pytest.raises(Exhausted, match="3 draws rejected"):
         make(noisy, 0)
     drawn = "ndisp = 1\nrig.baseline.uniform = [0.1, 0.2]\n[gates]\nattempts = 3\n"
-    with pytest.raises(Exhausted, match="3 draws turned away"):
+    with pytest.raises(Exhausted, match="3 draws rejected"):
         make(read_recipe(write_recipe(tmp_path, fixed + drawn, count=1)), 0)
 
 

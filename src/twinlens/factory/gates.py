@@ -1,6 +1,6 @@
-"""Quality gates: what a sample must be to stay in the dataset. What fails is drawn anew, and counted by its reason.
+"""Quality gates of samples. A draw that fails is repeated, and counted by its reason.
 
-Some gates ask the truth alone and are asked before anything is rendered; the others look at the photographs.
+Some gates need only the ground truth and are evaluated before rendering; the others need the images.
 """
 
 from collections.abc import Sequence
@@ -24,9 +24,9 @@ _BURNT = 0.98
 
 
 class Rejected(Exception):  # noqa: N818  no failure: the draw was a bad one
-    """A sample that a gate turned away: `reason` is what is counted, `found` what was seen, `remedy` what to change.
+    """A gate has rejected a draw: `reason` is counted, `found` is the measurement, `remedy` names what to change.
 
-    `noisy`: whether it was seen in a photograph, whose noise another draw has otherwise.
+    `noisy`: the measurement depends on image noise, which differs in another draw.
     """
 
     def __init__(self, reason: str, found: str, remedy: str, noisy: bool = False) -> None:
@@ -58,7 +58,7 @@ class Gates(StrictModel):
 
 
 def check_truth(gates: Gates, scene: Scene, rig: Rig, truths: Sequence[Truth], ndisp: int | None) -> None:
-    """The gates that need no photograph. Raises Rejected."""
+    """The gates that need no images. Raises Rejected."""
     if gates.inside:
         _check_inside(scene, rig, truths)
     if ndisp is not None:
@@ -68,13 +68,13 @@ def check_truth(gates: Gates, scene: Scene, rig: Rig, truths: Sequence[Truth], n
         if share < gates.visible:
             raise Rejected(
                 "too little visible in both views",
-                f"{share:.1%} of the first view, at least {gates.visible:.1%} asked",
+                f"{share:.1%} of the first view, minimum {gates.visible:.1%}",
                 "rig.baseline (smaller), scene.jitter, or gates.visible",
             )
 
 
 def _check_inside(scene: Scene, rig: Rig, truths: Sequence[Truth]) -> None:
-    """A camera is inside a body that surrounds it and is all that it sees; a room that shows furniture is none."""
+    """A camera is inside a body that encloses it and is all that it sees; a furnished room does not count."""
     for i, (truth, pose) in enumerate(zip(truths, rig.world_from_cams, strict=True)):
         seen = np.unique(truth.object_id)
         if seen.size != 1 or seen[0] == 0:
@@ -101,7 +101,7 @@ def _check_disparity(gates: Gates, truths: Sequence[Truth], ndisp: int) -> None:
 
 
 def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
-    """The gates that look at the pictures, of every lens and eye. Raises Rejected."""
+    """The gates that need the images of every lens and view. Raises Rejected."""
     for k, shot in enumerate(sample.shots):
         greys = [grey(image, sensor) for image in shot.images]
         for i, picture in enumerate(greys):
@@ -112,7 +112,7 @@ def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
             if share < gates.texture:
                 raise Rejected(
                     "too little texture",
-                    f"{share:.1%} of lens {k}'s pictures, at least {gates.texture:.1%} asked",
+                    f"{share:.1%} of the images of lens {k}, minimum {gates.texture:.1%}",
                     "scenes or families, lenses (smaller aperture), exposure (less noise), or gates.texture",
                     noisy=True,
                 )
@@ -120,6 +120,6 @@ def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
 
 def _at_most(bound: float, share: float, gate: str, reason: str, where: str) -> None:
     if share > bound:
-        asked = f"at most {bound:.1%} asked"
+        limit = f"maximum {bound:.1%}"
         remedy = f"exposure, the scene's lights, or gates.{gate}"
-        raise Rejected(reason, f"{share:.1%} of {where}, {asked}", remedy, noisy=True)
+        raise Rejected(reason, f"{share:.1%} of {where}, {limit}", remedy, noisy=True)

@@ -1,4 +1,4 @@
-"""Whether a point lies inside a body of a scene, by counting how often a ray leaves it (the crossing number)."""
+"""Whether a point is inside a body of a scene, by the crossing number of a ray."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,15 +6,14 @@ from numpy.typing import NDArray
 from twinlens.geometry import Float, inverse, transform_points
 from twinlens.scenes import Mesh, Scene, SceneObject
 
-_DIRECTION = np.array([0.30151134, 0.90453403, 0.30151134])  # along no edge that people would model
+_DIRECTION = np.array([0.30151134, 0.90453403, 0.30151134])  # unlikely to be parallel to an edge
 _CLOSED = ("sphere", "cube")
 
 
 def encloses(scene: Scene, name: str, point: Float) -> bool:
-    """Whether `point` (3,), in the world, is inside the body that the ground truth calls `name`.
+    """Whether `point` (3,), in world coordinates, is inside the body that the ground truth calls `name`.
 
-    Spheres, cubes and meshes have an inside; a mesh's is where a ray crosses its faces an odd number of times. Of a
-    scene from a Mitsuba file nothing is known: False.
+    Only spheres, cubes and meshes have an inside. False for scenes from Mitsuba files, whose shapes are not read.
     """
     for thing in scene.objects:
         for part, pose in _appearances(thing):

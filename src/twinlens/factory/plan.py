@@ -1,9 +1,8 @@
-"""Which sample is the i-th: every value that a recipe leaves open, drawn. Sample i depends on (recipe, seed, i) alone.
+"""The values of sample i, which depend on the recipe, its seed, and i only.
 
-Values drawn by chance come from streams named by seed, index, attempt and their place in the recipe. Lists of scenes
-(without weights) and sweeps are walked by the index, so that together they make a full factorial: the scene changes
-fastest, then the first sweep in the order of `DRAWN` and of the recipe's own keys; after the last combination comes
-the first again, with other chances.
+Random values come from streams named by seed, index, attempt and key path. Lists of scenes without weights, and sweeps,
+are indexed in mixed radix and make a full factorial: the scene changes fastest, then the first sweep in the order of
+`DRAWN` and of the recipe's own keys. After the last combination the first one follows, with other random values.
 """
 
 from collections.abc import Mapping
@@ -17,21 +16,21 @@ from twinlens.factory.draws import Leaf, leaves, resolve
 from twinlens.factory.recipe import Recipe, Subject
 from twinlens.seeds import generator
 
-_SEED_BITS = 53  # exact in every reader of JSON
+_SEED_BITS = 53  # exact in JSON
 
 
 @dataclass(frozen=True)
 class SampleSpec:
-    """One sample, in plain values: enough to make it, and recorded in its sample.json.
+    """Everything needed to make one sample, as plain values; recorded in its sample.json.
 
-    index, attempt : which sample, and which draw of it: those before were turned away by a gate.
-    name : its folder's.
+    index, attempt : sample and draw; earlier draws were rejected.
+    name : of the folder.
     split : train, ..., or None.
-    seed : of everything random in it.
+    seed : of everything random in the sample.
     kind, scene : "scene" and a name or file, or "family" and its name.
-    drawn : the recipe's drawn part, with values in the place of distributions.
-    ndisp : bound of its disparities, or None.
-    keep : what is kept besides (radiance).
+    drawn : the recipe's drawn keys, with values in place of distributions.
+    ndisp : bound of the disparities, or None.
+    keep : optional outputs ("radiance").
     """
 
     index: int
@@ -46,21 +45,21 @@ class SampleSpec:
     keep: tuple[str, ...] = ()
 
     def plain(self) -> dict[str, Any]:
-        """As plain data; `spec_from_plain` takes it back."""
+        """As plain data; the inverse of `spec_from_plain`."""
         return asdict(self)
 
 
 def spec_from_plain(record: Mapping[str, Any]) -> SampleSpec:
-    """The spec back from ``sample.record["record"]["spec"]``. Raises InputError for what is none."""
+    """The spec in ``sample.record["record"]["spec"]``. Raises FileError for anything else."""
     try:
         spec = SampleSpec(**record)
         return SampleSpec(**{**asdict(spec), "keep": tuple(spec.keep), "drawn": _infinite(spec.drawn)})
     except TypeError as error:
-        raise FileError(f"sample.json: the spec is not one that a recipe made ({error})") from None
+        raise FileError(f"sample.json: the spec was not made from a recipe ({error})") from None
 
 
 def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
-    """The `index`-th sample of `recipe`, in its `attempt`-th draw.
+    """The spec of sample `index` of `recipe`, in its `attempt`-th draw.
 
     >>> from twinlens.factory.recipe import recipe_from_table
     >>> recipe = recipe_from_table({"seed": 3, "count": 2, "scenes": ["staircase"], "spp": {"sweep": [16, 32]}})
@@ -70,7 +69,7 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
     Raises InputError for a negative index.
     """
     if index < 0:
-        raise InputError(f"the index of a sample is 0 or more, got {index}")
+        raise InputError(f"the index of a sample must be 0 or more, got {index}")
     digits = _digits(recipe, index)
     subject = _subject(recipe, index, attempt, digits)
 
@@ -94,14 +93,14 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
 
 
 def is_fixed(recipe: Recipe) -> bool:
-    """Whether another draw of a sample would be the same but for noise: a scene from a file, and nothing by chance."""
+    """Whether all draws of a sample differ in noise only: the scene is from a file, and nothing else is random."""
     chosen = recipe.weights is None or len(recipe.subjects) == 1
     from_files = all(subject.kind == "scene" for subject in recipe.subjects)
     return chosen and from_files and all(leaf.is_sweep for leaf in leaves(recipe.drawn))
 
 
 def sample_name(index: int) -> str:
-    """The folder of a sample: its index in seven digits, so that names sort, however far a dataset grows.
+    """The folder of a sample: its index in seven digits, so that names sort.
 
     >>> sample_name(7)
     '0000007'
@@ -110,7 +109,7 @@ def sample_name(index: int) -> str:
 
 
 def split_of(recipe: Recipe, index: int) -> str | None:
-    """The split of a sample: drawn by its index, so that it stays the same when `count` grows."""
+    """The split of a sample, drawn by its index, so that it does not change when `count` grows."""
     if not recipe.splits:
         return None
     bounds = np.cumsum(list(recipe.splits.values()))
@@ -119,11 +118,11 @@ def split_of(recipe: Recipe, index: int) -> str | None:
 
 
 def _digits(recipe: Recipe, index: int) -> dict[str, int]:
-    """How far each wheel has turned at `index`, by its place: the index in mixed radix, the first wheel fastest."""
-    wheels = {} if recipe.weights else {"": len(recipe.subjects)}
-    wheels |= {leaf.key: len(leaf.distribution.values) for leaf in leaves(recipe.drawn) if leaf.is_sweep}
+    """The index in mixed radix, by key: the position in the list of scenes ("") and in each sweep."""
+    sizes = {} if recipe.weights else {"": len(recipe.subjects)}
+    sizes |= {leaf.key: len(leaf.distribution.values) for leaf in leaves(recipe.drawn) if leaf.is_sweep}
     digits = {}
-    for place, size in wheels.items():
+    for place, size in sizes.items():
         index, digits[place] = divmod(index, size)
     return digits
 
@@ -136,7 +135,7 @@ def _subject(recipe: Recipe, index: int, attempt: int, digits: Mapping[str, int]
 
 
 def _infinite(value: Any) -> Any:
-    """Infinity back from the text that JSON keeps it as."""
+    """Replace the strings that JSON has for infinity."""
     if isinstance(value, Mapping):
         return {key: _infinite(entry) for key, entry in value.items()}
     if isinstance(value, list):

@@ -1,7 +1,6 @@
-"""A sheet to look at while a dataset grows: some of its left images, each with its disparity in colours below it.
+"""preview.png: a contact sheet of a dataset, with left images and their disparities in colour.
 
-It shows the same samples however often a run was stopped, spread evenly over the whole dataset, and never more than
-`MOST` of them, so neither the sheet nor the memory grows with the dataset.
+The samples are spread evenly over the dataset, at most `MOST`, and do not depend on interruptions.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""From a spec to a sample: the scene found or made, the rig placed, the gates asked, the photographs taken.
+"""From the spec of a sample to the sample.
 
 spec -> scene -> rig -> truth -> gates -> lenses -> photographs -> gates -> Sample
 """
@@ -28,38 +28,42 @@ _FILE = Path("recipe.toml")  # without its folder: messages are recorded in the 
 
 
 class Exhausted(Exception):  # noqa: N818  the run goes on without this sample
-    """Every draw of a sample was turned away; `rejections` says why, `remedy` what in the recipe to change."""
+    """Every draw of a sample was rejected, for the reasons in `rejections`; `remedy` names what to change."""
 
     def __init__(self, index: int, rejections: list[dict[str, Any]], remedy: str) -> None:
-        super().__init__(f"sample {index}: {len(rejections)} draws turned away; {rejections[-1]['found']}")
+        super().__init__(f"sample {index}: {len(rejections)} draws rejected; last reason: {rejections[-1]['found']}")
         self.index, self.rejections, self.remedy = index, rejections, remedy
 
 
 def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample:
-    """The `index`-th sample of a recipe, in the first of its draws that passes the gates.
+    """Make a sample of a recipe from the first of its draws that passes the gates.
 
-    Its record has the `spec`, under `rejections` why the draws before were turned away, and under `sources_sha256` what
-    the files held that the recipe leads to. Raises Exhausted when all were, which a mistake in the recipe may cause as
-    well as bad luck (where nothing is left to chance, the first draw tells), and FileError for a file that cannot be
-    read, or that holds something else than when the recipe's first sample was made.
+    Its record has the `spec`, the `rejections` of earlier draws, and in `sources_sha256` the digest of the files.
+
+    Raises
+    ------
+    Exhausted
+        All draws were rejected. If nothing in the recipe is random, only the first one is tried.
+    FileError
+        A file cannot be read, or has changed since the recipe's first sample was made.
     """
     rejections: list[dict[str, Any]] = []
     remedy = ""
     for attempt in range(recipe.gates.attempts):
         spec = plan(recipe, index, attempt)
-        _find_scene(spec, recipe.sources)  # one that cannot be read is nobody's bad luck
+        _find_scene(spec, recipe.sources)  # an unreadable file is an error, not a rejected draw
         try:
             sample = produce(spec, recipe.sources, recipe.gates, progress)
-            _find_scene(spec, recipe.sources)  # a scene.xml was opened again to render it
-        except Rejected as turned:
-            rejections.append({"attempt": attempt, "reason": turned.reason, "found": turned.found})
-            remedy, by_chance = turned.remedy, turned.noisy
+            _find_scene(spec, recipe.sources)  # rendering has opened a scene.xml again
+        except Rejected as rejected:
+            rejections.append({"attempt": attempt, "reason": rejected.reason, "found": rejected.found})
+            remedy, by_chance = rejected.remedy, rejected.noisy
         except FileError:
             raise
         except InputError as error:
-            found = str(error).replace(f"{recipe.file.parent}/", "")  # a dataset names no place of this machine
+            found = str(error).replace(f"{recipe.file.parent}/", "")  # datasets record no local paths
             rejections.append({"attempt": attempt, "reason": "impossible draw", "found": found})
-            remedy, by_chance = "what the message names", False
+            remedy, by_chance = "the value that the message names", False
         else:
             more = {"rejections": rejections, "sources_sha256": recipe.sources.digest}
             return dataclasses.replace(sample, record={**sample.record, **more})
@@ -71,17 +75,21 @@ def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample
 def produce(
     spec: SampleSpec, sources: Sources | None = None, gates: Gates | None = None, progress: Progress | None = None
 ) -> Sample:
-    """The sample of a spec; the same spec and files give the same sample.
+    """Make the sample of a spec; the same spec and files give the same sample.
 
     Parameters
     ----------
     sources : Sources, optional
-        The files of its recipe; without them bundled scenes alone are found, and scene files by their path.
+        The recipe's files. Without them, scenes are bundled names or paths.
     gates : Gates, optional
-        None asks no gate.
+        None disables all gates.
 
-    Raises Rejected where a gate turns it away, FileError for a file that cannot be read, and InputError for a spec that
-    cannot be.
+    Raises
+    ------
+    Rejected
+        A gate rejects the sample.
+    FileError, InputError
+        A file cannot be read; the spec is impossible.
     """
     sources = Sources() if sources is None else sources
     settings = read(Settings, dict(spec.drawn), _FILE)
@@ -112,9 +120,9 @@ def produce(
 
 
 def check_backend(recipe: Recipe, index: int) -> None:
-    """Raise BackendError where the backend of this process can photograph through the lenses of no draw of a sample.
+    """Raise BackendError if this process's backend can render the lenses of no draw of a sample.
 
-    No scene is opened for it: what cannot be judged without one is told when the sample is made.
+    The scene is not loaded; what depends on it is checked when the sample is made.
     """
     refusal = None
     for attempt in range(1 if is_fixed(recipe) else recipe.gates.attempts):
@@ -124,7 +132,7 @@ def check_backend(recipe: Recipe, index: int) -> None:
                 check_lens_supported(lens)
         except BackendError as error:
             refusal = error
-        except InputError:  # an impossible draw, of which the dataset keeps a record
+        except InputError:  # an impossible draw, which the dataset records
             return
         else:
             return
@@ -133,7 +141,7 @@ def check_backend(recipe: Recipe, index: int) -> None:
 
 
 def _rig(scene: Scene, settings: Settings) -> Rig:
-    """The recipe's rig where the jitter puts it. The scene's own rig is the recipe's where that says nothing."""
+    """The recipe's rig, or else the scene's, displaced by the jitter."""
     moved = scene.at(scene.world_from_left @ settings.scene.jitter.pose())
     table = settings.rig or scene.rig or {}
     return rig_from_table(table, moved, settings.width, settings.height, _FILE, "rig")
@@ -157,5 +165,5 @@ def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
 
 
 def _find_scene(spec: SampleSpec, sources: Sources) -> Scene | None:
-    """The scene of a spec that names one; None where it is made anew."""
+    """The scene that a spec names; None for a random one."""
     return sources.scene(spec.scene) if spec.kind == "scene" else None

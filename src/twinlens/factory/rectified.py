@@ -1,4 +1,4 @@
-"""A stored pair made into a rectified one: its pictures warped or taken anew, its truth cast anew, never resampled."""
+"""Rectified pairs from stored samples. Images are warped or rendered again; ground truth is never resampled."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A sample made again from its record alone."""
+"""Making a sample again from its record."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
@@ -15,23 +15,26 @@ from twinlens.scenes import Scene, load_scene
 from twinlens.sensor import Exposure, Mismatch, Sensor
 
 ORIGIN = ("spec", "rejections", "sources_sha256", "rectified_from")
-"""What a record may say besides: what came before `make_sample`, a recipe's draw or another sample."""
+"""Keys of a record that `make_sample` does not write: the recipe's draw, or another sample."""
 
 
 def remake(
     record: Mapping[str, Any], scene: Scene | None = None, *, progress: Callable[[float], None] | None = None
 ) -> Sample:
-    """The sample whose sample.json is `record` (`StoredSample.record`), made again: rendered, exposed and cast anew.
+    """Make the sample again whose sample.json is `record` (`StoredSample.record`).
 
-    Its files are the same to the byte where backend and versions are those that the record names. A bundled scene is
-    found by its name; any other has to be given as `scene`, as `load_scene` reads it from its file.
+    Its files are the same to the byte if backend and versions are those in the record. A bundled scene is found by its
+    name; any other must be given as `scene`, as `load_scene` reads it.
 
-    Raises InputError for a scene that is another one than the record's, or that is not bundled and not given, for
-    pictures that were warped from others, and for a record that `make_sample` did not write.
+    Raises
+    ------
+    InputError
+        The scene differs from the record's, or is neither bundled nor given; the images were warped from others; or
+        `make_sample` did not write the record.
     """
     made = _part(record, "record", Mapping)
     if isinstance(made.get("rectified_from"), Mapping) and made["rectified_from"].get("pictures") == "maps":
-        raise InputError("its pictures were warped from another sample's, not photographed: rectify that one again")
+        raise InputError("its images were warped from another sample's; rectify that sample again")
     scene = scene_of(record, scene)
     sample = make_sample(
         scene,

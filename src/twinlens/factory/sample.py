@@ -1,4 +1,4 @@
-"""One sample from one scene: photographs through each lens, digital pictures of them, and the truth.
+"""One sample from one scene: images through each lens, and the ground truth.
 
 scene, rig, lens k -> render -> radiance (-> diffract) -> sensor -> Shot k --+
 scene, rig ---------> ground_truth ------------------------------> Truths ---+-> dataset.Sample
@@ -44,31 +44,33 @@ def make_sample(
     truths: Sequence[Truth] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Sample:
-    """Photograph `scene` through every lens, expose the pictures, and cast the truth that they share.
+    """Render `scene` through every lens, expose the images, and compute their common ground truth.
 
-    Each lens has its own random stream, derived from `seed`, the scene's name and its place in the list. The record
-    says everything that is needed to make the sample again: `remake`. Where errors of calibration were left in the rig,
-    the pictures have them, and the truth is that of `Rig.nominal`.
+    Each lens has its own random stream, derived from `seed`, the scene's name and the lens's index. The record has
+    everything needed to make the sample again with `remake`. Calibration errors of the rig affect the images; the
+    ground truth is that of `Rig.nominal`.
 
     Parameters
     ----------
     sensor : Sensor, optional
-        `Sensor()` if not given. What the eyes have differently is its `mismatch`.
+        Default `Sensor()`. Its `mismatch` makes the cameras differ.
     exposure : Exposure, optional
-        One for all lenses, so that a smaller aperture is darker. If not given, each lens has its own automatic one;
-        either is shared by the eyes.
+        One exposure for all lenses, so that a smaller aperture gives a darker image. By default each lens has its own
+        automatic exposure, which its cameras share.
     diffraction : bool
-        Whether apertures of some width blur what falls on the film by their Airy pattern
-        (`twinlens.camera.diffraction`),
-        the sensor's wavelengths. It is known for disks only.
+        Blur images by the Airy pattern of the aperture (`twinlens.optics.diffraction`), at the sensor's wavelengths.
+        Disk apertures only.
     sky_disparity : bool
-        As `ground_truth` takes it.
+        See `ground_truth`.
     keep_radiance : bool
-        Whether the shots keep the linear pictures, as they fall on the film: diffracted where they are.
+        Keep the linear images, including diffraction.
     truths : sequence of Truth, optional
-        What ``ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)`` answered, where it was asked before.
+        ``ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)``, if already computed.
 
-    Raises InputError when diffraction is asked of an aperture that is no disk, and what rendering and sensor refuse.
+    Raises
+    ------
+    InputError
+        Diffraction with an aperture that is not a disk, and errors of rendering and sensor.
     """
     sensor = sensor or Sensor()
     _check(lenses, exposure, sensor, diffraction)
@@ -97,9 +99,9 @@ def make_sample(
 
 
 def _check(lenses: Sequence[Lens], exposure: Exposure | None, sensor: Sensor, diffraction: bool) -> None:
-    """Refuse before the first picture what only the last one would find out."""
+    """Check every lens before the first image is rendered."""
     if not lenses:
-        raise InputError("a sample needs one lens or more")
+        raise InputError("a sample needs at least one lens")
     for lens in lenses:
         check_lens(lens)
     check_exposure(exposure)
@@ -108,7 +110,7 @@ def _check(lenses: Sequence[Lens], exposure: Exposure | None, sensor: Sensor, di
     for lens in lenses if diffraction else ():
         if lens.aperture_diameter > 0 and not isinstance(lens.aperture, Disk):
             raise InputError(
-                f"diffraction is known for disks only, got a {lens.aperture.name} aperture; do without one"
+                f"diffraction needs a disk aperture, got {lens.aperture.name}; disable it or change the aperture"
             )
 
 
@@ -121,7 +123,7 @@ def _diffracted(
 
 
 def _stream(scene: Scene, seed: int, k: int) -> int:
-    """A seed of its own for each scene and lens: pictures that share grain would teach a network the grain."""
+    """A seed for each scene and lens, so that images do not share noise."""
     key = (_SHOT_STREAM, zlib.crc32(scene.name.encode()), k)
     return int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1)[0])
 
@@ -139,7 +141,7 @@ def _record(scene: Scene, request: dict[str, Any]) -> dict[str, Any]:
 
 
 def made_with() -> dict[str, Any]:
-    """What renders in this process: samples made with the same are the same to the byte."""
+    """Backend and versions of this process; samples made with equal ones are the same to the byte."""
     versions = {name: version(name) for name in ("twinlens", "mitsuba", "drjit", "numpy")}
     return {"backend": backend().variant, "versions": versions}
 

@@ -1,8 +1,7 @@
-"""The files that a recipe leads to: scenes, assets, masks of apertures. What they hold is part of what a dataset is.
+"""The files that a recipe uses: scenes, assets, aperture masks. Their contents are part of the dataset's identity.
 
-Every file is hashed once, before the first sample is made. Whenever it is opened after that, its size and the time of
-its last change are looked at, and it is hashed again only where they differ: a file that is edited in the middle of a
-run is told, and costs nothing while nobody touches it.
+Each file is hashed once, before the first sample is made. When it is opened later, it is hashed again only if its size
+or modification time differ, so that a file edited during a run is detected at little cost.
 """
 
 import hashlib
@@ -30,11 +29,11 @@ Stamp = tuple[int, int, int]
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """What lies beside a recipe, and is named in it relative to `folder`.
+    """The files that a recipe names, relative to `folder`.
 
     scenes : bundled names, scene files, or folders with a scene.toml.
-    assets : folders or files of the user, by their kind (meshes, textures, hdris).
-    masks : pictures of apertures.
+    assets : folders or files by kind (meshes, textures, hdris).
+    masks : images of apertures.
     """
 
     folder: Path = Path()
@@ -46,26 +45,26 @@ class Sources:
 
     @cached_property
     def digests(self) -> dict[str, str]:
-        """SHA-256 of every file, hexadecimal, by its name as the recipe leads to it, sorted. Raises FileError."""
+        """SHA-256 of every file, hexadecimal, by its name relative to the recipe, sorted. Raises FileError."""
         files = {name: path for scene in self.scenes for name, path in self._scene_files(scene).items()}
         files |= {name: path for kind in self.asset_files.values() for name, path in kind.items()}
         files |= {Path(name).as_posix(): self.folder / name for name in self.masks}
         return {name: self.unchanged(path) for name, path in sorted(files.items())}
 
     def hash_files(self) -> None:
-        """Hash every file now, and not when `digests` is first asked for. Raises InputError for what cannot be read."""
+        """Hash every file now. Raises InputError for one that cannot be read."""
         _ = self.digests
 
     @property
     def digest(self) -> str:
-        """One SHA-256 for all of them: that of what `sha256sum` prints for the sorted names."""
+        """The SHA-256 of all files: of the output of `sha256sum` for the sorted names."""
         listed = "".join(f"{digest}  {name}\n" for name, digest in self.digests.items())
         return hashlib.sha256(listed.encode()).hexdigest()
 
     def scene(self, name: str) -> Scene:
-        """The scene of that name, read from its files, which hold what they did; the last few scenes are kept.
+        """The scene of that name; the last few scenes are cached.
 
-        Raises InputError. A Mitsuba .xml is opened again when it is first rendered: ask once more after that.
+        Raises FileError if its files have changed. Rendering opens a Mitsuba .xml again; call this again after it.
         """
         scene = self._loaded.get(name) or load_scene(self._place_of(name))
         _digests[scene] = {file: self.unchanged(path) for file, path in _files_of(scene).items()}
@@ -75,25 +74,25 @@ class Sources:
         return scene
 
     def file(self, name: str) -> Path:
-        """The path of a file that the recipe names, unchanged. Raises FileError."""
+        """The path of a file that the recipe names. Raises FileError if it has changed."""
         self.unchanged(self.folder / name)
         return self.folder / name
 
     @cached_property
     def asset_files(self) -> dict[str, dict[str, Path]]:
-        """The files of each kind of assets by their names, listed once. Raises InputError for a folder without any."""
+        """The files of each kind of assets by name. Raises InputError for a folder without any."""
         return {kind: self._listed(kind, names) for kind, names in self.assets.items()}
 
     @cached_property
     def families_assets(self) -> "Assets":
-        """The assets as families of scenes draw from them."""
+        """The assets as families use them."""
         from twinlens.families import Assets
 
         listed: dict[str, Any] = {kind: tuple(sorted(set(found.values()))) for kind, found in self.asset_files.items()}
         return Assets(**listed, before_reading=self.unchanged)
 
     def unchanged(self, path: Path) -> str:
-        """The file's SHA-256, which is what it was when it was first asked for. Raises FileError where it is not."""
+        """The file's SHA-256. Raises FileError if it differs from the first call's."""
         try:
             stamp, known = _stamp(path), self._known.get(path)
             if known is not None and known[0] == stamp:
@@ -103,9 +102,7 @@ class Sources:
         except OSError as error:
             raise FileError(f"{path}: cannot be read ({error.strerror})") from error
         if known is not None and now != known[1]:
-            raise FileError(
-                f"{path}: has changed while samples were made from it; put it back as it was and run the same command"
-            )
+            raise FileError(f"{path}: has changed while samples were made from it; restore it and run the same command")
         self._known[path] = (stamp, now)
         return now
 
@@ -113,7 +110,7 @@ class Sources:
         return name if name in bundled_scenes() else self.folder / name
 
     def _scene_files(self, name: str) -> dict[str, Path]:
-        """The scene's own files and those it names, by name: below the scene's folder, that as the recipe says it."""
+        """The scene's file and those it names, by their names relative to the recipe."""
         scene = self.scene(name)
         home = bundled_folder() / name if name in bundled_scenes() else self.folder / name
         shown = Path(name)
@@ -135,9 +132,9 @@ _digests: "weakref.WeakKeyDictionary[Scene, dict[str, str]]" = weakref.WeakKeyDi
 
 
 def file_digests(scene: Scene) -> dict[str, str]:
-    """SHA-256 of the files that a scene was read from, hexadecimal, by their names below the scene's own folder.
+    """SHA-256 of the files that a scene was read from, hexadecimal, by their names below the scene's folder.
 
-    Taken once for a scene: what its files hold later is not what it was read from. Raises FileError.
+    Computed once for each scene, so that later edits do not matter. Raises FileError.
     """
     if scene not in _digests:
         named = _files_of(scene).items()
@@ -150,7 +147,7 @@ def _files_of(scene: Scene) -> dict[str, Path]:
 
 
 def _names_below(home: Path, files: tuple[Path, ...]) -> dict[str, Path]:
-    """Files by their names below `home`, however they and it are written; by their last part where they are not."""
+    """Files by their names relative to `home`; files elsewhere by their last part."""
     home = home.resolve()
     return {
         (path.resolve().relative_to(home).as_posix() if path.resolve().is_relative_to(home) else path.name): path
@@ -159,7 +156,7 @@ def _names_below(home: Path, files: tuple[Path, ...]) -> dict[str, Path]:
 
 
 def changed_files(before: Mapping[str, str], now: Mapping[str, str]) -> str:
-    """Which files hold something else than before, in words; empty where none does.
+    """The files that have changed, as text; empty if none has.
 
     >>> changed_files({"a.png": "00", "b.png": "11"}, {"a.png": "22", "c.png": "33"})
     'a.png has changed, b.png is gone, c.png is new'
