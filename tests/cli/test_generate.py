@@ -38,7 +38,7 @@ def test_a_finished_dataset_that_grows_again_is_unfinished_and_nothing_wrong(twi
     twinlens("generate", grown, "-o", tmp_path / "set", "--limit", 1)
     code, out, err = twinlens("verify", tmp_path / "set")
     assert (code, out) == (0, "3 samples, 0 with findings\n")
-    assert "lists 3 of the 4 samples" in err
+    assert "lists 3 of 4 samples" in err
     twinlens("generate", grown, "-o", tmp_path / "set")
     assert twinlens("verify", tmp_path / "set") == (0, "4 samples, 0 with findings\n", "")
     twinlens("generate", grown, "-o", tmp_path / "other" / "set")
@@ -62,8 +62,8 @@ def test_what_verify_says_of_damage_mends_it(twinlens, recipe, tmp_path, damage)
     code, out, err = twinlens("verify", root)
     assert (code, out.splitlines()[-1]) == (1, "2 samples, 1 with findings")
     assert err == (
-        f"{root}: 1 sample is damaged: delete the folder of each and run the same `twinlens generate`: "
-        "it makes them again, the same to the byte\n"
+        f"{root}: 1 sample is damaged: delete their folders and rerun "
+        "`twinlens generate`, which makes identical files\n"
     )
     shutil.rmtree(file.parent)
     twinlens("generate", recipe, "-o", root)
@@ -163,7 +163,7 @@ def test_render_puts_no_sample_into_what_generate_makes(twinlens, recipe, tmp_pa
     before = digests(tmp_path / "set")
     code, out, err = twinlens("render", "cards", "--size", "32x24", "--spp", "1", "-o", tmp_path / "set")
     assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "is a dataset that `twinlens generate` makes of its recipe; name another folder" in err
+    assert "is a dataset of `twinlens generate`; choose another folder" in err
     assert digests(tmp_path / "set") == before
     assert twinlens("generate", recipe, "-o", tmp_path / "set")[0] == 0
 

@@ -64,7 +64,10 @@ def test_missing_scene_file(refuses, tmp_path):
         (("--lens", "thik:3"), "pinhole"),
         (("--lens", "thin:3@-1"), "focus_distance"),
         (("--aperture", "polygon:2"), "blades"),
-        (("--aperture", "polygon:5", "--lens", "thin:3", "--diffraction"), "disks only, got a polygon"),
+        (
+            ("--aperture", "polygon:5", "--lens", "thin:3", "--diffraction"),
+            "diffraction needs a disk aperture, got polygon",
+        ),
         (("--distortion", "-3"), "folds"),
         (("--distortion", "fisheye:"), "--distortion must be fisheye:k1[,k2,k3,k4], got ''"),
         (("--distortion", "0.1,"), "--distortion must be k1,k2"),
@@ -295,16 +298,16 @@ def test_a_bucket_address_is_refused_where_a_local_path_is_needed(refuses, tmp_p
 @pytest.mark.parametrize(
     ("option", "value", "words"),
     [
-        ("--published", "yesterday", "published must be a date, as 2026-01-31, got 'yesterday'"),
-        ("--published", "2026-02-30", "published must be a date"),
-        ("--published", "20260131", "published must be a date"),
-        ("--url", "example.org/set", "url must be an address, as https://example.org/set"),
-        ("--url", "https://", "url must be an address"),
-        ("--url", "https://[x", "url must be an address"),
-        ("--url", "https://exam ple.org", "url must be an address"),
-        ("--name", "", "name is empty; say something, or leave it out"),
-        ("--creator", "  ", "creator is empty"),
-        ("--license", "", "license is empty"),
+        ("--published", "yesterday", "published: must be a date such as 2026-01-31, got 'yesterday'"),
+        ("--published", "2026-02-30", "published: must be a date"),
+        ("--published", "20260131", "published: must be a date"),
+        ("--url", "example.org/set", "url: must be an address such as https://example.org/set"),
+        ("--url", "https://", "url: must be an address"),
+        ("--url", "https://[x", "url: must be an address"),
+        ("--url", "https://exam ple.org", "url: must be an address"),
+        ("--name", "", "name: is empty; give a text, or leave the key out"),
+        ("--creator", "  ", "creator: is empty"),
+        ("--license", "", "license: is empty"),
     ],
 )
 def test_bad_descriptions(refuses, dataset, option, value, words):

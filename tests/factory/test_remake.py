@@ -128,5 +128,5 @@ def test_a_recipes_sample_is_the_same_bytes_too(tmp_path):
 
 def test_warped_pictures_cannot_be_photographed_again(record):
     warped = {**record, "record": {**record["record"], "rectified_from": {"pictures": "maps"}}}
-    with pytest.raises(InputError, match="rectify that one again"):
+    with pytest.raises(InputError, match="rectify that sample again"):
         remake(warped)
