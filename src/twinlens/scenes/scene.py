@@ -1,4 +1,4 @@
-"""What is photographed, as plain data: objects, materials, lights and a place to stand.
+"""A scene as plain data: objects, materials, lights and a default camera pose.
 
 A `Plugin` is a Mitsuba plugin in plain Python: ``{"type": "roughplastic", "alpha": 0.1, ...}`` under its own parameter
 names, nested. Besides numbers, strings and booleans a value may be
@@ -6,7 +6,7 @@ names, nested. Besides numbers, strings and booleans a value may be
 - a `Color` (linear RGB or one number), a `Bitmap` (an image in memory), or a nested plugin (a texture, a BSDF);
 - under `to_world` or `to_uv`, a 4x4 float64 array.
 
-The render room turns it into a Mitsuba scene; nothing here knows how.
+`twinlens.rendering` builds a Mitsuba scene from it.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ Plugin = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Color:
-    """A colour in linear sRGB (three numbers), or the same number three times."""
+    """A colour in linear sRGB."""
 
     rgb: tuple[float, float, float]
 
@@ -34,7 +34,7 @@ class Color:
 class Bitmap:
     """A texture in memory: float32 (H, W, 3) or (H, W), linear; row 0 is v = 1, the top of the picture.
 
-    `to_uv` (4x4) takes a surface's (u, v) to the picture's, whose whole is [0, 1]^2: a scale of 3 repeats it 3 times.
+    `to_uv` (4x4) maps a surface's (u, v) to the picture's, which covers [0, 1]^2: a scale of 3 repeats it 3 times.
     """
 
     pixels: NDArray[np.float32]
@@ -47,8 +47,8 @@ class Bitmap:
 class Mesh:
     """Triangles: vertices float64 (V, 3) in object coordinates, faces uint32 (F, 3), uv float64 (V, 2) or None.
 
-    `normals` float64 (V, 3) smooth the shading; None leaves the faces flat. Raises InputError when an array has another
-    shape, holds a value that is not finite, or a face names a vertex that is not there.
+    With `normals` float64 (V, 3) shading is smooth; None leaves the faces flat. Raises InputError for other array
+    shapes, values that are not finite, and faces with vertex numbers out of range.
     """
 
     vertices: Float
@@ -84,25 +84,25 @@ def _rows(name: str, values: ArrayLike, width: int) -> Float:
 
 
 def _checked_faces(values: ArrayLike, vertices: int) -> NDArray[np.uint32]:
-    """Triangles (F, 3) whose corners are all among the vertices."""
+    """Triangles (F, 3) with vertex numbers in range."""
     faces = np.asarray(values)
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
         raise InputError(f"a mesh's faces must be integers (F, 3), got {faces.dtype} {faces.shape}")
     if faces.size and not 0 <= faces.min() <= faces.max() < vertices:
         raise InputError(
-            f"a mesh's faces must name vertices 0 to {vertices - 1}, got {int(faces.min())} to {int(faces.max())}"
+            f"a mesh's faces must have vertex numbers 0 to {vertices - 1}, got {int(faces.min())} to {int(faces.max())}"
         )
     return faces.astype(np.uint32, copy=False)
 
 
 @dataclass(frozen=True, eq=False)
 class SceneObject:
-    """One thing in the scene, one id in the ground truth.
+    """An object of the scene, with its own id in the ground truth.
 
-    `shape` is a Mesh, or a plugin of an analytic shape (sphere, rectangle, disk, cylinder, cube). `world_from_object`
-    places it. `material` names one of the scene's materials. `emitter` makes it shine. With `instances` (4x4 poses) the
-    object appears once per pose, each placed by ``instance @ world_from_object`` and with an id of its own
-    (``name[0]``, ``name[1]``, ...), sharing one geometry in memory.
+    `shape` is a Mesh, or the plugin of an analytic shape (sphere, rectangle, disk, cylinder, cube). `material` is the
+    name of one of the scene's materials. An `emitter` makes the object a light source. With `instances` (4x4 poses) the
+    object appears once per pose, placed by ``instance @ world_from_object``; each copy has its own id (``name[0]``,
+    ``name[1]``, ...), and all share one geometry in memory.
     """
 
     name: str
@@ -145,14 +145,16 @@ def _own_axes(shape: Plugin) -> Float:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene and its default viewpoint.
+    """A scene and its default view.
 
-    `lights` are emitters that are no object (environment maps, point lights, the sun). `world_from_left` is the pose of
-    the left camera (4x4), `fov_x_deg` the horizontal field of view and `baseline` (metres) the stereo base it was
-    composed for, `depth_range` the (near, far) depths in metres seen from there. Where `depth_range_known` is false
-    nobody said them: the range is a renderer's default, and no focus or disparity range should be drawn from it. `xml`
-    names a checked Mitsuba file instead of objects, materials and lights. `files` are the files it was read from, for
-    the record. `rig` is the table of the cameras it was composed for (`scenes.rigs`); None is a rectified pair.
+    lights : emitters that are not objects (environment maps, point lights, the sun).
+    world_from_left : (4, 4), the pose of the left camera.
+    fov_x_deg, baseline : the horizontal field of view, and the baseline in metres.
+    depth_range : (near, far) depths in metres in the default view. If `depth_range_known` is false, it is a renderer's
+        default, and no focus or disparity range should be derived from it.
+    xml : a checked Mitsuba file, in place of objects, materials and lights.
+    files : the files that the scene was read from.
+    rig : the table of the scene's cameras (`twinlens.scenes.rigs`); None is a rectified pair.
     """
 
     name: str
@@ -179,8 +181,10 @@ class Scene:
             )
         for thing in self.objects:
             if thing.material not in self.materials:
-                raise InputError(f"object {thing.name!r} wants the material {thing.material!r}, which the scene lacks")
+                raise InputError(
+                    f"object {thing.name!r} has the material {thing.material!r}, which the scene does not define"
+                )
 
     def at(self, world_from_left: ArrayLike) -> "Scene":
-        """The same scene seen from elsewhere."""
+        """The same scene with another pose of the left camera."""
         return replace(self, world_from_left=np.asarray(world_from_left, dtype=np.float64))

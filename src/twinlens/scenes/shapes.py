@@ -1,7 +1,7 @@
-"""Meshes made from a few numbers: bodies by trimesh, and the ones it lacks (rounded boxes, lathes, tubes, fields).
+"""Meshes from a few numbers: trimesh's, and rounded boxes, lathes, tubes, height fields and bent sheets.
 
-Every function returns a `Mesh` in metres around the origin, z up, with (u, v) for textures. Smooth bodies carry vertex
-normals, boxes and cones of few sides stay flat.
+Every function returns a `Mesh` in metres around the origin, z up, with (u, v). Smooth surfaces have vertex normals;
+boxes and cones of few sides are flat.
 """
 
 import math
@@ -15,7 +15,7 @@ from twinlens.scenes.scene import Mesh
 
 Faces = NDArray[np.uint32]
 _ROUND_FROM = 16
-_AXES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # an axis, and the two that span the faces across it, right-handed
+_AXES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # an axis and the two axes of the faces normal to it, right-handed
 
 
 def box(extents: Float, tile: float | None = None) -> Mesh:
@@ -36,7 +36,7 @@ def box(extents: Float, tile: float | None = None) -> Mesh:
 
 
 def _face_uv(points: Float, axis: int, extents: Float, tile: float | None) -> Float:
-    """(u, v) on the faces across one axis: v along z on the upright ones."""
+    """(u, v) on the faces normal to one axis; v is along z on vertical faces."""
     a, b = ((1, 2), (0, 2), (0, 1))[axis]
     plane = points[:, [a, b]] + np.asarray(extents)[[a, b]] / 2
     return plane / (np.asarray(extents)[[a, b]] if tile is None else tile)
@@ -45,7 +45,7 @@ def _face_uv(points: Float, axis: int, extents: Float, tile: float | None) -> Fl
 def rounded_box(extents: Float, radius: float, subdivisions: int = 6, tile: float | None = None) -> Mesh:
     """A box whose edges and corners are rounded by `radius` metres (<= half the shortest side); smooth normals.
 
-    A subdivided cube is pulled to the inner box's surface plus a sphere: p = q + radius n. (u, v) as for `box`.
+    Points of a subdivided cube are moved to p = q + radius n, with q on the inner box. (u, v) as for `box`.
     """
     half = np.asarray(extents) / 2
     line = np.concatenate([-1 - np.linspace(1, 0, subdivisions + 1), 1 + np.linspace(0, 1, subdivisions + 1)])
@@ -74,10 +74,11 @@ def grid(columns: int, rows: int) -> Faces:
 
 
 def lathe(profile: Float, segments: int = 96, smooth: bool = True, samples: int = 12) -> Mesh:
-    """The surface that a `profile` of (radius, height) points, from the bottom up, sweeps around the z axis.
+    """The surface of revolution of a `profile` of (radius, height) points, from the bottom up, about the z axis.
 
-    `smooth` runs a Catmull-Rom curve through the points, `samples` steps between two of them; a point given twice is a
-    sharp corner. u goes around, v along the profile by length. Walk up the outside and down the inside for a vessel.
+    `smooth` interpolates the points by a Catmull-Rom curve with `samples` steps between two of them; a point given
+    twice is a sharp corner. u is the angle, v the length along the profile. For a vessel, go up the outside and down
+    the inside.
     """
     points = np.asarray(profile, dtype=np.float64)
     corners = np.flatnonzero((np.diff(points, axis=0) == 0).all(axis=1)) + 1
@@ -113,7 +114,7 @@ def cone(radius: float, height: float, sections: int = 64) -> Mesh:
 
 
 def merged(parts: list[Mesh]) -> Mesh:
-    """Several meshes as one; normals and (u, v) are kept where all have them."""
+    """Several meshes as one; normals and (u, v) are kept if all have them."""
     starts = np.cumsum([0] + [len(part.vertices) for part in parts])
     faces = np.concatenate([part.faces + np.uint32(start) for part, start in zip(parts, starts, strict=False)])
     normals = [part.normals for part in parts if part.normals is not None]
@@ -127,7 +128,7 @@ def merged(parts: list[Mesh]) -> Mesh:
 
 
 def transformed(mesh: Mesh, b_from_a: Float) -> Mesh:
-    """A mesh moved by an affine 4x4; its normals turn with the inverse transpose."""
+    """A mesh transformed by an affine 4x4; normals by its inverse transpose."""
     normals = mesh.normals
     if normals is not None:
         normals = normals @ np.linalg.inv(b_from_a[:3, :3])
@@ -136,9 +137,9 @@ def transformed(mesh: Mesh, b_from_a: Float) -> Mesh:
 
 
 def tube(points: Float, radius: Float, sides: int = 16, smooth: bool = True, closed: bool = False) -> Mesh:
-    """A round pipe along `points` (N, 3); `radius` is one number or one a point. u goes around, v along it.
+    """A round pipe along `points` (N, 3); `radius` is one number or one per point. u is the angle, v the length.
 
-    Its frame is carried along without twisting. Source: Wang et al., Computation of Rotation Minimizing Frames, ACM
+    Its frame does not twist. Source: Wang et al., Computation of Rotation Minimizing Frames, ACM
     TOG 27(1), 2008 (here by projecting the last normal, its first-order form).
     """
     path = np.column_stack([points, np.broadcast_to(radius, len(points))])
@@ -170,7 +171,7 @@ def _frames(tangent: Float) -> tuple[Float, Float]:
 
 
 def height_field(extents: Float, heights: NDArray[np.float32]) -> Mesh:
-    """A sheet of `extents` = (x, y) metres whose vertices rise by `heights` (rows from +y to -y), smooth normals."""
+    """A sheet of `extents` = (x, y) metres with vertices at z = `heights` (rows from +y to -y), smooth normals."""
     rows, columns = heights.shape
     x = np.linspace(-0.5, 0.5, columns) * extents[0]
     y = np.linspace(-0.5, 0.5, rows) * extents[1]
@@ -184,7 +185,7 @@ def height_field(extents: Float, heights: NDArray[np.float32]) -> Mesh:
 
 
 def bent_sheet(extents: Float, angle_deg: float, segments: int = 64) -> Mesh:
-    """A rectangle of `extents` = (x, y) metres bent around the y axis by `angle_deg` in all, length kept; faces +z."""
+    """A rectangle of `extents` = (x, y) metres bent about the y axis by `angle_deg` in total, of constant length."""
     angle = math.radians(angle_deg)
     s = np.linspace(-0.5, 0.5, segments + 1)
     radius = extents[0] / angle
@@ -197,16 +198,16 @@ def bent_sheet(extents: Float, angle_deg: float, segments: int = 64) -> Mesh:
 
 
 def creation(name: str, **parameters: Any) -> Mesh:
-    """One of trimesh's creation functions as a Mesh, (u, v) by longitude and height, edges over 30 degrees sharp."""
+    """A mesh of a function of trimesh.creation; (u, v) is longitude and height, edges over 30 degrees are sharp."""
     import trimesh
 
     return from_trimesh(getattr(trimesh.creation, name)(**parameters))
 
 
 def from_trimesh(made: Any, crease_deg: float = 30.0) -> Mesh:
-    """A trimesh mesh as ours, smooth where its faces meet at less than `crease_deg`, flat everywhere if that is 0.
+    """A trimesh mesh as a Mesh, with smooth edges where faces meet at less than `crease_deg`; flat if that is 0.
 
-    (u, v) as it has them, else longitude and height around its middle.
+    (u, v) are the mesh's own, else longitude and height about its centre.
     """
     import trimesh
 
@@ -222,7 +223,7 @@ def from_trimesh(made: Any, crease_deg: float = 30.0) -> Mesh:
 
 
 def _wrapped(vertices: Float, faces: Faces, normals: Float | None) -> Mesh:
-    """Each triangle unrolled on its own, so that none stretches across the seam of the longitude."""
+    """(u, v) by longitude and height; triangles share no vertices, so that none crosses the seam of the longitude."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     corner = vertices[faces].reshape(-1, 3)
     away = corner - (low + high) / 2
@@ -236,7 +237,7 @@ def _wrapped(vertices: Float, faces: Faces, normals: Float | None) -> Mesh:
 
 
 def _sheet(vertices: Float, normals: Float, uv: Float) -> Mesh:
-    """A grid of vertices (rows, columns, 3) as a Mesh, without the triangles that shrink to nothing at a pole."""
+    """A grid of vertices (rows, columns, 3) as a Mesh, without degenerate triangles at poles."""
     rows, columns = vertices.shape[:2]
     points, faces = vertices.reshape(-1, 3), grid(columns, rows)
     a, b, c = (points[faces[:, i]] for i in range(3))
@@ -250,7 +251,7 @@ def _arc_length(curve: Float) -> Float:
 
 
 def _tangents(curve: Float) -> Float:
-    """Unit tangents (N, n) of a curve whose points are distinct: the mean of the steps before and after."""
+    """Unit tangents (N, n) of a curve of distinct points: the mean direction of the steps before and after."""
     steps = np.diff(curve, axis=0)
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
     mean = np.concatenate([steps[:1], steps[1:] + steps[:-1], steps[-1:]])
@@ -259,7 +260,7 @@ def _tangents(curve: Float) -> Float:
 
 
 def _catmull_rom(points: Float, samples: int, closed: bool = False) -> Float:
-    """A curve through all points (N, n), `samples` steps a span. Source: Catmull and Rom 1974."""
+    """A curve through all points (N, n), `samples` steps per span. Source: Catmull and Rom 1974."""
     before, after = (points[-2], points[1]) if closed else (2 * points[0] - points[1], 2 * points[-1] - points[-2])
     p = np.vstack([before, points, after])
     t = (np.arange(samples) / samples)[None, :, None]

@@ -1,7 +1,7 @@
-"""Procedural patterns as arrays: float32 (height, width) in [0, 1], made from a seed, the same on every machine.
+"""Procedural patterns as arrays: float32 (height, width) in [0, 1], the same on every machine for the same seed.
 
-Column 0 is u = 0; row 0 is v = 1, the top. A pattern called periodic tiles without a seam in both directions. Hard
-edges are averaged over each texel, so that a texture carries grey where a texel straddles an edge.
+Column 0 is u = 0; row 0 is v = 1, the top. Periodic patterns tile without a seam in both directions. Hard edges are
+averaged over each texel.
 """
 
 import math
@@ -20,7 +20,7 @@ _SUPERSAMPLES = 4
 def value_noise(width: int, height: int, cells: tuple[int, int], seed: int, interpolation: str = "smooth") -> Image:
     """Uniform random values on a lattice of `cells` = (nx, ny), interpolated; periodic, mean 1/2.
 
-    `interpolation` is "smooth" (quintic, so that slopes are continuous) or "nearest" (flat cells, as in a random-dot
+    `interpolation` is "smooth" (quintic, with continuous derivatives) or "nearest" (constant cells, as in a random-dot
     stereogram). Source: K. Perlin, Improving Noise, SIGGRAPH 2002, for the quintic.
     """
     nx, ny = cells
@@ -29,7 +29,7 @@ def value_noise(width: int, height: int, cells: tuple[int, int], seed: int, inte
 
 
 def _between(values: Image, size: int, axis: int, interpolation: str) -> Image:
-    """Periodic values read at the centres of `size` texels along one axis, which then has that length."""
+    """Periodic values interpolated at the centres of `size` texels along one axis."""
     cells = values.shape[axis]
     position = (np.arange(size) + 0.5) / size * cells
     index = np.floor(position).astype(int)
@@ -64,7 +64,7 @@ def fractal_noise(
     for octave in range(octaves):
         fine = (cells[0] << octave, cells[1] << octave)
         if fine[0] > width or fine[1] > height:
-            break  # finer than a texel is only aliasing
+            break  # cells finer than a texel would alias
         strength = gain**octave
         total += np.float32(strength) * (value_noise(width, height, fine, seed + 7919 * octave) - np.float32(0.5))
         variance += strength**2 * _smooth_variance()
@@ -97,7 +97,7 @@ def random_dots(width: int, height: int, count: int, radius: tuple[float, float]
 
 
 def checker(width: int, height: int, cells: tuple[int, int], seed: int = 0) -> Image:
-    """A chessboard of `cells` = (nx, ny) squares, the top left one 1; periodic where both counts are even."""
+    """A chessboard of `cells` = (nx, ny) squares, 1 at the top left; periodic if both counts are even."""
     nx, ny = cells
     return _averaged(width, height, lambda u, v: (np.floor(u * nx) + np.floor(v * ny)) % 2 == 0)
 
@@ -115,7 +115,7 @@ def stripes(
 
 
 def siemens_star(width: int, height: int, spokes: int, seed: int = 0, radius: float = 0.48) -> Image:
-    """`spokes` bright wedges around the middle, grey 1/2 outside `radius` (in widths): every frequency at once."""
+    """`spokes` bright wedges around the centre, grey 1/2 outside `radius` (in widths)."""
 
     def pattern(u: Float, v: Float) -> Float:
         x, y = u - 0.5, (v - 0.5) * height / width
@@ -130,7 +130,7 @@ def bricks(
 ) -> Image:
     """Running bond of `cells` = (bricks across, courses): mortar 0, bricks random in [1 - variation, 1]; periodic.
 
-    `mortar` is its width as a fraction of a course. An even number of courses tiles.
+    `mortar` is its width as a fraction of a course. Periodic for an even number of courses.
     """
     nx, ny = cells
     tones = 1 - variation * np.random.default_rng(seed).random((ny, nx))
@@ -147,11 +147,11 @@ def bricks(
 
 
 def wood(width: int, height: int, rings: int, seed: int, waviness: float = 0.6, grain: float = 0.35) -> Image:
-    """Long-grained wood, its fibres along v: `rings` wavy growth rings across u and fine fibres over them; periodic."""
+    """Wood with fibres along v: `rings` wavy growth rings across u, and fine fibres; periodic."""
     wave = fractal_noise(width, height, (2, 1), seed, octaves=4, gain=0.45) - 0.5
     u = (np.arange(width) + 0.5) / width
     phase = (u * rings + wave * waviness * rings) % 1.0
-    ring = np.where(phase < 0.85, phase / 0.85, (1 - phase) / 0.15)  # slow early wood, quick late wood
+    ring = np.where(phase < 0.85, phase / 0.85, (1 - phase) / 0.15)  # gradual early wood, abrupt late wood
     fibre = fractal_noise(width, height, (max(width // 16, 1), max(height // 256, 1)), seed + 1, octaves=4, gain=0.75)
     return np.clip((1 - grain) * ring + grain * (2.2 * (fibre - 0.5) + 0.5), 0, 1).astype(np.float32)
 
@@ -163,7 +163,7 @@ def gradient(width: int, height: int, seed: int = 0, along: str = "v") -> Image:
 
 
 def _averaged(width: int, height: int, pattern: Callable[[Float, Float], Any]) -> Image:
-    """Mean over a grid inside each texel of pattern(u, v), u rightwards and v DOWNWARDS in [0, 1]."""
+    """Mean of pattern(u, v) over a grid inside each texel; u points right and v DOWN, in [0, 1]."""
     n = _SUPERSAMPLES
     out = np.zeros((height, width))
     for dy in range(n):

@@ -1,8 +1,7 @@
-"""A Mitsuba .xml, checked, becomes a `Scene` whose defaults come from the file's first sensor.
+"""Reads a Mitsuba .xml as a `Scene` whose default view is that of the file's first sensor.
 
-Only the sensor is understood here; the render room hands the checked file to Mitsuba as it is. `depth_range` is the
-sensor's near_clip and far_clip. Where one of them is not given, Mitsuba's default (0.01 and 10000 m) stands for it,
-which says nothing about the scene: `depth_range_known` is false then.
+Only the sensor is interpreted here; Mitsuba loads the checked file itself. `depth_range` is the sensor's near_clip and
+far_clip. If one of them is missing, Mitsuba's default (0.01 or 10000 m) is used and `depth_range_known` is false.
 """
 
 import math
@@ -25,11 +24,11 @@ _AXIS_KEYS = ("x", "y", "z")
 
 
 def read_scene_xml(path: Path) -> Scene:
-    """The scene of a Mitsuba file. Raises InputError when it is refused, or has no sensor that can be understood."""
+    """The scene of a Mitsuba file. Raises InputError if the file is rejected or has no supported sensor."""
     root, assets = checked_xml(path)
     sensor = root.find("sensor")
     if sensor is None:
-        _wrong(path, "has no <sensor>: add one (perspective or thinlens) to say where the left camera stands")
+        _wrong(path, "has no <sensor>; add one (perspective or thinlens) for the pose of the left camera")
     return Scene(
         name=path.stem,
         objects=(),
@@ -59,7 +58,7 @@ def _floats(path: Path, text: str, count: int) -> list[float]:
 
 
 def _value(sensor: Element, *names: str) -> str | None:
-    """The value of a parameter under its Mitsuba 3 or its older camelCase name."""
+    """The value of a parameter with one of the names."""
     for child in sensor:
         if child.get("name") in names:
             return child.get("value")
@@ -115,13 +114,13 @@ def _diagonal_angle(path: Path, focal_length: str | None) -> float:
 
 
 def _pose(path: Path, sensor: Element) -> Float:
-    """world_from_left of the sensor's to_world: its steps apply in the order they are written."""
+    """world_from_left from the sensor's to_world, whose steps are applied in order."""
     transform = next((t for t in sensor.findall("transform") if t.get("name") in ("to_world", "toWorld")), None)
     to_world = np.eye(4)
     for step in transform if transform is not None else ():
         to_world = _step(path, step) @ to_world
     if not np.linalg.det(to_world[:3, :3]) > 0:
-        _wrong(path, "the sensor's to_world mirrors the world or flattens it; a camera needs a rotation")
+        _wrong(path, "the sensor's to_world is mirrored or singular; a camera needs a rotation")
     try:
         return check_rigid(to_world @ _MITSUBA_FROM_OPENCV, "to_world")
     except InputError as error:
@@ -144,11 +143,11 @@ def _step(path: Path, step: Element) -> Float:
         if not axis.any():
             _wrong(path, "the sensor's rotate needs an axis that is not zero")
         return rotation(axis, _floats(path, step.get("angle", ""), 1)[0])
-    _wrong(path, f"the sensor's to_world has <{step.tag}>, which is no transform")
+    _wrong(path, f"the sensor's to_world has <{step.tag}>, which is not a transform")
 
 
 def _xyz(path: Path, step: Element, default: float) -> Float:
-    """x, y, z of a step: a `value` of three numbers (or one), or attributes of their own."""
+    """x, y, z of a step: a `value` of three numbers or one, or the attributes x, y, z."""
     value = step.get("value")
     if value is not None:
         words = value.replace(",", " ").split()
@@ -163,7 +162,7 @@ def _lookat(path: Path, step: Element) -> Float:
     forward = target - origin
     left = np.cross(up, forward)
     if not np.linalg.norm(left) > 1e-9 * np.linalg.norm(forward) * np.linalg.norm(up):
-        _wrong(path, "the sensor's lookat needs origin and target apart, and up not along the line of sight")
+        _wrong(path, "the sensor's lookat needs different origin and target, and up not along the line of sight")
     z, x = forward / np.linalg.norm(forward), left / np.linalg.norm(left)
     pose = np.eye(4)
     pose[:3] = np.stack([x, np.cross(z, x), z, origin], axis=1)
