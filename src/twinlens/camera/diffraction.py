@@ -30,17 +30,12 @@ def diffract(
     1/r^3: it is cut where at most 0.5% of the light is outside, or at the size of the image, and scaled to sum 1.
 
     The kernel is integrated over the pixel, and a rendered image already is: the pixel's square is applied twice. The
-    second one is a blur of 1/sqrt(12) = 0.29 pixels standard deviation, with contrast sinc(f) at f cycles a pixel:
-    0.99 at 0.08, 0.90 at 0.25, 0.64 at 0.5. To avoid it, render and diffract at several times the resolution, and
-    average.
+    second one is a blur of 0.29 pixels standard deviation, with contrast sinc(f) at f cycles a pixel. To avoid it,
+    render and diffract at several times the resolution, and average.
 
-    Limits of the model. The image is made of rays: a point out of focus is a geometric disk, here convolved with the
-    far-field pattern of the aperture. This is correct in focus. Out of focus, and always behind a bare aperture, the
-    true pattern is Fresnel's. With the Fresnel number n = a^2 / (lambda v) of a bare aperture of radius a, the share of
-    misplaced light is 1% at n = 0.05, 3% at 0.1, 9% at 0.2, 28% at 0.5 to 0.7, 24% at 1, 19% at 5 and 10% at 50,
-    decreasing as 1/sqrt(n). At n = 1, the sharpest pinhole, the true peak is 4.4 times as high. A `FresnelWarning` is
-    given for 0.2 < n < 50. Wider apertures form the geometric disk with fringes of width sqrt(lambda v), narrower ones
-    the Airy pattern.
+    In focus this is correct. Out of focus, and always behind a bare aperture, the true pattern is Fresnel's:
+    docs/camera.md has the share of misplaced light by Fresnel number n. A `FresnelWarning` is given for a bare
+    aperture with 0.2 < n < 50, where it exceeds 9%.
 
     Raises InputError for an aperture of zero width or other than a disk, and for a wrong image or wavelengths.
     """
