@@ -1,4 +1,4 @@
-"""Slow and plain: loops over pixels and candidates, which the kernels of the matching room are held against."""
+"""Naive loops over pixels and candidates, the references of the matching kernels."""
 
 from collections.abc import Callable
 

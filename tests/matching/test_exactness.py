@@ -1,4 +1,4 @@
-"""What stays true where numbers round, overflow or tie."""
+"""Rounding, overflow and ties."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def costs_of(left, right, name, side, low, count):
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 @pytest.mark.parametrize("value", [0.0, 0.1])
 @pytest.mark.parametrize("name", ["zncc", "ncc"])
-def test_a_constant_window_of_floats_costs_what_it_is_said_to(name, value, scale):
+def test_constant_windows_of_floats_have_the_documented_cost(name, value, scale):
     """Rows of light above leave rounding in the sums below, where a dark wall begins."""
     rng = np.random.default_rng(0)
     left, right = 1000 * rng.random((2, 40, 24))
@@ -67,8 +67,8 @@ def test_wide_windows_of_16_bits_are_exact(name, side):
     np.testing.assert_allclose(got[known], expected[known], rtol=1e-12, atol=1e-9)
 
 
-def test_a_winner_is_no_rival_of_itself_however_its_place_rounds():
-    """The V lies so far to one side that disparity 3000 - 0.49998 is stored as half a pixel: whose index is it?"""
+def test_a_winner_is_not_its_own_rival():
+    """The fit at 3000 - 0.49998 rounds to half a pixel in float32, between two candidates."""
     width, d = 3010, 3000
     left, right = np.full((1, width), 40000, np.uint16), np.zeros((1, width), np.uint16)
     right[0, :] = 0
@@ -81,14 +81,14 @@ def test_a_winner_is_no_rival_of_itself_however_its_place_rounds():
     assert box.winners("v").rival[0, x] == 40000
 
 
-def test_slopes_of_the_prefilter_are_those_of_opencv():
+def test_the_prefilter_equals_that_of_opencv():
     cv2 = pytest.importorskip("cv2")
     image = np.random.default_rng(3).integers(0, 256, (12, 20), dtype=np.uint8)
     expected = np.clip(cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3, borderType=cv2.BORDER_REPLICATE), -31, 31) + 31
     np.testing.assert_array_equal(clipped_slope(image.astype(np.int32)), expected)
 
 
-def test_the_prefilter_forgets_an_offset_of_brightness():
+def test_the_prefilter_is_invariant_to_a_brightness_offset():
     scene = np.random.default_rng(4).integers(0, 200, (30, 80), dtype=np.uint8)
     left, right = scene[:, 5:65], scene[:, 9:69] + np.uint8(50)
     found = tm.match(left, right, "sad", block_size=5, num_disparities=9, prefilter="xsobel")
@@ -114,7 +114,7 @@ def scene_of_a_pillar():
     return *(np.clip(image, 0, 255).astype(np.uint8) for image in noisy), truth, seen
 
 
-def test_no_fixed_window_is_as_good_as_an_adaptive_one_both_at_edges_and_on_faint_walls():
+def test_adaptive_windows_beat_fixed_ones_at_edges_and_on_faint_texture():
     left, right, truth, seen = scene_of_a_pillar()
     edges = seen.copy()
     edges[:, :38] = edges[:, 62 + PILLAR :] = edges[:10] = edges[-10:] = False
@@ -130,7 +130,7 @@ def test_no_fixed_window_is_as_good_as_an_adaptive_one_both_at_edges_and_on_fain
         assert on_walls < 0.6 * walls_then or at_edges < 0.2 * edges_then
 
 
-def test_an_adaptive_window_is_small_where_texture_is_and_wide_where_none_is():
+def test_adaptive_windows_are_small_on_texture_and_large_without():
     image = np.full((21, 60), 90)
     image[:, 30:] += np.random.default_rng(6).integers(0, 150, (21, 30))
     sizes = window_sizes(image, (9, 5, 3), 2.0)

@@ -1,4 +1,4 @@
-"""Other people's matchers: they give what they would give alone, and fail in one line that names them."""
+"""OpenCV, functions and programs as methods: their results, and errors of one line that name them."""
 
 import resource
 import sys
@@ -21,7 +21,7 @@ def scene(shift=5):
 
 @pytest.mark.parametrize("method", ["opencv_bm", "opencv_sgbm", "opencv_sgbm:mode=hh", "opencv_bm:prefilter=false"])
 @pytest.mark.parametrize(("shift", "low"), [(5, 0), (-6, -16)])
-def test_opencv_finds_the_shift_with_our_sign_and_our_unknown(method, shift, low):
+def test_opencv_matchers_find_a_shift(method, shift, low):
     left, right = scene(shift)
     disparity = tm.match(left, right, method, num_disparities=20, min_disparity=low)
     inside = disparity[10:-10, 40:-40]
@@ -30,7 +30,7 @@ def test_opencv_finds_the_shift_with_our_sign_and_our_unknown(method, shift, low
     assert np.isinf(disparity).any()
 
 
-def test_opencv_is_given_what_it_would_be_given_by_hand():
+def test_opencv_sgbm_equals_a_direct_call():
     left, right = scene()
     matcher = cv2.StereoSGBM.create(0, 32, 5, P1=200, P2=800)
     by_hand = matcher.compute(left, right).astype(np.float32) / 16
@@ -39,8 +39,8 @@ def test_opencv_is_given_what_it_would_be_given_by_hand():
 
 
 @pytest.mark.parametrize("mode", ["default", "hh", "3way"])
-def test_a_range_wider_than_the_image_is_refused_before_opencv_sees_it(mode):
-    """One column less than it needs; with that column it answers."""
+def test_opencv_sgbm_refuses_a_range_wider_than_the_image(mode):
+    """At 34 columns it is refused, at 35 it is matched."""
     method = f"opencv_sgbm:mode={mode}"
     wide, narrow = ([np.ascontiguousarray(image[:, :width]) for image in scene()] for width in (35, 34))
     assert tm.match(*wide, method, num_disparities=32, block_size=5).shape == wide[0].shape
@@ -49,12 +49,12 @@ def test_a_range_wider_than_the_image_is_refused_before_opencv_sees_it(mode):
 
 
 @pytest.mark.parametrize("text", ["opencv_bm:texture=1000000000000", "opencv_sgbm:uniqueness=1000000000000"])
-def test_what_opencv_itself_refuses_is_one_line(text):
+def test_errors_of_opencv_are_one_line(text):
     with pytest.raises(InputError, match=r"^OpenCV's Stereo\w+ refuses this: [^\n]+$"):
         tm.match(*scene(), text)
 
 
-def test_without_opencv_the_extra_is_named(monkeypatch):
+def test_without_opencv_the_error_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(MissingExtraError, match=r"twinlens\[opencv\]"):
         tm.match(*scene(), "opencv_bm")
@@ -67,7 +67,7 @@ def constant(left, _right, num_disparities, min_disparity):
     return np.full(left.shape[:2], min_disparity + num_disparities)
 
 
-def test_a_function_is_called_with_the_range():
+def test_a_function_receives_the_range():
     left, right = scene()
     got = tm.match(left, right, f"function:function={__name__}:constant", num_disparities=7, min_disparity=2)
     np.testing.assert_array_equal(got, np.full(left.shape, 9, np.float32))
@@ -82,7 +82,7 @@ RESULTS = {
 
 
 @pytest.mark.parametrize("case", RESULTS)
-def test_what_a_function_returns_is_checked(case):
+def test_the_result_of_a_function_is_checked(case):
     function, message = RESULTS[case]
     with pytest.raises(InputError, match=message):
         tm.PythonFunction(function).match(*scene())
@@ -105,7 +105,7 @@ def program(tmp_path, code, tail="{num_disparities}"):
     return f"{sys.executable} '{path}' {{left}} {{right}} {{out}} {tail}"
 
 
-def test_a_program_is_given_the_images_and_its_map_comes_back_the_right_way_up(tmp_path):
+def test_a_program_receives_the_images_and_its_map_is_read_top_down(tmp_path):
     left, right = scene()
     got = tm.Program(program(tmp_path, COPY), num_disparities=3).match(left, right)
     np.testing.assert_array_equal(got, left + np.float32(3))
@@ -134,7 +134,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("case", FAULTS)
-def test_a_program_that_fails_says_so_in_one_line(case, tmp_path):
+def test_the_failure_of_a_program_is_one_line(case, tmp_path):
     code, message = FAULTS[case]
     timeout = 0.5 if case == "hangs" else 60
     with pytest.raises(InputError, match=message) as caught:
@@ -145,8 +145,8 @@ def test_a_program_that_fails_says_so_in_one_line(case, tmp_path):
 TALK = "import os, sys\nfor _ in range(1600): os.write(1, b'x' * 65536); os.write(2, b'y' * 65536)\n"
 
 
-def test_what_a_program_prints_is_not_kept(tmp_path):
-    """Of 200 MB that it prints nothing is left here."""
+def test_the_output_of_a_program_is_not_kept_in_memory(tmp_path):
+    """The program prints 200 MB."""
     left, right = scene()
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     found = tm.Program(program(tmp_path, TALK + COPY), num_disparities=3).match(left, right)
@@ -154,21 +154,21 @@ def test_what_a_program_prints_is_not_kept(tmp_path):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kB
 
 
-def test_an_endless_talker_meets_its_limit(tmp_path):
+def test_a_program_that_prints_forever_is_killed_at_its_limit(tmp_path):
     code = "import os\nwhile True: os.write(1, b'x' * 65536)"
     with pytest.raises(InputError, match="longer than 1 s"):
         tm.Program(program(tmp_path, code), timeout_s=1).match(*scene())
 
 
-def test_a_program_that_leaves_somebody_behind_is_done_when_it_is(tmp_path):
-    """What it started still holds its pipe; nobody waits for that."""
+def test_a_program_ends_although_its_child_still_runs(tmp_path):
+    """The child holds the pipe open; `match` does not wait for it."""
     code = COPY + "\nimport subprocess; subprocess.Popen(['sleep', '20'])"
     begun = time.monotonic()
     tm.Program(program(tmp_path, code), num_disparities=3).match(*scene())
     assert time.monotonic() - begun < 15
 
 
-def test_a_map_larger_than_it_says_is_not_read_whole(tmp_path):
+def test_a_file_larger_than_its_header_says_is_not_read_whole(tmp_path):
     code = "import sys\nwith open(sys.argv[3], 'wb') as f:\n f.write(b'Pf\\n120 60\\n-1.0\\n'); f.truncate(1 << 36)"
     with pytest.raises(InputError, match="not a grey PFM file of the size"):
         tm.Program(program(tmp_path, code)).match(*scene())
@@ -176,8 +176,8 @@ def test_a_map_larger_than_it_says_is_not_read_whole(tmp_path):
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("tail", [(), (1,), (3,)])
-def test_a_program_sees_every_pixel_of_every_kind_of_image(tmp_path, dtype, tail):
-    """What reaches it is read back by OpenCV, which knows 16-bit colour."""
+def test_a_program_reads_8_and_16_bit_grey_and_colour_exactly(tmp_path, dtype, tail):
+    """OpenCV, which reads 16-bit colour, checks the PNG files."""
     code = """
 import sys, cv2, numpy as np
 image = cv2.imread(sys.argv[1], cv2.IMREAD_UNCHANGED)
@@ -195,17 +195,17 @@ with open(sys.argv[3], "wb") as file:
     ("command", "message"),
     [("prog {left} {right}", "{out}"), ("'prog {left} {right} {out}", "cannot be read"), ("", "{left}")],
 )
-def test_a_command_without_its_places_is_refused(command, message):
+def test_a_command_without_its_placeholders_is_refused(command, message):
     with pytest.raises(InputError, match=message):
         tm.Program(command)
 
 
-def test_a_program_that_is_not_there_is_named():
+def test_a_missing_program_is_named():
     with pytest.raises(InputError, match="'no-such-program' cannot be started"):
         tm.Program("no-such-program {left} {right} {out}").match(*scene())
 
 
-def test_a_program_consists_of_its_own_file_and_those_it_is_given(tmp_path):
+def test_the_content_of_a_program_includes_the_files_of_its_command(tmp_path):
     weights = tmp_path / "w.bin"
     weights.write_bytes(b"1")
     text = f"{program(tmp_path, 'pass')} --weights={weights}"
@@ -222,7 +222,7 @@ def test_a_program_consists_of_its_own_file_and_those_it_is_given(tmp_path):
     assert tm.Program("no-such-program {left} {right} {out}").content == ""
 
 
-def test_a_function_consists_of_its_file(tmp_path, monkeypatch):
+def test_the_content_of_a_function_is_its_file(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     place, seen = tmp_path / "somebodys_matcher.py", set()
     for text in ("def f(): 1", "def f(): 22"):

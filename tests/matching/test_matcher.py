@@ -39,7 +39,7 @@ def chosen_costs(volume, disparity, low):
 @pytest.mark.parametrize("cost", EXACT)
 @settings(max_examples=25, deadline=None)
 @given(problem=problems(dtypes=("uint8", "uint16")))
-def test_integer_costs_choose_exactly_what_plain_loops_choose(cost, problem):
+def test_integer_costs_choose_the_same_as_naive_loops(cost, problem):
     left, right, side, low, count = problem
     volume = naive_volume(left, right, cost, side, low, count)
     disparity = tm.match(
@@ -124,7 +124,7 @@ def test_wide_windows_of_saturated_images_do_not_overflow(side):
 
 @pytest.mark.parametrize("side", [3, 11])
 @pytest.mark.parametrize("low", [-5, 0, 3])
-def test_what_lies_outside_the_image_never_wins_over_what_correlates_negatively(side, low):
+def test_candidates_outside_the_image_never_win_over_negative_correlations(side, low):
     """Light that grows to the right in one eye and to the left in the other, then black: costs of 2, and of 1."""
     ramp = 7 * np.arange(44) + np.random.default_rng(7).integers(0, 5, (6, 44))
     left, right = np.where(np.arange(44) < 30, ramp, 0).astype(np.uint8), (255 - ramp // 2).astype(np.uint8)
@@ -143,7 +143,7 @@ def test_constant_images_tie_and_the_smallest_disparity_wins(cost):
     np.testing.assert_array_equal(disparity, np.zeros((6, 12)))
 
 
-def test_pixels_without_a_candidate_are_unknown_and_all_others_are_known():
+def test_only_pixels_without_a_candidate_are_unknown():
     left, right = np.random.default_rng(0).integers(0, 256, (2, 5, 20), dtype=np.uint8)
     known = np.isfinite(tm.match(left, right, "sad", block_size=3, min_disparity=4, num_disparities=3))
     np.testing.assert_array_equal(known, np.broadcast_to(np.arange(20) >= 4, (5, 20)))
@@ -176,7 +176,7 @@ def test_the_right_map_is_the_left_map_of_the_mirrored_pair():
     assert np.array_equal(np.rint(theirs[1:-1, 6:-6]), np.full((10, 48), 4))
 
 
-def test_left_right_check_keeps_what_both_maps_say_and_forgets_the_rest():
+def test_left_right_check_keeps_pixels_on_which_both_maps_agree():
     rng = np.random.default_rng(2)
     background, front = rng.integers(0, 256, (2, 20, 120), dtype=np.uint8)
     left, right = background[:, 4:104].copy(), background[:, 8:108].copy()
@@ -232,7 +232,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_wrong_input_is_refused_in_one_line_that_says_what_is_right(case):
+def test_wrong_input_is_refused_in_one_line_with_the_remedy(case):
     images, options, message = WRONG[case]
     with pytest.raises(InputError, match=message) as caught:
         tm.match(*images, **options)

@@ -1,4 +1,4 @@
-"""Names, options, and what importing costs."""
+"""Method names, options, imports and kernel caching."""
 
 import os
 import subprocess
@@ -28,7 +28,7 @@ def test_text_names_a_method_and_its_options():
     assert (matcher.block_size, matcher.lr_check, matcher.subpixel) == (21, 1.5, "none")
 
 
-def test_a_data_set_s_range_fills_what_the_text_leaves_open():
+def test_a_range_in_the_text_takes_precedence_over_the_data_set():
     assert tm.parse_method("sad").matcher(num_disparities=100, nothing_known=1).num_disparities == 100
     assert tm.parse_method("sad:num_disparities=32").matcher(num_disparities=100).num_disparities == 32
 
@@ -178,7 +178,7 @@ def test_similarity_and_cost_agree_in_direction():
 
 
 @pytest.fixture
-def somebodys_package(tmp_path, monkeypatch):
+def other_package(tmp_path, monkeypatch):
     """An installed package that offers a matcher, and one that is broken, under the entry point twinlens.methods."""
     (tmp_path / "theirs.py").write_text(
         "import numpy as np\n"
@@ -193,7 +193,7 @@ def somebodys_package(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_a_package_s_entry_point_is_a_method(somebodys_package):
+def test_a_package_s_entry_point_is_a_method(other_package):
     image = np.zeros((6, 9), np.uint8)
     np.testing.assert_array_equal(
         tm.match(image, image, "flat", num_disparities=7, min_disparity=2), np.full((6, 9), 9)
@@ -205,6 +205,6 @@ def test_a_package_s_entry_point_is_a_method(somebodys_package):
         tm.find_method("flatt")
 
 
-def test_a_broken_entry_point_says_what_cannot_be_imported(somebodys_package):
+def test_a_broken_entry_point_names_the_function(other_package):
     with pytest.raises(InputError, match="'theirs:none' cannot be imported"):
         tm.match(np.zeros((6, 9), np.uint8), np.zeros((6, 9), np.uint8), "broken")

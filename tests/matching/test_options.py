@@ -18,11 +18,11 @@ from twinlens.matching import parse_method
         "program:command=x,timeout_s=nan",
     ],
 )
-def test_options_that_cannot_be_are_refused_in_a_line(text):
+def test_wrong_options_are_refused_in_one_line(text):
     with pytest.raises(InputError) as refusal:
         parse_method(text)
     assert "\n" not in str(refusal.value)
 
 
-def test_none_is_off():
+def test_none_switches_an_option_off():
     assert parse_method("sad:uniqueness=none,texture=none").matcher() == parse_method("sad").matcher()

@@ -1,4 +1,4 @@
-"""The kernels on processors that lack this one's instructions: compiled for older ones, they choose the same."""
+"""Kernels compiled for older processors give the same disparities."""
 
 import os
 import platform

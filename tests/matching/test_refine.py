@@ -1,4 +1,4 @@
-"""What each refinement keeps, forgets and fills."""
+"""Refinement steps: which pixels each of them keeps, removes and fills."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ MAPS = hnp.arrays(
 
 
 @given(disparity=MAPS)
-def test_filling_leaves_nothing_unknown_and_the_known_alone(disparity):
+def test_filling_makes_all_pixels_known_and_keeps_known_ones(disparity):
     result, known = refine.filled(disparity), np.isfinite(disparity)
     np.testing.assert_array_equal(result[known], disparity[known])
     assert np.isfinite(result).all() == known.any()
@@ -53,7 +53,7 @@ def test_median_is_that_of_known_neighbours_and_keeps_density(disparity):
         assert result[y, x] == near[(len(near) - 1) // 2]
 
 
-def test_uniqueness_forgets_what_repeats():
+def test_uniqueness_removes_repetitive_texture():
     rng = np.random.default_rng(0)
     tile = rng.integers(0, 256, (12, 6), dtype=np.uint8)
     repeated = np.tile(tile, (1, 8))
@@ -65,7 +65,7 @@ def test_uniqueness_forgets_what_repeats():
         assert np.isfinite(matcher.match(free, free)[2:-2, 14:-2]).mean() > 0.9, method
 
 
-def test_texture_forgets_plain_surfaces():
+def test_texture_removes_surfaces_without_texture():
     image = np.full((20, 40), 90, np.uint8)
     image[:, :20] = np.random.default_rng(0).integers(0, 256, (20, 20))
     got = np.isfinite(tm.match(image, image, "sad", block_size=5, num_disparities=4, texture=5))
