@@ -94,11 +94,11 @@ def left_out(images: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("index", range(len(LENSES)), ids=list(LENSES))
-def test_every_lens_sees_what_it_sees_by_itself(grids, direct, index):
+def test_every_lens_equals_its_direct_image(grids, direct, index):
     assert not differ(grids[0][:, index], direct[:, index])
 
 
-def test_the_comparison_notices_another_lens(grids, direct):
+def test_the_comparison_detects_another_lens(grids, direct):
     names = list(LENSES)
     for a, b in (("wide near", "wide far"), ("wide far", "wide near"), ("pinhole", "wide far")):
         assert differ(grids[0][:, names.index(a)], direct[:, names.index(b)])
@@ -106,7 +106,7 @@ def test_the_comparison_notices_another_lens(grids, direct):
 
 
 @pytest.mark.parametrize(("factors", "same"), [((1.0, 1.0), True), ((0.8, 3.2 / 3), False), ((1.0, 1.2), False)])
-def test_the_weights_of_rings_are_right_and_a_fifth_off_is_noticed(monkeypatch, factors, same):
+def test_weights_of_annuli_are_right_and_an_error_of_a_fifth_is_detected(monkeypatch, factors, same):
     """A lamp out of focus is an even disk of 19 pixels, of which the inner ring makes the inner half."""
 
     def askew(ring, lens):
@@ -161,7 +161,7 @@ def test_bytes_depend_on_the_seed_and_not_on_the_threads(room):
     [("multijitter", spp) for spp in (1, 2, 5, 64)]
     + [("independent", 1), ("stratified", 2), ("orthogonal", 5), ("ldsampler", 3)],
 )
-def test_any_count_of_any_sampler_is_taken(sampler, spp):
+def test_every_sample_count_works_with_every_sampler(sampler, spp):
     """Samplers round counts up; an even light comes out even, whatever they take."""
     lenses = [tl.ThinLens(0.1, 1.0), tl.ThinLens(0.07, 3.0)]
     grid = tl.render_lens_grid(sky(0.25), RIG, lenses, spp=spp, sampler=sampler)
@@ -178,7 +178,7 @@ def test_any_count_of_any_sampler_is_taken(sampler, spp):
     ],
     ids=["distortion", "polygon"],
 )
-def test_what_cannot_share_paths_is_rendered_lens_by_lens(room, camera, lens):
+def test_lenses_that_cannot_share_paths_are_rendered_separately(room, camera, lens):
     rig, lenses = tl.Rig([camera], [HERE]), [tl.ThinLens(0.2, 5.0), lens]
     grid = repeated(lambda seed: tl.render_lens_grid(room, rig, lenses, spp=SPP, seed=seed)[1])
     alone = repeated(lambda seed: tl.render(room, rig, lens, spp=SPP, seed=100 + seed))
@@ -217,7 +217,7 @@ def test_the_scalar_backend_renders_lens_by_lens(room, tmp_path):
 
 
 @pytest.mark.parametrize("fall", [1.0, 1.1, 1.5])
-def test_rings_are_as_many_as_radii_and_give_each_lens_its_error(fall):
+def test_there_is_one_annulus_per_radius_with_enough_samples(fall):
     """Six apertures one stop apart, in units of one sample's variance: that of 64 direct samples."""
     lenses = [tl.ThinLens(0.1 / 2 ** (0.5 * stop), focus) for stop in range(6) for focus in (1.0, 2.0, 3.0, 4.0)]
     rings = plan_annuli(lenses, 64, fall)
@@ -244,7 +244,7 @@ def test_light_of_any_strength_keeps_its_value(radiance):
 
 
 @pytest.mark.parametrize("radiance", [np.nan, np.inf])
-def test_light_that_is_not_finite_is_told_as_in_direct_images(monkeypatch, radiance):
+def test_non_finite_light_is_as_in_direct_images(monkeypatch, radiance):
     """Where a ray meets such light its pixel says so, all others are as they would be, and so is their error."""
     lit = chequered_room()
     lenses = [LENSES["wide near"], LENSES["narrow far"]]
@@ -294,7 +294,7 @@ def test_lists_of_every_kind(room, name):
         assert (grid[:, 0] == grid[:, 2]).all()
 
 
-def test_other_shapes_leave_the_disks_their_shared_paths(room):
+def test_other_apertures_do_not_stop_disks_from_sharing(room):
     rig, disks = tl.Rig([LEFT], [HERE]), [tl.ThinLens(0.4, 1.9), tl.Pinhole(), tl.ThinLens(0.2, 5.0)]
     shapes = [tl.ThinLens(0.3, 2.0, shape) for shape in (Polygon(5), Annulus(0.5), MaskAperture(np.eye(3)))]
     both = tl.render_lens_grid(room, rig, [shapes[0], disks[0], shapes[1], disks[1], shapes[2], disks[2]], spp=8)
@@ -304,7 +304,7 @@ def test_other_shapes_leave_the_disks_their_shared_paths(room):
     assert (both.standard_error > 0).all()
 
 
-def test_the_error_of_a_lens_by_itself_is_told(room):
+def test_separate_lenses_have_a_standard_error(room):
     rig, lens = tl.Rig([LEFT], [HERE]), tl.ThinLens(0.3, 2.0, Polygon(5))
     grids = [tl.render_lens_grid(room, rig, [lens], spp=SPP, seed=seed) for seed in range(REPEATS)]
     images = np.array([grid[0][0] for grid in grids], dtype=np.float64)
@@ -316,7 +316,7 @@ def test_the_error_of_a_lens_by_itself_is_told(room):
     assert high / low < 3.5
 
 
-def test_a_bare_hole_among_lenses_does_not_swell_the_film():
+def test_a_bare_aperture_among_lenses_does_not_enlarge_the_film():
     """5 mm before a film 5 cm away shears by 45 pixels where the lenses shear by 2."""
     camera = tl.Camera.from_fov(640, 480, fov_x_deg=40)
     lenses = [tl.ThinLens(0.02 / 2 ** (0.5 * stop), z) for stop in range(6) for z in (1.2, 1.5, 2.0, 2.9)]

@@ -138,7 +138,7 @@ def test_later_dimensions_are_independent():
     assert uniform(counts)
 
 
-def test_beyond_the_deck_numbers_are_random():
+def test_dimensions_beyond_the_table_are_random():
     sampler = stratified_sampler((8, 8))
     sampler.start(make_pattern((8, 8), 0.0, 0.1, SHEARS, 0), 64, 0)
     sampler.dimension = dr.opaque(mi.UInt32, sampler.orders)
@@ -153,7 +153,7 @@ def uniform(counts) -> bool:
     return bool(((counts - expected) ** 2).sum() / expected < chi2.ppf(0.999, counts.size - 1))
 
 
-def test_any_sample_has_any_stratum_as_often():
+def test_every_stratum_is_equally_likely_for_every_sample():
     white, classes = checkerboard((4, 2)), np.array([0, 1, 2, 1, 3, 2, 1, 0])
     classes = 2 * classes + white
     dealt = []
@@ -206,7 +206,7 @@ def test_landings_are_even_at_every_focus():
     assert woven.mean() < 0.8 * left.mean()
 
 
-def test_weaving_takes_sums_that_no_order_changes():
+def test_kernel_sums_do_not_depend_on_order():
     """Else the bytes of an image could depend on how many threads multiply matrices."""
     random = np.random.default_rng(0)
     moves, white = random.normal(size=(24, 5, 2)), checkerboard((6, 4))
@@ -232,7 +232,7 @@ def places():
     return np.array(found), patterns, shears
 
 
-def test_every_sample_lands_as_far_away_as_the_pattern_says(places):
+def test_samples_land_at_the_shifts_of_the_pattern(places):
     found, patterns, shears = places
     for values, shared in zip(found, patterns, strict=True):
         for focus, shear in enumerate(shears):
@@ -275,7 +275,7 @@ def test_gathering_puts_every_ray_where_it_lands():
     assert film.gather(radiance, shifts, second) == pytest.approx(expected)
 
 
-def test_dimensions_go_on_within_compiled_loops():
+def test_dimensions_advance_within_compiled_loops():
     """A bounce draws other numbers than the bounce before it."""
     shared = make_pattern((4, 4), 0.0, 0.1, [(0.0, 0.0)], 0)
     sampler = stratified_sampler(shared.grid)

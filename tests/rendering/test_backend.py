@@ -59,7 +59,7 @@ def old_ones() -> list[Path]:
     return [file for file in (DEBIAN / "libLLVM-15.so.1", DEBIAN / "libLLVM-14.so.1") if file.exists()]
 
 
-def test_broken_and_old_libraries_are_survived_and_named(offer, tmp_path):
+def test_broken_and_old_libraries_are_reported(offer, tmp_path):
     """Real children: a text file, LLVM 15, which aborts its process, and LLVM 14, which is refused."""
     files = [broken(tmp_path), *old_ones()]
     offer(*files)
@@ -74,7 +74,7 @@ def test_broken_and_old_libraries_are_survived_and_named(offer, tmp_path):
 
 
 @pytest.mark.skipif(not (DEBIAN / "libLLVM-15.so.1").exists(), reason="no LLVM 15 on this machine")
-def test_a_user_who_names_an_llvm_that_aborts_gets_the_scalar_backend_and_an_image(tmp_path):
+def test_an_llvm_path_that_aborts_falls_back_to_scalar(tmp_path):
     """The whole way, in a process that must not die: DRJIT_LIBLLVM_PATH names LLVM 15, and there is no other."""
     script = (
         "import importlib; from twinlens.rendering import llvm\n"
@@ -90,7 +90,7 @@ def test_a_user_who_names_an_llvm_that_aborts_gets_the_scalar_backend_and_an_ima
     assert child.stdout.endswith(" | no usable LLVM; see `twinlens doctor`\n")
 
 
-def test_a_user_who_names_a_missing_library_gets_a_reason(monkeypatch, tmp_path):
+def test_a_missing_library_path_is_reported(monkeypatch, tmp_path):
     monkeypatch.setattr(llvm, "_FOLDERS", ())
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(tmp_path / "libLLVM-gone.so"))
     chosen = backend.doctor()
@@ -98,13 +98,13 @@ def test_a_user_who_names_a_missing_library_gets_a_reason(monkeypatch, tmp_path)
     assert chosen.reason == "libLLVM-gone.so fails: no such file"
 
 
-def test_a_mere_name_is_left_to_the_loader(monkeypatch):
+def test_a_library_name_without_a_folder_is_found_by_the_loader(monkeypatch):
     """The system knows where libLLVM-42.so is, in a folder that this module does not."""
     monkeypatch.setattr(llvm, "_run", lambda script, environment: "works")
     assert llvm.probe("llvm_ad_rgb", Path("libLLVM-42.so")).works
 
 
-def test_a_working_llvm_is_chosen_behind_a_broken_one(offer, answers, tmp_path):
+def test_a_working_llvm_is_chosen_after_a_broken_one(offer, answers, tmp_path):
     offer(broken(tmp_path), "/nowhere/libLLVM-16.so", "/nowhere/libLLVM-42.so", "/nowhere/libLLVM-43.so")
     asked = answers(
         {"libLLVM-99.so": "fails: x", "libLLVM-16.so": "aborts the process (signal 6)", "libLLVM-42.so": "works"}
@@ -115,7 +115,7 @@ def test_a_working_llvm_is_chosen_behind_a_broken_one(offer, answers, tmp_path):
     assert chosen.is_jit
 
 
-def test_no_library_at_all_is_said_so(offer):
+def test_a_missing_llvm_is_reported(offer):
     offer()
     chosen = backend.doctor()
     assert chosen.name == "scalar"
@@ -123,7 +123,7 @@ def test_no_library_at_all_is_said_so(offer):
     assert chosen.advice
 
 
-def test_who_renders_without_llvm_is_told_so_briefly_and_by_the_doctor_at_length(monkeypatch, offer, answers):
+def test_commands_report_missing_llvm_briefly_and_doctor_in_full(monkeypatch, offer, answers):
     """What is rendered with closes the line of every command: however many libraries said however much."""
     offer("/nowhere/libLLVM-42.so", "/nowhere/libLLVM-43.so")
     answers({"libLLVM-42.so": "fails: " + "word " * 70, "libLLVM-43.so": "aborts the process (signal 6)"})
@@ -136,21 +136,21 @@ def test_who_renders_without_llvm_is_told_so_briefly_and_by_the_doctor_at_length
     assert "libLLVM-43.so aborts" in told.reason
 
 
-def test_a_cuda_device_comes_first_and_a_broken_one_is_passed_over(monkeypatch, offer, answers):
+def test_a_working_cuda_device_is_preferred(monkeypatch, offer, answers):
     monkeypatch.setattr(backend, "_has_cuda_driver", lambda: True)
     offer("/nowhere/libLLVM-42.so")
     answers({"cuda": "works"})
     assert backend.doctor().variant == "cuda_ad_rgb"
 
 
-def test_a_cuda_driver_without_a_device_is_passed_over(monkeypatch, offer, answers):
+def test_a_cuda_driver_without_a_device_is_not_used(monkeypatch, offer, answers):
     monkeypatch.setattr(backend, "_has_cuda_driver", lambda: True)
     offer("/nowhere/libLLVM-42.so")
     answers({"cuda": "fails: no device", "libLLVM-42.so": "works"})
     assert backend.doctor().variant == "llvm_ad_rgb"
 
 
-def test_the_newest_library_is_tried_first_and_the_users_own_before_it(monkeypatch, tmp_path):
+def test_candidates_are_the_users_library_then_the_newest(monkeypatch, tmp_path):
     for name in ("libLLVM-9.so", "libLLVM-14.so.1", "libLLVM.so.19.1", "libLLVM-20.so", "libc.so"):
         (tmp_path / name).write_text("")
     monkeypatch.setattr(llvm, "_FOLDERS", (str(tmp_path),))
@@ -169,7 +169,7 @@ def test_links_to_one_library_are_one_candidate(monkeypatch, tmp_path):
     assert [file.name for file in llvm.candidates()] == ["libLLVM.so.19.1"]
 
 
-def test_a_library_is_asked_once_and_again_after_it_changed(answers, tmp_path):
+def test_a_probe_is_cached_until_the_library_changes(answers, tmp_path):
     library = broken(tmp_path)
     asked = answers({"libLLVM-99.so": "fails: broken"})
     first = llvm.probe("llvm_ad_rgb", library)
@@ -181,7 +181,7 @@ def test_a_library_is_asked_once_and_again_after_it_changed(answers, tmp_path):
 
 
 @pytest.mark.parametrize("damage", ["", "{", "[1, 2]", '"text"', "null", "\x00\xff", "rows"])
-def test_a_damaged_memory_is_forgotten(answers, own_cache, tmp_path, damage):
+def test_a_damaged_probe_cache_is_ignored(answers, own_cache, tmp_path, damage):
     library = broken(tmp_path)
     asked = answers({"libLLVM-99.so": "works"})
     llvm.probe("llvm_ad_rgb", library)
@@ -194,7 +194,7 @@ def test_a_damaged_memory_is_forgotten(answers, own_cache, tmp_path, damage):
     assert len(asked) == 2
 
 
-def test_a_cache_folder_that_cannot_be_written_costs_a_probe_and_nothing_else(monkeypatch, answers, tmp_path):
+def test_a_read_only_cache_folder_only_costs_a_probe(monkeypatch, answers, tmp_path):
     """A file stands where the folder should be: true for root, too."""
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("DRJIT_CACHE_DIR", str(tmp_path / "file"))
@@ -204,7 +204,7 @@ def test_a_cache_folder_that_cannot_be_written_costs_a_probe_and_nothing_else(mo
     assert len(asked) == 2
 
 
-def test_a_child_that_hangs_is_no_answer_of_the_library(monkeypatch, tmp_path):
+def test_a_probe_that_hangs_is_reported_as_a_timeout(monkeypatch, tmp_path):
     """A real child that sleeps."""
     monkeypatch.setattr(llvm, "_PROBE_SECONDS", 0.5)
     monkeypatch.setattr(llvm, "_PROBE", "import time; time.sleep(60)")
@@ -213,7 +213,7 @@ def test_a_child_that_hangs_is_no_answer_of_the_library(monkeypatch, tmp_path):
     assert "did not answer" in result.answer
 
 
-def test_a_child_that_hung_is_asked_again(answers, tmp_path):
+def test_a_timeout_is_not_cached(answers, tmp_path):
     asked, library = answers({"libLLVM-99.so": "did not answer within 120 s"}), broken(tmp_path)
     for _ in range(2):
         llvm.probe("llvm_ad_rgb", library)
@@ -231,13 +231,13 @@ def test_a_child_that_hung_is_asked_again(answers, tmp_path):
         ("raise SystemExit(3)", "fails with exit code 3"),
     ],
 )
-def test_every_end_of_a_child_has_words(script, answer):
+def test_every_exit_of_a_probe_has_a_message(script, answer):
     quiet = "import resource; resource.setrlimit(resource.RLIMIT_CORE, (0, 0)); "
     assert llvm._run(quiet + script, dict(os.environ)) == answer
 
 
 @pytest.mark.parametrize("wish", ["Scalar", "llvm19", "gpu", ""])
-def test_an_unknown_wish_is_refused_with_the_known_ones(monkeypatch, wish):
+def test_an_unknown_backend_name_is_an_error(monkeypatch, wish):
     monkeypatch.setenv("TWINLENS_BACKEND", wish)
     with pytest.raises(InputError, match="auto, cuda, llvm, scalar") as caught:
         backend.backend.__wrapped__()
@@ -245,7 +245,7 @@ def test_an_unknown_wish_is_refused_with_the_known_ones(monkeypatch, wish):
 
 
 @pytest.mark.parametrize("wish", ["llvm", "cuda"])
-def test_a_wish_that_cannot_be_met_is_an_error_that_says_what_was_tried(offer, answers, wish):
+def test_a_backend_that_does_not_work_is_an_error(offer, answers, wish):
     offer("/nowhere/libLLVM-15.so")
     answers({"libLLVM-15.so": "aborts the process (signal 6)"})
     with pytest.raises(BackendError, match=f"TWINLENS_BACKEND={wish}") as caught:
@@ -255,7 +255,7 @@ def test_a_wish_that_cannot_be_met_is_an_error_that_says_what_was_tried(offer, a
     assert "\n" not in str(caught.value)
 
 
-def test_scalar_on_request_asks_nobody(offer, answers):
+def test_requested_scalar_probes_nothing(offer, answers):
     offer("/nowhere/libLLVM-15.so")
     asked = answers({})
     assert backend._choose("scalar").variant == "scalar_rgb"
@@ -267,12 +267,12 @@ HOST = (
 )
 
 
-def test_a_variant_that_the_host_has_set_is_kept():
+def test_a_variant_set_by_the_host_is_kept():
     child = run_python(HOST.format(variant="scalar_rgb"))
     assert child.stdout.strip() == "scalar_rgb", child.stderr
 
 
-def test_a_variant_that_has_no_colours_is_refused():
+def test_an_unsupported_variant_is_an_error():
     child = run_python(HOST.format(variant="scalar_spectral"))
     assert child.returncode == 1
     assert "BackendError: mitsuba's variant is already scalar_spectral" in child.stderr.splitlines()[-1]
@@ -299,7 +299,7 @@ def test_a_missing_library_named_by_the_user_leads_to_the_one_that_works(both):
     assert child.stdout.strip() in ("llvm_ad_rgb", "cuda_ad_rgb")
 
 
-def test_a_host_that_read_a_broken_path_first_is_told_in_a_line(both):
+def test_a_host_that_imported_mitsuba_with_a_broken_path_gets_one_line(both):
     both["llvm"]("truth")
     script = "import mitsuba; from twinlens.rendering import backend; backend()"
     child = run_python(script, DRJIT_LIBLLVM_PATH="/nonexistent")

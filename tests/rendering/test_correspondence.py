@@ -65,7 +65,7 @@ def test_truth_of_a_hundred_random_rigs_satisfies_their_fundamental_matrices(pai
         assert np.abs(residual).max() < 1e-9
 
 
-def test_another_librarys_f_from_the_same_truth_is_ours(pairs):
+def test_fundamental_matrices_agree_with_opencv(pairs):
     balanced = np.array([[16.0, 0, 11.5], [0, 16.0, 8.5], [0, 0, 1.0]])
     for rig, _, here, there in pairs[:20]:
         theirs, _ = cv2.findFundamentalMat(*ideal(rig, here, there), cv2.FM_8POINT)
@@ -74,7 +74,7 @@ def test_another_librarys_f_from_the_same_truth_is_ours(pairs):
         assert min(np.abs(ours - theirs).max(), np.abs(ours + theirs).max()) < 1e-6
 
 
-def test_a_match_triangulates_to_the_point_that_both_see_and_projects_back(scene, pairs):
+def test_matches_triangulate_to_the_true_points(scene, pairs):
     for rig, answer, here, there in pairs[:30]:
         position = tl.ground_truth(scene, rig)[0].position[np.isfinite(answer.pixels[..., 0])]
         for method in METHODS:
@@ -93,7 +93,7 @@ def test_opencv_triangulates_the_truth_to_the_same_points(scene, pairs):
         assert np.abs(geometry.dehomogeneous(theirs.T) - position).max() < 1e-6
 
 
-def test_what_both_see_leads_there_and_back(scene, pairs):
+def test_correspondences_are_symmetric(scene, pairs):
     """The ray of the target's pixel through an exact match ends where the source's does."""
     for rig, answer, _, _ in pairs[:10]:
         rows, columns = np.nonzero(answer.visible)
@@ -147,7 +147,7 @@ def test_a_rectified_pair_has_its_disparity_in_both_orders_and_ground_truth_agre
         assert np.abs(sign * (u - answer.pixels[..., 0])[known] - answer.disparity[known]).max() < 1e-4
 
 
-def test_two_cameras_in_one_place_see_the_same_points_through_a_homography(scene):
+def test_cameras_at_one_position_are_related_by_a_homography(scene):
     a = cases.crossed_rig()
     turned = a.world_from_cams[1] @ geometry.rigid(rotation(np.random.default_rng(1), 0.2), np.zeros(3))
     rig = Rig([a.cameras[1]] * 2, [a.world_from_cams[1], turned])
@@ -180,6 +180,6 @@ def test_points_behind_the_target_are_unknown_not_nan(scene):
 
 
 @pytest.mark.parametrize("pair", [(0, 0), (0, 3), (-1, 0)])
-def test_a_pair_that_is_none_is_refused(scene, pair):
+def test_an_invalid_pair_of_cameras_is_an_error(scene, pair):
     with pytest.raises(InputError, match="two different cameras out of 0 to 2"):
         tl.correspondence(scene, cases.crossed_rig(), *pair)

@@ -62,20 +62,20 @@ def interrupt():
     os.kill(os.getpid(), signal.SIGINT)
 
 
-def test_an_interrupted_set_up_ends_and_then_the_interrupt_is_heard(slow_mitsuba):
+def test_an_interrupt_is_raised_after_the_set_up(slow_mitsuba):
     with pytest.raises(KeyboardInterrupt):
         backends._activate(SCALAR)
     assert sys.modules["mitsuba"].steps == ["imported", "variant", "log level"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_who_asks_again_after_the_interrupt_is_told_the_first_reason(slow_mitsuba):
+def test_the_backend_after_an_interrupt_keeps_its_reason(slow_mitsuba):
     with pytest.raises(KeyboardInterrupt):
         backends._activate(SCALAR)
     assert backends._already_set() is SCALAR
 
 
-def test_an_interrupt_is_heard_once_by_the_handler_that_was_there():
+def test_an_interrupt_is_raised_once_to_the_previous_handler():
     heard = []
     signal.signal(signal.SIGINT, lambda *_: heard.append("interrupt"))
     with deferred_interrupts():
@@ -87,27 +87,27 @@ def test_an_interrupt_is_heard_once_by_the_handler_that_was_there():
     assert heard == ["interrupt"] * 2
 
 
-def test_without_an_interrupt_nothing_is_raised_and_the_handler_is_back():
+def test_without_an_interrupt_the_handler_is_restored():
     with deferred_interrupts():
         pass
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_an_error_keeps_its_way_and_the_handler_is_back():
+def test_an_error_propagates_and_the_handler_is_restored():
     with pytest.raises(ZeroDivisionError), deferred_interrupts():
         1 / 0  # noqa: B018
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 @pytest.mark.parametrize("kind", [signal.SIG_IGN, signal.SIG_DFL])
-def test_what_is_no_handler_of_pythons_stays(kind):
+def test_handlers_outside_python_are_kept(kind):
     signal.signal(signal.SIGINT, kind)
     with deferred_interrupts():
         assert signal.getsignal(signal.SIGINT) is kind
     assert signal.getsignal(signal.SIGINT) is kind
 
 
-def test_a_thread_of_work_changes_nothing():
+def test_other_threads_defer_nothing():
     seen = []
 
     def work():
@@ -120,7 +120,7 @@ def test_a_thread_of_work_changes_nothing():
     assert seen == [signal.default_int_handler]
 
 
-def test_the_real_mitsuba_lives_through_an_interrupt():
+def test_mitsuba_works_after_an_interrupt_during_import():
     """A child, interrupted where Python imports Mitsuba's own library, which would abort it; then it renders."""
     script = (
         "import importlib, os, signal, sys\n"

@@ -45,7 +45,7 @@ class Fields:
         return array.reshape(-1, *array.shape[2:])
 
 
-def test_every_object_is_the_one_that_stands_there(compare):
+def test_object_ids_equal_the_closed_form(compare):
     """Ids equal the closed form's nearest body, but within a thousandth of a pixel of a silhouette."""
     excused = total = 0
     for truth, view, pixels, _, body in compare():
@@ -131,7 +131,7 @@ def test_positions_project_onto_their_own_pixels_and_at_their_disparity_into_the
         assert np.abs(along - truth["disparity"][hit]).max() <= 1e-4
 
 
-def test_both_views_tell_the_same_truth_of_what_both_see(renderer):
+def test_both_views_agree_on_points_visible_in_both(renderer):
     """The right camera's rays through the exact image points of what it should see hit the same points of the same
     objects: no resampling on the way."""
     truth = renderer("truth")
@@ -189,7 +189,7 @@ def test_names_and_materials_belong_to_the_ids(compare):
             assert (truth["material_kind"][mine] == MATERIAL_KINDS.index(kind)).all()
 
 
-def test_rays_that_hit_nothing_say_so_in_every_field(compare):
+def test_rays_that_hit_nothing_are_unknown_in_every_field(compare):
     missed = 0
     for truth, _, _, depth, _ in compare():
         miss = truth["object_id"] == 0
@@ -213,7 +213,7 @@ def test_the_sky_may_have_the_disparity_at_infinity(renderer):
         assert np.array_equal(sky[~miss], plain[~miss])
 
 
-def test_arrays_have_the_shapes_and_types_they_are_said_to_have(renderer):
+def test_arrays_have_the_documented_shapes_and_types(renderer):
     truth = renderer("truth")
     types = {
         "depth": "f8",
@@ -235,7 +235,7 @@ def test_arrays_have_the_shapes_and_types_they_are_said_to_have(renderer):
                 assert array.shape[2:] == ((3,) if field in ("position", "normal", "shading_normal") else ())
 
 
-def test_both_backends_tell_the_same_truth(both, answers):
+def test_both_backends_give_the_same_truth(both, answers):
     """Refined on the same primitives, they differ by rounding alone."""
     scalar, llvm = both["scalar"]("truth"), both["llvm"]("truth")
     for (name, index), (view, pixels, _, _) in answers.items():

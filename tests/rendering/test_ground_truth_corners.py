@@ -27,7 +27,7 @@ def truth(renderer):
 
 
 @pytest.mark.parametrize("name", [name for name in CASES if name.startswith("edge on")])
-def test_a_plane_does_not_hide_itself_however_nearly_it_is_seen_edge_on(truth, name):
+def test_a_plane_does_not_occlude_itself_at_grazing_angles(truth, name):
     found, view = truth(name)
     assert (found["object_id"] > 0).sum() > 100
     wrong = found["visible"] != view.all_visible
@@ -62,11 +62,11 @@ def test_smooth_normals_are_interpolated_and_face_the_camera(truth, name):
     assert np.abs(np.linalg.norm(smooth, axis=-1) - 1).max() < 1e-6
 
 
-def test_a_stretched_sphere_is_refused_rather_than_made_round(renderer):
+def test_a_stretched_sphere_is_an_error(renderer):
     assert str(renderer("corners")["ellipsoid"]).startswith("InputError")
 
 
-def test_a_raw_mitsuba_file_has_a_truth(renderer):
+def test_a_mitsuba_file_has_ground_truth(renderer):
     arrays = renderer("corners")
     assert str(arrays["xml"]) == "ball"
     view = View([Ball(np.array([0.3, 0.2, 0.1]), 0.5)], corners.rig(), 0)

@@ -35,7 +35,7 @@ def seen(image, axis):
 
 
 @pytest.mark.parametrize("name", photos.EDGES | photos.JIT_EDGES)
-def test_an_edge_of_light_falls_where_the_camera_law_says_and_is_as_wide(photo, renderer, name):
+def test_a_blurred_edge_has_the_expected_position_and_width(photo, renderer, name):
     """To a hundredth of a pixel, so that no half pixel, sign or factor of two can hide; off-centre and tall too."""
     if renderer.backend == "scalar" and name in photos.JIT_EDGES:
         pytest.skip("the scalar backend has no such camera, and says so: see the refusals")
@@ -100,18 +100,18 @@ def same_light(a, b):
     return abs(found - expected) < 4 * spread
 
 
-def test_the_thin_lens_image_equals_mitsubas_own(photo):
+def test_the_thin_lens_image_equals_mitsubas(photo):
     """The same scene, other seeds; and the test notices a lens focused 2 m away instead of 2.5."""
     assert same_light(photo["lens/ours"], photo["lens/theirs"])
     assert not same_light(photo["lens/ours"], photo["lens/wrong focus"])
 
 
-def test_the_pinhole_image_equals_mitsubas_own(photo):
+def test_the_pinhole_image_equals_mitsubas(photo):
     assert same_light(photo["lens/our pinhole"], photo["lens/their pinhole"])
     assert not same_light(photo["lens/our pinhole"], photo["lens/ours"])
 
 
-def test_an_off_centre_pair_is_cut_from_the_centred_images(photo):
+def test_an_off_centre_pair_equals_crops_of_centred_images(photo):
     """Principal points (10, 19) and (17, 19), a pair with doffs = 7, out of an 81x61 image centred at (40, 30)."""
     parts, wholes = photo["crop/parts"], photo["crop/wholes"]
     for camera, cx in ((0, 10), (1, 17)):
@@ -121,7 +121,7 @@ def test_an_off_centre_pair_is_cut_from_the_centred_images(photo):
         assert not same_light(parts[:, camera], beside)
 
 
-def test_both_backends_take_the_same_photograph(both):
+def test_both_backends_render_the_same_image(both):
     scalar, llvm = both["scalar"](JOBS), both["llvm"](JOBS)
     for name in ("lens/ours", "lens/our pinhole"):
         assert same_light(scalar[name], llvm[name])
@@ -135,14 +135,14 @@ def shared_noise(a, b):
     return (a * b).sum() / np.sqrt((a * a * b * b).sum())
 
 
-def test_eyes_do_not_share_their_noise(photo):
+def test_noise_of_the_two_cameras_is_independent(photo):
     """Two cameras in one place, each less a long exposure of its own: what is left is uncorrelated."""
     left, right = photo["noise/first"].astype(float) - photo["noise/long"]
     assert abs(shared_noise(left, right)) < 4
     assert shared_noise(left, left) > 6
 
 
-def test_noise_of_other_seeds_is_other_noise(photo):
+def test_noise_of_two_seeds_is_independent(photo):
     long = photo["noise/long"].astype(float)
     assert abs(shared_noise(photo["noise/first"][0] - long[0], photo["noise/other seed"][0] - long[1])) < 4
 
@@ -169,7 +169,7 @@ SAMPLERS = ("multijitter", "independent", "stratified", "orthogonal", "ldsampler
 
 @pytest.mark.parametrize("spp", SPP)
 @pytest.mark.parametrize("sampler", SAMPLERS)
-def test_exactly_as_many_samples_are_taken_as_asked_for(photo, sampler, spp):
+def test_the_number_of_samples_is_exact(photo, sampler, spp):
     assert whole_number_of_samples(photo[f"count/{sampler}/{spp}"], spp)
 
 
@@ -188,7 +188,7 @@ FINE = ("closed bare hole", "closed polygon", "half-pixel centre", "numpy number
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_impossible_requests_are_refused_in_one_line(photo, name):
+def test_invalid_requests_are_one_line_errors(photo, name):
     message = str(photo[f"refusal/{name}"])
     assert message.startswith(f"InputError: {name.split()[0]}") or "did you mean 'multijitter'" in message
     assert name.split()[1] in message
@@ -196,7 +196,7 @@ def test_impossible_requests_are_refused_in_one_line(photo, name):
 
 
 @pytest.mark.parametrize("name", NEEDS_JIT)
-def test_what_the_scalar_backend_cannot_do_it_refuses_with_the_remedy(photo, renderer, name):
+def test_unsupported_scalar_renders_are_errors_with_a_remedy(photo, renderer, name):
     message = str(photo[f"refusal/{name}"])
     if renderer.backend == "scalar":
         assert message.startswith("BackendError: ")
@@ -207,5 +207,5 @@ def test_what_the_scalar_backend_cannot_do_it_refuses_with_the_remedy(photo, ren
 
 
 @pytest.mark.parametrize("name", FINE)
-def test_what_every_backend_can_do_is_done(photo, name):
+def test_supported_renders_work_on_every_backend(photo, name):
     assert str(photo[f"refusal/{name}"]) == ""

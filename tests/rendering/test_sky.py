@@ -22,7 +22,7 @@ def truths():
     return [tl.ground_truth(scene, rig, sky_disparity=asked) for asked in (False, True)]
 
 
-def test_sky_is_unknown_unless_asked_for(truths):
+def test_sky_is_unknown_by_default(truths):
     unknown, _ = truths
     for truth in unknown:
         assert (~truth.hit).any()

@@ -1,4 +1,4 @@
-"""What Mitsuba would silently draw in another form is refused: round shapes that a pose stretches."""
+"""Stretched round shapes, which Mitsuba would silently render round, are errors."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def thing(shape, scales, instances=()):
     ("shape", "scales"),
     [(UPRIGHT, (1, 1, 3)), (LYING, (3, 1, 1)), (SLANTED, (2, 2, 2)), (TURNED, (3, 1, 1)), (BALL, (2, 2, 2))],
 )
-def test_a_round_shape_may_be_longer_along_its_own_axis_and_larger(shape, scales):
+def test_allowed_scales_of_spheres_and_cylinders(shape, scales):
     check_uniform_scale(thing(shape, scales))
 
 
@@ -30,7 +30,7 @@ def test_a_round_shape_may_be_longer_along_its_own_axis_and_larger(shape, scales
     [(UPRIGHT, (3, 1, 1)), (LYING, (1, 1, 3)), (SLANTED, (1, 1, 3)), (SLANTED, (3, 1, 1)), (TURNED, (1, 1, 3)),
      (BALL, (1, 1, 2))],
 )  # fmt: skip
-def test_a_round_shape_that_is_flattened_is_refused_in_one_line(shape, scales):
+def test_stretched_spheres_and_cylinders_are_errors(shape, scales):
     with pytest.raises(InputError, match="needs a uniform scale") as refusal:
         check_uniform_scale(thing(shape, scales))
     assert "\n" not in str(refusal.value)
@@ -38,6 +38,6 @@ def test_a_round_shape_that_is_flattened_is_refused_in_one_line(shape, scales):
         check_uniform_scale(thing(shape, (1, 1, 1), (np.diag([*scales, 1.0]),)))
 
 
-def test_a_cylinder_of_no_length_is_refused():
+def test_a_cylinder_of_length_zero_is_an_error():
     with pytest.raises(InputError, match="p0 and p1 finite and different"):
         check_uniform_scale(thing({**LYING, "p1": LYING["p0"]}, (1, 1, 1)))

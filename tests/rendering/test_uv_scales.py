@@ -31,14 +31,14 @@ def photograph(scene):
     return tl.render(scene, tl.Rig((camera,), (np.eye(4),)), tl.Pinhole(), spp=16, seed=2)[0]
 
 
-def test_a_mesh_shows_the_repeats_that_a_rectangle_shows():
+def test_texture_repeats_on_a_mesh_look_as_on_a_rectangle():
     on_mesh, on_rectangle = (photograph(card(shape, (3.0, 2.0))) for shape in (QUAD, {"type": "rectangle"}))
     once = photograph(card(QUAD, (1.0, 1.0)))
     assert np.mean(np.abs(on_mesh - on_rectangle) > 1e-3) < 0.01  # rounding at the edges between the picture's pixels
     assert np.mean(np.abs(on_mesh - once) > 1e-3) > 0.5
 
 
-def test_only_the_mesh_takes_them_in():
+def test_only_meshes_take_over_texture_repeats():
     _, factors = move_uv_scales(card(QUAD, (3.0, 2.0)))
     assert factors["card"].tolist() == [3.0, 2.0]
     assert move_uv_scales(card({"type": "rectangle"}, (3.0, 2.0)))[1] == {}
@@ -46,5 +46,5 @@ def test_only_the_mesh_takes_them_in():
 
 
 @pytest.mark.parametrize("other", [Bitmap(PIXELS), {"type": "checkerboard", "to_uv": np.diag([2.0, 2.0, 1.0, 1.0])}])
-def test_pictures_that_repeat_unlike_stay_as_they_are(other):
+def test_textures_of_different_repeats_are_kept(other):
     assert move_uv_scales(card(QUAD, (3.0, 2.0), specular_transmittance=other))[1] == {}

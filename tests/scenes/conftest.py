@@ -1,4 +1,4 @@
-"""A small scene on disk that every test may bend."""
+"""A small scene on disk that tests modify."""
 
 from pathlib import Path
 

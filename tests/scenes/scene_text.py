@@ -1,4 +1,4 @@
-"""The smallest scene, for tests to bend."""
+"""The smallest scene, which tests modify."""
 
 from typing import Any, Protocol, get_args
 

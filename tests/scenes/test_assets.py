@@ -1,4 +1,4 @@
-"""A scene opens files below its own folder and nowhere else, as the kind they are named, and of sensible size."""
+"""A scene opens files below its own folder only, as the format of their suffix, and of limited size."""
 
 from pathlib import Path
 
@@ -39,7 +39,7 @@ def test_files_below_the_folder_are_found_and_recorded(place: SceneContext) -> N
         *("", ".", "deep", "a\0b", "missing.png", "deep/../deep/in.png"),
     ],
 )
-def test_everything_else_is_refused(place: SceneContext, name: str) -> None:
+def test_other_asset_paths_are_errors(place: SceneContext, name: str) -> None:
     with pytest.raises(InputError, match=r"must be a file name relative|leads outside|no file"):
         find_asset(name, place)
     assert place.files == []
@@ -49,7 +49,7 @@ POSTSCRIPT = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\n0
 
 
 @pytest.mark.parametrize("name", ["t.png", "t.jpg", "t.jpeg", "T.PNG"])
-def test_postscript_under_a_pictures_name_reaches_no_interpreter(
+def test_postscript_named_as_a_picture_is_not_interpreted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     started: list[object] = []
@@ -62,7 +62,7 @@ def test_postscript_under_a_pictures_name_reaches_no_interpreter(
     assert started == []
 
 
-def test_one_kind_of_picture_under_anothers_name_is_refused(tmp_path: Path) -> None:
+def test_a_picture_with_the_wrong_suffix_is_an_error(tmp_path: Path) -> None:
     Image.new("RGB", (4, 4)).save(tmp_path / "t.jpg", format="PNG")
     with pytest.raises(FileError, match=r"t\.jpg"):
         read_picture(tmp_path / "t.jpg")
@@ -124,7 +124,7 @@ SKY = ('[lights.sky]\ntype = "constant"\nradiance = 1.0', "[lights.sky]\ntype = 
         ("sky.hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 4\n" + bytes(16), "needs 2x3 pixels or more"),
     ],
 )
-def test_an_environment_map_is_read_before_it_is_handed_on(
+def test_environment_maps_are_checked_before_mitsuba_reads_them(
     tmp_path: Path, read_scene: Read, name: str, content: bytes, message: str
 ) -> None:
     (tmp_path / name).write_bytes(content)

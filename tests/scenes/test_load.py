@@ -17,7 +17,7 @@ from twinlens.scenes import Bitmap, Mesh, Scene, bundled_folder, bundled_heading
 PROMISED = {"cards", "fence", "room", "spheres", "staircase", "tabletop"}
 
 
-def test_the_promised_scenes_are_bundled() -> None:
+def test_the_documented_scenes_are_bundled() -> None:
     assert set(bundled_scenes()) >= PROMISED
     size = sum(path.stat().st_size for path in bundled_folder().rglob("*") if path.is_file())
     assert size < 4_000_000
@@ -50,7 +50,7 @@ def bundled(request: pytest.FixtureRequest) -> Scene:
     return load_scene(request.param)
 
 
-def test_a_heading_is_the_scenes_own(bundled: Scene) -> None:
+def test_a_heading_equals_the_scenes_data(bundled: Scene) -> None:
     (heading,) = (heading for heading in bundled_headings() if heading.name == bundled.name)
     for field in ("depth_range", "baseline", "description"):
         assert getattr(heading, field) == getattr(bundled, field)

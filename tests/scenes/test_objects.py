@@ -33,7 +33,7 @@ VALUES = {
 
 
 @pytest.mark.parametrize("kind", MESH_SHAPES)
-def test_every_body_is_made_from_the_keys_it_needs(read_scene: Read, kind: str) -> None:
+def test_every_mesh_shape_is_made_from_its_required_keys(read_scene: Read, kind: str) -> None:
     lines = [f"{key} = {GIVEN.get(key, {}).get(kind, VALUES[key])}" for key in required(MESH_SHAPES[kind])]
     if kind == "height_field":
         lines = ["extents = [1, 2]", "amplitude = 0.1", "height = { type = 'value_noise', cells = 4, size = 16 }"]
@@ -93,7 +93,7 @@ end_header
 
 @pytest.mark.parametrize("corner", [99, 3, -1, -3])
 @pytest.mark.parametrize("crease_deg", [0.0, 30.0])
-def test_a_face_with_a_corner_that_is_not_there_is_named(tmp_path: Path, corner: int, crease_deg: float) -> None:
+def test_a_face_with_an_invalid_vertex_number_is_an_error(tmp_path: Path, corner: int, crease_deg: float) -> None:
     (tmp_path / "m.ply").write_text(PLY.format(2))
     assert len(read_mesh(tmp_path / "m.ply", crease_deg).faces) == 1
     (tmp_path / "m.ply").write_text(PLY.format(corner))
@@ -115,7 +115,7 @@ def test_a_mesh_of_too_many_triangles_is_refused(tmp_path: Path, monkeypatch: py
         read_mesh(tmp_path / "m.glb")
 
 
-def test_a_mesh_file_of_gigabytes_is_not_opened(tmp_path: Path) -> None:
+def test_a_mesh_file_that_is_too_large_is_not_opened(tmp_path: Path) -> None:
     with (tmp_path / "m.stl").open("wb") as stream:
         stream.truncate((2 << 30) + 1)
     with pytest.raises(FileError, match=r"m\.stl: a mesh file may have at most 2048 MiB"):
@@ -143,9 +143,7 @@ STRETCHED = [
 
 @pytest.mark.parametrize(("kind", "scale", "good"), STRETCHED)
 @pytest.mark.parametrize("where", ["scale = {}", "instances = [{{ scale = {} }}]"])
-def test_round_shapes_are_stretched_only_where_they_stay_what_they_are(
-    read_scene: Read, kind: str, scale: str, good: bool, where: str
-) -> None:
+def test_round_shapes_need_a_uniform_scale(read_scene: Read, kind: str, scale: str, good: bool, where: str) -> None:
     """And the scene is one that the renderer builds: the two must not disagree."""
     build = pytest.importorskip("twinlens.rendering.build").build
     shape = "cylinder" if kind == "lying" else kind
@@ -184,7 +182,7 @@ def test_a_sharp_edge_stays_sharp_and_a_round_side_smooth(tmp_path: Path) -> Non
     np.testing.assert_allclose(mesh.normals[side, :2], radial, atol=math.sin(math.pi / 64) + 1e-6)
 
 
-def test_merged_copies_lie_where_the_instances_lay(read_scene: Read) -> None:
+def test_merged_copies_have_the_poses_of_the_instances(read_scene: Read) -> None:
     text = """
 [objects.b]
 shape = "box"

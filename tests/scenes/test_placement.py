@@ -53,7 +53,7 @@ def test_look_at_turns_z_to_the_target(target: tuple[float, float, float]) -> No
     np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-9)
 
 
-def test_straight_down_is_a_direction_too() -> None:
+def test_look_at_straight_down() -> None:
     np.testing.assert_allclose(placed(translate=[0, 0, 2], look_at=[0, 0, 0])[:3, 2], [0, 0, -1], atol=1e-12)
 
 

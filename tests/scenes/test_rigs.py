@@ -1,4 +1,4 @@
-"""The rig table: each layout stands as its function says, defaults are the scene's, and every mistake names its key."""
+"""Rig tables: each layout equals its function, defaults come from the scene, and every mistake names its key."""
 
 import tomllib
 
@@ -49,11 +49,11 @@ PLACED = {
 
 
 @pytest.mark.parametrize("text", PLACED)
-def test_each_layout_stands_as_its_function_has_it(text):
+def test_each_layout_equals_its_function(text):
     same(rig(text), PLACED[text]())
 
 
-def test_cameras_of_their_own_stand_in_the_world_or_beside_the_rigs_pose():
+def test_cameras_have_world_or_relative_poses():
     world = geometry.look_at([0, 1, 2], [3, 3, 1])
     rows = ", ".join(str(row) for row in world.tolist())
     ours = rig(f"""
@@ -70,7 +70,7 @@ def test_cameras_of_their_own_stand_in_the_world_or_beside_the_rigs_pose():
     assert np.allclose(ours.world_from_cams[3], world)
 
 
-def test_what_cameras_share_and_what_is_their_own():
+def test_shared_and_individual_intrinsics():
     ours = rig("""
         fx = 70
         cx = 30.5
@@ -126,12 +126,12 @@ def test_a_misalignment_moves_the_second_camera_and_keeps_the_calibrated_rig():
         ),
     ],
 )
-def test_a_mistake_names_its_key_and_what_would_be_right(text, says):
+def test_a_mistake_is_reported_with_key_and_remedy(text, says):
     with pytest.raises(InputError, match=says):
         rig(text)
 
 
-def test_a_scene_that_does_not_say_its_depths_asks_for_the_distance():
+def test_toed_in_needs_a_distance_without_a_depth_range():
     vague = Scene("vague", (), {}, POSE, (0.1, 1e4), depth_range_known=False)
     with pytest.raises(InputError, match="distance"):
         rig_from_table({"layout": "toed_in"}, vague, 64, 48)

@@ -40,6 +40,6 @@ BROKEN: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("change", "message"), BROKEN, ids=[b[1][:40] for b in BROKEN])
-def test_a_mesh_that_cannot_be_is_refused(change: dict[str, Any], message: str) -> None:
+def test_an_invalid_mesh_is_an_error(change: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Mesh(**({"vertices": CORNERS, "faces": FACE} | change))

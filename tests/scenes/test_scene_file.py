@@ -1,4 +1,4 @@
-"""Every mistake in a scene.toml is one line that names the file, the key, and what would be right."""
+"""Every mistake in a scene.toml is a one-line error with file, key and what is allowed."""
 
 import string
 import tomllib
@@ -115,7 +115,7 @@ def test_a_mistake_is_named(
     assert "\n" not in said
 
 
-def test_a_scene_that_nothing_lights_is_refused(read_scene: Read) -> None:
+def test_a_scene_without_light_is_an_error(read_scene: Read) -> None:
     with pytest.raises(InputError, match="the scene has no light"):
         read_scene("", ('[lights.sky]\ntype = "constant"\nradiance = 1.0', ""))
 
@@ -128,13 +128,13 @@ def test_syntax_errors_say_the_line(tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path) -> None:
+def test_a_byte_order_mark_is_ignored(tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(MINIMAL, encoding="utf-8-sig")
     assert load_scene(path).materials.keys() == {"grey"}
 
 
-def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
+def test_bytes_that_are_not_utf8_are_an_error(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_bytes(b"description = '\xff'")
     with pytest.raises(FileError, match="not UTF-8"):
@@ -157,7 +157,7 @@ KNOWN_ANYWHERE = {
     value=st.sampled_from(["1", "0.5", "'x'", "true", "[1, 2, 3]", "{ type = 'diffuse' }", "inf", "nan"]),
     table=st.sampled_from(["camera", "materials.grey", "lights.sky", "objects.ball"]),
 )
-def test_no_unknown_key_ever_passes(tmp_path: Path, key: str, value: str, table: str) -> None:
+def test_every_unknown_key_is_an_error(tmp_path: Path, key: str, value: str, table: str) -> None:
     if key in KNOWN_ANYWHERE:
         return
     path = tmp_path / "scene.toml"

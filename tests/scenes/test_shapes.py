@@ -67,7 +67,7 @@ def test_normals_are_unit_and_agree_with_the_faces(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CLOSED)
-def test_texture_coordinates_never_tear_across_the_seam(name: str) -> None:
+def test_no_triangle_crosses_the_texture_seam(name: str) -> None:
     mesh, _ = CLOSED[name]
     assert mesh.uv is not None
     corners = mesh.uv[mesh.faces]
@@ -94,7 +94,7 @@ def test_texture_tiles_are_measured_in_metres() -> None:
             assert on_uv == pytest.approx(np.linalg.norm(mesh.vertices[p] - mesh.vertices[q]))
 
 
-def test_a_field_has_the_heights_and_slopes_it_was_given() -> None:
+def test_a_height_field_has_the_given_heights_and_slopes() -> None:
     x = np.linspace(-1, 1, 41)
     heights = np.broadcast_to(0.3 * x, (41, 41)).astype(np.float32)  # rises with x, 0.3 a metre
     mesh = shapes.height_field(np.array([2.0, 2.0]), heights)

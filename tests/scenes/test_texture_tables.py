@@ -44,7 +44,7 @@ def test_range_repeat_and_wrap_are_kept() -> None:
     assert made.wrap == "mirror"
 
 
-def test_mix_and_multiply_are_what_they_say() -> None:
+def test_mix_and_multiply_follow_their_formulas() -> None:
     left, right = {"type": "stripes", "count": 1}, {"type": "gradient", "along": "u"}
     mixed = paint({"type": "mix", "size": [8, 2], "low": 0.1, "high": 0.9, "weight": left}).pixels
     np.testing.assert_allclose(mixed[0, :, 1], [0.9] * 4 + [0.1] * 4, rtol=1e-6)
@@ -52,7 +52,7 @@ def test_mix_and_multiply_are_what_they_say() -> None:
     np.testing.assert_allclose(product[0, :, 2], [0.0625, 0.1875, 0, 0], atol=1e-7)
 
 
-def test_a_warp_of_nothing_changes_nothing_and_a_real_one_only_moves_texels() -> None:
+def test_a_warp_moves_texels_only() -> None:
     plain = {"type": "value_noise", "cells": 9, "size": 64, "seed": 2}
     straight = paint(plain).pixels
     np.testing.assert_allclose(paint({**plain, "warp": {"amount": 0}}).pixels, straight, atol=1e-6)
@@ -62,7 +62,7 @@ def test_a_warp_of_nothing_changes_nothing_and_a_real_one_only_moves_texels() ->
     assert bent.max() <= straight.max() + 1e-6
 
 
-def test_textures_that_name_each_other_in_a_circle_are_refused() -> None:
+def test_circular_texture_references_are_an_error() -> None:
     with pytest.raises(InputError, match="deep"):
         paint("a", a={"type": "multiply", "size": 4, "factors": ["b"]}, b={"type": "multiply", "factors": ["a"]})
 

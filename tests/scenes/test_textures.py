@@ -40,12 +40,12 @@ def test_values_stay_in_the_unit_interval_and_repeat_with_their_seed(name: str, 
 
 
 @pytest.mark.parametrize("name", RANDOM)
-def test_another_seed_is_another_picture(name: str) -> None:
+def test_different_seeds_make_different_patterns(name: str) -> None:
     assert np.abs(PATTERNS[name](1) - PATTERNS[name](2)).max() > 0.05
 
 
 @pytest.mark.parametrize("name", SMOOTH_PERIODIC)
-def test_a_tile_meets_itself_without_a_seam(name: str) -> None:
+def test_periodic_patterns_have_no_seam(name: str) -> None:
     """The step across the border is no larger than the largest step inside."""
     made = PATTERNS[name](5).astype(float)
     for axis in (0, 1):

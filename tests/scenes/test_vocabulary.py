@@ -1,4 +1,4 @@
-"""Mitsuba itself takes every plugin and every parameter the whitelist names, and nothing it names is left unused."""
+"""Mitsuba accepts every plugin and parameter of the whitelist, and leaves none unused."""
 
 from pathlib import Path
 from typing import Any
@@ -73,7 +73,7 @@ def lines(kind: str, key: str | None) -> str:
 
 
 @pytest.mark.parametrize(("kind", "key"), cases(MATERIALS))
-def test_mitsuba_knows_the_material(read_scene: Read, kind: str, key: str | None) -> None:
+def test_mitsuba_accepts_the_material(read_scene: Read, kind: str, key: str | None) -> None:
     build(read_scene(f"[materials.m]\n{lines(kind, key)}"))
 
 
@@ -90,28 +90,28 @@ MAPPED = [
 
 
 @pytest.mark.parametrize(("kind", "key"), MAPPED)
-def test_a_texture_may_stand_where_a_colour_may(read_scene: Read, kind: str, key: str) -> None:
+def test_a_texture_may_replace_a_colour(read_scene: Read, kind: str, key: str) -> None:
     build(read_scene(f"[materials.m]\n{lines(kind, None)}\n{key} = {NOISE}"))
 
 
 @pytest.mark.parametrize(("kind", "key"), [c for c in cases(LIGHTS) if c.values[0] != "envmap"])
-def test_mitsuba_knows_the_light(read_scene: Read, kind: str, key: str | None) -> None:
+def test_mitsuba_accepts_the_light(read_scene: Read, kind: str, key: str | None) -> None:
     build(read_scene(f"[lights.l]\n{lines(kind, key)}", ('[lights.sky]\ntype = "constant"\nradiance = 1.0', "")))
 
 
 @pytest.mark.parametrize(("kind", "key"), cases(AREA_LIGHTS))
-def test_mitsuba_knows_the_light_of_an_object(read_scene: Read, kind: str, key: str | None) -> None:
+def test_mitsuba_accepts_the_area_light(read_scene: Read, kind: str, key: str | None) -> None:
     table = ", ".join(lines(kind, key).split("\n"))
     build(read_scene(f"emitter = {{ {table} }}"))
 
 
 @pytest.mark.parametrize(("kind", "key"), cases(INTEGRATORS))
-def test_mitsuba_knows_the_integrator(read_scene: Read, kind: str, key: str | None) -> None:
+def test_mitsuba_accepts_the_integrator(read_scene: Read, kind: str, key: str | None) -> None:
     build(read_scene(f"[integrator]\n{lines(kind, key)}"))
 
 
 @pytest.mark.parametrize(("kind", "key"), cases(ANALYTIC_SHAPES))
-def test_mitsuba_knows_the_shape(read_scene: Read, kind: str, key: str | None) -> None:
+def test_mitsuba_accepts_the_shape(read_scene: Read, kind: str, key: str | None) -> None:
     extra = f"\n{line(key)}" if key else ""
     build(read_scene(f"[objects.s]\nshape = '{kind}'\nmaterial = 'grey'{extra}"))
 

@@ -72,7 +72,7 @@ EVIL = [
 
 
 @pytest.mark.parametrize(("element", "message"), EVIL, ids=[e[0][:45] for e in EVIL])
-def test_what_could_do_harm_is_refused_with_its_place(tmp_path: Path, element: str, message: str) -> None:
+def test_harmful_elements_are_errors_with_their_place(tmp_path: Path, element: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
         check(tmp_path, HARMLESS.replace("<!-- more -->", element))
     assert str(caught.value).startswith(f"{tmp_path / 's.xml'}: ")
@@ -96,7 +96,7 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
         '<default name="n" value="secret"/>',
     ],
 )
-def test_no_name_of_a_link_out_of_the_folder_slips_through(tmp_path: Path, sly: str) -> None:
+def test_every_name_of_a_link_out_of_the_folder_is_an_error(tmp_path: Path, sly: str) -> None:
     (tmp_path / "secret").symlink_to("/etc/hostname")
     with pytest.raises(InputError, match=r"leads outside|\$ parameters may replace numbers only"):
         check(tmp_path, f"<scene>{sly}</scene>")
@@ -165,7 +165,7 @@ def test_endless_nesting_is_refused(tmp_path: Path) -> None:
         check(tmp_path, "<scene>" + "<transform>" * 3000 + "</transform>" * 3000 + "</scene>")
 
 
-def test_namespaces_and_unknown_encodings_do_not_slip_through(tmp_path: Path) -> None:
+def test_namespaces_are_errors(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         check(tmp_path, '<scene xmlns:x="y"><x:shape type="../e"/></scene>')
 

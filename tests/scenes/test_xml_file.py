@@ -65,7 +65,7 @@ def test_depth_range_is_the_clipping_range(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("clip", ["", '<float name="near_clip" value="1"/>', '<float name="farClip" value="7"/>'])
-def test_a_depth_range_that_nobody_gave_is_not_known(tmp_path: Path, clip: str) -> None:
+def test_a_missing_depth_range_is_unknown(tmp_path: Path, clip: str) -> None:
     scene = load_scene(write(tmp_path, clip))
     assert not scene.depth_range_known
     assert not scene.at(np.eye(4)).depth_range_known
@@ -90,13 +90,13 @@ BAD = [
 
 
 @pytest.mark.parametrize(("sensor", "transform", "message"), BAD, ids=[b[2] for b in BAD])
-def test_a_sensor_that_is_no_camera_is_refused(tmp_path: Path, sensor: str, transform: str, message: str) -> None:
+def test_an_unsupported_sensor_is_an_error(tmp_path: Path, sensor: str, transform: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
         load_scene(write(tmp_path, sensor, transform))
     assert message in str(caught.value)
 
 
-def test_a_file_without_a_sensor_asks_for_one(tmp_path: Path) -> None:
+def test_a_missing_sensor_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "s.xml").write_text('<scene version="3.0.0"/>')
     with pytest.raises(InputError, match="has no <sensor>; add one"):
         load_scene(tmp_path / "s.xml")
