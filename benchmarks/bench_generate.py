@@ -1,17 +1,16 @@
-"""What the dataset factory costs beside bare rendering, and whether it stays as it began over many samples.
+"""Cost of the dataset factory relative to bare rendering, and its memory and speed over many samples.
 
     python benchmarks/bench_generate.py             # both, short
     python benchmarks/bench_generate.py cost 20     # making a sample / the two mi.render calls, interleaved
     python benchmarks/bench_generate.py flat 1000   # memory and speed of the last tenth against the first
 
-`cost` makes whole samples (rig, gates, both images, both truths, all files encoded and written) at 640x480 and 64
-samples a pixel, and between them renders the same two images with Mitsuba alone: a busy machine slows both alike.
+`cost` makes whole samples (rig, gates, both images, both ground truths, all files) at 640x480 and 64
+samples per pixel. Between them it renders the same two images with Mitsuba alone, so that other load affects both.
 
-`flat` runs `twinlens generate` on small samples of random families, each a new scene, with no kernel kept from earlier
-runs, and watches it from outside (Linux): the least and the most memory that was resident while each sample was made,
-and its processor time. The least is what the run keeps; the most is what the largest of the kernels needs while it is
-compiled, which is the scenes' luck. After each sample it takes the machine's pace, the processor time of a fixed piece
-of work, so that what else runs meanwhile does not pass for a change of speed.
+`flat` runs `twinlens generate` on small samples of random families, each a new scene, with an empty kernel cache. From
+outside (Linux) it samples the memory and processor time of the command with its worker processes. The minimum memory
+during a sample is what the run keeps; the maximum is that of compiling a kernel, which depends on the scene. After each
+sample it measures the processor time of a fixed task (`pace`), to separate other load from a change of speed.
 """
 
 import contextlib
@@ -147,15 +146,29 @@ def pace_s() -> float:
     return time.thread_time() - start
 
 
+def family_of(process: int) -> list[int]:
+    """A process and those it has started, directly or not."""
+    found = [process]
+    with contextlib.suppress(OSError):
+        for tasks in Path(f"/proc/{process}/task").glob("*/children"):
+            for child in tasks.read_text().split():
+                found += family_of(int(child))
+    return found
+
+
 def resident_mib(process: int) -> float:
-    """Memory of a process that is really there."""
-    return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * resource.getpagesize() / 2**20
+    """Resident memory of a process and its children."""
+    pages = sum(int(Path(f"/proc/{each}/statm").read_text().split()[1]) for each in family_of(process))
+    return pages * resource.getpagesize() / 2**20
 
 
 def used_s(process: int) -> float:
-    """Processor time of a process, all threads, since it began."""
-    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    """Processor time of a process with all threads and children, also those that have ended, since it started."""
+    total = 0
+    for each in family_of(process):
+        fields = Path(f"/proc/{each}/stat").read_text().rpartition(")")[2].split()
+        total += sum(int(field) for field in fields[11:15])  # user, system, and the same of children waited for
+    return total / os.sysconf("SC_CLK_TCK")
 
 
 if __name__ == "__main__":

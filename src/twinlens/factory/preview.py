@@ -48,7 +48,7 @@ class Preview:
 
 
 def chosen(count: int) -> list[int]:
-    """Which samples the sheet shows: all of them, or `MOST` spread evenly.
+    """The samples on the sheet: all of them, or `MOST` spread evenly.
 
     >>> chosen(3), len(chosen(1000)), chosen(1000)[:2]
     ([0, 1, 2], 48, [0, 20])
@@ -68,7 +68,7 @@ def tile(sample: StoredSample) -> Image:
 
 
 def colored(disparity: NDArray[np.float32]) -> Image:
-    """Disparity in the colours of `turbo`, from its 1st to its 99th percentile; black where unknown."""
+    """Disparity in the colour map `turbo`, from its 1st to its 99th percentile; black where unknown."""
     import matplotlib
 
     known = np.isfinite(disparity)
@@ -81,7 +81,7 @@ def colored(disparity: NDArray[np.float32]) -> Image:
 
 
 def sheet(tiles: Sequence[Image | None]) -> Image:
-    """Tiles row by row; those that are not there yet are grey."""
+    """Tiles row by row; missing ones are grey."""
     sizes = [part.shape[:2] for part in tiles if part is not None]
     height, width = (max(size[axis] for size in sizes) for axis in (0, 1))
     columns = min(_COLUMNS, len(tiles))

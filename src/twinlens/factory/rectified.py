@@ -36,22 +36,22 @@ def rectified_sample(
     Parameters
     ----------
     scene : Scene
-        What was photographed; a bundled one is found by its name, as `remake` does.
+        The sample's scene; not needed for a bundled one.
     pictures : {"maps", "render"}
-        "maps" warps the stored pictures (bilinear; black where a picture has nothing), as software does after a
-        calibration. "render" photographs the scene again through the rectified cameras.
+        "maps" warps the stored images (bilinear; black outside them), as software does after a calibration.
+        "render" renders the scene again through the rectified cameras.
     fit, zero_doffs, misalignment
-        As `rectify` takes them. With an error left in, pictures have it and truth is that of the aligned pair.
+        See `rectify`. A misalignment affects the images; the ground truth is that of the aligned pair.
 
     Returns
     -------
-    Sample of two views. The truth is cast through the aligned cameras. With "maps", what falls outside a stored picture
-    counts as not visible.
+    Sample of two views. The ground truth is computed for the aligned cameras. With "maps", points outside a
+    stored image are not visible.
 
-    Raises InputError for a pair that no plane can rectify, and for a scene that is not the sample's.
+    Raises InputError for a pair that cannot be rectified, and for a scene that is not the sample's.
     """
     if pictures not in PICTURES:
-        raise unknown("way to make the pictures", pictures, PICTURES)
+        raise unknown("pictures", pictures, PICTURES)
     scene = scene_of(stored.record, scene)
     made = {key: value for key, value in stored.record["record"].items() if key not in ORIGIN}
     result = rectify(stored.rig, left, right, fit=fit, zero_doffs=zero_doffs, misalignment=misalignment)
@@ -73,14 +73,14 @@ def _warped(stored: StoredSample, k: int, views: tuple[int, int], result: Rectif
 
 
 def _where_pictured(truths: list[Truth], result: Rectification) -> tuple[Truth, ...]:
-    """The truths, visible only where both rectified pictures have something."""
+    """The ground truths, visible only where both rectified images have data."""
     valid = [result.valid(side) for side in (0, 1)]
     pictured = (_pictured(truth, side, result, valid) for side, truth in enumerate(truths))
     return tuple(replace(truth, visible=truth.visible & both) for truth, both in zip(truths, pictured, strict=True))
 
 
 def _pictured(truth: Truth, side: int, result: Rectification, valid: list[NDArray[np.bool_]]) -> NDArray[np.bool_]:
-    """Whether a pixel is pictured on its own side, and the pixel where the other camera sees its point there."""
+    """Whether both rectified images have data at a pixel's point."""
     rig, other = result.aligned_rig, 1 - side
     seen = rig.project(other, np.where(truth.hit[..., None], truth.position, np.nan))
     inside = rig.cameras[other].contains(seen)
