@@ -261,8 +261,8 @@ def test_most_pixels_have_places_of_their_own(places):
 
 def test_gathering_puts_every_ray_where_it_lands():
     """Beside a naive loop over rays."""
-    camera, sheaf = tl.Camera(7, 5, 9.0, 9.0, 3.0, 2.0), VergenceGroup((0.0, 1.0), (2, 3))
-    film, random = _Film(camera, sheaf), np.random.default_rng(0)
+    camera, group = tl.Camera(7, 5, 9.0, 9.0, 3.0, 2.0), VergenceGroup((0.0, 1.0), (2, 3))
+    film, random = _Film(camera, group), np.random.default_rng(0)
     shifts = random.integers(-2, 3, size=(6, 2, 2)).astype(np.int32)
     values = random.random((3, 6, film.height, film.width)).astype(np.float32)
     second = np.array([False, True, True, False, False, True])
