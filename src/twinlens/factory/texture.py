@@ -1,12 +1,12 @@
-"""How much of a photograph has texture that both eyes see, whatever its noise.
+"""The share of an image with texture that both views show, regardless of noise.
 
-Noise looks like texture in one picture; the eyes' noise is independent. So a window counts as textured where the left
-picture and the right one, brought to it by the true correspondence, vary together: their covariance is the variance of
-what both show, and that of noise averages to nothing. Over a window's n pixels it does so down to 1/sqrt(n) of the
-pictures' own variance. So a window's covariance must be that of the least contrast, and three times what chance leaves:
-with n = 256, of the windows with fine texture of half the noise's deviation some 60 % count, of those with a third of
-it a tenth. This takes the noise of neighbouring pixels for independent: demosaicing makes flat windows pass more often,
-2 to 4 % of them for strong noise instead of 0.1 %, and noise blurred by a Gaussian of one pixel would make it a tenth.
+Noise resembles texture in one image but is independent between views. A window counts as textured if the left image
+and the right one, warped by the true correspondence, covary: their covariance is the variance of the common signal,
+and that of noise averages to 0, over n pixels down to 1/sqrt(n) of the images' variance. The covariance must exceed a
+minimum contrast and three standard deviations of that chance correlation. With n = 256, about 60 % of windows count
+if their fine texture has half the noise's standard deviation, a tenth if it has a third. The noise of neighbouring
+pixels is assumed independent. After demosaicing, 2 to 4 % of flat windows with strong noise pass instead of 0.1 %;
+noise blurred by a Gaussian of one pixel would make that a tenth.
 """
 
 from collections.abc import Sequence
@@ -23,14 +23,14 @@ from twinlens.sensor.picture import BAYER
 
 WINDOW = 16
 _LEAST_CONTRAST = 0.01  # of the range, rms: about two grey levels of eight bits
-_CHANCE = 3.0  # standard deviations of the correlation of mere noise
-_LEAST_KNOWN = 0.5  # of a window's pixels, for it to have a say
+_CHANCE = 3.0  # standard deviations of the correlation of noise
+_LEAST_KNOWN = 0.5  # of a window's pixels, for it to be evaluated
 
 Grey = NDArray[np.float32]
 
 
 def grey(image: NDArray[Any], sensor: Sensor) -> Grey:
-    """The picture's mean channel in 0..1, (H, W); of a raw mosaic the mean of 2x2 pixels, which hold all colours."""
+    """The mean channel of an image in 0..1, (H, W); for a raw mosaic the mean of 2x2 pixels, which have all colours."""
     black, white = 0.0, float(np.iinfo(image.dtype).max)
     if sensor.output == "raw":
         black, white = sensor.black_level, float(sensor.largest_dn)
@@ -42,9 +42,9 @@ def grey(image: NDArray[Any], sensor: Sensor) -> Grey:
 
 
 def textured(greys: Sequence[Grey], rig: Rig, truths: Sequence[Truth]) -> float:
-    """The share of the first view's windows that have texture, of those that its partner sees at least half of.
+    """The share of textured windows among those of the first view that its partner sees at least half of.
 
-    A single camera is its own partner, and its noise is texture too. 1 where no window can be judged.
+    A single camera is its own partner, and its noise counts as texture. 1 if there is no such window.
     """
     partner = rig.partner(0)
     if partner is None:
@@ -54,7 +54,7 @@ def textured(greys: Sequence[Grey], rig: Rig, truths: Sequence[Truth]) -> float:
 
 
 def seen_by(other: Grey, rig: Rig, truth: Truth, partner: int) -> tuple[Grey, NDArray[np.bool_]]:
-    """What the partner's picture shows of each pixel's point, the nearest pixel of it; and where it sees the point."""
+    """The partner's image warped to the first view (nearest pixel), and where the partner sees the pixel's point."""
     known = truth.visible & truth.hit
     camera = rig.cameras[partner]
     points = transform_points(inverse(rig.world_from_cams[partner]), truth.position[known])
@@ -65,7 +65,7 @@ def seen_by(other: Grey, rig: Rig, truth: Truth, partner: int) -> tuple[Grey, ND
 
 
 def textured_windows(left: Grey, right: Grey, known: NDArray[np.bool_]) -> float:
-    """The share of windows in which two pictures of the same points vary together."""
+    """The share of windows in which two images of the same points covary."""
     weight = _sums(known.astype(np.float64))
     judged = weight >= _LEAST_KNOWN * WINDOW**2
     if not judged.any():
@@ -79,7 +79,7 @@ def textured_windows(left: Grey, right: Grey, known: NDArray[np.bool_]) -> float
 
 
 def _sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sums over the windows that tile an image; what is left over at its right and lower border is left out."""
+    """Sums over the windows that tile an image, without incomplete ones at the right and lower border."""
     rows, columns = (side // WINDOW for side in values.shape)
     cut = values[: rows * WINDOW, : columns * WINDOW]
     sums: NDArray[np.float64] = cut.reshape(rows, WINDOW, columns, WINDOW).sum(axis=(1, 3))
