@@ -46,7 +46,7 @@ def test_a_finished_dataset_that_grows_again_is_unfinished_and_nothing_wrong(twi
 
 
 @pytest.mark.parametrize("damage", ["changed", "cut", "lost"])
-def test_what_verify_says_of_damage_mends_it(twinlens, recipe, tmp_path, damage):
+def test_the_repair_hint_of_verify_repairs_damage(twinlens, recipe, tmp_path, damage):
     root = tmp_path / "set"
     twinlens("generate", recipe, "-o", root)
     before = digests(root)
@@ -62,8 +62,7 @@ def test_what_verify_says_of_damage_mends_it(twinlens, recipe, tmp_path, damage)
     code, out, err = twinlens("verify", root)
     assert (code, out.splitlines()[-1]) == (1, "2 samples, 1 with findings")
     assert err == (
-        f"{root}: 1 sample is damaged: delete their folders and rerun "
-        "`twinlens generate`, which makes identical files\n"
+        f"{root}: 1 sample is damaged: delete its folder and rerun `twinlens generate`, which makes identical files\n"
     )
     shutil.rmtree(file.parent)
     twinlens("generate", recipe, "-o", root)

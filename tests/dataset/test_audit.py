@@ -174,7 +174,7 @@ def test_repair_hint_for_samples_of_generate(root):
     (root / "a" / "notes.txt").touch()
     assert repair_hint(root, wrong(root)) == ""
     (root / "a" / "disp0.pfm").write_bytes(b"")
-    assert repair_hint(root, wrong(root)).startswith("1 sample is damaged: delete their folders and rerun")
+    assert repair_hint(root, wrong(root)).startswith("1 sample is damaged: delete its folder and rerun")
     shutil.rmtree(root / "train" / "0")
     assert repair_hint(root, wrong(root)).startswith("2 samples are damaged: ")
     write_manifest(root, Manifest(rows))

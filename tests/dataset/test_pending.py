@@ -210,4 +210,4 @@ def test_an_unreadable_row_is_reported(tmp_path, row, expected):
 def test_repair_hint_for_pending_samples(tmp_path):
     root = shards(tmp_path / "set", 4, **MADE_WITH)
     (root / "0000000" / "disp0.pfm").write_bytes(b"")
-    assert repair_hint(root, wrong(root)).startswith("1 sample is damaged: delete their folders")
+    assert repair_hint(root, wrong(root)).startswith("1 sample is damaged: delete its folder")

@@ -81,8 +81,12 @@ def repair_hint(where: Where, findings: Mapping[str, Sequence[str]]) -> str:
     damaged = sum(any(map(is_damage, lines)) for name, lines in findings.items() if name != NAME)
     with contextlib.suppress(FileError):
         if damaged and "made_with" in read_manifest(where).info:
-            count = f"{damaged} sample{' is' if damaged == 1 else 's are'} damaged"
-            return f"{count}: delete their folders and rerun `twinlens generate`, which makes identical files"
+            which = (
+                "1 sample is damaged: delete its folder"
+                if damaged == 1
+                else f"{damaged} samples are damaged: delete their folders"
+            )
+            return f"{which} and rerun `twinlens generate`, which makes identical files"
     return ""
 
 
