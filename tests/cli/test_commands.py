@@ -61,7 +61,7 @@ def test_verify_finds_a_changed_file(twinlens, tmp_path):
 def test_match_then_score(twinlens, dataset, tmp_path):
     sample = dataset / "cards"
     code, _, _ = twinlens(
-        "match", sample / "im0.png", sample / "im1.png", "--ndisp", "16", "--method", "sad:block_size=5",
+        "match", sample / "im0.png", sample / "im1.png", "--num-disparities", "16", "--method", "sad:block_size=5",
         "-o", tmp_path / "d.pfm", "--picture", tmp_path / "d.png",
     )  # fmt: skip
     assert code == 0

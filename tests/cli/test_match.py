@@ -21,11 +21,11 @@ def images(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--ndisp", "80"), "num_disparities (--ndisp) is 80: an image 40 pixels wide has disparities from -39 to 39"),
-        (("--ndisp", "1000000000"), "79 in all"),
+        (("--num-disparities", "80"), "num_disparities is 80: an image 40 pixels wide has disparities from -39 to 39"),
+        (("--num-disparities", "1000000000"), "79 in all"),
         (("--min-disparity", "40"), "min_disparity is 40: an image 40 pixels wide"),
         (("--min-disparity", "-1000000000"), "from -39 to 39"),
-        (("--method", "sad:num_disparities=100"), "num_disparities (--ndisp) is 100"),
+        (("--method", "sad:num_disparities=100"), "num_disparities is 100"),
         (
             ("--method", "sad:block_size=999999"),
             "is 999999: a window of 79 covers all of an image of 40 x 30",
@@ -33,7 +33,7 @@ def images(tmp_path):
         (("--method", "sad:median=81"), "median is 81"),
         (("--method", "census:census_window=81"), "census_window is 81"),
         (("--method", "opencv_sgbm:block_size=99999"), "block_size is 99999"),
-        (("--method", "onnx:model=n.onnx", "--ndisp", "8"), "the search range of onnx:model=n.onnx is fixed"),
+        (("--method", "onnx:model=n.onnx", "--num-disparities", "8"), "the search range of onnx:model=n.onnx is fixed"),
     ],
 )
 def test_searches_larger_than_the_images_are_refused(twinlens, images, tmp_path, options, words):
@@ -66,7 +66,7 @@ def test_input_images_and_samples_are_not_overwritten(twinlens, images, tmp_path
 
 
 @pytest.mark.parametrize(
-    "options", [("--ndisp", "79", "--min-disparity", "-39"), (), ("--method", "sad:block_size=79")]
+    "options", [("--num-disparities", "79", "--min-disparity", "-39"), (), ("--method", "sad:block_size=79")]
 )
 def test_the_largest_useful_search_is_accepted(twinlens, images, tmp_path, options):
     code, _, err = twinlens("match", *images, *options, "-o", tmp_path / "d.pfm")
@@ -76,8 +76,8 @@ def test_the_largest_useful_search_is_accepted(twinlens, images, tmp_path, optio
 @pytest.mark.parametrize("ndisp", ["1", "2", "16"])
 def test_a_picture_of_few_disparities_has_a_colour_range(twinlens, images, tmp_path, ndisp):
     code, _, err = twinlens(
-        "match", *images, "--ndisp", ndisp, "--min-disparity", "3", "--method", "sad", "-o", tmp_path / "d.pfm",
-        "--picture", tmp_path / "d.png",
+        "match", *images, "--num-disparities", ndisp, "--min-disparity", "3", "--method", "sad",
+        "-o", tmp_path / "d.pfm", "--picture", tmp_path / "d.png",
     )  # fmt: skip
     assert code == 0, err
     assert read_pfm(tmp_path / "d.pfm")[15, 20] == pytest.approx(3, abs=0.5)

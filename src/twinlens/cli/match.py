@@ -25,7 +25,9 @@ DEFAULT_METHOD = "zncc"
     "{num_disparities} and {min_disparity} are replaced too. Runs without a shell.",
 )  # fmt: skip
 @click.option("--time-limit", type=float, help="Time limit of the program, seconds.  [default: 600]")
-@click.option("--ndisp", type=click.IntRange(min=1), help="Number of disparities to search.  [default: 64]")
+@click.option(
+    "--num-disparities", "--ndisp", type=click.IntRange(min=1), help="Number of disparities to search.  [default: 64]"
+)
 @click.option("--min-disparity", type=int, default=0, show_default=True, help="The smallest disparity, pixels.")
 @click.option("--picture", type=PATH, help="Also write the map as a colour PNG.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
@@ -36,7 +38,7 @@ def command(
     method: str | None,
     program: str | None,
     time_limit: float | None,
-    ndisp: int | None,
+    num_disparities: int | None,
     min_disparity: int,
     picture: Path | None,
     as_json: bool,
@@ -44,7 +46,7 @@ def command(
     """Match LEFT and RIGHT, a rectified pair, and write the left image's disparity map (+inf where unknown).
 
     \b
-    Example:  twinlens match out/staircase/im0.png out/staircase/im1.png --ndisp 64 -o disp.pfm
+    Example:  twinlens match out/staircase/im0.png out/staircase/im1.png --num-disparities 64 -o disp.pfm
               twinlens match im0.png im1.png --command "./prog {left} {right} {out}" -o disp.pfm
     """
     import numpy as np
@@ -53,10 +55,10 @@ def command(
     from twinlens.matching.image_size import DEFAULT_DISPARITIES, check_image_size
 
     _check_outputs((left, right), output, picture)
-    search = {"num_disparities": ndisp or DEFAULT_DISPARITIES, "min_disparity": min_disparity}
+    search = {"num_disparities": num_disparities or DEFAULT_DISPARITIES, "min_disparity": min_disparity}
     matcher, name = _matcher(method, program, time_limit, search)
-    if ndisp is not None and not hasattr(matcher, "num_disparities"):
-        raise InputError(f"--ndisp: the search range of {name} is fixed")
+    if num_disparities is not None and not hasattr(matcher, "num_disparities"):
+        raise InputError(f"--num-disparities: the search range of {name} is fixed")
     images = [read_image(path) for path in (left, right)]
     check_image_size(matcher, images[0].shape[:2])
     start = time.perf_counter()

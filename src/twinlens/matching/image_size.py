@@ -20,7 +20,7 @@ def check_image_size(matcher: Any, size: tuple[int, ...]) -> None:
     disparities = f"an image {width} pixels wide has disparities from {1 - width} to {width - 1}"
     count, first = getattr(matcher, "num_disparities", 1), getattr(matcher, "min_disparity", 0)
     if count > max(2 * width - 1, DEFAULT_DISPARITIES):
-        raise InputError(f"num_disparities (--ndisp) is {count}: {disparities}, {2 * width - 1} in all")
+        raise InputError(f"num_disparities is {count}: {disparities}, {2 * width - 1} in all")
     if not -width < first < width:
         raise InputError(f"min_disparity is {first}: {disparities}")
     largest = max(2 * max(size) - 1, LARGEST_DEFAULT_WINDOW)
