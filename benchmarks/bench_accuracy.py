@@ -1,15 +1,15 @@
-"""How well matchers do on a real pair: Middlebury's Motorcycle, ours beside OpenCV's, Pandora's and a teaching toolbox.
+"""Accuracy of matchers on Middlebury's Motorcycle: twinlens, OpenCV, CNES Pandora and the Machine Vision Toolbox.
 
     python benchmarks/bench_accuracy.py [--peers VENV/bin/python] [--write]
 
-80 disparities, pixels with known truth, estimates that are missing count as bad: totbad2.0 of Middlebury v3 in the
-region `all`. Every method runs with its defaults; OpenCV's StereoBM once more without the two filters that mark pixels
-as unknown. Times are medians of three calls after a first one, with all processors, by the wall and by the processors;
-the latter hold on a machine that does other things meanwhile.
+80 disparities, all pixels with known truth. Missing estimates count as bad (totbad2.0 of Middlebury v3, region `all`).
+Every method runs with its defaults. OpenCV's StereoBM also runs without the two filters that mark pixels as unknown.
+Times are medians of three calls after a warm-up call, on all processors: wall time, and processor time, which is more
+robust on a busy machine.
 
-CNES Pandora 1.9 and the Machine Vision Toolbox 2.4 run in a Python of their own, so that their dependencies are not
-ours: `python -m venv V; V/bin/pip install pandora==1.9.0 machinevision-toolbox-python==2.4.1`, then `--peers
-V/bin/python`. `--write` puts the table into benchmarks/accuracy.md.
+CNES Pandora 1.9 and the Machine Vision Toolbox 2.4 run in a separate virtual environment:
+`python -m venv V; V/bin/pip install pandora==1.9.0 machinevision-toolbox-python==2.4.1`, then `--peers
+V/bin/python`. `--write` writes the table to benchmarks/accuracy.md.
 """
 
 import argparse
@@ -36,7 +36,7 @@ PEERS = ("Pandora", "Machine Vision Toolbox")
 PAGE = Path(__file__).with_name("accuracy.md")
 COLUMNS = ("totbad2.0", "bad2.0", "bad1.0", "invalid", "avgerr")
 Found = tuple[str, np.ndarray, float, float]
-"""A method's name, its map, and the seconds of a call by the wall and by the processors."""
+"""Name of the method, disparity map, wall seconds and processor seconds of a call."""
 
 
 def ours(left: np.ndarray, right: np.ndarray) -> Iterator[Found]:
@@ -99,12 +99,11 @@ HEAD = """# Accuracy on Motorcycle
 
 `python benchmarks/bench_accuracy.py --peers VENV/bin/python --write`. Middlebury 2014 Motorcycle, 741x500, grey, 80
 disparities, all pixels with known truth; Middlebury v3's rules: totbad = bad + invalid, estimates clipped to [0, 80].
-Times on {processor}, two processors that were busy with other work too: medians of three calls. Mde: million disparity
-evaluations a processor second, width x height x 80 / processor time.
-`bench_matching.py` measures speed.
+Times are medians of three calls on {processor}, with two processors that were also busy with other work. Mde: million
+disparity evaluations per processor second, width x height x 80 / processor time. `bench_matching.py` measures speed.
 
-Why SAD of brightness does worse than StereoBM, which is SAD too: StereoBM compares clipped horizontal slopes. With
-`prefilter=xsobel`, which is that filter and nothing else, our SAD is better than StereoBM's.
+`sad` compares brightness, while StereoBM computes SAD of clipped horizontal derivatives. With the same filter,
+`prefilter=xsobel`, `sad` has fewer errors than StereoBM.
 """
 
 

@@ -1,9 +1,9 @@
-"""What writing a sample costs: PNG by three writers, truth maps by OpenEXR's lossless methods, and a whole sample.
+"""Time of writing a sample: PNG by three writers, truth maps by OpenEXR's lossless methods, and a whole sample.
 
     python benchmarks/bench_codecs.py
 
-The pictures are the real Motorcycle pair (741 x 500), the truth maps are made from its measured depth. CPU time in ms,
-the least of five runs, all threads counted; OpenCV's row appears where it is installed.
+The images are the Motorcycle pair (741 x 500); the truth maps are made from its measured depth. CPU time in ms of all
+threads, minimum of five runs. OpenCV has a row if it is installed.
 """
 
 import io
@@ -40,7 +40,7 @@ def cpu_ms(function: Callable[[], Any]) -> float:
 
 
 def real_sample() -> Sample:
-    """Motorcycle as a sample: its images, and a truth that its depth tells (unknown pixels count as nothing hit)."""
+    """Motorcycle as a sample: its images, and truth from its depth (unknown pixels are rays that hit nothing)."""
     pair = motorcycle()
     rig = pair.calibration.rig()
     depth = pair.calibration.depth(pair.disp0)

@@ -1,4 +1,4 @@
-"""What the first match of a process costs: compiling into an empty kernel cache, and loading from it.
+"""Time of the first match of a process: compiling into an empty kernel cache, and loading from it.
 
     python benchmarks/bench_compile.py [--size 640x480]
 

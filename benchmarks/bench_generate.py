@@ -106,7 +106,7 @@ def flat(count: int) -> None:
         path, target = Path(folder) / "recipe.toml", Path(folder) / "set"
         path.write_text(FLAT.format(count=count))
         command = [sys.executable, "-m", "twinlens", "generate", str(path), "-o", str(target)]
-        with subprocess.Popen(command, env={**os.environ, "HOME": folder}) as run:  # no kernel is kept from before
+        with subprocess.Popen(command, env={**os.environ, "HOME": folder}) as run:  # an empty kernel cache
             rows = list(watched(run, target / ".rows"))
     tenths = np.array_split(np.array(rows), 10)
     for k, part in enumerate(tenths, start=1):
@@ -121,9 +121,9 @@ def flat(count: int) -> None:
 
 
 def watched(run, folder):
-    """(least MiB, most MiB, processor s, pace s) of each sample of which a row comes to lie in `folder` meanwhile.
+    """(least MiB, most MiB, processor s, pace s) of each sample, observed by the rows that appear in `folder`.
 
-    The last samples' rows go with the folder when the dataset is finished: what was not seen is left out.
+    `folder` is removed when the dataset is finished, so the last samples may be missing.
     """
     seen, before, held = 0, 0.0, []
     while run.poll() is None:

@@ -32,16 +32,16 @@ PAGE = Path(__file__).with_name("matching.md")
 RATIOS = (("sad", "OpenCV StereoBM"), ("zncc", "sad"), ("zncc", "OpenCV StereoBM"), ("sgm4", "OpenCV SGBM"),
           ("sgm", "OpenCV SGBM HH"))  # fmt: skip
 PUBLISHED = """
-Peers on machines of this kind (their quality and times are in `accuracy.md`, measured by `bench_accuracy.py --peers`):
-CNES Pandora 1.9 evaluates 20-40 million disparities a second (SAD, ZNCC, census at 640x480, 64 disparities), the
-Machine Vision Toolbox 2.4 about 1.
+Other programs on similar machines (accuracy and times: `accuracy.md`, by `bench_accuracy.py --peers`): CNES Pandora 1.9
+evaluates 20 to 40 million disparities per second (SAD, ZNCC and census at 640x480, 64 disparities), the Machine Vision
+Toolbox 2.4 about 1 million.
 """
 Run = Callable[[], object]
 Times = dict[str, float]
 
 
 def textured_pair(width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
-    """A smooth 8-bit texture over a slanted ground, with some noise in each eye."""
+    """A smooth 8-bit texture over a slanted ground, with some noise in each image."""
     rng = np.random.default_rng(0)
     noise = cv2.GaussianBlur(rng.random((height, width + 256)).astype(np.float32), (0, 0), 1.5)
     texture = cv2.normalize(noise, None, 20, 235, cv2.NORM_MINMAX)
@@ -54,7 +54,7 @@ def textured_pair(width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def interleaved(runs: dict[str, Run], rounds: int) -> tuple[Times, Times]:
-    """Median seconds of each run, by the wall and by the processors.
+    """Median wall seconds and processor seconds of each run.
 
     Every round runs each of them once; a warm-up round is not counted.
     """
@@ -102,7 +102,7 @@ def against_opencv(rounds: int, threads: int) -> Iterator[str]:
             for name, seconds in wall.items():
                 rate = width * height * count / seconds / 1e6
                 yield f"| {name} | {1e3 * seconds:.2f} | {1e3 * processor[name]:.2f} | {rate:.0f} |"
-            yield "\n| throughput of | by the wall | by processor time |\n| --- | ---: | ---: |"
+            yield "\n| throughput ratio | wall time | processor time |\n| --- | ---: | ---: |"
             for one, other in RATIOS:
                 ratios = (times[other] / times[one] for times in (wall, processor))
                 yield f"| {one} / {other} | {' | '.join(f'{ratio:.2f}' for ratio in ratios)} |"
@@ -141,7 +141,7 @@ def by_dtype(rounds: int, threads: int) -> Iterator[str]:
 
 def by_range(rounds: int, threads: int) -> Iterator[str]:
     pair = textured_pair(640, 480)
-    yield "\n## Every range, 640x480: processor ms\n"
+    yield "\n## Number of disparities, 640x480: processor ms\n"
     yield f"| method | {' | '.join(str(count) for count in EVERY_RANGE)} |\n| --- |{' ---: |' * len(EVERY_RANGE)}"
     for name in ("sad", "ssd", "zncc", "sgm"):
         method = name if name == "sgm" else f"{name}:block_size={BLOCK}"

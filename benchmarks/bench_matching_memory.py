@@ -1,9 +1,9 @@
-"""How much memory a match takes: winner-take-all must grow with W D, not with H W D.
+"""Memory of a match: for winner-take-all methods it must grow with W D, not with H W D.
 
     python benchmarks/bench_matching_memory.py
 
-Prints what numpy allocates at its peak, less the result, for images that grow taller. Fails if a winner-take-all
-match of twice the height takes more than a quarter of what the added rows of a cost volume would.
+Prints the peak allocation of NumPy, without the result, for images of increasing height. Fails if doubling the height
+increases it by more than a quarter of the memory that a cost volume of the additional rows would take.
 """
 
 import tracemalloc

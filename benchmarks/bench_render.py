@@ -1,7 +1,7 @@
-"""What a sample costs beyond the light: `render` + `ground_truth` of a pair beside two bare `mi.render` calls.
+"""Cost of `render` and `ground_truth` of a pair, relative to two bare `mi.render` calls.
 
-The bare calls are Mitsuba's own: its perspective sensor with its default film, filter and sampler, one call an eye, on
-the same loaded scene, warm. Rounds are interleaved; the ratio is the median over rounds.
+The bare calls use Mitsuba's perspective sensor with its default film, filter and sampler, one call per camera, on the
+same loaded scene, after a warm-up. Rounds are interleaved; the ratio is the median over rounds.
 
 python benchmarks/bench_render.py [--scene staircase] [--rounds 5] [--spp 64] [--size 640x480]
 """

@@ -1,10 +1,10 @@
-"""CNES Pandora and the Machine Vision Toolbox on one pair, run by a Python that has them: `bench_accuracy.py` calls it.
+"""CNES Pandora and the Machine Vision Toolbox on one pair. `bench_accuracy.py` runs this in their own environment.
 
     python peer_matchers.py PAIR.npz MAPS.npz
 
-PAIR holds left, right (grey uint8) and count (disparities 0..count-1). MAPS gets one disparity map for each method, NaN
-where there is none, and <method>/seconds by the wall and by the processors, medians of three calls (of one, where a
-call takes over ten seconds). Imports nothing of twinlens.
+PAIR holds left, right (grey uint8) and count (disparities 0..count-1). MAPS gets one disparity map per method,
+NaN where unknown, and <method>/seconds: wall time and processor time, medians of three calls (of one call if it takes
+more than ten seconds). Does not import twinlens.
 """
 
 import statistics

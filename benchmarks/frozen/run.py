@@ -1,10 +1,10 @@
-"""The frozen benchmark: renders its dataset, runs its matchers, and writes the published table.
+"""The frozen benchmark: render its dataset, run its matchers, and write the published page.
 
     python benchmarks/frozen/run.py [--work out/frozen]
 
-`benchmark.toml` beside this file says everything that decides the result. The dataset and the board with its page stay
-in the work folder, and what is there already is not made again; README.md and board.json beside this file are what is
-published. The same seed gives the same photographs on one backend; another backend, other noise.
+`benchmark.toml` in this folder defines the benchmark. The dataset and the board are kept in the work folder,
+and the next run reuses them. README.md and board.json in this folder are the published results. The same seed gives the
+same images on one backend; on another backend their noise differs.
 """
 
 import argparse
@@ -29,27 +29,27 @@ from twinlens.sensor import Mismatch, Sensor
 HERE = Path(__file__).parent
 
 
-def render_sample(folder: Path, name: str, scene: Scene, definition: dict[str, Any], *, dull_right: bool) -> Row:
-    """One scene through both lenses; or through the pinhole alone, with a right eye of another gain."""
+def render_sample(folder: Path, name: str, scene: Scene, definition: dict[str, Any], *, unequal_gain: bool) -> Row:
+    """Render a scene through both lenses, or through the pinhole only, with another gain of the right camera."""
     rig = default_rig(scene, definition["width"], definition["height"])
     wide = ThinLens(definition["aperture_of_baseline"] * rig.baseline(), middle_focus(*scene.depth_range))
     sensor = Sensor.preset(definition["sensor"])
-    if dull_right:
+    if unequal_gain:
         sensor = sensor.replace(mismatch=Mismatch(gain=definition["mismatch"]["gain"]))
-    lenses = (Pinhole(),) if dull_right else (Pinhole(), wide)
+    lenses = (Pinhole(),) if unequal_gain else (Pinhole(), wide)
     sample = make_sample(scene, rig, lenses, spp=definition["spp"], seed=definition["seed"], sensor=sensor)
     return Row(name, write_sample(folder / name, sample, overwrite=True), {"scene": scene.name})
 
 
 def render(folder: Path, definition: dict[str, Any]) -> None:
-    """Every sample of the dataset, and then its manifest: a folder with a manifest is whole."""
+    """Render all samples and then write the manifest, so that a folder with a manifest is complete."""
     jobs = [(name, name, False) for name in definition["scenes"]]
     mismatched = definition["mismatch"]["scene"]
     jobs.append((f"{mismatched}-gain", mismatched, True))
     rows = []
-    for name, scene, dull_right in jobs:
+    for name, scene, unequal_gain in jobs:
         print(f"rendering {name}", flush=True)
-        rows.append(render_sample(folder, name, load_scene(scene), definition, dull_right=dull_right))
+        rows.append(render_sample(folder, name, load_scene(scene), definition, unequal_gain=unequal_gain))
     write_manifest(folder, Manifest(tuple(rows), recipe=definition, seed=definition["seed"]))
 
 
@@ -67,11 +67,11 @@ def main() -> None:
         pairs, named_methods(definition["methods"]), output,
         (definition["protocol"],), tuple(definition["regions"]), title=definition["title"],
     )  # fmt: skip
-    seen = {pair.name: (evidence.correlation(pair), evidence.offset(pair)) for pair in map(load_pair, pairs)}
+    statistics = {pair.name: (evidence.correlation(pair), evidence.offset(pair)) for pair in map(load_pair, pairs)}
     board_file = json.loads((output / "board.json").read_text())
     (HERE / "board.json").write_text(json.dumps(board_file, separators=(",", ":")) + "\n")
     findings = (HERE / "findings.md").read_text()
-    (HERE / "README.md").write_text(table.page(board, definition, backend().variant, findings, seen))
+    (HERE / "README.md").write_text(table.page(board, definition, backend().variant, findings, statistics))
     print(f"{HERE / 'README.md'}, {(output / 'index.html').resolve().as_uri()}")
 
 

@@ -1,4 +1,4 @@
-"""The published page of the frozen benchmark: a board's numbers as Markdown. Computes no score."""
+"""The published page of the frozen benchmark: the scores of a board as Markdown."""
 
 import math
 from collections.abc import Mapping
@@ -7,14 +7,14 @@ from typing import Any
 from twinlens.scoring import Board, caption, failures, find_metric, standings
 
 Evidence = Mapping[str, tuple[float, float]]
-"""By sample: the median correlation of windows at the true disparity, and the brightness by which the eyes differ."""
+"""By sample, at the true disparity: median correlation of windows, and median of left minus right grey levels."""
 
 METRIC = "totbad2.0"
 REAL = "Motorcycle (real)"
 
 
 def page(board: Board, definition: dict[str, Any], variant: str, findings: str, evidence: Evidence) -> str:
-    """README.md; `findings` is what a person has to say about the numbers, `evidence` what the photographs say."""
+    """The text of README.md, with `findings` (written by hand) and the image statistics `evidence`."""
     text = "\n".join([*_sections(board), *_evidence(evidence)])
     return HEAD.format(**definition, variant=variant) + findings + "\n" + text + "\n"
 
@@ -23,30 +23,32 @@ def _sections(board: Board) -> list[str]:
     groups, protocol = _groups(board), board.protocols[0]
     names = [m.method for m in standings(board, protocol, "nonocc", weights=_weights(board, groups["pinhole"]))]
     rules = f"```\n{caption(board, protocol, 'nonocc')}\n```\n"
-    lost = [f"- {line}" for line in failures(board)] or ["No method failed on any pair."]
+    failed = [f"- {line}" for line in failures(board)] or ["No method failed on any pair."]
     return [
         "## Non-occluded pixels\n", rules,
         _table(board, names, {label: (samples, "nonocc") for label, samples in groups.items()}, times=True),
         "## By region\n",
-        "Means over the six pinhole photographs; by the same protocol.\n",
+        "Means over the six pinhole images; same protocol.\n",
         _table(board, names, {region: (groups["pinhole"], region) for region in board.regions}),
-        "Motorcycle alone (real; its textureless and discontinuity regions by the same rules):\n",
+        "Motorcycle only (real; regions defined in the same way):\n",
         _table(board, names, {region: (groups[REAL], region) for region in board.regions}),
         "## Every sample\n",
-        "Non-occluded pixels; by the same protocol.\n",
+        "Non-occluded pixels; same protocol.\n",
         _table(board, names, {_short(s): ((s,), "nonocc") for s in board.samples}),
-        "## Without an estimate\n",
-        "Pixels that a method leaves unknown, in %; they count as bad above.\n",
+        "## Unknown pixels\n",
+        "Pixels without an estimate, in %. They count as bad in the tables above.\n",
         _table(board, names, {
             "pinhole, nonocc": (groups["pinhole"], "nonocc"), "Motorcycle, nonocc": (groups[REAL], "nonocc"),
             "Motorcycle, all": (groups[REAL], "all"),
         }, metric="invalid"),
-        "## Failures\n", *lost,
+        "## Failures\n", *failed,
     ]  # fmt: skip
 
 
 def _evidence(evidence: Evidence) -> list[str]:
-    rows = [f"| {_short(name)} | {alike:.2f} | {offset:.2f} |" for name, (alike, offset) in evidence.items()]
+    rows = [
+        f"| {_short(name)} | {correlation:.2f} | {offset:.2f} |" for name, (correlation, offset) in evidence.items()
+    ]
     return [EVIDENCE, *rows]
 
 
@@ -104,20 +106,25 @@ def _markdown(methods: list[str], heads: list[str], rows: list[list[float]], kin
 
 
 EVIDENCE = """
-## The photographs themselves
+## Image statistics
 
-Medians over non-occluded pixels at their *true* partners (`evidence.py`): the correlation of 9x9 windows, and how many
-grey levels the left eye is brighter.
+Medians over non-occluded pixels at their *true* matches (`evidence.py`): the correlation of 9x9 windows, and the
+difference of the grey levels.
 
-| photograph | correlation | left - right, grey levels |
+| image | correlation | left - right, grey levels |
 | --- | ---: | ---: |"""
 HEAD = """# {title}
 
-`python benchmarks/frozen/run.py` renders the dataset, runs the matchers and writes this page and `board.json`;
-`benchmark.toml` is the definition. Six scenes at {width}x{height}, {spp} samples a pixel, seed {seed}, each through a
-pinhole and through a lens with an aperture of {aperture_of_baseline} of the baseline; `{mismatch[scene]}` once more
-with a right eye of {mismatch[gain]} of the left one's gain; and Middlebury's Motorcycle, a real pair with measured
-truth. Rendered with {variant}. The settings of all matchers but two (see below) were fixed before their scores were
-seen.
+`python benchmarks/frozen/run.py` renders the dataset, runs the matchers and writes this page and `board.json`.
+`benchmark.toml` defines the benchmark:
+
+- six scenes at {width}x{height}, {spp} samples per pixel, seed {seed}, each through a pinhole and
+  through a wide lens, whose aperture is {aperture_of_baseline} of the baseline;
+- the scene `{mismatch[scene]}` again through the pinhole, where the right camera has {mismatch[gain]} of the left
+  camera's gain;
+- Middlebury's Motorcycle, a real pair with measured ground truth.
+
+Rendered with {variant}. The settings of all matchers except two (see Findings) were fixed before their scores were
+known.
 
 """
