@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from twinlens.dataset import StoredSample, write_png
-from twinlens.factory.preview import MOST, chosen, colored, sheet, tile
+from twinlens.factory.preview import MOST, chosen, colored, sample_tile
 
 
 @pytest.mark.parametrize("count", [1, 2, 47, 48, 49, 1000, 10_000_000])
@@ -24,17 +24,7 @@ def test_colours_rise_with_disparity_and_unknown_is_black():
     assert not colored(np.full((2, 2), np.inf, np.float32)).any()
 
 
-def test_tiles_stand_in_rows_and_missing_ones_are_grey():
-    white = np.full((10, 20, 3), 255, np.uint8)
-    page = sheet([white, None, *[white] * 8])
-    assert page.shape == (2 * 14 + 4, 8 * 24 + 4, 3)
-    assert (page[4:14, 4:24] == 255).all()
-    assert (page[4:14, 28:48] == 40).all()
-    assert (page[18:28, 28:48] == 255).all()
-    assert not page[18:28, 52:].any()
-
-
 @pytest.mark.parametrize("value", [0, 200, 255, 256, 30_000, 65_535])
 def test_sixteen_bits_are_shown_by_their_upper_eight_however_dark(tmp_path, value):
     write_png(tmp_path / "im0.png", np.full((6, 8, 3), value, np.uint16))
-    assert np.abs(tile(StoredSample(tmp_path, "dark")).astype(int) - value // 257).max() <= 1
+    assert np.abs(np.asarray(sample_tile(StoredSample(tmp_path, "dark"))).astype(int) - value // 257).max() <= 1

@@ -6,6 +6,7 @@ Source: https://huggingface.co/docs/hub/datasets-cards; Gebru et al., Datasheets
 """
 
 import dataclasses
+import io
 import json
 import re
 from collections import Counter
@@ -110,7 +111,9 @@ def write_card(dataset: Where | Dataset) -> list[str]:
     shown = [each for each in tiles if each is not None]
     if not shown:
         raise FileError(f"{dataset.path}: no sample can be read; see `twinlens verify`")
-    write_file(dataset.path / SHEET, contact_sheet(shown))
+    stream = io.BytesIO()
+    contact_sheet(shown).save(stream, "JPEG", quality=88)
+    write_file(dataset.path / SHEET, stream.getvalue())
     write_file(dataset.path / FIGURE, statistics_figure(list(many.values())))
     name = _free_name(dataset.path)
     unreadable = [name for name in dataset.names if name not in many]

@@ -18,6 +18,7 @@ from twinlens.errors import InputError
 TILES = 64
 _TILE_WIDTH, _GAP = 160, 4
 _BINS = 60
+_MISSING = "#c8c8c8"
 _TEXT, _FILL, _AXES = "#1b2a3a", "#3b7dd8", "#6b7785"
 _LOG_ABOVE = 8.0  # ratio of maximum to minimum depth
 _GRIDS = ((1, 1), (1, 1), (1, 2), (1, 3), (2, 2))
@@ -43,20 +44,20 @@ def tile(image: NDArray[Any]) -> Image.Image:
     return picture.resize((_TILE_WIDTH, height), Image.Resampling.LANCZOS)
 
 
-def contact_sheet(tiles: Sequence[Image.Image], columns: int = 8) -> bytes:
-    """A JPEG of tiles in rows; all are padded to the size of the first. Raises InputError without tiles."""
-    if not tiles:
+def contact_sheet(tiles: Sequence[Image.Image | None], columns: int = 8) -> Image.Image:
+    """Tiles in rows, padded to the size of the first; None leaves a place grey. Raises InputError without tiles."""
+    sizes = [each.size for each in tiles if each is not None]
+    if not sizes:
         raise InputError("a contact sheet needs one or more images")
     columns = min(columns, len(tiles))
     rows = -(-len(tiles) // columns)
-    width, height = tiles[0].size
+    width, height = sizes[0]
     sheet = Image.new("RGB", (columns * (width + _GAP) + _GAP, rows * (height + _GAP) + _GAP), "white")
     for i, each in enumerate(tiles):
-        padded = ImageOps.pad(each, (width, height), color="white")
+        missing = Image.new("RGB", (width, height), _MISSING)
+        padded = missing if each is None else ImageOps.pad(each, (width, height), color="white")
         sheet.paste(padded, (_GAP + i % columns * (width + _GAP), _GAP + i // columns * (height + _GAP)))
-    stream = io.BytesIO()
-    sheet.save(stream, "JPEG", quality=88)
-    return stream.getvalue()
+    return sheet
 
 
 def statistics_figure(many: Sequence[Statistics]) -> bytes:

@@ -8,9 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from twinlens.dataset import StoredSample
 from twinlens.dataset.codecs.png import encode_png
+from twinlens.dataset.figures import contact_sheet, tile
 from twinlens.dataset.files import write_file
 from twinlens.dataset.storage import Place
 from twinlens.errors import FileError
@@ -19,12 +21,6 @@ from twinlens.factory.plan import sample_name
 
 NAME = "preview.png"
 MOST = 48
-_COLUMNS = 8
-_WIDTH = 160
-_GAP = 4
-_EMPTY = 40  # grey
-
-Image = NDArray[np.uint8]
 
 
 class Preview:
@@ -33,18 +29,17 @@ class Preview:
     def __init__(self, folder: Place, count: int) -> None:
         self.folder = folder
         self.chosen = chosen(count)
-        self._tiles: dict[int, Image] = {}
+        self._tiles: dict[int, Image.Image] = {}
 
     def write(self, done: Sequence[int]) -> None:
         """Draw the samples of `done` that are on the sheet, and write it, whole or not at all."""
-        there = set(done)
-        for index in self.chosen:
-            if index in there and index not in self._tiles:
-                folder = self.folder / sample_name(index)
-                with repairable(folder):
-                    self._tiles[index] = tile(StoredSample(folder, folder.name))
+        for index in sorted({*done} & {*self.chosen} - {*self._tiles}):
+            folder = self.folder / sample_name(index)
+            with repairable(folder):
+                self._tiles[index] = sample_tile(StoredSample(folder, folder.name))
         if self._tiles:
-            write_file(self.folder / NAME, encode_png(sheet([self._tiles.get(index) for index in self.chosen])))
+            sheet = contact_sheet([self._tiles.get(index) for index in self.chosen])
+            write_file(self.folder / NAME, encode_png(np.asarray(sheet)))
 
 
 def chosen(count: int) -> list[int]:
@@ -57,17 +52,15 @@ def chosen(count: int) -> list[int]:
     return [k * count // shown for k in range(shown)]
 
 
-def tile(sample: StoredSample) -> Image:
-    """The first image and, where there is one, the first disparity map below it, `_WIDTH` px wide."""
-    image = sample.im0
-    grey = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
-    parts = [_narrow((grey / float(np.iinfo(grey.dtype).max) * 255).astype(np.uint8))]
+def sample_tile(sample: StoredSample) -> Image.Image:
+    """The first image and, where there is one, the first disparity map below it."""
+    parts = [np.asarray(tile(sample.im0))]
     with contextlib.suppress(FileError):  # a rig that is not rectified has no disparity
-        parts.append(_narrow(colored(sample.disp0)))
-    return np.concatenate(parts)
+        parts.append(np.asarray(tile(colored(sample.disp0))))
+    return Image.fromarray(np.concatenate(parts))
 
 
-def colored(disparity: NDArray[np.float32]) -> Image:
+def colored(disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Disparity in the colour map `turbo`, from its 1st to its 99th percentile; black where unknown."""
     import matplotlib
 
@@ -78,30 +71,3 @@ def colored(disparity: NDArray[np.float32]) -> Image:
     level = np.clip((np.where(known, disparity, low) - low) / max(high - low, 1e-6), 0, 1)
     colors = (np.asarray(matplotlib.colormaps["turbo"](level))[..., :3] * 255).astype(np.uint8)
     return np.where(known[..., None], colors, 0).astype(np.uint8)
-
-
-def sheet(tiles: Sequence[Image | None]) -> Image:
-    """Tiles row by row; missing ones are grey."""
-    sizes = [part.shape[:2] for part in tiles if part is not None]
-    height, width = (max(size[axis] for size in sizes) for axis in (0, 1))
-    columns = min(_COLUMNS, len(tiles))
-    rows = -(-len(tiles) // columns)
-    step = (height + _GAP, width + _GAP)
-    page = np.zeros((rows * step[0] + _GAP, columns * step[1] + _GAP, 3), np.uint8)
-    for k, part in enumerate(tiles):
-        y, x = _GAP + k // columns * step[0], _GAP + k % columns * step[1]
-        page[y : y + height, x : x + width] = _EMPTY
-        if part is not None:
-            page[y : y + part.shape[0], x : x + part.shape[1]] = part
-    return page
-
-
-def _narrow(image: Image) -> Image:
-    """At most `_WIDTH` px wide, by the mean of whole blocks of pixels: the same bytes on every machine."""
-    block = -(-image.shape[1] // _WIDTH)
-    height, width = max(image.shape[0] // block, 1), max(image.shape[1] // block, 1)
-    cut = image[: height * block, : width * block]
-    if cut.shape[0] < block:
-        return cut[:, ::block]
-    means: NDArray[np.float64] = cut.reshape(height, block, width, block, 3).mean(axis=(1, 3))
-    return means.astype(np.uint8)
