@@ -57,6 +57,19 @@ def test_a_killed_worker_costs_nothing(recipe, whole, tmp_path):
     assert digests(tmp_path / "set") == digests(whole)
 
 
+def test_workers_end_when_their_run_is_killed(recipe, whole, tmp_path):
+    process = start(recipe, tmp_path / "set", "--workers", "2")
+    wait_for_a_sample(process, tmp_path / "set")
+    orphans = workers_of(process)
+    process.kill()
+    process.communicate()
+    assert len(orphans) >= 2
+    _, alive = psutil.wait_procs(orphans, timeout=10)
+    assert not alive
+    finish(start(recipe, tmp_path / "set", "--workers", "2"))
+    assert digests(tmp_path / "set") == digests(whole)
+
+
 def test_a_process_is_replaced_after_some_samples_and_makes_the_same_bytes(recipe, whole, tmp_path, monkeypatch):
     monkeypatch.setattr(workers, "RENEWED_AFTER", 3)
     started = []

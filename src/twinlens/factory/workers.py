@@ -13,9 +13,10 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, Thr
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing import active_children, get_context
+from multiprocessing import active_children, connection, get_context, parent_process
 from pathlib import Path
 from queue import SimpleQueue
+from threading import Thread
 from typing import Any
 
 from twinlens.dataset import Row, Sample, write_sample
@@ -162,7 +163,9 @@ class _WorkerProcess:
         with _interrupts_blocked():
             for _ in range(_TRIES):
                 if self._executor is None:
-                    self._executor = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+                    self._executor = ProcessPoolExecutor(
+                        1, mp_context=get_context("spawn"), initializer=_end_with_parent
+                    )
                     self._pid = self._executor.submit(os.getpid)
                 try:
                     return self._executor.submit(make_one, order, index)
@@ -179,6 +182,22 @@ class _WorkerProcess:
                     process.kill()
             self._executor.shutdown(cancel_futures=True)
         self._executor, self._made = None, 0
+
+
+def _end_with_parent() -> None:
+    """End this process when the one that started it has died.
+
+    Executors leave their processes waiting for tasks forever when their parent is killed; until then they would also
+    write into a folder that nobody locks.
+    """
+    parent = parent_process()
+    if parent is not None:
+        Thread(target=_exit_after, args=(parent.sentinel,), name="twinlens-parent", daemon=True).start()
+
+
+def _exit_after(sentinel: int) -> None:
+    connection.wait([sentinel])
+    os._exit(1)
 
 
 def dask_cluster(address: str) -> Engine:
