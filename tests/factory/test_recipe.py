@@ -155,7 +155,7 @@ def test_every_key_is_read():
             {"normal": [10, 1], "clip": [8, 12]},
             r"adc_bits: .*'normal' draws .* \{ integers = \[low, hi",
         ),
-        ("assets", {"meshes": "nowhere/"}, "assets.meshes: no folder 'nowhere/' beside the recipe"),
+        ("assets", {"meshes": "nowhere/"}, "assets.meshes: no folder 'nowhere/' next to the recipe"),
         ("about", {"licence": "MIT"}, "unknown key 'licence'; did you mean 'license'?"),
         ("keep", ["radiances"], r"keep\[0\]: must be one of .*'radiances'; did you mean 'radiance'?"),
     ],
@@ -192,7 +192,7 @@ def test_a_scene_file_that_is_not_there_is_told_with_the_folder_and_no_bundled_n
     with pytest.raises(InputError) as told:
         recipe_from_table({"seed": 1, "count": 1, "scenes": [name]}, tmp_path / "recipe.toml")
     assert str(told.value) == (
-        f"{tmp_path / 'recipe.toml'}: scenes[0]: no such file beside the recipe, in {tmp_path}: {name!r}"
+        f"{tmp_path / 'recipe.toml'}: scenes[0]: no such file next to the recipe, in {tmp_path}: {name!r}"
     )
 
 

@@ -1,4 +1,4 @@
-"""What the files beside a recipe hold is part of what a dataset is: samples of two contents are never mixed."""
+"""What the source files of a recipe hold is part of what a dataset is: samples of two contents are never mixed."""
 
 import hashlib
 import os
@@ -73,7 +73,7 @@ def test_samples_alone_are_known_by_what_they_were_made_of(begun):
     recipe, folder = begun
     (folder / "dataset.json").unlink()
     (recipe.parent / "tiny" / "scene.toml").write_text(SCENE + "# a word more\n")
-    with pytest.raises(InputError, match=r"0000000: was made from other files beside the recipe"):
+    with pytest.raises(InputError, match=r"0000000: was made from other source files"):
         generate(read_recipe(recipe), folder)
 
 

@@ -25,7 +25,7 @@ _REAL = "buif"  # NumPy's kinds of booleans, integers and floating-point numbers
 
 
 def film_image(image: NDArray[Any]) -> NDArray[Any]:
-    """`image` (H, W, ...) rotated by 180 degrees, as it is on the film behind the aperture, seen from behind.
+    """`image` (H, W, ...) rotated by 180 degrees: the image on the film behind the aperture, seen from behind.
 
     twinlens renders the upright image of a film in front of the aperture. A point at (X, Y) of it is at (-X, -Y) on the
     real film; from inside the camera, facing the film, it is mirrored as well. The principal point (cx, cy) becomes

@@ -1,4 +1,5 @@
-"""Rectification of any calibrated pair: both cameras are rotated about their centres until their rows agree.
+"""Rectification of any calibrated pair: both cameras are rotated about their centres so that
+corresponding points are in equal rows.
 
 The cameras keep their centres, take one orientation whose x axis is the baseline, and lose their distortion. Images
 are resampled by `maps`. Ground truth is cast again through `rectified_rig`, never resampled.
@@ -100,7 +101,7 @@ def rectify(
         the smallest for which every rectified pixel has a source.
     zero_doffs : bool
         Give both cameras one principal point, so that infinity has disparity 0. If False, each image is centred on
-        what its camera sees, as converging cameras need, and `doffs` is not 0.
+        its camera's field of view, which suits converging cameras, and `doffs` is not 0.
     misalignment : Misalignment
         Calibration error of the second rectified camera.
 

@@ -8,7 +8,7 @@ import click
 
 from twinlens.cli.boards import print_board, run_board
 from twinlens.cli.places import PATH, check_samples
-from twinlens.cli.progress import progress_bar, tell_stage
+from twinlens.cli.progress import print_stage, progress_bar
 
 if TYPE_CHECKING:
     from twinlens.scoring import Board, Groups
@@ -46,7 +46,7 @@ def command(output: Path, as_json: bool) -> None:
     _render(dataset, SPP[used.name])
     rendered = time.perf_counter()
     pairs = DatasetPairs(Dataset(dataset), [motorcycle()])
-    tell_stage(f"matching {len(pairs)} pairs with {len(METHODS)} methods")
+    print_stage(f"matching {len(pairs)} pairs with {len(METHODS)} methods")
     groups = {
         "pinhole": [name for name in pairs.aliases if name.endswith("pinhole")],
         "wide lens": [name for name in pairs.aliases if " · lens" in name],
@@ -62,7 +62,7 @@ def command(output: Path, as_json: bool) -> None:
 
 
 def _render(dataset: Path, spp: int) -> None:
-    """Write every scene through both lenses as a dataset."""
+    """Render every scene with both lenses and write them as a dataset."""
     from twinlens.camera import Pinhole, ThinLens
     from twinlens.dataset import Manifest, Row, describe, write_manifest, write_sample
     from twinlens.factory import default_rig, make_sample
@@ -72,7 +72,7 @@ def _render(dataset: Path, spp: int) -> None:
     rows = []
     with progress_bar("rendering") as report:
         for i, name in enumerate(SCENES):
-            tell_stage(f"rendering {name}, scene {i + 1} of {len(SCENES)}")
+            print_stage(f"rendering {name}, scene {i + 1} of {len(SCENES)}")
             scene = load_scene(name)
             rig = default_rig(scene, WIDTH, HEIGHT)
             wide = ThinLens(APERTURE_OF_BASELINE * rig.baseline(), middle_focus(*scene.depth_range))
@@ -86,7 +86,7 @@ def _render(dataset: Path, spp: int) -> None:
 
 
 def _notes(board: "Board", groups: "Groups") -> list[str]:
-    """What the lens and the real cameras change, from the board's numbers."""
+    """The effects of the lens and of the real cameras on the scores, one sentence or two each."""
     from twinlens.scoring import group_means
 
     pinhole, wide, real = group_means(board, PROTOCOL, REGION, groups).values()

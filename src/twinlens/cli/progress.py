@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 _PATIENCE_S = 2.0
 
 
-def tell_stage(text: str) -> None:
+def print_stage(text: str) -> None:
     """One line on the error stream where no bar shows how far the work is."""
     if not Console(stderr=True).is_terminal:
         click.echo(text, err=True)

@@ -21,7 +21,7 @@ _SAMPLE_FILES = (MARK, "im0.png")
 
 
 def verify_place(where: Where, progress: Callable[[float, str], None] | None = None) -> Iterator[tuple[str, list[str]]]:
-    """(name, findings): first of "dataset.json", for the dataset as a whole, then of each sample.
+    """Yield (name, findings): first for "dataset.json", the dataset as a whole, then for each sample.
 
     Pending samples, which are made but not yet in dataset.json, are checked against their own rows. One sample is in
     memory at a time. Raises FileError if there is no dataset; never for the content of a file.
@@ -92,7 +92,7 @@ def repair_hint(where: Where, findings: Mapping[str, Sequence[str]]) -> str:
 
 @dataclass(frozen=True)
 class _State:
-    """A dataset at one moment: its list, its pending samples, and the findings of the whole."""
+    """A dataset at one moment: its list, its pending samples, and the findings on the dataset as a whole."""
 
     folder: Place
     manifest: Manifest
@@ -101,9 +101,9 @@ class _State:
 
 
 def _open(folder: Place) -> tuple[Sequence[StoredSample], list[str]]:
-    """The samples to check, and the findings of the whole."""
+    """The samples to check, and the findings on the dataset as a whole."""
     if not (folder / NAME).is_file():
-        return (dataset := Dataset(folder)), _check_unlisted(folder, dataset)
+        return (dataset := Dataset(folder)), _check_missing_manifest(folder, dataset)
     try:
         state = _state(folder)
         samples = (*(stored(folder, row) for row in state.manifest.rows), *state.pending)
@@ -131,7 +131,7 @@ def _state(folder: Place) -> _State:
         for name, row in rows.items()
         if name not in listed
     ]
-    unlisted = _outermost(folders, listed | {sample.name for sample in pending})
+    unlisted = _unlisted_folders(folders, listed | {sample.name for sample in pending})
     if _is_growing(manifest):
         rowless, unlisted = _split_rowless(folder, manifest, unlisted)
         pending = sorted([*pending, *rowless], key=lambda sample: sample.name)
@@ -146,7 +146,7 @@ def _is_growing(manifest: Manifest) -> bool:
 
 
 def _split_rowless(folder: Place, manifest: Manifest, unlisted: Sequence[str]) -> tuple[list[StoredSample], list[str]]:
-    """The recipe's own samples among `unlisted`, which have no row yet (or never, after a kill); and the others."""
+    """Split `unlisted` into samples of the recipe without a row (being made, or after a kill) and all others."""
     count = manifest.recipe.get("count")
     own = {name for name in unlisted if _is_of_recipe(name.partition("/")[0], count)}
     whole = {name for name in own if _is_of_recipe(name, count) and is_whole(folder / name)}
@@ -160,16 +160,16 @@ def _is_of_recipe(name: str, count: Any) -> bool:
     return isinstance(count, int) and name.isdecimal() and int(name) < count and name == f"{int(name):07d}"
 
 
-def _check_unlisted(folder: Place, dataset: Dataset) -> list[str]:
-    """The finding of a lost dataset.json; a single sample and plain Middlebury folders never had one."""
+def _check_missing_manifest(folder: Place, dataset: Dataset) -> list[str]:
+    """The finding of a missing dataset.json; a single sample and plain Middlebury folders need none."""
     if dataset[0].folder == folder or not any(sample.has(MARK) for sample in dataset):
         return []
     lost = f"is missing, so no checksums can be verified; {len(dataset)} found without it"
     return [f"{lost}; if `twinlens generate` made them, rerun it to restore the file"]
 
 
-def _outermost(folders: Iterable[str], known: set[str]) -> list[str]:
-    """Those of `folders` that are neither known nor inside of a known or another one."""
+def _unlisted_folders(folders: Iterable[str], known: set[str]) -> list[str]:
+    """The `folders` that are not known, without those inside a known folder or inside one another."""
     found: set[str] = set()
     for name in sorted(folders, key=lambda name: name.count("/")):
         ancestors = {name[:end] for end, letter in enumerate(name) if letter == "/"}

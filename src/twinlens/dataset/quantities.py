@@ -46,24 +46,24 @@ def statistics(sample: "Sample") -> Statistics:
     if not sample.truths:
         return counts
     truth = sample.truths[0]
-    return counts | _of(truth.disparity, truth.depth, truth.mask_nonocc(), camera, lenses)
+    return counts | _truth_statistics(truth.disparity, truth.depth, truth.mask_nonocc(), camera, lenses)
 
 
 def stored_statistics(sample: "StoredSample") -> Statistics:
     """Statistics of a stored sample: those in sample.json, or else computed from the truth. Raises FileError."""
-    kept = sample.record.get(KEY) if sample.has("sample.json") else None
-    if _is_valid(kept):
-        return dict(kept)
+    recorded = sample.record.get(KEY) if sample.has("sample.json") else None
+    if _is_valid(recorded):
+        return dict(recorded)
     if sample.has("truth0.exr"):
         truth, rig = sample.truth0, sample.rig
         lenses = [sample.lens(k).lens for k in range(sample.num_lenses)]
         counts = _counts(truth.depth.shape, len(rig), len(lenses))
-        return counts | _of(truth.disparity, truth.depth, truth.mask_nonocc(), rig.cameras[0], lenses)
+        return counts | _truth_statistics(truth.disparity, truth.depth, truth.mask_nonocc(), rig.cameras[0], lenses)
     if not sample.has_disparity(0):
         return _counts(sample.im0.shape, 2, 1)
     disparity = sample.disp0
     depth = sample.calibration.depth(disparity) if sample.has("calib.txt") else np.full(disparity.shape, np.inf)
-    return _counts(disparity.shape, 2, 1) | _of(disparity, depth, sample.mask0_nonocc, None, [])
+    return _counts(disparity.shape, 2, 1) | _truth_statistics(disparity, depth, sample.mask0_nonocc, None, [])
 
 
 def quantiles(values: ArrayLike) -> list[float]:
@@ -93,11 +93,11 @@ def mixed_counts(edges: NDArray[np.float64], many: Iterable[Sequence[float]]) ->
     return counts
 
 
-def _is_valid(kept: Any) -> TypeGuard[Mapping[str, Any]]:
+def _is_valid(recorded: Any) -> TypeGuard[Mapping[str, Any]]:
     """Whether a sample.json, which users may edit, holds complete statistics."""
-    if not isinstance(kept, Mapping) or set(kept) not in (set(_NESTING), set(_COUNTS)):
+    if not isinstance(recorded, Mapping) or set(recorded) not in (set(_NESTING), set(_COUNTS)):
         return False
-    return all(_are_numbers(kept[name], _NESTING[name]) for name in kept)
+    return all(_are_numbers(recorded[name], _NESTING[name]) for name in recorded)
 
 
 def _are_numbers(value: Any, nesting: int) -> bool:
@@ -110,7 +110,7 @@ def _counts(shape: Sequence[int], cameras: int, lenses: int) -> Statistics:
     return {"size": [int(shape[1]), int(shape[0])], "cameras": cameras, "lenses": lenses}
 
 
-def _of(
+def _truth_statistics(
     disparity: NDArray[Any], depth: NDArray[Any], mask: NDArray[Any], camera: Camera | None, lenses: Sequence[Lens]
 ) -> Statistics:
     step = max(1, int(np.ceil(np.sqrt(mask.size / _MAX_PIXELS))))

@@ -143,7 +143,7 @@ def lens_folder(k: int) -> str:
 
 
 def _check_replaceable(folder: Place) -> None:
-    """Reject overwriting, which removes, a folder that is not a sample: a home folder, a dataset."""
+    """Raise OutputError if overwriting would delete a folder that is not a sample, such as a whole dataset."""
     if isinstance(folder, RemotePath):
         return  # `write_marked` checks: there an interrupted sample, without sample.json, is overwritten
     if not os.path.lexists(folder) or (folder / "sample.json").is_file():

@@ -2,9 +2,9 @@
 
     DIR/dataset.json           the recipe and the samples known when it was last written; the final one does not depend
                                on how often a run was stopped
-    DIR/.rows/0000007.json     one sample's row, or why there is none, written right after its folder appears; many
-                               processes may write there at the same time. Removed when the dataset is complete
-    DIR/.lock                  locked while a run writes there
+    DIR/.rows/0000007.json     one sample's row or failure, written right after its folder appears; many processes may
+                               write existing at the same time. Removed when the dataset is complete
+    DIR/.lock                  locked while a run writes existing
 
 A sample whose folder exists and whose row does not, because the process was killed in between, gets its row from its
 files.
@@ -75,7 +75,7 @@ class Entries:
             self._made[index] = _packed([entry.name, dict(entry.files), dict(entry.info)])
 
     def pop(self, index: int) -> None:
-        """Remove an entry, if there is one."""
+        """Remove an entry, if existing is one."""
         self._made.pop(index, None)
         self._failed.pop(index, None)
 
@@ -133,7 +133,7 @@ def _failure(packed: bytes) -> Failure:
 class Ledger:
     """The entries of the dataset in `folder`.
 
-    Raises InputError where the dataset there has another recipe, other versions, or other files beside the recipe.
+    Raises InputError if the folder has a dataset of another recipe, of other versions, or of other source files.
     """
 
     def __init__(self, folder: Place, recipe: Recipe, made_with: Mapping[str, Any]) -> None:
@@ -149,15 +149,17 @@ class Ledger:
 
     def recover(self) -> None:
         """Add every row and every whole sample that earlier runs left."""
-        there = whole_samples(self.folder)
+        existing = whole_samples(self.folder)
         for index, name in zip(self.entries.made, [row.name for row in self.entries.rows], strict=True):
-            if name not in there:
+            if name not in existing:
                 self.entries.pop(index)
-        for index, entry in self._waiting_rows() if self.has_file else ():  # without it, they may be another recipe's
-            if isinstance(entry, Failure) or entry.name in there:
+        for index, entry in (
+            self._pending_rows() if self.has_file else ()
+        ):  # without the file, rows may be another recipe's
+            if isinstance(entry, Failure) or entry.name in existing:
                 self.entries[index] = entry
         known = {sample_name(index) for index in self.entries}
-        for name in sorted(there - known):
+        for name in sorted(existing - known):
             if name.isdecimal() and sample_name(int(name)) == name and int(name) < self.recipe.count:
                 self.entries[int(name)] = recovered_row(self.folder, self.recipe, int(name), self.made_with)
 
@@ -197,7 +199,7 @@ class Ledger:
         self.has_file = True
 
     def clear(self) -> None:
-        """Remove the files that only unfinished datasets need. No other run may be writing there."""
+        """Remove the files that only unfinished datasets need. No other run may be writing existing."""
         remove_unfinished(self.folder)
         rows = self.folder / ROWS
         if isinstance(rows, RemotePath):
@@ -238,29 +240,30 @@ class Ledger:
     def _check_sources(self, known: Any) -> None:
         if known is None and self.recipe.sources.digests:
             raise InputError(
-                f"{self.folder}: was started by a version of twinlens that did not record the files beside a recipe; "
+                f"{self.folder}: was started by a version of twinlens that did not record the source files of a recipe; "
                 "name another folder"
             )
         if not isinstance(known, Mapping | None):
             raise FileError(f'{self.folder / NAME}: "sources" must be an object')
         if changed := changed_files(known or {}, self.recipe.sources.digests):
             raise InputError(
-                f"{self.folder}: was started with other files beside the recipe ({changed}); restore them, or name "
-                "another folder"
+                f"{self.folder}: was started with other source files ({changed}); restore them, or name another folder"
             )
 
     def _refuse_other_files(self) -> None:
-        """A folder without dataset.json may hold what an earlier run left, and nothing else."""
+        """Raise InputError if a folder without dataset.json has files that no run of `twinlens generate` leaves."""
         if not self.folder.is_dir():
             return
         names = [entry.name for entry in self.folder.iterdir()]
         for name in names:
             if not (name.startswith(".") or name.isdecimal() or name == "preview.png"):
                 lost = any(name.isdecimal() for name in names)
-                way = "or, if dataset.json was lost, move that file away and run again" if lost else "or an empty one"
-                raise InputError(f"{self.folder}: is no dataset and holds {name!r}; name a new folder, {way}")
+                remedy = (
+                    "or, if dataset.json was lost, move that file away and run again" if lost else "or an empty one"
+                )
+                raise InputError(f"{self.folder}: is no dataset and holds {name!r}; name a new folder, {remedy}")
 
-    def _waiting_rows(self) -> Iterator[tuple[int, Entry]]:
+    def _pending_rows(self) -> Iterator[tuple[int, Entry]]:
         """Rows of samples that have no entry yet. A row that cannot be read is made from the sample's files again."""
         folder = self.folder / ROWS
         if not folder.is_dir():
@@ -292,7 +295,7 @@ def read_row(path: Place) -> Entry:
 
 
 def row_info(record: Mapping[str, Any]) -> dict[str, Any]:
-    """What dataset.json records of a sample besides its files, from the sample's own record."""
+    """The `info` of a sample's row in dataset.json, from the record in its sample.json."""
     spec = record["spec"]
     return {
         "index": spec["index"],
@@ -317,7 +320,7 @@ def recovered_row(folder: Place, recipe: Recipe, index: int, made_with: Mapping[
             raise InputError(f"{folder / name}: other versions made it ({'; '.join(changed)}); name another folder")
         if record["sources_sha256"] != recipe.sources.digest:
             raise InputError(
-                f"{folder / name}: was made from other files beside the recipe (scenes, assets, masks); restore them, "
+                f"{folder / name}: was made from other source files (scenes, assets, masks); restore them, "
                 "or name another folder"
             )
         return row_of(folder, name, row_info(record))
@@ -344,8 +347,8 @@ def _missing_files(folder: Place, row: Row, listed: set[str] | None) -> list[str
     if listed is not None:
         return [name for name in row.files if f"{row.name}/{name}" not in listed]
     sample = folder / row.name
-    there = {entry.name for entry in sample.iterdir()}
-    return [name for name in row.files if name not in there and not (sample / name).is_file()]
+    existing = {entry.name for entry in sample.iterdir()}
+    return [name for name in row.files if name not in existing and not (sample / name).is_file()]
 
 
 def whole_samples(folder: Place) -> set[str]:

@@ -94,7 +94,7 @@ class MaskTable(StrictModel):
         if (self.file is None) == (self.cells is None):
             raise InputError("a mask needs either 'file' (a grey picture) or 'cells' (rows of numbers from 0 to 1)")
         if self.file is not None and not (self.file and self.file.isprintable()):
-            raise InputError(f"file must be the name of a picture beside the recipe, got {format_value(self.file)}")
+            raise InputError(f"file must be the name of a picture next to the recipe, got {format_value(self.file)}")
         return self
 
     def aperture(self, find: Find) -> Aperture:

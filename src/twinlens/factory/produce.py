@@ -1,4 +1,4 @@
-"""From the spec of a sample to the sample.
+"""Makes a sample from its spec.
 
 spec -> scene -> rig -> truth -> gates -> lenses -> photographs -> gates -> Sample
 """
@@ -27,7 +27,7 @@ Progress = Callable[[float], None]
 _FILE = Path("recipe.toml")  # without its folder: messages are recorded in the dataset
 
 
-class Exhausted(Exception):  # noqa: N818  the run goes on without this sample
+class Exhausted(Exception):  # noqa: N818  the run continues without this sample
     """Every draw of a sample was rejected, for the reasons in `rejections`; `remedy` names what to change."""
 
     def __init__(self, index: int, rejections: list[dict[str, Any]], remedy: str) -> None:

@@ -212,8 +212,8 @@ def _check_scene(name: str, folder: Path) -> None:
     if name in bundled_scenes() or (name not in ("", ".") and _exists(folder / name)):
         return
     if Path(name).suffix or any(letter in name for letter in "/\\"):
-        raise InputError(f"no such file beside the recipe, in {folder.absolute()}: {name!r}")
-    raise InputError(f"{unknown('scene', name, bundled_scenes())}, nor a scene file beside the recipe")
+        raise InputError(f"no such file next to the recipe, in {folder.absolute()}: {name!r}")
+    raise InputError(f"{unknown('scene', name, bundled_scenes())}, nor a scene file next to the recipe")
 
 
 def _check_assets(assets: Mapping[str, tuple[str, ...]], families: bool, path: Path) -> None:
@@ -226,7 +226,7 @@ def _check_assets(assets: Mapping[str, tuple[str, ...]], families: bool, path: P
         for name in names:
             folder = path.parent / name
             if not _exists(folder):
-                raise InputError(f"{path}: assets.{kind}: no folder {name!r} beside the recipe")
+                raise InputError(f"{path}: assets.{kind}: no folder {name!r} next to the recipe")
             try:
                 Assets.from_folders(**{kind: [folder]})
             except InputError as error:

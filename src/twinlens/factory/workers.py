@@ -297,7 +297,7 @@ def _work(order: Order, threads: int) -> Work:
     if changed := differences(work.made_with, plain(made_with())):
         raise InputError(f"this worker has another backend or other versions than the dataset: {'; '.join(changed)}")
     if changed_sources := changed_files(order.sources, work.recipe.sources.digests):
-        raise InputError(f"this worker has other files beside the recipe than the dataset's: {changed_sources}")
+        raise InputError(f"this worker has other source files than the dataset's: {changed_sources}")
     return work
 
 

@@ -20,7 +20,7 @@ _CLEARANCE = 1e-4  # of a body's size: gap between bodies that touch, so that no
 _TRIES, _TRIES_ON_TOP = 60, 6
 _HIGHEST_STACK = 4
 _LYING = {"bottle": 0.12, "cup": 0.08, "candle": 0.1, "tin": 0.08, "pawn": 0.15, "cone": 0.1}
-"""How often upright bodies of these kinds lie on their side."""
+"""Probabilities that upright bodies of these kinds lie on their side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Area:
 
 
 def choose_rest(body: Body, rng: Rng) -> StablePose | None:
-    """A stable pose by its probability; upright bodies stand, except a share of those that may lie."""
+    """A stable pose by its probability; upright bodies stand, or lie with the probability in `_LYING`."""
     found = stable_poses(body.solid.mesh, body.size)
     if not found:
         return None
@@ -83,12 +83,12 @@ def choose_rest(body: Body, rng: Rng) -> StablePose | None:
 
 
 def arrange(bodies: Sequence[tuple[Body, StablePose, Rng]], area: Area) -> list[Placement]:
-    """Place bodies one after the other, each with its own random stream; one that finds no free place is left out."""
+    """Place bodies one after the other, each with its own random stream; bodies without a free place are left out."""
     pile = _Pile(area.spacing)
     for body, rest, rng in bodies:
         on_top = bool(pile.placed) and rng.random() < area.stacked
         if not (on_top and pile.add_on_top(body, rest, rng)):
-            pile.add_beside(body, rest, rng, area)
+            pile.add_on_area(body, rest, rng, area)
     return pile.placed
 
 
@@ -100,7 +100,7 @@ class _Pile:
     placed: list[Placement] = field(default_factory=list)
     carrier: dict[int, int] = field(default_factory=dict)
 
-    def add_beside(self, body: Body, rest: StablePose, rng: Rng, area: Area) -> None:
+    def add_on_area(self, body: Body, rest: StablePose, rng: Rng, area: Area) -> None:
         """Place the body on the area."""
         for _ in range(_TRIES):
             spin = _random_spin(body, rng)
@@ -130,7 +130,7 @@ class _Pile:
         return False
 
     def _stack(self, index: int) -> list[int]:
-        """A body and all that carry it, from the top down."""
+        """The indices of a body and of all bodies below it, from the top down."""
         stack = [index]
         while stack[-1] in self.carrier:
             stack.append(self.carrier[stack[-1]])

@@ -1,4 +1,4 @@
-"""What a family of scenes is, and the settings of one random scene.
+"""Families of random scenes, and the settings of one scene.
 
 Every random decision has its own stream, named after what it decides: `Request.rng("object", 3, "texture")`. A new
 texture in the tables therefore moves no object.

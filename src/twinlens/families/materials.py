@@ -20,11 +20,11 @@ from twinlens.geometry import Float
 from twinlens.scenes.scene import Bitmap, Plugin
 
 PROPORTIONS = {"matte": 0.44, "satin": 0.22, "glossy": 0.20, "metal": 0.09, "glass": 0.03, "mirror": 0.02}
-"""Shares of the finishes of bodies that take any; `draw_finish` leaves out metal or glass for bodies that do not."""
+"""Relative probabilities of the finishes; `draw_finish` omits metals or glass for bodies that are not made of them."""
 
 _ROUGHNESS = {"satin": (0.18, 0.35), "glossy": (0.04, 0.12), "metal": (0.08, 0.3)}
 _MAX_TEXELS, _MIN_TEXELS = 512, 8
-_USER_TEXTURES = 0.4  # how often a surface takes a user's texture, where the user gave any
+_USER_TEXTURES = 0.4  # probability of a user's texture on a surface, if the user has any
 
 
 def material(finish: str, color: Bitmap, roughness: float = 0.2) -> Plugin:
@@ -95,7 +95,7 @@ def metal_pixels(rng: Rng, n: int, finish: str) -> Image:
 
 
 def user_texture(request: Request, *part: str | int) -> Image | None:
-    """One of the user's textures for a share of the surfaces; None for the others, and where no file can be used."""
+    """One of the user's textures for a share of the surfaces; None for the others, and if no file can be read."""
     if not request.assets.textures or request.rng(*part, "own texture").random() >= _USER_TEXTURES:
         return None
     drawn = request.assets.texture(request.rng(*part, "picture"))

@@ -193,9 +193,9 @@ def chips(n: int, rng: Rng, colors: Float) -> Image:
     centres, size = rng.random((count, 2)), rng.lognormal(0, 0.35, count)
     tones = varied(rng, colors[rng.integers(len(colors), size=count)], 0.1)
     reach = 0.42 / math.sqrt(count)
-    far, near = _cells(n, centres)
-    inside = (far[..., 0] < reach * size[near[..., 0]]) & (far[..., 1] - far[..., 0] > 0.25 * reach)
-    return _averaged(n, np.where(inside[..., None], tones[near[..., 0]], 0.3 * colors[-1] + 0.45))
+    distance, index = _cells(n, centres)
+    inside = (distance[..., 0] < reach * size[index[..., 0]]) & (distance[..., 1] - distance[..., 0] > 0.25 * reach)
+    return _averaged(n, np.where(inside[..., None], tones[index[..., 0]], 0.3 * colors[-1] + 0.45))
 
 
 def mosaic(n: int, rng: Rng, colors: Float) -> Image:
@@ -203,9 +203,9 @@ def mosaic(n: int, rng: Rng, colors: Float) -> Image:
     count = int(rng.integers(40, 130))
     centres = rng.random((count, 2))
     tones = varied(rng, colors[rng.integers(len(colors), size=count)], 0.1)
-    far, near = _cells(n, centres)
-    tile = far[..., 1] - far[..., 0] > 0.09 / math.sqrt(count)
-    return _averaged(n, np.where(tile[..., None], tones[near[..., 0]], np.full(3, 0.55)))
+    distance, index = _cells(n, centres)
+    tile = distance[..., 1] - distance[..., 0] > 0.09 / math.sqrt(count)
+    return _averaged(n, np.where(tile[..., None], tones[index[..., 0]], np.full(3, 0.55)))
 
 
 def tiles(n: int, rng: Rng, colors: Float) -> Image:

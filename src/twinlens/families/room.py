@@ -49,7 +49,7 @@ FAMILY = Family("a furnished room", (12, 26), compose, 2.5)
 
 
 def _view(request: Request, shell: Shell) -> View:
-    """At eye height near the open end, turned a little to one side."""
+    """A view at eye height near the open end, turned a little to one side."""
     rng = request.rng("view")
     eye = np.array([rng.uniform(-0.3, 0.3) * shell.width, shell.front + rng.uniform(0.25, 0.5), rng.uniform(1.15, 1.6)])
     target = np.array([-0.6 * eye[0] + rng.uniform(-0.4, 0.4), shell.back, rng.uniform(0.55, 1.0)])
@@ -77,7 +77,7 @@ def _floor_rectangle(size: tuple[float, float], pose: Float, margin: float = 0.0
 class _FloorPlan:
     """Positions of the furniture: no two pieces overlap, and none is nearer to the camera than `near` metres.
 
-    `walls` lists what stands or hangs at each wall: (position along it, width, height).
+    `walls` lists the furniture, windows and pictures at each wall: (position along it, width, height).
     """
 
     scene: Composition
@@ -94,7 +94,7 @@ class _FloorPlan:
             self._place_along(side, most)
         self._place_in_the_middle()
 
-    def _try(self, piece: Piece, pose: Float, margin: float = 0.04, near: float | None = None) -> bool:
+    def _place_if_free(self, piece: Piece, pose: Float, margin: float = 0.04, near: float | None = None) -> bool:
         """Place a piece if its floor is free and inside the room, and it is far enough from the camera."""
         outline = _floor_rectangle(piece.floor, pose, margin)
         limit = np.array([self.shell.width / 2 - 0.01, self.shell.back - 0.01]) + margin
@@ -123,7 +123,7 @@ class _FloorPlan:
                 continue
             piece = furniture.AGAINST_WALLS[name](self.scene.rng("piece", side, attempt))
             along = float(rng.uniform(-0.5, 0.5) * (self.shell.wall_length(side) - piece.floor[0]))
-            if self._try(piece, self.shell.against(side, along, piece.floor[1] / 2 + 0.05)):
+            if self._place_if_free(piece, self.shell.against(side, along, piece.floor[1] / 2 + 0.05)):
                 self.walls[side].append((along, piece.floor[0], piece.height))
 
     def _place_in_the_middle(self) -> None:
@@ -133,7 +133,7 @@ class _FloorPlan:
         for _ in range(30):
             x, y = rng.uniform(-0.25, 0.25) * self.shell.width, rng.uniform(0.35, 0.75) * self.shell.back
             pose = move(x, y, 0) @ turn_z(rng.normal(0, 12))
-            if self._try(piece, pose):
+            if self._place_if_free(piece, pose):
                 if make is furniture.dining_table:
                     self._place_chairs(pose, piece)
                 return
@@ -146,7 +146,7 @@ class _FloorPlan:
                 if rng.random() < 0.75:
                     turn = turn_z((180.0 if sign < 0 else 0.0) + float(rng.normal(0, 14)))
                     off = table.floor[1] / 2 + made.floor[1] / 2 + rng.uniform(0.06, 0.25)
-                    self._try(made, pose @ move(x * table.floor[0], sign * off, 0) @ turn, 0.01)
+                    self._place_if_free(made, pose @ move(x * table.floor[0], sign * off, 0) @ turn, 0.01)
 
     def _place_in_front(self) -> None:
         """Place a piece at one side of the picture, moved along the view until its nearest visible depth is `near`."""
@@ -160,7 +160,7 @@ class _FloorPlan:
                 meshes = [triangles(mesh, pose) for _, mesh, _ in piece.parts]
                 found = float(rasterize(self.scene.view, meshes).depth.min())  # +inf where the piece is not visible
                 depth += self.near - found if math.isfinite(found) else 0.2 * self.near
-            if abs(found - self.near) < 0.01 * self.near and self._try(piece, pose, near=0.0):
+            if abs(found - self.near) < 0.01 * self.near and self._place_if_free(piece, pose, near=0.0):
                 return
 
 
@@ -256,8 +256,8 @@ def _add_picture(scene: Composition, pose: Float, w: float, h: float, index: int
 def _light(scene: Composition, shell: Shell) -> None:
     """Add a lamp below the ceiling, or a bright front wall behind the camera; neither is visible.
 
-    Windows and lamp shades are visible: exposed for them, a picture is dark unless other lights fill the room. A window
-    alone leaves its own wall, and everything in front of that, in the shade.
+    Windows and lamp shades are visible and set the exposure; with no other light the room would be dark. A window does
+    not light its own wall, nor the objects in front of that wall.
     """
     rng = scene.rng("light")
     by_lamp = rng.random() < 0.8
