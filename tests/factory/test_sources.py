@@ -1,4 +1,4 @@
-"""What the source files of a recipe hold is part of what a dataset is: samples of two contents are never mixed."""
+"""A dataset is tied to the contents of its source files: samples of two versions of a file are never mixed."""
 
 import hashlib
 import os
@@ -179,7 +179,9 @@ def test_a_worker_with_other_files_refuses(tmp_path):
     from twinlens.factory.sample import made_with
 
     order = Order(dict(recipe.written), str(tmp_path / "recipe.toml"), str(tmp_path), made_with(), {"a.png": "00"}, 1)
-    with pytest.raises(InputError, match=r"this worker has other files .*: a\.png is gone, tiny/scene\.toml is new"):
+    with pytest.raises(
+        InputError, match=r"this worker has other source files .*: a\.png is gone, tiny/scene\.toml is new"
+    ):
         make_one(order, 0)
 
 

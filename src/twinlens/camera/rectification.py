@@ -1,5 +1,4 @@
-"""Rectification of any calibrated pair: both cameras are rotated about their centres so that
-corresponding points are in equal rows.
+"""Rectification of any calibrated pair: rotation of both cameras that makes epipolar lines rows.
 
 The cameras keep their centres, take one orientation whose x axis is the baseline, and lose their distortion. Images
 are resampled by `maps`. Ground truth is cast again through `rectified_rig`, never resampled.

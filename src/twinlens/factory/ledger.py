@@ -3,8 +3,8 @@
     DIR/dataset.json           the recipe and the samples known when it was last written; the final one does not depend
                                on how often a run was stopped
     DIR/.rows/0000007.json     one sample's row or failure, written right after its folder appears; many processes may
-                               write existing at the same time. Removed when the dataset is complete
-    DIR/.lock                  locked while a run writes existing
+                               write there at the same time. Removed when the dataset is complete
+    DIR/.lock                  locked while a run writes there
 
 A sample whose folder exists and whose row does not, because the process was killed in between, gets its row from its
 files.
@@ -75,7 +75,7 @@ class Entries:
             self._made[index] = _packed([entry.name, dict(entry.files), dict(entry.info)])
 
     def pop(self, index: int) -> None:
-        """Remove an entry, if existing is one."""
+        """Remove an entry, if there is one."""
         self._made.pop(index, None)
         self._failed.pop(index, None)
 
@@ -153,9 +153,7 @@ class Ledger:
         for index, name in zip(self.entries.made, [row.name for row in self.entries.rows], strict=True):
             if name not in existing:
                 self.entries.pop(index)
-        for index, entry in (
-            self._pending_rows() if self.has_file else ()
-        ):  # without the file, rows may be another recipe's
+        for index, entry in self._pending_rows() if self.has_file else ():  # else the rows may be another recipe's
             if isinstance(entry, Failure) or entry.name in existing:
                 self.entries[index] = entry
         known = {sample_name(index) for index in self.entries}
@@ -199,7 +197,7 @@ class Ledger:
         self.has_file = True
 
     def clear(self) -> None:
-        """Remove the files that only unfinished datasets need. No other run may be writing existing."""
+        """Remove the files that only unfinished datasets need. No other run may be writing there."""
         remove_unfinished(self.folder)
         rows = self.folder / ROWS
         if isinstance(rows, RemotePath):
@@ -240,7 +238,7 @@ class Ledger:
     def _check_sources(self, known: Any) -> None:
         if known is None and self.recipe.sources.digests:
             raise InputError(
-                f"{self.folder}: was started by a version of twinlens that did not record the source files of a recipe; "
+                f"{self.folder}: was started by a version of twinlens that did not record source files; "
                 "name another folder"
             )
         if not isinstance(known, Mapping | None):
@@ -258,10 +256,8 @@ class Ledger:
         for name in names:
             if not (name.startswith(".") or name.isdecimal() or name == "preview.png"):
                 lost = any(name.isdecimal() for name in names)
-                remedy = (
-                    "or, if dataset.json was lost, move that file away and run again" if lost else "or an empty one"
-                )
-                raise InputError(f"{self.folder}: is no dataset and holds {name!r}; name a new folder, {remedy}")
+                other = "or, if dataset.json was lost, move that file away and run again" if lost else "or an empty one"
+                raise InputError(f"{self.folder}: is no dataset and holds {name!r}; name a new folder, {other}")
 
     def _pending_rows(self) -> Iterator[tuple[int, Entry]]:
         """Rows of samples that have no entry yet. A row that cannot be read is made from the sample's files again."""

@@ -38,8 +38,8 @@ def correct_matches(F: ArrayLike, pixels_a: ArrayLike, pixels_b: ArrayLike) -> t
     line_a, line_b = _epipolar(lines, *_best(lines))
     given = (on_a | on_b)[:, None]
     return (
-        np.where(given, seen_a, scale * _moved(px_from_a, _foot(*line_a))),
-        np.where(given, seen_b, scale * _moved(px_from_b, _foot(*line_b))),
+        np.where(given, seen_a, scale * _to_pixels(px_from_a, _foot(*line_a))),
+        np.where(given, seen_b, scale * _to_pixels(px_from_b, _foot(*line_b))),
     )
 
 
@@ -67,7 +67,7 @@ def _canonical(epipole: Float, seen: Float) -> tuple[Float, Float, NDArray[np.bo
     return frames, (epipole[2] / size)[:, None], on_epipole
 
 
-def _moved(px_from_canonical: Float, points: Float) -> Float:
+def _to_pixels(px_from_canonical: Float, points: Float) -> Float:
     moved: Float = np.einsum("nij,nj->ni", px_from_canonical, homogeneous(points[:, 0]))[:, :2]
     return moved
 

@@ -39,7 +39,7 @@ def grey(image: Image) -> Image:
     return ((wide + (1 << 13)) >> 14).astype(image.dtype)
 
 
-def working(image: Image, name: str) -> Image:
+def to_working_dtype(image: Image, name: str) -> Image:
     """The image in a dtype of the kernels, without loss: uint8, uint16 or float64.
 
     bool becomes 0 and 1; int8, int16, float16 and float32 become float64. InputError for other dtypes and NaN or inf.
@@ -71,7 +71,7 @@ def pair(left: Any, right: Any) -> tuple[Image, Image]:
         raise InputError(f"the left and right images are {sizes}; both must have one size")
     if images[0].dtype != images[1].dtype:
         raise InputError(f"the left image is {images[0].dtype}, the right {images[1].dtype}; both must have one dtype")
-    greys = tuple(grey(working(image, name)) for name, image in zip(("left", "right"), images, strict=True))
+    greys = tuple(grey(to_working_dtype(image, name)) for name, image in zip(("left", "right"), images, strict=True))
     return np.ascontiguousarray(greys[0]), np.ascontiguousarray(greys[1])
 
 

@@ -33,15 +33,11 @@ OPTIMISATIONS = {
 }
 
 
-def _listed(names: Any) -> str:
-    return ", ".join(names)
-
-
 @dataclass(frozen=True)
 class StereoMatcher:
-    """A stereo matcher: what is compared, over which window, and how the winner is chosen and refined.
+    """A classical stereo matcher: its matching cost, support window, optimisation and refinement.
 
-    Every option has its meaning in its annotation; `twinlens methods` lists them. The steps run in this order: cost,
+    The options are described in their annotations, which `twinlens methods` lists. The steps run in this order: cost,
     support, optimisation, winner-take-all with sub-pixel fit, uniqueness, texture, lr_check, speckles, median, fill.
     uniqueness, texture, lr_check and speckle_size make pixels unknown.
 
@@ -49,7 +45,7 @@ class StereoMatcher:
     edge instead), so every pixel has a disparity unless none of its partners u - d is inside the right image: then it
     is +inf. Of equal costs the smallest disparity wins. A winner at the end of its pixel's range has no sub-pixel fit.
 
-    Accuracy: uint8 and uint16 images are summed in whole numbers, without loss. Only the normalised costs (ncc, zncc,
+    Accuracy: uint8 and uint16 images are summed exactly, in integers. Only the normalised costs (ncc, zncc,
     jaccard) are rounded, to float32 for uint8 (an error below 1e-6) and float64 otherwise. Floating-point images are
     summed in float64: costs that differ by less than 2^-40 of the largest count as equal. A window of one value has a
     ZNCC cost of 1 with every partner; a window of zeros has an NCC cost of 1, and two of them a Jaccard cost of 0.
@@ -68,11 +64,11 @@ class StereoMatcher:
     64
     """
 
-    cost: Annotated[str, f"Matching cost: {_listed(COSTS)}."] = "zncc"
+    cost: Annotated[str, f"Matching cost: {', '.join(COSTS)}."] = "zncc"
     block_size: Annotated[int, "Side of the window in pixels; odd."] = 9
     num_disparities: NumDisparities = 64
     min_disparity: MinDisparity = 0
-    support: Annotated[str, f"Support region over which costs are gathered: {_listed(SUPPORTS)}."] = "fixed"
+    support: Annotated[str, f"Support region over which costs are gathered: {', '.join(SUPPORTS)}."] = "fixed"
     census_window: Annotated[int, "Side of the window of the census and rank transforms; odd."] = 7
     prefilter: Annotated[str, "none, or xsobel: compare clipped horizontal Sobel derivatives, as StereoBM does."] = (
         "none"
@@ -188,15 +184,15 @@ class StereoMatcher:
             The images differ in size or dtype, or cannot be matched.
         """
         task, images = with_range(self, num_disparities, min_disparity), self._checked(left, right)
-        disparity = task._found(*images)
+        disparity = task._raw_disparity(*images)
         if self.lr_check is not None:
-            disparity = refine.consistent(disparity, _mirrored(task._found(*_swapped(*images))), self.lr_check)
+            disparity = refine.consistent(disparity, _mirrored(task._raw_disparity(*_swapped(*images))), self.lr_check)
         return self._refined(disparity)
 
     def match_pair(self, left: Any, right: Any) -> tuple[Disparity, Disparity]:
         """The disparities of the left and of the right image, (H, W) each, both u_left - u_right; see `match`."""
         images = self._checked(left, right)
-        ours, theirs = self._found(*images), self._found(*_swapped(*images))
+        ours, theirs = self._raw_disparity(*images), self._raw_disparity(*_swapped(*images))
         if self.lr_check is not None:
             ours, theirs = (
                 refine.consistent(ours, _mirrored(theirs), self.lr_check),
@@ -212,7 +208,7 @@ class StereoMatcher:
                 raise InputError(f"an image holds {lowest}; the Jaccard similarity is defined for values >= 0")
         return images
 
-    def _found(self, left: Image, right: Image) -> Disparity:
+    def _raw_disparity(self, left: Image, right: Image) -> Disparity:
         images = [clipped_slope(grey) for grey in levels(left, right)] if self.prefilter == "xsobel" else [left, right]
         found = search(self._task(), images[0], images[1])
         disparity = found.disparity

@@ -66,35 +66,36 @@ class OnnxNetwork:
         session = _session(str(self.model), _written_ns(str(self.model)))
         height, width = np.shape(left)[:2]
         feeds = {
-            place.name: self._tensor(np.asarray(image), place)
-            for place, image in zip(_inputs(session, self.model), (left, right), strict=True)
+            node.name: self._tensor(np.asarray(image), node)
+            for node, image in zip(_inputs(session, self.model), (left, right), strict=True)
         }
         found = np.asarray(self._run(session, feeds))
-        full = checked_result(self.sign * _plane(found, self.model), next(iter(feeds.values())).shape[2:], self._name)
+        plane = self.sign * _without_unit_axes(found, self.model)
+        full = checked_result(plane, next(iter(feeds.values())).shape[2:], self._name)
         return np.ascontiguousarray(full[full.shape[0] - height :, :width])
 
     @property
     def _name(self) -> str:
         return f"model {Path(self.model).name!r}"
 
-    def _tensor(self, image: Image, place: Any) -> Image:
+    def _tensor(self, image: Image, node: Any) -> Image:
         """The image as the input takes it: (1, C, H, W) float32, padded at the top and on the right."""
-        channels = _channels(place, self.model)
-        levels = _unit(image) * np.float32(self.scale)
+        channels = _channels(node, self.model)
+        levels = _normalised(image) * np.float32(self.scale)
         planes = _planes(levels, channels)
         height, width = (
-            _padded(size, wanted, self.multiple, self._name)
-            for size, wanted in zip(image.shape[:2], place.shape[2:], strict=True)
+            _padded_size(size, wanted, self.multiple, self._name)
+            for size, wanted in zip(image.shape[:2], node.shape[2:], strict=True)
         )
         room = ((0, 0), (height - image.shape[0], 0), (0, width - image.shape[1]))
         return np.ascontiguousarray(np.pad(planes, room, mode="edge")[None])
 
     def _run(self, session: Any, feeds: dict[str, Image]) -> Any:
-        places = session.get_outputs()
-        if not -len(places) <= self.output < len(places):
-            raise InputError(f"{self._name} has {len(places)} outputs; output is {self.output}")
+        nodes = session.get_outputs()
+        if not -len(nodes) <= self.output < len(nodes):
+            raise InputError(f"{self._name} has {len(nodes)} outputs; output is {self.output}")
         try:
-            return session.run([places[self.output].name], feeds)[0]
+            return session.run([nodes[self.output].name], feeds)[0]
         except Exception as problem:  # onnxruntime's own errors have no common base
             raise InputError(f"{self._name} failed: {_one_line(problem)}") from None
 
@@ -116,7 +117,7 @@ def _written_ns(model: str) -> int:
 
 
 @lru_cache(maxsize=4)
-def _session(model: str, _written_ns: int) -> Any:
+def _session(model: str, written_ns: int) -> Any:
     """The loaded model; loading takes longer than running it."""
     runtime = _onnxruntime()
     options = runtime.SessionOptions()
@@ -133,27 +134,25 @@ def _one_line(problem: Exception) -> str:
 
 def _inputs(session: Any, model: str) -> list[Any]:
     """The two inputs, left first, if they are images."""
-    places = session.get_inputs()
-    if len(places) != 2:
-        raise InputError(f"{model}: has {len(places)} inputs; a stereo model has two, left and right")
-    for place in places:
-        if place.type != "tensor(float)" or len(place.shape) != 4:
-            raise InputError(
-                f"{model}: input {place.name!r} is {place.type} {place.shape}; expected float (1, C, H, W)"
-            )
-    return list(places)
+    nodes = session.get_inputs()
+    if len(nodes) != 2:
+        raise InputError(f"{model}: has {len(nodes)} inputs; a stereo model has two, left and right")
+    for node in nodes:
+        if node.type != "tensor(float)" or len(node.shape) != 4:
+            raise InputError(f"{model}: input {node.name!r} is {node.type} {node.shape}; expected float (1, C, H, W)")
+    return list(nodes)
 
 
-def _channels(place: Any, model: str) -> int:
-    channels = place.shape[1]
+def _channels(node: Any, model: str) -> int:
+    channels = node.shape[1]
     if not isinstance(channels, int):
         return 3
     if channels not in CHANNELS:
-        raise InputError(f"{model}: input {place.name!r} has {channels} channels; images have 1 or 3")
+        raise InputError(f"{model}: input {node.name!r} has {channels} channels; images have 1 or 3")
     return channels
 
 
-def _unit(image: Image) -> Image:
+def _normalised(image: Image) -> Image:
     """Integers divided by their largest value; floating-point images are expected in 0..1."""
     largest = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1
     return image.astype(np.float32) / np.float32(largest)
@@ -167,7 +166,7 @@ def _planes(levels: Image, channels: int) -> Image:
     return np.moveaxis(flat, 2, 0) if flat.ndim == 3 else np.stack([flat] * 3)
 
 
-def _padded(size: int, wanted: Any, multiple: int, name: str) -> int:
+def _padded_size(size: int, wanted: Any, multiple: int, name: str) -> int:
     if not isinstance(wanted, int):
         return -(-size // multiple) * multiple
     if wanted < size:
@@ -175,7 +174,7 @@ def _padded(size: int, wanted: Any, multiple: int, name: str) -> int:
     return wanted
 
 
-def _plane(found: Image, model: str) -> Image:
+def _without_unit_axes(found: Image, model: str) -> Image:
     """(H, W) of (H, W), (1, H, W) or (1, 1, H, W)."""
     if not 2 <= found.ndim <= 4 or any(size != 1 for size in found.shape[:-2]):
         raise WrongAnswerError(

@@ -106,10 +106,10 @@ class Program:
     def _run(self, folder: Path) -> None:
         values = {"left": str(folder / "left.png"), "right": str(folder / "right.png"), "out": str(folder / "out.pfm")}
         values |= {"num_disparities": str(self.num_disparities), "min_disparity": str(self.min_disparity)}
-        status, printed = _finished(self._words(values), self.timeout_s, self._name)
+        status, printed = _run_process(self._words(values), self.timeout_s, self._name)
         if status != 0:
             last = (printed.strip() or "it printed nothing").splitlines()[-1]
-            raise InputError(f"{self._name} {_ending(status)}: {last}")
+            raise InputError(f"{self._name} {_format_status(status)}: {last}")
         if not (folder / "out.pfm").is_file():
             raise InputError(f"{self._name} wrote no file at {{out}}")
 
@@ -120,10 +120,10 @@ def _is_file(name: str) -> bool:
     return False
 
 
-def _ending(status: int) -> str:
-    """How a program ended.
+def _format_status(status: int) -> str:
+    """How a program ended, from its exit status.
 
-    >>> _ending(3), _ending(-11)
+    >>> _format_status(3), _format_status(-11)
     ('exited with status 3', 'was killed by SIGSEGV')
     """
     if status >= 0:
@@ -134,7 +134,7 @@ def _ending(status: int) -> str:
     return f"was killed by signal {-status}"
 
 
-def _finished(words: list[str], timeout_s: float, name: str) -> tuple[int, str]:
+def _run_process(words: list[str], timeout_s: float, name: str) -> tuple[int, str]:
     """Run a program: (exit status, the end of its output).
 
     It runs in a session of its own, so that its children are killed with it at the time limit. If memory runs out, the
@@ -153,15 +153,15 @@ def _finished(words: list[str], timeout_s: float, name: str) -> tuple[int, str]:
     with contextlib.suppress(OSError):
         Path(f"/proc/{process.pid}/oom_score_adj").write_text("1000")
     try:
-        printed = _listen(process, time.monotonic() + timeout_s)
+        printed = _read_output(process, time.monotonic() + timeout_s)
     except subprocess.TimeoutExpired:
         raise ProgramTimeoutError(f"{name} took longer than {timeout_s:g} s and was killed") from None
     finally:
-        _end(process)
+        _kill(process)
     return process.returncode, printed.decode(errors="replace")
 
 
-def _listen(process: "subprocess.Popen[bytes]", deadline: float) -> bytes:
+def _read_output(process: "subprocess.Popen[bytes]", deadline: float) -> bytes:
     """Read the program's output until it ends and return the end of it; TimeoutExpired at the deadline."""
     pipe, tail = process.stdout, b""
     with selectors.DefaultSelector() as selector:
@@ -182,7 +182,7 @@ def _listen(process: "subprocess.Popen[bytes]", deadline: float) -> bytes:
     return tail
 
 
-def _end(process: "subprocess.Popen[bytes]") -> None:
+def _kill(process: "subprocess.Popen[bytes]") -> None:
     """Kill the program and its children if it still runs; close its pipe."""
     if process.poll() is None:
         with contextlib.suppress(ProcessLookupError):

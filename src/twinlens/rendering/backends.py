@@ -59,7 +59,7 @@ def backend() -> Backend:
 
 
 def doctor() -> Backend:
-    """The backend that `backend` would choose, without setting it up. Its reason has the result of each library."""
+    """The backend that `backend` would choose, without setting it up. Its reason lists the result of each library."""
     return _choose(_wanted())
 
 
@@ -219,11 +219,11 @@ def deferred_interrupts() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread() or not callable(before):
         yield
         return
-    came = threading.Event()
-    signal.signal(signal.SIGINT, lambda *_: came.set())
+    received = threading.Event()
+    signal.signal(signal.SIGINT, lambda *_: received.set())
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-        if came.is_set():
+        if received.is_set():
             signal.raise_signal(signal.SIGINT)

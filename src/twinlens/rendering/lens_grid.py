@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Disk, Lens, Rig
+from twinlens.camera.lens import check_lens
 from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.rendering.annuli import (
@@ -30,7 +31,7 @@ from twinlens.rendering.annuli import (
 )
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
-from twinlens.rendering.radiance import Progress, check_lens, check_request, check_view, partial_progress, render
+from twinlens.rendering.radiance import Progress, check_request, check_view, partial_progress, render
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
 
@@ -136,11 +137,11 @@ def _shareable(built: BuiltScene, rig: Rig, lenses: Sequence[Lens]) -> list[int]
         and all(camera.distortion is None for camera in rig.cameras)
         and isinstance(built.integrator, mitsuba().SamplingIntegrator)
     )
-    return [i for i, lens in enumerate(lenses) if possible and (isinstance(lens.aperture, Disk) or _is_point(lens))]
-
-
-def _is_point(lens: Lens) -> bool:
-    return lens.aperture_diameter == 0
+    return [
+        i
+        for i, lens in enumerate(lenses)
+        if possible and (isinstance(lens.aperture, Disk) or lens.aperture_diameter == 0)
+    ]
 
 
 def _seed_of(seed: int, index: int) -> int:

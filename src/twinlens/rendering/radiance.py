@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Lens, Pinhole, Rig
-from twinlens.camera.lens import check_lens as check_lens  # used by lens_grid
+from twinlens.camera.lens import check_lens
 from twinlens.errors import InputError, unknown
 from twinlens.geometry import Float
 from twinlens.rendering.backends import backend, mitsuba
@@ -138,13 +138,13 @@ def _passes(camera: Camera, spp: int, seeds: np.random.SeedSequence, sampler: st
     drawn independently.
     """
     largest = max(1, RAYS_PER_PASS // (camera.width * camera.height))
-    left = spp
-    while left:
-        powers = (1 << power for power in reversed(range(min(left, largest).bit_length())))
+    remaining = spp
+    while remaining:
+        powers = (1 << power for power in reversed(range(min(remaining, largest).bit_length())))
         count = next((count for count in powers if sampler_supports(sampler, count)), None)
-        kind, size = ("independent", min(left, largest)) if count is None else (sampler, count)
+        kind, size = ("independent", min(remaining, largest)) if count is None else (sampler, count)
         yield kind, size, int(seeds.spawn(1)[0].generate_state(1)[0])
-        left -= size
+        remaining -= size
 
 
 @functools.cache

@@ -32,7 +32,7 @@ DIELECTRICS = (
 _NAMES_WITH_SPACES = {"carbon_dioxide", "carbon_tetrachloride", "silicone_oil", "water_ice", "fused_quartz"}
 
 
-def _in(low: float, high: float) -> Any:
+def _range(low: float, high: float) -> Any:
     """A number in [low, high]."""
     return Annotated[Number, pydantic.Field(ge=low, le=high)]
 
@@ -46,7 +46,7 @@ def _mitsuba_name(name: str) -> str:
 
 
 _DIELECTRIC = Annotated[str, one_of("dielectric", DIELECTRICS), pydantic.AfterValidator(_mitsuba_name)]
-_IOR = _in(1, 5) | _DIELECTRIC | None
+_IOR = _range(1, 5) | _DIELECTRIC | None
 _REFLECTANCE = spectrum(1.0) | None
 _RADIANCE = spectrum(1e9) | None
 _METAL_INDEX = spectrum(20.0) | None
@@ -116,7 +116,7 @@ MATERIALS: dict[str, dict[str, Any]] = {
     "conductor": _METAL,
     "roughconductor": _METAL | _ROUGH,
     "plastic": _PLASTIC,
-    "roughplastic": {**_PLASTIC, "alpha": _in(1e-4, 1) | None, **_FACET_KEYS},
+    "roughplastic": {**_PLASTIC, "alpha": _range(1e-4, 1) | None, **_FACET_KEYS},
     "principled": {
         **_PRINCIPLED,
         "specular": Fraction | None,
@@ -126,7 +126,7 @@ MATERIALS: dict[str, dict[str, Any]] = {
     "twosided": {"bsdf": _BSDF},
     "mask": {"bsdf": _BSDF, "opacity": _FRACTION_MAP},
     "blendbsdf": {"bsdfs": Annotated[list[_BSDF], annotated_types.Len(2, 2)], "weight": _FRACTION_MAP},
-    "bumpmap": {"bsdf": _BSDF, "bump": TextureMap, "scale": _in(0, 1000) | None},
+    "bumpmap": {"bsdf": _BSDF, "bump": TextureMap, "scale": _range(0, 1000) | None},
     "normalmap": {"bsdf": _BSDF, "normalmap": TextureMap},
     "null": {},
 }
@@ -181,7 +181,7 @@ _OTHER_LIGHTS: dict[str, dict[str, Any]] = {
     "point": {"position": Vector3 | None, "intensity": _RADIANCE},
     "constant": {"radiance": _RADIANCE},
     "sunsky": {
-        "turbidity": _in(1, 10) | None,
+        "turbidity": _range(1, 10) | None,
         "albedo": _REFLECTANCE,
         "sun_direction": Vector3 | None,
         "sun_scale": NonNegative | None,

@@ -44,7 +44,7 @@ class ViewTable(StrictModel):
         return self
 
 
-def _keep_named(textures: dict[str, Any], info: Any) -> dict[str, Any]:
+def _register_textures(textures: dict[str, Any], info: Any) -> dict[str, Any]:
     info.context.textures.update(textures)
     return textures
 
@@ -53,7 +53,7 @@ class SceneFile(StrictModel):
     """The keys of a scene.toml. Textures come first: the fields after it refer to them by name."""
 
     description: str = ""
-    textures: Annotated[dict[str, Texture], pydantic.AfterValidator(_keep_named)] = pydantic.Field({})
+    textures: Annotated[dict[str, Texture], pydantic.AfterValidator(_register_textures)] = pydantic.Field({})
     materials: dict[str, Material]
     objects: dict[str, Object]
     camera: ViewTable

@@ -25,10 +25,10 @@ def value_noise(width: int, height: int, cells: tuple[int, int], seed: int, inte
     """
     nx, ny = cells
     lattice = np.random.default_rng(seed).random((ny, nx)).astype(np.float32)
-    return _between(_between(lattice, height, 0, interpolation), width, 1, interpolation)
+    return _interpolated(_interpolated(lattice, height, 0, interpolation), width, 1, interpolation)
 
 
-def _between(values: Image, size: int, axis: int, interpolation: str) -> Image:
+def _interpolated(values: Image, size: int, axis: int, interpolation: str) -> Image:
     """Periodic values interpolated at the centres of `size` texels along one axis."""
     cells = values.shape[axis]
     position = (np.arange(size) + 0.5) / size * cells

@@ -83,7 +83,7 @@ def named_program(text: str, time_limit: float | None = None) -> NamedMethod:
     Raises
     ------
     InputError
-        The command lacks {left}, {right} or {out}.
+        The command does not contain {left}, {right} and {out}.
 
     >>> named_program("mine=./prog --fast {left} {right} {out}").name
     'mine'

@@ -48,7 +48,7 @@ class Exposure:
 
 @dataclass(frozen=True)
 class Mismatch:
-    """Differences of the cameras after the first, not known to the development of their images.
+    """Differences of the other cameras from the first, which the processing of their images does not correct.
 
     Parameters
     ----------
@@ -96,11 +96,11 @@ def auto_exposure(
     exceed 90% of white, the exposure is reduced by up to two stops. Time is increased first, up to the sensor's
     `longest_exposure`, then gain, up to its `largest_gain`. A black image gets both limits.
     """
-    each = [cameras] * len(images) if isinstance(cameras, Camera) else list(cameras)
-    if not images or len(each) != len(images):
-        raise InputError(f"auto exposure needs images and one camera each, got {len(images)} and {len(each)}")
+    per_image = [cameras] * len(images) if isinstance(cameras, Camera) else list(cameras)
+    if not images or len(per_image) != len(images):
+        raise InputError(f"auto exposure needs images and one camera each, got {len(images)} and {len(per_image)}")
     levels = [
-        sensor.level_rate(image, camera=c, lens=lens).reshape(-1, 3) for image, c in zip(images, each, strict=True)
+        sensor.level_rate(image, camera=c, lens=lens).reshape(-1, 3) for image, c in zip(images, per_image, strict=True)
     ]
     product = _time_times_gain(np.concatenate(levels))
     time = min(product, sensor.longest_exposure)

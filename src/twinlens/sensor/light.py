@@ -5,7 +5,7 @@
     rate = QE * E * pixel area / (h c / lambda)        electrons per second in a pixel
 
 The two agree within (A/2v)^2. A rendered image is the mean radiance over the open aperture, weighted evenly: natural
-vignetting is that of a small aperture, and no cos^4 is applied across a wide one.
+vignetting is the cos^4 of the aperture's centre, also for wide apertures.
 
 Sources: Born and Wolf, Principles of Optics, 7th ed., section 4.8.3; Howell, A Catalog of Radiation Heat Transfer
 Configuration Factors, B-12 (disk to element); EMVA Standard 1288, release 4.0 linear, section 2.
