@@ -25,10 +25,9 @@ PROTOCOL, REGION = "middlebury-v3", "nonocc"
 @click.option("-o", "--output", default="demo", show_default=True, type=PATH, help="Folder of the results.")
 @click.option("--json", "as_json", is_flag=True, help="Print the board as JSON.")
 def command(output: Path, as_json: bool) -> None:
-    """Render three scenes with a pinhole and with a wide lens, match them and a real pair, and compare the scores.
+    """Render three scenes with a pinhole and with a wide lens, match these and a real pair, and compare the scores.
 
-    The real pair is Middlebury's Motorcycle, with measured truth. OUTPUT receives the dataset, and the board with its
-    page.
+    The real pair is Middlebury's Motorcycle with measured truth. OUTPUT receives the dataset, the board and its page.
 
     \b
     Example:  twinlens demo -o demo

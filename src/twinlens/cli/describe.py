@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @click.command("describe")
 @click.argument("dataset", type=PLACE)
-@click.option("--name", help="Name of the dataset.  [default: its folder's]")
+@click.option("--name", help="Name of the dataset.  [default: stereo dataset]")
 @click.option("--description", help="One or more sentences.")
 @click.option("--license", "license", help="A licence, such as CC-BY-4.0, or the address of its text.")
 @click.option("--creator", help="Author or organisation.")
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 def command(dataset: "Place", **given: str | None) -> None:
     """Write DATASET's card (README.md with pictures and statistics) and its Croissant metadata (croissant.json).
 
-    The options are stored in dataset.json, and later runs keep them. Datasets made by twinlens have both files already;
-    run this command after changing one.
+    The options are stored in dataset.json and kept by later runs. Datasets made by twinlens already have both files;
+    run this command to change the options or after changing the dataset.
 
     \b
     Example:  twinlens describe out --license CC-BY-4.0 --creator "Ada Lovelace"
