@@ -111,7 +111,7 @@ def test_match_by_a_program(twinlens, dataset, tmp_path, program):
     assert code == 0, err
     assert json.loads(out)["known_fraction"] == 1
     for options, words in (
-        (("--method", "sad", "--command", "prog {left} {right} {out}"), "give one of them"),
+        (("--method", "sad", "--command", "prog {left} {right} {out}"), "use one of them"),
         (("--time-limit", "3"), "needs --command"),
         (("--command", "prog {left} {right}"), "needs {out}"),
         (("--command", "prog {left} {right} {out}", "--time-limit", "0"), "timeout_s is 0"),

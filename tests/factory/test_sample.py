@@ -115,9 +115,9 @@ def test_the_eyes_differ_as_the_sensor_says(scene, sample):
 @pytest.mark.parametrize(
     ("lenses", "options", "says"),
     [
-        ([], {}, "one lens or more"),
+        ([], {}, "at least one lens"),
         (["pinhole"], {}, "a lens must be a Pinhole"),
-        ([tl.ThinLens(0.01, 1.0, Polygon(6))], {"diffraction": True}, "disks only, got a polygon"),
+        ([tl.ThinLens(0.01, 1.0, Polygon(6))], {"diffraction": True}, "needs a disk aperture, got polygon"),
         ([tl.Pinhole()], {"exposure": 0.1}, "an Exposure or None"),
     ],
 )
