@@ -68,7 +68,7 @@ class StereoMatcher:
     block_size: Annotated[int, "Side of the window in pixels; odd."] = 9
     num_disparities: NumDisparities = 64
     min_disparity: MinDisparity = 0
-    support: Annotated[str, f"Support region over which costs are gathered: {', '.join(SUPPORTS)}."] = "fixed"
+    support: Annotated[str, f"Support region over which costs are aggregated: {', '.join(SUPPORTS)}."] = "fixed"
     census_window: Annotated[int, "Side of the window of the census and rank transforms; odd."] = 7
     prefilter: Annotated[str, "none, or xsobel: compare clipped horizontal Sobel derivatives, as StereoBM does."] = (
         "none"
@@ -76,20 +76,23 @@ class StereoMatcher:
     contrast: Annotated[float, "Support cross: difference in grey levels of 0..255 at which an arm ends."] = 20.0
     gamma_similar: Annotated[float, "Support weighted: grey levels over which a weight falls to 1/e."] = 12.0
     gamma_near: Annotated[float, "Support weighted: pixels over which a weight falls to 1/e."] = 12.0
-    epsilon: Annotated[float, "Support guided: variance below which the filter smooths; of grey levels in 0..1."] = 1e-4
+    epsilon: Annotated[float, "Support guided: variance below which the filter smooths, for grey levels in 0..1."] = (
+        1e-4
+    )
     noise: Annotated[float, "Support adaptive: standard deviation of the image noise, in grey levels of 0..255."] = 2.0
     optimisation: Annotated[str, "; ".join(f"{name}: {text}" for name, text in OPTIMISATIONS.items()) + "."] = "wta"
     p1: Annotated[
         float | None,
-        "Semi-global penalty for steps of one disparity, a part of the largest cost; none: the cost's.",
+        "Semi-global penalty for steps of one disparity, as a fraction of the largest cost; none: depends on the cost.",
     ] = None
     p2: Annotated[
-        float | None, "Semi-global penalty for larger steps, a part of the largest cost; none: the cost's."
+        float | None,
+        "Semi-global penalty for larger steps, as a fraction of the largest cost; none: depends on the cost.",
     ] = None
     subpixel: Annotated[str, "Sub-pixel fit: v, parabola, none, or auto: the fit that suits the cost."] = "auto"
     uniqueness: Annotated[
         float,
-        "Percent by which the best rival, two or more disparities away, must cost more than the winner; 0: off.",
+        "Percent by which the best cost two or more disparities away must exceed the least cost; 0: off.",
     ] = 0.0
     texture: Annotated[
         float, "Least root mean square horizontal difference in the window, in grey levels of 0..255; 0: off."
@@ -101,7 +104,8 @@ class StereoMatcher:
     speckle_range: Annotated[float, "Largest difference in pixels between neighbours of one patch."] = 1.0
     median: Annotated[int, "Side of a median filter over known pixels; odd; 0: off."] = 0
     fill: Annotated[
-        str, "none, or background: fill unknown pixels with the smaller of the nearest known ones in the row."
+        str,
+        "none, or background: fill unknown pixels with the smaller of the two nearest known disparities in the row.",
     ] = "none"
     threads: Annotated[int | None, "Number of threads; none: all processors."] = None
 

@@ -62,7 +62,7 @@ METHODS: dict[str, Method] = {
         Method("shiftable", "SAD of the best window that contains the pixel", {"cost": "sad", "support": "shiftable"}),
         Method(
             "adaptive",
-            "ZNCC in windows that grow where texture is faint and follow edges",
+            "ZNCC in windows that grow where texture is weak and follow edges",
             {"cost": "zncc", "support": "adaptive", "block_size": 21},
         ),
         Method(
@@ -72,7 +72,7 @@ METHODS: dict[str, Method] = {
         ),
         Method(
             "weighted",
-            "census with weights of similarity and proximity; slow",
+            "census weighted by similarity and proximity; slow",
             {"cost": "census", "support": "weighted", "block_size": 15},
         ),
         Method(

@@ -13,19 +13,20 @@ Every command and function that takes a method reads `[NAME=]METHOD[:OPTION=VALU
     twinlens match im0.png im1.png --method zncc:block_size=15,lr_check=1 -o disparity.pfm
     twinlens benchmark out --methods sad,wide=sad:block_size=21 --methods mine=function:path/to/file.py:name -o board
 
-`NAME` is the method's name on a board. Values are numbers, `true`, `false`, `none` or words; quote a value that holds a
+`NAME` is the method's name on a board. Values are numbers, `true`, `false`, `none` or words; quote a value that has a
 comma. All methods search min_disparity <= d < min_disparity + num_disparities, with d = u_left - u_right in pixels.
 """
 OUTRO = """\
 ## Your own method
 
-A function, a program, a network and an object all have one contract: two rectified images and a range in, a disparity
-map (H, W) float32 out, +inf where unknown.
+Functions, programs, networks and objects have the same contract. The input is two rectified images and the search
+range. The output is a disparity map (H, W), float32, +inf where unknown.
 
     def name(left, right, *, num_disparities, min_disparity):
         return disparity
 
-`function:path/to/file.py:name` runs it; a package may offer it under the entry point `twinlens.methods`.
+`function:path/to/file.py:name` runs this function. A package may provide functions under the entry point
+`twinlens.methods`.
 `program:'prog {left} {right} {out} {num_disparities}'` runs a program, `onnx:net.onnx` a network. In Python, any object
 with `match(left, right, *, num_disparities, min_disparity)` can be scored; see `matching.Matcher`.
 
@@ -64,7 +65,7 @@ def family_defaults(name: str) -> dict[str, str]:
 
 def method_page() -> str:
     """docs/methods.md."""
-    lines = [INTRODUCTION, "| method | what it is | its own defaults |", "| --- | --- | --- |"]
+    lines = [INTRODUCTION, "| method | description | defaults that differ |", "| --- | --- | --- |"]
     for method in METHODS.values():
         own = ", ".join(f"{option}={text}" for option, text in family_defaults(method.name).items())
         lines.append(f"| `{method.name}` | {method.description} | {own and f'`{own}`'} |")
