@@ -1,6 +1,6 @@
 """Base class and error messages of the pydantic models that read files.
 
-A model stands where a file is read (scene.toml, recipes, sample.json, boards) and nowhere else. `read` turns pydantic's
+Models are used only where files are read (scene.toml, recipes, sample.json, boards). `read` turns pydantic's
 list of validation errors into one `InputError` of one line: file, key, what is allowed, the value, the nearest key.
 """
 
@@ -68,7 +68,7 @@ def variants(
 
 
 def tagged(tag: str, models: Iterable[type[StrictModel]], default: str | None = None) -> Any:
-    """The union of models that the key `tag` tells apart; a table without it has the tag `default`."""
+    """The union of models that the key `tag` selects from; a table without it has the tag `default`."""
     union: Any = Annotated[Union[tuple(models)], pydantic.Field(discriminator=tag)]  # noqa: UP007
     return union if default is None else Annotated[union, default_key(tag, default)]
 
@@ -96,7 +96,7 @@ def one_of(kind: str, known: Iterable[str]) -> pydantic.PlainValidator:
 
 
 def repeated(count: int, item: Any) -> pydantic.BeforeValidator:
-    """Lets one value stand for a list of `count` equal ones, for `Annotated`; `item` is the type of a value.
+    """Accepts one value in place of a list of `count` equal ones, for `Annotated`; `item` is the type of a value.
 
     >>> repeated(3, float).func(0.5)
     [0.5, 0.5, 0.5]

@@ -14,7 +14,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
-from PIL import Image
 
 import twinlens
 from twinlens.dataset.about import KEY, About, about
@@ -107,7 +106,7 @@ def write_card(dataset: Where | Dataset) -> list[str]:
     given, manifest = about(dataset)
     many = {sample.name: each for sample in dataset if (each := _readable(sample, stored_statistics)) is not None}
     chosen = np.linspace(0, len(many) - 1, min(len(many), TILES)).round().astype(int)
-    tiles = (_readable(dataset[list(many)[i]], _left_tile) for i in chosen)
+    tiles = (_readable(dataset[list(many)[i]], lambda sample: tile(sample.im0)) for i in chosen)
     shown = [each for each in tiles if each is not None]
     if not shown:
         raise FileError(f"{dataset.path}: no sample can be read; see `twinlens verify`")
@@ -127,10 +126,6 @@ def _readable(sample: StoredSample, read: Callable[[StoredSample], T]) -> T | No
         return read(sample)
     except FileError:
         return None
-
-
-def _left_tile(sample: StoredSample) -> Image.Image:
-    return tile(sample.im0)
 
 
 def _free_name(folder: Place) -> str:

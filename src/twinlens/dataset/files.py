@@ -211,7 +211,7 @@ def _remove(path: Path) -> None:
 
 @contextlib.contextmanager
 def _temporary(path: Path) -> Iterator[Path]:
-    """A temporary name beside `path`, removed on any failure, KeyboardInterrupt included; errors as OutputError."""
+    """A temporary name in the folder of `path`, removed on any exception; errors as OutputError."""
     try:
         temporary = _temporary_name(path)
         try:

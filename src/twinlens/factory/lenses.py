@@ -190,10 +190,6 @@ def _known_range(view: View) -> tuple[float, float]:
     return (float(depth.min()), float(depth.max())) if depth.size else (math.inf, math.inf)
 
 
-def _middle(view: View) -> float:
-    return middle_focus(*_known_range(view))
-
-
 def _centre(view: View) -> float:
     depth = view.truths[0].depth
     return float(depth[depth.shape[0] // 2, depth.shape[1] // 2])
@@ -213,7 +209,7 @@ def _object(view: View) -> float:
 
 FOCUSES: dict[str, Callable[[View], float]] = {
     "near": lambda view: _known_range(view)[0],
-    "middle": _middle,
+    "middle": lambda view: middle_focus(*_known_range(view)),
     "far": lambda view: _known_range(view)[1],
     "centre": _centre,
     "object": _object,

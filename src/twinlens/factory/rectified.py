@@ -62,8 +62,8 @@ def rectified_sample(
         return replace(sample, record={**sample.record, **origin})
     truths = ground_truth(scene, result.aligned_rig, sky_disparity=bool(made.get("sky_disparity")))
     shots = tuple(_warped(stored, k, (left, right), result) for k in range(stored.num_lenses))
-    said = {**made, "keep_radiance": False, **origin}
-    return Sample(result.rectified_rig, shots, _where_pictured(truths, result), record=said)
+    record = {**made, "keep_radiance": False, **origin}
+    return Sample(result.rectified_rig, shots, _where_pictured(truths, result), record=record)
 
 
 def _warped(stored: StoredSample, k: int, views: tuple[int, int], result: Rectification) -> Shot:

@@ -5,7 +5,6 @@ from dataclasses import fields, replace
 from types import NoneType
 from typing import Any
 
-from twinlens.camera import Lens
 from twinlens.dataset import Sample
 from twinlens.dataset.record import lens_from_plain, rig_from_plain
 from twinlens.errors import InputError, unknown
@@ -39,11 +38,11 @@ def remake(
     sample = make_sample(
         scene,
         rig_from_plain(record.get("rig")),
-        _lenses(record),
+        [lens_from_plain(shot.get("lens")) for shot in _part(record, "shots", list)],
         spp=_part(made, "spp", int),
         seed=_part(made, "seed", int),
         sensor=sensor_from_record(_part(made, "sensor", Mapping)),
-        exposure=_exposure(made.get("exposure")),
+        exposure=None if made.get("exposure") is None else _built(Exposure, made["exposure"]),
         diffraction=_part(made, "diffraction", bool),
         sky_disparity=_part(made, "sky_disparity", bool),
         keep_radiance=_part(made, "keep_radiance", bool),
@@ -60,12 +59,8 @@ def sensor_from_record(record: Mapping[str, Any]) -> Sensor:
     return sensor
 
 
-def _exposure(record: Any) -> Exposure | None:
-    return None if record is None else _built(Exposure, record)
-
-
 def _built(kind: type[Any], record: Any) -> Any:
-    """`kind` of the record's fields; a field that it lacks is refused."""
+    """A `kind` with the record's fields. Raises InputError for an unknown field."""
     if not isinstance(record, Mapping):
         raise InputError(f"the record of the {kind.__name__.lower()} must be an object")
     known = [field.name for field in fields(kind)]
@@ -89,10 +84,6 @@ def scene_of(record: Mapping[str, Any], given: Scene | None = None) -> Scene:
     if (scene.name, file_digests(scene)) != (name, made.get("scene_files")):
         raise InputError(f"scene {scene.name!r} is not the one that the record names: its files have changed")
     return scene
-
-
-def _lenses(record: Mapping[str, Any]) -> list[Lens]:
-    return [lens_from_plain(shot.get("lens")) for shot in _part(record, "shots", list)]
 
 
 def _part(record: Mapping[str, Any], name: str, kind: Any) -> Any:

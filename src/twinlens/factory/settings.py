@@ -103,10 +103,6 @@ def _as_list(value: Any) -> Any:
     return value
 
 
-def _pinhole() -> list[Any]:
-    return [PinholeTable()]
-
-
 Lenses = Annotated[list[LensTable], Field(min_length=1, max_length=100), BeforeValidator(_as_list)]
 
 
@@ -120,7 +116,7 @@ class Settings(StrictModel):
     sky_disparity: bool = False
     scene: SceneTable = SceneTable()
     rig: dict[str, Any] = Field(default_factory=dict)
-    lenses: Lenses = Field(default_factory=_pinhole)
+    lenses: Lenses = Field([PinholeTable()])
     sensor: SensorTable = SensorTable()
     exposure: ExposureTable | None = None
 

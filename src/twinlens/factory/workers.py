@@ -33,7 +33,7 @@ from twinlens.rendering import configure_malloc, forget_kernels, use_threads
 
 RENEWED_AFTER = 300
 """Samples that a worker process makes before a new one replaces it. LLVM keeps about 15 KiB for each random scene that
-it compiled kernels for, whatever is freed; the memory of a process ends with it."""
+it compiled kernels for, until the process ends."""
 
 _POLL_S = 0.25
 _QUEUED = 2  # samples submitted for each thread of a Dask cluster, so that none waits

@@ -13,7 +13,7 @@ Conventions of twinlens:
   depth +inf.
 - Disparity is u_left - u_right in pixels, stored as float32, and ``z = fx * B / (d + doffs)`` with
   ``doffs = cx_right - cx_left``. Unknown or invalid disparity is +inf; NaN and -inf are errors.
-- Metres, radians and seconds. A name with another unit says so (`pixel_pitch_um`, `fov_x_deg`).
+- Metres, radians and seconds. Names of values in other units end in the unit (`pixel_pitch_um`, `fov_x_deg`).
 
 Source: Hartley and Zisserman, Multiple View Geometry in Computer Vision, 2nd ed., 2004.
 """

@@ -1,6 +1,6 @@
 """Traces the light paths of an annulus once and gathers them for every focus: the kernels of the lens grid.
 
-Sample m of a pixel lands a known whole number of pixels away (`twinlens.rendering.stratified_samples`), so images are
+Sample m of a pixel lands a known integer number of pixels away (`twinlens.rendering.stratified_samples`), so images are
 gathered: each pixel adds its samples in order. Gathering needs no atomics and no fixed-point rounding, its bytes do not
 depend on the number of threads, and radiance that is not finite stays so, as in Mitsuba's film.
 """

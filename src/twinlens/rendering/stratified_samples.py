@@ -1,7 +1,7 @@
 """The samples that all pixels of a pass of the lens grid share, and a stratified sampler for the paths that follow.
 
 **Shared samples.** Sample m of every pixel starts at its film position x in the pixel, passes through its aperture
-point a, and lands at x + s a for the shear s of each focus: the same whole number of pixels away for every starting
+point a, and lands at x + s a for the shear s of each focus: the same integer number of pixels away for every starting
 pixel. So every pixel of every image collects sample m of exactly one pixel, and stratification over the samples of
 one pixel is kept over the samples that land in another. Aperture points are stratified. Film positions are optimised
 in turn, several times, so that samples land evenly in the pixels of all focuses at once, with periodic edges. All

@@ -228,17 +228,14 @@ def visible_from(
     rays = points - centre
     hits = cast(built, centre, rays)
     surfaces = [_surface(built, row, thing) for row, thing in enumerate(built.bodies)]
-    triangles, one_plane = (np.array([*map(test, surfaces), False]) for test in (_is_mesh, _is_plane))
+    triangles = np.array([*(isinstance(surface, Triangles) for surface in surfaces), False])
+    one_plane = np.array([*map(_is_plane, surfaces), False])
     same_plane = (hits.body == body) & (one_plane[body] | (triangles[body] & (hits.prim == prim)))
     clear: NDArray[np.bool_] = same_plane | (hits.t >= 1 - _SAME_POINT)
     doubtful = np.flatnonzero(~clear & (hits.t >= 1 - 2 * MAX_CORRECTION))
     near = Hits(hits.body[doubtful], hits.t[doubtful], hits.prim[doubtful])
     clear[doubtful] = exact_hits(built, centre, rays[doubtful], near, measure=False).t >= 1 - _SAME_POINT
     return clear
-
-
-def _is_mesh(surface: Triangles | Quadric | None) -> bool:
-    return isinstance(surface, Triangles)
 
 
 def _is_plane(surface: Triangles | Quadric | None) -> bool:

@@ -55,7 +55,7 @@ def epipolar_picture(
     lines = [_curves(rig, points[1], b, a), _curves(rig, points[0], a, b)]
     marks = [epipole_in_image(rig, a, b), epipole_in_image(rig, b, a)]
     panels = [_panel(*parts) for parts in zip(pictures, lines, points, marks, strict=True)]
-    return _beside(panels)
+    return _side_by_side(panels)
 
 
 def spread_points(allowed: ArrayLike, count: int) -> NDArray[np.int64]:
@@ -148,7 +148,7 @@ def _cross(draw: ImageDraw.ImageDraw, point: Float, stroke: float) -> None:
         draw.line((x, y - r, x, y + r), fill=fill, width=size)
 
 
-def _beside(panels: list[Image.Image]) -> NDArray[np.uint8]:
+def _side_by_side(panels: list[Image.Image]) -> NDArray[np.uint8]:
     width = sum(panel.width for panel in panels) + _GAP * (len(panels) - 1)
     whole = Image.new("RGB", (width, max(panel.height for panel in panels)), (255, 255, 255))
     x = 0

@@ -165,7 +165,7 @@ def _document(
     return {
         "title": board.title,
         "meta": dict(board.meta),
-        "methods": [{"name": m, "spec": _spec(board.entries, m)} for m in board.methods],
+        "methods": [{"name": m, "spec": next(e.spec for e in board.entries if e.method == m)} for m in board.methods],
         "samples": [
             {"name": s, "w": first[s].width, "h": first[s].height, "ndisp": first[s].ndisp, "pictures": pictures.get(s)}
             for s in board.samples
@@ -192,10 +192,6 @@ def _document(
             },
         },
     }
-
-
-def _spec(entries: Sequence[Entry], method: str) -> str:
-    return next(e.spec for e in entries if e.method == method)
 
 
 def _protocol(name: str) -> dict[str, Any]:

@@ -148,7 +148,7 @@ def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
 
 
 def _check_exr(path: Path) -> None:
-    """Check the header first: OpenEXR reads every part and channel of a file, whatever their size."""
+    """Check the header first: OpenEXR reads all parts and channels of a file, without a limit of size."""
     import OpenEXR
 
     with OpenEXR.File(str(path), header_only=True) as file:

@@ -136,16 +136,6 @@ class MeshFile(MeshBase):
         return read_mesh(self.file, 0.0 if self.face_normals else self.crease_deg)
 
 
-MESH_MAKERS: Mapping[str, Callable[..., Mesh]] = {
-    "box": shapes.box,
-    "rounded_box": shapes.rounded_box,
-    "solid_cylinder": partial(shapes.creation, "cylinder"),
-    "cone": shapes.cone,
-    "lathe": shapes.lathe,
-    "tube": shapes.tube,
-    "bent_sheet": shapes.bent_sheet,
-}
-
 _ANALYTIC: dict[str, dict[str, Any]] = {
     "sphere": {"center": Vector3 | None, "radius": Positive | None},
     "cylinder": {"p0": Vector3 | None, "p1": Vector3 | None, "radius": Positive | None},

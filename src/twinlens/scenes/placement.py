@@ -101,11 +101,6 @@ class Pose(StrictModel):
         """The keys of this table that place it; the others belong to what is placed."""
         return frozenset(Pose.model_fields)
 
-    @property
-    def is_placed(self) -> bool:
-        """Whether any key of the pose is given."""
-        return not self._placing_keys().isdisjoint(self.model_fields_set)
-
     def world_from_object(self) -> Float:
         """(4, 4); the identity where no key is given."""
         if self.matrix is not None:

@@ -44,7 +44,7 @@ _LOOKS_LIKE_PATH = re.compile(r"[/\\]|^\.|\.[A-Za-z]\w{1,7}$")
 
 def checked_xml(path: Path) -> tuple[ElementTree.Element, list[Path]]:
     """The root element of a harmless Mitsuba file, and the files it names; InputError for anything else."""
-    context = SceneContext(path.resolve().parent)  # Mitsuba looks beside the file itself, not beside a link to it
+    context = SceneContext(path.resolve().parent)  # Mitsuba resolves names from the file's folder, not a link's
     root = _parse(path)
     if root.tag != "scene":
         raise InputError(f"{path}: a Mitsuba file starts with <scene>, got <{root.tag}>")

@@ -94,8 +94,8 @@ def run_benchmark(
     Raises
     ------
     InputError
-        Unknown protocol or region, methods or samples that share a name, a sample that cannot be scored, a method that
-        lacks a file or function (raised before anything runs).
+        Unknown protocol or region, methods or samples that share a name, a sample that cannot be scored, a missing
+        file or function of a method (raised before anything runs).
     FileError, OutputError
         `save` is not a board, cannot be written, or is locked by another run.
     """

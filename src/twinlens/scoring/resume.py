@@ -74,7 +74,7 @@ def joined(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, str]:
 
 
 class BoardWriter:
-    """Writes a growing board to `save`: every few seconds, and on leaving its `with` block for whatever reason."""
+    """Writes a growing board to `save`: every few seconds, and at the end of its `with` block, also on an exception."""
 
     def __init__(self, before: Board, save: str | os.PathLike[str] | None) -> None:
         self._old = {id(entry): entry for entry in before.entries}

@@ -198,7 +198,7 @@ class DatasetPairs(Sequence[Pair]):
         names = [name for _, _, name, _ in self._jobs]
         if len(set(names)) < len(names):
             double = next(name for name in names if names.count(name) > 1)
-            raise InputError(f"two samples are named {double!r}: run each dataset alone")
+            raise InputError(f"two samples are named {double!r}: run each dataset separately")
 
     def __len__(self) -> int:
         return len(self._jobs)

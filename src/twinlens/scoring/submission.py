@@ -7,7 +7,7 @@ round(256 d), 0 unknown, as in KITTI 2015. A map has the truth's size, or 1/2 or
 
 A zip is never unpacked to disk. Refused are names that leave the archive, links, encryption, duplicate names (also if
 they differ only in case or Unicode composition), and compressions other than deflate, because zipfile decompresses
-their members whole, whatever number of bytes is requested. Of a member no more bytes are read than a map of the truth's
+their members whole, even if fewer bytes are requested. Reading a member stops after the bytes that a map of the truth's
 size can have. Hidden files and __MACOSX folders are ignored.
 """
 
@@ -107,7 +107,7 @@ class Submission:
         return disp
 
     def missing_files(self, samples: Mapping[str, Sequence[str]]) -> list[str]:
-        """Recommended names of the maps that the submission lacks. samples: name -> aliases."""
+        """Recommended names of the maps that are missing. samples: name -> aliases."""
         lacking = [(name, aliases) for name, aliases in samples.items() if self._found(name, aliases) is None]
         return [f"{aliases[0] if aliases else name}.pfm" for name, aliases in lacking]
 
@@ -119,7 +119,7 @@ class Submission:
             if file is not None and owners.setdefault(file, sample) != sample:
                 raise InputError(
                     f"{self.path}: {file} matches both {owners[file]!r} and {sample!r}, which share a name: score each "
-                    "dataset alone"
+                    "dataset separately"
                 )
 
     def unmatched_files(self, samples: Mapping[str, Sequence[str]]) -> tuple[str, ...]:

@@ -120,7 +120,7 @@ def _measured(study: Study, setup: Setup) -> Measured:
 
 
 def _findings(study: Study, rows: Table) -> tuple[SeedSupport, ...]:
-    """Each finding, and how many seeds alone hold it with the same answer; matched by position."""
+    """Each finding, and the number of seeds whose rows support it with the same answer; matched by position."""
     seeds = rows.values("seed")
     whole = _concluded(study, rows)
     single = [_concluded(study, rows.where(seed=seed)) for seed in seeds]

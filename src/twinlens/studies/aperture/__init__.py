@@ -118,7 +118,7 @@ def _scores(stage: Stage, pictures: Sequence[NDArray[Any]], method: str) -> dict
 
 def _rendering_noise(grid: LensGrid) -> list[float]:
     """Rms noise of the light paths relative to the rms radiance, an upper bound, for each lens."""
-    lights = [math.sqrt(np.mean([np.square(eye, dtype=np.float64).mean() for eye in eyes])) for eyes in grid.images]
+    lights = [math.sqrt(np.mean([np.square(image, dtype=np.float64).mean() for image in pair])) for pair in grid.images]
     return [float(np.mean(error)) / light for error, light in zip(grid.standard_error, lights, strict=True)]
 
 
