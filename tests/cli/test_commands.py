@@ -16,6 +16,7 @@ def test_every_command_has_help_with_an_example(twinlens, name):
     assert code == 0
     assert f"Example:  twinlens {name}" in out
     assert "[default: (" not in out
+    assert twinlens(name, "-h") == (code, out, "")
 
 
 def test_render_writes_a_dataset_that_verifies(twinlens, dataset):

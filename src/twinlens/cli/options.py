@@ -25,9 +25,10 @@ class Sectioned(click.Command):
                 formatter.write_dl([record for option in options if (record := option.get_help_record(ctx))])
 
 
-def refuse_repeated(command: click.Command, arguments: Sequence[str]) -> None:
+def refuse_repeated(command: click.Command, arguments: Sequence[str], group: click.Context) -> None:
     """Raise click.UsageError for an option that takes one value and is given twice; click would drop the first."""
-    _, _, given = command.make_parser(click.Context(command)).parse_args(list(arguments))
+    context = click.Context(command, parent=group)  # it has the names of --help, which a command keeps
+    _, _, given = command.make_parser(context).parse_args(list(arguments))
     for param, count in Counter(given).items():
         if count > 1 and isinstance(param, click.Option) and not (param.multiple or param.is_flag or param.count):
             raise click.UsageError(f"option {param.opts[-1]} is given {count} times; give it once")
