@@ -43,7 +43,7 @@ DISK = {"kind": "disk", "diameter": 1.0}
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ({"lenses": []}, "f.toml: rig.lenses: must be a list of at least 1 values, got []"),
+        ({"lenses": []}, "f.toml: rig.lenses: must be a list of at least 1 value, got []"),
         ({}, "f.toml: rig: missing key 'lenses'"),
         ({"lenses": [{"aperture": DISK}], "shrap": True}, "f.toml: rig: unknown key 'shrap'; did you mean 'sharp'?"),
         ({"lenses": [{"aperture": DISK}], "sharp": 1}, "f.toml: rig.sharp: must be true or false, got 1"),
@@ -90,3 +90,22 @@ def test_a_type_adapter_reads_as_a_model_does():
     assert read(lens, {"diameter": 2.0}, "f.toml") == Disk(kind="disk", diameter=2.0)
     with pytest.raises(InputError, match=r"f.toml: rig: unknown key 'count'"):
         read(lens, {"count": 2}, "f.toml", "rig")
+
+
+def test_tables_nested_beyond_the_stack_are_refused():
+    adapter: pydantic.TypeAdapter[object]
+
+    def validate(value):
+        return adapter.validate_python(value["a"]) if isinstance(value, dict) else value
+
+    adapter = pydantic.TypeAdapter(Annotated[object, pydantic.PlainValidator(validate)])
+    table: object = 1
+    for _ in range(5000):
+        table = {"a": table}
+    with pytest.raises(InputError, match=r"f.toml: rig: nested too deep"):
+        read(adapter, table, "f.toml", "rig")
+
+
+def test_limits_are_shown_with_all_digits():
+    with pytest.raises(InputError, match=r"must be <= 9223372036854775807, got"):
+        read(pydantic.TypeAdapter(Annotated[int, pydantic.Field(le=2**63 - 1)]), 2**63, "f.toml")

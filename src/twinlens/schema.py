@@ -133,6 +133,8 @@ def read(
         return adapter.validate_python(data, context=context)
     except pydantic.ValidationError as error:
         raise InputError(f"{file}: {_describe(error.errors(include_url=False), data, key)}") from error
+    except RecursionError as error:
+        raise InputError(f"{file}: {_at(key, 'nested too deep')}") from error
 
 
 def dotted(parts: tuple[str | int, ...], start: str = "") -> str:
@@ -222,12 +224,12 @@ _TYPES = {
 _LIMITS = {
     "int_from_float": "a whole number",
     "finite_number": "a finite number",
-    "greater_than": "> {gt:g}",
-    "greater_than_equal": ">= {ge:g}",
-    "less_than": "< {lt:g}",
-    "less_than_equal": "<= {le:g}",
-    "too_short": "a list of at least {min_length} values",
-    "too_long": "a list of at most {max_length} values",
+    "greater_than": "> {gt}",
+    "greater_than_equal": ">= {ge}",
+    "less_than": "< {lt}",
+    "less_than_equal": "<= {le}",
+    "too_short": "a list of at least {min_length} value{s}",
+    "too_long": "a list of at most {max_length} value{s}",
 }
 """What is allowed, by pydantic's error type; other types use pydantic's own message."""
 
@@ -235,8 +237,19 @@ _LIMITS = {
 def _allowed(error: Any) -> str:
     kind = error["type"]
     if kind in _TYPES or kind in _LIMITS:
-        return (_TYPES | _LIMITS)[kind].format(**error.get("ctx", {}))
+        limits = {name: _exact(limit) for name, limit in error.get("ctx", {}).items()}
+        plural = "" if "1" in (limits.get("min_length"), limits.get("max_length")) else "s"
+        return (_TYPES | _LIMITS)[kind].format(**limits, s=plural)
     return str(error["msg"]).removeprefix("Input should be ").removeprefix("Value should be ")
+
+
+def _exact(limit: Any) -> str:
+    """A limit in a message; whole numbers with all their digits.
+
+    >>> _exact(2**53), _exact(1e-4), _exact(1.0)
+    ('9007199254740992', '0.0001', '1')
+    """
+    return f"{limit:g}" if isinstance(limit, float) else str(limit)
 
 
 def _choices(expected: str) -> list[str]:

@@ -112,7 +112,7 @@ def test_every_key_is_read():
         ("lenses", [{"kind": "thin", "f_number": 2, "focus": "midle"}], "did you mean 'middle'?"),
         ("lenses", [{"kind": "thin", "f_number": 2, "focus": -1}], r"lenses\[0\].focus: must be > 0"),
         ("lenses", [{"kind": "thin", "f_number": 2, "shape": {"kind": "polygon"}}], "missing key 'blades'"),
-        ("lenses", [], "lenses: must be a list of at least 1 values"),
+        ("lenses", [], "lenses: must be a list of at least 1 value"),
         ("sensor.read_nois", 3, "sensor: unknown key 'read_nois'; did you mean 'read_noise'?"),
         ("sensor.read_noise", {"uniform": [-1, 3]}, "sensor read_noise must be .* got -1"),
         ("sensor.preset", "fone", "sensor.preset: must be one of .* got 'fone'; did you mean 'phone'?"),

@@ -69,7 +69,7 @@ MISTAKES = [
     ("matrix = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]\nscale = 2", [], "'matrix' and 'scale' exclude each other"),
     ("matrix = [[-1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", [], "objects.ball: matrix must be 4 rows of 4"),
     ("look_at = [0, 0, 0]", [], "objects.ball: look_at: the target"),
-    ("instances = []", [], "objects.ball.instances: must be a list of at least 1 values"),
+    ("instances = []", [], "objects.ball.instances: must be a list of at least 1 value"),
     ("instances = [{ translate = [0, 0] }]", [], "objects.ball.instances[0].translate: must be a list of at least 3"),
     ("instances = [{}]\nemitter = { radiance = 1 }", [], "with instances cannot have an emitter"),
     ("merge = true", [], "objects.ball: 'merge' joins the instances of a mesh"),
