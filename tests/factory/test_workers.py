@@ -70,6 +70,17 @@ def test_workers_end_when_their_run_is_killed(recipe, whole, tmp_path):
     assert digests(tmp_path / "set") == digests(whole)
 
 
+def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from twinlens.factory import generate, read_recipe, worker_processes\n"
+        f"generate(read_recipe({str(recipe)!r}), {str(tmp_path / 'set')!r}, engine=worker_processes(1))\n"
+    )
+    environment = {**os.environ, "TWINLENS_BACKEND": "scalar"}
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment, timeout=PATIENCE_S)
+    assert 'the guard `if __name__ == "__main__":`' in done.stderr.splitlines()[-1]
+
+
 def test_a_process_is_replaced_after_some_samples_and_makes_the_same_bytes(recipe, whole, tmp_path, monkeypatch):
     monkeypatch.setattr(workers, "RENEWED_AFTER", 3)
     started = []

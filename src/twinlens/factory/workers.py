@@ -38,6 +38,7 @@ it compiled kernels for, until the process ends."""
 _POLL_S = 0.25
 _QUEUED = 2  # samples submitted for each thread of a Dask cluster, so that none waits
 _TRIES = 3
+_STARTS = 2  # of one worker that may fail
 
 Report = Callable[[float, str], None]
 Results = Generator[tuple[int, Entry], None, None]
@@ -155,6 +156,7 @@ class _WorkerProcess:
         self._executor: ProcessPoolExecutor | None = None
         self._pid: Future[int] = Future()
         self._made = 0
+        self._failed_starts = 0
 
     def submit(self, order: "Order", index: int) -> Future[Entry]:
         if self._made == RENEWED_AFTER:
@@ -170,8 +172,14 @@ class _WorkerProcess:
                 try:
                     return self._executor.submit(make_one, order, index)
                 except BrokenProcessPool:  # it has died since its last sample
+                    self._failed_starts += self._pid.exception() is not None
                     self.stop()
-        raise BackendError("worker processes die as soon as they start; more may be in the system's log")
+                    if self._failed_starts == _STARTS:
+                        break
+        raise BackendError(
+            'worker processes end as soon as they start; a script needs the guard `if __name__ == "__main__":`, and '
+            "more may be in the system's log"
+        )
 
     def stop(self) -> None:
         """End the process at once; a sample that it is making is lost."""
