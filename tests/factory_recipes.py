@@ -75,7 +75,7 @@ test = 0.3
 
 
 def write_recipe(folder: Path, text: str = RECIPE, count: int = 4) -> Path:
-    """The recipe as a file in `folder`, with the tiny scene beside it."""
+    """The recipe as a file in `folder`, with the tiny scene next to it."""
     (folder / "tiny").mkdir(parents=True, exist_ok=True)
     (folder / "tiny" / "scene.toml").write_text(SCENE)
     path = folder / "recipe.toml"

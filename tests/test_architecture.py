@@ -49,7 +49,7 @@ def room_of(path):
 
 
 def imported(path):
-    """Every dotted name that a module imports, wherever in it the import stands."""
+    """Every dotted name that a module imports, also inside functions."""
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)

@@ -103,10 +103,10 @@ def test_an_unrelated_name_has_no_nearest_name(typed, known):
 
 
 def test_a_very_long_name_is_rejected_by_upper_bounds(monkeypatch):
-    asked = []
-    monkeypatch.setattr(difflib.SequenceMatcher, "ratio", lambda pair: asked.append(pair.b) or 1.0)
+    compared = []
+    monkeypatch.setattr(difflib.SequenceMatcher, "ratio", lambda pair: compared.append(pair.b) or 1.0)
     assert nearest("zncc" * 25_000, METHODS) is None
     assert nearest("qvxy", METHODS) is None, "nor one that shares no letters"
-    assert asked == []
+    assert compared == []
     assert nearest("zncd", ["raft", "zncc"]) == "zncc"
-    assert asked == ["zncc"]
+    assert compared == ["zncc"]

@@ -7,7 +7,7 @@ QUICK = ("--size", "64x48", "--spp", "2")
 
 @pytest.fixture
 def twinlens(capsys):
-    """Run a command line in this process: (exit code, what it printed, what it said on the error stream)."""
+    """Run a command line in this process: (exit code, stdout, stderr)."""
 
     def call(*arguments):
         capsys.readouterr()

@@ -1,4 +1,4 @@
-"""Each command on its ordinary way; what they refuse stands in test_refusals."""
+"""Normal use of each command; see test_refusals for invalid input."""
 
 import json
 
@@ -146,15 +146,15 @@ def test_a_board_on_which_everything_failed_says_why(twinlens, dataset, tmp_path
 
 
 @pytest.mark.parametrize("form", [(), ("--json",)])
-def test_the_exit_code_tells_that_every_method_failed_and_not_that_some_did(twinlens, dataset, tmp_path, form):
-    """A function that takes no images fails; beside a matcher that answers, it fails alone."""
+def test_the_exit_code_is_1_only_if_every_method_failed(twinlens, dataset, tmp_path, form):
+    """A function that does not accept images fails; a matcher in the same run succeeds."""
     bad = "function:function=math:cos"
     assert twinlens("benchmark", dataset, "--methods", bad, "-o", tmp_path / "none", *form)[0] == 1
     assert (tmp_path / "none" / "index.html").exists()
     assert twinlens("benchmark", dataset, "--methods", f"{bad},sad", "-o", tmp_path / "some", *form)[0] == 0
 
 
-def test_a_demo_without_a_terminal_tells_its_stages(capsys, monkeypatch, tmp_path):
+def test_a_demo_without_a_terminal_prints_its_stages(capsys, monkeypatch, tmp_path):
     from twinlens.cli import demo
 
     monkeypatch.setattr(demo, "SCENES", ("cards",))

@@ -71,9 +71,9 @@ def test_the_repair_hint_of_verify_repairs_damage(twinlens, recipe, tmp_path, da
 
 def test_json_is_all_that_is_printed(twinlens, recipe, tmp_path):
     code, out, _ = twinlens("generate", recipe, "-o", tmp_path / "set", "--json")
-    told = json.loads(out)
+    report = json.loads(out)
     assert code == 0
-    assert (told["count"], told["made"], told["complete"], told["failures"]) == (2, 2, True, [])
+    assert (report["count"], report["made"], report["complete"], report["failures"]) == (2, 2, True, [])
 
 
 def test_a_dry_run_tells_time_and_disk_and_writes_nothing(twinlens, recipe, tmp_path):
@@ -83,9 +83,9 @@ def test_a_dry_run_tells_time_and_disk_and_writes_nothing(twinlens, recipe, tmp_
     assert "next: sample 0, scene tiny, split test\n" in out
     assert "MB on this machine" in out
     assert not (tmp_path / "set").exists()
-    told = json.loads(twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run", "--json")[1])
-    assert told["bytes"] == 2 * told["bytes_each"]
-    drawn = told["next"]["drawn"]
+    report = json.loads(twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run", "--json")[1])
+    assert report["bytes"] == 2 * report["bytes_each"]
+    drawn = report["next"]["drawn"]
     assert f"  rig.baseline = {drawn['rig']['baseline']:.6g}\n" in out
     assert "  width = 32\n" in out
     assert '  lenses[0].kind = "thin"\n' in out
@@ -167,7 +167,7 @@ def test_render_puts_no_sample_into_what_generate_makes(twinlens, recipe, tmp_pa
     assert twinlens("generate", recipe, "-o", tmp_path / "set")[0] == 0
 
 
-def test_where_nobody_schedules_nothing_is_begun(twinlens, recipe, tmp_path):
+def test_an_unreachable_scheduler_writes_nothing(twinlens, recipe, tmp_path):
     pytest.importorskip("distributed")
     code, out, err = twinlens("generate", recipe, "-o", tmp_path / "set", "--scheduler", "nonsense://x")
     assert (code, out, err.count("\n")) == (2, "", 1)
@@ -175,8 +175,8 @@ def test_where_nobody_schedules_nothing_is_begun(twinlens, recipe, tmp_path):
     assert not (tmp_path / "set").exists()
 
 
-def test_a_set_of_which_no_sample_could_be_made_says_so(twinlens, tmp_path):
-    """A scene and a rig that are fixed are refused at the first draw, and the dataset is told from no dataset."""
+def test_a_dataset_without_samples_is_reported(twinlens, tmp_path):
+    """With a fixed scene and rig one draw is made; an empty dataset is distinguished from a missing one."""
     text = "seed = 1\ncount = {count}\nscenes = ['tiny']\nwidth = 32\nheight = 24\nspp = 1\nndisp = 1\n"
     code, out, err = twinlens("generate", write_recipe(tmp_path, text, count=2), "-o", tmp_path / "set")
     assert code == 1

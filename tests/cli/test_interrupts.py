@@ -35,7 +35,7 @@ def is_alive(process):
         return file.read().rpartition(")")[2].split()[0] != "Z"
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="only Linux tells who started whom")
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="only Linux lists the children of a process")
 @pytest.mark.parametrize("limit", [(), ("--time-limit", "200")])
 def test_three_interrupts_end_the_command_and_the_programs_it_started(dataset, tmp_path, limit):
     """Also a program that a subprocess of the command started."""

@@ -98,11 +98,11 @@ def test_results_never_overwrite_other_files(twinlens, own, tmp_path):
     """Checked before the study runs."""
     (tmp_path / "letters").mkdir()
     (tmp_path / "letters" / "index.html").write_text("mine")
-    for place, said in (("letters", "contains 'index.html' and no study.json"), ("mine.py", "a file exists where"),
+    for place, message in (("letters", "contains 'index.html' and no study.json"), ("mine.py", "a file exists where"),
                         ("mine.py/out", "a file exists where")):  # fmt: skip
         code, out, err = twinlens("study", own, "-o", tmp_path / place)
         assert (code, out) == (2, "")
-        assert said in err
+        assert message in err
         assert err.count("\n") == 1
     assert (tmp_path / "letters" / "index.html").read_text() == "mine"
     assert [entry.name for entry in (tmp_path / "letters").iterdir()] == ["index.html"]
@@ -111,7 +111,7 @@ def test_results_never_overwrite_other_files(twinlens, own, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("line", "instead", "said"),
+    ("line", "instead", "message"),
     [
         ("return Measured(", "return list(", "mine: `measure` must return Measured(rows) with at least one row, got ["),
         ("for x in (1.0, 3.0)", "for x in ()", "with at least one row, got no rows"),
@@ -124,11 +124,11 @@ def test_results_never_overwrite_other_files(twinlens, own, tmp_path):
         ('"x", "y"),), Setup', '"x", "yy"),), Setup', "the figure 'y': unknown column 'yy'; did you mean 'y'?"),
     ],
 )  # fmt: skip
-def test_an_error_in_a_study_file_is_one_line_with_its_location(twinlens, own, tmp_path, line, instead, said):
+def test_an_error_in_a_study_file_is_one_line_with_its_location(twinlens, own, tmp_path, line, instead, message):
     assert line in OWN
     own.write_text(OWN.replace(line, instead, 1))
     code, out, err = twinlens("study", own, "-o", tmp_path / "out")
     assert (code, out) == (2, "")
-    assert said in err
+    assert message in err
     assert err.count("\n") == 1
     assert not (tmp_path / "out").exists()

@@ -51,7 +51,7 @@ def test_every_number_of_the_findings_is_in_a_table():
     assert len(numbers) > 30
     for number in numbers:
         half = 0.5 * 10.0 ** -len(number.partition(".")[2]) + 0.0051
-        assert any(abs(cell - float(number)) <= half for cell in found), f"{number} stands in no table"
+        assert any(abs(cell - float(number)) <= half for cell in found), f"{number} is in no table"
 
 
 def test_unequal_gain_affects_only_costs_that_are_not_invariant():

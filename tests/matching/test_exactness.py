@@ -99,9 +99,9 @@ PILLAR = 7
 
 
 def scene_of_a_pillar():
-    """A thin pillar before a textured ground, and right of it a wall of faint texture; noise in both eyes.
+    """A thin pillar in front of a textured ground, a wall of faint texture to its right, and noise in both images.
 
-    left, right, the disparity, and which pixels both eyes see.
+    Returns left, right, the disparity, and the pixels visible in both.
     """
     rng = np.random.default_rng(5)
     ground, front = rng.normal(120, 30, (2, 60, 220))

@@ -29,7 +29,7 @@ np.save(sys.argv[2], maps)
 
 @pytest.fixture(scope="module")
 def pair():
-    """Texture that moves, some of it black or white, beside a wall of one value, where candidates tie."""
+    """Shifted texture, partly black or white, next to a wall of one value, where candidates tie."""
     scene = np.clip(np.random.default_rng(0).normal(128, 120, (2, 9, 90)), 0, 255).astype(np.uint8)
     left, right = scene[0, :, 9:79].copy(), scene[0, :, 16:86].copy()
     left[:, 40:], right[:, 35:] = 77, 77

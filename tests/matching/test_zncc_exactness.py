@@ -81,6 +81,6 @@ def test_the_kernels_with_and_without_costs_agree(fit):
     right = np.clip(right + rng.normal(0, 9, right.shape), 0, 255).astype(np.uint8)
     for low, high, threads in ((0, 64, 1), (0, 128, 2), (-5, 75, 2), (3, 40, 1)):
         match = BoxMatch(left, right, COSTS["zncc"], 7, low, high, threads)
-        alone, beside = (match.winners(fit, costs=costs).disparity for costs in (False, True))
+        without, with_costs = (match.winners(fit, costs=costs).disparity for costs in (False, True))
         # The second has the left window's scale in its costs, which rounds once more.
-        np.testing.assert_allclose(alone, beside, rtol=3e-7, atol=2e-6)
+        np.testing.assert_allclose(without, with_costs, rtol=3e-7, atol=2e-6)

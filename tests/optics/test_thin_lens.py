@@ -135,7 +135,7 @@ def test_invalid_circles_raise(circle):
         optics.in_focus(1.0, 0.01, 700, 0.5, circle)
 
 
-IMPOSSIBLE_EYES = {
+INVALID_APERTURES = {
     "aperture_diameter": [{"aperture_diameter": a} for a in (-0.01, math.nan, math.inf, "wide", None)],
     "fx": [{"fx": fx} for fx in (0.0, -700.0, math.nan, math.inf, "700")],
     "k": [{"k": k} for k in (math.nan, math.inf, None)],
@@ -143,17 +143,19 @@ IMPOSSIBLE_EYES = {
 
 
 @pytest.mark.parametrize(
-    ("named", "change"), [(named, change) for named, changes in IMPOSSIBLE_EYES.items() for change in changes], ids=str
+    ("named", "change"),
+    [(named, change) for named, changes in INVALID_APERTURES.items() for change in changes],
+    ids=str,
 )
 def test_invalid_apertures_raise(named, change):
-    eye = {"aperture_diameter": 0.01, "fx": 700.0, "k": 0.5} | change
-    asks = [lambda: optics.circle_of_confusion_px(1.0, **eye), lambda: optics.depth_of_field(**eye)]
-    asks.append(lambda: optics.in_focus([1.0, 2.0], **eye))
+    aperture = {"aperture_diameter": 0.01, "fx": 700.0, "k": 0.5} | change
+    calls = [lambda: optics.circle_of_confusion_px(1.0, **aperture), lambda: optics.depth_of_field(**aperture)]
+    calls.append(lambda: optics.in_focus([1.0, 2.0], **aperture))
     if named != "k":
-        asks.append(lambda: optics.hyperfocal_distance(eye["aperture_diameter"], eye["fx"]))
-    for ask in asks:
+        calls.append(lambda: optics.hyperfocal_distance(aperture["aperture_diameter"], aperture["fx"]))
+    for call in calls:
         with pytest.raises(InputError, match=f"^{named} must be") as refusal:
-            ask()
+            call()
         assert "\n" not in str(refusal.value)
 
 

@@ -63,12 +63,12 @@ def test_blur_is_linear_in_disparity_with_slope_aperture_over_baseline():
     measured = []
     for i, depth in enumerate((0.55, 0.65, 0.8, 1.3, 2.0, 4.0)):
         scene = lamp(depth, OWN, x=0.5 * baseline)
-        shift = 0.5 * FX * baseline / depth  # the eyes look past each other, so that the light stays on the film
+        shift = 0.5 * FX * baseline / depth  # of the principal points, which keeps the light on the film
         left, right = (camera.replace(cx=camera.cx + s * shift) for s in (-1, 1))
         rig = tl.Rig.stereo(left, baseline, right=right)
-        eyes = [grey(image) for image in tl.render(scene, rig, tl.ThinLens(aperture, focus), spp=SPP, seed=i)]
-        disparity = centroid(eyes[0])[0] - centroid(eyes[1])[0] + rig.doffs()
-        blur = np.mean([disk_diameter(eye, OWN) for eye in eyes])
+        images = [grey(radiance) for radiance in tl.render(scene, rig, tl.ThinLens(aperture, focus), spp=SPP, seed=i)]
+        disparity = centroid(images[0])[0] - centroid(images[1])[0] + rig.doffs()
+        blur = np.mean([disk_diameter(image, OWN) for image in images])
         measured.append((disparity, math.copysign(blur, focus - depth)))
     disparity, blur = np.array(measured).T
     (slope, offset), spread = np.polyfit(disparity, blur, 1, cov=True)

@@ -125,8 +125,8 @@ def test_the_standard_error_bounds_the_error(grids, index):
     """The stated variance is that between seeds, or up to 1.5^2 times it, within its confidence limits."""
     images, stated = grids
     own = stated[:, index] ** 2
-    told = np.array([np.delete(own, i, axis=0).mean() for i in range(REPEATS)])
-    ratio, low, high = variance_ratio(told, left_out(images[:, index]))
+    estimated = np.array([np.delete(own, i, axis=0).mean() for i in range(REPEATS)])
+    ratio, low, high = variance_ratio(estimated, left_out(images[:, index]))
     assert high >= 1.0, ratio
     assert low <= 1.5**2, ratio
     assert high / low < 3.5
@@ -162,7 +162,7 @@ def test_bytes_depend_on_the_seed_and_not_on_the_threads(room):
     + [("independent", 1), ("stratified", 2), ("orthogonal", 5), ("ldsampler", 3)],
 )
 def test_every_sample_count_works_with_every_sampler(sampler, spp):
-    """Samplers round counts up; an even light comes out even, whatever they take."""
+    """Samplers round counts up; uniform light stays uniform for every count."""
     lenses = [tl.ThinLens(0.1, 1.0), tl.ThinLens(0.07, 3.0)]
     grid = tl.render_lens_grid(sky(0.25), RIG, lenses, spp=spp, sampler=sampler)
     assert np.array(list(grid)) == pytest.approx(0.25, rel=1e-5)
@@ -245,7 +245,7 @@ def test_light_of_any_strength_keeps_its_value(radiance):
 
 @pytest.mark.parametrize("radiance", [np.nan, np.inf])
 def test_non_finite_light_is_as_in_direct_images(monkeypatch, radiance):
-    """Where a ray meets such light its pixel says so, all others are as they would be, and so is their error."""
+    """Pixels whose rays meet such light are not finite; all others, and their errors, do not change."""
     lit = chequered_room()
     lenses = [LENSES["wide near"], LENSES["narrow far"]]
     clean = np.array(list(tl.render_lens_grid(lit, RIG, lenses, spp=4, seed=3)))
@@ -309,8 +309,8 @@ def test_separate_lenses_have_a_standard_error(room):
     grids = [tl.render_lens_grid(room, rig, [lens], spp=SPP, seed=seed) for seed in range(REPEATS)]
     images = np.array([grid[0][0] for grid in grids], dtype=np.float64)
     own = np.array([grid.standard_error[0, 0] ** 2 for grid in grids])
-    told = np.array([np.delete(own, i).mean() for i in range(REPEATS)])
-    ratio, low, high = variance_ratio(told, left_out(images))
+    estimated = np.array([np.delete(own, i).mean() for i in range(REPEATS)])
+    ratio, low, high = variance_ratio(estimated, left_out(images))
     assert high >= 1.0, ratio
     assert low <= 1.5**2, ratio
     assert high / low < 3.5

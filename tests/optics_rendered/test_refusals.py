@@ -16,7 +16,7 @@ CAMERA = tl.Camera(64, 48, 60.0, 60.0, 31.5, 23.5)
 LENS = tl.ThinLens(1e-4, 1.0)
 DARK = np.zeros((48, 64, 3))
 NAN, INF = math.nan, math.inf
-INVALID = {  # what is asked for: (how, what the line must name)
+INVALID = {  # case: (call, the name in the message)
     "aperture as wide as the sun": (lambda: tl.ThinLens(1.4e9, 2.0), "aperture_diameter"),
     "aperture below an atom": (lambda: tl.ThinLens(1e-200, 2.0), "aperture_diameter"),
     "aperture beyond numbers": (lambda: tl.ThinLens(10**400, 2.0), "aperture_diameter"),

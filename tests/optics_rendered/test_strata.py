@@ -191,7 +191,7 @@ def misses(points, random) -> float:
 
 
 def test_landings_are_even_at_every_focus():
-    """Edges through the pixel, beside places stratified where they start alone."""
+    """Compared with positions that are stratified only where they start, for edges through the pixel."""
     random, grid = np.random.default_rng(1), (8, 4)
     shears, woven, left = np.array([-4.0, -1.3, 1.3, 4.0]), np.zeros((20, 4)), np.zeros((20, 4))
     for trial in range(20):

@@ -1,4 +1,4 @@
-"""The analytic truth of a view, and how near a pixel lies to an edge of it. Its projections are written out afresh."""
+"""The analytic truth of a view, and the distance of pixels from its edges, with independent projections."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,6 +1,6 @@
-"""Closed forms of the shapes that the ground truth is held against: naive, in float64, in world coordinates.
+"""Closed forms of the shapes that ground truth is tested with: naive, in float64, in world coordinates.
 
-A body tells all parameters t at which rays o + t d of one origin (3,) cross it, (K, N), +inf where they do not, and its
+A body has all parameters t at which rays o + t d of one origin (3,) cross it, (K, N), +inf where they do not, and its
 normal at points (N, 3).
 """
 
@@ -147,7 +147,7 @@ def first_hits(bodies, o, d):
 
 
 def seen_from(bodies, centre, points, share=1e-7):
-    """Whether nothing lies between `centre` and each point, but for the last `share` of the way."""
+    """Whether each point is visible from `centre`; hits in the last `share` of the distance are ignored."""
     seen = np.ones(len(points), bool)
     for thing in bodies:
         t = thing.crossings(centre, points - centre)

@@ -36,11 +36,11 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Thing:
-    """One object: its closed forms (one an instance), where it stands, and how twinlens is told."""
+    """One object: its closed forms (one per instance), its centre, and its SceneObject."""
 
     bodies: list
     centre: np.ndarray
-    told: SceneObject
+    scene_object: SceneObject
 
 
 def turn(rng) -> np.ndarray:
@@ -117,18 +117,18 @@ def crate(rng, at) -> Thing:
 
 
 def box(rng, at) -> Thing:
-    """A mesh of ours, mirrored by its pose."""
+    """A mesh, mirrored by its pose."""
     placed = pose(turn(rng), at, [-0.7, 0.5, 0.4])
     mesh = trimesh.creation.box()
-    told = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.uint32))
-    return Thing([hull_of_box(placed @ np.diag([0.5, 0.5, 0.5, 1]))], at, SceneObject("box", told, "paint", placed))
+    shape = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.uint32))
+    return Thing([hull_of_box(placed @ np.diag([0.5, 0.5, 0.5, 1]))], at, SceneObject("box", shape, "paint", placed))
 
 
 def shards(rng, at) -> Thing:
-    """Forty triangles in a cloud, that hide each other and cut through each other."""
+    """Forty random triangles that occlude and intersect each other."""
     corners = rng.uniform(-0.3, 0.3, (40, 1, 3)) + rng.normal(0, 0.12, (40, 3, 3)) + at
-    told = Mesh(corners.reshape(-1, 3), np.arange(120, dtype=np.uint32).reshape(-1, 3))
-    return Thing([Soup(corners)], at, SceneObject("shards", told, "chalk"))
+    shape = Mesh(corners.reshape(-1, 3), np.arange(120, dtype=np.uint32).reshape(-1, 3))
+    return Thing([Soup(corners)], at, SceneObject("shards", shape, "chalk"))
 
 
 def gems(rng, at) -> Thing:
@@ -138,8 +138,8 @@ def gems(rng, at) -> Thing:
     outer = [pose(turn(rng), at + np.array([0.5 * i - 0.5, 0.1 * i, 0.2 * i])) for i in range(3)]
     corners = np.asarray(mesh.vertices)[mesh.faces]
     bodies = [Hull.of_triangles(moved(o @ inner, corners)) for o in outer]
-    told = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.uint32))
-    return Thing(bodies, at, SceneObject("gems", told, "chalk", inner, instances=tuple(outer)))
+    shape = Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.uint32))
+    return Thing(bodies, at, SceneObject("gems", shape, "chalk", inner, instances=tuple(outer)))
 
 
 def pearls(rng, at) -> Thing:
@@ -147,12 +147,12 @@ def pearls(rng, at) -> Thing:
     inner = pose(turn(rng), [0.05, 0.0, 0.02], 0.2)
     outer = [pose(turn(rng), at + i * np.array([0.3, 0.0, 0.35])) for i in range(2)]
     bodies = [Ball((o @ inner)[:3, 3], 0.2) for o in outer]
-    told = SceneObject("pearls", {"type": "sphere"}, "brass", inner, instances=tuple(outer))
-    return Thing(bodies, at, told)
+    scene_object = SceneObject("pearls", {"type": "sphere"}, "brass", inner, instances=tuple(outer))
+    return Thing(bodies, at, scene_object)
 
 
 def hull_of_box(placed) -> Hull:
-    """The six faces of the cube [-1, 1]^3 as it is placed by a rotation and three scales."""
+    """The six faces of the cube [-1, 1]^3 after a rotation and three scales."""
     ends = np.concatenate([placed[:3, :3].T, -placed[:3, :3].T])
     normals = unit(ends)
     return Hull(normals, normals @ placed[:3, 3] + np.linalg.norm(ends, axis=1))
@@ -163,7 +163,7 @@ def moved(matrix, points):
 
 
 def scene() -> Scene:
-    objects = tuple(thing.told for thing in things())
+    objects = tuple(thing.scene_object for thing in things())
     lights = {"sky": {"type": "constant"}}
     return Scene("every shape", objects, MATERIALS, look_at([0, -5, 0], [0, 0, 0]), (1.0, 12.0), lights)
 
@@ -194,6 +194,6 @@ def pair(rng, target, distance, focal, size) -> Rig:
 
 def crossed_rig() -> Rig:
     """Three cameras on an arc that look at the middle: no two are rectified, and they differ in size."""
-    eyes = [np.array([5 * np.sin(a), -5 * np.cos(a), 0.4 * a]) for a in (-0.25, 0.0, 0.3)]
+    centres = [np.array([5 * np.sin(a), -5 * np.cos(a), 0.4 * a]) for a in (-0.25, 0.0, 0.3)]
     cameras = [Camera(60 + 4 * i, 50 - 3 * i, 70.0 + 5 * i, 80.0 - 3 * i, 30.25 + i, 24.0) for i in range(3)]
-    return Rig(cameras, [look_at(eye, [0.1, 0, 0], (0.1, 0, 1)) for eye in eyes])
+    return Rig(cameras, [look_at(centre, [0.1, 0, 0], (0.1, 0, 1)) for centre in centres])

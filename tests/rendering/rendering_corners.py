@@ -42,8 +42,8 @@ def edge_on() -> dict[str, tuple]:
         placed = world_from_left @ pose(np.stack([across, np.cross(axis, across), axis], 1), at)
         x, y, z, centre = placed[:3].T
         body = Plate(centre, x, y) if number % 2 else Coin(centre, z, 1.0)
-        told = SceneObject("flat", {"type": "rectangle" if number % 2 else "disk"}, "chalk", placed)
-        found[f"edge on {number}"] = [body], told, Rig.stereo(CAMERA, 0.5, world_from_left)
+        scene_object = SceneObject("flat", {"type": "rectangle" if number % 2 else "disk"}, "chalk", placed)
+        found[f"edge on {number}"] = [body], scene_object, Rig.stereo(CAMERA, 0.5, world_from_left)
     return found
 
 
@@ -59,17 +59,17 @@ def instances() -> dict[str, tuple]:
 
 
 def fine_balls() -> dict[str, tuple]:
-    """A ball of 1280 triangles with smooth shading: as it is, mirrored by its pose, and wound inside out."""
+    """A ball of 1280 triangles with smooth shading: unchanged, mirrored by its pose, and with reversed winding."""
     rng = np.random.default_rng(13)
     mesh = trimesh.creation.icosphere(subdivisions=3)
     points, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.uint32)
     found = {}
     for name, scale, wound in (("plain", 0.9, 1), ("mirrored", [-0.9, 0.9, 0.9], 1), ("inside out", 0.9, -1)):
         placed = pose(turn(rng), [0, 0, 0], scale)
-        told = Mesh(points, np.ascontiguousarray(faces[:, ::wound]), np.asarray(mesh.vertex_normals))
+        shape = Mesh(points, np.ascontiguousarray(faces[:, ::wound]), np.asarray(mesh.vertex_normals))
         found[f"{name} ball"] = (
             [Hull.of_triangles(moved(placed, points[faces]))],
-            SceneObject("ball", told, "chalk", placed),
+            SceneObject("ball", shape, "chalk", placed),
             rig(),
         )
     return found

@@ -49,7 +49,7 @@ def seen_again(scene, rig, left) -> dict[str, np.ndarray]:
 
 
 def corner_job() -> dict[str, np.ndarray]:
-    """The truth of the hard cases; of an egg and a raw file, what was said if nothing else came."""
+    """The truth of the hard cases, and the messages for an ellipsoid and an XML file, or ""."""
     found = {}
     for name, (_, thing, rig) in corners.cases().items():
         for view, truth in enumerate(tl.ground_truth(corners.scene(thing), rig)):
@@ -158,7 +158,7 @@ def crop_job() -> dict[str, np.ndarray]:
 
 
 def noise_job() -> dict[str, np.ndarray]:
-    """Bytes and noise: seeds, eyes, threads."""
+    """Bytes and noise for seeds, cameras and threads."""
     import drjit
 
     scene, camera = photos.room(), photos.camera(64, 48, 60.0)

@@ -1,4 +1,4 @@
-"""Choosing a backend: whatever LLVM a machine offers, the process lives and the user is told. Some probes are real."""
+"""The choice of the backend: no LLVM library ends the process, and each result is reported. Some probes are real."""
 
 import importlib
 import json
@@ -18,7 +18,7 @@ DEBIAN = Path("/usr/lib/x86_64-linux-gnu")
 
 @pytest.fixture(autouse=True)
 def own_cache(monkeypatch, tmp_path):
-    """No memory of earlier probes, no wish of the user's, no GPU."""
+    """No cached probes, no environment variables, no GPU."""
     monkeypatch.setenv("DRJIT_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
     monkeypatch.delenv("TWINLENS_BACKEND", raising=False)
@@ -28,23 +28,23 @@ def own_cache(monkeypatch, tmp_path):
 
 @pytest.fixture
 def offer(monkeypatch):
-    """Say what libraries the machine has."""
+    """Set the LLVM libraries of the machine."""
     return lambda *files: monkeypatch.setattr(llvm, "candidates", lambda: [Path(file) for file in files])
 
 
 @pytest.fixture
 def answers(monkeypatch):
-    """Say what a child answers for each library, as if it were there, and count how often one is asked."""
-    asked = []
+    """Set the answer of the probe of each library, and return the list of libraries that are probed."""
+    probed = []
 
     def arrange(by_name):
         def run(script, environment):
-            asked.append(Path(environment.get("DRJIT_LIBLLVM_PATH", "cuda")).name)
-            return by_name[asked[-1]]
+            probed.append(Path(environment.get("DRJIT_LIBLLVM_PATH", "cuda")).name)
+            return by_name[probed[-1]]
 
         monkeypatch.setattr(llvm, "_run", run)
         monkeypatch.setattr(llvm, "_is_missing", lambda library: False)
-        return asked
+        return probed
 
     return arrange
 
@@ -106,12 +106,12 @@ def test_a_library_name_without_a_folder_is_found_by_the_loader(monkeypatch):
 
 def test_a_working_llvm_is_chosen_after_a_broken_one(offer, answers, tmp_path):
     offer(broken(tmp_path), "/nowhere/libLLVM-16.so", "/nowhere/libLLVM-42.so", "/nowhere/libLLVM-43.so")
-    asked = answers(
+    probed = answers(
         {"libLLVM-99.so": "fails: x", "libLLVM-16.so": "aborts the process (signal 6)", "libLLVM-42.so": "works"}
     )
     chosen = backend.doctor()
     assert (chosen.name, chosen.variant, chosen.library) == ("llvm", "llvm_ad_rgb", "/nowhere/libLLVM-42.so")
-    assert asked == ["libLLVM-99.so", "libLLVM-16.so", "libLLVM-42.so"]
+    assert probed == ["libLLVM-99.so", "libLLVM-16.so", "libLLVM-42.so"]
     assert chosen.is_jit
 
 
@@ -124,16 +124,16 @@ def test_a_missing_llvm_is_reported(offer):
 
 
 def test_commands_report_missing_llvm_briefly_and_doctor_in_full(monkeypatch, offer, answers):
-    """What is rendered with closes the line of every command: however many libraries said however much."""
+    """Every command prints the backend in one line, however long the probes' answers."""
     offer("/nowhere/libLLVM-42.so", "/nowhere/libLLVM-43.so")
     answers({"libLLVM-42.so": "fails: " + "word " * 70, "libLLVM-43.so": "aborts the process (signal 6)"})
     monkeypatch.setattr(backend, "_already_set", lambda: None)
     monkeypatch.setattr(backend, "_activate", lambda chosen: None)
-    chosen, told = backend.backend.__wrapped__(), backend.doctor()
+    chosen, full = backend.backend.__wrapped__(), backend.doctor()
     assert chosen.reason == "no usable LLVM; see `twinlens doctor`"
-    assert (chosen.variant, chosen.advice, chosen.probes) == (told.variant, told.advice, told.probes)
-    assert "word word" in told.reason
-    assert "libLLVM-43.so aborts" in told.reason
+    assert (chosen.variant, chosen.advice, chosen.probes) == (full.variant, full.advice, full.probes)
+    assert "word word" in full.reason
+    assert "libLLVM-43.so aborts" in full.reason
 
 
 def test_a_working_cuda_device_is_preferred(monkeypatch, offer, answers):
@@ -171,37 +171,37 @@ def test_links_to_one_library_are_one_candidate(monkeypatch, tmp_path):
 
 def test_a_probe_is_cached_until_the_library_changes(answers, tmp_path):
     library = broken(tmp_path)
-    asked = answers({"libLLVM-99.so": "fails: broken"})
+    probed = answers({"libLLVM-99.so": "fails: broken"})
     first = llvm.probe("llvm_ad_rgb", library)
     assert llvm.probe("llvm_ad_rgb", library) == first
-    assert len(asked) == 1
+    assert len(probed) == 1
     library.write_text("another file, of another size\n")
     llvm.probe("llvm_ad_rgb", library)
-    assert len(asked) == 2
+    assert len(probed) == 2
 
 
 @pytest.mark.parametrize("damage", ["", "{", "[1, 2]", '"text"', "null", "\x00\xff", "rows"])
 def test_a_damaged_probe_cache_is_ignored(answers, own_cache, tmp_path, damage):
     library = broken(tmp_path)
-    asked = answers({"libLLVM-99.so": "works"})
+    probed = answers({"libLLVM-99.so": "works"})
     llvm.probe("llvm_ad_rgb", library)
     memory = own_cache / "twinlens-backends.json"
     rows = {key: ["not", "a", "row"] for key in json.loads(memory.read_text())}
     memory.write_bytes(json.dumps(rows).encode() if damage == "rows" else damage.encode("latin-1"))
     assert llvm.probe("llvm_ad_rgb", library).works
-    assert len(asked) == 2
+    assert len(probed) == 2
     assert llvm.probe("llvm_ad_rgb", library).works
-    assert len(asked) == 2
+    assert len(probed) == 2
 
 
 def test_a_read_only_cache_folder_only_costs_a_probe(monkeypatch, answers, tmp_path):
-    """A file stands where the folder should be: true for root, too."""
+    """The folder's name is that of a file, which also fails for root."""
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("DRJIT_CACHE_DIR", str(tmp_path / "file"))
-    asked, library = answers({"libLLVM-99.so": "works"}), broken(tmp_path)
+    probed, library = answers({"libLLVM-99.so": "works"}), broken(tmp_path)
     for _ in range(2):
         assert llvm.probe("llvm_ad_rgb", library).works
-    assert len(asked) == 2
+    assert len(probed) == 2
 
 
 def test_a_probe_that_hangs_is_reported_as_a_timeout(monkeypatch, tmp_path):
@@ -214,10 +214,10 @@ def test_a_probe_that_hangs_is_reported_as_a_timeout(monkeypatch, tmp_path):
 
 
 def test_a_timeout_is_not_cached(answers, tmp_path):
-    asked, library = answers({"libLLVM-99.so": "did not answer within 120 s"}), broken(tmp_path)
+    probed, library = answers({"libLLVM-99.so": "did not answer within 120 s"}), broken(tmp_path)
     for _ in range(2):
         llvm.probe("llvm_ad_rgb", library)
-    assert len(asked) == 2
+    assert len(probed) == 2
 
 
 @pytest.mark.parametrize(
@@ -257,9 +257,9 @@ def test_a_backend_that_does_not_work_is_an_error(offer, answers, wish):
 
 def test_requested_scalar_probes_nothing(offer, answers):
     offer("/nowhere/libLLVM-15.so")
-    asked = answers({})
+    probed = answers({})
     assert backend._choose("scalar").variant == "scalar_rgb"
-    assert asked == []
+    assert probed == []
 
 
 HOST = (

@@ -26,8 +26,8 @@ def scene():
 def small_rig(seed):
     """Two unlike cameras, distorted or not, rolled at will, 4 m before the scene, a good way apart."""
     rng = np.random.default_rng(seed)
-    eyes = [np.array([x, -4.0, 0.0]) + rng.uniform(-0.3, 0.3, 3) for x in (-0.5, 0.5)]
-    poses = [geometry.look_at(eye, rng.uniform(-0.2, 0.2, 3), rotation(rng)[0]) for eye in eyes]
+    centres = [np.array([x, -4.0, 0.0]) + rng.uniform(-0.3, 0.3, 3) for x in (-0.5, 0.5)]
+    poses = [geometry.look_at(centre, rng.uniform(-0.2, 0.2, 3), rotation(rng)[0]) for centre in centres]
     return Rig([small_camera(rng) for _ in poses], poses)
 
 

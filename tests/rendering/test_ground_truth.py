@@ -175,9 +175,9 @@ def test_names_and_materials_belong_to_the_ids(compare):
     names = []
     kinds = {}
     for thing in cases.things():
-        name = thing.told.name
-        own = [f"{name}[{i}]" for i in range(len(thing.bodies))] if thing.told.instances else [name]
-        kinds |= dict.fromkeys(own, (thing.told.material, cases.KINDS[thing.told.material]))
+        name = thing.scene_object.name
+        own = [f"{name}[{i}]" for i in range(len(thing.bodies))] if thing.scene_object.instances else [name]
+        kinds |= dict.fromkeys(own, (thing.scene_object.material, cases.KINDS[thing.scene_object.material]))
         names += own
     for truth, *_ in compare():
         assert truth._arrays[f"{truth._prefix}/object_names"].tolist() == names

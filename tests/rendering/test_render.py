@@ -117,8 +117,8 @@ def test_an_off_centre_pair_equals_crops_of_centred_images(photo):
     for camera, cx in ((0, 10), (1, 17)):
         cut = wholes[:, camera, 30 - 19 : 60 - 19, 40 - cx : 80 - cx]
         assert same_light(parts[:, camera], cut)
-        beside = wholes[:, camera, 30 - 19 : 60 - 19, 41 - cx : 81 - cx]
-        assert not same_light(parts[:, camera], beside)
+        shifted = wholes[:, camera, 30 - 19 : 60 - 19, 41 - cx : 81 - cx]
+        assert not same_light(parts[:, camera], shifted)
 
 
 def test_both_backends_render_the_same_image(both):
@@ -129,8 +129,8 @@ def test_both_backends_render_the_same_image(both):
 
 
 def shared_noise(a, b):
-    """The sum of products of two noises in units of its own standard error: about N(0, 1) if they are independent,
-    however unevenly the noise lies over the pixels."""
+    """The sum of products of two noises in units of its standard error: about N(0, 1) for independent noise of any
+    distribution over the pixels."""
     a, b = a.mean(axis=-1), b.mean(axis=-1)
     return (a * b).sum() / np.sqrt((a * a * b * b).sum())
 

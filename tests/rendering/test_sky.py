@@ -1,4 +1,4 @@
-"""Where rays hit nothing: unknown, or, if asked for, the point at infinity with its disparity and visibility."""
+"""Rays that hit nothing: unknown, or with `sky_disparity` the point at infinity, its disparity and visibility."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def truths():
         "half", (wall,), {"grey": {"type": "twosided", "bsdf": {"type": "diffuse"}}}, np.eye(4), (1.0, 9.0)
     )
     rig = tl.Rig.stereo(CAMERA, BASELINE, right=CAMERA.replace(cx=CAMERA.cx + 3))
-    return [tl.ground_truth(scene, rig, sky_disparity=asked) for asked in (False, True)]
+    return [tl.ground_truth(scene, rig, sky_disparity=with_sky) for with_sky in (False, True)]
 
 
 def test_sky_is_unknown_by_default(truths):
@@ -31,8 +31,8 @@ def test_sky_is_unknown_by_default(truths):
 
 
 def test_sky_has_the_disparity_of_infinity_and_is_seen_where_the_partner_sees_it(truths):
-    _, asked = truths
-    for index, truth in enumerate(asked):
+    _, with_sky = truths
+    for index, truth in enumerate(with_sky):
         sky = ~truth.hit
         assert (truth.disparity[sky] == -3.0).all()
         u = CAMERA.pixel_grid()[..., 0]

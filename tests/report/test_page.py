@@ -217,7 +217,7 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 DRIVER = """
 <script>
 window.addEventListener("error", (e) => { document.title = "error: " + e.message; });
-const said = {}, later = (ms) => new Promise((done) => setTimeout(done, ms));
+const results = {}, later = (ms) => new Promise((done) => setTimeout(done, ms));
 const names = () => [...document.querySelectorAll("#board tbody .name")].map((c) => c.lastChild.textContent);
 const pick = (id, value) => {
   const select = document.getElementById(id);
@@ -227,27 +227,27 @@ const pick = (id, value) => {
 const pixel = (canvas, x, y) => [...canvas.getContext("2d").getImageData(x, y, 1, 1).data].slice(0, 3);
 (async () => {
   while (!document.documentElement.dataset.ready) await later(20);
-  said.first = names();
+  results.first = names();
   [...document.querySelectorAll("#board th button")].find((b) => b.textContent.includes("totbad2.0")).click();
-  said.flipped = names();
+  results.flipped = names();
   pick("region", "near");
-  said.near = names();
+  results.near = names();
   [...document.querySelectorAll("#protocols button")].find((b) => b.textContent.includes("KITTI")).click();
   await later(50);
-  said.head = [...document.querySelectorAll("#board th button")].map((b) => b.firstChild.textContent).slice(-3);
+  results.head = [...document.querySelectorAll("#board th button")].map((b) => b.firstChild.textContent).slice(-3);
   pick("region", "all");
   document.querySelectorAll("#board tbody tr")[0].click();
   await later(100);
-  said.panels = [...document.querySelectorAll("#panels figcaption")].map((c) => c.firstChild.textContent);
+  results.panels = [...document.querySelectorAll("#panels figcaption")].map((c) => c.firstChild.textContent);
   const canvas = [...document.querySelectorAll("#panels .view canvas")];
-  said.unknown = pixel(canvas[0], 20, 0);
-  said.hole = pixel(canvas[1], 1, 20);
-  said.zero = pixel(canvas[3], 20, 20);
-  said.off = pixel(canvas[3], 20, 5);
+  results.unknown = pixel(canvas[0], 20, 0);
+  results.hole = pixel(canvas[1], 1, 20);
+  results.zero = pixel(canvas[3], 20, 20);
+  results.off = pixel(canvas[3], 20, 5);
   const box = canvas[0].getBoundingClientRect();
   const at = { clientX: box.left + box.width * 20.5 / 40, clientY: box.top + box.height * 5.5 / 24 };
   canvas[0].parentElement.dispatchEvent(new PointerEvent("pointermove", at));
-  said.readout = document.getElementById("readout").textContent;
+  results.readout = document.getElementById("readout").textContent;
   const links = [];
   HTMLAnchorElement.prototype.click = function () {
     links.push([this.download, fetch(this.href).then((r) => r.text())]);
@@ -255,35 +255,35 @@ const pixel = (canvas, x, y) => [...canvas.getContext("2d").getImageData(x, y, 1
   for (const kind of ["csv", "latex", "json"]) document.getElementById("get-" + kind).click();
   while (links.length < 3) await later(20);
   links.sort((a, b) => (a[0] < b[0] ? -1 : 1));
-  said.files = await Promise.all(links.map(async ([name, text]) => [name, (await text).slice(0, 14)]));
-  said.versus = document.querySelectorAll("#versus canvas").length;
+  results.files = await Promise.all(links.map(async ([name, text]) => [name, (await text).slice(0, 14)]));
+  results.versus = document.querySelectorAll("#versus canvas").length;
   const key = (element, name) => element.dispatchEvent(new KeyboardEvent("keydown", { key: name, bubbles: true }));
   document.querySelector("#matrix td.cell").focus();
   for (const name of ["ArrowDown", "ArrowRight", "ArrowRight", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"])
     key(document.activeElement, name);
   const all = (place, selector) => [...place.querySelectorAll(selector)];
   const cell = (c) => [c.textContent, getComputedStyle(c).backgroundColor];
-  said.scales = all(document, "#matrix td.limits").map((c) => all(c, ".ends span").map((s) => s.textContent));
-  said.cells = all(document, "#matrix tbody tr").map((row) => all(row, "td.cell").map(cell));
+  results.scales = all(document, "#matrix td.limits").map((c) => all(c, ".ends span").map((s) => s.textContent));
+  results.cells = all(document, "#matrix tbody tr").map((row) => all(row, "td.cell").map(cell));
   const grounds = all(document, "#matrix .scale").map((s) => getComputedStyle(s).backgroundImage);
-  said.ends = grounds.map((ground, k) => said.cells.filter((row) => ground.includes(row[k][1])).length);
-  said.stops = document.querySelectorAll('#matrix td[tabindex="0"]').length;
+  results.ends = grounds.map((ground, k) => results.cells.filter((row) => ground.includes(row[k][1])).length);
+  results.stops = document.querySelectorAll('#matrix td[tabindex="0"]').length;
   key(document.activeElement, "Enter");
   await later(50);
-  said.walked = [document.getElementById("sample").value, document.getElementById("method").value];
+  results.walked = [document.getElementById("sample").value, document.getElementById("method").value];
   key(document.querySelectorAll("#board tbody tr")[0], " ");
-  said.row = document.getElementById("method").value;
+  results.row = document.getElementById("method").value;
   await later(50);
   key(document.querySelector("#panels .view"), "Enter");
-  said.wide = document.querySelectorAll("#panels .wide").length;
+  results.wide = document.querySelectorAll("#panels .wide").length;
   pick("over", "street again");
   await later(50);
-  said.over = [document.getElementById("sample").value, names()[2]];
+  results.over = [document.getElementById("sample").value, names()[2]];
   document.getElementById("theme").click();
-  said.theme = document.documentElement.dataset.theme;
+  results.theme = document.documentElement.dataset.theme;
   const out = document.createElement("pre");
-  out.id = "said";
-  out.textContent = JSON.stringify(said);
+  out.id = "results";
+  out.textContent = JSON.stringify(results);
   document.body.append(out);
 })().catch((e) => { document.title = "error: " + e.message; });
 </script>
@@ -310,31 +310,33 @@ def test_sorting_selecting_inspecting_and_downloading(tmp_path):
     # The page's own policy would stop this test's script; the next test runs under it.
     html = re.sub(r"<meta http-equiv=[^>]+>", "", html).replace("</body>", DRIVER + "</body>")
     dom = browse(tmp_path / "page.html", html)
-    said = json.loads(re.search(r'<pre id="said">(.*?)</pre>', dom, re.S)[1].replace("&lt;", "<").replace("&gt;", ">"))
+    results = json.loads(
+        re.search(r'<pre id="results">(.*?)</pre>', dom, re.S)[1].replace("&lt;", "<").replace("&gt;", ">")
+    )
     # Of the 23 known rows 11 are at 9 px and 12 at 5 px: "low" is right more often, and wrong wherever it is near.
-    assert said["first"] == ["low", "high", LOST]
-    assert said["flipped"] == ["high", "low", LOST]
-    assert said["near"] == ["low", "high", LOST], "worst first, as the reader had asked"
-    assert said["head"][-1] == "time/MP"
-    assert said["panels"] == ["Left image", "Right image", "True disparity", "Disparity", "|Error|", "Signed error"]
-    assert said["unknown"] == [196, 200, 206]
-    assert said["hole"] == [102, 112, 127]
-    assert max(said["zero"]) < 30
-    assert said["off"][2] > 200 > said["off"][0]
-    assert said["readout"] == "x 20  y 5:  truth 9.00 px, 5.00 px, error −4.00"
-    assert said["files"][0] == ["board.csv", "method,sample,"]
-    assert [name for name, _ in said["files"]] == ["board.csv", "board.json", "board.tex"]
-    assert said["versus"] == 6
-    for k, (best, worst) in enumerate(said["scales"]):
-        numbers = [float(row[k][0]) for row in said["cells"] if not row[k][0].isalpha()]
+    assert results["first"] == ["low", "high", LOST]
+    assert results["flipped"] == ["high", "low", LOST]
+    assert results["near"] == ["low", "high", LOST], "worst first, as the reader had asked"
+    assert results["head"][-1] == "time/MP"
+    assert results["panels"] == ["Left image", "Right image", "True disparity", "Disparity", "|Error|", "Signed error"]
+    assert results["unknown"] == [196, 200, 206]
+    assert results["hole"] == [102, 112, 127]
+    assert max(results["zero"]) < 30
+    assert results["off"][2] > 200 > results["off"][0]
+    assert results["readout"] == "x 20  y 5:  truth 9.00 px, 5.00 px, error −4.00"
+    assert results["files"][0] == ["board.csv", "method,sample,"]
+    assert [name for name, _ in results["files"]] == ["board.csv", "board.json", "board.tex"]
+    assert results["versus"] == 6
+    for k, (best, worst) in enumerate(results["scales"]):
+        numbers = [float(row[k][0]) for row in results["cells"] if not row[k][0].isalpha()]
         assert (float(best), float(worst)) == (min(numbers), max(numbers)), "the scale ends where its column does"
-    assert said["ends"] == [2, 2], "in the colours of the best cell and the worst"
-    assert said["stops"] == 1
-    assert said["walked"] == ["street again", "high"], "by arrows to the second row and column"
-    assert said["row"] == "low"
-    assert said["wide"] == 1
-    assert said["over"] == ["street again", "crash"]
-    assert said["theme"] == "dark"
+    assert results["ends"] == [2, 2], "in the colours of the best cell and the worst"
+    assert results["stops"] == 1
+    assert results["walked"] == ["street again", "high"], "by arrows to the second row and column"
+    assert results["row"] == "low"
+    assert results["wide"] == 1
+    assert results["over"] == ["street again", "crash"]
+    assert results["theme"] == "dark"
 
 
 @needs_chromium

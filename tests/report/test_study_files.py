@@ -87,9 +87,9 @@ def test_the_page_gives_the_reason_for_no_verdict(tmp_path):
     nothing = Interval(math.nan, math.nan, math.nan)
     findings = [Finding("It is {}", nothing, False), Finding("So is {}", Interval(1.0, 0.0, 2.0), False, decided=False)]
     page = write_study(tmp_path, run_study(replace(STUDY, conclude=lambda table: findings))).read_text()
-    said = '<div class="finding"><p>{}.</p><p class=note>No verdict: {}.</p></div>'
-    assert said.format("It is <b>(not measured)</b>", "not measured") in page
-    assert said.format("So is <b>1 [0, 2]</b>", "not decided") in page
+    html = '<div class="finding"><p>{}.</p><p class=note>No verdict: {}.</p></div>'
+    assert html.format("It is <b>(not measured)</b>", "not measured") in page
+    assert html.format("So is <b>1 [0, 2]</b>", "not decided") in page
     assert "not hold" not in page
 
 

@@ -109,10 +109,10 @@ def test_a_mistake_is_named(
 ) -> None:
     with pytest.raises(InputError) as caught:
         read_scene(extra, *changes)
-    said = str(caught.value)
-    assert said.startswith(f"{tmp_path / 'scene.toml'}: ")
-    assert message in said
-    assert "\n" not in said
+    printed = str(caught.value)
+    assert printed.startswith(f"{tmp_path / 'scene.toml'}: ")
+    assert message in printed
+    assert "\n" not in printed
 
 
 def test_a_scene_without_light_is_an_error(read_scene: Read) -> None:

@@ -64,7 +64,7 @@ def cases(plugins: dict[str, dict[str, Any]]) -> list[Any]:
 
 
 def lines(kind: str, key: str | None) -> str:
-    """The TOML of a plugin with what it needs, the key asked for, and that key's companion."""
+    """The TOML of a plugin with its required keys, `key`, and the key that `key` requires."""
     keys = [*NEEDS.get(kind, [])]
     keys += [key] if key and key not in keys else []
     keys += [PAIRS[key]] if key in PAIRS else []

@@ -128,7 +128,7 @@ def test_numbers_may_come_from_parameters(tmp_path: Path, number: str) -> None:
 
 
 def test_files_are_looked_for_where_mitsuba_does_when_the_scene_is_a_link(tmp_path: Path) -> None:
-    """Beside the linked file, not beside the link."""
+    """In the folder of the linked file, not of the link."""
     home, here = tmp_path / "home", tmp_path / "here"
     home.mkdir()
     here.mkdir()

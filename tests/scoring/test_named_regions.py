@@ -44,10 +44,10 @@ def naive_regions(pair):
     def rough(y, x):
         """The larger mean squared step to the left or right neighbour; y and x may be one pixel outside."""
         y, x = min(max(y, 0), height - 1), min(max(x, 0), width - 1)
-        beside = [k for k in (x - 1, x + 1) if 0 <= k < width]
+        neighbours = [k for k in (x - 1, x + 1) if 0 <= k < width]
         return max(
             sum((a - b) ** 2 for a, b in zip(levels[y][x], levels[y][k], strict=True)) / len(levels[y][x])
-            for k in beside
+            for k in neighbours
         )
 
     def flat(y, x):

@@ -258,7 +258,7 @@ def test_a_bomb_that_states_its_size_is_not_opened(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("compression", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_a_compression_that_unpacks_whole_is_refused(tmp_path, monkeypatch, compression):
-    """zipfile decompresses a bz2 or LZMA member whole, whatever number of bytes is requested."""
+    """zipfile decompresses a bz2 or LZMA member whole, even if fewer bytes are requested."""
     with zipfile.ZipFile(tmp_path / "bomb.zip", "w", compression) as archive:
         archive.writestr("s.pfm", BOMB)
     opened = opened_members(monkeypatch)
@@ -378,28 +378,28 @@ def test_a_single_sample_folder_is_not_a_top_folder(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "asks", [lambda each: len(each.unmatched_files({"s": ()})), lambda each: len(each.spec) and 40]
+    "call", [lambda each: len(each.unmatched_files({"s": ()})), lambda each: len(each.spec) and 40]
 )
-def test_a_zip_is_opened_once_however_many_maps_are_asked_of(tmp_path, monkeypatch, asks):
-    """Its list is read each time: as often as it is long, that takes hours."""
+def test_a_zip_is_opened_once_for_all_its_maps(tmp_path, monkeypatch, call):
+    """Opening reads the whole list of members, which per map would take hours."""
     submission = zipped(tmp_path / "my.zip", [(f"no-{k}.png", encode_png(PNG)) for k in range(40)])
     opened = []
     original = zipfile.ZipFile.__init__
     monkeypatch.setattr(zipfile.ZipFile, "__init__", lambda self, *more: opened.append(more) or original(self, *more))
-    assert asks(submission) == 40
+    assert call(submission) == 40
     assert len(opened) == 1
 
 
 def test_a_zip_deleted_meanwhile_is_an_error(tmp_path):
     submission = zipped(tmp_path / "my.zip", [("no.png", encode_png(PNG))])
     (tmp_path / "my.zip").unlink()
-    for asks in (
+    for call in (
         lambda: submission.unmatched_files({"s": ()}),
         lambda: submission.spec,
         lambda: submission.map_of("no", SHAPE),
     ):
         with pytest.raises(FileError, match=r"my\.zip: no such file or folder$"):
-            asks()
+            call()
 
 
 def _filled(folder, files):

@@ -71,14 +71,14 @@ def test_a_lens_below_f1_gives_a_paraxial_warning(number, warns):
     assert share(lens) == pytest.approx(0.25 / number**2)
     white, given = np.ones((64, 96, 3)), Exposure(1e-6)
     rig = Rig.stereo(CAMERA, baseline=0.1)
-    asks = (
+    calls = (
         lambda: Sensor().expose(white, camera=CAMERA, lens=lens, exposure=given),
         lambda: Sensor().expose_rig([white, white], rig=rig, lens=lens, exposure=given),
     )
-    for ask in asks:
+    for call in calls:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            ask()
+            call()
         assert [(w.category, w.filename) for w in caught] == [(ParaxialWarning, __file__)] * warns
         assert all("\n" not in str(w.message) for w in caught)
 

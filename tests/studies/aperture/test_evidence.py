@@ -38,9 +38,9 @@ def test_shared_texture_excludes_noise(grain, noise):
 
 def test_an_edge_between_two_depths_belongs_to_the_nearer_one():
     depth = np.repeat([[3, 3, 3, 8, 8, 8, 3, 3]], 6, axis=0)
-    picture = np.where(depth == 8, 1.0, 0.0)
-    for eye, near in ((picture, depth), (picture.T, depth.T)):
-        _, variance = shared_texture(eye, eye, near)
+    image = np.where(depth == 8, 1.0, 0.0)
+    for picture, near in ((image, depth), (image.T, depth.T)):
+        _, variance = shared_texture(picture, picture, near)
         assert (variance[near == 3] == 0).all()
         assert variance[near == 8].any()
 
@@ -88,13 +88,13 @@ def pair(near_disk, far_disk, wall, card):
     """Left and right images (96, 200) of a near card in front of a far wall, each blurred by a disk."""
     mask = np.zeros((96, 260))
     mask[:, LEFT_EDGE:RIGHT_EDGE] = 1.0
-    eyes = []
+    pictures = []
     for near, far in ((0, 0), (NEAR, FAR)):
         behind = convolve(np.roll(wall, -far, axis=1), disk(far_disk), mode="wrap")
         before = convolve(np.roll(card * mask, -near, axis=1), disk(near_disk), mode="wrap")
         through = 1.0 - convolve(np.roll(mask, -near, axis=1), disk(near_disk), mode="wrap")
-        eyes.append((before + through * behind)[:, :200])
-    return eyes
+        pictures.append((before + through * behind)[:, :200])
+    return pictures
 
 
 def matched(left, right):
@@ -188,8 +188,8 @@ def test_wrong_pixels_of_a_flat_sheet(grain, contrast, level, blur):
     shares = []
 
     def both(texture):
-        eyes = texture[:, :320], texture[:, away:]
-        return [np.repeat(0.2 * eye[..., None], 3, axis=2).astype(np.float32) for eye in eyes]
+        pictures = texture[:, :320], texture[:, away:]
+        return [np.repeat(0.2 * picture[..., None], 3, axis=2).astype(np.float32) for picture in pictures]
 
     for seed in range(2):
         sharp = 1.0 + contrast * sheet(np.random.default_rng(seed), (240, 320 + away), grain)
