@@ -21,7 +21,7 @@ REGIONS = (
     "all, nonocc, occluded, textureless, discontinuity, out-of-focus, near, mid, far, diffuse, glossy, mirror, "
     "transmissive"
 )
-"""Names for --help, which must not import the scoring room."""
+"""Names for --help, which must not import twinlens.scoring."""
 MOST_GIB = 2**20
 _WIDE, _ENDLESS = 132, 100_000
 _NARROW = ("totbad2.0", "bad2.0", "avgerr", "invalid", "time")

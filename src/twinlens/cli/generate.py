@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 @click.command("generate")
 @click.argument("recipe", type=PATH)
 @click.option("-o", "--output", required=True, type=ADDRESS, help="Dataset folder or bucket address (s3://...).")
-@click.option("--dry-run", is_flag=True, help="Make one sample, write nothing; print the time and disk space needed.")
+@click.option(
+    "--dry-run", is_flag=True, help="Make one sample without writing it, and print the time and disk space needed."
+)
 @click.option("--limit", type=click.IntRange(min=1), help="Make at most this many samples.")
 @click.option("--shard", default="1/1", show_default=True, help="i/n: make every n-th sample, starting with the i-th.")
 @click.option("--workers", type=click.IntRange(min=1), help="Number of worker processes on this machine.")
@@ -38,8 +40,8 @@ def command(
     """Make the dataset that RECIPE (a .toml file) describes.
 
     The run may be stopped at any time. The same command resumes it, and the finished dataset is the same to the byte.
-    OUTPUT/preview.png shows the samples made so far. Draws that fail a quality gate are repeated; a sample all of whose
-    draws fail is left out and reported at the end, with exit code 1.
+    OUTPUT/preview.png shows the samples made so far. If a random draw fails a quality gate, the sample is drawn again.
+    A sample is left out if all its draws fail; it is reported at the end, and the exit code is 1.
 
     \b
     Example:  twinlens generate recipe.toml -o out

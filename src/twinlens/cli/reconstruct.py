@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @click.argument("sample", type=PLACE, metavar="DATASET/SAMPLE")
 @click.option("-o", "--output", required=True, type=PATH, help="Folder of the reconstruction.")
 @click.option("--method", default="truth", show_default=True, help="truth, or a matcher: sgm, zncc:block_size=11, ...")
-@click.option("--cell-mm", type=float, help="Cell size of the fused surface.  [default: a 160th of the longest side]")
+@click.option("--cell-mm", type=float, help="Cell size of the fused surface.  [default: 1/160 of the longest side]")
 @click.option("--min-views", type=click.IntRange(min=1), default=1, show_default=True, help="Views required per point.")
 @click.option("--far", type=float, default=math.inf, help="Leave out depths beyond this, metres.  [default: none]")
 @click.option("--spacing-mm", type=float, help="Point spacing of the comparison.  [default: half a cell]")
@@ -35,9 +35,10 @@ def command(
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Reconstruct a sample from the depths of all its views: the true ones, or those matched between neighbours.
+    """Reconstruct a sample from the true or matched depth maps of all its views.
 
-    Neighbouring views are rectified first where they are not a rectified pair. OUTPUT gets the fused points
+    Matched depths are computed between neighbouring views. Neighbours that are not a rectified pair are rectified
+    first. OUTPUT gets the fused points
     (points.ply), the surface (mesh.ply, mesh.glb), the comparison of both with the true surface in millimetres
     (reconstruction.json), and a picture from two viewpoints (reconstruction.png).
 

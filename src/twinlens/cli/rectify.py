@@ -25,9 +25,17 @@ if TYPE_CHECKING:
     show_default=True,
     help="Focal length: focal (mean of both), all (both images fit) or valid (no empty pixels).",
 )
-@click.option("--own-centres", is_flag=True, help="Centre each view on its own image; doffs is then not 0.")
-@click.option("--misalignment", metavar="NAME=VALUE,...", help="Errors: vertical_px, pitch_deg, yaw_deg, roll_deg.")
-@click.option("--scene", metavar="FILE", help="The scene's file, unless the scene is a bundled one.")
+@click.option(
+    "--own-centres",
+    is_flag=True,
+    help="Give each view its own principal point, so that its image is centred; doffs is then not 0.",
+)
+@click.option(
+    "--misalignment",
+    metavar="NAME=VALUE,...",
+    help="Calibration errors of the right view: vertical_px, pitch_deg, yaw_deg, roll_deg.",
+)
+@click.option("--scene", metavar="FILE", help="Scene file; required if the scene is not bundled.")
 @click.option("--overwrite", is_flag=True, help="Replace an existing sample.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was written as JSON.")
 def command(
@@ -42,7 +50,7 @@ def command(
     overwrite: bool,
     as_json: bool,
 ) -> None:
-    """Rectify two views of a sample: matching pixels share a row, and the truth is that of the new views.
+    """Rectify two views of a sample, so that matching pixels share a row, and cast the ground truth of the new views.
 
     \b
     Example:  twinlens rectify out/cards -o rectified/cards --fit valid --own-centres

@@ -61,19 +61,23 @@ _SECTIONS = {
 @click.option("--size", default="640x480", show_default=True, help="Image size, WIDTHxHEIGHT.")
 @click.option("--fov", type=float, help="Horizontal field of view, degrees.  [default: the scene's]")
 @click.option("--focal-length-px", metavar="FX[,FY]", help="Focal length in pixels, instead of --fov.")
-@click.option("--principal-point", metavar="CX,CY", help="Pixels, centres at integers.  [default: the image centre]")
+@click.option(
+    "--principal-point",
+    metavar="CX,CY",
+    help="Principal point in pixels; pixel centres are at integers.  [default: the image centre]",
+)
 @click.option("--distortion", metavar="K", help=DISTORTION_HELP)
 @click.option("--pixel-pitch-um", type=float, help="Pixel width.  [default: 5]")
 @click.option("--sensor-width-mm", metavar="MM|FORMAT", help=SENSOR_WIDTH_HELP)
 @click.option("--baseline", type=float, help="Baseline, metres.  [default: the scene's]")
-@click.option("--rig", type=PATH, help="A .toml file with a rig's table; see docs/rigs.md.")
+@click.option("--rig", type=PATH, help="A .toml file that defines the rig; see docs/rigs.md.")
 @click.option("--sensor", default="machine_vision", show_default=True, help=SENSOR_HELP)
 @click.option("--bits", type=click.Choice(["8", "16"]), help="Bits per channel.  [default: 8]")
 @click.option("--exposure", default="auto", metavar="TIME_S[,GAIN]", help=EXPOSURE_HELP)
 @click.option("--mismatch", metavar="NAME=VALUE,...", help=MISMATCH_HELP)
 @click.option("--spp", type=click.IntRange(1, 1_000_000), default=64, show_default=True, help="Samples per pixel.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Random seed.")
-@click.option("--radiance", is_flag=True, help="Write the linear images too (radiance0.exr, radiance1.exr).")
+@click.option("--radiance", is_flag=True, help="Also write the linear images (radiance0.exr, radiance1.exr).")
 @click.option("--sky-disparity", is_flag=True, help="Give rays that hit nothing the disparity at infinity.")
 @click.option("--overwrite", is_flag=True, help="Replace existing samples.")
 @click.option("--json", "as_json", is_flag=True, help="Print the files written as JSON.")

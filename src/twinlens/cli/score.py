@@ -47,9 +47,9 @@ def command(
 ) -> int:
     """Score MAPS against --truth.
 
-    MAPS are folders or zip files with one map per sample (<sample>.pfm, <sample>.png or <sample>/disp0.pfm; PNG as in
-    KITTI; <sample>/lens-0.pfm, <sample>/lens-1.pfm, ... for several lenses), each one row of the leaderboard; or a
-    single .pfm or .png, scored against a single truth map.
+    Each of MAPS is a folder or zip file with one map per sample, and becomes one row of the leaderboard. Names of maps:
+    <sample>.pfm, <sample>.png (as in KITTI) or <sample>/disp0.pfm; <sample>/lens-0.pfm, <sample>/lens-1.pfm, ... for
+    several lenses. MAPS may also be a single .pfm or .png, which is scored against a single truth map.
 
     \b
     Example:  twinlens score my-maps.zip --truth out -o board

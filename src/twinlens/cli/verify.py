@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 @click.argument("dataset", type=PLACE)
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
 def command(dataset: "Place", as_json: bool) -> int:
-    """Check DATASET: checksums, array shapes, disparity against depth, and each view's truth against the other's.
+    """Check DATASET: checksums, array shapes, disparity against depth, and the truth of each view against the other.
 
     Lists the findings of each sample, and how to repair datasets of `twinlens generate`. The exit code is 1 if there
-    are findings. Samples that `generate` has not made yet are reported, but are not findings.
+    are findings. Samples that `generate` has not made yet are reported but do not count as findings.
 
     \b
     Example:  twinlens verify out

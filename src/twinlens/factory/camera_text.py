@@ -49,14 +49,14 @@ APERTURES = {
     "mask": "mask:FILE",
 }
 APERTURE_HELP = (
-    " | ".join(APERTURES.values()) + ": the shape of every lens and hole, within its diameter. "
+    " | ".join(APERTURES.values()) + ". Shape of the opening of every lens and hole. "
     "ROUNDNESS is 0 to 1, INNER a fraction of the radius, FILE a grey image, white where light passes."
 )
 DISTORTION_HELP = (
     "k1,k2[,p1,p2[,k3[,k4,k5,k6]]] in OpenCV's order (Brown-Conrady), or fisheye:k1[,k2,k3,k4] (Kannala-Brandt)."
 )
 EXPOSURE_HELP = (
-    "TIME_S[,GAIN], such as 1/60 or 0.01,4: one exposure for all lenses: smaller apertures give darker images.  "
+    "TIME_S[,GAIN], such as 1/60 or 0.01,4: one exposure for all lenses, so smaller apertures give darker images.  "
     "[default: automatic for each lens]"
 )
 MISMATCH_HELP = "Differences of the right camera: gain=1.1,exposure=1.05 (factors), black=2 (DN)."
