@@ -38,9 +38,8 @@ def command(
     """Reconstruct a sample from the true or matched depth maps of all its views.
 
     Matched depths are computed between neighbouring views. Neighbours that are not a rectified pair are rectified
-    first. OUTPUT gets the fused points
-    (points.ply), the surface (mesh.ply, mesh.glb), the comparison of both with the true surface in millimetres
-    (reconstruction.json), and a picture from two viewpoints (reconstruction.png).
+    first. OUTPUT gets the fused points (points.ply), the surface (mesh.ply, mesh.glb), the comparison of both with the
+    true surface in millimetres (reconstruction.json), and a picture from two viewpoints (reconstruction.png).
 
     \b
     Example:  twinlens reconstruct out/tabletop --method sgm -o rebuilt
