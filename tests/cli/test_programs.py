@@ -112,7 +112,7 @@ def test_match_by_a_program(twinlens, dataset, tmp_path, program):
     assert json.loads(out)["known_fraction"] == 1
     for options, words in (
         (("--method", "sad", "--command", "prog {left} {right} {out}"), "use one of them"),
-        (("--time-limit", "3"), "needs --command"),
+        (("--time-limit", "3"), "applies to programs only"),
         (("--command", "prog {left} {right}"), "needs {out}"),
         (("--command", "prog {left} {right} {out}", "--time-limit", "0"), "timeout_s is 0"),
     ):
