@@ -32,8 +32,8 @@ def command() -> None:
 def epipolar(sample: "Place", output: Path, cameras: str, points: int, as_json: bool) -> None:
     """Draw points of two views, the epipolar curves that contain their matches, and the epipoles.
 
-    The points are true matches visible in both views. The curves are those of the calibration: in a sample made with
-    calibration errors, points lie off their curves by that error.
+    The points are true matches visible in both views. The curves follow from the calibration, so in a sample
+    with simulated calibration errors the points are off their curves by these errors.
 
     \b
     Example:  twinlens show epipolar out/staircase -o epipolar.png
