@@ -79,14 +79,14 @@ def test_a_program_is_ended_with_all_that_it_started(twinlens, dataset, tmp_path
         f"child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(300)'])\n"
         f"open({str(pid)!r}, 'w').write(str(child.pid)); time.sleep(300)"
     )
-    begun = time.monotonic()
+    started = time.monotonic()
     status, _, err = twinlens(
         "match", dataset / "cards/im0.png", dataset / "cards/im1.png", "--command", program(code), "--time-limit", "3",
         "-o", tmp_path / "d.pfm",
     )  # fmt: skip
     assert status == 2
     assert "longer than 3 s" in err
-    assert time.monotonic() - begun < 60
+    assert time.monotonic() - started < 60
     assert not (tmp_path / "d.pfm").exists()
     state = Path(f"/proc/{pid.read_text()}/stat")
     deadline = time.monotonic() + 5
@@ -240,13 +240,13 @@ def test_earlier_failures_are_reported_and_rerun_on_request(twinlens, dataset, t
 def test_a_hanging_function_is_stopped_at_its_limits(twinlens, dataset, tmp_path, monkeypatch):
     (tmp_path / "sleepers.py").write_text(FUNCTIONS)
     monkeypatch.syspath_prepend(str(tmp_path))
-    begun = time.monotonic()
+    started = time.monotonic()
     code, out, err = twinlens(
         "benchmark", dataset, "--methods", "function:function=sleepers:sleeps", "-o", tmp_path / "b", "--json",
         "--time-limit", "1", "--warm-up-limit", "2",
     )  # fmt: skip
     assert code == 1, err
-    assert time.monotonic() - begun < 30
+    assert time.monotonic() - started < 30
     messages = [e["failure"]["message"] for e in json.loads(out)["entries"]]
     assert len(messages) == 2
     assert all(m == "exceeded the time limit of 1 s; the warm-up exceeded 2 s and was not repeated" for m in messages)

@@ -152,8 +152,8 @@ def test_an_unreadable_row_is_reported_and_its_sample_checked(root):
         shutil.copytree(root / "a", root / name)
     (root / ".rows").mkdir()
     (root / ".rows" / "0000001.json").touch()
-    beside, row = wrong(root)["dataset.json"][::-1]
-    assert beside == "0000000: is a sample that dataset.json does not list"
+    unlisted, row = wrong(root)["dataset.json"][::-1]
+    assert unlisted == "0000000: is a sample that dataset.json does not list"
     assert row.startswith(".rows/0000001.json: not valid JSON")
     assert row.endswith("the next `twinlens generate` makes it again, from the sample's files")
     (root / "0000001" / "disp0.pfm").write_bytes(b"")

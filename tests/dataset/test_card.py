@@ -187,10 +187,10 @@ def test_the_figure_omits_quantities_that_no_sample_has():
     through_lenses = statistics(dataset_scene.sample(num_lenses=2))
     # A pinhole: all blur circles have diameter 0.
     sharp = through_lenses | {"blur_px": [[0.0] * 33]}
-    alone = sharp | {"cameras": 1, "disparity": [], "occluded": 0.0}
+    single = sharp | {"cameras": 1, "disparity": [], "occluded": 0.0}
     assert drawn(through_lenses) == drawn(sharp, through_lenses) == ["disparity", "depth", "blur", "pixels"]
     assert drawn(sharp, sharp) == ["disparity", "depth", "pixels"]
-    assert drawn(alone) == ["depth"]
+    assert drawn(single) == ["depth"]
     assert drawn({}) == drawn() == []
     heights = [Image.open(io.BytesIO(statistics_figure(many))).height for many in ([sharp], [through_lenses])]
     assert heights[1] == 2 * heights[0], "one row of three panels, two rows of two"

@@ -382,4 +382,4 @@ def test_an_export_into_the_dataset_is_rejected(tmp_path):
         with pytest.raises(OutputError, match="is inside the dataset"):
             export(data, inside, "middlebury")
         assert not inside.exists()
-    export(data, tmp_path / "beside", "middlebury")
+    export(data, tmp_path / "other", "middlebury")

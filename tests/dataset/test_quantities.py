@@ -30,7 +30,7 @@ def test_statistics_are_those_of_the_truth():
         assert found[name][0] == pytest.approx(values.min(), rel=1e-4)
         assert found[name][16] == pytest.approx(np.median(values), rel=1e-4)
         assert found[name][-1] == pytest.approx(values.max(), rel=1e-4)
-    # Of two lenses that differ in focus alone, what lies at infinity decides: c = A fx (1/z - 1/f).
+    # The blur at infinity decides between two lenses that differ only in focus: c = A fx (1/z - 1/f).
     far = 0.02 * 70.0 * np.abs(1 / truth.depth[truth.hit] - 1 / sample.shots[1].lens.focus_distance)
     assert found["blur_px"][1][-1] == pytest.approx(far.max(), rel=1e-4)
     mask = truth.mask_nonocc()

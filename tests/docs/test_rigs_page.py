@@ -10,7 +10,7 @@ import twinlens as tl
 from twinlens.scenes import rig_from_table
 
 DOCS = Path(__file__).parents[2] / "docs"
-pytestmark = pytest.mark.skipif(not DOCS.is_dir(), reason="the pages are not beside these tests")
+pytestmark = pytest.mark.skipif(not DOCS.is_dir(), reason="docs/ is not next to tests/")
 
 
 @pytest.mark.parametrize("page", ["rigs.md", "reconstruction.md"])

@@ -108,7 +108,7 @@ def test_raw_pictures_are_black_at_their_black_level():
 
 @pytest.mark.parametrize("noise", [0.03, 0.1, 0.2])
 def test_noise_is_no_texture_and_paint_is(noise):
-    """The wall stands at one depth, so the right picture is the left one shifted by the disparity."""
+    """The wall is at one depth, so the right image is the left one shifted by the disparity."""
     rig, truths = truth_of(scene(wall()))
     rng = np.random.default_rng(3)
     shape = SIZE[::-1]
@@ -138,14 +138,14 @@ def test_texture_is_told_from_noise_where_it_is_about_half_of_it(noise):
 
     assert share(0.0) < 0.01
     assert share(0.25) < 0.05
-    assert 0.4 < share(0.5) < 0.8  # correlated 1/5, a little above what is asked
-    assert share(0.7) > 0.95  # a third correlated, where 3/16 is asked, and 0.05 is the deviation
+    assert 0.4 < share(0.5) < 0.8  # correlation 1/5, slightly above the threshold
+    assert share(0.7) > 0.95  # correlation 1/3, threshold 3/16, standard deviation 0.05
     assert textured_windows(texture, texture, np.ones(shape, bool)) == 1.0
 
 
 @pytest.mark.parametrize("shift", [4, 5])
 def test_the_colours_of_a_raw_mosaic_are_no_texture(shift):
-    """A flat red wall is a pattern of 2x2 in both eyes' mosaics, which fall on each other at even disparities."""
+    """A flat red wall is a 2x2 pattern in both mosaics, and the patterns coincide at even disparities."""
     sensor = Sensor(filters="RGGB", output="raw")
     red = np.zeros((4 * WINDOW, 4 * WINDOW + shift))
     red[::2, ::2] = 3000

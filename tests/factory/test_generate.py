@@ -24,7 +24,7 @@ def recipe(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def whole(recipe, tmp_path_factory):
-    """The dataset of one run that nobody stopped."""
+    """The dataset of one uninterrupted run."""
     folder = tmp_path_factory.mktemp("whole") / "set"
     outcome = generate(recipe, folder)
     assert (outcome.made, outcome.before, outcome.complete, outcome.failures) == (4, 0, True, ())
@@ -297,19 +297,19 @@ def test_a_sample_that_cannot_be_is_told_with_what_to_change_and_the_rest_is_mad
 
 
 def test_an_estimate_writes_nothing_and_knows_what_is_there(recipe, folder):
-    told = estimate(recipe, folder)
+    estimated = estimate(recipe, folder)
     assert not folder.exists()
-    assert (told.count, told.before, told.todo) == (4, 0, 4)
-    assert told.bytes == 4 * told.bytes_each > 0
-    assert told.seconds > 0
+    assert (estimated.count, estimated.before, estimated.todo) == (4, 0, 4)
+    assert estimated.bytes == 4 * estimated.bytes_each > 0
+    assert estimated.seconds > 0
     generate(recipe, folder)
     assert estimate(recipe, folder).todo == 0
 
 
 def test_an_estimate_knows_the_size_of_a_sample(recipe, whole, folder):
-    told = estimate(recipe, folder)
+    estimated = estimate(recipe, folder)
     size = sum(path.stat().st_size for path in (whole / "0000000").iterdir())
-    assert told.bytes_each == size
+    assert estimated.bytes_each == size
 
 
 def test_a_draw_that_cannot_be_built_is_counted_and_the_next_one_taken(folder, tmp_path):
@@ -387,7 +387,7 @@ def test_where_nothing_is_left_to_chance_the_first_draw_tells(folder, tmp_path):
     assert [(failure.index, len(failure.rejections)) for failure in outcome.failures] == [(0, 1)]
     assert outcome.failures[0].rejections[0]["reason"] == "disparity beyond ndisp"
     assert outcome.there == 1
-    bent = "[rig.distortion]\nk1.sweep = [0.0, -0.4]\nk2.sweep = [0.0, -0.5]\n"  # unfolded alone, not together
+    bent = "[rig.distortion]\nk1.sweep = [0.0, -0.4]\nk2.sweep = [0.0, -0.5]\n"  # each valid, not both together
     with pytest.raises(Exhausted, match="1 draws rejected"):
         make(read_recipe(write_recipe(tmp_path, fixed + bent)), 3)
     noisy = read_recipe(write_recipe(tmp_path, fixed + "exposure.time = 1e-9\n[gates]\nattempts = 3\n", count=1))

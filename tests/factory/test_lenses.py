@@ -1,4 +1,4 @@
-"""Every quantity of every lens can be said in a recipe, fixed or drawn."""
+"""Every field of every lens can be set in a recipe, fixed or drawn."""
 
 import dataclasses
 import math
@@ -54,15 +54,15 @@ def test_a_table_is_the_lens(table, lens):
 
 def test_no_quantity_of_a_lens_or_an_aperture_is_left_out():
     """Each field of each class differs from its default in one of the lenses above."""
-    said = set()
+    reached = set()
     for lens in (lens for _, lens in LENSES):
         for thing in (lens, lens.aperture):
             for field in dataclasses.fields(thing):
-                asked = field.default is dataclasses.MISSING or getattr(thing, field.name) != field.default
-                if field.init and asked:
-                    said.add((type(thing), field.name))
+                is_set = field.default is dataclasses.MISSING or getattr(thing, field.name) != field.default
+                if field.init and is_set:
+                    reached.add((type(thing), field.name))
     kinds = (Pinhole, ThinLens, BareAperture, Disk, Polygon, Annulus, MaskAperture)
-    assert said == {(kind, field.name) for kind in kinds for field in dataclasses.fields(kind) if field.init}
+    assert reached == {(kind, field.name) for kind in kinds for field in dataclasses.fields(kind) if field.init}
     tables = (DiskTable, PolygonTable, AnnulusTable, MaskTable)
     names = {table.model_fields["kind"].annotation.__args__[0] for table in tables}
     assert names == {shape.name for shape in (Disk, Polygon, Annulus, MaskAperture)}
@@ -102,7 +102,7 @@ def test_a_mask_of_a_recipe_reaches_the_sample(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("shape", "said"),
+    ("shape", "message"),
     [
         ({"kind": "mask"}, r"lenses\[0\].shape: a mask needs either 'file'"),
         ({"kind": "mask", "file": "a.png", "cells": [[1]]}, "a mask needs either 'file'"),
@@ -124,10 +124,10 @@ def test_a_mask_of_a_recipe_reaches_the_sample(tmp_path):
         ({"kind": "msk"}, "did you mean 'mask'"),
     ],
 )
-def test_shapes_that_cannot_be(tmp_path, shape, said):
+def test_invalid_aperture_shapes_are_errors(tmp_path, shape, message):
     write_png(tmp_path / "blue.png", np.full((3, 3, 3), (0, 0, 255), np.uint8))
     write_png(tmp_path / "black.png", np.zeros((3, 3), np.uint8))
     lens = {"kind": "thin", "aperture_mm": 8, "shape": shape}
-    with pytest.raises(InputError, match=said) as told:
+    with pytest.raises(InputError, match=message) as caught:
         recipe_from_table({"seed": 1, "count": 1, "scenes": ["cards"], "lenses": [lens]}, tmp_path / "recipe.toml")
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(caught.value)

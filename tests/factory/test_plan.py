@@ -26,11 +26,11 @@ def test_a_sample_depends_on_recipe_seed_and_index_alone():
 
 
 def test_a_quantity_more_leaves_the_others_as_they_were():
-    alone = {"rig": {"baseline": {"uniform": [0.05, 0.2]}}}
-    more = {"rig": {"fov_x_deg": {"uniform": [40, 60]}, **alone["rig"]}, "spp": {"integers": [1, 9]}}
-    for before, after in zip(drawn(recipe(**alone)), drawn(recipe(**more)), strict=True):
+    first = {"rig": {"baseline": {"uniform": [0.05, 0.2]}}}
+    more = {"rig": {"fov_x_deg": {"uniform": [40, 60]}, **first["rig"]}, "spp": {"integers": [1, 9]}}
+    for before, after in zip(drawn(recipe(**first)), drawn(recipe(**more)), strict=True):
         assert before["rig"]["baseline"] == after["rig"]["baseline"]
-    assert [plan(recipe(**alone), i).seed for i in range(5)] == [plan(recipe(**more), i).seed for i in range(5)]
+    assert [plan(recipe(**first), i).seed for i in range(5)] == [plan(recipe(**more), i).seed for i in range(5)]
 
 
 def test_quantities_do_not_move_together():

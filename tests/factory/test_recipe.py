@@ -189,9 +189,9 @@ def test_a_scene_that_is_not_there_is_named_with_the_nearest_one():
 
 @pytest.mark.parametrize("name", ["nofile.toml", "stairs/scene.toml", "..\\stairs", "staircase.xml"])
 def test_a_scene_file_that_is_not_there_is_told_with_the_folder_and_no_bundled_name(tmp_path, name):
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as printed:
         recipe_from_table({"seed": 1, "count": 1, "scenes": [name]}, tmp_path / "recipe.toml")
-    assert str(told.value) == (
+    assert str(printed.value) == (
         f"{tmp_path / 'recipe.toml'}: scenes[0]: no such file next to the recipe, in {tmp_path}: {name!r}"
     )
 
@@ -264,12 +264,12 @@ def reads_or_refuses(table):
     try:
         recipe = recipe_from_table(table)
     except TwinlensError as error:
-        told = str(error)
+        printed = str(error)
     else:
-        told = ""
+        printed = ""
         specs = [plan(recipe, index) for index in (0, 1, 10**6)]
         assert specs == [plan(recipe, index) for index in (0, 1, 10**6)]
-    assert "\n" not in told
+    assert "\n" not in printed
 
 
 @settings(max_examples=200)

@@ -108,8 +108,8 @@ def test_diffraction_blurs_what_the_lens_and_not_what_the_pinhole_sees(scene, sa
 
 def test_the_eyes_differ_as_the_sensor_says(scene, sample):
     sensor = Sensor(mismatch=Mismatch(gain=1.5))
-    eyes = make_sample(scene, sample.rig, LENSES[:1], spp=1, sensor=sensor).shots[0].record["exposures"]
-    assert eyes[1]["gain"] == pytest.approx(1.5 * eyes[0]["gain"])
+    exposures = make_sample(scene, sample.rig, LENSES[:1], spp=1, sensor=sensor).shots[0].record["exposures"]
+    assert exposures[1]["gain"] == pytest.approx(1.5 * exposures[0]["gain"])
 
 
 @pytest.mark.parametrize(

@@ -39,22 +39,22 @@ def picture(path: Path, seed: int) -> None:
 
 
 @pytest.fixture
-def begun(tmp_path):
+def unfinished_dataset(tmp_path):
     """A recipe of the tiny scene, and a dataset that has one of its two samples."""
     recipe = write_recipe(tmp_path, count=2)
     generate(read_recipe(recipe), tmp_path / "set", limit=1)
     return recipe, tmp_path / "set"
 
 
-def test_a_scene_edited_between_two_runs_is_refused_and_named_until_it_is_put_back(begun, tmp_path):
-    recipe, folder = begun
+def test_a_scene_edited_between_two_runs_is_an_error_until_it_is_restored(unfinished_dataset, tmp_path):
+    recipe, folder = unfinished_dataset
     before = digests(folder)
     scene = recipe.parent / "tiny" / "scene.toml"
     scene.write_text(SCENE.replace("reflectance = 0.4", "reflectance = 0.5"))
     for call in (generate, estimate):
-        with pytest.raises(InputError, match=r"tiny/scene\.toml has changed.*restore them, or name") as told:
+        with pytest.raises(InputError, match=r"tiny/scene\.toml has changed.*restore them, or name") as caught:
             call(read_recipe(recipe), folder)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(caught.value)
     assert digests(folder) == before
     scene.write_text(SCENE)
     assert generate(read_recipe(recipe), folder).complete
@@ -63,14 +63,14 @@ def test_a_scene_edited_between_two_runs_is_refused_and_named_until_it_is_put_ba
     assert digests(folder) == digests(tmp_path / "other" / "set")
 
 
-def test_a_file_that_was_only_touched_is_the_same_file(begun):
-    recipe, folder = begun
+def test_a_new_modification_time_alone_is_no_change(unfinished_dataset):
+    recipe, folder = unfinished_dataset
     os.utime(recipe.parent / "tiny" / "scene.toml", (1, 1))
     assert generate(read_recipe(recipe), folder).complete
 
 
-def test_samples_alone_are_known_by_what_they_were_made_of(begun):
-    recipe, folder = begun
+def test_samples_without_a_list_are_checked_against_their_sources(unfinished_dataset):
+    recipe, folder = unfinished_dataset
     (folder / "dataset.json").unlink()
     (recipe.parent / "tiny" / "scene.toml").write_text(SCENE + "# a word more\n")
     with pytest.raises(InputError, match=r"0000000: was made from other source files"):
@@ -78,7 +78,7 @@ def test_samples_alone_are_known_by_what_they_were_made_of(begun):
 
 
 @pytest.mark.parametrize(
-    ("edit", "said"),
+    ("edit", "message"),
     [
         (lambda mine: picture(mine / "a.png", 9), "mine/a.png has changed"),
         (lambda mine: (mine / "a.png").unlink(), "mine/a.png is gone"),
@@ -86,7 +86,7 @@ def test_samples_alone_are_known_by_what_they_were_made_of(begun):
         (lambda mine: (mine / "notes.txt").write_text("no picture"), None),
     ],
 )
-def test_an_asset_that_changes_comes_or_goes_is_named(tmp_path, edit, said):
+def test_a_changed_added_or_removed_asset_is_named(tmp_path, edit, message):
     for seed, name in enumerate(("a.png", "b.png")):
         picture(tmp_path / "mine" / name, seed)
     (tmp_path / "recipe.toml").write_text(ASSETS)
@@ -94,10 +94,10 @@ def test_an_asset_that_changes_comes_or_goes_is_named(tmp_path, edit, said):
     assert set(read_manifest(tmp_path / "set").info["sources"]) == {"mine/a.png", "mine/b.png"}
     edit(tmp_path / "mine")
     again = read_recipe(tmp_path / "recipe.toml")
-    if said is None:
+    if message is None:
         assert generate(again, tmp_path / "set").complete
         return
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         generate(again, tmp_path / "set")
 
 

@@ -6,7 +6,7 @@ import pytest
 from tests.families.families_checks import camera_inside, floating, intersecting, table_height
 from twinlens.families import random_scene
 
-QUICK = (0, 1, 136)  # 136: a pebble overhangs the box that carries it, beside a taller vase
+QUICK = (0, 1, 136)  # 136: a pebble overhangs the box below it, next to a taller vase
 SCENES = [pytest.param(seed, marks=[] if seed in QUICK else pytest.mark.slow) for seed in range(200)]
 
 

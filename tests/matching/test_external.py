@@ -163,9 +163,9 @@ def test_a_program_that_prints_forever_is_killed_at_its_limit(tmp_path):
 def test_a_program_ends_although_its_child_still_runs(tmp_path):
     """The child holds the pipe open; `match` does not wait for it."""
     code = COPY + "\nimport subprocess; subprocess.Popen(['sleep', '20'])"
-    begun = time.monotonic()
+    started = time.monotonic()
     tm.Program(program(tmp_path, code), num_disparities=3).match(*scene())
-    assert time.monotonic() - begun < 15
+    assert time.monotonic() - started < 15
 
 
 def test_a_file_larger_than_its_header_says_is_not_read_whole(tmp_path):

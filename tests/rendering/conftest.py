@@ -51,8 +51,8 @@ class Renderer:
             child = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300)
             assert child.returncode == 0, child.stderr
             with np.load(file) as arrays:
-                alone = f"{group}/" if len(GROUPS[group]) == 1 else ""
-                self.answers[key] = {name.removeprefix(alone): array for name, array in arrays.items()}
+                prefix = f"{group}/" if len(GROUPS[group]) == 1 else ""
+                self.answers[key] = {name.removeprefix(prefix): array for name, array in arrays.items()}
         return self.answers[key]
 
 

@@ -1,4 +1,4 @@
-"""Scenes of light alone, whose images have closed forms; and one of everything, for comparisons between cameras."""
+"""Scenes of emitters only, whose images have closed forms, and one general scene to compare cameras."""
 
 import numpy as np
 

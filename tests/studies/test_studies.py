@@ -102,9 +102,9 @@ def test_every_seed_tests_the_same_claims(results, name):
     result = results(name)
     again = tuple({**row, "seed": 1.0} for row in result.table)
     both = replace(result.table, rows=(*result.table.rows, *again))
-    alone = result.study.conclude(both.where(seed=1.0))
-    assert len(alone) == len(result.study.conclude(both)) == len(result.findings)
-    assert [finding.text for finding in alone] == [support.finding.text for support in result.findings]
+    single = result.study.conclude(both.where(seed=1.0))
+    assert len(single) == len(result.study.conclude(both)) == len(result.findings)
+    assert [finding.text for finding in single] == [support.finding.text for support in result.findings]
 
 
 @pytest.mark.parametrize("name", STUDIES)

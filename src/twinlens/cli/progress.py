@@ -8,20 +8,20 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-_PATIENCE_S = 2.0
+_DELAY_S = 2.0
 
 
 def print_stage(text: str) -> None:
-    """One line on the error stream where no bar shows how far the work is."""
+    """Print a line on stderr if it is not a terminal, which would show a progress bar."""
     if not Console(stderr=True).is_terminal:
         click.echo(text, err=True)
 
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[Callable[[float, str], None]]:
-    """A function (fraction done, what is being done now) to call as work goes on.
+    """Yield a function to call with the fraction done and the current item.
 
-    The bar appears on the error stream, once two seconds have passed, and leaves no trace.
+    The bar appears on stderr after two seconds and is removed at the end.
     """
     console = Console(stderr=True)
     bar = Progress(
@@ -29,11 +29,11 @@ def progress_bar(what: str) -> Iterator[Callable[[float, str], None]]:
         console=console, transient=True, disable=not console.is_terminal,
     )  # fmt: skip
     task = bar.add_task(what, total=1.0)
-    begun, shown = time.monotonic(), False
+    start, shown = time.monotonic(), False
 
     def report(fraction: float, now: str = "") -> None:
         nonlocal shown
-        if not shown and time.monotonic() - begun > _PATIENCE_S:
+        if not shown and time.monotonic() - start > _DELAY_S:
             bar.start()
             shown = True
         bar.update(task, completed=fraction, description=f"{what} {now}".strip())

@@ -175,7 +175,7 @@ class Leaf:
 
     @property
     def is_sweep(self) -> bool:
-        """Whether its values follow the index of the sample instead of chance."""
+        """Whether its values are given by the index of the sample instead of drawn."""
         return isinstance(self.distribution, Sweep)
 
 

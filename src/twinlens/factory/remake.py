@@ -53,7 +53,7 @@ def remake(
 
 
 def sensor_from_record(record: Mapping[str, Any]) -> Sensor:
-    """The sensor back from ``dataclasses.asdict(sensor)``, or from the JSON of it. Raises InputError."""
+    """The sensor from ``dataclasses.asdict(sensor)`` or its JSON. Raises InputError."""
     mismatch: Mismatch = _built(Mismatch, record.get("mismatch") or {})
     sensor: Sensor = _built(Sensor, {**record, "mismatch": mismatch})
     return sensor

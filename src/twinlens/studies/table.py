@@ -1,6 +1,6 @@
 """A tidy table: one row per measurement, one column per quantity, read and written as CSV.
 
-Numbers are written with nine significant digits, which float32 survives, and lines end with a newline: equal tables
+Numbers are written with nine significant digits, enough for float32, and lines end with a newline: equal tables
 give equal bytes on every platform.
 """
 
