@@ -4,7 +4,6 @@ spec -> scene -> rig -> truth -> gates -> lenses -> photographs -> gates -> Samp
 """
 
 import dataclasses
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +17,11 @@ from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
 from twinlens.factory.settings import Settings, make_lenses, make_sensor
 from twinlens.factory.sources import Sources
-from twinlens.rendering import check_lens_supported, ground_truth
+from twinlens.rendering import Progress, check_lens_supported, ground_truth
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.schema import read
 from twinlens.seeds import generator
 
-Progress = Callable[[float], None]
 _FILE = Path("recipe.toml")  # without its folder: messages are recorded in the dataset
 
 

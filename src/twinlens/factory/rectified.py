@@ -1,6 +1,5 @@
 """Rectified pairs from stored samples. Images are warped or rendered again; ground truth is never resampled."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,7 @@ from twinlens.dataset import Sample, Shot, StoredSample
 from twinlens.dataset.record import plain
 from twinlens.errors import unknown
 from twinlens.factory.remake import ORIGIN, remake, scene_of
-from twinlens.rendering import ground_truth
+from twinlens.rendering import Progress, ground_truth
 from twinlens.scenes import Scene
 
 PICTURES = ("maps", "render")
@@ -29,7 +28,7 @@ def rectified_sample(
     fit: str = "focal",
     zero_doffs: bool = True,
     misalignment: Misalignment = ALIGNED,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Sample:
     """Views `left` and `right` of a stored sample as a rectified pair (`rectification.rectify`), with exact truth.
 

@@ -1,6 +1,6 @@
 """Making a sample again from its record."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from types import NoneType
 from typing import Any
@@ -10,6 +10,7 @@ from twinlens.dataset.record import lens_from_plain, rig_from_plain
 from twinlens.errors import InputError, unknown
 from twinlens.factory.sample import make_sample
 from twinlens.factory.sources import file_digests
+from twinlens.rendering import Progress
 from twinlens.scenes import Scene, load_scene
 from twinlens.sensor import Exposure, Mismatch, Sensor
 
@@ -17,9 +18,7 @@ ORIGIN = ("spec", "rejections", "sources_sha256", "rectified_from")
 """Keys of a record that `make_sample` does not write: the recipe's draw, or another sample."""
 
 
-def remake(
-    record: Mapping[str, Any], scene: Scene | None = None, *, progress: Callable[[float], None] | None = None
-) -> Sample:
+def remake(record: Mapping[str, Any], scene: Scene | None = None, *, progress: Progress | None = None) -> Sample:
     """Make the sample again whose sample.json is `record` (`StoredSample.record`).
 
     Its files are the same to the byte if backend and versions are those in the record. A bundled scene is found by its

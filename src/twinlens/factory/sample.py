@@ -5,7 +5,7 @@ scene, rig ---------> ground_truth ------------------------------> Truths ---+->
 """
 
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -21,7 +21,7 @@ from twinlens.camera.truth import Truth
 from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_manifest, write_manifest, write_sample
 from twinlens.errors import InputError
 from twinlens.factory.sources import file_digests
-from twinlens.rendering import SAMPLERS, backend, ground_truth, render
+from twinlens.rendering import SAMPLERS, Progress, backend, ground_truth, partial_progress, render
 from twinlens.scenes import Scene
 from twinlens.sensor import Exposure, Sensor
 from twinlens.sensor.exposure import check_exposure
@@ -42,7 +42,7 @@ def make_sample(
     sky_disparity: bool = False,
     keep_radiance: bool = False,
     truths: Sequence[Truth] | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Sample:
     """Render `scene` through every lens, expose the images, and compute their common ground truth.
 
@@ -77,7 +77,7 @@ def make_sample(
     shots = []
     for k, lens in enumerate(lenses):
         stream = _stream(scene, seed, k)
-        report = None if progress is None else _part(progress, k, len(lenses))
+        report = partial_progress(progress, k, len(lenses))
         radiances = tuple(render(scene, rig, lens, spp, stream, sampler=SAMPLERS[0], progress=report))
         if diffraction and lens.aperture_diameter > 0:
             radiances = _diffracted(radiances, rig, lens, sensor)
@@ -144,10 +144,6 @@ def made_with() -> dict[str, Any]:
     """Backend and versions of this process; samples made with equal ones are the same to the byte."""
     versions = {name: version(name) for name in ("twinlens", "mitsuba", "drjit", "numpy")}
     return {"backend": backend().variant, "versions": versions}
-
-
-def _part(progress: Callable[[float], None], index: int, count: int) -> Callable[[float], None]:
-    return lambda fraction: progress((index + fraction) / count)
 
 
 def add_sample(output: Place, name: str, sample: Sample, seed: int, overwrite: bool = False) -> Row:

@@ -29,7 +29,7 @@ from twinlens.factory.produce import Exhausted, make
 from twinlens.factory.recipe import Recipe, differences, recipe_from_table
 from twinlens.factory.sample import made_with
 from twinlens.factory.sources import changed_files
-from twinlens.rendering import configure_malloc, forget_kernels, use_threads
+from twinlens.rendering import Progress, configure_malloc, forget_kernels, use_threads
 
 RENEWED_AFTER = 300
 """Samples that a worker process makes before a new one replaces it. LLVM keeps about 15 KiB for each random scene that
@@ -57,7 +57,7 @@ Engine = Callable[[Work, Sequence[int], Report], Results]
 """Makes the samples of some indices; yields (index, entry) when a sample is on the disk, in any order."""
 
 
-def rendered(work: Work, index: int, progress: Callable[[float], None] | None = None) -> Sample | Failure:
+def rendered(work: Work, index: int, progress: Progress | None = None) -> Sample | Failure:
     """One sample in memory, or why all its draws were rejected."""
     try:
         return make(work.recipe, index, progress)

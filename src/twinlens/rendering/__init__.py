@@ -3,13 +3,14 @@
 from twinlens.rendering.backends import Backend, backend, configure_malloc, doctor, forget_kernels, use_threads
 from twinlens.rendering.ground_truth import correspondence, ground_truth
 from twinlens.rendering.lens_grid import LensGrid, render_lens_grid
-from twinlens.rendering.radiance import SAMPLERS, render
+from twinlens.rendering.radiance import SAMPLERS, Progress, partial_progress, render
 from twinlens.rendering.sensors import check_lens_supported
 
 __all__ = [
     "SAMPLERS",
     "Backend",
     "LensGrid",
+    "Progress",
     "backend",
     "check_lens_supported",
     "configure_malloc",
@@ -17,6 +18,7 @@ __all__ = [
     "doctor",
     "forget_kernels",
     "ground_truth",
+    "partial_progress",
     "render",
     "render_lens_grid",
     "use_threads",
