@@ -15,10 +15,10 @@ from twinlens.matching.transforms import clipped_slope
 def costs_of(left, right, name, side, low, count):
     """The kernel's cost volume, (H, W, count)."""
     box = BoxMatch(left, right, COSTS[name], side, low, low + count, 1)
-    volume = np.zeros((*left.shape, count))
-    box.fill(volume[..., : box.count], 0, 1.0, COSTS[name].offset)
-    blank(volume, box.low, count)
-    return volume
+    volume = np.zeros((*left.shape, box.depth))
+    box.fill(volume, 0, 1.0, COSTS[name].offset)
+    blank(volume, box.low, box.count)
+    return np.pad(volume[..., :count], [(0, 0), (0, 0), (0, max(0, count - box.depth))], constant_values=np.inf)
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])

@@ -110,13 +110,13 @@ class BoxMatch:
         return chosen
 
     def fill(self, volume: Volume, y0: int, gain: float = 1.0, offset: float = 0.0) -> None:
-        """Write the rows from y0 on of the cost volume, (rows, W, depth or less), as cost * gain + offset.
+        """Write the rows from y0 on of the cost volume, (rows, W, depth), as cost * gain + offset.
 
         Candidates without a partner in the right image have the cost of edge-continued images. float16 and integer
         volumes are for the caller to keep in range.
         """
-        kind = np.float64 if volume.dtype == np.float64 else np.float32
-        self._slide(self._whole, y0, len(volume), (volume, kind(gain), kind(offset)))
+        kind = np.result_type(self.numbers.scores, np.float64 if volume.dtype == np.float64 else np.float32)
+        self._slide(self._whole, y0, len(volume), (volume.reshape(-1), np.array([gain, offset], kind)))
 
     def _slide(self, images: tuple[Image, Image], top: int, rows: int, result: tuple[Any, ...]) -> None:
         """Run the kernel over the rows from `top` on of padded images."""
@@ -126,11 +126,11 @@ class BoxMatch:
         width, side = self.shape[1], self.side
         span = slice(top, top + rows + side - 1)
         layout = left.shape[1], right.shape[1], width + side - 2
-        columns = aligned_zeros((left.shape[1] + side) * self.depth, self.numbers.sums)
-        costs = aligned_zeros(width * self.depth, self.numbers.scores)
+        volumes = len(result) == 2
+        columns = aligned_zeros((left.shape[1] + side) * self.depth if side > 1 else 0, self.numbers.sums)
+        costs = aligned_zeros(0 if volumes else width * self.depth, self.numbers.scores)
         statistics = *self._statistics(left[span]), *self._statistics(right[span])
         search = self.low, self.count, self.depth
-        volumes = len(result) == 3
         kernel = slide_kernel(self.cost.term, self.cost.scoring, volumes)
         buffers = columns, costs, fence(self.numbers.scores, self.depth if volumes else self.count)
         kernel((left.ravel(), right.ravel(), layout), (side, top, rows), search, *buffers, statistics, result)
@@ -179,9 +179,11 @@ def blank(volume: Volume, low: int, count: int, value: float = np.inf) -> None:
     Candidate j of a (rows, W, D) volume is disparity low + j. The first `count` are searched, where they have a partner
     in the image.
     """
-    width, depth = volume.shape[1:]
-    partner = np.arange(width)[:, None] - low - np.arange(depth)[None, :]
-    volume[:, (partner < 0) | (partner >= width) | (np.arange(depth) >= count)] = value
+    width = volume.shape[1]
+    volume[..., count:] = value
+    for columns in (slice(0, max(low + count - 1, 0)), slice(max(low + width, 0), width)):
+        partner = np.arange(width)[columns, None] - low - np.arange(count)
+        np.copyto(volume[:, columns, :count], value, where=(partner < 0) | (partner >= width))
 
 
 def _settled(left: Image, right: Image, cost: Cost) -> tuple[Image, Image]:

@@ -57,12 +57,13 @@ def quantised(boxes: tuple[BoxMatch, ...], gain: float, offset: float, penalties
     windows are kept.
     """
     box = boxes[0]
+    outside = np.zeros((1, box.shape[1], box.depth), penalties.dtype)
+    blank(outside, box.low, box.count, penalties.top)
 
     def made(y0: int, y1: int) -> Volume:
         part = np.empty((y1 - y0, box.shape[1], box.depth), penalties.dtype)
         fill_sum(boxes, part, y0, gain, offset + 0.5)
-        blank(part, box.low, box.count, penalties.top)
-        return part
+        return np.maximum(part, outside, out=part)
 
     if box.side == 1:
         return made

@@ -65,14 +65,14 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
     """The kernel for one pixel term and one scoring of `costs.Cost`.
 
     images: (left, right, layout). window: (side, first row of the result in the images, rows). search: (low, count,
-    depth); candidate j is disparity low + j. columns: flat zeros (padded width + side, depth) for the sums of columns.
-    costs: flat scratch (W, depth). fence (depth,): the least cost of each candidate. statistics: (left totals, left
-    scales, right totals, right scales) as of `windows.window_statistics`, flat with the rows of the result; size 1
-    where the scoring takes none.
+    depth); candidate j is disparity low + j. columns: flat zeros (padded width + side, depth) for the sums of columns;
+    size 0 where side is 1. costs: flat scratch (W, depth); size 0 with `volumes`. fence (depth,): the least cost of
+    each candidate. statistics: (left totals, left scales, right totals, right scales) as of
+    `windows.window_statistics`, flat with the rows of the result; size 1 where the scoring takes none.
 
     Without `volumes`, result is (fit, limits, best, rivals, disparity) as in `settle_row`, with a row axis. With it,
-    result is (volume, gain, offset), and volume (rows, W, depth or less) receives cost * gain + offset. Candidates
-    without a partner in the image have the cost of edge-continued images.
+    result is (volume, scale), and the flat volume (rows, W, depth) receives cost * scale[0] + scale[1], computed in
+    the dtype of `scale`. Candidates without a partner in the image have the cost of edge-continued images.
     """
 
     @jit
@@ -95,28 +95,28 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
                 for x in range(padded):
                     enters, leaves = base + (x + side) * LANES, base + x * LANES
                     a, b = splat(read(left, new_left + x)), load(right, new_right + chunk - x)
-                    column = load(columns, enters) + pixel_term(term, a, b, columns)
-                    if y > 0:
-                        a, b = splat(read(left, old_left + x)), load(right, old_right + chunk - x)
-                        column = column - pixel_term(term, a, b, columns)
-                    store(columns, enters, column)
-                    total = total + (column - load(columns, leaves))
+                    column = pixel_term(term, a, b, columns)
+                    if side == 1:
+                        total = column
+                    else:
+                        column = load(columns, enters) + column
+                        if y > 0:
+                            a, b = splat(read(left, old_left + x)), load(right, old_right + chunk - x)
+                            column = column - pixel_term(term, a, b, columns)
+                        store(columns, enters, column)
+                        total = total + (column - load(columns, leaves))
                     u = x - side + 1
                     if y < 0 or u < 0:
                         continue
                     here, there = y * width + u, y * statistics_stride + right_start - x + chunk
                     cost = score(scoring, total, costs, statistics, area, here, there)
-                    store(costs, u * depth + chunk, larger(cost, load(fence, chunk)))
-            if y < 0:
-                continue
-            if volumes:
-                volume, gain, offset = result
-                kind = volume.dtype.type
-                for u in range(width):
-                    out = volume[y, u]
-                    for j in range(len(out)):
-                        out[j] = kind(costs[u * depth + j] * gain + offset)
-            else:
+                    if volumes:
+                        volume, scale = result
+                        scaled = convert(cost, scale) * splat(read(scale, 0)) + splat(read(scale, 1))
+                        store(volume, (y * width + u) * depth + chunk, convert(scaled, volume))
+                    else:
+                        store(costs, u * depth + chunk, larger(cost, load(fence, chunk)))
+            if not volumes and y >= 0:
                 fit, limits, best, rivals, disparity = result
                 kept = min(y, len(best) - 1)
                 settle_row(costs, depth, low, count, fit, limits, best[kept], rivals[kept], disparity[y])
