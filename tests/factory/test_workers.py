@@ -57,6 +57,17 @@ def test_a_killed_worker_costs_nothing(recipe, whole, tmp_path):
     assert digests(tmp_path / "set") == digests(whole)
 
 
+def test_interrupts_stay_blocked_while_the_first_worker_starts():
+    code = (
+        "import multiprocessing, signal\n"
+        "from twinlens.factory.workers import _interrupts_blocked\n"
+        "with _interrupts_blocked():\n"
+        "    multiprocessing.get_context('spawn').Lock()\n"
+        "    print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))\n"
+    )
+    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "True\n"
+
+
 def test_workers_end_when_their_run_is_killed(recipe, whole, tmp_path):
     process = start(recipe, tmp_path / "set", "--workers", "2")
     wait_for_a_sample(process, tmp_path / "set")

@@ -13,7 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, Thr
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing import active_children, connection, get_context, parent_process
+from multiprocessing import active_children, connection, get_context, parent_process, resource_tracker
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
@@ -324,6 +324,7 @@ def _order(work: Work, threads: int | None = None) -> Order:
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
     """Processes started within never receive SIGINT, which a terminal sends to all processes of a command."""
+    resource_tracker.ensure_running()  # its start would unblock SIGINT (CPython 3.11)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
