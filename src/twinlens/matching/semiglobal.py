@@ -16,7 +16,7 @@ from twinlens.matching.box import FITS, BoxMatch, Chosen, Volume, blank, fence, 
 from twinlens.matching.strips import in_strips
 
 PATH_TOP = 8191  # largest cost of a path: the sum of eight fits 16 bits
-STRIP_BYTES = 1 << 19  # size of a strip of costs, which stays in a processor's cache
+STRIP_BYTES = 1 << 20  # size of a strip of costs, which stays in a processor's cache
 
 
 def scaled(full: float, whole: bool, large: float) -> tuple[float, int]:
