@@ -104,8 +104,8 @@ def test_a_mask_of_a_recipe_reaches_the_sample(tmp_path):
 @pytest.mark.parametrize(
     ("shape", "message"),
     [
-        ({"kind": "mask"}, r"lenses\[0\].shape: a mask needs either 'file'"),
-        ({"kind": "mask", "file": "a.png", "cells": [[1]]}, "a mask needs either 'file'"),
+        ({"kind": "mask"}, r"lenses\[0\].shape: a mask needs exactly one of 'file'"),
+        ({"kind": "mask", "file": "a.png", "cells": [[1]]}, "a mask needs exactly one of 'file'"),
         (
             {"kind": "mask", "file": "nowhere.png"},
             r"recipe\.toml: lenses\[0\]: .*nowhere\.png: no such file",

@@ -75,7 +75,7 @@ MISTAKES = [
     ("merge = true", [], "objects.ball: 'merge' joins the instances of a mesh"),
     ("uv_scale = 2", [], "objects.ball: unknown key 'uv_scale'"),
     ("emitter = { type = 'spot' }", [], "objects.ball.emitter.type: must be one of area, directionalarea, got 'spot'"),
-    ("[objects.b]\nmaterial = 'grey'", [], "objects.b: needs either 'shape' (a name) or 'file'"),
+    ("[objects.b]\nmaterial = 'grey'", [], "objects.b: needs exactly one of 'shape' (a name) and 'file'"),
     (
         "[objects.b]\nshape = 'rounded_box'\nextents = 1\nradius = 0.6\nmaterial = 'grey'",
         [],

@@ -99,6 +99,7 @@ def _notes(board: "Board", groups: "Groups") -> list[str]:
     )
     reality = (
         f"The two real cameras differ in brightness, the rendered ones do not: {best} is best with the pinhole, and "
-        f"{rank} of {len(real)} on the real pair ({real[best]:.1f}%); best there: {best_real} ({real[best_real]:.1f}%)."
+        f"number {rank} of {len(real)} on the real pair ({real[best]:.1f}%); best there: {best_real} "
+        f"({real[best_real]:.1f}%)."
     )
     return [lens, reality]

@@ -92,7 +92,7 @@ class MaskTable(StrictModel):
     @model_validator(mode="after")
     def _check(self) -> "MaskTable":
         if (self.file is None) == (self.cells is None):
-            raise InputError("a mask needs either 'file' (a grey picture) or 'cells' (rows of numbers from 0 to 1)")
+            raise InputError("a mask needs exactly one of 'file' (a grey image) and 'cells' (rows of numbers, 0 to 1)")
         if self.file is not None and not (self.file and self.file.isprintable()):
             raise InputError(f"file must be the name of a picture next to the recipe, got {format_value(self.file)}")
         return self
@@ -128,7 +128,7 @@ class ThinTable(StrictModel):
     @model_validator(mode="after")
     def _check(self) -> "ThinTable":
         if (self.aperture_mm is None) == (self.f_number is None):
-            raise InputError("a thin lens needs either 'aperture_mm' or 'f_number'")
+            raise InputError("a thin lens needs exactly one of 'aperture_mm' and 'f_number'")
         return self
 
     def lens(self, view: View | None, find: Find = Path) -> Lens:

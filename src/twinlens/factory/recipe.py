@@ -198,7 +198,7 @@ def _check_drawn(drawn: Mapping[str, Any], path: Path, families: list[str]) -> t
 def _subjects(table: Any, path: Path) -> tuple[Subject, ...]:
     if (table.scenes is None) == (table.families is None):
         raise InputError(
-            f"{path}: needs either 'scenes' (bundled names or files) or 'families' (random scenes), as "
+            f"{path}: needs exactly one of 'scenes' (bundled names or files) and 'families' (random scenes), as "
             'scenes = ["staircase"]'
         )
     if table.families is not None:

@@ -216,7 +216,7 @@ _ADAPTER: pydantic.TypeAdapter[ObjectBase] = pydantic.TypeAdapter(_SHAPE_OBJECT)
 def _read_object(value: Any, info: Any) -> SceneObject:
     given = value if isinstance(value, Mapping) else {}
     if value == given and ("file" in given) == ("shape" in given):
-        raise InputError("needs either 'shape' (a name) or 'file' (a mesh file), not both")
+        raise InputError("needs exactly one of 'shape' (a name) and 'file' (a mesh file)")
     if "file" in given:
         return MeshFile.model_validate(value, context=info.context).build("")
     return _ADAPTER.validate_python(value, context=info.context).build("")
