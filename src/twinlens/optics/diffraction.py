@@ -17,24 +17,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import InputError, check_int, check_number, check_triple, format_value
-from twinlens.optics.thin_lens import AIRY_FIRST_ZERO, LONGEST, SHORTEST, check_diameter, check_length
+from twinlens.optics import AIRY_FIRST_ZERO, LONGEST, SHORTEST, check_diameter, check_length
 
 Float = NDArray[np.float64]
 Pitch = tuple[float, float]
 """Width and height of a pixel, metres."""
-
 CHANNEL_WAVELENGTHS = (611e-9, 549e-9, 464e-9)
 """Metres, for red, green and blue: the dominant wavelengths of the primaries of sRGB (Rec. ITU-R BT.709) under D65.
 
 The renderer's colours are amounts of these three primaries. Each is treated as light of its dominant wavelength.
 """
-
 TAIL = 0.005
 """The largest share of the light outside the kernel, unless the image is smaller than the kernel."""
-
 FRESNEL_LOW, FRESNEL_HIGH = 0.2, 50.0
 """Between these Fresnel numbers the model misplaces more than a tenth of the light behind a bare aperture."""
-
 _MOST_NODES = 64
 _LARGEST_RADIUS = 16384
 _SHORTEST_WAVE, _LONGEST_WAVE = 1e-9, 1e-3
@@ -50,7 +46,7 @@ def airy_radius(wavelength: float, working_f_number: float) -> float:
     >>> round(airy_radius(550e-9, 8.0) * 1e6, 3)
     5.367
     """
-    _check_light(wavelength, working_f_number)
+    _check(wavelength, working_f_number)
     return AIRY_FIRST_ZERO * wavelength * working_f_number
 
 
@@ -60,7 +56,7 @@ def encircled_energy(radius: ArrayLike, wavelength: float, working_f_number: flo
     >>> round(float(encircled_energy(airy_radius(550e-9, 8.0), 550e-9, 8.0)), 4)
     0.8378
     """
-    _check_light(wavelength, working_f_number)
+    _check(wavelength, working_f_number)
     return _energy_within(np.asarray(radius, dtype=np.float64) / (wavelength * working_f_number))
 
 
@@ -71,7 +67,7 @@ def fresnel_number(aperture_diameter: float, wavelength: float, distance: float)
     1.114
     """
     check_diameter("aperture_diameter", aperture_diameter)
-    _check_light(wavelength, 1.0)
+    _check(wavelength, 1.0)
     check_length("distance", distance)
     return (0.5 * aperture_diameter) ** 2 / (wavelength * distance)
 
@@ -83,16 +79,14 @@ def airy_kernel(pixel_pitch: Pitch, wavelength: float, working_f_number: float, 
     field E(r) / (2 pi r) through its four edges, which neighbours share; each edge is integrated by Gauss-Legendre
     quadrature. The light outside the kernel is distributed over its pixels in proportion.
     """
-    _check_light(wavelength, working_f_number)
-    _check_pitch(pixel_pitch)
+    _check(wavelength, working_f_number, pixel_pitch)
     check_int("radius_px", radius_px, 0, _LARGEST_RADIUS)
     return _airy_kernel(pixel_pitch, wavelength, working_f_number, radius_px).copy()
 
 
 def kernel_radius_px(pixel_pitch: Pitch, wavelength: float, working_f_number: float, tail: float = TAIL) -> int:
     """The radius in pixels beyond which less than `tail` of the light falls, from 1 - E = 2 / (pi x) at large x."""
-    _check_light(wavelength, working_f_number)
-    _check_pitch(pixel_pitch)
+    _check(wavelength, working_f_number, pixel_pitch)
     check_number("tail", tail, "a positive share of the light, 1e-9 to 1", least=1e-9, most=1)
     return math.ceil(2.0 * wavelength * working_f_number / (math.pi**2 * tail * min(pixel_pitch)))
 
@@ -122,9 +116,7 @@ def _energy_within(radius: Float) -> Float:
     """Encircled energy of a radius in units of lambda N."""
     from scipy.special import j0, j1  # slow to import, and the sensor needs this module's wavelengths only
 
-    x = math.pi * radius
-    energy: Float = 1.0 - j0(x) ** 2 - j1(x) ** 2
-    return energy
+    return np.asarray(1.0 - j0(math.pi * radius) ** 2 - j1(math.pi * radius) ** 2)
 
 
 @lru_cache(maxsize=16)
@@ -138,8 +130,7 @@ def _airy_kernel(pixel_pitch: Pitch, wavelength: float, working_f_number: float,
     quadrant[1:] -= below[:-1]
     quadrant[0] += below[0]
     kernel = np.pad(np.maximum(quadrant, 0.0), ((radius_px, 0), (radius_px, 0)), mode="reflect")
-    kernel /= kernel.sum()
-    return kernel
+    return np.asarray(kernel / kernel.sum())
 
 
 def _edge_flux(across: float, along: float, radius_px: int) -> Float:
@@ -155,15 +146,11 @@ def _edge_flux(across: float, along: float, radius_px: int) -> Float:
     return flux
 
 
-def _check_light(wavelength: float, working_f_number: float) -> None:
+def _check(wavelength: float, working_f_number: float, pixel_pitch: Pitch = (1.0, 1.0)) -> None:
     allowed = f"a positive number of metres, from {_SHORTEST_WAVE:g} to {_LONGEST_WAVE:g}"
     check_number("wavelength", wavelength, allowed, least=_SHORTEST_WAVE, most=_LONGEST_WAVE)
     check_number("working_f_number", working_f_number, "a positive number", least=1e-24, most=1e24)
-
-
-def _check_pitch(pixel_pitch: Pitch) -> None:
-    allowed = "two positive numbers of metres"
     if not isinstance(pixel_pitch, (tuple, list)) or len(pixel_pitch) != 2:
-        raise InputError(f"pixel_pitch must be {allowed}, got {format_value(pixel_pitch)}")
+        raise InputError(f"pixel_pitch must be two positive numbers of metres, got {format_value(pixel_pitch)}")
     for pitch in pixel_pitch:
-        check_number("pixel_pitch", pitch, allowed, least=SHORTEST, most=LONGEST)
+        check_number("pixel_pitch", pitch, "two positive numbers of metres", least=SHORTEST, most=LONGEST)
