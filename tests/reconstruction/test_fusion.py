@@ -9,7 +9,6 @@ from twinlens.camera.layouts import arc
 from twinlens.errors import InputError
 from twinlens.geometry import rigid
 from twinlens.reconstruction import Cloud, DepthView, compare, fuse, integrate, surface_of, thinned
-from twinlens.reconstruction.evaluation import distances
 
 RADIUS, DISTANCE = 0.4, 2.0
 CAMERA = Camera(120, 120, 240.0, 240.0, 59.5, 59.5, BrownConrady(-0.1, 0.02))
@@ -133,7 +132,10 @@ def test_comparison_of_a_shifted_half_plane():
 def test_distances_equal_a_naive_loop():
     rng = np.random.default_rng(0)
     a, b = rng.normal(size=(40, 3)), rng.normal(size=(30, 3))
-    assert np.allclose(distances(a, b), [min(np.linalg.norm(p - q) for q in b) for p in a])
+    naive = 1e3 * np.array([min(np.linalg.norm(p - q) for q in b) for p in a])
+    found = compare(Cloud(a), Cloud(b), max_distance_mm=1e9, tolerances_mm=np.sort(naive) + 1e-6)
+    assert found.accuracy_mean_mm == pytest.approx(naive.mean())
+    assert [share.accuracy for share in found.shares] == pytest.approx(np.arange(1, 41) / 40)
 
 
 def test_comparison_of_equal_and_distant_clouds():

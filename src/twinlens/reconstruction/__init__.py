@@ -4,10 +4,19 @@ The formulas and their sources are in docs/reconstruction.md.
 """
 
 from twinlens.reconstruction.evaluation import Comparison, compare
-from twinlens.reconstruction.export import write_glb, write_ply
 from twinlens.reconstruction.fusion import Volume, fuse, integrate, surface_of, thinned
-from twinlens.reconstruction.surface import Cloud, Surface, mesh_of, points_of, sampled
-from twinlens.reconstruction.views import DepthView, view_of_disparity, view_of_truth
+from twinlens.reconstruction.surface import (
+    Cloud,
+    DepthView,
+    Surface,
+    mesh_of,
+    points_of,
+    sampled,
+    view_of_disparity,
+    view_of_truth,
+    write_glb,
+    write_ply,
+)
 
 __all__ = [
     "Cloud",

@@ -1,15 +1,9 @@
 """Accuracy and completeness of a reconstruction in millimetres, after DTU and ETH3D.
 
-    accuracy      distances from the reconstruction to the true surface
-    completeness  distances from the true surface to the reconstruction
-
-DTU reports mean and median of both, without distances beyond a limit (20 mm); ETH3D the share of points within a
-tolerance, and the harmonic mean F of the two shares. Both thin the points first, for an even density.
-
-Sources: Jensen et al., Large scale multi-view stereopsis evaluation, CVPR 2014, and its evaluation code; Schoeps et
-al., A multi-view stereo benchmark with high-resolution images and multi-camera videos, CVPR 2017. Differences: the
-true surface is given by points, thinning keeps one point per cell, and points far from any true point count against
-accuracy, while ETH3D ignores what its scanner did not see.
+Accuracy: distances from the reconstruction to the true surface; completeness: from the true surface to the
+reconstruction. Sources: Jensen et al., Large scale multi-view stereopsis evaluation, CVPR 2014, and its evaluation
+code; Schoeps et al., A multi-view stereo benchmark with high-resolution images and multi-camera videos, CVPR 2017. For
+the differences see docs/reconstruction.md.
 """
 
 from collections.abc import Callable, Sequence
@@ -73,14 +67,8 @@ def compare(
 ) -> Comparison:
     """Accuracy and completeness of a reconstruction against points on the true surface.
 
-    Parameters
-    ----------
-    spacing_mm : float
-        Both clouds are thinned to one point per cell of this side (DTU: 0.2 mm). None compares all points.
-    tolerances_mm : sequence of float
-        Tolerances of the shares.
-    max_distance_mm : float
-        Limit of the means and medians.
+    spacing_mm : both clouds are thinned to one point per cell of this side (DTU: 0.2 mm). None compares all points.
+    tolerances_mm : of the shares. max_distance_mm : limit of the means and medians.
 
     Distances are between points: they are not meaningful below half the spacing of the true points.
     Raises InputError for an empty cloud or a number that is not positive.
@@ -92,8 +80,8 @@ def compare(
     if spacing_mm is not None:
         check_number("spacing_mm", spacing_mm, "a positive number of millimetres", above=0)
         reconstructed, true = (thinned(cloud, 1e-3 * spacing_mm) for cloud in (reconstructed, true))
-    to_truth = 1e3 * distances(reconstructed.points, true.points)
-    from_truth = 1e3 * distances(true.points, reconstructed.points)
+    to_truth = 1e3 * cKDTree(true.points).query(reconstructed.points)[0]
+    from_truth = 1e3 * cKDTree(reconstructed.points).query(true.points)[0]
     near, near_truth = (d[d <= max_distance_mm] for d in (to_truth, from_truth))
     return Comparison(
         accuracy_mean_mm=_or_inf(np.mean, near),
@@ -108,12 +96,6 @@ def compare(
         max_distance_mm=float(max_distance_mm),
         spacing_mm=spacing_mm,
     )
-
-
-def distances(points: Float, others: Float) -> Float:
-    """Distance (N,), metres, from each of `points` (N, 3) to the nearest of `others` (M, 3)."""
-    found: Float = cKDTree(others).query(points)[0]
-    return found
 
 
 def _share(tolerance: float, to_truth: Float, from_truth: Float) -> Share:

@@ -1,24 +1,21 @@
 """Fusion of many depth maps: into one point cloud, and into one surface by a truncated signed distance function (TSDF).
 
-Each view gives a cell of the TSDF the distance along the viewing ray from the cell to the view's surface, positive in
-front. The TSDF is the mean over the views, weighted by the cosine of incidence; the surface is its zero crossing. Cells
-that no view reaches are unknown and get no triangles.
-
-Sources: Merrell et al., ICCV 2007, for the consistency check of points, which COLMAP uses as well; Curless and Levoy, A
-volumetric method for building complex models from range images, SIGGRAPH 1996. Triangles by scikit-image (Lewiner's
-marching cubes).
+The TSDF of a cell is the distance along the viewing ray to the view's surface, positive in front: the mean over the
+views, weighted by the cosine of incidence (Curless and Levoy, A volumetric method for building complex models from
+range images, SIGGRAPH 1996). Points are checked for consistency after Merrell et al., ICCV 2007.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
 
 from twinlens.errors import InputError, check_int, check_number
 from twinlens.geometry import Float, inverse, transform_points
-from twinlens.reconstruction.surface import Cloud, Surface, points_of
-from twinlens.reconstruction.views import DepthView
+from twinlens.reconstruction.surface import Cloud, DepthView, Surface, points_of
 
 _MOST_CELLS = 64_000_000
 _REACH = 4.0  # cells
@@ -28,15 +25,10 @@ _MIN_WEIGHT = 0.05
 def fuse(
     views: Sequence[DepthView], spacing: float | None = None, min_views: int = 1, tolerance: float = 0.01
 ) -> Cloud:
-    """The points of all views as one cloud.
+    """The points of all views as one cloud, `thinned` if a `spacing` (metres) is given.
 
-    Parameters
-    ----------
-    spacing : float
-        Side of a grid's cells, metres: the points in a cell are replaced by their mean, colours too. None keeps all.
-    min_views : int
-        Views required per point, including its own. Another view counts if its depth at the nearest pixel differs
-        from the point's by at most `tolerance`, relative. 1 keeps all points.
+    min_views : views required per point, including its own. Another view counts if its depth at the nearest pixel
+    differs from the point's by at most `tolerance`, relative. 1 keeps all points.
 
     Raises InputError without views, or for more `min_views` than views.
     """
@@ -44,23 +36,28 @@ def fuse(
         raise InputError("fusing needs at least one view")
     check_int("min_views", min_views, 1, len(views))
     check_number("tolerance", tolerance, "a positive fraction of the depth", above=0)
-    clouds = [_consistent_points(views, i, min_views, tolerance) for i in range(len(views))]
-    colors = [cloud.colors for cloud in clouds if cloud.colors is not None]
-    points = np.concatenate([cloud.points for cloud in clouds])
-    whole = Cloud(points, np.concatenate(colors) if len(colors) == len(clouds) else None)
+    points, colors = [], []
+    for i, view in enumerate(views):
+        others = (*views[:i], *views[i + 1 :]) if min_views > 1 else ()
+        cloud = points_of(view)
+        agree = sum((_agrees(other, cloud.points, tolerance).astype(int) for other in others), np.ones(len(cloud), int))
+        points.append(cloud.points[agree >= min_views])
+        colors.append(None if cloud.colors is None else cloud.colors[agree >= min_views])
+    known = [each for each in colors if each is not None]
+    whole = Cloud(np.concatenate(points), np.concatenate(known) if len(known) == len(views) else None)
     return whole if spacing is None else thinned(whole, spacing)
 
 
 def thinned(cloud: Cloud, spacing: float) -> Cloud:
-    """The mean point of each occupied cell of a grid `spacing` metres wide."""
+    """The mean point, and mean colour, of each occupied cell of a grid `spacing` metres wide."""
     check_number("spacing", spacing, "a positive number of metres", above=0)
     if not len(cloud):
         return cloud
-    cells = np.floor(cloud.points / spacing).astype(np.int64)
-    _, cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    _, cell = np.unique(np.floor(cloud.points / spacing).astype(np.int64), axis=0, return_inverse=True)
     cell = cell.reshape(-1)
-    colors = None if cloud.colors is None else np.rint(_means(cloud.colors, cell, count)).astype(np.uint8)
-    return Cloud(_means(cloud.points, cell, count), colors)
+    values = cloud.points if cloud.colors is None else np.hstack([cloud.points, cloud.colors])
+    means = np.stack([ndimage.mean(each, cell, np.arange(cell.max() + 1)) for each in values.T], axis=1)
+    return Cloud(means[:, :3], None if cloud.colors is None else np.rint(means[:, 3:]).astype(np.uint8))
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,23 +82,31 @@ def integrate(
 ) -> Volume:
     """The TSDF of `views`.
 
-    Parameters
-    ----------
-    cell : float
-        Side of a cell, metres. Smaller cells show more detail and more noise.
-    reach : float
-        Truncation distance, metres; 4 cells by default. It must exceed the depth errors and be less than half the
-        thickness of the object.
-    bounds : (2, 3)
-        Lowest and highest corner, world metres; by default those of all points of the views, extended by the reach.
+    cell : side of a cell, metres. Smaller cells show more detail and more noise.
+    reach : truncation distance, metres; 4 cells by default. It must exceed the depth errors and be less than half the
+    thickness of the object.
+    bounds : (2, 3), lowest and highest corner, world metres; by default those of all points, extended by the reach.
 
     Raises InputError without a known depth, for invalid bounds, and for more than 64 million cells.
     """
     check_number("cell", cell, "a positive number of metres", above=0)
     reach = _REACH * cell if reach is None else reach
     check_number("reach", reach, "a number of metres, one cell or more", least=cell)
-    low, high = _bounds(views, reach) if bounds is None else _checked_bounds(bounds)
-    shape = _shape(high - low, cell)
+    if bounds is None:
+        points = np.vstack([np.empty((0, 3)), *(points_of(view).points for view in views)])
+        if not len(points):
+            raise InputError("integrating needs at least one view with a known depth")
+        bounds = points.min(axis=0) - reach, points.max(axis=0) + reach
+    corners = np.asarray(bounds, dtype=np.float64)
+    if corners.shape != (2, 3) or not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
+        raise InputError(f"bounds must be the lowest and highest corner, (2, 3), got {corners.tolist()}")
+    low = corners[0]
+    with np.errstate(over="ignore"):
+        shape = (np.ceil((corners[1] - low) / cell) + 1).tolist()
+    if not math.prod(shape) <= _MOST_CELLS:
+        count = " x ".join(f"{side:g}" for side in shape)
+        raise InputError(f"cells of {cell} m make {count}, more than 64 million: use larger cells or smaller bounds")
+    shape = [int(side) for side in shape]
     colored = all(view.image is not None for view in views)
     distance, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     colors = np.zeros((*shape, 3), np.float32) if colored else None
@@ -118,36 +123,22 @@ def integrate(
 def surface_of(volume: Volume) -> Surface:
     """The zero crossing as triangles, counter-clockwise seen from outside, with colours if all views have images.
 
-    Raises InputError if there is none.
+    Marching cubes by scikit-image (Lewiner). There are no triangles at unknown cells. Raises InputError without any.
     """
     from skimage.measure import marching_cubes
 
-    known = volume.weight > 0
-    distance = np.where(known, volume.distance, 1.0).astype(np.float32)
-    known_cubes = _all_corners(known)
-    crossed = ~_all_corners(distance > 0) & ~_all_corners(distance <= 0)
-    if not (crossed & known_cubes).any():
+    distance = np.where(volume.weight > 0, volume.distance, np.float32(1.0))
+    cube = np.ones((2, 2, 2))  # of a cell and the seven before it; marching cubes takes masks at the last corner
+    known_cubes, outside, inside = (
+        ndimage.binary_erosion(flags, cube) for flags in (volume.weight > 0, distance > 0, distance <= 0)
+    )
+    if not (known_cubes & ~outside & ~inside).any():
         raise InputError("no surface crosses the grid: check the bounds, and that the cells are smaller than the scene")
     vertices, faces, _, _ = marching_cubes(distance, 0.0, mask=known_cubes, gradient_direction="descent")
-    colors = None if volume.colors is None else _colors_at(volume.colors, vertices)
+    colors = None
+    if volume.colors is not None:  # of the nearest cell
+        colors = np.rint(volume.colors[tuple(np.rint(vertices).astype(int).T)]).clip(0, 255).astype(np.uint8)
     return Surface(volume.origin + volume.cell * vertices.astype(np.float64), faces.astype(np.int64), colors)
-
-
-def _means(values: NDArray[np.generic], cell: NDArray[np.int64], count: NDArray[np.int64]) -> Float:
-    sums = [np.bincount(cell, weights=values[:, k].astype(np.float64)) for k in range(values.shape[1])]
-    return np.stack(sums, axis=1) / count[:, None]
-
-
-def _consistent_points(views: Sequence[DepthView], i: int, min_views: int, tolerance: float) -> Cloud:
-    cloud = points_of(views[i])
-    if min_views == 1:
-        return cloud
-    votes = np.ones(len(cloud), dtype=int)
-    for j, other in enumerate(views):
-        if j != i:
-            votes += _agrees(other, cloud.points, tolerance)
-    keep = votes >= min_views
-    return Cloud(cloud.points[keep], None if cloud.colors is None else cloud.colors[keep])
 
 
 def _agrees(view: DepthView, points: Float, tolerance: float) -> NDArray[np.bool_]:
@@ -156,33 +147,7 @@ def _agrees(view: DepthView, points: Float, tolerance: float) -> NDArray[np.bool
     pixels = view.camera.project(cam)
     inside = view.camera.contains(pixels)
     u, v = np.floor(np.where(inside[:, None], pixels, 0.0) + 0.5).astype(int).T
-    agrees: NDArray[np.bool_] = inside & (np.abs(view.depth[v, u] - cam[:, 2]) <= tolerance * cam[:, 2])
-    return agrees
-
-
-def _bounds(views: Sequence[DepthView], reach: float) -> tuple[Float, Float]:
-    points = [view.positions()[view.known] for view in views]
-    if not any(map(len, points)):
-        raise InputError("integrating needs at least one view with a known depth")
-    every = np.concatenate(points)
-    return every.min(axis=0) - reach, every.max(axis=0) + reach
-
-
-def _checked_bounds(bounds: ArrayLike) -> tuple[Float, Float]:
-    corners = np.asarray(bounds, dtype=np.float64)
-    if corners.shape != (2, 3) or not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
-        raise InputError(f"bounds must be the lowest and highest corner, (2, 3), got {corners.tolist()}")
-    return corners[0], corners[1]
-
-
-def _shape(extent: Float, cell: float) -> tuple[int, int, int]:
-    """Cells along each axis, counted as floats because integers would overflow."""
-    with np.errstate(over="ignore"):
-        x, y, z = (np.ceil(extent / cell) + 1).tolist()
-    if not x * y * z <= _MOST_CELLS:
-        count = f"{x:g} x {y:g} x {z:g}"
-        raise InputError(f"cells of {cell} m make {count}, more than 64 million: use larger cells or smaller bounds")
-    return int(x), int(y), int(z)
+    return np.asarray(inside & (np.abs(view.depth[v, u] - cam[:, 2]) <= tolerance * cam[:, 2]))
 
 
 def _pixel_weights(view: DepthView) -> Float:
@@ -196,8 +161,7 @@ def _pixel_weights(view: DepthView) -> Float:
         ray = view.world_from_cam[:3, 3] - points
         size = np.linalg.norm(normal, axis=-1) * np.linalg.norm(ray, axis=-1)
         cosine = np.abs((normal * ray).sum(axis=-1)) / np.where(size > 0, size, 1.0)
-    weights: Float = np.maximum(np.nan_to_num(cosine, nan=0.0), _MIN_WEIGHT)
-    return weights
+    return np.asarray(np.maximum(np.nan_to_num(cosine, nan=0.0), _MIN_WEIGHT))
 
 
 def _add_view(view: DepthView, pixel_weights: Float, centres: Float, volume: Volume, i: int) -> None:
@@ -231,23 +195,7 @@ def _depth_at(view: DepthView, pixels: Float, reach: float) -> Float:
     columns, rows = (left, np.minimum(left + 1, width - 1)), (top, np.minimum(top + 1, height - 1))
     corners = np.stack([view.depth[row, column] for row in rows for column in columns])
     shares = np.stack([y * x for y in (1 - (v - top), v - top) for x in (1 - (u - left), u - left)])
-    nearest: Float = np.take_along_axis(corners, shares.argmax(axis=0)[None], axis=0)[0]
-    high = corners.max(axis=0)
-    smooth = np.isfinite(high) & (np.where(np.isfinite(high), high, 0.0) - corners.min(axis=0) <= reach)
-    between = (np.where(smooth, corners, 0.0) * shares).sum(axis=0)
-    return np.where(smooth, between, nearest)
-
-
-def _all_corners(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether all eight corners of a cube are flagged, at the index of its last corner, as marching cubes expects."""
-    ends = (slice(None, -1), slice(1, None))
-    whole = np.zeros_like(flags)
-    whole[1:, 1:, 1:] = np.logical_and.reduce([flags[a, b, c] for a in ends for b in ends for c in ends])
-    return whole
-
-
-def _colors_at(colors: NDArray[np.float32], vertices: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Colours (V, 3) of the cell nearest to each vertex."""
-    i, j, k = np.rint(vertices).astype(int).T
-    nearest: NDArray[np.uint8] = np.rint(colors[i, j, k]).clip(0, 255).astype(np.uint8)
-    return nearest
+    nearest = np.take_along_axis(corners, shares.argmax(axis=0)[None], axis=0)[0]
+    with np.errstate(invalid="ignore"):  # inf - inf
+        smooth = np.ptp(corners, axis=0) <= reach
+    return np.asarray(np.where(smooth, (np.where(smooth, corners, 0.0) * shares).sum(axis=0), nearest))

@@ -7,21 +7,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera import Rig
 from twinlens.camera.rectification import rectify
 from twinlens.dataset import StoredSample, encode_png
 from twinlens.dataset.record import encode_json
 from twinlens.errors import InputError
 from twinlens.reconstruction.evaluation import compare
-from twinlens.reconstruction.export import glb_bytes, ply_bytes
 from twinlens.reconstruction.fusion import fuse, integrate, surface_of
 from twinlens.reconstruction.picture import orbit, splat
-from twinlens.reconstruction.surface import Cloud, Surface, sampled
-from twinlens.reconstruction.views import DepthView, view_of_disparity, view_of_truth
+from twinlens.reconstruction.surface import (
+    Cloud,
+    DepthView,
+    Surface,
+    glb_bytes,
+    ply_bytes,
+    sampled,
+    view_of_disparity,
+    view_of_truth,
+)
 
 MatcherFactory = Callable[..., Any]
 """(num_disparities=, min_disparity=) -> an object with `match(left, right)`."""
-
 RECORD = "reconstruction.json"
 _CELLS = 160  # along the longest side of the points
 _ORBIT_DEG = (-25.0, 25.0)  # viewpoints of the picture
@@ -31,7 +36,7 @@ _ORBIT_DEG = (-25.0, 25.0)  # viewpoints of the picture
 class Reconstruction:
     """Fused points and surface of depth maps, and a comparison with the true surface, {} where that is unknown."""
 
-    views: tuple[DepthView, ...]
+    views: list[DepthView]
     points: Cloud
     surface: Surface
     cell: float
@@ -61,11 +66,10 @@ class Reconstruction:
     def picture(self) -> NDArray[np.uint8]:
         """The points above the surface, each from two viewpoints: uint8 (H, W, 3)."""
         middle = self.views[len(self.views) // 2]
-        camera = middle.camera.replace(distortion=None)
-        target = np.median(self.points.points, axis=0)
+        camera, target = middle.camera.replace(distortion=None), np.median(self.points.points, axis=0)
         poses = [orbit(middle.world_from_cam, target, angle, 10.0) for angle in _ORBIT_DEG]
         clouds = (self.points, sampled(self.surface, 0.5 * self.cell))
-        return np.concatenate([np.concatenate([splat(c, camera, p, 3) for p in poses], axis=1) for c in clouds], axis=0)
+        return np.vstack([np.hstack([splat(cloud, camera, pose, 3) for pose in poses]) for cloud in clouds])
 
 
 def reconstruct(
@@ -78,30 +82,17 @@ def reconstruct(
     spacing: float | None = None,
     progress: Callable[[float, str], None] = lambda fraction, stage: None,
 ) -> Reconstruction:
-    """Reconstruct a sample from the depths of all its views.
+    """Fuse the depth maps of a sample and compare the result with its true surface.
 
-    Parameters
-    ----------
-    stored : StoredSample
-    matcher : callable, optional
-        Makes the matcher of two neighbouring views from the range of their disparities; None takes the true depths.
-    cell : float, optional
-        Cell of the fused surface, metres; by default a 160th of the longest side.
-    min_views : int
-        Views required per point.
-    far : float
-        Depths beyond this, in metres, are left out.
-    spacing : float, optional
-        Both clouds are thinned to this spacing before the comparison, metres; by default half a cell.
-    progress : callable
-        Called with the fraction done and the stage.
+    matcher : for depths from matching; None takes the true ones.
+    cell : of the surface, metres; by default 1/160 of the points' longest side.
+    min_views : as in `fuse`. far : depths beyond this, metres, are left out.
+    spacing : both sides are thinned to this spacing before the comparison, metres; by default half a cell.
+    progress : called with the fraction done and the stage.
 
-    Raises
-    ------
-    InputError
-        Where no point is left, or two views have nothing in common.
+    Raises InputError where no point is left, or two views have nothing in common.
     """
-    views = [_cut(view, far) for view in depth_views(stored, matcher)]
+    views = depth_views(stored, matcher, far)
     progress(0.4, "fusing")
     points = fuse(views, min_views=min_views)
     if not len(points):
@@ -109,50 +100,46 @@ def reconstruct(
     if cell is None:
         cell = float(np.ptp(points.points, axis=0).max()) / _CELLS
     surface = surface_of(integrate(views, cell))
-    mesh = sampled(surface, 0.5 * cell)
+    clouds = {"points": points, "mesh": sampled(surface, 0.5 * cell)}
     progress(0.8, "comparing")
     against_truth = {}
     if stored.has("truth0.exr"):
-        true = fuse([_cut(view, far) for view in depth_views(stored)])
+        true = fuse(depth_views(stored, None, far))
         spacing_mm = 1e3 * (0.5 * cell if spacing is None else spacing)
-        for name, cloud in (("points", points), ("mesh", mesh)):
-            against_truth[name] = compare(cloud, true, spacing_mm=spacing_mm).to_dict()
-    return Reconstruction(tuple(views), points, surface, cell, against_truth)
+        against_truth = {name: compare(cloud, true, spacing_mm=spacing_mm).to_dict() for name, cloud in clouds.items()}
+    return Reconstruction(views, points, surface, cell, against_truth)
 
 
-def depth_views(stored: StoredSample, matcher: MatcherFactory | None = None) -> list[DepthView]:
-    """The depth maps of a sample: each view's truth or, with a matcher, one of each two neighbours."""
+def depth_views(stored: StoredSample, matcher: MatcherFactory | None, far: float) -> list[DepthView]:
+    """The depth maps of a sample up to `far`: each view's truth or, with a matcher, one of each two neighbours."""
     rig = stored.rig
     if matcher is None:
-        return [view_of_truth(stored.truth(i), rig, i, stored.image(i)) for i in range(len(rig))]
-    if len(rig) < 2:
+        views = [view_of_truth(stored.truth(i), rig, i, stored.image(i)) for i in range(len(rig))]
+    elif len(rig) < 2:
         raise InputError(f"{stored.folder}: matching needs two views, the sample has one; use its truth")
-    return [_matched(stored, matcher, i) for i in range(len(rig) - 1)]
+    else:
+        views = [_matched(stored, matcher, i) for i in range(len(rig) - 1)]
+    return [replace(view, depth=np.where(view.depth <= far, view.depth, np.inf)) for view in views]
 
 
 def _matched(stored: StoredSample, matcher: MatcherFactory, left: int) -> DepthView:
-    """The matched depths of a view and the next one; both are rectified first where they are not."""
+    """The matched depths of a view and the next one; both are rectified first where they are not.
+
+    The range is that of the left view's true disparities with a margin, or that of calib.txt without truth.
+    """
     rig, images = stored.rig.pair(left, left + 1), [stored.image(i) for i in (left, left + 1)]
     if not rig.is_rectified():
         result = rectify(rig, zero_doffs=False)
         images, rig = [result.warp(side, image) for side, image in enumerate(images)], result.rectified_rig
-    low, count = _disparity_range(stored, rig, left)
-    disparity = matcher(num_disparities=count, min_disparity=low).match(*images)
-    return view_of_disparity(disparity, rig, image=images[0])
-
-
-def _disparity_range(stored: StoredSample, rig: Rig, left: int) -> tuple[int, int]:
-    """(lowest, count) of the left view's true disparities with a margin; those of calib.txt without truth."""
     if not stored.has(f"truth{left}.exr"):
-        return 0, stored.ndisp
-    truth = stored.truth(left)
-    x = [rig.project(side, truth.position[truth.hit])[:, 0] for side in (0, 1)]
-    inside = np.isfinite(x[0]) & np.isfinite(x[1])
-    if not inside.any():
-        raise InputError(f"{stored.folder}: view {left} has no surface that both cameras can see; leave it out")
-    low, high = np.percentile((x[0] - x[1])[inside], (0.1, 99.9))
-    return int(np.floor(low)) - 2, int(np.ceil(high) - np.floor(low)) + 5
-
-
-def _cut(view: DepthView, far: float) -> DepthView:
-    return replace(view, depth=np.where(view.depth <= far, view.depth, np.inf))
+        first, count = 0, stored.ndisp
+    else:
+        truth = stored.truth(left)
+        x = [rig.project(side, truth.position[truth.hit])[:, 0] for side in (0, 1)]
+        inside = np.isfinite(x[0]) & np.isfinite(x[1])
+        if not inside.any():
+            raise InputError(f"{stored.folder}: view {left} has no surface that both cameras can see; leave it out")
+        low, high = np.percentile((x[0] - x[1])[inside], (0.1, 99.9))
+        first, count = int(np.floor(low)) - 2, int(np.ceil(high) - np.floor(low)) + 5
+    disparity = matcher(num_disparities=count, min_disparity=first).match(*images)
+    return view_of_disparity(disparity, rig, image=images[0])

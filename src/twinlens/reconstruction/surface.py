@@ -1,16 +1,89 @@
-"""Point clouds and triangle meshes of one depth map, with the colours of its image."""
+"""Depth maps with their camera and image; point clouds and triangle meshes of them; PLY and glTF files."""
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from twinlens.camera import Camera, Rig, Truth
+from twinlens.camera.film import rgb8
+from twinlens.dataset.files import write_file
+from twinlens.dataset.storage import Where
 from twinlens.errors import InputError, check_number
-from twinlens.geometry import Float
-from twinlens.reconstruction.views import DepthView
+from twinlens.geometry import Float, check_rigid, depth_from_disparity
 
 _MOST_SAMPLES = 50_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class DepthView:
+    """A depth map and its image.
+
+    camera : Camera, with any distortion. world_from_cam : (4, 4).
+    depth : float64 (H, W), metres along the axis, > 0; +inf where unknown.
+    image : uint8 or uint16 (H, W[, 3]), kept as uint8 (H, W, 3), or None.
+
+    Raises InputError when an array does not fit the camera, or a depth is NaN or not positive.
+    """
+
+    camera: Camera
+    world_from_cam: Float
+    depth: Float
+    image: NDArray[Any] | None = None
+
+    def __post_init__(self) -> None:
+        pose, depth = check_rigid(self.world_from_cam, "world_from_cam"), np.asarray(self.depth, dtype=np.float64)
+        image = None if self.image is None else rgb8(self.image)
+        size = self.camera.height, self.camera.width
+        if depth.shape != size or (image is not None and image.shape != (*size, 3)):
+            found = f"{depth.shape}, {None if image is None else image.shape}"
+            raise InputError(f"a view of {size} pixels needs depth (H, W), image (H, W, 3); got {found}")
+        if not (depth > 0).all():
+            raise InputError("depths must be positive, or +inf where unknown; got NaN or values <= 0")
+        for name, value in (("world_from_cam", pose), ("depth", depth), ("image", image)):
+            object.__setattr__(self, name, value)
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Where the depth is known, bool (H, W)."""
+        return np.isfinite(self.depth)
+
+    @property
+    def rig(self) -> Rig:
+        """The camera as a rig of one."""
+        return Rig([self.camera], [self.world_from_cam])
+
+    def positions(self) -> Float:
+        """World coordinates (H, W, 3) of every pixel, metres; +inf where unknown."""
+        depth = np.where(self.known, self.depth, 1.0)
+        points = self.rig.unproject(0, self.camera.pixel_grid(), depth)
+        return np.where(self.known[..., None], points, np.inf)
+
+
+def view_of_truth(truth: Truth, rig: Rig, index: int, image: NDArray[Any] | None = None) -> DepthView:
+    """The true depths of camera `index`, with its image."""
+    return DepthView(rig.cameras[index], rig.world_from_cams[index], truth.depth, image)
+
+
+def view_of_disparity(
+    disparity: ArrayLike, rig: Rig, left: int = 0, right: int = 1, image: NDArray[Any] | None = None
+) -> DepthView:
+    """Depths z = fx B / (d + doffs) of the left view of a rectified pair, from its disparity map (H, W), +inf unknown.
+
+    A disparity of -doffs or less, at or beyond infinity, gives an unknown depth. Raises InputError unless the pair is
+    rectified, and for NaN or -inf.
+    """
+    values = np.asarray(disparity, dtype=np.float64)
+    if not rig.is_rectified(left, right):
+        raise InputError(f"cameras {left} and {right} are not a rectified pair in this order: rectify them first")
+    if np.isnan(values).any() or np.isneginf(values).any():
+        raise InputError("unknown disparities must be +inf, got NaN or -inf")
+    doffs = rig.doffs(left, right)
+    finite = np.where(values + doffs > 0, values, np.inf)
+    depth = depth_from_disparity(finite, rig.cameras[left].fx, rig.baseline(left, right), doffs)
+    return DepthView(rig.cameras[left], rig.world_from_cams[left], depth, image)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,16 +132,20 @@ def mesh_of(view: DepthView, max_angle_deg: float = 85.0) -> Surface:
     between neighbouring pixels of more than tan(max_angle) pixel footprints z / fx (11 at 85 degrees).
     """
     check_number("max_angle_deg", max_angle_deg, "between 0 and 90 degrees", above=0, below=90)
-    known = view.known
-    positions = np.where(known[..., None], view.positions(), 0.0).reshape(-1, 3)
-    faces = _grid_faces(*known.shape)
-    faces = faces[known.reshape(-1)[faces].all(axis=1)]
-    faces = faces[_facing(positions, faces, view.world_from_cam[:3, 3]) >= math.cos(math.radians(max_angle_deg))]
-    used = np.unique(faces)
-    renamed = np.zeros(len(positions), dtype=np.int64)
-    renamed[used] = np.arange(len(used))
+    known = view.known.reshape(-1)
+    positions = np.where(known[:, None], view.positions().reshape(-1, 3), 0.0)
+    pixel = np.arange(known.size).reshape(view.known.shape)
+    a, b, c, d = (part.reshape(-1) for part in (pixel[:-1, :-1], pixel[:-1, 1:], pixel[1:, :-1], pixel[1:, 1:]))
+    faces = np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
+    faces = faces[known[faces].all(axis=1)]
+    corners = positions[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    ray = view.world_from_cam[:3, 3] - corners.mean(axis=1)
+    size = np.linalg.norm(normal, axis=1) * np.linalg.norm(ray, axis=1)
+    faces = faces[np.einsum("nc,nc->n", normal, ray) > math.cos(math.radians(max_angle_deg)) * size]
+    used, renamed = np.unique(faces, return_inverse=True)
     colors = None if view.image is None else view.image.reshape(-1, 3)[used]
-    return Surface(positions[used], renamed[faces], colors)
+    return Surface(positions[used], renamed.reshape(faces.shape), colors)
 
 
 def sampled(surface: Surface, spacing: float, seed: int = 0) -> Cloud:
@@ -85,28 +162,46 @@ def sampled(surface: Surface, spacing: float, seed: int = 0) -> Cloud:
     face = np.repeat(np.arange(len(counts)), counts)
     r, s = np.random.default_rng(seed).random((2, len(face)))
     shares = np.stack([1 - np.sqrt(r), np.sqrt(r) * (1 - s), np.sqrt(r) * s], axis=1)  # uniform: Osada et al. 2002
-    corners = surface.faces[face]
-    points = np.einsum("nk,nkc->nc", shares, surface.vertices[corners])
+    points = np.einsum("nk,nkc->nc", shares, surface.vertices[surface.faces[face]])
     if surface.colors is None:
         return Cloud(points)
-    mixed = np.einsum("nk,nkc->nc", shares, surface.colors[corners].astype(np.float64))
+    mixed = np.einsum("nk,nkc->nc", shares, surface.colors[surface.faces[face]].astype(np.float64))
     return Cloud(points, np.rint(mixed).astype(np.uint8))
 
 
-def _grid_faces(height: int, width: int) -> NDArray[np.int64]:
-    index = np.arange(height * width, dtype=np.int64).reshape(height, width)
-    a, b, c, d = (part.reshape(-1) for part in (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]))
-    return np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
+def write_ply(path: Where, thing: Cloud | Surface) -> None:
+    """Write `ply_bytes`. Raises OutputError."""
+    write_file(path, ply_bytes(thing))
 
 
-def _facing(vertices: Float, faces: NDArray[np.int64], eye: Float) -> Float:
-    """Cosine (F,) of the angle between each face's normal and the direction to the eye."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    ray = eye - (a + b + c) / 3
-    size = np.linalg.norm(normal, axis=1) * np.linalg.norm(ray, axis=1)
-    cosine: Float = np.divide(np.einsum("nc,nc->n", normal, ray), size, out=np.zeros(len(faces)), where=size > 0)
-    return cosine
+def write_glb(path: Where, thing: Cloud | Surface, world_from_cam: ArrayLike | None = None) -> None:
+    """Write `glb_bytes`. Raises OutputError."""
+    write_file(path, glb_bytes(thing, world_from_cam))
+
+
+def ply_bytes(thing: Cloud | Surface) -> bytes:
+    """A binary PLY in world axes, metres, float32, with colours."""
+    return bytes(_trimesh(thing).export(file_type="ply"))
+
+
+def glb_bytes(thing: Cloud | Surface, world_from_cam: ArrayLike | None = None) -> bytes:
+    """A binary glTF 2.0: metres, float32, vertex colours.
+
+    glTF's axes are x right, y up, z towards the viewer. With `world_from_cam` (4, 4) the camera looks along -z with
+    its up direction along y; without it, the world's z axis is up: (x, z, -y).
+    """
+    gltf_from_world = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+    if world_from_cam is not None:
+        gltf_from_world = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.linalg.inv(np.asarray(world_from_cam))
+    return bytes(_trimesh(thing).apply_transform(gltf_from_world).scene().export(file_type="glb"))
+
+
+def _trimesh(thing: Cloud | Surface) -> Any:
+    import trimesh
+
+    if isinstance(thing, Cloud):
+        return trimesh.PointCloud(thing.points, colors=thing.colors)
+    return trimesh.Trimesh(thing.vertices, thing.faces, vertex_colors=thing.colors, process=False)
 
 
 def _check(name: str, points: Float, colors: NDArray[np.uint8] | None) -> None:
