@@ -69,7 +69,7 @@ class Hangs:
 
     name: str
     note: Path
-    seconds: float = 60
+    seconds: float = 1000
 
     def match(self, left, right, *, num_disparities, min_disparity):
         with self.note.open("a") as file:
@@ -91,7 +91,7 @@ class Starts:
         if self.deaf:
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
         with tempfile.TemporaryDirectory(dir=self.note.parent):
-            process = subprocess.Popen(["sleep", "60"], start_new_session=self.session)
+            process = subprocess.Popen(["sleep", "1000"], start_new_session=self.session)
             self.note.write_text(str(process.pid))
             try:
                 process.wait()
@@ -130,7 +130,7 @@ class Trouble:
         raise SystemExit(3)
 
     def hangs(self, left):
-        time.sleep(60)
+        time.sleep(1000)
 
     def dies(self, left):
         os.abort()

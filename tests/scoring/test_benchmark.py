@@ -21,12 +21,12 @@ from twinlens.scoring import (
     Board,
     MapFolder,
     Pair,
+    board_file,
     evaluate,
     fingerprint,
     load_pair,
     named_method,
     read_board,
-    resume,
     run_benchmark,
 )
 
@@ -130,8 +130,8 @@ def test_a_function_by_name_fails_by_the_same_kinds(tmp_path, monkeypatch, limit
 def test_a_limit_stops_a_hang_and_survives_a_dead_process():
     methods = [Trouble("hangs"), Constant("good", 4), Trouble("dies"), Trouble("raises"), Constant("better", 5)]
     start = time.monotonic()
-    board = run_benchmark([pair()], methods, time_limit=1.0, warm_up=False)
-    assert time.monotonic() - start < 30
+    board = run_benchmark([pair()], methods, time_limit=2.0, warm_up=False)
+    assert time.monotonic() - start < 600
     kinds = {e.method: e.failure and e.failure.kind for e in board.entries}
     assert kinds == {"hangs": "time-limit", "good": None, "dies": "crash", "raises": "crash", "better": None}
     assert "signal 6" in board.find("dies", "a", "middlebury-v3").failure.message
@@ -182,40 +182,40 @@ def test_a_worker_out_of_memory_between_two_matches_is_a_memory_failure():
 def test_a_hanging_warm_up_is_stopped_and_not_repeated(tmp_path):
     start = time.monotonic()
     method = Hangs("hangs", tmp_path / "rows")
-    board = run_benchmark([pair("a"), pair("b", 1)], [method], time_limit=0.5, warm_up_limit=0.5)
+    board = run_benchmark([pair("a"), pair("b", 1)], [method], time_limit=1.5, warm_up_limit=1.5)
     assert [e.failure.kind for e in board.entries] == ["time-limit"] * 2
-    assert time.monotonic() - start < 25
+    assert time.monotonic() - start < method.seconds
     assert method.note.read_text().split() == ["32", "40", "40"]  # a warm-up has 32 rows, the images 40
-    says = "exceeded the time limit of 0.5 s; the warm-up exceeded 0.5 s and was not repeated"
-    assert [e.failure.message for e in board.entries] == [says] * 2
+    says = r"exceeded the time limit of 1\.5 s; the warm-up took [\d.]+ s and was not repeated"
+    assert all(re.fullmatch(says, e.failure.message) for e in board.entries)
 
 
 def test_a_method_that_is_always_slow_is_warmed_up_once(tmp_path):
     """Its warm-up ends after the time limit, so repeating it in a new worker would not help."""
-    method = Hangs("slow", tmp_path / "rows", seconds=1.0)
+    method = Hangs("slow", tmp_path / "rows", seconds=2.5)
     samples = [pair(name, seed) for seed, name in enumerate("abc")]
-    board = run_benchmark(samples, [method, Constant("good", 4)], time_limit=0.4, warm_up_limit=30)
+    board = run_benchmark(samples, [method, Constant("good", 4)], time_limit=1.5, warm_up_limit=100)
     assert method.note.read_text().split() == ["32", "40", "40", "40"]
     failures = [e.failure for e in board.entries if e.method == "slow"]
     assert [f.kind for f in failures] == ["time-limit"] * 3
     first, *later = [f.message for f in failures]
-    assert re.fullmatch(r"exceeded the time limit of 0\.4 s after a warm-up of 1(\.\d+)? s", first)
+    assert re.fullmatch(r"exceeded the time limit of 1\.5 s; the warm-up took [\d.]+ s", first)
     for message in later:
-        assert re.fullmatch(r".* limit of 0\.4 s; the warm-up took 1(\.\d+)? s and was not repeated", message)
+        assert re.fullmatch(r".* limit of 1\.5 s; the warm-up took [\d.]+ s and was not repeated", message)
     assert all(e.ok for e in board.entries if e.method == "good")
 
 
 def test_a_new_worker_is_warmed_up_again():
     """Compilation exceeds the time limit: without a new warm-up, the method would fail or appear slow."""
-    methods = [Slow("slow", 1.0), Trouble("hangs")]
-    board = run_benchmark([pair("a"), pair("b", 1)], methods, time_limit=0.5, warm_up_limit=2.0)
-    assert [e.failure and e.failure.kind for e in board.entries] == [None, "time-limit"] * 2
-    assert all(e.seconds < 0.5 for e in board.entries if e.ok)
+    methods = [Slow("slow", 3.0), Trouble("dies")]
+    board = run_benchmark([pair("a"), pair("b", 1)], methods, time_limit=2.0, warm_up_limit=100)
+    assert [e.failure and e.failure.kind for e in board.entries] == [None, "crash"] * 2
+    assert all(e.seconds < 2.0 for e in board.entries if e.ok)
 
 
 def has_ended(pid):
-    """Whether that process ends, or becomes a zombie, within a second of its SIGKILL."""
-    for _ in range(100):
+    """Whether that process ends, or becomes a zombie, soon after its SIGKILL: long before it would by itself."""
+    for _ in range(2000):
         try:
             if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
                 return True
@@ -229,7 +229,7 @@ def has_ended(pid):
 @pytest.mark.parametrize(("deaf", "session"), [(False, False), (False, True), (True, False)])
 def test_a_limit_ends_what_the_method_started(tmp_path, deaf, session):
     method = Starts("starts", tmp_path / "pid", deaf, session)
-    board = run_benchmark([pair()], [method], time_limit=1.0, warm_up=False)
+    board = run_benchmark([pair()], [method], time_limit=2.0, warm_up=False)
     assert board.entries[0].failure.kind == "time-limit"
     assert has_ended(int(method.note.read_text()))
     left = [path.name for path in tmp_path.iterdir()]
@@ -257,7 +257,7 @@ def test_an_interrupt_keeps_finished_entries_and_ends_what_the_method_started(tm
 def test_a_program_by_name_ends_with_the_limit(tmp_path):
     """Programs run in their own sessions, which killing the worker's process group does not reach."""
     script = tmp_path / "prog.sh"
-    script.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\nexec sleep 60\n")
+    script.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\nexec sleep 1000\n")
     script.chmod(0o755)
     method = named_method(f"program:command='{script} {{left}} {{right}} {{out}}'")
     board = run_benchmark([pair()], [method], time_limit=2.0, warm_up=False)
@@ -374,13 +374,14 @@ def test_a_resumed_board_describes_all_machines():
     assert replaced.meta == first.meta
 
 
-def test_the_file_is_written_periodically_and_at_the_end(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("interval", "sizes"), [(1e9, [1, 5]), (0, [1, 2, 3, 4, 5, 5])])
+def test_the_file_is_written_periodically_and_at_the_end(tmp_path, monkeypatch, interval, sizes):
     written = []
-    monkeypatch.setattr(resume, "write_board", lambda board, path: written.append(len(board.entries)))
-    samples = [pair(str(i), i) for i in range(20)]
+    monkeypatch.setattr(board_file, "WRITE_EVERY_S", interval)
+    monkeypatch.setattr(board_file, "write_board", lambda board, path: written.append(len(board.entries)))
+    samples = [pair(str(i), i) for i in range(5)]
     run_benchmark(samples, [Constant("a", 4)], save=tmp_path / "b.json", warm_up=False)
-    assert written[-1] == 20
-    assert len(written) < 10
+    assert written == sizes
 
 
 def test_finished_entries_are_kept_when_a_run_is_interrupted(tmp_path):
@@ -444,7 +445,7 @@ def test_progress_and_on_map_are_called():
 def test_a_file_that_is_not_a_board_is_not_overwritten(tmp_path):
     save = tmp_path / "board.json"
     save.write_text("my thesis")
-    with pytest.raises(FileError, match="not a board"):
+    with pytest.raises(FileError, match="not valid JSON"):
         run_benchmark([pair()], [Constant("a", 4)], save=save)
     assert save.read_text() == "my thesis"
 
@@ -495,4 +496,4 @@ from twinlens.scoring import Board
 assert tl.evaluate([[1.0]], [[2.0]]).all["avgerr"] == 1
 assert page_html(Board(title="none"))
 """
-    subprocess.run([sys.executable, "-c", script], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=600)

@@ -153,11 +153,11 @@ def documents():
             place[path[-1]] = value
         return json.dumps(copy)
 
-    yield "[]", "JSON object"
-    yield "{", "not a board"
-    yield "[" * 100_000, "not a board"
+    yield "[]", "not a twinlens-board file"
+    yield "{", "not valid JSON"
+    yield "[" * 100_000, "not valid JSON"
     yield '{"format": NaN}', "NaN is not JSON"
-    yield changed(["format"], "x"), "format 'twinlens-board'"
+    yield changed(["format"], "x"), "not a twinlens-board file"
     yield changed(["version"], 2), "reads version 1"
     yield changed(["titel"], "x"), "did you mean 'title'"
     yield changed(["title"], None), "missing key 'title'"
@@ -174,11 +174,11 @@ def documents():
     yield changed(["entries", 0, "regions", "all", "metrics", "bad2"], 3), "did you mean 'bad2.0'"
     yield (
         changed(["entries", 0, "regions", "all", "metrics", "rms"], "3"),
-        "rms: must be a number >= 0, null or .*'3'",
+        "rms: must be a number, got '3'",
     )
     yield (
         changed(["entries", 0, "regions", "all", "metrics", "rms"], 10**400),
-        "rms: must be a number >= 0, .*1000",
+        "rms: must be a number, got 1000",
     )
     yield changed(["entries", 1, "failure", "kind"], "bad luck"), "unknown failure 'bad luck'"
     yield changed(["entries", 1, "method"], "m"), "two entries"
@@ -226,10 +226,10 @@ def test_writing_is_atomic(tmp_path):
 
 
 def test_a_missing_or_binary_board_is_refused(tmp_path):
-    with pytest.raises(FileError, match="cannot be read"):
+    with pytest.raises(FileError, match="no such file"):
         read_board(tmp_path / "none.json")
     (tmp_path / "x").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(FileError, match="not UTF-8"):
+    with pytest.raises(FileError, match="not valid JSON"):
         read_board(tmp_path / "x")
 
 

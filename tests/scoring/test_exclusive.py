@@ -7,7 +7,7 @@ import pytest
 from tests.scoring.scoring_methods import pair
 from twinlens.errors import InputError, OutputError
 from twinlens.scoring import read_board, run_benchmark
-from twinlens.scoring.resume import exclusive
+from twinlens.scoring.board_file import exclusive
 
 
 class Flat:

@@ -63,7 +63,7 @@ def run_board(
     """
     from twinlens.report import write_page
     from twinlens.scoring import MapFolder, Step, run_benchmark
-    from twinlens.scoring.resume import exclusive
+    from twinlens.scoring.board_file import exclusive
 
     maps = MapFolder(output / "maps")
     skipped: set[tuple[str, str]] = set()

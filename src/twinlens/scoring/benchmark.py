@@ -1,7 +1,7 @@
 """`run_benchmark`: methods x samples -> a `Board`, with resume. One failed match is one failed entry."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
+from collections.abc import Callable, Iterable, Sequence, Sized
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,12 +10,12 @@ import numpy as np
 
 from twinlens.errors import FileError, InputError
 from twinlens.scoring.board import Board, Entry, Failure
+from twinlens.scoring.board_file import BoardWriter, exclusive, read_board
 from twinlens.scoring.checks import Disparity, Mask
 from twinlens.scoring.evaluate import RESERVED, evaluate, upsampled, upsampling
 from twinlens.scoring.protocols import Protocol, find_protocol
 from twinlens.scoring.regions import region_masks
-from twinlens.scoring.resume import BoardWriter, exclusive, resumed
-from twinlens.scoring.runners import Answer, LocalRunner, Method, MethodError, WorkerRunner
+from twinlens.scoring.runners import Answer, Method, MethodError, Runner
 from twinlens.scoring.samples import Pair, Sample, fingerprint, load_pair
 from twinlens.scoring.submission import Submission
 
@@ -102,26 +102,37 @@ def run_benchmark(
     names = (protocol,) if isinstance(protocol, str) else tuple(protocol)
     if not names or not regions:
         raise InputError("nothing to score: name at least one protocol and one region")
+    if not methods:
+        raise InputError("no method to run")
     protocols = [find_protocol(name) for name in names]
-    _check_names(methods)
-    limited = time_limit is not None or memory_limit is not None
-    limit = WORKER_LIMIT_S if time_limit is None else time_limit
-    runner = WorkerRunner(limit, warm_up_limit, memory_limit) if limited else LocalRunner()
+    for i, method in enumerate(methods):
+        if method.name in [other.name for other in methods[:i]]:
+            raise _not_unique("method", method.name)
+    if time_limit is None and memory_limit is not None:
+        time_limit = WORKER_LIMIT_S
+    runner = Runner(time_limit, warm_up_limit, memory_limit)
     lock = nullcontext() if save is None else exclusive(Path(save).absolute().parent, Path(save).name)
     with lock, runner:
-        current = resumed(save, board, title)
-        with BoardWriter(current, save) as writer:
-            _check_requirements(methods, runner)
-            run = _Run(runner, current, retry_failed, on_map, on_drop, warm_up)
+        if board is None:
+            board = read_board(save) if save is not None and Path(save).exists() else Board()
+        with BoardWriter(replace(board, title=title), save) as writer:
+            for method in methods:  # a missing file is the user's error, not a failure for the board
+                if (missing := runner.missing_requirement(method)) is not None:
+                    raise InputError(missing)
+            run = _Run(runner, writer, retry_failed, on_map, on_drop, warm_up)
             total = len(samples) * len(methods) if isinstance(samples, Sized) else None
-            pairs = ((each, method) for each in _prepared(samples, protocols, regions) for method in methods)
-            for done, (prepared, method) in enumerate(pairs, start=1):
-                skipped, failure = run.pair(prepared, method)
-                if not skipped:
-                    writer.update(run.board)
-                if progress is not None:
-                    progress(Step(done, total, method.name, prepared.sample.name, skipped, failure))
-            return writer.finish(run.board)
+            done, seen = 0, set[str]()
+            for sample in samples:
+                if sample.name in seen:
+                    raise _not_unique("sample", sample.name)
+                seen.add(sample.name)
+                prepared = _prepare(sample, protocols, regions)
+                for method in methods:
+                    skipped, failure = run.pair(prepared, method)
+                    done += 1
+                    if progress is not None:
+                        progress(Step(done, total, method.name, sample.name, skipped, failure))
+        return writer.board
 
 
 def spec_of(method: Method | Submission) -> str:
@@ -129,20 +140,8 @@ def spec_of(method: Method | Submission) -> str:
     return str(getattr(method, "spec", method.name))
 
 
-def _check_names(methods: Sequence[Method | Submission]) -> None:
-    names = [method.name for method in methods]
-    double = next((name for name in names if names.count(name) > 1), None)
-    if double is not None:
-        raise InputError(f"two methods are named {double!r}: names on a board must be unique")
-    if not names:
-        raise InputError("no method to run")
-
-
-def _check_requirements(methods: Sequence[Method | Submission], runner: LocalRunner | WorkerRunner) -> None:
-    """Before anything runs: a missing file is the user's error, not a failure for the board."""
-    for method in methods:
-        if (missing := runner.missing_requirement(method)) is not None:
-            raise InputError(missing)
+def _not_unique(kind: str, name: str) -> InputError:
+    return InputError(f"two {kind}s are named {name!r}: names on a board must be unique")
 
 
 @dataclass(frozen=True)
@@ -155,67 +154,61 @@ class _Prepared:
     protocols: tuple[Protocol, ...]
 
 
-def _prepared(samples: Iterable[Sample], protocols: Sequence[Protocol], regions: Sequence[str]) -> Iterator[_Prepared]:
-    seen: set[str] = set()
-    for sample in samples:
-        if sample.name in seen:
-            raise InputError(f"two samples are named {sample.name!r}: names on a board must be unique")
-        seen.add(sample.name)
-        pair = load_pair(sample)
-        applicable = tuple(p for p in protocols if pair.calibration is not None or not p.needs_calibration)
-        yield _Prepared(pair, fingerprint(pair), region_masks(pair, regions), applicable)
+def _prepare(sample: Sample, protocols: Sequence[Protocol], regions: Sequence[str]) -> _Prepared:
+    pair = load_pair(sample)
+    applicable = tuple(p for p in protocols if pair.calibration is not None or not p.needs_calibration)
+    return _Prepared(pair, fingerprint(pair), region_masks(pair, regions), applicable)
 
 
+@dataclass(frozen=True)
 class _Run:
-    """The growing board; one `pair` call for each method and sample."""
+    """Matches and scores pairs, and adds their entries to the board."""
 
-    def __init__(
-        self,
-        runner: LocalRunner | WorkerRunner,
-        board: Board,
-        retry_failed: bool,
-        on_map: Callable[[str, str, Disparity], None] | None,
-        on_drop: Callable[[str, str], None] | None,
-        warm_up: bool,
-    ) -> None:
-        self.runner, self.board, self.retry_failed, self.warm_up = runner, board, retry_failed, warm_up
-        self.on_map, self.on_drop = on_map, on_drop
+    runner: Runner
+    writer: BoardWriter
+    retry_failed: bool
+    on_map: Callable[[str, str, Disparity], None] | None
+    on_drop: Callable[[str, str], None] | None
+    warm_up: bool
 
     def pair(self, prepared: _Prepared, method: Method | Submission) -> tuple[bool, Failure | None]:
         """Match and score one pair unless the board has it: (skipped, failure)."""
-        sample = prepared.sample
-        self._drop_stale(sample.name, prepared.sha, method.name, spec_of(method))
-        if self._is_done(method.name, prepared):
+        sample, board = prepared.sample, self._without_stale(prepared, method)
+        found = [board.find(method.name, sample.name, rules.name) for rules in prepared.protocols]
+        if all(entry is not None and self._is_kept(entry, prepared) for entry in found):
             return True, None
         answer, failure = self._answer(sample, method)
         entries = [_entry(prepared, method, rules, answer, failure) for rules in prepared.protocols]
         for entry in entries:
-            self.board = self.board.having(entry)
+            board = board.having(entry)
         if answer is None:
             self._drop({(method.name, sample.name)})
         elif self.on_map is not None:
             scale = sample.disp0.shape[0] // answer.disp.shape[0]
             self.on_map(method.name, sample.name, upsampled(answer.disp, scale))
+        self.writer.update(board)  # after the map, so that the board lists no map that is missing
         return False, next((entry.failure for entry in entries if not entry.ok), None)
 
-    def _drop_stale(self, sample: str, sha: str, method: str, spec: str) -> None:
-        """Remove entries of another sample or another method with this name."""
-        before = {(e.method, e.sample) for e in self.board.entries}
-        self.board = self.board.without(
-            lambda e: (e.sample == sample and e.sample_sha256 != sha) or (e.method == method and e.spec != spec)
+    def _without_stale(self, prepared: _Prepared, method: Method | Submission) -> Board:
+        """The board without entries of another sample or another method with this name."""
+        board, name, spec = self.writer.board, prepared.sample.name, spec_of(method)
+        kept = board.without(
+            lambda e: (
+                (e.sample == name and e.sample_sha256 != prepared.sha) or (e.method == method.name and e.spec != spec)
+            )
         )
-        self._drop(before - {(e.method, e.sample) for e in self.board.entries})
+        if len(kept.entries) < len(board.entries):
+            self.writer.update(kept)
+            self._drop({(e.method, e.sample) for e in board.entries} - {(e.method, e.sample) for e in kept.entries})
+        return kept
 
     def _drop(self, pairs: Iterable[tuple[str, str]]) -> None:
         if self.on_drop is not None:
             for method, sample in sorted(pairs):
                 self.on_drop(method, sample)
 
-    def _is_done(self, method: str, prepared: _Prepared) -> bool:
-        found = [self.board.find(method, prepared.sample.name, rules.name) for rules in prepared.protocols]
-        return all(
-            e is not None and (set(prepared.masks) <= set(e.regions) if e.ok else not self.retry_failed) for e in found
-        )
+    def _is_kept(self, entry: Entry, prepared: _Prepared) -> bool:
+        return set(prepared.masks) <= set(entry.regions) if entry.ok else not self.retry_failed
 
     def _answer(self, sample: Pair, method: Method | Submission) -> tuple[Answer | None, Failure | None]:
         if isinstance(method, Submission):

@@ -1,59 +1,49 @@
-"""The board's file: versioned JSON, written atomically and validated when read. NaN is null, infinity is "inf"."""
+"""The board's file: versioned JSON, validated when read, written atomically. NaN is null, infinity is "inf"."""
 
+import contextlib
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict
+import platform
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import pydantic
 
-from twinlens.dataset.files import write_file
-from twinlens.errors import FileError, InputError, format_value, unknown
-from twinlens.schema import StrictModel, read
+import twinlens
+from twinlens.dataset.files import read_bytes, write_file
+from twinlens.dataset.lock import locked
+from twinlens.dataset.record import decode_json
+from twinlens.errors import FileError, InputError, unknown
+from twinlens.schema import NonNegative, StrictModel, one_of, read
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure
 from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.protocols import PROTOCOLS
 
-FORMAT = "twinlens-board"
-VERSION = 1
-MAX_BYTES = 256 * 2**20
-BIGGEST = 1e300
+FORMAT, VERSION = "twinlens-board", 1
 UNSCORED = "unscored"
 """Key that `twinlens score --json` adds to the board: maps that match no sample. `read_board` ignores it."""
+WRITE_EVERY_S = 2.0
+"""Minimum interval between writes: each write takes time in proportion to the number of entries."""
+MIXED = "entries of several machines or versions"
 
 _Count = Annotated[int, pydantic.Field(ge=0, lt=2**53)]
 _Size = Annotated[int, pydantic.Field(ge=1, lt=2**53)]
-_Number = Annotated[float, pydantic.Field(ge=0)]
-
-
-def _metric(value: Any) -> float:
-    if value is None:
-        return math.nan
-    if value == "inf":
-        return math.inf
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < BIGGEST:
-        raise InputError(f'must be a number >= 0, null or "inf", got {format_value(value)}')
-    return float(value)
-
-
 _Metric = Annotated[
-    float,
-    pydantic.PlainValidator(_metric),
+    Annotated[float, pydantic.Field(ge=0, allow_inf_nan=True), pydantic.AfterValidator(float)] | None,
+    pydantic.BeforeValidator(lambda value: math.inf if value == "inf" else value),
+    pydantic.AfterValidator(lambda value: math.nan if value is None else value),
     pydantic.WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"const": "inf"}, {"type": "null"}]}),
 ]
 
 
 class _FailureModel(StrictModel):
-    kind: str
+    kind: Annotated[str, one_of("failure", FAILURES)]
     message: str
-
-    @pydantic.field_validator("kind")
-    @classmethod
-    def _check_kind(cls, kind: str) -> str:
-        return _known("failure", kind, FAILURES)
 
 
 class _RegionModel(StrictModel):
@@ -68,35 +58,28 @@ class _EntryModel(StrictModel):
     spec: str
     sample: str
     sample_sha256: str
-    protocol: str
+    protocol: Annotated[str, one_of("protocol", PROTOCOLS)]
     width: _Size
     height: _Size
     ndisp: _Size
     min_disparity: Annotated[int, pydantic.Field(gt=-(2**53), lt=2**53)] = 0
-    seconds: _Number | None
+    seconds: NonNegative | None
     failure: _FailureModel | None
     regions: dict[str, _RegionModel]
 
-    @pydantic.field_validator("protocol")
-    @classmethod
-    def _check_protocol(cls, protocol: str) -> str:
-        return _known("protocol", protocol, PROTOCOLS)
-
     @pydantic.model_validator(mode="after")
     def _check_metrics(self) -> "_EntryModel":
-        for region in self.regions.values():
-            for metric in region.metrics:
-                _known("metric", metric, PROTOCOLS[self.protocol].metrics)
+        known = PROTOCOLS[self.protocol].metrics
+        for metric in (metric for region in self.regions.values() for metric in region.metrics):
+            if metric not in known:
+                raise unknown("metric", metric, known)
         return self
 
     def entry(self) -> Entry:
         """The entry that this describes."""
-        regions = {
-            name: RegionScores(name, r.metrics, r.image, r.evaluated, r.estimated) for name, r in self.regions.items()
-        }
-        failure = None if self.failure is None else Failure(self.failure.kind, self.failure.message)
-        plain = {name: getattr(self, name) for name in _EntryModel.model_fields}
-        return Entry(**(plain | {"failure": failure, "regions": regions}))
+        regions = {name: RegionScores(name, **dict(region)) for name, region in self.regions.items()}
+        failure = None if self.failure is None else Failure(**dict(self.failure))
+        return Entry(**(dict(self) | {"failure": failure, "regions": regions}))
 
 
 class BoardModel(StrictModel):
@@ -123,57 +106,55 @@ def board_to_json(board: Board) -> str:
         "title": board.title,
         "meta": dict(board.meta),
         "protocols": {name: dict(PROTOCOLS[name].lines()) for name in board.protocols},
-        "entries": [_entry_document(entry) for entry in board.entries],
+        "entries": [_plain(entry) for entry in board.entries],
     }
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
-def board_from_json(text: str, file: str | Path = "board") -> Board:
+def _plain(entry: Entry) -> dict[str, Any]:
+    failure = entry.failure
+    return {name: getattr(entry, name) for name in _EntryModel.model_fields} | {
+        "failure": None if failure is None else {"kind": failure.kind, "message": failure.message},
+        "regions": {
+            name: {
+                **{count: getattr(scores, count) for count in ("image", "evaluated", "estimated")},
+                "metrics": {metric: json_number(value) for metric, value in scores.items()},
+            }
+            for name, scores in entry.regions.items()
+        },
+    }
+
+
+def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
     """The board that `text` describes; `file` is named in errors.
 
     Raises
     ------
-    InputError
+    FileError
         Not JSON, another format or version, a key missing or unknown, a value of the wrong type.
 
     >>> board_from_json(board_to_json(Board(title="empty"))).title
     'empty'
     """
+    document = decode_json(text.encode() if isinstance(text, str) else text, str(file), FORMAT, VERSION)
     try:
-        document = json.loads(text, parse_constant=_refuse_constant)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{file}: not a board: {error or 'nested too deeply'}") from None
-    if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise InputError(f"{file}: not a board: expected a JSON object with format {FORMAT!r}")
-    if document.get("version") != VERSION:
-        raise InputError(f"{file}: board version {document.get('version')!r}: this twinlens reads version {VERSION}")
-    model = read(BoardModel, document, file)
+        model = read(BoardModel, document, file)
+    except InputError as error:
+        raise FileError(str(error)) from None
     try:
         return Board(model.title, tuple(entry.entry() for entry in model.entries), model.meta)
     except InputError as error:
-        raise InputError(f"{file}: {error}") from error
+        raise FileError(f"{file}: {error}") from None
+
+
+def read_board(path: str | os.PathLike[str]) -> Board:
+    """The board in that file; FileError, starting with the path, if it is missing or invalid."""
+    return board_from_json(read_bytes(path), Path(path))
 
 
 def write_board(board: Board, path: str | os.PathLike[str]) -> None:
     """Write the board atomically; OutputError if it cannot be written."""
     write_file(path, board_to_json(board).encode("ascii"))
-
-
-def read_board(path: str | os.PathLike[str]) -> Board:
-    """The board in that file; FileError, starting with the path, if it is missing or invalid."""
-    source = Path(path)
-    try:
-        if source.stat().st_size > MAX_BYTES:
-            raise FileError(f"{source}: larger than {MAX_BYTES // 2**20} MiB, the limit for a board")
-        return board_from_json(source.read_text(encoding="utf-8"), source)
-    except OSError as error:
-        raise FileError(f"{source}: cannot be read ({error.strerror or error})") from error
-    except UnicodeDecodeError:
-        raise FileError(f"{source}: not a board: not UTF-8 text") from None
-    except FileError:
-        raise
-    except InputError as error:
-        raise FileError(str(error)) from error
 
 
 def json_number(value: float) -> float | str | None:
@@ -187,24 +168,78 @@ def json_number(value: float) -> float | str | None:
     return "inf" if math.isinf(value) else value
 
 
-def _entry_document(entry: Entry) -> dict[str, Any]:
-    names = [name for name in _EntryModel.model_fields if name not in ("failure", "regions")]
-    regions = {
-        name: {
-            **{count: getattr(scores, count) for count in ("image", "evaluated", "estimated")},
-            "metrics": {metric: json_number(value) for metric, value in scores.items()},
-        }
-        for name, scores in entry.regions.items()
+@contextlib.contextmanager
+def exclusive(folder: Path, file: str = "") -> Iterator[None]:
+    """Lock `folder`, or one board `file` in it, against other runs; creates the folder, and removes it if left empty.
+
+    Raises OutputError if another run holds the lock or the folder cannot be created.
+    """
+    created = [each for each in (folder, *folder.parents) if not each.is_dir()]
+    try:
+        with locked(folder, file=file):
+            yield
+    finally:
+        for each in created:
+            with contextlib.suppress(OSError):
+                each.rmdir()
+
+
+class BoardWriter:
+    """A growing board, written to `path` every few seconds and at the end of its `with` block, also on an exception.
+
+    Writing adds versions and machine to the board's `meta`.
+    """
+
+    def __init__(self, board: Board, path: str | os.PathLike[str] | None) -> None:
+        self.board, self._before, self._path = board, board, path
+        self._changed, self._next_write = False, 0.0
+
+    def __enter__(self) -> "BoardWriter":
+        return self
+
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
+        if self._changed or error is None:
+            self._write()
+
+    def update(self, board: Board) -> None:
+        """Keep this board; write it if the last write was `WRITE_EVERY_S` ago."""
+        self.board, self._changed = board, True
+        if time.monotonic() >= self._next_write:
+            self._write()
+
+    def _write(self) -> None:
+        self.board, self._changed = replace(self.board, meta=self._meta()), False
+        if self._path is not None:
+            write_board(self.board, self._path)
+            self._next_write = time.monotonic() + WRITE_EVERY_S
+
+    def _meta(self) -> Mapping[str, str]:
+        before = {id(entry) for entry in self._before.entries}
+        old = [id(entry) in before for entry in self.board.entries]
+        if old and all(old):
+            return self._before.meta
+        return joined(self._before.meta, _machine()) if any(old) else _machine()
+
+
+def joined(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, str]:
+    """Both descriptions in one: all values of each key, and the key `mixed` if they differ.
+
+    >>> joined({"numpy": "1"}, {"numpy": "1"}), joined({"numpy": "1"}, {"numpy": "2"})["numpy"]
+    ({'numpy': '1'}, '1; 2')
+    """
+    if dict(before) == dict(now):
+        return dict(now)
+    names = (name for name in dict.fromkeys([*now, *before]) if name != "mixed")
+    found = {name: [*before.get(name, "unknown").split("; "), now.get(name, "unknown")] for name in names}
+    return {name: "; ".join(dict.fromkeys(values)) for name, values in found.items()} | {"mixed": MIXED}
+
+
+def _machine() -> dict[str, str]:
+    """Versions and machine, for readers of the times; nothing that identifies the machine."""
+    return {
+        "twinlens": twinlens.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "system": f"{platform.system()} {platform.machine()}",
+        "processors": str(os.cpu_count()),
     }
-    failure = None if entry.failure is None else asdict(entry.failure)
-    return {name: getattr(entry, name) for name in names} | {"failure": failure, "regions": regions}
-
-
-def _refuse_constant(name: str) -> float:
-    raise ValueError(f'{name} is not JSON; write null for NaN, "inf" for infinity')
-
-
-def _known(what: str, name: str, names: Iterable[str] | Mapping[str, Any]) -> str:
-    if name not in names:
-        raise unknown(what, name, list(names))
-    return name
