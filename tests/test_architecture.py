@@ -25,7 +25,7 @@ MAY_IMPORT = {
     "rendering": {*UNDER_SCENES, "scenes"},
     "sensor": UNDER_SCENES,
     "dataset": UNDER_SCENES,
-    "matching": BASE,
+    "matching": {*BASE, "dataset"},  # external programs read PNG files, which its codecs write
     "scoring": {*UNDER_SCENES, "dataset", "matching"},
     "reconstruction": {*UNDER_SCENES, "dataset"},
     "factory": {*UNDER_SCENES, "scenes", "families", "rendering", "sensor", "dataset"},

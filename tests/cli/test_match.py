@@ -5,7 +5,7 @@ import pytest
 
 from twinlens.dataset import read_pfm, read_png, write_png
 from twinlens.matching import METHODS, OnnxNetwork, StereoMatcher
-from twinlens.matching.image_size import LARGEST_DEFAULT_WINDOW, WINDOW_OPTIONS
+from twinlens.matching.options import LARGEST_DEFAULT_WINDOW, WINDOW_OPTIONS
 from twinlens.report.colormaps import disparity_limits
 
 

@@ -225,6 +225,8 @@ WRONG = {
     "four channels": ((np.zeros((4, 6, 4), np.uint8),) * 2, {}, "H, W, 3"),
     "unknown method": ((GOOD, GOOD), {"method": "znc"}, "did you mean 'zncc'"),
     "unknown option": ((GOOD, GOOD), {"blocksize": 5}, "did you mean 'block_size'"),
+    "misspelt method": ((GOOD, GOOD), {"methd": "sad"}, "did you mean 'method'"),
+    "a path": (("a.png", "b.png"), {}, r"left image is 'a.png'; give an array: twinlens.dataset.read_image"),
     "unknown fit": ((GOOD, GOOD), {"subpixel": "parabolla"}, "did you mean 'parabola'"),
     "negative check": ((GOOD, GOOD), {"lr_check": -1}, ">= 0"),
     "negative light": ((GOOD - 1.0, GOOD - 1.0), {"method": "jaccard"}, "values >= 0"),

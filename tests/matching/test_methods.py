@@ -10,7 +10,7 @@ import pytest
 
 import twinlens.matching as tm
 from twinlens.errors import InputError
-from twinlens.matching.reference import method_page, method_reference
+from twinlens.matching.methods import Options, method_tables
 
 
 def test_every_method_is_described_and_can_be_made_with_its_defaults():
@@ -107,15 +107,19 @@ def test_the_range_of_a_call_replaces_that_of_the_matcher(name):
 
 
 def test_the_reference_has_the_default_and_meaning_of_every_option():
-    for entry in method_reference():
-        options = {row["option"]: row["default"] for row in entry["options"]}
-        assert options == tm.METHODS[entry["method"]].options
-        assert all(row["meaning"] for row in entry["options"])
+    for method in tm.METHODS.values():
+        rows = method.reference()["options"]
+        assert {row["option"]: row["default"] for row in rows} == method.options
+        assert all(row["meaning"] for row in rows)
+
+
+def test_the_typed_options_of_match_are_those_of_all_methods():
+    assert set(Options.__annotations__) == {name for method in tm.METHODS.values() for name in method.options}
 
 
 def test_the_page_of_methods_is_current():
     page = Path(__file__).parents[2] / "docs" / "methods.md"
-    assert page.read_text() == method_page(), "run: twinlens methods --markdown > docs/methods.md"
+    assert page.read_text().endswith(method_tables()), "replace them with the output of: twinlens methods --markdown"
 
 
 def run_python(code: str, **environment: str) -> str:

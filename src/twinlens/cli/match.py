@@ -52,7 +52,7 @@ def command(
     import numpy as np
 
     from twinlens.dataset import read_image, write_pfm, write_png
-    from twinlens.matching.image_size import DEFAULT_DISPARITIES, check_image_size
+    from twinlens.matching.options import DEFAULT_DISPARITIES, check_image_size
 
     _check_outputs((left, right), output, picture)
     search = {"num_disparities": num_disparities or DEFAULT_DISPARITIES, "min_disparity": min_disparity}

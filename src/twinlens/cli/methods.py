@@ -8,7 +8,7 @@ import click
 @click.command("methods")
 @click.argument("names", nargs=-1, metavar="[METHOD]...")
 @click.option("--json", "as_json", is_flag=True, help="Print every method with all of its options as JSON.")
-@click.option("--markdown", is_flag=True, help="Print the page docs/methods.md.")
+@click.option("--markdown", is_flag=True, help="Print the tables of docs/methods.md.")
 def command(names: tuple[str, ...], as_json: bool, markdown: bool) -> None:
     """List the matching methods; with METHOD..., their options, defaults and meanings.
 
@@ -17,12 +17,12 @@ def command(names: tuple[str, ...], as_json: bool, markdown: bool) -> None:
               twinlens methods zncc sgm
               twinlens methods --json
     """
-    from twinlens.matching.reference import method_page, method_reference, option_text
+    from twinlens.matching.methods import METHODS, find_method, method_tables, option_text
 
     if markdown:
-        click.echo(method_page(), nl=False)
+        click.echo(method_tables(), nl=False)
         return
-    methods = method_reference(names)
+    methods = [find_method(name).reference() for name in names or METHODS]
     if as_json:
         click.echo(json.dumps(methods, indent=2))
         return

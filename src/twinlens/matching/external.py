@@ -1,10 +1,19 @@
-"""User code as a matcher: Python functions, checks of the maps that user code returns, and hashes of its files."""
+"""Other people's matchers as methods: Python functions, programs, and stereo networks in ONNX files."""
 
+import contextlib
 import functools
+import glob
 import hashlib
 import importlib
 import importlib.util
+import os
+import shlex
+import shutil
+import signal
+import subprocess
 import sys
+import tempfile
+import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,12 +21,17 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from twinlens.errors import InputError
-from twinlens.matching.images import Disparity
-from twinlens.matching.options import MinDisparity, NumDisparities, check_range, with_range
+from twinlens.errors import FileError, InputError, MissingExtraError
+from twinlens.matching.images import Disparity, Image, grey, pair
+from twinlens.matching.options import MinDisparity, NumDisparities, RangeMatcher, amount, check_range, whole
 
 HASH_DIGITS = 16
 """Hexadecimal digits kept of a file's SHA-256: 64 bits."""
+PLACEHOLDERS = ("{left}", "{right}", "{out}")
+TAIL_BYTES = 4096
+"""How much of a program's output is kept for the message if it fails."""
+CHILD_S = 0.1  # time that a program's output may arrive after its end; its children may hold the pipe open
+_FATAL = 4  # onnxruntime's highest severity: its errors are raised, and need not be logged too
 
 
 class WrongAnswerError(InputError):
@@ -28,30 +42,28 @@ class WrongAnswerError(InputError):
         self.kind = kind
 
 
+class ProgramTimeoutError(InputError, TimeoutError):
+    """A program exceeded its time limit and was killed."""
+
+
 def checked_result(result: Any, shape: tuple[int, ...], name: str) -> Disparity:
     """The result of `name` as float32 of this (H, W).
 
     Raises WrongAnswerError for another type or shape, and for NaN and -inf; unknown disparities are +inf.
     """
-    disparity = _numbers(result, name)
+    try:
+        disparity = np.asarray("None" if result is None else result, dtype=np.float32)  # NumPy converts None to NaN
+    except (TypeError, ValueError):
+        message = f"{name} returned {type(result).__name__}, not an array of disparities"
+        raise WrongAnswerError("wrong-type", message) from None
     if disparity.shape != shape:
         raise WrongAnswerError("wrong-shape", f"{name} returned shape {disparity.shape}; the left image has {shape}")
     wrong = np.isnan(disparity) | np.isneginf(disparity)
     if wrong.any():
         y, x = np.argwhere(wrong)[0]
-        raise WrongAnswerError(
-            "not-a-number", f"{name} returned {disparity[y, x]} at [{y}, {x}]; unknown disparities are +inf"
-        )
+        message = f"{name} returned {disparity[y, x]} at [{y}, {x}]; unknown disparities are +inf"
+        raise WrongAnswerError("not-a-number", message)
     return disparity
-
-
-def _numbers(result: Any, name: str) -> Disparity:
-    try:
-        if result is not None:  # NumPy converts None to NaN
-            return np.asarray(result, dtype=np.float32)
-    except (TypeError, ValueError):
-        pass
-    raise WrongAnswerError("wrong-type", f"{name} returned {type(result).__name__}, not an array of disparities")
 
 
 def content_of(paths: Iterable[Path]) -> str:
@@ -81,7 +93,7 @@ def _hash_of_state(path: Path, _written_ns: int, _size: int) -> str:
 
 
 @dataclass(frozen=True)
-class PythonFunction:
+class PythonFunction(RangeMatcher):
     """A Python function(left, right, *, num_disparities, min_disparity) that returns disparities (H, W).
 
     It receives the images unchanged. Its result is checked; see `checked_result`.
@@ -108,11 +120,13 @@ class PythonFunction:
     @property
     def content(self) -> str:
         """The hash of the file that defines a function given as text; files that it imports are not seen."""
-        if callable(self.function):
-            return ""
-        module = self._place[0]
-        origin = module if module.endswith(".py") else _file_of(module)
-        return content_of([Path(origin)] if origin else [])
+        module = "" if callable(self.function) else self._place[0]
+        if module.endswith(".py"):
+            return content_of([Path(module)])
+        spec = None
+        with contextlib.suppress(Exception):  # it imports the packages above the module, which may raise anything
+            spec = importlib.util.find_spec(module)
+        return content_of([Path(spec.origin)]) if spec and spec.has_location and spec.origin else ""
 
     def check_parts(self) -> None:
         """InputError if there is no such function. Imports its module."""
@@ -121,27 +135,20 @@ class PythonFunction:
     def _found(self) -> Callable[..., Any]:
         return self.function if callable(self.function) else _imported(*self._place)
 
-    def match(
-        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
-    ) -> Disparity:
-        """The function's disparities; see `options.Matcher.match`."""
-        task, function = with_range(self, num_disparities, min_disparity), self._found()
-        result = function(left, right, num_disparities=task.num_disparities, min_disparity=task.min_disparity)
+    def _match(self, left: Any, right: Any) -> Disparity:
+        function = self._found()
+        result = function(left, right, num_disparities=self.num_disparities, min_disparity=self.min_disparity)
         return checked_result(result, np.shape(left)[:2], f"function {getattr(function, '__name__', function)!r}")
-
-
-def _file_of(module: str) -> str | None:
-    try:
-        found = importlib.util.find_spec(module)
-    except Exception:  # it imports the packages above the module, which may raise anything
-        return None
-    return None if found is None or not found.has_location else found.origin
 
 
 def _imported(module: str, name: str) -> Callable[..., Any]:
     place = f"{module}:{name}"
     try:
-        found: Any = _module_of_file(Path(module)) if module.endswith(".py") else importlib.import_module(module)
+        if module.endswith(".py"):
+            path = Path(module).resolve(strict=True)
+            found = _executed(path, path.stat().st_mtime_ns)
+        else:
+            found = importlib.import_module(module)
         for part in name.split("."):
             found = getattr(found, part)
     except (ImportError, AttributeError, OSError) as problem:
@@ -153,17 +160,9 @@ def _imported(module: str, name: str) -> Callable[..., Any]:
     return found  # type: ignore[no-any-return]
 
 
-def _module_of_file(path: Path) -> Any:
-    """The module of a .py file, executed once for each state of the file.
-
-    The file may import modules from its own folder, as a script may.
-    """
-    state = path.resolve(strict=True)
-    return _executed(state, state.stat().st_mtime_ns)
-
-
 @functools.lru_cache(maxsize=32)
 def _executed(path: Path, _written_ns: int) -> Any:
+    """The module of a .py file in this state; it may import modules from its own folder, as a script may."""
     spec = importlib.util.spec_from_file_location(f"twinlens_method_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} is not a Python file")
@@ -173,3 +172,278 @@ def _executed(path: Path, _written_ns: int) -> Any:
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     return module
+
+
+@dataclass(frozen=True)
+class Program(RangeMatcher):
+    """A program that reads two PNG files and writes a disparity map, a PFM file, in a temporary folder; see `command`.
+
+    The program runs without a shell. In its PFM file +inf is unknown. Its output is shown only if it fails.
+    """
+
+    command: Annotated[
+        str,
+        "Command line with {left} and {right}, PNG files to read, {out}, a grey PFM file to write, and optionally "
+        "{num_disparities} and {min_disparity}.",
+    ] = ""
+    num_disparities: NumDisparities = 64
+    min_disparity: MinDisparity = 0
+    timeout_s: Annotated[float, "Seconds per match, after which the program is killed."] = 600.0
+
+    def __post_init__(self) -> None:
+        check_range(self.num_disparities, self.min_disparity)
+        amount("timeout_s", self.timeout_s, above=True)
+        for placeholder in PLACEHOLDERS:
+            if placeholder not in self.command:
+                example = "'prog {left} {right} {out}'"
+                raise InputError(f"command is {self.command!r}; it needs {placeholder}, as in {example}")
+        try:
+            shlex.split(self.command)
+        except ValueError as problem:
+            raise InputError(f"command {self.command!r} cannot be read: {problem}") from None
+
+    @property
+    def content(self) -> str:
+        """The hashes of the program's file and of every file that its command names, such as `--weights=net.bin`.
+
+        Files in folders that it names, and files that those files load, are not seen.
+        """
+        program, *words = shlex.split(self.command)
+        named = [shutil.which(program), *(part for word in words for part in {word, word.rpartition("=")[2]})]
+        return content_of(Path(name) for name in named if name and os.path.isfile(name))  # noqa: PTH113 # never raises
+
+    def check_parts(self) -> None:
+        """InputError if the program does not exist or is not executable. Other files are not checked."""
+        program = shlex.split(self.command)[0]
+        if shutil.which(program) is None:
+            reason = "it is not executable" if Path(program).is_file() else "no such program"
+            raise InputError(f"program {program!r} cannot be started: {reason}")
+
+    def _match(self, left: Any, right: Any) -> Disparity:
+        from twinlens.dataset import write_png
+
+        pair(left, right)
+        words, shape = shlex.split(self.command), np.shape(left)[:2]
+        name = f"program {words[0]!r}"
+        with tempfile.TemporaryDirectory(prefix="twinlens-") as folder:
+            left_png, right_png, out = (Path(folder, name) for name in ("left.png", "right.png", "out.pfm"))
+            for path, image in ((left_png, left), (right_png, right)):
+                pixels = np.asarray(image)
+                write_png(path, pixels[..., 0] if pixels.shape[2:] == (1,) else pixels)
+            search = {"num_disparities": self.num_disparities, "min_disparity": self.min_disparity}
+            values = {"left": left_png, "right": right_png, "out": out, **search}
+            for key, value in values.items():
+                words = [word.replace(f"{{{key}}}", str(value)) for word in words]
+            status, printed = _run_process(words, self.timeout_s, name)
+            if status != 0:
+                last = (printed.strip() or "it printed nothing").splitlines()[-1]
+                raise InputError(f"{name} {_format_status(status)}: {last}")
+            if not out.is_file():
+                raise InputError(f"{name} wrote no file at {{out}}")
+            return checked_result(_read_pfm(out, shape, name), shape, name)
+
+
+def _format_status(status: int) -> str:
+    """How a program ended, from its exit status.
+
+    >>> _format_status(3), _format_status(-11)
+    ('exited with status 3', 'was killed by SIGSEGV')
+    """
+    if status >= 0:
+        return f"exited with status {status}"
+    name = next((each.name for each in signal.Signals if each == -status), f"signal {-status}")
+    return f"was killed by {name}" + (" (out of memory?)" if name == "SIGKILL" else "")
+
+
+def _run_process(words: list[str], timeout_s: float, name: str) -> tuple[int, str]:
+    """Run a program: (exit status, the end of its output).
+
+    It runs in a session of its own, so that its children are killed with it at the time limit. If memory runs out, the
+    kernel kills it first.
+    """
+    try:
+        process = subprocess.Popen(
+            words,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            bufsize=0,
+        )
+    except (OSError, ValueError) as problem:
+        raise InputError(f"{name} cannot be started: {getattr(problem, 'strerror', None) or problem}") from None
+    with contextlib.suppress(OSError):
+        Path(f"/proc/{process.pid}/oom_score_adj").write_text("1000")
+    tail = bytearray()
+    reader = threading.Thread(target=_drain, args=(process.stdout, tail), daemon=True)
+    reader.start()
+    try:
+        process.wait(timeout_s)
+    except subprocess.TimeoutExpired:
+        raise ProgramTimeoutError(f"{name} took longer than {timeout_s:g} s and was killed") from None
+    finally:
+        if process.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+    reader.join(CHILD_S)
+    return process.returncode, tail.decode(errors="replace")
+
+
+def _drain(pipe: Any, tail: bytearray) -> None:
+    """Read the pipe to its end; `tail` receives the last bytes."""
+    with pipe:
+        while got := pipe.read(1 << 16):
+            tail += got
+            del tail[:-TAIL_BYTES]
+
+
+def _read_pfm(path: Path, shape: tuple[int, ...], name: str) -> Disparity:
+    """A grey PFM file of this (H, W), float32, first row on top. At most the bytes of such a map are read."""
+    with path.open("rb") as file:
+        head = [file.readline(64).split() for _ in range(3)]
+        try:
+            (magic,), (width, height), (scale,) = head
+            size, order = (int(height), int(width)), "<f4" if float(scale) < 0 else ">f4"
+        except ValueError:
+            raise InputError(f"{name}: {{out}} is not a PFM file: its header cannot be read") from None
+        if magic == b"Pf" and size != shape:
+            raise WrongAnswerError("wrong-shape", f"{name} returned shape {size}; the left image has {shape}")
+        body = file.read(4 * size[0] * size[1] + 1) if magic == b"Pf" else b""
+    if len(body) != 4 * size[0] * size[1]:
+        raise InputError(f"{name}: {{out}} is not a grey PFM file of the size in its header")
+    return np.frombuffer(body, order).reshape(size)[::-1].astype(np.float32)
+
+
+@dataclass(frozen=True)
+class OnnxNetwork:
+    """A stereo network in a .onnx file. It runs on the processor and needs the extra onnx.
+
+    Inputs: two float32 tensors (1, C, H, W), the left image first, C = 1 (luma) or 3 (red, green, blue). H and W may be
+    fixed in the model: larger images are refused; smaller ones are padded with their edge pixels, at the top and on the
+    right. Where H and W are free, images are padded to a `multiple`. Disparities are cropped to the image.
+    Output: (1, 1, H, W), (1, H, W) or (H, W), in pixels of the input, u_left - u_right after multiplication by `sign`.
+    +inf is unknown; NaN and -inf are refused.
+
+    A network searches the range it was trained for: it has no options num_disparities and min_disparity.
+    """
+
+    model: Annotated[str, "The .onnx file."] = ""
+    scale: Annotated[float, "Largest value of the input, for 8-bit and 16-bit images: 1 for 0..1, 255 for 0..255."] = (
+        1.0
+    )
+    multiple: Annotated[int, "Images are padded to a multiple of this, in pixels, where the model's size is free."] = 32
+    output: Annotated[int, "Index of the output that is the disparity; -1: the last."] = -1
+    sign: Annotated[int, "1, or -1 for a network whose disparities are negative."] = 1
+
+    def __post_init__(self) -> None:
+        if not str(self.model).endswith(".onnx"):
+            raise InputError(f"model is {self.model!r}; name an .onnx file, as in onnx:net.onnx")
+        amount("scale", self.scale, above=True)
+        whole("multiple", self.multiple, 1)
+        whole("output", self.output)
+        if self.sign not in (1, -1):
+            raise InputError(f"sign is {self.sign!r}; use 1, or -1 for a network whose disparities are negative")
+
+    @property
+    def content(self) -> str:
+        """The hashes of the model's file and of external data in `net.onnx.data` or `net.onnx_data`."""
+        path = Path(self.model)
+        return content_of([path, *path.parent.glob(f"{glob.escape(path.name)}[._]data*")])
+
+    def check_parts(self) -> None:
+        """FileError if there is no such file, MissingExtraError if onnxruntime is not installed."""
+        _written_ns(self.model)
+        _onnxruntime()
+
+    def match(
+        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+    ) -> Disparity:
+        """The network's disparities; see `matching.Matcher.match`. The range is not used."""
+        pair(left, right)
+        session = _session(self.model, _written_ns(self.model))
+        inputs, outputs = session.get_inputs(), session.get_outputs()
+        self._check(inputs, outputs)
+        feeds = {
+            node.name: self._tensor(np.asarray(image), node) for node, image in zip(inputs, (left, right), strict=True)
+        }
+        try:
+            found = np.asarray(session.run([outputs[self.output].name], feeds)[0])
+        except Exception as problem:  # onnxruntime's own errors have no common base
+            raise InputError(f"{self._name} failed: {_one_line(problem)}") from None
+        if not 2 <= found.ndim <= 4 or any(size != 1 for size in found.shape[:-2]):
+            message = f"{self.model}: returned shape {found.shape}; expected (1, 1, H, W), (1, H, W) or (H, W)"
+            raise WrongAnswerError("wrong-shape", message)
+        plane = self.sign * found.reshape(found.shape[-2:])
+        full = checked_result(plane, feeds[inputs[0].name].shape[2:], self._name)
+        height, width = np.shape(left)[:2]
+        return np.ascontiguousarray(full[-height:, :width])
+
+    @property
+    def _name(self) -> str:
+        return f"model {Path(self.model).name!r}"
+
+    def _check(self, inputs: list[Any], outputs: list[Any]) -> None:
+        """InputError unless the model has two images as inputs, and the output."""
+        if len(inputs) != 2:
+            raise InputError(f"{self.model}: has {len(inputs)} inputs; a stereo model has two, left and right")
+        for node in inputs:
+            where = f"{self.model}: input {node.name!r}"
+            if node.type != "tensor(float)" or len(node.shape) != 4:
+                raise InputError(f"{where} is {node.type} {node.shape}; expected float (1, C, H, W)")
+            if isinstance(node.shape[1], int) and node.shape[1] not in (1, 3):
+                raise InputError(f"{where} has {node.shape[1]} channels; images have 1 or 3")
+        if not -len(outputs) <= self.output < len(outputs):
+            raise InputError(f"{self._name} has {len(outputs)} outputs; output is {self.output}")
+
+    def _tensor(self, image: Image, node: Any) -> Image:
+        """The image as the input takes it: (1, C, H, W) float32, padded at the top and on the right.
+
+        Integers are divided by their largest value; floating-point images are expected in 0..1.
+        """
+        largest = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1
+        levels = image.astype(np.float32) / np.float32(largest) * np.float32(self.scale)
+        levels = levels.reshape(*image.shape[:2], -1)
+        if node.shape[1] == 1:
+            levels = grey(levels)[..., None]
+        elif levels.shape[2] == 1:
+            levels = np.repeat(levels, 3, axis=2)
+        room = []
+        for size, wanted in zip(image.shape[:2], node.shape[2:], strict=True):
+            if isinstance(wanted, int) and wanted < size:
+                raise InputError(f"{self._name} takes images of up to {wanted} pixels a side; this one has {size}")
+            room.append((wanted if isinstance(wanted, int) else -(-size // self.multiple) * self.multiple) - size)
+        padded = np.pad(levels, ((room[0], 0), (0, room[1]), (0, 0)), mode="edge")
+        return np.ascontiguousarray(np.moveaxis(padded, 2, 0)[None])
+
+
+def _onnxruntime() -> Any:
+    try:
+        import onnxruntime
+    except ImportError:
+        raise MissingExtraError("onnxruntime is not installed; pip install 'twinlens[onnx]'") from None
+    return onnxruntime
+
+
+def _written_ns(model: str) -> int:
+    """When the file was last written; a changed file is loaded again."""
+    try:
+        return Path(model).stat().st_mtime_ns
+    except OSError as problem:
+        raise FileError(f"{model}: {problem.strerror}") from None
+
+
+@functools.lru_cache(maxsize=4)
+def _session(model: str, _written_ns: int) -> Any:
+    """The loaded model; loading takes longer than running it."""
+    runtime = _onnxruntime()
+    options = runtime.SessionOptions()
+    options.log_severity_level = _FATAL
+    try:
+        return runtime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    except Exception as problem:  # see match
+        raise FileError(f"{model}: not an ONNX model that can be run: {_one_line(problem)}") from None
+
+
+def _one_line(problem: Exception) -> str:
+    return " ".join(str(problem).split())[:200]

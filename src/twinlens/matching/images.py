@@ -1,5 +1,6 @@
 """The images that matchers accept: two of one size and dtype, converted to grey, with finite values."""
 
+import os
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,6 @@ Image = NDArray[Any]
 Disparity = NDArray[np.float32]
 
 LUMA_14_BIT = (4899, 9617, 1868)  # 0.299, 0.587, 0.114 in 1/16384; they sum to 16384
-WIDE_INTEGERS = "iu"
 
 
 def grey(image: Image) -> Image:
@@ -32,7 +32,7 @@ def grey(image: Image) -> Image:
     if image.ndim != 3 or image.shape[2] != 3:
         raise InputError(f"an image has shape {image.shape}; (H, W) or (H, W, 3) can be matched")
     red, green, blue = (image[:, :, channel] for channel in range(3))
-    if image.dtype.kind not in WIDE_INTEGERS:
+    if image.dtype.kind not in "iu":
         return np.asarray(0.299 * red + 0.587 * green + 0.114 * blue, dtype=image.dtype)
     r, g, b = LUMA_14_BIT
     wide = red.astype(np.int32) * r + green.astype(np.int32) * g + blue.astype(np.int32) * b
@@ -62,6 +62,11 @@ def to_working_dtype(image: Image, name: str) -> Image:
 
 def pair(left: Any, right: Any) -> tuple[Image, Image]:
     """Both images grey and in one working dtype: uint8, uint16 or float64. Raises InputError for anything else."""
+    for name, given in (("left", left), ("right", right)):
+        if isinstance(given, (str, os.PathLike)):
+            raise InputError(
+                f"the {name} image is {os.fspath(given)!r}; give an array: twinlens.dataset.read_image(path)"
+            )
     images = np.asarray(left), np.asarray(right)
     for name, image in zip(("left", "right"), images, strict=True):
         if image.ndim not in (2, 3) or 0 in image.shape:
@@ -73,6 +78,18 @@ def pair(left: Any, right: Any) -> tuple[Image, Image]:
         raise InputError(f"the left image is {images[0].dtype}, the right {images[1].dtype}; both must have one dtype")
     greys = tuple(grey(to_working_dtype(image, name)) for name, image in zip(("left", "right"), images, strict=True))
     return np.ascontiguousarray(greys[0]), np.ascontiguousarray(greys[1])
+
+
+def levels(left: Image, right: Image) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Both images as whole grey levels 0..255: uint8 as it is, uint16 / 257, floats from their common range."""
+    if left.dtype == np.uint8:
+        return left.astype(np.int32), right.astype(np.int32)
+    low, high = 0.0, 65535.0
+    if left.dtype.kind == "f":
+        low, high = min(left.min(), right.min()), max(left.max(), right.max())
+    scale = 255.0 / (high - low) if high > low else 0.0
+    one, other = (np.rint((image - low) * scale).astype(np.int32) for image in (left, right))
+    return one, other
 
 
 def extended(image: Image, rows: tuple[int, int], columns: tuple[int, int]) -> Image:

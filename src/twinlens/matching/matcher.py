@@ -1,6 +1,5 @@
 """`StereoMatcher`: a classical stereo matcher as one frozen description of its options."""
 
-import dataclasses
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -9,19 +8,19 @@ import numpy as np
 from twinlens.errors import InputError, unknown
 from twinlens.matching import refine
 from twinlens.matching.costs import COSTS
-from twinlens.matching.images import Disparity, Image, pair
+from twinlens.matching.images import Disparity, Image, levels, pair
 from twinlens.matching.options import (
     MinDisparity,
     NumDisparities,
+    RangeMatcher,
     amount,
     check_block_size,
     check_range,
     whole,
-    with_range,
 )
 from twinlens.matching.search import Search, search
 from twinlens.matching.strips import cpu_count
-from twinlens.matching.supports import SUPPORTS, Settings, levels
+from twinlens.matching.supports import SUPPORTS, Settings
 from twinlens.matching.transforms import clipped_slope
 
 SUBPIXEL = ("auto", "none", "parabola", "v")
@@ -34,7 +33,7 @@ OPTIMISATIONS = {
 
 
 @dataclass(frozen=True)
-class StereoMatcher:
+class StereoMatcher(RangeMatcher):
     """A classical stereo matcher: its matching cost, support window, optimisation and refinement.
 
     The options are described in their annotations, which `twinlens methods` lists. The steps run in this order: cost,
@@ -161,36 +160,11 @@ class StereoMatcher:
         cost = COSTS[self.cost]
         return cost.p1 if self.p1 is None else self.p1, cost.p2 if self.p2 is None else self.p2
 
-    def replace(self, **changes: Any) -> "StereoMatcher":
-        """The same matcher with some options changed, and checked."""
-        return dataclasses.replace(self, **changes)
-
-    def match(
-        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
-    ) -> Disparity:
-        """Match two rectified images.
-
-        Parameters
-        ----------
-        left, right : array (H, W) or (H, W, 3)
-            Images of one size and dtype: uint8, uint16 or float32. Colour is converted to luma.
-        num_disparities, min_disparity : int, optional
-            Search range in pixels; default: the matcher's own.
-
-        Returns
-        -------
-        array (H, W) float32
-            The left image's disparity u_left - u_right in pixels; +inf where unknown.
-
-        Raises
-        ------
-        InputError
-            The images differ in size or dtype, or cannot be matched.
-        """
-        task, images = with_range(self, num_disparities, min_disparity), self._checked(left, right)
-        disparity = task._raw_disparity(*images)
+    def _match(self, left: Any, right: Any) -> Disparity:
+        images = self._checked(left, right)
+        disparity = self._raw_disparity(*images)
         if self.lr_check is not None:
-            disparity = refine.consistent(disparity, _mirrored(task._raw_disparity(*_swapped(*images))), self.lr_check)
+            disparity = refine.consistent(disparity, _mirrored(self._raw_disparity(*_swapped(*images))), self.lr_check)
         return self._refined(disparity)
 
     def match_pair(self, left: Any, right: Any) -> tuple[Disparity, Disparity]:

@@ -5,18 +5,16 @@ import importlib.metadata
 import re
 import types
 import typing
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypedDict, Unpack
 
 from twinlens.errors import InputError, unknown
 from twinlens.matching.costs import COSTS
-from twinlens.matching.external import PythonFunction
+from twinlens.matching.external import OnnxNetwork, Program, PythonFunction
 from twinlens.matching.images import Disparity
 from twinlens.matching.matcher import StereoMatcher
-from twinlens.matching.network import OnnxNetwork
 from twinlens.matching.opencv import OpenCVBlock, OpenCVSemiGlobal
-from twinlens.matching.program import Program
 
 ENTRY_POINTS = "twinlens.methods"
 
@@ -30,73 +28,58 @@ class Method:
 
     name: str
     description: str
-    defaults: Mapping[str, Any] = field(default_factory=dict)
-    matcher: type[Any] = StereoMatcher
+    defaults: Mapping[str, Any]
+    matcher: type[Any]
     positional: str | None = None
 
     @property
     def options(self) -> dict[str, Any]:
         """Every option with its default."""
-        fields = {item.name: item.default for item in dataclasses.fields(self.matcher)}
-        return {**fields, **self.defaults}
+        return {item.name: item.default for item in dataclasses.fields(self.matcher)} | dict(self.defaults)
 
-    @property
-    def meanings(self) -> dict[str, str]:
-        """Every option with its meaning."""
+    def reference(self) -> dict[str, Any]:
+        """{"method", "description", "options": [{"option", "default", "meaning"}]}."""
         hints = typing.get_type_hints(self.matcher, include_extras=True)
-        return {name: hints[name].__metadata__[0] for name in self.options}
+        options = [
+            {"option": name, "default": value, "meaning": hints[name].__metadata__[0]}
+            for name, value in self.options.items()
+        ]
+        return {"method": self.name, "description": self.description, "options": options}
 
     def make(self, **options: Any) -> Any:
-        """The matcher with these options: an `options.Matcher`. Raises InputError for an unknown option."""
-        known = self.options
+        """The matcher with these options: a `matching.Matcher`. Raises InputError for an unknown option."""
         for name in options:
-            if name not in known:
-                raise unknown(f"option of {self.name}", name, known)
+            if name not in self.options:
+                raise unknown(f"option of {self.name}", name, self.options)
         return self.matcher(**{**self.defaults, **options})
 
 
-METHODS: dict[str, Method] = {
-    method.name: method
-    for method in (
-        *(Method(name, cost.description, {"cost": name}) for name, cost in COSTS.items()),
-        Method("shiftable", "SAD of the best window that contains the pixel", {"cost": "sad", "support": "shiftable"}),
-        Method(
-            "adaptive",
-            "ZNCC in windows that grow where texture is weak and follow edges",
-            {"cost": "zncc", "support": "adaptive", "block_size": 21},
-        ),
-        Method(
-            "cross",
-            "census over cross-shaped regions of similar pixels",
-            {"cost": "census", "support": "cross", "block_size": 35},
-        ),
-        Method(
-            "weighted",
-            "census weighted by similarity and proximity; slow",
-            {"cost": "census", "support": "weighted", "block_size": 15},
-        ),
-        Method(
-            "guided",
-            "census smoothed by a guided filter",
-            {"cost": "census", "support": "guided", "block_size": 19},
-        ),
-        Method(
-            "sgm",
-            "semi-global matching of census costs, 8 paths",
-            {"cost": "census", "block_size": 1, "optimisation": "sgm8"},
-        ),
-        Method(
-            "sgm4",
-            "semi-global matching of census costs, 4 paths",
-            {"cost": "census", "block_size": 1, "optimisation": "sgm4"},
-        ),
-        Method("opencv_bm", "OpenCV's StereoBM (extra opencv)", {}, OpenCVBlock),
-        Method("opencv_sgbm", "OpenCV's StereoSGBM (extra opencv)", {}, OpenCVSemiGlobal),
-        Method("onnx", "an ONNX model (extra onnx): onnx:net.onnx", {}, OnnxNetwork, "model"),
-        Method("program", "a program: program:'prog {left} {right} {out}'", {}, Program, "command"),
-        Method("function", "a Python function: function:path/to/file.py:name", {}, PythonFunction, "function"),
-    )
-}
+def _own(name: str, description: str, cost: str, **options: Any) -> Method:
+    return Method(name, description, {"cost": cost, **options}, StereoMatcher)
+
+
+_METHODS = (
+    *(_own(name, cost.description, name) for name, cost in COSTS.items()),
+    _own("shiftable", "SAD of the best window that contains the pixel", "sad", support="shiftable"),
+    _own(
+        "adaptive",
+        "ZNCC in windows that grow where texture is weak and follow edges",
+        "zncc",
+        support="adaptive",
+        block_size=21,
+    ),
+    _own("cross", "census over cross-shaped regions of similar pixels", "census", support="cross", block_size=35),
+    _own("weighted", "census weighted by similarity and proximity; slow", "census", support="weighted", block_size=15),
+    _own("guided", "census smoothed by a guided filter", "census", support="guided", block_size=19),
+    _own("sgm", "semi-global matching of census costs, 8 paths", "census", block_size=1, optimisation="sgm8"),
+    _own("sgm4", "semi-global matching of census costs, 4 paths", "census", block_size=1, optimisation="sgm4"),
+    Method("opencv_bm", "OpenCV's StereoBM (extra opencv)", {}, OpenCVBlock),
+    Method("opencv_sgbm", "OpenCV's StereoSGBM (extra opencv)", {}, OpenCVSemiGlobal),
+    Method("onnx", "an ONNX model (extra onnx): onnx:net.onnx", {}, OnnxNetwork, "model"),
+    Method("program", "a program: program:'prog {left} {right} {out}'", {}, Program, "command"),
+    Method("function", "a Python function: function:path/to/file.py:name", {}, PythonFunction, "function"),
+)
+METHODS: dict[str, Method] = {method.name: method for method in _METHODS}
 
 
 @dataclass(frozen=True)
@@ -122,9 +105,7 @@ class MethodSpec:
 
     def check_parts(self) -> None:
         """Raise a TwinlensError if a file, function or package that the matcher needs is missing."""
-        check = getattr(self.matcher(), "check_parts", None)
-        if check is not None:
-            check()
+        getattr(self.matcher(), "check_parts", bool)()
 
     @property
     def runs_user_code(self) -> bool:
@@ -134,7 +115,7 @@ class MethodSpec:
     def match(
         self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
     ) -> Disparity:
-        """See `options.Matcher.match`. A range among the method's options takes precedence over the arguments."""
+        """See `matching.Matcher.match`. A range among the method's options takes precedence over the arguments."""
         given = {"num_disparities": num_disparities, "min_disparity": min_disparity}
         matcher = self.matcher(**{name: value for name, value in given.items() if value is not None})
         result: Disparity = matcher.match(left, right)
@@ -192,18 +173,19 @@ def split_methods(texts: Iterable[str]) -> list[str]:
 def _starts_method(part: str, before: str, name: str) -> bool:
     """Whether `part`, which is name=..., is a named method and not an option of the method before it."""
     try:
-        if name in find_method(_named(before)[1].partition(":")[0].strip()).options:
+        if name in find_method(_parts(before)[1]).options:
             return False
-        find_method(_named(part)[1].partition(":")[0].strip())
+        find_method(_parts(part)[1])
     except InputError:
         return False
     return True
 
 
-def _named(text: str) -> tuple[str, str]:
-    """(name, method text) of [NAME=]METHOD[:OPTIONS]; the name is the whole text where none is given."""
-    named = re.fullmatch(r"([\w.-]+)\s*=\s*(.+)", text.strip(), re.DOTALL)
-    return (named[1], named[2]) if named else (text.strip(), text.strip())
+def _parts(text: str) -> tuple[str, str, str]:
+    """(name, method, options) of [NAME=]METHOD[:OPTIONS]; the name is the whole text where none is given."""
+    head, _, tail = text.strip().partition(":")
+    name, equals, method = head.partition("=")
+    return (name.strip(), method.strip(), tail) if equals else (text.strip(), head.strip(), tail)
 
 
 def parse_method(text: str) -> MethodSpec:
@@ -217,11 +199,10 @@ def parse_method(text: str) -> MethodSpec:
     >>> parse_method("mine=function:path/to/file.py:name").name
     'mine'
     """
-    name, rest = _named(text)
-    head, _, tail = rest.partition(":")
-    method = find_method(head.strip())
-    parts = split_commas(tail)
-    options = dict(_option(part, text.strip(), method, first=index == 0) for index, part in enumerate(parts))
+    name, head, tail = _parts(text)
+    method = find_method(head)
+    parts = enumerate(split_commas(tail))
+    options = dict(_option(part, text.strip(), method, first=index == 0) for index, part in parts)
     spec = MethodSpec(name, method, types.MappingProxyType(options))
     spec.matcher()
     return spec
@@ -255,7 +236,71 @@ def _value(text: str) -> Any:
     return text
 
 
-def match(left: Any, right: Any, method: str = "zncc", **options: Any) -> Disparity:
+def option_text(value: Any) -> str:
+    """A default as a method text writes it: none, true, 1e-4; "" for an option that must be given.
+
+    >>> option_text(None), option_text(True), option_text(2.0)
+    ('none', 'true', '2')
+    """
+    if isinstance(value, bool) or value is None:
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def method_tables() -> str:
+    """The tables of docs/methods.md: all methods, and the options of each class of matchers."""
+    lines = ["| method | description | defaults that differ |", "| --- | --- | --- |"]
+    for method in METHODS.values():
+        own = ", ".join(f"{option}={option_text(value)}" for option, value in method.defaults.items())
+        lines.append(f"| `{method.name}` | {method.description} | {own and f'`{own}`'} |")
+    for kind in dict.fromkeys(method.matcher for method in METHODS.values()):
+        names = [method.name for method in METHODS.values() if method.matcher is kind]
+        title = "Methods of twinlens" if len(names) > 1 else f"`{names[0]}`"
+        lines += [f"\n## Options: {title}\n", "| option | default | meaning |", "| --- | --- | --- |"]
+        for row in Method(names[0], "", {}, kind).reference()["options"]:
+            lines.append(f"| `{row['option']}` | {option_text(row['default'])} | {row['meaning']} |")
+    return "\n".join([*lines, ""])
+
+
+class Options(TypedDict, total=False):
+    """The options of all methods, with the types that `match` accepts."""
+
+    block_size: int
+    census_window: int
+    command: str
+    contrast: float
+    cost: str
+    epsilon: float
+    fill: str
+    function: Callable[..., Any] | str
+    gamma_near: float
+    gamma_similar: float
+    lr_check: float | None
+    median: int
+    min_disparity: int
+    mode: str
+    model: str
+    multiple: int
+    noise: float
+    num_disparities: int
+    optimisation: str
+    output: int
+    p1: float | None
+    p2: float | None
+    prefilter: str | bool
+    scale: float
+    sign: int
+    speckle_range: float
+    speckle_size: int
+    subpixel: str
+    support: str
+    texture: float
+    threads: int | None
+    timeout_s: float
+    uniqueness: float
+
+
+def match(left: Any, right: Any, method: str = "zncc", **options: Unpack[Options]) -> Disparity:
     """Match two rectified images.
 
     Parameters
@@ -286,8 +331,9 @@ def match(left: Any, right: Any, method: str = "zncc", **options: Any) -> Dispar
     3
     """
     spec = parse_method(method)
+    known = spec.method.options
     for name in options:
-        if name not in spec.method.options:
-            raise unknown(f"option of {spec.method.name}", name, spec.method.options)
-    result: Disparity = spec.matcher(**options).match(left, right)
+        if name not in known:
+            raise unknown(f"option of {spec.method.name}", name, ["method", *known])
+    result: Disparity = spec.method.make(**{**options, **spec.options}).match(left, right)
     return result

@@ -1,16 +1,13 @@
-"""OpenCV's matchers as methods; they need the extra opencv."""
+"""OpenCV's matchers as methods; they need the extra opencv. Images are converted to 8-bit grey."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
 
 from twinlens.errors import InputError, MissingExtraError, unknown
-from twinlens.matching.images import Disparity, Image, pair
-from twinlens.matching.options import MinDisparity, check_block_size, check_range, whole, with_range
-from twinlens.matching.supports import levels
+from twinlens.matching.images import Disparity, levels, pair
+from twinlens.matching.options import MinDisparity, RangeMatcher, check_block_size, check_range, whole
 
 SIXTEENTHS = 16  # the unit of OpenCV's fixed-point disparities, and the multiple of its ranges
 MODES = {"default": "STEREO_SGBM_MODE_SGBM", "hh": "STEREO_SGBM_MODE_HH", "3way": "STEREO_SGBM_MODE_SGBM_3WAY"}
@@ -24,64 +21,31 @@ def _opencv() -> Any:
     return cv2
 
 
-def _eight_bit(left: Any, right: Any) -> tuple[Image, Image]:
-    one, other = levels(*pair(left, right))
-    return one.astype(np.uint8), other.astype(np.uint8)
-
-
-@contextmanager
-def _refusing(cv2: Any, name: str) -> Iterator[None]:
-    """Turn OpenCV's errors, and Python's for numbers that do not fit a C int, into an InputError of one line."""
-    try:
-        yield
-    except (cv2.error, ValueError, OverflowError) as problem:
-        raise InputError(f"OpenCV's {name} refuses this: {' '.join(str(problem).split())[:200]}") from None
-
-
-def _from_sixteenths(fixed: Image, low: int) -> Disparity:
-    return np.where(fixed < low * SIXTEENTHS, np.inf, fixed / SIXTEENTHS).astype(np.float32)
-
-
-def _in_sixteens(count: int) -> int:
-    """The next multiple of 16."""
-    return -(-count // SIXTEENTHS) * SIXTEENTHS
-
-
-class _OpenCVMatcher:
-    """What both matchers share: the range, the checks, and the conversion of images and disparities."""
-
-    num_disparities: int
-    min_disparity: int
+class _OpenCVMatcher(RangeMatcher):
+    """What both matchers share; `_made` checks the images' size and makes OpenCV's matcher."""
 
     def check_parts(self) -> None:
         """MissingExtraError if OpenCV is not installed."""
         _opencv()
 
-    def match(
-        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
-    ) -> Disparity:
-        """See `options.Matcher.match`."""
-        cv2, images = _opencv(), _eight_bit(left, right)
-        task = with_range(self, num_disparities, min_disparity)
-        name = task._check(images[0].shape)
-        with _refusing(cv2, name):
-            return _from_sixteenths(task._made(cv2).compute(*images), task.min_disparity)
-
-    def _check(self, shape: tuple[int, ...]) -> str:
-        """The matcher's name in OpenCV; InputError for images of this (H, W) that it cannot match."""
+    def _made(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
         raise NotImplementedError
 
-    def _made(self, cv2: Any) -> Any:
-        """OpenCV's matcher."""
-        raise NotImplementedError
+    def _match(self, left: Any, right: Any) -> Disparity:
+        cv2, images = _opencv(), [image.astype(np.uint8) for image in levels(*pair(left, right))]
+        count = -(-self.num_disparities // SIXTEENTHS) * SIXTEENTHS
+        try:
+            fixed = self._made(cv2, images[0].shape, count).compute(*images)
+        except InputError:
+            raise
+        except (cv2.error, ValueError, OverflowError) as problem:  # Python's: numbers that do not fit a C int
+            raise InputError(f"OpenCV's StereoMatcher refuses this: {' '.join(str(problem).split())[:200]}") from None
+        return np.where(fixed < self.min_disparity * SIXTEENTHS, np.inf, fixed / SIXTEENTHS).astype(np.float32)
 
 
 @dataclass(frozen=True)
 class OpenCVBlock(_OpenCVMatcher):
-    """OpenCV's StereoBM: SAD of clipped Sobel images or, with prefilter=False, of locally normalised images.
-
-    Images are converted to 8-bit grey.
-    """
+    """OpenCV's StereoBM: SAD of clipped Sobel images or, with prefilter=False, of locally normalised images."""
 
     block_size: Annotated[int, "Side of the window in pixels; odd, 5 or more."] = 9
     num_disparities: Annotated[int, "Number of disparities to search; rounded up to a multiple of 16."] = 64
@@ -97,13 +61,10 @@ class OpenCVBlock(_OpenCVMatcher):
         whole("uniqueness", self.uniqueness, 0)
         check_range(self.num_disparities, self.min_disparity)
 
-    def _check(self, shape: tuple[int, ...]) -> str:
+    def _made(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
         if self.block_size >= min(shape):
             raise InputError(f"block_size is {self.block_size}; OpenCV's StereoBM needs a larger image")
-        return "StereoBM"
-
-    def _made(self, cv2: Any) -> Any:
-        matcher = cv2.StereoBM.create(_in_sixteens(self.num_disparities), self.block_size)
+        matcher = cv2.StereoBM.create(count, self.block_size)
         matcher.setMinDisparity(self.min_disparity)
         matcher.setTextureThreshold(self.texture)
         matcher.setUniquenessRatio(self.uniqueness)
@@ -116,7 +77,7 @@ class OpenCVBlock(_OpenCVMatcher):
 
 @dataclass(frozen=True)
 class OpenCVSemiGlobal(_OpenCVMatcher):
-    """OpenCV's StereoSGBM. Images are converted to 8-bit grey; P1 and P2 are 8 and 32 block_size^2."""
+    """OpenCV's StereoSGBM; P1 and P2 are 8 and 32 block_size^2."""
 
     block_size: Annotated[int, "Side of the window in pixels; odd."] = 3
     num_disparities: Annotated[int, "Number of disparities to search; rounded up to a multiple of 16."] = 64
@@ -131,20 +92,17 @@ class OpenCVSemiGlobal(_OpenCVMatcher):
         if self.mode not in MODES:
             raise unknown("mode", str(self.mode), MODES)
 
-    def _check(self, shape: tuple[int, ...]) -> str:
-        """OpenCV matches only columns for which the whole range is inside; its 3-way mode does not check this."""
-        low, high = min(self.min_disparity, 0), max(self.min_disparity + _in_sixteens(self.num_disparities), 0)
-        if shape[1] + low - high <= self.block_size // 2:
+    def _made(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
+        # OpenCV matches only columns for which the whole range is inside; its 3-way mode does not check this.
+        least = max(self.min_disparity + count, 0) - min(self.min_disparity, 0) + self.block_size // 2
+        if shape[1] <= least:
             raise InputError(
-                f"OpenCV's StereoSGBM matches images wider than {high - low + self.block_size // 2} pixels over this "
-                f"range with this block_size; this one is {shape[1]} wide: search fewer num_disparities"
+                f"OpenCV's StereoSGBM matches images wider than {least} pixels over this range with this block_size; "
+                f"this one is {shape[1]} wide: search fewer num_disparities"
             )
-        return "StereoSGBM"
-
-    def _made(self, cv2: Any) -> Any:
         return cv2.StereoSGBM.create(
             minDisparity=self.min_disparity,
-            numDisparities=_in_sixteens(self.num_disparities),
+            numDisparities=count,
             blockSize=self.block_size,
             P1=8 * self.block_size**2,
             P2=32 * self.block_size**2,

@@ -1,8 +1,8 @@
-"""What all matchers share: the contract of `match`, the search range, and checks of options."""
+"""What all matchers share: the contract of `match`, the search range, checks of options, and limits by image size."""
 
 import dataclasses
 import numbers
-from typing import Annotated, Any, Protocol, TypeVar
+from typing import Annotated, Any, Protocol, Self
 
 import numpy as np
 
@@ -11,7 +11,11 @@ from twinlens.matching.images import Disparity
 
 NumDisparities = Annotated[int, "Number of disparities to search."]
 MinDisparity = Annotated[int, "Smallest disparity to search, in pixels: u_left - u_right. May be negative."]
-M = TypeVar("M")
+
+DEFAULT_DISPARITIES = 64
+LARGEST_DEFAULT_WINDOW = 35
+"""The largest default of a window option, over all methods."""
+WINDOW_OPTIONS = ("block_size", "census_window", "median")
 
 
 class Matcher(Protocol):
@@ -20,19 +24,35 @@ class Matcher(Protocol):
     def match(
         self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
     ) -> Disparity:
-        """The left image's disparity, (H, W) float32 in pixels, u_left - u_right; +inf where unknown.
+        """Match two rectified images.
 
-        left, right: rectified images (H, W) or (H, W, 3) of one size and dtype. The search covers
-        min_disparity <= d < min_disparity + num_disparities; None: the matcher's own value.
+        left, right: (H, W) or (H, W, 3), of one size and dtype: uint8, uint16 or float32. The search covers
+        min_disparity <= d < min_disparity + num_disparities; None: the matcher's own value. Returns the left image's
+        disparity u_left - u_right in pixels, (H, W) float32; +inf where unknown.
+        Raises InputError for images that differ in size or dtype, or cannot be matched.
         """
         ...
 
 
-def with_range(matcher: M, num_disparities: int | None, min_disparity: int | None) -> M:
-    """The matcher with another search range; None keeps its own value."""
-    given = {"num_disparities": num_disparities, "min_disparity": min_disparity}
-    changes = {name: value for name, value in given.items() if value is not None}
-    return dataclasses.replace(matcher, **changes) if changes else matcher  # type: ignore[type-var]
+class RangeMatcher:
+    """Base of the matchers with a search range among their options, which are frozen dataclasses."""
+
+    num_disparities: int
+    min_disparity: int
+
+    def match(
+        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
+    ) -> Disparity:
+        """See `matching.Matcher.match`."""
+        given = {"num_disparities": num_disparities, "min_disparity": min_disparity}
+        return self.replace(**{name: value for name, value in given.items() if value is not None})._match(left, right)
+
+    def _match(self, left: Any, right: Any) -> Disparity:
+        raise NotImplementedError
+
+    def replace(self, **changes: Any) -> Self:
+        """The same matcher with some options changed, and checked."""
+        return dataclasses.replace(self, **changes) if changes else self  # type: ignore[type-var]
 
 
 def check_range(num_disparities: Any, min_disparity: Any) -> None:
@@ -65,3 +85,24 @@ def amount(name: str, value: Any, *, above: bool = False) -> float:
     if float(value) < 0 or (above and float(value) == 0):
         raise InputError(f"{name} is {value}; it must be {'above 0' if above else '>= 0'}")
     return float(value)
+
+
+def check_image_size(matcher: Any, size: tuple[int, ...]) -> None:
+    """Refuse search ranges and windows that are larger than images of `size` (H, W) can use.
+
+    Two pixels of a row of W are at most W - 1 apart, so there are 2 W - 1 disparities; a window with a side of
+    2 max(H, W) - 1 covers the whole image at every pixel. Defaults are always allowed. Raises InputError.
+    """
+    height, width = size
+    disparities = f"an image {width} pixels wide has disparities from {1 - width} to {width - 1}"
+    count, first = getattr(matcher, "num_disparities", 1), getattr(matcher, "min_disparity", 0)
+    if count > max(2 * width - 1, DEFAULT_DISPARITIES):
+        raise InputError(f"num_disparities is {count}: {disparities}, {2 * width - 1} in all")
+    if not -width < first < width:
+        raise InputError(f"min_disparity is {first}: {disparities}")
+    largest = max(2 * max(size) - 1, LARGEST_DEFAULT_WINDOW)
+    for option in WINDOW_OPTIONS:
+        window = getattr(matcher, option, 0)
+        if window > largest:
+            covered = f"a window of {largest} covers all of an image of {width} x {height} at every pixel"
+            raise InputError(f"{option} is {window}: {covered}")

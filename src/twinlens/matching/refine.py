@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
 
-from twinlens.matching.images import Disparity, Image
-from twinlens.matching.supports import levels
+from twinlens.matching.images import Disparity, Image, levels
 
 FILLS = ("none", "background")
 UNKNOWN = np.float32(np.inf)

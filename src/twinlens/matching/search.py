@@ -7,11 +7,11 @@ import numpy as np
 
 from twinlens.matching.box import FITS, BoxMatch, Chosen, Volume, blank, in_lanes, limits
 from twinlens.matching.costs import Cost, largest_cost
-from twinlens.matching.images import Image
+from twinlens.matching.images import Image, levels
 from twinlens.matching.semiglobal import Costs as SweepCosts
 from twinlens.matching.semiglobal import Penalties, Sweeps, quantised, scaled, stored
 from twinlens.matching.strips import in_strips
-from twinlens.matching.supports import Scene, Settings, Strip, Support, levels
+from twinlens.matching.supports import Scene, Settings, Strip, Support
 from twinlens.matching.transforms import census_images, rank_image
 from twinlens.matching.volume import BirchfieldTomasi, BoxCosts, Costs, ZeroMeanAbsolute
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from twinlens.matching.images import Image, extended
+from twinlens.matching.images import extended
 
 Volume = NDArray[Any]
 
@@ -89,18 +89,6 @@ class Support:
     windows: Callable[[int], tuple[int, ...]] = lambda side: (side,)
     masked: bool = False
     parts: int = 1
-
-
-def levels(left: Image, right: Image) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Both images as whole grey levels 0..255: uint8 as it is, uint16 / 257, floats from their common range."""
-    if left.dtype == np.uint8:
-        return left.astype(np.int32), right.astype(np.int32)
-    low, high = (
-        (0.0, 65535.0) if left.dtype.kind == "u" else (min(left.min(), right.min()), max(left.max(), right.max()))
-    )
-    scale = 255.0 / (high - low) if high > low else 0.0
-    one, other = (np.rint((image - low) * scale).astype(np.int32) for image in (left, right))
-    return one, other
 
 
 def odd(number: float) -> int:
