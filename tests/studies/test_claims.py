@@ -27,11 +27,11 @@ def irradiance(diameter, film):
 
 def test_sensor_radiometry_equals_the_integral_over_the_hole():
     camera = pinhole.edge_camera()
-    unit = exposed_rate(camera, BareAperture(1e-3, pinhole.FILM), 0, 0)
+    unit = exposed_rate(camera, BareAperture(1e-3, pinhole.FILM), 0)
     for k, millimetres in enumerate((0.07, 0.35, 2.0, pinhole.BOX_MM)):
         hole = BareAperture(1e-3 * millimetres, pinhole.FILM)
         expected = irradiance(hole.diameter, pinhole.FILM) / irradiance(1e-3, pinhole.FILM)
-        assert exposed_rate(camera, hole, 0, k + 1) / unit == pytest.approx(expected, rel=2e-3)
+        assert exposed_rate(camera, hole, k + 1) / unit == pytest.approx(expected, rel=2e-3)
 
 
 @pytest.mark.parametrize(("diameter", "spp"), [(0.1, 64), (0.02, 512)])
@@ -44,7 +44,7 @@ def test_path_traced_light_equals_the_integral_over_the_hole(diameter, spp):
 @pytest.mark.slow
 def test_blur_over_disparity_has_slope_aperture_over_baseline():
     rows = table(STUDIES["focus"].all_columns, [row for seed in (0, 1) for row in focus._line(seed)])
-    finding = focus._slope(rows)
+    finding = focus.slope_of_blur(rows)
     assert finding.holds, finding.sentence
     assert finding.tolerance == 0.01
 

@@ -8,8 +8,7 @@ import pytest
 from twinlens.camera import Camera, Rig
 from twinlens.scenes import Bitmap
 from twinlens.studies.depth_error import occluded_percent
-from twinlens.studies.stage import Stage
-from twinlens.studies.targets import glowing, noise_texture
+from twinlens.studies.stage import Stage, glowing, noise_texture
 
 CAMERA = Camera(96, 72, 90.0, 90.0, 47.5, 35.5)
 

@@ -18,6 +18,7 @@ from twinlens.studies import (
     from_csv,
     pinhole,
     run_study,
+    stage,
     texture,
     to_csv,
     window,
@@ -34,10 +35,9 @@ def _fewer():
     """Shorter sweeps."""
     patch = pytest.MonkeyPatch()
     patch.setattr(depth_error, "DEPTHS", (1.0, 4.0))
-    patch.setattr(depth_error, "PHASES", (0.25,))
+    patch.setattr(stage, "PHASES", (0.25,))
     patch.setattr(texture, "CONTRASTS", (0.04, 0.06, 0.08, 0.32))
     patch.setattr(texture, "SCALES_PX", (1.0, 2.5))
-    patch.setattr(texture, "PHASES", (0.25,))
     patch.setattr(pinhole, "DIAMETERS_MM", (2.0, 0.6, 0.29, 0.23, 0.15, 0.07))
     patch.setattr(pinhole, "SHOWN_MM", (pinhole.BOX_MM, 0.35))
     patch.setattr(pinhole, "_PLATE_SPP", 4)

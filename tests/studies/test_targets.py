@@ -5,7 +5,7 @@ import pytest
 
 from twinlens.camera import Camera, Rig
 from twinlens.rendering import ground_truth
-from twinlens.studies.targets import noise_plane, noise_texture, plane_size, texels
+from twinlens.studies.stage import noise_plane, noise_texture
 
 CAMERA = Camera(96, 72, 90.0, 90.0, 47.5, 35.5)
 
@@ -40,5 +40,6 @@ def test_a_plane_fills_both_views(depth, base):
 
 def test_a_plane_has_the_same_number_of_texels_at_every_distance():
     rig = Rig.stereo(CAMERA, 1e-6, np.eye(4))
-    assert texels(rig, 1.0) == texels(rig, 8.0)
-    assert plane_size(rig, 8.0)[1] == pytest.approx(8 * plane_size(rig, 1.0)[1])
+    near, far = (noise_plane(rig, depth, 1).objects[0] for depth in (1.0, 8.0))
+    assert np.array_equal(near.emitter["radiance"].pixels, far.emitter["radiance"].pixels)
+    assert far.world_from_object[1, 1] == pytest.approx(8 * near.world_from_object[1, 1])

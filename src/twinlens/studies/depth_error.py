@@ -7,30 +7,26 @@ depth test the assumption that sigma_d does not depend on z. Bundled scenes give
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera import Camera, Pinhole, Rig
+from twinlens.camera import Camera, Pinhole
 from twinlens.scenes import Scene, load_scene
 from twinlens.sensor import Sensor
 from twinlens.studies.bootstrap import log_slope, over_scenes
-from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, is_above, predicted, sweep
-from twinlens.studies.stage import Stage, stream
+from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, is_above, power_law, sweep
+from twinlens.studies.stage import Stage, centred_camera, noise_planes, stream
 from twinlens.studies.table import Column, Row, Table
-from twinlens.studies.targets import noise_plane
 
 Float = NDArray[np.float64]
 
 DEPTHS = tuple(2.0 ** (k / 2) for k in range(7))
 """Of the planes, metres: 1 to 8."""
-PHASES = (0.0, 0.25, 0.5, 0.75)
-"""Shifts of the right principal point, pixels; they average over the sub-pixel position of the match."""
 PLANE_SIZE = (160, 120)
 _RIM = 12
-_FIXED = ("baseline_mm", "fx_px", "z_m")
 PLANES, SCENES = "planes", "scenes"
 """Values of the column "part"."""
 TOLERANCE = 0.05
@@ -54,16 +50,25 @@ class Sweep:
     def measure(self, setup: Setup) -> Measured:
         """Planes at every depth for each pair, then every bundled scene."""
         places = itertools.product(setup.seeds, self.planes)
-        rows: list[Row] = [row for seed, pair in places for row in plane_rows(setup, seed, *pair)]
+        rows = [row for seed, pair in places for row in plane_rows(setup, seed, *pair)]
         for name, factor, seed in sweep(setup, self.factors, setup.seeds):
-            rows += _scene_rows(setup, name, seed, *self.pair(load_scene(name), factor))
+            baseline, fov_x_deg = self.pair(load_scene(name), factor)
+            stage = Stage.of(name, setup.width, setup.height, fov_x_deg=fov_x_deg, baseline=baseline)
+            radiance = stage.photograph(Pinhole(), setup.spp, stream(seed, 0))
+            pictures = stage.expose(radiance, Pinhole(), stream(seed, 1), SENSOR)
+            place = {"scene": name, "part": SCENES, "seed": seed, "baseline_mm": 1e3 * baseline,
+                     "fx_px": stage.camera.fx, "occluded": occluded_percent(stage)}  # fmt: skip
+            for method, scores in stage.errors(pictures, setup.methods).items():
+                rows.append({**place, "method": method, "totbad2": scores["totbad2"]})
         return Measured(rows, notes={"plane_pairs": self.planes, "factors": self.factors})
 
     def conclude(self, table: Table) -> list[Finding]:
         """Exponents of the depth error in z and in the swept quantity."""
+        planes = table.where(part=PLANES)
+        others = [name for name in ("baseline_mm", "fx_px") if name != self.column]
         text = f"The depth error is proportional to {self.symbol}^p with p = {{}}"
-        swept = exponent(table.where(part=PLANES), self.column, "depth_error_mm", -1.0, text)
-        return [*exponents_of_depth(table), law_residual(table), swept]
+        swept = power_law(text, planes, self.column, "depth_error_mm", -1.0, TOLERANCE, ["method", "z_m", *others])
+        return [*exponents_of_depth(table), law_residual(planes), swept]
 
     def figures(self, quantity: str) -> tuple[Figure, ...]:
         """The depth error of planes, and the wrong pixels of bundled scenes."""
@@ -86,67 +91,40 @@ BY_FOCAL_LENGTH = Sweep(
 )  # fmt: skip
 
 
-def plane_rows(setup: Setup, seed: int, baseline: float, fov_x_deg: float) -> Iterator[Row]:
-    """A row for every depth and matcher, from rendered planes."""
+def plane_rows(setup: Setup, seed: int, baseline: float, fov_x_deg: float) -> list[Row]:
+    """A row for every matcher and depth, from rendered planes."""
     fx = Camera.from_fov(setup.width, setup.height, fov_x_deg).fx
-    width, height = PLANE_SIZE
-    camera = Camera(width, height, fx, fx, 0.5 * (width - 1), 0.5 * (height - 1))
-    rig = Rig.stereo(camera, baseline, np.eye(4))
-    found = {(z, method): errors for z in DEPTHS for method, errors in _plane_errors(setup, rig, z, seed).items()}
-    for method in setup.methods:
-        typical = math.sqrt(float(np.mean([robust_deviation(found[z, method][1]) ** 2 for z in DEPTHS])))
-        for z in DEPTHS:
-            metres, pixels = found[z, method]
-            yield {
-                "scene": "plane", "part": PLANES, "seed": seed, "method": method, "baseline_mm": 1e3 * baseline,
-                "fx_px": camera.fx, "z_m": z, "depth_error_mm": 1e3 * robust_deviation(metres),
-                "predicted_mm": 1e3 * z**2 / (camera.fx * baseline) * typical,
-                "disparity_error_px": robust_deviation(pixels),
-            }  # fmt: skip
+    errors: dict[tuple[str, float], list[Float]] = {place: [] for place in itertools.product(setup.methods, DEPTHS)}
+    for k, z in enumerate(DEPTHS):
+        for j, stage in enumerate(noise_planes(centred_camera(*PLANE_SIZE, fx), baseline, z, stream(seed, k))):
+            draw = stream(seed, k, j)
+            pictures = stage.expose(stage.photograph(Pinhole(), setup.spp, draw), Pinhole(), draw, SENSOR)
+            for method in setup.methods:
+                errors[method, z].append(_errors(stage, stage.match(pictures, method)))
+    deviations = {place: robust_deviation(np.hstack(each)) for place, each in errors.items()}
+    rows: list[Row] = []
+    for (method, z), (metres, pixels) in deviations.items():
+        typical = math.sqrt(float(np.mean([deviations[method, depth][1] ** 2 for depth in DEPTHS])))
+        rows.append({
+            "scene": "plane", "part": PLANES, "seed": seed, "method": method, "baseline_mm": 1e3 * baseline,
+            "fx_px": fx, "z_m": z, "depth_error_mm": 1e3 * metres,
+            "predicted_mm": 1e3 * z**2 / (fx * baseline) * typical, "disparity_error_px": pixels,
+        })  # fmt: skip
+    return rows
 
 
-def _plane_errors(setup: Setup, rig: Rig, depth: float, seed: int) -> dict[str, tuple[Float, Float]]:
-    """Per method: depth errors in metres and disparity errors in pixels, over all phases."""
-    scene = noise_plane(rig, depth, stream(seed, DEPTHS.index(depth)))
-    errors: dict[str, list[tuple[Float, Float]]] = {method: [] for method in setup.methods}
-    left = rig.cameras[0]
-    for k, phase in enumerate(PHASES):
-        stage = Stage(scene, Rig((left, left.replace(cx=left.cx + phase)), rig.world_from_cams))
-        draw = stream(seed, DEPTHS.index(depth), k)
-        pictures = stage.expose(stage.photograph(Pinhole(), setup.spp, draw), Pinhole(), draw, SENSOR)
-        for method in setup.methods:
-            errors[method].append(_errors(stage, stage.match(pictures, method), phase))
-    return {
-        method: (np.concatenate([z for z, _ in each]), np.concatenate([d for _, d in each]))
-        for method, each in errors.items()
-    }
-
-
-def _errors(stage: Stage, found: NDArray[np.float32], doffs: float) -> tuple[Float, Float]:
-    """Depth errors (m) and disparity errors (px) of inner pixels with errors below one pixel."""
-    true, z = stage.truth.disparity.astype(np.float64), stage.truth.depth.astype(np.float64)
-    disparity = found.astype(np.float64)
+def _errors(stage: Stage, found: NDArray[np.float32]) -> Float:
+    """Errors of depth (m) and disparity (px), (2, N), of inner pixels with disparity errors below one pixel."""
+    true, disparity = stage.truth.disparity.astype(np.float64), found.astype(np.float64)
     used = stage.truth.visible & np.isfinite(disparity) & (np.abs(disparity - true) < 1)
     used[:_RIM] = used[-_RIM:] = used[:, :_RIM] = used[:, -_RIM:] = False
-    focal_base = stage.camera.fx * stage.rig.baseline(0, 1)
-    return focal_base / (disparity[used] + doffs) - z[used], (disparity - true)[used]
+    depth = stage.camera.fx * stage.rig.baseline(0, 1) / (disparity[used] + stage.rig.doffs())
+    return np.stack([depth - stage.truth.depth[used], (disparity - true)[used]])
 
 
-def robust_deviation(errors: Float) -> float:
-    """1.4826 times the median absolute error: the standard deviation of normal errors, robust to outliers."""
-    return 1.4826 * float(np.median(np.abs(errors))) if errors.size else math.nan
-
-
-def _scene_rows(setup: Setup, name: str, seed: int, baseline: float, fov_x_deg: float) -> Iterator[Row]:
-    """A row for every matcher on a bundled scene."""
-    stage = Stage.of(name, setup.width, setup.height, fov_x_deg=fov_x_deg, baseline=baseline)
-    radiance = stage.photograph(Pinhole(), setup.spp, stream(seed, 0))
-    pictures = stage.expose(radiance, Pinhole(), stream(seed, 1), SENSOR)
-    for method, scores in stage.errors(pictures, setup.methods).items():
-        yield {
-            "scene": name, "part": SCENES, "seed": seed, "method": method, "baseline_mm": 1e3 * baseline,
-            "fx_px": stage.camera.fx, "occluded": occluded_percent(stage), "totbad2": scores["totbad2"],
-        }  # fmt: skip
+def robust_deviation(errors: Float) -> Float:
+    """1.4826 times the median absolute error along the last axis: the standard deviation of normal errors."""
+    return 1.4826 * np.median(np.abs(errors), axis=-1) if errors.size else np.full(errors.shape[:-1], math.nan)
 
 
 def occluded_percent(stage: Stage) -> float:
@@ -160,27 +138,20 @@ def occluded_percent(stage: Stage) -> float:
 def exponents_of_depth(table: Table) -> list[Finding]:
     """For every matcher: the exponent of the depth error in z, which is 2 if the disparity error is constant."""
     return [
-        exponent(table.where(part=PLANES, method=method), "z_m", "depth_error_mm", 2.0,
-                 f"{method}: the depth error is proportional to z^p with p = {{}}")
+        power_law(f"{method}: the depth error is proportional to z^p with p = {{}}",
+                  table.where(part=PLANES, method=method), "z_m", "depth_error_mm", 2.0, TOLERANCE,
+                  ["baseline_mm", "fx_px"])
         for method in table.values("method")
     ]  # fmt: skip
 
 
-def exponent(rows: Table, x: str, y: str, expected: float, text: str) -> Finding:
-    """The exponent p of y ~ x^p, fitted for each matcher with the other quantities fixed."""
-    slope = log_slope(x, y)
-    fixed = ["method", *(name for name in _FIXED if name != x and not np.isnan(rows.numbers(name)).any())]
-    measured = over_scenes(rows, lambda unit: [slope(part) for _, part in unit.groups(*fixed)])
-    return predicted(text, measured, expected, TOLERANCE)
-
-
-def law_residual(table: Table) -> Finding:
+def law_residual(planes: Table) -> Finding:
     """Root mean square deviation of the measured depth errors from z^2/(f B) sigma_d over all planes."""
 
     def logarithms(unit: Table) -> Float:
         return np.log(unit.numbers("depth_error_mm") / unit.numbers("predicted_mm"))
 
-    rms = over_scenes(table.where(part=PLANES), logarithms, lambda values: 100 * math.sqrt(float(np.mean(values**2))))
+    rms = over_scenes(planes, logarithms, lambda values: 100 * math.sqrt(float(np.mean(values**2))))
     text = (
         f"Depth errors deviate by at most {100 * TOLERANCE:g} % rms from z^2/(f B) times one disparity error per "
         "matcher and camera pair"

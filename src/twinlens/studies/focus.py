@@ -8,21 +8,18 @@ is its disparity. Maps of wrong pixels over focus and aperture come from one set
 """
 
 import math
-from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from twinlens.camera import Camera, Lens, Rig, ThinLens
-from twinlens.rendering import LensGrid, render, render_lens_grid
-from twinlens.scenes import Scene
+from twinlens.camera import Lens, Rig, ThinLens
+from twinlens.rendering import render, render_lens_grid
 from twinlens.sensor import Sensor
 from twinlens.studies.bootstrap import over_scenes, paired_difference
-from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, compared, predicted
-from twinlens.studies.stage import Stage, stream
+from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, compared, predicted, sweep
+from twinlens.studies.stage import GLOW, Stage, centred_camera, glowing, stream
 from twinlens.studies.table import Column, Row, Table
-from twinlens.studies.targets import GLOW, glowing
 
 Float = NDArray[np.float64]
 
@@ -38,41 +35,36 @@ LAMP_PX = 3.0
 SENSOR = Sensor.preset("machine_vision")
 _LINE_SPP = 1024
 _SLOPE_TOLERANCE = 0.01
-_LINE_CAMERA = Camera(72, 56, 220.0, 220.0, 35.5, 27.5)
 
 
 def measure(setup: Setup) -> Measured:
     """Lamps at many depths, then wrong pixels over focus and aperture, then cameras with different focus."""
-    rows: list[Row] = [row for seed in setup.seeds for row in _line(seed)]
-    places = [(scene, seed) for scene in setup.scenes for seed in setup.seeds]
-    for done, (scene, seed) in enumerate(places):
-        setup.progress(done / len(places), scene)
-        stage = Stage.of(scene, setup.width, setup.height)
-        lenses = [lens_at(stage, focus, blur) for blur in BLURS_PX for focus in FOCI]
-        grid = render_lens_grid(stage.scene, stage.rig, lenses, setup.spp, stream(seed, 0))
-        rows += _rows(setup, stage, lenses, grid, seed)
+    rows = [row for seed in setup.seeds for row in _line(seed)]
+    for scene, seed in sweep(setup, setup.seeds):
+        rows += _rows(setup, Stage.of(scene, setup.width, setup.height), seed)
     return Measured(rows, notes={"foci": FOCI, "blurs_px": BLURS_PX, "line_aperture_m": LINE_APERTURE,
                                  "line_baseline_m": LINE_BASELINE, "line_focus_m": LINE_FOCUS})  # fmt: skip
 
 
-def lens_at(stage: Stage, focus: float, blur_px: float) -> ThinLens:
-    """The lens with its focus at this fraction of the depth range in 1/z, and a blur of blur_px across the range."""
-    near, far = stage.scene.depth_range
-    span = 1.0 / near - 1.0 / far
-    return ThinLens(blur_px / (stage.camera.fx * span), 1.0 / (1.0 / far + focus * span))
-
-
-def lamp(camera: Camera, depth: float, across: float = 0.0) -> Scene:
-    """A luminous sphere at `depth` (m), `across` metres right of the axis, whose pinhole image is LAMP_PX wide."""
-    pose = np.eye(4)
-    pose[:3, :3] *= 0.5 * LAMP_PX * depth / camera.fx
-    pose[:3, 3] = (across, 0.0, depth)
-    return glowing("lamp", [("lamp", {"type": "sphere"}, pose, GLOW)], depth)
+def _line(seed: int) -> list[Row]:
+    """Measured blur and disparity of lamps at many depths."""
+    camera, lens = centred_camera(72, 56, 220.0), ThinLens(LINE_APERTURE, LINE_FOCUS)
+    rig = Rig.stereo(camera, LINE_BASELINE, np.eye(4))
+    rows: list[Row] = []
+    for k, depth in enumerate(LINE_DEPTHS):
+        blur, disparity = blur_and_disparity(rig, lens, depth, _LINE_SPP, stream(seed, 2, k))
+        defocus = disparity - camera.fx * LINE_BASELINE / LINE_FOCUS
+        rows.append({"scene": "lamps", "seed": seed, "part": "line", "blur_px": blur, "defocus_px": defocus,
+                     "predicted_px": LINE_APERTURE / LINE_BASELINE * abs(defocus)})  # fmt: skip
+    return rows
 
 
 def blur_and_disparity(rig: Rig, lens: Lens, depth: float, spp: int, seed: int) -> tuple[float, float]:
     """(blur diameter, disparity) in pixels, measured on rendered images of a lamp between the two cameras."""
-    scene = lamp(rig.cameras[0], depth, 0.5 * rig.baseline(0, 1))
+    pose = np.eye(4)
+    pose[:3, :3] *= 0.5 * LAMP_PX * depth / rig.cameras[0].fx
+    pose[:3, 3] = 0.5 * rig.baseline(0, 1), 0.0, depth
+    scene = glowing("lamp", [("lamp", {"type": "sphere"}, pose, GLOW)], depth)
     images = [image.mean(axis=-1).astype(np.float64) for image in render(scene, rig, lens, spp, seed)]
     disparity = ndimage.center_of_mass(images[0])[1] - ndimage.center_of_mass(images[1])[1]
     return float(np.mean([disk_diameter(image) for image in images])), disparity
@@ -89,22 +81,10 @@ def disk_diameter(image: Float, own: float = LAMP_PX) -> float:
     return math.sqrt(max(8.0 * (both - 2.0 / 12.0) - own**2, 0.0))
 
 
-def _line(seed: int) -> list[Row]:
-    """Measured blur and disparity of lamps at many depths."""
-    rig = Rig.stereo(_LINE_CAMERA, LINE_BASELINE, np.eye(4))
-    at_focus = _LINE_CAMERA.fx * LINE_BASELINE / LINE_FOCUS
-    rows: list[Row] = []
-    for k, depth in enumerate(LINE_DEPTHS):
-        lens = ThinLens(LINE_APERTURE, LINE_FOCUS)
-        blur, disparity = blur_and_disparity(rig, lens, depth, _LINE_SPP, stream(seed, 2, k))
-        rows.append({"scene": "lamps", "seed": seed, "part": "line", "blur_px": blur,
-                     "predicted_px": LINE_APERTURE / LINE_BASELINE * abs(disparity - at_focus),
-                     "defocus_px": disparity - at_focus})  # fmt: skip
-    return rows
-
-
-def _rows(setup: Setup, stage: Stage, lenses: Sequence[ThinLens], grid: LensGrid, seed: int) -> Iterator[Row]:
+def _rows(setup: Setup, stage: Stage, seed: int) -> list[Row]:
     """Every lens, then both cameras focused at the far end, both at the near end, and one at each."""
+    lenses = [stage.lens(focus, blur) for blur in BLURS_PX for focus in FOCI]
+    grid = render_lens_grid(stage.scene, stage.rig, lenses, setup.spp, stream(seed, 0))
     blurs = [float(np.abs(stage.blur(lens))[np.isfinite(stage.truth.depth)].mean()) for lens in lenses]
     far = BLURS_PX.index(MISMATCH_BLUR_PX) * len(FOCI)
     near = far + len(FOCI) - 1
@@ -112,26 +92,29 @@ def _rows(setup: Setup, stage: Stage, lenses: Sequence[ThinLens], grid: LensGrid
     places: list[tuple[Row, int, int, tuple[int, ...]]] = []
     places += [({"part": "map", "focus": FOCI[k % len(FOCI)]}, k, k, (1, k)) for k in range(len(lenses))]
     places += [({"part": "eyes", "eyes": name}, *pair, (3, *pair)) for name, pair in eyes.items()]
+    rows: list[Row] = []
     for place, left, right, key in places:
-        radiance = [grid[left][0], grid[right][1]]
-        pictures = stage.expose(radiance, lenses[left], stream(seed, *key), SENSOR)
+        pictures = stage.expose([grid[left][0], grid[right][1]], lenses[left], stream(seed, *key), SENSOR)
         lens = {"aperture_px": BLURS_PX[left // len(FOCI)], "mean_blur_px": 0.5 * (blurs[left] + blurs[right])}
         for method, scores in stage.errors(pictures, setup.methods).items():
             errors = {"totbad2": scores["totbad2"], "avgerr": scores["avgerr"]}
-            yield {"scene": stage.scene.name, "seed": seed, "method": method, **place, **lens, **errors}
+            rows.append({"scene": stage.scene.name, "seed": seed, "method": method, **place, **lens, **errors})
+    return rows
 
 
 def conclude(table: Table) -> list[Finding]:
     """The slope of blur over disparity; the best focus; different focus against equal focus."""
     methods = [str(name) for name in table.where(part="map").values("method")]
     return [
-        _slope(table.where(part="line")),
+        slope_of_blur(table.where(part="line")),
         *(_best_focus(table, method) for method in methods),
         *(_worse_if_different(table, method) for method in methods),
     ]
 
 
-def _slope(rows: Table) -> Finding:
+def slope_of_blur(rows: Table) -> Finding:
+    """The slope of the blur of lamps over the disparity from the focus, which is A/B."""
+
     def slope(unit: Table) -> float:
         return float(np.polyfit(np.abs(unit.numbers("defocus_px")), unit.numbers("blur_px"), 1)[0])
 
@@ -143,13 +126,10 @@ def _best_focus(table: Table, method: str) -> Finding:
     """At the widest aperture: the focus with the fewest wrong pixels, compared with the better end of the range."""
     rows = table.where(part="map", method=method, aperture_px=BLURS_PX[-1])
     best = min(FOCI, key=lambda focus: float(rows.where(focus=focus).numbers("totbad2").mean()))
-    gain = min(
-        (paired_difference(rows, "totbad2", "focus", end, best) for end in (FOCI[0], FOCI[-1])),
-        key=lambda gain: gain.value,
-    )
+    gains = [paired_difference(rows, "totbad2", "focus", end, best) for end in (FOCI[0], FOCI[-1])]
     text = f"{method}, widest aperture: a focus inside the depth range gives fewer wrong pixels than either end"
     rest = f"at the best focus, {100 * best:.0f} % of the way from far to near in 1/z, than at the better end"
-    return compared(text, gain, "fewer", "more", rest, answer=f"{best:g}")
+    return compared(text, min(gains, key=lambda gain: gain.value), "fewer", "more", rest, answer=f"{best:g}")
 
 
 def _worse_if_different(table: Table, method: str) -> Finding:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError, unknown
-from twinlens.studies.bootstrap import Interval, brief, unsigned
+from twinlens.studies.bootstrap import Interval, brief, log_slope, over_scenes, paired_difference, unsigned
 from twinlens.studies.table import Column, Row, Table, Value
 
 Progress = Callable[[float, str], None]
@@ -49,6 +49,14 @@ class Setup:
             value = getattr(self, name)
             if not (isinstance(value, int) and value >= least):
                 raise InputError(f"{name} of a study must be an integer >= {least}, got {value!r}")
+
+
+def sweep(setup: Setup, *values: Sequence[Any]) -> Iterator[tuple[Any, ...]]:
+    """Every (scene, *values) of a grid, scene by scene, or every (*values) without scenes; reports the progress."""
+    grid = list(itertools.product(*([setup.scenes] if setup.scenes else []), *values))
+    for done, place in enumerate(grid):
+        setup.progress(done / len(grid), " ".join(str(value) for value in place))
+        yield place
 
 
 @dataclass(frozen=True)
@@ -111,10 +119,25 @@ def compared(
     return Finding(claim, size, is_above(difference), unit, answer=answer, result=f"{{}} {word} {rest}".strip())
 
 
+def fewer_wrong(claim: str, rows: Table, best: Value, other: Value, rest: str, *, answer: str = "") -> Finding:
+    """`compared`: the claim that the matcher `best` has fewer wrong pixels (totbad2) than the matcher `other`."""
+    margin = paired_difference(rows, "totbad2", "method", other, best)
+    return compared(claim, margin, "fewer", "more", rest, answer=answer)
+
+
 def predicted(text: str, measured: Interval, expected: float, tolerance: float, unit: str = "") -> Finding:
     """The claim that a value equals a prediction; it holds within the relative tolerance."""
     holds = abs(measured.value / expected - 1) <= tolerance
     return Finding(text, measured, holds, unit, expected, tolerance)
+
+
+def power_law(
+    text: str, rows: Table, x: str, y: str, expected: float, tolerance: float, each: Sequence[str] = ()
+) -> Finding:
+    """`predicted`: the exponent p of y ~ x^p, fitted for each scene, seed, and value of the columns `each`."""
+    slope = log_slope(x, y)
+    measured = over_scenes(rows, lambda unit: [slope(part) for _, part in unit.groups(*each)])
+    return predicted(text, measured, expected, tolerance)
 
 
 def open_claim(text: str) -> Finding:
@@ -191,14 +214,11 @@ class Measured:
 class Study:
     """A sweep of one physical quantity.
 
-    Parameters
-    ----------
     name, question : the study's name, and its question as one sentence.
     columns : of its table, besides "scene" and "seed", which every table has.
     measure : Setup -> Measured.
     conclude : Table -> findings; called with the whole table, and with the rows of each seed alone.
-    figures : drawn from the CSV.
-    defaults : the Setup used where nothing else is chosen.
+    figures : drawn from the CSV. defaults : the Setup used where nothing else is chosen.
     """
 
     name: str
@@ -252,11 +272,3 @@ class Result:
     pictures: tuple[Picture, ...]
     protocol: Mapping[str, Any]
     remarks: Mapping[str, str] = field(default_factory=dict)
-
-
-def sweep(setup: Setup, *values: Sequence[Value]) -> Iterator[tuple[Any, ...]]:
-    """Every (scene, *values) of a grid, scene by scene; reports the progress before each."""
-    grid = list(itertools.product(setup.scenes, *values))
-    for done, place in enumerate(grid):
-        setup.progress(done / len(grid), " ".join(str(value) for value in place))
-        yield place

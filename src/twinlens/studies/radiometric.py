@@ -2,8 +2,7 @@
 
 After Hirschmueller and Scharstein, Evaluation of Stereo Matching Costs on Images with Radiometric Differences, PAMI
 31(9), 2009, who alter the right image of a pair and find census the most robust cost. Each scene and seed is exposed
-once, by a sensor without noise; each difference is then applied to the right image, and noise to both. The rendering
-noise left in the images is measured from two halves of the samples and reported.
+once, by a sensor without noise; each difference is then applied to the right image, and noise to both.
 """
 
 import dataclasses
@@ -17,8 +16,8 @@ from numpy.typing import NDArray
 from twinlens.camera import Pinhole
 from twinlens.matching import StereoMatcher, parse_method
 from twinlens.sensor import Sensor, auto_exposure
-from twinlens.studies.bootstrap import brief, mean_of, paired_difference
-from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, compared, open_claim, sweep
+from twinlens.studies.bootstrap import brief, mean_of
+from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, fewer_wrong, open_claim, sweep
 from twinlens.studies.stage import SCORES, Stage, stream
 from twinlens.studies.table import Column, Row, Table
 
@@ -140,9 +139,8 @@ def _fewest(rows: Table, change: str) -> Finding:
     if not others:
         text = f"Under {change}, {best} is the only local cost; it has {{}} wrong pixels"
         return Finding(text, mean_of(rows, "totbad2"), True, "%", answer=best)
-    margin = paired_difference(rows, "totbad2", "method", others[0], best)
     text = f"Under {change}, {best} has the fewest wrong pixels of the local costs"
-    return compared(text, margin, "fewer", "more", f"than {others[0]}", answer=best)
+    return fewer_wrong(text, rows, best, others[0], f"than {others[0]}", answer=best)
 
 
 def _census(rows: Table) -> Finding:
@@ -152,8 +150,7 @@ def _census(rows: Table) -> Finding:
     rivals = [method for method in ranking if method != census]
     if census is None or not rivals:
         return open_claim(f"{text}: needs census and another local cost")
-    margin = paired_difference(rows, "totbad2", "method", rivals[0], census)
-    return compared(text, margin, "fewer", "more", f"than {rivals[0]}")
+    return fewer_wrong(text, rows, census, rivals[0], f"than {rivals[0]}")
 
 
 STUDY = Study(

@@ -1,5 +1,10 @@
-"""A scene with its rig and ground truth: renders, exposes, matches and scores image pairs for studies."""
+"""A scene with its rig and ground truth, rendered, exposed, matched and scored for studies; self-luminous targets.
 
+Only the camera adds noise to images of the targets. Their sizes follow from pixels of the camera: a plane at twice the
+distance has a print of twice the size and the same image.
+"""
+
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,14 +12,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
-from twinlens.camera import Camera, Lens, Rig
+from twinlens.camera import Camera, Lens, Rig, ThinLens
 from twinlens.camera.truth import Truth
 from twinlens.factory import default_rig
 from twinlens.matching import parse_method
 from twinlens.optics import circle_of_confusion_px, middle_focus
 from twinlens.rendering import ground_truth, render
-from twinlens.scenes import Scene, load_scene
+from twinlens.scenes import Bitmap, Plugin, Scene, SceneObject, load_scene
 from twinlens.scoring import Pair, Scores, evaluate, region_masks
 from twinlens.seeds import derived_seed
 from twinlens.sensor import Exposure, Sensor
@@ -29,6 +35,12 @@ SCORES = (
     Column("avgerr", "px", "mean error"),
 )
 """The columns of a table that `score_columns` fills."""
+PHASES = (0.0, 0.25, 0.5, 0.75)
+"""Shifts of the right principal point, pixels; they average over the sub-pixel position of a match."""
+GLOW: Plugin = {"type": "rgb", "value": 1.0}
+"""A radiance of 1."""
+_BLACK: Plugin = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
+_TEXELS_PER_PIXEL = 2.0
 _STREAM = 7
 
 
@@ -78,6 +90,12 @@ class Stage:
         known = self.truth.disparity[np.isfinite(self.truth.disparity)]
         return 16 * int(np.ceil((1.1 * float(known.max()) + 1) / 16))
 
+    def lens(self, focus: float, blur_px: float) -> ThinLens:
+        """The lens focused from the far (0) to the near end (1) of the depth range in 1/z, its ends `blur_px` apart."""
+        near, far = self.scene.depth_range
+        diameter = blur_px / (self.camera.fx * (1.0 / near - 1.0 / far))
+        return ThinLens(diameter, 1.0 / ((1.0 - focus) / far + focus / near))
+
     def blur(self, lens: Lens) -> Float:
         """The signed blur circle of every left pixel, (H, W), pixels."""
         depth = np.where(np.isfinite(self.truth.depth), self.truth.depth, 1e9)
@@ -120,3 +138,51 @@ def score_columns(scores: Scores, region: str = "nonocc") -> dict[str, float]:
     """The scores of a region that studies report: totbad1, totbad2 (percent) and avgerr (px)."""
     made = scores.regions[region]
     return {"totbad1": made["totbad1.0"], "totbad2": made["totbad2.0"], "avgerr": made["avgerr"]}
+
+
+def centred_camera(width: int, height: int, fx: float) -> Camera:
+    """A camera with square pixels and a centred principal point."""
+    return Camera(width, height, fx, fx, 0.5 * (width - 1), 0.5 * (height - 1))
+
+
+def glowing(name: str, parts: Sequence[tuple[str, Plugin, Float, Any]], depth: float) -> Scene:
+    """A scene of black area lights, seen from the origin; parts: (name, shape, world_from_object, radiance)."""
+    objects = tuple(
+        SceneObject(part, shape, "black", pose, {"type": "area", "radiance": radiance})
+        for part, shape, pose, radiance in parts
+    )
+    span = (0.5 * depth, 2.0 * depth)
+    return Scene(name, objects, {"black": _BLACK}, np.eye(4), span, integrator={"type": "path", "max_depth": 2})
+
+
+def noise_texture(width: int, height: int, scale: float, contrast: float, seed: int) -> Float:
+    """Smooth noise (height, width) of mean 0.5 and standard deviation 0.5 `contrast`, clipped to [0, 1].
+
+    scale: standard deviation in texels of the Gaussian that smooths white noise.
+    """
+    white = np.random.default_rng(seed).standard_normal((height, width))
+    smooth = ndimage.gaussian_filter(white, scale, mode="wrap")
+    return np.asarray(np.clip(0.5 + 0.5 * contrast * (smooth - smooth.mean()) / smooth.std(), 0.0, 1.0))
+
+
+def noise_plane(rig: Rig, depth: float, seed: int, *, scale_px: float = 0.8, contrast: float = 0.5) -> Scene:
+    """A plane of smooth noise at `depth` (m), parallel to the images of a rig at the world's origin; fills both views.
+
+    scale_px: standard deviation of the smoothing, left pixels.
+    """
+    camera, baseline = rig.cameras[0], rig.baseline(0, 1)
+    width = 1.15 * ((camera.width + 32) * depth / camera.fx) + 2 * baseline  # margins of 15 % and 16 pixels
+    height = 1.15 * (camera.height + 32) * depth / camera.fx
+    columns, rows = (math.ceil(side / (depth / camera.fx / _TEXELS_PER_PIXEL)) for side in (width, height))
+    texture = noise_texture(columns, rows, scale_px * _TEXELS_PER_PIXEL, contrast, stream(seed, 100))
+    pose = np.diag([0.5 * width, -0.5 * height, -1.0, 1.0])  # turned towards a camera with y down
+    pose[:3, 3] = 0.5 * baseline, 0.0, depth
+    return glowing("plane", [("plane", {"type": "rectangle"}, pose, Bitmap(texture.astype(np.float32)))], depth)
+
+
+def noise_planes(camera: Camera, baseline: float, depth: float, seed: int, **texture: float) -> list[Stage]:
+    """A `noise_plane` seen by a pair of cameras, with the right principal point at each of the PHASES."""
+    rig = Rig.stereo(camera, baseline, np.eye(4))
+    scene = noise_plane(rig, depth, seed, **texture)
+    rights = [camera.replace(cx=camera.cx + phase) for phase in PHASES]
+    return [Stage(scene, Rig((camera, right), rig.world_from_cams)) for right in rights]

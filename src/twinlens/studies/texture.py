@@ -8,20 +8,18 @@ excluded from the findings.
 """
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import interpolate, ndimage
 
-from twinlens.camera import Camera, Pinhole, Rig
+from twinlens.camera import Camera, Pinhole
 from twinlens.matching import grey, parse_method
 from twinlens.sensor import Exposure, Sensor
-from twinlens.studies.bootstrap import Interval, log_slope, over_scenes
-from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, open_claim, predicted
-from twinlens.studies.stage import Stage, stream
+from twinlens.studies.bootstrap import Interval, over_scenes
+from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, open_claim, power_law, sweep
+from twinlens.studies.stage import noise_planes, stream
 from twinlens.studies.table import Column, Row, Table
-from twinlens.studies.targets import noise_plane
 
 Float = NDArray[np.float64]
 
@@ -29,7 +27,6 @@ CONTRASTS = (0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.16, 0.32)
 SCALES_PX = (0.7, 1.0, 1.5, 2.5, 4.0)
 SCALE_PX, CONTRAST = 1.0, 0.16
 """The fixed grain and contrast while the other is swept."""
-PHASES = (0.0, 0.25, 0.5, 0.75)
 DEPTH, BASELINE = 2.0, 0.1
 SENSOR = Sensor.preset("machine_vision", filters="mono", output="linear", bits=16, prnu=0.0, dsnu=0.0)
 _RIM = 16
@@ -46,26 +43,17 @@ _MIN_CONTRASTS = 3
 
 def measure(setup: Setup) -> Measured:
     """A row for every seed, matcher, contrast and grain."""
-    rows: list[Row] = []
     cases = [(contrast, SCALE_PX, "contrast") for contrast in CONTRASTS]
     cases += [(CONTRAST, scale, "grain") for scale in SCALES_PX]
-    for done, seed in enumerate(setup.seeds):
-        for k, (contrast, scale, swept) in enumerate(cases):
-            setup.progress((done + k / len(cases)) / len(setup.seeds), f"contrast {contrast:g}, grain {scale:g}")
-            rows += _case(setup, seed, contrast, scale, swept)
+    rows = [row for seed, case in sweep(setup, setup.seeds, cases) for row in _case(setup, seed, *case)]
     remark = f"cases with {_MAX_GROSS:g} % or more errors of {_GROSS_PX:g} px or more are excluded from the findings"
     return Measured(rows, notes={"depth_m": DEPTH, "baseline_m": BASELINE}, remarks={"gross errors": remark})
 
 
 def _case(setup: Setup, seed: int, contrast: float, scale: float, swept: str) -> list[Row]:
-    fx = Camera.from_fov(setup.width, setup.height, 50.0).fx
-    camera = Camera(setup.width, setup.height, fx, fx, 0.5 * (setup.width - 1), 0.5 * (setup.height - 1))
-    rig = Rig.stereo(camera, BASELINE, np.eye(4))
-    scene = noise_plane(rig, DEPTH, seed, scale_px=scale, contrast=contrast)
-    errors: dict[str, list[Float]] = {method: [] for method in setup.methods}
-    bounds: dict[str, list[Float]] = {method: [] for method in setup.methods}
-    for k, phase in enumerate(PHASES):
-        stage = Stage(scene, Rig((camera, camera.replace(cx=camera.cx + phase)), rig.world_from_cams))
+    camera = Camera.from_fov(setup.width, setup.height, 50.0)
+    found: dict[str, list[Float]] = {method: [] for method in setup.methods}
+    for k, stage in enumerate(noise_planes(camera, BASELINE, DEPTH, seed, scale_px=scale, contrast=contrast)):
         radiance = stage.photograph(Pinhole(), setup.spp, stream(seed, 0, k))
         rate = float(SENSOR.level_rate(radiance[0], camera=camera, lens=Pinhole()).mean())
         exposure = Exposure(0.25 / rate)  # the mean is a quarter of the full well
@@ -73,15 +61,12 @@ def _case(setup: Setup, seed: int, contrast: float, scale: float, swept: str) ->
         sigma = float(np.std(grey(shots[0][0]).astype(np.float64) - grey(shots[1][0]))) / math.sqrt(2)
         slopes = _slopes(0.5 * (shots[0][0] + shots[1][0].astype(np.float64)), radiance[0])
         for method in setup.methods:
-            found = stage.match(shots[0], method) - stage.truth.disparity
-            errors[method].append(_inner(found.astype(np.float64)))
+            errors = (stage.match(shots[0], method) - stage.truth.disparity).astype(np.float64)
             side = parse_method(method).matcher().block_size
-            bounds[method].append(_inner(math.sqrt(2) * sigma / np.sqrt(_window_sum(slopes**2, side))))
+            bounds = math.sqrt(2) * sigma / np.sqrt(_window_sum(slopes**2, side))
+            found[method].append(np.stack([errors, bounds])[:, _RIM:-_RIM, _RIM:-_RIM].reshape(2, -1))
     place: Row = {"scene": "plane", "seed": seed, "swept": swept, "contrast": contrast, "grain_px": scale}
-    return [
-        {**place, "method": method, **_statistics(np.concatenate(errors[method]), np.concatenate(bounds[method]))}
-        for method in setup.methods
-    ]
+    return [{**place, "method": method, **_statistics(*np.hstack(each))} for method, each in found.items()]
 
 
 def _slopes(picture: Float, light: NDArray[np.float32]) -> Float:
@@ -94,10 +79,6 @@ def _slopes(picture: Float, light: NDArray[np.float32]) -> Float:
 
 def _window_sum(values: Float, side: int) -> Float:
     return np.asarray(ndimage.uniform_filter(values, side, mode="nearest") * side**2)
-
-
-def _inner(values: Float) -> Float:
-    return values[_RIM:-_RIM, _RIM:-_RIM].ravel()
 
 
 def _statistics(errors: Float, bounds: Float) -> dict[str, float]:
@@ -122,8 +103,7 @@ def _ratios(rows: Table) -> Float:
 
 def _above(rows: Table) -> Finding:
     """The least ratio of all cases; without an interval, because every resampled minimum is the minimum itself."""
-    ratios = _ratios(rows)
-    least = float(ratios.min()) if ratios.size else math.nan
+    least = float(min(_ratios(rows), default=math.nan))
     text = f"No matcher beats the Cramer-Rao bound in cases with fewer than {_MAX_GROSS:g} % gross errors"
     result = "the least error of all cases is {} times the bound"
     return Finding(text, Interval(least, math.nan, math.nan), least >= 1.0, result=result)
@@ -133,31 +113,26 @@ def _nearest(rows: Table) -> Finding:
     """The matcher nearest to its bound at medium contrast."""
     middle = rows.where(swept="contrast", contrast=_MIDDLE)
     ratios = {str(method): over_scenes(middle.where(method=method), _ratios) for method in middle.values("method")}
+    claim = f"At contrast {_MIDDLE:g}, "
     if not ratios:
-        return open_claim(
-            f"At contrast {_MIDDLE:g}, one matcher is nearest to its bound: all have too many gross errors"
-        )
+        return open_claim(f"{claim}one matcher is nearest to its bound: all have too many gross errors")
     best = min(ratios, key=lambda method: ratios[method].value)
-    text = f"At contrast {_MIDDLE:g}, {best} is the nearest to its bound, with an error of {{}} times the bound"
+    text = f"{claim}{best} is the nearest to its bound, with an error of {{}} times the bound"
     return Finding(text, ratios[best], True, answer=best)
 
 
 def _inverse(table: Table) -> Finding:
-    """d log(error) / d log(contrast) over low contrasts at which no matcher and seed has too many gross errors."""
+    """The error's exponent in contrast, over low contrasts where no matcher and seed has too many gross errors."""
     low = table.where(swept="contrast", contrast=_NOISY)
     sound = [float(c) for c in low.values("contrast") if max(low.where(contrast=c).numbers("blunders")) < _MAX_GROSS]
-    claim = "At low contrast, the error is proportional to contrast^p"
+    words = ", ".join(f"{contrast:g}" for contrast in (sound if len(sound) >= _MIN_CONTRASTS else _NOISY))
+    claim = "At low contrast, the error is proportional to contrast^p with p = "
     if len(sound) < _MIN_CONTRASTS:
-        needed = f"needs {_MIN_CONTRASTS} of the contrasts {_list(_NOISY)} without gross errors"
-        return open_claim(f"{claim} with p = -1: {needed}")
-    slope = log_slope("contrast", "error_px")
-    used = low.where(contrast=tuple(sound))
-    measured = over_scenes(used, lambda unit: [slope(part) for _, part in unit.groups("method")])
-    return predicted(f"{claim} with p = {{}} (contrasts {_list(sound)})", measured, -1.0, _EXPONENT_TOLERANCE)
-
-
-def _list(contrasts: Sequence[float]) -> str:
-    return ", ".join(f"{contrast:g}" for contrast in contrasts)
+        return open_claim(f"{claim}-1: needs {_MIN_CONTRASTS} of the contrasts {words} without gross errors")
+    rows = low.where(contrast=sound)
+    return power_law(
+        f"{claim}{{}} (contrasts {words})", rows, "contrast", "error_px", -1.0, _EXPONENT_TOLERANCE, ["method"]
+    )
 
 
 def _figure(name: str, title: str, x: str, y: str = "error_px", also: tuple[str, ...] = ("bound_px",)) -> Figure:

@@ -12,10 +12,9 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera import ThinLens
 from twinlens.sensor import Sensor
-from twinlens.studies.bootstrap import over_scenes, paired_difference
-from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, compared, is_above, sweep
+from twinlens.studies.bootstrap import over_scenes
+from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, fewer_wrong, is_above, sweep
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
 from twinlens.studies.table import Column, Row, Table
 
@@ -27,7 +26,6 @@ BLUR_PX = 6.0
 """Blur at the ends of a scene's depth range."""
 SENSOR = Sensor.preset("machine_vision")
 _MAX_ERROR_PX = 4.0
-_UNKNOWN = "#c4c8ce"
 
 
 def measure(setup: Setup) -> Measured:
@@ -36,27 +34,21 @@ def measure(setup: Setup) -> Measured:
     panels: list[Picture] = []
     for scene, seed in sweep(setup, setup.seeds):
         stage = Stage.of(scene, setup.width, setup.height)
-        lens = wide_lens(stage)
+        lens = stage.lens(0.5, 2 * BLUR_PX)
         radiance = stage.photograph(lens, setup.spp, stream(seed, 0))
         pictures = stage.expose(radiance, lens, stream(seed, 1), SENSOR)
-        place = {"scene": scene, "seed": seed}
-        for method in setup.methods:
-            for size in SIZES:
-                found = stage.match(pictures, with_block(method, size))
-                rows += _rows(stage, found, pictures, lens, {**place, "method": method, "block_size": size})
-        maps = {method: stage.match(pictures, method) for method in COMPARED}
-        for method, found in maps.items():
-            rows += _rows(stage, found, pictures, lens, {**place, "method": method})
+        runs = [(method, float(size), with_block(method, size)) for method in setup.methods for size in SIZES]
+        runs += [(method, math.nan, method) for method in COMPARED]
+        maps: dict[str, NDArray[np.float32]] = {}
+        for method, size, text in runs:
+            maps[text] = stage.match(pictures, text)
+            scores = stage.score(maps[text], pictures, REGIONS, lens)
+            place = {"scene": scene, "seed": seed, "method": method, "block_size": size}
+            regions = [region for region in REGIONS if region in scores.regions]
+            rows += [{**place, "region": region, **score_columns(scores, region)} for region in regions]
         if seed == setup.seeds[0]:
-            panels.append(_panel(stage, pictures, list(maps.values())))
+            panels.append(_panel(stage, pictures, [maps[method] for method in COMPARED]))
     return Measured(rows, tuple(panels), {"blur_px": BLUR_PX, "compared": tuple(COMPARED)})
-
-
-def wide_lens(stage: Stage) -> ThinLens:
-    """The lens focused at the middle of the disparity range that blurs both ends by `BLUR_PX`."""
-    near, far = stage.scene.depth_range
-    half = 0.5 * (1.0 / near - 1.0 / far)
-    return ThinLens(BLUR_PX / (stage.camera.fx * half), stage.middle_focus)
 
 
 def with_block(method: str, size: int) -> str:
@@ -68,35 +60,22 @@ def with_block(method: str, size: int) -> str:
     return f"{method}{',' if ':' in method else ':'}block_size={size}"
 
 
-def _rows(
-    stage: Stage, found: NDArray[np.float32], pictures: Sequence[NDArray[Any]], lens: ThinLens, place: Row
-) -> list[Row]:
-    scores = stage.score(found, pictures, REGIONS, lens)
-    regions = [region for region in REGIONS if region in scores.regions]
-    return [{**place, "region": region, **score_columns(scores, region)} for region in regions]
-
-
 def _panel(stage: Stage, pictures: Sequence[NDArray[Any]], maps: Sequence[NDArray[np.float32]]) -> Picture:
-    truth, top = stage.truth.disparity, float(stage.ndisp)
-    colours = [coloured(found, top, "viridis") for found in (truth, *maps)]
-    images = (*pictures, *colours, *(error_picture(found, truth) for found in maps))
-    errors = [f"error, black: {_MAX_ERROR_PX:g} px"] * len(maps)
-    captions = ("left", "right", "true disparity", *COMPARED.values(), *errors)
-    title = f"{stage.scene.name}: fixed block, adaptive window, semi-global"
-    return Picture(f"panel-{stage.scene.name}", title, images, captions, columns=3)
-
-
-def coloured(values: NDArray[Any], top: float, colormap: str) -> NDArray[np.uint8]:
-    """(H, W) values from 0 to `top` as uint8 (H, W, 3); grey where not finite."""
-    colours = matplotlib.colormaps[colormap].with_extremes(bad=_UNKNOWN)
-    return np.asarray(colours(np.ma.masked_invalid(values / top), bytes=True)[..., :3])
-
-
-def error_picture(found: NDArray[Any], truth: NDArray[Any], most: float = _MAX_ERROR_PX) -> NDArray[np.uint8]:
-    """|found - truth| as uint8 (H, W, 3): white 0, black `most` px or unknown; light grey where truth is unknown."""
+    """Images, disparity maps, and errors from white (0) to black (4 px or unknown); grey where truth is unknown."""
+    truth, most = stage.truth.disparity, _MAX_ERROR_PX
     with np.errstate(invalid="ignore"):
-        error = np.where(np.isfinite(found), np.abs(found - truth), most)
-    return coloured(np.where(np.isfinite(truth), error, np.nan), most, "gray_r")
+        errors = [np.where(np.isfinite(found), np.abs(found - truth), most) for found in maps]
+    shown = [_coloured(found / float(stage.ndisp), "viridis") for found in (truth, *maps)]
+    shown += [_coloured(np.where(np.isfinite(truth), error, np.nan) / most, "gray_r") for error in errors]
+    captions = ("left", "right", "true disparity", *COMPARED.values(), *[f"error, black: {most:g} px"] * len(maps))
+    title = f"{stage.scene.name}: fixed block, adaptive window, semi-global"
+    return Picture(f"panel-{stage.scene.name}", title, (*pictures, *shown), captions, columns=3)
+
+
+def _coloured(values: NDArray[Any], colormap: str) -> NDArray[np.uint8]:
+    """(H, W) values from 0 to 1 as uint8 (H, W, 3); grey where not finite."""
+    colours = matplotlib.colormaps[colormap].with_extremes(bad="#c4c8ce")
+    return np.asarray(colours(np.ma.masked_invalid(values), bytes=True)[..., :3])
 
 
 def conclude(table: Table) -> list[Finding]:
@@ -107,9 +86,8 @@ def conclude(table: Table) -> list[Finding]:
     findings = [_larger(swept.where(method=method), method, *region) for region in regions for method in methods]
     edges = table.where(lambda row: math.isnan(float(row["block_size"])), region="discontinuity")
     for better, name in (("adaptive", "an adaptive window"), ("sgm", "semi-global matching")):
-        gain = paired_difference(edges, "totbad2", "method", next(iter(COMPARED)), better)
         text = f"At discontinuities, {name} has fewer wrong pixels than SSD with a fixed 21x21 block"
-        findings.append(compared(text, gain, "fewer", "more", f"with {name}"))
+        findings.append(fewer_wrong(text, edges, better, next(iter(COMPARED)), f"with {name}"))
     return findings
 
 

@@ -21,22 +21,12 @@ from twinlens.camera import BareAperture, Camera, Pinhole, Rig
 from twinlens.camera.diffraction import diffract
 from twinlens.optics.diffraction import FresnelWarning
 from twinlens.rendering import render
-from twinlens.sensor import Exposure, Sensor
-from twinlens.studies.bootstrap import Interval, log_slope, over_scenes, paired_difference
-from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, compared, predicted
-from twinlens.studies.pinhole.edge import (
-    DEPTH,
-    FILM,
-    PITCH,
-    WAVELENGTH,
-    edge_camera,
-    edge_scene,
-    predicted_best,
-    predicted_frequency,
-)
-from twinlens.studies.pinhole.fresnel import convolved, fresnel_kernel
+from twinlens.sensor import Sensor
+from twinlens.studies.bootstrap import Interval, over_scenes, paired_difference
+from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, compared, power_law, predicted
+from twinlens.studies.pinhole.edge import DEPTH, FILM, PITCH, WAVELENGTH, edge_camera, edge_scene, frequency_at
+from twinlens.studies.pinhole.fresnel import convolved, fresnel_kernel, predicted_best, predicted_frequency
 from twinlens.studies.pinhole.light import exposed_rate, film_light, signal_to_noise, white_rate
-from twinlens.studies.pinhole.slanted_edge import frequency_at
 from twinlens.studies.stage import Stage, stream
 from twinlens.studies.table import Column, Row, Table
 
@@ -50,7 +40,6 @@ PLATES_MM = (2.5, 5.0, 10.0, BOX_MM)
 SHOWN_MM = (BOX_MM, 2.0, 1.0, 0.6, 0.35, 0.15, 0.07)
 RAYLEIGH_MM = 1e3 * 1.9 * math.sqrt(FILM * WAVELENGTH)
 AIRY_MM = 1e3 * math.sqrt(2.44 * FILM * WAVELENGTH)
-CONTRASTS = (0.5, 0.1)
 MODELS = ("far field", "Fresnel")
 LIGHTS = ("sensor", "plate")
 _EDGE_SPP, _PLATE_SPP = 64, 1024
@@ -93,7 +82,7 @@ def _edges(seed: int) -> list[Row]:
         fine_near = convolved(sharp, _fine_kernel(millimetres))
         near = fine_near.reshape(camera.height, _FINER, camera.width, _FINER).mean(axis=(1, 3))
         for model, picture in zip(MODELS, (far, near), strict=True):
-            mtf50, mtf10 = (frequency_at(picture, contrast) / (1e3 * PITCH) for contrast in CONTRASTS)
+            mtf50, mtf10 = (frequency_at(picture, contrast) / (1e3 * PITCH) for contrast in (0.5, 0.1))
             theory = predicted_frequency(millimetres, 0.5)
             rows.append(_row(seed, model, millimetres, mtf50=mtf50, mtf10=mtf10, predicted_mtf50=theory))
     return rows
@@ -102,12 +91,12 @@ def _edges(seed: int) -> list[Row]:
 def _lights(seed: int) -> list[Row]:
     """Light and noise: a row for each hole, and for each plate."""
     camera = edge_camera()
-    fixed = Exposure(0.5 / white_rate(camera, _hole(max(DIAMETERS_MM))))
-    unit = exposed_rate(camera, _hole(1.0), seed, len(DIAMETERS_MM) + 1)
+    fixed = 0.5 / white_rate(camera, _hole(max(DIAMETERS_MM)))
+    unit = exposed_rate(camera, _hole(1.0), stream(seed, 3, len(DIAMETERS_MM) + 1))
     rows: list[Row] = []
     for k, millimetres in enumerate((BOX_MM, *DIAMETERS_MM)):
         noise = signal_to_noise(camera, _hole(millimetres), fixed, stream(seed, 2, k))
-        light = exposed_rate(camera, _hole(millimetres), seed, k) / unit
+        light = exposed_rate(camera, _hole(millimetres), stream(seed, 3, k)) / unit
         rows.append(_row(seed, LIGHTS[0], millimetres, light=light, snr=noise))
     square_law = (0.5e-3 / FILM) ** 2  # E / (pi L) of a hole of 1 mm
     for k, millimetres in enumerate(PLATES_MM):
@@ -159,10 +148,11 @@ def conclude(table: Table) -> list[Finding]:
     unsaturated = sensor.where(lambda row: _SHOT_MM <= float(row["diameter_mm"]) < BOX_MM)
     narrow = PLATES_MM[:-1]
     share = over_scenes(plates.where(diameter_mm=BOX_MM), lambda unit: unit.numbers("light") / BOX_MM**2)
-    growth, noise = (
-        over_scenes(rows, log_slope("diameter_mm", name))
-        for rows, name in ((plates.where(diameter_mm=narrow), "light"), (unsaturated, "snr"))
-    )
+
+    def sensor_over_plate(unit: Table) -> float:
+        sensor, plate = (float(unit.where(model=model).numbers("light").mean()) for model in LIGHTS)
+        return sensor / plate
+
     return [
         predicted("The hole with the highest MTF50 is {} wide", best50, predicted_best(0.5), _TOLERANCE, "mm"),
         predicted("The hole with the highest MTF10 is {} wide", best10, predicted_best(0.1), _TOLERANCE, "mm"),
@@ -171,20 +161,15 @@ def conclude(table: Table) -> list[Finding]:
         predicted("The highest MTF10 follows Rayleigh's rule 1.9 sqrt(f lambda): {}",
                   best10, RAYLEIGH_MM, _RULE_TOLERANCE, "mm"),
         far_field_error(table),
-        predicted(f"Path-traced light behind a hole in a plate, {narrow[0]:g} to {narrow[-1]:g} mm, is proportional to "
-                  "A^p with p = {}", growth, 2.0, _LIGHT_TOLERANCE),
+        power_law(f"Path-traced light behind a hole in a plate, {narrow[0]:g} to {narrow[-1]:g} mm, is proportional to "
+                  "A^p with p = {}", plates.where(diameter_mm=narrow), "diameter_mm", "light", 2.0, _LIGHT_TOLERANCE),
         predicted("In an open box, twice as wide as deep, the film gets {} of the light of the square law",
                   share, 0.5, _LIGHT_TOLERANCE),
         predicted("In the open box the sensor's radiometry gives {} times the path-traced light",
-                  over_scenes(table.where(diameter_mm=BOX_MM), _sensor_over_plate), 1.0, _LIGHT_TOLERANCE),
-        predicted(f"At a fixed exposure, signal to noise of holes of {_SHOT_MM:g} mm or more is proportional to A^p "
-                  "(shot noise) with p = {}", noise, 1.0, 0.05),
+                  over_scenes(table.where(diameter_mm=BOX_MM), sensor_over_plate), 1.0, _LIGHT_TOLERANCE),
+        power_law(f"At a fixed exposure, signal to noise of holes of {_SHOT_MM:g} mm or more is proportional to A^p "
+                  "(shot noise) with p = {}", unsaturated, "diameter_mm", "snr", 1.0, 0.05),
     ]  # fmt: skip
-
-
-def _sensor_over_plate(unit: Table) -> float:
-    sensor, plate = (float(unit.where(model=model).numbers("light").mean()) for model in LIGHTS)
-    return sensor / plate
 
 
 def _best(rows: Table, measure_of: str) -> Interval:

@@ -8,10 +8,13 @@ metres.
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal, special
+from scipy import optimize, signal, special
+
+from twinlens.studies.pinhole.edge import DEPTH, FILM, PITCH, WAVELENGTH, crossing
 
 Float = NDArray[np.float64]
 
@@ -80,3 +83,18 @@ def convolved(sharp: Float, kernel: Float) -> Float:
     """A sharp grey image (H, W), extended by its edge pixels, convolved with the kernel."""
     reach = kernel.shape[0] // 2
     return np.asarray(signal.fftconvolve(np.pad(sharp, reach, mode="edge"), kernel, mode="valid"))
+
+
+@lru_cache
+def predicted_frequency(millimetres: float, contrast: float) -> float:
+    """The frequency (cycles/mm on the film) at which Hopkins's transfer function times the pixel's is `contrast`."""
+    frequency = np.linspace(0.0, 0.5 / PITCH, 2001)
+    contrasts = transfer(frequency, 1e-3 * millimetres, FILM, DEPTH, WAVELENGTH) * np.sinc(frequency * PITCH)
+    return crossing(frequency, contrasts, contrast) / 1e3
+
+
+@lru_cache
+def predicted_best(contrast: float) -> float:
+    """The hole diameter (mm) with the highest `predicted_frequency`."""
+    found = optimize.minimize_scalar(lambda d: -predicted_frequency(d, contrast), bounds=(0.12, 0.45), method="bounded")
+    return float(found.x)

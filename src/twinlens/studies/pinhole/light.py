@@ -15,7 +15,7 @@ from twinlens.rendering import render
 from twinlens.scenes import Mesh, Scene, SceneObject
 from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.pinhole.edge import WAVELENGTH
-from twinlens.studies.stage import stream
+from twinlens.studies.stage import centred_camera
 
 SENSOR = Sensor.preset(
     "machine_vision", filters="mono", output="linear", bits=16, wavelengths=(WAVELENGTH,) * 3, prnu=0.0, dsnu=0.0
@@ -31,28 +31,30 @@ _PIXELS, _PATCH = 48, 0.02
 """Image side in pixels, and the imaged part of the film in film distances; E varies by 2e-4 within it."""
 
 
-def white_image(camera: Camera) -> NDArray[np.float32]:
+def _white(camera: Camera) -> NDArray[np.float32]:
     return np.ones((camera.height, camera.width, 3), np.float32)
 
 
 def white_rate(camera: Camera, hole: BareAperture) -> float:
     """Fraction of white per second for a radiance of 1."""
-    return float(SENSOR.level_rate(white_image(camera), camera=camera, lens=hole).mean())
+    return float(SENSOR.level_rate(_white(camera), camera=camera, lens=hole).mean())
 
 
-def exposed_rate(camera: Camera, hole: BareAperture, seed: int, k: int) -> float:
+def _exposed(camera: Camera, hole: BareAperture, time: float, seed: int) -> NDArray[np.float64]:
+    """The levels (H, W) of a film lit with a radiance of 1, exposed for `time` seconds."""
+    photo = SENSOR.expose(_white(camera), camera=camera, lens=hole, seed=seed, exposure=Exposure(time))
+    return photo.image.astype(np.float64)
+
+
+def exposed_rate(camera: Camera, hole: BareAperture, seed: int) -> float:
     """Mean level per second of a uniformly lit film, exposed to half of white."""
     time = 0.5 / white_rate(camera, hole)
-    photo = SENSOR.expose(
-        white_image(camera), camera=camera, lens=hole, seed=stream(seed, 3, k), exposure=Exposure(time)
-    )
-    return float(photo.image.mean()) / time
+    return float(_exposed(camera, hole, time, seed).mean()) / time
 
 
-def signal_to_noise(camera: Camera, hole: BareAperture, exposure: Exposure, seed: int) -> float:
+def signal_to_noise(camera: Camera, hole: BareAperture, time: float, seed: int) -> float:
     """Mean over standard deviation of a uniformly lit film; NaN if it saturates."""
-    photo = SENSOR.expose(white_image(camera), camera=camera, lens=hole, seed=seed, exposure=exposure)
-    image = photo.image.astype(np.float64)
+    image = _exposed(camera, hole, time, seed)
     return math.nan if image.max() >= 65535 else float(image.mean() / image.std())
 
 
@@ -64,33 +66,29 @@ def film_light(diameter: float, film: float, spp: int, seed: int) -> float:
     """
     eye, middle = np.array([0.4, 0.0, 0.3]) * _SIZE, np.array([0.0, 0.0, _SIZE])
     fx = _PIXELS * float(np.linalg.norm(middle - eye)) / (_PATCH * _SIZE)
-    camera = Camera(_PIXELS, _PIXELS, fx, fx, 0.5 * (_PIXELS - 1), 0.5 * (_PIXELS - 1))
-    rig = Rig((camera,), (look_at(eye, middle, up=(0.0, -1.0, 0.0)),))
-    picture = render(box(diameter / film * _SIZE, _SIZE), rig, Pinhole(), spp, seed)[0]
+    rig = Rig((centred_camera(_PIXELS, _PIXELS, fx),), (look_at(eye, middle, up=(0.0, -1.0, 0.0)),))
+    picture = render(_box(diameter / film * _SIZE), rig, Pinhole(), spp, seed)[0]
     return float(picture[..., 1].mean(dtype=np.float64))
 
 
-def box(diameter: float, film: float) -> Scene:
-    """A black plate with a hole at z = 0 and black walls behind it; a white film at z = `film`; a sky of radiance 1."""
+def _box(diameter: float) -> Scene:
+    """A black plate with a hole at z = 0, black walls and a white film at z = _SIZE behind it; a sky of radiance 1."""
     around = np.linspace(0.0, 2.0 * math.pi, _CORNERS, endpoint=False)
     circle = np.stack([np.cos(around), np.sin(around), np.zeros(_CORNERS)], axis=1)
-    half = _HALF_WIDTH * film
-    rings = np.concatenate([0.5 * diameter * circle, half * circle, half * circle + [0.0, 0.0, 1.01 * film]])
+    half = _HALF_WIDTH * _SIZE
+    rings = np.concatenate([0.5 * diameter * circle, half * circle, half * circle + [0.0, 0.0, 1.01 * _SIZE]])
     step = np.arange(_CORNERS)
     following = (step + 1) % _CORNERS
     strip = [[step, following, step + _CORNERS], [following, following + _CORNERS, step + _CORNERS]]
     faces = np.concatenate([np.stack(part, axis=1) + ring * _CORNERS for ring in range(2) for part in strip])
     towards_hole = np.diag([2.0 * half, -2.0 * half, -1.0, 1.0])
-    towards_hole[2, 3] = film
+    towards_hole[2, 3] = _SIZE
+    objects = (
+        SceneObject("walls", Mesh(rings, faces.astype(np.uint32)), "black"),
+        SceneObject("film", {"type": "rectangle"}, "white", towards_hole),
+    )
     grey = {name: {"type": "diffuse", "reflectance": {"type": "rgb", "value": value}}
             for name, value in (("black", 0.0), ("white", 1.0))}  # fmt: skip
-    walls = SceneObject("walls", Mesh(rings, faces.astype(np.uint32)), "black")
-    return Scene(
-        "box",
-        (walls, SceneObject("film", {"type": "rectangle"}, "white", towards_hole)),
-        grey,
-        np.eye(4),
-        (0.5 * film, 2.0 * film),
-        lights={"sky": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}},
-        integrator={"type": "path", "max_depth": 2},
-    )
+    sky = {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}
+    paths = {"type": "path", "max_depth": 2}
+    return Scene("box", objects, grey, np.eye(4), (0.5 * _SIZE, 2.0 * _SIZE), lights={"sky": sky}, integrator=paths)
