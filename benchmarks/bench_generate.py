@@ -28,7 +28,7 @@ from twinlens.factory import make, recipe_from_table
 from twinlens.factory.workers import Work, written
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import build
-from twinlens.rendering.radiance import make_sensor
+from twinlens.rendering.sensors import make_sensor
 from twinlens.scenes import load_scene
 
 COST = {"seed": 1, "scenes": ["cards", "staircase"], "width": 640, "height": 480, "spp": 64}

@@ -9,13 +9,13 @@ from scipy.stats import chi2
 import twinlens as tl
 from twinlens.rendering.annuli import ApertureAnnulus, VergenceGroup
 from twinlens.rendering.build import build
-from twinlens.rendering.shared_paths import Tracer, _Film
+from twinlens.rendering.shared_paths import PaddedFilm, Tracer
 from twinlens.rendering.stratified_samples import (
+    StratifiedSampler,
     checkerboard,
     make_pattern,
     multijittered_points,
     place_evenly,
-    stratified_sampler,
     stratum_grid,
     stratum_orders,
 )
@@ -28,7 +28,7 @@ DIMENSIONS = {"first light": 2, "lobe": 3, "first bounce": 4, "later": 7}
 def drawn(count, seed, draw, dimension=0, shears=SHEARS) -> tuple[np.ndarray, object]:
     """[pixel, sample, axis] of a draw of a pass, and the pattern."""
     shared = make_pattern(stratum_grid(count), 0.05, 0.2, shears, seed)
-    sampler = stratified_sampler(shared.grid)
+    sampler = StratifiedSampler(*shared.grid)
     sampler.start(shared, PIXELS, seed)
     for _ in range(dimension):
         sampler.next_1d()
@@ -114,7 +114,7 @@ def test_dimensions_and_seeds_do_not_repeat_each_other():
     orders = []
     for seed in range(4):
         shared = make_pattern((8, 8), 0.0, 0.2, SHEARS, 0)
-        sampler = stratified_sampler(shared.grid)
+        sampler = StratifiedSampler(*shared.grid)
         sampler.start(shared, 1, seed)
         sample = np.argsort(np.array(sampler.sample))
         orders += [np.floor(np.array(sampler.next_1d())[sample] * 64) for _ in range(20)]
@@ -128,7 +128,7 @@ def test_later_dimensions_are_independent():
     counts = np.zeros((6, 6))
     for seed in range(60):
         shared = make_pattern((3, 2), 0.05, 0.2, SHEARS, seed)
-        sampler = stratified_sampler(shared.grid)
+        sampler = StratifiedSampler(*shared.grid)
         sampler.start(shared, 1, seed)
         for _ in range(5):
             sampler.next_1d()
@@ -139,7 +139,7 @@ def test_later_dimensions_are_independent():
 
 
 def test_dimensions_beyond_the_table_are_random():
-    sampler = stratified_sampler((8, 8))
+    sampler = StratifiedSampler(8, 8)
     sampler.start(make_pattern((8, 8), 0.0, 0.1, SHEARS, 0), 64, 0)
     sampler.dimension = dr.opaque(mi.UInt32, sampler.orders)
     x = np.array(sampler.next_1d())
@@ -224,7 +224,7 @@ def places():
     shears = [(-6.0, -6.75), (6.0, 6.75)]
     for seed in range(300):
         shared = make_pattern((4, 3), ring.inner, ring.outer, shears, seed)
-        sampler = stratified_sampler(shared.grid)
+        sampler = StratifiedSampler(*shared.grid)
         sampler.start(shared, PIXELS, seed)
         rays = np.stack([np.array(part) for part in tracer._film_and_aperture(sampler, shared, ring, shears)], axis=-1)
         found.append(by_sample(sampler, rays).swapaxes(0, 1))
@@ -262,7 +262,7 @@ def test_most_pixels_have_places_of_their_own(places):
 def test_gathering_puts_every_ray_where_it_lands():
     """Beside a naive loop over rays."""
     camera, group = tl.Camera(7, 5, 9.0, 9.0, 3.0, 2.0), VergenceGroup((0.0, 1.0), (2, 3))
-    film, random = _Film(camera, group), np.random.default_rng(0)
+    film, random = PaddedFilm(camera, group), np.random.default_rng(0)
     shifts = random.integers(-2, 3, size=(6, 2, 2)).astype(np.int32)
     values = random.random((3, 6, film.height, film.width)).astype(np.float32)
     second = np.array([False, True, True, False, False, True])
@@ -278,7 +278,7 @@ def test_gathering_puts_every_ray_where_it_lands():
 def test_dimensions_advance_within_compiled_loops():
     """A bounce draws other numbers than the bounce before it."""
     shared = make_pattern((4, 4), 0.0, 0.1, [(0.0, 0.0)], 0)
-    sampler = stratified_sampler(shared.grid)
+    sampler = StratifiedSampler(*shared.grid)
     sampler.start(shared, 64, 1)
 
     def step(i, sampler, total):

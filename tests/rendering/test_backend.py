@@ -38,12 +38,11 @@ def answers(monkeypatch):
     probed = []
 
     def arrange(by_name):
-        def run(script, environment):
-            probed.append(Path(environment.get("DRJIT_LIBLLVM_PATH", "cuda")).name)
+        def run(variant, library):
+            probed.append("cuda" if library is None else library.name)
             return by_name[probed[-1]]
 
         monkeypatch.setattr(llvm, "_run", run)
-        monkeypatch.setattr(llvm, "_is_missing", lambda library: False)
         return probed
 
     return arrange
@@ -100,7 +99,7 @@ def test_a_missing_library_path_is_reported(monkeypatch, tmp_path):
 
 def test_a_library_name_without_a_folder_is_found_by_the_loader(monkeypatch):
     """The system knows where libLLVM-42.so is, in a folder that this module does not."""
-    monkeypatch.setattr(llvm, "_run", lambda script, environment: "works")
+    monkeypatch.setattr(llvm, "_PROBE", "raise SystemExit(0)")
     assert llvm.probe("llvm_ad_rgb", Path("libLLVM-42.so")).works
 
 
@@ -231,9 +230,10 @@ def test_a_timeout_is_not_cached(answers, tmp_path):
         ("raise SystemExit(3)", "fails with exit code 3"),
     ],
 )
-def test_every_exit_of_a_probe_has_a_message(script, answer):
+def test_every_exit_of_a_probe_has_a_message(monkeypatch, script, answer):
     quiet = "import resource; resource.setrlimit(resource.RLIMIT_CORE, (0, 0)); "
-    assert llvm._run(quiet + script, dict(os.environ)) == answer
+    monkeypatch.setattr(llvm, "_PROBE", quiet + script)
+    assert llvm.probe("llvm_ad_rgb").answer == answer
 
 
 @pytest.mark.parametrize("wish", ["Scalar", "llvm19", "gpu", ""])
@@ -245,20 +245,22 @@ def test_an_unknown_backend_name_is_an_error(monkeypatch, wish):
 
 
 @pytest.mark.parametrize("wish", ["llvm", "cuda"])
-def test_a_backend_that_does_not_work_is_an_error(offer, answers, wish):
+def test_a_backend_that_does_not_work_is_an_error(monkeypatch, offer, answers, wish):
     offer("/nowhere/libLLVM-15.so")
     answers({"libLLVM-15.so": "aborts the process (signal 6)"})
+    monkeypatch.setenv("TWINLENS_BACKEND", wish)
     with pytest.raises(BackendError, match=f"TWINLENS_BACKEND={wish}") as caught:
-        backend._choose(wish)
+        backend.doctor()
     assert ("libLLVM-15.so" in str(caught.value)) == (wish == "llvm")
     assert {"llvm": "libllvm19", "cuda": "libcuda.so.1"}[wish] in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_requested_scalar_probes_nothing(offer, answers):
+def test_requested_scalar_probes_nothing(monkeypatch, offer, answers):
     offer("/nowhere/libLLVM-15.so")
     probed = answers({})
-    assert backend._choose("scalar").variant == "scalar_rgb"
+    monkeypatch.setenv("TWINLENS_BACKEND", "scalar")
+    assert backend.doctor().variant == "scalar_rgb"
     assert probed == []
 
 

@@ -77,7 +77,7 @@ def make_sample(
     shots = []
     for k, lens in enumerate(lenses):
         stream = _stream(scene, seed, k)
-        report = partial_progress(progress, k, len(lenses))
+        report = partial_progress(progress, k / len(lenses), (k + 1) / len(lenses))
         radiances = tuple(render(scene, rig, lens, spp, stream, sampler=SAMPLERS[0], progress=report))
         if diffraction and lens.aperture_diameter > 0:
             radiances = _diffracted(radiances, rig, lens, sensor)

@@ -1,9 +1,10 @@
 """Concentric annuli that compose a list of disk apertures: their radii, sample counts and groups of vergences."""
 
-import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from twinlens.camera import Camera, Lens
 
@@ -80,6 +81,10 @@ class VergenceGroup:
         """The middle of the vergences, 1/m."""
         return 0.5 * (self.vergences[0] + self.vergences[-1])
 
+    def film_size(self, camera: Camera) -> tuple[int, int]:
+        """(width, height) of the image with the margin on every side."""
+        return camera.width + 2 * self.margin[0], camera.height + 2 * self.margin[1]
+
 
 def vergence_groups(annulus: ApertureAnnulus, camera: Camera) -> list[VergenceGroup]:
     """The annulus's vergences, split where two sets of paths need less film than one.
@@ -87,19 +92,16 @@ def vergence_groups(annulus: ApertureAnnulus, camera: Camera) -> list[VergenceGr
     Shared paths start on film that is padded by the largest shift on every side. A bare aperture among lenses may need
     more padding than its own image has pixels.
     """
-    return _split(tuple(annulus.vergences), annulus.outer, camera)
-
-
-def _split(vergences: tuple[float, ...], radius: float, camera: Camera) -> list[VergenceGroup]:
-    half_range = 0.5 * (vergences[-1] - vergences[0]) * radius
-    whole = VergenceGroup(vergences, (math.ceil(half_range * camera.fx), math.ceil(half_range * camera.fy)))
+    vergences = annulus.vergences
+    largest = 0.5 * (vergences[-1] - vergences[0]) * annulus.outer
+    whole = VergenceGroup(vergences, (math.ceil(largest * camera.fx), math.ceil(largest * camera.fy)))
     if len(vergences) == 1:
         return [whole]
-    gaps = [b - a for a, b in itertools.pairwise(vergences)]
-    cut = gaps.index(max(gaps)) + 1
-    parts = _split(vergences[:cut], radius, camera) + _split(vergences[cut:], radius, camera)
-    return [whole] if _film(whole, camera) <= sum(_film(part, camera) for part in parts) else parts
-
-
-def _film(group: VergenceGroup, camera: Camera) -> int:
-    return (camera.width + 2 * group.margin[0]) * (camera.height + 2 * group.margin[1])
+    cut = int(np.argmax(np.diff(vergences))) + 1
+    parts = [
+        group
+        for part in (vergences[:cut], vergences[cut:])
+        for group in vergence_groups(replace(annulus, vergences=part), camera)
+    ]
+    pixels = [math.prod(group.film_size(camera)) for group in parts]
+    return [whole] if math.prod(whole.film_size(camera)) <= sum(pixels) else parts

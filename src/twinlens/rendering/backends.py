@@ -53,7 +53,9 @@ def backend() -> Backend:
     Raises InputError for an unknown TWINLENS_BACKEND, BackendError when the requested backend does not work.
     """
     wanted = _wanted()
-    chosen = _already_set() or _with_short_reason(_choose(wanted))
+    chosen = _already_set() or _choose(wanted)
+    if chosen.probes and not chosen.is_jit:
+        chosen = replace(chosen, reason="no usable LLVM; see `twinlens doctor`")  # one line, for every command
     _activate(chosen)
     return chosen
 
@@ -126,54 +128,39 @@ def _already_set() -> Backend | None:
 
     Does not import mitsuba, because Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported.
     """
-    if "mitsuba" not in sys.modules:
+    variant = sys.modules["mitsuba"].variant() if "mitsuba" in sys.modules else None
+    if variant is None:
         return None
-    import mitsuba
-
-    variant = mitsuba.variant()
     for name, known in VARIANTS.items():
         if variant == known:
             return _activated.get(known) or Backend(name, known, "set by the host program")
-    if variant is not None:
-        raise BackendError(
-            f"mitsuba's variant is already {variant}; twinlens renders with {', '.join(VARIANTS.values())}"
-        )
-    return None
+    raise BackendError(f"mitsuba's variant is already {variant}; twinlens renders with {', '.join(VARIANTS.values())}")
 
 
 def _choose(wanted: str) -> Backend:
-    probes: list[llvm.Probe] = []
     if wanted == "scalar":
         return Backend("scalar", VARIANTS["scalar"], "set by TWINLENS_BACKEND")
+    tried: list[tuple[str, Path | None]] = []
     if wanted in ("auto", "cuda") and _has_cuda_driver():
-        probes.append(llvm.probe(VARIANTS["cuda"]))
-        if probes[-1].works:
-            return Backend("cuda", VARIANTS["cuda"], "a CUDA device works", probes=tuple(probes))
+        tried.append(("cuda", None))
     if wanted in ("auto", "llvm"):
-        for library in llvm.candidates():
-            probes.append(llvm.probe(VARIANTS["llvm"], library))
-            if probes[-1].works:
-                reason = f"{library.name} works"
-                return Backend("llvm", VARIANTS["llvm"], reason, library=str(library), probes=tuple(probes))
+        tried += (("llvm", library) for library in llvm.candidates())
+    probes: list[llvm.Probe] = []
+    for name, library in tried:
+        probes.append(llvm.probe(VARIANTS[name], library))
+        if probes[-1].works:
+            reason = f"{library.name} works" if library else "a CUDA device works"
+            return Backend(
+                name, VARIANTS[name], reason, library=str(library) if library else None, probes=tuple(probes)
+            )
+    why = "; ".join(f"{Path(probe.path).name} {probe.answer}" for probe in probes)
     if wanted == "cuda":
-        why = _why(probes) if probes else "no NVIDIA driver (libcuda.so.1) was found"
+        why = why or "no NVIDIA driver (libcuda.so.1) was found"
         raise BackendError(f"TWINLENS_BACKEND=cuda does not work: {why}; unset it to use LLVM")
+    why = why or "no LLVM library and no CUDA device was found"
     if wanted == "llvm":
-        raise BackendError(f"TWINLENS_BACKEND=llvm does not work: {_why(probes)}; {_INSTALL_LLVM}")
-    return Backend("scalar", VARIANTS["scalar"], _why(probes), advice=_INSTALL_LLVM, probes=tuple(probes))
-
-
-def _why(probes: list[llvm.Probe]) -> str:
-    if not probes:
-        return "no LLVM library and no CUDA device was found"
-    return "; ".join(f"{Path(probe.path).name} {probe.answer}" for probe in probes)
-
-
-def _with_short_reason(chosen: Backend) -> Backend:
-    """With a reason that fits on the line of a command, without the output of each library."""
-    if chosen.is_jit or not chosen.probes:
-        return chosen
-    return replace(chosen, reason="no usable LLVM; see `twinlens doctor`")
+        raise BackendError(f"TWINLENS_BACKEND=llvm does not work: {why}; {_INSTALL_LLVM}")
+    return Backend("scalar", VARIANTS["scalar"], why, advice=_INSTALL_LLVM, probes=tuple(probes))
 
 
 def _has_cuda_driver() -> bool:
@@ -189,23 +176,18 @@ def _activate(chosen: Backend) -> None:
     if chosen.library is not None:
         os.environ["DRJIT_LIBLLVM_PATH"] = chosen.library
     with deferred_interrupts():
-        _set_variant(chosen.variant)
+        import mitsuba
+
+        if mitsuba.variant() != chosen.variant:
+            try:
+                mitsuba.set_variant(chosen.variant)
+            except ImportError as error:
+                raise BackendError(
+                    f"{chosen.variant} does not work in this process, because mitsuba was imported with another "
+                    "DRJIT_LIBLLVM_PATH; unset it, or render with twinlens first"
+                ) from error
+            mitsuba.set_log_level(mitsuba.LogLevel.Error)
         _activated[chosen.variant] = chosen
-
-
-def _set_variant(variant: str) -> None:
-    import mitsuba
-
-    if mitsuba.variant() == variant:
-        return
-    try:
-        mitsuba.set_variant(variant)
-    except ImportError as error:
-        raise BackendError(
-            f"{variant} does not work in this process, because mitsuba was imported with another DRJIT_LIBLLVM_PATH; "
-            "unset it, or render with twinlens first"
-        ) from error
-    mitsuba.set_log_level(mitsuba.LogLevel.Error)
 
 
 @contextlib.contextmanager

@@ -1,5 +1,6 @@
 """Builds a Mitsuba scene from a `Scene`, and the table of its bodies that ground truth uses."""
 
+import contextlib
 import weakref
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -31,6 +32,11 @@ class Body:
     material_kind: int
     shape: Any
     instance: Any = None
+
+    @property
+    def hit_object(self) -> Any:
+        """The Mitsuba object that identifies the body in a hit."""
+        return self.shape if self.instance is None else self.instance
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,12 +113,11 @@ def _leaf(thing: SceneObject, bsdf: Any, uv_factors: Float | None) -> Any:
             mesh = replace(mesh, uv=mesh.uv * uv_factors)
         return _mesh(thing.name, mesh, thing.world_from_object, bsdf, emitter)
     check_uniform_scale(thing)
-    plugin = {**mitsuba_value(thing.shape), "bsdf": bsdf}
-    own = plugin.get("to_world", mi.ScalarTransform4f())
-    plugin["to_world"] = mi.ScalarTransform4f(thing.world_from_object) @ own
+    own = mi.ScalarTransform4f(thing.shape.get("to_world", np.eye(4)))
+    plugin = {**thing.shape, "to_world": mi.ScalarTransform4f(thing.world_from_object) @ own, "bsdf": bsdf}
     if emitter is not None:
         plugin["emitter"] = emitter
-    return _load_plain(plugin, f"shape of object {thing.name!r}")
+    return _load(plugin, f"shape of object {thing.name!r}")
 
 
 def _mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emitter: Any) -> Any:
@@ -137,20 +142,14 @@ def _mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emitter: A
     buffers["vertex_positions"] = _flat32(transform_points(world_from_object, mesh.vertices))
     buffers["faces"] = np.ascontiguousarray(faces).ravel()
     if mesh.normals is not None:
-        buffers["vertex_normals"] = _flat32(_transform_normals(world_from_object, mesh.normals))
+        pose = np.eye(4)
+        pose[:3, :3] = np.linalg.inv(world_from_object[:3, :3]).T
+        turned = rotate(pose, mesh.normals)
+        buffers["vertex_normals"] = _flat32(turned / np.linalg.norm(turned, axis=-1, keepdims=True))
     if mesh.uv is not None:
         buffers["vertex_texcoords"] = _flat32(mesh.uv)
     buffers.update()
     return made
-
-
-def _transform_normals(world_from_object: Float, normals: Float) -> Float:
-    """Normals (N, 3) transformed by the inverse transpose, of unit length."""
-    pose = np.eye(4)
-    pose[:3, :3] = np.linalg.inv(world_from_object[:3, :3]).T
-    turned = rotate(pose, normals)
-    turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
-    return turned
 
 
 def _flat32(values: Float) -> Any:
@@ -167,15 +166,14 @@ def mitsuba_value(value: Any) -> Any:
     if isinstance(value, np.ndarray) and value.shape == (4, 4):
         return mi.ScalarTransform4f(value)
     if isinstance(value, Mapping):
-        return {key: _environment_bitmap(value, key) or mitsuba_value(part) for key, part in value.items()}
+        is_sky = value.get("type") == "envmap"  # takes a bitmap, not a texture plugin
+        return {
+            key: mi.Bitmap(np.ascontiguousarray(part.pixels, dtype=np.float32))
+            if is_sky and isinstance(part, Bitmap)
+            else mitsuba_value(part)
+            for key, part in value.items()
+        }
     return value
-
-
-def _environment_bitmap(plugin: Plugin, key: str) -> Any:
-    """The Mitsuba bitmap of an environment map in memory, which is no texture plugin; else None."""
-    if plugin.get("type") != "envmap" or not isinstance(plugin[key], Bitmap):
-        return None
-    return mitsuba().Bitmap(np.ascontiguousarray(plugin[key].pixels, dtype=np.float32))
 
 
 def _bitmap(texture: Bitmap) -> dict[str, Any]:
@@ -192,24 +190,22 @@ def _bitmap(texture: Bitmap) -> dict[str, Any]:
 
 
 def _load(plugin: Plugin, what: str) -> Any:
-    return _load_plain(mitsuba_value(plugin), what)
+    with _input_errors(f"{what}: Mitsuba rejects {plugin.get('type')!r}"):
+        return mitsuba().load_dict(mitsuba_value(plugin), optimize=False)
 
 
-def _load_plain(plugin: dict[str, Any], what: str) -> Any:
+@contextlib.contextmanager
+def _input_errors(message: str) -> Iterator[None]:
     try:
-        return mitsuba().load_dict(plugin, optimize=False)
+        yield
     except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1].strip()
-        raise InputError(f"{what}: Mitsuba rejects {plugin.get('type')!r}: {reason}") from error
+        raise InputError(f"{message}: {str(error).strip().splitlines()[-1].strip()}") from error
 
 
 def _build_xml(scene: Scene) -> BuiltScene:
     """A checked Mitsuba file: ids in the order of its shapes, materials by their names."""
-    mi = mitsuba()
-    try:
-        mi_scene = mi.load_file(str(scene.xml), optimize=False)
-    except RuntimeError as error:
-        raise InputError(f"{scene.xml}: Mitsuba rejects it: {str(error).strip().splitlines()[-1].strip()}") from error
+    with _input_errors(f"{scene.xml}: Mitsuba rejects it"):
+        mi_scene = mitsuba().load_file(str(scene.xml), optimize=False)
     materials: dict[str, int] = {}
     names: list[str] = []
     bodies: list[Body] = []
@@ -246,31 +242,22 @@ def move_uv_scales(scene: Scene) -> tuple[Mapping[str, Plugin], Mapping[str, Flo
     """
     materials, factors = dict(scene.materials), {}
     for name, plugin in scene.materials.items():
-        scale = _common_scale(plugin)
+        parts = list(_plugins(plugin))
+        scales = [value.to_uv for part in parts for value in part.values() if isinstance(value, Bitmap)]
         shapes = [thing.shape for thing in scene.objects if thing.material == name]
-        if scale is not None and all(isinstance(shape, Mesh) and shape.uv is not None for shape in shapes):
+        # Bump and normal maps depend on derivatives along (u, v).
+        if (
+            any("to_uv" in part or part.get("type") in ("bumpmap", "normalmap") for part in parts)
+            or not all(isinstance(shape, Mesh) and shape.uv is not None for shape in shapes)
+            or not scales
+        ):
+            continue
+        factor = np.diag(scales[0])[:2].copy()
+        only_scale = np.diag([*factor, 1.0, 1.0])
+        if all(np.array_equal(scale, only_scale) for scale in scales) and not np.array_equal(factor, [1.0, 1.0]):
             materials[name] = _unscaled(plugin)
-            factors[name] = scale
+            factors[name] = factor
     return materials, factors
-
-
-def _common_scale(plugin: Plugin) -> Float | None:
-    """The scale (2,) of all textures of a material; None if there is none, or if transforms differ or are no scales."""
-    if any(_depends_on_uv_scale(part) for part in _plugins(plugin)) or any(
-        "to_uv" in part for part in _plugins(plugin)
-    ):
-        return None
-    scales = [picture.to_uv for picture in _pictures(plugin)]
-    if not scales or any(not np.array_equal(scale, scales[0]) for scale in scales):
-        return None
-    factors: Float = np.diag(scales[0])[:2].copy()
-    only_scale = np.array_equal(scales[0], np.diag([*factors, 1.0, 1.0]))
-    return factors if only_scale and not np.array_equal(factors, [1.0, 1.0]) else None
-
-
-def _depends_on_uv_scale(plugin: Plugin) -> bool:
-    """Bump and normal maps depend on derivatives along (u, v)."""
-    return plugin.get("type") in ("bumpmap", "normalmap")
 
 
 def _plugins(plugin: Plugin) -> Iterator[Plugin]:
@@ -278,11 +265,6 @@ def _plugins(plugin: Plugin) -> Iterator[Plugin]:
     for value in plugin.values():
         if isinstance(value, Mapping):
             yield from _plugins(value)
-
-
-def _pictures(plugin: Plugin) -> Iterator[Bitmap]:
-    for part in _plugins(plugin):
-        yield from (value for value in part.values() if isinstance(value, Bitmap))
 
 
 def _unscaled(value: Any) -> Any:

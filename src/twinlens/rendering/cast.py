@@ -1,20 +1,19 @@
-"""First hits of many rays as numpy arrays.
+"""First hits of many rays as numpy arrays: Mitsuba's in float32, refined in float64, and visibility from other points.
 
-Directions are not normalised: with z = 1 in the camera frame, the ray parameter t is the depth. Hits are Mitsuba's, in
-float32; `twinlens.rendering.surfaces` refines them.
+Directions are not normalised: with z = 1 in the camera frame, the ray parameter t is the depth.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.geometry import Float
 from twinlens.rendering.backends import backend, mitsuba
-from twinlens.rendering.build import Body, BuiltScene
+from twinlens.rendering.build import BuiltScene
+from twinlens.rendering.surfaces import MAX_CORRECTION, Exact, Quadric, Triangles, refine, surfaces
 
-_MISS = float("inf")
+_SAME_POINT = 1e-5  # relative tolerance for two rays that end at the same point
 _BUNDLE = 1 << 22  # rays traced at once; bounds the memory
 
 
@@ -54,62 +53,90 @@ def _trace_bundle(built: BuiltScene, origin: Float, unit: NDArray[np.float32], o
     shape, instance = (dr.reinterpret_array(mi.UInt32, pointer) for pointer in (pi.shape, pi.instance))
     dr.eval(pi.t, pi.prim_index, shape, instance)
     keys = np.where(np.asarray(instance) > 0, np.asarray(instance), np.asarray(shape))  # prefer the instance
-    out.body[:] = _rows(_handle_table(built), keys)
+    out.body[:] = _row_of_handle(built)[keys]
     hit = keys > 0
     out.t[hit] = np.asarray(pi.t)[hit]
     out.prim[hit] = np.asarray(pi.prim_index)[hit]
 
 
-def _rows(table: dict[int, int], keys: NDArray[np.uint32]) -> NDArray[np.int32]:
-    """Rows of the body table for Dr.Jit's registry handles; -1 for handle 0, no shape."""
-    rows_of_handles = np.full(max([int(keys.max(initial=0)), *table]) + 1, -1, dtype=np.int32)
-    rows_of_handles[list(table)] = list(table.values())
-    rows: NDArray[np.int32] = rows_of_handles[keys]
-    return rows
-
-
-def _handle_table(built: BuiltScene) -> dict[int, int]:
-    """Dr.Jit's registry handle of each body's shape (or instance) -> row of the body table."""
-    if "handles" not in built.cache:
+def _row_of_handle(built: BuiltScene) -> NDArray[np.int32]:
+    """The row of the body table for each of Dr.Jit's registry handles; -1 for handle 0, no shape."""
+    if "rows" not in built.cache:
         import drjit as dr
 
         mi = mitsuba()
-        built.cache["handles"] = {
-            int(np.asarray(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(_key(body))))[0]): row
-            for row, body in enumerate(built.bodies)
-        }
-    table: dict[int, int] = built.cache["handles"]
+        pointers = [mi.ShapePtr(body.hit_object) for body in built.bodies]
+        handles = [int(np.asarray(dr.reinterpret_array(mi.UInt32, pointer))[0]) for pointer in pointers]
+        rows = np.full(max(handles, default=0) + 1, -1, dtype=np.int32)
+        rows[handles] = np.arange(len(handles))
+        built.cache["rows"] = rows
+    table: NDArray[np.int32] = built.cache["rows"]
     return table
-
-
-def _key(body: Body) -> Any:
-    """The Mitsuba object that identifies a body in a hit."""
-    return body.shape if body.instance is None else body.instance
 
 
 def _trace_singly(built: BuiltScene, origin: Float, unit: NDArray[np.float32], out: Hits) -> None:
     mi = mitsuba()
-    rows = {_key(body): row for row, body in enumerate(built.bodies)}
+    rows = {body.hit_object: row for row, body in enumerate(built.bodies)}
     intersect, ray_type, vector = built.mi_scene.ray_intersect_preliminary, mi.Ray3f, mi.Vector3f
     start = mi.Point3f(origin)
     for i, (x, y, z) in enumerate(unit.tolist()):
         pi = intersect(ray_type(start, vector(x, y, z)))
-        if pi.t != _MISS:
+        if pi.t != np.inf:
             out.body[i] = rows.get(pi.instance or pi.shape, -1)
             out.t[i] = pi.t
             out.prim[i] = pi.prim_index
 
 
-def mitsuba_normals(built: BuiltScene, origin: Float, directions: Float) -> tuple[Float, Float]:
-    """(geometric, shading) normals (N, 3) from Mitsuba, in float32, for shapes without a closed form."""
+def exact_hits(built: BuiltScene, origin: Float, directions: Float, hits: Hits, measure: bool = True) -> Exact:
+    """Refined hits: t, geometric and shading normals.
+
+    Shapes without a closed form keep Mitsuba's t; their normals are Mitsuba's with `measure`, else zero.
+    """
+    exact = Exact(hits.t.copy(), np.zeros_like(directions), np.zeros_like(directions))
+    order = np.argsort(hits.body, kind="stable")
+    bounds = np.searchsorted(hits.body[order], np.arange(len(built.bodies) + 1))
+    for row, surface in enumerate(surfaces(built)):
+        chosen = order[bounds[row] : bounds[row + 1]]
+        if not len(chosen):
+            continue
+        if surface is not None:
+            part = refine(surface, origin, directions[chosen], hits.prim[chosen], hits.t[chosen])
+            exact.t[chosen], exact.normal[chosen], exact.shading_normal[chosen] = (
+                part.t,
+                part.normal,
+                part.shading_normal,
+            )
+        elif measure:
+            exact.normal[chosen], exact.shading_normal[chosen] = _mitsuba_normals(built, origin, directions[chosen])
+    return exact
+
+
+def _mitsuba_normals(built: BuiltScene, origin: Float, directions: Float) -> tuple[Float, Float]:
+    """(geometric, shading) normals (N, 3) in float32."""
     mi = mitsuba()
     if backend().is_jit:
         towards = mi.Vector3f(np.ascontiguousarray(directions.T, dtype=np.float32))
         si = built.mi_scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), towards))
         return np.asarray(si.n, dtype=np.float64).T, np.asarray(si.sh_frame.n, dtype=np.float64).T
-    found = [
-        built.mi_scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(*direction))) for direction in directions
-    ]
-    return np.array([si.n for si in found], dtype=np.float64), np.array(
-        [si.sh_frame.n for si in found], dtype=np.float64
-    )
+    rays = [mi.Ray3f(mi.Point3f(origin), mi.Vector3f(*direction)) for direction in directions]
+    found = [built.mi_scene.ray_intersect(ray) for ray in rays]
+    return np.array([si.n for si in found], np.float64), np.array([si.sh_frame.n for si in found], np.float64)
+
+
+def visible_from(
+    built: BuiltScene, centre: Float, points: Float, body: NDArray[np.int32], prim: NDArray[np.uint32]
+) -> NDArray[np.bool_]:
+    """Whether each point is the first hit of the ray from `centre` to it: on the same plane, or at the same distance.
+
+    Hits slightly in front of the point are refined, because float32 errors of grazing hits exceed _SAME_POINT.
+    """
+    rays = points - centre
+    hits = cast(built, centre, rays)
+    triangles = np.array([*(isinstance(surface, Triangles) for surface in surfaces(built)), False])
+    flat = np.array([*(isinstance(surface, Quadric) and surface.is_flat for surface in surfaces(built)), False])
+    same_plane = (hits.body == body) & (flat[body] | (triangles[body] & (hits.prim == prim)))
+    clear: NDArray[np.bool_] = same_plane | (hits.t >= 1 - _SAME_POINT)
+    doubtful = np.flatnonzero(~clear & (hits.t >= 1 - 2 * MAX_CORRECTION))
+    near = Hits(hits.body[doubtful], hits.t[doubtful], hits.prim[doubtful])
+    clear[doubtful] = exact_hits(built, centre, rays[doubtful], near, measure=False).t >= 1 - _SAME_POINT
+    return clear

@@ -1,9 +1,4 @@
-"""Exact ground truth of every view: one chief ray per pixel, refined in float64, and one ray from the other camera.
-
-pixel centres -> cast -> refine -> depth, position, normals, ids
-                                     |-> project into another view -> correspondence, disparity
-                                     |-> cast from the other's centre -> visible
-"""
+"""Exact ground truth of every view: one chief ray per pixel, refined in float64, and one ray from the other camera."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,9 +11,9 @@ from twinlens.camera.truth import Correspondence, Truth
 from twinlens.errors import InputError
 from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.build import BuiltScene, build
-from twinlens.rendering.cast import Hits, cast
+from twinlens.rendering.cast import Hits, cast, exact_hits, visible_from
 from twinlens.rendering.radiance import check_view
-from twinlens.rendering.surfaces import Exact, exact_hits, infinity_visible_from, visible_from
+from twinlens.rendering.surfaces import Exact
 from twinlens.scenes import Scene
 
 
@@ -95,7 +90,8 @@ def _view_truth(built: BuiltScene, rig: Rig, index: int, sky_disparity: bool) ->
     if other is not None:
         sky = sky_disparity and rig.is_rectified(*_in_order(rig, index, other))
         _, disparity, visible = _project_into(built, rig, view, other, sky)
-    object_id, material_id, material_kind = _ids(built, view.hits.body)
+    ids = [(body.object_id, body.material_id, body.material_kind) for body in built.bodies]
+    object_id, material_id, material_kind = np.array([*ids, (0, 0, 0)]).T[:, view.hits.body]  # row -1 is no hit
     normal = _facing(view.exact.normal, -view.directions)
 
     def image(values: NDArray[Any], dtype: type[np.generic]) -> NDArray[Any]:
@@ -128,15 +124,17 @@ def _project_into(
     """(pixels in camera `other`, disparity, visible) of every pixel of `view`; disparity for rectified pairs only."""
     found = view.hits.body >= 0
     camera, pose = rig.cameras[other], rig.world_from_cams[other]
+    centre, cam_from_world = pose[:3, 3], inverse(pose)
     pixels = np.full((len(found), 2), np.inf)
     visible = np.zeros(len(found), dtype=bool)
-    pixels[found] = _or_unknown(camera.project(transform_points(inverse(pose), view.position[found])))
-    visible[found] = camera.contains(pixels[found]) & visible_from(
-        built, pose[:3, 3], view.position[found], view.hits.body[found], view.hits.prim[found]
-    )
+    pixels[found] = camera.project(transform_points(cam_from_world, view.position[found]))
+    visible[found] = visible_from(built, centre, view.position[found], view.hits.body[found], view.hits.prim[found])
     if sky:
-        pixels[~found] = _or_unknown(camera.project(rotate(inverse(pose), view.directions[~found])))
-        visible[~found] = infinity_visible_from(built, rig, other, view.directions[~found])
+        directions = view.directions[~found]
+        pixels[~found] = camera.project(rotate(cam_from_world, directions))
+        visible[~found] = cast(built, centre, directions).body < 0
+    pixels[np.isnan(pixels)] = np.inf  # points that the camera cannot project
+    visible &= camera.contains(pixels)
     return pixels, _disparity(rig, view, other, pixels, sky), visible
 
 
@@ -155,15 +153,3 @@ def _disparity(rig: Rig, view: _View, other: int, pixels: Float, sky: bool) -> F
 def _in_order(rig: Rig, a: int, b: int) -> tuple[int, int]:
     """(left, right) of a rectified pair; of any other, (b, a) or (a, b)."""
     return (a, b) if rig.is_rectified(a, b) else (b, a)
-
-
-def _or_unknown(pixels: Float) -> Float:
-    """Pixels with +inf in place of NaN, which marks points that the camera cannot project."""
-    return np.where(np.isnan(pixels), np.inf, pixels)
-
-
-def _ids(built: BuiltScene, body: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(object, material, kind) ids (3, N) of body rows; 0 for row -1, no hit."""
-    table = [(row.object_id, row.material_id, row.material_kind) for row in built.bodies] + [(0, 0, 0)]
-    ids: NDArray[np.int32] = np.array(table, dtype=np.int32).T[:, body]
-    return ids

@@ -1,12 +1,7 @@
-"""Images: the mean radiance over each pixel, rendered in passes, with one seed per camera and pass.
-
-scene -> mi scene ----+
-rig, lens -> sensors -+-> integrator, pass by pass -> float64 mean -> float32 (H, W, 3)
-"""
+"""Images: the mean radiance over each pixel, rendered in passes, with one seed per camera and pass."""
 
 import functools
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +9,9 @@ from numpy.typing import NDArray
 from twinlens.camera import Camera, Lens, Pinhole, Rig
 from twinlens.camera.lens import check_lens
 from twinlens.errors import InputError, unknown
-from twinlens.geometry import Float
-from twinlens.rendering.backends import backend, mitsuba
-from twinlens.rendering.build import BuiltScene, build
-from twinlens.rendering.sensors import builtin_sensor, camera_sensor
+from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.build import build
+from twinlens.rendering.sensors import make_sensor
 from twinlens.scenes import Scene
 from twinlens.seeds import seed_sequence
 
@@ -71,9 +65,16 @@ def render(
     built = build(scene)
     images = []
     for index, (camera, pose) in enumerate(zip(rig.cameras, rig.world_from_cams, strict=True)):
-        seeds = seed_sequence(int(seed), _RENDER_STREAM, index)
-        report = partial_progress(progress, index, len(rig))
-        images.append(_render_camera(built, camera, pose, lens, int(spp), seeds, sampler, report))
+        report = partial_progress(progress, index / len(rig), (index + 1) / len(rig))
+        total = np.zeros((camera.height, camera.width, 3))
+        done = 0
+        for kind, count, stream in _passes(camera, int(spp), seed_sequence(int(seed), _RENDER_STREAM, index), sampler):
+            sensor = make_sensor(camera, pose, lens, count, kind)
+            image = built.integrator.render(built.mi_scene, sensor, seed=stream, spp=count)
+            total += count * np.asarray(image, dtype=np.float64)
+            done += count
+            report(done / spp)
+        images.append((total / spp).astype(np.float32))
     return images
 
 
@@ -93,42 +94,6 @@ def check_view(scene: Scene, rig: Rig) -> None:
         raise InputError(f"scene must be a Scene, got {scene!r:.60}; load_scene makes one from a name or a file")
     if not isinstance(rig, Rig):
         raise InputError(f"rig must be a Rig, got {rig!r:.60}; Rig.stereo makes one from a camera, Rig from several")
-
-
-def _render_camera(
-    built: BuiltScene,
-    camera: Camera,
-    pose: Float,
-    lens: Lens,
-    spp: int,
-    seeds: np.random.SeedSequence,
-    sampler: str,
-    report: Progress,
-) -> NDArray[np.float32]:
-    total = np.zeros((camera.height, camera.width, 3))
-    done = 0
-    for kind, count, stream in _passes(camera, spp, seeds, sampler):
-        sensor = make_sensor(camera, pose, lens, count, kind)
-        image = built.integrator.render(built.mi_scene, sensor, seed=stream, spp=count)
-        total += count * np.asarray(image, dtype=np.float64)
-        done += count
-        report(done / spp)
-    return (total / spp).astype(np.float32)
-
-
-def make_sensor(camera: Camera, pose: Float, lens: Lens, spp: int, sampler: str) -> Any:
-    """The Mitsuba sensor of a camera and a lens in this backend. A box filter makes images reproducible to the byte."""
-    film = {
-        "type": "hdrfilm",
-        "width": camera.width,
-        "height": camera.height,
-        "rfilter": {"type": "box"},
-        "pixel_format": "rgb",
-        "component_format": "float32",
-        "sample_border": False,
-    }
-    make = camera_sensor if backend().is_jit else builtin_sensor
-    return make(camera, pose, lens, film, {"type": sampler, "sample_count": spp})
 
 
 def _passes(camera: Camera, spp: int, seeds: np.random.SeedSequence, sampler: str) -> Iterator[tuple[str, int, int]]:
@@ -153,8 +118,8 @@ def sampler_supports(sampler: str, count: int) -> bool:
     return bool(mitsuba().load_dict({"type": sampler, "sample_count": count}).sample_count() == count)
 
 
-def partial_progress(progress: Progress | None, index: int, count: int) -> Progress:
-    """Progress of part `index` of `count`, reported as progress of the whole."""
+def partial_progress(progress: Progress | None, start: float, end: float) -> Progress:
+    """Progress of a part, reported as progress of the whole from `start` to `end`."""
     if progress is None:
         return lambda _: None
-    return lambda fraction: progress((index + fraction) / count)
+    return lambda fraction: progress(start + (end - start) * fraction)

@@ -1,8 +1,8 @@
-"""Rays of a camera in Dr.Jit: from a film position and an aperture point to an origin and a direction.
+"""The sensor of the JIT backends: rays of a camera in Dr.Jit, from a film position and an aperture point.
 
 The direction (x, y, 1) of a pixel and the aperture point a give the ray o = a, d = (x - k ax, y - k ay, 1) in the
-camera frame of `twinlens.geometry`, with k the vergence. All values are opaque to the compiler, so that cameras share
-kernels.
+camera frame of `twinlens.geometry`, with k the vergence. All values are opaque to the compiler, so that cameras and
+lenses share kernels. Importing this module sets up the backend.
 """
 
 import functools
@@ -12,9 +12,12 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera import Camera
+from twinlens.camera import Camera, Lens
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
+
+mi = mitsuba()
+opaque = functools.partial(dr.opaque, mi.Float)
 
 
 class DrJitMath:
@@ -33,7 +36,6 @@ class DrJitMath:
 
     def gather(self, table: Float, index: Any) -> Any:
         """``table[index]``; each table is copied to the device once."""
-        mi = mitsuba()
         if id(table) not in self._tables:
             self._tables[id(table)] = table, mi.Float(np.ascontiguousarray(table, dtype=np.float32))
         return dr.gather(mi.Float, self._tables[id(table)][1], mi.UInt32(index))
@@ -43,38 +45,30 @@ class CornerTable:
     """Bilinear interpolation of two values given at the (W + 1) x (H + 1) corners of the pixels."""
 
     def __init__(self, corners: NDArray[np.float64]) -> None:
-        mi = mitsuba()
         self._rows, self._columns = corners.shape[:2]
         self._values = mi.Float(np.ascontiguousarray(corners, dtype=np.float32).ravel())
 
     def __call__(self, across: Any, down: Any) -> Any:
         """The values (Point2f) at `across`, `down` pixels from the top left corner of the image."""
-        mi = mitsuba()
         column = dr.clip(dr.floor(across), 0, self._columns - 2)
         row = dr.clip(dr.floor(down), 0, self._rows - 2)
         index = mi.UInt32(row) * self._columns + mi.UInt32(column)
-        corner = [
-            dr.gather(mi.Point2f, self._values, index + step) for step in (0, 1, self._columns, self._columns + 1)
-        ]
+        steps = (0, 1, self._columns, self._columns + 1)
+        corner = [dr.gather(mi.Point2f, self._values, index + step) for step in steps]
         right, below = across - column, down - row
         return dr.lerp(dr.lerp(corner[0], corner[1], right), dr.lerp(corner[2], corner[3], right), below)
-
-
-def corner_directions(camera: Camera) -> Float:
-    """(x, y) of the directions (x, y, 1) at the corners of the pixels, (H + 1, W + 1, 2)."""
-    rows, columns = np.mgrid[: camera.height + 1, : camera.width + 1]
-    return camera.unproject(np.stack([columns, rows], axis=-1) - 0.5)[..., :2]
 
 
 class RayGenerator:
     """Generates the rays of one camera at one pose."""
 
     def __init__(self, camera: Camera, world_from_cam: Float) -> None:
-        mi = mitsuba()
-        opaque = functools.partial(dr.opaque, mi.Float)
         self.principal = opaque(camera.cx), opaque(camera.cy)
         self.focal = opaque(camera.fx), opaque(camera.fy)
-        self.undistorted = None if camera.distortion is None else CornerTable(corner_directions(camera))
+        self.undistorted = None
+        if camera.distortion is not None:
+            rows, columns = np.mgrid[: camera.height + 1, : camera.width + 1]
+            self.undistorted = CornerTable(camera.unproject(np.stack([columns, rows], axis=-1) - 0.5)[..., :2])
         self.x, self.y, self.z, self.origin = (
             mi.Vector3f(*(opaque(world_from_cam[row, column]) for row in range(3))) for column in range(4)
         )
@@ -90,4 +84,43 @@ class RayGenerator:
         """Origin and unit direction in the world, from pixels (u, v) and metres (ax, ay), at vergence `k` in 1/m."""
         x, y = self.chief_ray(u, v)
         direction = (x - k * ax) * self.x + (y - k * ay) * self.y + self.z
-        return mitsuba().Point3f(self.origin + ax * self.x + ay * self.y), dr.normalize(direction)
+        return mi.Point3f(self.origin + ax * self.x + ay * self.y), dr.normalize(direction)
+
+
+class TwinlensCamera(mi.Sensor):  # type: ignore[misc, name-defined]
+    """A Mitsuba sensor: the rays of a camera at a pose through the aperture of a lens."""
+
+    def __init__(self, camera: Camera, world_from_cam: Float, lens: Lens, film: Any, sampler: Any) -> None:
+        properties = mi.Properties()
+        properties["film"], properties["sampler"] = film, sampler
+        super().__init__(properties)
+        self.m_needs_sample_3 = True
+        self.math = DrJitMath()
+        self.size = opaque(camera.width), opaque(camera.height)
+        self.rays = RayGenerator(camera, world_from_cam)
+        self.aperture = lens.aperture
+        self.radius = opaque(0.5 * lens.aperture_diameter)
+        self.k = opaque(lens.vergence)
+
+    def sample_ray(
+        self, time: Any, wavelength: Any, position: Any, aperture: Any, active: Any = True
+    ) -> tuple[Any, Any]:
+        """A ray through a film position in [0, 1)^2 and a uniform aperture sample, and its weight."""
+        # Mitsuba's film counts pixel edges, twinlens pixel centres.
+        u, v = position.x * self.size[0] - 0.5, position.y * self.size[1] - 0.5
+        ax, ay = (self.radius * a for a in self.aperture.sample(aperture.x, aperture.y, self.math))
+        origin, direction = self.rays.ray(u, v, ax, ay, self.k)
+        ray = mi.Ray3f(origin, direction, time)
+        wavelengths, weight = self.sample_wavelengths(dr.zeros(mi.SurfaceInteraction3f), wavelength, active)
+        ray.wavelengths = wavelengths
+        return ray, weight
+
+    def sample_ray_differential(
+        self, time: Any, wavelength: Any, position: Any, aperture: Any, active: Any = True
+    ) -> tuple[Any, Any]:
+        """The same ray without differentials: Mitsuba's textures have no mipmaps."""
+        ray, weight = self.sample_ray(time, wavelength, position, aperture, active)
+        return mi.RayDifferential3f(ray), weight
+
+    def to_string(self) -> str:
+        return "TwinlensCamera[]"

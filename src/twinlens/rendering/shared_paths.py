@@ -2,7 +2,8 @@
 
 Sample m of a pixel lands a known integer number of pixels away (`twinlens.rendering.stratified_samples`), so images are
 gathered: each pixel adds its samples in order. Gathering needs no atomics and no fixed-point rounding, its bytes do not
-depend on the number of threads, and radiance that is not finite stays so, as in Mitsuba's film.
+depend on the number of threads, and radiance that is not finite stays so, as in Mitsuba's film. Importing this module
+sets up the backend.
 """
 
 import math
@@ -23,10 +24,12 @@ from twinlens.rendering.ray_generation import DrJitMath, RayGenerator
 from twinlens.rendering.stratified_samples import (
     MAX_SAMPLES,
     SamplePattern,
+    StratifiedSampler,
     make_pattern,
-    stratified_sampler,
     stratum_grid,
 )
+
+mi = mitsuba()
 
 OWN_JITTER = 0.5
 """Largest deviation of a pixel's film positions and aperture points from the shared ones, in strata. It decorrelates
@@ -49,17 +52,14 @@ class ImageAccumulator:
         self.total = np.zeros((focuses, 3, height, width))
         self.squares = np.zeros_like(self.total)
         self.count = 0
-        self.known = True
 
     def add(self, halves: NDArray[np.floating], counts: tuple[int, int]) -> None:
         """Add the sums of one pass, (2, F, 3, H, W), over `counts` samples each."""
         first, second = counts
         self.total += halves[0] + halves[1]
         self.count += first + second
-        if not (first and second):
-            self.known = False
-            return
-        self.squares += first * second * (halves[0] / first - halves[1] / second) ** 2
+        known = first and second
+        self.squares += first * second * (halves[0] / first - halves[1] / second) ** 2 if known else math.nan
 
     def image(self, focus: int) -> Float:
         """The mean image (H, W, 3)."""
@@ -68,8 +68,6 @@ class ImageAccumulator:
 
     def variance(self, focus: int) -> float:
         """Mean variance over the pixels and channels with finite radiance; NaN for one sample per pixel."""
-        if not self.known:
-            return math.nan
         squares = self.squares[focus]
         finite = np.isfinite(squares)
         return float(squares[finite].mean()) / self.count**2 if finite.any() else math.nan
@@ -85,7 +83,7 @@ class Tracer:
 
     def trace(self, annulus: ApertureAnnulus, group: VergenceGroup, seeds: np.random.SeedSequence) -> ImageAccumulator:
         """The mean radiance through an annulus for each vergence of the group."""
-        film = _Film(self.camera, group)
+        film = PaddedFilm(self.camera, group)
         passes = math.ceil(annulus.spp / min(MAX_SAMPLES, max(1, RAYS_PER_PASS // film.pixels)))
         grid = stratum_grid(math.ceil(annulus.spp / passes))
         shears = [((k - group.middle) * self.camera.fx, (k - group.middle) * self.camera.fy) for k in group.vergences]
@@ -106,15 +104,14 @@ class Tracer:
         self,
         shared: SamplePattern,
         annulus: ApertureAnnulus,
-        film: "_Film",
+        film: "PaddedFilm",
         shears: list[tuple[float, float]],
         middle: float,
         seed: int,
     ) -> Any:
         """Radiance of every ray; sample m of a pixel has the index ``pixel + pixels * m``."""
-        mi = mitsuba()
         is_stratified = self.sampler == "multijitter"
-        places = stratified_sampler(shared.grid)
+        places = StratifiedSampler(*shared.grid)
         if is_stratified:
             places.start(shared, film.pixels, seed)
         else:
@@ -123,21 +120,18 @@ class Tracer:
         u, v = film.start(places.pixel)
         origin, direction = self.generator.ray(u + x, v + y, ax, ay, dr.opaque(mi.Float, middle))
         ray = mi.RayDifferential3f(mi.Ray3f(origin, direction))
-        sampler = places if is_stratified else self._mitsuba_sampler(shared, film, seed)
+        sampler = places
+        if not is_stratified:  # Mitsuba's sampler, for the dimensions after film and aperture
+            kind = self.sampler if sampler_supports(self.sampler, len(shared)) else "independent"
+            sampler = mi.load_dict({"type": kind, "sample_count": len(shared)})
+            sampler.set_samples_per_wavefront(len(shared))
+            sampler.seed(seed, film.pixels * len(shared))
         radiance, valid, _ = self.built.integrator.sample(self.built.mi_scene, sampler, ray, None, True)
         number = places.pixel + dr.opaque(mi.UInt32, film.pixels) * places.sample
         sorted_radiance = dr.zeros(mi.Color3f, film.pixels * len(shared))
         dr.scatter(sorted_radiance, dr.select(valid, radiance, 0.0), number)
         dr.eval(sorted_radiance)
         return sorted_radiance
-
-    def _mitsuba_sampler(self, shared: SamplePattern, film: "_Film", seed: int) -> Any:
-        """Mitsuba's sampler, for the dimensions after film and aperture."""
-        kind = self.sampler if sampler_supports(self.sampler, len(shared)) else "independent"
-        sampler = mitsuba().load_dict({"type": kind, "sample_count": len(shared)})
-        sampler.set_samples_per_wavefront(len(shared))
-        sampler.seed(seed, film.pixels * len(shared))
-        return sampler
 
     def _film_and_aperture(
         self, places: Any, shared: SamplePattern, annulus: ApertureAnnulus, shears: list[tuple[float, float]]
@@ -147,7 +141,6 @@ class Tracer:
         Each ray deviates from the shared sample, unless it would then land in another pixel at some focus. This is a
         Metropolis step with a symmetric proposal, which keeps uniform distributions uniform (Metropolis et al., 1953).
         """
-        mi = mitsuba()
         columns, rows = (size / OWN_JITTER for size in shared.grid)
         x, y, across, down, ax, ay = (
             dr.gather(mi.Float, mi.Float(np.ascontiguousarray(values)), places.sample)
@@ -167,25 +160,23 @@ class Tracer:
         return tuple(dr.select(alike, mine, common) for mine, common in pairs)
 
 
-class _Film:
+class PaddedFilm:
     """The image with a margin on every side, from which the paths of a group start."""
 
     def __init__(self, camera: Camera, group: VergenceGroup) -> None:
         self.image = camera.width, camera.height
         self.margin = group.margin
-        self.width, self.height = camera.width + 2 * group.margin[0], camera.height + 2 * group.margin[1]
+        self.width, self.height = group.film_size(camera)
         self.pixels = self.width * self.height
 
     def start(self, pixel: Any) -> tuple[Any, Any]:
         """(u, v) of the top left corner of a pixel of the film."""
-        mi = mitsuba()
         width = dr.opaque(mi.UInt32, self.width)
         left, top = (dr.opaque(mi.Float, margin + 0.5) for margin in self.margin)
         return mi.Float(pixel % width) - left, mi.Float(pixel // width) - top
 
     def gather(self, radiance: Any, shifts: NDArray[np.int32], second: NDArray[np.bool_]) -> Float:
         """Sums (2, F, 3, H, W) of the radiance landing on each pixel, over the first and the second half of samples."""
-        mi = mitsuba()
         width, height = self.image
         target = dr.arange(mi.Int32, width * height)
         columns = dr.opaque(mi.Int32, width)
@@ -204,7 +195,6 @@ class _Film:
 
 def _sum(radiance: Any, start: Any, steps: Any, count: int) -> Any:
     """Sum over the steps of the radiance at ``start + step``, in their order."""
-    mi = mitsuba()
 
     def step(i: Any, red: Any, green: Any, blue: Any) -> tuple[Any, Any, Any, Any]:
         ray = mi.UInt32(start + dr.gather(mi.Int32, steps, i))

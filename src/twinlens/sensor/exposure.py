@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from twinlens.camera import Camera, Lens
 from twinlens.errors import InputError, check_number, format_value
@@ -102,17 +102,13 @@ def auto_exposure(
     levels = [
         sensor.level_rate(image, camera=c, lens=lens).reshape(-1, 3) for image, c in zip(images, per_image, strict=True)
     ]
-    product = _time_times_gain(np.concatenate(levels))
+    shares = np.concatenate(levels)  # (N, 3), of white per second at gain 1
+    highlight = float(np.percentile(shares.max(axis=1), _HIGHLIGHT_PERCENTILE)) or float(shares.max())
+    product = math.inf  # time times gain, seconds
+    if highlight > 0:
+        luminance = shares @ _LUMINANCE
+        lit = luminance[luminance > _BLACK * highlight]
+        middle = _MIDDLE_GREY / float(np.exp(np.log(lit).mean()))
+        product = max(min(middle, _HIGHLIGHT / highlight), middle / 2**_STOPS_BELOW)
     time = min(product, sensor.longest_exposure)
     return Exposure(time, min(max(product / time, 1.0), sensor.largest_gain))
-
-
-def _time_times_gain(levels: NDArray[np.float64]) -> float:
-    """Time times gain in seconds for `levels` (N, 3), shares of white per second at gain 1."""
-    highlight = float(np.percentile(levels.max(axis=1), _HIGHLIGHT_PERCENTILE)) or float(levels.max())
-    if highlight == 0:
-        return math.inf
-    luminance = levels @ _LUMINANCE
-    lit = luminance[luminance > _BLACK * highlight]
-    middle = _MIDDLE_GREY / float(np.exp(np.log(lit).mean()))
-    return max(min(middle, _HIGHLIGHT / highlight), middle / 2**_STOPS_BELOW)

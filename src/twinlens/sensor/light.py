@@ -21,8 +21,8 @@ from twinlens.camera import BareAperture, Camera, Disk, Lens, film_distance
 
 Float = NDArray[np.float64]
 
-_PLANCK = 6.62607015e-34  # J s, exact in the SI
-_LIGHT = 299792458.0  # m/s, exact in the SI
+PLANCK = 6.62607015e-34  # J s, exact in the SI
+SPEED = 299792458.0  # m/s, of light, exact in the SI
 _STRATA = 256  # per side, over a bare aperture that is not a disk
 
 
@@ -30,8 +30,8 @@ class ParaxialWarning(UserWarning):
     """The working f-number of a lens is below 1, where the paraxial formula gives too much light."""
 
 
-def warn_below_f1(camera: Camera, lens: Lens) -> None:
-    """Give a `ParaxialWarning` for a lens of v/A < 1, attributed to the caller of the caller.
+def warn_below_f1(camera: Camera, lens: Lens, stacklevel: int) -> None:
+    """Give a `ParaxialWarning` for a lens of v/A < 1.
 
     For exposures given by the user: an automatic exposure compensates for the excess.
     """
@@ -41,7 +41,7 @@ def warn_below_f1(camera: Camera, lens: Lens) -> None:
             f"working f-number v/A = {number:.3g} is below 1, where the paraxial formula pi/4 (A/v)^2 L gives too much "
             "light: use a smaller aperture, or give the camera a larger pixel_pitch_um",
             ParaxialWarning,
-            stacklevel=3,
+            stacklevel=stacklevel,
         )
 
 
@@ -66,24 +66,17 @@ def irradiance_factor(camera: Camera, lens: Lens, pinhole_f_number: float) -> fl
     0.5
     """
     if isinstance(lens, BareAperture) and lens.diameter > 0:
-        return _bare_aperture_factor(lens)
+        ratio2 = (0.5 * lens.diameter / lens.film_distance) ** 2
+        if isinstance(lens.aperture, Disk):
+            return math.pi * ratio2 / (1.0 + ratio2)
+        # The integral of v^2/(v^2 + r^2)^2 over the open area, accurate to 0.1% up to A/v = 100.
+        middles = (np.arange(_STRATA) + 0.5) / _STRATA
+        x, y = lens.aperture.sample(*np.meshgrid(middles, middles))
+        mean = float(np.mean(1.0 / (1.0 + ratio2 * (x**2 + y**2)) ** 2))
+        return min(math.pi * ratio2 * lens.aperture.area_fraction * mean, math.pi)
     number = working_f_number(camera, lens, pinhole_f_number)
     open_fraction = lens.aperture.area_fraction if lens.aperture_diameter > 0 else 1.0
     return 0.25 * math.pi * open_fraction / number**2
-
-
-def _bare_aperture_factor(hole: BareAperture) -> float:
-    """The integral of v^2/(v^2 + r^2)^2 over the open area: in closed form for a disk, otherwise over strata.
-
-    The sum over strata is accurate to 0.1% up to A/v = 100.
-    """
-    ratio2 = (0.5 * hole.diameter / hole.film_distance) ** 2
-    if isinstance(hole.aperture, Disk):
-        return math.pi * ratio2 / (1.0 + ratio2)
-    middles = (np.arange(_STRATA) + 0.5) / _STRATA
-    x, y = hole.aperture.sample(*np.meshgrid(middles, middles))
-    mean = float(np.mean(1.0 / (1.0 + ratio2 * (x**2 + y**2)) ** 2))
-    return min(math.pi * ratio2 * hole.aperture.area_fraction * mean, math.pi)
 
 
 def cos4(camera: Camera) -> Float:
@@ -91,18 +84,3 @@ def cos4(camera: Camera) -> Float:
     x = (np.arange(camera.width) - camera.cx) / camera.fx
     y = (np.arange(camera.height) - camera.cy) / camera.fy
     return 1.0 / (1.0 + x[None, :] ** 2 + y[:, None] ** 2) ** 2
-
-
-def pixel_area(camera: Camera, lens: Lens) -> float:
-    """Area of a pixel, m^2: (v/fx)(v/fy)."""
-    distance = film_distance(camera, lens)
-    return distance / camera.fx * distance / camera.fy
-
-
-def photons_per_joule(wavelength: float) -> float:
-    """lambda / (h c).
-
-    >>> round(photons_per_joule(550e-9) / 1e18, 3)
-    2.769
-    """
-    return wavelength / (_PLANCK * _LIGHT)

@@ -1,4 +1,13 @@
-"""The sensor: its parameters, their checks, and the exposure of an image."""
+"""The EMVA 1288 linear camera model: shot noise, dark current, fixed patterns, saturation, read noise, quantisation.
+
+A pixel with mu expected electrons counts a Poisson number of them and a Poisson number of dark electrons, saturates at
+the full well, and is read with normal noise. K converts electrons to digital numbers (DN) above the black level::
+
+    y = round(K (min(Poisson(mu (1 + PRNU)) + Poisson(dark), full well) + DSNU + read noise) + black)
+
+Each cause of noise has its own random stream (`twinlens.seeds`), by seed, cause and camera. PRNU and DSNU are seeded
+by the sensor's serial number, the others by the exposure's seed.
+"""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -12,7 +21,8 @@ from twinlens.camera.film import checked_radiance
 from twinlens.camera.lens import check_lens
 from twinlens.errors import InputError, check_int, check_number, check_triple, format_value, unknown
 from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, check_wavelengths
-from twinlens.sensor import light, noise, picture
+from twinlens.seeds import generator
+from twinlens.sensor import light, picture
 from twinlens.sensor.exposure import Exposure, Mismatch, auto_exposure, check_exposure
 from twinlens.sensor.picture import Image
 from twinlens.sensor.presets import PRESETS
@@ -20,6 +30,7 @@ from twinlens.sensor.presets import PRESETS
 Float = NDArray[np.float64]
 
 OUTPUTS = (*picture.CURVES, "raw")
+_WELLS = 4.0  # expectations are limited to four full wells, which are saturated anyway
 
 _RANGES = {
     "full_well": (1.0, 1e9),
@@ -126,14 +137,6 @@ class Sensor:
         object.__setattr__(self, "wavelengths", check_wavelengths("sensor wavelengths", self.wavelengths))
         for name, (least, most) in _RANGES.items():
             check_number(f"sensor {name}", getattr(self, name), f"from {least:g} to {most:g}", least=least, most=most)
-        self._check_choices()
-        self.mismatch.applied(Exposure(self.longest_exposure, self.largest_gain))
-        check_number("sensor black_level", self.black_level, "a number of DN >= 0", least=0)
-        if self.black_level >= self.largest_dn:
-            raise InputError(f"sensor black_level must be below {self.largest_dn} DN, got {self.black_level}")
-        check_int("sensor serial", self.serial, 0)
-
-    def _check_choices(self) -> None:
         check_int("sensor adc_bits", self.adc_bits, 8, 16)
         check_int("sensor bits", self.bits, 8, 16)
         if self.bits not in (8, 16):
@@ -148,6 +151,11 @@ class Sensor:
                 raise unknown(f"sensor {name}", value if isinstance(value, str) else format_value(value), known)
         if not isinstance(self.mismatch, Mismatch):
             raise InputError(f"sensor mismatch must be a Mismatch, got {format_value(self.mismatch)}")
+        self.mismatch.applied(Exposure(self.longest_exposure, self.largest_gain))
+        check_number("sensor black_level", self.black_level, "a number of DN >= 0", least=0)
+        if self.black_level >= self.largest_dn:
+            raise InputError(f"sensor black_level must be below {self.largest_dn} DN, got {self.black_level}")
+        check_int("sensor serial", self.serial, 0)
 
     @classmethod
     def preset(cls, name: str, **changes: Any) -> "Sensor":
@@ -179,8 +187,10 @@ class Sensor:
 
     def electrons_per_radiance(self, camera: Camera, lens: Lens) -> Float:
         """Electrons per second in a pixel on the axis, per unit of rendered radiance, (3,) for red, green and blue."""
-        joules = light.irradiance_factor(camera, lens, self.pinhole_f_number) * light.pixel_area(camera, lens)
-        photons = np.array([light.photons_per_joule(wavelength) for wavelength in self.wavelengths])
+        distance = film_distance(camera, lens)
+        pixel_area = distance / camera.fx * distance / camera.fy
+        joules = light.irradiance_factor(camera, lens, self.pinhole_f_number) * pixel_area
+        photons = np.array(self.wavelengths) / (light.PLANCK * light.SPEED)
         electrons: Float = self.radiance_scale * joules * photons * np.array(self.quantum_efficiency)
         return electrons
 
@@ -210,23 +220,38 @@ class Sensor:
         Raises InputError for a radiance that is negative, NaN or not of the camera's size, and a negative seed.
         Gives a `ParaxialWarning` for a given exposure through a lens below f/1.
         """
-        image = checked_radiance("radiance", radiance, camera)
+        return self._expose([(radiance, camera, eye)], lens, seed, exposure)[0]
+
+    def _expose(
+        self, views: Sequence[tuple[ArrayLike, Camera, int]], lens: Lens, seed: int, exposure: Exposure | None
+    ) -> list[Photo]:
+        """One photo for each radiance, camera and eye, with one exposure."""
+        images = [checked_radiance("radiance", radiance, camera) for radiance, camera, _ in views]
+        cameras = [camera for _, camera, _ in views]
         check_lens(lens)
         check_exposure(exposure)
-        if exposure is not None:
-            light.warn_below_f1(camera, lens)
-        return self._take(image, camera, lens, exposure, seed, eye)
-
-    def _take(self, image: Float, camera: Camera, lens: Lens, exposure: Exposure | None, seed: int, eye: int) -> Photo:
         check_int("seed", seed, 0)
+        if exposure is not None:
+            light.warn_below_f1(min(cameras, key=lambda camera: film_distance(camera, lens)), lens, stacklevel=4)
+        shared = exposure or auto_exposure(images, sensor=self, cameras=cameras, lens=lens)
+        return [
+            self._take(image, camera, lens, shared, seed, eye)
+            for image, (_, camera, eye) in zip(images, views, strict=True)
+        ]
+
+    def _take(self, image: Float, camera: Camera, lens: Lens, nominal: Exposure, seed: int, eye: int) -> Photo:
         check_int("eye", eye, 0)
-        nominal = exposure or auto_exposure([image], sensor=self, cameras=camera, lens=lens)
         mismatch = self.mismatch if eye else Mismatch()
         true = mismatch.applied(nominal)
         black = self.black_level + mismatch.black_level
         wells = self._wells(image, camera, lens, true.time, seed, eye)
-        electrons = self._read_out(wells, seed, eye)
-        numbers = noise.quantise(electrons, self.system_gain(true.gain), black, self.adc_bits)
+        electrons = wells
+        if self.dsnu:
+            electrons = electrons + self.dsnu * generator(self.serial, "dsnu", eye).standard_normal(wells.shape)
+        if self.read_noise:
+            electrons = electrons + self.read_noise * generator(seed, "read", eye).standard_normal(wells.shape)
+        numbers = np.rint(self.system_gain(true.gain) * electrons + black)
+        numbers = np.clip(numbers, 0, self.largest_dn).astype(np.uint16)
         saturated = (wells >= self.full_well) | (numbers >= self.largest_dn)
         number = light.working_f_number(camera, lens, self.pinhole_f_number)
         record = {
@@ -268,16 +293,7 @@ class Sensor:
         """
         if len(images) != len(rig):
             raise InputError(f"expose_rig needs one image per camera, got {len(images)} images and {len(rig)} cameras")
-        checked = [checked_radiance("radiance", *view) for view in zip(images, rig.cameras, strict=True)]
-        check_lens(lens)
-        check_exposure(exposure)
-        if exposure is not None:
-            light.warn_below_f1(min(rig.cameras, key=lambda camera: film_distance(camera, lens)), lens)
-        shared = exposure or auto_exposure(checked, sensor=self, cameras=rig.cameras, lens=lens)
-        return [
-            self._take(image, camera, lens, shared, seed, eye)
-            for eye, (image, camera) in enumerate(zip(checked, rig.cameras, strict=True))
-        ]
+        return self._expose(list(zip(images, rig.cameras, range(len(rig)), strict=True)), lens, seed, exposure)
 
     def _rates(self, image: Float, camera: Camera, lens: Lens) -> Float:
         """Expected electrons per second, (H, W, 3)."""
@@ -292,18 +308,17 @@ class Sensor:
         elif self.filters in picture.BAYER:
             expected = picture.mosaic(expected, self.filters)
         if self.prnu:
-            expected = expected * (1.0 + self.prnu * noise.pattern(self.serial, "prnu", eye, expected.shape))
-        shot_seed = seed if self.shot_noise else None
-        return noise.collect(expected, self.dark_current * time, self.full_well, shot_seed, eye)
-
-    def _read_out(self, wells: Float, seed: int, eye: int) -> Float:
-        """Electrons at the converter: those of the wells with dark offset and read noise."""
-        electrons = wells
-        if self.dsnu:
-            electrons = electrons + self.dsnu * noise.pattern(self.serial, "dsnu", eye, wells.shape)
-        if self.read_noise:
-            electrons = electrons + noise.read_noise(self.read_noise, wells.shape, seed, eye)
-        return electrons
+            pattern = generator(self.serial, "prnu", eye).standard_normal(expected.shape)
+            expected = expected * (1.0 + self.prnu * pattern)
+        expected = np.clip(expected, 0.0, _WELLS * self.full_well)
+        dark = self.dark_current * time
+        if not self.shot_noise:
+            return np.minimum(expected + dark, self.full_well)
+        electrons = generator(seed, "shot", eye).poisson(expected).astype(np.float64)
+        if dark > 0:
+            dark = min(dark, _WELLS * self.full_well)
+            electrons += generator(seed, "dark current", eye).poisson(dark, expected.shape)
+        return np.minimum(electrons, self.full_well)
 
     def _balance(self) -> Float:
         """White balance factors (3,), >= 1."""
@@ -316,10 +331,9 @@ class Sensor:
         if self.output == "raw":
             return numbers.astype(np.uint8) if self.adc_bits == 8 else numbers
         linear = (numbers.astype(np.float64) - self.black_level) / (self.largest_dn - self.black_level)
-        balance = self._balance()
         if self.filters in picture.BAYER:
-            mosaic = linear * balance[picture.channel_map(self.filters, *linear.shape)]
-            linear = picture.demosaic(mosaic, self.filters)
-        else:
-            linear = linear * balance if linear.ndim == 3 else linear
+            factors = self._balance()[picture.channel_map(self.filters, *linear.shape)]
+            linear = picture.demosaic(linear * factors, self.filters)
+        elif self.filters == "rgb":
+            linear = linear * self._balance()
         return picture.encode(linear, self.output, self.gamma, self.bits)

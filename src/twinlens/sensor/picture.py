@@ -1,7 +1,5 @@
 """Images from the converter's numbers: colour filter arrays, demosaicing, tone curves, 8 or 16 bits."""
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,31 +18,8 @@ _IN_ROW = np.array([[0, 0, 1, 0, 0], [0, -2, 0, -2, 0], [-2, 8, 10, 8, -2], [0, 
 _OPPOSITE = np.array([[0, 0, -3, 0, 0], [0, 4, 0, 4, 0], [-3, 0, 12, 0, -3], [0, 4, 0, 4, 0], [0, 0, -3, 0, 0]]) / 16
 
 
-class Curve(Protocol):
-    """A tone curve from linear values in 0..1 to encoded values in 0..1."""
-
-    def __call__(self, linear: Float, gamma: float) -> Float: ...
-
-
-def srgb(linear: Float, gamma: float = 2.4) -> Float:
-    """The curve of sRGB, IEC 61966-2-1; `gamma` is not used.
-
-    >>> round(float(srgb(np.array(0.18))) * 255)
-    118
-    """
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
-
-
-def _linear(linear: Float, gamma: float) -> Float:
-    return linear
-
-
-def _power(linear: Float, gamma: float) -> Float:
-    encoded: Float = linear ** (1.0 / gamma)
-    return encoded
-
-
-CURVES: dict[str, Curve] = {"srgb": srgb, "linear": _linear, "gamma": _power}
+CURVES = ("srgb", "linear", "gamma")
+"""Tone curves: of sRGB, none, and the power 1/gamma."""
 
 
 def channel_map(pattern: str, height: int, width: int) -> NDArray[np.intp]:
@@ -85,6 +60,16 @@ def demosaic(values: Float, pattern: str) -> Float:
 
 
 def encode(linear: Float, curve: str, gamma: float, bits: int) -> Image:
-    """An image of `bits` (8 or 16) from linear values, clipped to 0..1."""
-    encoded: Float = np.rint(CURVES[curve](np.clip(linear, 0.0, 1.0), gamma) * (2**bits - 1))
-    return encoded.astype(np.uint8) if bits == 8 else encoded.astype(np.uint16)
+    """An image of `bits` (8 or 16) from linear values, clipped to 0..1; the sRGB curve is that of IEC 61966-2-1.
+
+    >>> encode(np.array([0.18, 2.0]), "srgb", 2.2, 8).tolist()
+    [118, 255]
+    """
+    encoded = np.clip(linear, 0.0, 1.0)
+    if curve == "srgb":
+        power = 1.055 * np.maximum(encoded, 1e-9) ** (1 / 2.4) - 0.055
+        encoded = np.where(encoded <= 0.0031308, 12.92 * encoded, power)
+    elif curve == "gamma":
+        encoded = encoded ** (1.0 / gamma)
+    numbers: Float = np.rint(encoded * (2**bits - 1))
+    return numbers.astype(np.uint8) if bits == 8 else numbers.astype(np.uint16)
