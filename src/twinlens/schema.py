@@ -220,6 +220,7 @@ _TYPES = {
     "dict_type": "a table of keys and values",
     "model_type": "a table of keys and values",
     "model_attributes_type": "a table of keys and values",
+    "dataclass_type": "a table of keys and values",
 }
 _LIMITS = {
     "int_from_float": "a whole number",

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from twinlens.dataset import files
-from twinlens.dataset.files import read_bytes, remove_unfinished, write_file, write_folder, write_pieces
+from twinlens.dataset.files import read_bytes, remove_unfinished, write_file, write_folder
 from twinlens.errors import FileError, InputError, OutputError
 
 CONTENT = {"a.txt": b"one", "deep/er/b.txt": b"two"}
@@ -24,13 +24,12 @@ def fail_after(monkeypatch, count, error):
     written = []
     whole = files._write_and_flush
 
-    def write(path, pieces):
-        data = b"".join(pieces)
+    def write(path, data):
         if len(written) == count:
             path.write_bytes(data[: len(data) // 2])
             raise error
         written.append(path)
-        whole(path, (data,))
+        whole(path, data)
 
     monkeypatch.setattr(files, "_write_and_flush", write)
 
@@ -90,7 +89,7 @@ def test_a_failed_swap_restores_the_old_folder(tmp_path, monkeypatch):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_errors_on_flush_are_noticed(tmp_path):
     with pytest.raises(OSError, match="No space"):
-        files._write_and_flush(Path("/dev/full"), (b"x" * 10,))
+        files._write_and_flush(Path("/dev/full"), b"x" * 10)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
@@ -138,18 +137,6 @@ def test_a_file_is_replaced_atomically(tmp_path, monkeypatch):
     with pytest.raises(OutputError, match="disk is full"):
         write_file(tmp_path / "f", b"newer")
     assert tree(tmp_path) == {"f": b"old"}
-
-
-def test_a_file_whose_pieces_fail_does_not_appear(tmp_path):
-    def pieces():
-        yield b"half"
-        raise ValueError("a broken piece")
-
-    with pytest.raises(OutputError, match="a broken piece"):
-        write_pieces(tmp_path / "f", pieces())
-    assert not any(tmp_path.iterdir())
-    write_pieces(tmp_path / "f", iter((b"one", b"two")))
-    assert (tmp_path / "f").read_bytes() == b"onetwo"
 
 
 def test_files_of_killed_processes_are_removed(tmp_path):

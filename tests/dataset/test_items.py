@@ -12,7 +12,7 @@ import pytest
 
 from tests.dataset import dataset_scene
 from twinlens.dataset import Dataset, Manifest, Row, place, truth_files, write_manifest, write_png, write_sample
-from twinlens.dataset.items import check_name
+from twinlens.dataset.stored import parse_quantity
 from twinlens.errors import FileError, InputError
 
 SAMPLE = dataset_scene.sample(num_lenses=2)
@@ -67,10 +67,10 @@ def test_every_name_reads_its_quantity(folder):
 
 
 def test_a_truth_file_is_read_once_for_all_its_arrays(folder, monkeypatch):
-    from twinlens.dataset import items
+    from twinlens.dataset import stored
 
     read = Counter()
-    monkeypatch.setattr(items, "read_truth", lambda path: read.update([path.name]) or truth_files.read_truth(path))
+    monkeypatch.setattr(stored, "read_truth", lambda path: read.update([path.name]) or truth_files.read_truth(path))
     _ = Dataset(folder).select("depth0", "normal0", "object_id1", "visible0")[0]
     assert read == {"truth0.exr": 1, "truth1.exr": 1}
 
@@ -119,7 +119,7 @@ def test_the_page_lists_valid_names():
     named = {name for row in table.splitlines()[2:] for name in re.findall(r"`([^`]+)`", row.split("|")[1])}
     assert {"im0", "lens1.blur_circle_px0", "material_kind0", "world_from_cam0", "ndisp"} < named
     for name in named - {"lens0"}:
-        check_name(name)
+        parse_quantity(name)
 
 
 def test_names_and_splits(folder):
@@ -130,6 +130,11 @@ def test_names_and_splits(folder):
     assert data[2] in data
     assert data.split("train").names == ("s0", "s2", "s3")
     assert data[1:].split("test").names == ("s1", "s4")
+    for wrong in (5, -6):
+        for view in (data, data.select("name")):
+            with pytest.raises(InputError, match=f"has 5 samples, no sample {wrong}"):
+                view[wrong]
+    assert len(list(data.select("name"))) == 5
     with pytest.raises(InputError, match="unknown split 'tran'; did you mean 'train'"):
         data.split("tran")
     with pytest.raises(InputError, match="has no splits"):

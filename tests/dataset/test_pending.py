@@ -9,10 +9,10 @@ from twinlens.dataset import (
     Dataset,
     Manifest,
     Row,
-    audit,
     place,
     repair_hint,
     unfinished,
+    verify,
     verify_place,
     write_manifest,
     write_sample,
@@ -126,7 +126,7 @@ def test_samples_listed_during_verification_are_not_findings(tmp_path, monkeypat
     """Shards may add a sample, a row, or the whole list at any moment."""
     root = shards(tmp_path / "set", 4, **MADE_WITH)
     write_sample(root / "0000001", dataset_scene.sample())
-    look = getattr(audit, step)
+    look = getattr(verify, step)
 
     def look_and_change(*given):
         seen = list(look(*given))
@@ -136,14 +136,14 @@ def test_samples_listed_during_verification_are_not_findings(tmp_path, monkeypat
         shutil.rmtree(root / ".rows")
         return seen
 
-    monkeypatch.setattr(audit, step, look_and_change)
+    monkeypatch.setattr(verify, step, look_and_change)
     assert dict(verify_place(root)) == {"dataset.json": []} | {f"000000{i}": [] for i in range(4)}
 
 
 @pytest.mark.parametrize("step", ["_sample_folders", "pending_rows"])
 def test_a_sample_that_appears_during_verification_has_its_row_or_is_not_seen(tmp_path, monkeypatch, step):
     root = shards(tmp_path / "set", 4, **MADE_WITH)
-    look = getattr(audit, step)
+    look = getattr(verify, step)
 
     def look_and_change(*given):
         seen = list(look(*given))
@@ -151,7 +151,7 @@ def test_a_sample_that_appears_during_verification_has_its_row_or_is_not_seen(tm
         (root / ".rows" / "0000003.json").write_bytes(row_of_a_sample(files))
         return seen
 
-    monkeypatch.setattr(audit, step, look_and_change)
+    monkeypatch.setattr(verify, step, look_and_change)
     line = unfinished(root)
     assert " made but not listed yet; " in line, "each with its checksums"
     assert line.startswith("dataset.json lists 0 of 4")

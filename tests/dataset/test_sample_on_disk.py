@@ -179,7 +179,7 @@ def test_stored_samples_can_be_pickled(stored):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda r: r.pop("rig"), "rig: must be a table of keys and values, got None"),
+        (lambda r: r.pop("rig"), "missing key 'rig'"),
         (lambda r: r["rig"]["cameras"][0].update(fx=-1), "camera fx must be"),
         (lambda r: r["rig"].update(poses=[]), "rig: unknown key 'poses'"),
         (

@@ -148,10 +148,11 @@ def test_only_a_sample_is_overwritten(root):
 
 
 def test_folders_of_other_files(root):
-    assert fill_folder(root / "out", iter([("a/x", b"1"), ("y", b"2")])) == ["a/x", "y"]
+    fill_folder(root / "out", iter([("a/x", b"1"), ("y", b"2")]))
+    assert (root / "out").files() == ["a/x", "y"]
     with pytest.raises(OutputError, match="already exists"):
         fill_folder(root / "out", [("z", b"3")])
-    assert fill_folder(root / "out", [("y", b"3")], overwrite=True) == ["y"]
+    fill_folder(root / "out", [("y", b"3")], overwrite=True)
     assert (root / "out").files() == ["y"]
     with pytest.raises(InputError, match="two files would be named z"):
         fill_folder(root / "new", [("z", b"1"), ("z", b"2")])

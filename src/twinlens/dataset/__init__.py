@@ -4,12 +4,10 @@ docs/format.md describes the files.
 """
 
 from twinlens.dataset.about import About
-from twinlens.dataset.audit import repair_hint, unchecked, unfinished, verify_place
 from twinlens.dataset.card import describe, write_card
 from twinlens.dataset.codecs.calib import Calibration, read_calib, write_calib
-from twinlens.dataset.codecs.disparity import read_disparity
 from twinlens.dataset.codecs.exr import read_exr, write_exr
-from twinlens.dataset.codecs.pfm import encode_pfm, read_pfm, write_pfm
+from twinlens.dataset.codecs.pfm import encode_pfm, read_disparity, read_pfm, write_pfm
 from twinlens.dataset.codecs.png import encode_png, read_image, read_png, write_png
 from twinlens.dataset.croissant import write_croissant
 from twinlens.dataset.dataset import Dataset, open_sample
@@ -21,7 +19,7 @@ from twinlens.dataset.sample import Sample, Shot, sample_files, write_sample
 from twinlens.dataset.storage import Place, RemotePath, Where, is_whole, place
 from twinlens.dataset.stored import SampleFile, StoredSample, StoredShot
 from twinlens.dataset.truth_files import read_truth
-from twinlens.dataset.verify import verify_dataset, verify_sample
+from twinlens.dataset.verify import repair_hint, unchecked, unfinished, verify_dataset, verify_place, verify_sample
 from twinlens.dataset.visibility import mask_from_both, mask_from_one
 
 __all__ = [

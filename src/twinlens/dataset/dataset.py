@@ -4,14 +4,16 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, Generic, TypeVar, overload
 
-from twinlens.dataset.files import is_hidden
-from twinlens.dataset.items import check_name, read_all
 from twinlens.dataset.manifest import NAME, Manifest, Row, pending_rows, read_manifest
 from twinlens.dataset.storage import Place, RemotePath, Where, is_whole, place
-from twinlens.dataset.stored import StoredSample
+from twinlens.dataset.stored import StoredSample, parse_quantity, read_quantities
 from twinlens.errors import FileError, InputError, unknown
 
 T = TypeVar("T")
+
+
+class SampleIndexError(InputError, IndexError):
+    """An index beyond the samples of a dataset. It is an IndexError so that iteration by index ends."""
 
 
 class Dataset(Sequence[StoredSample]):
@@ -38,7 +40,8 @@ class Dataset(Sequence[StoredSample]):
         if not self.path.is_dir():
             raise FileError(f"{self.path}: no such folder; a dataset is a folder of samples")
         listed = (self.path / NAME).is_file()
-        self._samples = _listed(self.path) if listed else _found(self.path)
+        rows = read_manifest(self.path).rows if listed else ()
+        self._samples = tuple(stored(self.path, row) for row in rows) if listed else _found(self.path)
         if not self._samples and listed:
             raise FileError(f"{self.path / NAME}: lists no sample{_why_empty(self.path)}")
         if not self._samples:
@@ -57,7 +60,12 @@ class Dataset(Sequence[StoredSample]):
                 if sample.name == index:
                     return sample
             raise unknown("sample", index, self.names)
-        return _view(self.path, self._samples[index]) if isinstance(index, slice) else self._samples[index]
+        if isinstance(index, slice):
+            return _view(self.path, self._samples[index])
+        try:
+            return self._samples[index]
+        except IndexError:
+            raise SampleIndexError(f"{self.path}: has {len(self)} samples, no sample {index}") from None
 
     def __iter__(self) -> Iterator[StoredSample]:
         return iter(self._samples)
@@ -93,8 +101,8 @@ class Dataset(Sequence[StoredSample]):
         ``Dataset(path).select("im0", "lens1.im0", "normal0", "K0")``. Raises InputError for an unknown name.
         """
         for name in names:
-            check_name(name)
-        return self.map(partial(read_all, names))
+            parse_quantity(name)
+        return self.map(partial(read_quantities, names))
 
     def map(self, function: Callable[[StoredSample], T]) -> "Mapped[T]":
         """The dataset with `function` applied to each sample on access; it can be pickled if the function can."""
@@ -160,14 +168,10 @@ def _why_empty(path: Place) -> str:
     return ""
 
 
-def _listed(path: Place) -> tuple[StoredSample, ...]:
-    return tuple(stored(path, row) for row in read_manifest(path).rows)
-
-
 def _found(path: Place) -> tuple[StoredSample, ...]:
     if (path / "im0.png").is_file():
         return (StoredSample(path, path.resolve().name),)
-    folders = sorted((entry for entry in path.iterdir() if not is_hidden(entry.name)), key=str)
+    folders = sorted((entry for entry in path.iterdir() if not entry.name.startswith(".")), key=str)
     folders = [folder for folder in folders if (folder / "im0.png").is_file()]
     if isinstance(path, RemotePath):  # among samples of twinlens, those without a mark are incomplete
         folders = [folder for folder in folders if is_whole(folder)] or folders

@@ -11,32 +11,18 @@ import os
 import secrets
 import shutil
 from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
-from twinlens.dataset.storage import (
-    EXISTS,
-    MARK,
-    Place,
-    RemotePath,
-    Where,
-    discard_objects,
-    place,
-    remove_objects,
-    write_marked,
-    write_objects,
-)
+from twinlens.dataset.storage import EXISTS, MARK, Place, RemotePath, Where, fill_remote, place, write_marked
 from twinlens.errors import FileError, InputError, OutputError
 
 _TEMPORARY = ".unfinished-"
 
 _REMEDIES = {
-    errno.ENOSPC: "the disk is full: free some space or write elsewhere",
-    errno.EDQUOT: "the disk quota is used up: free some space or write elsewhere",
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "the disk is full: free some space or write elsewhere"),
+    **dict.fromkeys((errno.EACCES, errno.EPERM), "no permission: choose a folder that you may write to"),
+    **dict.fromkeys((errno.ENOTDIR, errno.EEXIST), "a file exists where a folder is needed: choose another name"),
     errno.EROFS: "the file system is read-only: write elsewhere",
-    errno.EACCES: "no permission: choose a folder that you may write to",
-    errno.EPERM: "no permission: choose a folder that you may write to",
-    errno.ENOTDIR: "a file exists where a folder is needed: choose another name",
-    errno.EEXIST: "a file exists where a folder is needed: choose another name",
     errno.ENOTEMPTY: "another process has written there: choose another name",
     errno.ENAMETOOLONG: "the name is too long: choose a shorter one",
 }
@@ -51,23 +37,26 @@ def read_bytes(path: Where) -> bytes:
     except FileError:
         raise
     except (OSError, ValueError) as error:
-        raise FileError(f"{path}: cannot be read ({_reason(error)})") from None
+        raise FileError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+
+
+def read_text(path: Where) -> str:
+    """The content of a UTF-8 file. Raises FileError that names it."""
+    try:
+        return read_bytes(path).decode("utf-8")
+    except UnicodeDecodeError:
+        raise FileError(f"{path}: not a text file") from None
 
 
 def write_file(path: Where, data: bytes) -> None:
     """Write `data` as the file `path`, atomically; an existing file is replaced. Raises OutputError."""
-    write_pieces(path, (data,))
-
-
-def write_pieces(path: Where, pieces: Iterable[bytes]) -> None:
-    """`write_file` with one piece in memory at a time; a remote file is in memory as a whole."""
     path = place(path)
     if isinstance(path, RemotePath):
-        path.write_bytes(b"".join(pieces))
+        path.write_bytes(data)
         return
     with _temporary(path) as temporary:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _write_and_flush(temporary, pieces)
+        _write_and_flush(temporary, data)
         temporary.replace(path)
         _flush_folder(path.parent)
 
@@ -79,37 +68,43 @@ def write_folder(folder: Where, files: Mapping[str, bytes], overwrite: bool = Fa
     """
     folder = place(folder)
     if isinstance(folder, RemotePath) and MARK in files:
-        write_marked(folder, {check_relative(name): data for name, data in files.items()}, overwrite)
+        write_marked(folder, files, overwrite)
     else:
         fill_folder(folder, files.items(), overwrite)
 
 
-def fill_folder(folder: Where, files: Iterable[tuple[str, bytes]], overwrite: bool = False) -> list[str]:
-    """`write_folder` with one file in memory at a time; returns the names.
+def fill_folder(folder: Where, files: Iterable[tuple[str, bytes]], overwrite: bool = False) -> None:
+    """`write_folder` with one file in memory at a time.
 
     A remote folder is not atomic: an error removes what was written, a killed process leaves it.
     """
-    folder = place(folder)
+    folder, files = place(folder), _checked(files)
     if isinstance(folder, RemotePath):
-        return _fill_remote(folder, files, overwrite)
+        fill_remote(folder, files, overwrite)
+        return
     if not overwrite and os.path.lexists(folder):
         raise OutputError(f"{folder}: {EXISTS}")
     with _temporary(folder) as temporary:
-        names = _fill(temporary, files)
+        temporary.mkdir(parents=True)
+        folders = {temporary}
+        for name, data in files:
+            path = temporary / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _write_and_flush(path, data)
+            folders.add(path.parent)
+        for each in folders:
+            _flush_folder(each)
         if overwrite and os.path.lexists(folder):
             _swap(temporary, folder)
         else:
             temporary.rename(folder)
         _flush_folder(folder.parent)
-    return names
 
 
 def remove_unfinished(folder: Where) -> list[str]:
     """Remove the temporary files of killed processes from a local `folder`; their names. No process may be writing."""
     folder = place(folder)
-    if isinstance(folder, RemotePath):
-        return []
-    found = sorted(entry for entry in folder.glob(f".*{_TEMPORARY}*") if _TEMPORARY in entry.name)
+    found = [] if isinstance(folder, RemotePath) else sorted(folder.glob(f".*{_TEMPORARY}*"))
     for entry in found:
         _remove(entry)
     return [entry.name for entry in found]
@@ -123,50 +118,24 @@ def files_below(folder: Place) -> list[str]:
 
 
 def is_hidden(name: str) -> bool:
-    """Whether an entry is not part of a dataset: hidden files, including temporary ones."""
-    return name.startswith(".")
+    """Whether a relative name with / has a part that begins with a dot, as temporary files do."""
+    return any(part.startswith(".") for part in name.split("/"))
 
 
 def check_relative(name: str) -> str:
     """`name` if it is a relative path with / that stays below its folder. Raises InputError."""
-    parts = name.split("/")
-    if any(part in ("", ".", "..") or "\\" in part or "\0" in part for part in parts) or Path(name).is_absolute():
+    if any(part in ("", ".", "..") or "\\" in part or "\0" in part for part in name.split("/")):
         raise InputError(f"{name!r} is not a plain relative name")
-    return PurePosixPath(name).as_posix()
+    return name
 
 
-def _fill_remote(folder: RemotePath, files: Iterable[tuple[str, bytes]], overwrite: bool) -> list[str]:
-    existing = set(folder.files())
-    if existing and not overwrite:
-        raise OutputError(f"{folder}: {EXISTS}")
-    names: dict[str, None] = {}
-    with contextlib.ExitStack() as cleanup:
-        cleanup.callback(discard_objects, folder, names)
-        for name, data in files:
-            _check_new(name, names)
-            names[name] = None
-            write_objects(folder, {name: data})
-        cleanup.pop_all()
-    remove_objects(folder, sorted(existing - set(names)))
-    return list(names)
-
-
-def _fill(folder: Path, files: Iterable[tuple[str, bytes]]) -> list[str]:
-    folder.mkdir(parents=True)
-    names: dict[str, None] = {}
+def _checked(files: Iterable[tuple[str, bytes]]) -> Iterator[tuple[str, bytes]]:
+    names = set()
     for name, data in files:
-        _check_new(name, names)
-        names[name] = None
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        _write_and_flush(folder / name, (data,))
-    for each in {folder, *((folder / name).parent for name in names)}:
-        _flush_folder(each)
-    return list(names)
-
-
-def _check_new(name: str, names: Mapping[str, None]) -> None:
-    if check_relative(name) in names:
-        raise InputError(f"two files would be named {name}; rename one of the samples")
+        if check_relative(name) in names:
+            raise InputError(f"two files would be named {name}; rename one of the samples")
+        names.add(name)
+        yield name, data
 
 
 def _swap(temporary: Path, folder: Path) -> None:
@@ -180,9 +149,9 @@ def _swap(temporary: Path, folder: Path) -> None:
     _remove(old)
 
 
-def _write_and_flush(path: Path, pieces: Iterable[bytes]) -> None:
+def _write_and_flush(path: Path, data: bytes) -> None:
     with path.open("wb") as file:
-        file.writelines(pieces)
+        file.write(data)
         file.flush()
         os.fsync(file.fileno())
 
@@ -221,12 +190,7 @@ def _temporary(path: Path) -> Iterator[Path]:
             raise
     except (OutputError, InputError):
         raise
-    except OSError as error:
-        remedy = _REMEDIES.get(error.errno or 0, f"{_reason(error)}: check the path")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        remedy = _REMEDIES.get(getattr(error, "errno", None) or 0, f"{reason}: check the path")
         raise OutputError(f"{path}: cannot be written; {remedy}") from error
-    except ValueError as error:
-        raise OutputError(f"{path}: cannot be written; {error}") from error
-
-
-def _reason(error: Exception) -> str:
-    return (isinstance(error, OSError) and error.strerror) or str(error)

@@ -13,8 +13,8 @@ from typing import Annotated, Any, Literal
 import pydantic
 
 import twinlens
-from twinlens.dataset.files import check_relative, files_below, is_hidden, read_bytes, write_pieces
-from twinlens.dataset.record import FileModel, decode_json, encode_json_listing, plain, read
+from twinlens.dataset.files import check_relative, files_below, is_hidden, read_bytes, write_file
+from twinlens.dataset.record import FileModel, decode_json, encode_json, plain, read
 from twinlens.dataset.storage import Place, Where, is_whole, place
 from twinlens.errors import FileError, InputError
 
@@ -26,20 +26,12 @@ RelativeName = Annotated[str, pydantic.AfterValidator(check_relative)]
 
 @dataclass(frozen=True)
 class Row:
-    """One sample.
+    """One sample: its folder (with / if nested), its files, and plain data, such as the split."""
 
-    Parameters
-    ----------
-    name : str
-        The folder, with / if nested.
-    files : mapping
-        Relative name -> SHA-256, hexadecimal.
-    info : mapping
-        Plain data, such as the split.
-    """
+    __pydantic_config__ = pydantic.ConfigDict(strict=False)  # so that a mapping is read
 
-    name: str
-    files: Mapping[str, str]
+    name: RelativeName
+    files: Mapping[RelativeName, Annotated[str, pydantic.Field(description="SHA-256, hexadecimal")]]
     info: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -53,14 +45,6 @@ class Manifest:
     info: Mapping[str, Any] = field(default_factory=dict)
 
 
-class RowEntry(FileModel):
-    """A row in a file."""
-
-    name: RelativeName
-    files: dict[RelativeName, str] = pydantic.Field(description="relative name -> SHA-256, hexadecimal")
-    info: dict[str, Any] = pydantic.Field(default={})
-
-
 class DatasetFile(FileModel):
     """dataset.json."""
 
@@ -70,11 +54,11 @@ class DatasetFile(FileModel):
     seed: int | None = None
     recipe: dict[str, Any]
     info: dict[str, Any]
-    samples: list[RowEntry]
+    samples: list[Row]
 
     @pydantic.field_validator("samples")
     @classmethod
-    def _check_unique(cls, samples: list[RowEntry]) -> list[RowEntry]:
+    def _check_unique(cls, samples: list[Row]) -> list[Row]:
         twice = [name for name, count in Counter(row.name for row in samples).items() if count > 1]
         if twice:
             raise InputError(f"lists the sample {twice[0]!r} twice")
@@ -84,7 +68,7 @@ class DatasetFile(FileModel):
 class RowFile(FileModel):
     """.rows/NAME.json of a sample that was made."""
 
-    row: RowEntry
+    row: Row
 
 
 def write_manifest(folder: Where, manifest: Manifest) -> None:
@@ -96,17 +80,16 @@ def write_manifest(folder: Where, manifest: Manifest) -> None:
         "seed": manifest.seed,
         "recipe": plain(manifest.recipe),
         "info": plain(manifest.info),
+        "samples": [{"name": row.name, "files": row.files, "info": row.info} for row in manifest.rows],
     }
-    rows = ({"name": row.name, "files": row.files, "info": row.info} for row in manifest.rows)
-    write_pieces(place(folder) / NAME, encode_json_listing(record, "samples", rows))
+    write_file(place(folder) / NAME, encode_json(record))
 
 
 def read_manifest(folder: Where) -> Manifest:
     """Read `folder`/dataset.json. Raises FileError: file, key, what is allowed."""
     path = place(folder) / NAME
     file = read(DatasetFile, decode_json(read_bytes(path), str(path), KIND, VERSION), path)
-    rows = tuple(Row(row.name, row.files, row.info) for row in file.samples)
-    return Manifest(rows, file.recipe, file.seed, file.info)
+    return Manifest(tuple(file.samples), file.recipe, file.seed, file.info)
 
 
 def row_of(dataset: Where, name: str, info: Mapping[str, Any] | None = None) -> Row:
@@ -119,7 +102,7 @@ def hash_files(folder: Where) -> dict[str, str]:
     folder = place(folder)
     if not folder.is_dir():
         raise FileError(f"{folder}: no such folder")
-    names = [name for name in files_below(folder) if not any(is_hidden(part) for part in name.split("/"))]
+    names = [name for name in files_below(folder) if not is_hidden(name)]
     return {name: hashlib.sha256(read_bytes(folder / name)).hexdigest() for name in names}
 
 
@@ -137,25 +120,14 @@ def pending_rows(folder: Place, listed: Collection[str]) -> tuple[dict[str, Row 
         try:
             if name in listed or not is_whole(folder / check_relative(name)):
                 continue  # a sample that failed has a row too, and no folder
+            rows[name] = None
+            data = read_bytes(folder / path)
+            row = read(RowFile, decode_json(data, path, ROW_KIND, ROW_VERSION), path).row
+            rows[name] = Row(name, row.files, row.info)
+        except FileError as error:
+            if (folder / path).exists():  # else it has been moved to dataset.json meanwhile
+                message = str(error).removeprefix(f"{folder}/")
+                errors[name] = f"{message}; the next `twinlens generate` makes it again, from the sample's files"
         except InputError as error:
             errors[name] = f"{path}: {error}"
-            continue
-        try:
-            rows[name] = _read_row(folder, name, path)
-        except FileError as error:
-            rows[name] = None
-            message = str(error).removeprefix(f"{folder}/")
-            errors[name] = f"{message}; the next `twinlens generate` makes it again, from the sample's files"
     return rows, errors
-
-
-def _read_row(folder: Place, name: str, path: str) -> Row | None:
-    """The row in `folder`/`path`; None if it has been moved to dataset.json meanwhile."""
-    try:
-        data = read_bytes(folder / path)
-    except FileError:
-        if (folder / path).exists():
-            raise
-        return None
-    row = read(RowFile, decode_json(data, path, ROW_KIND, ROW_VERSION), path).row
-    return Row(name, row.files, row.info)

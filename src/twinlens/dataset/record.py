@@ -21,8 +21,8 @@ import os
 import types
 import typing
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Annotated, Any, Literal, TypeVar
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeVar, cast
 
 import numpy as np
 import pydantic
@@ -48,13 +48,18 @@ PACKED_ABOVE, MAX_PACKED = 1024, 4096 * 4096
 _MAX_DEPTH = 64
 _LEVELS: dict[int | None, str] = {255: "<u1", 65535: "<u2", None: "<f8"}
 
-_NUMBER_SCHEMA: dict[str, Any] = {"anyOf": [{"type": "number"}, {"enum": ["inf", "-inf"]}]}
-_ARRAY_SCHEMA: dict[str, Any] = {
-    "anyOf": [
-        {"type": "array", "items": {"type": "array", "items": {"type": "number"}}},
-        {"type": "object", "properties": dict.fromkeys(("type", "shape", "levels", "zlib"), True)},
-    ]
-}
+_NUMBER = Annotated[
+    float,
+    pydantic.BeforeValidator(lambda value: float(value) if value in ("inf", "-inf") else value),
+    pydantic.WithJsonSchema({"anyOf": [{"type": "number"}, {"enum": ["inf", "-inf"]}]}),
+]
+_ROWS: dict[str, Any] = {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}
+_PACKED: dict[str, Any] = {"type": "object", "properties": dict.fromkeys(("type", "shape", "levels", "zlib"), True)}
+_ARRAY = Annotated[
+    Any,
+    pydantic.BeforeValidator(lambda value: unpack(value) if isinstance(value, Mapping) else value),
+    pydantic.WithJsonSchema({"anyOf": [_ROWS, _PACKED]}),
+]
 
 T = TypeVar("T")
 
@@ -82,8 +87,10 @@ def plain(value: Any) -> Any:
     'inf'
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: _plain_field(getattr(value, f.name)) for f in dataclasses.fields(value) if f.init}
-        return {"type": type(value).__name__} | fields
+        fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if f.init}
+        # Only these arrays are packed, as only these are read back to arrays.
+        packed = {name: pack(each) if _is_large(each) else plain(each) for name, each in fields.items()}
+        return {"type": type(value).__name__} | packed
     if isinstance(value, Mapping):
         if wrong := [key for key in value if not isinstance(key, str)]:
             raise InputError(f"the keys of a record must be strings, got {wrong[0]!r}")
@@ -107,14 +114,12 @@ def plain(value: Any) -> Any:
 
 def rig_from_plain(value: Any, file: Where = "sample.json") -> Rig:
     """The Rig of `plain(rig)`. Raises FileError that begins with `file` and the key."""
-    rig: Rig = read(_adapter(Rig), value, file, "rig")
-    return rig
+    return cast("Rig", read(_adapter(Rig), value, file, "rig"))
 
 
 def lens_from_plain(value: Any, file: Where = "sample.json", key: str = "lens") -> Lens:
     """The lens of `plain(lens)`. Raises FileError that begins with `file` and the key."""
-    lens: Lens = read(_adapter(Lens), value, file, key)
-    return lens
+    return cast("Lens", read(_adapter(Lens), value, file, key))
 
 
 @functools.cache
@@ -125,11 +130,11 @@ def _adapter(hint: Any) -> pydantic.TypeAdapter[Any]:
 def annotation_of(hint: Any) -> Any:
     """The annotation that reads and rebuilds a value of type `hint`, a type of twinlens.camera or of its fields."""
     if hint is float:
-        return Annotated[float, pydantic.BeforeValidator(_infinite), pydantic.WithJsonSchema(_NUMBER_SCHEMA)]
+        return _NUMBER
     if hint in TYPES.values():
         return Annotated[_model(hint), pydantic.AfterValidator(lambda model: _rebuilt(hint, model))]
     if typing.get_origin(hint) is np.ndarray:
-        return Annotated[Any, pydantic.BeforeValidator(_unpacked), pydantic.WithJsonSchema(_ARRAY_SCHEMA)]
+        return _ARRAY
     if typing.get_origin(hint) is tuple:
         return list[annotation_of(typing.get_args(hint)[0])]  # type: ignore[misc]
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
@@ -150,13 +155,10 @@ def _model(kind: type) -> type[pydantic.BaseModel]:
             required = each.default is dataclasses.MISSING and each.default_factory is dataclasses.MISSING
             default = pydantic.Field() if required else pydantic.Field(default_factory=lambda: None)
             fields[each.name] = (annotation_of(hints[each.name]), default)
-        elif each.init:  # a Rig in a Rig
-            fields[each.name] = (Annotated[Any, pydantic.AfterValidator(_optional(kind))], None)
+        elif each.init:  # a Rig in a Rig, whose model does not exist yet
+            optional = pydantic.AfterValidator(lambda value: value and _adapter(kind).validate_python(value))
+            fields[each.name] = (Annotated[Any, optional], None)
     return pydantic.create_model(kind.__name__, __base__=_DescriptionModel, **fields)
-
-
-def _optional(kind: type) -> Any:
-    return lambda value: value if value is None else _adapter(kind).validate_python(value)
 
 
 class _DescriptionModel(schema.StrictModel):
@@ -171,17 +173,12 @@ class _DescriptionModel(schema.StrictModel):
 
 
 def _rebuilt(kind: type[T], model: pydantic.BaseModel) -> T:
-    arguments = {name: getattr(model, name) for name in model.model_fields_set - {"type"}}
     try:
-        return kind(**arguments)
+        return kind(**{name: getattr(model, name) for name in model.model_fields_set - {"type"}})
     except InputError:
         raise
     except (TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise InputError(f"{kind.__name__}: {error}") from None
-
-
-def _infinite(value: Any) -> Any:
-    return float(value) if value in ("inf", "-inf") else value
 
 
 def encode_json(record: Mapping[str, Any]) -> bytes:
@@ -189,19 +186,16 @@ def encode_json(record: Mapping[str, Any]) -> bytes:
     return (_indented(plain(record), 0) + "\n").encode()
 
 
-def encode_json_listing(record: Mapping[str, Any], name: str, entries: Iterable[Mapping[str, Any]]) -> Iterator[bytes]:
-    """The pieces of ``encode_json({**record, name: [*entries]})``, with one entry in memory at a time.
-
-    >>> b"".join(encode_json_listing({"a": 1}, "b", iter([{"c": 2}]))) == encode_json({"a": 1, "b": [{"c": 2}]})
-    True
-    """
-    head = _indented({**plain(record), name: []}, 0)
-    yield head[: -len("]\n}")].encode()
-    gap = "\n  "
-    for entry in entries:
-        yield (gap + _indented(plain(entry), 2)).encode()
-        gap = ",\n  "
-    yield ("]\n}\n" if gap == "\n  " else "\n ]\n}\n").encode()
+def parse_json(data: str | bytes) -> Any:
+    """The value of a JSON text. Raises InputError for other text, such as NaN, and beyond 64 levels of nesting."""
+    try:
+        value = json.loads(data, parse_constant=_reject_constant)
+        depth = _depth(value)
+    except (ValueError, RecursionError) as error:
+        raise InputError(str(error)) from None
+    if depth > _MAX_DEPTH:
+        raise InputError(f"nested more than {_MAX_DEPTH} levels deep")
+    return value
 
 
 def read_json(path: Where, kind: str, version: int) -> dict[str, Any]:
@@ -212,9 +206,8 @@ def read_json(path: Where, kind: str, version: int) -> dict[str, Any]:
 def decode_json(data: bytes, path: str, kind: str, version: int) -> dict[str, Any]:
     """The record in the bytes of such a file. Raises FileError that begins with `path`."""
     try:
-        record = json.loads(data, parse_constant=_reject_constant)
-        _check_depth(record)
-    except (ValueError, RecursionError) as error:
+        record = parse_json(data)
+    except InputError as error:
         raise FileError(f"{path}: not valid JSON ({error})") from None
     if not isinstance(record, dict) or record.get("format") != kind:
         raise FileError(f'{path}: not a {kind} file (it needs "format": "{kind}")')
@@ -271,30 +264,18 @@ def unpack(value: Mapping[str, Any]) -> NDArray[np.float64]:
     return numbers if packed.levels is None else numbers / packed.levels
 
 
-def _unpacked(value: Any) -> Any:
-    return unpack(value) if isinstance(value, Mapping) else value
+def _is_large(value: Any) -> bool:
+    is_float = isinstance(value, np.ndarray) and value.dtype.kind == "f"
+    return is_float and PACKED_ABOVE < value.size <= MAX_PACKED and not np.isnan(value).any()
 
 
-def _plain_field(value: Any) -> Any:
-    """A field of a dataclass: only these can be packed, as only these are read back to arrays."""
-    large = isinstance(value, np.ndarray) and value.dtype.kind == "f" and PACKED_ABOVE < value.size <= MAX_PACKED
-    return pack(value) if large and not np.isnan(value).any() else plain(value)
-
-
-def _check_depth(value: Any) -> None:
-    level = [value]
-    for _ in range(_MAX_DEPTH):
-        level = [
-            entry
-            for each in level
-            for entry in (each.values() if isinstance(each, dict) else each if isinstance(each, list) else ())
-        ]
-    if level:
-        raise ValueError(f"nested more than {_MAX_DEPTH} levels deep")
+def _depth(value: Any) -> int:
+    below = value.values() if isinstance(value, dict) else value if isinstance(value, list) else None
+    return 0 if below is None else 1 + max(map(_depth, below), default=0)
 
 
 def _reject_constant(name: str) -> float:
-    raise ValueError(f"{name} is not JSON")
+    raise InputError(f'{name} is not JSON; write null for NaN, "inf" for infinity')
 
 
 def _indented(value: Any, depth: int) -> str:

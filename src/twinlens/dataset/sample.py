@@ -111,8 +111,13 @@ def sample_files(sample: Sample) -> dict[str, bytes]:
         for i, radiance in enumerate(shot.radiances or ()):
             channels = {channel: radiance[..., c] for c, channel in enumerate("RGB")}
             files[f"{lens_folder(k)}radiance{i}.exr"] = encode_exr(channels)
+    rig = sample.rig.nominal
     for i, truth in enumerate(sample.truths):
-        files |= _truth_files(sample, i, truth)
+        files[f"truth{i}.exr"] = encode_truth(truth, rig.cameras[i], sample.shots[0].lens)
+        if rig.partner(i) is not None:
+            files[f"mask{i}nocc.png"] = encode_png(truth.mask_nonocc())
+        if rectified_pair(rig, i) is not None:
+            files[f"disp{i}.pfm"] = encode_pfm(truth.disparity)
     if sample.is_rectified:
         files["calib.txt"] = encode_calib(_calibration(sample)).encode()
     files["sample.json"] = encode_json(_record(sample))
@@ -137,6 +142,15 @@ def write_sample(folder: Where, sample: Sample, overwrite: bool = False) -> dict
     return {name: hashlib.sha256(files[name]).hexdigest() for name in sorted(files)}
 
 
+def rectified_pair(rig: Rig, i: int) -> tuple[int, int] | None:
+    """The left and right camera of the pair of view i and its partner, if that pair is rectified."""
+    partner = rig.partner(i)
+    if partner is None:
+        return None
+    pair = (min(i, partner), max(i, partner))
+    return pair if rig.is_rectified(*pair) else None
+
+
 def lens_folder(k: int) -> str:
     """The folder of shot k, with its slash; the first shot is in the sample's own."""
     return f"lens-{k}/" if k else ""
@@ -150,17 +164,6 @@ def _check_replaceable(folder: Place) -> None:
         return
     if not folder.is_dir() or any(folder.iterdir()):
         raise OutputError(f"{folder}: exists and is not a sample, so it is not overwritten; choose another name")
-
-
-def _truth_files(sample: Sample, i: int, truth: Truth) -> dict[str, bytes]:
-    rig = sample.rig.nominal
-    files = {f"truth{i}.exr": encode_truth(truth, rig.cameras[i], sample.shots[0].lens)}
-    partner = rig.partner(i)
-    if partner is not None:
-        files[f"mask{i}nocc.png"] = encode_png(truth.mask_nonocc())
-        if rig.is_rectified(*sorted((i, partner))):
-            files[f"disp{i}.pfm"] = encode_pfm(truth.disparity)
-    return files
 
 
 def _calibration(sample: Sample) -> Calibration:

@@ -162,11 +162,22 @@ def write_marked(folder: RemotePath, files: Mapping[str, bytes], overwrite: bool
     if MARK not in existing and existing - set(files):
         raise OutputError(f"{folder}: exists and is not a sample, so it is not overwritten; choose another name")
     remove_objects(folder, [name for name in (MARK, *sorted(existing - set(files))) if name in existing])
-    with contextlib.ExitStack() as cleanup:
-        cleanup.callback(discard_objects, folder, files)
+    with _removed_on_error(folder, files):
         write_objects(folder, {name: data for name, data in files.items() if name != MARK})
-        write_objects(folder, {name: data for name, data in files.items() if name == MARK})
-        cleanup.pop_all()
+        write_objects(folder, {MARK: files[MARK]})
+
+
+def fill_remote(folder: RemotePath, files: Iterable[tuple[str, bytes]], overwrite: bool) -> None:
+    """Write `files` below `folder` one by one, and remove all others; on failure the written ones are removed."""
+    existing = set(folder.files())
+    if existing and not overwrite:
+        raise OutputError(f"{folder}: {EXISTS}")
+    names: list[str] = []
+    with _removed_on_error(folder, names):
+        for name, data in files:
+            names.append(name)
+            write_objects(folder, {name: data})
+    remove_objects(folder, sorted(existing - set(names)))
 
 
 def remove_objects(folder: RemotePath, names: Iterable[str]) -> None:
@@ -178,11 +189,15 @@ def remove_objects(folder: RemotePath, names: Iterable[str]) -> None:
                 system.rm_file(f"{path.rstrip('/')}/{name}")
 
 
-def discard_objects(folder: RemotePath, names: Iterable[str]) -> None:
-    """Remove as many of the files below `folder` as possible, without errors."""
-    for name in names:
-        with contextlib.suppress(OutputError):
-            remove_objects(folder, [name])
+@contextlib.contextmanager
+def _removed_on_error(folder: RemotePath, names: Iterable[str]) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        for name in names:
+            with contextlib.suppress(OutputError):
+                remove_objects(folder, [name])
+        raise
 
 
 @contextlib.contextmanager

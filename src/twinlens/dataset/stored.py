@@ -4,10 +4,13 @@ The folder may be twinlens's own, or a plain one with Middlebury's names (im0.pn
 mask0nocc.png, calib.txt). A missing file raises FileError that names it.
 """
 
+import functools
 import math
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from operator import attrgetter
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
 import pydantic
@@ -15,22 +18,20 @@ from numpy.typing import NDArray
 
 from twinlens.camera import Lens, Rig
 from twinlens.camera.truth import Correspondence, Truth
-from twinlens.dataset import items
 from twinlens.dataset.codecs.calib import Calibration, read_calib
-from twinlens.dataset.codecs.disparity import read_disparity
 from twinlens.dataset.codecs.exr import read_exr
+from twinlens.dataset.codecs.pfm import read_disparity
 from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.files import check_relative
-from twinlens.dataset.record import FileModel, annotation_of, lens_from_plain, read, read_json, rig_from_plain
+from twinlens.dataset.record import FileModel, annotation_of, read, read_json
 from twinlens.dataset.sample import KIND, VERSION
 from twinlens.dataset.storage import Place
-from twinlens.dataset.truth_files import blur_circle_px, read_truth, truth_from_arrays
+from twinlens.dataset.truth_files import SCALARS, VECTORS, blur_circle_px, read_truth, truth_from_arrays
 from twinlens.dataset.visibility import Disparity, Mask, correspondence_of, mask_from_both, mask_from_one
-from twinlens.errors import FileError, InputError
+from twinlens.errors import FileError, InputError, unknown
 
 Image = NDArray[Any]
-
-_DISPARITY_NAMES = ("disp{}.pfm", "disp{}GT.pfm")
+T = TypeVar("T")
 
 
 def _check_folder(name: str) -> str:
@@ -38,15 +39,11 @@ def _check_folder(name: str) -> str:
 
 
 class ShotEntry(FileModel):
-    """A lens of a sample in sample.json, not yet rebuilt."""
+    """A lens of a sample in sample.json."""
 
     folder: Annotated[str, pydantic.AfterValidator(_check_folder)]
-    lens: dict[str, Any]
-    record: dict[str, Any] | None = None
-
-
-class _ShotFile(ShotEntry):
     lens: annotation_of(Lens)  # type: ignore[valid-type]
+    record: dict[str, Any] | None = None
 
 
 class SampleFile(FileModel):
@@ -61,7 +58,7 @@ class SampleFile(FileModel):
     pair: dict[str, float] | None = pydantic.Field(
         None, description="baseline (m) and doffs_px of the first two cameras"
     )
-    shots: list[_ShotFile] = pydantic.Field(min_length=1)
+    shots: list[ShotEntry] = pydantic.Field(min_length=1)
     object_names: list[str] = pydantic.Field(default=[])
     material_names: list[str] = pydantic.Field(default=[])
     material_kinds: list[str] = pydantic.Field(default=[])
@@ -71,16 +68,23 @@ class SampleFile(FileModel):
     )
 
 
-class _Shots(FileModel):
-    shots: list[ShotEntry] = pydantic.Field(min_length=1)
+class _View(Generic[T]):
+    """An attribute for one view: what a method returns for the view's number."""
+
+    def __init__(self, method: Callable[[Any, int], T], i: int) -> None:
+        self.method, self.i, self.__doc__ = method, i, method.__doc__
+
+    def __get__(self, owner: Any, kind: type | None = None) -> T:
+        return self.method(owner, self.i)
 
 
 @dataclass(frozen=True)
 class StoredSample(Mapping[str, Any]):
     """One sample of a dataset. Views 0 and 1 are the left and right image of a pair.
 
-    As a mapping, so that a torch DataLoader makes batches of it, its keys are name, the images, disp0 and mask0_nonocc;
-    ``sample[name]`` reads every quantity of docs/loading.md.
+    im0, disp0, mask0_nonocc, truth0, im1, ... are `image(0)`, `disparity(0)` and so on. As a mapping, so that a torch
+    DataLoader makes batches of it, its keys are name, the images, disp0 and mask0_nonocc; ``sample[name]`` reads every
+    quantity of docs/loading.md.
 
     Attributes
     ----------
@@ -100,10 +104,16 @@ class StoredSample(Mapping[str, Any]):
         return values[0] if len(values) == 1 and isinstance(values[0], dict) else super().__new__(cls)
 
     def __getitem__(self, name: str) -> Any:
-        return items.read_all((name,), self)[name]
+        return read_quantities((name,), self)[name]
 
     def __iter__(self) -> Iterator[str]:
-        return items.default_names(self)
+        yield "name"
+        i = 0
+        while self.has(f"im{i}.png"):
+            yield f"im{i}"
+            i += 1
+        if self.has_disparity(0):
+            yield from ("disp0", "mask0_nonocc")
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -111,97 +121,16 @@ class StoredSample(Mapping[str, Any]):
     def __contains__(self, name: object) -> bool:
         return name in tuple(self)
 
-    @property
-    def im0(self) -> Image:
-        """Left image, uint8 or uint16 (H, W, 3) or (H, W)."""
-        return self.image(0)
-
-    @property
-    def im1(self) -> Image:
-        """Right image."""
-        return self.image(1)
-
-    @property
-    def disp0(self) -> Disparity:
-        """True disparity of the left view, float32 (H, W), pixels; +inf unknown."""
-        return self.disparity(0)
-
-    @property
-    def disp1(self) -> Disparity:
-        """True disparity of the right view, u_left - u_right as in the left one."""
-        return self.disparity(1)
-
-    @property
-    def mask0_nonocc(self) -> Mask:
-        """Mask of the left view, uint8 (H, W): 255 visible in both, 128 occluded or out of frame, 0 unknown."""
-        return self.mask_nonocc(0)
-
-    @property
-    def mask1_nonocc(self) -> Mask:
-        """Mask of the right view."""
-        return self.mask_nonocc(1)
-
-    @property
-    def truth0(self) -> Truth:
-        """Truth of the left view."""
-        return self.truth(0)
-
-    @property
-    def truth1(self) -> Truth:
-        """Truth of the right view."""
-        return self.truth(1)
-
-    @property
-    def calibration(self) -> Calibration:
-        """The content of calib.txt."""
-        return read_calib(self.folder / "calib.txt")
-
-    @property
-    def ndisp(self) -> int:
-        """Disparities to search, 0 <= d < ndisp: from calib.txt, or one more than the largest true disparity."""
-        if self.has("calib.txt"):
-            ndisp = self.calibration.ndisp
-            if ndisp is not None:
-                return ndisp
-        disparity = self.disp0
-        known = disparity[np.isfinite(disparity)]
-        return max(math.ceil(known.max()) + 1, 1) if known.size else 1
-
-    @property
-    def record(self) -> dict[str, Any]:
-        """sample.json, how the sample was made, as plain data."""
-        return read_json(self.folder / "sample.json", KIND, VERSION)
-
-    @property
-    def rig(self) -> Rig:
-        """Cameras and poses of truth and calibration, from sample.json or else calib.txt."""
-        return self.photographed_by.nominal
-
-    @property
-    def photographed_by(self) -> Rig:
-        """The rig that took the images: `rig`, except for calibration errors introduced on purpose."""
-        if not self.has("sample.json"):
-            return self.calibration.rig()
-        return rig_from_plain(self.record.get("rig"), self.folder / "sample.json")
-
-    @property
-    def num_lenses(self) -> int:
-        """Number of lenses: `lens(0)` to `lens(num_lenses - 1)`."""
-        return len(self._shots())
-
-    def lens(self, k: int) -> "StoredShot":
-        """The images taken through lens k; 0 is the sample's own im0 and im1. Raises InputError beyond the last."""
-        shots = self._shots()
-        if not 0 <= k < len(shots):
-            raise InputError(f"{self.name}: has lenses 0 to {len(shots) - 1}, no lens {k}")
-        return StoredShot(self, self.folder / shots[k].folder, k, shots[k])
+    def has(self, name: str) -> bool:
+        """Whether the folder has a file of that name."""
+        return (self.folder / name).is_file()
 
     def image(self, i: int) -> Image:
-        """Image of view i."""
+        """Image of view i, uint8 or uint16 (H, W, 3) or (H, W)."""
         return read_png(self.folder / f"im{i}.png")
 
     def disparity(self, i: int) -> Disparity:
-        """True disparity of view i."""
+        """True disparity of view i, u_left - u_right, float32 (H, W), pixels; +inf unknown."""
         return read_disparity(self._disparity_path(i))
 
     def has_disparity(self, i: int) -> bool:
@@ -209,7 +138,10 @@ class StoredSample(Mapping[str, Any]):
         return self._disparity_path(i).is_file()
 
     def mask_nonocc(self, i: int) -> Mask:
-        """Mask of view i; without a file, from the disparity maps: see `twinlens.dataset.visibility`."""
+        """Mask of view i, uint8 (H, W): 255 visible in both, 128 occluded or out of frame, 0 unknown.
+
+        Without a file it follows from the disparity maps: see `twinlens.dataset.visibility`.
+        """
         path = self.folder / f"mask{i}nocc.png"
         if path.exists():
             mask = read_png(path)
@@ -226,6 +158,11 @@ class StoredSample(Mapping[str, Any]):
         unknown = np.full(arrays["depth"].shape, np.inf, np.float32)
         return truth_from_arrays(arrays, self.disparity(i) if self.has_disparity(i) else unknown)
 
+    im0, im1 = _View(image, 0), _View(image, 1)
+    disp0, disp1 = _View(disparity, 0), _View(disparity, 1)
+    mask0_nonocc, mask1_nonocc = _View(mask_nonocc, 0), _View(mask_nonocc, 1)
+    truth0, truth1 = _View(truth, 0), _View(truth, 1)
+
     def correspondence(self, source: int, target: int) -> Correspondence:
         """Where the pixels of view `source` are in view `target`, from their truths. See `correspondence_of`."""
         return correspondence_of((self.truth(source), self.truth(target)), self.rig, source, target)
@@ -234,18 +171,58 @@ class StoredSample(Mapping[str, Any]):
         """Linear image of view i, float32 (H, W, 3), if it was stored."""
         return self.lens(0).radiance(i)
 
-    def has(self, name: str) -> bool:
-        """Whether the folder has a file of that name."""
-        return (self.folder / name).is_file()
+    @property
+    def calibration(self) -> Calibration:
+        """The content of calib.txt."""
+        return read_calib(self.folder / "calib.txt")
+
+    @property
+    def ndisp(self) -> int:
+        """Disparities to search, 0 <= d < ndisp: from calib.txt, or one more than the largest true disparity."""
+        ndisp = self.calibration.ndisp if self.has("calib.txt") else None
+        if ndisp is None:
+            disparity = self.disp0
+            ndisp = max(math.ceil(disparity[np.isfinite(disparity)].max(initial=0.0)) + 1, 1)
+        return ndisp
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """sample.json, how the sample was made, as plain data."""
+        return read_json(self.folder / "sample.json", KIND, VERSION)
+
+    @property
+    def file(self) -> SampleFile:
+        """sample.json, with its rig and lenses rebuilt. Raises FileError: file, key, what is allowed."""
+        return read(SampleFile, self.record, self.folder / "sample.json")
+
+    @property
+    def rig(self) -> Rig:
+        """Cameras and poses of truth and calibration, from sample.json or else calib.txt."""
+        return self.photographed_by.nominal
+
+    @property
+    def photographed_by(self) -> Rig:
+        """The rig that took the images: `rig`, except for calibration errors introduced on purpose."""
+        rig: Rig = self.file.rig if self.has("sample.json") else self.calibration.rig()
+        return rig
+
+    @property
+    def num_lenses(self) -> int:
+        """Number of lenses: `lens(0)` to `lens(num_lenses - 1)`."""
+        return len(self.file.shots) if self.has("sample.json") else 1
+
+    def lens(self, k: int) -> "StoredShot":
+        """The images taken through lens k; 0 is the sample's own im0 and im1. Raises InputError beyond the last."""
+        if k == 0 and not self.has("sample.json"):
+            return StoredShot(self, self.folder, None)
+        shots = self.file.shots if self.has("sample.json") else ()
+        if not 0 <= k < len(shots):
+            raise InputError(f"{self.name}: has lenses 0 to {max(len(shots) - 1, 0)}, no lens {k}")
+        return StoredShot(self, self.folder / shots[k].folder, shots[k])
 
     def _disparity_path(self, i: int) -> Place:
-        paths = [self.folder / name.format(i) for name in _DISPARITY_NAMES]
+        paths = [self.folder / f"disp{i}.pfm", self.folder / f"disp{i}GT.pfm"]
         return next((path for path in paths if path.exists()), paths[0])
-
-    def _shots(self) -> list[ShotEntry]:
-        if not self.has("sample.json"):
-            return [ShotEntry(folder="./", lens={})]
-        return read(_Shots, self.record, self.folder / "sample.json").shots
 
 
 @dataclass(frozen=True)
@@ -254,32 +231,24 @@ class StoredShot:
 
     sample: StoredSample
     folder: Place
-    number: int
-    entry: ShotEntry = field(compare=False, repr=False)
-
-    @property
-    def im0(self) -> Image:
-        """Left image."""
-        return self.image(0)
-
-    @property
-    def im1(self) -> Image:
-        """Right image."""
-        return self.image(1)
+    entry: ShotEntry | None = field(compare=False, repr=False)
 
     @property
     def lens(self) -> Lens:
-        """The lens."""
-        return lens_from_plain(self.entry.lens, self.sample.folder / "sample.json", f"shots[{self.number}].lens")
+        """The lens. Raises FileError if the sample has no sample.json."""
+        lens: Lens = (self.entry or self.sample.file.shots[0]).lens
+        return lens
 
     @property
     def record(self) -> dict[str, Any]:
         """How the images were taken, as plain data."""
-        return dict(self.entry.record or {})
+        return dict((self.entry and self.entry.record) or {})
 
     def image(self, i: int) -> Image:
         """Image of view i, uint8 or uint16 (H, W, 3) or (H, W)."""
         return read_png(self.folder / f"im{i}.png")
+
+    im0, im1 = _View(image, 0), _View(image, 1)
 
     def radiance(self, i: int) -> NDArray[np.float32]:
         """Linear image of view i, float32 (H, W, 3), if it was stored."""
@@ -293,3 +262,69 @@ class StoredShot:
         """Signed blur circle of view i for this lens, pixels, float32 (H, W): `optics.circle_of_confusion_px`."""
         depth = read_truth(self.sample.folder / f"truth{i}.exr")["depth"]
         return blur_circle_px(depth, self.sample.rig.cameras[i], self.lens)
+
+
+def _view_of_rig(sample: StoredSample, i: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    rig = sample.rig
+    if i >= len(rig):
+        raise InputError(f"{sample.name}: has cameras 0 to {len(rig) - 1}, no camera {i}")
+    return rig.cameras[i].K, rig.world_from_cams[i].copy()
+
+
+_OF_SAMPLE = {
+    "name": attrgetter("name"),
+    "baseline": attrgetter("calibration.baseline"),
+    "doffs": attrgetter("calibration.doffs"),
+    "ndisp": attrgetter("ndisp"),
+}
+_OF_VIEW: dict[str, Callable[[StoredSample, int], Any]] = {
+    "im": StoredSample.image,
+    "disp": StoredSample.disparity,
+    "mask_nonocc": StoredSample.mask_nonocc,
+    "radiance": StoredSample.radiance,
+    "K": lambda sample, i: _view_of_rig(sample, i)[0],
+    "world_from_cam": lambda sample, i: _view_of_rig(sample, i)[1],
+}
+_OF_TRUTH = (*SCALARS, *VECTORS)
+_OF_LENS: dict[str, Callable[[StoredShot, int], Any]] = {
+    "im": StoredShot.image,
+    "radiance": StoredShot.radiance,
+    "blur_circle_px": StoredShot.blur_circle_px,
+}
+_NAME = re.compile(r"(?:lens(\d{1,4})\.)?([A-Za-z_]+?)(\d{1,4})(_nonocc)?")
+
+
+def parse_quantity(name: str) -> tuple[str, int | None, int]:
+    """Quantity, lens and view of a name of docs/loading.md. Raises InputError, with the nearest name, for another.
+
+    >>> parse_quantity("lens1.im0"), parse_quantity("mask1_nonocc")
+    (('im', 1, 0), ('mask_nonocc', None, 1))
+    """
+    found = _NAME.fullmatch(name)
+    if name in _OF_SAMPLE:
+        return name, None, 0
+    lens, quantity, view = (found[1], found[2] + (found[4] or ""), int(found[3])) if found else (None, "", 0)
+    if quantity in (_OF_LENS if lens else (*_OF_VIEW, *_OF_TRUTH)):
+        return quantity, int(lens) if lens else None, view
+    of_views = [f"{known}0" for known in (*_OF_VIEW, *_OF_TRUTH) if known != "mask_nonocc"]
+    raise unknown("quantity of a sample", name, (*_OF_SAMPLE, *of_views, "mask0_nonocc", "lens1.im0"))
+
+
+def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any]:
+    """The quantities `names` of the sample; each truth file is read once.
+
+    Raises InputError for an unknown name, FileError for a missing file.
+    """
+    truth = functools.cache(lambda i: read_truth(sample.folder / f"truth{i}.exr"))
+    found: dict[str, Any] = {}
+    for name in names:
+        quantity, lens, view = parse_quantity(name)
+        if lens is not None:
+            found[name] = _OF_LENS[quantity](sample.lens(lens), view)
+        elif quantity in _OF_SAMPLE:
+            found[name] = _OF_SAMPLE[quantity](sample)
+        elif quantity in _OF_VIEW:
+            found[name] = _OF_VIEW[quantity](sample, view)
+        else:
+            found[name] = truth(view)[quantity]
+    return found

@@ -1,11 +1,15 @@
-"""Verification of one sample: files present and unchanged, readable, of the right size, and consistent.
+"""Verification: a dataset's list and folders, and each sample's files.
 
-Each step runs only if the previous one found nothing: checksums, readers, sizes, and the relations between arrays
-(`twinlens.dataset.consistency`). A finding is one line that begins with a file name.
+A sample is checked in steps, each only if the previous one found nothing: checksums, readers, sizes, and the relations
+between arrays (`twinlens.dataset.consistency`). A finding is one line that begins with a file name.
 """
 
+import contextlib
+import hashlib
+import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,14 +20,17 @@ from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.codecs.pfm import read_pfm
 from twinlens.dataset.codecs.png import read_png
-from twinlens.dataset.dataset import Dataset
-from twinlens.dataset.manifest import NAME, hash_files
-from twinlens.dataset.record import read
-from twinlens.dataset.sample import lens_folder
-from twinlens.dataset.stored import SampleFile, StoredSample
+from twinlens.dataset.croissant import NAME as CROISSANT
+from twinlens.dataset.dataset import Dataset, found_samples, stored
+from twinlens.dataset.files import is_hidden, read_bytes
+from twinlens.dataset.manifest import NAME, ROWS, Manifest, hash_files, pending_rows, read_manifest
+from twinlens.dataset.sample import lens_folder, rectified_pair
+from twinlens.dataset.storage import MARK, Place, RemotePath, Where, is_whole, place
+from twinlens.dataset.stored import StoredSample
 from twinlens.dataset.truth_files import read_truth
 from twinlens.errors import FileError
 
+_SAMPLE_FILES = (MARK, "im0.png")
 _MISSING, _CHANGED = "is missing", "differs from its SHA-256 in"
 _VIEW_FILE = re.compile(r"(?:lens-\d+/)?(im|disp|mask|truth|radiance)(\d+)(?:GT|nocc)?(\.png|\.pfm|\.exr)$")
 
@@ -37,6 +44,80 @@ Content = dict[str, Any]
 """What the files of a sample hold, by name; sample.json as "rig" and "lenses"."""
 
 
+def verify_place(where: Where, progress: Callable[[float, str], None] | None = None) -> Iterator[tuple[str, list[str]]]:
+    """Yield (name, findings): first for "dataset.json", the dataset as a whole, then for each sample.
+
+    Pending samples, which are made but not yet in dataset.json, are checked against their own rows. One sample is in
+    memory at a time. Raises FileError if there is no dataset; never for the content of a file.
+
+    Parameters
+    ----------
+    where : str or path
+    progress : callable or None
+        Called with the fraction done and the sample's name.
+    """
+    samples, findings = _open(place(where))
+    yield NAME, findings
+    for i, sample in enumerate(samples):
+        if progress is not None:
+            progress(i / len(samples), sample.name)
+        yield sample.name, verify_sample(sample)
+
+
+def unchecked(where: Where) -> str:
+    """One line if there are no checksums to verify; else empty."""
+    exists = (place(where) / NAME).is_file()
+    return "" if exists else f"no {NAME}: files were checked for consistency, but not against checksums"
+
+
+def unfinished(where: Where) -> str:
+    """One line that counts the missing, pending and failed samples of a recipe; empty if the dataset is complete.
+
+    Also empty if dataset.json cannot be read, which `verify_place` reports.
+    """
+    try:
+        state = _state(place(where))
+    except FileError:
+        return ""
+    manifest, pending = state.manifest, len(state.pending)
+    count, failed = manifest.recipe.get("count"), manifest.info.get("failed")
+    if not isinstance(count, int) or len(manifest.rows) >= count:
+        return ""
+    num_failed = len(failed) if isinstance(failed, list) else 0
+    unhashed = sum("files" not in sample.row for sample in state.pending)
+    parts = [f"{NAME} lists {len(manifest.rows)} of {count} samples"]
+    if pending:
+        parts.append(f"{pending} made but not listed yet" + (f" ({unhashed} without checksums)" if unhashed else ""))
+    if num_failed:
+        parts.append(f'{num_failed} failed ("failed" in it says why)')
+    missing = len(manifest.rows) + pending + num_failed < count
+    if missing or pending:
+        actions = ["make the missing samples"] * missing + ["list the finished ones"] * bool(pending)
+        parts.append(f"rerun `twinlens generate` to {' and '.join(actions)}")
+    return "; ".join(parts)
+
+
+def repair_hint(where: Where, findings: Mapping[str, Sequence[str]]) -> str:
+    """One line on how to repair the damaged samples of a dataset of `twinlens generate`; empty if there are none.
+
+    `findings` are those of `verify_place`, by name. A lost or changed file is damage, a file too many is not.
+    """
+    lost = (_MISSING, "no such folder")
+    damaged = [name for name, lines in findings.items() if any(x.endswith(lost) or _CHANGED in x for x in lines)]
+    count = len(set(damaged) - {NAME})
+    with contextlib.suppress(FileError):
+        if count and "made_with" in read_manifest(where).info:
+            which = f"{count} samples are damaged: delete their folders"
+            which = "1 sample is damaged: delete its folder" if count == 1 else which
+            return f"{which} and rerun `twinlens generate`, which makes identical files"
+    return ""
+
+
+def verify_dataset(dataset: Dataset) -> Iterator[tuple[str, list[str]]]:
+    """(name, findings) of each sample; see `verify_sample`."""
+    return ((sample.name, verify_sample(sample)) for sample in dataset)
+
+
 def verify_sample(sample: StoredSample) -> list[str]:
     """Check a sample; one line per finding, none if it is correct. Never raises for the content of a file.
 
@@ -47,40 +128,123 @@ def verify_sample(sample: StoredSample) -> list[str]:
         hashes = hash_files(sample.folder)
     except FileError as error:
         return [str(error)]
-    findings = _check_hashes(sample, hashes)
-    if findings:
-        return findings
-    content, findings = _read_files(sample, list(hashes))
-    return findings or _check_sizes(content) or _check_truth(content)
-
-
-def is_damage(finding: str) -> bool:
-    """Whether a finding reports a lost or changed file, which making the sample again repairs.
-
-    >>> is_damage("im0.png: is missing"), is_damage("notes.txt: is not listed in dataset.json")
-    (True, False)
-    """
-    return finding.endswith((_MISSING, "no such folder")) or _CHANGED in finding
-
-
-def verify_dataset(dataset: Dataset) -> Iterator[tuple[str, list[str]]]:
-    """(name, findings) of each sample; see `verify_sample`."""
-    for sample in dataset:
-        yield sample.name, verify_sample(sample)
-
-
-def _check_hashes(sample: StoredSample, hashes: dict[str, str]) -> list[str]:
-    expected = sample.row.get("files")
-    if expected is None:
-        return []
-    listed_in = sample.row.get("listed_in", NAME)
+    expected, listed_in = sample.row.get("files", hashes), sample.row.get("listed_in", NAME)
     findings = [f"{name}: {_MISSING}" for name in expected if name not in hashes]
     for name, digest in hashes.items():
         if name not in expected:
             findings.append(f"{name}: is not listed in {listed_in}")
         elif digest != expected[name]:
             findings.append(f"{name}: {_CHANGED} {listed_in}")
-    return findings
+    if findings:
+        return findings
+    content, findings = _read_files(sample, list(hashes))
+    return findings or _check_sizes(content) or _check_truth(content)
+
+
+@dataclass(frozen=True)
+class _State:
+    """A dataset at one moment: its list, its pending samples, and the findings on the dataset as a whole."""
+
+    manifest: Manifest
+    pending: Sequence[StoredSample]
+    findings: list[str]
+
+    @property
+    def is_growing(self) -> bool:
+        """Whether `twinlens generate` has started the dataset and not finished it."""
+        return self.manifest.info.get("complete") is False and "made_with" in self.manifest.info
+
+
+def _open(folder: Place) -> tuple[Sequence[StoredSample], list[str]]:
+    """The samples to check, and the findings on the dataset as a whole."""
+    if not (folder / NAME).is_file():
+        dataset = Dataset(folder)
+        if dataset[0].folder == folder or not any(sample.has(MARK) for sample in dataset):
+            return dataset, []  # a single sample and plain Middlebury folders need no list
+        lost = f"is missing, so no checksums can be verified; {len(dataset)} found without it"
+        return dataset, [f"{lost}; if `twinlens generate` made them, rerun it to restore the file"]
+    try:
+        state = _state(folder)
+        samples = (*(stored(folder, row) for row in state.manifest.rows), *state.pending)
+        if not samples and not state.is_growing:
+            Dataset(folder)  # raises: the list is empty
+    except FileError as error:
+        return found_samples(folder), [str(error).removeprefix(f"{folder / NAME}: ")]
+    complete = state.manifest.info.get("complete") is not False
+    return samples, state.findings + (_check_croissant(folder) if complete else [])
+
+
+def _state(folder: Place) -> _State:
+    """The state of `folder` while other processes may be making samples in it. Raises FileError for its list.
+
+    A sample's folder appears first, then its row, then its entry in dataset.json. They are read in this order, so a
+    sample that moves on between two reads is found by the later one.
+    """
+    listed_before = {row.name for row in read_manifest(folder).rows}
+    folders = list(_sample_folders(folder, listed_before))
+    rows, errors = pending_rows(folder, listed_before)
+    manifest = read_manifest(folder)
+    listed = {row.name for row in manifest.rows}
+    pending = {
+        name: StoredSample(folder / name, name) if row is None else stored(folder, row, f"{ROWS}/{name}.json")
+        for name, row in rows.items()
+        if name not in listed
+    }
+    known = listed | set(pending)
+    unlisted: list[str] = []
+    for name in sorted(folders, key=lambda name: (name.count("/"), name)):
+        ancestors = {name[:end] for end, letter in enumerate(name) if letter == "/"}
+        if not ({name} | ancestors) & {*known, *unlisted}:
+            unlisted.append(name)
+    state = _State(manifest, (), [])
+    if state.is_growing:  # samples of the recipe without a row are being made, or left after a kill
+        count = manifest.recipe.get("count")
+        own = [name for name in unlisted if _is_of_recipe(name.partition("/")[0], count)]
+        whole = [name for name in own if _is_of_recipe(name, count) and is_whole(folder / name)]
+        pending |= {name: StoredSample(folder / name, name) for name in whole}
+        # In a bucket a sample appears file by file: one without its mark is being written, or will be overwritten.
+        unlisted = [name for name in unlisted if name not in (own if isinstance(folder, RemotePath) else whole)]
+    findings = [line for name, line in errors.items() if name not in listed]
+    findings += [f"{name}: is a sample that {NAME} does not list" for name in sorted(unlisted)]
+    return _State(manifest, [pending[name] for name in sorted(pending)], findings)
+
+
+def _is_of_recipe(name: str, count: Any) -> bool:
+    """Whether `twinlens generate` gives this name to one of the `count` samples of a recipe."""
+    return isinstance(count, int) and name.isdecimal() and int(name) < count and name == f"{int(name):07d}"
+
+
+def _sample_folders(folder: Place, known: set[str]) -> Iterator[str]:
+    """Names of the folders below `folder` that contain a sample's files, except for hidden ones."""
+    if isinstance(folder, RemotePath):
+        found = {name.rpartition("/")[0] for name in folder.files() if name.rpartition("/")[2] in _SAMPLE_FILES}
+        yield from (name for name in found if name and not is_hidden(name))
+        return
+    level = [folder]
+    while level:
+        below = []
+        for each in level:
+            with contextlib.suppress(FileNotFoundError):  # removed meanwhile
+                below += [entry for entry in each.iterdir() if entry.is_dir() and not is_hidden(entry.name)]
+        # Most files of a dataset are in known folders: skip those.
+        level = [entry for entry in below if entry.relative_to(folder).as_posix() not in known]
+        for entry in level:
+            if any((entry / file).is_file() for file in _SAMPLE_FILES):
+                yield entry.relative_to(folder).as_posix()
+
+
+def _check_croissant(folder: Place) -> list[str]:
+    """croissant.json contains the SHA-256 of the complete dataset.json."""
+    if not (folder / CROISSANT).is_file():
+        return []
+    try:
+        entries = json.loads(read_bytes(folder / CROISSANT))["distribution"]
+        expected = [entry["sha256"] for entry in entries if entry.get("contentUrl") == NAME]
+    except (ValueError, RecursionError, KeyError, TypeError, AttributeError):
+        return [f"{CROISSANT}: is damaged; `twinlens describe` rewrites it"]
+    if expected != [hashlib.sha256(read_bytes(folder / NAME)).hexdigest()]:
+        return [f"{CROISSANT}: describes another {NAME}; `twinlens describe` rewrites it"]
+    return []
 
 
 def _read_files(sample: StoredSample, present: list[str]) -> tuple[Content, list[str]]:
@@ -94,7 +258,7 @@ def _read_files(sample: StoredSample, present: list[str]) -> tuple[Content, list
             elif name == "calib.txt":
                 content[name] = read_calib(path)
             elif name == "sample.json":
-                file = read(SampleFile, sample.record, path)
+                file = sample.file
                 content["rig"], content["lenses"] = file.rig.nominal, [shot.lens for shot in file.shots]
         except FileError as error:
             findings.append(f"{name}: {str(error).removeprefix(str(path)).lstrip(': ')}")
@@ -131,24 +295,16 @@ def _check_truth(content: Content) -> list[str]:
         findings += _named("calib.txt", consistency.check_calibration(content["calib.txt"], rig))
     elif len(rig) > 1 and rig.is_rectified():
         findings.append("calib.txt: is missing (the first two cameras are a rectified pair)")
-    findings += [f"{name}: is missing" for name in _expected_truth(content, rig) if name not in content]
-    for i in range(len(rig)):
+    views = range(len(rig))
+    expected = [f"truth{i}.exr" for i in views]
+    expected += [f"mask{i}nocc.png" for i in views if rig.partner(i) is not None]
+    expected += [f"disp{i}.pfm" for i in views if rectified_pair(rig, i) is not None]
+    if any(name in content for name in expected):
+        findings += [f"{name}: is missing" for name in expected if name not in content]
+    for i in views:
         if f"truth{i}.exr" in content:
             findings += _check_view(content, rig, i)
     return findings or _check_exchange(content, rig)
-
-
-def _expected_truth(content: Content, rig: Rig) -> list[str]:
-    """The truth files of a sample with truth: for each view, and for views with partners masks and disparities."""
-    names = [f"truth{i}.exr" for i in range(len(rig))]
-    if not any(name in content for name in (*names, "disp0.pfm", "mask0nocc.png")):
-        return []
-    for i in range(len(rig)):
-        partner = rig.partner(i)
-        if partner is not None:
-            names.append(f"mask{i}nocc.png")
-            names += [f"disp{i}.pfm"] if rig.is_rectified(*sorted((i, partner))) else []
-    return names
 
 
 def _check_view(content: Content, rig: Rig, i: int) -> list[str]:
@@ -158,20 +314,21 @@ def _check_view(content: Content, rig: Rig, i: int) -> list[str]:
     findings = _named(name, consistency.check_positions(truth, camera, rig.world_from_cams[i]))
     if findings:
         return findings
-    findings += _named(name, consistency.check_ids(truth))
+    findings = _named(name, consistency.check_ids(truth))
     findings += _named(name, consistency.check_blur(truth, camera, content["lenses"][0]))
+    known = truth["object_id"] > 0
     if disparity is not None:
-        pair = tuple(sorted((i, i if partner is None else partner)))
-        if partner is None or not rig.is_rectified(*pair):
+        known |= np.isfinite(disparity)
+        pair = rectified_pair(rig, i)
+        if pair is None:
             findings.append(f"disp{i}.pfm: is a disparity map, but the view is not in a rectified pair")
         else:
             calibration = Calibration.from_rig(rig.pair(*pair))
             findings += _named(f"disp{i}.pfm", consistency.check_disparity(truth, disparity, calibration))
     if mask is not None:
-        known = truth["object_id"] > 0 if disparity is None else (truth["object_id"] > 0) | np.isfinite(disparity)
         findings += _named(f"mask{i}nocc.png", consistency.check_mask(mask, known, truth["visible"]))
     if not findings and partner is not None and f"truth{partner}.exr" in content:
-        findings += _named(name, consistency.check_views((truth, content[f"truth{partner}.exr"]), rig, (i, partner)))
+        findings = _named(name, consistency.check_views((truth, content[f"truth{partner}.exr"]), rig, (i, partner)))
     return findings
 
 

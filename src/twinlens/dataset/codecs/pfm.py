@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.files import read_bytes, write_file
-from twinlens.dataset.storage import Where
+from twinlens.dataset.storage import Where, place
 from twinlens.errors import FileError, InputError
 
 _HEADER = re.compile(rb"(P[fF])#(\d{1,9})#(\d{1,9})#([-+0-9.eE]{1,32})".replace(b"#", rb"(?:\s|#[^\n]*\n)+"))
@@ -68,6 +69,22 @@ def decode_pfm(data: bytes, name: str = "PFM data") -> NDArray[np.float32]:
 def read_pfm(path: Where) -> NDArray[np.float32]:
     """Read a PFM file: float32 (H, W) or (H, W, 3), top row first, +inf unknown. Raises FileError."""
     return decode_pfm(read_bytes(path), str(path))
+
+
+def read_disparity(path: Where) -> NDArray[np.float32]:
+    """A disparity map, float32 (H, W), +inf unknown, from a PFM or a 16-bit PNG as KITTI's (256 d, 0 unknown).
+
+    Raises FileError for a file that is neither.
+    """
+    if place(path).suffix.lower() == ".png":
+        codes = read_png(path)
+        if codes.ndim != 2 or codes.dtype != np.uint16:
+            raise FileError(f"{path}: a disparity PNG must be 16-bit grey (256 d, 0 unknown), as KITTI's are")
+        return np.where(codes > 0, codes / np.float32(256), np.inf).astype(np.float32)
+    disparity = read_pfm(path)
+    if disparity.ndim != 2:
+        raise FileError(f"{path}: has colour channels; a disparity map has one value per pixel")
+    return disparity
 
 
 def write_pfm(path: Where, values: ArrayLike) -> None:

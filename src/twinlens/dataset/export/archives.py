@@ -13,14 +13,18 @@ import tarfile
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from twinlens.dataset.codecs.pfm import encode_pfm
-from twinlens.dataset.export.source import Source
+import numpy as np
+
+from twinlens.dataset.export.layouts import Source
 from twinlens.dataset.files import read_bytes
 from twinlens.errors import MissingExtraError
 
 FILE_BYTES = 256 * 1024 * 1024
 IMAGES = ("im0", "im1", "disp0", "disp1", "mask0_nonocc", "mask1_nonocc")
 NUMBERS = ("width", "height", "fx", "fy", "cx0", "cx1", "cy", "baseline", "doffs", "ndisp")
+
+
+_END = bytes(2 * tarfile.BLOCKSIZE)
 
 
 def webdataset(sources: Iterable[Source], shard_bytes: int = FILE_BYTES) -> Iterator[tuple[str, bytes]]:
@@ -32,15 +36,15 @@ def webdataset(sources: Iterable[Source], shard_bytes: int = FILE_BYTES) -> Iter
     number, stream = 0, io.BytesIO()
     for source in sources:
         key = source.sample.name.replace("%", "%25").replace(".", "%2E")
-        for name, data in _files(source):
+        for name, data in source.files(least=-np.inf):
             _append(stream, f"{key}.{name}", data)
         if source.sample.has("sample.json"):
             _append(stream, f"{key}.json", read_bytes(source.sample.folder / "sample.json"))
         if stream.tell() >= shard_bytes:
-            yield f"shard-{number:06d}.tar", _closed_tar(stream)
+            yield f"shard-{number:06d}.tar", stream.getvalue() + _END
             number, stream = number + 1, io.BytesIO()
     if stream.tell():
-        yield f"shard-{number:06d}.tar", _closed_tar(stream)
+        yield f"shard-{number:06d}.tar", stream.getvalue() + _END
 
 
 def parquet(sources: Iterable[Source], file_bytes: int = FILE_BYTES) -> Iterator[tuple[str, bytes]]:
@@ -63,26 +67,11 @@ def parquet(sources: Iterable[Source], file_bytes: int = FILE_BYTES) -> Iterator
         yield f"train-{number:05d}.parquet", stream.getvalue()
 
 
-def _files(source: Source) -> Iterator[tuple[str, bytes]]:
-    for i in (0, 1):
-        yield f"im{i}.png", source.image(i)
-    for i in (0, 1):
-        yield f"disp{i}.pfm", encode_pfm(source.sample.disparity(i))
-    for i in (0, 1):
-        yield f"mask{i}nocc.png", source.mask(i)
-    yield "calib.txt", source.calib
-
-
 def _append(stream: io.BytesIO, name: str, data: bytes) -> None:
     header = tarfile.TarInfo(name)
     header.size, header.mode = len(data), 0o644
     stream.write(header.tobuf(tarfile.PAX_FORMAT))
     stream.write(data + bytes(-len(data) % tarfile.BLOCKSIZE))
-
-
-def _closed_tar(stream: io.BytesIO) -> bytes:
-    stream.write(bytes(2 * tarfile.BLOCKSIZE))
-    return stream.getvalue()
 
 
 def _schema() -> Any:
@@ -102,13 +91,13 @@ def _schema() -> Any:
 
 def _table(source: Source, schema: Any) -> Any:
     sample, calibration = source.sample, source.sample.calibration
-    images = [{"bytes": data, "path": f"{source.name}/{name}"} for name, data in _files(source)][: len(IMAGES)]
+    images = [{"bytes": data, "path": f"{source.name}/{name}"} for name, data in source.files(least=-np.inf)]
     fx, fy, cx0, cy = calibration.cam0
     size = (calibration.width, calibration.height)
     numbers = (*size, fx, fy, cx0, calibration.cam1[2], cy, calibration.baseline, calibration.doffs, sample.ndisp)
     record = read_bytes(sample.folder / "sample.json").decode() if sample.has("sample.json") else ""
     row: dict[str, Any] = {"name": sample.name, "record": record}
-    row |= dict(zip(IMAGES, images, strict=True)) | dict(zip(NUMBERS, numbers, strict=True))
+    row |= dict(zip(IMAGES, images, strict=False)) | dict(zip(NUMBERS, numbers, strict=True))
     return _pyarrow()[0].Table.from_pylist([row], schema=schema)
 
 

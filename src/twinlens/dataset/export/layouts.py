@@ -1,4 +1,4 @@
-"""Folder layouts of public stereo datasets, one function each: (relative name, content) of every file.
+"""Folder layouts of public stereo datasets, one function each: (relative name, content) of every file of a sample.
 
 Sources: Middlebury, https://vision.middlebury.edu/stereo/data/scenes2014/; ETH3D, https://www.eth3d.net/documentation,
 and COLMAP's output format; KITTI, Menze and Geiger, Object scene flow for autonomous vehicles, 2015, and readme.txt of
@@ -6,21 +6,25 @@ its development kit; SceneFlow, Mayer et al., A large dataset to train convoluti
 flow, and scene flow estimation, 2016; Sintel, http://sintel.is.tue.mpg.de/stereo; torchvision.datasets.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from twinlens import geometry
-from twinlens.camera import Rig
-from twinlens.dataset.codecs.calib import Calibration
+from twinlens.dataset.codecs.calib import Calibration, encode_calib
 from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.dataset.codecs.png import encode_png
-from twinlens.dataset.export.source import Source, fixed_point
-from twinlens.dataset.visibility import VISIBLE
+from twinlens.dataset.files import read_bytes
+from twinlens.dataset.poses import colmap_camera, colmap_pose
+from twinlens.dataset.stored import StoredSample
+from twinlens.dataset.visibility import VISIBLE, Disparity
+from twinlens.errors import InputError
 
 Files = Iterator[tuple[str, bytes]]
+
+SIGNED_LAYOUTS = ("parquet", "webdataset")
+"""The layouts that can hold negative disparities."""
 
 _MIDDLEBURY_MARKER = "Middlebury2014/train/Adirondack-is-not-here.txt"
 _MIDDLEBURY_NOTE = b"""The scenes in this folder were made with twinlens; none is one of Middlebury's.
@@ -28,85 +32,110 @@ torchvision's Middlebury2014Stereo opens a folder only if the name of an entry b
 scene. This file is that entry.
 """
 _KITTI_SCALE, _SINTEL_SCALE = 256.0, 16384.0
-_POINTS3D = b"# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n"
+_COLMAP_HEADERS = {
+    "cameras": "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]: fx, fy, cx, cy\n",
+    "images": "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n",
+    "points3D": "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n",
+}
 
 
-def middlebury(sources: Iterable[Source]) -> Files:
+@dataclass(frozen=True)
+class Source:
+    """A sample to export: number `index` of its dataset, with the images of lens number `lens`."""
+
+    sample: StoredSample
+    index: int
+    lens: int = 0
+
+    @property
+    def name(self) -> str:
+        """The sample's name as one folder name: train/0001 becomes train-0001."""
+        return self.sample.name.replace("/", "-")
+
+    def image(self, i: int) -> bytes:
+        """View i as an 8-bit PNG: the sample's file, or its 16 bits rounded to 8."""
+        shot = self.sample.lens(self.lens)
+        pixels = shot.image(i)
+        if pixels.dtype == np.uint8:
+            return read_bytes(shot.folder / f"im{i}.png")
+        return encode_png(np.round(pixels / 257.0).astype(np.uint8))
+
+    def disparity(self, i: int, most: float = np.inf, least: float = 0.0) -> Disparity:
+        """View i's disparity. Raises InputError unless its known values are in the range of the layout.
+
+        Readers of layouts that could store a sign take the absolute value, so negative values are rejected there too.
+        """
+        disparity = self.sample.disparity(i)
+        known = disparity[np.isfinite(disparity)]
+        if known.size and not (known.min() >= least and known.max() <= most):
+            limits = "0 or more" if np.isinf(most) else f"0 to {most:.6g}"
+            raise InputError(
+                f"{self.sample.name}: has disparities from {known.min():.6g} to {known.max():.6g} px, and this layout"
+                f" holds {limits}; layouts without this limit: {', '.join(SIGNED_LAYOUTS)}"
+            )
+        return disparity
+
+    def calib(self) -> bytes:
+        """The sample's calib.txt."""
+        return encode_calib(self.sample.calibration).encode()
+
+    def files(self, disparity: str = "disp{}.pfm", least: float = 0.0) -> Files:
+        """Images, disparities and masks of both views, and calib.txt, with Middlebury's names."""
+        for i in (0, 1):
+            yield f"im{i}.png", self.image(i)
+        for i in (0, 1):
+            yield disparity.format(i), encode_pfm(self.disparity(i, least=least))
+        for i in (0, 1):
+            yield f"mask{i}nocc.png", encode_png(self.sample.mask_nonocc(i))
+        yield "calib.txt", self.calib()
+
+
+def middlebury(source: Source) -> Files:
     """Middlebury2014/train/<name>-perfect/: im0 im1 .png, disp0 disp1 .pfm, mask0nocc mask1nocc .png, calib.txt."""
-    yield _MIDDLEBURY_MARKER, _MIDDLEBURY_NOTE
-    for source in sources:
-        yield from _middlebury_scene(source, f"Middlebury2014/train/{source.name}-perfect", "disp{}.pfm")
+    if source.index == 0:
+        yield _MIDDLEBURY_MARKER, _MIDDLEBURY_NOTE
+    yield from ((f"Middlebury2014/train/{source.name}-perfect/{name}", data) for name, data in source.files())
 
 
-def carla(sources: Iterable[Source]) -> Files:
+def carla(source: Source) -> Files:
     """carla-highres/trainingF/<name>/: as `middlebury`, with disp0GT.pfm and disp1GT.pfm, as in MiddEval3."""
-    for source in sources:
-        yield from _middlebury_scene(source, f"carla-highres/trainingF/{source.name}", "disp{}GT.pfm")
+    files = source.files("disp{}GT.pfm")
+    yield from ((f"carla-highres/trainingF/{source.name}/{name}", data) for name, data in files)
 
 
-def _middlebury_scene(source: Source, folder: str, disparity: str) -> Files:
-    for i in (0, 1):
-        yield f"{folder}/im{i}.png", source.image(i)
-        yield f"{folder}/{disparity.format(i)}", encode_pfm(source.disparity(i))
-        yield f"{folder}/mask{i}nocc.png", source.mask(i)
-    yield f"{folder}/calib.txt", source.calib
-
-
-def eth3d(sources: Iterable[Source]) -> Files:
+def eth3d(source: Source) -> Files:
     """ETH3D/two_view_training/<name>/ and ETH3D/two_view_training_gt/<name>/ (disp0GT.pfm, mask0nocc.png).
 
     cameras.txt, images.txt and an empty points3D.txt form a COLMAP model.
     """
-    for source in sources:
-        scene, truth = (f"ETH3D/two_view_training{part}/{source.name}" for part in ("", "_gt"))
-        yield f"{scene}/im0.png", source.image(0)
-        yield f"{scene}/im1.png", source.image(1)
-        yield f"{scene}/calib.txt", source.calib
-        yield f"{scene}/cameras.txt", _colmap_cameras(source.sample.rig).encode()
-        yield f"{scene}/images.txt", _colmap_images(source.sample.rig).encode()
-        yield f"{scene}/points3D.txt", _POINTS3D
-        yield f"{truth}/disp0GT.pfm", encode_pfm(source.disparity(0))
-        yield f"{truth}/mask0nocc.png", source.mask(0)
+    scene, truth = (f"ETH3D/two_view_training{part}/{source.name}" for part in ("", "_gt"))
+    rig, model = source.sample.rig, dict(_COLMAP_HEADERS)
+    for i in (0, 1):
+        yield f"{scene}/im{i}.png", source.image(i)
+        model["cameras"] += f"{i} {colmap_camera(rig.cameras[i])}\n"
+        model["images"] += f"{i} {colmap_pose(rig.world_from_cams[i])} {i} im{i}.png\n\n"
+    yield f"{scene}/calib.txt", source.calib()
+    yield from ((f"{scene}/{name}.txt", text.encode()) for name, text in model.items())
+    yield f"{truth}/disp0GT.pfm", encode_pfm(source.disparity(0))
+    yield f"{truth}/mask0nocc.png", encode_png(source.sample.mask_nonocc(0))
 
 
-def _colmap_cameras(rig: Rig) -> str:
-    """COLMAP's first pixel has its centre at (0.5, 0.5): principal points are half a pixel larger."""
-    lines = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]: fx, fy, cx, cy"]
-    for i, camera in enumerate(rig.cameras[:2]):
-        numbers = (camera.fx, camera.fy, camera.cx + 0.5, camera.cy + 0.5)
-        lines.append(f"{i} PINHOLE {camera.width} {camera.height} " + " ".join(repr(float(x)) for x in numbers))
-    return "\n".join(lines) + "\n"
-
-
-def _colmap_images(rig: Rig) -> str:
-    lines = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as (X, Y, POINT3D_ID)"]
-    for i, world_from_cam in enumerate(rig.world_from_cams[:2]):
-        cam_from_world = geometry.inverse(world_from_cam)
-        x, y, z, w = Rotation.from_matrix(cam_from_world[:3, :3]).as_quat()
-        numbers = (w, x, y, z, *cam_from_world[:3, 3])
-        lines += [f"{i} " + " ".join(repr(float(number)) for number in numbers) + f" {i} im{i}.png", ""]
-    return "\n".join(lines) + "\n"
-
-
-def kitti2015(sources: Iterable[Source]) -> Files:
+def kitti2015(source: Source) -> Files:
     """Kitti2015/training/: image_2 image_3, disp_occ_0 disp_occ_1, disp_noc_0 disp_noc_1, obj_map, calib_cam_to_cam.
 
     A disparity is stored as round(256 d) in 16 bits, 0 for unknown. `disp_occ` holds every known pixel, `disp_noc`
     those visible in both views. KITTI's own ``_1`` maps are of the next point in time; torchvision reads them as the
     right view, which they are here. `obj_map` is 0 (background); KITTI's development kit requires it.
     """
-    for source in sources:
-        number = f"{source.index:06d}"
-        for i in (0, 1):
-            disparity = source.disparity(i, 65535 / _KITTI_SCALE)
-            visible = np.where(source.sample.mask_nonocc(i) == VISIBLE, disparity, np.inf).astype(np.float32)
-            yield f"Kitti2015/training/image_{2 + i}/{number}_10.png", source.image(i)
-            for name, values in (("disp_occ", disparity), ("disp_noc", visible)):
-                counts = fixed_point(values, _KITTI_SCALE).astype(np.uint16)
-                yield f"Kitti2015/training/{name}_{i}/{number}_10.png", encode_png(counts)
-        background = np.zeros(source.sample.disparity(0).shape, np.uint8)
-        yield f"Kitti2015/training/obj_map/{number}_10.png", encode_png(background)
-        yield f"Kitti2015/training/calib_cam_to_cam/{number}.txt", _kitti_calibration(source.sample.calibration)
+    root, number = "Kitti2015/training", f"{source.index:06d}"
+    for i in (0, 1):
+        counts = _fixed_point(source.disparity(i, 65535 / _KITTI_SCALE), _KITTI_SCALE).astype(np.uint16)
+        visible = np.where(source.sample.mask_nonocc(i) == VISIBLE, counts, np.uint16(0))
+        yield f"{root}/image_{2 + i}/{number}_10.png", source.image(i)
+        yield f"{root}/disp_occ_{i}/{number}_10.png", encode_png(counts)
+        yield f"{root}/disp_noc_{i}/{number}_10.png", encode_png(visible)
+    yield f"{root}/obj_map/{number}_10.png", encode_png(np.zeros(counts.shape, np.uint8))
+    yield f"{root}/calib_cam_to_cam/{number}.txt", _kitti_calibration(source.sample.calibration)
 
 
 def _kitti_calibration(calibration: Calibration) -> bytes:
@@ -120,43 +149,42 @@ def _kitti_calibration(calibration: Calibration) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def sceneflow(sources: Iterable[Source]) -> Files:
+def sceneflow(source: Source) -> Files:
     """SceneFlow/FlyingThings3D/{frames_cleanpass,disparity}/TRAIN/A/<number>/{left,right}/0006.{png,pfm}.
 
     One frame per scene (0006, the first of every original scene), and a calib.txt, which the original does not have.
     """
-    root = "SceneFlow/FlyingThings3D"
-    for source in sources:
-        scene = f"TRAIN/A/{source.index:04d}"
-        for i, side in enumerate(("left", "right")):
-            yield f"{root}/frames_cleanpass/{scene}/{side}/0006.png", source.image(i)
-            yield f"{root}/disparity/{scene}/{side}/0006.pfm", encode_pfm(source.disparity(i))
-        yield f"{root}/disparity/{scene}/calib.txt", source.calib
+    root, scene = "SceneFlow/FlyingThings3D", f"TRAIN/A/{source.index:04d}"
+    for i, side in enumerate(("left", "right")):
+        yield f"{root}/frames_cleanpass/{scene}/{side}/0006.png", source.image(i)
+        yield f"{root}/disparity/{scene}/{side}/0006.pfm", encode_pfm(source.disparity(i))
+    yield f"{root}/disparity/{scene}/calib.txt", source.calib()
 
 
-def sintel(sources: Iterable[Source]) -> Files:
+def sintel(source: Source) -> Files:
     """Sintel/training/{clean,final}_{left,right}, disparities, occlusions, outofframe: <name>/frame_0001.png.
 
     d = 4 R + G/64 + B/16384 px, so RGB is a 24-bit count of 1/16384 px. A mask is 255 where the left pixel is occluded
     (`occlusions`) or leaves the frame of the right view (`outofframe`). Unknown pixels have disparity 0 and are marked
     occluded.
     """
-    for source in sources:
-        frame = f"{source.name}/frame_0001.png"
-        for i, side in enumerate(("left", "right")):
-            image = source.image(i)
-            yield f"Sintel/training/clean_{side}/{frame}", image
-            yield f"Sintel/training/final_{side}/{frame}", image
-        disparity = source.disparity(0, (2**24 - 1) / _SINTEL_SCALE)
-        counts = fixed_point(disparity, _SINTEL_SCALE)
-        rgb = np.stack([counts >> 16, counts >> 8 & 255, counts & 255], axis=-1).astype(np.uint8)
-        outside = np.isfinite(disparity) & (np.arange(disparity.shape[1]) - disparity < -0.5)
-        occluded = (source.sample.mask_nonocc(0) != VISIBLE) & ~outside
-        yield f"Sintel/training/disparities/{frame}", encode_png(rgb)
-        yield f"Sintel/training/occlusions/{frame}", _sintel_mask(occluded)
-        yield f"Sintel/training/outofframe/{frame}", _sintel_mask(outside)
-        yield f"Sintel/training/calib/{source.name}/calib.txt", source.calib
+    root, frame = "Sintel/training", f"{source.name}/frame_0001.png"
+    for i, side in enumerate(("left", "right")):
+        for kind in ("clean", "final"):
+            yield f"{root}/{kind}_{side}/{frame}", source.image(i)
+    disparity = source.disparity(0, (2**24 - 1) / _SINTEL_SCALE)
+    counts = _fixed_point(disparity, _SINTEL_SCALE)
+    rgb = np.stack([counts >> 16, counts >> 8 & 255, counts & 255], axis=-1).astype(np.uint8)
+    outside = np.isfinite(disparity) & (np.arange(disparity.shape[1]) - disparity < -0.5)
+    occluded = (source.sample.mask_nonocc(0) != VISIBLE) & ~outside
+    yield f"{root}/disparities/{frame}", encode_png(rgb)
+    yield f"{root}/occlusions/{frame}", encode_png(np.where(occluded, np.uint8(255), np.uint8(0)))
+    yield f"{root}/outofframe/{frame}", encode_png(np.where(outside, np.uint8(255), np.uint8(0)))
+    yield f"{root}/calib/{source.name}/calib.txt", source.calib()
 
 
-def _sintel_mask(marked: NDArray[np.bool_]) -> bytes:
-    return encode_png(np.where(marked, 255, 0).astype(np.uint8))
+def _fixed_point(disparity: Disparity, scale: float) -> NDArray[np.uint32]:
+    """round(scale d), at least 1; 0 where unknown. A known disparity of 0 therefore becomes 1, that is 1/scale px."""
+    known = np.isfinite(disparity)
+    counts = np.round(np.where(known, disparity, 0.0).astype(np.float64) * scale)
+    return np.where(known, np.maximum(counts, 1), 0).astype(np.uint32)

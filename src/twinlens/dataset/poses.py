@@ -1,0 +1,305 @@
+"""Rigs in the files of COLMAP, NeRF programs and OpenCV, with axes and pixel conventions converted.
+
+COLMAP's text model is a folder with cameras.txt (``ID MODEL WIDTH HEIGHT PARAMS...``) and images.txt
+(``ID QW QX QY QZ TX TY TZ CAMERA_ID NAME``, cam_from_world, followed by a line of 2D points). Its axes are ours; it has
+no length unit: metres are written and assumed.
+
+transforms.json of instant-ngp and Nerfstudio has one ``transform_matrix`` per frame: world_from_cam with OpenGL's
+camera axes (x right, y up, z backward). Intrinsics are given at the top level for all frames, or per frame;
+camera_angle_x replaces a missing fl_x. In both formats pixels are counted from the image's corner: cx and cy are larger
+by 0.5.
+
+OpenCV's FileStorage YAML of a pair has the names of its stereo calibration sample: ``M1 D1 M2 D2`` are K and
+distortion; ``R`` and ``T`` transform points from the first camera's frame to the second's, in metres (the unit of other
+files is not converted). Axes and pixel centres are ours. Additional keys: ``size1``, ``size2`` ([width, height]),
+``fisheye1``, ``fisheye2`` (1 for the Kannala-Brandt model) and ``world_from_1``, the pose of the pair.
+
+Sources: https://colmap.github.io/format.html#text-format and .../cameras.html; Nerfstudio, "Data conventions";
+instant-ngp, docs/nerf_dataset_tips.md; OpenCV, samples/cpp/stereo_calib.cpp, and its documentation of FileStorage.
+"""
+
+import contextlib
+import json
+import math
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from twinlens.camera import BrownConrady, Camera, Distortion, KannalaBrandt, Rig
+from twinlens.dataset.files import read_text, write_file
+from twinlens.errors import FileError, InputError, unknown
+from twinlens.geometry import Float, inverse, rigid
+
+FilePath = str | os.PathLike[str]
+
+COLMAP_MODELS = {
+    "SIMPLE_PINHOLE": "f cx cy",
+    "PINHOLE": "fx fy cx cy",
+    "SIMPLE_RADIAL": "f cx cy k1",
+    "RADIAL": "f cx cy k1 k2",
+    "OPENCV": "fx fy cx cy k1 k2 p1 p2",
+    "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+    "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
+    "SIMPLE_RADIAL_FISHEYE": "f cx cy k1",
+    "RADIAL_FISHEYE": "f cx cy k1 k2",
+}
+"""The parameters of each supported camera model, in COLMAP's order."""
+
+_CORNER = 0.5  # added to cx and cy where pixels are counted from the image's corner
+_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+_NERF_MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE")
+_YAML_MATRIX = re.compile(
+    r"^(\w+):\s*!!opencv-matrix\s+rows:\s*(\d+)\s+cols:\s*(\d+)\s+dt:\s*\S+\s+data:\s*\[([^\]]*)\]", re.M
+)
+_YAML_NUMBERS = re.compile(r"^(\w+):(?:\s*\[([^\]]*)\]|[ \t]*([-+.\w]+)[ \t]*$)", re.M)
+
+
+@dataclass(frozen=True, eq=False)
+class NamedRig:
+    """A rig and one image name per camera."""
+
+    rig: Rig
+    names: tuple[str, ...]
+
+
+def write_colmap(folder: FilePath, rig: Rig, names: Sequence[str] | None = None) -> None:
+    """Write the model of `rig`, without points, into `folder`; image names are im0.png ... by default.
+
+    Raises InputError for invalid names, and OutputError.
+    """
+    cameras = [f"{i} {colmap_camera(camera)}" for i, camera in enumerate(rig.cameras, 1)]
+    named = enumerate(zip(rig.world_from_cams, _image_names(rig, names), strict=True), 1)
+    images = [f"{i} {colmap_pose(pose)} {i} {name}\n" for i, (pose, name) in named]
+    for file, lines in (("cameras", cameras), ("images", images), ("points3D", [])):
+        write_file(Path(folder) / f"{file}.txt", "".join(f"{line}\n" for line in lines).encode())
+
+
+def read_colmap(folder: FilePath) -> NamedRig:
+    """The rig of a model's images, in the order of their ids. Raises FileError."""
+    cameras: dict[int, Camera] = {}
+    path = Path(folder) / "cameras.txt"
+    for number, line in _lines(path):
+        words = line.split()
+        try:
+            if words:
+                numbers = [float(word) for word in words[4:]]
+                cameras[int(words[0])] = _colmap_camera(words[1], int(words[2]), int(words[3]), numbers)
+        except (ValueError, IndexError) as error:
+            raise FileError(f"{path}: line {number} must read ID MODEL WIDTH HEIGHT PARAMS: {error}") from None
+    path = Path(folder) / "images.txt"
+    images = sorted(_colmap_images(path), key=lambda image: image[0])
+    if not images:
+        raise FileError(f"{path}: has no images")
+    for _, camera, _, _ in images:
+        if camera not in cameras:
+            raise FileError(f"{path}: refers to camera {camera}, which cameras.txt does not have")
+    rig = Rig([cameras[camera] for _, camera, _, _ in images], [pose for _, _, _, pose in images])
+    return NamedRig(rig, tuple(name for _, _, name, _ in images))
+
+
+def write_transforms(path: FilePath, rig: Rig, names: Sequence[str] | None = None) -> None:
+    """Write `rig` as transforms.json; file_path is im0.png ... by default.
+
+    Raises InputError for invalid names and for rational distortion (k4, k5, k6), which the format cannot hold, and
+    OutputError.
+    """
+    frames = []
+    for name, camera, pose in zip(_image_names(rig, names), rig.cameras, rig.world_from_cams, strict=True):
+        size = {"w": camera.width, "h": camera.height, "fl_x": camera.fx, "fl_y": camera.fy}
+        center = {"cx": camera.cx + _CORNER, "cy": camera.cy + _CORNER}
+        model = "OPENCV_FISHEYE" if isinstance(camera.distortion, KannalaBrandt) else "OPENCV"
+        values = asdict(camera.distortion) if camera.distortion is not None else {}
+        if model == "OPENCV" and any(values.pop(name, 0.0) for name in ("k4", "k5", "k6")):
+            raise InputError(
+                "transforms.json cannot hold k4, k5, k6 (rational distortion): write COLMAP's or OpenCV's format"
+            )
+        values = {name: values[name] for name in sorted(values)}
+        matrix = {"transform_matrix": (pose @ _OPENGL).tolist()}
+        frames.append({"file_path": name, **size, **center, "camera_model": model, **values, **matrix})
+    table = {"camera_model": frames[0]["camera_model"], "frames": frames}
+    write_file(path, (json.dumps(table, indent=1) + "\n").encode())
+
+
+def read_transforms(path: FilePath) -> NamedRig:
+    """The rig of a transforms.json, in the order of its frames. Raises FileError."""
+    try:
+        table = json.loads(read_text(path))
+        frames = table["frames"]
+        cameras = [_nerf_camera({**table, **frame}) for frame in frames]
+        poses = [np.array(frame["transform_matrix"], dtype=np.float64) @ _OPENGL for frame in frames]
+        return NamedRig(Rig(cameras, poses), tuple(str(frame["file_path"]) for frame in frames))
+    except FileError:
+        raise
+    except KeyError as error:
+        raise FileError(f"{path}: has no {error.args[0]}") from None
+    except (ValueError, TypeError, RecursionError) as error:
+        raise FileError(f"{path}: not a valid transforms.json: {error}") from None
+
+
+def write_opencv(path: FilePath, rig: Rig) -> None:
+    """Write a pair for `cv2.FileStorage`. Raises InputError unless the rig has two cameras, and OutputError."""
+    if len(rig) != 2:
+        raise InputError(f"OpenCV's stereo files describe a pair, got {len(rig)} cameras: write COLMAP's text instead")
+    text = ["%YAML:1.0", "---"]
+    for i, camera in enumerate(rig.cameras, 1):
+        coefficients = (0.0,) * 5 if camera.distortion is None else camera.distortion.coefficients
+        text += [f"size{i}: [ {camera.width}, {camera.height} ]"]
+        text += [f"fisheye{i}: {int(isinstance(camera.distortion, KannalaBrandt))}"]
+        text += [_yaml_matrix(f"M{i}", camera.K), _yaml_matrix(f"D{i}", [coefficients])]
+    second_from_first = rig.b_from_a(0, 1)
+    text += [_yaml_matrix("R", second_from_first[:3, :3]), _yaml_matrix("T", second_from_first[:3, 3:])]
+    text += [_yaml_matrix("world_from_1", rig.world_from_cams[0])]
+    write_file(path, ("\n".join(text) + "\n").encode())
+
+
+def read_opencv(path: FilePath, size: tuple[int, int] | None = None) -> Rig:
+    """The pair in an OpenCV stereo file; without a pose, the world is the first camera's frame.
+
+    `size` (width, height) is needed for files without it, as OpenCV's intrinsics.yml and extrinsics.yml joined in one
+    file. Raises FileError.
+    """
+    nodes = _yaml_nodes(read_text(path))
+    try:
+        pose = nodes.get("world_from_1", np.eye(4))
+        second_from_first = rigid(nodes["R"], nodes["T"].ravel())
+        cameras = [_opencv_camera(nodes, i, size) for i in (1, 2)]
+        return Rig(cameras, [pose, pose @ inverse(second_from_first)])
+    except KeyError as error:
+        raise FileError(f"{path}: has no {error.args[0]}; it needs M1, D1, M2, D2, R, T and the images' size") from None
+    except ValueError as error:
+        raise FileError(f"{path}: {error}") from None
+
+
+def colmap_camera(camera: Camera) -> str:
+    """``MODEL WIDTH HEIGHT PARAMS``."""
+    values = {"fx": camera.fx, "fy": camera.fy, "cx": camera.cx + _CORNER, "cy": camera.cy + _CORNER}
+    model = "PINHOLE"
+    if camera.distortion is not None:
+        values |= asdict(camera.distortion)
+        model = "OPENCV_FISHEYE" if isinstance(camera.distortion, KannalaBrandt) else "FULL_OPENCV"
+    numbers = " ".join(repr(float(values[name])) for name in COLMAP_MODELS[model].split())
+    return f"{model} {camera.width} {camera.height} {numbers}"
+
+
+def colmap_pose(world_from_cam: Float) -> str:
+    """``QW QX QY QZ TX TY TZ`` of cam_from_world."""
+    cam_from_world = inverse(world_from_cam)
+    x, y, z, w = Rotation.from_matrix(cam_from_world[:3, :3]).as_quat()
+    return " ".join(repr(float(number)) for number in (w, x, y, z, *cam_from_world[:3, 3]))
+
+
+def _image_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
+    chosen = tuple(f"im{i}.png" for i in range(len(rig))) if names is None else tuple(names)
+    if len(chosen) != len(rig) or len(set(chosen)) != len(chosen):
+        raise InputError(f"a rig of {len(rig)} cameras needs as many different image names, got {list(chosen)}")
+    for name in chosen:
+        if not name or name != name.strip() or not name.isprintable():
+            raise InputError(f"an image name must be one printable line without spaces around it, got {name!r}")
+    return chosen
+
+
+def _colmap_camera(model: str, width: int, height: int, numbers: list[float]) -> Camera:
+    if model not in COLMAP_MODELS:
+        raise unknown("COLMAP camera model", model, COLMAP_MODELS)
+    names = COLMAP_MODELS[model].split()
+    if len(numbers) != len(names):
+        raise InputError(f"{model} has {len(names)} parameters, got {len(numbers)}")
+    values = dict(zip(names, numbers, strict=True))
+    focal = values.pop("f", 0.0)
+    fx, fy = values.pop("fx", focal), values.pop("fy", focal)
+    cx, cy = values.pop("cx") - _CORNER, values.pop("cy") - _CORNER
+    if "FISHEYE" in model:
+        return Camera(width, height, fx, fy, cx, cy, KannalaBrandt(**values))
+    return Camera(width, height, fx, fy, cx, cy, BrownConrady(**values) if any(values.values()) else None)
+
+
+def _colmap_images(path: Path) -> Iterator[tuple[int, int, str, Float]]:
+    """(id, camera id, name, world_from_cam) of each image; every second line has its 2D points and may be empty."""
+    lines = list(_lines(path))
+    while lines and not lines[-1][1].strip():
+        lines.pop()
+    for number, line in lines[::2]:
+        words = line.split(maxsplit=9)
+        try:
+            w, x, y, z, *shift = (float(word) for word in words[1:8])
+            rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
+            yield int(words[0]), int(words[8]), words[9].strip(), inverse(rigid(rotation, shift))
+        except (ValueError, IndexError) as error:
+            form = "ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
+            raise FileError(f"{path}: line {number} must read {form}: {error}") from None
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """The lines without comments, numbered from 1."""
+    numbered = enumerate(read_text(path).splitlines(), 1)
+    return ((number, line) for number, line in numbered if not line.lstrip().startswith("#"))
+
+
+def _nerf_camera(values: Mapping[str, Any]) -> Camera:
+    width, height = int(values["w"]), int(values["h"])
+    focal = {
+        axis: 0.5 * size / math.tan(0.5 * float(values[f"camera_angle_{axis}"]))
+        for axis, size in (("x", width), ("y", height))
+        if f"camera_angle_{axis}" in values
+    }
+    fx = float(values["fl_x"] if "fl_x" in values or "x" not in focal else focal["x"])
+    fy = float(values.get("fl_y", focal.get("y", fx)))
+    cx, cy = (float(values.get(name, size / 2)) - _CORNER for name, size in (("cx", width), ("cy", height)))
+    model = values.get("camera_model", "OPENCV")
+    if model not in _NERF_MODELS:
+        raise InputError(f"camera_model must be one of {', '.join(_NERF_MODELS)}, got {model!r}")
+    k1, k2, k3, k4, p1, p2 = (float(values.get(name, 0.0)) for name in ("k1", "k2", "k3", "k4", "p1", "p2"))
+    distortion: Distortion | None = BrownConrady(k1, k2, p1, p2, k3) if any((k1, k2, k3, p1, p2)) else None
+    if model == "OPENCV_FISHEYE":
+        distortion = KannalaBrandt(k1, k2, k3, k4)
+    elif k4:
+        raise InputError("k4 of a perspective camera is not supported")
+    return Camera(width, height, fx, fy, cx, cy, distortion)
+
+
+def _yaml_matrix(name: str, values: ArrayLike) -> str:
+    matrix = np.atleast_2d(np.asarray(values, dtype=np.float64))
+    rows, cols = matrix.shape
+    lines = ",\n       ".join(", ".join(repr(float(number)) for number in row) for row in matrix)
+    return f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {lines} ]"
+
+
+def _yaml_nodes(text: str) -> dict[str, Float]:
+    """Matrices, lists of numbers and numbers at the top level, by name; other nodes are ignored."""
+    nodes: dict[str, Float] = {}
+    found: list[tuple[str, tuple[int, ...], str]] = []
+    found += [(name, (int(rows), int(cols)), data) for name, rows, cols, data in _YAML_MATRIX.findall(text)]
+    found += [(name, (-1,), many or one) for name, many, one in _YAML_NUMBERS.findall(text)]
+    for name, shape, data in found:
+        with contextlib.suppress(ValueError):  # not numbers, or not as many as the shape needs
+            nodes.setdefault(name, np.array([float(word) for word in data.replace(",", " ").split()]).reshape(shape))
+    return nodes
+
+
+def _opencv_camera(nodes: Mapping[str, Float], i: int, size: tuple[int, int] | None) -> Camera:
+    if size is None and f"size{i}" in nodes:
+        width, height = map(int, nodes[f"size{i}"])
+    else:
+        width, height = size or (int(nodes["image_width"][0]), int(nodes["image_height"][0]))
+    k = nodes[f"M{i}"]
+    if k.shape != (3, 3) or k[0, 1] or k[1, 0] or k[2].tolist() != [0, 0, 1]:
+        raise InputError(f"M{i} must be a camera matrix fx 0 cx, 0 fy cy, 0 0 1, without skew")
+    numbers = [float(number) for number in nodes[f"D{i}"].ravel()]
+    distortion: Distortion | None = None
+    if nodes.get(f"fisheye{i}", np.zeros(1))[0]:
+        if len(numbers) != 4:
+            raise InputError(f"D{i} of a fisheye has 4 coefficients, got {len(numbers)}")
+        distortion = KannalaBrandt(*numbers)
+    elif len(numbers) not in (4, 5, 8, 12, 14) or any(numbers[8:]):
+        raise InputError(f"D{i} must hold 4, 5 or 8 coefficients (no thin prism, no tilt), got {numbers}")
+    elif any(numbers):
+        distortion = BrownConrady(*numbers[:8])
+    fx, fy, cx, cy = (float(k[row, column]) for row, column in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    return Camera(width, height, fx, fy, cx, cy, distortion)
