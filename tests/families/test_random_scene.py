@@ -123,7 +123,7 @@ def test_added_textures_move_no_object(tmp_path):
         ({"seed": -1}, "seed must be"),
         ({"seed": True}, "seed must be"),
         ({"seed": 1.5}, "seed must be"),
-        ({"depth_range": (2.0, 2.1)}, "needs far >="),
+        ({"depth_range": (2.0, 2.1)}, "far >="),
         ({"depth_range": (0.0, 2.0)}, "depth_range"),
         ({"depth_range": 3.0}, "depth_range"),
         ({"object_count": 0}, "object_count"),

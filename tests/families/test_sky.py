@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from twinlens.families.sky import clear_sky
+from twinlens.families.lighting import clear_sky
 
 
 def test_a_clear_sky_is_bright_at_the_sun_and_blue_opposite_to_it():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from twinlens.families.stable_poses import gap, inside_by, outline, stable_poses
+from twinlens.families.arrangement import gap, inside_by, outline, stable_poses
 from twinlens.scenes import shapes
 from twinlens.scenes.scene import Mesh
 

@@ -3,27 +3,26 @@
     scene = random_scene("tabletop", seed=7)
     scene = random_scene("room", seed=3, depth_range=(1.0, 6.0), object_count=(10, 20))
 
-The same seed gives the same scene. `Assets.from_folders` adds a user's own meshes, textures and environment maps to
-those that twinlens makes.
+`Assets.from_folders` adds a user's own meshes, textures and environment maps to those that twinlens makes.
 """
 
 from typing import Any
 
 import numpy as np
 
-from twinlens.errors import InputError, check_number, format_value, unknown
+from twinlens.errors import InputError, check_int, check_number, format_value, unknown
 from twinlens.families import cards, flying, room, tabletop
 from twinlens.families.assets import Assets
-from twinlens.families.family import Family, Request
+from twinlens.families.composition import Composition, Family
 from twinlens.scenes.scene import Scene
 
 __all__ = ["FAMILIES", "Assets", "Family", "random_scene"]
 
 FAMILIES: dict[str, Family] = {
-    "tabletop": tabletop.FAMILY,
-    "flying": flying.FAMILY,
-    "room": room.FAMILY,
-    "cards": cards.FAMILY,
+    "tabletop": Family("bodies at rest on a table", (9, 18), tabletop.compose, 1.8),
+    "flying": Family("things in the air, at disparities spread evenly", (14, 26), flying.compose, 1.3),
+    "room": Family("a furnished room", (12, 26), room.compose, 2.5),
+    "cards": Family("test charts, steps and waves at set distances and slants", (5, 11), cards.compose, 1.8),
 }
 """Every family by its name."""
 
@@ -75,42 +74,33 @@ def random_scene(
     chosen = FAMILIES[family]
     check_number("aspect", aspect, "a width over height of 0.2 to 5", least=0.2, most=5)
     check_number("width", width, "a number of pixels >= 16", least=16)
-    root, label = _seed_sequence(seed)
-    low, high = chosen.object_count if object_count is None else _count_range(object_count)
-    depths = None if depth_range is None else _depths(family, depth_range)
-
-    def request(count: int) -> Request:
-        return Request(f"{family}-{label}", root, assets or Assets(), depths, count, float(aspect), int(width))
-
-    return chosen.compose(request(int(request(0).rng("count").integers(low, high + 1))))
-
-
-def _seed_sequence(seed: Any) -> tuple[np.random.SeedSequence, str]:
-    """The seed as a sequence, and its name: the number, or eight hexadecimal digits of a sequence."""
     if isinstance(seed, np.random.SeedSequence):
-        return seed, f"{int(seed.generate_state(1)[0]):08x}"
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise InputError(f"seed must be a whole number >= 0 or a SeedSequence, got {format_value(seed)}")
-    return np.random.SeedSequence(int(seed)), str(seed)
+        root, label = seed, f"{int(seed.generate_state(1)[0]):08x}"
+    else:
+        check_int("seed", seed, 0)
+        root, label = np.random.SeedSequence(int(seed)), str(seed)
+    counts = chosen.object_count if object_count is None else _pair("object_count", object_count)
+    check_int("object_count", counts[0], 1, _MAX_OBJECTS)
+    check_int("object_count", counts[1], counts[0], _MAX_OBJECTS)
+    depths = None
+    if depth_range is not None:
+        near, far = _pair("depth_range", depth_range)
+        check_number("depth_range", near, "two positive numbers of metres, (near, far)", above=0.0)
+        least = chosen.least_ratio
+        check_number(
+            "depth_range", far, f"(near, far) with far >= {least:g} near in {family} scenes", least=least * near
+        )
+        depths = float(near), float(far)
+    name = f"{family}-{label}"
+    scene = Composition(name, root, assets or Assets(), depths, counts, float(aspect), int(width))
+    chosen.compose(scene)
+    return scene.scene(chosen.about)
 
 
-def _count_range(wanted: Any) -> tuple[int, int]:
-    numbers = tuple(wanted) if isinstance(wanted, (tuple, list)) else (wanted, wanted)
-    whole = all(isinstance(number, (int, np.integer)) and not isinstance(number, bool) for number in numbers)
-    if len(numbers) != 2 or not whole or not 1 <= numbers[0] <= numbers[1] <= _MAX_OBJECTS:
-        allowed = f"a whole number of 1 to {_MAX_OBJECTS}, or (min, max) of two"
-        raise InputError(f"object_count must be {allowed}, got {format_value(wanted)}")
-    return int(numbers[0]), int(numbers[1])
-
-
-def _depths(family: str, wanted: Any) -> tuple[float, float]:
-    try:
-        near, far = wanted
-    except (TypeError, ValueError):
-        near = far = None
-    for number in (near, far):
-        check_number("depth_range", number, "two positive numbers of metres, (near, far)", above=0.0)
-    least = FAMILIES[family].least_ratio
-    if not far >= least * near:
-        raise InputError(f"depth_range of a {family} scene needs far >= {least:g} near, got ({near:g}, {far:g})")
-    return float(near), float(far)
+def _pair(name: str, wanted: Any) -> tuple[Any, Any]:
+    """Two values; one value stands for both."""
+    if not isinstance(wanted, (tuple, list)):
+        return wanted, wanted
+    if len(wanted) != 2:
+        raise InputError(f"{name} must have two values, got {format_value(wanted)}")
+    return wanted[0], wanted[1]

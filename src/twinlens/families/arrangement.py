@@ -1,26 +1,179 @@
-"""Bodies placed on a level surface: footprints apart, some bodies on top of others.
+"""Bodies placed on a level surface in stable poses: footprints apart, some bodies on top of others.
 
-A body is placed on another only if it is stable there: its whole contact lies within the level top of the one below,
-and its centre of mass lies above the contact of every body that carries it.
+A body is stable on a face of its convex hull if its centre of mass lies above that face. Its footprint is the convex
+hull of its vertices seen from above; bodies whose footprints are apart cannot intersect. A body is placed on another
+only if its whole contact lies within the level top of the one below, and its centre of mass lies above the contact of
+every body that carries it.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
-from twinlens.families.bodies import Body
+from twinlens.families.bodies import Body, draw_body
+from twinlens.families.composition import Composition, similarity
 from twinlens.families.draws import Rng, one_of, weighted
-from twinlens.families.poses import similarity
-from twinlens.families.stable_poses import StablePose, gap, inside_by, stable_poses
+from twinlens.families.solids import face_cross
 from twinlens.geometry import Float
+from twinlens.scenes.scene import Mesh
 
 _CLEARANCE = 1e-4  # of a body's size: gap between bodies that touch, so that no two surfaces coincide
 _TRIES, _TRIES_ON_TOP = 60, 6
 _HIGHEST_STACK = 4
 _LYING = {"bottle": 0.12, "cup": 0.08, "candle": 0.1, "tin": 0.08, "pawn": 0.15, "cone": 0.1}
 """Probabilities that upright bodies of these kinds lie on their side."""
+
+_SAME_PLANE = 1e-5  # of the body's size: hull triangles whose planes differ by less are one face
+_MAX_FACES = 12
+_MIN_MARGIN = 2e-3  # of the body's size: least distance of the centre of mass from the edge of the contact
+
+
+@dataclass(frozen=True, eq=False)
+class StablePose:
+    """A rotation (3, 3), and hull points (N, 3) and centre of mass (3,) after it, the lowest point at z = 0.
+
+    `support` (N, 2) is the contact polygon, `top` (N, 2) the level face on top, None where there is none.
+    `probability` is relative to the body's other stable poses.
+    """
+
+    turn: Float
+    points: Float
+    centre: Float
+    support: Float
+    top: Float | None
+    probability: float
+
+    @property
+    def height(self) -> float:
+        """The largest z."""
+        return float(self.points[:, 2].max())
+
+    @cached_property
+    def footprint(self) -> Float:
+        """The outline (N, 2) seen from above, counter-clockwise."""
+        return outline(self.points[:, :2])
+
+    @cached_property
+    def reach(self) -> float:
+        """The largest horizontal distance of a point from the z axis."""
+        return float(np.linalg.norm(self.points[:, :2], axis=1).max())
+
+
+def outline(points: Float) -> Float:
+    """The convex hull (N, 2) of points in the plane, counter-clockwise."""
+    return np.asarray(points[ConvexHull(points).vertices])
+
+
+def centre_of_mass(mesh: Mesh) -> Float:
+    """The centroid (3,) of a closed mesh's volume: a sum over tetrahedra with a corner at the origin."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    volume = np.einsum("nc,nc->n", a, np.cross(b, c))
+    return np.asarray((volume[:, None] * (a + b + c)).sum(axis=0) / (4 * volume.sum()))
+
+
+def stable_poses(mesh: Mesh, size: float = 1.0) -> list[StablePose]:
+    """The stable poses of a mesh scaled by `size`, the most probable first.
+
+    The probability of a face is about the solid angle it covers as seen from the centre of mass, as if the body were
+    dropped at random. The centre of mass must lie above the face by a margin of 0.2% of the body's size.
+    """
+    vertices = mesh.vertices * size
+    hull = ConvexHull(vertices)
+    points = vertices[hull.vertices]
+    centre = centre_of_mass(mesh) * size
+    if np.any(hull.equations[:, :3] @ centre + hull.equations[:, 3] > 0):
+        centre = points.mean(axis=0)  # the mesh is not closed: its volume is undefined
+    cross, corner = face_cross(vertices, mesh.faces), vertices[mesh.faces[:, 0]]
+    found = []
+    for plane in _planes(hull, centre, size):
+        pose = _pose(points, centre, plane, size)
+        if pose is None:
+            continue
+        if pose.top is not None:
+            up = pose.turn[2]
+            level = cross @ up > (1 - 1e-9) * np.linalg.norm(cross, axis=1)
+            level &= np.abs(corner @ up - (points @ up).max()) < _SAME_PLANE * size
+            if 0.5 * (cross @ up)[level].sum() < 0.99 * _area(pose.top):
+                pose = replace(pose, top=None)  # a rim around a hollow
+        found.append(pose)
+    return sorted(found, key=lambda pose: -pose.probability)
+
+
+def _planes(hull: ConvexHull, centre: Float, size: float) -> Float:
+    """Planes (N, 4) of the hull's largest faces, and of those nearest to the centre of mass.
+
+    The nearest face is always stable; a finely divided ball has thousands of faces alike.
+    """
+    scaled = hull.equations / [1, 1, 1, size]
+    _, first, same = np.unique(np.round(scaled / (10 * _SAME_PLANE)), axis=0, return_index=True, return_inverse=True)
+    area = np.bincount(same.ravel(), np.linalg.norm(face_cross(hull.points, hull.simplices), axis=1))
+    largest = np.argsort(-np.round(area / size**2, 9), kind="stable")[:_MAX_FACES]
+    nearest = np.argsort(-np.round(hull.equations[first] @ [*centre, 1.0] / size, 9), kind="stable")[:_MAX_FACES]
+    return np.asarray(hull.equations[first[np.unique(np.concatenate([largest, nearest]))]])
+
+
+def _pose(points: Float, centre: Float, plane: Float, size: float) -> StablePose | None:
+    """The pose with `plane` on the ground, None where it is not stable; `top` is the outline of the highest points."""
+    turn = _downwards(plane[:3])
+    turned, balanced = points @ turn.T, turn @ centre
+    floor = turned[:, 2].min()
+    turned[:, 2] -= floor
+    balanced = balanced - [0, 0, floor]
+    support = _polygon(turned[turned[:, 2] < _SAME_PLANE * size, :2])
+    if support is None or inside_by(support, balanced[:2]) < _MIN_MARGIN * size:
+        return None
+    top = _polygon(turned[turned[:, 2] > turned[:, 2].max() - _SAME_PLANE * size, :2])
+    area, height = _area(support), float(balanced[2])
+    return StablePose(turn, turned, balanced, support, top, area / (height**2 + area))
+
+
+def _area(convex: Float) -> float:
+    """The area of an outline (N, 2), by the shoelace formula."""
+    x, y = convex.T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def _downwards(normal: Float) -> Float:
+    """The smallest rotation (3, 3) that takes `normal` to -z."""
+    x, y, z = normal / np.linalg.norm(normal)
+    if z > 1 - 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    k = 1 / (1 - z)
+    return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, -z]])
+
+
+def _polygon(points: Float) -> Float | None:
+    """The convex outline of points, None where they span no area."""
+    if len(points) < 3 or np.linalg.matrix_rank(points - points.mean(axis=0), tol=1e-7 * max(1e-9, np.ptp(points))) < 2:
+        return None
+    return outline(points)
+
+
+def _edge_normals(convex: Float) -> Float:
+    """Outward unit normals (N, 2) of the edges of a counter-clockwise outline."""
+    edge = np.roll(convex, -1, axis=0) - convex
+    return np.asarray(np.stack([edge[:, 1], -edge[:, 0]], axis=-1) / np.linalg.norm(edge, axis=1, keepdims=True))
+
+
+def inside_by(convex: Float, point: Float) -> float:
+    """How far a point lies inside a convex outline; negative outside."""
+    return float(-((point - convex) * _edge_normals(convex)).sum(axis=1).max())
+
+
+def gap(a: Float, b: Float) -> float:
+    """A lower bound of the distance of two convex outlines (N, 2), positive where they are apart.
+
+    It is the widest slab between them along the normals of their edges. Source: Gottschalk et al., OBBTree, SIGGRAPH
+    1996.
+    """
+    best = -np.inf
+    for p, q in ((a, b), (b, a)):
+        normal = _edge_normals(p)
+        best = max(best, float(((q @ normal.T).min(axis=0) - (p * normal).sum(axis=1)).max()))
+    return best
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,39 +209,48 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class Area:
-    """A level area for bodies.
+    """A level rectangle for bodies: `middle` (2,), half its sides (2,) and `height`, metres.
 
-    `sample(rng, rest)` draws a position (2,), `contains(footprint)` accepts an outline (N, 2); `height` and `spacing`,
-    the least distance between footprints, are in metres. A share `stacked` of the bodies is tried on top of others
-    first.
+    `spacing` is the least distance between footprints. A share `stacked` of the bodies is tried on top of others first.
+    `sample(rng, rest)` draws a position (2,) in half sides from the middle; footprints end at `overhang` half sides.
     """
 
-    sample: Callable[[Rng, StablePose], Float]
-    contains: Callable[[Float], bool]
+    middle: Float
+    half: Float
     height: float
     spacing: float
     stacked: float
+    overhang: float = 1.0
+    sample: Callable[[Rng, StablePose], Float] = lambda rng, _: rng.uniform(-1, 1, 2)
 
 
-def choose_rest(body: Body, rng: Rng) -> StablePose | None:
-    """A stable pose by its probability; upright bodies stand, or lie with the probability in `_LYING`."""
-    found = stable_poses(body.solid.mesh, body.size)
-    if not found:
-        return None
-    if body.solid.upright:
-        best = max(found, key=lambda rest: rest.turn[2, 2])
-        if best.turn[2, 2] > 0.9 and rng.random() >= _LYING.get(body.kind, 0.0):
-            return best
-    return weighted(rng, found, [rest.probability for rest in found])
+def bodies_at_rest(
+    scene: Composition, name: str, parts: Iterable[tuple[int, ...]], among: tuple[str, ...] | None = None
+) -> list[tuple[Body, StablePose, Rng]]:
+    """A body for each of the `parts`, a stable pose of it, and a random stream for its place.
+
+    The pose is drawn by its probability; upright bodies stand, or lie with the probability in `_LYING`.
+    """
+    made = []
+    for part in parts:
+        body, rng = draw_body(scene, (name, *part), among), scene.rng("rest", *part)
+        found = stable_poses(body.solid.mesh, body.size)
+        best = max(found, key=lambda rest: rest.turn[2, 2], default=None)
+        if best is None:
+            continue
+        if not (body.solid.upright and best.turn[2, 2] > 0.9 and rng.random() >= _LYING.get(body.kind, 0.0)):
+            best = weighted(rng, found, [rest.probability for rest in found])
+        made.append((body, best, scene.rng("place", *part)))
+    return made
 
 
 def arrange(bodies: Sequence[tuple[Body, StablePose, Rng]], area: Area) -> list[Placement]:
     """Place bodies one after the other, each with its own random stream; bodies without a free place are left out."""
-    pile = _Pile(area.spacing)
+    pile = _Pile(area)
     for body, rest, rng in bodies:
         on_top = bool(pile.placed) and rng.random() < area.stacked
         if not (on_top and pile.add_on_top(body, rest, rng)):
-            pile.add_on_area(body, rest, rng, area)
+            pile.add_on_area(body, rest, rng)
     return pile.placed
 
 
@@ -96,17 +258,18 @@ def arrange(bodies: Sequence[tuple[Body, StablePose, Rng]], area: Area) -> list[
 class _Pile:
     """The bodies placed so far; `carrier` maps a body's index to that of the body below it."""
 
-    spacing: float
+    area: Area
     placed: list[Placement] = field(default_factory=list)
     carrier: dict[int, int] = field(default_factory=dict)
 
-    def add_on_area(self, body: Body, rest: StablePose, rng: Rng, area: Area) -> None:
+    def add_on_area(self, body: Body, rest: StablePose, rng: Rng) -> None:
         """Place the body on the area."""
+        area = self.area
         for _ in range(_TRIES):
             spin = _random_spin(body, rng)
-            place = np.append(area.sample(rng, rest), area.height + _CLEARANCE * body.size)
-            trial = Placement(body, rest, spin, place)
-            if area.contains(trial.footprint) and self._is_apart(trial):
+            xy = area.sample(rng, rest) * area.half + area.middle
+            trial = Placement(body, rest, spin, np.append(xy, area.height + _CLEARANCE * body.size))
+            if (np.abs(trial.footprint - area.middle) < area.half * area.overhang).all() and self._is_apart(trial):
                 self.placed.append(trial)
                 return
 
@@ -149,8 +312,9 @@ class _Pile:
         """Whether the footprint is apart from those of all bodies that reach as high as its lowest point."""
         return all(
             other.top < trial.place[2]
-            or np.linalg.norm(trial.place[:2] - other.place[:2]) > trial.rest.reach + other.rest.reach + self.spacing
-            or gap(trial.footprint, other.footprint) > self.spacing
+            or np.linalg.norm(trial.place[:2] - other.place[:2])
+            > trial.rest.reach + other.rest.reach + self.area.spacing
+            or gap(trial.footprint, other.footprint) > self.area.spacing
             for other in self.placed
         )
 

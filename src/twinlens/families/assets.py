@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twinlens.errors import FileError, InputError
 from twinlens.families.draws import Rng
-from twinlens.scenes.assets import read_mesh, read_picture
+from twinlens.scenes.assets import read_mesh, read_picture, read_sky
 from twinlens.scenes.scene import Mesh
+from twinlens.scenes.textures import Image
 
 T = TypeVar("T")
 MESHES = (".glb", ".obj", ".ply", ".stl")
@@ -42,10 +42,7 @@ class Assets:
 
     @classmethod
     def from_folders(
-        cls,
-        meshes: Iterable[str | Path] = (),
-        textures: Iterable[str | Path] = (),
-        hdris: Iterable[str | Path] = (),
+        cls, meshes: Iterable[str | Path] = (), textures: Iterable[str | Path] = (), hdris: Iterable[str | Path] = ()
     ) -> "Assets":
         """All files of known types in these folders and their subfolders; a path may also name one file.
 
@@ -71,13 +68,15 @@ class Assets:
         """A file's name and mesh, of largest extent 1 m, centred, z up; None when no file can be used."""
         return self._draw(rng, self.meshes, _mesh)
 
-    def texture(self, rng: Rng) -> tuple[str, NDArray[np.float32]] | None:
-        """A file's name and picture (H, W, 3), linear, in [0, 0.95]; None when no file can be used."""
-        return self._draw(rng, self.textures, _texture)
+    def texture(self, rng: Rng) -> Image | None:
+        """A picture (H, W, 3), linear, in [0, 0.95]; None when no file can be used."""
+        drawn = self._draw(rng, self.textures, _texture)
+        return drawn and drawn[1]
 
-    def hdri(self, rng: Rng) -> tuple[str, NDArray[np.float32]] | None:
-        """A file's name and environment map (H, W, 3), linear; None when no file can be used."""
-        return self._draw(rng, self.hdris, _hdri)
+    def hdri(self, rng: Rng) -> Image | None:
+        """An environment map (H, W, 3), linear; None when no file can be used."""
+        drawn = self._draw(rng, self.hdris, _hdri)
+        return drawn and drawn[1]
 
     def _draw(self, rng: Rng, paths: tuple[Path, ...], read: Callable[[Path], T]) -> tuple[str, T] | None:
         """The first usable file in a random order; a broken file changes only the scenes that drew it."""
@@ -88,20 +87,16 @@ class Assets:
         return None
 
     def _get(self, path: Path, read: Callable[[Path], T]) -> T | None:
-        if path in self._failed:
-            return None
-        if path not in self._read:
+        if path not in self._read and path not in self._failed:
             if self.before_reading is not None:
                 self.before_reading(path)
             try:
                 self._read[path] = read(path)
             except (InputError, OSError) as error:
                 self._failed[path] = str(error).removeprefix(f"{path}: ")
-                return None
             if len(self._read) > MAX_CACHED:
                 del self._read[next(iter(self._read))]
-        made: T = self._read[path]
-        return made
+        return self._read.get(path)
 
 
 def _listed(kind: str, folders: Iterable[str | Path], suffixes: tuple[str, ...]) -> tuple[Path, ...]:
@@ -132,17 +127,15 @@ def _mesh(path: Path) -> Mesh:
     return Mesh(vertices, mesh.faces, None if mesh.normals is None else mesh.normals @ turn.T, mesh.uv)
 
 
-def _texture(path: Path) -> NDArray[np.float32]:
+def _texture(path: Path) -> Image:
     pixels = np.clip(read_picture(path), 0.0, 0.95)
     if min(pixels.shape[:2]) < 2:
         raise FileError(f"{path}: a texture needs 2x2 pixels or more")
-    return np.asarray(pixels, dtype=np.float32)
+    return pixels
 
 
-def _hdri(path: Path) -> NDArray[np.float32]:
-    pixels = read_picture(path)
-    if pixels.shape[0] < 2 or pixels.shape[1] < 3:
-        raise FileError(f"{path}: an environment map needs 2x3 pixels or more")
+def _hdri(path: Path) -> Image:
+    pixels = read_sky(path)
     if not pixels.max() > 0:
         raise FileError(f"{path}: is black")
     return pixels

@@ -6,60 +6,48 @@ from itertools import pairwise
 import numpy as np
 
 from twinlens.families import lighting
-from twinlens.families.charts import draw_chart
+from twinlens.families.arrangement import gap, outline
 from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng, one_of, weighted
-from twinlens.families.family import Family, Request
 from twinlens.families.furniture import board
 from twinlens.families.materials import material, metal_pixels, resized, texels, user_texture
-from twinlens.families.poses import move, turn_x, turn_y, turn_z
-from twinlens.families.stable_poses import gap, outline
-from twinlens.families.surfaces import FLOORS, WALLS, Sheet, surface, wall_colors
-from twinlens.families.view import View
+from twinlens.families.patterns import draw_chart
+from twinlens.families.surfaces import FLOORS, QUAD, WALLS, Sheet, quad, surface, wall_colors
 from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
-from twinlens.scenes.placement import translation
-from twinlens.scenes.scene import Bitmap, Mesh, Plugin, Scene
+from twinlens.scenes.placement import rotation, translation
+from twinlens.scenes.scene import Bitmap, Mesh, Plugin
 
 
-def compose(request: Request) -> Scene:
-    """One scene: charts at even steps of 1/depth, the floor they stand on, the wall behind, lights."""
-    depth_ratio = request.depth_ratio(2.2, 6.0)
-    scene = Composition(request, _view(request))
+def compose(scene: Composition) -> None:
+    """Add charts at even steps of 1/depth, the floor they stand on, the wall behind, lights."""
+    depth_ratio = scene.depth_ratio(2.2, 6.0)
+    rng = scene.rng("view")  # level or looking down a little along +y; the floor is z = 0
+    eye = np.array([0.0, 0.0, rng.uniform(0.45, 0.7)])
+    target = eye + np.array([0.0, 1.0, -rng.uniform(0.05, 0.3)])
+    scene.look(eye, target, rng.uniform(45, 62))
     _add_charts(scene, depth_ratio)
     _add_surroundings(scene, depth_ratio)
     rng = scene.rng("light")
     light = lighting.daylight if rng.random() < 0.3 else lighting.key_and_fill
     light(scene, rng, np.array([0.0, 0.55 * depth_ratio, 0.3]), 0.42 * depth_ratio)
-    return scene.scene(FAMILY.about)
-
-
-FAMILY = Family("test charts, steps and waves at set distances and slants", (5, 11), compose, 1.8)
-
-
-def _view(request: Request) -> View:
-    """Level or looking down a little along +y; the floor is z = 0."""
-    rng = request.rng("view")
-    eye = np.array([0.0, 0.0, rng.uniform(0.45, 0.7)])
-    target = eye + np.array([0.0, 1.0, -rng.uniform(0.05, 0.3)])
-    return request.view(eye, target, rng.uniform(45, 62))
 
 
 def _add_charts(scene: Composition, depth_ratio: float) -> None:
     """Add charts from near to far, left and right by turns; their footprints do not overlap."""
-    count, view = scene.request.count, scene.view
+    count, view = scene.count, scene.view
     steps = (np.arange(count) + scene.rng("steps").uniform(0.1, 0.9, count)) / count
     depths = 1 / (1 + (1 / (0.88 * depth_ratio) - 1) * steps)
     taken: list[Float] = []
-    for index, depth in enumerate(depths):
+    for index, depth in enumerate(depths.tolist()):
         place = scene.rng("place", index)
         name = weighted(place, list(BODIES), [0.62, 0.14, 0.12, 0.12])
-        size = float(place.uniform(0.26, 0.5)) * view.covered(float(depth))[1]
+        size = float(place.uniform(0.26, 0.5)) * view.covered(depth)[1]
         mesh, height = BODIES[name](scene.rng("shape", index), size)
         for attempt in range(30):
             side = (-1) ** (index + attempt) * place.uniform(0.05, 0.95)
-            at = view.at(side, 0.0, float(depth)) * [1, 1, 0]
-            pose = translation(at) @ turn_z(np.clip(place.normal(0, 28), -60, 60))
+            at = view.at(side, 0.0, depth) * [1, 1, 0]
+            pose = translation(at) @ rotation([0, 0, 1], np.clip(place.normal(0, 28), -60, 60))
             ground = transform_points(pose, mesh.vertices)
             footprint = outline(ground[:, :2])
             if float(view.depth(ground).min()) > 0.92 and all(gap(footprint, other) > 0.01 for other in taken):
@@ -74,8 +62,8 @@ def _add_charts(scene: Composition, depth_ratio: float) -> None:
 def _chart_material(scene: Composition, index: int, height: float, pixel: float) -> Plugin:
     """A chart's picture; its finest mark is at least two pixels wide."""
     n = texels(height, pixel)
-    own = user_texture(scene.request, "chart", index)
-    pixels = resized(own, n) if own is not None else draw_chart(scene.rng("chart", index), n, scene.palette)
+    own = user_texture(scene, "chart", index)
+    pixels = resized(own, n) if own is not None else draw_chart(scene.rng("chart", index), n, scene.palette.accents)
     finish = one_of(scene.rng("finish", index), ["matte", "matte", "satin"])
     return material(finish, Bitmap(pixels, wrap="mirror"), 0.3)
 
@@ -85,9 +73,10 @@ def _chart(rng: Rng, size: float) -> tuple[Mesh, float]:
     w, h, thick = size * rng.uniform(0.7, 1.3), size, 0.02 * size
     made = board((w, thick, h), (0, 0, 0))
     uv = np.column_stack([made.vertices[:, 0] / w + 0.5, made.vertices[:, 2] / h + 0.5])
-    leaning = shapes.transformed(Mesh(made.vertices, made.faces, made.normals, uv), turn_x(rng.uniform(-25, 35)))
+    lean = rotation([1, 0, 0], rng.uniform(-25, 35))
+    leaning = shapes.transformed(Mesh(made.vertices, made.faces, made.normals, uv), lean)
     rise = 0.12 * size - float(leaning.vertices[:, 2].min())
-    return shapes.transformed(leaning, move(0, 0, rise)), size
+    return shapes.transformed(leaning, translation([0, 0, rise])), size
 
 
 def _foot(chart: Mesh) -> Mesh:
@@ -100,9 +89,6 @@ def _foot(chart: Mesh) -> Mesh:
     return shapes.merged([board((0.8 * w, 0.3 * w, 0.5 * thick), (0, edge[1], 0.25 * thick)), *posts])
 
 
-_QUAD = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
-
-
 def _extruded(profile: Float, width: float) -> Mesh:
     """A strip of (y, z) points, bottom to top as seen from the front, extruded along x, with sides and back.
 
@@ -112,21 +98,17 @@ def _extruded(profile: Float, width: float) -> Mesh:
     x = np.array([-width / 2, width / 2, width / 2, -width / 2])
     parts = []
     for (a, b), (low, high) in zip(pairwise(profile), pairwise(length), strict=True):
-        corners = np.column_stack([x, [a[0], a[0], b[0], b[0]], [a[1], a[1], b[1], b[1]]])
-        normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
         uv = np.column_stack([x / width + 0.5, np.array([low, low, high, high]) / length[-1]])
-        parts.append(Mesh(corners, _QUAD, np.tile(normal / np.linalg.norm(normal), (4, 1)), uv))
+        parts.append(quad(np.column_stack([x, [a[0], a[0], b[0], b[0]], [a[1], a[1], b[1], b[1]]]), uv))
     rear = profile[:, 0].max()
-    for side in (-1.0, 1.0):
+    for side, faces in ((-1.0, QUAD[:, ::-1]), (1.0, QUAD)):
         for a, b in pairwise(profile):
             yz = np.array([a, [rear, a[1]], [rear, b[1]], b])
             corners = np.column_stack([np.full(4, side * width / 2), yz])
-            uv = (yz - profile.min(axis=0)) / width
-            faces = _QUAD if side > 0 else _QUAD[:, ::-1]
-            parts.append(Mesh(corners, faces, np.tile([side, 0.0, 0.0], (4, 1)), uv))
+            parts.append(Mesh(corners, faces, np.tile([side, 0.0, 0.0], (4, 1)), (yz - profile.min(axis=0)) / width))
     back = np.column_stack([x, np.full(4, rear), profile[[0, 0, -1, -1], 1]])
-    flipped = np.array([[0, 2, 1], [0, 3, 2]], dtype=np.uint32)
-    parts.append(Mesh(back, flipped, np.tile([0.0, 1.0, 0.0], (4, 1)), np.zeros((4, 2))))
+    normals = np.tile([0.0, 1.0, 0.0], (4, 1))
+    parts.append(Mesh(back, np.array([[0, 2, 1], [0, 3, 2]], dtype=np.uint32), normals, np.zeros((4, 2))))
     return shapes.merged(parts)
 
 
@@ -149,8 +131,8 @@ def _wave(rng: Rng, size: float) -> tuple[Mesh, float]:
     t = np.linspace(0, 1, 16 * count + 1)
     width = size * rng.uniform(1.0, 1.5)
     profile = np.column_stack([deep * np.sin(2 * np.pi * count * t), (t - 0.5) * width])
-    upright = shapes.transformed(_extruded(profile, 0.85 * size), turn_y(90.0))
-    return shapes.transformed(upright, move(0, 0, 0.425 * size)), size
+    upright = shapes.transformed(_extruded(profile, 0.85 * size), rotation([0, 1, 0], 90.0))
+    return shapes.transformed(upright, translation([0, 0, 0.425 * size])), size
 
 
 BODIES = {"chart": _chart, "steps": _steps, "wedge": _wedge, "wave": _wave}
@@ -167,8 +149,7 @@ def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
         wide = 4.0 * view.covered(distance)[0]
         middle = np.array([0.0, distance, 0.0])
         wall = Sheet(middle - 0.5 * wide * along, wide * along, np.array([0, 0, 1.6 * view.covered(distance)[1] + 1]))
-        floor = Sheet(np.array([-wide / 2, -0.2, 0.0]), np.array([wide, 0, 0]), np.array([0, 1.6 * distance + 0.2, 0]))
-        return floor, wall
+        return Sheet(*np.array([[-wide / 2, -0.2, 0], [wide, 0, 0], [0, 1.6 * distance + 0.2, 0]])), wall
 
     far = scene.z_buffer([sheets(depth_ratio)[0].mesh()]).depth_range[0] * depth_ratio
     distance = scene.backdrop_distance(lambda d: [sheet.mesh() for sheet in sheets(d)], far, far)

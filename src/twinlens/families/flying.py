@@ -6,24 +6,21 @@ import numpy as np
 
 from twinlens.families import lighting
 from twinlens.families.bodies import draw_body
-from twinlens.families.composition import Composition
-from twinlens.families.draws import log_uniform, one_of
-from twinlens.families.family import Family, Request
+from twinlens.families.composition import Composition, similarity
+from twinlens.families.draws import Rng, log_uniform, one_of
 from twinlens.families.kinds import KINDS
 from twinlens.families.materials import body_material
-from twinlens.families.poses import random_rotation, similarity
-from twinlens.families.sky import painted_sky
 from twinlens.families.surfaces import WALLS, Sheet, surface, wall_colors
-from twinlens.families.view import View
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
-from twinlens.scenes.scene import Scene
 
 
-def compose(request: Request) -> Scene:
-    """One scene: bodies, the background, lights."""
-    depth_ratio = request.depth_ratio(2.5, 8.0)
-    scene = Composition(request, _view(request))
+def compose(scene: Composition) -> None:
+    """Add the bodies, the background, lights."""
+    rng = scene.rng("view")
+    target = np.array([0.0, 1.0, rng.uniform(-0.15, 0.1)])
+    scene.look(np.zeros(3), target, rng.uniform(42, 65))
+    depth_ratio = scene.depth_ratio(2.5, 8.0)
     _add_bodies(scene, depth_ratio)
     far = scene.z_buffer().depth_range[0] * depth_ratio
     open_air = scene.rng("open air").random() < 0.4
@@ -32,43 +29,46 @@ def compose(request: Request) -> Scene:
     else:
         _add_wall(scene, far)
     rng = scene.rng("light")
-    if not (request.assets.hdris and lighting.user_environment(scene, rng)):
-        if open_air:
-            lighting.environment(scene, painted_sky(rng), float(rng.uniform(0, 360)))
-        else:
-            lighting.key_and_fill(scene, rng, scene.view.at(0, 0, 0.5 * depth_ratio), 0.6 * depth_ratio)
-    return scene.scene(FAMILY.about)
-
-
-FAMILY = Family("things in the air, at disparities spread evenly", (14, 26), compose, 1.3)
-
-
-def _view(request: Request) -> View:
-    rng = request.rng("view")
-    target = np.array([0.0, 1.0, rng.uniform(-0.15, 0.1)])
-    return request.view(np.zeros(3), target, rng.uniform(42, 65))
+    if scene.assets.hdris and lighting.user_environment(scene, rng):
+        return
+    if open_air:
+        lighting.environment(scene, lighting.painted_sky(rng), float(rng.uniform(0, 360)))
+    else:
+        lighting.key_and_fill(scene, rng, scene.view.at(0, 0, 0.5 * depth_ratio), 0.6 * depth_ratio)
 
 
 def _add_bodies(scene: Composition, depth_ratio: float) -> None:
     """Add bodies at even steps of 1/depth from 1 m to 0.9 `depth_ratio`; their bounding spheres do not overlap."""
-    count, view = scene.request.count, scene.view
+    count, view = scene.count, scene.view
     steps = (np.arange(count) + scene.rng("steps").random(count)) / count
     inverse = 1 + (1 / (0.9 * depth_ratio) - 1) * steps
     taken: list[tuple[Float, float]] = []
-    for index, depth in enumerate(1 / inverse):
+    for index, depth in enumerate((1 / inverse).tolist()):
         body = draw_body(scene, ("body", index))
         rng = scene.rng("place", index)
-        reach = 0.5 * log_uniform(rng, 0.1, 0.34) * view.covered(float(depth))[0]
+        reach = 0.5 * log_uniform(rng, 0.1, 0.34) * view.covered(depth)[0]
         size = reach / float(np.linalg.norm(body.solid.mesh.vertices, axis=1).max())
         for _ in range(40):
             x, y = rng.uniform(-1, 1, 2) * (1.0, 0.95)
-            centre = view.at(float(x), float(y), float(depth) + reach)
+            centre = view.at(float(x), float(y), depth + reach)
             if all(np.linalg.norm(centre - other) > reach + radius for other, radius in taken):
                 taken.append((centre, reach))
-                pose = similarity(random_rotation(rng), centre, size)
-                pixel = view.pixel(float(depth)) / size * body.size
-                scene.add(body.name, body.solid.mesh, body.material(pixel), pose)
+                pose = similarity(_random_rotation(rng), centre, size)
+                scene.add(body.name, body.solid.mesh, body.material(view.pixel(depth) / size * body.size), pose)
                 break
+
+
+def _random_rotation(rng: Rng) -> Float:
+    """A uniform random rotation (3, 3). Source: Shoemake, Uniform Random Rotations, Graphics Gems III, 1992."""
+    q = rng.normal(size=4)
+    w, x, y, z = q / np.linalg.norm(q)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def _add_wall(scene: Composition, far: float) -> None:
@@ -88,8 +88,7 @@ def _add_wall(scene: Composition, far: float) -> None:
     distance = scene.backdrop_distance(lambda d: [sheet(d).mesh()], far, 0.8 * far)
     name, tile = one_of(rng, WALLS)
     tile *= 0.25 * view.covered(distance)[0]
-    colors = wall_colors(rng, scene.palette)
-    wall = sheet(distance)
+    wall, colors = sheet(distance), wall_colors(rng, scene.palette)
     scene.add("backdrop", wall.mesh(), surface(scene, ("wall",), wall, name, colors, tile))
 
 
@@ -98,17 +97,13 @@ def _add_moon(scene: Composition, far: float) -> None:
     rng, view = scene.rng("moon"), scene.view
     x, y = one_of(rng, [-1.0, 1.0]) * rng.uniform(0.2, 0.6), rng.uniform(-0.5, 0.3)
     share = rng.uniform(0.16, 0.28)
-    solid = KINDS["ball"].make(rng)
-    turn = random_rotation(rng)
-
-    def size(distance: float) -> float:
-        return 2 * share * float(view.covered(distance)[0])
+    solid, turn = KINDS["ball"].make(rng), _random_rotation(rng)
 
     def pose(distance: float) -> Float:
-        return similarity(turn, view.at(x, y, distance), size(distance))
+        return similarity(turn, view.at(x, y, distance), 2 * share * float(view.covered(distance)[0]))
 
     distance = scene.backdrop_distance(lambda d: [shapes.transformed(solid.mesh, pose(d))], far, far)
-    names = ("granite", "marble", "stripes", "cloudy", "cloudy")
+    size, names = 2 * share * float(view.covered(distance)[0]), ("granite", "marble", "stripes", "cloudy", "cloudy")
     stream, pixel = scene.rng("moon", "texture"), view.pixel(distance)
-    made = body_material(stream, solid, size(distance), pixel, scene.palette, "matte", names)
+    made = body_material(stream, solid, size, pixel, scene.palette, "matte", names)
     scene.add("moon", solid.mesh, made, pose(distance))

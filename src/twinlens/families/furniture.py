@@ -3,16 +3,19 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from twinlens.families.draws import Rng, one_of
-from twinlens.families.poses import move, turn_x, turn_y
 from twinlens.families.solids import double_sided, face_cross, hard_edged
 from twinlens.scenes import shapes
+from twinlens.scenes.placement import rotation, translation
 from twinlens.scenes.scene import Mesh
+
+DINING_HEIGHT = 0.74  # metres
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +46,7 @@ def board(extents: tuple[float, float, float], middle: tuple[float, float, float
     """A box or, with a radius, a cushion."""
     size = np.array(extents)
     made = shapes.rounded_box(size, radius, 3, tile=1.0) if radius > 0 else shapes.box(size, tile=1.0)
-    return shapes.transformed(made, move(*middle))
+    return shapes.transformed(made, translation(middle))
 
 
 def rod(low: ArrayLike, high: ArrayLike, radius: float) -> Mesh:
@@ -56,23 +59,19 @@ def rod(low: ArrayLike, high: ArrayLike, radius: float) -> Mesh:
     side /= np.linalg.norm(side)
     pose = np.eye(4)
     pose[:3] = np.stack([side, np.cross(axis, side), axis, np.asarray(low, dtype=float)], axis=1)
-    moved = shapes.transformed(bar, pose)
-    return Mesh(moved.vertices, moved.faces, moved.normals, np.asarray(moved.uv) * [0.2, length])
+    return replace(shapes.transformed(bar, pose), uv=np.asarray(bar.uv) * [0.2, length])
 
 
 def _legs(width: float, depth: float, height: float, thick: float, inset: float, rounded: bool) -> Mesh:
     """Four legs."""
-    made = []
-    for x in (-(width / 2 - inset), width / 2 - inset):
-        for y in (-(depth / 2 - inset), depth / 2 - inset):
-            if rounded:
-                made.append(rod([x, y, 0], [0.94 * x, 0.94 * y, height], thick / 2))
-            else:
-                made.append(board((thick, thick, height), (x, y, height / 2)))
-    return shapes.merged(made)
+    half_x, half_y = width / 2 - inset, depth / 2 - inset
+    places = [(x, y) for x in (-half_x, half_x) for y in (-half_y, half_y)]
+    if rounded:
+        return shapes.merged([rod([x, y, 0], [0.94 * x, 0.94 * y, height], thick / 2) for x, y in places])
+    return shapes.merged([board((thick, thick, height), (x, y, height / 2)) for x, y in places])
 
 
-def _table(rng: Rng, width: float, depth: float, height: float) -> Piece:
+def _table(rng: Rng, width: float, depth: float, height: float, kind: str = "table") -> Piece:
     """A rectangular or round top on four legs."""
     thick, rounded = rng.uniform(0.025, 0.05), rng.random() < 0.5
     if rng.random() < 0.3:
@@ -85,26 +84,12 @@ def _table(rng: Rng, width: float, depth: float, height: float) -> Piece:
         shelf = (0.92 * width, 0.9 * depth)
     frame = _legs(0.85 * width, 0.85 * depth, height - thick, rng.uniform(0.03, 0.06), 0.03, rounded)
     parts = (("table-top", top, "wood"), ("table-legs", frame, one_of(rng, ["wood", "metal", "paint"])))
-    return Piece("table", parts, (width, depth), height, (Shelf((0, 0), height, shelf),))
+    return Piece(kind, parts, (width, depth), height, (Shelf((0, 0), height, shelf),))
 
 
-def _coffee_table(rng: Rng) -> Piece:
-    return _table(rng, rng.uniform(0.8, 1.2), rng.uniform(0.5, 0.75), rng.uniform(0.36, 0.46))
-
-
-def dining_table(rng: Rng) -> Piece:
-    """A table with room for chairs."""
-    return _table(rng, rng.uniform(1.2, 1.7), rng.uniform(0.75, 0.95), 0.74)
-
-
-def _side_table(rng: Rng) -> Piece:
-    side = rng.uniform(0.42, 0.55)
-    return _table(rng, side, side, rng.uniform(0.5, 0.7))
-
-
-def _stool(rng: Rng) -> Piece:
-    side = rng.uniform(0.34, 0.4)
-    return replace(_table(rng, side, side, rng.uniform(0.44, 0.62)), kind="stool")
+def _square_table(rng: Rng, kind: str, sides: tuple[float, float], heights: tuple[float, float]) -> Piece:
+    side = rng.uniform(*sides)
+    return _table(rng, side, side, rng.uniform(*heights), kind)
 
 
 def chair(rng: Rng) -> Piece:
@@ -151,17 +136,13 @@ def _sofa(rng: Rng, seats: int = 0) -> Piece:
     return Piece("sofa" if seats > 1 else "armchair", tuple(parts), (width, depth), high)
 
 
-def _armchair(rng: Rng) -> Piece:
-    return _sofa(rng, 1)
-
-
 def _pillow(rng: Rng, width: float, depth: float, low: float) -> Mesh:
     """A pillow that leans against the back."""
     side = rng.uniform(0.36, 0.46)
     made = shapes.rounded_box(np.array([side, 0.13, side]), 0.06, 3, tile=side)
-    lean = turn_x(-rng.uniform(12, 24)) @ turn_y(rng.uniform(-15, 15))
+    lean = rotation([1, 0, 0], -rng.uniform(12, 24)) @ rotation([0, 1, 0], rng.uniform(-15, 15))
     x = rng.uniform(-0.5, 0.5) * (width - side)
-    return shapes.transformed(made, move(x, depth / 2 - 0.43, low + 0.07 + side / 2) @ lean)
+    return shapes.transformed(made, translation([x, depth / 2 - 0.43, low + 0.07 + side / 2]) @ lean)
 
 
 def _bookcase(rng: Rng) -> Piece:
@@ -195,7 +176,7 @@ def _books(rng: Rng, width: float, depth: float, low: float, free: float) -> Mes
         book = board((thick - 0.001, deep, tall), (x + thick / 2, y, low + tall / 2))
         u = (int(rng.integers(32)) + 0.5) / 32
         uv = np.column_stack([np.full(len(book.vertices), u), (book.vertices[:, 2] - low) / free])
-        made.append(Mesh(book.vertices, book.faces, book.normals, uv))
+        made.append(replace(book, uv=uv))
         x += thick
     return shapes.merged(made)
 
@@ -262,7 +243,7 @@ def _floor_lamp(rng: Rng) -> Piece:
     stand = shapes.merged([rod([0, 0, 0], [0, 0, 0.025], 0.15), rod([0, 0, 0.02], [0, 0, tall], 0.011)])
     low, high = rng.uniform(0.17, 0.25), rng.uniform(0.1, 0.17)
     shade = shapes.lathe(np.array([(low, 0), (high, 0.28)]), 40, smooth=False)
-    shade = shapes.transformed(shade, move(0, 0, tall - 0.12))
+    shade = shapes.transformed(shade, translation([0, 0, tall - 0.12]))
     return Piece("lamp", (("lamp", stand, "metal"), ("shade", shade, "lit")), (0.4, 0.4), tall + 0.16)
 
 
@@ -277,9 +258,18 @@ AGAINST_WALLS: dict[str, Maker] = {
     "sofa": _sofa,
     "bookcase": _bookcase,
     "sideboard": _sideboard,
-    "armchair": _armchair,
+    "armchair": partial(_sofa, seats=1),
     "plant": _plant,
     "lamp": _floor_lamp,
 }
-IN_THE_MIDDLE: tuple[Maker, ...] = (_coffee_table, dining_table)
-IN_FRONT: tuple[Maker, ...] = (_side_table, _stool, chair, _crate, _plant)
+IN_THE_MIDDLE: tuple[Maker, ...] = (
+    lambda rng: _table(rng, rng.uniform(0.8, 1.2), rng.uniform(0.5, 0.75), rng.uniform(0.36, 0.46)),
+    lambda rng: _table(rng, rng.uniform(1.2, 1.7), rng.uniform(0.75, 0.95), DINING_HEIGHT),
+)
+IN_FRONT: tuple[Maker, ...] = (
+    partial(_square_table, kind="table", sides=(0.42, 0.55), heights=(0.5, 0.7)),
+    partial(_square_table, kind="stool", sides=(0.34, 0.4), heights=(0.44, 0.62)),
+    chair,
+    _crate,
+    _plant,
+)

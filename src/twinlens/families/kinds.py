@@ -8,10 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from twinlens.families.draws import Rng, one_of
-from twinlens.families.solids import Solid, closed_grid, cuboid, extruded, hard_edged, hull, lathed, polar, unit
+from twinlens.families.solids import Solid, closed_grid, extruded, hard_edged, hull, lathed, polar, unit
 from twinlens.geometry import Float
+from twinlens.scenes import shapes
 
 
 def _hollow(outside: list[tuple[float, float]], wall: float, floor: float) -> Float:
@@ -112,10 +114,8 @@ def _apple(rng: Rng) -> Solid:
     return lathed(profile)
 
 
-def _pear(rng: Rng) -> Solid:
-    profile = [(0, 0.05), (0.1, 0.01), (0.2, 0.0), (0.36, 0.1), (0.42, 0.34), (0.3, 0.66), (0.2, 0.88), (0.13, 1.02),
-               (0, 1.06)]  # fmt: skip
-    return lathed(np.array(profile) * [rng.uniform(0.9, 1.1), 1.0])
+_PEAR = np.array([(0, 0.05), (0.1, 0.01), (0.2, 0.0), (0.36, 0.1), (0.42, 0.34), (0.3, 0.66), (0.2, 0.88), (0.13, 1.02),
+                  (0, 1.06)])  # fmt: skip
 
 
 def _egg(rng: Rng) -> Solid:
@@ -156,17 +156,14 @@ def _capsule(rng: Rng) -> Solid:
     return lathed(np.vstack([below, above]), upright=False)
 
 
-def _book(rng: Rng) -> Solid:
-    return cuboid(np.array([1.0, rng.uniform(0.62, 0.8), rng.uniform(0.08, 0.26)]), 0.012)
-
-
-def _carton(rng: Rng) -> Solid:
-    return cuboid(np.array([rng.uniform(0.4, 1.0), rng.uniform(0.3, 0.8), rng.uniform(0.4, 1.1)]), 0.012)
+def _cuboid(extents: ArrayLike, radius: float = 0.012, upright: bool = True) -> Solid:
+    """A rounded box of these proportions; patterns have the same scale on every side."""
+    return unit(shapes.rounded_box(np.asarray(extents), radius, 2, tile=1.0), upright)
 
 
 def _block(rng: Rng) -> Solid:
     extents = rng.uniform(0.35, 1.0, 3) if rng.random() < 0.7 else np.ones(3)
-    return cuboid(extents, rng.uniform(0.02, 0.14) * float(extents.min()), upright=False)
+    return _cuboid(extents, rng.uniform(0.02, 0.14) * float(extents.min()), upright=False)
 
 
 def _sphere_angles(rows: int = 28, columns: int = 48) -> tuple[Float, Float]:
@@ -183,14 +180,6 @@ def _sphere() -> Float:
     return xyz
 
 
-def _ball(rng: Rng) -> Solid:
-    return unit(closed_grid(_sphere()), False, (5.2, 3.14), True)
-
-
-def _ellipsoid(rng: Rng) -> Solid:
-    return unit(closed_grid(_sphere() * rng.uniform(0.5, 1.0, 3)), False, (4.4, 2.6), True)
-
-
 def _superquadric(rng: Rng) -> Solid:
     """Between box, cylinder, sphere and octahedron. Source: Barr, Superquadrics, IEEE CG&A 1(1), 1981."""
     e1, e2 = rng.choice([0.25, 0.4, 0.7, 1.0, 1.6], 2)
@@ -203,7 +192,7 @@ def _superquadric(rng: Rng) -> Solid:
     ring[[0, -1]] = 0.0
     x, y, z = ring * power(np.cos(lon), e2), ring * power(np.sin(lon), e2), power(np.sin(lat), e1)
     xyz = np.stack(np.broadcast_arrays(x, y, z), -1)
-    return unit(closed_grid(xyz * rng.uniform(0.55, 1.0, 3)), False, (4.8, 2.8), True)
+    return closed_grid(xyz * rng.uniform(0.55, 1.0, 3), (4.8, 2.8))
 
 
 def _pebble(rng: Rng) -> Solid:
@@ -213,7 +202,7 @@ def _pebble(rng: Rng) -> Solid:
     for frequency in (1.5, 2.5, 4.0, 7.0):
         waves = rng.normal(0, 1, (4, 3)) * frequency
         r += 0.09 / frequency**0.8 * np.sin(xyz @ waves.T + rng.uniform(0, 6.28, 4)).sum(axis=-1)
-    return unit(closed_grid(xyz * r[..., None] * rng.uniform(0.6, 1.0, 3)), False, (4.6, 2.7), True)
+    return closed_grid(xyz * r[..., None] * rng.uniform(0.6, 1.0, 3), (4.6, 2.7))
 
 
 def _blob(rng: Rng) -> Solid:
@@ -223,7 +212,7 @@ def _blob(rng: Rng) -> Solid:
     r = 1 + depth * np.cos(count * lon + twist * lat) * np.cos(lat) ** 0.7
     xyz = np.stack(np.broadcast_arrays(r * np.cos(lat) * np.cos(lon), r * np.cos(lat) * np.sin(lon), np.sin(lat)), -1)
     xyz[[0, -1], :, :2] = 0.0
-    return unit(closed_grid(xyz * [1, 1, rng.uniform(0.6, 1.1)]), False, (5.0, 2.8), True)
+    return closed_grid(xyz * [1, 1, rng.uniform(0.6, 1.1)], (5.0, 2.8))
 
 
 def _ring(rng: Rng) -> Solid:
@@ -235,7 +224,7 @@ def _ring(rng: Rng) -> Solid:
     r = thick * (1 + depth * np.cos(count * phi))
     across = 1 + r * np.cos(theta)
     xyz = np.stack(np.broadcast_arrays(across * np.cos(phi), across * np.sin(phi), r * np.sin(theta)), -1)
-    return unit(closed_grid(xyz, wrap_v=True), False, (6.28, 6.28 * thick), True)
+    return closed_grid(xyz, (6.28, 6.28 * thick), wrap_v=True)
 
 
 def _knot(rng: Rng) -> Solid:
@@ -256,7 +245,7 @@ def _knot(rng: Rng) -> Solid:
     side = np.cross(tangent, bend)
     a = np.linspace(0, 2 * math.pi, 14, endpoint=False)[None, :, None]
     points = curve(t)[:, None] + 0.42 * (np.cos(a) * bend[:, None] + np.sin(a) * side[:, None])
-    return unit(closed_grid(points.swapaxes(0, 1)[::-1], wrap_v=True), False, (24.0, 2.6), True)
+    return closed_grid(points.swapaxes(0, 1)[::-1], (24.0, 2.6), wrap_v=True)
 
 
 def _cyclic(first: tuple[float, ...], second: tuple[float, ...]) -> list[tuple[float, float, float]]:
@@ -273,10 +262,6 @@ _POLYHEDRA = (  # corners of tetrahedron, octahedron, icosahedron, dodecahedron,
     + _cyclic((-1 / _GOLDEN, 1 / _GOLDEN), (-_GOLDEN, _GOLDEN)),
     _cyclic((-1, 1), (-1, 1)),
 )
-
-
-def _crystal(rng: Rng) -> Solid:
-    return hull(np.array(one_of(rng, _POLYHEDRA), dtype=np.float64))
 
 
 def _directions(count: int) -> Float:
@@ -311,10 +296,6 @@ def _heart(rng: Rng) -> Solid:
     return extruded(np.stack([x, y], axis=-1)[::-1] / 16, rng.uniform(0.3, 0.6))
 
 
-def _prism(rng: Rng) -> Solid:
-    return extruded(_directions(one_of(rng, [3, 5, 6, 8])), rng.uniform(0.5, 2.2))
-
-
 def _nut(rng: Rng) -> Solid:
     """A hexagonal nut."""
     angle = np.arange(60) * math.pi / 30
@@ -339,6 +320,7 @@ _PRINTED = ("art", "stripes", "triangles", "dots", "plain", "camouflage", "check
 _TOY = ("plain", "wood", "stripes", "dots", "triangles", "checks", "cloudy", "mosaic", "camouflage")
 _CAST = ("plain", "cloudy", "granite", "wood", "marble")
 
+# fmt: off
 KINDS: dict[str, Kind] = {
     "vase": Kind(_vase, (0.18, 0.36), 1.6, _GLAZED),
     "bottle": Kind(_bottle, (0.2, 0.34), 1.3, ("plain", "cloudy", "stripes", "speckled")),
@@ -350,29 +332,36 @@ KINDS: dict[str, Kind] = {
     "tin": Kind(_tin, (0.08, 0.15), 1.0, _PRINTED),
     "candle": Kind(_candle, (0.07, 0.2), 0.8, ("plain", "cloudy", "stripes", "marble")),
     "apple": Kind(_apple, (0.075, 0.095), 1.4, _FRUIT),
-    "pear": Kind(_pear, (0.09, 0.12), 0.9, _FRUIT),
+    "pear": Kind(lambda rng: lathed(_PEAR * [rng.uniform(0.9, 1.1), 1.0]), (0.09, 0.12), 0.9, _FRUIT),
     "egg": Kind(_egg, (0.06, 0.09), 0.6, _FRUIT),
     "pawn": Kind(_pawn, (0.09, 0.22), 0.8, ("wood", "plain", "marble")),
     "cylinder": Kind(_cylinder, (0.08, 0.22), 0.7, _TOY),
     "cone": Kind(_cone, (0.1, 0.2), 0.6, _TOY),
     "capsule": Kind(_capsule, (0.08, 0.18), 0.5, _TOY),
-    "book": Kind(_book, (0.18, 0.3), 1.8, ("plain", "art", "stripes", "weave", "triangles", "cloudy", "scales")),
-    "carton": Kind(_carton, (0.1, 0.28), 1.4, _PRINTED),
+    "book": Kind(lambda rng: _cuboid([1.0, rng.uniform(0.62, 0.8), rng.uniform(0.08, 0.26)]), (0.18, 0.3), 1.8,
+                 ("plain", "art", "stripes", "weave", "triangles", "cloudy", "scales")),
+    "carton": Kind(lambda rng: _cuboid([rng.uniform(0.4, 1.0), rng.uniform(0.3, 0.8), rng.uniform(0.4, 1.1)]),
+                   (0.1, 0.28), 1.4, _PRINTED),
     "block": Kind(_block, (0.06, 0.16), 1.2, _TOY),
-    "ball": Kind(_ball, (0.07, 0.18), 1.2, ("stripes", "plain", "dots", "cloudy", "marble", "triangles")),
-    "ellipsoid": Kind(_ellipsoid, (0.08, 0.18), 0.5, _TOY),
+    "ball": Kind(lambda _: closed_grid(_sphere(), (5.2, 3.14)), (0.07, 0.18), 1.2,
+                 ("stripes", "plain", "dots", "cloudy", "marble", "triangles")),
+    "ellipsoid": Kind(lambda rng: closed_grid(_sphere() * rng.uniform(0.5, 1.0, 3), (4.4, 2.6)), (0.08, 0.18), 0.5,
+                      _TOY),
     "superquadric": Kind(_superquadric, (0.1, 0.22), 1.0, _TOY),
     "pebble": Kind(_pebble, (0.06, 0.2), 1.1, _STONE),
     "blob": Kind(_blob, (0.1, 0.2), 0.9, _GLAZED),
     "ring": Kind(_ring, (0.1, 0.24), 0.8, _TOY),
     "knot": Kind(_knot, (0.12, 0.26), 0.5, _CAST),
-    "crystal": Kind(_crystal, (0.08, 0.18), 0.8, ("plain", "granite", "marble", "wood", "chips")),
+    "crystal": Kind(lambda rng: hull(np.array(one_of(rng, _POLYHEDRA), dtype=np.float64)), (0.08, 0.18), 0.8,
+                    ("plain", "granite", "marble", "wood", "chips")),
     "star": Kind(_star, (0.1, 0.2), 0.5, _TOY),
     "gear": Kind(_gear, (0.1, 0.24), 0.8, ("plain", "cloudy", "granite")),
     "flower": Kind(_flower, (0.1, 0.2), 0.5, _TOY),
     "heart": Kind(_heart, (0.08, 0.18), 0.4, ("plain", "cloudy", "wood", "dots")),
-    "prism": Kind(_prism, (0.08, 0.22), 0.6, _TOY),
+    "prism": Kind(lambda rng: extruded(_directions(one_of(rng, [3, 5, 6, 8])), rng.uniform(0.5, 2.2)), (0.08, 0.22),
+                  0.6, _TOY),
     "nut": Kind(_nut, (0.07, 0.16), 0.5, ("plain", "granite")),
 }
+# fmt: on
 METALLIC = ("gear", "nut", "knot", "ring", "vase", "goblet", "tin", "ball", "crystal", "bowl", "capsule", "blob")
 GLASSY = ("vase", "bottle", "goblet", "ball", "cup", "crystal")

@@ -9,15 +9,12 @@ import math
 import numpy as np
 from scipy.ndimage import zoom
 
-from twinlens.errors import unknown
-from twinlens.families.colors import METALS, Palette, shuffled, varied
 from twinlens.families.composition import Composition
-from twinlens.families.draws import Rng, one_of, weighted
-from twinlens.families.family import Request
-from twinlens.families.patterns import Image, half_size, noise, pattern
+from twinlens.families.draws import METALS, Palette, Rng, one_of, shuffled, varied, weighted
+from twinlens.families.patterns import half_size, noise, pattern
 from twinlens.families.solids import Solid
-from twinlens.geometry import Float
 from twinlens.scenes.scene import Bitmap, Plugin
+from twinlens.scenes.textures import Image
 
 PROPORTIONS = {"matte": 0.44, "satin": 0.22, "glossy": 0.20, "metal": 0.09, "glass": 0.03, "mirror": 0.02}
 """Relative probabilities of the finishes; `draw_finish` omits metals or glass for bodies that are not made of them."""
@@ -40,8 +37,8 @@ def material(finish: str, color: Bitmap, roughness: float = 0.2) -> Plugin:
     return {"type": "roughplastic", "diffuse_reflectance": color, "alpha": roughness}
 
 
-def draw_finish(rng: Rng, metal: bool = True, glass: bool = True) -> str:
-    """A finish by its proportion; without metals or glass for bodies that are not made of them."""
+def draw_finish(rng: Rng, metal: bool, glass: bool) -> str:
+    """A finish by its proportion; metals and glass only where allowed."""
     names = [n for n in PROPORTIONS if (metal or n not in ("metal", "mirror")) and (glass or n != "glass")]
     return weighted(rng, names, [PROPORTIONS[name] for name in names])
 
@@ -56,34 +53,35 @@ def texels(length: float, pixel: float, most: int = _MAX_TEXELS) -> int:
 
 
 def body_material(
-    rng: Rng, solid: Solid, size: float, pixel: float, palette: Palette, finish: str, names: tuple[str, ...]
+    rng: Rng,
+    solid: Solid,
+    size: float,
+    pixel: float,
+    palette: Palette,
+    finish: str,
+    names: tuple[str, ...],
+    own: Image | None = None,
 ) -> Plugin:
-    """A material in one of the patterns `names`, for a body `size` metres large seen with pixels of `pixel` metres."""
-    name = one_of(rng, names)
-    tile = size * one_of(rng, [0.35, 0.5, 0.7, 1.0])
+    """A material for a body `size` metres large seen with pixels of `pixel` metres.
+
+    It has one of the patterns `names`, or a user's own picture, repeated a whole number of times where u closes on
+    itself.
+    """
+    name = "" if own is not None else one_of(rng, names)
+    tile = size * one_of(rng, [0.5, 1.0] if own is not None else [0.35, 0.5, 0.7, 1.0])
     if name in ("art", "wood", "marble", "cloudy"):
         tile = size
     n = texels(tile, pixel)
-    roughness = float(rng.uniform(*_ROUGHNESS.get(finish, (0.2, 0.2))))
-    if finish in ("metal", "mirror"):
+    roughness = float(rng.uniform(*(_ROUGHNESS.get(finish, (0.2, 0.2)) if own is None else (0.05, 0.3))))
+    if own is not None:
+        pixels = resized(own, n)
+    elif finish in ("metal", "mirror"):
         pixels = metal_pixels(rng, n, finish)
     else:
-        pixels = pattern(name, n, rng, palette.shuffled_accents(rng))
-    return material(finish, Bitmap(pixels, to_uv=_repeats(solid, size, tile)), roughness)
-
-
-def user_body_material(pixels: Image, rng: Rng, solid: Solid, size: float, pixel: float, finish: str) -> Plugin:
-    """A user's texture, repeated once or twice over a body, no texel smaller than a pixel."""
-    tile = size * one_of(rng, [0.5, 1.0])
-    color = Bitmap(resized(pixels, texels(tile, pixel)), to_uv=_repeats(solid, size, tile))
-    return material(finish, color, float(rng.uniform(0.05, 0.3)))
-
-
-def _repeats(solid: Solid, size: float, tile: float) -> Float:
-    """`to_uv` (4, 4) that repeats a tile along u and v of a body; a whole number of times where u closes on itself."""
+        pixels = pattern(name, n, rng, varied(rng, shuffled(rng, palette.accents)))
     u, v = (span * size / tile for span in solid.span)
     u, v = (float(max(1, round(u))), max(v, 0.25)) if solid.around else (u, v)
-    return np.diag([u, v, 1.0, 1.0])
+    return material(finish, Bitmap(pixels, to_uv=np.diag([u, v, 1.0, 1.0])), roughness)
 
 
 def metal_pixels(rng: Rng, n: int, finish: str) -> Image:
@@ -94,12 +92,11 @@ def metal_pixels(rng: Rng, n: int, finish: str) -> Image:
     return (np.clip(tint * grey[..., None], 0, 0.97)).astype(np.float32)
 
 
-def user_texture(request: Request, *part: str | int) -> Image | None:
+def user_texture(scene: Composition, *part: str | int) -> Image | None:
     """One of the user's textures for a share of the surfaces; None for the others, and if no file can be read."""
-    if not request.assets.textures or request.rng(*part, "own texture").random() >= _USER_TEXTURES:
+    if not scene.assets.textures or scene.rng(*part, "own texture").random() >= _USER_TEXTURES:
         return None
-    drawn = request.assets.texture(request.rng(*part, "picture"))
-    return None if drawn is None else drawn[1]
+    return scene.assets.texture(scene.rng(*part, "picture"))
 
 
 def resized(pixels: Image, side: int) -> Image:
@@ -138,26 +135,24 @@ def furniture_material(
     """The material of one part of a piece of furniture; parts with the same `word` and `shared` look alike."""
     if word == "spines":
         return material("satin", Bitmap(_spines(scene, part), filter="nearest"), 0.3)
-    if word not in FURNITURE:
-        raise unknown("furniture material", word, FURNITURE)
     names, tile, finish, roughness = FURNITURE[word]
-    rng = scene.rng("dress", *(part if word in ("pattern", "picture", "rug") else (word, shared)))
+    rng, palette = (
+        scene.rng("dress", *(part if word in ("pattern", "picture", "rug") else (word, shared))),
+        scene.palette,
+    )
     n = texels(tile, pixel, 256)
-    own = user_texture(scene.request, *part) if word in ("picture", "rug", "pattern", "fabric") else None
+    own = user_texture(scene, *part) if word in ("picture", "rug", "pattern", "fabric") else None
     if own is not None:
         pixels = resized(own, n)
     elif word == "metal":
         pixels = metal_pixels(rng, n, "metal")
     else:
-        pixels = pattern(one_of(rng, names), n, rng, _colors(rng, word, scene.palette), 0.07)
+        name = one_of(rng, names)
+        tones = np.vstack([palette.accents, palette.grounds]) if word in ("fabric", "paint") else palette.accents
+        fixed = _FIXED_COLORS.get(word)
+        colors = varied(rng, shuffled(rng, tones), 0.1) if fixed is None else varied(rng, fixed)
+        pixels = pattern(name, n, rng, colors)
     return material(finish, Bitmap(pixels, to_uv=np.diag([1 / tile, 1 / tile, 1.0, 1.0])), roughness)
-
-
-def _colors(rng: Rng, word: str, palette: Palette) -> Float:
-    if word in _FIXED_COLORS:
-        return varied(rng, _FIXED_COLORS[word], 0.12)
-    tones = np.vstack([palette.accents, palette.grounds]) if word in ("fabric", "paint") else palette.accents
-    return varied(rng, shuffled(rng, tones), 0.1)
 
 
 def _spines(scene: Composition, part: tuple[str | int, ...]) -> Image:

@@ -1,7 +1,7 @@
-"""Coloured textures: float32 (n, n, 3), linear, periodic in both directions, each texel an average over its area.
+"""Coloured textures, float32 (n, n, 3), linear: patterns, periodic in both directions, and printed test charts.
 
 The caller chooses n so that a texel is no smaller than a pixel where the surface is seen; the finest period is two
-texels. `pattern` adds faint mottling at several scales to each, so that no surface is a single flat tone.
+texels. Each texel is an average over its area.
 """
 
 import math
@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from twinlens.families.colors import STONES, WOODS, shuffled, varied
-from twinlens.families.draws import Rng, one_of
+from twinlens.families.draws import STONES, WOODS, Rng, one_of, shuffled, varied, weighted
 from twinlens.geometry import Float
 from twinlens.scenes import textures
+from twinlens.scenes.textures import Image
 
-Image = NDArray[np.float32]
+_PAPER = np.array([[0.03, 0.03, 0.035], [0.8, 0.79, 0.76]])
 
 
 def texture_seed(rng: Rng) -> int:
@@ -54,17 +54,7 @@ def _averaged(n: int, fine: Float) -> Image:
     return np.asarray(fine.reshape(n, inner, n, inner, 3).mean(axis=(1, 3)), dtype=np.float32)
 
 
-def plain(n: int, rng: Rng, colors: Float) -> Image:
-    """One colour."""
-    return np.broadcast_to(colors[0], (n, n, 3)).astype(np.float32)
-
-
-def cloudy(n: int, rng: Rng, colors: Float) -> Image:
-    """A noisy gradient between two colours, as in reactive glaze and washed plaster."""
-    return ramp(noise(n, rng, int(rng.integers(2, 6)), contrast=1.7), colors[:2])
-
-
-def marble(n: int, rng: Rng, colors: Float) -> Image:
+def _marble(n: int, rng: Rng, colors: Float) -> Image:
     """Veins along the level lines of noise in a clouded stone."""
     stone = one_of(rng, STONES)
     veins = np.zeros((n, n))
@@ -75,7 +65,7 @@ def marble(n: int, rng: Rng, colors: Float) -> Image:
     return ramp(np.clip(0.35 * cloud + 0.75 * veins, 0, 1), varied(rng, stone, 0.08))
 
 
-def granite(n: int, rng: Rng, colors: Float) -> Image:
+def _granite(n: int, rng: Rng, colors: Float) -> Image:
     """Grains of three tones."""
     stone = one_of(rng, STONES)
     tones = np.vstack([stone, stone.mean(axis=0, keepdims=True), 0.3 * stone[1:]])
@@ -83,14 +73,13 @@ def granite(n: int, rng: Rng, colors: Float) -> Image:
     return ramp(grains, varied(rng, tones, 0.06))
 
 
-def wood(n: int, rng: Rng, colors: Float) -> Image:
-    """Wood grain along v."""
+def _wood(n: int, rng: Rng, colors: Float) -> Image:
     tones = varied(rng, one_of(rng, WOODS), 0.08)
     count = int(rng.integers(3, 9))
     return ramp(textures.wood(n, n, count, texture_seed(rng), waviness=rng.uniform(0.15, 0.7), grain=0.4), tones)
 
 
-def planks(n: int, rng: Rng, colors: Float) -> Image:
+def _planks(n: int, rng: Rng, colors: Float) -> Image:
     """Boards along v, each with its own tone and grain."""
     tones = varied(rng, one_of(rng, WOODS), 0.08)
     count = one_of(rng, [4, 5, 6])
@@ -108,7 +97,7 @@ def planks(n: int, rng: Rng, colors: Float) -> Image:
     return np.asarray(np.clip(ramp(rolled, tones) * (light * groove)[..., None], 0, 0.9), dtype=np.float32)
 
 
-def bricks(n: int, rng: Rng, colors: Float) -> Image:
+def _bricks(n: int, rng: Rng, colors: Float) -> Image:
     """Running bond, in the colours of fired clay or painted."""
     clay = np.array([[0.32, 0.12, 0.07], [0.5, 0.24, 0.14]]) if rng.random() < 0.5 else 0.75 * colors[:1] + [[0], [0.1]]
     grey = textures.bricks(n, n, (4, 8), texture_seed(rng), mortar=max(0.09, 9.0 / n), variation=0.7)
@@ -118,7 +107,7 @@ def bricks(n: int, rng: Rng, colors: Float) -> Image:
     return np.asarray(mortar * (1 - weight) + tone * weight, dtype=np.float32)
 
 
-def camouflage(n: int, rng: Rng, colors: Float) -> Image:
+def _camouflage(n: int, rng: Rng, colors: Float) -> Image:
     """Noise quantised to four levels."""
     field = noise(n, rng, int(rng.integers(2, 5)), octaves=4, contrast=1.6)
     steps = np.sort(rng.uniform(0.3, 0.7, 3))
@@ -126,7 +115,7 @@ def camouflage(n: int, rng: Rng, colors: Float) -> Image:
     return ramp(sum(np.clip((field - s) / width + 0.5, 0, 1) for s in steps) / 3.0, colors[:4])
 
 
-def speckled(n: int, rng: Rng, colors: Float) -> Image:
+def _speckled(n: int, rng: Rng, colors: Float) -> Image:
     """Dark specks in a pale glaze, as in stoneware."""
     pale = 0.35 * colors[:1] + 0.4
     radii = max(0.003, 0.6 / n), max(0.012, 1.0 / n)
@@ -135,14 +124,14 @@ def speckled(n: int, rng: Rng, colors: Float) -> Image:
     return np.asarray(pale * (1 - weight) + 0.12 * colors[1] * weight, dtype=np.float32)
 
 
-def weave(n: int, rng: Rng, colors: Float) -> Image:
+def _weave(n: int, rng: Rng, colors: Float) -> Image:
     """Plain weave of two yarns; a thread is at least four texels wide."""
     threads = max(4, min(n // 4, 40)) // 2 * 2
     over = textures.checker(n, n, (threads, threads))
     return ramp(0.5 * over + 0.5 * noise(n, rng, 6, contrast=1.2), np.vstack([0.72 * colors[0], colors[0]]))
 
 
-def stripes(n: int, rng: Rng, colors: Float) -> Image:
+def _stripes(n: int, rng: Rng, colors: Float) -> Image:
     """Repeated bands of several widths."""
     count = int(rng.integers(2, 5))
     chosen = shuffled(rng, colors)[:count]
@@ -154,7 +143,7 @@ def stripes(n: int, rng: Rng, colors: Float) -> Image:
     return _averaged(n, chosen[order[np.searchsorted(edges, t)]])
 
 
-def gingham(n: int, rng: Rng, colors: Float) -> Image:
+def _gingham(n: int, rng: Rng, colors: Float) -> Image:
     """Stripes across stripes; the crossings are darkest."""
     light, dark = 0.25 * colors[0] + 0.6, colors[1]
     repeats, duty = int(rng.integers(3, 8)), rng.uniform(0.35, 0.6)
@@ -163,14 +152,8 @@ def gingham(n: int, rng: Rng, colors: Float) -> Image:
     return _averaged(n, light + (dark - light) * weight[..., None])
 
 
-def checks(n: int, rng: Rng, colors: Float) -> Image:
-    """A checkerboard of two colours."""
-    cells = 2 * int(rng.integers(2, 5))
-    return ramp(textures.checker(n, n, (cells, cells)), colors[:2])
-
-
-def dots(n: int, rng: Rng, colors: Float) -> Image:
-    """Dots on a staggered lattice."""
+def _dots(n: int, rng: Rng, colors: Float) -> Image:
+    """On a staggered lattice."""
     cells, radius = 2 * int(rng.integers(2, 5)), rng.uniform(0.18, 0.36)
     spots = shuffled(rng, colors[1:])[: min(3, len(colors) - 1)]
     u, v = _uv(n)
@@ -187,7 +170,7 @@ def _cells(n: int, centres: Float) -> tuple[Float, NDArray[np.intp]]:
     return distance, index
 
 
-def chips(n: int, rng: Rng, colors: Float) -> Image:
+def _chips(n: int, rng: Rng, colors: Float) -> Image:
     """Terrazzo: angular chips of several colours and sizes on a pale ground."""
     count = int(rng.integers(90, 260))
     centres, size = rng.random((count, 2)), rng.lognormal(0, 0.35, count)
@@ -198,8 +181,8 @@ def chips(n: int, rng: Rng, colors: Float) -> Image:
     return _averaged(n, np.where(inside[..., None], tones[index[..., 0]], 0.3 * colors[-1] + 0.45))
 
 
-def mosaic(n: int, rng: Rng, colors: Float) -> Image:
-    """Broken tiles separated by grout."""
+def _mosaic(n: int, rng: Rng, colors: Float) -> Image:
+    """Broken tiles."""
     count = int(rng.integers(40, 130))
     centres = rng.random((count, 2))
     tones = varied(rng, colors[rng.integers(len(colors), size=count)], 0.1)
@@ -208,7 +191,7 @@ def mosaic(n: int, rng: Rng, colors: Float) -> Image:
     return _averaged(n, np.where(tile[..., None], tones[index[..., 0]], np.full(3, 0.55)))
 
 
-def tiles(n: int, rng: Rng, colors: Float) -> Image:
+def _tiles(n: int, rng: Rng, colors: Float) -> Image:
     """Square tiles with grout, some of a second colour."""
     cells = one_of(rng, [4, 6, 8])
     width = max(0.035, 1.2 * cells / n)
@@ -221,7 +204,7 @@ def tiles(n: int, rng: Rng, colors: Float) -> Image:
     return _averaged(n, np.where(joint[..., None], 0.5, chosen[y.astype(int), x.astype(int)]))
 
 
-def triangles(n: int, rng: Rng, colors: Float) -> Image:
+def _triangles(n: int, rng: Rng, colors: Float) -> Image:
     """Squares halved along a diagonal, as in patchwork."""
     cells = one_of(rng, [4, 6, 8])
     tone = rng.integers(len(colors), size=(cells, cells, 2))
@@ -233,7 +216,7 @@ def triangles(n: int, rng: Rng, colors: Float) -> Image:
     return _averaged(n, colors[tone[i, j, half]])
 
 
-def zigzag(n: int, rng: Rng, colors: Float) -> Image:
+def _zigzag(n: int, rng: Rng, colors: Float) -> Image:
     """Chevrons, as in woven rugs."""
     count = int(rng.integers(3, 6))
     chosen = shuffled(rng, colors)[:count]
@@ -243,7 +226,7 @@ def zigzag(n: int, rng: Rng, colors: Float) -> Image:
     return _averaged(n, chosen[(t * len(chosen) % len(chosen)).astype(int)])
 
 
-def scales(n: int, rng: Rng, colors: Float) -> Image:
+def _scales(n: int, rng: Rng, colors: Float) -> Image:
     """Overlapping fans of concentric rings (seigaiha)."""
     cells = one_of(rng, [4, 6])
     u, v = _uv(n)
@@ -257,21 +240,13 @@ def scales(n: int, rng: Rng, colors: Float) -> Image:
     return _averaged(n, np.where((best % 2 == 0)[..., None], colors[1], colors[0]))
 
 
-def art(n: int, rng: Rng, colors: Float) -> Image:
+def _art(n: int, rng: Rng, colors: Float) -> Image:
     """An abstract print: discs, bars and rings on a ground."""
-    shapes = [
-        (
-            int(rng.integers(3)),
-            *rng.random(2),
-            rng.uniform(0.06, 0.3),
-            rng.uniform(0, math.pi),
-            int(rng.integers(1, len(colors))),
-        )
-        for _ in range(int(rng.integers(5, 12)))
-    ]
     u, v = _uv(n)
     out = np.broadcast_to(colors[0], (*u.shape, 3)).copy()
-    for kind, x, y, size, angle, tone in shapes:
+    for _ in range(int(rng.integers(5, 12))):
+        kind, (x, y), size = int(rng.integers(3)), rng.random(2), rng.uniform(0.06, 0.3)
+        angle, tone = rng.uniform(0, math.pi), int(rng.integers(1, len(colors)))
         dx, dy = (u - x + 0.5) % 1.0 - 0.5, (v - y + 0.5) % 1.0 - 0.5
         r = np.hypot(dx, dy)
         along, across = dx * math.cos(angle) + dy * math.sin(angle), dy * math.cos(angle) - dx * math.sin(angle)
@@ -280,14 +255,19 @@ def art(n: int, rng: Rng, colors: Float) -> Image:
     return _averaged(n, out)
 
 
-_ALL = (plain, cloudy, marble, granite, wood, planks, stripes, gingham, checks, dots, chips, mosaic, tiles, bricks,
-        triangles, zigzag, scales, camouflage, speckled, weave, art)  # fmt: skip
-PATTERNS: dict[str, Callable[[int, Rng, Float], Image]] = {function.__name__: function for function in _ALL}
-"""Every pattern by name."""
+_DRAWN = (_marble, _granite, _wood, _planks, _stripes, _gingham, _dots, _chips, _mosaic, _tiles, _bricks, _triangles,
+          _zigzag, _scales, _camouflage, _speckled, _weave, _art)  # fmt: skip
+PATTERNS: dict[str, Callable[[int, Rng, Float], Image]] = {
+    "plain": lambda n, rng, colors: np.broadcast_to(colors[0], (n, n, 3)).astype(np.float32),
+    "cloudy": lambda n, rng, colors: ramp(noise(n, rng, int(rng.integers(2, 6)), contrast=1.7), colors[:2]),
+    "checks": lambda n, rng, colors: ramp(textures.checker(n, n, (2 * int(rng.integers(2, 5)),) * 2), colors[:2]),
+    **{function.__name__[1:]: function for function in _DRAWN},
+}
+"""Every pattern by name: functions of the size, a random stream and colours."""
 
 
 def pattern(name: str, n: int, rng: Rng, colors: Float, mottle: float = 0.07) -> Image:
-    """A pattern with faint mottling, clipped to the albedo of paint."""
+    """A pattern with faint mottling, so that no surface is a single flat tone, clipped to the albedo of paint."""
     painted = PATTERNS[name](n, rng, colors)
     wear = noise(n, rng, 3, octaves=6, gain=0.6) - np.float32(0.5)
     return np.asarray(np.clip(painted * np.exp(np.float32(5 * mottle) * wear)[..., None], 0.01, 0.88), dtype=np.float32)
@@ -298,3 +278,63 @@ def half_size(image: Image) -> Image:
     h, w = (length // 2 * 2 for length in image.shape[:2])
     p = image[:h, :w]
     return np.asarray(0.25 * (p[::2, ::2] + p[1::2, ::2] + p[::2, 1::2] + p[1::2, 1::2]))
+
+
+def _dot_chart(rng: Rng, n: int, accents: Float) -> Image:
+    """A regular grid of dots, as for calibration."""
+    cells = int(rng.integers(5, max(6, min(11, n // 6))))
+    at = (np.arange(n * 3) + 0.5) / (n * 3) * cells % 1.0 - 0.5
+    disc = (np.hypot(at[:, None], at) > 0.3).reshape(n, 3, n, 3).mean(axis=(1, 3))
+    return ramp(disc, _PAPER)
+
+
+def _bars(rng: Rng, n: int, accents: Float) -> Image:
+    """Bars of increasing frequency."""
+    u = (np.arange(n * 4) + 0.5) / (n * 4)
+    most = min(n / 5, 28)
+    phase = 3 * u + 0.5 * (most - 3) * u**2
+    line = (phase % 1.0 < 0.5).reshape(n, 4).mean(axis=1)
+    grey = np.broadcast_to(line, (n, n))
+    return ramp(grey if rng.random() < 0.5 else grey.T, _PAPER)
+
+
+def _color_checker(rng: Rng, n: int, accents: Float) -> Image:
+    """Patches of colour and a row of greys in a dark frame."""
+    columns, rows = 6, 4
+    tones = varied(rng, np.vstack([accents] * 4)[:24], 0.25).reshape(rows, columns, 3)
+    tones[-1] = np.linspace(0.03, 0.8, columns)[:, None]
+    at = (np.arange(n) + 0.5) / n
+    i, j = (at * rows).astype(int), (at * columns).astype(int)
+    inside = (np.abs(at * rows % 1 - 0.5) < 0.42)[:, None] & (np.abs(at * columns % 1 - 0.5) < 0.42)
+    return np.where(inside[..., None], tones[i][:, j], 0.02).astype(np.float32)
+
+
+def _random_squares(rng: Rng, n: int, accents: Float) -> Image:
+    """Random grey squares, as in random-dot stereograms."""
+    cells = min(n // 2, one_of(rng, [16, 24, 32]))
+    return ramp(textures.value_noise(n, n, (cells, cells), texture_seed(rng), "nearest"), _PAPER)
+
+
+_POSTERS = ("art", "mosaic", "triangles", "marble", "camouflage", "chips", "zigzag", "scales")
+_CHARTS: tuple[tuple[float, Callable[[Rng, int, Float], Image]], ...] = (
+    (1.2, lambda rng, n, _: ramp(textures.checker(n, n, (int(rng.integers(5, max(6, min(12, n // 4)))),) * 2), _PAPER)),
+    (0.8, lambda rng, n, _: ramp(textures.siemens_star(n, n, one_of(rng, [8, 12, 18])), _PAPER)),
+    (1.0, _dot_chart),
+    (1.0, _random_squares),
+    (1.0, lambda rng, n, tones: ramp(noise(n, rng, 4, 7, 0.75, 1.8), np.insert(_PAPER, 1, varied(rng, tones[:1]), 0))),
+    (0.6, _bars),
+    (0.8, _color_checker),
+    (3.0, lambda rng, n, accents: pattern(one_of(rng, _POSTERS), n, rng, varied(rng, shuffled(rng, accents)))),
+)
+"""Every chart and its weight in draws."""
+
+
+def draw_chart(rng: Rng, n: int, accents: Float) -> Image:
+    """A test chart of n x n texels with a margin of paper; no mark is finer than two texels. `accents` is (N, 3)."""
+    weights, charts = zip(*_CHARTS, strict=True)
+    draw = weighted(rng, charts, weights)
+    made = np.array(draw(rng, n, accents), dtype=np.float32)
+    margin = max(1, n // 24)
+    for edge in (made[:margin], made[-margin:], made[:, :margin], made[:, -margin:]):
+        edge[:] = _PAPER[1]
+    return made

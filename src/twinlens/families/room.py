@@ -6,64 +6,91 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from twinlens.families import furniture, lighting
-from twinlens.families.arrangement import Area, arrange, choose_rest
-from twinlens.families.bodies import draw_body
+from twinlens.families.arrangement import Area, arrange, bodies_at_rest, gap
 from twinlens.families.composition import Composition
-from twinlens.families.draws import Rng, one_of
-from twinlens.families.family import Family, Request
-from twinlens.families.furniture import Piece, Shelf
-from twinlens.families.materials import furniture_material
-from twinlens.families.poses import move, turn_z
-from twinlens.families.room_shell import Shell, add_shell, add_window
-from twinlens.families.stable_poses import StablePose, gap
-from twinlens.families.view import View, rasterize, triangles
+from twinlens.families.draws import Rng, one_of, varied
+from twinlens.families.furniture import Piece, Shelf, board
+from twinlens.families.materials import furniture_material, material
+from twinlens.families.patterns import pattern
+from twinlens.families.solids import double_sided
+from twinlens.families.surfaces import FLOORS, WALLS, Sheet, surface, wall_colors
+from twinlens.families.view import rasterize, triangles
 from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
-from twinlens.scenes.placement import translation
-from twinlens.scenes.scene import Mesh, Scene
+from twinlens.scenes.placement import rotation, translation
+from twinlens.scenes.scene import Bitmap, Mesh, Plugin
 
 _SMALL = ("vase", "bottle", "bowl", "cup", "jar", "tin", "candle", "book", "book", "carton", "ball", "pebble", "knot",
           "plate", "blob", "superquadric", "goblet", "crystal", "ring")  # fmt: skip
 _SIDES = ("back", "left", "right")
 
 
-def compose(request: Request) -> Scene:
-    """One scene: the empty room and the camera, the furniture, the objects on it, then lights."""
-    rng = request.rng("room")
+def compose(scene: Composition) -> None:
+    """Add the furniture to an empty room, then walls, windows, the objects on the furniture, pictures and lights."""
+    rng = scene.rng("room")
     shell = Shell(rng.uniform(3.4, 5.2), -1.2, rng.uniform(3.6, 5.6), rng.uniform(2.45, 2.9))
-    view, near = _narrowed(_view(request, shell), shell, request.depth_ratio(3.2, 6.0))
-    scene = Composition(request, view)
-    plan = _FloorPlan(scene, shell, near)
+    plan = _FloorPlan(scene, shell, _set_view(scene, shell))
     plan.furnish()
-    add_shell(scene, shell)
+    _add_shell(scene, shell)
     _add_windows(scene, shell, plan)
     for index, (piece, pose) in enumerate(plan.placed):
         _add_piece(scene, piece, pose, index)
     _add_small_objects(scene, plan)
     _decorate(scene, shell, plan)
     _light(scene, shell)
-    return scene.scene(FAMILY.about)
 
 
-FAMILY = Family("a furnished room", (12, 26), compose, 2.5)
+@dataclass(frozen=True)
+class Shell:
+    """The room's box: x from -width/2 to width/2, y from `front` to `back`, z from 0 to `height`, metres."""
+
+    width: float
+    front: float
+    back: float
+    height: float
+
+    def sheets(self) -> dict[str, Sheet]:
+        """Its six sides, their fronts inside."""
+        w, h, d = np.array([self.width, 0, 0]), np.array([0, 0, self.height]), np.array([0, self.back - self.front, 0])
+        low = np.array([-self.width / 2, self.front, 0.0])
+        return {
+            "floor": Sheet(low, w, d),
+            "ceiling": Sheet(low + h + d, w, -d),
+            "back-wall": Sheet(low + d, w, h),
+            "left-wall": Sheet(low, d, h),
+            "right-wall": Sheet(low + w + d, -d, h),
+            "front-wall": Sheet(low + w, -w, h),
+        }
+
+    def wall_length(self, side: str) -> float:
+        """The length of the "back", "left" or "right" wall."""
+        return self.width if side == "back" else self.back - self.front
+
+    def against(self, side: str, along: float, off: float) -> Float:
+        """The pose (4, 4) of an object with its back to a wall: `off` metres from it, `along` from its middle."""
+        middle = 0.5 * (self.front + self.back)
+        if side == "back":
+            return translation([along, self.back - off, 0.0])
+        sign = -1.0 if side == "left" else 1.0
+        return translation([sign * (self.width / 2 - off), middle + along, 0.0]) @ rotation([0, 0, 1], -90.0 * sign)
 
 
-def _view(request: Request, shell: Shell) -> View:
-    """A view at eye height near the open end, turned a little to one side."""
-    rng = request.rng("view")
+def _set_view(scene: Composition, shell: Shell) -> float:
+    """Look from eye height near the open end, turned a little to one side; returns the nearest depth, metres.
+
+    The field is narrow enough that the floor is not seen nearer than that.
+    """
+    rng = scene.rng("view")
     eye = np.array([rng.uniform(-0.3, 0.3) * shell.width, shell.front + rng.uniform(0.25, 0.5), rng.uniform(1.15, 1.6)])
     target = np.array([-0.6 * eye[0] + rng.uniform(-0.4, 0.4), shell.back, rng.uniform(0.55, 1.0)])
-    return request.view(eye, target, rng.uniform(50, 63))
-
-
-def _narrowed(view: View, shell: Shell, depth_ratio: float) -> tuple[View, float]:
-    """The view with a field narrow enough that the floor is not seen nearer than far/depth_ratio, and that depth."""
+    scene.look(eye, target, rng.uniform(50, 63))
+    depth_ratio = scene.depth_ratio(3.2, 6.0)
     sides = [triangles(sheet.mesh()) for sheet in shell.sheets().values()]
     while True:
-        floor, far = rasterize(view, sides, 320).depth_range
-        if floor >= far / depth_ratio or view.fov_x_deg < 25:
-            return view, far / depth_ratio
-        view = replace(view, fov_x_deg=0.95 * view.fov_x_deg)
+        floor, far = rasterize(scene.view, sides, 320).depth_range
+        if floor >= far / depth_ratio or scene.view.fov_x_deg < 25:
+            return far / depth_ratio
+        scene.view = replace(scene.view, fov_x_deg=0.95 * scene.view.fov_x_deg)
 
 
 def _floor_rectangle(size: tuple[float, float], pose: Float, margin: float = 0.0) -> Float:
@@ -100,18 +127,14 @@ class _FloorPlan:
         limit = np.array([self.shell.width / 2 - 0.01, self.shell.back - 0.01]) + margin
         if (np.abs(outline[:, 0]) > limit[0]).any() or (outline[:, 1] > limit[1]).any():
             return False
-        least = self.near if near is None else near
-        if any(gap(outline, other) <= 0 for other in self.taken) or self._nearest_depth(piece, pose) < least:
+        floor = _floor_rectangle(piece.floor, pose)
+        corners = np.concatenate([np.column_stack([floor, np.full(4, z)]) for z in (0.0, piece.height)])
+        nearest = self.scene.view.depth(corners).min()
+        if any(gap(outline, other) <= 0 for other in self.taken) or nearest < (self.near if near is None else near):
             return False
         self.placed.append((piece, pose))
-        self.taken.append(_floor_rectangle(piece.floor, pose))
+        self.taken.append(floor)
         return True
-
-    def _nearest_depth(self, piece: Piece, pose: Float) -> float:
-        """The nearest depth of the piece's bounding box."""
-        outline = _floor_rectangle(piece.floor, pose)
-        corners = np.concatenate([np.column_stack([outline, np.full(4, z)]) for z in (0.0, piece.height)])
-        return float(self.scene.view.depth(corners).min())
 
     def _place_along(self, side: str, most: int) -> None:
         rng = self.scene.rng("along", side)
@@ -128,13 +151,12 @@ class _FloorPlan:
 
     def _place_in_the_middle(self) -> None:
         rng = self.scene.rng("middle")
-        make = one_of(rng, furniture.IN_THE_MIDDLE)
-        piece = make(self.scene.rng("piece", "middle"))
+        piece = one_of(rng, furniture.IN_THE_MIDDLE)(self.scene.rng("piece", "middle"))
         for _ in range(30):
             x, y = rng.uniform(-0.25, 0.25) * self.shell.width, rng.uniform(0.35, 0.75) * self.shell.back
-            pose = move(x, y, 0) @ turn_z(rng.normal(0, 12))
+            pose = translation([x, y, 0]) @ rotation([0, 0, 1], rng.normal(0, 12))
             if self._place_if_free(piece, pose):
-                if make is furniture.dining_table:
+                if piece.height == furniture.DINING_HEIGHT:
                     self._place_chairs(pose, piece)
                 return
 
@@ -144,9 +166,10 @@ class _FloorPlan:
         for sign in (-1, 1):
             for x in (-0.25, 0.25):
                 if rng.random() < 0.75:
-                    turn = turn_z((180.0 if sign < 0 else 0.0) + float(rng.normal(0, 14)))
+                    turn = rotation([0, 0, 1], (180.0 if sign < 0 else 0.0) + float(rng.normal(0, 14)))
                     off = table.floor[1] / 2 + made.floor[1] / 2 + rng.uniform(0.06, 0.25)
-                    self._place_if_free(made, pose @ move(x * table.floor[0], sign * off, 0) @ turn, 0.01)
+                    place = pose @ translation([x * table.floor[0], sign * off, 0])
+                    self._place_if_free(made, place @ turn, 0.01)
 
     def _place_in_front(self) -> None:
         """Place a piece at one side of the picture, moved along the view until its nearest visible depth is `near`."""
@@ -156,12 +179,104 @@ class _FloorPlan:
             side, turn = one_of(rng, [-1.0, 1.0]) * rng.uniform(0.4, 0.8), float(rng.uniform(0, 360))
             depth = found = self.near + 0.3
             for _ in range(6):
-                pose = translation(self.scene.view.at(side, 0.0, depth) * [1, 1, 0]) @ turn_z(turn)
+                place = translation(self.scene.view.at(side, 0.0, depth) * [1, 1, 0])
+                pose = place @ rotation([0, 0, 1], turn)
                 meshes = [triangles(mesh, pose) for _, mesh, _ in piece.parts]
                 found = float(rasterize(self.scene.view, meshes).depth.min())  # +inf where the piece is not visible
                 depth += self.near - found if math.isfinite(found) else 0.2 * self.near
             if abs(found - self.near) < 0.01 * self.near and self._place_if_free(piece, pose, near=0.0):
                 return
+
+
+def _add_shell(scene: Composition, shell: Shell) -> None:
+    """Add floor, walls, ceiling and skirting in the scene's colours; the back wall may have its own pattern."""
+    rng = scene.rng("shell")
+    colors = wall_colors(scene.rng("wall colours"), scene.palette, 0.25)
+    name, tile = one_of(rng, WALLS) if rng.random() < 0.35 else ("cloudy", 1.8)
+    accent = rng.random() < 0.5
+    for side, sheet in shell.sheets().items():
+        stream = ("surface", side)
+        if side == "floor":
+            kind, size = one_of(rng, FLOORS)
+            ground = wall_colors(scene.rng("floor colours"), scene.palette, 0.45)
+            finish = one_of(rng, ["matte", "satin", "satin"])
+            made = surface(scene, stream, sheet, kind, ground, size, finish, 0.3)
+        elif side == "ceiling":
+            white = np.array([[0.78, 0.77, 0.74], [0.72, 0.71, 0.69]])
+            made = surface(scene, stream, sheet, "cloudy", white, 2.0, mottle=0.05)
+        elif side == "back-wall" and accent:
+            kind, size = one_of(rng, WALLS)
+            made = surface(scene, stream, sheet, kind, wall_colors(scene.rng("accent"), scene.palette, 0.3), size)
+        else:
+            made = surface(scene, stream, sheet, name, colors, tile)
+        scene.add(side, sheet.mesh(), made)
+    if rng.random() < 0.8:
+        _add_skirting(scene, shell)
+
+
+def _add_skirting(scene: Composition, shell: Shell) -> None:
+    depth, tall = 0.015, 0.09
+    length, middle = shell.back - shell.front, 0.5 * (shell.front + shell.back)
+    boards = [board((shell.width, depth, tall), (0, shell.back - depth / 2, tall / 2))]
+    boards += [board((depth, length, tall), (s * (shell.width - depth) / 2, middle, tall / 2)) for s in (-1, 1)]
+    tone = varied(scene.rng("skirting"), np.array([[0.7, 0.69, 0.66]]), 0.1)
+    scene.add("skirting", shapes.merged(boards), _paint(scene, "skirting", tone, 64))
+
+
+def _paint(scene: Composition, part: str, tone: Float, texels: int) -> Plugin:
+    """One colour (1, 3), slightly mottled."""
+    return material("satin", Bitmap(pattern("plain", texels, scene.rng("paint", part), tone, 0.05)), 0.3)
+
+
+def _add_window(scene: Composition, pose: Float, index: int) -> None:
+    """Add a window: a bright pane that lights the room, a frame, sometimes curtains."""
+    rng = scene.rng("window", index)
+    wide, tall = rng.uniform(0.9, 1.7), rng.uniform(1.1, 1.5)
+    sill = rng.uniform(0.75, 0.95)
+    sky = lighting.COOL * (0.7, 0.85, 1.0) if rng.random() < 0.7 else lighting.WARM
+    upright = translation([0, -0.012, sill + tall / 2]) @ rotation([1, 0, 0], 90.0)
+    pane = shapes.transformed(lighting.rectangle(wide, tall), upright)
+    lighting.emitter(scene, f"window-pane-{index}", pane, pose, float(rng.uniform(1.8, 3.0)) * sky)
+    white = _paint(scene, f"frame{index}", np.array([[0.75, 0.74, 0.72]]), 32)
+    scene.add("window-frame", _frame(rng, wide, tall, sill), white, pose)
+    if rng.random() < 0.5:
+        cloth = pattern("weave", 64, rng, varied(rng, scene.palette.grounds), 0.06)
+        weave = material("matte", Bitmap(cloth, to_uv=np.diag([3.0, 3.0, 1.0, 1.0])))
+        scene.add("curtains", _curtains(rng, wide, tall, sill), weave, pose)
+
+
+def _frame(rng: Rng, wide: float, tall: float, sill: float) -> Mesh:
+    """A window frame with glazing bars and a sill board."""
+    bar, deep = 0.06, 0.05
+    z = sill + tall / 2
+    parts = [board((bar, deep, tall + bar), (s * wide / 2, -deep / 2, z)) for s in (-1, 1)]
+    parts += [board((wide + bar, deep, bar), (0, -deep / 2, z + s * tall / 2)) for s in (-1, 1)]
+    columns, rows = int(rng.integers(1, 4)), int(rng.integers(1, 4))
+    parts += [board((0.03, 0.035, tall), (wide * (i / columns - 0.5), -0.03, z)) for i in range(1, columns)]
+    parts += [board((wide, 0.035, 0.03), (0, -0.03, sill + tall * j / rows)) for j in range(1, rows)]
+    parts.append(board((wide + 0.2, 0.16, 0.03), (0, -0.08, sill - 0.045)))
+    return shapes.merged(parts)
+
+
+def _curtains(rng: Rng, wide: float, tall: float, sill: float) -> Mesh:
+    """A folded cloth at each side of a window, down to the floor or the sill."""
+    low = 0.03 if rng.random() < 0.6 else sill - 0.2
+    z = np.array([low, sill + tall + 0.14])
+    t = np.linspace(0, 1, 60)
+    made = []
+    for side in (-1, 1):
+        span = rng.uniform(0.3, 0.45)
+        x = side * (wide / 2 + 0.14) - side * span * (t - 0.35)
+        y = -0.1 - 0.03 * np.sin(2 * np.pi * t * rng.uniform(4, 6))
+        points = np.stack(np.broadcast_arrays(x, y, z[:, None]), axis=-1)
+        points = points if side < 0 else points[:, ::-1]
+        slope = np.gradient(points[0, :, 1], points[0, :, 0])
+        normal = np.stack([slope, -np.ones_like(slope), np.zeros_like(slope)], axis=-1)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        uv = np.stack(np.broadcast_arrays(t * span * 1.4, z[:, None]), axis=-1).reshape(-1, 2)
+        normals = np.concatenate([normal, normal])
+        made.append(double_sided(points.reshape(-1, 3), shapes.grid(60, 2), normals, uv, 1e-3))
+    return shapes.merged(made)
 
 
 def _add_piece(scene: Composition, piece: Piece, pose: Float, index: int) -> None:
@@ -182,30 +297,17 @@ def _add_small_objects(scene: Composition, plan: _FloorPlan) -> None:
     if not shelves:
         return
     weights = np.array([math.sqrt(shelf.size[0] * shelf.size[1]) for shelf, _ in shelves])
-    chosen = scene.rng("clutter").choice(len(shelves), size=scene.request.count, p=weights / weights.sum())
+    chosen = scene.rng("clutter").choice(len(shelves), size=scene.count, p=weights / weights.sum())
     for index, (shelf, pose) in enumerate(shelves):
         _fill_shelf(scene, shelf, pose, index, int((chosen == index).sum()))
 
 
 def _fill_shelf(scene: Composition, shelf: Shelf, pose: Float, index: int, count: int) -> None:
-    bodies = []
-    for k in range(count):
-        body = draw_body(scene, ("clutter", index, k), _SMALL)
-        rest = choose_rest(body, scene.rng("rest", index, k))
-        if rest is not None and rest.height < shelf.free:
-            bodies.append((body, rest, scene.rng("place", index, k)))
-    half = np.array(shelf.size) / 2
-
-    def sample(rng: Rng, rest: StablePose) -> Float:
-        return np.asarray(rng.uniform(-1, 1, 2) * half + shelf.middle)
-
-    def contains(outline: Float) -> bool:
-        return bool((np.abs(outline - shelf.middle) < half).all())
-
-    area = Area(sample, contains, shelf.height, 0.01, 0.35 if shelf.free > 0.5 else 0.0)
-    for placement in arrange(bodies, area):
-        at = pose @ placement.pose
-        body = placement.body
+    bodies = bodies_at_rest(scene, "clutter", [(index, k) for k in range(count)], _SMALL)
+    stacked = 0.35 if shelf.free > 0.5 else 0.0
+    area = Area(np.array(shelf.middle), np.array(shelf.size) / 2, shelf.height, 0.01, stacked)
+    for placement in arrange([each for each in bodies if each[1].height < shelf.free], area):
+        at, body = pose @ placement.pose, placement.body
         scene.add(body.name, body.solid.mesh, body.material(scene.pixel_at(at[:3, 3], 0.3)), at)
 
 
@@ -217,7 +319,7 @@ def _add_windows(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
         for _ in range(12):
             along = float(rng.uniform(-0.5, 0.5) * (shell.wall_length(side) - 1.9))
             if all(abs(along - at) > 0.95 + wide / 2 or tall < 0.75 for at, wide, tall in plan.walls[side]):
-                add_window(scene, shell, side, along, index)
+                _add_window(scene, shell.against(side, along, 0.0), index)
                 plan.walls[side].append((along, 2.0, 2.3))
                 break
 
@@ -226,9 +328,9 @@ def _decorate(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
     """Add a rug in the middle, and pictures where the walls are free."""
     rng = scene.rng("decoration")
     if rng.random() < 0.75:
-        rug = furniture.board((rng.uniform(1.5, 2.4), rng.uniform(1.0, 1.7), 0.012), (0, 0, 0.006), 0.005)
-        place = move(rng.uniform(-0.3, 0.3), rng.uniform(0.3, 0.6) * shell.back, 0.0005)
-        pose = place @ turn_z(rng.normal(0, 10))
+        rug = board((rng.uniform(1.5, 2.4), rng.uniform(1.0, 1.7), 0.012), (0, 0, 0.006), 0.005)
+        place = translation([rng.uniform(-0.3, 0.3), rng.uniform(0.3, 0.6) * shell.back, 0.0005])
+        pose = place @ rotation([0, 0, 1], rng.normal(0, 10))
         scene.add("rug", rug, furniture_material(scene, ("rug",), "rug", scene.view.pixel(2.0)), pose)
     for index, side in enumerate((*_SIDES, "back")):
         for _ in range(8):
@@ -242,13 +344,13 @@ def _decorate(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
 
 def _add_picture(scene: Composition, pose: Float, w: float, h: float, index: int) -> None:
     z = 1.55
-    frame = [furniture.board((w + 0.05, 0.03, 0.035), (0, -0.015, z + s * h / 2)) for s in (-1, 1)]
-    frame += [furniture.board((0.035, 0.03, h + 0.05), (s * w / 2, -0.015, z)) for s in (-1, 1)]
+    frame = [board((w + 0.05, 0.03, 0.035), (0, -0.015, z + s * h / 2)) for s in (-1, 1)]
+    frame += [board((0.035, 0.03, h + 0.05), (s * w / 2, -0.015, z)) for s in (-1, 1)]
     pixel = scene.pixel_at(pose[:3, 3], 0.5)
     wood = furniture_material(scene, ("frame", index), "wood", pixel)
     scene.add("picture-frame", shapes.merged(frame), wood, pose)
-    canvas = furniture.board((w, 0.012, h), (0, -0.007, z))
-    canvas = Mesh(canvas.vertices, canvas.faces, canvas.normals, np.asarray(canvas.uv) / [w, h])
+    canvas = board((w, 0.012, h), (0, -0.007, z))
+    canvas = replace(canvas, uv=np.asarray(canvas.uv) / [w, h])
     printed = furniture_material(scene, ("picture", index), "picture", pixel / max(w, h))
     scene.add("picture", canvas, printed, pose)
 
@@ -267,9 +369,9 @@ def _light(scene: Composition, shell: Shell) -> None:
         tone = one_of(rng, [lighting.WARM, lighting.NEUTRAL])
         level = rng.uniform(8.0, 12.0) / side**2
         spot = lighting.out_of_view(scene.view, spot, side, shell.front + side / 2)
-        lighting.panel(scene, "ceiling-light", spot, spot - [0, 0, 1], (side, side), level * tone)
+        lighting.panel(scene, "ceiling-light", spot, spot - [0, 0, 1], np.full(2, side), level * tone)
     place = np.array([0.0, shell.front + 0.02, 0.55 * shell.height])
-    size = (0.9 * shell.width, 0.8 * shell.height)
+    size = np.array([0.9 * shell.width, 0.8 * shell.height])
     level = rng.uniform(1.4, 2.2) if by_lamp else rng.uniform(3.5, 5.0)
     tone = lighting.NEUTRAL if by_lamp else lighting.COOL
     lighting.panel(scene, "hall-light", place, place + np.array([0, 1, 0]), size, level * tone)

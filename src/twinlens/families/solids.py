@@ -5,7 +5,7 @@ Every body is watertight once vertices at equal positions are merged, so volumes
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,8 +39,7 @@ def unit(mesh: Mesh, upright: bool, span: tuple[float, float] = (1.0, 1.0), arou
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     size = float((high - low).max())
     vertices = (mesh.vertices - (low + high) / 2) / size
-    scaled = Mesh(vertices, mesh.faces, mesh.normals, mesh.uv)
-    return Solid(scaled, upright, (span[0] / size, span[1] / size), around)
+    return Solid(replace(mesh, vertices=vertices), upright, (span[0] / size, span[1] / size), around)
 
 
 def lathed(profile: ArrayLike, upright: bool = True, smooth: bool = True) -> Solid:
@@ -55,11 +54,6 @@ def hard_edged(profile: ArrayLike) -> Float:
     """A profile (N, 2) with its inner points doubled: `shapes.lathe` makes a hard edge at each of them."""
     points = np.asarray(profile, dtype=np.float64)
     return np.repeat(points, [1, *[2] * (len(points) - 2), 1], axis=0)
-
-
-def cuboid(extents: Float, radius: float, upright: bool = True) -> Solid:
-    """A rounded box of these proportions; patterns have the same scale on every side."""
-    return unit(shapes.rounded_box(np.asarray(extents), radius, 2, tile=1.0), upright)
 
 
 def hull(points: Float) -> Solid:
@@ -130,8 +124,8 @@ def _creased_normals(faces: Indices, cross: Float, unit_cross: Float, angle: flo
     return _normalized(total)
 
 
-def closed_grid(points: Float, wrap_v: bool = False) -> Mesh:
-    """A closed surface of a grid (rows, columns, 3) whose columns wrap around.
+def closed_grid(points: Float, span: tuple[float, float], wrap_v: bool = False) -> Solid:
+    """A closed body from a grid (rows, columns, 3) whose columns wrap around; `span` as in `Solid`.
 
     The first and last row are poles or, with `wrap_v`, neighbours. Normals are means over the faces at a position.
     """
@@ -148,7 +142,8 @@ def closed_grid(points: Float, wrap_v: bool = False) -> Mesh:
     total = np.zeros((same.max() + 1, 3))
     for corner in range(3):
         np.add.at(total, same.ravel()[faces[:, corner]], cross)
-    return Mesh(vertices, faces, _normalized(total[same.ravel()]), np.stack([u, v], axis=-1).reshape(-1, 2))
+    normals = _normalized(total[same.ravel()])
+    return unit(Mesh(vertices, faces, normals, np.stack([u, v], axis=-1).reshape(-1, 2)), False, span, around=True)
 
 
 def face_cross(vertices: Float, faces: Indices) -> Float:

@@ -10,20 +10,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.families.colors import Palette, shuffled, varied
 from twinlens.families.composition import Composition
-from twinlens.families.draws import Rng
+from twinlens.families.draws import Palette, Rng, shuffled, varied
 from twinlens.families.materials import material, texels
-from twinlens.families.patterns import Image, half_size, pattern, texture_seed
+from twinlens.families.patterns import half_size, pattern, texture_seed
 from twinlens.families.view import View
 from twinlens.geometry import Float
-from twinlens.scenes import textures
+from twinlens.scenes import shapes, textures
 from twinlens.scenes.scene import Bitmap, Mesh, Plugin
+from twinlens.scenes.textures import Image
 
 Mask = NDArray[np.bool_]
 _MAX_TEXELS = 1024
 _BEYOND = 1.4  # of half the picture: what the right camera may see of a surface
 _MIN_COSINE = 0.25  # steeper views are filtered as this one
+_SQUARE = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+QUAD = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,19 +49,21 @@ class Sheet:
 
     def mesh(self, thickness: float = 0.0) -> Mesh:
         """Two triangles or, with a thickness, a closed slab behind them; (u, v) are those of the front."""
-        corners = self.corner + np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) @ np.stack([self.u, self.v])
-        square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
-        quad = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
+        corners = self.corner + _SQUARE @ np.stack([self.u, self.v])
         if thickness == 0:
-            return Mesh(corners, quad, np.tile(self.normal, (4, 1)), square)
+            return Mesh(corners, QUAD, np.tile(self.normal, (4, 1)), _SQUARE)
         behind = corners - thickness * self.normal
-        rings = [corners, behind[::-1]]
-        rings += [np.stack([corners[i], behind[i], behind[i - 3], corners[i - 3]]) for i in range(4)]
-        uvs = [square, square[::-1]] + [square[[i, i, i - 3, i - 3]] for i in range(4)]
-        faces = np.concatenate([quad + np.uint32(4 * i) for i in range(6)])
-        normals = [np.cross(r[1] - r[0], r[2] - r[0]) for r in rings]
-        unit = np.concatenate([np.tile(n / np.linalg.norm(n), (4, 1)) for n in normals])
-        return Mesh(np.concatenate(rings), faces, unit, np.concatenate(uvs))
+        sides = [
+            quad(np.stack([corners[i], behind[i], behind[i - 3], corners[i - 3]]), _SQUARE[[i, i, i - 3, i - 3]])
+            for i in range(4)
+        ]
+        return shapes.merged([quad(corners, _SQUARE), quad(behind[::-1], _SQUARE[::-1]), *sides])
+
+
+def quad(corners: Float, uv: Float) -> Mesh:
+    """A flat quadrilateral of corners (4, 3), counter-clockwise as seen from its front."""
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    return Mesh(corners, QUAD, np.tile(normal / np.linalg.norm(normal), (4, 1)), uv)
 
 
 def surface(
@@ -75,7 +79,9 @@ def surface(
 ) -> Plugin:
     """The material of a sheet: a pattern that repeats every `tile` metres, filtered for the scene's view."""
     rng, view = scene.rng(*stream), scene.view
-    near = max(view.pixel(_nearest(sheet, view)), 1e-6)
+    depth, inside = _project(sheet, view, np.linspace(0.02, 0.98, 25), np.linspace(0.02, 0.98, 25))
+    chosen = depth[inside] if inside.any() else depth[depth > 0]
+    near = max(view.pixel(float(chosen.min()) if chosen.size else 1.0), 1e-6)
     if name == "cloudy":
         colors = np.vstack([colors[:1], 0.55 * colors[:1] + 0.45 * colors[1:]])
     image = pattern(name, texels(tile, near, _MAX_TEXELS), rng, colors, mottle)
@@ -83,13 +89,6 @@ def surface(
     slow = textures.fractal_noise(baked.shape[1], baked.shape[0], (2, 2), texture_seed(rng), 2, contrast=0.5)
     baked = np.clip(baked * (1 + np.float32(0.7) * (slow - np.float32(0.5)))[..., None], 0.005, 0.88)
     return material(finish, Bitmap(baked, wrap="clamp"), roughness)
-
-
-def _nearest(sheet: Sheet, view: View) -> float:
-    """The depth of about the nearest visible part of the sheet."""
-    depth, inside = _project(sheet, view, np.linspace(0.02, 0.98, 25), np.linspace(0.02, 0.98, 25))
-    chosen = depth[inside] if inside.any() else depth[depth > 0]
-    return float(chosen.min()) if chosen.size else 1.0
 
 
 def _project(sheet: Sheet, view: View, s: Float, t: Float, reach: float = 1.05) -> tuple[Float, Mask]:
@@ -166,20 +165,20 @@ def _wrapped(picture: Image, y: Image, x: Image) -> Image:
     return np.asarray(upper * (1 - fy) + lower * fy)
 
 
+# fmt: off
 WALLS = (
     ("cloudy", 1.6), ("cloudy", 1.2), ("weave", 0.5), ("stripes", 0.7), ("bricks", 1.0), ("scales", 0.8), ("dots", 0.8),
     ("tiles", 0.8), ("planks", 1.1), ("granite", 1.0), ("triangles", 1.4), ("zigzag", 0.9),
-)  # fmt: skip
+)
 TOPS = (
     ("planks", 0.7), ("planks", 0.9), ("wood", 0.6), ("marble", 0.9), ("gingham", 0.35), ("stripes", 0.5),
-    ("weave", 0.3),
-    ("chips", 0.5), ("tiles", 0.5), ("granite", 0.5), ("zigzag", 0.6), ("mosaic", 0.5), ("cloudy", 0.8),
-)  # fmt: skip
+    ("weave", 0.3), ("chips", 0.5), ("tiles", 0.5), ("granite", 0.5), ("zigzag", 0.6), ("mosaic", 0.5), ("cloudy", 0.8),
+)
 FLOORS = (
     ("planks", 1.1), ("planks", 1.3), ("tiles", 1.6), ("chips", 1.2), ("checks", 1.2), ("granite", 0.8),
-    ("mosaic", 1.2),
-    ("marble", 1.6), ("weave", 0.4),
-)  # fmt: skip
+    ("mosaic", 1.2), ("marble", 1.6), ("weave", 0.4),
+)
+# fmt: on
 
 
 def wall_colors(rng: Rng, palette: Palette, contrast: float = 0.35) -> Float:

@@ -15,7 +15,6 @@ Triangles = tuple[Float, NDArray[np.uint32]]
 """Vertices (V, 3) in the world, and faces (F, 3)."""
 
 _NEAR = 1e-3  # metres: triangles are clipped at this depth
-_IDENTITY = np.eye(4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +44,7 @@ class View:
 
     def depth(self, points: Float) -> Float:
         """Depth (N,) along the axis of world points (N, 3)."""
-        z: Float = transform_points(self.cam_from_world, points)[..., 2]
-        return z
-
-    def depth_of(self, point: Float) -> float:
-        """Depth of one world point (3,)."""
-        return float(self.depth(np.asarray(point)[None])[0])
+        return np.asarray(transform_points(self.cam_from_world, points)[..., 2])
 
     def pixel(self, depth: float) -> float:
         """Width of a pixel in metres at this depth."""
@@ -79,9 +73,9 @@ class ZBuffer:
         return float(finite.min()), float(finite.max())
 
 
-def triangles(mesh: Mesh, pose: Float = _IDENTITY) -> Triangles:
+def triangles(mesh: Mesh, pose: Float | None = None) -> Triangles:
     """A mesh's triangles in the world."""
-    return transform_points(pose, mesh.vertices), mesh.faces
+    return mesh.vertices if pose is None else transform_points(pose, mesh.vertices), mesh.faces
 
 
 def rasterize(view: View, meshes: Sequence[Triangles], columns: int = 160) -> ZBuffer:
@@ -93,12 +87,15 @@ def rasterize(view: View, meshes: Sequence[Triangles], columns: int = 160) -> ZB
     rows = max(1, round(columns / view.aspect))
     corners = np.concatenate([transform_points(view.cam_from_world, vertices)[faces] for vertices, faces in meshes])
     owner = np.repeat(np.arange(len(meshes)), [len(faces) for _, faces in meshes])
-    corners, owner = _clip(corners, owner, _NEAR)
+    corners, owner = _clipped(corners, owner)
     depth = np.full(rows * columns, np.inf)
     index = np.full(rows * columns, -1, dtype=np.int64)
     uv = (corners[..., :2] / corners[..., 2:] / np.array(view.half) + 1) / 2 * (columns, rows) - 0.5
     tri, x, y = _candidates(uv, columns, rows)
-    weights, area = _edge_functions(uv[tri], x, y)
+    to_corner = np.stack([x, y], axis=-1)[:, None] - uv[tri]
+    following, last = to_corner[:, [1, 2, 0]], to_corner[:, [2, 0, 1]]
+    weights = following[..., 0] * last[..., 1] - following[..., 1] * last[..., 0]  # edge functions
+    area = weights.sum(axis=1)  # twice the triangle's
     inside = (weights * np.sign(area)[:, None] >= 0).all(axis=1) & (area != 0)
     tri, weights, area = tri[inside], weights[inside], area[inside]
     z = 1 / ((weights / area[:, None]) / corners[tri, :, 2]).sum(axis=1)
@@ -109,9 +106,9 @@ def rasterize(view: View, meshes: Sequence[Triangles], columns: int = 160) -> ZB
     return ZBuffer(depth.reshape(rows, columns), index.reshape(rows, columns))
 
 
-def _clip(corners: Float, owner: NDArray[np.int64], near: float) -> tuple[Float, NDArray[np.int64]]:
-    """The parts of triangles (F, 3, 3) beyond depth `near`: none, one or two triangles each."""
-    beyond = corners[..., 2] > near
+def _clipped(corners: Float, owner: NDArray[np.int64]) -> tuple[Float, NDArray[np.int64]]:
+    """The parts of triangles (F, 3, 3) beyond the near plane: none, one or two triangles each."""
+    beyond = corners[..., 2] > _NEAR
     count = beyond.sum(axis=1)
     kept = [(corners[count == 3], owner[count == 3])]
     for ahead in (1, 2):
@@ -119,7 +116,7 @@ def _clip(corners: Float, owner: NDArray[np.int64], near: float) -> tuple[Float,
         odd = np.argmax(beyond[chosen] if ahead == 1 else ~beyond[chosen], axis=1)
         corner = np.take_along_axis(corners[chosen], (odd[:, None] + np.arange(3))[..., None] % 3, axis=1)
         a, b, c = corner[:, 0], corner[:, 1], corner[:, 2]
-        ab, ac = (a + (near * 1.0001 - a[:, 2:]) / (p[:, 2:] - a[:, 2:]) * (p - a) for p in (b, c))
+        ab, ac = (a + (_NEAR * 1.0001 - a[:, 2:]) / (p[:, 2:] - a[:, 2:]) * (p - a) for p in (b, c))
         made = [(a, ab, ac)] if ahead == 1 else [(ab, b, c), (ab, c, ac)]
         kept += [(np.stack(parts, axis=1), owner[chosen]) for parts in made]
     return np.concatenate([t for t, _ in kept]), np.concatenate([o for _, o in kept])
@@ -136,11 +133,3 @@ def _candidates(uv: Float, columns: int, rows: int) -> tuple[NDArray[np.int64], 
     step = np.arange(len(tri)) - np.repeat(np.cumsum(count) - count, count)
     width = size[tri, 0]
     return tri, low[tri, 0] + step % width, low[tri, 1] + step // width
-
-
-def _edge_functions(corners: Float, x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[Float, Float]:
-    """Edge functions (N, 3), each opposite to its corner, and their sum: twice the triangle's area."""
-    p = np.stack([x, y], axis=-1)[:, None] - corners
-    following, last = p[:, [1, 2, 0]], p[:, [2, 0, 1]]
-    weights = following[..., 0] * last[..., 1] - following[..., 1] * last[..., 0]
-    return weights, weights.sum(axis=1)
