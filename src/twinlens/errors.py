@@ -7,7 +7,8 @@ import difflib
 import math
 import re
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from numbers import Integral, Real
 from typing import Any
 
@@ -39,6 +40,15 @@ class MissingExtraError(TwinlensError, ImportError):
 
 class BackendError(TwinlensError, RuntimeError):
     """The rendering backend is not available on this machine; the message says what to install."""
+
+
+@contextmanager
+def located(where: str) -> Iterator[None]:
+    """Prefix the InputErrors of a block, such as with a file and a key; their type is kept."""
+    try:
+        yield
+    except InputError as error:
+        raise type(error)(f"{where}: {error}") from error
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:

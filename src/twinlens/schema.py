@@ -107,7 +107,12 @@ def repeated(count: int, item: Any) -> pydantic.BeforeValidator:
 
 
 def read(
-    model: type[T] | pydantic.TypeAdapter[T], data: Any, file: str | Path, key: str = "", context: Any = None
+    model: type[T] | pydantic.TypeAdapter[T],
+    data: Any,
+    file: str | Path,
+    key: str = "",
+    context: Any = None,
+    strict: bool | None = None,
 ) -> T:
     """Validate `data`, plain values as TOML or JSON has them, against `model`.
 
@@ -122,6 +127,8 @@ def read(
         Dotted path of `data` within the file, "" at its root.
     context : object
         Passed to the model's validators as `info.context`.
+    strict : bool
+        False reads numbers and booleans from text too. By default the model decides.
 
     Raises
     ------
@@ -130,7 +137,7 @@ def read(
     """
     adapter = model if isinstance(model, pydantic.TypeAdapter) else pydantic.TypeAdapter(model)
     try:
-        return adapter.validate_python(data, context=context)
+        return adapter.validate_python(data, context=context, strict=strict)
     except pydantic.ValidationError as error:
         raise InputError(f"{file}: {_describe(error.errors(include_url=False), data, key)}") from error
     except RecursionError as error:
@@ -224,6 +231,9 @@ _TYPES = {
 }
 _LIMITS = {
     "int_from_float": "a whole number",
+    "int_parsing": "a whole number",
+    "float_parsing": "a number",
+    "bool_parsing": "true or false",
     "finite_number": "a finite number",
     "greater_than": "> {gt}",
     "greater_than_equal": ">= {ge}",

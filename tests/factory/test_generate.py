@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.factory_recipes import RECIPE, digests, write_recipe
-from twinlens.dataset import Dataset, read_manifest, sample_files, verify_dataset
+from twinlens.dataset import Dataset, Manifest, Row, read_manifest, sample_files, verify_dataset, write_manifest
 from twinlens.dataset.lock import locked
 from twinlens.errors import BackendError, FileError, InputError, OutputError
 from twinlens.factory import estimate, generate, make, produce, read_recipe, spec_from_plain
@@ -219,6 +219,12 @@ def test_a_folder_of_something_else_is_left_alone(recipe, folder):
     folder.mkdir()
     (folder / "thesis.tex").write_text("years of work")
     with pytest.raises(InputError, match=r"holds 'thesis.tex'"):
+        generate(recipe, folder)
+
+
+def test_a_dataset_of_render_is_named_as_such(recipe, folder):
+    write_manifest(folder, Manifest((Row("cards", {}, {"scene": "cards"}),), seed=0))
+    with pytest.raises(InputError, match="holds a dataset that `twinlens generate` did not make; name a new folder"):
         generate(recipe, folder)
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from twinlens.factory.inside import crossings, encloses
+from twinlens.factory.gates import crossings, encloses
 from twinlens.scenes import Mesh, Scene, SceneObject
 
 RNG = np.random.default_rng(4)

@@ -178,7 +178,7 @@ def test_a_worker_with_other_files_refuses(tmp_path):
     recipe = read_recipe(write_recipe(tmp_path))
     from twinlens.factory.sample import made_with
 
-    order = Order(dict(recipe.written), str(tmp_path / "recipe.toml"), str(tmp_path), made_with(), {"a.png": "00"}, 1)
+    order = Order(recipe.written, tmp_path / "recipe.toml", tmp_path, made_with(), {"a.png": "00"}, 1)
     with pytest.raises(
         InputError, match=r"this worker has other source files .*: a\.png is gone, tiny/scene\.toml is new"
     ):

@@ -1,6 +1,7 @@
 """Many processes make the same bytes as one, also when one of them is killed on the way."""
 
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -14,7 +15,7 @@ from tests.factory_recipes import PATIENCE_S, digests, finish, rows_in, start, w
 from twinlens.errors import BackendError, InputError, MissingExtraError
 from twinlens.factory import generate, read_recipe, sample, workers
 from twinlens.factory.workers import Order, dask_cluster, make_one, worker_processes
-from twinlens.rendering import Backend
+from twinlens.rendering import Backend, sensors
 
 THREADS = os.cpu_count() or 1
 
@@ -94,18 +95,16 @@ def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
 
 def test_a_process_is_replaced_after_some_samples_and_makes_the_same_bytes(recipe, whole, tmp_path, monkeypatch):
     monkeypatch.setattr(workers, "RENEWED_AFTER", 3)
-    started = []
-
-    class Executor(workers.ProcessPoolExecutor):
-        def __init__(self, *args, **kwargs):
-            started.append(self)
-            super().__init__(*args, **kwargs)
-
-    monkeypatch.setattr(workers, "ProcessPoolExecutor", Executor)
     monkeypatch.setenv("TWINLENS_BACKEND", "scalar")
-    monkeypatch.setattr(sample, "backend", lambda: Backend("scalar", "scalar_rgb", "as in the workers"))
-    assert generate(read_recipe(recipe), tmp_path / "set", engine=worker_processes(1)).complete
-    assert len(started) == 3, "eight samples, three a process"
+    for module in (sample, sensors):
+        monkeypatch.setattr(module, "backend", lambda: Backend("scalar", "scalar_rgb", "as in the workers"))
+    seen = set()
+
+    def report(fraction, text):
+        seen.update(child.pid for child in multiprocessing.active_children())
+
+    assert generate(read_recipe(recipe), tmp_path / "set", engine=worker_processes(1), report=report).complete
+    assert len(seen) == 3, "eight samples, three a process"
     assert digests(tmp_path / "set") == digests(whole)
 
 
@@ -178,7 +177,7 @@ def test_without_dask_the_extra_is_named(monkeypatch):
 
 def test_a_worker_with_other_tools_refuses(recipe, tmp_path):
     read = read_recipe(recipe)
-    order = Order(dict(read.written), str(recipe), str(tmp_path), {"backend": "abacus", "versions": {}}, {}, THREADS)
+    order = Order(read.written, recipe, tmp_path, {"backend": "abacus", "versions": {}}, {}, THREADS)
     with pytest.raises(InputError, match=r"this worker has another backend .* than the dataset: backend: 'abacus'"):
         make_one(order, 0)
     assert not list(tmp_path.iterdir())

@@ -30,7 +30,6 @@ from twinlens.factory.camera_text import (
     parse_sensor,
     parse_size,
 )
-from twinlens.optics import middle_focus
 
 if TYPE_CHECKING:
     from twinlens.camera import Lens, Rig
@@ -59,7 +58,7 @@ _SECTIONS = {
 @click.option("--aperture", default="disk", show_default=True, help=APERTURE_HELP)
 @click.option("--diffraction", is_flag=True, help="Apply each lens's Airy pattern; disk apertures only.")
 @click.option("--size", default="640x480", show_default=True, help="Image size, WIDTHxHEIGHT.")
-@click.option("--fov", type=float, help="Horizontal field of view, degrees.  [default: the scene's]")
+@click.option("--fov", type=float, help="Horizontal field of view, at most 179 degrees.  [default: the scene's]")
 @click.option("--focal-length-px", metavar="FX[,FY]", help="Focal length in pixels, instead of --fov.")
 @click.option(
     "--principal-point",
@@ -125,6 +124,7 @@ def _sensor(options: dict[str, Any]) -> "Sensor":
 def _job(scene: "Scene", options: dict[str, Any]) -> "tuple[Scene, Rig, tuple[Lens, ...]]":
     """The scene, the rig, and the lenses that the options describe."""
     from twinlens.factory import check_common_view, default_rig
+    from twinlens.factory.lenses import View
     from twinlens.scenes import scene_with_rig
 
     width, height = parse_size(options["size"])
@@ -133,9 +133,8 @@ def _job(scene: "Scene", options: dict[str, Any]) -> "tuple[Scene, Rig, tuple[Le
     rig = default_rig(scene, width, height, options["fov"], options["baseline"], parse_intrinsics(options))
     if options["baseline"] is not None and scene.depth_range_known:
         check_common_view(rig, scene)
-    focus = middle_focus(*scene.depth_range) if scene.depth_range_known else None
-    film, aperture = rig.cameras[0].film_distance, parse_aperture(options["aperture"])
-    lenses = tuple(parse_lens(text, focus, film, aperture) for text in options["lenses"])
+    view, aperture = View(scene, rig.cameras[0], ()), parse_aperture(options["aperture"])
+    lenses = tuple(parse_lens(text, view, aperture) for text in options["lenses"])
     if all(lens.aperture_diameter == 0 for lens in lenses):
         if click.get_current_context().get_parameter_source("aperture") is not ParameterSource.DEFAULT:
             raise InputError(f"--aperture {options['aperture']}: {_NO_APERTURE}")

@@ -1,60 +1,51 @@
 """Sizes, lenses, apertures, distortions, exposures and sensors as command-line options write them.
 
-The grammar of each option is in its `_HELP` text; errors begin with the option's name.
+The grammar of each option is in its `_HELP` text. A text becomes the table of a recipe, which is read as a recipe's
+tables are; errors begin with the option's name.
 """
 
-import math
 import re
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import asdict, fields
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from twinlens.camera import (
-    ALIGNED,
-    Annulus,
-    Aperture,
-    BareAperture,
-    BrownConrady,
-    Disk,
-    Distortion,
-    KannalaBrandt,
-    Lens,
-    Misalignment,
-    Pinhole,
-    Polygon,
-    ThinLens,
-)
+import pydantic
+
+from twinlens.camera import ALIGNED, Aperture, BrownConrady, Distortion, KannalaBrandt, Lens, Misalignment, Pinhole
 from twinlens.camera.film import SENSOR_WIDTHS_MM, sensor_width_mm
 from twinlens.dataset import Sample
-from twinlens.errors import InputError, check_number, format_value, unknown
+from twinlens.errors import InputError, format_value, located, unknown
+from twinlens.factory.lenses import LensTable, ShapeTable, View
+from twinlens.factory.settings import MismatchTable, SensorTable
+from twinlens.scenes.rigs import CalibrationError
+from twinlens.schema import read
 from twinlens.sensor import PRESETS, Exposure, Mismatch, Sensor
 
-Made = TypeVar("Made")
-
-LENSES = {
-    "pinhole": "pinhole",
-    "thin": "thin:DIAMETER_MM[@FOCUS_M]",
-    "f/": "f/N[@FOCUS_M]",
-    "hole": "hole:DIAMETER_MM@FILM_MM",
+_NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_FOCUS = rf"(?:@(?P<focus>{_NUMBER}|[-+]?inf))?"
+_LENSES = {
+    "pinhole": ("pinhole", "pinhole"),
+    "thin": ("thin:DIAMETER_MM[@FOCUS_M]", f"thin:(?P<aperture_mm>[^@]+){_FOCUS}"),
+    "f/": ("f/N[@FOCUS_M]", f"f/(?P<f_number>[^@]+){_FOCUS}"),
+    "hole": ("hole:DIAMETER_MM@FILM_MM", "hole:(?P<aperture_mm>[^@]+)@(?P<film_mm>[^@]+)"),
 }
 LENS_HELP = (
-    " | ".join(LENSES.values()) + "; may be given several times. "
+    " | ".join(form for form, _ in _LENSES.values()) + "; may be given several times. "
     "The default focus is at the middle of the scene's disparities."
 )
-APERTURES = {
-    "disk": "disk",
-    "polygon": "polygon:BLADES[:ROTATION_DEG[:ROUNDNESS]]",
-    "annulus": "annulus:INNER",
-    "mask": "mask:FILE",
+_APERTURES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "disk": ("disk", ()),
+    "polygon": ("polygon:BLADES[:ROTATION_DEG[:ROUNDNESS]]", ("blades", "rotation_deg", "roundness")),
+    "annulus": ("annulus:INNER", ("inner",)),
+    "mask": ("mask:FILE", ("file",)),
 }
 APERTURE_HELP = (
-    " | ".join(APERTURES.values()) + ". Shape of the opening of every lens and hole. "
+    " | ".join(form for form, _ in _APERTURES.values()) + ". Shape of the opening of every lens and hole. "
     "ROUNDNESS is 0 to 1, INNER a fraction of the radius, FILE a grey image, white where light passes."
 )
-DISTORTION_HELP = (
-    "k1,k2[,p1,p2[,k3[,k4,k5,k6]]] in OpenCV's order (Brown-Conrady), or fisheye:k1[,k2,k3,k4] (Kannala-Brandt)."
-)
+_BROWN_CONRADY, _FISHEYE = "k1[,k2[,p1,p2[,k3[,k4,k5,k6]]]]", "fisheye:k1[,k2,k3,k4]"
+DISTORTION_HELP = f"{_BROWN_CONRADY} in OpenCV's order (Brown-Conrady), or {_FISHEYE} (Kannala-Brandt)."
 EXPOSURE_HELP = (
     "TIME_S[,GAIN], such as 1/60 or 0.01,4: one exposure for all lenses, so smaller apertures give darker images.  "
     "[default: automatic for each lens]"
@@ -65,8 +56,9 @@ SENSOR_WIDTH_HELP = (
 )
 SENSOR_HELP = f"{', '.join(PRESETS)}; parameters may be changed: phone:prnu=0.01,filters=mono,output=linear."
 
+_LENS: pydantic.TypeAdapter[Any] = pydantic.TypeAdapter(LensTable)
+_SHAPE: pydantic.TypeAdapter[Any] = pydantic.TypeAdapter(ShapeTable)
 _MISMATCHES = {"gain": "gain", "exposure": "time", "black": "black_level"}
-_BOOLEANS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
 def parse_size(text: str) -> tuple[int, int]:
@@ -81,35 +73,29 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(sides[1]), int(sides[2])
 
 
-def parse_lens(text: str, focus: float | None, film_distance: float, aperture: Aperture | None = None) -> Lens:
-    """A lens by the grammar of LENS_HELP. `focus` (m) is the default focus; None makes the text's own mandatory.
+def parse_lens(text: str, view: View, aperture: Aperture | None = None) -> Lens:
+    """A lens by the grammar of LENS_HELP; `aperture` is the shape of its opening.
 
-    >>> parse_lens("thin:20@1.5", focus=2.0, film_distance=0.004)
-    ThinLens(aperture_diameter=0.02, focus_distance=1.5, aperture=Disk())
+    Raises InputError where the text has no focus distance and the scene no depth range.
     """
-    where, shape = f"--lens {text!r}", aperture or Disk()
-    forms = f"a lens is one of {' | '.join(LENSES.values())}"
-    kind, colon, rest = ("f/", "/", text[2:]) if text.startswith("f/") else text.partition(":")
-    if meant := re.fullmatch(r"[fF]/?([0-9.].*)", text if kind != "f/" else ""):
-        raise InputError(f"{where}: an f-number is f/N[@FOCUS_M]; did you mean 'f/{meant[1]}'?")
-    if kind not in LENSES:
-        raise InputError(f"{where}: {unknown('lens', kind, LENSES)}; {forms}")
-    if kind == "pinhole":
-        if colon:
-            raise InputError(f"{where}: a pinhole has no parameters; {forms}")
-        return Pinhole()
-    amount, at, place = rest.partition("@")
-    if not amount or (kind == "hole" and not at) or (at and not place):
-        raise InputError(f"{where}: a number is missing; must be {LENSES[kind]}")
-    if not at and focus is None:
+    where = f"--lens {text!r}"
+    kind = "f/" if text.startswith("f/") else text.partition(":")[0]
+    if kind not in _LENSES:
+        if meant := re.fullmatch(r"[fF]/?([0-9.].*)", text):
+            raise InputError(f"{where}: an f-number is f/N[@FOCUS_M]; did you mean 'f/{meant[1]}'?")
+        forms = " | ".join(form for form, _ in _LENSES.values())
+        raise InputError(f"{where}: {unknown('lens', kind, _LENSES)}; a lens is one of {forms}")
+    form, pattern = _LENSES[kind]
+    found = re.fullmatch(pattern, text)
+    if found is None:
+        raise InputError(f"{where}: must be {form}")
+    given = {key: value for key, value in found.groupdict().items() if value is not None}
+    if kind in ("thin", "f/") and "focus" not in given and not view.scene.depth_range_known:
         raise InputError(f"{where}: the scene has no depth range; add the focus distance, such as {text}@2.5")
-    size = _number(amount, where)
-    distance = _number(place, where) if at else float(focus or math.inf)
-    if kind == "hole":
-        return _with_location(where, lambda: BareAperture(1e-3 * size, 1e-3 * distance, shape))
-    if kind == "thin":
-        return _with_location(where, lambda: ThinLens(1e-3 * size, distance, shape))
-    return _with_location(where, lambda: ThinLens.from_f_number(size, distance, film_distance, shape))
+    table = read(_LENS, {"kind": "thin" if kind == "f/" else kind, **given}, where, strict=False)
+    with located(where):
+        lens: Lens = table.lens(view)
+    return lens if isinstance(lens, Pinhole) or aperture is None else lens.replace(aperture=aperture)
 
 
 def parse_aperture(text: str) -> Aperture:
@@ -120,21 +106,16 @@ def parse_aperture(text: str) -> Aperture:
     """
     where = f"--aperture {text!r}"
     kind, _, rest = text.partition(":")
-    if kind not in APERTURES:
-        raise InputError(f"{where}: {unknown('aperture', kind, APERTURES)}")
-    if kind == "mask" and rest:
-        from twinlens.factory.lenses import read_mask
-
-        return read_mask(Path(rest))
-    parts = rest.split(":") if rest else []
-    low, high = {"disk": (0, 0), "polygon": (1, 3), "annulus": (1, 1), "mask": (1, 1)}[kind]
-    if not low <= len(parts) <= high:
-        raise InputError(f"{where}: must be {APERTURES[kind]}")
-    numbers = [_number(part, where) for part in parts]
-    if kind == "polygon":
-        blades = int(numbers[0]) if numbers[0].is_integer() else numbers[0]
-        return _with_location(where, lambda: Polygon(blades, *numbers[1:]))  # type: ignore[arg-type]
-    return _with_location(where, lambda: Annulus(numbers[0])) if kind == "annulus" else Disk()
+    if kind not in _APERTURES:
+        raise InputError(f"{where}: {unknown('aperture', kind, _APERTURES)}")
+    form, keys = _APERTURES[kind]
+    parts = rest.split(":", -1 if kind != "mask" else 0) if rest else []
+    if len(parts) > len(keys) or (keys and not parts):
+        raise InputError(f"{where}: must be {form}")
+    table = read(_SHAPE, {"kind": kind, **dict(zip(keys, parts, strict=False))}, where, strict=False)
+    with located(where):
+        aperture: Aperture = table.aperture(Path)
+    return aperture
 
 
 def parse_distortion(text: str) -> Distortion:
@@ -147,11 +128,10 @@ def parse_distortion(text: str) -> Distortion:
     where = f"--distortion {text!r}"
     if colon and model not in ("fisheye", KannalaBrandt.name, BrownConrady.name):
         raise InputError(f"{where}: {unknown('model', model, ('fisheye', BrownConrady.name))}")
-    if model in ("fisheye", KannalaBrandt.name):
-        numbers = parse_numbers("--distortion", rest, 1, 4, f"{model}:k1[,k2,k3,k4]")
-        return _with_location(where, lambda: KannalaBrandt(*numbers))
-    numbers = parse_numbers("--distortion", rest, 1, 8, "k1,k2,p1,p2,k3,k4,k5,k6 (1 to 8 numbers)")
-    return _with_location(where, lambda: BrownConrady(*numbers))
+    fisheye = model in ("fisheye", KannalaBrandt.name)
+    numbers = parse_numbers("--distortion", rest, 1, 4 if fisheye else 8, _FISHEYE if fisheye else _BROWN_CONRADY)
+    with located(where):
+        return KannalaBrandt(*numbers) if fisheye else BrownConrady(*numbers)
 
 
 def parse_exposure(text: str) -> Exposure | None:
@@ -162,17 +142,11 @@ def parse_exposure(text: str) -> Exposure | None:
     """
     if text == "auto":
         return None
-    where = f"--exposure {text!r}"
-    time, comma, gain = text.partition(",")
-    numerator, slash, denominator = time.partition("/")
-    seconds = _number(numerator, where)
-    if slash:
-        divisor = _number(denominator, where)
-        if not divisor > 0:
-            raise InputError(f"{where}: {time!r} is not a time; a fraction of a second is written 1/60")
-        seconds /= divisor
-    factor = _number(gain, where) if comma else 1.0
-    return _with_location(where, lambda: Exposure(seconds, factor))
+    found = re.fullmatch(rf"({_NUMBER})(?:/({_NUMBER}))?(?:,({_NUMBER}))?", text)
+    if found is None or not float(found[2] or 1) > 0:
+        raise InputError(f"--exposure must be TIME_S[,GAIN], such as 1/60 or 0.01,4, got {format_value(text)}")
+    with located(f"--exposure {text!r}"):
+        return Exposure(float(found[1]) / float(found[2] or 1), float(found[3] or 1))
 
 
 def parse_mismatch(text: str) -> Mismatch:
@@ -182,8 +156,13 @@ def parse_mismatch(text: str) -> Mismatch:
     Mismatch(gain=1.0, time=1.05, black_level=2.0)
     """
     where = f"--mismatch {text!r}"
-    changes = {_MISMATCHES[key]: value for key, value in _named_numbers(where, text, _MISMATCHES).items()}
-    return _with_location(where, lambda: Mismatch(**changes))
+    given = _pairs(where, text)
+    for name in given:
+        if name not in _MISMATCHES:
+            raise InputError(f"{where}: {unknown('quantity', name, _MISMATCHES)}")
+    table = read(MismatchTable, {_MISMATCHES[name]: value for name, value in given.items()}, where, strict=False)
+    with located(where):
+        return Mismatch(**table.model_dump())
 
 
 def parse_misalignment(text: str | None) -> Misalignment:
@@ -195,24 +174,24 @@ def parse_misalignment(text: str | None) -> Misalignment:
     if text is None:
         return ALIGNED
     where = f"--misalignment {text!r}"
-    given = _named_numbers(where, text, vars(ALIGNED))
-    return _with_location(where, lambda: Misalignment(**given))
+    with located(where):
+        return Misalignment(**read(CalibrationError, _pairs(where, text), where, strict=False).model_dump())
 
 
 def parse_sensor(text: str) -> Sensor:
-    """A sensor by the grammar of SENSOR_HELP: a preset with changed parameters.
+    """A sensor by the grammar of SENSOR_HELP: a preset with changed parameters; / separates the numbers of a list.
 
     >>> parse_sensor("ideal:bits=16,shot_noise=no").shot_noise
     False
     """
     preset, colon, rest = text.partition(":")
     where = f"--sensor {text!r}"
-    if preset not in PRESETS:
-        raise InputError(f"{where}: {unknown('sensor', preset, PRESETS)}")
-    known = {field.name: field.default for field in fields(Sensor) if field.name != "mismatch"}
-    given = _pairs(where, rest, known, "parameter") if colon else {}
-    changes = {key: _like(known[key], value, f"{where}, {key}") for key, value in given.items()}
-    return _with_location(where, lambda: Sensor.preset(preset, **changes))
+    pairs = _pairs(where, rest) if colon else {}
+    values = {name: value.split("/") if "/" in value else value for name, value in pairs.items()}
+    table = read(SensorTable, {"preset": preset, **values}, where, strict=False)
+    with located(where):
+        sensor: Sensor = table.sensor()
+    return sensor
 
 
 def parse_numbers(option: str, text: str, least: int, most: int, form: str) -> list[float]:
@@ -221,60 +200,21 @@ def parse_numbers(option: str, text: str, least: int, most: int, form: str) -> l
     >>> parse_numbers("--principal-point", "320,240.5", 2, 2, "CX,CY")
     [320.0, 240.5]
     """
-    parts = text.split(",")
-    if not (least <= len(parts) <= most and all(part.strip() for part in parts)):
-        raise InputError(f"{option} must be {form}, got {text!r}")
-    return [_number(part.strip(), f"{option} {text!r}") for part in parts]
+    parts = [part.strip() for part in text.split(",")]
+    if not least <= len(parts) <= most or not all(re.fullmatch(rf"{_NUMBER}|[-+]?inf", part) for part in parts):
+        raise InputError(f"{option} must be {form}, got {format_value(text)}")
+    return [float(part) for part in parts]
 
 
-def _like(example: Any, text: str, where: str) -> Any:
-    """`text` as a value of the type of `example`; the numbers of a tuple are separated by slashes."""
-    if isinstance(example, bool):
-        if text not in _BOOLEANS:
-            raise InputError(f"{where} must be yes or no, got {text!r}")
-        return _BOOLEANS[text]
-    if isinstance(example, str):
-        return text
-    if isinstance(example, tuple):
-        return tuple(_number(part, where) for part in text.split("/"))
-    value = _number(text, where)
-    return int(value) if isinstance(example, int) and value.is_integer() else value
-
-
-def _pairs(where: str, text: str, known: Collection[str], kind: str) -> dict[str, str]:
-    """The names and values of `a=1,b=2`, each name once and known."""
+def _pairs(where: str, text: str) -> dict[str, str]:
+    """The names and values of `a=1,b=2`, each name once."""
     pairs: dict[str, str] = {}
     for part in text.split(","):
-        name, equals, value = (piece.strip() for piece in part.partition("="))
-        if not (name and equals and value) or name in pairs:
+        name, _, value = (piece.strip() for piece in part.partition("="))
+        if not (name and value) or name in pairs:
             raise InputError(f"{where}: must be NAME=VALUE,NAME=VALUE, each name once; got {part!r}")
-        if name not in known:
-            raise InputError(f"{where}: {unknown(kind, name, known)}")
         pairs[name] = value
     return pairs
-
-
-def _named_numbers(where: str, text: str, known: Collection[str]) -> dict[str, float]:
-    return {name: _number(value, where) for name, value in _pairs(where, text, known, "quantity").items()}
-
-
-def _number(text: str, where: str) -> float:
-    """A number, inf included; NaN is refused."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if math.isnan(value):
-        raise InputError(f"{where}: {text!r} is not a number")
-    return value
-
-
-def _with_location(where: str, make: Callable[[], Made]) -> Made:
-    """The result of `make`; its errors begin with `where`."""
-    try:
-        return make()
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from error
 
 
 def parse_intrinsics(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -284,16 +224,10 @@ def parse_intrinsics(options: Mapping[str, Any]) -> dict[str, Any]:
     {'fx': 700.0, 'fy': 700.0, 'sensor_width_mm': 36.0}
     """
     given = {name: value for name, value in options.items() if value is not None}
-    for one, other in (("fov", "focal_length_px"), ("pixel_pitch_um", "sensor_width_mm")):
-        if one in given and other in given:
-            names = (f"--{name.replace('_', '-')}" for name in (one, other))
-            raise InputError(f"{' and '.join(names)} exclude each other")
     found: dict[str, Any] = {}
     if "focal_length_px" in given:
-        form = "FX[,FY], positive numbers of pixels, such as 700 or 700,690"
+        form = "FX[,FY] in pixels, such as 700 or 700,690"
         focal = parse_numbers("--focal-length-px", given["focal_length_px"], 1, 2, form)
-        if not all(0 < number < math.inf for number in focal):
-            raise InputError(f"--focal-length-px must be {form}, got {given['focal_length_px']!r}")
         found |= {"fx": focal[0], "fy": focal[-1]}
     if "principal_point" in given:
         found["cx"], found["cy"] = parse_numbers("--principal-point", given["principal_point"], 2, 2, "CX,CY")
@@ -301,18 +235,12 @@ def parse_intrinsics(options: Mapping[str, Any]) -> dict[str, Any]:
         model = parse_distortion(given["distortion"])
         found["distortion"] = {"model": model.name, **asdict(model)}
     if "pixel_pitch_um" in given:
-        check_number("--pixel-pitch-um", given["pixel_pitch_um"], "a positive number", above=0)
         found["pixel_pitch_um"] = given["pixel_pitch_um"]
     if "sensor_width_mm" in given:
-        found["sensor_width_mm"] = _parse_sensor_width(given["sensor_width_mm"])
+        text = given["sensor_width_mm"]
+        with located(f"--sensor-width-mm {text}"):
+            found["sensor_width_mm"] = sensor_width_mm(float(text) if re.fullmatch(_NUMBER, text) else text)
     return found
-
-
-def _parse_sensor_width(text: str) -> float:
-    try:
-        return sensor_width_mm(float(text) if re.fullmatch(r"[-+.0-9e]+|[+-]?(inf|nan)", text) else text)
-    except (InputError, ValueError) as error:
-        raise InputError(f"--sensor-width-mm {text}: {error}") from error
 
 
 _FASTEST = 0.95
@@ -321,10 +249,18 @@ _FASTEST = 0.95
 
 def format_exposure(sample: Sample, k: int, text: str) -> str:
     """F-number, time and gain of lens k, which the option `text` describes; and whether such a lens can be bought."""
-    camera, taken = sample.rig.cameras[0], sample.shots[k].record["exposures"][0]
+    shot, camera = sample.shots[k], sample.rig.cameras[0]
+    taken = shot.record["exposures"][0]
     number, time, gain = taken["working_f_number"], taken["time_s"], taken["gain"]
-    line = f"{text}: f/{_f_number(number)}, {_duration(time)}, gain {gain:.3g}"
-    if number >= _FASTEST or sample.shots[k].lens.name != "thinlens":
+    if time < 1e-4:
+        duration = f"{1e6 * time:.3g} us"
+    else:
+        duration = f"1/{1 / time:.0f} s" if time < 0.1 else f"{time:.3g} s"
+    exposure = f"{duration}, gain {gain:.3g}"
+    if shot.lens.aperture_diameter == 0:
+        return f"{text}: exposed as f/{number:g}, {exposure}"
+    line = f"{text}: f/{f'{number:.0f}' if 99.5 <= number < 1e5 else f'{number:.2g}'}, {exposure}"
+    if number >= _FASTEST or shot.lens.name != "thinlens":
         return line
     fast = "the blur is as specified, but no lens on the market is this fast"
     if text.startswith("f/"):  # independent of the sensor's size
@@ -333,23 +269,3 @@ def format_exposure(sample: Sample, k: int, text: str) -> str:
     return (
         f"{line} ({fast}: this sensor is {width:.3g} mm wide; --sensor-width-mm {width * 1.4 / number:.2g} gives f/1.4)"
     )
-
-
-def _f_number(number: float) -> str:
-    """Two digits, without an exponent below 1e5.
-
-    >>> _f_number(1.414), _f_number(142.8), _f_number(8.6e7)
-    ('1.4', '143', '8.6e+07')
-    """
-    return f"{number:.0f}" if 99.5 <= number < 1e5 else f"{number:.2g}"
-
-
-def _duration(time: float) -> str:
-    """Seconds as on a shutter's dial; microseconds below 0.1 ms.
-
-    >>> _duration(1 / 60), _duration(0.39), _duration(2e-5)
-    ('1/60 s', '0.39 s', '20 us')
-    """
-    if time < 1e-4:
-        return f"{1e6 * time:.3g} us"
-    return f"1/{1 / time:.0f} s" if time < 0.1 else f"{time:.3g} s"

@@ -7,15 +7,16 @@ from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from twinlens.camera import Rig
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample
 from twinlens.factory.draws import Number
-from twinlens.factory.inside import encloses
 from twinlens.factory.texture import grey, textured
-from twinlens.scenes import Scene
+from twinlens.geometry import Float, transform_points
+from twinlens.scenes import Mesh, Scene
 from twinlens.schema import StrictModel
 from twinlens.sensor import Sensor
 
@@ -84,6 +85,48 @@ def _check_inside(scene: Scene, rig: Rig, truths: Sequence[Truth]) -> None:
             raise Rejected(
                 "camera inside an object", f"camera {i} in {name!r}", "scene.jitter, rig.baseline, or gates.inside"
             )
+
+
+_DIRECTION = np.array([0.30151134, 0.90453403, 0.30151134])  # unlikely to be parallel to an edge
+
+
+def encloses(scene: Scene, name: str, point: Float) -> bool:
+    """Whether `point` (3,), in world coordinates, is inside the body that the ground truth calls `name`.
+
+    Only spheres, cubes and meshes have an inside. False for scenes from Mitsuba files, whose shapes are not read.
+    """
+    for thing in scene.objects:
+        poses = {f"{thing.name}[{i}]": pose @ thing.world_from_object for i, pose in enumerate(thing.instances)}
+        pose = (poses or {thing.name: thing.world_from_object}).get(name)
+        if pose is None:
+            continue
+        here, shape = transform_points(np.linalg.inv(pose), point), thing.shape
+        if isinstance(shape, Mesh):
+            return crossings(shape.vertices, shape.faces, here) % 2 == 1
+        if (own := shape.get("to_world")) is not None:
+            here = transform_points(np.linalg.inv(own), here)
+        if shape["type"] == "cube":
+            return bool(np.abs(here).max() < 1)
+        if shape["type"] == "sphere":
+            centre = np.asarray(shape.get("center", (0, 0, 0)), dtype=np.float64)
+            return bool(np.linalg.norm(here - centre) < float(shape.get("radius", 1.0)))
+        return False
+    return False
+
+
+def crossings(vertices: Float, faces: NDArray[np.uint32], origin: Float) -> int:
+    """How many triangles a ray from `origin` (3,) crosses. Source: Moeller and Trumbore 1997."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    ab, ac = b - a, c - a
+    across = np.cross(_DIRECTION, ac)
+    det = np.einsum("nc,nc->n", ab, across)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to = origin - a
+        u = np.einsum("nc,nc->n", to, across) / det
+        turned = np.cross(to, ab)
+        v = turned @ _DIRECTION / det
+        t = np.einsum("nc,nc->n", ac, turned) / det
+    return int(np.count_nonzero((u >= 0) & (v >= 0) & (u + v < 1) & (t > 0)))
 
 
 def _check_disparity(gates: Gates, truths: Sequence[Truth], ndisp: int) -> None:

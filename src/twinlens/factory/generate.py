@@ -5,22 +5,23 @@ recipe -> Ledger (what the folder holds) -> engine -> (index, entry) -> Ledger -
 
 import math
 import time
-from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
-from twinlens.dataset import remove_unfinished, sample_files, write_card, write_croissant
+from PIL import Image
+
+from twinlens.dataset import Row, remove_unfinished, sample_files, write_card, write_croissant
 from twinlens.dataset.lock import locked
 from twinlens.dataset.storage import Where, place
 from twinlens.errors import InputError
-from twinlens.factory.ledger import Entry, Failure, Ledger
+from twinlens.factory.ledger import Failure, Ledger
 from twinlens.factory.plan import plan
-from twinlens.factory.preview import Preview
+from twinlens.factory.preview import write_preview
 from twinlens.factory.produce import check_backend
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import made_with
-from twinlens.factory.workers import Engine, Report, Work, in_process, rendered
+from twinlens.factory.workers import Engine, Report, Results, Work, in_process, rendered
 
 _WRITE_EVERY_S = 5.0
 _WRITE_SHARE = 0.02  # of the time at most goes into dataset.json, which grows with the dataset
@@ -83,13 +84,16 @@ def generate(
     BackendError
         This machine's backend cannot render the lenses of the first sample; nothing is written then.
     """
-    _check(limit, shard)
-    root = place(folder)
+    if limit is not None and limit < 1:
+        raise InputError(f"limit must be 1 or more, got {limit}")
+    i, n = shard
+    if not 1 <= i <= n:
+        raise InputError(f"a shard is i/n with i from 1 to n, got {i}/{n}")
+    root, shared = place(folder), shard != (1, 1)
     recipe.sources.hash_files()
     tools = made_with()
-    if shard[0] <= recipe.count:
-        check_backend(recipe, shard[0] - 1)
-    shared = shard != (1, 1)
+    if i <= recipe.count:
+        check_backend(recipe, i - 1)
     with locked(root, shared, remedy="wait for it, or split the work with --shard"):
         ledger = Ledger(root, recipe, tools)
         if not shared:
@@ -98,50 +102,75 @@ def generate(
         ledger.check_files()
         if not ledger.has_file:
             ledger.write()
-        before, known, made = len(ledger.entries.made), len(ledger.entries), 0
-        todo = _share(ledger.missing(), shard)[:limit]
-        work = Work(recipe, str(root), ledger.made_with)
+        before, known = len(ledger.rows), len(ledger.entries)
+        todo = [index for index in ledger.missing() if index % n == i - 1][:limit]
         try:
-            results = engine(work, todo, _of_whole(report, known, recipe.count, len(todo)))
-            with _Upkeep(ledger, exclusive=not shared) as upkeep, closing(results):
-                for index, entry in results:
-                    upkeep.add(index, entry)
-                    made += not isinstance(entry, Failure)
+            results = engine(
+                Work(recipe, root, ledger.made_with), todo,
+                lambda part, now: report(part, f"{known + round(part * len(todo))}/{recipe.count} {now}".strip()),
+            )  # fmt: skip
+            made = _collect(ledger, results, exclusive=not shared)
         finally:
             if not shared:
                 remove_unfinished(root)
         if shared:
             ledger.recover()
-        elif ledger.is_complete:
+        elif not ledger.missing():
             finish(ledger)
-    if ledger.is_complete and shared:
+    missing = ledger.missing()
+    if shared and not missing:
         with locked(root, wait=True):  # several shards may find at the same time that everything is made
             finish(ledger)
-    there = len(ledger.entries.made)
     return Outcome(
         count=recipe.count,
-        made=made if shared else there - before,
+        made=made,
         before=before,
-        there=there,
-        failures=tuple(ledger.entries.failures),
-        rejections=ledger.entries.rejections(),
-        complete=ledger.is_complete,
-        left=len(_share(ledger.missing(), shard)),
+        there=len(ledger.rows),
+        failures=tuple(ledger.failures),
+        rejections=ledger.rejections,
+        complete=not missing,
+        left=sum(index % n == i - 1 for index in missing),
     )
+
+
+def _collect(ledger: Ledger, results: Results, exclusive: bool) -> int:
+    """Add results to the ledger; the number of samples made. `exclusive`: keep dataset.json and the preview current."""
+    tiles: dict[int, Image.Image] = {}
+    made, due = 0, time.monotonic() + _WRITE_EVERY_S
+
+    def write() -> float:
+        """Write both; the time of the next time."""
+        start = time.monotonic()
+        ledger.write()
+        write_preview(ledger.folder, ledger.recipe.count, ledger.rows, tiles)
+        now = time.monotonic()
+        return now + max(_WRITE_EVERY_S, (now - start) / _WRITE_SHARE)
+
+    try:
+        with closing(results):
+            for index, entry in results:
+                ledger.entries[index] = entry
+                made += isinstance(entry, Row)
+                if exclusive and time.monotonic() >= due:
+                    due = write()
+    finally:
+        if exclusive:
+            write()
+    return made
 
 
 def finish(ledger: Ledger) -> None:
     """Write the final dataset.json, preview, card and metadata; remove the files that only unfinished datasets need."""
-    broken = unusable_assets(ledger.recipe)
+    broken = _unusable_assets(ledger.recipe)
     ledger.write(**({"skipped_assets": broken} if ledger.recipe.assets else {}))
-    Preview(ledger.folder, ledger.recipe.count).write(ledger.entries.made)
-    if ledger.entries.made:
+    write_preview(ledger.folder, ledger.recipe.count, ledger.rows, {})
+    if ledger.rows:
         write_card(ledger.folder)
         write_croissant(ledger.folder)
     ledger.clear()
 
 
-def unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
+def _unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
     """The files in the recipe's asset folders that cannot be used, and why; each is read."""
     from twinlens.families import Assets
 
@@ -152,51 +181,6 @@ def unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
             for broken, reason in Assets(**single).check().broken:
                 found.append({"kind": kind, "file": name, "reason": reason.replace(str(broken), name)})
     return found
-
-
-class _Upkeep:
-    """Adds entries to the ledger and, unless other shards write too, keeps dataset.json and the preview current."""
-
-    def __init__(self, ledger: Ledger, exclusive: bool) -> None:
-        self._ledger, self._exclusive = ledger, exclusive
-        self._preview = Preview(ledger.folder, ledger.recipe.count)
-        self._due = time.monotonic() + _WRITE_EVERY_S
-
-    def __enter__(self) -> "_Upkeep":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._exclusive:
-            self._write()
-
-    def add(self, index: int, entry: Entry) -> None:
-        self._ledger.entries[index] = entry
-        if self._exclusive and time.monotonic() >= self._due:
-            self._write()
-
-    def _write(self) -> None:
-        start = time.monotonic()
-        self._ledger.write()
-        self._preview.write(self._ledger.entries.made)
-        now = time.monotonic()
-        self._due = now + max(_WRITE_EVERY_S, (now - start) / _WRITE_SHARE)
-
-
-def _share(indices: Sequence[int], shard: tuple[int, int]) -> list[int]:
-    """The samples that a shard makes."""
-    return [index for index in indices if index % shard[1] == shard[0] - 1]
-
-
-def _check(limit: int | None, shard: tuple[int, int]) -> None:
-    if limit is not None and limit < 1:
-        raise InputError(f"limit must be 1 or more, got {limit}")
-    if not 1 <= shard[0] <= shard[1]:
-        raise InputError(f"a shard is i/n with i from 1 to n, got {shard[0]}/{shard[1]}")
-
-
-def _of_whole(report: Report, known: int, count: int, todo: int) -> Callable[[float, str], None]:
-    """Report the fraction of this run's samples, and in the text the number of all."""
-    return lambda fraction, now: report(fraction, f"{known + round(fraction * todo)}/{count} {now}".strip())
 
 
 @dataclass(frozen=True)
@@ -226,7 +210,7 @@ def estimate(recipe: Recipe, folder: Where) -> Estimate:
     before = recipe.count - len(missing)
     if not missing:
         return Estimate(recipe.count, before, 0, None)
-    work = Work(recipe, str(root), ledger.made_with)
+    work = Work(recipe, root, ledger.made_with)
     rendered(work, missing[0])
     start = time.perf_counter()
     made = rendered(work, missing[0])

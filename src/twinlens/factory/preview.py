@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from twinlens.dataset import StoredSample
+from twinlens.dataset import Row, StoredSample
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.figures import contact_sheet, tile
 from twinlens.dataset.files import write_file
@@ -23,23 +23,17 @@ NAME = "preview.png"
 MOST = 48
 
 
-class Preview:
-    """The sheet of a dataset at `folder` that will have `count` samples."""
-
-    def __init__(self, folder: Place, count: int) -> None:
-        self.folder = folder
-        self.chosen = chosen(count)
-        self._tiles: dict[int, Image.Image] = {}
-
-    def write(self, done: Sequence[int]) -> None:
-        """Draw the samples of `done` that are on the sheet, and write it, whole or not at all."""
-        for index in sorted({*done} & {*self.chosen} - {*self._tiles}):
-            folder = self.folder / sample_name(index)
-            with repairable(folder):
-                self._tiles[index] = sample_tile(StoredSample(folder, folder.name))
-        if self._tiles:
-            sheet = contact_sheet([self._tiles.get(index) for index in self.chosen])
-            write_file(self.folder / NAME, encode_png(np.asarray(sheet)))
+def write_preview(folder: Place, count: int, rows: Sequence[Row], tiles: dict[int, Image.Image]) -> None:
+    """Write the sheet of a dataset that will have `count` samples; the `tiles` of earlier calls are not read again."""
+    places = chosen(count)
+    made = {int(row.name) for row in rows}
+    for index in sorted(made & {*places} - {*tiles}):
+        sample = folder / sample_name(index)
+        with repairable(sample):
+            tiles[index] = sample_tile(StoredSample(sample, sample.name))
+    if tiles:
+        sheet = contact_sheet([tiles.get(index) for index in places])
+        write_file(folder / NAME, encode_png(np.asarray(sheet)))
 
 
 def chosen(count: int) -> list[int]:

@@ -1,19 +1,30 @@
-"""Making a sample again from its record."""
+"""Samples from stored ones: the same sample made again from its record, and rectified pairs.
+
+In a rectified pair images are warped or rendered again; ground truth is never resampled.
+"""
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
-from types import NoneType
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
-from twinlens.dataset import Sample
-from twinlens.dataset.record import lens_from_plain, rig_from_plain
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.camera import ALIGNED, Misalignment
+from twinlens.camera.rectification import Rectification, rectify
+from twinlens.camera.truth import Truth
+from twinlens.dataset import Sample, Shot, StoredSample
+from twinlens.dataset.record import FileModel, lens_from_plain, plain, read, rig_from_plain
 from twinlens.errors import InputError, unknown
 from twinlens.factory.sample import make_sample
+from twinlens.factory.settings import ExposureTable, SensorTable
 from twinlens.factory.sources import file_digests
-from twinlens.rendering import Progress
+from twinlens.rendering import Progress, ground_truth
 from twinlens.scenes import Scene, load_scene
 from twinlens.sensor import Exposure, Mismatch, Sensor
 
+PICTURES = ("maps", "render")
 ORIGIN = ("spec", "rejections", "sources_sha256", "rectified_from")
 """Keys of a record that `make_sample` does not write: the recipe's draw, or another sample."""
 
@@ -30,43 +41,55 @@ def remake(record: Mapping[str, Any], scene: Scene | None = None, *, progress: P
         The scene differs from the record's, or is neither bundled nor given; the images were warped from others; or
         `make_sample` did not write the record.
     """
-    made = _part(record, "record", Mapping)
-    if isinstance(made.get("rectified_from"), Mapping) and made["rectified_from"].get("pictures") == "maps":
+    made = read(_Record, record, _FILE).record
+    if (made.rectified_from or {}).get("pictures") == "maps":
         raise InputError("its images were warped from another sample's; rectify that sample again")
     scene = scene_of(record, scene)
+    written = record["record"]  # the values as they were written, such as whole numbers
+    mismatch = Mismatch(**written["sensor"].get("mismatch", {}))
     sample = make_sample(
         scene,
         rig_from_plain(record.get("rig")),
-        [lens_from_plain(shot.get("lens")) for shot in _part(record, "shots", list)],
-        spp=_part(made, "spp", int),
-        seed=_part(made, "seed", int),
-        sensor=sensor_from_record(_part(made, "sensor", Mapping)),
-        exposure=None if made.get("exposure") is None else _built(Exposure, made["exposure"]),
-        diffraction=_part(made, "diffraction", bool),
-        sky_disparity=_part(made, "sky_disparity", bool),
-        keep_radiance=_part(made, "keep_radiance", bool),
+        [lens_from_plain(shot.get("lens")) for shot in record["shots"]],
+        spp=made.spp,
+        seed=made.seed,
+        sensor=Sensor(**{**written["sensor"], "mismatch": mismatch}),
+        exposure=None if made.exposure is None else Exposure(**written["exposure"]),
+        diffraction=made.diffraction,
+        sky_disparity=made.sky_disparity,
+        keep_radiance=made.keep_radiance,
         progress=progress,
     )
-    ndisp = _part(_part(made, "spec", Mapping), "ndisp", (int, NoneType)) if "spec" in made else None
-    return replace(sample, ndisp=ndisp, record={**sample.record, **{key: made[key] for key in ORIGIN if key in made}})
+    origin = {key: written[key] for key in ORIGIN if key in written}
+    return replace(sample, ndisp=made.spec.ndisp, record={**sample.record, **origin})
 
 
-def sensor_from_record(record: Mapping[str, Any]) -> Sensor:
-    """The sensor from ``dataclasses.asdict(sensor)`` or its JSON. Raises InputError."""
-    mismatch: Mismatch = _built(Mismatch, record.get("mismatch") or {})
-    sensor: Sensor = _built(Sensor, {**record, "mismatch": mismatch})
-    return sensor
+class _Spec(FileModel):
+    ndisp: int | None = None
 
 
-def _built(kind: type[Any], record: Any) -> Any:
-    """A `kind` with the record's fields. Raises InputError for an unknown field."""
-    if not isinstance(record, Mapping):
-        raise InputError(f"the record of the {kind.__name__.lower()} must be an object")
-    known = [field.name for field in fields(kind)]
-    for name in record:
-        if name not in known:
-            raise unknown(f"field of {kind.__name__}", str(name), known)
-    return kind(**record)
+class _Made(FileModel):
+    scene: str
+    scene_files: dict[str, str]
+    spp: int
+    seed: int
+    sensor: SensorTable
+    exposure: ExposureTable | None = None
+    diffraction: bool
+    sky_disparity: bool
+    keep_radiance: bool
+    spec: _Spec = _Spec()
+    rectified_from: dict[str, Any] | None = None
+
+
+class _Record(FileModel):
+    """What `remake` needs of a sample.json."""
+
+    record: _Made
+    shots: list[dict[str, Any]]
+
+
+_FILE = Path("sample.json")
 
 
 def scene_of(record: Mapping[str, Any], given: Scene | None = None) -> Scene:
@@ -74,19 +97,84 @@ def scene_of(record: Mapping[str, Any], given: Scene | None = None) -> Scene:
 
     Raises InputError as `remake` does.
     """
-    made = _part(record, "record", Mapping)
-    name = _part(made, "scene", str)
+    made = read(_Record, record, _FILE).record
     try:
-        scene = given or load_scene(name)
+        scene = given or load_scene(made.scene)
     except InputError as error:
-        raise InputError(f"scene {name!r} is not bundled; give it, as load_scene reads it from its file") from error
-    if (scene.name, file_digests(scene)) != (name, made.get("scene_files")):
+        raise InputError(
+            f"scene {made.scene!r} is not bundled; give it, as load_scene reads it from its file"
+        ) from error
+    if (scene.name, file_digests(scene)) != (made.scene, made.scene_files):
         raise InputError(f"scene {scene.name!r} is not the one that the record names: its files have changed")
     return scene
 
 
-def _part(record: Mapping[str, Any], name: str, kind: Any) -> Any:
-    value = record.get(name)
-    if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-        raise InputError(f"the record does not say {name!r}: it is not one that make_sample wrote")
-    return value
+def rectified_sample(
+    stored: StoredSample,
+    scene: Scene | None = None,
+    left: int = 0,
+    right: int = 1,
+    *,
+    pictures: str = "maps",
+    fit: str = "focal",
+    zero_doffs: bool = True,
+    misalignment: Misalignment = ALIGNED,
+    progress: Progress | None = None,
+) -> Sample:
+    """Views `left` and `right` of a stored sample as a rectified pair (`rectification.rectify`), with exact truth.
+
+    Parameters
+    ----------
+    scene : Scene
+        The sample's scene; not needed for a bundled one.
+    pictures : {"maps", "render"}
+        "maps" warps the stored images (bilinear; black outside them), as software does after a calibration.
+        "render" renders the scene again through the rectified cameras.
+    fit, zero_doffs, misalignment
+        See `rectify`. A misalignment affects the images; the ground truth is that of the aligned pair.
+
+    Returns
+    -------
+    Sample of two views. The ground truth is computed for the aligned cameras. With "maps", points outside a
+    stored image are not visible.
+
+    Raises InputError for a pair that cannot be rectified, and for a scene that is not the sample's.
+    """
+    if pictures not in PICTURES:
+        raise unknown("pictures", pictures, PICTURES)
+    scene = scene_of(stored.record, scene)
+    made = {key: value for key, value in stored.record["record"].items() if key not in ORIGIN}
+    result = rectify(stored.rig, left, right, fit=fit, zero_doffs=zero_doffs, misalignment=misalignment)
+    origin = {"rectified_from": {"sample": stored.name, "views": [left, right], "fit": fit, "pictures": pictures}}
+    if pictures == "render":
+        new = {**stored.record, "record": made, "rig": plain(result.rectified_rig)}
+        sample = remake(new, scene, progress=progress)
+        return replace(sample, record={**sample.record, **origin})
+    truths = ground_truth(scene, result.aligned_rig, sky_disparity=bool(made.get("sky_disparity")))
+    shots = tuple(_warped(stored, k, (left, right), result) for k in range(stored.num_lenses))
+    record = {**made, "keep_radiance": False, **origin}
+    return Sample(result.rectified_rig, shots, _where_pictured(truths, result), record=record)
+
+
+def _warped(stored: StoredSample, k: int, views: tuple[int, int], result: Rectification) -> Shot:
+    shot = stored.lens(k)
+    images = tuple(result.warp(side, shot.image(view)) for side, view in enumerate(views))
+    return Shot(shot.lens, images, record=shot.record)
+
+
+def _where_pictured(truths: list[Truth], result: Rectification) -> tuple[Truth, ...]:
+    """The ground truths, visible only where both rectified images have data."""
+    valid = [result.valid(side) for side in (0, 1)]
+    pictured = (_pictured(truth, side, result, valid) for side, truth in enumerate(truths))
+    return tuple(replace(truth, visible=truth.visible & both) for truth, both in zip(truths, pictured, strict=True))
+
+
+def _pictured(truth: Truth, side: int, result: Rectification, valid: list[NDArray[np.bool_]]) -> NDArray[np.bool_]:
+    """Whether both rectified images have data at a pixel's point."""
+    rig, other = result.aligned_rig, 1 - side
+    seen = rig.project(other, np.where(truth.hit[..., None], truth.position, np.nan))
+    inside = rig.cameras[other].contains(seen)
+    u, v = np.floor(np.where(inside[..., None], seen, 0.0) + 0.5).astype(int).transpose(2, 0, 1)
+    there = inside & valid[other][v, u]
+    pictured: NDArray[np.bool_] = valid[side] & (there | ~truth.hit)
+    return pictured

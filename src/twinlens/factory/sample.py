@@ -5,14 +5,13 @@ scene, rig ---------> ground_truth ------------------------------> Truths ---+->
 """
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twinlens.camera import Disk, Lens, Rig
 from twinlens.camera.diffraction import diffract
@@ -22,7 +21,7 @@ from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_
 from twinlens.errors import InputError
 from twinlens.factory.sources import file_digests
 from twinlens.rendering import SAMPLERS, Progress, backend, ground_truth, partial_progress, render
-from twinlens.scenes import Scene
+from twinlens.scenes import Scene, rig_from_table
 from twinlens.sensor import Exposure, Sensor
 from twinlens.sensor.exposure import check_exposure
 
@@ -76,15 +75,19 @@ def make_sample(
     _check(lenses, exposure, sensor, diffraction)
     shots = []
     for k, lens in enumerate(lenses):
-        stream = _stream(scene, seed, k)
+        key = (_SHOT_STREAM, zlib.crc32(scene.name.encode()), k)  # so that no two images share noise
+        stream = int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1)[0])
         report = partial_progress(progress, k / len(lenses), (k + 1) / len(lenses))
         radiances = tuple(render(scene, rig, lens, spp, stream, sampler=SAMPLERS[0], progress=report))
         if diffraction and lens.aperture_diameter > 0:
-            radiances = _diffracted(radiances, rig, lens, sensor)
+            pairs = zip(radiances, rig.cameras, strict=True)
+            radiances = tuple(diffract(image, camera, lens, sensor.wavelengths) for image, camera in pairs)
         photos = sensor.expose_rig(radiances, rig=rig, lens=lens, seed=stream, exposure=exposure)
-        record = {"spp": spp, "seed": stream, "exposures": [photo.record for photo in photos]}
-        shots.append(Shot(lens, tuple(photo.image for photo in photos), radiances if keep_radiance else None, record))
-    request = {
+        taken = {"spp": spp, "seed": stream, "exposures": [photo.record for photo in photos]}
+        shots.append(Shot(lens, tuple(photo.image for photo in photos), radiances if keep_radiance else None, taken))
+    record = {
+        "scene": scene.name,
+        "scene_files": file_digests(scene),
         "seed": seed,
         "spp": spp,
         "sensor": asdict(sensor),
@@ -92,10 +95,14 @@ def make_sample(
         "diffraction": diffraction,
         "sky_disparity": sky_disparity,
         "keep_radiance": keep_radiance,
+        "sampler": SAMPLERS[0],
+        "integrator": {key: value for key, value in scene.integrator.items() if isinstance(value, (str, int, float))},
+        **made_with(),
+        "llvm": Path(backend().library or "").name or None,
     }
     if truths is None:
         truths = ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)
-    return Sample(rig, tuple(shots), tuple(truths), record=_record(scene, request))
+    return Sample(rig, tuple(shots), tuple(truths), record=record)
 
 
 def _check(lenses: Sequence[Lens], exposure: Exposure | None, sensor: Sensor, diffraction: bool) -> None:
@@ -114,36 +121,59 @@ def _check(lenses: Sequence[Lens], exposure: Exposure | None, sensor: Sensor, di
             )
 
 
-def _diffracted(
-    radiances: tuple[NDArray[np.float32], ...], rig: Rig, lens: Lens, sensor: Sensor
-) -> tuple[NDArray[np.float32], ...]:
-    return tuple(
-        diffract(image, camera, lens, sensor.wavelengths) for image, camera in zip(radiances, rig.cameras, strict=True)
-    )
-
-
-def _stream(scene: Scene, seed: int, k: int) -> int:
-    """A seed for each scene and lens, so that images do not share noise."""
-    key = (_SHOT_STREAM, zlib.crc32(scene.name.encode()), k)
-    return int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1)[0])
-
-
-def _record(scene: Scene, request: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "scene": scene.name,
-        "scene_files": file_digests(scene),
-        **request,
-        "sampler": SAMPLERS[0],
-        "integrator": {key: value for key, value in scene.integrator.items() if isinstance(value, (str, int, float))},
-        **made_with(),
-        "llvm": Path(backend().library or "").name or None,
-    }
-
-
 def made_with() -> dict[str, Any]:
     """Backend and versions of this process; samples made with equal ones are the same to the byte."""
     versions = {name: version(name) for name in ("twinlens", "mitsuba", "drjit", "numpy")}
     return {"backend": backend().variant, "versions": versions}
+
+
+def default_rig(
+    scene: Scene,
+    width: int,
+    height: int,
+    fov_x_deg: float | None = None,
+    baseline: float | None = None,
+    intrinsics: Mapping[str, Any] | None = None,
+) -> Rig:
+    """The rig in the scene's file, or a rectified pair at the scene's viewpoint.
+
+    Parameters
+    ----------
+    width, height : int
+        Image size, pixels.
+    fov_x_deg, baseline : float, optional
+        Replace the scene's.
+    intrinsics : mapping, optional
+        Keys of a rig's table (docs/rigs.md) that replace those of all cameras: fx, fy, cx, cy, distortion,
+        pixel_pitch_um, sensor_width_mm.
+
+    Raises InputError.
+    """
+    options = {"fov_x_deg": fov_x_deg, "baseline": baseline, **(intrinsics or {})}
+    given = {key: value for key, value in options.items() if value is not None}
+    replaced = set(given)
+    for alternatives in ({"fov_x_deg", "fx", "fy"}, {"pixel_pitch_um", "sensor_width_mm"}):
+        replaced |= alternatives if alternatives & given.keys() else set()
+
+    def kept(part: Any) -> Any:
+        return {key: part[key] for key in part if key not in replaced} if isinstance(part, Mapping) else part
+
+    table: dict[str, Any] = kept(scene.rig or {})
+    if isinstance(table.get("cameras"), list):
+        table["cameras"] = [kept(camera) for camera in table["cameras"]]
+    return rig_from_table(table | given, scene, width, height)
+
+
+def check_common_view(rig: Rig, scene: Scene) -> None:
+    """Raise InputError for parallel views that are farther apart than they are wide at the scene's far end."""
+    camera, far = rig.cameras[0], scene.depth_range[1]
+    wide = far * camera.width / camera.fx
+    parallel = len(rig) > 1 and abs(rig.b_from_a(0, 1)[2, 2] - 1) < 1e-9
+    if parallel and rig.baseline() >= wide:
+        raise InputError(
+            f"--baseline {rig.baseline():g}: the views have nothing in common; at {far:g} m, the far end of "
+            f"{scene.name}, each is {wide:.3g} m wide"
+        )
 
 
 def add_sample(output: Place, name: str, sample: Sample, seed: int, overwrite: bool = False) -> Row:

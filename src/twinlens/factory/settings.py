@@ -1,7 +1,6 @@
 """The keys of a recipe that are drawn for every sample, after their distributions have been replaced by values."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, Strict, create_mode
 
 from twinlens.camera import Lens
 from twinlens.camera.intrinsics import MAX_SIDE
-from twinlens.errors import FileError, InputError
+from twinlens.errors import InputError, located
 from twinlens.factory.draws import Number, Positive
 from twinlens.factory.lenses import Find, LensTable, PinholeTable, View
 from twinlens.geometry import Float, rigid
@@ -80,12 +79,12 @@ def _keys_of(kind: type[Any]) -> dict[str, Any]:
     }
 
 
-_MismatchTable: Any = create_model("MismatchTable", __base__=StrictModel, **_keys_of(Mismatch))
+MismatchTable: Any = create_model("MismatchTable", __base__=StrictModel, **_keys_of(Mismatch))
 
 
 class _SensorTable(StrictModel):
     preset: Literal[tuple(PRESETS)] = _PRESET  # type: ignore[valid-type]
-    mismatch: _MismatchTable = _MismatchTable()
+    mismatch: MismatchTable = MismatchTable()
 
     def sensor(self) -> Sensor:
         """The preset with the given fields replaced. Raises InputError for a value out of range."""
@@ -121,17 +120,6 @@ class Settings(StrictModel):
     exposure: ExposureTable | None = None
 
 
-@contextmanager
-def located(file: str | Path, key: str) -> Iterator[None]:
-    """Prefix InputErrors with the file and the key that cause them."""
-    try:
-        yield
-    except FileError as error:
-        raise FileError(f"{file}: {key}: {error}") from error
-    except InputError as error:
-        raise InputError(f"{file}: {key}: {error}") from error
-
-
 _ASPECTS, _LEAST_WIDTH = (0.2, 5.0), 16
 """Image shapes that families compose scenes for: width over height, and pixels across."""
 _STAND_IN = Scene("any", (), {}, np.eye(4), (1.0, 10.0))
@@ -154,10 +142,8 @@ def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]
 
 def make_sensor(settings: Settings, file: Path) -> Sensor:
     """The sensor of a sample."""
-    try:
+    with located(str(file)):  # the message names the sensor's field
         sensor: Sensor = settings.sensor.sensor()
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from error  # it names the sensor's field
     return sensor
 
 
@@ -165,7 +151,7 @@ def make_lenses(settings: Settings, view: View | None, file: Path, find: Find) -
     """The lenses of a sample; without a view they are only checked."""
     lenses = []
     for k, table in enumerate(settings.lenses):
-        with located(file, f"lenses[{k}]"):
+        with located(f"{file}: lenses[{k}]"):
             lenses.append(table.lens(view, find))
     return lenses
 

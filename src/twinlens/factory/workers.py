@@ -9,19 +9,20 @@ import os
 import signal
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing import active_children, connection, get_context, parent_process, resource_tracker
+from multiprocessing import connection, get_context, parent_process, resource_tracker
 from pathlib import Path
-from queue import SimpleQueue
 from threading import Thread
 from typing import Any
 
-from twinlens.dataset import Row, Sample, write_sample
+import pebble
+
+from twinlens.dataset import Place, Row, Sample, write_sample
 from twinlens.dataset.record import plain
-from twinlens.dataset.storage import is_whole, place
+from twinlens.dataset.storage import is_whole
 from twinlens.errors import BackendError, InputError, MissingExtraError, OutputError
 from twinlens.factory.ledger import Entry, Failure, recovered_row, repair_hint, row_info, write_row
 from twinlens.factory.plan import sample_name
@@ -38,7 +39,6 @@ it compiled kernels for, until the process ends."""
 _POLL_S = 0.25
 _QUEUED = 2  # samples submitted for each thread of a Dask cluster, so that none waits
 _TRIES = 3
-_STARTS = 2  # of one worker that may fail
 
 Report = Callable[[float, str], None]
 Results = Generator[tuple[int, Entry], None, None]
@@ -49,7 +49,7 @@ class Work:
     """The recipe, the folder of the dataset, and the backend and versions that its samples must be made with."""
 
     recipe: Recipe
-    folder: str
+    folder: Place
     made_with: Mapping[str, Any]
 
 
@@ -62,28 +62,27 @@ def rendered(work: Work, index: int, progress: Progress | None = None) -> Sample
     try:
         return make(work.recipe, index, progress)
     except Exhausted as error:
-        return Failure(index, plain(error.rejections), error.remedy)
+        return Failure(index, error.remedy, plain(error.rejections))
     finally:
         if work.recipe.makes_scenes:
             forget_kernels()
 
 
-def written(work: Work, index: int, made: Sample | Failure) -> Entry:
-    """Write a sample's folder, then its row. A whole sample that another worker has written meanwhile is kept."""
-    entry: Entry
-    if isinstance(made, Failure):
-        entry = made
-    else:
-        folder = place(work.folder) / sample_name(index)
+def written(work: Work, index: int, made: Sample | Failure | None) -> Entry:
+    """Write a sample's folder, unless another worker has written it (`made` is None then), and its row."""
+    folder = work.folder / sample_name(index)
+    entry: Entry | None = made if isinstance(made, Failure) else None
+    if isinstance(made, Sample):
         try:
-            entry = Row(sample_name(index), write_sample(folder, made), plain(row_info(plain(made.record))))
+            entry = Row(folder.name, write_sample(folder, made), plain(row_info(plain(made.record))))
         except OutputError:
             if not folder.exists():
                 raise
             if not is_whole(folder):
                 raise OutputError(f"{folder}: exists and is not a whole sample; {repair_hint(folder)}") from None
-            entry = recovered_row(place(work.folder), work.recipe, index, work.made_with)
-    write_row(place(work.folder), index, entry)
+    if entry is None:
+        entry = recovered_row(work.folder, work.recipe, index, work.made_with)
+    write_row(work.folder, index, entry)
     return entry
 
 
@@ -110,11 +109,18 @@ class Order:
     """
 
     written: Mapping[str, Any] = field(hash=False)
-    path: str
-    folder: str
+    path: Path
+    folder: Place
     made_with: Mapping[str, Any] = field(hash=False)
     sources: Mapping[str, str] = field(hash=False)
     threads: int | None = None
+
+    @classmethod
+    def of(cls, work: Work, threads: int | None = None) -> "Order":
+        """With absolute paths: a worker has another working folder."""
+        recipe = work.recipe
+        path, folder = recipe.file.absolute(), work.folder.resolve()
+        return cls(dict(recipe.written), path, folder, work.made_with, recipe.sources.digests, threads)
 
 
 def worker_processes(count: int) -> Engine:
@@ -123,81 +129,38 @@ def worker_processes(count: int) -> Engine:
     A process is replaced after `RENEWED_AFTER` samples, and when it dies; its sample is made again.
     """
 
+    def started() -> pebble.ProcessPool:
+        with _interrupts_blocked():
+            context = get_context("spawn")
+            pool = pebble.ProcessPool(count, RENEWED_AFTER, initializer=_end_with_parent, context=context)
+            _ = pool.active  # starts the processes
+        return pool
+
+    def stop(pool: pebble.ProcessPool) -> None:
+        pool.stop()  # type: ignore[no-untyped-call]
+        pool.join()
+
     def engine(work: Work, indices: Sequence[int], report: Report) -> Results:
-        order = _order(work, threads=max(1, len(os.sched_getaffinity(0)) // count))
-        workers = [_WorkerProcess() for _ in range(min(count, len(indices)))]
-        idle: SimpleQueue[_WorkerProcess] = SimpleQueue()
-        for worker in workers:
-            idle.put(worker)
+        order = Order.of(work, threads=max(1, len(os.sched_getaffinity(0)) // count))
+        pool = started()
 
         def submit(index: int) -> Future[Entry]:
-            worker = idle.get()
-            future = worker.submit(order, index)
-            future.add_done_callback(lambda _: idle.put(worker))
-            return future
+            nonlocal pool
+            if not pool.active:  # its processes have died without a sample
+                stop(pool)
+                pool = started()
+            return pool.schedule(make_one, (order, index))
 
         try:
-            yield from _collected(submit, lambda: len(workers), indices, report)
+            yield from _collected(submit, lambda: count, indices, report)
         finally:
-            for worker in workers:
-                worker.stop()
+            stop(pool)
 
     return engine
 
 
-class _WorkerProcess:
-    """A process that makes one sample at a time; replaced after `RENEWED_AFTER` samples, and when it has died.
-
-    `ProcessPoolExecutor(max_tasks_per_child=...)` may deadlock when it replaces a process (CPython issue 115634), and
-    one executor for all workers would stop all of them when one dies.
-    """
-
-    def __init__(self) -> None:
-        self._executor: ProcessPoolExecutor | None = None
-        self._pid: Future[int] = Future()
-        self._made = 0
-        self._failed_starts = 0
-
-    def submit(self, order: "Order", index: int) -> Future[Entry]:
-        if self._made == RENEWED_AFTER:
-            self.stop()
-        self._made += 1
-        with _interrupts_blocked():
-            for _ in range(_TRIES):
-                if self._executor is None:
-                    self._executor = ProcessPoolExecutor(
-                        1, mp_context=get_context("spawn"), initializer=_end_with_parent
-                    )
-                    self._pid = self._executor.submit(os.getpid)
-                try:
-                    return self._executor.submit(make_one, order, index)
-                except BrokenProcessPool:  # it has died since its last sample
-                    self._failed_starts += self._pid.exception() is not None
-                    self.stop()
-                    if self._failed_starts == _STARTS:
-                        break
-        raise BackendError(
-            'worker processes end as soon as they start; a script needs the guard `if __name__ == "__main__":`, and '
-            "more may be in the system's log"
-        )
-
-    def stop(self) -> None:
-        """End the process at once; a sample that it is making is lost."""
-        if self._executor is not None:
-            pid = self._pid.result() if self._pid.done() and self._pid.exception() is None else None
-            for process in active_children():
-                if process.pid == pid:
-                    process.kill()
-            self._executor.shutdown(cancel_futures=True)
-        self._executor, self._made = None, 0
-
-
 def _end_with_parent() -> None:
-    """End this process when the one that started it has died.
-
-    Executors leave their processes waiting for tasks forever when their parent is killed; until then they would also
-    write into a folder that nobody locks.
-    """
+    """End this process when its parent has died; until then it would write into a folder that is not locked."""
     parent = parent_process()
     if parent is not None:
         Thread(target=_exit_after, args=(parent.sentinel,), name="twinlens-parent", daemon=True).start()
@@ -206,6 +169,17 @@ def _end_with_parent() -> None:
 def _exit_after(sentinel: int) -> None:
     connection.wait([sentinel])
     os._exit(1)
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Threads and processes started within never receive SIGINT, which a terminal sends to all of a command."""
+    resource_tracker.ensure_running()  # its start would unblock SIGINT (CPython 3.11)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def dask_cluster(address: str) -> Engine:
@@ -217,12 +191,19 @@ def dask_cluster(address: str) -> Engine:
         import distributed
     except ImportError as error:
         raise MissingExtraError("--scheduler needs Dask distributed: pip install 'twinlens[cluster]'") from error
-    with _connected(distributed, address):
-        pass
+
+    def connect() -> Any:
+        try:
+            return distributed.Client(address, timeout=10)
+        except (OSError, TimeoutError, ValueError) as error:
+            start = "start one: dask scheduler"
+            raise BackendError(f"no Dask scheduler answers at {address!r} ({error}); {start}") from error
+
+    connect().close()
 
     def engine(work: Work, indices: Sequence[int], report: Report) -> Results:
-        order = _order(work)
-        with _connected(distributed, address) as client:
+        order = Order.of(work)
+        with connect() as client:
             executor = client.get_executor(pure=False)
             queued = lambda: _QUEUED * max(1, sum(client.nthreads().values()))  # noqa: E731
             try:
@@ -253,11 +234,16 @@ def _collected(
             try:
                 entry = future.result()
             except Exception as error:
-                if not _is_lost_worker(error):
+                if type(error).__name__ not in _LOST_WORKER:
                     raise
                 tries[index] += 1
                 if tries[index] < _TRIES:
                     running[submit(index)] = index
+                elif isinstance(error, BrokenProcessPool):
+                    raise BackendError(
+                        "worker processes end as soon as they start; a script needs the guard `if __name__ == "
+                        '"__main__":`, and more may be in the system\'s log'
+                    ) from error
             else:
                 done += 1
                 yield index, entry
@@ -270,9 +256,8 @@ def _collected(
         )
 
 
-def _is_lost_worker(error: Exception) -> bool:
-    return isinstance(error, BrokenProcessPool) or type(error).__name__ == "KilledWorker"  # the latter is Dask's
-
+_LOST_WORKER = ("ProcessExpired", "BrokenProcessPool", "KilledWorker")
+"""Exceptions of Pebble (died with a sample, died without one) and of Dask."""
 
 _RENDERER = ThreadPoolExecutor(1, "twinlens-renderer")
 """The thread of a worker that renders: Dr.Jit keeps its state by thread, and Dask runs tasks in several."""
@@ -280,20 +265,19 @@ _RENDERER = ThreadPoolExecutor(1, "twinlens-renderer")
 
 def make_one(order: Order, index: int) -> Entry:
     """Make and write one sample, in a worker. One that a worker had finished before it died is kept."""
-    work, made = _RENDERER.submit(_rendered, order, index, order.threads or _dask_threads()).result()
-    if made is not None:
-        return written(work, index, made)
-    entry: Entry = recovered_row(place(order.folder), work.recipe, index, work.made_with)
-    write_row(place(order.folder), index, entry)
-    return entry
+    threads = order.threads
+    if threads is None:
+        from distributed import get_worker
+
+        threads = int(get_worker().state.nthreads)
+    work, made = _RENDERER.submit(_rendered, order, index, threads).result()
+    return written(work, index, made)
 
 
 def _rendered(order: Order, index: int, threads: int) -> tuple[Work, Sample | Failure | None]:
     """The sample, why there is none, or None where it is written already."""
     work = _work(order, threads)
-    if is_whole(place(order.folder) / sample_name(index)):
-        return work, None
-    return work, rendered(work, index)
+    return work, None if is_whole(order.folder / sample_name(index)) else rendered(work, index)
 
 
 @functools.lru_cache(1)
@@ -301,42 +285,9 @@ def _work(order: Order, threads: int) -> Work:
     """Prepare this worker. Raises InputError where its versions, backend or files are not the dataset's."""
     use_threads(threads)
     configure_malloc()
-    work = Work(recipe_from_table(order.written, Path(order.path)), order.folder, order.made_with)
+    work = Work(recipe_from_table(order.written, order.path), order.folder, order.made_with)
     if changed := differences(work.made_with, plain(made_with())):
         raise InputError(f"this worker has another backend or other versions than the dataset: {'; '.join(changed)}")
     if changed_sources := changed_files(order.sources, work.recipe.sources.digests):
         raise InputError(f"this worker has other source files than the dataset's: {changed_sources}")
     return work
-
-
-def _dask_threads() -> int:
-    from distributed import get_worker
-
-    return int(get_worker().state.nthreads)
-
-
-def _order(work: Work, threads: int | None = None) -> Order:
-    path = os.path.abspath(work.recipe.file)  # noqa: PTH100  a worker has another working folder
-    folder = str(place(work.folder).resolve())
-    return Order(dict(work.recipe.written), path, folder, work.made_with, work.recipe.sources.digests, threads)
-
-
-@contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Processes started within never receive SIGINT, which a terminal sends to all processes of a command."""
-    resource_tracker.ensure_running()  # its start would unblock SIGINT (CPython 3.11)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
-def _connected(distributed: Any, address: str) -> Iterator[Any]:
-    try:
-        client = distributed.Client(address, timeout=10)
-    except (OSError, TimeoutError, ValueError) as error:
-        raise BackendError(f"no Dask scheduler answers at {address!r} ({error}); start one: dask scheduler") from error
-    with client:
-        yield client
