@@ -24,7 +24,7 @@ from twinlens.scoring import (
     run_benchmark,
     spec_of,
 )
-from twinlens.scoring.map_folder import file_name
+from twinlens.scoring.submission import file_name
 
 
 def truth(disparity, depth):

@@ -39,7 +39,6 @@ from twinlens.scoring import (
     load_pair,
 )
 from twinlens.scoring.metrics import TIMES
-from twinlens.scoring.tables import COLUMNS
 
 MAX_WIDTH = 800
 """Wider maps and images are subsampled by an integer stride."""
@@ -201,7 +200,7 @@ def _protocol(name: str) -> dict[str, Any]:
         "title": rules.title,
         "headline": rules.headline,
         "metrics": list(rules.metrics),
-        "columns": list(COLUMNS.get(name, rules.metrics)),
+        "columns": list(rules.columns),
         "lines": dict(rules.lines()),
     }
 

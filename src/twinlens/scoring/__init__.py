@@ -4,7 +4,6 @@ from twinlens.scoring.benchmark import WARM_UP_LIMIT_S, Step, run_benchmark, spe
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure, Mean
 from twinlens.scoring.board_file import board_from_json, board_to_json, json_number, read_board, write_board
 from twinlens.scoring.evaluate import RegionScores, Scores, evaluate
-from twinlens.scoring.map_folder import MapFolder
 from twinlens.scoring.methods import NamedMethod, named_method, named_methods, named_program
 from twinlens.scoring.metrics import METRICS, Metric, find_metric
 from twinlens.scoring.point_cloud import cloud_errors, points
@@ -20,7 +19,7 @@ from twinlens.scoring.samples import (
     open_pairs,
     search_range,
 )
-from twinlens.scoring.submission import Submission, open_submission
+from twinlens.scoring.submission import MapFolder, Submission, open_submission
 from twinlens.scoring.tables import (
     Groups,
     board_csv,

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from types import MappingProxyType
 
 from twinlens.errors import InputError, unknown
@@ -81,11 +80,9 @@ class Entry:
 
     def value(self, region: str, metric: str) -> float:
         """One metric or time of this entry; NaN if it is missing."""
-        times = self.times()
-        if metric in times:
-            return times[metric]
-        scores = self.regions.get(region)
-        return math.nan if scores is None else scores.get(metric, math.nan)
+        if metric in TIMES:
+            return self.times()[metric]
+        return self.regions[region].get(metric, math.nan) if region in self.regions else math.nan
 
 
 @dataclass(frozen=True)
@@ -147,14 +144,12 @@ class Board:
 
     def find(self, method: str, sample: str, protocol: str) -> Entry | None:
         """The entry with that key, or None."""
-        wanted = (method, sample, protocol)
-        return next((entry for entry in self.entries if entry.key == wanted), None)
+        return next((entry for entry in self.entries if entry.key == (method, sample, protocol)), None)
 
     def having(self, entry: Entry) -> "Board":
         """A board with `entry` in place of the one with its key, or appended."""
-        if all(old.key != entry.key for old in self.entries):
-            return replace(self, entries=(*self.entries, entry))
-        return replace(self, entries=tuple(entry if old.key == entry.key else old for old in self.entries))
+        entries = {old.key: old for old in self.entries} | {entry.key: entry}
+        return replace(self, entries=tuple(entries.values()))
 
     def subset(self, samples: Collection[str]) -> "Board":
         """The board of these samples only."""
@@ -174,8 +169,12 @@ class Board:
         InputError
             A weight for an unknown sample, or a negative weight.
         """
-        _check_weights(weights or {}, self.samples)
-        entries = self._by_protocol.get(protocol, [])
+        for name, weight in (weights or {}).items():
+            if name not in self.samples:
+                raise unknown("sample", name, self.samples)
+            if not (math.isfinite(weight) and weight >= 0):
+                raise InputError(f"the weight of {name!r} is {weight}: expected a finite number >= 0")
+        entries = [e for e in self.entries if e.protocol == protocol]
         mine = [e for e in entries if e.method == method]
         failed = tuple(e.sample for e in mine if not e.ok)
         scored = [e for e in mine if e.evaluated(region)]
@@ -188,27 +187,11 @@ class Board:
             return Mean(method, dict.fromkeys(names, math.nan), len(scored), failed, missing)
         factors = [(weights or {}).get(e.sample, 1.0) for e in scored]
         means = {name: _mean([e.value(region, name) for e in scored], factors) for name in names}
-        return Mean(method, means, len(scored), (), ())
-
-    @cached_property
-    def _by_protocol(self) -> dict[str, list[Entry]]:
-        """Entries grouped once: a page needs the means of every method, protocol and region."""
-        found: dict[str, list[Entry]] = {}
-        for entry in self.entries:
-            found.setdefault(entry.protocol, []).append(entry)
-        return found
+        return Mean(method, means, len(scored), ())
 
 
 def _unique(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
-
-
-def _check_weights(weights: Mapping[str, float], samples: tuple[str, ...]) -> None:
-    for name, weight in weights.items():
-        if name not in samples:
-            raise unknown("sample", name, samples)
-        if not (math.isfinite(weight) and weight >= 0):
-            raise InputError(f"the weight of {name!r} is {weight}: expected a finite number >= 0")
 
 
 def _mean(values: list[float], weights: list[float]) -> float:

@@ -64,7 +64,7 @@ class Protocol:
     """The rules of one benchmark, and their description as printed with every table.
 
     upsampling: allowed ratios of the truth's size to the map's. rounds_integers: estimates are rounded if the
-    calibration has isint=1.
+    calibration has isint=1. headline: the metric that ranks methods. columns: the metrics of a table by default.
     """
 
     name: str
@@ -78,6 +78,7 @@ class Protocol:
     clip: str
     resolution: str
     headline: str
+    columns: tuple[str, ...]
     upsampling: tuple[int, ...] = (1,)
     rounds_integers: bool = False
     needs_calibration: bool = False
@@ -228,6 +229,7 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
             clip="estimates to [0, ndisp], or to [m, m + ndisp] with a smallest disparity m < 0; isint=1 rounds them",
             resolution="the truth's; a map of 1/2 or 1/4 its size is repeated and scaled up",
             headline="totbad2.0",
+            columns=("totbad2.0", *BAD, "avgerr", "rms", "A50", "A95", "invalid"),
             upsampling=(1, 2, 4),
             rounds_integers=True,
         ),
@@ -243,6 +245,7 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
             clip="none",
             resolution="the truth's",
             headline="bad1.0",
+            columns=(*BAD, "avgerr", "rms", "A50", "A95", "coverage"),
         ),
         "kitti2015": Protocol(
             name="kitti2015",
@@ -256,6 +259,7 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
             clip="none; outlier where |e| > 3 px and |e| > 5% of the truth",
             resolution="the truth's",
             headline="D1",
+            columns=("D1", "D1_est", "coverage"),
         ),
         "points": Protocol(
             name="points",
@@ -269,6 +273,7 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
             clip="none",
             resolution="the truth's",
             headline="point_avgerr",
+            columns=("point_avgerr", "point_rms", "point_A50", "point_A90", "point_A99", "point_rel", "coverage"),
             needs_calibration=True,
         ),
     }

@@ -19,7 +19,7 @@ import stat
 import struct
 import unicodedata
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -28,21 +28,64 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twinlens.dataset import read_pfm, write_pfm
 from twinlens.dataset.codecs.pfm import decode_pfm
 from twinlens.dataset.codecs.png import decode_png
-from twinlens.errors import FileError, InputError
-from twinlens.scoring.map_folder import file_name
+from twinlens.errors import FileError, InputError, OutputError
 
-KITTI_SCALE = 256.0
 SCALES = (1, 2, 4)
 """Ratios of the truth's size to a map's; the protocol decides which of them it accepts."""
 SLACK_BYTES = 65536
 """Bytes of a file beyond four per pixel: headers, and chunks of an incompressible PNG."""
-MAX_FILES = 100_000
 PNG_SIZE, PNG_KIND = slice(16, 24), slice(24, 26)
 GREY_16 = b"\x10\x00"
 """Size, and bit depth and colour type, in a PNG's header (ISO 15948, IHDR); the latter for 16-bit grey."""
-COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+
+Samples = Mapping[str, Sequence[str]]
+"""Name of a sample -> its aliases."""
+
+
+class MapFolder:
+    """Maps as <folder>/<sample>/<method>.pfm; see `file_name` for names that are no safe file names.
+
+    Pass `keep` to `run_benchmark` as on_map, `drop` as on_drop, and the object itself to the report as maps.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        self.folder = Path(folder)
+
+    def path(self, method: str, sample: str) -> Path:
+        """Path of that map, whether it exists or not."""
+        return self.folder / file_name(sample) / f"{file_name(method)}.pfm"
+
+    def keep(self, method: str, sample: str, disp: NDArray[np.floating[Any]]) -> None:
+        """Write one map, (H, W) pixels, +inf unknown; OutputError if it cannot be written."""
+        write_pfm(self.path(method, sample), disp)
+
+    def drop(self, method: str, sample: str) -> None:
+        """Remove that map if it exists; OutputError if it cannot be removed."""
+        path = self.path(method, sample)
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be removed ({error.strerror or error})") from error
+
+    def get(self, key: tuple[str, str], /) -> NDArray[np.floating[Any]] | None:
+        """The map of (method, sample), or None; FileError if the file is damaged."""
+        path = self.path(*key)
+        return read_pfm(path) if path.is_file() else None
+
+
+def file_name(name: str) -> str:
+    """A safe file name: `name` itself if it is plain, else its plain characters and eight digits of its SHA-256.
+
+    >>> file_name("sad-9"), file_name("../x")[:2], file_name("../x") == file_name("./x")
+    ('sad-9', 'x-', False)
+    """
+    if re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.=-]{0,60}", name):
+        return name
+    plain = re.sub(r"[^A-Za-z0-9_=-]+", "-", name).strip("-")[:40] or "name"
+    return f"{plain}-{hashlib.sha256(name.encode('utf-8', 'surrogatepass')).hexdigest()[:8]}"
 
 
 @dataclass(frozen=True)
@@ -64,19 +107,34 @@ class Submission:
     @cached_property
     def files(self) -> Mapping[str, int]:
         """Every file that is not hidden: relative name with slashes -> size in bytes."""
-        found = _folder_files(self.path) if self.path.is_dir() else _zip_files(self.path)
-        visible = {name: size for name, size in found.items() if not _is_hidden(name)}
-        _check_distinct(self.path, visible)
+        if self.path.is_dir():
+            found = _folder_files(self.path)
+        else:
+            with _archive(self.path) as archive:
+                found = _zip_files(self.path, archive.infolist())
+        visible = {}
+        spellings: dict[str, str] = {}
+        for name, size in found.items():
+            if any(part.startswith(".") or part == "__MACOSX" for part in name.split("/")):
+                continue
+            visible[name] = size
+            other = spellings.setdefault(unicodedata.normalize("NFC", name).casefold(), name)
+            if other != name:
+                raise FileError(f"{self.path}: {other} and {name} are the same name on some systems; remove one")
         return visible
 
     @cached_property
     def spec(self) -> str:
         """SHA-256 of the maps' names and contents (for a zip, of its checksums)."""
         digest = hashlib.sha256()
-        names = [name for name in sorted(self.files) if name.endswith((".pfm", ".png"))]
-        for name, fingerprint in zip(names, self._fingerprints(names), strict=True):
-            digest.update(f"{name} {self.files[name]}\n".encode("utf-8", "surrogatepass"))
-            digest.update(fingerprint)
+        with contextlib.nullcontext() if self.path.is_dir() else _archive(self.path) as archive:
+            for name in sorted(name for name in self.files if name.endswith((".pfm", ".png"))):
+                digest.update(f"{name} {self.files[name]}\n".encode("utf-8", "surrogatepass"))
+                if archive is not None:
+                    digest.update(archive.getinfo(name).CRC.to_bytes(4, "big"))
+                else:
+                    with (self.path / name).open("rb") as file:
+                        digest.update(hashlib.file_digest(file, "sha256").digest())
         return f"submission {digest.hexdigest()}"
 
     def file_of(self, sample: str, aliases: Sequence[str] = ()) -> str:
@@ -102,16 +160,16 @@ class Submission:
         if name.endswith(".png") and len(data) > PNG_SIZE.stop:
             width, height = struct.unpack(">II", data[PNG_SIZE])
             _check_size((height, width), shape, where)
-        disp = _decoded(data, name, where)
+        disp = _decoded(data, where, png=name.endswith(".png"))
         _check_size(disp.shape, shape, where)
         return disp
 
-    def missing_files(self, samples: Mapping[str, Sequence[str]]) -> list[str]:
-        """Recommended names of the maps that are missing. samples: name -> aliases."""
-        lacking = [(name, aliases) for name, aliases in samples.items() if self._found(name, aliases) is None]
-        return [f"{aliases[0] if aliases else name}.pfm" for name, aliases in lacking]
+    def missing_files(self, samples: Samples) -> list[str]:
+        """Recommended names of the maps that are missing."""
+        missing = [name for name, aliases in samples.items() if self._found(name, aliases) is None]
+        return [f"{samples[name][0] if samples[name] else name}.pfm" for name in missing]
 
-    def check_unambiguous(self, samples: Mapping[str, Sequence[str]]) -> None:
+    def check_unambiguous(self, samples: Samples) -> None:
         """InputError if one file matches two samples, which have the same name in two datasets."""
         owners: dict[str, str] = {}
         for sample, aliases in samples.items():
@@ -122,38 +180,45 @@ class Submission:
                     "dataset separately"
                 )
 
-    def unmatched_files(self, samples: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-        """Maps that belong to no sample, sorted: most often misspelt names. samples: name -> aliases.
+    def unmatched_files(self, samples: Samples) -> tuple[str, ...]:
+        """Maps that belong to no sample, sorted: most often misspelt names.
 
-        Other files in a sample's own folder, and images that are not maps, are left out.
+        Other files in a sample's own folder, and images that are not maps, are left out. In a folder of several lenses,
+        the map of a lens that the sample does not have belongs to none.
         """
-        used = {file for name, aliases in samples.items() if (file := self._found(name, aliases)) is not None}
+        used = {self._found(name, aliases) for name, aliases in samples.items()}
         names = {each for name, aliases in samples.items() for each in (name, file_name(name), *aliases)}
         folders = {name.partition("/")[0] for name in names}
-        top = self._top_folder()
-        top = "" if top.rstrip("/") in folders else top
-        unused = sorted(self.files.keys() - used)
-        unmatched = [name for name in unused if not _belongs(name.removeprefix(top), names, folders)]
+        top = "" if self._top_folder().rstrip("/") in folders else self._top_folder()
+
+        def belongs(name: str) -> bool:
+            folder, slash, _ = name.partition("/")
+            lens = re.match(r"[^/]+/lens-\d+(?=[./])", name)
+            if lens is not None:
+                return lens[0] in names
+            return folder in folders if slash else name.rpartition(".")[0] in names
+
+        unmatched = [name for name in sorted(self.files.keys() - used) if not belongs(name.removeprefix(top))]
         with self._opener() as open_file:
             return tuple(name for name in unmatched if _is_map(name, open_file))
 
     def _found(self, sample: str, aliases: Sequence[str]) -> str | None:
+        """The sample's map: the first that exists."""
         tops = dict.fromkeys(("", self._top_folder()))
-        stems = dict.fromkeys(f"{top}{name}" for name in (sample, file_name(sample), *aliases) for top in tops)
-        return next((found for stem in stems if (found := self._map_at(stem)) is not None), None)
+        for stem in dict.fromkeys(f"{top}{name}" for name in (sample, file_name(sample), *aliases) for top in tops):
+            for name in (f"{stem}.pfm", f"{stem}.png", f"{stem}/disp0.pfm", f"{stem}/disp0.png"):
+                if name in self.files:
+                    return name
+            inside = [name for name in self.files if re.fullmatch(rf"{re.escape(stem)}/[^/]+\.pfm", name)]
+            first_lens = [name for name in inside if not re.search(r"/lens-0*[1-9]\d*\.pfm$", name)]
+            if len(first_lens) == 1:
+                return first_lens[0]
+        return None
 
     def _top_folder(self) -> str:
         """The single folder that contains everything, with a slash; "" if there is none."""
         tops = {name.partition("/")[0] for name in self.files}
         return f"{tops.pop()}/" if len(tops) == 1 else ""
-
-    def _map_at(self, stem: str) -> str | None:
-        for name in (f"{stem}.pfm", f"{stem}.png", f"{stem}/disp0.pfm", f"{stem}/disp0.png"):
-            if name in self.files:
-                return name
-        inside = [name for name in self.files if re.fullmatch(rf"{re.escape(stem)}/[^/]+\.pfm", name)]
-        first_lens = [name for name in inside if not re.search(r"/lens-0*[1-9]\d*\.pfm$", name)]
-        return first_lens[0] if len(first_lens) == 1 else None
 
     @contextlib.contextmanager
     def _opener(self) -> Iterator[Callable[[str], IO[bytes]]]:
@@ -166,28 +231,18 @@ class Submission:
 
     def _read(self, name: str, limit: int, where: str) -> bytes:
         """The file's bytes; FileError if it states, or has, more than `limit`."""
-        too_large = FileError(f"{where}: more than {limit} bytes, too large for a map of the truth's size")
-        if self.files[name] > limit:
-            raise too_large
+        size, data = self.files[name], b""
         try:
-            with self._opener() as open_file, open_file(name) as file:
-                data = file.read(limit + 1)
+            if size <= limit:
+                with self._opener() as open_file, open_file(name) as file:
+                    data = file.read(limit + 1)
         except FileError:
             raise
         except Exception as error:  # zipfile, zlib and other decoders raise many types for damaged data
             raise FileError(f"{where}: cannot be read ({error})") from None
-        if len(data) > limit:
-            raise too_large
+        if max(size, len(data)) > limit:
+            raise FileError(f"{where}: more than {limit} bytes, too large for a map of the truth's size")
         return data
-
-    def _fingerprints(self, names: Iterable[str]) -> Iterator[bytes]:
-        if not self.path.is_dir():
-            with _archive(self.path) as archive:
-                yield from (archive.getinfo(name).CRC.to_bytes(4, "big") for name in names)
-            return
-        for name in names:
-            with (self.path / name).open("rb") as file:
-                yield hashlib.file_digest(file, "sha256").digest()
 
 
 def open_submission(path: str | os.PathLike[str], name: str | None = None) -> Submission:
@@ -198,18 +253,6 @@ def open_submission(path: str | os.PathLike[str], name: str | None = None) -> Su
     return Submission(source, name if name is not None else own[: -len(".zip")] if is_zip else own)
 
 
-def _belongs(name: str, names: Set[str], folders: Set[str]) -> bool:
-    """Whether a file, named relative to the top, belongs to a sample: one of `names`, or within one of `folders`.
-
-    In a folder of several lenses, the map of a lens that the sample does not have belongs to none.
-    """
-    folder, slash, _ = name.partition("/")
-    lens = re.match(r"[^/]+/lens-\d+(?=[./])", name)
-    if lens is not None:
-        return lens[0] in names
-    return folder in folders if slash else name.rpartition(".")[0] in names
-
-
 def _is_map(name: str, open_file: Callable[[str], IO[bytes]]) -> bool:
     """Whether the file is a PFM, or by its header a 16-bit grey PNG."""
     if not name.endswith(".png"):
@@ -217,20 +260,6 @@ def _is_map(name: str, open_file: Callable[[str], IO[bytes]]) -> bool:
     with contextlib.suppress(Exception), open_file(name) as file:  # a damaged file is not a map
         return file.read(PNG_KIND.stop)[PNG_KIND] == GREY_16
     return False
-
-
-def _is_hidden(name: str) -> bool:
-    return any(part.startswith(".") or part == "__MACOSX" for part in name.split("/"))
-
-
-def _check_distinct(path: Path, names: Iterable[str]) -> None:
-    """Refuse two names that macOS or Windows treat as one."""
-    seen: dict[str, str] = {}
-    for name in names:
-        plain = unicodedata.normalize("NFC", name).casefold()
-        if plain in seen:
-            raise FileError(f"{path}: {seen[plain]} and {name} are the same name on some systems; remove one")
-        seen[plain] = name
 
 
 def _check_size(found: tuple[int, ...], truth: tuple[int, int], where: str) -> None:
@@ -257,41 +286,34 @@ def _archive(path: Path) -> zipfile.ZipFile:
         raise FileError(f"{path}: neither a folder nor a readable zip ({error})") from None
 
 
-def _zip_files(path: Path) -> dict[str, int]:
-    with _archive(path) as archive:
-        members = archive.infolist()
-    if len(members) > MAX_FILES:
-        raise FileError(f"{path}: {len(members)} files, more than {MAX_FILES}")
+def _zip_files(path: Path, members: Sequence[zipfile.ZipInfo]) -> dict[str, int]:
     found: dict[str, int] = {}
     for member in members:
-        _check_member(path, member, found)
+        name = member.filename
+        if name.startswith("/") or "\\" in name or ":" in name or ".." in PurePosixPath(name).parts:
+            raise FileError(f"{path}: contains {name!r}, a name that leaves the archive")
+        faults = {
+            "is a link": stat.S_ISLNK(member.external_attr >> 16),
+            "is encrypted": member.flag_bits & 1,
+            "uses a compression other than deflate": member.compress_type
+            not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED),
+            "occurs twice": name in found,
+        }
+        for fault, present in faults.items():
+            if present:
+                raise FileError(f"{path}: {name} {fault}")
         if not member.is_dir():
-            found[member.filename] = member.file_size
+            found[name] = member.file_size
     return found
 
 
-def _check_member(path: Path, member: zipfile.ZipInfo, seen: Mapping[str, Any]) -> None:
-    name = member.filename
-    if name.startswith("/") or "\\" in name or ":" in name or ".." in PurePosixPath(name).parts:
-        raise FileError(f"{path}: contains {name!r}, a name that leaves the archive")
-    if stat.S_ISLNK(member.external_attr >> 16):
-        raise FileError(f"{path}: {name} is a link")
-    if member.flag_bits & 1:
-        raise FileError(f"{path}: {name} is encrypted")
-    if member.compress_type not in COMPRESSIONS:
-        raise FileError(f"{path}: {name} uses a compression other than deflate")
-    if name in seen:
-        raise FileError(f"{path}: {name} occurs twice")
-
-
-def _decoded(data: bytes, name: str, where: str) -> NDArray[np.float32]:
-    if name.endswith(".pfm"):
-        disp = decode_pfm(data, where)
-    else:
+def _decoded(data: bytes, where: str, png: bool) -> NDArray[np.float32]:
+    if png:
         codes = decode_png(data, where)
         if codes.dtype != np.uint16 or codes.ndim != 2:
             raise FileError(f"{where}: a disparity PNG is 16-bit grey, round(256 d), 0 unknown")
-        disp = np.where(codes == 0, np.inf, codes / KITTI_SCALE).astype(np.float32)
+        return np.where(codes == 0, np.inf, codes / np.float32(256)).astype(np.float32)
+    disp = decode_pfm(data, where)
     if disp.ndim != 2:
         raise FileError(f"{where}: has colour channels; a disparity map has one value per pixel")
     return disp

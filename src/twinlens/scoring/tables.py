@@ -10,18 +10,11 @@ from rich.table import Table
 from rich.text import Text
 
 from twinlens.errors import InputError, unknown
-from twinlens.scoring.board import Board, Entry, Mean
+from twinlens.scoring.board import Board, Mean
 from twinlens.scoring.metrics import TIMES, find_metric
 from twinlens.scoring.protocols import PROTOCOLS, Protocol
 from twinlens.scoring.regions import REGIONS
 
-COLUMNS: Mapping[str, tuple[str, ...]] = {
-    "middlebury-v3": ("totbad2.0", "bad0.5", "bad1.0", "bad2.0", "bad4.0", "avgerr", "rms", "A50", "A95", "invalid"),
-    "eth3d": ("bad0.5", "bad1.0", "bad2.0", "bad4.0", "avgerr", "rms", "A50", "A95", "coverage"),
-    "kitti2015": ("D1", "D1_est", "coverage"),
-    "points": ("point_avgerr", "point_rms", "point_A50", "point_A90", "point_A99", "point_rel", "coverage"),
-}
-"""Default columns of a table, by protocol."""
 Groups = Mapping[str, Collection[str]]
 """Title -> names of the samples of a group."""
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
@@ -48,21 +41,17 @@ def standings(
     metric = find_metric(sort or rules.headline)
     if metric.name not in (*rules.metrics, *TIMES):
         raise unknown("metric", metric.name, (*rules.metrics, *TIMES))
+    means = [board.mean(name, protocol, region, weights) for name in board.methods]
     sign = 1.0 if metric.lower_is_better else -1.0
-
-    def rank(mean: Mean) -> tuple[bool, float]:
-        value = mean.metrics[metric.name]
-        return math.isnan(value), 0.0 if math.isnan(value) else sign * value
-
-    return sorted((board.mean(name, protocol, region, weights) for name in board.methods), key=rank)
+    return sorted(means, key=lambda mean: (math.isnan(mean.metrics[metric.name]), sign * mean.metrics[metric.name]))
 
 
 def caption(board: Board, protocol: str, region: str, weights: Mapping[str, float] | None = None) -> str:
     """What a table's numbers mean, one line each: protocol, region, denominator, invalid, clip, resolution, mean."""
-    rules = _rules(board, protocol, region)
     text = REGIONS[region].text if region in REGIONS else "defined by the caller"
     over = "weighted mean over samples" if weights else "plain mean over samples"
-    lines = dict(rules.lines()) | {
+    lines = {
+        **_rules(board, protocol, region).lines(),
         "region": f"{region}: {text}",
         "mean": f"{over}; none if a method failed or was not run on a sample",
     }
@@ -81,7 +70,7 @@ def leaderboard_table(
 ) -> Table:
     """The leaderboard as a rich table, best first, the best value of each column in bold, with its caption."""
     ranked = standings(board, protocol, region, sort=sort, weights=weights)
-    names = _columns(protocol, columns)
+    names, cells = _cells(ranked, protocol, columns)
     table = Table(
         title=escape(f"{board.title} · {PROTOCOLS[protocol].title} · {region}"),
         caption=Text(caption(board, protocol, region, weights)),
@@ -93,10 +82,13 @@ def leaderboard_table(
     for name in names:
         table.add_column(f"{name}\n[dim]{find_metric(name).unit}[/]", justify="right")
     table.add_column("samples", justify="right")
-    best = _best(ranked, names)
-    for rank, mean in enumerate(ranked, start=1):
-        cells = [_cell(mean, name, best) for name in names]
-        table.add_row(str(rank), Text(mean.method), *cells, _coverage(mean))
+    for rank, (mean, row) in enumerate(zip(ranked, cells, strict=True), start=1):
+        samples = Text(str(mean.counted))
+        if mean.counted < mean.total:
+            failed = f", {len(mean.failed)} failed" if mean.failed else ""
+            samples = Text(f"{mean.counted} of {mean.total}{failed}", style="red")
+        values = [Text(text, style="bold" if best else "") for text, best in row]
+        table.add_row(str(rank), Text(mean.method), *values, samples)
     return table
 
 
@@ -140,13 +132,24 @@ def failures(board: Board, methods: Collection[str] | None = None) -> list[str]:
 def board_csv(board: Board) -> str:
     """Every entry and region as a CSV row, in full precision; formulas of spreadsheets get a leading apostrophe."""
     metrics = tuple(dict.fromkeys(name for p in board.protocols for name in PROTOCOLS[p].metrics))
-    head = ("method", "sample", "protocol", "region", "status", "reason", "image_pixels", "evaluated", "estimated")
+    counts = ("image", "evaluated", "estimated")
+    head = ("method", "sample", "protocol", "region", "status", "reason", "image_pixels", *counts[1:])
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([*head, *metrics, *(f"{name}_{find_metric(name).unit.split('/')[0]}" for name in TIMES)])
     for entry in board.entries:
+        failure = ["ok", ""] if entry.failure is None else [entry.failure.kind, entry.failure.message]
         for region in entry.regions or ("",):
-            writer.writerow(_csv_row(entry, region, metrics))
+            text = [entry.method, entry.sample, entry.protocol, region, *failure]
+            scores = entry.regions.get(region)
+            numbers = [entry.value(region, name) for name in (*metrics, *TIMES)]
+            writer.writerow(
+                [
+                    *(f"'{each}" if each.startswith(_FORMULA_STARTS) else each for each in text),
+                    *("" if scores is None else getattr(scores, name) for name in counts),
+                    *("" if math.isnan(number) else repr(number) for number in numbers),
+                ]
+            )
     return out.getvalue()
 
 
@@ -161,10 +164,8 @@ def board_latex(
 ) -> str:
     """The leaderboard as a LaTeX table (package booktabs), the best value of each column in bold."""
     ranked = standings(board, protocol, region, sort=sort, weights=weights)
-    names = _columns(protocol, columns)
-    best = _best(ranked, names)
+    names, cells = _cells(ranked, protocol, columns)
     head = " & ".join(["Method", *(_latex(f"{name} [{find_metric(name).unit}]") for name in names)])
-    rows = [" & ".join([_latex(m.method), *(_latex_cell(m, name, best) for name in names)]) + r" \\" for m in ranked]
     lines = [
         r"\begin{table}",
         r"\centering",
@@ -173,12 +174,12 @@ def board_latex(
         r"\toprule",
         rf"{head} \\",
         r"\midrule",
-        *rows,
-        r"\bottomrule",
-        r"\end{tabular}",
-        r"\end{table}",
     ]
-    return "\n".join(lines) + "\n"
+    for mean, row in zip(ranked, cells, strict=True):
+        shown = [(text.replace("–", "--").replace("∞", r"$\infty$"), best) for text, best in row]
+        values = [rf"\textbf{{{text}}}" if best else text for text, best in shown]
+        lines.append(" & ".join([_latex(mean.method), *values]) + r" \\")
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}"]) + "\n"
 
 
 def _rules(board: Board, protocol: str, region: str) -> Protocol:
@@ -189,61 +190,37 @@ def _rules(board: Board, protocol: str, region: str) -> Protocol:
     return PROTOCOLS[protocol]
 
 
-def _columns(protocol: str, columns: Sequence[str] | None) -> tuple[str, ...]:
-    names = tuple(columns) if columns is not None else (*COLUMNS[protocol], "time")
-    for name in names:
-        if find_metric(name).name not in (*PROTOCOLS[protocol].metrics, *TIMES):
-            raise InputError(f"{PROTOCOLS[protocol].title} does not measure {name!r}")
-    return names
-
-
-def _best(ranked: Sequence[Mean], names: Sequence[str]) -> dict[str, float]:
+def _cells(
+    ranked: Sequence[Mean], protocol: str, columns: Sequence[str] | None
+) -> tuple[tuple[str, ...], list[list[tuple[str, bool]]]]:
+    """The columns, the protocol's default ones for None; and for each mean its cells: text, and whether it is best."""
+    rules = PROTOCOLS[protocol]
+    names = tuple(columns) if columns is not None else (*rules.columns, "time")
     best = {}
     for name in names:
-        values = [m.metrics[name] for m in ranked if not math.isnan(m.metrics[name])]
-        if values:
-            best[name] = min(values) if find_metric(name).lower_is_better else max(values)
-    return best
+        metric = find_metric(name)
+        if name not in (*rules.metrics, *TIMES):
+            raise InputError(f"{rules.title} does not measure {name!r}")
+        values = [mean.metrics[name] for mean in ranked if not math.isnan(mean.metrics[name])]
+        best[name] = (min if metric.lower_is_better else max)(values, default=math.nan)
+    return names, [
+        [(find_metric(name).show(mean.metrics[name]), mean.metrics[name] == best[name]) for name in names]
+        for mean in ranked
+    ]
 
 
-def _cell(mean: Mean, name: str, best: Mapping[str, float]) -> Text:
-    value = mean.metrics[name]
-    return Text(find_metric(name).show(value), style="bold" if value == best.get(name) else "")
-
-
-def _coverage(mean: Mean) -> Text:
-    """How many of the samples have scores."""
-    if mean.counted == mean.total:
-        return Text(str(mean.counted))
-    failed = f", {len(mean.failed)} failed" if mean.failed else ""
-    return Text(f"{mean.counted} of {mean.total}{failed}", style="red")
-
-
-def _csv_row(entry: Entry, region: str, metrics: Sequence[str]) -> list[str]:
-    scores, failure = entry.regions.get(region), entry.failure
-    status = ["ok", ""] if failure is None else [failure.kind, failure.message]
-    counts = ["", "", ""] if scores is None else [str(n) for n in (scores.image, scores.evaluated, scores.estimated)]
-    numbers = [entry.value(region, name) for name in (*metrics, *TIMES)]
-    text = [entry.method, entry.sample, entry.protocol, region, *status]
-    safe = (f"'{t}" if t.startswith(_FORMULA_STARTS) else t for t in text)
-    return [*safe, *counts, *("" if math.isnan(v) else repr(v) for v in numbers)]
-
-
-_LATEX = {
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "|": r"\textbar{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    **{c: f"\\{c}" for c in "&%$#_{}"},
-}
+_LATEX = str.maketrans(
+    {
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "|": r"\textbar{}",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        **{c: f"\\{c}" for c in "&%$#_{}"},
+    }
+)
 
 
 def _latex(text: str) -> str:
-    return "".join(_LATEX.get(c, c) for c in " ".join(text.split()))
-
-
-def _latex_cell(mean: Mean, name: str, best: Mapping[str, float]) -> str:
-    shown = find_metric(name).show(mean.metrics[name]).replace("–", "--").replace("∞", r"$\infty$")
-    return rf"\textbf{{{shown}}}" if mean.metrics[name] == best.get(name) else shown
+    return " ".join(text.split()).translate(_LATEX)
