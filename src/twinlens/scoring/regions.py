@@ -7,7 +7,6 @@ Stereo Correspondence Algorithms", IJCV 47 (2002), section 5.1, and the authors'
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -113,19 +112,14 @@ def distance_bands(gt: ArrayLike, edges: tuple[float, float] | None = None) -> t
     """
     truth = disparity_map("gt", gt)
     known = np.isfinite(truth)
-    low, high = edges if edges is not None else _thirds(truth[known])
+    if edges is None:
+        least, most = (float(truth[known].min()), float(truth[known].max())) if known.any() else (0.0, 0.0)
+        edges = least + (most - least) / 3, least + (most - least) * 2 / 3
+    low, high = edges
     if not low <= high:
         raise InputError(f"edges are {edges}: expected (far, near) disparities in ascending order")
     far, near = known & (truth <= low), known & (truth > high)
     return near, known & ~far & ~near, far
-
-
-def _thirds(values: NDArray[Any]) -> tuple[float, float]:
-    """One third and two thirds of the range of the values."""
-    if not values.size:
-        return 0.0, 0.0
-    low, high = float(values.min()), float(values.max())
-    return low + (high - low) / 3, low + (high - low) * 2 / 3
 
 
 def of_material(material_kind: ArrayLike, kind: str) -> Mask:
@@ -147,63 +141,57 @@ def _odd(name: str, size: int) -> None:
 
 @dataclass(frozen=True)
 class Region:
-    """A named part of the image; `mask` returns it for a sample, or None if the sample lacks the data it needs."""
+    """A named part of the image: its `mask`, or None if a sample has none, and the data of a `Pair` that it needs."""
 
     name: str
     text: str
-    mask: Callable[[Pair], Mask | None]
+    mask: Callable[[Any], Mask | None]
+    needs: tuple[str, ...] = ()
 
 
-def _nonocc(sample: Pair) -> Mask | None:
-    mask = sample.mask0_nonocc
-    return None if mask is None else mask_of("mask0_nonocc", mask, sample.disp0.shape)
+def _nonocc(sample: Any) -> Mask:
+    return mask_of("mask0_nonocc", sample.mask0_nonocc, sample.disp0.shape)
 
 
-def _within_nonocc(part: Mask | None, sample: Pair) -> Mask | None:
-    visible = _nonocc(sample)
-    return None if visible is None or part is None else visible & part
-
-
-def _textureless(sample: Pair) -> Mask | None:
+def _textureless(sample: Any) -> Mask | None:
     """In 8-bit grey levels, the unit of the limit; None for an image one pixel wide."""
     image = sample.im0
     if image.shape[1] < 2:
         return None
-    return textureless((image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image)
+    return _nonocc(sample) & textureless((image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image)
 
 
-def _of(name: str, function: Callable[..., Mask]) -> Callable[[Pair], Mask | None]:
-    """`function` of one of the sample's optional maps."""
-
-    def mask(sample: Pair) -> Mask | None:
-        values = getattr(sample, name)
-        return None if values is None else function(values)
-
-    return mask
+def _material(kind: str) -> Region:
+    text = f"{kind} materials"
+    return Region(kind, text, lambda s: of_material(s.material_kind0, kind), ("material_kind0",))
 
 
 _REGIONS = (
     Region("all", "every pixel with known truth", lambda s: np.ones(s.disp0.shape, np.bool_)),
-    Region("nonocc", "visible in both cameras", _nonocc),
-    Region("occluded", "known, but hidden from or outside the right view", _of("mask0_nonocc", occluded)),
+    Region("nonocc", "visible in both cameras", _nonocc, ("mask0_nonocc",)),
+    Region(
+        "occluded",
+        "known, but hidden from or outside the right view",
+        lambda s: occluded(s.mask0_nonocc),
+        ("mask0_nonocc",),
+    ),
     Region(
         "textureless",
         "non-occluded; mean squared horizontal difference over 3x3 below 16 (Middlebury 2002)",
-        lambda s: _within_nonocc(_textureless(s), s),
+        _textureless,
+        ("mask0_nonocc",),
     ),
     Region(
         "discontinuity",
         "non-occluded; within 9x9 of a disparity jump of 2 px or more (Middlebury 2002)",
-        lambda s: _within_nonocc(discontinuity(s.disp0), s),
+        lambda s: _nonocc(s) & discontinuity(s.disp0),
+        ("mask0_nonocc",),
     ),
-    Region("out-of-focus", f"blur circle wider than {BLUR_LIMIT_PX:g} px", _of("blur0", out_of_focus)),
+    Region("out-of-focus", f"blur circle wider than {BLUR_LIMIT_PX:g} px", lambda s: out_of_focus(s.blur0), ("blur0",)),
     Region("near", "upper third of the range of true disparities", lambda s: distance_bands(s.disp0)[0]),
     Region("mid", "middle third of the range of true disparities", lambda s: distance_bands(s.disp0)[1]),
     Region("far", "lower third of the range of true disparities", lambda s: distance_bands(s.disp0)[2]),
-    *(
-        Region(kind, f"{kind} materials", _of("material_kind0", partial(of_material, kind=kind)))
-        for kind in MATERIAL_KINDS[1:]
-    ),
+    *map(_material, MATERIAL_KINDS[1:]),
 )
 REGIONS: Mapping[str, Region] = MappingProxyType({region.name: region for region in _REGIONS})
 """Every region by name."""
@@ -217,9 +205,10 @@ def region_masks(sample: Pair, names: Iterable[str]) -> dict[str, Mask]:
     InputError
         An unknown name.
     """
-    names = tuple(names)
+    masks = {}
     for name in names:
         if name not in REGIONS:
             raise unknown("region", name, REGIONS)
-    masks = {name: REGIONS[name].mask(sample) for name in names}
+        if all(getattr(sample, data) is not None for data in REGIONS[name].needs):
+            masks[name] = REGIONS[name].mask(sample)
     return {name: mask for name, mask in masks.items() if mask is not None}

@@ -3,7 +3,7 @@
 import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, overload
 
@@ -94,8 +94,8 @@ class Pair:
         return {"num_disparities": int(self.ndisp), "min_disparity": int(self.min_disparity)}
 
 
-def load_pair(sample: Sample) -> Pair:
-    """The sample as a `Pair`; optional data that is missing becomes None.
+def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
+    """The sample as a `Pair`; optional data that is missing becomes None. lens: which lens of a stored sample.
 
     Raises
     ------
@@ -104,21 +104,17 @@ def load_pair(sample: Sample) -> Pair:
     """
     if isinstance(sample, Pair):
         return sample
-    calibration, truth = optional(lambda: getattr(sample, "calibration", None)), sample.disp0
+    given: Any = sample
+    if isinstance(sample, StoredSample):
+        images: Any = sample.lens(lens)
+        blur, kinds = _optional(lambda: images.blur_circle_px(0)), _optional(lambda: sample.truth0.material_kind)
+    else:
+        images, blur, kinds = sample, _optional(lambda: given.blur0), _optional(lambda: given.material_kind0)
+    calibration, truth = _optional(lambda: given.calibration), sample.disp0
     first = getattr(sample, "min_disparity", None)
     ndisp, low = (sample.ndisp, first) if first is not None else search_range(sample.ndisp, calibration, truth)
-    return Pair(
-        sample.name,
-        sample.im0,
-        sample.im1,
-        truth,
-        sample.mask0_nonocc,
-        ndisp,
-        calibration,
-        optional(lambda: getattr(sample, "blur0", None)),
-        optional(lambda: getattr(sample, "material_kind0", None)),
-        low,
-    )
+    nonocc = sample.mask0_nonocc
+    return Pair(sample.name, images.im0, images.im1, truth, nonocc, ndisp, calibration, blur, kinds, low)
 
 
 def search_range(bound: int, calibration: Calibration | None, truth: Disparity) -> tuple[int, int]:
@@ -136,11 +132,11 @@ def search_range(bound: int, calibration: Calibration | None, truth: Disparity) 
     return bound - first, first
 
 
-def optional(read: Callable[[], Any]) -> Any:
-    """The result of `read`, or None if its file is missing."""
+def _optional(read: Callable[[], Any]) -> Any:
+    """The result of `read`, or None if its file or attribute is missing."""
     try:
         return read()
-    except FileError:
+    except (FileError, AttributeError):
         return None
 
 
@@ -155,11 +151,8 @@ def fingerprint(sample: Pair) -> str:
     search = {"ndisp": int(sample.ndisp)} | ({"min_disparity": sample.min_disparity} if sample.min_disparity else {})
     digest = hashlib.sha256(f"{search} {sample.calibration}".encode())
     for array in (sample.im0, sample.im1, sample.disp0, sample.mask0_nonocc, sample.blur0, sample.material_kind0):
-        if array is None:
-            digest.update(b"none")
-        else:
-            digest.update(f"{array.dtype.str}{array.shape}".encode())
-            digest.update(np.ascontiguousarray(array).data)
+        digest.update(b"none" if array is None else f"{array.dtype.str}{array.shape}".encode())
+        digest.update(b"" if array is None else np.ascontiguousarray(array).data)
     return digest.hexdigest()
 
 
@@ -190,35 +183,39 @@ class DatasetPairs(Sequence[Pair]):
     """
 
     def __init__(self, *datasets: Sequence[StoredSample | Sample]) -> None:
-        self._jobs: list[tuple[Any, int, str, tuple[str, ...]]] = []
+        self._places: dict[str, tuple[StoredSample | Sample, int]] = {}
+        self._aliases: dict[str, tuple[str, ...]] = {}
         for samples in datasets:
-            named = [(sample, k, name) for sample in samples for k, name in enumerate(_names(sample))]
-            taken = {name for _, _, name in named}
-            self._jobs += [(*job, tuple(a for a in _aliases(job[0], job[1]) if a not in taken)) for job in named]
-        names = [name for _, _, name, _ in self._jobs]
-        if len(set(names)) < len(names):
-            double = next(name for name in names if names.count(name) > 1)
-            raise InputError(f"two samples are named {double!r}: run each dataset separately")
+            found = [(sample, k, *names) for sample in samples for k, names in enumerate(_names(sample))]
+            taken = {name for _, _, name, _ in found}
+            for sample, k, name, aliases in found:
+                if name in self._places:
+                    raise InputError(f"two samples are named {name!r}: run each dataset separately")
+                self._places[name] = sample, k
+                self._aliases[name] = tuple(alias for alias in aliases if alias not in taken)
 
     def __len__(self) -> int:
-        return len(self._jobs)
+        return len(self._places)
 
     @overload
     def __getitem__(self, index: int) -> Pair: ...
     @overload
     def __getitem__(self, index: slice) -> list[Pair]: ...
     def __getitem__(self, index: int | slice) -> Pair | list[Pair]:
-        if isinstance(index, slice):
-            return [_pair(*job) for job in self._jobs[index]]
-        return _pair(*self._jobs[index])
+        names = list(self._places)
+        return [self._read(name) for name in names[index]] if isinstance(index, slice) else self._read(names[index])
 
     def __iter__(self) -> Iterator[Pair]:
-        return (_pair(*job) for job in self._jobs)
+        return map(self._read, self._places)
 
     @property
     def aliases(self) -> dict[str, tuple[str, ...]]:
         """Pair name -> other names of its map in a submission, without extension. Reads no image."""
-        return {name: aliases for _, _, name, aliases in self._jobs}
+        return dict(self._aliases)
+
+    def _read(self, name: str) -> Pair:
+        pair = load_pair(*self._places[name])
+        return replace(pair, name=name, aliases=pair.aliases or self._aliases[name])
 
 
 def open_pairs(names: Iterable[str]) -> DatasetPairs:
@@ -226,37 +223,15 @@ def open_pairs(names: Iterable[str]) -> DatasetPairs:
     return DatasetPairs(*([motorcycle()] if n == "motorcycle" and not Path(n).exists() else Dataset(n) for n in names))
 
 
-def _names(sample: Any) -> list[str]:
-    if getattr(sample, "num_lenses", 1) == 1:
-        return [sample.name]
-    labels = [lens_label(sample.lens(k).lens) for k in range(sample.num_lenses)]
+def _names(sample: Any) -> list[tuple[str, tuple[str, ...]]]:
+    """Name and aliases of the pair of each lens."""
+    count = getattr(sample, "num_lenses", 1)
+    if count == 1:
+        return [(sample.name, ())]
+    labels = [lens_label(sample.lens(k).lens) for k in range(count)]
+    numbers = [f" ({k})" if labels.count(label) > 1 else "" for k, label in enumerate(labels)]
+    aliases = [(f"{sample.name}/lens-{k}", f"{sample.name}-lens-{k}") for k in range(count)]
     return [
-        f"{sample.name} · {label}" + (f" ({k})" if labels.count(label) > 1 else "") for k, label in enumerate(labels)
+        (f"{sample.name} · {label}{number}", (*names, sample.name) if k == 0 else names)
+        for k, (label, number, names) in enumerate(zip(labels, numbers, aliases, strict=True))
     ]
-
-
-def _aliases(sample: Any, k: int) -> tuple[str, ...]:
-    if getattr(sample, "num_lenses", 1) == 1:
-        return ()
-    numbered = f"{sample.name}/lens-{k}", f"{sample.name}-lens-{k}"
-    return numbered if k else (*numbered, sample.name)
-
-
-def _pair(sample: Any, k: int, name: str, aliases: tuple[str, ...]) -> Pair:
-    if not isinstance(sample, StoredSample):
-        return load_pair(sample)
-    shot, truth, calibration = sample.lens(k), sample.disp0, optional(lambda: sample.calibration)
-    ndisp, first = search_range(sample.ndisp, calibration, truth)
-    return Pair(
-        name,
-        shot.im0,
-        shot.im1,
-        truth,
-        sample.mask0_nonocc,
-        ndisp,
-        calibration,
-        optional(lambda: shot.blur_circle_px(0)),
-        optional(lambda: sample.truth0.material_kind),
-        first,
-        aliases,
-    )
