@@ -32,18 +32,14 @@ def disparity_map(name: str, values: ArrayLike) -> Disparity:
         raise InputError(f"{name} holds {array.dtype}: expected real numbers, float32 pixels with +inf where unknown")
     if array.dtype.kind != "f":
         return array.astype(np.float32 if array.dtype.itemsize <= 2 else np.float64)
-    _refuse(name, array, np.isnan(array), "NaN")
-    _refuse(name, array, np.isneginf(array), "-inf")
+    for what, wrong in (("NaN", np.isnan(array)), ("-inf", np.isneginf(array))):
+        if wrong.any():
+            y, x = np.argwhere(wrong)[0]
+            raise InputError(
+                f"{name} holds {what} at {wrong.sum()} of {array.size} pixels, the first at x={x}, y={y}: mark unknown "
+                "as +inf"
+            )
     return array
-
-
-def _refuse(name: str, array: Disparity, where: Mask, what: str) -> None:
-    if where.any():
-        y, x = (int(i) for i in np.argwhere(where)[0])
-        count = int(where.sum())
-        raise InputError(
-            f"{name} holds {what} at {count} of {array.size} pixels, the first at x={x}, y={y}: mark unknown as +inf"
-        )
 
 
 def mask_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Mask:
@@ -62,7 +58,7 @@ def mask_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Mask:
         raise InputError(f"{name} has shape {array.shape}: expected the truth's, {shape}")
     if array.dtype == np.bool_:
         return array
-    if array.dtype == np.uint8:
-        mask: Mask = array == EVALUATED
-        return mask
-    raise InputError(f"{name} holds {array.dtype}: expected bool, or uint8 with 255 where a pixel is evaluated")
+    if array.dtype != np.uint8:
+        raise InputError(f"{name} holds {array.dtype}: expected bool, or uint8 with 255 where a pixel is evaluated")
+    mask: Mask = array == EVALUATED
+    return mask

@@ -117,15 +117,27 @@ def evaluate(
     rules = find_protocol(protocol)
     if rules.needs_calibration and calibration is None:
         raise InputError(f"{rules.title} needs the pair's calibration: evaluate(..., calibration=...)")
+    if ndisp is not None and not (math.isfinite(ndisp) and ndisp > 0):
+        raise InputError(f"ndisp is {ndisp}: expected a positive number of disparities")
+    if not math.isfinite(min_disparity):
+        raise InputError(f"min_disparity is {min_disparity}: expected a finite number of pixels")
+    for name in RESERVED:
+        if name in (regions or {}):
+            raise InputError(f"region {name!r} is reserved: pass mask_nonocc, or use another name")
     truth, estimate = disparity_map("gt", gt), disparity_map("disp", disp)
     scale = upsampling(estimate.shape, truth.shape, rules)
-    allowed = _range(ndisp, min_disparity, scale)
+    allowed = Range(scale * min_disparity, math.inf if ndisp is None else scale * (min_disparity + ndisp))
     prepared = rules.prepare(upsampled(estimate, scale), allowed)
     if round_disparity is None:
         round_disparity = rules.rounds_integers and calibration is not None and calibration.isint
-    if round_disparity:
-        prepared = Estimate(_round_half_away(prepared.disp), prepared.given)
-    masks = _masks(truth, mask_nonocc, regions or {})
+    if round_disparity:  # as C's round(), halves away from zero; numpy rounds them to even
+        wide = prepared.disp.astype(np.float64)
+        rounded = np.copysign(np.floor(np.abs(wide) + 0.5), wide).astype(prepared.disp.dtype)
+        prepared = Estimate(rounded, prepared.given)
+    masks: dict[str, Mask] = {"all": np.ones(truth.shape, np.bool_)}
+    if mask_nonocc is not None:
+        masks["nonocc"] = mask_of("mask_nonocc", mask_nonocc, truth.shape)
+    masks |= {name: mask_of(f"region {name!r}", mask, truth.shape) for name, mask in (regions or {}).items()}
     scored = {name: _score(rules, name, prepared, truth, mask, calibration) for name, mask in masks.items()}
     return Scores(rules, scored, allowed, scale, round_disparity)
 
@@ -146,31 +158,6 @@ def upsampled(disp: Disparity, scale: int) -> Disparity:
         return disp
     repeated: Disparity = np.repeat(np.repeat(disp, scale, axis=0), scale, axis=1) * disp.dtype.type(scale)
     return repeated
-
-
-def _range(ndisp: float | None, min_disparity: float, scale: int) -> Range:
-    if ndisp is not None and not (math.isfinite(ndisp) and ndisp > 0):
-        raise InputError(f"ndisp is {ndisp}: expected a positive number of disparities")
-    if not math.isfinite(min_disparity):
-        raise InputError(f"min_disparity is {min_disparity}: expected a finite number of pixels")
-    return Range(scale * min_disparity, math.inf if ndisp is None else scale * (min_disparity + ndisp))
-
-
-def _round_half_away(disp: Disparity) -> Disparity:
-    """C's round(): 0.5 -> 1, 1.5 -> 2, 2.5 -> 3; numpy rounds halves to even."""
-    wide = disp.astype(np.float64)
-    rounded: Disparity = np.copysign(np.floor(np.abs(wide) + 0.5), wide).astype(disp.dtype)
-    return rounded
-
-
-def _masks(truth: Disparity, nonocc: ArrayLike | None, regions: Mapping[str, ArrayLike]) -> dict[str, Mask]:
-    taken = [name for name in regions if name in RESERVED]
-    if taken:
-        raise InputError(f"region {taken[0]!r} is reserved: pass mask_nonocc, or use another name")
-    masks: dict[str, Mask] = {"all": np.ones(truth.shape, np.bool_)}
-    if nonocc is not None:
-        masks["nonocc"] = mask_of("mask_nonocc", nonocc, truth.shape)
-    return masks | {name: mask_of(f"region {name!r}", mask, truth.shape) for name, mask in regions.items()}
 
 
 def _score(

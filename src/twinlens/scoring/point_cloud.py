@@ -31,27 +31,17 @@ def depths(disp: ArrayLike, calibration: Calibration) -> Float:
     return np.asarray(depth_from_disparity(valid, calibration.fx, calibration.baseline, calibration.doffs))
 
 
-def ray_lengths(pixels: NDArray[np.intp], calibration: Calibration) -> Float:
-    """|(x, y, 1)| of the left camera's viewing rays at `pixels` (N, 2), rows of (v, u): the ratio of distance to z.
-
-    >>> c = Calibration((4.0, 4.0, 0.0, 0.0), (4.0, 4.0, 0.0, 0.0), 0.1, 3, 1, 0.0)
-    >>> ray_lengths(np.array([[0, 0], [0, 3]]), c).tolist()
-    [1.0, 1.25]
-    """
-    fx, fy, cx, cy = calibration.cam0
-    return np.sqrt(1.0 + ((pixels[:, 1] - cx) / fx) ** 2 + ((pixels[:, 0] - cy) / fy) ** 2)
-
-
 def point_errors(found: Float, true: Float, pixels: NDArray[np.intp], calibration: Calibration) -> tuple[Float, Float]:
     """(distance between estimated and true point, distance from the camera to the true point), each (N,) in metres.
 
     found, true: (N,) disparities; pixels: (N, 2) rows of (v, u). The first is +inf where either point is undefined.
     """
-    lengths = ray_lengths(pixels, calibration)
+    fx, fy, cx, cy = calibration.cam0
+    distance_of_z = np.sqrt(1.0 + ((pixels[:, 1] - cx) / fx) ** 2 + ((pixels[:, 0] - cy) / fy) ** 2)
     z_found, z_true = depths(found, calibration), depths(true, calibration)
     valid = np.isfinite(z_found) & np.isfinite(z_true)
     with np.errstate(invalid="ignore"):
-        return np.where(valid, np.abs(z_found - z_true) * lengths, np.inf), z_true * lengths
+        return np.where(valid, np.abs(z_found - z_true) * distance_of_z, np.inf), z_true * distance_of_z
 
 
 def points(disp: ArrayLike, calibration: Calibration, mask: ArrayLike | None = None) -> Float:
@@ -79,15 +69,16 @@ def cloud_errors(found: ArrayLike, true: ArrayLike, threshold_m: float) -> dict[
     >>> cloud_errors([[0, 0, 1], [0, 0, 3]], [[0, 0, 1]], 0.5)
     {'accuracy': 1.0, 'completeness': 0.0, 'precision': 50.0, 'recall': 100.0, 'fscore': 66.66666666666667}
     """
-    clouds = [np.asarray(cloud, np.float64) for cloud in (found, true)]
-    for name, cloud in zip(("found", "true"), clouds, strict=True):
+    clouds = {"found": np.asarray(found, np.float64), "true": np.asarray(true, np.float64)}
+    for name, cloud in clouds.items():
         if cloud.ndim != 2 or cloud.shape[1] != 3 or not np.isfinite(cloud).all():
             raise InputError(f"cloud {name!r} has shape {cloud.shape}: expected (N, 3) finite metres")
     if not threshold_m > 0:
         raise InputError(f"threshold_m is {threshold_m}: expected a positive distance in metres")
-    if not (clouds[0].size and clouds[1].size):
+    if not all(cloud.size for cloud in clouds.values()):
         return dict.fromkeys(("accuracy", "completeness", "precision", "recall", "fscore"), math.nan)
-    forward, backward = (KDTree(b).query(a)[0] for a, b in (clouds, clouds[::-1]))
+    forward, _ = KDTree(clouds["true"]).query(clouds["found"])
+    backward, _ = KDTree(clouds["found"]).query(clouds["true"])
     precision, recall = (100.0 * float(np.mean(d < threshold_m)) for d in (forward, backward))
     return {
         "accuracy": float(forward.mean()),

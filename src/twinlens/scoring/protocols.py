@@ -109,7 +109,7 @@ def find_protocol(name: str | Protocol) -> Protocol:
 def _middlebury_prepare(disp: Disparity, allowed: Range) -> Estimate:
     limit = MIDDLEBURY_INVALID * (allowed.high - allowed.low)
     given = np.isfinite(disp) & (disp <= limit)
-    return Estimate(np.where(given, np.clip(disp, allowed.low, allowed.high), _unknown(disp)), given)
+    return Estimate(np.where(given, np.clip(disp, allowed.low, allowed.high), np.inf), given)
 
 
 def _middlebury_measure(pixels: Pixels) -> dict[str, float]:
@@ -128,7 +128,7 @@ def _middlebury_measure(pixels: Pixels) -> dict[str, float]:
 def _eth3d_prepare(disp: Disparity, allowed: Range) -> Estimate:
     """No clipping; a disparity above the image's width is no estimate (two-view-evaluation, `ComputeMetrics`)."""
     given = np.isfinite(disp) & (np.abs(disp) <= disp.shape[1])
-    return Estimate(np.where(given, disp, _unknown(disp)), given)
+    return Estimate(np.where(given, disp, np.inf), given)
 
 
 def _eth3d_measure(pixels: Pixels) -> dict[str, float]:
@@ -142,7 +142,7 @@ def _eth3d_measure(pixels: Pixels) -> dict[str, float]:
 def _kitti_prepare(disp: Disparity, allowed: Range) -> Estimate:
     """KITTI's 16-bit format holds no negative disparity: it is filled like a gap."""
     given = np.isfinite(disp) & (disp >= 0)
-    return Estimate(interpolate_background(np.where(given, disp, _unknown(disp))), given)
+    return Estimate(interpolate_background(np.where(given, disp, np.inf)), given)
 
 
 def _kitti_measure(pixels: Pixels) -> dict[str, float]:
@@ -159,10 +159,6 @@ def _kitti_measure(pixels: Pixels) -> dict[str, float]:
     }
 
 
-def _points_prepare(disp: Disparity, allowed: Range) -> Estimate:
-    return Estimate(disp, np.isfinite(disp))
-
-
 def _points_measure(pixels: Pixels) -> dict[str, float]:
     if pixels.metres is None:
         raise InputError("errors in metres need a calibration: evaluate(..., calibration=...)")
@@ -171,11 +167,6 @@ def _points_measure(pixels: Pixels) -> dict[str, float]:
     sizes = {f"point_{name}": value for name, value in error_sizes(distances).items()}
     relative = 100.0 * float(np.mean(distances / ranges)) if distances.size else math.nan
     return {**sizes, "point_rel": relative, "coverage": percent(distances.size, pixels.truth.size)}
-
-
-def _unknown(disp: Disparity) -> Disparity:
-    """+inf in the map's own dtype."""
-    return np.asarray(np.inf, disp.dtype)
 
 
 def interpolate_background(disp: Disparity) -> Disparity:
@@ -196,86 +187,78 @@ def interpolate_background(disp: Disparity) -> Disparity:
     """
     disp = disparity_map("disp", disp)
     # At the ends of a row one of the two neighbours is +inf, so the minimum is the other.
-    in_rows = np.minimum(_last_known(disp), _last_known(disp[:, ::-1])[:, ::-1])
-    return _extend_ends(in_rows.T).T
+    rows = np.minimum(_last_known(disp), _last_known(disp[:, ::-1])[:, ::-1])
+    known = np.isfinite(rows)
+    first, last = known.argmax(axis=0), len(rows) - 1 - known[::-1].argmax(axis=0)
+    return np.take_along_axis(rows, np.clip(np.arange(len(rows))[:, None], first, last), axis=0)
 
 
 def _last_known(disp: Disparity) -> Disparity:
     """Each unknown value replaced by the last known one to its left; +inf if there is none."""
-    last = np.maximum.accumulate(np.where(np.isfinite(disp), np.arange(disp.shape[1]), -1), axis=1)
-    return np.where(last < 0, _unknown(disp), np.take_along_axis(disp, np.maximum(last, 0), axis=1))
+    last = np.maximum.accumulate(np.where(np.isfinite(disp), np.arange(disp.shape[1]), 0), axis=1)
+    return np.take_along_axis(disp, last, axis=1)
 
 
-def _extend_ends(rows: Disparity) -> Disparity:
-    """The ends of each row filled with its first and last known value; inner gaps are kept."""
-    known: NDArray[np.bool_] = np.isfinite(rows)
-    before_first = np.maximum.accumulate(known, axis=1) == 0
-    after_last = np.maximum.accumulate(known[:, ::-1], axis=1)[:, ::-1] == 0
-    filled = np.where(before_first, _last_known(rows[:, ::-1])[:, ::-1], rows)
-    return np.where(after_last, _last_known(rows), filled)
-
-
-PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
-    {
-        "middlebury-v3": Protocol(
-            name="middlebury-v3",
-            title="Middlebury v3",
-            source="Scharstein et al., GCPR 2014; MiddEval3 SDK, evaldisp.cpp",
-            metrics=(*BAD, *(f"tot{b}" for b in BAD), *SIZES, "invalid", "coverage"),
-            prepare=_middlebury_prepare,
-            measure=_middlebury_measure,
-            denominator="bad, totbad, invalid, coverage: known truth in the region; avgerr, rms, A: its estimated part",
-            invalid="counted apart from bad; totbad = bad + invalid",
-            clip="estimates to [0, ndisp], or to [m, m + ndisp] with a smallest disparity m < 0; isint=1 rounds them",
-            resolution="the truth's; a map of 1/2 or 1/4 its size is repeated and scaled up",
-            headline="totbad2.0",
-            columns=("totbad2.0", *BAD, "avgerr", "rms", "A50", "A95", "invalid"),
-            upsampling=(1, 2, 4),
-            rounds_integers=True,
-        ),
-        "eth3d": Protocol(
-            name="eth3d",
-            title="ETH3D two-view",
-            source="Schöps et al., CVPR 2017; ETH3D/two-view-evaluation, main.cc",
-            metrics=(*BAD, *SIZES, "coverage"),
-            prepare=_eth3d_prepare,
-            measure=_eth3d_measure,
-            denominator="bad, avgerr, rms, A: estimated pixels with known truth in the region; coverage: known truth",
-            invalid="left out of every error, reported as coverage; |d| > image width is no estimate",
-            clip="none",
-            resolution="the truth's",
-            headline="bad1.0",
-            columns=(*BAD, "avgerr", "rms", "A50", "A95", "coverage"),
-        ),
-        "kitti2015": Protocol(
-            name="kitti2015",
-            title="KITTI 2015 D1",
-            source="Menze and Geiger, CVPR 2015; KITTI scene flow devkit, evaluate_scene_flow.cpp",
-            metrics=("D1", "D1_est", "coverage"),
-            prepare=_kitti_prepare,
-            measure=_kitti_measure,
-            denominator="D1, coverage: known truth in the region; D1_est: its estimated part",
-            invalid="filled by background interpolation, then scored; unfilled is an outlier; d < 0 is no estimate",
-            clip="none; outlier where |e| > 3 px and |e| > 5% of the truth",
-            resolution="the truth's",
-            headline="D1",
-            columns=("D1", "D1_est", "coverage"),
-        ),
-        "points": Protocol(
-            name="points",
-            title="Points in metres",
-            source="distance between the estimated and the true point of a pixel, both on its viewing ray",
-            metrics=(*(f"point_{name}" for name in SIZES), "point_rel", "coverage"),
-            prepare=_points_prepare,
-            measure=_points_measure,
-            denominator="all errors: estimated pixels with known truth in the region; coverage: known truth",
-            invalid="left out of every error, reported as coverage; d + doffs <= 0 is no point, hence no estimate",
-            clip="none",
-            resolution="the truth's",
-            headline="point_avgerr",
-            columns=("point_avgerr", "point_rms", "point_A50", "point_A90", "point_A99", "point_rel", "coverage"),
-            needs_calibration=True,
-        ),
-    }
+_PROTOCOLS = (
+    Protocol(
+        name="middlebury-v3",
+        title="Middlebury v3",
+        source="Scharstein et al., GCPR 2014; MiddEval3 SDK, evaldisp.cpp",
+        metrics=(*BAD, *(f"tot{b}" for b in BAD), *SIZES, "invalid", "coverage"),
+        prepare=_middlebury_prepare,
+        measure=_middlebury_measure,
+        denominator="bad, totbad, invalid, coverage: pixels with known truth; avgerr, rms, A: those with an estimate",
+        invalid="pixels without an estimate are not in bad; totbad = bad + invalid",
+        clip="to [0, ndisp], or to [m, m + ndisp] if the smallest disparity m is negative; rounded if isint=1",
+        resolution="the truth's; a map of 1/2 or 1/4 of it is enlarged, and its values are scaled",
+        headline="totbad2.0",
+        columns=("totbad2.0", *BAD, "avgerr", "rms", "A50", "A95", "invalid"),
+        upsampling=(1, 2, 4),
+        rounds_integers=True,
+    ),
+    Protocol(
+        name="eth3d",
+        title="ETH3D two-view",
+        source="Schöps et al., CVPR 2017; ETH3D/two-view-evaluation, main.cc",
+        metrics=(*BAD, *SIZES, "coverage"),
+        prepare=_eth3d_prepare,
+        measure=_eth3d_measure,
+        denominator="bad, avgerr, rms, A: pixels with known truth and an estimate; coverage: pixels with known truth",
+        invalid="pixels without an estimate are in no error, only in coverage; |d| > image width is no estimate",
+        clip="none",
+        resolution="the truth's",
+        headline="bad1.0",
+        columns=(*BAD, "avgerr", "rms", "A50", "A95", "coverage"),
+    ),
+    Protocol(
+        name="kitti2015",
+        title="KITTI 2015 D1",
+        source="Menze and Geiger, CVPR 2015; KITTI scene flow devkit, evaluate_scene_flow.cpp",
+        metrics=("D1", "D1_est", "coverage"),
+        prepare=_kitti_prepare,
+        measure=_kitti_measure,
+        denominator="D1, coverage: pixels with known truth; D1_est: those with an estimate",
+        invalid="filled by background interpolation; a gap that stays is an outlier; d < 0 is no estimate",
+        clip="none; outlier where |e| > 3 px and |e| > 5% of the truth",
+        resolution="the truth's",
+        headline="D1",
+        columns=("D1", "D1_est", "coverage"),
+    ),
+    Protocol(
+        name="points",
+        title="Points in metres",
+        source="distance between the estimated and the true point of a pixel, both on its viewing ray",
+        metrics=(*(f"point_{name}" for name in SIZES), "point_rel", "coverage"),
+        prepare=lambda disp, allowed: Estimate(disp, np.isfinite(disp)),
+        measure=_points_measure,
+        denominator="all errors: pixels with known truth and an estimate; coverage: pixels with known truth",
+        invalid="pixels without an estimate are in no error, only in coverage; d + doffs <= 0 is no estimate",
+        clip="none",
+        resolution="the truth's",
+        headline="point_avgerr",
+        columns=("point_avgerr", "point_rms", "point_A50", "point_A90", "point_A99", "point_rel", "coverage"),
+        needs_calibration=True,
+    ),
 )
+PROTOCOLS: Mapping[str, Protocol] = MappingProxyType({protocol.name: protocol for protocol in _PROTOCOLS})
 """Every protocol by name."""
