@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from twinlens.sensor import Exposure
-from twinlens.studies.aperture.evidence import SHARP_AT, Evidence
-from twinlens.studies.aperture.shots import PIXEL_PITCH_UM, Model, automatic
-from twinlens.studies.aperture.theory import SENSOR
+from twinlens.studies.aperture import automatic
+from twinlens.studies.aperture.theory import PIXEL_PITCH_UM, SENSOR, Model
+from twinlens.studies.aperture.wrong import SHARP_AT, Evidence
 from twinlens.studies.stage import Stage, stream
 
 SCENES, F_NUMBERS, SAMPLES = ("cards", "staircase"), (1.0, 2.0, 4.0), (16, 64, 256)
@@ -52,7 +52,7 @@ def row(model: Model, number: float, known: Theory, samples: Sequence[int]) -> l
     shots = [photographed(model, number, known.seed, spp) for spp in samples]
     lens = model.lens(number)
     blur = model.blur(lens)
-    return [wrong for wrong, _ in shots] + [known.evidence.expected(lens, shots[-1][1], blur, diffracts=False).wrong]
+    return [wrong for wrong, _ in shots] + [known.evidence.expected(lens, shots[-1][1], blur, diffracts=False)[0]]
 
 
 def photographed(model: Model, number: float, seed: int, spp: int) -> tuple[float, Exposure]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twinlens.studies import Column, Table, bootstrap, log_slope, mean_of, over_scenes, paired_difference
-from twinlens.studies.bootstrap import mean
+from twinlens.studies.table import mean
 
 COLUMNS = tuple(Column(name, "", name) for name in ("scene", "seed", "kind", "value"))
 TRIALS = 200

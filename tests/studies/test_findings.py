@@ -5,7 +5,6 @@ import math
 import pytest
 
 from twinlens.studies import STUDIES, Finding, Interval, SeedSupport, depth_error, focus, pinhole, radiometric, window
-from twinlens.studies.bootstrap import unsigned
 from twinlens.studies.model import compared
 from twinlens.studies.table import table
 
@@ -58,10 +57,10 @@ def test_a_difference_is_worded_by_its_sign(difference, result, holds):
 
 
 def test_the_size_of_a_difference_swaps_the_ends_of_its_interval():
-    difference = Interval(-2.0, -5.0, 1.0, 7)
-    assert unsigned(difference, "fewer", "more") == (Interval(2.0, -1.0, 5.0, 7), "more")
-    assert unsigned(unsigned(difference, "", "")[0], "fewer", "more")[1] == "fewer"
-    assert unsigned(NOTHING, "fewer", "more") == (NOTHING, "fewer")
+    found = compared("a", Interval(-2.0, -5.0, 1.0, 7), "fewer", "more", "than b")
+    assert found.measured == Interval(2.0, -1.0, 5.0, 7)
+    assert found.result == "{} more than b"
+    assert compared("a", NOTHING, "fewer", "more", "").measured == NOTHING
 
 
 @pytest.mark.parametrize(("census", "way", "holds"), [(5.0, "fewer", True), (11.0, "more", False)])

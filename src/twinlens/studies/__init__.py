@@ -3,7 +3,6 @@
 A study is one module or package that defines a `Study`; `STUDIES` lists the included ones.
 """
 
-from twinlens.studies.bootstrap import Interval, bootstrap, log_slope, mean_of, over_scenes, paired_difference
 from twinlens.studies.model import (
     Figure,
     Finding,
@@ -19,7 +18,18 @@ from twinlens.studies.model import (
 )
 from twinlens.studies.run import STUDIES, find_study, run_study, study
 from twinlens.studies.stage import Stage, stream
-from twinlens.studies.table import Column, Table, from_csv, to_csv
+from twinlens.studies.table import (
+    Column,
+    Interval,
+    Table,
+    bootstrap,
+    from_csv,
+    log_slope,
+    mean_of,
+    over_scenes,
+    paired_difference,
+    to_csv,
+)
 
 __all__ = [
     "STUDIES",

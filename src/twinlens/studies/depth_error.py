@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from twinlens.camera import Camera, Pinhole
 from twinlens.scenes import Scene, load_scene
 from twinlens.sensor import Sensor
-from twinlens.studies.bootstrap import log_slope, over_scenes
 from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, is_above, power_law, sweep
 from twinlens.studies.stage import Stage, centred_camera, noise_planes, stream
-from twinlens.studies.table import Column, Row, Table
+from twinlens.studies.table import Column, Row, Table, log_slope, over_scenes
 
 Float = NDArray[np.float64]
 

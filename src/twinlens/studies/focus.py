@@ -16,10 +16,9 @@ from scipy import ndimage
 from twinlens.camera import Lens, Rig, ThinLens
 from twinlens.rendering import render, render_lens_grid
 from twinlens.sensor import Sensor
-from twinlens.studies.bootstrap import over_scenes, paired_difference
 from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, compared, predicted, sweep
 from twinlens.studies.stage import GLOW, Stage, centred_camera, glowing, stream
-from twinlens.studies.table import Column, Row, Table
+from twinlens.studies.table import Column, Row, Table, over_scenes, paired_difference
 
 Float = NDArray[np.float64]
 

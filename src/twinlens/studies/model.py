@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError, unknown
-from twinlens.studies.bootstrap import Interval, brief, log_slope, over_scenes, paired_difference, unsigned
-from twinlens.studies.table import Column, Row, Table, Value
+from twinlens.studies.table import Column, Interval, Row, Table, Value, brief, log_slope, over_scenes, paired_difference
 
 Progress = Callable[[float, str], None]
 
@@ -115,7 +114,9 @@ def compared(
     >>> finding.holds, finding.sentence.partition(". ")[2]
     (False, 'Measured: 2 percentage points [1, 3] more than SAD')
     """
-    size, word = unsigned(difference, above, below)
+    size, word = difference, above
+    if difference.value < 0:
+        size, word = Interval(-difference.value, -difference.high, -difference.low, difference.units), below
     return Finding(claim, size, is_above(difference), unit, answer=answer, result=f"{{}} {word} {rest}".strip())
 
 

@@ -16,25 +16,13 @@ from numpy.typing import NDArray
 from twinlens.camera import Pinhole
 from twinlens.matching import StereoMatcher, parse_method
 from twinlens.sensor import Sensor, auto_exposure
-from twinlens.studies.bootstrap import brief, mean_of
 from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, fewer_wrong, open_claim, sweep
 from twinlens.studies.stage import SCORES, Stage, stream
-from twinlens.studies.table import Column, Row, Table
+from twinlens.studies.table import Column, Row, Table, brief, mean_of
 
 Image = NDArray[Any]
 
 SENSOR = Sensor.preset("ideal", output="srgb", shot_noise=False)
-
-
-def _vignetting(picture: Image, amount: float, seed: int) -> Image:
-    height, width = picture.shape[:2]
-    y, x = np.ogrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
-    falloff: Image = 1.0 - (1.0 - amount) * (x**2 + y**2) / 2.0
-    return picture * falloff[..., None]
-
-
-def _noise(picture: Image, amount: float, seed: int) -> Image:
-    return picture + amount * np.random.default_rng(seed).standard_normal(picture.shape)
 
 
 @dataclass(frozen=True)
@@ -50,6 +38,15 @@ class Change:
     def apply(self, picture: Image, amount: float, seed: int) -> Image:
         """The altered image, rounded and clipped to 8 bits."""
         return np.asarray(np.rint(np.clip(self.levels(picture, amount, seed), 0, 255)).astype(np.uint8))
+
+
+def _vignetting(picture: Image, amount: float, seed: int) -> Image:
+    y, x = np.ogrid[-1 : 1 : picture.shape[0] * 1j, -1 : 1 : picture.shape[1] * 1j]
+    return np.asarray(picture * (1.0 - (1.0 - amount) * (x**2 + y**2) / 2.0)[..., None])
+
+
+def _noise(picture: Image, amount: float, seed: int) -> Image:
+    return picture + amount * np.random.default_rng(seed).standard_normal(picture.shape)
 
 
 CHANGES: Mapping[str, Change] = {
@@ -70,11 +67,10 @@ def measure(setup: Setup) -> Measured:
         stage = Stage.of(scene, setup.width, setup.height)
         pictures, rms = image_pair(stage, setup.spp, seed)
         noise.setdefault(scene, []).append(rms)
-        for name, change in CHANGES.items():
-            for amount in change.amounts:
-                place = {"scene": scene, "seed": seed, "change": name, "amount": amount}
-                found = stage.errors(changed_pair(pictures, change, amount, seed), setup.methods)
-                rows += [{**place, "method": method, **scores} for method, scores in found.items()]
+        for name, amount in [(name, amount) for name, change in CHANGES.items() for amount in change.amounts]:
+            place = {"scene": scene, "seed": seed, "change": name, "amount": amount}
+            found = stage.errors(changed_pair(pictures, CHANGES[name], amount, seed), setup.methods)
+            rows += [{**place, "method": method, **scores} for method, scores in found.items()]
     totals = {scene: float(np.sqrt(np.mean(np.square(values)))) for scene, values in noise.items()}
     text = ", ".join(f"{scene} {brief(total)}" for scene, total in totals.items())
     return Measured(
@@ -92,11 +88,10 @@ def image_pair(stage: Stage, spp: int, seed: int) -> tuple[tuple[Image, Image], 
     halves = [stage.photograph(Pinhole(), max(spp // 2, 1), stream(seed, 0, half)) for half in range(2)]
     light = [0.5 * (first + second) for first, second in zip(*halves, strict=True)]
     exposure = auto_exposure(light, sensor=SENSOR, cameras=stage.rig.cameras, lens=Pinhole())
-    first, second = (
-        stage.expose(half, Pinhole(), stream(seed, 1), SENSOR, exposure)[0].astype(np.float64) for half in halves
+    first, second, whole = (
+        stage.expose(radiance, Pinhole(), stream(seed, 1), SENSOR, exposure) for radiance in (*halves, light)
     )
-    rms = 0.5 * float(np.sqrt(np.mean((first - second) ** 2)))
-    return stage.expose(light, Pinhole(), stream(seed, 1), SENSOR, exposure), rms
+    return whole, 0.5 * float(np.sqrt(np.mean((first[0].astype(np.float64) - second[0]) ** 2)))
 
 
 def changed_pair(pictures: Sequence[Image], change: Change, amount: float, seed: int) -> tuple[Image, Image]:
@@ -109,7 +104,14 @@ def conclude(table: Table) -> list[Finding]:
     """The best local cost under each difference, and whether census is the best over all of them."""
     changed = table.where(lambda row: row["amount"] != CHANGES[str(row["change"])].neutral)
     local = changed.where(lambda row: is_local(str(row["method"])))
-    return [*(_fewest(local.where(change=change), change) for change in CHANGES), _census(local)]
+    findings = [_fewest(local.where(change=change), change) for change in CHANGES]
+    text = "Over all four differences census has the fewest wrong pixels (Hirschmueller and Scharstein 2009)"
+    ranking = _ranking(local)
+    census = [method for method in ranking if method.partition(":")[0] == "census"][:1]
+    rivals = [method for method in ranking if method not in census]
+    if not census or not rivals:
+        return [*findings, open_claim(f"{text}: needs census and another local cost")]
+    return [*findings, fewer_wrong(text, local, census[0], rivals[0], f"than {rivals[0]}")]
 
 
 def is_local(method: str) -> bool:
@@ -119,10 +121,8 @@ def is_local(method: str) -> bool:
     [True, False, False, False]
     """
     spec = parse_method(method)
-    if spec.method.matcher is not StereoMatcher:
-        return False
-    matcher = spec.matcher()
-    return bool(matcher.optimisation == "wta" and matcher.support == "fixed")
+    matcher = spec.matcher() if spec.method.matcher is StereoMatcher else None
+    return matcher is not None and matcher.optimisation == "wta" and matcher.support == "fixed"
 
 
 def _ranking(rows: Table) -> list[str]:
@@ -141,16 +141,6 @@ def _fewest(rows: Table, change: str) -> Finding:
         return Finding(text, mean_of(rows, "totbad2"), True, "%", answer=best)
     text = f"Under {change}, {best} has the fewest wrong pixels of the local costs"
     return fewer_wrong(text, rows, best, others[0], f"than {others[0]}", answer=best)
-
-
-def _census(rows: Table) -> Finding:
-    text = "Over all four differences census has the fewest wrong pixels (Hirschmueller and Scharstein 2009)"
-    ranking = _ranking(rows)
-    census = next((method for method in ranking if method.partition(":")[0] == "census"), None)
-    rivals = [method for method in ranking if method != census]
-    if census is None or not rivals:
-        return open_claim(f"{text}: needs census and another local cost")
-    return fewer_wrong(text, rows, census, rivals[0], f"than {rivals[0]}")
 
 
 STUDY = Study(

@@ -1,11 +1,12 @@
 """Find a study by name, package or file, and run it."""
 
+import contextlib
 import dataclasses
 import importlib.metadata
 import os
 import runpy
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -72,11 +73,8 @@ def run_study(
 ) -> Result:
     """Run a study; arguments that are not given take the study's defaults.
 
-    Parameters
-    ----------
-    scenes, methods : as in `Setup`.
+    scenes, methods, progress : as in `Setup`.
     seeds : the number of repetitions, with the seeds first_seed, first_seed + 1, ...
-    progress : called with the fraction done and a label.
     sizes : width, height, spp.
 
     The same arguments give the same table on the same backend. Raises InputError for an unknown scene or method, and
@@ -86,32 +84,37 @@ def run_study(
     count = len(defaults.seeds) if seeds is None else seeds
     if count < 1 or first_seed < 0:
         raise InputError(f"a study needs at least one seed, each >= 0; got {count} from {first_seed}")
-    changes: dict[str, Any] = {"seeds": tuple(range(first_seed, first_seed + count)), **sizes}
-    for name, given in (("scenes", scenes), ("methods", methods)):
-        if given:
-            if not getattr(defaults, name):
-                raise InputError(f"the study {study.name} takes no {name}")
-            changes[name] = tuple(given)
-    if progress is not None:
-        changes["progress"] = progress
-    setup = dataclasses.replace(defaults, **changes)
-    for text in setup.methods:
-        parse_method(text)
+    chosen = {name: tuple(given) for name, given in (("scenes", scenes), ("methods", methods)) if given}
+    for name in chosen:
+        if not getattr(defaults, name):
+            raise InputError(f"the study {study.name} takes no {name}")
+    changes: dict[str, Any] = {"progress": progress or defaults.progress, **chosen, **sizes}
+    setup = dataclasses.replace(defaults, seeds=tuple(range(first_seed, first_seed + count)), **changes)
+    specs = {text: parse_method(text) for text in setup.methods}
     for name in setup.scenes:
         load_scene(name)
     measured = _measured(study, setup)
     rows = table(study.all_columns, measured.rows)
-    protocol = _protocol(study, setup, {**measured.notes, **measured.remarks})
+    protocol = {
+        "study": study.name,
+        "question": study.question,
+        **{name: getattr(setup, name) for name in ("scenes", "seeds", "width", "height", "spp")},
+        "methods": {text: {**spec.method.options, **spec.options} for text, spec in specs.items()},
+        "backend": backend().variant,
+        "versions": {name: importlib.metadata.version(name) for name in ("twinlens", "mitsuba", "drjit", "numpy")},
+        "columns": {column.name: {"unit": column.unit, "text": column.text} for column in study.all_columns},
+        **measured.notes,
+        **measured.remarks,
+    }
     return Result(study, setup, rows, _findings(study, rows), measured.pictures, protocol, measured.remarks)
 
 
 def _measured(study: Study, setup: Setup) -> Measured:
     measured = study.measure(setup)
     if not isinstance(measured, Measured) or not measured.rows:
-        what = "no rows" if isinstance(measured, Measured) else f"{measured!r:.60}"
-        raise InputError(
-            f"the study {study.name}: `measure` must return Measured(rows) with at least one row, got {what}"
-        )
+        got = "no rows" if isinstance(measured, Measured) else f"{measured!r:.60}"
+        rule = "`measure` must return Measured(rows) with at least one row"
+        raise InputError(f"the study {study.name}: {rule}, got {got}")
     found = {name for row in measured.rows for name in row}
     missing = [column.name for column in study.all_columns if column.name not in found]
     if missing:
@@ -121,62 +124,41 @@ def _measured(study: Study, setup: Setup) -> Measured:
 
 def _findings(study: Study, rows: Table) -> tuple[SeedSupport, ...]:
     """Each finding, and the number of seeds whose rows support it with the same answer; matched by position."""
-    seeds = rows.values("seed")
-    whole = _concluded(study, rows)
-    single = [_concluded(study, rows.where(seed=seed)) for seed in seeds]
+
+    def conclude(part: Table) -> Sequence[Finding]:
+        found = study.conclude(part)
+        if not isinstance(found, Sequence) or not all(isinstance(each, Finding) for each in found):
+            raise InputError(f"the study {study.name}: `conclude` must return a list of Findings, got {found!r:.60}")
+        return found
+
+    whole, *single = map(conclude, (rows, *(rows.where(seed=seed) for seed in rows.values("seed"))))
     if any(len(each) != len(whole) for each in single):
         raise InputError(f"the study {study.name}: `conclude` must return as many findings for one seed as for all")
     return tuple(
-        SeedSupport(finding, sum(each[k].holds and each[k].answer == finding.answer for each in single), len(seeds))
+        SeedSupport(finding, sum(each[k].holds and each[k].answer == finding.answer for each in single), len(single))
         for k, finding in enumerate(whole)
     )
-
-
-def _concluded(study: Study, rows: Table) -> Sequence[Finding]:
-    found = study.conclude(rows)
-    if not isinstance(found, Sequence) or not all(isinstance(each, Finding) for each in found):
-        raise InputError(f"the study {study.name}: `conclude` must return a list of Findings, got {found!r:.60}")
-    return found
-
-
-def _protocol(study: Study, setup: Setup, notes: Mapping[str, Any]) -> dict[str, Any]:
-    specs = {text: parse_method(text) for text in setup.methods}
-    versions = {name: importlib.metadata.version(name) for name in ("twinlens", "mitsuba", "drjit", "numpy")}
-    return {
-        "study": study.name,
-        "question": study.question,
-        **{name: getattr(setup, name) for name in ("scenes", "seeds", "width", "height", "spp")},
-        "methods": {text: {**spec.method.options, **spec.options} for text, spec in specs.items()},
-        "backend": backend().variant,
-        "versions": versions,
-        "columns": {column.name: {"unit": column.unit, "text": column.text} for column in study.all_columns},
-        **notes,
-    }
 
 
 def _from_file(path: Path) -> Study:
     if not path.is_file():
         raise FileError(f"{path}: no such file; a study file is a Python file that defines STUDY = Study(...)")
-    found = _checked(_with_location(path, runpy.run_path)(str(path)).get("STUDY"), str(path))
-    calls: dict[str, Any] = {name: _with_location(path, getattr(found, name)) for name in ("measure", "conclude")}
-    return dataclasses.replace(found, **calls)
+    found = _checked(_located(path)(runpy.run_path)(str(path)).get("STUDY"), str(path))
+    return dataclasses.replace(found, measure=_located(path)(found.measure), conclude=_located(path)(found.conclude))
 
 
-def _with_location(path: Path, function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """A function of a user's file whose exceptions become a one-line FileError with file and line number."""
-
-    def call(given: Any) -> Any:
-        try:
-            return function(given)
-        except TwinlensError:
-            raise
-        except (Exception, SystemExit) as error:
-            frames = traceback.extract_tb(error.__traceback__)
-            lines = [frame.lineno for frame in frames if frame.filename == str(path)]
-            line = f", line {lines[-1]}" if lines else ""
-            raise FileError(f"{path}{line}: {type(error).__name__}: {' '.join(str(error).split())}") from error
-
-    return call
+@contextlib.contextmanager
+def _located(path: Path) -> Iterator[None]:
+    """Turn exceptions in a user's file into a one-line FileError with file and line number."""
+    try:
+        yield
+    except TwinlensError:
+        raise
+    except (Exception, SystemExit) as error:
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [frame.lineno for frame in frames if frame.filename == str(path)]
+        line = f", line {lines[-1]}" if lines else ""
+        raise FileError(f"{path}{line}: {type(error).__name__}: {' '.join(str(error).split())}") from error
 
 
 def _checked(found: Any, where: str) -> Study:

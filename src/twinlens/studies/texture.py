@@ -16,10 +16,9 @@ from scipy import interpolate, ndimage
 from twinlens.camera import Camera, Pinhole
 from twinlens.matching import grey, parse_method
 from twinlens.sensor import Exposure, Sensor
-from twinlens.studies.bootstrap import Interval, over_scenes
 from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, open_claim, power_law, sweep
 from twinlens.studies.stage import noise_planes, stream
-from twinlens.studies.table import Column, Row, Table
+from twinlens.studies.table import Column, Interval, Row, Table, over_scenes
 
 Float = NDArray[np.float64]
 

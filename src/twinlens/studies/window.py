@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.sensor import Sensor
-from twinlens.studies.bootstrap import over_scenes
 from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, fewer_wrong, is_above, sweep
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
-from twinlens.studies.table import Column, Row, Table
+from twinlens.studies.table import Column, Row, Table, over_scenes
 
 SIZES = (3, 5, 7, 9, 13, 17, 21, 31)
 REGIONS = ("nonocc", "textureless", "discontinuity", "out-of-focus")

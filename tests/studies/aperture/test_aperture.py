@@ -14,7 +14,7 @@ from twinlens.sensor import Exposure
 from twinlens.studies import STUDIES, Table
 from twinlens.studies.aperture import theory as aperture_theory
 from twinlens.studies.aperture.findings import conclude
-from twinlens.studies.aperture.shots import F_NUMBERS, MODES, Model
+from twinlens.studies.aperture.theory import F_NUMBERS, MODES, Model
 from twinlens.studies.stage import Stage
 
 STUDY = STUDIES["aperture"]

@@ -10,8 +10,8 @@ from scipy.ndimage import convolve, gaussian_filter
 from twinlens.camera import ThinLens
 from twinlens.sensor import Exposure
 from twinlens.studies.aperture import theory as aperture_theory
-from twinlens.studies.aperture.evidence import SIDE, Evidence, Texture, shared_texture
-from twinlens.studies.aperture.shots import Model
+from twinlens.studies.aperture.theory import Model
+from twinlens.studies.aperture.wrong import SIDE, Evidence, Texture, shared_texture
 from twinlens.studies.stage import Stage
 
 GRAIN, NDISP = 1.2, 32
@@ -145,7 +145,7 @@ def test_wrong_pixels_depend_on_light_blur_and_diffraction():
     time = 0.3 / float(theory.levels.mean())
 
     def wrong(lens, time, blur=sharp, diffracts=False):
-        return theory.expected(lens, Exposure(time), blur, diffracts).wrong
+        return theory.expected(lens, Exposure(time), blur, diffracts)[0]
 
     few = wrong(lens, time)
     assert wrong(lens, time / 100) > few
@@ -153,7 +153,7 @@ def test_wrong_pixels_depend_on_light_blur_and_diffraction():
     assert wrong(lens, time, blur=0.0 * sharp) == few
     assert wrong(model.lens(32.0), time * (32 / 11) ** 2, diffracts=True) > few
     assert wrong(ThinLens(4 * lens.aperture_diameter, lens.focus_distance), time / 16) == pytest.approx(few)
-    assert theory.expected(lens, Exposure(time), sharp, diffracts=False, paths=0.5).wrong == few
+    assert theory.expected(lens, Exposure(time), sharp, diffracts=False, paths=0.5)[0] == few
 
 
 def refined(left, right):
@@ -198,7 +198,7 @@ def test_wrong_pixels_of_a_flat_sheet(grain, contrast, level, blur):
         exposure = Exposure(level / float(theory.levels.mean()))
         photos = sensor.expose_pair(*both(blurred), rig=stage.rig, lens=lens, seed=seed, exposure=exposure)
         found = refined(*(grey(photo.image).astype(np.float64) for photo in photos))
-        expected = theory.expected(lens, exposure, blur * everywhere, diffracts=False).wrong
+        expected = theory.expected(lens, exposure, blur * everywhere, diffracts=False)[0]
         shares.append((100 * float((np.abs(found - away) > 2).mean()), expected))
     counted, expected = np.mean(shares, axis=0)
     assert expected == pytest.approx(counted, abs=5.0)
@@ -211,5 +211,5 @@ def test_the_ratio_of_rendering_noise_to_shot_noise():
     wall = [np.full((72, 96, 3), 0.2, np.float32)] * 2
     theory = Evidence.of(stage, lens, np.zeros((72, 96)), wall)
     time = 0.5 / float(theory.levels.mean())
-    ratio = theory.expected(lens, Exposure(time), np.zeros((72, 96)), diffracts=False, paths=0.1).path_noise
+    ratio = theory.expected(lens, Exposure(time), np.zeros((72, 96)), diffracts=False, paths=0.1)[1]
     assert ratio == pytest.approx(0.1 * math.sqrt(0.5 * aperture_theory.SENSOR.full_well) / math.sqrt(0.45), rel=0.2)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from twinlens.studies.aperture.mismatch import RIGHT_PX, drawn_sums, mismatch, mismatch_share
+from twinlens.studies.aperture.wrong import RIGHT_PX, drawn_sums, mismatch, mismatch_share
 
 SIDE, NDISP = 9, 32
 STEP = 8
@@ -65,7 +65,7 @@ def isserlis(grain, first, second):
 
 @pytest.mark.parametrize("grain", [1.2, 3.0])
 def test_mean_and_covariance_of_the_texture_sum(grain):
-    energies = drawn_sums(grain, SIDE, NDISP).texture
+    energies, _, _ = drawn_sums(grain, SIDE, NDISP)
     shifts = np.arange(NDISP) - NDISP // 2
     mean = 2 * SIDE**2 * (1 - np.exp(-(shifts**2) / (4 * grain**2)))
     np.testing.assert_allclose(energies.mean(axis=0), mean, rtol=0.05, atol=1e-6)
@@ -76,9 +76,9 @@ def test_mean_and_covariance_of_the_texture_sum(grain):
 
 
 def test_variances_of_the_noise_sums():
-    sums, far = drawn_sums(1.2, SIDE, NDISP), NDISP // 2 + 11
-    assert sums.both[:, far].var() == pytest.approx(8 * sums.texture[:, far].mean(), rel=0.1)
-    assert (sums.noise[:, far] - sums.noise[:, NDISP // 2]).var() == pytest.approx(12 * SIDE**2, rel=0.1)
+    (texture, both, noise), far = drawn_sums(1.2, SIDE, NDISP), NDISP // 2 + 11
+    assert both[:, far].var() == pytest.approx(8 * texture[:, far].mean(), rel=0.1)
+    assert (noise[:, far] - noise[:, NDISP // 2]).var() == pytest.approx(12 * SIDE**2, rel=0.1)
 
 
 @pytest.mark.parametrize("spread", [0.7, 2.0, 8.0])

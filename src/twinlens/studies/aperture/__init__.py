@@ -2,40 +2,48 @@
 
 The lenses of a scene and seed are rendered from one set of light paths (`render_lens_grid`). The images are exposed
 (a) for the same time, so that shot noise grows as the aperture shrinks, and (b) to the same brightness; with and
-without diffraction. Two theories predict the best f-number: `theory` for the median error, `evidence` for the share of
-wrong pixels. `shots` documents the choice of parameters, `findings` the conclusions.
+without diffraction. Two theories predict the best f-number: `theory`, which also documents
+the choice of parameters, for the median error, and `wrong` for the share of wrong pixels.
 """
 
+import itertools
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from twinlens.camera import ThinLens
+from twinlens.camera.diffraction import diffract
 from twinlens.rendering import LensGrid, render_lens_grid
-from twinlens.studies.aperture.evidence import SHARP_AT, SIDE, Evidence
+from twinlens.sensor import Exposure, Sensor, auto_exposure
 from twinlens.studies.aperture.findings import conclude
-from twinlens.studies.aperture.shots import (
+from twinlens.studies.aperture.theory import (
     BLUR_PX,
-    EXPOSED_AT,
     F_NUMBERS,
-    GRAIN_AT,
     MODES,
     PIXEL_PITCH_UM,
+    SENSOR,
+    WAVELENGTH,
     Model,
-    Radiance,
-    Shot,
-    diffracted,
-    level,
-    shots,
+    best_f_number,
+    grain_px,
+    predicted_error,
 )
-from twinlens.studies.aperture.theory import SENSOR, best_f_number, grain_px, predicted_error
-from twinlens.studies.model import Figure, Measured, Picture, Setup, Study
+from twinlens.studies.aperture.wrong import SHARP_AT, SIDE, Evidence
+from twinlens.studies.model import Figure, Measured, Picture, Setup, Study, sweep
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
 from twinlens.studies.table import Column, Row
 
+Radiance = Sequence[NDArray[np.float32]]
+
+EXPOSED_AT = 1.0
+"""The f-number whose automatic exposure is the fixed exposure."""
+GRAIN_AT = 5.6
+"""The f-number whose image is sharp enough to measure the texture's grain."""
+LINEAR = Sensor.preset("machine_vision", output="linear", bits=16, wavelengths=(WAVELENGTH,) * 3)
 _CROP, _ZOOM = 40, 3
 _LAW_AT = 11.0
 
@@ -46,24 +54,26 @@ def measure(setup: Setup) -> Measured:
     pictures: list[Picture] = []
     saved: dict[str, dict[str, float]] = {}
     scales: dict[str, float] = {}
-    places = [(name, seed) for name in setup.scenes for seed in setup.seeds]
-    for done, (name, seed) in enumerate(places):
-        setup.progress(done / len(places), name)
+    for name, seed in sweep(setup, setup.seeds):
         model = Model.of(Stage.of(name, setup.width, setup.height, pixel_pitch_um=PIXEL_PITCH_UM))
         lenses = [model.full_size(model.lens(number)) for number in F_NUMBERS]
         start = time.perf_counter()
         grid = render_lens_grid(model.stage.scene, model.stage.rig, lenses, setup.spp, stream(seed, 0))
         seconds = time.perf_counter() - start
-        rows += _sweep(setup, model, grid, seed, done / len(places))
+        rows += _rows(setup, model, grid, seed)
         if seed == setup.seeds[0]:
             saved[name] = _saved(model, setup, grid, seconds)
             scales[name] = model.scale
             pictures.append(_crops(model, grid.images))
-    setup.progress(1.0, "")
     notes = {"f_numbers": F_NUMBERS, "pixel_pitch_um": PIXEL_PITCH_UM, "blur_px": BLUR_PX, "scales": scales,
              "exposed_at_f": EXPOSED_AT, "theory_block_size": SIDE, "lens_grid_saved": saved}  # fmt: skip
     remarks = {
-        "lens grid": ". ".join(_describe(name, each) for name, each in saved.items()),
+        "lens grid": ". ".join(
+            f"{name}: {len(F_NUMBERS)} lenses from {each['grid_paths'] / 1e6:.3g} million light paths in "
+            f"{each['grid_s']:.3g} s; direct renders need {each['direct_paths'] / 1e6:.3g} million, "
+            f"about {each['direct_s']:.3g} s"
+            for name, each in saved.items()
+        ),
         "models": ", ".join(f"{name} 1:{1 / scale:.0f}" for name, scale in scales.items()),
     }
     return Measured(rows, tuple(pictures), notes, remarks)
@@ -71,9 +81,8 @@ def measure(setup: Setup) -> Measured:
 
 def _saved(model: Model, setup: Setup, grid: LensGrid, seconds: float) -> dict[str, float]:
     """Time and light paths of the lens grid, and of direct renders with as many samples."""
-    lens = model.full_size(model.lens(EXPOSED_AT))
+    lens, few = model.full_size(model.lens(EXPOSED_AT)), max(1, setup.spp // 4)
     model.stage.photograph(lens, 1, stream(setup.seeds[0], 8))
-    few = max(1, setup.spp // 4)
     start = time.perf_counter()
     model.stage.photograph(lens, few, stream(setup.seeds[0], 9))
     direct = len(F_NUMBERS) * setup.spp / few * (time.perf_counter() - start)
@@ -81,74 +90,63 @@ def _saved(model: Model, setup: Setup, grid: LensGrid, seconds: float) -> dict[s
     return {"grid_s": round(seconds, 2), "direct_s": round(direct, 2), "grid_paths": grid.rays, "direct_paths": paths}
 
 
-def _describe(name: str, saved: Mapping[str, float]) -> str:
-    return (
-        f"{name}: {len(F_NUMBERS)} lenses from {saved['grid_paths'] / 1e6:.3g} million light paths in "
-        f"{saved['grid_s']:.3g} s; direct renders need {saved['direct_paths'] / 1e6:.3g} million, "
-        f"about {saved['direct_s']:.3g} s"
-    )
-
-
-def _sweep(setup: Setup, model: Model, grid: LensGrid, seed: int, done: float) -> list[Row]:
+def _rows(setup: Setup, model: Model, grid: LensGrid, seed: int) -> list[Row]:
     """The rows of one scene and seed."""
-    stage, images = model.stage, grid.images
-    paths = _rendering_noise(grid)
-    grain = grain_px(images[F_NUMBERS.index(GRAIN_AT)][0])
-    sharp = model.lens(SHARP_AT)
-    evidence = Evidence.of(stage, sharp, model.blur(sharp), images[F_NUMBERS.index(SHARP_AT)])
-    rows: list[Row] = []
-    for shot in shots(model, images):
-        setup.progress(done, f"{stage.scene.name} f/{shot.f_number:g}")
-        k = F_NUMBERS.index(shot.f_number)
-        case: Row = {
-            "scene": stage.scene.name, "seed": seed, "f_number": shot.f_number, "exposure": shot.mode,
-            "diffraction": shot.diffraction, "level": level(stage, shot),
-            **_predictions(model, shot, grain, evidence, paths[k]),
-        }  # fmt: skip
-        draw = stream(seed, 1, k, MODES.index(shot.mode))
-        pictures = stage.expose(shot.radiance, shot.lens, draw, SENSOR, shot.exposure)
-        rows += [{**case, "method": method, **_scores(stage, pictures, method)} for method in setup.methods]
-    return _with_curves(rows)
+    stage = model.stage
+    sharp, lens = grid[F_NUMBERS.index(SHARP_AT)], model.lens(SHARP_AT)
+    evidence = Evidence.of(stage, lens, model.blur(lens), sharp)
+    grain = grain_px(grid[F_NUMBERS.index(GRAIN_AT)][0])
+    fixed = automatic(stage, model.lens(EXPOSED_AT), grid[F_NUMBERS.index(EXPOSED_AT)])
+    rows: list[dict[str, Any]] = []
+    for k, number in enumerate(F_NUMBERS):
+        lens, traced = model.lens(number), grid[k]
+        blur, paths = model.blur(lens), _rendering_noise(grid, k)
+        for diffraction, radiance in (("without", traced), ("with", diffracted(stage, lens, traced))):
+            for mode, exposure in zip(MODES, (fixed, automatic(stage, lens, radiance)), strict=True):
+                diffracts = diffraction == "with"
+                wrong, path_noise = evidence.expected(lens, exposure, blur, diffracts, paths)
+                photo = LINEAR.expose(radiance[0], camera=stage.camera, lens=lens, seed=0, exposure=exposure)
+                case = {
+                    "scene": stage.scene.name, "seed": seed, "f_number": number, "exposure": mode,
+                    "diffraction": diffraction, "level": float(photo.image.mean()) / 65535.0,
+                    "predicted": predicted_error(stage, lens, exposure, radiance[0], blur, grain, diffracts),
+                    "predicted_wrong": wrong, "path_noise": path_noise,
+                }  # fmt: skip
+                pictures = stage.expose(radiance, lens, stream(seed, 1, k, MODES.index(mode)), SENSOR, exposure)
+                for method in setup.methods:
+                    scores = stage.score(stage.match(pictures, method), pictures)
+                    a50 = scores.regions["nonocc"]["A50"]
+                    rows.append({**case, "method": method, **score_columns(scores), "a50": a50})
+    _add_curves(rows)
+    return list(rows)
 
 
-def _scores(stage: Stage, pictures: Sequence[NDArray[Any]], method: str) -> dict[str, float]:
-    scores = stage.score(stage.match(pictures, method), pictures)
-    return {**score_columns(scores), "a50": scores.regions["nonocc"]["A50"]}
+def _rendering_noise(grid: LensGrid, k: int) -> float:
+    """Rms noise of the light paths relative to the rms radiance, an upper bound, for lens k."""
+    light = math.sqrt(np.mean([np.square(image, dtype=np.float64).mean() for image in grid[k]]))
+    return float(np.mean(grid.standard_error[k])) / light
 
 
-def _rendering_noise(grid: LensGrid) -> list[float]:
-    """Rms noise of the light paths relative to the rms radiance, an upper bound, for each lens."""
-    lights = [math.sqrt(np.mean([np.square(image, dtype=np.float64).mean() for image in pair])) for pair in grid.images]
-    return [float(np.mean(error)) / light for error, light in zip(grid.standard_error, lights, strict=True)]
+def _add_curves(rows: list[dict[str, Any]]) -> None:
+    """Add to the rows of a scene and seed the f-numbers that the theories predict, and the square law of light."""
+    for mode, diffraction in itertools.product(MODES, ("without", "with")):
+        curve = [row for row in rows if (row["exposure"], row["diffraction"]) == (mode, diffraction)]
+        at = {row["f_number"]: row for row in curve}
+        best, best_wrong = (
+            best_f_number(np.array(list(at)), np.array([row[column] for row in at.values()]))
+            for column in ("predicted", "predicted_wrong")
+        )
+        for row in curve:
+            law = at[_LAW_AT]["level"] * (_LAW_AT / row["f_number"]) ** 2
+            row |= {"theory_best": best, "theory_best_wrong": best_wrong, "square_law": law}
 
 
-def _predictions(model: Model, shot: Shot, grain: float, evidence: Evidence, paths: float) -> dict[str, float]:
-    blur = model.blur(shot.lens)
-    diffracts = shot.diffraction == "with"
-    error = predicted_error(model.stage, shot.lens, shot.exposure, shot.radiance[0], blur, grain, diffracts)
-    expected = evidence.expected(shot.lens, shot.exposure, blur, diffracts, paths)
-    return {"predicted": error, "predicted_wrong": expected.wrong, "path_noise": expected.path_noise}
+def automatic(stage: Stage, lens: ThinLens, radiance: Radiance) -> Exposure:
+    return auto_exposure(radiance, sensor=SENSOR, cameras=stage.rig.cameras, lens=lens)
 
 
-def _with_curves(rows: Sequence[Row]) -> list[Row]:
-    """The rows of one scene and seed with the f-numbers that the theories predict, and the square law of light."""
-    curves: dict[tuple[Any, Any], dict[float, Row]] = {}
-    for row in rows:
-        curves.setdefault((row["exposure"], row["diffraction"]), {})[float(row["f_number"])] = row
-    best = {
-        key: {"theory_best": _least(curve, "predicted"), "theory_best_wrong": _least(curve, "predicted_wrong")}
-        for key, curve in curves.items()
-    }
-    light = {key: float(curve[_LAW_AT]["level"]) for key, curve in curves.items()}
-    return [
-        {**row, **best[key], "square_law": light[key] * (_LAW_AT / float(row["f_number"])) ** 2}
-        for row in rows
-        for key in [(row["exposure"], row["diffraction"])]
-    ]
-
-
-def _least(curve: Mapping[float, Row], column: str) -> float:
-    return best_f_number(np.array(list(curve)), np.array([float(row[column]) for row in curve.values()]))
+def diffracted(stage: Stage, lens: ThinLens, radiance: Radiance) -> Radiance:
+    return [diffract(image, stage.camera, lens, (WAVELENGTH,) * 3) for image in radiance]
 
 
 def _crops(model: Model, images: Sequence[Radiance]) -> Picture:

@@ -1,4 +1,4 @@
-"""Prediction of the f-number with the least median error from blur, diffraction and noise, without a matcher.
+"""Scale models of scenes, and the f-number with the least median error from blur, diffraction and noise.
 
 The error of a good match is the Cramer-Rao bound of a shift, noise / rms slope. A texture of grain s (the standard
 deviation of a Gaussian, measured on the sharp image), widened by a blur of variance b^2, has slopes of variance
@@ -7,16 +7,19 @@ the Airy pattern: the Gaussian with the same curvature at the peak, sqrt(2) lamb
 Zerubia and Olivo-Marin, Gaussian approximations of fluorescence microscope point-spread function models, Applied Optics
 46(10), 2007).
 
-A signal of S electrons has the noise variance  S + r^2 + d^2 + (g S)^2 + (q_c^2 + q_o^2)/12  in electrons squared: shot
-noise, read noise r, dark-signal and gain nonuniformity d and g, the step q_c of the converter, and the step of the
-8-bit image, which a tone curve of slope t turns into q_o = full well / (255 gain t).
+The predicted error of an image is the median over its pixels, each with its true depth, of (s^2 + b^2) noise / signal
+in arbitrary units. The bound describes small errors and is compared with the median error; for the share of wrong
+pixels see `wrong`.
 
-The predicted error of an image is the median over its pixels, each with its true depth, of (s^2 + b^2) noise / S in
-arbitrary units. Saturated pixels have an infinite error. Rendering noise is not included. The bound describes small
-errors and is compared with the median error; for the share of wrong pixels see `evidence`.
+The parameters were chosen from this theory alone, so that its optimum is inside the sweep. With shot noise only, the
+predicted error of a pixel with blur c at f/1 is least at N = c / (4 s). A texture of grain s = 1 to 1.4 px and an
+optimum near f/2 require c near 10 px. Each scene is therefore scaled so that f/1 blurs 95 % of its pixels by at most
+24 px, and about half of them by 10 px. The Airy disk of f/32 is 12 px wide. The fixed exposure is the automatic one of
+f/1: a longer one would saturate the wide lenses, and ten stops less light leave f/32 a few electrons.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,11 +31,46 @@ from twinlens.studies.stage import Stage
 
 Float = NDArray[np.float64]
 
+F_NUMBERS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0, 32.0)
+MODES = ("fixed exposure", "equal brightness")
+PIXEL_PITCH_UM = 3.45
+BLUR_PX, BLURRED_LESS = 24.0, 0.95
+"""The blur at f/1 that this fraction of the pixels does not exceed."""
 WAVELENGTH = 549e-9
 SENSOR = Sensor.preset("machine_vision", wavelengths=(WAVELENGTH,) * 3)
 LUMA = np.array([0.299, 0.587, 0.114])
-_AIRY_GAUSSIAN = 0.45
 _PATCH = 16
+
+
+@dataclass(frozen=True)
+class Model:
+    """A scale model of a scene and the lenses in front of it.
+
+    The renderer uses the scene at full size with proportionally larger lenses, which gives the same image because rays
+    are scale-free. The sensor and diffraction are not, and use the model's own lens.
+    """
+
+    stage: Stage
+    scale: float
+
+    @staticmethod
+    def of(stage: Stage) -> "Model":
+        """The model scaled so that f/1 blurs the scene by BLUR_PX."""
+        from_focus = np.abs(1.0 / stage.truth.depth[np.isfinite(stage.truth.depth)] - 1.0 / stage.middle_focus)
+        spread = float(np.quantile(from_focus, BLURRED_LESS))
+        return Model(stage, stage.camera.film_distance * stage.camera.fx * spread / BLUR_PX)
+
+    def lens(self, f_number: float) -> ThinLens:
+        """The lens of working f-number v/A, focused at the middle of the disparity range."""
+        return ThinLens(self.stage.camera.film_distance / f_number, self.scale * self.stage.middle_focus)
+
+    def full_size(self, lens: ThinLens) -> ThinLens:
+        """The lens that gives the same image of the scene at full size."""
+        return ThinLens(lens.aperture_diameter / self.scale, lens.focus_distance / self.scale)
+
+    def blur(self, lens: ThinLens) -> NDArray[np.float64]:
+        """The signed blur circle of every left pixel, (H, W), pixels."""
+        return self.stage.blur(self.full_size(lens))
 
 
 def grain_px(image: NDArray[np.float32]) -> float:
@@ -58,7 +96,7 @@ def airy_px(f_number: float, pixel_pitch_um: float) -> float:
     >>> round(airy_px(32.0, 4.0), 2)
     1.98
     """
-    return _AIRY_GAUSSIAN * WAVELENGTH * f_number / (1e-6 * pixel_pitch_um)
+    return 0.45 * WAVELENGTH * f_number / (1e-6 * pixel_pitch_um)
 
 
 def airy_of(stage: Stage, lens: ThinLens, diffracts: bool) -> float:
@@ -68,7 +106,12 @@ def airy_of(stage: Stage, lens: ThinLens, diffracts: bool) -> float:
 
 
 def noise_electrons(wells: ArrayLike, gain: float = 1.0) -> Float:
-    """Root mean square noise, in electrons, of pixels of SENSOR that hold so many electrons."""
+    """Root mean square noise, in electrons, of pixels of SENSOR that hold so many electrons S.
+
+    Its variance is S + r^2 + d^2 + (g S)^2 + (q_c^2 + q_o^2)/12: shot noise, read noise r, dark-signal and gain
+    nonuniformity d and g, the step q_c of the converter, and the step of the 8-bit image, which a tone curve of slope t
+    turns into q_o = full well / (255 gain t).
+    """
     held = np.asarray(wells, np.float64)
     level = held * gain / SENSOR.full_well
     steps = np.array([1.0 / (SENSOR.largest_dn - SENSOR.black_level), 1.0 / 255.0]) * SENSOR.full_well / gain

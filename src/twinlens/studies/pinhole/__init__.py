@@ -22,13 +22,12 @@ from twinlens.camera.diffraction import diffract
 from twinlens.optics.diffraction import FresnelWarning
 from twinlens.rendering import render
 from twinlens.sensor import Sensor
-from twinlens.studies.bootstrap import Interval, over_scenes, paired_difference
 from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, compared, power_law, predicted
 from twinlens.studies.pinhole.edge import DEPTH, FILM, PITCH, WAVELENGTH, edge_camera, edge_scene, frequency_at
 from twinlens.studies.pinhole.fresnel import convolved, fresnel_kernel, predicted_best, predicted_frequency
 from twinlens.studies.pinhole.light import exposed_rate, film_light, signal_to_noise, white_rate
 from twinlens.studies.stage import Stage, stream
-from twinlens.studies.table import Column, Row, Table
+from twinlens.studies.table import Column, Interval, Row, Table, over_scenes, paired_difference
 
 Float = NDArray[np.float64]
 
