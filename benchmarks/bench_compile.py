@@ -19,7 +19,7 @@ BLOCKS = (7, 21)
 MATCH = """
 import sys, time
 import numba, numpy as np
-import twinlens.matching.search
+import twinlens.matching.matcher
 from twinlens.matching import match
 height, width = int(sys.argv[2]), int(sys.argv[3])
 pair = np.random.default_rng(0).integers(0, 256, (2, height, width), dtype=np.uint8)

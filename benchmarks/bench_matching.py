@@ -21,7 +21,7 @@ import numpy as np
 
 import twinlens.matching as tm
 from bench_compile import table
-from twinlens.matching.strips import cpu_count
+from twinlens.matching.box import cpu_count
 
 SIZES = ((640, 480), (1280, 720))
 RANGES = (64, 128)

@@ -1,6 +1,9 @@
 """Costs over a fixed square window: prepares memory for the sliding kernel and shares the rows between threads."""
 
 import functools
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +13,6 @@ from numpy.typing import NDArray
 from twinlens.matching.costs import Cost, Numbers, numbers
 from twinlens.matching.images import Disparity, Image, extended
 from twinlens.matching.kernels import LANES
-from twinlens.matching.strips import in_strips, strip_rows
 
 CACHE_LINE = 64
 FITS = {"none": 0, "v": 1, "parabola": 2}
@@ -18,7 +20,33 @@ STATISTICS = {"zssd": 0, "jaccard": 0, "zncc": 1, "ncc": 2}
 """The mode of `kernels.windows.window_statistics` that a scoring takes; "sum" takes none."""
 ROUNDING = 2.0**-40
 """Floats that differ by less than this part of the largest cost are equal."""
+FLOAT_ROWS = 64  # float sums depend on where a strip begins, so float images are always cut in the same places
 Volume = NDArray[Any]
+Rows = Callable[[int, int], Volume]
+"""rows(start, stop): those rows of a cost volume, (stop - start, W, depth), depth a multiple of LANES."""
+
+
+def cpu_count() -> int:
+    """Number of processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def in_strips(work: Callable[[int, int], None], height: int, rows: int, threads: int) -> None:
+    """Call work(y0, y1) for every strip of at most `rows` rows, on `threads` threads.
+
+    After an error or a KeyboardInterrupt no further strip is started.
+    """
+    strips = [(y, min(y + rows, height)) for y in range(0, height, rows)]
+    if threads <= 1 or len(strips) == 1:
+        for strip in strips:
+            work(*strip)
+        return
+    pool = ThreadPoolExecutor(min(threads, len(strips)))
+    try:
+        for done in [pool.submit(work, *strip) for strip in strips]:
+            done.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 @dataclass(frozen=True)
@@ -85,7 +113,7 @@ class BoxMatch:
         self.floats = left.dtype.kind == "f"
         self.left, self.right = _settled(left, right, cost) if self.floats else (left, right)
         self.slack = self._slack() if self.floats else 0.0
-        self.rows = strip_rows(left.dtype, self.shape[0], threads)
+        self.rows = FLOAT_ROWS if self.floats else -(-self.shape[0] // max(threads, 1))
 
     def _slack(self) -> float:
         """By how much sums of floats that are equal may differ."""

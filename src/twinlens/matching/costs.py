@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.errors import InputError
 
@@ -120,16 +121,20 @@ def _check_room(cost: Cost, dtype: np.dtype[Any], side: int, bound: int, bits: i
     )
 
 
-def largest_cost(cost: Cost, span: float, side: int, bits: int) -> float:
-    """The largest value of this cost for images whose values span `span`: the unit of p1 and p2.
+def largest_cost(cost: Cost, left: NDArray[Any], right: NDArray[Any], side: int, descriptor: int) -> float:
+    """The largest value of this cost for windows of these images: the unit of p1 and p2.
 
-    bits: number of bits in a census descriptor.
+    descriptor: the side of the census window.
     """
     area = side * side
     if cost.scoring in ("zncc", "ncc", "jaccard"):
         return 2.0 if cost.scoring == "zncc" else 1.0
     if cost.transform:
-        return float(bits * area)
+        return float((descriptor**2 - 1) * area)
+    if left.dtype.kind == "u":
+        span = float(np.iinfo(left.dtype).max)
+    else:  # 1 where all pixels are equal
+        span = float(max(left.max(), right.max())) - float(min(left.min(), right.min())) or 1.0
     if cost.term == "square":
         # The kernel's ZSSD is n times the sum of squares; differences reach from -span to span.
         return (area * span) ** 2 if cost.scoring == "zssd" else area * span**2

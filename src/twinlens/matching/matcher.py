@@ -1,4 +1,4 @@
-"""`StereoMatcher`: a classical stereo matcher as one frozen description of its options."""
+"""`StereoMatcher`: a classical stereo matcher as one frozen description of its options, and its search."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -6,8 +6,9 @@ from typing import Annotated, Any
 import numpy as np
 
 from twinlens.errors import InputError, unknown
-from twinlens.matching import refine
-from twinlens.matching.costs import COSTS
+from twinlens.matching import refine, volume
+from twinlens.matching.box import FITS, BoxMatch, Chosen, Rows, Volume, blank, cpu_count, in_lanes, in_strips, limits
+from twinlens.matching.costs import COSTS, largest_cost
 from twinlens.matching.images import Disparity, Image, levels, pair
 from twinlens.matching.options import (
     MinDisparity,
@@ -18,10 +19,9 @@ from twinlens.matching.options import (
     check_range,
     whole,
 )
-from twinlens.matching.search import Search, search
-from twinlens.matching.strips import cpu_count
-from twinlens.matching.supports import SUPPORTS, Settings
-from twinlens.matching.transforms import clipped_slope
+from twinlens.matching.semiglobal import Penalties, Sweeps, quantised, stored
+from twinlens.matching.supports import SUPPORTS, Scene, Settings, Strip
+from twinlens.matching.transforms import clipped_slope, described
 
 SUBPIXEL = ("auto", "none", "parabola", "v")
 PREFILTERS = ("none", "xsobel")
@@ -30,6 +30,7 @@ OPTIMISATIONS = {
     "sgm4": "semi-global, along rows and columns",
     "sgm8": "semi-global, along rows, columns and diagonals",
 }
+STRIP_ROWS = 16  # of a cost volume that is held at a time, without its support's halo
 
 
 @dataclass(frozen=True)
@@ -119,25 +120,18 @@ class StereoMatcher(RangeMatcher):
         ):
             if name not in known:
                 raise unknown(kind, str(name), known)
-        check_block_size("block_size", self.block_size)
-        check_block_size("census_window", self.census_window)
+        for name in ("block_size", "census_window", "median"):
+            if name != "median" or self.median != 0:
+                check_block_size(name, getattr(self, name))
         check_range(self.num_disparities, self.min_disparity)
         whole("speckle_size", self.speckle_size, 0)
-        if self.median != 0:
-            check_block_size("median", self.median)
         if self.threads is not None:
             whole("threads", self.threads, 1)
-        self._check_amounts()
-        self._check_combination()
-
-    def _check_amounts(self) -> None:
         for name in ("texture", "uniqueness"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, 0.0)
-        for name in ("contrast", "noise", "speckle_range", "texture", "uniqueness"):
-            amount(name, getattr(self, name))
-        for name in ("lr_check", "p1", "p2"):
-            if getattr(self, name) is not None:
+        for name in ("contrast", "noise", "speckle_range", "texture", "uniqueness", "lr_check", "p1", "p2"):
+            if name not in ("lr_check", "p1", "p2") or getattr(self, name) is not None:
                 amount(name, getattr(self, name))
         for name in ("gamma_similar", "gamma_near", "epsilon"):
             amount(name, getattr(self, name), above=True)
@@ -146,8 +140,6 @@ class StereoMatcher(RangeMatcher):
         small, large = self.penalties
         if not small <= large <= 1:
             raise InputError(f"p1 and p2 are {small} and {large}; they are parts of the largest cost, p1 <= p2 <= 1")
-
-    def _check_combination(self) -> None:
         if SUPPORTS[self.support].pixelwise and COSTS[self.cost].normalised:
             raise InputError(
                 f"cost {self.cost!r} compares statistics of whole windows, but support {self.support!r} gathers costs "
@@ -188,30 +180,13 @@ class StereoMatcher(RangeMatcher):
 
     def _raw_disparity(self, left: Image, right: Image) -> Disparity:
         images = [clipped_slope(grey) for grey in levels(left, right)] if self.prefilter == "xsobel" else [left, right]
-        found = search(self._task(), images[0], images[1])
+        found = _Search(self, *images).winners()
         disparity = found.disparity
         if self.uniqueness > 0:
             disparity = refine.unique(disparity, found.cost, found.rival, self.uniqueness)
         if self.texture > 0:
             disparity = refine.textured(disparity, left, self.block_size, self.texture)
         return disparity
-
-    def _task(self) -> Search:
-        cost = COSTS[self.cost]
-        return Search(
-            cost=cost,
-            side=self.block_size,
-            low=self.min_disparity,
-            count=self.num_disparities,
-            descriptor=self.census_window,
-            support=SUPPORTS[self.support],
-            settings=Settings(self.contrast, self.gamma_similar, self.gamma_near, self.epsilon, self.noise),
-            paths={"wta": 0, "sgm4": 4, "sgm8": 8}[self.optimisation],
-            penalties=self.penalties,
-            fit=cost.fit if self.subpixel == "auto" else self.subpixel,
-            rivals=self.uniqueness > 0,
-            threads=self.threads or cpu_count(),
-        )
 
     def _refined(self, disparity: Disparity) -> Disparity:
         if self.speckle_size > 0:
@@ -228,3 +203,106 @@ def _mirrored(image: Any) -> Any:
 def _swapped(left: Image, right: Image) -> tuple[Image, Image]:
     # Mirrored, the right image becomes a left image: u' = W - 1 - u keeps u_left - u_right.
     return _mirrored(right), _mirrored(left)
+
+
+class _Search:
+    """One search of one image pair: cost, support and optimisation put together, strip by strip."""
+
+    def __init__(self, matcher: StereoMatcher, left: Image, right: Image) -> None:
+        """The images are grey, in a working dtype."""
+        width, low = left.shape[1], matcher.min_disparity
+        self.matcher, self.left, self.right = matcher, left, right
+        self.cost, self.support, self.side = COSTS[matcher.cost], SUPPORTS[matcher.support], matcher.block_size
+        self.low, self.high = max(low, 1 - width), min(low + matcher.num_disparities, width)
+        self.count = self.high - self.low
+        self.depth = in_lanes(self.count)
+        self.paths = {"wta": 0, "sgm4": 4, "sgm8": 8}[matcher.optimisation]
+        self.fit = self.cost.fit if matcher.subpixel == "auto" else matcher.subpixel
+        self.rivals = matcher.uniqueness > 0
+        self.threads = matcher.threads or cpu_count()
+        self._halo = self.support.halo * (self.side // 2)
+
+    def winners(self) -> Chosen:
+        """The winner at every pixel of the left image."""
+        if self.count <= 0:
+            return Chosen.empty(self.left.shape)
+        if self._halo == 0 and self.cost.in_lanes:
+            boxes = self._boxes(self.side)
+            if self.paths:
+                return self._semiglobal(boxes)
+            if len(boxes) == 1:
+                found = boxes[0].winners(self.fit, costs=self.rivals)
+                if not self.cost.offset:
+                    return found
+                # Similarities that differ by rounding alone become equal.
+                return Chosen(found.disparity, *(np.round(s + self.cost.offset, 6) for s in (found.cost, found.rival)))
+        return self._semiglobal(()) if self.paths else self._local()
+
+    def _boxes(self, side: int) -> tuple[BoxMatch, ...]:
+        images = (
+            described(image, self.cost.transform, self.matcher.census_window) for image in (self.left, self.right)
+        )
+        return tuple(
+            BoxMatch(one, other, self.cost, side, self.low, self.high, self.threads)
+            for one, other in zip(*images, strict=True)
+        )
+
+    def _sides(self) -> tuple[int, ...]:
+        """The windows whose costs the support gathers, the widest first."""
+        return (1,) if self.support.pixelwise else self.support.windows(self.side)
+
+    def _source(self, side: int) -> Rows:
+        if self.cost.in_lanes:
+            return volume.box_sums(self._boxes(side), self.cost.offset)
+        make = volume.birchfield_tomasi if self.cost.term == "birchfield-tomasi" else volume.zero_mean_absolute
+        return make(self.left, self.right, side, self.low, self.depth)
+
+    def _gathered(self) -> Rows:
+        """The gathered costs; +inf where there is no candidate."""
+        matcher, support, height = self.matcher, self.support, len(self.left)
+        sources, halo = [self._source(side) for side in self._sides()], self._halo
+        settings = Settings(matcher.contrast, matcher.gamma_similar, matcher.gamma_near, matcher.epsilon, matcher.noise)
+        scene = Scene(*levels(self.left, self.right), self.side, self.low, settings, self.cost.growth)
+
+        def rows(start: int, stop: int) -> Volume:
+            first, last = max(0, start - halo), min(height, stop + halo)
+            volumes = tuple(source(first, last) for source in sources)
+            for each in volumes if support.masked else ():
+                blank(each, self.low, self.count)
+            found = support.gather(Strip(volumes, first, start, stop), scene) if support.gather else volumes[0]
+            blank(found, self.low, self.count)
+            return found
+
+        return rows
+
+    def _local(self) -> Chosen:
+        from twinlens.matching.kernels.settle import settle_rows
+
+        chosen, rows = Chosen.empty(self.left.shape, self.rivals), self._gathered()
+        settings = self.depth, self.low, self.count, FITS[self.fit], limits(np.float64)
+
+        def work(start: int, stop: int) -> None:
+            settle_rows(rows(start, stop).reshape(-1), *settings, *chosen.rows(start, stop))
+
+        in_strips(work, len(self.left), STRIP_ROWS, self.threads)
+        return chosen
+
+    def _semiglobal(self, boxes: tuple[BoxMatch, ...]) -> Chosen:
+        """Of the boxes' costs or, without boxes, of the gathered ones."""
+        whole_numbers = bool(boxes) and np.dtype(boxes[0].numbers.scores).kind != "f"
+        side, parts = (self.side, 1) if boxes else (self._sides()[0], self.support.parts)
+        full = largest_cost(self.cost, self.left, self.right, side, self.matcher.census_window) * parts
+        gain, penalties = Penalties.scaled(self.matcher.penalties, full, whole_numbers)
+        if boxes:
+            costs = quantised(boxes, gain, self.cost.offset * gain, penalties, self.threads)
+        else:
+            kept, rows = np.empty((*self.left.shape, self.depth), penalties.dtype), self._gathered()
+
+            def work(start: int, stop: int) -> None:
+                kept[start:stop] = np.minimum(np.rint(np.maximum(rows(start, stop), 0) * gain), penalties.top)
+
+            in_strips(work, len(self.left), STRIP_ROWS, self.threads)
+            costs = stored(kept)
+        shape = *self.left.shape, self.depth
+        sweeps = Sweeps(costs, shape, self.paths, penalties, self.low, self.count, self.fit)
+        return sweeps.chosen(self.threads, rivals=self.rivals)

@@ -12,20 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.matching.box import FITS, BoxMatch, Chosen, Volume, blank, fence, fill_sum, limits
-from twinlens.matching.strips import in_strips
+from twinlens.matching.box import FITS, BoxMatch, Chosen, Rows, Volume, blank, fence, fill_sum, in_strips, limits
 
 PATH_TOP = 8191  # largest cost of a path: the sum of eight fits 16 bits
 STRIP_BYTES = 1 << 20  # size of a strip of costs, which stays in a processor's cache
-
-
-def scaled(full: float, whole: bool, large: float) -> tuple[float, int]:
-    """(gain, largest cost) for 16-bit costs, where the volume's costs reach `full` and P2 is `large` times that.
-
-    Whole numbers that fit are not scaled.
-    """
-    top = int(PATH_TOP / (1.0 + large)) - 1
-    return (1.0, int(full)) if whole and full <= top else (top / full, top)
 
 
 @dataclass(frozen=True)
@@ -37,9 +27,11 @@ class Penalties:
     top: int
 
     @classmethod
-    def parts(cls, parts: tuple[float, float], top: int) -> "Penalties":
-        """P1 and P2 as parts of the largest cost."""
-        return cls(round(parts[0] * top), round(parts[1] * top), top)
+    def scaled(cls, parts: tuple[float, float], full: float, whole: bool) -> tuple[float, "Penalties"]:
+        """(gain, penalties) for costs that reach `full`, P1 and P2 as parts of it; whole costs that fit have gain 1."""
+        top = int(PATH_TOP / (1.0 + parts[1])) - 1
+        gain, top = (1.0, int(full)) if whole and full <= top else (top / full, top)
+        return gain, cls(round(parts[0] * top), round(parts[1] * top), top)
 
     @property
     def dtype(self) -> type[np.unsignedinteger[Any]]:
@@ -47,10 +39,7 @@ class Penalties:
         return np.uint8 if self.top + self.large + self.small < 256 and 4 * self.large < 256 else np.uint16
 
 
-Costs = Callable[[int, int], Volume]  # costs(y0, y1): those rows, (y1 - y0, W, depth), depth a multiple of LANES
-
-
-def quantised(boxes: tuple[BoxMatch, ...], gain: float, offset: float, penalties: Penalties, threads: int) -> Costs:
+def quantised(boxes: tuple[BoxMatch, ...], gain: float, offset: float, penalties: Penalties, threads: int) -> Rows:
     """The sum of the boxes' costs, as round(cost * gain + offset); the largest cost where there is no partner.
 
     Costs of single pixels are computed in each sweep, which takes less time than reading them from memory; those of
@@ -76,8 +65,8 @@ def quantised(boxes: tuple[BoxMatch, ...], gain: float, offset: float, penalties
     return stored(volume)
 
 
-def stored(volume: Volume) -> Costs:
-    """The costs of a stored volume."""
+def stored(volume: Volume) -> Rows:
+    """The rows of a stored volume."""
     return lambda y0, y1: volume[y0:y1]
 
 
@@ -88,7 +77,7 @@ class Sweeps:
     paths: 4 (along rows and columns) or 8 (and diagonals). The winner is one of the disparities low..low+count-1.
     """
 
-    costs: Costs
+    costs: Rows
     shape: tuple[int, int, int]
     paths: int
     penalties: Penalties

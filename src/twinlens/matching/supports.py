@@ -19,18 +19,13 @@ Volume = NDArray[Any]
 
 @dataclass(frozen=True)
 class Settings:
-    """The supports' parameters; contrasts are in grey levels of an image that spans 0 to 255.
+    """The supports' parameters: options of `StereoMatcher`."""
 
-    contrast: difference at which an arm of a cross ends. gamma_similar, gamma_near: decay of the adaptive weights with
-    difference (grey levels) and distance (pixels). epsilon: variance below which a guided filter smooths, for a guide
-    from 0 to 1. noise: standard deviation of the image noise, from which adaptive windows derive their size.
-    """
-
-    contrast: float = 20.0
-    gamma_similar: float = 12.0
-    gamma_near: float = 12.0
-    epsilon: float = 1e-4
-    noise: float = 2.0
+    contrast: float
+    gamma_similar: float
+    gamma_near: float
+    epsilon: float
+    noise: float
 
 
 @dataclass(frozen=True)
@@ -45,21 +40,20 @@ class Scene:
     side: int
     low: int
     settings: Settings
-    growth: int = 1
+    growth: int
 
 
 @dataclass(frozen=True)
 class Strip:
-    """Rows first..first+len(volume) of a cost volume, from which the rows start..stop of the image are gathered.
+    """Rows of a cost volume, the first of which is `first`, and the rows start..stop of the image to gather from them.
 
-    others: the same rows of the volumes of the support's other windows.
+    volumes: one for each of the support's windows, the widest first.
     """
 
-    volume: Volume
+    volumes: tuple[Volume, ...]
     first: int
     start: int
     stop: int
-    others: tuple[Volume, ...] = ()
 
     @property
     def top(self) -> int:
@@ -67,27 +61,27 @@ class Strip:
 
     @property
     def rows(self) -> slice:
-        return slice(self.first, self.first + len(self.volume))
+        return slice(self.first, self.first + len(self.volumes[0]))
 
     def empty(self) -> Volume:
-        return np.empty((self.stop - self.start, *self.volume.shape[1:]), self.volume.dtype)
+        return np.empty((self.stop - self.start, *self.volumes[0].shape[1:]))
 
 
 @dataclass(frozen=True)
 class Support:
-    """A way to gather costs.
+    """A way to gather costs; without `gather` they are taken as they are.
 
-    halo(side): how many rows above and below a pixel it reads. pixelwise: it gathers costs of pixels, not of windows.
-    windows(side): the sides of the windows, the widest first. masked: candidates without a partner have the cost +inf
-    instead of that of edge-continued images. parts: how many windows' costs it adds up.
+    halo: how many rows above and below a pixel it reads, in radii of the window. pixelwise: it gathers costs of pixels,
+    not of windows. masked: candidates without a partner have the cost +inf instead of that of edge-continued images.
+    windows(side): the sides of the windows, the widest first. parts: how many windows' costs it adds up.
     """
 
     description: str
-    gather: Callable[[Strip, Scene], Volume]
-    halo: Callable[[int], int]
-    pixelwise: bool
-    windows: Callable[[int], tuple[int, ...]] = lambda side: (side,)
+    gather: Callable[[Strip, Scene], Volume] | None = None
+    halo: int = 0
+    pixelwise: bool = False
     masked: bool = False
+    windows: Callable[[int], tuple[int, ...]] = lambda side: (side,)
     parts: int = 1
 
 
@@ -110,16 +104,12 @@ def quarter(side: int) -> int:
     return 2 * (side // 4) + 1
 
 
-def _whole(strip: Strip, _scene: Scene) -> Volume:
-    return strip.volume[strip.top : strip.top + strip.stop - strip.start]
-
-
 def _shiftable(strip: Strip, scene: Scene) -> Volume:
     """Bobick and Intille, "Large occlusion stereo", IJCV 1999: the best of all windows that contain the pixel."""
     from twinlens.matching.kernels.supports import lowest_around
 
-    out = strip.empty()
-    lowest_around(strip.volume, scene.side // 2, strip.top, np.empty(strip.volume.shape[1:], out.dtype), out)
+    out, volume = strip.empty(), strip.volumes[0]
+    lowest_around(volume, scene.side // 2, strip.top, np.empty(volume.shape[1:]), out)
     return out
 
 
@@ -158,7 +148,7 @@ def _adaptive(strip: Strip, scene: Scene) -> Volume:
     rows = slice(max(0, strip.start - scene.side), strip.stop + scene.side)
     sizes = window_sizes(scene.left[rows], sides, scene.settings.noise)[strip.start - rows.start :]
     out = strip.empty()
-    for index, (side, volume) in enumerate(zip(sides, (strip.volume, *strip.others), strict=True)):
+    for index, (side, volume) in enumerate(zip(sides, strip.volumes, strict=True)):
         scale = (quarter(sides[0]) / quarter(side)) ** (2 * scene.growth)
         step = side // 2 - quarter(side) // 2
         best_quarters(volume, step, strip.top, sizes, index, scale, out)
@@ -178,9 +168,8 @@ def _cross(strip: Strip, scene: Scene) -> Volume:
     arms = np.zeros((4, *image.shape), np.int64)
     cross_arms(image, halo, scene.settings.contrast, arms)
     own = strip.rows.start - around.start
-    out = strip.empty()
-    along = np.empty(strip.volume.shape, np.float64)
-    cross_means(strip.volume, np.ascontiguousarray(arms[:, own : own + len(along)]), strip.top, along, out)
+    out, along = strip.empty(), np.empty(strip.volumes[0].shape)
+    cross_means(strip.volumes[0], np.ascontiguousarray(arms[:, own : own + len(along)]), strip.top, along, out)
     return out
 
 
@@ -188,7 +177,7 @@ def _weighted(strip: Strip, scene: Scene) -> Volume:
     """Yoon and Kweon, "Adaptive support-weight approach for correspondence search", PAMI 2006, on grey levels."""
     from twinlens.matching.kernels.supports import adaptive_weights
 
-    radius, width, depth = scene.side // 2, scene.left.shape[1], strip.volume.shape[2]
+    radius, width, depth = scene.side // 2, scene.left.shape[1], strip.volumes[0].shape[2]
     last = scene.low + depth - 1
     right = extended(scene.right, (strip.rows.start, strip.rows.stop), (-last, width - scene.low))[:, ::-1].copy()
     offsets = np.arange(-radius, radius + 1)
@@ -197,7 +186,7 @@ def _weighted(strip: Strip, scene: Scene) -> Volume:
     similar = np.exp(-np.arange(256) / scene.settings.gamma_similar)
     out = strip.empty()
     left = np.ascontiguousarray(scene.left[strip.rows])
-    adaptive_weights(strip.volume, left, right, width - 1, nearness, similar, radius, strip.top, out)
+    adaptive_weights(strip.volumes[0], left, right, width - 1, nearness, similar, radius, strip.top, out)
     return out
 
 
@@ -205,63 +194,43 @@ def _guided(strip: Strip, scene: Scene) -> Volume:
     """Hosni et al., "Fast cost-volume filtering for visual correspondence and beyond", PAMI 2013, with a grey guide."""
     from twinlens.matching.kernels.supports import guided_lines
 
-    radius = scene.side // 2
+    radius, volume, first = scene.side // 2, strip.volumes[0], strip.first
     guide = scene.left[strip.rows, :, None] / 255.0
-    first = max(strip.first, strip.start - radius)
-    inner = Strip(strip.volume, strip.first, first, min(strip.first + len(guide), strip.stop + radius))
-    mean_guide, mean_square = (_means(_like(inner, array), radius) for array in (guide, guide**2))
-    cost = _means(_like(inner, strip.volume.astype(np.float64)), radius)
-    product = _means(_like(inner, strip.volume * guide), radius)
+    start, stop = max(first, strip.start - radius), min(first + len(guide), strip.stop + radius)
+    arrays = guide, guide**2, volume, volume * guide
+    mean_guide, mean_square, cost, product = (_means(array, first, start, stop, radius) for array in arrays)
     variance = np.maximum(mean_square - mean_guide**2, 0.0)
     slope = np.empty_like(cost)
     guided_lines(cost, product, mean_guide[..., 0], variance[..., 0], scene.settings.epsilon, slope)
-    wanted = [Strip(volume, first, strip.start, strip.stop) for volume in (slope, cost)]
-    slope, intercept = (_means(part, radius) for part in wanted)
-    return np.asarray(slope * (scene.left[strip.start : strip.stop, :, None] / 255.0) + intercept)
+    slope, intercept = (_means(array, start, strip.start, strip.stop, radius) for array in (slope, cost))
+    return np.asarray(slope * guide[strip.top : strip.top + len(slope)] + intercept)
 
 
-def _like(strip: Strip, volume: Volume) -> Strip:
-    return Strip(volume, strip.first, strip.start, strip.stop)
-
-
-def _means(strip: Strip, radius: int) -> Volume:
+def _means(volume: Volume, first: int, start: int, stop: int, radius: int) -> Volume:
+    """The rows start..stop of the volume's means over windows that end at the image's edges."""
     from twinlens.matching.kernels.supports import clipped_means
 
-    _, width, depth = strip.volume.shape
-    out = strip.empty()
-    scratch = np.empty((width + 1, depth)), np.empty((width, depth))
-    clipped_means(strip.volume, radius, strip.top, scratch, out)
+    _, width, depth = volume.shape
+    out = np.empty((stop - start, width, depth))
+    clipped_means(volume, radius, start - first, (np.empty((width + 1, depth)), np.empty((width, depth))), out)
     return out
 
 
 SUPPORTS: dict[str, Support] = {
-    "fixed": Support("the square window around the pixel", _whole, lambda side: 0, pixelwise=False),
-    "shiftable": Support(
-        "the best of all square windows that contain the pixel",
-        _shiftable,
-        lambda side: side // 2,
-        pixelwise=False,
-        masked=True,
-    ),
+    "fixed": Support("the square window around the pixel"),
+    "shiftable": Support("the best of all square windows that contain the pixel", _shiftable, halo=1, masked=True),
     "adaptive": Support(
         "size by the texture; the half-size window of the pixel and the best two of the four around it",
         _adaptive,
-        lambda side: side // 2,
-        pixelwise=False,
+        halo=1,
         windows=lambda side: tuple(quarter(size) for size in family(side)),
         parts=3,
     ),
-    "cross": Support("the cross-shaped region of similar pixels", _cross, lambda side: side // 2, pixelwise=True),
+    "cross": Support("the cross-shaped region of similar pixels", _cross, halo=1, pixelwise=True),
     "weighted": Support(
-        "the window, weighted by similarity and proximity in both images",
-        _weighted,
-        lambda side: side // 2,
-        pixelwise=True,
+        "the window, weighted by similarity and proximity in both images", _weighted, halo=1, pixelwise=True
     ),
     "guided": Support(
-        "a guided filter: locally linear in the left image's brightness",
-        _guided,
-        lambda side: 2 * (side // 2),
-        pixelwise=True,
+        "a guided filter: locally linear in the left image's brightness", _guided, halo=2, pixelwise=True
     ),
 }

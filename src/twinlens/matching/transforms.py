@@ -10,12 +10,11 @@ from twinlens.matching.images import Image, extended
 SOBEL_CAP = 31
 
 
-def neighbours(image: Image, side: int) -> list[Image]:
-    """The image shifted to each pixel of a window but its centre, row by row; edges are continued."""
-    radius, (height, width) = side // 2, image.shape
-    padded = extended(image, (-radius, height + radius), (-radius, width + radius))
-    places = [(y, x) for y in range(side) for x in range(side) if (y, x) != (radius, radius)]
-    return [padded[y : y + height, x : x + width] for y, x in places]
+def described(image: Image, transform: str, side: int) -> list[Image]:
+    """The images whose pixels are compared: census words, ranks, or the image itself."""
+    if transform == "census":
+        return census_images(image, side)
+    return [rank_image(image, side)] if transform == "rank" else [image]
 
 
 def census_images(image: Image, side: int) -> list[NDArray[Any]]:
@@ -41,9 +40,11 @@ def rank_image(image: Image, side: int) -> NDArray[Any]:
 
     Source: Zabih and Woodfill, 1994, as census.
     """
+    radius, (height, width) = side // 2, image.shape
+    padded = extended(image, (-radius, height + radius), (-radius, width + radius))
     result = np.zeros(image.shape, np.uint8 if side <= 15 else np.uint16)
-    for shifted in neighbours(image, side):
-        result += shifted < image
+    for y, x in np.ndindex(side, side):  # the centre is not darker than itself
+        result += padded[y : y + height, x : x + width] < image
     return result
 
 
