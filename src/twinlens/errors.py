@@ -113,7 +113,7 @@ def check_number(
         raise InputError(f"{name} must be {allowed}, got {format_value(value)}")
 
 
-def check_int(name: str, value: Any, least: int, most: int | None = None) -> None:
+def check_int(name: str, value: Any, least: int | None = None, most: int | None = None) -> None:
     """Raise InputError unless `value` is an integer (not a bool) from `least` to `most`.
 
     >>> check_int("count", 2.5, 1, 9)
@@ -121,9 +121,9 @@ def check_int(name: str, value: Any, least: int, most: int | None = None) -> Non
     twinlens.errors.InputError: count must be a whole number from 1 to 9, got 2.5
     """
     whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not whole or value < least or (most is not None and value > most):
-        allowed = f">= {least}" if most is None else f"from {least} to {most}"
-        raise InputError(f"{name} must be a whole number {allowed}, got {format_value(value)}")
+    if not whole or (least is not None and value < least) or (most is not None and value > most):
+        allowed = "" if least is None else f" >= {least}" if most is None else f" from {least} to {most}"
+        raise InputError(f"{name} must be a whole number{allowed}, got {format_value(value)}")
 
 
 def check_triple(name: str, values: Any, allowed: str) -> tuple[float, float, float]:

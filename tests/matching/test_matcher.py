@@ -213,9 +213,9 @@ def test_signed_images_match_as_their_values_do():
 GOOD = np.zeros((4, 6), np.uint8)
 WRONG = {
     "even block": ((GOOD, GOOD), {"block_size": 4}, "use 3 or 5"),
-    "negative block": ((GOOD, GOOD), {"block_size": -1}, "at least 1"),
+    "negative block": ((GOOD, GOOD), {"block_size": -1}, ">= 1"),
     "block of no number": ((GOOD, GOOD), {"block_size": "x"}, "whole number"),
-    "empty range": ((GOOD, GOOD), {"num_disparities": 0}, "at least 1"),
+    "empty range": ((GOOD, GOOD), {"num_disparities": 0}, ">= 1"),
     "half a candidate": ((GOOD, GOOD), {"min_disparity": 0.5}, "whole number"),
     "sizes differ": ((GOOD, GOOD[:3]), {}, "6x4 and 6x3"),
     "dtypes differ": ((GOOD, GOOD.astype(np.uint16)), {}, "one dtype"),

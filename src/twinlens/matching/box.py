@@ -53,7 +53,7 @@ def in_strips(work: Callable[[int, int], None], height: int, rows: int, threads:
 class Chosen:
     """A search's result, (H, W) each: disparity float32, its cost, and the lowest cost two or more candidates away.
 
-    disparity and the costs are +inf where there is no candidate. The costs have shape (1, 0) where they are not wanted.
+    disparity and the costs are +inf where there is no candidate. The costs have shape (H, 0) where they are not wanted.
     """
 
     disparity: Disparity
@@ -62,13 +62,11 @@ class Chosen:
 
     @staticmethod
     def empty(shape: tuple[int, ...], costs: bool = True) -> "Chosen":
-        wanted = shape if costs else (1, 0)
+        wanted = shape if costs else (shape[0], 0)
         return Chosen(np.full(shape, np.inf, np.float32), np.full(wanted, np.inf), np.full(wanted, np.inf))
 
     def rows(self, start: int, stop: int) -> tuple[NDArray[Any], ...]:
         """(cost, rival, disparity) of these rows, as `kernels.settle.settle_rows` takes them."""
-        if not self.cost.size:
-            return self.cost, self.rival, self.disparity[start:stop]
         return self.cost[start:stop], self.rival[start:stop], self.disparity[start:stop]
 
 

@@ -21,9 +21,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from twinlens.errors import FileError, InputError, MissingExtraError
+from twinlens.errors import FileError, InputError, MissingExtraError, check_int, check_number
 from twinlens.matching.images import Disparity, Image, grey, pair
-from twinlens.matching.options import MinDisparity, NumDisparities, RangeMatcher, amount, check_range, whole
+from twinlens.matching.options import MinDisparity, NumDisparities, RangeMatcher, check_range
 
 HASH_DIGITS = 16
 """Hexadecimal digits kept of a file's SHA-256: 64 bits."""
@@ -192,7 +192,7 @@ class Program(RangeMatcher):
 
     def __post_init__(self) -> None:
         check_range(self.num_disparities, self.min_disparity)
-        amount("timeout_s", self.timeout_s, above=True)
+        check_number("timeout_s", self.timeout_s, "a number above 0", above=0)
         for placeholder in PLACEHOLDERS:
             if placeholder not in self.command:
                 example = "'prog {left} {right} {out}'"
@@ -329,9 +329,7 @@ class OnnxNetwork:
     """
 
     model: Annotated[str, "The .onnx file."] = ""
-    scale: Annotated[float, "Largest value of the input, for 8-bit and 16-bit images: 1 for 0..1, 255 for 0..255."] = (
-        1.0
-    )
+    scale: Annotated[float, "Largest input value for 8-bit and 16-bit images: 1 for 0..1, 255 for 0..255."] = 1.0
     multiple: Annotated[int, "Images are padded to a multiple of this, in pixels, where the model's size is free."] = 32
     output: Annotated[int, "Index of the output that is the disparity; -1: the last."] = -1
     sign: Annotated[int, "1, or -1 for a network whose disparities are negative."] = 1
@@ -339,9 +337,9 @@ class OnnxNetwork:
     def __post_init__(self) -> None:
         if not str(self.model).endswith(".onnx"):
             raise InputError(f"model is {self.model!r}; name an .onnx file, as in onnx:net.onnx")
-        amount("scale", self.scale, above=True)
-        whole("multiple", self.multiple, 1)
-        whole("output", self.output)
+        check_number("scale", self.scale, "a number above 0", above=0)
+        check_int("multiple", self.multiple, 1)
+        check_int("output", self.output)
         if self.sign not in (1, -1):
             raise InputError(f"sign is {self.sign!r}; use 1, or -1 for a network whose disparities are negative")
 

@@ -5,20 +5,12 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, check_int, check_number, unknown
 from twinlens.matching import refine, volume
 from twinlens.matching.box import FITS, BoxMatch, Chosen, Rows, Volume, blank, cpu_count, in_lanes, in_strips, limits
 from twinlens.matching.costs import COSTS, largest_cost
 from twinlens.matching.images import Disparity, Image, levels, pair
-from twinlens.matching.options import (
-    MinDisparity,
-    NumDisparities,
-    RangeMatcher,
-    amount,
-    check_block_size,
-    check_range,
-    whole,
-)
+from twinlens.matching.options import MinDisparity, NumDisparities, RangeMatcher, check_block_size, check_range
 from twinlens.matching.semiglobal import Penalties, Sweeps, quantised, stored
 from twinlens.matching.supports import SUPPORTS, Scene, Settings, Strip
 from twinlens.matching.transforms import clipped_slope, described
@@ -70,43 +62,29 @@ class StereoMatcher(RangeMatcher):
     min_disparity: MinDisparity = 0
     support: Annotated[str, f"Support region over which costs are aggregated: {', '.join(SUPPORTS)}."] = "fixed"
     census_window: Annotated[int, "Side of the window of the census and rank transforms; odd."] = 7
-    prefilter: Annotated[str, "none, or xsobel: compare clipped horizontal Sobel derivatives, as StereoBM does."] = (
-        "none"
-    )
+    prefilter: Annotated[str, "none; xsobel: compare clipped horizontal Sobel derivatives, as StereoBM does."] = "none"
     contrast: Annotated[float, "Support cross: difference in grey levels of 0..255 at which an arm ends."] = 20.0
     gamma_similar: Annotated[float, "Support weighted: grey levels over which a weight falls to 1/e."] = 12.0
     gamma_near: Annotated[float, "Support weighted: pixels over which a weight falls to 1/e."] = 12.0
-    epsilon: Annotated[float, "Support guided: variance below which the filter smooths, for grey levels in 0..1."] = (
-        1e-4
-    )
+    epsilon: Annotated[float, "Support guided: variance below which it smooths, for grey levels in 0..1."] = 1e-4
     noise: Annotated[float, "Support adaptive: standard deviation of the image noise, in grey levels of 0..255."] = 2.0
     optimisation: Annotated[str, "; ".join(f"{name}: {text}" for name, text in OPTIMISATIONS.items()) + "."] = "wta"
     p1: Annotated[
-        float | None,
-        "Semi-global penalty for steps of one disparity, as a fraction of the largest cost; none: depends on the cost.",
+        float | None, "Penalty for steps of one disparity, in parts of the largest cost; none: the cost's."
     ] = None
-    p2: Annotated[
-        float | None,
-        "Semi-global penalty for larger steps, as a fraction of the largest cost; none: depends on the cost.",
-    ] = None
+    p2: Annotated[float | None, "Penalty for larger steps, as a part of the largest cost; none: set by cost."] = None
     subpixel: Annotated[str, "Sub-pixel fit: v, parabola, none, or auto: the fit that suits the cost."] = "auto"
     uniqueness: Annotated[
-        float,
-        "Percent by which the best cost two or more disparities away must exceed the least cost; 0: off.",
+        float, "Percent by which costs two or more disparities away must exceed the least; 0: off."
     ] = 0.0
-    texture: Annotated[
-        float, "Least root mean square horizontal difference in the window, in grey levels of 0..255; 0: off."
-    ] = 0.0
-    lr_check: Annotated[
-        float | None, "Largest difference in pixels between the left and the right disparity; none: off."
-    ] = None
+    texture: Annotated[float, "Least RMS horizontal difference in the window, in grey levels of 0..255; 0: off."] = 0.0
+    lr_check: Annotated[float | None, "Largest difference of the left and the right disparity, pixels; none: off."] = (
+        None
+    )
     speckle_size: Annotated[int, "Patches of fewer pixels become unknown; 0: off."] = 0
     speckle_range: Annotated[float, "Largest difference in pixels between neighbours of one patch."] = 1.0
     median: Annotated[int, "Side of a median filter over known pixels; odd; 0: off."] = 0
-    fill: Annotated[
-        str,
-        "none, or background: fill unknown pixels with the smaller of the two nearest known disparities in the row.",
-    ] = "none"
+    fill: Annotated[str, "none; background: the smaller of the two nearest known disparities in the row."] = "none"
     threads: Annotated[int | None, "Number of threads; none: all processors."] = None
 
     def __post_init__(self) -> None:
@@ -124,17 +102,17 @@ class StereoMatcher(RangeMatcher):
             if name != "median" or self.median != 0:
                 check_block_size(name, getattr(self, name))
         check_range(self.num_disparities, self.min_disparity)
-        whole("speckle_size", self.speckle_size, 0)
+        check_int("speckle_size", self.speckle_size, 0)
         if self.threads is not None:
-            whole("threads", self.threads, 1)
+            check_int("threads", self.threads, 1)
         for name in ("texture", "uniqueness"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, 0.0)
         for name in ("contrast", "noise", "speckle_range", "texture", "uniqueness", "lr_check", "p1", "p2"):
             if name not in ("lr_check", "p1", "p2") or getattr(self, name) is not None:
-                amount(name, getattr(self, name))
+                check_number(name, getattr(self, name), "a number >= 0", least=0)
         for name in ("gamma_similar", "gamma_near", "epsilon"):
-            amount(name, getattr(self, name), above=True)
+            check_number(name, getattr(self, name), "a number above 0", above=0)
         if self.uniqueness >= 100:
             raise InputError(f"uniqueness is {self.uniqueness}; it is a percentage below 100")
         small, large = self.penalties

@@ -5,9 +5,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from twinlens.errors import InputError, MissingExtraError, unknown
+from twinlens.errors import InputError, MissingExtraError, check_int, unknown
 from twinlens.matching.images import Disparity, levels, pair
-from twinlens.matching.options import MinDisparity, RangeMatcher, check_block_size, check_range, whole
+from twinlens.matching.options import MinDisparity, RangeMatcher, check_block_size, check_range
 
 SIXTEENTHS = 16  # the unit of OpenCV's fixed-point disparities, and the multiple of its ranges
 MODES = {"default": "STEREO_SGBM_MODE_SGBM", "hh": "STEREO_SGBM_MODE_HH", "3way": "STEREO_SGBM_MODE_SGBM_3WAY"}
@@ -55,10 +55,11 @@ class OpenCVBlock(_OpenCVMatcher):
     uniqueness: Annotated[int, "OpenCV's uniquenessRatio in percent; 0: off."] = 15
 
     def __post_init__(self) -> None:
-        if check_block_size("block_size", self.block_size) < 5:
+        check_block_size("block_size", self.block_size)
+        if self.block_size < 5:
             raise InputError(f"block_size is {self.block_size}; OpenCV's StereoBM needs 5 or more")
-        whole("texture", self.texture, 0)
-        whole("uniqueness", self.uniqueness, 0)
+        check_int("texture", self.texture, 0)
+        check_int("uniqueness", self.uniqueness, 0)
         check_range(self.num_disparities, self.min_disparity)
 
     def _made(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
@@ -87,7 +88,7 @@ class OpenCVSemiGlobal(_OpenCVMatcher):
 
     def __post_init__(self) -> None:
         check_block_size("block_size", self.block_size)
-        whole("uniqueness", self.uniqueness, 0)
+        check_int("uniqueness", self.uniqueness, 0)
         check_range(self.num_disparities, self.min_disparity)
         if self.mode not in MODES:
             raise unknown("mode", str(self.mode), MODES)

@@ -1,12 +1,9 @@
 """What all matchers share: the contract of `match`, the search range, checks of options, and limits by image size."""
 
 import dataclasses
-import numbers
 from typing import Annotated, Any, Protocol, Self
 
-import numpy as np
-
-from twinlens.errors import InputError
+from twinlens.errors import InputError, check_int
 from twinlens.matching.images import Disparity
 
 NumDisparities = Annotated[int, "Number of disparities to search."]
@@ -57,34 +54,15 @@ class RangeMatcher:
 
 def check_range(num_disparities: Any, min_disparity: Any) -> None:
     """InputError unless both are whole numbers and the range is not empty."""
-    whole("num_disparities", num_disparities, 1)
-    whole("min_disparity", min_disparity)
+    check_int("num_disparities", num_disparities, 1)
+    check_int("min_disparity", min_disparity)
 
 
-def whole(name: str, value: Any, least: int | None = None) -> int:
-    """A whole number, at least `least`."""
-    if isinstance(value, bool) or not isinstance(value, numbers.Integral):
-        raise InputError(f"{name} is {value!r}; it must be a whole number")
-    if least is not None and value < least:
-        raise InputError(f"{name} is {value}; it must be at least {least}")
-    return int(value)
-
-
-def check_block_size(name: str, value: Any) -> int:
-    """The side of a window centred on a pixel: a positive odd whole number."""
-    side = whole(name, value, 1)
-    if side % 2 == 0:
-        raise InputError(f"{name} is {side}; it must be odd: use {side - 1} or {side + 1}")
-    return side
-
-
-def amount(name: str, value: Any, *, above: bool = False) -> float:
-    """A finite number >= 0, or above 0."""
-    if isinstance(value, bool) or not isinstance(value, numbers.Real) or not np.isfinite(float(value)):
-        raise InputError(f"{name} is {value!r}; it must be a number")
-    if float(value) < 0 or (above and float(value) == 0):
-        raise InputError(f"{name} is {value}; it must be {'above 0' if above else '>= 0'}")
-    return float(value)
+def check_block_size(name: str, value: Any) -> None:
+    """InputError unless it is the side of a window centred on a pixel: a positive odd whole number."""
+    check_int(name, value, 1)
+    if value % 2 == 0:
+        raise InputError(f"{name} is {value}; it must be odd: use {value - 1} or {value + 1}")
 
 
 def check_image_size(matcher: Any, size: tuple[int, ...]) -> None:

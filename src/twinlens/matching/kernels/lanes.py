@@ -6,9 +6,6 @@ become AVX-512, AVX2, SSE or NEON code; LLVM splits a vector that is wider than 
 builds LLVM code. Integer arithmetic wraps around.
 """
 
-# Numba infers the types of what it compiles; its decorators and the functions given to them carry no annotations.
-# mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
-
 import operator
 from typing import Any
 
@@ -67,22 +64,19 @@ def _place(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any
     return builder.gep(context.make_array(kind)(context, builder, array).data, [index])
 
 
-def _vector_place(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> tuple[Any, int]:
-    """The address of LANES elements from array[index] on, and their alignment in bytes."""
+def _lanes_place(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> Any:
+    """The address of LANES elements from array[index] on."""
     vector = ir.VectorType(context.get_data_type(kind.dtype), LANES)
-    place = _place(context, builder, kind, array, index)
-    return builder.bitcast(place, vector.as_pointer()), kind.dtype.bitwidth // 8
+    return builder.bitcast(_place(context, builder, kind, array, index), vector.as_pointer())
 
 
 @intrinsic
 def load(_typing: Any, array: Any, index: Any) -> Any:
     """load(array, index): LANES elements from array[index] on. The array is 1-D and contiguous; no bounds check."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        place, align = _vector_place(context, builder, signature.args[0], *args)
-        return builder.load(place, align=align)
-
-    return Lanes(array.dtype)(array, types.intp), generate
+    align = array.dtype.bitwidth // 8
+    return Lanes(array.dtype)(array, types.intp), lambda context, builder, signature, args: builder.load(
+        _lanes_place(context, builder, signature.args[0], *args), align=align
+    )
 
 
 @intrinsic
@@ -90,8 +84,8 @@ def store(_typing: Any, array: Any, index: Any, value: Any) -> Any:
     """store(array, index, value): write the lanes to array[index] and on; no bounds check."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        place, align = _vector_place(context, builder, signature.args[0], *args[:2])
-        builder.store(args[2], place, align=align)
+        place = _lanes_place(context, builder, signature.args[0], *args[:2])
+        builder.store(args[2], place, align=array.dtype.bitwidth // 8)
         return context.get_dummy_value()
 
     return types.none(array, types.intp, value), generate
@@ -100,11 +94,9 @@ def store(_typing: Any, array: Any, index: Any, value: Any) -> Any:
 @intrinsic
 def read(_typing: Any, array: Any, index: Any) -> Any:
     """read(array, index): array[index] of a contiguous 1-D array; no bounds check, no negative indices."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.load(_place(context, builder, signature.args[0], *args))
-
-    return array.dtype(array, types.intp), generate
+    return array.dtype(array, types.intp), lambda context, builder, signature, args: builder.load(
+        _place(context, builder, signature.args[0], *args)
+    )
 
 
 @intrinsic
@@ -177,22 +169,18 @@ def larger(_typing: Any, a: Any, b: Any) -> Any:
 @intrinsic
 def distance(_typing: Any, a: Any, b: Any) -> Any:
     """distance(a, b): |a - b| in each lane; unsigned numbers do not overflow."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        subtract = builder.fsub if a.is_float else builder.sub
-        return subtract(_extreme(builder, a, "max", ">", args), _extreme(builder, a, "min", "<", args))
-
-    return a(a, b), generate
+    subtract = "fsub" if a.is_float else "sub"
+    return a(a, b), lambda _context, builder, _signature, args: getattr(builder, subtract)(
+        _extreme(builder, a, "max", ">", args), _extreme(builder, a, "min", "<", args)
+    )
 
 
 @intrinsic
 def count_ones(_typing: Any, value: Any) -> Any:
     """count_ones(value): the number of set bits in each lane."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        return _call(builder, f"llvm.ctpop.{value.suffix}", args[0].type, [args[0]])
-
-    return value(value), generate
+    return value(value), lambda _context, builder, _signature, args: _call(
+        builder, f"llvm.ctpop.{value.suffix}", args[0].type, list(args)
+    )
 
 
 @intrinsic

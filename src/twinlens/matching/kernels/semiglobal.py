@@ -6,8 +6,6 @@ paths, and one for each diagonal), so a sweep needs memory for one row of paths.
 The sweeps store not the paths' costs L but the detours L - C, at most P2 each, which fit 8 bits for short descriptors.
 Source: Hirschmueller, "Stereo processing by semi-global matching and mutual information", PAMI 2008.
 """
-# Numba infers the types of what it compiles; its decorators and the functions given to them carry no annotations.
-# mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
 
 import functools
 from collections.abc import Callable

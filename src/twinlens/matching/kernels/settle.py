@@ -1,8 +1,5 @@
 """Winner-take-all over the costs of a row of pixels, with a sub-pixel fit."""
 
-# Numba infers the types of what it compiles; its decorators and the functions given to them carry no annotations.
-# mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
-
 import numpy as np
 
 from twinlens.matching.kernels import LANES

@@ -9,9 +9,6 @@ disparity reads forward.
 is right[row, start - x + j]. Both are flat; their row strides and `start` are the `layout`.
 """
 
-# Numba infers the types of what it compiles; its decorators and the functions given to them carry no annotations.
-# mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
-
 import functools
 from collections.abc import Callable
 

@@ -3,8 +3,6 @@
 Volumes are (rows, W, depth), the candidate's index last; outputs are the rows [top, top + len(out)) of the input.
 Regions end at the image's edges.
 """
-# Numba infers the types of what it compiles; its decorators and the functions given to them carry no annotations.
-# mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
 
 import numpy as np
 

@@ -3,9 +3,6 @@
 A volume is (rows, W, depth), the candidate's index last. Right images are reversed, as in `slide`.
 """
 
-# Numba infers the types of what it compiles; its decorators and the functions given to them carry no annotations.
-# mypy: disable-error-code="untyped-decorator, no-untyped-def, no-any-return, misc"
-
 import numpy as np
 
 from twinlens.matching.kernels.compiling import jit
