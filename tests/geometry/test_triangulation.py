@@ -10,8 +10,7 @@ from twinlens.camera import Camera, Rig
 from twinlens.camera.layouts import line, toed_in
 from twinlens.camera.multiview import covariance, fundamental_matrix, triangulate
 from twinlens.errors import InputError
-from twinlens.geometry.hartley_sturm import correct_matches
-from twinlens.geometry.triangulation import METHODS, triangulate_dlt
+from twinlens.geometry.triangulation import METHODS, correct_matches, triangulate_dlt
 
 CAMERA = Camera(640, 480, 700.0, 690.0, 310.25, 241.0)
 CLOSE, FAR = np.array([[0.3, -0.1, 2.0]]), np.array([[0.3, -0.1, 1e9]])

@@ -1,6 +1,7 @@
 """Rigid transforms, projection, epipolar geometry, triangulation and rectification of matrices and arrays.
 
-Nothing here depends on a camera class: `twinlens.camera` applies these functions to cameras and rigs.
+This module has the transforms, the projection, and the relation of disparity and depth. Nothing in the package depends
+on a camera class: `twinlens.camera` applies these functions to cameras and rigs.
 
 Conventions of twinlens:
 
@@ -18,40 +19,183 @@ Conventions of twinlens:
 Source: Hartley and Zisserman, Multiple View Geometry in Computer Vision, 2nd ed., 2004.
 """
 
-from twinlens.geometry.projection import (
-    depth_from_disparity,
-    disparity_from_depth,
-    film_from_cam,
-    image_border,
-    px_from_film,
-)
-from twinlens.geometry.transforms import (
-    Float,
-    check_rigid,
-    dehomogeneous,
-    homogeneous,
-    inverse,
-    look_at,
-    rigid,
-    rotate,
-    skew,
-    transform_points,
-)
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-__all__ = [
-    "Float",
-    "check_rigid",
-    "dehomogeneous",
-    "depth_from_disparity",
-    "disparity_from_depth",
-    "film_from_cam",
-    "homogeneous",
-    "image_border",
-    "inverse",
-    "look_at",
-    "px_from_film",
-    "rigid",
-    "rotate",
-    "skew",
-    "transform_points",
-]
+from twinlens.errors import InputError
+
+Float = NDArray[np.float64]
+
+_ROTATION_TOLERANCE = 1e-6  # a matrix written with seven digits is accepted
+_ROUNDING = 1e-13  # products of exact rotations deviate by less
+_BORDER_POINTS = 33  # per side of an image
+
+
+def rigid(rotation: ArrayLike, translation: ArrayLike) -> Float:
+    """The 4x4 rigid transform x_b = R x_a + t, from R (3, 3) and t (3,).
+
+    >>> rigid(np.eye(3), [1, 2, 3])[:3, 3].tolist()
+    [1.0, 2.0, 3.0]
+    """
+    r, t = float_array("rigid transform", rotation), float_array("rigid transform", translation)
+    if r.shape != (3, 3) or t.shape != (3,):
+        raise InputError(f"rigid transform needs a 3x3 rotation and 3 numbers, got shapes {r.shape}, {t.shape}")
+    b_from_a = np.eye(4)
+    b_from_a[:3, :3], b_from_a[:3, 3] = r, t
+    return check_rigid(b_from_a, "rigid transform")
+
+
+def check_rigid(matrix: ArrayLike, name: str) -> Float:
+    """A float64 (4, 4) copy of `matrix`. Raises InputError if it is not a rotation and a translation.
+
+    A rotation written with few digits is replaced by the nearest orthonormal matrix. An orthonormal one is unchanged.
+    """
+    pose = float_array(name, matrix)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all() or not np.array_equal(pose[3], [0, 0, 0, 1]):
+        raise InputError(f"{name} must be a finite 4x4 matrix with last row 0 0 0 1, got shape {pose.shape}")
+    rotation = pose[:3, :3]
+    error = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if error > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+        raise InputError(f"{name} must hold a right-handed rotation (orthonormal, determinant +1)")
+    if error > _ROUNDING:
+        u, _, vt = np.linalg.svd(rotation)
+        pose[:3, :3] = u @ vt
+    return pose
+
+
+def inverse(b_from_a: ArrayLike) -> Float:
+    """a_from_b (4, 4) of a rigid transform: [R^T, -R^T t]."""
+    pose = np.asarray(b_from_a, dtype=np.float64)
+    a_from_b = np.eye(4)
+    a_from_b[:3, :3] = pose[:3, :3].T
+    a_from_b[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
+    return a_from_b
+
+
+def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> Float:
+    """world_from_cam (4, 4) of a camera at `eye` whose z axis points at `target` and whose -y axis points along `up`.
+
+    Raises InputError when eye and target coincide, or `up` is parallel to the viewing direction.
+
+    >>> look_at([0, 0, 0], [0, 5, 0])[:3, 2].tolist()
+    [0.0, 1.0, 0.0]
+    """
+    eye, target, up = (float_array("look_at", v) for v in (eye, target, up))
+    if not all(v.shape == (3,) and np.isfinite(v).all() for v in (eye, target, up)):
+        raise InputError("look_at needs three finite numbers each for eye, target and up")
+    forward = target - eye
+    right = np.cross(forward, up)
+    if not np.linalg.norm(right) > 1e-9 * np.linalg.norm(forward) * np.linalg.norm(up):
+        raise InputError(
+            f"look_at needs eye {eye.tolist()} and target {target.tolist()} to differ, "
+            "and up not parallel to the viewing direction"
+        )
+    z = forward / np.linalg.norm(forward)
+    x = right / np.linalg.norm(right)
+    return rigid(np.stack([x, np.cross(z, x), z], axis=1), eye)
+
+
+def homogeneous(points: ArrayLike) -> Float:
+    """Append a 1: (..., n) -> (..., n + 1)."""
+    points = np.asarray(points, dtype=np.float64)
+    return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
+
+
+def dehomogeneous(points: ArrayLike) -> Float:
+    """Divide by the last coordinate and drop it: (..., n + 1) -> (..., n). A point at infinity becomes inf."""
+    points = np.asarray(points, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(points[..., :-1] / points[..., -1:])
+
+
+def transform_points(b_from_a: ArrayLike, points_a: ArrayLike) -> Float:
+    """x_b = R x_a + t for points (..., 3)."""
+    pose = np.asarray(b_from_a, dtype=np.float64)
+    return np.asarray(points_a, dtype=np.float64) @ pose[:3, :3].T + pose[:3, 3]
+
+
+def rotate(b_from_a: ArrayLike, directions_a: ArrayLike) -> Float:
+    """R x_a for directions (..., 3); the translation is ignored."""
+    rotation = np.asarray(b_from_a, dtype=np.float64)[:3, :3]
+    return np.asarray(np.asarray(directions_a, dtype=np.float64) @ rotation.T)
+
+
+def skew(vector: ArrayLike) -> Float:
+    """The matrix [t]x (3, 3) of the cross product t x v.
+
+    >>> (skew([1, 2, 3]) @ [4, 5, 6]).tolist()
+    [-3.0, 6.0, -3.0]
+    """
+    x, y, z = np.asarray(vector, dtype=np.float64)
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def float_array(name: str, values: ArrayLike) -> Float:
+    """A float64 copy of `values`. Raises InputError, naming `name`, if they are not numbers."""
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be an array of numbers: {error}") from error
+
+
+def film_from_cam(points_cam: ArrayLike, film_distance: float) -> Float:
+    """Film coordinates (..., 2), metres, of points (..., 3): X = v x / z, Y = v y / z on an upright film.
+
+    The real film is behind the aperture and its image is rotated by 180 degrees; the upright film is in front.
+    Points with z <= 0 have no image and give NaN.
+    """
+    points_cam = np.asarray(points_cam, dtype=np.float64)
+    z = points_cam[..., 2:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(z > 0, film_distance * points_cam[..., :2] / z, np.nan)
+
+
+def px_from_film(film: ArrayLike, pixel_density: ArrayLike, principal_point: ArrayLike) -> Float:
+    """Pixels (..., 2) of film points (..., 2) in metres: u = m_x X + cx, with pixel density m in pixels per metre."""
+    film, density = np.asarray(film, dtype=np.float64), np.asarray(pixel_density, dtype=np.float64)
+    return film * density + np.asarray(principal_point, dtype=np.float64)
+
+
+def disparity_from_depth(depth: ArrayLike, fx: float, baseline: float, doffs: float = 0.0) -> Float:
+    """d = fx B / z - doffs, in pixels. Depth +inf (nothing hit) gives +inf: unknown, not the disparity at infinity.
+
+    Raises InputError for depth <= 0, NaN, or a baseline that is not positive.
+
+    >>> disparity_from_depth([2.0, np.inf], fx=700, baseline=0.1).tolist()
+    [35.0, inf]
+    """
+    _check_stereo(fx, baseline)
+    z = np.asarray(depth, dtype=np.float64)
+    if not (z > 0).all():
+        raise InputError("depth must be positive (+inf where nothing was hit), got NaN or values <= 0")
+    return np.where(np.isposinf(z), np.inf, fx * baseline / z - doffs)
+
+
+def depth_from_disparity(disparity: ArrayLike, fx: float, baseline: float, doffs: float = 0.0) -> Float:
+    """z = fx B / (d + doffs), in metres. +inf (unknown) gives +inf, and so does d + doffs = 0, a point at infinity.
+
+    Raises InputError for NaN, -inf, or d + doffs < 0, a point behind the camera.
+    """
+    shifted = np.asarray(disparity, dtype=np.float64) + doffs
+    _check_stereo(fx, baseline)
+    if np.isnan(shifted).any() or (shifted < 0).any():
+        raise InputError("disparity + doffs must be >= 0 (or +inf for unknown); NaN and negative values have no depth")
+    with np.errstate(divide="ignore"):
+        return np.where(np.isposinf(shifted), np.inf, fx * baseline / shifted)
+
+
+def image_border(width: int, height: int, margin: float = 0.0) -> Float:
+    """Points (N, 2) along the outermost pixel centres of an image, or `margin` pixels outside them.
+
+    >>> image_border(640, 480, margin=0.5).min(axis=0).tolist()
+    [-0.5, -0.5]
+    """
+    left, right, top, bottom = -margin, width - 1 + margin, -margin, height - 1 + margin
+    u, v = np.linspace(left, right, _BORDER_POINTS), np.linspace(top, bottom, _BORDER_POINTS)
+    sides = [(u, np.full_like(u, y)) for y in (top, bottom)] + [(np.full_like(v, x), v) for x in (left, right)]
+    return np.concatenate([np.stack(side, axis=1) for side in sides])
+
+
+def _check_stereo(fx: float, baseline: float) -> None:
+    if not (fx > 0 and baseline > 0 and np.isfinite([fx, baseline]).all()):
+        raise InputError(f"fx and baseline must be positive and finite, got fx={fx}, baseline={baseline}")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twinlens.errors import InputError
-from twinlens.geometry.transforms import Float, homogeneous, rotate, skew
+from twinlens.geometry import Float, homogeneous, rotate, skew
 
 _COINCIDENT = 1e-12  # relative to the distance from the origin: float64 poses resolve no less
 _ZERO = 1e-14  # relative: rounding errors of zero are below
@@ -37,8 +37,7 @@ def essential_matrix(world_from_a: Float, world_from_b: Float) -> Float:
 def fundamental_matrix(essential: Float, K_a: Float, K_b: Float) -> Float:
     """F = K_b^-T E K_a^-1, (3, 3), scaled to unit Frobenius norm: p_b^T F p_a = 0 for ideal pixels p = (u, v, 1)."""
     matrix = np.linalg.inv(K_b).T @ essential @ np.linalg.inv(K_a)
-    scaled: Float = matrix / np.linalg.norm(matrix)
-    return scaled
+    return np.asarray(matrix / np.linalg.norm(matrix))
 
 
 def epipolar_lines(F: Float, pixels: ArrayLike) -> Float:
@@ -65,8 +64,7 @@ def sampson_distance(F: Float, pixels_a: ArrayLike, pixels_b: ArrayLike) -> Floa
     lines_b, lines_a = first @ F.T, second @ F
     slope = np.linalg.norm(np.concatenate([lines_b[..., :2], lines_a[..., :2]], axis=-1), axis=-1)
     residual = np.abs(np.einsum("...i,...i->...", second, lines_b))
-    distance: Float = np.divide(residual, slope, out=np.zeros_like(residual), where=slope > 0)
-    return distance
+    return np.asarray(np.divide(residual, slope, out=np.zeros_like(residual), where=slope > 0))
 
 
 def centre_direction(world_from_a: Float, world_from_b: Float) -> Float:

@@ -11,7 +11,7 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 from twinlens.errors import InputError
-from twinlens.geometry.transforms import Float, skew
+from twinlens.geometry import Float, skew
 
 
 def rectified_orientation(world_from_left: Float, world_from_right: Float) -> Float:
