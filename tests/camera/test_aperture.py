@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twinlens.camera.aperture import FULL_DISK, Annulus, Disk, MaskAperture, Polygon
-from twinlens.camera.warp import concentric
+from twinlens.camera.aperture import FULL_DISK, Annulus, Disk, MaskAperture, Polygon, concentric
 from twinlens.errors import InputError
 
 LETTER = np.array([[1, 0, 0], [1, 0.5, 0], [1, 1, 0.25], [0, 0, 0]])

@@ -7,24 +7,78 @@ Coordinates are the camera's (x right, y down), seen from behind the lens. Each 
 - ``sample(u1, u2)``: points distributed as the transmission, from uniform numbers in [0, 1).
 
 Sampling needs no rejection and is continuous where the shape allows it, so that it preserves stratification. It runs on
-NumPy and on other array libraries: see `twinlens.camera.warp`.
+NumPy and on other array libraries: `xp` has the functions of `NUMPY`.
 """
 
 import hashlib
 import math
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.camera.warp import NUMPY, ArrayMath, concentric, invert_cdf, on_ring
 from twinlens.errors import InputError, check_int, check_number
 
 Float = NDArray[np.float64]
 
 _MOST_BLADES = 1000
 _LARGEST_MASK_SIDE = 4096  # cells: float32 random numbers resolve each
+
+
+NUMPY = SimpleNamespace(
+    sqrt=np.sqrt, sin=np.sin, cos=np.cos, abs=np.abs, floor=np.floor, minimum=np.minimum, where=np.where,
+    gather=lambda table, index: table[np.asarray(index, dtype=np.intp)],
+)  # fmt: skip
+"""The element-wise functions that samplers use; gather is ``table[index]``, with floating-point indices. The renderer
+has functions of the same names for its arrays."""
+
+
+def concentric(u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
+    """The concentric map of the unit square to the disk: (radius, turn), both in [0, 1]; turn 1 is a full circle.
+
+    Area-preserving and continuous. Source: Shirley and Chiu, A low distortion map between disk and square, 1997.
+    """
+    a, b = 2.0 * u1 - 1.0, 2.0 * u2 - 1.0
+    wide = xp.abs(a) > xp.abs(b)
+    signed = xp.where(wide, a, b)
+    ratio = xp.where(wide, b, a) / xp.where(signed == 0.0, 1.0, signed)
+    turn = xp.where(wide, 0.125 * ratio, 0.25 - 0.125 * ratio)
+    turn = xp.where(signed < 0.0, turn + 0.5, turn)
+    return xp.abs(signed), xp.where(turn < 0.0, turn + 1.0, turn)
+
+
+def on_ring(u1: Any, u2: Any, inner2: Any, outer2: Any, xp: Any) -> tuple[Any, Any]:
+    """Points (x, y) uniform in the ring between the squared radii `inner2` and `outer2`, by the concentric map.
+
+    >>> [float(c) for c in on_ring(1.0, 0.5, 0.25, 1.0, NUMPY)]
+    [1.0, 0.0]
+    """
+    radius, turn = concentric(u1, u2, xp)
+    return _from_polar(xp.sqrt(inner2 + (outer2 - inner2) * radius * radius), turn, xp)
+
+
+def _from_polar(radius: Any, turn: Any, xp: Any) -> tuple[Any, Any]:
+    return radius * xp.cos(2 * math.pi * turn), radius * xp.sin(2 * math.pi * turn)
+
+
+def invert_cdf(table: Float, cells: int, start: Any, u: Any, xp: Any) -> tuple[Any, Any]:
+    """The cell of the cumulative distribution ``table[start:start + cells + 1]`` that contains u, and u's place in it.
+
+    A bisection of fixed length, which compilers unroll. The table rises from 0 to 1; u is in [0, 1). A cell of zero
+    probability is never chosen.
+    """
+    low, high = 0.0 * u, 0.0 * u + cells
+    for _ in range(cells.bit_length()):
+        middle = xp.floor(0.5 * (low + high))
+        right = xp.gather(table, start + middle) <= u
+        low = xp.where(right, middle, low)
+        high = xp.where(right, high, middle)
+    low = xp.minimum(low, cells - 1.0)
+    left_edge, right_edge = xp.gather(table, start + low), xp.gather(table, start + low + 1.0)
+    span = right_edge - left_edge
+    return low, xp.minimum((u - left_edge) / xp.where(span > 0.0, span, 1.0), 1.0)
 
 
 @dataclass(frozen=True)
@@ -36,16 +90,15 @@ class Disk:
 
     def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
         """1 inside the unit circle, 0 outside; any shape."""
-        return _inside(_square(x) + _square(y) <= 1.0)
+        return np.asarray(np.square(x, dtype=float) + np.square(y, dtype=float) <= 1.0, np.float64)
 
-    def sample(self, u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
+    def sample(self, u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
         """Points (x, y) uniform in the disk, by the concentric map.
 
         >>> [float(c) for c in Disk().sample(1.0, 0.5)]
         [1.0, 0.0]
         """
-        radius, turn = concentric(u1, u2, xp)
-        return radius * xp.cos(2 * math.pi * turn), radius * xp.sin(2 * math.pi * turn)
+        return _from_polar(*concentric(u1, u2, xp), xp)
 
 
 @dataclass(frozen=True)
@@ -100,9 +153,9 @@ class Polygon:
         off_middle = np.mod(angle, 2 * alpha) - alpha
         along = radius * np.cos(off_middle) * math.cos(beta) / math.cos(alpha)
         across = radius * np.sin(off_middle) * math.sin(beta) / math.sin(alpha)
-        return _inside(along**2 + across**2 <= 1.0)
+        return np.asarray(along**2 + across**2 <= 1.0, np.float64)
 
-    def sample(self, u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
+    def sample(self, u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
         """Points (x, y) uniform in the polygon: the concentric map, with its angle mapped to the edges."""
         alpha, beta = self._half_angles
         radius, turn = concentric(u1, u2, xp)
@@ -141,10 +194,10 @@ class Annulus:
 
     def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
         """1 in the ring, 0 outside; any shape."""
-        radius2 = _square(x) + _square(y)
-        return _inside((radius2 >= self.inner**2) & (radius2 <= 1.0))
+        radius2 = np.square(x, dtype=float) + np.square(y, dtype=float)
+        return np.asarray((radius2 >= self.inner**2) & (radius2 <= 1.0), np.float64)
 
-    def sample(self, u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
+    def sample(self, u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
         """Points (x, y) uniform in the ring."""
         return on_ring(u1, u2, self.inner**2, 1.0, xp)
 
@@ -211,7 +264,7 @@ class MaskAperture:
         cells = self.mask[np.where(inside, row, 0).astype(np.intp), np.where(inside, column, 0).astype(np.intp)]
         return np.where(inside, cells, 0.0)
 
-    def sample(self, u1: Any, u2: Any, xp: ArrayMath = NUMPY) -> tuple[Any, Any]:
+    def sample(self, u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
         """Points (x, y) distributed as the transmission: the row from u2, the cell in it from u1, by inverse CDF."""
         height, width = self.mask.shape
         row, down = invert_cdf(self._row_cdf, height, 0.0, u2, xp)
@@ -230,10 +283,8 @@ def _checked_mask(mask: ArrayLike) -> Float:
     except (TypeError, ValueError) as error:
         raise InputError("aperture mask must be one array (H, W) of numbers, got rows of unequal length") from error
     if cells.ndim != 2 or not cells.size or max(cells.shape) > _LARGEST_MASK_SIDE:
-        raise InputError(
-            f"aperture mask must be a grey-scale image (H, W) of at most {_LARGEST_MASK_SIDE} cells a side, "
-            f"got shape {cells.shape}"
-        )
+        allowed = f"a grey-scale image (H, W) of at most {_LARGEST_MASK_SIDE} cells a side"
+        raise InputError(f"aperture mask must be {allowed}, got shape {cells.shape}")
     if cells.dtype.kind not in "bufi":
         raise InputError(f"aperture mask must hold numbers, got {cells.dtype}")
     clear = float(np.iinfo(cells.dtype).max) if cells.dtype in (np.uint8, np.uint16) else 1.0
@@ -243,14 +294,6 @@ def _checked_mask(mask: ArrayLike) -> Float:
     if not cells.any():
         raise InputError("aperture mask is black: at least one cell must transmit light")
     return np.ascontiguousarray(cells)
-
-
-def _inside(condition: Any) -> Float:
-    return np.asarray(condition, dtype=np.float64)
-
-
-def _square(x: ArrayLike) -> Float:
-    return np.asarray(x, dtype=np.float64) ** 2
 
 
 def _sinc(t: float) -> float:

@@ -47,22 +47,17 @@ def diffract(
     if lens.aperture.name != "disk":
         raise InputError(f"diffraction is available for a disk aperture only, got {lens.aperture.name}")
     distance = film_distance(camera, lens)
-    if isinstance(lens, BareAperture):
-        _warn_fresnel(lens.aperture_diameter, distance, waves)
+    numbers = [fresnel_number(lens.aperture_diameter, wavelength, distance) for wavelength in waves]
+    if isinstance(lens, BareAperture) and max(numbers) > FRESNEL_LOW and min(numbers) < FRESNEL_HIGH:
+        warnings.warn(
+            f"bare aperture with Fresnel number {numbers[len(numbers) // 2]:.3g}: between {FRESNEL_LOW:g} and "
+            f"{FRESNEL_HIGH:g} blur and diffraction are not separable; more than a tenth of the light is misplaced",
+            FresnelWarning,
+            stacklevel=2,
+        )
     pitch = (distance / camera.fx, distance / camera.fy)
     blurred = [
         convolve_airy(radiance[..., c], pitch, wavelength, distance / lens.aperture_diameter)
         for c, wavelength in enumerate(waves)
     ]
     return np.stack(blurred, axis=-1).astype(np.float32)
-
-
-def _warn_fresnel(diameter: float, distance: float, wavelengths: tuple[float, ...]) -> None:
-    numbers = [fresnel_number(diameter, wavelength, distance) for wavelength in wavelengths]
-    if max(numbers) > FRESNEL_LOW and min(numbers) < FRESNEL_HIGH:
-        warnings.warn(
-            f"bare aperture with Fresnel number {numbers[len(numbers) // 2]:.3g}: between {FRESNEL_LOW:g} and "
-            f"{FRESNEL_HIGH:g} blur and diffraction are not separable; more than a tenth of the light is misplaced",
-            FresnelWarning,
-            stacklevel=3,
-        )

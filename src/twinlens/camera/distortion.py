@@ -74,13 +74,9 @@ class BrownConrady(_Model):
         x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
         r2 = x * x + y * y
         radial = self._numerator(r2) / self._denominator(r2)
-        return np.stack(
-            [
-                x * radial + 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x),
-                y * radial + self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y,
-            ],
-            axis=-1,
-        )
+        x_d = x * radial + 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x)
+        y_d = y * radial + self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y
+        return np.stack([x_d, y_d], axis=-1)
 
     def jacobian(self, xy: ArrayLike) -> Float:
         """d(x_d, y_d)/d(x, y), (..., 2, 2)."""
@@ -99,15 +95,43 @@ class BrownConrady(_Model):
         x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
         before = x * x + y * y < self._fold_radius2
         with np.errstate(all="ignore"):
-            unfolded: Bool = before & (np.linalg.det(self.jacobian(xy)) > 0)
-        return unfolded
+            return np.asarray(before & (np.linalg.det(self.jacobian(xy)) > 0))
 
     def undistort(self, xy_distorted: ArrayLike) -> Float:
-        """Ideal coordinates (..., 2) of distorted ones (..., 2), to 1e-12; NaN where there are none."""
-        target = np.asarray(xy_distorted, dtype=np.float64)
-        flat = target.reshape(-1, 2)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # a step may reach a pole of R
-            return _newton(self, flat).reshape(target.shape)
+        """Ideal coordinates (..., 2) of distorted ones (..., 2), to 1e-12; NaN where there are none.
+
+        Newton's method, each step halved until it reduces the error.
+        """
+        given = np.asarray(xy_distorted, dtype=np.float64)
+        target = given.reshape(-1, 2)
+        with np.errstate(all="ignore"):  # a step may reach a pole of R
+            xy, error = target.copy(), self.distort(target) - target
+            active = np.flatnonzero(np.isfinite(error).all(axis=1))
+            for _ in range(_ITERATIONS):
+                size = np.abs(error[active]).max(axis=1)
+                active, size = active[size > _CONVERGED], size[size > _CONVERGED]
+                if not active.size:
+                    break
+                start, step = xy[active], self._newton_step(xy[active], error[active])
+                closer = np.zeros(len(active), dtype=bool)
+                for halving in range(_HALVINGS):
+                    trial = start - 0.5**halving * step
+                    residual = self.distort(trial) - target[active]
+                    take = ~closer & (np.abs(residual).max(axis=1) < size)
+                    xy[active[take]], error[active[take]] = trial[take], residual[take]
+                    closer |= take
+                    if closer.all():
+                        break
+                active = active[closer]
+            xy -= self._newton_step(xy, error)
+            found = (np.abs(error).max(axis=1) <= _CONVERGED) & self.valid(xy)
+        return np.where(found[:, None], xy, np.nan).reshape(given.shape)
+
+    def _newton_step(self, xy: Float, error: Float) -> Float:
+        """J^-1 error for (N, 2) points; not finite where J has no inverse."""
+        (a, b), (c, d) = np.moveaxis(self.jacobian(xy), 0, -1)
+        ex, ey = error.T
+        return np.asarray(np.stack([d * ex - b * ey, a * ey - c * ex], axis=1) / (a * d - b * c)[:, None])
 
     @cached_property
     def _numerator(self) -> Polynomial:
@@ -148,14 +172,12 @@ class KannalaBrandt(_Model):
         xy = np.asarray(xy, dtype=np.float64)
         radius = np.linalg.norm(xy, axis=-1, keepdims=True)
         angle = self._angle(np.arctan(radius))
-        scale: Float = np.divide(angle, radius, out=np.ones_like(radius), where=radius > 0)
-        return xy * scale
+        return np.asarray(xy * np.divide(angle, radius, out=np.ones_like(radius), where=radius > 0))
 
     def valid(self, xy: ArrayLike) -> Bool:
         """Whether ideal points (..., 2) are before the first fold: theta_d increases."""
         radius = np.linalg.norm(np.asarray(xy, dtype=np.float64), axis=-1)
-        unfolded: Bool = np.arctan(radius) < self._fold_angle
-        return unfolded
+        return np.asarray(np.arctan(radius) < self._fold_angle)
 
     def jacobian(self, xy: ArrayLike) -> Float:
         """d(x_d, y_d)/d(x, y), (..., 2, 2).
@@ -165,50 +187,43 @@ class KannalaBrandt(_Model):
         xy = np.asarray(xy, dtype=np.float64)
         radius = np.linalg.norm(xy, axis=-1)
         angle = np.arctan(radius)
-        along = self._rise(angle) / (1.0 + radius**2)
+        along = self._angle.deriv()(angle) / (1.0 + radius**2)
         across = np.divide(self._angle(angle), radius, out=np.ones_like(radius), where=radius > 0)
         unit = np.divide(xy, radius[..., None], out=np.zeros_like(xy), where=radius[..., None] > 0)
         radial = unit[..., :, None] * unit[..., None, :]
-        jacobian: Float = across[..., None, None] * np.eye(2) + (along - across)[..., None, None] * radial
-        return jacobian
+        return np.asarray(across[..., None, None] * np.eye(2) + (along - across)[..., None, None] * radial)
 
     def undistort(self, xy_distorted: ArrayLike) -> Float:
-        """Ideal coordinates (..., 2) of distorted ones (..., 2), to 1e-12; NaN where there are none."""
-        target = np.asarray(xy_distorted, dtype=np.float64)
-        radius = np.linalg.norm(target, axis=-1, keepdims=True)
-        angle = self._solve_angle(radius)
-        scale = np.divide(np.tan(angle), radius, out=np.ones_like(radius), where=radius > 0)
-        return np.where(np.isnan(angle), np.nan, target * scale)
+        """Ideal coordinates (..., 2) of distorted ones (..., 2), to 1e-12; NaN where there are none.
 
-    def _solve_angle(self, distorted: Float) -> Float:
-        """theta of theta_d by Newton's method safeguarded by bisection; NaN beyond the fold."""
+        theta of theta_d by Newton's method, safeguarded by bisection.
+        """
+        target = np.asarray(xy_distorted, dtype=np.float64)
+        radius, rise = np.linalg.norm(target, axis=-1, keepdims=True), self._angle.deriv()
         top = min(self._fold_angle, 0.5 * math.pi)
-        reached = distorted < self._angle(top)
-        low, high = np.zeros_like(distorted), np.full_like(distorted, top)
-        angle = np.minimum(distorted, 0.5 * top)
+        reached = radius < self._angle(top)
+        low, high = np.zeros_like(radius), np.full_like(radius, top)
+        angle = np.minimum(radius, 0.5 * top)
         for _ in range(_ITERATIONS):
-            error = self._angle(angle) - distorted
+            error = self._angle(angle) - radius
             low, high = np.where(error <= 0, angle, low), np.where(error >= 0, angle, high)
             with np.errstate(all="ignore"):
-                step = angle - error / self._rise(angle)
+                step = angle - error / rise(angle)
             inside = (step >= low) & (step <= high)
             moved = np.where(inside, step, 0.5 * (low + high))
             if not (np.abs(moved - angle)[reached] > 1e-15).any():
                 break
             angle = moved
-        return np.where(reached, angle, np.nan)
+        scale = np.divide(np.tan(angle), radius, out=np.ones_like(radius), where=radius > 0)
+        return np.where(reached, target * scale, np.nan)
 
     @cached_property
     def _angle(self) -> Polynomial:
         return Polynomial([0.0, 1.0, 0.0, self.k1, 0.0, self.k2, 0.0, self.k3, 0.0, self.k4])
 
     @cached_property
-    def _rise(self) -> Polynomial:
-        return self._angle.deriv()
-
-    @cached_property
     def _fold_angle(self) -> float:
-        return min(_first_positive_root(self._rise), 0.5 * math.pi)
+        return min(_first_positive_root(self._angle.deriv()), 0.5 * math.pi)
 
 
 Distortion = BrownConrady | KannalaBrandt
@@ -229,47 +244,6 @@ def check_invertible(distortion: Distortion, K: Float, width: int, height: int) 
             f"distortion {distortion} folds the image over itself before pixel ({u:g}, {v:g}): no ray, or more than "
             "one, reaches it; use smaller coefficients, a smaller image, or a larger fx and fy"
         )
-
-
-def _newton(model: BrownConrady, target: Float) -> Float:
-    """Solve distort(x) = target for (N, 2) points by Newton's method with step halving; NaN where it fails."""
-    xy, error = target.copy(), model.distort(target) - target
-    active = np.flatnonzero(np.isfinite(error).all(axis=1))
-    for _ in range(_ITERATIONS):
-        active = active[np.abs(error[active]).max(axis=1) > _CONVERGED]
-        if not active.size:
-            break
-        step = _newton_step(model, xy[active], error[active])
-        xy[active], error[active], closer = _move(model, xy[active], target[active], error[active], step)
-        active = active[closer]
-    xy -= _newton_step(model, xy, error)
-    found = (np.abs(error).max(axis=1) <= _CONVERGED) & model.valid(xy)
-    return np.where(found[:, None], xy, np.nan)
-
-
-def _newton_step(model: BrownConrady, xy: Float, error: Float) -> Float:
-    """J^-1 error for (N, 2) points; NaN where J has no inverse."""
-    (a, b), (c, d) = np.moveaxis(model.jacobian(xy), 0, -1)
-    ex, ey = error.T
-    with np.errstate(all="ignore"):
-        step: Float = np.stack([d * ex - b * ey, a * ey - c * ex], axis=1) / (a * d - b * c)[:, None]
-    return step
-
-
-def _move(model: BrownConrady, xy: Float, target: Float, error: Float, step: Float) -> tuple[Float, Float, Bool]:
-    """Points, errors and success of the longest of the steps 1, 1/2, 1/4 ... that reduces the error."""
-    size = np.abs(error).max(axis=1)
-    closer = np.zeros(len(xy), dtype=bool)
-    for halving in range(_HALVINGS):
-        with np.errstate(all="ignore"):
-            trial = xy - 0.5**halving * step
-            residual = model.distort(trial) - target
-            take = ~closer & (np.abs(residual).max(axis=1) < size)
-        xy, error = np.where(take[:, None], trial, xy), np.where(take[:, None], residual, error)
-        closer |= take
-        if closer.all():
-            break
-    return xy, error, closer
 
 
 def _first_positive_root(polynomial: Polynomial) -> float:

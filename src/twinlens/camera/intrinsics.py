@@ -47,14 +47,13 @@ class Camera:
 
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
-        for name, least, most in (("fx", 1e-3, 1e9), ("fy", 1e-3, 1e9), ("pixel_pitch_um", 1e-3, 1e6)):
+        lengths, places = (1e-3, 1e9), (-1e9, 1e9)
+        limits = {"fx": lengths, "fy": lengths, "cx": places, "cy": places, "pixel_pitch_um": (1e-3, 1e6)}
+        for name, (least, most) in limits.items():
             check_number(f"camera {name}", getattr(self, name), f"from {least:g} to {most:g}", least=least, most=most)
-        for name in ("cx", "cy"):
-            check_number(f"camera {name}", getattr(self, name), "from -1e9 to 1e9 pixels", least=-1e9, most=1e9)
         if not isinstance(self.distortion, Distortion | None):
-            raise InputError(
-                f"camera distortion must be BrownConrady, KannalaBrandt or None, got {format_value(self.distortion)}"
-            )
+            got = format_value(self.distortion)
+            raise InputError(f"camera distortion must be BrownConrady, KannalaBrandt or None, got {got}")
         if self.distortion is not None:
             check_invertible(self.distortion, self.K, self.width, self.height)
 
@@ -123,8 +122,7 @@ class Camera:
             if not self.distortion.valid(xy).all():
                 raise InputError("a projection's derivative needs points before the fold: leave out the others")
             inner = self.distortion.jacobian(xy) @ inner
-        jacobian: Float = np.array([[self.fx], [self.fy]]) * inner / z
-        return jacobian
+        return np.asarray(np.array([[self.fx], [self.fy]]) * inner / z)
 
     def pixel_grid(self) -> Float:
         """The centres (u, v) of all pixels, (H, W, 2)."""
@@ -134,8 +132,7 @@ class Camera:
     def contains(self, pixels: ArrayLike) -> NDArray[np.bool_]:
         """Whether pixels (..., 2) are in the image, [-0.5, W-0.5) x [-0.5, H-0.5); False for NaN."""
         u, v = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
-        inside: NDArray[np.bool_] = (u >= -0.5) & (u < self.width - 0.5) & (v >= -0.5) & (v < self.height - 0.5)
-        return inside
+        return np.asarray((u >= -0.5) & (u < self.width - 0.5) & (v >= -0.5) & (v < self.height - 0.5))
 
     def replace(self, **changes: object) -> "Camera":
         """A copy with some fields changed, checked again."""

@@ -63,7 +63,10 @@ def arc(
     check_number("angle_deg", angle_deg, "above 0 and at most 360 degrees", above=0, most=360)
     steps = count if angle_deg == 360 else max(count - 1, 1)
     angles = math.radians(angle_deg) / steps * (np.arange(count) - 0.5 * (count - 1))
-    return _placed(cameras, [_on_arc(radius, float(angle)) for angle in angles], world_from_middle)
+    places = [
+        rigid(_about_y(-a), [radius * math.sin(a), 0.0, radius * (1.0 - math.cos(a))]) for a in map(float, angles)
+    ]
+    return _placed(cameras, places, world_from_middle)
 
 
 def toed_in(cameras: Cameras, baseline: float, distance: float, world_from_middle: ArrayLike | None = None) -> Rig:
@@ -78,10 +81,6 @@ def toed_in(cameras: Cameras, baseline: float, distance: float, world_from_middl
     return _placed(cameras, places, world_from_middle)
 
 
-def _on_arc(radius: float, angle: float) -> Float:
-    return rigid(_about_y(-angle), [radius * math.sin(angle), 0.0, radius * (1.0 - math.cos(angle))])
-
-
 def _about_y(angle: float) -> Float:
     """The rotation about y that moves z towards x."""
     c, s = math.cos(angle), math.sin(angle)
@@ -92,7 +91,6 @@ def _placed(cameras: Cameras, places: Sequence[Float], world_from_layout: ArrayL
     pose = np.eye(4) if world_from_layout is None else check_rigid(world_from_layout, "the pose of a layout")
     each = [cameras] * len(places) if isinstance(cameras, Camera) else list(cameras)
     if len(each) != len(places):
-        raise InputError(
-            f"this layout has {len(places)} places: give one camera for all, or {len(places)}, got {len(each)}"
-        )
+        count = len(places)
+        raise InputError(f"this layout has {count} places: give one camera for all, or {count}, got {len(each)}")
     return Rig(each, [pose @ place for place in places])

@@ -48,9 +48,8 @@ def ideal_pixels(camera: Camera, pixels: ArrayLike) -> Float:
     """
     measured = np.asarray(pixels, dtype=np.float64)
     if measured.shape[-1:] != (2,) or not np.isfinite(measured).all():
-        raise InputError(
-            f"pixels must be finite and of shape (..., 2), got shape {measured.shape}: leave out invisible points"
-        )
+        allowed = "finite and of shape (..., 2)"
+        raise InputError(f"pixels must be {allowed}, got shape {measured.shape}: leave out invisible points")
     if camera.distortion is None:
         return measured
     ideal = camera.unproject(measured)[..., :2] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
@@ -79,11 +78,10 @@ def epipoles(rig: Rig, a: int = 0, b: int = 1) -> tuple[Float, Float]:
     behind the camera.
     """
     check_pair(rig, a, b)
-    points = [
-        rig.cameras[i].K @ epipolar.centre_direction(rig.world_from_cams[i], rig.world_from_cams[j])
-        for i, j in ((a, b), (b, a))
-    ]
-    return points[0] / np.linalg.norm(points[0]), points[1] / np.linalg.norm(points[1])
+    poses = rig.world_from_cams
+    e_a = rig.cameras[a].K @ epipolar.centre_direction(poses[a], poses[b])
+    e_b = rig.cameras[b].K @ epipolar.centre_direction(poses[b], poses[a])
+    return e_a / np.linalg.norm(e_a), e_b / np.linalg.norm(e_b)
 
 
 def epipole_in_image(rig: Rig, a: int = 0, b: int = 1) -> Float | None:
@@ -162,10 +160,8 @@ def _checked_cameras(rig: Rig, pixels: Sequence[object], cameras: Sequence[int])
     """The cameras; InputError unless they are different, two of them have a baseline, and each has pixels."""
     chosen = tuple(cameras)
     if len(chosen) < 2 or len(chosen) != len(pixels) or len(set(chosen)) != len(chosen):
-        raise InputError(
-            f"triangulation needs pixels of two or more different cameras, got cameras {list(chosen)} and "
-            f"{len(pixels)} arrays"
-        )
+        got = f"cameras {list(chosen)} and {len(pixels)} arrays"
+        raise InputError(f"triangulation needs pixels of two or more different cameras, got {got}")
     if not all(0 <= i < len(rig) for i in chosen):
         raise InputError(f"cameras must be out of 0 to {len(rig) - 1}, got {list(chosen)}")
     check_pair(rig, chosen[0], max(chosen[1:], key=lambda i: rig.baseline(chosen[0], i)))

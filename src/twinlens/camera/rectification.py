@@ -7,7 +7,6 @@ Source: Bouguet's method, as in OpenCV's stereoRectify; Hartley and Zisserman 20
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +23,8 @@ from twinlens.geometry.rectification import rectified_orientation, warp
 _MAX_TAN = math.tan(math.radians(85))  # the widest direction in a rectified image
 _BISECTIONS = 60
 
-Size = tuple[int, int]
+FITS = ("focal", "all", "valid")
+"""The choices of the focal length of rectified cameras."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +52,8 @@ class Rectification:
 
     def rotation(self, side: int) -> Float:
         """rect_from_cam (3, 3): from the original camera's axes to the rectified ones."""
-        rotation: Float = self.rectified_rig.world_from_cams[side][:3, :3].T @ self.pair.world_from_cams[side][:3, :3]
-        return rotation
+        rect_from_world = self.rectified_rig.world_from_cams[side][:3, :3].T
+        return np.asarray(rect_from_world @ self.pair.world_from_cams[side][:3, :3])
 
     def maps(self, side: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(map_x, map_y), float32 (H, W): the original pixel of each rectified one, for `cv2.remap`."""
@@ -121,8 +121,11 @@ def rectify(
     outlines = [_outline(pair, side, world_from_rect) for side in (0, 1)]
     first = pair.cameras[0]
     size = first.width if width is None else width, first.height if height is None else height
-    centres = _centres(outlines, zero_doffs)
-    focal = FITS[fit](pair, world_from_rect, outlines, centres, size)
+    # The direction (x, y) at the middle of each rectified image; y is that of both.
+    centres = [0.5 * (outline.min(axis=0) + outline.max(axis=0)) for outline in outlines]
+    mean = 0.5 * (centres[0] + centres[1])
+    centres = [np.array([mean[0] if zero_doffs else centre[0], mean[1]]) for centre in centres]
+    focal = _focal_length(fit, pair, world_from_rect, outlines, centres, size)
     cameras = []
     for centre, old in zip(centres, pair.cameras, strict=True):
         cx, cy = 0.5 * (np.array(size) - 1) - focal * centre
@@ -144,29 +147,17 @@ def _outline(pair: Rig, side: int, world_from_rect: Float) -> Float:
     return np.stack([x / z, y / z], axis=1)
 
 
-def _centres(outlines: list[Float], zero_doffs: bool) -> list[Float]:
-    """The direction (x, y) at the middle of each rectified image."""
-    own = [0.5 * (outline.min(axis=0) + outline.max(axis=0)) for outline in outlines]
-    mean = 0.5 * (own[0] + own[1])
-    return [np.array([mean[0] if zero_doffs else centre[0], mean[1]]) for centre in own]
-
-
-Fit = Callable[[Rig, Float, list[Float], list[Float], Size], float]
-"""pair, world_from_rect, outlines, centres, size -> focal length, pixels."""
-
-
-def _fit_focal(pair: Rig, *_: object) -> float:
-    return float(np.mean([(camera.fx, camera.fy) for camera in pair.cameras]))
-
-
-def _fit_all(_: Rig, __: Float, outlines: list[Float], centres: list[Float], size: Size) -> float:
+def _focal_length(
+    fit: str, pair: Rig, world_from_rect: Float, outlines: list[Float], centres: list[Float], size: tuple[int, int]
+) -> float:
+    """The focal length of the rectified cameras in pixels; see `rectify`."""
+    mean = float(np.mean([(camera.fx, camera.fy) for camera in pair.cameras]))
+    if fit == "focal":
+        return mean
     reach = np.max([np.abs(outline - centre).max(axis=0) for outline, centre in zip(outlines, centres, strict=True)], 0)
-    return float((0.5 * (np.array(size) - 1) / reach).min())
-
-
-def _fit_valid(pair: Rig, world_from_rect: Float, outlines: list[Float], centres: list[Float], size: Size) -> float:
-    """The smallest focal length at which the whole rectified border has sources, by bisection."""
-    low, high = _fit_all(pair, world_from_rect, outlines, centres, size), 1e3 * _fit_focal(pair)
+    low, high = float((0.5 * (np.array(size) - 1) / reach).min()), 1e3 * mean
+    if fit == "all":
+        return low
     offsets = image_border(*size) - 0.5 * (np.array(size) - 1)
 
     def covered(focal: float) -> bool:
@@ -184,11 +175,6 @@ def _fit_valid(pair: Rig, world_from_rect: Float, outlines: list[Float], centres
     return high
 
 
-FITS: dict[str, Fit] = {"focal": _fit_focal, "all": _fit_all, "valid": _fit_valid}
-"""The choices of the focal length of rectified cameras, by name."""
-
-
 def _within(camera: Camera, pixels: Float) -> NDArray[np.bool_]:
     """Whether pixels (..., 2) are between the outermost pixel centres; False for NaN."""
-    inside: NDArray[np.bool_] = np.all((pixels >= 0) & (pixels <= (camera.width - 1, camera.height - 1)), axis=-1)
-    return inside
+    return np.asarray(((pixels >= 0) & (pixels <= (camera.width - 1, camera.height - 1))).all(axis=-1))

@@ -39,15 +39,16 @@ class Rig:
         self, cameras: Sequence[Camera], world_from_cams: Sequence[ArrayLike], calibrated: "Rig | None" = None
     ) -> None:
         if len(cameras) != len(world_from_cams) or not cameras:
-            raise InputError(
-                f"a rig needs one pose per camera, got {len(cameras)} cameras and {len(world_from_cams)} poses"
-            )
+            got = f"{len(cameras)} cameras and {len(world_from_cams)} poses"
+            raise InputError(f"a rig needs one pose per camera, got {got}")
         poses = tuple(check_rigid(pose, f"world_from_cams[{i}]") for i, pose in enumerate(world_from_cams))
         if calibrated is not None:
-            _check_calibrated(calibrated, cameras)
-        object.__setattr__(self, "calibrated", calibrated)
-        object.__setattr__(self, "cameras", tuple(cameras))
-        object.__setattr__(self, "world_from_cams", poses)
+            if not isinstance(calibrated, Rig) or calibrated.calibrated is not None:
+                raise InputError("calibrated must be a Rig that has no calibrated rig itself")
+            if [(c.width, c.height) for c in calibrated.cameras] != [(c.width, c.height) for c in cameras]:
+                raise InputError("a rig and its calibrated rig must have as many cameras, of the same image sizes")
+        for name, value in (("cameras", tuple(cameras)), ("world_from_cams", poses), ("calibrated", calibrated)):
+            object.__setattr__(self, name, value)
 
     @classmethod
     def stereo(
@@ -177,10 +178,3 @@ def misaligned(rig: Rig, errors: Sequence[Misalignment]) -> Rig:
         cameras.append(camera.replace(cy=camera.cy + error.vertical_px))
         poses.append(pose @ rotation)
     return Rig(cameras, poses, calibrated=rig)
-
-
-def _check_calibrated(calibrated: object, cameras: Sequence[Camera]) -> None:
-    if not isinstance(calibrated, Rig) or calibrated.calibrated is not None:
-        raise InputError("calibrated must be a Rig that has no calibrated rig itself")
-    if [(c.width, c.height) for c in calibrated.cameras] != [(c.width, c.height) for c in cameras]:
-        raise InputError("a rig and its calibrated rig must have the same number of cameras and the same image sizes")

@@ -21,7 +21,7 @@ opaque = functools.partial(dr.opaque, mi.Float)
 
 
 class DrJitMath:
-    """See `twinlens.camera.warp.ArrayMath`."""
+    """See `twinlens.camera.aperture.NUMPY`."""
 
     sqrt = staticmethod(dr.sqrt)
     sin = staticmethod(dr.sin)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera
-from twinlens.camera.warp import on_ring
+from twinlens.camera.aperture import on_ring
 from twinlens.geometry import Float
 from twinlens.rendering.annuli import ApertureAnnulus, VergenceGroup
 from twinlens.rendering.backends import mitsuba

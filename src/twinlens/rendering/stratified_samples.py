@@ -25,7 +25,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera.warp import NUMPY, on_ring
+from twinlens.camera.aperture import NUMPY, on_ring
 from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 
