@@ -33,7 +33,7 @@ MAY_IMPORT = {
 MAY_IMPORT["studies"] = {*MAY_IMPORT["factory"], "factory", "matching", "scoring"}
 MAY_IMPORT["report"] = {*UNDER_SCENES, "dataset", "matching", "scoring", "studies"}
 MAY_IMPORT["cli"] = {*MAY_IMPORT} | {"cli"}
-RENDERERS = {"mitsuba", "drjit"}
+RENDERERS = {"mitsuba", "mitsuba_oidn", "drjit"}
 
 
 def modules():

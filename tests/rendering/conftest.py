@@ -16,6 +16,7 @@ GROUPS = {  # jobs that share a process; the last one meddles with threads
     "corners": ["corners"],
     "photos": ["edge", "lens", "crop", "count", "refusal", "noise"],
     "bokeh": ["bokeh"],
+    "denoise": ["denoise"],
 }
 
 

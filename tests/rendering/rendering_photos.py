@@ -12,6 +12,11 @@ MATERIALS = {
     "chalk": {"type": "diffuse"},
     "check": {"type": "diffuse", "reflectance": {"type": "checkerboard", "to_uv": np.diag([9.0, 9.0, 1.0, 1.0])}},
     "brass": {"type": "roughconductor", "alpha": 0.3},
+    "white": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.8}},
+    "grey": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.1}},
+    "paint": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}},
+    "silver": {"type": "conductor", "specular_reflectance": {"type": "rgb", "value": 0.8}},
+    "net": {"type": "mask", "opacity": 0.5, "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}},
 }
 LIGHT = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
 FACING = np.diag([-1.0, 1.0, -1.0, 1.0])  # Mitsuba's flat shapes look along +z: this one looks at the camera
@@ -44,6 +49,27 @@ def room() -> Scene:
         _lamp("disk", (0.0, -0.6, 3.0), 0.1),
     ]
     return _scene(objects, {"sky": {"type": "constant", "radiance": {"type": "rgb", "value": 0.3}}})
+
+
+def painted_edge(z: float, x: float | None = None, y: float | None = None) -> Scene:
+    """Paint of reflectance 0.8 where `half_plane` has light, and 0.1 elsewhere, under a uniform sky of radiance 1."""
+    side = 50.0
+    first, second = (((x + sign * side, 0.0, z) if x is not None else (0.0, y + sign * side, z)) for sign in (-1, 1))
+    halves = [
+        SceneObject(name, {"type": "rectangle"}, name, _at(middle) @ FACING @ np.diag([side, side, 1, 1]))
+        for name, middle in (("white", first), ("grey", second))
+    ]
+    return _scene(halves, {"sky": {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}})
+
+
+def guided() -> dict[str, Scene]:
+    """A chequered wall; a mirror that shows paint behind the camera; a net before paint."""
+    wall = SceneObject("wall", {"type": "rectangle"}, "check", _at((0, 0, 5)) @ FACING @ np.diag([3.0, 2.0, 1, 1]))
+    behind = SceneObject("behind", {"type": "rectangle"}, "paint", _at((0, 0, -2)) * _scale(9.0))
+    mirror = SceneObject("mirror", {"type": "rectangle"}, "silver", _at((0, 0, 3)) @ FACING * _scale(4.0))
+    net = SceneObject("net", {"type": "rectangle"}, "net", _at((0, 0, 2)) @ FACING * _scale(4.0))
+    paint = SceneObject("paint", {"type": "rectangle"}, "paint", _at((0, 0, 4)) @ FACING * _scale(4.0))
+    return {"wall": _scene([wall]), "mirror": _scene([behind, mirror]), "net": _scene([net, paint])}
 
 
 def _lamp(kind: str, middle, size: float) -> SceneObject:

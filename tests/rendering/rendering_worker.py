@@ -173,6 +173,45 @@ def noise_job() -> dict[str, np.ndarray]:
     return {name: np.array(images) for name, images in found.items()}
 
 
+def denoise_job() -> dict[str, np.ndarray]:
+    """Denoised images of closed forms and of the room, and guides."""
+    import drjit
+
+    scene, camera = photos.room(), photos.camera(64, 48, 60.0)
+    rig, sky = Rig([camera], [photos.POSE]), replace(scene, objects=())
+    found = {"sky": tl.render(sky, rig, spp=4, denoise=True)[0]}
+    for name in ("pinhole x", "far"):
+        edge_camera, lens, z, axis, position = photos.EDGES[name]
+        edge_camera = edge_camera.replace(height=48, cy=23.5)
+        edge_scene = photos.painted_edge(z, **{axis: position})
+        found[f"edge/{name}"] = tl.render(
+            edge_scene, Rig([edge_camera], [photos.POSE]), lens_of(lens), spp=16, denoise=True
+        )[0]
+    wide = tl.ThinLens(0.1, 2.5)
+    for name, lens in (("pinhole", tl.Pinhole()), ("lens", wide)):
+        found[f"{name}/raw"] = tl.render(scene, rig, lens, spp=2, seed=3, denoise=False)[0]
+        found[f"{name}/denoised"] = tl.render(scene, rig, lens, spp=2, seed=3, denoise=True)[0]
+        found[f"{name}/reference"] = tl.render(scene, rig, lens, spp=2048, seed=4)[0]
+    found["pinhole/raw by default"] = tl.render(scene, rig, spp=2, seed=3)[0]
+    found["lens/grid"] = tl.render_lens_grid(scene, rig, [tl.Pinhole(), wide], spp=2, denoise=True)[1][0]
+    twins = Rig([camera, camera], [photos.POSE, photos.POSE])
+    found["twins"] = np.array(tl.render(scene, twins, wide, spp=4, denoise=True))
+    for name, shown in photos.guided().items():
+        guides = guides_of(shown, photos.camera(24, 24, 60.0))
+        found |= {f"guide/{name}/albedo": guides.albedo, f"guide/{name}/normal": guides.normal}
+    for threads in (1, 3):
+        drjit.set_thread_count(threads)
+        found[f"threads {threads}"] = tl.render(scene, rig, wide, spp=4, denoise=True)[0]
+    return found
+
+
+def guides_of(scene, camera):
+    from twinlens.rendering.build import build
+    from twinlens.rendering.guides import render_guides
+
+    return render_guides(build(scene), camera, photos.POSE, tl.Pinhole(), 16, np.random.SeedSequence(5))
+
+
 def count_job() -> dict[str, np.ndarray]:
     """Edges of light of radiance 1 seen with few samples: every pixel is a whole number of samples over their count."""
     from twinlens.rendering import radiance
@@ -240,6 +279,7 @@ JOBS = {
     "lens": lens_job,
     "crop": crop_job,
     "noise": noise_job,
+    "denoise": denoise_job,
     "count": count_job,
     "refusal": refusal_job,
 }

@@ -20,6 +20,7 @@ from twinlens.geometry import Float
 from twinlens.rendering.annuli import area_fraction, plan_annuli, shared_sample_count, vergence_groups
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
+from twinlens.rendering.denoising import denoise_camera
 from twinlens.rendering.radiance import Progress, check_request, check_view, partial_progress, render
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
@@ -59,6 +60,7 @@ def render_lens_grid(
     spp: int = 64,
     seed: int = 0,
     *,
+    denoise: bool = False,
     sampler: str = "multijitter",
     progress: Progress | None = None,
 ) -> LensGrid:
@@ -74,6 +76,8 @@ def render_lens_grid(
         least one sample of every annulus.
     seed, progress
         As in `render`.
+    denoise : bool
+        As in `render`, with guides for each lens and camera. Standard errors are those before denoising.
     sampler : str
         Mitsuba's sampler for the light paths. Film positions and aperture points are always stratified.
 
@@ -110,6 +114,13 @@ def render_lens_grid(
         own_seed = derived_seed(int(seed), _GRID_STREAM, i)
         found[i] = _render_separately(scene, rig, lenses[i], int(spp), own_seed, sampler, report)
         rays += int(spp) * sum(camera.width * camera.height for camera in rig.cameras)
+    if denoise:
+        for i, (raw, _) in found.items():
+            views = zip(raw, rig.cameras, rig.world_from_cams, strict=True)
+            raw[:] = [
+                denoise_camera(image, build(scene), camera, pose, lenses[i], int(seed), index, i)
+                for index, (image, camera, pose) in enumerate(views)
+            ]
     images, variance = zip(*(found[i] for i in range(len(lenses))), strict=True)
     return LensGrid(images, np.sqrt(variance), rays)
 

@@ -1,0 +1,139 @@
+"""Guides of the denoiser: what each pixel sees of its first rough surfaces, through the same lens as the image.
+
+Rays follow mirrors, glass and openings up to `MAX_SPECULAR` surfaces, then stop: guides cost a small part of a render.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.camera import Camera, Lens
+from twinlens.geometry import Float
+from twinlens.rendering.backends import backend, mitsuba
+from twinlens.rendering.build import BuiltScene
+from twinlens.rendering.sensors import make_sensor
+
+MAX_SPECULAR = 8
+"""Mirrors, glass and openings that a ray passes before it stops."""
+
+_SPECULAR_KINDS = (3, 4)  # mirror and transmissive, in MATERIAL_KINDS
+_UNKNOWN_KIND = 0
+_RAYS_PER_PASS = 1 << 23
+
+
+@dataclass(frozen=True, eq=False)
+class Guides:
+    """Means over each pixel, float32 (H, W, 3).
+
+    albedo : diffuse reflectance, times the tint of the mirrors and glass before it, plus emitted radiance; in [0, 1].
+    normal : shading normal in the world, 0 where nothing was hit.
+    """
+
+    albedo: NDArray[np.float32]
+    normal: NDArray[np.float32]
+
+
+def render_guides(
+    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, samples: int, seeds: np.random.SeedSequence
+) -> Guides:
+    """The guides of one camera. `samples` per pixel, a power of two.
+
+    The scalar backend uses Mitsuba's own integrator, which stops at mirrors and glass.
+    """
+    render = _render_jit if backend().is_jit else _render_scalar
+    sums = render(built, camera, pose, lens, samples, seeds)
+    features = sums.reshape(camera.height, camera.width, 6).astype(np.float32)
+    return Guides(np.clip(features[..., :3], 0, 1), np.clip(features[..., 3:], -1, 1))
+
+
+def _render_scalar(
+    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, samples: int, seeds: np.random.SeedSequence
+) -> Float:
+    emission = {"type": "path", "max_depth": 1}
+    integrator = mitsuba().load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal", "emission": emission})
+    sensor = make_sensor(camera, pose, lens, samples, "multijitter")
+    seed = int(seeds.generate_state(1)[0])
+    image = np.asarray(integrator.render(built.mi_scene, sensor, seed=seed, spp=samples), dtype=np.float64)
+    image[..., -6:-3] += image[..., :3]
+    return image[..., -6:]
+
+
+def _render_jit(
+    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, samples: int, seeds: np.random.SeedSequence
+) -> Float:
+    """Scrambled Sobol points in film and aperture, shifted digitally in each pixel.
+
+    Their error with 64 samples through a wide lens is half that of `multijitter`.
+    """
+    import drjit as dr
+    from scipy.stats import qmc
+
+    mi = mitsuba()
+    pixels = camera.width * camera.height
+    points = qmc.Sobol(4, seed=np.random.default_rng(seeds)).random_base2(samples.bit_length() - 1)
+    words = (points.T * 2.0**32).astype(np.uint32)
+    key = int(seeds.generate_state(1)[0])
+    sensor = make_sensor(camera, pose, lens, 1, "independent")
+    width, height = dr.opaque(mi.UInt32, camera.width), dr.opaque(mi.UInt32, camera.height)
+    per_pass = min(samples, max(1, _RAYS_PER_PASS // pixels))
+    total = np.zeros((pixels, 6))
+    for start in range(0, samples, per_pass):
+        count = min(per_pass, samples - start)
+        ray_index = dr.arange(mi.UInt32, pixels * count)
+        pixel = ray_index // dr.opaque(mi.UInt32, count)
+        sample = ray_index - pixel * dr.opaque(mi.UInt32, count) + dr.opaque(mi.UInt32, start)
+        shifts = [mi.sample_tea_32(pixel, dr.opaque(mi.UInt32, (key + pair) % 2**32)) for pair in range(2)]
+        x, y, ax, ay = (
+            mi.Float((dr.gather(mi.UInt32, mi.UInt32(coordinate), sample) ^ shift) >> 8) * 2.0**-24
+            for coordinate, shift in zip(words, (*shifts[0], *shifts[1]), strict=True)
+        )
+        row = pixel // width
+        film = mi.Point2f((mi.Float(pixel - row * width) + x) / width, (mi.Float(row) + y) / height)
+        ray, _ = sensor.sample_ray(0.0, 0.5, film, mi.Point2f(ax, ay))
+        features = _first_rough_surface(built, mi.Ray3f(ray), dr.opaque(mi.UInt32, key))
+        dr.eval(features)  # else each sum would trace the rays again
+        sums = [dr.block_sum(channel, count) for feature in features for channel in feature]
+        total += np.stack([np.asarray(channel, dtype=np.float64) for channel in sums], axis=-1)
+    return total / samples
+
+
+def _first_rough_surface(built: BuiltScene, ray: Any, seed: Any) -> tuple[Any, Any]:
+    """Albedo with emission, and shading normal, along each ray."""
+    import drjit as dr
+
+    mi = mitsuba()
+    scene = built.mi_scene
+
+    def features(si: Any, active: Any) -> tuple[Any, Any]:
+        hit = active & si.is_valid()
+        bsdf = si.bsdf()
+        diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
+        albedo = dr.select(diffuse, bsdf.eval_diffuse_reflectance(si, hit & diffuse), 1.0)
+        emission = si.emitter(scene, active).eval(si, active)
+        return dr.select(hit, albedo, 0.0) + emission, dr.select(hit, si.sh_frame.n, 0.0)
+
+    if not any(body.material_kind in (_UNKNOWN_KIND, *_SPECULAR_KINDS) for body in built.bodies):
+        return features(scene.ray_intersect(ray, mi.RayFlags.All, True), mi.Bool(True))
+
+    def step(active: Any, ray: Any, tint: Any, albedo: Any, normal: Any, depth: Any, random: Any) -> tuple[Any, ...]:
+        si = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
+        bsdf = si.bsdf()
+        flags = bsdf.flags()
+        may_pass = active & si.is_valid() & (depth < MAX_SPECULAR)
+        specular = may_pass & mi.has_flag(flags, mi.BSDFFlags.Delta) & ~mi.has_flag(flags, mi.BSDFFlags.Smooth)
+        sampled = specular | (may_pass & mi.has_flag(flags, mi.BSDFFlags.Null))
+        choice, direction = random.next_float32(), mi.Point2f(random.next_float32(), random.next_float32())
+        sample, weight = bsdf.sample(mi.BSDFContext(), si, choice, direction, sampled)
+        on = specular | (sampled & mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null))
+        found, facing = features(si, active & ~on)
+        albedo = dr.select(active & ~on, tint * found, albedo)
+        normal = dr.select(active & ~on, facing, normal)
+        ray = dr.select(on, si.spawn_ray(si.to_world(sample.wo)), ray)
+        return on, ray, dr.select(on, tint * weight, tint), albedo, normal, depth + 1, random
+
+    random = mi.PCG32(size=dr.width(ray.o), initstate=seed)
+    start = (mi.Bool(True), ray, mi.Color3f(1.0), mi.Color3f(0.0), mi.Vector3f(0.0), mi.UInt32(0), random)
+    _, _, _, albedo, normal, _, _ = dr.while_loop(start, lambda active, *_: active, step)
+    return albedo, normal

@@ -1,0 +1,69 @@
+"""Denoised images against closed forms and converged images, and guides against the textures they show."""
+
+import numpy as np
+import pytest
+
+from tests.rendering import rendering_photos as photos
+from tests.rendering.test_render import profile, seen
+
+
+@pytest.fixture
+def found(renderer):
+    return renderer("denoise")
+
+
+def test_a_uniform_sky_stays_uniform(found):
+    np.testing.assert_allclose(found["sky"], 0.3, rtol=0.03)
+    assert found["sky"].mean() == pytest.approx(0.3, rel=0.003)
+
+
+@pytest.mark.parametrize("name", ["pinhole x", "far"])
+def test_a_painted_edge_keeps_its_profile(found, name):
+    """From 16 samples: reflectance 0.8 and 0.1 under a uniform sky, blurred by the lens."""
+    row = photos.EDGES[name]
+    across, _ = seen(found[f"edge/{name}"], row[3])
+    assert np.abs((across - 0.1) / 0.7 - profile(*row)).max() < 0.02
+
+
+def squared_error(image, reference):
+    return np.mean(((image - reference) / (reference + 0.05)) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("lens", "kind", "share"), [("pinhole", "denoised", 0.25), ("lens", "denoised", 0.25), ("lens", "grid", 0.5)]
+)
+def test_the_error_falls_to_a_fraction(found, lens, kind, share):
+    """In the mean square, from 2 samples. Neighbouring pixels of a grid share samples: their noise is correlated."""
+    denoised, raw, reference = (found[f"{lens}/{name}"] for name in (kind, "raw", "reference"))
+    assert squared_error(denoised, reference) < share * squared_error(raw, reference)
+    assert np.mean(denoised) == pytest.approx(np.mean(reference), rel=0.02)
+
+
+def test_the_raw_image_does_not_change(found):
+    np.testing.assert_array_equal(found["pinhole/raw"], found["pinhole/raw by default"])
+
+
+def test_eyes_and_seeds_have_guides_of_their_own(found):
+    assert not np.array_equal(found["twins"][0], found["twins"][1])
+
+
+def test_bytes_do_not_depend_on_threads(found):
+    np.testing.assert_array_equal(found["threads 1"], found["threads 3"])
+
+
+def test_guides_show_the_texture_and_the_normals(found):
+    """A chequered wall, 0.4 and 0.2, that faces the camera: each square exactly, apart from its edges."""
+    albedo, normal = found["guide/wall/albedo"][..., 0], found["guide/wall/normal"]
+    inside = np.isclose(albedo, 0.4, atol=1e-4) | np.isclose(albedo, 0.2, atol=1e-4)
+    assert inside.mean() > 0.6
+    assert 0.25 < np.mean(albedo > 0.3) < 0.75
+    np.testing.assert_allclose(normal, np.broadcast_to(-photos.POSE[:3, 2], normal.shape), atol=1e-4)
+
+
+def test_guides_follow_mirrors_and_openings(both):
+    """A mirror of reflectance 0.8 before paint of 0.5, a pane of glass, and a half open net of black cloth."""
+    found = both["llvm"]("denoise")
+    middle = (slice(8, 16), slice(8, 16))
+    np.testing.assert_allclose(found["guide/mirror/albedo"][middle], 0.8 * 0.5, atol=1e-4)
+    np.testing.assert_allclose(found["guide/net/albedo"][middle].mean(), 0.5 * 0.5, atol=0.02)
+    np.testing.assert_allclose(found["guide/mirror/normal"][middle][0, 0], photos.POSE[:3, 2], atol=1e-4)
