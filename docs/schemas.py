@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any, Union
 
 import pydantic
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
 
 from twinlens.dataset import DatasetFile, SampleFile
 from twinlens.factory.draws import KINDS
@@ -27,17 +29,34 @@ MODELS: dict[str, Any] = {
     "scene": SceneFile,
 }
 """File name without extension -> the model or type that pydantic reads the file with."""
+TOML_FILES = ("recipe", "rig", "scene")
+
+
+class TomlSchema(GenerateJsonSchema):
+    """The schema of a TOML file, which has no null: optional keys are left out. Titles that repeat the key are too."""
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
+        made = super().default_schema(schema)
+        return {key: value for key, value in made.items() if key != "default" or value is not None}
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
 
 
 def schema(name: str) -> str:
     """The text of one schema file."""
-    found = pydantic.TypeAdapter(MODELS[name]).json_schema()
+    generator = TomlSchema if name in TOML_FILES else GenerateJsonSchema
+    found = pydantic.TypeAdapter(MODELS[name]).json_schema(schema_generator=generator)
     return json.dumps(with_distributions(found) if name == "recipe" else found, indent=1) + "\n"
 
 
 def with_distributions(recipe: dict[str, Any]) -> dict[str, Any]:
     """The schema of a recipe whose drawn keys have their types, and accept a distribution in place of any value."""
-    drawn, rig = Settings.model_json_schema(), pydantic.TypeAdapter(RigTable).json_schema()
+    drawn = Settings.model_json_schema(schema_generator=TomlSchema)
+    rig = pydantic.TypeAdapter(RigTable).json_schema(schema_generator=TomlSchema)
     tables = drawn.pop("$defs") | rig.pop("$defs")
     drawn["properties"]["rig"] = rig
     kinds = pydantic.TypeAdapter(Union[tuple(KINDS.values())]).json_schema()  # noqa: UP007

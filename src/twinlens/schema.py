@@ -10,7 +10,9 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union
 
+import annotated_types
 import pydantic
+from typing_extensions import TypeAliasType
 
 from twinlens.errors import InputError, format_value, unknown
 
@@ -19,9 +21,20 @@ T = TypeVar("T")
 Number = Annotated[float, pydantic.AfterValidator(float)]
 """A number; a whole one is converted to float, as pydantic in strict mode does not."""
 
-Positive = Annotated[Number, pydantic.Field(gt=0)]
-NonNegative = Annotated[Number, pydantic.Field(ge=0)]
-Fraction = Annotated[Number, pydantic.Field(ge=0, le=1)]
+Positive = Annotated[float, pydantic.Field(gt=0), pydantic.AfterValidator(float)]
+NonNegative = Annotated[float, pydantic.Field(ge=0), pydantic.AfterValidator(float)]
+Fraction = Annotated[float, pydantic.Field(ge=0, le=1), pydantic.AfterValidator(float)]
+
+
+def number(least: float, most: float, above: bool = False) -> Any:
+    """The type of a number from `least`, itself excluded if `above`, to `most`."""
+    limits = pydantic.Field(gt=least, le=most) if above else pydantic.Field(ge=least, le=most)
+    return Annotated[float, limits, pydantic.AfterValidator(float)]
+
+
+def whole(least: int, most: int) -> Any:
+    """The type of a whole number from `least` to `most`."""
+    return Annotated[int, pydantic.Field(ge=least, le=most)]
 
 
 class StrictModel(pydantic.BaseModel):
@@ -67,10 +80,14 @@ def variants(
     return [model(name, keys) for name, keys in tables.items()]
 
 
-def tagged(tag: str, models: Iterable[type[StrictModel]], default: str | None = None) -> Any:
-    """The union of models that the key `tag` selects from; a table without it has the tag `default`."""
+def tagged(name: str, tag: str, models: Iterable[type[StrictModel]], default: str | None = None) -> Any:
+    """The union of models that the key `tag` selects from; a table without it has the tag `default`.
+
+    JSON Schemas define it once, under `name`.
+    """
     union: Any = Annotated[Union[tuple(models)], pydantic.Field(discriminator=tag)]  # noqa: UP007
-    return union if default is None else Annotated[union, default_key(tag, default)]
+    alias = TypeAliasType(name, union)  # type: ignore[misc]  # the models are made at run time
+    return alias if default is None else Annotated[alias, default_key(tag, default)]
 
 
 def reads(kind: Any, then: Callable[[Any], Any] = lambda checked: checked) -> pydantic.PlainValidator:
@@ -92,18 +109,26 @@ def one_of(kind: str, known: Iterable[str]) -> pydantic.PlainValidator:
             raise unknown(kind, str(value), names)
         return value
 
-    return pydantic.PlainValidator(check, json_schema_input_type=Literal[tuple(names)])
+    return pydantic.PlainValidator(check, json_schema_input_type=TypeAliasType(kind.title(), Literal[tuple(names)]))
 
 
-def repeated(count: int, item: Any) -> pydantic.BeforeValidator:
-    """Accepts one value in place of a list of `count` equal ones, for `Annotated`; `item` is the type of a value.
+def exactly(count: int, item: Any, or_one: bool = False, name: str = "") -> pydantic.BeforeValidator:
+    """Accepts a list of `count` values of the type `item`, for `Annotated`; with `or_one` also one value for all.
 
-    >>> repeated(3, float).func(0.5)
+    With a `name`, JSON Schemas define it once.
+
+    >>> exactly(3, float, or_one=True).func(0.5)
     [0.5, 0.5, 0.5]
     """
-    return pydantic.BeforeValidator(
-        lambda value: value if isinstance(value, list) else [value] * count, json_schema_input_type=item | list[item]
-    )
+    listed: Any = Annotated[list[item], annotated_types.Len(count, count)]
+
+    def check(value: Any) -> Any:
+        if isinstance(value, list) and len(value) != count:
+            raise InputError(_must_be(f"a list of exactly {count} values", value))
+        return [value] * count if or_one and not isinstance(value, list) else value
+
+    kind: Any = item | listed if or_one else listed
+    return pydantic.BeforeValidator(check, json_schema_input_type=TypeAliasType(name, kind) if name else kind)
 
 
 def read(

@@ -77,7 +77,7 @@ def test_corners_show_every_end_and_every_choice():
     ("value", "message"),
     [
         ({"uniform": [2, 1]}, r"recipe.toml: rig.baseline.uniform: must be \[low, high\] with low <= high"),
-        ({"uniform": [1]}, "rig.baseline.uniform: must be a list of at least 2 values"),
+        ({"uniform": [1]}, "rig.baseline.uniform: must be a list of exactly 2 values"),
         ({"uniform": [1, "2"]}, r"rig.baseline.uniform\[1\]: must be a number"),
         ({"uniform": [1, 2], "wieghts": [1]}, "rig.baseline: unknown key 'wieghts'"),
         ({"log_uniform": [0, 2]}, r"rig.baseline.log_uniform\[0\]: must be > 0"),

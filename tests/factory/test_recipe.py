@@ -118,7 +118,7 @@ def test_every_key_is_read():
         ("sensor.preset", "fone", "sensor.preset: must be one of .* got 'fone'; did you mean 'phone'?"),
         ("sensor.adc_bits", 99, "sensor adc_bits must be .*from 8 to 16"),
         ("sensor.shot_noise", 1, "sensor.shot_noise: must be true or false"),
-        ("sensor.quantum_efficiency", [0.5], "sensor.quantum_efficiency: must be a list of at least 3 values"),
+        ("sensor.quantum_efficiency", [0.5], "sensor.quantum_efficiency: must be a list of exactly 3 values"),
         ("sensor.mismatch", {"gian": 1}, "sensor.mismatch: unknown key 'gian'; did you mean 'gain'?"),
         ("exposure", {"gain": 2}, "exposure: missing key 'time'"),
         ("scene.jitter", {"roll": 1}, "scene.jitter: unknown key 'roll'; did you mean 'roll_deg'?"),

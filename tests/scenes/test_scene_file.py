@@ -32,9 +32,9 @@ MISTAKES = [
     ("", [("[camera]", "[camera]\nfov_x_degg = 40")], "camera: unknown key 'fov_x_degg'; did you mean 'fov_x_deg'"),
     ("", [("[camera]", "[camera]\nfov_x_deg = nan")], "camera.fov_x_deg: must be a finite number, got nan"),
     ("", [("[camera]", "[camera]\nbaseline = -0.1")], "camera.baseline: must be > 0, got -0.1"),
-    ("", [("position = [0, -3, 1]", "position = [0, -3]")], "camera.position: must be a list of at least 3 values"),
+    ("", [("position = [0, -3, 1]", "position = [0, -3]")], "camera.position: must be a list of exactly 3 values"),
     ("", [("position = [0, -3, 1]", "")], "camera: missing key 'position'"),
-    ("", [("position = [0, -3, 1]", "position = [0, 0, 0.5]")], "camera: look_at needs eye"),
+    ("", [("position = [0, -3, 1]", "position = [0, 0, 0.5]")], "camera: position and look_at must differ"),
     ("", [("[1.0, 9.0]", "[9.0, 1.0]")], "camera: depth_range must be [near, far] with near < far"),
     ("", [('"diffuse"', '"difuse"')], "materials.grey.type: must be one of"),
     ("", [('"diffuse"', '"../../evil"')], "materials.grey.type: must be one of"),
@@ -43,7 +43,7 @@ MISTAKES = [
     (
         "",
         [("reflectance = 0.5", "reflectance = [0.1, 0.2]")],
-        "reflectance: must be a list of at least 3 values",
+        "reflectance: must be a list of exactly 3 values",
     ),
     ("", [("reflectance = 0.5", 'reflectance = "#12345"')], "materials.grey.reflectance: must be a colour"),
     ("", [("reflectance = 0.5", 'reflectance = "oak"')], "materials.grey.reflectance: unknown texture 'oak'"),
@@ -70,7 +70,7 @@ MISTAKES = [
     ("matrix = [[-1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", [], "objects.ball: matrix must be 4 rows of 4"),
     ("look_at = [0, 0, 0]", [], "objects.ball: look_at: the target"),
     ("instances = []", [], "objects.ball.instances: must be a list of at least 1 value"),
-    ("instances = [{ translate = [0, 0] }]", [], "objects.ball.instances[0].translate: must be a list of at least 3"),
+    ("instances = [{ translate = [0, 0] }]", [], "objects.ball.instances[0].translate: must be a list of exactly 3"),
     ("instances = [{}]\nemitter = { radiance = 1 }", [], "with instances cannot have an emitter"),
     ("merge = true", [], "objects.ball: 'merge' joins the instances of a mesh"),
     ("uv_scale = 2", [], "objects.ball: unknown key 'uv_scale'"),
@@ -126,6 +126,12 @@ def test_syntax_errors_say_the_line(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"s\.toml: not valid TOML: .*line 2") as caught:
         load_scene(path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("twice", ["up = [0, 0, 1]\nup = [0, 0, 1]", "baseline = 1\nbaseline.x = 1"])
+def test_a_key_defined_twice_is_an_error(read_scene: Read, twice: str) -> None:
+    with pytest.raises(FileError, match=r"not valid TOML: the key is defined twice \(at line 4"):
+        read_scene("", ("[camera]", f"[camera]\n{twice}"))
 
 
 def test_a_byte_order_mark_is_ignored(tmp_path: Path) -> None:

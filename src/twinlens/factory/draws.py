@@ -23,7 +23,7 @@ from pydantic import AfterValidator, Field, model_validator
 from scipy.special import ndtr, ndtri
 
 from twinlens.errors import InputError, format_value
-from twinlens.schema import StrictModel, dotted, read
+from twinlens.schema import StrictModel, dotted, exactly, read
 
 _DEEPEST = 12
 _LEAST_SHARE = 1e-6  # of a normal distribution within its clip; below, float64 does not resolve its values
@@ -46,7 +46,6 @@ Number = Annotated[float, AfterValidator(float)]
 Whole = Annotated[int, Field(ge=-(2**53), le=2**53)]
 NonNegative = Annotated[float, Field(ge=0), AfterValidator(float)]
 Positive = Annotated[float, Field(gt=0), AfterValidator(float)]
-Pair = Field(min_length=2, max_length=2)
 Values = Annotated[list[Any], Field(min_length=1, max_length=1000), AfterValidator(_constant)]
 
 
@@ -72,7 +71,7 @@ class Distribution(StrictModel):
 class Uniform(Distribution):
     """Any number between two."""
 
-    uniform: Annotated[list[Number], Pair, AfterValidator(_ordered)]
+    uniform: Annotated[list[Number], exactly(2, Number), AfterValidator(_ordered)]
 
     def draw(self, rng: np.random.Generator) -> Any:
         low, high = self.uniform
@@ -82,7 +81,7 @@ class Uniform(Distribution):
 class LogUniform(Distribution):
     """Any number between two positive ones, uniform in the logarithm."""
 
-    log_uniform: Annotated[list[Positive], Pair, AfterValidator(_ordered)]
+    log_uniform: Annotated[list[Positive], exactly(2, Positive), AfterValidator(_ordered)]
 
     def draw(self, rng: np.random.Generator) -> Any:
         low, high = np.log(self.log_uniform)
@@ -92,7 +91,7 @@ class LogUniform(Distribution):
 class Integers(Distribution):
     """Any whole number between two, both included."""
 
-    integers: Annotated[list[Whole], Pair, AfterValidator(_ordered)]
+    integers: Annotated[list[Whole], exactly(2, Whole), AfterValidator(_ordered)]
 
     def draw(self, rng: np.random.Generator) -> Any:
         return int(rng.integers(self.integers[0], self.integers[1], endpoint=True))
@@ -101,8 +100,8 @@ class Integers(Distribution):
 class Normal(Distribution):
     """Mean and standard deviation of a normal distribution, truncated to a range."""
 
-    normal: Annotated[list[Number], Pair]
-    clip: Annotated[list[Number], Pair, AfterValidator(_ordered)]
+    normal: Annotated[list[Number], exactly(2, Number)]
+    clip: Annotated[list[Number], exactly(2, Number), AfterValidator(_ordered)]
 
     @model_validator(mode="after")
     def _check(self) -> "Normal":

@@ -16,7 +16,7 @@ from twinlens.factory.lenses import Find, LensTable, PinholeTable, View
 from twinlens.geometry import Float, rigid
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.scenes.placement import rotation
-from twinlens.schema import StrictModel, read
+from twinlens.schema import StrictModel, exactly, read
 from twinlens.sensor import PRESETS, Exposure, Mismatch, Sensor
 
 _PRESET = "machine_vision"
@@ -71,7 +71,7 @@ def _plain(default: Any) -> Any:
 
 def _keys_of(kind: type[Any]) -> dict[str, Any]:
     """The fields of a dataclass of constants, as fields of a model. TOML has lists where Python has tuples."""
-    types = {float: Number, tuple: Annotated[list[Number], Field(min_length=3, max_length=3), AfterValidator(tuple)]}
+    types = {float: Number, tuple: Annotated[list[Number], exactly(3, Number), AfterValidator(tuple)]}
     return {
         field.name: (types.get(type(field.default), type(field.default)), _plain(field.default))
         for field in fields(kind)

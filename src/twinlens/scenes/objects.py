@@ -17,17 +17,12 @@ from twinlens.scenes.placement import Copies, Placement, Scale, Vector2, Vector3
 from twinlens.scenes.plugins import AreaLight
 from twinlens.scenes.scene import Bitmap, Mesh, Plugin, SceneObject, check_uniform_scale
 from twinlens.scenes.texture_tables import TextureMap
-from twinlens.schema import Number, Positive, repeated, tagged, variants
+from twinlens.schema import Number, Positive, exactly, number, tagged, variants, whole
 
-
-def _whole(low: int, high: int) -> Any:
-    return Annotated[int, pydantic.Field(ge=low, le=high)]
-
-
-_SIDES = _whole(3, 4096) | None
+_SIDES = whole(3, 4096) | None
 _GRID_SIDE = Annotated[int, pydantic.Field(ge=2, le=2049)]
-Area = Annotated[list[Positive], annotated_types.Len(2, 2)]
 _POINTS = annotated_types.Len(2, 100_000)
+Area = Annotated[list[Positive], exactly(2, Positive)]
 
 
 class ObjectBase(Placement):
@@ -38,35 +33,25 @@ class ObjectBase(Placement):
     instances: Copies | None = None
     merge: bool = False
 
-    def build(self, name: str) -> SceneObject:
-        """The object of the scene. Raises InputError for combinations of keys that are not possible."""
-        thing = SceneObject(
-            name=name,
-            shape=self.geometry(),
-            material=self.material,
-            world_from_object=self.world_from_object(),
-            emitter=self.emitter,
-            instances=copy_poses(self.instances),
-        )
+    def build(self) -> SceneObject:
+        """The object of the scene, without a name. Raises InputError for combinations of keys that are not possible."""
+        mesh, pose, copies = self.geometry(), self.world_from_object(), copy_poses(self.instances)
+        thing = SceneObject("", mesh, self.material, pose, self.emitter, copies)
         check_uniform_scale(thing)
-        if thing.instances and thing.emitter is not None:
+        if copies and self.emitter is not None:
             raise InputError("an object with instances cannot have an emitter; make each light an object")
-        return _merged(thing) if self.merge else thing
+        if not self.merge:
+            return thing
+        if not isinstance(mesh, Mesh) or not copies:
+            raise InputError("'merge' joins the instances of a mesh; this object is no mesh or has no instances")
+        if len(mesh.faces) * len(copies) > MOST_FACES:
+            raise InputError(f"'merge' makes more than {MOST_FACES} triangles; keep the instances apart")
+        merged = shapes.merged([shapes.transformed(mesh, copy @ pose) for copy in copies])
+        return replace(thing, shape=merged, world_from_object=np.eye(4), instances=())
 
     def geometry(self) -> Mesh | Plugin:
         """The shape in the object's own coordinates."""
         raise NotImplementedError
-
-
-def _merged(thing: SceneObject) -> SceneObject:
-    """The object's copies as one mesh with one id, for grass and gravel."""
-    mesh = thing.shape
-    if not isinstance(mesh, Mesh) or not thing.instances:
-        raise InputError("'merge' joins the instances of a mesh; this object is no mesh or has no instances")
-    if len(mesh.faces) * len(thing.instances) > MOST_FACES:
-        raise InputError(f"'merge' makes more than {MOST_FACES} triangles; keep the instances apart")
-    copies = [shapes.transformed(mesh, copy @ thing.world_from_object) for copy in thing.instances]
-    return replace(thing, shape=shapes.merged(copies), world_from_object=np.eye(4), instances=())
 
 
 class AnalyticBase(ObjectBase):
@@ -83,7 +68,7 @@ class AnalyticBase(ObjectBase):
 class MeshBase(ObjectBase):
     """A mesh. Its texture coordinates are multiplied by `uv_scale`, then `uv_offset` is added."""
 
-    uv_scale: Annotated[list[Positive], annotated_types.Len(2, 2), repeated(2, Positive)] | None = None
+    uv_scale: Annotated[list[Positive], exactly(2, Positive, or_one=True)] | None = None
     uv_offset: Vector2 | None = None
 
     def geometry(self) -> Mesh:
@@ -101,28 +86,25 @@ class MeshBase(ObjectBase):
         return _MAKERS.get(kind, partial(shapes.creation, kind))(**{key: getattr(self, key) for key in given})
 
     @pydantic.model_validator(mode="after")
-    def _check_shape(self) -> "MeshBase":
-        _check_measures(vars(self))
+    def _check_measures(self) -> "MeshBase":
+        """Checks that need more than one key, of all the mesh shapes."""
+        given = vars(self)
+        for less, more in (("r_min", "r_max"), ("minor_radius", "major_radius")):
+            if less in given and given[less] >= given[more]:
+                raise InputError(f"{less} must be less than {more}")
+        if given.get("shape") == "rounded_box" and given["radius"] > 0.5 * min(given["extents"]):
+            raise InputError(f"radius must be at most half the shortest side, got {given['radius']:g}")
+        if "profile" in given and min(radius for radius, _ in given["profile"]) < 0:
+            raise InputError("profile: radii must be >= 0")
+        if "profile" in given and all(point == given["profile"][0] for point in given["profile"]):
+            raise InputError("profile: needs two different points")
+        if given.get("shape") == "tube":
+            points, radius = given["points"], given["radius"]
+            if isinstance(radius, list) and len(radius) != len(points):
+                raise InputError(f"radius: needs one value for each of the {len(points)} points, got {len(radius)}")
+            if any(a == b for a, b in itertools.pairwise(points)):
+                raise InputError("points: two neighbours are equal")
         return self
-
-
-def _check_measures(given: Mapping[str, Any]) -> None:
-    """Checks that need more than one key, of all the mesh shapes."""
-    for less, more in (("r_min", "r_max"), ("minor_radius", "major_radius")):
-        if less in given and given[less] >= given[more]:
-            raise InputError(f"{less} must be less than {more}")
-    if given.get("shape") == "rounded_box" and given["radius"] > 0.5 * min(given["extents"]):
-        raise InputError(f"radius must be at most half the shortest side, got {given['radius']:g}")
-    if "profile" in given and min(radius for radius, _ in given["profile"]) < 0:
-        raise InputError("profile: radii must be >= 0")
-    if "profile" in given and all(point == given["profile"][0] for point in given["profile"]):
-        raise InputError("profile: needs two different points")
-    if given.get("shape") == "tube":
-        points, radius = given["points"], given["radius"]
-        if isinstance(radius, list) and len(radius) != len(points):
-            raise InputError(f"radius: needs one value for each of the {len(points)} points, got {len(radius)}")
-        if any(a == b for a, b in itertools.pairwise(points)):
-            raise InputError("points: two neighbours are equal")
 
 
 class MeshFile(MeshBase):
@@ -130,65 +112,49 @@ class MeshFile(MeshBase):
 
     file: Asset
     face_normals: bool = False
-    crease_deg: Annotated[Number, pydantic.Field(ge=0, le=180)] = 30.0
+    crease_deg: Annotated[float, pydantic.Field(ge=0, le=180), pydantic.AfterValidator(float)] = 30.0
 
     def mesh(self) -> Mesh:
         return read_mesh(self.file, 0.0 if self.face_normals else self.crease_deg)
 
 
-_ANALYTIC: dict[str, dict[str, Any]] = {
+_SHAPES: dict[str, dict[str, Any]] = {
     "sphere": {"center": Vector3 | None, "radius": Positive | None},
     "cylinder": {"p0": Vector3 | None, "p1": Vector3 | None, "radius": Positive | None},
     "rectangle": {},
     "disk": {},
     "cube": {},
 }
-ANALYTIC_SHAPES = {name: {**keys, "flip_normals": bool | None} for name, keys in _ANALYTIC.items()}
+ANALYTIC_SHAPES = {name: {**keys, "flip_normals": bool | None} for name, keys in _SHAPES.items()}
+_ROUND = {"radius": Positive, "height": Positive, "sections": _SIDES}
+_TORUS = {"major_radius": Positive, "minor_radius": Positive, "major_sections": _SIDES, "minor_sections": _SIDES}
+_TUBE = {"points": Annotated[list[Vector3], _POINTS], "radius": Positive | list[Positive], "sides": _SIDES}
+_FIELD = {"extents": Area, "height": TextureMap, "amplitude": Number}
 MESH_SHAPES: dict[str, dict[str, Any]] = {
     "box": {"extents": Scale, "tile": Positive | None},
     "rounded_box": {
         "extents": Scale,
         "radius": Positive,
-        "subdivisions": _whole(1, 64) | None,
+        "subdivisions": whole(1, 64) | None,
         "tile": Positive | None,
     },
-    "icosphere": {"radius": Positive | None, "subdivisions": _whole(0, 7) | None},
+    "icosphere": {"radius": Positive | None, "subdivisions": whole(0, 7) | None},
     "uv_sphere": {"radius": Positive | None},
     "icosahedron": {},
     "capsule": {"radius": Positive | None, "height": Positive | None},
-    "solid_cylinder": {"radius": Positive, "height": Positive, "sections": _SIDES},
-    "cone": {"radius": Positive, "height": Positive, "sections": _SIDES},
+    "solid_cylinder": _ROUND,
+    "cone": _ROUND,
     "annulus": {"r_min": Positive, "r_max": Positive, "height": Positive, "sections": _SIDES},
-    "torus": {
-        "major_radius": Positive,
-        "minor_radius": Positive,
-        "major_sections": _SIDES,
-        "minor_sections": _SIDES,
-    },
+    "torus": _TORUS,
     "lathe": {
         "profile": Annotated[list[Vector2], _POINTS],
         "segments": _SIDES,
         "smooth": bool | None,
-        "samples": _whole(1, 64) | None,
+        "samples": whole(1, 64) | None,
     },
-    "tube": {
-        "points": Annotated[list[Vector3], _POINTS],
-        "radius": Positive | list[Positive],
-        "sides": _SIDES,
-        "smooth": bool | None,
-        "closed": bool | None,
-    },
-    "height_field": {
-        "extents": Area,
-        "height": TextureMap,
-        "amplitude": Number,
-        "grid": Annotated[list[_GRID_SIDE], annotated_types.Len(2, 2)] | None,
-    },
-    "bent_sheet": {
-        "extents": Area,
-        "angle_deg": Annotated[Number, pydantic.Field(ge=0.1, le=360)],
-        "segments": _whole(1, 4096) | None,
-    },
+    "tube": {**_TUBE, "smooth": bool | None, "closed": bool | None},
+    "height_field": {**_FIELD, "grid": Annotated[list[_GRID_SIDE], exactly(2, _GRID_SIDE)] | None},
+    "bent_sheet": {"extents": Area, "angle_deg": number(0.1, 360), "segments": whole(1, 4096) | None},
 }
 
 
@@ -207,19 +173,17 @@ _MAKERS: dict[str, Callable[..., Mesh]] = {
 }
 """The functions that make meshes; other shapes are trimesh's."""
 
-_SHAPE_OBJECT = tagged(
-    "shape", [*variants(AnalyticBase, "shape", ANALYTIC_SHAPES), *variants(MeshBase, "shape", MESH_SHAPES)]
-)
+_VARIANTS = [*variants(AnalyticBase, "shape", ANALYTIC_SHAPES), *variants(MeshBase, "shape", MESH_SHAPES)]
+_SHAPE_OBJECT = tagged("ShapeObject", "shape", _VARIANTS)
 _ADAPTER: pydantic.TypeAdapter[ObjectBase] = pydantic.TypeAdapter(_SHAPE_OBJECT)
 
 
 def _read_object(value: Any, info: Any) -> SceneObject:
-    given = value if isinstance(value, Mapping) else {}
-    if value == given and ("file" in given) == ("shape" in given):
+    if isinstance(value, Mapping) and ("file" in value) == ("shape" in value):
         raise InputError("needs exactly one of 'shape' (a name) and 'file' (a mesh file)")
-    if "file" in given:
-        return MeshFile.model_validate(value, context=info.context).build("")
-    return _ADAPTER.validate_python(value, context=info.context).build("")
+    if isinstance(value, Mapping) and "file" in value:
+        return MeshFile.model_validate(value, context=info.context).build()
+    return _ADAPTER.validate_python(value, context=info.context).build()
 
 
 Object = Annotated[SceneObject, pydantic.PlainValidator(_read_object, json_schema_input_type=_SHAPE_OBJECT | MeshFile)]

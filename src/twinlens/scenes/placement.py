@@ -1,7 +1,7 @@
 """Poses as a scene file gives them: of objects and lights, of an object's copies, and of the left camera."""
 
 import math
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import annotated_types
 import numpy as np
@@ -10,20 +10,19 @@ from numpy.typing import ArrayLike
 
 from twinlens.errors import InputError
 from twinlens.geometry import Float, look_at
-from twinlens.schema import NonNegative, Number, Positive, StrictModel, repeated
+from twinlens.schema import NonNegative, Number, Positive, StrictModel, exactly
 
 _MOST_COPIES = 100_000
 
-Vector2 = Annotated[list[Number], annotated_types.Len(2, 2)]
-Vector3 = Annotated[list[Number], annotated_types.Len(3, 3)]
-Scale = Annotated[list[Positive], annotated_types.Len(3, 3), repeated(3, Positive)]
+Vector2 = Annotated[list[Number], exactly(2, Number)]
+Vector3 = Annotated[list[Number], exactly(3, Number, name="Vector3")]
+Scale = Annotated[list[Positive], exactly(3, Positive, or_one=True, name="Scale")]
 """Three numbers > 0, or one for all three axes."""
 
-Matrix = Annotated[list[Annotated[list[Number], annotated_types.Len(4, 4)]], annotated_types.Len(4, 4)]
-_JITTER = Annotated[list[NonNegative], annotated_types.Len(3, 3), repeated(3, NonNegative)]
-_JITTER_DEG = Annotated[
-    list[Annotated[NonNegative, pydantic.Field(le=180)]], annotated_types.Len(3, 3), repeated(3, NonNegative)
-]
+_ROW = Annotated[list[Number], exactly(4, Number)]
+Matrix = Annotated[list[_ROW], exactly(4, _ROW, name="Matrix")]
+_JITTER_DEG = Annotated[NonNegative, pydantic.Field(le=180)]
+_COUNT = Annotated[int, pydantic.Field(ge=1, le=10_000)]
 
 
 def rotation(axis: ArrayLike, deg: float) -> Float:
@@ -43,8 +42,7 @@ def rotation(axis: ArrayLike, deg: float) -> Float:
 def euler_rotation(angles_deg: ArrayLike) -> Float:
     """The 4x4 rotation about the fixed axes x, then y, then z, by `angles_deg` (3,) degrees."""
     x, y, z = (rotation(axis, deg) for axis, deg in zip(np.eye(3), np.asarray(angles_deg), strict=True))
-    turn: Float = z @ y @ x
-    return turn
+    return np.asarray(z @ y @ x)
 
 
 def translation(offset: ArrayLike) -> Float:
@@ -55,8 +53,17 @@ def translation(offset: ArrayLike) -> Float:
 
 
 def view_pose(position: ArrayLike, target: ArrayLike, up: ArrayLike | None = None) -> Float:
-    """world_from_cam (4, 4) of a camera at `position` that looks at `target`; `up` is the world's z by default."""
-    return look_at(position, target, (0.0, 0.0, 1.0) if up is None else up)
+    """world_from_cam (4, 4) of a camera at `position` that looks at `target`; `up` is the world's z by default.
+
+    Raises InputError, in the words of a scene file, when there is no such pose.
+    """
+    try:
+        return look_at(position, target, (0.0, 0.0, 1.0) if up is None else up)
+    except InputError as error:
+        raise InputError(
+            "position and look_at must differ, and up must not be parallel to the line between them, "
+            f"got position {position!r} and look_at {target!r}"
+        ) from error
 
 
 class Rotation(StrictModel):
@@ -84,9 +91,12 @@ class Pose(StrictModel):
     look_at: Vector3 | None = None
     matrix: Matrix | None = None
 
+    placing_keys: ClassVar[tuple[str, ...]] = ("translate", "rotate", "euler_deg", "look_at", "matrix")
+    """The keys of this table that place it; the others belong to what is placed."""
+
     @pydantic.model_validator(mode="after")
     def _check(self) -> "Pose":
-        given = [key for key in Placement.model_fields if key in self.model_fields_set and key in self._placing_keys()]
+        given = [key for key in self.placing_keys if key in self.model_fields_set]
         turns = [key for key in given if key in ("rotate", "euler_deg", "look_at")]
         if len(turns) > 1:
             raise InputError(f"{turns[0]!r} and {turns[1]!r} exclude each other")
@@ -96,40 +106,34 @@ class Pose(StrictModel):
         self.world_from_object()
         return self
 
-    @classmethod
-    def _placing_keys(cls) -> frozenset[str]:
-        """The keys of this table that place it; the others belong to what is placed."""
-        return frozenset(Pose.model_fields)
-
     def world_from_object(self) -> Float:
         """(4, 4); the identity where no key is given."""
         if self.matrix is not None:
-            return _checked_matrix(self.matrix)
+            matrix = np.array(self.matrix, dtype=np.float64)
+            if matrix[3].tolist() != [0, 0, 0, 1] or not np.linalg.det(matrix[:3, :3]) > 1e-12:
+                raise InputError(
+                    "matrix must be 4 rows of 4 with last row 0 0 0 1, invertible and not mirrored (determinant > 0)"
+                )
+            return matrix
         position = np.zeros(3) if self.translate is None else np.array(self.translate)
-        return translation(position) @ self._turn(position) @ self._stretch()
+        turn = np.eye(4)
+        if self.euler_deg is not None:
+            turn = euler_rotation(self.euler_deg)
+        elif self.look_at is not None:
+            turn = _towards(position, np.array(self.look_at))
+        for step in self.rotate if isinstance(self.rotate, list) else [self.rotate] if self.rotate else []:
+            turn = rotation(step.axis, step.deg) @ turn
+        return translation(position) @ turn @ self._stretch()
 
     def _stretch(self) -> Float:
         return np.eye(4)
-
-    def _turn(self, position: Float) -> Float:
-        if self.euler_deg is not None:
-            return euler_rotation(self.euler_deg)
-        if self.look_at is not None:
-            return _towards(position, np.array(self.look_at))
-        turn = np.eye(4)
-        for step in self.rotate if isinstance(self.rotate, list) else [self.rotate] if self.rotate else []:
-            turn = rotation(step.axis, step.deg) @ turn
-        return turn
 
 
 class Placement(Pose):
     """A pose, and a `scale` (one number or three) that is applied first."""
 
+    placing_keys = (*Pose.placing_keys, "scale")
     scale: Scale | None = None
-
-    @classmethod
-    def _placing_keys(cls) -> frozenset[str]:
-        return frozenset(Placement.model_fields)
 
     def _stretch(self) -> Float:
         return np.diag([*(self.scale or [1.0] * 3), 1.0])
@@ -141,10 +145,10 @@ class CopyGrid(StrictModel):
     `jitter` (metres) and `jitter_deg` bound a random translation and rotation of each copy, per axis.
     """
 
-    count: Annotated[list[Annotated[int, pydantic.Field(ge=1, le=10_000)]], annotated_types.Len(3, 3)]
+    count: Annotated[list[_COUNT], exactly(3, _COUNT)]
     step: Vector3
-    jitter: _JITTER = [0.0] * 3
-    jitter_deg: _JITTER_DEG = [0.0] * 3
+    jitter: Annotated[list[NonNegative], exactly(3, NonNegative, or_one=True)] = [0.0] * 3
+    jitter_deg: Annotated[list[_JITTER_DEG], exactly(3, _JITTER_DEG, or_one=True)] = [0.0] * 3
     seed: int = pydantic.Field(0, ge=0, lt=2**32)
 
     @pydantic.model_validator(mode="after")
@@ -185,12 +189,3 @@ def _towards(position: Float, target: Float) -> Float:
     pose = look_at(position, target, up=(0.0, 1.0, 0.0) if vertical else (0.0, 0.0, 1.0))
     pose[:3, 3] = 0.0
     return pose
-
-
-def _checked_matrix(rows: list[list[float]]) -> Float:
-    matrix = np.array(rows, dtype=np.float64)
-    if matrix[3].tolist() != [0, 0, 0, 1] or not np.linalg.det(matrix[:3, :3]) > 1e-12:
-        raise InputError(
-            "matrix must be 4 rows of 4 with last row 0 0 0 1, invertible and not mirrored (determinant > 0)"
-        )
-    return matrix

@@ -6,7 +6,6 @@ included, so only the names written here reach it. A parameter that Mitsuba woul
 
 from typing import Annotated, Any, ClassVar, Literal
 
-import annotated_types
 import numpy as np
 import pydantic
 
@@ -15,7 +14,7 @@ from twinlens.scenes.assets import Sky
 from twinlens.scenes.placement import Placement, Pose, Vector3, rotation
 from twinlens.scenes.scene import Plugin
 from twinlens.scenes.texture_tables import TextureMap, number_or_texture, spectrum
-from twinlens.schema import Fraction, NonNegative, Number, StrictModel, one_of, reads, tagged, variants
+from twinlens.schema import Fraction, NonNegative, StrictModel, exactly, number, one_of, reads, tagged, variants, whole
 
 # fmt: off
 CONDUCTORS = (
@@ -32,30 +31,23 @@ DIELECTRICS = (
 _NAMES_WITH_SPACES = {"carbon_dioxide", "carbon_tetrachloride", "silicone_oil", "water_ice", "fused_quartz"}
 
 
-def _range(low: float, high: float) -> Any:
-    """A number in [low, high]."""
-    return Annotated[Number, pydantic.Field(ge=low, le=high)]
-
-
-def _whole(low: int, high: int) -> Any:
-    return Annotated[int, pydantic.Field(ge=low, le=high)] | None
-
-
 def _mitsuba_name(name: str) -> str:
     return name.replace("_", " ") if name in _NAMES_WITH_SPACES else name
 
 
 _DIELECTRIC = Annotated[str, one_of("dielectric", DIELECTRICS), pydantic.AfterValidator(_mitsuba_name)]
-_IOR = _range(1, 5) | _DIELECTRIC | None
+_IOR = number(1, 5) | _DIELECTRIC | None
 _REFLECTANCE = spectrum(1.0) | None
 _RADIANCE = spectrum(1e9) | None
 _METAL_INDEX = spectrum(20.0) | None
 _FRACTION_MAP = number_or_texture(0.0, 1.0)
 _ALPHA_MAP = number_or_texture(1e-4, 1.0) | None
 _FLAG = bool | None
-_POSITIVE_DEG = Annotated[Number, pydantic.Field(gt=0, le=180)] | None
+_POSITIVE_DEG = number(0, 180, above=True) | None
 _FACETS = Literal["beckmann", "ggx"] | None
-_BSDF = Annotated[Any, pydantic.PlainValidator(lambda value, info: read_material(value, info))]
+_BSDF = Annotated[
+    Any, pydantic.PlainValidator(lambda table, info: _NESTED.validate_python(table, context=info.context))
+]
 
 
 class PluginTable(StrictModel):
@@ -106,7 +98,7 @@ _MAPPED = ("roughness", "anisotropic", "spec_trans", "spec_tint", "sheen", "shee
 _PRINCIPLED = {
     "base_color": _REFLECTANCE,
     **dict.fromkeys(_MAPPED, _FRACTION_MAP | None),
-    "eta": Annotated[Number, pydantic.Field(gt=1, le=5)] | None,
+    "eta": number(1, 5, above=True) | None,
 }
 MATERIALS: dict[str, dict[str, Any]] = {
     "diffuse": {"reflectance": _REFLECTANCE},
@@ -116,7 +108,7 @@ MATERIALS: dict[str, dict[str, Any]] = {
     "conductor": _METAL,
     "roughconductor": _METAL | _ROUGH,
     "plastic": _PLASTIC,
-    "roughplastic": {**_PLASTIC, "alpha": _range(1e-4, 1) | None, **_FACET_KEYS},
+    "roughplastic": {**_PLASTIC, "alpha": number(1e-4, 1) | None, **_FACET_KEYS},
     "principled": {
         **_PRINCIPLED,
         "specular": Fraction | None,
@@ -125,8 +117,8 @@ MATERIALS: dict[str, dict[str, Any]] = {
     "principledthin": {**_PRINCIPLED, "diff_trans": number_or_texture(0.0, 2.0) | None},
     "twosided": {"bsdf": _BSDF},
     "mask": {"bsdf": _BSDF, "opacity": _FRACTION_MAP},
-    "blendbsdf": {"bsdfs": Annotated[list[_BSDF], annotated_types.Len(2, 2)], "weight": _FRACTION_MAP},
-    "bumpmap": {"bsdf": _BSDF, "bump": TextureMap, "scale": _range(0, 1000) | None},
+    "blendbsdf": {"bsdfs": Annotated[list[_BSDF], exactly(2, _BSDF)], "weight": _FRACTION_MAP},
+    "bumpmap": {"bsdf": _BSDF, "bump": TextureMap, "scale": number(0, 1000) | None},
     "normalmap": {"bsdf": _BSDF, "normalmap": TextureMap},
     "null": {},
 }
@@ -153,7 +145,7 @@ class LightBase(PluginTable):
 class PlacedLight(LightBase, Placement):
     """A light that may be placed like an object."""
 
-    extra_keys = frozenset(Placement.model_fields)
+    extra_keys = frozenset(Placement.placing_keys)
 
     def plugin(self) -> dict[str, Any]:
         placed = not self.extra_keys.isdisjoint(self.model_fields_set)
@@ -163,7 +155,7 @@ class PlacedLight(LightBase, Placement):
 class EnvironmentMap(LightBase, Pose):
     """Light from a panorama, z up; `scale` multiplies its radiance."""
 
-    extra_keys = frozenset(Pose.model_fields)
+    extra_keys = frozenset(Pose.placing_keys)
     type: Literal["envmap"]
     filename: Sky
     scale: NonNegative | None = None
@@ -181,12 +173,12 @@ _OTHER_LIGHTS: dict[str, dict[str, Any]] = {
     "point": {"position": Vector3 | None, "intensity": _RADIANCE},
     "constant": {"radiance": _RADIANCE},
     "sunsky": {
-        "turbidity": _range(1, 10) | None,
+        "turbidity": number(1, 10) | None,
         "albedo": _REFLECTANCE,
         "sun_direction": Vector3 | None,
         "sun_scale": NonNegative | None,
         "sky_scale": NonNegative | None,
-        "sun_aperture": Annotated[Number, pydantic.Field(gt=0, le=90)] | None,
+        "sun_aperture": number(0, 90, above=True) | None,
     },
 }
 LIGHTS = {**_PLACED_LIGHTS, **_OTHER_LIGHTS, "envmap": {"filename": Sky, "scale": NonNegative | None}}
@@ -194,39 +186,29 @@ SURROUNDING_LIGHTS = ("constant", "envmap", "sunsky")
 AREA_LIGHTS = {"area": {"radiance": _RADIANCE}, "directionalarea": {"radiance": _RADIANCE}}
 _RENDER_KEYS = {"hide_emitters": _FLAG}
 INTEGRATORS: dict[str, dict[str, Any]] = {
-    "path": {"max_depth": _whole(-1, 1024), "rr_depth": _whole(1, 1024), **_RENDER_KEYS},
+    "path": {"max_depth": whole(-1, 1024) | None, "rr_depth": whole(1, 1024) | None, **_RENDER_KEYS},
     "direct": {
-        "shading_samples": _whole(1, 1024),
-        "emitter_samples": _whole(0, 1024),
-        "bsdf_samples": _whole(0, 1024),
+        "shading_samples": whole(1, 1024) | None,
+        "emitter_samples": whole(0, 1024) | None,
+        "bsdf_samples": whole(0, 1024) | None,
         **_RENDER_KEYS,
     },
 }
-
-_MATERIAL = tagged("type", variants(MaterialBase, "type", MATERIALS))
-_LIGHT = tagged(
-    "type",
-    [
-        *variants(PlacedLight, "type", _PLACED_LIGHTS),
-        *variants(LightBase, "type", _OTHER_LIGHTS),
-        EnvironmentMap,
-    ],
-)
-_AREA_LIGHT = tagged("type", variants(LightBase, "type", AREA_LIGHTS, "area"), default="area")
-_INTEGRATOR = tagged("type", variants(PluginTable, "type", INTEGRATORS, "path"), default="path")
 
 
 def _as_plugin(table: PluginTable) -> Plugin:
     return table.plugin()
 
 
-Material = Annotated[Plugin, reads(_MATERIAL, _as_plugin)]
-Light = Annotated[Plugin, reads(_LIGHT, _as_plugin)]
-AreaLight = Annotated[Plugin, reads(_AREA_LIGHT, _as_plugin)]
-Integrator = Annotated[Plugin, reads(_INTEGRATOR, _as_plugin)]
-_ADAPTER: pydantic.TypeAdapter[Plugin] = pydantic.TypeAdapter(Material)
-
-
-def read_material(value: Any, info: Any) -> Plugin:
-    """A material inside another one."""
-    return _ADAPTER.validate_python(value, context=info.context)
+_LIGHTS = [
+    *variants(PlacedLight, "type", _PLACED_LIGHTS),
+    *variants(LightBase, "type", _OTHER_LIGHTS),
+    EnvironmentMap,
+]
+_AREA_LIGHTS = variants(LightBase, "type", AREA_LIGHTS, "area")
+_INTEGRATORS = variants(PluginTable, "type", INTEGRATORS, "path")
+Material = Annotated[Plugin, reads(tagged("Material", "type", variants(MaterialBase, "type", MATERIALS)), _as_plugin)]
+Light = Annotated[Plugin, reads(tagged("Light", "type", _LIGHTS), _as_plugin)]
+AreaLight = Annotated[Plugin, reads(tagged("AreaLight", "type", _AREA_LIGHTS, "area"), _as_plugin)]
+Integrator = Annotated[Plugin, reads(tagged("Integrator", "type", _INTEGRATORS, "path"), _as_plugin)]
+_NESTED: pydantic.TypeAdapter[Plugin] = pydantic.TypeAdapter(Material)

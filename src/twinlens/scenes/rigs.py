@@ -26,7 +26,7 @@ from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes.placement import Matrix, Vector3, euler_rotation, view_pose
 from twinlens.scenes.scene import Scene
-from twinlens.schema import Number, Positive, StrictModel, read, reads, tagged, variants
+from twinlens.schema import Number, Positive, StrictModel, number, read, reads, tagged, variants
 
 _MOST_CAMERAS = 1000
 Pixels = Annotated[int, pydantic.Field(ge=1, le=MAX_SIDE)]
@@ -40,24 +40,16 @@ class DistortionBase(StrictModel):
 
     def build(self) -> Distortion:
         """The distortion of a camera."""
-        coefficients = self.model_dump(include=self.model_fields_set - {"model"})
-        return _MODELS[self.model](**coefficients)  # type: ignore[attr-defined]  # every variant has one
+        model = BrownConrady if self.model == BrownConrady.name else KannalaBrandt  # type: ignore[attr-defined]
+        return model(**self.model_dump(include=self.model_fields_set - {"model"}))
 
 
-_MODELS: dict[str, type[BrownConrady] | type[KannalaBrandt]] = {
-    BrownConrady.name: BrownConrady,
-    KannalaBrandt.name: KannalaBrandt,
+_DISTORTIONS = {
+    BrownConrady.name: dict.fromkeys(("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), Number | None),
+    KannalaBrandt.name: dict.fromkeys(("k1", "k2", "k3", "k4"), Number | None),
 }
-_COEFFICIENTS = {
-    BrownConrady.name: ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
-    KannalaBrandt.name: ("k1", "k2", "k3", "k4"),
-}
-_DEFAULT_MODEL = BrownConrady.name
-_DISTORTIONS = {name: dict.fromkeys(keys, Number | None) for name, keys in _COEFFICIENTS.items()}
-DistortionTable = Annotated[
-    DistortionBase,
-    reads(tagged("model", variants(DistortionBase, "model", _DISTORTIONS, _DEFAULT_MODEL), _DEFAULT_MODEL)),
-]
+_MODELS = variants(DistortionBase, "model", _DISTORTIONS, BrownConrady.name)
+DistortionTable = Annotated[DistortionBase, reads(tagged("Distortion", "model", _MODELS, BrownConrady.name))]
 
 
 class Intrinsics(StrictModel):
@@ -65,7 +57,7 @@ class Intrinsics(StrictModel):
 
     width: Pixels | None = None
     height: Pixels | None = None
-    fov_x_deg: Annotated[Number, pydantic.Field(gt=0, le=179)] | None = None
+    fov_x_deg: Annotated[float, pydantic.Field(gt=0, le=179), pydantic.AfterValidator(float)] | None = None
     fx: Positive | None = None
     fy: Positive | None = None
     cx: Number | None = None
@@ -106,41 +98,46 @@ class Intrinsics(StrictModel):
         return Camera.from_fov(values["width"], values["height"], fov).replace(**values)
 
 
-class PosedIntrinsics(Intrinsics):
-    """A camera with a pose of its own.
-
-    In world coordinates: `position`, `look_at` and `up`, or `world_from_cam`. Relative to the rig's pose, in its axes
-    (x right, y down, z forward): `translate` and `euler_deg`.
-    """
+class Viewed(Intrinsics):
+    """Intrinsics with a pose in world coordinates: `position`, `look_at` and `up`."""
 
     position: Vector3 | None = None
     look_at: Vector3 | None = None
     up: Vector3 | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _check_pose(self) -> "Viewed":
+        keys = ("position", "world_from_cam", "translate", "euler_deg")
+        given = [key for key in keys if getattr(self, key, None)]
+        if len(given) > 1 and given != ["translate", "euler_deg"]:
+            raise InputError(f"{given[0]!r} and {given[1]!r} both set the camera's pose; keep one")
+        if (self.position is None) != (self.look_at is None) or (self.position is None and self.up is not None):
+            raise InputError("'position' and 'look_at' go together; give both or neither")
+        return self
+
+    def pose(self, default: Float) -> Float:
+        """world_from_cam (4, 4), `default` where the table has none."""
+        if self.position is None or self.look_at is None:
+            return default
+        return view_pose(self.position, self.look_at, self.up)
+
+
+class PosedIntrinsics(Viewed):
+    """A camera with a pose of its own.
+
+    In world coordinates, it may also be `world_from_cam`. Relative to the rig's pose, in its axes (x right, y down, z
+    forward), it is `translate` and `euler_deg`.
+    """
+
     world_from_cam: Matrix | None = None
     translate: Vector3 | None = None
     euler_deg: Vector3 | None = None
 
-    @pydantic.model_validator(mode="after")
-    def _check_pose(self) -> "PosedIntrinsics":
-        given = [key for key in ("position", "world_from_cam", "translate", "euler_deg") if getattr(self, key)]
-        if len(given) > 1 and given != ["translate", "euler_deg"]:
-            raise InputError(f"{given[0]!r} and {given[1]!r} both set the camera's pose; keep one")
-        _check_view(self.position, self.look_at, self.up)
-        return self
-
-    def pose(self, world_from_rig: Float) -> Float:
-        """world_from_cam (4, 4)."""
-        if self.position is not None and self.look_at is not None:
-            return view_pose(self.position, self.look_at, self.up)
+    def pose(self, default: Float) -> Float:
         if self.world_from_cam is not None:
             return np.array(self.world_from_cam, dtype=np.float64)
         turn = euler_rotation(self.euler_deg or [0.0] * 3)
-        return world_from_rig @ rigid(turn[:3, :3], self.translate or [0.0] * 3)
-
-
-def _check_view(position: Any, target: Any, up: Any) -> None:
-    if (position is None) != (target is None) or (position is None and up is not None):
-        raise InputError("'position' and 'look_at' go together; give both or neither")
+        return super().pose(default @ rigid(turn[:3, :3], self.translate or [0.0] * 3))
 
 
 class CalibrationError(StrictModel):
@@ -152,42 +149,31 @@ class CalibrationError(StrictModel):
     roll_deg: Number = 0.0
 
 
-class RigBase(Intrinsics):
+class RigBase(Viewed):
     """Keys of every layout: the pose, what all cameras share, what each of them changes, and calibration errors."""
 
-    position: Vector3 | None = None
-    look_at: Vector3 | None = None
-    up: Vector3 | None = None
     cameras: Annotated[list[Intrinsics], annotated_types.Len(1, _MOST_CAMERAS)] | None = None
     misalignment: CalibrationError | list[CalibrationError] | None = None
 
-    @pydantic.model_validator(mode="after")
-    def _check_pose(self) -> "RigBase":
-        _check_view(self.position, self.look_at, self.up)
-        return self
-
     def rig(self, scene: Scene, width: int, height: int) -> Rig:
         """The rig in the scene."""
-        pose = scene.world_from_left
-        if self.position is not None and self.look_at is not None:
-            pose = view_pose(self.position, self.look_at, self.up)
+        pose = self.pose(scene.world_from_left)
         count, place = LAYOUTS[self.layout](self, scene)  # type: ignore[attr-defined]  # every variant has one
         tables = self.cameras or [Intrinsics()] * count
         if len(tables) != count:
             raise InputError(f"cameras: this layout has {count} cameras, got {len(tables)} tables")
         shared = {"width": width, "height": height, "fov_x_deg": scene.fov_x_deg} | self.given()
         rig = place([table.camera(shared) for table in tables], pose)
-        return rig if self.misalignment is None else misaligned(rig, self._errors(count))
-
-    def _errors(self, count: int) -> list[Misalignment]:
-        errors = self.misalignment or CalibrationError()
+        if self.misalignment is None:
+            return rig
+        errors = self.misalignment
         if not isinstance(errors, list):
             if count < 2:
                 raise InputError("misalignment: a table is for the second camera, and this rig has one; give a list")
             errors = [errors if i == 1 else CalibrationError() for i in range(count)]
         if len(errors) != count:
             raise InputError(f"misalignment: must be a list of {count} tables, got {len(errors)}")
-        return [Misalignment(**error.model_dump()) for error in errors]
+        return misaligned(rig, [Misalignment(**error.model_dump()) for error in errors])
 
 
 Place = Callable[[Sequence[Camera], Float], Rig]
@@ -195,8 +181,7 @@ Place = Callable[[Sequence[Camera], Float], Rig]
 
 
 def _parallel(table: Any, scene: Scene) -> tuple[int, Place]:
-    baseline = table.baseline or scene.baseline
-    return 2, lambda cameras, pose: layouts.line(cameras, 2, baseline, pose)
+    return 2, lambda cameras, pose: layouts.line(cameras, 2, table.baseline or scene.baseline, pose)
 
 
 def _vertical(table: Any, scene: Scene) -> tuple[int, Place]:
@@ -212,8 +197,7 @@ def _toed_in(table: Any, scene: Scene) -> tuple[int, Place]:
 
 
 def _line(table: Any, scene: Scene) -> tuple[int, Place]:
-    spacing = table.spacing or scene.baseline
-    return table.count, lambda cameras, pose: layouts.line(cameras, table.count, spacing, pose)
+    return table.count, lambda cameras, pose: layouts.line(cameras, table.count, table.spacing or scene.baseline, pose)
 
 
 def _grid(table: Any, scene: Scene) -> tuple[int, Place]:
@@ -234,6 +218,13 @@ def _free(table: Any, scene: Scene) -> tuple[int, Place]:
     return len(table.cameras), lambda cameras, pose: Rig(cameras, [one.pose(pose) for one in table.cameras])
 
 
+def _middle_depth(scene: Scene, key: str) -> float:
+    """The depth of the middle of the scene's disparities, metres."""
+    if not scene.depth_range_known:
+        raise InputError(f"missing key {key!r}; the scene has no depth range to derive it from")
+    return middle_focus(*scene.depth_range)
+
+
 LAYOUTS: dict[str, Callable[[Any, Scene], tuple[int, Place]]] = {
     "parallel": _parallel,
     "toed_in": _toed_in,
@@ -251,14 +242,12 @@ _KEYS: dict[str, dict[str, Any]] = {
     "vertical": {"baseline": Positive | None},
     "line": {"count": Count, "spacing": Positive | None},
     "grid": {"rows": Count, "columns": Count, "spacing_x": Positive | None, "spacing_y": Positive | None},
-    "arc": {"count": Count, "radius": Positive | None, "angle_deg": Annotated[Number, pydantic.Field(gt=0, le=360)]},
+    "arc": {"count": Count, "radius": Positive | None, "angle_deg": number(0, 360, above=True)},
     "cameras": {"cameras": Annotated[list[PosedIntrinsics], annotated_types.Len(1, _MOST_CAMERAS)]},
 }
-RigTable = Annotated[
-    RigBase, reads(tagged("layout", variants(RigBase, "layout", _KEYS, "parallel"), default="parallel"))
-]
+_RIGS = variants(RigBase, "layout", _KEYS, "parallel")
+RigTable = Annotated[RigBase, reads(tagged("Rig", "layout", _RIGS, "parallel"))]
 """The table that `rig_from_table` reads."""
-
 
 _RIG: pydantic.TypeAdapter[RigBase] = pydantic.TypeAdapter(RigTable)
 
@@ -294,10 +283,3 @@ def rig_from_table(
         return checked.rig(scene, width, height)
     except InputError as error:
         raise InputError(f"{file}: {key}{': ' if key else ''}{error}") from error
-
-
-def _middle_depth(scene: Scene, key: str) -> float:
-    """The depth of the middle of the scene's disparities, metres."""
-    if not scene.depth_range_known:
-        raise InputError(f"missing key {key!r}; the scene has no depth range to derive it from")
-    return middle_focus(*scene.depth_range)

@@ -18,7 +18,7 @@ from twinlens.scenes.rigs import RigTable, rig_from_table
 from twinlens.scenes.scene import Scene
 from twinlens.scenes.texture_tables import Texture
 from twinlens.scenes.xml_file import read_scene_xml
-from twinlens.schema import Number, Positive, StrictModel, read
+from twinlens.schema import Positive, StrictModel, read
 
 _SCENE_FILE = "scene.toml"
 _LARGEST_FILE = 16 << 20
@@ -31,7 +31,7 @@ class ViewTable(StrictModel):
     position: Vector3
     look_at: Vector3
     up: Vector3 = pydantic.Field([0.0, 0.0, 1.0])
-    fov_x_deg: Annotated[Number, pydantic.Field(ge=1, le=170)] = 50.0
+    fov_x_deg: Annotated[float, pydantic.Field(ge=1, le=170), pydantic.AfterValidator(float)] = 50.0
     baseline: Positive = 0.1
     depth_range: Annotated[list[Positive], annotated_types.Len(2, 2)]
 
@@ -81,8 +81,9 @@ def read_toml(path: Path) -> dict[str, Any]:
         written = path.read_text(encoding="utf-8-sig")
         return tomllib.loads(written)
     except tomllib.TOMLDecodeError as error:
-        last = f"at end of document, line {len(written.splitlines())}"
-        raise FileError(f"{path}: not valid TOML: {str(error).replace('at end of document', last)}") from error
+        message = str(error).replace("at end of document", f"at end of document, line {len(written.splitlines())}")
+        message = message.replace("Cannot overwrite a value", "the key is defined twice")
+        raise FileError(f"{path}: not valid TOML: {message}") from error
     except UnicodeDecodeError as error:
         raise FileError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from error
     except ValueError as error:  # an integer of thousands of digits

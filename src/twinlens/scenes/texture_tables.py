@@ -11,35 +11,45 @@ from typing import Annotated, Any, Literal
 import annotated_types
 import numpy as np
 import pydantic
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
+from typing_extensions import TypeAliasType
 
 from twinlens.errors import InputError, format_value, unknown
 from twinlens.scenes import textures
 from twinlens.scenes.assets import Asset, linear_from_srgb, read_picture
 from twinlens.scenes.scene import Bitmap, Color
-from twinlens.schema import Fraction, NonNegative, Positive, StrictModel, reads, repeated, tagged, variants
+from twinlens.scenes.textures import Image
+from twinlens.schema import (
+    Fraction,
+    NonNegative,
+    Positive,
+    StrictModel,
+    exactly,
+    number,
+    reads,
+    tagged,
+    variants,
+    whole,
+)
 
-Pixels = NDArray[np.float32]
 _DEFAULT_SIZE = (512, 512)
 _DEEPEST = 8
 _HEX = re.compile(r"#[0-9a-fA-F]{6}")
 _STRICT = pydantic.ConfigDict(strict=True, allow_inf_nan=False)
-_RGB: pydantic.TypeAdapter[list[float]] = pydantic.TypeAdapter(
-    Annotated[list[NonNegative], annotated_types.Len(3, 3)], config=_STRICT
-)
-ColorText = str | NonNegative | Annotated[list[NonNegative], annotated_types.Len(3, 3)]
+_RGB_LIST = Annotated[list[NonNegative], exactly(3, NonNegative, or_one=True)]
+_RGB: pydantic.TypeAdapter[list[float]] = pydantic.TypeAdapter(_RGB_LIST, config=_STRICT)
+ColorText = str | _RGB_LIST
 """A colour in a file: "#rrggbb" in sRGB, one number for a grey, or [r, g, b] in linear sRGB."""
 
 
 def read_color(value: Any) -> Color:
-    """The colour of a `ColorText` in linear sRGB."""
+    """The colour of a file in linear sRGB: of "#rrggbb" in sRGB, of one number, or of linear [r, g, b]."""
     if isinstance(value, str):
         if not _HEX.fullmatch(value):
             raise InputError(f'must be a colour: "#rrggbb", [r, g, b] linear or a number, got {format_value(value)}')
         encoded = [int(value[i : i + 2], 16) / 255 for i in (1, 3, 5)]
         return Color(tuple(linear_from_srgb(encoded).astype(float).tolist()))
-    r, g, b = _RGB.validate_python(value if isinstance(value, list) else [value] * 3)
+    r, g, b = _RGB.validate_python(value)
     return Color((r, g, b))
 
 
@@ -52,10 +62,8 @@ _COLOR = Annotated[Color, pydantic.PlainValidator(read_color, json_schema_input_
 _COUNT = Annotated[int, pydantic.Field(ge=1, le=4096)]
 _TEXELS = Annotated[int, pydantic.Field(ge=1, le=8192)]
 _RADIUS = Annotated[float, pydantic.Field(gt=0, le=0.25)]
-_PAIR = annotated_types.Len(2, 2)
-_RADII = Annotated[list[_RADIUS], _PAIR, repeated(2, _RADIUS), pydantic.AfterValidator(lambda radii: _ascending(radii))]
 _AXIS = Literal["u", "v"] | None
-Cells = Annotated[list[_COUNT], _PAIR, repeated(2, _COUNT)]
+Cells = Annotated[list[_COUNT], exactly(2, _COUNT, or_one=True)]
 Seed = Annotated[int, pydantic.Field(ge=0, le=2**31)]
 
 
@@ -72,16 +80,12 @@ class Warp(StrictModel):
     cells: Cells = pydantic.Field([4, 4])
     seed: Seed = 0
 
-    def apply(self, pixels: Pixels) -> Pixels:
+    def apply(self, pixels: Image) -> Image:
         """The bent picture, (H, W) or (H, W, C)."""
         height, width = pixels.shape[:2]
-        dx, dy = (
-            2 * self.amount * width * (noise - 0.5)
-            for noise in (
-                textures.fractal_noise(width, height, (self.cells[0], self.cells[1]), seed, octaves=3, contrast=1.5)
-                for seed in (self.seed, self.seed + 1)
-            )
-        )
+        cells = (self.cells[0], self.cells[1])
+        noise = [textures.fractal_noise(width, height, cells, self.seed + i, 3, contrast=1.5) for i in (0, 1)]
+        dx, dy = (2 * self.amount * width * (each - 0.5) for each in noise)
         rows, columns = np.mgrid[:height, :width]
         where = np.stack([rows + dy, columns + dx])
         layers = pixels[..., None] if pixels.ndim == 2 else pixels
@@ -92,9 +96,9 @@ class Warp(StrictModel):
 class TextureBase(StrictModel):
     """Keys of every texture: `size` in texels, a `warp`, and how the finished picture is repeated and filtered."""
 
-    size: Annotated[list[_TEXELS], _PAIR, repeated(2, _TEXELS)] | None = None
+    size: Annotated[list[_TEXELS], exactly(2, _TEXELS, or_one=True)] | None = None
     warp: Warp | None = None
-    repeat: Annotated[list[Positive], _PAIR, repeated(2, Positive)] = pydantic.Field([1.0, 1.0])
+    repeat: Annotated[list[Positive], exactly(2, Positive, or_one=True)] = pydantic.Field([1.0, 1.0])
     filter_type: Literal["bilinear", "nearest"] = "bilinear"
     wrap_mode: Literal["repeat", "mirror", "clamp"] = "repeat"
 
@@ -103,18 +107,18 @@ class TextureBase(StrictModel):
         pixels = np.ascontiguousarray(self.draw(_DEFAULT_SIZE, named, 0), dtype=np.float32)
         return Bitmap(pixels, self.filter_type, self.wrap_mode, np.diag([*self.repeat, 1.0, 1.0]))
 
-    def draw(self, size: tuple[int, int], named: Mapping[str, "TextureBase"], depth: int) -> Pixels:
-        """Pixels (H, W) or (H, W, 3), of `size` = (width, height) unless the table has its own."""
+    def draw(self, size: tuple[int, int], named: Mapping[str, "TextureBase"], depth: int) -> Image:
+        """Image (H, W) or (H, W, 3), of `size` = (width, height) unless the table has its own."""
         if depth > _DEEPEST:
             raise InputError(f"textures may be nested {_DEEPEST} deep; these are nested deeper or refer to each other")
         width, height = self.size or size
         pixels = self._draw((width, height), named, depth)
         return self._colored(pixels if self.warp is None else self.warp.apply(pixels))
 
-    def _draw(self, size: tuple[int, int], named: Mapping[str, "TextureBase"], depth: int) -> Pixels:
+    def _draw(self, size: tuple[int, int], named: Mapping[str, "TextureBase"], depth: int) -> Image:
         raise NotImplementedError
 
-    def _colored(self, pixels: Pixels) -> Pixels:
+    def _colored(self, pixels: Image) -> Image:
         return pixels
 
 
@@ -123,7 +127,7 @@ class Pattern(TextureBase):
 
     seed: Seed = 0
     colors: Annotated[list[_COLOR], annotated_types.Len(2, 64)] | None = None
-    range: Annotated[list[NonNegative], _PAIR, repeated(2, NonNegative)] | None = None
+    range: Annotated[list[NonNegative], exactly(2, NonNegative, or_one=True)] | None = None
 
     @pydantic.model_validator(mode="after")
     def _check(self) -> "Pattern":
@@ -131,13 +135,13 @@ class Pattern(TextureBase):
             raise InputError("'colors' and 'range' exclude each other")
         return self
 
-    def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Pixels:
+    def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Image:
         kind = self.type  # type: ignore[attr-defined]  # every pattern has one
         own = self.model_fields_set - Pattern.model_fields.keys() - {"type"}
-        pixels: Pixels = getattr(textures, kind)(*size, seed=self.seed, **{key: getattr(self, key) for key in own})
+        pixels: Image = getattr(textures, kind)(*size, seed=self.seed, **{key: getattr(self, key) for key in own})
         return pixels
 
-    def _colored(self, pixels: Pixels) -> Pixels:
+    def _colored(self, pixels: Image) -> Image:
         if self.colors is None:
             low, high = self.range or (0.0, 1.0)
             return np.asarray(low + (high - low) * pixels, dtype=np.float32)
@@ -146,31 +150,21 @@ class Pattern(TextureBase):
         return np.stack([np.interp(pixels, stops, ramp[:, c]) for c in range(3)], axis=-1).astype(np.float32)
 
 
+_RADII = Annotated[list[_RADIUS], exactly(2, _RADIUS, or_one=True), pydantic.AfterValidator(_ascending)]
 PATTERNS: dict[str, dict[str, Any]] = {
     "value_noise": {"cells": Cells, "interpolation": Literal["smooth", "nearest"] | None},
     "fractal_noise": {
         "cells": Cells,
-        "octaves": Annotated[int, pydantic.Field(ge=1, le=14)] | None,
-        "gain": Annotated[float, pydantic.Field(ge=0.05, le=1)] | None,
+        "octaves": whole(1, 14) | None,
+        "gain": number(0.05, 1) | None,
         "contrast": Positive | None,
     },
-    "random_dots": {"count": Annotated[int, pydantic.Field(ge=1, le=200_000)], "radius": _RADII},
+    "random_dots": {"count": whole(1, 200_000), "radius": _RADII},
     "checker": {"cells": Cells},
     "stripes": {"count": _COUNT, "duty": Fraction | None, "profile": Literal["square", "sine"] | None, "along": _AXIS},
-    "siemens_star": {
-        "spokes": Annotated[int, pydantic.Field(ge=1, le=1024)],
-        "radius": Annotated[float, pydantic.Field(gt=0, le=1)] | None,
-    },
-    "bricks": {
-        "cells": Cells,
-        "mortar": Annotated[float, pydantic.Field(ge=0, le=0.9)] | None,
-        "variation": Fraction | None,
-    },
-    "wood": {
-        "rings": Annotated[int, pydantic.Field(ge=1, le=1024)],
-        "waviness": Annotated[float, pydantic.Field(ge=0, le=5)] | None,
-        "grain": Fraction | None,
-    },
+    "siemens_star": {"spokes": whole(1, 1024), "radius": number(0, 1, above=True) | None},
+    "bricks": {"cells": Cells, "mortar": number(0, 0.9) | None, "variation": Fraction | None},
+    "wood": {"rings": whole(1, 1024), "waviness": number(0, 5) | None, "grain": Fraction | None},
     "gradient": {"along": _AXIS},
 }
 """The keys of each pattern: the parameters of its function in `twinlens.scenes.textures`."""
@@ -183,7 +177,7 @@ class Picture(TextureBase):
     filename: Asset
     raw: bool = False
 
-    def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Pixels:
+    def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Image:
         return read_picture(self.filename, self.raw)
 
 
@@ -195,7 +189,7 @@ class Mix(TextureBase):
     high: "Part"
     weight: "Part"
 
-    def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Pixels:
+    def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Image:
         low, high, weight = (_draw_part(part, size, named, depth) for part in (self.low, self.high, self.weight))
         mixed = np.broadcast_to((1 - weight) * low + weight * high, (size[1], size[0], 3))
         return np.asarray(mixed, dtype=np.float32)
@@ -207,14 +201,17 @@ class Multiply(TextureBase):
     type: Literal["multiply"]
     factors: Annotated[list["Part"], annotated_types.Len(1, 16)]
 
-    def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Pixels:
+    def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Image:
         result = np.ones((size[1], size[0], 3), dtype=np.float32)
         for factor in self.factors:
             result = result * _draw_part(factor, size, named, depth)
         return result
 
 
-_TEXTURE = tagged("type", [*variants(Pattern, "type", PATTERNS), Picture, Mix, Multiply])
+_TEXTURE = tagged("Texture", "type", [*variants(Pattern, "type", PATTERNS), Picture, Mix, Multiply])
+
+
+_COLOR_OR_TEXTURE: Any = TypeAliasType("ColorOrTexture", _TEXTURE | ColorText)
 
 
 def _read_part(value: Any, info: Any) -> Any:
@@ -224,7 +221,7 @@ def _read_part(value: Any, info: Any) -> Any:
     return value if is_texture(value) else read_color(value)
 
 
-Part = Annotated[Any, pydantic.PlainValidator(_read_part, json_schema_input_type=_TEXTURE | ColorText)]
+Part = Annotated[Any, pydantic.PlainValidator(_read_part, json_schema_input_type=_COLOR_OR_TEXTURE)]
 Mix.model_rebuild()
 Multiply.model_rebuild()
 _ADAPTER: pydantic.TypeAdapter[TextureBase] = pydantic.TypeAdapter(_TEXTURE)
@@ -232,14 +229,14 @@ Texture = Annotated[TextureBase, reads(_TEXTURE)]
 """A table of [textures]."""
 
 
-def _draw_part(part: Any, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Pixels:
+def _draw_part(part: Any, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Image:
     """A part of a texture as pixels that broadcast against (H, W, 3)."""
     if isinstance(part, Color):
         return np.array(part.rgb, dtype=np.float32)
     table = _named(part, named) if isinstance(part, str) else part
     if unused := table.model_fields_set & {"repeat", "filter_type", "wrap_mode"}:
         raise InputError(f"{min(unused)!r} applies to a whole texture, not to a part of one")
-    pixels: Pixels = table.draw(size, named, depth + 1)
+    pixels: Image = table.draw(size, named, depth + 1)
     if pixels.shape[:2] != (size[1], size[0]):
         raise InputError(f"a part of {pixels.shape[1]}x{pixels.shape[0]} texels in a texture of {size[0]}x{size[1]}")
     return pixels if pixels.ndim == 3 else pixels[..., None]
@@ -268,24 +265,24 @@ def spectrum(limit: float) -> Any:
             raise InputError(f"must lie in [0, {limit:g}], got {float(highest):g}")
         return result
 
-    return Annotated[Any, pydantic.PlainValidator(read, json_schema_input_type=_TEXTURE | ColorText)]
+    return Annotated[Any, pydantic.PlainValidator(read, json_schema_input_type=_COLOR_OR_TEXTURE)]
 
 
 def number_or_texture(low: float, high: float) -> Any:
     """The type of a number in [low, high], or of a texture whose values are."""
-    number = Annotated[float, pydantic.Field(ge=low, le=high)]
-    adapter: pydantic.TypeAdapter[float] = pydantic.TypeAdapter(number, config=_STRICT)
+    kind = number(low, high)
+    adapter: pydantic.TypeAdapter[float] = pydantic.TypeAdapter(kind, config=_STRICT)
 
     def read(value: Any, info: Any) -> float | Bitmap:
         if not is_texture(value):
-            return float(adapter.validate_python(value))
+            return adapter.validate_python(value)
         result = read_texture(value, info)
         lowest, highest = result.pixels.min(), result.pixels.max()
         if not low <= lowest <= highest <= high:
             raise InputError(f"must lie in [{low:g}, {high:g}], got {lowest:g} to {highest:g}")
         return result
 
-    return Annotated[Any, pydantic.PlainValidator(read, json_schema_input_type=_TEXTURE | str | number)]
+    return Annotated[Any, pydantic.PlainValidator(read, json_schema_input_type=_TEXTURE | str | kind)]
 
 
 TextureMap = Annotated[Bitmap, pydantic.PlainValidator(read_texture, json_schema_input_type=_TEXTURE | str)]
