@@ -182,6 +182,15 @@ def test_large_maps_are_subsampled():
         assert (truth["w"], truth["h"], truth["stride"]) == (20, 12, 2)
 
 
+@pytest.mark.parametrize(("max_width", "stride"), [(40, 1), (39, 2), (14, 3), (13, 4), (1, 40)])
+def test_a_map_is_at_most_as_wide_as_asked(max_width, stride):
+    board, samples, maps = made()
+    document = json.loads(Elements(page_html(board, samples, maps, max_width=max_width)).data)
+    for packed in (document["samples"][0]["pictures"]["truth"], document["samples"][0]["pictures"]["maps"]["low"]):
+        assert packed["stride"] == stride
+        assert packed["w"] <= max_width
+
+
 def test_a_page_is_written_atomically(tmp_path):
     board, samples, maps = made()
     path = write_page(tmp_path / "board.html", board, samples, maps)

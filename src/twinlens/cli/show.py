@@ -41,8 +41,7 @@ def epipolar(sample: "Place", output: Path, cameras: str, points: int, as_json: 
     from twinlens.camera.multiview import epipoles, fundamental_matrix, ideal_pixels
     from twinlens.dataset import open_sample, write_png
     from twinlens.geometry.epipolar import sampson_distance
-    from twinlens.report.epipolar_picture import epipolar_picture
-    from twinlens.report.true_matches import true_matches
+    from twinlens.report.epipolar_picture import epipolar_picture, true_matches
 
     if output.suffix.lower() != ".png":
         raise InputError(f"--output {output}: must end in .png")

@@ -10,6 +10,7 @@ from PIL import Image, ImageDraw, ImageFont
 from twinlens.camera import Rig
 from twinlens.camera.film import rgb8
 from twinlens.camera.multiview import check_pair, epipolar_curve, epipole_in_image
+from twinlens.dataset import StoredSample
 from twinlens.errors import InputError
 from twinlens.geometry import Float
 
@@ -50,12 +51,22 @@ def epipolar_picture(
     Raises InputError where the cameras have no baseline, or pixels are not finite (N, 2).
     """
     check_pair(rig, a, b)
-    points = _checked_points(points_a, points_b)
-    pictures = [rgb8(image) for image in images]
-    lines = [_curves(rig, points[1], b, a), _curves(rig, points[0], a, b)]
-    marks = [epipole_in_image(rig, a, b), epipole_in_image(rig, b, a)]
-    panels = [_panel(*parts) for parts in zip(pictures, lines, points, marks, strict=True)]
-    return _side_by_side(panels)
+    first = np.asarray(points_a, dtype=np.float64)
+    second = np.empty((0, 2)) if points_b is None else np.asarray(points_b, dtype=np.float64)
+    if first.ndim != 2 or first.shape[1] != 2 or (points_b is not None and second.shape != first.shape):
+        raise InputError(f"points must be (N, 2), with the same N in both images, got {first.shape} and {second.shape}")
+    if not (np.isfinite(first).all() and np.isfinite(second).all()):
+        raise InputError("points must be finite pixels: leave out those that a camera does not see")
+    depths = rig.baseline(a, b) * np.geomspace(_NEAR, _FAR, _STEPS)
+    panels = []
+    for image, own, others, i, j in ((images[0], first, second, a, b), (images[1], second, first, b, a)):
+        curves = [epipolar_curve(rig, pixel, depths, j, i) for pixel in others]
+        panels.append(_panel(rgb8(image), curves, own, epipole_in_image(rig, i, j)))
+    width = sum(panel.width for panel in panels) + _GAP
+    whole = Image.new("RGB", (width, max(panel.height for panel in panels)), (255, 255, 255))
+    whole.paste(panels[0], (0, 0))
+    whole.paste(panels[1], (panels[0].width + _GAP, 0))
+    return np.asarray(whole)
 
 
 def spread_points(allowed: ArrayLike, count: int) -> NDArray[np.int64]:
@@ -77,34 +88,51 @@ def spread_points(allowed: ArrayLike, count: int) -> NDArray[np.int64]:
     return pixels[list(dict.fromkeys(nearest))]
 
 
-def _checked_points(points_a: ArrayLike, points_b: ArrayLike | None) -> tuple[Float, Float]:
-    first = np.asarray(points_a, dtype=np.float64)
-    second = np.empty((0, 2)) if points_b is None else np.asarray(points_b, dtype=np.float64)
-    if first.ndim != 2 or first.shape[1] != 2 or (points_b is not None and second.shape != first.shape):
-        raise InputError(f"points must be (N, 2), with the same N in both images, got {first.shape} and {second.shape}")
-    if not (np.isfinite(first).all() and np.isfinite(second).all()):
-        raise InputError("points must be finite pixels: leave out those that a camera does not see")
-    return first, second
+def true_matches(stored: StoredSample, a: int, b: int, count: int) -> tuple[Float, Float]:
+    """Pixels (N, 2) of view a and of view b that show the same points, N <= `count`, spread over the image.
 
-
-def _curves(rig: Rig, points: Float, a: int, b: int) -> list[Float]:
-    """The epipolar curve in b of each of a's pixels: (_STEPS, 2) each, NaN where b does not see the point."""
-    depths = rig.baseline(a, b) * np.geomspace(_NEAR, _FAR, _STEPS)
-    return [epipolar_curve(rig, pixel, depths, a, b) for pixel in points]
+    They come from the sample's truth or, in a folder without it, from the left disparity map. Raises InputError where
+    the views have nothing in common.
+    """
+    if not stored.has(f"truth{a}.exr"):
+        if (a, b) != (0, 1):
+            raise InputError(f"{stored.folder}: has no truth{a}.exr; its disparity map matches cameras 0,1 only")
+        disparity = stored.disp0
+        here = spread_points(np.isfinite(disparity) & (stored.mask0_nonocc == 255), count)
+        shift = np.stack([disparity[here[:, 1], here[:, 0]], np.zeros(len(here))], axis=1)
+        return here.astype(np.float64), here - shift
+    truth, pictured = stored.truth(a), stored.photographed_by
+    points = np.where(truth.hit[..., None], truth.position, np.nan)
+    pixels = [pictured.project(view, points) for view in (a, b)]
+    inside = pictured.cameras[a].contains(pixels[0]) & pictured.cameras[b].contains(pixels[1])
+    chosen = spread_points(stored.correspondence(a, b).visible & inside, count)
+    if not len(chosen):
+        raise InputError(f"{stored.folder}: views {a} and {b} see no common point; choose other cameras")
+    return pixels[0][chosen[:, 1], chosen[:, 0]], pixels[1][chosen[:, 1], chosen[:, 0]]
 
 
 def _panel(image: NDArray[np.uint8], curves: list[Float], points: Float, epipole: Float | None) -> Image.Image:
     height, width = image.shape[:2]
     large = Image.fromarray(image).resize((width * _SCALE, height * _SCALE), Image.Resampling.BICUBIC)
     draw = ImageDraw.Draw(large)
-    stroke = max(1.0, height / 400)
+    stroke = _SCALE * max(1.0, height / 400)
     for k, curve in enumerate(curves):
         for part in _parts(curve, width, height):
-            _stroke(draw, part, COLORS[k % len(COLORS)], stroke)
-    for k, point in enumerate(points):
-        _mark(draw, point, COLORS[k % len(COLORS)], stroke, str(k + 1))
+            path = _canvas(part)
+            draw.line(path, fill=_EDGE, width=round(2.6 * stroke), joint="curve")
+            draw.line(path, fill=COLORS[k % len(COLORS)], width=round(1.4 * stroke), joint="curve")
+    for k, (x, y) in enumerate(_canvas(points)):
+        color = COLORS[k % len(COLORS)]
+        for radius, fill in ((4.2, _EDGE), (3.2, color), (1.1, _EDGE)):
+            draw.circle((x, y), radius * stroke, fill=fill)
+        place, font = (x + 5 * stroke, y - 14 * stroke), ImageFont.load_default(10 * stroke)
+        draw.text(place, str(k + 1), fill=color, font=font, stroke_width=round(stroke), stroke_fill=_EDGE)
     if epipole is not None:
-        _cross(draw, epipole, stroke)
+        ((x, y),), r = _canvas(epipole), 9 * stroke
+        for size, fill in ((round(3.2 * stroke), _EDGE), (round(1.6 * stroke), (255, 255, 255))):
+            draw.circle((x, y), r, outline=fill, width=size)
+            draw.line((x - r, y, x + r, y), fill=fill, width=size)
+            draw.line((x, y - r, x, y + r), fill=fill, width=size)
     return large.resize((width, height), Image.Resampling.LANCZOS)
 
 
@@ -120,39 +148,3 @@ def _parts(curve: Float, width: int, height: int) -> list[Float]:
 def _canvas(points: Float) -> list[tuple[float, float]]:
     """Pixels (N, 2) in the coordinates of the enlarged image, whose origin is its corner."""
     return [(float(u), float(v)) for u, v in (np.atleast_2d(points) + 0.5) * _SCALE - 0.5]
-
-
-def _stroke(draw: ImageDraw.ImageDraw, points: Float, color: tuple[int, int, int], stroke: float) -> None:
-    path = _canvas(points)
-    draw.line(path, fill=_EDGE, width=round(2.6 * stroke * _SCALE), joint="curve")
-    draw.line(path, fill=color, width=round(1.4 * stroke * _SCALE), joint="curve")
-
-
-def _mark(draw: ImageDraw.ImageDraw, point: Float, color: tuple[int, int, int], stroke: float, name: str) -> None:
-    ((x, y),) = _canvas(point)
-    for radius, fill in ((4.2, _EDGE), (3.2, color), (1.1, _EDGE)):
-        r = radius * stroke * _SCALE
-        draw.ellipse((x - r, y - r, x + r, y + r), fill=fill)
-    font = ImageFont.load_default(10 * stroke * _SCALE)
-    place = (x + 5 * stroke * _SCALE, y - 14 * stroke * _SCALE)
-    draw.text(place, name, fill=color, font=font, stroke_width=round(stroke * _SCALE), stroke_fill=_EDGE)
-
-
-def _cross(draw: ImageDraw.ImageDraw, point: Float, stroke: float) -> None:
-    ((x, y),) = _canvas(point)
-    r = 9 * stroke * _SCALE
-    for width, fill in ((3.2, _EDGE), (1.6, (255, 255, 255))):
-        size = round(width * stroke * _SCALE)
-        draw.ellipse((x - r, y - r, x + r, y + r), outline=fill, width=size)
-        draw.line((x - r, y, x + r, y), fill=fill, width=size)
-        draw.line((x, y - r, x, y + r), fill=fill, width=size)
-
-
-def _side_by_side(panels: list[Image.Image]) -> NDArray[np.uint8]:
-    width = sum(panel.width for panel in panels) + _GAP * (len(panels) - 1)
-    whole = Image.new("RGB", (width, max(panel.height for panel in panels)), (255, 255, 255))
-    x = 0
-    for panel in panels:
-        whole.paste(panel, (x, 0))
-        x += panel.width + _GAP
-    return np.asarray(whole)

@@ -8,21 +8,24 @@ the page's own script, by its hash.
 import base64
 import hashlib
 import html
+import io
 import json
 import math
 import os
 import re
+import typing
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from twinlens.dataset.files import write_file
 from twinlens.report.colormaps import COLORMAPS, NO_ESTIMATE, NO_TRUTH
-from twinlens.report.packing import image_uri, pack, pack_text, stride_for
 from twinlens.scoring import (
     METRICS,
     PROTOCOLS,
@@ -30,12 +33,13 @@ from twinlens.scoring import (
     Board,
     Entry,
     Groups,
-    Mean,
     Pair,
+    Protocol,
     Sample,
     board_csv,
     board_latex,
     board_to_json,
+    json_number,
     load_pair,
 )
 from twinlens.scoring.metrics import TIMES
@@ -45,10 +49,13 @@ MAX_WIDTH = 800
 BUDGET_BYTES = 14_000_000
 BYTES_PER_PIXEL = 0.65
 """Measured size of a packed pixel, used to choose the stride."""
+STEP = 1 / 16
+UNKNOWN = 65535
+"""A stored map's unit in pixels, and its code of an unknown pixel."""
 _SCRIPTS = ("core.js", "table.js", "maps.js", "drill.js")
 
 
-class Maps(Protocol):
+class Maps(typing.Protocol):
     """Source of disparity maps, e.g. a dict keyed by (method, sample)."""
 
     def get(self, key: tuple[str, str], /) -> NDArray[np.floating[Any]] | None:
@@ -57,22 +64,11 @@ class Maps(Protocol):
 
 
 def write_page(
-    path: str | os.PathLike[str],
-    board: Board,
-    samples: Iterable[Sample] = (),
-    maps: Maps | None = None,
-    **options: Any,
+    path: str | os.PathLike[str], board: Board, samples: Iterable[Sample] = (), maps: Maps | None = None, **options: Any
 ) -> Path:
-    """Write the page atomically and return its path; see `page_html` for the arguments.
-
-    Raises
-    ------
-    OutputError
-        The page cannot be written.
-    """
-    target = Path(path)
-    write_file(target, page_html(board, samples, maps, **options).encode("utf-8", "replace"))
-    return target
+    """Write the page atomically and return its path; see `page_html`. Raises OutputError if it cannot be written."""
+    write_file(path, page_html(board, samples, maps, **options).encode("utf-8", "replace"))
+    return Path(path)
 
 
 def page_html(
@@ -103,13 +99,18 @@ def page_html(
     max_width, budget_bytes
         Maps are subsampled until they are at most this wide and the page about this large.
     """
-    stride_floor = _budget_stride(board, budget_bytes)
+    mapped = {(entry.method, entry.sample): entry.width * entry.height for entry in board.entries}
+    packed_bytes = sum(mapped.values()) * BYTES_PER_PIXEL * 4 / 3
+    least_stride = max(1, math.ceil(math.sqrt(packed_bytes / budget_bytes)))
     pictures = {
-        s.name: _pictures(board, load_pair(s), maps, max_width, stride_floor)
+        s.name: _pictures(board, load_pair(s), maps, max_width, least_stride)
         for s in samples
         if s.name in board.samples
     }
-    data = _safe_json(_document(board, pictures, weights, groups or {}) | {"notes": list(notes)})
+    document = _document(board, pictures, weights, groups or {}) | {"notes": list(notes)}
+    data = json.dumps(document, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    # No character that could end the script block around the data, or open a comment or an entity.
+    data = data.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
     script = "\n".join(_file(name) for name in _SCRIPTS)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
     parts = {
@@ -127,34 +128,52 @@ def _file(name: str) -> str:
     return resources.files("twinlens.report").joinpath("page", name).read_text(encoding="utf-8")
 
 
-def _safe_json(document: Any) -> str:
-    """JSON that cannot end the script block around it, or open a comment or an entity."""
-    text = json.dumps(document, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def _budget_stride(board: Board, budget_bytes: int) -> int:
-    pixels = sum(e.width * e.height for e in {(e.method, e.sample): e for e in board.entries}.values())
-    return max(1, math.ceil(math.sqrt(pixels * BYTES_PER_PIXEL * 4 / 3 / budget_bytes)))
-
-
-def _pictures(board: Board, sample: Pair, maps: Maps | None, max_width: int, stride_floor: int) -> dict[str, Any]:
-    stride = max(stride_floor, stride_for(sample.disp0.shape[1], max_width))
+def _pictures(board: Board, sample: Pair, maps: Maps | None, max_width: int, least_stride: int) -> dict[str, Any]:
+    stride = max(least_stride, -(-sample.disp0.shape[1] // max_width))
     found = {m: None if maps is None else maps.get((m, sample.name)) for m in board.methods}
     known = sample.disp0[np.isfinite(sample.disp0)]
     return {
         "left": image_uri(sample.im0, stride),
         "right": image_uri(sample.im1, stride),
-        "truth": pack(sample.disp0, stride).document(),
+        "truth": pack(sample.disp0, stride),
         "range": [math.floor(known.min()), math.ceil(known.max())] if known.size else [0, sample.ndisp],
-        "maps": {m: pack(d, stride).document() for m, d in found.items() if d is not None},
+        "maps": {m: pack(d, stride) for m, d in found.items() if d is not None},
     }
 
 
+def pack(disp: NDArray[np.floating[Any]], stride: int = 1) -> dict[str, Any]:
+    """Every `stride`-th pixel of an (H, W) disparity map, +inf unknown, as the page's script expects it.
+
+    16-bit steps of 1/16 px from `offset` px, 65535 unknown, the largest saturated; differences along rows, low bytes
+    before high bytes, zlib, base64. The script decodes it by itself, because privacy modes of browsers alter pixels
+    read back from images.
+    """
+    thin = np.asarray(disp[::stride, ::stride], np.float64)
+    known = np.isfinite(thin)
+    offset = float(np.floor(thin[known].min())) if known.any() else 0.0
+    steps = np.clip(np.rint((np.where(known, thin, offset) - offset) / STEP), 0, UNKNOWN - 1)
+    codes = np.where(known, steps, UNKNOWN).astype(np.uint16)
+    differences = np.diff(codes, axis=1, prepend=np.uint16(0)).ravel()
+    planes = (differences & 255).astype(np.uint8).tobytes() + (differences >> 8).astype(np.uint8).tobytes()
+    height, width = thin.shape
+    return {"w": width, "h": height, "stride": stride, "offset": offset, "step": STEP, "data": _deflated(planes)}
+
+
+def image_uri(image: NDArray[Any], stride: int = 1, quality: int = 82) -> str:
+    """An (H, W[, 3]) 8- or 16-bit image as a WebP data URI, averaged over `stride` x `stride` pixels."""
+    picture = Image.fromarray((image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image)
+    out = io.BytesIO()
+    (picture.reduce(stride) if stride > 1 else picture).save(out, format="WEBP", quality=quality, method=4)
+    return "data:image/webp;base64," + base64.b64encode(out.getvalue()).decode("ascii")
+
+
+def _deflated(data: str | bytes) -> str:
+    data = data.encode("utf-8", "replace") if isinstance(data, str) else data
+    return base64.b64encode(zlib.compress(data, 6)).decode("ascii")
+
+
 def _number(value: float) -> float | str | None:
-    if math.isnan(value):
-        return None
-    return "inf" if math.isinf(value) else float(f"{value:.6g}")
+    return json_number(float(f"{value:.6g}"))
 
 
 def _document(
@@ -169,7 +188,7 @@ def _document(
             {"name": s, "w": first[s].width, "h": first[s].height, "ndisp": first[s].ndisp, "pictures": pictures.get(s)}
             for s in board.samples
         ],
-        "protocols": [_protocol(name) for name in board.protocols],
+        "protocols": [_protocol(PROTOCOLS[name]) for name in board.protocols],
         "regions": [{"name": r, "text": REGIONS[r].text if r in REGIONS else ""} for r in board.regions],
         "metrics": {m.name: {"unit": m.unit, "text": m.text, "lower": m.lower_is_better} for m in METRICS.values()},
         "times": list(TIMES),
@@ -183,26 +202,19 @@ def _document(
         "colormaps": {n: base64.b64encode(t.tobytes()).decode("ascii") for n, t in COLORMAPS.items()},
         "unknown": {"truth": NO_TRUTH, "estimate": NO_ESTIMATE},
         "downloads": {
-            "csv": pack_text(board_csv(board)),
-            "json": pack_text(board_to_json(board)),
+            "csv": _deflated(board_csv(board)),
+            "json": _deflated(board_to_json(board)),
             "latex": {
-                p: {r: pack_text(board_latex(board, p, r, weights=weights)) for r in board.regions}
+                p: {r: _deflated(board_latex(board, p, r, weights=weights)) for r in board.regions}
                 for p in board.protocols
             },
         },
     }
 
 
-def _protocol(name: str) -> dict[str, Any]:
-    rules = PROTOCOLS[name]
-    return {
-        "name": name,
-        "title": rules.title,
-        "headline": rules.headline,
-        "metrics": list(rules.metrics),
-        "columns": list(rules.columns),
-        "lines": dict(rules.lines()),
-    }
+def _protocol(rules: Protocol) -> dict[str, Any]:
+    names = ("name", "title", "headline", "metrics", "columns")
+    return {name: getattr(rules, name) for name in names} | {"lines": dict(rules.lines())}
 
 
 def _entry(entry: Entry) -> dict[str, Any]:
@@ -220,12 +232,10 @@ def _entry(entry: Entry) -> dict[str, Any]:
 
 def _means(board: Board, weights: Mapping[str, float] | None) -> dict[str, Any]:
     """Protocol -> region -> method -> mean. A board without scores has no regions; its failures are listed under ""."""
-    return {
-        p: {r: {m: _mean(board.mean(m, p, r, weights)) for m in board.methods} for r in board.regions or ("",)}
-        for p in board.protocols
-    }
 
+    def mean(method: str, protocol: str, region: str) -> dict[str, Any]:
+        found = board.mean(method, protocol, region, weights)
+        values = {name: _number(value) for name, value in found.metrics.items()}
+        return {"n": found.counted, "failed": list(found.failed), "missing": list(found.missing), "v": values}
 
-def _mean(mean: Mean) -> dict[str, Any]:
-    values = {name: _number(value) for name, value in mean.metrics.items()}
-    return {"n": mean.counted, "failed": list(mean.failed), "missing": list(mean.missing), "v": values}
+    return {p: {r: {m: mean(m, p, r) for m in board.methods} for r in board.regions or ("",)} for p in board.protocols}

@@ -5,7 +5,8 @@ They depend on the table only and use no global matplotlib state: the same table
 
 import io
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
@@ -14,9 +15,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure as Sheet
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
 
 from twinlens.errors import InputError, unknown
-from twinlens.report.axes import label_axes, label_empty
 from twinlens.studies import Figure, Table, mean_of
 
 THEORY = "theory"
@@ -34,6 +36,7 @@ _RC_PARAMS = {
     "svg.hashsalt": "twinlens",
     "svg.fonttype": "path",
 }
+_GREY = "#444444"
 DPI = 150
 _PANEL_INCHES = ((6.4, 3.8), (4.9, 3.4), (3.6, 3.1))
 """Width and height of a panel, with one, two or three in a row."""
@@ -41,8 +44,11 @@ _STRIP = 0.35
 _LEGEND_COLUMNS = 6
 _MOST_BANDS = 6
 """Intervals of more lines are drawn as bars, because bands would overlap."""
-_PREDICTED: dict[str, Any] = {"color": "#444444", "linestyle": "--", "linewidth": 1.2}
-_LineStyles = Mapping[Any, Mapping[str, Any]]
+_PREDICTED: dict[str, Any] = {"color": _GREY, "linestyle": "--", "linewidth": 1.2}
+_RING: dict[str, Any] = {"marker": "o", "markersize": 10, "fillstyle": "none", "markeredgewidth": 1.4}
+_PLAIN: dict[str, Any] = {"color": PALETTE[0], "marker": "o"}
+_TICK_DISTANCE = 0.065
+"""Minimum distance of two ticks, relative to the axis."""
 
 
 def draw(figure: Figure, table: Table) -> Sheet:
@@ -50,8 +56,8 @@ def draw(figure: Figure, table: Table) -> Sheet:
     rows = table.where(**figure.where)
     if not len(rows):
         raise InputError(f"figure {figure.name!r}: the table has no rows with {dict(figure.where)}")
-    if figure.kind not in _KINDS:
-        raise unknown("kind of figure", figure.kind, _KINDS)
+    if figure.kind not in _Panel.KINDS:
+        raise unknown("kind of figure", figure.kind, _Panel.KINDS)
     panels = [(key[0], part) for key, part in rows.groups(figure.panel)] if figure.panel else [("", rows)]
     with matplotlib.rc_context(_RC_PARAMS):
         return _sheet(figure, panels)
@@ -78,39 +84,31 @@ def _sheet(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> Sheet:
     heights = [ratio for _ in range(lines) for ratio in ((1.0, strip) if strip else (1.0,))]
     grid = sheet.add_gridspec(len(heights), columns, height_ratios=heights)
     styles = _line_styles(figure, panels)
-    for k, (title, rows) in enumerate(panels):
+    for k, (name, rows) in enumerate(panels):
         line, column = divmod(k, columns)
         axes = sheet.add_subplot(grid[line * (2 if strip else 1), column])
-        if not np.isfinite(rows.numbers(figure.z or figure.y)).any():
-            label_empty(axes, figure, rows, title)
-            continue
-        _KINDS[figure.kind](sheet, axes, figure, rows, styles)
-        label_axes(axes, figure, rows, title)
-        if strip:
+        panel = _Panel(axes, figure, rows, name, styles)
+        panel.draw()
+        if strip and panel.has_values:
             axes.tick_params(labelbottom=False)
             axes.set_xlabel("")
-            _residuals(sheet.add_subplot(grid[2 * line + 1, column], sharex=axes), figure, rows, styles)
+            panel.draw_residuals(sheet.add_subplot(grid[2 * line + 1, column], sharex=axes))
     sheet.suptitle(figure.title, fontsize=11.5, fontweight="bold", x=0.012, ha="left")
-    _legend(sheet, figure, panels[0][1])
-    return sheet
-
-
-def _legend(sheet: Sheet, figure: Figure, rows: Table) -> None:
     handles = {
         text: handle for axes in sheet.axes for handle, text in zip(*axes.get_legend_handles_labels(), strict=True)
     }
-    for name in figure.also:
-        handles[rows.column(name).text] = Line2D([], [], **_PREDICTED)
+    handles |= {panels[0][1].column(name).text: Line2D([], [], **_PREDICTED) for name in figure.also}
     if figure.best:
-        handles[f"the {figure.best}"] = Line2D([], [], color="#444444", linestyle="", **_RING)
+        handles[f"the {figure.best}"] = Line2D([], [], color=_GREY, linestyle="", **_RING)
     if handles:
         sheet.legend(
             handles.values(), handles.keys(), loc="outside lower center", frameon=False,
             ncols=min(len(handles), _LEGEND_COLUMNS),
         )  # fmt: skip
+    return sheet
 
 
-def _line_styles(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> _LineStyles:
+def _line_styles(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> Mapping[Any, Mapping[str, Any]]:
     """Colour and marker of each line, the same in every panel."""
     if not figure.by:
         return {}
@@ -124,24 +122,62 @@ def _line_styles(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> _LineSt
     return styles | {THEORY: {"color": "black", "marker": "", "linestyle": "--"}}
 
 
-_RING: dict[str, Any] = {"marker": "o", "markersize": 10, "fillstyle": "none", "markeredgewidth": 1.4}
-_PLAIN: dict[str, Any] = {"color": PALETTE[0], "marker": "o"}
+@dataclass(frozen=True)
+class _Panel:
+    """One panel: `rows` are its data, `name` is its value of `figure.panel`."""
 
+    KINDS = ("line", "scatter", "heatmap")
 
-def _lines(sheet: Sheet, axes: Any, figure: Figure, rows: Table, styles: _LineStyles) -> None:
-    for name, part in _by(figure, rows):
+    axes: Any
+    figure: Figure
+    rows: Table
+    name: Any
+    styles: Mapping[Any, Mapping[str, Any]]
+
+    @property
+    def has_values(self) -> bool:
+        return bool(np.isfinite(self.rows.numbers(self.figure.z or self.figure.y)).any())
+
+    def draw(self) -> None:
+        """Draw and label the values; without any, a text instead of scales."""
+        axes, figure, rows = self.axes, self.figure, self.rows
+        axes.set_xlabel(figure.x_of.get(self.name, rows.column(figure.x).label))
+        axes.set_ylabel(rows.column(figure.y).label)
+        if figure.panel:
+            column = rows.column(figure.panel)
+            is_text = isinstance(self.name, str)
+            axes.set_title(self.name if is_text else f"{column.text} {self.name:.4g} {column.unit}".strip())
+        if not self.has_values:
+            axes.set_xticks([])
+            axes.set_yticks([])
+            axes.text(0.5, 0.5, "nothing measured", transform=axes.transAxes, ha="center", va="center", color=_GREY)
+        elif figure.kind == "heatmap":
+            self._draw_heatmap()
+        else:
+            for name, part in self._lines():
+                style = self.styles.get(name, _PLAIN)
+                self._draw_line(name, part, style) if figure.kind == "line" else self._draw_points(name, part, style)
+            self._scale_axes()
+
+    def _lines(self) -> Iterator[tuple[Any, Table]]:
+        if self.figure.by:
+            yield from ((name, part) for (name,), part in self.rows.groups(self.figure.by))
+        else:
+            yield "", self.rows
+
+    def _draw_line(self, name: Any, part: Table, style: Mapping[str, Any]) -> None:
+        axes, figure = self.axes, self.figure
         places = sorted({float(x) for x in part.numbers(figure.x)})
-        cells = [part.where(_equals(figure.x, x)) for x in places]
+        cells = [part.where(**{figure.x: x}) for x in places]
         means = [mean_of(cell, figure.y) for cell in cells]
         values = np.array([mean.value for mean in means])
-        style = styles.get(name, _PLAIN)
         axes.plot(places, values, label=_text(name) or None, markersize=4, linewidth=1.6, **style)
         for column in figure.also:
             other = [mean_of(cell, column).value for cell in cells]
             axes.plot(places, other, linestyle="--", linewidth=1.2, color=style["color"])
         if name != THEORY and all(math.isfinite(mean.low) for mean in means):
             low, high = [mean.low for mean in means], [mean.high for mean in means]
-            if len(styles) > _MOST_BANDS:
+            if len(self.styles) > _MOST_BANDS:
                 axes.vlines(places, low, high, color=style["color"], alpha=0.4, linewidth=1.0)
             else:
                 axes.fill_between(places, low, high, color=style["color"], alpha=0.12, linewidth=0)
@@ -149,61 +185,94 @@ def _lines(sheet: Sheet, axes: Any, figure: Figure, rows: Table, styles: _LineSt
             k = int(np.nanargmin(values) if figure.best == "least" else np.nanargmax(values))
             axes.plot(places[k], values[k], color=style["color"], **_RING)
 
-
-def _points(sheet: Sheet, axes: Any, figure: Figure, rows: Table, styles: _LineStyles) -> None:
-    for name, part in _by(figure, rows):
-        style = styles.get(name, _PLAIN)
-        x, y = part.numbers(figure.x), part.numbers(figure.y)
+    def _draw_points(self, name: Any, part: Table, style: Mapping[str, Any]) -> None:
+        x, y = part.numbers(self.figure.x), part.numbers(self.figure.y)
         order = np.argsort(x, kind="stable")
         if name == THEORY:
-            axes.plot(x[order], y[order], label=THEORY, **style)
-            continue
+            self.axes.plot(x[order], y[order], label=THEORY, **style)
+            return
         points = {**style, "linestyle": "", "markersize": 4.5, "alpha": 0.75}
-        axes.plot(x, y, label=_text(name) or ("measured" if figure.also else None), **points)
-        for column in figure.also:
+        self.axes.plot(x, y, label=_text(name) or ("measured" if self.figure.also else None), **points)
+        for column in self.figure.also:
             predicted = {**_PREDICTED, "color": style["color"]} if name else _PREDICTED
-            axes.plot(x[order], part.numbers(column)[order], **predicted)
+            self.axes.plot(x[order], part.numbers(column)[order], **predicted)
+
+    def _draw_heatmap(self) -> None:
+        axes, figure, rows = self.axes, self.figure, self.rows
+        across, down = np.unique(rows.numbers(figure.x)), np.unique(rows.numbers(figure.y))
+        means = np.full((down.size, across.size), np.nan)
+        for (x, y), part in rows.groups(figure.x, figure.y):
+            means[np.searchsorted(down, float(y)), np.searchsorted(across, float(x))] = mean_of(part, figure.z).value
+        image = axes.imshow(means, origin="lower", aspect="auto", cmap="cividis")
+        axes.set_xticks(range(across.size), [f"{x:.3g}" for x in across])
+        axes.set_yticks(range(down.size), [f"{y:.3g}" for y in down])
+        middle = float(np.nanmean([np.nanmin(means), np.nanmax(means)]))
+        for i, j in np.argwhere(np.isfinite(means)):
+            axes.text(j, i, f"{means[i, j]:.3g}", ha="center", va="center", fontsize=8,
+                      color="white" if means[i, j] < middle else "black")  # fmt: skip
+        axes.figure.colorbar(image, ax=axes, label=rows.column(figure.z).label)
+
+    def draw_residuals(self, axes: Any) -> None:
+        """measured / predicted - 1, in percent."""
+        for name, part in self._lines():
+            if name != THEORY:
+                share = part.numbers(self.figure.y) / part.numbers(self.figure.residual_of) - 1
+                points = {**self.styles.get(name, _PLAIN), "linestyle": "", "markersize": 3, "alpha": 0.7}
+                axes.plot(part.numbers(self.figure.x), 100 * share, **points)
+        axes.axhline(0, color="black", linewidth=0.8)
+        axes.set_xlabel(self.rows.column(self.figure.x).label)
+        axes.set_ylabel("residual (%)")
+        axes.grid(True, color="#DDDDDD", linewidth=0.6)
+
+    def _scale_axes(self) -> None:
+        axes, figure, rows = self.axes, self.figure, self.rows
+        x, y = rows.numbers(figure.x), rows.numbers(figure.y)
+        if figure.log_x and _positive(x).size:
+            axes.set_xscale("log")
+            _set_ticks(axes.xaxis, np.unique(_positive(x)))
+        if figure.log_y and any(_positive(rows.numbers(column)).size for column in (figure.y, *figure.also)):
+            axes.set_yscale("log")
+            low, high = axes.get_ylim()
+            few = math.log10(high / low) < 2.5  # 1, 2, 5, 10, ... for up to 2.5 decades, else whole decades
+            axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=20))
+            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axes.yaxis.set_minor_formatter(NullFormatter())
+        elif y[np.isfinite(y)].min(initial=0.0) >= 0:
+            axes.set_ylim(bottom=0)
+        axes.grid(True, color="#DDDDDD", linewidth=0.6)
+        axes.set_axisbelow(True)
+        for column, text in figure.marks:
+            self._mark(rows.numbers(column), text)
+
+    def _mark(self, places: NDArray[np.float64], text: str) -> None:
+        """A labelled vertical line at the mean of the places (the geometric mean on a logarithmic axis)."""
+        places = places[np.isfinite(places)]
+        if not places.size:
+            return
+        place = float(np.exp(np.log(places).mean()) if self.axes.get_xscale() == "log" else places.mean())
+        self.axes.axvline(place, color=_GREY, linestyle=":", linewidth=1.2)
+        height, side = (0.98, "top") if self.figure.best == "least" else (0.02, "bottom")
+        self.axes.annotate(
+            text, (place, height), xycoords=self.axes.get_xaxis_transform(), xytext=(-2, 0), va=side, ha="right",
+            textcoords="offset points", rotation=90, fontsize=7.5, color=_GREY,
+        )  # fmt: skip
 
 
-def _heat(sheet: Sheet, axes: Any, figure: Figure, rows: Table, styles: _LineStyles) -> None:
-    across, down = np.unique(rows.numbers(figure.x)), np.unique(rows.numbers(figure.y))
-    means = np.full((down.size, across.size), np.nan)
-    for (x, y), part in rows.groups(figure.x, figure.y):
-        place = np.searchsorted(down, float(y)), np.searchsorted(across, float(x))
-        means[place] = mean_of(part, figure.z).value
-    image = axes.imshow(means, origin="lower", aspect="auto", cmap="cividis")
-    axes.set_xticks(range(across.size), [f"{x:.3g}" for x in across])
-    axes.set_yticks(range(down.size), [f"{y:.3g}" for y in down])
-    middle = float(np.nanmean([np.nanmin(means), np.nanmax(means)]))
-    for i, j in np.argwhere(np.isfinite(means)):
-        axes.text(j, i, f"{means[i, j]:.3g}", ha="center", va="center", fontsize=8,
-                  color="white" if means[i, j] < middle else "black")  # fmt: skip
-    sheet.colorbar(image, ax=axes, label=rows.column(figure.z).label)
+def _positive(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The values that a logarithmic axis can show."""
+    return values[np.isfinite(values) & (values > 0)]
 
 
-def _residuals(axes: Any, figure: Figure, rows: Table, styles: _LineStyles) -> None:
-    for name, part in _by(figure, rows):
-        if name == THEORY:
-            continue
-        share = part.numbers(figure.y) / part.numbers(figure.residual_of) - 1
-        points = {**styles.get(name, _PLAIN), "linestyle": "", "markersize": 3, "alpha": 0.7}
-        axes.plot(part.numbers(figure.x), 100 * share, **points)
-    axes.axhline(0, color="black", linewidth=0.8)
-    axes.set_xlabel(rows.column(figure.x).label)
-    axes.set_ylabel("residual (%)")
-    axes.grid(True, color="#DDDDDD", linewidth=0.6)
-
-
-def _by(figure: Figure, rows: Table) -> list[tuple[Any, Table]]:
-    return [(key[0], part) for key, part in rows.groups(figure.by)] if figure.by else [("", rows)]
-
-
-def _equals(name: str, value: float) -> Callable[[Mapping[str, Any]], bool]:
-    return lambda row: float(row[name]) == value
+def _set_ticks(axis: Any, places: NDArray[np.float64]) -> None:
+    """Ticks at the places, as decimal numbers, without those too close to the previous tick."""
+    distance = _TICK_DISTANCE * math.log(places[-1] / places[0])
+    ticks: list[float] = []
+    for place in places:
+        if not ticks or math.log(place / ticks[-1]) >= distance:
+            ticks.append(float(place))
+    axis.set_ticks(ticks, [f"{tick:.3g}" for tick in ticks])
+    axis.set_ticks([], minor=True)
 
 
 def _text(value: Any) -> str:
     return value if isinstance(value, str) else f"{value:.4g}"
-
-
-_KINDS = {"line": _lines, "scatter": _points, "heatmap": _heat}
