@@ -26,7 +26,7 @@ from twinlens.dataset import (
     write_png,
     write_sample,
 )
-from twinlens.dataset.figures import contact_sheet, panels, statistics_figure, tile
+from twinlens.dataset.card import contact_sheet, panels, statistics_figure, tile
 from twinlens.errors import FileError, InputError
 
 rdflib_warns = pytest.mark.filterwarnings("ignore::DeprecationWarning:rdflib")

@@ -24,12 +24,12 @@ from twinlens.dataset import (
     write_manifest,
     write_sample,
 )
-from twinlens.dataset.about import about
 from twinlens.dataset.card import _card
 from twinlens.dataset.codecs.calib import Calibration, decode_calib, encode_calib
 from twinlens.dataset.codecs.exr import decode_exr, encode_exr
 from twinlens.dataset.codecs.pfm import decode_pfm, encode_pfm
 from twinlens.dataset.codecs.png import decode_png, encode_png
+from twinlens.dataset.metadata import about
 from twinlens.dataset.quantities import stored_statistics
 from twinlens.dataset.truth_files import read_truth
 from twinlens.errors import TwinlensError

@@ -3,16 +3,15 @@
 docs/format.md describes the files.
 """
 
-from twinlens.dataset.about import About
 from twinlens.dataset.card import describe, write_card
 from twinlens.dataset.codecs.calib import Calibration, read_calib, write_calib
 from twinlens.dataset.codecs.exr import read_exr, write_exr
 from twinlens.dataset.codecs.pfm import encode_pfm, read_disparity, read_pfm, write_pfm
 from twinlens.dataset.codecs.png import encode_png, read_image, read_png, write_png
-from twinlens.dataset.croissant import write_croissant
 from twinlens.dataset.dataset import Dataset, open_sample
 from twinlens.dataset.files import remove_unfinished
 from twinlens.dataset.manifest import DatasetFile, Manifest, Row, hash_files, read_manifest, row_of, write_manifest
+from twinlens.dataset.metadata import About, write_croissant
 from twinlens.dataset.motorcycle import RealPair, motorcycle
 from twinlens.dataset.quantities import statistics
 from twinlens.dataset.sample import Sample, Shot, sample_files, write_sample

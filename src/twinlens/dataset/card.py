@@ -1,41 +1,51 @@
 """The dataset card: README.md with contents, recipe, licence and figures of a dataset.
 
-The front matter follows Hugging Face, so that the folder can be uploaded. The same dataset gives the same card.
+The front matter follows Hugging Face, so that the folder can be uploaded. The same dataset gives the same files, with
+the same versions of Pillow and matplotlib.
 
 Source: https://huggingface.co/docs/hub/datasets-cards; Gebru et al., Datasheets for datasets, CACM 2021.
 """
 
+import bisect
+import contextlib
 import dataclasses
 import io
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageOps
 
 import twinlens
-from twinlens.dataset.about import KEY, About, about
-from twinlens.dataset.croissant import write_croissant
 from twinlens.dataset.dataset import Dataset
-from twinlens.dataset.figures import TILES, contact_sheet, statistics_figure, tile
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.manifest import Manifest, write_manifest
+from twinlens.dataset.metadata import KEY, About, about, write_croissant
 from twinlens.dataset.quantities import Statistics, mixed_counts, stored_statistics
 from twinlens.dataset.record import plain
-from twinlens.dataset.storage import Place, Where
-from twinlens.dataset.stored import StoredSample
-from twinlens.errors import FileError
-
-T = TypeVar("T")
+from twinlens.dataset.storage import Where
+from twinlens.errors import FileError, InputError
 
 SHEET, FIGURE = "samples.jpg", "statistics.png"
-_NAMES = ("README.md", "CARD.md")
+README, OTHER_NAME = "README.md", "CARD.md"
 _MARKER = "<!-- Written by twinlens; `twinlens describe` rewrites it. -->"
 _OLD_MARKER = "<!-- This card is twinlens's: it is written anew with the dataset. -->"
 _SPDX = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*$")
+_SIZES = ("n<1K", "1K<n<10K", "10K<n<100K", "100K<n<1M", "n>1M")
 _MAX_RECIPE = 20_000
+TILES = 64
+_TILE_WIDTH, _GAP = 160, 4
+_BINS = 60
+_MISSING = "#c8c8c8"
+_LABELS, _FILL, _AXES = "#1b2a3a", "#3b7dd8", "#6b7785"
+_LOG_ABOVE = 8.0  # ratio of maximum to minimum depth
+_GRIDS = ((1, 1), (1, 1), (1, 2), (1, 3), (2, 2))
+"""Rows and columns by number of panels."""
 
 _TEXT = """
 ![left images]({sheet})
@@ -104,36 +114,26 @@ def write_card(dataset: Where | Dataset) -> list[str]:
     """
     dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     given, manifest = about(dataset)
-    many = {sample.name: each for sample in dataset if (each := _readable(sample, stored_statistics)) is not None}
-    chosen = np.linspace(0, len(many) - 1, min(len(many), TILES)).round().astype(int)
-    tiles = (_readable(dataset[list(many)[i]], lambda sample: tile(sample.im0)) for i in chosen)
-    shown = [each for each in tiles if each is not None]
-    if not shown:
+    many: dict[str, Statistics] = {}
+    for sample in dataset:
+        with contextlib.suppress(FileError):
+            many[sample.name] = stored_statistics(sample)
+    tiles = []
+    for i in np.linspace(0, len(many) - 1, min(len(many), TILES)).round().astype(int):
+        with contextlib.suppress(FileError):
+            tiles.append(tile(dataset[list(many)[i]].im0))
+    if not tiles:
         raise FileError(f"{dataset.path}: no sample can be read; see `twinlens verify`")
     stream = io.BytesIO()
-    contact_sheet(shown).save(stream, "JPEG", quality=88)
+    contact_sheet(tiles).save(stream, "JPEG", quality=88)
     write_file(dataset.path / SHEET, stream.getvalue())
     write_file(dataset.path / FIGURE, statistics_figure(list(many.values())))
-    name = _free_name(dataset.path)
+    readme = dataset.path / README
+    markers = (_MARKER.encode(), _OLD_MARKER.encode())
+    name = README if not readme.is_file() or any(mark in read_bytes(readme) for mark in markers) else OTHER_NAME
     unreadable = [name for name in dataset.names if name not in many]
     write_file(dataset.path / name, _card(given, manifest, list(many.values()), unreadable).encode())
     return [name, SHEET, FIGURE]
-
-
-def _readable(sample: StoredSample, read: Callable[[StoredSample], T]) -> T | None:
-    """`read(sample)`, or None if a file cannot be read."""
-    try:
-        return read(sample)
-    except FileError:
-        return None
-
-
-def _free_name(folder: Place) -> str:
-    path = folder / _NAMES[0]
-    if not path.is_file():
-        return _NAMES[0]
-    content = read_bytes(path)
-    return _NAMES[0] if any(marker.encode() in content for marker in (_MARKER, _OLD_MARKER)) else _NAMES[1]
 
 
 def _card(given: About, manifest: Manifest, many: Sequence[Statistics], unreadable: Sequence[str]) -> str:
@@ -157,18 +157,9 @@ def _front_matter(given: About, count: int) -> str:
     if name == "other":
         entries["license_link"] = given.license
     entries |= {"task_categories": ["depth-estimation"], "tags": ["stereo", "synthetic", "twinlens"]}
-    entries["size_categories"] = [next(text for limit, text in _CATEGORIES if count < limit)]
+    entries["size_categories"] = [_SIZES[bisect.bisect((1_000, 10_000, 100_000, 1_000_000), count)]]
     # JSON is valid YAML, and escapes line breaks in the maker's texts.
     return "---\n" + "".join(f"{key}: {json.dumps(value)}\n" for key, value in entries.items()) + "---\n"
-
-
-_CATEGORIES = (
-    (1_000, "n<1K"),
-    (10_000, "1K<n<10K"),
-    (100_000, "10K<n<100K"),
-    (1_000_000, "100K<n<1M"),
-    (float("inf"), "n>1M"),
-)
 
 
 def _facts(manifest: Manifest, many: Sequence[Statistics]) -> dict[str, str]:
@@ -178,15 +169,11 @@ def _facts(manifest: Manifest, many: Sequence[Statistics]) -> dict[str, str]:
     if splits:
         facts["splits"] = ", ".join(f"{name}: {count}" for name, count in sorted(splits.items()))
     known = [each for each in many if "disparity" in each]
-    blurs = [blur for each in known for blur in each["blur_px"] if blur and blur[-1] > 0]
-    facts["disparity"] = _range([each["disparity"] for each in known], "px")
-    facts["depth"] = _range([each["depth"] for each in known], "m")
+    disparities, depths, blurs = _quantiles(many)
+    facts |= {"disparity": _range(disparities, "px"), "depth": _range(depths, "m")}
     facts["blur circle, lenses that blur"] = _range(blurs, "px")
-    for name, text in (
-        ("visible", "visible in both views"),
-        ("occluded", "visible in one view"),
-        ("unknown", "unknown"),
-    ):
+    shares = {"visible": "visible in both views", "occluded": "visible in one view", "unknown": "unknown"}
+    for name, text in shares.items():
         facts[f"pixels {text}"] = f"{100 * float(np.mean([each[name] for each in known])):.1f}%" if known else "-"
     return facts
 
@@ -201,7 +188,6 @@ def _counted(values: Any) -> str:
 
 
 def _range(many: Sequence[Sequence[float]], unit: str) -> str:
-    many = [each for each in many if each]
     if not many:
         return "-"
     low, high = min(each[0] for each in many), max(each[-1] for each in many)
@@ -236,3 +222,104 @@ def _license(given: About) -> str:
     creator = f"Made by {given.creator}." if given.creator else ""
     cite = "Citation:\n\n" + "\n".join(f"    {line}" for line in given.cite_as.splitlines()) if given.cite_as else ""
     return "\n\n".join(part for part in (text, creator, cite) if part)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A histogram over several distributions, each given by its quantiles and of weight one."""
+
+    xlabel: str
+    ylabel: str
+    many: list[list[float]]
+    log_above: float = np.inf
+    """Ratio of maximum to minimum above which the axis is logarithmic."""
+
+
+def tile(image: NDArray[Any]) -> Image.Image:
+    """A uint8 or uint16 image (H, W[, 3]) scaled to a width of 160 pixels."""
+    eight = image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)
+    picture = Image.fromarray(eight).convert("RGB").reduce(max(1, image.shape[1] // (3 * _TILE_WIDTH)))
+    height = max(round(_TILE_WIDTH * image.shape[0] / image.shape[1]), 1)
+    return picture.resize((_TILE_WIDTH, height), Image.Resampling.LANCZOS)
+
+
+def contact_sheet(tiles: Sequence[Image.Image | None], columns: int = 8) -> Image.Image:
+    """Tiles in rows, padded to the size of the first; None leaves a place grey. Raises InputError without tiles."""
+    sizes = [each.size for each in tiles if each is not None]
+    if not sizes:
+        raise InputError("a contact sheet needs one or more images")
+    columns = min(columns, len(tiles))
+    rows = -(-len(tiles) // columns)
+    width, height = sizes[0]
+    sheet = Image.new("RGB", (columns * (width + _GAP) + _GAP, rows * (height + _GAP) + _GAP), "white")
+    for i, each in enumerate(tiles):
+        missing = Image.new("RGB", (width, height), _MISSING)
+        padded = missing if each is None else ImageOps.pad(each, (width, height), color="white")
+        sheet.paste(padded, (_GAP + i % columns * (width + _GAP), _GAP + i // columns * (height + _GAP)))
+    return sheet
+
+
+def statistics_figure(many: Sequence[Statistics]) -> bytes:
+    """A PNG of the distributions of disparity, depth, blur circle and occluded pixels; all samples weigh the same.
+
+    Quantities that no sample has are left out: disparity of single cameras, blur of pinholes.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    drawn = panels(many)
+    rows, columns = _GRIDS[len(drawn)]
+    figure = Figure(figsize=(9.0, 2.8 * rows), dpi=110, layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    if not drawn:
+        figure.text(0.5, 0.5, "no sample has truth", ha="center", color=_AXES)
+    else:
+        for panel, axes in zip(drawn, figure.subplots(rows, columns, squeeze=False).ravel(), strict=True):
+            _draw(axes, panel)
+    stream = io.BytesIO()
+    canvas.print_png(stream, metadata={"Software": None})
+    return stream.getvalue()
+
+
+def panels(many: Sequence[Statistics]) -> list[Panel]:
+    """The panels of the figure that have data."""
+    share = "share of the pixels (%)"
+    disparities, depths, blurs = _quantiles(many)
+    occluded = [100 * each["occluded"] for each in many if "disparity" in each and each["cameras"] > 1]
+    every = (
+        Panel("disparity (px)", share, disparities),
+        Panel("depth (m)", share, depths, _LOG_ABOVE),
+        Panel("blur circle diameter (px)", share, blurs),
+        Panel("pixels visible in one view only (%)", "share of samples (%)", [[value, value] for value in occluded]),
+    )
+    return [panel for panel in every if panel.many]
+
+
+def _draw(axes: Any, panel: Panel) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    axes.set_xlabel(panel.xlabel, color=_LABELS)
+    axes.set_ylabel(panel.ylabel, color=_LABELS, fontsize=8)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(_AXES)
+    axes.tick_params(colors=_AXES, labelsize=8)
+    low, high = min(each[0] for each in panel.many), max(each[-1] for each in panel.many)
+    logarithmic = low > 0 and high > panel.log_above * low
+    if high - low < 1e-9 * max(abs(low), abs(high), 1.0):
+        low, high = low - 0.5, high + 0.5
+    edges = (np.geomspace if logarithmic else np.linspace)(low, high, _BINS + 1)
+    axes.stairs(100 * mixed_counts(edges, panel.many) / len(panel.many), edges, fill=True, color=_FILL)
+    if logarithmic:  # plain numbers at 1, 2, 5 of each decade, or at 1 only over many decades
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1000 * low else (1.0,)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_xlim(edges[0], edges[-1])
+
+
+def _quantiles(many: Sequence[Statistics]) -> tuple[list[list[float]], list[list[float]], list[list[float]]]:
+    """Those of disparity, depth, and blur circle, of the samples that have them."""
+    known = [each for each in many if "disparity" in each]
+    blurs = [blur for each in known for blur in each["blur_px"] if blur and blur[-1] > 0]
+    disparities, depths = ([each[name] for each in known if each[name]] for name in ("disparity", "depth"))
+    return disparities, depths, blurs

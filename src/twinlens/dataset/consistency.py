@@ -119,7 +119,8 @@ def check_views(truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int])
     v, u = _nearest(px, camera)
     tested = _inside_one_object(here["object_id"])[seen] & _inside_one_object(there["object_id"])[v, u]
     px, cam, world = px[tested], cam[tested], world[tested]
-    around = _neighbours(there["depth"], px, camera)
+    v, u = _nearest(px, camera)
+    around = np.stack([there["depth"][v + dv, u + du] for dv in (-1, 0, 1) for du in (-1, 0, 1)])
     low, high = around.min(axis=0), around.max(axis=0)
     agree = (cam[:, 2] >= low * (1 - _DEPTH_TOLERANCE)) & (cam[:, 2] <= high * (1 + _DEPTH_TOLERANCE))
     wrong = int(np.count_nonzero(~agree))
@@ -174,8 +175,10 @@ def check_exchange(
     if np.count_nonzero(inside) < _MIN_PIXELS:
         return []
     v, u, match = v[inside], u[inside], match[inside]
-    left, right = (_edges(image) for image in images)
-    straight, swapped = (_correlation(a[v, u], b[v, match]) for a, b in ((left, right), (right, left)))
+    grey = [image.reshape(*disparity.shape, -1).mean(axis=-1) for image in images]
+    left, right = (np.diff(each, axis=1, append=each[:, -1:]) for each in grey)
+    edges = [(a[v, u], b[v, match]) for a, b in ((left, right), (right, left))]
+    straight, swapped = (float(np.corrcoef(a, b)[0, 1]) if np.ptp(a) and np.ptp(b) else 0.0 for a, b in edges)
     if swapped < straight + _MIN_DIFFERENCE:
         return []
     values = f"edges correlate by {straight:.2f} at the true disparity, and by {swapped:.2f} if swapped"
@@ -195,28 +198,10 @@ def check_calibration(calibration: Calibration, rig: Rig) -> Findings:
     ]
 
 
-def _edges(image: NDArray[Any]) -> NDArray[np.float64]:
-    grey = image.astype(np.float64) if image.ndim == 2 else image.mean(axis=-1)
-    return np.diff(grey, axis=1, append=grey[:, -1:])
-
-
-def _correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Pearson's correlation; 0 if one of the two is constant."""
-    a, b = a - a.mean(), b - b.mean()
-    scale = np.sqrt((a * a).sum() * (b * b).sum())
-    return float((a * b).sum() / scale) if scale else 0.0
-
-
 def _nearest(px: NDArray[np.float64], camera: Camera) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Row and column of the pixel nearest to each of px (N, 2)."""
     u, v = np.floor(px + 0.5).astype(int).T
     return v.clip(0, camera.height - 1), u.clip(0, camera.width - 1)
-
-
-def _neighbours(depth: NDArray[Any], px: NDArray[np.float64], camera: Camera) -> NDArray[Any]:
-    """Depths (9, N) of the 3x3 pixels around each of px (N, 2), none of which is on the border."""
-    v, u = _nearest(px, camera)
-    return np.stack([depth[v + dv, u + du] for dv in (-1, 0, 1) for du in (-1, 0, 1)])
 
 
 def _inside_one_object(ids: NDArray[Any]) -> NDArray[np.bool_]:

@@ -24,15 +24,8 @@ class Dataset(Sequence[StoredSample]):
     Dataset can be pickled to worker processes: ``DataLoader(Dataset(path), num_workers=4)`` gives batches of name, im0,
     im1, disp0 and mask0_nonocc; `select` chooses other quantities.
 
-    Parameters
-    ----------
-    path : str or path
-        A folder, or an fsspec address such as ``s3://bucket/set``.
-
-    Raises
-    ------
-    FileError
-        If the folder does not exist or has no sample.
+    `path` is a folder, or an fsspec address such as ``s3://bucket/set``. Raises FileError if it does not exist or has
+    no sample.
     """
 
     def __init__(self, path: Where) -> None:
@@ -41,7 +34,7 @@ class Dataset(Sequence[StoredSample]):
             raise FileError(f"{self.path}: no such folder; a dataset is a folder of samples")
         listed = (self.path / NAME).is_file()
         rows = read_manifest(self.path).rows if listed else ()
-        self._samples = tuple(stored(self.path, row) for row in rows) if listed else _found(self.path)
+        self._samples = tuple(stored(self.path, row) for row in rows) if listed else found_samples(self.path)
         if not self._samples and listed:
             raise FileError(f"{self.path / NAME}: lists no sample{_why_empty(self.path)}")
         if not self._samples:
@@ -128,11 +121,6 @@ class Mapped(Sequence[T], Generic[T]):
         return self.function(self.dataset[index])
 
 
-def found_samples(path: Place) -> Dataset:
-    """The dataset of the samples in the subfolders of `path`, without its dataset.json; it may be empty."""
-    return _view(path, _found(path))
-
-
 def stored(folder: Place, row: Row, listed_in: str = NAME) -> StoredSample:
     """The sample of a row, and the file that lists it."""
     return StoredSample(folder / row.name, row.name, {"files": row.files, "info": row.info, "listed_in": listed_in})
@@ -168,7 +156,8 @@ def _why_empty(path: Place) -> str:
     return ""
 
 
-def _found(path: Place) -> tuple[StoredSample, ...]:
+def found_samples(path: Place) -> tuple[StoredSample, ...]:
+    """The samples in the subfolders of `path`, or at `path` itself, whatever its dataset.json lists."""
     if (path / "im0.png").is_file():
         return (StoredSample(path, path.resolve().name),)
     folders = sorted((entry for entry in path.iterdir() if not entry.name.startswith(".")), key=str)

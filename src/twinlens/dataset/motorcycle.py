@@ -17,17 +17,8 @@ from numpy.typing import NDArray
 from twinlens.dataset.codecs.calib import Calibration
 from twinlens.dataset.visibility import Mask, mask_from_one
 
-CALIBRATION = Calibration(
-    cam0=(994.978, 994.978, 311.193, 254.877),
-    cam1=(994.978, 994.978, 342.279, 254.877),
-    baseline=0.193001,
-    width=741,
-    height=500,
-    doffs=31.086,
-    ndisp=70,
-    vmin=7.0,
-    vmax=60.0,
-)
+_CAM0, _CAM1 = (994.978, 994.978, 311.193, 254.877), (994.978, 994.978, 342.279, 254.877)
+CALIBRATION = Calibration(_CAM0, _CAM1, 0.193001, 741, 500, doffs=31.086, ndisp=70, vmin=7.0, vmax=60.0)
 
 
 @dataclass(frozen=True, eq=False)

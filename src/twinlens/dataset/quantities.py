@@ -41,12 +41,11 @@ def statistics(sample: "Sample") -> Statistics:
 
     At most 65,536 pixels on an even grid are used. A sample without truth has counts only.
     """
-    camera, lenses = sample.rig.cameras[0], [shot.lens for shot in sample.shots]
-    counts = _counts((camera.height, camera.width), len(sample.rig), len(lenses))
-    if not sample.truths:
-        return counts
-    truth = sample.truths[0]
-    return counts | _truth_statistics(truth.disparity, truth.depth, truth.mask_nonocc(), camera, lenses)
+    truth = sample.truths[0] if sample.truths else None
+    maps = None if truth is None else (truth.disparity, truth.depth, truth.mask_nonocc())
+    camera = sample.rig.cameras[0]
+    lenses = [shot.lens for shot in sample.shots]
+    return _statistics((camera.height, camera.width), len(sample.rig), lenses, maps, camera)
 
 
 def stored_statistics(sample: "StoredSample") -> Statistics:
@@ -56,14 +55,14 @@ def stored_statistics(sample: "StoredSample") -> Statistics:
         return dict(recorded)
     if sample.has("truth0.exr"):
         truth, rig = sample.truth0, sample.rig
+        maps = (truth.disparity, truth.depth, truth.mask_nonocc())
         lenses = [sample.lens(k).lens for k in range(sample.num_lenses)]
-        counts = _counts(truth.depth.shape, len(rig), len(lenses))
-        return counts | _truth_statistics(truth.disparity, truth.depth, truth.mask_nonocc(), rig.cameras[0], lenses)
+        return _statistics(truth.depth.shape, len(rig), lenses, maps, rig.cameras[0])
     if not sample.has_disparity(0):
-        return _counts(sample.im0.shape, 2, 1)
+        return _statistics(sample.im0.shape, 2, [None])
     disparity = sample.disp0
     depth = sample.calibration.depth(disparity) if sample.has("calib.txt") else np.full(disparity.shape, np.inf)
-    return _counts(disparity.shape, 2, 1) | _truth_statistics(disparity, depth, sample.mask0_nonocc, None, [])
+    return _statistics(disparity.shape, 2, [None], (disparity, depth, sample.mask0_nonocc))
 
 
 def quantiles(values: ArrayLike) -> list[float]:
@@ -106,19 +105,24 @@ def _are_numbers(value: Any, nesting: int) -> bool:
     return isinstance(value, (int, float)) and abs(value) < _MAX_VALUE
 
 
-def _counts(shape: Sequence[int], cameras: int, lenses: int) -> Statistics:
-    return {"size": [int(shape[1]), int(shape[0])], "cameras": cameras, "lenses": lenses}
-
-
-def _truth_statistics(
-    disparity: NDArray[Any], depth: NDArray[Any], mask: NDArray[Any], camera: Camera | None, lenses: Sequence[Lens]
+def _statistics(
+    shape: Sequence[int],
+    cameras: int,
+    lenses: Sequence[Lens | None],
+    maps: tuple[NDArray[Any], NDArray[Any], NDArray[Any]] | None = None,
+    camera: Camera | None = None,
 ) -> Statistics:
-    step = max(1, int(np.ceil(np.sqrt(mask.size / _MAX_PIXELS))))
-    disparity, depth, mask = (array[::step, ::step] for array in (disparity, depth, mask))
+    """`maps` are disparity, depth and mask of the left view, if known."""
+    counts = {"size": [int(shape[1]), int(shape[0])], "cameras": cameras, "lenses": len(lenses)}
+    if maps is None:
+        return counts
+    step = max(1, int(np.ceil(np.sqrt(maps[0].size / _MAX_PIXELS))))
+    disparity, depth, mask = (array[::step, ::step] for array in maps)
     hit = depth[np.isfinite(depth)]
-    blurs = [] if camera is None else [quantiles(np.abs(blur_circle_px(hit, camera, lens))) for lens in lenses]
+    blurs = [quantiles(np.abs(blur_circle_px(hit, camera, lens))) for lens in lenses if camera and lens]
     shares = {"visible": VISIBLE, "occluded": HIDDEN, "unknown": UNKNOWN}
     return {
+        **counts,
         "disparity": quantiles(disparity),
         "depth": quantiles(hit),
         "blur_px": blurs,

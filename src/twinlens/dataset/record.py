@@ -186,18 +186,6 @@ def encode_json(record: Mapping[str, Any]) -> bytes:
     return (_indented(plain(record), 0) + "\n").encode()
 
 
-def parse_json(data: str | bytes) -> Any:
-    """The value of a JSON text. Raises InputError for other text, such as NaN, and beyond 64 levels of nesting."""
-    try:
-        value = json.loads(data, parse_constant=_reject_constant)
-        depth = _depth(value)
-    except (ValueError, RecursionError) as error:
-        raise InputError(str(error)) from None
-    if depth > _MAX_DEPTH:
-        raise InputError(f"nested more than {_MAX_DEPTH} levels deep")
-    return value
-
-
 def read_json(path: Where, kind: str, version: int) -> dict[str, Any]:
     """The record of a file with ``"format": kind, "version": version``. Raises FileError."""
     return decode_json(read_bytes(path), str(path), kind, version)
@@ -206,8 +194,10 @@ def read_json(path: Where, kind: str, version: int) -> dict[str, Any]:
 def decode_json(data: bytes, path: str, kind: str, version: int) -> dict[str, Any]:
     """The record in the bytes of such a file. Raises FileError that begins with `path`."""
     try:
-        record = parse_json(data)
-    except InputError as error:
+        record = json.loads(data, parse_constant=_reject_constant)
+        if _depth(record) > _MAX_DEPTH:
+            raise InputError(f"nested more than {_MAX_DEPTH} levels deep")
+    except (ValueError, RecursionError) as error:
         raise FileError(f"{path}: not valid JSON ({error})") from None
     if not isinstance(record, dict) or record.get("format") != kind:
         raise FileError(f'{path}: not a {kind} file (it needs "format": "{kind}")')

@@ -62,23 +62,13 @@ class Shot:
 class Sample:
     """The content of one sample folder: a rig, its truth, and the shots taken with it.
 
-    Parameters
-    ----------
-    rig : Rig
-        The rig that takes the images. Truth and calibration are those of `rig.nominal`.
-    shots : tuple of Shot
-        One per lens. The first is the folder's im0 and im1; the others go to lens-1, lens-2, ...
-    truths : tuple of Truth
-        One per camera, or empty.
-    ndisp : int or None
-        Bound of the disparities, 0 <= d < ndisp; None: from the truth.
-    record : mapping
-        Plain data on how the sample was made (seed, scene, backend, versions, ...).
+    rig : takes the images. Truth and calibration are those of `rig.nominal`.
+    shots : one per lens. The first is the folder's im0 and im1; the others go to lens-1, lens-2, ...
+    truths : one per camera, or empty.
+    ndisp : bound of the disparities, 0 <= d < ndisp; None: from the truth.
+    record : plain data on how the sample was made (seed, scene, backend, versions, ...).
 
-    Raises
-    ------
-    InputError
-        If an array does not fit the rig.
+    Raises InputError if an array does not fit the rig.
     """
 
     rig: Rig
@@ -127,13 +117,8 @@ def sample_files(sample: Sample) -> dict[str, bytes]:
 def write_sample(folder: Where, sample: Sample, overwrite: bool = False) -> dict[str, str]:
     """Write the sample as `folder`, atomically; returns relative name -> SHA-256 of its files, sorted by name.
 
-    Raises
-    ------
-    OutputError
-        If the folder exists (unless `overwrite` is set and it is a sample or empty) or cannot be written. Nothing is
-        left behind.
-    InputError
-        If an array does not fit its file format.
+    Raises OutputError if the folder cannot be written, or exists (unless `overwrite` is set and it is a sample or
+    empty); nothing is left behind. Raises InputError if an array does not fit its file format.
     """
     if overwrite:
         _check_replaceable(place(folder))

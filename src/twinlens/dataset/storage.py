@@ -42,11 +42,6 @@ class RemotePath:
         return self.url.rstrip("/").rpartition("/")[2]
 
     @property
-    def suffix(self) -> str:
-        """File extension, with its dot."""
-        return Path(self.name).suffix
-
-    @property
     def parent(self) -> "RemotePath":
         """The folder that contains it."""
         return RemotePath(self.url.rstrip("/").rpartition("/")[0])
@@ -69,8 +64,7 @@ class RemotePath:
 
     def read_bytes(self) -> bytes:
         """The content of the file. Raises FileNotFoundError or FileError."""
-        with _errors_as(FileError, self, "read"):
-            system, path = self.system()
+        with self.store(FileError, "read") as (system, path):
             return bytes(system.cat_file(path))
 
     def write_bytes(self, data: bytes) -> None:
@@ -79,19 +73,21 @@ class RemotePath:
 
     def iterdir(self) -> Iterator["RemotePath"]:
         """The files and folders in the folder."""
-        with _errors_as(FileError, self, "listed"):
-            system, path = self.system()
+        with self.store(FileError, "listed") as (system, path):
             names = [entry["name"].rstrip("/").rpartition("/")[2] for entry in system.ls(path, detail=True)]
         return (self / name for name in names if name)
 
     def files(self) -> list[str]:
         """Relative names, with /, of all files below, sorted; empty if nothing exists."""
-        with _errors_as(FileError, self, "listed"):
-            system, path = self.system()
-            return sorted(found.removeprefix(path.rstrip("/") + "/") for found in system.find(path))
+        with self.store(FileError, "listed") as (system, path):
+            return sorted(found.removeprefix(f"{path}/") for found in system.find(path))
 
-    def system(self) -> tuple[Any, str]:
-        """fsspec's file system, with its cache cleared as other processes may be writing; and the path in it."""
+    @contextlib.contextmanager
+    def store(self, kind: type[TwinlensError], action: str) -> Iterator[tuple[Any, str]]:
+        """fsspec's file system, with its cache cleared as other processes may be writing; and the path in it.
+
+        Every error of a store's client library, except for a missing file, becomes `kind`.
+        """
         from fsspec.core import url_to_fs
 
         try:
@@ -100,12 +96,17 @@ class RemotePath:
             raise MissingExtraError(f"{self}: a package is missing ({error})") from None
         except ValueError as error:
             raise InputError(f"{self}: not an address that fsspec knows ({error})") from None
-        system.invalidate_cache()
-        return system, path
+        try:
+            system.invalidate_cache()
+            yield system, path.rstrip("/")
+        except (TwinlensError, FileNotFoundError):
+            raise
+        except Exception as error:
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise kind(f"{self}: cannot be {action} ({reason})") from error
 
     def _kind(self) -> str | None:
-        with _errors_as(FileError, self, "read"):
-            system, path = self.system()
+        with self.store(FileError, "read") as (system, path):
             try:
                 return str(system.info(path)["type"])
             except (FileNotFoundError, NotADirectoryError):
@@ -139,9 +140,8 @@ def is_whole(folder: Where) -> bool:
 
 def write_objects(folder: RemotePath, files: Mapping[str, bytes]) -> None:
     """Write `files` (relative name -> content) below `folder`, concurrently if the store can. Raises OutputError."""
-    with _errors_as(OutputError, folder, "written"):
-        system, path = folder.system()
-        objects = {f"{path.rstrip('/')}/{name}": data for name, data in files.items()}
+    with folder.store(OutputError, "written") as (system, path):
+        objects = {f"{path}/{name}": data for name, data in files.items()}
         try:
             system.pipe(objects)
         except FileNotFoundError:  # a store with real folders
@@ -182,11 +182,10 @@ def fill_remote(folder: RemotePath, files: Iterable[tuple[str, bytes]], overwrit
 
 def remove_objects(folder: RemotePath, names: Iterable[str]) -> None:
     """Remove those of the files below `folder` that exist, in the given order. Raises OutputError."""
-    with _errors_as(OutputError, folder, "removed"):
-        system, path = folder.system()
+    with folder.store(OutputError, "removed") as (system, path):
         for name in names:
             with contextlib.suppress(FileNotFoundError):
-                system.rm_file(f"{path.rstrip('/')}/{name}")
+                system.rm_file(f"{path}/{name}")
 
 
 @contextlib.contextmanager
@@ -198,15 +197,3 @@ def _removed_on_error(folder: RemotePath, names: Iterable[str]) -> Iterator[None
             with contextlib.suppress(OutputError):
                 remove_objects(folder, [name])
         raise
-
-
-@contextlib.contextmanager
-def _errors_as(kind: type[TwinlensError], where: RemotePath, action: str) -> Iterator[None]:
-    """Turn every error of a store's client library, except for a missing file, into `kind`."""
-    try:
-        yield
-    except (TwinlensError, FileNotFoundError):
-        raise
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise kind(f"{where}: cannot be {action} ({reason})") from error

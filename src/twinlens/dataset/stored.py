@@ -16,7 +16,7 @@ import numpy as np
 import pydantic
 from numpy.typing import NDArray
 
-from twinlens.camera import Lens, Rig
+from twinlens.camera import Camera, Lens, Rig
 from twinlens.camera.truth import Correspondence, Truth
 from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.codecs.exr import read_exr
@@ -84,14 +84,7 @@ class StoredSample(Mapping[str, Any]):
 
     im0, disp0, mask0_nonocc, truth0, im1, ... are `image(0)`, `disparity(0)` and so on. As a mapping, so that a torch
     DataLoader makes batches of it, its keys are name, the images, disp0 and mask0_nonocc; ``sample[name]`` reads every
-    quantity of docs/loading.md.
-
-    Attributes
-    ----------
-    folder : path
-    name : str
-    row : mapping
-        Its row in dataset.json; empty if there is none.
+    quantity of docs/loading.md. `row` is its row in dataset.json; empty if there is none.
     """
 
     folder: Place
@@ -206,6 +199,13 @@ class StoredSample(Mapping[str, Any]):
         rig: Rig = self.file.rig if self.has("sample.json") else self.calibration.rig()
         return rig
 
+    def camera(self, i: int) -> tuple[Camera, NDArray[np.float64]]:
+        """Camera i of `rig`, and its world_from_cam. Raises InputError beyond the last."""
+        rig = self.rig
+        if i >= len(rig):
+            raise InputError(f"{self.name}: has cameras 0 to {len(rig) - 1}, no camera {i}")
+        return rig.cameras[i], rig.world_from_cams[i]
+
     @property
     def num_lenses(self) -> int:
         """Number of lenses: `lens(0)` to `lens(num_lenses - 1)`."""
@@ -264,13 +264,6 @@ class StoredShot:
         return blur_circle_px(depth, self.sample.rig.cameras[i], self.lens)
 
 
-def _view_of_rig(sample: StoredSample, i: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    rig = sample.rig
-    if i >= len(rig):
-        raise InputError(f"{sample.name}: has cameras 0 to {len(rig) - 1}, no camera {i}")
-    return rig.cameras[i].K, rig.world_from_cams[i].copy()
-
-
 _OF_SAMPLE = {
     "name": attrgetter("name"),
     "baseline": attrgetter("calibration.baseline"),
@@ -282,8 +275,8 @@ _OF_VIEW: dict[str, Callable[[StoredSample, int], Any]] = {
     "disp": StoredSample.disparity,
     "mask_nonocc": StoredSample.mask_nonocc,
     "radiance": StoredSample.radiance,
-    "K": lambda sample, i: _view_of_rig(sample, i)[0],
-    "world_from_cam": lambda sample, i: _view_of_rig(sample, i)[1],
+    "K": lambda sample, i: sample.camera(i)[0].K,
+    "world_from_cam": lambda sample, i: sample.camera(i)[1].copy(),
 }
 _OF_TRUTH = (*SCALARS, *VECTORS)
 _OF_LENS: dict[str, Callable[[StoredShot, int], Any]] = {

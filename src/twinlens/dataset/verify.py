@@ -20,10 +20,10 @@ from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.codecs.pfm import read_pfm
 from twinlens.dataset.codecs.png import read_png
-from twinlens.dataset.croissant import NAME as CROISSANT
 from twinlens.dataset.dataset import Dataset, found_samples, stored
 from twinlens.dataset.files import is_hidden, read_bytes
 from twinlens.dataset.manifest import NAME, ROWS, Manifest, hash_files, pending_rows, read_manifest
+from twinlens.dataset.metadata import NAME as CROISSANT
 from twinlens.dataset.sample import lens_folder, rectified_pair
 from twinlens.dataset.storage import MARK, Place, RemotePath, Where, is_whole, place
 from twinlens.dataset.stored import StoredSample
@@ -48,13 +48,8 @@ def verify_place(where: Where, progress: Callable[[float, str], None] | None = N
     """Yield (name, findings): first for "dataset.json", the dataset as a whole, then for each sample.
 
     Pending samples, which are made but not yet in dataset.json, are checked against their own rows. One sample is in
-    memory at a time. Raises FileError if there is no dataset; never for the content of a file.
-
-    Parameters
-    ----------
-    where : str or path
-    progress : callable or None
-        Called with the fraction done and the sample's name.
+    memory at a time. `progress` is called with the fraction done and the sample's name. Raises FileError if there is no
+    dataset; never for the content of a file.
     """
     samples, findings = _open(place(where))
     yield NAME, findings
@@ -254,7 +249,7 @@ def _read_files(sample: StoredSample, present: list[str]) -> tuple[Content, list
         path = sample.folder / name
         try:
             if _VIEW_FILE.match(name):
-                content[name] = _READERS[path.suffix](path)
+                content[name] = _READERS[name[-4:]](path)
             elif name == "calib.txt":
                 content[name] = read_calib(path)
             elif name == "sample.json":

@@ -30,7 +30,7 @@ def mask_from_both(disparity: Disparity, partner: Disparity, left: bool = True) 
     Parameters
     ----------
     disparity, partner : (H, W)
-        Pixels, +inf unknown.
+        Pixels, +inf unknown. InputError if the shapes differ.
     left : bool
         Whether the view is the left one, whose match is at u - d.
 
@@ -39,16 +39,10 @@ def mask_from_both(disparity: Disparity, partner: Disparity, left: bool = True) 
     uint8 (H, W)
         255 (visible) if the partner's disparity at the pixel nearest to the match differs by at most one pixel; 128
         (hidden) otherwise, and if the match is outside the image; 0 where the disparity is unknown.
-
-    Raises
-    ------
-    InputError
-        If the shapes differ.
     """
-    _check(disparity, partner)
+    _, target, inside = _matches(disparity, partner, left)
+    matched = np.take_along_axis(partner, target, axis=1)
     known = np.isfinite(disparity)
-    target, inside = _targets(disparity, left)
-    matched = np.take_along_axis(partner, np.where(inside, target, 0), axis=1)
     agree = np.abs(np.where(inside, matched, np.inf) - np.where(known, disparity, 0)) <= _CROSS_CHECK_PX
     return _mask(known, inside & agree)
 
@@ -64,10 +58,13 @@ def mask_from_one(disparity: Disparity, left: bool = True) -> Mask:
     >>> mask_from_one(np.float32([[0, 0, 0, 2, 0]])).tolist()
     [[255, 128, 255, 255, 255]]
     """
-    _check(disparity, disparity)
+    matches, target, inside = _matches(disparity, disparity, left)
+    winners = np.full(disparity.shape, -np.inf, np.float32)
+    for columns in (np.floor(matches), np.ceil(matches)):
+        covered = (columns >= 0) & (columns < disparity.shape[1])
+        np.maximum.at(winners, (np.nonzero(covered)[0], columns[covered].astype(np.intp)), disparity[covered])
     known = np.isfinite(disparity)
-    target, inside = _targets(disparity, left)
-    winner = np.take_along_axis(_warped(disparity, left), np.where(inside, target, 0), axis=1)
+    winner = np.take_along_axis(winners, target, axis=1)
     return _mask(known, inside & (winner <= np.where(known, disparity, 0) + _CROSS_CHECK_PX))
 
 
@@ -113,35 +110,19 @@ def _visible_in(here: Truth, there: Truth, rig: Rig, target: int, pixels: NDArra
     return visible
 
 
-def _targets(disparity: Disparity, left: bool) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """The pixel nearest to each match (H, W), and whether it is inside the image."""
-    exact = _matches(disparity, left)
-    inside = (exact >= -0.5) & (exact < disparity.shape[1] - 0.5)
-    return np.floor(np.where(inside, exact, 0.0) + 0.5).astype(np.intp), inside
-
-
-def _matches(disparity: Disparity, left: bool) -> NDArray[np.float64]:
-    u = np.arange(disparity.shape[1], dtype=np.float64)
-    return u - disparity if left else u + disparity
-
-
-def _warped(disparity: Disparity, left: bool) -> Disparity:
-    """The largest disparity warped to each pixel of the partner; -inf if there is none."""
-    width = disparity.shape[1]
-    largest = np.full(disparity.shape, -np.inf, np.float32)
-    exact = _matches(disparity, left)
-    for columns in (np.floor(exact), np.ceil(exact)):
-        inside = (columns >= 0) & (columns < width)
-        np.maximum.at(largest, (np.nonzero(inside)[0], columns[inside].astype(np.intp)), disparity[inside])
-    return largest
-
-
-def _mask(known: NDArray[np.bool_], visible: NDArray[np.bool_]) -> Mask:
-    return np.where(known & visible, VISIBLE, np.where(known, HIDDEN, UNKNOWN)).astype(np.uint8)
-
-
-def _check(disparity: Disparity, partner: Disparity) -> None:
+def _matches(
+    disparity: Disparity, partner: Disparity, left: bool
+) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.bool_]]:
+    """Each pixel's match u -+ d, the pixel nearest to it (0 outside), and whether it is inside the image."""
     if disparity.ndim != 2 or disparity.shape != partner.shape:
         raise InputError(f"disparity maps must be (H, W) of equal shape, got {disparity.shape} and {partner.shape}")
     if not ((disparity > -np.inf).all() and (partner > -np.inf).all()):
         raise InputError("a disparity map contains NaN or -inf; unknown pixels must be +inf")
+    u = np.arange(disparity.shape[1], dtype=np.float64)
+    matches = u - disparity if left else u + disparity
+    inside = (matches >= -0.5) & (matches < disparity.shape[1] - 0.5)
+    return matches, np.floor(np.where(inside, matches, 0.0) + 0.5).astype(np.intp), inside
+
+
+def _mask(known: NDArray[np.bool_], visible: NDArray[np.bool_]) -> Mask:
+    return np.where(known & visible, VISIBLE, np.where(known, HIDDEN, UNKNOWN)).astype(np.uint8)

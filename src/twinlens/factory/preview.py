@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from twinlens.dataset import Row, StoredSample
+from twinlens.dataset.card import contact_sheet, tile
 from twinlens.dataset.codecs.png import encode_png
-from twinlens.dataset.figures import contact_sheet, tile
 from twinlens.dataset.files import write_file
 from twinlens.dataset.storage import Place
 from twinlens.errors import FileError

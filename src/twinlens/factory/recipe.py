@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, create_model
 
-from twinlens.dataset.about import About
+from twinlens.dataset.metadata import About
 from twinlens.errors import InputError, format_value, unknown
 from twinlens.factory.draws import NonNegative, Number, corners, hint, normalized, template
 from twinlens.factory.gates import Gates

@@ -9,20 +9,21 @@ Source: https://vision.middlebury.edu/stereo/data/scenes2014/ and .../submit3/, 
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from decimal import Decimal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens import geometry
 from twinlens.camera import Camera, Rig
-from twinlens.dataset.files import read_bytes, write_file
+from twinlens.dataset.files import read_text, write_file
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
 _REQUIRED = ("cam0", "cam1", "doffs", "baseline", "width", "height")
-_MAX_BYTES = 1 << 16
 _DOFFS_TOLERANCE = 0.01  # px: Middlebury rounds cx and doffs to three digits
 
 
@@ -30,27 +31,13 @@ _DOFFS_TOLERANCE = 0.01  # px: Middlebury rounds cx and doffs to three digits
 class Calibration:
     """Calibration of a rectified pair.
 
-    Parameters
-    ----------
-    cam0, cam1 : (fx, fy, cx, cy)
-        Left and right camera, pixels, pixel centres at integers.
-    baseline : float
-        Metres.
-    width, height : int
-        Image size, pixels.
-    doffs : float
-        cx1 - cx0, pixels.
-    ndisp : int or None
-        Bound of the disparities, 0 <= d < ndisp; None if the file has none.
-    isint : bool
-        Whether the true disparities are integers; Middlebury's evaluation then rounds estimates before it scores them.
-    vmin, vmax : float or None
-        Bounds of the true disparities, for colour maps.
+    cam0, cam1 : (fx, fy, cx, cy) of the left and right camera, pixels, pixel centres at integers.
+    baseline : metres. width, height : pixels. doffs : cx1 - cx0, pixels.
+    ndisp : bound of the disparities, 0 <= d < ndisp, or None.
+    isint : whether the true disparities are integers; Middlebury's evaluation then rounds estimates.
+    vmin, vmax : bounds of the true disparities, for colour maps, or None.
 
-    Raises
-    ------
-    InputError
-        For numbers that are not finite or not positive, and for doffs that differ from cx1 - cx0.
+    Raises InputError for numbers that are not finite or not positive, and for doffs that differ from cx1 - cx0.
     """
 
     cam0: tuple[float, float, float, float]
@@ -92,12 +79,12 @@ class Calibration:
     @property
     def K0(self) -> NDArray[np.float64]:  # noqa: N802
         """Left camera matrix, (3, 3)."""
-        return _matrix(self.cam0)
+        return self.rig().cameras[0].K
 
     @property
     def K1(self) -> NDArray[np.float64]:  # noqa: N802
         """Right camera matrix, (3, 3)."""
-        return _matrix(self.cam1)
+        return self.rig().cameras[1].K
 
     def rig(self) -> Rig:
         """The pair as a Rig; the world frame is the left camera's."""
@@ -127,13 +114,12 @@ def encode_calib(calibration: Calibration) -> str:
     ndisp=64
     isint=0
     """
+    millimetres = format(_shifted(repr(float(calibration.baseline)), 3).normalize(), "f")
     fields = {
-        **{
-            name: "[{0!r} 0 {2!r}; 0 {1!r} {3!r}; 0 0 1]".format(*map(float, getattr(calibration, name)))
-            for name in ("cam0", "cam1")
-        },
+        "cam0": _camera_text(calibration.cam0),
+        "cam1": _camera_text(calibration.cam1),
         "doffs": float(calibration.doffs),
-        "baseline": _plain_digits(_shifted(repr(float(calibration.baseline)), 3)),
+        "baseline": millimetres if "." in millimetres else f"{millimetres}.0",
         "width": int(calibration.width),
         "height": int(calibration.height),
         "ndisp": calibration.ndisp,
@@ -149,23 +135,20 @@ def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
 
     Raises FileError that begins with `name` for an invalid line or number and for a missing key.
     """
-    fields = _fields(text, name)
+    fields: dict[str, str] = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        key, equals, value = (part.strip() for part in line.partition("="))
+        if line.strip() and not equals:
+            raise FileError(f"{name}: line {number} must read name=value, got {line.strip()[:40]!r}")
+        if key in fields:
+            raise FileError(f"{name}: line {number} repeats the key {key}")
+        if equals:
+            fields[key] = value
     missing = [key for key in _REQUIRED if key not in fields]
     if missing:
         raise FileError(f"{name}: has no {missing[0]}= line; required are {', '.join(_REQUIRED)}")
     try:
-        return Calibration(
-            cam0=_camera(fields["cam0"]),
-            cam1=_camera(fields["cam1"]),
-            baseline=float(_shifted(fields["baseline"], -3)),
-            width=int(fields["width"]),
-            height=int(fields["height"]),
-            doffs=float(fields["doffs"]),
-            ndisp=int(fields["ndisp"]) if "ndisp" in fields else None,
-            isint=fields.get("isint", "0") != "0",
-            vmin=float(fields["vmin"]) if "vmin" in fields else None,
-            vmax=float(fields["vmax"]) if "vmax" in fields else None,
-        )
+        return Calibration(**{key: _READ[key](value) for key, value in fields.items() if key in _READ})
     except ValueError as error:
         raise FileError(f"{name}: {error}") from None
     except ArithmeticError:
@@ -175,13 +158,7 @@ def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
 
 def read_calib(path: Where) -> Calibration:
     """Read a calib.txt. Raises FileError."""
-    data = read_bytes(path)
-    if len(data) > _MAX_BYTES:
-        raise FileError(f"{path}: not a calib.txt ({len(data)} bytes; at most {_MAX_BYTES})")
-    try:
-        return decode_calib(data.decode("utf-8"), str(path))
-    except UnicodeDecodeError:
-        raise FileError(f"{path}: not a text file") from None
+    return decode_calib(read_text(path), str(path))
 
 
 def write_calib(path: Where, calibration: Calibration) -> None:
@@ -194,18 +171,9 @@ def tidy(length: float) -> float:
     return float(f"{length:.14g}")
 
 
-def _fields(text: str, name: str) -> dict[str, str]:
-    fields: dict[str, str] = {}
-    for number, line in enumerate(text.splitlines(), 1):
-        key, equals, value = (part.strip() for part in line.partition("="))
-        if not line.strip():
-            continue
-        if not equals:
-            raise FileError(f"{name}: line {number} must read name=value, got {line.strip()[:40]!r}")
-        if key in fields:
-            raise FileError(f"{name}: line {number} repeats the key {key}")
-        fields[key] = value
-    return fields
+def _camera_text(cam: tuple[float, float, float, float]) -> str:
+    fx, fy, cx, cy = map(float, cam)
+    return f"[{fx!r} 0 {cx!r}; 0 {fy!r} {cy!r}; 0 0 1]"
 
 
 def _camera(text: str) -> tuple[float, float, float, float]:
@@ -220,11 +188,10 @@ def _shifted(decimal: str, places: int) -> Decimal:
     return Decimal(decimal).scaleb(places)
 
 
-def _plain_digits(number: Decimal) -> str:
-    text = format(number.normalize(), "f")
-    return text if "." in text else f"{text}.0"
-
-
-def _matrix(cam: tuple[float, float, float, float]) -> NDArray[np.float64]:
-    fx, fy, cx, cy = cam
-    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+_READ: dict[str, Callable[[str], Any]] = {
+    **dict.fromkeys(("cam0", "cam1"), _camera),
+    **dict.fromkeys(("doffs", "vmin", "vmax"), float),
+    **dict.fromkeys(("width", "height", "ndisp"), int),
+    "baseline": lambda text: float(_shifted(text, -3)),
+    "isint": lambda text: text != "0",
+}

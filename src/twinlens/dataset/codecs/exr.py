@@ -59,7 +59,13 @@ def decode_exr(data: bytes, name: str = "EXR data") -> Exr:
     """Decode an EXR with one part; half floats become float32. Raises FileError that begins with `name`."""
     if data[:4] != _MAGIC:
         raise FileError(f"{name}: not an OpenEXR file")
-    _check_size(_open(data, name, header_only=True), len(data), name)
+    header = _open(data, name, header_only=True).header
+    low, high = header["dataWindow"]
+    width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
+    count = len(header["channels"])
+    if width < 1 or height < 1 or width * height * count > _MAX_RATIO * len(data):  # before memory is allocated
+        size = f"{count} channels of {width} x {height} pixels"
+        raise FileError(f"{name}: {len(data)} bytes cannot hold {size}; the file is damaged")
     part = _open(data, name)
     channels = {key: channel.pixels for key, channel in sorted(part.channels.items())}
     if not channels or any(pixels is None or pixels.ndim != 2 for pixels in channels.values()):
@@ -108,14 +114,3 @@ def _open(data: bytes, name: str, header_only: bool = False) -> Any:
     if len(parts) != 1:
         raise FileError(f"{name}: needs exactly one readable part, has {len(parts)}")
     return parts[0]
-
-
-def _check_size(part: Any, length: int, name: str) -> None:
-    """Reject sizes that the file cannot fill, before any memory is allocated."""
-    low, high = part.header["dataWindow"]
-    width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
-    channels = len(part.header["channels"])
-    if width < 1 or height < 1 or width * height * channels > _MAX_RATIO * length:
-        raise FileError(
-            f"{name}: {length} bytes cannot hold {channels} channels of {width} x {height} pixels; the file is damaged"
-        )

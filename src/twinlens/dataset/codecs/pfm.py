@@ -9,19 +9,19 @@ Source: P. Debevec, http://www.pauldebevec.com/Research/HDR/PFM/; Middlebury ste
 
 import math
 import re
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.files import read_bytes, write_file
-from twinlens.dataset.storage import Where, place
+from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
 _HEADER = re.compile(rb"(P[fF])#(\d{1,9})#(\d{1,9})#([-+0-9.eE]{1,32})".replace(b"#", rb"(?:\s|#[^\n]*\n)+"))
 _LINE_END = re.compile(rb"[ \t]*(?:#[^\n]*)?\r?\n|[ \t]")
 _HEADER_LIMIT = 1000
+_INVALID = "contains NaN or -inf; unknown pixels must be +inf"
 
 
 def encode_pfm(values: ArrayLike) -> bytes:
@@ -37,13 +37,13 @@ def encode_pfm(values: ArrayLike) -> bytes:
         raise InputError(f"a PFM holds real numbers, got an array of {given.dtype}")
     if given.ndim not in (2, 3) or 0 in given.shape or (given.ndim == 3 and given.shape[2] != 3):
         raise InputError(f"a PFM holds (H, W) or (H, W, 3) values, got shape {given.shape}")
-    _reject_nan(given, "PFM values", InputError)
+    if not (given > -np.inf).all():
+        raise InputError(f"PFM values: {_INVALID}")
     with np.errstate(over="ignore"):
         array = given.astype("<f4")
     if given.dtype != np.float32 and np.isposinf(array).sum() != np.isposinf(given).sum():
         raise InputError("PFM values: a number is too large for float32; only +inf means unknown")
-    kind = "Pf" if array.ndim == 2 else "PF"
-    header = f"{kind}\n{array.shape[1]} {array.shape[0]}\n-1.0\n".encode()
+    header = f"{'Pf' if array.ndim == 2 else 'PF'}\n{array.shape[1]} {array.shape[0]}\n-1.0\n".encode()
     return header + np.ascontiguousarray(array[::-1]).tobytes()
 
 
@@ -60,9 +60,16 @@ def decode_pfm(data: bytes, name: str = "PFM data") -> NDArray[np.float32]:
             f"{name}: {max(len(data) - header.end() - 1, 0)} bytes of pixels, but the header specifies {width} x"
             f" {height} x {channels} float32 ({size} bytes); the file is damaged"
         )
-    rows = np.frombuffer(data, _dtype(header[4], name), offset=start).reshape(height, width, channels)
+    try:
+        scale = float(header[4])
+    except ValueError:
+        scale = 0.0
+    if scale == 0 or not math.isfinite(scale):
+        raise FileError(f"{name}: the scale must be a number other than 0 (negative: little-endian), got {header[4]!r}")
+    rows = np.frombuffer(data, "<f4" if scale < 0 else ">f4", offset=start).reshape(height, width, channels)
     array = rows[::-1].astype(np.float32)
-    _reject_nan(array, name, FileError)
+    if not (array > -np.inf).all():
+        raise FileError(f"{name}: {_INVALID}")
     return array if channels == 3 else array[..., 0]
 
 
@@ -76,7 +83,7 @@ def read_disparity(path: Where) -> NDArray[np.float32]:
 
     Raises FileError for a file that is neither.
     """
-    if place(path).suffix.lower() == ".png":
+    if str(path).lower().endswith(".png"):
         codes = read_png(path)
         if codes.ndim != 2 or codes.dtype != np.uint16:
             raise FileError(f"{path}: a disparity PNG must be 16-bit grey (256 d, 0 unknown), as KITTI's are")
@@ -90,18 +97,3 @@ def read_disparity(path: Where) -> NDArray[np.float32]:
 def write_pfm(path: Where, values: ArrayLike) -> None:
     """Write `values` (H, W) or (H, W, 3) as a little-endian PFM. Raises InputError and OutputError."""
     write_file(path, encode_pfm(values))
-
-
-def _dtype(scale: bytes, name: str) -> str:
-    try:
-        value = float(scale)
-    except ValueError:
-        value = math.nan
-    if value == 0 or not math.isfinite(value):
-        raise FileError(f"{name}: the scale must be a number other than 0 (negative: little-endian), got {scale!r}")
-    return "<f4" if value < 0 else ">f4"
-
-
-def _reject_nan(array: NDArray[Any], name: str, error: type[InputError]) -> None:
-    if array.dtype.kind == "f" and not (array > -np.inf).all():
-        raise error(f"{name}: contains NaN or -inf; unknown pixels must be +inf")

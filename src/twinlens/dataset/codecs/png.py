@@ -58,10 +58,18 @@ def decode_png(data: bytes, name: str = "PNG data") -> Pixels:
     Palettes become RGB, fewer than 8 bits become 8, an opaque alpha channel is dropped. Raises FileError that begins
     with `name` for a damaged or partly transparent file, or one with more than 80 million pixels.
     """
-    sixteen_bit_rgb = _check_header(data, name)
+    if len(data) < 33 or data[:8] != _SIGNATURE or data[12:16] != b"IHDR":
+        raise FileError(f"{name}: not a PNG")
+    width, height, depth, color = struct.unpack(">IIBB", data[16:26])
+    if not 0 < width * height <= _MAX_PIXELS:
+        raise FileError(f"{name}: a PNG must have 1 to {_MAX_PIXELS} pixels, got {width} x {height}")
+    if width * height * depth > 8 * _DEFLATE_RATIO * len(data):  # before memory is allocated
+        raise FileError(f"{name}: {len(data)} bytes cannot hold {width} x {height} pixels; the file is damaged")
+    if depth == 16 and color & _ALPHA_BIT:
+        raise FileError(f"{name}: has 16 bits and an alpha channel; save it without the alpha channel")
     _check_chunks(data, name)
     try:
-        return _decode_sixteen_bit_rgb(data) if sixteen_bit_rgb else _decode(data, name)
+        return _decode_sixteen_bit_rgb(data) if depth == 16 and color == _RGB else _decode(data, name)
     except FileError:
         raise
     except Exception as error:  # Pillow raises half a dozen types, depending on where the damage is
@@ -86,15 +94,13 @@ def read_image(path: Path) -> NDArray[Any]:
     if path.suffix.lower() == ".png":
         return read_png(path)
     try:
-        with Image.open(path, formats=_FORMATS) as image:
+        with Image.open(io.BytesIO(read_bytes(path)), formats=_FORMATS) as image:
             if image.mode in _CONVERSIONS:
                 return np.asarray(image.convert(_CONVERSIONS[image.mode]))
             pixels = np.asarray(image) if image.mode in _SIXTEEN_BIT_MODES else None
             if pixels is None or pixels.min() < 0 or pixels.max() > np.iinfo(np.uint16).max:
                 raise FileError(f"{path}: image mode {image.mode} is not supported; save it as grey or RGB PNG")
             return pixels.astype(np.uint16)
-    except FileNotFoundError:
-        raise FileError(f"{path}: no such file") from None
     except FileError:
         raise
     except (OSError, Image.DecompressionBombError, ValueError) as error:
@@ -118,20 +124,6 @@ def _paeth_filtered(rows: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
 
 def _chunk(kind: bytes, body: bytes) -> bytes:
     return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-
-
-def _check_header(data: bytes, name: str) -> bool:
-    """Reject sizes that the file cannot fill, before any memory is allocated; True for 16-bit RGB."""
-    if len(data) < 33 or data[:8] != _SIGNATURE or data[12:16] != b"IHDR":
-        raise FileError(f"{name}: not a PNG")
-    width, height, depth, color = struct.unpack(">IIBB", data[16:26])
-    if not 0 < width * height <= _MAX_PIXELS:
-        raise FileError(f"{name}: a PNG must have 1 to {_MAX_PIXELS} pixels, got {width} x {height}")
-    if width * height * depth > 8 * _DEFLATE_RATIO * len(data):
-        raise FileError(f"{name}: {len(data)} bytes cannot hold {width} x {height} pixels; the file is damaged")
-    if depth == 16 and color & _ALPHA_BIT:
-        raise FileError(f"{name}: has 16 bits and an alpha channel; save it without the alpha channel")
-    return bool(depth == 16 and color == _RGB)
 
 
 def _check_chunks(data: bytes, name: str) -> None:

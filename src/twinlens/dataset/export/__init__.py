@@ -53,32 +53,12 @@ def export(
 ) -> dict[str, int]:
     """Write samples to `folder` in the layout `to`, a key of LAYOUTS.
 
-    The folder appears whole or not at all. EXPORT.md in it lists the samples in order.
+    The folder appears whole or not at all; it must not exist, unless `overwrite` is set and it is an earlier export or
+    empty. EXPORT.md in it lists the samples in order. `lens` selects the images of samples taken through several
+    lenses. `progress` is called with the fraction done and the sample's name.
 
-    Parameters
-    ----------
-    dataset : sequence of StoredSample
-    folder : str or path
-        Must not exist, unless `overwrite` is set and it is an earlier export or empty.
-    to : str
-    lens : int
-        Which images to export of samples taken through several lenses.
-    overwrite : bool
-    progress : callable or None
-        Called with the fraction done and the sample's name.
-
-    Returns
-    -------
-    dict
-        Relative name -> size in bytes.
-
-    Raises
-    ------
-    InputError
-        For an unknown layout, or a sample that the layout cannot hold.
-    FileError
-        For a file that a sample lacks.
-    OutputError
+    Returns the size in bytes of each file by relative name. Raises InputError for an unknown layout and for a sample
+    that the layout cannot hold, FileError for a file that a sample lacks, and OutputError.
     """
     if to not in LAYOUTS:
         raise unknown("layout", to, LAYOUTS)

@@ -1,0 +1,213 @@
+"""A dataset's metadata: name, licence and authors as its maker states them, and croissant.json.
+
+croissant.json describes the dataset to machine-learning tools, in MLCommons' Croissant 1.0 (JSON-LD on schema.org). One
+record set lists the samples of dataset.json. Each kind of file (left images, left disparities, ...) has a record set of
+its content and folder: the sample's name, followed by /lens-1 and so on for images of other lenses.
+
+Source: Croissant Format Specification 1.0, https://docs.mlcommons.org/croissant/docs/croissant-spec.html.
+"""
+
+import hashlib
+import json
+import re
+from contextlib import suppress
+from datetime import date
+from typing import Annotated, Any
+from urllib.parse import urlsplit
+
+import pydantic
+
+from twinlens import schema
+from twinlens.dataset.dataset import Dataset
+from twinlens.dataset.files import read_bytes, write_file
+from twinlens.dataset.manifest import NAME as MANIFEST
+from twinlens.dataset.manifest import Manifest
+from twinlens.dataset.record import read
+from twinlens.dataset.storage import Where
+from twinlens.errors import InputError
+
+KEY, UNNAMED = "about", "stereo dataset"
+NAME = "croissant.json"
+_VERSION = "1.0.0"
+
+# mlcroissant decodes few formats, and returns the bytes of text: hence the second media types.
+_PNG, _PFM = ["image/png"], ["image/x-portable-floatmap", "text/plain"]
+_EXR, _TEXT, _JSON = ["image/x-exr", "text/plain"], ["text/plain"], ["text/plain", "application/json"]
+_KINDS = {
+    "im": ("image of view {}", _PNG, "sc:ImageObject"),
+    "disp": ("true disparity of view {}: float32 pixels, +inf unknown", _PFM, "sc:ImageObject"),
+    "mask": ("view {}: 255 visible in both, 128 occluded or out of frame, 0 unknown", _PNG, "sc:ImageObject"),
+    "truth": ("truth of view {}: depth, position, normals, ids, blur circle", _EXR, "sc:Text"),
+    "radiance": ("linear image of view {}", _EXR, "sc:Text"),
+    "calib": ("calibration of the pair, as Middlebury's calib.txt", _TEXT, "sc:Text"),
+    "sample": ("how the sample was made", _JSON, "sc:Text"),
+}
+_FILE = re.compile(r"(([a-z]+)(\d*)[A-Za-z]*)\.[a-z]+$")
+
+_TERMS = """citeAs column equivalentProperty extract field fileProperty fileObject fileSet format includes isLiveDataset
+jsonPath key md5 parentField path recordSet references regex repeated replace samplingRate separator source subField
+transform"""
+CONTEXT: dict[str, Any] = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "sc": "https://schema.org/",
+    "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "dct": "http://purl.org/dc/terms/",
+    "conformsTo": "dct:conformsTo",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    **{term: f"cr:{term}" for term in _TERMS.split()},
+}
+"""The specification's own @context, appendix 1."""
+
+
+def _check_text(text: str) -> str:
+    if not text.strip():
+        raise InputError("is empty; give a text, or leave the key out")
+    return text
+
+
+def _check_url(text: str) -> str:
+    with suppress(ValueError):  # unbalanced brackets
+        parts = urlsplit(text)
+        if parts.scheme and parts.netloc and not re.search(r"\s", text):
+            return text
+    raise InputError(f"must be an address such as https://example.org/set, got {text[:60]!r}")
+
+
+def _check_date(text: str) -> str:
+    with suppress(ValueError):
+        if date.fromisoformat(text).isoformat() == text:
+            return text
+    raise InputError(f"must be a date such as 2026-01-31, got {text[:60]!r}")
+
+
+def _text(description: str) -> Any:
+    return pydantic.Field(default="", description=description)
+
+
+Text = Annotated[str, pydantic.AfterValidator(_check_text)]
+
+
+class About(schema.StrictModel):
+    """What the card and croissant.json say beyond the files; a text is empty where it is not given."""
+
+    name: Text = _text("of the dataset; 'stereo dataset' if not given")
+    description: Text = _text("one or more sentences")
+    license: Text = _text("SPDX name, such as CC-BY-4.0, or the address of a licence's text")
+    creator: Text = _text("who made it")
+    url: Annotated[Text, pydantic.AfterValidator(_check_url)] = _text("where to get it")
+    published: Annotated[Text, pydantic.AfterValidator(_check_date)] = _text("2026-01-31")
+    cite_as: Text = _text("BibTeX entry")
+
+    @classmethod
+    def of(cls, values: Any) -> "About":
+        """Read plain data. Raises InputError that names the key."""
+        return schema.read(cls, values, KEY)
+
+    @property
+    def title(self) -> str:
+        """The name, or `UNNAMED`, so that a renamed copy of a dataset has the same card."""
+        return self.name or UNNAMED
+
+    def plain(self) -> dict[str, str]:
+        """The texts that are given."""
+        return self.model_dump(exclude_defaults=True)
+
+
+def about(dataset: Dataset) -> tuple[About, Manifest]:
+    """The About in dataset.json or its recipe, and the manifest; empty ones without dataset.json. Raises FileError."""
+    path = dataset.path / MANIFEST
+    if not path.is_file():
+        return About(), Manifest(())
+    manifest = dataset.manifest
+    return read(About, manifest.info.get(KEY, manifest.recipe.get(KEY, {})), path, KEY), manifest
+
+
+def write_croissant(dataset: Where | Dataset) -> str:
+    """Write croissant.json into a dataset's folder; returns its name. The same dataset gives the same bytes.
+
+    It contains the SHA-256 of dataset.json, so it is written after it. Raises FileError and OutputError.
+    """
+    dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
+    given, manifest = about(dataset)
+    found = {name for row in manifest.rows for name in row.files}
+    if not manifest.rows:
+        plain = ("im0.png", "im1.png", "disp0.pfm", "disp1.pfm", "disp0GT.pfm", "disp1GT.pfm", "calib.txt")
+        found = {name for name in plain if dataset[0].has(name)}
+    files = sorted({name.rpartition("/")[2] for name in found})  # without the folders of lenses
+    described = [_file_records(match) for match in map(_FILE.match, files) if match and match[2] in _KINDS]
+    if (dataset.path / MANIFEST).is_file():
+        described.insert(0, _manifest_records(read_bytes(dataset.path / MANIFEST), manifest))
+    record: dict[str, Any] = {
+        "@context": CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": "http://mlcommons.org/croissant/1.0",
+        "name": given.title,
+        "description": given.description
+        or f"{given.title}: stereo pairs rendered by twinlens, with exact ground truth.",
+        "version": _VERSION,
+    }
+    keys = {"license": "license", "url": "url", "datePublished": "published", "citeAs": "cite_as"}
+    record |= {key: value for key, name in keys.items() if (value := getattr(given, name))}
+    if given.creator:
+        record["creator"] = {"@type": "sc:Person", "name": given.creator}
+    record["distribution"] = [files for files, _ in described]
+    record["recordSet"] = [content for _, content in described]
+    write_file(dataset.path / NAME, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode())
+    return NAME
+
+
+def _manifest_records(data: bytes, manifest: Manifest) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The file dataset.json, and the record set of its samples."""
+    file = {
+        "@type": "cr:FileObject",
+        "@id": MANIFEST,
+        "name": MANIFEST,
+        "description": "The samples, and the SHA-256 of each of their files.",
+        "contentUrl": MANIFEST,
+        "contentSize": f"{len(data)} B",
+        "encodingFormat": "application/json",
+        "sha256": hashlib.sha256(data).hexdigest(),
+    }
+    fields = [("name", "the sample's folder", "$.samples[*].name")]
+    if manifest.rows and all("split" in row.info for row in manifest.rows):
+        fields.append(("split", "the split of the dataset", "$.samples[*].info.split"))
+    entries = [
+        _field(f"samples/{name}", text, "sc:Text", {"fileObject": {"@id": MANIFEST}, "extract": {"jsonPath": path}})
+        for name, text, path in fields
+    ]
+    samples = {"@type": "cr:RecordSet", "@id": "samples", "name": "samples", "field": entries}
+    return file, samples | {"key": {"@id": "samples/name"}}
+
+
+def _file_records(match: re.Match[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """All files of one name, and the record set of their folders and contents."""
+    name, ident = match[0], match[0].replace(".", "-")
+    text, encoding, kind = _KINDS[match[2]]
+    text = text.format(match[3])
+    file_set = f"{name}-files"
+    files = {"@type": "cr:FileSet", "@id": file_set, "name": file_set, "description": text}
+    # The star also matches slashes, so nested samples and images of other lenses are found.
+    patterns = {"includes": f"*/{name}", "encodingFormat": encoding}
+    source = {"fileSet": {"@id": file_set}}
+    folder = {"extract": {"fileProperty": "fullpath"}, "transform": {"regex": f"^(.*)/{re.escape(name)}$"}}
+    where = "the sample's name, and the folder of the lens if it is not the first"
+    fields = [
+        _field(f"{ident}/folder", where, "sc:Text", source | folder),
+        _field(f"{ident}/content", text, kind, source | {"extract": {"fileProperty": "content"}}),
+    ]
+    return files | patterns, {
+        "@type": "cr:RecordSet",
+        "@id": ident,
+        "name": ident,
+        "description": text,
+        "field": fields,
+    }
+
+
+def _field(ident: str, text: str, kind: str, source: dict[str, Any]) -> dict[str, Any]:
+    entry = {"@type": "cr:Field", "@id": ident, "name": ident, "description": text, "dataType": kind}
+    return entry | {"source": source}
