@@ -118,7 +118,7 @@ def test_an_asset_that_changes_in_the_middle_is_told_and_is_no_bad_draw(tmp_path
     picture(tmp_path / "mine" / "a.png", 0)
     (tmp_path / "recipe.toml").write_text(ASSETS)
     recipe = read_recipe(tmp_path / "recipe.toml")
-    recipe.sources.hash_files()
+    _ = recipe.sources.digests
     picture(tmp_path / "mine" / "a.png", 1)
     if damage == "gone":
         (tmp_path / "mine" / "a.png").unlink()
@@ -142,7 +142,7 @@ def test_a_mitsuba_file_that_changes_in_the_middle_is_told(tmp_path, rendered):
     lines = ("seed = 4", "count = 2", 'scenes = ["wall.xml"]', "width = 9", "height = 9", "spp = 1")
     (tmp_path / "recipe.toml").write_text("\n".join((*lines, "gates = { texture = 0, burnt = 1 }")))
     recipe = read_recipe(tmp_path / "recipe.toml")
-    recipe.sources.hash_files()
+    _ = recipe.sources.digests
     if rendered:
         make(recipe, 0)
     (tmp_path / "wall.xml").write_text(WALL.format(z=7))

@@ -55,7 +55,7 @@ def command(
         return _print_estimate(read, output, as_json)
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler exclude each other")
-    if workers is None and read.makes_scenes and read.count > RENEWED_AFTER:
+    if workers is None and read.kind == "family" and read.count > RENEWED_AFTER:
         workers = 1  # a separate process, whose replacement returns its memory
     engine = dask_cluster(scheduler) if scheduler else worker_processes(workers) if workers else in_process
     kept = "finished samples are kept; run the same command to resume"

@@ -23,7 +23,7 @@ from pydantic import AfterValidator, Field, model_validator
 from scipy.special import ndtr, ndtri
 
 from twinlens.errors import InputError, format_value
-from twinlens.schema import StrictModel, dotted, exactly, read
+from twinlens.schema import NonNegative, Number, Positive, StrictModel, dotted, exactly, read
 
 _DEEPEST = 12
 _LEAST_SHARE = 1e-6  # of a normal distribution within its clip; below, float64 does not resolve its values
@@ -42,10 +42,7 @@ def _constant(values: list[Any]) -> list[Any]:
     return values
 
 
-Number = Annotated[float, AfterValidator(float)]
 Whole = Annotated[int, Field(ge=-(2**53), le=2**53)]
-NonNegative = Annotated[float, Field(ge=0), AfterValidator(float)]
-Positive = Annotated[float, Field(gt=0), AfterValidator(float)]
 Values = Annotated[list[Any], Field(min_length=1, max_length=1000), AfterValidator(_constant)]
 
 

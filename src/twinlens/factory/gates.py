@@ -4,7 +4,6 @@ Some gates need only the ground truth and are evaluated before rendering; the ot
 """
 
 from collections.abc import Sequence
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +12,10 @@ from pydantic import Field
 from twinlens.camera import Rig
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample
-from twinlens.factory.draws import Number
 from twinlens.factory.texture import grey, textured
 from twinlens.geometry import Float, transform_points
 from twinlens.scenes import Mesh, Scene
-from twinlens.schema import StrictModel
+from twinlens.schema import Fraction, StrictModel
 from twinlens.sensor import Sensor
 
 _DARK = 0.02  # of the image's range
@@ -35,9 +33,6 @@ class Rejected(Exception):  # noqa: N818  no failure: the draw was a bad one
         self.reason, self.found, self.remedy, self.noisy = reason, found, remedy, noisy
 
 
-Share = Annotated[Number, Field(ge=0, le=1)]
-
-
 class Gates(StrictModel):
     """Thresholds, mostly as shares of an image's pixels.
 
@@ -51,11 +46,11 @@ class Gates(StrictModel):
 
     attempts: int = Field(20, ge=1, le=10_000)
     inside: bool = True
-    beyond_ndisp: Share = 0.0
-    visible: Share = 0.2
-    dark: Share = 0.8
-    burnt: Share = 0.5
-    texture: Share = 0.1
+    beyond_ndisp: Fraction = 0.0
+    visible: Fraction = 0.2
+    dark: Fraction = 0.8
+    burnt: Fraction = 0.5
+    texture: Fraction = 0.1
 
 
 def check_truth(gates: Gates, scene: Scene, rig: Rig, truths: Sequence[Truth], ndisp: int | None) -> None:
@@ -148,8 +143,15 @@ def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
     for k, shot in enumerate(sample.shots):
         greys = [grey(image, sensor) for image in shot.images]
         for i, picture in enumerate(greys):
-            _at_most(gates.dark, float((picture <= _DARK).mean()), "dark", "black image", f"view {i}, lens {k}")
-            _at_most(gates.burnt, float((picture >= _BURNT).mean()), "burnt", "burnt image", f"view {i}, lens {k}")
+            for gate, most, bad in (("dark", gates.dark, picture <= _DARK), ("burnt", gates.burnt, picture >= _BURNT)):
+                share = float(bad.mean())
+                if share > most:
+                    raise Rejected(
+                        f"{'black' if gate == 'dark' else gate} image",
+                        f"{share:.1%} of view {i}, lens {k}, maximum {most:.1%}",
+                        f"exposure, the scene's lights, or gates.{gate}",
+                        noisy=True,
+                    )
         if sample.truths and gates.texture > 0:
             share = textured(greys, sample.rig.nominal, sample.truths)
             if share < gates.texture:
@@ -159,10 +161,3 @@ def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
                     "scenes or families, lenses (smaller aperture), exposure (less noise), or gates.texture",
                     noisy=True,
                 )
-
-
-def _at_most(bound: float, share: float, gate: str, reason: str, where: str) -> None:
-    if share > bound:
-        limit = f"maximum {bound:.1%}"
-        remedy = f"exposure, the scene's lights, or gates.{gate}"
-        raise Rejected(reason, f"{share:.1%} of {where}, {limit}", remedy, noisy=True)

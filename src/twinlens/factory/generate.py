@@ -6,7 +6,7 @@ recipe -> Ledger (what the folder holds) -> engine -> (index, entry) -> Ledger -
 import math
 import time
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from PIL import Image
@@ -90,7 +90,7 @@ def generate(
     if not 1 <= i <= n:
         raise InputError(f"a shard is i/n with i from 1 to n, got {i}/{n}")
     root, shared = place(folder), shard != (1, 1)
-    recipe.sources.hash_files()
+    _ = recipe.sources.digests  # an unreadable file is an error before anything is written
     tools = made_with()
     if i <= recipe.count:
         check_backend(recipe, i - 1)
@@ -219,6 +219,6 @@ def estimate(recipe: Recipe, folder: Where) -> Estimate:
         raise InputError(f"{recipe.file}: sample {made.index} fails: {last['found']}; change {made.remedy}")
     size = sum(map(len, sample_files(made).values()))
     seconds = time.perf_counter() - start
-    spec = plan(recipe, missing[0], made.record["spec"]["attempt"]).plain()
+    spec = asdict(plan(recipe, missing[0], made.record["spec"]["attempt"]))
     todo = len(missing)
     return Estimate(recipe.count, before, todo, spec, seconds, size, seconds * todo, size * todo)

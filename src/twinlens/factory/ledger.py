@@ -208,7 +208,7 @@ def recovered_row(folder: Place, recipe: Recipe, index: int, made_with: Mapping[
     with repairable(sample):
         record = read_json(sample / MARK, SAMPLE_KIND, SAMPLE_VERSION).get("record", {})
     try:
-        changed = differences(record["spec"], plain(plan(recipe, index, record["spec"]["attempt"]).plain()))[:2]
+        changed = differences(record["spec"], plain(asdict(plan(recipe, index, record["spec"]["attempt"]))))[:2]
         if changed:
             raise InputError(f"{sample}: another recipe made it ({'; '.join(changed)}); name another folder")
         if changed := differences({key: record[key] for key in made_with}, made_with)[:2]:

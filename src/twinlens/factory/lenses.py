@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -22,15 +22,13 @@ from twinlens.camera.lens import BareAperture
 from twinlens.camera.truth import Truth
 from twinlens.dataset import read_image
 from twinlens.errors import FileError, InputError, format_value
-from twinlens.factory.draws import NonNegative, Number, Positive
 from twinlens.optics import middle_focus
 from twinlens.scenes.scene import Scene
-from twinlens.schema import StrictModel
+from twinlens.schema import Fraction, NonNegative, Number, Positive, StrictModel
 from twinlens.seeds import generator
 
 _LEAST_SEEN = 0.005  # of the image: an object that is large enough to focus on
 
-Fraction = Annotated[Number, Field(ge=0, le=1)]
 Rows = Annotated[
     list[Annotated[list[Fraction], Field(min_length=1, max_length=4096)]], Field(min_length=1, max_length=4096)
 ]
@@ -54,7 +52,6 @@ class DiskTable(StrictModel):
     kind: Literal["disk"] = "disk"
 
     def aperture(self, find: Find) -> Aperture:
-        """The aperture."""
         return Disk()
 
 
@@ -67,7 +64,6 @@ class PolygonTable(StrictModel):
     roundness: Fraction = 0.0
 
     def aperture(self, find: Find) -> Aperture:
-        """The aperture."""
         return Polygon(self.blades, self.rotation_deg, self.roundness)
 
 
@@ -78,7 +74,6 @@ class AnnulusTable(StrictModel):
     inner: Fraction
 
     def aperture(self, find: Find) -> Aperture:
-        """The aperture."""
         return Annulus(self.inner)
 
 
@@ -98,7 +93,6 @@ class MaskTable(StrictModel):
         return self
 
     def aperture(self, find: Find) -> Aperture:
-        """The aperture. Raises FileError for a picture that cannot be read."""
         return MaskAperture(self.cells or []) if self.file is None else read_mask(find(self.file))
 
 
@@ -112,7 +106,6 @@ class PinholeTable(StrictModel):
     kind: Literal["pinhole"] = "pinhole"
 
     def lens(self, view: View | None, find: Find = Path) -> Lens:
-        """The lens."""
         return Pinhole()
 
 
@@ -133,19 +126,17 @@ class ThinTable(StrictModel):
 
     def lens(self, view: View | None, find: Find = Path) -> Lens:
         """The lens. Without a view, a focus that depends on the scene is 1 m: enough to check the table."""
-        focus = 1.0 if view is None else 0.0
-        if not isinstance(self.focus, str):
-            focus = float(self.focus)
-        elif view is not None:
-            focus = FOCUSES[self.focus](view)
-            if not 0 < focus < math.inf:
+        focus, film = self.focus, view.camera.film_distance if view else 1e-3
+        if isinstance(focus, str):
+            focus = FOCUSES[focus](view) if view else 1.0
+            if view and not 0 < focus < math.inf:
                 raise InputError(
                     f"focus {self.focus!r} finds nothing to focus on in scene {view.scene.name!r}; give metres instead"
                 )
         shape = self.shape.aperture(find)
-        if self.aperture_mm is not None:
-            return ThinLens(1e-3 * self.aperture_mm, focus, shape)
-        return ThinLens.from_f_number(self.f_number, focus, view.camera.film_distance if view else 1e-3, shape)  # type: ignore[arg-type]
+        if self.f_number is not None:
+            return ThinLens.from_f_number(self.f_number, focus, film, shape)
+        return ThinLens(1e-3 * (self.aperture_mm or 0.0), focus, shape)
 
 
 class HoleTable(StrictModel):
@@ -157,16 +148,10 @@ class HoleTable(StrictModel):
     shape: ShapeTable = DiskTable()
 
     def lens(self, view: View | None, find: Find = Path) -> Lens:
-        """The lens."""
         return BareAperture(1e-3 * self.aperture_mm, 1e-3 * self.film_mm, self.shape.aperture(find))
 
 
 LensTable = Annotated[PinholeTable | ThinTable | HoleTable, Field(discriminator="kind")]
-
-
-def mask_file(table: Any) -> str | None:
-    """The picture that a lens's table names, if it does."""
-    return getattr(getattr(table, "shape", None), "file", None)
 
 
 def read_mask(path: Path) -> MaskAperture:
@@ -190,11 +175,6 @@ def _known_range(view: View) -> tuple[float, float]:
     return (float(depth.min()), float(depth.max())) if depth.size else (math.inf, math.inf)
 
 
-def _centre(view: View) -> float:
-    depth = view.truths[0].depth
-    return float(depth[depth.shape[0] // 2, depth.shape[1] // 2])
-
-
 def _object(view: View) -> float:
     """The median depth of a random object that covers enough of the first view."""
     truth = view.truths[0]
@@ -211,7 +191,7 @@ FOCUSES: dict[str, Callable[[View], float]] = {
     "near": lambda view: _known_range(view)[0],
     "middle": lambda view: middle_focus(*_known_range(view)),
     "far": lambda view: _known_range(view)[1],
-    "centre": _centre,
+    "centre": lambda view: float(view.truths[0].depth[tuple(side // 2 for side in view.truths[0].depth.shape)]),
     "object": _object,
 }
 """Focus distances by name: of the scene's depth range, of the first view's central pixel, or of some object in it."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from twinlens.errors import FileError, InputError
 from twinlens.factory.draws import Leaf, leaves, resolve
-from twinlens.factory.recipe import Recipe, Subject
+from twinlens.factory.recipe import Recipe
 from twinlens.seeds import generator
 
 _SEED_BITS = 53  # exact in JSON
@@ -21,7 +21,7 @@ _SEED_BITS = 53  # exact in JSON
 
 @dataclass(frozen=True)
 class SampleSpec:
-    """Everything needed to make one sample, as plain values; recorded in its sample.json.
+    """Everything needed to make one sample, as plain values; ``dataclasses.asdict(spec)`` is in its sample.json.
 
     index, attempt : sample and draw; earlier draws were rejected.
     name : of the folder.
@@ -43,10 +43,6 @@ class SampleSpec:
     drawn: Mapping[str, Any]
     ndisp: int | None = None
     keep: tuple[str, ...] = ()
-
-    def plain(self) -> dict[str, Any]:
-        """As plain data; the inverse of `spec_from_plain`."""
-        return asdict(self)
 
 
 def spec_from_plain(record: Mapping[str, Any]) -> SampleSpec:
@@ -70,8 +66,15 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
     """
     if index < 0:
         raise InputError(f"the index of a sample must be 0 or more, got {index}")
-    digits = _digits(recipe, index)
-    subject = _subject(recipe, index, attempt, digits)
+    sizes = {} if recipe.weights else {"": len(recipe.names)}
+    sizes |= {leaf.key: len(leaf.distribution.values) for leaf in leaves(recipe.drawn) if leaf.is_sweep}
+    digits, rest = {}, index
+    for key, size in sizes.items():
+        rest, digits[key] = divmod(rest, size)
+    if recipe.weights:
+        chosen = int(generator(recipe.seed, "subject", index, attempt).choice(len(recipe.names), p=recipe.weights))
+    else:
+        chosen = digits[""]
 
     def choose(leaf: Leaf) -> Any:
         if leaf.is_sweep:
@@ -84,8 +87,8 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
         name=sample_name(index),
         split=split_of(recipe, index),
         seed=int(generator(recipe.seed, "sample", index, attempt).integers(1 << _SEED_BITS)),
-        kind=subject.kind,
-        scene=subject.name,
+        kind=recipe.kind,
+        scene=recipe.names[chosen],
         drawn=resolve(recipe.drawn, choose),
         ndisp=recipe.ndisp,
         keep=recipe.keep,
@@ -94,9 +97,8 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
 
 def is_fixed(recipe: Recipe) -> bool:
     """Whether all draws of a sample differ in noise only: the scene is from a file, and nothing else is random."""
-    chosen = recipe.weights is None or len(recipe.subjects) == 1
-    from_files = all(subject.kind == "scene" for subject in recipe.subjects)
-    return chosen and from_files and all(leaf.is_sweep for leaf in leaves(recipe.drawn))
+    chosen = recipe.weights is None or len(recipe.names) == 1
+    return chosen and recipe.kind == "scene" and all(leaf.is_sweep for leaf in leaves(recipe.drawn))
 
 
 def sample_name(index: int) -> str:
@@ -109,29 +111,12 @@ def sample_name(index: int) -> str:
 
 
 def split_of(recipe: Recipe, index: int) -> str | None:
-    """The split of a sample, drawn by its index, so that it does not change when `count` grows."""
+    """The split of a sample; it does not change when `count` grows."""
     if not recipe.splits:
         return None
     bounds = np.cumsum(list(recipe.splits.values()))
     drawn = generator(recipe.seed, "split", index).random()
     return list(recipe.splits)[min(int(np.searchsorted(bounds, drawn, side="right")), len(bounds) - 1)]
-
-
-def _digits(recipe: Recipe, index: int) -> dict[str, int]:
-    """The index in mixed radix, by key: the position in the list of scenes ("") and in each sweep."""
-    sizes = {} if recipe.weights else {"": len(recipe.subjects)}
-    sizes |= {leaf.key: len(leaf.distribution.values) for leaf in leaves(recipe.drawn) if leaf.is_sweep}
-    digits = {}
-    for place, size in sizes.items():
-        index, digits[place] = divmod(index, size)
-    return digits
-
-
-def _subject(recipe: Recipe, index: int, attempt: int, digits: Mapping[str, int]) -> Subject:
-    if recipe.weights is None:
-        return recipe.subjects[digits[""]]
-    rng = generator(recipe.seed, "subject", index, attempt)
-    return recipe.subjects[int(rng.choice(len(recipe.subjects), p=recipe.weights))]
 
 
 def _infinite(value: Any) -> Any:

@@ -7,7 +7,6 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from twinlens.camera import Rig
 from twinlens.dataset import Sample
 from twinlens.errors import BackendError, FileError, InputError
 from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
@@ -21,6 +20,7 @@ from twinlens.rendering import Progress, check_lens_supported, ground_truth
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.schema import read
 from twinlens.seeds import generator
+from twinlens.sensor import Exposure
 
 _FILE = Path("recipe.toml")  # without its folder: messages are recorded in the dataset
 
@@ -49,10 +49,12 @@ def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample
     remedy = ""
     for attempt in range(recipe.gates.attempts):
         spec = plan(recipe, index, attempt)
-        _find_scene(spec, recipe.sources)  # an unreadable file is an error, not a rejected draw
+        if spec.kind == "scene":
+            recipe.sources.scene(spec.scene)  # an unreadable file is an error, not a rejected draw
         try:
             sample = produce(spec, recipe.sources, recipe.gates, progress)
-            _find_scene(spec, recipe.sources)  # rendering has opened a scene.xml again
+            if spec.kind == "scene":
+                recipe.sources.scene(spec.scene)  # rendering has opened a scene.xml again
         except Rejected as rejected:
             rejections.append({"attempt": attempt, "reason": rejected.reason, "found": rejected.found})
             remedy, by_chance = rejected.remedy, rejected.noisy
@@ -92,7 +94,8 @@ def produce(
     sources = Sources() if sources is None else sources
     settings = read(Settings, dict(spec.drawn), _FILE)
     scene = _scene(spec, settings, sources)
-    rig = _rig(scene, settings)
+    moved = scene.at(scene.world_from_left @ settings.scene.jitter.pose())
+    rig = rig_from_table(settings.rig or scene.rig or {}, moved, settings.width, settings.height, _FILE, "rig")
     truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity)
     if gates is not None:
         check_truth(gates, scene, rig, truths, spec.ndisp)
@@ -105,7 +108,7 @@ def produce(
         spp=settings.spp,
         seed=spec.seed,
         sensor=sensor,
-        exposure=None if settings.exposure is None else settings.exposure.exposure(),
+        exposure=None if settings.exposure is None else Exposure(**settings.exposure.model_dump()),
         diffraction=settings.diffraction,
         sky_disparity=settings.sky_disparity,
         keep_radiance="radiance" in spec.keep,
@@ -114,7 +117,7 @@ def produce(
     )
     if gates is not None:
         check_photographs(gates, sample, sensor)
-    return dataclasses.replace(sample, ndisp=spec.ndisp, record={**sample.record, "spec": spec.plain()})
+    return dataclasses.replace(sample, ndisp=spec.ndisp, record={**sample.record, "spec": dataclasses.asdict(spec)})
 
 
 def check_backend(recipe: Recipe, index: int) -> None:
@@ -138,17 +141,9 @@ def check_backend(recipe: Recipe, index: int) -> None:
         raise refusal
 
 
-def _rig(scene: Scene, settings: Settings) -> Rig:
-    """The recipe's rig, or else the scene's, displaced by the jitter."""
-    moved = scene.at(scene.world_from_left @ settings.scene.jitter.pose())
-    table = settings.rig or scene.rig or {}
-    return rig_from_table(table, moved, settings.width, settings.height, _FILE, "rig")
-
-
 def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
-    found = _find_scene(spec, sources)
-    if found is not None:
-        return found
+    if spec.kind == "scene":
+        return sources.scene(spec.scene)
     from twinlens.families import random_scene
 
     return random_scene(
@@ -160,8 +155,3 @@ def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
         aspect=settings.width / settings.height,
         width=settings.width,
     )
-
-
-def _find_scene(spec: SampleSpec, sources: Sources) -> Scene | None:
-    """The scene that a spec names; None for a random one."""
-    return sources.scene(spec.scene) if spec.kind == "scene" else None

@@ -11,13 +11,12 @@ from pydantic import AfterValidator, BeforeValidator, Field, Strict, create_mode
 from twinlens.camera import Lens
 from twinlens.camera.intrinsics import MAX_SIDE
 from twinlens.errors import InputError, located
-from twinlens.factory.draws import Number, Positive
 from twinlens.factory.lenses import Find, LensTable, PinholeTable, View
 from twinlens.geometry import Float, rigid
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.scenes.placement import rotation
-from twinlens.schema import StrictModel, exactly, read
-from twinlens.sensor import PRESETS, Exposure, Mismatch, Sensor
+from twinlens.schema import Number, Positive, StrictModel, exactly, read
+from twinlens.sensor import PRESETS, Mismatch, Sensor
 
 _PRESET = "machine_vision"
 Step = Annotated[Number, Field(ge=-1e6, le=1e6)]
@@ -60,23 +59,17 @@ class ExposureTable(StrictModel):
     time: Positive
     gain: Positive = 1.0
 
-    def exposure(self) -> Exposure:
-        """The exposure."""
-        return Exposure(self.time, self.gain)
-
-
-def _plain(default: Any) -> Any:
-    return list(default) if isinstance(default, tuple) else default
-
 
 def _keys_of(kind: type[Any]) -> dict[str, Any]:
     """The fields of a dataclass of constants, as fields of a model. TOML has lists where Python has tuples."""
-    types = {float: Number, tuple: Annotated[list[Number], exactly(3, Number), AfterValidator(tuple)]}
-    return {
-        field.name: (types.get(type(field.default), type(field.default)), _plain(field.default))
-        for field in fields(kind)
-        if field.name != "mismatch"
-    }
+    triple = Annotated[list[Number], exactly(3, Number), AfterValidator(tuple)]
+    keys: dict[str, Any] = {}
+    for field in fields(kind):
+        if isinstance(field.default, tuple):
+            keys[field.name] = (triple, list(field.default))
+        elif field.name != "mismatch":
+            keys[field.name] = (Number if isinstance(field.default, float) else type(field.default), field.default)
+    return keys
 
 
 MismatchTable: Any = create_model("MismatchTable", __base__=StrictModel, **_keys_of(Mismatch))

@@ -5,7 +5,6 @@ or modification time differ, so that a file edited during a run is detected at l
 """
 
 import hashlib
-import os
 import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -23,9 +22,6 @@ if TYPE_CHECKING:
 _SCENES_KEPT = 8
 _NAMED = 3
 
-Stamp = tuple[int, int, int]
-"""Size, and the times of the last change of content and of permissions, ns."""
-
 
 @dataclass(frozen=True, eq=False)
 class Sources:
@@ -40,20 +36,19 @@ class Sources:
     scenes: tuple[str, ...] = ()
     assets: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     masks: tuple[str, ...] = ()
-    _known: dict[Path, tuple[Stamp, str]] = field(default_factory=dict, init=False, repr=False)
+    _known: dict[Path, tuple[tuple[int, int, int], str]] = field(default_factory=dict, init=False, repr=False)
     _loaded: dict[str, Scene] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def digests(self) -> dict[str, str]:
-        """SHA-256 of every file, hexadecimal, by its name relative to the recipe, sorted. Raises FileError."""
+        """SHA-256 of every file, hexadecimal, by its name relative to the recipe, sorted.
+
+        Computed on first use. Raises InputError for a file that cannot be read.
+        """
         files = {name: path for scene in self.scenes for name, path in self._scene_files(scene).items()}
         files |= {name: path for kind in self.asset_files.values() for name, path in kind.items()}
         files |= {Path(name).as_posix(): self.folder / name for name in self.masks}
         return {name: self.unchanged(path) for name, path in sorted(files.items())}
-
-    def hash_files(self) -> None:
-        """Hash every file now. Raises InputError for one that cannot be read."""
-        _ = self.digests
 
     @property
     def digest(self) -> str:
@@ -66,7 +61,7 @@ class Sources:
 
         Raises FileError if its files have changed. Rendering opens a Mitsuba .xml again; call this again after it.
         """
-        scene = self._loaded.get(name) or load_scene(self._place_of(name))
+        scene = self._loaded.get(name) or load_scene(name if name in bundled_scenes() else self.folder / name)
         _digests[scene] = {file: self.unchanged(path) for file, path in _files_of(scene).items()}
         self._loaded[name] = scene
         if len(self._loaded) > _SCENES_KEPT:
@@ -81,7 +76,15 @@ class Sources:
     @cached_property
     def asset_files(self) -> dict[str, dict[str, Path]]:
         """The files of each kind of assets by name. Raises InputError for a folder without any."""
-        return {kind: self._listed(kind, names) for kind, names in self.assets.items()}
+        from twinlens.families import Assets
+
+        found: dict[str, dict[str, Path]] = {kind: {} for kind in self.assets}
+        for kind, names in self.assets.items():
+            for name in names:
+                folder = self.folder / name
+                paths: tuple[Path, ...] = getattr(Assets.from_folders(**{kind: [folder]}), kind)
+                found[kind] |= {(Path(name) / path.relative_to(folder)).as_posix(): path for path in paths}
+        return found
 
     @cached_property
     def families_assets(self) -> "Assets":
@@ -93,8 +96,10 @@ class Sources:
 
     def unchanged(self, path: Path) -> str:
         """The file's SHA-256. Raises FileError if it differs from the first call's."""
+        known = self._known.get(path)
         try:
-            stamp, known = _stamp(path), self._known.get(path)
+            found = path.stat()
+            stamp = found.st_size, found.st_mtime_ns, found.st_ctime_ns
             if known is not None and known[0] == stamp:
                 return known[1]
             with path.open("rb") as file:
@@ -106,9 +111,6 @@ class Sources:
         self._known[path] = (stamp, now)
         return now
 
-    def _place_of(self, name: str) -> str | Path:
-        return name if name in bundled_scenes() else self.folder / name
-
     def _scene_files(self, name: str) -> dict[str, Path]:
         """The scene's file and those it names, by their names relative to the recipe."""
         scene = self.scene(name)
@@ -117,15 +119,6 @@ class Sources:
         if not home.is_dir():
             home, shown = home.parent, shown.parent
         return {(shown / below).as_posix(): path for below, path in _names_below(home, scene.files).items()}
-
-    def _listed(self, kind: str, names: tuple[str, ...]) -> dict[str, Path]:
-        from twinlens.families import Assets
-
-        found: dict[str, Path] = {}
-        for name in names:
-            paths: tuple[Path, ...] = getattr(Assets.from_folders(**{kind: [self.folder / name]}), kind)
-            found |= {(Path(name) / path.relative_to(self.folder / name)).as_posix(): path for path in paths}
-        return found
 
 
 _digests: "weakref.WeakKeyDictionary[Scene, dict[str, str]]" = weakref.WeakKeyDictionary()
@@ -161,15 +154,10 @@ def changed_files(before: Mapping[str, str], now: Mapping[str, str]) -> str:
     >>> changed_files({"a.png": "00", "b.png": "11"}, {"a.png": "22", "c.png": "33"})
     'a.png has changed, b.png is gone, c.png is new'
     """
-    found = [
-        f"{name} {'is new' if name not in before else 'is gone' if name not in now else 'has changed'}"
-        for name in sorted({**before, **now})
-        if before.get(name) != now.get(name)
-    ]
+    found = []
+    for name in sorted({**before, **now}):
+        if before.get(name) != now.get(name):
+            change = "is new" if name not in before else "is gone" if name not in now else "has changed"
+            found.append(f"{name} {change}")
     more = [f"and {len(found) - _NAMED} more"] if len(found) > _NAMED else []
     return ", ".join(found[:_NAMED] + more)
-
-
-def _stamp(path: Path) -> Stamp:
-    found = os.stat(path)  # noqa: PTH116  one call
-    return found.st_size, found.st_mtime_ns, found.st_ctime_ns
