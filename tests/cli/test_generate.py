@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -7,7 +8,6 @@ import sys
 import pytest
 
 from tests.factory_recipes import RECIPE, digests, write_recipe
-from twinlens.cli.generate import _clock
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def test_a_dry_run_tells_time_and_disk_and_writes_nothing(twinlens, recipe, tmp_
     assert code == 0
     assert "2 samples, 0 made, 2 to make" in out
     assert "next: sample 0, scene tiny, split test\n" in out
-    assert "MB on this machine" in out
+    assert re.search(r"took [0-9.]+ s and [0-9.]+ kB; the rest needs about [0-9]+ s and [0-9.]+ kB", out)
     assert not (tmp_path / "set").exists()
     report = json.loads(twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run", "--json")[1])
     assert report["bytes"] == 2 * report["bytes_each"]
@@ -138,10 +138,6 @@ def test_a_mistake_in_the_recipe_is_a_line(twinlens, tmp_path):
         err
         == f"twinlens: {path}: rig: unknown key 'basline'; did you mean 'baseline'? (known: {err.split('known: ')[1]}"
     )
-
-
-def test_time_is_told_as_people_do():
-    assert [_clock(seconds) for seconds in (3.4, 89, 90, 7265)] == ["3 s", "89 s", "0 h 01 min", "2 h 01 min"]
 
 
 def test_a_shard_that_is_done_says_what_is_needed_still(twinlens, recipe, tmp_path):

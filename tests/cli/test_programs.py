@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from twinlens.cli.benchmark import DEFAULT_METHODS, matchers_of
+from twinlens.cli.benchmark import DEFAULT_METHODS
 from twinlens.matching import split_methods
-from twinlens.scoring import PROTOCOLS, REGIONS, WARM_UP_LIMIT_S
+from twinlens.scoring import PROTOCOLS, REGIONS, WARM_UP_LIMIT_S, named_program
 
 FLAT = """
 import struct, sys
@@ -114,7 +114,8 @@ def test_match_by_a_program(twinlens, dataset, tmp_path, program):
         (("--method", "sad", "--command", "prog {left} {right} {out}"), "use one of them"),
         (("--time-limit", "3"), "applies to programs only"),
         (("--command", "prog {left} {right}"), "needs {out}"),
-        (("--command", "prog {left} {right} {out}", "--time-limit", "0"), "timeout_s is 0"),
+        (("--command", "prog {left} {right} {out}", "--time-limit", "0"), "must be above 0 and at most 1e+06, got 0"),
+        (("--command", "prog {left} {right} {out}", "--time-limit", "-1"), "'--time-limit': must be above 0"),
     ):
         code, _, err = twinlens("match", *images, *options, "-o", tmp_path / "none.pfm")
         assert code == 2
@@ -131,13 +132,15 @@ def test_invalid_commands_are_refused(twinlens, dataset, tmp_path, command):
 
 def test_names_of_programs():
     texts = ["mine=./a {left} {right} {out}", "bin/b --x=1 {left} {right} {out}"]
-    named = matchers_of((), texts, 7.0)
+    named = [named_program(text, 7.0) for text in texts]
     assert [(m.name, m.options["timeout_s"]) for m in named] == [("mine", 7.0), ("b", 7.0)]
     assert named[0].options["command"] == "./a {left} {right} {out}"
 
 
-def test_default_methods():
-    assert [m.name for m in matchers_of((), (), None)] == DEFAULT_METHODS.split(",")
+def test_default_methods(twinlens, dataset, tmp_path):
+    code, out, _ = twinlens("benchmark", dataset, "-o", tmp_path / "b", "--json")
+    assert code == 0
+    assert {entry["method"] for entry in json.loads(out)["entries"]} == {*DEFAULT_METHODS.split(",")}
 
 
 def test_commas_in_a_quoted_command_do_not_separate_methods(twinlens, dataset, tmp_path, program):
@@ -200,7 +203,7 @@ def test_a_crashing_function_does_not_end_the_run(twinlens, dataset, tmp_path, m
 def test_an_invalid_memory_limit_is_refused(twinlens, dataset, tmp_path, gib):
     code, out, err = twinlens("benchmark", dataset, "--memory-limit", gib, "-o", tmp_path / "b")
     assert (code, out) == (2, "")
-    assert "--memory-limit is" in err
+    assert "'--memory-limit': must be above 0 and at most" in err
 
 
 def test_matchers_output_does_not_mix_with_json(twinlens, dataset, tmp_path, monkeypatch):

@@ -52,6 +52,17 @@ def test_bad_options_give_one_line_errors(twinlens, arc, tmp_path):
         assert not (tmp_path / "r").exists()
 
 
+def test_an_unknown_method_is_named_beside_truth(twinlens, arc, tmp_path):
+    _, _, err = twinlens("reconstruct", arc, "-o", tmp_path / "r", "--method", "foo")
+    assert "--method is 'truth' or a matcher: unknown method 'foo'" in err
+
+
+def test_a_pair_that_is_not_rectified_is_not_matched(twinlens, arc, tmp_path):
+    code, _, err = twinlens("benchmark", arc.parent, "-o", tmp_path / "board")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "the pair is not rectified and has no disparity; run `twinlens rectify`" in err
+
+
 def test_a_folder_without_truth_is_reconstructed_without_comparison(twinlens, dataset, tmp_path):
     folder = tmp_path / "plain"
     folder.mkdir()

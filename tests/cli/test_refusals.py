@@ -94,6 +94,7 @@ def test_missing_scene_file(refuses, tmp_path):
         (("--mismatch", "gian=2"), "did you mean 'gain'"),
         (("--sensor", "phone:bit=16"), "did you mean 'bits'"),
         (("--bits", "12"), "--bits"),
+        (("--lens", "thin:2", "--lens", "f/2", "--lens", "thin:2"), "--lens thin:2: is given twice"),
     ],
 )
 def test_bad_numbers(refuses, tmp_path, options, words):

@@ -170,7 +170,7 @@ def test_a_folder_of_other_things_is_left_alone(twinlens, ball, tmp_path, monkey
     (home / "ball" / "photo.png").write_text("mine too")
     before = sorted(home.rglob("*"))
     for options, words in (
-        ((), f"{home / 'ball'}: exists already; choose another folder, or add --overwrite"),
+        ((), f"{home / 'ball'}: exists already; choose another name, or add --overwrite"),
         (
             ("--overwrite",),
             f"{home / 'ball'}: exists and is not a sample, so it is not overwritten; choose another name",

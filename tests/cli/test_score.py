@@ -31,6 +31,13 @@ def test_one_map_refuses_options_of_boards(twinlens, maps, extra):
     assert err.count("\n") == 1
 
 
+@pytest.mark.parametrize("extra", [(), ("-o", "board")])
+def test_one_map_needs_a_truth_map(twinlens, maps, extra):
+    code, _, err = twinlens("score", maps / "d.pfm", "--truth", maps, *extra)
+    assert code == 2
+    assert f"{maps} is a dataset, and {maps / 'd.pfm'} is one map: give one truth map" in err
+
+
 @pytest.mark.parametrize(
     "extra", [("--mask", "m.png"), ("--ndisp", "8"), ("--min-disparity", "-8"), ("--time-limit", "3")]
 )

@@ -1,15 +1,16 @@
 """`twinlens benchmark`: matchers x samples -> board.json, a table and a page."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from twinlens.cli.boards import board_options, memory_bytes, print_board, run_board
+from twinlens.cli.boards import board_options, print_board, run_board
+from twinlens.cli.options import SECONDS, PositiveType
 from twinlens.cli.places import PATH
 
 DEFAULT_METHODS = "sad,ssd,zncc"
+GIB = PositiveType(2.0**20)
 FOREIGN_LIMIT_S = 600.0
 """Default time limit with networks or functions, which must run in a worker process."""
 
@@ -28,12 +29,12 @@ FOREIGN_LIMIT_S = 600.0
     "{num_disparities} and {min_disparity} are replaced too. Not run by a shell. Repeatable.",
 )  # fmt: skip
 @click.option(
-    "--time-limit", type=float,
+    "--time-limit", type=SECONDS,
     help="Seconds per match, warm-up excluded. Runs matchers in a subprocess.  [default: 600 if a network or a Python "
     "function is among them]",
 )  # fmt: skip
-@click.option("--memory-limit", type=float, help="GiB per matcher. Runs matchers in a subprocess.")
-@click.option("--warm-up-limit", type=float, default=120.0, show_default=True,
+@click.option("--memory-limit", type=GIB, help="GiB per matcher. Runs matchers in a subprocess.")
+@click.option("--warm-up-limit", type=SECONDS, default=120.0, show_default=True,
               help="Seconds per warm-up in a subprocess.")  # fmt: skip
 @click.option("--retry-failed", is_flag=True, help="Rerun matches that failed in an earlier run.")
 @board_options
@@ -44,11 +45,8 @@ def command(
     commands: tuple[str, ...],
     time_limit: float | None,
     memory_limit: float | None,
-    warm_up_limit: float,
-    retry_failed: bool,
-    protocols: tuple[str, ...],
-    regions: tuple[str, ...],
     as_json: bool,
+    **options: Any,
 ) -> int:
     """Run matchers on every pair of DATASET..., score them, and write OUTPUT/board.json and OUTPUT/index.html.
 
@@ -60,22 +58,15 @@ def command(
     Example:  twinlens benchmark out motorcycle --methods sad,zncc:block_size=15 -o board
               twinlens benchmark out --command "mine=./prog --fast {left} {right} {out}" --time-limit 60 -o board
     """
-    from twinlens.scoring import open_pairs
+    from twinlens.scoring import named_methods, named_program, open_pairs
 
-    matchers = matchers_of(methods, commands, time_limit)
+    texts = methods or (() if commands else (DEFAULT_METHODS,))
+    matchers: list[Any] = [*named_methods(texts)] if texts else []
+    matchers += [named_program(text, time_limit) for text in commands]
     if time_limit is None and any(getattr(matcher, "runs_user_code", False) for matcher in matchers):
         time_limit = FOREIGN_LIMIT_S
     board = run_board(
-        open_pairs(datasets), matchers, output, protocols, regions, time_limit=time_limit,
-        memory_limit=memory_bytes(memory_limit), warm_up_limit=warm_up_limit, retry_failed=retry_failed,
+        open_pairs(datasets), matchers, output, time_limit=time_limit,
+        memory_limit=None if memory_limit is None else int(memory_limit * 2**30), **options,
     )  # fmt: skip
     return print_board(board, output, as_json, [matcher.name for matcher in matchers])
-
-
-def matchers_of(methods: Sequence[str], commands: Sequence[str], time_limit: float | None) -> list[Any]:
-    """The matchers of --methods and the programs of --command; DEFAULT_METHODS without either."""
-    from twinlens.scoring import named_methods, named_program
-
-    texts = methods or (() if commands else (DEFAULT_METHODS,))
-    named = named_methods(texts) if texts else []
-    return [*named, *(named_program(text, time_limit) for text in commands)]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from twinlens.cli.options import json_option
 from twinlens.cli.places import check_results
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.errors import FileError, InputError
@@ -22,7 +23,6 @@ REGIONS = (
     "transmissive"
 )
 """Names for --help, which must not import twinlens.scoring."""
-MOST_GIB = 2**20
 _WIDE, _ENDLESS = 132, 100_000
 _NARROW = ("totbad2.0", "bad2.0", "avgerr", "invalid", "time")
 _OPTIONS = (
@@ -34,7 +34,7 @@ _OPTIONS = (
         "--region", "regions", multiple=True, default=("all", "nonocc"), show_default=True,
         help=f"Regions to score: {REGIONS}. Repeatable.",
     ),
-    click.option("--json", "as_json", is_flag=True, help="Print the board as JSON."),
+    json_option("the board"),
 )  # fmt: skip
 
 
@@ -105,15 +105,6 @@ def _note(output: Path, finished: Sequence[str]) -> Iterator[None]:
         raise kind(
             f"{error}; {len(finished)} finished matches are in {output / 'board.json'}: fix this and rerun to resume"
         ) from error
-
-
-def memory_bytes(gib: float | None) -> int | None:
-    """--memory-limit in bytes."""
-    if gib is None:
-        return None
-    if not 0 < gib < MOST_GIB:
-        raise InputError(f"--memory-limit is {gib:g} GiB: expected more than 0 and less than {MOST_GIB}")
-    return int(gib * 2**30)
 
 
 def print_board(

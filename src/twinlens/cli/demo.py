@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from twinlens.cli.boards import print_board, run_board
+from twinlens.cli.options import json_option
 from twinlens.cli.places import PATH, check_samples
 from twinlens.cli.progress import print_stage, progress_bar
 
@@ -23,7 +24,7 @@ PROTOCOL, REGION = "middlebury-v3", "nonocc"
 
 @click.command("demo")
 @click.option("-o", "--output", default="demo", show_default=True, type=PATH, help="Folder of the results.")
-@click.option("--json", "as_json", is_flag=True, help="Print the board as JSON.")
+@json_option("the board")
 def command(output: Path, as_json: bool) -> None:
     """Render three scenes with a pinhole and with a wide lens, match these and a real pair, and compare the scores.
 

@@ -1,6 +1,5 @@
 """`twinlens doctor`: the rendering backends of this machine."""
 
-import json
 import os
 import platform
 from dataclasses import asdict
@@ -8,11 +7,13 @@ from importlib.metadata import PackageNotFoundError, version
 
 import click
 
+from twinlens.cli.options import json_option, print_json
+
 _PACKAGES = ("twinlens", "mitsuba", "drjit", "numpy", "numba", "OpenEXR", "trimesh", "scikit-image")
 
 
 @click.command("doctor")
-@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+@json_option("the findings")
 def command(as_json: bool) -> None:
     """Show which rendering backend works on this machine, why, and what to install.
 
@@ -27,7 +28,7 @@ def command(as_json: bool) -> None:
     found = doctor()
     versions = {name: _version(name) for name in _PACKAGES}
     if as_json:
-        click.echo(json.dumps({"backend": asdict(found), "versions": versions}, indent=1))
+        print_json({"backend": asdict(found), "versions": versions})
         return
     click.echo(f"backend   {found.variant}: {found.reason}")
     if found.advice:

@@ -1,10 +1,10 @@
 """`twinlens export`: a dataset in the layout of another one."""
 
-import json
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import PLACE
 from twinlens.cli.progress import progress_bar
 
@@ -29,7 +29,7 @@ class _LayoutOption(click.Option):
 @click.option("--lens", type=click.IntRange(min=0), default=0, show_default=True, help="Export this lens's images.")
 @click.option("--split", help="Export only the samples of this split.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier export.")
-@click.option("--json", "as_json", is_flag=True, help="Print the files and their sizes as JSON.")
+@json_option("the files and their sizes")
 def command(dataset: "Place", layout: str, output: "Place", as_json: bool, split: str | None, **options: Any) -> None:
     """Write DATASET in the layout of another dataset, so that readers of that layout (such as torchvision's) open it.
 
@@ -43,7 +43,7 @@ def command(dataset: "Place", layout: str, output: "Place", as_json: bool, split
     with progress_bar("exporting") as report:
         sizes = export(samples, output, layout, progress=report, **options)
     if as_json:
-        click.echo(json.dumps({"output": str(output), "layout": layout, "files": sizes}, indent=1))
+        print_json({"output": str(output), "layout": layout, "files": sizes})
         return
     size = sum(sizes.values()) / 1e6
     count = f"{len(samples)} sample" + "s" * (len(samples) != 1)

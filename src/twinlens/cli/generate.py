@@ -1,6 +1,7 @@
 """`twinlens generate`: make a dataset from a recipe."""
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -8,17 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from twinlens.cli.places import ADDRESS, PATH
+from twinlens.cli.options import json_option, print_json
+from twinlens.cli.places import PATH, PLACE
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.errors import InputError
 
 if TYPE_CHECKING:
+    from twinlens.dataset import Place
     from twinlens.factory import Outcome, Recipe
 
 
 @click.command("generate")
 @click.argument("recipe", type=PATH)
-@click.option("-o", "--output", required=True, type=ADDRESS, help="Dataset folder or bucket address (s3://...).")
+@click.option("-o", "--output", required=True, type=PLACE, help="Dataset folder or bucket address (s3://...).")
 @click.option(
     "--dry-run", is_flag=True, help="Make one sample without writing it, and print the time and disk space needed."
 )
@@ -26,17 +29,8 @@ if TYPE_CHECKING:
 @click.option("--shard", default="1/1", show_default=True, help="i/n: make every n-th sample, starting with the i-th.")
 @click.option("--workers", type=click.IntRange(min=1), help="Number of worker processes on this machine.")
 @click.option("--scheduler", help="Use the Dask cluster of this scheduler, such as tcp://host:8786.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-def command(
-    recipe: Path,
-    output: str,
-    dry_run: bool,
-    limit: int | None,
-    shard: str,
-    workers: int | None,
-    scheduler: str | None,
-    as_json: bool,
-) -> int:
+@json_option("the result")
+def command(recipe: Path, output: "Place", dry_run: bool, limit: int | None, as_json: bool, **options: Any) -> int:
     """Make the dataset that RECIPE (a .toml file) describes.
 
     The run may be stopped at any time. The same command resumes it, and the finished dataset is the same to the byte.
@@ -53,28 +47,25 @@ def command(
     read = read_recipe(recipe)
     if dry_run:
         return _print_estimate(read, output, as_json)
+    workers, scheduler = options["workers"], options["scheduler"]
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler exclude each other")
     if workers is None and read.kind == "family" and read.count > RENEWED_AFTER:
         workers = 1  # a separate process, whose replacement returns its memory
+    part = re.fullmatch("([0-9]+)/([0-9]+)", options["shard"])
+    if part is None or not 1 <= int(part[1]) <= int(part[2]):
+        raise InputError(f"--shard must be i/n with i from 1 to n, such as 2/8, got {options['shard']!r}")
     engine = dask_cluster(scheduler) if scheduler else worker_processes(workers) if workers else in_process
     kept = "finished samples are kept; run the same command to resume"
     with progress_bar("generating") as report, interrupt_note(lambda: kept):
-        outcome = generate(read, output, limit=limit, shard=_shard(shard), report=report, engine=engine)
+        outcome = generate(read, output, limit=limit, shard=(int(part[1]), int(part[2])), report=report, engine=engine)
     _print(outcome, output, as_json)
     return 1 if outcome.failures else 0
 
 
-def _shard(text: str) -> tuple[int, int]:
-    part, slash, whole = text.partition("/")
-    if not (slash and part.isdecimal() and whole.isdecimal() and 1 <= int(part) <= int(whole)):
-        raise InputError(f"--shard must be i/n with i from 1 to n, such as 2/8, got {text!r}")
-    return int(part), int(whole)
-
-
-def _print(outcome: "Outcome", output: str, as_json: bool) -> None:
+def _print(outcome: "Outcome", output: "Place", as_json: bool) -> None:
     if as_json:
-        click.echo(json.dumps({"dataset": output, **asdict(outcome)}, indent=1))
+        print_json({"dataset": str(output), **asdict(outcome)})
         return
     for failure in outcome.failures:
         last, draws = failure.rejections[-1], len(failure.rejections)
@@ -94,12 +85,14 @@ def _print(outcome: "Outcome", output: str, as_json: bool) -> None:
         click.echo("this shard is done; the dataset is complete when the other shards are done", err=True)
 
 
-def _print_estimate(recipe: "Recipe", output: str, as_json: bool) -> int:
+def _print_estimate(recipe: "Recipe", output: "Place", as_json: bool) -> int:
+    from rich.filesize import decimal
+
     from twinlens.factory import estimate
 
     found = estimate(recipe, output)
     if as_json:
-        click.echo(json.dumps({"dataset": output, **asdict(found)}, indent=1))
+        print_json({"dataset": str(output), **asdict(found)})
         return 0
     samples = f"{found.count} sample{'' if found.count == 1 else 's'}"
     click.echo(f"{output}: {samples}, {found.before} made, {found.todo} to make")
@@ -109,8 +102,8 @@ def _print_estimate(recipe: "Recipe", output: str, as_json: bool) -> int:
         for key, value in _flat("", found.next["drawn"]):
             click.echo(f"  {key} = {value}")
         click.echo(
-            f"one sample took {found.seconds_each:.1f} s and {_size(found.bytes_each)}; "
-            f"the rest needs about {_clock(found.seconds)} and {_size(found.bytes)} on this machine"
+            f"one sample took {found.seconds_each:.1f} s and {decimal(found.bytes_each)}; "
+            f"the rest needs about {_clock(found.seconds)} and {decimal(found.bytes)} on this machine"
         )
     return 0
 
@@ -131,23 +124,6 @@ def _flat(key: str, value: Any) -> Iterator[tuple[str, str]]:
         yield key, f"{value:.6g}" if isinstance(value, float) else json.dumps(value)
 
 
-def _size(count: float) -> str:
-    """Bytes as MB or GB.
-
-    >>> _size(2.5e9), _size(999_999_999), _size(23_400), _size(0)
-    ('2.50 GB', '1000.0 MB', '0.02 MB', '0.00 MB')
-    """
-    if count >= 1e9:
-        return f"{count / 1e9:.2f} GB"
-    return f"{count / 1e6:.1f} MB" if count >= 1e5 else f"{count / 1e6:.2f} MB"
-
-
 def _clock(seconds: float) -> str:
-    """Hours and minutes, or seconds below 90.
-
-    >>> _clock(7380), _clock(42)
-    ('2 h 03 min', '42 s')
-    """
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{int(seconds // 3600)} h {int(seconds % 3600 // 60):02d} min"
+    """Hours, or seconds below 90."""
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 3600:.2g} h"

@@ -1,6 +1,5 @@
 """`twinlens match`: the disparity map of two images."""
 
-import json
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any
 
 import click
 
+from twinlens.cli.options import SECONDS, json_option, print_json
 from twinlens.cli.places import PATH
 from twinlens.errors import InputError
 
@@ -24,25 +24,14 @@ DEFAULT_METHOD = "zncc"
     help="A program instead, such as 'prog {left} {right} {out}': it reads two PNG files and writes a PFM file. "
     "{num_disparities} and {min_disparity} are replaced too. Runs without a shell.",
 )  # fmt: skip
-@click.option("--time-limit", type=float, help="Time limit of the program, seconds.  [default: 600]")
+@click.option("--time-limit", type=SECONDS, help="Time limit of the program, seconds.  [default: 600]")
 @click.option(
     "--num-disparities", "--ndisp", type=click.IntRange(min=1), help="Number of disparities to search.  [default: 64]"
 )
 @click.option("--min-disparity", type=int, default=0, show_default=True, help="The smallest disparity, pixels.")
 @click.option("--picture", type=PATH, help="Also write the map as a colour PNG.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-def command(
-    left: Path,
-    right: Path,
-    output: Path,
-    method: str | None,
-    program: str | None,
-    time_limit: float | None,
-    num_disparities: int | None,
-    min_disparity: int,
-    picture: Path | None,
-    as_json: bool,
-) -> None:
+@json_option("the result")
+def command(left: Path, right: Path, output: Path, picture: Path | None, as_json: bool, **options: Any) -> None:
     """Match LEFT and RIGHT, a rectified pair, and write the left image's disparity map (+inf where unknown).
 
     \b
@@ -52,13 +41,10 @@ def command(
     import numpy as np
 
     from twinlens.dataset import read_image, write_pfm, write_png
-    from twinlens.matching.options import DEFAULT_DISPARITIES, check_image_size
+    from twinlens.matching.options import check_image_size
 
     _check_outputs((left, right), output, picture)
-    search = {"num_disparities": num_disparities or DEFAULT_DISPARITIES, "min_disparity": min_disparity}
-    matcher, name = _matcher(method, program, time_limit, search)
-    if num_disparities is not None and not hasattr(matcher, "num_disparities"):
-        raise InputError(f"--num-disparities: the search range of {name} is fixed")
+    matcher, name = _matcher(**options)
     images = [read_image(path) for path in (left, right)]
     check_image_size(matcher, images[0].shape[:2])
     start = time.perf_counter()
@@ -72,7 +58,7 @@ def command(
     known = float(np.isfinite(disparity).mean())
     if as_json:
         record = {"output": str(output), "method": name, "known_fraction": known, "seconds": seconds}
-        click.echo(json.dumps(record, indent=1))
+        print_json(record)
     else:
         click.echo(f"{output}: {name}, {known:.1%} of the pixels matched, {seconds:.2f} s including compilation")
 
@@ -92,16 +78,27 @@ def _check_outputs(images: tuple[Path, ...], output: Path, picture: Path | None)
             raise InputError(f"{option} {path}: is in a sample of a dataset; choose another folder")
 
 
-def _matcher(method: str | None, program: str | None, time_limit: float | None, search: dict[str, int]) -> Any:
+def _matcher(
+    method: str | None,
+    program: str | None,
+    time_limit: float | None,
+    num_disparities: int | None,
+    min_disparity: int,
+) -> tuple[Any, str]:
     """The matcher and its name."""
     from twinlens.matching import Program, parse_method
+    from twinlens.matching.options import DEFAULT_DISPARITIES
 
-    if program is None:
-        if time_limit is not None:
-            raise InputError("--time-limit applies to programs only; use it with --command")
-        spec = parse_method(method or DEFAULT_METHOD)
-        return spec.matcher(**search), spec.name
-    if method is not None:
-        raise InputError("--method and --command both name a matcher; use one of them")
-    runner = Program(program, **search)
-    return (runner if time_limit is None else replace(runner, timeout_s=time_limit)), program
+    search = {"num_disparities": num_disparities or DEFAULT_DISPARITIES, "min_disparity": min_disparity}
+    if program is not None:
+        if method is not None:
+            raise InputError("--method and --command both name a matcher; use one of them")
+        runner = Program(program, **search)
+        return (runner if time_limit is None else replace(runner, timeout_s=time_limit)), program
+    if time_limit is not None:
+        raise InputError("--time-limit applies to programs only; use it with --command")
+    spec = parse_method(method or DEFAULT_METHOD)
+    matcher = spec.matcher(**search)
+    if num_disparities is not None and not hasattr(matcher, "num_disparities"):
+        raise InputError(f"--num-disparities: the search range of {spec.name} is fixed")
+    return matcher, spec.name

@@ -1,13 +1,13 @@
 """`twinlens methods`: the matching methods with their options."""
 
-import json
-
 import click
+
+from twinlens.cli.options import json_option, print_json
 
 
 @click.command("methods")
 @click.argument("names", nargs=-1, metavar="[METHOD]...")
-@click.option("--json", "as_json", is_flag=True, help="Print every method with all of its options as JSON.")
+@json_option("every method with all of its options")
 @click.option("--markdown", is_flag=True, help="Print the tables of docs/methods.md.")
 def command(names: tuple[str, ...], as_json: bool, markdown: bool) -> None:
     """List the matching methods; with METHOD..., their options, defaults and meanings.
@@ -24,7 +24,7 @@ def command(names: tuple[str, ...], as_json: bool, markdown: bool) -> None:
         return
     methods = [find_method(name).reference() for name in names or METHODS]
     if as_json:
-        click.echo(json.dumps(methods, indent=2))
+        print_json(methods)
         return
     for entry in methods:
         click.echo(f"{entry['method']:18}{entry['description']}")

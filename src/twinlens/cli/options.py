@@ -1,12 +1,41 @@
 """Options of commands: help in sections, pairs of cameras, and an error for an option that is given twice."""
 
+import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import click
 
 from twinlens.errors import InputError
+
+
+def json_option(what: str) -> Callable[[Any], Any]:
+    """The option --json of a command, its parameter `as_json`."""
+    return click.option("--json", "as_json", is_flag=True, help=f"Print {what} as JSON.")
+
+
+def print_json(record: Any) -> None:
+    """Print plain data as JSON."""
+    click.echo(json.dumps(record, indent=1, allow_nan=False))
+
+
+class PositiveType(click.ParamType):  # type: ignore[type-arg]
+    """A number above 0, up to `most`."""
+
+    name = "float"
+
+    def __init__(self, most: float) -> None:
+        self.most = most
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        number: float = click.FLOAT.convert(value, param, ctx)
+        if not 0 < number <= self.most:
+            self.fail(f"must be above 0 and at most {self.most:g}, got {value}", param, ctx)
+        return number
+
+
+SECONDS = PositiveType(1e6)
 
 
 class Sectioned(click.Command):

@@ -7,56 +7,38 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from twinlens.errors import InputError, OutputError
 
 if TYPE_CHECKING:
-    from twinlens.dataset import Manifest, Place
+    from twinlens.dataset import Place
 
 
-class AddressType(click.ParamType):  # type: ignore[type-arg]
-    """A path or an address such as s3://bucket/set, as text; never empty."""
+class PlaceType(click.ParamType):  # type: ignore[type-arg]
+    """A path on this machine, also as file://..., or, where `remote`, an address such as s3://bucket/set; never empty.
 
-    name = "path or address"
+    Whether it exists is checked when it is used.
+    """
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The text."""
-        return _not_empty(value, self, param, ctx)
-
-
-class PlaceType(AddressType):
-    """A path or an address, as a Path or a RemotePath; whether it exists is checked when it is used."""
+    def __init__(self, remote: bool) -> None:
+        self.remote, self.name = remote, "path or address" if remote else "path"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> "Place":
-        """The Path or RemotePath."""
-        from twinlens.dataset import place
-
-        return place(super().convert(value, param, ctx))
-
-
-class PathType(click.Path):
-    """A path on this machine, also as file://...; neither empty, which would be the current folder, nor a bucket."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The Path."""
         from twinlens.dataset import RemotePath, place
 
-        text = os.fspath(_not_empty(value, self, param, ctx))
-        if "://" in text:
-            found = place(text)
-            if isinstance(found, RemotePath):
-                self.fail(f"{text!r} is a bucket's address; only a path on this machine is supported here", param, ctx)
-            text = str(found)
-        return super().convert(text, param, ctx)
+        if value == "":
+            self.fail("the name is empty; is a shell variable unset?", param, ctx)
+        found = place(value)
+        if isinstance(found, RemotePath) and not self.remote:
+            self.fail(f"{value!r} is a bucket's address; only a path on this machine is supported here", param, ctx)
+        return found
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        return [CompletionItem(incomplete, type="file")]
 
 
-PLACE, PATH, ADDRESS = PlaceType(), PathType(path_type=Path), AddressType()
-
-
-def _not_empty(value: Any, kind: click.ParamType, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # type: ignore[type-arg]
-    if value == "":
-        kind.fail("the name is empty; is a shell variable unset?", param, ctx)
-    return value
+PATH, PLACE = PlaceType(remote=False), PlaceType(remote=True)
 
 
 def missing_output() -> click.MissingParameter:
@@ -66,17 +48,27 @@ def missing_output() -> click.MissingParameter:
     return click.MissingParameter(ctx=context, param=option)
 
 
-def check_free(output: Path, overwrite: bool) -> None:
-    """Raise OutputError where the output exists, unless it is to be overwritten."""
-    if not overwrite and os.path.lexists(output):
+def check_new(output: "Place", overwrite: bool, mark: str = "sample.json", kind: str = "sample") -> None:
+    """Raise OutputError where the output exists, unless it may be overwritten: an empty folder, or one with `mark`.
+
+    Whether a bucket has files of other kinds is checked when it is written.
+    """
+    if not isinstance(output, Path):
+        exists, replaceable = output.exists(), True
+    else:
+        exists = os.path.lexists(output)
+        replaceable = (output / mark).is_file() or (output.is_dir() and not any(output.iterdir()))
+    if exists and not overwrite:
         raise OutputError(f"{output}: exists already; choose another name, or add --overwrite")
+    if exists and not replaceable:
+        raise OutputError(f"{output}: exists and is not a {kind}, so it is not overwritten; choose another name")
 
 
 def check_results(folder: Path, mark: str) -> None:
     """Raise OutputError for a folder that cannot be created, and for one with files but without the file `mark`."""
     _check_creatable(folder)
-    if folder.is_dir() and not (folder / mark).is_file():
-        _refuse_others(folder, _entries(folder), mark)
+    if not (folder / mark).is_file():
+        _refuse_others(folder, (), mark)
 
 
 def check_samples(output: "Place", names: Sequence[str], overwrite: bool) -> None:
@@ -87,48 +79,27 @@ def check_samples(output: "Place", names: Sequence[str], overwrite: bool) -> Non
 
     Raises InputError for a repeated name, FileError for a damaged dataset.json, OutputError.
     """
-    known = manifest_of(output)
-    if known is not None and "made_with" in known.info:
+    from twinlens.dataset import read_manifest
+
+    listed = (output / "dataset.json").exists()
+    if listed and "made_with" in read_manifest(output).info:
         raise OutputError(f"{output}: is a dataset of `twinlens generate`; choose another folder")
     double = next((name for name in names if names.count(name) > 1), None)
     if double is not None:
         raise InputError(f"two scenes are named {double!r}; a sample's folder is named after its scene")
     if isinstance(output, Path):
         _check_creatable(output)
-    existing = next((name for name in names if (output / name).exists()), None)
-    if existing is not None and not overwrite:
-        raise OutputError(f"{output / existing}: exists already; choose another folder, or add --overwrite")
     for name in names:
-        check_replaceable(output / name)
-    if known is None and output.is_dir():
-        _refuse_others(output, [entry for entry in _entries(output) if entry not in names], "dataset.json")
+        check_new(output / name, overwrite)
+    if not listed:
+        _refuse_others(output, names, "dataset.json")
 
 
-def check_replaceable(folder: "Place", mark: str = "sample.json", kind: str = "sample") -> None:
-    """Raise OutputError for what must not be overwritten: a file, or a folder with files but without the file `mark`.
-
-    Addresses of buckets are not checked.
-    """
-    if not isinstance(folder, Path) or not os.path.lexists(folder) or (folder / mark).is_file():
-        return
-    if not folder.is_dir() or any(folder.iterdir()):
-        raise OutputError(f"{folder}: exists and is not a {kind}, so it is not overwritten; choose another name")
-
-
-def manifest_of(output: "Place") -> "Manifest | None":
-    """The content of dataset.json, None without one. Raises FileError where it is damaged."""
-    from twinlens.dataset import read_manifest
-
-    return read_manifest(output) if (output / "dataset.json").exists() else None
-
-
-def _entries(folder: "Place") -> list[str]:
-    return sorted(entry.name for entry in folder.iterdir() if not entry.name.startswith("."))
-
-
-def _refuse_others(folder: "Place", entries: Sequence[str], mark: str) -> None:
-    if entries:
-        raise OutputError(f"{folder}: contains {entries[0]!r} and no {mark}; choose a new or an empty folder")
+def _refuse_others(folder: "Place", names: Sequence[str], mark: str) -> None:
+    """Raise OutputError if a folder has files other than `names` and hidden ones."""
+    for name in sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else ():
+        if not name.startswith(".") and name not in names:
+            raise OutputError(f"{folder}: contains {name!r} and no {mark}; choose a new or an empty folder")
 
 
 def _check_creatable(folder: Path) -> None:

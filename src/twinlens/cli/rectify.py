@@ -1,13 +1,12 @@
 """`twinlens rectify`: a rectified pair from two views of any cameras."""
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from twinlens.cli.options import parse_pair
-from twinlens.cli.places import PATH, PLACE, check_free, check_replaceable
+from twinlens.cli.options import json_option, parse_pair, print_json
+from twinlens.cli.places import PATH, PLACE, check_new
 from twinlens.cli.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -37,18 +36,9 @@ if TYPE_CHECKING:
 )
 @click.option("--scene", metavar="FILE", help="Scene file; required if the scene is not bundled.")
 @click.option("--overwrite", is_flag=True, help="Replace an existing sample.")
-@click.option("--json", "as_json", is_flag=True, help="Print what was written as JSON.")
+@json_option("what was written")
 def command(
-    sample: "Place",
-    output: Path,
-    cameras: str,
-    pictures: str,
-    fit: str,
-    own_centres: bool,
-    misalignment: str | None,
-    scene: str | None,
-    overwrite: bool,
-    as_json: bool,
+    sample: "Place", output: Path, cameras: str, scene: str | None, overwrite: bool, as_json: bool, **options: Any
 ) -> None:
     """Rectify two views of a sample, so that matching pixels share a row, and cast the ground truth of the new views.
 
@@ -60,18 +50,19 @@ def command(
     from twinlens.factory.camera_text import parse_misalignment
     from twinlens.scenes import load_scene
 
-    check_free(output, overwrite)
-    check_replaceable(output)
+    check_new(output, overwrite)
     stored = open_sample(sample)
     left, right = parse_pair(cameras, len(stored.rig))
     with progress_bar("rectifying") as report:
         made = rectified_sample(
-            stored, None if scene is None else load_scene(scene), left, right, pictures=pictures, fit=fit,
-            zero_doffs=not own_centres, misalignment=parse_misalignment(misalignment),
-            progress=lambda fraction: report(fraction, ""),
+            stored, None if scene is None else load_scene(scene), left, right,
+            zero_doffs=not options.pop("own_centres"), misalignment=parse_misalignment(options.pop("misalignment")),
+            progress=lambda fraction: report(fraction, ""), **options,
         )  # fmt: skip
     files = write_sample(output, made, overwrite)
     rig = made.rig.nominal
-    record = {"sample": str(output), "files": sorted(files), "fx": rig.cameras[0].fx, "doffs": rig.doffs()}
-    summary = f"{output}: {len(files)} files, fx {rig.cameras[0].fx:.6g} px, doffs {rig.doffs():.6g} px"
-    click.echo(json.dumps(record, indent=1) if as_json else summary)
+    fx, doffs = rig.cameras[0].fx, rig.doffs()
+    if as_json:
+        print_json({"sample": str(output), "files": sorted(files), "fx": fx, "doffs": doffs})
+    else:
+        click.echo(f"{output}: {len(files)} files, fx {fx:.6g} px, doffs {doffs:.6g} px")

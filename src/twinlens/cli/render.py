@@ -1,6 +1,5 @@
 """`twinlens render`: render scenes as samples of a dataset."""
 
-import json
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from twinlens.cli.options import Sectioned
+from twinlens.cli.options import Sectioned, json_option, print_json
 from twinlens.cli.places import PATH, PLACE, check_samples
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.errors import InputError
@@ -79,7 +78,7 @@ _SECTIONS = {
 @click.option("--radiance", is_flag=True, help="Also write the linear images (radiance0.exr, radiance1.exr).")
 @click.option("--sky-disparity", is_flag=True, help="Give rays that hit nothing the disparity at infinity.")
 @click.option("--overwrite", is_flag=True, help="Replace existing samples.")
-@click.option("--json", "as_json", is_flag=True, help="Print the files written as JSON.")
+@json_option("the files written")
 def command(scenes: tuple[str, ...], output: "Place", overwrite: bool, as_json: bool, **options: Any) -> None:
     """Render SCENE... (bundled names, scene.toml or Mitsuba .xml files) with a stereo rig.
 
@@ -135,6 +134,9 @@ def _job(scene: "Scene", options: dict[str, Any]) -> "tuple[Scene, Rig, tuple[Le
         check_common_view(rig, scene)
     view, aperture = View(scene, rig.cameras[0], ()), parse_aperture(options["aperture"])
     lenses = tuple(parse_lens(text, view, aperture) for text in options["lenses"])
+    for k, text in enumerate(options["lenses"]):
+        if lenses[k] in lenses[:k]:
+            raise InputError(f"--lens {text}: is given twice; it would make the same images")
     if all(lens.aperture_diameter == 0 for lens in lenses):
         if click.get_current_context().get_parameter_source("aperture") is not ParameterSource.DEFAULT:
             raise InputError(f"--aperture {options['aperture']}: {_NO_APERTURE}")
@@ -159,7 +161,7 @@ def _print(output: "Place", made: "list[tuple[Row, list[str]]]", as_json: bool) 
     used = backend()
     if as_json:
         samples = [{"name": row.name, "folder": str(output / row.name), "files": sorted(row.files)} for row, _ in made]
-        click.echo(json.dumps({"dataset": str(output), "backend": used.variant, "samples": samples}, indent=1))
+        print_json({"dataset": str(output), "backend": used.variant, "samples": samples})
         return
     for row, lines in made:
         click.echo(f"{output / row.name}: {len(row.files)} files")

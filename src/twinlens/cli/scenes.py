@@ -1,13 +1,14 @@
 """`twinlens scenes`: the bundled scenes."""
 
-import json
 from dataclasses import asdict
 
 import click
 
+from twinlens.cli.options import json_option, print_json
+
 
 @click.command("scenes")
-@click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
+@json_option("the list")
 def command(as_json: bool) -> None:
     """List the bundled scenes with their depth ranges and what each one tests.
 
@@ -18,7 +19,7 @@ def command(as_json: bool) -> None:
 
     scenes = bundled_headings()
     if as_json:
-        click.echo(json.dumps([asdict(scene) for scene in scenes], indent=1))
+        print_json([asdict(scene) for scene in scenes])
         return
     width = max(len(scene.name) for scene in scenes)
     for scene in scenes:

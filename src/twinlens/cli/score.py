@@ -1,14 +1,14 @@
 """`twinlens score`: score disparity maps made by other programs."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
 from twinlens.cli.boards import board_options, print_board, run_board
+from twinlens.cli.options import print_json
 from twinlens.cli.places import PATH, missing_output
 from twinlens.errors import InputError
 
@@ -34,17 +34,7 @@ _FOR_ONE_MAP = {"mask": "--mask", "ndisp": "--ndisp", "min_disparity": "--min-di
     "minimum if negative]",
 )  # fmt: skip
 @board_options
-def command(
-    submissions: tuple[Path, ...],
-    truths: tuple[str, ...],
-    output: Path | None,
-    mask: Path | None,
-    ndisp: int | None,
-    min_disparity: int | None,
-    protocols: tuple[str, ...],
-    regions: tuple[str, ...],
-    as_json: bool,
-) -> int:
+def command(submissions: tuple[Path, ...], truths: tuple[str, ...], as_json: bool, **options: Any) -> int:
     """Score MAPS against --truth.
 
     Each of MAPS is a folder or zip file with one map per sample, and becomes one row of the leaderboard. Names of maps:
@@ -55,44 +45,39 @@ def command(
     Example:  twinlens score my-maps.zip --truth out -o board
               twinlens score disp.pfm --truth out/staircase/disp0.pfm --mask out/staircase/mask0nocc.png
     """
+    from twinlens.dataset import place
+
     one_map = submissions[0].suffix.lower() in _MAPS and not submissions[0].is_dir()
-    _check_options(one_map)
+    for truth in truths if one_map else ():
+        if place(truth).is_dir() or (truth == "motorcycle" and not place(truth).exists()):
+            raise InputError(
+                f"{truth} is a dataset, and {submissions[0]} is one map: give one truth map, as --truth "
+                "SAMPLE/disp0.pfm, or a folder of maps"
+            )
+    for name, option in (_FOR_BOARDS if one_map else _FOR_ONE_MAP).items():
+        if click.get_current_context().get_parameter_source(name) is not ParameterSource.DEFAULT:
+            only = "folders or zip files scored against datasets" if one_map else "one map scored against one truth map"
+            raise InputError(f"{option}: is only for {only}")
     if not one_map:
-        if output is None:
+        if options["output"] is None:
             raise missing_output()
-        return _score_submissions(submissions, truths, output, protocols, regions, as_json)
-    if len(submissions) > 1 or len(truths) > 1 or len(protocols) > 1:
+        return _score_submissions(submissions, truths, as_json, options)
+    if len(submissions) > 1 or len(truths) > 1 or len(options["protocols"]) > 1:
         raise InputError("one map is scored against one truth by one --protocol; for more, give folders and datasets")
-    scores = _score_map(submissions[0], truths[0], mask, ndisp, min_disparity, protocols[0])
-    _print_json(scores) if as_json else _print(scores)
+    _print(_score_map(submissions[0], truths[0], options), as_json)
     return 0
 
 
-def _check_options(one_map: bool) -> None:
-    """Refuse options that would have no effect."""
-    context = click.get_current_context()
-    for name, option in (_FOR_BOARDS if one_map else _FOR_ONE_MAP).items():
-        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
-            only = "folders or zip files scored against datasets" if one_map else "one map scored against one truth map"
-            raise InputError(f"{option}: is only for {only}")
-
-
-def _score_submissions(
-    paths: Sequence[Path],
-    truths: Sequence[str],
-    output: Path,
-    protocols: Sequence[str],
-    regions: Sequence[str],
-    as_json: bool,
-) -> int:
+def _score_submissions(paths: Sequence[Path], truths: Sequence[str], as_json: bool, options: dict[str, Any]) -> int:
     from twinlens.scoring import open_pairs, open_submission
     from twinlens.scoring.board_file import UNSCORED
 
+    output = options["output"]
     submissions, pairs = [open_submission(path) for path in paths], open_pairs(truths)
     for submission in submissions:
         submission.check_unambiguous(pairs.aliases)
     unmatched = {submission.name: submission.unmatched_files(pairs.aliases) for submission in submissions}
-    board = run_board(pairs, submissions, output, protocols, regions, retry_failed=True)
+    board = run_board(pairs, submissions, output, options["protocols"], options["regions"], retry_failed=True)
     code = print_board(board, output, as_json, [submission.name for submission in submissions], {UNSCORED: unmatched})
     for submission in submissions:
         missing, extra = submission.missing_files(pairs.aliases), unmatched[submission.name]
@@ -109,45 +94,31 @@ def _first_few(names: Sequence[str]) -> str:
     return ", ".join(names[:FIRST_FEW]) + more
 
 
-def _score_map(
-    estimate: Path, truth: str, mask: Path | None, ndisp: int | None, min_disparity: int | None, protocol: str
-) -> "Scores":
-    from twinlens.dataset import place, read_disparity, read_png
+def _score_map(estimate: Path, truth: str, options: dict[str, Any]) -> "Scores":
+    from twinlens.dataset import read_disparity, read_png
     from twinlens.scoring import evaluate, search_range
 
-    where = place(truth)
-    if where.is_dir() or (truth == "motorcycle" and not where.exists()):
-        raise InputError(
-            f"{truth} is a dataset, and {estimate} is one map: give one truth map, as --truth SAMPLE/disp0.pfm, or a "
-            "folder of maps"
-        )
-    true = read_disparity(where)
+    true, mask, least = read_disparity(truth), options["mask"], options["min_disparity"]
     width = true.shape[1]
-    if min_disparity is not None and not -width < min_disparity < width:
-        raise InputError(f"--min-disparity {min_disparity}: expected {1 - width} to {width - 1} for {truth}")
+    if least is not None and not -width < least < width:
+        raise InputError(f"--min-disparity {least}: expected {1 - width} to {width - 1} for {truth}")
     return evaluate(
-        read_disparity(estimate),
-        true,
-        None if mask is None else read_png(mask),
-        ndisp,
-        protocol=protocol,
-        min_disparity=search_range(1, None, true)[1] if min_disparity is None else min_disparity,
-    )
+        read_disparity(estimate), true, None if mask is None else read_png(mask), options["ndisp"],
+        protocol=options["protocols"][0],
+        min_disparity=search_range(1, None, true)[1] if least is None else least,
+    )  # fmt: skip
 
 
-def _print_json(scores: "Scores") -> None:
-    from twinlens.scoring import json_number
+def _print(scores: "Scores", as_json: bool) -> None:
+    from twinlens.scoring import find_metric, json_number
 
-    rows = {
-        name: {metric: json_number(value) for metric, value in region.items()} | {"evaluated": region.evaluated}
-        for name, region in scores.regions.items()
-    }
-    click.echo(json.dumps({"protocol": scores.protocol.name, "regions": rows}, indent=1, allow_nan=False))
-
-
-def _print(scores: "Scores") -> None:
-    from twinlens.scoring import find_metric
-
+    if as_json:
+        rows = {
+            name: {metric: json_number(value) for metric, value in region.items()} | {"evaluated": region.evaluated}
+            for name, region in scores.regions.items()
+        }
+        print_json({"protocol": scores.protocol.name, "regions": rows})
+        return
     click.echo(scores.protocol.title)
     for name, region in scores.regions.items():
         click.echo(f"{name}: {region.evaluated} of {region.image} pixels evaluated, {region.estimated} estimated")

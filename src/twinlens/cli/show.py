@@ -1,12 +1,11 @@
 """`twinlens show`: pictures of a sample's geometry."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from twinlens.cli.options import parse_pair
+from twinlens.cli.options import json_option, parse_pair, print_json
 from twinlens.cli.places import PATH, PLACE
 from twinlens.errors import InputError
 
@@ -28,7 +27,7 @@ def command() -> None:
 @click.option("-o", "--output", required=True, type=PATH, help="The picture, a PNG file.")
 @click.option("--cameras", default="0,1", show_default=True, help="The two views, counted from 0.")
 @click.option("--points", type=click.IntRange(1, 100), default=9, show_default=True, help="Number of points.")
-@click.option("--json", "as_json", is_flag=True, help="Print the points, F and the epipoles as JSON.")
+@json_option("the points, F and the epipoles")
 def epipolar(sample: "Place", output: Path, cameras: str, points: int, as_json: bool) -> None:
     """Draw points of two views, the epipolar curves that contain their matches, and the epipoles.
 
@@ -60,6 +59,6 @@ def epipolar(sample: "Place", output: Path, cameras: str, points: int, as_json: 
             "off_px": off.tolist(), "fundamental_matrix": F.tolist(),
             "epipoles": [epipole.tolist() for epipole in epipoles(rig, a, b)],
         }  # fmt: skip
-        click.echo(json.dumps(record, indent=1))
+        print_json(record)
         return
     click.echo(f"{output}: {len(here)} true matches, at most {off.max():.3g} px off their epipolar lines")

@@ -1,10 +1,10 @@
 """`twinlens verify`: checks of a dataset's files and of its truth."""
 
-import json
 from typing import TYPE_CHECKING
 
 import click
 
+from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import PLACE
 from twinlens.cli.progress import progress_bar
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @click.command("verify")
 @click.argument("dataset", type=PLACE)
-@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+@json_option("the findings")
 def command(dataset: "Place", as_json: bool) -> int:
     """Check DATASET: checksums, array shapes, disparity against depth, and the truth of each view against the other.
 
@@ -37,7 +37,7 @@ def command(dataset: "Place", as_json: bool) -> int:
     whole = findings.pop("dataset.json", [])
     damaged = sum(map(bool, findings.values()))
     if as_json:
-        click.echo(json.dumps(({"dataset.json": whole} if whole else {}) | findings, indent=1))
+        print_json(({"dataset.json": whole} if whole else {}) | findings)
     else:
         of_dataset = f"; {_count(len(whole), 'finding')} of the dataset as a whole" if whole else ""
         click.echo(f"{_count(len(findings), 'sample')}, {damaged} with findings{of_dataset}")

@@ -124,7 +124,10 @@ class StoredSample(Mapping[str, Any]):
 
     def disparity(self, i: int) -> Disparity:
         """True disparity of view i, u_left - u_right, float32 (H, W), pixels; +inf unknown."""
-        return read_disparity(self._disparity_path(i))
+        path = self._disparity_path(i)
+        if not path.exists() and self.has("sample.json") and self.file.rectified is False:
+            raise FileError(f"{self.folder}: the pair is not rectified and has no disparity; run `twinlens rectify`")
+        return read_disparity(path)
 
     def has_disparity(self, i: int) -> bool:
         """Whether the folder has a disparity map of view i."""

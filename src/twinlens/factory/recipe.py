@@ -6,7 +6,6 @@ distribution begins, ends or chooses.
 """
 
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
