@@ -220,7 +220,7 @@ def test_sensors(text, sensor):
         (parse_sensor, "phone:prnu=-1", "prnu"),
         (parse_sensor, "phone:adc_bits=8.5", "adc_bits"),
         (parse_sensor, "phone:white_balance=maybe", "white_balance: must be true or false"),
-        (parse_sensor, "phone:wavelengths=1/2", "at least 3 values"),
+        (parse_sensor, "phone:wavelengths=1/2", "a list of exactly 3 values"),
         (parse_sensor, "phone:wavelengths=-1e-7/1e-7/1e-7", "three positive"),
         (parse_sensor, "phone:filters=RGBG", "filters"),
     ],

@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, create_model, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, create_model, model_validator
 
 from twinlens.dataset.metadata import About
 from twinlens.errors import InputError, format_value, located, unknown
@@ -22,7 +22,7 @@ from twinlens.factory.lenses import MaskTable
 from twinlens.factory.settings import Settings, check_settings
 from twinlens.factory.sources import Sources
 from twinlens.scenes import bundled_scenes, read_toml
-from twinlens.schema import Fraction, NonNegative, StrictModel, read, repeated
+from twinlens.schema import Fraction, NonNegative, StrictModel, read
 
 
 def _check_splits(splits: dict[str, float]) -> dict[str, float]:
@@ -51,7 +51,8 @@ def _check_unique(names: list[str]) -> list[str]:
     return names
 
 
-Folders = Annotated[list[str], Field(min_length=1), repeated(1, str)]
+_listed = BeforeValidator(lambda value: [value] if isinstance(value, str) else value, str | list[str])
+Folders = Annotated[list[str], Field(min_length=1), _listed]
 
 
 class AssetsTable(StrictModel):
