@@ -4,15 +4,13 @@ All three are perceptually uniform and readable with colour vision deficiencies.
 Smith, 2015 (CC0); berlin: after Crameri, Zenodo 1243862, diverging around black. Interpolated from some anchor colours.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import InputError, unknown
-
-Table = NDArray[np.uint8]
 
 NO_TRUTH = (196, 200, 206)
 """Light grey: unknown truth. The colormaps contain no greys."""
@@ -27,31 +25,22 @@ _ANCHORS = {
 }
 
 
-def _table(anchors: str) -> Table:
+def _table(anchors: str) -> NDArray[np.uint8]:
     colours = np.array([list(bytes.fromhex(c)) for c in anchors.split()], np.float64)
     at, steps = np.linspace(0, 1, len(colours)), np.linspace(0, 1, 256)
-    return np.stack([np.interp(steps, at, colours[:, k]) for k in range(3)], axis=1).round().astype(np.uint8)
+    return np.stack([np.interp(steps, at, channel) for channel in colours.T], axis=1).round().astype(np.uint8)
 
 
-COLORMAPS: Mapping[str, Table] = MappingProxyType({name: _table(anchors) for name, anchors in _ANCHORS.items()})
+COLORMAPS: Mapping[str, NDArray[np.uint8]] = MappingProxyType({name: _table(each) for name, each in _ANCHORS.items()})
 """Name -> uint8 (256, 3) sRGB."""
 
 
 def colourise(
-    values: ArrayLike,
-    low: float,
-    high: float,
-    colormap: str = "viridis",
-    unknown_colour: tuple[int, int, int] = NO_TRUTH,
+    values: ArrayLike, low: float, high: float, colormap: str = "viridis", unknown_colour: Sequence[int] = NO_TRUTH
 ) -> NDArray[np.uint8]:
     """(H, W) numbers as a uint8 (H, W, 3) sRGB image; the colormap spans [low, high], values outside saturate.
 
-    Values that are not finite get `unknown_colour`.
-
-    Raises
-    ------
-    InputError
-        An unknown colormap, or low >= high.
+    Values that are not finite get `unknown_colour`. Raises InputError for an unknown colormap, or low >= high.
 
     >>> colourise([[0.0, 1.0, np.inf]], 0, 1).tolist()
     [[[68, 1, 84], [253, 231, 37], [196, 200, 206]]]

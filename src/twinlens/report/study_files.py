@@ -27,25 +27,19 @@ def write_study(folder: str | os.PathLike[str], result: Result) -> Path:
     table.csv, study.json (protocol and findings), figures/NAME.png and .svg, pictures/NAME.png, index.html. Figures are
     drawn from table.csv, read back.
     """
-    target = Path(folder)
-    text = to_csv(result.table)
-    write_file(target / "table.csv", text.encode())
-    write_file(
-        target / "study.json", encode_json({**result.protocol, "findings": [_plain(f) for f in result.findings]})
-    )
+    target, text = Path(folder), to_csv(result.table)
     table = from_csv(text, result.study.all_columns)
-    images: dict[str, bytes] = {}
+    findings = [_plain(support) for support in result.findings]
+    files = {"table.csv": text.encode(), "study.json": encode_json({**result.protocol, "findings": findings})}
     for figure in result.study.figures:
         sheet = draw(figure, table)
-        images[f"figures/{figure.name}.png"] = encode(sheet, "png")
-        write_file(target / f"figures/{figure.name}.svg", encode(sheet, "svg"))
+        files |= {f"figures/{figure.name}.{kind}": encode(sheet, kind) for kind in ("png", "svg")}
     for picture in result.pictures:
-        images[f"pictures/{picture.name}.png"] = encode_png(tiles(picture))
-    for name, data in images.items():
+        files[f"pictures/{picture.name}.png"] = encode_png(tiles(picture))
+    files["index.html"] = _page(result, files).encode()
+    for name, data in files.items():
         write_file(target / name, data)
-    page = target / "index.html"
-    write_file(page, _page(result, images).encode())
-    return page
+    return target / "index.html"
 
 
 def tiles(picture: Picture) -> NDArray[np.uint8]:
@@ -69,24 +63,24 @@ def tiles(picture: Picture) -> NDArray[np.uint8]:
 
 def _plain(support: SeedSupport) -> dict[str, Any]:
     finding = support.finding
+    value, low, high, expected = (
+        float(f"{number:.9g}") if number is not None and math.isfinite(number) else None
+        for number in (finding.measured.value, finding.measured.low, finding.measured.high, finding.expected)
+    )
     return {
         "text": finding.sentence,
-        "measured": _number(finding.measured.value),
-        "interval": [_number(finding.measured.low), _number(finding.measured.high)],
+        "measured": value,
+        "interval": [low, high],
         "interval_units": finding.measured.units,
         "unit": finding.unit,
-        "expected": None if finding.expected is None else _number(finding.expected),
+        "expected": expected,
         "tolerance": finding.tolerance,
         "holds": bool(finding.holds) if finding.has_verdict else None,
         "seeds_alone": [support.supporting, support.seeds],
     }
 
 
-def _number(value: float) -> float | None:
-    return float(f"{value:.9g}") if math.isfinite(value) else None
-
-
-def _page(result: Result, images: Mapping[str, bytes]) -> str:
+def _page(result: Result, files: Mapping[str, bytes]) -> str:
     study = result.study
     parts = [f"<h1>{html.escape(study.name)}</h1><p class=lead>{html.escape(study.question)}</p>"]
     parts.append("<h2>Findings</h2>" + "".join(_finding(support) for support in result.findings))
@@ -94,13 +88,28 @@ def _page(result: Result, images: Mapping[str, bytes]) -> str:
         parts.append("<h2>Figures</h2>")
     for figure in study.figures:
         name = f"figures/{figure.name}"
-        parts.append(_image(f"{name}.png", images[f"{name}.png"], figure.title, f"{name}.svg", 96 / DPI))
+        links = f'<a href="{html.escape(name)}.png">PNG</a> <a href="{html.escape(name)}.svg">SVG</a>'
+        parts.append(_image(files[f"{name}.png"], figure.title, links, 96 / DPI))
     if result.pictures:
         parts.append("<h2>Pictures</h2>")
     for picture in result.pictures:
         name = f"pictures/{picture.name}.png"
-        parts.append(_image(name, images[name], picture.title, shown=f"{html.escape(picture.title)}. "))
-    parts.append("<h2>Protocol</h2>" + _protocol(result))
+        links = f'{html.escape(picture.title)}. <a href="{html.escape(name)}">PNG</a>'
+        parts.append(_image(files[name], picture.title, links))
+    rows = {
+        "scenes": ", ".join(result.setup.scenes) or "synthetic targets",
+        "matchers": ", ".join(result.setup.methods) or "none",
+        "seeds": ", ".join(str(seed) for seed in result.setup.seeds),
+        "images": f"{result.setup.width}x{result.setup.height}, {result.setup.spp} samples per pixel",
+        "backend": str(result.protocol.get("backend", "")),
+        "intervals": "95 % bootstrap over scenes, or over seeds for one scene, in brackets and as bands; the range of "
+        "fewer than five scenes or seeds",
+        "rows": f"{len(result.table)}",
+        **result.remarks,
+    }
+    lines = "".join(f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>" for name, text in rows.items())
+    links = 'Complete protocol: <a href="study.json">study.json</a>; measurements: <a href="table.csv">table.csv</a>.'
+    parts.append(f"<h2>Protocol</h2><table>{lines}</table><p class=note>{links}</p>")
     skeleton = resources.files("twinlens.report").joinpath("page/study.html").read_text()
     title = html.escape(f"twinlens study: {study.name}")
     return skeleton.replace("{{title}}", title).replace("{{body}}", "\n".join(parts))
@@ -117,27 +126,7 @@ def _finding(support: SeedSupport) -> str:
     return f'<div class="finding{kind}"><p>{text}.</p><p class=note>{verdict[0].upper()}{verdict[1:]}.</p></div>\n'
 
 
-def _image(path: str, data: bytes, title: str, other: str = "", scale: float = 1.0, shown: str = "") -> str:
-    source = "data:image/png;base64," + base64.b64encode(data).decode("ascii")
-    link = f' <a href="{html.escape(other)}">SVG</a>' if other else ""
-    alt, width = html.escape(title), round(scale * int.from_bytes(data[16:20], "big"))
-    caption = f'{shown}<a href="{html.escape(path)}">PNG</a>{link}'
+def _image(png: bytes, title: str, caption: str, scale: float = 1.0) -> str:
+    source = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+    alt, width = html.escape(title), round(scale * int.from_bytes(png[16:20], "big"))
     return f'<figure><img src="{source}" width="{width}" alt="{alt}"><figcaption>{caption}</figcaption></figure>'
-
-
-def _protocol(result: Result) -> str:
-    setup = result.setup
-    rows = {
-        "scenes": ", ".join(setup.scenes) or "synthetic targets",
-        "matchers": ", ".join(setup.methods) or "none",
-        "seeds": ", ".join(str(seed) for seed in setup.seeds),
-        "images": f"{setup.width}x{setup.height}, {setup.spp} samples per pixel",
-        "backend": str(result.protocol.get("backend", "")),
-        "intervals": "95 % bootstrap over scenes, or over seeds for one scene, in brackets and as bands; the range of "
-        "fewer than five scenes or seeds",
-        "rows": f"{len(result.table)}",
-        **result.remarks,
-    }
-    lines = "".join(f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>" for name, text in rows.items())
-    files = 'Complete protocol: <a href="study.json">study.json</a>; measurements: <a href="table.csv">table.csv</a>.'
-    return f"<table>{lines}</table><p class=note>{files}</p>"
