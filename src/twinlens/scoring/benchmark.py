@@ -224,15 +224,14 @@ class _Run:
 
 def _submitted(sample: Pair, submission: Submission) -> tuple[Answer | None, Failure | None]:
     """The submission's map; it has no time."""
+    height, width = sample.disp0.shape
+    kind = "missing"
     try:
         submission.file_of(sample.name, sample.aliases)
-    except FileError as error:
-        return None, Failure("missing", str(error))
-    height, width = sample.disp0.shape
-    try:
+        kind = "refused"
         return Answer(submission.map_of(sample.name, (height, width), sample.aliases), None), None
     except FileError as error:
-        return None, Failure("refused", str(error))
+        return None, Failure(kind, str(error))
 
 
 def _entry(

@@ -162,12 +162,8 @@ class Board:
     def mean(self, method: str, protocol: str, region: str, weights: Mapping[str, float] | None = None) -> Mean:
         """The weighted mean over samples, sum(w x) / sum(w), with weight 1 by default.
 
-        Samples without pixels in the region (by any method) are not counted.
-
-        Raises
-        ------
-        InputError
-            A weight for an unknown sample, or a negative weight.
+        Samples without pixels in the region (by any method) are not counted. Raises InputError for a weight of an
+        unknown sample, or a negative weight.
         """
         for name, weight in (weights or {}).items():
             if name not in self.samples:

@@ -17,9 +17,9 @@ import pydantic
 import twinlens
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.lock import locked
-from twinlens.dataset.record import decode_json
+from twinlens.dataset.record import decode_json, read
 from twinlens.errors import FileError, InputError, unknown
-from twinlens.schema import NonNegative, StrictModel, one_of, read
+from twinlens.schema import NonNegative, StrictModel, one_of
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure
 from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.protocols import PROTOCOLS
@@ -126,21 +126,13 @@ def _plain(entry: Entry) -> dict[str, Any]:
 
 
 def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
-    """The board that `text` describes; `file` is named in errors.
-
-    Raises
-    ------
-    FileError
-        Not JSON, another format or version, a key missing or unknown, a value of the wrong type.
+    """The board that `text` describes; FileError, which begins with `file`, if it is no valid board of this version.
 
     >>> board_from_json(board_to_json(Board(title="empty"))).title
     'empty'
     """
-    document = decode_json(text.encode() if isinstance(text, str) else text, str(file), FORMAT, VERSION)
-    try:
-        model = read(BoardModel, document, file)
-    except InputError as error:
-        raise FileError(str(error)) from None
+    data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
+    model = read(BoardModel, decode_json(data, str(file), FORMAT, VERSION), file)
     try:
         return Board(model.title, tuple(entry.entry() for entry in model.entries), model.meta)
     except InputError as error:

@@ -15,12 +15,7 @@ EVALUATED = 255
 
 
 def disparity_map(name: str, values: ArrayLike) -> Disparity:
-    """`values` as an (H, W) float array in pixels, +inf where unknown.
-
-    Raises
-    ------
-    InputError
-        Not two-dimensional, empty, not real numbers, or with NaN or -inf.
+    """`values` as an (H, W) float array in pixels, +inf where unknown; InputError for another shape, NaN or -inf.
 
     >>> disparity_map("disp", [[1, 2]])
     array([[1., 2.]])
@@ -43,12 +38,7 @@ def disparity_map(name: str, values: ArrayLike) -> Disparity:
 
 
 def mask_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Mask:
-    """`values` as an (H, W) boolean mask; of a uint8 array only 255 is True.
-
-    Raises
-    ------
-    InputError
-        The dtype is neither bool nor uint8, or the shape is not the truth's.
+    """`values` as an (H, W) boolean mask, where 255 is True of uint8; InputError for another shape or dtype.
 
     >>> mask_of("mask", np.array([[255, 128, 0]], np.uint8), (1, 3)).tolist()
     [[True, False, False]]

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +11,7 @@ from twinlens.dataset import Calibration
 from twinlens.errors import InputError
 from twinlens.scoring.checks import Disparity, Mask, disparity_map, mask_of
 from twinlens.scoring.point_cloud import point_errors
-from twinlens.scoring.protocols import Estimate, Pixels, Protocol, Range, find_protocol
+from twinlens.scoring.protocols import Pixels, Protocol, find_protocol
 
 RESERVED = ("all", "nonocc")
 
@@ -43,11 +43,14 @@ class RegionScores(Mapping[str, float]):
 
 @dataclass(frozen=True)
 class Scores:
-    """The result of `evaluate`: scores by region, and the protocol, range, upsampling and rounding applied."""
+    """The result of `evaluate`: scores by region, and the protocol, range, upsampling and rounding applied.
+
+    allowed: possible disparities (lowest, highest) in pixels of the truth; the highest is +inf if unknown.
+    """
 
     protocol: Protocol
     regions: Mapping[str, RegionScores]
-    allowed: Range
+    allowed: tuple[float, float]
     upsampled: int
     rounded: bool
 
@@ -126,20 +129,27 @@ def evaluate(
             raise InputError(f"region {name!r} is reserved: pass mask_nonocc, or use another name")
     truth, estimate = disparity_map("gt", gt), disparity_map("disp", disp)
     scale = upsampling(estimate.shape, truth.shape, rules)
-    allowed = Range(scale * min_disparity, math.inf if ndisp is None else scale * (min_disparity + ndisp))
-    prepared = rules.prepare(upsampled(estimate, scale), allowed)
+    allowed = scale * min_disparity, math.inf if ndisp is None else scale * (min_disparity + ndisp)
+    found, given = rules.prepare(upsampled(estimate, scale), *allowed)
     if round_disparity is None:
         round_disparity = rules.rounds_integers and calibration is not None and calibration.isint
     if round_disparity:  # as C's round(), halves away from zero; numpy rounds them to even
-        wide = prepared.disp.astype(np.float64)
-        rounded = np.copysign(np.floor(np.abs(wide) + 0.5), wide).astype(prepared.disp.dtype)
-        prepared = Estimate(rounded, prepared.given)
+        wide = found.astype(np.float64)
+        found = np.copysign(np.floor(np.abs(wide) + 0.5), wide).astype(found.dtype)
     masks: dict[str, Mask] = {"all": np.ones(truth.shape, np.bool_)}
     if mask_nonocc is not None:
         masks["nonocc"] = mask_of("mask_nonocc", mask_nonocc, truth.shape)
     masks |= {name: mask_of(f"region {name!r}", mask, truth.shape) for name, mask in (regions or {}).items()}
-    scored = {name: _score(rules, name, prepared, truth, mask, calibration) for name, mask in masks.items()}
-    return Scores(rules, scored, allowed, scale, round_disparity)
+    scores = {}
+    for name, mask in masks.items():
+        chosen = mask & np.isfinite(truth)
+        pixels = Pixels(found[chosen].astype(np.float64), truth[chosen].astype(np.float64), given[chosen])
+        if rules.needs_calibration and calibration is not None:
+            metres = point_errors(pixels.estimate, pixels.truth, np.argwhere(chosen), calibration)
+            pixels = replace(pixels, metres=metres)
+        estimated = int(np.count_nonzero(pixels.given))
+        scores[name] = RegionScores(name, rules.measure(pixels), truth.size, pixels.truth.size, estimated)
+    return Scores(rules, scores, allowed, scale, round_disparity)
 
 
 def upsampling(found: tuple[int, ...], wanted: tuple[int, ...], rules: Protocol) -> int:
@@ -158,15 +168,3 @@ def upsampled(disp: Disparity, scale: int) -> Disparity:
         return disp
     repeated: Disparity = np.repeat(np.repeat(disp, scale, axis=0), scale, axis=1) * disp.dtype.type(scale)
     return repeated
-
-
-def _score(
-    rules: Protocol, region: str, estimate: Estimate, truth: Disparity, mask: Mask, calibration: Calibration | None
-) -> RegionScores:
-    chosen = mask & np.isfinite(truth)
-    true, found = truth[chosen].astype(np.float64), estimate.disp[chosen].astype(np.float64)
-    metres = None
-    if rules.needs_calibration and calibration is not None:
-        metres = point_errors(found, true, np.argwhere(chosen), calibration)
-    pixels = Pixels(found, true, estimate.given[chosen], metres)
-    return RegionScores(region, rules.measure(pixels), truth.size, true.size, int(np.count_nonzero(pixels.given)))

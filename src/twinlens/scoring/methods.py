@@ -51,10 +51,7 @@ def named_methods(texts: Iterable[str]) -> list[NamedMethod]:
 def named_program(text: str, time_limit: float | None = None) -> NamedMethod:
     """The program in `[NAME=]COMMAND`, by default named after its executable; it enforces `time_limit`, in seconds.
 
-    Raises
-    ------
-    InputError
-        The command does not contain {left}, {right} and {out}.
+    Raises InputError if the command does not contain {left}, {right} and {out}.
 
     >>> named_program("mine=./prog --fast {left} {right} {out}").name
     'mine'

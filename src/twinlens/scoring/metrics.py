@@ -1,8 +1,4 @@
-"""Error statistics, and the table of their names, units and meanings.
-
-`errors` is a 1-D float64 array of finite absolute errors in pixels or metres. Percentages are 0 to 100; NaN over no
-pixels.
-"""
+"""Error statistics, and the table of their names, units and meanings. Percentages are 0 to 100; NaN over no pixels."""
 
 import math
 from collections.abc import Mapping
@@ -14,7 +10,6 @@ from numpy.typing import NDArray
 
 from twinlens.errors import unknown
 
-Errors = NDArray[np.float64]
 THRESHOLDS = (0.5, 1.0, 2.0, 4.0)
 """Bad-pixel thresholds in pixels of the truth's resolution (Middlebury v3, ETH3D)."""
 QUANTILES = (50, 90, 95, 99)
@@ -30,17 +25,8 @@ def percent(count: int, total: int) -> float:
     return 100.0 * count / total if total else math.nan
 
 
-def bad_count(errors: Errors, threshold: float) -> int:
-    """Number of errors strictly greater than `threshold`.
-
-    >>> bad_count(np.array([0.5, 1.0, 1.5]), 1.0)
-    1
-    """
-    return int(np.count_nonzero(errors > threshold))
-
-
-def error_sizes(errors: Errors) -> dict[str, float]:
-    """Mean (avgerr), root mean square (rms) and quantiles A50, A90, A95, A99, in the unit of `errors`.
+def error_sizes(errors: NDArray[np.float64]) -> dict[str, float]:
+    """Mean (avgerr), root mean square (rms) and quantiles A50, A90, A95, A99 of finite absolute errors (N,), float64.
 
     A_q is sorted(errors)[floor(n q / 100)], without interpolation, as in ETH3D's evaluator (two-view-evaluation,
     `ComputeMetrics`). The index is computed in integers.
@@ -51,9 +37,9 @@ def error_sizes(errors: Errors) -> dict[str, float]:
     if not errors.size:
         return dict.fromkeys(SIZES, math.nan)
     ranks = [errors.size * q // 100 for q in QUANTILES]
-    ordered = np.partition(errors, sorted(set(ranks)))
-    values = (errors.mean(), math.sqrt(float(np.mean(errors * errors))), *ordered[ranks])
-    return {name: float(value) for name, value in zip(SIZES, values, strict=True)}
+    quantiles = np.partition(errors, sorted(set(ranks)))[ranks].tolist()
+    values = (float(errors.mean()), math.sqrt(float(np.mean(errors * errors))), *quantiles)
+    return dict(zip(SIZES, values, strict=True))
 
 
 BAD = tuple(f"bad{t}" for t in THRESHOLDS)
@@ -82,38 +68,30 @@ class Metric:
         return f"{value:.2f}" if self.unit in ("%", "px") else f"{value:.3g}"
 
 
-METRICS: Mapping[str, Metric] = MappingProxyType(
-    {
-        metric.name: metric
-        for metric in (
-            *(Metric(f"bad{t}", "%", f"error above {t} px") for t in THRESHOLDS),
-            *(Metric(f"totbad{t}", "%", f"error above {t} px, or no estimate") for t in THRESHOLDS),
-            Metric("avgerr", "px", "mean absolute error"),
-            Metric("rms", "px", "root mean squared error"),
-            *(Metric(f"A{q}", "px", f"{q}% quantile of the absolute error") for q in QUANTILES),
-            Metric("invalid", "%", "pixels without an estimate"),
-            Metric("coverage", "%", "pixels with an estimate", lower_is_better=False),
-            Metric("D1", "%", "outliers after filling: error above 3 px and above 5% of the truth"),
-            Metric("D1_est", "%", "outliers among the estimated pixels"),
-            *(Metric(f"point_A{q}", "m", f"{q}% quantile of the point distance") for q in QUANTILES),
-            Metric("point_avgerr", "m", "mean distance between estimated and true point"),
-            Metric("point_rms", "m", "root mean squared distance between estimated and true point"),
-            Metric("point_rel", "%", "mean point distance relative to the true point's distance from the camera"),
-            Metric("time", "s", "wall time of one match"),
-            Metric("time/MP", "s/MP", "seconds per megapixel"),
-            Metric("time/GD", "s/GD", "seconds per 10^9 disparity evaluations (pixels x ndisp)"),
-        )
-    }
+_METRICS = (
+    *(Metric(f"bad{t}", "%", f"error above {t} px") for t in THRESHOLDS),
+    *(Metric(f"totbad{t}", "%", f"error above {t} px, or no estimate") for t in THRESHOLDS),
+    Metric("avgerr", "px", "mean absolute error"),
+    Metric("rms", "px", "root mean squared error"),
+    *(Metric(f"A{q}", "px", f"{q}% quantile of the absolute error") for q in QUANTILES),
+    Metric("invalid", "%", "pixels without an estimate"),
+    Metric("coverage", "%", "pixels with an estimate", lower_is_better=False),
+    Metric("D1", "%", "outliers after filling: error above 3 px and above 5% of the truth"),
+    Metric("D1_est", "%", "outliers among the estimated pixels"),
+    *(Metric(f"point_A{q}", "m", f"{q}% quantile of the point distance") for q in QUANTILES),
+    Metric("point_avgerr", "m", "mean distance between estimated and true point"),
+    Metric("point_rms", "m", "root mean squared distance between estimated and true point"),
+    Metric("point_rel", "%", "mean point distance relative to the true point's distance from the camera"),
+    Metric("time", "s", "wall time of one match"),
+    Metric("time/MP", "s/MP", "seconds per megapixel"),
+    Metric("time/GD", "s/GD", "seconds per 10^9 disparity evaluations (pixels x ndisp)"),
 )
+METRICS: Mapping[str, Metric] = MappingProxyType({metric.name: metric for metric in _METRICS})
 """Every metric by name."""
 
 
 def find_metric(name: str) -> Metric:
-    """The metric of that name; InputError with the nearest known name if there is none.
-
-    >>> find_metric("coverage").lower_is_better
-    False
-    """
+    """The metric of that name; InputError with the nearest known name if there is none."""
     if name not in METRICS:
         raise unknown("metric", name, METRICS)
     return METRICS[name]

@@ -1,8 +1,7 @@
-"""Errors in metres between reconstructed and true points.
+"""Errors in metres between reconstructed and true points: of each pixel, and of clouds by nearest neighbours.
 
-`point_errors` compares the two points of each pixel, both on its viewing ray. `cloud_errors` compares two clouds by
-nearest neighbours (accuracy and completeness: Seitz et al., CVPR 2006; F-score: Knapitsch et al., Tanks and Temples,
-2017).
+Source of the latter: Seitz et al., CVPR 2006 (accuracy, completeness); Knapitsch et al., Tanks and Temples, 2017
+(F-score).
 """
 
 import math

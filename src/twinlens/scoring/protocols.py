@@ -1,7 +1,6 @@
 """Scoring rules of Middlebury v3, ETH3D and KITTI 2015, and point distances in metres: one `Protocol` each.
 
-A protocol is two functions, `prepare` (which pixels have an estimate) and `measure` (the metrics of a region), and the
-text that tables print about them. `evaluate` chooses the pixels.
+`evaluate` chooses the pixels.
 """
 
 import math
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from twinlens.errors import InputError, unknown
 from twinlens.scoring.checks import Disparity, Mask, disparity_map
-from twinlens.scoring.metrics import BAD, SIZES, THRESHOLDS, bad_count, error_sizes, percent
+from twinlens.scoring.metrics import BAD, SIZES, THRESHOLDS, error_sizes, percent
 
 KITTI_PIXELS, KITTI_SHARE = np.float32(3.0), np.float32(0.05)
 MIDDLEBURY_INVALID = 1000.0
@@ -22,29 +21,10 @@ MIDDLEBURY_INVALID = 1000.0
 
 
 @dataclass(frozen=True)
-class Range:
-    """Possible disparities [low, high] in pixels of the truth; high is +inf if unknown."""
-
-    low: float = 0.0
-    high: float = math.inf
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A map prepared for measuring: `disp` (H, W) in pixels, and `given` (H, W), True where the method estimated.
-
-    A protocol that fills gaps has finite `disp` where `given` is False.
-    """
-
-    disp: Disparity
-    given: Mask
-
-
-@dataclass(frozen=True)
 class Pixels:
     """The evaluated pixels of one region, as vectors of one length.
 
-    estimate: pixels, float64, +inf where unknown. truth: pixels, float64, finite. given: see `Estimate`. metres: with a
+    estimate (+inf where unknown) and truth: float64 pixels. given: where the method has an estimate. metres: with a
     calibration, the distance between estimated and true point, and the true point's distance from the camera.
     """
 
@@ -63,6 +43,8 @@ class Pixels:
 class Protocol:
     """The rules of one benchmark, and their description as printed with every table.
 
+    prepare: (map, lowest, highest possible disparity) -> (map to measure, where the method has an estimate). It may
+    fill gaps. measure: the metrics of a region.
     upsampling: allowed ratios of the truth's size to the map's. rounds_integers: estimates are rounded if the
     calibration has isint=1. headline: the metric that ranks methods. columns: the metrics of a table by default.
     """
@@ -71,7 +53,7 @@ class Protocol:
     title: str
     source: str
     metrics: tuple[str, ...]
-    prepare: Callable[[Disparity, Range], Estimate]
+    prepare: Callable[[Disparity, float, float], tuple[Disparity, Mask]]
     measure: Callable[[Pixels], dict[str, float]]
     denominator: str
     invalid: str
@@ -90,15 +72,11 @@ class Protocol:
         'none'
         """
         names = ("denominator", "invalid", "clip", "resolution", "source")
-        return {"protocol": f"{self.title} ({self.name})"} | {name: getattr(self, name) for name in names}
+        return {"protocol": f"{self.title} ({self.name})", **{name: getattr(self, name) for name in names}}
 
 
 def find_protocol(name: str | Protocol) -> Protocol:
-    """The protocol of that name, or the protocol itself; InputError with the nearest known name if there is none.
-
-    >>> find_protocol("eth3d").title
-    'ETH3D two-view'
-    """
+    """The protocol of that name, or the protocol itself; InputError with the nearest known name if there is none."""
     if isinstance(name, Protocol):
         return name
     if name not in PROTOCOLS:
@@ -106,43 +84,46 @@ def find_protocol(name: str | Protocol) -> Protocol:
     return PROTOCOLS[name]
 
 
-def _middlebury_prepare(disp: Disparity, allowed: Range) -> Estimate:
-    limit = MIDDLEBURY_INVALID * (allowed.high - allowed.low)
-    given = np.isfinite(disp) & (disp <= limit)
-    return Estimate(np.where(given, np.clip(disp, allowed.low, allowed.high), np.inf), given)
+def _middlebury_prepare(disp: Disparity, low: float, high: float) -> tuple[Disparity, Mask]:
+    given = np.isfinite(disp) & (disp <= MIDDLEBURY_INVALID * (high - low))
+    return np.where(given, np.clip(disp, low, high), np.inf), given
 
 
 def _middlebury_measure(pixels: Pixels) -> dict[str, float]:
     errors, total = pixels.given_errors, pixels.truth.size
-    counts = {t: bad_count(errors, t) for t in THRESHOLDS}
-    missing = total - errors.size
+    bad, missing = _bad_counts(errors), total - errors.size
     return {
-        **{f"bad{t}": percent(n, total) for t, n in counts.items()},
-        **{f"totbad{t}": percent(n + missing, total) for t, n in counts.items()},
+        **{name: percent(count, total) for name, count in bad.items()},
+        **{f"tot{name}": percent(count + missing, total) for name, count in bad.items()},
         **error_sizes(errors),
         "invalid": percent(missing, total),
         "coverage": percent(errors.size, total),
     }
 
 
-def _eth3d_prepare(disp: Disparity, allowed: Range) -> Estimate:
+def _bad_counts(errors: NDArray[np.float64]) -> dict[str, int]:
+    """Numbers of errors strictly greater than each threshold."""
+    return {f"bad{t}": int(np.count_nonzero(errors > t)) for t in THRESHOLDS}
+
+
+def _eth3d_prepare(disp: Disparity, low: float, high: float) -> tuple[Disparity, Mask]:
     """No clipping; a disparity above the image's width is no estimate (two-view-evaluation, `ComputeMetrics`)."""
     given = np.isfinite(disp) & (np.abs(disp) <= disp.shape[1])
-    return Estimate(np.where(given, disp, np.inf), given)
+    return np.where(given, disp, np.inf), given
 
 
 def _eth3d_measure(pixels: Pixels) -> dict[str, float]:
     errors, total = pixels.given_errors, pixels.truth.size
     if total and not errors.size:  # ETH3D's result for a map without any estimate
         return {**dict.fromkeys(BAD, 100.0), **dict.fromkeys(SIZES, math.inf), "coverage": 0.0}
-    bad = {f"bad{t}": percent(bad_count(errors, t), errors.size) for t in THRESHOLDS}
+    bad = {name: percent(count, errors.size) for name, count in _bad_counts(errors).items()}
     return {**bad, **error_sizes(errors), "coverage": percent(errors.size, total)}
 
 
-def _kitti_prepare(disp: Disparity, allowed: Range) -> Estimate:
+def _kitti_prepare(disp: Disparity, low: float, high: float) -> tuple[Disparity, Mask]:
     """KITTI's 16-bit format holds no negative disparity: it is filled like a gap."""
     given = np.isfinite(disp) & (disp >= 0)
-    return Estimate(interpolate_background(np.where(given, disp, np.inf)), given)
+    return interpolate_background(np.where(given, disp, np.inf)), given
 
 
 def _kitti_measure(pixels: Pixels) -> dict[str, float]:
@@ -175,11 +156,6 @@ def interpolate_background(disp: Disparity) -> Disparity:
     A gap within a row takes the smaller of the two disparities next to it; the ends of a row repeat its first and last
     estimate; then the ends of every column repeat that column's first and last value. A row without estimates between
     rows that have some stays unknown. Source: Geiger, KITTI devkit, `io_disp.h`, `interpolateBackground`.
-
-    Raises
-    ------
-    InputError
-        `disp` is no disparity map (see `checks.disparity_map`).
 
     >>> row = np.array([[np.inf, 5, np.inf, 3, np.inf]], np.float32)
     >>> interpolate_background(row).tolist()
@@ -249,7 +225,7 @@ _PROTOCOLS = (
         title="Points in metres",
         source="distance between the estimated and the true point of a pixel, both on its viewing ray",
         metrics=(*(f"point_{name}" for name in SIZES), "point_rel", "coverage"),
-        prepare=lambda disp, allowed: Estimate(disp, np.isfinite(disp)),
+        prepare=lambda disp, low, high: (disp, np.isfinite(disp)),
         measure=_points_measure,
         denominator="all errors: pixels with known truth and an estimate; coverage: pixels with known truth",
         invalid="pixels without an estimate are in no error, only in coverage; d + doffs <= 0 is no estimate",

@@ -1,8 +1,7 @@
 """Regions of the image that are scored apart: functions of arrays to (H, W) bool masks, and their table `REGIONS`.
 
 Textureless, discontinuity and occluded follow Scharstein and Szeliski, "A Taxonomy and Evaluation of Dense Two-Frame
-Stereo Correspondence Algorithms", IJCV 47 (2002), section 5.1, and the authors' evaluator (StcEvaluate.cpp). As there,
-`REGIONS` restricts the first two to non-occluded pixels. Masks do not depend on whether the truth is known.
+Stereo Correspondence Algorithms", IJCV 47 (2002), section 5.1, and StcEvaluate.cpp. Unknown truth does not matter here.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -30,12 +29,7 @@ def textureless(image: ArrayLike, window: int = TEXTURE_WINDOW, limit: float = T
     """Pixels whose squared horizontal difference, averaged over a window, is below limit^2 (grey levels squared).
 
     A pixel's squared difference is the larger of those to its left and right neighbours, averaged over the channels.
-    At the border the image is extended by its edge pixels.
-
-    Parameters
-    ----------
-    image
-        uint8 (H, W) or (H, W, 3), W >= 2.
+    At the border the image is extended by its edge pixels. image: uint8 (H, W) or (H, W, 3), W >= 2.
 
     >>> textureless(np.array([[10, 10, 10, 10, 10, 200, 10]], np.uint8)).tolist()
     [[True, True, True, False, False, False, False]]
@@ -200,10 +194,7 @@ REGIONS: Mapping[str, Region] = MappingProxyType({region.name: region for region
 def region_masks(sample: Pair, names: Iterable[str]) -> dict[str, Mask]:
     """Masks of the named regions, in that order, without those that the sample has no data for.
 
-    Raises
-    ------
-    InputError
-        An unknown name.
+    Raises InputError for an unknown name.
     """
     masks = {}
     for name in names:

@@ -1,11 +1,6 @@
-"""Runs matchers in this process, or in a worker process with time and memory limits.
+"""Runs matchers in this process, or in a worker process with time and memory limits (docs/decisions/process-pool.md).
 
 Whatever a matcher raises or wrongly returns becomes a `MethodError` with a `Failure`.
-
-The worker is one spawned process, kept between matches so that compiled code stays compiled. At a time limit it gets
-SIGTERM, so that Python code can end its own programs and remove its files, and then SIGKILL, with every process in its
-process group. Its output is discarded. If the machine runs out of memory, Linux kills the worker first. Methods must be
-picklable, and scripts must guard their start with `if __name__ == "__main__":`.
 """
 
 import contextlib
@@ -74,7 +69,10 @@ class MethodError(Exception):
 
 
 class Runner:
-    """Runs methods in this process or, with a `limit`, in a worker process.
+    """Runs methods in this process or, with a `limit`, in a worker process, kept so that compiled code stays compiled.
+
+    Methods in a worker must be picklable, and scripts must guard their start with `if __name__ == "__main__":`. At a
+    limit the worker gets SIGTERM, so that Python code can end its own programs, and then its process group SIGKILL.
 
     limit: seconds per match, plus `method.grace_s` for methods that enforce it themselves. warm_up_limit: seconds of a
     warm-up. memory_limit: bytes of data that the worker, and each process it starts, may allocate; None: no limit.
@@ -180,14 +178,12 @@ class Runner:
         future = pool.schedule(_prepare_worker, (self.memory_limit,), timeout=START_LIMIT_S)
         try:
             self._pid = future.result(2 * START_LIMIT_S)
-        except MethodError:
-            self._stop()
-            raise
         except (TimeoutError, pebble.ProcessExpired, BrokenProcessPool):
-            self._stop()
-            raise InputError(
-                'limits need a worker process: guard the script with `if __name__ == "__main__":`'
-            ) from None
+            note = 'limits need a worker process: guard the script with `if __name__ == "__main__":`'
+            raise InputError(note) from None
+        finally:
+            if not self._pid:
+                self._stop()
         return pool
 
     def _stop(self) -> None:
@@ -240,16 +236,10 @@ def _method_error(error: BaseException, prefix: str = "") -> MethodError:
     while (cause := causes[-1].__cause__ or causes[-1].__context__) is not None and cause not in causes:
         causes.append(cause)
     for cause in causes:
-        if _is_out_of_memory(cause):
+        unmapped = isinstance(cause, ImportError) and "failed to map segment" in str(cause)  # by the dynamic loader
+        if isinstance(cause, MemoryError) or getattr(cause, "errno", None) == errno.ENOMEM or unmapped:
             return MethodError("memory", f"{prefix}ran out of memory: {cause}".rstrip(": "))
     return MethodError("crash", f"{prefix}{type(error).__name__}: {error}")
-
-
-def _is_out_of_memory(error: BaseException) -> bool:
-    """MemoryError, ENOMEM, or the dynamic loader's message, which has no code."""
-    if isinstance(error, OSError) and error.errno == errno.ENOMEM:
-        return True
-    return isinstance(error, MemoryError) or (isinstance(error, ImportError) and "failed to map segment" in str(error))
 
 
 def _exit_text(code: int) -> str:

@@ -45,12 +45,8 @@ class Pair:
 
     The disparities to search are min_disparity to min_disparity + ndisp - 1. min_disparity is 0 except for rigs whose
     principal points differ (doffs != 0). aliases: other names of this sample's map in a submission, the recommended one
-    first.
-
-    Raises
-    ------
-    InputError
-        Images that are not 8 or 16 bit or differ in size, a truth or map that does not fit, ndisp < 1.
+    first. Raises InputError for images that are not 8 or 16 bit or differ in size, a truth or map that does not fit,
+    or ndisp < 1.
     """
 
     name: str
@@ -97,10 +93,7 @@ class Pair:
 def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
     """The sample as a `Pair`; optional data that is missing becomes None. lens: which lens of a stored sample.
 
-    Raises
-    ------
-    FileError, InputError
-        Required data is missing or does not fit.
+    Raises FileError or InputError if required data is missing or does not fit.
     """
     if isinstance(sample, Pair):
         return sample
@@ -174,12 +167,7 @@ class DatasetPairs(Sequence[Pair]):
 
     A sample with one lens keeps its name; one with several gives "name · lens", numbered if labels repeat. Maps may
     also be named name/lens-0, name-lens-0, ...; those of the first lens, whose images are the sample's own, also name.
-    Indexing reads that pair from disk; nothing is kept.
-
-    Raises
-    ------
-    InputError
-        Two pairs have the same name.
+    Indexing reads that pair from disk; nothing is kept. Raises InputError if two pairs have the same name.
     """
 
     def __init__(self, *datasets: Sequence[StoredSample | Sample]) -> None:

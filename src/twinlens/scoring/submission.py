@@ -1,14 +1,6 @@
-"""Submissions: a folder or zip of disparity maps (PFM or PNG), validated and scored like a method.
+"""Folders and zip files of disparity maps: `MapFolder` of a benchmark, `Submission` of maps made elsewhere.
 
-The map of a sample S is the first that exists of S.pfm, S.png, S/disp0.pfm, S/disp0.png, or the only .pfm in S/
-(Middlebury's disp0METHOD.pfm, twinlens's own maps/), at the top or in the single folder that contains everything. S may
-also be an alias: S/lens-0, S/lens-1, ... for a sample with several lenses. PFM: pixels, +inf unknown. PNG: 16-bit grey,
-round(256 d), 0 unknown, as in KITTI 2015. A map has the truth's size, or 1/2 or 1/4 of it.
-
-A zip is never unpacked to disk. Refused are names that leave the archive, links, encryption, duplicate names (also if
-they differ only in case or Unicode composition), and compressions other than deflate, because zipfile decompresses
-their members whole, even if fewer bytes are requested. Reading a member stops after the bytes that a map of the truth's
-size can have. Hidden files and __MACOSX folders are ignored.
+docs/benchmark.md lists the names and formats of maps, and what is refused. A zip is never unpacked to disk.
 """
 
 import contextlib
@@ -90,12 +82,9 @@ def file_name(name: str) -> str:
 
 @dataclass(frozen=True)
 class Submission:
-    """The maps of one method in a folder or .zip. `name` is its name on the board.
+    """The maps of one method in a folder or .zip, PFM or 16-bit PNG. `name` is its name on the board.
 
-    Raises
-    ------
-    FileError
-        No such file or folder, not a zip, or an unsafe zip.
+    Raises FileError if there is no such file or folder, or for a file that is not a zip, or unsafe.
     """
 
     path: Path
@@ -148,10 +137,7 @@ class Submission:
     def map_of(self, sample: str, shape: tuple[int, int], aliases: Sequence[str] = ()) -> NDArray[np.float32]:
         """The sample's map, float32 pixels, +inf unknown, of the truth's `shape` (H, W) or 1/2 or 1/4 of it.
 
-        Raises
-        ------
-        FileError
-            Missing, damaged, with NaN, or of another size; the message names the file.
+        Raises FileError, which names the file, if it is missing, damaged, has NaN, or another size.
         """
         name = self.file_of(sample, aliases)
         where = f"{self.path}: {name}" if not self.path.is_dir() else str(self.path / name)
@@ -295,6 +281,7 @@ def _zip_files(path: Path, members: Sequence[zipfile.ZipInfo]) -> dict[str, int]
         faults = {
             "is a link": stat.S_ISLNK(member.external_attr >> 16),
             "is encrypted": member.flag_bits & 1,
+            # zipfile decompresses members of other compressions whole, even if fewer bytes are requested.
             "uses a compression other than deflate": member.compress_type
             not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED),
             "occurs twice": name in found,

@@ -30,12 +30,8 @@ def standings(
 ) -> list[Mean]:
     """The methods' means over samples, best first by the metric `sort` (default: the protocol's headline).
 
-    Methods without a value come last, in the board's order.
-
-    Raises
-    ------
-    InputError
-        A protocol, region or metric that the board does not have.
+    Methods without a value come last, in the board's order. Raises InputError for a protocol, region or metric that
+    the board does not have.
     """
     rules = _rules(board, protocol, region)
     metric = find_metric(sort or rules.headline)
