@@ -77,9 +77,9 @@ def test_a_scene_toml_knows_its_depth_range() -> None:
 
 BAD = [
     ('<float name="fov" value="200"/>', "", "fov must lie between"),
-    ('<float name="fov" value="wide"/>', "", "has 'wide' where 1 finite numbers belong"),
-    ('<float name="fov" value="$fov"/>', "", "no $ parameters"),
-    ("", '<matrix value="1 2 3"/>', "where 16 finite numbers belong"),
+    ('<float name="fov" value="wide"/>', "", "'wide' must be a finite number"),
+    ('<float name="fov" value="$fov"/>', "", "without $ parameters"),
+    ("", '<matrix value="1 2 3"/>', "must be 16 finite numbers"),
     ("", '<scale x="-1"/>', "mirrored or singular"),
     ("", '<scale value="2"/>', "must hold a right-handed rotation"),
     ("", '<scale value="0"/>', "mirrored or singular"),

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from twinlens.families.draws import STONES, WOODS, Rng, one_of, shuffled, varied, weighted
 from twinlens.geometry import Float
 from twinlens.scenes import textures
-from twinlens.scenes.textures import Image
+from twinlens.scenes.textures import Image, ramp
 
 _PAPER = np.array([[0.03, 0.03, 0.035], [0.8, 0.79, 0.76]])
 
@@ -26,14 +26,7 @@ def texture_seed(rng: Rng) -> int:
 
 def noise(n: int, rng: Rng, cells: int = 4, octaves: int = 6, gain: float = 0.55, contrast: float = 1.0) -> Image:
     """Fractal noise (n, n) in [0, 1]; its coarsest cells are 1/cells wide."""
-    made: Image = textures.fractal_noise(n, n, (cells, cells), texture_seed(rng), octaves, gain, contrast)
-    return made
-
-
-def ramp(grey: Float | Image, colors: Float) -> Image:
-    """Grey values in [0, 1] mapped to a gradient through colours (K, 3) at even steps."""
-    stops = np.linspace(0, 1, len(colors))
-    return np.stack([np.interp(grey, stops, colors[:, c]) for c in range(3)], axis=-1).astype(np.float32)
+    return textures.fractal_noise(n, n, (cells, cells), texture_seed(rng), octaves, gain, contrast)
 
 
 def _oversampling(n: int) -> int:

@@ -6,6 +6,8 @@ Libraries that detect the format from the content would pass a renamed file to a
 Ghostscript on PostScript).
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Annotated, Any
@@ -41,9 +43,14 @@ def find_asset(name: Any, context: SceneContext) -> Path:
 
     Raises InputError that names the remedy.
     """
-    if not isinstance(name, str):
-        raise InputError(f"must be a string, got {format_value(name)}")
-    if not name or "\0" in name or PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive or "\\" in name:
+    if (
+        not isinstance(name, str)
+        or not name
+        or "\0" in name
+        or PurePosixPath(name).is_absolute()
+        or PureWindowsPath(name).drive
+        or "\\" in name
+    ):
         raise InputError(
             f"must be a file name relative to the scene's folder, with forward slashes, got {format_value(name)}"
         )
@@ -57,19 +64,16 @@ def find_asset(name: Any, context: SceneContext) -> Path:
     return path
 
 
-def _asset(name: Any, info: Any) -> Path:
-    return find_asset(name, info.context)
-
-
-Asset = Annotated[Path, pydantic.PlainValidator(_asset, json_schema_input_type=str)]
-"""The name of a file below the scene's folder."""
-
-
 def _sky(name: Any, info: Any) -> Path:
     path = find_asset(name, info.context)
     read_sky(path)
     return path
 
+
+Asset = Annotated[
+    Path, pydantic.PlainValidator(lambda name, info: find_asset(name, info.context), json_schema_input_type=str)
+]
+"""The name of a file below the scene's folder."""
 
 Sky = Annotated[Path, pydantic.PlainValidator(_sky, json_schema_input_type=str)]
 """The name of a picture below the scene's folder that Mitsuba accepts as an environment map."""
@@ -102,12 +106,20 @@ def decode_picture(path: Path) -> tuple[NDArray[np.float32], bool]:
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise FileError(f"{path}: pictures may be {', '.join(sorted(_READERS))}, got {path.suffix!r}")
-    try:
+    with _reading(path, "picture"):
         return reader(path)
+
+
+@contextmanager
+def _reading(path: Path, kind: str) -> Iterator[None]:
+    """Turns the many types of exceptions that libraries raise on damaged files into FileError."""
+    try:
+        yield
     except FileError:
         raise
-    except Exception as error:  # libraries raise many types of exceptions on damaged files
-        raise FileError(f"{path}: cannot be read as a {path.suffix} picture ({error})") from error
+    except Exception as error:
+        reason = " ".join(str(error).split())
+        raise FileError(f"{path}: cannot be read as a {path.suffix} {kind} ({reason})") from error
 
 
 def read_sky(path: Path) -> NDArray[np.float32]:
@@ -138,20 +150,7 @@ def _read_8bit(path: Path) -> tuple[NDArray[np.float32], bool]:
 def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
     import OpenEXR
 
-    _check_exr(path)
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        channels = {name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
-    names = "RGB" if {"R", "G", "B"} <= channels.keys() else "YYY"
-    if not set(names) <= channels.keys():
-        raise FileError(f"{path}: needs the channels R, G, B or Y, got {', '.join(sorted(channels))}")
-    return np.ascontiguousarray(np.stack([channels[name] for name in names], axis=-1)), False
-
-
-def _check_exr(path: Path) -> None:
-    """Check the header first: OpenEXR reads all parts and channels of a file, without a limit of size."""
-    import OpenEXR
-
-    with OpenEXR.File(str(path), header_only=True) as file:
+    with OpenEXR.File(str(path), header_only=True) as file:  # all parts and channels are read, without a limit of size
         if len(file.parts) != 1:
             raise FileError(f"{path}: needs one part, got {len(file.parts)}")
         header = dict(file.header())  # closing the file empties its own
@@ -161,6 +160,12 @@ def _check_exr(path: Path) -> None:
         raise FileError(f"{path}: at most {_MOST_CHANNELS} channels are supported, got {len(header['channels'])}")
     (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
     _check_size(path, right - left + 1, bottom - top + 1)
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        channels = {name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
+    names = "RGB" if {"R", "G", "B"} <= channels.keys() else "YYY"
+    if not set(names) <= channels.keys():
+        raise FileError(f"{path}: needs the channels R, G, B or Y, got {', '.join(sorted(channels))}")
+    return np.ascontiguousarray(np.stack([channels[name] for name in names], axis=-1)), False
 
 
 def _read_hdr(path: Path) -> tuple[NDArray[np.float32], bool]:
@@ -191,23 +196,16 @@ def _unpack_rgbe(body: NDArray[np.uint8], height: int, width: int) -> NDArray[np
             raise ValueError("a scanline does not start with its width")
         cursor += 4
         for channel in line:
-            cursor = _unpack_run(body, cursor, channel)
+            done = 0
+            while done < width:
+                count = int(body[cursor])
+                count, taken = (count - 128, 1) if count > 128 else (count, count)
+                if not 0 < count <= width - done:
+                    raise ValueError("a run is longer than its scanline")
+                channel[done : done + count] = body[cursor + 1 : cursor + 1 + taken]
+                done += count
+                cursor += 1 + taken
     return np.moveaxis(out, 1, 2)
-
-
-def _unpack_run(body: NDArray[np.uint8], cursor: int, channel: NDArray[np.uint8]) -> int:
-    done = 0
-    while done < channel.size:
-        count = int(body[cursor])
-        repeat = count > 128
-        count -= 128 if repeat else 0
-        taken = 1 if repeat else count
-        if not 0 < count <= channel.size - done:
-            raise ValueError("a run is longer than its scanline")
-        channel[done : done + count] = body[cursor + 1 : cursor + 1 + taken]
-        done += count
-        cursor += 1 + taken
-    return cursor
 
 
 _READERS = {".png": _read_8bit, ".jpg": _read_8bit, ".jpeg": _read_8bit, ".exr": _read_exr, ".hdr": _read_hdr}
@@ -221,27 +219,18 @@ def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
     """
     if path.suffix.lower() not in MESH_FILES:
         raise FileError(f"{path}: meshes may be {', '.join(sorted(MESH_FILES))}, got {path.suffix!r}")
-    try:
-        return _read_mesh(path, crease_deg)
-    except FileError:
-        raise
-    except Exception as error:  # trimesh raises many types of exceptions on damaged files
-        reason = " ".join(str(error).split())
-        raise FileError(f"{path}: cannot be read as a {path.suffix} mesh ({reason})") from error
+    with _reading(path, "mesh"):
+        import trimesh
 
-
-def _read_mesh(path: Path, crease_deg: float) -> Mesh:
-    import trimesh
-
-    if path.stat().st_size > _LARGEST_MESH_FILE:
-        raise FileError(f"{path}: a mesh file may have at most {_LARGEST_MESH_FILE >> 20} MiB")
-    with path.open("rb") as stream:  # a stream has no folder, so that the file cannot name its neighbours
-        loaded = trimesh.load_scene(stream, file_type=path.suffix[1:].lower(), process=False)
-    _check_parts(path, loaded)
-    made = loaded.to_mesh()
-    if not len(made.faces) or not np.isfinite(made.vertices).all():
-        raise FileError(f"{path}: has no triangles with finite vertices")
-    return shapes.from_trimesh(made, crease_deg)
+        if path.stat().st_size > _LARGEST_MESH_FILE:
+            raise FileError(f"{path}: a mesh file may have at most {_LARGEST_MESH_FILE >> 20} MiB")
+        with path.open("rb") as stream:  # a stream has no folder, so that the file cannot name its neighbours
+            loaded = trimesh.load_scene(stream, file_type=path.suffix[1:].lower(), process=False)
+        _check_parts(path, loaded)
+        made = loaded.to_mesh()
+        if not len(made.faces) or not np.isfinite(made.vertices).all():
+            raise FileError(f"{path}: has no triangles with finite vertices")
+        return shapes.from_trimesh(made, crease_deg)
 
 
 def _check_parts(path: Path, loaded: Any) -> None:

@@ -57,42 +57,29 @@ class Mesh:
     uv: Float | None = None
 
     def __post_init__(self) -> None:
-        vertices = _rows("vertices", self.vertices, 3)
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "faces", _checked_faces(self.faces, len(vertices)))
-        for name, width in (("normals", 3), ("uv", 2)):
-            given = getattr(self, name)
-            if given is None:
+        count = len(self.vertices)
+        for name, width in (("vertices", 3), ("normals", 3), ("uv", 2)):
+            if (values := getattr(self, name)) is None:
                 continue
-            rows = _rows(name, given, width)
-            if len(rows) != len(vertices):
-                raise InputError(f"a mesh needs one row of {name} a vertex: {len(vertices)}, got {len(rows)}")
+            try:
+                rows = np.asarray(values, dtype=np.float64)
+            except (TypeError, ValueError) as error:
+                raise InputError(f"a mesh's {name} must be numbers (N, {width}): {error}") from error
+            if rows.ndim != 2 or rows.shape[1] != width:
+                raise InputError(f"a mesh's {name} must have the shape (N, {width}), got {rows.shape}")
+            if not np.isfinite(rows).all():
+                row = int((~np.isfinite(rows)).any(axis=1).argmax())
+                raise InputError(f"a mesh's {name} must be finite; row {row} is not")
+            if len(rows) != count:
+                raise InputError(f"a mesh needs one row of {name} a vertex: {count}, got {len(rows)}")
             object.__setattr__(self, name, rows)
-
-
-def _rows(name: str, values: ArrayLike, width: int) -> Float:
-    """A finite float64 (N, width)."""
-    try:
-        rows = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"a mesh's {name} must be numbers (N, {width}): {error}") from error
-    if rows.ndim != 2 or rows.shape[1] != width:
-        raise InputError(f"a mesh's {name} must have the shape (N, {width}), got {rows.shape}")
-    if not np.isfinite(rows).all():
-        raise InputError(f"a mesh's {name} must be finite; row {int((~np.isfinite(rows)).any(axis=1).argmax())} is not")
-    return rows
-
-
-def _checked_faces(values: ArrayLike, vertices: int) -> NDArray[np.uint32]:
-    """Triangles (F, 3) with vertex numbers in range."""
-    faces = np.asarray(values)
-    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
-        raise InputError(f"a mesh's faces must be integers (F, 3), got {faces.dtype} {faces.shape}")
-    if faces.size and not 0 <= faces.min() <= faces.max() < vertices:
-        raise InputError(
-            f"a mesh's faces must have vertex numbers 0 to {vertices - 1}, got {int(faces.min())} to {int(faces.max())}"
-        )
-    return faces.astype(np.uint32, copy=False)
+        faces = np.asarray(self.faces)
+        if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+            raise InputError(f"a mesh's faces must be integers (F, 3), got {faces.dtype} {faces.shape}")
+        if faces.size and not 0 <= faces.min() <= faces.max() < count:
+            got = f"{int(faces.min())} to {int(faces.max())}"
+            raise InputError(f"a mesh's faces must have vertex numbers 0 to {count - 1}, got {got}")
+        object.__setattr__(self, "faces", faces.astype(np.uint32, copy=False))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,29 +105,24 @@ _ROUND = {"sphere": 3, "cylinder": 2}
 
 
 def check_uniform_scale(thing: SceneObject) -> None:
-    """Raise InputError where a sphere is stretched, or a cylinder other than along its axis."""
-    if isinstance(thing.shape, Mesh) or thing.shape["type"] not in _ROUND:
+    """Raise InputError where a sphere is stretched, or a cylinder other than along its axis from `p0` to `p1`."""
+    shape = thing.shape
+    if isinstance(shape, Mesh) or (kind := shape["type"]) not in _ROUND:
         return
-    kind = thing.shape["type"]
+    along = np.asarray(shape.get("p1", (0, 0, 1)), float) - np.asarray(shape.get("p0", (0, 0, 0)), float)
+    if not np.isfinite(along).all() or not along.any():
+        raise InputError(f"a {kind} needs p0 and p1 finite and different, got {shape}")
+    own = np.linalg.qr(np.column_stack([along, np.eye(3)]))[0][:, [1, 2, 0]]  # orthonormal, `along` last
+    own = np.asarray(shape.get("to_world", np.eye(4)), float)[:3, :3] @ own
     for pose in (thing.world_from_object, *thing.instances):
-        axes = np.asarray(pose)[:3, :3] @ _own_axes(thing.shape)
+        axes = np.asarray(pose)[:3, :3] @ own
         gram = axes.T @ axes
         stretched = np.diag(gram).copy()
         stretched[_ROUND[kind] :] = gram[0, 0]
         if np.abs(gram - np.diag(np.diag(gram))).max() + np.ptp(stretched) > 1e-6 * gram.max():
             name = f"object {thing.name!r}: " if thing.name else ""
-            along = " (its axis may be longer)" if kind == "cylinder" else ""
-            raise InputError(f"{name}a {kind} needs a uniform scale{along}; use a mesh to stretch it")
-
-
-def _own_axes(shape: Plugin) -> Float:
-    """The axes (3, 3) of a shape, as columns; the last of a cylinder's runs from `p0` to `p1`."""
-    along = np.asarray(shape.get("p1", (0, 0, 1)), float) - np.asarray(shape.get("p0", (0, 0, 0)), float)
-    if not np.isfinite(along).all() or not along.any():
-        raise InputError(f"a {shape['type']} needs p0 and p1 finite and different, got {shape}")
-    axes = np.linalg.qr(np.column_stack([along, np.eye(3)]))[0][:, [1, 2, 0]]  # orthonormal, `along` last
-    own: Float = np.asarray(shape.get("to_world", np.eye(4)), float)[:3, :3] @ axes
-    return own
+            may = " (its axis may be longer)" if kind == "cylinder" else ""
+            raise InputError(f"{name}a {kind} needs a uniform scale{may}; use a mesh to stretch it")
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,14 +158,12 @@ class Scene:
         object.__setattr__(self, "world_from_left", check_rigid(self.world_from_left, "world_from_left"))
         near, far = self.depth_range
         if not 0 < near < far:
-            raise InputError(
-                f"depth_range must be 0 < near < far in metres, got [{near}, {far}] in scene {self.name!r}"
-            )
+            got = f"[{near}, {far}] in scene {self.name!r}"
+            raise InputError(f"depth_range must be 0 < near < far in metres, got {got}")
         for thing in self.objects:
             if thing.material not in self.materials:
-                raise InputError(
-                    f"object {thing.name!r} has the material {thing.material!r}, which the scene does not define"
-                )
+                unknown = f"the material {thing.material!r}, which the scene does not define"
+                raise InputError(f"object {thing.name!r} has {unknown}")
 
     def at(self, world_from_left: ArrayLike) -> "Scene":
         """The same scene with another pose of the left camera."""

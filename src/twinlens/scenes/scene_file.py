@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-import annotated_types
 import pydantic
 
 from twinlens.errors import FileError, InputError, unknown
@@ -18,7 +17,7 @@ from twinlens.scenes.rigs import RigTable, rig_from_table
 from twinlens.scenes.scene import Scene
 from twinlens.scenes.texture_tables import Texture
 from twinlens.scenes.xml_file import read_scene_xml
-from twinlens.schema import Positive, StrictModel, read
+from twinlens.schema import Positive, StrictModel, exactly, read
 
 _SCENE_FILE = "scene.toml"
 _LARGEST_FILE = 16 << 20
@@ -33,7 +32,7 @@ class ViewTable(StrictModel):
     up: Vector3 = pydantic.Field([0.0, 0.0, 1.0])
     fov_x_deg: Annotated[float, pydantic.Field(ge=1, le=170), pydantic.AfterValidator(float)] = 50.0
     baseline: Positive = 0.1
-    depth_range: Annotated[list[Positive], annotated_types.Len(2, 2)]
+    depth_range: Annotated[list[Positive], exactly(2, Positive)]
 
     @pydantic.model_validator(mode="after")
     def _check_pose(self) -> "ViewTable":
@@ -99,26 +98,21 @@ def read_scene_toml(path: Path, name: str) -> Scene:
     data = read_toml(path)
     context = SceneContext(path.parent)
     file = read(SceneFile, data, path, context=context)
+    camera = file.camera
     scene = Scene(
         name=name,
         objects=tuple(replace(thing, name=key) for key, thing in file.objects.items()),
         materials=file.materials,
         lights=file.lights,
         integrator=file.integrator,
+        world_from_left=view_pose(camera.position, camera.look_at, camera.up),
+        fov_x_deg=camera.fov_x_deg,
+        baseline=camera.baseline,
+        depth_range=(camera.depth_range[0], camera.depth_range[1]),
         description=file.description,
         files=(path, *dict.fromkeys(context.files)),
-        rig=data.get("rig"),
-        **_view(file.camera),
     )
-    return scene if scene.rig is None else _with_rig(scene, scene.rig, path, "rig")
-
-
-def _view(camera: ViewTable) -> dict[str, Any]:
-    """The fields of `Scene` that [camera] sets."""
-    near, far = camera.depth_range
-    pose = view_pose(camera.position, camera.look_at, camera.up)
-    view = {"world_from_left": pose, "depth_range": (near, far)}
-    return view | camera.model_dump(include={"fov_x_deg", "baseline"})
+    return scene if file.rig is None else _with_rig(scene, data["rig"], path, "rig")
 
 
 def scene_with_rig(scene: Scene, path: Path) -> Scene:
@@ -141,13 +135,6 @@ class Heading:
     description: str
 
 
-def read_heading(path: Path, name: str) -> Heading:
-    """The heading of a scene.toml file, read without its textures and objects, which take a second a scene."""
-    data = read_toml(path)
-    camera = read(ViewTable, data.get("camera", {}), path, "camera")
-    return Heading(name, _view(camera)["depth_range"], camera.baseline, str(data.get("description", "")))
-
-
 def bundled_folder() -> Path:
     """The folder of the bundled scenes: inside the installed package, or next to src/ in a checkout."""
     package = Path(__file__).parents[1]
@@ -161,8 +148,15 @@ def bundled_scenes() -> list[str]:
 
 
 def bundled_headings() -> list[Heading]:
-    """The headings of the bundled scenes, sorted by name."""
-    return [read_heading(bundled_folder() / name / _SCENE_FILE, name) for name in bundled_scenes()]
+    """The headings of the bundled scenes, sorted by name, read without textures and objects (a second a scene)."""
+    headings = []
+    for name in bundled_scenes():
+        path = bundled_folder() / name / _SCENE_FILE
+        data = read_toml(path)
+        camera = read(ViewTable, data.get("camera", {}), path, "camera")
+        near, far = camera.depth_range
+        headings.append(Heading(name, (near, far), camera.baseline, str(data.get("description", ""))))
+    return headings
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
@@ -170,14 +164,14 @@ def load_scene(name_or_path: str | Path) -> Scene:
 
     Raises InputError: for an unknown name with the nearest known one, for a mistake in a file with its key.
     """
-    path = Path(name_or_path)
-    if str(name_or_path) in bundled_scenes():
+    path, known = Path(name_or_path), bundled_scenes()
+    if str(name_or_path) in known:
         return read_scene_toml(bundled_folder() / name_or_path / _SCENE_FILE, str(name_or_path))
     if path.is_dir():
-        if not (path / _SCENE_FILE).is_file():
-            known = ", ".join(bundled_scenes())
-            raise FileError(f"{path}: the folder has no {_SCENE_FILE}; name a scene file, or one of {known}")
         path = path / _SCENE_FILE
+        if not path.is_file():
+            names = ", ".join(known)
+            raise FileError(f"{path.parent}: the folder has no {_SCENE_FILE}; name a scene file, or one of {names}")
     if path.suffix in (".toml", ".xml"):
         if not path.is_file():
             raise FileError(f"{path}: no such scene file")
@@ -185,4 +179,4 @@ def load_scene(name_or_path: str | Path) -> Scene:
         return read_scene_xml(path) if path.suffix == ".xml" else read_scene_toml(path, name)
     if path.is_file():
         raise InputError(f"{path}: a scene is a .toml or a Mitsuba .xml file, got {path.suffix!r}")
-    raise unknown("scene", str(name_or_path), bundled_scenes())
+    raise unknown("scene", str(name_or_path), known)

@@ -85,25 +85,18 @@ def lathe(profile: Float, segments: int = 96, smooth: bool = True, samples: int 
     pieces = [piece for piece in np.split(points, corners) if len(piece) > 1]
     curves = [_catmull_rom(piece, samples) if smooth and len(piece) > 2 else piece for piece in pieces]
     lengths = np.cumsum([0.0] + [_arc_length(curve)[-1] for curve in curves])
-    return merged(
-        [
-            _revolved(curve, segments, start / lengths[-1], end / lengths[-1])
-            for curve, start, end in zip(curves, lengths[:-1], lengths[1:], strict=True)
-        ]
-    )
-
-
-def _revolved(curve: Float, segments: int, v_start: float, v_end: float) -> Mesh:
-    """One smooth piece of a lathe."""
-    tangent = _tangents(curve)
-    radius, height = np.maximum(curve[:, :1], 0.0), curve[:, 1:]
     angle = np.linspace(0, 2 * math.pi, segments + 1)
     cos, sin = np.cos(angle), np.sin(angle)
-    vertices = np.stack(np.broadcast_arrays(radius * cos, radius * sin, height), axis=-1)
-    normals = np.stack(np.broadcast_arrays(tangent[:, 1:] * cos, tangent[:, 1:] * sin, -tangent[:, :1]), axis=-1)
-    length = _arc_length(curve)
-    v = v_start + (v_end - v_start) * length / length[-1]
-    return _sheet(vertices, normals, np.stack(np.broadcast_arrays(angle / (2 * math.pi), v[:, None]), axis=-1))
+    parts = []
+    for curve, start, end in zip(curves, lengths[:-1] / lengths[-1], lengths[1:] / lengths[-1], strict=True):
+        tangent, length = _tangents(curve), _arc_length(curve)
+        radius, height = np.maximum(curve[:, :1], 0.0), curve[:, 1:]
+        vertices = np.stack(np.broadcast_arrays(radius * cos, radius * sin, height), axis=-1)
+        normals = np.stack(np.broadcast_arrays(tangent[:, 1:] * cos, tangent[:, 1:] * sin, -tangent[:, :1]), axis=-1)
+        v = start + (end - start) * length / length[-1]
+        uv = np.stack(np.broadcast_arrays(angle / (2 * math.pi), v[:, None]), axis=-1)
+        parts.append(_sheet(vertices, normals, uv))
+    return merged(parts)
 
 
 def cone(radius: float, height: float, sections: int = 64) -> Mesh:
@@ -150,24 +143,18 @@ def tube(points: Float, radius: Float, sides: int = 16, smooth: bool = True, clo
     tangent = _tangents(centre)
     if closed:
         tangent[[0, -1]] = (tangent[0] + tangent[-1]) / np.linalg.norm(tangent[0] + tangent[-1])
-    normal, binormal = _frames(tangent)
-    angle = np.linspace(0, 2 * math.pi, sides + 1)[None, :, None]
-    around = np.cos(angle) * normal[:, None] + np.sin(angle) * binormal[:, None]
-    length = _arc_length(centre)
-    uv = np.stack(np.broadcast_arrays(angle[..., 0] / (2 * math.pi), (length / length[-1])[:, None]), axis=-1)
-    return _sheet(centre[:, None] + radii[:, None, None] * around, around, uv)
-
-
-def _frames(tangent: Float) -> tuple[Float, Float]:
-    start = np.eye(3)[np.argmin(np.abs(tangent[0]))]
-    normals = []
-    last = start
+    normals, last = [], np.eye(3)[np.argmin(np.abs(tangent[0]))]
     for t in tangent:
         last = last - (last @ t) * t
         last = last / np.linalg.norm(last)
         normals.append(last)
     normal = np.array(normals)
-    return normal, np.cross(tangent, normal)
+    binormal = np.cross(tangent, normal)
+    angle = np.linspace(0, 2 * math.pi, sides + 1)[None, :, None]
+    around = np.cos(angle) * normal[:, None] + np.sin(angle) * binormal[:, None]
+    length = _arc_length(centre)
+    uv = np.stack(np.broadcast_arrays(angle[..., 0] / (2 * math.pi), (length / length[-1])[:, None]), axis=-1)
+    return _sheet(centre[:, None] + radii[:, None, None] * around, around, uv)
 
 
 def height_field(extents: Float, heights: NDArray[np.float32]) -> Mesh:

@@ -145,9 +145,7 @@ class Pattern(TextureBase):
         if self.colors is None:
             low, high = self.range or (0.0, 1.0)
             return np.asarray(low + (high - low) * pixels, dtype=np.float32)
-        ramp = np.array([color.rgb for color in self.colors])
-        stops = np.linspace(0, 1, len(ramp))
-        return np.stack([np.interp(pixels, stops, ramp[:, c]) for c in range(3)], axis=-1).astype(np.float32)
+        return textures.ramp(pixels, np.array([color.rgb for color in self.colors]))
 
 
 _RADII = Annotated[list[_RADIUS], exactly(2, _RADIUS, or_one=True), pydantic.AfterValidator(_ascending)]

@@ -28,6 +28,15 @@ def value_noise(width: int, height: int, cells: tuple[int, int], seed: int, inte
     return _interpolated(_interpolated(lattice, height, 0, interpolation), width, 1, interpolation)
 
 
+def _fade(t: Any) -> Any:
+    return t**3 * (t * (6 * t - 15) + 10)
+
+
+_WEIGHTS = _fade((np.arange(256) + 0.5) / 256)
+_SMOOTH_VARIANCE = float((_WEIGHTS**2 + (1 - _WEIGHTS) ** 2).mean()) ** 2 / 12
+"""Variance of smooth value noise: 1/12 times the mean sum of squared weights along both axes."""
+
+
 def _interpolated(values: Image, size: int, axis: int, interpolation: str) -> Image:
     """Periodic values interpolated at the centres of `size` texels along one axis."""
     cells = values.shape[axis]
@@ -36,8 +45,7 @@ def _interpolated(values: Image, size: int, axis: int, interpolation: str) -> Im
     here: Image = np.take(values, index % cells, axis)
     if interpolation == "nearest":
         return here
-    t = (position - index).astype(np.float32)
-    fade = t**3 * (t * (6 * t - 15) + 10)
+    fade = _fade((position - index).astype(np.float32))
     step = np.take(values, (index + 1) % cells, axis)
     step -= here
     step *= fade if axis == 1 else fade[:, None]
@@ -46,13 +54,7 @@ def _interpolated(values: Image, size: int, axis: int, interpolation: str) -> Im
 
 
 def fractal_noise(
-    width: int,
-    height: int,
-    cells: tuple[int, int],
-    seed: int,
-    octaves: int = 6,
-    gain: float = 0.5,
-    contrast: float = 1.0,
+    width: int, height: int, cells: tuple[int, int], seed: int, octaves: int = 6, gain: float = 0.5, contrast: float = 1
 ) -> Image:
     """Octaves of value noise, each twice as fine and `gain` times as strong; periodic, mean near 1/2.
 
@@ -67,18 +69,9 @@ def fractal_noise(
             break  # cells finer than a texel would alias
         strength = gain**octave
         total += np.float32(strength) * (value_noise(width, height, fine, seed + 7919 * octave) - np.float32(0.5))
-        variance += strength**2 * _smooth_variance()
+        variance += strength**2 * _SMOOTH_VARIANCE
     scale = np.float32(0.2 * contrast / math.sqrt(variance or 1.0))
-    clipped: Image = np.clip(np.float32(0.5) + scale * total, 0, 1)
-    return clipped
-
-
-def _smooth_variance() -> float:
-    """Variance of smooth value noise: 1/12 times the mean squared weights of both axes, (1 - 2 f (1 - f)) averaged."""
-    t = (np.arange(256) + 0.5) / 256
-    fade = t**3 * (t * (6 * t - 15) + 10)
-    per_axis = float((fade**2 + (1 - fade) ** 2).mean())
-    return per_axis**2 / 12
+    return np.asarray(np.clip(np.float32(0.5) + scale * total, 0, 1))
 
 
 def random_dots(width: int, height: int, count: int, radius: tuple[float, float], seed: int) -> Image:
@@ -154,6 +147,12 @@ def wood(width: int, height: int, rings: int, seed: int, waviness: float = 0.6, 
     ring = np.where(phase < 0.85, phase / 0.85, (1 - phase) / 0.15)  # gradual early wood, abrupt late wood
     fibre = fractal_noise(width, height, (max(width // 16, 1), max(height // 256, 1)), seed + 1, octaves=4, gain=0.75)
     return np.clip((1 - grain) * ring + grain * (2.2 * (fibre - 0.5) + 0.5), 0, 1).astype(np.float32)
+
+
+def ramp(grey: NDArray[Any], colors: NDArray[Any]) -> Image:
+    """Grey values in [0, 1] mapped to a gradient through colours (K, 3) at even steps."""
+    stops = np.linspace(0, 1, len(colors))
+    return np.stack([np.interp(grey, stops, colors[:, c]) for c in range(3)], axis=-1).astype(np.float32)
 
 
 def gradient(width: int, height: int, seed: int = 0, along: str = "v") -> Image:
