@@ -232,8 +232,7 @@ def test_webdataset_keys_are_unique(tmp_path):
 
 
 def test_shards_are_closed_at_their_size(data):
-    from twinlens.dataset.export import Source
-    from twinlens.dataset.export.archives import webdataset
+    from twinlens.dataset.export import Source, webdataset
 
     shards = list(webdataset((Source(s, i) for i, s in enumerate(data)), shard_bytes=1))
     assert [name for name, _ in shards] == [f"shard-{i:06d}.tar" for i in range(3)]

@@ -22,7 +22,7 @@ from twinlens.dataset import (
     write_manifest,
     write_sample,
 )
-from twinlens.dataset.files import fill_folder, read_bytes, write_file
+from twinlens.dataset.files import read_bytes, write_file, write_folder
 from twinlens.dataset.storage import MARK, RemotePath, remove_objects
 from twinlens.errors import FileError, InputError, MissingExtraError, OutputError
 
@@ -148,16 +148,16 @@ def test_only_a_sample_is_overwritten(root):
 
 
 def test_folders_of_other_files(root):
-    fill_folder(root / "out", iter([("a/x", b"1"), ("y", b"2")]))
+    write_folder(root / "out", iter([("a/x", b"1"), ("y", b"2")]))
     assert (root / "out").files() == ["a/x", "y"]
     with pytest.raises(OutputError, match="already exists"):
-        fill_folder(root / "out", [("z", b"3")])
-    fill_folder(root / "out", [("y", b"3")], overwrite=True)
+        write_folder(root / "out", [("z", b"3")])
+    write_folder(root / "out", [("y", b"3")], overwrite=True)
     assert (root / "out").files() == ["y"]
     with pytest.raises(InputError, match="two files would be named z"):
-        fill_folder(root / "new", [("z", b"1"), ("z", b"2")])
+        write_folder(root / "new", [("z", b"1"), ("z", b"2")])
     with pytest.raises(InputError, match="plain relative name"):
-        fill_folder(root / "new", [("../z", b"1")])
+        write_folder(root / "new", [("../z", b"1")])
     assert (root / "new").files() == []
 
 

@@ -61,24 +61,20 @@ def write_file(path: Where, data: bytes) -> None:
         _flush_folder(path.parent)
 
 
-def write_folder(folder: Where, files: Mapping[str, bytes], overwrite: bool = False) -> None:
-    """Write a folder of `files` (relative name with / -> content), atomically. Raises OutputError.
+def write_folder(
+    folder: Where, files: Mapping[str, bytes] | Iterable[tuple[str, bytes]], overwrite: bool = False
+) -> None:
+    """Write a folder of `files` (relative name with / and content), atomically. Raises OutputError.
 
-    An existing folder is rejected unless `overwrite` is set; then it is moved aside, replaced and removed.
+    One file of an iterable is in memory at a time. An existing folder is rejected unless `overwrite` is set; then it is
+    moved aside, replaced and removed. A remote folder is atomic only if it is a sample: otherwise an error removes what
+    was written, a killed process leaves it.
     """
     folder = place(folder)
-    if isinstance(folder, RemotePath) and MARK in files:
+    if isinstance(folder, RemotePath) and isinstance(files, Mapping) and MARK in files:
         write_marked(folder, files, overwrite)
-    else:
-        fill_folder(folder, files.items(), overwrite)
-
-
-def fill_folder(folder: Where, files: Iterable[tuple[str, bytes]], overwrite: bool = False) -> None:
-    """`write_folder` with one file in memory at a time.
-
-    A remote folder is not atomic: an error removes what was written, a killed process leaves it.
-    """
-    folder, files = place(folder), _checked(files)
+        return
+    files = _checked(files.items() if isinstance(files, Mapping) else files)
     if isinstance(folder, RemotePath):
         fill_remote(folder, files, overwrite)
         return

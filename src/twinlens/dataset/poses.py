@@ -1,14 +1,10 @@
 """Rigs in the files of COLMAP, NeRF programs and OpenCV, with axes and pixel conventions converted.
 
-COLMAP: a folder with cameras.txt (``ID MODEL WIDTH HEIGHT PARAMS...``) and images.txt (``ID QW QX QY QZ TX TY TZ
-CAMERA_ID NAME``, cam_from_world, followed by a line of 2D points). It has no length unit: metres are assumed. NeRF:
-transforms.json has one ``transform_matrix`` per frame, world_from_cam with OpenGL's camera axes (x right, y up, z
-backward), and intrinsics for all frames or per frame. In both, pixels are counted from the image's corner: cx and cy
-are larger by 0.5.
-
-OpenCV: FileStorage YAML with the names of its stereo calibration sample, ``M1 D1 M2 D2 R T`` (first to second camera,
-metres), and ours: ``size1``, ``size2`` ([width, height]), ``fisheye1``, ``fisheye2`` (1 for the Kannala-Brandt model)
-and ``world_from_1``, the pose of the pair.
+COLMAP's text model has no length unit: metres are assumed. The ``transform_matrix`` of NeRF's transforms.json is
+world_from_cam with OpenGL's camera axes (x right, y up, z backward). Both count pixels from the image's corner: cx and
+cy are larger by 0.5. OpenCV's YAML has the names of its stereo calibration sample, ``M1 D1 M2 D2 R T`` (first to second
+camera, metres), and ours: ``size1`` ([width, height]) and ``fisheye1`` (1 for the Kannala-Brandt model), the same for
+camera 2, and ``world_from_1``, the pose of the pair.
 
 Sources: https://colmap.github.io/format.html#text-format and .../cameras.html; Nerfstudio, "Data conventions";
 instant-ngp, docs/nerf_dataset_tips.md; OpenCV, samples/cpp/stereo_calib.cpp, and its documentation of FileStorage.

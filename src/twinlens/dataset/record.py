@@ -1,13 +1,7 @@
 """sample.json and dataset.json: objects to plain JSON data, and the models that validate and rebuild them.
 
 A dataclass becomes an object of its fields with its class's name under "type". Numbers are written with all digits, so
-values read back equal. JSON has no infinity: it is written as the string "inf". An array field of more than 1024
-numbers, such as an aperture mask, is packed:
-
-    {"type": "array", "shape": [H, W], "levels": 255, "zlib": "eJxj..."}
-
-zlib is base64 of zlib of the numbers, row by row, little-endian: uint8 or uint16, to be divided by `levels` (255 or
-65535), where that gives exactly the array; else float64, and `levels` is null.
+values read back equal; infinity is the string "inf". docs/format.md describes how large arrays are packed.
 """
 
 import base64
@@ -53,12 +47,15 @@ _NUMBER = Annotated[
     pydantic.BeforeValidator(lambda value: float(value) if value in ("inf", "-inf") else value),
     pydantic.WithJsonSchema({"anyOf": [{"type": "number"}, {"enum": ["inf", "-inf"]}]}),
 ]
-_ROWS: dict[str, Any] = {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}
-_PACKED: dict[str, Any] = {"type": "object", "properties": dict.fromkeys(("type", "shape", "levels", "zlib"), True)}
+_ROWS_SCHEMA = {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}
+_PACKED_SCHEMA: dict[str, Any] = {
+    "type": "object",
+    "properties": dict.fromkeys(("type", "shape", "levels", "zlib"), True),
+}
 _ARRAY = Annotated[
     Any,
     pydantic.BeforeValidator(lambda value: unpack(value) if isinstance(value, Mapping) else value),
-    pydantic.WithJsonSchema({"anyOf": [_ROWS, _PACKED]}),
+    pydantic.WithJsonSchema({"anyOf": [_ROWS_SCHEMA, _PACKED_SCHEMA]}),
 ]
 
 T = TypeVar("T")
@@ -208,7 +205,7 @@ def decode_json(data: bytes, path: str, kind: str, version: int) -> dict[str, An
 
 
 def pack(array: NDArray[Any]) -> dict[str, Any]:
-    """An array without NaN as one string: see the top of this file."""
+    """An array without NaN as one string: base64 of zlib of its numbers, as few bits each as represent them exactly."""
     array = np.asarray(array, np.float64)
     levels: int | None
     for levels in (255, 65535):

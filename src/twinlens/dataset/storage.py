@@ -25,7 +25,10 @@ EXISTS = "already exists; choose another name, or overwrite it (--overwrite)"
 
 @dataclass(frozen=True, order=True)
 class RemotePath:
-    """A remote file or folder by its address. Can be pickled; credentials come from the environment, as in fsspec."""
+    """A remote file or folder by its address, with methods of `pathlib.Path`; errors are FileError and OutputError.
+
+    Can be pickled; credentials come from the environment, as in fsspec.
+    """
 
     url: str
 
@@ -38,41 +41,32 @@ class RemotePath:
 
     @property
     def name(self) -> str:
-        """Last part of the address."""
         return self.url.rstrip("/").rpartition("/")[2]
 
     @property
     def parent(self) -> "RemotePath":
-        """The folder that contains it."""
         return RemotePath(self.url.rstrip("/").rpartition("/")[0])
 
     def resolve(self) -> "RemotePath":
-        """Itself: an address has no links and no working folder."""
         return self
 
     def exists(self) -> bool:
-        """Whether a file or a folder exists. Raises FileError if the store does not answer."""
         return self._kind() is not None
 
     def is_file(self) -> bool:
-        """Whether a file exists."""
         return self._kind() == "file"
 
     def is_dir(self) -> bool:
-        """Whether a folder, that is an address with files below it, exists."""
         return self._kind() == "directory"
 
     def read_bytes(self) -> bytes:
-        """The content of the file. Raises FileNotFoundError or FileError."""
         with self.store(FileError, "read") as (system, path):
             return bytes(system.cat_file(path))
 
     def write_bytes(self, data: bytes) -> None:
-        """Write the file. Raises OutputError."""
         write_objects(self.parent, {self.name: data})
 
     def iterdir(self) -> Iterator["RemotePath"]:
-        """The files and folders in the folder."""
         with self.store(FileError, "listed") as (system, path):
             names = [entry["name"].rstrip("/").rpartition("/")[2] for entry in system.ls(path, detail=True)]
         return (self / name for name in names if name)

@@ -9,7 +9,6 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from operator import attrgetter
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
@@ -267,26 +266,14 @@ class StoredShot:
         return blur_circle_px(depth, self.sample.rig.cameras[i], self.lens)
 
 
-_OF_SAMPLE = {
-    "name": attrgetter("name"),
-    "baseline": attrgetter("calibration.baseline"),
-    "doffs": attrgetter("calibration.doffs"),
-    "ndisp": attrgetter("ndisp"),
-}
-_OF_VIEW: dict[str, Callable[[StoredSample, int], Any]] = {
-    "im": StoredSample.image,
-    "disp": StoredSample.disparity,
-    "mask_nonocc": StoredSample.mask_nonocc,
-    "radiance": StoredSample.radiance,
-    "K": lambda sample, i: sample.camera(i)[0].K,
-    "world_from_cam": lambda sample, i: sample.camera(i)[1].copy(),
-}
+_OF_SAMPLE = ("name", "ndisp")
+_OF_CALIBRATION = ("baseline", "doffs")
+_OF_CAMERA = ("K", "world_from_cam")
 _OF_TRUTH = (*SCALARS, *VECTORS)
-_OF_LENS: dict[str, Callable[[StoredShot, int], Any]] = {
-    "im": StoredShot.image,
-    "radiance": StoredShot.radiance,
-    "blur_circle_px": StoredShot.blur_circle_px,
-}
+_OF_VIEW = {"im": "image", "disp": "disparity", "mask_nonocc": "mask_nonocc", "radiance": "radiance"}
+_OF_LENS = {"im": "image", "radiance": "radiance", "blur_circle_px": "blur_circle_px"}
+"""Quantities of docs/loading.md; those of views and lenses with the methods that read them."""
+
 _NAME = re.compile(r"(?:lens(\d{1,4})\.)?([A-Za-z_]+?)(\d{1,4})(_nonocc)?")
 
 
@@ -296,14 +283,15 @@ def parse_quantity(name: str) -> tuple[str, int | None, int]:
     >>> parse_quantity("lens1.im0"), parse_quantity("mask1_nonocc")
     (('im', 1, 0), ('mask_nonocc', None, 1))
     """
-    found = _NAME.fullmatch(name)
-    if name in _OF_SAMPLE:
+    if name in (*_OF_SAMPLE, *_OF_CALIBRATION):
         return name, None, 0
+    found = _NAME.fullmatch(name)
     lens, quantity, view = (found[1], found[2] + (found[4] or ""), int(found[3])) if found else (None, "", 0)
-    if quantity in (_OF_LENS if lens else (*_OF_VIEW, *_OF_TRUTH)):
+    of_view = (*_OF_VIEW, *_OF_CAMERA, *_OF_TRUTH)
+    if quantity in (_OF_LENS if lens else of_view):
         return quantity, int(lens) if lens else None, view
-    of_views = [f"{known}0" for known in (*_OF_VIEW, *_OF_TRUTH) if known != "mask_nonocc"]
-    raise unknown("quantity of a sample", name, (*_OF_SAMPLE, *of_views, "mask0_nonocc", "lens1.im0"))
+    examples = (f"{known}0" for known in of_view if known != "mask_nonocc")
+    raise unknown("quantity of a sample", name, (*_OF_SAMPLE, *_OF_CALIBRATION, *examples, "mask0_nonocc", "lens1.im0"))
 
 
 def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any]:
@@ -316,11 +304,14 @@ def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any
     for name in names:
         quantity, lens, view = parse_quantity(name)
         if lens is not None:
-            found[name] = _OF_LENS[quantity](sample.lens(lens), view)
-        elif quantity in _OF_SAMPLE:
-            found[name] = _OF_SAMPLE[quantity](sample)
+            found[name] = getattr(sample.lens(lens), _OF_LENS[quantity])(view)
         elif quantity in _OF_VIEW:
-            found[name] = _OF_VIEW[quantity](sample, view)
-        else:
+            found[name] = getattr(sample, _OF_VIEW[quantity])(view)
+        elif quantity in _OF_TRUTH:
             found[name] = truth(view)[quantity]
+        elif quantity in _OF_CAMERA:
+            camera, world_from_cam = sample.camera(view)
+            found[name] = camera.K if quantity == "K" else world_from_cam.copy()
+        else:
+            found[name] = getattr(sample.calibration if quantity in _OF_CALIBRATION else sample, quantity)
     return found

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import pydantic
 from numpy.typing import NDArray
 
 from twinlens import optics
@@ -24,12 +25,8 @@ SCALARS = ("depth", "blur_circle_px", "visible", "object_id", "material_id", "ma
 """(H, W) channels; the last four are unsigned integers."""
 
 _NAMES = ("object_names", "material_names")
-_DTYPES: dict[str, type] = {
-    "visible": np.bool_,
-    "object_id": np.int32,
-    "material_id": np.int32,
-    "material_kind": np.uint8,
-}
+_TEXTS = pydantic.TypeAdapter(tuple[str, ...])
+_DTYPES: dict[str, Any] = {"visible": bool, "object_id": np.int32, "material_id": np.int32, "material_kind": np.uint8}
 
 
 def blur_circle_px(depth: NDArray[Any], camera: Camera, lens: Lens) -> NDArray[np.float32]:
@@ -61,7 +58,10 @@ def read_truth(path: Where) -> dict[str, Any]:
         raise FileError(f"{path}: has no channel {missing[0]!r}; a truth file has {', '.join(required)}")
     result: dict[str, Any] = {name: channels[name].astype(_DTYPES.get(name, channels[name].dtype)) for name in SCALARS}
     result |= {name: np.stack([channels[f"{name}.{axis}"] for axis in "XYZ"], axis=-1) for name in VECTORS}
-    return result | {name: _names(exr.text.get(name, "[]"), path) for name in _NAMES}
+    try:
+        return result | {name: _TEXTS.validate_json(exr.text.get(name, "[]"), strict=True) for name in _NAMES}
+    except ValueError:
+        raise FileError(f"{path}: the names of objects or materials are damaged") from None
 
 
 def truth_from_arrays(arrays: Mapping[str, Any], disparity: NDArray[np.float32]) -> Truth:
@@ -69,13 +69,3 @@ def truth_from_arrays(arrays: Mapping[str, Any], disparity: NDArray[np.float32])
     fields = {name: value for name, value in arrays.items() if name != "blur_circle_px"}
     wide = {name: fields[name].astype(np.float64) for name in ("depth", "position")}
     return Truth(**(fields | wide), disparity=disparity)
-
-
-def _names(text: str, path: Where) -> tuple[str, ...]:
-    try:
-        names = json.loads(text)
-    except (ValueError, RecursionError):
-        names = None
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise FileError(f"{path}: the names of objects or materials are damaged")
-    return tuple(names)

@@ -1,8 +1,7 @@
 """calib.txt: the calibration of a rectified pair, as Middlebury writes it since 2014.
 
-Lines of ``name=value``: cam0 and cam1 are K as ``[fx 0 cx; 0 fy cy; 0 0 1]`` in pixels, doffs in pixels, baseline in
-millimetres, then width, height, ndisp, isint, vmin, vmax. Numbers are written with as many digits as read back to the
-same float64.
+Lines of ``name=value``: cameras as ``[fx 0 cx; 0 fy cy; 0 0 1]``, doffs in pixels, baseline in millimetres, ... Numbers
+are written with as many digits as read back to the same float64.
 
 Source: https://vision.middlebury.edu/stereo/data/scenes2014/ and .../submit3/, "calib.txt".
 """

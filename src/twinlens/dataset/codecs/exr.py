@@ -1,7 +1,7 @@
 """OpenEXR: named float32 and integer channels, lossless, with string attributes.
 
 Files have one scan-line part with ZIP compression, the smallest lossless method on truth maps
-(benchmarks/bench_codecs.py). The bytes depend on the channels and the text only.
+(benchmarks/bench_codecs.py).
 
 Source: Technical Introduction to OpenEXR, https://openexr.com/en/latest/TechnicalIntroduction.html.
 """

@@ -1,8 +1,7 @@
 """PFM, the portable float map: float32 images, in which Middlebury, ETH3D and SceneFlow store disparity maps.
 
-The header holds ``Pf`` (grey) or ``PF`` (RGB), width, height and scale; float32 rows follow, bottom row first. A
-negative scale means little-endian; its magnitude is ignored. Comments (``# ...``) and CRLF line ends are read, and
-never written. Unknown pixels are +inf; NaN and -inf are rejected in both directions.
+Rows are stored bottom first; the scale's sign gives the byte order, and its magnitude is ignored. Comments (``# ...``)
+and CRLF line ends are read, and never written. Unknown pixels are +inf; NaN and -inf are rejected in both directions.
 
 Source: P. Debevec, http://www.pauldebevec.com/Research/HDR/PFM/; Middlebury stereo evaluation v3, its SDK's README.
 """

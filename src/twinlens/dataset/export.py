@@ -1,0 +1,377 @@
+"""Export of datasets to the layouts of other readers, all in the dict `LAYOUTS`.
+
+A folder layout yields (relative name, content) of every file of one sample; WebDataset and Parquet have a few large
+files. What a layout cannot hold, such as a disparity beyond its range or a missing view, is an error that names the
+sample. docs/format.md lists what each layout keeps. The same samples give the same bytes: archives have no time and no
+owner.
+
+Sources: Middlebury, https://vision.middlebury.edu/stereo/data/scenes2014/; ETH3D, https://www.eth3d.net/documentation,
+and COLMAP's output format; KITTI, Menze and Geiger, Object scene flow for autonomous vehicles, 2015, and readme.txt of
+its development kit; SceneFlow, Mayer et al., A large dataset to train convolutional networks for disparity, optical
+flow, and scene flow estimation, 2016; Sintel, http://sintel.is.tue.mpg.de/stereo; torchvision.datasets;
+https://github.com/webdataset/webdataset, "The WebDataset Format"; POSIX.1-2001, pax; Apache Parquet; Hugging Face
+datasets, "Image" feature: a struct of `bytes` and `path`.
+"""
+
+import importlib
+import io
+import itertools
+import json
+import tarfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import twinlens
+from twinlens.dataset.codecs.calib import Calibration, encode_calib
+from twinlens.dataset.codecs.pfm import encode_pfm
+from twinlens.dataset.codecs.png import encode_png
+from twinlens.dataset.files import read_bytes, write_folder
+from twinlens.dataset.manifest import NAME as MANIFEST
+from twinlens.dataset.poses import colmap_camera, colmap_pose
+from twinlens.dataset.storage import Place, RemotePath, Where, place
+from twinlens.dataset.stored import StoredSample
+from twinlens.dataset.visibility import VISIBLE, Disparity
+from twinlens.errors import InputError, MissingExtraError, OutputError, unknown
+
+Files = Iterator[tuple[str, bytes]]
+
+SIGNED_LAYOUTS = ("parquet", "webdataset")
+"""The layouts that can hold negative disparities."""
+
+_MIDDLEBURY_MARKER = "Middlebury2014/train/Adirondack-is-not-here.txt"
+_MIDDLEBURY_NOTE = b"""The scenes in this folder were made with twinlens; none is one of Middlebury's.
+torchvision's Middlebury2014Stereo opens a folder only if the name of an entry begins with the name of a published
+scene. This file is that entry.
+"""
+_KITTI_SCALE, _SINTEL_SCALE = 256.0, 16384.0
+_COLMAP_HEADERS = {
+    "cameras": "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]: fx, fy, cx, cy\n",
+    "images": "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n# POINTS2D[] as (X, Y, POINT3D_ID)\n",
+    "points3D": "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)\n",
+}
+_FILE_BYTES = 256 * 1024 * 1024
+_END = bytes(2 * tarfile.BLOCKSIZE)
+IMAGES = ("im0", "im1", "disp0", "disp1", "mask0_nonocc", "mask1_nonocc")
+NUMBERS = ("width", "height", "fx", "fy", "cx0", "cx1", "cy", "baseline", "doffs", "ndisp")
+NOTE = "EXPORT.md"
+_FIRST_LINE = "# Exported by twinlens"
+
+
+@dataclass(frozen=True)
+class Source:
+    """A sample to export: number `index` of its dataset, with the images of lens number `lens`."""
+
+    sample: StoredSample
+    index: int
+    lens: int = 0
+
+    @property
+    def name(self) -> str:
+        """The sample's name as one folder name: train/0001 becomes train-0001."""
+        return self.sample.name.replace("/", "-")
+
+    def image(self, i: int) -> bytes:
+        """View i as an 8-bit PNG: the sample's file, or its 16 bits rounded to 8."""
+        shot = self.sample.lens(self.lens)
+        pixels = shot.image(i)
+        if pixels.dtype == np.uint8:
+            return read_bytes(shot.folder / f"im{i}.png")
+        return encode_png(np.round(pixels / 257.0).astype(np.uint8))
+
+    def disparity(self, i: int, most: float = np.inf, least: float = 0.0) -> Disparity:
+        """View i's disparity. Raises InputError unless its known values are in the range of the layout.
+
+        Readers of layouts that could store a sign take the absolute value, so negative values are rejected there too.
+        """
+        disparity = self.sample.disparity(i)
+        known = disparity[np.isfinite(disparity)]
+        if known.size and not (known.min() >= least and known.max() <= most):
+            limits = "0 or more" if np.isinf(most) else f"0 to {most:.6g}"
+            raise InputError(
+                f"{self.sample.name}: has disparities from {known.min():.6g} to {known.max():.6g} px, and this layout"
+                f" holds {limits}; layouts without this limit: {', '.join(SIGNED_LAYOUTS)}"
+            )
+        return disparity
+
+    def calib(self) -> bytes:
+        """The sample's calib.txt."""
+        return encode_calib(self.sample.calibration).encode()
+
+    def files(self, disparity: str = "disp{}.pfm", least: float = 0.0) -> Files:
+        """Images, disparities and masks of both views, and calib.txt, with Middlebury's names."""
+        for i in (0, 1):
+            yield f"im{i}.png", self.image(i)
+        for i in (0, 1):
+            yield disparity.format(i), encode_pfm(self.disparity(i, least=least))
+        for i in (0, 1):
+            yield f"mask{i}nocc.png", encode_png(self.sample.mask_nonocc(i))
+        yield "calib.txt", self.calib()
+
+
+def middlebury(source: Source) -> Files:
+    """Middlebury2014/train/<name>-perfect/: im0 im1 .png, disp0 disp1 .pfm, mask0nocc mask1nocc .png, calib.txt."""
+    if source.index == 0:
+        yield _MIDDLEBURY_MARKER, _MIDDLEBURY_NOTE
+    yield from ((f"Middlebury2014/train/{source.name}-perfect/{name}", data) for name, data in source.files())
+
+
+def carla(source: Source) -> Files:
+    """carla-highres/trainingF/<name>/: as `middlebury`, with disp0GT.pfm and disp1GT.pfm, as in MiddEval3."""
+    files = source.files("disp{}GT.pfm")
+    yield from ((f"carla-highres/trainingF/{source.name}/{name}", data) for name, data in files)
+
+
+def eth3d(source: Source) -> Files:
+    """ETH3D/two_view_training/<name>/ and ETH3D/two_view_training_gt/<name>/ (disp0GT.pfm, mask0nocc.png).
+
+    cameras.txt, images.txt and an empty points3D.txt form a COLMAP model.
+    """
+    scene, truth = (f"ETH3D/two_view_training{part}/{source.name}" for part in ("", "_gt"))
+    rig, model = source.sample.rig, dict(_COLMAP_HEADERS)
+    for i in (0, 1):
+        yield f"{scene}/im{i}.png", source.image(i)
+        model["cameras"] += f"{i} {colmap_camera(rig.cameras[i])}\n"
+        model["images"] += f"{i} {colmap_pose(rig.world_from_cams[i])} {i} im{i}.png\n\n"
+    yield f"{scene}/calib.txt", source.calib()
+    yield from ((f"{scene}/{name}.txt", text.encode()) for name, text in model.items())
+    yield f"{truth}/disp0GT.pfm", encode_pfm(source.disparity(0))
+    yield f"{truth}/mask0nocc.png", encode_png(source.sample.mask_nonocc(0))
+
+
+def kitti2015(source: Source) -> Files:
+    """Kitti2015/training/: image_2 image_3, disp_occ_0 disp_occ_1, disp_noc_0 disp_noc_1, obj_map, calib_cam_to_cam.
+
+    A disparity is stored as round(256 d) in 16 bits, 0 for unknown. `disp_occ` holds every known pixel, `disp_noc`
+    those visible in both views. KITTI's own ``_1`` maps are of the next point in time; torchvision reads them as the
+    right view, which they are here. `obj_map` is 0 (background); KITTI's development kit requires it.
+    """
+    root, number = "Kitti2015/training", f"{source.index:06d}"
+    for i in (0, 1):
+        counts = _fixed_point(source.disparity(i, 65535 / _KITTI_SCALE), _KITTI_SCALE).astype(np.uint16)
+        visible = np.where(source.sample.mask_nonocc(i) == VISIBLE, counts, np.uint16(0))
+        yield f"{root}/image_{2 + i}/{number}_10.png", source.image(i)
+        yield f"{root}/disp_occ_{i}/{number}_10.png", encode_png(counts)
+        yield f"{root}/disp_noc_{i}/{number}_10.png", encode_png(visible)
+    yield f"{root}/obj_map/{number}_10.png", encode_png(np.zeros(counts.shape, np.uint8))
+    yield f"{root}/calib_cam_to_cam/{number}.txt", _kitti_calibration(source.sample.calibration)
+
+
+def sceneflow(source: Source) -> Files:
+    """SceneFlow/FlyingThings3D/{frames_cleanpass,disparity}/TRAIN/A/<number>/{left,right}/0006.{png,pfm}.
+
+    One frame per scene (0006, the first of every original scene), and a calib.txt, which the original does not have.
+    """
+    root, scene = "SceneFlow/FlyingThings3D", f"TRAIN/A/{source.index:04d}"
+    for i, side in enumerate(("left", "right")):
+        yield f"{root}/frames_cleanpass/{scene}/{side}/0006.png", source.image(i)
+        yield f"{root}/disparity/{scene}/{side}/0006.pfm", encode_pfm(source.disparity(i))
+    yield f"{root}/disparity/{scene}/calib.txt", source.calib()
+
+
+def sintel(source: Source) -> Files:
+    """Sintel/training/{clean,final}_{left,right}, disparities, occlusions, outofframe: <name>/frame_0001.png.
+
+    d = 4 R + G/64 + B/16384 px, so RGB is a 24-bit count of 1/16384 px. A mask is 255 where the left pixel is occluded
+    (`occlusions`) or leaves the frame of the right view (`outofframe`). Unknown pixels have disparity 0 and are marked
+    occluded.
+    """
+    root, frame = "Sintel/training", f"{source.name}/frame_0001.png"
+    for i, side in enumerate(("left", "right")):
+        for kind in ("clean", "final"):
+            yield f"{root}/{kind}_{side}/{frame}", source.image(i)
+    disparity = source.disparity(0, (2**24 - 1) / _SINTEL_SCALE)
+    counts = _fixed_point(disparity, _SINTEL_SCALE)
+    rgb = np.stack([counts >> 16, counts >> 8 & 255, counts & 255], axis=-1).astype(np.uint8)
+    outside = np.isfinite(disparity) & (np.arange(disparity.shape[1]) - disparity < -0.5)
+    occluded = (source.sample.mask_nonocc(0) != VISIBLE) & ~outside
+    yield f"{root}/disparities/{frame}", encode_png(rgb)
+    yield f"{root}/occlusions/{frame}", encode_png(np.where(occluded, np.uint8(255), np.uint8(0)))
+    yield f"{root}/outofframe/{frame}", encode_png(np.where(outside, np.uint8(255), np.uint8(0)))
+    yield f"{root}/calib/{source.name}/calib.txt", source.calib()
+
+
+def webdataset(sources: Iterable[Source], shard_bytes: int = _FILE_BYTES) -> Iterator[tuple[str, bytes]]:
+    """shard-000000.tar and so on; a shard ends with the sample that reaches `shard_bytes`.
+
+    Files of a sample follow each other under a common key: ``train/0001.im0.png`` is entry "im0.png" of sample
+    train/0001. A key ends at the first dot, so "." in a sample's name is written as "%2E", and "%" as "%25".
+    """
+    number, stream = 0, io.BytesIO()
+    for source in sources:
+        key = source.sample.name.replace("%", "%25").replace(".", "%2E")
+        for name, data in source.files(least=-np.inf):
+            _append(stream, f"{key}.{name}", data)
+        if source.sample.has("sample.json"):
+            _append(stream, f"{key}.json", read_bytes(source.sample.folder / "sample.json"))
+        if stream.tell() >= shard_bytes:
+            yield f"shard-{number:06d}.tar", stream.getvalue() + _END
+            number, stream = number + 1, io.BytesIO()
+    if stream.tell():
+        yield f"shard-{number:06d}.tar", stream.getvalue() + _END
+
+
+def parquet(sources: Iterable[Source], file_bytes: int = _FILE_BYTES) -> Iterator[tuple[str, bytes]]:
+    """train-00000.parquet and so on; a file ends with the sample that reaches `file_bytes`.
+
+    One row and row group per sample: images and maps as encoded files (PNG, and PFM, which Pillow opens as mode F),
+    calibration as columns. Raises MissingExtraError without pyarrow.
+    """
+    schema = _schema()
+    number, stream, writer = 0, io.BytesIO(), None
+    for source in sources:
+        writer = writer or _pyarrow()[1].ParquetWriter(stream, schema, compression="NONE")  # content is compressed
+        writer.write_table(_table(source, schema))
+        if stream.tell() >= file_bytes:
+            writer.close()
+            yield f"train-{number:05d}.parquet", stream.getvalue()
+            number, stream, writer = number + 1, io.BytesIO(), None
+    if writer:
+        writer.close()
+        yield f"train-{number:05d}.parquet", stream.getvalue()
+
+
+Layout = Callable[[Iterable[Source]], Files]
+
+
+def _folders(layout: Callable[[Source], Files]) -> Layout:
+    return lambda sources: (file for source in sources for file in layout(source))
+
+
+LAYOUTS: dict[str, Layout] = {
+    "carla": _folders(carla),
+    "eth3d": _folders(eth3d),
+    "kitti2015": _folders(kitti2015),
+    "middlebury": _folders(middlebury),
+    "parquet": parquet,
+    "sceneflow": _folders(sceneflow),
+    "sintel": _folders(sintel),
+    "webdataset": webdataset,
+}
+"""From samples to (relative name, content) of every file."""
+
+
+def export(
+    dataset: Sequence[StoredSample],
+    folder: Where,
+    to: str,
+    lens: int = 0,
+    overwrite: bool = False,
+    progress: Callable[[float, str], None] | None = None,
+) -> dict[str, int]:
+    """Write samples to `folder` in the layout `to`, a key of LAYOUTS.
+
+    The folder appears whole or not at all; it must not exist, unless `overwrite` is set and it is an earlier export or
+    empty. EXPORT.md in it lists the samples in order. `lens` selects the images of samples taken through several
+    lenses. `progress` is called with the fraction done and the sample's name.
+
+    Returns the size in bytes of each file by relative name. Raises InputError for an unknown layout and for a sample
+    that the layout cannot hold, FileError for a file that a sample lacks, and OutputError.
+    """
+    if to not in LAYOUTS:
+        raise unknown("layout", to, LAYOUTS)
+    if not len(dataset):
+        raise InputError("export needs one or more samples")
+    _check_folder(place(folder), dataset, overwrite)
+    sizes: dict[str, int] = {}
+
+    def sources() -> Iterator[Source]:
+        for i, sample in enumerate(dataset):
+            if progress is not None:
+                progress(i / len(dataset), sample.name)
+            if sample.has("sample.json") and not sample.has("calib.txt"):
+                raise InputError(f"{sample.name}: is not a rectified pair, as every export layout requires")
+            yield Source(sample, i, lens)
+
+    def files() -> Files:
+        names = "".join(f"{i}. {sample.name}\n" for i, sample in enumerate(dataset))
+        note = f"{_FIRST_LINE} {twinlens.__version__}\n\nLayout: `{to}`. Samples, in order:\n\n{names}".encode()
+        for name, data in itertools.chain(LAYOUTS[to](sources()), [(NOTE, note)]):
+            sizes[name] = len(data)
+            yield name, data
+
+    write_folder(folder, files(), overwrite)
+    return sizes
+
+
+def _check_folder(folder: Place, dataset: Sequence[StoredSample], overwrite: bool) -> None:
+    """Reject a folder inside the dataset, where the export would be found as more samples.
+
+    Reject overwriting, which removes, a folder that is not an export: a home folder, a dataset.
+    """
+    if not isinstance(folder, RemotePath):
+        around = (folder.absolute(), *folder.absolute().parents)
+        for sample in dataset:
+            home = Path(str(sample.folder)).absolute()
+            if home in around or (home.parent in around and (home.parent / MANIFEST).is_file()):
+                raise OutputError(f"{folder}: is inside the dataset to export; choose a folder outside of it")
+    if not overwrite or not folder.exists():
+        return
+    is_export = (folder / NOTE).is_file() and read_bytes(folder / NOTE).startswith(_FIRST_LINE.encode())
+    if not is_export and (isinstance(folder, RemotePath) or not folder.is_dir() or any(folder.iterdir())):
+        raise OutputError(
+            f"{folder}: exists and is not an earlier export, so it is not overwritten; choose another name"
+        )
+
+
+def _fixed_point(disparity: Disparity, scale: float) -> NDArray[np.uint32]:
+    """round(scale d), at least 1; 0 where unknown. A known disparity of 0 therefore becomes 1, that is 1/scale px."""
+    known = np.isfinite(disparity)
+    counts = np.round(np.where(known, disparity, 0.0).astype(np.float64) * scale)
+    return np.where(known, np.maximum(counts, 1), 0).astype(np.uint32)
+
+
+def _kitti_calibration(calibration: Calibration) -> bytes:
+    """S_rect, R_rect and P_rect = K [I | t] of cameras 02 and 03; t_x is minus the baseline for the right camera."""
+    lines = []
+    for name, k, shift in (("02", calibration.K0, 0.0), ("03", calibration.K1, -calibration.baseline)):
+        projection = k @ np.hstack([np.eye(3), [[shift], [0.0], [0.0]]])
+        size = [calibration.width, calibration.height]
+        for key, values in (("S_rect", size), ("R_rect", np.eye(3).ravel()), ("P_rect", projection.ravel())):
+            lines.append(f"{key}_{name}: " + " ".join(f"{value:.12e}" for value in values))
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _append(stream: io.BytesIO, name: str, data: bytes) -> None:
+    header = tarfile.TarInfo(name)
+    header.size, header.mode = len(data), 0o644
+    stream.write(header.tobuf(tarfile.PAX_FORMAT))
+    stream.write(data + bytes(-len(data) % tarfile.BLOCKSIZE))
+
+
+def _schema() -> Any:
+    pa, _ = _pyarrow()
+    image = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+    fields = [("name", pa.string()), *((name, image) for name in IMAGES)]
+    fields += [(name, pa.int32() if name in ("width", "height", "ndisp") else pa.float64()) for name in NUMBERS]
+    fields.append(("record", pa.string()))
+    features = {
+        name: {"_type": "Image"}
+        if kind == image
+        else {"dtype": str(kind).replace("double", "float64"), "_type": "Value"}
+        for name, kind in fields
+    }
+    return pa.schema(fields, metadata={"huggingface": json.dumps({"info": {"features": features}})})
+
+
+def _table(source: Source, schema: Any) -> Any:
+    sample, calibration = source.sample, source.sample.calibration
+    images = [{"bytes": data, "path": f"{source.name}/{name}"} for name, data in source.files(least=-np.inf)]
+    fx, fy, cx0, cy = calibration.cam0
+    size = (calibration.width, calibration.height)
+    numbers = (*size, fx, fy, cx0, calibration.cam1[2], cy, calibration.baseline, calibration.doffs, sample.ndisp)
+    record = read_bytes(sample.folder / "sample.json").decode() if sample.has("sample.json") else ""
+    row: dict[str, Any] = {"name": sample.name, "record": record}
+    row |= dict(zip(IMAGES, images, strict=False)) | dict(zip(NUMBERS, numbers, strict=True))
+    return _pyarrow()[0].Table.from_pylist([row], schema=schema)
+
+
+def _pyarrow() -> tuple[Any, Any]:
+    try:
+        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+    except ImportError:
+        raise MissingExtraError("exporting to parquet needs pyarrow: pip install 'twinlens[parquet]'") from None
