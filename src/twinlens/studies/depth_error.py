@@ -64,9 +64,9 @@ class Sweep:
     def conclude(self, table: Table) -> list[Finding]:
         """Exponents of the depth error in z and in the swept quantity."""
         planes = table.where(part=PLANES)
-        others = [name for name in ("baseline_mm", "fx_px") if name != self.column]
         text = f"The depth error is proportional to {self.symbol}^p with p = {{}}"
-        swept = power_law(text, planes, self.column, "depth_error_mm", -1.0, TOLERANCE, ["method", "z_m", *others])
+        fixed = ["method", "z_m", *({"baseline_mm", "fx_px"} - {self.column})]
+        swept = power_law(text, planes, self.column, "depth_error_mm", -1.0, TOLERANCE, fixed)
         return [*exponents_of_depth(table), law_residual(planes), swept]
 
     def figures(self, quantity: str) -> tuple[Figure, ...]:
@@ -146,15 +146,13 @@ def exponents_of_depth(table: Table) -> list[Finding]:
 
 def law_residual(planes: Table) -> Finding:
     """Root mean square deviation of the measured depth errors from z^2/(f B) sigma_d over all planes."""
-
-    def logarithms(unit: Table) -> Float:
-        return np.log(unit.numbers("depth_error_mm") / unit.numbers("predicted_mm"))
-
-    rms = over_scenes(planes, logarithms, lambda values: 100 * math.sqrt(float(np.mean(values**2))))
-    text = (
-        f"Depth errors deviate by at most {100 * TOLERANCE:g} % rms from z^2/(f B) times one disparity error per "
-        "matcher and camera pair"
+    rms = over_scenes(
+        planes,
+        lambda unit: np.log(unit.numbers("depth_error_mm") / unit.numbers("predicted_mm")),
+        lambda logarithms: 100 * math.sqrt(float(np.mean(logarithms**2))),
     )
+    most = f"Depth errors deviate by at most {100 * TOLERANCE:g} % rms"
+    text = f"{most} from z^2/(f B) times one disparity error per matcher and camera pair"
     return Finding(text, rms, rms.value <= 100 * TOLERANCE, "%", result="{} rms")
 
 

@@ -3,8 +3,7 @@
 Blur and disparity obey c = (A/B) |d - d_focus| (Schechner and Kiryati, Depth from Defocus vs. Stereo, IJCV 39(2),
 2000). It is tested on lamps, small spheres at known depths, without texture, matcher or ground truth: the image of a
 lamp through a wide lens is a disk, whose diameter follows from its variance, and the distance between its two images
-is its disparity. Maps of wrong pixels over focus and aperture come from one set of light paths per scene and seed
-(`render_lens_grid`).
+is its disparity.
 """
 
 import math
@@ -88,16 +87,16 @@ def _rows(setup: Setup, stage: Stage, seed: int) -> list[Row]:
     far = BLURS_PX.index(MISMATCH_BLUR_PX) * len(FOCI)
     near = far + len(FOCI) - 1
     eyes = {"both far": (far, far), "both near": (near, near), "far and near": (far, near)}
-    places: list[tuple[Row, int, int, tuple[int, ...]]] = []
-    places += [({"part": "map", "focus": FOCI[k % len(FOCI)]}, k, k, (1, k)) for k in range(len(lenses))]
-    places += [({"part": "eyes", "eyes": name}, *pair, (3, *pair)) for name, pair in eyes.items()]
+    shots: list[tuple[Row, int, int, tuple[int, ...]]] = []
+    shots += [({"part": "map", "focus": FOCI[k % len(FOCI)]}, k, k, (1, k)) for k in range(len(lenses))]
+    shots += [({"part": "eyes", "eyes": name}, *pair, (3, *pair)) for name, pair in eyes.items()]
     rows: list[Row] = []
-    for place, left, right, key in places:
+    for case, left, right, key in shots:
         pictures = stage.expose([grid[left][0], grid[right][1]], lenses[left], stream(seed, *key), SENSOR)
-        lens = {"aperture_px": BLURS_PX[left // len(FOCI)], "mean_blur_px": 0.5 * (blurs[left] + blurs[right])}
+        place = {"scene": stage.scene.name, "seed": seed, **case, "aperture_px": BLURS_PX[left // len(FOCI)],
+                 "mean_blur_px": 0.5 * (blurs[left] + blurs[right])}  # fmt: skip
         for method, scores in stage.errors(pictures, setup.methods).items():
-            errors = {"totbad2": scores["totbad2"], "avgerr": scores["avgerr"]}
-            rows.append({"scene": stage.scene.name, "seed": seed, "method": method, **place, **lens, **errors})
+            rows.append({**place, "method": method, "totbad2": scores["totbad2"], "avgerr": scores["avgerr"]})
     return rows
 
 

@@ -63,9 +63,9 @@ class Finding:
     """A claim, the measurement that tests it, and whether the claim holds.
 
     text: the claim, without its full stop. measured: the number with its interval, in `unit`. result: the measurement
-    worded for either outcome. One {} in `text` or `result` is replaced by the number. expected: the
-    predicted value and its relative `tolerance`. answer: what was found where the claim names one of several, such as a
-    matcher; supporting seeds give the same answer. decided: False where the rows leave the claim open.
+    worded for either outcome. One {} in `text` or `result` is replaced by the number. expected: the predicted value and
+    its relative `tolerance`. answer: what was found where the claim names one of several, such as a matcher; supporting
+    seeds give the same answer. decided: False where the rows leave the claim open.
     """
 
     text: str

@@ -81,12 +81,11 @@ def _window_sum(values: Float, side: int) -> Float:
 
 
 def _statistics(errors: Float, bounds: Float) -> dict[str, float]:
-    gross = ~(np.abs(errors) < _GROSS_PX)
-    fine = errors[~gross]
+    fine = errors[np.abs(errors) < _GROSS_PX]
     return {
         "error_px": float(np.sqrt(np.mean(fine**2))) if fine.size else math.nan,
         "bound_px": float(np.sqrt(np.mean(bounds**2))),
-        "blunders": 100.0 * float(gross.mean()),
+        "blunders": 100.0 * (errors.size - fine.size) / errors.size,
     }
 
 

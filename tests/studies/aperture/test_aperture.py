@@ -8,7 +8,7 @@ import pytest
 from scipy.ndimage import fourier_shift, gaussian_filter
 from scipy.special import j1
 
-from twinlens.camera import Rig
+from twinlens.camera import Camera, Rig, ThinLens
 from twinlens.optics import circle_of_confusion_px
 from twinlens.sensor import Exposure
 from twinlens.studies import STUDIES, Table
@@ -16,6 +16,7 @@ from twinlens.studies.aperture import theory as aperture_theory
 from twinlens.studies.aperture.findings import conclude
 from twinlens.studies.aperture.theory import F_NUMBERS, MODES, Model
 from twinlens.studies.stage import Stage
+from twinlens.studies.table import log_parabola_minimum
 
 STUDY = STUDIES["aperture"]
 
@@ -36,12 +37,13 @@ def test_the_standard_deviation_of_a_disk_is_a_quarter_of_its_diameter():
 
 def test_the_gaussian_matches_the_peak_of_the_airy_pattern():
     """(2 J1(v)/v)^2, v = pi r / (lambda N), near its middle."""
-    number, pitch_um = 16.0, 3.45
+    camera, number, pitch_um = Camera.from_fov(96, 72, 50.0, pixel_pitch_um=3.45), 16.0, 3.45
+    lens = ThinLens(camera.film_distance / number, 2.0)
     radius = np.linspace(1e-3, 0.3, 50)
     phase = math.pi * radius * 1e-6 * pitch_um / (aperture_theory.WAVELENGTH * number)
     airy = (2 * j1(phase) / phase) ** 2
     sigma = float(np.mean(np.sqrt(-0.5 * radius**2 / np.log(airy))))
-    assert aperture_theory.airy_px(number, pitch_um) == pytest.approx(sigma, rel=0.01)
+    assert aperture_theory.airy_px(camera, lens) == pytest.approx(sigma, rel=0.01)
 
 
 @pytest.mark.parametrize("wells", [12.0, 150.0, 1500.0, 5000.0])
@@ -128,13 +130,13 @@ def test_the_optimum_between_blur_and_shot_noise():
     numbers = np.array(F_NUMBERS)
     wells = 4000.0 / numbers**2
     errors = aperture_theory.shift_bound(1.2, (12.0 / 4 / numbers) ** 2, wells, np.sqrt(wells))
-    assert aperture_theory.best_f_number(numbers, errors) == pytest.approx(12.0 / 4 / 1.2, rel=0.05)
+    assert log_parabola_minimum(numbers, errors) == pytest.approx(12.0 / 4 / 1.2, rel=0.05)
 
 
 def test_an_optimum_next_to_unknown_errors_is_not_refined():
     numbers = np.array([1.0, 2.0, 4.0, 8.0])
-    assert aperture_theory.best_f_number(numbers, np.array([np.inf, 1.0, 2.0, 3.0])) == 2.0
-    assert aperture_theory.best_f_number(numbers, np.array([np.nan, 3.0, 2.0, 1.0])) == 8.0
+    assert log_parabola_minimum(numbers, np.array([np.inf, 1.0, 2.0, 3.0])) == 2.0
+    assert log_parabola_minimum(numbers, np.array([np.nan, 3.0, 2.0, 1.0])) == 8.0
 
 
 def table(best, cost=2.0, theory=5.6, jitter=0.0, median=2.0):

@@ -28,14 +28,13 @@ from twinlens.studies.aperture.theory import (
     SENSOR,
     WAVELENGTH,
     Model,
-    best_f_number,
     grain_px,
     predicted_error,
 )
 from twinlens.studies.aperture.wrong import SHARP_AT, SIDE, Evidence
 from twinlens.studies.model import Figure, Measured, Picture, Setup, Study, sweep
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
-from twinlens.studies.table import Column, Row
+from twinlens.studies.table import Column, Row, log_parabola_minimum
 
 Radiance = Sequence[NDArray[np.float32]]
 
@@ -100,7 +99,8 @@ def _rows(setup: Setup, model: Model, grid: LensGrid, seed: int) -> list[Row]:
     rows: list[dict[str, Any]] = []
     for k, number in enumerate(F_NUMBERS):
         lens, traced = model.lens(number), grid[k]
-        blur, paths = model.blur(lens), _rendering_noise(grid, k)
+        blur, light = model.blur(lens), math.sqrt(np.mean([np.square(image, dtype=float).mean() for image in traced]))
+        paths = float(np.mean(grid.standard_error[k])) / light  # rms noise of the light paths; an upper bound
         for diffraction, radiance in (("without", traced), ("with", diffracted(stage, lens, traced))):
             for mode, exposure in zip(MODES, (fixed, automatic(stage, lens, radiance)), strict=True):
                 diffracts = diffraction == "with"
@@ -121,19 +121,13 @@ def _rows(setup: Setup, model: Model, grid: LensGrid, seed: int) -> list[Row]:
     return list(rows)
 
 
-def _rendering_noise(grid: LensGrid, k: int) -> float:
-    """Rms noise of the light paths relative to the rms radiance, an upper bound, for lens k."""
-    light = math.sqrt(np.mean([np.square(image, dtype=np.float64).mean() for image in grid[k]]))
-    return float(np.mean(grid.standard_error[k])) / light
-
-
 def _add_curves(rows: list[dict[str, Any]]) -> None:
     """Add to the rows of a scene and seed the f-numbers that the theories predict, and the square law of light."""
     for mode, diffraction in itertools.product(MODES, ("without", "with")):
         curve = [row for row in rows if (row["exposure"], row["diffraction"]) == (mode, diffraction)]
         at = {row["f_number"]: row for row in curve}
         best, best_wrong = (
-            best_f_number(np.array(list(at)), np.array([row[column] for row in at.values()]))
+            log_parabola_minimum(np.array(list(at)), np.array([row[column] for row in at.values()]))
             for column in ("predicted", "predicted_wrong")
         )
         for row in curve:
@@ -152,18 +146,15 @@ def diffracted(stage: Stage, lens: ThinLens, radiance: Radiance) -> Radiance:
 def _crops(model: Model, images: Sequence[Radiance]) -> Picture:
     """The nearest part of the scene's middle through every lens, at equal brightness with diffraction."""
     stage = model.stage
-    depth = np.where(np.isfinite(stage.truth.depth), stage.truth.depth, np.inf)
-    side = min(_CROP, *(length // 3 for length in depth.shape))
-    inner = depth[side:-side, side:-side]
+    side = min(_CROP, *(length // 3 for length in stage.truth.depth.shape))
+    inner = stage.truth.depth[side:-side, side:-side]
     y, x = (int(k) + side // 2 for k in np.unravel_index(int(np.argmin(inner)), inner.shape))
     parts = []
-    for number, radiance in zip(F_NUMBERS, images, strict=True):
-        seen = diffracted(stage, model.lens(number), radiance)
-        picture = stage.expose(seen, model.lens(number), 0, SENSOR)[0]
+    for lens, radiance in zip(map(model.lens, F_NUMBERS), images, strict=True):
+        picture = stage.expose(diffracted(stage, lens, radiance), lens, 0, SENSOR)[0]
         parts.append(picture[y : y + side, x : x + side].repeat(_ZOOM, axis=0).repeat(_ZOOM, axis=1))
-    captions = tuple(f"f/{number:g}" for number in F_NUMBERS)
     title = f"{stage.scene.name}: the same crop from f/1 to f/32"
-    return Picture(f"crops-{stage.scene.name}", title, tuple(parts), captions)
+    return Picture(f"crops-{stage.scene.name}", title, tuple(parts), tuple(f"f/{number:g}" for number in F_NUMBERS))
 
 
 def _wrong(name: str, mode: str, diffraction: str) -> Figure:

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twinlens.studies.aperture.theory import F_NUMBERS, MODES, best_f_number
+from twinlens.studies.aperture.theory import F_NUMBERS, MODES
 from twinlens.studies.model import Finding, is_above, predicted
-from twinlens.studies.table import Interval, Table, brief, log_slope, over_scenes
+from twinlens.studies.table import Interval, Table, brief, log_parabola_minimum, log_slope, over_scenes
 
 ALLOWED_STOPS = 1.5
 """Largest distance between the f-numbers of theory and matcher. There the Cramer-Rao bound, (N/N0 + N0/N) / 2 of its
@@ -32,7 +32,7 @@ class Aim(NamedTuple):
     def stops_from_theory(self, unit: Table) -> float:
         """The distance in stops of the best f-number of one scene and seed from theory's; positive if narrower."""
         errors = np.array([self.mean_at(unit, number) for number in F_NUMBERS])
-        return 2.0 * math.log2(best_f_number(np.array(F_NUMBERS), errors) / float(unit.numbers(self.theory)[0]))
+        return 2.0 * math.log2(log_parabola_minimum(np.array(F_NUMBERS), errors) / float(unit.numbers(self.theory)[0]))
 
     def range(self, rows: Table) -> str:
         numbers = rows.numbers(self.theory)

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.camera import ThinLens
+from twinlens.camera import Camera, ThinLens
 from twinlens.matching import grey
 from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.stage import Stage
@@ -90,19 +90,10 @@ def grain_px(image: NDArray[np.float32]) -> float:
     return math.sqrt(variance / (2.0 * steepness))
 
 
-def airy_px(f_number: float, pixel_pitch_um: float) -> float:
-    """Standard deviation, in pixels, of the Gaussian with the Airy pattern's curvature at the peak.
-
-    >>> round(airy_px(32.0, 4.0), 2)
-    1.98
-    """
-    return 0.45 * WAVELENGTH * f_number / (1e-6 * pixel_pitch_um)
-
-
-def airy_of(stage: Stage, lens: ThinLens, diffracts: bool) -> float:
-    """`airy_px` of a lens, 0 without diffraction."""
-    camera = stage.camera
-    return airy_px(camera.film_distance / lens.aperture_diameter, camera.pixel_pitch_um) if diffracts else 0.0
+def airy_px(camera: Camera, lens: ThinLens) -> float:
+    """Standard deviation, in pixels, of the Gaussian with the Airy pattern's curvature at the peak."""
+    f_number = camera.film_distance / lens.aperture_diameter
+    return 0.45 * WAVELENGTH * f_number / (1e-6 * camera.pixel_pitch_um)
 
 
 def noise_electrons(wells: ArrayLike, gain: float = 1.0) -> Float:
@@ -160,24 +151,6 @@ def predicted_error(
     lit = (wells > 0) & (wells * exposure.gain < SENSOR.full_well)
     if not 2 * lit.sum() > lit.size:
         return math.inf
-    variance = (blur_px[known] / 4.0) ** 2 + airy_of(stage, lens, diffracts) ** 2
+    variance = (blur_px[known] / 4.0) ** 2 + diffracts * airy_px(stage.camera, lens) ** 2
     errors = shift_bound(grain, variance, np.where(lit, wells, 1.0), noise_electrons(wells, exposure.gain))
     return float(np.median(np.where(lit, errors, math.inf)))
-
-
-def best_f_number(numbers: Float, errors: Float) -> float:
-    """The f-number of the least finite error, by a parabola in log N through it and its neighbours.
-
-    >>> n = np.array([1.0, 2.0, 4.0, 8.0])
-    >>> round(best_f_number(n, (np.log(n) - np.log(3.0)) ** 2), 3)
-    3.0
-    """
-    k = int(np.argmin(np.where(np.isfinite(errors), errors, np.inf)))
-    near = slice(k - 1, k + 2)
-    if k in (0, len(numbers) - 1) or not np.isfinite(errors[near]).all():
-        return float(numbers[k])
-    a, b, _ = np.polyfit(np.log(numbers[near]), errors[near], 2)
-    if not a > 0:
-        return float(numbers[k])
-    low, high = np.log(numbers[k - 1]), np.log(numbers[k + 1])
-    return float(math.exp(min(max(-b / (2 * a), low), high)))

@@ -28,16 +28,13 @@ from scipy.interpolate import RegularGridInterpolator
 from twinlens.camera import ThinLens
 from twinlens.matching import StereoMatcher
 from twinlens.sensor import Exposure
-from twinlens.studies.aperture.theory import LUMA, SENSOR, airy_of, luma_noise
+from twinlens.studies.aperture.theory import LUMA, SENSOR, airy_px, luma_noise
 from twinlens.studies.stage import Stage
 
 Float = NDArray[np.float64]
 
 RIGHT_PX = 2
 """Largest error in pixels of a correct match."""
-_SNR = np.geomspace(1e-3, 1e4, 29)
-_SPREADS = np.geomspace(0.5, 12.0, 12)
-_DRAWS = 4000
 SHARP_AT = 11.0
 """The f-number of the images on which texture is measured."""
 SIDE = StereoMatcher().block_size
@@ -45,6 +42,9 @@ SIDE = StereoMatcher().block_size
 _STRIDE = 3
 _AROUND = 25
 """Side of the box for local means: larger than a window, smaller than uniformly lit surfaces."""
+_SNR = np.geomspace(1e-3, 1e4, 29)
+_SPREADS = np.geomspace(0.5, 12.0, 12)
+_DRAWS = 4000
 
 
 class Texture:
@@ -58,7 +58,11 @@ class Texture:
         self, grain: float, variance: Float, depth: NDArray[np.int64], places: NDArray[np.bool_], ndisp: int
     ) -> None:
         self.grain, self.depth, self.places, self.ndisp = grain, depth, places, ndisp
-        self._textures = (variance, _mean_variance(variance, depth))
+        mean = np.zeros(depth.shape)
+        for each in np.unique(depth[depth >= 0]):  # over 25 pixels of the same surface: disparities within 2 px
+            alike = _local_mean(variance, (depth >= 0) & (np.abs(depth - each) <= RIGHT_PX))
+            mean[depth == each] = alike[depth == each]
+        self._textures = (variance, mean)
         self._sums: dict[tuple[int, int], Float] = {}
 
     def majority(self, disk: Float, least: float) -> tuple[NDArray[np.intp], Float]:
@@ -77,13 +81,17 @@ class Texture:
         spread = least + (disks / 4.0) ** 2
         away = np.arange(self.ndisp) - depths[:, None]
         weights = (self.grain**2 / spread)[:, None] * np.exp(-(away**2) / (4.0 * spread[:, None]))
-        sums = [self._window_sums(int(depth), _box(disk)) for depth, disk in zip(depths, disks, strict=True)]
+        sums = [self._window_sums(int(depth), float(disk)) for depth, disk in zip(depths, disks, strict=True)]
         own, around = np.stack(sums, axis=-1)
         found = (own @ weights).argmax(axis=1)
         return found, np.einsum("pd,dp->p", around, weights[:, found])
 
-    def _window_sums(self, depth: int, box: int) -> Float:
-        """The two textures of one disparity, spread over squares of side `box`, summed over windows, (2, places)."""
+    def _window_sums(self, depth: int, disk: float) -> Float:
+        """The two textures of one disparity, spread over the blur disk, summed over windows, (2, places).
+
+        The disk is a square of odd side whose variance is the nearest.
+        """
+        box = 2 * round((math.sqrt(1.0 + 0.75 * disk**2) - 1.0) / 2.0) + 1
         if (depth, box) not in self._sums:
             squares = [np.where(self.depth == depth, texture, 0.0) for texture in self._textures]
             spread = [ndimage.uniform_filter(each, box, mode="constant") for each in squares]
@@ -133,7 +141,7 @@ class Evidence:
         if not places.any():
             return math.nan, math.nan
         disk = np.sqrt(np.maximum(blur_px**2 - self.blur**2, 0.0))
-        least = texture.grain**2 + airy_of(self.stage, lens, diffracts) ** 2
+        least = texture.grain**2 + diffracts * airy_px(self.stage.camera, lens) ** 2
         found, agreed = texture.majority(disk, least)
         spread = np.sqrt(least + (disk[places] / 4.0) ** 2)
         elsewhere = np.abs(found - self.stage.truth.disparity[places]) > RIGHT_PX
@@ -143,15 +151,6 @@ class Evidence:
         snr = np.where(luma < 1.0, light**2 * agreed / (SIDE * sensor) ** 2, 0.0)
         shares = np.where(elsewhere, 1.0, mismatch_share(snr, spread, SIDE, self.stage.ndisp))
         return 100.0 * float(shares.mean()), float(np.median(paths * luma / sensor))
-
-
-def _box(disk: float) -> int:
-    """The odd side of the square whose variance is nearest to that of a disk of this diameter.
-
-    >>> _box(0.0), _box(6.0), _box(24.0)
-    (1, 5, 21)
-    """
-    return 2 * round((math.sqrt(1.0 + 0.75 * disk**2) - 1.0) / 2.0) + 1
 
 
 def shared_texture(left: Float, right: Float, depth: NDArray[np.int64]) -> tuple[float, Float]:
@@ -169,15 +168,6 @@ def shared_texture(left: Float, right: Float, depth: NDArray[np.int64]) -> tuple
     if not (alike > 0 and total > 0):
         return 1.0, np.zeros(depth.shape)
     return math.sqrt(alike / total), np.asarray(alike / total * steep)
-
-
-def _mean_variance(variance: Float, depth: NDArray[np.int64]) -> Float:
-    """The mean variance over 25 pixels of the same surface (disparities within 2 px), (H, W)."""
-    made = np.zeros(depth.shape)
-    for each in np.unique(depth[depth >= 0]):
-        mean = _local_mean(variance, (depth >= 0) & (np.abs(depth - each) <= RIGHT_PX))
-        made[depth == each] = mean[depth == each]
-    return made
 
 
 def _local_mean(picture: Float, seen: NDArray[np.bool_]) -> Float:
@@ -216,18 +206,16 @@ def mismatch(snr: Float, spread: float, side: int, ndisp: int) -> Float:
     """The probability of a mismatch (K,). snr: V/sigma^2, (K,); spread: g in pixels.
 
     A window of n = side^2 pixels has a texture t of variance V and autocorrelation rho(x) = exp(-x^2 / (4 g^2)) along
-    each axis, and white Gaussian noise a, b of variance sigma^2 in the two images. It is matched by its sum of squared
-    differences. At the shift h from the truth, which is in the middle of the range,
-
-        S_h = sum over the window of (t(x) - t(x + h) + a(x) - b(x + h))^2 = E_h + T_h + N_h
+    each axis, and white Gaussian noise a, b of variance sigma^2 in the two images. At the shift h from the truth, which
+    is in the middle of the range, its sum of squared differences is E_h + T_h + N_h:
 
         texture     E_h = sum (t(x) - t(x + h))^2,                       mean 2 n V (1 - rho(h))
         both        T_h = 2 sum (t(x) - t(x + h)) (a(x) - b(x + h)),     variance 8 sigma^2 E_h
         noise       N_h = sum (a(x) - b(x + h))^2,                       far differences of variance 12 n sigma^4
 
-    A match is wrong if the least sum, refined by a parabola, is more than 2 px from the truth. Without texture the
-    probability is about 1 - 4/ndisp. There is no closed form: E_h of a window with few grains is far from Gaussian, and
-    so are the tails of N_h. Textures and noise are therefore sampled: 4000 Gaussian windows with fixed seeds.
+    A match is wrong if the least sum, refined by a parabola, is more than 2 px from the truth. There is no closed form:
+    E_h of a window with few grains is far from Gaussian, and so are the tails of N_h. Textures and noise are therefore
+    sampled: 4000 Gaussian windows with fixed seeds.
 
     >>> mismatch(np.array([0.0, 100.0]), 1.2, 9, 32).round(1)
     array([0.9, 0. ])

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera import BareAperture, Camera, Pinhole, Rig
+from twinlens.camera import BareAperture, Pinhole, Rig
 from twinlens.camera.diffraction import diffract
 from twinlens.optics.diffraction import FresnelWarning
 from twinlens.rendering import render
@@ -27,7 +27,7 @@ from twinlens.studies.pinhole.edge import DEPTH, FILM, PITCH, WAVELENGTH, edge_c
 from twinlens.studies.pinhole.fresnel import convolved, fresnel_kernel, predicted_best, predicted_frequency
 from twinlens.studies.pinhole.light import exposed_rate, film_light, signal_to_noise, white_rate
 from twinlens.studies.stage import Stage, stream
-from twinlens.studies.table import Column, Interval, Row, Table, over_scenes, paired_difference
+from twinlens.studies.table import Column, Interval, Row, Table, log_parabola_minimum, over_scenes, paired_difference
 
 Float = NDArray[np.float64]
 
@@ -56,11 +56,13 @@ _NEAR_BEST_MM, _SHOT_MM = 0.23, 0.2
 def measure(setup: Setup) -> Measured:
     """A row for every seed, hole and model; images of bundled scenes through every hole."""
     rows: list[Row] = []
-    for done, seed in enumerate(setup.seeds):
-        setup.progress(0.8 * done / len(setup.seeds), "edge")
-        rows += [*_edges(seed), *_lights(seed)]
-    setup.progress(0.8, "pictures")
-    pictures = tuple(_pictures(setup, name) for name in setup.scenes)
+    with warnings.catch_warnings():  # the far-field pattern is compared with Fresnel's
+        warnings.simplefilter("ignore", FresnelWarning)
+        for done, seed in enumerate(setup.seeds):
+            setup.progress(0.8 * done / len(setup.seeds), "edge")
+            rows += [*_edges(seed), *_lights(seed)]
+        setup.progress(0.8, "pictures")
+        pictures = tuple(_pictures(setup, name) for name in setup.scenes)
     return Measured(rows, pictures, {"film_m": FILM, "pitch_m": PITCH, "wavelength_m": WAVELENGTH, "depth_m": DEPTH})
 
 
@@ -77,12 +79,12 @@ def _edges(seed: int) -> list[Row]:
     rows: list[Row] = []
     for k, millimetres in enumerate(DIAMETERS_MM):
         traced = render(scene, rig, _hole(millimetres), _EDGE_SPP, stream(seed, 1, k))[0]
-        far = _diffracted(traced, camera, _hole(millimetres), (WAVELENGTH,) * 3)[..., 1].astype(np.float64)
-        fine_near = convolved(sharp, _fine_kernel(millimetres))
-        near = fine_near.reshape(camera.height, _FINER, camera.width, _FINER).mean(axis=(1, 3))
+        far = diffract(traced, camera, _hole(millimetres), (WAVELENGTH,) * 3)[..., 1].astype(np.float64)
+        near = convolved(sharp, _fine_kernel(millimetres))
+        near = near.reshape(camera.height, _FINER, camera.width, _FINER).mean(axis=(1, 3))
+        theory = predicted_frequency(millimetres, 0.5)
         for model, picture in zip(MODELS, (far, near), strict=True):
             mtf50, mtf10 = (frequency_at(picture, contrast) / (1e3 * PITCH) for contrast in (0.5, 0.1))
-            theory = predicted_frequency(millimetres, 0.5)
             rows.append(_row(seed, model, millimetres, mtf50=mtf50, mtf10=mtf10, predicted_mtf50=theory))
     return rows
 
@@ -116,13 +118,6 @@ def _fine_kernel(millimetres: float) -> Float:
     return fresnel_kernel(1e-3 * millimetres, FILM, DEPTH, WAVELENGTH, PITCH / _FINER, sub=1, most_px=half)
 
 
-def _diffracted(image: NDArray[np.float32], camera: Camera, hole: BareAperture, *wavelengths: Any) -> NDArray[Any]:
-    """The image blurred by the Airy pattern, without the warning that the hole is in the near field."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FresnelWarning)
-        return diffract(image, camera, hole, *wavelengths)
-
-
 def _pictures(setup: Setup, name: str) -> Picture:
     """The scene through each hole, with automatic exposure."""
     stage = Stage.of(name, setup.width, setup.height)
@@ -132,7 +127,7 @@ def _pictures(setup: Setup, name: str) -> Picture:
         hole = _hole(millimetres)
         radiance = render(stage.scene, rig, hole, setup.spp, stream(0, 4, k))[0]
         if millimetres != BOX_MM:
-            radiance = _diffracted(radiance, stage.camera, hole)
+            radiance = diffract(radiance, stage.camera, hole)
         photo = Sensor.preset("ideal").expose(radiance, camera=stage.camera, lens=hole, seed=stream(0, 5, k))
         images.append(photo.image.astype(np.uint8))
         captions.append("open box" if millimetres == BOX_MM else f"{millimetres:g} mm")
@@ -176,12 +171,7 @@ def _best(rows: Table, measure_of: str) -> Interval:
 
     def peak(unit: Table) -> float:
         known = unit.where(lambda row: math.isfinite(float(row[measure_of])))
-        x, y = np.log(known.numbers("diameter_mm")), np.log(known.numbers(measure_of))
-        order = np.argsort(x)
-        x, y = x[order], y[order]
-        k = int(np.clip(np.argmax(y), 1, len(x) - 2))
-        a, b, _ = np.polyfit(x[k - 1 : k + 2], y[k - 1 : k + 2], 2)
-        return math.exp(-b / (2 * a)) if a < 0 else math.exp(x[k])
+        return log_parabola_minimum(known.numbers("diameter_mm"), -np.log(known.numbers(measure_of)))
 
     return over_scenes(rows, peak)
 

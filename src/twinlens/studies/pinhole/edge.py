@@ -31,12 +31,10 @@ def edge_camera(finer: int = 1) -> Camera:
 
 def edge_scene() -> Scene:
     """A luminous half plane at DEPTH, its edge near the axis."""
-    size = 4.0
-    pose = np.eye(4)
-    sine, cosine = math.sin(SLANT), math.cos(SLANT)
-    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    pose[:3, :3] = turn @ np.diag([size, -size, -1.0])
-    pose[:3, 3] = turn @ np.array([-size, 0.0, 0.0]) + np.array([0.0, 0.0, DEPTH])
+    size, sine, cosine = 4.0, math.sin(SLANT), math.cos(SLANT)
+    pose = np.diag([size, -size, -1.0, 1.0])
+    pose[:2, :2] = size * np.array([[cosine, sine], [sine, -cosine]])
+    pose[:3, 3] = -size * cosine, -size * sine, DEPTH
     return glowing("edge", [("half", {"type": "rectangle"}, pose, GLOW)], DEPTH)
 
 
@@ -50,11 +48,16 @@ def edge_spread(picture: ArrayLike) -> tuple[Float, Float]:
     slopes = np.abs(np.diff(image, axis=1))
     if image.ndim != 2 or not (slopes.sum(axis=1) > 0).all():
         raise InputError("the slanted edge needs a grey image with an edge through every row")
-    line = _fit_line(slopes)
+    middles, rows = np.arange(slopes.shape[1]) + 0.5, np.arange(slopes.shape[0])
+    near = slopes
+    for _ in range(4):  # the line u = slope v + intercept, refitted to the slopes near the previous one
+        total = near.sum(axis=1)
+        good = total > 0
+        line = np.polyfit(rows[good], (near * middles).sum(axis=1)[good] / total[good], 1)
+        near = slopes * (np.abs(middles - np.polyval(line, rows)[:, None]) < 0.25 * len(middles))
     if abs(line[0]) * image.shape[0] < 1:
         raise InputError("the edge is not slanted: it must span more than a pixel from top to bottom")
-    rows, columns = np.mgrid[: image.shape[0], : image.shape[1]]
-    away = (columns - np.polyval(line, rows)) * math.cos(math.atan(line[0]))
+    away = (np.arange(image.shape[1]) - np.polyval(line, rows)[:, None]) * math.cos(math.atan(line[0]))
     bins = np.rint(away * OVERSAMPLING).astype(np.intp)
     first = int(bins.min())
     count = np.bincount((bins - first).ravel())
@@ -64,20 +67,6 @@ def edge_spread(picture: ArrayLike) -> tuple[Float, Float]:
     span = np.flatnonzero(full)
     inner = slice(span[0], span[-1] + 1)
     return places[inner], np.interp(places[inner], places[full], total[full] / count[full])
-
-
-def _fit_line(slopes: Float) -> Float:
-    """(slope, intercept) of the edge u = slope v + intercept; refitted to the slopes near the previous line."""
-    middles = np.arange(slopes.shape[1]) + 0.5
-    rows = np.arange(slopes.shape[0])
-    line = np.polyfit(rows, (slopes * middles).sum(axis=1) / slopes.sum(axis=1), 1)
-    for _ in range(3):
-        away = np.abs(middles - np.polyval(line, rows)[:, None])
-        near = slopes * (away < 0.25 * len(middles))
-        total = near.sum(axis=1)
-        good = total > 0
-        line = np.polyfit(rows[good], (near * middles).sum(axis=1)[good] / total[good], 1)
-    return np.asarray(line, np.float64)
 
 
 def modulation_transfer(picture: ArrayLike) -> tuple[Float, Float]:
