@@ -27,7 +27,7 @@ from twinlens.factory.camera_text import (
     parse_sensor,
     parse_size,
 )
-from twinlens.factory.lenses import View
+from twinlens.factory.settings import View
 from twinlens.optics import middle_focus
 from twinlens.scenes import Scene
 from twinlens.sensor import Exposure, Mismatch, Sensor

@@ -3,8 +3,7 @@ import pytest
 
 import twinlens as tl
 from twinlens.dataset import Sample, Shot
-from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
-from twinlens.factory.texture import WINDOW, grey, textured_windows
+from twinlens.factory.gates import WINDOW, Gates, Rejected, check_photographs, check_truth, grey, textured_windows
 from twinlens.rendering import ground_truth
 from twinlens.scenes import Mesh, Scene, SceneObject
 from twinlens.sensor import Sensor

@@ -12,7 +12,7 @@ from twinlens.camera import Annulus, BareAperture, Disk, MaskAperture, Pinhole, 
 from twinlens.dataset import write_png
 from twinlens.errors import InputError
 from twinlens.factory import make, plan, read_recipe, recipe_from_table
-from twinlens.factory.lenses import AnnulusTable, DiskTable, LensTable, MaskTable, PolygonTable
+from twinlens.factory.settings import AnnulusTable, DiskTable, LensTable, MaskTable, PolygonTable
 from twinlens.schema import StrictModel, read
 
 CELLS = [[0.0, 1.0, 0.5], [1.0, 0.25, 0.0]]

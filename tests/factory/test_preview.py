@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from twinlens.dataset import StoredSample, write_png
-from twinlens.factory.preview import MOST, chosen, colored, sample_tile
+from twinlens.factory.generate import MOST, chosen, colored, sample_tile
 
 
 @pytest.mark.parametrize("count", [1, 2, 47, 48, 49, 1000, 10_000_000])

@@ -123,7 +123,7 @@ def _sensor(options: dict[str, Any]) -> "Sensor":
 def _job(scene: "Scene", options: dict[str, Any]) -> "tuple[Scene, Rig, tuple[Lens, ...]]":
     """The scene, the rig, and the lenses that the options describe."""
     from twinlens.factory import check_common_view, default_rig
-    from twinlens.factory.lenses import View
+    from twinlens.factory.settings import View
     from twinlens.scenes import scene_with_rig
 
     width, height = parse_size(options["size"])

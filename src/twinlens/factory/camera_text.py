@@ -16,8 +16,7 @@ from twinlens.camera import ALIGNED, Aperture, BrownConrady, Distortion, Kannala
 from twinlens.camera.film import SENSOR_WIDTHS_MM, sensor_width_mm
 from twinlens.dataset import Sample
 from twinlens.errors import InputError, format_value, located, unknown
-from twinlens.factory.lenses import LensTable, ShapeTable, View
-from twinlens.factory.settings import MismatchTable, SensorTable
+from twinlens.factory.settings import LensTable, MismatchTable, SensorTable, ShapeTable, View, aperture_of
 from twinlens.scenes.rigs import CalibrationError
 from twinlens.schema import read
 from twinlens.sensor import PRESETS, Exposure, Mismatch, Sensor
@@ -114,8 +113,7 @@ def parse_aperture(text: str) -> Aperture:
         raise InputError(f"{where}: must be {form}")
     table = read(_SHAPE, {"kind": kind, **dict(zip(keys, parts, strict=False))}, where, strict=False)
     with located(where):
-        aperture: Aperture = table.aperture(Path)
-    return aperture
+        return aperture_of(table, Path)
 
 
 def parse_distortion(text: str) -> Distortion:

@@ -37,7 +37,7 @@ def _ordered(ends: list[Any]) -> list[Any]:
 
 
 def _constant(values: list[Any]) -> list[Any]:
-    if any(True for value in values for _ in leaves(template(value, ""))):
+    if leaves(template(values, "")):
         raise InputError("the values of a distribution must be constants, not distributions")
     return values
 
@@ -189,13 +189,11 @@ def template(value: Any, file: str | Path, key: str = "", depth: int = 0) -> Any
     return value
 
 
-def leaves(tree: Any) -> Iterator[Leaf]:
+def leaves(tree: Any) -> list[Leaf]:
     """Every distribution in a template, in order."""
-    if isinstance(tree, Leaf):
-        yield tree
-    elif isinstance(tree, (dict, list)):
-        for entry in tree.values() if isinstance(tree, dict) else tree:
-            yield from leaves(entry)
+    found: list[Leaf] = []
+    resolve(tree, found.append)
+    return found
 
 
 def resolve(tree: Any, choose: Callable[[Leaf], Any]) -> Any:

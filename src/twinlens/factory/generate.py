@@ -3,25 +3,33 @@
 recipe -> Ledger (what the folder holds) -> engine -> (index, entry) -> Ledger -> dataset.json, preview.png, card
 """
 
+import contextlib
 import math
 import time
-from contextlib import closing
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
-from twinlens.dataset import Row, remove_unfinished, sample_files, write_card, write_croissant
+from twinlens.dataset import Row, StoredSample, remove_unfinished, sample_files, write_card, write_croissant
+from twinlens.dataset.card import contact_sheet, tile
+from twinlens.dataset.codecs.png import encode_png
+from twinlens.dataset.files import write_file
 from twinlens.dataset.lock import locked
-from twinlens.dataset.storage import Where, place
-from twinlens.errors import InputError
-from twinlens.factory.ledger import Failure, Ledger
-from twinlens.factory.plan import plan
-from twinlens.factory.preview import write_preview
+from twinlens.dataset.storage import Place, Where, place
+from twinlens.errors import FileError, InputError
+from twinlens.factory.ledger import Failure, Ledger, repairable
+from twinlens.factory.plan import plan, sample_name
 from twinlens.factory.produce import check_backend
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import made_with
 from twinlens.factory.workers import Engine, Report, Results, Work, in_process, rendered
+
+MOST = 48
+"""Samples on preview.png."""
 
 _WRITE_EVERY_S = 5.0
 _WRITE_SHARE = 0.02  # of the time at most goes into dataset.json, which grows with the dataset
@@ -147,7 +155,7 @@ def _collect(ledger: Ledger, results: Results, exclusive: bool) -> int:
         return now + max(_WRITE_EVERY_S, (now - start) / _WRITE_SHARE)
 
     try:
-        with closing(results):
+        with contextlib.closing(results):
             for index, entry in results:
                 ledger.entries[index] = entry
                 made += isinstance(entry, Row)
@@ -222,3 +230,50 @@ def estimate(recipe: Recipe, folder: Where) -> Estimate:
     spec = asdict(plan(recipe, missing[0], made.record["spec"]["attempt"]))
     todo = len(missing)
     return Estimate(recipe.count, before, todo, spec, seconds, size, seconds * todo, size * todo)
+
+
+def write_preview(folder: Place, count: int, rows: Sequence[Row], tiles: dict[int, Image.Image]) -> None:
+    """Write preview.png: left images and disparities of samples that are spread evenly over all `count`.
+
+    The `tiles` of earlier calls are not read again.
+    """
+    places = chosen(count)
+    made = {int(row.name) for row in rows}
+    for index in sorted(made & {*places} - {*tiles}):
+        sample = folder / sample_name(index)
+        with repairable(sample):
+            tiles[index] = sample_tile(StoredSample(sample, sample.name))
+    if tiles:
+        sheet = contact_sheet([tiles.get(index) for index in places])
+        write_file(folder / "preview.png", encode_png(np.asarray(sheet)))
+
+
+def chosen(count: int) -> list[int]:
+    """The samples on preview.png: all of them, or `MOST` spread evenly.
+
+    >>> chosen(3), len(chosen(1000)), chosen(1000)[:2]
+    ([0, 1, 2], 48, [0, 20])
+    """
+    shown = min(count, MOST)
+    return [k * count // shown for k in range(shown)]
+
+
+def sample_tile(sample: StoredSample) -> Image.Image:
+    """The first image and, where there is one, the first disparity map below it."""
+    parts = [np.asarray(tile(sample.im0))]
+    with contextlib.suppress(FileError):  # a rig that is not rectified has no disparity
+        parts.append(np.asarray(tile(colored(sample.disp0))))
+    return Image.fromarray(np.concatenate(parts))
+
+
+def colored(disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Disparity in the colour map `turbo`, from its 1st to its 99th percentile; black where unknown."""
+    import matplotlib
+
+    known = np.isfinite(disparity)
+    if not known.any():
+        return np.zeros((*disparity.shape, 3), np.uint8)
+    low, high = np.percentile(disparity[known], (1, 99))
+    level = np.clip((np.where(known, disparity, low) - low) / max(high - low, 1e-6), 0, 1)
+    colors = (np.asarray(matplotlib.colormaps["turbo"](level))[..., :3] * 255).astype(np.uint8)
+    return np.where(known[..., None], colors, 0).astype(np.uint8)

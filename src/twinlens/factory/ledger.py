@@ -169,8 +169,9 @@ class Ledger:
         for name in files_below(folder) if folder.is_dir() else ():
             index = int(name[:-5]) if name.endswith(".json") and name[:-5].isdecimal() else self.recipe.count
             if index < self.recipe.count and index not in self.entries:
-                with contextlib.suppress(FileError):
-                    yield index, read_row(folder / name)
+                with contextlib.suppress(FileError, KeyError, TypeError):
+                    record = decode_json(read_bytes(folder / name), name, ROW_KIND, ROW_VERSION)
+                    yield index, Failure(**record["failure"]) if "failure" in record else Row(**record["row"])
 
 
 def write_row(folder: Place, index: int, entry: Entry) -> None:
@@ -178,15 +179,6 @@ def write_row(folder: Place, index: int, entry: Entry) -> None:
     record = {"failure" if isinstance(entry, Failure) else "row": asdict(entry)}
     data = encode_json({"format": ROW_KIND, "version": ROW_VERSION, **record})
     write_file(folder / ROWS / f"{sample_name(index)}.json", data)
-
-
-def read_row(path: Place) -> Entry:
-    """Read what `write_row` wrote. Raises FileError."""
-    record = decode_json(read_bytes(path), str(path), ROW_KIND, ROW_VERSION)
-    try:
-        return Failure(**record["failure"]) if "failure" in record else Row(**record["row"])
-    except (KeyError, TypeError) as error:
-        raise FileError(f"{path}: is not a row of a dataset ({error})") from None
 
 
 def row_info(record: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,11 +10,10 @@ from typing import Any
 from twinlens.dataset import Sample
 from twinlens.errors import BackendError, FileError, InputError
 from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
-from twinlens.factory.lenses import View
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
-from twinlens.factory.settings import Settings, make_lenses, make_sensor
+from twinlens.factory.settings import Settings, View, make_lenses, make_sensor
 from twinlens.factory.sources import Sources
 from twinlens.rendering import Progress, check_lens_supported, ground_truth
 from twinlens.scenes import Scene, rig_from_table

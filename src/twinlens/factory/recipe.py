@@ -18,8 +18,7 @@ from twinlens.dataset.metadata import About
 from twinlens.errors import InputError, format_value, located, unknown
 from twinlens.factory.draws import corners, hint, normalized, template
 from twinlens.factory.gates import Gates
-from twinlens.factory.lenses import MaskTable
-from twinlens.factory.settings import Settings, check_settings
+from twinlens.factory.settings import MaskTable, Settings, check_settings
 from twinlens.factory.sources import Sources
 from twinlens.scenes import bundled_scenes, read_toml
 from twinlens.schema import Fraction, NonNegative, StrictModel, read

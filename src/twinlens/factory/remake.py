@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera import ALIGNED, Misalignment
-from twinlens.camera.rectification import Rectification, rectify
+from twinlens.camera import ALIGNED, Misalignment, Rig
+from twinlens.camera.rectification import rectify
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample, Shot, StoredSample
 from twinlens.dataset.record import FileModel, lens_from_plain, plain, read, rig_from_plain
@@ -151,27 +151,22 @@ def rectified_sample(
         sample = remake(new, scene, progress=progress)
         return replace(sample, record={**sample.record, **origin})
     truths = ground_truth(scene, result.aligned_rig, sky_disparity=bool(made.get("sky_disparity")))
-    shots = tuple(_warped(stored, k, (left, right), result) for k in range(stored.num_lenses))
-    record = {**made, "keep_radiance": False, **origin}
-    return Sample(result.rectified_rig, shots, _where_pictured(truths, result), record=record)
-
-
-def _warped(stored: StoredSample, k: int, views: tuple[int, int], result: Rectification) -> Shot:
-    shot = stored.lens(k)
-    images = tuple(result.warp(side, shot.image(view)) for side, view in enumerate(views))
-    return Shot(shot.lens, images, record=shot.record)
-
-
-def _where_pictured(truths: list[Truth], result: Rectification) -> tuple[Truth, ...]:
-    """The ground truths, visible only where both rectified images have data."""
+    shots = []
+    for shot in map(stored.lens, range(stored.num_lenses)):
+        images = tuple(result.warp(side, shot.image(view)) for side, view in enumerate((left, right)))
+        shots.append(Shot(shot.lens, images, record=shot.record))
     valid = [result.valid(side) for side in (0, 1)]
-    pictured = (_pictured(truth, side, result, valid) for side, truth in enumerate(truths))
-    return tuple(replace(truth, visible=truth.visible & both) for truth, both in zip(truths, pictured, strict=True))
+    pictured = [
+        replace(truth, visible=truth.visible & _pictured(truth, side, result.aligned_rig, valid))
+        for side, truth in enumerate(truths)
+    ]
+    record = {**made, "keep_radiance": False, **origin}
+    return Sample(result.rectified_rig, tuple(shots), tuple(pictured), record=record)
 
 
-def _pictured(truth: Truth, side: int, result: Rectification, valid: list[NDArray[np.bool_]]) -> NDArray[np.bool_]:
+def _pictured(truth: Truth, side: int, rig: Rig, valid: list[NDArray[np.bool_]]) -> NDArray[np.bool_]:
     """Whether both rectified images have data at a pixel's point."""
-    rig, other = result.aligned_rig, 1 - side
+    other = 1 - side
     seen = rig.project(other, np.where(truth.hit[..., None], truth.position, np.nan))
     inside = rig.cameras[other].contains(seen)
     u, v = np.floor(np.where(inside[..., None], seen, 0.0) + 0.5).astype(int).transpose(2, 0, 1)

@@ -72,7 +72,16 @@ def make_sample(
         Diffraction with an aperture that is not a disk, and errors of rendering and sensor.
     """
     sensor = sensor or Sensor()
-    _check(lenses, exposure, sensor, diffraction)
+    if not lenses:
+        raise InputError("a sample needs at least one lens")
+    check_exposure(exposure)
+    if exposure is not None:
+        sensor.mismatch.applied(exposure)
+    for lens in lenses:
+        check_lens(lens)
+        if diffraction and lens.aperture_diameter > 0 and not isinstance(lens.aperture, Disk):
+            shape = lens.aperture.name
+            raise InputError(f"diffraction needs a disk aperture, got {shape}; disable it or change the aperture")
     shots = []
     for k, lens in enumerate(lenses):
         key = (_SHOT_STREAM, zlib.crc32(scene.name.encode()), k)  # so that no two images share noise
@@ -103,22 +112,6 @@ def make_sample(
     if truths is None:
         truths = ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)
     return Sample(rig, tuple(shots), tuple(truths), record=record)
-
-
-def _check(lenses: Sequence[Lens], exposure: Exposure | None, sensor: Sensor, diffraction: bool) -> None:
-    """Check every lens before the first image is rendered."""
-    if not lenses:
-        raise InputError("a sample needs at least one lens")
-    for lens in lenses:
-        check_lens(lens)
-    check_exposure(exposure)
-    if exposure is not None:
-        sensor.mismatch.applied(exposure)
-    for lens in lenses if diffraction else ():
-        if lens.aperture_diameter > 0 and not isinstance(lens.aperture, Disk):
-            raise InputError(
-                f"diffraction needs a disk aperture, got {lens.aperture.name}; disable it or change the aperture"
-            )
 
 
 def made_with() -> dict[str, Any]:

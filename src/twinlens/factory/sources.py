@@ -45,7 +45,13 @@ class Sources:
 
         Computed on first use. Raises InputError for a file that cannot be read.
         """
-        files = {name: path for scene in self.scenes for name, path in self._scene_files(scene).items()}
+        files: dict[str, Path] = {}
+        for name in self.scenes:
+            home, shown = bundled_folder() / name if name in bundled_scenes() else self.folder / name, Path(name)
+            if not home.is_dir():
+                home, shown = home.parent, shown.parent
+            below = _names_below(home, self.scene(name).files)
+            files |= {(shown / file).as_posix(): path for file, path in below.items()}
         files |= {name: path for kind in self.asset_files.values() for name, path in kind.items()}
         files |= {Path(name).as_posix(): self.folder / name for name in self.masks}
         return {name: self.unchanged(path) for name, path in sorted(files.items())}
@@ -62,7 +68,7 @@ class Sources:
         Raises FileError if its files have changed. Rendering opens a Mitsuba .xml again; call this again after it.
         """
         scene = self._loaded.get(name) or load_scene(name if name in bundled_scenes() else self.folder / name)
-        _digests[scene] = {file: self.unchanged(path) for file, path in _files_of(scene).items()}
+        _digests[scene] = {file: self.unchanged(path) for file, path in _names_below(None, scene.files).items()}
         self._loaded[name] = scene
         if len(self._loaded) > _SCENES_KEPT:
             del self._loaded[next(iter(self._loaded))]
@@ -111,15 +117,6 @@ class Sources:
         self._known[path] = (stamp, now)
         return now
 
-    def _scene_files(self, name: str) -> dict[str, Path]:
-        """The scene's file and those it names, by their names relative to the recipe."""
-        scene = self.scene(name)
-        home = bundled_folder() / name if name in bundled_scenes() else self.folder / name
-        shown = Path(name)
-        if not home.is_dir():
-            home, shown = home.parent, shown.parent
-        return {(shown / below).as_posix(): path for below, path in _names_below(home, scene.files).items()}
-
 
 _digests: "weakref.WeakKeyDictionary[Scene, dict[str, str]]" = weakref.WeakKeyDictionary()
 
@@ -130,22 +127,18 @@ def file_digests(scene: Scene) -> dict[str, str]:
     Computed once for each scene, so that later edits do not matter. Raises FileError.
     """
     if scene not in _digests:
-        named = _files_of(scene).items()
+        named = _names_below(None, scene.files).items()
         _digests[scene] = {name: hashlib.sha256(read_bytes(path)).hexdigest() for name, path in named}
     return dict(_digests[scene])
 
 
-def _files_of(scene: Scene) -> dict[str, Path]:
-    return _names_below(scene.files[0].parent, scene.files) if scene.files else {}
-
-
-def _names_below(home: Path, files: tuple[Path, ...]) -> dict[str, Path]:
-    """Files by their names relative to `home`; files elsewhere by their last part."""
-    home = home.resolve()
-    return {
-        (path.resolve().relative_to(home).as_posix() if path.resolve().is_relative_to(home) else path.name): path
-        for path in files
-    }
+def _names_below(home: Path | None, files: tuple[Path, ...]) -> dict[str, Path]:
+    """Files by their names relative to `home`, or to the first one's folder; files elsewhere by their last part."""
+    found = {}
+    for path in files:
+        folder, whole = (home or files[0].parent).resolve(), path.resolve()
+        found[whole.relative_to(folder).as_posix() if whole.is_relative_to(folder) else path.name] = path
+    return found
 
 
 def changed_files(before: Mapping[str, str], now: Mapping[str, str]) -> str:

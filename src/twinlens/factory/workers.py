@@ -162,13 +162,13 @@ def worker_processes(count: int) -> Engine:
 def _end_with_parent() -> None:
     """End this process when its parent has died; until then it would write into a folder that is not locked."""
     parent = parent_process()
-    if parent is not None:
-        Thread(target=_exit_after, args=(parent.sentinel,), name="twinlens-parent", daemon=True).start()
 
+    def exit_after() -> None:
+        if parent is not None:
+            connection.wait([parent.sentinel])
+            os._exit(1)
 
-def _exit_after(sentinel: int) -> None:
-    connection.wait([sentinel])
-    os._exit(1)
+    Thread(target=exit_after, name="twinlens-parent", daemon=True).start()
 
 
 @contextmanager
