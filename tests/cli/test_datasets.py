@@ -72,6 +72,12 @@ def test_export_to_and_from_a_bucket(twinlens, dataset, tmp_path):
     assert (bucket / "kitti" / "Kitti2015" / "training" / "image_2" / "000000_10.png").is_file()
 
 
+def test_export_names_the_nearest_layout(twinlens, dataset, tmp_path):
+    code, _, err = twinlens("export", dataset, "--to", "kitti", "-o", tmp_path / "out")
+    assert code == 2
+    assert "unknown layout 'kitti'; did you mean 'kitti2015'?" in err
+
+
 def test_export_of_an_unknown_split(twinlens, dataset, tmp_path):
     code, _, err = twinlens("export", dataset, "--to", "carla", "-o", tmp_path / "out", "--split", "train")
     assert code == 2

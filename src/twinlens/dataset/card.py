@@ -137,6 +137,12 @@ def write_card(dataset: Where | Dataset) -> list[str]:
 
 
 def _card(given: About, manifest: Manifest, many: Sequence[Statistics], unreadable: Sequence[str]) -> str:
+    cite = "Citation:\n\n" + "\n".join(f"    {line}" for line in given.cite_as.splitlines()) if given.cite_as else ""
+    license_texts = (
+        given.license or "Not stated by the maker of this dataset: ask before you redistribute it.",
+        f"Made by {given.creator}." if given.creator else "",
+        cite,
+    )
     body = _TEXT.format(
         sheet=SHEET,
         figure=FIGURE,
@@ -145,7 +151,7 @@ def _card(given: About, manifest: Manifest, many: Sequence[Statistics], unreadab
         samples="samples" if len(many) > 1 else "sample",
         facts="\n".join(f"| {key} | {value} |" for key, value in _facts(manifest, many).items()),
         made=_made(manifest) + (f"\n\nUnreadable, and not counted: {', '.join(unreadable)}." if unreadable else ""),
-        license=_license(given),
+        license="\n\n".join(filter(None, license_texts)),
     )
     head = f"# {given.title}\n" + (f"\n{given.description}\n" if given.description else "")
     return f"{_front_matter(given, len(many))}{_MARKER}\n\n{head}{body}"
@@ -215,13 +221,6 @@ def _made(manifest: Manifest) -> str:
     elif manifest.recipe:
         parts.append("The recipe is in dataset.json.")
     return "\n\n".join(parts)
-
-
-def _license(given: About) -> str:
-    text = given.license or "Not stated by the maker of this dataset: ask before you redistribute it."
-    creator = f"Made by {given.creator}." if given.creator else ""
-    cite = "Citation:\n\n" + "\n".join(f"    {line}" for line in given.cite_as.splitlines()) if given.cite_as else ""
-    return "\n\n".join(part for part in (text, creator, cite) if part)
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ import twinlens
 from twinlens.dataset.codecs.calib import Calibration, encode_calib
 from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.dataset.codecs.png import encode_png
-from twinlens.dataset.files import read_bytes, write_folder
+from twinlens.dataset.files import check_replaceable, read_bytes, write_folder
 from twinlens.dataset.manifest import NAME as MANIFEST
 from twinlens.dataset.poses import colmap_camera, colmap_pose
 from twinlens.dataset.storage import Place, RemotePath, Where, place
@@ -276,7 +276,11 @@ def export(
         raise unknown("layout", to, LAYOUTS)
     if not len(dataset):
         raise InputError("export needs one or more samples")
-    _check_folder(place(folder), dataset, overwrite)
+    folder = place(folder)
+    _check_outside(folder, dataset)
+    if overwrite:
+        own = (folder / NOTE).is_file() and read_bytes(folder / NOTE).startswith(_FIRST_LINE.encode())
+        check_replaceable(folder, own, "an earlier export")
     sizes: dict[str, int] = {}
 
     def sources() -> Iterator[Source]:
@@ -298,24 +302,15 @@ def export(
     return sizes
 
 
-def _check_folder(folder: Place, dataset: Sequence[StoredSample], overwrite: bool) -> None:
-    """Reject a folder inside the dataset, where the export would be found as more samples.
-
-    Reject overwriting, which removes, a folder that is not an export: a home folder, a dataset.
-    """
-    if not isinstance(folder, RemotePath):
-        around = (folder.absolute(), *folder.absolute().parents)
-        for sample in dataset:
-            home = Path(str(sample.folder)).absolute()
-            if home in around or (home.parent in around and (home.parent / MANIFEST).is_file()):
-                raise OutputError(f"{folder}: is inside the dataset to export; choose a folder outside of it")
-    if not overwrite or not folder.exists():
+def _check_outside(folder: Place, dataset: Sequence[StoredSample]) -> None:
+    """Reject a folder inside the dataset, where the export would be found as more samples."""
+    if isinstance(folder, RemotePath):
         return
-    is_export = (folder / NOTE).is_file() and read_bytes(folder / NOTE).startswith(_FIRST_LINE.encode())
-    if not is_export and (isinstance(folder, RemotePath) or not folder.is_dir() or any(folder.iterdir())):
-        raise OutputError(
-            f"{folder}: exists and is not an earlier export, so it is not overwritten; choose another name"
-        )
+    around = (folder.absolute(), *folder.absolute().parents)
+    for sample in dataset:
+        home = Path(str(sample.folder)).absolute()
+        if home in around or (home.parent in around and (home.parent / MANIFEST).is_file()):
+            raise OutputError(f"{folder}: is inside the dataset to export; choose a folder outside of it")
 
 
 def _fixed_point(disparity: Disparity, scale: float) -> NDArray[np.uint32]:

@@ -97,6 +97,13 @@ def write_folder(
         _flush_folder(folder.parent)
 
 
+def check_replaceable(folder: Place, own: bool, kind: str) -> None:
+    """Raise OutputError if overwriting would delete a folder with files that is not `own`: a home folder, a dataset."""
+    exists = folder.exists() if isinstance(folder, RemotePath) else os.path.lexists(folder)
+    if exists and not own and (not folder.is_dir() or any(folder.iterdir())):
+        raise OutputError(f"{folder}: exists and is not {kind}, so it is not overwritten; choose another name")
+
+
 def remove_unfinished(folder: Where) -> list[str]:
     """Remove the temporary files of killed processes from a local `folder`; their names. No process may be writing."""
     folder = place(folder)

@@ -6,7 +6,6 @@
 
 import hashlib
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,12 +20,12 @@ from twinlens.dataset.codecs.calib import Calibration, encode_calib, tidy
 from twinlens.dataset.codecs.exr import encode_exr
 from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.dataset.codecs.png import encode_png
-from twinlens.dataset.files import write_folder
+from twinlens.dataset.files import check_replaceable, write_folder
 from twinlens.dataset.quantities import KEY, statistics
 from twinlens.dataset.record import encode_json, plain
-from twinlens.dataset.storage import Place, RemotePath, Where, place
+from twinlens.dataset.storage import MARK, RemotePath, Where, place
 from twinlens.dataset.truth_files import encode_truth
-from twinlens.errors import InputError, OutputError
+from twinlens.errors import InputError
 
 KIND, VERSION = "twinlens-sample", 1
 
@@ -120,8 +119,11 @@ def write_sample(folder: Where, sample: Sample, overwrite: bool = False) -> dict
     Raises OutputError if the folder cannot be written, or exists (unless `overwrite` is set and it is a sample or
     empty); nothing is left behind. Raises InputError if an array does not fit its file format.
     """
-    if overwrite:
-        _check_replaceable(place(folder))
+    folder = place(folder)
+    if overwrite and not isinstance(
+        folder, RemotePath
+    ):  # there an interrupted sample, without its mark, is overwritten
+        check_replaceable(folder, (folder / MARK).is_file(), "a sample")
     files = sample_files(sample)
     write_folder(folder, files, overwrite)
     return {name: hashlib.sha256(files[name]).hexdigest() for name in sorted(files)}
@@ -139,16 +141,6 @@ def rectified_pair(rig: Rig, i: int) -> tuple[int, int] | None:
 def lens_folder(k: int) -> str:
     """The folder of shot k, with its slash; the first shot is in the sample's own."""
     return f"lens-{k}/" if k else ""
-
-
-def _check_replaceable(folder: Place) -> None:
-    """Raise OutputError if overwriting would delete a folder that is not a sample, such as a whole dataset."""
-    if isinstance(folder, RemotePath):
-        return  # `write_marked` checks: there an interrupted sample, without sample.json, is overwritten
-    if not os.path.lexists(folder) or (folder / "sample.json").is_file():
-        return
-    if not folder.is_dir() or any(folder.iterdir()):
-        raise OutputError(f"{folder}: exists and is not a sample, so it is not overwritten; choose another name")
 
 
 def _calibration(sample: Sample) -> Calibration:
