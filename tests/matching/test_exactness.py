@@ -8,8 +8,8 @@ from tests.matching.matching_reference import naive_volume
 from twinlens.errors import InputError
 from twinlens.matching.box import BoxMatch, blank
 from twinlens.matching.costs import COSTS
+from twinlens.matching.images import clipped_slope
 from twinlens.matching.supports import window_sizes
-from twinlens.matching.transforms import clipped_slope
 
 
 def costs_of(left, right, name, side, low, count):

@@ -1,4 +1,4 @@
-"""The images that matchers accept: two of one size and dtype, converted to grey, with finite values."""
+"""The images that matchers accept, of one size and dtype with finite values, and their transforms before matching."""
 
 import os
 from typing import Any
@@ -11,6 +11,7 @@ from twinlens.errors import InputError
 Image = NDArray[Any]
 Disparity = NDArray[np.float32]
 
+SOBEL_CAP = 31
 LUMA_14_BIT = (4899, 9617, 1868)  # 0.299, 0.587, 0.114 in 1/16384; they sum to 16384
 
 
@@ -109,3 +110,47 @@ def extended(image: Image, rows: tuple[int, int], columns: tuple[int, int]) -> I
     result[:, before : before + inner] = taken[:, first : first + inner]
     result[:, before + inner :] = taken[:, -1:]
     return result
+
+
+def described(image: Image, transform: str, side: int) -> list[Image]:
+    """The images whose pixels are compared: those of a census or rank transform, or the image itself.
+
+    Census: one bit for each neighbour in the window, set where it is darker than the centre; uint32 words up to 5x5,
+    uint64 beyond, as many images of words as the window needs. Rank: the number of these neighbours, uint8, or uint16
+    for windows above 15x15.
+    Source: Zabih and Woodfill, "Non-parametric local transforms for computing visual correspondence", ECCV 1994.
+    """
+    if not transform:
+        return [image]
+    radius, (height, width) = side // 2, image.shape
+    padded = extended(image, (-radius, height + radius), (-radius, width + radius))
+    if transform == "rank":
+        ranks = np.zeros(image.shape, np.uint8 if side <= 15 else np.uint16)
+        for y, x in np.ndindex(side, side):  # the centre is not darker than itself
+            ranks += padded[y : y + height, x : x + width] < image
+        return [ranks]
+    from twinlens.matching.kernels.windows import census_words
+
+    word = np.uint32 if side <= 5 else np.uint64
+    room, bits = 8 * np.dtype(word).itemsize, side * side - 1
+    result = [np.zeros(image.shape, word) for _ in range(0, max(bits, 1), room)]
+    for index, words in enumerate(result):
+        census_words(padded, side, index * room, min((index + 1) * room, bits), words)
+    return result
+
+
+def clipped_slope(levels: NDArray[np.int32]) -> NDArray[np.uint8]:
+    """The horizontal Sobel derivative of grey levels 0..255, clipped to +-31 and raised by 31: uint8 from 0 to 62.
+
+    The prefilter of OpenCV's StereoBM (PREFILTER_XSOBEL with its default cap): invariant to offsets, and no edge
+    dominates a window. Sobel: (1, 2, 1) down times (-1, 0, 1) across, edges continued.
+    Source: OpenCV, modules/calib3d/src/stereobm.cpp; the idea is Konolige's, "Small vision systems", 1997.
+
+    >>> clipped_slope(np.array([[0, 3, 6, 200]], np.int32))
+    array([[43, 55, 62, 62]], dtype=uint8)
+    """
+    height, width = levels.shape
+    padded = extended(levels, (-1, height + 1), (-1, width + 1))
+    down = padded[:-2] + 2 * padded[1:-1] + padded[2:]
+    slope = down[:, 2:] - down[:, :-2]
+    return np.asarray(np.clip(slope, -SOBEL_CAP, SOBEL_CAP) + SOBEL_CAP, np.uint8)

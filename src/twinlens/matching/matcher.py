@@ -1,19 +1,18 @@
 """`StereoMatcher`: a classical stereo matcher as one frozen description of its options, and its search."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
 import numpy as np
 
 from twinlens.errors import InputError, check_int, check_number, unknown
-from twinlens.matching import refine, volume
+from twinlens.matching import box, refine
 from twinlens.matching.box import FITS, BoxMatch, Chosen, Rows, Volume, blank, cpu_count, in_lanes, in_strips, limits
 from twinlens.matching.costs import COSTS, largest_cost
-from twinlens.matching.images import Disparity, Image, levels, pair
+from twinlens.matching.images import Disparity, Image, clipped_slope, described, levels, pair
 from twinlens.matching.options import MinDisparity, NumDisparities, RangeMatcher, check_block_size, check_range
-from twinlens.matching.semiglobal import Penalties, Sweeps, quantised, stored
-from twinlens.matching.supports import SUPPORTS, Scene, Settings, Strip
-from twinlens.matching.transforms import clipped_slope, described
+from twinlens.matching.semiglobal import Penalties, Sweeps, kept, quantised
+from twinlens.matching.supports import SUPPORTS, Settings, Strip
 
 SUBPIXEL = ("auto", "none", "parabola", "v")
 PREFILTERS = ("none", "xsobel")
@@ -44,14 +43,8 @@ class StereoMatcher(RangeMatcher):
     Windows and ranges may be wider than the image.
 
     Results do not depend on the number of threads.
+    Raises InputError for an option with a wrong value, and for a support that cannot take the cost.
 
-    Raises
-    ------
-    InputError
-        An option has a wrong value, or the support cannot take the cost.
-
-    Examples
-    --------
     >>> StereoMatcher(cost="sad", block_size=7).num_disparities
     64
     """
@@ -69,18 +62,12 @@ class StereoMatcher(RangeMatcher):
     epsilon: Annotated[float, "Support guided: variance below which it smooths, for grey levels in 0..1."] = 1e-4
     noise: Annotated[float, "Support adaptive: standard deviation of the image noise, in grey levels of 0..255."] = 2.0
     optimisation: Annotated[str, "; ".join(f"{name}: {text}" for name, text in OPTIMISATIONS.items()) + "."] = "wta"
-    p1: Annotated[
-        float | None, "Penalty for steps of one disparity, in parts of the largest cost; none: the cost's."
-    ] = None
-    p2: Annotated[float | None, "Penalty for larger steps, as a part of the largest cost; none: set by cost."] = None
+    p1: Annotated[float | None, "Penalty for steps of one pixel, as a part of the largest cost; none: by cost."] = None
+    p2: Annotated[float | None, "Penalty for larger steps, as a part of the largest cost; none: by cost."] = None
     subpixel: Annotated[str, "Sub-pixel fit: v, parabola, none, or auto: the fit that suits the cost."] = "auto"
-    uniqueness: Annotated[
-        float, "Percent by which costs two or more disparities away must exceed the least; 0: off."
-    ] = 0.0
+    uniqueness: Annotated[float, "Percent by which costs two or more pixels away must exceed the least; 0: off."] = 0.0
     texture: Annotated[float, "Least RMS horizontal difference in the window, in grey levels of 0..255; 0: off."] = 0.0
-    lr_check: Annotated[float | None, "Largest difference of the left and the right disparity, pixels; none: off."] = (
-        None
-    )
+    lr_check: Annotated[float | None, "Largest difference of left and right disparity in pixels; none: off."] = None
     speckle_size: Annotated[int, "Patches of fewer pixels become unknown; 0: off."] = 0
     speckle_range: Annotated[float, "Largest difference in pixels between neighbours of one patch."] = 1.0
     median: Annotated[int, "Side of a median filter over known pixels; odd; 0: off."] = 0
@@ -231,23 +218,23 @@ class _Search:
 
     def _source(self, side: int) -> Rows:
         if self.cost.in_lanes:
-            return volume.box_sums(self._boxes(side), self.cost.offset)
-        make = volume.birchfield_tomasi if self.cost.term == "birchfield-tomasi" else volume.zero_mean_absolute
+            return box.box_sums(self._boxes(side), 1.0, self.cost.offset)
+        make = box.birchfield_tomasi if self.cost.term == "birchfield-tomasi" else box.zero_mean_absolute
         return make(self.left, self.right, side, self.low, self.depth)
 
     def _gathered(self) -> Rows:
         """The gathered costs; +inf where there is no candidate."""
         matcher, support, height = self.matcher, self.support, len(self.left)
         sources, halo = [self._source(side) for side in self._sides()], self._halo
-        settings = Settings(matcher.contrast, matcher.gamma_similar, matcher.gamma_near, matcher.epsilon, matcher.noise)
-        scene = Scene(*levels(self.left, self.right), self.side, self.low, settings, self.cost.growth)
+        settings = Settings(*(getattr(matcher, field.name) for field in fields(Settings)))
+        rest = *levels(self.left, self.right), self.side, self.low, settings, self.cost.growth
 
         def rows(start: int, stop: int) -> Volume:
             first, last = max(0, start - halo), min(height, stop + halo)
             volumes = tuple(source(first, last) for source in sources)
             for each in volumes if support.masked else ():
                 blank(each, self.low, self.count)
-            found = support.gather(Strip(volumes, first, start, stop), scene) if support.gather else volumes[0]
+            found = support.gather(Strip(volumes, first, start, stop, *rest)) if support.gather else volumes[0]
             blank(found, self.low, self.count)
             return found
 
@@ -271,16 +258,15 @@ class _Search:
         side, parts = (self.side, 1) if boxes else (self._sides()[0], self.support.parts)
         full = largest_cost(self.cost, self.left, self.right, side, self.matcher.census_window) * parts
         gain, penalties = Penalties.scaled(self.matcher.penalties, full, whole_numbers)
+        shape = *self.left.shape, self.depth
         if boxes:
             costs = quantised(boxes, gain, self.cost.offset * gain, penalties, self.threads)
         else:
-            kept, rows = np.empty((*self.left.shape, self.depth), penalties.dtype), self._gathered()
+            rows = self._gathered()
 
-            def work(start: int, stop: int) -> None:
-                kept[start:stop] = np.minimum(np.rint(np.maximum(rows(start, stop), 0) * gain), penalties.top)
+            def scaled(start: int, stop: int) -> Volume:
+                return np.minimum(np.rint(np.maximum(rows(start, stop), 0) * gain), penalties.top)
 
-            in_strips(work, len(self.left), STRIP_ROWS, self.threads)
-            costs = stored(kept)
-        shape = *self.left.shape, self.depth
+            costs = kept(shape, penalties, scaled, STRIP_ROWS, self.threads)
         sweeps = Sweeps(costs, shape, self.paths, penalties, self.low, self.count, self.fit)
         return sweeps.chosen(self.threads, rivals=self.rivals)

@@ -1,5 +1,6 @@
 """The matchers by name, and the text that selects one with its options: `[NAME=]zncc:block_size=21,lr_check=1`."""
 
+import contextlib
 import dataclasses
 import importlib.metadata
 import re
@@ -61,13 +62,7 @@ def _own(name: str, description: str, cost: str, **options: Any) -> Method:
 _METHODS = (
     *(_own(name, cost.description, name) for name, cost in COSTS.items()),
     _own("shiftable", "SAD of the best window that contains the pixel", "sad", support="shiftable"),
-    _own(
-        "adaptive",
-        "ZNCC in windows that grow where texture is weak and follow edges",
-        "zncc",
-        support="adaptive",
-        block_size=21,
-    ),
+    _own("adaptive", "ZNCC in windows that adapt to texture and edges", "zncc", support="adaptive", block_size=21),
     _own("cross", "census over cross-shaped regions of similar pixels", "census", support="cross", block_size=35),
     _own("weighted", "census weighted by similarity and proximity; slow", "census", support="weighted", block_size=15),
     _own("guided", "census smoothed by a guided filter", "census", support="guided", block_size=19),
@@ -211,29 +206,19 @@ def parse_method(text: str) -> MethodSpec:
 def _option(part: str, text: str, method: Method, first: bool) -> tuple[str, Any]:
     name, equals, value = (piece.strip() for piece in part.partition("="))
     if first and method.positional and name not in method.options:
-        return method.positional, _unquoted(part)
+        name, equals, value = method.positional, "=", part
     if not equals:
         raise InputError(f"{name!r} in {text!r} is not an option; write option=value")
-    is_word = isinstance(method.options.get(name), str)
-    return name, _unquoted(value) if is_word else _value(value)
-
-
-def _unquoted(text: str) -> str:
-    """The text without quotes around the whole of it; `'a b' 'c d'` is left unchanged."""
-    around = re.fullmatch(r"""'([^']*)'|"([^"]*)\"""", text)
-    return text if around is None else (around[1] or around[2] or "")
-
-
-def _value(text: str) -> Any:
+    if isinstance(method.options.get(name), str):  # 'a b' 'c d' is left unchanged
+        around = re.fullmatch(r"""'([^']*)'|"([^"]*)\"""", value)
+        return name, value if around is None else around[1] or around[2] or ""
     words = {"true": True, "false": False, "none": None}
-    if text.lower() in words:
-        return words[text.lower()]
+    if value.lower() in words:
+        return name, words[value.lower()]
     for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text
+        with contextlib.suppress(ValueError):
+            return name, kind(value)
+    return name, value
 
 
 def option_text(value: Any) -> str:

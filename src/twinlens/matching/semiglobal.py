@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.matching.box import FITS, BoxMatch, Chosen, Rows, Volume, blank, fence, fill_sum, in_strips, limits
+from twinlens.matching.box import FITS, BoxMatch, Chosen, Rows, Volume, blank, box_sums, fence, in_strips, limits
 
 PATH_TOP = 8191  # largest cost of a path: the sum of eight fits 16 bits
 STRIP_BYTES = 1 << 20  # size of a strip of costs, which stays in a processor's cache
@@ -45,23 +45,25 @@ def quantised(boxes: tuple[BoxMatch, ...], gain: float, offset: float, penalties
     Costs of single pixels are computed in each sweep, which takes less time than reading them from memory; those of
     windows are kept.
     """
-    box = boxes[0]
+    box, costs = boxes[0], box_sums(boxes, gain, offset + 0.5, penalties.dtype)
     outside = np.zeros((1, box.shape[1], box.depth), penalties.dtype)
     blank(outside, box.low, box.count, penalties.top)
 
     def made(y0: int, y1: int) -> Volume:
-        part = np.empty((y1 - y0, box.shape[1], box.depth), penalties.dtype)
-        fill_sum(boxes, part, y0, gain, offset + 0.5)
+        part = costs(y0, y1)
         return np.maximum(part, outside, out=part)
 
-    if box.side == 1:
-        return made
-    volume = np.empty((*box.shape, box.depth), penalties.dtype)
+    return made if box.side == 1 else kept((*box.shape, box.depth), penalties, made, box.rows, threads)
 
-    def work(y0: int, y1: int) -> None:
-        volume[y0:y1] = made(y0, y1)
 
-    in_strips(work, box.shape[0], box.rows, threads)
+def kept(shape: tuple[int, int, int], penalties: Penalties, rows: Rows, strip: int, threads: int) -> Rows:
+    """All rows, computed once, in strips."""
+    volume = np.empty(shape, penalties.dtype)
+
+    def work(start: int, stop: int) -> None:
+        volume[start:stop] = rows(start, stop)
+
+    in_strips(work, shape[0], strip, threads)
     return stored(volume)
 
 

@@ -29,31 +29,24 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Scene:
-    """What a support reads besides the costs: both images as levels 0..255, the window's side and the first disparity.
-
-    growth: the power of a window's area to which its cost is proportional.
-    """
-
-    left: NDArray[np.int32]
-    right: NDArray[np.int32]
-    side: int
-    low: int
-    settings: Settings
-    growth: int
-
-
-@dataclass(frozen=True)
 class Strip:
-    """Rows of a cost volume, the first of which is `first`, and the rows start..stop of the image to gather from them.
+    """What a support reads: a strip of a cost volume, from which it gathers the rows start..stop of the image.
 
-    volumes: one for each of the support's windows, the widest first.
+    volumes: one for each of the support's windows, the widest first; `first` is the first row of each. left, right:
+    both images as levels 0..255. low: the first disparity. growth: the power of a window's area to which its cost is
+    proportional.
     """
 
     volumes: tuple[Volume, ...]
     first: int
     start: int
     stop: int
+    left: NDArray[np.int32]
+    right: NDArray[np.int32]
+    side: int
+    low: int
+    settings: Settings
+    growth: int
 
     @property
     def top(self) -> int:
@@ -77,7 +70,7 @@ class Support:
     """
 
     description: str
-    gather: Callable[[Strip, Scene], Volume] | None = None
+    gather: Callable[[Strip], Volume] | None = None
     halo: int = 0
     pixelwise: bool = False
     masked: bool = False
@@ -104,12 +97,12 @@ def quarter(side: int) -> int:
     return 2 * (side // 4) + 1
 
 
-def _shiftable(strip: Strip, scene: Scene) -> Volume:
+def _shiftable(strip: Strip) -> Volume:
     """Bobick and Intille, "Large occlusion stereo", IJCV 1999: the best of all windows that contain the pixel."""
     from twinlens.matching.kernels.supports import lowest_around
 
     out, volume = strip.empty(), strip.volumes[0]
-    lowest_around(volume, scene.side // 2, strip.top, np.empty(volume.shape[1:]), out)
+    lowest_around(volume, strip.side // 2, strip.top, np.empty(volume.shape[1:]), out)
     return out
 
 
@@ -133,7 +126,7 @@ def window_sizes(image: NDArray[Any], sides: tuple[int, ...], noise: float) -> N
     return sizes
 
 
-def _adaptive(strip: Strip, scene: Scene) -> Volume:
+def _adaptive(strip: Strip) -> Volume:
     """A window that adapts its size to the texture and its shape to edges.
 
     Size: at each pixel the smallest of three with enough signal for the noise (`window_sizes`). Shape: five
@@ -144,64 +137,64 @@ def _adaptive(strip: Strip, scene: Scene) -> Volume:
     """
     from twinlens.matching.kernels.supports import best_quarters
 
-    sides = family(scene.side)
-    rows = slice(max(0, strip.start - scene.side), strip.stop + scene.side)
-    sizes = window_sizes(scene.left[rows], sides, scene.settings.noise)[strip.start - rows.start :]
+    sides = family(strip.side)
+    rows = slice(max(0, strip.start - strip.side), strip.stop + strip.side)
+    sizes = window_sizes(strip.left[rows], sides, strip.settings.noise)[strip.start - rows.start :]
     out = strip.empty()
     for index, (side, volume) in enumerate(zip(sides, strip.volumes, strict=True)):
-        scale = (quarter(sides[0]) / quarter(side)) ** (2 * scene.growth)
+        scale = (quarter(sides[0]) / quarter(side)) ** (2 * strip.growth)
         step = side // 2 - quarter(side) // 2
         best_quarters(volume, step, strip.top, sizes, index, scale, out)
     return out
 
 
-def _cross(strip: Strip, scene: Scene) -> Volume:
+def _cross(strip: Strip) -> Volume:
     """Zhang, Lu and Lafruit, "Cross-based local stereo matching using orthogonal integral images", 2009.
 
     The arms are those of the left image, at most side // 2 long.
     """
     from twinlens.matching.kernels.supports import cross_arms, cross_means
 
-    halo = scene.side // 2
+    halo = strip.side // 2
     around = slice(max(0, strip.rows.start - halo), strip.rows.stop + halo)
-    image = np.ascontiguousarray(scene.left[around])
+    image = np.ascontiguousarray(strip.left[around])
     arms = np.zeros((4, *image.shape), np.int64)
-    cross_arms(image, halo, scene.settings.contrast, arms)
+    cross_arms(image, halo, strip.settings.contrast, arms)
     own = strip.rows.start - around.start
     out, along = strip.empty(), np.empty(strip.volumes[0].shape)
     cross_means(strip.volumes[0], np.ascontiguousarray(arms[:, own : own + len(along)]), strip.top, along, out)
     return out
 
 
-def _weighted(strip: Strip, scene: Scene) -> Volume:
+def _weighted(strip: Strip) -> Volume:
     """Yoon and Kweon, "Adaptive support-weight approach for correspondence search", PAMI 2006, on grey levels."""
     from twinlens.matching.kernels.supports import adaptive_weights
 
-    radius, width, depth = scene.side // 2, scene.left.shape[1], strip.volumes[0].shape[2]
-    last = scene.low + depth - 1
-    right = extended(scene.right, (strip.rows.start, strip.rows.stop), (-last, width - scene.low))[:, ::-1].copy()
+    radius, width, depth = strip.side // 2, strip.left.shape[1], strip.volumes[0].shape[2]
+    last = strip.low + depth - 1
+    right = extended(strip.right, (strip.rows.start, strip.rows.stop), (-last, width - strip.low))[:, ::-1].copy()
     offsets = np.arange(-radius, radius + 1)
     distances = np.hypot(offsets[:, None], offsets[None, :])
-    nearness = np.exp(-2.0 * distances / scene.settings.gamma_near)  # of both windows
-    similar = np.exp(-np.arange(256) / scene.settings.gamma_similar)
+    nearness = np.exp(-2.0 * distances / strip.settings.gamma_near)  # of both windows
+    similar = np.exp(-np.arange(256) / strip.settings.gamma_similar)
     out = strip.empty()
-    left = np.ascontiguousarray(scene.left[strip.rows])
+    left = np.ascontiguousarray(strip.left[strip.rows])
     adaptive_weights(strip.volumes[0], left, right, width - 1, nearness, similar, radius, strip.top, out)
     return out
 
 
-def _guided(strip: Strip, scene: Scene) -> Volume:
+def _guided(strip: Strip) -> Volume:
     """Hosni et al., "Fast cost-volume filtering for visual correspondence and beyond", PAMI 2013, with a grey guide."""
     from twinlens.matching.kernels.supports import guided_lines
 
-    radius, volume, first = scene.side // 2, strip.volumes[0], strip.first
-    guide = scene.left[strip.rows, :, None] / 255.0
+    radius, volume, first = strip.side // 2, strip.volumes[0], strip.first
+    guide = strip.left[strip.rows, :, None] / 255.0
     start, stop = max(first, strip.start - radius), min(first + len(guide), strip.stop + radius)
     arrays = guide, guide**2, volume, volume * guide
     mean_guide, mean_square, cost, product = (_means(array, first, start, stop, radius) for array in arrays)
     variance = np.maximum(mean_square - mean_guide**2, 0.0)
     slope = np.empty_like(cost)
-    guided_lines(cost, product, mean_guide[..., 0], variance[..., 0], scene.settings.epsilon, slope)
+    guided_lines(cost, product, mean_guide[..., 0], variance[..., 0], strip.settings.epsilon, slope)
     slope, intercept = (_means(array, start, strip.start, strip.stop, radius) for array in (slope, cost))
     return np.asarray(slope * guide[strip.top : strip.top + len(slope)] + intercept)
 
