@@ -2,9 +2,9 @@
 
 Coordinates are the camera's (x right, y down), seen from behind the lens. Each shape has
 
-- ``transmission(x, y)``: the share of light that passes at a point, 0 to 1;
+- ``transmission(x, y)``: the share of light that passes at a point, 0 to 1; arrays of any shape;
 - ``area_fraction``: its open area relative to the full disk of the same diameter, exact;
-- ``sample(u1, u2)``: points distributed as the transmission, from uniform numbers in [0, 1).
+- ``sample(u1, u2)``: points (x, y) distributed as the transmission, from uniform numbers in [0, 1).
 
 Sampling needs no rejection and is continuous where the shape allows it, so that it preserves stratification. It runs on
 NumPy and on other array libraries: `xp` has the functions of `NUMPY`.
@@ -89,15 +89,9 @@ class Disk:
     area_fraction: ClassVar[float] = 1.0
 
     def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
-        """1 inside the unit circle, 0 outside; any shape."""
         return np.asarray(np.square(x, dtype=float) + np.square(y, dtype=float) <= 1.0, np.float64)
 
     def sample(self, u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
-        """Points (x, y) uniform in the disk, by the concentric map.
-
-        >>> [float(c) for c in Disk().sample(1.0, 0.5)]
-        [1.0, 0.0]
-        """
         return _from_polar(*concentric(u1, u2, xp), xp)
 
 
@@ -147,7 +141,6 @@ class Polygon:
         return alpha, self.roundness * alpha
 
     def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
-        """1 inside the edges, 0 outside; any shape."""
         alpha, beta = self._half_angles
         radius, angle = np.hypot(x, y), np.arctan2(y, x) - math.radians(self.rotation_deg)
         off_middle = np.mod(angle, 2 * alpha) - alpha
@@ -171,10 +164,7 @@ class Polygon:
 
 @dataclass(frozen=True)
 class Annulus:
-    """The ring from radius `inner` (0 <= inner < 1) to 1, as of a mirror lens.
-
-    Raises InputError when inner is out of range.
-    """
+    """The ring from radius `inner` (0 <= inner < 1, else InputError) to 1, as of a mirror lens."""
 
     name: ClassVar[str] = "annulus"
     inner: float
@@ -193,12 +183,10 @@ class Annulus:
         return 1.0 - self.inner**2
 
     def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
-        """1 in the ring, 0 outside; any shape."""
         radius2 = np.square(x, dtype=float) + np.square(y, dtype=float)
         return np.asarray((radius2 >= self.inner**2) & (radius2 <= 1.0), np.float64)
 
     def sample(self, u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
-        """Points (x, y) uniform in the ring."""
         return on_ring(u1, u2, self.inner**2, 1.0, xp)
 
 

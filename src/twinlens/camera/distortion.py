@@ -155,7 +155,7 @@ class KannalaBrandt(_Model):
     """OpenCV's fisheye: theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8), theta the angle from the axis.
 
     ``(x_d, y_d) = theta_d / r (x, y)``, r = tan(theta). Directions of 90 degrees and more are not supported: they
-    cannot be written as (x, y, 1).
+    cannot be written as (x, y, 1). The methods are those of `BrownConrady`; the image folds where theta_d falls.
 
     >>> round(float(KannalaBrandt().distort([1.0, 0.0])[0]), 12) == round(math.pi / 4, 12)
     True
@@ -168,22 +168,17 @@ class KannalaBrandt(_Model):
     k4: float = 0.0
 
     def distort(self, xy: ArrayLike) -> Float:
-        """Distorted coordinates (..., 2) of ideal ones (..., 2), float64."""
         xy = np.asarray(xy, dtype=np.float64)
         radius = np.linalg.norm(xy, axis=-1, keepdims=True)
         angle = self._angle(np.arctan(radius))
         return np.asarray(xy * np.divide(angle, radius, out=np.ones_like(radius), where=radius > 0))
 
     def valid(self, xy: ArrayLike) -> Bool:
-        """Whether ideal points (..., 2) are before the first fold: theta_d increases."""
         radius = np.linalg.norm(np.asarray(xy, dtype=np.float64), axis=-1)
         return np.asarray(np.arctan(radius) < self._fold_angle)
 
     def jacobian(self, xy: ArrayLike) -> Float:
-        """d(x_d, y_d)/d(x, y), (..., 2, 2).
-
-        Radially d theta_d / dr = theta_d' / (1 + r^2), tangentially theta_d / r; both are 1 on the axis.
-        """
+        # Radially d theta_d / dr = theta_d' / (1 + r^2), tangentially theta_d / r; both are 1 on the axis.
         xy = np.asarray(xy, dtype=np.float64)
         radius = np.linalg.norm(xy, axis=-1)
         angle = np.arctan(radius)
@@ -194,10 +189,7 @@ class KannalaBrandt(_Model):
         return np.asarray(across[..., None, None] * np.eye(2) + (along - across)[..., None, None] * radial)
 
     def undistort(self, xy_distorted: ArrayLike) -> Float:
-        """Ideal coordinates (..., 2) of distorted ones (..., 2), to 1e-12; NaN where there are none.
-
-        theta of theta_d by Newton's method, safeguarded by bisection.
-        """
+        # theta of theta_d by Newton's method, safeguarded by bisection
         target = np.asarray(xy_distorted, dtype=np.float64)
         radius, rise = np.linalg.norm(target, axis=-1, keepdims=True), self._angle.deriv()
         top = min(self._fold_angle, 0.5 * math.pi)

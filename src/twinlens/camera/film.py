@@ -21,8 +21,6 @@ SENSOR_WIDTHS_MM = {
 """Widths of sensor formats in mm; APS-C is that of Nikon and Sony, Canon's is 22.3 mm. Source: the table of sensor
 formats and sizes in Wikipedia, Image sensor format; 36 x 24 mm is the image size of 135 film, ISO 1007."""
 
-_REAL = "buif"  # NumPy's kinds of booleans, integers and floating-point numbers
-
 
 def film_image(image: NDArray[Any]) -> NDArray[Any]:
     """`image` (H, W, ...) rotated by 180 degrees: the image on the film behind the aperture, seen from behind.
@@ -44,15 +42,13 @@ def checked_radiance(name: str, radiance: ArrayLike, camera: Camera) -> NDArray[
     """
     if not isinstance(camera, Camera):
         raise InputError(f"camera must be a Camera, got {format_value(camera)}")
-    shape = (camera.height, camera.width, 3)
+    allowed = f"an array (H, W, 3) = {(camera.height, camera.width, 3)} of real numbers, the size of its camera"
     try:
         image = np.asarray(radiance)
     except ValueError as error:
-        raise InputError(f"{name} must be an array (H, W, 3) = {shape}, got rows of unequal length") from error
-    if image.dtype.kind not in _REAL:
-        raise InputError(f"{name} must be an array (H, W, 3) = {shape} of real numbers, got {image.dtype}")
-    if image.shape != shape:
-        raise InputError(f"{name} must be (H, W, 3) = {shape}, the size of its camera, got shape {image.shape}")
+        raise InputError(f"{name} must be {allowed}, got rows of unequal length") from error
+    if image.dtype.kind not in "buif" or image.shape != (camera.height, camera.width, 3):
+        raise InputError(f"{name} must be {allowed}, got {image.dtype} of shape {image.shape}")
     if not (np.isfinite(image).all() and (image >= 0).all()):
         raise InputError(f"{name} must be finite and >= 0 (linear radiance), got NaN, infinite or negative values")
     return image.astype(np.float64, copy=False)

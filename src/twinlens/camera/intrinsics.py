@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.distortion import Distortion, check_invertible
 from twinlens.errors import InputError, check_int, check_number, format_value
-from twinlens.geometry import Float, film_from_cam, px_from_film
+from twinlens.geometry import Float, film_from_cam, float_array, px_from_film
 
 MAX_SIDE = 65536
 """The largest width or height of an image, pixels."""
@@ -150,12 +150,12 @@ def undistort_maps(
     for each in (camera, to_camera):
         if not isinstance(each, Camera):
             raise InputError(f"undistort_maps needs two cameras, got {format_value(each)}")
-    try:
-        rotation = np.eye(3) if to_from_camera is None else np.asarray(to_from_camera, dtype=np.float64)
-        valid = rotation.shape == (3, 3) and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
-    except (TypeError, ValueError, OverflowError):
-        valid = False
-    if not valid or np.linalg.det(rotation) < 0:
+    rotation = np.eye(3) if to_from_camera is None else float_array("to_from_camera", to_from_camera)
+    if (
+        rotation.shape != (3, 3)
+        or np.linalg.det(rotation) < 0
+        or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
+    ):
         raise InputError(f"to_from_camera must be a 3x3 rotation of determinant +1, got {format_value(to_from_camera)}")
     directions = to_camera.unproject(to_camera.pixel_grid()) @ rotation
     pixels = np.nan_to_num(camera.project(directions), nan=_OUTSIDE_PX).astype(np.float32)

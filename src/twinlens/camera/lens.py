@@ -4,7 +4,7 @@ Each has an `aperture_diameter` (metres), an `aperture` shape and a `vergence` k
 """
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from twinlens import optics
 from twinlens.camera.aperture import FULL_DISK, Aperture
@@ -22,8 +22,24 @@ class Pinhole:
     vergence: ClassVar[float] = 0.0
 
 
+class _OpenLens:
+    """Base of the lenses with an aperture."""
+
+    aperture: Aperture
+
+    def _check_aperture(self, name: str) -> None:
+        optics.check_diameter(name, getattr(self, name))
+        if not isinstance(self.aperture, Aperture):
+            got = format_value(self.aperture)
+            raise InputError(f"aperture must be Disk, Polygon, Annulus or MaskAperture, got {got}")
+
+    def replace(self, **changes: object) -> Self:
+        """A copy with some fields changed, checked again."""
+        return replace(self, **changes)  # type: ignore[type-var]
+
+
 @dataclass(frozen=True)
-class ThinLens:
+class ThinLens(_OpenLens):
     """A thin lens focused on the plane z = focus_distance.
 
     Parameters
@@ -42,7 +58,7 @@ class ThinLens:
     aperture: Aperture = FULL_DISK
 
     def __post_init__(self) -> None:
-        _check_aperture("aperture_diameter", self.aperture_diameter, self.aperture)
+        self._check_aperture("aperture_diameter")
         optics.check_focus(self.focus_distance)
 
     @classmethod
@@ -61,13 +77,9 @@ class ThinLens:
         """k = 1/focus_distance, in 1/m."""
         return 1.0 / self.focus_distance
 
-    def replace(self, **changes: object) -> "ThinLens":
-        """A copy with some fields changed, checked again."""
-        return replace(self, **changes)  # type: ignore[arg-type]
-
 
 @dataclass(frozen=True)
-class BareAperture:
+class BareAperture(_OpenLens):
     """An aperture without a lens in front of a film at `film_distance`: the camera obscura.
 
     Parameters
@@ -87,7 +99,7 @@ class BareAperture:
     aperture: Aperture = FULL_DISK
 
     def __post_init__(self) -> None:
-        _check_aperture("diameter", self.diameter, self.aperture)
+        self._check_aperture("diameter")
         optics.check_length("film_distance", self.film_distance)
 
     @property
@@ -99,10 +111,6 @@ class BareAperture:
     def vergence(self) -> float:
         """k = -1/film_distance, in 1/m."""
         return optics.vergence(0.0, self.film_distance)
-
-    def replace(self, **changes: object) -> "BareAperture":
-        """A copy with some fields changed, checked again."""
-        return replace(self, **changes)  # type: ignore[arg-type]
 
 
 Lens = Pinhole | ThinLens | BareAperture
@@ -122,9 +130,3 @@ def film_distance(camera: Camera, lens: Lens) -> float:
     (0.0016, 0.05)
     """
     return lens.film_distance if isinstance(lens, BareAperture) else camera.film_distance
-
-
-def _check_aperture(name: str, diameter: float, aperture: Aperture) -> None:
-    optics.check_diameter(name, diameter)
-    if not isinstance(aperture, Aperture):
-        raise InputError(f"aperture must be Disk, Polygon, Annulus or MaskAperture, got {format_value(aperture)}")

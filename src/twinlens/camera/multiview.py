@@ -24,18 +24,14 @@ def check_pair(rig: Rig, a: int, b: int) -> None:
 
 
 def essential_matrix(rig: Rig, a: int = 0, b: int = 1) -> Float:
-    """E = [t]x R with x_b = R x_a + t, (3, 3) in metres: d_b^T E d_a = 0 for directions d of one point.
-
-    Its singular values are (B, B, 0), with the baseline B. Raises InputError where there is no baseline.
-    """
+    """E of cameras a and b, (3, 3) in metres; see `geometry.epipolar.essential_matrix`."""
     check_pair(rig, a, b)
     return epipolar.essential_matrix(rig.world_from_cams[a], rig.world_from_cams[b])
 
 
 def fundamental_matrix(rig: Rig, a: int = 0, b: int = 1) -> Float:
-    """F = K_b^-T E K_a^-1, (3, 3) of unit Frobenius norm: p_b^T F p_a = 0 for ideal pixels p = (u, v, 1).
+    """F of cameras a and b, (3, 3); see `geometry.epipolar`, which has its epipolar lines and Sampson distance too.
 
-    `geometry.epipolar` has the epipolar lines and the Sampson distance of F.
     Raises InputError where there is no baseline.
     """
     return epipolar.fundamental_matrix(essential_matrix(rig, a, b), rig.cameras[a].K, rig.cameras[b].K)
@@ -121,8 +117,8 @@ def triangulate(
         raise unknown("triangulation method", method, methods.METHODS)
     chosen = _checked_cameras(rig, pixels, cameras)
     ideal = [ideal_pixels(rig.cameras[i], seen) for i, seen in zip(chosen, pixels, strict=True)]
-    if len({seen.shape for seen in ideal}) != 1 or ideal[0].ndim != 2:
-        shapes = [seen.shape for seen in ideal]
+    shapes = [seen.shape for seen in ideal]
+    if len(set(shapes)) != 1 or ideal[0].ndim != 2:
         raise InputError(f"pixels must be (N, 2), with the same N in every camera, got {shapes}")
     poses = [rig.world_from_cams[i] for i in chosen]
     points = methods.METHODS[method]([rig.cameras[i].K for i in chosen], poses, ideal)
