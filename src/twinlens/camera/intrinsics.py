@@ -150,7 +150,7 @@ def undistort_maps(
     for each in (camera, to_camera):
         if not isinstance(each, Camera):
             raise InputError(f"undistort_maps needs two cameras, got {format_value(each)}")
-    rotation = np.eye(3) if to_from_camera is None else float_array("to_from_camera", to_from_camera)
+    rotation = np.eye(3) if to_from_camera is None else float_array("the rotation to_from_camera", to_from_camera)
     if (
         rotation.shape != (3, 3)
         or np.linalg.det(rotation) < 0

@@ -133,31 +133,28 @@ class PythonFunction(RangeMatcher):
         self._found()
 
     def _found(self) -> Callable[..., Any]:
-        return self.function if callable(self.function) else _imported(*self._place)
+        if callable(self.function):
+            return self.function
+        module, name = self._place
+        try:
+            if module.endswith(".py"):
+                path = Path(module).resolve(strict=True)
+                found = _executed(path, path.stat().st_mtime_ns)
+            else:
+                found = importlib.import_module(module)
+            for part in name.split("."):
+                found = getattr(found, part)
+        except (ImportError, AttributeError, OSError, SyntaxError) as problem:
+            reason = "its module has a syntax error; " if isinstance(problem, SyntaxError) else ""
+            raise InputError(f"function {self.function!r} cannot be imported: {reason}{problem}") from None
+        if not callable(found):
+            raise InputError(f"function {self.function!r} is {type(found).__name__}, which cannot be called")
+        return found  # type: ignore[no-any-return]
 
     def _match(self, left: Any, right: Any) -> Disparity:
         function = self._found()
         result = function(left, right, num_disparities=self.num_disparities, min_disparity=self.min_disparity)
         return checked_result(result, np.shape(left)[:2], f"function {getattr(function, '__name__', function)!r}")
-
-
-def _imported(module: str, name: str) -> Callable[..., Any]:
-    place = f"{module}:{name}"
-    try:
-        if module.endswith(".py"):
-            path = Path(module).resolve(strict=True)
-            found = _executed(path, path.stat().st_mtime_ns)
-        else:
-            found = importlib.import_module(module)
-        for part in name.split("."):
-            found = getattr(found, part)
-    except (ImportError, AttributeError, OSError) as problem:
-        raise InputError(f"function {place!r} cannot be imported: {problem}") from None
-    except SyntaxError as problem:
-        raise InputError(f"function {place!r} cannot be imported: its module has a syntax error; {problem}") from None
-    if not callable(found):
-        raise InputError(f"function {place!r} is {type(found).__name__}, which cannot be called")
-    return found  # type: ignore[no-any-return]
 
 
 @functools.lru_cache(maxsize=32)

@@ -111,9 +111,9 @@ class MethodSpec:
         self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
     ) -> Disparity:
         """See `matching.Matcher.match`. A range among the method's options takes precedence over the arguments."""
-        given = {"num_disparities": num_disparities, "min_disparity": min_disparity}
-        matcher = self.matcher(**{name: value for name, value in given.items() if value is not None})
-        result: Disparity = matcher.match(left, right)
+        search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
+        unset = {name: value for name, value in search.items() if name not in self.options}
+        result: Disparity = self.matcher().match(left, right, **unset)
         return result
 
 

@@ -105,11 +105,6 @@ def filled(disparity: Disparity) -> Disparity:
     left = np.where(before >= 0, disparity[rows, np.maximum(before, 0)], UNKNOWN)
     right = np.where(after < width, disparity[rows, np.minimum(after, width - 1)], UNKNOWN)
     result = np.where(known, disparity, np.minimum(left, right)).astype(np.float32)
-    nearest = _nearest_true(np.asarray(known.any(axis=1)))
+    rows_known = np.flatnonzero(known.any(axis=1))
+    nearest = rows_known[np.abs(rows - rows_known).argmin(axis=1)]
     return np.asarray(result[nearest])
-
-
-def _nearest_true(flags: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """For each index the nearest index whose flag is set; of two, the smaller."""
-    places = np.flatnonzero(flags)
-    return np.asarray(places[np.abs(np.arange(len(flags))[:, None] - places[None, :]).argmin(axis=1)])
