@@ -232,10 +232,9 @@ def check_invertible(distortion: Distortion, K: Float, width: int, height: int) 
     lost = np.isnan(distortion.undistort(path)).any(axis=(0, 2))
     if lost.any():
         u, v = border[np.argmax(lost)]
-        raise InputError(
-            f"distortion {distortion} folds the image over itself before pixel ({u:g}, {v:g}): no ray, or more than "
-            "one, reaches it; use smaller coefficients, a smaller image, or a larger fx and fy"
-        )
+        remedy = "use smaller coefficients, a smaller image, or a larger fx and fy"
+        where = f"before pixel ({u:g}, {v:g}): no ray, or more than one, reaches it"
+        raise InputError(f"distortion {distortion} folds the image over itself {where}; {remedy}")
 
 
 def _first_positive_root(polynomial: Polynomial) -> float:

@@ -151,11 +151,8 @@ def undistort_maps(
         if not isinstance(each, Camera):
             raise InputError(f"undistort_maps needs two cameras, got {format_value(each)}")
     rotation = np.eye(3) if to_from_camera is None else float_array("the rotation to_from_camera", to_from_camera)
-    if (
-        rotation.shape != (3, 3)
-        or np.linalg.det(rotation) < 0
-        or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
-    ):
+    orthonormal = rotation.shape == (3, 3) and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
+    if not orthonormal or np.linalg.det(rotation) < 0:
         raise InputError(f"to_from_camera must be a 3x3 rotation of determinant +1, got {format_value(to_from_camera)}")
     directions = to_camera.unproject(to_camera.pixel_grid()) @ rotation
     pixels = np.nan_to_num(camera.project(directions), nan=_OUTSIDE_PX).astype(np.float32)

@@ -113,10 +113,8 @@ def rectify(
     pair = rig.pair(left, right)
     for side, index in enumerate((left, right)):
         if epipole_in_image(pair, side, 1 - side) is not None:
-            raise InputError(
-                f"camera {index} looks along the baseline (the epipole is in its image) and cannot be rectified; "
-                "use cameras side by side"
-            )
+            reason = "looks along the baseline (the epipole is in its image) and cannot be rectified"
+            raise InputError(f"camera {index} {reason}; use cameras side by side")
     world_from_rect = rectified_orientation(*pair.world_from_cams)
     outlines = [_outline(pair, side, world_from_rect) for side in (0, 1)]
     first = pair.cameras[0]
@@ -140,10 +138,8 @@ def _outline(pair: Rig, side: int, world_from_rect: Float) -> Float:
     rays = camera.unproject(image_border(camera.width, camera.height))
     x, y, z = (rays @ pair.world_from_cams[side][:3, :3].T @ world_from_rect).T
     if not (np.hypot(x, y) < _MAX_TAN * z).all():
-        raise InputError(
-            f"camera {side} of the pair sees directions 85 degrees or more from the rectified axis: "
-            "use a narrower field of view, or cameras with more similar directions"
-        )
+        remedy = "use a narrower field of view, or cameras with more similar directions"
+        raise InputError(f"camera {side} of the pair sees 85 degrees or more from the rectified axis: {remedy}")
     return np.stack([x / z, y / z], axis=1)
 
 

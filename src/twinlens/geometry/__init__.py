@@ -37,7 +37,7 @@ def rigid(rotation: ArrayLike, translation: ArrayLike) -> Float:
     >>> rigid(np.eye(3), [1, 2, 3])[:3, 3].tolist()
     [1.0, 2.0, 3.0]
     """
-    r, t = float_array("rigid transform", rotation), float_array("rigid transform", translation)
+    r, t = (float_array("rigid transform", values) for values in (rotation, translation))
     if r.shape != (3, 3) or t.shape != (3,):
         raise InputError(f"rigid transform needs a 3x3 rotation and 3 numbers, got shapes {r.shape}, {t.shape}")
     b_from_a = np.eye(4)
@@ -86,10 +86,8 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
     forward = target - eye
     right = np.cross(forward, up)
     if not np.linalg.norm(right) > 1e-9 * np.linalg.norm(forward) * np.linalg.norm(up):
-        raise InputError(
-            f"look_at needs eye {eye.tolist()} and target {target.tolist()} to differ, "
-            "and up not parallel to the viewing direction"
-        )
+        got = f"eye {eye.tolist()} and target {target.tolist()}"
+        raise InputError(f"look_at needs {got} to differ, and up not parallel to the viewing direction")
     z = forward / np.linalg.norm(forward)
     x = right / np.linalg.norm(right)
     return rigid(np.stack([x, np.cross(z, x), z], axis=1), eye)

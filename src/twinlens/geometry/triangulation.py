@@ -111,9 +111,8 @@ def covariance(jacobians: Float) -> Float:
     """
     _, size, axes = np.linalg.svd(jacobians)
     if (size[:, 2] <= _SINGULAR * size[:, 0]).any():
-        raise InputError(
-            "a point on the line through the cameras, or very far away, is not determined by its pixels: leave it out"
-        )
+        where = "on the line through the cameras, or very far away,"
+        raise InputError(f"a point {where} is not determined by its pixels: leave it out")
     return np.asarray(np.einsum("nki,nk,nkj->nij", axes, size**-2, axes))
 
 

@@ -129,10 +129,8 @@ class StereoMatcher(RangeMatcher):
         images = self._checked(left, right)
         ours, theirs = self._raw_disparity(*images), self._raw_disparity(*_swapped(*images))
         if self.lr_check is not None:
-            ours, theirs = (
-                refine.consistent(ours, _mirrored(theirs), self.lr_check),
-                refine.consistent(theirs, _mirrored(ours), self.lr_check),
-            )
+            checked = refine.consistent(ours, _mirrored(theirs), self.lr_check)
+            ours, theirs = checked, refine.consistent(theirs, _mirrored(ours), self.lr_check)
         return self._refined(ours), _mirrored(self._refined(theirs))
 
     def _checked(self, left: Any, right: Any) -> tuple[Image, Image]:
@@ -204,13 +202,9 @@ class _Search:
         return self._semiglobal(()) if self.paths else self._local()
 
     def _boxes(self, side: int) -> tuple[BoxMatch, ...]:
-        images = (
-            described(image, self.cost.transform, self.matcher.census_window) for image in (self.left, self.right)
-        )
-        return tuple(
-            BoxMatch(one, other, self.cost, side, self.low, self.high, self.threads)
-            for one, other in zip(*images, strict=True)
-        )
+        transform, window = self.cost.transform, self.matcher.census_window
+        pairs = zip(*(described(image, transform, window) for image in (self.left, self.right)), strict=True)
+        return tuple(BoxMatch(a, b, self.cost, side, self.low, self.high, self.threads) for a, b in pairs)
 
     def _sides(self) -> tuple[int, ...]:
         """The windows whose costs the support gathers, the widest first."""
