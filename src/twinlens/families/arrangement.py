@@ -7,7 +7,7 @@ every body that carries it.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -178,12 +178,16 @@ def gap(a: Float, b: Float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A body in a stable pose, rotated about z by `spin` (3, 3); `place` (3,) is level with its lowest point."""
+    """A body in a stable pose, rotated about z by `spin` (3, 3); `place` (3,) is level with its lowest point.
+
+    `below` is the body that it rests on, None for one on the area itself.
+    """
 
     body: Body
     rest: StablePose
     spin: Float
     place: Float
+    below: "Placement | None" = None
 
     @property
     def pose(self) -> Float:
@@ -205,6 +209,11 @@ class Placement:
     def top(self) -> float:
         """The height of its highest point."""
         return float(self.place[2] + self.rest.height)
+
+    @property
+    def stack(self) -> "list[Placement]":
+        """This body and all bodies below it, from the top down."""
+        return [self, *(self.below.stack if self.below else [])]
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,77 +255,59 @@ def bodies_at_rest(
 
 def arrange(bodies: Sequence[tuple[Body, StablePose, Rng]], area: Area) -> list[Placement]:
     """Place bodies one after the other, each with its own random stream; bodies without a free place are left out."""
-    pile = _Pile(area)
+    placed: list[Placement] = []
     for body, rest, rng in bodies:
-        on_top = bool(pile.placed) and rng.random() < area.stacked
-        if not (on_top and pile.add_on_top(body, rest, rng)):
-            pile.add_on_area(body, rest, rng)
-    return pile.placed
+        on_top = bool(placed) and rng.random() < area.stacked
+        made = _on_top(body, rest, rng, placed, area.spacing) if on_top else None
+        made = made or _on_area(body, rest, rng, placed, area)
+        placed += [made] if made else []
+    return placed
 
 
-@dataclass(eq=False)
-class _Pile:
-    """The bodies placed so far; `carrier` maps a body's index to that of the body below it."""
+def _on_area(body: Body, rest: StablePose, rng: Rng, placed: list[Placement], area: Area) -> Placement | None:
+    for _ in range(_TRIES):
+        spin = _random_spin(body, rng)
+        xy = area.sample(rng, rest) * area.half + area.middle
+        trial = Placement(body, rest, spin, np.append(xy, area.height + _CLEARANCE * body.size))
+        inside = (np.abs(trial.footprint - area.middle) < area.half * area.overhang).all()
+        if inside and _is_apart(trial, placed, area.spacing):
+            return trial
+    return None
 
-    area: Area
-    placed: list[Placement] = field(default_factory=list)
-    carrier: dict[int, int] = field(default_factory=dict)
 
-    def add_on_area(self, body: Body, rest: StablePose, rng: Rng) -> None:
-        """Place the body on the area."""
-        area = self.area
-        for _ in range(_TRIES):
+def _on_top(body: Body, rest: StablePose, rng: Rng, placed: list[Placement], spacing: float) -> Placement | None:
+    """The body on a level top that carries nothing yet; it may overhang, but not into a taller neighbour.
+
+    Its centre of mass lies above the contact of every body that carries it. Each of those is balanced without it, and
+    two centres of mass above a convex contact have a mean above it.
+    """
+    for index in rng.permutation(len(placed)):
+        below = placed[index]
+        carries = any(other.below is below for other in placed)
+        if below.rest.top is None or carries or len(below.stack) >= _HIGHEST_STACK:
+            continue
+        slab = below.moved(below.rest.top)
+        for _ in range(_TRIES_ON_TOP):
             spin = _random_spin(body, rng)
-            xy = area.sample(rng, rest) * area.half + area.middle
-            trial = Placement(body, rest, spin, np.append(xy, area.height + _CLEARANCE * body.size))
-            if (np.abs(trial.footprint - area.middle) < area.half * area.overhang).all() and self._is_apart(trial):
-                self.placed.append(trial)
-                return
+            offset = spin[:2, :2] @ rest.support.mean(axis=0)
+            xy = slab.mean(axis=0) - offset + rng.normal(0, 0.06, 2) * body.size
+            trial = Placement(body, rest, spin, np.append(xy, below.top + _CLEARANCE * body.size), below)
+            on_slab = min(inside_by(slab, corner) for corner in trial.moved(rest.support)) > 0
+            centre = trial.moved(rest.centre[None, :2])[0]
+            balanced = all(inside_by(each.moved(each.rest.support), centre) > 0 for each in below.stack)
+            if on_slab and balanced and _is_apart(trial, placed, spacing):
+                return trial
+    return None
 
-    def add_on_top(self, body: Body, rest: StablePose, rng: Rng) -> bool:
-        """Place the body on a level top that carries nothing yet; it may overhang, but not into a taller neighbour."""
-        for index in rng.permutation(len(self.placed)):
-            below = self.placed[index]
-            if below.rest.top is None or index in self.carrier.values() or len(self._stack(index)) >= _HIGHEST_STACK:
-                continue
-            slab = below.moved(below.rest.top)
-            for _ in range(_TRIES_ON_TOP):
-                spin = _random_spin(body, rng)
-                offset = spin[:2, :2] @ rest.support.mean(axis=0)
-                xy = slab.mean(axis=0) - offset + rng.normal(0, 0.06, 2) * body.size
-                trial = Placement(body, rest, spin, np.append(xy, below.top + _CLEARANCE * body.size))
-                on_slab = min(inside_by(slab, corner) for corner in trial.moved(rest.support)) > 0
-                if on_slab and self._is_balanced(trial, index) and self._is_apart(trial):
-                    self.carrier[len(self.placed)] = int(index)
-                    self.placed.append(trial)
-                    return True
-        return False
 
-    def _stack(self, index: int) -> list[int]:
-        """The indices of a body and of all bodies below it, from the top down."""
-        stack = [index]
-        while stack[-1] in self.carrier:
-            stack.append(self.carrier[stack[-1]])
-        return stack
-
-    def _is_balanced(self, trial: Placement, index: int) -> bool:
-        """Whether the new body's centre of mass lies above the contact of every body that carries it.
-
-        Each of those is balanced without it; two centres of mass above a convex contact have a mean above it.
-        """
-        balance = trial.moved(trial.rest.centre[None, :2])[0]
-        carriers = [self.placed[each] for each in self._stack(index)]
-        return all(inside_by(below.moved(below.rest.support), balance) > 0 for below in carriers)
-
-    def _is_apart(self, trial: Placement) -> bool:
-        """Whether the footprint is apart from those of all bodies that reach as high as its lowest point."""
-        return all(
-            other.top < trial.place[2]
-            or np.linalg.norm(trial.place[:2] - other.place[:2])
-            > trial.rest.reach + other.rest.reach + self.area.spacing
-            or gap(trial.footprint, other.footprint) > self.area.spacing
-            for other in self.placed
-        )
+def _is_apart(trial: Placement, placed: list[Placement], spacing: float) -> bool:
+    """Whether the footprint is apart from those of all bodies that reach as high as its lowest point."""
+    return all(
+        other.top < trial.place[2]
+        or np.linalg.norm(trial.place[:2] - other.place[:2]) > trial.rest.reach + other.rest.reach + spacing
+        or gap(trial.footprint, other.footprint) > spacing
+        for other in placed
+    )
 
 
 def _random_spin(body: Body, rng: Rng) -> Float:

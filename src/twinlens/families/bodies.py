@@ -32,7 +32,7 @@ class Body:
         own = user_texture(scene, *part) if finish in ("matte", "satin", "glossy") else None
         names = KINDS[self.kind].patterns if self.kind else _USER_PATTERNS
         stream = scene.rng(*part, "texture")
-        return body_material(stream, self.solid, self.size, pixel, scene.palette, finish, names, own)
+        return body_material(stream, self.solid, self.size, pixel, scene.palette, finish, names if own is None else own)
 
 
 def draw_body(scene: Composition, part: tuple[str | int, ...], among: tuple[str, ...] | None = None) -> Body:

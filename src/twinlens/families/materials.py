@@ -5,6 +5,7 @@ colour is a bitmap: the renderer compiles a kernel for each new mix of plugin ty
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.ndimage import zoom
@@ -53,32 +54,25 @@ def texels(length: float, pixel: float, most: int = _MAX_TEXELS) -> int:
 
 
 def body_material(
-    rng: Rng,
-    solid: Solid,
-    size: float,
-    pixel: float,
-    palette: Palette,
-    finish: str,
-    names: tuple[str, ...],
-    own: Image | None = None,
+    rng: Rng, solid: Solid, size: float, pixel: float, palette: Palette, finish: str, names: Sequence[str] | Image
 ) -> Plugin:
     """A material for a body `size` metres large seen with pixels of `pixel` metres.
 
-    It has one of the patterns `names`, or a user's own picture, repeated a whole number of times where u closes on
-    itself.
+    It has one of the patterns `names`, or a user's picture in their place. Where u closes on itself, the picture
+    repeats a whole number of times.
     """
-    name = "" if own is not None else one_of(rng, names)
-    tile = size * one_of(rng, [0.5, 1.0] if own is not None else [0.35, 0.5, 0.7, 1.0])
-    if name in ("art", "wood", "marble", "cloudy"):
-        tile = size
-    n = texels(tile, pixel)
-    roughness = float(rng.uniform(*(_ROUGHNESS.get(finish, (0.2, 0.2)) if own is None else (0.05, 0.3))))
-    if own is not None:
-        pixels = resized(own, n)
-    elif finish in ("metal", "mirror"):
-        pixels = metal_pixels(rng, n, finish)
+    if isinstance(names, np.ndarray):
+        tile = size * one_of(rng, [0.5, 1.0])
+        pixels, roughness = resized(names, texels(tile, pixel)), float(rng.uniform(0.05, 0.3))
     else:
-        pixels = pattern(name, n, rng, varied(rng, shuffled(rng, palette.accents)))
+        name = one_of(rng, names)
+        tile = size * one_of(rng, [0.35, 0.5, 0.7, 1.0])
+        tile = size if name in ("art", "wood", "marble", "cloudy") else tile
+        n, roughness = texels(tile, pixel), float(rng.uniform(*_ROUGHNESS.get(finish, (0.2, 0.2))))
+        if finish in ("metal", "mirror"):
+            pixels = metal_pixels(rng, n, finish)
+        else:
+            pixels = pattern(name, n, rng, varied(rng, shuffled(rng, palette.accents)))
     u, v = (span * size / tile for span in solid.span)
     u, v = (float(max(1, round(u))), max(v, 0.25)) if solid.around else (u, v)
     return material(finish, Bitmap(pixels, to_uv=np.diag([u, v, 1.0, 1.0])), roughness)

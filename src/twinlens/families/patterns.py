@@ -59,7 +59,6 @@ def _marble(n: int, rng: Rng, colors: Float) -> Image:
 
 
 def _granite(n: int, rng: Rng, colors: Float) -> Image:
-    """Grains of three tones."""
     stone = one_of(rng, STONES)
     tones = np.vstack([stone, stone.mean(axis=0, keepdims=True), 0.3 * stone[1:]])
     grains = noise(n, rng, max(4, n // 16), octaves=3, gain=0.8, contrast=2.2)
@@ -73,7 +72,6 @@ def _wood(n: int, rng: Rng, colors: Float) -> Image:
 
 
 def _planks(n: int, rng: Rng, colors: Float) -> Image:
-    """Boards along v, each with its own tone and grain."""
     tones = varied(rng, one_of(rng, WOODS), 0.08)
     count = one_of(rng, [4, 5, 6])
     grey = textures.wood(n, n, count, texture_seed(rng), waviness=0.35, grain=0.45).astype(np.float64)
@@ -101,7 +99,6 @@ def _bricks(n: int, rng: Rng, colors: Float) -> Image:
 
 
 def _camouflage(n: int, rng: Rng, colors: Float) -> Image:
-    """Noise quantised to four levels."""
     field = noise(n, rng, int(rng.integers(2, 5)), octaves=4, contrast=1.6)
     steps = np.sort(rng.uniform(0.3, 0.7, 3))
     width = 0.02
@@ -125,7 +122,6 @@ def _weave(n: int, rng: Rng, colors: Float) -> Image:
 
 
 def _stripes(n: int, rng: Rng, colors: Float) -> Image:
-    """Repeated bands of several widths."""
     count = int(rng.integers(2, 5))
     chosen = shuffled(rng, colors)[:count]
     repeats, along_v = int(rng.integers(2, 6)), rng.random() < 0.5
@@ -146,7 +142,6 @@ def _gingham(n: int, rng: Rng, colors: Float) -> Image:
 
 
 def _dots(n: int, rng: Rng, colors: Float) -> Image:
-    """On a staggered lattice."""
     cells, radius = 2 * int(rng.integers(2, 5)), rng.uniform(0.18, 0.36)
     spots = shuffled(rng, colors[1:])[: min(3, len(colors) - 1)]
     u, v = _uv(n)
@@ -175,7 +170,6 @@ def _chips(n: int, rng: Rng, colors: Float) -> Image:
 
 
 def _mosaic(n: int, rng: Rng, colors: Float) -> Image:
-    """Broken tiles."""
     count = int(rng.integers(40, 130))
     centres = rng.random((count, 2))
     tones = varied(rng, colors[rng.integers(len(colors), size=count)], 0.1)
@@ -185,7 +179,6 @@ def _mosaic(n: int, rng: Rng, colors: Float) -> Image:
 
 
 def _tiles(n: int, rng: Rng, colors: Float) -> Image:
-    """Square tiles with grout, some of a second colour."""
     cells = one_of(rng, [4, 6, 8])
     width = max(0.035, 1.2 * cells / n)
     chosen = colors[np.where(rng.random((cells, cells)) < rng.uniform(0, 0.5), 1, 0)]
@@ -274,7 +267,6 @@ def half_size(image: Image) -> Image:
 
 
 def _dot_chart(rng: Rng, n: int, accents: Float) -> Image:
-    """A regular grid of dots, as for calibration."""
     cells = int(rng.integers(5, max(6, min(11, n // 6))))
     at = (np.arange(n * 3) + 0.5) / (n * 3) * cells % 1.0 - 0.5
     disc = (np.hypot(at[:, None], at) > 0.3).reshape(n, 3, n, 3).mean(axis=(1, 3))
@@ -282,7 +274,6 @@ def _dot_chart(rng: Rng, n: int, accents: Float) -> Image:
 
 
 def _bars(rng: Rng, n: int, accents: Float) -> Image:
-    """Bars of increasing frequency."""
     u = (np.arange(n * 4) + 0.5) / (n * 4)
     most = min(n / 5, 28)
     phase = 3 * u + 0.5 * (most - 3) * u**2

@@ -9,7 +9,7 @@ from twinlens.families import furniture, lighting
 from twinlens.families.arrangement import Area, arrange, bodies_at_rest, gap
 from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng, one_of, varied
-from twinlens.families.furniture import Piece, Shelf, board
+from twinlens.families.furniture import Piece, board
 from twinlens.families.materials import furniture_material, material
 from twinlens.families.patterns import pattern
 from twinlens.families.solids import double_sided
@@ -211,16 +211,12 @@ def _add_shell(scene: Composition, shell: Shell) -> None:
             made = surface(scene, stream, sheet, name, colors, tile)
         scene.add(side, sheet.mesh(), made)
     if rng.random() < 0.8:
-        _add_skirting(scene, shell)
-
-
-def _add_skirting(scene: Composition, shell: Shell) -> None:
-    depth, tall = 0.015, 0.09
-    length, middle = shell.back - shell.front, 0.5 * (shell.front + shell.back)
-    boards = [board((shell.width, depth, tall), (0, shell.back - depth / 2, tall / 2))]
-    boards += [board((depth, length, tall), (s * (shell.width - depth) / 2, middle, tall / 2)) for s in (-1, 1)]
-    tone = varied(scene.rng("skirting"), np.array([[0.7, 0.69, 0.66]]), 0.1)
-    scene.add("skirting", shapes.merged(boards), _paint(scene, "skirting", tone, 64))
+        depth, tall, length = 0.015, 0.09, shell.back - shell.front
+        boards = [board((shell.width, depth, tall), (0, shell.back - depth / 2, tall / 2))]
+        middle = 0.5 * (shell.front + shell.back)
+        boards += [board((depth, length, tall), (s * (shell.width - depth) / 2, middle, tall / 2)) for s in (-1, 1)]
+        tone = varied(scene.rng("skirting"), np.array([[0.7, 0.69, 0.66]]), 0.1)
+        scene.add("skirting", shapes.merged(boards), _paint(scene, "skirting", tone, 64))
 
 
 def _paint(scene: Composition, part: str, tone: Float, texels: int) -> Plugin:
@@ -299,16 +295,12 @@ def _add_small_objects(scene: Composition, plan: _FloorPlan) -> None:
     weights = np.array([math.sqrt(shelf.size[0] * shelf.size[1]) for shelf, _ in shelves])
     chosen = scene.rng("clutter").choice(len(shelves), size=scene.count, p=weights / weights.sum())
     for index, (shelf, pose) in enumerate(shelves):
-        _fill_shelf(scene, shelf, pose, index, int((chosen == index).sum()))
-
-
-def _fill_shelf(scene: Composition, shelf: Shelf, pose: Float, index: int, count: int) -> None:
-    bodies = bodies_at_rest(scene, "clutter", [(index, k) for k in range(count)], _SMALL)
-    stacked = 0.35 if shelf.free > 0.5 else 0.0
-    area = Area(np.array(shelf.middle), np.array(shelf.size) / 2, shelf.height, 0.01, stacked)
-    for placement in arrange([each for each in bodies if each[1].height < shelf.free], area):
-        at, body = pose @ placement.pose, placement.body
-        scene.add(body.name, body.solid.mesh, body.material(scene.pixel_at(at[:3, 3], 0.3)), at)
+        parts = [(index, k) for k in range(int((chosen == index).sum()))]
+        bodies = [each for each in bodies_at_rest(scene, "clutter", parts, _SMALL) if each[1].height < shelf.free]
+        half, stacked = np.array(shelf.size) / 2, 0.35 if shelf.free > 0.5 else 0.0
+        for placement in arrange(bodies, Area(np.array(shelf.middle), half, shelf.height, 0.01, stacked)):
+            at, body = pose @ placement.pose, placement.body
+            scene.add(body.name, body.solid.mesh, body.material(scene.pixel_at(at[:3, 3], 0.3)), at)
 
 
 def _add_windows(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:

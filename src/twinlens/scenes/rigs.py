@@ -157,13 +157,12 @@ class RigBase(Viewed):
 
     def rig(self, scene: Scene, width: int, height: int) -> Rig:
         """The rig in the scene."""
-        pose = self.pose(scene.world_from_left)
-        count, place = LAYOUTS[self.layout](self, scene)  # type: ignore[attr-defined]  # every variant has one
+        count, place = self._count(), LAYOUTS[self.layout]  # type: ignore[attr-defined]  # every variant has one
         tables = self.cameras or [Intrinsics()] * count
         if len(tables) != count:
             raise InputError(f"cameras: this layout has {count} cameras, got {len(tables)} tables")
         shared = {"width": width, "height": height, "fov_x_deg": scene.fov_x_deg} | self.given()
-        rig = place([table.camera(shared) for table in tables], pose)
+        rig = place(self, scene, [table.camera(shared) for table in tables], self.pose(scene.world_from_left))
         if self.misalignment is None:
             return rig
         errors = self.misalignment
@@ -175,47 +174,35 @@ class RigBase(Viewed):
             raise InputError(f"misalignment: must be a list of {count} tables, got {len(errors)}")
         return misaligned(rig, [Misalignment(**error.model_dump()) for error in errors])
 
-
-Place = Callable[[Sequence[Camera], Float], Rig]
-"""Cameras and world_from_rig (4, 4) -> the rig."""
-
-
-def _parallel(table: Any, scene: Scene) -> tuple[int, Place]:
-    return 2, lambda cameras, pose: layouts.line(cameras, 2, table.baseline or scene.baseline, pose)
-
-
-def _vertical(table: Any, scene: Scene) -> tuple[int, Place]:
-    baseline = table.baseline or scene.baseline
-    return 2, lambda cameras, pose: layouts.grid(cameras, 2, 1, baseline, baseline, pose)
+    def _count(self) -> int:
+        keys = vars(self)
+        if self.layout == "cameras":  # type: ignore[attr-defined]
+            return len(keys["cameras"])
+        count: int = keys["rows"] * keys["columns"] if "rows" in keys else keys.get("count", 2)
+        if count > _MOST_CAMERAS:
+            raise InputError(f"rows and columns make {count} cameras; at most {_MOST_CAMERAS} are allowed")
+        return count
 
 
-def _toed_in(table: Any, scene: Scene) -> tuple[int, Place]:
+def _toed_in(table: Any, scene: Scene, cameras: Sequence[Camera], pose: Float) -> Rig:
     """The scene's pose is that of a left camera; the middle of the pair is half a baseline to its right."""
     baseline, distance = table.baseline or scene.baseline, table.distance or _middle_depth(scene, "distance")
-    to_middle = rigid(np.eye(3), [0.5 * baseline, 0.0, 0.0])
-    return 2, lambda cameras, pose: layouts.toed_in(cameras, baseline, distance, pose @ to_middle)
+    return layouts.toed_in(cameras, baseline, distance, pose @ rigid(np.eye(3), [0.5 * baseline, 0.0, 0.0]))
 
 
-def _line(table: Any, scene: Scene) -> tuple[int, Place]:
-    return table.count, lambda cameras, pose: layouts.line(cameras, table.count, table.spacing or scene.baseline, pose)
+def _vertical(table: Any, scene: Scene, cameras: Sequence[Camera], pose: Float) -> Rig:
+    baseline = table.baseline or scene.baseline
+    return layouts.grid(cameras, 2, 1, baseline, baseline, pose)
 
 
-def _grid(table: Any, scene: Scene) -> tuple[int, Place]:
-    count = table.rows * table.columns
-    if count > _MOST_CAMERAS:
-        raise InputError(f"rows and columns make {count} cameras; at most {_MOST_CAMERAS} are allowed")
+def _grid(table: Any, scene: Scene, cameras: Sequence[Camera], pose: Float) -> Rig:
     across = table.spacing_x or scene.baseline
-    down = table.spacing_y or across
-    return count, lambda cameras, pose: layouts.grid(cameras, table.rows, table.columns, across, down, pose)
+    return layouts.grid(cameras, table.rows, table.columns, across, table.spacing_y or across, pose)
 
 
-def _arc(table: Any, scene: Scene) -> tuple[int, Place]:
+def _arc(table: Any, scene: Scene, cameras: Sequence[Camera], pose: Float) -> Rig:
     radius = table.radius or _middle_depth(scene, "radius")
-    return table.count, lambda cameras, pose: layouts.arc(cameras, table.count, radius, table.angle_deg, pose)
-
-
-def _free(table: Any, scene: Scene) -> tuple[int, Place]:
-    return len(table.cameras), lambda cameras, pose: Rig(cameras, [one.pose(pose) for one in table.cameras])
+    return layouts.arc(cameras, table.count, radius, table.angle_deg, pose)
 
 
 def _middle_depth(scene: Scene, key: str) -> float:
@@ -225,16 +212,18 @@ def _middle_depth(scene: Scene, key: str) -> float:
     return middle_focus(*scene.depth_range)
 
 
-LAYOUTS: dict[str, Callable[[Any, Scene], tuple[int, Place]]] = {
-    "parallel": _parallel,
+LAYOUTS: dict[str, Callable[[Any, Scene, Sequence[Camera], Float], Rig]] = {
+    "parallel": lambda table, scene, cameras, pose: layouts.line(cameras, 2, table.baseline or scene.baseline, pose),
     "toed_in": _toed_in,
     "vertical": _vertical,
-    "line": _line,
+    "line": lambda table, scene, cameras, pose: layouts.line(
+        cameras, table.count, table.spacing or scene.baseline, pose
+    ),
     "grid": _grid,
     "arc": _arc,
-    "cameras": _free,
+    "cameras": lambda table, scene, cameras, pose: Rig(cameras, [one.pose(pose) for one in table.cameras]),
 }
-"""Every way to place cameras, by name; see `twinlens.camera.layouts`."""
+"""Every way to place cameras: (table, scene, cameras, world_from_rig) -> rig; see `twinlens.camera.layouts`."""
 
 _KEYS: dict[str, dict[str, Any]] = {
     "parallel": {"baseline": Positive | None},

@@ -92,9 +92,9 @@ def _check_element(element: ElementTree.Element, context: SceneContext) -> None:
     tag, kind = element.tag, element.get("type")
     if tag not in PLUGINS.keys() | VALUES | TRANSFORMS | {"scene"}:
         raise unknown("element", tag, PLUGINS.keys() | VALUES | TRANSFORMS)
-    for name, value in element.attrib.items():
-        if "$" in value and not (tag in _NUMERIC_TAGS and name in _NUMERIC_ATTRIBUTES):
-            raise InputError(f"{name}={value!r}: write the {name} itself; $ parameters may replace numbers only")
+    for key, text in element.attrib.items():
+        if "$" in text and not (tag in _NUMERIC_TAGS and key in _NUMERIC_ATTRIBUTES):
+            raise InputError(f"{key}={text!r}: write the {key} itself; $ parameters may replace numbers only")
     if tag in PLUGINS and not (tag == "spectrum" and kind is None):
         if kind not in PLUGINS[tag]:
             raise unknown(f"{tag} type", str(kind), PLUGINS[tag])
@@ -110,20 +110,17 @@ def _check_element(element: ElementTree.Element, context: SceneContext) -> None:
         find_asset(element.attrib["filename"], context)
     if tag == "spectrum" and not _NUMBERS.fullmatch(value):
         raise InputError(f"{value!r}: write the spectrum's numbers, as 400:1.0, 700:1.5")
-    if tag == "string":
-        _check_string(element.get("name", ""), value, context)
+    name = element.get("name", "")
+    if tag == "string" and _FILE_PARAMETER.search(name):
+        find_asset(value, context)
+    elif tag == "string" and name == "material":
+        if value not in CONDUCTORS:
+            raise unknown("conductor", value, CONDUCTORS)
+    elif tag == "string":
+        _check_no_path(value, context)
 
 
 _PICTURES: dict[tuple[str, str | None], Any] = {("emitter", "envmap"): read_sky, ("texture", "bitmap"): decode_picture}
-
-
-def _check_string(name: str, value: str, context: SceneContext) -> None:
-    if _FILE_PARAMETER.search(name):
-        find_asset(value, context)
-    elif name == "material" and value not in CONDUCTORS:
-        raise unknown("conductor", value, CONDUCTORS)
-    else:
-        _check_no_path(value, context)
 
 
 def _check_no_path(value: str, context: SceneContext) -> None:
