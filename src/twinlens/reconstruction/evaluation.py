@@ -83,6 +83,10 @@ def compare(
     to_truth = 1e3 * cKDTree(true.points).query(reconstructed.points)[0]
     from_truth = 1e3 * cKDTree(reconstructed.points).query(true.points)[0]
     near, near_truth = (d[d <= max_distance_mm] for d in (to_truth, from_truth))
+    shares = []
+    for tolerance in map(float, tolerances_mm):
+        a, c = float((to_truth <= tolerance).mean()), float((from_truth <= tolerance).mean())
+        shares.append(Share(tolerance, a, c, 2 * a * c / (a + c) if a + c else 0.0))
     return Comparison(
         accuracy_mean_mm=_or_inf(np.mean, near),
         accuracy_median_mm=_or_inf(np.median, near),
@@ -90,17 +94,12 @@ def compare(
         completeness_mean_mm=_or_inf(np.mean, near_truth),
         completeness_median_mm=_or_inf(np.median, near_truth),
         completeness_outliers=1 - len(near_truth) / len(from_truth),
-        shares=tuple(_share(float(t), to_truth, from_truth) for t in tolerances_mm),
+        shares=tuple(shares),
         points=len(to_truth),
         true_points=len(from_truth),
         max_distance_mm=float(max_distance_mm),
         spacing_mm=spacing_mm,
     )
-
-
-def _share(tolerance: float, to_truth: Float, from_truth: Float) -> Share:
-    a, c = float((to_truth <= tolerance).mean()), float((from_truth <= tolerance).mean())
-    return Share(tolerance, a, c, 2 * a * c / (a + c) if a + c else 0.0)
 
 
 def _or_inf(statistic: Callable[[Float], Any], values: Float) -> float:

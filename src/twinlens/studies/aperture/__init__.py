@@ -2,8 +2,8 @@
 
 The lenses of a scene and seed are rendered from one set of light paths (`render_lens_grid`). The images are exposed
 (a) for the same time, so that shot noise grows as the aperture shrinks, and (b) to the same brightness; with and
-without diffraction. Two theories predict the best f-number: `theory`, which also documents
-the choice of parameters, for the median error, and `wrong` for the share of wrong pixels.
+without diffraction. Two theories predict the best f-number: `theory`, which also documents the choice of parameters,
+for the median error, and `wrong` for the share of wrong pixels.
 """
 
 import itertools

@@ -31,18 +31,16 @@ _PIXELS, _PATCH = 48, 0.02
 """Image side in pixels, and the imaged part of the film in film distances; E varies by 2e-4 within it."""
 
 
-def _white(camera: Camera) -> NDArray[np.float32]:
-    return np.ones((camera.height, camera.width, 3), np.float32)
-
-
 def white_rate(camera: Camera, hole: BareAperture) -> float:
     """Fraction of white per second for a radiance of 1."""
-    return float(SENSOR.level_rate(_white(camera), camera=camera, lens=hole).mean())
+    white = np.ones((camera.height, camera.width, 3), np.float32)
+    return float(SENSOR.level_rate(white, camera=camera, lens=hole).mean())
 
 
 def _exposed(camera: Camera, hole: BareAperture, time: float, seed: int) -> NDArray[np.float64]:
     """The levels (H, W) of a film lit with a radiance of 1, exposed for `time` seconds."""
-    photo = SENSOR.expose(_white(camera), camera=camera, lens=hole, seed=seed, exposure=Exposure(time))
+    white = np.ones((camera.height, camera.width, 3), np.float32)
+    photo = SENSOR.expose(white, camera=camera, lens=hole, seed=seed, exposure=Exposure(time))
     return photo.image.astype(np.float64)
 
 
