@@ -6,7 +6,6 @@ from twinlens.scoring.board_file import board_from_json, board_to_json, json_num
 from twinlens.scoring.evaluate import RegionScores, Scores, evaluate
 from twinlens.scoring.methods import NamedMethod, named_method, named_methods, named_program
 from twinlens.scoring.metrics import METRICS, Metric, find_metric
-from twinlens.scoring.point_cloud import cloud_errors, points
 from twinlens.scoring.protocols import PROTOCOLS, Protocol, find_protocol, interpolate_background
 from twinlens.scoring.regions import REGIONS, Region, region_masks
 from twinlens.scoring.samples import (
@@ -60,7 +59,6 @@ __all__ = [
     "board_latex",
     "board_to_json",
     "caption",
-    "cloud_errors",
     "comparison_table",
     "evaluate",
     "failures",
@@ -78,7 +76,6 @@ __all__ = [
     "named_program",
     "open_pairs",
     "open_submission",
-    "points",
     "read_board",
     "region_masks",
     "run_benchmark",

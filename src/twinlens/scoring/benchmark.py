@@ -11,8 +11,8 @@ import numpy as np
 from twinlens.errors import FileError, InputError
 from twinlens.scoring.board import Board, Entry, Failure
 from twinlens.scoring.board_file import BoardWriter, exclusive, read_board
-from twinlens.scoring.checks import Disparity, Mask
 from twinlens.scoring.evaluate import RESERVED, evaluate, upsampled, upsampling
+from twinlens.scoring.metrics import Disparity, Mask
 from twinlens.scoring.protocols import Protocol, find_protocol
 from twinlens.scoring.regions import region_masks
 from twinlens.scoring.runners import Answer, Method, MethodError, Runner
@@ -70,26 +70,22 @@ def run_benchmark(
         Names of `REGIONS`. A region is skipped for samples that lack the data it needs.
     progress
         Called after every pair with a `Step`.
-    time_limit
-        Seconds per match. Runs methods in a worker process, which is killed at the limit (see `runners`).
-    memory_limit
-        Bytes of data the worker process may allocate. Implies a time limit of 600 s.
+    time_limit, memory_limit
+        Seconds per match, and bytes of data that a method may allocate. Either runs methods in a worker process, which
+        is killed at the limit (see `runners.Runner`). A memory limit alone implies a time limit of 600 s.
     warm_up, warm_up_limit
         Match a few rows before the first measured match of each method and number of disparities, so that compilation
         is not timed. In a worker process this may take `warm_up_limit` seconds. It is repeated in a new worker, unless
         it hung, or took longer than the time limit and did not help.
-    save
+    save, board
         The board's JSON file: read first if it exists (resume), written every few seconds and at the end, and locked
-        against other runs.
-    board
-        A board to resume instead. A pair is skipped if an entry agrees in method spec, sample fingerprint, protocol
-        and regions. Entries that disagree are replaced, all others are kept.
+        against other runs. Or a board to resume instead. A pair is skipped if an entry agrees in method spec, sample
+        fingerprint, protocol and regions. Entries that disagree are replaced, all others are kept.
     retry_failed
         Run failed pairs again instead of keeping their failures.
-    on_map
-        Called with (method name, sample name, disparity at the truth's size) for every computed map.
-    on_drop
-        Called with (method name, sample name) for every earlier map that is no longer valid.
+    on_map, on_drop
+        Called with (method name, sample name, disparity at the truth's size) for every computed map, and with (method
+        name, sample name) for every earlier map that is no longer valid.
 
     Raises
     ------

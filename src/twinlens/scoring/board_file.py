@@ -210,15 +210,11 @@ class BoardWriter:
         old = [id(entry) in before for entry in self.board.entries]
         if old and all(old):
             return self._before.meta
-        return joined(self._before.meta, _machine()) if any(old) else _machine()
+        return _joined(self._before.meta, _machine()) if any(old) else _machine()
 
 
-def joined(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, str]:
-    """Both descriptions in one: all values of each key, and the key `mixed` if they differ.
-
-    >>> joined({"numpy": "1"}, {"numpy": "1"}), joined({"numpy": "1"}, {"numpy": "2"})["numpy"]
-    ({'numpy': '1'}, '1; 2')
-    """
+def _joined(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, str]:
+    """Both descriptions in one: all values of each key, separated by "; ", and the key `mixed` if they differ."""
     if dict(before) == dict(now):
         return dict(now)
     names = (name for name in dict.fromkeys([*now, *before]) if name != "mixed")

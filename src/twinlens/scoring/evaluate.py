@@ -5,13 +5,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from twinlens.dataset import Calibration
 from twinlens.errors import InputError
-from twinlens.scoring.checks import Disparity, Mask, disparity_map, mask_of
-from twinlens.scoring.point_cloud import point_errors
+from twinlens.geometry import depth_from_disparity
+from twinlens.scoring.metrics import Disparity, Mask, disparity_map, mask_of
 from twinlens.scoring.protocols import Pixels, Protocol, find_protocol
+
+Float = NDArray[np.float64]
 
 RESERVED = ("all", "nonocc")
 
@@ -145,7 +147,7 @@ def evaluate(
         chosen = mask & np.isfinite(truth)
         pixels = Pixels(found[chosen].astype(np.float64), truth[chosen].astype(np.float64), given[chosen])
         if rules.needs_calibration and calibration is not None:
-            metres = point_errors(pixels.estimate, pixels.truth, np.argwhere(chosen), calibration)
+            metres = _point_errors(pixels.estimate, pixels.truth, np.argwhere(chosen), calibration)
             pixels = replace(pixels, metres=metres)
         estimated = int(np.count_nonzero(pixels.given))
         scores[name] = RegionScores(name, rules.measure(pixels), truth.size, pixels.truth.size, estimated)
@@ -168,3 +170,22 @@ def upsampled(disp: Disparity, scale: int) -> Disparity:
         return disp
     repeated: Disparity = np.repeat(np.repeat(disp, scale, axis=0), scale, axis=1) * disp.dtype.type(scale)
     return repeated
+
+
+def _point_errors(found: Float, true: Float, pixels: NDArray[np.intp], calibration: Calibration) -> tuple[Float, Float]:
+    """(distance between estimated and true point, distance from the camera to the true point), each (N,) in metres.
+
+    found, true: (N,) disparities; pixels: (N, 2) rows of (v, u). The first is +inf where either point is undefined
+    (unknown disparity, or d + doffs <= 0).
+    """
+    fx, fy, cx, cy = calibration.cam0
+    length = np.sqrt(1.0 + ((pixels[:, 1] - cx) / fx) ** 2 + ((pixels[:, 0] - cy) / fy) ** 2)  # of a ray to z = 1
+    z_found, z_true = (
+        depth_from_disparity(
+            np.where(d + calibration.doffs > 0, d, np.inf), calibration.fx, calibration.baseline, calibration.doffs
+        )
+        for d in (found, true)
+    )
+    defined = np.isfinite(z_found) & np.isfinite(z_true)
+    with np.errstate(invalid="ignore"):
+        return np.where(defined, np.abs(z_found - z_true) * length, np.inf), z_true * length

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError, unknown
-from twinlens.scoring.checks import Disparity, Mask, disparity_map
-from twinlens.scoring.metrics import BAD, SIZES, THRESHOLDS, error_sizes, percent
+from twinlens.scoring.metrics import BAD, SIZES, THRESHOLDS, Disparity, Mask, disparity_map, error_sizes, percent
 
 KITTI_PIXELS, KITTI_SHARE = np.float32(3.0), np.float32(0.05)
 MIDDLEBURY_INVALID = 1000.0

@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.errors import InputError, unknown
-from twinlens.scoring.checks import Mask, disparity_map, mask_of
+from twinlens.scoring.metrics import Mask, disparity_map, mask_of
 from twinlens.scoring.samples import Pair
 
 HIDDEN = 128

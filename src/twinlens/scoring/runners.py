@@ -194,7 +194,7 @@ class Runner:
             self._warm.clear()
             pool.stop()  # type: ignore[no-untyped-call]
             pool.join()
-        if pid and hasattr(os, "killpg"):
+        if pid:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(pid, signal.SIGKILL)
 
@@ -265,8 +265,7 @@ _load = functools.cache(pickle.loads)
 
 def _prepare_worker(memory_limit: int | None) -> int:
     """The first task of a worker: a process group, no output, its limits. Returns its process id."""
-    if hasattr(os, "setsid"):
-        os.setsid()
+    os.setsid()
     with Path(os.devnull).open("w") as null:
         for stream in (1, 2):
             os.dup2(null.fileno(), stream)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from twinlens.dataset import Calibration, Dataset, StoredSample, motorcycle
 from twinlens.errors import FileError, InputError
-from twinlens.scoring.checks import Disparity, disparity_map, mask_of
+from twinlens.scoring.metrics import Disparity, disparity_map, mask_of
 
 
 class Sample(Protocol):
@@ -97,13 +97,14 @@ def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
     """
     if isinstance(sample, Pair):
         return sample
-    given: Any = sample
     if isinstance(sample, StoredSample):
         images: Any = sample.lens(lens)
         blur, kinds = _optional(lambda: images.blur_circle_px(0)), _optional(lambda: sample.truth0.material_kind)
     else:
-        images, blur, kinds = sample, _optional(lambda: given.blur0), _optional(lambda: given.material_kind0)
-    calibration, truth = _optional(lambda: given.calibration), sample.disp0
+        images = sample
+        blur = _optional(lambda: getattr(sample, "blur0", None))
+        kinds = _optional(lambda: getattr(sample, "material_kind0", None))
+    calibration, truth = _optional(lambda: getattr(sample, "calibration", None)), sample.disp0
     first = getattr(sample, "min_disparity", None)
     ndisp, low = (sample.ndisp, first) if first is not None else search_range(sample.ndisp, calibration, truth)
     nonocc = sample.mask0_nonocc
@@ -126,10 +127,10 @@ def search_range(bound: int, calibration: Calibration | None, truth: Disparity) 
 
 
 def _optional(read: Callable[[], Any]) -> Any:
-    """The result of `read`, or None if its file or attribute is missing."""
+    """The result of `read`, or None if its file is missing."""
     try:
         return read()
-    except (FileError, AttributeError):
+    except FileError:
         return None
 
 

@@ -11,7 +11,7 @@ import stat
 import struct
 import unicodedata
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.dataset import read_pfm, write_pfm
-from twinlens.dataset.codecs.pfm import decode_pfm
-from twinlens.dataset.codecs.png import decode_png
+from twinlens.dataset.codecs.pfm import decode_disparity
 from twinlens.errors import FileError, InputError, OutputError
 
 SCALES = (1, 2, 4)
@@ -96,11 +95,7 @@ class Submission:
     @cached_property
     def files(self) -> Mapping[str, int]:
         """Every file that is not hidden: relative name with slashes -> size in bytes."""
-        if self.path.is_dir():
-            found = _folder_files(self.path)
-        else:
-            with _archive(self.path) as archive:
-                found = _zip_files(self.path, archive.infolist())
+        found = _folder_files(self.path) if self.path.is_dir() else _zip_files(self.path, self._archive.infolist())
         visible = {}
         spellings: dict[str, str] = {}
         for name, size in found.items():
@@ -116,14 +111,13 @@ class Submission:
     def spec(self) -> str:
         """SHA-256 of the maps' names and contents (for a zip, of its checksums)."""
         digest = hashlib.sha256()
-        with contextlib.nullcontext() if self.path.is_dir() else _archive(self.path) as archive:
-            for name in sorted(name for name in self.files if name.endswith((".pfm", ".png"))):
-                digest.update(f"{name} {self.files[name]}\n".encode("utf-8", "surrogatepass"))
-                if archive is not None:
-                    digest.update(archive.getinfo(name).CRC.to_bytes(4, "big"))
-                else:
-                    with (self.path / name).open("rb") as file:
-                        digest.update(hashlib.file_digest(file, "sha256").digest())
+        for name in sorted(name for name in self.files if name.endswith((".pfm", ".png"))):
+            digest.update(f"{name} {self.files[name]}\n".encode("utf-8", "surrogatepass"))
+            if self.path.is_dir():
+                with (self.path / name).open("rb") as file:
+                    digest.update(hashlib.file_digest(file, "sha256").digest())
+            else:
+                digest.update(self._archive.getinfo(name).CRC.to_bytes(4, "big"))
         return f"submission {digest.hexdigest()}"
 
     def file_of(self, sample: str, aliases: Sequence[str] = ()) -> str:
@@ -146,7 +140,7 @@ class Submission:
         if name.endswith(".png") and len(data) > PNG_SIZE.stop:
             width, height = struct.unpack(">II", data[PNG_SIZE])
             _check_size((height, width), shape, where)
-        disp = _decoded(data, where, png=name.endswith(".png"))
+        disp = decode_disparity(data, where)
         _check_size(disp.shape, shape, where)
         return disp
 
@@ -185,8 +179,15 @@ class Submission:
             return folder in folders if slash else name.rpartition(".")[0] in names
 
         unmatched = [name for name in sorted(self.files.keys() - used) if not belongs(name.removeprefix(top))]
-        with self._opener() as open_file:
-            return tuple(name for name in unmatched if _is_map(name, open_file))
+        return tuple(name for name in unmatched if self._is_map(name))
+
+    def _is_map(self, name: str) -> bool:
+        """Whether the file is a PFM, or by its header a 16-bit grey PNG."""
+        if not name.endswith(".png"):
+            return name.endswith(".pfm")
+        with contextlib.suppress(Exception), self._open(name) as file:  # a damaged file is not a map
+            return file.read(PNG_KIND.stop)[PNG_KIND] == GREY_16
+        return False
 
     def _found(self, sample: str, aliases: Sequence[str]) -> str | None:
         """The sample's map: the first that exists."""
@@ -206,24 +207,26 @@ class Submission:
         tops = {name.partition("/")[0] for name in self.files}
         return f"{tops.pop()}/" if len(tops) == 1 else ""
 
-    @contextlib.contextmanager
-    def _opener(self) -> Iterator[Callable[[str], IO[bytes]]]:
-        """A function that opens files by name. A zip is opened once, because opening it reads its whole directory."""
-        if self.path.is_dir():
-            yield lambda name: (self.path / name).open("rb")
-        else:
-            with _archive(self.path) as archive:
-                yield archive.open
+    @cached_property
+    def _archive(self) -> zipfile.ZipFile:
+        """The zip, which stays open: opening it reads its whole list of members."""
+        try:
+            return zipfile.ZipFile(self.path)
+        except FileNotFoundError:
+            raise FileError(f"{self.path}: no such file or folder") from None
+        except Exception as error:
+            raise FileError(f"{self.path}: neither a folder nor a readable zip ({error})") from None
+
+    def _open(self, name: str) -> IO[bytes]:
+        return (self.path / name).open("rb") if self.path.is_dir() else self._archive.open(name)
 
     def _read(self, name: str, limit: int, where: str) -> bytes:
         """The file's bytes; FileError if it states, or has, more than `limit`."""
         size, data = self.files[name], b""
         try:
             if size <= limit:
-                with self._opener() as open_file, open_file(name) as file:
+                with self._open(name) as file:
                     data = file.read(limit + 1)
-        except FileError:
-            raise
         except Exception as error:  # zipfile, zlib and other decoders raise many types for damaged data
             raise FileError(f"{where}: cannot be read ({error})") from None
         if max(size, len(data)) > limit:
@@ -239,15 +242,6 @@ def open_submission(path: str | os.PathLike[str], name: str | None = None) -> Su
     return Submission(source, name if name is not None else own[: -len(".zip")] if is_zip else own)
 
 
-def _is_map(name: str, open_file: Callable[[str], IO[bytes]]) -> bool:
-    """Whether the file is a PFM, or by its header a 16-bit grey PNG."""
-    if not name.endswith(".png"):
-        return name.endswith(".pfm")
-    with contextlib.suppress(Exception), open_file(name) as file:  # a damaged file is not a map
-        return file.read(PNG_KIND.stop)[PNG_KIND] == GREY_16
-    return False
-
-
 def _check_size(found: tuple[int, ...], truth: tuple[int, int], where: str) -> None:
     if not any(tuple(scale * n for n in found) == truth for scale in SCALES):
         raise FileError(f"{where}: is {found[1]} x {found[0]}; the truth is {truth[1]} x {truth[0]}")
@@ -261,15 +255,6 @@ def _folder_files(folder: Path) -> dict[str, int]:
                 raise FileError(f"{path}: is a link that leaves {folder}")
             found[path.relative_to(folder).as_posix()] = path.stat().st_size
     return found
-
-
-def _archive(path: Path) -> zipfile.ZipFile:
-    try:
-        return zipfile.ZipFile(path)
-    except FileNotFoundError:
-        raise FileError(f"{path}: no such file or folder") from None
-    except Exception as error:
-        raise FileError(f"{path}: neither a folder nor a readable zip ({error})") from None
 
 
 def _zip_files(path: Path, members: Sequence[zipfile.ZipInfo]) -> dict[str, int]:
@@ -292,15 +277,3 @@ def _zip_files(path: Path, members: Sequence[zipfile.ZipInfo]) -> dict[str, int]
         if not member.is_dir():
             found[name] = member.file_size
     return found
-
-
-def _decoded(data: bytes, where: str, png: bool) -> NDArray[np.float32]:
-    if png:
-        codes = decode_png(data, where)
-        if codes.dtype != np.uint16 or codes.ndim != 2:
-            raise FileError(f"{where}: a disparity PNG is 16-bit grey, round(256 d), 0 unknown")
-        return np.where(codes == 0, np.inf, codes / np.float32(256)).astype(np.float32)
-    disp = decode_pfm(data, where)
-    if disp.ndim != 2:
-        raise FileError(f"{where}: has colour channels; a disparity map has one value per pixel")
-    return disp

@@ -12,7 +12,7 @@ import re
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.dataset.codecs.png import read_png
+from twinlens.dataset.codecs.png import decode_png
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
@@ -78,18 +78,23 @@ def read_pfm(path: Where) -> NDArray[np.float32]:
 
 
 def read_disparity(path: Where) -> NDArray[np.float32]:
+    """The disparity map of a PFM or PNG file, see `decode_disparity`. Raises FileError."""
+    return decode_disparity(read_bytes(path), str(path))
+
+
+def decode_disparity(data: bytes, name: str) -> NDArray[np.float32]:
     """A disparity map, float32 (H, W), +inf unknown, from a PFM or a 16-bit PNG as KITTI's (256 d, 0 unknown).
 
-    Raises FileError for a file that is neither.
+    Raises FileError, which begins with the file's `name`, for a file that is neither.
     """
-    if str(path).lower().endswith(".png"):
-        codes = read_png(path)
+    if name.lower().endswith(".png"):
+        codes = decode_png(data, name)
         if codes.ndim != 2 or codes.dtype != np.uint16:
-            raise FileError(f"{path}: a disparity PNG must be 16-bit grey (256 d, 0 unknown), as KITTI's are")
+            raise FileError(f"{name}: a disparity PNG must be 16-bit grey (256 d, 0 unknown), as KITTI's are")
         return np.where(codes > 0, codes / np.float32(256), np.inf).astype(np.float32)
-    disparity = read_pfm(path)
+    disparity = decode_pfm(data, name)
     if disparity.ndim != 2:
-        raise FileError(f"{path}: has colour channels; a disparity map has one value per pixel")
+        raise FileError(f"{name}: has colour channels; a disparity map has one value per pixel")
     return disparity
 
 
