@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from twinlens import factory
+from twinlens.cli import render
 
 PATIENCE_S = 60
 SLEEPER = """
@@ -71,7 +71,7 @@ def test_an_interrupted_render_that_kept_nothing_says_nothing_more(twinlens, tmp
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(factory, "make_sample", interrupted)
+    monkeypatch.setattr(render, "make_sample", interrupted)
     code, _, err = twinlens("render", "cards", "-o", tmp_path / "out")
     assert (code, err.strip()) == (130, "twinlens: interrupted")
 

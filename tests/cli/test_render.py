@@ -122,16 +122,16 @@ def test_a_lens_by_its_f_number_is_not_sent_to_a_wider_sensor(twinlens, ball, tm
 
 
 def test_what_was_finished_is_listed_when_the_next_scene_fails(twinlens, ball, tmp_path, monkeypatch):
-    from twinlens import factory
+    from twinlens.cli import render
 
-    make = factory.make_sample
+    make = render.make_sample
 
     def interrupted(scene, *rest, **options):
         if scene.name == "cards":
             raise KeyboardInterrupt
         return make(scene, *rest, **options)
 
-    monkeypatch.setattr(factory, "make_sample", interrupted)
+    monkeypatch.setattr(render, "make_sample", interrupted)
     code, _, err = twinlens("render", ball, "cards", *QUICK, "-o", tmp_path / "out")
     assert (code, err.strip()) == (130, "twinlens: interrupted; finished samples are kept")
     assert [row.name for row in read_manifest(tmp_path / "out").rows] == ["ball"]
@@ -160,10 +160,10 @@ def test_help_shows_options_in_groups_and_each_once(twinlens):
 
 def test_a_folder_of_other_things_is_left_alone(twinlens, ball, tmp_path, monkeypatch):
     """Neither is anything added to it, nor is anything in it overwritten; hidden files are no other things."""
-    from twinlens import factory
+    from twinlens.cli import render
 
-    make = factory.make_sample
-    monkeypatch.setattr(factory, "make_sample", lambda *_, **__: pytest.fail("a picture was taken"))
+    make = render.make_sample
+    monkeypatch.setattr(render, "make_sample", lambda *_, **__: pytest.fail("a picture was taken"))
     home = tmp_path / "home"
     (home / "ball").mkdir(parents=True)
     (home / "letter.txt").write_text("mine")
@@ -185,7 +185,7 @@ def test_a_folder_of_other_things_is_left_alone(twinlens, ball, tmp_path, monkey
     assert (home / "ball" / "photo.png").read_text() == "mine too"
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / ".DS_Store").touch()
-    monkeypatch.setattr(factory, "make_sample", make)
+    monkeypatch.setattr(render, "make_sample", make)
     assert twinlens("render", ball, *QUICK, "-o", tmp_path / "empty")[0] == 0
 
 
@@ -210,9 +210,9 @@ def test_what_render_made_it_adds_to_and_replaces(twinlens, ball, tmp_path):
 
 
 def test_a_folder_that_cannot_be_is_told_before_a_picture_is_taken(twinlens, ball, tmp_path, monkeypatch):
-    from twinlens import factory
+    from twinlens.cli import render
 
-    monkeypatch.setattr(factory, "make_sample", lambda *_, **__: pytest.fail("a picture was taken"))
+    monkeypatch.setattr(render, "make_sample", lambda *_, **__: pytest.fail("a picture was taken"))
     (tmp_path / "file").touch()
     for out in (tmp_path / "file", tmp_path / "file" / "out"):
         refusal = f"twinlens: {out}: a file exists where a folder is needed\n"

@@ -87,11 +87,6 @@ def console() -> None:
     sys.exit(code)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line and leave the process with its exit code."""
-    sys.exit(run(arguments))
-
-
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code. An error becomes one line on the error stream."""
     try:
@@ -101,7 +96,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
         help_page.show()
         return 2
     except click.MissingParameter as error:
-        return _refuse(_with_help(error), 2)
+        meaning = getattr(error.param, "help", None)
+        return _refuse(error.format_message().rstrip(".") + (f": {meaning}" if meaning else ""), 2)
     except click.ClickException as error:
         return _refuse(error.format_message(), 2)
     except TwinlensError as error:
@@ -119,12 +115,6 @@ def run(arguments: Sequence[str] | None = None) -> int:
         cause = error if isinstance(error, KeyboardInterrupt) else error.__cause__  # click wraps it
         return _refuse("; ".join(filter(None, ("interrupted", str(cause or "")))), INTERRUPTED)
     return result if isinstance(result, int) else 0
-
-
-def _with_help(error: click.MissingParameter) -> str:
-    """The message of a missing parameter, with its help text."""
-    meaning = getattr(error.param, "help", None)
-    return error.format_message().rstrip(".") + (f": {meaning}" if meaning else "")
 
 
 def _refuse(message: str, code: int) -> int:

@@ -8,6 +8,7 @@ import click
 from twinlens.cli.boards import board_options, print_board, run_board
 from twinlens.cli.options import SECONDS, PositiveType
 from twinlens.cli.places import PATH
+from twinlens.scoring import named_methods, named_program, open_pairs
 
 DEFAULT_METHODS = "sad,ssd,zncc"
 GIB = PositiveType(2.0**20)
@@ -58,8 +59,6 @@ def command(
     Example:  twinlens benchmark out motorcycle --methods sad,zncc:block_size=15 -o board
               twinlens benchmark out --command "mine=./prog --fast {left} {right} {out}" --time-limit 60 -o board
     """
-    from twinlens.scoring import named_methods, named_program, open_pairs
-
     texts = methods or (() if commands else (DEFAULT_METHODS,))
     matchers: list[Any] = [*named_methods(texts)] if texts else []
     matchers += [named_program(text, time_limit) for text in commands]

@@ -5,34 +5,43 @@ import json
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+from rich.console import Console
+from rich.text import Text
 
 from twinlens.cli.options import json_option
 from twinlens.cli.places import check_results
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.errors import FileError, InputError
-
-if TYPE_CHECKING:
-    from twinlens.scoring import Board, Groups
-
-PROTOCOLS = "middlebury-v3, eth3d, kitti2015, points"
-REGIONS = (
-    "all, nonocc, occluded, textureless, discontinuity, out-of-focus, near, mid, far, diffuse, glossy, mirror, "
-    "transmissive"
+from twinlens.report import write_page
+from twinlens.scoring import (
+    PROTOCOLS,
+    REGIONS,
+    Board,
+    Groups,
+    MapFolder,
+    Step,
+    board_to_json,
+    caption,
+    comparison_table,
+    failures,
+    leaderboard_table,
+    run_benchmark,
 )
-"""Names for --help, which must not import twinlens.scoring."""
+from twinlens.scoring.board_file import exclusive
+
 _WIDE, _ENDLESS = 132, 100_000
 _NARROW = ("totbad2.0", "bad2.0", "avgerr", "invalid", "time")
 _OPTIONS = (
     click.option(
         "--protocol", "protocols", multiple=True, default=("middlebury-v3",), show_default=True,
-        help=f"Scoring rules: {PROTOCOLS}. Repeatable.",
+        help=f"Scoring rules: {', '.join(PROTOCOLS)}. Repeatable.",
     ),
     click.option(
         "--region", "regions", multiple=True, default=("all", "nonocc"), show_default=True,
-        help=f"Regions to score: {REGIONS}. Repeatable.",
+        help=f"Regions to score: {', '.join(REGIONS)}. Repeatable.",
     ),
     json_option("the board"),
 )  # fmt: skip
@@ -53,18 +62,14 @@ def run_board(
     regions: Sequence[str],
     *,
     title: str = "twinlens leaderboard",
-    page_options: Callable[["Board"], Mapping[str, Any]] = lambda board: {},
+    page_options: Callable[[Board], Mapping[str, Any]] = lambda board: {},
     **options: Any,
-) -> "Board":
+) -> Board:
     """Run and score `methods`, write OUTPUT/board.json and the maps, then the page, and return the board.
 
     page_options: further arguments of `write_page`. options: further arguments of `run_benchmark`. What methods print
     goes to stderr. Raises OutputError, before anything is written, if another run writes there.
     """
-    from twinlens.report import write_page
-    from twinlens.scoring import MapFolder, Step, run_benchmark
-    from twinlens.scoring.board_file import exclusive
-
     maps = MapFolder(output / "maps")
     skipped: set[tuple[str, str]] = set()
     finished: list[str] = []
@@ -108,12 +113,12 @@ def _note(output: Path, finished: Sequence[str]) -> Iterator[None]:
 
 
 def print_board(
-    board: "Board",
+    board: Board,
     output: Path,
     as_json: bool,
     methods: Collection[str] | None = None,
     extra: Mapping[str, Any] | None = None,
-    groups: "Groups | None" = None,
+    groups: Groups | None = None,
     notes: Sequence[str] = (),
 ) -> int:
     """Print the leaderboards, the failures and the page's address; return the exit code, 1 if nothing has scores.
@@ -121,8 +126,6 @@ def print_board(
     methods: those whose failures are listed, None for all. extra: further keys of the JSON. groups: print means over
     these groups of samples in place of means over all, and the `notes`.
     """
-    from twinlens.scoring import board_to_json, failures
-
     code = 1 if board.entries and not any(entry.ok for entry in board.entries) else 0
     if as_json:
         text = board_to_json(board)
@@ -141,13 +144,8 @@ def print_board(
     return code
 
 
-def _print_table(board: "Board", protocol: str, region: str, groups: "Groups | None") -> None:
+def _print_table(board: Board, protocol: str, region: str, groups: Groups | None) -> None:
     """Print a table, with columns chosen for the terminal's width; without a terminal, all columns untruncated."""
-    from rich.console import Console
-    from rich.text import Text
-
-    from twinlens.scoring import caption, comparison_table, leaderboard_table
-
     terminal = Console()
     if groups is not None:
         table = comparison_table(board, protocol, region, groups)

@@ -2,17 +2,20 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+from twinlens.camera import Pinhole, ThinLens
 from twinlens.cli.boards import print_board, run_board
 from twinlens.cli.options import json_option
 from twinlens.cli.places import PATH, check_samples
 from twinlens.cli.progress import print_stage, progress_bar
-
-if TYPE_CHECKING:
-    from twinlens.scoring import Board, Groups
+from twinlens.dataset import Dataset, Manifest, Row, describe, motorcycle, write_manifest, write_sample
+from twinlens.factory import default_rig, make_sample
+from twinlens.optics import middle_focus
+from twinlens.rendering import backend
+from twinlens.scenes import load_scene
+from twinlens.scoring import Board, DatasetPairs, Groups, group_means, named_methods
 
 SCENES = ("staircase", "cards", "spheres")
 METHODS = ("sad:block_size=7", "sad:block_size=21", "zncc:block_size=7", "zncc:block_size=21")
@@ -33,10 +36,6 @@ def command(output: Path, as_json: bool) -> None:
     \b
     Example:  twinlens demo -o demo
     """
-    from twinlens.dataset import Dataset, motorcycle
-    from twinlens.rendering import backend
-    from twinlens.scoring import DatasetPairs, named_methods
-
     used, start = backend(), time.perf_counter()
     click.echo(f"rendering with {used.variant} ({used.reason})", err=True)
     if used.advice:
@@ -63,12 +62,6 @@ def command(output: Path, as_json: bool) -> None:
 
 def _render(dataset: Path, spp: int) -> None:
     """Render every scene with both lenses and write them as a dataset."""
-    from twinlens.camera import Pinhole, ThinLens
-    from twinlens.dataset import Manifest, Row, describe, write_manifest, write_sample
-    from twinlens.factory import default_rig, make_sample
-    from twinlens.optics import middle_focus
-    from twinlens.scenes import load_scene
-
     rows = []
     with progress_bar("rendering") as report:
         for i, name in enumerate(SCENES):
@@ -85,10 +78,8 @@ def _render(dataset: Path, spp: int) -> None:
     describe(dataset)
 
 
-def _notes(board: "Board", groups: "Groups") -> list[str]:
+def _notes(board: Board, groups: Groups) -> list[str]:
     """The effects of the lens and of the real cameras on the scores, one sentence or two each."""
-    from twinlens.scoring import group_means
-
     pinhole, wide, real = group_means(board, PROTOCOL, REGION, groups).values()
     best, best_wide, best_real = (next(iter(column)) for column in (pinhole, wide, real))
     most = max(pinhole, key=lambda method: wide[method] - pinhole[method])

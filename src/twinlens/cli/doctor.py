@@ -8,6 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 import click
 
 from twinlens.cli.options import json_option, print_json
+from twinlens.rendering import doctor
 
 _PACKAGES = ("twinlens", "mitsuba", "drjit", "numpy", "numba", "OpenEXR", "trimesh", "scikit-image")
 
@@ -23,8 +24,6 @@ def command(as_json: bool) -> None:
     \b
     Example:  twinlens doctor
     """
-    from twinlens.rendering import doctor
-
     found = doctor()
     versions = {name: _version(name) for name in _PACKAGES}
     if as_json:

@@ -1,44 +1,30 @@
 """`twinlens export`: a dataset in the layout of another one."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import PLACE
 from twinlens.cli.progress import progress_bar
-
-if TYPE_CHECKING:
-    from twinlens.dataset import Place
-
-
-class _LayoutOption(click.Option):
-    """An option whose help lists the export layouts; the registry is imported only for that help."""
-
-    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        from twinlens.dataset.export import LAYOUTS
-
-        self.help = ", ".join(LAYOUTS) + "."
-        return super().get_help_record(ctx)
+from twinlens.dataset import Dataset, Place
+from twinlens.dataset.export import LAYOUTS, export
 
 
 @click.command("export")
 @click.argument("dataset", type=PLACE)
-@click.option("--to", "layout", required=True, cls=_LayoutOption, help="The layout.")
+@click.option("--to", "layout", required=True, help=", ".join(LAYOUTS) + ".")
 @click.option("-o", "--output", required=True, type=PLACE, help="Folder of the export.")
 @click.option("--lens", type=click.IntRange(min=0), default=0, show_default=True, help="Export this lens's images.")
 @click.option("--split", help="Export only the samples of this split.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier export.")
 @json_option("the files and their sizes")
-def command(dataset: "Place", layout: str, output: "Place", as_json: bool, split: str | None, **options: Any) -> None:
+def command(dataset: Place, layout: str, output: Place, as_json: bool, split: str | None, **options: Any) -> None:
     """Write DATASET in the layout of another dataset, so that readers of that layout (such as torchvision's) open it.
 
     \b
     Example:  twinlens export out --to kitti2015 -o out-kitti
     """
-    from twinlens.dataset import Dataset
-    from twinlens.dataset.export import export
-
     samples = Dataset(dataset) if split is None else Dataset(dataset).split(split)
     with progress_bar("exporting") as report:
         sizes = export(samples, output, layout, progress=report, **options)

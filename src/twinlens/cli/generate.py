@@ -5,18 +5,27 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
+from rich.filesize import decimal
 
 from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import PATH, PLACE
 from twinlens.cli.progress import interrupt_note, progress_bar
+from twinlens.dataset import Place
 from twinlens.errors import InputError
-
-if TYPE_CHECKING:
-    from twinlens.dataset import Place
-    from twinlens.factory import Outcome, Recipe
+from twinlens.factory import (
+    Outcome,
+    Recipe,
+    dask_cluster,
+    estimate,
+    generate,
+    in_process,
+    read_recipe,
+    worker_processes,
+)
+from twinlens.factory.workers import RENEWED_AFTER
 
 
 @click.command("generate")
@@ -30,7 +39,7 @@ if TYPE_CHECKING:
 @click.option("--workers", type=click.IntRange(min=1), help="Number of worker processes on this machine.")
 @click.option("--scheduler", help="Use the Dask cluster of this scheduler, such as tcp://host:8786.")
 @json_option("the result")
-def command(recipe: Path, output: "Place", dry_run: bool, limit: int | None, as_json: bool, **options: Any) -> int:
+def command(recipe: Path, output: Place, dry_run: bool, limit: int | None, as_json: bool, **options: Any) -> int:
     """Make the dataset that RECIPE (a .toml file) describes.
 
     The run may be stopped at any time. The same command resumes it, and the finished dataset is the same to the byte.
@@ -41,9 +50,6 @@ def command(recipe: Path, output: "Place", dry_run: bool, limit: int | None, as_
     Example:  twinlens generate recipe.toml -o out
               twinlens generate recipe.toml -o out --dry-run
     """
-    from twinlens.factory import dask_cluster, generate, in_process, read_recipe, worker_processes
-    from twinlens.factory.workers import RENEWED_AFTER
-
     read = read_recipe(recipe)
     if dry_run:
         return _print_estimate(read, output, as_json)
@@ -63,7 +69,7 @@ def command(recipe: Path, output: "Place", dry_run: bool, limit: int | None, as_
     return 1 if outcome.failures else 0
 
 
-def _print(outcome: "Outcome", output: "Place", as_json: bool) -> None:
+def _print(outcome: Outcome, output: Place, as_json: bool) -> None:
     if as_json:
         print_json({"dataset": str(output), **asdict(outcome)})
         return
@@ -85,11 +91,7 @@ def _print(outcome: "Outcome", output: "Place", as_json: bool) -> None:
         click.echo("this shard is done; the dataset is complete when the other shards are done", err=True)
 
 
-def _print_estimate(recipe: "Recipe", output: "Place", as_json: bool) -> int:
-    from rich.filesize import decimal
-
-    from twinlens.factory import estimate
-
+def _print_estimate(recipe: Recipe, output: Place, as_json: bool) -> int:
     found = estimate(recipe, output)
     if as_json:
         print_json({"dataset": str(output), **asdict(found)})

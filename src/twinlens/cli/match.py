@@ -6,10 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from twinlens.cli.options import SECONDS, json_option, print_json
 from twinlens.cli.places import PATH
+from twinlens.dataset import read_image, write_pfm, write_png
 from twinlens.errors import InputError
+from twinlens.matching import Program, parse_method
+from twinlens.matching.options import DEFAULT_DISPARITIES, check_image_size
+from twinlens.report.colormaps import colourise, disparity_limits
 
 DEFAULT_METHOD = "zncc"
 
@@ -38,11 +43,6 @@ def command(left: Path, right: Path, output: Path, picture: Path | None, as_json
     Example:  twinlens match out/staircase/im0.png out/staircase/im1.png --num-disparities 64 -o disp.pfm
               twinlens match im0.png im1.png --command "./prog {left} {right} {out}" -o disp.pfm
     """
-    import numpy as np
-
-    from twinlens.dataset import read_image, write_pfm, write_png
-    from twinlens.matching.options import check_image_size
-
     _check_outputs((left, right), output, picture)
     matcher, name = _matcher(**options)
     images = [read_image(path) for path in (left, right)]
@@ -52,8 +52,6 @@ def command(left: Path, right: Path, output: Path, picture: Path | None, as_json
     seconds = time.perf_counter() - start
     write_pfm(output, disparity)
     if picture is not None:
-        from twinlens.report.colormaps import colourise, disparity_limits
-
         write_png(picture, colourise(disparity, *disparity_limits(disparity, matcher)))
     known = float(np.isfinite(disparity).mean())
     if as_json:
@@ -86,9 +84,6 @@ def _matcher(
     min_disparity: int,
 ) -> tuple[Any, str]:
     """The matcher and its name."""
-    from twinlens.matching import Program, parse_method
-    from twinlens.matching.options import DEFAULT_DISPARITIES
-
     search = {"num_disparities": num_disparities or DEFAULT_DISPARITIES, "min_disparity": min_disparity}
     if program is not None:
         if method is not None:

@@ -3,6 +3,7 @@
 import click
 
 from twinlens.cli.options import json_option, print_json
+from twinlens.matching.methods import METHODS, find_method, method_tables, option_text
 
 
 @click.command("methods")
@@ -17,8 +18,6 @@ def command(names: tuple[str, ...], as_json: bool, markdown: bool) -> None:
               twinlens methods zncc sgm
               twinlens methods --json
     """
-    from twinlens.matching.methods import METHODS, find_method, method_tables, option_text
-
     if markdown:
         click.echo(method_tables(), nl=False)
         return

@@ -4,15 +4,13 @@ import contextlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
 
+from twinlens.dataset import Place, RemotePath, place, read_manifest
 from twinlens.errors import InputError, OutputError
-
-if TYPE_CHECKING:
-    from twinlens.dataset import Place
 
 
 class PlaceType(click.ParamType):  # type: ignore[type-arg]
@@ -24,9 +22,7 @@ class PlaceType(click.ParamType):  # type: ignore[type-arg]
     def __init__(self, remote: bool) -> None:
         self.remote, self.name = remote, "path or address" if remote else "path"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> "Place":
-        from twinlens.dataset import RemotePath, place
-
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Place:
         if value == "":
             self.fail("the name is empty; is a shell variable unset?", param, ctx)
         found = place(value)
@@ -48,7 +44,7 @@ def missing_output() -> click.MissingParameter:
     return click.MissingParameter(ctx=context, param=option)
 
 
-def check_new(output: "Place", overwrite: bool, mark: str = "sample.json", kind: str = "sample") -> None:
+def check_new(output: Place, overwrite: bool, mark: str = "sample.json", kind: str = "sample") -> None:
     """Raise OutputError where the output exists, unless it may be overwritten: an empty folder, or one with `mark`.
 
     Whether a bucket has files of other kinds is checked when it is written.
@@ -71,7 +67,7 @@ def check_results(folder: Path, mark: str) -> None:
         _refuse_others(folder, (), mark)
 
 
-def check_samples(output: "Place", names: Sequence[str], overwrite: bool) -> None:
+def check_samples(output: Place, names: Sequence[str], overwrite: bool) -> None:
     """Check that samples of these names can be written to the dataset `output`.
 
     The folder must be new, empty, or have a dataset.json. The folders of these samples are allowed without one: an
@@ -79,8 +75,6 @@ def check_samples(output: "Place", names: Sequence[str], overwrite: bool) -> Non
 
     Raises InputError for a repeated name, FileError for a damaged dataset.json, OutputError.
     """
-    from twinlens.dataset import read_manifest
-
     listed = (output / "dataset.json").exists()
     if listed and "made_with" in read_manifest(output).info:
         raise OutputError(f"{output}: is a dataset of `twinlens generate`; choose another folder")
@@ -95,7 +89,7 @@ def check_samples(output: "Place", names: Sequence[str], overwrite: bool) -> Non
         _refuse_others(output, names, "dataset.json")
 
 
-def _refuse_others(folder: "Place", names: Sequence[str], mark: str) -> None:
+def _refuse_others(folder: Place, names: Sequence[str], mark: str) -> None:
     """Raise OutputError if a folder has files other than `names` and hidden ones."""
     for name in sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else ():
         if not name.startswith(".") and name not in names:

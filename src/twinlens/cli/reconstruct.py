@@ -2,17 +2,18 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import PATH, PLACE, check_new
 from twinlens.cli.progress import progress_bar
+from twinlens.dataset import Place, open_sample
+from twinlens.dataset.files import write_folder
 from twinlens.errors import InputError
-
-if TYPE_CHECKING:
-    from twinlens.dataset import Place
+from twinlens.matching import parse_method
+from twinlens.reconstruction.of_sample import RECORD, reconstruct
 
 
 @click.command("reconstruct")
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 @click.option("--spacing-mm", type=float, help="Point spacing of the comparison.  [default: half a cell]")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier reconstruction.")
 @json_option("the comparison")
-def command(sample: "Place", output: Path, method: str, overwrite: bool, as_json: bool, **options: Any) -> None:
+def command(sample: Place, output: Path, method: str, overwrite: bool, as_json: bool, **options: Any) -> None:
     """Reconstruct a sample from the true or matched depth maps of all its views.
 
     Matched depths are computed between neighbouring views. Neighbours that are not a rectified pair are rectified
@@ -35,11 +36,6 @@ def command(sample: "Place", output: Path, method: str, overwrite: bool, as_json
     \b
     Example:  twinlens reconstruct out/tabletop --method sgm -o rebuilt
     """
-    from twinlens.dataset import open_sample
-    from twinlens.dataset.files import write_folder
-    from twinlens.matching import parse_method
-    from twinlens.reconstruction.of_sample import RECORD, reconstruct
-
     check_new(output, overwrite, RECORD, "reconstruction")
     matcher = None
     if method != "truth":

@@ -1,16 +1,17 @@
 """`twinlens rectify`: a rectified pair from two views of any cameras."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from twinlens.cli.options import json_option, parse_pair, print_json
 from twinlens.cli.places import PATH, PLACE, check_new
 from twinlens.cli.progress import progress_bar
-
-if TYPE_CHECKING:
-    from twinlens.dataset import Place
+from twinlens.dataset import Place, open_sample, write_sample
+from twinlens.factory import rectified_sample
+from twinlens.factory.camera_text import parse_misalignment
+from twinlens.scenes import load_scene
 
 
 @click.command("rectify")
@@ -38,18 +39,13 @@ if TYPE_CHECKING:
 @click.option("--overwrite", is_flag=True, help="Replace an existing sample.")
 @json_option("what was written")
 def command(
-    sample: "Place", output: Path, cameras: str, scene: str | None, overwrite: bool, as_json: bool, **options: Any
+    sample: Place, output: Path, cameras: str, scene: str | None, overwrite: bool, as_json: bool, **options: Any
 ) -> None:
     """Rectify two views of a sample, so that matching pixels share a row, and cast the ground truth of the new views.
 
     \b
     Example:  twinlens rectify out/cards -o rectified/cards --fit valid --own-centres
     """
-    from twinlens.dataset import open_sample, write_sample
-    from twinlens.factory import rectified_sample
-    from twinlens.factory.camera_text import parse_misalignment
-    from twinlens.scenes import load_scene
-
     check_new(output, overwrite)
     stored = open_sample(sample)
     left, right = parse_pair(cameras, len(stored.rig))

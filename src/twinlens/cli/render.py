@@ -3,38 +3,21 @@
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.core import ParameterSource
 
+from twinlens.camera import Lens, Rig
 from twinlens.cli.options import Sectioned, json_option, print_json
 from twinlens.cli.places import PATH, PLACE, check_samples
 from twinlens.cli.progress import interrupt_note, progress_bar
+from twinlens.dataset import Place, Row
 from twinlens.errors import InputError
-from twinlens.factory.camera_text import (
-    APERTURE_HELP,
-    DISTORTION_HELP,
-    EXPOSURE_HELP,
-    LENS_HELP,
-    MISMATCH_HELP,
-    SENSOR_HELP,
-    SENSOR_WIDTH_HELP,
-    format_exposure,
-    parse_aperture,
-    parse_exposure,
-    parse_intrinsics,
-    parse_lens,
-    parse_mismatch,
-    parse_sensor,
-    parse_size,
-)
-
-if TYPE_CHECKING:
-    from twinlens.camera import Lens, Rig
-    from twinlens.dataset import Place, Row
-    from twinlens.scenes import Scene
-    from twinlens.sensor import Sensor
+from twinlens.factory import add_sample, camera_text, check_common_view, default_rig, make_sample
+from twinlens.factory.settings import View
+from twinlens.rendering import backend
+from twinlens.scenes import Scene, load_scene, scene_with_rig
 
 _NO_APERTURE = "has no effect, every lens is a pinhole; add a lens such as --lens thin:20"
 
@@ -53,8 +36,8 @@ _SECTIONS = {
 @click.command("render", cls=Sectioned, sections=_SECTIONS)
 @click.argument("scenes", nargs=-1, required=True, metavar="SCENE...")
 @click.option("-o", "--output", required=True, type=PLACE, help="Dataset folder or bucket address (s3://...).")
-@click.option("--lens", "lenses", multiple=True, default=("pinhole",), show_default=True, help=LENS_HELP)
-@click.option("--aperture", default="disk", show_default=True, help=APERTURE_HELP)
+@click.option("--lens", "lenses", multiple=True, default=("pinhole",), show_default=True, help=camera_text.LENS_HELP)
+@click.option("--aperture", default="disk", show_default=True, help=camera_text.APERTURE_HELP)
 @click.option("--diffraction", is_flag=True, help="Apply each lens's Airy pattern; disk apertures only.")
 @click.option("--size", default="640x480", show_default=True, help="Image size, WIDTHxHEIGHT.")
 @click.option("--fov", type=float, help="Horizontal field of view, at most 179 degrees.  [default: the scene's]")
@@ -64,22 +47,22 @@ _SECTIONS = {
     metavar="CX,CY",
     help="Principal point in pixels; pixel centres are at integers.  [default: the image centre]",
 )
-@click.option("--distortion", metavar="K", help=DISTORTION_HELP)
+@click.option("--distortion", metavar="K", help=camera_text.DISTORTION_HELP)
 @click.option("--pixel-pitch-um", type=float, help="Pixel width.  [default: 5]")
-@click.option("--sensor-width-mm", metavar="MM|FORMAT", help=SENSOR_WIDTH_HELP)
+@click.option("--sensor-width-mm", metavar="MM|FORMAT", help=camera_text.SENSOR_WIDTH_HELP)
 @click.option("--baseline", type=float, help="Baseline, metres.  [default: the scene's]")
 @click.option("--rig", type=PATH, help="A .toml file that defines the rig; see docs/rigs.md.")
-@click.option("--sensor", default="machine_vision", show_default=True, help=SENSOR_HELP)
+@click.option("--sensor", default="machine_vision", show_default=True, help=camera_text.SENSOR_HELP)
 @click.option("--bits", type=click.Choice(["8", "16"]), help="Bits per channel.  [default: 8]")
-@click.option("--exposure", default="auto", metavar="TIME_S[,GAIN]", help=EXPOSURE_HELP)
-@click.option("--mismatch", metavar="NAME=VALUE,...", help=MISMATCH_HELP)
+@click.option("--exposure", default="auto", metavar="TIME_S[,GAIN]", help=camera_text.EXPOSURE_HELP)
+@click.option("--mismatch", metavar="NAME=VALUE,...", help=camera_text.MISMATCH_HELP)
 @click.option("--spp", type=click.IntRange(1, 1_000_000), default=64, show_default=True, help="Samples per pixel.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Random seed.")
 @click.option("--radiance", is_flag=True, help="Also write the linear images (radiance0.exr, radiance1.exr).")
 @click.option("--sky-disparity", is_flag=True, help="Give rays that hit nothing the disparity at infinity.")
 @click.option("--overwrite", is_flag=True, help="Replace existing samples.")
 @json_option("the files written")
-def command(scenes: tuple[str, ...], output: "Place", overwrite: bool, as_json: bool, **options: Any) -> None:
+def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bool, **options: Any) -> None:
     """Render SCENE... (bundled names, scene.toml or Mitsuba .xml files) with a stereo rig.
 
     Each scene becomes one sample, OUTPUT/<scene>: im0.png and im1.png for the first lens, lens-1/, lens-2/, ... for
@@ -93,13 +76,15 @@ def command(scenes: tuple[str, ...], output: "Place", overwrite: bool, as_json: 
               twinlens render tabletop --lens thin:60@1.2 --aperture polygon:6 -o bokeh
               twinlens render cards --lens f/2 --lens f/4 --sensor-width-mm 35mm --exposure 1/150000 -o stops
     """
-    from twinlens.factory import add_sample, make_sample
-    from twinlens.scenes import load_scene
-
+    sensor = camera_text.parse_sensor(options["sensor"])
+    if options["bits"] is not None:
+        sensor = sensor.replace(bits=int(options["bits"]))
+    if options["mismatch"] is not None:
+        sensor = sensor.replace(mismatch=camera_text.parse_mismatch(options["mismatch"]))
     how = {
         "spp": options["spp"], "seed": options["seed"], "keep_radiance": options["radiance"],
-        "sky_disparity": options["sky_disparity"], "diffraction": options["diffraction"], "sensor": _sensor(options),
-        "exposure": parse_exposure(options["exposure"]),
+        "sky_disparity": options["sky_disparity"], "diffraction": options["diffraction"], "sensor": sensor,
+        "exposure": camera_text.parse_exposure(options["exposure"]),
     }  # fmt: skip
     jobs = [_job(load_scene(name), options) for name in scenes]
     check_samples(output, [scene.name for scene, _, _ in jobs], overwrite)
@@ -109,31 +94,22 @@ def command(scenes: tuple[str, ...], output: "Place", overwrite: bool, as_json: 
             with progress_bar(f"rendering {scene.name}") as report, _warnings_as_lines():
                 sample = make_sample(scene, rig, lenses, progress=lambda part, r=report: r(part, ""), **how)  # type: ignore[misc]
             row = add_sample(output, scene.name, sample, options["seed"], overwrite)
-            made.append((row, [format_exposure(sample, k, text) for k, text in enumerate(options["lenses"])]))
+            made.append(
+                (row, [camera_text.format_exposure(sample, k, text) for k, text in enumerate(options["lenses"])])
+            )
     _print(output, made, as_json)
 
 
-def _sensor(options: dict[str, Any]) -> "Sensor":
-    changes: dict[str, Any] = {} if options["bits"] is None else {"bits": int(options["bits"])}
-    if options["mismatch"] is not None:
-        changes["mismatch"] = parse_mismatch(options["mismatch"])
-    return parse_sensor(options["sensor"]).replace(**changes)
-
-
-def _job(scene: "Scene", options: dict[str, Any]) -> "tuple[Scene, Rig, tuple[Lens, ...]]":
+def _job(scene: Scene, options: dict[str, Any]) -> tuple[Scene, Rig, tuple[Lens, ...]]:
     """The scene, the rig, and the lenses that the options describe."""
-    from twinlens.factory import check_common_view, default_rig
-    from twinlens.factory.settings import View
-    from twinlens.scenes import scene_with_rig
-
-    width, height = parse_size(options["size"])
+    width, height = camera_text.parse_size(options["size"])
     if options["rig"] is not None:
         scene = scene_with_rig(scene, options["rig"])
-    rig = default_rig(scene, width, height, options["fov"], options["baseline"], parse_intrinsics(options))
+    rig = default_rig(scene, width, height, options["fov"], options["baseline"], camera_text.parse_intrinsics(options))
     if options["baseline"] is not None and scene.depth_range_known:
         check_common_view(rig, scene)
-    view, aperture = View(scene, rig.cameras[0], ()), parse_aperture(options["aperture"])
-    lenses = tuple(parse_lens(text, view, aperture) for text in options["lenses"])
+    view, aperture = View(scene, rig.cameras[0], ()), camera_text.parse_aperture(options["aperture"])
+    lenses = tuple(camera_text.parse_lens(text, view, aperture) for text in options["lenses"])
     for k, text in enumerate(options["lenses"]):
         if lenses[k] in lenses[:k]:
             raise InputError(f"--lens {text}: is given twice; it would make the same images")
@@ -155,9 +131,7 @@ def _warnings_as_lines() -> Iterator[None]:
         click.echo(f"twinlens: warning: {message}", err=True)
 
 
-def _print(output: "Place", made: "list[tuple[Row, list[str]]]", as_json: bool) -> None:
-    from twinlens.rendering import backend
-
+def _print(output: Place, made: list[tuple[Row, list[str]]], as_json: bool) -> None:
     used = backend()
     if as_json:
         samples = [{"name": row.name, "folder": str(output / row.name), "files": sorted(row.files)} for row, _ in made]

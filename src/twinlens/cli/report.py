@@ -5,6 +5,8 @@ from pathlib import Path
 import click
 
 from twinlens.cli.places import PATH
+from twinlens.report import write_page
+from twinlens.scoring import MapFolder, open_pairs, read_board
 
 
 @click.command("report")
@@ -17,9 +19,6 @@ def command(board: Path, datasets: tuple[str, ...], output: Path | None) -> None
     \b
     Example:  twinlens report board/board.json out motorcycle -o leaderboard.html
     """
-    from twinlens.report import write_page
-    from twinlens.scoring import MapFolder, open_pairs, read_board
-
     if board.is_dir():
         board = board / "board.json"
     scores, maps = read_board(board), MapFolder(board.parent / "maps")

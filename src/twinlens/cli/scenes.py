@@ -5,6 +5,7 @@ from dataclasses import asdict
 import click
 
 from twinlens.cli.options import json_option, print_json
+from twinlens.scenes import bundled_headings
 
 
 @click.command("scenes")
@@ -15,8 +16,6 @@ def command(as_json: bool) -> None:
     \b
     Example:  twinlens scenes
     """
-    from twinlens.scenes import bundled_headings
-
     scenes = bundled_headings()
     if as_json:
         print_json([asdict(scene) for scene in scenes])

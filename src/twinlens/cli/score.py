@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.core import ParameterSource
@@ -10,10 +10,10 @@ from click.core import ParameterSource
 from twinlens.cli.boards import board_options, print_board, run_board
 from twinlens.cli.options import print_json
 from twinlens.cli.places import PATH, missing_output
+from twinlens.dataset import place, read_disparity, read_png
 from twinlens.errors import InputError
-
-if TYPE_CHECKING:
-    from twinlens.scoring import Scores
+from twinlens.scoring import Scores, evaluate, find_metric, json_number, open_pairs, open_submission, search_range
+from twinlens.scoring.board_file import UNSCORED
 
 FIRST_FEW = 3
 _MAPS = (".pfm", ".png")
@@ -45,8 +45,6 @@ def command(submissions: tuple[Path, ...], truths: tuple[str, ...], as_json: boo
     Example:  twinlens score my-maps.zip --truth out -o board
               twinlens score disp.pfm --truth out/staircase/disp0.pfm --mask out/staircase/mask0nocc.png
     """
-    from twinlens.dataset import place
-
     one_map = submissions[0].suffix.lower() in _MAPS and not submissions[0].is_dir()
     for truth in truths if one_map else ():
         if place(truth).is_dir() or (truth == "motorcycle" and not place(truth).exists()):
@@ -69,9 +67,6 @@ def command(submissions: tuple[Path, ...], truths: tuple[str, ...], as_json: boo
 
 
 def _score_submissions(paths: Sequence[Path], truths: Sequence[str], as_json: bool, options: dict[str, Any]) -> int:
-    from twinlens.scoring import open_pairs, open_submission
-    from twinlens.scoring.board_file import UNSCORED
-
     output = options["output"]
     submissions, pairs = [open_submission(path) for path in paths], open_pairs(truths)
     for submission in submissions:
@@ -94,10 +89,7 @@ def _first_few(names: Sequence[str]) -> str:
     return ", ".join(names[:FIRST_FEW]) + more
 
 
-def _score_map(estimate: Path, truth: str, options: dict[str, Any]) -> "Scores":
-    from twinlens.dataset import read_disparity, read_png
-    from twinlens.scoring import evaluate, search_range
-
+def _score_map(estimate: Path, truth: str, options: dict[str, Any]) -> Scores:
     true, mask, least = read_disparity(truth), options["mask"], options["min_disparity"]
     width = true.shape[1]
     if least is not None and not -width < least < width:
@@ -109,9 +101,7 @@ def _score_map(estimate: Path, truth: str, options: dict[str, Any]) -> "Scores":
     )  # fmt: skip
 
 
-def _print(scores: "Scores", as_json: bool) -> None:
-    from twinlens.scoring import find_metric, json_number
-
+def _print(scores: Scores, as_json: bool) -> None:
     if as_json:
         rows = {
             name: {metric: json_number(value) for metric, value in region.items()} | {"evaluated": region.evaluated}

@@ -1,16 +1,16 @@
 """`twinlens show`: pictures of a sample's geometry."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+from twinlens.camera.multiview import epipoles, fundamental_matrix, ideal_pixels
 from twinlens.cli.options import json_option, parse_pair, print_json
 from twinlens.cli.places import PATH, PLACE
+from twinlens.dataset import Place, open_sample, write_png
 from twinlens.errors import InputError
-
-if TYPE_CHECKING:
-    from twinlens.dataset import Place
+from twinlens.geometry.epipolar import sampson_distance
+from twinlens.report.epipolar_picture import epipolar_picture, true_matches
 
 
 @click.group("show")
@@ -28,7 +28,7 @@ def command() -> None:
 @click.option("--cameras", default="0,1", show_default=True, help="The two views, counted from 0.")
 @click.option("--points", type=click.IntRange(1, 100), default=9, show_default=True, help="Number of points.")
 @json_option("the points, F and the epipoles")
-def epipolar(sample: "Place", output: Path, cameras: str, points: int, as_json: bool) -> None:
+def epipolar(sample: Place, output: Path, cameras: str, points: int, as_json: bool) -> None:
     """Draw points of two views, the epipolar curves that contain their matches, and the epipoles.
 
     The points are true matches visible in both views. The curves follow from the calibration, so in a sample
@@ -37,11 +37,6 @@ def epipolar(sample: "Place", output: Path, cameras: str, points: int, as_json: 
     \b
     Example:  twinlens show epipolar out/staircase -o epipolar.png
     """
-    from twinlens.camera.multiview import epipoles, fundamental_matrix, ideal_pixels
-    from twinlens.dataset import open_sample, write_png
-    from twinlens.geometry.epipolar import sampson_distance
-    from twinlens.report.epipolar_picture import epipolar_picture, true_matches
-
     if output.suffix.lower() != ".png":
         raise InputError(f"--output {output}: must end in .png")
     stored = open_sample(sample)

@@ -1,21 +1,17 @@
 """`twinlens verify`: checks of a dataset's files and of its truth."""
 
-from typing import TYPE_CHECKING
-
 import click
 
 from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import PLACE
 from twinlens.cli.progress import progress_bar
-
-if TYPE_CHECKING:
-    from twinlens.dataset import Place
+from twinlens.dataset import Place, repair_hint, unchecked, unfinished, verify_place
 
 
 @click.command("verify")
 @click.argument("dataset", type=PLACE)
 @json_option("the findings")
-def command(dataset: "Place", as_json: bool) -> int:
+def command(dataset: Place, as_json: bool) -> int:
     """Check DATASET: checksums, array shapes, disparity against depth, and the truth of each view against the other.
 
     Lists the findings of each sample, and how to repair datasets of `twinlens generate`. The exit code is 1 if there
@@ -24,8 +20,6 @@ def command(dataset: "Place", as_json: bool) -> int:
     \b
     Example:  twinlens verify out
     """
-    from twinlens.dataset import repair_hint, unchecked, unfinished, verify_place
-
     findings: dict[str, list[str]] = {}
     with progress_bar("verifying") as report:
         for name, lines in verify_place(dataset, report):
