@@ -59,6 +59,7 @@ def test_depth_error_grows_as_the_square_of_depth():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::twinlens.optics.diffraction.FresnelWarning")
 def test_the_best_hole_agrees_with_wave_optics():
     found = findings(STUDIES["pinhole"], pinhole._edges(3))
     for finding in found[:2]:
