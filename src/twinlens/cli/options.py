@@ -17,7 +17,7 @@ def json_option(what: str) -> Callable[[Any], Any]:
 
 def print_json(record: Any) -> None:
     """Print plain data as JSON."""
-    click.echo(json.dumps(record, indent=1, allow_nan=False))
+    click.echo(json.dumps(record, indent=1))
 
 
 class PositiveType(click.ParamType):  # type: ignore[type-arg]

@@ -4,7 +4,6 @@ recipe -> Ledger (what the folder holds) -> engine -> (index, entry) -> Ledger -
 """
 
 import contextlib
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -199,7 +198,7 @@ class Estimate:
     before: int
     todo: int
     next: dict[str, Any] | None
-    seconds_each: float = math.nan
+    seconds_each: float = 0.0
     bytes_each: int = 0
     seconds: float = 0.0
     bytes: int = 0
