@@ -54,7 +54,7 @@ def shaped(scene, rig):
 
 def diffracted(scene, rig):
     lenses = (tl.Pinhole(), tl.ThinLens(2e-4, 1.2))
-    return make_sample(scene, default_rig(scene, 40, 30), lenses, spp=3, sensor=SENSOR, diffraction=True)
+    return make_sample(scene, default_rig(scene, 40, 30), lenses, spp=3, denoise=True, sensor=SENSOR, diffraction=True)
 
 
 @pytest.mark.parametrize("made", [shaped, diffracted])

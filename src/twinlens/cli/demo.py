@@ -7,7 +7,7 @@ import click
 
 from twinlens.camera import Pinhole, ThinLens
 from twinlens.cli.boards import print_board, run_board
-from twinlens.cli.options import json_option
+from twinlens.cli.options import denoise_option, json_option
 from twinlens.cli.places import PATH, check_samples
 from twinlens.cli.progress import print_stage, progress_bar
 from twinlens.dataset import Dataset, Manifest, Row, describe, motorcycle, write_manifest, write_sample
@@ -27,8 +27,9 @@ PROTOCOL, REGION = "middlebury-v3", "nonocc"
 
 @click.command("demo")
 @click.option("-o", "--output", default="demo", show_default=True, type=PATH, help="Folder of the results.")
+@denoise_option
 @json_option("the board")
-def command(output: Path, as_json: bool) -> None:
+def command(output: Path, denoise: bool, as_json: bool) -> None:
     """Render three scenes with a pinhole and with a wide lens, match these and a real pair, and compare the scores.
 
     The real pair is Middlebury's Motorcycle with measured truth. OUTPUT receives the dataset, the board and its page.
@@ -42,7 +43,7 @@ def command(output: Path, as_json: bool) -> None:
         click.echo(used.advice, err=True)
     dataset, board_folder = output / "dataset", output / "board"
     check_samples(dataset, SCENES, overwrite=True)
-    _render(dataset, SPP[used.name])
+    _render(dataset, SPP[used.name], denoise)
     rendered = time.perf_counter()
     pairs = DatasetPairs(Dataset(dataset), [motorcycle()])
     print_stage(f"matching {len(pairs)} pairs with {len(METHODS)} methods")
@@ -60,7 +61,7 @@ def command(output: Path, as_json: bool) -> None:
     click.echo(f"rendered in {rendered - start:.0f} s, matched and scored in {seconds:.0f} s", err=True)
 
 
-def _render(dataset: Path, spp: int) -> None:
+def _render(dataset: Path, spp: int, denoise: bool) -> None:
     """Render every scene with both lenses and write them as a dataset."""
     rows = []
     with progress_bar("rendering") as report:
@@ -70,7 +71,7 @@ def _render(dataset: Path, spp: int) -> None:
             rig = default_rig(scene, WIDTH, HEIGHT)
             wide = ThinLens(APERTURE_OF_BASELINE * rig.baseline(), middle_focus(*scene.depth_range))
             sample = make_sample(
-                scene, rig, (Pinhole(), wide), spp=spp,
+                scene, rig, (Pinhole(), wide), spp=spp, denoise=denoise,
                 progress=lambda fraction, i=i, name=name: report((i + fraction) / len(SCENES), name),  # type: ignore[misc]
             )  # fmt: skip
             rows.append(Row(name, write_sample(dataset / name, sample, overwrite=True), {"scene": name}))

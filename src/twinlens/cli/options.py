@@ -9,6 +9,10 @@ import click
 
 from twinlens.errors import InputError
 
+denoise_option = click.option(
+    "--denoise/--no-denoise", default=True, show_default=True, help="Remove the renderer's noise; biased."
+)
+
 
 def json_option(what: str) -> Callable[[Any], Any]:
     """The option --json of a command, its parameter `as_json`."""

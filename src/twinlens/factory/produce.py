@@ -105,6 +105,7 @@ def produce(
         rig,
         make_lenses(settings, view, _FILE, sources.file),
         spp=settings.spp,
+        denoise=settings.denoise,
         seed=spec.seed,
         sensor=sensor,
         exposure=None if settings.exposure is None else Exposure(**settings.exposure.model_dump()),

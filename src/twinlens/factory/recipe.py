@@ -128,10 +128,10 @@ class Recipe:
         return Sources(self.file.parent, self.names if self.kind == "scene" else (), self.assets, self.masks)
 
 
-def read_recipe(path: str | os.PathLike[str]) -> Recipe:
-    """Read a recipe. Raises InputError naming the file, the key, and what is allowed."""
+def read_recipe(path: str | os.PathLike[str], changes: Mapping[str, Any] | None = None) -> Recipe:
+    """Read a recipe, with some keys changed. Raises InputError naming the file, the key, and what is allowed."""
     path = Path(path)
-    return recipe_from_table(read_toml(path), path)
+    return recipe_from_table({**read_toml(path), **(changes or {})}, path)
 
 
 def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml")) -> Recipe:

@@ -52,6 +52,7 @@ def remake(record: Mapping[str, Any], scene: Scene | None = None, *, progress: P
         rig_from_plain(record.get("rig")),
         [lens_from_plain(shot.get("lens")) for shot in record["shots"]],
         spp=made.spp,
+        denoise=made.denoise is not None,
         seed=made.seed,
         sensor=Sensor(**{**written["sensor"], "mismatch": mismatch}),
         exposure=None if made.exposure is None else Exposure(**written["exposure"]),
@@ -72,6 +73,7 @@ class _Made(FileModel):
     scene: str
     scene_files: dict[str, str]
     spp: int
+    denoise: dict[str, Any] | None = None
     seed: int
     sensor: SensorTable
     exposure: ExposureTable | None = None

@@ -20,7 +20,7 @@ from twinlens.camera.truth import Truth
 from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_manifest, write_manifest, write_sample
 from twinlens.errors import InputError
 from twinlens.factory.sources import file_digests
-from twinlens.rendering import SAMPLERS, Progress, backend, ground_truth, partial_progress, render
+from twinlens.rendering import SAMPLERS, Progress, backend, denoiser_record, ground_truth, partial_progress, render
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.sensor import Exposure, Sensor
 from twinlens.sensor.exposure import check_exposure
@@ -34,6 +34,7 @@ def make_sample(
     lenses: Sequence[Lens],
     *,
     spp: int = 64,
+    denoise: bool = False,
     seed: int = 0,
     sensor: Sensor | None = None,
     exposure: Exposure | None = None,
@@ -51,6 +52,8 @@ def make_sample(
 
     Parameters
     ----------
+    denoise : bool
+        See `render`. The record names the method and its versions.
     sensor : Sensor, optional
         Default `Sensor()`. Its `mismatch` makes the cameras differ.
     exposure : Exposure, optional
@@ -87,7 +90,7 @@ def make_sample(
         key = (_SHOT_STREAM, zlib.crc32(scene.name.encode()), k)  # so that no two images share noise
         stream = int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1)[0])
         report = partial_progress(progress, k / len(lenses), (k + 1) / len(lenses))
-        radiances = tuple(render(scene, rig, lens, spp, stream, sampler=SAMPLERS[0], progress=report))
+        radiances = tuple(render(scene, rig, lens, spp, stream, denoise=denoise, progress=report))
         if diffraction and lens.aperture_diameter > 0:
             pairs = zip(radiances, rig.cameras, strict=True)
             radiances = tuple(diffract(image, camera, lens, sensor.wavelengths) for image, camera in pairs)
@@ -99,6 +102,7 @@ def make_sample(
         "scene_files": file_digests(scene),
         "seed": seed,
         "spp": spp,
+        "denoise": denoiser_record() if denoise else None,
         "sensor": asdict(sensor),
         "exposure": None if exposure is None else asdict(exposure),
         "diffraction": diffraction,

@@ -287,6 +287,7 @@ class Settings(StrictModel):
     width: int = Field(640, ge=1, le=MAX_SIDE)
     height: int = Field(480, ge=1, le=MAX_SIDE)
     spp: int = Field(64, ge=1, le=1_000_000)
+    denoise: bool = True
     diffraction: bool = False
     sky_disparity: bool = False
     scene: SceneTable = SceneTable()

@@ -1,6 +1,7 @@
 """Images and exact ground truth of a scene. The only room that imports mitsuba and drjit, and only when it is used."""
 
 from twinlens.rendering.backends import Backend, backend, configure_malloc, doctor, forget_kernels, use_threads
+from twinlens.rendering.denoising import denoiser_record
 from twinlens.rendering.ground_truth import correspondence, ground_truth
 from twinlens.rendering.lens_grid import LensGrid, render_lens_grid
 from twinlens.rendering.radiance import SAMPLERS, Progress, partial_progress, render
@@ -15,6 +16,7 @@ __all__ = [
     "check_lens_supported",
     "configure_malloc",
     "correspondence",
+    "denoiser_record",
     "doctor",
     "forget_kernels",
     "ground_truth",

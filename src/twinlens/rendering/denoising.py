@@ -19,7 +19,7 @@ from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.guides import Guides, render_guides
 from twinlens.seeds import seed_sequence
 
-GUIDE_SAMPLES = 64
+GUIDE_SAMPLES = 32
 LEAST_ALBEDO = 0.02
 _GUIDE_STREAM = 2
 _LUMINANCE = (0.212671, 0.715160, 0.072169)
@@ -74,11 +74,17 @@ def _exposure(image: NDArray[np.float32]) -> float:
     return float(0.18 / np.exp(np.log(lit).mean())) if lit.size else 1.0
 
 
-def denoiser_versions() -> dict[str, str]:
-    """Versions of the binding and of the library."""
+def denoiser_record() -> dict[str, Any]:
+    """How this process denoises: method, samples of the guides, and versions."""
     import mitsuba_oidn
 
-    return {"mitsuba-oidn": importlib.metadata.version("mitsuba-oidn"), "oidn": mitsuba_oidn.oidn_version()}
+    return {
+        "method": "Open Image Denoise, albedo and normal guides, demodulated",
+        "guide_spp": GUIDE_SAMPLES,
+        "oidn": mitsuba_oidn.oidn_version(),
+        "mitsuba-oidn": importlib.metadata.version("mitsuba-oidn"),
+        "device": _device().type.name.lower(),
+    }
 
 
 @functools.cache
