@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union
 
-import annotated_types
 import pydantic
 from typing_extensions import TypeAliasType
 
@@ -55,11 +54,7 @@ class StrictModel(pydantic.BaseModel):
 
 
 def default_key(key: str, value: str) -> pydantic.BeforeValidator:
-    """Lets a table leave out the key that chooses its model: `value` is used then. For `Annotated`.
-
-    >>> default_key("type", "path").func({"max_depth": 3})
-    {'type': 'path', 'max_depth': 3}
-    """
+    """Lets a table leave out the key that chooses its model: `value` is used then. For `Annotated`."""
     return pydantic.BeforeValidator(lambda table: {key: value, **table} if isinstance(table, Mapping) else table)
 
 
@@ -116,11 +111,8 @@ def exactly(count: int, item: Any, or_one: bool = False, name: str = "") -> pyda
     """Accepts a list of `count` values of the type `item`, for `Annotated`; with `or_one` also one value for all.
 
     With a `name`, JSON Schemas define it once.
-
-    >>> exactly(3, float, or_one=True).func(0.5)
-    [0.5, 0.5, 0.5]
     """
-    listed: Any = Annotated[list[item], annotated_types.Len(count, count)]
+    listed: Any = Annotated[list[item], pydantic.Field(min_length=count, max_length=count)]
 
     def check(value: Any) -> Any:
         if isinstance(value, list) and len(value) != count:
@@ -141,24 +133,10 @@ def read(
 ) -> T:
     """Validate `data`, plain values as TOML or JSON has them, against `model`.
 
-    Parameters
-    ----------
-    model : subclass of pydantic.BaseModel, or a TypeAdapter
-    data : object
-        The value read from the file, usually a dict.
-    file : str or Path
-        Named in error messages.
-    key : str
-        Dotted path of `data` within the file, "" at its root.
-    context : object
-        Passed to the model's validators as `info.context`.
-    strict : bool
-        False reads numbers and booleans from text too. By default the model decides.
+    `key` is the dotted path of `data` within the file. Validators get `context` as `info.context`. `strict` = False
+    reads numbers and booleans from text too; by default the model decides.
 
-    Raises
-    ------
-    InputError
-        One line: file, key, what is allowed, and the value. Only the first error is reported.
+    Raises InputError for the first error, in one line: file, key, what is allowed, and the value.
     """
     adapter = model if isinstance(model, pydantic.TypeAdapter) else pydantic.TypeAdapter(model)
     try:
@@ -170,11 +148,7 @@ def read(
 
 
 def dotted(parts: tuple[str | int, ...], start: str = "") -> str:
-    """A key path as messages show it.
-
-    >>> dotted(("cameras", 1, "fx"), "rig")
-    'rig.cameras[1].fx'
-    """
+    """A key path as messages show it: rig.cameras[1].fx."""
     path = start
     for part in parts:
         if isinstance(part, int):
@@ -192,15 +166,11 @@ def _describe(errors: list[Any], data: Any, start: str) -> str:
     """
     parts = _key_parts(errors[0]["loc"], data)
     if errors[0]["type"] == "missing":
-        missing = [
-            error for error in errors if error["type"] == "missing" and error["loc"][:-1] == errors[0]["loc"][:-1]
-        ]
-        names = ", ".join(repr(str(error["loc"][-1])) for error in missing)
+        missing = [e["loc"][-1] for e in errors if e["type"] == "missing" and e["loc"][:-1] == errors[0]["loc"][:-1]]
+        names = ", ".join(repr(str(name)) for name in missing)
         return _at(dotted(parts, start), f"missing key{'s' if len(missing) > 1 else ''} {names}")
     same = [error for error in errors if _key_parts(error["loc"], data)[: len(parts)] == parts]
-    deeper = [
-        error for error in same if error["type"] not in _TYPES or len(_key_parts(error["loc"], data)) > len(parts)
-    ]
+    deeper = [e for e in same if e["type"] not in _TYPES or len(_key_parts(e["loc"], data)) > len(parts)]
     error = (deeper or errors)[0]
     parts = _key_parts(error["loc"], data)
     if error["type"] == "union_tag_invalid":
@@ -231,8 +201,8 @@ def _message(error: Any) -> str:
     if kind == "value_error":
         return str(limits["error"])
     if kind in ("literal_error", "union_tag_invalid"):
-        value = limits["tag"] if kind == "union_tag_invalid" else error["input"]
-        choices = _choices(limits["expected_tags" if kind == "union_tag_invalid" else "expected"])
+        value, expected = limits.get("tag", error["input"]), limits.get("expected_tags", limits.get("expected"))
+        choices = [part.strip().strip("'") for part in expected.replace(" or ", ", ").split(",")]
         near = difflib.get_close_matches(str(value), choices, n=1)
         return _must_be(f"one of {', '.join(choices)}", value) + (f"; did you mean {near[0]!r}?" if near else "")
     return _must_be(_allowed(error), error["input"])
@@ -249,10 +219,9 @@ _TYPES = {
     "float_type": "a number",
     "list_type": "a list",
     "tuple_type": "a list",
-    "dict_type": "a table of keys and values",
-    "model_type": "a table of keys and values",
-    "model_attributes_type": "a table of keys and values",
-    "dataclass_type": "a table of keys and values",
+    **dict.fromkeys(
+        ("dict_type", "model_type", "model_attributes_type", "dataclass_type"), "a table of keys and values"
+    ),
 }
 _LIMITS = {
     "int_from_float": "a whole number",
@@ -273,21 +242,10 @@ _LIMITS = {
 def _allowed(error: Any) -> str:
     kind = error["type"]
     if kind in _TYPES or kind in _LIMITS:
-        limits = {name: _exact(limit) for name, limit in error.get("ctx", {}).items()}
+        limits = {  # whole numbers with all their digits
+            name: f"{limit:g}" if isinstance(limit, float) else str(limit)
+            for name, limit in error.get("ctx", {}).items()
+        }
         plural = "" if "1" in (limits.get("min_length"), limits.get("max_length")) else "s"
         return (_TYPES | _LIMITS)[kind].format(**limits, s=plural)
     return str(error["msg"]).removeprefix("Input should be ").removeprefix("Value should be ")
-
-
-def _exact(limit: Any) -> str:
-    """A limit in a message; whole numbers with all their digits.
-
-    >>> _exact(2**53), _exact(1e-4), _exact(1.0)
-    ('9007199254740992', '0.0001', '1')
-    """
-    return f"{limit:g}" if isinstance(limit, float) else str(limit)
-
-
-def _choices(expected: str) -> list[str]:
-    """The choices in pydantic's text "'a', 'b' or 'c'"."""
-    return [part.strip().strip("'") for part in expected.replace(" or ", ", ").split(",")]

@@ -22,7 +22,7 @@ def test_a_mesh_holds_float64_and_uint32() -> None:
 
 
 BROKEN: list[tuple[dict[str, Any], str]] = [
-    ({"vertices": CORNERS[:, :2]}, r"vertices must have the shape \(N, 3\), got \(3, 2\)"),
+    ({"vertices": CORNERS[:, :2]}, r"vertices must have the shape \(3, 3\), got \(3, 2\)"),
     ({"vertices": CORNERS.ravel()}, "vertices must have the shape"),
     ({"vertices": [[0, 0, 0], [1, 0]]}, "vertices must be numbers"),
     ({"vertices": [["a", "b", "c"]]}, "vertices must be numbers"),
@@ -32,10 +32,10 @@ BROKEN: list[tuple[dict[str, Any], str]] = [
     ({"faces": [[0, 1, 2, 2]]}, "faces must be integers"),
     ({"faces": [[0, 1, 3]]}, "faces must have vertex numbers 0 to 2, got 0 to 3"),
     ({"faces": [[0, 1, -1]]}, "faces must have vertex numbers 0 to 2, got -1 to 1"),
-    ({"normals": CORNERS[:2]}, "one row of normals a vertex: 3, got 2"),
+    ({"normals": CORNERS[:2]}, r"normals must have the shape \(3, 3\), got \(2, 3\)"),
     ({"normals": CORNERS + np.inf}, "normals must be finite"),
-    ({"uv": CORNERS}, r"uv must have the shape \(N, 2\)"),
-    ({"uv": CORNERS[:1, :2]}, "one row of uv a vertex: 3, got 1"),
+    ({"uv": CORNERS}, r"uv must have the shape \(3, 2\), got \(3, 3\)"),
+    ({"uv": CORNERS[:1, :2]}, r"uv must have the shape \(3, 2\), got \(1, 2\)"),
 ]
 
 

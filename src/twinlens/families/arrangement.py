@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from twinlens.families.bodies import Body, draw_body
 from twinlens.families.composition import Composition, similarity
 from twinlens.families.draws import Rng, one_of, weighted
+from twinlens.families.kinds import Body, draw_body
 from twinlens.families.solids import face_cross
 from twinlens.geometry import Float
 from twinlens.scenes.scene import Mesh
@@ -48,12 +48,10 @@ class StablePose:
 
     @property
     def height(self) -> float:
-        """The largest z."""
         return float(self.points[:, 2].max())
 
     @cached_property
     def footprint(self) -> Float:
-        """The outline (N, 2) seen from above, counter-clockwise."""
         return outline(self.points[:, :2])
 
     @cached_property
@@ -117,7 +115,11 @@ def _planes(hull: ConvexHull, centre: Float, size: float) -> Float:
 
 def _pose(points: Float, centre: Float, plane: Float, size: float) -> StablePose | None:
     """The pose with `plane` on the ground, None where it is not stable; `top` is the outline of the highest points."""
-    turn = _downwards(plane[:3])
+    x, y, z = plane[:3] / np.linalg.norm(plane[:3])
+    turn = np.diag([1.0, -1.0, -1.0])  # the smallest rotation that takes the plane's normal to -z
+    if z <= 1 - 1e-12:
+        k = 1 / (1 - z)
+        turn = np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, -z]])
     turned, balanced = points @ turn.T, turn @ centre
     floor = turned[:, 2].min()
     turned[:, 2] -= floor
@@ -131,22 +133,11 @@ def _pose(points: Float, centre: Float, plane: Float, size: float) -> StablePose
 
 
 def _area(convex: Float) -> float:
-    """The area of an outline (N, 2), by the shoelace formula."""
     x, y = convex.T
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
-def _downwards(normal: Float) -> Float:
-    """The smallest rotation (3, 3) that takes `normal` to -z."""
-    x, y, z = normal / np.linalg.norm(normal)
-    if z > 1 - 1e-12:
-        return np.diag([1.0, -1.0, -1.0])
-    k = 1 / (1 - z)
-    return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, -z]])
-
-
 def _polygon(points: Float) -> Float | None:
-    """The convex outline of points, None where they span no area."""
     if len(points) < 3 or np.linalg.matrix_rank(points - points.mean(axis=0), tol=1e-7 * max(1e-9, np.ptp(points))) < 2:
         return None
     return outline(points)
@@ -202,12 +193,10 @@ class Placement:
 
     @cached_property
     def footprint(self) -> Float:
-        """Its outline (N, 2) in the world, seen from above."""
         return self.moved(self.rest.footprint)
 
     @property
     def top(self) -> float:
-        """The height of its highest point."""
         return float(self.place[2] + self.rest.height)
 
     @property
@@ -311,7 +300,6 @@ def _is_apart(trial: Placement, placed: list[Placement], spacing: float) -> bool
 
 
 def _random_spin(body: Body, rng: Rng) -> Float:
-    """A rotation (3, 3) about z; books and cartons lie roughly square to the table."""
     if body.kind in ("book", "carton"):
         angle = one_of(rng, [0.0, np.pi / 2]) + rng.normal(0, 0.35)
     else:

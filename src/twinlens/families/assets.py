@@ -114,7 +114,6 @@ def _listed(kind: str, folders: Iterable[str | Path], suffixes: tuple[str, ...])
 
 
 def _mesh(path: Path) -> Mesh:
-    """A mesh of largest extent 1, centred, z up; glTF and, by convention, OBJ have y up."""
     mesh = read_mesh(path)
     if len(mesh.faces) > MAX_TRIANGLES:
         raise FileError(f"{path}: {len(mesh.faces)} triangles, at most {MAX_TRIANGLES} are allowed; simplify the mesh")

@@ -69,7 +69,6 @@ def _chart_material(scene: Composition, index: int, height: float, pixel: float)
 
 
 def _chart(rng: Rng, size: float) -> tuple[Mesh, float]:
-    """A board that leans back or forward, above the floor by the height of its foot."""
     w, h, thick = size * rng.uniform(0.7, 1.3), size, 0.02 * size
     made = board((w, thick, h), (0, 0, 0))
     uv = np.column_stack([made.vertices[:, 0] / w + 0.5, made.vertices[:, 2] / h + 0.5])
@@ -80,7 +79,6 @@ def _chart(rng: Rng, size: float) -> tuple[Mesh, float]:
 
 
 def _foot(chart: Mesh) -> Mesh:
-    """A plate on the floor and two posts up to the board's lower edge."""
     low, high = chart.vertices.min(axis=0), chart.vertices.max(axis=0)
     w = high[0] - low[0]
     edge = chart.vertices[chart.vertices[:, 2] < low[2] + 0.03 * (high[2] - low[2])].mean(axis=0)
@@ -113,7 +111,6 @@ def _extruded(profile: Float, width: float) -> Mesh:
 
 
 def _steps(rng: Rng, size: float) -> tuple[Mesh, float]:
-    """Equal steps that rise towards the back."""
     count = int(rng.integers(3, 8))
     rise, run = 0.8 * size / count, size * rng.uniform(0.6, 1.2) / count
     corners = [(i * run, j * rise) for i in range(count) for j in (i, i + 1)]
@@ -126,7 +123,6 @@ def _wedge(rng: Rng, size: float) -> tuple[Mesh, float]:
 
 
 def _wave(rng: Rng, size: float) -> tuple[Mesh, float]:
-    """An upright screen folded in waves."""
     count, deep = int(rng.integers(2, 6)), size * rng.uniform(0.04, 0.1)
     t = np.linspace(0, 1, 16 * count + 1)
     width = size * rng.uniform(1.0, 1.5)

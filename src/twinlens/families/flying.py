@@ -5,10 +5,9 @@ import math
 import numpy as np
 
 from twinlens.families import lighting
-from twinlens.families.bodies import draw_body
 from twinlens.families.composition import Composition, similarity
 from twinlens.families.draws import Rng, log_uniform, one_of
-from twinlens.families.kinds import KINDS
+from twinlens.families.kinds import KINDS, draw_body
 from twinlens.families.materials import body_material
 from twinlens.families.surfaces import WALLS, Sheet, surface, wall_colors
 from twinlens.geometry import Float
@@ -72,7 +71,6 @@ def _random_rotation(rng: Rng) -> Float:
 
 
 def _add_wall(scene: Composition, far: float) -> None:
-    """Add a large wall, turned a little."""
     rng, view = scene.rng("backdrop"), scene.view
     yaw, pitch = np.radians(rng.uniform(-25, 25)), np.radians(rng.uniform(-8, 8))
     pose = view.world_from_cam[:3, :3]
@@ -93,7 +91,6 @@ def _add_wall(scene: Composition, far: float) -> None:
 
 
 def _add_moon(scene: Composition, far: float) -> None:
-    """Add a large ball, the farthest object before an open sky."""
     rng, view = scene.rng("moon"), scene.view
     x, y = one_of(rng, [-1.0, 1.0]) * rng.uniform(0.2, 0.6), rng.uniform(-0.5, 0.3)
     share = rng.uniform(0.16, 0.28)

@@ -63,7 +63,6 @@ def rod(low: ArrayLike, high: ArrayLike, radius: float) -> Mesh:
 
 
 def _legs(width: float, depth: float, height: float, thick: float, inset: float, rounded: bool) -> Mesh:
-    """Four legs."""
     half_x, half_y = width / 2 - inset, depth / 2 - inset
     places = [(x, y) for x in (-half_x, half_x) for y in (-half_y, half_y)]
     if rounded:
@@ -72,7 +71,6 @@ def _legs(width: float, depth: float, height: float, thick: float, inset: float,
 
 
 def _table(rng: Rng, width: float, depth: float, height: float, kind: str = "table") -> Piece:
-    """A rectangular or round top on four legs."""
     thick, rounded = rng.uniform(0.025, 0.05), rng.random() < 0.5
     if rng.random() < 0.3:
         r = depth / 2
@@ -111,7 +109,6 @@ def chair(rng: Rng) -> Piece:
 
 
 def _sofa(rng: Rng, seats: int = 0) -> Piece:
-    """Base, back, arms, cushions, pillows."""
     seats = seats or int(rng.integers(2, 4))
     seat, arm, depth = rng.uniform(0.58, 0.7), rng.uniform(0.12, 0.22), rng.uniform(0.8, 0.95)
     width = seats * seat + 2 * arm
@@ -137,7 +134,6 @@ def _sofa(rng: Rng, seats: int = 0) -> Piece:
 
 
 def _pillow(rng: Rng, width: float, depth: float, low: float) -> Mesh:
-    """A pillow that leans against the back."""
     side = rng.uniform(0.36, 0.46)
     made = shapes.rounded_box(np.array([side, 0.13, side]), 0.06, 3, tile=side)
     lean = rotation([1, 0, 0], -rng.uniform(12, 24)) @ rotation([0, 1, 0], rng.uniform(-15, 15))
@@ -182,7 +178,6 @@ def _books(rng: Rng, width: float, depth: float, low: float, free: float) -> Mes
 
 
 def _sideboard(rng: Rng) -> Piece:
-    """A chest with doors or drawers."""
     width, depth, height, foot = rng.uniform(0.9, 1.7), rng.uniform(0.38, 0.46), rng.uniform(0.6, 0.9), 0.12
     body = board((width, depth, height - foot), (0, 0, 0.5 * (height + foot)), 0.012)
     columns, rows = int(rng.integers(2, 5)), int(rng.integers(1, 4))
@@ -205,7 +200,6 @@ def _sideboard(rng: Rng) -> Piece:
 
 
 def _plant(rng: Rng) -> Piece:
-    """A pot with arching leaves."""
     r, tall = rng.uniform(0.13, 0.2), rng.uniform(0.24, 0.36)
     profile = [(0, 0), (0.75 * r, 0), (0.75 * r, 0), (r, tall), (r, tall), (0.88 * r, tall), (0.88 * r, tall),
                (0.85 * r, tall - 0.04), (0, tall - 0.03)]  # fmt: skip
@@ -217,7 +211,6 @@ def _plant(rng: Rng) -> Piece:
 
 
 def _leaf(rng: Rng, long: float, wide: float, base: float) -> Mesh:
-    """A bent blade."""
     turn, rise, droop = rng.uniform(0, 2 * math.pi), rng.uniform(0.6, 1.35), rng.uniform(0.6, 1.8)
     long *= rng.uniform(0.6, 1.0)
     t = np.linspace(0, 1, 9)

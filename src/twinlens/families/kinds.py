@@ -1,19 +1,22 @@
-"""The 33 kinds of bodies: a function of a random stream each, and the table of their sizes, weights and patterns.
+"""Bodies of a scene: the 33 kinds, with their sizes, weights and patterns, or a user's mesh.
 
 Profiles of lathed bodies run up the outside and, in hollow ones, down the inside; a point given twice is a hard edge.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twinlens.families.draws import Rng, one_of
-from twinlens.families.solids import Solid, closed_grid, extruded, hard_edged, hull, lathed, polar, unit
+from twinlens.families.composition import Composition
+from twinlens.families.draws import Rng, log_uniform, one_of, weighted
+from twinlens.families.materials import body_material, draw_finish, user_texture
+from twinlens.families.solids import Solid, box_mapped, closed_grid, extruded, hard_edged, hull, lathed, polar, unit
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
+from twinlens.scenes.scene import Plugin
 
 
 def _hollow(outside: list[tuple[float, float]], wall: float, floor: float) -> Float:
@@ -26,125 +29,83 @@ def _hollow(outside: list[tuple[float, float]], wall: float, floor: float) -> Fl
     return np.array([*outer, lip, *inner, (0.7 * end, floor), (0.0, floor)])
 
 
-def _vase(rng: Rng) -> Solid:
-    belly, neck, tall = rng.uniform(0.3, 0.5), rng.uniform(0.09, 0.24), rng.uniform(0.9, 1.7)
-    foot, lip = rng.uniform(0.4, 0.75) * belly, neck * rng.uniform(1.1, 1.7)
-    at = rng.uniform(0.25, 0.6)
-    outside = [
-        (foot, 0.0), (0.5 * (foot + belly) * 1.1, 0.5 * at * tall), (belly, at * tall),
-        (0.55 * belly + 0.45 * neck, (0.45 * at + 0.55 * 0.8) * tall), (neck, 0.86 * tall), (lip, tall),
-    ]  # fmt: skip
-    return lathed(_hollow(outside, 0.03, 0.06))
+def _turned(
+    ranges: Sequence[tuple[float, float] | list[float]], profile: Callable[..., ArrayLike], **how: bool
+) -> Callable[[Rng], Solid]:
+    """A maker of lathed bodies: `profile` of measures drawn from ranges (low, high) and lists of choices."""
+
+    def make(rng: Rng) -> Solid:
+        measures = [one_of(rng, each) if isinstance(each, list) else rng.uniform(*each) for each in ranges]
+        return lathed(profile(*measures), **how)
+
+    return make
 
 
-def _bottle(rng: Rng) -> Solid:
-    r, tall, neck = rng.uniform(0.2, 0.36), rng.uniform(1.1, 1.8), rng.uniform(0.07, 0.1)
-    shoulder = rng.uniform(0.5, 0.66) * tall
-    profile = [
-        (0, 0), (0.92 * r, 0), (0.92 * r, 0), (r, 0.05), (r, 0.6 * shoulder), (r, shoulder),
-        (0.75 * r, shoulder + 0.13), (neck * 1.15, shoulder + 0.26), (neck, tall - 0.12), (neck, tall - 0.1),
-        (neck, tall - 0.1), (neck * 1.3, tall - 0.1), (neck * 1.3, tall - 0.1), (neck * 1.3, tall),
-        (neck * 1.3, tall), (0, tall),
-    ]  # fmt: skip
-    return lathed(profile)
+# fmt: off
+_VASE = _turned([(0.3, 0.5), (0.09, 0.24), (0.9, 1.7), (0.4, 0.75), (1.1, 1.7), (0.25, 0.6)],
+    lambda belly, neck, tall, foot, lip, at: _hollow([
+        (foot * belly, 0.0), (0.5 * (foot * belly + belly) * 1.1, 0.5 * at * tall), (belly, at * tall),
+        (0.55 * belly + 0.45 * neck, (0.45 * at + 0.55 * 0.8) * tall), (neck, 0.86 * tall), (neck * lip, tall),
+    ], 0.03, 0.06))
+_BOTTLE = _turned([(0.2, 0.36), (1.1, 1.8), (0.07, 0.1), (0.5, 0.66)], lambda r, tall, neck, at: [
+    (0, 0), (0.92 * r, 0), (0.92 * r, 0), (r, 0.05), (r, 0.6 * (at * tall)), (r, at * tall),
+    (0.75 * r, at * tall + 0.13), (neck * 1.15, at * tall + 0.26), (neck, tall - 0.12), (neck, tall - 0.1),
+    (neck, tall - 0.1), (neck * 1.3, tall - 0.1), (neck * 1.3, tall - 0.1), (neck * 1.3, tall),
+    (neck * 1.3, tall), (0, tall),
+])
+_BOWL = _turned([(0.25, 0.5), (0.18, 0.28)], lambda deep, foot: _hollow(
+    [(foot, 0.0), (foot, 0.03), (0.33, 0.25 * deep), (0.46, 0.62 * deep), (0.5, deep)], 0.03, 0.055))
+_CUP = _turned([(0.7, 1.2), (0.26, 0.4), (0.34, 0.44), (0.95, 1.15)], lambda tall, foot, lip, middle: _hollow(
+    [(foot, 0.0), (foot * 1.02, 0.04), (0.5 * (foot + lip) * middle, 0.5 * tall), (lip, tall)], 0.03, 0.06))
+_GOBLET = _turned([(1.1, 1.6), (0.26, 0.36)], lambda tall, r: [
+    (0, 0), (0.28, 0), (0.28, 0), (0.26, 0.03), (0.06, 0.09), (0.04, 0.25 * tall),
+    (0.05, 0.45 * tall), (0.6 * r, 0.52 * tall), (r, 0.7 * tall), (0.88 * r, tall), (0.88 * r, tall),
+    (0.88 * r - 0.025, tall), (r - 0.025, 0.7 * tall), (0.5 * r, 0.56 * tall), (0, 0.53 * tall),
+])
+_PLATE = _turned([(0.05, 0.1)], lambda rise: [
+    (0, 0), (0.3, 0), (0.3, 0), (0.33, 0.012), (0.4, 0.5 * rise), (0.5, rise), (0.5, rise), (0.5, rise + 0.02),
+    (0.5, rise + 0.02), (0.4, 0.5 * rise + 0.022), (0.31, 0.03), (0, 0.03),
+])
+_JAR = _turned([(0.34, 0.48), (0.6, 1.1)], lambda r, tall: [  # with a lid and a knob
+    (0, 0), (r, 0), (r, 0), (r * 1.04, 0.5 * tall), (r, tall), (r, tall), (r * 1.07, tall), (r * 1.07, tall),
+    (r * 1.07, tall + 0.09), (r * 1.07, tall + 0.09), (0.3 * r, tall + 0.09 + 0.05), (0.12 * r, tall + 0.09 + 0.09),
+    (0.22 * r, tall + 0.09 + 0.17), (0, tall + 0.09 + 0.23),
+])
+_RIM = 0.018
+_TIN = _turned([(0.28, 0.5), (0.4, 1.2)], lambda r, tall: [
+    (0, 0.012), (r - _RIM, 0.012), (r - _RIM, 0), (r + _RIM, 0), (r + _RIM, 0), (r + _RIM, 0.03), (r + _RIM, 0.03),
+    (r, 0.045), (r, 0.045), (r, tall - 0.045), (r, tall - 0.045), (r + _RIM, tall - 0.03), (r + _RIM, tall - 0.03),
+    (r + _RIM, tall), (r + _RIM, tall), (r - _RIM, tall), (r - _RIM, tall), (r - _RIM, tall - 0.012),
+    (r - _RIM, tall - 0.012), (0, tall - 0.012),
+], smooth=False)
+_CANDLE = _turned([(0.16, 0.36), (0.5, 1.2)], lambda r, tall: [
+    (0, 0), (r, 0), (r, 0), (r, tall - 0.06), (r, tall - 0.06), (0.96 * r, tall - 0.015), (0.85 * r, tall),
+    (0.5 * r, tall - 0.02), (0, tall - 0.03),
+])
+_APPLE = _turned([(0.46, 0.54)], lambda wide: [
+    (0, 0.07), (0.12, 0.012), (0.22, 0.0), (0.36, 0.09), (wide, 0.42), (0.9 * wide, 0.72), (0.26, 0.86), (0.1, 0.82),
+    (0, 0.72),
+])
+_PEAR = _turned([(0.9, 1.1)], lambda wide: np.multiply([
+    (0, 0.05), (0.1, 0.01), (0.2, 0.0), (0.36, 0.1), (0.42, 0.34), (0.3, 0.66), (0.2, 0.88), (0.13, 1.02), (0, 1.06),
+], [wide, 1.0]))
+_PAWN = _turned([(0.1, 0.16), (0.18, 0.24)], lambda waist, head: [
+    (0, 0), (0.34, 0), (0.34, 0), (0.35, 0.07), (0.29, 0.12), (0.27, 0.18), (0.2, 0.24), (waist, 0.55),
+    (waist + 0.01, 0.66), (0.22, 0.7), (0.22, 0.73), (0.11, 0.77), (head, 0.77 + 0.9 * head),
+    (0.7 * head, 0.77 + 1.65 * head), (0, 0.77 + 1.95 * head),
+])
+_CYLINDER = _turned([(0.15, 0.5), (0.3, 1.2)], lambda r, tall: hard_edged(
+    [(0, 0), (r - 0.015, 0), (r, 0.015), (r, tall - 0.015), (r - 0.015, tall), (0, tall)]), upright=False, smooth=False)
+_CONE = _turned([(0.3, 0.5), [0.02, 0.02, 0.18], (0.6, 1.2)], lambda r, top, tall: hard_edged(
+    [(0, 0), (r, 0), (top, tall), (0, tall + 0.01)]), smooth=False)
+# fmt: on
 
 
-def _bowl(rng: Rng) -> Solid:
-    deep, foot = rng.uniform(0.25, 0.5), rng.uniform(0.18, 0.28)
-    outside = [(foot, 0.0), (foot, 0.03), (0.33, 0.25 * deep), (0.46, 0.62 * deep), (0.5, deep)]
-    return lathed(_hollow(outside, 0.03, 0.055))
-
-
-def _cup(rng: Rng) -> Solid:
-    tall, foot, lip = rng.uniform(0.7, 1.2), rng.uniform(0.26, 0.4), rng.uniform(0.34, 0.44)
-    middle = 0.5 * (foot + lip) * rng.uniform(0.95, 1.15)
-    return lathed(_hollow([(foot, 0.0), (foot * 1.02, 0.04), (middle, 0.5 * tall), (lip, tall)], 0.03, 0.06))
-
-
-def _goblet(rng: Rng) -> Solid:
-    tall, r, wall = rng.uniform(1.1, 1.6), rng.uniform(0.26, 0.36), 0.025
-    foot = [(0, 0), (0.28, 0), (0.28, 0), (0.26, 0.03), (0.06, 0.09), (0.04, 0.25 * tall)]
-    outside = [(0.05, 0.45 * tall), (0.6 * r, 0.52 * tall), (r, 0.7 * tall), (0.88 * r, tall)]
-    inside = [(0.88 * r - wall, tall), (r - wall, 0.7 * tall), (0.5 * r, 0.56 * tall), (0, 0.53 * tall)]
-    return lathed([*foot, *outside, outside[-1], *inside])
-
-
-def _plate(rng: Rng) -> Solid:
-    r, rise = 0.5, rng.uniform(0.05, 0.1)
-    outside = [(0.6 * r, 0), (0.66 * r, 0.012), (0.8 * r, 0.5 * rise), (r, rise)]
-    inside = [(r, rise + 0.02), (0.8 * r, 0.5 * rise + 0.022), (0.62 * r, 0.03), (0, 0.03)]
-    return lathed([(0, 0), (0.6 * r, 0), *outside, outside[-1], inside[0], *inside])
-
-
-def _jar(rng: Rng) -> Solid:
-    """With a lid and a knob."""
-    r, tall = rng.uniform(0.34, 0.48), rng.uniform(0.6, 1.1)
-    lid = tall + 0.09
-    profile = [
-        (0, 0), (r, 0), (r, 0), (r * 1.04, 0.5 * tall), (r, tall), (r, tall), (r * 1.07, tall), (r * 1.07, tall),
-        (r * 1.07, lid), (r * 1.07, lid), (0.3 * r, lid + 0.05), (0.12 * r, lid + 0.09), (0.22 * r, lid + 0.17),
-        (0, lid + 0.23),
-    ]  # fmt: skip
-    return lathed(profile)
-
-
-def _tin(rng: Rng) -> Solid:
-    """A can with rolled rims."""
-    r, tall = rng.uniform(0.28, 0.5), rng.uniform(0.4, 1.2)
-    e = 0.018
-    profile = [
-        (0, 0.012), (r - e, 0.012), (r - e, 0), (r + e, 0), (r + e, 0), (r + e, 0.03), (r + e, 0.03), (r, 0.045),
-        (r, 0.045), (r, tall - 0.045), (r, tall - 0.045), (r + e, tall - 0.03), (r + e, tall - 0.03), (r + e, tall),
-        (r + e, tall), (r - e, tall), (r - e, tall), (r - e, tall - 0.012), (r - e, tall - 0.012), (0, tall - 0.012),
-    ]  # fmt: skip
-    return lathed(profile, smooth=False)
-
-
-def _candle(rng: Rng) -> Solid:
-    r, tall = rng.uniform(0.16, 0.36), rng.uniform(0.5, 1.2)
-    profile = [(0, 0), (r, 0), (r, 0), (r, tall - 0.06), (r, tall - 0.06), (0.96 * r, tall - 0.015), (0.85 * r, tall),
-               (0.5 * r, tall - 0.02), (0, tall - 0.03)]  # fmt: skip
-    return lathed(profile)
-
-
-def _apple(rng: Rng) -> Solid:
-    wide = rng.uniform(0.46, 0.54)
-    profile = [(0, 0.07), (0.12, 0.012), (0.22, 0.0), (0.36, 0.09), (wide, 0.42), (0.9 * wide, 0.72), (0.26, 0.86),
-               (0.1, 0.82), (0, 0.72)]  # fmt: skip
-    return lathed(profile)
-
-
-_PEAR = np.array([(0, 0.05), (0.1, 0.01), (0.2, 0.0), (0.36, 0.1), (0.42, 0.34), (0.3, 0.66), (0.2, 0.88), (0.13, 1.02),
-                  (0, 1.06)])  # fmt: skip
-
-
-def _egg(rng: Rng) -> Solid:
+def _egg(_: Rng) -> Solid:
     t = np.linspace(-np.pi / 2, np.pi / 2, 12)
     r = 0.38 * np.cos(t) * (1 - 0.12 * np.sin(t))
     r[[0, -1]] = 0.0
     return lathed(np.stack([r, 0.52 * np.sin(t)], axis=-1), upright=False)
-
-
-def _pawn(rng: Rng) -> Solid:
-    waist, head = rng.uniform(0.1, 0.16), rng.uniform(0.18, 0.24)
-    profile = [
-        (0, 0), (0.34, 0), (0.34, 0), (0.35, 0.07), (0.29, 0.12), (0.27, 0.18), (0.2, 0.24), (waist, 0.55),
-        (waist + 0.01, 0.66), (0.22, 0.7), (0.22, 0.73), (0.11, 0.77), (head, 0.77 + 0.9 * head),
-        (0.7 * head, 0.77 + 1.65 * head), (0, 0.77 + 1.95 * head),
-    ]  # fmt: skip
-    return lathed(profile)
-
-
-def _cylinder(rng: Rng) -> Solid:
-    r, tall, e = rng.uniform(0.15, 0.5), rng.uniform(0.3, 1.2), 0.015
-    profile = [(0, 0), (r - e, 0), (r, e), (r, tall - e), (r - e, tall), (0, tall)]
-    return lathed(hard_edged(profile), upright=False, smooth=False)
-
-
-def _cone(rng: Rng) -> Solid:
-    """A cone or a frustum."""
-    r, top, tall = rng.uniform(0.3, 0.5), one_of(rng, [0.02, 0.02, 0.18]), rng.uniform(0.6, 1.2)
-    return lathed(hard_edged([(0, 0), (r, 0), (top, tall), (0, tall + 0.01)]), smooth=False)
 
 
 def _capsule(rng: Rng) -> Solid:
@@ -196,7 +157,6 @@ def _superquadric(rng: Rng) -> Solid:
 
 
 def _pebble(rng: Rng) -> Solid:
-    """A sphere displaced by a few waves."""
     xyz = _sphere()
     r = np.ones(xyz.shape[:2])
     for frequency in (1.5, 2.5, 4.0, 7.0):
@@ -216,7 +176,6 @@ def _blob(rng: Rng) -> Solid:
 
 
 def _ring(rng: Rng) -> Solid:
-    """A torus, round or ridged."""
     thick, count = rng.uniform(0.18, 0.42), int(rng.integers(4, 12))
     depth = one_of(rng, [0.0, 0.0, 0.12])
     theta = np.linspace(0, 2 * math.pi, 24, endpoint=False)[:, None] + math.pi
@@ -228,7 +187,6 @@ def _ring(rng: Rng) -> Solid:
 
 
 def _knot(rng: Rng) -> Solid:
-    """A thick (p, q) torus knot."""
     p, q = one_of(rng, [(2, 3), (3, 2), (2, 5)])
     t = np.linspace(0, 2 * math.pi, 160, endpoint=False)
 
@@ -277,7 +235,6 @@ def _star(rng: Rng) -> Solid:
 
 
 def _gear(rng: Rng) -> Solid:
-    """A toothed wheel with a bore."""
     teeth, depth = int(rng.integers(8, 19)), rng.uniform(0.12, 0.22)
     count = 16 * teeth if teeth < 12 else 12 * teeth
     outline = polar(lambda a: 1 - depth * np.clip(0.5 + 1.6 * np.cos(teeth * a), 0, 1), count)
@@ -297,10 +254,9 @@ def _heart(rng: Rng) -> Solid:
 
 
 def _nut(rng: Rng) -> Solid:
-    """A hexagonal nut."""
     angle = np.arange(60) * math.pi / 30
     apothem = np.cos(math.pi / 6) / np.cos((angle % (math.pi / 3)) - math.pi / 6)
-    return extruded(apothem[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1), rng.uniform(0.5, 0.9), 0.52)
+    return extruded(apothem[:, None] * _directions(60), rng.uniform(0.5, 0.9), 0.52)
 
 
 @dataclass(frozen=True)
@@ -322,21 +278,21 @@ _CAST = ("plain", "cloudy", "granite", "wood", "marble")
 
 # fmt: off
 KINDS: dict[str, Kind] = {
-    "vase": Kind(_vase, (0.18, 0.36), 1.6, _GLAZED),
-    "bottle": Kind(_bottle, (0.2, 0.34), 1.3, ("plain", "cloudy", "stripes", "speckled")),
-    "bowl": Kind(_bowl, (0.14, 0.28), 1.2, _GLAZED),
-    "cup": Kind(_cup, (0.08, 0.13), 1.4, _GLAZED),
-    "goblet": Kind(_goblet, (0.13, 0.2), 0.6, ("plain", "cloudy", "wood")),
-    "plate": Kind(_plate, (0.18, 0.28), 0.7, _GLAZED),
-    "jar": Kind(_jar, (0.12, 0.24), 1.0, _GLAZED),
-    "tin": Kind(_tin, (0.08, 0.15), 1.0, _PRINTED),
-    "candle": Kind(_candle, (0.07, 0.2), 0.8, ("plain", "cloudy", "stripes", "marble")),
-    "apple": Kind(_apple, (0.075, 0.095), 1.4, _FRUIT),
-    "pear": Kind(lambda rng: lathed(_PEAR * [rng.uniform(0.9, 1.1), 1.0]), (0.09, 0.12), 0.9, _FRUIT),
+    "vase": Kind(_VASE, (0.18, 0.36), 1.6, _GLAZED),
+    "bottle": Kind(_BOTTLE, (0.2, 0.34), 1.3, ("plain", "cloudy", "stripes", "speckled")),
+    "bowl": Kind(_BOWL, (0.14, 0.28), 1.2, _GLAZED),
+    "cup": Kind(_CUP, (0.08, 0.13), 1.4, _GLAZED),
+    "goblet": Kind(_GOBLET, (0.13, 0.2), 0.6, ("plain", "cloudy", "wood")),
+    "plate": Kind(_PLATE, (0.18, 0.28), 0.7, _GLAZED),
+    "jar": Kind(_JAR, (0.12, 0.24), 1.0, _GLAZED),
+    "tin": Kind(_TIN, (0.08, 0.15), 1.0, _PRINTED),
+    "candle": Kind(_CANDLE, (0.07, 0.2), 0.8, ("plain", "cloudy", "stripes", "marble")),
+    "apple": Kind(_APPLE, (0.075, 0.095), 1.4, _FRUIT),
+    "pear": Kind(_PEAR, (0.09, 0.12), 0.9, _FRUIT),
     "egg": Kind(_egg, (0.06, 0.09), 0.6, _FRUIT),
-    "pawn": Kind(_pawn, (0.09, 0.22), 0.8, ("wood", "plain", "marble")),
-    "cylinder": Kind(_cylinder, (0.08, 0.22), 0.7, _TOY),
-    "cone": Kind(_cone, (0.1, 0.2), 0.6, _TOY),
+    "pawn": Kind(_PAWN, (0.09, 0.22), 0.8, ("wood", "plain", "marble")),
+    "cylinder": Kind(_CYLINDER, (0.08, 0.22), 0.7, _TOY),
+    "cone": Kind(_CONE, (0.1, 0.2), 0.6, _TOY),
     "capsule": Kind(_capsule, (0.08, 0.18), 0.5, _TOY),
     "book": Kind(lambda rng: _cuboid([1.0, rng.uniform(0.62, 0.8), rng.uniform(0.08, 0.26)]), (0.18, 0.3), 1.8,
                  ("plain", "art", "stripes", "weave", "triangles", "cloudy", "scales")),
@@ -365,3 +321,43 @@ KINDS: dict[str, Kind] = {
 # fmt: on
 METALLIC = ("gear", "nut", "knot", "ring", "vase", "goblet", "tin", "ball", "crystal", "bowl", "capsule", "blob")
 GLASSY = ("vase", "bottle", "goblet", "ball", "cup", "crystal")
+_USER_MESHES = 0.6  # how often a body is a user's mesh, where the user gave any
+_USER_SIZE = (0.14, 0.34)
+_USER_PATTERNS = ("cloudy", "speckled", "granite", "stripes")
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A body whose largest extent is `size` metres; `kind` is "" for a user's mesh."""
+
+    name: str
+    kind: str
+    solid: Solid
+    size: float
+    scene: Composition
+    part: tuple[str | int, ...]
+
+    def material(self, pixel: float) -> Plugin:
+        """Its material where a pixel covers `pixel` metres: no texel is smaller than that."""
+        scene, part = self.scene, self.part
+        finish = draw_finish(scene.rng(*part, "finish"), self.kind in METALLIC, self.kind in GLASSY)
+        own = user_texture(scene, *part) if finish in ("matte", "satin", "glossy") else None
+        names = KINDS[self.kind].patterns if self.kind else _USER_PATTERNS
+        stream = scene.rng(*part, "texture")
+        return body_material(stream, self.solid, self.size, pixel, scene.palette, finish, names if own is None else own)
+
+
+def draw_body(scene: Composition, part: tuple[str | int, ...], among: tuple[str, ...] | None = None) -> Body:
+    """The body of one part of a scene, of one of the kinds `among`. Without `among`: of any kind, or a user's mesh."""
+    rng = scene.rng(*part, "shape")
+    if among is None and scene.assets.meshes and scene.rng(*part, "own").random() < _USER_MESHES:
+        drawn = scene.assets.mesh(scene.rng(*part, "mesh"))
+        if drawn is not None:
+            name, mesh = drawn
+            if mesh.normals is None or mesh.uv is None:
+                mesh = box_mapped(mesh.vertices, mesh.faces, 30.0)
+            return Body(name, "", Solid(mesh, True), float(rng.uniform(*_USER_SIZE)), scene, part)
+    names = among or tuple(KINDS)
+    name = weighted(scene.rng(*part, "kind"), names, [KINDS[each].weight for each in names])
+    size = log_uniform(scene.rng(*part, "size"), *KINDS[name].size)
+    return Body(name, name, KINDS[name].make(rng), size, scene, part)

@@ -150,7 +150,6 @@ def furniture_material(
 
 
 def _spines(scene: Composition, part: tuple[str | int, ...]) -> Image:
-    """Spines of books: 32 columns, one a book, with bands and a label."""
     rng, palette = scene.rng("spines", *part), scene.palette
     cloth = varied(rng, np.vstack([palette.accents, palette.accents, palette.grounds]), 0.15)
     columns = cloth[rng.integers(len(cloth), size=32)]

@@ -29,26 +29,22 @@ def noise(n: int, rng: Rng, cells: int = 4, octaves: int = 6, gain: float = 0.55
     return textures.fractal_noise(n, n, (cells, cells), texture_seed(rng), octaves, gain, contrast)
 
 
-def _oversampling(n: int) -> int:
-    return 3 if n <= 160 else 2 if n <= 320 else 1
+def _averaged(draw: Callable[[int, Float, Float, Rng, Float], Float]) -> Callable[[int, Rng, Float], Image]:
+    """A pattern of hard edges: drawn at positions finer than the texels, and averaged over each texel.
 
+    `draw` gets n, the positions u rightwards and v downwards, both in [0, 1), a random stream and colours.
+    """
 
-def _uv(n: int) -> tuple[Float, Float]:
-    """Sample positions (m, m) finer than the texels; u rightwards, v downwards, both in [0, 1)."""
-    m = n * _oversampling(n)
-    at = (np.arange(m) + 0.5) / m
-    u, v = np.meshgrid(at, at)
-    return u, v
+    def drawn(n: int, rng: Rng, colors: Float) -> Image:
+        inner = 3 if n <= 160 else 2 if n <= 320 else 1
+        at = (np.arange(n * inner) + 0.5) / (n * inner)
+        fine = draw(n, *np.meshgrid(at, at), rng, colors)
+        return np.asarray(fine.reshape(n, inner, n, inner, 3).mean(axis=(1, 3)), dtype=np.float32)
 
-
-def _averaged(n: int, fine: Float) -> Image:
-    """Colours (m, m, 3) at the positions of `_uv`, averaged over each texel."""
-    inner = _oversampling(n)
-    return np.asarray(fine.reshape(n, inner, n, inner, 3).mean(axis=(1, 3)), dtype=np.float32)
+    return drawn
 
 
 def _marble(n: int, rng: Rng, colors: Float) -> Image:
-    """Veins along the level lines of noise in a clouded stone."""
     stone = one_of(rng, STONES)
     veins = np.zeros((n, n))
     for strength, cells in ((1.0, 2), (0.55, 4)):
@@ -89,7 +85,6 @@ def _planks(n: int, rng: Rng, colors: Float) -> Image:
 
 
 def _bricks(n: int, rng: Rng, colors: Float) -> Image:
-    """Running bond, in the colours of fired clay or painted."""
     clay = np.array([[0.32, 0.12, 0.07], [0.5, 0.24, 0.14]]) if rng.random() < 0.5 else 0.75 * colors[:1] + [[0], [0.1]]
     grey = textures.bricks(n, n, (4, 8), texture_seed(rng), mortar=max(0.09, 9.0 / n), variation=0.7)
     mortar = np.array([[0.5, 0.47, 0.43]])
@@ -106,7 +101,6 @@ def _camouflage(n: int, rng: Rng, colors: Float) -> Image:
 
 
 def _speckled(n: int, rng: Rng, colors: Float) -> Image:
-    """Dark specks in a pale glaze, as in stoneware."""
     pale = 0.35 * colors[:1] + 0.4
     radii = max(0.003, 0.6 / n), max(0.012, 1.0 / n)
     specks = textures.random_dots(n, n, int(rng.integers(60, 200)), radii, texture_seed(rng))
@@ -121,101 +115,92 @@ def _weave(n: int, rng: Rng, colors: Float) -> Image:
     return ramp(0.5 * over + 0.5 * noise(n, rng, 6, contrast=1.2), np.vstack([0.72 * colors[0], colors[0]]))
 
 
-def _stripes(n: int, rng: Rng, colors: Float) -> Image:
+def _stripes(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     count = int(rng.integers(2, 5))
     chosen = shuffled(rng, colors)[:count]
     repeats, along_v = int(rng.integers(2, 6)), rng.random() < 0.5
     edges = np.cumsum(rng.dirichlet(np.full(2 * len(chosen), 2.0)))
     order = np.append(np.tile(np.arange(len(chosen)), 2), 0)
-    u, v = _uv(n)
     t = (v if along_v else u) * repeats % 1.0
-    return _averaged(n, chosen[order[np.searchsorted(edges, t)]])
+    return np.asarray(chosen[order[np.searchsorted(edges, t)]])
 
 
-def _gingham(n: int, rng: Rng, colors: Float) -> Image:
-    """Stripes across stripes; the crossings are darkest."""
+def _gingham(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     light, dark = 0.25 * colors[0] + 0.6, colors[1]
     repeats, duty = int(rng.integers(3, 8)), rng.uniform(0.35, 0.6)
-    u, v = _uv(n)
     weight = 0.5 * ((u * repeats % 1.0 < duty).astype(float) + (v * repeats % 1.0 < duty))
-    return _averaged(n, light + (dark - light) * weight[..., None])
+    return np.asarray(light + (dark - light) * weight[..., None])
 
 
-def _dots(n: int, rng: Rng, colors: Float) -> Image:
+def _dots(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     cells, radius = 2 * int(rng.integers(2, 5)), rng.uniform(0.18, 0.36)
     spots = shuffled(rng, colors[1:])[: min(3, len(colors) - 1)]
-    u, v = _uv(n)
     row = np.floor(v * cells)
     x = u * cells + 0.5 * (row % 2)
     inside = np.hypot(x % 1.0 - 0.5, v * cells % 1.0 - 0.5) < radius
     spot = spots[((np.floor(x) % cells + row) % len(spots)).astype(int)]
-    return _averaged(n, np.where(inside[..., None], spot, colors[0]))
+    return np.asarray(np.where(inside[..., None], spot, colors[0]))
 
 
-def _cells(n: int, centres: Float) -> tuple[Float, NDArray[np.intp]]:
+def _cells(u: Float, v: Float, centres: Float) -> tuple[Float, NDArray[np.intp]]:
     """Distances (m, m, 2) to the two nearest of the periodic centres (K, 2), and their indices."""
-    distance, index = cKDTree(centres, boxsize=1.0).query(np.stack(_uv(n), axis=-1), k=2)
+    distance, index = cKDTree(centres, boxsize=1.0).query(np.stack([u, v], axis=-1), k=2)
     return distance, index
 
 
-def _chips(n: int, rng: Rng, colors: Float) -> Image:
+def _chips(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     """Terrazzo: angular chips of several colours and sizes on a pale ground."""
     count = int(rng.integers(90, 260))
     centres, size = rng.random((count, 2)), rng.lognormal(0, 0.35, count)
     tones = varied(rng, colors[rng.integers(len(colors), size=count)], 0.1)
     reach = 0.42 / math.sqrt(count)
-    distance, index = _cells(n, centres)
+    distance, index = _cells(u, v, centres)
     inside = (distance[..., 0] < reach * size[index[..., 0]]) & (distance[..., 1] - distance[..., 0] > 0.25 * reach)
-    return _averaged(n, np.where(inside[..., None], tones[index[..., 0]], 0.3 * colors[-1] + 0.45))
+    return np.asarray(np.where(inside[..., None], tones[index[..., 0]], 0.3 * colors[-1] + 0.45))
 
 
-def _mosaic(n: int, rng: Rng, colors: Float) -> Image:
+def _mosaic(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     count = int(rng.integers(40, 130))
     centres = rng.random((count, 2))
     tones = varied(rng, colors[rng.integers(len(colors), size=count)], 0.1)
-    distance, index = _cells(n, centres)
+    distance, index = _cells(u, v, centres)
     tile = distance[..., 1] - distance[..., 0] > 0.09 / math.sqrt(count)
-    return _averaged(n, np.where(tile[..., None], tones[index[..., 0]], np.full(3, 0.55)))
+    return np.asarray(np.where(tile[..., None], tones[index[..., 0]], np.full(3, 0.55)))
 
 
-def _tiles(n: int, rng: Rng, colors: Float) -> Image:
+def _tiles(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     cells = one_of(rng, [4, 6, 8])
     width = max(0.035, 1.2 * cells / n)
     chosen = colors[np.where(rng.random((cells, cells)) < rng.uniform(0, 0.5), 1, 0)]
     if rng.random() < 0.4:
         chosen = colors[np.add.outer(np.arange(cells), np.arange(cells)) % 2]
     chosen = chosen * np.exp(rng.normal(0, 0.07, (cells, cells, 1)))
-    x, y = (at * cells for at in _uv(n))
+    x, y = u * cells, v * cells
     joint = (np.abs(x % 1.0 - 0.5) > 0.5 - width / 2) | (np.abs(y % 1.0 - 0.5) > 0.5 - width / 2)
-    return _averaged(n, np.where(joint[..., None], 0.5, chosen[y.astype(int), x.astype(int)]))
+    return np.asarray(np.where(joint[..., None], 0.5, chosen[y.astype(int), x.astype(int)]))
 
 
-def _triangles(n: int, rng: Rng, colors: Float) -> Image:
-    """Squares halved along a diagonal, as in patchwork."""
+def _triangles(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     cells = one_of(rng, [4, 6, 8])
     tone = rng.integers(len(colors), size=(cells, cells, 2))
     slope = rng.integers(2, size=(cells, cells))
-    u, v = _uv(n)
     i, j = (v * cells).astype(int), (u * cells).astype(int)
     x, y = u * cells % 1.0, v * cells % 1.0
     half = np.where(slope[i, j] == 0, x > y, x + y > 1).astype(int)
-    return _averaged(n, colors[tone[i, j, half]])
+    return np.asarray(colors[tone[i, j, half]])
 
 
-def _zigzag(n: int, rng: Rng, colors: Float) -> Image:
-    """Chevrons, as in woven rugs."""
+def _zigzag(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     count = int(rng.integers(3, 6))
     chosen = shuffled(rng, colors)[:count]
     across, bands, height = int(rng.integers(2, 6)), int(rng.integers(1, 3)), rng.uniform(0.1, 0.3)
-    u, v = _uv(n)
     t = v * bands + height * np.abs(2 * (u * across % 1.0) - 1)
-    return _averaged(n, chosen[(t * len(chosen) % len(chosen)).astype(int)])
+    return np.asarray(chosen[(t * len(chosen) % len(chosen)).astype(int)])
 
 
-def _scales(n: int, rng: Rng, colors: Float) -> Image:
+def _scales(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     """Overlapping fans of concentric rings (seigaiha)."""
     cells = one_of(rng, [4, 6])
-    u, v = _uv(n)
     best = np.full(u.shape, -1)
     for row in range(3, -1, -1):  # the lowest fans are drawn last, over the others
         base = np.floor(v * 2 * cells) + row - 1
@@ -223,12 +208,10 @@ def _scales(n: int, rng: Rng, colors: Float) -> Image:
         r = np.hypot(x % 1.0 - 0.5, (v * 2 * cells - base - 1) / 2 * 1.0)
         ring = np.clip((1 - r / 0.56) * 4, -1, 3.99)
         best = np.where(r < 0.56, ring.astype(int), best)
-    return _averaged(n, np.where((best % 2 == 0)[..., None], colors[1], colors[0]))
+    return np.asarray(np.where((best % 2 == 0)[..., None], colors[1], colors[0]))
 
 
-def _art(n: int, rng: Rng, colors: Float) -> Image:
-    """An abstract print: discs, bars and rings on a ground."""
-    u, v = _uv(n)
+def _art(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     out = np.broadcast_to(colors[0], (*u.shape, 3)).copy()
     for _ in range(int(rng.integers(5, 12))):
         kind, (x, y), size = int(rng.integers(3)), rng.random(2), rng.uniform(0.06, 0.3)
@@ -238,16 +221,17 @@ def _art(n: int, rng: Rng, colors: Float) -> Image:
         along, across = dx * math.cos(angle) + dy * math.sin(angle), dy * math.cos(angle) - dx * math.sin(angle)
         bar = (np.abs(along) < min(1.4 * size, 0.35)) & (np.abs(across) < 0.22 * size)
         out[(r < size, bar, np.abs(r - size) < 0.18 * size)[kind]] = colors[tone]
-    return _averaged(n, out)
+    return out
 
 
-_DRAWN = (_marble, _granite, _wood, _planks, _stripes, _gingham, _dots, _chips, _mosaic, _tiles, _bricks, _triangles,
-          _zigzag, _scales, _camouflage, _speckled, _weave, _art)  # fmt: skip
+_SMOOTH = (_marble, _granite, _wood, _planks, _bricks, _camouflage, _speckled, _weave)
+_SHARP = (_stripes, _gingham, _dots, _chips, _mosaic, _tiles, _triangles, _zigzag, _scales, _art)
 PATTERNS: dict[str, Callable[[int, Rng, Float], Image]] = {
     "plain": lambda n, rng, colors: np.broadcast_to(colors[0], (n, n, 3)).astype(np.float32),
     "cloudy": lambda n, rng, colors: ramp(noise(n, rng, int(rng.integers(2, 6)), contrast=1.7), colors[:2]),
     "checks": lambda n, rng, colors: ramp(textures.checker(n, n, (2 * int(rng.integers(2, 5)),) * 2), colors[:2]),
-    **{function.__name__[1:]: function for function in _DRAWN},
+    **{function.__name__[1:]: function for function in _SMOOTH},
+    **{function.__name__[1:]: _averaged(function) for function in _SHARP},
 }
 """Every pattern by name: functions of the size, a random stream and colours."""
 
@@ -283,7 +267,6 @@ def _bars(rng: Rng, n: int, accents: Float) -> Image:
 
 
 def _color_checker(rng: Rng, n: int, accents: Float) -> Image:
-    """Patches of colour and a row of greys in a dark frame."""
     columns, rows = 6, 4
     tones = varied(rng, np.vstack([accents] * 4)[:24], 0.25).reshape(rows, columns, 3)
     tones[-1] = np.linspace(0.03, 0.8, columns)[:, None]
@@ -294,7 +277,6 @@ def _color_checker(rng: Rng, n: int, accents: Float) -> Image:
 
 
 def _random_squares(rng: Rng, n: int, accents: Float) -> Image:
-    """Random grey squares, as in random-dot stereograms."""
     cells = min(n // 2, one_of(rng, [16, 24, 32]))
     return ramp(textures.value_noise(n, n, (cells, cells), texture_seed(rng), "nearest"), _PAPER)
 

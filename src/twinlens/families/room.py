@@ -30,7 +30,10 @@ def compose(scene: Composition) -> None:
     rng = scene.rng("room")
     shell = Shell(rng.uniform(3.4, 5.2), -1.2, rng.uniform(3.6, 5.6), rng.uniform(2.45, 2.9))
     plan = _FloorPlan(scene, shell, _set_view(scene, shell))
-    plan.furnish()
+    plan.place_in_front()
+    for side, most in zip(_SIDES, (5, 3, 3), strict=True):
+        plan.place_along(side, most)
+    plan.place_in_the_middle()
     _add_shell(scene, shell)
     _add_windows(scene, shell, plan)
     for index, (piece, pose) in enumerate(plan.placed):
@@ -114,15 +117,7 @@ class _FloorPlan:
     taken: list[Float] = field(default_factory=list)
     walls: dict[str, list[tuple[float, float, float]]] = field(default_factory=lambda: {side: [] for side in _SIDES})
 
-    def furnish(self) -> None:
-        """Place a piece at the nearest depth, pieces along the walls, and a table in the middle."""
-        self._place_in_front()
-        for side, most in zip(_SIDES, (5, 3, 3), strict=True):
-            self._place_along(side, most)
-        self._place_in_the_middle()
-
     def _place_if_free(self, piece: Piece, pose: Float, margin: float = 0.04, near: float | None = None) -> bool:
-        """Place a piece if its floor is free and inside the room, and it is far enough from the camera."""
         outline = _floor_rectangle(piece.floor, pose, margin)
         limit = np.array([self.shell.width / 2 - 0.01, self.shell.back - 0.01]) + margin
         if (np.abs(outline[:, 0]) > limit[0]).any() or (outline[:, 1] > limit[1]).any():
@@ -136,7 +131,7 @@ class _FloorPlan:
         self.taken.append(floor)
         return True
 
-    def _place_along(self, side: str, most: int) -> None:
+    def place_along(self, side: str, most: int) -> None:
         rng = self.scene.rng("along", side)
         names = list(furniture.AGAINST_WALLS)
         for attempt in range(2 * most):
@@ -149,7 +144,7 @@ class _FloorPlan:
             if self._place_if_free(piece, self.shell.against(side, along, piece.floor[1] / 2 + 0.05)):
                 self.walls[side].append((along, piece.floor[0], piece.height))
 
-    def _place_in_the_middle(self) -> None:
+    def place_in_the_middle(self) -> None:
         rng = self.scene.rng("middle")
         piece = one_of(rng, furniture.IN_THE_MIDDLE)(self.scene.rng("piece", "middle"))
         for _ in range(30):
@@ -171,7 +166,7 @@ class _FloorPlan:
                     place = pose @ translation([x * table.floor[0], sign * off, 0])
                     self._place_if_free(made, place @ turn, 0.01)
 
-    def _place_in_front(self) -> None:
+    def place_in_front(self) -> None:
         """Place a piece at one side of the picture, moved along the view until its nearest visible depth is `near`."""
         rng = self.scene.rng("front")
         for attempt in range(16):
@@ -220,12 +215,10 @@ def _add_shell(scene: Composition, shell: Shell) -> None:
 
 
 def _paint(scene: Composition, part: str, tone: Float, texels: int) -> Plugin:
-    """One colour (1, 3), slightly mottled."""
     return material("satin", Bitmap(pattern("plain", texels, scene.rng("paint", part), tone, 0.05)), 0.3)
 
 
 def _add_window(scene: Composition, pose: Float, index: int) -> None:
-    """Add a window: a bright pane that lights the room, a frame, sometimes curtains."""
     rng = scene.rng("window", index)
     wide, tall = rng.uniform(0.9, 1.7), rng.uniform(1.1, 1.5)
     sill = rng.uniform(0.75, 0.95)
@@ -234,15 +227,6 @@ def _add_window(scene: Composition, pose: Float, index: int) -> None:
     pane = shapes.transformed(lighting.rectangle(wide, tall), upright)
     lighting.emitter(scene, f"window-pane-{index}", pane, pose, float(rng.uniform(1.8, 3.0)) * sky)
     white = _paint(scene, f"frame{index}", np.array([[0.75, 0.74, 0.72]]), 32)
-    scene.add("window-frame", _frame(rng, wide, tall, sill), white, pose)
-    if rng.random() < 0.5:
-        cloth = pattern("weave", 64, rng, varied(rng, scene.palette.grounds), 0.06)
-        weave = material("matte", Bitmap(cloth, to_uv=np.diag([3.0, 3.0, 1.0, 1.0])))
-        scene.add("curtains", _curtains(rng, wide, tall, sill), weave, pose)
-
-
-def _frame(rng: Rng, wide: float, tall: float, sill: float) -> Mesh:
-    """A window frame with glazing bars and a sill board."""
     bar, deep = 0.06, 0.05
     z = sill + tall / 2
     parts = [board((bar, deep, tall + bar), (s * wide / 2, -deep / 2, z)) for s in (-1, 1)]
@@ -251,11 +235,14 @@ def _frame(rng: Rng, wide: float, tall: float, sill: float) -> Mesh:
     parts += [board((0.03, 0.035, tall), (wide * (i / columns - 0.5), -0.03, z)) for i in range(1, columns)]
     parts += [board((wide, 0.035, 0.03), (0, -0.03, sill + tall * j / rows)) for j in range(1, rows)]
     parts.append(board((wide + 0.2, 0.16, 0.03), (0, -0.08, sill - 0.045)))
-    return shapes.merged(parts)
+    scene.add("window-frame", shapes.merged(parts), white, pose)
+    if rng.random() < 0.5:
+        cloth = pattern("weave", 64, rng, varied(rng, scene.palette.grounds), 0.06)
+        weave = material("matte", Bitmap(cloth, to_uv=np.diag([3.0, 3.0, 1.0, 1.0])))
+        scene.add("curtains", _curtains(rng, wide, tall, sill), weave, pose)
 
 
 def _curtains(rng: Rng, wide: float, tall: float, sill: float) -> Mesh:
-    """A folded cloth at each side of a window, down to the floor or the sill."""
     low = 0.03 if rng.random() < 0.6 else sill - 0.2
     z = np.array([low, sill + tall + 0.14])
     t = np.linspace(0, 1, 60)
@@ -288,7 +275,6 @@ def _add_piece(scene: Composition, piece: Piece, pose: Float, index: int) -> Non
 
 
 def _add_small_objects(scene: Composition, plan: _FloorPlan) -> None:
-    """Add bodies on shelves and tables, more on the larger ones."""
     shelves = [(shelf, pose) for piece, pose in plan.placed for shelf in piece.shelves]
     if not shelves:
         return
@@ -304,7 +290,6 @@ def _add_small_objects(scene: Composition, plan: _FloorPlan) -> None:
 
 
 def _add_windows(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
-    """Add one or two windows where no high furniture stands."""
     rng = scene.rng("windows")
     sides = rng.permutation(["left", "right", "back"])[: int(rng.integers(1, 3))]
     for index, side in enumerate(sides):
@@ -316,8 +301,18 @@ def _add_windows(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
                 break
 
 
+def _add_picture(scene: Composition, pose: Float, w: float, h: float, index: int) -> None:
+    z, pixel = 1.55, scene.pixel_at(pose[:3, 3], 0.5)
+    frame = [board((w + 0.05, 0.03, 0.035), (0, -0.015, z + s * h / 2)) for s in (-1, 1)]
+    frame += [board((0.035, 0.03, h + 0.05), (s * w / 2, -0.015, z)) for s in (-1, 1)]
+    wood = furniture_material(scene, ("frame", index), "wood", pixel)
+    scene.add("picture-frame", shapes.merged(frame), wood, pose)
+    canvas = board((w, 0.012, h), (0, -0.007, z))
+    printed = furniture_material(scene, ("picture", index), "picture", pixel / max(w, h))
+    scene.add("picture", replace(canvas, uv=np.asarray(canvas.uv) / [w, h]), printed, pose)
+
+
 def _decorate(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
-    """Add a rug in the middle, and pictures where the walls are free."""
     rng = scene.rng("decoration")
     if rng.random() < 0.75:
         rug = board((rng.uniform(1.5, 2.4), rng.uniform(1.0, 1.7), 0.012), (0, 0, 0.006), 0.005)
@@ -329,22 +324,9 @@ def _decorate(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
             along = float(rng.uniform(-0.42, 0.42) * shell.wall_length(side))
             w, h = rng.uniform(0.35, 0.9), rng.uniform(0.35, 0.8)
             if all(abs(along - at) > 0.5 * (w + wide) + 0.1 or tall < 1.0 for at, wide, tall in plan.walls[side]):
-                _add_picture(scene, shell.against(side, along, 0.0), w, h, index)
                 plan.walls[side].append((along, w, 2.0))
+                _add_picture(scene, shell.against(side, along, 0.0), w, h, index)
                 break
-
-
-def _add_picture(scene: Composition, pose: Float, w: float, h: float, index: int) -> None:
-    z = 1.55
-    frame = [board((w + 0.05, 0.03, 0.035), (0, -0.015, z + s * h / 2)) for s in (-1, 1)]
-    frame += [board((0.035, 0.03, h + 0.05), (s * w / 2, -0.015, z)) for s in (-1, 1)]
-    pixel = scene.pixel_at(pose[:3, 3], 0.5)
-    wood = furniture_material(scene, ("frame", index), "wood", pixel)
-    scene.add("picture-frame", shapes.merged(frame), wood, pose)
-    canvas = board((w, 0.012, h), (0, -0.007, z))
-    canvas = replace(canvas, uv=np.asarray(canvas.uv) / [w, h])
-    printed = furniture_material(scene, ("picture", index), "picture", pixel / max(w, h))
-    scene.add("picture", canvas, printed, pose)
 
 
 def _light(scene: Composition, shell: Shell) -> None:

@@ -26,7 +26,6 @@ _LARGEST_MESH_FILE = 2 << 30  # bytes
 _MOST_PIXELS = 1 << 27
 _MOST_CHANNELS = 64
 _PILLOW_FORMATS = {".png": ["PNG"], ".jpg": ["JPEG"], ".jpeg": ["JPEG"]}
-_SMALLEST_SKY = (3, 2)  # rows and columns; Mitsuba's own limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,22 +37,15 @@ class SceneContext:
     files: list[Path] = field(default_factory=list)
 
 
-def find_asset(name: Any, context: SceneContext) -> Path:
+def find_asset(name: str, context: SceneContext) -> Path:
     """The path of an existing file below the scene's folder, links resolved; it is added to `context.files`.
 
     Raises InputError that names the remedy.
     """
-    if (
-        not isinstance(name, str)
-        or not name
-        or "\0" in name
-        or PurePosixPath(name).is_absolute()
-        or PureWindowsPath(name).drive
-        or "\\" in name
-    ):
-        raise InputError(
-            f"must be a file name relative to the scene's folder, with forward slashes, got {format_value(name)}"
-        )
+    named = isinstance(name, str) and name and not ("\0" in name or "\\" in name)
+    if not named or PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive:
+        rule = "must be a file name relative to the scene's folder, with forward slashes"
+        raise InputError(f"{rule}, got {format_value(name)}")
     folder = context.folder.resolve()
     path = (folder / name).resolve()
     if not path.is_relative_to(folder) or ".." in PurePosixPath(name).parts:
@@ -125,9 +117,9 @@ def _reading(path: Path, kind: str) -> Iterator[None]:
 def read_sky(path: Path) -> NDArray[np.float32]:
     """A picture that Mitsuba accepts as an environment map. Raises FileError."""
     pixels = read_picture(path)
-    if pixels.shape[0] < _SMALLEST_SKY[0] or pixels.shape[1] < _SMALLEST_SKY[1]:
-        size = f"{pixels.shape[1]}x{pixels.shape[0]}"
-        raise FileError(f"{path}: an environment map needs 2x3 pixels or more, got {size}")
+    rows, columns = pixels.shape[:2]
+    if rows < 3 or columns < 2:  # Mitsuba's own limit
+        raise FileError(f"{path}: an environment map needs 2x3 pixels or more, got {columns}x{rows}")
     return pixels
 
 

@@ -6,14 +6,13 @@ from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any
 
-import annotated_types
 import numpy as np
 import pydantic
 
 from twinlens.errors import InputError
 from twinlens.scenes import shapes
 from twinlens.scenes.assets import MOST_FACES, Asset, read_mesh
-from twinlens.scenes.placement import Copies, Placement, Scale, Vector2, Vector3, copy_poses
+from twinlens.scenes.placement import Copies, CopyGrid, Placement, Scale, Vector2, Vector3
 from twinlens.scenes.plugins import AreaLight
 from twinlens.scenes.scene import Bitmap, Mesh, Plugin, SceneObject, check_uniform_scale
 from twinlens.scenes.texture_tables import TextureMap
@@ -21,7 +20,7 @@ from twinlens.schema import Number, Positive, exactly, number, tagged, variants,
 
 _SIDES = whole(3, 4096) | None
 _GRID_SIDE = Annotated[int, pydantic.Field(ge=2, le=2049)]
-_POINTS = annotated_types.Len(2, 100_000)
+_POINTS = pydantic.Field(min_length=2, max_length=100_000)
 Area = Annotated[list[Positive], exactly(2, Positive)]
 
 
@@ -35,7 +34,8 @@ class ObjectBase(Placement):
 
     def build(self) -> SceneObject:
         """The object of the scene, without a name. Raises InputError for combinations of keys that are not possible."""
-        mesh, pose, copies = self.geometry(), self.world_from_object(), copy_poses(self.instances)
+        mesh, pose, given = self.geometry(), self.world_from_object(), self.instances or ()
+        copies = given.poses() if isinstance(given, CopyGrid) else tuple(copy.world_from_object() for copy in given)
         thing = SceneObject("", mesh, self.material, pose, self.emitter, copies)
         check_uniform_scale(thing)
         if copies and self.emitter is not None:
@@ -118,26 +118,18 @@ class MeshFile(MeshBase):
         return read_mesh(self.file, 0.0 if self.face_normals else self.crease_deg)
 
 
-_SHAPES: dict[str, dict[str, Any]] = {
-    "sphere": {"center": Vector3 | None, "radius": Positive | None},
-    "cylinder": {"p0": Vector3 | None, "p1": Vector3 | None, "radius": Positive | None},
-    "rectangle": {},
-    "disk": {},
-    "cube": {},
+_FLIP = {"flip_normals": bool | None}
+ANALYTIC_SHAPES: dict[str, dict[str, Any]] = {
+    "sphere": {"center": Vector3 | None, "radius": Positive | None, **_FLIP},
+    "cylinder": {"p0": Vector3 | None, "p1": Vector3 | None, "radius": Positive | None, **_FLIP},
+    **dict.fromkeys(("rectangle", "disk", "cube"), _FLIP),
 }
-ANALYTIC_SHAPES = {name: {**keys, "flip_normals": bool | None} for name, keys in _SHAPES.items()}
 _ROUND = {"radius": Positive, "height": Positive, "sections": _SIDES}
-_TORUS = {"major_radius": Positive, "minor_radius": Positive, "major_sections": _SIDES, "minor_sections": _SIDES}
-_TUBE = {"points": Annotated[list[Vector3], _POINTS], "radius": Positive | list[Positive], "sides": _SIDES}
-_FIELD = {"extents": Area, "height": TextureMap, "amplitude": Number}
+_BOX = {"extents": Scale, "tile": Positive | None}
+_GRID = Annotated[list[_GRID_SIDE], exactly(2, _GRID_SIDE)] | None
 MESH_SHAPES: dict[str, dict[str, Any]] = {
-    "box": {"extents": Scale, "tile": Positive | None},
-    "rounded_box": {
-        "extents": Scale,
-        "radius": Positive,
-        "subdivisions": whole(1, 64) | None,
-        "tile": Positive | None,
-    },
+    "box": _BOX,
+    "rounded_box": {**_BOX, "radius": Positive, "subdivisions": whole(1, 64) | None},
     "icosphere": {"radius": Positive | None, "subdivisions": whole(0, 7) | None},
     "uv_sphere": {"radius": Positive | None},
     "icosahedron": {},
@@ -145,15 +137,26 @@ MESH_SHAPES: dict[str, dict[str, Any]] = {
     "solid_cylinder": _ROUND,
     "cone": _ROUND,
     "annulus": {"r_min": Positive, "r_max": Positive, "height": Positive, "sections": _SIDES},
-    "torus": _TORUS,
+    "torus": {
+        "major_radius": Positive,
+        "minor_radius": Positive,
+        "major_sections": _SIDES,
+        "minor_sections": _SIDES,
+    },
     "lathe": {
         "profile": Annotated[list[Vector2], _POINTS],
         "segments": _SIDES,
         "smooth": bool | None,
         "samples": whole(1, 64) | None,
     },
-    "tube": {**_TUBE, "smooth": bool | None, "closed": bool | None},
-    "height_field": {**_FIELD, "grid": Annotated[list[_GRID_SIDE], exactly(2, _GRID_SIDE)] | None},
+    "tube": {
+        "points": Annotated[list[Vector3], _POINTS],
+        "radius": Positive | list[Positive],
+        "sides": _SIDES,
+        "smooth": bool | None,
+        "closed": bool | None,
+    },
+    "height_field": {"extents": Area, "height": TextureMap, "amplitude": Number, "grid": _GRID},
     "bent_sheet": {"extents": Area, "angle_deg": number(0.1, 360), "segments": whole(1, 4096) | None},
 }
 

@@ -3,7 +3,6 @@
 import math
 from typing import Annotated, ClassVar
 
-import annotated_types
 import numpy as np
 import pydantic
 from numpy.typing import ArrayLike
@@ -53,10 +52,7 @@ def translation(offset: ArrayLike) -> Float:
 
 
 def view_pose(position: ArrayLike, target: ArrayLike, up: ArrayLike | None = None) -> Float:
-    """world_from_cam (4, 4) of a camera at `position` that looks at `target`; `up` is the world's z by default.
-
-    Raises InputError, in the words of a scene file, when there is no such pose.
-    """
+    """world_from_cam (4, 4) of a camera; `up` is the world's z by default. Raises InputError as for a scene file."""
     try:
         return look_at(position, target, (0.0, 0.0, 1.0) if up is None else up)
     except InputError as error:
@@ -123,10 +119,7 @@ class Pose(StrictModel):
             turn = _towards(position, np.array(self.look_at))
         for step in self.rotate if isinstance(self.rotate, list) else [self.rotate] if self.rotate else []:
             turn = rotation(step.axis, step.deg) @ turn
-        return translation(position) @ turn @ self._stretch()
-
-    def _stretch(self) -> Float:
-        return np.eye(4)
+        return translation(position) @ turn
 
 
 class Placement(Pose):
@@ -135,8 +128,8 @@ class Placement(Pose):
     placing_keys = (*Pose.placing_keys, "scale")
     scale: Scale | None = None
 
-    def _stretch(self) -> Float:
-        return np.diag([*(self.scale or [1.0] * 3), 1.0])
+    def world_from_object(self) -> Float:
+        return super().world_from_object() @ np.diag([*(self.scale or [1.0] * 3), 1.0])
 
 
 class CopyGrid(StrictModel):
@@ -169,15 +162,8 @@ class CopyGrid(StrictModel):
         return tuple(poses)
 
 
-Copies = Annotated[list[Placement], annotated_types.Len(1)] | CopyGrid
+Copies = Annotated[list[Placement], pydantic.Field(min_length=1)] | CopyGrid
 """Placements of an object's copies: a list, or a grid."""
-
-
-def copy_poses(copies: Copies | None) -> tuple[Float, ...]:
-    """The (4, 4) poses of an object's copies; () for an object without copies."""
-    if copies is None:
-        return ()
-    return copies.poses() if isinstance(copies, CopyGrid) else tuple(copy.world_from_object() for copy in copies)
 
 
 def _towards(position: Float, target: Float) -> Float:

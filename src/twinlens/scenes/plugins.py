@@ -4,6 +4,7 @@ The lists are closed on purpose. Mitsuba opens a shared library for every plugin
 included, so only the names written here reach it. A parameter that Mitsuba would ignore or misread is rejected.
 """
 
+from operator import methodcaller
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -28,14 +29,9 @@ DIELECTRICS = (
     "pyrex", "acrylic_glass", "polypropylene", "bk7", "sodium_chloride", "amber", "pet", "diamond",
 )
 # fmt: on
-_NAMES_WITH_SPACES = {"carbon_dioxide", "carbon_tetrachloride", "silicone_oil", "water_ice", "fused_quartz"}
-
-
-def _mitsuba_name(name: str) -> str:
-    return name.replace("_", " ") if name in _NAMES_WITH_SPACES else name
-
-
-_DIELECTRIC = Annotated[str, one_of("dielectric", DIELECTRICS), pydantic.AfterValidator(_mitsuba_name)]
+_DIELECTRIC = Annotated[
+    str, one_of("dielectric", DIELECTRICS), pydantic.AfterValidator(lambda name: name.replace("_", " "))
+]
 _IOR = number(1, 5) | _DIELECTRIC | None
 _REFLECTANCE = spectrum(1.0) | None
 _RADIANCE = spectrum(1e9) | None
@@ -196,10 +192,7 @@ INTEGRATORS: dict[str, dict[str, Any]] = {
 }
 
 
-def _as_plugin(table: PluginTable) -> Plugin:
-    return table.plugin()
-
-
+_as_plugin = methodcaller("plugin")
 _LIGHTS = [
     *variants(PlacedLight, "type", _PLACED_LIGHTS),
     *variants(LightBase, "type", _OTHER_LIGHTS),

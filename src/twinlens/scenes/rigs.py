@@ -10,11 +10,10 @@ cameras = [{}, { fx = 710, fy = 705 }]                 # differences, one table 
 misalignment = { vertical_px = 1.5, roll_deg = 0.2 }   # of the second camera, or a list with one for each
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import annotated_types
 import numpy as np
 import pydantic
 
@@ -29,6 +28,7 @@ from twinlens.scenes.scene import Scene
 from twinlens.schema import Number, Positive, StrictModel, number, read, reads, tagged, variants
 
 _MOST_CAMERAS = 1000
+_CAMERAS = pydantic.Field(min_length=1, max_length=_MOST_CAMERAS)
 Pixels = Annotated[int, pydantic.Field(ge=1, le=MAX_SIDE)]
 SensorWidth = Annotated[Positive, pydantic.BeforeValidator(sensor_width_mm, Number | str)]
 """A width in mm, or the name of a sensor format."""
@@ -152,17 +152,17 @@ class CalibrationError(StrictModel):
 class RigBase(Viewed):
     """Keys of every layout: the pose, what all cameras share, what each of them changes, and calibration errors."""
 
-    cameras: Annotated[list[Intrinsics], annotated_types.Len(1, _MOST_CAMERAS)] | None = None
+    cameras: Annotated[list[Intrinsics], _CAMERAS] | None = None
     misalignment: CalibrationError | list[CalibrationError] | None = None
 
     def rig(self, scene: Scene, width: int, height: int) -> Rig:
         """The rig in the scene."""
-        count, place = self._count(), LAYOUTS[self.layout]  # type: ignore[attr-defined]  # every variant has one
+        count = self._count()
         tables = self.cameras or [Intrinsics()] * count
         if len(tables) != count:
             raise InputError(f"cameras: this layout has {count} cameras, got {len(tables)} tables")
         shared = {"width": width, "height": height, "fov_x_deg": scene.fov_x_deg} | self.given()
-        rig = place(self, scene, [table.camera(shared) for table in tables], self.pose(scene.world_from_left))
+        rig = _placed(self, scene, [table.camera(shared) for table in tables], self.pose(scene.world_from_left))
         if self.misalignment is None:
             return rig
         errors = self.misalignment
@@ -184,46 +184,30 @@ class RigBase(Viewed):
         return count
 
 
-def _toed_in(table: Any, scene: Scene, cameras: Sequence[Camera], pose: Float) -> Rig:
-    """The scene's pose is that of a left camera; the middle of the pair is half a baseline to its right."""
-    baseline, distance = table.baseline or scene.baseline, table.distance or _middle_depth(scene, "distance")
-    return layouts.toed_in(cameras, baseline, distance, pose @ rigid(np.eye(3), [0.5 * baseline, 0.0, 0.0]))
-
-
-def _vertical(table: Any, scene: Scene, cameras: Sequence[Camera], pose: Float) -> Rig:
-    baseline = table.baseline or scene.baseline
-    return layouts.grid(cameras, 2, 1, baseline, baseline, pose)
-
-
-def _grid(table: Any, scene: Scene, cameras: Sequence[Camera], pose: Float) -> Rig:
-    across = table.spacing_x or scene.baseline
-    return layouts.grid(cameras, table.rows, table.columns, across, table.spacing_y or across, pose)
-
-
-def _arc(table: Any, scene: Scene, cameras: Sequence[Camera], pose: Float) -> Rig:
-    radius = table.radius or _middle_depth(scene, "radius")
-    return layouts.arc(cameras, table.count, radius, table.angle_deg, pose)
-
-
-def _middle_depth(scene: Scene, key: str) -> float:
-    """The depth of the middle of the scene's disparities, metres."""
-    if not scene.depth_range_known:
+def _placed(table: Any, scene: Scene, cameras: Sequence[Camera], pose: Float) -> Rig:
+    """The cameras of a table of any layout, `pose` being world_from_rig; see `twinlens.camera.layouts`."""
+    step = scene.baseline
+    match table.layout:
+        case "parallel":
+            return layouts.line(cameras, 2, table.baseline or step, pose)
+        case "vertical":
+            return layouts.grid(cameras, 2, 1, table.baseline or step, table.baseline or step, pose)
+        case "line":
+            return layouts.line(cameras, table.count, table.spacing or step, pose)
+        case "grid":
+            across = table.spacing_x or step
+            return layouts.grid(cameras, table.rows, table.columns, across, table.spacing_y or across, pose)
+        case "cameras":
+            return Rig(cameras, [one.pose(pose) for one in table.cameras])
+    key = "distance" if table.layout == "toed_in" else "radius"
+    if not (getattr(table, key) or scene.depth_range_known):
         raise InputError(f"missing key {key!r}; the scene has no depth range to derive it from")
-    return middle_focus(*scene.depth_range)
+    length = getattr(table, key) or middle_focus(*scene.depth_range)
+    if table.layout == "arc":
+        return layouts.arc(cameras, table.count, length, table.angle_deg, pose)
+    baseline = table.baseline or step  # the scene's pose is that of a left camera
+    return layouts.toed_in(cameras, baseline, length, pose @ rigid(np.eye(3), [0.5 * baseline, 0.0, 0.0]))
 
-
-LAYOUTS: dict[str, Callable[[Any, Scene, Sequence[Camera], Float], Rig]] = {
-    "parallel": lambda table, scene, cameras, pose: layouts.line(cameras, 2, table.baseline or scene.baseline, pose),
-    "toed_in": _toed_in,
-    "vertical": _vertical,
-    "line": lambda table, scene, cameras, pose: layouts.line(
-        cameras, table.count, table.spacing or scene.baseline, pose
-    ),
-    "grid": _grid,
-    "arc": _arc,
-    "cameras": lambda table, scene, cameras, pose: Rig(cameras, [one.pose(pose) for one in table.cameras]),
-}
-"""Every way to place cameras: (table, scene, cameras, world_from_rig) -> rig; see `twinlens.camera.layouts`."""
 
 _KEYS: dict[str, dict[str, Any]] = {
     "parallel": {"baseline": Positive | None},
@@ -232,7 +216,7 @@ _KEYS: dict[str, dict[str, Any]] = {
     "line": {"count": Count, "spacing": Positive | None},
     "grid": {"rows": Count, "columns": Count, "spacing_x": Positive | None, "spacing_y": Positive | None},
     "arc": {"count": Count, "radius": Positive | None, "angle_deg": number(0, 360, above=True)},
-    "cameras": {"cameras": Annotated[list[PosedIntrinsics], annotated_types.Len(1, _MOST_CAMERAS)]},
+    "cameras": {"cameras": Annotated[list[PosedIntrinsics], _CAMERAS]},
 }
 _RIGS = variants(RigBase, "layout", _KEYS, "parallel")
 RigTable = Annotated[RigBase, reads(tagged("Rig", "layout", _RIGS, "parallel"))]
@@ -246,26 +230,11 @@ def rig_from_table(
 ) -> Rig:
     """The rig that `table` describes, at the viewpoint of the scene unless the table has one.
 
-    Parameters
-    ----------
-    table : mapping
-        Plain values as TOML has them; the first lines of this module show the keys.
-    scene : Scene
-        Its pose, field of view and baseline are the defaults.
-    width, height : int
-        Image size in pixels of the cameras whose tables have none.
-    file, key : str
-        The file and the dotted path of the table, for error messages.
+    `table` has plain values as TOML has them; the first lines of this module show the keys. The scene's pose, field of
+    view and baseline are the defaults; `width` and `height` in pixels are for cameras whose tables have none. With
+    `misalignment`, the rig's `calibrated` is the one without the calibration errors.
 
-    Returns
-    -------
-    Rig
-        With `misalignment`, its `calibrated` is the rig without the calibration errors.
-
-    Raises
-    ------
-    InputError
-        Names the file, the key, and what is allowed.
+    Raises InputError that names `file`, the key below the dotted path `key`, and what is allowed.
     """
     checked = read(_RIG, table, file, key)
     try:

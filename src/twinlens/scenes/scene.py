@@ -65,20 +65,19 @@ class Mesh:
                 rows = np.asarray(values, dtype=np.float64)
             except (TypeError, ValueError) as error:
                 raise InputError(f"a mesh's {name} must be numbers (N, {width}): {error}") from error
-            if rows.ndim != 2 or rows.shape[1] != width:
-                raise InputError(f"a mesh's {name} must have the shape (N, {width}), got {rows.shape}")
+            if rows.shape != (count, width):
+                raise InputError(f"a mesh's {name} must have the shape ({count}, {width}), got {rows.shape}")
             if not np.isfinite(rows).all():
                 row = int((~np.isfinite(rows)).any(axis=1).argmax())
                 raise InputError(f"a mesh's {name} must be finite; row {row} is not")
-            if len(rows) != count:
-                raise InputError(f"a mesh needs one row of {name} a vertex: {count}, got {len(rows)}")
             object.__setattr__(self, name, rows)
         faces = np.asarray(self.faces)
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
             raise InputError(f"a mesh's faces must be integers (F, 3), got {faces.dtype} {faces.shape}")
         if faces.size and not 0 <= faces.min() <= faces.max() < count:
-            got = f"{int(faces.min())} to {int(faces.max())}"
-            raise InputError(f"a mesh's faces must have vertex numbers 0 to {count - 1}, got {got}")
+            raise InputError(
+                f"a mesh's faces must have vertex numbers 0 to {count - 1}, got {faces.min()} to {faces.max()}"
+            )
         object.__setattr__(self, "faces", faces.astype(np.uint32, copy=False))
 
 
@@ -158,12 +157,10 @@ class Scene:
         object.__setattr__(self, "world_from_left", check_rigid(self.world_from_left, "world_from_left"))
         near, far = self.depth_range
         if not 0 < near < far:
-            got = f"[{near}, {far}] in scene {self.name!r}"
-            raise InputError(f"depth_range must be 0 < near < far in metres, got {got}")
+            raise InputError(f"scene {self.name!r}: depth_range must be 0 < near < far in metres, got [{near}, {far}]")
         for thing in self.objects:
             if thing.material not in self.materials:
-                unknown = f"the material {thing.material!r}, which the scene does not define"
-                raise InputError(f"object {thing.name!r} has {unknown}")
+                raise InputError(f"object {thing.name!r}: the scene does not define the material {thing.material!r}")
 
     def at(self, world_from_left: ArrayLike) -> "Scene":
         """The same scene with another pose of the left camera."""

@@ -83,12 +83,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         message = str(error).replace("at end of document", f"at end of document, line {len(written.splitlines())}")
         message = message.replace("Cannot overwrite a value", "the key is defined twice")
         raise FileError(f"{path}: not valid TOML: {message}") from error
-    except UnicodeDecodeError as error:
-        raise FileError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from error
-    except ValueError as error:  # an integer of thousands of digits
+    except (ValueError, RecursionError) as error:  # not UTF-8, an integer of thousands of digits, nested too deep
         raise FileError(f"{path}: not valid TOML: {error}") from error
-    except RecursionError as error:
-        raise FileError(f"{path}: nested too deep") from error
     except OSError as error:
         raise FileError(f"{path}: cannot be read ({error.strerror})") from error
 
@@ -112,16 +108,13 @@ def read_scene_toml(path: Path, name: str) -> Scene:
         description=file.description,
         files=(path, *dict.fromkeys(context.files)),
     )
-    return scene if file.rig is None else _with_rig(scene, data["rig"], path, "rig")
+    return scene if file.rig is None else scene_with_rig(scene, path, data["rig"], "rig")
 
 
-def scene_with_rig(scene: Scene, path: Path) -> Scene:
-    """`scene` with the rig of a .toml file in place of its own. Raises InputError with file and key."""
-    return _with_rig(scene, read_toml(path), path, "")
-
-
-def _with_rig(scene: Scene, table: Mapping[str, Any], file: Path, key: str) -> Scene:
-    rig_from_table(table, scene, *_ANY_SIZE, file, key)
+def scene_with_rig(scene: Scene, path: Path, table: Mapping[str, Any] | None = None, key: str = "") -> Scene:
+    """`scene` with the rig of a .toml file, or of its `table` at `key`. Raises InputError with file and key."""
+    table = read_toml(path) if table is None else table
+    rig_from_table(table, scene, *_ANY_SIZE, path, key)
     return replace(scene, rig=table)
 
 

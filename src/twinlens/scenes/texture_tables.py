@@ -8,7 +8,6 @@ import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-import annotated_types
 import numpy as np
 import pydantic
 from scipy.ndimage import map_coordinates
@@ -32,7 +31,6 @@ from twinlens.schema import (
     whole,
 )
 
-_DEFAULT_SIZE = (512, 512)
 _DEEPEST = 8
 _HEX = re.compile(r"#[0-9a-fA-F]{6}")
 _STRICT = pydantic.ConfigDict(strict=True, allow_inf_nan=False)
@@ -43,14 +41,14 @@ ColorText = str | _RGB_LIST
 
 
 def read_color(value: Any) -> Color:
-    """The colour of a file in linear sRGB: of "#rrggbb" in sRGB, of one number, or of linear [r, g, b]."""
-    if isinstance(value, str):
-        if not _HEX.fullmatch(value):
-            raise InputError(f'must be a colour: "#rrggbb", [r, g, b] linear or a number, got {format_value(value)}')
-        encoded = [int(value[i : i + 2], 16) / 255 for i in (1, 3, 5)]
-        return Color(tuple(linear_from_srgb(encoded).astype(float).tolist()))
-    r, g, b = _RGB.validate_python(value)
-    return Color((r, g, b))
+    """The colour of a `ColorText`."""
+    if not isinstance(value, str):
+        r, g, b = _RGB.validate_python(value)
+        return Color((r, g, b))
+    if not _HEX.fullmatch(value):
+        raise InputError(f'must be a colour: "#rrggbb", [r, g, b] linear or a number, got {format_value(value)}')
+    encoded = np.array(list(bytes.fromhex(value[1:]))) / 255
+    return Color(tuple(linear_from_srgb(encoded).astype(float).tolist()))
 
 
 def is_texture(value: Any) -> bool:
@@ -104,7 +102,7 @@ class TextureBase(StrictModel):
 
     def bitmap(self, named: Mapping[str, "TextureBase"]) -> Bitmap:
         """The finished texture; `named` are those of [textures]."""
-        pixels = np.ascontiguousarray(self.draw(_DEFAULT_SIZE, named, 0), dtype=np.float32)
+        pixels = np.ascontiguousarray(self.draw((512, 512), named, 0), dtype=np.float32)
         return Bitmap(pixels, self.filter_type, self.wrap_mode, np.diag([*self.repeat, 1.0, 1.0]))
 
     def draw(self, size: tuple[int, int], named: Mapping[str, "TextureBase"], depth: int) -> Image:
@@ -126,7 +124,7 @@ class Pattern(TextureBase):
     """A grey pattern of `twinlens.scenes.textures`, mapped to `colors` spread evenly over [0, 1], or to a `range`."""
 
     seed: Seed = 0
-    colors: Annotated[list[_COLOR], annotated_types.Len(2, 64)] | None = None
+    colors: Annotated[list[_COLOR], pydantic.Field(min_length=2, max_length=64)] | None = None
     range: Annotated[list[NonNegative], exactly(2, NonNegative, or_one=True)] | None = None
 
     @pydantic.model_validator(mode="after")
@@ -189,15 +187,14 @@ class Mix(TextureBase):
 
     def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Image:
         low, high, weight = (_draw_part(part, size, named, depth) for part in (self.low, self.high, self.weight))
-        mixed = np.broadcast_to((1 - weight) * low + weight * high, (size[1], size[0], 3))
-        return np.asarray(mixed, dtype=np.float32)
+        return np.broadcast_to((1 - weight) * low + weight * high, (size[1], size[0], 3))
 
 
 class Multiply(TextureBase):
     """The product of the factors, texel by texel."""
 
     type: Literal["multiply"]
-    factors: Annotated[list["Part"], annotated_types.Len(1, 16)]
+    factors: Annotated[list["Part"], pydantic.Field(min_length=1, max_length=16)]
 
     def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Image:
         result = np.ones((size[1], size[0], 3), dtype=np.float32)
@@ -213,7 +210,6 @@ _COLOR_OR_TEXTURE: Any = TypeAliasType("ColorOrTexture", _TEXTURE | ColorText)
 
 
 def _read_part(value: Any, info: Any) -> Any:
-    """A colour, the name of a texture, or a texture."""
     if isinstance(value, Mapping):
         return _ADAPTER.validate_python(value, context=info.context)
     return value if is_texture(value) else read_color(value)
