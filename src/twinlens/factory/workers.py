@@ -30,7 +30,7 @@ from twinlens.factory.produce import Exhausted, make
 from twinlens.factory.recipe import Recipe, differences, recipe_from_table
 from twinlens.factory.sample import made_with
 from twinlens.factory.sources import changed_files
-from twinlens.rendering import Progress, configure_malloc, forget_kernels, use_threads
+from twinlens.rendering import Progress, configure_malloc, forget_kernels, share_kernels, use_threads
 
 RENEWED_AFTER = 300
 """Samples that a worker process makes before a new one replaces it. LLVM keeps about 15 KiB for each random scene that
@@ -89,6 +89,8 @@ def written(work: Work, index: int, made: Sample | Failure | None) -> Entry:
 def in_process(work: Work, indices: Sequence[int], report: Report) -> Results:
     """The engine of the calling thread: a second thread writes a sample while the next one is rendered."""
     configure_malloc()
+    if work.recipe.kind == "family":
+        share_kernels()
     writing: tuple[int, Future[Entry]] | None = None
     with ThreadPoolExecutor(1, "twinlens-writer") as writer:
         for done, index in enumerate(indices):
@@ -290,4 +292,6 @@ def _work(order: Order, threads: int) -> Work:
         raise InputError(f"this worker has another backend or other versions than the dataset: {'; '.join(changed)}")
     if changed_sources := changed_files(order.sources, work.recipe.sources.digests):
         raise InputError(f"this worker has other source files than the dataset's: {changed_sources}")
+    if work.recipe.kind == "family":
+        share_kernels()
     return work

@@ -6,6 +6,7 @@ from twinlens.rendering.ground_truth import correspondence, ground_truth
 from twinlens.rendering.lens_grid import LensGrid, render_lens_grid
 from twinlens.rendering.radiance import SAMPLERS, Progress, partial_progress, render
 from twinlens.rendering.sensors import check_lens_supported
+from twinlens.rendering.shared_kernels import share_kernels
 
 __all__ = [
     "SAMPLERS",
@@ -23,5 +24,6 @@ __all__ = [
     "partial_progress",
     "render",
     "render_lens_grid",
+    "share_kernels",
     "use_threads",
 ]

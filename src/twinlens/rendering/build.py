@@ -11,6 +11,7 @@ import numpy as np
 from twinlens.errors import InputError
 from twinlens.geometry import Float, rotate, transform_points
 from twinlens.rendering.backends import mitsuba
+from twinlens.rendering.shared_kernels import aligned
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
 from twinlens.scenes.scene import check_uniform_scale
 
@@ -63,6 +64,8 @@ def _build_objects(scene: Scene) -> BuiltScene:
     plugins, uv_factors = move_uv_scales(scene)
     materials = {name: _load(plugin, f"material {name!r}") for name, plugin in plugins.items()}
     material_names = tuple(materials)
+    # Made before lamps: the id of an environment map is a literal of kernels, and should be equal in all scenes.
+    lights = {f"light{i:04d}": _load(scene.lights[name], f"light {name!r}") for i, name in enumerate(scene.lights)}
     parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
     placed: list[tuple[str, int, Any]] = []  # key of the shape in the scene, material id, leaf shape
     names: list[str] = []
@@ -73,9 +76,7 @@ def _build_objects(scene: Scene) -> BuiltScene:
             parts[key] = part
             names.append(name)
             placed.append((key, material_id, leaf))
-    for index, (name, plugin) in enumerate(scene.lights.items()):
-        parts[f"light{index:04d}"] = _load(plugin, f"light {name!r}")
-    mi_scene = mi.load_dict(parts, optimize=False)
+    mi_scene = mi.load_dict(parts | lights, optimize=False)
     shapes = {shape.id(): shape for shape in mi_scene.shapes()}
     bodies = tuple(
         Body(object_id, material_id, material_kind(leaf.bsdf()), leaf, None if shapes[key] is leaf else shapes[key])
@@ -147,7 +148,7 @@ def _mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emitter: A
         turned = rotate(pose, mesh.normals)
         buffers["vertex_normals"] = _flat32(turned / np.linalg.norm(turned, axis=-1, keepdims=True))
     if mesh.uv is not None:
-        buffers["vertex_texcoords"] = _flat32(mesh.uv)
+        buffers["vertex_texcoords"] = aligned(_flat32(mesh.uv))
     buffers.update()
     return made
 

@@ -1,0 +1,85 @@
+"""Placeholders in Dr.Jit's registry, with which random scenes share kernels.
+
+Dr.Jit compiles the methods of all registered objects (materials, shapes, lights) into a kernel, and tables with a row
+for every id up to the largest; its first id sets the order of variables. So kernels of two scenes differ if one has
+more objects, or other types of them. Placeholders of every type that random scenes use, with ids below theirs, and one
+of each kind above them make kernels equal. No scene refers to a placeholder, so no ray reaches one, and images do not
+change.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.rendering.backends import backend, mitsuba
+
+_BODIES, _LIGHTS = 256, 16  # ids for a scene's objects; a larger scene has kernels of its own
+_SKY_HEIGHTS = (4, 128, 256)  # kernels depend on the number of levels of an environment map
+_MESHES = ((2, False), (2, True), (80, True))  # and on the logarithm of the number of faces of a light
+
+_placeholders: list[Any] = []
+
+
+def share_kernels() -> None:
+    """Let the scenes of all families share kernels, for the rest of the process. Call it before the first scene.
+
+    The first kernel takes twice as long to compile, and most later scenes compile none. Has no effect on the scalar
+    backend.
+    """
+    if backend().is_jit and not _placeholders:
+        _placeholders.extend(_make_placeholders())
+
+
+def _make_placeholders() -> list[Any]:
+    mi = mitsuba()
+
+    def texture(wrap: str, filter_type: str = "bilinear") -> dict[str, Any]:
+        grey = mi.Bitmap(np.full((2, 2, 3), 0.5, dtype=np.float32))
+        return {"type": "bitmap", "bitmap": grey, "raw": True, "wrap_mode": wrap, "filter_type": filter_type}
+
+    repeated = texture("repeat")
+    materials = [
+        *({"type": "diffuse", "reflectance": texture(wrap)} for wrap in ("repeat", "clamp", "mirror")),
+        *({"type": "roughplastic", "diffuse_reflectance": texture(wrap)} for wrap in ("repeat", "clamp", "mirror")),
+        {"type": "roughplastic", "diffuse_reflectance": texture("repeat", "nearest")},
+        {"type": "roughconductor", "material": "none", "specular_reflectance": repeated},
+        {"type": "conductor", "material": "Ag", "specular_reflectance": repeated},
+        {"type": "dielectric", "int_ior": 1.5},
+    ]
+    bsdfs = [mi.load_dict(material) for material in materials]
+    parts = {f"body{i}": _mesh(bsdfs[0], faces, emits) for i, (faces, emits) in enumerate(_MESHES)}
+    skies = [mi.Bitmap(np.ones((height, 2 * height, 3), dtype=np.float32)) for height in _SKY_HEIGHTS]
+    # Each in a scene of its own, which sets the bounds that a sky needs.
+    scenes = [mi.load_dict({"type": "scene", **parts, "sky": {"type": "envmap", "bitmap": sky}}) for sky in skies]
+    # All but the last of these are freed, and with them ids for the objects of scenes.
+    fillers = [mi.load_dict(materials[0]) for _ in range(_BODIES)]
+    lights = [_mesh(bsdfs[0], 2, emits=True) for _ in range(_LIGHTS)]
+    bodies = [_mesh(bsdfs[0], 2, emits=False) for _ in range(_BODIES)]
+    return [*bsdfs, *scenes, fillers[-1], lights[-1], bodies[-1]]
+
+
+def _mesh(bsdf: Any, faces: int, emits: bool) -> Any:
+    """A mesh with normals and texture coordinates."""
+    mi = mitsuba()
+    properties = mi.Properties()
+    properties["bsdf"] = bsdf
+    if emits:
+        properties["emitter"] = mi.load_dict({"type": "area", "radiance": {"type": "rgb", "value": 1.0}})
+    mesh = mi.Mesh("", 4, faces, has_vertex_normals=True, has_vertex_texcoords=True, props=properties)
+    buffers = mi.traverse(mesh)
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
+    buffers["vertex_positions"] = np.insert(corners, 2, 0, axis=1).ravel()
+    buffers["vertex_normals"] = np.tile(np.array([0, 0, 1], dtype=np.float32), 4)
+    buffers["vertex_texcoords"] = aligned(corners.ravel())
+    buffers["faces"] = np.resize(np.array([0, 1, 2, 0, 2, 3], dtype=np.uint32), 3 * faces)
+    buffers.update()
+    return mesh
+
+
+def aligned(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A copy of `values` (N,) at a multiple of 64 bytes. Dr.Jit compiles other gathers for memory without alignment."""
+    memory = np.empty(len(values) + 16, dtype=np.float32)
+    start = -memory.ctypes.data % 64 // 4
+    memory[start : start + len(values)] = values
+    return memory[start : start + len(values)]
