@@ -208,7 +208,7 @@ def test_an_invalid_memory_limit_is_refused(twinlens, dataset, tmp_path, gib):
 
 
 def test_matchers_output_does_not_mix_with_json(twinlens, dataset, tmp_path, monkeypatch):
-    monkeypatch.setattr("twinlens.matching.matcher.StereoMatcher._match", lambda self, left, right: print("hello") or 1)
+    monkeypatch.setattr("twinlens.matching.matcher.StereoMatcher._match", lambda self, left, right: print("hello"))
     code, out, err = twinlens("benchmark", dataset, "--methods", "sad", "-o", tmp_path / "b", "--json")
     assert code == 1
     assert "hello" in err
