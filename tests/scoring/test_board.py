@@ -23,6 +23,7 @@ from twinlens.scoring import (
     Failure,
     RegionScores,
     board_csv,
+    board_file,
     board_from_json,
     board_latex,
     board_to_json,
@@ -202,6 +203,14 @@ def test_a_damaged_board_is_read_or_refused(data):
     with_damage = text[:at] + data.draw(st.text(max_size=3)) + text[at + data.draw(st.integers(0, 8)) :]
     with contextlib.suppress(TwinlensError):
         assert isinstance(board_from_json(with_damage), Board)
+
+
+def test_a_board_file_that_is_too_large_is_refused(tmp_path, monkeypatch):
+    write_board(board(), tmp_path / "b.json")
+    read_board(tmp_path / "b.json")
+    monkeypatch.setattr(board_file, "MAX_BYTES", 2**6)
+    with pytest.raises(FileError, match=r"b\.json: larger than .* MiB, the limit for a board$"):
+        read_board(tmp_path / "b.json")
 
 
 def test_min_disparity_is_stored_and_0_in_older_files():

@@ -87,15 +87,15 @@ def test_pfm_comes_before_png_and_disp0_before_others(tmp_path):
     for other in ("disp0", "disp1"):
         write_pfm(tmp_path / "t" / f"{other}.pfm", DISP)
     submission = open_submission(tmp_path)
-    assert submission.file_of("s") == "s.pfm"
-    assert submission.file_of("t") == "t/disp0.pfm"
+    assert submission.find("s") == "s.pfm"
+    assert submission.find("t") == "t/disp0.pfm"
 
 
 def test_two_candidates_are_ambiguous(tmp_path):
     for name in "ab":
         write_pfm(tmp_path / "s" / f"{name}.pfm", DISP)
     with pytest.raises(FileError, match="no map of 's'"):
-        open_submission(tmp_path).file_of("s")
+        open_submission(tmp_path).map_of("s", SHAPE)
 
 
 def test_a_submission_is_scored_like_a_method_without_a_time(tmp_path):
@@ -196,8 +196,8 @@ def test_a_map_of_one_lens_is_not_used_for_another(tmp_path):
     write_pfm(tmp_path / "s" / "lens-1.pfm", DISP)
     submission = open_submission(tmp_path)
     with pytest.raises(FileError, match=r"no map of 's · pinhole': expected s/lens-0\.pfm"):
-        submission.file_of("s · pinhole", LENSES["s · pinhole"])
-    assert submission.file_of("s · wide", LENSES["s · wide"]) == "s/lens-1.pfm"
+        submission.map_of("s · pinhole", SHAPE, LENSES["s · pinhole"])
+    assert submission.find("s · wide", LENSES["s · wide"]) == "s/lens-1.pfm"
 
 
 def link(info):
@@ -232,6 +232,14 @@ def test_an_encrypted_member_is_refused(tmp_path):
     (tmp_path / "evil.zip").write_bytes(data)
     with pytest.raises(FileError, match="is encrypted"):
         open_submission(tmp_path / "evil.zip")
+
+
+def test_a_zip_of_too_many_files_is_refused(tmp_path, monkeypatch):
+    files = [(f"{k}.pfm", b"") for k in range(3)]
+    assert len(zipped(tmp_path / "many.zip", files).files) == 3
+    monkeypatch.setattr("twinlens.scoring.submission.MAX_FILES", 2)
+    with pytest.raises(FileError, match=r"many\.zip: contains 3 files, more than 2$"):
+        open_submission(tmp_path / "many.zip")
 
 
 BOMB = b"Pf\n3 2\n-1\n" + bytes(50_000_000)

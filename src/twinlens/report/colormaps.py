@@ -57,10 +57,9 @@ def colourise(
 
 
 def disparity_limits(disparity: ArrayLike, matcher: object) -> tuple[float, float]:
-    """(low, high) for the colours of a disparity map: the matcher's search range, or the range of the map.
+    """(low, high) for the colours of a disparity map, which differ by 1 at least.
 
-    The map's range is taken where the matcher has no `min_disparity` and `num_disparities`, or searches one disparity.
-    The limits differ by 1 at least.
+    The matcher's search range; the range of the map if it states none or searches one disparity.
     """
     values = np.asarray(disparity)
     known = values[np.isfinite(values)]

@@ -36,19 +36,10 @@ def epipolar_picture(
 ) -> NDArray[np.uint8]:
     """The images of cameras a and b side by side, each with its points and the epipolar curves of the other's points.
 
-    Parameters
-    ----------
-    images : uint8 or uint16 (H, W[, 3]) of camera a, and of camera b.
-    rig : Rig
-        Its epipolar geometry is drawn: half-lines from infinity to the camera, with lens distortion.
-    points_a, points_b : (N, 2)
-        Pixels of camera a and their matches in b. None draws the curves in b only.
-
-    Returns
-    -------
-    uint8 (H', W', 3). Epipoles inside an image are marked by a cross in a ring.
-
-    Raises InputError where the cameras have no baseline, or pixels are not finite (N, 2).
+    The curves are half-lines from infinity to the camera, with lens distortion. A cross in a ring marks an epipole.
+    images: uint8 or uint16 (H, W[, 3]) of camera a and of camera b. points_a, points_b: (N, 2) pixels of camera a and
+    their matches in b; None draws the curves in b only. Returns uint8 (H', W', 3). Raises InputError where the cameras
+    have no baseline, or pixels are not finite (N, 2).
     """
     check_pair(rig, a, b)
     first = np.asarray(points_a, dtype=np.float64)
@@ -58,14 +49,13 @@ def epipolar_picture(
     if not (np.isfinite(first).all() and np.isfinite(second).all()):
         raise InputError("points must be finite pixels: leave out those that a camera does not see")
     depths = rig.baseline(a, b) * np.geomspace(_NEAR, _FAR, _STEPS)
-    panels = []
-    for image, own, others, i, j in ((images[0], first, second, a, b), (images[1], second, first, b, a)):
-        curves = [epipolar_curve(rig, pixel, depths, j, i) for pixel in others]
-        panels.append(_panel(rgb8(image), curves, own, epipole_in_image(rig, i, j)))
-    width = sum(panel.width for panel in panels) + _GAP
-    whole = Image.new("RGB", (width, max(panel.height for panel in panels)), (255, 255, 255))
-    whole.paste(panels[0], (0, 0))
-    whole.paste(panels[1], (panels[0].width + _GAP, 0))
+    left, right = (
+        _panel(rgb8(image), [epipolar_curve(rig, p, depths, j, i) for p in others], own, epipole_in_image(rig, i, j))
+        for image, own, others, i, j in ((images[0], first, second, a, b), (images[1], second, first, b, a))
+    )
+    whole = Image.new("RGB", (left.width + _GAP + right.width, max(left.height, right.height)), (255, 255, 255))
+    whole.paste(left, (0, 0))
+    whole.paste(right, (left.width + _GAP, 0))
     return np.asarray(whole)
 
 

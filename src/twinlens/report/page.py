@@ -34,7 +34,6 @@ from twinlens.scoring import (
     Entry,
     Groups,
     Pair,
-    Protocol,
     Sample,
     board_csv,
     board_latex,
@@ -108,7 +107,7 @@ def page_html(
         if s.name in board.samples
     }
     document = _document(board, pictures, weights, groups or {}) | {"notes": list(notes)}
-    data = json.dumps(document, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    data = json.dumps(document, allow_nan=False, separators=(",", ":"))
     # No character that could end the script block around the data, or open a comment or an entity.
     data = data.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
     script = "\n".join(_file(name) for name in _SCRIPTS)
@@ -188,7 +187,11 @@ def _document(
             {"name": s, "w": first[s].width, "h": first[s].height, "ndisp": first[s].ndisp, "pictures": pictures.get(s)}
             for s in board.samples
         ],
-        "protocols": [_protocol(PROTOCOLS[name]) for name in board.protocols],
+        "protocols": [
+            {key: getattr(rules, key) for key in ("name", "title", "headline", "metrics", "columns")}
+            | {"lines": dict(rules.lines())}
+            for rules in (PROTOCOLS[name] for name in board.protocols)
+        ],
         "regions": [{"name": r, "text": REGIONS[r].text if r in REGIONS else ""} for r in board.regions],
         "metrics": {m.name: {"unit": m.unit, "text": m.text, "lower": m.lower_is_better} for m in METRICS.values()},
         "times": list(TIMES),
@@ -212,11 +215,6 @@ def _document(
     }
 
 
-def _protocol(rules: Protocol) -> dict[str, Any]:
-    names = ("name", "title", "headline", "metrics", "columns")
-    return {name: getattr(rules, name) for name in names} | {"lines": dict(rules.lines())}
-
-
 def _entry(entry: Entry) -> dict[str, Any]:
     """One entry; values are in the order of the protocol's metrics, whose names would be half of the page."""
     names = PROTOCOLS[entry.protocol].metrics
@@ -224,10 +222,12 @@ def _entry(entry: Entry) -> dict[str, Any]:
         name: {"n": [s.image, s.evaluated, s.estimated], "v": [_number(s.get(metric, math.nan)) for metric in names]}
         for name, s in entry.regions.items()
     }
-    failure = None if entry.failure is None else [entry.failure.kind, entry.failure.message]
-    times = {name: _number(value) for name, value in entry.times().items()}
-    key = {"method": entry.method, "sample": entry.sample, "protocol": entry.protocol}
-    return key | {"failure": failure, "times": times, "regions": regions}
+    return {
+        **{name: getattr(entry, name) for name in ("method", "sample", "protocol")},
+        "failure": None if entry.failure is None else [entry.failure.kind, entry.failure.message],
+        "times": {name: _number(value) for name, value in entry.times().items()},
+        "regions": regions,
+    }
 
 
 def _means(board: Board, weights: Mapping[str, float] | None) -> dict[str, Any]:

@@ -58,9 +58,8 @@ def draw(figure: Figure, table: Table) -> Sheet:
         raise InputError(f"figure {figure.name!r}: the table has no rows with {dict(figure.where)}")
     if figure.kind not in _Panel.KINDS:
         raise unknown("kind of figure", figure.kind, _Panel.KINDS)
-    panels = [(key[0], part) for key, part in rows.groups(figure.panel)] if figure.panel else [("", rows)]
     with matplotlib.rc_context(_RC_PARAMS):
-        return _sheet(figure, panels)
+        return _sheet(figure, list(_groups(rows, figure.panel)))
 
 
 def encode(sheet: Sheet, kind: str) -> bytes:
@@ -88,8 +87,7 @@ def _sheet(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> Sheet:
         line, column = divmod(k, columns)
         axes = sheet.add_subplot(grid[line * (2 if strip else 1), column])
         panel = _Panel(axes, figure, rows, name, styles)
-        panel.draw()
-        if strip and panel.has_values:
+        if panel.draw() and strip:
             axes.tick_params(labelbottom=False)
             axes.set_xlabel("")
             panel.draw_residuals(sheet.add_subplot(grid[2 * line + 1, column], sharex=axes))
@@ -112,12 +110,11 @@ def _line_styles(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> Mapping
     """Colour and marker of each line, the same in every panel."""
     if not figure.by:
         return {}
-    names = list(dict.fromkeys(value for _, rows in panels for value in rows.values(figure.by)))
-    measured = [name for name in names if name != THEORY]
+    names = dict.fromkeys(value for _, rows in panels for value in rows.values(figure.by) if value != THEORY)
     styles = {
         name: {"color": PALETTE[k % len(PALETTE)], "marker": _MARKERS[k % len(_MARKERS)],
                "linestyle": ("-", "--", ":")[k // len(PALETTE) % 3]}
-        for k, name in enumerate(measured)
+        for k, name in enumerate(names)
     }  # fmt: skip
     return styles | {THEORY: {"color": "black", "marker": "", "linestyle": "--"}}
 
@@ -134,12 +131,8 @@ class _Panel:
     name: Any
     styles: Mapping[Any, Mapping[str, Any]]
 
-    @property
-    def has_values(self) -> bool:
-        return bool(np.isfinite(self.rows.numbers(self.figure.z or self.figure.y)).any())
-
-    def draw(self) -> None:
-        """Draw and label the values; without any, a text instead of scales."""
+    def draw(self) -> bool:
+        """Draw and label the values; without any, a text instead of scales, and False."""
         axes, figure, rows = self.axes, self.figure, self.rows
         axes.set_xlabel(figure.x_of.get(self.name, rows.column(figure.x).label))
         axes.set_ylabel(rows.column(figure.y).label)
@@ -147,23 +140,18 @@ class _Panel:
             column = rows.column(figure.panel)
             is_text = isinstance(self.name, str)
             axes.set_title(self.name if is_text else f"{column.text} {self.name:.4g} {column.unit}".strip())
-        if not self.has_values:
+        if not np.isfinite(rows.numbers(figure.z or figure.y)).any():
             axes.set_xticks([])
             axes.set_yticks([])
             axes.text(0.5, 0.5, "nothing measured", transform=axes.transAxes, ha="center", va="center", color=_GREY)
-        elif figure.kind == "heatmap":
+            return False
+        if figure.kind == "heatmap":
             self._draw_heatmap()
-        else:
-            for name, part in self._lines():
-                style = self.styles.get(name, _PLAIN)
-                self._draw_line(name, part, style) if figure.kind == "line" else self._draw_points(name, part, style)
-            self._scale_axes()
-
-    def _lines(self) -> Iterator[tuple[Any, Table]]:
-        if self.figure.by:
-            yield from ((name, part) for (name,), part in self.rows.groups(self.figure.by))
-        else:
-            yield "", self.rows
+            return True
+        for name, part in _groups(rows, figure.by):
+            (self._draw_line if figure.kind == "line" else self._draw_points)(name, part, self.styles.get(name, _PLAIN))
+        self._scale_axes()
+        return True
 
     def _draw_line(self, name: Any, part: Table, style: Mapping[str, Any]) -> None:
         axes, figure = self.axes, self.figure
@@ -214,7 +202,7 @@ class _Panel:
 
     def draw_residuals(self, axes: Any) -> None:
         """measured / predicted - 1, in percent."""
-        for name, part in self._lines():
+        for name, part in _groups(self.rows, self.figure.by):
             if name != THEORY:
                 share = part.numbers(self.figure.y) / part.numbers(self.figure.residual_of) - 1
                 points = {**self.styles.get(name, _PLAIN), "linestyle": "", "markersize": 3, "alpha": 0.7}
@@ -241,21 +229,22 @@ class _Panel:
             axes.set_ylim(bottom=0)
         axes.grid(True, color="#DDDDDD", linewidth=0.6)
         axes.set_axisbelow(True)
+        height, side = (0.98, "top") if figure.best == "least" else (0.02, "bottom")
         for column, text in figure.marks:
-            self._mark(rows.numbers(column), text)
+            places = rows.numbers(column)
+            places = places[np.isfinite(places)]
+            if places.size:
+                place = float(np.exp(np.log(places).mean()) if axes.get_xscale() == "log" else places.mean())
+                axes.axvline(place, color=_GREY, linestyle=":", linewidth=1.2)
+                axes.annotate(
+                    text, (place, height), xycoords=axes.get_xaxis_transform(), xytext=(-2, 0), va=side, ha="right",
+                    textcoords="offset points", rotation=90, fontsize=7.5, color=_GREY,
+                )  # fmt: skip
 
-    def _mark(self, places: NDArray[np.float64], text: str) -> None:
-        """A labelled vertical line at the mean of the places (the geometric mean on a logarithmic axis)."""
-        places = places[np.isfinite(places)]
-        if not places.size:
-            return
-        place = float(np.exp(np.log(places).mean()) if self.axes.get_xscale() == "log" else places.mean())
-        self.axes.axvline(place, color=_GREY, linestyle=":", linewidth=1.2)
-        height, side = (0.98, "top") if self.figure.best == "least" else (0.02, "bottom")
-        self.axes.annotate(
-            text, (place, height), xycoords=self.axes.get_xaxis_transform(), xytext=(-2, 0), va=side, ha="right",
-            textcoords="offset points", rotation=90, fontsize=7.5, color=_GREY,
-        )  # fmt: skip
+
+def _groups(rows: Table, column: str) -> Iterator[tuple[Any, Table]]:
+    """The rows by their value of the column; without a column, all rows under ""."""
+    yield from ((value, part) for (value,), part in rows.groups(column)) if column else [("", rows)]
 
 
 def _positive(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -266,9 +255,9 @@ def _positive(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def _set_ticks(axis: Any, places: NDArray[np.float64]) -> None:
     """Ticks at the places, as decimal numbers, without those too close to the previous tick."""
     distance = _TICK_DISTANCE * math.log(places[-1] / places[0])
-    ticks: list[float] = []
-    for place in places:
-        if not ticks or math.log(place / ticks[-1]) >= distance:
+    ticks = [float(places[0])]
+    for place in places[1:]:
+        if math.log(place / ticks[-1]) >= distance:
             ticks.append(float(place))
     axis.set_ticks(ticks, [f"{tick:.3g}" for tick in ticks])
     axis.set_ticks([], minor=True)

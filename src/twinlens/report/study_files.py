@@ -62,16 +62,16 @@ def tiles(picture: Picture) -> NDArray[np.uint8]:
 
 
 def _plain(support: SeedSupport) -> dict[str, Any]:
-    finding = support.finding
+    finding, mean = support.finding, support.finding.measured
     value, low, high, expected = (
         float(f"{number:.9g}") if number is not None and math.isfinite(number) else None
-        for number in (finding.measured.value, finding.measured.low, finding.measured.high, finding.expected)
+        for number in (mean.value, mean.low, mean.high, finding.expected)
     )
     return {
         "text": finding.sentence,
         "measured": value,
         "interval": [low, high],
-        "interval_units": finding.measured.units,
+        "interval_units": mean.units,
         "unit": finding.unit,
         "expected": expected,
         "tolerance": finding.tolerance,
@@ -84,14 +84,12 @@ def _page(result: Result, files: Mapping[str, bytes]) -> str:
     study = result.study
     parts = [f"<h1>{html.escape(study.name)}</h1><p class=lead>{html.escape(study.question)}</p>"]
     parts.append("<h2>Findings</h2>" + "".join(_finding(support) for support in result.findings))
-    if study.figures:
-        parts.append("<h2>Figures</h2>")
+    parts += ["<h2>Figures</h2>"] if study.figures else []
     for figure in study.figures:
-        name = f"figures/{figure.name}"
-        links = f'<a href="{html.escape(name)}.png">PNG</a> <a href="{html.escape(name)}.svg">SVG</a>'
-        parts.append(_image(files[f"{name}.png"], figure.title, links, 96 / DPI))
-    if result.pictures:
-        parts.append("<h2>Pictures</h2>")
+        name = html.escape(f"figures/{figure.name}")
+        links = f'<a href="{name}.png">PNG</a> <a href="{name}.svg">SVG</a>'
+        parts.append(_image(files[f"figures/{figure.name}.png"], figure.title, links, 96 / DPI))
+    parts += ["<h2>Pictures</h2>"] if result.pictures else []
     for picture in result.pictures:
         name = f"pictures/{picture.name}.png"
         links = f'{html.escape(picture.title)}. <a href="{html.escape(name)}">PNG</a>'
@@ -119,9 +117,8 @@ def _finding(support: SeedSupport) -> str:
     finding = support.finding
     before, _, after = (html.escape(part) for part in finding.template.partition("{}"))
     number = f"<b>{html.escape(finding.measured.format(finding.unit))}</b>" if "{}" in finding.template else ""
-    kind = "" if not finding.has_verdict else " good" if finding.holds else " bad"
-    if kind == " good" and support.supporting < support.seeds:
-        kind = " shaky"
+    good = " good" if support.supporting >= support.seeds else " shaky"
+    kind = "" if not finding.has_verdict else good if finding.holds else " bad"
     text, verdict = f"{before}{number}{after}", html.escape(support.verdict)
     return f'<div class="finding{kind}"><p>{text}.</p><p class=note>{verdict[0].upper()}{verdict[1:]}.</p></div>\n'
 

@@ -1,6 +1,6 @@
 """Scoring of disparity maps: metrics, regions, protocols, and leaderboards. Works without mitsuba."""
 
-from twinlens.scoring.benchmark import WARM_UP_LIMIT_S, Step, run_benchmark, spec_of
+from twinlens.scoring.benchmark import Step, run_benchmark, spec_of
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure, Mean
 from twinlens.scoring.board_file import board_from_json, board_to_json, json_number, read_board, write_board
 from twinlens.scoring.evaluate import RegionScores, Scores, evaluate
@@ -8,16 +8,8 @@ from twinlens.scoring.methods import NamedMethod, named_method, named_methods, n
 from twinlens.scoring.metrics import METRICS, Metric, find_metric
 from twinlens.scoring.protocols import PROTOCOLS, Protocol, find_protocol, interpolate_background
 from twinlens.scoring.regions import REGIONS, Region, region_masks
-from twinlens.scoring.samples import (
-    DatasetPairs,
-    Pair,
-    Sample,
-    fingerprint,
-    lens_label,
-    load_pair,
-    open_pairs,
-    search_range,
-)
+from twinlens.scoring.runners import WARM_UP_LIMIT_S
+from twinlens.scoring.samples import DatasetPairs, Pair, Sample, fingerprint, load_pair, open_pairs, search_range
 from twinlens.scoring.submission import MapFolder, Submission, open_submission
 from twinlens.scoring.tables import (
     Groups,
@@ -69,7 +61,6 @@ __all__ = [
     "interpolate_background",
     "json_number",
     "leaderboard_table",
-    "lens_label",
     "load_pair",
     "named_method",
     "named_methods",

@@ -2,11 +2,9 @@
 
 import os
 from collections.abc import Callable, Iterable, Sequence, Sized
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-import numpy as np
 
 from twinlens.errors import FileError, InputError
 from twinlens.scoring.board import Board, Entry, Failure
@@ -15,13 +13,9 @@ from twinlens.scoring.evaluate import RESERVED, evaluate, upsampled, upsampling
 from twinlens.scoring.metrics import Disparity, Mask
 from twinlens.scoring.protocols import Protocol, find_protocol
 from twinlens.scoring.regions import region_masks
-from twinlens.scoring.runners import Answer, Method, MethodError, Runner
+from twinlens.scoring.runners import WARM_UP_LIMIT_S, Answer, Method, MethodError, Runner
 from twinlens.scoring.samples import Pair, Sample, fingerprint, load_pair
 from twinlens.scoring.submission import Submission
-
-WARM_UP_LIMIT_S = 120.0
-WORKER_LIMIT_S = 600.0
-"""Time limit of a match if only a memory limit was given."""
 
 
 @dataclass(frozen=True)
@@ -70,13 +64,8 @@ def run_benchmark(
         Names of `REGIONS`. A region is skipped for samples that lack the data it needs.
     progress
         Called after every pair with a `Step`.
-    time_limit, memory_limit
-        Seconds per match, and bytes of data that a method may allocate. Either runs methods in a worker process, which
-        is killed at the limit (see `runners.Runner`). A memory limit alone implies a time limit of 600 s.
-    warm_up, warm_up_limit
-        Match a few rows before the first measured match of each method and number of disparities, so that compilation
-        is not timed. In a worker process this may take `warm_up_limit` seconds. It is repeated in a new worker, unless
-        it hung, or took longer than the time limit and did not help.
+    time_limit, memory_limit, warm_up, warm_up_limit
+        Limits of a match and its warm-up, see `runners.Runner`.
     save, board
         The board's JSON file: read first if it exists (resume), written every few seconds and at the end, and locked
         against other runs. Or a board to resume instead. A pair is skipped if an entry agrees in method spec, sample
@@ -100,29 +89,25 @@ def run_benchmark(
         raise InputError("nothing to score: name at least one protocol and one region")
     if not methods:
         raise InputError("no method to run")
-    protocols = [find_protocol(name) for name in names]
-    for i, method in enumerate(methods):
-        if method.name in [other.name for other in methods[:i]]:
-            raise _not_unique("method", method.name)
-    if time_limit is None and memory_limit is not None:
-        time_limit = WORKER_LIMIT_S
-    runner = Runner(time_limit, warm_up_limit, memory_limit)
+    protocols, taken = [find_protocol(name) for name in names], set[tuple[str, str]]()
+    for method in methods:
+        _check_unique("method", method.name, taken)
+    total = len(samples) * len(methods) if isinstance(samples, Sized) else None
+    runner = Runner(time_limit, memory_limit, warm_up, warm_up_limit)
     lock = nullcontext() if save is None else exclusive(Path(save).absolute().parent, Path(save).name)
-    with lock, runner:
+    with lock, closing(runner):
         if board is None:
             board = read_board(save) if save is not None and Path(save).exists() else Board()
         with BoardWriter(replace(board, title=title), save) as writer:
-            for method in methods:  # a missing file is the user's error, not a failure for the board
-                if (missing := runner.missing_requirement(method)) is not None:
-                    raise InputError(missing)
-            run = _Run(runner, writer, retry_failed, on_map, on_drop, warm_up)
-            total = len(samples) * len(methods) if isinstance(samples, Sized) else None
-            done, seen = 0, set[str]()
+            for method in methods:
+                runner.check_parts(method)
+            run = _Run(runner, writer, retry_failed, on_map or _ignore, on_drop or _ignore)
+            done = 0
             for sample in samples:
-                if sample.name in seen:
-                    raise _not_unique("sample", sample.name)
-                seen.add(sample.name)
-                prepared = _prepare(sample, protocols, regions)
+                _check_unique("sample", sample.name, taken)
+                pair = load_pair(sample)
+                applicable = [p for p in protocols if pair.calibration is not None or not p.needs_calibration]
+                prepared = _Prepared(pair, fingerprint(pair), region_masks(pair, regions), applicable)
                 for method in methods:
                     skipped, failure = run.pair(prepared, method)
                     done += 1
@@ -136,8 +121,14 @@ def spec_of(method: Method | Submission) -> str:
     return str(getattr(method, "spec", method.name))
 
 
-def _not_unique(kind: str, name: str) -> InputError:
-    return InputError(f"two {kind}s are named {name!r}: names on a board must be unique")
+def _check_unique(kind: str, name: str, taken: set[tuple[str, str]]) -> None:
+    if (kind, name) in taken:
+        raise InputError(f"two {kind}s are named {name!r}: names on a board must be unique")
+    taken.add((kind, name))
+
+
+def _ignore(*_: object) -> None:
+    """The callback in place of None."""
 
 
 @dataclass(frozen=True)
@@ -147,13 +138,7 @@ class _Prepared:
     sample: Pair
     sha: str
     masks: dict[str, Mask]
-    protocols: tuple[Protocol, ...]
-
-
-def _prepare(sample: Sample, protocols: Sequence[Protocol], regions: Sequence[str]) -> _Prepared:
-    pair = load_pair(sample)
-    applicable = tuple(p for p in protocols if pair.calibration is not None or not p.needs_calibration)
-    return _Prepared(pair, fingerprint(pair), region_masks(pair, regions), applicable)
+    protocols: Sequence[Protocol]
 
 
 @dataclass(frozen=True)
@@ -163,9 +148,8 @@ class _Run:
     runner: Runner
     writer: BoardWriter
     retry_failed: bool
-    on_map: Callable[[str, str, Disparity], None] | None
-    on_drop: Callable[[str, str], None] | None
-    warm_up: bool
+    on_map: Callable[[str, str, Disparity], None]
+    on_drop: Callable[[str, str], None]
 
     def pair(self, prepared: _Prepared, method: Method | Submission) -> tuple[bool, Failure | None]:
         """Match and score one pair unless the board has it: (skipped, failure)."""
@@ -173,13 +157,13 @@ class _Run:
         found = [board.find(method.name, sample.name, rules.name) for rules in prepared.protocols]
         if all(entry is not None and self._is_kept(entry, prepared) for entry in found):
             return True, None
-        answer, failure = self._answer(sample, method)
-        entries = [_entry(prepared, method, rules, answer, failure) for rules in prepared.protocols]
+        answer = self._answer(sample, method)
+        entries = [_entry(prepared, method, rules, answer) for rules in prepared.protocols]
         for entry in entries:
             board = board.having(entry)
-        if answer is None:
-            self._drop({(method.name, sample.name)})
-        elif self.on_map is not None:
+        if isinstance(answer, Failure):
+            self.on_drop(method.name, sample.name)
+        else:
             scale = sample.disp0.shape[0] // answer.disp.shape[0]
             self.on_map(method.name, sample.name, upsampled(answer.disp, scale))
         self.writer.update(board)  # after the map, so that the board lists no map that is missing
@@ -187,69 +171,43 @@ class _Run:
 
     def _without_stale(self, prepared: _Prepared, method: Method | Submission) -> Board:
         """The board without entries of another sample or another method with this name."""
-        board, name, spec = self.writer.board, prepared.sample.name, spec_of(method)
-        kept = board.without(
-            lambda e: (
-                (e.sample == name and e.sample_sha256 != prepared.sha) or (e.method == method.name and e.spec != spec)
-            )
-        )
+        board, sample, spec = self.writer.board, prepared.sample.name, spec_of(method)
+
+        def is_stale(e: Entry) -> bool:
+            other_sample = e.sample == sample and e.sample_sha256 != prepared.sha
+            return other_sample or (e.method == method.name and e.spec != spec)
+
+        kept = board.without(is_stale)
         if len(kept.entries) < len(board.entries):
             self.writer.update(kept)
-            self._drop({(e.method, e.sample) for e in board.entries} - {(e.method, e.sample) for e in kept.entries})
+            for pair in sorted({e.key[:2] for e in board.entries} - {e.key[:2] for e in kept.entries}):
+                self.on_drop(*pair)
         return kept
-
-    def _drop(self, pairs: Iterable[tuple[str, str]]) -> None:
-        if self.on_drop is not None:
-            for method, sample in sorted(pairs):
-                self.on_drop(method, sample)
 
     def _is_kept(self, entry: Entry, prepared: _Prepared) -> bool:
         return set(prepared.masks) <= set(entry.regions) if entry.ok else not self.retry_failed
 
-    def _answer(self, sample: Pair, method: Method | Submission) -> tuple[Answer | None, Failure | None]:
+    def _answer(self, sample: Pair, method: Method | Submission) -> Answer | Failure:
+        """The method's map, or that of the submission, which has no time."""
         if isinstance(method, Submission):
-            return _submitted(sample, method)
-        images = np.array(sample.im0), np.array(sample.im1)  # copies: a method may write into its arguments
+            kind = "missing" if method.find(sample.name, sample.aliases) is None else "refused"
+            try:
+                return Answer(method.map_of(sample.name, sample.disp0.shape, sample.aliases), None)
+            except FileError as error:
+                return Failure(kind, str(error))
         try:
-            if self.warm_up:
-                self.runner.warm_up(method, *images, sample.search)
-            return self.runner.match(method, *images, sample.search), None
+            return self.runner.match(method, sample)
         except MethodError as error:
-            return None, error.failure
+            return error.failure
 
 
-def _submitted(sample: Pair, submission: Submission) -> tuple[Answer | None, Failure | None]:
-    """The submission's map; it has no time."""
-    height, width = sample.disp0.shape
-    kind = "missing"
-    try:
-        submission.file_of(sample.name, sample.aliases)
-        kind = "refused"
-        return Answer(submission.map_of(sample.name, (height, width), sample.aliases), None), None
-    except FileError as error:
-        return None, Failure(kind, str(error))
-
-
-def _entry(
-    prepared: _Prepared, method: Method | Submission, rules: Protocol, answer: Answer | None, failure: Failure | None
-) -> Entry:
-    sample = prepared.sample
-    height, width = sample.disp0.shape
-    entry = Entry(
-        method.name,
-        spec_of(method),
-        sample.name,
-        prepared.sha,
-        rules.name,
-        width,
-        height,
-        int(sample.ndisp),
-        None if answer is None else answer.seconds,
-        failure,
-        min_disparity=int(sample.min_disparity),
-    )
-    if answer is None:
-        return entry
+def _entry(prepared: _Prepared, method: Method | Submission, rules: Protocol, answer: Answer | Failure) -> Entry:
+    sample, (height, width) = prepared.sample, prepared.sample.disp0.shape
+    ndisp, first = int(sample.ndisp), int(sample.min_disparity)
+    key = method.name, spec_of(method), sample.name, prepared.sha, rules.name
+    if isinstance(answer, Failure):
+        return Entry(*key, width, height, ndisp, None, answer, min_disparity=first)
+    entry = Entry(*key, width, height, ndisp, answer.seconds, None, min_disparity=first)
     try:
         scale = upsampling(answer.disp.shape, sample.disp0.shape, rules)
     except InputError as error:

@@ -27,6 +27,7 @@ from twinlens.scoring.protocols import PROTOCOLS
 FORMAT, VERSION = "twinlens-board", 1
 UNSCORED = "unscored"
 """Key that `twinlens score --json` adds to the board: maps that match no sample. `read_board` ignores it."""
+MAX_BYTES = 256 * 2**20
 WRITE_EVERY_S = 2.0
 """Minimum interval between writes: each write takes time in proportion to the number of entries."""
 MIXED = "entries of several machines or versions"
@@ -112,17 +113,15 @@ def board_to_json(board: Board) -> str:
 
 
 def _plain(entry: Entry) -> dict[str, Any]:
-    failure = entry.failure
-    return {name: getattr(entry, name) for name in _EntryModel.model_fields} | {
-        "failure": None if failure is None else {"kind": failure.kind, "message": failure.message},
-        "regions": {
-            name: {
-                **{count: getattr(scores, count) for count in ("image", "evaluated", "estimated")},
-                "metrics": {metric: json_number(value) for metric, value in scores.items()},
-            }
-            for name, scores in entry.regions.items()
-        },
+    failure = None if entry.failure is None else dict(vars(entry.failure))
+    regions = {
+        name: {
+            **{count: getattr(scores, count) for count in ("image", "evaluated", "estimated")},
+            "metrics": {metric: json_number(value) for metric, value in scores.items()},
+        }
+        for name, scores in entry.regions.items()
     }
+    return {name: getattr(entry, name) for name in _EntryModel.model_fields} | {"failure": failure, "regions": regions}
 
 
 def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
@@ -140,7 +139,9 @@ def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
 
 
 def read_board(path: str | os.PathLike[str]) -> Board:
-    """The board in that file; FileError, starting with the path, if it is missing or invalid."""
+    """The board in that file; FileError, starting with the path, if it is missing, above 256 MiB, or invalid."""
+    if Path(path).is_file() and Path(path).stat().st_size > MAX_BYTES:
+        raise FileError(f"{path}: larger than {MAX_BYTES / 2**20:g} MiB, the limit for a board")
     return board_from_json(read_bytes(path), Path(path))
 
 
@@ -155,9 +156,7 @@ def json_number(value: float) -> float | str | None:
     >>> json_number(math.nan), json_number(math.inf), json_number(2.5)
     (None, 'inf', 2.5)
     """
-    if math.isnan(value):
-        return None
-    return "inf" if math.isinf(value) else value
+    return None if math.isnan(value) else "inf" if math.isinf(value) else value
 
 
 @contextlib.contextmanager

@@ -56,10 +56,10 @@ class Protocol:
     measure: Callable[[Pixels], dict[str, float]]
     denominator: str
     invalid: str
-    clip: str
-    resolution: str
     headline: str
     columns: tuple[str, ...]
+    clip: str = "none"
+    resolution: str = "the truth's"
     upsampling: tuple[int, ...] = (1,)
     rounds_integers: bool = False
     needs_calibration: bool = False
@@ -101,7 +101,6 @@ def _middlebury_measure(pixels: Pixels) -> dict[str, float]:
 
 
 def _bad_counts(errors: NDArray[np.float64]) -> dict[str, int]:
-    """Numbers of errors strictly greater than each threshold."""
     return {f"bad{t}": int(np.count_nonzero(errors > t)) for t in THRESHOLDS}
 
 
@@ -200,8 +199,6 @@ _PROTOCOLS = (
         measure=_eth3d_measure,
         denominator="bad, avgerr, rms, A: pixels with known truth and an estimate; coverage: pixels with known truth",
         invalid="pixels without an estimate are in no error, only in coverage; |d| > image width is no estimate",
-        clip="none",
-        resolution="the truth's",
         headline="bad1.0",
         columns=(*BAD, "avgerr", "rms", "A50", "A95", "coverage"),
     ),
@@ -215,7 +212,6 @@ _PROTOCOLS = (
         denominator="D1, coverage: pixels with known truth; D1_est: those with an estimate",
         invalid="filled by background interpolation; a gap that stays is an outlier; d < 0 is no estimate",
         clip="none; outlier where |e| > 3 px and |e| > 5% of the truth",
-        resolution="the truth's",
         headline="D1",
         columns=("D1", "D1_est", "coverage"),
     ),
@@ -228,8 +224,6 @@ _PROTOCOLS = (
         measure=_points_measure,
         denominator="all errors: pixels with known truth and an estimate; coverage: pixels with known truth",
         invalid="pixels without an estimate are in no error, only in coverage; d + doffs <= 0 is no estimate",
-        clip="none",
-        resolution="the truth's",
         headline="point_avgerr",
         columns=("point_avgerr", "point_rms", "point_A50", "point_A90", "point_A99", "point_rel", "coverage"),
         needs_calibration=True,

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from twinlens.camera.truth import MATERIAL_KINDS
-from twinlens.errors import InputError, unknown
+from twinlens.errors import unknown
 from twinlens.scoring.metrics import Mask, disparity_map, mask_of
 from twinlens.scoring.samples import Pair
 
@@ -25,8 +25,8 @@ JUMP, JUMP_WINDOW = 2.0, 9
 BLUR_LIMIT_PX = 2.0
 
 
-def textureless(image: ArrayLike, window: int = TEXTURE_WINDOW, limit: float = TEXTURE_LIMIT) -> Mask:
-    """Pixels whose squared horizontal difference, averaged over a window, is below limit^2 (grey levels squared).
+def textureless(image: NDArray[np.uint8], window: int = TEXTURE_WINDOW, limit: float = TEXTURE_LIMIT) -> Mask:
+    """Pixels whose squared horizontal difference, averaged over an odd window, is below limit^2 (grey levels squared).
 
     A pixel's squared difference is the larger of those to its left and right neighbours, averaged over the channels.
     At the border the image is extended by its edge pixels. image: uint8 (H, W) or (H, W, 3), W >= 2.
@@ -34,11 +34,7 @@ def textureless(image: ArrayLike, window: int = TEXTURE_WINDOW, limit: float = T
     >>> textureless(np.array([[10, 10, 10, 10, 10, 200, 10]], np.uint8)).tolist()
     [[True, True, True, False, False, False, False]]
     """
-    levels = np.asarray(image)
-    if levels.dtype != np.uint8 or levels.ndim not in (2, 3) or levels.shape[1] < 2:
-        raise InputError(f"image is {levels.dtype} {levels.shape}: expected uint8 (H, W) or (H, W, 3), W >= 2")
-    _odd("window", window)
-    channels = levels.reshape(*levels.shape[:2], -1).astype(np.int64)
+    channels = image.reshape(*image.shape[:2], -1).astype(np.int64)
     steps = (np.diff(channels, axis=1) ** 2).sum(axis=2)
     largest = np.maximum(np.pad(steps, ((0, 0), (1, 0)), mode="edge"), np.pad(steps, ((0, 0), (0, 1)), mode="edge"))
     ones = np.ones(window, np.int64)
@@ -48,8 +44,8 @@ def textureless(image: ArrayLike, window: int = TEXTURE_WINDOW, limit: float = T
     return mask
 
 
-def discontinuity(gt: ArrayLike, jump: float = JUMP, window: int = JUMP_WINDOW) -> Mask:
-    """Pixels within a square window of a jump of the true disparity, |d - d'| >= jump between 4-neighbours, in pixels.
+def discontinuity(gt: ArrayLike, window: int = JUMP_WINDOW) -> Mask:
+    """Pixels within an odd window of a jump of the true disparity, |d - d'| >= 2 px between 4-neighbours.
 
     Differences to unknown pixels are not jumps.
 
@@ -57,11 +53,10 @@ def discontinuity(gt: ArrayLike, jump: float = JUMP, window: int = JUMP_WINDOW) 
     [[False, True, True, True, True]]
     """
     truth = disparity_map("gt", gt)
-    _odd("window", window)
     known = np.where(np.isfinite(truth), truth, np.nan)
     edge = np.zeros(truth.shape, np.bool_)
     with np.errstate(invalid="ignore"):
-        across, down = np.abs(np.diff(known, axis=1)) >= jump, np.abs(np.diff(known, axis=0)) >= jump
+        across, down = np.abs(np.diff(known, axis=1)) >= JUMP, np.abs(np.diff(known, axis=0)) >= JUMP
     edge[:, 1:] |= across
     edge[:, :-1] |= across
     edge[1:] |= down
@@ -76,61 +71,33 @@ def occluded(mask_nonocc: NDArray[Any]) -> Mask:
     >>> occluded(np.array([[255, 128, 0]], np.uint8)).tolist()
     [[False, True, False]]
     """
-    mask = np.asarray(mask_nonocc)
-    if mask.dtype == np.bool_:
-        return ~mask
-    if mask.dtype != np.uint8:
-        raise InputError(f"mask_nonocc holds {mask.dtype}: expected bool, or uint8 of 255, 128 and 0")
-    hidden: Mask = mask == HIDDEN
+    hidden: Mask = mask_nonocc == (False if mask_nonocc.dtype == np.bool_ else HIDDEN)
     return hidden
 
 
-def out_of_focus(blur_px: ArrayLike, limit_px: float = BLUR_LIMIT_PX) -> Mask:
-    """Pixels whose blur circle diameter |blur_px| exceeds limit_px; (H, W) signed or unsigned, False where not finite.
+def out_of_focus(blur_px: ArrayLike) -> Mask:
+    """Pixels whose blur circle is wider than 2 px; (H, W) diameters, signed or unsigned, False where not finite.
 
     >>> out_of_focus([[-3.0, 1.0, np.inf]]).tolist()
     [[True, False, False]]
     """
-    blur = np.asarray(blur_px, np.float64)
-    mask: Mask = np.isfinite(blur) & (np.abs(blur) > limit_px)
+    size = np.abs(np.asarray(blur_px, np.float64))
+    mask: Mask = np.isfinite(size) & (size > BLUR_LIMIT_PX)
     return mask
 
 
-def distance_bands(gt: ArrayLike, edges: tuple[float, float] | None = None) -> tuple[Mask, Mask, Mask]:
-    """(near, mid, far): far is d <= edges[0], near is d > edges[1], in pixels of true disparity.
-
-    Without edges, the range of the known disparities is divided into thirds.
+def distance_bands(gt: ArrayLike) -> tuple[Mask, Mask, Mask]:
+    """(near, mid, far): the upper, middle and lower third of the range of the known true disparities.
 
     >>> [band.tolist() for band in distance_bands([[1.0, 2.0, 4.0, np.inf]])]
     [[[False, False, True, False]], [[False, False, False, False]], [[True, True, False, False]]]
     """
     truth = disparity_map("gt", gt)
     known = np.isfinite(truth)
-    if edges is None:
-        least, most = (float(truth[known].min()), float(truth[known].max())) if known.any() else (0.0, 0.0)
-        edges = least + (most - least) / 3, least + (most - least) * 2 / 3
-    low, high = edges
-    if not low <= high:
-        raise InputError(f"edges are {edges}: expected (far, near) disparities in ascending order")
-    far, near = known & (truth <= low), known & (truth > high)
+    least, most = (float(truth[known].min()), float(truth[known].max())) if known.any() else (0.0, 0.0)
+    far = known & (truth <= least + (most - least) / 3)
+    near = known & (truth > least + (most - least) * 2 / 3)
     return near, known & ~far & ~near, far
-
-
-def of_material(material_kind: ArrayLike, kind: str) -> Mask:
-    """Pixels whose material is of that kind, one of `truth.MATERIAL_KINDS` ("mirror", "transmissive", ...).
-
-    >>> of_material(np.array([[1, 3]], np.uint8), "mirror").tolist()
-    [[False, True]]
-    """
-    if kind not in MATERIAL_KINDS:
-        raise unknown("material kind", kind, MATERIAL_KINDS)
-    mask: Mask = np.asarray(material_kind) == MATERIAL_KINDS.index(kind)
-    return mask
-
-
-def _odd(name: str, size: int) -> None:
-    if size < 1 or size % 2 == 0:
-        raise InputError(f"{name} is {size}: expected an odd number of pixels")
 
 
 @dataclass(frozen=True)
@@ -155,37 +122,33 @@ def _textureless(sample: Any) -> Mask | None:
     return _nonocc(sample) & textureless((image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image)
 
 
-def _material(kind: str) -> Region:
-    text = f"{kind} materials"
-    return Region(kind, text, lambda s: of_material(s.material_kind0, kind), ("material_kind0",))
+def _material(number: int) -> Region:
+    kind = MATERIAL_KINDS[number]
+    return Region(kind, f"{kind} materials", lambda s: np.equal(s.material_kind0, number), ("material_kind0",))
 
 
+_SEEN = ("mask0_nonocc",)
 _REGIONS = (
     Region("all", "every pixel with known truth", lambda s: np.ones(s.disp0.shape, np.bool_)),
-    Region("nonocc", "visible in both cameras", _nonocc, ("mask0_nonocc",)),
-    Region(
-        "occluded",
-        "known, but hidden from or outside the right view",
-        lambda s: occluded(s.mask0_nonocc),
-        ("mask0_nonocc",),
-    ),
+    Region("nonocc", "visible in both cameras", _nonocc, _SEEN),
+    Region("occluded", "known, but hidden from or outside the right view", lambda s: occluded(s.mask0_nonocc), _SEEN),
     Region(
         "textureless",
         "non-occluded; mean squared horizontal difference over 3x3 below 16 (Middlebury 2002)",
         _textureless,
-        ("mask0_nonocc",),
+        _SEEN,
     ),
     Region(
         "discontinuity",
         "non-occluded; within 9x9 of a disparity jump of 2 px or more (Middlebury 2002)",
         lambda s: _nonocc(s) & discontinuity(s.disp0),
-        ("mask0_nonocc",),
+        _SEEN,
     ),
     Region("out-of-focus", f"blur circle wider than {BLUR_LIMIT_PX:g} px", lambda s: out_of_focus(s.blur0), ("blur0",)),
     Region("near", "upper third of the range of true disparities", lambda s: distance_bands(s.disp0)[0]),
     Region("mid", "middle third of the range of true disparities", lambda s: distance_bands(s.disp0)[1]),
     Region("far", "lower third of the range of true disparities", lambda s: distance_bands(s.disp0)[2]),
-    *map(_material, MATERIAL_KINDS[1:]),
+    *map(_material, range(1, len(MATERIAL_KINDS))),
 )
 REGIONS: Mapping[str, Region] = MappingProxyType({region.name: region for region in _REGIONS})
 """Every region by name."""

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import pebble
@@ -25,24 +25,24 @@ from numpy.typing import NDArray
 from twinlens.errors import InputError, TwinlensError
 from twinlens.matching.external import WrongAnswerError, checked_result
 from twinlens.scoring.board import Failure
+from twinlens.scoring.samples import Pair
 
 WARM_UP_ROWS = 32
+WARM_UP_LIMIT_S = 120.0
+WORKER_LIMIT_S = 600.0
+"""Time limit of a match if only a memory limit was given."""
 START_LIMIT_S = 60.0
 """Time that a new worker has to import what it needs."""
 LONGEST_LIMIT_S = 1e6
 
 Image = NDArray[Any]
-Search = Mapping[str, int]
-"""Keyword arguments of a match: num_disparities and min_disparity."""
 
 
 class Method(Protocol):
-    """A matcher with a name."""
+    """A matcher with a name, which is its name on the board."""
 
     @property
-    def name(self) -> str:
-        """Name on the board."""
-        ...
+    def name(self) -> str: ...
 
     def match(self, left: Image, right: Image, *, num_disparities: int, min_disparity: int) -> Image:
         """Disparity (H, W) float32 in pixels, +inf unknown, of two uint8 or uint16 images (H, W[, 3]).
@@ -69,75 +69,54 @@ class MethodError(Exception):
 
 
 class Runner:
-    """Runs methods in this process or, with a `limit`, in a worker process, kept so that compiled code stays compiled.
+    """Runs methods in this process or, with a limit, in a worker process, kept so that compiled code stays compiled.
 
     Methods in a worker must be picklable, and scripts must guard their start with `if __name__ == "__main__":`. At a
     limit the worker gets SIGTERM, so that Python code can end its own programs, and then its process group SIGKILL.
 
-    limit: seconds per match, plus `method.grace_s` for methods that enforce it themselves. warm_up_limit: seconds of a
-    warm-up. memory_limit: bytes of data that the worker, and each process it starts, may allocate; None: no limit.
+    limit: seconds per match, plus `method.grace_s` for methods that enforce it themselves. memory_limit: bytes of data
+    that the worker, and each process it starts, may allocate; alone it implies a limit of 600 s. None: no limit.
+    warms_up: match a few rows before the first match of each method and number of disparities, so that compilation is
+    not timed. In a worker this may take `warm_up_limit` seconds. It is repeated in a new worker, unless it hung, or
+    took longer than the limit and did not help.
     """
 
-    def __init__(self, limit: float | None, warm_up_limit: float, memory_limit: int | None = None) -> None:
+    def __init__(self, limit: float | None, memory_limit: int | None, warms_up: bool, warm_up_limit: float) -> None:
+        if limit is None and memory_limit is not None:
+            limit = WORKER_LIMIT_S
         if limit is not None and not (0 < limit <= LONGEST_LIMIT_S and 0 < warm_up_limit <= LONGEST_LIMIT_S):
             raise InputError(
                 f"time limits are {limit} and {warm_up_limit} s: expected more than 0, at most {LONGEST_LIMIT_S:g}"
             )
         if memory_limit is not None and not memory_limit > 0:
             raise InputError(f"memory_limit is {memory_limit} bytes: expected more than 0")
-        self.limit, self.warm_up_limit, self.memory_limit = limit, warm_up_limit, memory_limit
+        self.limit, self.memory_limit, self.warms_up, self.warm_up_limit = limit, memory_limit, warms_up, warm_up_limit
         self._pool: pebble.ProcessPool | None = None
         self._pid = 0
         self._warm: set[tuple[str, int]] = set()
         self._warm_up_s: dict[str, float] = {}
         self._skip_warm_up: set[str] = set()
 
-    def __enter__(self) -> "Runner":
-        return self
+    def check_parts(self, method: Any) -> None:
+        """Raise InputError for what `method` needs and does not find (a file, a function, a program).
 
-    def __exit__(self, *_: object) -> None:
-        self._stop()
-
-    def missing_requirement(self, method: Any) -> str | None:
-        """What `method` needs and does not find (a file, a function, a program), by its `check_parts`; None if nothing.
-
-        None too if the check fails in another way, because the match then fails with the same error.
+        If the check fails in another way, the match fails with the same error.
         """
-        if not hasattr(method, "check_parts"):
-            return None
-        try:
-            found: str | None = self._run(self.warm_up_limit, _missing_requirement, method)
-        except MethodError:
-            return None
-        return found
+        if hasattr(method, "check_parts"):
+            with contextlib.suppress(MethodError):
+                self._run(self.warm_up_limit, _check_parts, method)
 
-    def warm_up(self, method: Method, left: Image, right: Image, search: Search) -> None:
-        """Match a few rows so that compilation is not timed; once for each number of disparities in every new worker.
-
-        Not repeated for a method whose warm-up hung, or took longer than the time limit and did not help.
-        """
-        if self.limit is not None:
-            self._started()
-        name, key = method.name, (method.name, search["num_disparities"])
-        if key in self._warm or name in self._skip_warm_up:
-            return
-        start = time.monotonic()
-        try:
-            self._run(self.warm_up_limit, _warm_up, method, left, right, search)
-            self._warm.add(key)
-        except MethodError as error:
-            if error.failure.kind == "time-limit":
-                self._skip_warm_up.add(name)
-        self._warm_up_s[name] = time.monotonic() - start
-
-    def match(self, method: Method, left: Image, right: Image, search: Search) -> Answer:
+    def match(self, method: Method, sample: Pair) -> Answer:
         """One timed match; MethodError for any exception, an invalid result, or an exceeded limit."""
+        arguments = np.array(sample.im0), np.array(sample.im1), sample.search  # copies: a method may write into them
+        if self.warms_up:
+            self._warm_up(method, *arguments)
         if self.limit is None:
-            return _timed_match(method, left, right, search)
+            return _timed_match(method, *arguments)
         took, skipped = self._warm_up_s.get(method.name), method.name in self._skip_warm_up
         limit = self.limit + float(getattr(method, "grace_s", 0.0))
         try:
-            answer: Answer = self._run(limit, _timed_match, method, left, right, search)
+            answer: Answer = self._run(limit, _timed_match, method, *arguments)
         except MethodError as error:
             if took is None:
                 raise
@@ -148,6 +127,21 @@ class Runner:
             note = f"; the warm-up took {took:.3g} s" + (" and was not repeated" if skipped else "")
             raise MethodError("time-limit", error.failure.message + note) from error
         return answer
+
+    def _warm_up(self, method: Method, left: Image, right: Image, search: Mapping[str, int]) -> None:
+        if self.limit is not None:
+            self._started()
+        name, key = method.name, (method.name, search["num_disparities"])
+        if key in self._warm or name in self._skip_warm_up:
+            return
+        rows, start = (left[:WARM_UP_ROWS].copy(), right[:WARM_UP_ROWS].copy()), time.monotonic()
+        try:
+            self._run(self.warm_up_limit, _untimed_match, method, *rows, search)
+            self._warm.add(key)
+        except MethodError as error:
+            if error.failure.kind == "time-limit":
+                self._skip_warm_up.add(name)
+        self._warm_up_s[name] = time.monotonic() - start
 
     def _run(self, limit: float, function: Callable[..., Any], method: Any, *arguments: Any) -> Any:
         """`function(method, *arguments)`; if the worker has to be stopped, MethodError."""
@@ -167,26 +161,27 @@ class Runner:
             failure = MethodError("crash", f"its process died ({_exit_text(expired.exitcode)})")
         except BrokenProcessPool:
             failure = MethodError("memory", "its process died while it received the images, probably out of memory")
-        self._stop()
+        self.close()
         raise failure
 
     def _started(self) -> pebble.ProcessPool:
         if self._pool is not None and self._pool.active:
             return self._pool
-        self._stop()
+        self.close()
         pool = self._pool = pebble.ProcessPool(max_workers=1, context=multiprocessing.get_context("spawn"))
         future = pool.schedule(_prepare_worker, (self.memory_limit,), timeout=START_LIMIT_S)
         try:
             self._pid = future.result(2 * START_LIMIT_S)
+        except MethodError:
+            self.close()
+            raise
         except (TimeoutError, pebble.ProcessExpired, BrokenProcessPool):
+            self.close()
             note = 'limits need a worker process: guard the script with `if __name__ == "__main__":`'
             raise InputError(note) from None
-        finally:
-            if not self._pid:
-                self._stop()
         return pool
 
-    def _stop(self) -> None:
+    def close(self) -> None:
         """End the worker and its process group."""
         pool, pid = self._pool, self._pid
         self._pool, self._pid = None, 0
@@ -199,7 +194,7 @@ class Runner:
                 os.killpg(pid, signal.SIGKILL)
 
 
-def _timed_match(method: Method, left: Image, right: Image, search: Search) -> Answer:
+def _timed_match(method: Method, left: Image, right: Image, search: Mapping[str, int]) -> Answer:
     start = time.perf_counter()
     try:
         found = method.match(left, right, **search)
@@ -215,19 +210,19 @@ def _timed_match(method: Method, left: Image, right: Image, search: Search) -> A
         raise _method_error(error) from error
 
 
-def _warm_up(method: Method, left: Image, right: Image, search: Search) -> None:
+def _untimed_match(method: Method, left: Image, right: Image, search: Mapping[str, int]) -> None:
     with contextlib.suppress(Exception, SystemExit):
-        method.match(left[:WARM_UP_ROWS].copy(), right[:WARM_UP_ROWS].copy(), **search)
+        method.match(left, right, **search)
 
 
-def _missing_requirement(method: Any) -> str | None:
+def _check_parts(method: Any) -> None:
     try:
         method.check_parts()
-    except TwinlensError as error:
-        return None if _method_error(error).failure.kind == "memory" else str(error)
-    except (Exception, SystemExit):
-        return None
-    return None
+    except (Exception, SystemExit) as error:
+        failure = _method_error(error)
+        if isinstance(error, TwinlensError) and failure.failure.kind != "memory":
+            raise InputError(str(error)) from error
+        raise failure from error
 
 
 def _method_error(error: BaseException, prefix: str = "") -> MethodError:
@@ -243,20 +238,12 @@ def _method_error(error: BaseException, prefix: str = "") -> MethodError:
 
 
 def _exit_text(code: int) -> str:
-    """How a process ended.
-
-    >>> _exit_text(3), _exit_text(-11), _exit_text(-9)
-    ('exit code 3', 'signal 11, SIGSEGV', 'signal 9, SIGKILL; possibly out of memory')
-    """
+    """How a process ended: "exit code 3", "signal 11, SIGSEGV"."""
     if code >= 0:
         return f"exit code {code}"
     names = {each.value: f", {each.name}" for each in signal.Signals}
     note = "; possibly out of memory" if code == -signal.SIGKILL else ""
     return f"signal {-code}{names.get(-code, '')}{note}"
-
-
-class _TerminatedError(BaseException):
-    """SIGTERM in the worker; not an Exception, so that no method handles it."""
 
 
 _load = functools.cache(pickle.loads)
@@ -269,7 +256,7 @@ def _prepare_worker(memory_limit: int | None) -> int:
     with Path(os.devnull).open("w") as null:
         for stream in (1, 2):
             os.dup2(null.fileno(), stream)
-    signal.signal(signal.SIGTERM, _terminate)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # KeyboardInterrupt: no `except Exception` handles it
     with contextlib.suppress(OSError):  # Linux only
         Path("/proc/self/oom_score_adj").write_text("1000")
     if memory_limit is not None:
@@ -293,10 +280,6 @@ def _limit_memory(limit: int) -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
-def _terminate(*_: object) -> NoReturn:
-    raise _TerminatedError
-
-
 def _run_in_worker(function: Callable[..., Any], pickled: bytes, *arguments: Any) -> Any:
     try:
         try:
@@ -304,5 +287,5 @@ def _run_in_worker(function: Callable[..., Any], pickled: bytes, *arguments: Any
         except Exception as error:
             raise _method_error(error, "cannot be loaded in a worker process: ") from error
         return function(method, *arguments)
-    except _TerminatedError:
+    except KeyboardInterrupt:
         os._exit(128 + signal.SIGTERM)

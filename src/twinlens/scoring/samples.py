@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, overload
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.dataset import Calibration, Dataset, StoredSample, motorcycle
-from twinlens.errors import FileError, InputError
+from twinlens.errors import FileError, InputError, located
 from twinlens.scoring.metrics import Disparity, disparity_map, mask_of
 
 
@@ -43,10 +43,9 @@ class Sample(Protocol):
 class Pair:
     """A sample in memory, validated when it is created. See `Sample` for the arrays.
 
-    The disparities to search are min_disparity to min_disparity + ndisp - 1. min_disparity is 0 except for rigs whose
-    principal points differ (doffs != 0). aliases: other names of this sample's map in a submission, the recommended one
-    first. Raises InputError for images that are not 8 or 16 bit or differ in size, a truth or map that does not fit,
-    or ndisp < 1.
+    The search covers min_disparity to min_disparity + ndisp - 1. aliases: other names of this sample's map in a
+    submission, the recommended one first. Raises InputError for images that are not 8 or 16 bit or differ in size, a
+    truth or map that does not fit, or ndisp < 1.
     """
 
     name: str
@@ -62,10 +61,8 @@ class Pair:
     aliases: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        try:
+        with located(f"sample {self.name!r}"):
             self._check()
-        except InputError as error:
-            raise InputError(f"sample {self.name!r}: {error}") from None
 
     def _check(self) -> None:
         size = disparity_map("disp0", self.disp0).shape
@@ -97,11 +94,10 @@ def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
     """
     if isinstance(sample, Pair):
         return sample
+    images: Any = sample.lens(lens) if isinstance(sample, StoredSample) else sample
     if isinstance(sample, StoredSample):
-        images: Any = sample.lens(lens)
         blur, kinds = _optional(lambda: images.blur_circle_px(0)), _optional(lambda: sample.truth0.material_kind)
     else:
-        images = sample
         blur = _optional(lambda: getattr(sample, "blur0", None))
         kinds = _optional(lambda: getattr(sample, "material_kind0", None))
     calibration, truth = _optional(lambda: getattr(sample, "calibration", None)), sample.disp0
@@ -112,7 +108,7 @@ def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
 
 
 def search_range(bound: int, calibration: Calibration | None, truth: Disparity) -> tuple[int, int]:
-    """(ndisp, min_disparity) of a stored sample whose disparities are below `bound`.
+    """(ndisp, min_disparity) for disparities below `bound`.
 
     min_disparity is 0 unless the calibration's vmin, or without one the truth, is negative.
 
@@ -172,16 +168,14 @@ class DatasetPairs(Sequence[Pair]):
     """
 
     def __init__(self, *datasets: Sequence[StoredSample | Sample]) -> None:
-        self._places: dict[str, tuple[StoredSample | Sample, int]] = {}
-        self._aliases: dict[str, tuple[str, ...]] = {}
+        self._places: dict[str, tuple[StoredSample | Sample, int, tuple[str, ...]]] = {}
         for samples in datasets:
             found = [(sample, k, *names) for sample in samples for k, names in enumerate(_names(sample))]
             taken = {name for _, _, name, _ in found}
             for sample, k, name, aliases in found:
                 if name in self._places:
                     raise InputError(f"two samples are named {name!r}: run each dataset separately")
-                self._places[name] = sample, k
-                self._aliases[name] = tuple(alias for alias in aliases if alias not in taken)
+                self._places[name] = sample, k, tuple(alias for alias in aliases if alias not in taken)
 
     def __len__(self) -> int:
         return len(self._places)
@@ -191,20 +185,16 @@ class DatasetPairs(Sequence[Pair]):
     @overload
     def __getitem__(self, index: slice) -> list[Pair]: ...
     def __getitem__(self, index: int | slice) -> Pair | list[Pair]:
-        names = list(self._places)
-        return [self._read(name) for name in names[index]] if isinstance(index, slice) else self._read(names[index])
-
-    def __iter__(self) -> Iterator[Pair]:
-        return map(self._read, self._places)
+        if isinstance(index, slice):
+            return [self[i] for i in range(len(self))[index]]
+        name, (sample, lens, aliases) = list(self._places.items())[index]
+        pair = load_pair(sample, lens)
+        return replace(pair, name=name, aliases=pair.aliases or aliases)
 
     @property
     def aliases(self) -> dict[str, tuple[str, ...]]:
         """Pair name -> other names of its map in a submission, without extension. Reads no image."""
-        return dict(self._aliases)
-
-    def _read(self, name: str) -> Pair:
-        pair = load_pair(*self._places[name])
-        return replace(pair, name=name, aliases=pair.aliases or self._aliases[name])
+        return {name: aliases for name, (_, _, aliases) in self._places.items()}
 
 
 def open_pairs(names: Iterable[str]) -> DatasetPairs:

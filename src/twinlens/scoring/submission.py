@@ -26,6 +26,7 @@ from twinlens.errors import FileError, InputError, OutputError
 
 SCALES = (1, 2, 4)
 """Ratios of the truth's size to a map's; the protocol decides which of them it accepts."""
+MAX_FILES = 100_000
 SLACK_BYTES = 65536
 """Bytes of a file beyond four per pixel: headers, and chunks of an incompressible PNG."""
 PNG_SIZE, PNG_KIND = slice(16, 24), slice(24, 26)
@@ -96,16 +97,13 @@ class Submission:
     def files(self) -> Mapping[str, int]:
         """Every file that is not hidden: relative name with slashes -> size in bytes."""
         found = _folder_files(self.path) if self.path.is_dir() else _zip_files(self.path, self._archive.infolist())
-        visible = {}
         spellings: dict[str, str] = {}
-        for name, size in found.items():
+        for name in list(found):
             if any(part.startswith(".") or part == "__MACOSX" for part in name.split("/")):
-                continue
-            visible[name] = size
-            other = spellings.setdefault(unicodedata.normalize("NFC", name).casefold(), name)
-            if other != name:
+                del found[name]
+            elif (other := spellings.setdefault(unicodedata.normalize("NFC", name).casefold(), name)) != name:
                 raise FileError(f"{self.path}: {other} and {name} are the same name on some systems; remove one")
-        return visible
+        return found
 
     @cached_property
     def spec(self) -> str:
@@ -120,65 +118,55 @@ class Submission:
                 digest.update(self._archive.getinfo(name).CRC.to_bytes(4, "big"))
         return f"submission {digest.hexdigest()}"
 
-    def file_of(self, sample: str, aliases: Sequence[str] = ()) -> str:
-        """The file name of the sample's map, or FileError with the expected names."""
-        found = self._found(sample, aliases)
-        if found is not None:
-            return found
-        best = aliases[0] if aliases else sample
-        raise FileError(f"{self.path}: no map of {sample!r}: expected {best}.pfm, {best}.png or {best}/disp0.pfm")
-
-    def map_of(self, sample: str, shape: tuple[int, int], aliases: Sequence[str] = ()) -> NDArray[np.float32]:
+    def map_of(self, sample: str, shape: tuple[int, ...], aliases: Sequence[str] = ()) -> NDArray[np.float32]:
         """The sample's map, float32 pixels, +inf unknown, of the truth's `shape` (H, W) or 1/2 or 1/4 of it.
 
         Raises FileError, which names the file, if it is missing, damaged, has NaN, or another size.
         """
-        name = self.file_of(sample, aliases)
+        name = self.find(sample, aliases)
+        if name is None:
+            best = aliases[0] if aliases else sample
+            raise FileError(f"{self.path}: no map of {sample!r}: expected {best}.pfm, {best}.png or {best}/disp0.pfm")
         where = f"{self.path}: {name}" if not self.path.is_dir() else str(self.path / name)
         data = self._read(name, 4 * shape[0] * shape[1] + SLACK_BYTES, where)
-        # Check a PNG's size before decoding: a small file may decode to a very large image.
-        if name.endswith(".png") and len(data) > PNG_SIZE.stop:
-            width, height = struct.unpack(">II", data[PNG_SIZE])
-            _check_size((height, width), shape, where)
+        if name.endswith(".png") and len(data) > PNG_SIZE.stop:  # a small file may decode to a very large image
+            _check_size(struct.unpack(">II", data[PNG_SIZE])[::-1], shape, where)
         disp = decode_disparity(data, where)
         _check_size(disp.shape, shape, where)
         return disp
 
     def missing_files(self, samples: Samples) -> list[str]:
         """Recommended names of the maps that are missing."""
-        missing = [name for name, aliases in samples.items() if self._found(name, aliases) is None]
+        missing = [name for name, aliases in samples.items() if self.find(name, aliases) is None]
         return [f"{samples[name][0] if samples[name] else name}.pfm" for name in missing]
 
     def check_unambiguous(self, samples: Samples) -> None:
         """InputError if one file matches two samples, which have the same name in two datasets."""
         owners: dict[str, str] = {}
         for sample, aliases in samples.items():
-            file = self._found(sample, aliases)
+            file = self.find(sample, aliases)
             if file is not None and owners.setdefault(file, sample) != sample:
-                raise InputError(
-                    f"{self.path}: {file} matches both {owners[file]!r} and {sample!r}, which share a name: score each "
-                    "dataset separately"
-                )
+                both = f"{owners[file]!r} and {sample!r}"
+                raise InputError(f"{self.path}: {file} matches both {both}: score each dataset separately")
 
     def unmatched_files(self, samples: Samples) -> tuple[str, ...]:
         """Maps that belong to no sample, sorted: most often misspelt names.
 
-        Other files in a sample's own folder, and images that are not maps, are left out. In a folder of several lenses,
-        the map of a lens that the sample does not have belongs to none.
+        Without other files in a sample's own folder, and images that are not maps. In a folder of several lenses, the
+        map of a lens that the sample does not have belongs to none.
         """
-        used = {self._found(name, aliases) for name, aliases in samples.items()}
+        used = {self.find(name, aliases) for name, aliases in samples.items()}
         names = {each for name, aliases in samples.items() for each in (name, file_name(name), *aliases)}
         folders = {name.partition("/")[0] for name in names}
-        top = "" if self._top_folder().rstrip("/") in folders else self._top_folder()
+        top = "" if self._top_folder.rstrip("/") in folders else self._top_folder
 
         def belongs(name: str) -> bool:
             folder, slash, _ = name.partition("/")
-            lens = re.match(r"[^/]+/lens-\d+(?=[./])", name)
-            if lens is not None:
+            if (lens := re.match(r"[^/]+/lens-\d+(?=[./])", name)) is not None:
                 return lens[0] in names
             return folder in folders if slash else name.rpartition(".")[0] in names
 
-        unmatched = [name for name in sorted(self.files.keys() - used) if not belongs(name.removeprefix(top))]
+        unmatched = (name for name in sorted(self.files.keys() - used) if not belongs(name.removeprefix(top)))
         return tuple(name for name in unmatched if self._is_map(name))
 
     def _is_map(self, name: str) -> bool:
@@ -189,9 +177,9 @@ class Submission:
             return file.read(PNG_KIND.stop)[PNG_KIND] == GREY_16
         return False
 
-    def _found(self, sample: str, aliases: Sequence[str]) -> str | None:
-        """The sample's map: the first that exists."""
-        tops = dict.fromkeys(("", self._top_folder()))
+    def find(self, sample: str, aliases: Sequence[str] = ()) -> str | None:
+        """The file name of the sample's map: the first that exists."""
+        tops = dict.fromkeys(("", self._top_folder))
         for stem in dict.fromkeys(f"{top}{name}" for name in (sample, file_name(sample), *aliases) for top in tops):
             for name in (f"{stem}.pfm", f"{stem}.png", f"{stem}/disp0.pfm", f"{stem}/disp0.png"):
                 if name in self.files:
@@ -202,6 +190,7 @@ class Submission:
                 return first_lens[0]
         return None
 
+    @cached_property
     def _top_folder(self) -> str:
         """The single folder that contains everything, with a slash; "" if there is none."""
         tops = {name.partition("/")[0] for name in self.files}
@@ -242,23 +231,25 @@ def open_submission(path: str | os.PathLike[str], name: str | None = None) -> Su
     return Submission(source, name if name is not None else own[: -len(".zip")] if is_zip else own)
 
 
-def _check_size(found: tuple[int, ...], truth: tuple[int, int], where: str) -> None:
+def _check_size(found: tuple[int, ...], truth: tuple[int, ...], where: str) -> None:
     if not any(tuple(scale * n for n in found) == truth for scale in SCALES):
         raise FileError(f"{where}: is {found[1]} x {found[0]}; the truth is {truth[1]} x {truth[0]}")
 
 
 def _folder_files(folder: Path) -> dict[str, int]:
-    found = {}
-    for path in (path for depth in ("*", "*/*", "*/*/*", "*/*/*/*") for path in sorted(folder.glob(depth))):
-        if path.is_file():
-            if not path.resolve().is_relative_to(folder.resolve()):
-                raise FileError(f"{path}: is a link that leaves {folder}")
-            found[path.relative_to(folder).as_posix()] = path.stat().st_size
-    return found
+    paths = [
+        path for depth in ("*", "*/*", "*/*/*", "*/*/*/*") for path in sorted(folder.glob(depth)) if path.is_file()
+    ]
+    for path in paths:
+        if not path.resolve().is_relative_to(folder.resolve()):
+            raise FileError(f"{path}: is a link that leaves {folder}")
+    return {path.relative_to(folder).as_posix(): path.stat().st_size for path in paths}
 
 
 def _zip_files(path: Path, members: Sequence[zipfile.ZipInfo]) -> dict[str, int]:
     found: dict[str, int] = {}
+    if len(members) > MAX_FILES:
+        raise FileError(f"{path}: contains {len(members)} files, more than {MAX_FILES}")
     for member in members:
         name = member.filename
         if name.startswith("/") or "\\" in name or ":" in name or ".." in PurePosixPath(name).parts:
