@@ -16,7 +16,7 @@ from tests.matching.matching_reference import (
 )
 from twinlens.errors import InputError
 from twinlens.matching.costs import COSTS
-from twinlens.matching.semiglobal import Penalties, Sweeps, stored
+from twinlens.matching.semiglobal import Penalties, Sweeps
 from twinlens.matching.supports import SUPPORTS
 
 RADIUS = 2
@@ -177,8 +177,10 @@ def test_path_costs_equal_paths_followed_one_by_one(depth, paths, large):
     total = naive_paths(costs, ways, 7, large).astype(float)
     total[~is_candidate((5, 110), 0, depth)] = np.inf
     penalties = Penalties(7, large, 60)
-    volume = stored(costs.astype(penalties.dtype))
-    got = Sweeps(volume, costs.shape, paths, penalties, 0, depth, "none").chosen(2, rivals=True)
+    volume = costs.astype(penalties.dtype)
+    got = Sweeps(lambda start, stop: volume[start:stop], costs.shape, paths, penalties, 0, depth, "none").chosen(
+        2, rivals=True
+    )
     near = np.abs(np.arange(depth) - total.argmin(-1)[..., None]) < 2
     np.testing.assert_array_equal(got.disparity, total.argmin(-1))
     np.testing.assert_array_equal(got.cost, total.min(-1))

@@ -98,10 +98,10 @@ def aligned_zeros(count: int, dtype: Any) -> NDArray[Any]:
 
 
 class BoxMatch:
-    """One cost of one pair over one window."""
+    """One cost of one pair over one window; left and right are unsigned integers or float64, (H, W)."""
 
     def __init__(self, left: Image, right: Image, cost: Cost, side: int, low: int, high: int, threads: int) -> None:
-        """Search disparities low..high-1; left and right are uint8, uint16, uint32, uint64 or float64, (H, W)."""
+        """Search disparities low..high-1."""
         width = left.shape[1]
         self.shape, self.cost, self.side, self.threads = left.shape, cost, side, threads
         self.low, self.high = max(low, 1 - width), min(high, width)
@@ -115,31 +115,26 @@ class BoxMatch:
 
     def _slack(self) -> float:
         """By how much sums of floats that are equal may differ."""
-        if self.cost.scoring in ("zncc", "ncc", "jaccard"):
+        if not self.cost.growth:
             return ROUNDING
-        span = max(float(np.abs(self.left).max()), float(np.abs(self.right).max())) * 2
-        area = self.side**2
-        largest = {"absolute": area * span, "square": area * span**2}[self.cost.term]
-        return ROUNDING * largest * (area if self.cost.scoring == "zssd" else 1)
+        span = 2 * max(float(np.abs(self.left).max()), float(np.abs(self.right).max()))
+        return ROUNDING * float(self.side) ** (2 * self.cost.growth) * (span**2 if self.cost.term == "square" else span)
 
     def winners(self, fit: str, *, costs: bool = True) -> Chosen:
         """The candidate of lowest cost at each pixel, of equal ones the smallest disparity, with sub-pixel `fit`."""
-        chosen = Chosen.empty(self.shape, costs)
-        if self.count == 0:
-            return chosen
+        chosen, ends = Chosen.empty(self.shape, costs), limits(self.numbers.scores, self.slack)
 
         def work(y0: int, y1: int) -> None:
-            images = self._laid_out(y0, y1)
-            self._slide(images, 0, y1 - y0, (FITS[fit], limits(self.numbers.scores, self.slack), *chosen.rows(y0, y1)))
+            self._slide(self._laid_out(y0, y1), 0, y1 - y0, (FITS[fit], ends, *chosen.rows(y0, y1)))
 
-        in_strips(work, self.shape[0], self.rows, self.threads)
+        if self.count:
+            in_strips(work, self.shape[0], self.rows, self.threads)
         return chosen
 
     def fill(self, volume: Volume, y0: int, gain: float = 1.0, offset: float = 0.0) -> None:
         """Write the rows from y0 on of the cost volume, (rows, W, depth), as cost * gain + offset.
 
-        Candidates without a partner in the right image have the cost of edge-continued images. float16 and integer
-        volumes are for the caller to keep in range.
+        Candidates without a partner in the right image have the cost of edge-continued images.
         """
         kind = np.result_type(self.numbers.scores, np.float64 if volume.dtype == np.float64 else np.float32)
         self._slide(self._whole, y0, len(volume), (volume.reshape(-1), np.array([gain, offset], kind)))
@@ -206,11 +201,7 @@ def box_sums(boxes: tuple[BoxMatch, ...], gain: float, offset: float, dtype: Any
 
 
 def blank(volume: Volume, low: int, count: int, value: float = np.inf) -> None:
-    """Set what is no candidate to `value`.
-
-    Candidate j of a (rows, W, D) volume is disparity low + j. The first `count` are searched, where they have a partner
-    in the image.
-    """
+    """Set candidates (disparity low + j for j < count) without a partner in the image, and later ones, to `value`."""
     width = volume.shape[1]
     volume[..., count:] = value
     for columns in (slice(0, max(low + count - 1, 0)), slice(max(low + width, 0), width)):
@@ -219,11 +210,7 @@ def blank(volume: Volume, low: int, count: int, value: float = np.inf) -> None:
 
 
 def _settled(left: Image, right: Image, cost: Cost) -> tuple[Image, Image]:
-    """Float images whose sums lose as little as possible.
-
-    For absolute differences: rounded to a grid of 2^-40 of the largest value, on which all sums are exact. For costs
-    that are invariant to an offset: less the left image's mean.
-    """
+    """Float images whose sums lose little: without their mean, or on a grid of 2^-40 of the largest value."""
     if cost.scoring in ("zncc", "zssd"):
         return left - left.mean(), right - left.mean()
     top = max(float(np.abs(left).max()), float(np.abs(right).max()))
@@ -234,12 +221,7 @@ def _settled(left: Image, right: Image, cost: Cost) -> tuple[Image, Image]:
 
 
 def birchfield_tomasi(left: Image, right: Image, side: int, low: int, depth: int) -> Rows:
-    """Absolute differences that are insensitive to sampling, summed over windows.
-
-    d(l, r) = max(0, min over the half-pixel neighbourhood): the least difference between one pixel and the other
-    image interpolated half a pixel around its partner, taken both ways. Source: Birchfield and Tomasi, "A pixel
-    dissimilarity measure that is insensitive to image sampling", PAMI 1998.
-    """
+    """The measure `measures.birchfield_tomasi` over windows."""
 
     def rows(start: int, stop: int) -> Volume:
         from twinlens.matching.kernels.windows import birchfield_tomasi, window_sums

@@ -35,7 +35,7 @@ class Cost:
 
     @property
     def normalised(self) -> bool:
-        """Whether it compares statistics of whole windows, so that it is no sum over pixels."""
+        """Whether it is no sum over pixels, but compares statistics of whole windows."""
         return self.scoring != "sum" or self.term == "zero-mean absolute"
 
     @property
@@ -122,10 +122,7 @@ def _check_room(cost: Cost, dtype: np.dtype[Any], side: int, bound: int, bits: i
 
 
 def largest_cost(cost: Cost, left: NDArray[Any], right: NDArray[Any], side: int, descriptor: int) -> float:
-    """The largest value of this cost for windows of these images: the unit of p1 and p2.
-
-    descriptor: the side of the census window.
-    """
+    """The largest value of this cost for windows of these images: the unit of p1 and p2."""
     area = side * side
     if cost.scoring in ("zncc", "ncc", "jaccard"):
         return 2.0 if cost.scoring == "zncc" else 1.0

@@ -6,6 +6,7 @@ import glob
 import hashlib
 import importlib
 import importlib.util
+import operator
 import os
 import shlex
 import shutil
@@ -21,17 +22,13 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from twinlens.errors import FileError, InputError, MissingExtraError, check_int, check_number
+from twinlens.errors import FileError, InputError, check_int, check_number
 from twinlens.matching.images import Disparity, Image, grey, pair
-from twinlens.matching.options import MinDisparity, NumDisparities, RangeMatcher, check_range
+from twinlens.matching.options import MinDisparity, NumDisparities, RangeMatcher, check_range, import_extra
 
-HASH_DIGITS = 16
-"""Hexadecimal digits kept of a file's SHA-256: 64 bits."""
-PLACEHOLDERS = ("{left}", "{right}", "{out}")
-TAIL_BYTES = 4096
-"""How much of a program's output is kept for the message if it fails."""
+HASH_DIGITS = 16  # hexadecimal, of a file's SHA-256
+TAIL_BYTES = 4096  # of a program's output, kept for the message if it fails
 CHILD_S = 0.1  # time that a program's output may arrive after its end; its children may hold the pipe open
-_FATAL = 4  # onnxruntime's highest severity: its errors are raised, and need not be logged too
 
 
 class WrongAnswerError(InputError):
@@ -136,14 +133,11 @@ class PythonFunction(RangeMatcher):
         if callable(self.function):
             return self.function
         module, name = self._place
+        path = Path(module).resolve()
         try:
-            if module.endswith(".py"):
-                path = Path(module).resolve(strict=True)
-                found = _executed(path, path.stat().st_mtime_ns)
-            else:
-                found = importlib.import_module(module)
-            for part in name.split("."):
-                found = getattr(found, part)
+            file = module.endswith(".py")
+            found = _executed(path, path.stat().st_mtime_ns) if file else importlib.import_module(module)
+            found = operator.attrgetter(name)(found)
         except (ImportError, AttributeError, OSError, SyntaxError) as problem:
             reason = "its module has a syntax error; " if isinstance(problem, SyntaxError) else ""
             raise InputError(f"function {self.function!r} cannot be imported: {reason}{problem}") from None
@@ -173,9 +167,9 @@ def _executed(path: Path, _written_ns: int) -> Any:
 
 @dataclass(frozen=True)
 class Program(RangeMatcher):
-    """A program that reads two PNG files and writes a disparity map, a PFM file, in a temporary folder; see `command`.
+    """A program that reads two PNG files and writes a disparity map, a PFM file (+inf unknown); see `command`.
 
-    The program runs without a shell. In its PFM file +inf is unknown. Its output is shown only if it fails.
+    It runs without a shell. Its output is shown only if it fails.
     """
 
     command: Annotated[
@@ -190,10 +184,11 @@ class Program(RangeMatcher):
     def __post_init__(self) -> None:
         check_range(self.num_disparities, self.min_disparity)
         check_number("timeout_s", self.timeout_s, "a number above 0", above=0)
-        for placeholder in PLACEHOLDERS:
+        for placeholder in ("{left}", "{right}", "{out}"):
             if placeholder not in self.command:
-                example = "'prog {left} {right} {out}'"
-                raise InputError(f"command is {self.command!r}; it needs {placeholder}, as in {example}")
+                raise InputError(
+                    f"command is {self.command!r}; it needs {placeholder}: 'prog {{left}} {{right}} {{out}}'"
+                )
         try:
             shlex.split(self.command)
         except ValueError as problem:
@@ -223,21 +218,24 @@ class Program(RangeMatcher):
         words, shape = shlex.split(self.command), np.shape(left)[:2]
         name = f"program {words[0]!r}"
         with tempfile.TemporaryDirectory(prefix="twinlens-") as folder:
-            left_png, right_png, out = (Path(folder, name) for name in ("left.png", "right.png", "out.pfm"))
-            for path, image in ((left_png, left), (right_png, right)):
+            files = {
+                "left": Path(folder, "left.png"),
+                "right": Path(folder, "right.png"),
+                "out": Path(folder, "out.pfm"),
+            }
+            for key, image in (("left", left), ("right", right)):
                 pixels = np.asarray(image)
-                write_png(path, pixels[..., 0] if pixels.shape[2:] == (1,) else pixels)
+                write_png(files[key], pixels[..., 0] if pixels.shape[2:] == (1,) else pixels)
             search = {"num_disparities": self.num_disparities, "min_disparity": self.min_disparity}
-            values = {"left": left_png, "right": right_png, "out": out, **search}
-            for key, value in values.items():
+            for key, value in {**files, **search}.items():
                 words = [word.replace(f"{{{key}}}", str(value)) for word in words]
             status, printed = _run_process(words, self.timeout_s, name)
             if status != 0:
                 last = (printed.strip() or "it printed nothing").splitlines()[-1]
                 raise InputError(f"{name} {_format_status(status)}: {last}")
-            if not out.is_file():
+            if not files["out"].is_file():
                 raise InputError(f"{name} wrote no file at {{out}}")
-            return checked_result(_read_pfm(out, shape, name), shape, name)
+            return checked_result(_read_pfm(files["out"], shape, name), shape, name)
 
 
 def _format_status(status: int) -> str:
@@ -258,21 +256,22 @@ def _run_process(words: list[str], timeout_s: float, name: str) -> tuple[int, st
     It runs in a session of its own, so that its children are killed with it at the time limit. If memory runs out, the
     kernel kills it first.
     """
+    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
     try:
-        process = subprocess.Popen(
-            words,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            bufsize=0,
-        )
+        process = subprocess.Popen(words, **pipes, start_new_session=True, bufsize=0)  # type: ignore[call-overload]
     except (OSError, ValueError) as problem:
         raise InputError(f"{name} cannot be started: {getattr(problem, 'strerror', None) or problem}") from None
     with contextlib.suppress(OSError):
         Path(f"/proc/{process.pid}/oom_score_adj").write_text("1000")
     tail = bytearray()
-    reader = threading.Thread(target=_drain, args=(process.stdout, tail), daemon=True)
+
+    def drain() -> None:
+        with process.stdout as pipe:
+            while got := pipe.read(1 << 16):
+                tail.extend(got)
+                del tail[:-TAIL_BYTES]
+
+    reader = threading.Thread(target=drain, daemon=True)
     reader.start()
     try:
         process.wait(timeout_s)
@@ -285,14 +284,6 @@ def _run_process(words: list[str], timeout_s: float, name: str) -> tuple[int, st
             process.wait()
     reader.join(CHILD_S)
     return process.returncode, tail.decode(errors="replace")
-
-
-def _drain(pipe: Any, tail: bytearray) -> None:
-    """Read the pipe to its end; `tail` receives the last bytes."""
-    with pipe:
-        while got := pipe.read(1 << 16):
-            tail += got
-            del tail[:-TAIL_BYTES]
 
 
 def _read_pfm(path: Path, shape: tuple[int, ...], name: str) -> Disparity:
@@ -316,13 +307,10 @@ def _read_pfm(path: Path, shape: tuple[int, ...], name: str) -> Disparity:
 class OnnxNetwork:
     """A stereo network in a .onnx file. It runs on the processor and needs the extra onnx.
 
-    Inputs: two float32 tensors (1, C, H, W), the left image first, C = 1 (luma) or 3 (red, green, blue). H and W may be
-    fixed in the model: larger images are refused; smaller ones are padded with their edge pixels, at the top and on the
-    right. Where H and W are free, images are padded to a `multiple`. Disparities are cropped to the image.
-    Output: (1, 1, H, W), (1, H, W) or (H, W), in pixels of the input, u_left - u_right after multiplication by `sign`.
-    +inf is unknown; NaN and -inf are refused.
-
-    A network searches the range it was trained for: it has no options num_disparities and min_disparity.
+    Inputs: two float32 tensors (1, C, H, W), the left image first, C = 1 (luma) or 3 (red, green, blue). Images are
+    padded with their edge pixels, at the top and on the right, to the model's H and W or, where these are free, to a
+    `multiple`; larger images are refused. Output: (1, 1, H, W), (1, H, W) or (H, W), cropped to the image, in pixels,
+    u_left - u_right after multiplication by `sign`; +inf is unknown. A network searches the range it was trained for.
     """
 
     model: Annotated[str, "The .onnx file."] = ""
@@ -349,7 +337,7 @@ class OnnxNetwork:
     def check_parts(self) -> None:
         """FileError if there is no such file, MissingExtraError if onnxruntime is not installed."""
         _written_ns(self.model)
-        _onnxruntime()
+        import_extra("onnxruntime", "onnx")
 
     def match(
         self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
@@ -359,9 +347,8 @@ class OnnxNetwork:
         session = _session(self.model, _written_ns(self.model))
         inputs, outputs = session.get_inputs(), session.get_outputs()
         self._check(inputs, outputs)
-        feeds = {
-            node.name: self._tensor(np.asarray(image), node) for node, image in zip(inputs, (left, right), strict=True)
-        }
+        images = np.asarray(left), np.asarray(right)
+        feeds = {node.name: self._tensor(image, node) for node, image in zip(inputs, images, strict=True)}
         try:
             found = np.asarray(session.run([outputs[self.output].name], feeds)[0])
         except Exception as problem:  # onnxruntime's own errors have no common base
@@ -392,10 +379,7 @@ class OnnxNetwork:
             raise InputError(f"{self._name} has {len(outputs)} outputs; output is {self.output}")
 
     def _tensor(self, image: Image, node: Any) -> Image:
-        """The image as the input takes it: (1, C, H, W) float32, padded at the top and on the right.
-
-        Integers are divided by their largest value; floating-point images are expected in 0..1.
-        """
+        """The image as the input takes it. Integers are divided by their largest value; floats are in 0..1."""
         largest = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1
         levels = image.astype(np.float32) / np.float32(largest) * np.float32(self.scale)
         levels = levels.reshape(*image.shape[:2], -1)
@@ -412,14 +396,6 @@ class OnnxNetwork:
         return np.ascontiguousarray(np.moveaxis(padded, 2, 0)[None])
 
 
-def _onnxruntime() -> Any:
-    try:
-        import onnxruntime
-    except ImportError:
-        raise MissingExtraError("onnxruntime is not installed; pip install 'twinlens[onnx]'") from None
-    return onnxruntime
-
-
 def _written_ns(model: str) -> int:
     """When the file was last written; a changed file is loaded again."""
     try:
@@ -431,9 +407,9 @@ def _written_ns(model: str) -> int:
 @functools.lru_cache(maxsize=4)
 def _session(model: str, _written_ns: int) -> Any:
     """The loaded model; loading takes longer than running it."""
-    runtime = _onnxruntime()
+    runtime = import_extra("onnxruntime", "onnx")
     options = runtime.SessionOptions()
-    options.log_severity_level = _FATAL
+    options.log_severity_level = 4  # fatal only: its errors are raised
     try:
         return runtime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
     except Exception as problem:  # see match

@@ -45,15 +45,12 @@ def to_working_dtype(image: Image, name: str) -> Image:
 
     bool becomes 0 and 1; int8, int16, float16 and float32 become float64. InputError for other dtypes and NaN or inf.
     """
-    dtype = image.dtype
-    if dtype == np.bool_:
+    if image.dtype == np.bool_:
         return image.astype(np.uint8)
-    if dtype in (np.uint8, np.uint16):
-        return np.ascontiguousarray(image)
-    if dtype in (np.int8, np.int16):
-        return image.astype(np.float64)
-    if dtype.kind != "f":
-        raise InputError(f"the {name} image is {dtype}; use uint8, uint16 or float32")
+    if image.dtype in (np.uint8, np.uint16):
+        return image
+    if image.dtype.kind != "f" and image.dtype not in (np.int8, np.int16):
+        raise InputError(f"the {name} image is {image.dtype}; use uint8, uint16 or float32")
     bad = np.argwhere(~np.isfinite(image))
     if len(bad):
         place = ", ".join(str(i) for i in bad[0])
@@ -65,20 +62,18 @@ def pair(left: Any, right: Any) -> tuple[Image, Image]:
     """Both images grey and in one working dtype: uint8, uint16 or float64. Raises InputError for anything else."""
     for name, given in (("left", left), ("right", right)):
         if isinstance(given, (str, os.PathLike)):
-            raise InputError(
-                f"the {name} image is {os.fspath(given)!r}; give an array: twinlens.dataset.read_image(path)"
-            )
-    images = np.asarray(left), np.asarray(right)
-    for name, image in zip(("left", "right"), images, strict=True):
-        if image.ndim not in (2, 3) or 0 in image.shape:
-            raise InputError(f"the {name} image has shape {image.shape}; (H, W) or (H, W, 3) can be matched")
-    if images[0].shape[:2] != images[1].shape[:2]:
-        sizes = " and ".join(f"{image.shape[1]}x{image.shape[0]}" for image in images)
+            remedy = "give an array: twinlens.dataset.read_image(path)"
+            raise InputError(f"the {name} image is {os.fspath(given)!r}; {remedy}")
+        if np.ndim(given) not in (2, 3) or 0 in np.shape(given):
+            raise InputError(f"the {name} image has shape {np.shape(given)}; (H, W) or (H, W, 3) can be matched")
+    left, right = np.asarray(left), np.asarray(right)
+    if left.shape[:2] != right.shape[:2]:
+        sizes = " and ".join(f"{image.shape[1]}x{image.shape[0]}" for image in (left, right))
         raise InputError(f"the left and right images are {sizes}; both must have one size")
-    if images[0].dtype != images[1].dtype:
-        raise InputError(f"the left image is {images[0].dtype}, the right {images[1].dtype}; both must have one dtype")
-    greys = tuple(grey(to_working_dtype(image, name)) for name, image in zip(("left", "right"), images, strict=True))
-    return np.ascontiguousarray(greys[0]), np.ascontiguousarray(greys[1])
+    if left.dtype != right.dtype:
+        raise InputError(f"the left image is {left.dtype}, the right {right.dtype}; both must have one dtype")
+    left, right = grey(to_working_dtype(left, "left")), grey(to_working_dtype(right, "right"))
+    return np.ascontiguousarray(left), np.ascontiguousarray(right)
 
 
 def levels(left: Image, right: Image) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -101,15 +96,8 @@ def extended(image: Image, rows: tuple[int, int], columns: tuple[int, int]) -> I
            [1, 1, 1, 2, 2]])
     """
     height, width = image.shape
-    start, stop = columns
-    taken = image[np.clip(np.arange(*rows), 0, height - 1)]
-    result = np.empty((rows[1] - rows[0], stop - start), image.dtype)
-    first, last = min(max(start, 0), width), max(min(stop, width), 0)
-    before, inner = max(min(-start, stop - start), 0), max(last - first, 0)
-    result[:, :before] = taken[:, :1]
-    result[:, before : before + inner] = taken[:, first : first + inner]
-    result[:, before + inner :] = taken[:, -1:]
-    return result
+    taken = image.take(np.clip(np.arange(*rows), 0, height - 1), axis=0)
+    return taken.take(np.clip(np.arange(*columns), 0, width - 1), axis=1)
 
 
 def described(image: Image, transform: str, side: int) -> list[Image]:
@@ -133,9 +121,10 @@ def described(image: Image, transform: str, side: int) -> list[Image]:
 
     word = np.uint32 if side <= 5 else np.uint64
     room, bits = 8 * np.dtype(word).itemsize, side * side - 1
-    result = [np.zeros(image.shape, word) for _ in range(0, max(bits, 1), room)]
-    for index, words in enumerate(result):
-        census_words(padded, side, index * room, min((index + 1) * room, bits), words)
+    result = []
+    for first in range(0, max(bits, 1), room):
+        result.append(np.zeros(image.shape, word))
+        census_words(padded, side, first, min(first + room, bits), result[-1])
     return result
 
 
@@ -143,8 +132,7 @@ def clipped_slope(levels: NDArray[np.int32]) -> NDArray[np.uint8]:
     """The horizontal Sobel derivative of grey levels 0..255, clipped to +-31 and raised by 31: uint8 from 0 to 62.
 
     The prefilter of OpenCV's StereoBM (PREFILTER_XSOBEL with its default cap): invariant to offsets, and no edge
-    dominates a window. Sobel: (1, 2, 1) down times (-1, 0, 1) across, edges continued.
-    Source: OpenCV, modules/calib3d/src/stereobm.cpp; the idea is Konolige's, "Small vision systems", 1997.
+    dominates a window. Source: OpenCV, modules/calib3d/src/stereobm.cpp; Konolige, "Small vision systems", 1997.
 
     >>> clipped_slope(np.array([[0, 3, 6, 200]], np.int32))
     array([[43, 55, 62, 62]], dtype=uint8)

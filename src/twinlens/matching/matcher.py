@@ -1,6 +1,7 @@
 """`StereoMatcher`: a classical stereo matcher as one frozen description of its options, and its search."""
 
-from dataclasses import dataclass, fields
+from collections.abc import Collection
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -12,16 +13,23 @@ from twinlens.matching.costs import COSTS, largest_cost
 from twinlens.matching.images import Disparity, Image, clipped_slope, described, levels, pair
 from twinlens.matching.options import MinDisparity, NumDisparities, RangeMatcher, check_block_size, check_range
 from twinlens.matching.semiglobal import Penalties, Sweeps, kept, quantised
-from twinlens.matching.supports import SUPPORTS, Settings, Strip
+from twinlens.matching.supports import SUPPORTS, Strip
 
-SUBPIXEL = ("auto", "none", "parabola", "v")
-PREFILTERS = ("none", "xsobel")
 OPTIMISATIONS = {
     "wta": "winner takes all, for each pixel on its own",
     "sgm4": "semi-global, along rows and columns",
     "sgm8": "semi-global, along rows, columns and diagonals",
 }
 STRIP_ROWS = 16  # of a cost volume that is held at a time, without its support's halo
+WORDS: dict[str, tuple[str, Collection[str]]] = {
+    "cost": ("cost", COSTS),
+    "support": ("support", SUPPORTS),
+    "optimisation": ("optimisation", OPTIMISATIONS),
+    "subpixel": ("sub-pixel fit", ("auto", *FITS)),
+    "fill": ("filling", ("none", "background")),
+    "prefilter": ("prefilter", ("none", "xsobel")),
+}
+"""What each option that is a word is called in messages, and its values."""
 
 
 @dataclass(frozen=True)
@@ -33,16 +41,15 @@ class StereoMatcher(RangeMatcher):
     uniqueness, texture, lr_check and speckle_size make pixels unknown.
 
     Borders: images are continued by their edge pixels (regions of the cross, weighted and guided supports end at the
-    edge instead), so every pixel has a disparity unless none of its partners u - d is inside the right image: then it
-    is +inf. Of equal costs the smallest disparity wins. A winner at the end of its pixel's range has no sub-pixel fit.
+    edge instead), so every pixel with a partner u - d inside the right image has a disparity. Windows and ranges may be
+    wider than the image. Of equal costs the smallest disparity wins. At the end of the range there is no sub-pixel fit.
 
     Accuracy: uint8 and uint16 images are summed exactly, in integers. Only the normalised costs (ncc, zncc,
     jaccard) are rounded, to float32 for uint8 (an error below 1e-6) and float64 otherwise. Floating-point images are
     summed in float64: costs that differ by less than 2^-40 of the largest count as equal. A window of one value has a
     ZNCC cost of 1 with every partner; a window of zeros has an NCC cost of 1, and two of them a Jaccard cost of 0.
-    Windows and ranges may be wider than the image.
-
     Results do not depend on the number of threads.
+
     Raises InputError for an option with a wrong value, and for a support that cannot take the cost.
 
     >>> StereoMatcher(cost="sad", block_size=7).num_disparities
@@ -75,29 +82,22 @@ class StereoMatcher(RangeMatcher):
     threads: Annotated[int | None, "Number of threads; none: all processors."] = None
 
     def __post_init__(self) -> None:
-        for kind, name, known in (
-            ("cost", self.cost, COSTS),
-            ("support", self.support, SUPPORTS),
-            ("optimisation", self.optimisation, OPTIMISATIONS),
-            ("sub-pixel fit", self.subpixel, SUBPIXEL),
-            ("filling", self.fill, refine.FILLS),
-            ("prefilter", self.prefilter, PREFILTERS),
-        ):
-            if name not in known:
-                raise unknown(kind, str(name), known)
-        for name in ("block_size", "census_window", "median"):
-            if name != "median" or self.median != 0:
-                check_block_size(name, getattr(self, name))
+        for name, (kind, known) in WORDS.items():
+            if (word := getattr(self, name)) not in known:
+                raise unknown(kind, str(word), known)
+        check_block_size("block_size", self.block_size)
+        check_block_size("census_window", self.census_window)
+        check_block_size("median", 1 if self.median == 0 else self.median)
         check_range(self.num_disparities, self.min_disparity)
         check_int("speckle_size", self.speckle_size, 0)
-        if self.threads is not None:
-            check_int("threads", self.threads, 1)
+        check_int("threads", 1 if self.threads is None else self.threads, 1)
         for name in ("texture", "uniqueness"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, 0.0)
-        for name in ("contrast", "noise", "speckle_range", "texture", "uniqueness", "lr_check", "p1", "p2"):
-            if name not in ("lr_check", "p1", "p2") or getattr(self, name) is not None:
-                check_number(name, getattr(self, name), "a number >= 0", least=0)
+        for name in ("contrast", "noise", "speckle_range", "texture", "uniqueness"):
+            check_number(name, getattr(self, name), "a number >= 0", least=0)
+        for name in ("lr_check", "p1", "p2"):
+            check_number(name, 0 if getattr(self, name) is None else getattr(self, name), "a number >= 0", least=0)
         for name in ("gamma_similar", "gamma_near", "epsilon"):
             check_number(name, getattr(self, name), "a number above 0", above=0)
         if self.uniqueness >= 100:
@@ -118,30 +118,28 @@ class StereoMatcher(RangeMatcher):
         return cost.p1 if self.p1 is None else self.p1, cost.p2 if self.p2 is None else self.p2
 
     def _match(self, left: Any, right: Any) -> Disparity:
-        images = self._checked(left, right)
-        disparity = self._raw_disparity(*images)
-        if self.lr_check is not None:
-            disparity = refine.consistent(disparity, _mirrored(self._raw_disparity(*_swapped(*images))), self.lr_check)
-        return self._refined(disparity)
+        if self.lr_check is None:
+            return self._refined(self._raw_disparity(*pair(left, right)))
+        return self._refined(self._raw_pair(left, right)[0])
 
     def match_pair(self, left: Any, right: Any) -> tuple[Disparity, Disparity]:
         """The disparities of the left and of the right image, (H, W) each, both u_left - u_right; see `match`."""
-        images = self._checked(left, right)
-        ours, theirs = self._raw_disparity(*images), self._raw_disparity(*_swapped(*images))
-        if self.lr_check is not None:
-            checked = refine.consistent(ours, _mirrored(theirs), self.lr_check)
-            ours, theirs = checked, refine.consistent(theirs, _mirrored(ours), self.lr_check)
+        ours, theirs = self._raw_pair(left, right)
         return self._refined(ours), _mirrored(self._refined(theirs))
 
-    def _checked(self, left: Any, right: Any) -> tuple[Image, Image]:
-        images = pair(left, right)
-        if self.cost == "jaccard" and images[0].dtype.kind == "f":
-            lowest = min(float(image.min()) for image in images)
-            if lowest < 0:
-                raise InputError(f"an image holds {lowest}; the Jaccard similarity is defined for values >= 0")
-        return images
+    def _raw_pair(self, left: Any, right: Any) -> tuple[Disparity, Disparity]:
+        """The disparities of both images before refinement, those of the right image mirrored."""
+        left, right = pair(left, right)
+        # Mirrored, the right image becomes a left image: u' = W - 1 - u keeps u_left - u_right.
+        ours, theirs = self._raw_disparity(left, right), self._raw_disparity(_mirrored(right), _mirrored(left))
+        if self.lr_check is None:
+            return ours, theirs
+        checked = refine.consistent(ours, _mirrored(theirs), self.lr_check)
+        return checked, refine.consistent(theirs, _mirrored(ours), self.lr_check)
 
     def _raw_disparity(self, left: Image, right: Image) -> Disparity:
+        if self.cost == "jaccard" and (lowest := min(float(left.min()), float(right.min()))) < 0:
+            raise InputError(f"an image holds {lowest}; the Jaccard similarity is defined for values >= 0")
         images = [clipped_slope(grey) for grey in levels(left, right)] if self.prefilter == "xsobel" else [left, right]
         found = _Search(self, *images).winners()
         disparity = found.disparity
@@ -163,33 +161,28 @@ def _mirrored(image: Any) -> Any:
     return np.ascontiguousarray(image[:, ::-1])
 
 
-def _swapped(left: Image, right: Image) -> tuple[Image, Image]:
-    # Mirrored, the right image becomes a left image: u' = W - 1 - u keeps u_left - u_right.
-    return _mirrored(right), _mirrored(left)
-
-
 class _Search:
     """One search of one image pair: cost, support and optimisation put together, strip by strip."""
 
     def __init__(self, matcher: StereoMatcher, left: Image, right: Image) -> None:
-        """The images are grey, in a working dtype."""
         width, low = left.shape[1], matcher.min_disparity
         self.matcher, self.left, self.right = matcher, left, right
         self.cost, self.support, self.side = COSTS[matcher.cost], SUPPORTS[matcher.support], matcher.block_size
         self.low, self.high = max(low, 1 - width), min(low + matcher.num_disparities, width)
         self.count = self.high - self.low
         self.depth = in_lanes(self.count)
+        # The windows whose costs the support gathers, the widest first.
+        self.sides = (1,) if self.support.pixelwise else self.support.windows(self.side)
         self.paths = {"wta": 0, "sgm4": 4, "sgm8": 8}[matcher.optimisation]
         self.fit = self.cost.fit if matcher.subpixel == "auto" else matcher.subpixel
         self.rivals = matcher.uniqueness > 0
         self.threads = matcher.threads or cpu_count()
-        self._halo = self.support.halo * (self.side // 2)
 
     def winners(self) -> Chosen:
         """The winner at every pixel of the left image."""
         if self.count <= 0:
             return Chosen.empty(self.left.shape)
-        if self._halo == 0 and self.cost.in_lanes:
+        if self.support.halo * (self.side // 2) == 0 and self.cost.in_lanes:
             boxes = self._boxes(self.side)
             if self.paths:
                 return self._semiglobal(boxes)
@@ -206,10 +199,6 @@ class _Search:
         pairs = zip(*(described(image, transform, window) for image in (self.left, self.right)), strict=True)
         return tuple(BoxMatch(a, b, self.cost, side, self.low, self.high, self.threads) for a, b in pairs)
 
-    def _sides(self) -> tuple[int, ...]:
-        """The windows whose costs the support gathers, the widest first."""
-        return (1,) if self.support.pixelwise else self.support.windows(self.side)
-
     def _source(self, side: int) -> Rows:
         if self.cost.in_lanes:
             return box.box_sums(self._boxes(side), 1.0, self.cost.offset)
@@ -218,13 +207,12 @@ class _Search:
 
     def _gathered(self) -> Rows:
         """The gathered costs; +inf where there is no candidate."""
-        matcher, support, height = self.matcher, self.support, len(self.left)
-        sources, halo = [self._source(side) for side in self._sides()], self._halo
-        settings = Settings(*(getattr(matcher, field.name) for field in fields(Settings)))
-        rest = *levels(self.left, self.right), self.side, self.low, settings, self.cost.growth
+        support, halo = self.support, self.support.halo * (self.side // 2)
+        sources = [self._source(side) for side in self.sides]
+        rest = *levels(self.left, self.right), self.low, self.matcher
 
         def rows(start: int, stop: int) -> Volume:
-            first, last = max(0, start - halo), min(height, stop + halo)
+            first, last = max(0, start - halo), min(len(self.left), stop + halo)
             volumes = tuple(source(first, last) for source in sources)
             for each in volumes if support.masked else ():
                 blank(each, self.low, self.count)
@@ -249,7 +237,7 @@ class _Search:
     def _semiglobal(self, boxes: tuple[BoxMatch, ...]) -> Chosen:
         """Of the boxes' costs or, without boxes, of the gathered ones."""
         whole_numbers = bool(boxes) and np.dtype(boxes[0].numbers.scores).kind != "f"
-        side, parts = (self.side, 1) if boxes else (self._sides()[0], self.support.parts)
+        side, parts = (self.side, 1) if boxes else (self.sides[0], self.support.parts)
         full = largest_cost(self.cost, self.left, self.right, side, self.matcher.census_window) * parts
         gain, penalties = Penalties.scaled(self.matcher.penalties, full, whole_numbers)
         shape = *self.left.shape, self.depth

@@ -1,11 +1,9 @@
 """The measures as plain functions of two windows: two arrays of one shape in, one float out.
 
-They evaluate the formulas in float64; the tests compare the kernels with them. A window is an array of any shape. a, b
-are the windows, n is their size, and a', b' are the windows minus their means. Distances are lower-is-better and 0 for
-equal windows; similarities are higher-is-better and 1 for equal windows. Census, rank and Birchfield-Tomasi read
-neighbouring pixels, but none outside the windows; census and rank need an odd height and width. Surveys: Hirschmueller
-and Scharstein, "Evaluation of stereo matching costs on images with radiometric differences", PAMI 2009; Brown, Burschka
-and Hager, "Advances in computational stereo", 2003.
+The formulas are evaluated in float64. A window is an array of any shape. a, b are the windows, n is their size, and
+a', b' are the windows minus their means. Distances are lower-is-better and 0 for equal windows; similarities are
+higher-is-better and 1 for equal windows. Survey: Hirschmueller and Scharstein, "Evaluation of stereo matching costs on
+images with radiometric differences", PAMI 2009. Raises InputError for windows of different shapes, or without pixels.
 """
 
 from typing import Any
@@ -72,7 +70,6 @@ def ncc(w0: ArrayLike, w1: ArrayLike) -> float:
     """Normalised cross-correlation, sum(a b) / sqrt(sum a^2 sum b^2): the cosine of the angle between the windows.
 
     A similarity in [-1, 1], and [0, 1] for images; invariant to gain. 0 for a window of zeros.
-    Some texts print this formula for ZNCC, which subtracts the means first.
 
     >>> round(ncc([1, 2, 3], [2, 4, 6]), 12)
     1.0
@@ -121,8 +118,8 @@ def census(w0: ArrayLike, w1: ArrayLike) -> float:
     """Hamming distance of the census descriptors: #{i : [a_i < a_c] != [b_i < b_c]}, a_c and b_c being the centres.
 
     A distance, whole, in [0, n - 1]; invariant to every strictly increasing change of brightness of either window (so
-    to gain > 0, offset and gamma). Windows 2-D of odd height and width. The descriptor of a constant window is all
-    zeros. Source: Zabih and Woodfill, "Non-parametric local transforms for computing visual correspondence", ECCV 1994.
+    to gain > 0, offset and gamma). Windows 2-D of odd height and width. Source: Zabih and Woodfill, "Non-parametric
+    local transforms for computing visual correspondence", ECCV 1994.
 
     >>> census([[1, 5, 9]], [[90, 50, 10]])
     2.0
@@ -134,8 +131,7 @@ def census(w0: ArrayLike, w1: ArrayLike) -> float:
 def rank(w0: ArrayLike, w1: ArrayLike) -> float:
     """Difference of the ranks of the centres: |#{i : a_i < a_c} - #{i : b_i < b_c}|.
 
-    A distance, whole, in [0, n - 1], and at most `census`; invariant to the same changes, of windows of the same
-    shapes. Source: as of census.
+    A distance, whole, at most `census`; windows, invariances and source as of `census`.
 
     >>> rank([[1, 5, 9]], [[1, 5, 3]])
     1.0

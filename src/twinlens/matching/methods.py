@@ -22,10 +22,7 @@ ENTRY_POINTS = "twinlens.methods"
 
 @dataclass(frozen=True)
 class Method:
-    """A matcher that can be selected by name, with the defaults of its options.
-
-    positional: the option that may be given without its name.
-    """
+    """A matcher selected by name, the defaults of its options, and the option that may be given without its name."""
 
     name: str
     description: str
@@ -40,11 +37,8 @@ class Method:
 
     def reference(self) -> dict[str, Any]:
         """{"method", "description", "options": [{"option", "default", "meaning"}]}."""
-        hints = typing.get_type_hints(self.matcher, include_extras=True)
-        options = [
-            {"option": name, "default": value, "meaning": hints[name].__metadata__[0]}
-            for name, value in self.options.items()
-        ]
+        hints, given = typing.get_type_hints(self.matcher, include_extras=True), self.options.items()
+        options = [{"option": name, "default": value, "meaning": hints[name].__metadata__[0]} for name, value in given]
         return {"method": self.name, "description": self.description, "options": options}
 
     def make(self, **options: Any) -> Any:
@@ -79,10 +73,7 @@ METHODS: dict[str, Method] = {method.name: method for method in _METHODS}
 
 @dataclass(frozen=True)
 class MethodSpec:
-    """A method with options, as `parse_method` reads it.
-
-    name: the given name, or the text without one; boards list methods by it.
-    """
+    """A method with options, as `parse_method` reads it; the name is the given one, or else the text."""
 
     name: str
     method: Method
@@ -112,8 +103,7 @@ class MethodSpec:
     ) -> Disparity:
         """See `matching.Matcher.match`. A range among the method's options takes precedence over the arguments."""
         search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
-        unset = {name: value for name, value in search.items() if name not in self.options}
-        result: Disparity = self.matcher().match(left, right, **unset)
+        result: Disparity = self.matcher().match(left, right, **{k: search[k] for k in search.keys() - self.options})
         return result
 
 
@@ -196,8 +186,7 @@ def parse_method(text: str) -> MethodSpec:
     """
     name, head, tail = _parts(text)
     method = find_method(head)
-    parts = enumerate(split_commas(tail))
-    options = dict(_option(part, text.strip(), method, first=index == 0) for index, part in parts)
+    options = dict(_option(part, text.strip(), method, index == 0) for index, part in enumerate(split_commas(tail)))
     spec = MethodSpec(name, method, types.MappingProxyType(options))
     spec.matcher()
     return spec
@@ -212,12 +201,9 @@ def _option(part: str, text: str, method: Method, first: bool) -> tuple[str, Any
     if isinstance(method.options.get(name), str):  # 'a b' 'c d' is left unchanged
         around = re.fullmatch(r"""'([^']*)'|"([^"]*)\"""", value)
         return name, value if around is None else around[1] or around[2] or ""
-    words = {"true": True, "false": False, "none": None}
-    if value.lower() in words:
-        return name, words[value.lower()]
-    for kind in (int, float):
-        with contextlib.suppress(ValueError):
-            return name, kind(value)
+    for read in ({"true": True, "false": False, "none": None}.__getitem__, int, float):
+        with contextlib.suppress(ValueError, KeyError):
+            return name, read(value.lower())
     return name, value
 
 
@@ -302,13 +288,8 @@ def match(left: Any, right: Any, method: str = "zncc", **options: Unpack[Options
     array (H, W) float32
         The left image's disparity u_left - u_right in pixels; +inf where unknown.
 
-    Raises
-    ------
-    InputError
-        An unknown method or option, a wrong value, or images that cannot be matched.
+    Raises InputError for an unknown method or option, a wrong value, or images that cannot be matched.
 
-    Examples
-    --------
     >>> import numpy as np
     >>> right = np.random.default_rng(0).integers(0, 256, (20, 40), dtype=np.uint8)
     >>> disparity = match(np.roll(right, 3, axis=1), right, method="sad", block_size=5, num_disparities=8)
@@ -316,9 +297,8 @@ def match(left: Any, right: Any, method: str = "zncc", **options: Unpack[Options
     3
     """
     spec = parse_method(method)
-    known = spec.method.options
     for name in options:
-        if name not in known:
-            raise unknown(f"option of {spec.method.name}", name, ["method", *known])
+        if name not in spec.method.options:
+            raise unknown(f"option of {spec.method.name}", name, ["method", *spec.method.options])
     result: Disparity = spec.method.make(**{**options, **spec.options}).match(left, right)
     return result

@@ -5,20 +5,12 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from twinlens.errors import InputError, MissingExtraError, check_int, unknown
+from twinlens.errors import InputError, check_int, unknown
 from twinlens.matching.images import Disparity, levels, pair
-from twinlens.matching.options import MinDisparity, RangeMatcher, check_block_size, check_range
+from twinlens.matching.options import MinDisparity, RangeMatcher, check_block_size, check_range, import_extra
 
 SIXTEENTHS = 16  # the unit of OpenCV's fixed-point disparities, and the multiple of its ranges
 MODES = {"default": "STEREO_SGBM_MODE_SGBM", "hh": "STEREO_SGBM_MODE_HH", "3way": "STEREO_SGBM_MODE_SGBM_3WAY"}
-
-
-def _opencv() -> Any:
-    try:
-        import cv2
-    except ImportError:
-        raise MissingExtraError("OpenCV is not installed; pip install 'twinlens[opencv]'") from None
-    return cv2
 
 
 class _OpenCVMatcher(RangeMatcher):
@@ -26,13 +18,13 @@ class _OpenCVMatcher(RangeMatcher):
 
     def check_parts(self) -> None:
         """MissingExtraError if OpenCV is not installed."""
-        _opencv()
+        import_extra("cv2", "opencv")
 
     def _made(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
         raise NotImplementedError
 
     def _match(self, left: Any, right: Any) -> Disparity:
-        cv2, images = _opencv(), [image.astype(np.uint8) for image in levels(*pair(left, right))]
+        cv2, images = import_extra("cv2", "opencv"), [image.astype(np.uint8) for image in levels(*pair(left, right))]
         count = -(-self.num_disparities // SIXTEENTHS) * SIXTEENTHS
         try:
             fixed = self._made(cv2, images[0].shape, count).compute(*images)
@@ -97,16 +89,9 @@ class OpenCVSemiGlobal(_OpenCVMatcher):
         # OpenCV matches only columns for which the whole range is inside; its 3-way mode does not check this.
         least = max(self.min_disparity + count, 0) - min(self.min_disparity, 0) + self.block_size // 2
         if shape[1] <= least:
-            raise InputError(
-                f"OpenCV's StereoSGBM matches images wider than {least} pixels over this range with this block_size; "
-                f"this one is {shape[1]} wide: search fewer num_disparities"
-            )
-        return cv2.StereoSGBM.create(
-            minDisparity=self.min_disparity,
-            numDisparities=count,
-            blockSize=self.block_size,
-            P1=8 * self.block_size**2,
-            P2=32 * self.block_size**2,
-            uniquenessRatio=self.uniqueness,
-            mode=getattr(cv2, MODES[self.mode]),
-        )
+            got = f"this one is {shape[1]} wide: search fewer num_disparities"
+            raise InputError(f"OpenCV's StereoSGBM needs images wider than {least} pixels for these options; {got}")
+        side, area, mode = self.block_size, self.block_size**2, getattr(cv2, MODES[self.mode])
+        matcher = cv2.StereoSGBM.create(self.min_disparity, count, side, 8 * area, 32 * area, mode=mode)
+        matcher.setUniquenessRatio(self.uniqueness)
+        return matcher

@@ -1,9 +1,10 @@
 """What all matchers share: the contract of `match`, the search range, checks of options, and limits by image size."""
 
 import dataclasses
+import importlib
 from typing import Annotated, Any, Protocol, Self
 
-from twinlens.errors import InputError, check_int
+from twinlens.errors import InputError, MissingExtraError, check_int
 from twinlens.matching.images import Disparity
 
 NumDisparities = Annotated[int, "Number of disparities to search."]
@@ -29,6 +30,14 @@ class Matcher(Protocol):
         Raises InputError for images that differ in size or dtype, or cannot be matched.
         """
         ...
+
+
+def import_extra(module: str, extra: str) -> Any:
+    """The module of an optional package. Raises MissingExtraError, with the extra that installs it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise MissingExtraError(f"{module} is not installed; pip install 'twinlens[{extra}]'") from None
 
 
 class RangeMatcher:

@@ -11,7 +11,6 @@ from scipy import ndimage, sparse
 
 from twinlens.matching.images import Disparity, Image, levels
 
-FILLS = ("none", "background")
 UNKNOWN = np.float32(np.inf)
 
 
@@ -39,27 +38,20 @@ def consistent(left: Disparity, right: Disparity, tolerance: float) -> Disparity
 def unique(disparity: Disparity, cost: NDArray[Any], rival: NDArray[Any], percent: float) -> Disparity:
     """Keep a pixel that costs less than its best rival by more than `percent`: cost < (1 - percent/100) rival.
 
-    A rival is a candidate two or more disparities away; a pixel without one is kept. Density falls where texture is
-    repetitive or faint.
+    A rival is a candidate two or more disparities away; a pixel without one is kept.
     """
     return _kept(disparity, cost < (1.0 - percent / 100.0) * rival)
 
 
 def textured(disparity: Disparity, image: Image, side: int, least: float) -> Disparity:
-    """Keep a pixel in whose window the root mean square horizontal difference is at least `least` grey levels.
-
-    The differences are between neighbours in a row, in levels of 0..255. Density falls on surfaces without texture.
-    """
+    """Keep a pixel in whose window the RMS difference of neighbours in a row is at least `least` levels of 0..255."""
     grey = levels(image, image)[0].astype(np.float64)
     squares = np.square(np.diff(grey, axis=1, append=grey[:, -1:]))
     return _kept(disparity, ndimage.uniform_filter(squares, side, mode="nearest") >= least**2)
 
 
 def without_speckles(disparity: Disparity, size: int, difference: float) -> Disparity:
-    """Set patches of fewer than `size` pixels to +inf; in a patch, neighbours differ by at most `difference` pixels.
-
-    Neighbours share a side. Isolated errors and thin structures become unknown.
-    """
+    """Set patches of fewer than `size` pixels to +inf; in a patch, neighbours (4) differ by at most `difference`."""
     place = np.arange(disparity.size).reshape(disparity.shape)
     edges = []
     for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):

@@ -64,11 +64,6 @@ def kept(shape: tuple[int, int, int], penalties: Penalties, rows: Rows, strip: i
         volume[start:stop] = rows(start, stop)
 
     in_strips(work, shape[0], strip, threads)
-    return stored(volume)
-
-
-def stored(volume: Volume) -> Rows:
-    """The rows of a stored volume."""
     return lambda y0, y1: volume[y0:y1]
 
 
@@ -91,8 +86,7 @@ class Sweeps:
         height, width, _ = self.shape
         chosen = Chosen.empty((height, width), rivals)
         kept = np.empty(self.shape, self.penalties.dtype)
-        middle = height // 2
-        runs = self._run(False, kept, chosen), self._run(True, kept, chosen)
+        runs, middle = (self._run(False, kept, chosen), self._run(True, kept, chosen)), height // 2
         for finish in (False, True):
             spans = ((middle, height), (0, middle)) if finish else ((0, middle), (middle, height))
             with ThreadPoolExecutor(min(threads, 2)) as pool:
@@ -114,15 +108,13 @@ class Sweeps:
         kernel, ends, bars = sweep_kernel(self.paths == 8), limits(np.uint16), fence(np.uint16, self.count)
         rows = max(1, STRIP_BYTES // (width * depth * np.dtype(dtype).itemsize))
 
-        def strip(y0: int, y1: int, finish: bool) -> None:
-            span = height - y1 if turned else y0, y1 - y0, *self.shape
-            volumes = self.costs(y0, y1).reshape(-1), kept[y0:y1].reshape(-1)
-            state = flat, minima, span, penalties, turned, finish, sums
-            kernel(*volumes, *state, self.low, self.count, FITS[self.fit], ends, bars, *chosen.rows(y0, y1))
-
-        def run(y0: int, y1: int, finish: bool) -> None:
-            tops = range(y0, y1, rows)
-            for top in reversed(tops) if turned else tops:
-                strip(top, min(top + rows, y1), finish)
+        def run(first: int, last: int, finish: bool) -> None:
+            tops = range(first, last, rows)
+            for y0 in reversed(tops) if turned else tops:
+                y1 = min(y0 + rows, last)
+                span = height - y1 if turned else y0, y1 - y0, *self.shape
+                volumes = self.costs(y0, y1).reshape(-1), kept[y0:y1].reshape(-1)
+                state = flat, minima, span, penalties, turned, finish, sums
+                kernel(*volumes, *state, self.low, self.count, FITS[self.fit], ends, bars, *chosen.rows(y0, y1))
 
         return run

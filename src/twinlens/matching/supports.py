@@ -6,26 +6,19 @@ take pixel costs, and block_size is the size of their region; the others take co
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from twinlens.matching.costs import COSTS
 from twinlens.matching.images import extended
 
+if TYPE_CHECKING:
+    from twinlens.matching.matcher import StereoMatcher
+
 Volume = NDArray[Any]
-
-
-@dataclass(frozen=True)
-class Settings:
-    """The supports' parameters: options of `StereoMatcher`."""
-
-    contrast: float
-    gamma_similar: float
-    gamma_near: float
-    epsilon: float
-    noise: float
 
 
 @dataclass(frozen=True)
@@ -33,8 +26,7 @@ class Strip:
     """What a support reads: a strip of a cost volume, from which it gathers the rows start..stop of the image.
 
     volumes: one for each of the support's windows, the widest first; `first` is the first row of each. left, right:
-    both images as levels 0..255. low: the first disparity. growth: the power of a window's area to which its cost is
-    proportional.
+    both images as levels 0..255. low: the first disparity.
     """
 
     volumes: tuple[Volume, ...]
@@ -43,10 +35,12 @@ class Strip:
     stop: int
     left: NDArray[np.int32]
     right: NDArray[np.int32]
-    side: int
     low: int
-    settings: Settings
-    growth: int
+    matcher: "StereoMatcher"
+
+    @property
+    def side(self) -> int:
+        return self.matcher.block_size
 
     @property
     def top(self) -> int:
@@ -69,7 +63,6 @@ class Support:
     windows(side): the sides of the windows, the widest first. parts: how many windows' costs it adds up.
     """
 
-    description: str
     gather: Callable[[Strip], Volume] | None = None
     halo: int = 0
     pixelwise: bool = False
@@ -78,18 +71,13 @@ class Support:
     parts: int = 1
 
 
-def odd(number: float) -> int:
-    """The nearest odd whole number, at least 1; of two, the larger."""
-    return max(1, 2 * round(number // 2) + 1)
-
-
 def family(side: int) -> tuple[int, ...]:
     """The sizes of an adaptive window: the side, three quarters and one half of it; odd, and at least 5.
 
     The sub-windows of a window of 5 have a side of 3; smaller ones hardly distinguish candidates.
     """
     least = min(side, 5)
-    return tuple(sorted({max(odd(part * side), least) for part in (1, 0.75, 0.5)}, reverse=True))
+    return tuple(sorted({max(2 * int(part * side // 2) + 1, least) for part in (1, 0.75, 0.5)}, reverse=True))
 
 
 def quarter(side: int) -> int:
@@ -98,7 +86,7 @@ def quarter(side: int) -> int:
 
 
 def _shiftable(strip: Strip) -> Volume:
-    """Bobick and Intille, "Large occlusion stereo", IJCV 1999: the best of all windows that contain the pixel."""
+    """The best of all windows that contain the pixel. Bobick and Intille, "Large occlusion stereo", IJCV 1999."""
     from twinlens.matching.kernels.supports import lowest_around
 
     out, volume = strip.empty(), strip.volumes[0]
@@ -132,26 +120,25 @@ def _adaptive(strip: Strip) -> Volume:
     Size: at each pixel the smallest of three with enough signal for the noise (`window_sizes`). Shape: five
     sub-windows, after Hirschmueller, Innocent and Garibaldi, "Real-time correlation-based stereo vision with reduced
     border errors", IJCV 2002: the one around the pixel and the best two of the four around it, which gives one of six
-    shapes for each candidate. Kanade and Okutomi's iterative window is not used: it needs an initial disparity and a
-    model of its variation, and is always a rectangle.
+    shapes for each candidate.
     """
     from twinlens.matching.kernels.supports import best_quarters
 
     sides = family(strip.side)
     rows = slice(max(0, strip.start - strip.side), strip.stop + strip.side)
-    sizes = window_sizes(strip.left[rows], sides, strip.settings.noise)[strip.start - rows.start :]
+    sizes = window_sizes(strip.left[rows], sides, strip.matcher.noise)[strip.start - rows.start :]
     out = strip.empty()
     for index, (side, volume) in enumerate(zip(sides, strip.volumes, strict=True)):
-        scale = (quarter(sides[0]) / quarter(side)) ** (2 * strip.growth)
+        scale = (quarter(sides[0]) / quarter(side)) ** (2 * COSTS[strip.matcher.cost].growth)
         step = side // 2 - quarter(side) // 2
         best_quarters(volume, step, strip.top, sizes, index, scale, out)
     return out
 
 
 def _cross(strip: Strip) -> Volume:
-    """Zhang, Lu and Lafruit, "Cross-based local stereo matching using orthogonal integral images", 2009.
+    """The cross-shaped region of pixels similar to the left image's, with arms of at most side // 2.
 
-    The arms are those of the left image, at most side // 2 long.
+    Source: Zhang, Lu and Lafruit, "Cross-based local stereo matching using orthogonal integral images", 2009.
     """
     from twinlens.matching.kernels.supports import cross_arms, cross_means
 
@@ -159,7 +146,7 @@ def _cross(strip: Strip) -> Volume:
     around = slice(max(0, strip.rows.start - halo), strip.rows.stop + halo)
     image = np.ascontiguousarray(strip.left[around])
     arms = np.zeros((4, *image.shape), np.int64)
-    cross_arms(image, halo, strip.settings.contrast, arms)
+    cross_arms(image, halo, strip.matcher.contrast, arms)
     own = strip.rows.start - around.start
     out, along = strip.empty(), np.empty(strip.volumes[0].shape)
     cross_means(strip.volumes[0], np.ascontiguousarray(arms[:, own : own + len(along)]), strip.top, along, out)
@@ -175,8 +162,8 @@ def _weighted(strip: Strip) -> Volume:
     right = extended(strip.right, (strip.rows.start, strip.rows.stop), (-last, width - strip.low))[:, ::-1].copy()
     offsets = np.arange(-radius, radius + 1)
     distances = np.hypot(offsets[:, None], offsets[None, :])
-    nearness = np.exp(-2.0 * distances / strip.settings.gamma_near)  # of both windows
-    similar = np.exp(-np.arange(256) / strip.settings.gamma_similar)
+    nearness = np.exp(-2.0 * distances / strip.matcher.gamma_near)  # of both windows
+    similar = np.exp(-np.arange(256) / strip.matcher.gamma_similar)
     out = strip.empty()
     left = np.ascontiguousarray(strip.left[strip.rows])
     adaptive_weights(strip.volumes[0], left, right, width - 1, nearness, similar, radius, strip.top, out)
@@ -194,7 +181,7 @@ def _guided(strip: Strip) -> Volume:
     mean_guide, mean_square, cost, product = (_means(array, first, start, stop, radius) for array in arrays)
     variance = np.maximum(mean_square - mean_guide**2, 0.0)
     slope = np.empty_like(cost)
-    guided_lines(cost, product, mean_guide[..., 0], variance[..., 0], strip.settings.epsilon, slope)
+    guided_lines(cost, product, mean_guide[..., 0], variance[..., 0], strip.matcher.epsilon, slope)
     slope, intercept = (_means(array, start, strip.start, strip.stop, radius) for array in (slope, cost))
     return np.asarray(slope * guide[strip.top : strip.top + len(slope)] + intercept)
 
@@ -210,20 +197,10 @@ def _means(volume: Volume, first: int, start: int, stop: int, radius: int) -> Vo
 
 
 SUPPORTS: dict[str, Support] = {
-    "fixed": Support("the square window around the pixel"),
-    "shiftable": Support("the best of all square windows that contain the pixel", _shiftable, halo=1, masked=True),
-    "adaptive": Support(
-        "size by the texture; the half-size window of the pixel and the best two of the four around it",
-        _adaptive,
-        halo=1,
-        windows=lambda side: tuple(quarter(size) for size in family(side)),
-        parts=3,
-    ),
-    "cross": Support("the cross-shaped region of similar pixels", _cross, halo=1, pixelwise=True),
-    "weighted": Support(
-        "the window, weighted by similarity and proximity in both images", _weighted, halo=1, pixelwise=True
-    ),
-    "guided": Support(
-        "a guided filter: locally linear in the left image's brightness", _guided, halo=2, pixelwise=True
-    ),
+    "fixed": Support(),
+    "shiftable": Support(_shiftable, halo=1, masked=True),
+    "adaptive": Support(_adaptive, halo=1, windows=lambda side: tuple(map(quarter, family(side))), parts=3),
+    "cross": Support(_cross, halo=1, pixelwise=True),
+    "weighted": Support(_weighted, halo=1, pixelwise=True),
+    "guided": Support(_guided, halo=2, pixelwise=True),
 }
