@@ -7,7 +7,7 @@ from PIL import Image
 from tests.families.families_checks import camera_inside
 from twinlens.errors import InputError
 from twinlens.families import FAMILIES, Assets, random_scene
-from twinlens.families.view import View, rasterize
+from twinlens.families.composition import View, rasterize
 from twinlens.scenes import Bitmap, Mesh
 
 

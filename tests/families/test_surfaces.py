@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from twinlens.families.composition import View
 from twinlens.families.surfaces import Sheet, bake
-from twinlens.families.view import View
 from twinlens.geometry import look_at
 
 FLOOR = Sheet(np.array([-20.0, 0.2, 0]), np.array([40.0, 0, 0]), np.array([0, 20.0, 0]))

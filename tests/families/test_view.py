@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from twinlens.families.view import View, rasterize
+from twinlens.families.composition import View, rasterize
 from twinlens.geometry import look_at
 
 QUAD = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)

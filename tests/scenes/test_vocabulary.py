@@ -11,7 +11,7 @@ from tests.scenes.scene_text import Read
 from twinlens.camera import Camera, Rig
 from twinlens.scenes import load_scene
 from twinlens.scenes.objects import ANALYTIC_SHAPES
-from twinlens.scenes.plugins import AREA_LIGHTS, INTEGRATORS, LIGHTS, MATERIALS
+from twinlens.scenes.plugins import AREA_LIGHTS, DIELECTRICS, INTEGRATORS, LIGHTS, MATERIALS
 
 rendering = pytest.importorskip("twinlens.rendering")
 build = pytest.importorskip("twinlens.rendering.build").build
@@ -173,3 +173,8 @@ def test_a_checked_mitsuba_file_is_seen_from_its_own_sensor(tmp_path: Path) -> N
     (truth,) = rendering.ground_truth(scene, Rig([camera], [scene.world_from_left]))
     assert truth.depth[16, 16] == pytest.approx(2.0, rel=1e-6)
     assert np.isinf(truth.depth[0, 0])
+
+
+@pytest.mark.parametrize("name", DIELECTRICS)
+def test_mitsuba_knows_the_dielectric(read_scene: Read, name: str) -> None:
+    build(read_scene(f"[materials.m]\ntype = 'dielectric'\nint_ior = '{name}'\next_ior = 2.0"))

@@ -98,7 +98,6 @@ def random_scene(
 
 
 def _pair(name: str, wanted: Any) -> tuple[Any, Any]:
-    """Two values; one value stands for both."""
     if not isinstance(wanted, (tuple, list)):
         return wanted, wanted
     if len(wanted) != 2:

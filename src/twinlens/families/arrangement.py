@@ -35,8 +35,7 @@ _MIN_MARGIN = 2e-3  # of the body's size: least distance of the centre of mass f
 class StablePose:
     """A rotation (3, 3), and hull points (N, 3) and centre of mass (3,) after it, the lowest point at z = 0.
 
-    `support` (N, 2) is the contact polygon, `top` (N, 2) the level face on top, None where there is none.
-    `probability` is relative to the body's other stable poses.
+    `support` (N, 2) is the contact polygon, `top` (N, 2) the level face on top; `probability` is relative.
     """
 
     turn: Float
@@ -73,11 +72,7 @@ def centre_of_mass(mesh: Mesh) -> Float:
 
 
 def stable_poses(mesh: Mesh, size: float = 1.0) -> list[StablePose]:
-    """The stable poses of a mesh scaled by `size`, the most probable first.
-
-    The probability of a face is about the solid angle it covers as seen from the centre of mass, as if the body were
-    dropped at random. The centre of mass must lie above the face by a margin of 0.2% of the body's size.
-    """
+    """The stable poses of a mesh scaled by `size`; `probability` is about the solid angle of the face underneath."""
     vertices = mesh.vertices * size
     hull = ConvexHull(vertices)
     points = vertices[hull.vertices]
@@ -101,10 +96,7 @@ def stable_poses(mesh: Mesh, size: float = 1.0) -> list[StablePose]:
 
 
 def _planes(hull: ConvexHull, centre: Float, size: float) -> Float:
-    """Planes (N, 4) of the hull's largest faces, and of those nearest to the centre of mass.
-
-    The nearest face is always stable; a finely divided ball has thousands of faces alike.
-    """
+    """Planes (N, 4) of the hull's largest faces, and of those nearest to the centre of mass: the nearest is stable."""
     scaled = hull.equations / [1, 1, 1, size]
     _, first, same = np.unique(np.round(scaled / (10 * _SAME_PLANE)), axis=0, return_index=True, return_inverse=True)
     area = np.bincount(same.ravel(), np.linalg.norm(face_cross(hull.points, hull.simplices), axis=1))
@@ -144,7 +136,6 @@ def _polygon(points: Float) -> Float | None:
 
 
 def _edge_normals(convex: Float) -> Float:
-    """Outward unit normals (N, 2) of the edges of a counter-clockwise outline."""
     edge = np.roll(convex, -1, axis=0) - convex
     return np.asarray(np.stack([edge[:, 1], -edge[:, 0]], axis=-1) / np.linalg.norm(edge, axis=1, keepdims=True))
 
@@ -155,11 +146,7 @@ def inside_by(convex: Float, point: Float) -> float:
 
 
 def gap(a: Float, b: Float) -> float:
-    """A lower bound of the distance of two convex outlines (N, 2), positive where they are apart.
-
-    It is the widest slab between them along the normals of their edges. Source: Gottschalk et al., OBBTree, SIGGRAPH
-    1996.
-    """
+    """A lower bound of the distance of convex outlines (N, 2). Source: Gottschalk et al., OBBTree, SIGGRAPH 1996."""
     best = -np.inf
     for p, q in ((a, b), (b, a)):
         normal = _edge_normals(p)
@@ -169,10 +156,7 @@ def gap(a: Float, b: Float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A body in a stable pose, rotated about z by `spin` (3, 3); `place` (3,) is level with its lowest point.
-
-    `below` is the body that it rests on, None for one on the area itself.
-    """
+    """A body in a stable pose, rotated about z by `spin` (3, 3), its lowest point level with `place` (3,)."""
 
     body: Body
     rest: StablePose
@@ -207,10 +191,9 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class Area:
-    """A level rectangle for bodies: `middle` (2,), half its sides (2,) and `height`, metres.
+    """A level rectangle for bodies: `middle` (2,), half its sides (2,), `height` and least `spacing`, metres.
 
-    `spacing` is the least distance between footprints. A share `stacked` of the bodies is tried on top of others first.
-    `sample(rng, rest)` draws a position (2,) in half sides from the middle; footprints end at `overhang` half sides.
+    A share `stacked` of the bodies is tried on top of others first. `sample` draws positions in half sides.
     """
 
     middle: Float
@@ -225,10 +208,7 @@ class Area:
 def bodies_at_rest(
     scene: Composition, name: str, parts: Iterable[tuple[int, ...]], among: tuple[str, ...] | None = None
 ) -> list[tuple[Body, StablePose, Rng]]:
-    """A body for each of the `parts`, a stable pose of it, and a random stream for its place.
-
-    The pose is drawn by its probability; upright bodies stand, or lie with the probability in `_LYING`.
-    """
+    """A body for each of the `parts`, a stable pose drawn by its probability, and a random stream for its place."""
     made = []
     for part in parts:
         body, rng = draw_body(scene, (name, *part), among), scene.rng("rest", *part)
@@ -265,11 +245,7 @@ def _on_area(body: Body, rest: StablePose, rng: Rng, placed: list[Placement], ar
 
 
 def _on_top(body: Body, rest: StablePose, rng: Rng, placed: list[Placement], spacing: float) -> Placement | None:
-    """The body on a level top that carries nothing yet; it may overhang, but not into a taller neighbour.
-
-    Its centre of mass lies above the contact of every body that carries it. Each of those is balanced without it, and
-    two centres of mass above a convex contact have a mean above it.
-    """
+    """The body on a level top that carries nothing yet, its centre of mass above the contact of every body below."""
     for index in rng.permutation(len(placed)):
         below = placed[index]
         carries = any(other.below is below for other in placed)
@@ -290,7 +266,6 @@ def _on_top(body: Body, rest: StablePose, rng: Rng, placed: list[Placement], spa
 
 
 def _is_apart(trial: Placement, placed: list[Placement], spacing: float) -> bool:
-    """Whether the footprint is apart from those of all bodies that reach as high as its lowest point."""
     return all(
         other.top < trial.place[2]
         or np.linalg.norm(trial.place[:2] - other.place[:2]) > trial.rest.reach + other.rest.reach + spacing

@@ -28,10 +28,7 @@ MAX_CACHED = 4
 
 @dataclass(eq=False)
 class Assets:
-    """Files to draw from, sorted by path, so that a folder gives the same scenes on every machine.
-
-    `before_reading` is called with the path of each file before it is read, and may raise.
-    """
+    """Files to draw from, sorted by path. `before_reading` is called with the path of each file, and may raise."""
 
     meshes: tuple[Path, ...] = ()
     textures: tuple[Path, ...] = ()
@@ -70,13 +67,11 @@ class Assets:
 
     def texture(self, rng: Rng) -> Image | None:
         """A picture (H, W, 3), linear, in [0, 0.95]; None when no file can be used."""
-        drawn = self._draw(rng, self.textures, _texture)
-        return drawn and drawn[1]
+        return (self._draw(rng, self.textures, _texture) or (None, None))[1]
 
     def hdri(self, rng: Rng) -> Image | None:
         """An environment map (H, W, 3), linear; None when no file can be used."""
-        drawn = self._draw(rng, self.hdris, _hdri)
-        return drawn and drawn[1]
+        return (self._draw(rng, self.hdris, _hdri) or (None, None))[1]
 
     def _draw(self, rng: Rng, paths: tuple[Path, ...], read: Callable[[Path], T]) -> tuple[str, T] | None:
         """The first usable file in a random order; a broken file changes only the scenes that drew it."""

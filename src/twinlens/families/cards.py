@@ -60,7 +60,6 @@ def _add_charts(scene: Composition, depth_ratio: float) -> None:
 
 
 def _chart_material(scene: Composition, index: int, height: float, pixel: float) -> Plugin:
-    """A chart's picture; its finest mark is at least two pixels wide."""
     n = texels(height, pixel)
     own = user_texture(scene, "chart", index)
     pixels = resized(own, n) if own is not None else draw_chart(scene.rng("chart", index), n, scene.palette.accents)
@@ -88,10 +87,7 @@ def _foot(chart: Mesh) -> Mesh:
 
 
 def _extruded(profile: Float, width: float) -> Mesh:
-    """A strip of (y, z) points, bottom to top as seen from the front, extruded along x, with sides and back.
-
-    v runs along the profile by length.
-    """
+    """A strip of (y, z) points, bottom to top as seen from the front, extruded along x, with sides and back."""
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
     x = np.array([-width / 2, width / 2, width / 2, -width / 2])
     parts = []
@@ -136,7 +132,6 @@ BODIES = {"chart": _chart, "steps": _steps, "wedge": _wedge, "wave": _wave}
 
 
 def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
-    """Add a floor, and a wall at the distance that gives the depth ratio."""
     rng, view = scene.rng("surroundings"), scene.view
     yaw = math.radians(rng.uniform(-18, 18))
     along = np.array([math.cos(yaw), math.sin(yaw), 0.0])

@@ -142,7 +142,6 @@ def _pillow(rng: Rng, width: float, depth: float, low: float) -> Mesh:
 
 
 def _bookcase(rng: Rng) -> Piece:
-    """Shelves with rows of books; some are left free for other things."""
     width, height, depth, thick = rng.uniform(0.7, 1.3), rng.uniform(1.2, 2.1), rng.uniform(0.28, 0.34), 0.025
     count = max(3, round(height / 0.36))
     levels = np.linspace(0.05, height - thick, count + 1)

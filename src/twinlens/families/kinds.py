@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng, log_uniform, one_of, weighted
-from twinlens.families.materials import body_material, draw_finish, user_texture
+from twinlens.families.materials import PROPORTIONS, body_material, user_texture
 from twinlens.families.solids import Solid, box_mapped, closed_grid, extruded, hard_edged, hull, lathed, polar, unit
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
@@ -29,16 +29,15 @@ def _hollow(outside: list[tuple[float, float]], wall: float, floor: float) -> Fl
     return np.array([*outer, lip, *inner, (0.7 * end, floor), (0.0, floor)])
 
 
+def _drawn(ranges: Sequence[Sequence[float]], make: Callable[..., Solid]) -> Callable[[Rng], Solid]:
+    """A maker of bodies from measures drawn in order: uniform in a tuple (low, high), or one of another sequence."""
+    return lambda rng: make(*(rng.uniform(*m) if isinstance(m, tuple) else one_of(rng, m) for m in ranges))
+
+
 def _turned(
-    ranges: Sequence[tuple[float, float] | list[float]], profile: Callable[..., ArrayLike], **how: bool
+    ranges: Sequence[Sequence[float]], profile: Callable[..., ArrayLike], **how: bool
 ) -> Callable[[Rng], Solid]:
-    """A maker of lathed bodies: `profile` of measures drawn from ranges (low, high) and lists of choices."""
-
-    def make(rng: Rng) -> Solid:
-        measures = [one_of(rng, each) if isinstance(each, list) else rng.uniform(*each) for each in ranges]
-        return lathed(profile(*measures), **how)
-
-    return make
+    return _drawn(ranges, lambda *measures: lathed(profile(*measures), **how))
 
 
 # fmt: off
@@ -98,6 +97,17 @@ _CYLINDER = _turned([(0.15, 0.5), (0.3, 1.2)], lambda r, tall: hard_edged(
     [(0, 0), (r - 0.015, 0), (r, 0.015), (r, tall - 0.015), (r - 0.015, tall), (0, tall)]), upright=False, smooth=False)
 _CONE = _turned([(0.3, 0.5), [0.02, 0.02, 0.18], (0.6, 1.2)], lambda r, top, tall: hard_edged(
     [(0, 0), (r, 0), (top, tall), (0, tall + 0.01)]), smooth=False)
+_QUARTER = np.stack([np.cos(np.linspace(-np.pi / 2, 0, 7)), np.sin(np.linspace(-np.pi / 2, 0, 7))], axis=-1)
+_QUARTER[0, 0] = 0.0
+_CAPSULE = _turned([(0.18, 0.32), (0.2, 0.7)], lambda r, straight: np.vstack(
+    [r * _QUARTER, r * _QUARTER[::-1] * [1, -1] + [0, straight]]), upright=False)
+_STAR = _drawn([range(4, 9), (0.45, 0.7), (0.25, 0.6)], lambda points, inner, height: extruded(
+    np.where(np.arange(2 * points) % 2 == 0, 1.0, inner)[:, None] * _directions(2 * points), height))
+_GEAR = _drawn([range(8, 19), (0.12, 0.22), (0.2, 0.5), (0.2, 0.45)], lambda teeth, depth, height, bore: extruded(
+    polar(lambda a: 1 - depth * np.clip(0.5 + 1.6 * np.cos(teeth * a), 0, 1), 16 * teeth if teeth < 12 else 12 * teeth),
+    height, bore, 0.02))
+_FLOWER = _drawn([range(3, 8), (0.1, 0.3), (0.25, 0.8)], lambda petals, depth, height: extruded(
+    polar(lambda a: 1 + depth * np.cos(petals * a)), height))
 # fmt: on
 
 
@@ -106,15 +116,6 @@ def _egg(_: Rng) -> Solid:
     r = 0.38 * np.cos(t) * (1 - 0.12 * np.sin(t))
     r[[0, -1]] = 0.0
     return lathed(np.stack([r, 0.52 * np.sin(t)], axis=-1), upright=False)
-
-
-def _capsule(rng: Rng) -> Solid:
-    r, straight = rng.uniform(0.18, 0.32), rng.uniform(0.2, 0.7)
-    t = np.linspace(-np.pi / 2, 0, 7)
-    below = np.stack([r * np.cos(t), r * np.sin(t)], axis=-1)
-    below[0, 0] = 0.0
-    above = below[::-1] * [1, -1] + [0, straight]
-    return lathed(np.vstack([below, above]), upright=False)
 
 
 def _cuboid(extents: ArrayLike, radius: float = 0.012, upright: bool = True) -> Solid:
@@ -134,7 +135,6 @@ def _sphere_angles(rows: int = 28, columns: int = 48) -> tuple[Float, Float]:
 
 
 def _sphere() -> Float:
-    """Points (rows, columns, 3) of the unit sphere."""
     lat, lon = _sphere_angles()
     xyz = np.stack(np.broadcast_arrays(np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)), -1)
     xyz[[0, -1]] = [[[0, 0, -1]], [[0, 0, 1]]]
@@ -166,7 +166,6 @@ def _pebble(rng: Rng) -> Solid:
 
 
 def _blob(rng: Rng) -> Solid:
-    """A sphere with twisted ridges, as gourds have."""
     lat, lon = _sphere_angles(36, 72)
     count, twist, depth = int(rng.integers(5, 11)), rng.uniform(-2, 2), rng.uniform(0.05, 0.18)
     r = 1 + depth * np.cos(count * lon + twist * lat) * np.cos(lat) ** 0.7
@@ -207,7 +206,6 @@ def _knot(rng: Rng) -> Solid:
 
 
 def _cyclic(first: tuple[float, ...], second: tuple[float, ...]) -> list[tuple[float, float, float]]:
-    """Cyclic permutations of (0, a, b)."""
     return [p for a in first for b in second for p in ((0, a, b), (a, b, 0), (b, 0, a))]
 
 
@@ -223,27 +221,8 @@ _POLYHEDRA = (  # corners of tetrahedron, octahedron, icosahedron, dodecahedron,
 
 
 def _directions(count: int) -> Float:
-    """Unit vectors (count, 2) at even steps of angle."""
     angle = np.arange(count) * 2 * math.pi / count
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-
-
-def _star(rng: Rng) -> Solid:
-    points, inner = int(rng.integers(4, 9)), rng.uniform(0.45, 0.7)
-    radius = np.where(np.arange(2 * points) % 2 == 0, 1.0, inner)
-    return extruded(radius[:, None] * _directions(2 * points), rng.uniform(0.25, 0.6))
-
-
-def _gear(rng: Rng) -> Solid:
-    teeth, depth = int(rng.integers(8, 19)), rng.uniform(0.12, 0.22)
-    count = 16 * teeth if teeth < 12 else 12 * teeth
-    outline = polar(lambda a: 1 - depth * np.clip(0.5 + 1.6 * np.cos(teeth * a), 0, 1), count)
-    return extruded(outline, rng.uniform(0.2, 0.5), hole=rng.uniform(0.2, 0.45), bevel=0.02)
-
-
-def _flower(rng: Rng) -> Solid:
-    petals, depth = int(rng.integers(3, 8)), rng.uniform(0.1, 0.3)
-    return extruded(polar(lambda a: 1 + depth * np.cos(petals * a)), rng.uniform(0.25, 0.8))
 
 
 def _heart(rng: Rng) -> Solid:
@@ -293,7 +272,7 @@ KINDS: dict[str, Kind] = {
     "pawn": Kind(_PAWN, (0.09, 0.22), 0.8, ("wood", "plain", "marble")),
     "cylinder": Kind(_CYLINDER, (0.08, 0.22), 0.7, _TOY),
     "cone": Kind(_CONE, (0.1, 0.2), 0.6, _TOY),
-    "capsule": Kind(_capsule, (0.08, 0.18), 0.5, _TOY),
+    "capsule": Kind(_CAPSULE, (0.08, 0.18), 0.5, _TOY),
     "book": Kind(lambda rng: _cuboid([1.0, rng.uniform(0.62, 0.8), rng.uniform(0.08, 0.26)]), (0.18, 0.3), 1.8,
                  ("plain", "art", "stripes", "weave", "triangles", "cloudy", "scales")),
     "carton": Kind(lambda rng: _cuboid([rng.uniform(0.4, 1.0), rng.uniform(0.3, 0.8), rng.uniform(0.4, 1.1)]),
@@ -310,9 +289,9 @@ KINDS: dict[str, Kind] = {
     "knot": Kind(_knot, (0.12, 0.26), 0.5, _CAST),
     "crystal": Kind(lambda rng: hull(np.array(one_of(rng, _POLYHEDRA), dtype=np.float64)), (0.08, 0.18), 0.8,
                     ("plain", "granite", "marble", "wood", "chips")),
-    "star": Kind(_star, (0.1, 0.2), 0.5, _TOY),
-    "gear": Kind(_gear, (0.1, 0.24), 0.8, ("plain", "cloudy", "granite")),
-    "flower": Kind(_flower, (0.1, 0.2), 0.5, _TOY),
+    "star": Kind(_STAR, (0.1, 0.2), 0.5, _TOY),
+    "gear": Kind(_GEAR, (0.1, 0.24), 0.8, ("plain", "cloudy", "granite")),
+    "flower": Kind(_FLOWER, (0.1, 0.2), 0.5, _TOY),
     "heart": Kind(_heart, (0.08, 0.18), 0.4, ("plain", "cloudy", "wood", "dots")),
     "prism": Kind(lambda rng: extruded(_directions(one_of(rng, [3, 5, 6, 8])), rng.uniform(0.5, 2.2)), (0.08, 0.22),
                   0.6, _TOY),
@@ -340,7 +319,9 @@ class Body:
     def material(self, pixel: float) -> Plugin:
         """Its material where a pixel covers `pixel` metres: no texel is smaller than that."""
         scene, part = self.scene, self.part
-        finish = draw_finish(scene.rng(*part, "finish"), self.kind in METALLIC, self.kind in GLASSY)
+        metal, glass = self.kind in METALLIC, self.kind in GLASSY
+        finishes = [n for n in PROPORTIONS if (metal or n not in ("metal", "mirror")) and (glass or n != "glass")]
+        finish = weighted(scene.rng(*part, "finish"), finishes, [PROPORTIONS[name] for name in finishes])
         own = user_texture(scene, *part) if finish in ("matte", "satin", "glossy") else None
         names = KINDS[self.kind].patterns if self.kind else _USER_PATTERNS
         stream = scene.rng(*part, "texture")

@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 
-from twinlens.families.composition import Composition
+from twinlens.families.composition import Composition, View, rasterize
 from twinlens.families.draws import Rng, log_uniform, one_of
 from twinlens.families.patterns import noise
 from twinlens.families.surfaces import Sheet
-from twinlens.families.view import View, rasterize
 from twinlens.geometry import Float, look_at
 from twinlens.scenes.placement import rotation
 from twinlens.scenes.scene import Bitmap, Color, Mesh, Plugin
@@ -40,10 +39,7 @@ def rectangle(width: float, height: float) -> Mesh:
 
 
 def out_of_view(view: View, spot: Float, side: float, front: float) -> Float:
-    """`spot` (3,) moved towards the camera, at most to y = `front`, until a level square lamp there is not visible.
-
-    `side` is the lamp's in metres; 0.3 m are added because the right camera sees more on its side.
-    """
+    """`spot` (3,) moved towards the camera, at most to y = `front`, until a level square lamp is not visible there."""
     lamp = rectangle(side + 0.3, side + 0.3)
     while spot[1] > front and np.isfinite(rasterize(view, [(lamp.vertices + spot, lamp.faces)], 64).depth).any():
         spot = spot - [0.0, min(0.2, spot[1] - front), 0.0]
@@ -77,10 +73,7 @@ def user_environment(scene: Composition, rng: Rng) -> bool:
 
 
 def key_and_fill(scene: Composition, rng: Rng, middle: Float, radius: float) -> None:
-    """A hard or soft key light from one side, a weak fill light from the other, and dim ambient light.
-
-    They light a sphere of `radius` metres around `middle` (3,), seen from -y.
-    """
+    """A key light from one side, a weak fill light from the other, and dim ambient light; the camera looks from -y."""
     side = one_of(rng, [-1.0, 1.0])
     tone, other = one_of(rng, [(WARM, COOL), (NEUTRAL, NEUTRAL), (COOL, WARM), (WARM, NEUTRAL)])
     spread = log_uniform(rng, 0.18, 1.2) * radius
@@ -96,11 +89,7 @@ def key_and_fill(scene: Composition, rng: Rng, middle: Float, radius: float) -> 
 
 
 def daylight(scene: Composition, rng: Rng, middle: Float, radius: float) -> None:
-    """A clear sky, and the sun at one side of the camera, which looks from -y.
-
-    The sun is a distant square, larger than the real sun so that shadows have soft edges. When high, it lights a level
-    surface about four times as strongly as the sky does; when low, less.
-    """
+    """A clear sky, and a distant square as the sun, larger than the real one for soft shadows."""
     side = one_of(rng, [-1.0, 1.0])
     azimuth, elevation = -90.0 + side * float(rng.uniform(40, 95)), float(rng.uniform(22, 55))
     environment(scene, clear_sky(float(rng.uniform(2.2, 5.0)), elevation), azimuth, 0.5)
@@ -131,7 +120,7 @@ _GROUND = np.array([0.32, 0.29, 0.25])
 def clear_sky(turbidity: float, elevation_deg: float, width: int = 256) -> Image:
     """A clear sky without its sun, (width/2, width, 3), of mean luminance 1; the sun is above the centre column.
 
-    Source: Preetham, Shirley and Smits, A Practical Analytic Model for Daylight, SIGGRAPH 1999, tables of appendix A.
+    Source: Preetham et al., A Practical Analytic Model for Daylight, SIGGRAPH 1999, appendix A.
     """
     rise = (0.5 - (np.arange(width // 2)[:, None] + 0.5) / (width // 2)) * math.pi
     turn = ((np.arange(width)[None, :] + 0.5) / width - 0.5) * 2 * math.pi

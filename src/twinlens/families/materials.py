@@ -11,14 +11,14 @@ import numpy as np
 from scipy.ndimage import zoom
 
 from twinlens.families.composition import Composition
-from twinlens.families.draws import METALS, Palette, Rng, one_of, shuffled, varied, weighted
+from twinlens.families.draws import METALS, Palette, Rng, one_of, shuffled, varied
 from twinlens.families.patterns import half_size, noise, pattern
 from twinlens.families.solids import Solid
 from twinlens.scenes.scene import Bitmap, Plugin
 from twinlens.scenes.textures import Image
 
 PROPORTIONS = {"matte": 0.44, "satin": 0.22, "glossy": 0.20, "metal": 0.09, "glass": 0.03, "mirror": 0.02}
-"""Relative probabilities of the finishes; `draw_finish` omits metals or glass for bodies that are not made of them."""
+"""Relative probabilities of the finishes, for bodies that may be of metal and glass."""
 
 _ROUGHNESS = {"satin": (0.18, 0.35), "glossy": (0.04, 0.12), "metal": (0.08, 0.3)}
 _MAX_TEXELS, _MIN_TEXELS = 512, 8
@@ -38,29 +38,15 @@ def material(finish: str, color: Bitmap, roughness: float = 0.2) -> Plugin:
     return {"type": "roughplastic", "diffuse_reflectance": color, "alpha": roughness}
 
 
-def draw_finish(rng: Rng, metal: bool, glass: bool) -> str:
-    """A finish by its proportion; metals and glass only where allowed."""
-    names = [n for n in PROPORTIONS if (metal or n not in ("metal", "mirror")) and (glass or n != "glass")]
-    return weighted(rng, names, [PROPORTIONS[name] for name in names])
-
-
 def texels(length: float, pixel: float, most: int = _MAX_TEXELS) -> int:
-    """How many texels a tile of `length` metres has: a power of two, no texel smaller than a pixel of `pixel` metres.
-
-    >>> texels(0.1, 0.0011)
-    64
-    """
+    """Texels of a tile of `length` metres: a power of two, none smaller than a pixel of `pixel` metres."""
     return int(np.clip(1 << math.floor(math.log2(max(length / pixel, 1.0))), _MIN_TEXELS, most))
 
 
 def body_material(
     rng: Rng, solid: Solid, size: float, pixel: float, palette: Palette, finish: str, names: Sequence[str] | Image
 ) -> Plugin:
-    """A material for a body `size` metres large seen with pixels of `pixel` metres.
-
-    It has one of the patterns `names`, or a user's picture in their place. Where u closes on itself, the picture
-    repeats a whole number of times.
-    """
+    """A material for a body `size` metres large, with one of the patterns `names` or a user's picture."""
     if isinstance(names, np.ndarray):
         tile = size * one_of(rng, [0.5, 1.0])
         pixels, roughness = resized(names, texels(tile, pixel)), float(rng.uniform(0.05, 0.3))

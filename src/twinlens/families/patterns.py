@@ -30,10 +30,7 @@ def noise(n: int, rng: Rng, cells: int = 4, octaves: int = 6, gain: float = 0.55
 
 
 def _averaged(draw: Callable[[int, Float, Float, Rng, Float], Float]) -> Callable[[int, Rng, Float], Image]:
-    """A pattern of hard edges: drawn at positions finer than the texels, and averaged over each texel.
-
-    `draw` gets n, the positions u rightwards and v downwards, both in [0, 1), a random stream and colours.
-    """
+    """A pattern drawn at positions finer than the texels (u rightwards, v downwards) and averaged over each texel."""
 
     def drawn(n: int, rng: Rng, colors: Float) -> Image:
         inner = 3 if n <= 160 else 2 if n <= 320 else 1

@@ -7,14 +7,13 @@ import numpy as np
 
 from twinlens.families import furniture, lighting
 from twinlens.families.arrangement import Area, arrange, bodies_at_rest, gap
-from twinlens.families.composition import Composition
+from twinlens.families.composition import Composition, rasterize, triangles
 from twinlens.families.draws import Rng, one_of, varied
 from twinlens.families.furniture import Piece, board
 from twinlens.families.materials import furniture_material, material
 from twinlens.families.patterns import pattern
 from twinlens.families.solids import double_sided
 from twinlens.families.surfaces import FLOORS, WALLS, Sheet, surface, wall_colors
-from twinlens.families.view import rasterize, triangles
 from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
 from twinlens.scenes.placement import rotation, translation
@@ -79,10 +78,7 @@ class Shell:
 
 
 def _set_view(scene: Composition, shell: Shell) -> float:
-    """Look from eye height near the open end, turned a little to one side; returns the nearest depth, metres.
-
-    The field is narrow enough that the floor is not seen nearer than that.
-    """
+    """Look from eye height near the open end, narrow enough for the depth ratio; returns the nearest depth."""
     rng = scene.rng("view")
     eye = np.array([rng.uniform(-0.3, 0.3) * shell.width, shell.front + rng.uniform(0.25, 0.5), rng.uniform(1.15, 1.6)])
     target = np.array([-0.6 * eye[0] + rng.uniform(-0.4, 0.4), shell.back, rng.uniform(0.55, 1.0)])
@@ -97,7 +93,6 @@ def _set_view(scene: Composition, shell: Shell) -> float:
 
 
 def _floor_rectangle(size: tuple[float, float], pose: Float, margin: float = 0.0) -> Float:
-    """The outline (4, 2) of a piece on the floor."""
     half = np.array(size) / 2 + margin
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
     return transform_points(pose, np.column_stack([corners, np.zeros(4)]))[:, :2]
@@ -105,10 +100,7 @@ def _floor_rectangle(size: tuple[float, float], pose: Float, margin: float = 0.0
 
 @dataclass(eq=False)
 class _FloorPlan:
-    """Positions of the furniture: no two pieces overlap, and none is nearer to the camera than `near` metres.
-
-    `walls` lists the furniture, windows and pictures at each wall: (position along it, width, height).
-    """
+    """Furniture, and what stands or hangs at each wall: (position along it, width, height)."""
 
     scene: Composition
     shell: Shell
@@ -330,11 +322,7 @@ def _decorate(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
 
 
 def _light(scene: Composition, shell: Shell) -> None:
-    """Add a lamp below the ceiling, or a bright front wall behind the camera; neither is visible.
-
-    Windows and lamp shades are visible and set the exposure; with no other light the room would be dark. A window does
-    not light its own wall, nor the objects in front of that wall.
-    """
+    """Add a lamp below the ceiling, or a bright front wall: without one, windows would leave the room dark."""
     rng = scene.rng("light")
     by_lamp = rng.random() < 0.8
     if by_lamp:

@@ -95,10 +95,7 @@ def polar(radius: Callable[[Float], Float], count: int = 120) -> Float:
 
 
 def box_mapped(vertices: Float, faces: Indices, smooth_deg: float) -> Mesh:
-    """A mesh with box-mapped texture coordinates: each triangle is projected along its normal's largest component.
-
-    Normals are smooth between faces that share a vertex and meet at less than `smooth_deg`.
-    """
+    """A mesh with box-mapped (u, v), and normals smooth between faces that meet at less than `smooth_deg`."""
     cross = face_cross(vertices, faces)
     unit_cross = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-15)
     normals = _creased_normals(np.asarray(faces), cross, unit_cross, math.radians(max(smooth_deg, 0.1)))
@@ -125,10 +122,7 @@ def _creased_normals(faces: Indices, cross: Float, unit_cross: Float, angle: flo
 
 
 def closed_grid(points: Float, span: tuple[float, float], wrap_v: bool = False) -> Solid:
-    """A closed body from a grid (rows, columns, 3) whose columns wrap around; `span` as in `Solid`.
-
-    The first and last row are poles or, with `wrap_v`, neighbours. Normals are means over the faces at a position.
-    """
+    """A body from a grid (rows, columns, 3) of wrapping columns; rows end at poles or, with `wrap_v`, wrap too."""
     columns = points.shape[1]
     closed = np.concatenate([points, points[:, :1]], axis=1)
     if wrap_v:

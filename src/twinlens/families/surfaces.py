@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.families.composition import Composition
+from twinlens.families.composition import Composition, View
 from twinlens.families.draws import Palette, Rng, shuffled, varied
 from twinlens.families.materials import material, texels
 from twinlens.families.patterns import half_size, pattern, texture_seed
-from twinlens.families.view import View
 from twinlens.geometry import Float
 from twinlens.scenes import shapes, textures
 from twinlens.scenes.scene import Bitmap, Mesh, Plugin
@@ -101,10 +100,7 @@ def _project(sheet: Sheet, view: View, s: Float, t: Float, reach: float = 1.05) 
 
 
 def bake(image: Image, tile: float, sheet: Sheet, view: View) -> Image:
-    """A periodic image, `tile` metres wide, repeated over a sheet, each texel filtered for the size of a pixel there.
-
-    Well outside the picture the resolution is a quarter.
-    """
+    """A periodic image repeated over a sheet, each texel filtered for a pixel there; coarser outside the picture."""
     texel = tile / len(image)
     columns, rows = (int(np.clip(math.ceil(length / texel / 4) * 4, 8, _MAX_TEXELS)) for length in sheet.lengths)
     pyramid = [image]
@@ -182,10 +178,7 @@ FLOORS = (
 
 
 def wall_colors(rng: Rng, palette: Palette, contrast: float = 0.35) -> Float:
-    """Colours of a wall: a ground, and others mixed with it so that the pattern's contrast stays low.
-
-    At `contrast` 0 the pattern still has enough contrast for a matcher.
-    """
+    """Colours of a wall: a ground, and others mixed with it so that the pattern keeps a low contrast."""
     ground = varied(rng, shuffled(rng, palette.grounds), 0.06)
     if rng.random() < 0.25:
         ground[0] = 0.75 * varied(rng, shuffled(rng, palette.accents)[:1], 0.1)[0] + 0.02

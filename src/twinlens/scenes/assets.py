@@ -38,10 +38,7 @@ class SceneContext:
 
 
 def find_asset(name: str, context: SceneContext) -> Path:
-    """The path of an existing file below the scene's folder, links resolved; it is added to `context.files`.
-
-    Raises InputError that names the remedy.
-    """
+    """The path of an existing file below the scene's folder, noted in `context.files`. Raises InputError."""
     named = isinstance(name, str) and name and not ("\0" in name or "\\" in name)
     if not named or PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive:
         rule = "must be a file name relative to the scene's folder, with forward slashes"
@@ -72,20 +69,15 @@ Sky = Annotated[Path, pydantic.PlainValidator(_sky, json_schema_input_type=str)]
 
 
 def linear_from_srgb(encoded: ArrayLike) -> NDArray[np.float32]:
-    """Linear light from sRGB-encoded values in [0, 1]; float32, same shape. Source: IEC 61966-2-1:1999.
-
-    >>> [round(float(v), 6) for v in linear_from_srgb([0.0, 0.04045, 1.0])]
-    [0.0, 0.003131, 1.0]
-    """
+    """Linear light from sRGB-encoded values in [0, 1]; float32, same shape. Source: IEC 61966-2-1:1999."""
     v = np.asarray(encoded, dtype=np.float64)
     return np.where(v <= 0.04045, v / 12.92, ((np.maximum(v, 0.04045) + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
 def read_picture(path: Path, raw: bool = False) -> NDArray[np.float32]:
-    """A picture as linear float32 (H, W, 3).
+    """A picture as linear float32 (H, W, 3), .png and .jpg decoded from sRGB unless `raw`.
 
-    .png and .jpg are decoded from sRGB unless `raw`; .exr and .hdr are linear already. Raises FileError when the file
-    is damaged, too large, of another format, or holds negative or non-finite values.
+    Raises FileError for a damaged or too large file, and for negative or non-finite values.
     """
     pixels, encoded = decode_picture(path)
     if not np.isfinite(pixels).all() or (pixels < 0).any():
@@ -112,6 +104,16 @@ def _reading(path: Path, kind: str) -> Iterator[None]:
     except Exception as error:
         reason = " ".join(str(error).split())
         raise FileError(f"{path}: cannot be read as a {path.suffix} {kind} ({reason})") from error
+
+
+def read_limited(path: Path, limit: int) -> bytes:
+    """The content of a file of at most `limit` bytes. Raises FileError."""
+    try:
+        if path.stat().st_size > limit:
+            raise FileError(f"{path}: the file is larger than {limit >> 20} MiB")
+        return path.read_bytes()
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror})") from error
 
 
 def read_sky(path: Path) -> NDArray[np.float32]:
@@ -204,10 +206,9 @@ _READERS = {".png": _read_8bit, ".jpg": _read_8bit, ".jpeg": _read_8bit, ".exr":
 
 
 def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
-    """All triangles of a .ply, .obj, .glb or .stl file as one mesh. Materials and other files it names are ignored.
+    """All triangles of a mesh file as one mesh; edges sharper than `crease_deg` stay sharp, 0 makes every face flat.
 
-    Edges sharper than `crease_deg` stay sharp; 0 makes every face flat. Raises FileError when the file is damaged, too
-    large, of another format, or holds no finite triangle.
+    Materials and other files it names are ignored. Raises FileError for a damaged or too large file.
     """
     if path.suffix.lower() not in MESH_FILES:
         raise FileError(f"{path}: meshes may be {', '.join(sorted(MESH_FILES))}, got {path.suffix!r}")

@@ -87,7 +87,6 @@ class MeshBase(ObjectBase):
 
     @pydantic.model_validator(mode="after")
     def _check_measures(self) -> "MeshBase":
-        """Checks that need more than one key, of all the mesh shapes."""
         given = vars(self)
         for less, more in (("r_min", "r_max"), ("minor_radius", "major_radius")):
             if less in given and given[less] >= given[more]:

@@ -25,11 +25,7 @@ _COUNT = Annotated[int, pydantic.Field(ge=1, le=10_000)]
 
 
 def rotation(axis: ArrayLike, deg: float) -> Float:
-    """The 4x4 rotation by `deg` degrees about `axis` (3,), right-handed. Source: Rodrigues 1840.
-
-    >>> rotation([0, 0, 1], 90)[:3, 0].round(12).tolist()
-    [0.0, 1.0, 0.0]
-    """
+    """The 4x4 rotation by `deg` degrees about `axis` (3,), right-handed. Source: Rodrigues 1840."""
     x, y, z = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     angle = math.radians(deg)
@@ -116,7 +112,12 @@ class Pose(StrictModel):
         if self.euler_deg is not None:
             turn = euler_rotation(self.euler_deg)
         elif self.look_at is not None:
-            turn = _towards(position, np.array(self.look_at))
+            forward = self.look_at - position
+            if not np.linalg.norm(forward) > 1e-9:
+                raise InputError(f"look_at: the target {self.look_at} must differ from the object's own position")
+            vertical = np.linalg.norm(forward[:2]) < 1e-6 * np.linalg.norm(forward)
+            turn = look_at(position, self.look_at, up=(0.0, 1.0, 0.0) if vertical else (0.0, 0.0, 1.0))
+            turn[:3, 3] = 0.0
         for step in self.rotate if isinstance(self.rotate, list) else [self.rotate] if self.rotate else []:
             turn = rotation(step.axis, step.deg) @ turn
         return translation(position) @ turn
@@ -164,14 +165,3 @@ class CopyGrid(StrictModel):
 
 Copies = Annotated[list[Placement], pydantic.Field(min_length=1)] | CopyGrid
 """Placements of an object's copies: a list, or a grid."""
-
-
-def _towards(position: Float, target: Float) -> Float:
-    """The rotation that turns +z to the target, with -y as far up as possible, as a camera would look."""
-    forward = target - position
-    if not np.linalg.norm(forward) > 1e-9:
-        raise InputError(f"look_at: the target {target.tolist()} must differ from the object's own position")
-    vertical = np.linalg.norm(forward[:2]) < 1e-6 * np.linalg.norm(forward)
-    pose = look_at(position, target, up=(0.0, 1.0, 0.0) if vertical else (0.0, 0.0, 1.0))
-    pose[:3, 3] = 0.0
-    return pose

@@ -185,8 +185,7 @@ INTEGRATORS: dict[str, dict[str, Any]] = {
     "path": {"max_depth": whole(-1, 1024) | None, "rr_depth": whole(1, 1024) | None, **_RENDER_KEYS},
     "direct": {
         "shading_samples": whole(1, 1024) | None,
-        "emitter_samples": whole(0, 1024) | None,
-        "bsdf_samples": whole(0, 1024) | None,
+        **dict.fromkeys(("emitter_samples", "bsdf_samples"), whole(0, 1024) | None),
         **_RENDER_KEYS,
     },
 }

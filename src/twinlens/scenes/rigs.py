@@ -35,21 +35,17 @@ SensorWidth = Annotated[Positive, pydantic.BeforeValidator(sensor_width_mm, Numb
 Count = Annotated[int, pydantic.Field(ge=1, le=_MOST_CAMERAS)]
 
 
-class DistortionBase(StrictModel):
-    """Coefficients of a distortion model, as OpenCV names them."""
-
-    def build(self) -> Distortion:
-        """The distortion of a camera."""
-        model = BrownConrady if self.model == BrownConrady.name else KannalaBrandt  # type: ignore[attr-defined]
-        return model(**self.model_dump(include=self.model_fields_set - {"model"}))
+def _distortion(table: Any) -> Distortion:
+    model = BrownConrady if table.model == BrownConrady.name else KannalaBrandt
+    return model(**table.model_dump(include=table.model_fields_set - {"model"}))
 
 
 _DISTORTIONS = {
     BrownConrady.name: dict.fromkeys(("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), Number | None),
     KannalaBrandt.name: dict.fromkeys(("k1", "k2", "k3", "k4"), Number | None),
 }
-_MODELS = variants(DistortionBase, "model", _DISTORTIONS, BrownConrady.name)
-DistortionTable = Annotated[DistortionBase, reads(tagged("Distortion", "model", _MODELS, BrownConrady.name))]
+_MODELS = variants(StrictModel, "model", _DISTORTIONS, BrownConrady.name)
+DistortionTable = Annotated[Distortion, reads(tagged("Distortion", "model", _MODELS, BrownConrady.name), _distortion)]
 
 
 class Intrinsics(StrictModel):
@@ -78,8 +74,7 @@ class Intrinsics(StrictModel):
 
     def given(self) -> dict[str, Any]:
         """The values that the table sets, by the names of `Camera` and of `Camera.from_fov`."""
-        values = {key: getattr(self, key) for key in Intrinsics.model_fields if key in self.model_fields_set}
-        return values | ({"distortion": values["distortion"].build()} if "distortion" in values else {})
+        return {key: getattr(self, key) for key in Intrinsics.model_fields if key in self.model_fields_set}
 
     def camera(self, shared: Mapping[str, Any]) -> Camera:
         """The camera with this table's values, and `shared` ones where it has none."""
@@ -123,10 +118,9 @@ class Viewed(Intrinsics):
 
 
 class PosedIntrinsics(Viewed):
-    """A camera with a pose of its own.
+    """A camera with a pose of its own, also as `world_from_cam`.
 
-    In world coordinates, it may also be `world_from_cam`. Relative to the rig's pose, in its axes (x right, y down, z
-    forward), it is `translate` and `euler_deg`.
+    `translate` and `euler_deg` are relative to the rig's pose, in its axes: x right, y down, z forward.
     """
 
     world_from_cam: Matrix | None = None

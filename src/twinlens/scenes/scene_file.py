@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import pydantic
 
 from twinlens.errors import FileError, InputError, unknown
-from twinlens.scenes.assets import SceneContext
+from twinlens.scenes.assets import SceneContext, read_limited
 from twinlens.scenes.objects import Object
 from twinlens.scenes.placement import Vector3, view_pose
 from twinlens.scenes.plugins import SURROUNDING_LIGHTS, Integrator, Light, Material
@@ -20,7 +20,6 @@ from twinlens.scenes.xml_file import read_scene_xml
 from twinlens.schema import Positive, StrictModel, exactly, read
 
 _SCENE_FILE = "scene.toml"
-_LARGEST_FILE = 16 << 20
 _ANY_SIZE = 64, 48  # pixels; a rig is built once with images of this size to check its table
 
 
@@ -74,19 +73,15 @@ class SceneFile(StrictModel):
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file. Raises FileError, for a syntax error with its line."""
+    data = read_limited(path, 16 << 20)
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise FileError(f"{path}: the file is larger than {_LARGEST_FILE >> 20} MiB")
-        written = path.read_text(encoding="utf-8-sig")
-        return tomllib.loads(written)
+        return tomllib.loads(data.decode("utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
-        message = str(error).replace("at end of document", f"at end of document, line {len(written.splitlines())}")
+        message = str(error).replace("at end of document", f"at end of document, line {len(data.splitlines())}")
         message = message.replace("Cannot overwrite a value", "the key is defined twice")
         raise FileError(f"{path}: not valid TOML: {message}") from error
     except (ValueError, RecursionError) as error:  # not UTF-8, an integer of thousands of digits, nested too deep
         raise FileError(f"{path}: not valid TOML: {error}") from error
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read ({error.strerror})") from error
 
 
 def read_scene_toml(path: Path, name: str) -> Scene:
@@ -153,10 +148,7 @@ def bundled_headings() -> list[Heading]:
 
 
 def load_scene(name_or_path: str | Path) -> Scene:
-    """The scene of a bundled name ("staircase"), of a scene.toml or the folder that has one, or of a Mitsuba .xml.
-
-    Raises InputError: for an unknown name with the nearest known one, for a mistake in a file with its key.
-    """
+    """The scene of a bundled name, of a scene.toml or its folder, or of a Mitsuba .xml; InputError for a mistake."""
     path, known = Path(name_or_path), bundled_scenes()
     if str(name_or_path) in known:
         return read_scene_toml(bundled_folder() / name_or_path / _SCENE_FILE, str(name_or_path))

@@ -43,10 +43,7 @@ def _face_uv(points: Float, axis: int, extents: Float, tile: float | None) -> Fl
 
 
 def rounded_box(extents: Float, radius: float, subdivisions: int = 6, tile: float | None = None) -> Mesh:
-    """A box whose edges and corners are rounded by `radius` metres (<= half the shortest side); smooth normals.
-
-    Points of a subdivided cube are moved to p = q + radius n, with q on the inner box. (u, v) as for `box`.
-    """
+    """A box with edges and corners rounded by `radius` metres (<= half the shortest side); (u, v) as for `box`."""
     half = np.asarray(extents) / 2
     line = np.concatenate([-1 - np.linspace(1, 0, subdivisions + 1), 1 + np.linspace(0, 1, subdivisions + 1)])
     n = len(line)
@@ -76,9 +73,8 @@ def grid(columns: int, rows: int) -> Faces:
 def lathe(profile: Float, segments: int = 96, smooth: bool = True, samples: int = 12) -> Mesh:
     """The surface of revolution of a `profile` of (radius, height) points, from the bottom up, about the z axis.
 
-    `smooth` interpolates the points by a Catmull-Rom curve with `samples` steps between two of them; a point given
-    twice is a sharp corner. u is the angle, v the length along the profile. For a vessel, go up the outside and down
-    the inside.
+    `smooth` interpolates by a Catmull-Rom curve, `samples` steps a span; a point given twice is a sharp corner. u is
+    the angle, v the length along the profile. For a vessel, go up the outside and down the inside.
     """
     points = np.asarray(profile, dtype=np.float64)
     corners = np.flatnonzero((np.diff(points, axis=0) == 0).all(axis=1)) + 1
@@ -132,8 +128,7 @@ def transformed(mesh: Mesh, b_from_a: Float) -> Mesh:
 def tube(points: Float, radius: Float, sides: int = 16, smooth: bool = True, closed: bool = False) -> Mesh:
     """A round pipe along `points` (N, 3); `radius` is one number or one per point. u is the angle, v the length.
 
-    Its frame does not twist. Source: Wang et al., Computation of Rotation Minimizing Frames, ACM
-    TOG 27(1), 2008 (here by projecting the last normal, its first-order form).
+    Source: Wang et al., Computation of Rotation Minimizing Frames, ACM TOG 27(1), 2008 (first-order form).
     """
     path = np.column_stack([points, np.broadcast_to(radius, len(points))])
     if closed:
@@ -192,10 +187,7 @@ def creation(name: str, **parameters: Any) -> Mesh:
 
 
 def from_trimesh(made: Any, crease_deg: float = 30.0) -> Mesh:
-    """A trimesh mesh as a Mesh, with smooth edges where faces meet at less than `crease_deg`; flat if that is 0.
-
-    (u, v) are the mesh's own, else longitude and height about its centre.
-    """
+    """A trimesh mesh, smooth where faces meet at less than `crease_deg`; (u, v) its own, else longitude and height."""
     import trimesh
 
     if crease_deg > 0:
@@ -204,13 +196,9 @@ def from_trimesh(made: Any, crease_deg: float = 30.0) -> Mesh:
     faces = np.array(made.faces, dtype=np.uint32)
     normals = np.array(made.vertex_normals, dtype=np.float64) if crease_deg > 0 else None
     uv = getattr(made.visual, "uv", None)
-    if uv is None or len(uv) != len(vertices):
-        return _wrapped(vertices, faces, normals)
-    return Mesh(vertices, faces, normals, np.array(uv, dtype=np.float64))
-
-
-def _wrapped(vertices: Float, faces: Faces, normals: Float | None) -> Mesh:
-    """(u, v) by longitude and height; triangles share no vertices, so that none crosses the seam of the longitude."""
+    if uv is not None and len(uv) == len(vertices):
+        return Mesh(vertices, faces, normals, np.array(uv, dtype=np.float64))
+    # triangles share no vertices, so that none crosses the seam of the longitude
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     corner = vertices[faces].reshape(-1, 3)
     away = corner - (low + high) / 2

@@ -18,18 +18,7 @@ from twinlens.scenes import textures
 from twinlens.scenes.assets import Asset, linear_from_srgb, read_picture
 from twinlens.scenes.scene import Bitmap, Color
 from twinlens.scenes.textures import Image
-from twinlens.schema import (
-    Fraction,
-    NonNegative,
-    Positive,
-    StrictModel,
-    exactly,
-    number,
-    reads,
-    tagged,
-    variants,
-    whole,
-)
+from twinlens.schema import Fraction, NonNegative, Positive, StrictModel, exactly, number, tagged, variants, whole
 
 _DEEPEST = 8
 _HEX = re.compile(r"#[0-9a-fA-F]{6}")
@@ -209,9 +198,13 @@ _TEXTURE = tagged("Texture", "type", [*variants(Pattern, "type", PATTERNS), Pict
 _COLOR_OR_TEXTURE: Any = TypeAliasType("ColorOrTexture", _TEXTURE | ColorText)
 
 
+def _read_table(value: Any, info: Any) -> TextureBase:
+    return _ADAPTER.validate_python(value, context=info.context)
+
+
 def _read_part(value: Any, info: Any) -> Any:
     if isinstance(value, Mapping):
-        return _ADAPTER.validate_python(value, context=info.context)
+        return _read_table(value, info)
     return value if is_texture(value) else read_color(value)
 
 
@@ -219,7 +212,7 @@ Part = Annotated[Any, pydantic.PlainValidator(_read_part, json_schema_input_type
 Mix.model_rebuild()
 Multiply.model_rebuild()
 _ADAPTER: pydantic.TypeAdapter[TextureBase] = pydantic.TypeAdapter(_TEXTURE)
-Texture = Annotated[TextureBase, reads(_TEXTURE)]
+Texture = Annotated[TextureBase, pydantic.PlainValidator(_read_table, json_schema_input_type=_TEXTURE)]
 """A table of [textures]."""
 
 
@@ -245,8 +238,7 @@ def _named(name: str, named: Mapping[str, TextureBase]) -> TextureBase:
 def read_texture(value: Any, info: Any) -> Bitmap:
     """A texture table, or the name of an entry of [textures], as a Bitmap."""
     named = info.context.textures
-    table = _named(value, named) if isinstance(value, str) else _ADAPTER.validate_python(value, context=info.context)
-    return table.bitmap(named)
+    return (_named(value, named) if isinstance(value, str) else _read_table(value, info)).bitmap(named)
 
 
 def spectrum(limit: float) -> Any:

@@ -121,7 +121,7 @@ def siemens_star(width: int, height: int, spokes: int, seed: int = 0, radius: fl
 def bricks(
     width: int, height: int, cells: tuple[int, int], seed: int, mortar: float = 0.08, variation: float = 0.5
 ) -> Image:
-    """Running bond of `cells` = (bricks across, courses): mortar 0, bricks random in [1 - variation, 1]; periodic.
+    """Running bond of `cells` = (bricks across, courses): mortar 0, bricks random in [1 - variation, 1].
 
     `mortar` is its width as a fraction of a course. Periodic for an even number of courses.
     """

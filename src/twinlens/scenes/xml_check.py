@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from twinlens.errors import FileError, InputError, unknown
-from twinlens.scenes.assets import SceneContext, decode_picture, find_asset, read_sky
+from twinlens.scenes.assets import SceneContext, decode_picture, find_asset, read_limited, read_sky
 from twinlens.scenes.objects import ANALYTIC_SHAPES
 from twinlens.scenes.plugins import AREA_LIGHTS, CONDUCTORS, INTEGRATORS, LIGHTS, MATERIALS
 
@@ -35,7 +35,6 @@ VALUES = {"boolean", "integer", "float", "string", "rgb", "vector", "point", "re
 TRANSFORMS = {"transform", "translate", "rotate", "scale", "lookat", "matrix"}
 _NUMERIC_TAGS = {"boolean", "integer", "float", "rgb", "vector", "point", *TRANSFORMS}
 _NUMERIC_ATTRIBUTES = {"value", "x", "y", "z", "angle", "origin", "target", "up"}
-_LARGEST_FILE = 64 << 20
 _DEEPEST = 200
 _FILE_PARAMETER = re.compile(r"file|path", re.IGNORECASE)
 _NUMBERS = re.compile(r"[\d.eE+\-,:\s]*")
@@ -64,12 +63,7 @@ def checked_xml(path: Path) -> tuple[ElementTree.Element, list[Path]]:
 
 def _parse(path: Path) -> ElementTree.Element:
     """The file as a tree; document types and entities are rejected while it is read."""
-    try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise FileError(f"{path}: the file is larger than {_LARGEST_FILE >> 20} MiB")
-        data = path.read_bytes()
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read ({error.strerror})") from error
+    data = read_limited(path, 64 << 20)
     builder = ElementTree.TreeBuilder()
     parser = expat.ParserCreate()
 

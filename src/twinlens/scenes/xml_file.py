@@ -77,13 +77,8 @@ def _fov_x_deg(sensor: Element) -> float:
     else:
         (focal_mm,) = _floats((_value(sensor, "focal_length") or "50mm").strip().removesuffix("mm"), 1)
         axis, angle = "diagonal", 2 * math.atan2(math.hypot(*_FRAME_35MM) / 2, focal_mm)
-    sides = {
-        "x": width,
-        "y": height,
-        "diagonal": math.hypot(width, height),
-        "smaller": min(width, height),
-        "larger": max(width, height),
-    }
+    sides = {"x": width, "y": height, "diagonal": math.hypot(width, height)}
+    sides |= {"smaller": min(width, height), "larger": max(width, height)}
     if axis not in sides or not 0 < angle < math.pi:
         raise InputError(f"fov must lie between 0 and 180 degrees along {', '.join(sides)}, got {fov} {axis}")
     return math.degrees(2 * math.atan(math.tan(angle / 2) * width / sides[axis]))
@@ -101,7 +96,6 @@ def _pose(sensor: Element) -> Float:
 
 
 def _step(step: Element) -> Float:
-    """The 4x4 of one element of a <transform>."""
     if step.tag == "matrix":
         return np.array(_floats(step.get("value", ""), 16)).reshape(4, 4)
     if step.tag == "lookat":
@@ -123,7 +117,6 @@ def _step(step: Element) -> Float:
 
 
 def _xyz(step: Element, default: str) -> list[float]:
-    """x, y, z of a step: a `value` of three numbers or one, or the attributes x, y, z."""
     value = step.get("value")
     if value is None:
         return [_floats(step.get(key, default), 1)[0] for key in "xyz"]
