@@ -10,7 +10,7 @@ import pytest
 import twinlens as tl
 from twinlens.cli.boards import run_board
 from twinlens.dataset import write_pfm
-from twinlens.dataset.lock import locked
+from twinlens.dataset.files import locked
 from twinlens.scoring import Pair, board_from_json, caption, open_submission, read_board
 
 

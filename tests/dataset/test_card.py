@@ -48,7 +48,7 @@ def front_matter(text):
 
 
 def test_the_card_tells_what_there_is(tmp_path):
-    root = made(tmp_path / "set", rejected={"too dark": 3}, versions={"mitsuba": "3.9"})
+    root = made(tmp_path / "set", rejections={"too dark": 3}, versions={"mitsuba": "3.9"})
     assert write_card(root) == ["README.md", "samples.jpg", "statistics.png"]
     head, body = front_matter((root / "README.md").read_text())
     assert head["license"] == "unknown"
@@ -59,7 +59,7 @@ def test_the_card_tells_what_there_is(tmp_path):
         "| image size | 64 x 48 |",
         "| lenses of a sample | 1 (1), 2 (1) |",
         "| splits | train: 2 |",
-        "too dark: 3",
+        "Rejected draws - too dark: 3.",
         "mitsuba 3.9",
         "Seed: 5.",
         '      "count": 2',

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from twinlens.dataset.lock import locked
+from twinlens.dataset.files import locked
 from twinlens.errors import OutputError
 
 

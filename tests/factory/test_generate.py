@@ -10,7 +10,7 @@ import pytest
 
 from tests.factory_recipes import RECIPE, digests, write_recipe
 from twinlens.dataset import Dataset, Manifest, Row, read_manifest, sample_files, verify_dataset, write_manifest
-from twinlens.dataset.lock import locked
+from twinlens.dataset.files import locked
 from twinlens.errors import BackendError, FileError, InputError, OutputError
 from twinlens.factory import estimate, generate, make, produce, read_recipe, spec_from_plain
 from twinlens.factory.produce import Exhausted

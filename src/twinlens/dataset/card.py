@@ -12,6 +12,7 @@ import dataclasses
 import io
 import json
 import re
+import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -34,7 +35,7 @@ from twinlens.errors import FileError, InputError
 SHEET, FIGURE = "samples.jpg", "statistics.png"
 README, OTHER_NAME = "README.md", "CARD.md"
 _MARKER = "<!-- Written by twinlens; `twinlens describe` rewrites it. -->"
-_OLD_MARKER = "<!-- This card is twinlens's: it is written anew with the dataset. -->"
+_MARKERS = (_MARKER, "<!-- This card is twinlens's: it is written anew with the dataset. -->")
 _SPDX = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*$")
 _SIZES = ("n<1K", "1K<n<10K", "10K<n<100K", "100K<n<1M", "n>1M")
 _MAX_RECIPE = 20_000
@@ -129,20 +130,18 @@ def write_card(dataset: Where | Dataset) -> list[str]:
     write_file(dataset.path / SHEET, stream.getvalue())
     write_file(dataset.path / FIGURE, statistics_figure(list(many.values())))
     readme = dataset.path / README
-    markers = (_MARKER.encode(), _OLD_MARKER.encode())
-    name = README if not readme.is_file() or any(mark in read_bytes(readme) for mark in markers) else OTHER_NAME
+    own = not readme.is_file() or any(marker.encode() in read_bytes(readme) for marker in _MARKERS)
+    name = README if own else OTHER_NAME
     unreadable = [name for name in dataset.names if name not in many]
     write_file(dataset.path / name, _card(given, manifest, list(many.values()), unreadable).encode())
     return [name, SHEET, FIGURE]
 
 
 def _card(given: About, manifest: Manifest, many: Sequence[Statistics], unreadable: Sequence[str]) -> str:
-    cite = "Citation:\n\n" + "\n".join(f"    {line}" for line in given.cite_as.splitlines()) if given.cite_as else ""
-    license_texts = (
-        given.license or "Not stated by the maker of this dataset: ask before you redistribute it.",
-        f"Made by {given.creator}." if given.creator else "",
-        cite,
-    )
+    texts = [given.license or "Not stated by the maker of this dataset: ask before you redistribute it."]
+    texts += [f"Made by {given.creator}."] if given.creator else []
+    if given.cite_as:
+        texts.append("Citation:\n\n" + "\n".join(f"    {line}" for line in given.cite_as.splitlines()))
     body = _TEXT.format(
         sheet=SHEET,
         figure=FIGURE,
@@ -151,7 +150,7 @@ def _card(given: About, manifest: Manifest, many: Sequence[Statistics], unreadab
         samples="samples" if len(many) > 1 else "sample",
         facts="\n".join(f"| {key} | {value} |" for key, value in _facts(manifest, many).items()),
         made=_made(manifest) + (f"\n\nUnreadable, and not counted: {', '.join(unreadable)}." if unreadable else ""),
-        license="\n\n".join(filter(None, license_texts)),
+        license="\n\n".join(texts),
     )
     head = f"# {given.title}\n" + (f"\n{given.description}\n" if given.description else "")
     return f"{_front_matter(given, len(many))}{_MARKER}\n\n{head}{body}"
@@ -187,10 +186,8 @@ def _facts(manifest: Manifest, many: Sequence[Statistics]) -> dict[str, str]:
 def _counted(values: Any) -> str:
     """The values by frequency: ``640 x 480``, or ``2 (9), 3 (1)`` with their counts."""
     counts = Counter(" x ".join(map(str, v)) if isinstance(v, tuple) else str(v) for v in values).most_common()
-    if len(counts) == 1:
-        return counts[0][0]
-    shown = ", ".join(f"{value} ({count})" for value, count in counts[:6])
-    return shown + (", ..." if len(counts) > 6 else "")
+    shown = [f"{value} ({count})" if len(counts) > 1 else value for value, count in counts[:6]]
+    return ", ".join(shown + ["..."] * (len(counts) > 6))
 
 
 def _range(many: Sequence[Sequence[float]], unit: str) -> str:
@@ -210,14 +207,14 @@ def _made(manifest: Manifest) -> str:
     versions = manifest.info.get("versions")
     if isinstance(versions, Mapping):
         parts.append("Versions: " + ", ".join(f"{name} {number}" for name, number in versions.items()) + ".")
-    rejected = manifest.info.get("rejected")
+    rejected = manifest.info.get("rejections")
     if isinstance(rejected, Mapping) and rejected:
         counts = ", ".join(f"{reason}: {count}" for reason, count in rejected.items())
         parts.append(f"Rejected draws - {counts}.")
     parts.append("sample.json of each sample lists its cameras, lenses, sensor, seed and backend.")
     recipe = json.dumps(plain(manifest.recipe), indent=2, ensure_ascii=False)
     if manifest.recipe and len(recipe) <= _MAX_RECIPE:
-        parts.append("The recipe:\n\n" + "\n".join(f"    {line}" for line in recipe.splitlines()))
+        parts.append("The recipe:\n\n" + textwrap.indent(recipe, "    "))
     elif manifest.recipe:
         parts.append("The recipe is in dataset.json.")
     return "\n\n".join(parts)

@@ -75,11 +75,8 @@ def check_mask(mask: NDArray[Any], known: NDArray[np.bool_], visible: NDArray[np
 
 def check_ids(truth: Arrays) -> Findings:
     """Ids are at most the number of names in the file; kinds index MATERIAL_KINDS."""
-    limits = {
-        "object_id": len(truth["object_names"]),
-        "material_id": len(truth["material_names"]),
-        "material_kind": len(MATERIAL_KINDS) - 1,
-    }
+    limits = {"object_id": len(truth["object_names"]), "material_id": len(truth["material_names"])}
+    limits["material_kind"] = len(MATERIAL_KINDS) - 1
     return [
         f"{name} has the value {truth[name].max()}, but only {limit} names exist"
         for name, limit in limits.items()
@@ -98,13 +95,12 @@ def check_views(truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int])
     """Points of one view that are visible in the other project into it, at a depth and place that it has there.
 
     Depth: a point must be between the minimum and the maximum of the 3x3 depths around its projection. Only pixels with
-    the same object all around in both views are tested, as the image border and silhouettes prove nothing. 5% of these
-    may fail. Swapped views and views of different scenes or sizes fail nearly everywhere. For few pixels the limit is
-    the number that a failure rate of 5% exceeds once in a million, if pixels failed independently: a rule of thumb.
+    the same object all around in both views are tested, and 5% of these may fail; of few pixels as many as a failure
+    rate of 5% exceeds once in a million. Swapped views and views of different scenes fail nearly everywhere.
 
     Place: 3x3 bounds do not notice a view that is shifted by a pixel. Where the other view is flat and slanted, depth
-    gives the shift along the slope to a fraction of a pixel: in u for surfaces slanted sideways, in v for those slanted
-    up or down. The median of each must be within a quarter of a pixel, if there are enough pixels.
+    gives the shift along the slope: in u for surfaces slanted sideways, in v for those slanted up or down. The median
+    of each must be within a quarter of a pixel, if there are enough pixels.
     """
     here, there = truths
     camera = rig.cameras[views[1]]
@@ -191,11 +187,9 @@ def check_calibration(calibration: Calibration, rig: Rig) -> Findings:
         return ["describes a rectified pair, but the rig of sample.json is not one"]
     expected = Calibration.from_rig(rig)
     names = ("cam0", "cam1", "baseline", "width", "height", "doffs")
-    return [
-        f"{name} is {getattr(calibration, name)}, but {getattr(expected, name)} in sample.json"
-        for name in names
-        if not np.allclose(getattr(calibration, name), getattr(expected, name), rtol=1e-9, atol=1e-9)
-    ]
+    pairs = [(name, getattr(calibration, name), getattr(expected, name)) for name in names]
+    wrong = [pair for pair in pairs if not np.allclose(pair[1], pair[2], rtol=1e-9, atol=1e-9)]
+    return [f"{name} is {value}, but {right} in sample.json" for name, value, right in wrong]
 
 
 def _nearest(px: NDArray[np.float64], camera: Camera) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -1,6 +1,6 @@
 """A dataset: the samples of a folder, in order. Plain Python, numpy or torch read it; torch is optional."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, Generic, TypeVar, overload
 
@@ -32,11 +32,13 @@ class Dataset(Sequence[StoredSample]):
         self.path = place(path)
         if not self.path.is_dir():
             raise FileError(f"{self.path}: no such folder; a dataset is a folder of samples")
-        listed = (self.path / NAME).is_file()
-        rows = read_manifest(self.path).rows if listed else ()
-        self._samples = tuple(stored(self.path, row) for row in rows) if listed else found_samples(self.path)
-        if not self._samples and listed:
-            raise FileError(f"{self.path / NAME}: lists no sample{_why_empty(self.path)}")
+        if (self.path / NAME).is_file():
+            manifest = read_manifest(self.path)
+            self._samples = tuple(stored(self.path, row) for row in manifest.rows)
+            if not self._samples:
+                raise FileError(f"{self.path / NAME}: lists no sample{_why_empty(self.path, manifest.info)}")
+            return
+        self._samples = found_samples(self.path)
         if not self._samples:
             raise FileError(f"{self.path}: has no sample: no {NAME}, and no folder with an im0.png")
 
@@ -49,19 +51,15 @@ class Dataset(Sequence[StoredSample]):
     def __getitem__(self, index: slice) -> "Dataset": ...
     def __getitem__(self, index: int | str | slice) -> "StoredSample | Dataset":
         if isinstance(index, str):
-            for sample in self._samples:
-                if sample.name == index:
-                    return sample
-            raise unknown("sample", index, self.names)
+            if index not in self.names:
+                raise unknown("sample", index, self.names)
+            return self._samples[self.names.index(index)]
         if isinstance(index, slice):
             return _view(self.path, self._samples[index])
         try:
             return self._samples[index]
         except IndexError:
             raise SampleIndexError(f"{self.path}: has {len(self)} samples, no sample {index}") from None
-
-    def __iter__(self) -> Iterator[StoredSample]:
-        return iter(self._samples)
 
     def __repr__(self) -> str:
         return f"Dataset({str(self.path)!r}, {len(self)} samples)"
@@ -144,9 +142,8 @@ def open_sample(path: Where) -> StoredSample:
     return dataset[0]
 
 
-def _why_empty(path: Place) -> str:
+def _why_empty(path: Place, info: Mapping[str, Any]) -> str:
     """Why a dataset.json lists no sample, from what `twinlens generate` writes in it."""
-    info = read_manifest(path).info
     failed = info.get("failed")
     if isinstance(failed, list) and failed:
         return f'; {len(failed)} samples failed ("failed" in it says why)'

@@ -33,7 +33,7 @@ from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import check_replaceable, read_bytes, write_folder
 from twinlens.dataset.manifest import NAME as MANIFEST
 from twinlens.dataset.poses import colmap_camera, colmap_pose
-from twinlens.dataset.storage import Place, RemotePath, Where, place
+from twinlens.dataset.storage import RemotePath, Where, place
 from twinlens.dataset.stored import StoredSample
 from twinlens.dataset.visibility import VISIBLE, Disparity
 from twinlens.errors import InputError, MissingExtraError, OutputError, unknown
@@ -102,14 +102,15 @@ class Source:
         """The sample's calib.txt."""
         return encode_calib(self.sample.calibration).encode()
 
+    def record(self) -> bytes:
+        """The sample's sample.json, empty if it has none."""
+        return read_bytes(self.sample.folder / "sample.json") if self.sample.has("sample.json") else b""
+
     def files(self, disparity: str = "disp{}.pfm", least: float = 0.0) -> Files:
         """Images, disparities and masks of both views, and calib.txt, with Middlebury's names."""
-        for i in (0, 1):
-            yield f"im{i}.png", self.image(i)
-        for i in (0, 1):
-            yield disparity.format(i), encode_pfm(self.disparity(i, least=least))
-        for i in (0, 1):
-            yield f"mask{i}nocc.png", encode_png(self.sample.mask_nonocc(i))
+        yield from ((f"im{i}.png", self.image(i)) for i in (0, 1))
+        yield from ((disparity.format(i), encode_pfm(self.disparity(i, least=least))) for i in (0, 1))
+        yield from ((f"mask{i}nocc.png", encode_png(self.sample.mask_nonocc(i))) for i in (0, 1))
         yield "calib.txt", self.calib()
 
 
@@ -204,10 +205,11 @@ def webdataset(sources: Iterable[Source], shard_bytes: int = _FILE_BYTES) -> Ite
     number, stream = 0, io.BytesIO()
     for source in sources:
         key = source.sample.name.replace("%", "%25").replace(".", "%2E")
-        for name, data in source.files(least=-np.inf):
-            _append(stream, f"{key}.{name}", data)
-        if source.sample.has("sample.json"):
-            _append(stream, f"{key}.json", read_bytes(source.sample.folder / "sample.json"))
+        for name, data in itertools.chain(source.files(least=-np.inf), [("json", source.record())]):
+            header = tarfile.TarInfo(f"{key}.{name}")
+            header.size, header.mode = len(data), 0o644
+            if data:
+                stream.write(header.tobuf(tarfile.PAX_FORMAT) + data + bytes(-len(data) % tarfile.BLOCKSIZE))
         if stream.tell() >= shard_bytes:
             yield f"shard-{number:06d}.tar", stream.getvalue() + _END
             number, stream = number + 1, io.BytesIO()
@@ -235,14 +237,11 @@ def parquet(sources: Iterable[Source], file_bytes: int = _FILE_BYTES) -> Iterato
         yield f"train-{number:05d}.parquet", stream.getvalue()
 
 
-Layout = Callable[[Iterable[Source]], Files]
-
-
-def _folders(layout: Callable[[Source], Files]) -> Layout:
+def _folders(layout: Callable[[Source], Files]) -> Callable[[Iterable[Source]], Files]:
     return lambda sources: (file for source in sources for file in layout(source))
 
 
-LAYOUTS: dict[str, Layout] = {
+LAYOUTS: dict[str, Callable[[Iterable[Source]], Files]] = {
     "carla": _folders(carla),
     "eth3d": _folders(eth3d),
     "kitti2015": _folders(kitti2015),
@@ -277,7 +276,10 @@ def export(
     if not len(dataset):
         raise InputError("export needs one or more samples")
     folder = place(folder)
-    _check_outside(folder, dataset)
+    around = () if isinstance(folder, RemotePath) else (folder.absolute(), *folder.absolute().parents)
+    for home in (Path(str(sample.folder)).absolute() for sample in dataset):
+        if home in around or (home.parent in around and (home.parent / MANIFEST).is_file()):  # it would be more samples
+            raise OutputError(f"{folder}: is inside the dataset to export; choose a folder outside of it")
     if overwrite:
         own = (folder / NOTE).is_file() and read_bytes(folder / NOTE).startswith(_FIRST_LINE.encode())
         check_replaceable(folder, own, "an earlier export")
@@ -302,17 +304,6 @@ def export(
     return sizes
 
 
-def _check_outside(folder: Place, dataset: Sequence[StoredSample]) -> None:
-    """Reject a folder inside the dataset, where the export would be found as more samples."""
-    if isinstance(folder, RemotePath):
-        return
-    around = (folder.absolute(), *folder.absolute().parents)
-    for sample in dataset:
-        home = Path(str(sample.folder)).absolute()
-        if home in around or (home.parent in around and (home.parent / MANIFEST).is_file()):
-            raise OutputError(f"{folder}: is inside the dataset to export; choose a folder outside of it")
-
-
 def _fixed_point(disparity: Disparity, scale: float) -> NDArray[np.uint32]:
     """round(scale d), at least 1; 0 where unknown. A known disparity of 0 therefore becomes 1, that is 1/scale px."""
     known = np.isfinite(disparity)
@@ -329,13 +320,6 @@ def _kitti_calibration(calibration: Calibration) -> bytes:
         for key, values in (("S_rect", size), ("R_rect", np.eye(3).ravel()), ("P_rect", projection.ravel())):
             lines.append(f"{key}_{name}: " + " ".join(f"{value:.12e}" for value in values))
     return ("\n".join(lines) + "\n").encode()
-
-
-def _append(stream: io.BytesIO, name: str, data: bytes) -> None:
-    header = tarfile.TarInfo(name)
-    header.size, header.mode = len(data), 0o644
-    stream.write(header.tobuf(tarfile.PAX_FORMAT))
-    stream.write(data + bytes(-len(data) % tarfile.BLOCKSIZE))
 
 
 def _schema() -> Any:
@@ -359,8 +343,7 @@ def _table(source: Source, schema: Any) -> Any:
     fx, fy, cx0, cy = calibration.cam0
     size = (calibration.width, calibration.height)
     numbers = (*size, fx, fy, cx0, calibration.cam1[2], cy, calibration.baseline, calibration.doffs, sample.ndisp)
-    record = read_bytes(sample.folder / "sample.json").decode() if sample.has("sample.json") else ""
-    row: dict[str, Any] = {"name": sample.name, "record": record}
+    row: dict[str, Any] = {"name": sample.name, "record": source.record().decode()}
     row |= dict(zip(IMAGES, images, strict=False)) | dict(zip(NUMBERS, numbers, strict=True))
     return _pyarrow()[0].Table.from_pylist([row], schema=schema)
 

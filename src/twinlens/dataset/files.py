@@ -13,7 +13,7 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from twinlens.dataset.storage import EXISTS, MARK, Place, RemotePath, Where, fill_remote, place, write_marked
+from twinlens.dataset.storage import EXISTS, Place, RemotePath, Where, fill_remote, place
 from twinlens.errors import FileError, InputError, OutputError
 
 _TEMPORARY = ".unfinished-"
@@ -71,29 +71,33 @@ def write_folder(
     was written, a killed process leaves it.
     """
     folder = place(folder)
-    if isinstance(folder, RemotePath) and isinstance(files, Mapping) and MARK in files:
-        write_marked(folder, files, overwrite)
-        return
-    files = _checked(files.items() if isinstance(files, Mapping) else files)
+    checked = _checked(files.items() if isinstance(files, Mapping) else files)
     if isinstance(folder, RemotePath):
-        fill_remote(folder, files, overwrite)
+        fill_remote(folder, dict(checked) if isinstance(files, Mapping) else checked, overwrite)
         return
     if not overwrite and os.path.lexists(folder):
         raise OutputError(f"{folder}: {EXISTS}")
     with _temporary(folder) as temporary:
         temporary.mkdir(parents=True)
         folders = {temporary}
-        for name, data in files:
+        for name, data in checked:
             path = temporary / name
             path.parent.mkdir(parents=True, exist_ok=True)
             _write_and_flush(path, data)
             folders.add(path.parent)
         for each in folders:
             _flush_folder(each)
-        if overwrite and os.path.lexists(folder):
-            _swap(temporary, folder)
-        else:
+        old = _temporary_name(folder) if overwrite and os.path.lexists(folder) else None
+        if old:
+            folder.rename(old)
+        try:
             temporary.rename(folder)
+        except BaseException:
+            if old:
+                old.rename(folder)
+            raise
+        if old:
+            _remove(old)
         _flush_folder(folder.parent)
 
 
@@ -111,6 +115,45 @@ def remove_unfinished(folder: Where) -> list[str]:
     for entry in found:
         _remove(entry)
     return [entry.name for entry in found]
+
+
+@contextlib.contextmanager
+def locked(
+    folder: Place, shared: bool = False, wait: bool = False, remedy: str = "wait for it", file: str = ""
+) -> Iterator[None]:
+    """Hold the lock of `folder`, or of one `file` in it; several processes can hold a `shared` one, as shards do.
+
+    Raises OutputError, which ends with the `remedy`, while another run holds it, unless `wait` is set. Buckets and file
+    systems without locks are not locked. The system releases the lock of a killed process. docs/decisions/locks.md says
+    why this is flock(2) and not filelock.
+    """
+    if isinstance(folder, RemotePath):
+        yield
+        return
+    import fcntl  # not on Windows, where everything that needs no lock works
+
+    lock = folder / (f".{file}.lock" if file else ".lock")
+    operation = (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB)
+    while True:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError as error:
+            raise OutputError(f"{folder}: cannot be written; {error.strerror}") from error
+        with contextlib.ExitStack() as stack:
+            stack.callback(os.close, descriptor)
+            try:
+                fcntl.flock(descriptor, operation)
+            except BlockingIOError:
+                raise OutputError(f"{folder / file}: another run is writing there; {remedy}") from None
+            except OSError:
+                pass  # a file system without locks
+            if os.fstat(descriptor).st_nlink == 0:
+                continue  # the previous holder has removed this file: lock the new one
+            if not shared:
+                stack.callback(lock.unlink, missing_ok=True)
+            yield
+            return
 
 
 def files_below(folder: Place) -> list[str]:
@@ -139,17 +182,6 @@ def _checked(files: Iterable[tuple[str, bytes]]) -> Iterator[tuple[str, bytes]]:
             raise InputError(f"two files would be named {name}; rename one of the samples")
         names.add(name)
         yield name, data
-
-
-def _swap(temporary: Path, folder: Path) -> None:
-    old = _temporary_name(folder)
-    folder.rename(old)
-    try:
-        temporary.rename(folder)
-    except BaseException:
-        old.rename(folder)
-        raise
-    _remove(old)
 
 
 def _write_and_flush(path: Path, data: bytes) -> None:

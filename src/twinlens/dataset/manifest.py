@@ -14,7 +14,7 @@ import pydantic
 
 import twinlens
 from twinlens.dataset.files import check_relative, files_below, is_hidden, read_bytes, write_file
-from twinlens.dataset.record import FileModel, decode_json, encode_json, plain, read
+from twinlens.dataset.record import FileModel, decode_json, encode_json, plain, read, read_json
 from twinlens.dataset.storage import Place, Where, is_whole, place
 from twinlens.errors import FileError, InputError
 
@@ -88,7 +88,7 @@ def write_manifest(folder: Where, manifest: Manifest) -> None:
 def read_manifest(folder: Where) -> Manifest:
     """Read `folder`/dataset.json. Raises FileError: file, key, what is allowed."""
     path = place(folder) / NAME
-    file = read(DatasetFile, decode_json(read_bytes(path), str(path), KIND, VERSION), path)
+    file = read(DatasetFile, read_json(path, KIND, VERSION), path)
     return Manifest(tuple(file.samples), file.recipe, file.seed, file.info)
 
 
@@ -113,16 +113,14 @@ def pending_rows(folder: Place, listed: Collection[str]) -> tuple[dict[str, Row 
     """
     rows: dict[str, Row | None] = {}
     errors: dict[str, str] = {}
-    directory = folder / ROWS
-    files = files_below(directory) if directory.is_dir() else []
+    files = files_below(folder / ROWS) if (folder / ROWS).is_dir() else []
     for name in [file.removesuffix(".json") for file in files if file.endswith(".json") and "/" not in file]:
         path = f"{ROWS}/{name}.json"
         try:
             if name in listed or not is_whole(folder / check_relative(name)):
                 continue  # a sample that failed has a row too, and no folder
             rows[name] = None
-            data = read_bytes(folder / path)
-            row = read(RowFile, decode_json(data, path, ROW_KIND, ROW_VERSION), path).row
+            row = read(RowFile, decode_json(read_bytes(folder / path), path, ROW_KIND, ROW_VERSION), path).row
             rows[name] = Row(name, row.files, row.info)
         except FileError as error:
             if (folder / path).exists():  # else it has been moved to dataset.json meanwhile

@@ -10,6 +10,7 @@ Source: Croissant Format Specification 1.0, https://docs.mlcommons.org/croissant
 import hashlib
 import json
 import re
+from collections.abc import Callable
 from contextlib import suppress
 from datetime import date
 from typing import Annotated, Any
@@ -63,32 +64,28 @@ CONTEXT: dict[str, Any] = {
 """The specification's own @context, appendix 1."""
 
 
-def _check_text(text: str) -> str:
-    if not text.strip():
-        raise InputError("is empty; give a text, or leave the key out")
-    return text
+def _is_url(text: str) -> bool:
+    parts = urlsplit(text)
+    return bool(parts.scheme and parts.netloc) and not re.search(r"\s", text)
 
 
-def _check_url(text: str) -> str:
-    with suppress(ValueError):  # unbalanced brackets
-        parts = urlsplit(text)
-        if parts.scheme and parts.netloc and not re.search(r"\s", text):
-            return text
-    raise InputError(f"must be an address such as https://example.org/set, got {text[:60]!r}")
+def _checked(is_valid: Callable[[str], Any], kind: str) -> pydantic.AfterValidator:
+    def check(text: str) -> str:
+        with suppress(ValueError):  # unbalanced brackets of an address, invalid dates
+            if is_valid(text):
+                return text
+        raise InputError(f"must be {kind}, got {text[:60]!r}")
 
-
-def _check_date(text: str) -> str:
-    with suppress(ValueError):
-        if date.fromisoformat(text).isoformat() == text:
-            return text
-    raise InputError(f"must be a date such as 2026-01-31, got {text[:60]!r}")
+    return pydantic.AfterValidator(check)
 
 
 def _text(description: str) -> Any:
     return pydantic.Field(default="", description=description)
 
 
-Text = Annotated[str, pydantic.AfterValidator(_check_text)]
+Text = Annotated[str, _checked(str.strip, "a text that is not empty")]
+Url = Annotated[str, _checked(_is_url, "an address such as https://example.org/set")]
+Date = Annotated[str, _checked(lambda text: date.fromisoformat(text).isoformat() == text, "a date such as 2026-01-31")]
 
 
 class About(schema.StrictModel):
@@ -98,8 +95,8 @@ class About(schema.StrictModel):
     description: Text = _text("one or more sentences")
     license: Text = _text("SPDX name, such as CC-BY-4.0, or the address of a licence's text")
     creator: Text = _text("who made it")
-    url: Annotated[Text, pydantic.AfterValidator(_check_url)] = _text("where to get it")
-    published: Annotated[Text, pydantic.AfterValidator(_check_date)] = _text("2026-01-31")
+    url: Url = _text("where to get it")
+    published: Date = _text("2026-01-31")
     cite_as: Text = _text("BibTeX entry")
 
     @classmethod
@@ -189,9 +186,9 @@ def _file_records(match: re.Match[str]) -> tuple[dict[str, Any], dict[str, Any]]
     text, encoding, kind = _KINDS[match[2]]
     text = text.format(match[3])
     file_set = f"{name}-files"
-    files = {"@type": "cr:FileSet", "@id": file_set, "name": file_set, "description": text}
+    files: dict[str, Any] = {"@type": "cr:FileSet", "@id": file_set, "name": file_set, "description": text}
     # The star also matches slashes, so nested samples and images of other lenses are found.
-    patterns = {"includes": f"*/{name}", "encodingFormat": encoding}
+    files |= {"includes": f"*/{name}", "encodingFormat": encoding}
     source = {"fileSet": {"@id": file_set}}
     folder = {"extract": {"fileProperty": "fullpath"}, "transform": {"regex": f"^(.*)/{re.escape(name)}$"}}
     where = "the sample's name, and the folder of the lens if it is not the first"
@@ -199,13 +196,7 @@ def _file_records(match: re.Match[str]) -> tuple[dict[str, Any], dict[str, Any]]
         _field(f"{ident}/folder", where, "sc:Text", source | folder),
         _field(f"{ident}/content", text, kind, source | {"extract": {"fileProperty": "content"}}),
     ]
-    return files | patterns, {
-        "@type": "cr:RecordSet",
-        "@id": ident,
-        "name": ident,
-        "description": text,
-        "field": fields,
-    }
+    return files, {"@type": "cr:RecordSet", "@id": ident, "name": ident, "description": text, "field": fields}
 
 
 def _field(ident: str, text: str, kind: str, source: dict[str, Any]) -> dict[str, Any]:

@@ -4,8 +4,8 @@ A quantity is stored as quantiles. Unlike histograms they have no bins, so sampl
 one distribution, with linear interpolation between quantiles, one sample in memory at a time.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeGuard
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +23,6 @@ KEY = "statistics"
 
 LEVELS = np.linspace(0.0, 1.0, 33)
 _MAX_PIXELS = 1 << 16
-_MAX_VALUE = 1e30
 _COUNTS = {"size": 1, "cameras": 0, "lenses": 0}
 _NESTING = _COUNTS | {"disparity": 1, "depth": 1, "blur_px": 2, "visible": 0, "occluded": 0, "unknown": 0}
 """Keys of the statistics, and how deep their numbers are nested in lists."""
@@ -51,7 +50,9 @@ def statistics(sample: "Sample") -> Statistics:
 def stored_statistics(sample: "StoredSample") -> Statistics:
     """Statistics of a stored sample: those in sample.json, or else computed from the truth. Raises FileError."""
     recorded = sample.record.get(KEY) if sample.has("sample.json") else None
-    if _is_valid(recorded):
+    complete = isinstance(recorded, dict) and set(recorded) in (set(_NESTING), set(_COUNTS))
+    # Users may edit the file.
+    if recorded and complete and all(_are_numbers(recorded[name], _NESTING[name]) for name in recorded):
         return dict(recorded)
     if sample.has("truth0.exr"):
         truth, rig = sample.truth0, sample.rig
@@ -92,17 +93,10 @@ def mixed_counts(edges: NDArray[np.float64], many: Iterable[Sequence[float]]) ->
     return counts
 
 
-def _is_valid(recorded: Any) -> TypeGuard[Mapping[str, Any]]:
-    """Whether a sample.json, which users may edit, holds complete statistics."""
-    if not isinstance(recorded, Mapping) or set(recorded) not in (set(_NESTING), set(_COUNTS)):
-        return False
-    return all(_are_numbers(recorded[name], _NESTING[name]) for name in recorded)
-
-
 def _are_numbers(value: Any, nesting: int) -> bool:
     if nesting:
         return isinstance(value, list) and all(_are_numbers(each, nesting - 1) for each in value)
-    return isinstance(value, (int, float)) and abs(value) < _MAX_VALUE
+    return isinstance(value, (int, float)) and abs(value) < 1e30
 
 
 def _statistics(

@@ -84,10 +84,13 @@ def plain(value: Any) -> Any:
     'inf'
     """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if f.init}
-        # Only these arrays are packed, as only these are read back to arrays.
-        packed = {name: pack(each) if _is_large(each) else plain(each) for name, each in fields.items()}
-        return {"type": type(value).__name__} | packed
+        record: dict[str, Any] = {"type": type(value).__name__}
+        for name in (field.name for field in dataclasses.fields(value) if field.init):
+            each = getattr(value, name)
+            is_float = isinstance(each, np.ndarray) and each.dtype.kind == "f"
+            is_large = is_float and PACKED_ABOVE < each.size <= MAX_PACKED and not np.isnan(each).any()
+            record[name] = pack(each) if is_large else plain(each)  # only these are read back to arrays
+        return record
     if isinstance(value, Mapping):
         if wrong := [key for key in value if not isinstance(key, str)]:
             raise InputError(f"the keys of a record must be strings, got {wrong[0]!r}")
@@ -249,11 +252,6 @@ def unpack(value: Mapping[str, Any]) -> NDArray[np.float64]:
     if np.isnan(numbers).any():
         raise InputError("packed array: damaged (it contains NaN)")
     return numbers if packed.levels is None else numbers / packed.levels
-
-
-def _is_large(value: Any) -> bool:
-    is_float = isinstance(value, np.ndarray) and value.dtype.kind == "f"
-    return is_float and PACKED_ABOVE < value.size <= MAX_PACKED and not np.isnan(value).any()
 
 
 def _depth(value: Any) -> int:

@@ -79,12 +79,16 @@ class Sample:
     def __post_init__(self) -> None:
         if not self.shots:
             raise InputError("a sample needs one or more shots")
+        groups: dict[str, Any] = {"truths": [truth.depth for truth in self.truths] or None}
         for k, shot in enumerate(self.shots):
-            _check_sizes(f"images of shot {k}", shot.images, self.rig)
-            if shot.radiances is not None:
-                _check_sizes(f"radiances of shot {k}", shot.radiances, self.rig)
-        if self.truths:
-            _check_sizes("truths", [truth.depth for truth in self.truths], self.rig)
+            groups |= {f"images of shot {k}": shot.images, f"radiances of shot {k}": shot.radiances}
+        for what, arrays in groups.items():
+            if arrays is not None and len(arrays) != len(self.rig):
+                raise InputError(f"{what}: got {len(arrays)}, but the rig has {len(self.rig)} cameras")
+            for i, (array, camera) in enumerate(zip(arrays or (), self.rig.cameras, strict=False)):
+                if array.shape[:2] != (camera.height, camera.width):
+                    size = f"{camera.width} x {camera.height}"
+                    raise InputError(f"{what}: camera {i} is {size}, its array is {array.shape}")
 
     @property
     def is_rectified(self) -> bool:
@@ -120,9 +124,7 @@ def write_sample(folder: Where, sample: Sample, overwrite: bool = False) -> dict
     empty); nothing is left behind. Raises InputError if an array does not fit its file format.
     """
     folder = place(folder)
-    if overwrite and not isinstance(
-        folder, RemotePath
-    ):  # there an interrupted sample, without its mark, is overwritten
+    if overwrite and not isinstance(folder, RemotePath):  # `fill_remote` checks remote ones
         check_replaceable(folder, (folder / MARK).is_file(), "a sample")
     files = sample_files(sample)
     write_folder(folder, files, overwrite)
@@ -174,11 +176,3 @@ def _record(sample: Sample) -> dict[str, Any]:
         KEY: statistics(sample),
         "record": plain(sample.record),
     }
-
-
-def _check_sizes(what: str, arrays: Any, rig: Rig) -> None:
-    if len(arrays) != len(rig):
-        raise InputError(f"{what}: got {len(arrays)}, but the rig has {len(rig)} cameras")
-    for i, (array, camera) in enumerate(zip(arrays, rig.cameras, strict=True)):
-        if array.shape[:2] != (camera.height, camera.width):
-            raise InputError(f"{what}: camera {i} is {camera.width} x {camera.height}, its array is {array.shape}")

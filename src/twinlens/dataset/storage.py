@@ -50,14 +50,18 @@ class RemotePath:
     def resolve(self) -> "RemotePath":
         return self
 
-    def exists(self) -> bool:
-        return self._kind() is not None
+    def exists(self, kinds: tuple[str, ...] = ("file", "directory")) -> bool:
+        with self.store(FileError, "read") as (system, path):
+            try:
+                return system.info(path)["type"] in kinds
+            except (FileNotFoundError, NotADirectoryError):
+                return False
 
     def is_file(self) -> bool:
-        return self._kind() == "file"
+        return self.exists(("file",))
 
     def is_dir(self) -> bool:
-        return self._kind() == "directory"
+        return self.exists(("directory",))
 
     def read_bytes(self) -> bytes:
         with self.store(FileError, "read") as (system, path):
@@ -99,13 +103,6 @@ class RemotePath:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise kind(f"{self}: cannot be {action} ({reason})") from error
 
-    def _kind(self) -> str | None:
-        with self.store(FileError, "read") as (system, path):
-            try:
-                return str(system.info(path)["type"])
-            except (FileNotFoundError, NotADirectoryError):
-                return None
-
 
 Place = Union[Path, RemotePath]  # noqa: UP007
 Where = Union[str, os.PathLike[str], RemotePath]  # noqa: UP007
@@ -144,34 +141,36 @@ def write_objects(folder: RemotePath, files: Mapping[str, bytes]) -> None:
             system.pipe(objects)
 
 
-def write_marked(folder: RemotePath, files: Mapping[str, bytes], overwrite: bool) -> None:
-    """Write `files` below `folder`, `MARK` last; on failure all are removed. Raises OutputError.
+def fill_remote(folder: RemotePath, files: Mapping[str, bytes] | Iterable[tuple[str, bytes]], overwrite: bool) -> None:
+    """Write `files` below `folder` and remove all others; on failure what was written is removed. Raises OutputError.
 
-    The files of an interrupted attempt are overwritten. A folder with a mark is rejected unless `overwrite` is set; one
-    without a mark and with files of other names is always rejected.
+    A sample, a mapping with `MARK`, loses its mark first and gets it last. The files of an interrupted attempt, which
+    has no mark, are overwritten; a folder without a mark and with files of other names is rejected. Files of an
+    iterable are written one by one. An existing folder is rejected unless `overwrite` is set.
     """
     existing = set(folder.files())
-    if MARK in existing and not overwrite:
+    sample = files if isinstance(files, Mapping) and MARK in files else None
+    if (existing if sample is None else MARK in existing) and not overwrite:
         raise OutputError(f"{folder}: {EXISTS}")
-    if MARK not in existing and existing - set(files):
+    if sample and MARK not in existing and existing - set(sample):
         raise OutputError(f"{folder}: exists and is not a sample, so it is not overwritten; choose another name")
-    remove_objects(folder, [name for name in (MARK, *sorted(existing - set(files))) if name in existing])
-    with _removed_on_error(folder, files):
-        write_objects(folder, {name: data for name, data in files.items() if name != MARK})
-        write_objects(folder, {MARK: files[MARK]})
-
-
-def fill_remote(folder: RemotePath, files: Iterable[tuple[str, bytes]], overwrite: bool) -> None:
-    """Write `files` below `folder` one by one, and remove all others; on failure the written ones are removed."""
-    existing = set(folder.files())
-    if existing and not overwrite:
-        raise OutputError(f"{folder}: {EXISTS}")
-    names: list[str] = []
-    with _removed_on_error(folder, names):
-        for name, data in files:
-            names.append(name)
+    written: list[str] = []
+    try:
+        if sample:
+            remove_objects(folder, [name for name in (MARK, *sorted(existing - set(sample))) if name in existing])
+            written += sample
+            write_objects(folder, {name: data for name, data in sample.items() if name != MARK})
+            write_objects(folder, {MARK: sample[MARK]})
+            return
+        for name, data in files.items() if isinstance(files, Mapping) else files:
+            written.append(name)
             write_objects(folder, {name: data})
-    remove_objects(folder, sorted(existing - set(names)))
+    except BaseException:
+        for name in written:
+            with contextlib.suppress(OutputError):
+                remove_objects(folder, [name])
+        raise
+    remove_objects(folder, sorted(existing - set(written)))
 
 
 def remove_objects(folder: RemotePath, names: Iterable[str]) -> None:
@@ -180,14 +179,3 @@ def remove_objects(folder: RemotePath, names: Iterable[str]) -> None:
         for name in names:
             with contextlib.suppress(FileNotFoundError):
                 system.rm_file(f"{path}/{name}")
-
-
-@contextlib.contextmanager
-def _removed_on_error(folder: RemotePath, names: Iterable[str]) -> Iterator[None]:
-    try:
-        yield
-    except BaseException:
-        for name in names:
-            with contextlib.suppress(OutputError):
-                remove_objects(folder, [name])
-        raise

@@ -5,6 +5,7 @@ mask0nocc.png, calib.txt). A missing file raises FileError that names it.
 """
 
 import functools
+import itertools
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -33,14 +34,12 @@ Image = NDArray[Any]
 T = TypeVar("T")
 
 
-def _check_folder(name: str) -> str:
-    return name if name == "./" else check_relative(name.rstrip("/"))
-
-
 class ShotEntry(FileModel):
     """A lens of a sample in sample.json."""
 
-    folder: Annotated[str, pydantic.AfterValidator(_check_folder)]
+    folder: Annotated[
+        str, pydantic.AfterValidator(lambda name: name if name == "./" else check_relative(name.rstrip("/")))
+    ]
     lens: annotation_of(Lens)  # type: ignore[valid-type]
     record: dict[str, Any] | None = None
 
@@ -100,10 +99,8 @@ class StoredSample(Mapping[str, Any]):
 
     def __iter__(self) -> Iterator[str]:
         yield "name"
-        i = 0
-        while self.has(f"im{i}.png"):
-            yield f"im{i}"
-            i += 1
+        images = (f"im{i}" for i in itertools.count())
+        yield from itertools.takewhile(lambda name: self.has(f"{name}.png"), images)
         if self.has_disparity(0):
             yield from ("disp0", "mask0_nonocc")
 
@@ -174,11 +171,11 @@ class StoredSample(Mapping[str, Any]):
     @property
     def ndisp(self) -> int:
         """Disparities to search, 0 <= d < ndisp: from calib.txt, or one more than the largest true disparity."""
-        ndisp = self.calibration.ndisp if self.has("calib.txt") else None
-        if ndisp is None:
-            disparity = self.disp0
-            ndisp = max(math.ceil(disparity[np.isfinite(disparity)].max(initial=0.0)) + 1, 1)
-        return ndisp
+        if self.has("calib.txt") and (ndisp := self.calibration.ndisp) is not None:
+            return ndisp
+        disparity = self.disp0
+        largest = float(disparity[np.isfinite(disparity)].max(initial=0.0))
+        return max(math.ceil(largest) + 1, 1)
 
     @property
     def record(self) -> dict[str, Any]:

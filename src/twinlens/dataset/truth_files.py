@@ -53,8 +53,7 @@ def read_truth(path: Where) -> dict[str, Any]:
     exr = read_exr(path)
     channels = exr.channels
     required = [*SCALARS, *(f"{name}.{axis}" for name in VECTORS for axis in "XYZ")]
-    missing = [name for name in required if name not in channels]
-    if missing:
+    if missing := [name for name in required if name not in channels]:
         raise FileError(f"{path}: has no channel {missing[0]!r}; a truth file has {', '.join(required)}")
     result: dict[str, Any] = {name: channels[name].astype(_DTYPES.get(name, channels[name].dtype)) for name in SCALARS}
     result |= {name: np.stack([channels[f"{name}.{axis}"] for axis in "XYZ"], axis=-1) for name in VECTORS}

@@ -6,10 +6,11 @@ between arrays (`twinlens.dataset.consistency`). A finding is one line that begi
 
 import contextlib
 import hashlib
+import itertools
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -71,21 +72,22 @@ def unfinished(where: Where) -> str:
     Also empty if dataset.json cannot be read, which `verify_place` reports.
     """
     try:
-        state = _state(place(where))
+        manifest, samples, _ = _state(place(where))
     except FileError:
         return ""
-    manifest, pending = state.manifest, len(state.pending)
+    listed, pending = len(manifest.rows), samples[len(manifest.rows) :]
     count, failed = manifest.recipe.get("count"), manifest.info.get("failed")
-    if not isinstance(count, int) or len(manifest.rows) >= count:
+    if not isinstance(count, int) or listed >= count:
         return ""
     num_failed = len(failed) if isinstance(failed, list) else 0
-    unhashed = sum("files" not in sample.row for sample in state.pending)
-    parts = [f"{NAME} lists {len(manifest.rows)} of {count} samples"]
+    unhashed = sum("files" not in sample.row for sample in pending)
+    parts = [f"{NAME} lists {listed} of {count} samples"]
     if pending:
-        parts.append(f"{pending} made but not listed yet" + (f" ({unhashed} without checksums)" if unhashed else ""))
+        note = f" ({unhashed} without checksums)" if unhashed else ""
+        parts.append(f"{len(pending)} made but not listed yet{note}")
     if num_failed:
         parts.append(f'{num_failed} failed ("failed" in it says why)')
-    missing = len(manifest.rows) + pending + num_failed < count
+    missing = listed + len(pending) + num_failed < count
     if missing or pending:
         actions = ["make the missing samples"] * missing + ["list the finished ones"] * bool(pending)
         parts.append(f"rerun `twinlens generate` to {' and '.join(actions)}")
@@ -98,8 +100,8 @@ def repair_hint(where: Where, findings: Mapping[str, Sequence[str]]) -> str:
     `findings` are those of `verify_place`, by name. A lost or changed file is damage, a file too many is not.
     """
     lost = (_MISSING, "no such folder")
-    damaged = [name for name, lines in findings.items() if any(x.endswith(lost) or _CHANGED in x for x in lines)]
-    count = len(set(damaged) - {NAME})
+    damaged = {name for name, lines in findings.items() if any(x.endswith(lost) or _CHANGED in x for x in lines)}
+    count = len(damaged - {NAME})
     with contextlib.suppress(FileError):
         if count and "made_with" in read_manifest(where).info:
             which = f"{count} samples are damaged: delete their folders"
@@ -136,20 +138,6 @@ def verify_sample(sample: StoredSample) -> list[str]:
     return findings or _check_sizes(content) or _check_truth(content)
 
 
-@dataclass(frozen=True)
-class _State:
-    """A dataset at one moment: its list, its pending samples, and the findings on the dataset as a whole."""
-
-    manifest: Manifest
-    pending: Sequence[StoredSample]
-    findings: list[str]
-
-    @property
-    def is_growing(self) -> bool:
-        """Whether `twinlens generate` has started the dataset and not finished it."""
-        return self.manifest.info.get("complete") is False and "made_with" in self.manifest.info
-
-
 def _open(folder: Place) -> tuple[Sequence[StoredSample], list[str]]:
     """The samples to check, and the findings on the dataset as a whole."""
     if not (folder / NAME).is_file():
@@ -159,21 +147,25 @@ def _open(folder: Place) -> tuple[Sequence[StoredSample], list[str]]:
         lost = f"is missing, so no checksums can be verified; {len(dataset)} found without it"
         return dataset, [f"{lost}; if `twinlens generate` made them, rerun it to restore the file"]
     try:
-        state = _state(folder)
-        samples = (*(stored(folder, row) for row in state.manifest.rows), *state.pending)
-        if not samples and not state.is_growing:
+        manifest, samples, findings = _state(folder)
+        if not samples and not _is_growing(manifest):
             Dataset(folder)  # raises: the list is empty
     except FileError as error:
         return found_samples(folder), [str(error).removeprefix(f"{folder / NAME}: ")]
-    complete = state.manifest.info.get("complete") is not False
-    return samples, state.findings + (_check_croissant(folder) if complete else [])
+    complete = manifest.info.get("complete") is not False
+    return samples, findings + (_check_croissant(folder) if complete else [])
 
 
-def _state(folder: Place) -> _State:
-    """The state of `folder` while other processes may be making samples in it. Raises FileError for its list.
+def _is_growing(manifest: Manifest) -> bool:
+    """Whether `twinlens generate` has started the dataset and not finished it."""
+    return manifest.info.get("complete") is False and "made_with" in manifest.info
+
+
+def _state(folder: Place) -> tuple[Manifest, list[StoredSample], list[str]]:
+    """The list of `folder`, its samples (the pending ones last), and findings; other processes may be making samples.
 
     A sample's folder appears first, then its row, then its entry in dataset.json. They are read in this order, so a
-    sample that moves on between two reads is found by the later one.
+    sample that moves on between two reads is found by the later one. Raises FileError for the list.
     """
     listed_before = {row.name for row in read_manifest(folder).rows}
     folders = list(_sample_folders(folder, listed_before))
@@ -185,14 +177,11 @@ def _state(folder: Place) -> _State:
         for name, row in rows.items()
         if name not in listed
     }
-    known = listed | set(pending)
-    unlisted: list[str] = []
-    for name in sorted(folders, key=lambda name: (name.count("/"), name)):
-        ancestors = {name[:end] for end, letter in enumerate(name) if letter == "/"}
-        if not ({name} | ancestors) & {*known, *unlisted}:
+    known, unlisted = listed | set(pending), list[str]()
+    for name in sorted(folders, key=lambda name: name.count("/")):
+        if not {name, *map(str, PurePosixPath(name).parents)} & {*known, *unlisted}:
             unlisted.append(name)
-    state = _State(manifest, (), [])
-    if state.is_growing:  # samples of the recipe without a row are being made, or left after a kill
+    if _is_growing(manifest):  # samples of the recipe without a row are being made, or left after a kill
         count = manifest.recipe.get("count")
         own = [name for name in unlisted if _is_of_recipe(name.partition("/")[0], count)]
         whole = [name for name in own if _is_of_recipe(name, count) and is_whole(folder / name)]
@@ -201,7 +190,8 @@ def _state(folder: Place) -> _State:
         unlisted = [name for name in unlisted if name not in (own if isinstance(folder, RemotePath) else whole)]
     findings = [line for name, line in errors.items() if name not in listed]
     findings += [f"{name}: is a sample that {NAME} does not list" for name in sorted(unlisted)]
-    return _State(manifest, [pending[name] for name in sorted(pending)], findings)
+    samples = [*(stored(folder, row) for row in manifest.rows), *(pending[name] for name in sorted(pending))]
+    return manifest, samples, findings
 
 
 def _is_of_recipe(name: str, count: Any) -> bool:
@@ -264,12 +254,10 @@ def _read_files(sample: StoredSample, present: list[str]) -> tuple[Content, list
 
 
 def _check_sizes(content: Content) -> list[str]:
-    if "rig" in content:
-        expected = {i: (camera.height, camera.width) for i, camera in enumerate(content["rig"].cameras)}
-    elif "calib.txt" in content:
-        expected = dict.fromkeys((0, 1), (content["calib.txt"].height, content["calib.txt"].width))
-    else:
-        expected = dict.fromkeys((0, 1), content["im0.png"].shape[:2])
+    calibration = content.get("calib.txt")
+    size = (calibration.height, calibration.width) if calibration else content["im0.png"].shape[:2]
+    cameras = content["rig"].cameras if "rig" in content else ()
+    expected = {i: (camera.height, camera.width) for i, camera in enumerate(cameras)} or {0: size, 1: size}
     findings = []
     for name, value in content.items():
         if (view := _VIEW_FILE.match(name)) is not None:
@@ -329,7 +317,7 @@ def _check_view(content: Content, rig: Rig, i: int) -> list[str]:
 
 def _check_exchange(content: Content, rig: Rig) -> list[str]:
     findings = []
-    for k, i in ((k, i) for k in range(len(content["lenses"])) for i in range(len(rig) - 1)):
+    for k, i in itertools.product(range(len(content["lenses"])), range(len(rig) - 1)):
         disparity, mask = content.get(f"disp{i}.pfm"), content.get(f"mask{i}nocc.png")
         if rig.partner(i) == i + 1 and disparity is not None and mask is not None:
             left, right = (f"{lens_folder(k)}im{j}.png" for j in (i, i + 1))

@@ -25,20 +25,11 @@ Disparity = NDArray[np.float32]
 
 
 def mask_from_both(disparity: Disparity, partner: Disparity, left: bool = True) -> Mask:
-    """Middlebury mask of a view by the cross-check with its partner's disparity.
+    """Middlebury mask of a view, uint8 (H, W), by the cross-check with its partner's disparity (H, W).
 
-    Parameters
-    ----------
-    disparity, partner : (H, W)
-        Pixels, +inf unknown. InputError if the shapes differ.
-    left : bool
-        Whether the view is the left one, whose match is at u - d.
-
-    Returns
-    -------
-    uint8 (H, W)
-        255 (visible) if the partner's disparity at the pixel nearest to the match differs by at most one pixel; 128
-        (hidden) otherwise, and if the match is outside the image; 0 where the disparity is unknown.
+    A pixel is visible (255) if the partner's disparity at the pixel nearest to its match, at u - d (`left`) or u + d,
+    differs by at most one pixel; otherwise, and if the match is outside the image, hidden (128). It is 0 where the
+    disparity is unknown (+inf). Raises InputError if the shapes differ.
     """
     _, target, inside = _matches(disparity, partner, left)
     matched = np.take_along_axis(partner, target, axis=1)
@@ -48,12 +39,11 @@ def mask_from_both(disparity: Disparity, partner: Disparity, left: bool = True) 
 
 
 def mask_from_one(disparity: Disparity, left: bool = True) -> Mask:
-    """Middlebury mask of a view, uint8 (H, W), from its own disparity only.
+    """Middlebury mask of a view, uint8 (H, W), from its own disparity only; see `mask_from_both`.
 
-    Each known pixel is warped to its match, at u - d (`left`) or u + d, and covers the two pixels around it; the
-    largest disparity wins. A pixel is hidden (128) if the winner at the pixel nearest to its match is more than one
-    pixel of disparity nearer, or if its match is outside the image. Surfaces of unknown disparity hide nothing, so the
-    visible area is an upper bound.
+    Each known pixel is warped to its match and covers the two pixels around it; the largest disparity wins. A pixel is
+    hidden if the winner at the pixel nearest to its match is more than one pixel of disparity nearer. Surfaces of
+    unknown disparity hide nothing, so the visible area is an upper bound.
 
     >>> mask_from_one(np.float32([[0, 0, 0, 2, 0]])).tolist()
     [[255, 128, 255, 255, 255]]
@@ -88,11 +78,9 @@ def correspondence_of(truths: tuple[Truth, Truth], rig: Rig, source: int, target
     is_partner = rig.partner(source) == target
     visible = here.visible & here.hit if is_partner else _visible_in(here, there, rig, target, pixels)
     disparity = np.full(here.hit.shape, np.inf)
-    for sign, pair in ((1, (source, target)), (-1, (target, source))):
-        if rig.is_rectified(*pair):
-            u = rig.cameras[source].pixel_grid()[..., 0]
-            disparity = np.where(here.hit, sign * (u - np.where(here.hit, pixels[..., 0], 0.0)), np.inf)
-            break
+    sign = 1 if rig.is_rectified(source, target) else -1 if rig.is_rectified(target, source) else 0
+    if sign:
+        disparity[here.hit] = sign * (rig.cameras[source].pixel_grid()[here.hit, 0] - pixels[here.hit, 0])
     return Correspondence(pixels, visible, disparity.astype(np.float32))
 
 

@@ -16,8 +16,7 @@ from PIL import Image
 from twinlens.dataset import Row, StoredSample, remove_unfinished, sample_files, write_card, write_croissant
 from twinlens.dataset.card import contact_sheet, tile
 from twinlens.dataset.codecs.png import encode_png
-from twinlens.dataset.files import write_file
-from twinlens.dataset.lock import locked
+from twinlens.dataset.files import locked, write_file
 from twinlens.dataset.storage import Place, Where, place
 from twinlens.errors import FileError, InputError
 from twinlens.factory.ledger import Failure, Ledger, repairable

@@ -15,8 +15,7 @@ import numpy as np
 import pydantic
 
 import twinlens
-from twinlens.dataset.files import read_bytes, write_file
-from twinlens.dataset.lock import locked
+from twinlens.dataset.files import locked, read_bytes, write_file
 from twinlens.dataset.record import decode_json, read
 from twinlens.errors import FileError, InputError, unknown
 from twinlens.schema import NonNegative, StrictModel, one_of

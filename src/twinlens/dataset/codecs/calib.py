@@ -113,19 +113,17 @@ def encode_calib(calibration: Calibration) -> str:
     ndisp=64
     isint=0
     """
-    millimetres = format(_shifted(repr(float(calibration.baseline)), 3).normalize(), "f")
-    fields = {
-        "cam0": _camera_text(calibration.cam0),
-        "cam1": _camera_text(calibration.cam1),
-        "doffs": float(calibration.doffs),
-        "baseline": millimetres if "." in millimetres else f"{millimetres}.0",
-        "width": int(calibration.width),
-        "height": int(calibration.height),
-        "ndisp": calibration.ndisp,
-        "isint": int(calibration.isint),
-        "vmin": None if calibration.vmin is None else float(calibration.vmin),
-        "vmax": None if calibration.vmax is None else float(calibration.vmax),
-    }
+    # A shift of the decimal point is exact: metres to millimetres and back lose no bit.
+    millimetres = format(Decimal(repr(float(calibration.baseline))).scaleb(3).normalize(), "f")
+    fields: dict[str, object] = {}
+    for name in ("cam0", "cam1"):
+        fx, fy, cx, cy = map(float, getattr(calibration, name))
+        fields[name] = f"[{fx!r} 0 {cx!r}; 0 {fy!r} {cy!r}; 0 0 1]"
+    fields["doffs"] = float(calibration.doffs)
+    fields["baseline"] = millimetres if "." in millimetres else f"{millimetres}.0"
+    fields |= {name: int(getattr(calibration, name)) for name in ("width", "height")}
+    fields |= {"ndisp": calibration.ndisp, "isint": int(calibration.isint)}
+    fields |= {"vmin": calibration.vmin, "vmax": calibration.vmax}
     return "".join(f"{key}={value}\n" for key, value in fields.items() if value is not None)
 
 
@@ -143,8 +141,7 @@ def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
             raise FileError(f"{name}: line {number} repeats the key {key}")
         if equals:
             fields[key] = value
-    missing = [key for key in _REQUIRED if key not in fields]
-    if missing:
+    if missing := [key for key in _REQUIRED if key not in fields]:
         raise FileError(f"{name}: has no {missing[0]}= line; required are {', '.join(_REQUIRED)}")
     try:
         return Calibration(**{key: _READ[key](value) for key, value in fields.items() if key in _READ})
@@ -170,11 +167,6 @@ def tidy(length: float) -> float:
     return float(f"{length:.14g}")
 
 
-def _camera_text(cam: tuple[float, float, float, float]) -> str:
-    fx, fy, cx, cy = map(float, cam)
-    return f"[{fx!r} 0 {cx!r}; 0 {fy!r} {cy!r}; 0 0 1]"
-
-
 def _camera(text: str) -> tuple[float, float, float, float]:
     rows = [[float(entry) for entry in row.split()] for row in re.sub(r"^\[|\]$", "", text).split(";")]
     if [len(row) for row in rows] != [3, 3, 3] or (rows[0][1], rows[1][0], rows[2]) != (0.0, 0.0, [0.0, 0.0, 1.0]):
@@ -182,15 +174,10 @@ def _camera(text: str) -> tuple[float, float, float, float]:
     return rows[0][0], rows[1][1], rows[0][2], rows[1][2]
 
 
-def _shifted(decimal: str, places: int) -> Decimal:
-    """`decimal` times 10^places, exactly: metres to millimetres and back lose no bit."""
-    return Decimal(decimal).scaleb(places)
-
-
 _READ: dict[str, Callable[[str], Any]] = {
     **dict.fromkeys(("cam0", "cam1"), _camera),
     **dict.fromkeys(("doffs", "vmin", "vmax"), float),
     **dict.fromkeys(("width", "height", "ndisp"), int),
-    "baseline": lambda text: float(_shifted(text, -3)),
+    "baseline": lambda text: float(Decimal(text).scaleb(-3)),
     "isint": lambda text: text != "0",
 }

@@ -24,7 +24,6 @@ from twinlens.errors import FileError, InputError
 
 Channel = NDArray[np.float32] | NDArray[np.uint32]
 
-_MAGIC = b"\x76\x2f\x31\x01"
 _MAX_RATIO = 1100  # decoded pixels to bytes: the limit of DEFLATE, plus the headers of blocks
 _PREFIX = "twinlens."  # of the string attributes
 _READING = threading.Lock()
@@ -57,7 +56,7 @@ def encode_exr(channels: Mapping[str, ArrayLike], text: Mapping[str, str] | None
 
 def decode_exr(data: bytes, name: str = "EXR data") -> Exr:
     """Decode an EXR with one part; half floats become float32. Raises FileError that begins with `name`."""
-    if data[:4] != _MAGIC:
+    if data[:4] != b"\x76\x2f\x31\x01":
         raise FileError(f"{name}: not an OpenEXR file")
     header = _open(data, name, header_only=True).header
     low, high = header["dataWindow"]
@@ -71,8 +70,8 @@ def decode_exr(data: bytes, name: str = "EXR data") -> Exr:
     if not channels or any(pixels is None or pixels.ndim != 2 for pixels in channels.values()):
         raise FileError(f"{name}: has no readable channels; the file is damaged")
     planes = {key: each if each.dtype == np.uint32 else each.astype(np.float32) for key, each in channels.items()}
-    attributes = ((key, value) for key, value in part.header.items() if isinstance(value, str))
-    return Exr(planes, {key.removeprefix(_PREFIX): value for key, value in attributes if key.startswith(_PREFIX)})
+    text = {key: value for key, value in part.header.items() if key.startswith(_PREFIX) and isinstance(value, str)}
+    return Exr(planes, {key.removeprefix(_PREFIX): value for key, value in text.items()})
 
 
 def read_exr(path: Where) -> Exr:

@@ -6,6 +6,7 @@ and CRLF line ends are read, and never written. Unknown pixels are +inf; NaN and
 Source: P. Debevec, http://www.pauldebevec.com/Research/HDR/PFM/; Middlebury stereo evaluation v3, its SDK's README.
 """
 
+import contextlib
 import math
 import re
 
@@ -53,17 +54,15 @@ def decode_pfm(data: bytes, name: str = "PFM data") -> NDArray[np.float32]:
         raise FileError(f"{name}: not a PFM (a line Pf or PF, a line 'width height', a line with the scale)")
     width, height, channels = int(header[2]), int(header[3]), 3 if header[1] == b"PF" else 1
     size = 4 * width * height * channels
-    start = len(data) - size
+    start, scale = len(data) - size, 0.0
     if size < 1 or not _LINE_END.fullmatch(data, header.end(), max(start, header.end())):
         raise FileError(
             f"{name}: {max(len(data) - header.end() - 1, 0)} bytes of pixels, but the header specifies {width} x"
             f" {height} x {channels} float32 ({size} bytes); the file is damaged"
         )
-    try:
+    with contextlib.suppress(ValueError):
         scale = float(header[4])
-    except ValueError:
-        scale = 0.0
-    if scale == 0 or not math.isfinite(scale):
+    if not (scale and math.isfinite(scale)):
         raise FileError(f"{name}: the scale must be a number other than 0 (negative: little-endian), got {header[4]!r}")
     rows = np.frombuffer(data, "<f4" if scale < 0 else ">f4", offset=start).reshape(height, width, channels)
     array = rows[::-1].astype(np.float32)
@@ -78,7 +77,7 @@ def read_pfm(path: Where) -> NDArray[np.float32]:
 
 
 def read_disparity(path: Where) -> NDArray[np.float32]:
-    """The disparity map of a PFM or PNG file, see `decode_disparity`. Raises FileError."""
+    """The disparity map of a file; see `decode_disparity`. Raises FileError."""
     return decode_disparity(read_bytes(path), str(path))
 
 

@@ -43,12 +43,11 @@ def encode_png(pixels: Pixels) -> bytes:
     height, width = array.shape[:2]
     if width * height > _MAX_PIXELS:
         raise InputError(f"a PNG holds at most {_MAX_PIXELS} pixels, got {width} x {height}")
-    color = _GREY if array.ndim == 2 else _RGB
-    bytes_per_pixel = array.dtype.itemsize * (1 if array.ndim == 2 else 3)
+    color, channels = (_GREY, 1) if array.ndim == 2 else (_RGB, 3)
     header = struct.pack(">IIBBBBB", width, height, 8 * array.dtype.itemsize, color, 0, 0, 0)
     rows = np.ascontiguousarray(array.astype(array.dtype.newbyteorder(">"))).view(np.uint8).reshape(height, -1)
     deflate = zlib.compressobj(1, zlib.DEFLATED, zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL, zlib.Z_RLE)
-    body = deflate.compress(_paeth_filtered(rows, bytes_per_pixel).tobytes()) + deflate.flush()
+    body = deflate.compress(_paeth_filtered(rows, channels * array.dtype.itemsize).tobytes()) + deflate.flush()
     return _SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", body) + _chunk(b"IEND", b"")
 
 
@@ -67,7 +66,14 @@ def decode_png(data: bytes, name: str = "PNG data") -> Pixels:
         raise FileError(f"{name}: {len(data)} bytes cannot hold {width} x {height} pixels; the file is damaged")
     if depth == 16 and color & _ALPHA_BIT:
         raise FileError(f"{name}: has 16 bits and an alpha channel; save it without the alpha channel")
-    _check_chunks(data, name)
+    start, kind = len(_SIGNATURE), b""
+    while kind != b"IEND":  # Pillow ignores some truncated and changed chunks
+        length = int.from_bytes(data[start : start + 4], "big")
+        kind, end = data[start + 4 : start + 8], start + 8 + length
+        crc = data[end : end + 4]
+        if len(crc) < 4 or int.from_bytes(crc, "big") != zlib.crc32(memoryview(data)[start + 4 : end]):
+            raise FileError(f"{name}: a chunk does not match its checksum; the file is damaged")
+        start = end + 4
     try:
         return _decode_sixteen_bit_rgb(data) if depth == 16 and color == _RGB else _decode(data, name)
     except FileError:
@@ -124,18 +130,6 @@ def _paeth_filtered(rows: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
 
 def _chunk(kind: bytes, body: bytes) -> bytes:
     return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-
-
-def _check_chunks(data: bytes, name: str) -> None:
-    """Reject a truncated or changed chunk; Pillow ignores some of them."""
-    start, kind = len(_SIGNATURE), b""
-    while kind != b"IEND":
-        length = int.from_bytes(data[start : start + 4], "big")
-        kind, end = data[start + 4 : start + 8], start + 8 + length
-        crc = data[end : end + 4]
-        if len(crc) < 4 or int.from_bytes(crc, "big") != zlib.crc32(memoryview(data)[start + 4 : end]):
-            raise FileError(f"{name}: a chunk does not match its checksum; the file is damaged")
-        start = end + 4
 
 
 def _decode(data: bytes, name: str) -> Pixels:
