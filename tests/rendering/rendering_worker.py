@@ -205,6 +205,25 @@ def denoise_job() -> dict[str, np.ndarray]:
     return found
 
 
+def estimate_job() -> dict[str, np.ndarray]:
+    """Estimates of noise and true errors of eight seeds, and the samples that bounds need."""
+    from twinlens.rendering import render_measured
+
+    scene, camera = photos.room(), photos.camera(64, 48, 60.0)
+    rig, wide = Rig([camera], [photos.POSE]), tl.ThinLens(0.1, 2.5)
+    reference = tl.render(scene, rig, wide, spp=2048, seed=4)[0]
+    found = {}
+    for name, denoise in (("raw", False), ("denoised", True)):
+        views = [render_measured(scene, rig, wide, 4, seed, denoise=denoise)[0][0] for seed in range(8)]
+        found[f"{name}/estimate"] = np.array([view.error for view in views])
+        found[f"{name}/error"] = np.array([view.image - reference for view in views])
+    tiny = Rig([photos.camera(8, 6)], [photos.POSE])
+    rounds = iter([False, False, True])
+    bounds = [lambda _: True, lambda _: next(rounds), lambda _: False]
+    counts = [render_measured(scene, tiny, wide, 4, 0, enough=bound)[1] for bound in bounds]
+    return found | {"counts": np.array(counts)}
+
+
 def guides_of(scene, camera):
     from twinlens.rendering.build import build
     from twinlens.rendering.guides import render_guides
@@ -280,6 +299,7 @@ JOBS = {
     "crop": crop_job,
     "noise": noise_job,
     "denoise": denoise_job,
+    "noise estimate": estimate_job,
     "count": count_job,
     "refusal": refusal_job,
 }

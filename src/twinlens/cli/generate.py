@@ -10,7 +10,7 @@ from typing import Any
 import click
 from rich.filesize import decimal
 
-from twinlens.cli.options import json_option, print_json
+from twinlens.cli.options import json_option, noise_option, print_json
 from twinlens.cli.places import PATH, PLACE
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place
@@ -38,6 +38,7 @@ from twinlens.factory.workers import RENEWED_AFTER
 @click.option("--shard", default="1/1", show_default=True, help="i/n: make every n-th sample, starting with the i-th.")
 @click.option("--workers", type=click.IntRange(min=1), help="Number of worker processes on this machine.")
 @click.option("--scheduler", help="Use the Dask cluster of this scheduler, such as tcp://host:8786.")
+@noise_option
 @click.option("--denoise/--no-denoise", default=None, help="Overrides the recipe's `denoise`.")
 @json_option("the result")
 def command(recipe: Path, output: Place, dry_run: bool, limit: int | None, as_json: bool, **options: Any) -> int:
@@ -51,8 +52,8 @@ def command(recipe: Path, output: Place, dry_run: bool, limit: int | None, as_js
     Example:  twinlens generate recipe.toml -o out
               twinlens generate recipe.toml -o out --dry-run
     """
-    denoise = options["denoise"]
-    read = read_recipe(recipe, {} if denoise is None else {"denoise": denoise})
+    changes = {key: options[key] for key in ("denoise", "noise") if options[key] is not None}
+    read = read_recipe(recipe, changes)
     if dry_run:
         return _print_estimate(read, output, as_json)
     workers, scheduler = options["workers"], options["scheduler"]

@@ -41,6 +41,12 @@ class PositiveType(click.ParamType):  # type: ignore[type-arg]
 
 SECONDS = PositiveType(1e6)
 
+noise_option = click.option(
+    "--noise",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Render until the light paths' noise is at most this multiple of the sensor's, such as 0.3.",
+)
+
 
 class Sectioned(click.Command):
     """A command whose --help groups its options: `sections` maps headings to parameter names."""

@@ -9,7 +9,7 @@ import click
 from click.core import ParameterSource
 
 from twinlens.camera import Lens, Rig
-from twinlens.cli.options import Sectioned, denoise_option, json_option, print_json
+from twinlens.cli.options import Sectioned, denoise_option, json_option, noise_option, print_json
 from twinlens.cli.places import PATH, PLACE, check_samples
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place, Row
@@ -28,7 +28,7 @@ _SECTIONS = {
         "baseline", "rig",
     ),
     "Light and sensor": ("sensor", "bits", "exposure", "mismatch"),
-    "Rendering": ("spp", "denoise", "seed"),
+    "Rendering": ("spp", "denoise", "noise", "seed"),
     "Output": ("output", "radiance", "sky_disparity", "overwrite", "as_json"),
 }  # fmt: skip
 
@@ -58,6 +58,7 @@ _SECTIONS = {
 @click.option("--mismatch", metavar="NAME=VALUE,...", help=camera_text.MISMATCH_HELP)
 @click.option("--spp", type=click.IntRange(1, 1_000_000), default=64, show_default=True, help="Samples per pixel.")
 @denoise_option
+@noise_option
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Random seed.")
 @click.option("--radiance", is_flag=True, help="Also write the linear images (radiance0.exr, radiance1.exr).")
 @click.option("--sky-disparity", is_flag=True, help="Give rays that hit nothing the disparity at infinity.")
@@ -83,7 +84,7 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
     if options["mismatch"] is not None:
         sensor = sensor.replace(mismatch=camera_text.parse_mismatch(options["mismatch"]))
     how = {
-        "spp": options["spp"], "denoise": options["denoise"], "seed": options["seed"],
+        "spp": options["spp"], "denoise": options["denoise"], "noise": options["noise"], "seed": options["seed"],
         "keep_radiance": options["radiance"],
         "sky_disparity": options["sky_disparity"], "diffraction": options["diffraction"], "sensor": sensor,
         "exposure": camera_text.parse_exposure(options["exposure"]),

@@ -245,6 +245,16 @@ _FASTEST = 0.95
 """The smallest f-number of photographic lenses on the market; an indication, not a limit."""
 
 
+def _format_noise(sample: Sample, k: int) -> str:
+    """The renderer's noise in units of the sensor's, where it was measured, and whether a bound was not met."""
+    taken, bound = sample.shots[k].record, sample.record.get("noise")
+    if "light_paths_over_sensor" not in taken:
+        return ""
+    most = max(taken["light_paths_over_sensor"])
+    missed = f" (limit {bound:g} not met)" if bound is not None and most > bound else ""
+    return f", light paths {most:.2g} x sensor at {taken['spp']} samples{missed}"
+
+
 def format_exposure(sample: Sample, k: int, text: str) -> str:
     """F-number, time and gain of lens k, which the option `text` describes; and whether such a lens can be bought."""
     shot, camera = sample.shots[k], sample.rig.cameras[0]
@@ -254,7 +264,7 @@ def format_exposure(sample: Sample, k: int, text: str) -> str:
         duration = f"{1e6 * time:.3g} us"
     else:
         duration = f"1/{1 / time:.0f} s" if time < 0.1 else f"{time:.3g} s"
-    exposure = f"{duration}, gain {gain:.3g}"
+    exposure = f"{duration}, gain {gain:.3g}{_format_noise(sample, k)}"
     if shot.lens.aperture_diameter == 0:
         return f"{text}: exposed as f/{number:g}, {exposure}"
     line = f"{text}: f/{f'{number:.0f}' if 99.5 <= number < 1e5 else f'{number:.2g}'}, {exposure}"

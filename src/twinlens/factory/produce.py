@@ -106,6 +106,7 @@ def produce(
         make_lenses(settings, view, _FILE, sources.file),
         spp=settings.spp,
         denoise=settings.denoise,
+        noise=settings.noise,
         seed=spec.seed,
         sensor=sensor,
         exposure=None if settings.exposure is None else Exposure(**settings.exposure.model_dump()),

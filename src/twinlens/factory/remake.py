@@ -53,6 +53,7 @@ def remake(record: Mapping[str, Any], scene: Scene | None = None, *, progress: P
         [lens_from_plain(shot.get("lens")) for shot in record["shots"]],
         spp=made.spp,
         denoise=made.denoise is not None,
+        noise=made.noise,
         seed=made.seed,
         sensor=Sensor(**{**written["sensor"], "mismatch": mismatch}),
         exposure=None if made.exposure is None else Exposure(**written["exposure"]),
@@ -74,6 +75,7 @@ class _Made(FileModel):
     scene_files: dict[str, str]
     spp: int
     denoise: dict[str, Any] | None = None
+    noise: float | None = None
     seed: int
     sensor: SensorTable
     exposure: ExposureTable | None = None

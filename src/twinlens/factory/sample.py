@@ -6,12 +6,13 @@ scene, rig ---------> ground_truth ------------------------------> Truths ---+->
 
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import uniform_filter
 
 from twinlens.camera import Disk, Lens, Rig
 from twinlens.camera.diffraction import diffract
@@ -20,7 +21,17 @@ from twinlens.camera.truth import Truth
 from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_manifest, write_manifest, write_sample
 from twinlens.errors import InputError
 from twinlens.factory.sources import file_digests
-from twinlens.rendering import SAMPLERS, Progress, backend, denoiser_record, ground_truth, partial_progress, render
+from twinlens.rendering import (
+    SAMPLERS,
+    NoisyImage,
+    Progress,
+    backend,
+    denoiser_record,
+    ground_truth,
+    partial_progress,
+    render,
+    render_measured,
+)
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.sensor import Exposure, Sensor
 from twinlens.sensor.exposure import check_exposure
@@ -35,6 +46,7 @@ def make_sample(
     *,
     spp: int = 64,
     denoise: bool = False,
+    noise: float | None = None,
     seed: int = 0,
     sensor: Sensor | None = None,
     exposure: Exposure | None = None,
@@ -54,6 +66,10 @@ def make_sample(
     ----------
     denoise : bool
         See `render`. The record names the method and its versions.
+    noise : float, optional
+        Render until the renderer's noise is at most this multiple of the sensor's in every view, in the median over
+        pixels, or until `rendering.MAX_SPP`. The record has the ratios of images that are denoised
+        or that have such a bound.
     sensor : Sensor, optional
         Default `Sensor()`. Its `mismatch` makes the cameras differ.
     exposure : Exposure, optional
@@ -90,12 +106,22 @@ def make_sample(
         key = (_SHOT_STREAM, zlib.crc32(scene.name.encode()), k)  # so that no two images share noise
         stream = int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1)[0])
         report = partial_progress(progress, k / len(lenses), (k + 1) / len(lenses))
-        radiances = tuple(render(scene, rig, lens, spp, stream, denoise=denoise, progress=report))
+        light = _Light(sensor, rig, lens, stream, exposure)
+        if spp > 1 and (denoise or noise is not None):
+            views, used = render_measured(
+                scene, rig, lens, spp, stream, denoise=denoise, progress=report,
+                enough=lambda views, light=light: noise is None or max(light.ratios(views)) <= noise,  # type: ignore[misc]
+            )  # fmt: skip
+            radiances = tuple(view.image for view in views)
+            measured = {"spp": used, "light_paths_over_sensor": light.ratios(views)}
+        else:
+            radiances = tuple(render(scene, rig, lens, spp, stream, denoise=denoise, progress=report))
+            measured = {"spp": spp}
         if diffraction and lens.aperture_diameter > 0:
             pairs = zip(radiances, rig.cameras, strict=True)
             radiances = tuple(diffract(image, camera, lens, sensor.wavelengths) for image, camera in pairs)
         photos = sensor.expose_rig(radiances, rig=rig, lens=lens, seed=stream, exposure=exposure)
-        taken = {"spp": spp, "seed": stream, "exposures": [photo.record for photo in photos]}
+        taken = {**measured, "seed": stream, "exposures": [photo.record for photo in photos]}
         shots.append(Shot(lens, tuple(photo.image for photo in photos), radiances if keep_radiance else None, taken))
     record = {
         "scene": scene.name,
@@ -103,6 +129,7 @@ def make_sample(
         "seed": seed,
         "spp": spp,
         "denoise": denoiser_record() if denoise else None,
+        "noise": noise,
         "sensor": asdict(sensor),
         "exposure": None if exposure is None else asdict(exposure),
         "diffraction": diffraction,
@@ -116,6 +143,34 @@ def make_sample(
     if truths is None:
         truths = ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)
     return Sample(rig, tuple(shots), tuple(truths), record=record)
+
+
+@dataclass(frozen=True)
+class _Light:
+    """Compares the renderer's noise with the sensor's at the exposure of the images."""
+
+    sensor: Sensor
+    rig: Rig
+    lens: Lens
+    seed: int
+    exposure: Exposure | None
+
+    def ratios(self, views: Sequence[NoisyImage]) -> list[float]:
+        """Per view: noise of the light paths over noise of the sensor, the median over pixels.
+
+        Both are standard deviations in electrons, over the channels and windows of 9x9 pixels. The sensor's noise is
+        that of photons, readout and rounding.
+        """
+        images = [view.image for view in views]
+        photos = self.sensor.expose_rig(images, rig=self.rig, lens=self.lens, seed=self.seed, exposure=self.exposure)
+        found = []
+        for view, photo in zip(views, photos, strict=True):
+            rate = np.array(photo.record["electrons_per_radiance"])
+            electrons = np.maximum(view.image * rate, 0)
+            least = self.sensor.read_noise**2 + (1 / photo.record["system_gain_dn_per_electron"]) ** 2 / 12
+            excess = np.nan_to_num((view.error * rate) ** 2 / (electrons + least)).mean(axis=-1)
+            found.append(float(np.sqrt(np.median(uniform_filter(excess, 9)))))
+        return found
 
 
 def made_with() -> dict[str, Any]:

@@ -288,6 +288,7 @@ class Settings(StrictModel):
     height: int = Field(480, ge=1, le=MAX_SIDE)
     spp: int = Field(64, ge=1, le=1_000_000)
     denoise: bool = True
+    noise: Positive | None = None
     diffraction: bool = False
     sky_disparity: bool = False
     scene: SceneTable = SceneTable()

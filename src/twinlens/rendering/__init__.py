@@ -4,14 +4,17 @@ from twinlens.rendering.backends import Backend, backend, configure_malloc, doct
 from twinlens.rendering.denoising import denoiser_record
 from twinlens.rendering.ground_truth import correspondence, ground_truth
 from twinlens.rendering.lens_grid import LensGrid, render_lens_grid
+from twinlens.rendering.noise import MAX_SPP, NoisyImage, render_measured
 from twinlens.rendering.radiance import SAMPLERS, Progress, partial_progress, render
 from twinlens.rendering.sensors import check_lens_supported
 from twinlens.rendering.shared_kernels import share_kernels
 
 __all__ = [
+    "MAX_SPP",
     "SAMPLERS",
     "Backend",
     "LensGrid",
+    "NoisyImage",
     "Progress",
     "backend",
     "check_lens_supported",
@@ -24,6 +27,7 @@ __all__ = [
     "partial_progress",
     "render",
     "render_lens_grid",
+    "render_measured",
     "share_kernels",
     "use_threads",
 ]

@@ -1,0 +1,84 @@
+"""Images with an estimate of the noise that the renderer left in them, and passes until it is low enough.
+
+The samples are rendered in two independent halves A and B. In raw images |A - B| / 2 estimates the standard deviation
+of the mean. A denoised image is filtered from all samples; its halves are filtered apart, with a fast network. Their
+difference over sqrt(2) is the estimate. This factor was measured on random scenes against references (4 to 64 samples,
+pinhole and lens): the medians of estimate and true error, over windows of 9x9 pixels, agreed within 20 %.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.camera import Lens, Rig
+from twinlens.errors import InputError
+from twinlens.rendering.build import build
+from twinlens.rendering.denoising import denoise_image, guides_of
+from twinlens.rendering.radiance import Progress, partial_progress, render
+from twinlens.scenes import Scene
+from twinlens.seeds import derived_seed
+
+MAX_SPP = 1024
+"""Samples per pixel at which passes stop, unless a request starts with more."""
+
+_NOISE_STREAM = 3
+
+
+@dataclass(frozen=True, eq=False)
+class NoisyImage:
+    """Linear radiance and the estimate of its remaining error: float32 (H, W, 3).
+
+    The error of a pixel is one random draw: average its square over windows of pixels.
+    """
+
+    image: NDArray[np.float32]
+    error: NDArray[np.float32]
+
+
+def render_measured(
+    scene: Scene,
+    rig: Rig,
+    lens: Lens,
+    spp: int,
+    seed: int,
+    *,
+    denoise: bool = False,
+    enough: Callable[[Sequence[NoisyImage]], bool] = lambda _: True,
+    progress: Progress | None = None,
+) -> tuple[list[NoisyImage], int]:
+    """Render as `render`, with error estimates; double the samples until `enough` or `MAX_SPP` is reached.
+
+    Each round reports its own progress.
+
+    Returns one image per camera, and the samples per pixel used. Raises InputError for spp < 2.
+    """
+    if spp < 2:
+        raise InputError(f"an estimate of the noise needs spp >= 2, got {spp}")
+    built = build(scene)
+    views = zip(rig.cameras, rig.world_from_cams, strict=True)
+    guides = [guides_of(built, *view, lens, seed, i) if denoise else None for i, view in enumerate(views)]
+    totals = [np.zeros((2, camera.height, camera.width, 3)) for camera in rig.cameras]
+    counts = np.zeros(2)
+    extra = spp
+    while True:
+        for half, count in enumerate((extra - extra // 2, extra // 2)):
+            own = derived_seed(seed, _NOISE_STREAM, int(counts.sum()), half)
+            report = partial_progress(progress, half / 2, (half + 1) / 2)
+            for total, image in zip(totals, render(scene, rig, lens, count, own, progress=report), strict=True):
+                total[half] += count * image.astype(np.float64)
+            counts[half] += count
+        found = []
+        for total, guide in zip(totals, guides, strict=True):
+            mean = (total.sum(axis=0) / counts.sum()).astype(np.float32)
+            a, b = (total / counts[:, None, None, None]).astype(np.float32)
+            if guide is None:
+                found.append(NoisyImage(mean, np.abs(a - b) * np.float32(math.sqrt(counts.prod()) / counts.sum())))
+            else:
+                apart = denoise_image(a, guide, fast=True) - denoise_image(b, guide, fast=True)
+                found.append(NoisyImage(denoise_image(mean, guide), np.abs(apart) / np.float32(math.sqrt(2))))
+        extra = int(counts.sum())
+        if enough(found) or 2 * extra > MAX_SPP:
+            return found, extra

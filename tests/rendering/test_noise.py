@@ -1,0 +1,23 @@
+"""The estimate of the renderer's noise, against the error relative to converged images."""
+
+import numpy as np
+import pytest
+
+
+@pytest.mark.parametrize("kind", ["raw", "denoised"])
+def test_the_estimate_agrees_with_the_error(renderer, kind):
+    """Median over windows of 7x7 pixels, over eight seeds, within 25 % (raw) and 40 % (denoised, at 64x48 pixels)."""
+    found = renderer("noise estimate")
+    estimate, error = (windows(found[f"{kind}/{name}"]) for name in ("estimate", "error"))
+    assert np.median(estimate) == pytest.approx(np.median(error), rel=0.25 if kind == "raw" else 0.4)
+
+
+def test_samples_double_until_enough(renderer):
+    found = renderer("noise estimate")
+    np.testing.assert_array_equal(found["counts"], [4, 16, 1024])
+
+
+def windows(errors):
+    """Standard deviation over seeds, channels and windows of 7x7 pixels."""
+    squares = (errors**2).mean(axis=(0, -1))
+    return np.sqrt(np.lib.stride_tricks.sliding_window_view(squares, (7, 7)).mean(axis=(-1, -2)))
