@@ -23,16 +23,13 @@ from twinlens.errors import InputError, check_int, check_number
 
 Float = NDArray[np.float64]
 
-_MOST_BLADES = 1000
 _LARGEST_MASK_SIDE = 4096  # cells: float32 random numbers resolve each
-
 
 NUMPY = SimpleNamespace(
     sqrt=np.sqrt, sin=np.sin, cos=np.cos, abs=np.abs, floor=np.floor, minimum=np.minimum, where=np.where,
     gather=lambda table, index: table[np.asarray(index, dtype=np.intp)],
 )  # fmt: skip
-"""The element-wise functions that samplers use; gather is ``table[index]``, with floating-point indices. The renderer
-has functions of the same names for its arrays."""
+"""What samplers use; gather is ``table[index]``, with floating-point indices. The renderer has its own."""
 
 
 def concentric(u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
@@ -66,8 +63,7 @@ def _from_polar(radius: Any, turn: Any, xp: Any) -> tuple[Any, Any]:
 def invert_cdf(table: Float, cells: int, start: Any, u: Any, xp: Any) -> tuple[Any, Any]:
     """The cell of the cumulative distribution ``table[start:start + cells + 1]`` that contains u, and u's place in it.
 
-    A bisection of fixed length, which compilers unroll. The table rises from 0 to 1; u is in [0, 1). A cell of zero
-    probability is never chosen.
+    A bisection of fixed length, which compilers unroll. A cell of zero probability is never chosen.
     """
     low, high = 0.0 * u, 0.0 * u + cells
     for _ in range(cells.bit_length()):
@@ -97,22 +93,14 @@ class Disk:
 
 @dataclass(frozen=True)
 class Polygon:
-    """The opening of `blades` diaphragm blades: a regular polygon with its corners on the unit circle.
+    """The opening of `blades` >= 3 diaphragm blades: a regular polygon with its corners on the unit circle.
+
+    rotation_deg : direction of the first corner in degrees, from +x (right) towards +y (down).
+    roundness : 0 (straight edges) to 1 (a circle).
 
     Its edges are arcs of ellipses about the axis, ``(a cos t, b sin t), |t| <= beta`` in the frame of each blade, with
     alpha = pi/blades, beta = roundness * alpha, a = cos(alpha)/cos(beta) and b = sin(alpha)/sin(beta). Equal steps of t
-    sweep equal areas, so that sampling has a closed form.
-
-    Parameters
-    ----------
-    blades : int
-        Corners, >= 3.
-    rotation_deg : float
-        Direction of the first corner in degrees, from +x (right) towards +y (down).
-    roundness : float
-        0 (straight edges) to 1 (a circle).
-
-    Raises InputError when one of them is out of range.
+    sweep equal areas, so that sampling has a closed form. Raises InputError when a value is out of range.
     """
 
     name: ClassVar[str] = "polygon"
@@ -121,7 +109,7 @@ class Polygon:
     roundness: float = 0.0
 
     def __post_init__(self) -> None:
-        check_int("polygon aperture: blades", self.blades, 3, _MOST_BLADES)
+        check_int("polygon aperture: blades", self.blades, 3, 1000)
         check_number("polygon aperture: rotation_deg", self.rotation_deg, "a finite number", least=-1e6, most=1e6)
         check_number("polygon aperture: roundness", self.roundness, "a number between 0 and 1", least=0, most=1)
 
@@ -149,7 +137,6 @@ class Polygon:
         return np.asarray(along**2 + across**2 <= 1.0, np.float64)
 
     def sample(self, u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
-        """Points (x, y) uniform in the polygon: the concentric map, with its angle mapped to the edges."""
         alpha, beta = self._half_angles
         radius, turn = concentric(u1, u2, xp)
         blade = xp.minimum(xp.floor(turn * self.blades), self.blades - 1.0)
@@ -175,11 +162,7 @@ class Annulus:
 
     @property
     def area_fraction(self) -> float:
-        """1 - inner^2.
-
-        >>> Annulus(0.5).area_fraction
-        0.75
-        """
+        """1 - inner^2."""
         return 1.0 - self.inner**2
 
     def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
@@ -194,12 +177,8 @@ class Annulus:
 class MaskAperture:
     """A grey-scale mask: a coded aperture, or any image. Masks with equal cells are equal and hash equal.
 
-    Parameters
-    ----------
-    mask : array (H, W)
-        Transmission of square cells, row 0 at the top (y = -1): float in [0, 1], bool, or uint8/uint16 scaled
-        from 0..255 and 0..65535. The longer side spans the aperture's diameter, the shorter one is centred.
-
+    mask : (H, W), transmission of square cells, row 0 at the top (y = -1): float in [0, 1], bool, or uint8/uint16
+    scaled from 0..255 and 0..65535. The longer side spans the aperture's diameter, the shorter one is centred.
     Raises InputError for an empty or black mask, NaN, and values outside [0, 1].
     """
 
@@ -244,7 +223,6 @@ class MaskAperture:
         return 2.0 / cells
 
     def transmission(self, x: ArrayLike, y: ArrayLike) -> Float:
-        """The value of the cell at a point, 0 outside the mask; any shape."""
         height, width = self.mask.shape
         column = np.floor(np.asarray(x, dtype=np.float64) / self._cell + 0.5 * width)
         row = np.floor(np.asarray(y, dtype=np.float64) / self._cell + 0.5 * height)
@@ -253,7 +231,6 @@ class MaskAperture:
         return np.where(inside, cells, 0.0)
 
     def sample(self, u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
-        """Points (x, y) distributed as the transmission: the row from u2, the cell in it from u1, by inverse CDF."""
         height, width = self.mask.shape
         row, down = invert_cdf(self._row_cdf, height, 0.0, u2, xp)
         column, right = invert_cdf(self._cell_cdf, width, row * (width + 1.0), u1, xp)

@@ -25,13 +25,10 @@ def diffract(
 ) -> NDArray[np.float32]:
     """`image`, linear radiance (H, W, 3), blurred by diffraction at the circular aperture of `lens`; float32 (H, W, 3).
 
-    Each channel is convolved with the Airy kernel of its wavelength (metres, red, green, blue; by default
-    `twinlens.optics.diffraction.CHANNEL_WAVELENGTHS`). Borders are continued by reflection. The pattern decreases as
-    1/r^3: it is cut where at most 0.5% of the light is outside, or at the size of the image, and scaled to sum 1.
-
-    The kernel is integrated over the pixel, and a rendered image already is: the pixel's square is applied twice. The
-    second one is a blur of 0.29 pixels standard deviation, with contrast sinc(f) at f cycles a pixel. To avoid it,
-    render and diffract at several times the resolution, and average.
+    Each channel is convolved with the Airy kernel of its wavelength (metres, red, green, blue). Borders are continued
+    by reflection. The pattern is cut where at most 0.5% of the light is outside, or at the image's size, and scaled
+    to sum 1. The kernel is integrated over the pixel, and a rendered image already is: the second integration is a blur
+    of 0.29 pixels standard deviation. To avoid it, render and diffract at several times the resolution, and average.
 
     In focus this is correct. Out of focus, and always behind a bare aperture, the true pattern is Fresnel's:
     docs/camera.md has the share of misplaced light by Fresnel number n. A `FresnelWarning` is given for a bare

@@ -20,18 +20,11 @@ _OUTSIDE_PX = -1e4  # value of a map without a source pixel: outside the image f
 class Camera:
     """Intrinsics of one camera. A pixel (u, v) looks along (x, y, 1), x = (u - cx)/fx, y = (v - cy)/fy, undistorted.
 
-    Parameters
-    ----------
-    width, height : int
-        Image size in pixels.
-    fx, fy : float
-        Focal lengths in pixels: film distance over pixel pitch, > 0.
-    cx, cy : float
-        Principal point in pixels, pixel centres at integers; it may be outside the image.
-    distortion : BrownConrady, KannalaBrandt or None
-        Lens distortion; it must be invertible in the image.
-    pixel_pitch_um : float
-        Width of a pixel in micrometres. Only light and diffraction depend on it; geometry and blur do not.
+    width, height : image size in pixels.
+    fx, fy : focal lengths in pixels: film distance over pixel pitch, > 0.
+    cx, cy : principal point in pixels, pixel centres at integers; it may be outside the image.
+    distortion : BrownConrady, KannalaBrandt or None; it must be invertible in the image.
+    pixel_pitch_um : width of a pixel in micrometres. Only light and diffraction depend on it; geometry and blur do not.
 
     Raises InputError when a value is out of range.
     """

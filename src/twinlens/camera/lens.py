@@ -40,16 +40,10 @@ class _OpenLens:
 
 @dataclass(frozen=True)
 class ThinLens(_OpenLens):
-    """A thin lens focused on the plane z = focus_distance.
+    """A thin lens focused on the plane z = focus_distance, metres, > 0; may be inf.
 
-    Parameters
-    ----------
-    aperture_diameter : float
-        Diameter A of the entrance pupil in metres, >= 0; 0 is a pinhole.
-    focus_distance : float
-        Depth of the plane in focus in metres, > 0; may be inf.
-    aperture : Aperture
-        Its shape inside the circle of diameter A; a disk by default.
+    aperture_diameter : diameter A of the entrance pupil in metres, >= 0; 0 is a pinhole.
+    aperture : its shape inside the circle of diameter A.
     """
 
     name: ClassVar[str] = "thinlens"
@@ -80,17 +74,10 @@ class ThinLens(_OpenLens):
 
 @dataclass(frozen=True)
 class BareAperture(_OpenLens):
-    """An aperture without a lens in front of a film at `film_distance`: the camera obscura.
+    """An aperture without a lens in front of a film: the camera obscura.
 
-    Parameters
-    ----------
-    diameter : float
-        Diameter of the aperture, metres, >= 0.
-    film_distance : float
-        Distance from the aperture to the film, metres, > 0. With fx in pixels it gives the pixel pitch,
-        film_distance / fx.
-    aperture : Aperture
-        Its shape inside the circle; a disk by default.
+    diameter : of the aperture, metres, >= 0; `aperture` is its shape inside the circle.
+    film_distance : from the aperture to the film, metres, > 0; film_distance / fx is the pixel pitch.
     """
 
     name: ClassVar[str] = "bareaperture"

@@ -30,10 +30,7 @@ def essential_matrix(rig: Rig, a: int = 0, b: int = 1) -> Float:
 
 
 def fundamental_matrix(rig: Rig, a: int = 0, b: int = 1) -> Float:
-    """F of cameras a and b, (3, 3); see `geometry.epipolar`, which has its epipolar lines and Sampson distance too.
-
-    Raises InputError where there is no baseline.
-    """
+    """F of cameras a and b, (3, 3); see `geometry.epipolar`. Raises InputError where there is no baseline."""
     return epipolar.fundamental_matrix(essential_matrix(rig, a, b), rig.cameras[a].K, rig.cameras[b].K)
 
 
@@ -96,20 +93,9 @@ def triangulate(
 ) -> Float:
     """World points (N, 3), metres, seen at `pixels`: one (N, 2) array for each of `cameras`.
 
-    Parameters
-    ----------
-    rig : Rig
-    pixels : sequence of (N, 2) arrays
-        Measured pixels; the camera's distortion is removed here.
-    cameras : sequence of int
-        Two or more cameras; the optimal method takes two.
-    method : {"optimal", "midpoint", "dlt"}
-        See `geometry.triangulation`.
-
-    Returns
-    -------
-    float64 (N, 3). +inf in all three coordinates where no point in front of every camera exists: parallel rays
-    (a point at infinity), diverging rays, or rays along the baseline.
+    Pixels are measured ones; the camera's distortion is removed here. `method` is "optimal" (two cameras), "midpoint"
+    or "dlt"; see `geometry.triangulation`. float64; +inf in all three coordinates where no point in front of every
+    camera exists: parallel rays (a point at infinity), diverging rays, or rays along the baseline.
 
     Raises InputError for pixels that are not finite, cameras without a baseline, or an unknown method.
     """

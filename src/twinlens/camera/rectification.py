@@ -24,7 +24,6 @@ _MAX_TAN = math.tan(math.radians(85))  # the widest direction in a rectified ima
 _BISECTIONS = 60
 
 FITS = ("focal", "all", "valid")
-"""The choices of the focal length of rectified cameras."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,18 +90,12 @@ def rectify(
 ) -> Rectification:
     """Rectify the pair (left, right) of `rig`, any poses, intrinsics and distortion.
 
-    Parameters
-    ----------
-    width, height : int
-        Size of the rectified images, pixels; by default the left camera's.
-    fit : {"focal", "all", "valid"}
-        How fx = fy is chosen: the mean focal length of the two cameras; the largest that shows all of both images; or
-        the smallest for which every rectified pixel has a source.
-    zero_doffs : bool
-        Give both cameras one principal point, so that infinity has disparity 0. If False, each image is centred on
-        its camera's field of view, which suits converging cameras, and `doffs` is not 0.
-    misalignment : Misalignment
-        Calibration error of the second rectified camera.
+    width, height : size of the rectified images, pixels; by default the left camera's.
+    fit : how fx = fy is chosen. "focal": the mean focal length of the two cameras; "all": the largest that shows all of
+    both images; "valid": the smallest for which every rectified pixel has a source.
+    zero_doffs : give both cameras one principal point, so that infinity has disparity 0. If False, each image is
+    centred on its camera's field of view, which suits converging cameras, and `doffs` is not 0.
+    misalignment : calibration error of the second rectified camera.
 
     Raises InputError where the centres coincide, an epipole is in its image, the right camera is left of the left one,
     or a pixel is 85 degrees or more from the rectified axis.

@@ -17,16 +17,10 @@ _ROUNDING = 1e-15  # relative to the distance from the world's origin: rounding 
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """Cameras and their poses.
+    """Cameras and their poses, one rigid (4, 4) array per camera.
 
-    Parameters
-    ----------
-    cameras : sequence of Camera
-    world_from_cams : sequence of (4, 4) arrays
-        One rigid pose per camera.
-    calibrated : Rig or None
-        The rig that the calibration describes, where it differs on purpose (`camera.misaligned`): images are taken by
-        this rig, while a sample's truth and calibration are those of the calibrated one.
+    calibrated : the rig that the calibration describes, where it differs on purpose (`camera.misaligned`): images are
+    taken by this rig, while a sample's truth and calibration are those of the calibrated one.
 
     Raises InputError when the counts differ, the rig is empty, or a pose is not rigid.
     """
@@ -133,13 +127,9 @@ class Rig:
 class Misalignment:
     """The error of one camera against its calibration.
 
-    Parameters
-    ----------
-    vertical_px : float
-        Shift of the image down, pixels (added to cy).
-    pitch_deg, yaw_deg, roll_deg : float
-        Rotations in degrees about the calibrated x, y and z axes, in this order: R = Rz(roll) Ry(yaw) Rx(pitch).
-        Less than 90 degrees.
+    vertical_px : shift of the image down, pixels (added to cy).
+    pitch_deg, yaw_deg, roll_deg : rotations of less than 90 degrees about the calibrated x, y and z axes, in this
+    order: R = Rz(roll) Ry(yaw) Rx(pitch).
 
     Raises InputError when a value is out of range.
     """

@@ -50,12 +50,8 @@ class Exposure:
 class Mismatch:
     """Differences of the other cameras from the first, which the processing of their images does not correct.
 
-    Parameters
-    ----------
-    gain, time : float
-        Factors of the exposure's gain and time, > 0.
-    black_level : float
-        Added to the black level, DN.
+    gain, time : factors of the exposure's gain and time, > 0.
+    black_level : added to the black level, DN.
     """
 
     gain: float = 1.0

@@ -58,49 +58,27 @@ class Photo:
 class Sensor:
     """An image sensor after EMVA 1288. The defaults are the preset `machine_vision`.
 
-    Parameters
-    ----------
-    quantum_efficiency : (float, float, float)
-        Electrons per photon in the red, green and blue band, in (0, 1].
-    wavelengths : (float, float, float)
-        Wavelengths of the three bands, metres.
-    full_well : float
-        Saturation capacity of a pixel, electrons.
-    read_noise : float
-        Temporal dark noise at zero exposure, electrons rms.
-    dark_current : float
-        Electrons per second.
-    prnu, dsnu : float
-        Pixel non-uniformity: relative rms of the sensitivity (0.01 is 1%), and rms of the dark offset in electrons.
-    adc_bits : int
-        Bits of the converter, 8 to 16. At gain 1 a full well fills its range above the black level.
-    black_level : float
-        Digital number of zero electrons.
-    filters : str
-        "rgb" (three values per pixel), "mono", or a Bayer colour filter array ("RGGB" ...).
-    output : str
-        "srgb", "linear", "gamma" (1/gamma power), or "raw": the converter's numbers, without white balance and
-        demosaicing.
-    gamma : float
-        Exponent of the output "gamma".
-    bits : int
-        Bits of the image, 8 or 16; a raw image is uint8 for 8 adc_bits, otherwise uint16.
-    white_balance : bool
-        Scale the channels so that equal radiances give equal values.
-    shot_noise : bool
-        Poisson noise of light and dark current.
-    vignetting : bool
-        Natural vignetting: cos^4 of the field angle.
-    radiance_scale : float
-        W/(m^2 sr), in the band of each channel, of a rendered radiance of 1.
-    pinhole_f_number : float
-        The f-number at which an aperture of zero width is exposed.
-    longest_exposure, largest_gain : float
-        Limits of the automatic exposure: seconds, and a factor.
-    mismatch : Mismatch
-        Differences of the cameras after the first.
-    serial : int
-        Seed of the fixed patterns.
+    quantum_efficiency : electrons per photon in the red, green and blue band, in (0, 1].
+    wavelengths : of the three bands, metres.
+    full_well : saturation capacity of a pixel, electrons.
+    read_noise : temporal dark noise at zero exposure, electrons rms.
+    dark_current : electrons per second.
+    prnu, dsnu : pixel non-uniformity: relative rms of the sensitivity (0.01 is 1%); rms of the dark offset, electrons.
+    adc_bits : bits of the converter, 8 to 16. At gain 1 a full well fills its range above the black level.
+    black_level : digital number of zero electrons.
+    filters : "rgb" (three values per pixel), "mono", or a Bayer colour filter array ("RGGB" ...).
+    output : "srgb", "linear", "gamma" (1/gamma power), or "raw", the converter's numbers: neither white balance nor
+    demosaicing.
+    gamma : exponent of the output "gamma".
+    bits : of the image, 8 or 16; a raw image is uint8 for 8 adc_bits, otherwise uint16.
+    white_balance : scale the channels so that equal radiances give equal values.
+    shot_noise : Poisson noise of light and dark current.
+    vignetting : natural vignetting, cos^4 of the field angle.
+    radiance_scale : W/(m^2 sr), in the band of each channel, of a rendered radiance of 1.
+    pinhole_f_number : the f-number at which an aperture of zero width is exposed.
+    longest_exposure, largest_gain : limits of the automatic exposure: seconds, and a factor.
+    mismatch : differences of the cameras after the first.
+    serial : seed of the fixed patterns.
 
     Raises InputError when a value is out of range.
     """
