@@ -76,10 +76,7 @@ def variants(
 
 
 def tagged(name: str, tag: str, models: Iterable[type[StrictModel]], default: str | None = None) -> Any:
-    """The union of models that the key `tag` selects from; a table without it has the tag `default`.
-
-    JSON Schemas define it once, under `name`.
-    """
+    """The union of models that the key `tag` selects from, by default `default`; JSON Schemas define it as `name`."""
     union: Any = Annotated[Union[tuple(models)], pydantic.Field(discriminator=tag)]  # noqa: UP007
     alias = TypeAliasType(name, union)  # type: ignore[misc]  # the models are made at run time
     return alias if default is None else Annotated[alias, default_key(tag, default)]
@@ -108,10 +105,7 @@ def one_of(kind: str, known: Iterable[str]) -> pydantic.PlainValidator:
 
 
 def exactly(count: int, item: Any, or_one: bool = False, name: str = "") -> pydantic.BeforeValidator:
-    """Accepts a list of `count` values of the type `item`, for `Annotated`; with `or_one` also one value for all.
-
-    With a `name`, JSON Schemas define it once.
-    """
+    """Accepts a list of `count` values, with `or_one` also one value for all. JSON Schemas define a `name` once."""
     listed: Any = Annotated[list[item], pydantic.Field(min_length=count, max_length=count)]
 
     def check(value: Any) -> Any:

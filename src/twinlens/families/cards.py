@@ -16,7 +16,7 @@ from twinlens.families.surfaces import FLOORS, QUAD, WALLS, Sheet, quad, surface
 from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
 from twinlens.scenes.placement import rotation, translation
-from twinlens.scenes.scene import Bitmap, Mesh, Plugin
+from twinlens.scenes.scene import Bitmap, Mesh
 
 
 def compose(scene: Composition) -> None:
@@ -35,7 +35,7 @@ def compose(scene: Composition) -> None:
 
 def _add_charts(scene: Composition, depth_ratio: float) -> None:
     """Add charts from near to far, left and right by turns; their footprints do not overlap."""
-    count, view = scene.count, scene.view
+    count, view, accents = scene.count, scene.view, scene.palette.accents
     steps = (np.arange(count) + scene.rng("steps").uniform(0.1, 0.9, count)) / count
     depths = 1 / (1 + (1 / (0.88 * depth_ratio) - 1) * steps)
     taken: list[Float] = []
@@ -52,19 +52,15 @@ def _add_charts(scene: Composition, depth_ratio: float) -> None:
             footprint = outline(ground[:, :2])
             if float(view.depth(ground).min()) > 0.92 and all(gap(footprint, other) > 0.01 for other in taken):
                 taken.append(footprint)
-                scene.add(name, mesh, _chart_material(scene, index, height, scene.pixel_at(pose[:3, 3], 0.3)), pose)
+                n = texels(height, scene.pixel_at(pose[:3, 3], 0.3))
+                own = user_texture(scene, "chart", index)
+                picture = draw_chart(scene.rng("chart", index), n, accents) if own is None else resized(own, n)
+                finish = one_of(scene.rng("finish", index), ["matte", "matte", "satin"])
+                scene.add(name, mesh, material(finish, Bitmap(picture, wrap="mirror"), 0.3), pose)
                 if name == "chart":
                     steel = Bitmap(metal_pixels(scene.rng("foot", index), 32, "metal"))
                     scene.add("chart-foot", _foot(mesh), material("metal", steel, 0.2), pose)
                 break
-
-
-def _chart_material(scene: Composition, index: int, height: float, pixel: float) -> Plugin:
-    n = texels(height, pixel)
-    own = user_texture(scene, "chart", index)
-    pixels = resized(own, n) if own is not None else draw_chart(scene.rng("chart", index), n, scene.palette.accents)
-    finish = one_of(scene.rng("finish", index), ["matte", "matte", "satin"])
-    return material(finish, Bitmap(pixels, wrap="mirror"), 0.3)
 
 
 def _chart(rng: Rng, size: float) -> tuple[Mesh, float]:

@@ -227,9 +227,8 @@ def _directions(count: int) -> Float:
 
 def _heart(rng: Rng) -> Solid:
     t = np.linspace(0, 2 * math.pi, 100, endpoint=False)
-    x = 16 * np.sin(t) ** 3
     y = 13 * np.cos(t) - 5 * np.cos(2 * t) - 2 * np.cos(3 * t) - np.cos(4 * t) + 1.5
-    return extruded(np.stack([x, y], axis=-1)[::-1] / 16, rng.uniform(0.3, 0.6))
+    return extruded(np.stack([16 * np.sin(t) ** 3, y], axis=-1)[::-1] / 16, rng.uniform(0.3, 0.6))
 
 
 def _nut(rng: Rng) -> Solid:

@@ -18,10 +18,9 @@ _SUPERSAMPLES = 4
 
 
 def value_noise(width: int, height: int, cells: tuple[int, int], seed: int, interpolation: str = "smooth") -> Image:
-    """Uniform random values on a lattice of `cells` = (nx, ny), interpolated; periodic, mean 1/2.
+    """Uniform random values on a lattice of `cells` = (nx, ny), periodic, mean 1/2; "smooth" (quintic) or "nearest".
 
-    `interpolation` is "smooth" (quintic, with continuous derivatives) or "nearest" (constant cells, as in a random-dot
-    stereogram). Source: K. Perlin, Improving Noise, SIGGRAPH 2002, for the quintic.
+    Source: K. Perlin, Improving Noise, SIGGRAPH 2002, for the quintic.
     """
     nx, ny = cells
     lattice = np.random.default_rng(seed).random((ny, nx)).astype(np.float32)
