@@ -22,8 +22,8 @@ from twinlens.scoring import (
     open_submission,
     region_masks,
     run_benchmark,
-    spec_of,
 )
+from twinlens.scoring.benchmark import spec_of
 from twinlens.scoring.submission import file_name
 
 

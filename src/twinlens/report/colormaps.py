@@ -12,10 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import InputError, unknown
 
-NO_TRUTH = (196, 200, 206)
-"""Light grey: unknown truth. The colormaps contain no greys."""
-NO_ESTIMATE = (102, 112, 127)
-"""Slate: no estimate."""
+NO_TRUTH, NO_ESTIMATE = (196, 200, 206), (102, 112, 127)  # light grey and slate; the colormaps contain no greys
 
 _ANCHORS = {
     "viridis": "440154 481567 482677 453781 404788 39568c 33638d 2d708e 287d8e 238a8d 1f968b 20a387 29af7f 3cbb75"

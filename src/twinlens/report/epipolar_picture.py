@@ -64,9 +64,6 @@ def spread_points(allowed: ArrayLike, count: int) -> NDArray[np.int64]:
 
     Each is the allowed pixel nearest to a point of the R2 sequence in the image without a margin. Source: Roberts,
     The Unreasonable Effectiveness of Quasirandom Sequences, 2018.
-
-    >>> spread_points(np.ones((30, 40), bool), 3).tolist()
-    [[11, 4], [3, 18], [29, 7]]
     """
     v, u = np.nonzero(np.asarray(allowed, dtype=bool))
     pixels = np.stack([u, v], axis=1)

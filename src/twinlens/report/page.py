@@ -43,14 +43,9 @@ from twinlens.scoring import (
 )
 from twinlens.scoring.metrics import TIMES
 
-MAX_WIDTH = 800
-"""Wider maps and images are subsampled by an integer stride."""
-BUDGET_BYTES = 14_000_000
-BYTES_PER_PIXEL = 0.65
-"""Measured size of a packed pixel, used to choose the stride."""
-STEP = 1 / 16
-UNKNOWN = 65535
-"""A stored map's unit in pixels, and its code of an unknown pixel."""
+MAX_WIDTH, BUDGET_BYTES = 800, 14_000_000
+BYTES_PER_PIXEL = 0.65  # measured size of a packed pixel, to choose the stride
+STEP, UNKNOWN = 1 / 16, 65535  # a stored map's unit in pixels, and its code of an unknown pixel
 _SCRIPTS = ("core.js", "table.js", "maps.js", "drill.js")
 
 
@@ -59,7 +54,6 @@ class Maps(typing.Protocol):
 
     def get(self, key: tuple[str, str], /) -> NDArray[np.floating[Any]] | None:
         """The (H, W) map of that method on that sample, +inf unknown, or None."""
-        ...
 
 
 def write_page(
@@ -83,20 +77,10 @@ def page_html(
 ) -> str:
     """The page as text.
 
-    Parameters
-    ----------
-    board
-        The scores; nothing is scored again.
-    samples
-        Samples of the board to show with images, truth and error maps. Each is held in memory only while it is packed.
-    maps
-        The methods' disparity maps. Methods without one appear in the tables only.
-    weights
-        Weights of the mean over samples; 1 by default.
-    groups, notes
-        Compare the methods' means over these groups of samples, with lines of text below.
-    max_width, budget_bytes
-        Maps are subsampled until they are at most this wide and the page about this large.
+    samples: samples of the board to show with images, truth and error maps, each in memory only while it is packed.
+    maps: the methods' disparity maps; methods without one appear in the tables only. weights: of the mean over samples,
+    1 by default. groups, notes: compare the means over these groups of samples, with lines of text below. max_width,
+    budget_bytes: maps are subsampled until they are at most this wide and the page about this large.
     """
     mapped = {(entry.method, entry.sample): entry.width * entry.height for entry in board.entries}
     packed_bytes = sum(mapped.values()) * BYTES_PER_PIXEL * 4 / 3
@@ -144,8 +128,7 @@ def pack(disp: NDArray[np.floating[Any]], stride: int = 1) -> dict[str, Any]:
     """Every `stride`-th pixel of an (H, W) disparity map, +inf unknown, as the page's script expects it.
 
     16-bit steps of 1/16 px from `offset` px, 65535 unknown, the largest saturated; differences along rows, low bytes
-    before high bytes, zlib, base64. The script decodes it by itself, because privacy modes of browsers alter pixels
-    read back from images.
+    before high bytes, zlib, base64. Not an image: privacy modes of browsers alter pixels read back from images.
     """
     thin = np.asarray(disp[::stride, ::stride], np.float64)
     known = np.isfinite(thin)

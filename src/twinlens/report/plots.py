@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from twinlens.errors import InputError, unknown
 from twinlens.studies import Figure, Table, mean_of
 
-THEORY = "theory"
-"""The value of `by` that marks a prediction."""
+THEORY = "theory"  # the value of `by` that marks a prediction
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C6D31", "#4D4D4D", "#882255")
 """The colours of Okabe and Ito (Color Universal Design, 2008) without yellow, and four more."""
 _MARKERS = "osD^vP>X<*"
@@ -38,17 +37,13 @@ _RC_PARAMS = {
 }
 _GREY = "#444444"
 DPI = 150
-_PANEL_INCHES = ((6.4, 3.8), (4.9, 3.4), (3.6, 3.1))
-"""Width and height of a panel, with one, two or three in a row."""
-_STRIP = 0.35
-_LEGEND_COLUMNS = 6
-_MOST_BANDS = 6
-"""Intervals of more lines are drawn as bars, because bands would overlap."""
+_PANEL_INCHES = ((6.4, 3.8), (4.9, 3.4), (3.6, 3.1))  # width and height, with one, two or three in a row
+_STRIP, _LEGEND_COLUMNS = 0.35, 6
+_MOST_BANDS = 6  # intervals of more lines are drawn as bars, because bands would overlap
 _PREDICTED: dict[str, Any] = {"color": _GREY, "linestyle": "--", "linewidth": 1.2}
 _RING: dict[str, Any] = {"marker": "o", "markersize": 10, "fillstyle": "none", "markeredgewidth": 1.4}
 _PLAIN: dict[str, Any] = {"color": PALETTE[0], "marker": "o"}
-_TICK_DISTANCE = 0.065
-"""Minimum distance of two ticks, relative to the axis."""
+_TICK_DISTANCE = 0.065  # of two ticks at least, relative to the axis
 
 
 def draw(figure: Figure, table: Table) -> Sheet:
@@ -164,11 +159,11 @@ class _Panel:
             other = [mean_of(cell, column).value for cell in cells]
             axes.plot(places, other, linestyle="--", linewidth=1.2, color=style["color"])
         if name != THEORY and all(math.isfinite(mean.low) for mean in means):
-            low, high = [mean.low for mean in means], [mean.high for mean in means]
+            ends = places, [mean.low for mean in means], [mean.high for mean in means]
             if len(self.styles) > _MOST_BANDS:
-                axes.vlines(places, low, high, color=style["color"], alpha=0.4, linewidth=1.0)
+                axes.vlines(*ends, color=style["color"], alpha=0.4, linewidth=1.0)
             else:
-                axes.fill_between(places, low, high, color=style["color"], alpha=0.12, linewidth=0)
+                axes.fill_between(*ends, color=style["color"], alpha=0.12, linewidth=0)
         if figure.best and np.isfinite(values).any():
             k = int(np.nanargmin(values) if figure.best == "least" else np.nanargmax(values))
             axes.plot(places[k], values[k], color=style["color"], **_RING)
@@ -217,7 +212,13 @@ class _Panel:
         x, y = rows.numbers(figure.x), rows.numbers(figure.y)
         if figure.log_x and _positive(x).size:
             axes.set_xscale("log")
-            _set_ticks(axes.xaxis, np.unique(_positive(x)))
+            ticks: list[float] = []
+            places = np.unique(_positive(x)).tolist()
+            for place in places:  # without those too close to the previous tick
+                if not ticks or math.log(place / ticks[-1]) >= _TICK_DISTANCE * math.log(places[-1] / places[0]):
+                    ticks.append(place)
+            axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
+            axes.set_xticks([], minor=True)
         if figure.log_y and any(_positive(rows.numbers(column)).size for column in (figure.y, *figure.also)):
             axes.set_yscale("log")
             low, high = axes.get_ylim()
@@ -231,10 +232,10 @@ class _Panel:
         axes.set_axisbelow(True)
         height, side = (0.98, "top") if figure.best == "least" else (0.02, "bottom")
         for column, text in figure.marks:
-            places = rows.numbers(column)
-            places = places[np.isfinite(places)]
-            if places.size:
-                place = float(np.exp(np.log(places).mean()) if axes.get_xscale() == "log" else places.mean())
+            marked = rows.numbers(column)
+            marked = marked[np.isfinite(marked)]
+            if marked.size:
+                place = float(np.exp(np.log(marked).mean()) if axes.get_xscale() == "log" else marked.mean())
                 axes.axvline(place, color=_GREY, linestyle=":", linewidth=1.2)
                 axes.annotate(
                     text, (place, height), xycoords=axes.get_xaxis_transform(), xytext=(-2, 0), va=side, ha="right",
@@ -250,17 +251,6 @@ def _groups(rows: Table, column: str) -> Iterator[tuple[Any, Table]]:
 def _positive(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """The values that a logarithmic axis can show."""
     return values[np.isfinite(values) & (values > 0)]
-
-
-def _set_ticks(axis: Any, places: NDArray[np.float64]) -> None:
-    """Ticks at the places, as decimal numbers, without those too close to the previous tick."""
-    distance = _TICK_DISTANCE * math.log(places[-1] / places[0])
-    ticks = [float(places[0])]
-    for place in places[1:]:
-        if math.log(place / ticks[-1]) >= distance:
-            ticks.append(float(place))
-    axis.set_ticks(ticks, [f"{tick:.3g}" for tick in ticks])
-    axis.set_ticks([], minor=True)
 
 
 def _text(value: Any) -> str:

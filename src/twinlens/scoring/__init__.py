@@ -1,6 +1,6 @@
 """Scoring of disparity maps: metrics, regions, protocols, and leaderboards. Works without mitsuba."""
 
-from twinlens.scoring.benchmark import Step, run_benchmark, spec_of
+from twinlens.scoring.benchmark import Step, run_benchmark
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure, Mean
 from twinlens.scoring.board_file import board_from_json, board_to_json, json_number, read_board, write_board
 from twinlens.scoring.evaluate import RegionScores, Scores, evaluate
@@ -71,7 +71,6 @@ __all__ = [
     "region_masks",
     "run_benchmark",
     "search_range",
-    "spec_of",
     "standings",
     "write_board",
 ]

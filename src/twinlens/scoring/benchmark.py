@@ -57,21 +57,17 @@ def run_benchmark(
     methods
         Objects with a unique `name` and `match(left, right, *, num_disparities, min_disparity)`; their `spec`, or else
         their name, must change whenever their results may change. Or `Submission`s.
-    protocol
-        One or several names of `PROTOCOLS`. Each map is computed once and scored by all. Protocols that need a
-        calibration skip samples without one.
-    regions
-        Names of `REGIONS`. A region is skipped for samples that lack the data it needs.
+    protocol, regions
+        One or several names of `PROTOCOLS`, and names of `REGIONS`. Each map is computed once and scored by all.
+        Protocols and regions are skipped for samples that lack the calibration or data they need.
     progress
         Called after every pair with a `Step`.
     time_limit, memory_limit, warm_up, warm_up_limit
         Limits of a match and its warm-up, see `runners.Runner`.
-    save, board
+    save, board, retry_failed
         The board's JSON file: read first if it exists (resume), written every few seconds and at the end, and locked
         against other runs. Or a board to resume instead. A pair is skipped if an entry agrees in method spec, sample
-        fingerprint, protocol and regions. Entries that disagree are replaced, all others are kept.
-    retry_failed
-        Run failed pairs again instead of keeping their failures.
+        fingerprint, protocol and regions, and is not a failure to retry. Entries that disagree are replaced.
     on_map, on_drop
         Called with (method name, sample name, disparity at the truth's size) for every computed map, and with (method
         name, sample name) for every earlier map that is no longer valid.

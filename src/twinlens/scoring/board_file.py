@@ -95,11 +95,7 @@ class BoardModel(StrictModel):
 
 
 def board_to_json(board: Board) -> str:
-    """The board as text.
-
-    >>> board_to_json(Board(title="empty")).splitlines()[1]
-    ' "format": "twinlens-board",'
-    """
+    """The board as text."""
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -124,11 +120,7 @@ def _plain(entry: Entry) -> dict[str, Any]:
 
 
 def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
-    """The board that `text` describes; FileError, which begins with `file`, if it is no valid board of this version.
-
-    >>> board_from_json(board_to_json(Board(title="empty"))).title
-    'empty'
-    """
+    """The board that `text` describes; FileError, which begins with `file`, if it is no valid board of this version."""
     data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
     model = read(BoardModel, decode_json(data, str(file), FORMAT, VERSION), file)
     try:

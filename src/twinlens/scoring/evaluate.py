@@ -97,10 +97,8 @@ def evaluate(
     ndisp
         Number of disparities at the resolution of `disp`. Middlebury v3 clips estimates to [0, ndisp] and counts those
         above 1000 ndisp as no estimate. None: no upper limit.
-    protocol
-        A name in `PROTOCOLS`, or a `Protocol`.
-    regions
-        Further regions: name -> (H, W) mask, bool or uint8.
+    protocol, regions
+        A name in `PROTOCOLS`, or a `Protocol`. Further regions: name -> (H, W) mask, bool or uint8.
     round_disparity
         Round estimates to whole pixels (halves away from zero) after clipping. None: under Middlebury v3 if the
         calibration has isint=1, as its script `runeval` does.
@@ -126,9 +124,8 @@ def evaluate(
         raise InputError(f"ndisp is {ndisp}: expected a positive number of disparities")
     if not math.isfinite(min_disparity):
         raise InputError(f"min_disparity is {min_disparity}: expected a finite number of pixels")
-    for name in RESERVED:
-        if name in (regions or {}):
-            raise InputError(f"region {name!r} is reserved: pass mask_nonocc, or use another name")
+    for name in set(RESERVED) & set(regions or {}):
+        raise InputError(f"region {name!r} is reserved: pass mask_nonocc, or use another name")
     truth, estimate = disparity_map("gt", gt), disparity_map("disp", disp)
     scale = upsampling(estimate.shape, truth.shape, rules)
     allowed = scale * min_disparity, math.inf if ndisp is None else scale * (min_disparity + ndisp)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import twinlens
 from twinlens.matching import MethodSpec, find_method, parse_method, split_methods
 
-PROGRAM_GRACE_S = 5.0
-"""Time beyond its limit that a worker gives to a program's matcher, which ends the program itself."""
+PROGRAM_GRACE_S = 5.0  # beyond the limit, for a program's matcher, which ends the program itself
 
 
 @dataclass(frozen=True)

@@ -17,20 +17,14 @@ from twinlens.errors import InputError, unknown
 Disparity = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 
-EVALUATED = 255
-"""Value of evaluated pixels in a uint8 mask (Middlebury v3, ETH3D)."""
-THRESHOLDS = (0.5, 1.0, 2.0, 4.0)
-"""Bad-pixel thresholds in pixels of the truth's resolution (Middlebury v3, ETH3D)."""
+EVALUATED = 255  # in a uint8 mask (Middlebury v3, ETH3D)
+THRESHOLDS = (0.5, 1.0, 2.0, 4.0)  # of bad pixels, in pixels of the truth's resolution (Middlebury v3, ETH3D)
 QUANTILES = (50, 90, 95, 99)
 TIMES = ("time", "time/MP", "time/GD")
 
 
 def disparity_map(name: str, values: ArrayLike) -> Disparity:
-    """`values` as an (H, W) float array in pixels, +inf where unknown; InputError for another shape, NaN or -inf.
-
-    >>> disparity_map("disp", [[1, 2]])
-    array([[1., 2.]])
-    """
+    """`values` as an (H, W) float array in pixels, +inf where unknown; InputError for another shape, NaN or -inf."""
     array = np.asarray(values)
     if array.ndim != 2 or array.size == 0:
         raise InputError(f"{name} has shape {array.shape}: expected (height, width), neither of them 0")
@@ -49,11 +43,7 @@ def disparity_map(name: str, values: ArrayLike) -> Disparity:
 
 
 def mask_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Mask:
-    """`values` as an (H, W) boolean mask, where 255 is True of uint8; InputError for another shape or dtype.
-
-    >>> mask_of("mask", np.array([[255, 128, 0]], np.uint8), (1, 3)).tolist()
-    [[True, False, False]]
-    """
+    """`values` as an (H, W) boolean mask, where 255 is True of uint8; InputError for another shape or dtype."""
     array = np.asarray(values)
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}: expected the truth's, {shape}")
@@ -66,11 +56,7 @@ def mask_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Mask:
 
 
 def percent(count: int, total: int) -> float:
-    """100 count / total.
-
-    >>> percent(1, 4), percent(0, 0)
-    (25.0, nan)
-    """
+    """100 count / total."""
     return 100.0 * count / total if total else math.nan
 
 
@@ -79,9 +65,6 @@ def error_sizes(errors: NDArray[np.float64]) -> dict[str, float]:
 
     A_q is sorted(errors)[floor(n q / 100)], without interpolation, as in ETH3D's evaluator (two-view-evaluation,
     `ComputeMetrics`). The index is computed in integers.
-
-    >>> error_sizes(np.array([4.0, 1.0, 3.0, 2.0]))
-    {'avgerr': 2.5, 'rms': 2.7386127875258306, 'A50': 3.0, 'A90': 4.0, 'A95': 4.0, 'A99': 4.0}
     """
     if not errors.size:
         return dict.fromkeys(SIZES, math.nan)

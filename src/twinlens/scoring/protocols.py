@@ -65,11 +65,7 @@ class Protocol:
     needs_calibration: bool = False
 
     def lines(self) -> Mapping[str, str]:
-        """Description for tables and board files, label -> text.
-
-        >>> PROTOCOLS["eth3d"].lines()["clip"]
-        'none'
-        """
+        """Description for tables and board files, label -> text."""
         names = ("denominator", "invalid", "clip", "resolution", "source")
         return {"protocol": f"{self.title} ({self.name})", **{name: getattr(self, name) for name in names}}
 

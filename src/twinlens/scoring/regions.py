@@ -18,8 +18,7 @@ from twinlens.errors import unknown
 from twinlens.scoring.metrics import Mask, disparity_map, mask_of
 from twinlens.scoring.samples import Pair
 
-HIDDEN = 128
-"""Value of a uint8 visibility mask for a known pixel that is not visible in the partner camera."""
+HIDDEN = 128  # in a uint8 visibility mask: a known pixel that is not visible in the partner camera
 TEXTURE_WINDOW, TEXTURE_LIMIT = 3, 4.0
 JUMP, JUMP_WINDOW = 2.0, 9
 BLUR_LIMIT_PX = 2.0
@@ -30,9 +29,6 @@ def textureless(image: NDArray[np.uint8], window: int = TEXTURE_WINDOW, limit: f
 
     A pixel's squared difference is the larger of those to its left and right neighbours, averaged over the channels.
     At the border the image is extended by its edge pixels. image: uint8 (H, W) or (H, W, 3), W >= 2.
-
-    >>> textureless(np.array([[10, 10, 10, 10, 10, 200, 10]], np.uint8)).tolist()
-    [[True, True, True, False, False, False, False]]
     """
     channels = image.reshape(*image.shape[:2], -1).astype(np.int64)
     steps = (np.diff(channels, axis=1) ** 2).sum(axis=2)
@@ -48,9 +44,6 @@ def discontinuity(gt: ArrayLike, window: int = JUMP_WINDOW) -> Mask:
     """Pixels within an odd window of a jump of the true disparity, |d - d'| >= 2 px between 4-neighbours.
 
     Differences to unknown pixels are not jumps.
-
-    >>> discontinuity([[5.0, 5.0, 5.0, 9.0, 9.0]], window=3).tolist()
-    [[False, True, True, True, True]]
     """
     truth = disparity_map("gt", gt)
     known = np.where(np.isfinite(truth), truth, np.nan)
@@ -66,32 +59,20 @@ def discontinuity(gt: ArrayLike, window: int = JUMP_WINDOW) -> Mask:
 
 
 def occluded(mask_nonocc: NDArray[Any]) -> Mask:
-    """Known pixels not visible in the right camera: 128 of a uint8 mask (255 visible, 0 unknown), False of a bool mask.
-
-    >>> occluded(np.array([[255, 128, 0]], np.uint8)).tolist()
-    [[False, True, False]]
-    """
+    """Known pixels not visible in the right camera: 128 of a uint8 mask (255 visible), False of a bool mask."""
     hidden: Mask = mask_nonocc == (False if mask_nonocc.dtype == np.bool_ else HIDDEN)
     return hidden
 
 
 def out_of_focus(blur_px: ArrayLike) -> Mask:
-    """Pixels whose blur circle is wider than 2 px; (H, W) diameters, signed or unsigned, False where not finite.
-
-    >>> out_of_focus([[-3.0, 1.0, np.inf]]).tolist()
-    [[True, False, False]]
-    """
+    """Pixels whose blur circle is wider than 2 px; (H, W) diameters, signed or unsigned, False where not finite."""
     size = np.abs(np.asarray(blur_px, np.float64))
     mask: Mask = np.isfinite(size) & (size > BLUR_LIMIT_PX)
     return mask
 
 
 def distance_bands(gt: ArrayLike) -> tuple[Mask, Mask, Mask]:
-    """(near, mid, far): the upper, middle and lower third of the range of the known true disparities.
-
-    >>> [band.tolist() for band in distance_bands([[1.0, 2.0, 4.0, np.inf]])]
-    [[[False, False, True, False]], [[False, False, False, False]], [[True, True, False, False]]]
-    """
+    """(near, mid, far): the upper, middle and lower third of the range of the known true disparities."""
     truth = disparity_map("gt", gt)
     known = np.isfinite(truth)
     least, most = (float(truth[known].min()), float(truth[known].max())) if known.any() else (0.0, 0.0)

@@ -49,7 +49,6 @@ class Method(Protocol):
 
         The search covers min_disparity to min_disparity + num_disparities - 1.
         """
-        ...
 
 
 @dataclass(frozen=True)

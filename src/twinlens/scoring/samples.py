@@ -111,9 +111,6 @@ def search_range(bound: int, calibration: Calibration | None, truth: Disparity) 
     """(ndisp, min_disparity) for disparities below `bound`.
 
     min_disparity is 0 unless the calibration's vmin, or without one the truth, is negative.
-
-    >>> search_range(4, None, np.array([[-1.5, 3.0]])), search_range(4, None, np.array([[1.0, np.inf]]))
-    ((6, -2), (4, 0))
     """
     low = None if calibration is None else calibration.vmin
     if low is None or not math.isfinite(low):
@@ -131,13 +128,7 @@ def _optional(read: Callable[[], Any]) -> Any:
 
 
 def fingerprint(sample: Pair) -> str:
-    """SHA-256 of everything a score depends on: images, truth, mask, search range, calibration and region maps.
-
-    >>> image, truth = np.zeros((1, 1), np.uint8), np.ones((1, 1), np.float32)
-    >>> a, b = Pair("a", image, image, truth, None, 4), Pair("b", image, image, truth, None, 4)
-    >>> fingerprint(a) == fingerprint(b), fingerprint(a) == fingerprint(Pair("a", image, image, truth, None, 5))
-    (True, False)
-    """
+    """SHA-256 of everything a score depends on: images, truth, mask, search range, calibration and region maps."""
     search = {"ndisp": int(sample.ndisp)} | ({"min_disparity": sample.min_disparity} if sample.min_disparity else {})
     digest = hashlib.sha256(f"{search} {sample.calibration}".encode())
     for array in (sample.im0, sample.im1, sample.disp0, sample.mask0_nonocc, sample.blur0, sample.material_kind0):
@@ -147,12 +138,7 @@ def fingerprint(sample: Pair) -> str:
 
 
 def lens_label(lens: object) -> str:
-    """A lens in a few words: its aperture and focus distance.
-
-    >>> from twinlens.camera import Pinhole, ThinLens
-    >>> lens_label(Pinhole()), lens_label(ThinLens(0.02, 1.5))
-    ('pinhole', 'lens 20 mm at 1.5 m')
-    """
+    """A lens in a few words: its aperture and focus distance."""
     diameter, focus = getattr(lens, "aperture_diameter", None), getattr(lens, "focus_distance", None)
     if not diameter:
         return "pinhole"

@@ -69,11 +69,7 @@ class MapFolder:
 
 
 def file_name(name: str) -> str:
-    """A safe file name: `name` itself if it is plain, else its plain characters and eight digits of its SHA-256.
-
-    >>> file_name("sad-9"), file_name("../x")[:2], file_name("../x") == file_name("./x")
-    ('sad-9', 'x-', False)
-    """
+    """A safe file name: `name` itself if it is plain, else its plain characters and eight digits of its SHA-256."""
     if re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.=-]{0,60}", name):
         return name
     plain = re.sub(r"[^A-Za-z0-9_=-]+", "-", name).strip("-")[:40] or "name"

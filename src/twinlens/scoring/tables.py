@@ -116,10 +116,7 @@ def comparison_table(board: Board, protocol: str, region: str, groups: Groups) -
 
 
 def failures(board: Board, methods: Collection[str] | None = None) -> list[str]:
-    """One line per failed pair (not per protocol): method, sample, kind and message.
-
-    methods: names of the methods to list, None for all.
-    """
+    """One line per failed pair of these methods, None for all: method, sample, kind and message."""
     listed = [e for e in board.entries if methods is None or e.method in methods]
     found = {(e.method, e.sample): e.failure for e in listed if e.failure is not None}
     return [f"{method} on {sample}: {failure.kind} ({failure.message})" for (method, sample), failure in found.items()]
