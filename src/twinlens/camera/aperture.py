@@ -47,11 +47,7 @@ def concentric(u1: Any, u2: Any, xp: Any = NUMPY) -> tuple[Any, Any]:
 
 
 def on_ring(u1: Any, u2: Any, inner2: Any, outer2: Any, xp: Any) -> tuple[Any, Any]:
-    """Points (x, y) uniform in the ring between the squared radii `inner2` and `outer2`, by the concentric map.
-
-    >>> [float(c) for c in on_ring(1.0, 0.5, 0.25, 1.0, NUMPY)]
-    [1.0, 0.0]
-    """
+    """Points (x, y) uniform in the ring between the squared radii `inner2` and `outer2`, by the concentric map."""
     radius, turn = concentric(u1, u2, xp)
     return _from_polar(xp.sqrt(inner2 + (outer2 - inner2) * radius * radius), turn, xp)
 

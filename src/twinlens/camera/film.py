@@ -17,8 +17,7 @@ formats and sizes in Wikipedia, Image sensor format; 36 x 24 mm is the image siz
 def film_image(image: NDArray[Any]) -> NDArray[Any]:
     """`image` (H, W, ...) rotated by 180 degrees: the image on the film behind the aperture, seen from behind.
 
-    twinlens renders the upright image of a film in front of the aperture. A point at (X, Y) of it is at (-X, -Y) on the
-    real film; from inside the camera, facing the film, it is mirrored as well. The principal point (cx, cy) becomes
+    twinlens renders the upright image of a film in front of the aperture. The principal point (cx, cy) becomes
     (W - 1 - cx, H - 1 - cy). The function is its own inverse.
 
     >>> film_image(np.array([[1, 2], [3, 4]])).tolist()

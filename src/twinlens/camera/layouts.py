@@ -39,8 +39,7 @@ def grid(
 ) -> Rig:
     """``rows * columns`` parallel cameras, row by row from the first at the top left; spacings in metres.
 
-    Camera (row, column) has index ``row * columns + column`` at (column spacing_x, row spacing_y, 0) of the first
-    one's frame: x right, y down.
+    Camera (row, column) is at (column spacing_x, row spacing_y, 0) of the first one's frame: x right, y down.
     """
     check_int("rows", rows, 1)
     check_int("columns", columns, 1)

@@ -41,8 +41,7 @@ def ideal_pixels(camera: Camera, pixels: ArrayLike) -> Float:
     """
     measured = np.asarray(pixels, dtype=np.float64)
     if measured.shape[-1:] != (2,) or not np.isfinite(measured).all():
-        allowed = "finite and of shape (..., 2)"
-        raise InputError(f"pixels must be {allowed}, got shape {measured.shape}: leave out invisible points")
+        raise InputError(f"pixels must be finite, (..., 2), got shape {measured.shape}: leave out invisible points")
     if camera.distortion is None:
         return measured
     ideal = camera.unproject(measured)[..., :2] * (camera.fx, camera.fy) + (camera.cx, camera.cy)

@@ -30,9 +30,7 @@ FITS = ("focal", "all", "valid")
 class Rectification:
     """A pair and its rectified pair. `side` is 0 for the first camera, 1 for the second.
 
-    pair : Rig of two, the original cameras.
-    aligned_rig : Rig of two, rectified exactly: ``aligned_rig.is_rectified()``.
-    rectified_rig : Rig of two, the cameras of the rectified images; `aligned_rig` with the misalignment, if any.
+    `aligned_rig` is rectified exactly; `rectified_rig`, that of the images, is misaligned if this was asked for.
     """
 
     pair: Rig

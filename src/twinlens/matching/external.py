@@ -239,11 +239,7 @@ class Program(RangeMatcher):
 
 
 def _format_status(status: int) -> str:
-    """How a program ended, from its exit status.
-
-    >>> _format_status(3), _format_status(-11)
-    ('exited with status 3', 'was killed by SIGSEGV')
-    """
+    """How a program ended, from its exit status; negative: a signal."""
     if status >= 0:
         return f"exited with status {status}"
     name = next((each.name for each in signal.Signals if each == -status), f"signal {-status}")

@@ -89,12 +89,7 @@ def levels(left: Image, right: Image) -> tuple[NDArray[np.int32], NDArray[np.int
 
 
 def extended(image: Image, rows: tuple[int, int], columns: tuple[int, int]) -> Image:
-    """image[rows[0]:rows[1], columns[0]:columns[1]], where pixels outside the image repeat the nearest edge pixel.
-
-    >>> extended(np.array([[1, 2]]), (-1, 1), (-2, 3))
-    array([[1, 1, 1, 2, 2],
-           [1, 1, 1, 2, 2]])
-    """
+    """image[rows[0]:rows[1], columns[0]:columns[1]], where pixels outside the image repeat the nearest edge pixel."""
     height, width = image.shape
     taken = image.take(np.clip(np.arange(*rows), 0, height - 1), axis=0)
     return taken.take(np.clip(np.arange(*columns), 0, width - 1), axis=1)

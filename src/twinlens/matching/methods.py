@@ -208,11 +208,7 @@ def _option(part: str, text: str, method: Method, first: bool) -> tuple[str, Any
 
 
 def option_text(value: Any) -> str:
-    """A default as a method text writes it: none, true, 1e-4; "" for an option that must be given.
-
-    >>> option_text(None), option_text(True), option_text(2.0)
-    ('none', 'true', '2')
-    """
+    """A default as a method text writes it: none, true, 1e-4; "" for an option that must be given."""
     if isinstance(value, bool) or value is None:
         return str(value).lower()
     return f"{value:g}" if isinstance(value, float) else str(value)

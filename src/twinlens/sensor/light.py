@@ -31,10 +31,7 @@ class ParaxialWarning(UserWarning):
 
 
 def warn_below_f1(camera: Camera, lens: Lens, stacklevel: int) -> None:
-    """Give a `ParaxialWarning` for a lens of v/A < 1.
-
-    For exposures given by the user: an automatic exposure compensates for the excess.
-    """
+    """Give a `ParaxialWarning` for a lens of v/A < 1; for given exposures, as automatic ones compensate."""
     number = math.inf if isinstance(lens, BareAperture) else working_f_number(camera, lens, math.inf)
     if number < 1:
         warnings.warn(
