@@ -328,12 +328,8 @@ def _schema() -> Any:
     fields = [("name", pa.string()), *((name, image) for name in IMAGES)]
     fields += [(name, pa.int32() if name in ("width", "height", "ndisp") else pa.float64()) for name in NUMBERS]
     fields.append(("record", pa.string()))
-    features = {
-        name: {"_type": "Image"}
-        if kind == image
-        else {"dtype": str(kind).replace("double", "float64"), "_type": "Value"}
-        for name, kind in fields
-    }
+    types = {name: {"dtype": str(kind).replace("double", "float64"), "_type": "Value"} for name, kind in fields}
+    features = types | {name: {"_type": "Image"} for name in IMAGES}
     return pa.schema(fields, metadata={"huggingface": json.dumps({"info": {"features": features}})})
 
 

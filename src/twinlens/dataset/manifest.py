@@ -14,7 +14,7 @@ import pydantic
 
 import twinlens
 from twinlens.dataset.files import check_relative, files_below, is_hidden, read_bytes, write_file
-from twinlens.dataset.record import FileModel, decode_json, encode_json, plain, read, read_json
+from twinlens.dataset.record import FileModel, decode_json, encode_json, read, read_json
 from twinlens.dataset.storage import Place, Where, is_whole, place
 from twinlens.errors import FileError, InputError
 
@@ -73,15 +73,9 @@ class RowFile(FileModel):
 
 def write_manifest(folder: Where, manifest: Manifest) -> None:
     """Write `folder`/dataset.json atomically. The same manifest gives the same bytes. Raises OutputError."""
-    record = {
-        "format": KIND,
-        "version": VERSION,
-        "twinlens": twinlens.__version__,
-        "seed": manifest.seed,
-        "recipe": plain(manifest.recipe),
-        "info": plain(manifest.info),
-        "samples": [{"name": row.name, "files": row.files, "info": row.info} for row in manifest.rows],
-    }
+    record: dict[str, Any] = {"format": KIND, "version": VERSION, "twinlens": twinlens.__version__}
+    record |= {"seed": manifest.seed, "recipe": manifest.recipe, "info": manifest.info}
+    record["samples"] = [{"name": row.name, "files": row.files, "info": row.info} for row in manifest.rows]
     write_file(place(folder) / NAME, encode_json(record))
 
 

@@ -92,8 +92,8 @@ def read_colmap(folder: FilePath) -> NamedRig:
     for _, camera, _, _ in images:
         if camera not in cameras:
             raise FileError(f"{path}: refers to camera {camera}, which cameras.txt does not have")
-    rig = Rig([cameras[camera] for _, camera, _, _ in images], [pose for _, _, _, pose in images])
-    return NamedRig(rig, tuple(name for _, _, name, _ in images))
+    _, used, names, poses = zip(*images, strict=True)
+    return NamedRig(Rig([cameras[camera] for camera in used], poses), names)
 
 
 def write_transforms(path: FilePath, rig: Rig, names: Sequence[str] | None = None) -> None:
@@ -109,12 +109,9 @@ def write_transforms(path: FilePath, rig: Rig, names: Sequence[str] | None = Non
         model = "OPENCV_FISHEYE" if isinstance(camera.distortion, KannalaBrandt) else "OPENCV"
         values = asdict(camera.distortion) if camera.distortion is not None else {}
         if model == "OPENCV" and any(values.pop(name, 0.0) for name in ("k4", "k5", "k6")):
-            raise InputError(
-                "transforms.json cannot hold k4, k5, k6 (rational distortion): write COLMAP's or OpenCV's format"
-            )
-        values = {name: values[name] for name in sorted(values)}
-        matrix = {"transform_matrix": (pose @ _OPENGL).tolist()}
-        frames.append({"file_path": name, **size, **center, "camera_model": model, **values, **matrix})
+            raise InputError("transforms.json cannot hold k4, k5, k6 (rational distortion): use COLMAP or OpenCV files")
+        frame = {"file_path": name, **size, **center, "camera_model": model, **dict(sorted(values.items()))}
+        frames.append(frame | {"transform_matrix": (pose @ _OPENGL).tolist()})
     table = {"camera_model": frames[0]["camera_model"], "frames": frames}
     write_file(path, (json.dumps(table, indent=1) + "\n").encode())
 
@@ -142,8 +139,8 @@ def write_opencv(path: FilePath, rig: Rig) -> None:
     text = ["%YAML:1.0", "---"]
     for i, camera in enumerate(rig.cameras, 1):
         coefficients = (0.0,) * 5 if camera.distortion is None else camera.distortion.coefficients
-        text += [f"size{i}: [ {camera.width}, {camera.height} ]"]
-        text += [f"fisheye{i}: {int(isinstance(camera.distortion, KannalaBrandt))}"]
+        fisheye = int(isinstance(camera.distortion, KannalaBrandt))
+        text += [f"size{i}: [ {camera.width}, {camera.height} ]", f"fisheye{i}: {fisheye}"]
         text += [_yaml_matrix(f"M{i}", camera.K), _yaml_matrix(f"D{i}", [coefficients])]
     second_from_first = rig.b_from_a(0, 1)
     text += [_yaml_matrix("R", second_from_first[:3, :3]), _yaml_matrix("T", second_from_first[:3, 3:])]
@@ -266,10 +263,9 @@ def _yaml_matrix(name: str, values: ArrayLike) -> str:
 def _yaml_nodes(text: str) -> dict[str, Float]:
     """Matrices, lists of numbers and numbers at the top level, by name; other nodes are ignored."""
     nodes: dict[str, Float] = {}
-    found: list[tuple[str, tuple[int, ...], str]] = []
-    found += [(name, (int(rows), int(cols)), data) for name, rows, cols, data in _YAML_MATRIX.findall(text)]
-    found += [(name, (-1,), many or one) for name, many, one in _YAML_NUMBERS.findall(text)]
-    for name, shape, data in found:
+    matrices = ((name, (int(rows), int(cols)), data) for name, rows, cols, data in _YAML_MATRIX.findall(text))
+    numbers = ((name, (-1,), many or one) for name, many, one in _YAML_NUMBERS.findall(text))
+    for name, shape, data in (*matrices, *numbers):
         with contextlib.suppress(ValueError):  # not numbers, or not as many as the shape needs
             nodes.setdefault(name, np.array([float(word) for word in data.replace(",", " ").split()]).reshape(shape))
     return nodes

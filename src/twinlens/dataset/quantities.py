@@ -36,9 +36,9 @@ def statistics(sample: "Sample") -> Statistics:
     disparity (px), depth (m) : 33 quantiles of the known values, from minimum to maximum; empty if none is known.
     blur_px : for each lens, the quantiles of the blur circle's diameter.
     visible, occluded, unknown : fractions of the pixels; their sum is 1.
-    size, cameras, lenses : width and height of the left image, and counts.
+    size, cameras, lenses : width and height of the left image, and counts; a sample without truth has only these.
 
-    At most 65,536 pixels on an even grid are used. A sample without truth has counts only.
+    At most 65,536 pixels on an even grid are used.
     """
     truth = sample.truths[0] if sample.truths else None
     maps = None if truth is None else (truth.disparity, truth.depth, truth.mask_nonocc())
