@@ -8,7 +8,7 @@ import pytest
 
 from twinlens.camera import BareAperture
 from twinlens.studies import STUDIES, depth_error, focus, pinhole
-from twinlens.studies.pinhole.light import exposed_rate, film_light
+from twinlens.studies.pinhole.film import exposed_rate, film_light
 from twinlens.studies.table import table
 
 
@@ -44,7 +44,7 @@ def test_path_traced_light_equals_the_integral_over_the_hole(diameter, spp):
 @pytest.mark.slow
 def test_blur_over_disparity_has_slope_aperture_over_baseline():
     rows = table(STUDIES["focus"].all_columns, [row for seed in (0, 1) for row in focus._line(seed)])
-    finding = focus.slope_of_blur(rows)
+    finding = focus.conclude(rows)[0]
     assert finding.holds, finding.sentence
     assert finding.tolerance == 0.01
 
@@ -53,7 +53,7 @@ def test_blur_over_disparity_has_slope_aperture_over_baseline():
 def test_depth_error_grows_as_the_square_of_depth():
     setup = replace(STUDIES["baseline"].defaults, methods=("sad", "census"), seeds=(0,))
     rows = [row for base in (0.06, 0.24) for row in depth_error.plane_rows(setup, 0, base, 50.0)]
-    for finding in depth_error.exponents_of_depth(table(STUDIES["baseline"].all_columns, rows)):
+    for finding in depth_error.BY_BASELINE.conclude(table(STUDIES["baseline"].all_columns, rows))[:2]:
         assert finding.holds, finding.sentence
         assert finding.tolerance == 0.05
 

@@ -187,8 +187,8 @@ def test_study_returns_the_table():
         ("window", {"first_seed": -1}, "at least one seed"),
         ("window", {"scenes": ("cards", "cards")}, "must be distinct"),
         ("window", {"spp": 0}, "spp"),
-        ("texture", {"width": 63}, "width of a study must be an integer >= 64, got 63"),
-        ("window", {"width": 64, "height": 47}, "height of a study must be an integer >= 48, got 47"),
+        ("texture", {"width": 63}, "width of a study must be a whole number >= 64, got 63"),
+        ("window", {"width": 64, "height": 47}, "height of a study must be a whole number >= 48, got 47"),
         ("no/such.py", {}, "no such file"),
     ],
 )

@@ -1,12 +1,12 @@
 """Accuracy and completeness of a reconstruction in millimetres, after DTU and ETH3D.
 
-Accuracy: distances from the reconstruction to the true surface; completeness: from the true surface to the
-reconstruction. Sources: Jensen et al., Large scale multi-view stereopsis evaluation, CVPR 2014, and its evaluation
-code; Schoeps et al., A multi-view stereo benchmark with high-resolution images and multi-camera videos, CVPR 2017. For
-the differences see docs/reconstruction.md.
+Accuracy: distances from the reconstruction to the true surface; completeness: the reverse. Sources: Jensen et al.,
+Large scale multi-view stereopsis evaluation, CVPR 2014; Schoeps et al., A multi-view stereo benchmark with
+high-resolution images and multi-camera videos, CVPR 2017. For the differences see docs/reconstruction.md.
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -14,7 +14,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from twinlens.errors import InputError, check_number
-from twinlens.geometry import Float
 from twinlens.reconstruction.fusion import thinned
 from twinlens.reconstruction.surface import Cloud
 
@@ -83,16 +82,19 @@ def compare(
     to_truth = 1e3 * cKDTree(true.points).query(reconstructed.points)[0]
     from_truth = 1e3 * cKDTree(reconstructed.points).query(true.points)[0]
     near, near_truth = (d[d <= max_distance_mm] for d in (to_truth, from_truth))
+    (mean, median), (mean_of_truth, median_of_truth) = (
+        (float(np.mean(d)), float(np.median(d))) if d.size else (math.inf, math.inf) for d in (near, near_truth)
+    )
     shares = []
     for tolerance in map(float, tolerances_mm):
         a, c = float((to_truth <= tolerance).mean()), float((from_truth <= tolerance).mean())
         shares.append(Share(tolerance, a, c, 2 * a * c / (a + c) if a + c else 0.0))
     return Comparison(
-        accuracy_mean_mm=_or_inf(np.mean, near),
-        accuracy_median_mm=_or_inf(np.median, near),
+        accuracy_mean_mm=mean,
+        accuracy_median_mm=median,
         accuracy_outliers=1 - len(near) / len(to_truth),
-        completeness_mean_mm=_or_inf(np.mean, near_truth),
-        completeness_median_mm=_or_inf(np.median, near_truth),
+        completeness_mean_mm=mean_of_truth,
+        completeness_median_mm=median_of_truth,
         completeness_outliers=1 - len(near_truth) / len(from_truth),
         shares=tuple(shares),
         points=len(to_truth),
@@ -100,7 +102,3 @@ def compare(
         max_distance_mm=float(max_distance_mm),
         spacing_mm=spacing_mm,
     )
-
-
-def _or_inf(statistic: Callable[[Float], Any], values: Float) -> float:
-    return float(statistic(values)) if len(values) else float("inf")

@@ -42,9 +42,9 @@ def fuse(
         cloud = points_of(view)
         agree = sum((_agrees(other, cloud.points, tolerance).astype(int) for other in others), np.ones(len(cloud), int))
         points.append(cloud.points[agree >= min_views])
-        colors.append(None if cloud.colors is None else cloud.colors[agree >= min_views])
-    known = [each for each in colors if each is not None]
-    whole = Cloud(np.concatenate(points), np.concatenate(known) if len(known) == len(views) else None)
+        if cloud.colors is not None:
+            colors.append(cloud.colors[agree >= min_views])
+    whole = Cloud(np.concatenate(points), np.concatenate(colors) if len(colors) == len(views) else None)
     return whole if spacing is None else thinned(whole, spacing)
 
 
@@ -107,16 +107,14 @@ def integrate(
         count = " x ".join(f"{side:g}" for side in shape)
         raise InputError(f"cells of {cell} m make {count}, more than 64 million: use larger cells or smaller bounds")
     shape = [int(side) for side in shape]
-    colored = all(view.image is not None for view in views)
-    distance, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    colors = np.zeros((*shape, 3), np.float32) if colored else None
-    volume = Volume(low, cell, reach, distance, weight, colors)
-    weights = [_pixel_weights(view) for view in views]
+    colors = np.zeros((*shape, 3), np.float32) if all(view.image is not None for view in views) else None
+    volume = Volume(low, cell, reach, np.zeros(shape, np.float32), np.zeros(shape, np.float32), colors)
+    weighted = [(view, _pixel_weights(view)) for view in views]
     j, k = np.mgrid[: shape[1], : shape[2]]
     for i in range(shape[0]):  # one slab at a time bounds the memory
         centres = low + cell * np.stack([np.full_like(j, i), j, k], axis=-1)
-        for view, pixel_weights in zip(views, weights, strict=True):
-            _add_view(view, pixel_weights, centres, volume, i)
+        for view, weights in weighted:
+            _add_view(view, weights, centres, volume, i)
     return volume
 
 
@@ -151,10 +149,7 @@ def _agrees(view: DepthView, points: Float, tolerance: float) -> NDArray[np.bool
 
 
 def _pixel_weights(view: DepthView) -> Float:
-    """Weight of each pixel (H, W): the cosine between its ray and the surface normal, at least `_MIN_WEIGHT`.
-
-    At grazing incidence the distance along the ray exceeds the distance to the surface.
-    """
+    """Weight of each pixel (H, W): the cosine between its ray and the surface normal, at least `_MIN_WEIGHT`."""
     points = view.positions()
     with np.errstate(invalid="ignore"):
         normal = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=0))

@@ -1,8 +1,7 @@
 """`baseline` and `focal-length`: how the depth error depends on distance, baseline and focal length.
 
 A disparity error sigma_d gives the depth error z^2 / (f B) sigma_d (Gallup, Frahm, Mordohai and Pollefeys, Variable
-Baseline/Resolution Stereo, CVPR 2008, equation 3). Textured planes whose print has the same size in pixels at every
-depth test the assumption that sigma_d does not depend on z. Bundled scenes give wrong pixels and occlusion.
+Baseline/Resolution Stereo, CVPR 2008, equation 3), tested with textured planes. Scenes give wrong pixels and occlusion.
 """
 
 import itertools
@@ -14,20 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Pinhole
+from twinlens.geometry import Float
 from twinlens.scenes import Scene, load_scene
 from twinlens.sensor import Sensor
 from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, is_above, power_law, sweep
 from twinlens.studies.stage import Stage, centred_camera, noise_planes, stream
 from twinlens.studies.table import Column, Row, Table, log_slope, over_scenes
 
-Float = NDArray[np.float64]
-
-DEPTHS = tuple(2.0 ** (k / 2) for k in range(7))
-"""Of the planes, metres: 1 to 8."""
+DEPTHS = tuple(2.0 ** (k / 2) for k in range(7))  # of the planes, metres
 PLANE_SIZE = (160, 120)
 _RIM = 12
-PLANES, SCENES = "planes", "scenes"
-"""Values of the column "part"."""
+PLANES, SCENES = "planes", "scenes"  # values of the column "part"
 TOLERANCE = 0.05
 SENSOR = Sensor.preset("machine_vision")
 
@@ -62,12 +58,17 @@ class Sweep:
         return Measured(rows, notes={"plane_pairs": self.planes, "factors": self.factors})
 
     def conclude(self, table: Table) -> list[Finding]:
-        """Exponents of the depth error in z and in the swept quantity."""
+        """Exponents of the depth error in z (2 if the disparity error is constant) and in the swept quantity."""
         planes = table.where(part=PLANES)
+        exponents = [
+            power_law(f"{method}: the depth error is proportional to z^p with p = {{}}", planes.where(method=method),
+                      "z_m", "depth_error_mm", 2.0, TOLERANCE, ["baseline_mm", "fx_px"])
+            for method in table.values("method")
+        ]  # fmt: skip
         text = f"The depth error is proportional to {self.symbol}^p with p = {{}}"
         fixed = ["method", "z_m", *({"baseline_mm", "fx_px"} - {self.column})]
         swept = power_law(text, planes, self.column, "depth_error_mm", -1.0, TOLERANCE, fixed)
-        return [*exponents_of_depth(table), law_residual(planes), swept]
+        return [*exponents, law_residual(planes), swept]
 
     def figures(self, quantity: str) -> tuple[Figure, ...]:
         """The depth error of planes, and the wrong pixels of bundled scenes."""
@@ -100,7 +101,10 @@ def plane_rows(setup: Setup, seed: int, baseline: float, fov_x_deg: float) -> li
             pictures = stage.expose(stage.photograph(Pinhole(), setup.spp, draw), Pinhole(), draw, SENSOR)
             for method in setup.methods:
                 errors[method, z].append(_errors(stage, stage.match(pictures, method)))
-    deviations = {place: robust_deviation(np.hstack(each)) for place, each in errors.items()}
+    deviations = {}  # the standard deviation of normal errors is 1.4826 times their median absolute value
+    for place, each in errors.items():
+        found = np.abs(np.hstack(each))
+        deviations[place] = 1.4826 * np.median(found, axis=1) if found.size else np.full(2, math.nan)
     rows: list[Row] = []
     for (method, z), (metres, pixels) in deviations.items():
         typical = math.sqrt(float(np.mean([deviations[method, depth][1] ** 2 for depth in DEPTHS])))
@@ -121,27 +125,12 @@ def _errors(stage: Stage, found: NDArray[np.float32]) -> Float:
     return np.stack([depth - stage.truth.depth[used], (disparity - true)[used]])
 
 
-def robust_deviation(errors: Float) -> Float:
-    """1.4826 times the median absolute error along the last axis: the standard deviation of normal errors."""
-    return 1.4826 * np.median(np.abs(errors), axis=-1) if errors.size else np.full(errors.shape[:-1], math.nan)
-
-
 def occluded_percent(stage: Stage) -> float:
     """Percentage of occluded pixels among the left pixels whose partner is inside the right image."""
     disparity = stage.truth.disparity
     partner = np.arange(stage.camera.width) - disparity
     inside = np.isfinite(disparity) & (partner >= 0) & (partner <= stage.camera.width - 1)
     return 100.0 * float((inside & ~stage.truth.visible).sum() / inside.sum())
-
-
-def exponents_of_depth(table: Table) -> list[Finding]:
-    """For every matcher: the exponent of the depth error in z, which is 2 if the disparity error is constant."""
-    return [
-        power_law(f"{method}: the depth error is proportional to z^p with p = {{}}",
-                  table.where(part=PLANES, method=method), "z_m", "depth_error_mm", 2.0, TOLERANCE,
-                  ["baseline_mm", "fx_px"])
-        for method in table.values("method")
-    ]  # fmt: skip
 
 
 def law_residual(planes: Table) -> Finding:
@@ -176,8 +165,6 @@ _COLUMNS = (
     Column("totbad2", "%", "wrong by > 2 px or unknown"),
 )
 _DEFAULTS = Setup(("staircase", "tabletop", "cards"), ("sad", "zncc", "census", "sgm"), (0, 1, 2), spp=16)
-
-
 BASELINE = Study(
     name="baseline",
     question="How do depth error and occlusion depend on the baseline?",

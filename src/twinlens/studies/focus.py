@@ -1,35 +1,28 @@
 """`focus`: where to focus a stereo pair, the law of blur and disparity, and two cameras with different focus.
 
 Blur and disparity obey c = (A/B) |d - d_focus| (Schechner and Kiryati, Depth from Defocus vs. Stereo, IJCV 39(2),
-2000). It is tested on lamps, small spheres at known depths, without texture, matcher or ground truth: the image of a
-lamp through a wide lens is a disk, whose diameter follows from its variance, and the distance between its two images
-is its disparity.
+2000), tested on lamps: small spheres at known depths, which a wide lens images as disks.
 """
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from twinlens.camera import Lens, Rig, ThinLens
+from twinlens.geometry import Float
 from twinlens.rendering import render, render_lens_grid
 from twinlens.sensor import Sensor
 from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, compared, predicted, sweep
 from twinlens.studies.stage import GLOW, Stage, centred_camera, glowing, stream
 from twinlens.studies.table import Column, Row, Table, over_scenes, paired_difference
 
-Float = NDArray[np.float64]
-
-FOCI = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Focus positions in 1/z, from the far end (0) to the near end (1) of a scene's depth range."""
-BLURS_PX = (1.5, 3.0, 6.0, 12.0)
-"""Apertures, given as the blur of the near end, in pixels, with the focus at the far end."""
+FOCI = (0.0, 0.25, 0.5, 0.75, 1.0)  # in 1/z, from the far end (0) to the near end (1) of the depth range
+BLURS_PX = (1.5, 3.0, 6.0, 12.0)  # apertures, as the blur of the near end with the focus at the far end
 MISMATCH_BLUR_PX = 6.0
 LINE_APERTURE, LINE_BASELINE, LINE_FOCUS = 0.08, 0.08, 2.0
 LINE_DEPTHS = (0.8, 1.0, 1.25, 1.6, 2.6, 3.5, 5.0, 9.0)
-LAMP_PX = 3.0
-"""Diameter of a lamp's image through a pinhole, pixels."""
+LAMP_PX = 3.0  # diameter of a lamp's image through a pinhole
 SENSOR = Sensor.preset("machine_vision")
 _LINE_SPP = 1024
 _SLOPE_TOLERANCE = 0.01
@@ -102,22 +95,18 @@ def _rows(setup: Setup, stage: Stage, seed: int) -> list[Row]:
 
 def conclude(table: Table) -> list[Finding]:
     """The slope of blur over disparity; the best focus; different focus against equal focus."""
-    methods = [str(name) for name in table.where(part="map").values("method")]
-    return [
-        slope_of_blur(table.where(part="line")),
-        *(_best_focus(table, method) for method in methods),
-        *(_worse_if_different(table, method) for method in methods),
-    ]
-
-
-def slope_of_blur(rows: Table) -> Finding:
-    """The slope of the blur of lamps over the disparity from the focus, which is A/B."""
 
     def slope(unit: Table) -> float:
         return float(np.polyfit(np.abs(unit.numbers("defocus_px")), unit.numbers("blur_px"), 1)[0])
 
+    methods = [str(name) for name in table.where(part="map").values("method")]
     text = "The blur of lamps is linear in the disparity from the focus, with slope A/B: the slope is {}"
-    return predicted(text, over_scenes(rows, slope), LINE_APERTURE / LINE_BASELINE, _SLOPE_TOLERANCE)
+    measured = over_scenes(table.where(part="line"), slope)
+    return [
+        predicted(text, measured, LINE_APERTURE / LINE_BASELINE, _SLOPE_TOLERANCE),
+        *(_best_focus(table, method) for method in methods),
+        *(_worse_if_different(table, method) for method in methods),
+    ]
 
 
 def _best_focus(table: Table, method: str) -> Finding:
@@ -131,8 +120,6 @@ def _best_focus(table: Table, method: str) -> Finding:
 
 
 def _worse_if_different(table: Table, method: str) -> Finding:
-    """Compared with the mean of the two pairs of equal focus, which have the same mean blur."""
-
     def gap(unit: Table) -> float:
         wrong = {eyes: unit.where(eyes=eyes).numbers("totbad2").mean() for eyes in unit.values("eyes")}
         return float(wrong["far and near"] - 0.5 * (wrong["both far"] + wrong["both near"]))

@@ -1,8 +1,4 @@
-"""What a study is: a question, a measurement, findings and figures.
-
-Setup -> measure -> Table (the CSV) -> conclude -> Findings
-                      |--------------> Figures (drawn by the report room, from the CSV alone)
-"""
+"""What a study is: `measure` makes rows from a Setup, `conclude` findings from their Table; Figures draw the Table."""
 
 import itertools
 import math
@@ -13,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, check_int, unknown
 from twinlens.studies.table import Column, Interval, Row, Table, Value, brief, log_slope, over_scenes, paired_difference
 
 Progress = Callable[[float, str], None]
@@ -45,9 +41,7 @@ class Setup:
             if len(set(values)) < len(values):
                 raise InputError(f"{name} of a study must be distinct, got {', '.join(map(str, values))}")
         for name, least in (("width", 64), ("height", 48), ("spp", 1)):
-            value = getattr(self, name)
-            if not (isinstance(value, int) and value >= least):
-                raise InputError(f"{name} of a study must be an integer >= {least}, got {value!r}")
+            check_int(f"{name} of a study", getattr(self, name), least)
 
 
 def sweep(setup: Setup, *values: Sequence[Any]) -> Iterator[tuple[Any, ...]]:
@@ -62,10 +56,9 @@ def sweep(setup: Setup, *values: Sequence[Any]) -> Iterator[tuple[Any, ...]]:
 class Finding:
     """A claim, the measurement that tests it, and whether the claim holds.
 
-    text: the claim, without its full stop. measured: the number with its interval, in `unit`. result: the measurement
-    worded for either outcome. One {} in `text` or `result` is replaced by the number. expected: the predicted value and
-    its relative `tolerance`. answer: what was found where the claim names one of several, such as a matcher; supporting
-    seeds give the same answer. decided: False where the rows leave the claim open.
+    text: the claim, without its full stop. measured: the number with its interval, in `unit`, for one {} in `text` or
+    `result`, the measurement in words. expected: the predicted value and its relative `tolerance`. answer: what was
+    found where the claim names one of several; supporting seeds give the same. decided: False for an open claim.
     """
 
     text: str
@@ -106,9 +99,7 @@ def compared(
     claim: str, difference: Interval, above: str, below: str, rest: str, *, unit: str = "percentage points",
     answer: str = "",
 ) -> Finding:  # fmt: skip
-    """The claim that a difference is positive; it holds if the whole interval is above 0.
-
-    The result is worded by the sign: `above` for a positive difference, `below` for a negative one.
+    """The claim that a difference is positive (`above`, otherwise `below`); holds if the whole interval is above 0.
 
     >>> finding = compared("SSD has fewer wrong pixels than SAD", Interval(-2, -3, -1, 9), "fewer", "more", "than SAD")
     >>> finding.holds, finding.sentence.partition(". ")[2]
@@ -257,9 +248,9 @@ class SeedSupport:
         finding = self.finding
         if not finding.has_verdict:
             return "no verdict: " + ("not measured" if math.isnan(finding.measured.value) else "not decided")
-        seeds = f"{self.supporting} of {self.seeds} seeds support it"
         verdict = "holds" if finding.holds else "does not hold"
-        return "; ".join(part for part in (verdict, finding.prediction, seeds) if part)
+        seeds = f"{self.supporting} of {self.seeds} seeds support it"
+        return "; ".join(filter(None, (verdict, finding.prediction, seeds)))
 
 
 @dataclass(frozen=True, eq=False)

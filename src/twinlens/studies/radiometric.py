@@ -1,16 +1,15 @@
 """`radiometric`: matching costs on image pairs that differ in gain, gamma, vignetting or noise.
 
 After Hirschmueller and Scharstein, Evaluation of Stereo Matching Costs on Images with Radiometric Differences, PAMI
-31(9), 2009, who alter the right image of a pair and find census the most robust cost. Each scene and seed is exposed
-once, by a sensor without noise; each difference is then applied to the right image, and noise to both.
+31(9), 2009. A sensor without noise exposes each scene; differences are applied to the right image, noise to both.
 """
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.random import default_rng
 from numpy.typing import NDArray
 
 from twinlens.camera import Pinhole
@@ -45,17 +44,14 @@ def _vignetting(picture: Image, amount: float, seed: int) -> Image:
     return np.asarray(picture * (1.0 - (1.0 - amount) * (x**2 + y**2) / 2.0)[..., None])
 
 
-def _noise(picture: Image, amount: float, seed: int) -> Image:
-    return picture + amount * np.random.default_rng(seed).standard_normal(picture.shape)
-
-
 CHANGES: Mapping[str, Change] = {
     "gain": Change(lambda picture, amount, seed: picture * amount,
                    (0.5, 0.7, 1.0, 1.4, 2.0), 1.0, "gain of the right image"),
     "gamma": Change(lambda picture, amount, seed: 255.0 * (picture / 255.0) ** amount,
                     (0.5, 0.7, 1.0, 1.4, 2.0), 1.0, "gamma of the right image"),
     "vignetting": Change(_vignetting, (0.3, 0.5, 0.7, 0.85, 1.0), 1.0, "transmission in the right image's corners"),
-    "noise": Change(_noise, (0.0, 2.0, 4.0, 8.0, 16.0), 0.0, "noise of both images, s.d. (grey levels)", both=True),
+    "noise": Change(lambda picture, amount, seed: picture + amount * default_rng(seed).standard_normal(picture.shape),
+                    (0.0, 2.0, 4.0, 8.0, 16.0), 0.0, "noise of both images, s.d. (grey levels)", both=True),
 }  # fmt: skip
 
 
@@ -73,11 +69,8 @@ def measure(setup: Setup) -> Measured:
             rows += [{**place, "method": method, **scores} for method, scores in found.items()]
     totals = {scene: float(np.sqrt(np.mean(np.square(values)))) for scene, values in noise.items()}
     text = ", ".join(f"{scene} {brief(total)}" for scene, total in totals.items())
-    return Measured(
-        rows,
-        notes={"sensor": dataclasses.asdict(SENSOR), "light_path_noise": totals},
-        remarks={"rendering noise": f"{text}; rms grey levels of 255, before any difference is applied"},
-    )
+    remarks = {"rendering noise": f"{text}; rms grey levels of 255, before any difference is applied"}
+    return Measured(rows, (), {"sensor": asdict(SENSOR), "light_path_noise": totals}, remarks)
 
 
 def image_pair(stage: Stage, spp: int, seed: int) -> tuple[tuple[Image, Image], float]:
@@ -127,8 +120,8 @@ def is_local(method: str) -> bool:
 
 def _ranking(rows: Table) -> list[str]:
     """The methods by increasing share of wrong pixels."""
-    wrong = {str(method): rows.where(method=method).numbers("totbad2").mean() for method in rows.values("method")}
-    return sorted(wrong, key=lambda method: float(wrong[method]))
+    wrong = {str(method): float(part.numbers("totbad2").mean()) for (method,), part in rows.groups("method")}
+    return sorted(wrong, key=lambda method: wrong[method])
 
 
 def _fewest(rows: Table, change: str) -> Finding:
@@ -161,7 +154,6 @@ STUDY = Study(
     defaults=Setup(
         ("staircase", "tabletop", "cards"),
         ("sad", "ssd", "ncc", "zsad", "zssd", "zncc", "jaccard", "census", "rank", "birchfield_tomasi", "sgm"),
-        (0, 1, 2),
-        spp=64,
+        (0, 1, 2), spp=64,
     ),
 )  # fmt: skip

@@ -17,25 +17,22 @@ from twinlens.scenes import load_scene
 from twinlens.studies.aperture import STUDY as APERTURE
 from twinlens.studies.depth_error import BASELINE, FOCAL_LENGTH
 from twinlens.studies.focus import STUDY as FOCUS
-from twinlens.studies.model import Finding, Measured, Progress, Result, SeedSupport, Setup, Study
+from twinlens.studies.model import Finding, Measured, Progress, Result, SeedSupport, Study
 from twinlens.studies.pinhole import STUDY as PINHOLE
 from twinlens.studies.radiometric import STUDY as RADIOMETRIC
 from twinlens.studies.table import Table, table
 from twinlens.studies.texture import STUDY as TEXTURE
 from twinlens.studies.window import STUDY as WINDOW
 
-STUDIES: dict[str, Study] = {
-    study.name: study
-    for study in (APERTURE, PINHOLE, FOCUS, WINDOW, BASELINE, FOCAL_LENGTH, RADIOMETRIC, TEXTURE)
-}  # fmt: skip
+_ALL = (APERTURE, PINHOLE, FOCUS, WINDOW, BASELINE, FOCAL_LENGTH, RADIOMETRIC, TEXTURE)
+STUDIES: dict[str, Study] = {study.name: study for study in _ALL}
 ENTRY_POINTS = "twinlens.studies"
 
 
 def find_study(name: str | os.PathLike[str]) -> Study:
-    """The study of this name, or the object STUDY of this Python file, whose code is executed.
+    """The study of this name, from twinlens or an entry point `twinlens.studies`, or the STUDY of this Python file.
 
-    Packages provide studies under the entry point `twinlens.studies`. Raises InputError for an unknown name, with the
-    nearest known one, and FileError for a file without a study.
+    The file's code is executed. Raises InputError for an unknown name, and FileError for a file without a study.
 
     >>> find_study("apertur")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -93,7 +90,13 @@ def run_study(
     specs = {text: parse_method(text) for text in setup.methods}
     for name in setup.scenes:
         load_scene(name)
-    measured = _measured(study, setup)
+    measured = study.measure(setup)
+    if not isinstance(measured, Measured) or not measured.rows:
+        got = "no rows" if isinstance(measured, Measured) else f"{measured!r:.60}"
+        rule = "`measure` must return Measured(rows) with at least one row"
+        raise InputError(f"the study {study.name}: {rule}, got {got}")
+    if missing := {column.name for column in study.all_columns}.difference(*measured.rows):
+        raise InputError(f"the study {study.name}: no row has the column {min(missing)!r}")
     rows = table(study.all_columns, measured.rows)
     protocol = {
         "study": study.name,
@@ -107,19 +110,6 @@ def run_study(
         **measured.remarks,
     }
     return Result(study, setup, rows, _findings(study, rows), measured.pictures, protocol, measured.remarks)
-
-
-def _measured(study: Study, setup: Setup) -> Measured:
-    measured = study.measure(setup)
-    if not isinstance(measured, Measured) or not measured.rows:
-        got = "no rows" if isinstance(measured, Measured) else f"{measured!r:.60}"
-        rule = "`measure` must return Measured(rows) with at least one row"
-        raise InputError(f"the study {study.name}: {rule}, got {got}")
-    found = {name for row in measured.rows for name in row}
-    missing = [column.name for column in study.all_columns if column.name not in found]
-    if missing:
-        raise InputError(f"the study {study.name}: no row has the column {missing[0]!r}")
-    return measured
 
 
 def _findings(study: Study, rows: Table) -> tuple[SeedSupport, ...]:

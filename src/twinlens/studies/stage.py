@@ -1,7 +1,6 @@
 """A scene with its rig and ground truth, rendered, exposed, matched and scored for studies; self-luminous targets.
 
-Only the camera adds noise to images of the targets. Their sizes follow from pixels of the camera: a plane at twice the
-distance has a print of twice the size and the same image.
+Only the camera adds noise to images of the targets. A plane at twice the distance has a print of twice the size.
 """
 
 import math
@@ -17,6 +16,7 @@ from scipy import ndimage
 from twinlens.camera import Camera, Lens, Rig, ThinLens
 from twinlens.camera.truth import Truth
 from twinlens.factory import default_rig
+from twinlens.geometry import Float
 from twinlens.matching import parse_method
 from twinlens.optics import circle_of_confusion_px, middle_focus
 from twinlens.rendering import ground_truth, render
@@ -27,7 +27,6 @@ from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.table import Column
 
 Image = NDArray[Any]
-Float = NDArray[np.float64]
 
 SCORES = (
     Column("totbad2", "%", "wrong by > 2 px or unknown"),
@@ -35,10 +34,8 @@ SCORES = (
     Column("avgerr", "px", "mean error"),
 )
 """The columns of a table that `score_columns` fills."""
-PHASES = (0.0, 0.25, 0.5, 0.75)
-"""Shifts of the right principal point, pixels; they average over the sub-pixel position of a match."""
+PHASES = (0.0, 0.25, 0.5, 0.75)  # shifts of the right principal point, which average over sub-pixel positions
 GLOW: Plugin = {"type": "rgb", "value": 1.0}
-"""A radiance of 1."""
 _BLACK: Plugin = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 _TEXELS_PER_PIXEL = 2.0
 _STREAM = 7
@@ -156,20 +153,14 @@ def glowing(name: str, parts: Sequence[tuple[str, Plugin, Float, Any]], depth: f
 
 
 def noise_texture(width: int, height: int, scale: float, contrast: float, seed: int) -> Float:
-    """Smooth noise (height, width) of mean 0.5 and standard deviation 0.5 `contrast`, clipped to [0, 1].
-
-    scale: standard deviation in texels of the Gaussian that smooths white noise.
-    """
+    """White noise smoothed by a Gaussian (s.d. `scale` texels), (height, width): mean 0.5, s.d. 0.5 `contrast`."""
     white = np.random.default_rng(seed).standard_normal((height, width))
     smooth = ndimage.gaussian_filter(white, scale, mode="wrap")
     return np.asarray(np.clip(0.5 + 0.5 * contrast * (smooth - smooth.mean()) / smooth.std(), 0.0, 1.0))
 
 
 def noise_plane(rig: Rig, depth: float, seed: int, *, scale_px: float = 0.8, contrast: float = 0.5) -> Scene:
-    """A plane of smooth noise at `depth` (m), parallel to the images of a rig at the world's origin; fills both views.
-
-    scale_px: standard deviation of the smoothing, left pixels.
-    """
+    """A plane of `noise_texture` at `depth` (m) that fills both images of a rig at the origin. scale_px: of the left."""
     camera, baseline = rig.cameras[0], rig.baseline(0, 1)
     width = 1.15 * ((camera.width + 32) * depth / camera.fx) + 2 * baseline  # margins of 15 % and 16 pixels
     height = 1.15 * (camera.height + 32) * depth / camera.fx

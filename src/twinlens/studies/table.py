@@ -1,11 +1,9 @@
 """Tables of measurements, one named column per quantity, as CSV; means and confidence intervals of their columns.
 
-Measurements of one scene are not independent, however many seeds it is rendered with. Whole scenes are resampled with
-replacement (Davison and Hinkley, Bootstrap Methods and their Application, 1997, section 3.8); with a single scene, its
-seeds are resampled. For n units the percentile interval is too narrow by sqrt((n - 1)/n) and by the ratio of the normal
-to Student's t; its levels are widened accordingly (Hesterberg, What Teachers Should Know About the Bootstrap, The
-American Statistician 69(4), 2015, "expanded percentile"). With two to four units the interval is their whole range; the
-range of three covers the true median with probability 3/4.
+Whole scenes are resampled, or the seeds of a single scene (Davison and Hinkley, Bootstrap Methods and their
+Application, 1997, section 3.8). Percentile intervals of n units are too narrow by sqrt((n - 1)/n) and the ratio of the
+normal to Student's t, and are widened accordingly (Hesterberg, What Teachers Should Know About the Bootstrap, The
+American Statistician 69(4), 2015, "expanded percentile"): with two to four units to their whole range.
 """
 
 import csv
@@ -16,21 +14,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtr, stdtrit
 
 from twinlens.errors import InputError, unknown
+from twinlens.geometry import Float
 from twinlens.seeds import generator
 
 Value = float | int | str
 Row = Mapping[str, Value]
-Float = NDArray[np.float64]
 Statistic = Callable[[Float], float]
 
 DRAWS = 1000
 LEVEL = 0.95
-MIN_UNITS = 5
-"""With fewer units an interval is reported as a range."""
+MIN_UNITS = 5  # with fewer an interval is reported as a range
 _STREAM = 6
 
 
@@ -44,11 +41,7 @@ class Column:
 
     @property
     def label(self) -> str:
-        """The axis label.
-
-        >>> Column("z_m", "m", "depth").label
-        'depth (m)'
-        """
+        """The axis label, such as "depth (m)"."""
         return f"{self.text} ({self.unit})" if self.unit else self.text
 
 
@@ -93,10 +86,7 @@ class Table:
 
     def where(self, condition: Callable[[Row], bool] | None = None, /, **equal: Any) -> "Table":
         """The rows that satisfy the condition and have these values (one of them, for a tuple, list or set)."""
-        wanted = {
-            name: value if isinstance(value, (tuple, list, set, frozenset)) else (value,)
-            for name, value in equal.items()
-        }
+        wanted = {name: (value,) if np.isscalar(value) else value for name, value in equal.items()}
         for name in wanted:
             self.column(name)
         rows = (row for row in self.rows if all(row[name] in values for name, values in wanted.items()))
@@ -210,8 +200,8 @@ def bootstrap(statistic: Statistic, units: Sequence[ArrayLike], seed: int = 0) -
     >>> bootstrap(mean, [[1.0], [2.0], [3.0]])
     Interval(value=2.0, low=1.0, high=3.0, units=3)
     """
-    arrays = [clean[~np.isnan(clean)] for clean in (np.asarray(unit, np.float64).ravel() for unit in units)]
-    arrays = [values for values in arrays if values.size]
+    flat = (np.asarray(unit, np.float64).ravel() for unit in units)
+    arrays = [values[~np.isnan(values)] for values in flat if not np.isnan(values).all()]
     count = len(arrays)
     if not count:
         return Interval(math.nan, math.nan, math.nan)
@@ -227,10 +217,7 @@ def bootstrap(statistic: Statistic, units: Sequence[ArrayLike], seed: int = 0) -
 
 
 def over_scenes(table: Table, measure: Callable[[Table], ArrayLike], statistic: Statistic = mean) -> Interval:
-    """The statistic of `measure`, evaluated on the rows of each scene and seed, with its interval over scenes.
-
-    With a single scene, the interval is over its seeds.
-    """
+    """The statistic of `measure` of the rows of each scene and seed; interval over scenes, or seeds of a single one."""
     scenes: dict[Value, list[Float]] = {}
     for (scene, _), unit in table.groups("scene", "seed"):
         scenes.setdefault(scene, []).append(np.asarray(measure(unit), np.float64).ravel())

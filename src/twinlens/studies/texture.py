@@ -1,10 +1,8 @@
 """`texture`: how contrast and grain of the texture limit the sub-pixel error of a match.
 
-The Cramer-Rao bound of a shift, for two windows with the same signal and independent noise of standard deviation
-sigma, is  sd(d) >= sqrt(2 sigma^2 / sum of (dI/du)^2)  over the window (Robinson and Milanfar, Fundamental Performance
-Limits in Image Registration, TIP 13(9), 2004). The noise is measured from two exposures of the same radiance, the
-slopes on the radiance itself. The bound holds for small errors; cases with too many gross errors (1 px or more) are
-excluded from the findings.
+The Cramer-Rao bound of a shift, for two windows with the same signal and independent noise sigma, is  sd(d) >=
+sqrt(2 sigma^2 / sum of (dI/du)^2)  over the window (Robinson and Milanfar, Fundamental Performance Limits in Image
+Registration, TIP 13(9), 2004). The noise is measured from two exposures of the same radiance, slopes on the radiance.
 """
 
 import math
@@ -14,30 +12,25 @@ from numpy.typing import NDArray
 from scipy import interpolate, ndimage
 
 from twinlens.camera import Camera, Pinhole
+from twinlens.geometry import Float
 from twinlens.matching import grey, parse_method
 from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, open_claim, power_law, sweep
 from twinlens.studies.stage import noise_planes, stream
 from twinlens.studies.table import Column, Interval, Row, Table, over_scenes
 
-Float = NDArray[np.float64]
-
 CONTRASTS = (0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.16, 0.32)
 SCALES_PX = (0.7, 1.0, 1.5, 2.5, 4.0)
-SCALE_PX, CONTRAST = 1.0, 0.16
-"""The fixed grain and contrast while the other is swept."""
+SCALE_PX, CONTRAST = 1.0, 0.16  # while the other is swept
 DEPTH, BASELINE = 2.0, 0.1
 SENSOR = Sensor.preset("machine_vision", filters="mono", output="linear", bits=16, prnu=0.0, dsnu=0.0)
 _RIM = 16
 _GROSS_PX = 1.0
-_MAX_GROSS = 2.0
-"""Percentage of gross errors from which a case is excluded."""
+_MAX_GROSS = 2.0  # percentage from which a case is excluded
 _EXPONENT_TOLERANCE = 0.15
 _MIDDLE = 0.04
-_NOISY = (0.03, 0.04, 0.06, 0.08)
-"""Contrasts where the bound is well below a pixel and above the bias of sub-pixel fits."""
-_MIN_CONTRASTS = 3
-"""Contrasts needed to fit an exponent."""
+_NOISY = (0.03, 0.04, 0.06, 0.08)  # the bound is well below a pixel and above the bias of sub-pixel fits
+_MIN_CONTRASTS = 3  # needed to fit an exponent
 
 
 def measure(setup: Setup) -> Measured:
@@ -64,8 +57,17 @@ def _case(setup: Setup, seed: int, contrast: float, scale: float, swept: str) ->
             side = parse_method(method).matcher().block_size
             bounds = math.sqrt(2) * sigma / np.sqrt(_window_sum(slopes**2, side))
             found[method].append(np.stack([errors, bounds])[:, _RIM:-_RIM, _RIM:-_RIM].reshape(2, -1))
-    place: Row = {"scene": "plane", "seed": seed, "swept": swept, "contrast": contrast, "grain_px": scale}
-    return [{**place, "method": method, **_statistics(*np.hstack(each))} for method, each in found.items()]
+    rows: list[Row] = []
+    for method, each in found.items():
+        errors, bounds = np.hstack(each)
+        fine = errors[np.abs(errors) < _GROSS_PX]
+        rows.append({
+            "scene": "plane", "seed": seed, "swept": swept, "contrast": contrast, "grain_px": scale, "method": method,
+            "error_px": float(np.sqrt(np.mean(fine**2))) if fine.size else math.nan,
+            "bound_px": float(np.sqrt(np.mean(bounds**2))),
+            "blunders": 100.0 * (errors.size - fine.size) / errors.size,
+        })  # fmt: skip
+    return rows
 
 
 def _slopes(picture: Float, light: NDArray[np.float32]) -> Float:
@@ -80,37 +82,22 @@ def _window_sum(values: Float, side: int) -> Float:
     return np.asarray(ndimage.uniform_filter(values, side, mode="nearest") * side**2)
 
 
-def _statistics(errors: Float, bounds: Float) -> dict[str, float]:
-    fine = errors[np.abs(errors) < _GROSS_PX]
-    return {
-        "error_px": float(np.sqrt(np.mean(fine**2))) if fine.size else math.nan,
-        "bound_px": float(np.sqrt(np.mean(bounds**2))),
-        "blunders": 100.0 * (errors.size - fine.size) / errors.size,
-    }
-
-
 def conclude(table: Table) -> list[Finding]:
     """No error is below the bound; the matcher nearest to it; the error's dependence on contrast."""
     sound = table.where(lambda row: float(row["blunders"]) < _MAX_GROSS)
-    return [_above(sound), _nearest(sound), _inverse(table)]
+    least = Interval(float(min(_ratios(sound), default=math.nan)), math.nan, math.nan)  # a minimum has no interval
+    text = f"No matcher beats the Cramer-Rao bound in cases with fewer than {_MAX_GROSS:g} % gross errors"
+    above = Finding(text, least, least.value >= 1.0, result="the least error of all cases is {} times the bound")
+    return [above, _nearest(sound), _inverse(table)]
 
 
 def _ratios(rows: Table) -> Float:
     return rows.numbers("error_px") / rows.numbers("bound_px")
 
 
-def _above(rows: Table) -> Finding:
-    """The least ratio of all cases; without an interval, because every resampled minimum is the minimum itself."""
-    least = float(min(_ratios(rows), default=math.nan))
-    text = f"No matcher beats the Cramer-Rao bound in cases with fewer than {_MAX_GROSS:g} % gross errors"
-    result = "the least error of all cases is {} times the bound"
-    return Finding(text, Interval(least, math.nan, math.nan), least >= 1.0, result=result)
-
-
 def _nearest(rows: Table) -> Finding:
-    """The matcher nearest to its bound at medium contrast."""
     middle = rows.where(swept="contrast", contrast=_MIDDLE)
-    ratios = {str(method): over_scenes(middle.where(method=method), _ratios) for method in middle.values("method")}
+    ratios = {str(method): over_scenes(part, _ratios) for (method,), part in middle.groups("method")}
     claim = f"At contrast {_MIDDLE:g}, "
     if not ratios:
         return open_claim(f"{claim}one matcher is nearest to its bound: all have too many gross errors")

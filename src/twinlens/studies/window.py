@@ -20,9 +20,7 @@ from twinlens.studies.table import Column, Row, Table, over_scenes
 SIZES = (3, 5, 7, 9, 13, 17, 21, 31)
 REGIONS = ("nonocc", "textureless", "discontinuity", "out-of-focus")
 COMPARED = {"ssd:block_size=21": "SSD, fixed 21x21", "adaptive": "adaptive window", "sgm": "semi-global"}
-"""Methods shown side by side, and their captions."""
-BLUR_PX = 6.0
-"""Blur at the ends of a scene's depth range."""
+BLUR_PX = 6.0  # at the ends of a scene's depth range
 SENSOR = Sensor.preset("machine_vision")
 _MAX_ERROR_PX = 4.0
 
@@ -104,8 +102,8 @@ def _larger(rows: Table, method: str, region: str, words: str) -> Finding:
 def best_size(rows: Table) -> float:
     """The block size with the fewest wrong pixels; NaN if there are no scores."""
     known = rows.where(lambda row: math.isfinite(float(row["totbad2"])))
-    wrong = {float(size): known.where(block_size=size).numbers("totbad2").mean() for size in known.values("block_size")}
-    return min(wrong, key=lambda size: float(wrong[size]), default=math.nan)
+    wrong = {float(size): float(part.numbers("totbad2").mean()) for (size,), part in known.groups("block_size")}
+    return min(wrong, key=lambda size: wrong[size], default=math.nan)
 
 
 STUDY = Study(
@@ -120,10 +118,8 @@ STUDY = Study(
     measure=measure,
     conclude=conclude,
     figures=(
-        Figure(
-            "window", "Wrong pixels against block size by region", "block_size", "totbad2", by="method",
-            panel="region", log_x=True, best="least", where={"block_size": tuple(float(size) for size in SIZES)},
-        ),
+        Figure("window", "Wrong pixels against block size by region", "block_size", "totbad2", by="method",
+               panel="region", log_x=True, best="least", where={"block_size": tuple(map(float, SIZES))}),
     ),
     defaults=Setup(("staircase", "tabletop", "cards"), ("sad", "ssd", "zncc", "census"), (0, 1, 2)),
 )  # fmt: skip

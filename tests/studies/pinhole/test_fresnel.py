@@ -5,7 +5,7 @@ import pytest
 
 from twinlens.optics.diffraction import airy_kernel
 from twinlens.studies import pinhole
-from twinlens.studies.pinhole.fresnel import convolved, fresnel_kernel, intensity, transfer
+from twinlens.studies.pinhole.film import convolved, fresnel_kernel, intensity, transfer
 
 FILM, WAVE = 0.05, 550e-9
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import special
 
 from twinlens.errors import InputError
-from twinlens.studies.pinhole.edge import crossing, edge_spread, frequency_at, modulation_transfer
+from twinlens.studies.pinhole.film import crossing, edge_spread, frequency_at, modulation_transfer
 
 WIDTH, HEIGHT = 121, 90
 SLOPE = np.tan(np.radians(5.0))

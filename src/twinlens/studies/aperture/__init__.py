@@ -1,16 +1,15 @@
 """`aperture`: the best f-number for stereo, from f/1 to f/32, between blur, diffraction and noise.
 
-The lenses of a scene and seed are rendered from one set of light paths (`render_lens_grid`). The images are exposed
-(a) for the same time, so that shot noise grows as the aperture shrinks, and (b) to the same brightness; with and
-without diffraction. Two theories predict the best f-number: `theory`, which also documents the choice of parameters,
-for the median error, and `wrong` for the share of wrong pixels.
+The lenses of a scene and seed are rendered from one set of light paths (`render_lens_grid`). Images are exposed for the
+same time or to the same brightness, with and without diffraction. Two theories predict the best f-number: `theory` for
+the median error, and `wrong` for the share of wrong pixels.
 """
 
 import itertools
 import math
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,63 +18,51 @@ from twinlens.camera import ThinLens
 from twinlens.camera.diffraction import diffract
 from twinlens.rendering import LensGrid, render_lens_grid
 from twinlens.sensor import Exposure, Sensor, auto_exposure
-from twinlens.studies.aperture.findings import conclude
-from twinlens.studies.aperture.theory import (
-    BLUR_PX,
-    F_NUMBERS,
-    MODES,
-    PIXEL_PITCH_UM,
-    SENSOR,
-    WAVELENGTH,
-    Model,
-    grain_px,
-    predicted_error,
-)
+from twinlens.studies.aperture import theory
+from twinlens.studies.aperture.theory import F_NUMBERS, MODES, SENSOR, WAVELENGTH, Model
 from twinlens.studies.aperture.wrong import SHARP_AT, SIDE, Evidence
-from twinlens.studies.model import Figure, Measured, Picture, Setup, Study, sweep
+from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, is_above, predicted, sweep
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
-from twinlens.studies.table import Column, Row, log_parabola_minimum
+from twinlens.studies.table import Column, Interval, Row, Table, brief, log_parabola_minimum, log_slope, over_scenes
 
 Radiance = Sequence[NDArray[np.float32]]
 
-EXPOSED_AT = 1.0
-"""The f-number whose automatic exposure is the fixed exposure."""
-GRAIN_AT = 5.6
-"""The f-number whose image is sharp enough to measure the texture's grain."""
+EXPOSED_AT = 1.0  # the f-number whose automatic exposure is the fixed exposure
+GRAIN_AT = 5.6  # the f-number whose image is sharp enough to measure the texture's grain
 LINEAR = Sensor.preset("machine_vision", output="linear", bits=16, wavelengths=(WAVELENGTH,) * 3)
 _CROP, _ZOOM = 40, 3
 _LAW_AT = 11.0
+ALLOWED_STOPS = 1.5  # the Cramer-Rao bound, (N/N0 + N0/N) / 2 of its minimum, is 1.14 there
+PATHS_ALLOWED = 0.5  # rendering noise over sensor noise: increases the total noise by 12 %
+_LAW_FROM, _LAW_TO = 2.8, 16.0
 
 
 def measure(setup: Setup) -> Measured:
     """A row for every scene, seed, f-number, exposure, diffraction and matcher; crops along the sweep."""
     rows: list[Row] = []
     pictures: list[Picture] = []
-    saved: dict[str, dict[str, float]] = {}
-    scales: dict[str, float] = {}
+    saved, scales = {}, {}
     for name, seed in sweep(setup, setup.seeds):
-        model = Model.of(Stage.of(name, setup.width, setup.height, pixel_pitch_um=PIXEL_PITCH_UM))
+        model = Model.of(Stage.of(name, setup.width, setup.height, pixel_pitch_um=theory.PIXEL_PITCH_UM))
         lenses = [model.full_size(model.lens(number)) for number in F_NUMBERS]
         start = time.perf_counter()
         grid = render_lens_grid(model.stage.scene, model.stage.rig, lenses, setup.spp, stream(seed, 0))
         seconds = time.perf_counter() - start
         rows += _rows(setup, model, grid, seed)
         if seed == setup.seeds[0]:
-            saved[name] = _saved(model, setup, grid, seconds)
-            scales[name] = model.scale
+            saved[name], scales[name] = _saved(model, setup, grid, seconds), model.scale
             pictures.append(_crops(model, grid.images))
-    notes = {"f_numbers": F_NUMBERS, "pixel_pitch_um": PIXEL_PITCH_UM, "blur_px": BLUR_PX, "scales": scales,
-             "exposed_at_f": EXPOSED_AT, "theory_block_size": SIDE, "lens_grid_saved": saved}  # fmt: skip
-    remarks = {
-        "lens grid": ". ".join(
-            f"{name}: {len(F_NUMBERS)} lenses from {each['grid_paths'] / 1e6:.3g} million light paths in "
-            f"{each['grid_s']:.3g} s; direct renders need {each['direct_paths'] / 1e6:.3g} million, "
-            f"about {each['direct_s']:.3g} s"
-            for name, each in saved.items()
-        ),
-        "models": ", ".join(f"{name} 1:{1 / scale:.0f}" for name, scale in scales.items()),
-    }
-    return Measured(rows, tuple(pictures), notes, remarks)
+    notes = {"f_numbers": F_NUMBERS, "pixel_pitch_um": theory.PIXEL_PITCH_UM, "blur_px": theory.BLUR_PX,
+             "scales": scales, "exposed_at_f": EXPOSED_AT, "theory_block_size": SIDE,
+             "lens_grid_saved": saved}  # fmt: skip
+    costs = [
+        f"{name}: {len(F_NUMBERS)} lenses from {each['grid_paths'] / 1e6:.3g} million light paths in "
+        f"{each['grid_s']:.3g} s; direct renders need {each['direct_paths'] / 1e6:.3g} million, "
+        f"about {each['direct_s']:.3g} s"
+        for name, each in saved.items()
+    ]
+    models = ", ".join(f"{name} 1:{1 / scale:.0f}" for name, scale in scales.items())
+    return Measured(rows, tuple(pictures), notes, {"lens grid": ". ".join(costs), "models": models})
 
 
 def _saved(model: Model, setup: Setup, grid: LensGrid, seconds: float) -> dict[str, float]:
@@ -90,11 +77,10 @@ def _saved(model: Model, setup: Setup, grid: LensGrid, seconds: float) -> dict[s
 
 
 def _rows(setup: Setup, model: Model, grid: LensGrid, seed: int) -> list[Row]:
-    """The rows of one scene and seed."""
     stage = model.stage
     sharp, lens = grid[F_NUMBERS.index(SHARP_AT)], model.lens(SHARP_AT)
     evidence = Evidence.of(stage, lens, model.blur(lens), sharp)
-    grain = grain_px(grid[F_NUMBERS.index(GRAIN_AT)][0])
+    grain = theory.grain_px(grid[F_NUMBERS.index(GRAIN_AT)][0])
     fixed = automatic(stage, model.lens(EXPOSED_AT), grid[F_NUMBERS.index(EXPOSED_AT)])
     rows: list[dict[str, Any]] = []
     for k, number in enumerate(F_NUMBERS):
@@ -109,7 +95,7 @@ def _rows(setup: Setup, model: Model, grid: LensGrid, seed: int) -> list[Row]:
                 case = {
                     "scene": stage.scene.name, "seed": seed, "f_number": number, "exposure": mode,
                     "diffraction": diffraction, "level": float(photo.image.mean()) / 65535.0,
-                    "predicted": predicted_error(stage, lens, exposure, radiance[0], blur, grain, diffracts),
+                    "predicted": theory.predicted_error(stage, lens, exposure, radiance[0], blur, grain, diffracts),
                     "predicted_wrong": wrong, "path_noise": path_noise,
                 }  # fmt: skip
                 pictures = stage.expose(radiance, lens, stream(seed, 1, k, MODES.index(mode)), SENSOR, exposure)
@@ -155,6 +141,117 @@ def _crops(model: Model, images: Sequence[Radiance]) -> Picture:
         parts.append(picture[y : y + side, x : x + side].repeat(_ZOOM, axis=0).repeat(_ZOOM, axis=1))
     title = f"{stage.scene.name}: the same crop from f/1 to f/32"
     return Picture(f"crops-{stage.scene.name}", title, tuple(parts), tuple(f"f/{number:g}" for number in F_NUMBERS))
+
+
+class Aim(NamedTuple):
+    """A column of errors, and the column of the f-number that theory predicts for them."""
+
+    errors: str
+    theory: str
+
+    def mean_at(self, rows: Table, f_number: float) -> float:
+        return float(rows.where(f_number=f_number).numbers(self.errors).mean())
+
+    def best(self, rows: Table) -> float:
+        return min(F_NUMBERS, key=lambda number: self.mean_at(rows, number))
+
+    def stops_from_theory(self, unit: Table) -> float:
+        """Stops from theory's f-number to the best one of a scene and seed; positive if narrower."""
+        errors = np.array([self.mean_at(unit, number) for number in F_NUMBERS])
+        return 2.0 * math.log2(log_parabola_minimum(np.array(F_NUMBERS), errors) / float(unit.numbers(self.theory)[0]))
+
+    def range(self, rows: Table) -> str:
+        numbers = rows.numbers(self.theory)
+        return f"f/{numbers.min():.2g} to f/{numbers.max():.2g}"
+
+
+WRONG = Aim("totbad2", "theory_best_wrong")
+MEDIAN = Aim("a50", "theory_best")
+
+
+def conclude(table: Table) -> list[Finding]:
+    """The square law of light; best f-numbers for wrong pixels and median error against theory; rendering noise."""
+    without, with_diffraction = (
+        {mode: table.where(exposure=mode, diffraction=each) for mode in MODES} for each in ("without", "with")
+    )
+    fall = log_slope("f_number", "level")
+    bright = without[MODES[0]].where(lambda row: _LAW_FROM <= float(row["f_number"]) <= _LAW_TO)  # not saturated
+    law = "At a fixed exposure the mean level is proportional to A^p with p = {}"
+    findings = [predicted(law, over_scenes(bright, lambda unit: -fall(unit)), 2.0, 0.01)]
+    for mode, rows in with_diffraction.items():
+        findings += [_optimum(rows.where(method=method), f"{method}, {mode}") for method in rows.values("method")]
+    findings += [_medians(rows, mode) for mode, rows in with_diffraction.items()]
+    for mode, rows in without.items():
+        ratio = over_scenes(rows, lambda unit: unit.numbers("path_noise").mean())
+        text = f"At {mode}, the rendering noise is less than {PATHS_ALLOWED} of the sensor noise"
+        holds = ratio.value < PATHS_ALLOWED and not ratio.high >= PATHS_ALLOWED
+        findings.append(Finding(f"{text}, averaged over the sweep", ratio, holds, result="{} times the sensor noise"))
+    return findings
+
+
+def _optimum(rows: Table, label: str) -> Finding:
+    """The distance between the f-numbers of fewest wrong pixels of matcher and theory."""
+    best = WRONG.best(rows)
+    end = ", an end of the sweep" if best in (F_NUMBERS[0], F_NUMBERS[-1]) else ""
+    cost, near = cost_over_best(rows, WRONG).value, is_near(rows, WRONG)
+    flat = "; the curve is too flat compared with its noise to decide" if near is None else ""
+    return Finding(
+        f"{label}: in every scene the f-number with the fewest wrong pixels is within {ALLOWED_STOPS} stops of theory",
+        over_scenes(rows, WRONG.stops_from_theory), bool(near), "stops", decided=near is not None,
+        result=f"fewest at f/{best:g}{end}; theory {WRONG.range(rows)}; mean distance {{}} (positive: narrower); "
+        f"theory's f-number has {brief(abs(cost))} percentage points {'fewer' if cost < 0 else 'more'} wrong "
+        f"pixels{flat}",
+    )  # fmt: skip
+
+
+def _medians(rows: Table, mode: str) -> Finding:
+    """The distance between the f-numbers of least median error of matchers and Cramer-Rao bound."""
+    near = {str(method): is_near(rows.where(method=method), MEDIAN) for method in rows.values("method")}
+    verdicts = [
+        f"{words} for {', '.join(methods)}"
+        for words, verdict in (("within", True), ("outside in some scene", False), ("too flat to decide", None))
+        if (methods := [method for method, found in near.items() if found is verdict])
+    ]
+    decided = [found for found in near.values() if found is not None]
+    distance = over_scenes(rows, lambda unit: [MEDIAN.stops_from_theory(part) for _, part in unit.groups("method")])
+    return Finding(
+        f"At {mode}, for every matcher and scene, the f-number with the least median error is within {ALLOWED_STOPS} "
+        "stops of the Cramer-Rao bound's",
+        distance, bool(decided) and all(decided), "stops", decided=bool(decided),
+        result=f"bound {MEDIAN.range(rows)}; mean distance {{}} (positive: narrower); {'; '.join(verdicts)}",
+    )  # fmt: skip
+
+
+def is_near(rows: Table, aim: Aim) -> bool | None:
+    """Whether a matcher's best f-number is within ALLOWED_STOPS of theory's in each scene.
+
+    None if undecided: the errors two stops from the best f-number exceed the least by no more than noise, and so does
+    theory's f-number in the scenes where it is far.
+    """
+    stops = {scene: over_scenes(rows.where(scene=scene), aim.stops_from_theory).value for scene in rows.values("scene")}
+    far = [scene for scene, distance in stops.items() if abs(distance) > ALLOWED_STOPS]
+    if far and is_above(cost_over_best(rows.where(scene=far), aim)):
+        return False
+    return not far if is_above(cost_over_best(rows, aim, steps=2)) else None
+
+
+def cost_over_best(rows: Table, aim: Aim, steps: int = 0) -> Interval:
+    """The additional error, over scenes, of theory's f-number, or of the better one `steps` steps from the best one.
+
+    The best f-number is cross-validated: found on the scene's other seeds, if there are any.
+    """
+
+    def cost(unit: Table) -> float:
+        own, theory = unit.rows[0], float(unit.numbers(aim.theory)[0])
+        others = rows.where(lambda row: row["seed"] != own["seed"], scene=own["scene"])
+        best = aim.best(others if len(others) else unit)
+        at = F_NUMBERS.index(best)
+        places = [F_NUMBERS[k] for k in (at - steps, at + steps) if 0 <= k < len(F_NUMBERS)]
+        if not steps:
+            places = [min(F_NUMBERS, key=lambda number: abs(math.log(number / theory)))]
+        return min(aim.mean_at(unit, number) for number in places) - aim.mean_at(unit, best)
+
+    return over_scenes(rows, cost)
 
 
 def _wrong(name: str, mode: str, diffraction: str) -> Figure:

@@ -1,21 +1,10 @@
 """Scale models of scenes, and the f-number with the least median error from blur, diffraction and noise.
 
-The error of a good match is the Cramer-Rao bound of a shift, noise / rms slope. A texture of grain s (the standard
-deviation of a Gaussian, measured on the sharp image), widened by a blur of variance b^2, has slopes of variance
-proportional to 1/(s^2 + b^2)^2. Here b^2 = (c/4)^2 for the blur disk, c = A fx |1/z - k|, plus (0.45 lambda N/p)^2 for
-the Airy pattern: the Gaussian with the same curvature at the peak, sqrt(2) lambda / (2 pi NA) = 0.225 lambda/NA (Zhang,
-Zerubia and Olivo-Marin, Gaussian approximations of fluorescence microscope point-spread function models, Applied Optics
-46(10), 2007).
-
-The predicted error of an image is the median over its pixels, each with its true depth, of (s^2 + b^2) noise / signal
-in arbitrary units. The bound describes small errors and is compared with the median error; for the share of wrong
-pixels see `wrong`.
-
-The parameters were chosen from this theory alone, so that its optimum is inside the sweep. With shot noise only, the
-predicted error of a pixel with blur c at f/1 is least at N = c / (4 s). A texture of grain s = 1 to 1.4 px and an
-optimum near f/2 require c near 10 px. Each scene is therefore scaled so that f/1 blurs 95 % of its pixels by at most
-24 px, and about half of them by 10 px. The Airy disk of f/32 is 12 px wide. The fixed exposure is the automatic one of
-f/1: a longer one would saturate the wide lenses, and ten stops less light leave f/32 a few electrons.
+The error of a good match is the Cramer-Rao bound of a shift, noise / rms slope; for a texture of grain s and a blur of
+variance b^2, (s^2 + b^2) noise / signal. The predicted error of an image is its median over the pixels. Here b^2 =
+(c/4)^2 for the blur disk, c = A fx |1/z - k|, plus (0.45 lambda N/p)^2 for the Airy pattern: the Gaussian with the same
+curvature at the peak, 0.225 lambda/NA (Zhang, Zerubia and Olivo-Marin, Gaussian approximations of fluorescence
+microscope point-spread function models, Applied Optics 46(10), 2007). docs/studies.md explains the parameters.
 """
 
 import math
@@ -25,17 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera import Camera, ThinLens
+from twinlens.geometry import Float
 from twinlens.matching import grey
 from twinlens.sensor import Exposure, Sensor
 from twinlens.studies.stage import Stage
 
-Float = NDArray[np.float64]
-
 F_NUMBERS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0, 32.0)
 MODES = ("fixed exposure", "equal brightness")
 PIXEL_PITCH_UM = 3.45
-BLUR_PX, BLURRED_LESS = 24.0, 0.95
-"""The blur at f/1 that this fraction of the pixels does not exceed."""
+BLUR_PX, BLURRED_LESS = 24.0, 0.95  # the blur at f/1 that this fraction of the pixels does not exceed
 WAVELENGTH = 549e-9
 SENSOR = Sensor.preset("machine_vision", wavelengths=(WAVELENGTH,) * 3)
 LUMA = np.array([0.299, 0.587, 0.114])
@@ -44,11 +31,7 @@ _PATCH = 16
 
 @dataclass(frozen=True)
 class Model:
-    """A scale model of a scene and the lenses in front of it.
-
-    The renderer uses the scene at full size with proportionally larger lenses, which gives the same image because rays
-    are scale-free. The sensor and diffraction are not, and use the model's own lens.
-    """
+    """A scale model of a scene and its lenses, rendered at full size; sensor and diffraction use the model's lenses."""
 
     stage: Stage
     scale: float
@@ -68,25 +51,20 @@ class Model:
         """The lens that gives the same image of the scene at full size."""
         return ThinLens(lens.aperture_diameter / self.scale, lens.focus_distance / self.scale)
 
-    def blur(self, lens: ThinLens) -> NDArray[np.float64]:
+    def blur(self, lens: ThinLens) -> Float:
         """The signed blur circle of every left pixel, (H, W), pixels."""
         return self.stage.blur(self.full_size(lens))
 
 
 def grain_px(image: NDArray[np.float32]) -> float:
-    """The grain s of the texture, in pixels: s^2 = var(I) / (2 var(dI/du)) over patches of 16 pixels.
+    """The grain s of the texture, pixels: s^2 = var(I) / (2 var(dI/du)) over patches of 16 pixels.
 
-    This is the standard deviation of the Gaussian that gives smoothed white noise this variance and these slopes; the
-    patches exclude shading. Accurate within 7 % from 1 to 2 px.
+    The standard deviation of the Gaussian that gives white noise these slopes, within 7 % from 1 to 2 px. Patches
+    exclude shading.
     """
-    flat = grey(image).astype(np.float64)
-    slopes = np.diff(flat, axis=1)
-    patches = [
-        (flat[y : y + _PATCH, x : x + _PATCH].var(), slopes[y : y + _PATCH, x : x + _PATCH - 1].var())
-        for y in range(0, flat.shape[0] - _PATCH + 1, _PATCH)
-        for x in range(0, flat.shape[1] - _PATCH + 1, _PATCH)
-    ]
-    variance, steepness = np.mean(patches, axis=0)
+    windows = np.lib.stride_tricks.sliding_window_view(grey(image).astype(np.float64), (_PATCH, _PATCH))
+    patches = windows[::_PATCH, ::_PATCH]
+    variance, steepness = patches.var(axis=(2, 3)).mean(), np.diff(patches, axis=3).var(axis=(2, 3)).mean()
     return math.sqrt(variance / (2.0 * steepness))
 
 
@@ -97,11 +75,10 @@ def airy_px(camera: Camera, lens: ThinLens) -> float:
 
 
 def noise_electrons(wells: ArrayLike, gain: float = 1.0) -> Float:
-    """Root mean square noise, in electrons, of pixels of SENSOR that hold so many electrons S.
+    """Root mean square noise, in electrons, of pixels of SENSOR that hold S electrons.
 
-    Its variance is S + r^2 + d^2 + (g S)^2 + (q_c^2 + q_o^2)/12: shot noise, read noise r, dark-signal and gain
-    nonuniformity d and g, the step q_c of the converter, and the step of the 8-bit image, which a tone curve of slope t
-    turns into q_o = full well / (255 gain t).
+    Its variance is S + r^2 + d^2 + (g S)^2 + (q_c^2 + q_o^2)/12: read noise r, nonuniformity of dark signal and gain d
+    and g, the converter's step q_c, and the 8-bit step q_o = full well / (255 gain t) at slope t of the tone curve.
     """
     held = np.asarray(wells, np.float64)
     level = held * gain / SENSOR.full_well
@@ -112,11 +89,10 @@ def noise_electrons(wells: ArrayLike, gain: float = 1.0) -> Float:
 
 
 def luma_noise(levels: Float, gain: float = 1.0) -> Float:
-    """Root mean square noise (..,) of the luma that is matched, for pixels (.., 3) in fractions of white.
+    """Root mean square noise (..,) of the luma that is matched, for pixels (.., 3); both in fractions of white.
 
-    Luma Y' = sum w_c f(L_c) is a sum of encoded channels, rounded to integers. Its noise is converted to fractions of
-    white by dividing by the response to more light of the same colour,  dY'/dY = sum w_c f'(L_c) L_c / Y,  Y = sum w_c
-    L_c. A saturated channel has neither noise nor response; if all are saturated, the noise is infinite.
+    The noise of Y' = sum w_c f(L_c), rounded to integers, over dY'/dY = sum w_c f'(L_c) L_c / Y, Y = sum w_c L_c. A
+    saturated channel has neither noise nor response; if all are saturated, the noise is infinite.
     """
     response = np.array(SENSOR.quantum_efficiency) * np.array(SENSOR.wavelengths)
     balance = response.max() / response

@@ -1,18 +1,11 @@
 """Prediction of the share of wrong pixels of an image, without a matcher and without fitted parameters.
 
-A pixel is wrong if its window contains more texture of another depth (`Texture.majority`), with or without noise, or
-if noise moves its match far away (`mismatch`), given the texture that blur and diffraction leave in the window. The
-second theory averages over random windows, so V is there the mean over 25 px of the same surface; the variance of the
-window itself would count its randomness twice.
-
-Texture is measured on the images at f-number SHARP_AT without diffraction (`shared_texture`); blur already present
-there is included in s and V, and (c/4)^2 is the additional blur. Approximations: blur disks are squares of the same
-variance, near surfaces do not occlude, and texture visible in one image only is ignored. Rendering noise is not
-included but reported.
+A pixel is wrong if its window contains more texture of another depth (`Texture.majority`), or if noise moves its match
+far away (`mismatch`), given the texture of the sharp images (`shared_texture`) that blur and diffraction leave. Blur
+disks are squares of the same variance, near surfaces do not occlude, texture visible in one image only is ignored.
 
 The threshold effect of noise: Ziv and Zakai, Some lower bounds on signal parameter estimation, IEEE Trans. Information
-Theory 15(3), 1969; Weinstein and Weiss, Fundamental limitations in passive time delay estimation II, IEEE Trans. ASSP
-32(5), 1984.
+Theory 15(3), 1969; Weinstein and Weiss, Fundamental limitations in passive time delay estimation II, ASSP 32(5), 1984.
 """
 
 import math
@@ -26,22 +19,17 @@ from scipy import ndimage
 from scipy.interpolate import RegularGridInterpolator
 
 from twinlens.camera import ThinLens
+from twinlens.geometry import Float
 from twinlens.matching import StereoMatcher
 from twinlens.sensor import Exposure
 from twinlens.studies.aperture.theory import LUMA, SENSOR, airy_px, luma_noise
 from twinlens.studies.stage import Stage
 
-Float = NDArray[np.float64]
-
-RIGHT_PX = 2
-"""Largest error in pixels of a correct match."""
-SHARP_AT = 11.0
-"""The f-number of the images on which texture is measured."""
+RIGHT_PX = 2  # largest error of a correct match
+SHARP_AT = 11.0  # f-number of the images on which texture is measured
 SIDE = StereoMatcher().block_size
-"""The matchers' default block size."""
 _STRIDE = 3
-_AROUND = 25
-"""Side of the box for local means: larger than a window, smaller than uniformly lit surfaces."""
+_AROUND = 25  # side of the box for local means: larger than a window, smaller than uniformly lit surfaces
 _SNR = np.geomspace(1e-3, 1e4, 29)
 _SPREADS = np.geomspace(0.5, 12.0, 12)
 _DRAWS = 4000
@@ -70,9 +58,8 @@ class Texture:
 
         disk: additional blur of each pixel, (H, W), pixels. least: s^2 + airy^2.
 
-        A point with variance V at disparity d, blurred by b^2 = (disk/4)^2 + airy^2, keeps V s^2 / (s^2 + b^2) in the
-        squares, spread over its blur disk, the mean of all points at its disparity. Let E(p, d) be the sum in the
-        window around p. The mean squared difference is least where A(p, d') = sum over d of
+        A point at disparity d, blurred by b^2 = (disk/4)^2 + airy^2, keeps V s^2 / (s^2 + b^2), spread over its blur
+        disk. With the window sums E(p, d), the mean squared difference is least where A(p, d') = sum over d of
         E(p, d) exp(-(d - d')^2 / (4 (s^2 + b_d^2))) is greatest.
         """
         pixels = np.bincount(self.depth.ravel() + 1)[1:]
@@ -87,10 +74,7 @@ class Texture:
         return found, np.einsum("pd,dp->p", around, weights[:, found])
 
     def _window_sums(self, depth: int, disk: float) -> Float:
-        """The two textures of one disparity, spread over the blur disk, summed over windows, (2, places).
-
-        The disk is a square of odd side whose variance is the nearest.
-        """
+        """The two textures of one disparity, spread over a square of the disk's variance, in windows, (2, places)."""
         box = 2 * round((math.sqrt(1.0 + 0.75 * disk**2) - 1.0) / 2.0) + 1
         if (depth, box) not in self._sums:
             squares = [np.where(self.depth == depth, texture, 0.0) for texture in self._textures]
@@ -102,10 +86,9 @@ class Texture:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the sharp images of a scene provide.
+    """What the sharp images of a scene provide: their lens, blur disks (H, W), pixels, levels (H, W, 3) and texture.
 
-    lens: of the sharp images. blur: their blur disks, (H, W), pixels. levels: (H, W, 3), fractions of white per second.
-    texture: of their luma, in squared fractions of white per second, at pixels visible in both images.
+    Levels are in fractions of white per second, textures in their squares, at pixels visible in both images.
     """
 
     stage: Stage
@@ -132,10 +115,9 @@ class Evidence:
     def expected(
         self, lens: ThinLens, exposure: Exposure, blur_px: Float, diffracts: bool, paths: float = 0.0
     ) -> tuple[float, float]:
-        """The predicted percentage of wrong pixels, and the median ratio of rendering noise to sensor noise.
+        """The predicted percentage of wrong pixels, and the median ratio of rendering to sensor noise, or NaN.
 
-        NaN if no pixels can be evaluated. blur_px: the signed blur of every pixel, (H, W). paths: rendering noise
-        relative to the radiance.
+        blur_px: the signed blur of every pixel, (H, W). paths: rendering noise relative to the radiance.
         """
         texture, places = self.texture, self.texture.places
         if not places.any():
@@ -157,9 +139,8 @@ def shared_texture(left: Float, right: Float, depth: NDArray[np.int64]) -> tuple
     """Grain s in pixels, and variance V (H, W), of the texture common to two aligned images (H, W).
 
     s^2 = covariance of the images / covariance of their gradients, V = s^2 gradient^2: products of two images cancel
-    rendering noise. depth: disparities in whole pixels, (H, W), -1 where the images are not aligned. Variances
-    are about means over 25 pixels, which excludes shading. Accurate within 8 % (grain) and 13 % (variance) from 1 to 2
-    px; at 3 px the means remove 11 % and 22 %.
+    rendering noise, means over 25 pixels shading. depth: whole disparities (H, W), -1 where the images are not aligned.
+    Accurate within 8 % (grain) and 13 % (variance) from 1 to 2 px; at 3 px the means remove 11 % and 22 %.
     """
     steep = _slopes(left, right, depth) + _slopes(left.T, right.T, depth.T).T
     seen = depth >= 0
@@ -187,13 +168,9 @@ def _slopes(left: Float, right: Float, depth: NDArray[np.int64]) -> Float:
 
 
 def mismatch_share(snr: ArrayLike, spread: ArrayLike, side: int, ndisp: int) -> Float:
-    """The probability of a mismatch, interpolated in tables of `mismatch` over log(V/sigma^2) and log(g).
-
-    snr: V/sigma^2 of a pixel, >= 0; spread: g in pixels; broadcast against each other.
-    """
-    snr, spread = np.broadcast_arrays(np.asarray(snr, np.float64), np.asarray(spread, np.float64))
-    at = (np.log(np.clip(snr, _SNR[0], _SNR[-1])), np.log(np.clip(spread, _SPREADS[0], _SPREADS[-1])))
-    return np.asarray(_table(side, ndisp)(np.stack(at, axis=-1)), np.float64)
+    """`mismatch`, interpolated over log(snr) and log(spread), which are broadcast against each other."""
+    at = np.log(np.clip(snr, _SNR[0], _SNR[-1])), np.log(np.clip(spread, _SPREADS[0], _SPREADS[-1]))
+    return np.asarray(_table(side, ndisp)(at), np.float64)
 
 
 @lru_cache(maxsize=16)
@@ -203,19 +180,14 @@ def _table(side: int, ndisp: int) -> RegularGridInterpolator:
 
 
 def mismatch(snr: Float, spread: float, side: int, ndisp: int) -> Float:
-    """The probability of a mismatch (K,). snr: V/sigma^2, (K,); spread: g in pixels.
+    """The probability of a mismatch (K,), from 4000 sampled windows. snr: V/sigma^2, (K,); spread: g in pixels.
 
-    A window of n = side^2 pixels has a texture t of variance V and autocorrelation rho(x) = exp(-x^2 / (4 g^2)) along
-    each axis, and white Gaussian noise a, b of variance sigma^2 in the two images. At the shift h from the truth, which
-    is in the middle of the range, its sum of squared differences is E_h + T_h + N_h:
+    The texture t of a window has the variance V and the autocorrelation exp(-x^2 / (4 g^2)) along each axis; white
+    noise a, b in the two images has the variance sigma^2. The sum of squared differences at the shift h is E + T + N:
 
-        texture     E_h = sum (t(x) - t(x + h))^2,                       mean 2 n V (1 - rho(h))
-        both        T_h = 2 sum (t(x) - t(x + h)) (a(x) - b(x + h)),     variance 8 sigma^2 E_h
-        noise       N_h = sum (a(x) - b(x + h))^2,                       far differences of variance 12 n sigma^4
+        E = sum (t(x) - t(x + h))^2,   T = 2 sum (t(x) - t(x + h)) (a(x) - b(x + h)),   N = sum (a(x) - b(x + h))^2
 
-    A match is wrong if the least sum, refined by a parabola, is more than 2 px from the truth. There is no closed form:
-    E_h of a window with few grains is far from Gaussian, and so are the tails of N_h. Textures and noise are therefore
-    sampled: 4000 Gaussian windows with fixed seeds.
+    A match is wrong if the least sum, refined by a parabola, is more than 2 px from the truth.
 
     >>> mismatch(np.array([0.0, 100.0]), 1.2, 9, 32).round(1)
     array([0.9, 0. ])

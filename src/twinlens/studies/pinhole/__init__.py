@@ -1,9 +1,8 @@
 """`pinhole`: sharpness, light and noise behind a bare hole, from an open box down to 0.07 mm; the best diameter.
 
-Sharpness is the MTF50 of a slanted edge (ISO 12233) by two models. "far field": the traced image, blurred by
-`twinlens.diffract`, which integrates the Airy pattern over the pixel a second time. "Fresnel": the sharp image, three
-times finer than the pixels, convolved with Fresnel's pattern and binned; exact for a plane target. Light comes from two
-sources: "sensor", the radiometry of `Sensor`, and "plate", paths traced through a hole in a plate.
+Sharpness is the MTF50 of a slanted edge by two models. "far field": the traced image, blurred by `twinlens.diffract`.
+"Fresnel": the sharp image, three times finer than the pixels, convolved with Fresnel's pattern and binned. Light comes
+from two sources: "sensor", the radiometry of `Sensor`, and "plate", paths traced through a hole in a plate.
 
 Rules for the best diameter: 1.9 sqrt(f lambda) (Rayleigh, On pinhole photography, 1891), and sqrt(2.44 f lambda), at
 which the hole is as wide as its Airy disk.
@@ -15,42 +14,33 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twinlens.camera import BareAperture, Pinhole, Rig
 from twinlens.camera.diffraction import diffract
+from twinlens.geometry import Float
 from twinlens.optics.diffraction import FresnelWarning
 from twinlens.rendering import render
 from twinlens.sensor import Sensor
 from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, compared, power_law, predicted
-from twinlens.studies.pinhole.edge import DEPTH, FILM, PITCH, WAVELENGTH, edge_camera, edge_scene, frequency_at
-from twinlens.studies.pinhole.fresnel import convolved, fresnel_kernel, predicted_best, predicted_frequency
-from twinlens.studies.pinhole.light import exposed_rate, film_light, signal_to_noise, white_rate
+from twinlens.studies.pinhole import film
+from twinlens.studies.pinhole.film import DEPTH, FILM, PITCH, WAVELENGTH, edge_camera, exposed_rate, predicted_best
 from twinlens.studies.stage import Stage, stream
 from twinlens.studies.table import Column, Interval, Row, Table, log_parabola_minimum, over_scenes, paired_difference
 
-Float = NDArray[np.float64]
-
 DIAMETERS_MM = (2.0, 1.4, 1.0, 0.6, 0.5, 0.4, 0.35, 0.32, 0.3, 0.29, 0.28, 0.26, 0.23, 0.2, 0.15, 0.1, 0.07)
-BOX_MM = 100.0
-"""The open box: a hole twice as wide as the box is deep."""
-PLATES_MM = (2.5, 5.0, 10.0, BOX_MM)
-"""Holes wide enough for light paths to find, and narrow enough for the square law within 1 %; and the open box."""
+BOX_MM = 100.0  # the open box: a hole twice as wide as the box is deep
+PLATES_MM = (2.5, 5.0, 10.0, BOX_MM)  # wide enough for light paths; but for the box, square law within 1 %
 SHOWN_MM = (BOX_MM, 2.0, 1.0, 0.6, 0.35, 0.15, 0.07)
 RAYLEIGH_MM = 1e3 * 1.9 * math.sqrt(FILM * WAVELENGTH)
 AIRY_MM = 1e3 * math.sqrt(2.44 * FILM * WAVELENGTH)
 MODELS = ("far field", "Fresnel")
 LIGHTS = ("sensor", "plate")
 _EDGE_SPP, _PLATE_SPP = 64, 1024
-_FINER = 3
-"""Oversampling of the sharp image that is convolved with Fresnel's pattern."""
-_TOLERANCE, _RULE_TOLERANCE = 0.02, 0.15
-"""Of the best hole against wave optics: 1 % for the slanted edge, 0.5 % for the parabola through three holes. Against
-the rules, which ignore pixel and target distance."""
-_LIGHT_TOLERANCE = 0.02
-"""1 % for the cosines at a hole of a fifth of the film distance, and two standard deviations of 1500 light paths."""
-_NEAR_BEST_MM, _SHOT_MM = 0.23, 0.2
-"""Below the second, read noise adds as much as shot noise."""
+_FINER = 3  # oversampling of the sharp image
+_TOLERANCE = 0.02  # 1 % for the slanted edge, 0.5 % for the parabola through three holes
+_RULE_TOLERANCE = 0.15  # the rules ignore pixel and target distance
+_LIGHT_TOLERANCE = 0.02  # 1 % for the cosines at the widest hole, two standard deviations of 1500 light paths
+_NEAR_BEST_MM, _SHOT_MM = 0.23, 0.2  # below the second, read noise adds as much as shot noise
 
 
 def measure(setup: Setup) -> Measured:
@@ -73,18 +63,18 @@ def _hole(millimetres: float) -> BareAperture:
 def _edges(seed: int) -> list[Row]:
     """Sharpness: a row for each hole and model."""
     camera = edge_camera()
-    scene, rig = edge_scene(), Rig((camera,), (np.eye(4),))
+    scene, rig = film.edge_scene(), Rig((camera,), (np.eye(4),))
     fine = Rig((edge_camera(_FINER),), (np.eye(4),))
     sharp = render(scene, fine, Pinhole(), _EDGE_SPP // 4, stream(seed, 0))[0][..., 1].astype(np.float64)
     rows: list[Row] = []
     for k, millimetres in enumerate(DIAMETERS_MM):
         traced = render(scene, rig, _hole(millimetres), _EDGE_SPP, stream(seed, 1, k))[0]
         far = diffract(traced, camera, _hole(millimetres), (WAVELENGTH,) * 3)[..., 1].astype(np.float64)
-        near = convolved(sharp, _fine_kernel(millimetres))
+        near = film.convolved(sharp, _fine_kernel(millimetres))
         near = near.reshape(camera.height, _FINER, camera.width, _FINER).mean(axis=(1, 3))
-        theory = predicted_frequency(millimetres, 0.5)
+        theory = film.predicted_frequency(millimetres, 0.5)
         for model, picture in zip(MODELS, (far, near), strict=True):
-            mtf50, mtf10 = (frequency_at(picture, contrast) / (1e3 * PITCH) for contrast in (0.5, 0.1))
+            mtf50, mtf10 = (film.frequency_at(picture, contrast) / (1e3 * PITCH) for contrast in (0.5, 0.1))
             rows.append(_row(seed, model, millimetres, mtf50=mtf50, mtf10=mtf10, predicted_mtf50=theory))
     return rows
 
@@ -92,16 +82,16 @@ def _edges(seed: int) -> list[Row]:
 def _lights(seed: int) -> list[Row]:
     """Light and noise: a row for each hole, and for each plate."""
     camera = edge_camera()
-    fixed = 0.5 / white_rate(camera, _hole(max(DIAMETERS_MM)))
+    fixed = 0.5 / film.white_rate(camera, _hole(max(DIAMETERS_MM)))
     unit = exposed_rate(camera, _hole(1.0), stream(seed, 3, len(DIAMETERS_MM) + 1))
     rows: list[Row] = []
     for k, millimetres in enumerate((BOX_MM, *DIAMETERS_MM)):
-        noise = signal_to_noise(camera, _hole(millimetres), fixed, stream(seed, 2, k))
+        noise = film.signal_to_noise(camera, _hole(millimetres), fixed, stream(seed, 2, k))
         light = exposed_rate(camera, _hole(millimetres), stream(seed, 3, k)) / unit
         rows.append(_row(seed, LIGHTS[0], millimetres, light=light, snr=noise))
     square_law = (0.5e-3 / FILM) ** 2  # E / (pi L) of a hole of 1 mm
     for k, millimetres in enumerate(PLATES_MM):
-        found = film_light(1e-3 * millimetres, FILM, _PLATE_SPP, stream(seed, 6, k))
+        found = film.film_light(1e-3 * millimetres, FILM, _PLATE_SPP, stream(seed, 6, k))
         rows.append(_row(seed, LIGHTS[1], millimetres, light=found / square_law))
     return rows
 
@@ -115,7 +105,7 @@ def _row(seed: int, model: str, millimetres: float, **known: float) -> Row:
 def _fine_kernel(millimetres: float) -> Float:
     """Fresnel's pattern sampled for the fine image, no wider than that image."""
     half = _FINER * edge_camera().width // 2
-    return fresnel_kernel(1e-3 * millimetres, FILM, DEPTH, WAVELENGTH, PITCH / _FINER, sub=1, most_px=half)
+    return film.fresnel_kernel(1e-3 * millimetres, FILM, DEPTH, WAVELENGTH, PITCH / _FINER, sub=1, most_px=half)
 
 
 def _pictures(setup: Setup, name: str) -> Picture:

@@ -1,0 +1,265 @@
+"""Sharpness and light on the film behind a bare round hole: MTF of a slanted edge (ISO 12233), diffraction, radiometry.
+
+The diffraction pattern, from the hole's shadow to its Airy pattern, is I = |U|^2 with
+
+    U(r) = integral over rho from 0 to a of  J0(2 pi r rho / (lambda v)) exp(i pi rho^2 (1/v + 1/z) / lambda) rho d rho
+
+for the radius a of the hole, the film at v, the point at z (Born and Wolf, Principles of Optics, section 8.8; Young,
+Pinhole optics, Applied Optics 10(12), 1971). All lengths in metres.
+
+The path-traced box uses no camera formula: an opaque plate with a hole in front of a black box, under a uniform sky. A
+white matt film of reflectance 1 inside the box has the radiance E / pi, where E is its irradiance (Lambert's law).
+"""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import optimize, signal, special
+
+from twinlens.camera import BareAperture, Camera, Pinhole, Rig
+from twinlens.errors import InputError
+from twinlens.geometry import Float, look_at
+from twinlens.rendering import render
+from twinlens.scenes import Mesh, Scene, SceneObject
+from twinlens.sensor import Exposure, Sensor
+from twinlens.studies.stage import GLOW, centred_camera, glowing
+
+FILM, PITCH, WAVELENGTH, DEPTH = 0.05, 25e-6, 550e-9, 10.0  # DEPTH: distance of the edge
+SLANT = math.radians(5.0)  # of the edge from the vertical
+OVERSAMPLING = 4
+_RINGS = 40
+SENSOR = Sensor.preset(
+    "machine_vision", filters="mono", output="linear", bits=16, wavelengths=(WAVELENGTH,) * 3, prnu=0.0, dsnu=0.0
+)
+_SIZE = 10.0  # film distance of the box, metres: large, so that the renderer's ray offsets of 1e-4 (1 + position) m
+# are negligible; in a box of 50 mm they would move the film by 0.2 %
+_CORNERS = 512  # of the round hole; the polygon misses 3e-5 of its area
+_HALF_WIDTH = 3.0  # of the box, in film distances
+_PIXELS, _PATCH = 48, 0.02  # image side; imaged part of the film, in film distances: E varies by 2e-4 within it
+
+
+def edge_camera(finer: int = 1) -> Camera:
+    """The camera with film distance FILM and pixel pitch PITCH, or a pitch smaller by an integer factor."""
+    return centred_camera(finer * 420, finer * 90, finer * FILM / PITCH)
+
+
+def edge_scene() -> Scene:
+    """A luminous half plane at DEPTH, its edge near the axis."""
+    size, sine, cosine = 4.0, math.sin(SLANT), math.cos(SLANT)
+    pose = np.diag([size, -size, -1.0, 1.0])
+    pose[:2, :2] = size * np.array([[cosine, sine], [sine, -cosine]])
+    pose[:3, 3] = -size * cosine, -size * sine, DEPTH
+    return glowing("edge", [("half", {"type": "rectangle"}, pose, GLOW)], DEPTH)
+
+
+def edge_spread(picture: ArrayLike) -> tuple[Float, Float]:
+    """The edge-spread function: (distance from the edge in pixels, mean grey level), in bins of a quarter pixel.
+
+    picture: (H, W) linear grey levels with one nearly vertical edge through every row. Distances are perpendicular to
+    the edge. Raises InputError if a row has no edge, or if the edge spans less than a pixel from top to bottom.
+    """
+    image = np.asarray(picture, np.float64)
+    slopes = np.abs(np.diff(image, axis=1))
+    if image.ndim != 2 or not (slopes.sum(axis=1) > 0).all():
+        raise InputError("the slanted edge needs a grey image with an edge through every row")
+    middles, rows = np.arange(slopes.shape[1]) + 0.5, np.arange(slopes.shape[0])
+    near = slopes
+    for _ in range(4):  # the line u = slope v + intercept, refitted to the slopes near the previous one
+        total = near.sum(axis=1)
+        good = total > 0
+        line = np.polyfit(rows[good], (near * middles).sum(axis=1)[good] / total[good], 1)
+        near = slopes * (np.abs(middles - np.polyval(line, rows)[:, None]) < 0.25 * len(middles))
+    if abs(line[0]) * image.shape[0] < 1:
+        raise InputError("the edge is not slanted: it must span more than a pixel from top to bottom")
+    away = (np.arange(image.shape[1]) - np.polyval(line, rows)[:, None]) * math.cos(math.atan(line[0]))
+    bins = np.rint(away * OVERSAMPLING).astype(np.intp)
+    first = int(bins.min())
+    count = np.bincount((bins - first).ravel())
+    total = np.bincount((bins - first).ravel(), weights=image.ravel())
+    places = (np.arange(len(count)) + first) / OVERSAMPLING
+    full = count >= 0.5 * np.median(count)
+    span = np.flatnonzero(full)
+    inner = slice(span[0], span[-1] + 1)
+    return places[inner], np.interp(places[inner], places[full], total[full] / count[full])
+
+
+def modulation_transfer(picture: ArrayLike) -> tuple[Float, Float]:
+    """(frequency in cycles/pixel up to 1, MTF) of the whole system, pixels included.
+
+    The spectrum of the edge-spread function's derivative over two bins, whose attenuation, a sinc, is divided out.
+    """
+    _, spread = edge_spread(picture)
+    line_spread = np.gradient(spread) * OVERSAMPLING
+    centre = int(np.argmax(np.convolve(np.abs(line_spread), np.ones(OVERSAMPLING), mode="same")))
+    half = min(centre, len(line_spread) - 1 - centre)
+    lines = line_spread[centre - half : centre + half + 1] * np.hamming(2 * half + 1)
+    length = 1 << max(len(lines) * 4 - 1, 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(lines, length))
+    frequency = np.fft.rfftfreq(length, 1.0 / OVERSAMPLING)
+    known = frequency <= 1.0
+    damping = np.sinc(2.0 * frequency[known] / OVERSAMPLING)
+    return np.asarray(frequency[known], np.float64), np.asarray(spectrum[known] / spectrum[0] / damping)
+
+
+def frequency_at(picture: ArrayLike, contrast: float) -> float:
+    """The frequency in cycles/pixel at which the MTF first falls below `contrast`: 0.5 for MTF50, 0.1 for MTF10.
+
+    >>> from scipy import special
+    >>> u, v = np.meshgrid(np.arange(80.0), np.arange(60.0))
+    >>> edge = 0.5 + 0.5 * special.erf((u - 39.3 - 0.09 * v) / np.hypot(1, 0.09) / (np.sqrt(2) * 2.0))
+    >>> gaussian = np.sqrt(np.log(2) / 2) / (np.pi * 2.0)
+    >>> bool(abs(frequency_at(edge, 0.5) / gaussian - 1) < 0.01)
+    True
+    """
+    return crossing(*modulation_transfer(picture), contrast)
+
+
+def crossing(frequency: Float, transfer: Float, contrast: float) -> float:
+    """The interpolated frequency at which the transfer first falls below `contrast`; the highest if it does not."""
+    below = np.flatnonzero(transfer < contrast)
+    if not below.size or below[0] == 0:
+        return float(frequency[-1])
+    k = int(below[0])
+    share = (transfer[k - 1] - contrast) / (transfer[k - 1] - transfer[k])
+    return float(frequency[k - 1] + share * (frequency[k] - frequency[k - 1]))
+
+
+def intensity(radius: Float, diameter: float, film: float, depth: float, wavelength: float) -> Float:
+    """|U(r)|^2 at each radius on the film.
+
+    >>> i = intensity(np.array([0.0, 1e-2]), 0.2e-3, 0.05, np.inf, 550e-9)
+    >>> bool(i[0] > 1000 * i[1])
+    True
+    """
+    edge = 0.5 * diameter
+    bend = math.pi * (1.0 / film + 1.0 / depth) / wavelength
+    turns = bend * edge**2 + 2.0 * math.pi * float(radius.max()) * edge / (wavelength * film)
+    nodes, weights = special.roots_legendre(64 + math.ceil(turns))
+    rho = 0.5 * edge * (nodes + 1.0)
+    waves = special.j0(2.0 * math.pi / (wavelength * film) * radius[:, None] * rho)
+    amplitude = waves @ (0.5 * edge * weights * rho * np.exp(1j * bend * rho**2))
+    return np.asarray(np.abs(amplitude) ** 2)
+
+
+def fresnel_kernel(
+    diameter: float, film: float, depth: float, wavelength: float, pitch: float, *, sub: int = 3,
+    most_px: int | None = None,
+) -> Float:  # fmt: skip
+    """The image of a point on pixels of this pitch, (2R + 1, 2R + 1), sum 1.
+
+    R covers the hole's shadow and forty Airy rings (99.5 % of a narrow hole's light), at most `most_px`. Each value
+    is the mean of `sub` x `sub` points: 3 approximates the integral over the pixel; 1 is for images already sampled.
+    """
+    reach = 0.5 * diameter * (1.0 + film / depth) + _RINGS * wavelength * film / diameter
+    size = int(min(math.ceil(reach / pitch), most_px or math.inf))
+    radii = np.linspace(0.0, math.sqrt(2.0) * (size + 1) * pitch, 8 * size + 64)
+    profile = intensity(radii, diameter, film, depth, wavelength)
+    side = 2 * size + 1
+    steps = (np.arange(side * sub) - (side * sub - 1) / 2) * pitch / sub
+    fine = np.interp(np.hypot(steps[:, None], steps[None, :]), radii, profile)
+    kernel = fine.reshape(side, sub, side, sub).sum(axis=(1, 3))
+    return np.asarray(kernel / kernel.sum())
+
+
+def transfer(frequency: Float, diameter: float, film: float, depth: float, wavelength: float) -> Float:
+    """The optical transfer function of the hole at frequencies in cycles/m on the film.
+
+    OTF(nu) = 1/(pi a^2) integral over |x| < a - s/2 of 2 sqrt(a^2 - (|x| + s/2)^2) cos(2 pi kappa s x / lambda) dx with
+    the shift s = lambda v nu of the pupil and kappa = 1/v + 1/z (Hopkins, The frequency response of a defocused optical
+    system, Proc. Roy. Soc. A 231, 1955).
+
+    >>> transfer(np.array([0.0, 1e6]), 0.2e-3, 0.05, np.inf, 550e-9).round(6).tolist()
+    [1.0, 0.0]
+    """
+    edge = 0.5 * diameter
+    shift = wavelength * film * np.asarray(frequency, np.float64)[:, None]
+    nodes, weights = special.roots_legendre(240)
+    half = np.maximum(edge - 0.5 * shift, 0.0)
+    x = 0.5 * half * (nodes + 1.0)
+    chord = 2.0 * np.sqrt(np.maximum(edge**2 - (x + 0.5 * shift) ** 2, 0.0))
+    waves = np.cos(2.0 * math.pi * (1.0 / film + 1.0 / depth) * shift * x / wavelength)
+    return np.asarray((half * weights * chord * waves).sum(axis=1) / (math.pi * edge**2))
+
+
+def convolved(sharp: Float, kernel: Float) -> Float:
+    """A sharp grey image (H, W), extended by its edge pixels, convolved with the kernel."""
+    reach = kernel.shape[0] // 2
+    return np.asarray(signal.fftconvolve(np.pad(sharp, reach, mode="edge"), kernel, mode="valid"))
+
+
+@lru_cache
+def predicted_frequency(millimetres: float, contrast: float) -> float:
+    """The frequency (cycles/mm on the film) at which Hopkins's transfer function times the pixel's is `contrast`."""
+    frequency = np.linspace(0.0, 0.5 / PITCH, 2001)
+    contrasts = transfer(frequency, 1e-3 * millimetres, FILM, DEPTH, WAVELENGTH) * np.sinc(frequency * PITCH)
+    return crossing(frequency, contrasts, contrast) / 1e3
+
+
+@lru_cache
+def predicted_best(contrast: float) -> float:
+    """The hole diameter (mm) with the highest `predicted_frequency`."""
+    found = optimize.minimize_scalar(lambda d: -predicted_frequency(d, contrast), bounds=(0.12, 0.45), method="bounded")
+    return float(found.x)
+
+
+def white_rate(camera: Camera, hole: BareAperture) -> float:
+    """Fraction of white per second for a radiance of 1."""
+    white = np.ones((camera.height, camera.width, 3), np.float32)
+    return float(SENSOR.level_rate(white, camera=camera, lens=hole).mean())
+
+
+def _exposed(camera: Camera, hole: BareAperture, time: float, seed: int) -> Float:
+    """The levels (H, W) of a film lit with a radiance of 1, exposed for `time` seconds."""
+    white = np.ones((camera.height, camera.width, 3), np.float32)
+    photo = SENSOR.expose(white, camera=camera, lens=hole, seed=seed, exposure=Exposure(time))
+    return photo.image.astype(np.float64)
+
+
+def exposed_rate(camera: Camera, hole: BareAperture, seed: int) -> float:
+    """Mean level per second of a uniformly lit film, exposed to half of white."""
+    time = 0.5 / white_rate(camera, hole)
+    return float(_exposed(camera, hole, time, seed).mean()) / time
+
+
+def signal_to_noise(camera: Camera, hole: BareAperture, time: float, seed: int) -> float:
+    """Mean over standard deviation of a uniformly lit film; NaN if it saturates."""
+    image = _exposed(camera, hole, time, seed)
+    return math.nan if image.max() >= 65535 else float(image.mean() / image.std())
+
+
+def film_light(diameter: float, film: float, spp: int, seed: int) -> float:
+    """E / (pi L) at the centre of the film behind a hole in a plate, path-traced: the transmitted share of a sky L.
+
+    diameter: of the hole; film: its distance from the plate; metres. Of n = 2304 spp light paths, a share equal to the
+    result passes the hole, so that its relative standard deviation is at most 1/sqrt(n result).
+    """
+    eye, middle = np.array([0.4, 0.0, 0.3]) * _SIZE, np.array([0.0, 0.0, _SIZE])
+    fx = _PIXELS * float(np.linalg.norm(middle - eye)) / (_PATCH * _SIZE)
+    rig = Rig((centred_camera(_PIXELS, _PIXELS, fx),), (look_at(eye, middle, up=(0.0, -1.0, 0.0)),))
+    picture = render(_box(diameter / film * _SIZE), rig, Pinhole(), spp, seed)[0]
+    return float(picture[..., 1].mean(dtype=np.float64))
+
+
+def _box(diameter: float) -> Scene:
+    """A black plate with a hole at z = 0, black walls and a white film at z = _SIZE behind it; a sky of radiance 1."""
+    around = np.linspace(0.0, 2.0 * math.pi, _CORNERS, endpoint=False)
+    circle = np.stack([np.cos(around), np.sin(around), np.zeros(_CORNERS)], axis=1)
+    half = _HALF_WIDTH * _SIZE
+    rings = np.concatenate([0.5 * diameter * circle, half * circle, half * circle + [0.0, 0.0, 1.01 * _SIZE]])
+    step = np.arange(_CORNERS)
+    following = (step + 1) % _CORNERS
+    strip = [[step, following, step + _CORNERS], [following, following + _CORNERS, step + _CORNERS]]
+    faces = np.concatenate([np.stack(part, axis=1) + ring * _CORNERS for ring in range(2) for part in strip])
+    towards_hole = np.diag([2.0 * half, -2.0 * half, -1.0, 1.0])
+    towards_hole[2, 3] = _SIZE
+    objects = (
+        SceneObject("walls", Mesh(rings, faces.astype(np.uint32)), "black"),
+        SceneObject("film", {"type": "rectangle"}, "white", towards_hole),
+    )
+    grey = {name: {"type": "diffuse", "reflectance": {"type": "rgb", "value": value}}
+            for name, value in (("black", 0.0), ("white", 1.0))}  # fmt: skip
+    sky = {"type": "constant", "radiance": {"type": "rgb", "value": 1.0}}
+    paths = {"type": "path", "max_depth": 2}
+    return Scene("box", objects, grey, np.eye(4), (0.5 * _SIZE, 2.0 * _SIZE), lights={"sky": sky}, integrator=paths)
