@@ -80,8 +80,8 @@ def _rows(setup: Setup, stage: Stage, seed: int) -> list[Row]:
     far = BLURS_PX.index(MISMATCH_BLUR_PX) * len(FOCI)
     near = far + len(FOCI) - 1
     eyes = {"both far": (far, far), "both near": (near, near), "far and near": (far, near)}
-    shots: list[tuple[Row, int, int, tuple[int, ...]]] = []
-    shots += [({"part": "map", "focus": FOCI[k % len(FOCI)]}, k, k, (1, k)) for k in range(len(lenses))]
+    shots: list[tuple[Row, int, int, tuple[int, ...]]]
+    shots = [({"part": "map", "focus": FOCI[k % len(FOCI)]}, k, k, (1, k)) for k in range(len(lenses))]
     shots += [({"part": "eyes", "eyes": name}, *pair, (3, *pair)) for name, pair in eyes.items()]
     rows: list[Row] = []
     for case, left, right, key in shots:

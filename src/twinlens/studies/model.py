@@ -119,8 +119,7 @@ def fewer_wrong(claim: str, rows: Table, best: Value, other: Value, rest: str, *
 
 def predicted(text: str, measured: Interval, expected: float, tolerance: float, unit: str = "") -> Finding:
     """The claim that a value equals a prediction; it holds within the relative tolerance."""
-    holds = abs(measured.value / expected - 1) <= tolerance
-    return Finding(text, measured, holds, unit, expected, tolerance)
+    return Finding(text, measured, abs(measured.value / expected - 1) <= tolerance, unit, expected, tolerance)
 
 
 def power_law(
@@ -148,10 +147,9 @@ class Figure:
 
     kind: "line" (means with bootstrap bands), "scatter" (a point per row), "heatmap" (mean of `z` over x and y).
     where: keep rows with these values; rows whose `by` is "theory" are drawn as a black dashed line. residual_of: a
-    column of predictions; a strip below shows measured / predicted - 1. also: columns drawn dashed in the colour of y
-    (a bound, a prediction). marks: (column, label): a vertical line at the mean of the column, geometric on a
-    logarithmic axis. best: "least" or "most": the point of each line that is ringed. x_of: x-axis labels of panels
-    whose label differs.
+    column of predictions; a strip below shows measured / predicted - 1. also: columns drawn dashed in the colour of y.
+    marks: (column, label), a vertical line at the (logarithmic axis: geometric) mean. best: "least" or "most", the
+    ringed point of each line. x_of: x-axis labels of panels whose label differs.
     """
 
     name: str
@@ -206,11 +204,9 @@ class Measured:
 class Study:
     """A sweep of one physical quantity.
 
-    name, question : the study's name, and its question as one sentence.
-    columns : of its table, besides "scene" and "seed", which every table has.
-    measure : Setup -> Measured.
-    conclude : Table -> findings; called with the whole table, and with the rows of each seed alone.
-    figures : drawn from the CSV. defaults : the Setup used where nothing else is chosen.
+    columns : of its table, besides "scene" and "seed", which every table has. figures : drawn from the CSV.
+    conclude : called with the whole table, and with the rows of each seed alone.
+    defaults : the Setup used where nothing else is chosen.
     """
 
     name: str
@@ -224,9 +220,8 @@ class Study:
     def __post_init__(self) -> None:
         known = [column.name for column in self.all_columns]
         for figure in self.figures:
-            for name in figure.columns:
-                if name not in known:
-                    raise InputError(f"the figure {figure.name!r}: {unknown('column', name, known)}")
+            for name in sorted(set(figure.columns).difference(known)):
+                raise InputError(f"the figure {figure.name!r}: {unknown('column', name, known)}")
 
     @property
     def all_columns(self) -> tuple[Column, ...]:

@@ -74,9 +74,9 @@ def measure(setup: Setup) -> Measured:
 
 
 def image_pair(stage: Stage, spp: int, seed: int) -> tuple[tuple[Image, Image], float]:
-    """The image pair from `spp` samples per pixel, and the rendering noise of the left image, rms grey levels.
+    """The image pair from two renders of half the samples, and the rendering noise of the left image, rms grey levels.
 
-    Two halves of the samples are rendered: their mean is the image, and half their difference has its standard error.
+    Half the difference of the two has the standard error of their mean.
     """
     halves = [stage.photograph(Pinhole(), max(spp // 2, 1), stream(seed, 0, half)) for half in range(2)]
     light = [0.5 * (first + second) for first, second in zip(*halves, strict=True)]

@@ -50,11 +50,7 @@ def find_study(name: str | os.PathLike[str]) -> Study:
 
 
 def study(name: str | os.PathLike[str], **choices: Any) -> Table:
-    """Run a study and return its table; `choices` as for `run_study`, which also returns findings and pictures.
-
-    >>> table = study("texture", seeds=1)  # doctest: +SKIP
-    >>> table.where(method="zncc").numbers("error_px")  # doctest: +SKIP
-    """
+    """Run a study and return its table; `choices` as for `run_study`, which also returns findings and pictures."""
     return run_study(find_study(name), **choices).table
 
 
@@ -70,9 +66,8 @@ def run_study(
 ) -> Result:
     """Run a study; arguments that are not given take the study's defaults.
 
-    scenes, methods, progress : as in `Setup`.
     seeds : the number of repetitions, with the seeds first_seed, first_seed + 1, ...
-    sizes : width, height, spp.
+    scenes, methods, progress, and the sizes width, height and spp : as in `Setup`.
 
     The same arguments give the same table on the same backend. Raises InputError for an unknown scene or method, and
     for scenes or methods given to a study that does not use them.

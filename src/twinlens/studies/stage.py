@@ -62,8 +62,7 @@ class Stage:
         scene = load_scene(name)
         rig = default_rig(scene, width, height, fov_x_deg, baseline)
         if pixel_pitch_um is not None:
-            cameras = tuple(camera.replace(pixel_pitch_um=pixel_pitch_um) for camera in rig.cameras)
-            rig = Rig(cameras, rig.world_from_cams)
+            rig = Rig([camera.replace(pixel_pitch_um=pixel_pitch_um) for camera in rig.cameras], rig.world_from_cams)
         return Stage(scene, rig)
 
     @cached_property
@@ -160,7 +159,7 @@ def noise_texture(width: int, height: int, scale: float, contrast: float, seed: 
 
 
 def noise_plane(rig: Rig, depth: float, seed: int, *, scale_px: float = 0.8, contrast: float = 0.5) -> Scene:
-    """A plane of `noise_texture` at `depth` (m) that fills both images of a rig at the origin. scale_px: of the left."""
+    """A plane of `noise_texture` at `depth` (m) that fills both images of a rig at the origin."""
     camera, baseline = rig.cameras[0], rig.baseline(0, 1)
     width = 1.15 * ((camera.width + 32) * depth / camera.fx) + 2 * baseline  # margins of 15 % and 16 pixels
     height = 1.15 * (camera.height + 32) * depth / camera.fx

@@ -192,10 +192,9 @@ def mismatch(snr: Float, spread: float, side: int, ndisp: int) -> Float:
     >>> mismatch(np.array([0.0, 100.0]), 1.2, 9, 32).round(1)
     array([0.9, 0. ])
     """
-    shifts = np.arange(ndisp) - ndisp // 2
     texture, both, noise = drawn_sums(spread, side, ndisp)
     totals = (ratio * texture + np.sqrt(ratio) * both + noise for ratio in snr)
-    return np.array([float((np.abs(_least(total, shifts)) > RIGHT_PX).mean()) for total in totals])
+    return np.array([float((np.abs(_least(total) - ndisp // 2) > RIGHT_PX).mean()) for total in totals])
 
 
 def drawn_sums(spread: float, side: int, ndisp: int) -> Float:
@@ -222,11 +221,10 @@ def _root(length: int, spread: float) -> Float:
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 
-def _least(sums: Float, shifts: NDArray[np.int64]) -> Float:
-    """The shift of each row's least sum, refined by a parabola except at the ends."""
+def _least(sums: Float) -> Float:
+    """The column of each row's least sum, refined by a parabola except at the ends."""
     best = sums.argmin(axis=1)
-    inner = np.clip(best, 1, len(shifts) - 2)
+    inner = np.clip(best, 1, sums.shape[1] - 2)
     below, least, above = (np.take_along_axis(sums, (inner + k)[:, None], axis=1)[:, 0] for k in (-1, 0, 1))
     bend = below - 2.0 * least + above
-    offset = np.where(best == inner, 0.5 * (below - above) / np.where(bend > 0, bend, 1.0), 0.0)
-    return np.asarray(shifts[best] + offset)
+    return np.asarray(best + np.where(best == inner, 0.5 * (below - above) / np.where(bend > 0, bend, 1.0), 0.0))

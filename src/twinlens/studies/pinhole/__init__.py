@@ -158,18 +158,14 @@ def conclude(table: Table) -> list[Finding]:
 
 def _best(rows: Table, measure_of: str) -> Interval:
     """The diameter (mm) of the highest frequency, by a parabola in log-log through the best hole and its neighbours."""
-
-    def peak(unit: Table) -> float:
-        known = unit.where(lambda row: math.isfinite(float(row[measure_of])))
-        return log_parabola_minimum(known.numbers("diameter_mm"), -np.log(known.numbers(measure_of)))
-
-    return over_scenes(rows, peak)
+    return over_scenes(
+        rows, lambda unit: log_parabola_minimum(unit.numbers("diameter_mm"), -np.log(unit.numbers(measure_of)))
+    )
 
 
 def far_field_error(table: Table) -> Finding:
     """The MTF50 that the far-field pattern loses near the best hole, which `diffract` warns about."""
-    rows = table.where(diameter_mm=_NEAR_BEST_MM)
-    loss = paired_difference(rows, "mtf50", "model", MODELS[1], MODELS[0])
+    loss = paired_difference(table.where(diameter_mm=_NEAR_BEST_MM), "mtf50", "model", MODELS[1], MODELS[0])
     text = f"The far-field pattern underestimates the MTF50 of a hole of {_NEAR_BEST_MM:g} mm"
     return compared(text, loss, "too low", "too high", "", unit="cycles/mm")
 

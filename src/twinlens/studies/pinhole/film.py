@@ -86,10 +86,7 @@ def edge_spread(picture: ArrayLike) -> tuple[Float, Float]:
 
 
 def modulation_transfer(picture: ArrayLike) -> tuple[Float, Float]:
-    """(frequency in cycles/pixel up to 1, MTF) of the whole system, pixels included.
-
-    The spectrum of the edge-spread function's derivative over two bins, whose attenuation, a sinc, is divided out.
-    """
+    """(frequency in cycles/pixel up to 1, MTF) of the whole system, pixels included."""
     _, spread = edge_spread(picture)
     line_spread = np.gradient(spread) * OVERSAMPLING
     centre = int(np.argmax(np.convolve(np.abs(line_spread), np.ones(OVERSAMPLING), mode="same")))
@@ -118,10 +115,9 @@ def frequency_at(picture: ArrayLike, contrast: float) -> float:
 
 def crossing(frequency: Float, transfer: Float, contrast: float) -> float:
     """The interpolated frequency at which the transfer first falls below `contrast`; the highest if it does not."""
-    below = np.flatnonzero(transfer < contrast)
-    if not below.size or below[0] == 0:
+    k = int(np.argmax(transfer < contrast))
+    if k == 0:
         return float(frequency[-1])
-    k = int(below[0])
     share = (transfer[k - 1] - contrast) / (transfer[k - 1] - transfer[k])
     return float(frequency[k - 1] + share * (frequency[k] - frequency[k - 1]))
 
@@ -232,8 +228,7 @@ def signal_to_noise(camera: Camera, hole: BareAperture, time: float, seed: int) 
 def film_light(diameter: float, film: float, spp: int, seed: int) -> float:
     """E / (pi L) at the centre of the film behind a hole in a plate, path-traced: the transmitted share of a sky L.
 
-    diameter: of the hole; film: its distance from the plate; metres. Of n = 2304 spp light paths, a share equal to the
-    result passes the hole, so that its relative standard deviation is at most 1/sqrt(n result).
+    diameter: of the hole; film: its distance from the plate; metres. A binomial share of 2304 spp light paths passes.
     """
     eye, middle = np.array([0.4, 0.0, 0.3]) * _SIZE, np.array([0.0, 0.0, _SIZE])
     fx = _PIXELS * float(np.linalg.norm(middle - eye)) / (_PATCH * _SIZE)
