@@ -28,9 +28,7 @@ def fuse(
     """The points of all views as one cloud, `thinned` if a `spacing` (metres) is given.
 
     min_views : views required per point, including its own. Another view counts if its depth at the nearest pixel
-    differs from the point's by at most `tolerance`, relative. 1 keeps all points.
-
-    Raises InputError without views, or for more `min_views` than views.
+    differs from the point's by at most `tolerance`, relative. Raises InputError for fewer views than that.
     """
     if not views:
         raise InputError("fusing needs at least one view")
@@ -53,8 +51,7 @@ def thinned(cloud: Cloud, spacing: float) -> Cloud:
     check_number("spacing", spacing, "a positive number of metres", above=0)
     if not len(cloud):
         return cloud
-    _, cell = np.unique(np.floor(cloud.points / spacing).astype(np.int64), axis=0, return_inverse=True)
-    cell = cell.reshape(-1)
+    cell = np.unique(np.floor(cloud.points / spacing).astype(np.int64), axis=0, return_inverse=True)[1].reshape(-1)
     values = cloud.points if cloud.colors is None else np.hstack([cloud.points, cloud.colors])
     means = np.stack([ndimage.mean(each, cell, np.arange(cell.max() + 1)) for each in values.T], axis=1)
     return Cloud(means[:, :3], None if cloud.colors is None else np.rint(means[:, 3:]).astype(np.uint8))
@@ -83,8 +80,7 @@ def integrate(
     """The TSDF of `views`.
 
     cell : side of a cell, metres. Smaller cells show more detail and more noise.
-    reach : truncation distance, metres; 4 cells by default. It must exceed the depth errors and be less than half the
-    thickness of the object.
+    reach : truncation distance, metres; more than the depth errors, less than half the object's thickness.
     bounds : (2, 3), lowest and highest corner, world metres; by default those of all points, extended by the reach.
 
     Raises InputError without a known depth, for invalid bounds, and for more than 64 million cells.

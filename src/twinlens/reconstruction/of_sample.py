@@ -123,10 +123,7 @@ def depth_views(stored: StoredSample, matcher: MatcherFactory | None, far: float
 
 
 def _matched(stored: StoredSample, matcher: MatcherFactory, left: int) -> DepthView:
-    """The matched depths of a view and the next one; both are rectified first where they are not.
-
-    The range is that of the left view's true disparities with a margin, or that of calib.txt without truth.
-    """
+    """The matched depths of a view and the next one, rectified, over the range of the true disparities or calib.txt."""
     rig, images = stored.rig.pair(left, left + 1), [stored.image(i) for i in (left, left + 1)]
     if not rig.is_rectified():
         result = rectify(rig, zero_doffs=False)

@@ -111,7 +111,9 @@ def to_csv(table: Table) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([column.name for column in table.columns])
-    writer.writerows([_format(row[column.name]) for column in table.columns] for row in table.rows)
+    for row in table.rows:
+        values = (row[column.name] for column in table.columns)
+        writer.writerow([value if isinstance(value, str) else f"{float(value):.9g}" for value in values])
     return text.getvalue()
 
 
@@ -134,12 +136,7 @@ def table(columns: Iterable[Column], rows: Sequence[Row]) -> Table:
     chosen = tuple(columns)
     words = {name for row in rows for name, value in row.items() if isinstance(value, str)}
     empty: dict[str, Value] = {column.name: "" if column.name in words else math.nan for column in chosen}
-    full = ({**empty, **row} for row in rows)
-    return Table(chosen, tuple({name: _parse(_format(value)) for name, value in row.items()} for row in full))
-
-
-def _format(value: Value) -> str:
-    return value if isinstance(value, str) else f"{float(value):.9g}"
+    return from_csv(to_csv(Table(chosen, tuple({**empty, **row} for row in rows))), chosen)
 
 
 def _parse(cell: str) -> Value:

@@ -179,7 +179,7 @@ def conclude(table: Table) -> list[Finding]:
     law = "At a fixed exposure the mean level is proportional to A^p with p = {}"
     findings = [predicted(law, over_scenes(bright, lambda unit: -fall(unit)), 2.0, 0.01)]
     for mode, rows in with_diffraction.items():
-        findings += [_optimum(rows.where(method=method), f"{method}, {mode}") for method in rows.values("method")]
+        findings += [_optimum(part, f"{method}, {mode}") for (method,), part in rows.groups("method")]
     findings += [_medians(rows, mode) for mode, rows in with_diffraction.items()]
     for mode, rows in without.items():
         ratio = over_scenes(rows, lambda unit: unit.numbers("path_noise").mean())
@@ -190,7 +190,6 @@ def conclude(table: Table) -> list[Finding]:
 
 
 def _optimum(rows: Table, label: str) -> Finding:
-    """The distance between the f-numbers of fewest wrong pixels of matcher and theory."""
     best = WRONG.best(rows)
     end = ", an end of the sweep" if best in (F_NUMBERS[0], F_NUMBERS[-1]) else ""
     cost, near = cost_over_best(rows, WRONG).value, is_near(rows, WRONG)
@@ -205,8 +204,7 @@ def _optimum(rows: Table, label: str) -> Finding:
 
 
 def _medians(rows: Table, mode: str) -> Finding:
-    """The distance between the f-numbers of least median error of matchers and Cramer-Rao bound."""
-    near = {str(method): is_near(rows.where(method=method), MEDIAN) for method in rows.values("method")}
+    near = {str(method): is_near(part, MEDIAN) for (method,), part in rows.groups("method")}
     verdicts = [
         f"{words} for {', '.join(methods)}"
         for words, verdict in (("within", True), ("outside in some scene", False), ("too flat to decide", None))
@@ -228,7 +226,7 @@ def is_near(rows: Table, aim: Aim) -> bool | None:
     None if undecided: the errors two stops from the best f-number exceed the least by no more than noise, and so does
     theory's f-number in the scenes where it is far.
     """
-    stops = {scene: over_scenes(rows.where(scene=scene), aim.stops_from_theory).value for scene in rows.values("scene")}
+    stops = {scene: over_scenes(part, aim.stops_from_theory).value for (scene,), part in rows.groups("scene")}
     far = [scene for scene, distance in stops.items() if abs(distance) > ALLOWED_STOPS]
     if far and is_above(cost_over_best(rows.where(scene=far), aim)):
         return False
