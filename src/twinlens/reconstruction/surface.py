@@ -157,7 +157,8 @@ def sampled(surface: Surface, spacing: float, seed: int = 0) -> Cloud:
     a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
     counts = np.ceil(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1) / spacing**2).astype(np.int64)
     if (count := counts.sum()) > _MOST_SAMPLES:
-        raise InputError(f"a spacing of {spacing} m makes {count} points, more than {_MOST_SAMPLES}: use a wider one")
+        limit = f"{count} points, more than {_MOST_SAMPLES}"
+        raise InputError(f"a spacing of {spacing} m makes {limit}: use a wider spacing")
     face = np.repeat(np.arange(len(counts)), counts)
     r, s = np.random.default_rng(seed).random((2, len(face)))
     shares = np.stack([1 - np.sqrt(r), np.sqrt(r) * (1 - s), np.sqrt(r) * s], axis=1)  # uniform: Osada et al. 2002
