@@ -4,6 +4,8 @@ The samples are rendered in two independent halves A and B. In raw images |A - B
 of the mean. A denoised image is filtered from all samples; its halves are filtered apart, with a fast network. Their
 difference over sqrt(2) is the estimate. This factor was measured on random scenes against references (4 to 64 samples,
 pinhole and lens): the medians of estimate and true error, over windows of 9x9 pixels, agreed within 20 %.
+On the bundled scenes with 16 samples it is 0.74 to 0.96 of the true error through a pinhole and 0.71 to 0.88 through
+an f/1.4 lens: both halves share their guides, whose noise it does not contain.
 """
 
 import math
