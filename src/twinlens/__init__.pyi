@@ -170,6 +170,9 @@ from .scenes import (
     load_scene as load_scene,
 )
 from .scoring import (
+    agreement as agreement,
+)
+from .scoring import (
     evaluate as evaluate,
 )
 from .sensor import (

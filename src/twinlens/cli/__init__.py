@@ -36,6 +36,7 @@ COMMANDS = {
     "match": "Match two images; write a disparity map.",
     "benchmark": "Run matchers on a dataset, score them, and write the leaderboard.",
     "score": "Score disparity maps made by other programs.",
+    "agree": "Compare the rankings of two leaderboards.",
     "study": "Sweep one physical quantity; write table, figures and findings.",
     "report": "Write the leaderboard page of an existing board.",
 }

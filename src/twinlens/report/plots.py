@@ -25,7 +25,7 @@ THEORY = "theory"  # the value of `by` that marks a prediction
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C6D31", "#4D4D4D", "#882255")
 """The colours of Okabe and Ito (Color Universal Design, 2008) without yellow, and four more."""
 _MARKERS = "osD^vP>X<*"
-_RC_PARAMS = {
+RC_PARAMS = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
     "axes.spines.top": False,
@@ -53,14 +53,14 @@ def draw(figure: Figure, table: Table) -> Sheet:
         raise InputError(f"figure {figure.name!r}: the table has no rows with {dict(figure.where)}")
     if figure.kind not in _Panel.KINDS:
         raise unknown("kind of figure", figure.kind, _Panel.KINDS)
-    with matplotlib.rc_context(_RC_PARAMS):
+    with matplotlib.rc_context(RC_PARAMS):
         return _sheet(figure, list(_groups(rows, figure.panel)))
 
 
 def encode(sheet: Sheet, kind: str) -> bytes:
     """The figure as `kind` "png" or "svg", without a date."""
     data = io.BytesIO()
-    with matplotlib.rc_context(_RC_PARAMS):
+    with matplotlib.rc_context(RC_PARAMS):
         if kind == "svg":
             FigureCanvasSVG(sheet).print_svg(data, metadata={"Date": None, "Creator": "twinlens"})
         else:

@@ -1,5 +1,6 @@
 """Scoring of disparity maps: metrics, regions, protocols, and leaderboards. Works without mitsuba."""
 
+from twinlens.scoring.agreement import Agreement, Interval, Move, agreement
 from twinlens.scoring.benchmark import Step, run_benchmark
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure, Mean
 from twinlens.scoring.board_file import board_from_json, board_to_json, json_number, read_board, write_board
@@ -29,14 +30,17 @@ __all__ = [
     "PROTOCOLS",
     "REGIONS",
     "WARM_UP_LIMIT_S",
+    "Agreement",
     "Board",
     "DatasetPairs",
     "Entry",
     "Failure",
     "Groups",
+    "Interval",
     "MapFolder",
     "Mean",
     "Metric",
+    "Move",
     "NamedMethod",
     "Pair",
     "Protocol",
@@ -46,6 +50,7 @@ __all__ = [
     "Scores",
     "Step",
     "Submission",
+    "agreement",
     "board_csv",
     "board_from_json",
     "board_latex",

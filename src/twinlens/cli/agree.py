@@ -1,0 +1,65 @@
+"""`twinlens agree`: compare the rankings of two leaderboards."""
+
+import json
+from pathlib import Path
+
+import click
+
+from twinlens.cli.places import PATH
+from twinlens.errors import InputError
+
+MOVES = 5
+
+
+@click.command("agree")
+@click.argument("board_a", type=PATH)
+@click.argument("board_b", type=PATH)
+@click.option("--protocol", help="Scoring rules.  [default: the first that both boards have]")
+@click.option("--region", default="nonocc", show_default=True, help="Region whose scores are compared.")
+@click.option("--metric", help="Metric to rank by.  [default: the protocol's headline metric]")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the bootstrap.")
+@click.option("-o", "--output", type=PATH, help="Write a figure, a PNG or SVG file.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def command(
+    board_a: Path,
+    board_b: Path,
+    protocol: str | None,
+    region: str,
+    metric: str | None,
+    seed: int,
+    output: Path | None,
+    as_json: bool,
+) -> None:
+    """Compare how two boards rank their common methods.
+
+    BOARD_A and BOARD_B are board.json files or their folders. Prints Kendall's tau-b and Spearman's rho of the methods'
+    mean ranks, with 95 % bootstrap intervals over samples, and how well each board agrees with itself.
+
+    \b
+    Example:  twinlens agree board real-board -o agreement.png
+    """
+    from twinlens.dataset.files import write_file
+    from twinlens.report.agreement_figure import agreement_figure
+    from twinlens.scoring import agreement, read_board
+
+    if output is not None and output.suffix.lower() not in (".png", ".svg"):
+        raise InputError(f"--output {output}: must end in .png or .svg")
+    files = [board / "board.json" if board.is_dir() else board for board in (board_a, board_b)]
+    a, b = (read_board(file) for file in files)
+    result = agreement(a, b, protocol=protocol, region=region, metric=metric, seed=seed)
+    names = str(board_a), str(board_b)
+    if output is not None:
+        write_file(output, agreement_figure(result, names, output.suffix.lower()[1:]))
+    if as_json:
+        click.echo(json.dumps(result.plain(), indent=1))
+        return
+    click.echo(f"{len(result.moves)} methods ranked by {result.metric}, {result.region}, {result.protocol}")
+    click.echo(f"Kendall's tau-b  {result.tau}\nSpearman's rho   {result.rho}")
+    click.echo("tau-b between random halves of the samples of one board:")
+    click.echo(f"  {names[0]}: {result.reliability_a}, {result.samples_a} samples")
+    click.echo(f"  {names[1]}: {result.reliability_b}, {result.samples_b} samples")
+    click.echo("largest differences of mean rank:")
+    for move in result.moves[:MOVES]:
+        click.echo(f"  {move.method}: {move.rank_a:.1f} and {move.rank_b:.1f}")
+    if output is not None:
+        click.echo(f"figure: {output}")

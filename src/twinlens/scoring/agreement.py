@@ -1,0 +1,203 @@
+"""Agreement of two leaderboards: rank correlation of their methods, with bootstrap intervals over samples."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from twinlens.errors import InputError, unknown
+from twinlens.scoring.board import Board
+from twinlens.scoring.metrics import TIMES, find_metric
+from twinlens.scoring.protocols import PROTOCOLS
+from twinlens.seeds import generator
+
+Ranks = NDArray[np.float64]
+LEVEL = 0.95
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A correlation with the limits of its 95 % interval; NaN where the data do not determine it."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f})"
+
+
+@dataclass(frozen=True)
+class Move:
+    """The mean ranks of one method on both boards; rank 1 is the best."""
+
+    method: str
+    rank_a: float
+    rank_b: float
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How alike two boards rank the methods that both have.
+
+    tau, rho: Kendall's tau-b and Spearman's rho of the methods' mean ranks over samples. The intervals come from
+    resampling the samples of both boards with replacement. reliability_a, reliability_b: tau-b between two random
+    halves of the samples of one board, mean and 2.5 to 97.5 percentiles over splits. Two boards cannot be expected to
+    agree better than each agrees with itself. samples_a, samples_b: number of samples used. moves: every method, the
+    largest difference of mean ranks first.
+    """
+
+    protocol: str
+    region: str
+    metric: str
+    samples_a: int
+    samples_b: int
+    tau: Interval
+    rho: Interval
+    reliability_a: Interval
+    reliability_b: Interval
+    moves: tuple[Move, ...]
+
+    def plain(self) -> dict[str, Any]:
+        """The agreement as JSON values; NaN becomes None."""
+        document: dict[str, Any] = asdict(self)
+        for name in ("tau", "rho", "reliability_a", "reliability_b"):
+            document[name] = {key: None if math.isnan(v) else v for key, v in document[name].items()}
+        return document
+
+
+def agreement(
+    board_a: Board,
+    board_b: Board,
+    *,
+    protocol: str | None = None,
+    region: str = "nonocc",
+    metric: str | None = None,
+    resamples: int = 1000,
+    seed: int = 0,
+) -> Agreement:
+    """Compare the rankings of two boards.
+
+    On each sample the methods are ranked by the metric; ties share their mean rank. A failed method shares the last
+    ranks. A method's rank on a board is its mean over the samples. Samples on which one of the shared methods was not
+    run, or without pixels in the region, are left out.
+
+    Parameters
+    ----------
+    board_a, board_b
+        Boards with three or more methods of the same name.
+    protocol
+        Scoring rules; default: the first protocol of `board_a` that `board_b` has.
+    metric
+        Default: the protocol's headline metric.
+    resamples
+        Number of bootstrap resamples, and of random halves.
+
+    Raises
+    ------
+    InputError
+        Fewer than three methods in common, no protocol in common, or no sample left.
+
+    References
+    ----------
+    Kendall, "The treatment of ties in ranking problems", Biometrika 33 (1945); Efron and Tibshirani, "An Introduction
+    to the Bootstrap" (1993), chapter 13.
+    """
+    if resamples < 1:
+        raise InputError(f"resamples is {resamples}: expected 1 or more")
+    protocol = _common_protocol(board_a, board_b) if protocol is None else protocol
+    for board in (board_a, board_b):
+        if protocol not in board.protocols:
+            raise unknown("protocol on both boards", protocol, board.protocols)
+        if region not in board.regions:
+            raise unknown("region on both boards", region, board.regions)
+    rules = PROTOCOLS[protocol]
+    chosen = find_metric(metric or rules.headline)
+    if chosen.name not in (*rules.metrics, *TIMES):
+        raise unknown("metric", chosen.name, (*rules.metrics, *TIMES))
+    methods = tuple(name for name in board_a.methods if name in board_b.methods)
+    if len(methods) < 3:
+        raise InputError(f"the boards share {len(methods)} methods: a comparison of rankings needs 3 or more")
+    a, b = (sample_ranks(board, methods, protocol, region, chosen.name) for board in (board_a, board_b))
+    mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
+    rng = generator(seed)
+    drawn = [(_resampled(a, rng).mean(axis=0), _resampled(b, rng).mean(axis=0)) for _ in range(resamples)]
+    moves = [Move(m, float(x), float(y)) for m, x, y in zip(methods, mean_a, mean_b, strict=True)]
+    return Agreement(
+        protocol,
+        region,
+        chosen.name,
+        len(a),
+        len(b),
+        _interval(_tau(mean_a, mean_b), [_tau(x, y) for x, y in drawn]),
+        _interval(_rho(mean_a, mean_b), [_rho(x, y) for x, y in drawn]),
+        _reliability(a, resamples, rng),
+        _reliability(b, resamples, rng),
+        tuple(sorted(moves, key=lambda move: -abs(move.rank_a - move.rank_b))),
+    )
+
+
+def sample_ranks(board: Board, methods: Sequence[str], protocol: str, region: str, metric: str) -> Ranks:
+    """Ranks (samples, methods) of the methods on each sample, 1 is best; ties share their mean, failures the last.
+
+    Raises InputError if no sample has scores of all methods in the region.
+    """
+    sign = 1.0 if find_metric(metric).lower_is_better else -1.0
+    entries = {(e.sample, e.method): e for e in board.entries if e.protocol == protocol}
+    rows = []
+    for sample in board.samples:
+        row = [entries.get((sample, method)) for method in methods]
+        present = [entry for entry in row if entry is not None]
+        if len(present) == len(methods) and any(entry.evaluated(region) for entry in present):
+            rows.append([sign * entry.value(region, metric) for entry in present])
+    if not rows:
+        raise InputError(f"{board.title}: no sample has scores of all {len(methods)} shared methods in {region!r}")
+    values = np.asarray(rows)
+    ranks: Ranks = stats.rankdata(np.where(np.isnan(values), np.inf, values), axis=1)
+    return ranks
+
+
+def _common_protocol(board_a: Board, board_b: Board) -> str:
+    for name in board_a.protocols:
+        if name in board_b.protocols:
+            return name
+    raise InputError(f"the boards share no protocol: {', '.join(board_a.protocols)}; {', '.join(board_b.protocols)}")
+
+
+def _resampled(ranks: Ranks, rng: np.random.Generator) -> Ranks:
+    return ranks[rng.integers(len(ranks), size=len(ranks))]
+
+
+def _reliability(ranks: Ranks, splits: int, rng: np.random.Generator) -> Interval:
+    if len(ranks) < 2:
+        return Interval(math.nan, math.nan, math.nan)
+    taus = []
+    for _ in range(splits):
+        order = rng.permutation(len(ranks))
+        first, second = np.array_split(order, 2)
+        taus.append(_tau(ranks[first].mean(axis=0), ranks[second].mean(axis=0)))
+    return _interval(float(np.mean(taus)), taus)
+
+
+def _interval(value: float, values: Sequence[float]) -> Interval:
+    tail = 50.0 * (1.0 - LEVEL)
+    low, high = np.percentile(values, (tail, 100.0 - tail))
+    return Interval(value, float(low), float(high))
+
+
+def _correlation(function: Callable[..., Any]) -> Callable[[Ranks, Ranks], float]:
+    def value(x: Ranks, y: Ranks) -> float:
+        """NaN where one side has no order at all."""
+        # Means of the same ranks added in another order differ in the last bit, and ties must stay ties.
+        x, y = np.round(x, 9), np.round(y, 9)
+        return math.nan if np.ptp(x) == 0 or np.ptp(y) == 0 else float(function(x, y).statistic)
+
+    return value
+
+
+_tau = _correlation(stats.kendalltau)
+_rho = _correlation(stats.spearmanr)

@@ -1,0 +1,149 @@
+"""Agreement of two leaderboards, beside SciPy and a naive bootstrap."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from twinlens.cli import run
+from twinlens.errors import InputError
+from twinlens.report.agreement_figure import agreement_figure
+from twinlens.scoring import PROTOCOLS, Board, Entry, Failure, RegionScores, agreement, write_board
+from twinlens.scoring.agreement import sample_ranks
+
+METRICS = PROTOCOLS["middlebury-v3"].metrics
+HEADLINE = PROTOCOLS["middlebury-v3"].headline
+
+
+def entry(method, sample, value, failure=None):
+    scores = RegionScores("nonocc", dict.fromkeys(METRICS, 0.0) | {HEADLINE: value}, 100, 100, 100)
+    regions = {} if failure else {"nonocc": scores}
+    return Entry(method, method, sample, "0" * 64, "middlebury-v3", 10, 10, 16, 0.1, failure, regions)
+
+
+def board(values, title="board"):
+    """values: (samples, methods); NaN is a failure."""
+    crash = Failure("crash", "it failed")
+    return Board(
+        title,
+        tuple(
+            entry(f"m{j}", f"s{i}", value, crash if math.isnan(value) else None)
+            for i, row in enumerate(values)
+            for j, value in enumerate(row)
+        ),
+    )
+
+
+def noisy(seed, samples=12, methods=8, noise=1.0):
+    rng = np.random.default_rng(seed)
+    return np.abs(np.arange(methods) + 5 + noise * rng.standard_normal((samples, methods)))
+
+
+def test_tau_and_rho_equal_scipys_with_ties():
+    """Coarse values tie often, within a sample and between mean ranks."""
+    for seed in range(20):
+        a, b = (np.round(noisy(seed + offset, 3, 7, 3.0)) for offset in (0, 100))
+        result = agreement(board(a), board(b), resamples=2)
+        means = [np.mean([stats.rankdata(row) for row in values], axis=0) for values in (a, b)]
+        assert result.tau.value == pytest.approx(stats.kendalltau(*means).statistic, abs=1e-12)
+        assert result.rho.value == pytest.approx(stats.spearmanr(*means).statistic, abs=1e-12)
+
+
+def test_tau_b_by_its_definition():
+    """(concordant - discordant) / sqrt((pairs - ties in a) (pairs - ties in b)), counted pair by pair."""
+    a, b = np.array([[1.0, 2, 2, 3, 4]]), np.array([[1.0, 3, 2, 2, 5]])
+    x, y = (stats.rankdata(v[0]) for v in (a, b))
+    pairs = [(i, j) for i in range(5) for j in range(i)]
+    score = sum(np.sign(x[i] - x[j]) * np.sign(y[i] - y[j]) for i, j in pairs)
+    free = [sum(v[i] != v[j] for i, j in pairs) for v in (x, y)]
+    assert agreement(board(a), board(b), resamples=1).tau.value == pytest.approx(score / math.sqrt(free[0] * free[1]))
+
+
+def test_a_board_agrees_with_itself_and_is_opposite_to_its_reverse():
+    a = noisy(1, noise=0.0)
+    assert agreement(board(a), board(a), resamples=5).tau.value == pytest.approx(1.0)
+    assert agreement(board(a), board(a[:, ::-1]), resamples=5).tau.value == pytest.approx(-1.0)
+    assert str(agreement(board(a), board(a), resamples=5).reliability_a) == "1.00 (1.00 to 1.00)"
+
+
+def test_the_bootstrap_covers_the_long_run_value():
+    """95 % intervals from 16 samples contain the tau of 4000 samples in most of 40 repetitions."""
+    order = [2, 0, 5, 1, 3, 7, 4, 6]
+    truth = agreement(board(noisy(0, 4000)), board(noisy(1, 4000)[:, order]), resamples=1).tau.value
+    covered = 0
+    for seed in range(40):
+        a, b = noisy(1000 + 2 * seed, 16), noisy(1001 + 2 * seed, 16)[:, order]
+        tau = agreement(board(a), board(b), resamples=200, seed=seed).tau
+        covered += tau.low <= truth <= tau.high
+    assert covered >= 33  # Binomial(40, 0.95) is below 33 with probability 0.003
+
+
+def test_split_half_reliability_grows_with_less_noise():
+    clean, rough = (agreement(board(noisy(3, 20, noise=n)), board(noisy(4)), resamples=100) for n in (0.5, 8.0))
+    assert clean.reliability_a.value > 0.9 > rough.reliability_a.value
+    single = agreement(board(noisy(3, 1)), board(noisy(4)), resamples=3)
+    assert math.isnan(single.reliability_a.value)
+
+
+def test_failures_share_the_last_rank_and_missing_samples_are_left_out():
+    values = noisy(0, 3, 4, noise=0.0)
+    values[0, 0] = values[0, 1] = math.nan
+    a = board(values)
+    ranks = sample_ranks(a, ("m0", "m1", "m2", "m3"), "middlebury-v3", "nonocc", HEADLINE)
+    assert ranks[0].tolist() == [3.5, 3.5, 1.0, 2.0]
+    fewer = a.without(lambda e: (e.method, e.sample) == ("m3", "s1"))
+    assert agreement(fewer, a, resamples=1).samples_a == 2
+
+
+def test_a_move_is_listed_first():
+    a = noisy(0, 5, 6, noise=0.0)
+    b = a.copy()
+    b[:, 0] = 99.0
+    first = agreement(board(a), board(b), resamples=1).moves[0]
+    assert (first.method, first.rank_a, first.rank_b) == ("m0", 1.0, 6.0)
+
+
+def test_the_seed_decides_the_interval():
+    a, b = board(noisy(1, noise=4.0)), board(noisy(2, noise=4.0))
+    assert agreement(a, b, seed=1) == agreement(a, b, seed=1)
+    assert agreement(a, b, seed=1).tau != agreement(a, b, seed=2).tau
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"region": "near"}, "region on both boards 'near'"),
+        ({"protocol": "eth3d"}, "protocol on both boards 'eth3d'"),
+        ({"metric": "badd2.0"}, "metric 'badd2.0'"),
+        ({"resamples": 0}, "resamples is 0"),
+    ],
+)
+def test_bad_arguments_are_refused(change, message):
+    with pytest.raises(InputError, match=message):
+        agreement(board(noisy(0)), board(noisy(1)), **change)
+
+
+def test_boards_with_too_few_common_methods_are_refused():
+    with pytest.raises(InputError, match="share 2 methods"):
+        agreement(board(noisy(0, methods=2)), board(noisy(1)))
+
+
+def test_the_command_prints_and_draws(tmp_path, capsys):
+    write_board(board(noisy(0)), tmp_path / "a" / "board.json")
+    write_board(board(noisy(1)), tmp_path / "b.json")
+    arguments = ["agree", str(tmp_path / "a"), str(tmp_path / "b.json")]
+    assert run([*arguments, "-o", str(tmp_path / "agree.svg")]) == 0
+    text = capsys.readouterr().out
+    assert "8 methods ranked by" in text
+    assert "Kendall's tau-b" in text
+    assert (tmp_path / "agree.svg").read_text().startswith("<?xml")
+    assert run([*arguments, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["samples_a"] == 12
+    assert run([*arguments, "-o", str(tmp_path / "agree.pdf")]) == 2
+
+
+def test_the_same_agreement_gives_the_same_figure():
+    result = agreement(board(noisy(0)), board(noisy(1)), resamples=5)
+    assert agreement_figure(result, ("a", "b")) == agreement_figure(result, ("a", "b"))
