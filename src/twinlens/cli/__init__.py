@@ -30,6 +30,7 @@ COMMANDS = {
     "rectify": "Rectify two views of a sample, with exact ground truth.",
     "show": "Draw the epipolar geometry of a sample.",
     "verify": "Check a dataset: checksums, and consistency of its ground truth.",
+    "statistics": "Compare the images of a dataset with real pairs.",
     "describe": "Write a dataset's card and its Croissant metadata.",
     "export": "Write a dataset in the layout of KITTI, ETH3D, Middlebury, ...",
     "methods": "List the matching methods and their options.",

@@ -23,15 +23,14 @@ def agreement_figure(agreement: Agreement, names: tuple[str, str], kind: str = "
             marked = move.method in largest
             colour = PALETTE[largest.index(move.method)] if marked else "#9AA5B1"
             axes.plot((0, 1), (move.rank_a, move.rank_b), "o-", color=colour, markersize=3, zorder=2 + marked)
-        for side, key, align in ((0, "rank_a", "right"), (1, "rank_b", "left")):
-            ordered = sorted(agreement.moves, key=lambda move, key=key: getattr(move, key))
+        for side, align in ((0, "right"), (1, "left")):
+            ranked = sorted((m.rank_b if side else m.rank_a, m.method) for m in agreement.moves)
             # Labels in equal steps, so that methods of nearly the same rank stay legible.
-            for place, move in enumerate(ordered, start=1):
-                x, rank = side + (0.04 if side else -0.04), getattr(move, key)
-                label = f"{move.method}  {rank:.1f}" if align == "right" else f"{rank:.1f}  {move.method}"
+            for place, (rank, method) in enumerate(ranked, start=1):
                 axes.annotate(
-                    label, (side, rank), (x * 1.0 + (0.12 if side else -0.12), place), ha=align, va="center",
-                    fontsize=8, arrowprops={"arrowstyle": "-", "color": "#C9D1D9", "linewidth": 0.6},
+                    f"{rank:.1f}  {method}" if side else f"{method}  {rank:.1f}", (side, rank),
+                    (1.16 if side else -0.16, place), ha=align, va="center", fontsize=8,
+                    arrowprops={"arrowstyle": "-", "color": "#C9D1D9", "linewidth": 0.6},
                 )  # fmt: skip
         axes.set_xlim(-1.1, 2.1)
         axes.set_ylim(methods + 0.7, 0.3)

@@ -7,6 +7,7 @@ from twinlens.scoring.board_file import board_from_json, board_to_json, json_num
 from twinlens.scoring.evaluate import RegionScores, Scores, evaluate
 from twinlens.scoring.methods import NamedMethod, named_method, named_methods, named_program
 from twinlens.scoring.metrics import METRICS, Metric, find_metric
+from twinlens.scoring.pair_statistics import STATISTICS, Statistic, pair_statistics, summarize
 from twinlens.scoring.protocols import PROTOCOLS, Protocol, find_protocol, interpolate_background
 from twinlens.scoring.regions import REGIONS, Region, region_masks
 from twinlens.scoring.runners import WARM_UP_LIMIT_S
@@ -29,6 +30,7 @@ __all__ = [
     "METRICS",
     "PROTOCOLS",
     "REGIONS",
+    "STATISTICS",
     "WARM_UP_LIMIT_S",
     "Agreement",
     "Board",
@@ -48,6 +50,7 @@ __all__ = [
     "RegionScores",
     "Sample",
     "Scores",
+    "Statistic",
     "Step",
     "Submission",
     "agreement",
@@ -72,10 +75,12 @@ __all__ = [
     "named_program",
     "open_pairs",
     "open_submission",
+    "pair_statistics",
     "read_board",
     "region_masks",
     "run_benchmark",
     "search_range",
     "standings",
+    "summarize",
     "write_board",
 ]

@@ -1,0 +1,240 @@
+"""What two images of a pair differ in, and how they look: statistics of real and synthetic pairs with truth.
+
+Grey levels are 0.299 R + 0.587 G + 0.114 B on a scale of 0 to 255, linearly scaled from 16 bits. `warped` is the right
+image at u - d, by cubic interpolation. Pixels are used where both views see the point and the truth has no jump of more
+than 1 px within 3 px.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, optimize
+
+from twinlens.errors import InputError
+from twinlens.scoring.regions import discontinuity, occluded, textureless
+from twinlens.scoring.samples import Pair
+
+Grey = NDArray[np.float64]
+_LUMA = (0.299, 0.587, 0.114)
+_JUMP_PX, _JUMP_WINDOW = np.nextafter(1.0, 2.0), 7
+_LOW_WINDOW, _WINDOW, _BLOCK = 21, 9, 8
+_FLAT_SD = 3.0
+_MEDIAN_OF_UNIT_NORMAL = 0.6744897501960817
+_MAD_TO_SD = 1 / _MEDIAN_OF_UNIT_NORMAL
+_HUBER = 1.345
+_DB2 = np.array([-(1 + 3**0.5), 3 + 3**0.5, -(3 - 3**0.5), 1 - 3**0.5]) / 32**0.5
+"""High-pass filter of Daubechies's wavelet with two vanishing moments."""
+_BANDS = {"spectrum_low": (0.02, 0.15), "spectrum_high": (0.2, 0.45)}
+"""Cycles per pixel between which the slopes of the power spectrum are fitted."""
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """A statistic of a pair. real: median, 10 % and 90 % quantile over 24 real pairs; None without a reference."""
+
+    unit: str
+    text: str
+    real: tuple[float, float, float] | None = None
+
+
+STATISTICS: Mapping[str, Statistic] = MappingProxyType(
+    {
+        "low_sd": Statistic("grey", "s.d. of the 21x21 mean of left - warped", (2.4, 1.4, 5.4)),
+        "bias": Statistic("grey", "|median of left - warped|", (1.3, 0.2, 8.3)),
+        "gain": Statistic("", "|g - 1| of the robust line left = g warped + o", (0.013, 0.002, 0.028)),
+        "offset": Statistic("grey", "o of that line", (0.3, -3.4, 4.2)),
+        "noise": Statistic("grey", "noise of the left image from its wavelets", (0.95, 0.5, 2.0)),
+        "flat_noise": Statistic("grey", "noise in the flattest fifth of its 8x8 blocks", (0.5, 0.3, 1.6)),
+        "residual": Statistic("grey", "1.48 MAD of left - g warped - o - low", (1.4, 0.8, 2.1)),
+        "textureless": Statistic("", "share of textureless windows", (0.67, 0.27, 0.90)),
+        "flat": Statistic("", "share of 9x9 windows with a s.d. below 3", (0.28, 0.04, 0.50)),
+        "contrast": Statistic("grey", "median s.d. of 9x9 windows", (8.0, 4.1, 15.4)),
+        "gradient": Statistic("grey/px", "median magnitude of the gradient", (2.8, 1.6, 5.9)),
+        "kurtosis": Statistic("", "kurtosis of horizontal differences", (23.0, 14.0, 60.0)),
+        "spectrum_low": Statistic("", "slope of the power spectrum, 0.02 to 0.15 cycles/px", (-2.6, -3.0, -2.4)),
+        "spectrum_high": Statistic("", "slope of the power spectrum, 0.2 to 0.45 cycles/px", (-3.8, -5.3, -3.0)),
+        "correlation": Statistic("", "median correlation of 9x9 windows at the true disparity", (0.96, 0.90, 0.98)),
+        "occluded": Statistic("", "occluded share of the pixels with known truth", (0.11, 0.03, 0.18)),
+        "largest_disparity": Statistic("", "largest true disparity over the image width", (0.09, math.nan, math.nan)),
+        "width": Statistic("px", "image width", (695.0, 450.0, 740.0)),
+    }
+)
+"""Statistics by name. The reference values are of 24 pairs of Middlebury 2001 to 2014, ETH3D and KITTI."""
+
+
+def pair_statistics(pair: Pair) -> dict[str, float]:
+    """Every quantity of `STATISTICS` for one pair; NaN where it has no pixels.
+
+    Raises
+    ------
+    InputError
+        The image is smaller than 32 x 32 pixels.
+
+    References
+    ----------
+    noise: Donoho and Johnstone, Biometrika 81 (1994), section 4.2, with the wavelet db2. flat_noise: Immerkaer,
+    "Fast noise variance estimation", CVIU 64 (1996). textureless: see `regions.textureless`.
+    """
+    height, width = pair.disp0.shape
+    if min(height, width) < 32:
+        raise InputError(f"{pair.name}: {width} x {height} pixels; statistics need 32 x 32 or more")
+    left, right = grey_levels(pair.im0), grey_levels(pair.im1)
+    known = np.isfinite(pair.disp0)
+    hidden = np.zeros_like(known) if pair.mask0_nonocc is None else known & occluded(pair.mask0_nonocc)
+    warped = warp_right(right, pair.disp0)
+    used = known & ~hidden & np.isfinite(warped) & ~discontinuity(pair.disp0, _JUMP_PX, _JUMP_WINDOW)
+    down, across = np.gradient(left)
+    step = np.diff(left, axis=1)
+    contrast = _local_sd(left)
+    eight = np.rint(left).astype(np.uint8)
+    return {
+        **_differences(left, warped, used),
+        "noise": _wavelet_noise(left),
+        "flat_noise": _flat_noise(left),
+        "textureless": float(textureless(eight).mean()),
+        "flat": float((contrast < _FLAT_SD).mean()),
+        "contrast": float(np.median(contrast)),
+        "gradient": float(np.median(np.hypot(down, across))),
+        "kurtosis": _kurtosis(step),
+        **_spectrum_slopes(left),
+        "correlation": _correlation(left, warped, used),
+        "occluded": float(hidden.sum() / known.sum()) if known.any() else math.nan,
+        "largest_disparity": float(pair.disp0[known].max() / width) if known.any() else math.nan,
+        "width": float(width),
+    }
+
+
+def summarize(rows: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, float, float]]:
+    """Median, 10 % and 90 % quantile of each statistic over pairs; pairs without a value are not counted.
+
+    >>> summarize([{"noise": 1.0}, {"noise": 3.0}])
+    {'noise': (2.0, 1.2, 2.8)}
+    """
+    found = {}
+    for name in rows[0] if rows else ():
+        values = [row[name] for row in rows if not math.isnan(row[name])]
+        low, median, high = np.percentile(values, (10, 50, 90)).tolist() if values else (math.nan,) * 3
+        found[name] = (median, low, high)
+    return found
+
+
+def grey_levels(image: NDArray[Any]) -> Grey:
+    """A uint8 or uint16 image as grey levels, float64 (H, W), 0 to 255."""
+    levels = image / (257.0 if image.dtype == np.uint16 else 1.0)
+    return levels if levels.ndim == 2 else levels @ np.asarray(_LUMA)
+
+
+def warp_right(right: Grey, disparity: NDArray[np.floating[Any]]) -> Grey:
+    """The right image at u - d, (H, W), by cubic spline interpolation; NaN where d is unknown or u - d is outside."""
+    height, width = right.shape
+    columns = np.arange(width) - np.where(np.isfinite(disparity), disparity, np.inf)
+    inside = (columns >= 0) & (columns <= width - 1)
+    rows = np.broadcast_to(np.arange(height, dtype=np.float64)[:, None], columns.shape)
+    found: Grey = ndimage.map_coordinates(right, (rows, np.where(inside, columns, 0.0)), order=3, mode="nearest")
+    return np.where(inside, found, np.nan)
+
+
+def _differences(left: Grey, warped: Grey, used: NDArray[np.bool_]) -> dict[str, float]:
+    if np.count_nonzero(used) < _WINDOW**2:
+        return dict.fromkeys(("low_sd", "bias", "gain", "offset", "residual"), math.nan)
+    difference = np.where(used, left - np.where(used, warped, 0.0), 0.0)
+    weight = ndimage.uniform_filter(used.astype(np.float64), _LOW_WINDOW, mode="constant")
+    low = ndimage.uniform_filter(difference, _LOW_WINDOW, mode="constant")[used] / weight[used]
+    gain, offset = robust_line(warped[used], left[used])
+    rest = left[used] - gain * warped[used] - offset - (low - np.median(low))
+    return {
+        "low_sd": float(low.std()),
+        "bias": float(abs(np.median(difference[used]))),
+        "gain": abs(gain - 1.0),
+        "offset": offset,
+        "residual": _mad(rest),
+    }
+
+
+def robust_line(x: Grey, y: Grey) -> tuple[float, float]:
+    """Gain and offset of y = g x + o by Huber's loss, its scale from the median absolute difference of x and y."""
+    scale = max(_HUBER * _mad(y - x), 1e-6)
+    design = np.stack([x, np.ones_like(x)], axis=1)
+    fit = optimize.least_squares(
+        lambda p: design @ p - y, (1.0, 0.0), jac=lambda p: design, loss="huber", f_scale=scale, x_scale=(1e-2, 1.0)
+    )
+    return float(fit.x[0]), float(fit.x[1])
+
+
+def _mad(values: Grey) -> float:
+    return float(_MAD_TO_SD * np.median(np.abs(values - np.median(values))))
+
+
+def _local_sd(image: Grey) -> Grey:
+    """Standard deviation of every whole 9x9 window."""
+    windows = np.lib.stride_tricks.sliding_window_view(image, (_WINDOW, _WINDOW))
+    return np.stack([row.std(axis=(1, 2)) for row in windows])
+
+
+def _wavelet_noise(image: Grey) -> float:
+    """Median of the non-zero diagonal detail coefficients over that of a unit normal, as scikit-image has it."""
+    details = image
+    for axis, size in enumerate(image.shape):
+        padded = np.pad(details, [(3, 3) if a == axis else (0, 0) for a in (0, 1)], mode="symmetric")
+        details = sum(h * padded.take(range(4 - k, size + 6 - k, 2), axis) for k, h in enumerate(_DB2))
+    sizes = np.abs(details[details != 0])
+    return float(np.median(sizes) / _MEDIAN_OF_UNIT_NORMAL) if sizes.size else 0.0
+
+
+def _flat_noise(image: Grey) -> float:
+    """Immerkaer's estimate, sqrt(pi/2) mean|I * N| / 6, over the fifth of the blocks with the least variance."""
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]])
+    height, width = (size // _BLOCK * _BLOCK for size in image.shape)
+
+    def blocks(values: Grey) -> Grey:
+        cut = values[:height, :width].reshape(height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK)
+        return cut.swapaxes(1, 2).reshape(-1, _BLOCK * _BLOCK)
+
+    order = np.argsort(blocks(image).var(axis=1), kind="stable")
+    response = blocks(np.abs(ndimage.convolve(image, kernel, mode="mirror")))
+    return float(math.sqrt(math.pi / 2) / 6 * response[order[: max(len(order) // 5, 1)]].mean())
+
+
+def _kurtosis(values: Grey) -> float:
+    centred = values - values.mean()
+    variance = float(np.mean(centred**2))
+    return float(np.mean(centred**4)) / variance**2 if variance else math.nan
+
+
+def _spectrum_slopes(image: Grey) -> dict[str, float]:
+    """Slopes of log power over log frequency: Hann window, mean power in rings as wide as one frequency step."""
+    height, width = image.shape
+    window = np.outer(np.hanning(height), np.hanning(width))
+    power = np.abs(np.fft.fft2((image - image.mean()) * window)) ** 2
+    radius = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.fftfreq(width)[None])
+    step = 1.0 / min(height, width)
+    ring = np.rint(radius / step).astype(np.intp).ravel()
+    mean = np.bincount(ring, power.ravel()) / np.bincount(ring)
+    frequency = np.arange(len(mean)) * step
+    slopes = {}
+    for name, (low, high) in _BANDS.items():
+        chosen = (frequency >= low) & (frequency <= high) & (mean > 0)
+        fits = np.count_nonzero(chosen) > 1
+        slopes[name] = float(np.polyfit(np.log(frequency[chosen]), np.log(mean[chosen]), 1)[0]) if fits else math.nan
+    return slopes
+
+
+def _correlation(left: Grey, warped: Grey, used: NDArray[np.bool_]) -> float:
+    """Median correlation of the 9x9 windows all of whose pixels are used, without those of constant grey."""
+    whole = ndimage.minimum_filter(used, _WINDOW, mode="constant")
+    left, warped = left - left.mean(), np.where(used, warped - left.mean(), 0.0)
+
+    def mean(values: Grey) -> Grey:
+        means: Grey = ndimage.uniform_filter(values, _WINDOW)[whole]
+        return means
+
+    a, b = mean(left), mean(warped)
+    variances = (mean(left**2) - a**2) * (mean(warped**2) - b**2)
+    covariance = mean(left * warped) - a * b
+    textured = variances > 1e-6
+    return float(np.median(covariance[textured] / np.sqrt(variances[textured]))) if textured.any() else math.nan
