@@ -9,6 +9,7 @@ from twinlens.dataset.codecs.exr import read_exr, write_exr
 from twinlens.dataset.codecs.pfm import encode_pfm, read_disparity, read_pfm, write_pfm
 from twinlens.dataset.codecs.png import encode_png, read_image, read_png, write_png
 from twinlens.dataset.dataset import Dataset, open_sample
+from twinlens.dataset.downloaded import DownloadedPair, downloaded_pairs
 from twinlens.dataset.files import remove_unfinished
 from twinlens.dataset.manifest import DatasetFile, Manifest, Row, hash_files, read_manifest, row_of, write_manifest
 from twinlens.dataset.metadata import About, write_croissant
@@ -26,6 +27,7 @@ __all__ = [
     "Calibration",
     "Dataset",
     "DatasetFile",
+    "DownloadedPair",
     "Manifest",
     "Place",
     "RemotePath",
@@ -36,6 +38,7 @@ __all__ = [
     "StoredSample",
     "Where",
     "describe",
+    "downloaded_pairs",
     "encode_pfm",
     "encode_png",
     "hash_files",

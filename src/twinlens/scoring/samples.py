@@ -10,7 +10,7 @@ from typing import Any, Protocol, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.dataset import Calibration, Dataset, StoredSample, motorcycle
+from twinlens.dataset import Calibration, Dataset, StoredSample, downloaded_pairs, motorcycle
 from twinlens.errors import FileError, InputError, located
 from twinlens.scoring.metrics import Disparity, disparity_map, mask_of
 
@@ -184,8 +184,15 @@ class DatasetPairs(Sequence[Pair]):
 
 
 def open_pairs(names: Iterable[str]) -> DatasetPairs:
-    """The pairs of dataset folders, and of "motorcycle", the real pair that scikit-image ships."""
-    return DatasetPairs(*([motorcycle()] if n == "motorcycle" and not Path(n).exists() else Dataset(n) for n in names))
+    """The pairs of dataset folders, of KITTI's and ETH3D's downloads, and of "motorcycle" (from scikit-image)."""
+    return DatasetPairs(*map(_open, names))
+
+
+def _open(name: str) -> Sequence[Any]:
+    if name == "motorcycle" and not Path(name).exists():
+        return [motorcycle()]
+    downloaded = downloaded_pairs(name)
+    return Dataset(name) if downloaded is None else downloaded
 
 
 def _names(sample: Any) -> list[tuple[str, tuple[str, ...]]]:

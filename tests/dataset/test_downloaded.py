@@ -1,0 +1,71 @@
+"""KITTI's and ETH3D's downloads as pairs: our exports of these layouts, read back, and folders made by hand."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.dataset import dataset_scene
+from twinlens.dataset import Dataset, downloaded_pairs, write_sample
+from twinlens.dataset.export import export
+from twinlens.errors import FileError
+from twinlens.scoring import open_pairs
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("made")
+    for i in range(2):
+        write_sample(folder / f"s{i}", dataset_scene.sample(baseline=0.3 + 0.1 * i))
+    return Dataset(folder)
+
+
+@pytest.mark.parametrize(
+    ("layout", "folder"), [("kitti2015", "Kitti2015/training"), ("eth3d", "ETH3D/two_view_training")]
+)
+def test_an_export_is_read_back(data, tmp_path, layout, folder):
+    export(data, tmp_path / "made", layout)
+    inner = tmp_path / "made" / folder
+    for root in (inner, inner.parent):
+        for pair, sample in zip(downloaded_pairs(root), data, strict=True):
+            np.testing.assert_array_equal(pair.im0, sample.im0)
+            np.testing.assert_array_equal(pair.im1, sample.im1)
+            np.testing.assert_array_equal(pair.mask0_nonocc, sample.mask0_nonocc)
+            np.testing.assert_allclose(pair.disp0, sample.disp0, atol=0 if layout == "eth3d" else 0.5 / 256)
+    names = [pair.name for pair in open_pairs([str(inner)])]
+    assert names == (["s0", "s1"] if layout == "eth3d" else ["000000_10", "000001_10"])
+
+
+def test_kitti_2012_has_grey_images_of_its_own(tmp_path):
+    """disp_occ holds all measured pixels, disp_noc those visible in both views; 256 d in 16 bits, 0 unknown."""
+    occluded = np.array([[0, 512, 1280], [256, 0, 2560]], np.uint16)
+    visible = np.array([[0, 512, 0], [256, 0, 2560]], np.uint16)
+    grey = np.arange(6, dtype=np.uint8).reshape(2, 3)
+    for name, values in (("image_0", grey), ("image_1", grey), ("disp_occ", occluded), ("disp_noc", visible)):
+        (tmp_path / "training" / name).mkdir(parents=True)
+        Image.fromarray(values).save(tmp_path / "training" / name / "000007_10.png")
+    Image.fromarray(grey).save(tmp_path / "training" / "image_0" / "000007_11.png")
+    (pair,) = downloaded_pairs(tmp_path)
+    assert pair.disp0.tolist() == [[np.inf, 2.0, 5.0], [1.0, np.inf, 10.0]]
+    assert pair.mask0_nonocc.tolist() == [[0, 255, 128], [255, 0, 255]]
+    assert (pair.name, pair.ndisp, pair.calibration) == ("000007_10", 11, None)
+
+
+def test_other_folders_are_not_downloads(data, tmp_path):
+    assert downloaded_pairs(data.path) is None
+    assert downloaded_pairs(tmp_path / "missing") is None
+
+
+@pytest.mark.parametrize("missing", ["disp_noc_0", "image_3/000001_10.png", "disp_occ_0/000000_10.png"])
+def test_a_missing_part_is_named(data, tmp_path, missing):
+    export(data, tmp_path / "made", "kitti2015")
+    part = tmp_path / "made/Kitti2015/training" / missing
+    part.rename(tmp_path / "moved")
+    with pytest.raises(FileError, match=part.name):
+        downloaded_pairs(tmp_path / "made/Kitti2015")
+
+
+def test_an_empty_download_is_refused(tmp_path):
+    (tmp_path / "two_view_training").mkdir()
+    (tmp_path / "two_view_training_gt").mkdir()
+    with pytest.raises(FileError, match="has no image with measured disparity"):
+        downloaded_pairs(tmp_path)
