@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.dataset.codecs.calib import Calibration, read_calib
-from twinlens.dataset.codecs.disparity import read_disparity
+from twinlens.dataset.codecs.pfm import read_disparity
 from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.storage import Place, Where, place
 from twinlens.dataset.visibility import HIDDEN, UNKNOWN, VISIBLE, Disparity, Mask

@@ -87,7 +87,7 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
     known = np.isfinite(pair.disp0)
     hidden = np.zeros_like(known) if pair.mask0_nonocc is None else known & occluded(pair.mask0_nonocc)
     warped = warp_right(right, pair.disp0)
-    used = known & ~hidden & np.isfinite(warped) & ~discontinuity(pair.disp0, _JUMP_PX, _JUMP_WINDOW)
+    used = known & ~hidden & np.isfinite(warped) & ~discontinuity(pair.disp0, _JUMP_WINDOW, _JUMP_PX)
     down, across = np.gradient(left)
     step = np.diff(left, axis=1)
     contrast = _local_sd(left)

@@ -40,8 +40,8 @@ def textureless(image: NDArray[np.uint8], window: int = TEXTURE_WINDOW, limit: f
     return mask
 
 
-def discontinuity(gt: ArrayLike, window: int = JUMP_WINDOW) -> Mask:
-    """Pixels within an odd window of a jump of the true disparity, |d - d'| >= 2 px between 4-neighbours.
+def discontinuity(gt: ArrayLike, window: int = JUMP_WINDOW, jump: float = JUMP) -> Mask:
+    """Pixels within an odd window of a jump of the true disparity, |d - d'| >= jump px between 4-neighbours.
 
     Differences to unknown pixels are not jumps.
     """
@@ -49,7 +49,7 @@ def discontinuity(gt: ArrayLike, window: int = JUMP_WINDOW) -> Mask:
     known = np.where(np.isfinite(truth), truth, np.nan)
     edge = np.zeros(truth.shape, np.bool_)
     with np.errstate(invalid="ignore"):
-        across, down = np.abs(np.diff(known, axis=1)) >= JUMP, np.abs(np.diff(known, axis=0)) >= JUMP
+        across, down = np.abs(np.diff(known, axis=1)) >= jump, np.abs(np.diff(known, axis=0)) >= jump
     edge[:, 1:] |= across
     edge[:, :-1] |= across
     edge[1:] |= down
