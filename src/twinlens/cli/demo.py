@@ -20,7 +20,7 @@ from twinlens.scoring import Board, DatasetPairs, Groups, group_means, named_met
 SCENES = ("staircase", "cards", "spheres")
 METHODS = ("sad:block_size=7", "sad:block_size=21", "zncc:block_size=7", "zncc:block_size=21")
 WIDTH, HEIGHT = 400, 300
-SPP = {"scalar": 16, "llvm": 32, "cuda": 64}
+SPP = 16
 APERTURE_OF_BASELINE = 0.5  # blur circle: half a pixel per pixel of disparity away from the focus
 PROTOCOL, REGION = "middlebury-v3", "nonocc"
 
@@ -43,7 +43,7 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
         click.echo(used.advice, err=True)
     dataset, board_folder = output / "dataset", output / "board"
     check_samples(dataset, SCENES, overwrite=True)
-    _render(dataset, SPP[used.name], denoise)
+    _render(dataset, denoise)
     rendered = time.perf_counter()
     pairs = DatasetPairs(Dataset(dataset), [motorcycle()])
     print_stage(f"matching {len(pairs)} pairs with {len(METHODS)} methods")
@@ -61,7 +61,7 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
     click.echo(f"rendered in {rendered - start:.0f} s, matched and scored in {seconds:.0f} s", err=True)
 
 
-def _render(dataset: Path, spp: int, denoise: bool) -> None:
+def _render(dataset: Path, denoise: bool) -> None:
     """Render every scene with both lenses and write them as a dataset."""
     rows = []
     with progress_bar("rendering") as report:
@@ -71,7 +71,7 @@ def _render(dataset: Path, spp: int, denoise: bool) -> None:
             rig = default_rig(scene, WIDTH, HEIGHT)
             wide = ThinLens(APERTURE_OF_BASELINE * rig.baseline(), middle_focus(*scene.depth_range))
             sample = make_sample(
-                scene, rig, (Pinhole(), wide), spp=spp, denoise=denoise,
+                scene, rig, (Pinhole(), wide), spp=SPP, denoise=denoise,
                 progress=lambda fraction, i=i, name=name: report((i + fraction) / len(SCENES), name),  # type: ignore[misc]
             )  # fmt: skip
             rows.append(Row(name, write_sample(dataset / name, sample, overwrite=True), {"scene": name}))

@@ -286,7 +286,7 @@ class Settings(StrictModel):
 
     width: int = Field(640, ge=1, le=MAX_SIDE)
     height: int = Field(480, ge=1, le=MAX_SIDE)
-    spp: int = Field(64, ge=1, le=1_000_000)
+    spp: int = Field(16, ge=1, le=1_000_000)
     denoise: bool = True
     noise: Positive | None = None
     diffraction: bool = False
