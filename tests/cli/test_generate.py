@@ -1,4 +1,5 @@
 import json
+import math
 import os
 import re
 import shutil
@@ -8,6 +9,7 @@ import sys
 import pytest
 
 from tests.factory_recipes import RECIPE, digests, write_recipe
+from twinlens.cli.options import print_json
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +76,22 @@ def test_json_is_all_that_is_printed(twinlens, recipe, tmp_path):
     report = json.loads(out)
     assert code == 0
     assert (report["count"], report["made"], report["complete"], report["failures"]) == (2, 2, True, [])
+
+
+def test_json_has_no_infinity_or_nan(capsys):
+    print_json({"focus": [math.inf, (-math.inf, math.nan)], "spp": 4})
+    assert json.loads(capsys.readouterr().out, parse_constant=pytest.fail) == {
+        "focus": ["inf", ["-inf", None]],
+        "spp": 4,
+    }
+
+
+def test_a_dry_run_prints_strict_json_of_a_lens_focused_at_infinity(twinlens, tmp_path):
+    recipe = write_recipe(tmp_path, count=1)
+    recipe.write_text(recipe.read_text() + '\n[[lenses]]\nkind = "thin"\naperture_mm = 1\nfocus = inf\n')
+    code, out, _ = twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run", "--json")
+    assert code == 0
+    assert json.loads(out, parse_constant=pytest.fail)["next"]["drawn"]["lenses"][-1]["focus"] == "inf"
 
 
 def test_a_dry_run_tells_time_and_disk_and_writes_nothing(twinlens, recipe, tmp_path):

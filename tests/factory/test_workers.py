@@ -12,6 +12,8 @@ import psutil
 import pytest
 
 from tests.factory_recipes import PATIENCE_S, digests, finish, rows_in, start, write_recipe
+from twinlens.dataset import place
+from twinlens.dataset.record import plain
 from twinlens.errors import BackendError, InputError, MissingExtraError
 from twinlens.factory import generate, read_recipe, sample, workers
 from twinlens.factory.workers import Order, dask_cluster, make_one, worker_processes
@@ -56,6 +58,25 @@ def test_a_killed_worker_costs_nothing(recipe, whole, tmp_path):
     assert killing_one(process, tmp_path / "set") >= 2
     assert "8 of 8 samples" in finish(process)
     assert digests(tmp_path / "set") == digests(whole)
+
+
+def test_a_worker_that_dies_idle_while_another_one_works_costs_nothing(tmp_path, monkeypatch):
+    monkeypatch.setenv("TWINLENS_BACKEND", "scalar")
+    recipe = write_recipe(tmp_path, count=4)
+    recipe.write_text(recipe.read_text().replace("spp = 1", "spp = { sweep = [2000, 1, 1] }"))
+    for module in (sample, sensors):
+        monkeypatch.setattr(module, "backend", lambda: Backend("scalar", "scalar_rgb", "as in the workers"))
+    read, end = read_recipe(recipe), time.monotonic() + PATIENCE_S
+
+    def report(fraction, text):
+        assert time.monotonic() < end, "a sample is pending for ever"
+
+    work = workers.Work(read, place(tmp_path / "set"), plain(sample.made_with()))
+    results = worker_processes(2)(work, range(3), report)
+    assert next(results)[0] == 1
+    idle = min(multiprocessing.active_children(), key=lambda child: sum(psutil.Process(child.pid).cpu_times()[:2]))
+    idle.kill()
+    assert sorted(index for index, _ in results) == [0, 2]
 
 
 def test_interrupts_stay_blocked_while_the_first_worker_starts():

@@ -11,10 +11,10 @@ import click
 from rich.console import Console
 from rich.text import Text
 
-from twinlens.cli.options import json_option
+from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import check_results
 from twinlens.cli.progress import interrupt_note, progress_bar
-from twinlens.errors import FileError, InputError
+from twinlens.errors import InputError
 from twinlens.report import write_page
 from twinlens.scoring import (
     PROTOCOLS,
@@ -106,10 +106,8 @@ def _note(output: Path, finished: Sequence[str]) -> Iterator[None]:
     except InputError as error:
         if not finished:
             raise
-        kind = FileError if isinstance(error, FileError) else InputError
-        raise kind(
-            f"{error}; {len(finished)} finished matches are in {output / 'board.json'}: fix this and rerun to resume"
-        ) from error
+        kept = f"{len(finished)} finished matches are in {output / 'board.json'}: fix this and rerun to resume"
+        raise type(error)(f"{error}; {kept}") from error
 
 
 def print_board(
@@ -128,8 +126,7 @@ def print_board(
     """
     code = 1 if board.entries and not any(entry.ok for entry in board.entries) else 0
     if as_json:
-        text = board_to_json(board)
-        click.echo(json.dumps(json.loads(text) | dict(extra), indent=1) if extra else text)
+        print_json(json.loads(board_to_json(board)) | dict(extra or {}))
         return code
     region = "nonocc" if "nonocc" in board.regions else next(iter(board.regions), "")
     for protocol in board.protocols if region else ():
@@ -147,11 +144,10 @@ def print_board(
 def _print_table(board: Board, protocol: str, region: str, groups: Groups | None) -> None:
     """Print a table, with columns chosen for the terminal's width; without a terminal, all columns untruncated."""
     terminal = Console()
+    narrow = terminal.is_terminal and protocol == "middlebury-v3" and terminal.width < _WIDE
+    table = leaderboard_table(board, protocol, region, columns=_NARROW if narrow else None)
     if groups is not None:
         table = comparison_table(board, protocol, region, groups)
-    else:
-        narrow = terminal.is_terminal and protocol == "middlebury-v3" and terminal.width < _WIDE
-        table = leaderboard_table(board, protocol, region, columns=_NARROW if narrow else None)
     if terminal.is_terminal:
         terminal.print(table)
         return

@@ -38,9 +38,7 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
     Example:  twinlens demo -o demo
     """
     used, start = backend(), time.perf_counter()
-    click.echo(f"rendering with {used.variant} ({used.reason})", err=True)
-    if used.advice:
-        click.echo(used.advice, err=True)
+    click.echo(f"rendering with {used.variant} ({used.reason}) {used.advice}".strip(), err=True)
     dataset, board_folder = output / "dataset", output / "board"
     check_samples(dataset, SCENES, overwrite=True)
     _render(dataset, denoise)

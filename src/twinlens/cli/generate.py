@@ -10,21 +10,12 @@ from typing import Any
 import click
 from rich.filesize import decimal
 
+from twinlens import factory
 from twinlens.cli.options import json_option, noise_option, print_json
 from twinlens.cli.places import PATH, PLACE
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place
 from twinlens.errors import InputError
-from twinlens.factory import (
-    Outcome,
-    Recipe,
-    dask_cluster,
-    estimate,
-    generate,
-    in_process,
-    read_recipe,
-    worker_processes,
-)
 from twinlens.factory.workers import RENEWED_AFTER
 
 
@@ -53,9 +44,10 @@ def command(recipe: Path, output: Place, dry_run: bool, limit: int | None, as_js
               twinlens generate recipe.toml -o out --dry-run
     """
     changes = {key: options[key] for key in ("denoise", "noise") if options[key] is not None}
-    read = read_recipe(recipe, changes)
+    read = factory.read_recipe(recipe, changes)
     if dry_run:
-        return _print_estimate(read, output, as_json)
+        _print_estimate(factory.estimate(read, output), output, as_json)
+        return 0
     workers, scheduler = options["workers"], options["scheduler"]
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler exclude each other")
@@ -64,53 +56,50 @@ def command(recipe: Path, output: Place, dry_run: bool, limit: int | None, as_js
     part = re.fullmatch("([0-9]+)/([0-9]+)", options["shard"])
     if part is None or not 1 <= int(part[1]) <= int(part[2]):
         raise InputError(f"--shard must be i/n with i from 1 to n, such as 2/8, got {options['shard']!r}")
-    engine = dask_cluster(scheduler) if scheduler else worker_processes(workers) if workers else in_process
-    kept = "finished samples are kept; run the same command to resume"
+    engine = factory.worker_processes(workers) if workers else factory.in_process
+    if scheduler:
+        engine = factory.dask_cluster(scheduler)
+    shard, kept = (int(part[1]), int(part[2])), "finished samples are kept; run the same command to resume"
     with progress_bar("generating") as report, interrupt_note(lambda: kept):
-        outcome = generate(read, output, limit=limit, shard=(int(part[1]), int(part[2])), report=report, engine=engine)
+        outcome = factory.generate(read, output, limit=limit, shard=shard, report=report, engine=engine)
     _print(outcome, output, as_json)
     return 1 if outcome.failures else 0
 
 
-def _print(outcome: Outcome, output: Place, as_json: bool) -> None:
+def _print(outcome: factory.Outcome, output: Place, as_json: bool) -> None:
     if as_json:
         print_json({"dataset": str(output), **asdict(outcome)})
         return
     for failure in outcome.failures:
         last, draws = failure.rejections[-1], len(failure.rejections)
-        count = f"{draws} draws rejected; last reason: " if draws > 1 else ""
-        click.echo(
-            f"sample {failure.index} failed: {count}{last['reason']} ({last['found']}); change {failure.remedy}",
-            err=True,
-        )
+        why = (f"{draws} draws rejected; last reason: " if draws > 1 else "") + f"{last['reason']} ({last['found']})"
+        click.echo(f"sample {failure.index} failed: {why}; change {failure.remedy}", err=True)
     rejected = ", ".join(f"{count} {reason}" for reason, count in outcome.rejections.items())
-    click.echo(
-        f"{output}: {outcome.there} of {outcome.count} samples, {outcome.made} made by this run"
-        + (f"; draws rejected: {rejected}" if rejected else "")
-    )
+    made = f"{output}: {outcome.there} of {outcome.count} samples, {outcome.made} made by this run"
+    click.echo(made + (f"; draws rejected: {rejected}" if rejected else ""))
     if outcome.left:
         click.echo("run the same command to make the rest", err=True)
     elif not outcome.complete:
         click.echo("this shard is done; the dataset is complete when the other shards are done", err=True)
 
 
-def _print_estimate(recipe: Recipe, output: Place, as_json: bool) -> int:
-    found = estimate(recipe, output)
+def _print_estimate(found: factory.Estimate, output: Place, as_json: bool) -> None:
     if as_json:
         print_json({"dataset": str(output), **asdict(found)})
-        return 0
+        return
     samples = f"{found.count} sample{'' if found.count == 1 else 's'}"
     click.echo(f"{output}: {samples}, {found.before} made, {found.todo} to make")
-    if found.next is not None:
-        split = f", split {found.next['split']}" if found.next["split"] else ""
-        click.echo(f"next: sample {found.next['index']}, {found.next['kind']} {found.next['scene']}{split}")
-        for key, value in _flat("", found.next["drawn"]):
-            click.echo(f"  {key} = {value}")
-        click.echo(
-            f"one sample took {found.seconds_each:.1f} s and {decimal(found.bytes_each)}; "
-            f"the rest needs about {_clock(found.seconds)} and {decimal(found.bytes)} on this machine"
-        )
-    return 0
+    if found.next is None:
+        return
+    split = f", split {found.next['split']}" if found.next["split"] else ""
+    click.echo(f"next: sample {found.next['index']}, {found.next['kind']} {found.next['scene']}{split}")
+    for key, value in _flat("", found.next["drawn"]):
+        click.echo(f"  {key} = {value}")
+    time = f"{found.seconds:.0f} s" if found.seconds < 90 else f"{found.seconds / 3600:.2g} h"
+    click.echo(
+        f"one sample took {found.seconds_each:.1f} s and {decimal(found.bytes_each)}; "
+        f"the rest needs about {time} and {decimal(found.bytes)} on this machine"
+    )
 
 
 def _flat(key: str, value: Any) -> Iterator[tuple[str, str]]:
@@ -127,8 +116,3 @@ def _flat(key: str, value: Any) -> Iterator[tuple[str, str]]:
             yield from _flat(f"{key}[{k}]", part)
     else:
         yield key, f"{value:.6g}" if isinstance(value, float) else json.dumps(value)
-
-
-def _clock(seconds: float) -> str:
-    """Hours, or seconds below 90."""
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 3600:.2g} h"

@@ -55,8 +55,7 @@ def command(left: Path, right: Path, output: Path, picture: Path | None, as_json
         write_png(picture, colourise(disparity, *disparity_limits(disparity, matcher)))
     known = float(np.isfinite(disparity).mean())
     if as_json:
-        record = {"output": str(output), "method": name, "known_fraction": known, "seconds": seconds}
-        print_json(record)
+        print_json({"output": str(output), "method": name, "known_fraction": known, "seconds": seconds})
     else:
         click.echo(f"{output}: {name}, {known:.1%} of the pixels matched, {seconds:.2f} s including compilation")
 
@@ -67,9 +66,7 @@ def _check_outputs(images: tuple[Path, ...], output: Path, picture: Path | None)
         raise InputError(f"--output {output}: must end in .pfm; --picture writes a PNG to look at")
     if picture is not None and picture.suffix.lower() != ".png":
         raise InputError(f"--picture {picture}: must end in .png")
-    for option, path in (("--output", output), ("--picture", picture)):
-        if path is None:
-            continue
+    for option, path in {"--output": output, **({"--picture": picture} if picture else {})}.items():
         if any(path.exists() and image.exists() and path.samefile(image) for image in images):
             raise InputError(f"{option} {path}: is one of the two images; choose another file")
         if (path.absolute().parent / "sample.json").exists():
@@ -77,11 +74,7 @@ def _check_outputs(images: tuple[Path, ...], output: Path, picture: Path | None)
 
 
 def _matcher(
-    method: str | None,
-    program: str | None,
-    time_limit: float | None,
-    num_disparities: int | None,
-    min_disparity: int,
+    method: str | None, program: str | None, time_limit: float | None, num_disparities: int | None, min_disparity: int
 ) -> tuple[Any, str]:
     """The matcher and its name."""
     search = {"num_disparities": num_disparities or DEFAULT_DISPARITIES, "min_disparity": min_disparity}

@@ -1,6 +1,7 @@
 """Options of commands: help in sections, pairs of cameras, and an error for an option that is given twice."""
 
 import json
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -20,8 +21,18 @@ def json_option(what: str) -> Callable[[Any], Any]:
 
 
 def print_json(record: Any) -> None:
-    """Print plain data as JSON."""
-    click.echo(json.dumps(record, indent=1))
+    """Print plain data as JSON, NaN as null, infinity as "inf"."""
+    click.echo(json.dumps(_strict(record), indent=1, allow_nan=False))
+
+
+def _strict(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _strict(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_strict(entry) for entry in value]
+    if not isinstance(value, float) or math.isfinite(value):
+        return value
+    return None if math.isnan(value) else "inf" if value > 0 else "-inf"
 
 
 class PositiveType(click.ParamType):  # type: ignore[type-arg]

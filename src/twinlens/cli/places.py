@@ -10,6 +10,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from twinlens.dataset import Place, RemotePath, place, read_manifest
+from twinlens.dataset.files import check_replaceable
 from twinlens.errors import InputError, OutputError
 
 
@@ -44,27 +45,20 @@ def missing_output() -> click.MissingParameter:
     return click.MissingParameter(ctx=context, param=option)
 
 
-def check_new(output: Place, overwrite: bool, mark: str = "sample.json", kind: str = "sample") -> None:
+def check_new(output: Place, overwrite: bool, mark: str = "sample.json", kind: str = "a sample") -> None:
     """Raise OutputError where the output exists, unless it may be overwritten: an empty folder, or one with `mark`.
 
     Whether a bucket has files of other kinds is checked when it is written.
     """
-    if not isinstance(output, Path):
-        exists, replaceable = output.exists(), True
-    else:
-        exists = os.path.lexists(output)
-        replaceable = (output / mark).is_file() or (output.is_dir() and not any(output.iterdir()))
-    if exists and not overwrite:
+    if not overwrite and (os.path.lexists(output) if isinstance(output, Path) else output.exists()):
         raise OutputError(f"{output}: exists already; choose another name, or add --overwrite")
-    if exists and not replaceable:
-        raise OutputError(f"{output}: exists and is not a {kind}, so it is not overwritten; choose another name")
+    check_replaceable(output, not isinstance(output, Path) or (output / mark).is_file(), kind)
 
 
 def check_results(folder: Path, mark: str) -> None:
     """Raise OutputError for a folder that cannot be created, and for one with files but without the file `mark`."""
     _check_creatable(folder)
-    if not (folder / mark).is_file():
-        _refuse_others(folder, (), mark)
+    _refuse_others(folder, (), mark)
 
 
 def check_samples(output: Place, names: Sequence[str], overwrite: bool) -> None:
@@ -75,23 +69,22 @@ def check_samples(output: Place, names: Sequence[str], overwrite: bool) -> None:
 
     Raises InputError for a repeated name, FileError for a damaged dataset.json, OutputError.
     """
-    listed = (output / "dataset.json").exists()
-    if listed and "made_with" in read_manifest(output).info:
+    if (output / "dataset.json").exists() and "made_with" in read_manifest(output).info:
         raise OutputError(f"{output}: is a dataset of `twinlens generate`; choose another folder")
-    double = next((name for name in names if names.count(name) > 1), None)
-    if double is not None:
-        raise InputError(f"two scenes are named {double!r}; a sample's folder is named after its scene")
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"two scenes are named {name!r}; a sample's folder is named after its scene")
     if isinstance(output, Path):
         _check_creatable(output)
     for name in names:
         check_new(output / name, overwrite)
-    if not listed:
-        _refuse_others(output, names, "dataset.json")
+    _refuse_others(output, names, "dataset.json")
 
 
 def _refuse_others(folder: Place, names: Sequence[str], mark: str) -> None:
-    """Raise OutputError if a folder has files other than `names` and hidden ones."""
-    for name in sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else ():
+    """Raise OutputError if a folder without `mark` has files other than `names` and hidden ones."""
+    found = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+    for name in () if mark in found else found:
         if not name.startswith(".") and name not in names:
             raise OutputError(f"{folder}: contains {name!r} and no {mark}; choose a new or an empty folder")
 

@@ -11,7 +11,7 @@ from twinlens.cli.places import PATH, PLACE, check_new
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Place, open_sample
 from twinlens.dataset.files import write_folder
-from twinlens.errors import InputError
+from twinlens.errors import located
 from twinlens.matching import parse_method
 from twinlens.reconstruction.of_sample import RECORD, reconstruct
 
@@ -36,13 +36,9 @@ def command(sample: Place, output: Path, method: str, overwrite: bool, as_json: 
     \b
     Example:  twinlens reconstruct out/tabletop --method sgm -o rebuilt
     """
-    check_new(output, overwrite, RECORD, "reconstruction")
-    matcher = None
-    if method != "truth":
-        try:
-            matcher = parse_method(method).matcher
-        except InputError as error:
-            raise InputError(f"--method is 'truth' or a matcher: {error}") from error
+    check_new(output, overwrite, RECORD, "a reconstruction")
+    with located("--method is 'truth' or a matcher"):
+        matcher = None if method == "truth" else parse_method(method).matcher
     for name in ("cell", "spacing"):
         size = options.pop(f"{name}_mm")
         options[name] = None if size is None else 1e-3 * size

@@ -19,22 +19,12 @@ from twinlens.scenes import load_scene
 @click.option("-o", "--output", required=True, type=PATH, help="Folder of the new sample.")
 @click.option("--cameras", default="0,1", show_default=True, help="The left and the right view, counted from 0.")
 @click.option("--pictures", default="maps", show_default=True, help="maps: warp the images; render: render new ones.")
-@click.option(
-    "--fit",
-    default="focal",
-    show_default=True,
-    help="Focal length: focal (mean of both), all (both images fit) or valid (no empty pixels).",
-)
-@click.option(
-    "--own-centres",
-    is_flag=True,
-    help="Give each view its own principal point, so that its image is centred; doffs is then not 0.",
-)
-@click.option(
-    "--misalignment",
-    metavar="NAME=VALUE,...",
-    help="Calibration errors of the right view: vertical_px, pitch_deg, yaw_deg, roll_deg.",
-)
+@click.option("--fit", default="focal", show_default=True,
+              help="Focal length: focal (mean of both), all (both images fit) or valid (no empty pixels).")  # fmt: skip
+@click.option("--own-centres", is_flag=True,
+              help="Centre each view's image by its own principal point; doffs is then not 0.")  # fmt: skip
+@click.option("--misalignment", metavar="NAME=VALUE,...",
+              help="Calibration errors of the right view: vertical_px, pitch_deg, yaw_deg, roll_deg.")  # fmt: skip
 @click.option("--scene", metavar="FILE", help="Scene file; required if the scene is not bundled.")
 @click.option("--overwrite", is_flag=True, help="Replace an existing sample.")
 @json_option("what was written")

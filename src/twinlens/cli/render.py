@@ -42,11 +42,8 @@ _SECTIONS = {
 @click.option("--size", default="640x480", show_default=True, help="Image size, WIDTHxHEIGHT.")
 @click.option("--fov", type=float, help="Horizontal field of view, at most 179 degrees.  [default: the scene's]")
 @click.option("--focal-length-px", metavar="FX[,FY]", help="Focal length in pixels, instead of --fov.")
-@click.option(
-    "--principal-point",
-    metavar="CX,CY",
-    help="Principal point in pixels; pixel centres are at integers.  [default: the image centre]",
-)
+@click.option("--principal-point", metavar="CX,CY",
+              help="Principal point; pixel centres are at integers.  [default: the image centre]")  # fmt: skip
 @click.option("--distortion", metavar="K", help=camera_text.DISTORTION_HELP)
 @click.option("--pixel-pitch-um", type=float, help="Pixel width.  [default: 5]")
 @click.option("--sensor-width-mm", metavar="MM|FORMAT", help=camera_text.SENSOR_WIDTH_HELP)
@@ -83,23 +80,20 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
         sensor = sensor.replace(bits=int(options["bits"]))
     if options["mismatch"] is not None:
         sensor = sensor.replace(mismatch=camera_text.parse_mismatch(options["mismatch"]))
-    how = {
-        "spp": options["spp"], "denoise": options["denoise"], "noise": options["noise"], "seed": options["seed"],
-        "keep_radiance": options["radiance"],
-        "sky_disparity": options["sky_disparity"], "diffraction": options["diffraction"], "sensor": sensor,
-        "exposure": camera_text.parse_exposure(options["exposure"]),
-    }  # fmt: skip
+    names = ("spp", "denoise", "noise", "seed", "sky_disparity", "diffraction")
+    how: dict[str, Any] = {name: options[name] for name in names}
+    how |= {"keep_radiance": options["radiance"], "exposure": camera_text.parse_exposure(options["exposure"])}
     jobs = [_job(load_scene(name), options) for name in scenes]
     check_samples(output, [scene.name for scene, _, _ in jobs], overwrite)
     made: list[tuple[Row, list[str]]] = []
     with interrupt_note(lambda: "finished samples are kept" if made else ""):
         for scene, rig, lenses in jobs:
             with progress_bar(f"rendering {scene.name}") as report, _warnings_as_lines():
-                sample = make_sample(scene, rig, lenses, progress=lambda part, r=report: r(part, ""), **how)  # type: ignore[misc]
+                how["progress"] = lambda part, report=report: report(part, "")
+                sample = make_sample(scene, rig, lenses, sensor=sensor, **how)
             row = add_sample(output, scene.name, sample, options["seed"], overwrite)
-            made.append(
-                (row, [camera_text.format_exposure(sample, k, text) for k, text in enumerate(options["lenses"])])
-            )
+            lines = [camera_text.format_exposure(sample, k, text) for k, text in enumerate(options["lenses"])]
+            made.append((row, lines))
     _print(output, made, as_json)
 
 
@@ -108,7 +102,9 @@ def _job(scene: Scene, options: dict[str, Any]) -> tuple[Scene, Rig, tuple[Lens,
     width, height = camera_text.parse_size(options["size"])
     if options["rig"] is not None:
         scene = scene_with_rig(scene, options["rig"])
-    rig = default_rig(scene, width, height, options["fov"], options["baseline"], camera_text.parse_intrinsics(options))
+    intrinsics = camera_text.parse_intrinsics(options)
+    with camera_text.options_named(options):
+        rig = default_rig(scene, width, height, options["fov"], options["baseline"], intrinsics)
     if options["baseline"] is not None and scene.depth_range_known:
         check_common_view(rig, scene)
     view, aperture = View(scene, rig.cameras[0], ()), camera_text.parse_aperture(options["aperture"])
@@ -141,7 +137,5 @@ def _print(output: Place, made: list[tuple[Row, list[str]]], as_json: bool) -> N
         print_json({"dataset": str(output), "backend": used.variant, "samples": samples})
         return
     for row, lines in made:
-        click.echo(f"{output / row.name}: {len(row.files)} files")
-        for line in lines:
-            click.echo(f"  {line}")
+        click.echo("\n  ".join([f"{output / row.name}: {len(row.files)} files", *lines]))
     click.echo(f"rendered with {used.variant} ({used.reason})" + (f"; {used.advice}" if used.advice else ""))

@@ -12,7 +12,7 @@ from twinlens.cli.options import print_json
 from twinlens.cli.places import PATH, missing_output
 from twinlens.dataset import place, read_disparity, read_png
 from twinlens.errors import InputError
-from twinlens.scoring import Scores, evaluate, find_metric, json_number, open_pairs, open_submission, search_range
+from twinlens.scoring import Scores, evaluate, find_metric, open_pairs, open_submission, search_range
 from twinlens.scoring.board_file import UNSCORED
 
 FIRST_FEW = 3
@@ -57,8 +57,6 @@ def command(submissions: tuple[Path, ...], truths: tuple[str, ...], as_json: boo
             only = "folders or zip files scored against datasets" if one_map else "one map scored against one truth map"
             raise InputError(f"{option}: is only for {only}")
     if not one_map:
-        if options["output"] is None:
-            raise missing_output()
         return _score_submissions(submissions, truths, as_json, options)
     if len(submissions) > 1 or len(truths) > 1 or len(options["protocols"]) > 1:
         raise InputError("one map is scored against one truth by one --protocol; for more, give folders and datasets")
@@ -68,6 +66,8 @@ def command(submissions: tuple[Path, ...], truths: tuple[str, ...], as_json: boo
 
 def _score_submissions(paths: Sequence[Path], truths: Sequence[str], as_json: bool, options: dict[str, Any]) -> int:
     output = options["output"]
+    if output is None:
+        raise missing_output()
     submissions, pairs = [open_submission(path) for path in paths], open_pairs(truths)
     for submission in submissions:
         submission.check_unambiguous(pairs.aliases)
@@ -76,17 +76,12 @@ def _score_submissions(paths: Sequence[Path], truths: Sequence[str], as_json: bo
     code = print_board(board, output, as_json, [submission.name for submission in submissions], {UNSCORED: unmatched})
     for submission in submissions:
         missing, extra = submission.missing_files(pairs.aliases), unmatched[submission.name]
-        if missing:
-            count = f"{len(missing)} of {len(pairs)}"
-            click.echo(f"{submission.name}: missing maps: {count} ({_first_few(missing)})", err=True)
-        if extra:
-            click.echo(f"{submission.name}: maps that match no sample: {len(extra)} ({_first_few(extra)})", err=True)
+        count = f"missing maps: {len(missing)} of {len(pairs)}"
+        for what, names in ((count, missing), (f"maps that match no sample: {len(extra)}", extra)):
+            more = f" and {len(names) - FIRST_FEW} more" if len(names) > FIRST_FEW else ""
+            if names:
+                click.echo(f"{submission.name}: {what} ({', '.join(names[:FIRST_FEW])}{more})", err=True)
     return code
-
-
-def _first_few(names: Sequence[str]) -> str:
-    more = f" and {len(names) - FIRST_FEW} more" if len(names) > FIRST_FEW else ""
-    return ", ".join(names[:FIRST_FEW]) + more
 
 
 def _score_map(estimate: Path, truth: str, options: dict[str, Any]) -> Scores:
@@ -103,10 +98,7 @@ def _score_map(estimate: Path, truth: str, options: dict[str, Any]) -> Scores:
 
 def _print(scores: Scores, as_json: bool) -> None:
     if as_json:
-        rows = {
-            name: {metric: json_number(value) for metric, value in region.items()} | {"evaluated": region.evaluated}
-            for name, region in scores.regions.items()
-        }
+        rows = {name: {**region, "evaluated": region.evaluated} for name, region in scores.regions.items()}
         print_json({"protocol": scores.protocol.name, "regions": rows})
         return
     click.echo(scores.protocol.title)

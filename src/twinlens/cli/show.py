@@ -49,11 +49,10 @@ def epipolar(sample: Place, output: Path, cameras: str, points: int, as_json: bo
     F = fundamental_matrix(rig, a, b)
     off = sampson_distance(F, ideal_pixels(rig.cameras[a], here), ideal_pixels(rig.cameras[b], there))
     if as_json:
-        record = {
+        print_json({
             "picture": str(output), "cameras": [a, b], "points": {"a": here.tolist(), "b": there.tolist()},
             "off_px": off.tolist(), "fundamental_matrix": F.tolist(),
             "epipoles": [epipole.tolist() for epipole in epipoles(rig, a, b)],
-        }  # fmt: skip
-        print_json(record)
+        })  # fmt: skip
         return
     click.echo(f"{output}: {len(here)} true matches, at most {off.max():.3g} px off their epipolar lines")

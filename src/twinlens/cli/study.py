@@ -40,8 +40,8 @@ def command(name: str, output: Path | None, methods: tuple[str, ...], as_json: b
         questions = {name: study.question for name, study in STUDIES.items()}
         if as_json:
             print_json(questions)
-        for name, question in () if as_json else questions.items():
-            click.echo(f"{name:<14}{question}")
+        else:
+            click.echo("\n".join(f"{name:<14}{question}" for name, question in questions.items()))
         return
     study = find_study(name)
     if output is None:

@@ -5,7 +5,8 @@ tables are; errors begin with the option's name.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -241,6 +242,26 @@ def parse_intrinsics(options: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
+_RIG_KEYS = {
+    "fov_x_deg": "fov", "fx": "focal-length-px", "fy": "focal-length-px", "cx": "principal-point",
+    "cy": "principal-point", "distortion": "distortion", "pixel_pitch_um": "pixel-pitch-um",
+    "sensor_width_mm": "sensor-width-mm", "baseline": "baseline",
+}  # fmt: skip
+
+
+@contextmanager
+def options_named(options: Mapping[str, Any]) -> Iterator[None]:
+    """Replace the keys of a rig in its errors by the options that have set them."""
+    try:
+        yield
+    except InputError as error:
+        message = str(error)
+        for key, option in _RIG_KEYS.items():
+            if options[option.replace("-", "_")] is not None:
+                message = re.sub(rf"^rig: {key}\b|'{key}'", f"--{option}", message)
+        raise type(error)(message.replace("rig: --", "--")) from error
+
+
 _FASTEST = 0.95
 """The smallest f-number of photographic lenses on the market; an indication, not a limit."""
 
@@ -267,13 +288,12 @@ def format_exposure(sample: Sample, k: int, text: str) -> str:
     exposure = f"{duration}, gain {gain:.3g}{_format_noise(sample, k)}"
     if shot.lens.aperture_diameter == 0:
         return f"{text}: exposed as f/{number:g}, {exposure}"
-    line = f"{text}: f/{f'{number:.0f}' if 99.5 <= number < 1e5 else f'{number:.2g}'}, {exposure}"
+    shown = f"{number:.0f}" if 99.5 <= number < 1e5 else f"{number:.2g}"
+    line = f"{text}: f/{shown}, {exposure}"
     if number >= _FASTEST or shot.lens.name != "thinlens":
         return line
-    fast = "the blur is as specified, but no lens on the market is this fast"
+    line += " (the blur is as specified, but no lens on the market is this fast"
     if text.startswith("f/"):  # independent of the sensor's size
-        return f"{line} ({fast})"
+        return f"{line})"
     width = 1e-3 * camera.width * camera.pixel_pitch_um
-    return (
-        f"{line} ({fast}: this sensor is {width:.3g} mm wide; --sensor-width-mm {width * 1.4 / number:.2g} gives f/1.4)"
-    )
+    return f"{line}: this sensor is {width:.3g} mm wide; --sensor-width-mm {width * 1.4 / number:.2g} gives f/1.4)"

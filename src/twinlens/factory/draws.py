@@ -57,12 +57,11 @@ class Distribution(StrictModel):
     @property
     def values(self) -> list[Any]:
         """The ends of the range, or all values."""
-        values: list[Any] = getattr(self, self.kind)
-        return values
+        return list(getattr(self, self.kind))
 
     def draw(self, rng: np.random.Generator) -> Any:
-        """One value."""
-        raise NotImplementedError
+        """One value. A sweep has the first; `plan` takes the others by the index."""
+        return self.values[0]
 
 
 class Uniform(Distribution):
@@ -147,18 +146,9 @@ class Sweep(Distribution):
 
     sweep: Values
 
-    def draw(self, rng: np.random.Generator) -> Any:
-        return self.sweep[0]  # `plan` takes the others by the index
 
-
-KINDS: dict[str, type[Distribution]] = {
-    "uniform": Uniform,
-    "log_uniform": LogUniform,
-    "integers": Integers,
-    "normal": Normal,
-    "choice": Choice,
-    "sweep": Sweep,
-}
+_DISTRIBUTIONS: tuple[type[Distribution], ...] = (Uniform, LogUniform, Integers, Normal, Choice, Sweep)
+KINDS = {next(iter(kind.model_fields)): kind for kind in _DISTRIBUTIONS}
 """Every distribution, by the key that names it."""
 
 

@@ -13,7 +13,7 @@ from pydantic import Field
 from twinlens.camera import Rig
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample
-from twinlens.geometry import Float, inverse, transform_points
+from twinlens.geometry import Float, transform_points
 from twinlens.scenes import Mesh, Scene
 from twinlens.schema import Fraction, StrictModel
 from twinlens.sensor import Sensor
@@ -65,8 +65,14 @@ def check_truth(gates: Gates, scene: Scene, rig: Rig, truths: Sequence[Truth], n
     """The gates that need no images. Raises Rejected."""
     if gates.inside:
         _check_inside(scene, rig, truths)
-    if ndisp is not None:
-        _check_disparity(gates, truths, ndisp)
+    for i, truth in enumerate(truths[:2]):
+        known = truth.disparity[np.isfinite(truth.disparity)]
+        if ndisp and known.size and ((known < 0) | (known >= ndisp)).mean() > gates.beyond_ndisp:
+            raise Rejected(
+                "disparity beyond ndisp",
+                f"view {i} has {known.min():.4g} to {known.max():.4g} px, and ndisp is {ndisp}",
+                "ndisp (larger), rig.baseline (smaller), scene.depth_range (farther), or gates.beyond_ndisp",
+            )
     if len(truths) > 1:
         share = float((truths[0].visible & truths[0].hit).mean())
         if share < gates.visible:
@@ -85,9 +91,8 @@ def _check_inside(scene: Scene, rig: Rig, truths: Sequence[Truth]) -> None:
             continue
         name = truth.object_names[seen[0] - 1]
         if encloses(scene, name, pose[:3, 3]):
-            raise Rejected(
-                "camera inside an object", f"camera {i} in {name!r}", "scene.jitter, rig.baseline, or gates.inside"
-            )
+            remedy = "scene.jitter, rig.baseline, or gates.inside"
+            raise Rejected("camera inside an object", f"camera {i} in {name!r}", remedy)
 
 
 _DIRECTION = np.array([0.30151134, 0.90453403, 0.30151134])  # unlikely to be parallel to an edge
@@ -130,20 +135,6 @@ def crossings(vertices: Float, faces: NDArray[np.uint32], origin: Float) -> int:
         v = turned @ _DIRECTION / det
         t = np.einsum("nc,nc->n", ac, turned) / det
     return int(np.count_nonzero((u >= 0) & (v >= 0) & (u + v < 1) & (t > 0)))
-
-
-def _check_disparity(gates: Gates, truths: Sequence[Truth], ndisp: int) -> None:
-    for i, truth in enumerate(truths[:2]):
-        known = truth.disparity[np.isfinite(truth.disparity)]
-        if not known.size:
-            continue
-        share = float(((known < 0) | (known >= ndisp)).mean())
-        if share > gates.beyond_ndisp:
-            raise Rejected(
-                "disparity beyond ndisp",
-                f"view {i} has {known.min():.4g} to {known.max():.4g} px, and ndisp is {ndisp}",
-                "ndisp (larger), rig.baseline (smaller), scene.depth_range (farther), or gates.beyond_ndisp",
-            )
 
 
 def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
@@ -191,31 +182,21 @@ def textured(greys: Sequence[Grey], rig: Rig, truths: Sequence[Truth]) -> float:
     partner = rig.partner(0)
     if partner is None:
         return textured_windows(greys[0], greys[0], np.ones(greys[0].shape, bool))
-    moved, known = seen_by(greys[partner], rig, truths[0], partner)
-    return textured_windows(greys[0], moved, known)
-
-
-def seen_by(other: Grey, rig: Rig, truth: Truth, partner: int) -> tuple[Grey, NDArray[np.bool_]]:
-    """The partner's image warped to the first view (nearest pixel), and where the partner sees the pixel's point."""
-    known = truth.visible & truth.hit
-    camera = rig.cameras[partner]
-    points = transform_points(inverse(rig.world_from_cams[partner]), truth.position[known])
-    u, v = np.floor(camera.project(points) + 0.5).astype(int).T
-    moved = np.zeros(known.shape, np.float32)
-    moved[known] = other[v.clip(0, camera.height - 1), u.clip(0, camera.width - 1)]
-    return moved, known
+    known, camera = truths[0].visible & truths[0].hit, rig.cameras[partner]
+    u, v = np.floor(rig.project(partner, truths[0].position[known]) + 0.5).astype(int).T
+    warped = np.zeros(known.shape, np.float32)  # to the first view, nearest pixel
+    warped[known] = greys[partner][v.clip(0, camera.height - 1), u.clip(0, camera.width - 1)]
+    return textured_windows(greys[0], warped, known)
 
 
 def textured_windows(left: Grey, right: Grey, known: NDArray[np.bool_]) -> float:
     """The share of windows in which two images of the same points covary.
 
-    Noise resembles texture in one image but is independent between views. A window counts as textured if the left
-    image and the right one, warped by the true correspondence, covary: their covariance is the variance of the common
-    signal, and that of noise averages to 0, over n pixels down to 1/sqrt(n) of the images' variance. The covariance
-    must exceed a minimum contrast and three standard deviations of that chance correlation. With n = 256, about 60 % of
-    windows count if their fine texture has half the noise's standard deviation, a tenth if it has a third. The noise of
-    neighbouring pixels is assumed independent. After demosaicing, 2 to 4 % of flat windows with strong noise pass
-    instead of 0.1 %.
+    Noise resembles texture in one image but is independent between views. The covariance of two images is the variance
+    of their common signal; that of noise is about 1/sqrt(n) of the images' variance over n pixels. It must exceed a
+    minimum contrast and three such standard deviations. With n = 256, about 60 % of windows count if their texture has
+    half the noise's standard deviation, a tenth if it has a third. Demosaicing correlates the noise of neighbouring
+    pixels: 2 to 4 % of flat windows with strong noise pass then, instead of 0.1 %.
     """
     weight = _sums(known.astype(np.float64))
     judged = weight >= _LEAST_KNOWN * WINDOW**2

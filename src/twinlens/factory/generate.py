@@ -5,8 +5,7 @@ recipe -> Ledger (what the folder holds) -> engine -> (index, entry) -> Ledger -
 
 import contextlib
 import time
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,10 +16,10 @@ from twinlens.dataset import Row, StoredSample, remove_unfinished, sample_files,
 from twinlens.dataset.card import contact_sheet, tile
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import locked, write_file
-from twinlens.dataset.storage import Place, Where, place
+from twinlens.dataset.storage import Where, place
 from twinlens.errors import FileError, InputError
 from twinlens.factory.ledger import Failure, Ledger, repairable
-from twinlens.factory.plan import plan, sample_name
+from twinlens.factory.plan import sample_name
 from twinlens.factory.produce import check_backend
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import made_with
@@ -30,7 +29,6 @@ MOST = 48
 """Samples on preview.png."""
 
 _WRITE_EVERY_S = 5.0
-_WRITE_SHARE = 0.02  # of the time at most goes into dataset.json, which grows with the dataset
 
 
 @dataclass(frozen=True)
@@ -79,16 +77,9 @@ def generate(
     report : callable
         Called with the fraction done and a text.
 
-    Raises
-    ------
-    InputError
-        `folder` holds another dataset.
-    FileError
-        A sample in `folder` lacks a file.
-    OutputError
-        `folder` cannot be written, or another run writes there.
-    BackendError
-        This machine's backend cannot render the lenses of the first sample; nothing is written then.
+    Raises InputError where `folder` holds another dataset, FileError where a sample there lacks a file, OutputError
+    where it cannot be written or another run writes there, and BackendError, before anything is written, where this
+    machine's backend cannot render the lenses of the first sample.
     """
     if limit is not None and limit < 1:
         raise InputError(f"limit must be 1 or more, got {limit}")
@@ -97,7 +88,7 @@ def generate(
         raise InputError(f"a shard is i/n with i from 1 to n, got {i}/{n}")
     root, shared = place(folder), shard != (1, 1)
     _ = recipe.sources.digests  # an unreadable file is an error before anything is written
-    tools = made_with()
+    tools = made_with()  # and so is a missing backend
     if i <= recipe.count:
         check_backend(recipe, i - 1)
     with locked(root, shared, remedy="wait for it, or split the work with --shard"):
@@ -127,16 +118,9 @@ def generate(
     if shared and not missing:
         with locked(root, wait=True):  # several shards may find at the same time that everything is made
             finish(ledger)
-    return Outcome(
-        count=recipe.count,
-        made=made,
-        before=before,
-        there=len(ledger.rows),
-        failures=tuple(ledger.failures),
-        rejections=ledger.rejections,
-        complete=not missing,
-        left=sum(index % n == i - 1 for index in missing),
-    )
+    left = sum(index % n == i - 1 for index in missing)
+    failures, rejections = tuple(ledger.failures), ledger.rejections
+    return Outcome(recipe.count, made, before, len(ledger.rows), failures, rejections, not missing, left)
 
 
 def _collect(ledger: Ledger, results: Results, exclusive: bool) -> int:
@@ -144,21 +128,18 @@ def _collect(ledger: Ledger, results: Results, exclusive: bool) -> int:
     tiles: dict[int, Image.Image] = {}
     made, due = 0, time.monotonic() + _WRITE_EVERY_S
 
-    def write() -> float:
-        """Write both; the time of the next time."""
-        start = time.monotonic()
+    def write() -> None:
         ledger.write()
-        write_preview(ledger.folder, ledger.recipe.count, ledger.rows, tiles)
-        now = time.monotonic()
-        return now + max(_WRITE_EVERY_S, (now - start) / _WRITE_SHARE)
+        write_preview(ledger, tiles)
 
     try:
         with contextlib.closing(results):
             for index, entry in results:
                 ledger.entries[index] = entry
                 made += isinstance(entry, Row)
-                if exclusive and time.monotonic() >= due:
-                    due = write()
+                if exclusive and (start := time.monotonic()) >= due:
+                    write()
+                    due = start + max(_WRITE_EVERY_S, 50 * (time.monotonic() - start))  # the files grow
     finally:
         if exclusive:
             write()
@@ -169,7 +150,7 @@ def finish(ledger: Ledger) -> None:
     """Write the final dataset.json, preview, card and metadata; remove the files that only unfinished datasets need."""
     broken = _unusable_assets(ledger.recipe)
     ledger.write(**({"skipped_assets": broken} if ledger.recipe.assets else {}))
-    write_preview(ledger.folder, ledger.recipe.count, ledger.rows, {})
+    write_preview(ledger, {})
     if ledger.rows:
         write_card(ledger.folder)
         write_croissant(ledger.folder)
@@ -225,32 +206,27 @@ def estimate(recipe: Recipe, folder: Where) -> Estimate:
         raise InputError(f"{recipe.file}: sample {made.index} fails: {last['found']}; change {made.remedy}")
     size = sum(map(len, sample_files(made).values()))
     seconds = time.perf_counter() - start
-    spec = asdict(plan(recipe, missing[0], made.record["spec"]["attempt"]))
     todo = len(missing)
-    return Estimate(recipe.count, before, todo, spec, seconds, size, seconds * todo, size * todo)
+    return Estimate(recipe.count, before, todo, made.record["spec"], seconds, size, seconds * todo, size * todo)
 
 
-def write_preview(folder: Place, count: int, rows: Sequence[Row], tiles: dict[int, Image.Image]) -> None:
-    """Write preview.png: left images and disparities of samples that are spread evenly over all `count`.
-
-    The `tiles` of earlier calls are not read again.
-    """
-    places = chosen(count)
-    made = {int(row.name) for row in rows}
-    for index in sorted(made & {*places} - {*tiles}):
-        sample = folder / sample_name(index)
+def write_preview(ledger: Ledger, tiles: dict[int, Image.Image]) -> None:
+    """Write preview.png: left images and disparities of samples spread evenly over all; adds to `tiles`, by index."""
+    places = chosen(ledger.recipe.count)
+    for index in sorted({int(row.name) for row in ledger.rows} & {*places} - {*tiles}):
+        sample = ledger.folder / sample_name(index)
         with repairable(sample):
             tiles[index] = sample_tile(StoredSample(sample, sample.name))
     if tiles:
         sheet = contact_sheet([tiles.get(index) for index in places])
-        write_file(folder / "preview.png", encode_png(np.asarray(sheet)))
+        write_file(ledger.folder / "preview.png", encode_png(np.asarray(sheet)))
 
 
 def chosen(count: int) -> list[int]:
     """The samples on preview.png: all of them, or `MOST` spread evenly.
 
-    >>> chosen(3), len(chosen(1000)), chosen(1000)[:2]
-    ([0, 1, 2], 48, [0, 20])
+    >>> chosen(3), chosen(1000)[:2]
+    ([0, 1, 2], [0, 20])
     """
     shown = min(count, MOST)
     return [k * count // shown for k in range(shown)]

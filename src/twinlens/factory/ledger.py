@@ -81,11 +81,8 @@ class Ledger:
         """Add every row and every whole sample that earlier runs left, and drop samples that are gone."""
         existing = whole_samples(self.folder)
         pending = dict(self._pending_rows()) if self.has_file else {}  # else the rows may be another recipe's
-        for index, entry in (self.entries | pending).items():
-            if isinstance(entry, Failure) or entry.name in existing:
-                self.entries[index] = entry
-            else:
-                self.entries.pop(index, None)
+        found = (self.entries | pending).items()
+        self.entries = {i: each for i, each in found if isinstance(each, Failure) or each.name in existing}
         for name in sorted(existing - {sample_name(index) for index in self.entries}):
             if name.isdecimal() and sample_name(int(name)) == name and int(name) < self.recipe.count:
                 self.entries[int(name)] = recovered_row(self.folder, self.recipe, int(name), self.made_with)
@@ -105,18 +102,17 @@ class Ledger:
 
     def write(self, **info: Any) -> None:
         """Write dataset.json; `info` is added to it."""
-        counts = Counter(row.info.get("split") for row in self.rows)
-        splits = {name: counts[name] for name in self.recipe.splits}
         record = {
             "made_with": self.made_with,
             "sources": self.recipe.sources.digests,
             "complete": not self.missing(),
             "rejections": self.rejections,
             "failed": [asdict(failure) for failure in self.failures],
-            **({"splits": splits} if splits else {}),
-            **info,
         }
-        write_manifest(self.folder, Manifest(self.rows, self.recipe.written, self.recipe.seed, record))
+        if self.recipe.splits:
+            counts = Counter(row.info.get("split") for row in self.rows)
+            record["splits"] = {name: counts[name] for name in self.recipe.splits}
+        write_manifest(self.folder, Manifest(self.rows, self.recipe.written, self.recipe.seed, record | info))
         self.has_file = True
 
     def clear(self) -> None:
@@ -156,12 +152,10 @@ class Ledger:
 
     def _refuse_other_files(self) -> None:
         """Raise InputError if a folder without dataset.json has files that no run of `twinlens generate` leaves."""
-        names = [entry.name for entry in self.folder.iterdir()] if self.folder.is_dir() else []
-        for name in names:
-            if not (is_hidden(name) or name.isdecimal() or name == "preview.png"):
-                lost = any(name.isdecimal() for name in names)
-                other = "or, if dataset.json was lost, move that file away and run again" if lost else "or an empty one"
-                raise InputError(f"{self.folder}: is no dataset and holds {name!r}; name a new folder, {other}")
+        for entry in self.folder.iterdir() if self.folder.is_dir() else ():
+            if not (is_hidden(entry.name) or entry.name.isdecimal() or entry.name == "preview.png"):
+                remedy = "name a new or an empty folder; if dataset.json was lost, move that file away and run again"
+                raise InputError(f"{self.folder}: is no dataset and holds {entry.name!r}; {remedy}")
 
     def _pending_rows(self) -> Iterator[tuple[int, Entry]]:
         """Rows of samples that have no entry yet. A row that cannot be read is made from the sample's files again."""
@@ -206,10 +200,8 @@ def recovered_row(folder: Place, recipe: Recipe, index: int, made_with: Mapping[
         if changed := differences({key: record[key] for key in made_with}, made_with)[:2]:
             raise InputError(f"{sample}: other versions made it ({'; '.join(changed)}); name another folder")
         if record["sources_sha256"] != recipe.sources.digest:
-            raise InputError(
-                f"{sample}: was made from other source files (scenes, assets, masks); restore them, "
-                "or name another folder"
-            )
+            files = "other source files (scenes, assets, masks)"
+            raise InputError(f"{sample}: was made from {files}; restore them, or name another folder")
         return row_of(folder, name, row_info(record))
     except (KeyError, TypeError, AttributeError) as error:
         raise FileError(f"{sample}: was not made from a recipe; name another folder") from error

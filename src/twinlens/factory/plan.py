@@ -81,18 +81,11 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
             return leaf.distribution.values[digits[leaf.key]]
         return leaf.distribution.draw(generator(recipe.seed, "draw", index, attempt, leaf.key))
 
+    seed = int(generator(recipe.seed, "sample", index, attempt).integers(1 << _SEED_BITS))
     return SampleSpec(
-        index=index,
-        attempt=attempt,
-        name=sample_name(index),
-        split=split_of(recipe, index),
-        seed=int(generator(recipe.seed, "sample", index, attempt).integers(1 << _SEED_BITS)),
-        kind=recipe.kind,
-        scene=recipe.names[chosen],
-        drawn=resolve(recipe.drawn, choose),
-        ndisp=recipe.ndisp,
-        keep=recipe.keep,
-    )
+        index, attempt, sample_name(index), split_of(recipe, index), seed, recipe.kind, recipe.names[chosen],
+        drawn=resolve(recipe.drawn, choose), ndisp=recipe.ndisp, keep=recipe.keep,
+    )  # fmt: skip
 
 
 def is_fixed(recipe: Recipe) -> bool:
@@ -102,11 +95,7 @@ def is_fixed(recipe: Recipe) -> bool:
 
 
 def sample_name(index: int) -> str:
-    """The folder of a sample: its index in seven digits, so that names sort.
-
-    >>> sample_name(7)
-    '0000007'
-    """
+    """The folder of a sample: its index in seven digits, so that names sort."""
     return f"{index:07d}"
 
 

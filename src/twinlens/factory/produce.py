@@ -76,21 +76,12 @@ def produce(
 ) -> Sample:
     """Make the sample of a spec; the same spec and files give the same sample.
 
-    Parameters
-    ----------
-    sources : Sources, optional
-        The recipe's files. Without them, scenes are bundled names or paths.
-    gates : Gates, optional
-        None disables all gates.
+    sources : the recipe's files; without them, scenes are bundled names or paths.
+    gates : None disables all.
 
-    Raises
-    ------
-    Rejected
-        A gate rejects the sample.
-    FileError, InputError
-        A file cannot be read; the spec is impossible.
+    Raises Rejected by a gate, FileError for a file that cannot be read, InputError for an impossible spec.
     """
-    sources = Sources() if sources is None else sources
+    sources = sources or Sources()
     settings = read(Settings, dict(spec.drawn), _FILE)
     scene = _scene(spec, settings, sources)
     moved = scene.at(scene.world_from_left @ settings.scene.jitter.pose())
@@ -126,20 +117,19 @@ def check_backend(recipe: Recipe, index: int) -> None:
 
     The scene is not loaded; what depends on it is checked when the sample is made.
     """
-    refusal = None
-    for attempt in range(1 if is_fixed(recipe) else recipe.gates.attempts):
+    last = 0 if is_fixed(recipe) else recipe.gates.attempts - 1
+    for attempt in range(last + 1):
         try:
             settings = read(Settings, dict(plan(recipe, index, attempt).drawn), _FILE)
             for lens in make_lenses(settings, None, _FILE, recipe.sources.file):
                 check_lens_supported(lens)
-        except BackendError as error:
-            refusal = error
+        except BackendError:
+            if attempt == last:
+                raise
         except InputError:  # an impossible draw, which the dataset records
             return
         else:
             return
-    if refusal is not None:
-        raise refusal
 
 
 def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
@@ -147,12 +137,9 @@ def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
         return sources.scene(spec.scene)
     from twinlens.families import random_scene
 
+    width, height = settings.width, settings.height
     return random_scene(
-        spec.scene,
-        int(generator(spec.seed, "scene").integers(1 << 31)),
-        assets=sources.families_assets,
-        depth_range=settings.scene.depth_range,
-        object_count=settings.scene.object_count,
-        aspect=settings.width / settings.height,
-        width=settings.width,
-    )
+        spec.scene, int(generator(spec.seed, "scene").integers(1 << 31)), assets=sources.families_assets,
+        depth_range=settings.scene.depth_range, object_count=settings.scene.object_count,
+        aspect=width / height, width=width,
+    )  # fmt: skip

@@ -26,9 +26,7 @@ from twinlens.schema import Fraction, NonNegative, StrictModel, read
 
 def _check_splits(splits: dict[str, float]) -> dict[str, float]:
     for name in splits:
-        if not (
-            name and name.isprintable() and name == name.strip() and name[0] != "." and not set(name) & {"/", "\\"}
-        ):
+        if not (name.isprintable() and name == name.strip() and name[:1] not in ("", ".") and not set(name) & {*"/\\"}):
             raise InputError(f"a split's name must be usable as a folder's, such as train, got {format_value(name)}")
     if not splits or abs(sum(splits.values()) - 1.0) > 1e-6:
         raise InputError(f"the shares must add up to 1, got {format_value(splits)}")
@@ -41,6 +39,9 @@ def _check_family(name: str) -> str:
     if name not in FAMILIES:
         raise unknown("family", name, FAMILIES)
     return name
+
+
+Family = Annotated[str, AfterValidator(_check_family)]
 
 
 def _check_unique(names: list[str]) -> list[str]:
@@ -66,12 +67,7 @@ class _Constants(StrictModel):
     seed: int = Field(ge=0, le=2**63 - 1)
     count: int = Field(ge=1, le=10_000_000)
     scenes: Annotated[list[str], Field(min_length=1, max_length=1000), AfterValidator(_check_unique)] | None = None
-    families: (
-        Annotated[
-            list[Annotated[str, AfterValidator(_check_family)]], Field(min_length=1), AfterValidator(_check_unique)
-        ]
-        | None
-    ) = None
+    families: Annotated[list[Family], Field(min_length=1), AfterValidator(_check_unique)] | None = None
     weights: list[NonNegative] | None = None
     ndisp: int | None = Field(None, ge=1, le=65536)
     keep: list[Literal["radiance"]] = Field(default_factory=list)
@@ -99,8 +95,7 @@ class _Constants(StrictModel):
 DRAWN = tuple(Settings.model_fields)
 """The keys of a recipe that are drawn for every sample."""
 
-_DRAWN_FIELDS: dict[str, Any] = dict.fromkeys(DRAWN, (Any, None))
-RecipeTable: Any = create_model("RecipeTable", __base__=_Constants, **_DRAWN_FIELDS)
+RecipeTable: Any = create_model("RecipeTable", __base__=_Constants, **dict.fromkeys(DRAWN, (Any, None)))  # type: ignore[call-overload]
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +137,9 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
         with located(f"{path}: scenes[{i}]"):
             _check_scene(name, path.parent)
     assets = {kind: tuple(folders) for kind, folders in table.assets.model_dump(exclude_none=True).items()}
-    _check_assets(assets, path)
+    for kind, folders in assets.items():
+        with located(f"{path}: assets.{kind}"):
+            _check_assets(kind, folders, path.parent)
     drawn = {key: template(written[key], path, key) for key in DRAWN if key in written}
     return Recipe(
         file=path,
@@ -163,10 +160,7 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
 
 
 def _check_drawn(drawn: Mapping[str, Any], path: Path, families: list[str]) -> tuple[str, ...]:
-    """Check every value that a distribution may begin, end or choose with, each with the others' first.
-
-    Returns the mask files that lenses name.
-    """
+    """Check the `corners` of a template; return the mask files that lenses name."""
     checked = []
     for table in corners(drawn):
         try:
@@ -191,20 +185,18 @@ def _check_scene(name: str, folder: Path) -> None:
     raise InputError(f"{unknown('scene', name, bundled_scenes())}, nor a scene file next to the recipe")
 
 
-def _check_assets(assets: Mapping[str, tuple[str, ...]], path: Path) -> None:
+def _check_assets(kind: str, names: tuple[str, ...], folder: Path) -> None:
     """Each folder must exist and have a file of its kind; the files' contents are checked when they are drawn."""
     from twinlens.families import Assets
 
-    for kind, names in assets.items():
-        for name in names:
-            folder = path.parent / name
-            if not os.path.lexists(folder):
-                raise InputError(f"{path}: assets.{kind}: no folder {name!r} next to the recipe")
-            try:
-                Assets.from_folders(**{kind: [folder]})
-            except InputError as error:
-                message = str(error).removeprefix(f"{kind}: ").replace(repr(str(folder)), repr(name))
-                raise InputError(f"{path}: assets.{kind}: {message}") from None
+    for name in names:
+        if not os.path.lexists(folder / name):
+            raise InputError(f"no folder {name!r} next to the recipe")
+        try:
+            Assets.from_folders(**{kind: [folder / name]})
+        except InputError as error:
+            message = str(error).removeprefix(f"{kind}: ").replace(repr(str(folder / name)), repr(name))
+            raise InputError(message) from None
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any], key: str = "") -> list[str]:
@@ -218,17 +210,10 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any], key: str = "") -
         path = f"{key}.{name}" if key else str(name)
         if path in ("count", "about"):
             continue
-        a, b = (table.get(name, _ABSENT) for table in (old, new))
+        a, b = old.get(name), new.get(name)
         if isinstance(a, Mapping) and isinstance(b, Mapping):
             found += differences(a, b, path)
         elif a != b:
-            found.append(f"{path}: {format_value(a)} -> {format_value(b)}")
+            texts = (format_value(table[name]) if name in table else "absent" for table in (old, new))
+            found.append(f"{path}: {' -> '.join(texts)}")
     return found
-
-
-class _Absent:
-    def __repr__(self) -> str:
-        return "absent"
-
-
-_ABSENT = _Absent()

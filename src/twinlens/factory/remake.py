@@ -127,20 +127,11 @@ def rectified_sample(
 ) -> Sample:
     """Views `left` and `right` of a stored sample as a rectified pair (`rectification.rectify`), with exact truth.
 
-    Parameters
-    ----------
-    scene : Scene
-        The sample's scene; not needed for a bundled one.
-    pictures : {"maps", "render"}
-        "maps" warps the stored images (bilinear; black outside them), as software does after a calibration.
-        "render" renders the scene again through the rectified cameras.
-    fit, zero_doffs, misalignment
-        See `rectify`. A misalignment affects the images; the ground truth is that of the aligned pair.
-
-    Returns
-    -------
-    Sample of two views. The ground truth is computed for the aligned cameras. With "maps", points outside a
-    stored image are not visible.
+    scene : the sample's; not needed for a bundled one.
+    pictures : "maps" warps the stored images (bilinear; black outside them, where no point counts as visible), as
+        software does after a calibration. "render" renders the scene again through the rectified cameras.
+    fit, zero_doffs, misalignment : see `rectify`. A misalignment affects the images; the ground truth is that of the
+        aligned pair.
 
     Raises InputError for a pair that cannot be rectified, and for a scene that is not the sample's.
     """
@@ -154,18 +145,16 @@ def rectified_sample(
         new = {**stored.record, "record": made, "rig": plain(result.rectified_rig)}
         sample = remake(new, scene, progress=progress)
         return replace(sample, record={**sample.record, **origin})
-    truths = ground_truth(scene, result.aligned_rig, sky_disparity=bool(made.get("sky_disparity")))
     shots = []
     for shot in map(stored.lens, range(stored.num_lenses)):
         images = tuple(result.warp(side, shot.image(view)) for side, view in enumerate((left, right)))
         shots.append(Shot(shot.lens, images, record=shot.record))
-    valid = [result.valid(side) for side in (0, 1)]
-    pictured = [
-        replace(truth, visible=truth.visible & _pictured(truth, side, result.aligned_rig, valid))
-        for side, truth in enumerate(truths)
-    ]
+    truths, valid = [], [result.valid(side) for side in (0, 1)]
+    for side, truth in enumerate(ground_truth(scene, result.aligned_rig, sky_disparity=made["sky_disparity"])):
+        pictured = _pictured(truth, side, result.aligned_rig, valid)
+        truths.append(replace(truth, visible=truth.visible & pictured))
     record = {**made, "keep_radiance": False, **origin}
-    return Sample(result.rectified_rig, tuple(shots), tuple(pictured), record=record)
+    return Sample(result.rectified_rig, tuple(shots), tuple(truths), record=record)
 
 
 def _pictured(truth: Truth, side: int, rig: Rig, valid: list[NDArray[np.bool_]]) -> NDArray[np.bool_]:

@@ -76,19 +76,13 @@ def make_sample(
         One exposure for all lenses, so that a smaller aperture gives a darker image. By default each lens has its own
         automatic exposure, which its cameras share.
     diffraction : bool
-        Blur images by the Airy pattern of the aperture (`twinlens.optics.diffraction`), at the sensor's wavelengths.
-        Disk apertures only.
-    sky_disparity : bool
-        See `ground_truth`.
+        Blur images by the Airy pattern (`diffract`) at the sensor's wavelengths. Disk apertures only.
     keep_radiance : bool
         Keep the linear images, including diffraction.
     truths : sequence of Truth, optional
         ``ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)``, if already computed.
 
-    Raises
-    ------
-    InputError
-        Diffraction with an aperture that is not a disk, and errors of rendering and sensor.
+    Raises InputError for diffraction with an aperture that is not a disk, and errors of rendering and sensor.
     """
     sensor = sensor or Sensor()
     if not lenses:
@@ -187,16 +181,10 @@ def default_rig(
     baseline: float | None = None,
     intrinsics: Mapping[str, Any] | None = None,
 ) -> Rig:
-    """The rig in the scene's file, or a rectified pair at the scene's viewpoint.
+    """The rig in the scene's file, or a rectified pair at the scene's viewpoint, of width x height pixels.
 
-    Parameters
-    ----------
-    width, height : int
-        Image size, pixels.
-    fov_x_deg, baseline : float, optional
-        Replace the scene's.
-    intrinsics : mapping, optional
-        Keys of a rig's table (docs/rigs.md) that replace those of all cameras: fx, fy, cx, cy, distortion,
+    fov_x_deg, baseline : replace the scene's.
+    intrinsics : keys of a rig's table (docs/rigs.md) that replace those of all cameras: fx, fy, cx, cy, distortion,
         pixel_pitch_um, sensor_width_mm.
 
     Raises InputError.

@@ -77,14 +77,9 @@ class ExposureTable(StrictModel):
 
 def _keys_of(kind: type[Any]) -> dict[str, Any]:
     """The fields of a dataclass of constants, as fields of a model. TOML has lists where Python has tuples."""
-    triple = Annotated[list[Number], exactly(3, Number), AfterValidator(tuple)]
-    keys: dict[str, Any] = {}
-    for field in fields(kind):
-        if isinstance(field.default, tuple):
-            keys[field.name] = (triple, list(field.default))
-        elif field.name != "mismatch":
-            keys[field.name] = (Number if isinstance(field.default, float) else type(field.default), field.default)
-    return keys
+    types: dict[type, Any] = {float: Number, tuple: Annotated[list[Number], exactly(3, Number), AfterValidator(tuple)]}
+    constants = [(field.name, field.default) for field in fields(kind) if field.name != "mismatch"]
+    return {name: (types.get(type(value), type(value)), value) for name, value in constants}
 
 
 MismatchTable: Any = create_model("MismatchTable", __base__=StrictModel, **_keys_of(Mismatch))
@@ -104,11 +99,7 @@ SensorTable: Any = create_model("SensorTable", __base__=_SensorTable, **_keys_of
 """A preset, and every field of `Sensor` under its own name."""
 
 
-_LEAST_SEEN = 0.005  # of the image: an object that is large enough to focus on
-
-Rows = Annotated[
-    list[Annotated[list[Fraction], Field(min_length=1, max_length=4096)]], Field(min_length=1, max_length=4096)
-]
+_Side = Field(min_length=1, max_length=4096)
 Find = Callable[[str], Path]
 """The path of a file that a lens names."""
 
@@ -124,8 +115,6 @@ class View:
 
 
 class DiskTable(StrictModel):
-    """A disk."""
-
     kind: Literal["disk"] = "disk"
 
 
@@ -150,7 +139,7 @@ class MaskTable(StrictModel):
 
     kind: Literal["mask"]
     file: str | None = None
-    cells: Rows | None = None
+    cells: Annotated[list[Annotated[list[Fraction], _Side]], _Side] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> "MaskTable":
@@ -172,12 +161,11 @@ def aperture_of(shape: Any, find: Find) -> Aperture:
     return kinds[shape.kind](**shape.model_dump(exclude={"kind"}))
 
 
+_LEAST_SEEN = 0.005  # of the image: an object that is large enough to focus on
 Focus = Annotated[float, Field(gt=0, allow_inf_nan=True)] | Literal["near", "middle", "far", "centre", "object"]
 
 
 class PinholeTable(StrictModel):
-    """A pinhole."""
-
     kind: Literal["pinhole"] = "pinhole"
 
     def lens(self, view: View | None, find: Find = Path) -> Lens:
@@ -201,16 +189,13 @@ class ThinTable(StrictModel):
 
     def lens(self, view: View | None, find: Find = Path) -> Lens:
         """The lens. Without a view, a focus that depends on the scene is 1 m: enough to check the table."""
-        focus, film = self.focus, view.camera.film_distance if view else 1e-3
-        if isinstance(focus, str):
-            focus = FOCUSES[focus](view) if view else 1.0
-            if view and not 0 < focus < math.inf:
-                raise InputError(
-                    f"focus {self.focus!r} finds nothing to focus on in scene {view.scene.name!r}; give metres instead"
-                )
+        focus = (FOCUSES[self.focus](view) if view else 1.0) if isinstance(self.focus, str) else self.focus
+        if view and isinstance(self.focus, str) and not 0 < focus < math.inf:
+            where = f"in scene {view.scene.name!r}"
+            raise InputError(f"focus {self.focus!r} finds nothing to focus on {where}; give metres instead")
         shape = aperture_of(self.shape, find)
         if self.f_number is not None:
-            return ThinLens.from_f_number(self.f_number, focus, film, shape)
+            return ThinLens.from_f_number(self.f_number, focus, view.camera.film_distance if view else 1e-3, shape)
         return ThinLens(1e-3 * (self.aperture_mm or 0.0), focus, shape)
 
 
@@ -298,8 +283,6 @@ class Settings(StrictModel):
     exposure: ExposureTable | None = None
 
 
-_ASPECTS, _LEAST_WIDTH = (0.2, 5.0), 16
-"""Image shapes that families compose scenes for: width over height, and pixels across."""
 _STAND_IN = Scene("any", (), {}, np.eye(4), (1.0, 10.0))
 
 
@@ -338,14 +321,13 @@ def _check_families(settings: Settings, file: Path, families: Sequence[str]) -> 
     from twinlens.families import FAMILIES
 
     width, height = settings.width, settings.height
-    if width < _LEAST_WIDTH:
-        raise InputError(f"{file}: width: must be >= {_LEAST_WIDTH} for families, got {width}")
-    if not _ASPECTS[0] <= width / height <= _ASPECTS[1]:
+    if width < 16:
+        raise InputError(f"{file}: width: must be >= 16 for families, got {width}")
+    if not 0.2 <= width / height <= 5:
         raise InputError(f"{file}: width: must be 0.2 to 5 times the height for families, got {width} x {height}")
-    for name in families if settings.scene.depth_range else ():
-        near, far = settings.scene.depth_range or (0.0, 0.0)
+    near, far = settings.scene.depth_range or (0.0, math.inf)
+    for name in families:
         least = FAMILIES[name].least_ratio
         if not far >= least * near:
-            raise InputError(
-                f"{file}: scene.depth_range: a {name} scene needs far >= {least:g} near, got [{near:g}, {far:g}]"
-            )
+            needs = f"a {name} scene needs far >= {least:g} near"
+            raise InputError(f"{file}: scene.depth_range: {needs}, got [{near:g}, {far:g}]")

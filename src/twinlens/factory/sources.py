@@ -41,19 +41,16 @@ class Sources:
 
     @cached_property
     def digests(self) -> dict[str, str]:
-        """SHA-256 of every file, hexadecimal, by its name relative to the recipe, sorted.
-
-        Computed on first use. Raises InputError for a file that cannot be read.
-        """
-        files: dict[str, Path] = {}
+        """SHA-256 of every file by its name relative to the recipe, sorted. Raises InputError for unreadable files."""
+        files = {Path(name).as_posix(): self.folder / name for name in self.masks}
         for name in self.scenes:
             home, shown = bundled_folder() / name if name in bundled_scenes() else self.folder / name, Path(name)
             if not home.is_dir():
                 home, shown = home.parent, shown.parent
             below = _names_below(home, self.scene(name).files)
             files |= {(shown / file).as_posix(): path for file, path in below.items()}
-        files |= {name: path for kind in self.asset_files.values() for name, path in kind.items()}
-        files |= {Path(name).as_posix(): self.folder / name for name in self.masks}
+        for kind in self.asset_files.values():
+            files |= kind
         return {name: self.unchanged(path) for name, path in sorted(files.items())}
 
     @property
@@ -122,10 +119,7 @@ _digests: "weakref.WeakKeyDictionary[Scene, dict[str, str]]" = weakref.WeakKeyDi
 
 
 def file_digests(scene: Scene) -> dict[str, str]:
-    """SHA-256 of the files that a scene was read from, hexadecimal, by their names below the scene's folder.
-
-    Computed once for each scene, so that later edits do not matter. Raises FileError.
-    """
+    """SHA-256 of the files that a scene was read from by their names below its folder, as first seen. FileError."""
     if scene not in _digests:
         named = _names_below(None, scene.files).items()
         _digests[scene] = {name: hashlib.sha256(read_bytes(path)).hexdigest() for name, path in named}
@@ -147,10 +141,9 @@ def changed_files(before: Mapping[str, str], now: Mapping[str, str]) -> str:
     >>> changed_files({"a.png": "00", "b.png": "11"}, {"a.png": "22", "c.png": "33"})
     'a.png has changed, b.png is gone, c.png is new'
     """
-    found = []
-    for name in sorted({**before, **now}):
-        if before.get(name) != now.get(name):
-            change = "is new" if name not in before else "is gone" if name not in now else "has changed"
-            found.append(f"{name} {change}")
-    more = [f"and {len(found) - _NAMED} more"] if len(found) > _NAMED else []
-    return ", ".join(found[:_NAMED] + more)
+    changed = [name for name in sorted({**before, **now}) if before.get(name) != now.get(name)]
+    changes = {
+        name: "is new" if name not in before else "is gone" if name not in now else "has changed" for name in changed
+    }
+    more = [f"and {len(changed) - _NAMED} more"] if len(changed) > _NAMED else []
+    return ", ".join([f"{name} {changes[name]}" for name in changed[:_NAMED]] + more)

@@ -105,10 +105,7 @@ def in_process(work: Work, indices: Sequence[int], report: Report) -> Results:
 
 @dataclass(frozen=True)
 class Order:
-    """A `Work` that can be pickled: the recipe as written, its path, and the SHA-256s of the files it names.
-
-    `threads` to render with; None: those of the Dask worker.
-    """
+    """A `Work` that can be pickled. `threads` to render with; None: those of the Dask worker."""
 
     written: Mapping[str, Any] = field(hash=False)
     path: Path
@@ -128,35 +125,32 @@ class Order:
 def worker_processes(count: int) -> Engine:
     """The engine of `count` processes on this machine, which share its processors evenly.
 
-    A process is replaced after `RENEWED_AFTER` samples, and when it dies; its sample is made again.
+    A process is replaced after `RENEWED_AFTER` samples, and when it dies; its sample is made again. Each is a pool of
+    its own: a process that dies idle holds the lock of its pool's task queue, and others would wait for it forever.
     """
-
-    def started() -> pebble.ProcessPool:
-        with _interrupts_blocked():
-            context = get_context("spawn")
-            pool = pebble.ProcessPool(count, RENEWED_AFTER, initializer=_end_with_parent, context=context)
-            _ = pool.active  # starts the processes
-        return pool
-
-    def stop(pool: pebble.ProcessPool) -> None:
-        pool.stop()  # type: ignore[no-untyped-call]
-        pool.join()
 
     def engine(work: Work, indices: Sequence[int], report: Report) -> Results:
         order = Order.of(work, threads=max(1, len(os.sched_getaffinity(0)) // count))
-        pool = started()
+        context = get_context("spawn")
+        pools: dict[pebble.ProcessPool, Future[Entry]] = {}
 
         def submit(index: int) -> Future[Entry]:
-            nonlocal pool
-            if not pool.active:  # its processes have died without a sample
-                stop(pool)
-                pool = started()
-            return pool.schedule(make_one, (order, index))
+            pool = next((pool for pool, last in pools.items() if last.done()), None)
+            if pool is None or not pool.active:  # none is free, or its process has died idle
+                with _interrupts_blocked():
+                    pools.pop(pool, None)  # type: ignore[arg-type]
+                    pool = pebble.ProcessPool(1, RENEWED_AFTER, initializer=_end_with_parent, context=context)
+                    _ = pool.active  # starts the process
+            pools[pool] = pool.schedule(make_one, (order, index))
+            return pools[pool]
 
         try:
             yield from _collected(submit, lambda: count, indices, report)
         finally:
-            stop(pool)
+            for pool in pools:
+                pool.stop()  # type: ignore[no-untyped-call]
+            for pool in pools:
+                pool.join()
 
     return engine
 
