@@ -79,7 +79,10 @@ def _keys_of(kind: type[Any]) -> dict[str, Any]:
     """The fields of a dataclass of constants, as fields of a model. TOML has lists where Python has tuples."""
     types: dict[type, Any] = {float: Number, tuple: Annotated[list[Number], exactly(3, Number), AfterValidator(tuple)]}
     constants = [(field.name, field.default) for field in fields(kind) if field.name != "mismatch"]
-    return {name: (types.get(type(value), type(value)), value) for name, value in constants}
+    return {
+        name: (types.get(type(value), type(value)), list(value) if isinstance(value, tuple) else value)
+        for name, value in constants
+    }
 
 
 MismatchTable: Any = create_model("MismatchTable", __base__=StrictModel, **_keys_of(Mismatch))
@@ -115,6 +118,8 @@ class View:
 
 
 class DiskTable(StrictModel):
+    """A disk."""
+
     kind: Literal["disk"] = "disk"
 
 
@@ -166,6 +171,8 @@ Focus = Annotated[float, Field(gt=0, allow_inf_nan=True)] | Literal["near", "mid
 
 
 class PinholeTable(StrictModel):
+    """A pinhole."""
+
     kind: Literal["pinhole"] = "pinhole"
 
     def lens(self, view: View | None, find: Find = Path) -> Lens:
