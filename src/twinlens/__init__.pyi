@@ -215,6 +215,7 @@ __all__ = [
     "ThinLens",
     "Truth",
     "TwinlensError",
+    "agreement",
     "auto_exposure",
     "birchfield_tomasi",
     "bundled_scenes",

@@ -310,9 +310,9 @@ def test_a_bucket_address_is_refused_where_a_local_path_is_needed(refuses, tmp_p
         ("--url", "https://", "url: must be an address"),
         ("--url", "https://[x", "url: must be an address"),
         ("--url", "https://exam ple.org", "url: must be an address"),
-        ("--name", "", "name: is empty; give a text, or leave the key out"),
-        ("--creator", "  ", "creator: is empty"),
-        ("--license", "", "license: is empty"),
+        ("--name", "", "name: must be a text that is not empty"),
+        ("--creator", "  ", "creator: must be a text that is not empty"),
+        ("--license", "", "license: must be a text that is not empty"),
     ],
 )
 def test_bad_descriptions(refuses, dataset, option, value, words):

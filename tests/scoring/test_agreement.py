@@ -1,4 +1,4 @@
-"""Agreement of two leaderboards, beside SciPy and a naive bootstrap."""
+"""Agreement of two leaderboards, beside SciPy, definitions pair by pair, and rankings with a known answer."""
 
 import json
 import math
@@ -95,6 +95,22 @@ def test_failures_share_the_last_rank_and_missing_samples_are_left_out():
     assert ranks[0].tolist() == [3.5, 3.5, 1.0, 2.0]
     fewer = a.without(lambda e: (e.method, e.sample) == ("m3", "s1"))
     assert agreement(fewer, a, resamples=1).samples_a == 2
+
+
+def test_rho_by_its_definition():
+    """Without ties, 1 - 6 sum(d^2) / (n (n^2 - 1))."""
+    a, b = np.array([[1.0, 2, 3, 4, 5]]), np.array([[2.0, 1, 5, 3, 4]])
+    assert agreement(board(a), board(b), resamples=1).rho.value == pytest.approx(1 - 6 * (1 + 1 + 4 + 1 + 1) / 120)
+
+
+def test_resamples_without_an_order_are_left_out():
+    """Two samples that rank in opposite order, drawn once each, tie all methods."""
+    opposite = board(np.array([[1.0, 2, 3], [3.0, 2, 1], [1.0, 2, 3]]))
+    result = agreement(opposite, board(np.array([[1.0, 2, 3], [1.0, 3, 2]])), resamples=200)
+    assert -1 <= result.tau.low <= result.tau.value <= result.tau.high <= 1
+    never = agreement(board(np.array([[1.0, 1, 1]])), opposite, resamples=3)
+    assert math.isnan(never.tau.value)
+    assert math.isnan(never.tau.low)
 
 
 def test_a_move_is_listed_first():

@@ -1,12 +1,16 @@
 """`twinlens agree`: compare the rankings of two leaderboards."""
 
-import json
+from dataclasses import asdict
 from pathlib import Path
 
 import click
 
+from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import PATH
+from twinlens.dataset.files import write_file
 from twinlens.errors import InputError
+from twinlens.report.agreement_figure import agreement_figure
+from twinlens.scoring import agreement, read_board
 
 MOVES = 5
 
@@ -19,7 +23,7 @@ MOVES = 5
 @click.option("--metric", help="Metric to rank by.  [default: the protocol's headline metric]")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the bootstrap.")
 @click.option("-o", "--output", type=PATH, help="Write a figure, a PNG or SVG file.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@json_option("the result")
 def command(
     board_a: Path,
     board_b: Path,
@@ -38,10 +42,6 @@ def command(
     \b
     Example:  twinlens agree board real-board -o agreement.png
     """
-    from twinlens.dataset.files import write_file
-    from twinlens.report.agreement_figure import agreement_figure
-    from twinlens.scoring import agreement, read_board
-
     if output is not None and output.suffix.lower() not in (".png", ".svg"):
         raise InputError(f"--output {output}: must end in .png or .svg")
     files = [board / "board.json" if board.is_dir() else board for board in (board_a, board_b)]
@@ -51,7 +51,7 @@ def command(
     if output is not None:
         write_file(output, agreement_figure(result, names, output.suffix.lower()[1:]))
     if as_json:
-        click.echo(json.dumps(result.plain(), indent=1))
+        print_json(asdict(result))
         return
     click.echo(f"{len(result.moves)} methods ranked by {result.metric}, {result.region}, {result.protocol}")
     click.echo(f"Kendall's tau-b  {result.tau}\nSpearman's rho   {result.rho}")

@@ -1,19 +1,23 @@
 """`twinlens statistics`: what the images of a dataset look like, beside real pairs."""
 
-import json
 import math
 from pathlib import Path
 
 import click
 
+from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import PATH
+from twinlens.cli.progress import progress_bar
+from twinlens.dataset.files import write_file
 from twinlens.errors import InputError
+from twinlens.report.statistics_figure import statistics_figure
+from twinlens.scoring import STATISTICS, open_pairs, pair_statistics, summarize
 
 
 @click.command("statistics")
 @click.argument("datasets", nargs=-1, required=True, metavar="DATASET...")
 @click.option("-o", "--output", type=PATH, help="Write a figure, a PNG or SVG file.")
-@click.option("--json", "as_json", is_flag=True, help="Print the statistics of each pair and their summary as JSON.")
+@json_option("the statistics of each pair and their summary")
 def command(datasets: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     """Measure noise, texture and left-right differences of the pairs of DATASET..., beside those of 24 real pairs.
 
@@ -23,11 +27,6 @@ def command(datasets: tuple[str, ...], output: Path | None, as_json: bool) -> No
     Example:  twinlens statistics out -o statistics.png
               twinlens statistics motorcycle --json
     """
-    from twinlens.cli.progress import progress_bar
-    from twinlens.dataset.files import write_file
-    from twinlens.report.statistics_figure import statistics_figure
-    from twinlens.scoring import STATISTICS, json_number, open_pairs, pair_statistics, summarize
-
     if output is not None and output.suffix.lower() not in (".png", ".svg"):
         raise InputError(f"--output {output}: must end in .png or .svg")
     pairs = open_pairs(datasets)
@@ -40,14 +39,7 @@ def command(datasets: tuple[str, ...], output: Path | None, as_json: bool) -> No
     if output is not None:
         write_file(output, statistics_figure(list(rows.values()), output.suffix.lower()[1:]))
     if as_json:
-        document = {
-            "pairs": {name: {key: json_number(v) for key, v in row.items()} for name, row in rows.items()},
-            "summary": {name: [json_number(v) for v in values] for name, values in summary.items()},
-            "real": {
-                name: None if s.real is None else [json_number(v) for v in s.real] for name, s in STATISTICS.items()
-            },
-        }
-        click.echo(json.dumps(document, indent=1, allow_nan=False))
+        print_json({"pairs": rows, "summary": summary, "real": {name: s.real for name, s in STATISTICS.items()}})
         return
     click.echo(f"{'statistic':18}{'unit':9}{f'{len(rows)} pairs':28}{'24 real pairs':28}")
     for name, statistic in STATISTICS.items():
@@ -57,8 +49,8 @@ def command(datasets: tuple[str, ...], output: Path | None, as_json: bool) -> No
         click.echo(f"figure: {output}")
 
 
-def _text(values: tuple[float, float, float] | None) -> str:
+def _text(values: tuple[float, float, float]) -> str:
     """Median (10 % to 90 %)."""
-    if values is None or math.isnan(values[0]):
+    if math.isnan(values[0]):
         return "-"
     return f"{values[0]:.3g}" + ("" if math.isnan(values[1]) else f" ({values[1]:.3g} to {values[2]:.3g})")

@@ -79,7 +79,9 @@ def random_scene(
     else:
         check_int("seed", seed, 0)
         root, label = np.random.SeedSequence(int(seed)), str(seed)
-    counts = chosen.object_count if object_count is None else _pair("object_count", object_count)
+    counts = chosen.object_count
+    if object_count is not None:
+        counts = _pair("object_count", (object_count,) * 2 if np.ndim(object_count) == 0 else object_count)
     check_int("object_count", counts[0], 1, _MAX_OBJECTS)
     check_int("object_count", counts[1], counts[0], _MAX_OBJECTS)
     depths = None
@@ -98,8 +100,7 @@ def random_scene(
 
 
 def _pair(name: str, wanted: Any) -> tuple[Any, Any]:
-    if not isinstance(wanted, (tuple, list)):
-        return wanted, wanted
-    if len(wanted) != 2:
+    if np.shape(wanted) != (2,):
         raise InputError(f"{name} must have two values, got {format_value(wanted)}")
-    return wanted[0], wanted[1]
+    first, second = wanted
+    return first, second

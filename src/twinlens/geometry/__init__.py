@@ -132,7 +132,7 @@ def float_array(name: str, values: ArrayLike) -> Float:
     """A float64 copy of `values`. Raises InputError, naming `name`, if they are not numbers."""
     try:
         return np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be an array of numbers: {error}") from error
 
 

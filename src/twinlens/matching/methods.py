@@ -91,7 +91,9 @@ class MethodSpec:
 
     def check_parts(self) -> None:
         """Raise a TwinlensError if a file, function or package that the matcher needs is missing."""
-        getattr(self.matcher(), "check_parts", bool)()
+        matcher = self.matcher()
+        if hasattr(matcher, "check_parts"):
+            matcher.check_parts()
 
     @property
     def runs_user_code(self) -> bool:
@@ -169,8 +171,12 @@ def _starts_method(part: str, before: str, name: str) -> bool:
 def _parts(text: str) -> tuple[str, str, str]:
     """(name, method, options) of [NAME=]METHOD[:OPTIONS]; the name is the whole text where none is given."""
     head, _, tail = text.strip().partition(":")
-    name, equals, method = head.partition("=")
-    return (name.strip(), method.strip(), tail) if equals else (text.strip(), head.strip(), tail)
+    name, equals, method = (part.strip() for part in head.partition("="))
+    if not equals:
+        return text.strip(), head.strip(), tail
+    if not re.fullmatch(r"[\w.-]+", name):
+        raise InputError(f"{text.strip()!r}: the name {name!r} must be of letters, digits, '.', '_' and '-'")
+    return name, method, tail
 
 
 def parse_method(text: str) -> MethodSpec:

@@ -20,7 +20,7 @@ def statistics_figure(rows: Sequence[Mapping[str, float]], kind: str = "png") ->
         sheet = Figure(figsize=(9.0, 0.85 * lines + 0.5), layout="constrained")
         panels = sheet.subplots(lines, _COLUMNS, squeeze=False).ravel()
         for axes, name in zip(panels, names, strict=False):
-            median, low, high = STATISTICS[name].real or (math.nan,) * 3
+            median, low, high = STATISTICS[name].real
             if not math.isnan(low):
                 axes.plot((low, high), (0, 0), color="#C9D1D9", linewidth=9, solid_capstyle="butt")
             axes.plot(median, 0, "|", color="#444444", markersize=14, markeredgewidth=2)

@@ -57,7 +57,7 @@ class Mesh:
     uv: Float | None = None
 
     def __post_init__(self) -> None:
-        count = len(self.vertices)
+        count = np.shape(self.vertices)[0] if np.ndim(self.vertices) else 0
         for name, width in (("vertices", 3), ("normals", 3), ("uv", 2)):
             if (values := getattr(self, name)) is None:
                 continue

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -61,13 +61,6 @@ class Agreement:
     reliability_a: Interval
     reliability_b: Interval
     moves: tuple[Move, ...]
-
-    def plain(self) -> dict[str, Any]:
-        """The agreement as JSON values; NaN becomes None."""
-        document: dict[str, Any] = asdict(self)
-        for name in ("tau", "rho", "reliability_a", "reliability_b"):
-            document[name] = {key: None if math.isnan(v) else v for key, v in document[name].items()}
-        return document
 
 
 def agreement(
@@ -180,12 +173,15 @@ def _reliability(ranks: Ranks, splits: int, rng: np.random.Generator) -> Interva
         order = rng.permutation(len(ranks))
         first, second = np.array_split(order, 2)
         taus.append(_tau(ranks[first].mean(axis=0), ranks[second].mean(axis=0)))
-    return _interval(float(np.mean(taus)), taus)
+    return _interval(float(np.nanmean(taus)) if not np.isnan(taus).all() else math.nan, taus)
 
 
 def _interval(value: float, values: Sequence[float]) -> Interval:
     tail = 50.0 * (1.0 - LEVEL)
-    low, high = np.percentile(values, (tail, 100.0 - tail))
+    if np.isnan(values).all():
+        return Interval(value, math.nan, math.nan)
+    # A resample in which all methods have the same mean rank has no order: it is left out.
+    low, high = np.nanpercentile(values, (tail, 100.0 - tail))
     return Interval(value, float(low), float(high))
 
 

@@ -1,4 +1,4 @@
-"""What two images of a pair differ in, and how they look: statistics of real and synthetic pairs with truth.
+"""Differences between the images of a pair, and their appearance: statistics of real and synthetic pairs with truth.
 
 Grey levels are 0.299 R + 0.587 G + 0.114 B on a scale of 0 to 255, linearly scaled from 16 bits. `warped` is the right
 image at u - d, by cubic interpolation. Pixels are used where both views see the point and the truth has no jump of more
@@ -35,11 +35,11 @@ _BANDS = {"spectrum_low": (0.02, 0.15), "spectrum_high": (0.2, 0.45)}
 
 @dataclass(frozen=True)
 class Statistic:
-    """A statistic of a pair. real: median, 10 % and 90 % quantile over 24 real pairs; None without a reference."""
+    """A statistic of a pair. real: median, 10 % and 90 % quantile over 24 real pairs, NaN where not known."""
 
     unit: str
     text: str
-    real: tuple[float, float, float] | None = None
+    real: tuple[float, float, float]
 
 
 STATISTICS: Mapping[str, Statistic] = MappingProxyType(
