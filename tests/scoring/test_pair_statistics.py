@@ -11,7 +11,7 @@ from skimage.restoration import estimate_sigma
 from twinlens.cli import run
 from twinlens.dataset import motorcycle
 from twinlens.errors import InputError
-from twinlens.report.statistics_figure import statistics_figure
+from twinlens.report.pair_figure import pair_figure
 from twinlens.scoring import STATISTICS, Pair, pair_statistics, summarize
 
 NAMES = tuple(STATISTICS)
@@ -181,4 +181,4 @@ def test_the_command_prints_a_table_json_and_a_figure(tmp_path, capsys):
 
 def test_the_same_pairs_give_the_same_figure():
     rows = [pair_statistics(plane_pair(seed=k)) for k in range(2)]
-    assert statistics_figure(rows, "svg") == statistics_figure(rows, "svg")
+    assert pair_figure(rows, "svg") == pair_figure(rows, "svg")

@@ -10,7 +10,7 @@ from twinlens.cli.places import PATH
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset.files import write_file
 from twinlens.errors import InputError
-from twinlens.report.statistics_figure import statistics_figure
+from twinlens.report.pair_figure import pair_figure
 from twinlens.scoring import STATISTICS, open_pairs, pair_statistics, summarize
 
 
@@ -37,7 +37,7 @@ def command(datasets: tuple[str, ...], output: Path | None, as_json: bool) -> No
             rows[pair.name] = pair_statistics(pair)
     summary = summarize(list(rows.values()))
     if output is not None:
-        write_file(output, statistics_figure(list(rows.values()), output.suffix.lower()[1:]))
+        write_file(output, pair_figure(list(rows.values()), output.suffix.lower()[1:]))
     if as_json:
         print_json({"pairs": rows, "summary": summary, "real": {name: s.real for name, s in STATISTICS.items()}})
         return

@@ -1,6 +1,6 @@
 """Scoring of disparity maps: metrics, regions, protocols, and leaderboards. Works without mitsuba."""
 
-from twinlens.scoring.agreement import Agreement, Interval, Move, agreement
+from twinlens.scoring.agreement import Agreement, CorrelationInterval, Move, agreement
 from twinlens.scoring.benchmark import Step, run_benchmark
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure, Mean
 from twinlens.scoring.board_file import board_from_json, board_to_json, json_number, read_board, write_board
@@ -34,11 +34,11 @@ __all__ = [
     "WARM_UP_LIMIT_S",
     "Agreement",
     "Board",
+    "CorrelationInterval",
     "DatasetPairs",
     "Entry",
     "Failure",
     "Groups",
-    "Interval",
     "MapFolder",
     "Mean",
     "Metric",

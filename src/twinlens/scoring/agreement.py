@@ -20,7 +20,7 @@ LEVEL = 0.95
 
 
 @dataclass(frozen=True)
-class Interval:
+class CorrelationInterval:
     """A correlation with the limits of its 95 % interval; NaN where the data do not determine it."""
 
     value: float
@@ -56,10 +56,10 @@ class Agreement:
     metric: str
     samples_a: int
     samples_b: int
-    tau: Interval
-    rho: Interval
-    reliability_a: Interval
-    reliability_b: Interval
+    tau: CorrelationInterval
+    rho: CorrelationInterval
+    reliability_a: CorrelationInterval
+    reliability_b: CorrelationInterval
     moves: tuple[Move, ...]
 
 
@@ -165,9 +165,9 @@ def _resampled(ranks: Ranks, rng: np.random.Generator) -> Ranks:
     return ranks[rng.integers(len(ranks), size=len(ranks))]
 
 
-def _reliability(ranks: Ranks, splits: int, rng: np.random.Generator) -> Interval:
+def _reliability(ranks: Ranks, splits: int, rng: np.random.Generator) -> CorrelationInterval:
     if len(ranks) < 2:
-        return Interval(math.nan, math.nan, math.nan)
+        return CorrelationInterval(math.nan, math.nan, math.nan)
     taus = []
     for _ in range(splits):
         order = rng.permutation(len(ranks))
@@ -176,13 +176,13 @@ def _reliability(ranks: Ranks, splits: int, rng: np.random.Generator) -> Interva
     return _interval(float(np.nanmean(taus)) if not np.isnan(taus).all() else math.nan, taus)
 
 
-def _interval(value: float, values: Sequence[float]) -> Interval:
+def _interval(value: float, values: Sequence[float]) -> CorrelationInterval:
     tail = 50.0 * (1.0 - LEVEL)
     if np.isnan(values).all():
-        return Interval(value, math.nan, math.nan)
+        return CorrelationInterval(value, math.nan, math.nan)
     # A resample in which all methods have the same mean rank has no order: it is left out.
     low, high = np.nanpercentile(values, (tail, 100.0 - tail))
-    return Interval(value, float(low), float(high))
+    return CorrelationInterval(value, float(low), float(high))
 
 
 def _correlation(function: Callable[..., Any]) -> Callable[[Ranks, Ranks], float]:

@@ -12,7 +12,7 @@ from twinlens.scoring.pair_statistics import STATISTICS
 _COLUMNS = 3
 
 
-def statistics_figure(rows: Sequence[Mapping[str, float]], kind: str = "png") -> bytes:
+def pair_figure(rows: Sequence[Mapping[str, float]], kind: str = "png") -> bytes:
     """One axis a statistic, as PNG or SVG: real pairs as a bar from 10 % to 90 % with their median, a dot for a row."""
     names = [name for name in STATISTICS if any(not math.isnan(row[name]) for row in rows)]
     lines = -(-len(names) // _COLUMNS)
