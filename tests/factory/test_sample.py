@@ -8,7 +8,10 @@ from twinlens.camera import Misalignment, Polygon
 from twinlens.dataset import sample_files
 from twinlens.errors import InputError
 from twinlens.factory import default_rig, make_sample
+from twinlens.factory.sample import _Light
+from twinlens.rendering import NoisyImage
 from twinlens.sensor import Exposure, Mismatch, Sensor
+from twinlens.sensor.light import cos4
 
 LENSES = (tl.Pinhole(), tl.Pinhole(), tl.ThinLens(0.04, 1.2))
 
@@ -173,3 +176,20 @@ def test_a_mismatch_that_no_exposure_can_have_is_refused_before_the_first_pictur
     sensor = Sensor(mismatch=Mismatch(time=100.0))
     with pytest.raises(InputError, match="the mismatch makes the exposure invalid: exposure time must be"):
         make_sample(scene, default_rig(scene, 48, 36), LENSES, sensor=sensor, exposure=Exposure(1e8))
+
+
+@pytest.mark.parametrize("filters", ["rgb", "mono"])
+@pytest.mark.parametrize("vignetting", [False, True])
+def test_the_noise_ratio_is_that_of_the_electrons_in_a_pixel(scene, filters, vignetting):
+    """A uniform image without readout noise: the error in electrons over the root of the electrons."""
+    sensor = Sensor(filters=filters, vignetting=vignetting, read_noise=0.0, adc_bits=16)
+    rig = default_rig(scene, 24, 24, fov_x_deg=90)
+    views = [NoisyImage(np.full((24, 24, 3), 0.5, np.float32), np.full((24, 24, 3), 0.1, np.float32))] * 2
+    exposure = Exposure(0.01)
+    rate = 0.01 * sensor.electrons_per_radiance(rig.cameras[0], tl.Pinhole())
+    if filters == "mono":
+        rate = rate.sum(keepdims=True)
+    shade = np.median(cos4(rig.cameras[0])) if vignetting else 1.0
+    expected = np.sqrt(np.mean(0.1**2 * rate * shade / 0.5))
+    found = _Light(sensor, rig, tl.Pinhole(), 0, exposure).ratios(views)
+    np.testing.assert_allclose(found, expected, rtol=0.05)

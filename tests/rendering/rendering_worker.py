@@ -177,6 +177,8 @@ def denoise_job() -> dict[str, np.ndarray]:
     """Denoised images of closed forms and of the room, and guides."""
     import drjit
 
+    from twinlens.rendering import guides as guides_module
+
     scene, camera = photos.room(), photos.camera(64, 48, 60.0)
     rig, sky = Rig([camera], [photos.POSE]), replace(scene, objects=())
     found = {"sky": tl.render(sky, rig, spp=4, denoise=True)[0]}
@@ -194,11 +196,13 @@ def denoise_job() -> dict[str, np.ndarray]:
         found[f"{name}/reference"] = tl.render(scene, rig, lens, spp=2048, seed=4)[0]
     found["pinhole/raw by default"] = tl.render(scene, rig, spp=2, seed=3)[0]
     found["lens/grid"] = tl.render_lens_grid(scene, rig, [tl.Pinhole(), wide], spp=2, denoise=True)[1][0]
-    twins = Rig([camera, camera], [photos.POSE, photos.POSE])
-    found["twins"] = np.array(tl.render(scene, twins, wide, spp=4, denoise=True))
+    found["own guides"] = np.array([own_guides(scene, camera, wide, *key) for key in ((3, 0), (3, 1), (4, 0))])
     for name, shown in photos.guided().items():
         guides = guides_of(shown, photos.camera(24, 24, 60.0))
         found |= {f"guide/{name}/albedo": guides.albedo, f"guide/{name}/normal": guides.normal}
+    usual, guides_module.RAYS_PER_PASS = guides_module.RAYS_PER_PASS, 3 * 24 * 24  # passes of three samples
+    found["guide/net/in passes"] = guides_of(photos.guided()["net"], photos.camera(24, 24, 60.0)).albedo
+    guides_module.RAYS_PER_PASS = usual
     for threads in (1, 3):
         drjit.set_thread_count(threads)
         found[f"threads {threads}"] = tl.render(scene, rig, wide, spp=4, denoise=True)[0]
@@ -222,6 +226,13 @@ def estimate_job() -> dict[str, np.ndarray]:
     bounds = [lambda _: True, lambda _: next(rounds), lambda _: False]
     counts = [render_measured(scene, tiny, wide, 4, 0, enough=bound)[1] for bound in bounds]
     return found | {"counts": np.array(counts)}
+
+
+def own_guides(scene, camera, lens, seed, eye):
+    from twinlens.rendering.build import build
+    from twinlens.rendering.denoising import guides_of
+
+    return guides_of(build(scene), camera, photos.POSE, lens, seed, eye).albedo
 
 
 def guides_of(scene, camera):

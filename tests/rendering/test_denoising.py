@@ -1,5 +1,7 @@
 """Denoised images against closed forms and converged images, and guides against the textures they show."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -44,7 +46,9 @@ def test_the_raw_image_does_not_change(found):
 
 
 def test_eyes_and_seeds_have_guides_of_their_own(found):
-    assert not np.array_equal(found["twins"][0], found["twins"][1])
+    left, right, other_seed = found["own guides"]
+    assert not np.array_equal(left, right)
+    assert not np.array_equal(left, other_seed)
 
 
 def test_bytes_do_not_depend_on_threads(found):
@@ -67,3 +71,32 @@ def test_guides_follow_mirrors_and_openings(both):
     np.testing.assert_allclose(found["guide/mirror/albedo"][middle], 0.8 * 0.5, atol=1e-4)
     np.testing.assert_allclose(found["guide/net/albedo"][middle].mean(), 0.5 * 0.5, atol=0.02)
     np.testing.assert_allclose(found["guide/mirror/normal"][middle][0, 0], photos.POSE[:3, 2], atol=1e-4)
+
+
+def test_guides_do_not_depend_on_passes(found):
+    np.testing.assert_allclose(found["guide/net/in passes"], found["guide/net/albedo"], atol=1e-6)
+
+
+def test_mirrors_are_white_in_the_guides_of_the_scalar_backend(both):
+    """These stop at the mirror, so what it shows must not be divided by an albedo near 0."""
+    found = both["scalar"]("denoise")
+    np.testing.assert_array_equal(found["guide/mirror/albedo"], 1)
+    np.testing.assert_array_equal(found["guide/net/albedo"], 1)
+
+
+def test_the_processor_denoises_where_the_gpu_is_not_supported(monkeypatch):
+    import mitsuba_oidn
+
+    from twinlens.rendering import denoising
+
+    def no_gpu(kind):
+        if kind == mitsuba_oidn.DeviceType.CUDA:
+            raise mitsuba_oidn.Error("unsupported device type: CUDA")
+        return device(kind)
+
+    device = mitsuba_oidn.Device
+    monkeypatch.setattr(mitsuba_oidn, "Device", no_gpu)
+    monkeypatch.setattr(denoising, "backend", lambda: SimpleNamespace(name="cuda"))
+    denoising._device.cache_clear()
+    assert denoising.denoiser_record()["device"] == "cpu"
+    denoising._device.cache_clear()

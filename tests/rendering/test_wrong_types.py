@@ -2,6 +2,7 @@ import pytest
 
 import twinlens as tl
 from twinlens.errors import InputError
+from twinlens.rendering import render_measured
 
 
 @pytest.fixture(scope="module")
@@ -19,6 +20,10 @@ def test_arguments_of_wrong_types_are_input_errors(view):
         (lambda: tl.render(scene, rig, "pinhole"), "a lens must be"),
         (lambda: tl.render_lens_grid(scene, rig, tl.Pinhole()), "list"),
         (lambda: tl.render(scene, rig, spp="4"), "'4'"),
+        (lambda: render_measured(scene, rig, tl.Pinhole(), "4", 0), "'4'"),
+        (lambda: render_measured(scene, rig, tl.Pinhole(), 1, 0), "spp >= 2"),
+        (lambda: render_measured(scene, rig, tl.Pinhole(), 4, -1), "seed"),
+        (lambda: render_measured(scene, rig, "pinhole", 4, 0), "a lens must be"),
     ):
         with pytest.raises(InputError, match=words):
             call()

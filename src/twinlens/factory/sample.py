@@ -35,6 +35,7 @@ from twinlens.rendering import (
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.sensor import Exposure, Sensor
 from twinlens.sensor.exposure import check_exposure
+from twinlens.sensor.light import cos4
 
 _SHOT_STREAM = 2
 
@@ -153,16 +154,20 @@ class _Light:
         """Per view: noise of the light paths over noise of the sensor, the median over pixels.
 
         Both are standard deviations in electrons, over the channels and windows of 9x9 pixels. The sensor's noise is
-        that of photons, readout and rounding.
+        that of photons, readout and rounding. A mono sensor's is that of the sum of the channels.
         """
         images = [view.image for view in views]
         photos = self.sensor.expose_rig(images, rig=self.rig, lens=self.lens, seed=self.seed, exposure=self.exposure)
         found = []
-        for view, photo in zip(views, photos, strict=True):
+        for view, photo, camera in zip(views, photos, self.rig.cameras, strict=True):
             rate = np.array(photo.record["electrons_per_radiance"])
-            electrons = np.maximum(view.image * rate, 0)
+            if self.sensor.vignetting:
+                rate = rate * cos4(camera)[..., None]
+            electrons, error = np.maximum(view.image * rate, 0), view.error * rate
+            if self.sensor.filters == "mono":
+                electrons, error = (part.sum(axis=-1, keepdims=True) for part in (electrons, error))
             least = self.sensor.read_noise**2 + (1 / photo.record["system_gain_dn_per_electron"]) ** 2 / 12
-            excess = np.nan_to_num((view.error * rate) ** 2 / (electrons + least)).mean(axis=-1)
+            excess = np.nan_to_num(error**2 / (electrons + least)).mean(axis=-1)
             found.append(float(np.sqrt(np.median(uniform_filter(excess, 9)))))
         return found
 

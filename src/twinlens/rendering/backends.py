@@ -88,7 +88,7 @@ def use_threads(count: int) -> None:
 def forget_kernels() -> None:
     """Free the memory of compiled kernels and of unreferenced scenes. Kernels are read from the disk cache when needed.
 
-    Every new combination of materials compiles a kernel that stays in memory; a thousand random scenes would fill it.
+    Kernels stay in memory. Without `share_kernels`, most random scenes compile their own; a thousand would fill it.
     """
     if not backend().is_jit:
         return
@@ -126,9 +126,13 @@ def _wanted() -> str:
 def _already_set() -> Backend | None:
     """The backend of a variant that the host program has set.
 
-    Does not import mitsuba, because Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported.
+    Imports mitsuba only if the host program did: Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported.
     """
-    variant = sys.modules["mitsuba"].variant() if "mitsuba" in sys.modules else None
+    if "mitsuba" not in sys.modules:
+        return None
+    import mitsuba  # waits for another thread that is importing it
+
+    variant = mitsuba.variant()
     if variant is None:
         return None
     for name, known in VARIANTS.items():

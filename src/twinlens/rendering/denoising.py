@@ -1,11 +1,12 @@
 """Denoises images with Intel Open Image Denoise, guided by albedo and normals through the same lens.
 
 The image is divided by its albedo guide before filtering and multiplied after it, so that textures come from the guide.
-Measured through a 30 mm lens, this halves the error of matching that is left. The filter runs in linear radiance, on
-the processor unless the backend is CUDA, and does not depend on the number of threads.
+Measured through a 30 mm lens, this halves the remaining matching error. The filter runs in linear radiance, on
+the processor unless the backend is CUDA and the library supports the GPU, and does not depend on the number of threads.
 """
 
 import atexit
+import contextlib
 import functools
 import importlib.metadata
 from typing import Any
@@ -98,7 +99,10 @@ def denoiser_record() -> dict[str, Any]:
 
 @functools.cache
 def _device() -> Any:
-    from mitsuba_oidn import Device, DeviceType
+    from mitsuba_oidn import Device, DeviceType, Error
 
     atexit.register(_device.cache_clear)  # nanobind reports what the interpreter's end finds alive
-    return Device(DeviceType.CUDA if backend().name == "cuda" else DeviceType.CPU)
+    if backend().name == "cuda":
+        with contextlib.suppress(Error):  # the library may lack support for this GPU
+            return Device(DeviceType.CUDA)
+    return Device(DeviceType.CPU)

@@ -20,7 +20,7 @@ MAX_SPECULAR = 8
 
 _SPECULAR_KINDS = (3, 4)  # mirror and transmissive, in MATERIAL_KINDS
 _UNKNOWN_KIND = 0
-_RAYS_PER_PASS = 1 << 23
+RAYS_PER_PASS = 1 << 23
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ def render_guides(
 ) -> Guides:
     """The guides of one camera. `samples` per pixel, a power of two.
 
-    The scalar backend uses Mitsuba's own integrator, which stops at mirrors and glass.
+    The scalar backend uses Mitsuba's own integrator, which stops at mirrors and glass; they have albedo 1.
     """
     render = _render_jit if backend().is_jit else _render_scalar
     sums = render(built, camera, pose, lens, samples, seeds)
@@ -56,8 +56,16 @@ def _render_scalar(
     sensor = make_sensor(camera, pose, lens, samples, "multijitter")
     seed = int(seeds.generate_state(1)[0])
     image = np.asarray(integrator.render(built.mi_scene, sensor, seed=seed, spp=samples), dtype=np.float64)
-    image[..., -6:-3] += image[..., :3]
+    albedo, normal = image[..., -6:-3], image[..., -3:]
+    albedo += image[..., :3]
+    if _has_openings(built):  # Mitsuba gives mirrors and glass albedo 0, which would demodulate what they show
+        albedo[(albedo == 0).all(axis=-1) & normal.any(axis=-1)] = 1
     return image[..., -6:]
+
+
+def _has_openings(built: BuiltScene) -> bool:
+    """Whether there may be mirrors, glass or masks."""
+    return any(body.material_kind in (_UNKNOWN_KIND, *_SPECULAR_KINDS) for body in built.bodies)
 
 
 def _render_jit(
@@ -77,7 +85,7 @@ def _render_jit(
     key = int(seeds.generate_state(1)[0])
     sensor = make_sensor(camera, pose, lens, 1, "independent")
     width, height = dr.opaque(mi.UInt32, camera.width), dr.opaque(mi.UInt32, camera.height)
-    per_pass = min(samples, max(1, _RAYS_PER_PASS // pixels))
+    per_pass = min(samples, max(1, RAYS_PER_PASS // pixels))
     total = np.zeros((pixels, 6))
     for start in range(0, samples, per_pass):
         count = min(per_pass, samples - start)
@@ -92,14 +100,16 @@ def _render_jit(
         row = pixel // width
         film = mi.Point2f((mi.Float(pixel - row * width) + x) / width, (mi.Float(row) + y) / height)
         ray, _ = sensor.sample_ray(0.0, 0.5, film, mi.Point2f(ax, ay))
-        features = _first_rough_surface(built, mi.Ray3f(ray), dr.opaque(mi.UInt32, key))
+        numbers = mi.sample_tea_32(pixel, sample + dr.opaque(mi.UInt32, (key + 2) % 2**32))  # 0 and 1 are the shifts
+        random = mi.PCG32(initstate=mi.UInt64(numbers[0]), initseq=mi.UInt64(numbers[1]))
+        features = _first_rough_surface(built, mi.Ray3f(ray), random)
         dr.eval(features)  # else each sum would trace the rays again
         sums = [dr.block_sum(channel, count) for feature in features for channel in feature]
         total += np.stack([np.asarray(channel, dtype=np.float64) for channel in sums], axis=-1)
     return total / samples
 
 
-def _first_rough_surface(built: BuiltScene, ray: Any, seed: Any) -> tuple[Any, Any]:
+def _first_rough_surface(built: BuiltScene, ray: Any, random: Any) -> tuple[Any, Any]:
     """Albedo with emission, and shading normal, along each ray."""
     import drjit as dr
 
@@ -114,7 +124,7 @@ def _first_rough_surface(built: BuiltScene, ray: Any, seed: Any) -> tuple[Any, A
         emission = si.emitter(scene, active).eval(si, active)
         return dr.select(hit, albedo, 0.0) + emission, dr.select(hit, si.sh_frame.n, 0.0)
 
-    if not any(body.material_kind in (_UNKNOWN_KIND, *_SPECULAR_KINDS) for body in built.bodies):
+    if not _has_openings(built):
         return features(scene.ray_intersect(ray, mi.RayFlags.All, True), mi.Bool(True))
 
     def step(active: Any, ray: Any, tint: Any, albedo: Any, normal: Any, depth: Any, random: Any) -> tuple[Any, ...]:
@@ -133,7 +143,6 @@ def _first_rough_surface(built: BuiltScene, ray: Any, seed: Any) -> tuple[Any, A
         ray = dr.select(on, si.spawn_ray(si.to_world(sample.wo)), ray)
         return on, ray, dr.select(on, tint * weight, tint), albedo, normal, depth + 1, random
 
-    random = mi.PCG32(size=dr.width(ray.o), initstate=seed)
     start = (mi.Bool(True), ray, mi.Color3f(1.0), mi.Color3f(0.0), mi.Vector3f(0.0), mi.UInt32(0), random)
     _, _, _, albedo, normal, _, _ = dr.while_loop(start, lambda active, *_: active, step)
     return albedo, normal

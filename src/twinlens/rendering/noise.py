@@ -1,11 +1,11 @@
 """Images with an estimate of the noise that the renderer left in them, and passes until it is low enough.
 
 The samples are rendered in two independent halves A and B. In raw images |A - B| / 2 estimates the standard deviation
-of the mean. A denoised image is filtered from all samples; its halves are filtered apart, with a fast network. Their
-difference over sqrt(2) is the estimate. This factor was measured on random scenes against references (4 to 64 samples,
-pinhole and lens): the medians of estimate and true error, over windows of 9x9 pixels, agreed within 20 %.
-On the bundled scenes with 16 samples it is 0.74 to 0.96 of the true error through a pinhole and 0.71 to 0.88 through
-an f/1.4 lens: both halves share their guides, whose noise it does not contain.
+of the mean. A denoised image is filtered from all samples; its halves are filtered separately, with a fast network.
+Their difference over sqrt(2) is the estimate, a factor measured on random scenes against references. On the bundled
+scenes with 16 samples the median of the estimate, over windows of 9x9 pixels, is 0.74 to 0.96 of that of the true error
+through a pinhole and 0.71 to 0.88 through an f/1.4 lens: both halves share their guides, whose noise it does not
+contain.
 """
 
 import math
@@ -16,15 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Lens, Rig
+from twinlens.camera.lens import check_lens
 from twinlens.errors import InputError
 from twinlens.rendering.build import build
 from twinlens.rendering.denoising import denoise_image, guides_of
-from twinlens.rendering.radiance import Progress, partial_progress, render
+from twinlens.rendering.radiance import SAMPLERS, Progress, check_request, check_view, partial_progress, render
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed
 
 MAX_SPP = 1024
-"""Samples per pixel at which passes stop, unless a request starts with more."""
+"""Samples per pixel that doubling does not exceed. A request that starts with more is rendered as it is."""
 
 _NOISE_STREAM = 3
 
@@ -51,12 +52,17 @@ def render_measured(
     enough: Callable[[Sequence[NoisyImage]], bool] = lambda _: True,
     progress: Progress | None = None,
 ) -> tuple[list[NoisyImage], int]:
-    """Render as `render`, with error estimates; double the samples until `enough` or `MAX_SPP` is reached.
+    """Render as `render`, with error estimates; double the samples until `enough`, or until doubling would exceed
+    `MAX_SPP`.
 
     Each round reports its own progress.
 
-    Returns one image per camera, and the samples per pixel used. Raises InputError for spp < 2.
+    Returns one image per camera, and the samples per pixel used. Raises the errors of `render`, and InputError for
+    spp < 2.
     """
+    check_view(scene, rig)
+    check_request(spp, seed, SAMPLERS[0])
+    check_lens(lens)
     if spp < 2:
         raise InputError(f"an estimate of the noise needs spp >= 2, got {spp}")
     built = build(scene)

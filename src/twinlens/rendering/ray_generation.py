@@ -8,7 +8,6 @@ lenses share kernels. Importing this module sets up the backend.
 import functools
 from typing import Any
 
-import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +16,8 @@ from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 
 mi = mitsuba()
+import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
+
 opaque = functools.partial(dr.opaque, mi.Float)
 
 

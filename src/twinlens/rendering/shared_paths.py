@@ -9,7 +9,6 @@ sets up the backend.
 import math
 from typing import Any
 
-import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +29,7 @@ from twinlens.rendering.stratified_samples import (
 )
 
 mi = mitsuba()
+import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
 
 OWN_JITTER = 0.5
 """Largest deviation of a pixel's film positions and aperture points from the shared ones, in strata. It decorrelates

@@ -21,7 +21,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +29,7 @@ from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 
 mi = mitsuba()
+import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
 
 MAX_SAMPLES = 1 << 12  # per pixel and pass
 _DIMENSION = 0x9E3779B9  # odd, so that the keys of dimensions differ
