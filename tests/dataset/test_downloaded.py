@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from tests.dataset import dataset_scene
-from twinlens.dataset import Dataset, downloaded_pairs, write_sample
+from twinlens.dataset import Dataset, downloaded_pairs, write_png, write_sample
 from twinlens.dataset.export import export
 from twinlens.errors import FileError
 from twinlens.scoring import open_pairs
@@ -62,6 +62,21 @@ def test_a_missing_part_is_named(data, tmp_path, missing):
     part.rename(tmp_path / "moved")
     with pytest.raises(FileError, match=part.name):
         downloaded_pairs(tmp_path / "made/Kitti2015")
+
+
+@pytest.mark.parametrize(
+    ("layout", "file", "message"),
+    [
+        ("eth3d", "ETH3D/two_view_training_gt/s0/mask0nocc.png", "8-bit grey PNG"),
+        ("kitti2015", "Kitti2015/training/disp_noc_0/000000_10.png", "another size"),
+    ],
+)
+def test_a_wrong_mask_is_refused(data, tmp_path, layout, file, message):
+    export(data, tmp_path / "made", layout)
+    write_png(tmp_path / "made" / file, np.full((3, 4), 256, np.uint16))
+    pair = downloaded_pairs(tmp_path / "made" / file.partition("/")[0])[0]
+    with pytest.raises(FileError, match=message):
+        _ = pair.mask0_nonocc
 
 
 def test_an_empty_download_is_refused(tmp_path):

@@ -156,6 +156,13 @@ FRAME = {"file_path": "a", "transform_matrix": np.eye(4).tolist()}
 SIZE = {"w": 640, "h": 480, "fl_x": 700}
 
 
+def test_a_camera_angle_beside_a_focal_length_is_ignored(tmp_path):
+    table = {**SIZE, "frames": [FRAME], "camera_angle_x": 0, "camera_angle_y": 1.0, "fl_y": 710}
+    (tmp_path / "t.json").write_text(json.dumps(table))
+    (camera,) = read_transforms(tmp_path / "t.json").rig.cameras
+    assert (camera.fx, camera.fy) == (700, 710)
+
+
 @pytest.mark.parametrize(
     ("table", "says"),
     [
@@ -168,6 +175,7 @@ SIZE = {"w": 640, "h": 480, "fl_x": 700}
         ({**SIZE, "frames": [{**FRAME, "transform_matrix": (2 * np.eye(4)).tolist()}]}, "world_from_cams"),
         ({**SIZE, "frames": [FRAME], "camera_model": "EQUIRECTANGULAR"}, "EQUIRECTANGULAR"),
         ({**SIZE, "frames": [FRAME], "k4": 0.1}, "k4"),
+        ({"w": 640, "h": 480, "frames": [FRAME], "camera_angle_x": 0}, "not a valid transforms.json"),
     ],
 )
 def test_invalid_transforms_raise(tmp_path, table, says):

@@ -1,6 +1,7 @@
 import json
 import os
 import pickle
+import pydoc
 import signal
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import pytest
 
 from tests.dataset import dataset_scene
 from twinlens.camera import Rig
-from twinlens.dataset import Dataset, Shot, hash_files, sample_files, verify_sample, write_sample
+from twinlens.dataset import Dataset, Shot, StoredSample, hash_files, sample_files, verify_sample, write_sample
 from twinlens.dataset.record import plain
 from twinlens.errors import FileError, InputError, OutputError
 from twinlens.optics import circle_of_confusion_px
@@ -200,6 +201,30 @@ def test_an_invalid_record_is_rejected(tmp_path, sample, change, message):
     with pytest.raises(FileError, match=message) as caught:
         _ = stored.rig, stored.lens(0).lens
     assert str(caught.value).startswith(str(path))
+
+
+def test_a_damaged_lens_leaves_the_rest_readable(tmp_path, sample):
+    write_sample(tmp_path / "s", sample)
+    path = tmp_path / "s" / "sample.json"
+    record = json.loads(path.read_text())
+    record["shots"][1]["lens"] = {"type": "Glass"}
+    path.write_text(json.dumps(record))
+    stored = Dataset(tmp_path)[0]
+    assert stored.num_lenses == 3
+    assert stored.rig.cameras == sample.rig.cameras
+    np.testing.assert_array_equal(stored["lens1.im0"], sample.shots[1].images[0])
+    with pytest.raises(FileError, match=r"shots\[1\]\.lens\.type"):
+        _ = stored.lens(1).lens
+    path.unlink()
+    with pytest.raises(FileError, match=r"sample\.json: no such file"):
+        _ = stored.lens(0).lens
+
+
+def test_attributes_of_views_are_documented():
+    assert StoredSample.im0.__doc__.startswith("Image of view 0, ")
+    text = pydoc.render_doc(StoredSample, renderer=pydoc.plaintext)
+    assert "Image of view 1, uint8" in text
+    assert "Truth of view 0;" in text
 
 
 @pytest.mark.slow

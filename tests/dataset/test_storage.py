@@ -1,6 +1,7 @@
 """Datasets in buckets, on fsspec's memory and local file systems."""
 
 import pickle
+import socket
 from pathlib import Path
 
 import fsspec
@@ -177,3 +178,12 @@ def test_unknown_protocols_and_missing_packages_are_reported():
     fsspec.register_implementation("lacking", "not_installed.Lacking", errtxt="Install lackfs", clobber=True)
     with pytest.raises(MissingExtraError, match="Install lackfs"):
         write_sample("lacking://bucket/s", SAMPLE)
+
+
+def test_an_unreachable_server_is_reported(monkeypatch):
+    def fail(url):
+        raise socket.gaierror(-2, "Name or service not known")
+
+    monkeypatch.setattr("fsspec.core.url_to_fs", fail)
+    with pytest.raises(FileError, match=r"ftp://nonexistent\.invalid/x: cannot be read .*not known"):
+        place("ftp://nonexistent.invalid/x").exists()

@@ -122,6 +122,12 @@ def test_exchanged_images_are_reported(tmp_path):
     assert finding.startswith("lens-1/im0.png: looks exchanged with its partner's image: edges correlate by ")
 
 
+def test_images_of_different_widths_are_compared():
+    left, right = np.zeros((2, 40, 60), np.uint8)
+    disparity, mask = np.zeros((40, 60), np.float32), np.full((40, 60), 255, np.uint8)
+    assert consistency.check_exchange((left, right[:, :30]), disparity, mask) == []
+
+
 def texture(truth):
     p = np.where(truth.hit[..., None], truth.position, 0.0)
     waves = np.sin(p @ [[37.0, 61.0], [53.0, -29.0], [17.0, 43.0]]).sum(axis=-1)

@@ -13,11 +13,11 @@ from twinlens.dataset.downloaded import DownloadedPair, downloaded_pairs
 from twinlens.dataset.files import remove_unfinished
 from twinlens.dataset.manifest import DatasetFile, Manifest, Row, hash_files, read_manifest, row_of, write_manifest
 from twinlens.dataset.metadata import About, write_croissant
-from twinlens.dataset.motorcycle import motorcycle
+from twinlens.dataset.motorcycle import RealPair, motorcycle
 from twinlens.dataset.quantities import statistics
 from twinlens.dataset.sample import Sample, Shot, sample_files, write_sample
 from twinlens.dataset.storage import Place, RemotePath, Where, is_whole, place
-from twinlens.dataset.stored import SampleFile, StoredSample
+from twinlens.dataset.stored import SampleFile, StoredSample, StoredShot
 from twinlens.dataset.truth_files import read_truth
 from twinlens.dataset.verify import repair_hint, unchecked, unfinished, verify_dataset, verify_place, verify_sample
 from twinlens.dataset.visibility import mask_from_both, mask_from_one
@@ -30,12 +30,14 @@ __all__ = [
     "DownloadedPair",
     "Manifest",
     "Place",
+    "RealPair",
     "RemotePath",
     "Row",
     "Sample",
     "SampleFile",
     "Shot",
     "StoredSample",
+    "StoredShot",
     "Where",
     "describe",
     "downloaded_pairs",

@@ -167,11 +167,12 @@ def check_exchange(
     step = max(1, len(u) // _MAX_PIXELS)
     v, u = v[::step], u[::step]
     match = np.floor(u - disparity[v, u] + 0.5).astype(int)
-    inside = (match >= 0) & (match < disparity.shape[1])
+    height, width = np.minimum(images[0].shape[:2], images[1].shape[:2])
+    inside = (match >= 0) & (np.maximum(match, u) < width) & (v < height)
     if np.count_nonzero(inside) < _MIN_PIXELS:
         return []
     v, u, match = v[inside], u[inside], match[inside]
-    grey = [image.reshape(*disparity.shape, -1).mean(axis=-1) for image in images]
+    grey = [image.reshape(*image.shape[:2], -1).mean(axis=-1) for image in images]
     left, right = (np.diff(each, axis=1, append=each[:, -1:]) for each in grey)
     edges = [(a[v, u], b[v, match]) for a, b in ((left, right), (right, left))]
     straight, swapped = (float(np.corrcoef(a, b)[0, 1]) if np.ptp(a) and np.ptp(b) else 0.0 for a, b in edges)

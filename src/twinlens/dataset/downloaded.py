@@ -18,6 +18,7 @@ from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.codecs.pfm import read_disparity
 from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.storage import Place, Where, place
+from twinlens.dataset.stored import read_visibility
 from twinlens.dataset.visibility import HIDDEN, UNKNOWN, VISIBLE, Disparity, Mask
 from twinlens.errors import FileError
 
@@ -59,8 +60,10 @@ class DownloadedPair:
     def mask0_nonocc(self) -> Mask:
         """uint8 (H, W): 255 visible in both views, 128 occluded, 0 unknown."""
         if self.calib is not None:
-            return np.asarray(read_png(self.mask), np.uint8)
+            return read_visibility(self.mask)
         seen, known = np.isfinite(read_disparity(self.mask)), np.isfinite(self.disp0)
+        if seen.shape != known.shape:
+            raise FileError(f"{self.mask}: has another size than {self.truth}")
         return np.where(seen, VISIBLE, np.where(known, HIDDEN, UNKNOWN)).astype(np.uint8)
 
     @property

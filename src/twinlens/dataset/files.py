@@ -102,7 +102,7 @@ def write_folder(
 
 
 def check_replaceable(folder: Place, own: bool, kind: str) -> None:
-    """Raise OutputError if overwriting would delete a folder with files that is not `own`: a home folder, a dataset."""
+    """Raise OutputError for an existing file or non-empty folder, unless `own` says that it is `kind`."""
     exists = folder.exists() if isinstance(folder, RemotePath) else os.path.lexists(folder)
     if exists and not own and (not folder.is_dir() or any(folder.iterdir())):
         raise OutputError(f"{folder}: exists and is not {kind}, so it is not overwritten; choose another name")

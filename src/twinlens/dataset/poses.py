@@ -128,7 +128,7 @@ def read_transforms(path: FilePath) -> NamedRig:
         raise
     except KeyError as error:
         raise FileError(f"{path}: has no {error.args[0]}") from None
-    except (ValueError, TypeError, RecursionError) as error:
+    except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
         raise FileError(f"{path}: not a valid transforms.json: {error}") from None
 
 
@@ -233,13 +233,17 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 def _nerf_camera(values: Mapping[str, Any]) -> Camera:
     width, height = int(values["w"]), int(values["h"])
-    focal = {
-        axis: 0.5 * size / math.tan(0.5 * float(values[f"camera_angle_{axis}"]))
-        for axis, size in (("x", width), ("y", height))
-        if f"camera_angle_{axis}" in values
-    }
-    fx = float(values["fl_x"] if "fl_x" in values or "x" not in focal else focal["x"])
-    fy = float(values.get("fl_y", focal.get("y", fx)))
+
+    def focal_px(axis: str, size: int) -> float | None:
+        if f"fl_{axis}" in values:
+            return float(values[f"fl_{axis}"])
+        angle = values.get(f"camera_angle_{axis}")
+        return None if angle is None else 0.5 * size / math.tan(0.5 * float(angle))
+
+    fx, fy = focal_px("x", width), focal_px("y", height)
+    if fx is None:
+        raise KeyError("fl_x")
+    fy = fx if fy is None else fy
     cx, cy = (float(values.get(name, size / 2)) - _CORNER for name, size in (("cx", width), ("cy", height)))
     model = values.get("camera_model", "OPENCV")
     if model not in _NERF_MODELS:

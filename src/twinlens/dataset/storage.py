@@ -89,12 +89,12 @@ class RemotePath:
         from fsspec.core import url_to_fs
 
         try:
-            system, path = url_to_fs(self.url)
-        except ImportError as error:
-            raise MissingExtraError(f"{self}: a package is missing ({error})") from None
-        except ValueError as error:
-            raise InputError(f"{self}: not an address that fsspec knows ({error})") from None
-        try:
+            try:
+                system, path = url_to_fs(self.url)
+            except ImportError as error:
+                raise MissingExtraError(f"{self}: a package is missing ({error})") from None
+            except ValueError as error:
+                raise InputError(f"{self}: not an address that fsspec knows ({error})") from None
             system.invalidate_cache()
             yield system, path.rstrip("/")
         except (TwinlensError, FileNotFoundError):

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Annotated, Any, Generic, Literal, Self, TypeVar, overload
 
 import numpy as np
 import pydantic
@@ -23,7 +23,7 @@ from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.codecs.pfm import read_disparity
 from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.files import check_relative
-from twinlens.dataset.record import FileModel, annotation_of, read, read_json
+from twinlens.dataset.record import FileModel, annotation_of, lens_from_plain, read, read_json
 from twinlens.dataset.sample import KIND, VERSION
 from twinlens.dataset.storage import Place
 from twinlens.dataset.truth_files import SCALARS, VECTORS, blur_circle_px, read_truth, truth_from_arrays
@@ -34,14 +34,28 @@ Image = NDArray[Any]
 T = TypeVar("T")
 
 
-class ShotEntry(FileModel):
-    """A lens of a sample in sample.json."""
+class _PlainShot(FileModel):
+    """A `ShotEntry` whose lens is not checked."""
 
     folder: Annotated[
         str, pydantic.AfterValidator(lambda name: name if name == "./" else check_relative(name.rstrip("/")))
     ]
-    lens: annotation_of(Lens)  # type: ignore[valid-type]
+    lens: dict[str, Any]
     record: dict[str, Any] | None = None
+
+
+class _ShotsOnly(FileModel):
+    shots: list[_PlainShot] = pydantic.Field(min_length=1)
+
+
+class _RigOnly(FileModel):
+    rig: annotation_of(Rig)  # type: ignore[valid-type]
+
+
+class ShotEntry(_PlainShot):
+    """A lens of a sample in sample.json."""
+
+    lens: annotation_of(Lens)  # type: ignore[valid-type]
 
 
 class SampleFile(FileModel):
@@ -66,14 +80,27 @@ class SampleFile(FileModel):
     )
 
 
-class _View(Generic[T]):
-    """An attribute for one view: what a method returns for the view's number."""
+class _View(property, Generic[T]):
+    """A property for one view: what a method returns for the view's number."""
 
     def __init__(self, method: Callable[[Any, int], T], i: int) -> None:
-        self.method, self.i, self.__doc__ = method, i, method.__doc__
+        super().__init__(lambda owner: method(owner, i))
+        self.__doc__ = (method.__doc__ or "").replace("view i", f"view {i}")
 
-    def __get__(self, owner: Any, kind: type | None = None) -> T:
-        return self.method(owner, self.i)
+    @overload
+    def __get__(self, owner: None, kind: type, /) -> Self: ...
+    @overload
+    def __get__(self, owner: Any, kind: type | None = None, /) -> T: ...
+    def __get__(self, owner: Any, kind: type | None = None, /) -> Any:
+        return super().__get__(owner, kind)
+
+
+def read_visibility(path: Place) -> Mask:
+    """The mask of a file, uint8 (H, W). Raises FileError."""
+    mask = read_png(path)
+    if mask.ndim != 2 or mask.dtype != np.uint8:
+        raise FileError(f"{path}: a mask must be an 8-bit grey PNG")
+    return np.asarray(mask, np.uint8)
 
 
 @dataclass(frozen=True)
@@ -121,7 +148,7 @@ class StoredSample(Mapping[str, Any]):
     def disparity(self, i: int) -> Disparity:
         """True disparity of view i, u_left - u_right, float32 (H, W), pixels; +inf unknown."""
         path = self._disparity_path(i)
-        if not path.exists() and self.has("sample.json") and self.file.rectified is False:
+        if not path.exists() and self.has("sample.json") and self.record.get("rectified") is False:
             raise FileError(f"{self.folder}: the pair is not rectified and has no disparity; run `twinlens rectify`")
         return read_disparity(path)
 
@@ -136,10 +163,7 @@ class StoredSample(Mapping[str, Any]):
         """
         path = self.folder / f"mask{i}nocc.png"
         if path.exists():
-            mask = read_png(path)
-            if mask.ndim != 2 or mask.dtype != np.uint8:
-                raise FileError(f"{path}: a mask must be an 8-bit grey PNG")
-            return np.asarray(mask, np.uint8)
+            return read_visibility(path)
         if i < 2 and self.has_disparity(1 - i):
             return mask_from_both(self.disparity(i), self.disparity(1 - i), left=i == 0)
         return mask_from_one(self.disparity(i), left=i == 0)
@@ -195,7 +219,9 @@ class StoredSample(Mapping[str, Any]):
     @property
     def photographed_by(self) -> Rig:
         """The rig that took the images: `rig`, except for calibration errors introduced on purpose."""
-        rig: Rig = self.file.rig if self.has("sample.json") else self.calibration.rig()
+        if not self.has("sample.json"):
+            return self.calibration.rig()
+        rig: Rig = read(_RigOnly, self.record, self.folder / "sample.json").rig
         return rig
 
     def camera(self, i: int) -> tuple[Camera, NDArray[np.float64]]:
@@ -208,16 +234,19 @@ class StoredSample(Mapping[str, Any]):
     @property
     def num_lenses(self) -> int:
         """Number of lenses: `lens(0)` to `lens(num_lenses - 1)`."""
-        return len(self.file.shots) if self.has("sample.json") else 1
+        return len(self._shots())
 
     def lens(self, k: int) -> "StoredShot":
         """The images taken through lens k; 0 is the sample's own im0 and im1. Raises InputError beyond the last."""
-        if k == 0 and not self.has("sample.json"):
-            return StoredShot(self, self.folder, None)
-        shots = self.file.shots if self.has("sample.json") else ()
+        shots = self._shots()
         if not 0 <= k < len(shots):
-            raise InputError(f"{self.name}: has lenses 0 to {max(len(shots) - 1, 0)}, no lens {k}")
-        return StoredShot(self, self.folder / shots[k].folder, shots[k])
+            raise InputError(f"{self.name}: has lenses 0 to {len(shots) - 1}, no lens {k}")
+        return StoredShot(self, self.folder / shots[k].folder, k, shots[k])
+
+    def _shots(self) -> list[_PlainShot]:
+        if not self.has("sample.json"):
+            return [_PlainShot(folder="./", lens={})]
+        return read(_ShotsOnly, self.record, self.folder / "sample.json").shots
 
     def _disparity_path(self, i: int) -> Place:
         paths = [self.folder / f"disp{i}.pfm", self.folder / f"disp{i}GT.pfm"]
@@ -230,18 +259,21 @@ class StoredShot:
 
     sample: StoredSample
     folder: Place
-    entry: ShotEntry | None = field(compare=False, repr=False)
+    number: int
+    entry: _PlainShot = field(compare=False, repr=False)
 
     @property
     def lens(self) -> Lens:
         """The lens. Raises FileError if the sample has no sample.json."""
-        lens: Lens = (self.entry or self.sample.file.shots[0]).lens
-        return lens
+        file = self.sample.folder / "sample.json"
+        if not self.sample.has("sample.json"):
+            raise FileError(f"{file}: no such file")
+        return lens_from_plain(self.entry.lens, file, f"shots[{self.number}].lens")
 
     @property
     def record(self) -> dict[str, Any]:
         """How the images were taken, as plain data."""
-        return dict((self.entry and self.entry.record) or {})
+        return dict(self.entry.record or {})
 
     def image(self, i: int) -> Image:
         """Image of view i, uint8 or uint16 (H, W, 3) or (H, W)."""

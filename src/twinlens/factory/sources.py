@@ -119,7 +119,10 @@ _digests: "weakref.WeakKeyDictionary[Scene, dict[str, str]]" = weakref.WeakKeyDi
 
 
 def file_digests(scene: Scene) -> dict[str, str]:
-    """SHA-256 of the files that a scene was read from by their names below its folder, as first seen. FileError."""
+    """SHA-256 of the files that a scene was read from, by their names below its folder.
+
+    Each scene's files are read at the first call only. Raises FileError.
+    """
     if scene not in _digests:
         named = _names_below(None, scene.files).items()
         _digests[scene] = {name: hashlib.sha256(read_bytes(path)).hexdigest() for name, path in named}

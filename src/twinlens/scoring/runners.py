@@ -188,7 +188,7 @@ class Runner:
             self._warm.clear()
             pool.stop()  # type: ignore[no-untyped-call]
             pool.join()
-        if pid:
+        if pid and hasattr(os, "killpg"):
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(pid, signal.SIGKILL)
 
@@ -251,7 +251,8 @@ _load = functools.cache(pickle.loads)
 
 def _prepare_worker(memory_limit: int | None) -> int:
     """The first task of a worker: a process group, no output, its limits. Returns its process id."""
-    os.setsid()
+    if hasattr(os, "setsid"):
+        os.setsid()
     with Path(os.devnull).open("w") as null:
         for stream in (1, 2):
             os.dup2(null.fileno(), stream)
