@@ -223,6 +223,9 @@ def test_sensors(text, sensor):
         (parse_sensor, "phone:wavelengths=1/2", "a list of exactly 3 values"),
         (parse_sensor, "phone:wavelengths=-1e-7/1e-7/1e-7", "three positive"),
         (parse_sensor, "phone:filters=RGBG", "filters"),
+        (parse_sensor, "ideal:preset=phone", "unknown parameter 'preset'"),
+        (parse_sensor, "ideal:mismatch=3", "unknown parameter 'mismatch'"),
+        (parse_misalignment, "foo=1", "^--misalignment 'foo=1': [^-]*$"),
     ],
 )
 def test_errors_begin_with_the_option(parse, text, message):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from twinlens.errors import InputError
 from twinlens.report.study_files import tiles, write_study
 from twinlens.studies import Column, Figure, Finding, Interval, Measured, Picture, Setup, Study, run_study
 
@@ -55,6 +56,15 @@ def test_the_same_result_gives_the_same_files(folder, tmp_path):
     for path in folder.rglob("*"):
         if path.is_file():
             assert (tmp_path / path.relative_to(folder)).read_bytes() == path.read_bytes()
+
+
+def test_a_figure_that_cannot_be_drawn_costs_no_measurements(folder, tmp_path):
+    result = run_study(STUDY)
+    broken = replace(STUDY, figures=(Figure("none", "Nothing", "x", "y", where={"x": 99.0}),))
+    with pytest.raises(InputError, match="no rows"):
+        write_study(tmp_path, replace(result, study=broken))
+    for name in ("table.csv", "study.json"):
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
 
 def test_names_are_escaped(folder):

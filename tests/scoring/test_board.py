@@ -171,6 +171,8 @@ def documents():
     yield changed(["entries", 0, "min_disparity"], 0.5), "min_disparity: must be a whole number, got 0.5"
     yield changed(["entries", 0, "seconds"], -1), "seconds: must be >= 0"
     yield changed(["entries", 0, "seconds"], 10**400), "seconds: must be a number, got 1000"
+    yield changed(["entries", 0, "seconds"], 1e300), "seconds: must be < 1e280, got 1e\\+300"
+    yield changed(["entries", 0, "regions", "all", "metrics", "rms"], 1e308), "rms: must be < 1e280, got 1e\\+308"
     yield changed(["entries", 0, "protocol"], "eth"), "did you mean 'eth3d'"
     yield changed(["entries", 0, "regions", "all", "metrics", "bad2"], 3), "did you mean 'bad2.0'"
     yield (

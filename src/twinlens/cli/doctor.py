@@ -3,7 +3,7 @@
 import os
 import platform
 from dataclasses import asdict
-from importlib.metadata import distributions
+from importlib.metadata import PackageNotFoundError, version
 
 import click
 
@@ -25,8 +25,7 @@ def command(as_json: bool) -> None:
     Example:  twinlens doctor
     """
     found = doctor()
-    installed = {package.name: package.version for package in distributions()}
-    versions = {name: installed.get(name, "missing") for name in _PACKAGES}
+    versions = {name: _version(name) for name in _PACKAGES}
     if as_json:
         print_json({"backend": asdict(found), "versions": versions})
         return
@@ -37,3 +36,10 @@ def command(as_json: bool) -> None:
         click.echo(f"tried     {probe.path}: {probe.answer}")
     click.echo(f"machine   {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
     click.echo("packages  " + ", ".join(f"{name} {number}" for name, number in versions.items()))
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "missing"

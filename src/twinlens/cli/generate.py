@@ -95,11 +95,22 @@ def _print_estimate(found: factory.Estimate, output: Place, as_json: bool) -> No
     click.echo(f"next: sample {found.next['index']}, {found.next['kind']} {found.next['scene']}{split}")
     for key, value in _flat("", found.next["drawn"]):
         click.echo(f"  {key} = {value}")
-    time = f"{found.seconds:.0f} s" if found.seconds < 90 else f"{found.seconds / 3600:.2g} h"
     click.echo(
         f"one sample took {found.seconds_each:.1f} s and {decimal(found.bytes_each)}; "
-        f"the rest needs about {time} and {decimal(found.bytes)} on this machine"
+        f"the rest needs about {_duration(found.seconds)} and {decimal(found.bytes)} on this machine"
     )
+
+
+def _duration(seconds: float) -> str:
+    """Hours and minutes, or seconds below 90.
+
+    >>> _duration(7380), _duration(101), _duration(42)
+    ('2 h 03 min', '2 min', '42 s')
+    """
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    hours, minutes = divmod(round(seconds / 60), 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min"
 
 
 def _flat(key: str, value: Any) -> Iterator[tuple[str, str]]:

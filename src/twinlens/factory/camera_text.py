@@ -7,7 +7,7 @@ tables are; errors begin with the option's name.
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +58,7 @@ SENSOR_HELP = f"{', '.join(PRESETS)}; parameters may be changed: phone:prnu=0.01
 
 _LENS: pydantic.TypeAdapter[Any] = pydantic.TypeAdapter(LensTable)
 _SHAPE: pydantic.TypeAdapter[Any] = pydantic.TypeAdapter(ShapeTable)
+_SENSOR_PARAMETERS = [field.name for field in fields(Sensor) if field.name != "mismatch"]
 _MISMATCHES = {"gain": "gain", "exposure": "time", "black": "black_level"}
 
 
@@ -109,7 +110,9 @@ def parse_aperture(text: str) -> Aperture:
     if kind not in _APERTURES:
         raise InputError(f"{where}: {unknown('aperture', kind, _APERTURES)}")
     form, keys = _APERTURES[kind]
-    parts = rest.split(":", -1 if kind != "mask" else 0) if rest else []
+    parts: list[str] = []
+    if rest:
+        parts = [rest] if kind == "mask" else rest.split(":")
     if len(parts) > len(keys) or (keys and not parts):
         raise InputError(f"{where}: must be {form}")
     table = read(_SHAPE, {"kind": kind, **dict(zip(keys, parts, strict=False))}, where, strict=False)
@@ -173,8 +176,9 @@ def parse_misalignment(text: str | None) -> Misalignment:
     if text is None:
         return ALIGNED
     where = f"--misalignment {text!r}"
+    table = read(CalibrationError, _pairs(where, text), where, strict=False)
     with located(where):
-        return Misalignment(**read(CalibrationError, _pairs(where, text), where, strict=False).model_dump())
+        return Misalignment(**table.model_dump())
 
 
 def parse_sensor(text: str) -> Sensor:
@@ -186,6 +190,9 @@ def parse_sensor(text: str) -> Sensor:
     preset, colon, rest = text.partition(":")
     where = f"--sensor {text!r}"
     pairs = _pairs(where, rest) if colon else {}
+    for name in pairs:
+        if name not in _SENSOR_PARAMETERS:
+            raise InputError(f"{where}: {unknown('parameter', name, _SENSOR_PARAMETERS)}")
     values = {name: value.split("/") if "/" in value else value for name, value in pairs.items()}
     table = read(SensorTable, {"preset": preset, **values}, where, strict=False)
     with located(where):

@@ -4,6 +4,7 @@ recipe -> Ledger (what the folder holds) -> engine -> (index, entry) -> Ledger -
 """
 
 import contextlib
+import math
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -172,13 +173,16 @@ def _unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Samples of the recipe, in the folder, and to make; the next one's spec; seconds and bytes of one and of all."""
+    """Samples of the recipe, in the folder, and to make; the next one's spec; seconds and bytes of one and of all.
+
+    Without a sample to make, `next` is None and `seconds_each` NaN.
+    """
 
     count: int
     before: int
     todo: int
     next: dict[str, Any] | None
-    seconds_each: float = 0.0
+    seconds_each: float = math.nan
     bytes_each: int = 0
     seconds: float = 0.0
     bytes: int = 0

@@ -83,9 +83,17 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
 
     seed = int(generator(recipe.seed, "sample", index, attempt).integers(1 << _SEED_BITS))
     return SampleSpec(
-        index, attempt, sample_name(index), split_of(recipe, index), seed, recipe.kind, recipe.names[chosen],
-        drawn=resolve(recipe.drawn, choose), ndisp=recipe.ndisp, keep=recipe.keep,
-    )  # fmt: skip
+        index=index,
+        attempt=attempt,
+        name=sample_name(index),
+        split=split_of(recipe, index),
+        seed=seed,
+        kind=recipe.kind,
+        scene=recipe.names[chosen],
+        drawn=resolve(recipe.drawn, choose),
+        ndisp=recipe.ndisp,
+        keep=recipe.keep,
+    )
 
 
 def is_fixed(recipe: Recipe) -> bool:

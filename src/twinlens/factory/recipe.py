@@ -26,7 +26,8 @@ from twinlens.schema import Fraction, NonNegative, StrictModel, read
 
 def _check_splits(splits: dict[str, float]) -> dict[str, float]:
     for name in splits:
-        if not (name.isprintable() and name == name.strip() and name[:1] not in ("", ".") and not set(name) & {*"/\\"}):
+        printable = name != "" and name.isprintable() and name == name.strip()
+        if not printable or name.startswith(".") or "/" in name or "\\" in name:
             raise InputError(f"a split's name must be usable as a folder's, such as train, got {format_value(name)}")
     if not splits or abs(sum(splits.values()) - 1.0) > 1e-6:
         raise InputError(f"the shares must add up to 1, got {format_value(splits)}")

@@ -7,13 +7,14 @@ scene, rig ---------> ground_truth ------------------------------> Truths ---+->
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter
 
+import twinlens
 from twinlens.camera import Disk, Lens, Rig
 from twinlens.camera.diffraction import diffract
 from twinlens.camera.lens import check_lens
@@ -174,8 +175,8 @@ class _Light:
 
 def made_with() -> dict[str, Any]:
     """Backend and versions of this process; samples made with equal ones are the same to the byte."""
-    versions = {name: version(name) for name in ("twinlens", "mitsuba", "drjit", "numpy")}
-    return {"backend": backend().variant, "versions": versions}
+    others = {name: metadata.version(name) for name in ("mitsuba", "drjit", "numpy")}
+    return {"backend": backend().variant, "versions": {"twinlens": twinlens.__version__, **others}}
 
 
 def default_rig(

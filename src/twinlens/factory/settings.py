@@ -196,14 +196,20 @@ class ThinTable(StrictModel):
 
     def lens(self, view: View | None, find: Find = Path) -> Lens:
         """The lens. Without a view, a focus that depends on the scene is 1 m: enough to check the table."""
-        focus = (FOCUSES[self.focus](view) if view else 1.0) if isinstance(self.focus, str) else self.focus
-        if view and isinstance(self.focus, str) and not 0 < focus < math.inf:
-            where = f"in scene {view.scene.name!r}"
-            raise InputError(f"focus {self.focus!r} finds nothing to focus on {where}; give metres instead")
+        if not isinstance(self.focus, str):
+            focus = self.focus
+        elif view is None:
+            focus = 1.0
+        else:
+            focus = FOCUSES[self.focus](view)
+            if not 0 < focus < math.inf:
+                where = f"in scene {view.scene.name!r}"
+                raise InputError(f"focus {self.focus!r} finds nothing to focus on {where}; give metres instead")
         shape = aperture_of(self.shape, find)
-        if self.f_number is not None:
-            return ThinLens.from_f_number(self.f_number, focus, view.camera.film_distance if view else 1e-3, shape)
-        return ThinLens(1e-3 * (self.aperture_mm or 0.0), focus, shape)
+        if self.f_number is None:
+            return ThinLens(1e-3 * (self.aperture_mm or 0.0), focus, shape)
+        film = view.camera.film_distance if view else 1e-3
+        return ThinLens.from_f_number(self.f_number, focus, film, shape)
 
 
 class HoleTable(StrictModel):

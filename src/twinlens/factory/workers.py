@@ -135,12 +135,18 @@ def worker_processes(count: int) -> Engine:
         pools: dict[pebble.ProcessPool, Future[Entry]] = {}
 
         def submit(index: int) -> Future[Entry]:
-            pool = next((pool for pool, last in pools.items() if last.done()), None)
-            if pool is None or not pool.active:  # none is free, or its process has died idle
-                with _interrupts_blocked():
-                    pools.pop(pool, None)  # type: ignore[arg-type]
-                    pool = pebble.ProcessPool(1, RENEWED_AFTER, initializer=_end_with_parent, context=context)
-                    _ = pool.active  # starts the process
+            free = next((pool for pool, last in pools.items() if last.done()), None)
+            if free is not None:
+                try:
+                    pools[free] = free.schedule(make_one, (order, index))
+                    return pools[free]
+                except RuntimeError:  # its process has died idle
+                    del pools[free]
+                    free.stop()  # type: ignore[no-untyped-call]
+                    free.join()
+            with _interrupts_blocked():
+                pool = pebble.ProcessPool(1, RENEWED_AFTER, initializer=_end_with_parent, context=context)
+                _ = pool.active  # starts the process
             pools[pool] = pool.schedule(make_one, (order, index))
             return pools[pool]
 

@@ -10,7 +10,7 @@ _ROW_INCHES, _MARGIN_INCHES, _WIDTH_INCHES = 0.22, 1.6, 6.4
 
 
 def agreement_figure(agreement: Agreement, names: tuple[str, str], kind: str = "png") -> bytes:
-    """One line a method from its mean rank on the first board to that on the second, as PNG or SVG; rank 1 on top.
+    """One line per method, from its mean rank on the first board to that on the second, as PNG or SVG; rank 1 on top.
 
     names: what to call the boards. The methods that move most are coloured.
     """

@@ -24,21 +24,27 @@ _GAP = 6
 def write_study(folder: str | os.PathLike[str], result: Result) -> Path:
     """Write the study's files into `folder`, each atomically, and return the path of the page.
 
-    table.csv, study.json (protocol and findings), figures/NAME.png and .svg, pictures/NAME.png, index.html. Figures are
-    drawn from table.csv, read back.
+    table.csv, study.json (protocol and findings), figures/NAME.png and .svg, pictures/NAME.png, index.html, in this
+    order, so that an error while drawing leaves the measurements. Figures are drawn from table.csv, read back.
     """
     target, text = Path(folder), to_csv(result.table)
-    table = from_csv(text, result.study.all_columns)
+    files: dict[str, bytes] = {}
+
+    def write(name: str, data: bytes) -> None:
+        files[name] = data
+        write_file(target / name, data)
+
+    write("table.csv", text.encode())
     findings = [_plain(support) for support in result.findings]
-    files = {"table.csv": text.encode(), "study.json": encode_json({**result.protocol, "findings": findings})}
+    write("study.json", encode_json({**result.protocol, "findings": findings}))
+    table = from_csv(text, result.study.all_columns)
     for figure in result.study.figures:
         sheet = draw(figure, table)
-        files |= {f"figures/{figure.name}.{kind}": encode(sheet, kind) for kind in ("png", "svg")}
+        for kind in ("png", "svg"):
+            write(f"figures/{figure.name}.{kind}", encode(sheet, kind))
     for picture in result.pictures:
-        files[f"pictures/{picture.name}.png"] = encode_png(tiles(picture))
-    files["index.html"] = _page(result, files).encode()
-    for name, data in files.items():
-        write_file(target / name, data)
+        write(f"pictures/{picture.name}.png", encode_png(tiles(picture)))
+    write("index.html", _page(result, files).encode())
     return target / "index.html"
 
 

@@ -160,9 +160,10 @@ class Board:
         Samples without pixels in the region (by any method) are not counted. Raises InputError for a weight of an
         unknown sample, or a negative weight.
         """
+        samples = self.samples if weights else ()
         for name, weight in (weights or {}).items():
-            if name not in self.samples:
-                raise unknown("sample", name, self.samples)
+            if name not in samples:
+                raise unknown("sample", name, samples)
             if not (math.isfinite(weight) and weight >= 0):
                 raise InputError(f"the weight of {name!r} is {weight}: expected a finite number >= 0")
         entries = [e for e in self.entries if e.protocol == protocol]

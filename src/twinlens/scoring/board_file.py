@@ -33,8 +33,16 @@ MIXED = "entries of several machines or versions"
 
 _Count = Annotated[int, pydantic.Field(ge=0, lt=2**53)]
 _Size = Annotated[int, pydantic.Field(ge=1, lt=2**53)]
+
+
+def _bounded(value: float) -> float:
+    if 1e280 <= value < math.inf:  # sums over samples, and seconds per 10^9 pixels, would overflow
+        raise InputError(f"must be < 1e280, got {value:g}")
+    return float(value)
+
+
 _Metric = Annotated[
-    Annotated[float, pydantic.Field(ge=0, allow_inf_nan=True), pydantic.AfterValidator(float)] | None,
+    Annotated[float, pydantic.Field(ge=0, allow_inf_nan=True), pydantic.AfterValidator(_bounded)] | None,
     pydantic.BeforeValidator(lambda value: math.inf if value == "inf" else value),
     pydantic.AfterValidator(lambda value: math.nan if value is None else value),
     pydantic.WithJsonSchema({"anyOf": [{"type": "number", "minimum": 0}, {"const": "inf"}, {"type": "null"}]}),
@@ -63,7 +71,7 @@ class _EntryModel(StrictModel):
     height: _Size
     ndisp: _Size
     min_disparity: Annotated[int, pydantic.Field(gt=-(2**53), lt=2**53)] = 0
-    seconds: NonNegative | None
+    seconds: Annotated[NonNegative, pydantic.AfterValidator(_bounded)] | None
     failure: _FailureModel | None
     regions: dict[str, _RegionModel]
 

@@ -162,6 +162,7 @@ class DatasetPairs(Sequence[Pair]):
                 if name in self._places:
                     raise InputError(f"two samples are named {name!r}: run each dataset separately")
                 self._places[name] = sample, k, tuple(alias for alias in aliases if alias not in taken)
+        self._pairs = list(self._places.items())
 
     def __len__(self) -> int:
         return len(self._places)
@@ -173,7 +174,7 @@ class DatasetPairs(Sequence[Pair]):
     def __getitem__(self, index: int | slice) -> Pair | list[Pair]:
         if isinstance(index, slice):
             return [self[i] for i in range(len(self))[index]]
-        name, (sample, lens, aliases) = list(self._places.items())[index]
+        name, (sample, lens, aliases) = self._pairs[index]
         pair = load_pair(sample, lens)
         return replace(pair, name=name, aliases=pair.aliases or aliases)
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import twinlens
 from twinlens.errors import FileError, InputError, TwinlensError, unknown
 from twinlens.matching import parse_method
 from twinlens.rendering import backend
@@ -93,13 +94,14 @@ def run_study(
     if missing := {column.name for column in study.all_columns}.difference(*measured.rows):
         raise InputError(f"the study {study.name}: no row has the column {min(missing)!r}")
     rows = table(study.all_columns, measured.rows)
+    others = {name: importlib.metadata.version(name) for name in ("mitsuba", "drjit", "numpy")}
     protocol = {
         "study": study.name,
         "question": study.question,
         **{name: getattr(setup, name) for name in ("scenes", "seeds", "width", "height", "spp")},
         "methods": {text: {**spec.method.options, **spec.options} for text, spec in specs.items()},
         "backend": backend().variant,
-        "versions": {name: importlib.metadata.version(name) for name in ("twinlens", "mitsuba", "drjit", "numpy")},
+        "versions": {"twinlens": twinlens.__version__, **others},
         "columns": {column.name: {"unit": column.unit, "text": column.text} for column in study.all_columns},
         **measured.notes,
         **measured.remarks,

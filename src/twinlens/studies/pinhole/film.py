@@ -228,7 +228,8 @@ def signal_to_noise(camera: Camera, hole: BareAperture, time: float, seed: int) 
 def film_light(diameter: float, film: float, spp: int, seed: int) -> float:
     """E / (pi L) at the centre of the film behind a hole in a plate, path-traced: the transmitted share of a sky L.
 
-    diameter: of the hole; film: its distance from the plate; metres. A binomial share of 2304 spp light paths passes.
+    diameter: of the hole; film: its distance from the plate; metres. Each of 2304 spp light paths
+    passes the hole or not, so the result varies as a binomial share.
     """
     eye, middle = np.array([0.4, 0.0, 0.3]) * _SIZE, np.array([0.0, 0.0, _SIZE])
     fx = _PIXELS * float(np.linalg.norm(middle - eye)) / (_PATCH * _SIZE)
