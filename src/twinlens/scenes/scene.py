@@ -57,7 +57,7 @@ class Mesh:
     uv: Float | None = None
 
     def __post_init__(self) -> None:
-        count = np.shape(self.vertices)[0] if np.ndim(self.vertices) else 0
+        count = 0
         for name, width in (("vertices", 3), ("normals", 3), ("uv", 2)):
             if (values := getattr(self, name)) is None:
                 continue
@@ -65,6 +65,8 @@ class Mesh:
                 rows = np.asarray(values, dtype=np.float64)
             except (TypeError, ValueError) as error:
                 raise InputError(f"a mesh's {name} must be numbers (N, {width}): {error}") from error
+            if name == "vertices" and rows.ndim:
+                count = len(rows)
             if rows.shape != (count, width):
                 raise InputError(f"a mesh's {name} must have the shape ({count}, {width}), got {rows.shape}")
             if not np.isfinite(rows).all():
