@@ -32,8 +32,8 @@ PROTOCOL, REGION = "middlebury-v3", "nonocc"
 def command(output: Path, denoise: bool, as_json: bool) -> None:
     """Render three scenes with a pinhole and with a wide lens, match these and a real pair, and compare the scores.
 
-    The real pair is Middlebury's Motorcycle with measured truth. OUTPUT receives the dataset, the board and its page. The
-    scalar backend does not denoise here, to save time.
+    The real pair is Middlebury's Motorcycle with measured truth. OUTPUT receives the dataset, the board and its page.
+    The scalar backend does not denoise here, to save time.
 
     \b
     Example:  twinlens demo -o demo
