@@ -1,24 +1,20 @@
 """Sizes, lenses, apertures, distortions, exposures and sensors as command-line options write them.
 
-The grammar of each option is in its `_HELP` text. A text becomes the table of a recipe, which is read as a recipe's
-tables are; errors begin with the option's name.
+Each `_HELP` text shows the syntax of its option. Texts are read as the tables of a recipe are; errors begin with the
+option's name.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, fields
-from pathlib import Path
 from typing import Any
-
-import pydantic
 
 from twinlens.camera import ALIGNED, Aperture, BrownConrady, Distortion, KannalaBrandt, Lens, Misalignment, Pinhole
 from twinlens.camera.film import SENSOR_WIDTHS_MM, sensor_width_mm
 from twinlens.dataset import Sample
 from twinlens.errors import InputError, format_value, located, unknown
-from twinlens.factory.settings import LensTable, MismatchTable, SensorTable, ShapeTable, View, aperture_of
-from twinlens.scenes.rigs import CalibrationError
+from twinlens.factory import settings
 from twinlens.schema import read
 from twinlens.sensor import PRESETS, Exposure, Mismatch, Sensor
 
@@ -56,8 +52,7 @@ SENSOR_WIDTH_HELP = (
 )
 SENSOR_HELP = f"{', '.join(PRESETS)}; parameters may be changed: phone:prnu=0.01,filters=mono,output=linear."
 
-_LENS: pydantic.TypeAdapter[Any] = pydantic.TypeAdapter(LensTable)
-_SHAPE: pydantic.TypeAdapter[Any] = pydantic.TypeAdapter(ShapeTable)
+_MISALIGNMENT: Any = settings.table_of(Misalignment)
 _SENSOR_PARAMETERS = [field.name for field in fields(Sensor) if field.name != "mismatch"]
 _MISMATCHES = {"gain": "gain", "exposure": "time", "black": "black_level"}
 
@@ -74,8 +69,8 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(sides[1]), int(sides[2])
 
 
-def parse_lens(text: str, view: View, aperture: Aperture | None = None) -> Lens:
-    """A lens by the grammar of LENS_HELP; `aperture` is the shape of its opening.
+def parse_lens(text: str, view: settings.View, aperture: Aperture | None = None) -> Lens:
+    """A lens in the syntax of LENS_HELP; `aperture` is the shape of its opening.
 
     Raises InputError where the text has no focus distance and the scene no depth range.
     """
@@ -93,14 +88,14 @@ def parse_lens(text: str, view: View, aperture: Aperture | None = None) -> Lens:
     given = {key: value for key, value in found.groupdict().items() if value is not None}
     if kind in ("thin", "f/") and "focus" not in given and not view.scene.depth_range_known:
         raise InputError(f"{where}: the scene has no depth range; add the focus distance, such as {text}@2.5")
-    table = read(_LENS, {"kind": "thin" if kind == "f/" else kind, **given}, where, strict=False)
+    table = read(settings.LensTable, {"kind": "thin" if kind == "f/" else kind, **given}, where, strict=False)
     with located(where):
-        lens: Lens = table.lens(view)
+        lens = settings.make_lens(table, view)
     return lens if isinstance(lens, Pinhole) or aperture is None else lens.replace(aperture=aperture)
 
 
 def parse_aperture(text: str) -> Aperture:
-    """An aperture's shape by the grammar of APERTURE_HELP.
+    """An aperture's shape in the syntax of APERTURE_HELP.
 
     >>> parse_aperture("polygon:6:15")
     Polygon(blades=6, rotation_deg=15.0, roundness=0.0)
@@ -115,13 +110,13 @@ def parse_aperture(text: str) -> Aperture:
         parts = [rest] if kind == "mask" else rest.split(":")
     if len(parts) > len(keys) or (keys and not parts):
         raise InputError(f"{where}: must be {form}")
-    table = read(_SHAPE, {"kind": kind, **dict(zip(keys, parts, strict=False))}, where, strict=False)
+    shape = read(settings.ShapeTable, {"kind": kind, **dict(zip(keys, parts, strict=False))}, where, strict=False)
     with located(where):
-        return aperture_of(table, Path)
+        return settings.make_aperture(shape)
 
 
 def parse_distortion(text: str) -> Distortion:
-    """A distortion by the grammar of DISTORTION_HELP.
+    """A distortion in the syntax of DISTORTION_HELP.
 
     >>> parse_distortion("-0.2,0.05").k2, parse_distortion("fisheye:0.01").k1
     (0.05, 0.01)
@@ -137,7 +132,7 @@ def parse_distortion(text: str) -> Distortion:
 
 
 def parse_exposure(text: str) -> Exposure | None:
-    """An exposure by the grammar of EXPOSURE_HELP; None for "auto".
+    """An exposure in the syntax of EXPOSURE_HELP; None for "auto".
 
     >>> parse_exposure("1/50,2")
     Exposure(time=0.02, gain=2.0)
@@ -152,19 +147,15 @@ def parse_exposure(text: str) -> Exposure | None:
 
 
 def parse_mismatch(text: str) -> Mismatch:
-    """A mismatch by the grammar of MISMATCH_HELP.
+    """A mismatch in the syntax of MISMATCH_HELP.
 
     >>> parse_mismatch("exposure=1.05,black=2")
     Mismatch(gain=1.0, time=1.05, black_level=2.0)
     """
     where = f"--mismatch {text!r}"
-    given = _pairs(where, text)
-    for name in given:
-        if name not in _MISMATCHES:
-            raise InputError(f"{where}: {unknown('quantity', name, _MISMATCHES)}")
-    table = read(MismatchTable, {_MISMATCHES[name]: value for name, value in given.items()}, where, strict=False)
-    with located(where):
-        return Mismatch(**table.model_dump())
+    given = {_MISMATCHES[name]: value for name, value in _pairs(where, text, _MISMATCHES).items()}
+    mismatch: Mismatch = read(settings.MismatchTable, given, where, strict=False)
+    return mismatch
 
 
 def parse_misalignment(text: str | None) -> Misalignment:
@@ -176,27 +167,22 @@ def parse_misalignment(text: str | None) -> Misalignment:
     if text is None:
         return ALIGNED
     where = f"--misalignment {text!r}"
-    table = read(CalibrationError, _pairs(where, text), where, strict=False)
-    with located(where):
-        return Misalignment(**table.model_dump())
+    pairs = _pairs(where, text, [field.name for field in fields(Misalignment)])
+    misalignment: Misalignment = read(_MISALIGNMENT, pairs, where, strict=False)
+    return misalignment
 
 
 def parse_sensor(text: str) -> Sensor:
-    """A sensor by the grammar of SENSOR_HELP: a preset with changed parameters; / separates the numbers of a list.
+    """A sensor in the syntax of SENSOR_HELP: a preset with changed parameters; / separates the numbers of a list.
 
     >>> parse_sensor("ideal:bits=16,shot_noise=no").shot_noise
     False
     """
     preset, colon, rest = text.partition(":")
     where = f"--sensor {text!r}"
-    pairs = _pairs(where, rest) if colon else {}
-    for name in pairs:
-        if name not in _SENSOR_PARAMETERS:
-            raise InputError(f"{where}: {unknown('parameter', name, _SENSOR_PARAMETERS)}")
+    pairs = _pairs(where, rest, _SENSOR_PARAMETERS) if colon else {}
     values = {name: value.split("/") if "/" in value else value for name, value in pairs.items()}
-    table = read(SensorTable, {"preset": preset, **values}, where, strict=False)
-    with located(where):
-        sensor: Sensor = table.sensor()
+    sensor: Sensor = read(settings.SensorTable, {"preset": preset, **values}, where, strict=False)
     return sensor
 
 
@@ -212,13 +198,15 @@ def parse_numbers(option: str, text: str, least: int, most: int, form: str) -> l
     return [float(part) for part in parts]
 
 
-def _pairs(where: str, text: str) -> dict[str, str]:
-    """The names and values of `a=1,b=2`, each name once."""
+def _pairs(where: str, text: str, known: Collection[str]) -> dict[str, str]:
+    """The values of `a=1,b=2` by their names, which must be known; each name once."""
     pairs: dict[str, str] = {}
     for part in text.split(","):
         name, _, value = (piece.strip() for piece in part.partition("="))
         if not (name and value) or name in pairs:
             raise InputError(f"{where}: must be NAME=VALUE,NAME=VALUE, each name once; got {part!r}")
+        if name not in known:
+            raise InputError(f"{where}: {unknown('parameter', name, known)}")
         pairs[name] = value
     return pairs
 

@@ -13,13 +13,12 @@ from twinlens.factory.gates import Gates, Rejected, check_photographs, check_tru
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
-from twinlens.factory.settings import Settings, View, make_lenses, make_sensor
+from twinlens.factory.settings import Settings, View, make_lenses
 from twinlens.factory.sources import Sources
 from twinlens.rendering import Progress, check_lens_supported, ground_truth
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.schema import read
 from twinlens.seeds import generator
-from twinlens.sensor import Exposure
 
 _FILE = Path("recipe.toml")  # without its folder: messages are recorded in the dataset
 
@@ -89,7 +88,6 @@ def produce(
     truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity)
     if gates is not None:
         check_truth(gates, scene, rig, truths, spec.ndisp)
-    sensor = make_sensor(settings, _FILE)
     view = View(scene, rig.nominal.cameras[0], truths, spec.seed)
     sample = make_sample(
         scene,
@@ -99,8 +97,8 @@ def produce(
         denoise=settings.denoise,
         noise=settings.noise,
         seed=spec.seed,
-        sensor=sensor,
-        exposure=None if settings.exposure is None else Exposure(**settings.exposure.model_dump()),
+        sensor=settings.sensor,
+        exposure=settings.exposure,
         diffraction=settings.diffraction,
         sky_disparity=settings.sky_disparity,
         keep_radiance="radiance" in spec.keep,
@@ -108,7 +106,7 @@ def produce(
         progress=progress,
     )
     if gates is not None:
-        check_photographs(gates, sample, sensor)
+        check_photographs(gates, sample, settings.sensor)
     return dataclasses.replace(sample, ndisp=spec.ndisp, record={**sample.record, "spec": dataclasses.asdict(spec)})
 
 

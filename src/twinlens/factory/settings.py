@@ -11,9 +11,9 @@ film_mm = 50                       # of a bare hole
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, Strict, create_model, model_validator
@@ -31,9 +31,8 @@ from twinlens.scenes import Scene, rig_from_table
 from twinlens.scenes.placement import rotation
 from twinlens.schema import Fraction, NonNegative, Number, Positive, StrictModel, exactly, read
 from twinlens.seeds import generator
-from twinlens.sensor import PRESETS, Mismatch, Sensor
+from twinlens.sensor import PRESETS, Exposure, Mismatch, Sensor
 
-_PRESET = "machine_vision"
 Step = Annotated[Number, Field(ge=-1e6, le=1e6)]
 Degrees = Annotated[Number, Field(ge=-360, le=360)]
 
@@ -68,38 +67,40 @@ class SceneTable(StrictModel):
     object_count: Annotated[int, Field(ge=1, le=10_000)] | None = None
 
 
-class ExposureTable(StrictModel):
-    """A fixed exposure: time in seconds, gain as a factor."""
+def table_of(kind: type[Any], /, make: Callable[..., Any] | None = None, **more: Any) -> Any:
+    """The type of a table with the fields of a dataclass, and `more`, that is read as an instance of the dataclass.
 
-    time: Positive
-    gain: Positive = 1.0
-
-
-def _keys_of(kind: type[Any]) -> dict[str, Any]:
-    """The fields of a dataclass of constants, as fields of a model. TOML has lists where Python has tuples."""
-    types: dict[type, Any] = {float: Number, tuple: Annotated[list[Number], exactly(3, Number), AfterValidator(tuple)]}
-    constants = [(field.name, field.default) for field in fields(kind) if field.name != "mismatch"]
-    return {
-        name: (types.get(type(value), type(value)), list(value) if isinstance(value, tuple) else value)
-        for name, value in constants
+    `make` is called with the given fields in place of the class. A field in `more` replaces that of the dataclass.
+    """
+    hints = get_type_hints(kind)
+    three = Annotated[list[Number], exactly(3, Number), AfterValidator(tuple)]
+    types: dict[Any, Any] = {float: Number, tuple[float, float, float]: three}
+    keys = {
+        field.name: (
+            types.get(hints[field.name], hints[field.name]),
+            ... if field.default is MISSING else field.default,
+        )
+        for field in fields(kind)
     }
 
+    def instance(table: Any) -> Any:
+        given = {name: getattr(table, name) for name in table.model_fields_set - {"kind"}}
+        return (make or kind)(**given)
 
-MismatchTable: Any = create_model("MismatchTable", __base__=StrictModel, **_keys_of(Mismatch))
-
-
-class _SensorTable(StrictModel):
-    preset: Literal[tuple(PRESETS)] = _PRESET  # type: ignore[valid-type]
-    mismatch: MismatchTable = MismatchTable()
-
-    def sensor(self) -> Sensor:
-        """The preset with the given fields replaced. Raises InputError for a value out of range."""
-        given = {name: getattr(self, name) for name in self.model_fields_set - {"preset", "mismatch"}}
-        return Sensor.preset(self.preset, mismatch=Mismatch(**self.mismatch.model_dump()), **given)
+    model: Any = create_model(f"{kind.__name__}Table", __base__=StrictModel, **{**more, **keys, **more})
+    return Annotated[model, AfterValidator(instance)]
 
 
-SensorTable: Any = create_model("SensorTable", __base__=_SensorTable, **_keys_of(Sensor))
-"""A preset, and every field of `Sensor` under its own name."""
+_PRESET = "machine_vision"
+ExposureTable: Any = table_of(Exposure, time=(Positive, ...), gain=(Positive, 1.0))
+MismatchTable: Any = table_of(Mismatch)
+SensorTable: Any = table_of(
+    Sensor,
+    make=lambda preset=_PRESET, **changes: Sensor.preset(preset, **changes),
+    preset=(Literal[tuple(PRESETS)], _PRESET),
+    mismatch=(MismatchTable, Mismatch()),
+)
+"""A preset, and every field of `Sensor` under its own name, as a Sensor."""
 
 
 _Side = Field(min_length=1, max_length=4096)
@@ -115,28 +116,6 @@ class View:
     camera: Camera
     truths: Sequence[Truth]
     seed: int = 0
-
-
-class DiskTable(StrictModel):
-    """A disk."""
-
-    kind: Literal["disk"] = "disk"
-
-
-class PolygonTable(StrictModel):
-    """The opening of a diaphragm."""
-
-    kind: Literal["polygon"]
-    blades: int = Field(ge=3, le=1000)
-    rotation_deg: Number = 0.0
-    roundness: Fraction = 0.0
-
-
-class AnnulusTable(StrictModel):
-    """A ring."""
-
-    kind: Literal["annulus"]
-    inner: Fraction
 
 
 class MaskTable(StrictModel):
@@ -155,16 +134,13 @@ class MaskTable(StrictModel):
         return self
 
 
-ShapeTable = Annotated[DiskTable | PolygonTable | AnnulusTable | MaskTable, Field(discriminator="kind")]
-
-
-def aperture_of(shape: Any, find: Find) -> Aperture:
-    """The aperture of a ShapeTable. Raises FileError for a picture that cannot be read."""
-    if isinstance(shape, MaskTable):
-        return MaskAperture(shape.cells or []) if shape.file is None else read_mask(find(shape.file))
-    kinds: dict[str, Callable[..., Aperture]] = {"disk": Disk, "polygon": Polygon, "annulus": Annulus}
-    return kinds[shape.kind](**shape.model_dump(exclude={"kind"}))
-
+_DISK: Any = table_of(Disk, kind=(Literal["disk"], ...))
+_POLYGON: Any = table_of(
+    Polygon, kind=(Literal["polygon"], ...), blades=(int, Field(ge=3, le=1000)), roundness=(Fraction, 0.0)
+)
+_ANNULUS: Any = table_of(Annulus, kind=(Literal["annulus"], ...), inner=(Fraction, ...))
+ShapeTable: Any = Annotated[_DISK | _POLYGON | _ANNULUS | MaskTable, Field(discriminator="kind")]
+"""The shape of an aperture: the aperture, or a mask whose file is read later."""
 
 _LEAST_SEEN = 0.005  # of the image: an object that is large enough to focus on
 Focus = Annotated[float, Field(gt=0, allow_inf_nan=True)] | Literal["near", "middle", "far", "centre", "object"]
@@ -175,9 +151,6 @@ class PinholeTable(StrictModel):
 
     kind: Literal["pinhole"] = "pinhole"
 
-    def lens(self, view: View | None, find: Find = Path) -> Lens:
-        return Pinhole()
-
 
 class ThinTable(StrictModel):
     """A thin lens by its aperture or its f-number."""
@@ -186,30 +159,13 @@ class ThinTable(StrictModel):
     aperture_mm: NonNegative | None = None
     f_number: Positive | None = None
     focus: Focus = "middle"
-    shape: ShapeTable = DiskTable()
+    shape: ShapeTable = Field(default_factory=Disk)
 
     @model_validator(mode="after")
     def _check(self) -> "ThinTable":
         if (self.aperture_mm is None) == (self.f_number is None):
             raise InputError("a thin lens needs exactly one of 'aperture_mm' and 'f_number'")
         return self
-
-    def lens(self, view: View | None, find: Find = Path) -> Lens:
-        """The lens. Without a view, a focus that depends on the scene is 1 m: enough to check the table."""
-        if not isinstance(self.focus, str):
-            focus = self.focus
-        elif view is None:
-            focus = 1.0
-        else:
-            focus = FOCUSES[self.focus](view)
-            if not 0 < focus < math.inf:
-                where = f"in scene {view.scene.name!r}"
-                raise InputError(f"focus {self.focus!r} finds nothing to focus on {where}; give metres instead")
-        shape = aperture_of(self.shape, find)
-        if self.f_number is None:
-            return ThinLens(1e-3 * (self.aperture_mm or 0.0), focus, shape)
-        film = view.camera.film_distance if view else 1e-3
-        return ThinLens.from_f_number(self.f_number, focus, film, shape)
 
 
 class HoleTable(StrictModel):
@@ -218,17 +174,37 @@ class HoleTable(StrictModel):
     kind: Literal["hole"]
     aperture_mm: NonNegative
     film_mm: Positive
-    shape: ShapeTable = DiskTable()
-
-    def lens(self, view: View | None, find: Find = Path) -> Lens:
-        return BareAperture(1e-3 * self.aperture_mm, 1e-3 * self.film_mm, aperture_of(self.shape, find))
+    shape: ShapeTable = Field(default_factory=Disk)
 
 
-LensTable = Annotated[PinholeTable | ThinTable | HoleTable, Field(discriminator="kind")]
+LensTable: Any = Annotated[PinholeTable | ThinTable | HoleTable, Field(discriminator="kind")]
 
 
-def read_mask(path: Path) -> MaskAperture:
-    """The aperture that a grey picture shows: white is open, black is closed, row 0 the top. Raises FileError."""
+def make_lens(table: Any, view: View | None, find: Find = Path) -> Lens:
+    """The lens of a LensTable. Without a view, a focus that depends on the scene is 1 m: enough to check the table."""
+    if isinstance(table, PinholeTable):
+        return Pinhole()
+    shape = make_aperture(table.shape, find)
+    if isinstance(table, HoleTable):
+        return BareAperture(1e-3 * table.aperture_mm, 1e-3 * table.film_mm, shape)
+    focus = table.focus
+    if isinstance(focus, str):
+        focus = FOCUSES[focus](view) if view else 1.0
+        if view and not 0 < focus < math.inf:
+            where = f"in scene {view.scene.name!r}"
+            raise InputError(f"focus {table.focus!r} finds nothing to focus on {where}; give metres instead")
+    if table.f_number is None:
+        return ThinLens(1e-3 * table.aperture_mm, focus, shape)
+    return ThinLens.from_f_number(table.f_number, focus, view.camera.film_distance if view else 1e-3, shape)
+
+
+def make_aperture(shape: Any, find: Find = Path) -> Aperture:
+    """The aperture of a ShapeTable. The picture of a mask is grey: white is open, black closed. Raises FileError."""
+    if not isinstance(shape, MaskTable):
+        return shape  # type: ignore[no-any-return]
+    if shape.file is None:
+        return MaskAperture(shape.cells or [])
+    path = find(shape.file)
     mask = read_image(path)
     if mask.ndim == 3:
         if not (mask == mask[..., :1]).all():
@@ -292,7 +268,7 @@ class Settings(StrictModel):
     scene: SceneTable = SceneTable()
     rig: dict[str, Any] = Field(default_factory=dict)
     lenses: Lenses = Field([PinholeTable()])
-    sensor: SensorTable = SensorTable()
+    sensor: SensorTable = Field(default_factory=Sensor)
     exposure: ExposureTable | None = None
 
 
@@ -310,15 +286,7 @@ def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]
     elif given := settings.scene.model_fields_set & {"depth_range", "object_count"}:
         raise InputError(f"{file}: scene.{min(given)}: can be used with 'families' only")
     rig_from_table(settings.rig, _STAND_IN, settings.width, settings.height, file, "rig")
-    make_sensor(settings, file)
     return settings, make_lenses(settings, None, file, lambda name: file.parent / name)
-
-
-def make_sensor(settings: Settings, file: Path) -> Sensor:
-    """The sensor of a sample."""
-    with located(str(file)):  # the message names the sensor's field
-        sensor: Sensor = settings.sensor.sensor()
-    return sensor
 
 
 def make_lenses(settings: Settings, view: View | None, file: Path, find: Find) -> list[Lens]:
@@ -326,7 +294,7 @@ def make_lenses(settings: Settings, view: View | None, file: Path, find: Find) -
     lenses = []
     for k, table in enumerate(settings.lenses):
         with located(f"{file}: lenses[{k}]"):
-            lenses.append(table.lens(view, find))
+            lenses.append(make_lens(table, view, find))
     return lenses
 
 
