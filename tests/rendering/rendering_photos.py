@@ -16,6 +16,7 @@ MATERIALS = {
     "grey": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.1}},
     "paint": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}},
     "silver": {"type": "conductor", "specular_reflectance": {"type": "rgb", "value": 0.8}},
+    "glass": {"type": "thindielectric", "int_ior": 1.5, "ext_ior": 1.0},
     "net": {"type": "mask", "opacity": 0.5, "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}},
 }
 LIGHT = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}
@@ -63,13 +64,21 @@ def painted_edge(z: float, x: float | None = None, y: float | None = None) -> Sc
 
 
 def guided() -> dict[str, Scene]:
-    """A chequered wall; a mirror that shows paint behind the camera; a net before paint."""
+    """A chequered wall; a mirror that shows paint behind the camera; a net before paint; a pane of glass between black
+    cloth and paint behind the camera."""
     wall = SceneObject("wall", {"type": "rectangle"}, "check", _at((0, 0, 5)) @ FACING @ np.diag([3.0, 2.0, 1, 1]))
     behind = SceneObject("behind", {"type": "rectangle"}, "paint", _at((0, 0, -2)) * _scale(9.0))
     mirror = SceneObject("mirror", {"type": "rectangle"}, "silver", _at((0, 0, 3)) @ FACING * _scale(4.0))
     net = SceneObject("net", {"type": "rectangle"}, "net", _at((0, 0, 2)) @ FACING * _scale(4.0))
     paint = SceneObject("paint", {"type": "rectangle"}, "paint", _at((0, 0, 4)) @ FACING * _scale(4.0))
-    return {"wall": _scene([wall]), "mirror": _scene([behind, mirror]), "net": _scene([net, paint])}
+    pane = SceneObject("pane", {"type": "rectangle"}, "glass", _at((0, 0, 2)) @ FACING * _scale(4.0))
+    cloth = SceneObject("cloth", {"type": "rectangle"}, "black", _at((0, 0, 4)) @ FACING * _scale(4.0))
+    return {
+        "wall": _scene([wall]),
+        "mirror": _scene([behind, mirror]),
+        "net": _scene([net, paint]),
+        "pane": _scene([behind, pane, cloth]),
+    }
 
 
 def _lamp(kind: str, middle, size: float) -> SceneObject:
