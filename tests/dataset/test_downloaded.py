@@ -8,7 +8,7 @@ from tests.dataset import dataset_scene
 from twinlens.dataset import Dataset, downloaded_pairs, write_png, write_sample
 from twinlens.dataset.export import export
 from twinlens.errors import FileError
-from twinlens.scoring import open_pairs
+from twinlens.scoring import load_pair, open_pairs
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def test_kitti_2012_has_grey_images_of_its_own(tmp_path):
     (pair,) = downloaded_pairs(tmp_path)
     assert pair.disp0.tolist() == [[np.inf, 2.0, 5.0], [1.0, np.inf, 10.0]]
     assert pair.mask0_nonocc.tolist() == [[0, 255, 128], [255, 0, 255]]
-    assert (pair.name, pair.ndisp, pair.calibration) == ("000007_10", 11, None)
+    assert (pair.name, pair.ndisp, load_pair(pair).calibration) == ("000007_10", 11, None)
 
 
 def test_other_folders_are_not_downloads(data, tmp_path):

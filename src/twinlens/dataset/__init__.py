@@ -9,12 +9,11 @@ from twinlens.dataset.codecs.exr import read_exr, write_exr
 from twinlens.dataset.codecs.pfm import encode_pfm, read_disparity, read_pfm, write_pfm
 from twinlens.dataset.codecs.png import encode_png, read_image, read_png, write_png
 from twinlens.dataset.dataset import Dataset, open_sample
-from twinlens.dataset.downloaded import DownloadedPair, downloaded_pairs
 from twinlens.dataset.files import remove_unfinished
 from twinlens.dataset.manifest import DatasetFile, Manifest, Row, hash_files, read_manifest, row_of, write_manifest
 from twinlens.dataset.metadata import About, write_croissant
-from twinlens.dataset.motorcycle import RealPair, motorcycle
 from twinlens.dataset.quantities import statistics
+from twinlens.dataset.real_pairs import DownloadedPair, RealPair, downloaded_pairs, motorcycle
 from twinlens.dataset.sample import Sample, Shot, sample_files, write_sample
 from twinlens.dataset.storage import Place, RemotePath, Where, is_whole, place
 from twinlens.dataset.stored import SampleFile, StoredSample, StoredShot

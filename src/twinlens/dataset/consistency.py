@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.special import bdtrc
 
 from twinlens import geometry
@@ -16,7 +17,7 @@ from twinlens.camera import Camera, Lens, Rig
 from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.dataset.codecs.calib import Calibration
 from twinlens.dataset.truth_files import blur_circle_px
-from twinlens.dataset.visibility import HIDDEN, UNKNOWN, VISIBLE
+from twinlens.dataset.visibility import HIDDEN, UNKNOWN, VISIBLE, mask_of
 
 Arrays = Mapping[str, Any]
 Findings = list[str]
@@ -68,8 +69,7 @@ def check_mask(mask: NDArray[Any], known: NDArray[np.bool_], visible: NDArray[np
     """The mask is 0 where nothing is known, 255 where the partner sees the point, 128 elsewhere."""
     if not np.isin(mask, (UNKNOWN, HIDDEN, VISIBLE)).all():
         return [f"mask has other values than {UNKNOWN}, {HIDDEN} and {VISIBLE}"]
-    expected = np.where(known, np.where(visible, VISIBLE, HIDDEN), UNKNOWN)
-    wrong = np.count_nonzero(mask != expected)
+    wrong = np.count_nonzero(mask != mask_of(known, visible))
     return [f"mask differs from the truth at {wrong} of {mask.size} pixels"] if wrong else []
 
 
@@ -201,11 +201,8 @@ def _nearest(px: NDArray[np.float64], camera: Camera) -> tuple[NDArray[np.intp],
 
 def _inside_one_object(ids: NDArray[Any]) -> NDArray[np.bool_]:
     """Whether all eight neighbours of a pixel exist and have its id, (H, W)."""
-    inside = np.zeros(ids.shape, np.bool_)
-    if min(ids.shape) >= 3:
-        windows = np.lib.stride_tricks.sliding_window_view(ids, (3, 3))
-        inside[1:-1, 1:-1] = (windows == ids[1:-1, 1:-1, None, None]).all(axis=(2, 3))
-    return inside
+    least, most = (bound(ids, 3, mode="constant", cval=-1) for bound in (minimum_filter, maximum_filter))
+    return np.asarray(least == most)
 
 
 def _compare(what: str, error: NDArray[np.float64], allowed: NDArray[np.float64], unit: str) -> Findings:

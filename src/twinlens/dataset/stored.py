@@ -23,7 +23,7 @@ from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.codecs.pfm import read_disparity
 from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.files import check_relative
-from twinlens.dataset.record import FileModel, annotation_of, lens_from_plain, read, read_json
+from twinlens.dataset.record import FileModel, annotation_of, lens_from_plain, read, read_json, rig_from_plain
 from twinlens.dataset.sample import KIND, VERSION
 from twinlens.dataset.storage import Place
 from twinlens.dataset.truth_files import SCALARS, VECTORS, blur_circle_px, read_truth, truth_from_arrays
@@ -44,18 +44,13 @@ class _PlainShot(FileModel):
     record: dict[str, Any] | None = None
 
 
-class _ShotsOnly(FileModel):
-    shots: list[_PlainShot] = pydantic.Field(min_length=1)
-
-
-class _RigOnly(FileModel):
-    rig: annotation_of(Rig)  # type: ignore[valid-type]
-
-
 class ShotEntry(_PlainShot):
     """A lens of a sample in sample.json."""
 
     lens: annotation_of(Lens)  # type: ignore[valid-type]
+
+
+_Shots = Annotated[list[_PlainShot], pydantic.Field(min_length=1)]
 
 
 class SampleFile(FileModel):
@@ -84,7 +79,7 @@ class _View(property, Generic[T]):
     """A property for one view: what a method returns for the view's number."""
 
     def __init__(self, method: Callable[[Any, int], T], i: int) -> None:
-        super().__init__(lambda owner: method(owner, i))
+        super().__init__(lambda owner: getattr(owner, method.__name__)(i))
         self.__doc__ = (method.__doc__ or "").replace("view i", f"view {i}")
 
     @overload
@@ -137,13 +132,17 @@ class StoredSample(Mapping[str, Any]):
     def __contains__(self, name: object) -> bool:
         return name in tuple(self)
 
+    def path(self, name: str) -> Place:
+        """The place of the sample's file of that name."""
+        return self.folder / name
+
     def has(self, name: str) -> bool:
-        """Whether the folder has a file of that name."""
-        return (self.folder / name).is_file()
+        """Whether the sample has a file of that name."""
+        return self.path(name).is_file()
 
     def image(self, i: int) -> Image:
         """Image of view i, uint8 or uint16 (H, W, 3) or (H, W)."""
-        return read_png(self.folder / f"im{i}.png")
+        return read_png(self.path(f"im{i}.png"))
 
     def disparity(self, i: int) -> Disparity:
         """True disparity of view i, u_left - u_right, float32 (H, W), pixels; +inf unknown."""
@@ -161,7 +160,7 @@ class StoredSample(Mapping[str, Any]):
 
         Without a file it follows from the disparity maps: see `twinlens.dataset.visibility`.
         """
-        path = self.folder / f"mask{i}nocc.png"
+        path = self.path(f"mask{i}nocc.png")
         if path.exists():
             return read_visibility(path)
         if i < 2 and self.has_disparity(1 - i):
@@ -170,7 +169,7 @@ class StoredSample(Mapping[str, Any]):
 
     def truth(self, i: int) -> Truth:
         """Truth of view i; depth and position have float32 precision."""
-        arrays = read_truth(self.folder / f"truth{i}.exr")
+        arrays = read_truth(self.path(f"truth{i}.exr"))
         unknown = np.full(arrays["depth"].shape, np.inf, np.float32)
         return truth_from_arrays(arrays, self.disparity(i) if self.has_disparity(i) else unknown)
 
@@ -190,7 +189,7 @@ class StoredSample(Mapping[str, Any]):
     @property
     def calibration(self) -> Calibration:
         """The content of calib.txt."""
-        return read_calib(self.folder / "calib.txt")
+        return read_calib(self.path("calib.txt"))
 
     @property
     def ndisp(self) -> int:
@@ -221,8 +220,7 @@ class StoredSample(Mapping[str, Any]):
         """The rig that took the images: `rig`, except for calibration errors introduced on purpose."""
         if not self.has("sample.json"):
             return self.calibration.rig()
-        rig: Rig = read(_RigOnly, self.record, self.folder / "sample.json").rig
-        return rig
+        return rig_from_plain(self.record.get("rig"), self.folder / "sample.json")
 
     def camera(self, i: int) -> tuple[Camera, NDArray[np.float64]]:
         """Camera i of `rig`, and its world_from_cam. Raises InputError beyond the last."""
@@ -246,10 +244,10 @@ class StoredSample(Mapping[str, Any]):
     def _shots(self) -> list[_PlainShot]:
         if not self.has("sample.json"):
             return [_PlainShot(folder="./", lens={})]
-        return read(_ShotsOnly, self.record, self.folder / "sample.json").shots
+        return read(_Shots, self.record.get("shots"), self.folder / "sample.json", "shots")
 
     def _disparity_path(self, i: int) -> Place:
-        paths = [self.folder / f"disp{i}.pfm", self.folder / f"disp{i}GT.pfm"]
+        paths = [self.path(f"disp{i}.pfm"), self.path(f"disp{i}GT.pfm")]
         return next((path for path in paths if path.exists()), paths[0])
 
 
@@ -277,7 +275,7 @@ class StoredShot:
 
     def image(self, i: int) -> Image:
         """Image of view i, uint8 or uint16 (H, W, 3) or (H, W)."""
-        return read_png(self.folder / f"im{i}.png")
+        return read_png(self.folder / f"im{i}.png") if self.number else self.sample.image(i)
 
     im0, im1 = _View(image, 0), _View(image, 1)
 
@@ -291,7 +289,7 @@ class StoredShot:
 
     def blur_circle_px(self, i: int) -> NDArray[np.float32]:
         """Signed blur circle of view i for this lens, pixels, float32 (H, W): `optics.circle_of_confusion_px`."""
-        depth = read_truth(self.sample.folder / f"truth{i}.exr")["depth"]
+        depth = read_truth(self.sample.path(f"truth{i}.exr"))["depth"]
         return blur_circle_px(depth, self.sample.rig.cameras[i], self.lens)
 
 
@@ -328,7 +326,7 @@ def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any
 
     Raises InputError for an unknown name, FileError for a missing file.
     """
-    truth = functools.cache(lambda i: read_truth(sample.folder / f"truth{i}.exr"))
+    truth = functools.cache(lambda i: read_truth(sample.path(f"truth{i}.exr")))
     found: dict[str, Any] = {}
     for name in names:
         quantity, lens, view = parse_quantity(name)

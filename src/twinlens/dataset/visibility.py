@@ -35,7 +35,7 @@ def mask_from_both(disparity: Disparity, partner: Disparity, left: bool = True) 
     matched = np.take_along_axis(partner, target, axis=1)
     known = np.isfinite(disparity)
     agree = np.abs(np.where(inside, matched, np.inf) - np.where(known, disparity, 0)) <= _CROSS_CHECK_PX
-    return _mask(known, inside & agree)
+    return mask_of(known, inside & agree)
 
 
 def mask_from_one(disparity: Disparity, left: bool = True) -> Mask:
@@ -55,7 +55,7 @@ def mask_from_one(disparity: Disparity, left: bool = True) -> Mask:
         np.maximum.at(winners, (np.nonzero(covered)[0], columns[covered].astype(np.intp)), disparity[covered])
     known = np.isfinite(disparity)
     winner = np.take_along_axis(winners, target, axis=1)
-    return _mask(known, inside & (winner <= np.where(known, disparity, 0) + _CROSS_CHECK_PX))
+    return mask_of(known, inside & (winner <= np.where(known, disparity, 0) + _CROSS_CHECK_PX))
 
 
 def correspondence_of(truths: tuple[Truth, Truth], rig: Rig, source: int, target: int) -> Correspondence:
@@ -112,5 +112,6 @@ def _matches(
     return matches, np.floor(np.where(inside, matches, 0.0) + 0.5).astype(np.intp), inside
 
 
-def _mask(known: NDArray[np.bool_], visible: NDArray[np.bool_]) -> Mask:
+def mask_of(known: NDArray[np.bool_], visible: NDArray[np.bool_]) -> Mask:
+    """The mask, uint8 (H, W), of pixels whose truth is known and whose point the partner sees."""
     return np.where(known & visible, VISIBLE, np.where(known, HIDDEN, UNKNOWN)).astype(np.uint8)

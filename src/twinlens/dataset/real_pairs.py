@@ -1,0 +1,132 @@
+"""Real pairs with measured truth: the downloads of KITTI and ETH3D, and the Motorcycle that scikit-image includes.
+
+    KITTI 2015   training/{image_2,image_3,disp_occ_0,disp_noc_0}/000000_10.png
+    KITTI 2012   training/{colored_0,colored_1 or image_0,image_1}/, disp_occ/, disp_noc/
+    ETH3D        two_view_training/<scene>/ and, beside it, two_view_training_gt/<scene>/
+
+Middlebury's folders are read as any plain dataset.
+
+Source: the readme.txt of KITTI's development kits; https://www.eth3d.net/documentation; Scharstein et al.,
+High-resolution stereo datasets with subpixel-accurate ground truth, GCPR 2014.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.dataset.codecs.calib import Calibration
+from twinlens.dataset.codecs.pfm import read_disparity
+from twinlens.dataset.storage import Place, Where, place
+from twinlens.dataset.stored import StoredSample
+from twinlens.dataset.visibility import Mask, mask_from_one, mask_of
+from twinlens.errors import FileError
+
+_KITTI = (
+    ("image_2", "image_3", "disp_occ_0", "disp_noc_0"),
+    ("colored_0", "colored_1", "disp_occ", "disp_noc"),
+    ("image_0", "image_1", "disp_occ", "disp_noc"),
+)
+_ETH3D = "two_view_training"
+_VISIBLE = "disp_noc"  # KITTI's map of the pixels that are visible in both views
+
+
+@dataclass(frozen=True)
+class DownloadedPair(StoredSample):
+    """A pair of KITTI or ETH3D. `files` are the places of its files by the names of a `StoredSample`."""
+
+    files: Mapping[str, Place] = field(default_factory=dict, compare=False, repr=False)
+
+    def path(self, name: str) -> Place:
+        return self.files.get(name, self.folder / name)
+
+    def mask_nonocc(self, i: int) -> Mask:
+        if i != 0 or _VISIBLE not in self.files:
+            return super().mask_nonocc(i)
+        seen, known = np.isfinite(read_disparity(self.files[_VISIBLE])), np.isfinite(self.disp0)
+        if seen.shape != known.shape:
+            raise FileError(f"{self.files[_VISIBLE]}: has another size than {self.path('disp0.pfm')}")
+        return mask_of(known, seen)
+
+
+def downloaded_pairs(path: Where) -> Sequence[DownloadedPair] | None:
+    """The pairs of a KITTI or ETH3D download; None if `path` is neither.
+
+    path: the folder `training` or `two_view_training`, or the one that contains it.
+
+    Raises FileError if the truth or the partner of an image is missing, or if there is no image.
+    """
+    root = place(path)
+    for folder in (root, root / _ETH3D):
+        if folder.name == _ETH3D and folder.is_dir():
+            return _checked(_eth3d(folder), folder)
+    for folder in (root, root / "training"):
+        for names in _KITTI:
+            if all((folder / name).is_dir() for name in names[:2]) and not (folder / "im0.png").is_file():
+                return _checked(_kitti(folder, names), folder / names[0])
+    return None
+
+
+def _eth3d(folder: Place) -> list[DownloadedPair]:
+    pairs = []
+    for scene in sorted((entry for entry in folder.iterdir() if (entry / "im0.png").is_file()), key=str):
+        truth = folder.parent / "two_view_training_gt" / scene.name
+        files = {"disp0.pfm": truth / "disp0GT.pfm", "mask0nocc.png": truth / "mask0nocc.png"}
+        pairs.append(DownloadedPair(scene, scene.name, files={"im1.png": scene / "im1.png", **files}))
+    return pairs
+
+
+def _kitti(folder: Place, names: Sequence[str]) -> list[DownloadedPair]:
+    folders = dict(zip(("im0.png", "im1.png", "disp0.pfm", _VISIBLE), (folder / name for name in names), strict=True))
+    # The frames _11 of the next point in time have no truth.
+    frames = sorted(entry.name for entry in folders["im0.png"].iterdir() if entry.name.endswith("_10.png"))
+    return [
+        DownloadedPair(folder, frame.removesuffix(".png"), files={name: each / frame for name, each in folders.items()})
+        for frame in frames
+    ]
+
+
+def _checked(pairs: list[DownloadedPair], folder: Place) -> list[DownloadedPair]:
+    if not pairs:
+        raise FileError(f"{folder}: has no image with measured disparity")
+    for pair in pairs:
+        for file in pair.files.values():
+            if not file.is_file():
+                raise FileError(f"{file}: no such file, needed by the pair {pair.name!r}")
+    return pairs
+
+
+@dataclass(frozen=True, eq=False)
+class RealPair:
+    """A pair in memory with the truth of its left view; the fields are named as those of a `StoredSample`.
+
+    im0, im1 : uint8 (H, W, 3). disp0 : float32 (H, W), pixels, +inf unknown. mask0_nonocc : uint8 (H, W). ndisp :
+    disparities to search, 0 <= d < ndisp.
+    """
+
+    name: str
+    im0: NDArray[np.uint8]
+    im1: NDArray[np.uint8]
+    disp0: NDArray[np.float32]
+    mask0_nonocc: Mask
+    calibration: Calibration
+    ndisp: int
+    record: dict[str, Any] = field(default_factory=dict)
+
+
+def motorcycle() -> RealPair:
+    """Middlebury 2014 Motorcycle, 741 x 500, from scikit-image's files; the mask is that of `mask_from_one`.
+
+    The calibration is the official one divided by four.
+    """
+    from skimage.data import stereo_motorcycle
+
+    left, right, disparity = stereo_motorcycle()
+    # scikit-image documents NaN for unknown pixels, its file has +inf.
+    known = np.where(np.isfinite(disparity), disparity, np.inf).astype(np.float32)
+    cam0, cam1, ndisp = (994.978, 994.978, 311.193, 254.877), (994.978, 994.978, 342.279, 254.877), 70
+    calibration = Calibration(cam0, cam1, 0.193001, 741, 500, doffs=31.086, ndisp=ndisp, vmin=7.0, vmax=60.0)
+    record = {"source": "Middlebury 2014 Motorcycle, a quarter of its size, from scikit-image"}
+    return RealPair("motorcycle", left, right, known, mask_from_one(known), calibration, ndisp, record)
