@@ -9,7 +9,7 @@ from scipy import stats
 
 from twinlens.cli import run
 from twinlens.errors import InputError
-from twinlens.report.agreement_figure import agreement_figure
+from twinlens.report.plots import agreement_figure
 from twinlens.scoring import PROTOCOLS, Board, Entry, Failure, RegionScores, agreement, write_board
 from twinlens.scoring.agreement import sample_ranks
 

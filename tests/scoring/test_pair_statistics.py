@@ -11,7 +11,7 @@ from skimage.restoration import estimate_sigma
 from twinlens.cli import run
 from twinlens.dataset import motorcycle
 from twinlens.errors import InputError
-from twinlens.report.pair_figure import pair_figure
+from twinlens.report.plots import pair_figure
 from twinlens.scoring import STATISTICS, Pair, pair_statistics, summarize
 
 NAMES = tuple(STATISTICS)

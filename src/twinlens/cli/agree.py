@@ -9,7 +9,7 @@ from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import PATH
 from twinlens.dataset.files import write_file
 from twinlens.errors import InputError
-from twinlens.report.agreement_figure import agreement_figure
+from twinlens.report.plots import agreement_figure
 from twinlens.scoring import agreement, read_board
 
 MOVES = 5

@@ -10,7 +10,7 @@ from twinlens.cli.places import PATH
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset.files import write_file
 from twinlens.errors import InputError
-from twinlens.report.pair_figure import pair_figure
+from twinlens.report.plots import pair_figure
 from twinlens.scoring import STATISTICS, open_pairs, pair_statistics, summarize
 
 

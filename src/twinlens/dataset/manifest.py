@@ -7,14 +7,14 @@ to dataset.json later. Until then the samples are pending, as those of parallel 
 import hashlib
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
 import pydantic
 
 import twinlens
 from twinlens.dataset.files import check_relative, files_below, is_hidden, read_bytes, write_file
-from twinlens.dataset.record import FileModel, decode_json, encode_json, read, read_json
+from twinlens.dataset.record import FileModel, decode_json, encode_json, read, read_json, read_part
 from twinlens.dataset.storage import Place, Where, is_whole, place
 from twinlens.errors import FileError, InputError
 
@@ -65,10 +65,7 @@ class DatasetFile(FileModel):
         return samples
 
 
-class RowFile(FileModel):
-    """.rows/NAME.json of a sample that was made."""
-
-    row: Row
+_ROW = pydantic.TypeAdapter(Row)
 
 
 def write_manifest(folder: Where, manifest: Manifest) -> None:
@@ -114,8 +111,8 @@ def pending_rows(folder: Place, listed: Collection[str]) -> tuple[dict[str, Row 
             if name in listed or not is_whole(folder / check_relative(name)):
                 continue  # a sample that failed has a row too, and no folder
             rows[name] = None
-            row = read(RowFile, decode_json(read_bytes(folder / path), path, ROW_KIND, ROW_VERSION), path).row
-            rows[name] = Row(name, row.files, row.info)
+            record = decode_json(read_bytes(folder / path), path, ROW_KIND, ROW_VERSION)
+            rows[name] = replace(read_part(_ROW, record, "row", path), name=name)
         except FileError as error:
             if (folder / path).exists():  # else it has been moved to dataset.json meanwhile
                 message = str(error).removeprefix(f"{folder}/")

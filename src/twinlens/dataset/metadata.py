@@ -79,10 +79,6 @@ def _checked(is_valid: Callable[[str], Any], kind: str) -> pydantic.AfterValidat
     return pydantic.AfterValidator(check)
 
 
-def _text(description: str) -> Any:
-    return pydantic.Field(default="", description=description)
-
-
 Text = Annotated[str, _checked(str.strip, "a text that is not empty")]
 Url = Annotated[str, _checked(_is_url, "an address such as https://example.org/set")]
 Date = Annotated[str, _checked(lambda text: date.fromisoformat(text).isoformat() == text, "a date such as 2026-01-31")]
@@ -91,13 +87,13 @@ Date = Annotated[str, _checked(lambda text: date.fromisoformat(text).isoformat()
 class About(schema.StrictModel):
     """What the card and croissant.json say beyond the files; a text is empty where it is not given."""
 
-    name: Text = _text("of the dataset; 'stereo dataset' if not given")
-    description: Text = _text("one or more sentences")
-    license: Text = _text("SPDX name, such as CC-BY-4.0, or the address of a licence's text")
-    creator: Text = _text("who made it")
-    url: Url = _text("where to get it")
-    published: Date = _text("2026-01-31")
-    cite_as: Text = _text("BibTeX entry")
+    name: Text = pydantic.Field(default="", description="of the dataset; 'stereo dataset' if not given")
+    description: Text = pydantic.Field(default="", description="one or more sentences")
+    license: Text = pydantic.Field(default="", description="SPDX name, such as CC-BY-4.0, or the address of the text")
+    creator: Text = pydantic.Field(default="", description="who made it")
+    url: Url = pydantic.Field(default="", description="where to get it")
+    published: Date = pydantic.Field(default="", description="2026-01-31")
+    cite_as: Text = pydantic.Field(default="", description="BibTeX entry")
 
     @classmethod
     def of(cls, values: Any) -> "About":
@@ -159,16 +155,8 @@ def write_croissant(dataset: Where | Dataset) -> str:
 
 def _manifest_records(data: bytes, manifest: Manifest) -> tuple[dict[str, Any], dict[str, Any]]:
     """The file dataset.json, and the record set of its samples."""
-    file = {
-        "@type": "cr:FileObject",
-        "@id": MANIFEST,
-        "name": MANIFEST,
-        "description": "The samples, and the SHA-256 of each of their files.",
-        "contentUrl": MANIFEST,
-        "contentSize": f"{len(data)} B",
-        "encodingFormat": "application/json",
-        "sha256": hashlib.sha256(data).hexdigest(),
-    }
+    text, digest = "The samples, and the SHA-256 of each of their files.", hashlib.sha256(data).hexdigest()
+    file = _node("FileObject", MANIFEST, description=text, contentUrl=MANIFEST, contentSize=f"{len(data)} B")
     fields = [("name", "the sample's folder", "$.samples[*].name")]
     if manifest.rows and all("split" in row.info for row in manifest.rows):
         fields.append(("split", "the split of the dataset", "$.samples[*].info.split"))
@@ -176,8 +164,8 @@ def _manifest_records(data: bytes, manifest: Manifest) -> tuple[dict[str, Any], 
         _field(f"samples/{name}", text, "sc:Text", {"fileObject": {"@id": MANIFEST}, "extract": {"jsonPath": path}})
         for name, text, path in fields
     ]
-    samples = {"@type": "cr:RecordSet", "@id": "samples", "name": "samples", "field": entries}
-    return file, samples | {"key": {"@id": "samples/name"}}
+    samples = _node("RecordSet", "samples", field=entries, key={"@id": "samples/name"})
+    return file | {"encodingFormat": "application/json", "sha256": digest}, samples
 
 
 def _file_records(match: re.Match[str]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -185,20 +173,21 @@ def _file_records(match: re.Match[str]) -> tuple[dict[str, Any], dict[str, Any]]
     name, ident = match[0], match[0].replace(".", "-")
     text, encoding, kind = _KINDS[match[2]]
     text = text.format(match[3])
-    file_set = f"{name}-files"
-    files: dict[str, Any] = {"@type": "cr:FileSet", "@id": file_set, "name": file_set, "description": text}
     # The star also matches slashes, so nested samples and images of other lenses are found.
-    files |= {"includes": f"*/{name}", "encodingFormat": encoding}
-    source = {"fileSet": {"@id": file_set}}
+    files = _node("FileSet", f"{name}-files", description=text, includes=f"*/{name}", encodingFormat=encoding)
+    source = {"fileSet": {"@id": f"{name}-files"}}
     folder = {"extract": {"fileProperty": "fullpath"}, "transform": {"regex": f"^(.*)/{re.escape(name)}$"}}
     where = "the sample's name, and the folder of the lens if it is not the first"
     fields = [
         _field(f"{ident}/folder", where, "sc:Text", source | folder),
         _field(f"{ident}/content", text, kind, source | {"extract": {"fileProperty": "content"}}),
     ]
-    return files, {"@type": "cr:RecordSet", "@id": ident, "name": ident, "description": text, "field": fields}
+    return files, _node("RecordSet", ident, description=text, field=fields)
 
 
 def _field(ident: str, text: str, kind: str, source: dict[str, Any]) -> dict[str, Any]:
-    entry = {"@type": "cr:Field", "@id": ident, "name": ident, "description": text, "dataType": kind}
-    return entry | {"source": source}
+    return _node("Field", ident, description=text, dataType=kind, source=source)
+
+
+def _node(kind: str, ident: str, **entries: Any) -> dict[str, Any]:
+    return {"@type": f"cr:{kind}", "@id": ident, "name": ident, **entries}

@@ -47,16 +47,6 @@ _NUMBER = Annotated[
     pydantic.BeforeValidator(lambda value: float(value) if value in ("inf", "-inf") else value),
     pydantic.WithJsonSchema({"anyOf": [{"type": "number"}, {"enum": ["inf", "-inf"]}]}),
 ]
-_ROWS_SCHEMA = {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}
-_PACKED_SCHEMA: dict[str, Any] = {
-    "type": "object",
-    "properties": dict.fromkeys(("type", "shape", "levels", "zlib"), True),
-}
-_ARRAY = Annotated[
-    Any,
-    pydantic.BeforeValidator(lambda value: unpack(value) if isinstance(value, Mapping) else value),
-    pydantic.WithJsonSchema({"anyOf": [_ROWS_SCHEMA, _PACKED_SCHEMA]}),
-]
 
 T = TypeVar("T")
 
@@ -67,12 +57,35 @@ class FileModel(pydantic.BaseModel):
     model_config = pydantic.ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
 
 
+class PackedArray(schema.StrictModel):
+    """A large array as `pack` writes it."""
+
+    type: Literal["array"]
+    shape: list[Annotated[int, pydantic.Field(ge=1)]] = pydantic.Field(min_length=1, max_length=4)
+    levels: int | None
+    zlib: str
+
+
+def _unpacked(value: Any) -> Any:
+    return unpack(value) if isinstance(value, Mapping) else value
+
+
+_ARRAY = Annotated[Any, pydantic.BeforeValidator(_unpacked, json_schema_input_type=list[list[float]] | PackedArray)]
+
+
 def read(model: type[T] | pydantic.TypeAdapter[T], data: Any, file: Where, key: str = "") -> T:
     """`schema.read` for files: raises FileError, one line with file, key and what is allowed."""
     try:
         return schema.read(model, data, str(file), key)
     except InputError as error:
         raise FileError(str(error)) from None
+
+
+def read_part(model: pydantic.TypeAdapter[T], record: Mapping[str, Any], key: str, file: Where) -> T:
+    """`read` one key of a record. Raises FileError, also where the key is missing."""
+    if key not in record:
+        raise FileError(f"{file}: missing key {key!r}")
+    return read(model, record[key], file, key)
 
 
 def plain(value: Any) -> Any:
@@ -221,13 +234,6 @@ def pack(array: NDArray[Any]) -> dict[str, Any]:
     return {"type": "array", "shape": list(array.shape), "levels": levels, "zlib": body}
 
 
-class _Packed(schema.StrictModel):
-    type: Literal["array"]
-    shape: list[Annotated[int, pydantic.Field(ge=1)]] = pydantic.Field(min_length=1, max_length=4)
-    levels: int | None
-    zlib: str
-
-
 def unpack(value: Mapping[str, Any]) -> NDArray[np.float64]:
     """The array of `pack(array)`. Raises InputError.
 
@@ -235,7 +241,7 @@ def unpack(value: Mapping[str, Any]) -> NDArray[np.float64]:
     array([[0.  , 1.  ],
            [0.2 , 0.25]])
     """
-    packed = schema.read(_Packed, value, "packed array")
+    packed = schema.read(PackedArray, value, "packed array")
     if packed.levels not in _LEVELS:
         raise InputError(f"packed array: levels must be 255, 65535 or null, got {packed.levels}")
     dtype, count = np.dtype(_LEVELS[packed.levels]), math.prod(packed.shape)

@@ -23,7 +23,7 @@ from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.codecs.pfm import read_disparity
 from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.files import check_relative
-from twinlens.dataset.record import FileModel, annotation_of, lens_from_plain, read, read_json, rig_from_plain
+from twinlens.dataset.record import FileModel, annotation_of, lens_from_plain, read, read_json, read_part
 from twinlens.dataset.sample import KIND, VERSION
 from twinlens.dataset.storage import Place
 from twinlens.dataset.truth_files import SCALARS, VECTORS, blur_circle_px, read_truth, truth_from_arrays
@@ -50,7 +50,8 @@ class ShotEntry(_PlainShot):
     lens: annotation_of(Lens)  # type: ignore[valid-type]
 
 
-_Shots = Annotated[list[_PlainShot], pydantic.Field(min_length=1)]
+_SHOTS = pydantic.TypeAdapter(Annotated[list[_PlainShot], pydantic.Field(min_length=1)])
+_RIG: pydantic.TypeAdapter[Rig] = pydantic.TypeAdapter(annotation_of(Rig))
 
 
 class SampleFile(FileModel):
@@ -220,7 +221,7 @@ class StoredSample(Mapping[str, Any]):
         """The rig that took the images: `rig`, except for calibration errors introduced on purpose."""
         if not self.has("sample.json"):
             return self.calibration.rig()
-        return rig_from_plain(self.record.get("rig"), self.folder / "sample.json")
+        return read_part(_RIG, self.record, "rig", self.folder / "sample.json")
 
     def camera(self, i: int) -> tuple[Camera, NDArray[np.float64]]:
         """Camera i of `rig`, and its world_from_cam. Raises InputError beyond the last."""
@@ -231,7 +232,7 @@ class StoredSample(Mapping[str, Any]):
 
     @property
     def num_lenses(self) -> int:
-        """Number of lenses: `lens(0)` to `lens(num_lenses - 1)`."""
+        """Number of lenses."""
         return len(self._shots())
 
     def lens(self, k: int) -> "StoredShot":
@@ -244,7 +245,7 @@ class StoredSample(Mapping[str, Any]):
     def _shots(self) -> list[_PlainShot]:
         if not self.has("sample.json"):
             return [_PlainShot(folder="./", lens={})]
-        return read(_Shots, self.record.get("shots"), self.folder / "sample.json", "shots")
+        return read_part(_SHOTS, self.record, "shots", self.folder / "sample.json")
 
     def _disparity_path(self, i: int) -> Place:
         paths = [self.path(f"disp{i}.pfm"), self.path(f"disp{i}GT.pfm")]
@@ -293,9 +294,7 @@ class StoredShot:
         return blur_circle_px(depth, self.sample.rig.cameras[i], self.lens)
 
 
-_OF_SAMPLE = ("name", "ndisp")
-_OF_CALIBRATION = ("baseline", "doffs")
-_OF_CAMERA = ("K", "world_from_cam")
+_OF_SAMPLE, _OF_CALIBRATION, _OF_CAMERA = ("name", "ndisp"), ("baseline", "doffs"), ("K", "world_from_cam")
 _OF_TRUTH = (*SCALARS, *VECTORS)
 _OF_VIEW = {"im": "image", "disp": "disparity", "mask_nonocc": "mask_nonocc", "radiance": "radiance"}
 _OF_LENS = {"im": "image", "radiance": "radiance", "blur_circle_px": "blur_circle_px"}

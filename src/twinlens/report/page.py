@@ -24,23 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from twinlens import scoring
 from twinlens.dataset.files import write_file
 from twinlens.report.colormaps import COLORMAPS, NO_ESTIMATE, NO_TRUTH
-from twinlens.scoring import (
-    METRICS,
-    PROTOCOLS,
-    REGIONS,
-    Board,
-    Entry,
-    Groups,
-    Pair,
-    Sample,
-    board_csv,
-    board_latex,
-    board_to_json,
-    json_number,
-    load_pair,
-)
+from twinlens.scoring import METRICS, PROTOCOLS, REGIONS, Board, Entry, Groups, Pair, Sample, json_number
 from twinlens.scoring.metrics import TIMES
 
 MAX_WIDTH, BUDGET_BYTES = 800, 14_000_000
@@ -86,7 +73,7 @@ def page_html(
     packed_bytes = sum(mapped.values()) * BYTES_PER_PIXEL * 4 / 3
     least_stride = max(1, math.ceil(math.sqrt(packed_bytes / budget_bytes)))
     pictures = {
-        s.name: _pictures(board, load_pair(s), maps, max_width, least_stride)
+        s.name: _pictures(board, scoring.load_pair(s), maps, max_width, least_stride)
         for s in samples
         if s.name in board.samples
     }
@@ -188,10 +175,10 @@ def _document(
         "colormaps": {n: base64.b64encode(t.tobytes()).decode("ascii") for n, t in COLORMAPS.items()},
         "unknown": {"truth": NO_TRUTH, "estimate": NO_ESTIMATE},
         "downloads": {
-            "csv": _deflated(board_csv(board)),
-            "json": _deflated(board_to_json(board)),
+            "csv": _deflated(scoring.board_csv(board)),
+            "json": _deflated(scoring.board_to_json(board)),
             "latex": {
-                p: {r: _deflated(board_latex(board, p, r, weights=weights)) for r in board.regions}
+                p: {r: _deflated(scoring.board_latex(board, p, r, weights=weights)) for r in board.regions}
                 for p in board.protocols
             },
         },

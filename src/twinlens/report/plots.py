@@ -1,6 +1,6 @@
-"""Figures of a study's table, as PNG and SVG, in colours readable with colour vision deficiencies.
+"""Figures of studies, of agreement, and of a dataset's pairs, in colours readable with colour vision deficiencies.
 
-They depend on the table only and use no global matplotlib state: the same table gives the same bytes.
+They depend on their data only and use no global matplotlib state: the same data gives the same bytes.
 """
 
 import io
@@ -19,6 +19,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError, unknown
+from twinlens.scoring.agreement import Agreement
+from twinlens.scoring.pair_statistics import STATISTICS
 from twinlens.studies import Figure, Table, mean_of
 
 THEORY = "theory"  # the value of `by` that marks a prediction
@@ -38,7 +40,7 @@ RC_PARAMS = {
 _GREY = "#444444"
 DPI = 150
 _PANEL_INCHES = ((6.4, 3.8), (4.9, 3.4), (3.6, 3.1))  # width and height, with one, two or three in a row
-_STRIP, _LEGEND_COLUMNS = 0.35, 6
+_STRIP, _LEGEND_COLUMNS, _PAIR_COLUMNS = 0.35, 6, 3
 _MOST_BANDS = 6  # intervals of more lines are drawn as bars, because bands would overlap
 _PREDICTED: dict[str, Any] = {"color": _GREY, "linestyle": "--", "linewidth": 1.2}
 _RING: dict[str, Any] = {"marker": "o", "markersize": 10, "fillstyle": "none", "markeredgewidth": 1.4}
@@ -114,6 +116,64 @@ def _line_styles(figure: Figure, panels: Sequence[tuple[Any, Table]]) -> Mapping
     return styles | {THEORY: {"color": "black", "marker": "", "linestyle": "--"}}
 
 
+def agreement_figure(agreement: Agreement, names: tuple[str, str], kind: str = "png") -> bytes:
+    """One line per method, from its mean rank on the first board to that on the second, as PNG or SVG; rank 1 on top.
+
+    names: what to call the boards. The methods that move most are coloured.
+    """
+    methods = len(agreement.moves)
+    with matplotlib.rc_context(RC_PARAMS):
+        sheet = Sheet(figsize=(6.4, 0.22 * methods + 1.6), layout="constrained")
+        axes = sheet.subplots()
+        largest = [m.method for m in agreement.moves[: min(3, methods)]]
+        for move in agreement.moves:
+            marked = move.method in largest
+            colour = PALETTE[largest.index(move.method)] if marked else "#9AA5B1"
+            axes.plot((0, 1), (move.rank_a, move.rank_b), "o-", color=colour, markersize=3, zorder=2 + marked)
+        for side, align in ((0, "right"), (1, "left")):
+            ranked = sorted((m.rank_b if side else m.rank_a, m.method) for m in agreement.moves)
+            # Labels in equal steps, so that methods of nearly the same rank stay legible.
+            for place, (rank, method) in enumerate(ranked, start=1):
+                axes.annotate(
+                    f"{rank:.1f}  {method}" if side else f"{method}  {rank:.1f}", (side, rank),
+                    (1.16 if side else -0.16, place), ha=align, va="center", fontsize=8,
+                    arrowprops={"arrowstyle": "-", "color": "#C9D1D9", "linewidth": 0.6},
+                )  # fmt: skip
+        axes.set(xlim=(-1.1, 2.1), ylim=(methods + 0.7, 0.3), xticks=(0, 1), xticklabels=names, yticks=[])
+        axes.xaxis.tick_top()
+        axes.tick_params(length=0)
+        axes.spines[:].set_visible(False)
+        title = f"mean rank by {agreement.metric}, {agreement.region}; Kendall's tau-b {agreement.tau}"
+        axes.set_title(title, fontsize=9, pad=12)
+        return encode(sheet, kind)
+
+
+def pair_figure(rows: Sequence[Mapping[str, float]], kind: str = "png") -> bytes:
+    """One axis a statistic, as PNG or SVG: real pairs as a bar from 10 % to 90 % with their median, a dot for a row."""
+    names = [name for name in STATISTICS if any(not math.isnan(row[name]) for row in rows)]
+    lines = -(-len(names) // _PAIR_COLUMNS)
+    with matplotlib.rc_context(RC_PARAMS):
+        sheet = Sheet(figsize=(9.0, 0.85 * lines + 0.5), layout="constrained")
+        panels = sheet.subplots(lines, _PAIR_COLUMNS, squeeze=False).ravel()
+        for axes, name in zip(panels, names, strict=False):
+            median, low, high = STATISTICS[name].real
+            if not math.isnan(low):
+                axes.plot((low, high), (0, 0), color="#C9D1D9", linewidth=9, solid_capstyle="butt")
+            axes.plot(median, 0, "|", color="#444444", markersize=14, markeredgewidth=2)
+            values = [row[name] for row in rows]
+            axes.plot(values, [0] * len(values), "o", color=PALETTE[0], alpha=0.6, markersize=4)
+            title = f"{name} {STATISTICS[name].unit}".strip()
+            axes.set_title(title, fontsize=8, fontweight="normal", loc="left", pad=2)
+            axes.set_yticks([])
+            axes.spines["left"].set_visible(False)
+            axes.tick_params(labelsize=7)
+            axes.margins(x=0.08)
+        for axes in panels[len(names) :]:
+            axes.set_axis_off()
+        sheet.suptitle("Dots: pairs. Bars: 10 % to 90 % of 24 real pairs, line: their median.", fontsize=9)
+        return encode(sheet, kind)
+
+
 @dataclass(frozen=True)
 class _Panel:
     """One panel: `rows` are its data, `name` is its value of `figure.panel`."""
@@ -129,22 +189,21 @@ class _Panel:
     def draw(self) -> bool:
         """Draw and label the values; without any, a text instead of scales, and False."""
         axes, figure, rows = self.axes, self.figure, self.rows
-        axes.set_xlabel(figure.x_of.get(self.name, rows.column(figure.x).label))
-        axes.set_ylabel(rows.column(figure.y).label)
+        axes.set(xlabel=figure.x_of.get(self.name, rows.column(figure.x).label), ylabel=rows.column(figure.y).label)
         if figure.panel:
             column = rows.column(figure.panel)
             is_text = isinstance(self.name, str)
             axes.set_title(self.name if is_text else f"{column.text} {self.name:.4g} {column.unit}".strip())
         if not np.isfinite(rows.numbers(figure.z or figure.y)).any():
-            axes.set_xticks([])
-            axes.set_yticks([])
+            axes.set(xticks=[], yticks=[])
             axes.text(0.5, 0.5, "nothing measured", transform=axes.transAxes, ha="center", va="center", color=_GREY)
             return False
         if figure.kind == "heatmap":
             self._draw_heatmap()
             return True
+        draw_group = self._draw_line if figure.kind == "line" else self._draw_points
         for name, part in _groups(rows, figure.by):
-            (self._draw_line if figure.kind == "line" else self._draw_points)(name, part, self.styles.get(name, _PLAIN))
+            draw_group(name, part, self.styles.get(name, _PLAIN))
         self._scale_axes()
         return True
 
@@ -203,8 +262,7 @@ class _Panel:
                 points = {**self.styles.get(name, _PLAIN), "linestyle": "", "markersize": 3, "alpha": 0.7}
                 axes.plot(part.numbers(self.figure.x), 100 * share, **points)
         axes.axhline(0, color="black", linewidth=0.8)
-        axes.set_xlabel(self.rows.column(self.figure.x).label)
-        axes.set_ylabel("residual (%)")
+        axes.set(xlabel=self.rows.column(self.figure.x).label, ylabel="residual (%)")
         axes.grid(True, color="#DDDDDD", linewidth=0.6)
 
     def _scale_axes(self) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from twinlens.camera.film import rgb8
 from twinlens.dataset import encode_png
 from twinlens.dataset.files import write_file
 from twinlens.dataset.record import encode_json
@@ -53,7 +54,7 @@ def tiles(picture: Picture) -> NDArray[np.uint8]:
     from matplotlib import font_manager
     from PIL import Image, ImageDraw, ImageFont
 
-    colour = [image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2) for image in picture.images]
+    colour = [rgb8(image) for image in picture.images]
     tallest, widest = max(image.shape[0] for image in colour), max(image.shape[1] for image in colour)
     columns = min(picture.columns, len(colour))
     size = int(np.clip(widest // 14, 10, 16))
