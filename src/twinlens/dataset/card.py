@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
 import twinlens
+from twinlens.camera.film import rgb8
 from twinlens.dataset.dataset import Dataset
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.manifest import Manifest, write_manifest
@@ -33,7 +34,6 @@ from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
 SHEET, FIGURE = "samples.jpg", "statistics.png"
-README, OTHER_NAME = "README.md", "CARD.md"
 _MARKER = "<!-- Written by twinlens; `twinlens describe` rewrites it. -->"
 _MARKERS = (_MARKER, "<!-- This card is twinlens's: it is written anew with the dataset. -->")
 _SPDX = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*$")
@@ -129,9 +129,9 @@ def write_card(dataset: Where | Dataset) -> list[str]:
     contact_sheet(tiles).save(stream, "JPEG", quality=88)
     write_file(dataset.path / SHEET, stream.getvalue())
     write_file(dataset.path / FIGURE, statistics_figure(list(many.values())))
-    readme = dataset.path / README
+    readme = dataset.path / "README.md"
     own = not readme.is_file() or any(marker.encode() in read_bytes(readme) for marker in _MARKERS)
-    name = README if own else OTHER_NAME
+    name = readme.name if own else "CARD.md"
     unreadable = [name for name in dataset.names if name not in many]
     write_file(dataset.path / name, _card(given, manifest, list(many.values()), unreadable).encode())
     return [name, SHEET, FIGURE]
@@ -233,26 +233,23 @@ class Panel:
 
 def tile(image: NDArray[Any]) -> Image.Image:
     """A uint8 or uint16 image (H, W[, 3]) scaled to a width of 160 pixels."""
-    eight = image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)
-    picture = Image.fromarray(eight).convert("RGB").reduce(max(1, image.shape[1] // (3 * _TILE_WIDTH)))
+    picture = Image.fromarray(rgb8(image)).reduce(max(1, image.shape[1] // (3 * _TILE_WIDTH)))
     height = max(round(_TILE_WIDTH * image.shape[0] / image.shape[1]), 1)
     return picture.resize((_TILE_WIDTH, height), Image.Resampling.LANCZOS)
 
 
 def contact_sheet(tiles: Sequence[Image.Image | None], columns: int = 8) -> Image.Image:
     """Tiles in rows, padded to the size of the first; None leaves a place grey. Raises InputError without tiles."""
+    from skimage.util import montage
+
     sizes = [each.size for each in tiles if each is not None]
     if not sizes:
         raise InputError("a contact sheet needs one or more images")
     columns = min(columns, len(tiles))
-    rows = -(-len(tiles) // columns)
-    width, height = sizes[0]
-    sheet = Image.new("RGB", (columns * (width + _GAP) + _GAP, rows * (height + _GAP) + _GAP), "white")
-    for i, each in enumerate(tiles):
-        missing = Image.new("RGB", (width, height), _MISSING)
-        padded = missing if each is None else ImageOps.pad(each, (width, height), color="white")
-        sheet.paste(padded, (_GAP + i % columns * (width + _GAP), _GAP + i // columns * (height + _GAP)))
-    return sheet
+    missing = Image.new("RGB", sizes[0], _MISSING)
+    padded = [missing if each is None else ImageOps.pad(each, sizes[0], color="white") for each in tiles]
+    grid = {"grid_shape": (-(-len(tiles) // columns), columns), "padding_width": _GAP, "fill": (255, 255, 255)}
+    return Image.fromarray(montage(np.stack([np.asarray(each) for each in padded]), channel_axis=-1, **grid))
 
 
 def statistics_figure(many: Sequence[Statistics]) -> bytes:
@@ -260,20 +257,18 @@ def statistics_figure(many: Sequence[Statistics]) -> bytes:
 
     Quantities that no sample has are left out: disparity of single cameras, blur of pinholes.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     drawn = panels(many)
     rows, columns = _GRIDS[len(drawn)]
     figure = Figure(figsize=(9.0, 2.8 * rows), dpi=110, layout="constrained")
-    canvas = FigureCanvasAgg(figure)
     if not drawn:
         figure.text(0.5, 0.5, "no sample has truth", ha="center", color=_AXES)
     else:
         for panel, axes in zip(drawn, figure.subplots(rows, columns, squeeze=False).ravel(), strict=True):
             _draw(axes, panel)
     stream = io.BytesIO()
-    canvas.print_png(stream, metadata={"Software": None})
+    figure.savefig(stream, format="png", metadata={"Software": None})
     return stream.getvalue()
 
 

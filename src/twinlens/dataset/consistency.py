@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.special import bdtrc
 
 from twinlens import geometry
@@ -201,8 +200,9 @@ def _nearest(px: NDArray[np.float64], camera: Camera) -> tuple[NDArray[np.intp],
 
 def _inside_one_object(ids: NDArray[Any]) -> NDArray[np.bool_]:
     """Whether all eight neighbours of a pixel exist and have its id, (H, W)."""
-    least, most = (bound(ids, 3, mode="constant", cval=-1) for bound in (minimum_filter, maximum_filter))
-    return np.asarray(least == most)
+    padded = np.pad(ids, 1, constant_values=-1)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
+    return np.asarray((windows == ids[..., None, None]).all(axis=(2, 3)))
 
 
 def _compare(what: str, error: NDArray[np.float64], allowed: NDArray[np.float64], unit: str) -> Findings:

@@ -66,9 +66,8 @@ def write_folder(
 ) -> None:
     """Write a folder of `files` (relative name with / and content), atomically. Raises OutputError.
 
-    One file of an iterable is in memory at a time. An existing folder is rejected unless `overwrite` is set; then it is
-    moved aside, replaced and removed. A remote folder is atomic only if it is a sample: otherwise an error removes what
-    was written, a killed process leaves it.
+    One file of an iterable is in memory at a time. An existing folder is rejected unless `overwrite` is set. A remote
+    folder is atomic only if it is a sample: otherwise an error removes what was written, a killed process leaves it.
     """
     folder = place(folder)
     checked = _checked(files.items() if isinstance(files, Mapping) else files)
@@ -193,12 +192,10 @@ def _write_and_flush(path: Path, data: bytes) -> None:
 
 def _flush_folder(folder: Path) -> None:
     # A rename is durable only once its folder is flushed; some file systems refuse, and do not need it.
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError), contextlib.ExitStack() as stack:
         descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+        stack.callback(os.close, descriptor)
+        os.fsync(descriptor)
 
 
 def _temporary_name(path: Path) -> Path:
@@ -206,11 +203,9 @@ def _temporary_name(path: Path) -> Path:
 
 
 def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        with contextlib.suppress(OSError):
-            path.unlink(missing_ok=True)
+    shutil.rmtree(path, ignore_errors=True)  # does nothing for a file or a link
+    with contextlib.suppress(OSError):
+        path.unlink()
 
 
 @contextlib.contextmanager

@@ -102,7 +102,7 @@ def sample_files(sample: Sample) -> dict[str, bytes]:
     for k, shot in enumerate(sample.shots):
         files |= {f"{lens_folder(k)}im{i}.png": encode_png(image) for i, image in enumerate(shot.images)}
         for i, radiance in enumerate(shot.radiances or ()):
-            channels = {channel: radiance[..., c] for c, channel in enumerate("RGB")}
+            channels = dict(zip("RGB", np.moveaxis(radiance, -1, 0), strict=True))
             files[f"{lens_folder(k)}radiance{i}.exr"] = encode_exr(channels)
     rig = sample.rig.nominal
     for i, truth in enumerate(sample.truths):

@@ -1,7 +1,6 @@
 """Where a dataset is: a local folder, or an fsspec address such as ``s3://bucket/set``.
 
-`place` chooses between `pathlib.Path` and `RemotePath`, which share the few operations that this package needs. Object
-stores cannot rename a folder, so a remote sample is complete when its `MARK` file exists: it is written last and
+Object stores cannot rename a folder, so a remote sample is complete when its `MARK` file exists: it is written last and
 removed first. docs/decisions/storage.md says why universal-pathlib is not used.
 
 Source: fsspec's specification, https://filesystem-spec.readthedocs.io/en/latest/api.html.
@@ -18,7 +17,6 @@ from urllib.parse import unquote, urlsplit
 from twinlens.errors import FileError, InputError, MissingExtraError, OutputError, TwinlensError
 
 MARK = "sample.json"
-"""The file of a sample that is written last and removed first."""
 
 EXISTS = "already exists; choose another name, or overwrite it (--overwrite)"
 
@@ -144,9 +142,9 @@ def write_objects(folder: RemotePath, files: Mapping[str, bytes]) -> None:
 def fill_remote(folder: RemotePath, files: Mapping[str, bytes] | Iterable[tuple[str, bytes]], overwrite: bool) -> None:
     """Write `files` below `folder` and remove all others; on failure what was written is removed. Raises OutputError.
 
-    A sample, a mapping with `MARK`, loses its mark first and gets it last. The files of an interrupted attempt, which
-    has no mark, are overwritten; a folder without a mark and with files of other names is rejected. Files of an
-    iterable are written one by one. An existing folder is rejected unless `overwrite` is set.
+    An existing folder is rejected unless `overwrite` is set. A sample is a mapping with `MARK`. The files of an
+    interrupted attempt, which has no mark, are overwritten; a folder without a mark and with files of other names is
+    rejected. Files of an iterable are written one by one.
     """
     existing = set(folder.files())
     sample = files if isinstance(files, Mapping) and MARK in files else None

@@ -35,7 +35,7 @@ T = TypeVar("T")
 
 
 class _PlainShot(FileModel):
-    """A `ShotEntry` whose lens is not checked."""
+    """A `ShotEntry` whose lens is not read."""
 
     folder: Annotated[
         str, pydantic.AfterValidator(lambda name: name if name == "./" else check_relative(name.rstrip("/")))
@@ -113,8 +113,7 @@ class StoredSample(Mapping[str, Any]):
     row: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def __new__(cls, *values: Any, **_: Any) -> Any:
-        # torch's collate calls the class of a mapping with the batch as a dict, and reads everything again if that
-        # fails: return that dict.
+        # torch's collate calls the class of a mapping with the batch as a dict: return that dict.
         return values[0] if len(values) == 1 and isinstance(values[0], dict) else super().__new__(cls)
 
     def __getitem__(self, name: str) -> Any:

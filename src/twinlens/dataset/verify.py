@@ -8,9 +8,10 @@ import contextlib
 import hashlib
 import itertools
 import json
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -205,17 +206,12 @@ def _sample_folders(folder: Place, known: set[str]) -> Iterator[str]:
         found = {name.rpartition("/")[0] for name in folder.files() if name.rpartition("/")[2] in _SAMPLE_FILES}
         yield from (name for name in found if name and not is_hidden(name))
         return
-    level = [folder]
-    while level:
-        below = []
-        for each in level:
-            with contextlib.suppress(FileNotFoundError):  # removed meanwhile
-                below += [entry for entry in each.iterdir() if entry.is_dir() and not is_hidden(entry.name)]
+    for path, below, files in os.walk(folder, followlinks=True):  # ignores folders that are removed meanwhile
+        name = Path(path).relative_to(folder).as_posix()
         # Most files of a dataset are in known folders: skip those.
-        level = [entry for entry in below if entry.relative_to(folder).as_posix() not in known]
-        for entry in level:
-            if any((entry / file).is_file() for file in _SAMPLE_FILES):
-                yield entry.relative_to(folder).as_posix()
+        below[:] = [each for each in below if name not in known and not is_hidden(each)]
+        if name not in known and path != str(folder) and not {*_SAMPLE_FILES}.isdisjoint(files):
+            yield name
 
 
 def _check_croissant(folder: Place) -> list[str]:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from twinlens import scoring
+from twinlens.camera.film import rgb8
 from twinlens.dataset.files import write_file
 from twinlens.report.colormaps import COLORMAPS, NO_ESTIMATE, NO_TRUTH
 from twinlens.scoring import METRICS, PROTOCOLS, REGIONS, Board, Entry, Groups, Pair, Sample, json_number
@@ -130,7 +131,7 @@ def pack(disp: NDArray[np.floating[Any]], stride: int = 1) -> dict[str, Any]:
 
 def image_uri(image: NDArray[Any], stride: int = 1, quality: int = 82) -> str:
     """An (H, W[, 3]) 8- or 16-bit image as a WebP data URI, averaged over `stride` x `stride` pixels."""
-    picture = Image.fromarray((image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image)
+    picture = Image.fromarray(rgb8(image))
     out = io.BytesIO()
     (picture.reduce(stride) if stride > 1 else picture).save(out, format="WEBP", quality=quality, method=4)
     return "data:image/webp;base64," + base64.b64encode(out.getvalue()).decode("ascii")

@@ -11,8 +11,6 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure as Sheet
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -62,12 +60,9 @@ def draw(figure: Figure, table: Table) -> Sheet:
 def encode(sheet: Sheet, kind: str) -> bytes:
     """The figure as `kind` "png" or "svg", without a date."""
     data = io.BytesIO()
+    metadata = {"Date": None, "Creator": "twinlens"} if kind == "svg" else {"Software": "twinlens"}
     with matplotlib.rc_context(RC_PARAMS):
-        if kind == "svg":
-            FigureCanvasSVG(sheet).print_svg(data, metadata={"Date": None, "Creator": "twinlens"})
-        else:
-            FigureCanvasAgg(sheet)
-            sheet.savefig(data, format="png", dpi=DPI, metadata={"Software": "twinlens"})
+        sheet.savefig(data, format=kind, dpi="figure" if kind == "svg" else DPI, metadata=metadata)
     return data.getvalue()
 
 
