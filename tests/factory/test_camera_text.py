@@ -1,5 +1,7 @@
 """Lenses, apertures, distortions, exposures and sensors from the texts of options."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -175,6 +177,11 @@ def test_exposures(text, exposure):
 
 def test_mismatches():
     assert parse_mismatch("gain=1.1,exposure=1.05,black=-2") == Mismatch(1.1, 1.05, -2.0)
+    assert parse_mismatch("blur_px=0.5,time=2") == Mismatch(time=2.0, blur_px=0.5)
+    drawn = Mismatch.draw("typical", 4)
+    assert parse_mismatch("typical", 4) == drawn
+    assert parse_mismatch("level=typical,seed=4", 5) == drawn
+    assert parse_mismatch("level=typical,blur_px=0", 4) == replace(drawn, blur_px=0.0)
 
 
 @pytest.mark.parametrize(
@@ -211,6 +218,8 @@ def test_sensors(text, sensor):
         (parse_mismatch, "gain=1,gain=2", "each name once"),
         (parse_mismatch, "gian=1", "did you mean 'gain'"),
         (parse_mismatch, "gain=0", "mismatch gain"),
+        (parse_mismatch, "typcal", "did you mean 'typical'"),
+        (parse_mismatch, "level=3", "level: must be one of"),
         (parse_misalignment, "pitch=1", "did you mean 'pitch_deg'"),
         (parse_misalignment, "roll_deg", "NAME=VALUE"),
         (parse_mismatch, "black=inf", "black_level: must be a finite number"),

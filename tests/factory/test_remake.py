@@ -1,6 +1,7 @@
 """A sample made again from nothing but its sample.json."""
 
 import copy
+import dataclasses
 import json
 
 import numpy as np
@@ -116,6 +117,29 @@ def test_a_recipes_sample_is_the_same_bytes_too(tmp_path):
     recipe = read_recipe(write_recipe(tmp_path, text))
     files = sample_files(make(recipe, 1))
     again = remake(json.loads(files["sample.json"]), tl.load_scene(tmp_path / "tiny"))
+    assert sample_files(again) == files
+
+
+def test_a_level_of_mismatch_is_drawn_for_each_sample_and_recorded(tmp_path):
+    """The left image, truth and calibration are those without mismatch; values in the recipe replace drawn ones."""
+    table = 'mismatch = {{ level = "LEVEL", blur_px = 0.25, distortion_px = 0 }}'
+    text = (
+        RECIPE.replace("[sensor]", f"[sensor]\n{table}").replace("{{ choice = [0, 2, 8] }}", "0")
+        + "\n[exposure]\ntime = 0.02\n"
+    )
+    typical, none = (
+        read_recipe(write_recipe(tmp_path / level, text.replace("LEVEL", level))) for level in ("typical", "none")
+    )
+    files, other = (sample_files(make(typical, i)) for i in (1, 2))
+    record, second = (json.loads(each["sample.json"])["record"] for each in (files, other))
+    drawn = Mismatch.draw("typical", record["spec"]["seed"])
+    assert Mismatch(**record["sensor"]["mismatch"]) == dataclasses.replace(drawn, blur_px=0.25, distortion_px=0.0)
+    assert second["sensor"]["mismatch"]["gain"] != drawn.gain
+    plain = sample_files(make(none, 1))
+    for name in ("im0.png", "disp0.pfm", "disp1.pfm", "calib.txt", "truth0.exr", "truth1.exr"):
+        assert files[name] == plain[name], name
+    assert files["im1.png"] != plain["im1.png"]
+    again = remake(json.loads(files["sample.json"]), tl.load_scene(tmp_path / "typical" / "tiny"))
     assert sample_files(again) == files
 
 

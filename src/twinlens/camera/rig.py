@@ -1,11 +1,12 @@
 """Several cameras with poses in one world, the rectified stereo pair, and calibration errors made on purpose."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from twinlens.camera.distortion import BrownConrady
 from twinlens.camera.intrinsics import Camera
 from twinlens.errors import InputError, check_number
 from twinlens.geometry import Float, check_rigid, inverse, rigid, transform_points
@@ -130,6 +131,8 @@ class Misalignment:
     vertical_px : shift of the image down, pixels (added to cy).
     pitch_deg, yaw_deg, roll_deg : rotations of less than 90 degrees about the calibrated x, y and z axes, in this
     order: R = Rz(roll) Ry(yaw) Rx(pitch).
+    focal : factor of the focal length, > 0.
+    k1 : added to the distortion's first radial coefficient.
 
     Raises InputError when a value is out of range.
     """
@@ -138,12 +141,15 @@ class Misalignment:
     pitch_deg: float = 0.0
     yaw_deg: float = 0.0
     roll_deg: float = 0.0
+    focal: float = 1.0
+    k1: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             check_number(name, value, "a finite number")
             if name.endswith("_deg"):
                 check_number(name, value, "between -90 and 90 degrees", above=-90, below=90)
+        check_number("focal", self.focal, "a factor from 0.1 to 10", least=0.1, most=10)
 
     def applied(self, rig: Rig) -> Rig:
         """The pair `rig` with this error of its second camera; `calibrated` is the pair without it."""
@@ -156,7 +162,7 @@ ALIGNED = Misalignment()
 
 
 def misaligned(rig: Rig, errors: Sequence[Misalignment]) -> Rig:
-    """`rig` with one error per camera; its `calibrated` is `rig`. Raises InputError when the counts differ."""
+    """`rig` with one error per camera; its `calibrated` is that of `rig`. Raises InputError when the counts differ."""
     from scipy.spatial.transform import Rotation  # 0.3 s to import
 
     if len(errors) != len(rig):
@@ -165,6 +171,11 @@ def misaligned(rig: Rig, errors: Sequence[Misalignment]) -> Rig:
     for camera, pose, error in zip(rig.cameras, rig.world_from_cams, errors, strict=True):
         angles = (error.pitch_deg, error.yaw_deg, error.roll_deg)
         rotation = rigid(Rotation.from_euler("xyz", angles, degrees=True).as_matrix(), np.zeros(3))
-        cameras.append(camera.replace(cy=camera.cy + error.vertical_px))
+        distortion = camera.distortion
+        if error.k1:
+            distortion = distortion or BrownConrady()
+            distortion = replace(distortion, k1=distortion.k1 + error.k1)
+        fx, fy, cy = camera.fx * error.focal, camera.fy * error.focal, camera.cy + error.vertical_px
+        cameras.append(camera.replace(fx=fx, fy=fy, cy=cy, distortion=distortion))
         poses.append(pose @ rotation)
-    return Rig(cameras, poses, calibrated=rig)
+    return Rig(cameras, poses, calibrated=rig.nominal)

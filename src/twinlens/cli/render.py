@@ -52,7 +52,7 @@ _SECTIONS = {
 @click.option("--sensor", default="machine_vision", show_default=True, help=camera_text.SENSOR_HELP)
 @click.option("--bits", type=click.Choice(["8", "16"]), help="Bits per channel.  [default: 8]")
 @click.option("--exposure", default="auto", metavar="TIME_S[,GAIN]", help=camera_text.EXPOSURE_HELP)
-@click.option("--mismatch", metavar="NAME=VALUE,...", help=camera_text.MISMATCH_HELP)
+@click.option("--mismatch", metavar="LEVEL|NAME=VALUE,...", help=camera_text.MISMATCH_HELP)
 @click.option("--spp", type=click.IntRange(1, 1_000_000), default=16, show_default=True, help="Samples per pixel.")
 @denoise_option
 @noise_option
@@ -79,7 +79,7 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
     if options["bits"] is not None:
         sensor = sensor.replace(bits=int(options["bits"]))
     if options["mismatch"] is not None:
-        sensor = sensor.replace(mismatch=camera_text.parse_mismatch(options["mismatch"]))
+        sensor = sensor.replace(mismatch=camera_text.parse_mismatch(options["mismatch"], options["seed"]))
     names = ("spp", "denoise", "noise", "seed", "sky_disparity", "diffraction")
     how: dict[str, Any] = {name: options[name] for name in names}
     how |= {"keep_radiance": options["radiance"], "exposure": camera_text.parse_exposure(options["exposure"])}
@@ -90,7 +90,7 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
         for scene, rig, lenses in jobs:
             with progress_bar(f"rendering {scene.name}") as report, _warnings_as_lines():
                 how["progress"] = lambda part, report=report: report(part, "")
-                sample = make_sample(scene, rig, lenses, sensor=sensor, **how)
+                sample = make_sample(scene, sensor.mismatch.misalign(rig), lenses, sensor=sensor, **how)
             row = add_sample(output, scene.name, sample, options["seed"], overwrite)
             lines = [camera_text.format_exposure(sample, k, text) for k, text in enumerate(options["lenses"])]
             made.append((row, lines))

@@ -16,7 +16,7 @@ from twinlens.dataset import Sample
 from twinlens.errors import InputError, format_value, located, unknown
 from twinlens.factory import settings
 from twinlens.schema import read
-from twinlens.sensor import PRESETS, Exposure, Mismatch, Sensor
+from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
 
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _FOCUS = rf"(?:@(?P<focus>{_NUMBER}|[-+]?inf))?"
@@ -46,7 +46,10 @@ EXPOSURE_HELP = (
     "TIME_S[,GAIN], such as 1/60 or 0.01,4: one exposure for all lenses, so smaller apertures give darker images.  "
     "[default: automatic for each lens]"
 )
-MISMATCH_HELP = "Differences of the right camera: gain=1.1,exposure=1.05 (factors), black=2 (DN)."
+MISMATCH_HELP = (
+    f"Differences of the right camera: a level ({', '.join(LEVELS)}), drawn with --seed, or values such as "
+    "gain=1.1,exposure=1.05 (factors), black=2 (DN); level=typical,blur_px=0 combines them. Fields: docs/realism.md."
+)
 SENSOR_WIDTH_HELP = (
     f"Width of the sensor in mm, or its format ({', '.join(SENSOR_WIDTHS_MM)}), instead of --pixel-pitch-um."
 )
@@ -54,7 +57,8 @@ SENSOR_HELP = f"{', '.join(PRESETS)}; parameters may be changed: phone:prnu=0.01
 
 _MISALIGNMENT: Any = settings.table_of(Misalignment)
 _SENSOR_PARAMETERS = [field.name for field in fields(Sensor) if field.name != "mismatch"]
-_MISMATCHES = {"gain": "gain", "exposure": "time", "black": "black_level"}
+_MISMATCHES = {field.name: field.name for field in fields(Mismatch)}
+_MISMATCHES |= {"exposure": "time", "black": "black_level", "seed": "seed"}
 
 
 def parse_size(text: str) -> tuple[int, int]:
@@ -146,15 +150,17 @@ def parse_exposure(text: str) -> Exposure | None:
         return Exposure(float(found[1]) / float(found[2] or 1), float(found[3] or 1))
 
 
-def parse_mismatch(text: str) -> Mismatch:
-    """A mismatch in the syntax of MISMATCH_HELP.
+def parse_mismatch(text: str, seed: int = 0) -> Mismatch:
+    """A mismatch in the syntax of MISMATCH_HELP; `seed` draws the values of a level.
 
-    >>> parse_mismatch("exposure=1.05,black=2")
-    Mismatch(gain=1.0, time=1.05, black_level=2.0)
+    >>> parse_mismatch("exposure=1.05,black=2") == Mismatch(time=1.05, black_level=2.0)
+    True
     """
     where = f"--mismatch {text!r}"
+    if text.isidentifier() and text not in _MISMATCHES:
+        text = f"level={text}"
     given = {_MISMATCHES[name]: value for name, value in _pairs(where, text, _MISMATCHES).items()}
-    mismatch: Mismatch = read(settings.MismatchTable, given, where, strict=False)
+    mismatch: Mismatch = read(settings.MismatchTable, {"seed": seed, **given}, where, strict=False)
     return mismatch
 
 
@@ -162,7 +168,7 @@ def parse_misalignment(text: str | None) -> Misalignment:
     """Errors left in a rectification, by name.
 
     >>> parse_misalignment("vertical_px=1.5,roll_deg=0.2")
-    Misalignment(vertical_px=1.5, pitch_deg=0.0, yaw_deg=0.0, roll_deg=0.2)
+    Misalignment(vertical_px=1.5, pitch_deg=0.0, yaw_deg=0.0, roll_deg=0.2, focal=1.0, k1=0.0)
     """
     if text is None:
         return ALIGNED

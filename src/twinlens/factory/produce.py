@@ -13,7 +13,7 @@ from twinlens.factory.gates import Gates, Rejected, check_photographs, check_tru
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
-from twinlens.factory.settings import Settings, View, make_lenses
+from twinlens.factory.settings import Settings, View, make_lenses, with_mismatch_seed
 from twinlens.factory.sources import Sources
 from twinlens.rendering import Progress, check_lens_supported, ground_truth
 from twinlens.scenes import Scene, rig_from_table
@@ -81,7 +81,7 @@ def produce(
     Raises Rejected by a gate, FileError for a file that cannot be read, InputError for an impossible spec.
     """
     sources = sources or Sources()
-    settings = read(Settings, dict(spec.drawn), _FILE)
+    settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), _FILE)
     scene = _scene(spec, settings, sources)
     moved = scene.at(scene.world_from_left @ settings.scene.jitter.pose())
     rig = rig_from_table(settings.rig or scene.rig or {}, moved, settings.width, settings.height, _FILE, "rig")
@@ -91,7 +91,7 @@ def produce(
     view = View(scene, rig.nominal.cameras[0], truths, spec.seed)
     sample = make_sample(
         scene,
-        rig,
+        settings.sensor.mismatch.misalign(rig),
         make_lenses(settings, view, _FILE, sources.file),
         spp=settings.spp,
         denoise=settings.denoise,

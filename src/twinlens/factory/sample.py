@@ -73,7 +73,8 @@ def make_sample(
         pixels, or until `rendering.MAX_SPP`. The record has the ratios of images that are denoised
         or that have such a bound.
     sensor : Sensor, optional
-        Default `Sensor()`. Its `mismatch` makes the cameras differ.
+        Default `Sensor()`. Its `mismatch` makes the cameras differ; for the alignment, give ``mismatch.misalign(rig)``
+        as the rig.
     exposure : Exposure, optional
         One exposure for all lenses, so that a smaller aperture gives a darker image. By default each lens has its own
         automatic exposure, which its cameras share.

@@ -31,7 +31,7 @@ from twinlens.scenes import Scene, rig_from_table
 from twinlens.scenes.placement import rotation
 from twinlens.schema import Fraction, NonNegative, Number, Positive, StrictModel, exactly, read
 from twinlens.seeds import generator
-from twinlens.sensor import PRESETS, Exposure, Mismatch, Sensor
+from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
 
 Step = Annotated[Number, Field(ge=-1e6, le=1e6)]
 Degrees = Annotated[Number, Field(ge=-360, le=360)]
@@ -93,12 +93,19 @@ def table_of(kind: type[Any], /, make: Callable[..., Any] | None = None, **more:
 
 _PRESET = "machine_vision"
 ExposureTable: Any = table_of(Exposure, time=(Positive, ...), gain=(Positive, 1.0))
-MismatchTable: Any = table_of(Mismatch)
+MismatchTable: Any = table_of(
+    Mismatch,
+    make=lambda level="none", seed=0, **given: Mismatch.draw(level, seed, **given),
+    level=(Literal[LEVELS], "none"),
+    seed=(Annotated[int, Field(ge=0)], 0),
+)
+"""The fields of `Mismatch`, of which those not given are drawn at a level."""
+_level = BeforeValidator(lambda value: {"level": value} if isinstance(value, str) else value, str | MismatchTable)
 SensorTable: Any = table_of(
     Sensor,
     make=lambda preset=_PRESET, **changes: Sensor.preset(preset, **changes),
     preset=(Literal[tuple(PRESETS)], _PRESET),
-    mismatch=(MismatchTable, Mismatch()),
+    mismatch=(Annotated[MismatchTable, _level], Mismatch()),
 )
 """A preset, and every field of `Sensor` under its own name, as a Sensor."""
 
@@ -270,6 +277,16 @@ class Settings(StrictModel):
     lenses: Lenses = Field([PinholeTable()])
     sensor: SensorTable = Field(default_factory=Sensor)
     exposure: ExposureTable | None = None
+
+
+def with_mismatch_seed(drawn: Mapping[str, Any], seed: int) -> dict[str, Any]:
+    """The table with a seed in its sensor's mismatch, unless it has one."""
+    sensor = drawn.get("sensor")
+    mismatch = sensor.get("mismatch") if isinstance(sensor, Mapping) else None
+    table = {"level": mismatch} if isinstance(mismatch, str) else mismatch
+    if not isinstance(sensor, Mapping) or not isinstance(table, Mapping):
+        return dict(drawn)
+    return {**drawn, "sensor": {**sensor, "mismatch": {"seed": seed, **table}}}
 
 
 _STAND_IN = Scene("any", (), {}, np.eye(4), (1.0, 10.0))

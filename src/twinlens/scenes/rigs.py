@@ -141,6 +141,8 @@ class CalibrationError(StrictModel):
     pitch_deg: Number = 0.0
     yaw_deg: Number = 0.0
     roll_deg: Number = 0.0
+    focal: Number = 1.0
+    k1: Number = 0.0
 
 
 class RigBase(Viewed):

@@ -1,4 +1,4 @@
-"""Exposure time and gain, automatic exposure, and the exposure differences between the cameras of a rig."""
+"""Exposure time and gain, and automatic exposure."""
 
 import math
 from collections.abc import Sequence
@@ -44,37 +44,6 @@ class Exposure:
         """
         check_number("working_f_number", working_f_number, "a positive number", least=1e-24, most=1e24)
         return math.log2(working_f_number**2 / self.time)
-
-
-@dataclass(frozen=True)
-class Mismatch:
-    """Differences of the other cameras from the first, which the processing of their images does not correct.
-
-    gain, time : factors of the exposure's gain and time, > 0.
-    black_level : added to the black level, DN.
-    """
-
-    gain: float = 1.0
-    time: float = 1.0
-    black_level: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("gain", "time"):
-            allowed = "a positive factor from 0.001 to 1000"
-            check_number(f"mismatch {name}", getattr(self, name), allowed, least=1e-3, most=1e3)
-        allowed = "a finite number of DN, from -1e6 to 1e6"
-        check_number("mismatch black_level", self.black_level, allowed, least=-1e6, most=1e6)
-
-    def applied(self, exposure: Exposure) -> Exposure:
-        """`exposure` with these factors. Raises InputError if the result is out of range.
-
-        >>> Mismatch(time=2.0).applied(Exposure(0.01))
-        Exposure(time=0.02, gain=1.0)
-        """
-        try:
-            return Exposure(exposure.time * self.time, exposure.gain * self.gain)
-        except InputError as error:
-            raise InputError(f"the mismatch makes the exposure invalid: {error}") from error
 
 
 def check_exposure(exposure: Exposure | None) -> None:

@@ -23,7 +23,8 @@ from twinlens.errors import InputError, check_int, check_number, check_triple, f
 from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, check_wavelengths
 from twinlens.seeds import generator
 from twinlens.sensor import light, picture
-from twinlens.sensor.exposure import Exposure, Mismatch, auto_exposure, check_exposure
+from twinlens.sensor.exposure import Exposure, auto_exposure, check_exposure
+from twinlens.sensor.mismatch import Mismatch
 from twinlens.sensor.picture import Image
 from twinlens.sensor.presets import PRESETS
 
@@ -222,7 +223,7 @@ class Sensor:
         mismatch = self.mismatch if eye else Mismatch()
         true = mismatch.applied(nominal)
         black = self.black_level + mismatch.black_level
-        wells = self._wells(image, camera, lens, true.time, seed, eye)
+        wells = self._wells(mismatch.light(image), camera, lens, true.time, seed, eye)
         electrons = wells
         if self.dsnu:
             electrons = electrons + self.dsnu * generator(self.serial, "dsnu", eye).standard_normal(wells.shape)
@@ -246,7 +247,7 @@ class Sensor:
             "saturated_fraction": float(saturated.mean()),
             "mean_electrons": float(electrons.mean()),
         }
-        return Photo(self._develop(numbers), record)
+        return Photo(self._develop(numbers, mismatch), record)
 
     def expose_pair(
         self,
@@ -305,7 +306,7 @@ class Sensor:
         response: Float = np.array(self.quantum_efficiency) * np.array(self.wavelengths)
         return np.asarray(response.max() / response)
 
-    def _develop(self, numbers: NDArray[np.uint16]) -> Image:
+    def _develop(self, numbers: NDArray[np.uint16], mismatch: Mismatch) -> Image:
         if self.output == "raw":
             return numbers.astype(np.uint8) if self.adc_bits == 8 else numbers
         linear = (numbers.astype(np.float64) - self.black_level) / (self.largest_dn - self.black_level)
@@ -314,4 +315,4 @@ class Sensor:
             linear = picture.demosaic(linear * factors, self.filters)
         elif self.filters == "rgb":
             linear = linear * self._balance()
-        return picture.encode(linear, self.output, self.gamma, self.bits)
+        return picture.encode(mismatch.developed(linear), self.output, self.gamma, self.bits)

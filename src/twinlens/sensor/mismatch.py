@@ -1,0 +1,178 @@
+"""Differences between the cameras of a rig: exposure, lens shading, stray light, sharpness, colours and alignment.
+
+The first camera is the reference, without differences; all others have those of one `Mismatch`. A real pair differs in
+both cameras: a `Mismatch` is the difference of the two, and so are its spreads (`sensor.tolerances`).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.camera import ALIGNED, Camera, Misalignment, Rig, misaligned
+from twinlens.errors import InputError, check_number, format_value, unknown
+from twinlens.seeds import generator
+from twinlens.sensor.exposure import Exposure
+from twinlens.sensor.tolerances import LEVELS, SPREADS
+
+Float = NDArray[np.float64]
+
+_MOST = 2.5  # standard deviations of a drawn value
+_RANGES: dict[str, tuple[str, float, float]] = {
+    "gain": ("a positive factor from 0.001 to 1000", 1e-3, 1e3),
+    "time": ("a positive factor from 0.001 to 1000", 1e-3, 1e3),
+    "black_level": ("a finite number of DN, from -1e6 to 1e6", -1e6, 1e6),
+    "f_number": ("a positive factor from 0.1 to 10", 0.1, 10),
+    "shading_right": ("a share from -0.3 to 0.3", -0.3, 0.3),
+    "shading_down": ("a share from -0.3 to 0.3", -0.3, 0.3),
+    "shading_corner": ("a share from -0.3 to 0.4", -0.3, 0.4),
+    "veiling_glare": ("a share from 0 to 1", 0, 1),
+    "stray_light": ("a share from 0 to 1", 0, 1),
+    "stray_direction_deg": ("an angle from -360 to 360 degrees", -360, 360),
+    "blur_px": ("a number of pixels from 0 to 100", 0, 100),
+    "filter_shift": ("a share from -1 to 1", -1, 1),
+    "white_balance_red": ("a positive factor from 0.1 to 10", 0.1, 10),
+    "white_balance_blue": ("a positive factor from 0.1 to 10", 0.1, 10),
+    "tone_exponent": ("a positive number from 0.1 to 10", 0.1, 10),
+} | dict.fromkeys(
+    ("pitch_px", "yaw_px", "roll_px", "scale_px", "distortion_px"), ("a number of pixels from -100 to 100", -100, 100)
+)
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """Differences of the other cameras from the first, which the processing of their images does not correct.
+
+    x and y are -1 to 1 across the image, r^2 is 1 in its corners.
+
+    gain, time : factors of the exposure's gain and time, > 0.
+    black_level : added to the black level, DN.
+    f_number : factor of the f-number; the light changes by its inverse square, the blur circle does not.
+    shading_right, shading_down, shading_corner : a, b, c of the factor 1 + a x + b y - c r^2 of the lens's light.
+    veiling_glare : share g of the light that is spread evenly: (1 - g) L + g mean(L), in each channel.
+    stray_light : share s of the mean light that is added, from 0 in one corner to 2 s mean(L) in the opposite one.
+    stray_direction_deg : where it is strongest: 0 is right, 90 is down.
+    blur_px : standard deviation of an additional Gaussian blur, which conserves light.
+    filter_shift : share of each channel that comes from the channel of the next longer wavelength instead, shorter if
+    negative.
+    white_balance_red, white_balance_blue : factors of the developed red and blue values; not of mono or raw output.
+    tone_exponent : power of the developed values, 0 to 1, before the tone curve; not of raw output.
+    pitch_px, yaw_px : displacement of the image's centre, down and right, by a rotation of the camera.
+    roll_px : displacement of the middle of the right edge, down, by a rotation about the optical axis.
+    scale_px, distortion_px : displacement of the corners outwards, by the focal length and by the third power of the
+    radius.
+    level : that the values were drawn from, for the record.
+
+    The last five are of the rig that takes the images (`misalign`), not of the sensor.
+    """
+
+    gain: float = 1.0
+    time: float = 1.0
+    black_level: float = 0.0
+    f_number: float = 1.0
+    shading_right: float = 0.0
+    shading_down: float = 0.0
+    shading_corner: float = 0.0
+    veiling_glare: float = 0.0
+    stray_light: float = 0.0
+    stray_direction_deg: float = 0.0
+    blur_px: float = 0.0
+    filter_shift: float = 0.0
+    white_balance_red: float = 1.0
+    white_balance_blue: float = 1.0
+    tone_exponent: float = 1.0
+    pitch_px: float = 0.0
+    yaw_px: float = 0.0
+    roll_px: float = 0.0
+    scale_px: float = 0.0
+    distortion_px: float = 0.0
+    level: str = "none"
+
+    def __post_init__(self) -> None:
+        for name, (allowed, least, most) in _RANGES.items():
+            check_number(f"mismatch {name}", getattr(self, name), allowed, least=least, most=most)
+        _check_level(self.level)
+
+    @classmethod
+    def draw(cls, level: str, seed: int, **given: float) -> "Mismatch":
+        """A random mismatch: normal values of the standard deviations in `tolerances`, at most 2.5 of them.
+
+        Fields in `given` are not drawn.
+
+        Each field has its own stream, so that one seed gives the same pair of cameras at every level, more or less far
+        apart.
+
+        >>> Mismatch.draw("typical", 1) == Mismatch.draw("typical", 1), Mismatch.draw("none", 1) == Mismatch()
+        (True, True)
+        """
+        _check_level(level)
+        values: dict[str, Any] = {**given, "level": level}
+        if level == "none":
+            return cls(**values)
+        values.setdefault("stray_direction_deg", float(generator(seed, "mismatch", "direction").uniform(0, 360)))
+        for name, spreads in SPREADS.items():
+            z = float(np.clip(generator(seed, "mismatch", name).standard_normal(), -_MOST, _MOST))
+            off = spreads[LEVELS.index(level) - 1] * (abs(z) if _RANGES[name][1] == 0 else z)
+            values.setdefault(name, vars(cls)[name] + off)
+        return cls(**values)
+
+    def applied(self, exposure: Exposure) -> Exposure:
+        """`exposure` with the factors of time and gain. Raises InputError if the result is out of range.
+
+        >>> Mismatch(time=2.0).applied(Exposure(0.01))
+        Exposure(time=0.02, gain=1.0)
+        """
+        try:
+            return Exposure(exposure.time * self.time, exposure.gain * self.gain)
+        except InputError as error:
+            raise InputError(f"the mismatch makes the exposure invalid: {error}") from error
+
+    def light(self, light: Float) -> Float:
+        """What the sensor receives of the light (H, W, 3) that a lens without differences passes."""
+        x, y = np.linspace(-1, 1, light.shape[1]), np.linspace(-1, 1, light.shape[0])[:, None]
+        if self.shading_right or self.shading_down or self.shading_corner:
+            height, width = light.shape[:2]
+            r2 = ((width * x) ** 2 + (height * y) ** 2) / (width**2 + height**2)
+            field = 1 + self.shading_right * x + self.shading_down * y - self.shading_corner * r2
+            light = light * field[..., None]
+        if self.blur_px:
+            from scipy.ndimage import gaussian_filter  # slow to import
+
+            light = gaussian_filter(light, (self.blur_px, self.blur_px, 0), mode="reflect")
+        if self.veiling_glare or self.stray_light:
+            angle = math.radians(self.stray_direction_deg)
+            across, down = math.cos(angle), math.sin(angle)
+            veil = self.veiling_glare + self.stray_light * (1 + (across * x + down * y) / (abs(across) + abs(down)))
+            light = (1 - self.veiling_glare) * light + veil[..., None] * light.mean(axis=(0, 1))
+        if self.filter_shift:
+            source = light[..., [0, 0, 1]] if self.filter_shift > 0 else light[..., [1, 2, 2]]
+            light = light + abs(self.filter_shift) * (source - light)
+        return light / self.f_number**2
+
+    def developed(self, linear: Float) -> Float:
+        """Developed linear values (H, W, 3) or (H, W), 1 is white, before the tone curve."""
+        if linear.ndim == 3:
+            linear = linear * np.array([self.white_balance_red, 1.0, self.white_balance_blue])
+        return linear if self.tone_exponent == 1 else np.clip(linear, 0.0, 1.0) ** self.tone_exponent
+
+    def misalign(self, rig: Rig) -> Rig:
+        """The rig that takes the images, where the calibration and the truth are those of `rig`."""
+        errors = [ALIGNED, *(self._misalignment(camera) for camera in rig.cameras[1:])]
+        return misaligned(rig, errors) if any(error != ALIGNED for error in errors) else rig
+
+    def _misalignment(self, camera: Camera) -> Misalignment:
+        radius = math.hypot(camera.width / camera.fx, camera.height / camera.fy) / 2  # of the corners
+        return Misalignment(
+            pitch_deg=math.degrees(math.atan(self.pitch_px / camera.fy)),
+            yaw_deg=-math.degrees(math.atan(self.yaw_px / camera.fx)),
+            roll_deg=-math.degrees(math.atan(self.roll_px / (camera.width / 2))),
+            focal=1 + self.scale_px / (camera.fx * radius),
+            k1=self.distortion_px / (camera.fx * radius**3),
+        )
+
+
+def _check_level(level: str) -> None:
+    if level not in LEVELS:
+        raise unknown("mismatch level", level if isinstance(level, str) else format_value(level), LEVELS)

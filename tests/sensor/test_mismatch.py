@@ -1,0 +1,229 @@
+"""Differences between cameras, measured back from exposed flat fields, steps, points and colours."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from twinlens.camera import Camera, Pinhole, Rig, ThinLens
+from twinlens.errors import InputError
+from twinlens.sensor import LEVELS, Exposure, Mismatch, Sensor
+from twinlens.sensor.tolerances import SPREADS
+
+CAMERA = Camera(96, 64, 100.0, 100.0, 47.5, 31.5)
+RIG = Rig.stereo(CAMERA, 0.1)
+QUIET = Sensor.preset("ideal", shot_noise=False, output="linear", bits=16)
+WHITE = np.ones((64, 96, 3))
+
+
+def pair(sensor: Sensor, image, exposure: float = 0.5, lens=Pinhole(), **mismatch) -> tuple[np.ndarray, np.ndarray]:  # noqa: B008
+    """Linear values of both cameras, of which `exposure` is that of a radiance of 1."""
+    rate = sensor.level_rate(WHITE, camera=CAMERA, lens=lens).max()
+    photos = sensor.replace(mismatch=Mismatch(**mismatch)).expose_pair(
+        image, image, rig=RIG, lens=lens, exposure=Exposure(exposure / rate)
+    )
+    left, right = (photo.image.astype(np.float64) / 65535 for photo in photos)
+    return left, right
+
+
+def test_gain_from_a_noisy_flat_field():
+    sensor = Sensor(output="linear", bits=16)
+    left, right = pair(sensor, WHITE, gain=1.07)
+    assert right.mean() / left.mean() == pytest.approx(1.07, rel=0.01)
+
+
+def test_the_f_number_is_that_of_a_narrower_lens():
+    wide = ThinLens(CAMERA.film_distance / 4, 2.0)
+    narrow = wide.replace(aperture_diameter=wide.aperture_diameter / 1.2)
+    exposure = Exposure(0.5 / QUIET.level_rate(WHITE, camera=CAMERA, lens=wide).max())
+    expected = QUIET.expose(WHITE, camera=CAMERA, lens=narrow, exposure=exposure).image.mean()
+    _, right = pair(QUIET, WHITE, lens=wide, f_number=1.2)
+    assert right.mean() * 65535 == pytest.approx(expected, rel=1e-3)
+
+
+def test_shading_from_a_noisy_flat_field():
+    """A least-squares fit of 1, x, y and r^2, with distances in pixels."""
+    left, right = pair(
+        Sensor(output="linear", bits=16), WHITE, shading_right=0.1, shading_down=-0.05, shading_corner=0.2
+    )
+    v, u = np.mgrid[:64, :96]
+    x, y = (u - 47.5).ravel(), (v - 31.5).ravel()
+    ratio = right.mean(axis=-1).ravel() / left.mean()
+    one, across, down, round_ = np.linalg.lstsq(np.stack([x**0, x, y, x**2 + y**2], 1), ratio, rcond=None)[0]
+    assert one == pytest.approx(1, abs=0.02)
+    assert across * 47.5 == pytest.approx(0.1, abs=0.002)
+    assert down * 31.5 == pytest.approx(-0.05, abs=0.002)
+    assert round_ * (47.5**2 + 31.5**2) == pytest.approx(-0.2, abs=0.01)
+
+
+def test_veiling_glare_fills_a_black_half_of_the_image():
+    step = WHITE.copy()
+    step[:, :48] = 0
+    left, right = pair(QUIET, step, veiling_glare=0.06)
+    assert right[:, :48] == pytest.approx(0.5 * 0.03, abs=1e-4)
+    assert right[:, 48:] == pytest.approx(0.5 * 0.97, abs=1e-4)
+    assert right.sum() == pytest.approx(left.sum(), rel=1e-4)
+
+
+@pytest.mark.parametrize(("degrees", "bright"), [(0, (32, 95)), (90, (63, 48)), (180, (32, 0)), (225, (0, 0))])
+def test_stray_light_grows_towards_its_direction(degrees, bright):
+    black = WHITE.copy()
+    black[20:40, 20:40] = 0
+    left, right = pair(QUIET, black, stray_light=0.1, stray_direction_deg=degrees)
+    added = (right - left).mean(axis=-1)
+    light = left.mean()
+    assert added.mean() == pytest.approx(0.1 * light, rel=1e-3)
+    assert added[bright] == pytest.approx(0.2 * light, rel=0.02)
+    assert added[63 - bright[0], 95 - bright[1]] == pytest.approx(0, abs=0.01 * light)
+
+
+def test_blur_has_its_standard_deviation_and_conserves_light():
+    point = np.zeros((64, 96, 3))
+    point[30, 50] = 1
+    left, right = pair(QUIET, point, exposure=0.9, blur_px=1.5)
+    v, u = np.mgrid[:64, :96]
+    light = right[..., 1]
+    assert light.sum() == pytest.approx(left[..., 1].sum(), rel=1e-3)
+    assert (light * (u - 50) ** 2).sum() / light.sum() == pytest.approx(1.5**2, rel=0.02)
+    assert (light * (v - 30) ** 2).sum() / light.sum() == pytest.approx(1.5**2, rel=0.02)
+    corner = np.zeros((64, 96, 3))
+    corner[0, 0] = 1
+    left, right = pair(QUIET, corner, exposure=0.9, blur_px=1.5)
+    assert right.sum() == pytest.approx(left.sum(), rel=1e-3)
+
+
+def test_blur_comes_before_the_noise():
+    _, right = pair(Sensor(output="linear", bits=16), WHITE, blur_px=2.0)
+    noise = right[..., 1] - right[..., 1].mean()
+    assert abs(np.corrcoef(noise[:, 1:].ravel(), noise[:, :-1].ravel())[0, 1]) < 5 / math.sqrt(noise.size)
+
+
+@pytest.mark.parametrize(
+    ("shift", "colour", "expected"),
+    [
+        (0.1, [1, 0, 0], [1, 0.1, 0]), (0.1, [0, 1, 0], [0, 0.9, 0.1]), (0.1, [0, 0, 1], [0, 0, 0.9]),
+        (-0.1, [1, 0, 0], [0.9, 0, 0]), (-0.1, [0, 1, 0], [0.1, 0.9, 0]), (-0.1, [0, 0, 1], [0, 0.1, 1]),
+        (0.3, [1, 1, 1], [1, 1, 1]),
+    ],
+)  # fmt: skip
+def test_shifted_filters_mix_neighbouring_bands(shift, colour, expected):
+    left, right = pair(QUIET, WHITE * colour, filter_shift=shift)
+    assert left[0, 0] == pytest.approx(0.5 * np.array(colour), abs=1e-4)
+    assert right[0, 0] == pytest.approx(0.5 * np.array(expected), abs=1e-4)
+
+
+@pytest.mark.parametrize("filters", ["rgb", "RGGB"])
+def test_white_balance_scales_the_developed_channels(filters):
+    left, right = pair(QUIET.replace(filters=filters), WHITE, white_balance_red=1.1, white_balance_blue=0.8)
+    assert (right / left)[8:-8, 8:-8] == pytest.approx(np.broadcast_to([1.1, 1, 0.8], (48, 80, 3)), abs=1e-3)
+
+
+def test_the_tone_exponent_is_the_slope_of_the_logarithms():
+    ramp = WHITE * np.geomspace(0.05, 1, 96)[:, None]
+    left, right = pair(QUIET, ramp, exposure=0.9, tone_exponent=1.08)
+    slope, at_white = np.polyfit(np.log(left[0, :, 1]), np.log(right[0, :, 1]), 1)
+    assert slope == pytest.approx(1.08, abs=0.001)
+    assert at_white == pytest.approx(0, abs=0.002)
+
+
+def test_raw_and_mono_output_has_no_white_balance():
+    changed = {"white_balance_red": 1.3, "tone_exponent": 1.2}
+    left, right = pair(QUIET.replace(output="raw"), WHITE, **changed)
+    assert np.array_equal(left, right)
+    left, right = pair(QUIET.replace(filters="mono"), WHITE, exposure=0.2, white_balance_red=1.3)
+    assert np.array_equal(left, right)
+
+
+@pytest.mark.parametrize("level", LEVELS[1:])
+def test_the_first_camera_stays_as_it_is(level):
+    v, u = np.mgrid[:64, :96]
+    image = np.stack([1 + np.sin(u / 7), 1 + np.cos(v / 5), 0.2 + u / 96], axis=-1)
+    plain, drawn = (
+        Sensor(mismatch=Mismatch.draw(name, 3)).expose_pair(image, image, rig=RIG, lens=Pinhole(), seed=1)
+        for name in ("none", level)
+    )
+    assert plain[0].image.tobytes() == drawn[0].image.tobytes()
+    assert plain[1].image.tobytes() != drawn[1].image.tobytes()
+    again = Sensor(mismatch=Mismatch.draw(level, 3)).expose_pair(image, image, rig=RIG, lens=Pinhole(), seed=1)
+    assert again[1].image.tobytes() == drawn[1].image.tobytes()
+    assert drawn[1].record["sensor"]["mismatch"]["level"] == level
+
+
+@pytest.mark.parametrize("level", LEVELS[1:])
+def test_draws_have_the_spreads_of_the_table(level):
+    drawn = [vars(Mismatch.draw(level, seed)) for seed in range(600)]
+    neutral = vars(Mismatch())
+    for name, spreads in SPREADS.items():
+        off = np.array([each[name] for each in drawn]) - neutral[name]
+        spread = spreads[LEVELS.index(level) - 1]
+        assert np.sqrt((off**2).mean()) == pytest.approx(spread, rel=0.12), name
+        assert np.abs(off).max() <= 2.5 * spread + 1e-12
+        limited = name in ("veiling_glare", "stray_light", "blur_px")
+        assert (off >= 0).all() if limited else abs(off.mean()) <= 0.2 * spread, name
+    directions = np.array([each["stray_direction_deg"] for each in drawn])
+    assert np.abs(np.histogram(directions, 6, (0, 360))[0] - 100).max() < 45
+
+
+def test_a_seed_gives_the_same_pair_at_every_level():
+    typical, consumer = (vars(Mismatch.draw(level, 8)) for level in ("typical", "consumer"))
+    for name, (_, low, high) in SPREADS.items():
+        neutral = getattr(Mismatch(), name)
+        assert (consumer[name] - neutral) * low == pytest.approx((typical[name] - neutral) * high), name
+
+
+def test_the_center_and_the_corners_move_by_the_given_pixels():
+    """Points far away, projected by the rig that takes the images and by the calibrated one."""
+    rig = Rig.stereo(Camera(700, 500, 800.0, 800.0, 349.5, 249.5), 0.1)
+    pixels = np.array([[349.5, 249.5], [699.5, 249.5], [699.5, 499.5], [-0.5, -0.5], [524.5, 374.5]])
+    points = rig.unproject(1, pixels, np.full(5, 3.0))
+
+    def moved(**mismatch: float) -> np.ndarray:
+        off = Mismatch(**mismatch).misalign(rig)
+        assert off.nominal is rig
+        assert np.array_equal(off.project(0, points), rig.project(0, points))
+        return off.project(1, points) - rig.project(1, points)
+
+    assert moved(pitch_px=0.3)[0] == pytest.approx([0, 0.3], abs=1e-6)
+    assert moved(yaw_px=0.3)[0] == pytest.approx([0.3, 0], abs=1e-6)
+    assert moved(roll_px=0.3)[1] == pytest.approx([0, 0.3], abs=1e-3)
+    out = np.array([350.0, 250.0]) / math.hypot(350, 250)
+    for name, half in (("scale_px", 0.5), ("distortion_px", 0.125)):
+        found = moved(**{name: 0.3})
+        assert found[2:] == pytest.approx(np.array([0.3 * out, -0.3 * out, half * 0.3 * out]), abs=1e-6)
+
+
+def test_a_rig_without_errors_of_alignment_is_returned():
+    assert Mismatch(gain=1.1).misalign(RIG) is RIG
+    three = Rig([CAMERA] * 3, [np.eye(4)] * 3)
+    off = Mismatch(pitch_px=1.0).misalign(three)
+    assert np.array_equal(off.world_from_cams[1], off.world_from_cams[2])
+    twice = Mismatch(yaw_px=1.0).misalign(off)
+    assert twice.nominal is three
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"shading_right": 0.4}, "mismatch shading_right must be a share from -0.3 to 0.3, got 0.4"),
+        ({"blur_px": -1}, "mismatch blur_px must be"),
+        ({"veiling_glare": 1.1}, "mismatch veiling_glare must be"),
+        ({"tone_exponent": math.nan}, "mismatch tone_exponent must be"),
+        ({"roll_px": "a"}, "mismatch roll_px must be"),
+        ({"level": "typcal"}, "unknown mismatch level 'typcal'; did you mean 'typical'"),
+        ({"level": 3}, "unknown mismatch level"),
+    ],
+)
+def test_invalid_mismatches_raise(change, says):
+    with pytest.raises(InputError, match=says):
+        Mismatch(**change)
+    with pytest.raises(InputError, match="did you mean 'consumer'"):
+        Mismatch.draw("consummer", 1)
+
+
+def test_an_edge_is_blurred_as_the_normal_distribution():
+    edge = WHITE.copy()
+    edge[:, :48] = 0
+    _, right = pair(QUIET, edge, exposure=0.9, blur_px=4.0)
+    distance = np.arange(96) - 47.5
+    assert right[32, 20:76, 1] == pytest.approx(0.9 * ndtr(distance[20:76] / 4.0), abs=0.004)
