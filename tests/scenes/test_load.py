@@ -51,14 +51,14 @@ def bundled(request: pytest.FixtureRequest) -> Scene:
 
 
 def test_a_heading_equals_the_scenes_data(bundled: Scene) -> None:
-    (heading,) = (heading for heading in bundled_headings() if heading.name == bundled.name)
+    (heading,) = (heading for heading in bundled_headings() if heading["name"] == bundled.name)
     for field in ("depth_range", "baseline", "description"):
-        assert getattr(heading, field) == getattr(bundled, field)
+        assert heading[field] == getattr(bundled, field)
 
 
 def test_headings_draw_no_texture(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("twinlens.scenes.scene_file.SceneFile", None)
-    assert [heading.name for heading in bundled_headings()] == bundled_scenes()
+    assert [heading["name"] for heading in bundled_headings()] == bundled_scenes()
 
 
 def test_a_bundled_scene_is_described_and_pictured(bundled: Scene) -> None:

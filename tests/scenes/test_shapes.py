@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from twinlens.geometry import rigid
-from twinlens.scenes import Mesh, shapes
+from twinlens.scenes import Bitmap, Mesh, shapes
 from twinlens.scenes.placement import rotation
 
 VESSEL = np.array([[0, 0], [0.5, 0], [0.5, 0], [0.5, 2], [0.5, 2], [0, 2]], dtype=float)
@@ -97,12 +97,12 @@ def test_texture_tiles_are_measured_in_metres() -> None:
 def test_a_height_field_has_the_given_heights_and_slopes() -> None:
     x = np.linspace(-1, 1, 41)
     heights = np.broadcast_to(0.3 * x, (41, 41)).astype(np.float32)  # rises with x, 0.3 a metre
-    mesh = shapes.height_field(np.array([2.0, 2.0]), heights)
+    mesh = shapes.height_field(np.array([2.0, 2.0]), Bitmap(heights))
     np.testing.assert_allclose(mesh.vertices[:, 2], 0.3 * mesh.vertices[:, 0], atol=1e-6)
     np.testing.assert_allclose(mesh.normals, np.broadcast_to([-0.3, 0, 1] / np.sqrt(1.09), (41 * 41, 3)), atol=1e-5)
     top_only = np.zeros((3, 3), np.float32)
     top_only[0] = 1  # the first row is +y
-    assert shapes.height_field(np.array([2.0, 2.0]), top_only).vertices[-1].tolist() == [1, 1, 1]
+    assert shapes.height_field(np.array([2.0, 2.0]), Bitmap(top_only)).vertices[-1].tolist() == [1, 1, 1]
 
 
 def test_bending_keeps_length() -> None:

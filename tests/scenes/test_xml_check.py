@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from twinlens.errors import InputError
-from twinlens.scenes.xml_check import checked_xml
+from twinlens.scenes.xml_file import checked_xml
 
 HARMLESS = """<scene version="3.0.0">
   <default name="spp" value="16"/>

@@ -1,7 +1,5 @@
 """`twinlens scenes`: the bundled scenes."""
 
-from dataclasses import asdict
-
 import click
 
 from twinlens.cli.options import json_option, print_json
@@ -18,9 +16,9 @@ def command(as_json: bool) -> None:
     """
     scenes = bundled_headings()
     if as_json:
-        print_json([asdict(scene) for scene in scenes])
+        print_json(scenes)
         return
-    width = max(len(scene.name) for scene in scenes)
+    width = max(len(scene["name"]) for scene in scenes)
     for scene in scenes:
-        near, far = scene.depth_range
-        click.echo(f"{scene.name:<{width}}  {near:5.2f} to {far:5.2f} m  {scene.description}")
+        near, far = scene["depth_range"]
+        click.echo(f"{scene['name']:<{width}}  {near:5.2f} to {far:5.2f} m  {scene['description']}")

@@ -13,7 +13,6 @@ from twinlens.geometry import Float, rotate, transform_points
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.shared_kernels import aligned
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
-from twinlens.scenes.scene import check_uniform_scale
 
 _INSTANCE = 1 << 10  # Mitsuba 3.9 has no name for this shape type
 _BLOCK_PX = 16
@@ -113,7 +112,6 @@ def _leaf(thing: SceneObject, bsdf: Any, uv_factors: Float | None) -> Any:
         if uv_factors is not None and mesh.uv is not None:
             mesh = replace(mesh, uv=mesh.uv * uv_factors)
         return _mesh(thing.name, mesh, thing.world_from_object, bsdf, emitter)
-    check_uniform_scale(thing)
     own = mi.ScalarTransform4f(thing.shape.get("to_world", np.eye(4)))
     plugin = {**thing.shape, "to_world": mi.ScalarTransform4f(thing.world_from_object) @ own, "bsdf": bsdf}
     if emitter is not None:

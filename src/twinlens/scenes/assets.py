@@ -219,20 +219,15 @@ def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
             raise FileError(f"{path}: a mesh file may have at most {_LARGEST_MESH_FILE >> 20} MiB")
         with path.open("rb") as stream:  # a stream has no folder, so that the file cannot name its neighbours
             loaded = trimesh.load_scene(stream, file_type=path.suffix[1:].lower(), process=False)
-        _check_parts(path, loaded)
+        for part in loaded.geometry.values():  # joining the parts shifts vertex numbers
+            faces = getattr(part, "faces", ())
+            if len(faces) and not 0 <= np.min(faces) <= np.max(faces) < len(part.vertices):
+                raise FileError(f"{path}: a face refers to a vertex outside 0 to {len(part.vertices) - 1}")
+        placed = (loaded.geometry[loaded.graph[node][1]] for node in loaded.graph.nodes_geometry)
+        count = sum(len(getattr(part, "faces", ())) for part in placed)  # one part may be placed many times
+        if count > MOST_FACES:
+            raise FileError(f"{path}: {count} triangles are more than {MOST_FACES}; simplify the mesh")
         made = loaded.to_mesh()
         if not len(made.faces) or not np.isfinite(made.vertices).all():
             raise FileError(f"{path}: has no triangles with finite vertices")
         return shapes.from_trimesh(made, crease_deg)
-
-
-def _check_parts(path: Path, loaded: Any) -> None:
-    """Check before the parts are joined: one part may be placed many times, and joining shifts vertex numbers."""
-    for part in loaded.geometry.values():
-        faces = getattr(part, "faces", ())
-        if len(faces) and not 0 <= np.min(faces) <= np.max(faces) < len(part.vertices):
-            raise FileError(f"{path}: a face refers to a vertex outside 0 to {len(part.vertices) - 1}")
-    placed = (loaded.geometry[loaded.graph[node][1]] for node in loaded.graph.nodes_geometry)
-    count = sum(len(getattr(part, "faces", ())) for part in placed)
-    if count > MOST_FACES:
-        raise FileError(f"{path}: {count} triangles are more than {MOST_FACES}; simplify the mesh")

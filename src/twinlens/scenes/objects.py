@@ -1,7 +1,7 @@
 """Objects of a scene file: a shape with its parameters, a material, a placement, and optionally a light and copies."""
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Annotated, Any
@@ -14,7 +14,7 @@ from twinlens.scenes import shapes
 from twinlens.scenes.assets import MOST_FACES, Asset, read_mesh
 from twinlens.scenes.placement import Copies, CopyGrid, Placement, Scale, Vector2, Vector3
 from twinlens.scenes.plugins import AreaLight
-from twinlens.scenes.scene import Bitmap, Mesh, Plugin, SceneObject, check_uniform_scale
+from twinlens.scenes.scene import Mesh, Plugin, SceneObject
 from twinlens.scenes.texture_tables import TextureMap
 from twinlens.schema import Number, Positive, exactly, number, tagged, variants, whole
 
@@ -37,7 +37,6 @@ class ObjectBase(Placement):
         mesh, pose, given = self.geometry(), self.world_from_object(), self.instances or ()
         copies = given.poses() if isinstance(given, CopyGrid) else tuple(copy.world_from_object() for copy in given)
         thing = SceneObject("", mesh, self.material, pose, self.emitter, copies)
-        check_uniform_scale(thing)
         if copies and self.emitter is not None:
             raise InputError("an object with instances cannot have an emitter; make each light an object")
         if not self.merge:
@@ -80,10 +79,12 @@ class MeshBase(ObjectBase):
         return replace(mesh, uv=mesh.uv * (self.uv_scale or [1.0, 1.0]) + (self.uv_offset or [0.0, 0.0]))
 
     def mesh(self) -> Mesh:
-        """The mesh from the keys that were given, by the function of `_MAKERS`, or else by trimesh's creation."""
+        """The mesh from the keys that were given, by a function of `twinlens.scenes.shapes`, or else by trimesh's."""
         kind = self.shape  # type: ignore[attr-defined]  # every mesh but one of a file has one
         given = self.model_fields_set - MeshBase.model_fields.keys() - {"shape"}
-        return _MAKERS.get(kind, partial(shapes.creation, kind))(**{key: getattr(self, key) for key in given})
+        name = "cylinder" if kind == "solid_cylinder" else kind
+        made: Mesh = getattr(shapes, name, partial(shapes.creation, name))(**{key: getattr(self, key) for key in given})
+        return made
 
     @pydantic.model_validator(mode="after")
     def _check_measures(self) -> "MeshBase":
@@ -137,10 +138,8 @@ MESH_SHAPES: dict[str, dict[str, Any]] = {
     "cone": _ROUND,
     "annulus": {"r_min": Positive, "r_max": Positive, "height": Positive, "sections": _SIDES},
     "torus": {
-        "major_radius": Positive,
-        "minor_radius": Positive,
-        "major_sections": _SIDES,
-        "minor_sections": _SIDES,
+        **dict.fromkeys(("major_radius", "minor_radius"), Positive),
+        **dict.fromkeys(("major_sections", "minor_sections"), _SIDES),
     },
     "lathe": {
         "profile": Annotated[list[Vector2], _POINTS],
@@ -159,21 +158,6 @@ MESH_SHAPES: dict[str, dict[str, Any]] = {
     "bent_sheet": {"extents": Area, "angle_deg": number(0.1, 360), "segments": whole(1, 4096) | None},
 }
 
-
-def _height_field(extents: list[float], height: Bitmap, amplitude: float, grid: list[int] | None = None) -> Mesh:
-    heights = height.pixels if height.pixels.ndim == 2 else height.pixels.mean(axis=2)
-    rows, columns = heights.shape
-    nx, ny = grid or (min(columns, 257), min(rows, 257))
-    picked = heights[np.linspace(0, rows - 1, ny).astype(int)][:, np.linspace(0, columns - 1, nx).astype(int)]
-    return shapes.height_field(np.array(extents), amplitude * picked)
-
-
-_MAKERS: dict[str, Callable[..., Mesh]] = {
-    "solid_cylinder": partial(shapes.creation, "cylinder"),
-    "height_field": _height_field,
-    **{name: getattr(shapes, name) for name in ("box", "rounded_box", "cone", "lathe", "tube", "bent_sheet")},
-}
-"""The functions that make meshes; other shapes are trimesh's."""
 
 _VARIANTS = [*variants(AnalyticBase, "shape", ANALYTIC_SHAPES), *variants(MeshBase, "shape", MESH_SHAPES)]
 _SHAPE_OBJECT = tagged("ShapeObject", "shape", _VARIANTS)

@@ -1,5 +1,6 @@
 """Poses as a scene file gives them: of objects and lights, of an object's copies, and of the left camera."""
 
+import itertools
 import math
 from typing import Annotated, ClassVar
 
@@ -84,17 +85,14 @@ class Pose(StrictModel):
     matrix: Matrix | None = None
 
     placing_keys: ClassVar[tuple[str, ...]] = ("translate", "rotate", "euler_deg", "look_at", "matrix")
-    """The keys of this table that place it; the others belong to what is placed."""
+    """The keys that set the pose; other keys of a table describe the object itself."""
 
     @pydantic.model_validator(mode="after")
     def _check(self) -> "Pose":
         given = [key for key in self.placing_keys if key in self.model_fields_set]
-        turns = [key for key in given if key in ("rotate", "euler_deg", "look_at")]
-        if len(turns) > 1:
-            raise InputError(f"{turns[0]!r} and {turns[1]!r} exclude each other")
-        if self.matrix is not None and len(given) > 1:
-            other = next(key for key in given if key != "matrix")
-            raise InputError(f"'matrix' and {other!r} exclude each other")
+        for one, other in itertools.combinations(given, 2):
+            if "matrix" in (one, other) or {one, other} <= {"rotate", "euler_deg", "look_at"}:
+                raise InputError(f"{one!r} and {other!r} exclude each other")
         self.world_from_object()
         return self
 
@@ -107,7 +105,7 @@ class Pose(StrictModel):
                     "matrix must be 4 rows of 4 with last row 0 0 0 1, invertible and not mirrored (determinant > 0)"
                 )
             return matrix
-        position = np.zeros(3) if self.translate is None else np.array(self.translate)
+        position = np.array(self.translate or [0.0] * 3)
         turn = np.eye(4)
         if self.euler_deg is not None:
             turn = euler_rotation(self.euler_deg)

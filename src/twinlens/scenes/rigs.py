@@ -1,16 +1,6 @@
-"""A rig as a table of a scene file, of a recipe, or of a file of its own. docs/rigs.md shows every key.
+"""A rig as a table of a scene file, of a recipe, or of a file of its own. docs/rigs.md shows every key."""
 
-layout = "toed_in"          # parallel (default), toed_in, vertical, line, grid, arc, cameras
-baseline = 0.2              # default: the scene's
-distance = 2.0
-fov_x_deg = 50              # or fx, fy, cx, cy in pixels; default: the scene's
-sensor_width_mm = 36        # or "APS-C", ...; or pixel_pitch_um
-distortion = { model = "brown-conrady", k1 = -0.1 }
-cameras = [{}, { fx = 710, fy = 705 }]                 # differences, one table for each camera
-misalignment = { vertical_px = 1.5, roll_deg = 0.2 }   # of the second camera, or a list with one for each
-"""
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,7 +10,7 @@ import pydantic
 from twinlens.camera import BrownConrady, Camera, Distortion, KannalaBrandt, Misalignment, Rig, layouts, misaligned
 from twinlens.camera.film import sensor_width_mm
 from twinlens.camera.intrinsics import MAX_SIDE
-from twinlens.errors import InputError
+from twinlens.errors import InputError, located
 from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes.placement import Matrix, Vector3, euler_rotation, view_pose
@@ -153,12 +143,13 @@ class RigBase(Viewed):
 
     def rig(self, scene: Scene, width: int, height: int) -> Rig:
         """The rig in the scene."""
-        count = self._count()
+        shared = {"width": width, "height": height, "fov_x_deg": scene.fov_x_deg} | self.given()
+        places = _placed(self, scene, self.pose(scene.world_from_left)).world_from_cams
+        count = len(places)
         tables = self.cameras or [Intrinsics()] * count
         if len(tables) != count:
             raise InputError(f"cameras: this layout has {count} cameras, got {len(tables)} tables")
-        shared = {"width": width, "height": height, "fov_x_deg": scene.fov_x_deg} | self.given()
-        rig = _placed(self, scene, [table.camera(shared) for table in tables], self.pose(scene.world_from_left))
+        rig = Rig([table.camera(shared) for table in tables], places)
         if self.misalignment is None:
             return rig
         errors = self.misalignment
@@ -170,39 +161,32 @@ class RigBase(Viewed):
             raise InputError(f"misalignment: must be a list of {count} tables, got {len(errors)}")
         return misaligned(rig, [Misalignment(**error.model_dump()) for error in errors])
 
-    def _count(self) -> int:
-        keys = vars(self)
-        if self.layout == "cameras":  # type: ignore[attr-defined]
-            return len(keys["cameras"])
-        count: int = keys["rows"] * keys["columns"] if "rows" in keys else keys.get("count", 2)
-        if count > _MOST_CAMERAS:
-            raise InputError(f"rows and columns make {count} cameras; at most {_MOST_CAMERAS} are allowed")
-        return count
 
-
-def _placed(table: Any, scene: Scene, cameras: Sequence[Camera], pose: Float) -> Rig:
-    """The cameras of a table of any layout, `pose` being world_from_rig; see `twinlens.camera.layouts`."""
-    step = scene.baseline
+def _placed(table: Any, scene: Scene, pose: Float) -> Rig:
+    """A camera at each place of a table's layout, `pose` being world_from_rig; see `twinlens.camera.layouts`."""
+    camera, step = Camera.from_fov(1, 1, 90.0), scene.baseline
     match table.layout:
         case "parallel":
-            return layouts.line(cameras, 2, table.baseline or step, pose)
+            return layouts.line(camera, 2, table.baseline or step, pose)
         case "vertical":
-            return layouts.grid(cameras, 2, 1, table.baseline or step, table.baseline or step, pose)
+            return layouts.grid(camera, 2, 1, table.baseline or step, table.baseline or step, pose)
         case "line":
-            return layouts.line(cameras, table.count, table.spacing or step, pose)
+            return layouts.line(camera, table.count, table.spacing or step, pose)
         case "grid":
+            if (count := table.rows * table.columns) > _MOST_CAMERAS:
+                raise InputError(f"rows and columns make {count} cameras; at most {_MOST_CAMERAS} are allowed")
             across = table.spacing_x or step
-            return layouts.grid(cameras, table.rows, table.columns, across, table.spacing_y or across, pose)
+            return layouts.grid(camera, table.rows, table.columns, across, table.spacing_y or across, pose)
         case "cameras":
-            return Rig(cameras, [one.pose(pose) for one in table.cameras])
+            return Rig([camera] * len(table.cameras), [one.pose(pose) for one in table.cameras])
     key = "distance" if table.layout == "toed_in" else "radius"
     if not (getattr(table, key) or scene.depth_range_known):
         raise InputError(f"missing key {key!r}; the scene has no depth range to derive it from")
     length = getattr(table, key) or middle_focus(*scene.depth_range)
     if table.layout == "arc":
-        return layouts.arc(cameras, table.count, length, table.angle_deg, pose)
+        return layouts.arc(camera, table.count, length, table.angle_deg, pose)
     baseline = table.baseline or step  # the scene's pose is that of a left camera
-    return layouts.toed_in(cameras, baseline, length, pose @ rigid(np.eye(3), [0.5 * baseline, 0.0, 0.0]))
+    return layouts.toed_in(camera, baseline, length, pose @ rigid(np.eye(3), [0.5 * baseline, 0.0, 0.0]))
 
 
 _KEYS: dict[str, dict[str, Any]] = {
@@ -226,14 +210,12 @@ def rig_from_table(
 ) -> Rig:
     """The rig that `table` describes, at the viewpoint of the scene unless the table has one.
 
-    `table` has plain values as TOML has them; the first lines of this module show the keys. The scene's pose, field of
-    view and baseline are the defaults; `width` and `height` in pixels are for cameras whose tables have none. With
-    `misalignment`, the rig's `calibrated` is the one without the calibration errors.
+    `table` has plain values as TOML has them; docs/rigs.md shows the keys. The scene's pose, field of view and baseline
+    are the defaults; `width` and `height` in pixels are for cameras whose tables have none. With `misalignment`, the
+    rig's `calibrated` is the one without the calibration errors.
 
     Raises InputError that names `file`, the key below the dotted path `key`, and what is allowed.
     """
     checked = read(_RIG, table, file, key)
-    try:
+    with located(f"{file}: {key}" if key else str(file)):
         return checked.rig(scene, width, height)
-    except InputError as error:
-        raise InputError(f"{file}: {key}{': ' if key else ''}{error}") from error

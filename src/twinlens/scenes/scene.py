@@ -21,6 +21,8 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float, check_rigid
 
 Plugin = Mapping[str, Any]
+_ROUND = {"sphere": 3, "cylinder": 2}
+"""How many of a shape's axes need the same scale: with another one, Mitsuba only logs a warning and draws it round."""
 
 
 @dataclass(frozen=True)
@@ -100,30 +102,25 @@ class SceneObject:
     emitter: Plugin | None = None
     instances: tuple[Float, ...] = ()
 
-
-_ROUND = {"sphere": 3, "cylinder": 2}
-"""Shapes whose first axes, so many, must be scaled alike: Mitsuba would draw them round and only log a warning."""
-
-
-def check_uniform_scale(thing: SceneObject) -> None:
-    """Raise InputError where a sphere is stretched, or a cylinder other than along its axis from `p0` to `p1`."""
-    shape = thing.shape
-    if isinstance(shape, Mesh) or (kind := shape["type"]) not in _ROUND:
-        return
-    along = np.asarray(shape.get("p1", (0, 0, 1)), float) - np.asarray(shape.get("p0", (0, 0, 0)), float)
-    if not np.isfinite(along).all() or not along.any():
-        raise InputError(f"a {kind} needs p0 and p1 finite and different, got {shape}")
-    own = np.linalg.qr(np.column_stack([along, np.eye(3)]))[0][:, [1, 2, 0]]  # orthonormal, `along` last
-    own = np.asarray(shape.get("to_world", np.eye(4)), float)[:3, :3] @ own
-    for pose in (thing.world_from_object, *thing.instances):
-        axes = np.asarray(pose)[:3, :3] @ own
-        gram = axes.T @ axes
-        stretched = np.diag(gram).copy()
-        stretched[_ROUND[kind] :] = gram[0, 0]
-        if np.abs(gram - np.diag(np.diag(gram))).max() + np.ptp(stretched) > 1e-6 * gram.max():
-            name = f"object {thing.name!r}: " if thing.name else ""
-            may = " (its axis may be longer)" if kind == "cylinder" else ""
-            raise InputError(f"{name}a {kind} needs a uniform scale{may}; use a mesh to stretch it")
+    def __post_init__(self) -> None:
+        """Raise InputError where a sphere is stretched, or a cylinder other than along its axis from `p0` to `p1`."""
+        shape = self.shape
+        if isinstance(shape, Mesh) or (kind := shape.get("type")) not in _ROUND:
+            return
+        along = np.asarray(shape.get("p1", (0, 0, 1)), float) - np.asarray(shape.get("p0", (0, 0, 0)), float)
+        if not np.isfinite(along).all() or not along.any():
+            raise InputError(f"a {kind} needs p0 and p1 finite and different, got {shape}")
+        own = np.linalg.qr(np.column_stack([along, np.eye(3)]))[0][:, [1, 2, 0]]  # orthonormal, `along` last
+        own = np.asarray(shape.get("to_world", np.eye(4)), float)[:3, :3] @ own
+        for pose in (self.world_from_object, *self.instances):
+            axes = np.asarray(pose)[:3, :3] @ own
+            gram = axes.T @ axes
+            stretched = np.diag(gram).copy()
+            stretched[_ROUND[kind] :] = gram[0, 0]
+            if np.abs(gram - np.diag(np.diag(gram))).max() + np.ptp(stretched) > 1e-6 * gram.max():
+                name = f"object {self.name!r}: " if self.name else ""
+                may = " (its axis may be longer)" if kind == "cylinder" else ""
+                raise InputError(f"{name}a {kind} needs a uniform scale{may}; use a mesh to stretch it")
 
 
 @dataclass(frozen=True, eq=False)

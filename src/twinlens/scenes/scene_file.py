@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -113,16 +113,6 @@ def scene_with_rig(scene: Scene, path: Path, table: Mapping[str, Any] | None = N
     return replace(scene, rig=table)
 
 
-@dataclass(frozen=True)
-class Heading:
-    """The line of a scene in a list; depth range and baseline in metres, as those of `Scene`."""
-
-    name: str
-    depth_range: tuple[float, float]
-    baseline: float
-    description: str
-
-
 def bundled_folder() -> Path:
     """The folder of the bundled scenes: inside the installed package, or next to src/ in a checkout."""
     package = Path(__file__).parents[1]
@@ -135,15 +125,18 @@ def bundled_scenes() -> list[str]:
     return sorted(path.parent.name for path in bundled_folder().glob(f"*/{_SCENE_FILE}"))
 
 
-def bundled_headings() -> list[Heading]:
-    """The headings of the bundled scenes, sorted by name, read without textures and objects (a second a scene)."""
+def bundled_headings() -> list[dict[str, Any]]:
+    """The name, depth_range, baseline and description of each bundled scene, sorted by name.
+
+    Textures and objects, which take a second per scene, are not read.
+    """
     headings = []
     for name in bundled_scenes():
         path = bundled_folder() / name / _SCENE_FILE
         data = read_toml(path)
-        camera = read(ViewTable, data.get("camera", {}), path, "camera")
-        near, far = camera.depth_range
-        headings.append(Heading(name, (near, far), camera.baseline, str(data.get("description", ""))))
+        view = read(ViewTable, data["camera"], path, "camera")
+        heading = {"name": name, "depth_range": tuple(view.depth_range), "baseline": view.baseline}
+        headings.append(heading | {"description": data["description"]})
     return headings
 
 
@@ -155,8 +148,8 @@ def load_scene(name_or_path: str | Path) -> Scene:
     if path.is_dir():
         path = path / _SCENE_FILE
         if not path.is_file():
-            names = ", ".join(known)
-            raise FileError(f"{path.parent}: the folder has no {_SCENE_FILE}; name a scene file, or one of {names}")
+            remedy = f"name a scene file, or one of {', '.join(known)}"
+            raise FileError(f"{path.parent}: the folder has no {_SCENE_FILE}; {remedy}")
     if path.suffix in (".toml", ".xml"):
         if not path.is_file():
             raise FileError(f"{path}: no such scene file")

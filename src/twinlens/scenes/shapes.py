@@ -5,60 +5,56 @@ boxes and cones of few sides are flat.
 """
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.geometry import Float, transform_points
-from twinlens.scenes.scene import Mesh
+from twinlens.scenes.scene import Bitmap, Mesh
 
 Faces = NDArray[np.uint32]
+Place = Callable[[Float, int], tuple[Float, Float]]
+"""Points and normals (N, 3) from points (N, 3) on a side of a cube, and the axis that is normal to the side."""
+
 _ROUND_FROM = 16
-_AXES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # an axis and the two axes of the faces normal to it, right-handed
 
 
 def box(extents: Float, tile: float | None = None) -> Mesh:
     """A box; (u, v) span [0, 1]^2 on each face, or repeat every `tile` metres."""
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
-    sides = []
-    for axis, a, b in _AXES:
-        for side in (-0.5, 0.5):
-            vertices = np.zeros((4, 3))
-            vertices[:, axis] = side
-            vertices[:, a], vertices[:, b] = corners.T
-            normals = np.zeros((4, 3))
-            normals[:, axis] = 2 * side
-            quad = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
-            faces = quad if side > 0 else quad[:, ::-1]
-            sides.append(Mesh(vertices * extents, faces, normals, _face_uv(vertices * extents, axis, extents, tile)))
-    return merged(sides)
-
-
-def _face_uv(points: Float, axis: int, extents: Float, tile: float | None) -> Float:
-    """(u, v) on the faces normal to one axis; v is along z on vertical faces."""
-    a, b = ((1, 2), (0, 2), (0, 1))[axis]
-    plane = points[:, [a, b]] + np.asarray(extents)[[a, b]] / 2
-    return plane / (np.asarray(extents)[[a, b]] if tile is None else tile)
+    u, v = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]]).T
+    own = np.eye(3, dtype=bool)
+    faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
+    return _six_sides(u, v, faces, lambda cube, axis: (cube / 2 * extents, np.where(own[axis], cube, 0)), extents, tile)
 
 
 def rounded_box(extents: Float, radius: float, subdivisions: int = 6, tile: float | None = None) -> Mesh:
     """A box with edges and corners rounded by `radius` metres (<= half the shortest side); (u, v) as for `box`."""
-    half = np.asarray(extents) / 2
     line = np.concatenate([-1 - np.linspace(1, 0, subdivisions + 1), 1 + np.linspace(0, 1, subdivisions + 1)])
-    n = len(line)
+    v, u = (each.ravel() for each in np.meshgrid(line, line, indexing="ij"))
+
+    def place(cube: Float, axis: int) -> tuple[Float, Float]:
+        inner = np.clip(cube, -1, 1)
+        away = np.tan((cube - inner) * (math.pi / 4))  # even steps of angle, not of length
+        normals = away / np.linalg.norm(away, axis=-1, keepdims=True)
+        return inner * (np.asarray(extents) / 2 - radius) + radius * normals, normals
+
+    return _six_sides(u, v, grid(len(line), len(line)), place, extents, tile)
+
+
+def _six_sides(u: Float, v: Float, faces: Faces, place: Place, extents: Float, tile: float | None) -> Mesh:
+    """A box whose sides are the mesh `faces` with vertices at u, v (N,) on a side of a cube, moved by `place`."""
     sides = []
-    for axis, a, b in _AXES:
-        for side in (-2.0, 2.0):
-            cube = np.empty((n, n, 3))
-            cube[..., axis] = side
-            cube[..., a], cube[..., b] = line[None, :], line[:, None]
-            inner = np.clip(cube, -1, 1)
-            away = np.tan((cube - inner) * (math.pi / 4))  # even steps of angle, not of length
-            normals = (away / np.linalg.norm(away, axis=-1, keepdims=True)).reshape(-1, 3)
-            points = inner.reshape(-1, 3) * (half - radius) + radius * normals
-            faces = grid(n, n) if side > 0 else grid(n, n)[:, ::-1]
-            sides.append(Mesh(points, faces, normals, _face_uv(points, axis, extents, tile)))
+    for axis, a, b in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # right-handed
+        across = [i for i in range(3) if i != axis]  # v is along z on vertical sides
+        size = np.asarray(extents)[across]
+        for end in (-u.max(), u.max()):
+            cube = np.empty((len(u), 3))
+            cube[:, axis], cube[:, a], cube[:, b] = end, u, v
+            points, normals = place(cube, axis)
+            uv = (points[:, across] + size / 2) / (size if tile is None else tile)
+            sides.append(Mesh(points, faces if end > 0 else faces[:, ::-1], normals, uv))
     return merged(sides)
 
 
@@ -106,14 +102,11 @@ def merged(parts: list[Mesh]) -> Mesh:
     """Several meshes as one; normals and (u, v) are kept if all have them."""
     starts = np.cumsum([0] + [len(part.vertices) for part in parts])
     faces = np.concatenate([part.faces + np.uint32(start) for part, start in zip(parts, starts, strict=False)])
-    normals = [part.normals for part in parts if part.normals is not None]
-    uvs = [part.uv for part in parts if part.uv is not None]
-    return Mesh(
-        np.concatenate([part.vertices for part in parts]),
-        faces,
-        np.concatenate(normals) if len(normals) == len(parts) else None,
-        np.concatenate(uvs) if len(uvs) == len(parts) else None,
-    )
+    arrays: dict[str, Any] = {}
+    for name in ("vertices", "normals", "uv"):
+        each = [getattr(part, name) for part in parts]
+        arrays[name] = None if any(values is None for values in each) else np.concatenate(each)
+    return Mesh(faces=faces, **arrays)
 
 
 def transformed(mesh: Mesh, b_from_a: Float) -> Mesh:
@@ -152,12 +145,18 @@ def tube(points: Float, radius: Float, sides: int = 16, smooth: bool = True, clo
     return _sheet(centre[:, None] + radii[:, None, None] * around, around, uv)
 
 
-def height_field(extents: Float, heights: NDArray[np.float32]) -> Mesh:
-    """A sheet of `extents` = (x, y) metres with vertices at z = `heights` (rows from +y to -y), smooth normals."""
+def height_field(extents: Float, height: Bitmap, amplitude: float = 1.0, grid: list[int] | None = None) -> Mesh:
+    """A smooth sheet of `extents` = (x, y) metres with vertices at z = amplitude * height, rows from +y to -y.
+
+    `grid` is the number of vertices along x and y, by default one per texel up to 257.
+    """
+    heights = height.pixels if height.pixels.ndim == 2 else height.pixels.mean(axis=2)
     rows, columns = heights.shape
-    x = np.linspace(-0.5, 0.5, columns) * extents[0]
-    y = np.linspace(-0.5, 0.5, rows) * extents[1]
-    z = heights[::-1].astype(np.float64)
+    nx, ny = grid or (min(columns, 257), min(rows, 257))
+    picked = heights[np.linspace(0, rows - 1, ny).astype(int)][:, np.linspace(0, columns - 1, nx).astype(int)]
+    x = np.linspace(-0.5, 0.5, nx) * extents[0]
+    y = np.linspace(-0.5, 0.5, ny) * extents[1]
+    z = (amplitude * picked)[::-1].astype(np.float64)
     slope_y, slope_x = np.gradient(z, y, x)
     normals = np.stack([-slope_x, -slope_y, np.ones_like(z)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -211,12 +210,17 @@ def from_trimesh(made: Any, crease_deg: float = 30.0) -> Mesh:
     return Mesh(corner, unrolled, None if normals is None else normals[faces].reshape(-1, 3), np.column_stack([u, v]))
 
 
+def face_cross(vertices: Float, faces: NDArray[Any]) -> Float:
+    """Face normals (F, 3), twice as long as the triangles' areas."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return np.asarray(np.cross(b - a, c - a))
+
+
 def _sheet(vertices: Float, normals: Float, uv: Float) -> Mesh:
     """A grid of vertices (rows, columns, 3) as a Mesh, without degenerate triangles at poles."""
     rows, columns = vertices.shape[:2]
     points, faces = vertices.reshape(-1, 3), grid(columns, rows)
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    area = np.linalg.norm(face_cross(points, faces), axis=1)
     size = np.ptp(points, axis=0).max()
     return Mesh(points, faces[area > 1e-12 * size**2], normals.reshape(-1, 3), uv.reshape(-1, 2))
 

@@ -5,7 +5,7 @@ may be a colour may be a texture table or the name of an entry of [textures] ins
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -100,13 +100,10 @@ class TextureBase(StrictModel):
             raise InputError(f"textures may be nested {_DEEPEST} deep; these are nested deeper or refer to each other")
         width, height = self.size or size
         pixels = self._draw((width, height), named, depth)
-        return self._colored(pixels if self.warp is None else self.warp.apply(pixels))
+        return pixels if self.warp is None else self.warp.apply(pixels)
 
     def _draw(self, size: tuple[int, int], named: Mapping[str, "TextureBase"], depth: int) -> Image:
         raise NotImplementedError
-
-    def _colored(self, pixels: Image) -> Image:
-        return pixels
 
 
 class Pattern(TextureBase):
@@ -125,10 +122,10 @@ class Pattern(TextureBase):
     def _draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Image:
         kind = self.type  # type: ignore[attr-defined]  # every pattern has one
         own = self.model_fields_set - Pattern.model_fields.keys() - {"type"}
-        pixels: Image = getattr(textures, kind)(*size, seed=self.seed, **{key: getattr(self, key) for key in own})
-        return pixels
+        return np.asarray(getattr(textures, kind)(*size, seed=self.seed, **{key: getattr(self, key) for key in own}))
 
-    def _colored(self, pixels: Image) -> Image:
+    def draw(self, size: tuple[int, int], named: Mapping[str, TextureBase], depth: int) -> Image:
+        pixels = super().draw(size, named, depth)
         if self.colors is None:
             low, high = self.range or (0.0, 1.0)
             return np.asarray(low + (high - low) * pixels, dtype=np.float32)
@@ -193,18 +190,12 @@ class Multiply(TextureBase):
 
 
 _TEXTURE = tagged("Texture", "type", [*variants(Pattern, "type", PATTERNS), Picture, Mix, Multiply])
-
-
 _COLOR_OR_TEXTURE: Any = TypeAliasType("ColorOrTexture", _TEXTURE | ColorText)
-
-
-def _read_table(value: Any, info: Any) -> TextureBase:
-    return _ADAPTER.validate_python(value, context=info.context)
 
 
 def _read_part(value: Any, info: Any) -> Any:
     if isinstance(value, Mapping):
-        return _read_table(value, info)
+        return _ADAPTER.validate_python(value, context=info.context)
     return value if is_texture(value) else read_color(value)
 
 
@@ -212,7 +203,12 @@ Part = Annotated[Any, pydantic.PlainValidator(_read_part, json_schema_input_type
 Mix.model_rebuild()
 Multiply.model_rebuild()
 _ADAPTER: pydantic.TypeAdapter[TextureBase] = pydantic.TypeAdapter(_TEXTURE)
-Texture = Annotated[TextureBase, pydantic.PlainValidator(_read_table, json_schema_input_type=_TEXTURE)]
+Texture = Annotated[
+    TextureBase,
+    pydantic.PlainValidator(
+        lambda value, info: _ADAPTER.validate_python(value, context=info.context), json_schema_input_type=_TEXTURE
+    ),
+]
 """A table of [textures]."""
 
 
@@ -238,37 +234,33 @@ def _named(name: str, named: Mapping[str, TextureBase]) -> TextureBase:
 def read_texture(value: Any, info: Any) -> Bitmap:
     """A texture table, or the name of an entry of [textures], as a Bitmap."""
     named = info.context.textures
-    return (_named(value, named) if isinstance(value, str) else _read_table(value, info)).bitmap(named)
+    table = _named(value, named) if isinstance(value, str) else _ADAPTER.validate_python(value, context=info.context)
+    return table.bitmap(named)
+
+
+def _or_texture(plain: Callable[[Any], Any], schema: Any, low: float, high: float) -> Any:
+    """The type of what `plain` reads, or of a texture; values must lie in [low, high]."""
+
+    def read(value: Any, info: Any) -> Any:
+        result = read_texture(value, info) if is_texture(value) else plain(value)
+        values = np.array(getattr(result, "pixels", getattr(result, "rgb", result)))
+        for extreme in (values.max(), values.min()):
+            if not low - 1e-6 <= extreme <= high + 1e-6:
+                raise InputError(f"must lie in [{low:g}, {high:g}], got {extreme:g}")
+        return result
+
+    return Annotated[Any, pydantic.PlainValidator(read, json_schema_input_type=schema)]
 
 
 def spectrum(limit: float) -> Any:
     """The type of a colour or a texture that is nowhere above `limit`."""
-
-    def read(value: Any, info: Any) -> Color | Bitmap:
-        result = read_texture(value, info) if is_texture(value) else read_color(value)
-        highest = result.pixels.max() if isinstance(result, Bitmap) else max(result.rgb)
-        if highest > limit + 1e-6:
-            raise InputError(f"must lie in [0, {limit:g}], got {float(highest):g}")
-        return result
-
-    return Annotated[Any, pydantic.PlainValidator(read, json_schema_input_type=_COLOR_OR_TEXTURE)]
+    return _or_texture(read_color, _COLOR_OR_TEXTURE, 0.0, limit)
 
 
 def number_or_texture(low: float, high: float) -> Any:
     """The type of a number in [low, high], or of a texture whose values are."""
     kind = number(low, high)
-    adapter: pydantic.TypeAdapter[float] = pydantic.TypeAdapter(kind, config=_STRICT)
-
-    def read(value: Any, info: Any) -> float | Bitmap:
-        if not is_texture(value):
-            return adapter.validate_python(value)
-        result = read_texture(value, info)
-        lowest, highest = result.pixels.min(), result.pixels.max()
-        if not low <= lowest <= highest <= high:
-            raise InputError(f"must lie in [{low:g}, {high:g}], got {lowest:g} to {highest:g}")
-        return result
-
-    return Annotated[Any, pydantic.PlainValidator(read, json_schema_input_type=_TEXTURE | str | kind)]
+    return _or_texture(pydantic.TypeAdapter(kind, config=_STRICT).validate_python, _TEXTURE | str | kind, low, high)
 
 
 TextureMap = Annotated[Bitmap, pydantic.PlainValidator(read_texture, json_schema_input_type=_TEXTURE | str)]

@@ -15,6 +15,8 @@ from twinlens.geometry import Float
 
 Image = NDArray[np.float32]
 _SUPERSAMPLES = 4
+_SMOOTH_VARIANCE = 0.05116252195061102
+"""Variance of smooth value noise: (mean of w^2 + (1 - w)^2)^2 / 12, w being the quintic weight over a cell."""
 
 
 def value_noise(width: int, height: int, cells: tuple[int, int], seed: int, interpolation: str = "smooth") -> Image:
@@ -27,15 +29,6 @@ def value_noise(width: int, height: int, cells: tuple[int, int], seed: int, inte
     return _interpolated(_interpolated(lattice, height, 0, interpolation), width, 1, interpolation)
 
 
-def _fade(t: Any) -> Any:
-    return t**3 * (t * (6 * t - 15) + 10)
-
-
-_WEIGHTS = _fade((np.arange(256) + 0.5) / 256)
-_SMOOTH_VARIANCE = float((_WEIGHTS**2 + (1 - _WEIGHTS) ** 2).mean()) ** 2 / 12
-"""Variance of smooth value noise: 1/12 times the mean sum of squared weights along both axes."""
-
-
 def _interpolated(values: Image, size: int, axis: int, interpolation: str) -> Image:
     """Periodic values interpolated at the centres of `size` texels along one axis."""
     cells = values.shape[axis]
@@ -44,7 +37,8 @@ def _interpolated(values: Image, size: int, axis: int, interpolation: str) -> Im
     here: Image = np.take(values, index % cells, axis)
     if interpolation == "nearest":
         return here
-    fade = _fade((position - index).astype(np.float32))
+    t = (position - index).astype(np.float32)
+    fade = t**3 * (t * (6 * t - 15) + 10)
     step = np.take(values, (index + 1) % cells, axis)
     step -= here
     step *= fade if axis == 1 else fade[:, None]

@@ -1,33 +1,76 @@
-"""Reads a Mitsuba .xml as a `Scene` whose default view is that of the file's first sensor.
+"""Reads a Mitsuba .xml as a `Scene`, after checking that nothing in it can run code or open a file outside its folder.
 
-Only the sensor is interpreted here; Mitsuba loads the checked file itself. `depth_range` is the sensor's near_clip and
-far_clip. If one of them is missing, Mitsuba's default (0.01 or 10000 m) is used and `depth_range_known` is false.
+Mitsuba opens a shared library for a plugin type that it does not know, follows ``include`` and ``path``, reads any file
+that a string names, and substitutes ``$`` parameters in every attribute. So every element, plugin type and file name
+must be a known one, and document types and entities are rejected. Mitsuba loads the checked file itself; only the first
+sensor is interpreted here, as the default view.
 """
 
 import math
+import re
 from pathlib import Path
-from xml.etree.ElementTree import Element
+from typing import Any
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
 
 import numpy as np
 
-from twinlens.errors import InputError
+from twinlens.errors import FileError, InputError, located, unknown
 from twinlens.geometry import Float, check_rigid, look_at
+from twinlens.scenes.assets import SceneContext, decode_picture, find_asset, read_limited, read_sky
+from twinlens.scenes.objects import ANALYTIC_SHAPES
 from twinlens.scenes.placement import rotation, translation
+from twinlens.scenes.plugins import AREA_LIGHTS, CONDUCTORS, INTEGRATORS, LIGHTS, MATERIALS
 from twinlens.scenes.scene import Scene
-from twinlens.scenes.xml_check import checked_xml
 
+PLUGINS: dict[str, set[str]] = {
+    "bsdf": {*MATERIALS, "pplastic", "measured"},
+    "emitter": {*LIGHTS, *AREA_LIGHTS, "projector"},
+    "shape": {*ANALYTIC_SHAPES, "obj", "ply", "serialized", "shapegroup", "instance", "bsplinecurve", "linearcurve"},
+    "sensor": {"perspective", "thinlens"},
+    "film": {"hdrfilm"},
+    "sampler": {"independent", "stratified", "multijitter", "orthogonal", "ldsampler"},
+    "rfilter": {"box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos"},
+    "integrator": {*INTEGRATORS, "volpath", "volpathmis"},
+    "texture": {"bitmap", "checkerboard", "mesh_attribute"},
+    "spectrum": {"uniform", "regular", "irregular", "srgb", "d65", "blackbody", "rawconstant"},
+    "medium": {"homogeneous", "heterogeneous"},
+    "volume": {"constvolume", "gridvolume"},
+    "phase": {"isotropic", "hg", "rayleigh"},
+}
+VALUES = {"boolean", "integer", "float", "string", "rgb", "vector", "point", "ref", "alias", "default"}
+TRANSFORMS = {"transform", "translate", "rotate", "scale", "lookat", "matrix"}
+_NUMERIC_TAGS = {"boolean", "integer", "float", "rgb", "vector", "point", *TRANSFORMS}
+_NUMERIC_ATTRIBUTES = {"value", "x", "y", "z", "angle", "origin", "target", "up"}
+_DEEPEST = 200  # elements inside one another
+_FILE_PARAMETER = re.compile(r"file|path", re.IGNORECASE)
+_NUMBERS = re.compile(r"[\d.eE+\-,:\s]*")
+_LOOKS_LIKE_PATH = re.compile(r"[/\\]|^\.|\.[A-Za-z]\w{1,7}$")
+
+
+_PICTURES: dict[tuple[str, str | None], Any] = {("emitter", "envmap"): read_sky, ("texture", "bitmap"): decode_picture}
 _MITSUBA_FROM_OPENCV = np.diag([-1.0, -1.0, 1.0, 1.0])
 _FRAME_35MM = (36.0, 24.0)
 
 
 def read_scene_xml(path: Path) -> Scene:
-    """The scene of a Mitsuba file. Raises InputError if the file is rejected or has no supported sensor."""
+    """The scene of a Mitsuba file. Raises InputError if the file is rejected or has no supported sensor.
+
+    `depth_range` is the sensor's near_clip and far_clip. If one of them is missing, Mitsuba's default (0.01 or 10000 m)
+    is used and `depth_range_known` is false.
+    """
     root, assets = checked_xml(path)
     sensor = root.find("sensor")
     if sensor is None:
         raise InputError(f"{path}: has no <sensor>; add one (perspective or thinlens) for the pose of the left camera")
     try:
-        pose, fov = _pose(sensor), _fov_x_deg(sensor)
+        transforms = (each for each in sensor.findall("transform") if each.get("name") in ("to_world", "toWorld"))
+        to_world = np.eye(4)
+        for step in next(transforms, ()):
+            to_world = _step(step) @ to_world
+        if not np.linalg.det(to_world[:3, :3]) > 0:
+            raise InputError("to_world is mirrored or singular; a camera needs a rotation")
+        pose, fov = check_rigid(to_world @ _MITSUBA_FROM_OPENCV, "to_world"), _fov_x_deg(sensor)
         clips = [(_value(sensor, name), default) for name, default in (("near_clip", 1e-2), ("far_clip", 1e4))]
         near, far = (default if text is None else _floats(text, 1)[0] for text, default in clips)
     except InputError as error:
@@ -44,6 +87,77 @@ def read_scene_xml(path: Path) -> Scene:
         xml=path.resolve(),
         files=(path, *assets),
     )
+
+
+def checked_xml(path: Path) -> tuple[Element, list[Path]]:
+    """The root element of a harmless Mitsuba file, and the files it names; InputError for anything else."""
+    context = SceneContext(path.resolve().parent)  # Mitsuba resolves names from the file's folder, not a link's
+    builder = TreeBuilder()
+    parser = expat.ParserCreate()
+
+    def refuse(*_: Any) -> None:
+        raise FileError(f"{path}: line {parser.CurrentLineNumber}: a scene needs no <!DOCTYPE> or <!ENTITY>; remove it")
+
+    parser.StartDoctypeDeclHandler = refuse
+    parser.EntityDeclHandler = refuse
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+    try:
+        parser.Parse(read_limited(path, 64 << 20), True)
+    except expat.ExpatError as error:
+        raise FileError(f"{path}: not well-formed XML: {error}") from error
+    root = builder.close()
+    if root.tag != "scene":
+        raise InputError(f"{path}: a Mitsuba file starts with <scene>, got <{root.tag}>")
+    elements = [("scene", root, 0)]
+    while elements:
+        where, element, depth = elements.pop()
+        if depth > _DEEPEST:
+            raise InputError(f"{path}: scene: elements are nested more than {_DEEPEST} deep")
+        with located(f"{path}: {where}"):
+            _check_element(element, context)
+        elements += [(f"{where}.{child.tag}", child, depth + 1) for child in reversed(element)]
+    return root, list(dict.fromkeys(context.files))
+
+
+def _check_element(element: Element, context: SceneContext) -> None:
+    tag, kind = element.tag, element.get("type")
+    if tag not in PLUGINS.keys() | VALUES | TRANSFORMS | {"scene"}:
+        raise unknown("element", tag, PLUGINS.keys() | VALUES | TRANSFORMS)
+    for key, text in element.attrib.items():
+        if "$" in text and not (tag in _NUMERIC_TAGS and key in _NUMERIC_ATTRIBUTES):
+            raise InputError(f"{key}={text!r}: write the {key} itself; $ parameters may replace numbers only")
+    if tag in PLUGINS and not (tag == "spectrum" and kind is None):
+        if kind not in PLUGINS[tag]:
+            raise unknown(f"{tag} type", str(kind), PLUGINS[tag])
+    elif kind is not None:
+        raise InputError(f"<{tag}> takes no type")
+    if check_picture := _PICTURES.get((tag, kind)):
+        for file in element.iterfind("string[@name='filename']"):
+            check_picture(find_asset(file.get("value", ""), context))
+    value = element.get("value", "")
+    if tag == "default":
+        _check_no_path(value, context)
+    if tag == "spectrum" and "filename" in element.attrib:
+        find_asset(element.attrib["filename"], context)
+    if tag == "spectrum" and not _NUMBERS.fullmatch(value):
+        raise InputError(f"{value!r}: write the spectrum's numbers, as 400:1.0, 700:1.5")
+    name = element.get("name", "")
+    if tag == "string" and _FILE_PARAMETER.search(name):
+        find_asset(value, context)
+    elif tag == "string" and name == "material":
+        if value not in CONDUCTORS:
+            raise unknown("conductor", value, CONDUCTORS)
+    elif tag == "string":
+        _check_no_path(value, context)
+
+
+def _check_no_path(value: str, context: SceneContext) -> None:
+    if _LOOKS_LIKE_PATH.search(value):
+        raise InputError(f"{value!r} looks like a file name, which is not allowed here")
+    if 0 < len(value.encode()) < 256 and (context.folder / value).is_symlink():
+        find_asset(value, context)  # if a plugin reads it nevertheless, it must be below the folder
 
 
 def _floats(text: str, count: int) -> list[float]:
@@ -82,17 +196,6 @@ def _fov_x_deg(sensor: Element) -> float:
     if axis not in sides or not 0 < angle < math.pi:
         raise InputError(f"fov must lie between 0 and 180 degrees along {', '.join(sides)}, got {fov} {axis}")
     return math.degrees(2 * math.atan(math.tan(angle / 2) * width / sides[axis]))
-
-
-def _pose(sensor: Element) -> Float:
-    """world_from_left from the sensor's to_world, whose steps are applied in order."""
-    transform = next((t for t in sensor.findall("transform") if t.get("name") in ("to_world", "toWorld")), None)
-    to_world = np.eye(4)
-    for step in transform if transform is not None else ():
-        to_world = _step(step) @ to_world
-    if not np.linalg.det(to_world[:3, :3]) > 0:
-        raise InputError("to_world is mirrored or singular; a camera needs a rotation")
-    return check_rigid(to_world @ _MITSUBA_FROM_OPENCV, "to_world")
 
 
 def _step(step: Element) -> Float:
