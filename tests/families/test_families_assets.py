@@ -51,7 +51,7 @@ def test_memory_does_not_grow_with_the_folder(tmp_path):
 def test_meshes_are_scaled_to_extent_one(folder):
     assets = Assets.from_folders(meshes=[folder])
     rng = np.random.default_rng(1)
-    drawn = dict(assets.mesh(rng) for _ in range(30))
+    drawn = dict(assets.draw("meshes", rng) for _ in range(30))
     assert set(drawn) == {"crate", "pill", "globe"}
     for mesh in drawn.values():
         assert np.ptp(mesh.vertices, axis=0).max() == pytest.approx(1.0)

@@ -1,10 +1,4 @@
-"""Random scenes in four families; a scene is a pure function of its family, its seed and its settings.
-
-    scene = random_scene("tabletop", seed=7)
-    scene = random_scene("room", seed=3, depth_range=(1.0, 6.0), object_count=(10, 20))
-
-`Assets.from_folders` adds a user's own meshes, textures and environment maps to those that twinlens makes.
-"""
+"""Random scenes in four families; a scene is a pure function of its family, its seed and its settings."""
 
 from typing import Any
 
@@ -48,12 +42,12 @@ def random_scene(
     seed : int or numpy.random.SeedSequence
         >= 0. Determines everything random in the scene.
     assets : Assets, optional
-        The user's own files, used in addition to what twinlens makes.
+        The user's own meshes, textures and environment maps, used in addition to those that twinlens makes.
     depth_range : (near, far), optional
         The range of depths in the picture, metres; by default the family draws it. The scene's `depth_range` is the
         range measured in the composed scene.
     object_count : int or (min, max), optional
-        How many objects, without walls, floors, furniture and lamps. Fewer where no more fit.
+        How many objects, without walls, floors, furniture and lamps. Fewer if no more fit.
     aspect : float
         Width over height of the picture that the scene is composed for, 0.2 to 5.
     width : int
@@ -79,28 +73,20 @@ def random_scene(
     else:
         check_int("seed", seed, 0)
         root, label = np.random.SeedSequence(int(seed)), str(seed)
-    counts = chosen.object_count
-    if object_count is not None:
-        counts = _pair("object_count", (object_count,) * 2 if np.ndim(object_count) == 0 else object_count)
+    given: Any = chosen.object_count if object_count is None else object_count
+    counts = (given, given) if np.ndim(given) == 0 else given
+    for name, pair in (("object_count", counts), ("depth_range", depth_range)):
+        if pair is not None and np.shape(pair) != (2,):
+            raise InputError(f"{name} must have two values, got {format_value(pair)}")
     check_int("object_count", counts[0], 1, _MAX_OBJECTS)
     check_int("object_count", counts[1], counts[0], _MAX_OBJECTS)
     depths = None
     if depth_range is not None:
-        near, far = _pair("depth_range", depth_range)
+        near, far = depth_range
         check_number("depth_range", near, "two positive numbers of metres, (near, far)", above=0.0)
-        least = chosen.least_ratio
-        check_number(
-            "depth_range", far, f"(near, far) with far >= {least:g} near in {family} scenes", least=least * near
-        )
+        allowed = f"(near, far) with far >= {chosen.least_ratio:g} near in {family} scenes"
+        check_number("depth_range", far, allowed, least=chosen.least_ratio * near)
         depths = float(near), float(far)
-    name = f"{family}-{label}"
-    scene = Composition(name, root, assets or Assets(), depths, counts, float(aspect), int(width))
+    scene = Composition(f"{family}-{label}", root, assets or Assets(), depths, counts, float(aspect), int(width))
     chosen.compose(scene)
     return scene.scene(chosen.about)
-
-
-def _pair(name: str, wanted: Any) -> tuple[Any, Any]:
-    if np.shape(wanted) != (2,):
-        raise InputError(f"{name} must have two values, got {format_value(wanted)}")
-    first, second = wanted
-    return first, second

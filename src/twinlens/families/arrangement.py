@@ -6,7 +6,7 @@ only if its whole contact lies within the level top of the one below, and its ce
 every body that carries it.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,8 +16,8 @@ from scipy.spatial import ConvexHull
 from twinlens.families.composition import Composition, similarity
 from twinlens.families.draws import Rng, one_of, weighted
 from twinlens.families.kinds import Body, draw_body
-from twinlens.families.solids import face_cross
 from twinlens.geometry import Float
+from twinlens.scenes import shapes
 from twinlens.scenes.scene import Mesh
 
 _CLEARANCE = 1e-4  # of a body's size: gap between bodies that touch, so that no two surfaces coincide
@@ -79,10 +79,15 @@ def stable_poses(mesh: Mesh, size: float = 1.0) -> list[StablePose]:
     centre = centre_of_mass(mesh) * size
     if np.any(hull.equations[:, :3] @ centre + hull.equations[:, 3] > 0):
         centre = points.mean(axis=0)  # the mesh is not closed: its volume is undefined
-    cross, corner = face_cross(vertices, mesh.faces), vertices[mesh.faces[:, 0]]
+    scaled = hull.equations / [1, 1, 1, size]
+    _, first, same = np.unique(np.round(scaled / (10 * _SAME_PLANE)), axis=0, return_index=True, return_inverse=True)
+    area = np.bincount(same.ravel(), np.linalg.norm(shapes.face_cross(hull.points, hull.simplices), axis=1))
+    largest = np.argsort(-np.round(area / size**2, 9), kind="stable")[:_MAX_FACES]
+    nearest = np.argsort(-np.round(hull.equations[first] @ [*centre, 1.0] / size, 9), kind="stable")[:_MAX_FACES]
+    cross, corner = shapes.face_cross(vertices, mesh.faces), vertices[mesh.faces[:, 0]]
     found = []
-    for plane in _planes(hull, centre, size):
-        pose = _pose(points, centre, plane, size)
+    for index in np.unique(np.concatenate([largest, nearest])):  # the face nearest to the centre of mass is stable
+        pose = _pose(points, centre, hull.equations[first[index]], size)
         if pose is None:
             continue
         if pose.top is not None:
@@ -93,16 +98,6 @@ def stable_poses(mesh: Mesh, size: float = 1.0) -> list[StablePose]:
                 pose = replace(pose, top=None)  # a rim around a hollow
         found.append(pose)
     return sorted(found, key=lambda pose: -pose.probability)
-
-
-def _planes(hull: ConvexHull, centre: Float, size: float) -> Float:
-    """Planes (N, 4) of the hull's largest faces, and of those nearest to the centre of mass: the nearest is stable."""
-    scaled = hull.equations / [1, 1, 1, size]
-    _, first, same = np.unique(np.round(scaled / (10 * _SAME_PLANE)), axis=0, return_index=True, return_inverse=True)
-    area = np.bincount(same.ravel(), np.linalg.norm(face_cross(hull.points, hull.simplices), axis=1))
-    largest = np.argsort(-np.round(area / size**2, 9), kind="stable")[:_MAX_FACES]
-    nearest = np.argsort(-np.round(hull.equations[first] @ [*centre, 1.0] / size, 9), kind="stable")[:_MAX_FACES]
-    return np.asarray(hull.equations[first[np.unique(np.concatenate([largest, nearest]))]])
 
 
 def _pose(points: Float, centre: Float, plane: Float, size: float) -> StablePose | None:
@@ -166,7 +161,6 @@ class Placement:
 
     @property
     def pose(self) -> Float:
-        """world_from_object (4, 4)."""
         turn = self.spin @ self.rest.turn
         low = float((self.body.solid.mesh.vertices @ turn.T)[:, 2].min()) * self.body.size
         return similarity(turn, self.place - [0, 0, low], self.body.size)
@@ -226,52 +220,42 @@ def arrange(bodies: Sequence[tuple[Body, StablePose, Rng]], area: Area) -> list[
     """Place bodies one after the other, each with its own random stream; bodies without a free place are left out."""
     placed: list[Placement] = []
     for body, rest, rng in bodies:
-        on_top = bool(placed) and rng.random() < area.stacked
-        made = _on_top(body, rest, rng, placed, area.spacing) if on_top else None
-        made = made or _on_area(body, rest, rng, placed, area)
-        placed += [made] if made else []
+        for trial in _trials(body, rest, rng, placed, area):
+            if all(
+                other.top < trial.place[2]
+                or np.linalg.norm(trial.place[:2] - other.place[:2]) > rest.reach + other.rest.reach + area.spacing
+                or gap(trial.footprint, other.footprint) > area.spacing
+                for other in placed
+            ):
+                placed.append(trial)
+                break
     return placed
 
 
-def _on_area(body: Body, rest: StablePose, rng: Rng, placed: list[Placement], area: Area) -> Placement | None:
+def _trials(body: Body, rest: StablePose, rng: Rng, placed: list[Placement], area: Area) -> Iterator[Placement]:
+    """Random placements on level tops that carry nothing yet, for a share of the bodies, then on the area itself."""
+    if placed and rng.random() < area.stacked:
+        for index in rng.permutation(len(placed)):
+            below = placed[index]
+            carries = any(other.below is below for other in placed)
+            if below.rest.top is None or carries or len(below.stack) >= _HIGHEST_STACK:
+                continue
+            slab = below.moved(below.rest.top)
+            for _ in range(_TRIES_ON_TOP):
+                spin = _random_spin(body, rng)
+                offset = spin[:2, :2] @ rest.support.mean(axis=0)
+                xy = slab.mean(axis=0) - offset + rng.normal(0, 0.06, 2) * body.size
+                trial = Placement(body, rest, spin, np.append(xy, below.top + _CLEARANCE * body.size), below)
+                on_slab = min(inside_by(slab, corner) for corner in trial.moved(rest.support)) > 0
+                centre = trial.moved(rest.centre[None, :2])[0]
+                if on_slab and all(inside_by(each.moved(each.rest.support), centre) > 0 for each in below.stack):
+                    yield trial
     for _ in range(_TRIES):
         spin = _random_spin(body, rng)
         xy = area.sample(rng, rest) * area.half + area.middle
         trial = Placement(body, rest, spin, np.append(xy, area.height + _CLEARANCE * body.size))
-        inside = (np.abs(trial.footprint - area.middle) < area.half * area.overhang).all()
-        if inside and _is_apart(trial, placed, area.spacing):
-            return trial
-    return None
-
-
-def _on_top(body: Body, rest: StablePose, rng: Rng, placed: list[Placement], spacing: float) -> Placement | None:
-    """The body on a level top that carries nothing yet, its centre of mass above the contact of every body below."""
-    for index in rng.permutation(len(placed)):
-        below = placed[index]
-        carries = any(other.below is below for other in placed)
-        if below.rest.top is None or carries or len(below.stack) >= _HIGHEST_STACK:
-            continue
-        slab = below.moved(below.rest.top)
-        for _ in range(_TRIES_ON_TOP):
-            spin = _random_spin(body, rng)
-            offset = spin[:2, :2] @ rest.support.mean(axis=0)
-            xy = slab.mean(axis=0) - offset + rng.normal(0, 0.06, 2) * body.size
-            trial = Placement(body, rest, spin, np.append(xy, below.top + _CLEARANCE * body.size), below)
-            on_slab = min(inside_by(slab, corner) for corner in trial.moved(rest.support)) > 0
-            centre = trial.moved(rest.centre[None, :2])[0]
-            balanced = all(inside_by(each.moved(each.rest.support), centre) > 0 for each in below.stack)
-            if on_slab and balanced and _is_apart(trial, placed, spacing):
-                return trial
-    return None
-
-
-def _is_apart(trial: Placement, placed: list[Placement], spacing: float) -> bool:
-    return all(
-        other.top < trial.place[2]
-        or np.linalg.norm(trial.place[:2] - other.place[:2]) > trial.rest.reach + other.rest.reach + spacing
-        or gap(trial.footprint, other.footprint) > spacing
-        for other in placed
-    )
+        if (np.abs(trial.footprint - area.middle) < area.half * area.overhang).all():
+            yield trial
 
 
 def _random_spin(body: Body, rng: Rng) -> Float:

@@ -7,7 +7,7 @@ in `Assets.broken` with the reason.
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +17,11 @@ from twinlens.scenes.assets import read_mesh, read_picture, read_sky
 from twinlens.scenes.scene import Mesh
 from twinlens.scenes.textures import Image
 
-T = TypeVar("T")
-MESHES = (".glb", ".obj", ".ply", ".stl")
-PICTURES = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
-HDRIS = (".hdr", ".exr", ".png")
+SUFFIXES = {
+    "meshes": (".glb", ".obj", ".ply", ".stl"),
+    "textures": (".png", ".jpg", ".jpeg", ".exr", ".hdr"),
+    "hdris": (".hdr", ".exr", ".png"),
+}
 MAX_TRIANGLES = 100_000
 MAX_CACHED = 4
 """Files whose content stays in memory, the last ones read: a folder of environment maps may be larger than memory."""
@@ -34,8 +35,8 @@ class Assets:
     textures: tuple[Path, ...] = ()
     hdris: tuple[Path, ...] = ()
     before_reading: Callable[[Path], object] | None = None
-    _failed: dict[Path, str] = field(default_factory=dict, repr=False)
-    _read: dict[Path, Any] = field(default_factory=dict, repr=False)
+    _failed: dict[tuple[str, Path], str] = field(default_factory=dict, repr=False)
+    _read: dict[tuple[str, Path], Any] = field(default_factory=dict, repr=False)
 
     @classmethod
     def from_folders(
@@ -45,70 +46,62 @@ class Assets:
 
         Raises InputError when a folder is missing, or contains no file of its type.
         """
-        return cls(
-            _listed("meshes", meshes, MESHES), _listed("textures", textures, PICTURES), _listed("hdris", hdris, HDRIS)
-        )
+        return cls(_listed("meshes", meshes), _listed("textures", textures), _listed("hdris", hdris))
 
     @property
     def broken(self) -> tuple[tuple[Path, str], ...]:
         """(path, reason) of every file that was drawn and could not be used."""
-        return tuple(sorted(self._failed.items()))
+        return tuple(sorted({(path, reason) for (_, path), reason in self._failed.items()}))
 
     def check(self) -> "Assets":
         """Read every file now, so that `broken` lists all that cannot be used."""
-        for paths, read in ((self.meshes, _mesh), (self.textures, _texture), (self.hdris, _hdri)):
-            for path in paths:
-                self._get(path, read)
+        for kind in _READERS:
+            for path in getattr(self, kind):
+                self._get(kind, path)
         return self
 
-    def mesh(self, rng: Rng) -> tuple[str, Mesh] | None:
-        """A file's name and mesh, of largest extent 1 m, centred, z up; None when no file can be used."""
-        return self._draw(rng, self.meshes, _mesh)
+    def draw(self, kind: str, rng: Rng) -> tuple[str, Any] | None:
+        """The name and content of the first usable file in a random order; None when no file can be used.
 
-    def texture(self, rng: Rng) -> Image | None:
-        """A picture (H, W, 3), linear, in [0, 0.95]; None when no file can be used."""
-        return (self._draw(rng, self.textures, _texture) or (None, None))[1]
-
-    def hdri(self, rng: Rng) -> Image | None:
-        """An environment map (H, W, 3), linear; None when no file can be used."""
-        return (self._draw(rng, self.hdris, _hdri) or (None, None))[1]
-
-    def _draw(self, rng: Rng, paths: tuple[Path, ...], read: Callable[[Path], T]) -> tuple[str, T] | None:
-        """The first usable file in a random order; a broken file changes only the scenes that drew it."""
+        `kind` is "meshes", "textures" or "hdris". A broken file changes only the scenes that drew it.
+        """
+        paths = getattr(self, kind)
         for index in rng.permutation(len(paths)):
-            made = self._get(paths[index], read)
-            if made is not None:
+            if (made := self._get(kind, paths[index])) is not None:
                 return paths[index].stem, made
         return None
 
-    def _get(self, path: Path, read: Callable[[Path], T]) -> T | None:
-        if path not in self._read and path not in self._failed:
+    def _get(self, kind: str, path: Path) -> Any:
+        key = kind, path
+        if key not in self._read and key not in self._failed:
             if self.before_reading is not None:
                 self.before_reading(path)
             try:
-                self._read[path] = read(path)
+                self._read[key] = _READERS[kind](path)
             except (InputError, OSError) as error:
-                self._failed[path] = str(error).removeprefix(f"{path}: ")
+                self._failed[key] = str(error).removeprefix(f"{path}: ")
             if len(self._read) > MAX_CACHED:
                 del self._read[next(iter(self._read))]
-        return self._read.get(path)
+        return self._read.get(key)
 
 
-def _listed(kind: str, folders: Iterable[str | Path], suffixes: tuple[str, ...]) -> tuple[Path, ...]:
+def _listed(kind: str, folders: Iterable[str | Path]) -> tuple[Path, ...]:
     if isinstance(folders, (str, Path)):
         folders = (folders,)
     found: set[Path] = set()
     for folder in map(Path, folders):
         if not folder.exists():
             raise InputError(f"{kind}: no folder {str(folder)!r}")
-        inside = {p for p in ([folder] if folder.is_file() else folder.rglob("*")) if p.suffix.lower() in suffixes}
+        listed = [folder] if folder.is_file() else folder.rglob("*")
+        inside = {path for path in listed if path.suffix.lower() in SUFFIXES[kind]}
         if not inside:
-            raise InputError(f"{kind}: {str(folder)!r} contains no {', '.join(suffixes)} file")
+            raise InputError(f"{kind}: {str(folder)!r} contains no {', '.join(SUFFIXES[kind])} file")
         found |= {path for path in inside if path.is_file()}
     return tuple(sorted(found))
 
 
-def _mesh(path: Path) -> Mesh:
+def _read_mesh(path: Path) -> Mesh:
+    """A mesh of largest extent 1 m, centred, z up."""
     mesh = read_mesh(path)
     if len(mesh.faces) > MAX_TRIANGLES:
         raise FileError(f"{path}: {len(mesh.faces)} triangles, at most {MAX_TRIANGLES} are allowed; simplify the mesh")
@@ -121,15 +114,20 @@ def _mesh(path: Path) -> Mesh:
     return Mesh(vertices, mesh.faces, None if mesh.normals is None else mesh.normals @ turn.T, mesh.uv)
 
 
-def _texture(path: Path) -> Image:
+def _read_texture(path: Path) -> Image:
+    """A picture (H, W, 3), linear, in [0, 0.95]."""
     pixels = np.clip(read_picture(path), 0.0, 0.95)
     if min(pixels.shape[:2]) < 2:
         raise FileError(f"{path}: a texture needs 2x2 pixels or more")
     return pixels
 
 
-def _hdri(path: Path) -> Image:
+def _read_hdri(path: Path) -> Image:
+    """An environment map (H, W, 3), linear."""
     pixels = read_sky(path)
     if not pixels.max() > 0:
         raise FileError(f"{path}: is black")
     return pixels
+
+
+_READERS: dict[str, Callable[[Path], Any]] = {"meshes": _read_mesh, "textures": _read_texture, "hdris": _read_hdri}

@@ -124,7 +124,7 @@ def _wave(rng: Rng, size: float) -> tuple[Mesh, float]:
 
 
 BODIES = {"chart": _chart, "steps": _steps, "wedge": _wedge, "wave": _wave}
-"""Makers of (mesh, the height of its whole texture in metres)."""
+"""Functions of a random stream and a size that make a mesh and the height of its whole texture in metres."""
 
 
 def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
@@ -138,7 +138,7 @@ def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
         wall = Sheet(middle - 0.5 * wide * along, wide * along, np.array([0, 0, 1.6 * view.covered(distance)[1] + 1]))
         return Sheet(*np.array([[-wide / 2, -0.2, 0], [wide, 0, 0], [0, 1.6 * distance + 0.2, 0]])), wall
 
-    far = scene.z_buffer([sheets(depth_ratio)[0].mesh()]).depth_range[0] * depth_ratio
+    far = scene.visible_range([sheets(depth_ratio)[0].mesh()])[0] * depth_ratio
     distance = scene.backdrop_distance(lambda d: [sheet.mesh() for sheet in sheets(d)], far, far)
     floor, wall = sheets(distance)
     for name, sheet, kinds, contrast in (("floor", floor, FLOORS, 0.45), ("wall", wall, WALLS, 0.25)):

@@ -6,7 +6,7 @@ texture in the tables therefore moves no object.
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -20,7 +20,6 @@ from twinlens.geometry import Float, inverse, look_at, rigid, transform_points
 from twinlens.scenes.scene import Mesh, Plugin, Scene, SceneObject
 from twinlens.seeds import generator
 
-_ROUNDS = 5
 Triangles = tuple[Float, NDArray[np.uint32]]
 """Vertices (V, 3) in the world, and faces (F, 3)."""
 
@@ -44,12 +43,10 @@ class View:
 
     @cached_property
     def cam_from_world(self) -> Float:
-        """The inverse of the pose."""
         return inverse(self.world_from_cam)
 
     @property
     def eye(self) -> Float:
-        """The camera's centre (3,) in the world."""
         return self.world_from_cam[:3, 3]
 
     def depth(self, points: Float) -> Float:
@@ -69,57 +66,40 @@ class View:
         return 2 * depth * np.array(self.half)
 
 
-@dataclass(frozen=True, eq=False)
-class ZBuffer:
-    """Depth (H, W), +inf where nothing is hit, and the index (H, W) of the mesh seen there, -1 for none."""
-
-    depth: Float
-    index: NDArray[np.int64]
-
-    @property
-    def depth_range(self) -> tuple[float, float]:
-        """Smallest and largest finite depth."""
-        finite = self.depth[np.isfinite(self.depth)]
-        return float(finite.min()), float(finite.max())
-
-
-def triangles(mesh: Mesh, pose: Float | None = None) -> Triangles:
-    """A mesh's triangles in the world."""
-    return mesh.vertices if pose is None else transform_points(pose, mesh.vertices), mesh.faces
-
-
-def rasterize(view: View, meshes: Sequence[Triangles], columns: int = 160) -> ZBuffer:
-    """The z-buffer of world-space meshes, sampled at pixel centres, `columns` pixels wide, 1/depth interpolated.
+def rasterize(view: View, meshes: Iterable[Triangles], columns: int = 160) -> Float:
+    """The depth (H, W) of meshes at pixel centres, `columns` pixels wide; +inf where nothing is hit.
 
     Source: Pineda, A Parallel Algorithm for Polygon Rasterization, SIGGRAPH 1988.
     """
     rows = max(1, round(columns / view.aspect))
     corners = np.concatenate([transform_points(view.cam_from_world, vertices)[faces] for vertices, faces in meshes])
-    owner = np.repeat(np.arange(len(meshes)), [len(faces) for _, faces in meshes])
-    corners, owner = _clipped(corners, owner)
-    depth = np.full(rows * columns, np.inf)
-    index = np.full(rows * columns, -1, dtype=np.int64)
+    corners = _clipped(corners)
     uv = (corners[..., :2] / corners[..., 2:] / np.array(view.half) + 1) / 2 * (columns, rows) - 0.5
-    tri, x, y = _candidates(uv, columns, rows)
+    limit = np.array([columns, rows])
+    low = np.clip(np.ceil(uv.min(axis=1)), 0, limit).astype(np.int64)
+    high = np.clip(np.floor(uv.max(axis=1)), -1, limit - 1).astype(np.int64)
+    size = np.maximum(high - low + 1, 0)
+    count = size.prod(axis=1)
+    tri = np.repeat(np.arange(len(uv)), count)  # every triangle with every pixel of its bounding box
+    step = np.arange(len(tri)) - np.repeat(np.cumsum(count) - count, count)
+    x, y = low[tri, 0] + step % size[tri, 0], low[tri, 1] + step // size[tri, 0]
     to_corner = np.stack([x, y], axis=-1)[:, None] - uv[tri]
     following, last = to_corner[:, [1, 2, 0]], to_corner[:, [2, 0, 1]]
     weights = following[..., 0] * last[..., 1] - following[..., 1] * last[..., 0]  # edge functions
     area = weights.sum(axis=1)  # twice the triangle's
     inside = (weights * np.sign(area)[:, None] >= 0).all(axis=1) & (area != 0)
     tri, weights, area = tri[inside], weights[inside], area[inside]
-    z = 1 / ((weights / area[:, None]) / corners[tri, :, 2]).sum(axis=1)
-    pixel = (y * columns + x)[inside]
-    order = np.lexsort((owner[tri], -z))  # the nearest is written last
-    depth[pixel[order]] = z[order]
-    index[pixel[order]] = owner[tri][order]
-    return ZBuffer(depth.reshape(rows, columns), index.reshape(rows, columns))
+    z = 1 / ((weights / area[:, None]) / corners[tri, :, 2]).sum(axis=1)  # 1/depth is linear in the picture
+    depth = np.full((rows, columns), np.inf)
+    np.minimum.at(depth, (y[inside], x[inside]), z)
+    return depth
 
 
-def _clipped(corners: Float, owner: NDArray[np.int64]) -> tuple[Float, NDArray[np.int64]]:
+def _clipped(corners: Float) -> Float:
     """The parts of triangles (F, 3, 3) beyond the near plane: none, one or two triangles each."""
     beyond = corners[..., 2] > _NEAR
     count = beyond.sum(axis=1)
-    kept = [(corners[count == 3], owner[count == 3])]
+    kept = [corners[count == 3]]
     for ahead in (1, 2):
         chosen = count == ahead
         odd = np.argmax(beyond[chosen] if ahead == 1 else ~beyond[chosen], axis=1)
@@ -127,26 +107,13 @@ def _clipped(corners: Float, owner: NDArray[np.int64]) -> tuple[Float, NDArray[n
         a, b, c = corner[:, 0], corner[:, 1], corner[:, 2]
         ab, ac = (a + (_NEAR * 1.0001 - a[:, 2:]) / (p[:, 2:] - a[:, 2:]) * (p - a) for p in (b, c))
         made = [(a, ab, ac)] if ahead == 1 else [(ab, b, c), (ab, c, ac)]
-        kept += [(np.stack(parts, axis=1), owner[chosen]) for parts in made]
-    return np.concatenate([t for t, _ in kept]), np.concatenate([o for _, o in kept])
-
-
-def _candidates(uv: Float, columns: int, rows: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """(triangle, x, y) of every pixel in the bounding box of every triangle."""
-    limit = np.array([columns, rows])
-    low = np.clip(np.ceil(uv.min(axis=1)), 0, limit).astype(np.int64)
-    high = np.clip(np.floor(uv.max(axis=1)), -1, limit - 1).astype(np.int64)
-    size = np.maximum(high - low + 1, 0)
-    count = size.prod(axis=1)
-    tri = np.repeat(np.arange(len(uv)), count)
-    step = np.arange(len(tri)) - np.repeat(np.cumsum(count) - count, count)
-    width = size[tri, 0]
-    return tri, low[tri, 0] + step % width, low[tri, 1] + step // width
+        kept += [np.stack(parts, axis=1) for parts in made]
+    return np.concatenate(kept)
 
 
 @dataclass(eq=False)
 class Composition:
-    """The settings of a scene of `count` objects, drawn between two counts, and what was added to it so far.
+    """The settings of a scene and what has been added to it. `count` objects, drawn between `counts`, are to be added.
 
     The picture is `width_px` wide with width/height = `aspect`; `look` sets the view. Lengths are in metres.
     """
@@ -162,6 +129,7 @@ class Composition:
     palette: Palette = field(init=False)
     view: View = field(init=False)
     objects: list[SceneObject] = field(default_factory=list)
+    triangles: list[Triangles] = field(default_factory=list)
     materials: dict[str, Plugin] = field(default_factory=dict)
     lights: dict[str, Plugin] = field(default_factory=dict)
 
@@ -196,25 +164,23 @@ class Composition:
         self.materials[unique] = material
         world_from_object = np.eye(4) if pose is None else np.asarray(pose, dtype=np.float64)
         self.objects.append(SceneObject(unique, mesh, unique, world_from_object, emitter))
+        self.triangles.append((transform_points(world_from_object, mesh.vertices), mesh.faces))
 
     def pixel_at(self, point: Float, least_depth: float = -np.inf) -> float:
         """Width in metres of a pixel at a world point (3,)."""
         return self.view.pixel(max(float(self.view.depth(point[None])[0]), least_depth))
 
-    def triangles(self) -> list[Triangles]:
-        """All objects' triangles in the world."""
-        meshes = [(thing.shape, thing.world_from_object) for thing in self.objects]
-        return [triangles(mesh, pose) for mesh, pose in meshes if isinstance(mesh, Mesh)]
-
-    def z_buffer(self, others: Iterable[Mesh] = (), columns: int = 160) -> ZBuffer:
-        """The z-buffer of all objects and of `others`, meshes in the world."""
-        return rasterize(self.view, [*self.triangles(), *map(triangles, others)], columns)
+    def visible_range(self, others: Iterable[Mesh] = (), columns: int = 160) -> tuple[float, float]:
+        """The smallest and the largest depth in the picture of all objects and of `others`, meshes in the world."""
+        depth = rasterize(self.view, [*self.triangles, *((mesh.vertices, mesh.faces) for mesh in others)], columns)
+        finite = depth[np.isfinite(depth)]
+        return float(finite.min()), float(finite.max())
 
     def backdrop_distance(self, backdrop: Callable[[float], list[Mesh]], far: float, start: float) -> float:
         """The distance of a backdrop, meshes in the world, that makes `far` metres the largest depth in the picture."""
         distance = start
-        for _ in range(_ROUNDS):
-            found = self.z_buffer(backdrop(distance), 96).depth_range[1]
+        for _ in range(5):
+            found = self.visible_range(backdrop(distance), 96)[1]
             if abs(found - far) < 0.005 * far:
                 break
             distance = max(distance * far / found, 0.2 * start)
@@ -226,7 +192,7 @@ class Composition:
         The baseline gives the nearest point a disparity of 6% to 12% of the picture's width.
         """
         objects, view = self.objects, self.view
-        near, far = self.z_buffer().depth_range
+        near, far = self.visible_range()
         if self.depth_range is not None:
             scale = self.depth_range[0] / near
             grow = similarity(np.eye(3), (1 - scale) * view.eye, scale)

@@ -30,11 +30,6 @@ def log_uniform(rng: Rng, low: float, high: float) -> float:
     return math.exp(rng.uniform(math.log(low), math.log(high)))
 
 
-def shuffled(rng: Rng, colors: Float) -> Float:
-    """The colours (N, 3) in a random order."""
-    return np.asarray(colors[rng.permutation(len(colors))])
-
-
 def varied(rng: Rng, colors: Float, amount: float = 0.12) -> Float:
     """The colours (N, 3) with random changes of lightness and warmth, clipped to the albedo of paint."""
     light = np.exp(rng.normal(0, amount, (len(colors), 1)))

@@ -21,7 +21,7 @@ def compose(scene: Composition) -> None:
     scene.look(np.zeros(3), target, rng.uniform(42, 65))
     depth_ratio = scene.depth_ratio(2.5, 8.0)
     _add_bodies(scene, depth_ratio)
-    far = scene.z_buffer().depth_range[0] * depth_ratio
+    far = scene.visible_range()[0] * depth_ratio
     open_air = scene.rng("open air").random() < 0.4
     if open_air:
         _add_moon(scene, far)

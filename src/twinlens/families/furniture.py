@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twinlens.families.draws import Rng, one_of
-from twinlens.families.solids import double_sided, face_cross, hard_edged
+from twinlens.families.solids import double_sided, hard_edged
 from twinlens.scenes import shapes
 from twinlens.scenes.placement import rotation, translation
 from twinlens.scenes.scene import Mesh
 
 DINING_HEIGHT = 0.74  # metres
+Range = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,24 +71,23 @@ def _legs(width: float, depth: float, height: float, thick: float, inset: float,
     return shapes.merged([board((thick, thick, height), (x, y, height / 2)) for x, y in places])
 
 
-def _table(rng: Rng, width: float, depth: float, height: float, kind: str = "table") -> Piece:
+def _table(rng: Rng, width: Range, depth: Range | None, height: Range | float, kind: str = "table") -> Piece:
+    """A table, square without a `depth`."""
+    w = rng.uniform(*width)
+    d = w if depth is None else rng.uniform(*depth)
+    h = height if isinstance(height, float) else rng.uniform(*height)
     thick, rounded = rng.uniform(0.025, 0.05), rng.random() < 0.5
     if rng.random() < 0.3:
-        r = depth / 2
+        r = d / 2
         top = shapes.lathe(hard_edged([(0, 0), (r, 0), (r, thick), (0, thick)]), 64, smooth=False)
-        top = Mesh(top.vertices + np.array([0, 0, height - thick]), top.faces, top.normals, top.vertices[:, :2].copy())
-        width, shelf = depth, (0.66 * depth, 0.66 * depth)
+        top = Mesh(top.vertices + np.array([0, 0, h - thick]), top.faces, top.normals, top.vertices[:, :2].copy())
+        w, shelf = d, (0.66 * d, 0.66 * d)
     else:
-        top = board((width, depth, thick), (0, 0, height - thick / 2), min(0.01, thick / 3))
-        shelf = (0.92 * width, 0.9 * depth)
-    frame = _legs(0.85 * width, 0.85 * depth, height - thick, rng.uniform(0.03, 0.06), 0.03, rounded)
+        top = board((w, d, thick), (0, 0, h - thick / 2), min(0.01, thick / 3))
+        shelf = (0.92 * w, 0.9 * d)
+    frame = _legs(0.85 * w, 0.85 * d, h - thick, rng.uniform(0.03, 0.06), 0.03, rounded)
     parts = (("table-top", top, "wood"), ("table-legs", frame, one_of(rng, ["wood", "metal", "paint"])))
-    return Piece(kind, parts, (width, depth), height, (Shelf((0, 0), height, shelf),))
-
-
-def _square_table(rng: Rng, kind: str, sides: tuple[float, float], heights: tuple[float, float]) -> Piece:
-    side = rng.uniform(*sides)
-    return _table(rng, side, side, rng.uniform(*heights), kind)
+    return Piece(kind, parts, (w, d), h, (Shelf((0, 0), h, shelf),))
 
 
 def chair(rng: Rng) -> Piece:
@@ -128,17 +128,14 @@ def _sofa(rng: Rng, seats: int = 0) -> Piece:
         ("cushions", shapes.merged(cushions), "fabric"),
         ("feet", _legs(0.92 * width, 0.85 * depth, 0.13, 0.05, 0.0, False), "wood"),
     ]
-    pillows = [_pillow(rng, width - 2 * arm, depth, low) for _ in range(int(rng.integers(0, 4)))]
-    parts += [(f"pillow-{i}", pillow, "pattern") for i, pillow in enumerate(pillows)]
+    for i in range(int(rng.integers(0, 4))):
+        side = rng.uniform(0.36, 0.46)
+        lean = rotation([1, 0, 0], -rng.uniform(12, 24)) @ rotation([0, 1, 0], rng.uniform(-15, 15))
+        x = rng.uniform(-0.5, 0.5) * (width - 2 * arm - side)
+        pose = translation([x, depth / 2 - 0.43, low + 0.07 + side / 2]) @ lean
+        made = shapes.transformed(shapes.rounded_box(np.array([side, 0.13, side]), 0.06, 3, tile=side), pose)
+        parts.append((f"pillow-{i}", made, "pattern"))
     return Piece("sofa" if seats > 1 else "armchair", tuple(parts), (width, depth), high)
-
-
-def _pillow(rng: Rng, width: float, depth: float, low: float) -> Mesh:
-    side = rng.uniform(0.36, 0.46)
-    made = shapes.rounded_box(np.array([side, 0.13, side]), 0.06, 3, tile=side)
-    lean = rotation([1, 0, 0], -rng.uniform(12, 24)) @ rotation([0, 1, 0], rng.uniform(-15, 15))
-    x = rng.uniform(-0.5, 0.5) * (width - side)
-    return shapes.transformed(made, translation([x, depth / 2 - 0.43, low + 0.07 + side / 2]) @ lean)
 
 
 def _bookcase(rng: Rng) -> Piece:
@@ -225,7 +222,7 @@ def _leaf(rng: Rng, long: float, wide: float, base: float) -> Mesh:
     tangent = np.gradient(ridge, axis=0)
     normal = np.cross(np.broadcast_to(across, tangent.shape), tangent)
     normal = np.repeat(-normal / np.linalg.norm(normal, axis=1, keepdims=True), 3, axis=0)
-    if face_cross(vertices, faces).sum(axis=0) @ normal.sum(axis=0) < 0:
+    if shapes.face_cross(vertices, faces).sum(axis=0) @ normal.sum(axis=0) < 0:
         faces = faces[:, ::-1]
     return double_sided(vertices, faces, normal, uv, 1e-4)
 
@@ -255,12 +252,12 @@ AGAINST_WALLS: dict[str, Maker] = {
     "lamp": _floor_lamp,
 }
 IN_THE_MIDDLE: tuple[Maker, ...] = (
-    lambda rng: _table(rng, rng.uniform(0.8, 1.2), rng.uniform(0.5, 0.75), rng.uniform(0.36, 0.46)),
-    lambda rng: _table(rng, rng.uniform(1.2, 1.7), rng.uniform(0.75, 0.95), DINING_HEIGHT),
+    partial(_table, width=(0.8, 1.2), depth=(0.5, 0.75), height=(0.36, 0.46)),
+    partial(_table, width=(1.2, 1.7), depth=(0.75, 0.95), height=DINING_HEIGHT),
 )
 IN_FRONT: tuple[Maker, ...] = (
-    partial(_square_table, kind="table", sides=(0.42, 0.55), heights=(0.5, 0.7)),
-    partial(_square_table, kind="stool", sides=(0.34, 0.4), heights=(0.44, 0.62)),
+    partial(_table, width=(0.42, 0.55), depth=None, height=(0.5, 0.7)),
+    partial(_table, width=(0.34, 0.4), depth=None, height=(0.44, 0.62), kind="stool"),
     chair,
     _crate,
     _plant,

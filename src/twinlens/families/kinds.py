@@ -40,84 +40,6 @@ def _turned(
     return _drawn(ranges, lambda *measures: lathed(profile(*measures), **how))
 
 
-# fmt: off
-_VASE = _turned([(0.3, 0.5), (0.09, 0.24), (0.9, 1.7), (0.4, 0.75), (1.1, 1.7), (0.25, 0.6)],
-    lambda belly, neck, tall, foot, lip, at: _hollow([
-        (foot * belly, 0.0), (0.5 * (foot * belly + belly) * 1.1, 0.5 * at * tall), (belly, at * tall),
-        (0.55 * belly + 0.45 * neck, (0.45 * at + 0.55 * 0.8) * tall), (neck, 0.86 * tall), (neck * lip, tall),
-    ], 0.03, 0.06))
-_BOTTLE = _turned([(0.2, 0.36), (1.1, 1.8), (0.07, 0.1), (0.5, 0.66)], lambda r, tall, neck, at: [
-    (0, 0), (0.92 * r, 0), (0.92 * r, 0), (r, 0.05), (r, 0.6 * (at * tall)), (r, at * tall),
-    (0.75 * r, at * tall + 0.13), (neck * 1.15, at * tall + 0.26), (neck, tall - 0.12), (neck, tall - 0.1),
-    (neck, tall - 0.1), (neck * 1.3, tall - 0.1), (neck * 1.3, tall - 0.1), (neck * 1.3, tall),
-    (neck * 1.3, tall), (0, tall),
-])
-_BOWL = _turned([(0.25, 0.5), (0.18, 0.28)], lambda deep, foot: _hollow(
-    [(foot, 0.0), (foot, 0.03), (0.33, 0.25 * deep), (0.46, 0.62 * deep), (0.5, deep)], 0.03, 0.055))
-_CUP = _turned([(0.7, 1.2), (0.26, 0.4), (0.34, 0.44), (0.95, 1.15)], lambda tall, foot, lip, middle: _hollow(
-    [(foot, 0.0), (foot * 1.02, 0.04), (0.5 * (foot + lip) * middle, 0.5 * tall), (lip, tall)], 0.03, 0.06))
-_GOBLET = _turned([(1.1, 1.6), (0.26, 0.36)], lambda tall, r: [
-    (0, 0), (0.28, 0), (0.28, 0), (0.26, 0.03), (0.06, 0.09), (0.04, 0.25 * tall),
-    (0.05, 0.45 * tall), (0.6 * r, 0.52 * tall), (r, 0.7 * tall), (0.88 * r, tall), (0.88 * r, tall),
-    (0.88 * r - 0.025, tall), (r - 0.025, 0.7 * tall), (0.5 * r, 0.56 * tall), (0, 0.53 * tall),
-])
-_PLATE = _turned([(0.05, 0.1)], lambda rise: [
-    (0, 0), (0.3, 0), (0.3, 0), (0.33, 0.012), (0.4, 0.5 * rise), (0.5, rise), (0.5, rise), (0.5, rise + 0.02),
-    (0.5, rise + 0.02), (0.4, 0.5 * rise + 0.022), (0.31, 0.03), (0, 0.03),
-])
-_JAR = _turned([(0.34, 0.48), (0.6, 1.1)], lambda r, tall: [  # with a lid and a knob
-    (0, 0), (r, 0), (r, 0), (r * 1.04, 0.5 * tall), (r, tall), (r, tall), (r * 1.07, tall), (r * 1.07, tall),
-    (r * 1.07, tall + 0.09), (r * 1.07, tall + 0.09), (0.3 * r, tall + 0.09 + 0.05), (0.12 * r, tall + 0.09 + 0.09),
-    (0.22 * r, tall + 0.09 + 0.17), (0, tall + 0.09 + 0.23),
-])
-_RIM = 0.018
-_TIN = _turned([(0.28, 0.5), (0.4, 1.2)], lambda r, tall: [
-    (0, 0.012), (r - _RIM, 0.012), (r - _RIM, 0), (r + _RIM, 0), (r + _RIM, 0), (r + _RIM, 0.03), (r + _RIM, 0.03),
-    (r, 0.045), (r, 0.045), (r, tall - 0.045), (r, tall - 0.045), (r + _RIM, tall - 0.03), (r + _RIM, tall - 0.03),
-    (r + _RIM, tall), (r + _RIM, tall), (r - _RIM, tall), (r - _RIM, tall), (r - _RIM, tall - 0.012),
-    (r - _RIM, tall - 0.012), (0, tall - 0.012),
-], smooth=False)
-_CANDLE = _turned([(0.16, 0.36), (0.5, 1.2)], lambda r, tall: [
-    (0, 0), (r, 0), (r, 0), (r, tall - 0.06), (r, tall - 0.06), (0.96 * r, tall - 0.015), (0.85 * r, tall),
-    (0.5 * r, tall - 0.02), (0, tall - 0.03),
-])
-_APPLE = _turned([(0.46, 0.54)], lambda wide: [
-    (0, 0.07), (0.12, 0.012), (0.22, 0.0), (0.36, 0.09), (wide, 0.42), (0.9 * wide, 0.72), (0.26, 0.86), (0.1, 0.82),
-    (0, 0.72),
-])
-_PEAR = _turned([(0.9, 1.1)], lambda wide: np.multiply([
-    (0, 0.05), (0.1, 0.01), (0.2, 0.0), (0.36, 0.1), (0.42, 0.34), (0.3, 0.66), (0.2, 0.88), (0.13, 1.02), (0, 1.06),
-], [wide, 1.0]))
-_PAWN = _turned([(0.1, 0.16), (0.18, 0.24)], lambda waist, head: [
-    (0, 0), (0.34, 0), (0.34, 0), (0.35, 0.07), (0.29, 0.12), (0.27, 0.18), (0.2, 0.24), (waist, 0.55),
-    (waist + 0.01, 0.66), (0.22, 0.7), (0.22, 0.73), (0.11, 0.77), (head, 0.77 + 0.9 * head),
-    (0.7 * head, 0.77 + 1.65 * head), (0, 0.77 + 1.95 * head),
-])
-_CYLINDER = _turned([(0.15, 0.5), (0.3, 1.2)], lambda r, tall: hard_edged(
-    [(0, 0), (r - 0.015, 0), (r, 0.015), (r, tall - 0.015), (r - 0.015, tall), (0, tall)]), upright=False, smooth=False)
-_CONE = _turned([(0.3, 0.5), [0.02, 0.02, 0.18], (0.6, 1.2)], lambda r, top, tall: hard_edged(
-    [(0, 0), (r, 0), (top, tall), (0, tall + 0.01)]), smooth=False)
-_QUARTER = np.stack([np.cos(np.linspace(-np.pi / 2, 0, 7)), np.sin(np.linspace(-np.pi / 2, 0, 7))], axis=-1)
-_QUARTER[0, 0] = 0.0
-_CAPSULE = _turned([(0.18, 0.32), (0.2, 0.7)], lambda r, straight: np.vstack(
-    [r * _QUARTER, r * _QUARTER[::-1] * [1, -1] + [0, straight]]), upright=False)
-_STAR = _drawn([range(4, 9), (0.45, 0.7), (0.25, 0.6)], lambda points, inner, height: extruded(
-    np.where(np.arange(2 * points) % 2 == 0, 1.0, inner)[:, None] * _directions(2 * points), height))
-_GEAR = _drawn([range(8, 19), (0.12, 0.22), (0.2, 0.5), (0.2, 0.45)], lambda teeth, depth, height, bore: extruded(
-    polar(lambda a: 1 - depth * np.clip(0.5 + 1.6 * np.cos(teeth * a), 0, 1), 16 * teeth if teeth < 12 else 12 * teeth),
-    height, bore, 0.02))
-_FLOWER = _drawn([range(3, 8), (0.1, 0.3), (0.25, 0.8)], lambda petals, depth, height: extruded(
-    polar(lambda a: 1 + depth * np.cos(petals * a)), height))
-# fmt: on
-
-
-def _egg(_: Rng) -> Solid:
-    t = np.linspace(-np.pi / 2, np.pi / 2, 12)
-    r = 0.38 * np.cos(t) * (1 - 0.12 * np.sin(t))
-    r[[0, -1]] = 0.0
-    return lathed(np.stack([r, 0.52 * np.sin(t)], axis=-1), upright=False)
-
-
 def _cuboid(extents: ArrayLike, radius: float = 0.012, upright: bool = True) -> Solid:
     """A rounded box of these proportions; patterns have the same scale on every side."""
     return unit(shapes.rounded_box(np.asarray(extents), radius, 2, tile=1.0), upright)
@@ -225,76 +147,128 @@ def _directions(count: int) -> Float:
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def _heart(rng: Rng) -> Solid:
-    t = np.linspace(0, 2 * math.pi, 100, endpoint=False)
-    y = 13 * np.cos(t) - 5 * np.cos(2 * t) - 2 * np.cos(3 * t) - np.cos(4 * t) + 1.5
-    return extruded(np.stack([16 * np.sin(t) ** 3, y], axis=-1)[::-1] / 16, rng.uniform(0.3, 0.6))
-
-
-def _nut(rng: Rng) -> Solid:
-    angle = np.arange(60) * math.pi / 30
-    apothem = np.cos(math.pi / 6) / np.cos((angle % (math.pi / 3)) - math.pi / 6)
-    return extruded(apothem[:, None] * _directions(60), rng.uniform(0.5, 0.9), 0.52)
-
-
 @dataclass(frozen=True)
 class Kind:
-    """How a kind of body is made, the range of its largest extent in metres, its weight in draws, and its patterns."""
+    """The range of a body's largest extent in metres, its weight in draws, its patterns, and how it is made."""
 
-    make: Callable[[Rng], Solid]
     size: tuple[float, float]
     weight: float
     patterns: tuple[str, ...]
+    make: Callable[[Rng], Solid]
 
 
 _GLAZED = ("plain", "cloudy", "speckled", "stripes", "zigzag", "dots", "scales", "triangles", "marble")
 _FRUIT = ("cloudy", "speckled", "plain")
-_STONE = ("marble", "granite", "speckled", "cloudy", "chips")
 _PRINTED = ("art", "stripes", "triangles", "dots", "plain", "camouflage", "checks")
 _TOY = ("plain", "wood", "stripes", "dots", "triangles", "checks", "cloudy", "mosaic", "camouflage")
-_CAST = ("plain", "cloudy", "granite", "wood", "marble")
+_RIM = 0.018  # of a tin
+_QUARTER = np.stack([np.cos(np.linspace(-np.pi / 2, 0, 7)), np.sin(np.linspace(-np.pi / 2, 0, 7))], axis=-1)
+_QUARTER[0, 0] = 0.0
+_LATITUDE = np.linspace(-np.pi / 2, np.pi / 2, 12)
+_EGG = np.stack([0.38 * np.cos(_LATITUDE) * (1 - 0.12 * np.sin(_LATITUDE)), 0.52 * np.sin(_LATITUDE)], axis=-1)
+_EGG[[0, -1], 0] = 0.0
+_TURN = np.linspace(0, 2 * math.pi, 100, endpoint=False)
+_HEART_Y = 13 * np.cos(_TURN) - 5 * np.cos(2 * _TURN) - 2 * np.cos(3 * _TURN) - np.cos(4 * _TURN) + 1.5
+_HEART = np.stack([16 * np.sin(_TURN) ** 3, _HEART_Y], axis=-1)[::-1] / 16
+_SIXTIETHS = np.arange(60) * math.pi / 30
+_NUT = (np.cos(math.pi / 6) / np.cos((_SIXTIETHS % (math.pi / 3)) - math.pi / 6))[:, None] * _directions(60)
 
 # fmt: off
 KINDS: dict[str, Kind] = {
-    "vase": Kind(_VASE, (0.18, 0.36), 1.6, _GLAZED),
-    "bottle": Kind(_BOTTLE, (0.2, 0.34), 1.3, ("plain", "cloudy", "stripes", "speckled")),
-    "bowl": Kind(_BOWL, (0.14, 0.28), 1.2, _GLAZED),
-    "cup": Kind(_CUP, (0.08, 0.13), 1.4, _GLAZED),
-    "goblet": Kind(_GOBLET, (0.13, 0.2), 0.6, ("plain", "cloudy", "wood")),
-    "plate": Kind(_PLATE, (0.18, 0.28), 0.7, _GLAZED),
-    "jar": Kind(_JAR, (0.12, 0.24), 1.0, _GLAZED),
-    "tin": Kind(_TIN, (0.08, 0.15), 1.0, _PRINTED),
-    "candle": Kind(_CANDLE, (0.07, 0.2), 0.8, ("plain", "cloudy", "stripes", "marble")),
-    "apple": Kind(_APPLE, (0.075, 0.095), 1.4, _FRUIT),
-    "pear": Kind(_PEAR, (0.09, 0.12), 0.9, _FRUIT),
-    "egg": Kind(_egg, (0.06, 0.09), 0.6, _FRUIT),
-    "pawn": Kind(_PAWN, (0.09, 0.22), 0.8, ("wood", "plain", "marble")),
-    "cylinder": Kind(_CYLINDER, (0.08, 0.22), 0.7, _TOY),
-    "cone": Kind(_CONE, (0.1, 0.2), 0.6, _TOY),
-    "capsule": Kind(_CAPSULE, (0.08, 0.18), 0.5, _TOY),
-    "book": Kind(lambda rng: _cuboid([1.0, rng.uniform(0.62, 0.8), rng.uniform(0.08, 0.26)]), (0.18, 0.3), 1.8,
-                 ("plain", "art", "stripes", "weave", "triangles", "cloudy", "scales")),
-    "carton": Kind(lambda rng: _cuboid([rng.uniform(0.4, 1.0), rng.uniform(0.3, 0.8), rng.uniform(0.4, 1.1)]),
-                   (0.1, 0.28), 1.4, _PRINTED),
-    "block": Kind(_block, (0.06, 0.16), 1.2, _TOY),
-    "ball": Kind(lambda _: closed_grid(_sphere(), (5.2, 3.14)), (0.07, 0.18), 1.2,
-                 ("stripes", "plain", "dots", "cloudy", "marble", "triangles")),
-    "ellipsoid": Kind(lambda rng: closed_grid(_sphere() * rng.uniform(0.5, 1.0, 3), (4.4, 2.6)), (0.08, 0.18), 0.5,
-                      _TOY),
-    "superquadric": Kind(_superquadric, (0.1, 0.22), 1.0, _TOY),
-    "pebble": Kind(_pebble, (0.06, 0.2), 1.1, _STONE),
-    "blob": Kind(_blob, (0.1, 0.2), 0.9, _GLAZED),
-    "ring": Kind(_ring, (0.1, 0.24), 0.8, _TOY),
-    "knot": Kind(_knot, (0.12, 0.26), 0.5, _CAST),
-    "crystal": Kind(lambda rng: hull(np.array(one_of(rng, _POLYHEDRA), dtype=np.float64)), (0.08, 0.18), 0.8,
-                    ("plain", "granite", "marble", "wood", "chips")),
-    "star": Kind(_STAR, (0.1, 0.2), 0.5, _TOY),
-    "gear": Kind(_GEAR, (0.1, 0.24), 0.8, ("plain", "cloudy", "granite")),
-    "flower": Kind(_FLOWER, (0.1, 0.2), 0.5, _TOY),
-    "heart": Kind(_heart, (0.08, 0.18), 0.4, ("plain", "cloudy", "wood", "dots")),
-    "prism": Kind(lambda rng: extruded(_directions(one_of(rng, [3, 5, 6, 8])), rng.uniform(0.5, 2.2)), (0.08, 0.22),
-                  0.6, _TOY),
-    "nut": Kind(_nut, (0.07, 0.16), 0.5, ("plain", "granite")),
+    "vase": Kind((0.18, 0.36), 1.6, _GLAZED,
+        _turned([(0.3, 0.5), (0.09, 0.24), (0.9, 1.7), (0.4, 0.75), (1.1, 1.7), (0.25, 0.6)],
+        lambda belly, neck, tall, foot, lip, at: _hollow([
+            (foot * belly, 0.0), (0.5 * (foot * belly + belly) * 1.1, 0.5 * at * tall), (belly, at * tall),
+            (0.55 * belly + 0.45 * neck, (0.45 * at + 0.55 * 0.8) * tall), (neck, 0.86 * tall), (neck * lip, tall),
+        ], 0.03, 0.06))),
+    "bottle": Kind((0.2, 0.34), 1.3, ("plain", "cloudy", "stripes", "speckled"),
+        _turned([(0.2, 0.36), (1.1, 1.8), (0.07, 0.1), (0.5, 0.66)], lambda r, tall, neck, at: [
+            (0, 0), (0.92 * r, 0), (0.92 * r, 0), (r, 0.05), (r, 0.6 * (at * tall)), (r, at * tall),
+            (0.75 * r, at * tall + 0.13), (neck * 1.15, at * tall + 0.26), (neck, tall - 0.12), (neck, tall - 0.1),
+            (neck, tall - 0.1), (neck * 1.3, tall - 0.1), (neck * 1.3, tall - 0.1), (neck * 1.3, tall),
+            (neck * 1.3, tall), (0, tall),
+        ])),
+    "bowl": Kind((0.14, 0.28), 1.2, _GLAZED, _turned([(0.25, 0.5), (0.18, 0.28)], lambda deep, foot: _hollow(
+        [(foot, 0.0), (foot, 0.03), (0.33, 0.25 * deep), (0.46, 0.62 * deep), (0.5, deep)], 0.03, 0.055))),
+    "cup": Kind((0.08, 0.13), 1.4, _GLAZED,
+        _turned([(0.7, 1.2), (0.26, 0.4), (0.34, 0.44), (0.95, 1.15)], lambda tall, foot, lip, middle: _hollow(
+            [(foot, 0.0), (foot * 1.02, 0.04), (0.5 * (foot + lip) * middle, 0.5 * tall), (lip, tall)], 0.03, 0.06))),
+    "goblet": Kind((0.13, 0.2), 0.6, ("plain", "cloudy", "wood"), _turned([(1.1, 1.6), (0.26, 0.36)], lambda tall, r: [
+        (0, 0), (0.28, 0), (0.28, 0), (0.26, 0.03), (0.06, 0.09), (0.04, 0.25 * tall),
+        (0.05, 0.45 * tall), (0.6 * r, 0.52 * tall), (r, 0.7 * tall), (0.88 * r, tall), (0.88 * r, tall),
+        (0.88 * r - 0.025, tall), (r - 0.025, 0.7 * tall), (0.5 * r, 0.56 * tall), (0, 0.53 * tall),
+    ])),
+    "plate": Kind((0.18, 0.28), 0.7, _GLAZED, _turned([(0.05, 0.1)], lambda rise: [
+        (0, 0), (0.3, 0), (0.3, 0), (0.33, 0.012), (0.4, 0.5 * rise), (0.5, rise), (0.5, rise), (0.5, rise + 0.02),
+        (0.5, rise + 0.02), (0.4, 0.5 * rise + 0.022), (0.31, 0.03), (0, 0.03),
+    ])),
+    "jar": Kind((0.12, 0.24), 1.0, _GLAZED, _turned([(0.34, 0.48), (0.6, 1.1)], lambda r, tall: [  # with a lid
+        (0, 0), (r, 0), (r, 0), (r * 1.04, 0.5 * tall), (r, tall), (r, tall), (r * 1.07, tall), (r * 1.07, tall),
+        (r * 1.07, tall + 0.09), (r * 1.07, tall + 0.09), (0.3 * r, tall + 0.09 + 0.05), (0.12 * r, tall + 0.09 + 0.09),
+        (0.22 * r, tall + 0.09 + 0.17), (0, tall + 0.09 + 0.23),
+    ])),
+    "tin": Kind((0.08, 0.15), 1.0, _PRINTED, _turned([(0.28, 0.5), (0.4, 1.2)], lambda r, tall: [
+        (0, 0.012), (r - _RIM, 0.012), (r - _RIM, 0), (r + _RIM, 0), (r + _RIM, 0), (r + _RIM, 0.03), (r + _RIM, 0.03),
+        (r, 0.045), (r, 0.045), (r, tall - 0.045), (r, tall - 0.045), (r + _RIM, tall - 0.03), (r + _RIM, tall - 0.03),
+        (r + _RIM, tall), (r + _RIM, tall), (r - _RIM, tall), (r - _RIM, tall), (r - _RIM, tall - 0.012),
+        (r - _RIM, tall - 0.012), (0, tall - 0.012),
+    ], smooth=False)),
+    "candle": Kind((0.07, 0.2), 0.8, ("plain", "cloudy", "stripes", "marble"),
+        _turned([(0.16, 0.36), (0.5, 1.2)], lambda r, tall: [
+            (0, 0), (r, 0), (r, 0), (r, tall - 0.06), (r, tall - 0.06), (0.96 * r, tall - 0.015), (0.85 * r, tall),
+            (0.5 * r, tall - 0.02), (0, tall - 0.03),
+        ])),
+    "apple": Kind((0.075, 0.095), 1.4, _FRUIT, _turned([(0.46, 0.54)], lambda wide: [
+        (0, 0.07), (0.12, 0.012), (0.22, 0.0), (0.36, 0.09), (wide, 0.42), (0.9 * wide, 0.72), (0.26, 0.86),
+        (0.1, 0.82), (0, 0.72),
+    ])),
+    "pear": Kind((0.09, 0.12), 0.9, _FRUIT, _turned([(0.9, 1.1)], lambda wide: np.multiply([
+        (0, 0.05), (0.1, 0.01), (0.2, 0), (0.36, 0.1), (0.42, 0.34), (0.3, 0.66), (0.2, 0.88), (0.13, 1.02), (0, 1.06),
+    ], [wide, 1.0]))),
+    "egg": Kind((0.06, 0.09), 0.6, _FRUIT, lambda _: lathed(_EGG, upright=False)),
+    "pawn": Kind((0.09, 0.22), 0.8, ("wood", "plain", "marble"),
+        _turned([(0.1, 0.16), (0.18, 0.24)], lambda waist, head: [
+            (0, 0), (0.34, 0), (0.34, 0), (0.35, 0.07), (0.29, 0.12), (0.27, 0.18), (0.2, 0.24), (waist, 0.55),
+            (waist + 0.01, 0.66), (0.22, 0.7), (0.22, 0.73), (0.11, 0.77), (head, 0.77 + 0.9 * head),
+            (0.7 * head, 0.77 + 1.65 * head), (0, 0.77 + 1.95 * head),
+        ])),
+    "cylinder": Kind((0.08, 0.22), 0.7, _TOY, _turned([(0.15, 0.5), (0.3, 1.2)], lambda r, tall: hard_edged(
+        [(0, 0), (r - 0.015, 0), (r, 0.015), (r, tall - 0.015), (r - 0.015, tall), (0, tall)],
+    ), upright=False, smooth=False)),
+    "cone": Kind((0.1, 0.2), 0.6, _TOY, _turned([(0.3, 0.5), [0.02, 0.02, 0.18], (0.6, 1.2)],
+        lambda r, top, tall: hard_edged([(0, 0), (r, 0), (top, tall), (0, tall + 0.01)]), smooth=False)),
+    "capsule": Kind((0.08, 0.18), 0.5, _TOY, _turned([(0.18, 0.32), (0.2, 0.7)], lambda r, straight: np.vstack(
+        [r * _QUARTER, r * _QUARTER[::-1] * [1, -1] + [0, straight]]), upright=False)),
+    "book": Kind((0.18, 0.3), 1.8, ("plain", "art", "stripes", "weave", "triangles", "cloudy", "scales"),
+        lambda rng: _cuboid([1.0, rng.uniform(0.62, 0.8), rng.uniform(0.08, 0.26)])),
+    "carton": Kind((0.1, 0.28), 1.4, _PRINTED,
+        lambda rng: _cuboid([rng.uniform(0.4, 1.0), rng.uniform(0.3, 0.8), rng.uniform(0.4, 1.1)])),
+    "block": Kind((0.06, 0.16), 1.2, _TOY, _block),
+    "ball": Kind((0.07, 0.18), 1.2, ("stripes", "plain", "dots", "cloudy", "marble", "triangles"),
+        lambda _: closed_grid(_sphere(), (5.2, 3.14))),
+    "ellipsoid": Kind((0.08, 0.18), 0.5, _TOY,
+        lambda rng: closed_grid(_sphere() * rng.uniform(0.5, 1.0, 3), (4.4, 2.6))),
+    "superquadric": Kind((0.1, 0.22), 1.0, _TOY, _superquadric),
+    "pebble": Kind((0.06, 0.2), 1.1, ("marble", "granite", "speckled", "cloudy", "chips"), _pebble),
+    "blob": Kind((0.1, 0.2), 0.9, _GLAZED, _blob),
+    "ring": Kind((0.1, 0.24), 0.8, _TOY, _ring),
+    "knot": Kind((0.12, 0.26), 0.5, ("plain", "cloudy", "granite", "wood", "marble"), _knot),
+    "crystal": Kind((0.08, 0.18), 0.8, ("plain", "granite", "marble", "wood", "chips"),
+        lambda rng: hull(np.array(one_of(rng, _POLYHEDRA), dtype=np.float64))),
+    "star": Kind((0.1, 0.2), 0.5, _TOY, _drawn([range(4, 9), (0.45, 0.7), (0.25, 0.6)],
+        lambda points, inner, height: extruded(
+            np.where(np.arange(2 * points) % 2 == 0, 1.0, inner)[:, None] * _directions(2 * points), height))),
+    "gear": Kind((0.1, 0.24), 0.8, ("plain", "cloudy", "granite"),
+        _drawn([range(8, 19), (0.12, 0.22), (0.2, 0.5), (0.2, 0.45)], lambda teeth, depth, height, bore: extruded(
+            polar(lambda a: 1 - depth * np.clip(0.5 + 1.6 * np.cos(teeth * a), 0, 1),
+                  16 * teeth if teeth < 12 else 12 * teeth), height, bore, 0.02))),
+    "flower": Kind((0.1, 0.2), 0.5, _TOY, _drawn([range(3, 8), (0.1, 0.3), (0.25, 0.8)],
+        lambda petals, depth, height: extruded(polar(lambda a: 1 + depth * np.cos(petals * a)), height))),
+    "heart": Kind((0.08, 0.18), 0.4, ("plain", "cloudy", "wood", "dots"),
+        lambda rng: extruded(_HEART, rng.uniform(0.3, 0.6))),
+    "prism": Kind((0.08, 0.22), 0.6, _TOY,
+        lambda rng: extruded(_directions(one_of(rng, [3, 5, 6, 8])), rng.uniform(0.5, 2.2))),
+    "nut": Kind((0.07, 0.16), 0.5, ("plain", "granite"), lambda rng: extruded(_NUT, rng.uniform(0.5, 0.9), 0.52)),
 }
 # fmt: on
 METALLIC = ("gear", "nut", "knot", "ring", "vase", "goblet", "tin", "ball", "crystal", "bowl", "capsule", "blob")
@@ -331,7 +305,7 @@ def draw_body(scene: Composition, part: tuple[str | int, ...], among: tuple[str,
     """The body of one part of a scene, of one of the kinds `among`. Without `among`: of any kind, or a user's mesh."""
     rng = scene.rng(*part, "shape")
     if among is None and scene.assets.meshes and scene.rng(*part, "own").random() < _USER_MESHES:
-        drawn = scene.assets.mesh(scene.rng(*part, "mesh"))
+        drawn = scene.assets.draw("meshes", scene.rng(*part, "mesh"))
         if drawn is not None:
             name, mesh = drawn
             if mesh.normals is None or mesh.uv is None:

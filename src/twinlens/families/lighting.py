@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from twinlens.families.composition import Composition, View, rasterize
+from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng, log_uniform, one_of
 from twinlens.families.patterns import noise
 from twinlens.families.surfaces import Sheet
@@ -38,14 +38,6 @@ def rectangle(width: float, height: float) -> Mesh:
     return Sheet(*np.array([[-width / 2, -height / 2, 0], [width, 0, 0], [0, height, 0]])).mesh()
 
 
-def out_of_view(view: View, spot: Float, side: float, front: float) -> Float:
-    """`spot` (3,) moved towards the camera, at most to y = `front`, until a level square lamp is not visible there."""
-    lamp = rectangle(side + 0.3, side + 0.3)
-    while spot[1] > front and np.isfinite(rasterize(view, [(lamp.vertices + spot, lamp.faces)], 64).depth).any():
-        spot = spot - [0.0, min(0.2, spot[1] - front), 0.0]
-    return spot
-
-
 def from_direction(azimuth_deg: float, elevation_deg: float) -> Float:
     """The unit vector (3,) towards a light: azimuth from +x to +y, elevation above the horizon."""
     a, e = math.radians(azimuth_deg), math.radians(elevation_deg)
@@ -64,9 +56,10 @@ def environment(scene: Composition, pixels: Image, turn_deg: float = 0.0, weight
 
 def user_environment(scene: Composition, rng: Rng) -> bool:
     """Light the scene with one of the user's environment maps at a random angle; False where there is none."""
-    pixels = scene.assets.hdri(rng)
-    if pixels is None:
+    drawn = scene.assets.draw("hdris", rng)
+    if drawn is None:
         return False
+    pixels = drawn[1]
     mean = max(float(pixels.mean()), 1e-9)
     environment(scene, np.minimum(pixels / mean, 2e3).astype(np.float32), float(rng.uniform(0, 360)))
     return True
@@ -102,12 +95,12 @@ def daylight(scene: Composition, rng: Rng, middle: Float, radius: float) -> None
     panel(scene, "sun", sun, middle, np.full(2, 2 * half), radiance * tone)
 
 
-_PEREZ = {  # A, B, C, D, E as (a, b) of a T + b, with turbidity T
+_PEREZ = {  # the coefficients A to E, each as (slope, offset) of a linear function of the turbidity
     "Y": ((0.1787, -1.4630), (-0.3554, 0.4275), (-0.0227, 5.3251), (0.1206, -2.5771), (-0.0670, 0.3703)),
     "x": ((-0.0193, -0.2592), (-0.0665, 0.0008), (-0.0004, 0.2125), (-0.0641, -0.8989), (-0.0033, 0.0452)),
     "y": ((-0.0167, -0.2608), (-0.0950, 0.0092), (-0.0079, 0.2102), (-0.0441, -1.6537), (-0.0109, 0.0529)),
 }
-_ZENITH = {  # rows: T^2, T, 1; columns: the sun's zenith angle to the powers 3, 2, 1, 0
+_ZENITH = {  # rows: turbidity to the powers 2, 1, 0; columns: the sun's zenith angle to the powers 3, 2, 1, 0
     "x": ((0.00166, -0.00375, 0.00209, 0.0), (-0.02903, 0.06377, -0.03202, 0.00394),
           (0.11693, -0.21196, 0.06052, 0.25886)),
     "y": ((0.00275, -0.00610, 0.00317, 0.0), (-0.04214, 0.08970, -0.04153, 0.00516),

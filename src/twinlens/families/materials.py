@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import zoom
 
 from twinlens.families.composition import Composition
-from twinlens.families.draws import METALS, Palette, Rng, one_of, shuffled, varied
+from twinlens.families.draws import METALS, Palette, Rng, one_of, varied
 from twinlens.families.patterns import half_size, noise, pattern
 from twinlens.families.solids import Solid
 from twinlens.scenes.scene import Bitmap, Plugin
@@ -27,15 +27,13 @@ _USER_TEXTURES = 0.4  # probability of a user's texture on a surface, if the use
 
 def material(finish: str, color: Bitmap, roughness: float = 0.2) -> Plugin:
     """A Mitsuba material of this finish; `color` is its reflectance, or a metal's tint."""
-    if finish == "glass":
-        return {"type": "dielectric", "int_ior": 1.5}
-    if finish == "mirror":
-        return {"type": "conductor", "material": "Ag", "specular_reflectance": color}
-    if finish == "metal":
-        return {"type": "roughconductor", "material": "none", "specular_reflectance": color, "alpha": roughness}
-    if finish == "matte":
-        return {"type": "diffuse", "reflectance": color}
-    return {"type": "roughplastic", "diffuse_reflectance": color, "alpha": roughness}
+    plugins: dict[str, Plugin] = {
+        "glass": {"type": "dielectric", "int_ior": 1.5},
+        "mirror": {"type": "conductor", "material": "Ag", "specular_reflectance": color},
+        "metal": {"type": "roughconductor", "material": "none", "specular_reflectance": color, "alpha": roughness},
+        "matte": {"type": "diffuse", "reflectance": color},
+    }
+    return plugins.get(finish, {"type": "roughplastic", "diffuse_reflectance": color, "alpha": roughness})
 
 
 def texels(length: float, pixel: float, most: int = _MAX_TEXELS) -> int:
@@ -58,7 +56,7 @@ def body_material(
         if finish in ("metal", "mirror"):
             pixels = metal_pixels(rng, n, finish)
         else:
-            pixels = pattern(name, n, rng, varied(rng, shuffled(rng, palette.accents)))
+            pixels = pattern(name, n, rng, varied(rng, rng.permutation(palette.accents)))
     u, v = (span * size / tile for span in solid.span)
     u, v = (float(max(1, round(u))), max(v, 0.25)) if solid.around else (u, v)
     return material(finish, Bitmap(pixels, to_uv=np.diag([u, v, 1.0, 1.0])), roughness)
@@ -76,7 +74,8 @@ def user_texture(scene: Composition, *part: str | int) -> Image | None:
     """One of the user's textures for a share of the surfaces; None for the others, and if no file can be read."""
     if not scene.assets.textures or scene.rng(*part, "own texture").random() >= _USER_TEXTURES:
         return None
-    return scene.assets.texture(scene.rng(*part, "picture"))
+    drawn = scene.assets.draw("textures", scene.rng(*part, "picture"))
+    return None if drawn is None else drawn[1]
 
 
 def resized(pixels: Image, side: int) -> Image:
@@ -116,10 +115,8 @@ def furniture_material(
     if word == "spines":
         return material("satin", Bitmap(_spines(scene, part), filter="nearest"), 0.3)
     names, tile, finish, roughness = FURNITURE[word]
-    rng, palette = (
-        scene.rng("dress", *(part if word in ("pattern", "picture", "rug") else (word, shared))),
-        scene.palette,
-    )
+    rng = scene.rng("dress", *(part if word in ("pattern", "picture", "rug") else (word, shared)))
+    palette = scene.palette
     n = texels(tile, pixel, 256)
     own = user_texture(scene, *part) if word in ("picture", "rug", "pattern", "fabric") else None
     if own is not None:
@@ -130,7 +127,7 @@ def furniture_material(
         name = one_of(rng, names)
         tones = np.vstack([palette.accents, palette.grounds]) if word in ("fabric", "paint") else palette.accents
         fixed = _FIXED_COLORS.get(word)
-        colors = varied(rng, shuffled(rng, tones), 0.1) if fixed is None else varied(rng, fixed)
+        colors = varied(rng, rng.permutation(tones), 0.1) if fixed is None else varied(rng, fixed)
         pixels = pattern(name, n, rng, colors)
     return material(finish, Bitmap(pixels, to_uv=np.diag([1 / tile, 1 / tile, 1.0, 1.0])), roughness)
 

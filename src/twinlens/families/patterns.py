@@ -8,10 +8,9 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from twinlens.families.draws import STONES, WOODS, Rng, one_of, shuffled, varied, weighted
+from twinlens.families.draws import STONES, WOODS, Rng, one_of, varied, weighted
 from twinlens.geometry import Float
 from twinlens.scenes import textures
 from twinlens.scenes.textures import Image, ramp
@@ -114,7 +113,7 @@ def _weave(n: int, rng: Rng, colors: Float) -> Image:
 
 def _stripes(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     count = int(rng.integers(2, 5))
-    chosen = shuffled(rng, colors)[:count]
+    chosen = rng.permutation(colors)[:count]
     repeats, along_v = int(rng.integers(2, 6)), rng.random() < 0.5
     edges = np.cumsum(rng.dirichlet(np.full(2 * len(chosen), 2.0)))
     order = np.append(np.tile(np.arange(len(chosen)), 2), 0)
@@ -131,18 +130,12 @@ def _gingham(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
 
 def _dots(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     cells, radius = 2 * int(rng.integers(2, 5)), rng.uniform(0.18, 0.36)
-    spots = shuffled(rng, colors[1:])[: min(3, len(colors) - 1)]
+    spots = rng.permutation(colors[1:])[: min(3, len(colors) - 1)]
     row = np.floor(v * cells)
     x = u * cells + 0.5 * (row % 2)
     inside = np.hypot(x % 1.0 - 0.5, v * cells % 1.0 - 0.5) < radius
     spot = spots[((np.floor(x) % cells + row) % len(spots)).astype(int)]
     return np.asarray(np.where(inside[..., None], spot, colors[0]))
-
-
-def _cells(u: Float, v: Float, centres: Float) -> tuple[Float, NDArray[np.intp]]:
-    """Distances (m, m, 2) to the two nearest of the periodic centres (K, 2), and their indices."""
-    distance, index = cKDTree(centres, boxsize=1.0).query(np.stack([u, v], axis=-1), k=2)
-    return distance, index
 
 
 def _chips(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
@@ -151,7 +144,7 @@ def _chips(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     centres, size = rng.random((count, 2)), rng.lognormal(0, 0.35, count)
     tones = varied(rng, colors[rng.integers(len(colors), size=count)], 0.1)
     reach = 0.42 / math.sqrt(count)
-    distance, index = _cells(u, v, centres)
+    distance, index = cKDTree(centres, boxsize=1.0).query(np.stack([u, v], axis=-1), k=2)  # the two nearest centres
     inside = (distance[..., 0] < reach * size[index[..., 0]]) & (distance[..., 1] - distance[..., 0] > 0.25 * reach)
     return np.asarray(np.where(inside[..., None], tones[index[..., 0]], 0.3 * colors[-1] + 0.45))
 
@@ -160,7 +153,7 @@ def _mosaic(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     count = int(rng.integers(40, 130))
     centres = rng.random((count, 2))
     tones = varied(rng, colors[rng.integers(len(colors), size=count)], 0.1)
-    distance, index = _cells(u, v, centres)
+    distance, index = cKDTree(centres, boxsize=1.0).query(np.stack([u, v], axis=-1), k=2)
     tile = distance[..., 1] - distance[..., 0] > 0.09 / math.sqrt(count)
     return np.asarray(np.where(tile[..., None], tones[index[..., 0]], np.full(3, 0.55)))
 
@@ -189,7 +182,7 @@ def _triangles(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
 
 def _zigzag(n: int, u: Float, v: Float, rng: Rng, colors: Float) -> Float:
     count = int(rng.integers(3, 6))
-    chosen = shuffled(rng, colors)[:count]
+    chosen = rng.permutation(colors)[:count]
     across, bands, height = int(rng.integers(2, 6)), int(rng.integers(1, 3)), rng.uniform(0.1, 0.3)
     t = v * bands + height * np.abs(2 * (u * across % 1.0) - 1)
     return np.asarray(chosen[(t * len(chosen) % len(chosen)).astype(int)])
@@ -287,7 +280,7 @@ _CHARTS: tuple[tuple[float, Callable[[Rng, int, Float], Image]], ...] = (
     (1.0, lambda rng, n, tones: ramp(noise(n, rng, 4, 7, 0.75, 1.8), np.insert(_PAPER, 1, varied(rng, tones[:1]), 0))),
     (0.6, _bars),
     (0.8, _color_checker),
-    (3.0, lambda rng, n, accents: pattern(one_of(rng, _POSTERS), n, rng, varied(rng, shuffled(rng, accents)))),
+    (3.0, lambda rng, n, accents: pattern(one_of(rng, _POSTERS), n, rng, varied(rng, rng.permutation(accents)))),
 )
 """Every chart and its weight in draws."""
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from twinlens.families import furniture, lighting
 from twinlens.families.arrangement import Area, arrange, bodies_at_rest, gap
-from twinlens.families.composition import Composition, rasterize, triangles
+from twinlens.families.composition import Composition, rasterize
 from twinlens.families.draws import Rng, one_of, varied
 from twinlens.families.furniture import Piece, board
 from twinlens.families.materials import furniture_material, material
@@ -36,7 +36,15 @@ def compose(scene: Composition) -> None:
     _add_shell(scene, shell)
     _add_windows(scene, shell, plan)
     for index, (piece, pose) in enumerate(plan.placed):
-        _add_piece(scene, piece, pose, index)
+        pixel = scene.pixel_at(pose[:3, 3], 0.5)
+        shared = int(scene.rng("tone", piece.kind, index).integers(1 << 30))
+        for name, mesh, word in piece.parts:
+            label = name if name.startswith(piece.kind) or piece.kind in ("lamp", "plant") else f"{piece.kind}-{name}"
+            if word == "lit":
+                radiance = scene.rng("lit", index).uniform(2.0, 4.0) * lighting.WARM
+                lighting.emitter(scene, label, mesh, pose, radiance, 0.4)
+            else:
+                scene.add(label, mesh, furniture_material(scene, (piece.kind, index, name), word, pixel, shared), pose)
     _add_small_objects(scene, plan)
     _decorate(scene, shell, plan)
     _light(scene, shell)
@@ -84,9 +92,9 @@ def _set_view(scene: Composition, shell: Shell) -> float:
     target = np.array([-0.6 * eye[0] + rng.uniform(-0.4, 0.4), shell.back, rng.uniform(0.55, 1.0)])
     scene.look(eye, target, rng.uniform(50, 63))
     depth_ratio = scene.depth_ratio(3.2, 6.0)
-    sides = [triangles(sheet.mesh()) for sheet in shell.sheets().values()]
+    sides = [sheet.mesh() for sheet in shell.sheets().values()]
     while True:
-        floor, far = rasterize(scene.view, sides, 320).depth_range
+        floor, far = scene.visible_range(sides, 320)
         if floor >= far / depth_ratio or scene.view.fov_x_deg < 25:
             return far / depth_ratio
         scene.view = replace(scene.view, fov_x_deg=0.95 * scene.view.fov_x_deg)
@@ -106,7 +114,6 @@ class _FloorPlan:
     shell: Shell
     near: float
     placed: list[tuple[Piece, Float]] = field(default_factory=list)
-    taken: list[Float] = field(default_factory=list)
     walls: dict[str, list[tuple[float, float, float]]] = field(default_factory=lambda: {side: [] for side in _SIDES})
 
     def _place_if_free(self, piece: Piece, pose: Float, margin: float = 0.04, near: float | None = None) -> bool:
@@ -117,10 +124,10 @@ class _FloorPlan:
         floor = _floor_rectangle(piece.floor, pose)
         corners = np.concatenate([np.column_stack([floor, np.full(4, z)]) for z in (0.0, piece.height)])
         nearest = self.scene.view.depth(corners).min()
-        if any(gap(outline, other) <= 0 for other in self.taken) or nearest < (self.near if near is None else near):
+        taken = (_floor_rectangle(other.floor, place) for other, place in self.placed)
+        if any(gap(outline, other) <= 0 for other in taken) or nearest < (self.near if near is None else near):
             return False
         self.placed.append((piece, pose))
-        self.taken.append(floor)
         return True
 
     def place_along(self, side: str, most: int) -> None:
@@ -168,8 +175,8 @@ class _FloorPlan:
             for _ in range(6):
                 place = translation(self.scene.view.at(side, 0.0, depth) * [1, 1, 0])
                 pose = place @ rotation([0, 0, 1], turn)
-                meshes = [triangles(mesh, pose) for _, mesh, _ in piece.parts]
-                found = float(rasterize(self.scene.view, meshes).depth.min())  # +inf where the piece is not visible
+                meshes = [(transform_points(pose, mesh.vertices), mesh.faces) for _, mesh, _ in piece.parts]
+                found = float(rasterize(self.scene.view, meshes).min())  # +inf where the piece is not visible
                 depth += self.near - found if math.isfinite(found) else 0.2 * self.near
             if abs(found - self.near) < 0.01 * self.near and self._place_if_free(piece, pose, near=0.0):
                 return
@@ -182,21 +189,17 @@ def _add_shell(scene: Composition, shell: Shell) -> None:
     name, tile = one_of(rng, WALLS) if rng.random() < 0.35 else ("cloudy", 1.8)
     accent = rng.random() < 0.5
     for side, sheet in shell.sheets().items():
-        stream = ("surface", side)
+        kind, size, tones, finish, mottle = name, tile, colors, "matte", 0.1
         if side == "floor":
             kind, size = one_of(rng, FLOORS)
-            ground = wall_colors(scene.rng("floor colours"), scene.palette, 0.45)
+            tones = wall_colors(scene.rng("floor colours"), scene.palette, 0.45)
             finish = one_of(rng, ["matte", "satin", "satin"])
-            made = surface(scene, stream, sheet, kind, ground, size, finish, 0.3)
         elif side == "ceiling":
-            white = np.array([[0.78, 0.77, 0.74], [0.72, 0.71, 0.69]])
-            made = surface(scene, stream, sheet, "cloudy", white, 2.0, mottle=0.05)
+            kind, size, tones, mottle = "cloudy", 2.0, np.array([[0.78, 0.77, 0.74], [0.72, 0.71, 0.69]]), 0.05
         elif side == "back-wall" and accent:
             kind, size = one_of(rng, WALLS)
-            made = surface(scene, stream, sheet, kind, wall_colors(scene.rng("accent"), scene.palette, 0.3), size)
-        else:
-            made = surface(scene, stream, sheet, name, colors, tile)
-        scene.add(side, sheet.mesh(), made)
+            tones = wall_colors(scene.rng("accent"), scene.palette, 0.3)
+        scene.add(side, sheet.mesh(), surface(scene, ("surface", side), sheet, kind, tones, size, finish, 0.3, mottle))
     if rng.random() < 0.8:
         depth, tall, length = 0.015, 0.09, shell.back - shell.front
         boards = [board((shell.width, depth, tall), (0, shell.back - depth / 2, tall / 2))]
@@ -254,18 +257,6 @@ def _curtains(rng: Rng, wide: float, tall: float, sill: float) -> Mesh:
     return shapes.merged(made)
 
 
-def _add_piece(scene: Composition, piece: Piece, pose: Float, index: int) -> None:
-    pixel = scene.pixel_at(pose[:3, 3], 0.5)
-    shared = int(scene.rng("tone", piece.kind, index).integers(1 << 30))
-    for name, mesh, word in piece.parts:
-        label = name if name.startswith(piece.kind) or piece.kind in ("lamp", "plant") else f"{piece.kind}-{name}"
-        if word == "lit":
-            radiance = scene.rng("lit", index).uniform(2.0, 4.0) * lighting.WARM
-            lighting.emitter(scene, label, mesh, pose, radiance, 0.4)
-        else:
-            scene.add(label, mesh, furniture_material(scene, (piece.kind, index, name), word, pixel, shared), pose)
-
-
 def _add_small_objects(scene: Composition, plan: _FloorPlan) -> None:
     shelves = [(shelf, pose) for piece, pose in plan.placed for shelf in piece.shelves]
     if not shelves:
@@ -293,17 +284,6 @@ def _add_windows(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
                 break
 
 
-def _add_picture(scene: Composition, pose: Float, w: float, h: float, index: int) -> None:
-    z, pixel = 1.55, scene.pixel_at(pose[:3, 3], 0.5)
-    frame = [board((w + 0.05, 0.03, 0.035), (0, -0.015, z + s * h / 2)) for s in (-1, 1)]
-    frame += [board((0.035, 0.03, h + 0.05), (s * w / 2, -0.015, z)) for s in (-1, 1)]
-    wood = furniture_material(scene, ("frame", index), "wood", pixel)
-    scene.add("picture-frame", shapes.merged(frame), wood, pose)
-    canvas = board((w, 0.012, h), (0, -0.007, z))
-    printed = furniture_material(scene, ("picture", index), "picture", pixel / max(w, h))
-    scene.add("picture", replace(canvas, uv=np.asarray(canvas.uv) / [w, h]), printed, pose)
-
-
 def _decorate(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
     rng = scene.rng("decoration")
     if rng.random() < 0.75:
@@ -317,7 +297,15 @@ def _decorate(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
             w, h = rng.uniform(0.35, 0.9), rng.uniform(0.35, 0.8)
             if all(abs(along - at) > 0.5 * (w + wide) + 0.1 or tall < 1.0 for at, wide, tall in plan.walls[side]):
                 plan.walls[side].append((along, w, 2.0))
-                _add_picture(scene, shell.against(side, along, 0.0), w, h, index)
+                pose, z = shell.against(side, along, 0.0), 1.55
+                pixel = scene.pixel_at(pose[:3, 3], 0.5)
+                frame = [board((w + 0.05, 0.03, 0.035), (0, -0.015, z + s * h / 2)) for s in (-1, 1)]
+                frame += [board((0.035, 0.03, h + 0.05), (s * w / 2, -0.015, z)) for s in (-1, 1)]
+                wood = furniture_material(scene, ("frame", index), "wood", pixel)
+                scene.add("picture-frame", shapes.merged(frame), wood, pose)
+                canvas = board((w, 0.012, h), (0, -0.007, z))
+                printed = furniture_material(scene, ("picture", index), "picture", pixel / max(w, h))
+                scene.add("picture", replace(canvas, uv=np.asarray(canvas.uv) / [w, h]), printed, pose)
                 break
 
 
@@ -330,7 +318,9 @@ def _light(scene: Composition, shell: Shell) -> None:
         side = rng.uniform(1.0, 1.7)
         tone = one_of(rng, [lighting.WARM, lighting.NEUTRAL])
         level = rng.uniform(8.0, 12.0) / side**2
-        spot = lighting.out_of_view(scene.view, spot, side, shell.front + side / 2)
+        lamp, front = lighting.rectangle(side + 0.3, side + 0.3), shell.front + side / 2
+        while spot[1] > front and np.isfinite(rasterize(scene.view, [(lamp.vertices + spot, lamp.faces)], 64)).any():
+            spot = spot - [0.0, min(0.2, spot[1] - front), 0.0]  # towards the camera, until the lamp is not visible
         lighting.panel(scene, "ceiling-light", spot, spot - [0, 0, 1], np.full(2, side), level * tone)
     place = np.array([0.0, shell.front + 0.02, 0.55 * shell.height])
     size = np.array([0.9 * shell.width, 0.8 * shell.height])

@@ -60,7 +60,7 @@ def hull(points: Float) -> Solid:
     """The convex hull of points (N, 3), with flat sides."""
     found = ConvexHull(points)
     faces = found.simplices.copy()
-    inward = (face_cross(points, faces) * found.equations[:, :3]).sum(axis=1) < 0
+    inward = (shapes.face_cross(points, faces) * found.equations[:, :3]).sum(axis=1) < 0
     faces[inward] = faces[inward][:, ::-1]
     return unit(box_mapped(points, faces, 0.0), False)
 
@@ -95,30 +95,27 @@ def polar(radius: Callable[[Float], Float], count: int = 120) -> Float:
 
 
 def box_mapped(vertices: Float, faces: Indices, smooth_deg: float) -> Mesh:
-    """A mesh with box-mapped (u, v), and normals smooth between faces that meet at less than `smooth_deg`."""
-    cross = face_cross(vertices, faces)
-    unit_cross = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-15)
-    normals = _creased_normals(np.asarray(faces), cross, unit_cross, math.radians(max(smooth_deg, 0.1)))
+    """A mesh with box-mapped (u, v), and normals smooth between faces that meet at less than `smooth_deg`.
+
+    The normal of a corner is the area-weighted mean over the faces at its vertex that are within this angle of its own.
+    """
+    cross = shapes.face_cross(vertices, faces)
+    unit_cross = _normalized(cross)
+    index = np.asarray(faces).reshape(-1)
+    order = np.argsort(index, kind="stable")
+    start, valence = np.unique(index[order], return_index=True, return_counts=True)[1:]
+    mates = np.repeat(valence, valence)
+    left = np.repeat(np.arange(len(index)), mates)  # every pair of triangle corners at one vertex
+    right = np.arange(len(left)) - np.repeat(np.cumsum(mates) - mates, mates)
+    right += np.repeat(np.repeat(start, valence), mates)
+    a, b = order[left] // 3, order[right] // 3
+    alike = np.einsum("nc,nc->n", unit_cross[a], unit_cross[b]) > math.cos(math.radians(max(smooth_deg, 0.1)))
+    total = np.zeros((len(index), 3))
+    np.add.at(total, order[left[alike]], cross[b[alike]])
     corner = vertices[faces].reshape(-1, 3)
     main = np.abs(np.repeat(unit_cross, 3, axis=0)).argmax(axis=1)
     uv = np.take_along_axis(corner, np.array([(1, 2), (0, 2), (0, 1)])[main], axis=1)
-    return Mesh(corner, np.arange(len(corner), dtype=np.uint32).reshape(-1, 3), normals, uv)
-
-
-def _creased_normals(faces: Indices, cross: Float, unit_cross: Float, angle: float) -> Float:
-    """Normals (3F, 3) at triangle corners: area-weighted means over faces at a vertex within `angle` of the own one."""
-    corner = faces.reshape(-1)
-    order = np.argsort(corner, kind="stable")
-    start, valence = np.unique(corner[order], return_index=True, return_counts=True)[1:]
-    mates = np.repeat(valence, valence)
-    left = np.repeat(np.arange(len(corner)), mates)
-    step = np.arange(len(left)) - np.repeat(np.cumsum(mates) - mates, mates)
-    right = step + np.repeat(np.repeat(start, valence), mates)
-    a, b = order[left] // 3, order[right] // 3
-    alike = np.einsum("nc,nc->n", unit_cross[a], unit_cross[b]) > math.cos(angle)
-    total = np.zeros((len(corner), 3))
-    np.add.at(total, order[left[alike]], cross[b[alike]])
-    return _normalized(total)
+    return Mesh(corner, np.arange(len(corner), dtype=np.uint32).reshape(-1, 3), _normalized(total), uv)
 
 
 def closed_grid(points: Float, span: tuple[float, float], wrap_v: bool = False) -> Solid:
@@ -129,7 +126,7 @@ def closed_grid(points: Float, span: tuple[float, float], wrap_v: bool = False) 
         closed = np.concatenate([closed, closed[:1]], axis=0)
     v, u = np.meshgrid(np.linspace(0, 1, len(closed)), np.linspace(0, 1, columns + 1), indexing="ij")
     vertices, faces = closed.reshape(-1, 3), shapes.grid(columns + 1, len(closed))
-    cross = face_cross(vertices, faces)
+    cross = shapes.face_cross(vertices, faces)
     kept = np.linalg.norm(cross, axis=1) > 1e-12
     faces, cross = faces[kept], cross[kept]
     _, same = np.unique(np.round(vertices, 9), axis=0, return_inverse=True)
@@ -138,12 +135,6 @@ def closed_grid(points: Float, span: tuple[float, float], wrap_v: bool = False) 
         np.add.at(total, same.ravel()[faces[:, corner]], cross)
     normals = _normalized(total[same.ravel()])
     return unit(Mesh(vertices, faces, normals, np.stack([u, v], axis=-1).reshape(-1, 2)), False, span, around=True)
-
-
-def face_cross(vertices: Float, faces: Indices) -> Float:
-    """Face normals (F, 3), twice as long as the triangles' areas."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    return np.asarray(np.cross(b - a, c - a))
 
 
 def _normalized(vectors: Float) -> Float:

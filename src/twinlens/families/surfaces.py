@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.families.composition import Composition, View
-from twinlens.families.draws import Palette, Rng, shuffled, varied
+from twinlens.families.draws import Palette, Rng, varied
 from twinlens.families.materials import material, texels
 from twinlens.families.patterns import half_size, pattern, texture_seed
 from twinlens.geometry import Float
@@ -22,7 +22,7 @@ from twinlens.scenes.textures import Image
 Mask = NDArray[np.bool_]
 _MAX_TEXELS = 1024
 _BEYOND = 1.4  # of half the picture: what the right camera may see of a surface
-_MIN_COSINE = 0.25  # steeper views are filtered as this one
+_MIN_COSINE = 0.25  # views at a smaller one are filtered like this one
 _SQUARE = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
 QUAD = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
 
@@ -37,12 +37,10 @@ class Sheet:
 
     @property
     def lengths(self) -> tuple[float, float]:
-        """Lengths of the sides, metres."""
         return float(np.linalg.norm(self.u)), float(np.linalg.norm(self.v))
 
     @property
     def normal(self) -> Float:
-        """Unit normal of the front."""
         n = np.cross(self.u, self.v)
         return np.asarray(n / np.linalg.norm(n))
 
@@ -123,8 +121,14 @@ def _sampled(
     row, column = np.indices((rows, columns)) if inside is None else np.nonzero(inside)
     s, t = ((column + 0.5) / columns).astype(np.float32), (1 - (row + 0.5) / rows).astype(np.float32)
     wide, high = sheet.lengths
-    texel = tile / len(pyramid[0])
-    level = np.clip(_level(sheet, view, s, t, texel, max(wide / columns, high / rows)), 0, len(pyramid) - 1.001)
+    origin, u, v = (view.cam_from_world[:3, :3] @ vector for vector in (sheet.corner - view.eye, sheet.u, sheet.v))
+    x, y, z = (np.float32(origin[i]) + s * np.float32(u[i]) + t * np.float32(v[i]) for i in range(3))
+    off = abs(float((sheet.corner - view.eye) @ sheet.normal))
+    cosine = np.maximum(np.float32(off) / np.sqrt(x * x + y * y + z * z), np.float32(_MIN_COSINE))
+    footprint = np.float32(view.pixel(1.0)) * np.maximum(z, np.float32(1e-6)) / cosine  # the longer side of a pixel's
+    footprint = np.maximum(footprint, np.float32(max(wide / columns, high / rows)))
+    level = np.asarray(np.log2(np.maximum(footprint / np.float32(tile / len(pyramid[0])), 1.0)), np.float32)
+    level = np.clip(level, 0, len(pyramid) - 1.001)
     x, y = s * np.float32(wide / tile), (1 - t) * np.float32(high / tile)
     out = np.zeros((*level.shape, 3), dtype=np.float32)
     lower = level.astype(np.int64)
@@ -135,16 +139,6 @@ def _sampled(
         fine, rough = (_wrapped(pyramid[number + k], y[here], x[here]) for k in (0, 1))
         out[here] = fine * (1 - w) + rough * w
     return out
-
-
-def _level(sheet: Sheet, view: View, s: Image, t: Image, texel: float, laid: float) -> Image:
-    """Pyramid level at s, t: log2 of the texels along the longer side of a pixel's footprint."""
-    origin, u, v = (view.cam_from_world[:3, :3] @ vector for vector in (sheet.corner - view.eye, sheet.u, sheet.v))
-    x, y, z = (np.float32(origin[i]) + s * np.float32(u[i]) + t * np.float32(v[i]) for i in range(3))
-    off = abs(float((sheet.corner - view.eye) @ sheet.normal))
-    cosine = np.float32(off) / np.sqrt(x * x + y * y + z * z)
-    pixel = np.float32(view.pixel(1.0)) * np.maximum(z, np.float32(1e-6)) / np.maximum(cosine, np.float32(_MIN_COSINE))
-    return np.asarray(np.log2(np.maximum(np.maximum(pixel, np.float32(laid)) / np.float32(texel), 1.0)), np.float32)
 
 
 def _wrapped(picture: Image, y: Image, x: Image) -> Image:
@@ -179,8 +173,8 @@ FLOORS = (
 
 def wall_colors(rng: Rng, palette: Palette, contrast: float = 0.35) -> Float:
     """Colours of a wall: a ground, and others mixed with it so that the pattern keeps a low contrast."""
-    ground = varied(rng, shuffled(rng, palette.grounds), 0.06)
+    ground = varied(rng, rng.permutation(palette.grounds), 0.06)
     if rng.random() < 0.25:
-        ground[0] = 0.75 * varied(rng, shuffled(rng, palette.accents)[:1], 0.1)[0] + 0.02
+        ground[0] = 0.75 * varied(rng, rng.permutation(palette.accents)[:1], 0.1)[0] + 0.02
     others = np.vstack([ground[1:], palette.accents])
     return np.vstack([ground[:1], ground[0] + (others - ground[0]) * (contrast + 0.15)])

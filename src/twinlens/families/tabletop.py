@@ -62,7 +62,7 @@ def _add_still_life(scene: Composition, half: float) -> None:
 def _add_surroundings(scene: Composition, depth_ratio: float, half: float) -> None:
     """Add the table, and the wall at the distance that gives the depth ratio; a floor where the table has an edge."""
     rng, view = scene.rng("surroundings"), scene.view
-    behind = max((float(vertices[:, 1].max()) for vertices, _ in scene.triangles()), default=half) + 0.02
+    behind = max((float(vertices[:, 1].max()) for vertices, _ in scene.triangles), default=half) + 0.02
     near_y = float(view.eye[1])
     edge = behind + rng.uniform(0.03, 0.25) if rng.random() < 0.6 else None
     table_half = half * rng.uniform(1.6, 3.0)
@@ -83,7 +83,7 @@ def _add_surroundings(scene: Composition, depth_ratio: float, half: float) -> No
     def meshes(distance: float) -> list[Mesh]:
         return [sheet.mesh() for sheet in sheets(distance).values()]
 
-    far = scene.z_buffer(meshes(depth_ratio)).depth_range[0] * depth_ratio
+    far = scene.visible_range(meshes(depth_ratio))[0] * depth_ratio
     patterns = {"table": (TOPS, 0.7), "wall": (WALLS, 0.35), "floor": (FLOORS, 0.5)}
     rng = scene.rng("furnish")
     for name, sheet in sheets(scene.backdrop_distance(meshes, far, far)).items():
