@@ -1,4 +1,4 @@
-"""Relations that hold between the arrays of a sample, for any scene: each function returns its findings, one line each.
+"""Checks of the relations between the arrays of a sample; each function returns its findings, one line each.
 
 Tolerances follow from the files: depth, position and disparity are float32, so a relation may be off by a few units in
 the last place, and by 1e-4 px where pixels are compared.
@@ -76,11 +76,9 @@ def check_ids(truth: Arrays) -> Findings:
     """Ids are at most the number of names in the file; kinds index MATERIAL_KINDS."""
     limits = {"object_id": len(truth["object_names"]), "material_id": len(truth["material_names"])}
     limits["material_kind"] = len(MATERIAL_KINDS) - 1
-    return [
-        f"{name} has the value {truth[name].max()}, but only {limit} names exist"
-        for name, limit in limits.items()
-        if truth[name].max() > limit
-    ]
+    largest = {name: truth[name].max() for name in limits}
+    text = "{} has the value {}, but only {} names exist"
+    return [text.format(name, value, limits[name]) for name, value in largest.items() if value > limits[name]]
 
 
 def check_blur(truth: Arrays, camera: Camera, lens: Lens) -> Findings:
@@ -94,8 +92,8 @@ def check_views(truths: tuple[Arrays, Arrays], rig: Rig, views: tuple[int, int])
     """Points of one view that are visible in the other project into it, at a depth and place that it has there.
 
     Depth: a point must be between the minimum and the maximum of the 3x3 depths around its projection. Only pixels with
-    the same object all around in both views are tested, and 5% of these may fail; of few pixels as many as a failure
-    rate of 5% exceeds once in a million. Swapped views and views of different scenes fail nearly everywhere.
+    the same object all around in both views are tested. A finding means that at a failure rate of 5% so many failures
+    have a probability below one in a million. Swapped views and different scenes fail nearly everywhere.
 
     Place: 3x3 bounds do not notice a view that is shifted by a pixel. Where the other view is flat and slanted, depth
     gives the shift along the slope: in u for surfaces slanted sideways, in v for those slanted up or down. The median

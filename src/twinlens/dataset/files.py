@@ -120,11 +120,11 @@ def remove_unfinished(folder: Where) -> list[str]:
 def locked(
     folder: Place, shared: bool = False, wait: bool = False, remedy: str = "wait for it", file: str = ""
 ) -> Iterator[None]:
-    """Hold the lock of `folder`, or of one `file` in it; several processes can hold a `shared` one, as shards do.
+    """Lock `folder`, or one `file` in it. Several processes can hold a `shared` lock, as shards do.
 
-    Raises OutputError, which ends with the `remedy`, while another run holds it, unless `wait` is set. Buckets and file
-    systems without locks are not locked. The system releases the lock of a killed process. docs/decisions/locks.md says
-    why this is flock(2) and not filelock.
+    If another run has the lock, waits for it if `wait` is set, and else raises OutputError that ends with the `remedy`.
+    Buckets and file systems without locks are not locked. The system releases the lock of a killed process.
+    docs/decisions/locks.md says why this is flock(2) and not filelock.
     """
     if isinstance(folder, RemotePath):
         yield

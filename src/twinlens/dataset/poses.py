@@ -89,10 +89,9 @@ def read_colmap(folder: FilePath) -> NamedRig:
     images = sorted(_colmap_images(path), key=lambda image: image[0])
     if not images:
         raise FileError(f"{path}: has no images")
-    for _, camera, _, _ in images:
-        if camera not in cameras:
-            raise FileError(f"{path}: refers to camera {camera}, which cameras.txt does not have")
     _, used, names, poses = zip(*images, strict=True)
+    if missing := [camera for camera in used if camera not in cameras]:
+        raise FileError(f"{path}: refers to camera {missing[0]}, which cameras.txt does not have")
     return NamedRig(Rig([cameras[camera] for camera in used], poses), names)
 
 
@@ -118,14 +117,13 @@ def write_transforms(path: FilePath, rig: Rig, names: Sequence[str] | None = Non
 
 def read_transforms(path: FilePath) -> NamedRig:
     """The rig of a transforms.json, in the order of its frames. Raises FileError."""
+    text = read_text(path)
     try:
-        table = json.loads(read_text(path))
+        table = json.loads(text)
         frames = table["frames"]
         cameras = [_nerf_camera({**table, **frame}) for frame in frames]
         poses = [np.array(frame["transform_matrix"], dtype=np.float64) @ _OPENGL for frame in frames]
         return NamedRig(Rig(cameras, poses), tuple(str(frame["file_path"]) for frame in frames))
-    except FileError:
-        raise
     except KeyError as error:
         raise FileError(f"{path}: has no {error.args[0]}") from None
     except (ValueError, TypeError, ArithmeticError, RecursionError) as error:

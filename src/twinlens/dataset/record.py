@@ -221,7 +221,7 @@ def decode_json(data: bytes, path: str, kind: str, version: int) -> dict[str, An
 
 
 def pack(array: NDArray[Any]) -> dict[str, Any]:
-    """An array without NaN as one string: base64 of zlib of its numbers, as few bits each as represent them exactly."""
+    """An array without NaN as one string: base64 of zlib of its numbers, in the shortest format that is exact."""
     array = np.asarray(array, np.float64)
     levels: int | None
     for levels in (255, 65535):

@@ -98,15 +98,16 @@ def unfinished(where: Where) -> str:
 def repair_hint(where: Where, findings: Mapping[str, Sequence[str]]) -> str:
     """One line on how to repair the damaged samples of a dataset of `twinlens generate`; empty if there are none.
 
-    `findings` are those of `verify_place`, by name. A lost or changed file is damage, a file too many is not.
+    `findings` are those of `verify_place`, by name. Missing and changed files are damage, additional files are not.
     """
     lost = (_MISSING, "no such folder")
     damaged = {name for name, lines in findings.items() if any(x.endswith(lost) or _CHANGED in x for x in lines)}
     count = len(damaged - {NAME})
+    which = (
+        f"{count} samples are damaged: delete their folders" if count > 1 else "1 sample is damaged: delete its folder"
+    )
     with contextlib.suppress(FileError):
         if count and "made_with" in read_manifest(where).info:
-            which = f"{count} samples are damaged: delete their folders"
-            which = "1 sample is damaged: delete its folder" if count == 1 else which
             return f"{which} and rerun `twinlens generate`, which makes identical files"
     return ""
 
@@ -290,16 +291,13 @@ def _check_view(content: Content, rig: Rig, i: int) -> list[str]:
     """Relations within the truth of view i, and with its partner's."""
     name, camera, partner = f"truth{i}.exr", rig.cameras[i], rig.partner(i)
     truth, disparity, mask = content[name], content.get(f"disp{i}.pfm"), content.get(f"mask{i}nocc.png")
-    findings = _named(name, consistency.check_positions(truth, camera, rig.world_from_cams[i]))
-    if findings:
+    if findings := _named(name, consistency.check_positions(truth, camera, rig.world_from_cams[i])):
         return findings
-    findings = _named(name, consistency.check_ids(truth))
-    findings += _named(name, consistency.check_blur(truth, camera, content["lenses"][0]))
-    known = truth["object_id"] > 0
+    blur = consistency.check_blur(truth, camera, content["lenses"][0])
+    findings, known = _named(name, consistency.check_ids(truth) + blur), truth["object_id"] > 0
     if disparity is not None:
         known |= np.isfinite(disparity)
-        pair = rectified_pair(rig, i)
-        if pair is None:
+        if (pair := rectified_pair(rig, i)) is None:
             findings.append(f"disp{i}.pfm: is a disparity map, but the view is not in a rectified pair")
         else:
             calibration = Calibration.from_rig(rig.pair(*pair))

@@ -63,8 +63,8 @@ def correspondence_of(truths: tuple[Truth, Truth], rig: Rig, source: int, target
 
     Positions are float32 in a file, so pixels are within 1e-7 fx |X| / z of `tl.correspondence`. If the target is the
     source's partner, visibility is the file's. Otherwise a point is visible if the target sees, at the nearest pixel,
-    the same object with a tangent plane within a thousandth of the distance: correct to half a pixel at edges, and
-    missing points on surfaces that curve more than that within a pixel.
+    the same object with a tangent plane within a thousandth of the distance. This is correct to half a pixel at edges,
+    and misses points on surfaces that curve more than this within a pixel.
 
     Raises InputError unless the two are different cameras of the rig.
     """

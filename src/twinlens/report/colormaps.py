@@ -54,9 +54,9 @@ def colourise(
 
 
 def disparity_limits(disparity: ArrayLike, matcher: object) -> tuple[float, float]:
-    """(low, high) for the colours of a disparity map, which differ by 1 at least.
+    """(low, high) for the colours of a disparity map, at least 1 apart.
 
-    The matcher's search range; the range of the map if it states none or searches one disparity.
+    The matcher's search range, or the range of the map if the matcher has none or searches one disparity.
     """
     values = np.asarray(disparity)
     known = values[np.isfinite(values)]

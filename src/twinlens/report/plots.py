@@ -144,7 +144,7 @@ def agreement_figure(agreement: Agreement, names: tuple[str, str], kind: str = "
 
 
 def pair_figure(rows: Sequence[Mapping[str, float]], kind: str = "png") -> bytes:
-    """One axis a statistic, as PNG or SVG: real pairs as a bar from 10 % to 90 % with their median, a dot for a row."""
+    """One axis per statistic, as PNG or SVG: real pairs as a bar from 10 % to 90 % with their median; a dot per row."""
     names = [name for name in STATISTICS if any(not math.isnan(row[name]) for row in rows)]
     lines = -(-len(names) // _PAIR_COLUMNS)
     with matplotlib.rc_context(RC_PARAMS):
