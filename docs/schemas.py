@@ -11,7 +11,8 @@ import pydantic
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
-from twinlens.dataset import DatasetFile, SampleFile
+from twinlens.dataset.dataset import DatasetFile
+from twinlens.dataset.stored import SampleFile
 from twinlens.factory.draws import KINDS
 from twinlens.factory.recipe import RecipeTable
 from twinlens.factory.settings import Settings

@@ -17,8 +17,7 @@ from twinlens.dataset import (
     write_manifest,
     write_sample,
 )
-from twinlens.dataset.files import write_file
-from twinlens.dataset.manifest import hash_files
+from twinlens.dataset.files import hash_files, write_file
 from twinlens.dataset.record import encode_json
 from twinlens.errors import FileError
 from twinlens.factory.plan import sample_name

@@ -8,15 +8,14 @@ from twinlens.dataset.codecs.calib import Calibration, read_calib, write_calib
 from twinlens.dataset.codecs.exr import read_exr, write_exr
 from twinlens.dataset.codecs.pfm import encode_pfm, read_disparity, read_pfm, write_pfm
 from twinlens.dataset.codecs.png import encode_png, read_image, read_png, write_png
-from twinlens.dataset.dataset import Dataset, open_sample
-from twinlens.dataset.files import remove_unfinished
-from twinlens.dataset.manifest import DatasetFile, Manifest, Row, hash_files, read_manifest, row_of, write_manifest
+from twinlens.dataset.dataset import Dataset, Manifest, Row, open_sample, read_manifest, row_of, write_manifest
+from twinlens.dataset.files import hash_files, remove_unfinished
 from twinlens.dataset.metadata import About, write_croissant
 from twinlens.dataset.quantities import statistics
 from twinlens.dataset.real_pairs import DownloadedPair, RealPair, downloaded_pairs, motorcycle
 from twinlens.dataset.sample import Sample, Shot, sample_files, write_sample
 from twinlens.dataset.storage import Place, RemotePath, Where, is_whole, place
-from twinlens.dataset.stored import SampleFile, StoredSample, StoredShot
+from twinlens.dataset.stored import StoredSample, StoredShot
 from twinlens.dataset.truth_files import read_truth
 from twinlens.dataset.verify import repair_hint, unchecked, unfinished, verify_dataset, verify_place, verify_sample
 from twinlens.dataset.visibility import mask_from_both, mask_from_one
@@ -25,7 +24,6 @@ __all__ = [
     "About",
     "Calibration",
     "Dataset",
-    "DatasetFile",
     "DownloadedPair",
     "Manifest",
     "Place",
@@ -33,7 +31,6 @@ __all__ = [
     "RemotePath",
     "Row",
     "Sample",
-    "SampleFile",
     "Shot",
     "StoredSample",
     "StoredShot",

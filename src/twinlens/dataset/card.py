@@ -24,9 +24,8 @@ from PIL import Image, ImageOps
 
 import twinlens
 from twinlens.camera.film import rgb8
-from twinlens.dataset.dataset import Dataset
+from twinlens.dataset.dataset import Dataset, Manifest, write_manifest
 from twinlens.dataset.files import read_bytes, write_file
-from twinlens.dataset.manifest import Manifest, write_manifest
 from twinlens.dataset.metadata import KEY, About, about, write_croissant
 from twinlens.dataset.quantities import Statistics, mixed_counts, stored_statistics
 from twinlens.dataset.record import plain

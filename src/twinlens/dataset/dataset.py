@@ -1,15 +1,119 @@
-"""A dataset: the samples of a folder, in order. Plain Python, numpy or torch read it; torch is optional."""
+"""A dataset: dataset.json, and the samples of a folder, in order. Torch is optional.
 
-from collections.abc import Callable, Mapping, Sequence
+dataset.json has how the dataset was made, and the SHA-256 of every file in it. `twinlens generate` writes the row of a
+sample to DIR/.rows/NAME.json as soon as its folder appears, and moves the rows to dataset.json later. Until then the
+samples are pending, as those of parallel shards and of interrupted runs are.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Generic, TypeVar, overload
+from typing import Annotated, Any, Generic, Literal, TypeVar, overload
 
-from twinlens.dataset.manifest import NAME, Manifest, Row, pending_rows, read_manifest
-from twinlens.dataset.storage import Place, RemotePath, Where, is_whole, place
-from twinlens.dataset.stored import StoredSample, parse_quantity, read_quantities
+import pydantic
+
+import twinlens
+from twinlens.dataset.files import check_relative, files_below, hash_files, read_bytes, write_file
+from twinlens.dataset.record import FileModel, decode_json, encode_json, read, read_json, read_part
+from twinlens.dataset.storage import Place, Where, is_whole, place
+from twinlens.dataset.stored import StoredSample, found_samples, parse_quantity, read_quantities
 from twinlens.errors import FileError, InputError, unknown
 
+MANIFEST, _KIND, _VERSION = "dataset.json", "twinlens-dataset", 1
+ROW_KIND, ROW_VERSION, ROWS = "twinlens-row", 1, ".rows"
+
 T = TypeVar("T")
+RelativeName = Annotated[str, pydantic.AfterValidator(check_relative)]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One sample: its folder (with / if nested), its files, and plain data, such as the split."""
+
+    __pydantic_config__ = pydantic.ConfigDict(strict=False)  # so that a mapping is read
+
+    name: RelativeName
+    files: Mapping[RelativeName, Annotated[str, pydantic.Field(description="SHA-256, hexadecimal")]]
+    info: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """The content of a dataset.json: rows in order, recipe, seed, and plain data (versions, counts)."""
+
+    rows: Sequence[Row]
+    recipe: Mapping[str, Any] = field(default_factory=dict)
+    seed: int | None = None
+    info: Mapping[str, Any] = field(default_factory=dict)
+
+
+class DatasetFile(FileModel):
+    """dataset.json."""
+
+    format: Literal["twinlens-dataset"]
+    version: Literal[1]
+    twinlens: str = pydantic.Field(default="", description="version that wrote the file")
+    seed: int | None = None
+    recipe: dict[str, Any]
+    info: dict[str, Any]
+    samples: list[Row]
+
+    @pydantic.field_validator("samples")
+    @classmethod
+    def _check_unique(cls, samples: list[Row]) -> list[Row]:
+        twice = [name for name, count in Counter(row.name for row in samples).items() if count > 1]
+        if twice:
+            raise InputError(f"lists the sample {twice[0]!r} twice")
+        return samples
+
+
+_ROW = pydantic.TypeAdapter(Row)
+
+
+def write_manifest(folder: Where, manifest: Manifest) -> None:
+    """Write `folder`/dataset.json atomically. The same manifest gives the same bytes. Raises OutputError."""
+    record: dict[str, Any] = {"format": _KIND, "version": _VERSION, "twinlens": twinlens.__version__}
+    record |= {"seed": manifest.seed, "recipe": manifest.recipe, "info": manifest.info}
+    record["samples"] = [{"name": row.name, "files": row.files, "info": row.info} for row in manifest.rows]
+    write_file(place(folder) / MANIFEST, encode_json(record))
+
+
+def read_manifest(folder: Where) -> Manifest:
+    """Read `folder`/dataset.json. Raises FileError: file, key, what is allowed."""
+    path = place(folder) / MANIFEST
+    file = read(DatasetFile, read_json(path, _KIND, _VERSION), path)
+    return Manifest(tuple(file.samples), file.recipe, file.seed, file.info)
+
+
+def row_of(dataset: Where, name: str, info: Mapping[str, Any] | None = None) -> Row:
+    """The row of the sample `dataset`/`name`, with its files hashed now. Raises FileError."""
+    return Row(name, hash_files(place(dataset) / name), info or {})
+
+
+def pending_rows(folder: Place, listed: Collection[str]) -> tuple[dict[str, Row | None], dict[str, str]]:
+    """The pending samples of `folder`: name -> row, None where it cannot be read; and name -> what is wrong with it.
+
+    `listed` are the names in dataset.json. `twinlens generate` makes an unreadable row again from the sample's files.
+    """
+    rows: dict[str, Row | None] = {}
+    errors: dict[str, str] = {}
+    files = files_below(folder / ROWS) if (folder / ROWS).is_dir() else []
+    for name in [file.removesuffix(".json") for file in files if file.endswith(".json") and "/" not in file]:
+        path = f"{ROWS}/{name}.json"
+        try:
+            if name in listed or not is_whole(folder / check_relative(name)):
+                continue  # a sample that failed has a row too, and no folder
+            rows[name] = None
+            record = decode_json(read_bytes(folder / path), path, ROW_KIND, ROW_VERSION)
+            rows[name] = replace(read_part(_ROW, record, "row", path), name=name)
+        except FileError as error:
+            if (folder / path).exists():  # else it has been moved to dataset.json meanwhile
+                message = str(error).removeprefix(f"{folder}/")
+                errors[name] = f"{message}; the next `twinlens generate` makes it again, from the sample's files"
+        except InputError as error:
+            errors[name] = f"{path}: {error}"
+    return rows, errors
 
 
 class SampleIndexError(InputError, IndexError):
@@ -32,15 +136,15 @@ class Dataset(Sequence[StoredSample]):
         self.path = place(path)
         if not self.path.is_dir():
             raise FileError(f"{self.path}: no such folder; a dataset is a folder of samples")
-        if (self.path / NAME).is_file():
+        if (self.path / MANIFEST).is_file():
             manifest = read_manifest(self.path)
             self._samples = tuple(stored(self.path, row) for row in manifest.rows)
             if not self._samples:
-                raise FileError(f"{self.path / NAME}: lists no sample{_why_empty(self.path, manifest.info)}")
+                raise FileError(f"{self.path / MANIFEST}: lists no sample{_why_empty(self.path, manifest.info)}")
             return
         self._samples = found_samples(self.path)
         if not self._samples:
-            raise FileError(f"{self.path}: has no sample: no {NAME}, and no folder with an im0.png")
+            raise FileError(f"{self.path}: has no sample: no {MANIFEST}, and no folder with an im0.png")
 
     def __len__(self) -> int:
         return len(self._samples)
@@ -119,7 +223,7 @@ class Mapped(Sequence[T], Generic[T]):
         return self.function(self.dataset[index])
 
 
-def stored(folder: Place, row: Row, listed_in: str = NAME) -> StoredSample:
+def stored(folder: Place, row: Row, listed_in: str = MANIFEST) -> StoredSample:
     """The sample of a row, and the file that lists it."""
     return StoredSample(folder / row.name, row.name, {"files": row.files, "info": row.info, "listed_in": listed_in})
 
@@ -151,14 +255,3 @@ def _why_empty(path: Place, info: Mapping[str, Any]) -> str:
         action = "list the finished samples and make the others" if pending_rows(path, ())[0] else "make them"
         return f"; rerun `twinlens generate` to {action}"
     return ""
-
-
-def found_samples(path: Place) -> tuple[StoredSample, ...]:
-    """The samples in the subfolders of `path`, or at `path` itself, whatever its dataset.json lists."""
-    if (path / "im0.png").is_file():
-        return (StoredSample(path, path.resolve().name),)
-    folders = sorted((entry for entry in path.iterdir() if not entry.name.startswith(".")), key=str)
-    folders = [folder for folder in folders if (folder / "im0.png").is_file()]
-    if isinstance(path, RemotePath):  # among samples of twinlens, those without a mark are incomplete
-        folders = [folder for folder in folders if is_whole(folder)] or folders
-    return tuple(StoredSample(folder, folder.name) for folder in folders)

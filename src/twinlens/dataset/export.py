@@ -30,8 +30,8 @@ import twinlens
 from twinlens.dataset.codecs.calib import Calibration, encode_calib
 from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.dataset.codecs.png import encode_png
+from twinlens.dataset.dataset import MANIFEST
 from twinlens.dataset.files import check_replaceable, read_bytes, write_folder
-from twinlens.dataset.manifest import NAME as MANIFEST
 from twinlens.dataset.poses import colmap_camera, colmap_pose
 from twinlens.dataset.storage import RemotePath, Where, place
 from twinlens.dataset.stored import StoredSample

@@ -7,6 +7,7 @@ see `twinlens.dataset.storage`.
 
 import contextlib
 import errno
+import hashlib
 import os
 import secrets
 import shutil
@@ -160,6 +161,15 @@ def files_below(folder: Place) -> list[str]:
     if isinstance(folder, RemotePath):
         return folder.files()
     return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+
+
+def hash_files(folder: Where) -> dict[str, str]:
+    """SHA-256 of every file below `folder`, relative name with / -> hexadecimal, sorted by name. Raises FileError."""
+    folder = place(folder)
+    if not folder.is_dir():
+        raise FileError(f"{folder}: no such folder")
+    names = [name for name in files_below(folder) if not is_hidden(name)]
+    return {name: hashlib.sha256(read_bytes(folder / name)).hexdigest() for name in names}
 
 
 def is_hidden(name: str) -> bool:

@@ -19,16 +19,14 @@ from urllib.parse import urlsplit
 import pydantic
 
 from twinlens import schema
-from twinlens.dataset.dataset import Dataset
+from twinlens.dataset.dataset import MANIFEST, Dataset, Manifest
 from twinlens.dataset.files import read_bytes, write_file
-from twinlens.dataset.manifest import NAME as MANIFEST
-from twinlens.dataset.manifest import Manifest
 from twinlens.dataset.record import read
 from twinlens.dataset.storage import Where
 from twinlens.errors import InputError
 
 KEY, UNNAMED = "about", "stereo dataset"
-NAME = "croissant.json"
+CROISSANT = "croissant.json"
 _VERSION = "1.0.0"
 
 # mlcroissant decodes few formats, and returns the bytes of text: hence the second media types.
@@ -149,8 +147,8 @@ def write_croissant(dataset: Where | Dataset) -> str:
         record["creator"] = {"@type": "sc:Person", "name": given.creator}
     record["distribution"] = [files for files, _ in described]
     record["recordSet"] = [content for _, content in described]
-    write_file(dataset.path / NAME, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode())
-    return NAME
+    write_file(dataset.path / CROISSANT, (json.dumps(record, indent=1, ensure_ascii=False) + "\n").encode())
+    return CROISSANT
 
 
 def _manifest_records(data: bytes, manifest: Manifest) -> tuple[dict[str, Any], dict[str, Any]]:

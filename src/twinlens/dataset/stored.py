@@ -25,7 +25,7 @@ from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.files import check_relative
 from twinlens.dataset.record import FileModel, annotation_of, lens_from_plain, read, read_json, read_part
 from twinlens.dataset.sample import KIND, VERSION
-from twinlens.dataset.storage import Place
+from twinlens.dataset.storage import Place, RemotePath, is_whole
 from twinlens.dataset.truth_files import SCALARS, VECTORS, blur_circle_px, read_truth, truth_from_arrays
 from twinlens.dataset.visibility import Disparity, Mask, correspondence_of, mask_from_both, mask_from_one
 from twinlens.errors import FileError, InputError, unknown
@@ -291,6 +291,17 @@ class StoredShot:
         """Signed blur circle of view i for this lens, pixels, float32 (H, W): `optics.circle_of_confusion_px`."""
         depth = read_truth(self.sample.path(f"truth{i}.exr"))["depth"]
         return blur_circle_px(depth, self.sample.rig.cameras[i], self.lens)
+
+
+def found_samples(path: Place) -> tuple[StoredSample, ...]:
+    """The samples in the subfolders of `path`, or at `path` itself, whatever its dataset.json lists."""
+    if (path / "im0.png").is_file():
+        return (StoredSample(path, path.resolve().name),)
+    folders = sorted((entry for entry in path.iterdir() if not entry.name.startswith(".")), key=str)
+    folders = [folder for folder in folders if (folder / "im0.png").is_file()]
+    if isinstance(path, RemotePath):  # among samples of twinlens, those without a mark are incomplete
+        folders = [folder for folder in folders if is_whole(folder)] or folders
+    return tuple(StoredSample(folder, folder.name) for folder in folders)
 
 
 _OF_SAMPLE, _OF_CALIBRATION, _OF_CAMERA = ("name", "ndisp"), ("baseline", "doffs"), ("K", "world_from_cam")

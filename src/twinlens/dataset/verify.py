@@ -22,13 +22,12 @@ from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.codecs.pfm import read_pfm
 from twinlens.dataset.codecs.png import read_png
-from twinlens.dataset.dataset import Dataset, found_samples, stored
-from twinlens.dataset.files import is_hidden, read_bytes
-from twinlens.dataset.manifest import NAME, ROWS, Manifest, hash_files, pending_rows, read_manifest
-from twinlens.dataset.metadata import NAME as CROISSANT
+from twinlens.dataset.dataset import MANIFEST, ROWS, Dataset, Manifest, pending_rows, read_manifest, stored
+from twinlens.dataset.files import hash_files, is_hidden, read_bytes
+from twinlens.dataset.metadata import CROISSANT
 from twinlens.dataset.sample import lens_folder, rectified_pair
 from twinlens.dataset.storage import MARK, Place, RemotePath, Where, is_whole, place
-from twinlens.dataset.stored import StoredSample
+from twinlens.dataset.stored import StoredSample, found_samples
 from twinlens.dataset.truth_files import read_truth
 from twinlens.errors import FileError
 
@@ -54,7 +53,7 @@ def verify_place(where: Where, progress: Callable[[float, str], None] | None = N
     dataset; never for the content of a file.
     """
     samples, findings = _open(place(where))
-    yield NAME, findings
+    yield MANIFEST, findings
     for i, sample in enumerate(samples):
         if progress is not None:
             progress(i / len(samples), sample.name)
@@ -63,8 +62,8 @@ def verify_place(where: Where, progress: Callable[[float, str], None] | None = N
 
 def unchecked(where: Where) -> str:
     """One line if there are no checksums to verify; else empty."""
-    exists = (place(where) / NAME).is_file()
-    return "" if exists else f"no {NAME}: files were checked for consistency, but not against checksums"
+    exists = (place(where) / MANIFEST).is_file()
+    return "" if exists else f"no {MANIFEST}: files were checked for consistency, but not against checksums"
 
 
 def unfinished(where: Where) -> str:
@@ -82,7 +81,7 @@ def unfinished(where: Where) -> str:
         return ""
     num_failed = len(failed) if isinstance(failed, list) else 0
     unhashed = sum("files" not in sample.row for sample in pending)
-    parts = [f"{NAME} lists {listed} of {count} samples"]
+    parts = [f"{MANIFEST} lists {listed} of {count} samples"]
     if pending:
         note = f" ({unhashed} without checksums)" if unhashed else ""
         parts.append(f"{len(pending)} made but not listed yet{note}")
@@ -102,7 +101,7 @@ def repair_hint(where: Where, findings: Mapping[str, Sequence[str]]) -> str:
     """
     lost = (_MISSING, "no such folder")
     damaged = {name for name, lines in findings.items() if any(x.endswith(lost) or _CHANGED in x for x in lines)}
-    count = len(damaged - {NAME})
+    count = len(damaged - {MANIFEST})
     which = (
         f"{count} samples are damaged: delete their folders" if count > 1 else "1 sample is damaged: delete its folder"
     )
@@ -127,7 +126,7 @@ def verify_sample(sample: StoredSample) -> list[str]:
         hashes = hash_files(sample.folder)
     except FileError as error:
         return [str(error)]
-    expected, listed_in = sample.row.get("files", hashes), sample.row.get("listed_in", NAME)
+    expected, listed_in = sample.row.get("files", hashes), sample.row.get("listed_in", MANIFEST)
     findings = [f"{name}: {_MISSING}" for name in expected if name not in hashes]
     for name, digest in hashes.items():
         if name not in expected:
@@ -142,7 +141,7 @@ def verify_sample(sample: StoredSample) -> list[str]:
 
 def _open(folder: Place) -> tuple[Sequence[StoredSample], list[str]]:
     """The samples to check, and the findings on the dataset as a whole."""
-    if not (folder / NAME).is_file():
+    if not (folder / MANIFEST).is_file():
         dataset = Dataset(folder)
         if dataset[0].folder == folder or not any(sample.has(MARK) for sample in dataset):
             return dataset, []  # a single sample and plain Middlebury folders need no list
@@ -153,7 +152,7 @@ def _open(folder: Place) -> tuple[Sequence[StoredSample], list[str]]:
         if not samples and not _is_growing(manifest):
             Dataset(folder)  # raises: the list is empty
     except FileError as error:
-        return found_samples(folder), [str(error).removeprefix(f"{folder / NAME}: ")]
+        return found_samples(folder), [str(error).removeprefix(f"{folder / MANIFEST}: ")]
     complete = manifest.info.get("complete") is not False
     return samples, findings + (_check_croissant(folder) if complete else [])
 
@@ -191,7 +190,7 @@ def _state(folder: Place) -> tuple[Manifest, list[StoredSample], list[str]]:
         # In a bucket a sample appears file by file: one without its mark is being written, or will be overwritten.
         unlisted = [name for name in unlisted if name not in (own if isinstance(folder, RemotePath) else whole)]
     findings = [line for name, line in errors.items() if name not in listed]
-    findings += [f"{name}: is a sample that {NAME} does not list" for name in sorted(unlisted)]
+    findings += [f"{name}: is a sample that {MANIFEST} does not list" for name in sorted(unlisted)]
     samples = [*(stored(folder, row) for row in manifest.rows), *(pending[name] for name in sorted(pending))]
     return manifest, samples, findings
 
@@ -221,11 +220,11 @@ def _check_croissant(folder: Place) -> list[str]:
         return []
     try:
         entries = json.loads(read_bytes(folder / CROISSANT))["distribution"]
-        expected = [entry["sha256"] for entry in entries if entry.get("contentUrl") == NAME]
+        expected = [entry["sha256"] for entry in entries if entry.get("contentUrl") == MANIFEST]
     except (ValueError, RecursionError, KeyError, TypeError, AttributeError):
         return [f"{CROISSANT}: is damaged; `twinlens describe` rewrites it"]
-    if expected != [hashlib.sha256(read_bytes(folder / NAME)).hexdigest()]:
-        return [f"{CROISSANT}: describes another {NAME}; `twinlens describe` rewrites it"]
+    if expected != [hashlib.sha256(read_bytes(folder / MANIFEST)).hexdigest()]:
+        return [f"{CROISSANT}: describes another {MANIFEST}; `twinlens describe` rewrites it"]
     return []
 
 

@@ -17,8 +17,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from twinlens.dataset import Manifest, Row, read_manifest, remove_unfinished, row_of, write_manifest
+from twinlens.dataset.dataset import MANIFEST, ROW_KIND, ROW_VERSION, ROWS
 from twinlens.dataset.files import files_below, is_hidden, read_bytes, write_file
-from twinlens.dataset.manifest import NAME, ROW_KIND, ROW_VERSION, ROWS
 from twinlens.dataset.record import decode_json, encode_json, plain, read_json
 from twinlens.dataset.sample import KIND as SAMPLE_KIND
 from twinlens.dataset.sample import VERSION as SAMPLE_VERSION
@@ -52,7 +52,7 @@ class Ledger:
         self.folder, self.recipe = folder, recipe
         self.made_with = plain(made_with)
         self.entries: dict[int, Entry] = {}
-        self.has_file = (folder / NAME).is_file()
+        self.has_file = (folder / MANIFEST).is_file()
         if not self.has_file:
             self._refuse_other_files()
             return
@@ -143,7 +143,7 @@ class Ledger:
             self.entries |= {int(row.info["index"]): row for row in known.rows}
             self.entries |= {int(failed["index"]): Failure(**failed) for failed in known.info.get("failed", ())}
         except (KeyError, TypeError, ValueError) as error:
-            raise FileError(f"{self.folder / NAME}: was not written by `twinlens generate` ({error})") from None
+            raise FileError(f"{self.folder / MANIFEST}: was not written by `twinlens generate` ({error})") from None
         if more := sum(index >= self.recipe.count for index in self.entries):
             raise InputError(
                 f"{self.folder}: holds {more} sample(s) beyond the recipe's count of {self.recipe.count}; a count may "
