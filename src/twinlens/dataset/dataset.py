@@ -92,9 +92,9 @@ def row_of(dataset: Where, name: str, info: Mapping[str, Any] | None = None) -> 
 
 
 def pending_rows(folder: Place, listed: Collection[str]) -> tuple[dict[str, Row | None], dict[str, str]]:
-    """The pending samples of `folder`: name -> row, None where it cannot be read; and name -> what is wrong with it.
+    """The rows of the pending samples by name, None for an unreadable row; and the errors of unreadable rows by name.
 
-    `listed` are the names in dataset.json. `twinlens generate` makes an unreadable row again from the sample's files.
+    `listed` are the names in dataset.json.
     """
     rows: dict[str, Row | None] = {}
     errors: dict[str, str] = {}

@@ -80,9 +80,9 @@ class RemotePath:
 
     @contextlib.contextmanager
     def store(self, kind: type[TwinlensError], action: str) -> Iterator[tuple[Any, str]]:
-        """fsspec's file system, with its cache cleared as other processes may be writing; and the path in it.
+        """fsspec's file system, with an empty cache since other processes may write, and the path in it.
 
-        Every error of a store's client library, except for a missing file, becomes `kind`.
+        Errors of the store's client become `kind`, except FileNotFoundError.
         """
         from fsspec.core import url_to_fs
 

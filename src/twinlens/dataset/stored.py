@@ -26,7 +26,7 @@ from twinlens.dataset.files import check_relative
 from twinlens.dataset.record import FileModel, annotation_of, lens_from_plain, read, read_json, read_part
 from twinlens.dataset.sample import KIND, VERSION
 from twinlens.dataset.storage import Place, RemotePath, is_whole
-from twinlens.dataset.truth_files import SCALARS, VECTORS, blur_circle_px, read_truth, truth_from_arrays
+from twinlens.dataset.truth_files import SCALARS, VECTORS, blur_circle_px, read_truth
 from twinlens.dataset.visibility import Disparity, Mask, correspondence_of, mask_from_both, mask_from_one
 from twinlens.errors import FileError, InputError, unknown
 
@@ -169,9 +169,11 @@ class StoredSample(Mapping[str, Any]):
 
     def truth(self, i: int) -> Truth:
         """Truth of view i; depth and position have float32 precision."""
-        arrays = read_truth(self.path(f"truth{i}.exr"))
-        unknown = np.full(arrays["depth"].shape, np.inf, np.float32)
-        return truth_from_arrays(arrays, self.disparity(i) if self.has_disparity(i) else unknown)
+        fields = read_truth(self.path(f"truth{i}.exr"))
+        fields |= {name: fields[name].astype(np.float64) for name in ("depth", "position")}
+        del fields["blur_circle_px"]
+        unknown = np.full(fields["depth"].shape, np.inf, np.float32)
+        return Truth(**fields, disparity=self.disparity(i) if self.has_disparity(i) else unknown)
 
     im0, im1 = _View(image, 0), _View(image, 1)
     disp0, disp1 = _View(disparity, 0), _View(disparity, 1)

@@ -4,7 +4,6 @@ Depth and position are stored as float32: half a unit in the last place is 6e-8 
 """
 
 import json
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -61,10 +60,3 @@ def read_truth(path: Where) -> dict[str, Any]:
         return result | {name: _TEXTS.validate_json(exr.text.get(name, "[]"), strict=True) for name in _NAMES}
     except ValueError:
         raise FileError(f"{path}: the names of objects or materials are damaged") from None
-
-
-def truth_from_arrays(arrays: Mapping[str, Any], disparity: NDArray[np.float32]) -> Truth:
-    """The Truth of the arrays of `read_truth` and the view's disparity map."""
-    fields = {name: value for name, value in arrays.items() if name != "blur_circle_px"}
-    wide = {name: fields[name].astype(np.float64) for name in ("depth", "position")}
-    return Truth(**(fields | wide), disparity=disparity)

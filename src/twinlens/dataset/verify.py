@@ -81,17 +81,16 @@ def unfinished(where: Where) -> str:
         return ""
     num_failed = len(failed) if isinstance(failed, list) else 0
     unhashed = sum("files" not in sample.row for sample in pending)
-    parts = [f"{MANIFEST} lists {listed} of {count} samples"]
+    parts, actions = [f"{MANIFEST} lists {listed} of {count} samples"], []
     if pending:
         note = f" ({unhashed} without checksums)" if unhashed else ""
         parts.append(f"{len(pending)} made but not listed yet{note}")
+        actions = ["list the finished ones"]
     if num_failed:
         parts.append(f'{num_failed} failed ("failed" in it says why)')
-    missing = listed + len(pending) + num_failed < count
-    if missing or pending:
-        actions = ["make the missing samples"] * missing + ["list the finished ones"] * bool(pending)
-        parts.append(f"rerun `twinlens generate` to {' and '.join(actions)}")
-    return "; ".join(parts)
+    if listed + len(pending) + num_failed < count:
+        actions.insert(0, "make the missing samples")
+    return "; ".join([*parts, f"rerun `twinlens generate` to {' and '.join(actions)}"] if actions else parts)
 
 
 def repair_hint(where: Where, findings: Mapping[str, Sequence[str]]) -> str:
@@ -163,10 +162,10 @@ def _is_growing(manifest: Manifest) -> bool:
 
 
 def _state(folder: Place) -> tuple[Manifest, list[StoredSample], list[str]]:
-    """The list of `folder`, its samples (the pending ones last), and findings; other processes may be making samples.
+    """The list of `folder`, its samples (the pending ones last), and findings. Raises FileError for the list.
 
-    A sample's folder appears first, then its row, then its entry in dataset.json. They are read in this order, so a
-    sample that moves on between two reads is found by the later one. Raises FileError for the list.
+    Other processes may be making samples. A sample's folder appears first, then its row, then its entry in
+    dataset.json. They are read in this order, so a sample that moves on between two reads is found by the later one.
     """
     listed_before = {row.name for row in read_manifest(folder).rows}
     folders = list(_sample_folders(folder, listed_before))
@@ -255,13 +254,12 @@ def _check_sizes(content: Content) -> list[str]:
     cameras = content["rig"].cameras if "rig" in content else ()
     expected = {i: (camera.height, camera.width) for i, camera in enumerate(cameras)} or {0: size, 1: size}
     findings = []
-    for name, value in content.items():
-        if (view := _VIEW_FILE.match(name)) is not None:
-            arrays = value.values() if isinstance(value, dict) else [value]
-            size = next(array.shape[:2] for array in arrays if isinstance(array, np.ndarray))
-            height, width = expected.get(int(view[2]), size)
-            if size != (height, width):
-                findings.append(f"{name}: is {size[1]} x {size[0]}, must be {width} x {height}")
+    for view in filter(None, map(_VIEW_FILE.match, content)):
+        value = content[view[0]]
+        size = (value if isinstance(value, np.ndarray) else next(iter(value.values()))).shape[:2]
+        height, width = expected.get(int(view[2]), size)
+        if size != (height, width):
+            findings.append(f"{view[0]}: is {size[1]} x {size[0]}, must be {width} x {height}")
     return findings
 
 

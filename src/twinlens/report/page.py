@@ -101,7 +101,7 @@ def _file(name: str) -> str:
 
 def _pictures(board: Board, sample: Pair, maps: Maps | None, max_width: int, least_stride: int) -> dict[str, Any]:
     stride = max(least_stride, -(-sample.disp0.shape[1] // max_width))
-    found = {m: None if maps is None else maps.get((m, sample.name)) for m in board.methods}
+    found = {m: maps.get((m, sample.name)) for m in board.methods} if maps is not None else {}
     known = sample.disp0[np.isfinite(sample.disp0)]
     return {
         "left": image_uri(sample.im0, stride),
