@@ -48,6 +48,14 @@ def test_memory_does_not_grow_with_the_folder(tmp_path):
     assert not assets.broken
 
 
+def test_a_file_may_be_a_texture_and_an_environment_map(tmp_path):
+    Image.fromarray(np.full((4, 4, 3), 255, np.uint8)).save(tmp_path / "white.png")
+    assets = Assets.from_folders(textures=[tmp_path], hdris=[tmp_path])
+    rng = np.random.default_rng(0)
+    assert assets.draw("textures", rng)[1].max() == pytest.approx(0.95)
+    assert assets.draw("hdris", rng)[1].max() == pytest.approx(1.0)
+
+
 def test_meshes_are_scaled_to_extent_one(folder):
     assets = Assets.from_folders(meshes=[folder])
     rng = np.random.default_rng(1)

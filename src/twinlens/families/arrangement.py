@@ -33,7 +33,7 @@ _MIN_MARGIN = 2e-3  # of the body's size: least distance of the centre of mass f
 
 @dataclass(frozen=True, eq=False)
 class StablePose:
-    """A rotation (3, 3), and hull points (N, 3) and centre of mass (3,) after it, the lowest point at z = 0.
+    """A rotation (3, 3), and the rotated hull points (N, 3) and centre of mass (3,), with the lowest point at z = 0.
 
     `support` (N, 2) is the contact polygon, `top` (N, 2) the level face on top; `probability` is relative.
     """
@@ -187,7 +187,7 @@ class Placement:
 class Area:
     """A level rectangle for bodies: `middle` (2,), half its sides (2,), `height` and least `spacing`, metres.
 
-    A share `stacked` of the bodies is tried on top of others first. `sample` draws positions in half sides.
+    A share `stacked` of the bodies is tried on top of others first. `sample` draws positions, in half sides.
     """
 
     middle: Float

@@ -149,7 +149,6 @@ class Composition:
         return log_uniform(self.rng("depth"), low, high)
 
     def look(self, eye: Float, target: Float, fov_x_deg: float) -> None:
-        """Set the view: a camera at `eye` (3,) that looks at `target` (3,)."""
         self.view = View(look_at(eye, target), float(fov_x_deg), self.aspect, self.width_px)
 
     def add(

@@ -15,7 +15,6 @@ from twinlens.scenes import shapes
 
 
 def compose(scene: Composition) -> None:
-    """Add the bodies, the background, lights."""
     rng = scene.rng("view")
     target = np.array([0.0, 1.0, rng.uniform(-0.15, 0.1)])
     scene.look(np.zeros(3), target, rng.uniform(42, 65))

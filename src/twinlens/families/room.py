@@ -73,7 +73,6 @@ class Shell:
         }
 
     def wall_length(self, side: str) -> float:
-        """The length of the "back", "left" or "right" wall."""
         return self.width if side == "back" else self.back - self.front
 
     def against(self, side: str, along: float, off: float) -> Float:

@@ -89,7 +89,7 @@ def surface(
 
 
 def _project(sheet: Sheet, view: View, s: Float, t: Float, reach: float = 1.05) -> tuple[Float, Mask]:
-    """Depth (rows, columns) at fractions t, s of the sides, and whether it projects within `reach` half pictures."""
+    """Depth (rows, columns) at fractions t, s of the sides, and whether the point is within `reach` half pictures."""
     points = sheet.corner + s[None, :, None] * sheet.u + t[:, None, None] * sheet.v
     cam = (points - view.eye) @ view.world_from_cam[:3, :3]
     depth = cam[..., 2]
@@ -98,7 +98,7 @@ def _project(sheet: Sheet, view: View, s: Float, t: Float, reach: float = 1.05) 
 
 
 def bake(image: Image, tile: float, sheet: Sheet, view: View) -> Image:
-    """A periodic image repeated over a sheet, each texel filtered for a pixel there; coarser outside the picture."""
+    """A periodic image repeated over a sheet, filtered to the size of a pixel there; coarser outside the picture."""
     texel = tile / len(image)
     columns, rows = (int(np.clip(math.ceil(length / texel / 4) * 4, 8, _MAX_TEXELS)) for length in sheet.lengths)
     pyramid = [image]

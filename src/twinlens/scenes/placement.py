@@ -150,7 +150,6 @@ class CopyGrid(StrictModel):
         return self
 
     def poses(self) -> tuple[Float, ...]:
-        """The (4, 4) pose of each copy."""
         rng = np.random.default_rng(self.seed)
         count = np.array(self.count)
         cells = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing="ij"), axis=-1).reshape(-1, 3)

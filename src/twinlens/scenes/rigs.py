@@ -142,7 +142,6 @@ class RigBase(Viewed):
     misalignment: CalibrationError | list[CalibrationError] | None = None
 
     def rig(self, scene: Scene, width: int, height: int) -> Rig:
-        """The rig in the scene."""
         shared = {"width": width, "height": height, "fov_x_deg": scene.fov_x_deg} | self.given()
         places = _placed(self, scene, self.pose(scene.world_from_left)).world_from_cams
         count = len(places)

@@ -93,6 +93,8 @@ class SceneObject:
     name of one of the scene's materials. An `emitter` makes the object a light source. With `instances` (4x4 poses) the
     object appears once per pose, placed by ``instance @ world_from_object``; each copy has its own id (``name[0]``,
     ``name[1]``, ...), and all share one geometry in memory.
+
+    Raises InputError where a sphere is stretched, or a cylinder other than along its axis from `p0` to `p1`.
     """
 
     name: str
@@ -103,7 +105,6 @@ class SceneObject:
     instances: tuple[Float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise InputError where a sphere is stretched, or a cylinder other than along its axis from `p0` to `p1`."""
         shape = self.shape
         if isinstance(shape, Mesh) or (kind := shape.get("type")) not in _ROUND:
             return

@@ -44,7 +44,7 @@ def rounded_box(extents: Float, radius: float, subdivisions: int = 6, tile: floa
 
 
 def _six_sides(u: Float, v: Float, faces: Faces, place: Place, extents: Float, tile: float | None) -> Mesh:
-    """A box whose sides are the mesh `faces` with vertices at u, v (N,) on a side of a cube, moved by `place`."""
+    """A box. `faces` and the vertices u, v (N,) are one side of a cube; `place` moves vertices from cube to box."""
     sides = []
     for axis, a, b in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # right-handed
         across = [i for i in range(3) if i != axis]  # v is along z on vertical sides
