@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError
 from twinlens.scoring.board import Board
-from twinlens.scoring.metrics import TIMES, find_metric
-from twinlens.scoring.protocols import PROTOCOLS
+from twinlens.scoring.metrics import find_metric
 from twinlens.seeds import generator
 
 Ranks = NDArray[np.float64]
@@ -44,11 +43,10 @@ class Move:
 class Agreement:
     """How alike two boards rank the methods that both have.
 
-    tau, rho: Kendall's tau-b and Spearman's rho of the methods' mean ranks over samples. The intervals come from
-    resampling the samples of both boards with replacement. reliability_a, reliability_b: tau-b between two random
-    halves of the samples of one board, mean and 2.5 to 97.5 percentiles over splits. Two boards cannot be expected to
-    agree better than each agrees with itself. samples_a, samples_b: number of samples used. moves: every method, the
-    largest difference of mean ranks first.
+    tau, rho: Kendall's tau-b and Spearman's rho of the methods' mean ranks over samples, with intervals from resampling
+    the samples of both boards. reliability_a, reliability_b: tau-b between two random halves of the samples of one
+    board, mean and 2.5 to 97.5 percentiles; they limit the agreement of two boards. samples_a, samples_b: number of
+    samples used. moves: every method, the largest difference of mean ranks first.
     """
 
     protocol: str
@@ -75,50 +73,34 @@ def agreement(
 ) -> Agreement:
     """Compare the rankings of two boards.
 
-    On each sample the methods are ranked by the metric; ties share their mean rank. A failed method shares the last
-    ranks. A method's rank on a board is its mean over the samples. Samples on which one of the shared methods was not
-    run, or without pixels in the region, are left out.
+    A method's rank on a board is the mean of its ranks on the samples, see `sample_ranks`.
 
-    Parameters
-    ----------
-    board_a, board_b
-        Boards with three or more methods of the same name.
-    protocol
-        Scoring rules; default: the first protocol of `board_a` that `board_b` has.
-    metric
-        Default: the protocol's headline metric.
-    resamples
-        Number of bootstrap resamples, and of random halves.
+    protocol: by default the first one that both boards have. metric: by default the protocol's headline. resamples:
+    number of bootstrap resamples, and of random halves.
 
-    Raises
-    ------
-    InputError
-        Fewer than three methods in common, no protocol in common, or no sample left.
+    Raises InputError for fewer than three methods in common, no protocol in common, or no sample left.
 
-    References
-    ----------
-    Kendall, "The treatment of ties in ranking problems", Biometrika 33 (1945); Efron and Tibshirani, "An Introduction
-    to the Bootstrap" (1993), chapter 13.
+    References: Kendall, "The treatment of ties in ranking problems", Biometrika 33 (1945); Efron and Tibshirani, "An
+    Introduction to the Bootstrap" (1993), chapter 13.
     """
     if resamples < 1:
         raise InputError(f"resamples is {resamples}: expected 1 or more")
-    protocol = _common_protocol(board_a, board_b) if protocol is None else protocol
+    shared = [name for name in board_a.protocols if name in board_b.protocols]
+    if protocol is None and not shared:
+        names = "; ".join(", ".join(board.protocols) for board in (board_a, board_b))
+        raise InputError(f"the boards share no protocol: {names}")
+    protocol = shared[0] if protocol is None else protocol
     for board in (board_a, board_b):
-        if protocol not in board.protocols:
-            raise unknown("protocol on both boards", protocol, board.protocols)
-        if region not in board.regions:
-            raise unknown("region on both boards", region, board.regions)
-    rules = PROTOCOLS[protocol]
-    chosen = find_metric(metric or rules.headline)
-    if chosen.name not in (*rules.metrics, *TIMES):
-        raise unknown("metric", chosen.name, (*rules.metrics, *TIMES))
+        _, chosen = board.rules(protocol, region, metric, "both boards")
     methods = tuple(name for name in board_a.methods if name in board_b.methods)
     if len(methods) < 3:
         raise InputError(f"the boards share {len(methods)} methods: a comparison of rankings needs 3 or more")
     a, b = (sample_ranks(board, methods, protocol, region, chosen.name) for board in (board_a, board_b))
     mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
     rng = generator(seed)
-    drawn = [(_resampled(a, rng).mean(axis=0), _resampled(b, rng).mean(axis=0)) for _ in range(resamples)]
+    drawn = [
+        [ranks[rng.integers(len(ranks), size=len(ranks))].mean(axis=0) for ranks in (a, b)] for _ in range(resamples)
+    ]
     moves = [Move(m, float(x), float(y)) for m, x, y in zip(methods, mean_a, mean_b, strict=True)]
     return Agreement(
         protocol,
@@ -135,9 +117,10 @@ def agreement(
 
 
 def sample_ranks(board: Board, methods: Sequence[str], protocol: str, region: str, metric: str) -> Ranks:
-    """Ranks (samples, methods) of the methods on each sample, 1 is best; ties share their mean, failures the last.
+    """Ranks (samples, methods) of the methods on each sample; 1 is the best.
 
-    Raises InputError if no sample has scores of all methods in the region.
+    Ties share their mean rank, failed methods the last ranks. Samples on which one of the methods was not run, or
+    without pixels in the region, are left out. Raises InputError if none remains.
     """
     sign = 1.0 if find_metric(metric).lower_is_better else -1.0
     entries = {(e.sample, e.method): e for e in board.entries if e.protocol == protocol}
@@ -154,42 +137,25 @@ def sample_ranks(board: Board, methods: Sequence[str], protocol: str, region: st
     return ranks
 
 
-def _common_protocol(board_a: Board, board_b: Board) -> str:
-    for name in board_a.protocols:
-        if name in board_b.protocols:
-            return name
-    raise InputError(f"the boards share no protocol: {', '.join(board_a.protocols)}; {', '.join(board_b.protocols)}")
-
-
-def _resampled(ranks: Ranks, rng: np.random.Generator) -> Ranks:
-    return ranks[rng.integers(len(ranks), size=len(ranks))]
-
-
 def _reliability(ranks: Ranks, splits: int, rng: np.random.Generator) -> CorrelationInterval:
     if len(ranks) < 2:
         return CorrelationInterval(math.nan, math.nan, math.nan)
-    taus = []
-    for _ in range(splits):
-        order = rng.permutation(len(ranks))
-        first, second = np.array_split(order, 2)
-        taus.append(_tau(ranks[first].mean(axis=0), ranks[second].mean(axis=0)))
+    halves = (np.array_split(rng.permutation(len(ranks)), 2) for _ in range(splits))
+    taus = [_tau(ranks[first].mean(axis=0), ranks[second].mean(axis=0)) for first, second in halves]
     return _interval(float(np.nanmean(taus)) if not np.isnan(taus).all() else math.nan, taus)
 
 
 def _interval(value: float, values: Sequence[float]) -> CorrelationInterval:
-    tail = 50.0 * (1.0 - LEVEL)
     if np.isnan(values).all():
         return CorrelationInterval(value, math.nan, math.nan)
-    # A resample in which all methods have the same mean rank has no order: it is left out.
-    low, high = np.nanpercentile(values, (tail, 100.0 - tail))
+    tail = 50.0 * (1.0 - LEVEL)
+    low, high = np.nanpercentile(values, (tail, 100.0 - tail))  # without resamples in which all mean ranks are equal
     return CorrelationInterval(value, float(low), float(high))
 
 
 def _correlation(function: Callable[..., Any]) -> Callable[[Ranks, Ranks], float]:
     def value(x: Ranks, y: Ranks) -> float:
-        """NaN where one side has no order at all."""
-        # Means of the same ranks added in another order differ in the last bit, and ties must stay ties.
-        x, y = np.round(x, 9), np.round(y, 9)
+        x, y = np.round(x, 9), np.round(y, 9)  # tied mean ranks may differ in the last bit
         return math.nan if np.ptp(x) == 0 or np.ptp(y) == 0 else float(function(x, y).statistic)
 
     return value

@@ -20,7 +20,7 @@ from twinlens.scoring.submission import Submission
 
 @dataclass(frozen=True)
 class Step:
-    """Argument of `progress` after each pair. total: number of pairs, None if the samples have no length."""
+    """The argument of `progress`. total: number of pairs, None if the samples have no length."""
 
     done: int
     total: int | None
@@ -55,30 +55,24 @@ def run_benchmark(
     samples
         Objects as `samples.Sample` describes; each is held in memory only while it is scored.
     methods
-        Objects with a unique `name` and `match(left, right, *, num_disparities, min_disparity)`; their `spec`, or else
-        their name, must change whenever their results may change. Or `Submission`s.
+        Objects as `runners.Method` describes, with unique names, or `Submission`s. Their `spec`, or else their name,
+        must change whenever their results may change.
     protocol, regions
-        One or several names of `PROTOCOLS`, and names of `REGIONS`. Each map is computed once and scored by all.
-        Protocols and regions are skipped for samples that lack the calibration or data they need.
-    progress
-        Called after every pair with a `Step`.
+        Names of `PROTOCOLS` and `REGIONS`. Each map is computed once and scored by all; those that need a calibration
+        or data that a sample does not have are skipped.
     time_limit, memory_limit, warm_up, warm_up_limit
         Limits of a match and its warm-up, see `runners.Runner`.
     save, board, retry_failed
-        The board's JSON file: read first if it exists (resume), written every few seconds and at the end, and locked
-        against other runs. Or a board to resume instead. A pair is skipped if an entry agrees in method spec, sample
-        fingerprint, protocol and regions, and is not a failure to retry. Entries that disagree are replaced.
-    on_map, on_drop
-        Called with (method name, sample name, disparity at the truth's size) for every computed map, and with (method
-        name, sample name) for every earlier map that is no longer valid.
+        The board's JSON file: read first if it exists, written every few seconds and at the end, and locked against
+        other runs. `board` is resumed instead of the file's. A pair is skipped if the board has its entries for the
+        same method spec, sample fingerprint, protocol and regions, unless they are failures and `retry_failed` is set.
+    progress, on_map, on_drop
+        Called after every pair; for every computed map, with the names of method and sample and the disparity at the
+        truth's size; and with both names for every earlier map that is no longer valid.
 
-    Raises
-    ------
-    InputError
-        Unknown protocol or region, methods or samples that share a name, a sample that cannot be scored, a missing
-        file or function of a method (raised before anything runs).
-    FileError, OutputError
-        `save` is not a board, cannot be written, or is locked by another run.
+    Raises InputError for unknown protocols and regions, names that are not unique, a sample that cannot be scored, and,
+    before anything runs, a missing file or function of a method; FileError or OutputError if `save` is not a board,
+    cannot be written, or is locked by another run.
     """
     names = (protocol,) if isinstance(protocol, str) else tuple(protocol)
     if not names or not regions:
@@ -129,7 +123,7 @@ def _ignore(*_: object) -> None:
 
 @dataclass(frozen=True)
 class _Prepared:
-    """A sample with what all methods share: fingerprint, region masks, applicable protocols."""
+    """A sample, its fingerprint and region masks, and the applicable protocols."""
 
     sample: Pair
     sha: str
@@ -151,7 +145,10 @@ class _Run:
         """Match and score one pair unless the board has it: (skipped, failure)."""
         sample, board = prepared.sample, self._without_stale(prepared, method)
         found = [board.find(method.name, sample.name, rules.name) for rules in prepared.protocols]
-        if all(entry is not None and self._is_kept(entry, prepared) for entry in found):
+        if all(
+            entry and (entry.regions.keys() >= prepared.masks.keys() if entry.ok else not self.retry_failed)
+            for entry in found
+        ):
             return True, None
         answer = self._answer(sample, method)
         entries = [_entry(prepared, method, rules, answer) for rules in prepared.protocols]
@@ -167,21 +164,18 @@ class _Run:
 
     def _without_stale(self, prepared: _Prepared, method: Method | Submission) -> Board:
         """The board without entries of another sample or another method with this name."""
-        board, sample, spec = self.writer.board, prepared.sample.name, spec_of(method)
-
-        def is_stale(e: Entry) -> bool:
-            other_sample = e.sample == sample and e.sample_sha256 != prepared.sha
-            return other_sample or (e.method == method.name and e.spec != spec)
-
-        kept = board.without(is_stale)
-        if len(kept.entries) < len(board.entries):
+        sample, spec = prepared.sample.name, spec_of(method)
+        kept = self.writer.board.without(
+            lambda e: (
+                (e.sample == sample and e.sample_sha256 != prepared.sha) or (e.method == method.name and e.spec != spec)
+            )
+        )
+        before = self.writer.board.entries
+        if len(kept.entries) < len(before):
             self.writer.update(kept)
-            for pair in sorted({e.key[:2] for e in board.entries} - {e.key[:2] for e in kept.entries}):
-                self.on_drop(*pair)
+        for pair in sorted({e.key[:2] for e in before} - {e.key[:2] for e in kept.entries}):
+            self.on_drop(*pair)
         return kept
-
-    def _is_kept(self, entry: Entry, prepared: _Prepared) -> bool:
-        return set(prepared.masks) <= set(entry.regions) if entry.ok else not self.retry_failed
 
     def _answer(self, sample: Pair, method: Method | Submission) -> Answer | Failure:
         """The method's map, or that of the submission, which has no time."""

@@ -7,8 +7,8 @@ from types import MappingProxyType
 
 from twinlens.errors import InputError, unknown
 from twinlens.scoring.evaluate import RegionScores
-from twinlens.scoring.metrics import TIMES
-from twinlens.scoring.protocols import PROTOCOLS
+from twinlens.scoring.metrics import TIMES, Metric, find_metric
+from twinlens.scoring.protocols import PROTOCOLS, Protocol
 
 FAILURES: Mapping[str, str] = MappingProxyType(
     {
@@ -22,12 +22,11 @@ FAILURES: Mapping[str, str] = MappingProxyType(
         "refused": "the submission's map is damaged or has the wrong size",
     }
 )
-"""Why a method failed on a pair: kind -> meaning."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why there are no scores: a kind of `FAILURES`, and the details in one line."""
+    """Why a method has no scores on a pair: a kind of `FAILURES`, and the details in one line."""
 
     kind: str
     message: str
@@ -37,8 +36,8 @@ class Failure:
 class Entry:
     """One method on one sample by one protocol: scores by region, or the failure.
 
-    spec: everything that determines the method's results. sample_sha256: see `samples.fingerprint`. The search covered
-    `ndisp` disparities from `min_disparity`. seconds: wall time of the match, None if it failed or was not measured.
+    spec: everything that determines the method's results. sample_sha256: see `samples.fingerprint`. ndisp: number of
+    disparities from `min_disparity`. seconds: wall time of the match, None if it failed or was not measured.
     """
 
     method: str
@@ -83,10 +82,10 @@ class Entry:
 
 @dataclass(frozen=True)
 class Mean:
-    """A method's mean over samples in one region: `metrics` over `counted` samples.
+    """A method's means of metrics over `counted` samples in one region.
 
-    failed: samples on which the method failed. missing: samples that another method was run on and this one was not.
-    With any of either, every mean is NaN, because a mean over fewer, easier samples is not comparable.
+    failed: samples on which the method failed. missing: samples on which only other methods were run. With any of
+    these, every mean is NaN, because a mean over fewer, easier samples is not comparable.
     """
 
     method: str
@@ -103,10 +102,7 @@ class Mean:
 
 @dataclass(frozen=True)
 class Board:
-    """All entries in order of measurement; meta: versions and machine.
-
-    methods, samples, protocols and regions are the names in the entries, by first appearance.
-    """
+    """All entries in order of measurement. meta: versions and machine."""
 
     title: str = "twinlens board"
     entries: tuple[Entry, ...] = ()
@@ -120,6 +116,8 @@ class Board:
             if entry.protocol not in PROTOCOLS:
                 raise unknown("protocol", entry.protocol, PROTOCOLS)
             seen.add(entry.key)
+
+    # Names in the order of their first entries.
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -136,6 +134,22 @@ class Board:
     @property
     def regions(self) -> tuple[str, ...]:
         return _unique(name for entry in self.entries for name in entry.regions)
+
+    def rules(
+        self, protocol: str, region: str, metric: str | None = None, where: str = "this board"
+    ) -> tuple[Protocol, Metric]:
+        """The protocol and the metric of these names; the metric is the protocol's headline by default.
+
+        Raises InputError if the board has no such protocol or region, or the protocol no such metric.
+        """
+        for kind, name, known in (("protocol", protocol, self.protocols), ("region", region, self.regions)):
+            if name not in known:
+                raise unknown(f"{kind} on {where}", name, known)
+        rules = PROTOCOLS[protocol]
+        chosen, measured = find_metric(metric or rules.headline), (*rules.metrics, *TIMES)
+        if chosen.name not in measured:
+            raise unknown("metric", chosen.name, measured)
+        return rules, chosen
 
     def find(self, method: str, sample: str, protocol: str) -> Entry | None:
         """The entry with that key, or None."""
@@ -155,10 +169,9 @@ class Board:
         return replace(self, entries=tuple(entry for entry in self.entries if not unwanted(entry)))
 
     def mean(self, method: str, protocol: str, region: str, weights: Mapping[str, float] | None = None) -> Mean:
-        """The weighted mean over samples, sum(w x) / sum(w), with weight 1 by default.
+        """The weighted mean over samples with pixels in the region, sum(w x) / sum(w), with weight 1 by default.
 
-        Samples without pixels in the region (by any method) are not counted. Raises InputError for a weight of an
-        unknown sample, or a negative weight.
+        Raises InputError for a weight of an unknown sample, or a negative weight.
         """
         samples = self.samples if weights else ()
         for name, weight in (weights or {}).items():
@@ -177,16 +190,12 @@ class Board:
         names = (*PROTOCOLS[protocol].metrics, *TIMES)
         if failed or missing:
             return Mean(method, dict.fromkeys(names, math.nan), len(scored), failed, missing)
-        factors = [(weights or {}).get(e.sample, 1.0) for e in scored]
-        means = {name: _mean([e.value(region, name) for e in scored], factors) for name in names}
+        factors = [(e, (weights or {}).get(e.sample, 1.0)) for e in scored]
+        counted = [(e, weight) for e, weight in factors if weight > 0]
+        total = math.fsum(weight for _, weight in counted) or math.nan
+        means = {name: math.fsum(e.value(region, name) * weight for e, weight in counted) / total for name in names}
         return Mean(method, means, len(scored), ())
 
 
 def _unique(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
-
-
-def _mean(values: list[float], weights: list[float]) -> float:
-    counted = [(v, w) for v, w in zip(values, weights, strict=True) if w > 0]
-    total = math.fsum(w for _, w in counted)
-    return math.fsum(v * w for v, w in counted) / total if total else math.nan

@@ -24,11 +24,9 @@ from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.protocols import PROTOCOLS
 
 FORMAT, VERSION = "twinlens-board", 1
-UNSCORED = "unscored"
-"""Key that `twinlens score --json` adds to the board: maps that match no sample. `read_board` ignores it."""
+UNSCORED = "unscored"  # key that `twinlens score --json` adds: maps that match no sample; `read_board` ignores it
 MAX_BYTES = 256 * 2**20
-WRITE_EVERY_S = 2.0
-"""Minimum interval between writes: each write takes time in proportion to the number of entries."""
+WRITE_EVERY_S = 2.0  # at least: the time of a write is proportional to the number of entries
 MIXED = "entries of several machines or versions"
 
 _Count = Annotated[int, pydantic.Field(ge=0, lt=2**53)]
@@ -138,7 +136,7 @@ def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
 
 
 def read_board(path: str | os.PathLike[str]) -> Board:
-    """The board in that file; FileError, starting with the path, if it is missing, above 256 MiB, or invalid."""
+    """The board in a file; FileError, which begins with the path, if it is missing, above 256 MiB, or invalid."""
     if Path(path).is_file() and Path(path).stat().st_size > MAX_BYTES:
         raise FileError(f"{path}: larger than {MAX_BYTES / 2**20:g} MiB, the limit for a board")
     return board_from_json(read_bytes(path), Path(path))
@@ -175,7 +173,7 @@ def exclusive(folder: Path, file: str = "") -> Iterator[None]:
 
 
 class BoardWriter:
-    """A growing board, written to `path` every few seconds and at the end of its `with` block, also on an exception.
+    """A board, written to `path` every few seconds while it changes, and at the end of its `with` block.
 
     Writing adds versions and machine to the board's `meta`.
     """
@@ -192,7 +190,7 @@ class BoardWriter:
             self._write()
 
     def update(self, board: Board) -> None:
-        """Keep this board; write it if the last write was `WRITE_EVERY_S` ago."""
+        """Replace the board; write it if the last write was `WRITE_EVERY_S` ago."""
         self.board, self._changed = board, True
         if time.monotonic() >= self._next_write:
             self._write()
@@ -212,7 +210,7 @@ class BoardWriter:
 
 
 def _joined(before: Mapping[str, str], now: Mapping[str, str]) -> dict[str, str]:
-    """Both descriptions in one: all values of each key, separated by "; ", and the key `mixed` if they differ."""
+    """Both descriptions in one. If they differ: all values of each key, separated by "; ", and the key `mixed`."""
     if dict(before) == dict(now):
         return dict(now)
     names = (name for name in dict.fromkeys([*now, *before]) if name != "mixed")

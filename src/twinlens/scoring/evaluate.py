@@ -22,9 +22,8 @@ RESERVED = ("all", "nonocc")
 class RegionScores(Mapping[str, float]):
     """The metrics of one region, read like a dict: `scores.all["bad2.0"]`, and its pixel counts.
 
-    Percentages are 0 to 100, errors in pixels; NaN for a metric over no pixels.
-    image: pixels of the truth. evaluated: those inside the region with known truth. estimated: those of the evaluated
-    with an estimate by the method.
+    image: number of pixels of the truth. evaluated: those in the region with known truth. estimated: those of the
+    evaluated with an estimate.
     """
 
     region: str
@@ -45,10 +44,7 @@ class RegionScores(Mapping[str, float]):
 
 @dataclass(frozen=True)
 class Scores:
-    """The result of `evaluate`: scores by region, and the protocol, range, upsampling and rounding applied.
-
-    allowed: possible disparities (lowest, highest) in pixels of the truth; the highest is +inf if unknown.
-    """
+    """The result of `evaluate`. allowed: the lowest and highest possible disparity in pixels of the truth."""
 
     protocol: Protocol
     regions: Mapping[str, RegionScores]
@@ -92,19 +88,15 @@ def evaluate(
         is repeated and multiplied by 2 or 4.
     gt
         (H, W) truth in pixels, +inf where unknown. Pixels with unknown truth are not evaluated.
-    mask_nonocc
-        (H, W) bool, or uint8 where 255 means visible in both cameras. Without it there is no region `nonocc`.
-    ndisp
-        Number of disparities at the resolution of `disp`. Middlebury v3 clips estimates to [0, ndisp] and counts those
-        above 1000 ndisp as no estimate. None: no upper limit.
-    protocol, regions
-        A name in `PROTOCOLS`, or a `Protocol`. Further regions: name -> (H, W) mask, bool or uint8.
+    mask_nonocc, regions
+        (H, W) mask of the region `nonocc`, which there is only with a mask, and of further regions by name: bool, or
+        uint8 with 255 for True.
+    ndisp, min_disparity
+        Number of disparities at the resolution of `disp`, None if not known, and the smallest one. Middlebury v3 clips
+        estimates to [min_disparity, min_disparity + ndisp]; those above 1000 ndisp are no estimates.
     round_disparity
         Round estimates to whole pixels (halves away from zero) after clipping. None: under Middlebury v3 if the
         calibration has isint=1, as its script `runeval` does.
-    min_disparity
-        Smallest possible disparity, for rigs with doffs != 0; clipping is then to
-        [min_disparity, min_disparity + ndisp].
     calibration
         The pair's calibration. Required by the protocol "points".
 
@@ -163,10 +155,7 @@ def upsampling(found: tuple[int, ...], wanted: tuple[int, ...], rules: Protocol)
 
 def upsampled(disp: Disparity, scale: int) -> Disparity:
     """The map repeated `scale` times in both directions, its values multiplied by `scale`."""
-    if scale == 1:
-        return disp
-    repeated: Disparity = np.repeat(np.repeat(disp, scale, axis=0), scale, axis=1) * disp.dtype.type(scale)
-    return repeated
+    return np.asarray(np.repeat(np.repeat(disp, scale, axis=0), scale, axis=1) * disp.dtype.type(scale))
 
 
 def _point_errors(found: Float, true: Float, pixels: NDArray[np.intp], calibration: Calibration) -> tuple[Float, Float]:
@@ -177,10 +166,9 @@ def _point_errors(found: Float, true: Float, pixels: NDArray[np.intp], calibrati
     """
     fx, fy, cx, cy = calibration.cam0
     length = np.sqrt(1.0 + ((pixels[:, 1] - cx) / fx) ** 2 + ((pixels[:, 0] - cy) / fy) ** 2)  # of a ray to z = 1
+    doffs = calibration.doffs
     z_found, z_true = (
-        depth_from_disparity(
-            np.where(d + calibration.doffs > 0, d, np.inf), calibration.fx, calibration.baseline, calibration.doffs
-        )
+        depth_from_disparity(np.where(d + doffs > 0, d, np.inf), calibration.fx, calibration.baseline, doffs)
         for d in (found, true)
     )
     defined = np.isfinite(z_found) & np.isfinite(z_true)

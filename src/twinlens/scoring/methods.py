@@ -12,16 +12,13 @@ PROGRAM_GRACE_S = 5.0  # beyond the limit, for a program's matcher, which ends t
 
 @dataclass(frozen=True)
 class NamedMethod(MethodSpec):
-    """A method of `matching.METHODS` with options, under a name. Picklable.
-
-    grace_s: seconds beyond a time limit that the method needs because it enforces the limit itself.
-    """
+    """A picklable method. grace_s: seconds beyond the time limit for a method that enforces the limit itself."""
 
     grace_s: float = 0.0
 
     @property
     def spec(self) -> str:
-        """All options except time limits, with defaults, twinlens's version, and the hashes of the method's files."""
+        """Twinlens's version, all options except time limits, and the hashes of the method's files."""
         options = {**self.method.options, **self.options}
         text = ",".join(f"{name}={value!r}" for name, value in sorted(options.items()) if name != "timeout_s")
         content = f" [{self.content}]" if self.content else ""
@@ -29,21 +26,13 @@ class NamedMethod(MethodSpec):
 
 
 def named_method(text: str) -> NamedMethod:
-    """The method in `[NAME=]METHOD[:OPTIONS]`, see `matching.parse_method`; InputError if there is none.
-
-    >>> named_method("mine=sad:block_size=7").name
-    'mine'
-    """
+    """The method in `[NAME=]METHOD[:OPTIONS]`, see `matching.parse_method`."""
     parsed = parse_method(text)
     return NamedMethod(parsed.name, parsed.method, dict(parsed.options))
 
 
 def named_methods(texts: Iterable[str]) -> list[NamedMethod]:
-    """The methods in comma-separated lists, see `matching.split_methods`.
-
-    >>> [m.name for m in named_methods(["sad,zncc:block_size=15,lr_check=1,ssd"])]
-    ['sad', 'zncc:block_size=15,lr_check=1', 'ssd']
-    """
+    """The methods in comma-separated lists, see `matching.split_methods`."""
     return [named_method(text) for text in split_methods(texts)]
 
 
@@ -52,10 +41,8 @@ def named_program(text: str, time_limit: float | None = None) -> NamedMethod:
 
     Raises InputError if the command does not contain {left}, {right} and {out}.
 
-    >>> named_program("mine=./prog --fast {left} {right} {out}").name
-    'mine'
-    >>> named_program("bin/prog {left} {right} {out}").name
-    'prog'
+    >>> [named_program(text).name for text in ("mine=prog {left} {right} {out}", "bin/prog {left} {right} {out}")]
+    ['mine', 'prog']
     """
     given = re.fullmatch(r"([\w.-]+)=(.*)", text.strip(), re.DOTALL)
     command = (given[2] if given else text).strip()

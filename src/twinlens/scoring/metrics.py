@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, SupportsInt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,13 +51,12 @@ def mask_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Mask:
         return array
     if array.dtype != np.uint8:
         raise InputError(f"{name} holds {array.dtype}: expected bool, or uint8 with 255 where a pixel is evaluated")
-    mask: Mask = array == EVALUATED
-    return mask
+    return np.asarray(array == EVALUATED)
 
 
-def percent(count: int, total: int) -> float:
+def percent(count: SupportsInt, total: int) -> float:
     """100 count / total."""
-    return 100.0 * count / total if total else math.nan
+    return 100.0 * int(count) / total if total else math.nan
 
 
 def error_sizes(errors: NDArray[np.float64]) -> dict[str, float]:
@@ -119,11 +118,10 @@ _METRICS = (
     Metric("time/GD", "s/GD", "seconds per 10^9 disparity evaluations (pixels x ndisp)"),
 )
 METRICS: Mapping[str, Metric] = MappingProxyType({metric.name: metric for metric in _METRICS})
-"""Every metric by name."""
 
 
 def find_metric(name: str) -> Metric:
-    """The metric of that name; InputError with the nearest known name if there is none."""
+    """The metric of that name; InputError if there is none."""
     if name not in METRICS:
         raise unknown("metric", name, METRICS)
     return METRICS[name]

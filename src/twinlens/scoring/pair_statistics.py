@@ -24,18 +24,15 @@ _LUMA = (0.299, 0.587, 0.114)
 _JUMP_PX, _JUMP_WINDOW = np.nextafter(1.0, 2.0), 7
 _LOW_WINDOW, _WINDOW, _BLOCK = 21, 9, 8
 _FLAT_SD = 3.0
-_MEDIAN_OF_UNIT_NORMAL = 0.6744897501960817
-_MAD_TO_SD = 1 / _MEDIAN_OF_UNIT_NORMAL
+_MEDIAN_OF_UNIT_NORMAL = 0.6744897501960817  # of the absolute values
 _HUBER = 1.345
-_DB2 = np.array([-(1 + 3**0.5), 3 + 3**0.5, -(3 - 3**0.5), 1 - 3**0.5]) / 32**0.5
-"""High-pass filter of Daubechies's wavelet with two vanishing moments."""
-_BANDS = {"spectrum_low": (0.02, 0.15), "spectrum_high": (0.2, 0.45)}
-"""Cycles per pixel between which the slopes of the power spectrum are fitted."""
+_DB2 = np.array([-(1 + 3**0.5), 3 + 3**0.5, -(3 - 3**0.5), 1 - 3**0.5]) / 32**0.5  # high-pass filter of the wavelet db2
+_BANDS = {"spectrum_low": (0.02, 0.15), "spectrum_high": (0.2, 0.45)}  # of the fitted slopes, cycles per pixel
 
 
 @dataclass(frozen=True)
 class Statistic:
-    """A statistic of a pair. real: median, 10 % and 90 % quantile over 24 real pairs, NaN where not known."""
+    """A statistic of a pair. real: median, 10 % and 90 % quantile of 24 pairs of Middlebury, ETH3D, KITTI; or NaN."""
 
     unit: str
     text: str
@@ -64,21 +61,13 @@ STATISTICS: Mapping[str, Statistic] = MappingProxyType(
         "width": Statistic("px", "image width", (695.0, 450.0, 740.0)),
     }
 )
-"""Statistics by name. The reference values are of 24 pairs of Middlebury 2001 to 2014, ETH3D and KITTI."""
 
 
 def pair_statistics(pair: Pair) -> dict[str, float]:
     """Every quantity of `STATISTICS` for one pair; NaN where it has no pixels.
 
-    Raises
-    ------
-    InputError
-        The image is smaller than 32 x 32 pixels.
-
-    References
-    ----------
-    noise: Donoho and Johnstone, Biometrika 81 (1994), section 4.2, with the wavelet db2. flat_noise: Immerkaer,
-    "Fast noise variance estimation", CVIU 64 (1996). textureless: see `regions.textureless`.
+    Raises InputError for an image smaller than 32 x 32 pixels. Sources: for noise, Donoho and Johnstone, Biometrika 81
+    (1994), section 4.2; for flat_noise, Immerkaer, "Fast noise variance estimation", CVIU 64 (1996).
     """
     height, width = pair.disp0.shape
     if min(height, width) < 32:
@@ -89,18 +78,17 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
     warped = warp_right(right, pair.disp0)
     used = known & ~hidden & np.isfinite(warped) & ~discontinuity(pair.disp0, _JUMP_WINDOW, _JUMP_PX)
     down, across = np.gradient(left)
-    step = np.diff(left, axis=1)
-    contrast = _local_sd(left)
-    eight = np.rint(left).astype(np.uint8)
+    windows = np.lib.stride_tricks.sliding_window_view(left, (_WINDOW, _WINDOW))
+    contrast = np.stack([row.std(axis=(1, 2)) for row in windows])  # row by row, to save memory
     return {
         **_differences(left, warped, used),
         "noise": _wavelet_noise(left),
         "flat_noise": _flat_noise(left),
-        "textureless": float(textureless(eight).mean()),
+        "textureless": float(textureless(np.rint(left).astype(np.uint8)).mean()),
         "flat": float((contrast < _FLAT_SD).mean()),
         "contrast": float(np.median(contrast)),
         "gradient": float(np.median(np.hypot(down, across))),
-        "kurtosis": _kurtosis(step),
+        "kurtosis": _kurtosis(np.diff(left, axis=1)),
         **_spectrum_slopes(left),
         "correlation": _correlation(left, warped, used),
         "occluded": float(hidden.sum() / known.sum()) if known.any() else math.nan,
@@ -118,8 +106,7 @@ def summarize(rows: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, flo
     found = {}
     for name in rows[0] if rows else ():
         values = [row[name] for row in rows if not math.isnan(row[name])]
-        low, median, high = np.percentile(values, (10, 50, 90)).tolist() if values else (math.nan,) * 3
-        found[name] = (median, low, high)
+        found[name] = tuple(np.percentile(values, (50, 10, 90)).tolist()) if values else (math.nan,) * 3
     return found
 
 
@@ -135,7 +122,7 @@ def warp_right(right: Grey, disparity: NDArray[np.floating[Any]]) -> Grey:
     columns = np.arange(width) - np.where(np.isfinite(disparity), disparity, np.inf)
     inside = (columns >= 0) & (columns <= width - 1)
     rows = np.broadcast_to(np.arange(height, dtype=np.float64)[:, None], columns.shape)
-    found: Grey = ndimage.map_coordinates(right, (rows, np.where(inside, columns, 0.0)), order=3, mode="nearest")
+    found = ndimage.map_coordinates(right, (rows, np.where(inside, columns, 0.0)), order=3, mode="nearest")
     return np.where(inside, found, np.nan)
 
 
@@ -167,13 +154,7 @@ def robust_line(x: Grey, y: Grey) -> tuple[float, float]:
 
 
 def _mad(values: Grey) -> float:
-    return float(_MAD_TO_SD * np.median(np.abs(values - np.median(values))))
-
-
-def _local_sd(image: Grey) -> Grey:
-    """Standard deviation of every whole 9x9 window."""
-    windows = np.lib.stride_tricks.sliding_window_view(image, (_WINDOW, _WINDOW))
-    return np.stack([row.std(axis=(1, 2)) for row in windows])
+    return float(1 / _MEDIAN_OF_UNIT_NORMAL * np.median(np.abs(values - np.median(values))))
 
 
 def _wavelet_noise(image: Grey) -> float:
@@ -230,8 +211,7 @@ def _correlation(left: Grey, warped: Grey, used: NDArray[np.bool_]) -> float:
     left, warped = left - left.mean(), np.where(used, warped - left.mean(), 0.0)
 
     def mean(values: Grey) -> Grey:
-        means: Grey = ndimage.uniform_filter(values, _WINDOW)[whole]
-        return means
+        return np.asarray(ndimage.uniform_filter(values, _WINDOW)[whole])
 
     a, b = mean(left), mean(warped)
     variances = (mean(left**2) - a**2) * (mean(warped**2) - b**2)

@@ -23,8 +23,8 @@ MIDDLEBURY_INVALID = 1000.0
 class Pixels:
     """The evaluated pixels of one region, as vectors of one length.
 
-    estimate (+inf where unknown) and truth: float64 pixels. given: where the method has an estimate. metres: with a
-    calibration, the distance between estimated and true point, and the true point's distance from the camera.
+    estimate (+inf where unknown), truth: pixels. given: where the method has an estimate. metres: with a calibration,
+    the distance between estimated and true point, and the true point's distance from the camera.
     """
 
     estimate: NDArray[np.float64]
@@ -34,7 +34,7 @@ class Pixels:
 
     @property
     def given_errors(self) -> NDArray[np.float64]:
-        """|estimate - truth| where the method estimated, in pixels."""
+        """|estimate - truth| of the pixels with an estimate."""
         return np.abs(self.estimate[self.given] - self.truth[self.given])
 
 
@@ -71,7 +71,7 @@ class Protocol:
 
 
 def find_protocol(name: str | Protocol) -> Protocol:
-    """The protocol of that name, or the protocol itself; InputError with the nearest known name if there is none."""
+    """The protocol of that name, or the protocol itself; InputError if there is none."""
     if isinstance(name, Protocol):
         return name
     if name not in PROTOCOLS:
@@ -86,7 +86,7 @@ def _middlebury_prepare(disp: Disparity, low: float, high: float) -> tuple[Dispa
 
 def _middlebury_measure(pixels: Pixels) -> dict[str, float]:
     errors, total = pixels.given_errors, pixels.truth.size
-    bad, missing = _bad_counts(errors), total - errors.size
+    bad, missing = {f"bad{t}": np.count_nonzero(errors > t) for t in THRESHOLDS}, total - errors.size
     return {
         **{name: percent(count, total) for name, count in bad.items()},
         **{f"tot{name}": percent(count + missing, total) for name, count in bad.items()},
@@ -94,10 +94,6 @@ def _middlebury_measure(pixels: Pixels) -> dict[str, float]:
         "invalid": percent(missing, total),
         "coverage": percent(errors.size, total),
     }
-
-
-def _bad_counts(errors: NDArray[np.float64]) -> dict[str, int]:
-    return {f"bad{t}": int(np.count_nonzero(errors > t)) for t in THRESHOLDS}
 
 
 def _eth3d_prepare(disp: Disparity, low: float, high: float) -> tuple[Disparity, Mask]:
@@ -110,7 +106,7 @@ def _eth3d_measure(pixels: Pixels) -> dict[str, float]:
     errors, total = pixels.given_errors, pixels.truth.size
     if total and not errors.size:  # ETH3D's result for a map without any estimate
         return {**dict.fromkeys(BAD, 100.0), **dict.fromkeys(SIZES, math.inf), "coverage": 0.0}
-    bad = {name: percent(count, errors.size) for name, count in _bad_counts(errors).items()}
+    bad = {f"bad{t}": percent(np.count_nonzero(errors > t), errors.size) for t in THRESHOLDS}
     return {**bad, **error_sizes(errors), "coverage": percent(errors.size, total)}
 
 
@@ -128,8 +124,8 @@ def _kitti_measure(pixels: Pixels) -> dict[str, float]:
         outlier = (error > KITTI_PIXELS) & (error / np.abs(truth) > KITTI_SHARE)
     total, given = truth.size, int(np.count_nonzero(pixels.given))
     return {
-        "D1": percent(int(np.count_nonzero(outlier)), total),
-        "D1_est": percent(int(np.count_nonzero(outlier & pixels.given)), given),
+        "D1": percent(np.count_nonzero(outlier), total),
+        "D1_est": percent(np.count_nonzero(outlier & pixels.given), given),
         "coverage": percent(given, total),
     }
 
@@ -147,17 +143,16 @@ def _points_measure(pixels: Pixels) -> dict[str, float]:
 def interpolate_background(disp: Disparity) -> Disparity:
     """`disp` (H, W) in pixels, +inf where unknown, with its gaps filled as KITTI 2015 does; the dtype is kept.
 
-    A gap within a row takes the smaller of the two disparities next to it; the ends of a row repeat its first and last
-    estimate; then the ends of every column repeat that column's first and last value. A row without estimates between
-    rows that have some stays unknown. Source: Geiger, KITTI devkit, `io_disp.h`, `interpolateBackground`.
+    A gap within a row takes the smaller of the two disparities next to it. The ends of a row repeat its first and last
+    estimate. Then the ends of every column repeat that column's first and last value. A row without estimates stays
+    unknown if it lies between rows with estimates. Source: KITTI devkit, `io_disp.h`, `interpolateBackground`.
 
     >>> row = np.array([[np.inf, 5, np.inf, 3, np.inf]], np.float32)
     >>> interpolate_background(row).tolist()
     [[5.0, 5.0, 3.0, 3.0, 3.0]]
     """
     disp = disparity_map("disp", disp)
-    # At the ends of a row one of the two neighbours is +inf, so the minimum is the other.
-    rows = np.minimum(_last_known(disp), _last_known(disp[:, ::-1])[:, ::-1])
+    rows = np.minimum(_last_known(disp), _last_known(disp[:, ::-1])[:, ::-1])  # +inf beyond the ends of a row
     known = np.isfinite(rows)
     first, last = known.argmax(axis=0), len(rows) - 1 - known[::-1].argmax(axis=0)
     return np.take_along_axis(rows, np.clip(np.arange(len(rows))[:, None], first, last), axis=0)
@@ -226,4 +221,3 @@ _PROTOCOLS = (
     ),
 )
 PROTOCOLS: Mapping[str, Protocol] = MappingProxyType({protocol.name: protocol for protocol in _PROTOCOLS})
-"""Every protocol by name."""

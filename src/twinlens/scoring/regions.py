@@ -19,12 +19,10 @@ from twinlens.scoring.metrics import Mask, disparity_map, mask_of
 from twinlens.scoring.samples import Pair
 
 HIDDEN = 128  # in a uint8 visibility mask: a known pixel that is not visible in the partner camera
-TEXTURE_WINDOW, TEXTURE_LIMIT = 3, 4.0
-JUMP, JUMP_WINDOW = 2.0, 9
 BLUR_LIMIT_PX = 2.0
 
 
-def textureless(image: NDArray[np.uint8], window: int = TEXTURE_WINDOW, limit: float = TEXTURE_LIMIT) -> Mask:
+def textureless(image: NDArray[np.uint8], window: int = 3, limit: float = 4.0) -> Mask:
     """Pixels whose squared horizontal difference, averaged over an odd window, is below limit^2 (grey levels squared).
 
     A pixel's squared difference is the larger of those to its left and right neighbours, averaged over the channels.
@@ -36,15 +34,11 @@ def textureless(image: NDArray[np.uint8], window: int = TEXTURE_WINDOW, limit: f
     ones = np.ones(window, np.int64)
     sums = ndimage.correlate1d(ndimage.correlate1d(largest, ones, axis=0, mode="nearest"), ones, axis=1, mode="nearest")
     # Integer sums: the rounding of a floating-point mean would decide ties.
-    mask: Mask = sums < limit * limit * window * window * channels.shape[2]
-    return mask
+    return np.asarray(sums < limit * limit * window * window * channels.shape[2])
 
 
-def discontinuity(gt: ArrayLike, window: int = JUMP_WINDOW, jump: float = JUMP) -> Mask:
-    """Pixels within an odd window of a jump of the true disparity, |d - d'| >= jump px between 4-neighbours.
-
-    Differences to unknown pixels are not jumps.
-    """
+def discontinuity(gt: ArrayLike, window: int = 9, jump: float = 2.0) -> Mask:
+    """Pixels within an odd window of a jump: neighbours whose known true disparities differ by `jump` px or more."""
     truth = disparity_map("gt", gt)
     known = np.where(np.isfinite(truth), truth, np.nan)
     edge = np.zeros(truth.shape, np.bool_)
@@ -54,21 +48,18 @@ def discontinuity(gt: ArrayLike, window: int = JUMP_WINDOW, jump: float = JUMP) 
     edge[:, :-1] |= across
     edge[1:] |= down
     edge[:-1] |= down
-    grown: Mask = ndimage.binary_dilation(edge, np.ones((window, window), np.bool_))
-    return grown
+    return np.asarray(ndimage.binary_dilation(edge, np.ones((window, window), np.bool_)))
 
 
 def occluded(mask_nonocc: NDArray[Any]) -> Mask:
     """Known pixels not visible in the right camera: 128 of a uint8 mask (255 visible), False of a bool mask."""
-    hidden: Mask = mask_nonocc == (False if mask_nonocc.dtype == np.bool_ else HIDDEN)
-    return hidden
+    return np.asarray(mask_nonocc == (False if mask_nonocc.dtype == np.bool_ else HIDDEN))
 
 
 def out_of_focus(blur_px: ArrayLike) -> Mask:
     """Pixels whose blur circle is wider than 2 px; (H, W) diameters, signed or unsigned, False where not finite."""
     size = np.abs(np.asarray(blur_px, np.float64))
-    mask: Mask = np.isfinite(size) & (size > BLUR_LIMIT_PX)
-    return mask
+    return np.asarray(np.isfinite(size) & (size > BLUR_LIMIT_PX))
 
 
 def distance_bands(gt: ArrayLike) -> tuple[Mask, Mask, Mask]:
@@ -103,8 +94,8 @@ def _textureless(sample: Any) -> Mask | None:
     return _nonocc(sample) & textureless((image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image)
 
 
-def _material(number: int) -> Region:
-    kind = MATERIAL_KINDS[number]
+def _material(kind: str) -> Region:
+    number = MATERIAL_KINDS.index(kind)
     return Region(kind, f"{kind} materials", lambda s: np.equal(s.material_kind0, number), ("material_kind0",))
 
 
@@ -129,10 +120,9 @@ _REGIONS = (
     Region("near", "upper third of the range of true disparities", lambda s: distance_bands(s.disp0)[0]),
     Region("mid", "middle third of the range of true disparities", lambda s: distance_bands(s.disp0)[1]),
     Region("far", "lower third of the range of true disparities", lambda s: distance_bands(s.disp0)[2]),
-    *map(_material, range(1, len(MATERIAL_KINDS))),
+    *map(_material, MATERIAL_KINDS[1:]),
 )
 REGIONS: Mapping[str, Region] = MappingProxyType({region.name: region for region in _REGIONS})
-"""Every region by name."""
 
 
 def region_masks(sample: Pair, names: Iterable[str]) -> dict[str, Mask]:

@@ -29,10 +29,8 @@ from twinlens.scoring.samples import Pair
 
 WARM_UP_ROWS = 32
 WARM_UP_LIMIT_S = 120.0
-WORKER_LIMIT_S = 600.0
-"""Time limit of a match if only a memory limit was given."""
-START_LIMIT_S = 60.0
-"""Time that a new worker has to import what it needs."""
+WORKER_LIMIT_S = 600.0  # of a match if only a memory limit was given
+START_LIMIT_S = 60.0  # for the imports of a new worker
 LONGEST_LIMIT_S = 1e6
 
 Image = NDArray[Any]
@@ -76,8 +74,8 @@ class Runner:
     limit: seconds per match, plus `method.grace_s` for methods that enforce it themselves. memory_limit: bytes of data
     that the worker, and each process it starts, may allocate; alone it implies a limit of 600 s. None: no limit.
     warms_up: match a few rows before the first match of each method and number of disparities, so that compilation is
-    not timed. In a worker this may take `warm_up_limit` seconds. It is repeated in a new worker, unless it hung, or
-    took longer than the limit and did not help.
+    not timed. In a worker this may take `warm_up_limit` seconds. A new worker repeats it, unless it exceeded
+    `warm_up_limit`, or took longer than `limit` and the match failed nevertheless.
     """
 
     def __init__(self, limit: float | None, memory_limit: int | None, warms_up: bool, warm_up_limit: float) -> None:

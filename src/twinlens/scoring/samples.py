@@ -20,9 +20,7 @@ class Sample(Protocol):
 
     im0, im1: uint8 or uint16 (H, W[, 3]), left and right. disp0: float32 (H, W), true disparity of the left view in
     pixels, +inf unknown. mask0_nonocc: uint8 (H, W), 255 visible in both views, or None. ndisp: disparities to search.
-
-    Optional: `calibration` (errors in metres), `blur0` (H, W) in pixels and `material_kind0` (H, W) (regions), and
-    `min_disparity`, the first disparity to search, a whole number.
+    Other attributes of `Pair` are optional.
     """
 
     @property
@@ -41,11 +39,11 @@ class Sample(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A sample in memory, validated when it is created. See `Sample` for the arrays.
+    """A sample in memory. See `Sample` for the other arrays.
 
-    The search covers min_disparity to min_disparity + ndisp - 1. aliases: other names of this sample's map in a
-    submission, the recommended one first. Raises InputError for images that are not 8 or 16 bit or differ in size, a
-    truth or map that does not fit, or ndisp < 1.
+    calibration: for errors in metres. blur0 (pixels), material_kind0: (H, W), for regions. The search covers
+    min_disparity to min_disparity + ndisp - 1. aliases: other names of this sample's map in a submission, the
+    recommended one first. Raises InputError for images that are not 8 or 16 bit, sizes that differ, and ndisp < 1.
     """
 
     name: str
@@ -88,10 +86,7 @@ class Pair:
 
 
 def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
-    """The sample as a `Pair`; optional data that is missing becomes None. lens: which lens of a stored sample.
-
-    Raises FileError or InputError if required data is missing or does not fit.
-    """
+    """The sample as a `Pair`; optional data that is missing becomes None. lens: index of a lens of a stored sample."""
     if isinstance(sample, Pair):
         return sample
     images: Any = sample.lens(lens) if isinstance(sample, StoredSample) else sample
@@ -148,9 +143,8 @@ def lens_label(lens: object) -> str:
 class DatasetPairs(Sequence[Pair]):
     """Every sample of the datasets (sequences of stored or other samples), once for each lens.
 
-    A sample with one lens keeps its name; one with several gives "name · lens", numbered if labels repeat. Maps may
-    also be named name/lens-0, name-lens-0, ...; those of the first lens, whose images are the sample's own, also name.
-    Indexing reads that pair from disk; nothing is kept. Raises InputError if two pairs have the same name.
+    A pair has its sample's name, or "name · lens" if the sample has several lenses, numbered if labels repeat.
+    Indexing reads a pair from disk; nothing is cached. Raises InputError if two pairs have the same name.
     """
 
     def __init__(self, *datasets: Sequence[StoredSample | Sample]) -> None:
@@ -197,7 +191,7 @@ def _open(name: str) -> Sequence[Any]:
 
 
 def _names(sample: Any) -> list[tuple[str, tuple[str, ...]]]:
-    """Name and aliases of the pair of each lens."""
+    """Name and aliases of the pair of each lens: name/lens-k, name-lens-k, and for the first lens also name."""
     count = getattr(sample, "num_lenses", 1)
     if count == 1:
         return [(sample.name, ())]

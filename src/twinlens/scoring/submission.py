@@ -1,4 +1,4 @@
-"""Folders and zip files of disparity maps: `MapFolder` of a benchmark, `Submission` of maps made elsewhere.
+"""Folders and zip files of disparity maps: `MapFolder` of a benchmark, `Submission` of maps from other programs.
 
 docs/benchmark.md lists the names and formats of maps, and what is refused. A zip is never unpacked to disk.
 """
@@ -24,17 +24,12 @@ from twinlens.dataset import read_pfm, write_pfm
 from twinlens.dataset.codecs.pfm import decode_disparity
 from twinlens.errors import FileError, InputError, OutputError
 
-SCALES = (1, 2, 4)
-"""Ratios of the truth's size to a map's; the protocol decides which of them it accepts."""
-MAX_FILES = 100_000
-SLACK_BYTES = 65536
-"""Bytes of a file beyond four per pixel: headers, and chunks of an incompressible PNG."""
-PNG_SIZE, PNG_KIND = slice(16, 24), slice(24, 26)
+SCALES = (1, 2, 4)  # ratios of the truth's size to a map's; the protocol decides which of them it accepts
+MAX_FILES, _COMPRESSIONS = 100_000, (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+SLACK_BYTES = 65536  # of a file beyond four bytes a pixel: headers, and chunks of an incompressible PNG
+PNG_SIZE, PNG_KIND = slice(16, 24), slice(24, 26)  # of its header (ISO 15948, IHDR); the kind: bit depth, colour type
 GREY_16 = b"\x10\x00"
-"""Size, and bit depth and colour type, in a PNG's header (ISO 15948, IHDR); the latter for 16-bit grey."""
-
-Samples = Mapping[str, Sequence[str]]
-"""Name of a sample -> its aliases."""
+Samples = Mapping[str, Sequence[str]]  # name -> aliases
 
 
 class MapFolder:
@@ -47,7 +42,7 @@ class MapFolder:
         self.folder = Path(folder)
 
     def path(self, method: str, sample: str) -> Path:
-        """Path of that map, whether it exists or not."""
+        """Path of a map, whether it exists or not."""
         return self.folder / file_name(sample) / f"{file_name(method)}.pfm"
 
     def keep(self, method: str, sample: str, disp: NDArray[np.floating[Any]]) -> None:
@@ -63,7 +58,7 @@ class MapFolder:
             raise OutputError(f"{path}: cannot be removed ({error.strerror or error})") from error
 
     def get(self, key: tuple[str, str], /) -> NDArray[np.floating[Any]] | None:
-        """The map of (method, sample), or None; FileError if the file is damaged."""
+        """The map of (method, sample), None if it is missing; FileError if the file is damaged."""
         path = self.path(*key)
         return read_pfm(path) if path.is_file() else None
 
@@ -78,10 +73,7 @@ def file_name(name: str) -> str:
 
 @dataclass(frozen=True)
 class Submission:
-    """The maps of one method in a folder or .zip, PFM or 16-bit PNG. `name` is its name on the board.
-
-    Raises FileError if there is no such file or folder, or for a file that is not a zip, or unsafe.
-    """
+    """The maps of one method, `name` on the board, in a folder or .zip; FileError if that is missing or refused."""
 
     path: Path
     name: str
@@ -115,9 +107,9 @@ class Submission:
         return f"submission {digest.hexdigest()}"
 
     def map_of(self, sample: str, shape: tuple[int, ...], aliases: Sequence[str] = ()) -> NDArray[np.float32]:
-        """The sample's map, float32 pixels, +inf unknown, of the truth's `shape` (H, W) or 1/2 or 1/4 of it.
+        """The sample's map, float32 pixels, +inf unknown; FileError for a missing or damaged map, or another size.
 
-        Raises FileError, which names the file, if it is missing, damaged, has NaN, or another size.
+        shape: that of the truth, (H, W). The map may also have 1/2 or 1/4 of its height and width.
         """
         name = self.find(sample, aliases)
         if name is None:
@@ -133,11 +125,11 @@ class Submission:
 
     def missing_files(self, samples: Samples) -> list[str]:
         """Recommended names of the maps that are missing."""
-        missing = [name for name, aliases in samples.items() if self.find(name, aliases) is None]
-        return [f"{samples[name][0] if samples[name] else name}.pfm" for name in missing]
+        missing = (names for names in samples.items() if self.find(*names) is None)
+        return [f"{aliases[0] if aliases else name}.pfm" for name, aliases in missing]
 
     def check_unambiguous(self, samples: Samples) -> None:
-        """InputError if one file matches two samples, which have the same name in two datasets."""
+        """Raise InputError if one file matches two samples, as of equal names in two datasets."""
         owners: dict[str, str] = {}
         for sample, aliases in samples.items():
             file = self.find(sample, aliases)
@@ -146,10 +138,9 @@ class Submission:
                 raise InputError(f"{self.path}: {file} matches both {both}: score each dataset separately")
 
     def unmatched_files(self, samples: Samples) -> tuple[str, ...]:
-        """Maps that belong to no sample, sorted: most often misspelt names.
+        """Maps that belong to no sample, sorted.
 
-        Without other files in a sample's own folder, and images that are not maps. In a folder of several lenses, the
-        map of a lens that the sample does not have belongs to none.
+        Other files in a sample's folder belong to it, except for the maps of lenses that it does not have.
         """
         used = {self.find(name, aliases) for name, aliases in samples.items()}
         names = {each for name, aliases in samples.items() for each in (name, file_name(name), *aliases)}
@@ -166,7 +157,7 @@ class Submission:
         return tuple(name for name in unmatched if self._is_map(name))
 
     def _is_map(self, name: str) -> bool:
-        """Whether the file is a PFM, or by its header a 16-bit grey PNG."""
+        """Whether the file is a PFM, or a 16-bit grey PNG by its header."""
         if not name.endswith(".png"):
             return name.endswith(".pfm")
         with contextlib.suppress(Exception), self._open(name) as file:  # a damaged file is not a map
@@ -174,7 +165,7 @@ class Submission:
         return False
 
     def find(self, sample: str, aliases: Sequence[str] = ()) -> str | None:
-        """The file name of the sample's map: the first that exists."""
+        """The file name of the sample's map, the first that exists; None if there is none."""
         tops = dict.fromkeys(("", self._top_folder))
         for stem in dict.fromkeys(f"{top}{name}" for name in (sample, file_name(sample), *aliases) for top in tops):
             for name in (f"{stem}.pfm", f"{stem}.png", f"{stem}/disp0.pfm", f"{stem}/disp0.png"):
@@ -233,13 +224,13 @@ def _check_size(found: tuple[int, ...], truth: tuple[int, ...], where: str) -> N
 
 
 def _folder_files(folder: Path) -> dict[str, int]:
-    paths = [
-        path for depth in ("*", "*/*", "*/*/*", "*/*/*/*") for path in sorted(folder.glob(depth)) if path.is_file()
-    ]
-    for path in paths:
-        if not path.resolve().is_relative_to(folder.resolve()):
-            raise FileError(f"{path}: is a link that leaves {folder}")
-    return {path.relative_to(folder).as_posix(): path.stat().st_size for path in paths}
+    found = {}
+    for path in (path for depth in ("*", "*/*", "*/*/*", "*/*/*/*") for path in sorted(folder.glob(depth))):
+        if path.is_file():
+            if not path.resolve().is_relative_to(folder.resolve()):
+                raise FileError(f"{path}: is a link that leaves {folder}")
+            found[path.relative_to(folder).as_posix()] = path.stat().st_size
+    return found
 
 
 def _zip_files(path: Path, members: Sequence[zipfile.ZipInfo]) -> dict[str, int]:
@@ -250,15 +241,13 @@ def _zip_files(path: Path, members: Sequence[zipfile.ZipInfo]) -> dict[str, int]
         name = member.filename
         if name.startswith("/") or "\\" in name or ":" in name or ".." in PurePosixPath(name).parts:
             raise FileError(f"{path}: contains {name!r}, a name that leaves the archive")
-        faults = {
-            "is a link": stat.S_ISLNK(member.external_attr >> 16),
-            "is encrypted": member.flag_bits & 1,
-            # zipfile decompresses members of other compressions whole, even if fewer bytes are requested.
-            "uses a compression other than deflate": member.compress_type
-            not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED),
-            "occurs twice": name in found,
-        }
-        for fault, present in faults.items():
+        # zipfile decompresses members of other compressions whole, even if fewer bytes are requested.
+        for fault, present in (
+            ("is a link", stat.S_ISLNK(member.external_attr >> 16)),
+            ("is encrypted", member.flag_bits & 1),
+            ("uses a compression other than deflate", member.compress_type not in _COMPRESSIONS),
+            ("occurs twice", name in found),
+        ):
             if present:
                 raise FileError(f"{path}: {name} {fault}")
         if not member.is_dir():

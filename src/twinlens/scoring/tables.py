@@ -9,10 +9,9 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from twinlens.errors import InputError, unknown
 from twinlens.scoring.board import Board, Mean
-from twinlens.scoring.metrics import TIMES, find_metric
-from twinlens.scoring.protocols import PROTOCOLS, Protocol
+from twinlens.scoring.metrics import TIMES, Metric, find_metric
+from twinlens.scoring.protocols import PROTOCOLS
 from twinlens.scoring.regions import REGIONS
 
 Groups = Mapping[str, Collection[str]]
@@ -28,15 +27,11 @@ def standings(
     sort: str | None = None,
     weights: Mapping[str, float] | None = None,
 ) -> list[Mean]:
-    """The methods' means over samples, best first by the metric `sort` (default: the protocol's headline).
+    """The methods' means over samples, best first by the metric `sort`, by default the protocol's headline.
 
-    Methods without a value come last, in the board's order. Raises InputError for a protocol, region or metric that
-    the board does not have.
+    Methods without a value come last, in the board's order. Raises InputError as `Board.rules` and `Board.mean` do.
     """
-    rules = _rules(board, protocol, region)
-    metric = find_metric(sort or rules.headline)
-    if metric.name not in (*rules.metrics, *TIMES):
-        raise unknown("metric", metric.name, (*rules.metrics, *TIMES))
+    _, metric = board.rules(protocol, region, sort)
     means = [board.mean(name, protocol, region, weights) for name in board.methods]
     sign = 1.0 if metric.lower_is_better else -1.0
     return sorted(means, key=lambda mean: (math.isnan(mean.metrics[metric.name]), sign * mean.metrics[metric.name]))
@@ -47,7 +42,7 @@ def caption(board: Board, protocol: str, region: str, weights: Mapping[str, floa
     text = REGIONS[region].text if region in REGIONS else "defined by the caller"
     over = "weighted mean over samples" if weights else "plain mean over samples"
     lines = {
-        **_rules(board, protocol, region).lines(),
+        **board.rules(protocol, region)[0].lines(),
         "region": f"{region}: {text}",
         "mean": f"{over}; none if a method failed or was not run on a sample",
     }
@@ -65,8 +60,7 @@ def leaderboard_table(
     weights: Mapping[str, float] | None = None,
 ) -> Table:
     """The leaderboard as a rich table, best first, the best value of each column in bold, with its caption."""
-    ranked = standings(board, protocol, region, sort=sort, weights=weights)
-    names, cells = _cells(ranked, protocol, columns)
+    metrics, rows = _ranked(board, protocol, region, sort, columns, weights)
     table = Table(
         title=escape(f"{board.title} · {PROTOCOLS[protocol].title} · {region}"),
         caption=Text(caption(board, protocol, region, weights)),
@@ -75,32 +69,31 @@ def leaderboard_table(
     )
     table.add_column("#", justify="right", style="dim")
     table.add_column("method", no_wrap=True)
-    for name in names:
-        table.add_column(f"{name}\n[dim]{find_metric(name).unit}[/]", justify="right")
+    for metric in metrics:
+        table.add_column(f"{metric.name}\n[dim]{metric.unit}[/]", justify="right")
     table.add_column("samples", justify="right")
-    for rank, (mean, row) in enumerate(zip(ranked, cells, strict=True), start=1):
+    for rank, (mean, cells) in enumerate(rows, start=1):
         samples = Text(str(mean.counted))
         if mean.counted < mean.total:
             failed = f", {len(mean.failed)} failed" if mean.failed else ""
             samples = Text(f"{mean.counted} of {mean.total}{failed}", style="red")
-        values = [Text(text, style="bold" if best else "") for text, best in row]
+        values = [Text(text, style="bold" if best else "") for text, best in cells]
         table.add_row(str(rank), Text(mean.method), *values, samples)
     return table
 
 
 def group_means(board: Board, protocol: str, region: str, groups: Groups) -> dict[str, dict[str, float]]:
     """Group -> method -> mean of the protocol's headline metric over the group's samples, best method first."""
-    metric = _rules(board, protocol, region).headline
+    _, metric = board.rules(protocol, region)
     return {
-        name: {mean.method: mean.metrics[metric] for mean in standings(board.subset(samples), protocol, region)}
+        name: {mean.method: mean.metrics[metric.name] for mean in standings(board.subset(samples), protocol, region)}
         for name, samples in groups.items()
     }
 
 
 def comparison_table(board: Board, protocol: str, region: str, groups: Groups) -> Table:
     """The protocol's headline metric, one column per group of samples, the first group's best method first."""
-    rules, values = _rules(board, protocol, region), group_means(board, protocol, region, groups)
-    metric = find_metric(rules.headline)
+    (rules, metric), values = board.rules(protocol, region), group_means(board, protocol, region, groups)
     title = escape(f"{board.title} · {rules.title} · {region} · {metric.name} [{metric.unit}]")
     table = Table(title=title, title_justify="left")
     table.add_column("method", no_wrap=True)
@@ -156,50 +149,41 @@ def board_latex(
     weights: Mapping[str, float] | None = None,
 ) -> str:
     """The leaderboard as a LaTeX table (package booktabs), the best value of each column in bold."""
-    ranked = standings(board, protocol, region, sort=sort, weights=weights)
-    names, cells = _cells(ranked, protocol, columns)
-    head = " & ".join(["Method", *(_latex(f"{name} [{find_metric(name).unit}]") for name in names)])
+    metrics, rows = _ranked(board, protocol, region, sort, columns, weights)
+    head = " & ".join(["Method", *(_latex(f"{metric.name} [{metric.unit}]") for metric in metrics)])
     lines = [
         r"\begin{table}",
         r"\centering",
         rf"\caption{{{_latex('. '.join(caption(board, protocol, region, weights).splitlines()))}.}}",
-        rf"\begin{{tabular}}{{l{'r' * len(names)}}}",
+        rf"\begin{{tabular}}{{l{'r' * len(metrics)}}}",
         r"\toprule",
         rf"{head} \\",
         r"\midrule",
     ]
-    for mean, row in zip(ranked, cells, strict=True):
-        shown = [(text.replace("–", "--").replace("∞", r"$\infty$"), best) for text, best in row]
+    for mean, cells in rows:
+        shown = [(text.replace("–", "--").replace("∞", r"$\infty$"), best) for text, best in cells]
         values = [rf"\textbf{{{text}}}" if best else text for text, best in shown]
         lines.append(" & ".join([_latex(mean.method), *values]) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}"]) + "\n"
 
 
-def _rules(board: Board, protocol: str, region: str) -> Protocol:
-    if protocol not in board.protocols:
-        raise unknown("protocol on this board", protocol, board.protocols)
-    if region not in board.regions:
-        raise unknown("region on this board", region, board.regions)
-    return PROTOCOLS[protocol]
-
-
-def _cells(
-    ranked: Sequence[Mean], protocol: str, columns: Sequence[str] | None
-) -> tuple[tuple[str, ...], list[list[tuple[str, bool]]]]:
-    """The columns, the protocol's default ones for None; and for each mean its cells: text, and whether it is best."""
-    rules = PROTOCOLS[protocol]
-    names = tuple(columns) if columns is not None else (*rules.columns, "time")
-    best = {}
-    for name in names:
-        metric = find_metric(name)
-        if name not in (*rules.metrics, *TIMES):
-            raise InputError(f"{rules.title} does not measure {name!r}")
-        values = [mean.metrics[name] for mean in ranked if not math.isnan(mean.metrics[name])]
-        best[name] = (min if metric.lower_is_better else max)(values, default=math.nan)
-    return names, [
-        [(find_metric(name).show(mean.metrics[name]), mean.metrics[name] == best[name]) for name in names]
-        for mean in ranked
-    ]
+def _ranked(
+    board: Board,
+    protocol: str,
+    region: str,
+    sort: str | None,
+    columns: Sequence[str] | None,
+    weights: Mapping[str, float] | None,
+) -> tuple[list[Metric], list[tuple[Mean, list[tuple[str, bool]]]]]:
+    """The metrics of the columns, and for each mean, best first, its cells: the text, and whether it is the best."""
+    means = standings(board, protocol, region, sort=sort, weights=weights)
+    names = (*PROTOCOLS[protocol].columns, "time") if columns is None else columns
+    metrics, cells = [board.rules(protocol, region, name)[1] for name in names], []
+    for metric in metrics:
+        values = [mean.metrics[metric.name] for mean in means]
+        best = (min if metric.lower_is_better else max)((v for v in values if not math.isnan(v)), default=math.nan)
+        cells.append([(metric.show(value), value == best) for value in values])
+    return metrics, [(mean, [column[k] for column in cells]) for k, mean in enumerate(means)]
 
 
 _LATEX = str.maketrans(
