@@ -19,8 +19,7 @@ from typing import NamedTuple
 
 from twinlens.sensor import Exposure
 from twinlens.studies.aperture import automatic
-from twinlens.studies.aperture.theory import PIXEL_PITCH_UM, SENSOR, Model
-from twinlens.studies.aperture.wrong import SHARP_AT, Evidence
+from twinlens.studies.aperture.theory import PIXEL_PITCH_UM, SENSOR, SHARP_AT, Evidence, Model
 from twinlens.studies.stage import Stage, stream
 
 SCENES, F_NUMBERS, SAMPLES = ("cards", "staircase"), (1.0, 2.0, 4.0), (16, 64, 256)

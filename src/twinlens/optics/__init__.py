@@ -14,17 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import InputError, check_number, format_value
 
-AIRY_FIRST_ZERO = 1.2196698912665045
-"""First zero of the Airy pattern in units of lambda v / A: the first root of J1, 3.8317..., over pi."""
-
-SHORTEST, LONGEST = 1e-12, 1e9
-"""Accepted lengths in metres; within them no square or ratio overflows."""
+AIRY_FIRST_ZERO = 1.2196698912665045  # of the Airy pattern in units of lambda v / A: 3.8317..., the root of J1, over pi
+SHORTEST, LONGEST = 1e-12, 1e9  # accepted lengths in metres, without overflow of squares and ratios
 
 
 def vergence(power: float, film_distance: float) -> float:
-    """k = P - 1/v: 1/focus_distance for a lens, -1/v for a bare aperture (P = 0).
-
-    Raises InputError unless the power is finite and the film distance positive.
+    """k = P - 1/v: 1/focus_distance for a lens, -1/v for a bare aperture (P = 0). InputError unless v > 0.
 
     >>> round(1 / vergence(1 / 0.05, 0.0512820512820513), 6)
     2.0
@@ -35,9 +30,7 @@ def vergence(power: float, film_distance: float) -> float:
 
 
 def focal_length(focus_distance: float, film_distance: float) -> float:
-    """f = 1/(k + 1/v): the lens that focuses `focus_distance` on a film at `film_distance` (the thin-lens equation).
-
-    Raises InputError unless both are positive; focus_distance may be inf.
+    """f = 1/(k + 1/v) of the thin-lens equation; focus_distance may be inf. InputError unless both are positive.
 
     >>> focal_length(math.inf, 0.05)
     0.05
@@ -80,9 +73,9 @@ def check_focus(value: float) -> None:
 def circle_of_confusion_px(depth: ArrayLike, aperture_diameter: float, fx: float, k: float) -> NDArray[np.float64]:
     """Signed diameter of the blur circle on the film, in pixels: c = A fx (1/z - k), the shape of `depth` (metres).
 
-    Positive in front of the plane of focus, where a point light forms the aperture rotated by 180 degrees (the ray
-    through a lands at -a c/A in the upright image); negative behind it, where the aperture is upright. At depth +inf
-    c = -A fx k. Raises InputError unless depth > 0, A >= 0, fx > 0 and k is finite.
+    It is positive in front of the plane of focus, where the image of a point light is the aperture rotated by 180
+    degrees, and negative behind it, where the image is upright. At depth +inf c = -A fx k. Raises InputError unless
+    depth > 0, A >= 0, fx > 0 and k is finite.
 
     >>> circle_of_confusion_px([1.0, 2.0, np.inf], aperture_diameter=0.01, fx=700, k=0.5).tolist()
     [3.5, 0.0, -3.5]
@@ -102,9 +95,7 @@ def circle_of_confusion_px(depth: ArrayLike, aperture_diameter: float, fx: float
 def in_focus(
     depth: ArrayLike, aperture_diameter: float, fx: float, k: float, circle_px: float = 1.0
 ) -> NDArray[np.bool_]:
-    """Whether |c| <= circle_px, bool, the shape of `depth`; `depth_of_field` gives the limits of this range.
-
-    Raises InputError as `circle_of_confusion_px` does, and unless circle_px > 0.
+    """Whether |c| <= circle_px, bool, the shape of `depth`; see `circle_of_confusion_px` and `depth_of_field`.
 
     >>> in_focus([1.0, 1.8, 2.0, 2.4, np.inf], aperture_diameter=0.01, fx=700, k=0.5, circle_px=0.7).tolist()
     [False, True, True, True, False]
@@ -116,8 +107,8 @@ def in_focus(
 def depth_of_field(aperture_diameter: float, fx: float, k: float, circle_px: float = 1.0) -> tuple[float, float]:
     """(near, far) depths in metres between which the blur circle is at most `circle_px` pixels wide.
 
-    1/z = k +- c / (A fx). A pinhole gives (0, inf). Far is inf beyond the hyperfocal distance. Both are inf where
-    even infinity is too blurred, as behind a wide bare aperture. Raises InputError unless A >= 0, fx > 0,
+    1/z = k +- c / (A fx). A pinhole gives (0, inf). Far is inf for a focus beyond the hyperfocal distance. Both are inf
+    if all depths are too blurred, as behind a wide bare aperture. Raises InputError unless A >= 0, fx > 0,
     circle_px > 0 and k is finite.
 
     >>> depth_of_field(0.01, fx=700, k=0.5, circle_px=0.7)
@@ -135,8 +126,7 @@ def depth_of_field(aperture_diameter: float, fx: float, k: float, circle_px: flo
 def hyperfocal_distance(aperture_diameter: float, fx: float, circle_px: float = 1.0) -> float:
     """The nearest focus distance at which infinity is within `circle_px`: H = A fx / c, in metres.
 
-    Equal to the textbook's f^2/(N c) + f with c in metres. The textbook moves the film of a fixed lens to
-    v = f H/(H - f), where A fx / c = A v/c = f^2/(N c) + f; here the film is fixed and the lens changes.
+    It equals the textbook's f^2/(N c) + f, c in metres, for a fixed lens that focuses H on a film at v = f H/(H - f).
     Raises InputError unless A >= 0, fx > 0 and circle_px > 0.
     """
     _check_circle(circle_px)

@@ -20,15 +20,10 @@ from twinlens.errors import InputError, check_int, check_number, check_triple, f
 from twinlens.optics import AIRY_FIRST_ZERO, LONGEST, SHORTEST, check_diameter, check_length
 
 Float = NDArray[np.float64]
-Pitch = tuple[float, float]
-"""Width and height of a pixel, metres."""
+Pitch = tuple[float, float]  # width and height of a pixel, metres
 CHANNEL_WAVELENGTHS = (611e-9, 549e-9, 464e-9)
-"""Metres, for red, green and blue: the dominant wavelengths of the primaries of sRGB (Rec. ITU-R BT.709) under D65.
-
-The renderer's colours are amounts of these three primaries. Each is treated as light of its dominant wavelength.
-"""
-TAIL = 0.005
-"""The largest share of the light outside the kernel, unless the image is smaller than the kernel."""
+"""Metres: the dominant wavelengths under D65 of sRGB's primaries (Rec. ITU-R BT.709), the renderer's colours."""
+TAIL = 0.005  # largest share of the light outside the kernel, unless the image is smaller than the kernel
 FRESNEL_LOW, FRESNEL_HIGH = 0.2, 50.0
 """Between these Fresnel numbers the model misplaces more than a tenth of the light behind a bare aperture."""
 _MOST_NODES = 64
@@ -75,9 +70,9 @@ def fresnel_number(aperture_diameter: float, wavelength: float, distance: float)
 def airy_kernel(pixel_pitch: Pitch, wavelength: float, working_f_number: float, radius_px: int) -> Float:
     """The Airy pattern of a point at the centre of a pixel, integrated over the pixels: (2 R + 1, 2 R + 1), sum 1.
 
-    `pixel_pitch` is (x, y) in metres. By the divergence theorem the integral over a pixel is the flux of the radial
-    field E(r) / (2 pi r) through its four edges, which neighbours share; each edge is integrated by Gauss-Legendre
-    quadrature. The light outside the kernel is distributed over its pixels in proportion.
+    By the divergence theorem the integral over a pixel is the flux of the radial field E(r) / (2 pi r) through its four
+    edges, which neighbours share; each edge is integrated by Gauss-Legendre quadrature. The light outside the kernel is
+    distributed over its pixels in proportion.
     """
     _check(wavelength, working_f_number, pixel_pitch)
     check_int("radius_px", radius_px, 0, _LARGEST_RADIUS)

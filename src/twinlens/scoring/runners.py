@@ -115,11 +115,9 @@ class Runner:
         try:
             answer: Answer = self._run(limit, _timed_match, method, *arguments)
         except MethodError as error:
-            if took is None:
-                raise
-            if took > self.limit:
+            if took is not None and took > self.limit:
                 self._skip_warm_up.add(method.name)
-            if error.failure.kind != "time-limit":
+            if took is None or error.failure.kind != "time-limit":
                 raise
             note = f"; the warm-up took {took:.3g} s" + (" and was not repeated" if skipped else "")
             raise MethodError("time-limit", error.failure.message + note) from error

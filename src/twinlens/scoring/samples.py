@@ -103,10 +103,7 @@ def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
 
 
 def search_range(bound: int, calibration: Calibration | None, truth: Disparity) -> tuple[int, int]:
-    """(ndisp, min_disparity) for disparities below `bound`.
-
-    min_disparity is 0 unless the calibration's vmin, or without one the truth, is negative.
-    """
+    """(ndisp, min_disparity) below `bound`; the latter is negative if the calibration's vmin, or else the truth, is."""
     low = None if calibration is None else calibration.vmin
     if low is None or not math.isfinite(low):
         low = float(np.min(truth, initial=0.0))

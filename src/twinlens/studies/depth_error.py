@@ -1,7 +1,7 @@
 """`baseline` and `focal-length`: how the depth error depends on distance, baseline and focal length.
 
 A disparity error sigma_d gives the depth error z^2 / (f B) sigma_d (Gallup, Frahm, Mordohai and Pollefeys, Variable
-Baseline/Resolution Stereo, CVPR 2008, equation 3), tested with textured planes. Scenes give wrong pixels and occlusion.
+Baseline/Resolution Stereo, CVPR 2008, equation 3). Textured planes test this; scenes give wrong pixels and occlusion.
 """
 
 import itertools
@@ -30,10 +30,9 @@ SENSOR = Sensor.preset("machine_vision")
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep of one quantity, in the column `column`, `symbol` in formulas.
+    """A sweep of the quantity in `column`, `symbol` in formulas. A pair is (baseline in metres, fov_x_deg).
 
-    planes: the camera pairs that render planes, each (baseline in metres, horizontal field of view in degrees).
-    factors, pair: the pair that renders a bundled scene is pair(scene, factor).
+    planes: the pairs that render planes. A bundled scene is rendered by pair(scene, factor) for each of the factors.
     """
 
     column: str
@@ -58,7 +57,7 @@ class Sweep:
         return Measured(rows, notes={"plane_pairs": self.planes, "factors": self.factors})
 
     def conclude(self, table: Table) -> list[Finding]:
-        """Exponents of the depth error in z (2 if the disparity error is constant) and in the swept quantity."""
+        """Exponents of the depth error in z and in the swept quantity, and the deviation from the formula."""
         planes = table.where(part=PLANES)
         exponents = [
             power_law(f"{method}: the depth error is proportional to z^p with p = {{}}", planes.where(method=method),
@@ -68,7 +67,15 @@ class Sweep:
         text = f"The depth error is proportional to {self.symbol}^p with p = {{}}"
         fixed = ["method", "z_m", *({"baseline_mm", "fx_px"} - {self.column})]
         swept = power_law(text, planes, self.column, "depth_error_mm", -1.0, TOLERANCE, fixed)
-        return [*exponents, law_residual(planes), swept]
+        rms = over_scenes(
+            planes,
+            lambda unit: np.log(unit.numbers("depth_error_mm") / unit.numbers("predicted_mm")),
+            lambda logarithms: 100 * math.sqrt(float(np.mean(logarithms**2))),
+        )
+        most = f"Depth errors deviate by at most {100 * TOLERANCE:g} % rms"
+        text = f"{most} from z^2/(f B) times one disparity error per matcher and camera pair"
+        residual = Finding(text, rms, rms.value <= 100 * TOLERANCE, "%", result="{} rms")
+        return [*exponents, residual, swept]
 
     def figures(self, quantity: str) -> tuple[Figure, ...]:
         """The depth error of planes, and the wrong pixels of bundled scenes."""
@@ -131,18 +138,6 @@ def occluded_percent(stage: Stage) -> float:
     partner = np.arange(stage.camera.width) - disparity
     inside = np.isfinite(disparity) & (partner >= 0) & (partner <= stage.camera.width - 1)
     return 100.0 * float((inside & ~stage.truth.visible).sum() / inside.sum())
-
-
-def law_residual(planes: Table) -> Finding:
-    """Root mean square deviation of the measured depth errors from z^2/(f B) sigma_d over all planes."""
-    rms = over_scenes(
-        planes,
-        lambda unit: np.log(unit.numbers("depth_error_mm") / unit.numbers("predicted_mm")),
-        lambda logarithms: 100 * math.sqrt(float(np.mean(logarithms**2))),
-    )
-    most = f"Depth errors deviate by at most {100 * TOLERANCE:g} % rms"
-    text = f"{most} from z^2/(f B) times one disparity error per matcher and camera pair"
-    return Finding(text, rms, rms.value <= 100 * TOLERANCE, "%", result="{} rms")
 
 
 def occlusion(table: Table) -> Finding:

@@ -1,4 +1,4 @@
-"""`focus`: where to focus a stereo pair, the law of blur and disparity, and two cameras with different focus.
+"""`focus`: where to focus a stereo pair, how blur depends on disparity, and two cameras with different focus.
 
 Blur and disparity obey c = (A/B) |d - d_focus| (Schechner and Kiryati, Depth from Defocus vs. Stereo, IJCV 39(2),
 2000), tested on lamps: small spheres at known depths, which a wide lens images as disks.
@@ -62,9 +62,9 @@ def blur_and_disparity(rig: Rig, lens: Lens, depth: float, spp: int, seed: int) 
 
 
 def disk_diameter(image: Float, own: float = LAMP_PX) -> float:
-    """Diameter D in pixels of the image of a uniform disk, whose variance along each axis is D^2/16.
+    """Diameter D of the blur, pixels, from the variance of the image of a disk with the diameter `own`.
 
-    The variances of the pixel (1/12) and of the lamp's own image (diameter `own`) are subtracted.
+    The variance along each axis is D^2/16 + own^2/16 + 1/12 for blur, disk and pixel.
     """
     v, u = ndimage.center_of_mass(image)
     rows, columns = np.mgrid[: image.shape[0], : image.shape[1]]
@@ -95,13 +95,12 @@ def _rows(setup: Setup, stage: Stage, seed: int) -> list[Row]:
 
 def conclude(table: Table) -> list[Finding]:
     """The slope of blur over disparity; the best focus; different focus against equal focus."""
-
-    def slope(unit: Table) -> float:
-        return float(np.polyfit(np.abs(unit.numbers("defocus_px")), unit.numbers("blur_px"), 1)[0])
-
     methods = [str(name) for name in table.where(part="map").values("method")]
     text = "The blur of lamps is linear in the disparity from the focus, with slope A/B: the slope is {}"
-    measured = over_scenes(table.where(part="line"), slope)
+    measured = over_scenes(
+        table.where(part="line"),
+        lambda unit: np.polyfit(np.abs(unit.numbers("defocus_px")), unit.numbers("blur_px"), 1)[0],
+    )
     return [
         predicted(text, measured, LINE_APERTURE / LINE_BASELINE, _SLOPE_TOLERANCE),
         *(_best_focus(table, method) for method in methods),

@@ -20,7 +20,7 @@ class Setup:
     """The input of a study.
 
     scenes: names or files, as for `load_scene`. methods: as for `matching.parse_method`. seeds: one repetition each.
-    width, height: of the images, pixels. spp: samples per pixel. progress: called with the fraction done and a label.
+    spp: samples per pixel. progress: called with the fraction done and a label.
 
     Raises InputError without seeds, for repeated entries, and for images smaller than 64x48.
     """
@@ -56,9 +56,10 @@ def sweep(setup: Setup, *values: Sequence[Any]) -> Iterator[tuple[Any, ...]]:
 class Finding:
     """A claim, the measurement that tests it, and whether the claim holds.
 
-    text: the claim, without its full stop. measured: the number with its interval, in `unit`, for one {} in `text` or
-    `result`, the measurement in words. expected: the predicted value and its relative `tolerance`. answer: what was
-    found where the claim names one of several; supporting seeds give the same. decided: False for an open claim.
+    text: the claim, without its full stop. result: the measurement in words. measured: the number, in `unit`, that
+    replaces one {} in text or result. expected: the predicted value and its relative `tolerance`. answer: which of
+    several alternatives was found; a seed supports the finding if its own answer is the same. decided: False for an
+    open claim.
     """
 
     text: str
@@ -86,20 +87,12 @@ class Finding:
         """The claim and the result with the number, without the last full stop."""
         return self.template.replace("{}", self.measured.format(self.unit), 1)
 
-    @property
-    def prediction(self) -> str:
-        """The expected value and its tolerance in words; empty where nothing was predicted."""
-        if self.expected is None:
-            return ""
-        within = "" if self.tolerance is None else f" within {100 * self.tolerance:.3g} %"
-        return f"expected {brief(self.expected)} {self.unit}".strip() + within
-
 
 def compared(
     claim: str, difference: Interval, above: str, below: str, rest: str, *, unit: str = "percentage points",
     answer: str = "",
 ) -> Finding:  # fmt: skip
-    """The claim that a difference is positive (`above`, otherwise `below`); holds if the whole interval is above 0.
+    """The claim that a difference is positive; it holds if the whole interval is. Its word is `above` or `below`.
 
     >>> finding = compared("SSD has fewer wrong pixels than SAD", Interval(-2, -3, -1, 9), "fewer", "more", "than SAD")
     >>> finding.holds, finding.sentence.partition(". ")[2]
@@ -146,10 +139,10 @@ class Figure:
     """A plot of the table: the mean of `y` against `x`, one line per value of `by`, one panel per value of `panel`.
 
     kind: "line" (means with bootstrap bands), "scatter" (a point per row), "heatmap" (mean of `z` over x and y).
-    where: keep rows with these values; rows whose `by` is "theory" are drawn as a black dashed line. residual_of: a
-    column of predictions; a strip below shows measured / predicted - 1. also: columns drawn dashed in the colour of y.
-    marks: (column, label), a vertical line at the (logarithmic axis: geometric) mean. best: "least" or "most", the
-    ringed point of each line. x_of: x-axis labels of panels whose label differs.
+    where: keep rows with these values. residual_of: a column of predictions; a strip below the plot shows
+    measured / predicted - 1. also: columns drawn dashed in the colour of y. marks: (column, label), a vertical line at
+    the column's mean, geometric for a logarithmic axis. best: "least" or "most", the point of each line to ring. x_of:
+    labels of the x axis of single panels. Rows whose `by` is "theory" are drawn as a black dashed line.
     """
 
     name: str
@@ -189,10 +182,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Measured:
-    """The output of `measure`: rows of the table, pictures, notes for study.json, and remarks for page and JSON.
-
-    A row may omit columns: they become NaN, or "" in a column of words.
-    """
+    """The output of `measure`: rows, which may omit columns, notes for study.json, and remarks for it and the page."""
 
     rows: Sequence[Row]
     pictures: tuple[Picture, ...] = ()
@@ -204,9 +194,8 @@ class Measured:
 class Study:
     """A sweep of one physical quantity.
 
-    columns : of its table, besides "scene" and "seed", which every table has. figures : drawn from the CSV.
-    conclude : called with the whole table, and with the rows of each seed alone.
-    defaults : the Setup used where nothing else is chosen.
+    columns: of its table, besides "scene" and "seed", which every table has. conclude: called with the whole table, and
+    with the rows of each seed alone. defaults: the Setup where nothing else is chosen.
     """
 
     name: str
@@ -239,13 +228,15 @@ class SeedSupport:
 
     @property
     def verdict(self) -> str:
-        """The verdict in words, with the prediction and the number of supporting seeds."""
+        """The verdict in words, with the expected value and the number of supporting seeds."""
         finding = self.finding
         if not finding.has_verdict:
             return "no verdict: " + ("not measured" if math.isnan(finding.measured.value) else "not decided")
-        verdict = "holds" if finding.holds else "does not hold"
-        seeds = f"{self.supporting} of {self.seeds} seeds support it"
-        return "; ".join(filter(None, (verdict, finding.prediction, seeds)))
+        parts = ["holds" if finding.holds else "does not hold"]
+        if finding.expected is not None:
+            within = "" if finding.tolerance is None else f" within {100 * finding.tolerance:.3g} %"
+            parts.append(f"expected {brief(finding.expected)} {finding.unit}".strip() + within)
+        return "; ".join([*parts, f"{self.supporting} of {self.seeds} seeds support it"])
 
 
 @dataclass(frozen=True, eq=False)

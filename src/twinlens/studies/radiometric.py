@@ -1,7 +1,7 @@
 """`radiometric`: matching costs on image pairs that differ in gain, gamma, vignetting or noise.
 
 After Hirschmueller and Scharstein, Evaluation of Stereo Matching Costs on Images with Radiometric Differences, PAMI
-31(9), 2009. A sensor without noise exposes each scene; differences are applied to the right image, noise to both.
+31(9), 2009. Images of a sensor without noise are changed: the right image only, or both by noise.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -26,17 +26,13 @@ SENSOR = Sensor.preset("ideal", output="srgb", shot_noise=False)
 
 @dataclass(frozen=True)
 class Change:
-    """A radiometric difference: (8-bit image, amount, seed) -> levels, its amounts, and the amount without effect."""
+    """A radiometric difference: levels(8-bit image, amount, seed), its amounts, and the amount without effect."""
 
     levels: Callable[[Image, float, int], Image]
     amounts: tuple[float, ...]
     neutral: float
     text: str
     both: bool = False
-
-    def apply(self, picture: Image, amount: float, seed: int) -> Image:
-        """The altered image, rounded and clipped to 8 bits."""
-        return np.asarray(np.rint(np.clip(self.levels(picture, amount, seed), 0, 255)).astype(np.uint8))
 
 
 def _vignetting(picture: Image, amount: float, seed: int) -> Image:
@@ -63,10 +59,11 @@ def measure(setup: Setup) -> Measured:
         stage = Stage.of(scene, setup.width, setup.height)
         pictures, rms = image_pair(stage, setup.spp, seed)
         noise.setdefault(scene, []).append(rms)
-        for name, amount in [(name, amount) for name, change in CHANGES.items() for amount in change.amounts]:
-            place = {"scene": scene, "seed": seed, "change": name, "amount": amount}
-            found = stage.errors(changed_pair(pictures, CHANGES[name], amount, seed), setup.methods)
-            rows += [{**place, "method": method, **scores} for method, scores in found.items()]
+        for name, change in CHANGES.items():
+            for amount in change.amounts:
+                place = {"scene": scene, "seed": seed, "change": name, "amount": amount}
+                found = stage.errors(changed_pair(pictures, change, amount, seed), setup.methods)
+                rows += [{**place, "method": method, **scores} for method, scores in found.items()]
     totals = {scene: float(np.sqrt(np.mean(np.square(values)))) for scene, values in noise.items()}
     text = ", ".join(f"{scene} {brief(total)}" for scene, total in totals.items())
     remarks = {"rendering noise": f"{text}; rms grey levels of 255, before any difference is applied"}
@@ -74,9 +71,9 @@ def measure(setup: Setup) -> Measured:
 
 
 def image_pair(stage: Stage, spp: int, seed: int) -> tuple[tuple[Image, Image], float]:
-    """The image pair from two renders of half the samples, and the rendering noise of the left image, rms grey levels.
+    """The images of both views, and the rendering noise of the left one, rms grey levels.
 
-    Half the difference of the two has the standard error of their mean.
+    The noise is half the difference of two renders with half the samples each, whose mean is the image.
     """
     halves = [stage.photograph(Pinhole(), max(spp // 2, 1), stream(seed, 0, half)) for half in range(2)]
     light = [0.5 * (first + second) for first, second in zip(*halves, strict=True)]
@@ -88,9 +85,10 @@ def image_pair(stage: Stage, spp: int, seed: int) -> tuple[tuple[Image, Image], 
 
 
 def changed_pair(pictures: Sequence[Image], change: Change, amount: float, seed: int) -> tuple[Image, Image]:
-    """The pair with this difference between its images."""
-    left = change.apply(pictures[0], amount, stream(seed, 2)) if change.both else pictures[0]
-    return left, change.apply(pictures[1], amount, stream(seed, 3))
+    """The pair with this difference between its images, rounded and clipped to 8 bits."""
+    levels = [change.levels(picture, amount, stream(seed, 2 + k)) for k, picture in enumerate(pictures)]
+    left, right = (np.rint(np.clip(each, 0, 255)).astype(np.uint8) for each in levels)
+    return (left if change.both else pictures[0]), right
 
 
 def conclude(table: Table) -> list[Finding]:
@@ -100,19 +98,15 @@ def conclude(table: Table) -> list[Finding]:
     findings = [_fewest(local.where(change=change), change) for change in CHANGES]
     text = "Over all four differences census has the fewest wrong pixels (Hirschmueller and Scharstein 2009)"
     ranking = _ranking(local)
-    census = [method for method in ranking if method.partition(":")[0] == "census"][:1]
-    rivals = [method for method in ranking if method not in census]
-    if not census or not rivals:
+    census = next((method for method in ranking if method.partition(":")[0] == "census"), None)
+    rival = next((method for method in ranking if method != census), None)
+    if census is None or rival is None:
         return [*findings, open_claim(f"{text}: needs census and another local cost")]
-    return [*findings, fewer_wrong(text, local, census[0], rivals[0], f"than {rivals[0]}")]
+    return [*findings, fewer_wrong(text, local, census, rival, f"than {rival}")]
 
 
 def is_local(method: str) -> bool:
-    """Whether the method takes the least cost over one fixed block; networks and external programs do not.
-
-    >>> [is_local(method) for method in ("census:block_size=5", "zncc:optimisation=sgm8", "sgm4", "adaptive")]
-    [True, False, False, False]
-    """
+    """Whether the method takes the least cost over one fixed block; networks and external programs do not."""
     spec = parse_method(method)
     matcher = spec.matcher() if spec.method.matcher is StereoMatcher else None
     return matcher is not None and matcher.optimisation == "wta" and matcher.support == "fixed"

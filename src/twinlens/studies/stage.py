@@ -1,6 +1,6 @@
 """A scene with its rig and ground truth, rendered, exposed, matched and scored for studies; self-luminous targets.
 
-Only the camera adds noise to images of the targets. A plane at twice the distance has a print of twice the size.
+Targets are area lights, so that only the camera adds noise to their images.
 """
 
 import math
@@ -18,7 +18,7 @@ from twinlens.camera.truth import Truth
 from twinlens.factory import default_rig
 from twinlens.geometry import Float
 from twinlens.matching import parse_method
-from twinlens.optics import circle_of_confusion_px, middle_focus
+from twinlens.optics import circle_of_confusion_px
 from twinlens.rendering import ground_truth, render
 from twinlens.scenes import Bitmap, Plugin, Scene, SceneObject, load_scene
 from twinlens.scoring import Pair, Scores, evaluate, region_masks
@@ -33,8 +33,7 @@ SCORES = (
     Column("totbad1", "%", "wrong by > 1 px or unknown"),
     Column("avgerr", "px", "mean error"),
 )
-"""The columns of a table that `score_columns` fills."""
-PHASES = (0.0, 0.25, 0.5, 0.75)  # shifts of the right principal point, which average over sub-pixel positions
+PHASES = (0.0, 0.25, 0.5, 0.75)  # shifts of the right principal point in pixels, to average over sub-pixel positions
 GLOW: Plugin = {"type": "rgb", "value": 1.0}
 _BLACK: Plugin = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 _TEXELS_PER_PIXEL = 2.0
@@ -42,7 +41,7 @@ _STREAM = 7
 
 
 def stream(seed: int, *key: int) -> int:
-    """An independent seed for each random draw of a study, derived from the study's seed and a key for the draw."""
+    """An independent seed for each random draw of a study, from the study's seed and a key for the draw."""
     return derived_seed(seed, _STREAM, *key)
 
 
@@ -58,7 +57,7 @@ class Stage:
         name: str, width: int, height: int, *, fov_x_deg: float | None = None, baseline: float | None = None,
         pixel_pitch_um: float | None = None,
     ) -> "Stage":  # fmt: skip
-        """The scene of this name with its default rig; field of view, baseline and pixel pitch can be changed."""
+        """The scene of this name with its default rig, except for the values that are given."""
         scene = load_scene(name)
         rig = default_rig(scene, width, height, fov_x_deg, baseline)
         if pixel_pitch_um is not None:
@@ -75,11 +74,6 @@ class Stage:
         """The left camera."""
         return self.rig.cameras[0]
 
-    @property
-    def middle_focus(self) -> float:
-        """The depth at the middle of the scene's disparity range, metres."""
-        return middle_focus(*self.scene.depth_range)
-
     @cached_property
     def ndisp(self) -> int:
         """Number of disparities to search: a multiple of 16, at least 10 % above the largest true one."""
@@ -87,7 +81,10 @@ class Stage:
         return 16 * int(np.ceil((1.1 * float(known.max()) + 1) / 16))
 
     def lens(self, focus: float, blur_px: float) -> ThinLens:
-        """The lens focused from the far (0) to the near end (1) of the depth range in 1/z, its ends `blur_px` apart."""
+        """A lens whose focus, linear in 1/z, is from the far (0) to the near end (1) of the depth range.
+
+        blur_px: the difference of the signed blur circles of both ends.
+        """
         near, far = self.scene.depth_range
         diameter = blur_px / (self.camera.fx * (1.0 / near - 1.0 / far))
         return ThinLens(diameter, 1.0 / ((1.0 - focus) / far + focus / near))
@@ -116,14 +113,11 @@ class Stage:
     def score(
         self, disparity: Image, pictures: Sequence[Image], regions: Sequence[str] = (), lens: Lens | None = None
     ) -> Scores:
-        """Middlebury v3 scores of a disparity map, in each of these regions that the pair defines."""
-        blur = None if lens is None else np.abs(self.blur(lens)).astype(np.float32)
-        visible = np.where(self.truth.visible, np.uint8(255), np.uint8(0))
-        pair = Pair(self.scene.name, pictures[0], pictures[1], self.truth.disparity, visible, self.ndisp, blur0=blur)
+        """Middlebury v3 scores of a disparity map, also in these regions; the lens defines the blur."""
+        blur, truth, visible = None if lens is None else self.blur(lens), self.truth.disparity, self.truth.visible
+        pair = Pair(self.scene.name, pictures[0], pictures[1], truth, visible, self.ndisp, blur0=blur)
         masks = region_masks(pair, [name for name in regions if name not in ("all", "nonocc")])
-        return evaluate(
-            disparity, self.truth.disparity, mask_nonocc=self.truth.visible, ndisp=self.ndisp, regions=masks
-        )
+        return evaluate(disparity, truth, visible, self.ndisp, regions=masks)
 
     def errors(self, pictures: Sequence[Image], methods: Sequence[str]) -> Mapping[str, dict[str, float]]:
         """The `score_columns` of every matcher."""
@@ -131,9 +125,9 @@ class Stage:
 
 
 def score_columns(scores: Scores, region: str = "nonocc") -> dict[str, float]:
-    """The scores of a region that studies report: totbad1, totbad2 (percent) and avgerr (px)."""
-    made = scores.regions[region]
-    return {"totbad1": made["totbad1.0"], "totbad2": made["totbad2.0"], "avgerr": made["avgerr"]}
+    """The columns SCORES of one region."""
+    found = scores.regions[region]
+    return {"totbad1": found["totbad1.0"], "totbad2": found["totbad2.0"], "avgerr": found["avgerr"]}
 
 
 def centred_camera(width: int, height: int, fx: float) -> Camera:
@@ -174,5 +168,5 @@ def noise_planes(camera: Camera, baseline: float, depth: float, seed: int, **tex
     """A `noise_plane` seen by a pair of cameras, with the right principal point at each of the PHASES."""
     rig = Rig.stereo(camera, baseline, np.eye(4))
     scene = noise_plane(rig, depth, seed, **texture)
-    rights = [camera.replace(cx=camera.cx + phase) for phase in PHASES]
-    return [Stage(scene, Rig((camera, right), rig.world_from_cams)) for right in rights]
+    pairs = [(camera, camera.replace(cx=camera.cx + phase)) for phase in PHASES]
+    return [Stage(scene, Rig(pair, rig.world_from_cams)) for pair in pairs]

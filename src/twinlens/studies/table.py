@@ -2,8 +2,8 @@
 
 Whole scenes are resampled, or the seeds of a single scene (Davison and Hinkley, Bootstrap Methods and their
 Application, 1997, section 3.8). Percentile intervals of n units are too narrow by sqrt((n - 1)/n) and the ratio of the
-normal to Student's t, and are widened accordingly (Hesterberg, What Teachers Should Know About the Bootstrap, The
-American Statistician 69(4), 2015, "expanded percentile"): with two to four units to their whole range.
+normal to Student's t. They are widened by these factors (Hesterberg, What Teachers Should Know About the Bootstrap, The
+American Statistician 69(4), 2015, "expanded percentile"); with two to four units they cover the whole range.
 """
 
 import csv
@@ -33,7 +33,7 @@ _STREAM = 6
 
 @dataclass(frozen=True)
 class Column:
-    """A quantity: its name in the table, its unit ("" for none), and its description, used as an axis label."""
+    """A quantity: its name, its unit ("" for none), and its description for axes."""
 
     name: str
     unit: str
@@ -41,16 +41,13 @@ class Column:
 
     @property
     def label(self) -> str:
-        """The axis label, such as "depth (m)"."""
+        """The label of an axis, such as "depth (m)"."""
         return f"{self.text} ({self.unit})" if self.unit else self.text
 
 
 @dataclass(frozen=True)
 class Table:
-    """Columns and rows. Every row has every column, with NaN or "" where a quantity has no value.
-
-    Raises InputError for a row with a missing or an unknown column.
-    """
+    """Columns and rows; every row has every column, with NaN or "" where there is no value, or InputError is raised."""
 
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
@@ -68,7 +65,7 @@ class Table:
         return iter(self.rows)
 
     def column(self, name: str) -> Column:
-        """The column of this name; InputError with the nearest known name."""
+        """The column of this name; InputError if there is none."""
         known = {column.name: column for column in self.columns}
         if name not in known:
             raise unknown("column", name, known)
@@ -102,7 +99,7 @@ class Table:
 
 
 def to_csv(table: Table) -> str:
-    """The table as RFC 4180 text: nine significant digits, enough for float32, and lines that end in a newline.
+    """The table as RFC 4180 text with newlines (LF) and nine significant digits, enough for float32.
 
     >>> print(to_csv(Table((Column("z_m", "m", "depth"),), ({"z_m": 2.5},))), end="")
     z_m
@@ -118,10 +115,7 @@ def to_csv(table: Table) -> str:
 
 
 def from_csv(text: str, columns: Sequence[Column]) -> Table:
-    """The table that `to_csv` wrote; cells that parse as numbers are numbers.
-
-    Raises InputError if the header does not name these columns.
-    """
+    """The table that `to_csv` wrote. Cells that parse as numbers are numbers. InputError if the columns are others."""
     lines = csv.reader(io.StringIO(text))
     header = next(lines, [])
     known = {column.name: column for column in columns}
@@ -132,7 +126,7 @@ def from_csv(text: str, columns: Sequence[Column]) -> Table:
 
 
 def table(columns: Iterable[Column], rows: Sequence[Row]) -> Table:
-    """A table with numbers rounded as in its CSV, and missing values filled: "" in columns of words, NaN elsewhere."""
+    """A table with numbers rounded as in its CSV. Missing values become "" in columns of words, NaN in others."""
     chosen = tuple(columns)
     words = {name for row in rows for name, value in row.items() if isinstance(value, str)}
     empty: dict[str, Value] = {column.name: "" if column.name in words else math.nan for column in chosen}
@@ -148,10 +142,7 @@ def _parse(cell: str) -> Value:
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate and its confidence interval [low, high]; both ends are NaN for a single unit.
-
-    units: the number of scenes or seeds resampled; 0 if unknown.
-    """
+    """An estimate and its confidence interval, NaN for a single unit. units: of resampling; 0 if unknown."""
 
     value: float
     low: float
@@ -190,9 +181,7 @@ def mean(values: Float) -> float:
 
 
 def bootstrap(statistic: Statistic, units: Sequence[ArrayLike], seed: int = 0) -> Interval:
-    """The statistic of all measurements together, with its interval from resampling the units.
-
-    units: one array of measurements per unit; NaN measurements are ignored.
+    """The statistic of all measurements, with its interval from resampling units, arrays in which NaN is ignored.
 
     >>> bootstrap(mean, [[1.0], [2.0], [3.0]])
     Interval(value=2.0, low=1.0, high=3.0, units=3)
@@ -200,25 +189,23 @@ def bootstrap(statistic: Statistic, units: Sequence[ArrayLike], seed: int = 0) -
     flat = (np.asarray(unit, np.float64).ravel() for unit in units)
     arrays = [values[~np.isnan(values)] for values in flat if not np.isnan(values).all()]
     count = len(arrays)
-    if not count:
-        return Interval(math.nan, math.nan, math.nan)
-    value = float(statistic(np.concatenate(arrays)))
+    value = statistic(np.concatenate(arrays)) if count else math.nan
     if count < 2:
-        return Interval(value, math.nan, math.nan, 1)
+        return Interval(value, math.nan, math.nan, count)
     picks = np.sort(generator(seed, _STREAM).integers(0, count, (DRAWS, count)), axis=1)
     distinct, copies = np.unique(picks, axis=0, return_counts=True)  # equal resamples are evaluated once
-    resampled = [float(statistic(np.concatenate([arrays[i] for i in pick]))) for pick in distinct]
+    resampled = [statistic(np.concatenate([arrays[i] for i in pick])) for pick in distinct]
     tail = float(ndtr(math.sqrt(count / (count - 1)) * stdtrit(count - 1, 0.5 - LEVEL / 2)))
     low, high = np.quantile(np.repeat(resampled, copies), (tail, 1.0 - tail))
     return Interval(value, float(low), float(high), count)
 
 
 def over_scenes(table: Table, measure: Callable[[Table], ArrayLike], statistic: Statistic = mean) -> Interval:
-    """The statistic of `measure` of the rows of each scene and seed; interval over scenes, or seeds of a single one."""
-    scenes: dict[Value, list[Float]] = {}
-    for (scene, _), unit in table.groups("scene", "seed"):
-        scenes.setdefault(scene, []).append(np.asarray(measure(unit), np.float64).ravel())
-    found = list(scenes.values())
+    """The statistic of `measure`, applied to the rows of each scene and seed; interval over scenes, or one's seeds."""
+    found = [
+        [np.asarray(measure(unit), np.float64).ravel() for _, unit in part.groups("seed")]
+        for _, part in table.groups("scene")
+    ]
     return bootstrap(statistic, found[0] if len(found) == 1 else [np.concatenate(seeds) for seeds in found])
 
 
@@ -228,7 +215,7 @@ def mean_of(table: Table, name: str) -> Interval:
 
 
 def paired_difference(table: Table, name: str, by: str, first: Value, second: Value) -> Interval:
-    """Mean over scenes and seeds of: column `name` where `by` equals `first`, minus where it equals `second`."""
+    """Mean of column `name` where `by` equals `first`, minus that where it equals `second`, over scenes and seeds."""
 
     def difference(unit: Table) -> Float:
         a, b = (unit.where(**{by: which}).numbers(name) for which in (first, second))
@@ -238,7 +225,7 @@ def paired_difference(table: Table, name: str, by: str, first: Value, second: Va
 
 
 def log_slope(x: str, y: str) -> Callable[[Table], float]:
-    """A function that fits the exponent p of y ~ x^p by least squares of the logarithms; NaN for fewer than two x."""
+    """A function that fits the exponent p of y ~ x^p by linear regression of the logarithms; NaN for a single x."""
 
     def slope(unit: Table) -> float:
         across, up = unit.numbers(x), unit.numbers(y)

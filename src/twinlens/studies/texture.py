@@ -2,7 +2,7 @@
 
 The Cramer-Rao bound of a shift, for two windows with the same signal and independent noise sigma, is  sd(d) >=
 sqrt(2 sigma^2 / sum of (dI/du)^2)  over the window (Robinson and Milanfar, Fundamental Performance Limits in Image
-Registration, TIP 13(9), 2004). The noise is measured from two exposures of the same radiance, slopes on the radiance.
+Registration, TIP 13(9), 2004). Noise is measured on two exposures of the same radiance, slopes on the radiance.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""`window`: how large a block should be. Large blocks bridge missing texture; small ones keep depth edges.
+"""`window`: how large a block should be. Large blocks match textureless areas; small ones keep depth edges.
 
 Adaptive windows address this trade-off: Kanade and Okutomi, A Stereo Matching Algorithm with an Adaptive Window, PAMI
 16(9), 1994. Images are rendered through a wide lens, so that parts of each scene are out of focus.
@@ -34,7 +34,8 @@ def measure(setup: Setup) -> Measured:
         lens = stage.lens(0.5, 2 * BLUR_PX)
         radiance = stage.photograph(lens, setup.spp, stream(seed, 0))
         pictures = stage.expose(radiance, lens, stream(seed, 1), SENSOR)
-        runs = [(method, float(size), with_block(method, size)) for method in setup.methods for size in SIZES]
+        options = {method: f"{method}," if ":" in method else f"{method}:" for method in setup.methods}
+        runs = [(m, float(size), f"{options[m]}block_size={size}") for m in setup.methods for size in SIZES]
         runs += [(method, math.nan, method) for method in COMPARED]
         maps: dict[str, NDArray[np.float32]] = {}
         for method, size, text in runs:
@@ -46,15 +47,6 @@ def measure(setup: Setup) -> Measured:
         if seed == setup.seeds[0]:
             panels.append(_panel(stage, pictures, [maps[method] for method in COMPARED]))
     return Measured(rows, tuple(panels), {"blur_px": BLUR_PX, "compared": tuple(COMPARED)})
-
-
-def with_block(method: str, size: int) -> str:
-    """The method with this block size.
-
-    >>> with_block("zncc", 9), with_block("sad:lr_check=1", 5)
-    ('zncc:block_size=9', 'sad:lr_check=1,block_size=5')
-    """
-    return f"{method}{',' if ':' in method else ':'}block_size={size}"
 
 
 def _panel(stage: Stage, pictures: Sequence[NDArray[Any]], maps: Sequence[NDArray[np.float32]]) -> Picture:
@@ -90,11 +82,11 @@ def conclude(table: Table) -> list[Finding]:
 
 def _larger(rows: Table, method: str, region: str, words: str) -> Finding:
     """The ratio of the best block size in a region to the best one at discontinuities."""
-
-    def ratio(unit: Table) -> float:
-        return math.log(best_size(unit.where(region=region)) / best_size(unit.where(region="discontinuity")))
-
-    times = over_scenes(rows, ratio, lambda values: math.exp(float(values.mean())))
+    times = over_scenes(
+        rows,
+        lambda unit: math.log(best_size(unit.where(region=region)) / best_size(unit.where(region="discontinuity"))),
+        lambda values: math.exp(float(values.mean())),
+    )
     text = f"{method}: the best block {words} is larger than at discontinuities"
     return Finding(text, times, is_above(times, 1.0), result="{} times its width")
 

@@ -10,8 +10,7 @@ from scipy.ndimage import convolve, gaussian_filter
 from twinlens.camera import ThinLens
 from twinlens.sensor import Exposure
 from twinlens.studies.aperture import theory as aperture_theory
-from twinlens.studies.aperture.theory import Model
-from twinlens.studies.aperture.wrong import SIDE, Evidence, Texture, shared_texture
+from twinlens.studies.aperture.theory import SIDE, Evidence, Model, Texture, shared_texture
 from twinlens.studies.stage import Stage
 
 GRAIN, NDISP = 1.2, 32

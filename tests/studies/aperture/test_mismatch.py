@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from twinlens.studies.aperture.wrong import RIGHT_PX, drawn_sums, mismatch, mismatch_share
+from twinlens.studies.aperture.theory import RIGHT_PX, drawn_sums, mismatch, mismatch_share
 
 SIDE, NDISP = 9, 32
 STEP = 8

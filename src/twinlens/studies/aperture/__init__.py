@@ -1,8 +1,8 @@
-"""`aperture`: the best f-number for stereo, from f/1 to f/32, between blur, diffraction and noise.
+"""`aperture`: the best f-number for stereo, from f/1 to f/32, given blur, diffraction and noise.
 
 The lenses of a scene and seed are rendered from one set of light paths (`render_lens_grid`). Images are exposed for the
-same time or to the same brightness, with and without diffraction. Two theories predict the best f-number: `theory` for
-the median error, and `wrong` for the share of wrong pixels.
+same time or to the same brightness, with and without diffraction. Two theories (`theory`) predict the best f-number:
+for the median error, and for the share of wrong pixels.
 """
 
 import itertools
@@ -19,8 +19,7 @@ from twinlens.camera.diffraction import diffract
 from twinlens.rendering import LensGrid, render_lens_grid
 from twinlens.sensor import Exposure, Sensor, auto_exposure
 from twinlens.studies.aperture import theory
-from twinlens.studies.aperture.theory import F_NUMBERS, MODES, SENSOR, WAVELENGTH, Model
-from twinlens.studies.aperture.wrong import SHARP_AT, SIDE, Evidence
+from twinlens.studies.aperture.theory import F_NUMBERS, MODES, SENSOR, SHARP_AT, SIDE, WAVELENGTH, Evidence, Model
 from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, is_above, predicted, sweep
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
 from twinlens.studies.table import Column, Interval, Row, Table, brief, log_parabola_minimum, log_slope, over_scenes
@@ -76,7 +75,7 @@ def _saved(model: Model, setup: Setup, grid: LensGrid, seconds: float) -> dict[s
     return {"grid_s": round(seconds, 2), "direct_s": round(direct, 2), "grid_paths": grid.rays, "direct_paths": paths}
 
 
-def _rows(setup: Setup, model: Model, grid: LensGrid, seed: int) -> list[Row]:
+def _rows(setup: Setup, model: Model, grid: LensGrid, seed: int) -> list[dict[str, Any]]:
     stage = model.stage
     sharp, lens = grid[F_NUMBERS.index(SHARP_AT)], model.lens(SHARP_AT)
     evidence = Evidence.of(stage, lens, model.blur(lens), sharp)
@@ -104,7 +103,7 @@ def _rows(setup: Setup, model: Model, grid: LensGrid, seed: int) -> list[Row]:
                     a50 = scores.regions["nonocc"]["A50"]
                     rows.append({**case, "method": method, **score_columns(scores), "a50": a50})
     _add_curves(rows)
-    return list(rows)
+    return rows
 
 
 def _add_curves(rows: list[dict[str, Any]]) -> None:
@@ -177,10 +176,12 @@ def conclude(table: Table) -> list[Finding]:
     fall = log_slope("f_number", "level")
     bright = without[MODES[0]].where(lambda row: _LAW_FROM <= float(row["f_number"]) <= _LAW_TO)  # not saturated
     law = "At a fixed exposure the mean level is proportional to A^p with p = {}"
-    findings = [predicted(law, over_scenes(bright, lambda unit: -fall(unit)), 2.0, 0.01)]
-    for mode, rows in with_diffraction.items():
-        findings += [_optimum(part, f"{method}, {mode}") for (method,), part in rows.groups("method")]
-    findings += [_medians(rows, mode) for mode, rows in with_diffraction.items()]
+    findings = [
+        predicted(law, over_scenes(bright, lambda unit: -fall(unit)), 2.0, 0.01),
+        *(_optimum(part, f"{method}, {mode}")
+          for mode, rows in with_diffraction.items() for (method,), part in rows.groups("method")),
+        *(_medians(rows, mode) for mode, rows in with_diffraction.items()),
+    ]  # fmt: skip
     for mode, rows in without.items():
         ratio = over_scenes(rows, lambda unit: unit.numbers("path_noise").mean())
         text = f"At {mode}, the rendering noise is less than {PATHS_ALLOWED} of the sensor noise"
@@ -221,10 +222,10 @@ def _medians(rows: Table, mode: str) -> Finding:
 
 
 def is_near(rows: Table, aim: Aim) -> bool | None:
-    """Whether a matcher's best f-number is within ALLOWED_STOPS of theory's in each scene.
+    """Whether a matcher's best f-number is within ALLOWED_STOPS of theory's in each scene; None if undecided.
 
-    None if undecided: the errors two stops from the best f-number exceed the least by no more than noise, and so does
-    theory's f-number in the scenes where it is far.
+    It is undecided if the errors two stops from the best f-number are not significantly above the least error, and
+    neither are those at theory's f-number in the scenes where it is too far.
     """
     stops = {scene: over_scenes(part, aim.stops_from_theory).value for (scene,), part in rows.groups("scene")}
     far = [scene for scene, distance in stops.items() if abs(distance) > ALLOWED_STOPS]
@@ -234,7 +235,7 @@ def is_near(rows: Table, aim: Aim) -> bool | None:
 
 
 def cost_over_best(rows: Table, aim: Aim, steps: int = 0) -> Interval:
-    """The additional error, over scenes, of theory's f-number, or of the better one `steps` steps from the best one.
+    """The mean error above the least one: at theory's f-number, or at the better of those `steps` from the best one.
 
     The best f-number is cross-validated: found on the scene's other seeds, if there are any.
     """
@@ -250,14 +251,6 @@ def cost_over_best(rows: Table, aim: Aim, steps: int = 0) -> Interval:
         return min(aim.mean_at(unit, number) for number in places) - aim.mean_at(unit, best)
 
     return over_scenes(rows, cost)
-
-
-def _wrong(name: str, mode: str, diffraction: str) -> Figure:
-    return Figure(
-        name, f"Wrong pixels at {mode}, {diffraction} diffraction", "f_number", "totbad2", by="method", panel="scene",
-        log_x=True, best="least", marks=(("theory_best_wrong", "theory"),),
-        where={"exposure": mode, "diffraction": diffraction},
-    )  # fmt: skip
 
 
 def _theory(name: str, title: str, y: str, by: str = "scene", **more: Any) -> Figure:
@@ -286,10 +279,11 @@ STUDY = Study(
     measure=measure,
     conclude=conclude,
     figures=(
-        _wrong("fixed", MODES[0], "with"),
-        _wrong("equal", MODES[1], "with"),
-        _wrong("fixed-without", MODES[0], "without"),
-        _wrong("equal-without", MODES[1], "without"),
+        *(Figure(name + suffix, f"Wrong pixels at {mode}, {diffraction} diffraction", "f_number", "totbad2",
+                 by="method", panel="scene", log_x=True, best="least", marks=(("theory_best_wrong", "theory"),),
+                 where={"exposure": mode, "diffraction": diffraction})
+          for diffraction, suffix in (("with", ""), ("without", "-without"))
+          for name, mode in zip(("fixed", "equal"), MODES, strict=True)),
         _theory("median", "Median error and its theory", "a50", by="method", log_y=True,
                 marks=(("theory_best", "theory"),)),
         _theory("predicted-wrong", "Predicted wrong pixels", "predicted_wrong"),

@@ -1,8 +1,8 @@
 """`pinhole`: sharpness, light and noise behind a bare hole, from an open box down to 0.07 mm; the best diameter.
 
 Sharpness is the MTF50 of a slanted edge by two models. "far field": the traced image, blurred by `twinlens.diffract`.
-"Fresnel": the sharp image, three times finer than the pixels, convolved with Fresnel's pattern and binned. Light comes
-from two sources: "sensor", the radiometry of `Sensor`, and "plate", paths traced through a hole in a plate.
+"Fresnel": the sharp image, three times finer than the pixels, convolved with Fresnel's pattern and binned. Light is
+measured in two ways: "sensor", by the radiometry of `Sensor`; "plate", by paths traced through a hole in a plate.
 
 Rules for the best diameter: 1.9 sqrt(f lambda) (Rayleigh, On pinhole photography, 1891), and sqrt(2.44 f lambda), at
 which the hole is as wide as its Airy disk.
@@ -82,13 +82,14 @@ def _edges(seed: int) -> list[Row]:
 def _lights(seed: int) -> list[Row]:
     """Light and noise: a row for each hole, and for each plate."""
     camera = edge_camera()
-    fixed = 0.5 / film.white_rate(camera, _hole(max(DIAMETERS_MM)))
+    fixed = film.half_of_white(camera, _hole(max(DIAMETERS_MM)))
     unit = exposed_rate(camera, _hole(1.0), stream(seed, 3, len(DIAMETERS_MM) + 1))
     rows: list[Row] = []
     for k, millimetres in enumerate((BOX_MM, *DIAMETERS_MM)):
-        noise = film.signal_to_noise(camera, _hole(millimetres), fixed, stream(seed, 2, k))
+        levels = film.exposed(camera, _hole(millimetres), fixed, stream(seed, 2, k))
+        snr = math.nan if levels.max() >= 65535 else float(levels.mean() / levels.std())  # NaN: saturated
         light = exposed_rate(camera, _hole(millimetres), stream(seed, 3, k)) / unit
-        rows.append(_row(seed, LIGHTS[0], millimetres, light=light, snr=noise))
+        rows.append(_row(seed, LIGHTS[0], millimetres, light=light, snr=snr))
     square_law = (0.5e-3 / FILM) ** 2  # E / (pi L) of a hole of 1 mm
     for k, millimetres in enumerate(PLATES_MM):
         found = film.film_light(1e-3 * millimetres, FILM, _PLATE_SPP, stream(seed, 6, k))
@@ -132,11 +133,10 @@ def conclude(table: Table) -> list[Finding]:
     unsaturated = sensor.where(lambda row: _SHOT_MM <= float(row["diameter_mm"]) < BOX_MM)
     narrow = PLATES_MM[:-1]
     share = over_scenes(plates.where(diameter_mm=BOX_MM), lambda unit: unit.numbers("light") / BOX_MM**2)
-
-    def sensor_over_plate(unit: Table) -> float:
-        sensor, plate = (float(unit.where(model=model).numbers("light").mean()) for model in LIGHTS)
-        return sensor / plate
-
+    ratio = over_scenes(  # of the sensor's light to the plate's
+        table.where(diameter_mm=BOX_MM),
+        lambda unit: np.divide(*(unit.where(model=model).numbers("light").mean() for model in LIGHTS)),
+    )
     return [
         predicted("The hole with the highest MTF50 is {} wide", best50, predicted_best(0.5), _TOLERANCE, "mm"),
         predicted("The hole with the highest MTF10 is {} wide", best10, predicted_best(0.1), _TOLERANCE, "mm"),
@@ -150,7 +150,7 @@ def conclude(table: Table) -> list[Finding]:
         predicted("In an open box, twice as wide as deep, the film gets {} of the light of the square law",
                   share, 0.5, _LIGHT_TOLERANCE),
         predicted("In the open box the sensor's radiometry gives {} times the path-traced light",
-                  over_scenes(table.where(diameter_mm=BOX_MM), sensor_over_plate), 1.0, _LIGHT_TOLERANCE),
+                  ratio, 1.0, _LIGHT_TOLERANCE),
         power_law(f"At a fixed exposure, signal to noise of holes of {_SHOT_MM:g} mm or more is proportional to A^p "
                   "(shot noise) with p = {}", unsaturated, "diameter_mm", "snr", 1.0, 0.05),
     ]  # fmt: skip

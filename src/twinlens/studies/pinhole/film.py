@@ -7,8 +7,8 @@ The diffraction pattern, from the hole's shadow to its Airy pattern, is I = |U|^
 for the radius a of the hole, the film at v, the point at z (Born and Wolf, Principles of Optics, section 8.8; Young,
 Pinhole optics, Applied Optics 10(12), 1971). All lengths in metres.
 
-The path-traced box uses no camera formula: an opaque plate with a hole in front of a black box, under a uniform sky. A
-white matt film of reflectance 1 inside the box has the radiance E / pi, where E is its irradiance (Lambert's law).
+The path-traced box uses no camera formula: a black box whose front plate has a hole, under a uniform sky. A diffuse
+film of reflectance 1 inside the box has the radiance E / pi, where E is its irradiance (Lambert's law).
 """
 
 import math
@@ -55,10 +55,10 @@ def edge_scene() -> Scene:
 
 
 def edge_spread(picture: ArrayLike) -> tuple[Float, Float]:
-    """The edge-spread function: (distance from the edge in pixels, mean grey level), in bins of a quarter pixel.
+    """The edge-spread function: (distance perpendicular to the edge in pixels, mean grey level), every quarter pixel.
 
-    picture: (H, W) linear grey levels with one nearly vertical edge through every row. Distances are perpendicular to
-    the edge. Raises InputError if a row has no edge, or if the edge spans less than a pixel from top to bottom.
+    picture: (H, W) linear grey levels with one nearly vertical edge through every row. Raises InputError if a row has
+    no edge, or if the edge spans less than a pixel from top to bottom.
     """
     image = np.asarray(picture, np.float64)
     slopes = np.abs(np.diff(image, axis=1))
@@ -101,15 +101,7 @@ def modulation_transfer(picture: ArrayLike) -> tuple[Float, Float]:
 
 
 def frequency_at(picture: ArrayLike, contrast: float) -> float:
-    """The frequency in cycles/pixel at which the MTF first falls below `contrast`: 0.5 for MTF50, 0.1 for MTF10.
-
-    >>> from scipy import special
-    >>> u, v = np.meshgrid(np.arange(80.0), np.arange(60.0))
-    >>> edge = 0.5 + 0.5 * special.erf((u - 39.3 - 0.09 * v) / np.hypot(1, 0.09) / (np.sqrt(2) * 2.0))
-    >>> gaussian = np.sqrt(np.log(2) / 2) / (np.pi * 2.0)
-    >>> bool(abs(frequency_at(edge, 0.5) / gaussian - 1) < 0.01)
-    True
-    """
+    """The frequency in cycles/pixel at which the MTF first falls below `contrast`: 0.5 for MTF50, 0.1 for MTF10."""
     return crossing(*modulation_transfer(picture), contrast)
 
 
@@ -123,12 +115,7 @@ def crossing(frequency: Float, transfer: Float, contrast: float) -> float:
 
 
 def intensity(radius: Float, diameter: float, film: float, depth: float, wavelength: float) -> Float:
-    """|U(r)|^2 at each radius on the film.
-
-    >>> i = intensity(np.array([0.0, 1e-2]), 0.2e-3, 0.05, np.inf, 550e-9)
-    >>> bool(i[0] > 1000 * i[1])
-    True
-    """
+    """|U(r)|^2 at each radius on the film."""
     edge = 0.5 * diameter
     bend = math.pi * (1.0 / film + 1.0 / depth) / wavelength
     turns = bend * edge**2 + 2.0 * math.pi * float(radius.max()) * edge / (wavelength * film)
@@ -145,8 +132,8 @@ def fresnel_kernel(
 ) -> Float:  # fmt: skip
     """The image of a point on pixels of this pitch, (2R + 1, 2R + 1), sum 1.
 
-    R covers the hole's shadow and forty Airy rings (99.5 % of a narrow hole's light), at most `most_px`. Each value
-    is the mean of `sub` x `sub` points: 3 approximates the integral over the pixel; 1 is for images already sampled.
+    R covers the hole's shadow and forty Airy rings (99.5 % of a narrow hole's light), at most `most_px`. A value is the
+    mean of `sub` x `sub` points: 3 approximates the integral over the pixel; 1 samples the pattern.
     """
     reach = 0.5 * diameter * (1.0 + film / depth) + _RINGS * wavelength * film / diameter
     size = int(min(math.ceil(reach / pitch), most_px or math.inf))
@@ -200,13 +187,13 @@ def predicted_best(contrast: float) -> float:
     return float(found.x)
 
 
-def white_rate(camera: Camera, hole: BareAperture) -> float:
-    """Fraction of white per second for a radiance of 1."""
+def half_of_white(camera: Camera, hole: BareAperture) -> float:
+    """The exposure time, seconds, that gives half of white for a radiance of 1."""
     white = np.ones((camera.height, camera.width, 3), np.float32)
-    return float(SENSOR.level_rate(white, camera=camera, lens=hole).mean())
+    return 0.5 / float(SENSOR.level_rate(white, camera=camera, lens=hole).mean())
 
 
-def _exposed(camera: Camera, hole: BareAperture, time: float, seed: int) -> Float:
+def exposed(camera: Camera, hole: BareAperture, time: float, seed: int) -> Float:
     """The levels (H, W) of a film lit with a radiance of 1, exposed for `time` seconds."""
     white = np.ones((camera.height, camera.width, 3), np.float32)
     photo = SENSOR.expose(white, camera=camera, lens=hole, seed=seed, exposure=Exposure(time))
@@ -215,21 +202,14 @@ def _exposed(camera: Camera, hole: BareAperture, time: float, seed: int) -> Floa
 
 def exposed_rate(camera: Camera, hole: BareAperture, seed: int) -> float:
     """Mean level per second of a uniformly lit film, exposed to half of white."""
-    time = 0.5 / white_rate(camera, hole)
-    return float(_exposed(camera, hole, time, seed).mean()) / time
-
-
-def signal_to_noise(camera: Camera, hole: BareAperture, time: float, seed: int) -> float:
-    """Mean over standard deviation of a uniformly lit film; NaN if it saturates."""
-    image = _exposed(camera, hole, time, seed)
-    return math.nan if image.max() >= 65535 else float(image.mean() / image.std())
+    time = half_of_white(camera, hole)
+    return float(exposed(camera, hole, time, seed).mean()) / time
 
 
 def film_light(diameter: float, film: float, spp: int, seed: int) -> float:
-    """E / (pi L) at the centre of the film behind a hole in a plate, path-traced: the transmitted share of a sky L.
+    """E / (pi L) at the centre of a film behind a hole in a plate under a sky of radiance L, path-traced.
 
-    diameter: of the hole; film: its distance from the plate; metres. Each of 2304 spp light paths
-    passes the hole or not, so the result varies as a binomial share.
+    Each of 2304 spp light paths passes the hole or not, so the result has a binomial distribution.
     """
     eye, middle = np.array([0.4, 0.0, 0.3]) * _SIZE, np.array([0.0, 0.0, _SIZE])
     fx = _PIXELS * float(np.linalg.norm(middle - eye)) / (_PATCH * _SIZE)
