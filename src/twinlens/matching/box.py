@@ -98,12 +98,12 @@ def aligned_zeros(count: int, dtype: Any) -> NDArray[Any]:
 
 
 class BoxMatch:
-    """One cost of one pair over one window; left and right are unsigned integers or float64, (H, W)."""
+    """One cost of one pair over one window; left and right are unsigned integers or float64, (..., H, W)."""
 
     def __init__(self, left: Image, right: Image, cost: Cost, side: int, low: int, high: int, threads: int) -> None:
         """Search disparities low..high-1."""
-        width = left.shape[1]
-        self.shape, self.cost, self.side, self.threads = left.shape, cost, side, threads
+        width = left.shape[-1]
+        self.shape, self.cost, self.side, self.threads = left.shape[-2:], cost, side, threads
         self.low, self.high = max(low, 1 - width), min(high, width)
         self.count = max(self.high - self.low, 0)
         self.depth = in_lanes(self.count)
@@ -146,11 +146,11 @@ class BoxMatch:
         left, right = images
         width, side = self.shape[1], self.side
         span = slice(top, top + rows + side - 1)
-        layout = left.shape[1], right.shape[1], width + side - 2
+        layout = left.shape[-1], right.shape[-1], width + side - 2
         volumes = len(result) == 2
-        columns = aligned_zeros((left.shape[1] + side) * self.depth if side > 1 else 0, self.numbers.sums)
+        columns = aligned_zeros((left.shape[-1] + side) * self.depth if side > 1 else 0, self.numbers.sums)
         costs = aligned_zeros(0 if volumes else width * self.depth, self.numbers.scores)
-        statistics = *self._statistics(left[span]), *self._statistics(right[span])
+        statistics = *self._statistics(left[..., span, :]), *self._statistics(right[..., span, :])
         search = self.low, self.count, self.depth
         kernel = slide_kernel(self.cost.term, self.cost.scoring, volumes)
         buffers = columns, costs, fence(self.numbers.scores, self.depth if volumes else self.count)
@@ -177,7 +177,7 @@ class BoxMatch:
         left = extended(self.left, rows, (-radius, width + radius))
         # In the reversed image, column c is at W - 1 - c.
         columns = self.low - radius, width + radius + self.low + self.depth - 1
-        return left, extended(self.right[:, ::-1], rows, columns)
+        return left, extended(self.right[..., ::-1], rows, columns)
 
     @functools.cached_property
     def _whole(self) -> tuple[Image, Image]:
@@ -214,38 +214,10 @@ def _settled(left: Image, right: Image, cost: Cost) -> tuple[Image, Image]:
     if cost.scoring in ("zncc", "zssd"):
         return left - left.mean(), right - left.mean()
     top = max(float(np.abs(left).max()), float(np.abs(right).max()))
-    if cost.term != "absolute" or top == 0:
+    if cost.term not in ("absolute", "interpolated") or top == 0:
         return left, right
     step = 2.0 ** (np.frexp(top)[1] - 40)
     return np.rint(left / step) * step, np.rint(right / step) * step
-
-
-def birchfield_tomasi(left: Image, right: Image, side: int, low: int, depth: int) -> Rows:
-    """The measure `measures.birchfield_tomasi` over windows."""
-
-    def rows(start: int, stop: int) -> Volume:
-        from twinlens.matching.kernels.windows import birchfield_tomasi, window_sums
-
-        radius, width = side // 2, left.shape[1]
-        span, last = (start - radius, stop + radius), low + depth - 1
-        ours = _bounds(left, span, (-radius, width + radius))
-        theirs = _bounds(right, span, (-radius - last, width + radius - low))[:, :, ::-1]
-        pixels = np.empty((stop - start + 2 * radius, width + 2 * radius, depth))
-        birchfield_tomasi(ours, np.ascontiguousarray(theirs), width + 2 * radius - 1, pixels)
-        volume = np.empty((stop - start, width, depth))
-        window_sums(pixels, radius, np.empty((width + 2 * radius, depth)), volume)
-        return volume
-
-    return rows
-
-
-def _bounds(image: Image, rows: tuple[int, int], columns: tuple[int, int]) -> Image:
-    """(3, rows, columns): the image, its minimum and its maximum within half a pixel along the row, continued."""
-    values = image.astype(np.float64)
-    wide = np.pad(values, ((0, 0), (1, 1)), mode="edge")
-    halves = (wide[:, :-2] + values) / 2, (values + wide[:, 2:]) / 2
-    low, high = np.minimum(values, np.minimum(*halves)), np.maximum(values, np.maximum(*halves))
-    return np.stack([extended(array, rows, columns) for array in (values, low, high)])
 
 
 def zero_mean_absolute(left: Image, right: Image, side: int, low: int, depth: int) -> Rows:

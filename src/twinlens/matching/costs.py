@@ -19,9 +19,9 @@ class Cost:
     """A matching cost.
 
     term: what a pixel adds to its window's sum. scoring: "sum", or the normalisation by statistics of the windows.
-    fit: the sub-pixel fit that suits the cost near its minimum. transform: "census", "rank" or "" for the images as
-    they are. offset: a constant that the kernels leave out. p1, p2: semi-global penalties for disparity steps of one
-    pixel and more, as parts of the largest possible cost.
+    fit: the sub-pixel fit that suits the cost near its minimum. transform: of the images, as of `images.described`.
+    offset: a constant that the kernels leave out. p1, p2: semi-global penalties for disparity steps of one pixel and
+    more, as parts of the largest possible cost.
     """
 
     term: str
@@ -36,24 +36,19 @@ class Cost:
     @property
     def normalised(self) -> bool:
         """Whether it is no sum over pixels, but compares statistics of whole windows."""
-        return self.scoring != "sum" or self.term == "zero-mean absolute"
+        return self.scoring != "sum"
 
     @property
     def growth(self) -> int:
         """The power of the window's area to which the cost is proportional: the kernel's ZSSD is n times the sum."""
-        return {"sum": 1, "zssd": 2}.get(self.scoring, 0)
-
-    @property
-    def in_lanes(self) -> bool:
-        """Whether the sliding kernel can compute it."""
-        return self.term in ("absolute", "square", "product", "hamming")
+        return {"sum": 1, "zsad": 1, "zssd": 2}.get(self.scoring, 0)
 
 
 COSTS: dict[str, Cost] = {
     "sad": Cost("absolute", "sum", V, "sum of absolute differences"),
     "ssd": Cost("square", "sum", PARABOLA, "sum of squared differences", p1=0.002, p2=0.02),
     "ncc": Cost("product", "ncc", PARABOLA, "1 - cosine of the windows' angle: invariant to gain", offset=1.0),
-    "zsad": Cost("zero-mean absolute", "sum", V, "SAD of mean-free windows: invariant to offset"),
+    "zsad": Cost("absolute", "zsad", V, "SAD of mean-free windows: invariant to offset"),
     "zssd": Cost("square", "zssd", PARABOLA, "SSD of mean-free windows: invariant to offset", p1=0.0005, p2=0.005),
     "zncc": Cost("product", "zncc", PARABOLA, "1 - correlation coefficient: invariant to gain and offset", offset=1.0),
     "jaccard": Cost("absolute", "jaccard", V, "1 - weighted Jaccard similarity"),
@@ -67,7 +62,7 @@ COSTS: dict[str, Cost] = {
         p2=0.9,
     ),
     "rank": Cost("absolute", "sum", V, "SAD of rank transforms: invariant to monotonic change", "rank", p1=0.1, p2=0.4),
-    "birchfield_tomasi": Cost("birchfield-tomasi", "sum", V, "absolute differences, insensitive to sampling"),
+    "birchfield_tomasi": Cost("interpolated", "sum", V, "absolute differences, insensitive to sampling", "bounds"),
 }
 
 
@@ -126,7 +121,7 @@ def largest_cost(cost: Cost, left: NDArray[Any], right: NDArray[Any], side: int,
     area = side * side
     if cost.scoring in ("zncc", "ncc", "jaccard"):
         return 2.0 if cost.scoring == "zncc" else 1.0
-    if cost.transform:
+    if cost.transform in ("census", "rank"):
         return float((descriptor**2 - 1) * area)
     if left.dtype.kind == "u":
         span = float(np.iinfo(left.dtype).max)

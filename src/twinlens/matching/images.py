@@ -89,22 +89,27 @@ def levels(left: Image, right: Image) -> tuple[NDArray[np.int32], NDArray[np.int
 
 
 def extended(image: Image, rows: tuple[int, int], columns: tuple[int, int]) -> Image:
-    """image[rows[0]:rows[1], columns[0]:columns[1]], where pixels outside the image repeat the nearest edge pixel."""
-    height, width = image.shape
-    taken = image.take(np.clip(np.arange(*rows), 0, height - 1), axis=0)
-    return taken.take(np.clip(np.arange(*columns), 0, width - 1), axis=1)
+    """image[..., rows[0]:rows[1], columns[0]:columns[1]], where pixels outside the image repeat the nearest edge pixel."""
+    height, width = image.shape[-2:]
+    taken = image.take(np.clip(np.arange(*rows), 0, height - 1), axis=-2)
+    return taken.take(np.clip(np.arange(*columns), 0, width - 1), axis=-1)
 
 
 def described(image: Image, transform: str, side: int) -> list[Image]:
-    """The images whose pixels are compared: those of a census or rank transform, or the image itself.
+    """The images whose pixels are compared: those of a transform, or the image itself.
 
     Census: one bit for each neighbour in the window, set where it is darker than the centre; uint32 words up to 5x5,
     uint64 beyond, as many images of words as the window needs. Rank: the number of these neighbours, uint8, or uint16
-    for windows above 15x15.
+    for windows above 15x15. Bounds: one float64 image (3, H, W), the pixels and their minimum and maximum within half
+    a pixel along the row, interpolated.
     Source: Zabih and Woodfill, "Non-parametric local transforms for computing visual correspondence", ECCV 1994.
     """
     if not transform:
         return [image]
+    if transform == "bounds":
+        wide = np.pad(image.astype(np.float64), ((0, 0), (1, 1)), mode="edge")
+        near = wide[:, 1:-1], (wide[:, :-2] + wide[:, 1:-1]) / 2, (wide[:, 1:-1] + wide[:, 2:]) / 2
+        return [np.stack([near[0], np.min(near, axis=0), np.max(near, axis=0)])]
     radius, (height, width) = side // 2, image.shape
     padded = extended(image, (-radius, height + radius), (-radius, width + radius))
     if transform == "rank":

@@ -182,7 +182,7 @@ class _Search:
         """The winner at every pixel of the left image."""
         if self.count <= 0:
             return Chosen.empty(self.left.shape)
-        if self.support.halo * (self.side // 2) == 0 and self.cost.in_lanes:
+        if self.support.halo * (self.side // 2) == 0 and self.cost.scoring != "zsad":
             boxes = self._boxes(self.side)
             if self.paths:
                 return self._semiglobal(boxes)
@@ -200,10 +200,9 @@ class _Search:
         return tuple(BoxMatch(a, b, self.cost, side, self.low, self.high, self.threads) for a, b in pairs)
 
     def _source(self, side: int) -> Rows:
-        if self.cost.in_lanes:
-            return box.box_sums(self._boxes(side), 1.0, self.cost.offset)
-        make = box.birchfield_tomasi if self.cost.term == "birchfield-tomasi" else box.zero_mean_absolute
-        return make(self.left, self.right, side, self.low, self.depth)
+        if self.cost.scoring == "zsad":
+            return box.zero_mean_absolute(self.left, self.right, side, self.low, self.depth)
+        return box.box_sums(self._boxes(side), 1.0, self.cost.offset)
 
     def _gathered(self) -> Rows:
         """The gathered costs; +inf where there is no candidate."""

@@ -16,13 +16,14 @@ import numpy as np
 
 from twinlens.matching.kernels import LANES
 from twinlens.matching.kernels.compiling import inlined, jit
-from twinlens.matching.kernels.lanes import convert, count_ones, distance, larger, load, read, splat, store
+from twinlens.matching.kernels.lanes import convert, count_ones, distance, larger, load, read, smaller, splat, store
 from twinlens.matching.kernels.settle import settle_row
 
 
 @inlined
-def pixel_term(term, a, b, sums):
-    """What a pixel adds to its window's sum, in the dtype of `sums`; a and b are lanes."""
+def pixel_term(term, left, here, right, there, sums):
+    """What a pixel adds to its window's sum, in the dtype of `sums`, for the pixels at the places here and there."""
+    a, b = splat(read(left, here)), load(right, there)
     if term == "absolute":
         value = convert(distance(a, b), sums)
     elif term == "square":
@@ -30,8 +31,13 @@ def pixel_term(term, a, b, sums):
         value = difference * difference
     elif term == "product":
         value = convert(a, sums) * convert(b, sums)
-    else:
+    elif term == "hamming":
         value = convert(count_ones(a ^ b), sums)
+    else:  # interpolated: behind the image are its minima and maxima within half a pixel
+        rest, others = len(left) // 3, len(right) // 3
+        ours = larger(a - load(right, there + 2 * others), load(right, there + others) - a)
+        theirs = larger(b - splat(read(left, here + 2 * rest)), splat(read(left, here + rest)) - b)
+        value = larger(smaller(ours, theirs), convert(splat(0), sums))
     return value
 
 
@@ -91,15 +97,14 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
                 base, total = chunk * (padded + side), zero
                 for x in range(padded):
                     enters, leaves = base + (x + side) * LANES, base + x * LANES
-                    a, b = splat(read(left, new_left + x)), load(right, new_right + chunk - x)
-                    column = pixel_term(term, a, b, columns)
+                    column = pixel_term(term, left, new_left + x, right, new_right + chunk - x, columns)
                     if side == 1:
                         total = column
                     else:
                         column = load(columns, enters) + column
                         if y > 0:
-                            a, b = splat(read(left, old_left + x)), load(right, old_right + chunk - x)
-                            column = column - pixel_term(term, a, b, columns)
+                            gone = pixel_term(term, left, old_left + x, right, old_right + chunk - x, columns)
+                            column = column - gone
                         store(columns, enters, column)
                         total = total + (column - load(columns, leaves))
                     u = x - side + 1
