@@ -87,10 +87,16 @@ def quarter(side: int) -> int:
 
 def _shiftable(strip: Strip) -> Volume:
     """The best of all windows that contain the pixel. Bobick and Intille, "Large occlusion stereo", IJCV 1999."""
-    from twinlens.matching.kernels.supports import lowest_around
-
-    out, volume = strip.empty(), strip.volumes[0]
-    lowest_around(volume, strip.side // 2, strip.top, np.empty(volume.shape[1:]), out)
+    out, volume, radius = strip.empty(), strip.volumes[0], strip.side // 2
+    columns = slice(radius, radius + volume.shape[1])
+    for y, here in enumerate(out, strip.top):
+        lowest = np.full((len(here) + 2 * radius, volume.shape[2]), np.inf)
+        volume[max(0, y - radius) : y + radius + 1].min(axis=0, out=lowest[columns])
+        reach = 1  # columns whose minimum is taken; it doubles
+        while reach < strip.side:
+            step = min(reach, strip.side - reach)
+            lowest, reach = np.minimum(lowest[:-step], lowest[step:]), reach + step
+        here[:] = lowest
     return out
 
 

@@ -10,26 +10,6 @@ from twinlens.matching.kernels.compiling import jit
 
 
 @jit
-def lowest_around(volume, radius, top, row, out):
-    """out = min of the volume over the square of that radius around each pixel. row (W, depth): scratch."""
-    rows, width, depth = volume.shape
-    for y in range(len(out)):
-        row[:] = volume[y + top]
-        for i in range(max(0, y + top - radius), min(rows, y + top + radius + 1)):
-            for x in range(width):
-                a, b = row[x], volume[i, x]
-                for j in range(depth):
-                    a[j] = min(a[j], b[j])
-        for x in range(width):
-            here = out[y, x]
-            here[:] = row[x]
-            for k in range(max(0, x - radius), min(width, x + radius + 1)):
-                b = row[k]
-                for j in range(depth):
-                    here[j] = min(here[j], b[j])
-
-
-@jit
 def best_quarters(volume, step, top, sizes, size, scale, out):
     """out = the sub-window's cost at the pixel plus the two lowest of its four diagonal neighbours at `step` pixels.
 
