@@ -196,9 +196,8 @@ def _means(volume: Volume, first: int, start: int, stop: int, radius: int) -> Vo
     """The rows start..stop of the volume's means over windows that end at the image's edges."""
     from twinlens.matching.kernels.supports import clipped_means
 
-    _, width, depth = volume.shape
-    out = np.empty((stop - start, width, depth))
-    clipped_means(volume, radius, start - first, (np.empty((width + 1, depth)), np.empty((width, depth))), out)
+    out = np.empty((stop - start, *volume.shape[1:]))
+    clipped_means(volume, radius, start - first, out)
     return out
 
 

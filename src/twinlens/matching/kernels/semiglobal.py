@@ -21,10 +21,17 @@ GUARD = 64  # numbers between two slots; those next to a slot are too large for 
 
 
 @inlined
-def detour(same, above, below, penalty, least, jump):
-    """min(L', L'(d - 1) + P1, L'(d + 1) + P1, min L' + P2) - min L', at most P2. The arguments are lanes."""
-    near = smaller(above, below) + splat(penalty)
-    return smaller(smaller(same, near), splat(jump)) - splat(least)
+def step(slots, at, before, cost, penalty, least, jump):
+    """Replace a path's costs L' in LANES slots by those of its next pixel, cost + detour.
+
+    The detour, at most P2, is min(L', L'(d - 1) + P1, L'(d + 1) + P1, min L' + P2) - min L'. `before` holds L'(d - 1).
+    Returns the detour, the lowest of the new costs, and `before` of the next LANES slots.
+    """
+    near = smaller(load(slots, at + 1), before) + splat(penalty)
+    detour = smaller(smaller(load(slots, at), near), splat(jump)) - splat(least)
+    following = load(slots, at + LANES - 1)
+    store(slots, at, cost + detour)
+    return detour, lowest(cost + detour), following
 
 
 def slot_count(height: int, width: int) -> int:
@@ -74,24 +81,15 @@ def sweep_kernel(diagonals: bool) -> Callable[..., None]:
                     low2, low3 = load(slots, falling - 1), load(slots, rising - 1)
                 for chunk in range(0, depth, LANES):
                     cost = load(costs, at + chunk)
-                    i0, i1, i2, i3 = row + chunk, column + chunk, falling + chunk, rising + chunk
-                    extra = detour(load(slots, i0), load(slots, i0 + 1), low0, small, m0, j0)
-                    low0 = load(slots, i0 + LANES - 1)
-                    store(slots, i0, cost + extra)
-                    new0, total = min(new0, lowest(cost + extra)), extra
-                    extra = detour(load(slots, i1), load(slots, i1 + 1), low1, small, m1, j1)
-                    low1 = load(slots, i1 + LANES - 1)
-                    store(slots, i1, cost + extra)
-                    new1, total = min(new1, lowest(cost + extra)), total + extra
+                    total, least, low0 = step(slots, row + chunk, low0, cost, small, m0, j0)
+                    new0 = min(new0, least)
+                    extra, least, low1 = step(slots, column + chunk, low1, cost, small, m1, j1)
+                    new1, total = min(new1, least), total + extra
                     if diagonals:
-                        extra = detour(load(slots, i2), load(slots, i2 + 1), low2, small, m2, j2)
-                        low2 = load(slots, i2 + LANES - 1)
-                        store(slots, i2, cost + extra)
-                        new2, total = min(new2, lowest(cost + extra)), total + extra
-                        extra = detour(load(slots, i3), load(slots, i3 + 1), low3, small, m3, j3)
-                        low3 = load(slots, i3 + LANES - 1)
-                        store(slots, i3, cost + extra)
-                        new3, total = min(new3, lowest(cost + extra)), total + extra
+                        extra, least, low2 = step(slots, falling + chunk, low2, cost, small, m2, j2)
+                        new2, total = min(new2, least), total + extra
+                        extra, least, low3 = step(slots, rising + chunk, low3, cost, small, m3, j3)
+                        new3, total = min(new3, least), total + extra
                     if finish:
                         both = convert(total, sums) + convert(load(kept, at + chunk), sums)
                         both = both + convert(cost, sums) * paths

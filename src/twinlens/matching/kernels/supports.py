@@ -116,14 +116,10 @@ def adaptive_weights(volume, left, right, start, nearness, similar, radius, top,
 
 
 @jit
-def clipped_means(volume, radius, top, scratch, out):
-    """out = the volume's mean over the square window, cut at the edges.
-
-    scratch: two float64 arrays, (W + 1, depth) and (W, depth).
-    """
+def clipped_means(volume, radius, top, out):
+    """out = the volume's mean over the square window, cut at the edges."""
     rows, width, depth = volume.shape
-    prefix, column = scratch
-    prefix[0] = 0.0
+    prefix, column = np.zeros((width + 1, depth), np.float64), np.zeros((width, depth), np.float64)
     for y in range(top, top + len(out)):
         above, below = max(0, y - radius), min(rows, y + radius + 1)
         column[:] = 0.0
