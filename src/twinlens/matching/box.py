@@ -36,17 +36,13 @@ def in_strips(work: Callable[[int, int], None], height: int, rows: int, threads:
 
     After an error or a KeyboardInterrupt no further strip is started.
     """
-    strips = [(y, min(y + rows, height)) for y in range(0, height, rows)]
-    if threads <= 1 or len(strips) == 1:
-        for strip in strips:
-            work(*strip)
-        return
-    pool = ThreadPoolExecutor(min(threads, len(strips)))
-    try:
-        for done in [pool.submit(work, *strip) for strip in strips]:
-            done.result()
-    finally:
-        pool.shutdown(cancel_futures=True)
+    starts = range(0, height, rows)
+    strips = starts, [min(y + rows, height) for y in starts]
+    if threads > 1 and len(starts) > 1:
+        with ThreadPoolExecutor(min(threads, len(starts))) as pool:
+            list(pool.map(work, *strips))
+    else:
+        list(map(work, *strips))
 
 
 @dataclass(frozen=True)

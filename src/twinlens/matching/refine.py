@@ -86,17 +86,15 @@ def filled(disparity: Disparity) -> Disparity:
     >>> filled(np.float32([[np.inf, 5, np.inf, 3, np.inf]]))
     array([[5., 5., 3., 3., 3.]], dtype=float32)
     """
-    known = np.isfinite(disparity)
-    if not known.any():
+    rows_known = np.flatnonzero(np.isfinite(disparity).any(axis=1))
+    if not len(rows_known):
         return disparity.copy()
-    height, width = disparity.shape
-    columns = np.arange(width)
-    before = np.maximum.accumulate(np.where(known, columns, -1), axis=1)
-    after = np.minimum.accumulate(np.where(known, columns, width)[:, ::-1], axis=1)[:, ::-1]
-    rows = np.arange(height)[:, None]
-    left = np.where(before >= 0, disparity[rows, np.maximum(before, 0)], UNKNOWN)
-    right = np.where(after < width, disparity[rows, np.minimum(after, width - 1)], UNKNOWN)
-    result = np.where(known, disparity, np.minimum(left, right)).astype(np.float32)
-    rows_known = np.flatnonzero(known.any(axis=1))
-    nearest = rows_known[np.abs(rows - rows_known).argmin(axis=1)]
+    result = np.minimum(_carried_right(disparity), _carried_right(disparity[:, ::-1])[:, ::-1])
+    nearest = rows_known[np.abs(np.arange(len(result))[:, None] - rows_known).argmin(axis=1)]
     return np.asarray(result[nearest])
+
+
+def _carried_right(disparity: Disparity) -> Disparity:
+    """Each unknown pixel takes the nearest known one to its left in the row, if there is one."""
+    columns = np.where(np.isfinite(disparity), np.arange(disparity.shape[1]), 0)
+    return np.take_along_axis(disparity, np.maximum.accumulate(columns, axis=1), axis=1)
