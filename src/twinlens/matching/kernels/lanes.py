@@ -130,49 +130,39 @@ def convert(_typing: Any, value: Any, array: Any) -> Any:
     return result(value, array), generate
 
 
-def _lower_operator(symbol: Any, integer: str, floating: str) -> None:
-    @type_callable(symbol)
+def _lower(function: Any, generate: Any) -> None:
+    """Define function(a, b) for two values of one type; generate(builder, lanes, a, b) returns the result."""
+
+    @type_callable(function)
     def result_type(_context: Any) -> Any:
         return lambda a, b: a if isinstance(a, Lanes) and a == b else None
 
-    @lower_builtin(symbol, Lanes, Lanes)
+    @lower_builtin(function, Lanes, Lanes)
     def lower(_context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return getattr(builder, floating if signature.return_type.is_float else integer)(*args)
+        return generate(builder, signature.return_type, *args)
 
 
-_lower_operator(operator.add, "add", "fadd")
-_lower_operator(operator.sub, "sub", "fsub")
-_lower_operator(operator.mul, "mul", "fmul")
-_lower_operator(operator.truediv, "fdiv", "fdiv")
-_lower_operator(operator.xor, "xor", "xor")
+def _arithmetic(name: str) -> Any:
+    return lambda builder, lanes, a, b: getattr(builder, f"f{name}" if lanes.is_float else name)(a, b)
 
 
-def _extreme(builder: Any, lanes: Any, integer: str, comparison: str, args: Any) -> Any:
-    if lanes.is_float:
-        return builder.select(builder.fcmp_ordered(comparison, *args), *args)
-    sign = "s" if lanes.dtype.signed else "u"
-    return _call(builder, f"llvm.{sign}{integer}.{lanes.suffix}", args[0].type, list(args))
+def _extreme(name: str, comparison: str) -> Any:
+    def generate(builder: Any, lanes: Any, a: Any, b: Any) -> Any:
+        if lanes.is_float:
+            return builder.select(builder.fcmp_ordered(comparison, a, b), a, b)
+        sign = "s" if lanes.dtype.signed else "u"
+        return _call(builder, f"llvm.{sign}{name}.{lanes.suffix}", a.type, [a, b])
+
+    return generate
 
 
-@intrinsic
-def smaller(_typing: Any, a: Any, b: Any) -> Any:
-    """smaller(a, b): the smaller number of each lane."""
-    return a(a, b), lambda _context, builder, _signature, args: _extreme(builder, a, "min", "<", args)
-
-
-@intrinsic
-def larger(_typing: Any, a: Any, b: Any) -> Any:
-    """larger(a, b): the larger number of each lane."""
-    return a(a, b), lambda _context, builder, _signature, args: _extreme(builder, a, "max", ">", args)
-
-
-@intrinsic
-def distance(_typing: Any, a: Any, b: Any) -> Any:
-    """distance(a, b): |a - b| in each lane; unsigned numbers do not overflow."""
-    subtract = "fsub" if a.is_float else "sub"
-    return a(a, b), lambda _context, builder, _signature, args: getattr(builder, subtract)(
-        _extreme(builder, a, "max", ">", args), _extreme(builder, a, "min", "<", args)
-    )
+_lower(operator.add, _arithmetic("add"))
+_lower(operator.sub, _arithmetic("sub"))
+_lower(operator.mul, _arithmetic("mul"))
+_lower(operator.truediv, lambda builder, _lanes, a, b: builder.fdiv(a, b))
+_lower(operator.xor, lambda builder, _lanes, a, b: builder.xor(a, b))
+_lower(min, _extreme("min", "<"))
+_lower(max, _extreme("max", ">"))
 
 
 @intrinsic

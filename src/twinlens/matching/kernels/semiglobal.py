@@ -14,7 +14,7 @@ import numpy as np
 
 from twinlens.matching.kernels import LANES
 from twinlens.matching.kernels.compiling import inlined, jit
-from twinlens.matching.kernels.lanes import convert, larger, load, lowest, smaller, splat, store
+from twinlens.matching.kernels.lanes import convert, load, lowest, splat, store
 from twinlens.matching.kernels.settle import settle_row
 
 GUARD = 64  # numbers between two slots; those next to a slot are too large for a path to come from
@@ -27,8 +27,8 @@ def step(slots, at, before, cost, penalty, least, jump):
     The detour, at most P2, is min(L', L'(d - 1) + P1, L'(d + 1) + P1, min L' + P2) - min L'. `before` holds L'(d - 1).
     Returns the detour, the lowest of the new costs, and `before` of the next LANES slots.
     """
-    near = smaller(load(slots, at + 1), before) + splat(penalty)
-    detour = smaller(smaller(load(slots, at), near), splat(jump)) - splat(least)
+    near = min(load(slots, at + 1), before) + splat(penalty)
+    detour = min(min(load(slots, at), near), splat(jump)) - splat(least)
     following = load(slots, at + LANES - 1)
     store(slots, at, cost + detour)
     return detour, lowest(cost + detour), following
@@ -93,7 +93,7 @@ def sweep_kernel(diagonals: bool) -> Callable[..., None]:
                     if finish:
                         both = convert(total, sums) + convert(load(kept, at + chunk), sums)
                         both = both + convert(cost, sums) * paths
-                        store(sums, u * depth + chunk, larger(both, load(fence, chunk)))
+                        store(sums, u * depth + chunk, max(both, load(fence, chunk)))
                     else:
                         store(kept, at + chunk, total)
                 minima[0], minima[1 + x] = new0, new1

@@ -4,7 +4,7 @@ import numpy as np
 
 from twinlens.matching.kernels import LANES
 from twinlens.matching.kernels.compiling import inlined, jit
-from twinlens.matching.kernels.lanes import first_at_most, load, lowest, mask_outside, smaller, store
+from twinlens.matching.kernels.lanes import first_at_most, load, lowest, mask_outside, store
 
 NO_FIT, V_FIT, PARABOLA_FIT = 0, 1, 2
 
@@ -61,7 +61,7 @@ def settle_row(costs, depth, low, count, fit, limits, best, rivals, disparity):
                     store(costs, at + chunk, mask_outside(load(costs, at + chunk), first, last, top))
         lanes = load(costs, at)
         for chunk in range(LANES, depth, LANES):
-            lanes = smaller(lanes, load(costs, at + chunk))
+            lanes = min(lanes, load(costs, at + chunk))
         least = lowest(lanes)
         bound = least + slack
         chunk = 0

@@ -16,7 +16,7 @@ import numpy as np
 
 from twinlens.matching.kernels import LANES
 from twinlens.matching.kernels.compiling import inlined, jit
-from twinlens.matching.kernels.lanes import convert, count_ones, distance, larger, load, read, smaller, splat, store
+from twinlens.matching.kernels.lanes import convert, count_ones, load, read, splat, store
 from twinlens.matching.kernels.settle import settle_row
 
 
@@ -25,9 +25,9 @@ def pixel_term(term, left, here, right, there, sums):
     """What a pixel adds to its window's sum, in the dtype of `sums`, for the pixels at the places here and there."""
     a, b = splat(read(left, here)), load(right, there)
     if term == "absolute":
-        value = convert(distance(a, b), sums)
+        value = convert(max(a, b) - min(a, b), sums)
     elif term == "square":
-        difference = convert(distance(a, b), sums)
+        difference = convert(max(a, b) - min(a, b), sums)
         value = difference * difference
     elif term == "product":
         value = convert(a, sums) * convert(b, sums)
@@ -35,9 +35,9 @@ def pixel_term(term, left, here, right, there, sums):
         value = convert(count_ones(a ^ b), sums)
     else:  # interpolated: behind the image are its minima and maxima within half a pixel
         rest, others = len(left) // 3, len(right) // 3
-        ours = larger(a - load(right, there + 2 * others), load(right, there + others) - a)
-        theirs = larger(b - splat(read(left, here + 2 * rest)), splat(read(left, here + rest)) - b)
-        value = larger(smaller(ours, theirs), convert(splat(0), sums))
+        ours = max(a - load(right, there + 2 * others), load(right, there + others) - a)
+        theirs = max(b - splat(read(left, here + 2 * rest)), splat(read(left, here + rest)) - b)
+        value = max(min(ours, theirs), convert(splat(0), sums))
     return value
 
 
@@ -59,7 +59,7 @@ def score(scoring, total, costs, statistics, area, here, there):
     else:  # Jaccard: 1 - (S - SAD) / (S + SAD), with S the sum of both windows' totals
         sad = convert(total, costs)
         union = splat(read(left_scales, here)) + load(right_scales, there) + sad
-        value = (sad + sad) / larger(union, convert(splat(np.float64(1e-30)), costs))
+        value = (sad + sad) / max(union, convert(splat(np.float64(1e-30)), costs))
     return value
 
 
@@ -117,7 +117,7 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
                         scaled = convert(cost, scale) * splat(read(scale, 0)) + splat(read(scale, 1))
                         store(volume, (y * width + u) * depth + chunk, convert(scaled, volume))
                     else:
-                        store(costs, u * depth + chunk, larger(cost, load(fence, chunk)))
+                        store(costs, u * depth + chunk, max(cost, load(fence, chunk)))
             if not volumes and y >= 0:
                 fit, limits, best, rivals, disparity = result
                 kept = min(y, len(best) - 1)
