@@ -54,7 +54,7 @@ class StrictModel(pydantic.BaseModel):
 
 
 def default_key(key: str, value: str) -> pydantic.BeforeValidator:
-    """Lets a table leave out the key that chooses its model: `value` is used then. For `Annotated`."""
+    """Makes the key that selects a table's model optional, with the default `value`; for `Annotated`."""
     return pydantic.BeforeValidator(lambda table: {key: value, **table} if isinstance(table, Mapping) else table)
 
 
@@ -105,7 +105,7 @@ def one_of(kind: str, known: Iterable[str]) -> pydantic.PlainValidator:
 
 
 def exactly(count: int, item: Any, or_one: bool = False, name: str = "") -> pydantic.BeforeValidator:
-    """Accepts a list of `count` values, with `or_one` also one value for all. JSON Schemas define a `name` once."""
+    """Accepts a list of `count` values or, with `or_one`, one value for all; `name` defines it in JSON Schemas."""
     listed: Any = Annotated[list[item], pydantic.Field(min_length=count, max_length=count)]
 
     def check(value: Any) -> Any:

@@ -23,7 +23,7 @@ from twinlens.errors import InputError, check_int, check_number
 
 Float = NDArray[np.float64]
 
-_LARGEST_MASK_SIDE = 4096  # cells: float32 random numbers resolve each
+_LARGEST_MASK_SIDE = 4096  # cells: float32 random numbers distinguish so many
 
 NUMPY = SimpleNamespace(
     sqrt=np.sqrt, sin=np.sin, cos=np.cos, abs=np.abs, floor=np.floor, minimum=np.minimum, where=np.where,

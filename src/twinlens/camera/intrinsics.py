@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.distortion import Distortion, check_invertible
-from twinlens.errors import InputError, check_int, check_number, format_value
-from twinlens.geometry import Float, film_from_cam, float_array, px_from_film
+from twinlens.errors import InputError, check_int, check_number, format_value, located
+from twinlens.geometry import Float, film_from_cam, px_from_film, rigid
 
 MAX_SIDE = 65536
 """The largest width or height of an image, pixels."""
@@ -143,11 +143,9 @@ def undistort_maps(
     for each in (camera, to_camera):
         if not isinstance(each, Camera):
             raise InputError(f"undistort_maps needs two cameras, got {format_value(each)}")
-    rotation = np.eye(3) if to_from_camera is None else float_array("the rotation to_from_camera", to_from_camera)
-    orthonormal = rotation.shape == (3, 3) and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
-    if not orthonormal or np.linalg.det(rotation) < 0:
-        raise InputError(f"to_from_camera must be a 3x3 rotation of determinant +1, got {format_value(to_from_camera)}")
-    directions = to_camera.unproject(to_camera.pixel_grid()) @ rotation
+    with located("to_from_camera"):
+        pose = rigid(np.eye(3) if to_from_camera is None else to_from_camera, np.zeros(3))
+    directions = to_camera.unproject(to_camera.pixel_grid()) @ pose[:3, :3]
     pixels = np.nan_to_num(camera.project(directions), nan=_OUTSIDE_PX).astype(np.float32)
     return pixels[..., 0].copy(), pixels[..., 1].copy()
 

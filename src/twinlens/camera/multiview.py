@@ -15,6 +15,8 @@ from twinlens.errors import InputError, unknown
 from twinlens.geometry import Float, epipolar, inverse, transform_points
 from twinlens.geometry import triangulation as methods
 
+_SINGULAR = 1e-12  # relative to the largest singular value
+
 
 def check_pair(rig: Rig, a: int, b: int) -> None:
     """Raise InputError unless a and b are two cameras of the rig with a baseline between them."""
@@ -134,7 +136,11 @@ def covariance(
         cam_from_world = inverse(rig.world_from_cams[i])
         in_camera = rig.cameras[i].projection_jacobian(transform_points(cam_from_world, points))
         rows.append(in_camera @ cam_from_world[:3, :3] / sigma)
-    return methods.covariance(np.concatenate(rows, axis=1))
+    _, size, axes = np.linalg.svd(np.concatenate(rows, axis=1))
+    if (size[:, 2] <= _SINGULAR * size[:, 0]).any():
+        where = "on the line through the cameras, or very far away,"
+        raise InputError(f"a point {where} is not determined by its pixels: leave it out")
+    return np.asarray(np.einsum("nki,nk,nkj->nij", axes, size**-2, axes))
 
 
 def _checked_cameras(rig: Rig, pixels: Sequence[object], cameras: Sequence[int]) -> tuple[int, ...]:

@@ -2,8 +2,6 @@
 
 The cameras keep their centres, take one orientation whose x axis is the baseline, and lose their distortion. Images
 are resampled by `maps`. Ground truth is cast again through `rectified_rig`, never resampled.
-
-Source: Bouguet's method, as in OpenCV's stereoRectify; Hartley and Zisserman 2004, section 11.12.
 """
 
 import math

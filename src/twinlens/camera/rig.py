@@ -93,7 +93,7 @@ class Rig:
         return transform_points(self.world_from_cams[index], points_cam)
 
     def partner(self, index: int) -> int | None:
-        """The camera that `index` is matched with: 0 with 1, 2 with 3, ...; the last of an odd number with its left."""
+        """The camera that `index` is matched with: 0 with 1, 2 with 3, ...; an odd last one with the one before it."""
         if len(self) == 1:
             return None
         other = index ^ 1

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from twinlens.errors import InputError
 from twinlens.geometry import Float, homogeneous, rotate, skew
 
-_COINCIDENT = 1e-12  # relative to the distance from the origin: float64 poses resolve no less
-_ZERO = 1e-14  # relative: rounding errors of zero are below
+_COINCIDENT = 1e-12  # relative to the distance from the origin: a smaller distance is lost in float64 poses
+_ZERO = 1e-14  # relative: smaller values are rounding errors of zero
 
 
 def check_baseline(world_from_a: Float, world_from_b: Float) -> None:

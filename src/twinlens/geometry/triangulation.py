@@ -1,4 +1,4 @@
-"""Points from pixels of two or more views, by three methods, and the covariance that pixel noise causes.
+"""Points from pixels of two or more views, by three methods.
 
 Each method takes calibration matrices, poses and ideal (undistorted) pixels. `twinlens.camera.triangulate` takes a rig.
 The optimal method makes the smallest move of two pixels that satisfies the epipolar constraint. Each pair of
@@ -6,7 +6,7 @@ corresponding epipolar lines has one parameter t, and the squared distance of th
 rational function of t. Its stationary points are the real roots of a polynomial g(t) of degree six; the best of them,
 or the line at t = infinity, is the global minimum.
 
-Sources: Hartley and Sturm, Triangulation, CVIU 68(2), 1997; Hartley and Zisserman 2004, chapter 12 and section 5.2.
+Sources: Hartley and Sturm, Triangulation, CVIU 68(2), 1997; Hartley and Zisserman 2004, chapter 12.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +19,6 @@ from twinlens.geometry import Float, dehomogeneous, float_array, homogeneous, in
 from twinlens.geometry.epipolar import essential_matrix, fundamental_matrix
 
 _PARALLEL = 1e-12  # sine of the angle between rays that do not intersect
-_SINGULAR = 1e-12  # relative to the largest singular value
 _LEADING = 1e-10  # relative to the largest coefficient: a smaller leading one adds roots far outside the images
 _ZERO = 1e-12  # relative: distance of a pixel from the epipole, and of a matrix from rank 1
 
@@ -101,19 +100,6 @@ def in_front(world_from_cams: Sequence[Float], points: Float) -> NDArray[np.bool
     safe = np.where(finite[:, None], points, 0.0)
     depths = np.stack([(safe - pose[:3, 3]) @ pose[:3, 2] for pose in world_from_cams])
     return np.asarray(finite & (depths > 0).all(axis=0))
-
-
-def covariance(jacobians: Float) -> Float:
-    """(J^T J)^-1, (N, 3, 3): the first-order covariance of points from the pixel derivatives J (N, 2 V, 3) of V views.
-
-    J is d(u, v)/d(world point) divided by the standard deviation of the pixels.
-    Raises InputError for a point that its pixels do not determine. Source: Hartley and Zisserman 2004, section 5.2.
-    """
-    _, size, axes = np.linalg.svd(jacobians)
-    if (size[:, 2] <= _SINGULAR * size[:, 0]).any():
-        where = "on the line through the cameras, or very far away,"
-        raise InputError(f"a point {where} is not determined by its pixels: leave it out")
-    return np.asarray(np.einsum("nki,nk,nkj->nij", axes, size**-2, axes))
 
 
 def _directions(K: Float, pixels: Float) -> Float:

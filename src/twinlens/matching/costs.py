@@ -19,9 +19,9 @@ class Cost:
     """A matching cost.
 
     term: what a pixel adds to its window's sum. scoring: "sum", or the normalisation by statistics of the windows.
-    fit: the sub-pixel fit that suits the cost near its minimum. transform: of the images, as of `images.described`.
-    offset: a constant that the kernels leave out. p1, p2: semi-global penalties for disparity steps of one pixel and
-    more, as parts of the largest possible cost.
+    fit: the sub-pixel fit that suits the cost near its minimum. transform: of the images; see
+    `images.described`. offset: a constant that the kernels leave out. p1, p2: semi-global penalties for disparity steps
+    of one pixel and of more, as parts of the largest possible cost.
     """
 
     term: str
@@ -78,10 +78,10 @@ class Numbers:
 def numbers(cost: Cost, dtype: np.dtype[Any], side: int) -> Numbers:
     """The dtypes for this cost of images of `dtype`.
 
-    Floating-point images are summed in float64. Totals of uint8 images are float64, which holds n S_LR and S_L S_R
-    exactly; those of wider integers are 64-bit integers, which may wrap around where the score does not: n S_LR - S_L
-    S_R is at most (n m / 2)^2 for values up to m. Raises InputError for windows whose score does not fit 64 bits: ZNCC
-    and ZSSD of 16-bit images, about 256 pixels wide.
+    Floating-point images are summed in float64. Totals of uint8 images are float64, in which n S_LR and S_L S_R are
+    exact. Those of wider integers are 64-bit integers: both products may wrap around, but not their difference, which
+    is at most (n m / 2)^2 for pixel values up to m. Raises InputError for windows whose score does not fit 64 bits:
+    ZNCC and ZSSD of 16-bit images, about 256 pixels wide.
     """
     if dtype.kind == "f":
         return Numbers(np.float64, np.float64, np.float64)

@@ -28,11 +28,11 @@ from twinlens.matching.options import MinDisparity, NumDisparities, RangeMatcher
 
 HASH_DIGITS = 16  # hexadecimal, of a file's SHA-256
 TAIL_BYTES = 4096  # of a program's output, kept for the message if it fails
-CHILD_S = 0.1  # time that a program's output may arrive after its end; its children may hold the pipe open
+CHILD_S = 0.1  # seconds to wait for the last output of a program that ended; a child may hold the pipe open
 
 
 class WrongAnswerError(InputError):
-    """User code returned something that is no disparity map; kind: wrong-type, wrong-shape or not-a-number."""
+    """User code did not return a disparity map; kind: wrong-type, wrong-shape or not-a-number."""
 
     def __init__(self, kind: str, message: str) -> None:
         super().__init__(message)

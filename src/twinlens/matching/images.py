@@ -89,7 +89,7 @@ def levels(left: Image, right: Image) -> tuple[NDArray[np.int32], NDArray[np.int
 
 
 def extended(image: Image, rows: tuple[int, int], columns: tuple[int, int]) -> Image:
-    """image[..., rows[0]:rows[1], columns[0]:columns[1]], where pixels outside the image repeat the nearest edge pixel."""
+    """image[..., rows[0]:rows[1], columns[0]:columns[1]]; pixels outside the image repeat its nearest edge pixel."""
     height, width = image.shape[-2:]
     taken = image.take(np.clip(np.arange(*rows), 0, height - 1), axis=-2)
     return taken.take(np.clip(np.arange(*columns), 0, width - 1), axis=-1)

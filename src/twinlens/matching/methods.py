@@ -73,7 +73,7 @@ METHODS: dict[str, Method] = {method.name: method for method in _METHODS}
 
 @dataclass(frozen=True)
 class MethodSpec:
-    """A method with options, as `parse_method` reads it; the name is the given one, or else the text."""
+    """A method with options, as `parse_method` reads it; `name` is the text if no name is given."""
 
     name: str
     method: Method

@@ -17,9 +17,6 @@ from twinlens.errors import InputError, check_number
 from twinlens.reconstruction.fusion import thinned
 from twinlens.reconstruction.surface import Cloud
 
-TOLERANCES_MM = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
-MAX_DISTANCE_MM = 20.0
-
 
 @dataclass(frozen=True)
 class Share:
@@ -61,8 +58,8 @@ def compare(
     true: Cloud,
     *,
     spacing_mm: float | None = None,
-    tolerances_mm: Sequence[float] = TOLERANCES_MM,
-    max_distance_mm: float = MAX_DISTANCE_MM,
+    tolerances_mm: Sequence[float] = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0),
+    max_distance_mm: float = 20.0,
 ) -> Comparison:
     """Accuracy and completeness of a reconstruction against points on the true surface.
 

@@ -58,7 +58,7 @@ def window_statistics(image, side, mode, totals, scales):
 def zero_flat_scales(image, side, zeros_only, scales):
     """Set scales to 0 for windows of one value (zeros_only: of zeros) of a padded image.
 
-    Sums of floats cannot tell these windows: their rounding errors exceed the variance of a faint texture.
+    Sums of floats do not identify these windows: their rounding errors exceed the variance of a faint texture.
     """
     same = np.zeros(image.shape[1], np.int64)  # for how many rows each column has held its value
     for y in range(len(image)):
