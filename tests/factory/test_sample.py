@@ -8,7 +8,7 @@ from twinlens.camera import Misalignment, Polygon
 from twinlens.dataset import sample_files
 from twinlens.errors import InputError
 from twinlens.factory import default_rig, make_sample
-from twinlens.factory.sample import _Light
+from twinlens.factory.sample import _noise_ratios
 from twinlens.rendering import NoisyImage
 from twinlens.sensor import Exposure, Mismatch, Sensor
 from twinlens.sensor.light import cos4
@@ -170,9 +170,9 @@ def test_what_was_left_in_is_made_again_from_the_record(scene, tmp_path):
 
 
 def test_a_mismatch_that_no_exposure_can_have_is_refused_before_the_first_picture(scene, monkeypatch):
-    from twinlens.factory import sample
+    from twinlens import rendering
 
-    monkeypatch.setattr(sample, "render", lambda *_, **__: pytest.fail("rendered"))
+    monkeypatch.setattr(rendering, "render", lambda *_, **__: pytest.fail("rendered"))
     sensor = Sensor(mismatch=Mismatch(time=100.0))
     with pytest.raises(InputError, match="the mismatch makes the exposure invalid: exposure time must be"):
         make_sample(scene, default_rig(scene, 48, 36), LENSES, sensor=sensor, exposure=Exposure(1e8))
@@ -191,5 +191,5 @@ def test_the_noise_ratio_is_that_of_the_electrons_in_a_pixel(scene, filters, vig
         rate = rate.sum(keepdims=True)
     shade = np.median(cos4(rig.cameras[0])) if vignetting else 1.0
     expected = np.sqrt(np.mean(0.1**2 * rate * shade / 0.5))
-    found = _Light(sensor, rig, tl.Pinhole(), 0, exposure).ratios(views)
+    found = _noise_ratios(views, sensor, rig, tl.Pinhole(), 0, exposure)
     np.testing.assert_allclose(found, expected, rtol=0.05)

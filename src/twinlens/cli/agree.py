@@ -2,13 +2,13 @@
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import click
 
 from twinlens.cli.options import json_option, print_json
-from twinlens.cli.places import PATH
+from twinlens.cli.places import FIGURE_FILE, PATH
 from twinlens.dataset.files import write_file
-from twinlens.errors import InputError
 from twinlens.report.plots import agreement_figure
 from twinlens.scoring import agreement, read_board
 
@@ -22,18 +22,9 @@ MOVES = 5
 @click.option("--region", default="nonocc", show_default=True, help="Region whose scores are compared.")
 @click.option("--metric", help="Metric to rank by.  [default: the protocol's headline metric]")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the bootstrap.")
-@click.option("-o", "--output", type=PATH, help="Write a figure, a PNG or SVG file.")
+@click.option("-o", "--output", type=FIGURE_FILE, help="Write a figure, a PNG or SVG file.")
 @json_option("the result")
-def command(
-    board_a: Path,
-    board_b: Path,
-    protocol: str | None,
-    region: str,
-    metric: str | None,
-    seed: int,
-    output: Path | None,
-    as_json: bool,
-) -> None:
+def command(board_a: Path, board_b: Path, output: Path | None, as_json: bool, **options: Any) -> None:
     """Compare how two boards rank their common methods.
 
     BOARD_A and BOARD_B are board.json files or their folders. Prints Kendall's tau-b and Spearman's rho of the methods'
@@ -42,11 +33,9 @@ def command(
     \b
     Example:  twinlens agree board real-board -o agreement.png
     """
-    if output is not None and output.suffix.lower() not in (".png", ".svg"):
-        raise InputError(f"--output {output}: must end in .png or .svg")
     files = [board / "board.json" if board.is_dir() else board for board in (board_a, board_b)]
     a, b = (read_board(file) for file in files)
-    result = agreement(a, b, protocol=protocol, region=region, metric=metric, seed=seed)
+    result = agreement(a, b, **options)
     names = str(board_a), str(board_b)
     if output is not None:
         write_file(output, agreement_figure(result, names, output.suffix.lower()[1:]))

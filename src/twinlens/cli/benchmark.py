@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
-from twinlens.cli.boards import board_options, print_board, run_board
-from twinlens.cli.options import SECONDS, PositiveType
+from twinlens.cli.boards import print_board, protocol_option, region_option, run_board
+from twinlens.cli.options import SECONDS, PositiveType, json_option
 from twinlens.cli.places import PATH
 from twinlens.scoring import named_methods, named_program, open_pairs
 
@@ -38,7 +38,9 @@ FOREIGN_LIMIT_S = 600.0
 @click.option("--warm-up-limit", type=SECONDS, default=120.0, show_default=True,
               help="Seconds per warm-up in a subprocess.")  # fmt: skip
 @click.option("--retry-failed", is_flag=True, help="Rerun matches that failed in an earlier run.")
-@board_options
+@protocol_option
+@region_option
+@json_option("the board")
 def command(
     datasets: tuple[str, ...],
     output: Path,

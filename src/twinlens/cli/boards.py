@@ -1,4 +1,4 @@
-"""Options, run and output shared by the commands that make leaderboards."""
+"""Options, run and output of the commands that make leaderboards."""
 
 import contextlib
 import json
@@ -11,47 +11,24 @@ import click
 from rich.console import Console
 from rich.text import Text
 
-from twinlens.cli.options import json_option, print_json
+from twinlens import scoring
+from twinlens.cli.options import print_json
 from twinlens.cli.places import check_results
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.errors import InputError
 from twinlens.report import write_page
-from twinlens.scoring import (
-    PROTOCOLS,
-    REGIONS,
-    Board,
-    Groups,
-    MapFolder,
-    Step,
-    board_to_json,
-    caption,
-    comparison_table,
-    failures,
-    leaderboard_table,
-    run_benchmark,
-)
 from twinlens.scoring.board_file import exclusive
 
 _WIDE, _ENDLESS = 132, 100_000
 _NARROW = ("totbad2.0", "bad2.0", "avgerr", "invalid", "time")
-_OPTIONS = (
-    click.option(
-        "--protocol", "protocols", multiple=True, default=("middlebury-v3",), show_default=True,
-        help=f"Scoring rules: {', '.join(PROTOCOLS)}. Repeatable.",
-    ),
-    click.option(
-        "--region", "regions", multiple=True, default=("all", "nonocc"), show_default=True,
-        help=f"Regions to score: {', '.join(REGIONS)}. Repeatable.",
-    ),
-    json_option("the board"),
+protocol_option = click.option(
+    "--protocol", "protocols", multiple=True, default=("middlebury-v3",), show_default=True,
+    help=f"Scoring rules: {', '.join(scoring.PROTOCOLS)}. Repeatable.",
 )  # fmt: skip
-
-
-def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorator that adds --protocol, --region and --json."""
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
+region_option = click.option(
+    "--region", "regions", multiple=True, default=("all", "nonocc"), show_default=True,
+    help=f"Regions to score: {', '.join(scoring.REGIONS)}. Repeatable.",
+)  # fmt: skip
 
 
 def run_board(
@@ -62,15 +39,15 @@ def run_board(
     regions: Sequence[str],
     *,
     title: str = "twinlens leaderboard",
-    page_options: Callable[[Board], Mapping[str, Any]] = lambda board: {},
+    page_options: Callable[[scoring.Board], Mapping[str, Any]] = lambda board: {},
     **options: Any,
-) -> Board:
+) -> scoring.Board:
     """Run and score `methods`, write OUTPUT/board.json and the maps, then the page, and return the board.
 
     page_options: further arguments of `write_page`. options: further arguments of `run_benchmark`. What methods print
     goes to stderr. Raises OutputError, before anything is written, if another run writes there.
     """
-    maps = MapFolder(output / "maps")
+    maps = scoring.MapFolder(output / "maps")
     skipped: set[tuple[str, str]] = set()
     finished: list[str] = []
     if not output.is_dir():
@@ -79,21 +56,21 @@ def run_board(
         check_results(output, "board.json")
         with progress_bar("matching") as report, contextlib.redirect_stdout(sys.stderr), _note(output, finished):
 
-            def progress(step: Step) -> None:
+            def progress(step: scoring.Step) -> None:
                 report(step.done / (step.total or step.done), f"{step.sample}: {step.method}")
                 if step.skipped:
                     skipped.add((step.method, step.sample))
                 else:
                     finished.append(step.sample)
 
-            board = run_benchmark(
+            board = scoring.run_benchmark(
                 pairs, methods, protocol=protocols, regions=regions, progress=progress, save=output / "board.json",
                 on_map=maps.keep, on_drop=maps.drop, title=title, **options,
             )  # fmt: skip
         write_page(output / "index.html", board, pairs, maps, **page_options(board))
     kept = len({(e.method, e.sample) for e in board.entries if not e.ok} & skipped)
     if kept:
-        click.echo(f"earlier failures kept: {kept}; use --retry-failed to rerun them", err=True)
+        click.echo(f"earlier scoring.failures kept: {kept}; use --retry-failed to rerun them", err=True)
     return board
 
 
@@ -111,12 +88,12 @@ def _note(output: Path, finished: Sequence[str]) -> Iterator[None]:
 
 
 def print_board(
-    board: Board,
+    board: scoring.Board,
     output: Path,
     as_json: bool,
     methods: Collection[str] | None = None,
     extra: Mapping[str, Any] | None = None,
-    groups: Groups | None = None,
+    groups: scoring.Groups | None = None,
     notes: Sequence[str] = (),
 ) -> int:
     """Print the leaderboards, the failures and the page's address; return the exit code, 1 if nothing has scores.
@@ -126,14 +103,14 @@ def print_board(
     """
     code = 1 if board.entries and not any(entry.ok for entry in board.entries) else 0
     if as_json:
-        print_json(json.loads(board_to_json(board)) | dict(extra or {}))
+        print_json(json.loads(scoring.board_to_json(board)) | dict(extra or {}))
         return code
     region = "nonocc" if "nonocc" in board.regions else next(iter(board.regions), "")
     for protocol in board.protocols if region else ():
         _print_table(board, protocol, region, groups)
     for note in notes:
         click.echo(note)
-    for line in failures(board, methods):
+    for line in scoring.failures(board, methods):
         click.echo(f"failed: {line}")
     if not region:
         click.echo("nothing was scored: " + ("every method failed" if code else "no sample has these regions"))
@@ -141,13 +118,13 @@ def print_board(
     return code
 
 
-def _print_table(board: Board, protocol: str, region: str, groups: Groups | None) -> None:
+def _print_table(board: scoring.Board, protocol: str, region: str, groups: scoring.Groups | None) -> None:
     """Print a table, with columns chosen for the terminal's width; without a terminal, all columns untruncated."""
     terminal = Console()
     narrow = terminal.is_terminal and protocol == "middlebury-v3" and terminal.width < _WIDE
-    table = leaderboard_table(board, protocol, region, columns=_NARROW if narrow else None)
+    table = scoring.leaderboard_table(board, protocol, region, columns=_NARROW if narrow else None)
     if groups is not None:
-        table = comparison_table(board, protocol, region, groups)
+        table = scoring.comparison_table(board, protocol, region, groups)
     if terminal.is_terminal:
         terminal.print(table)
         return
@@ -155,5 +132,9 @@ def _print_table(board: Board, protocol: str, region: str, groups: Groups | None
     endless = Console(width=_ENDLESS)
     with endless.capture() as text:
         endless.print(table)
-    lines = [Text.from_markup(title).plain, *text.get().splitlines(), *caption(board, protocol, region).splitlines()]
+    lines = [
+        Text.from_markup(title).plain,
+        *text.get().splitlines(),
+        *scoring.caption(board, protocol, region).splitlines(),
+    ]
     click.echo("\n".join(line.rstrip() for line in lines))

@@ -9,7 +9,7 @@ from twinlens.camera import Pinhole, ThinLens
 from twinlens.cli.boards import print_board, run_board
 from twinlens.cli.options import denoise_option, json_option
 from twinlens.cli.places import PATH, check_samples
-from twinlens.cli.progress import print_stage, progress_bar
+from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Dataset, Manifest, Row, describe, motorcycle, write_manifest, write_sample
 from twinlens.factory import default_rig, make_sample
 from twinlens.optics import middle_focus
@@ -45,7 +45,7 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
     _render(dataset, denoise and used.is_jit)  # guides take 13 times as long as a view without a JIT backend
     rendered = time.perf_counter()
     pairs = DatasetPairs(Dataset(dataset), [motorcycle()])
-    print_stage(f"matching {len(pairs)} pairs with {len(METHODS)} methods")
+    click.echo(f"matching {len(pairs)} pairs with {len(METHODS)} methods", err=True)
     groups = {
         "pinhole": [name for name in pairs.aliases if name.endswith("pinhole")],
         "wide lens": [name for name in pairs.aliases if " · lens" in name],
@@ -65,7 +65,7 @@ def _render(dataset: Path, denoise: bool) -> None:
     rows = []
     with progress_bar("rendering") as report:
         for i, name in enumerate(SCENES):
-            print_stage(f"rendering {name}, scene {i + 1} of {len(SCENES)}")
+            click.echo(f"rendering {name}, scene {i + 1} of {len(SCENES)}", err=True)
             scene = load_scene(name)
             rig = default_rig(scene, WIDTH, HEIGHT)
             wide = ThinLens(APERTURE_OF_BASELINE * rig.baseline(), middle_focus(*scene.depth_range))

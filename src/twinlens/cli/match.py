@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from twinlens.cli.options import SECONDS, json_option, print_json
-from twinlens.cli.places import PATH
+from twinlens.cli.places import PATH, PNG_FILE, PlaceType
 from twinlens.dataset import read_image, write_pfm, write_png
 from twinlens.errors import InputError
 from twinlens.matching import Program, parse_method
@@ -22,7 +22,9 @@ DEFAULT_METHOD = "zncc"
 @click.command("match")
 @click.argument("left", type=PATH)
 @click.argument("right", type=PATH)
-@click.option("-o", "--output", required=True, type=PATH, help="The disparity map, a .pfm file.")
+@click.option(
+    "-o", "--output", required=True, type=PlaceType(suffixes=(".pfm",)), help="The disparity map, a .pfm file."
+)
 @click.option("--method", help=f"A matcher, such as zncc or sad:block_size=15,lr_check=1.  [default: {DEFAULT_METHOD}]")
 @click.option(
     "--command", "program", metavar="COMMAND",
@@ -34,7 +36,7 @@ DEFAULT_METHOD = "zncc"
     "--num-disparities", "--ndisp", type=click.IntRange(min=1), help="Number of disparities to search.  [default: 64]"
 )
 @click.option("--min-disparity", type=int, default=0, show_default=True, help="The smallest disparity, pixels.")
-@click.option("--picture", type=PATH, help="Also write the map as a colour PNG.")
+@click.option("--picture", type=PNG_FILE, help="Also write the map as a colour PNG.")
 @json_option("the result")
 def command(left: Path, right: Path, output: Path, picture: Path | None, as_json: bool, **options: Any) -> None:
     """Match LEFT and RIGHT, a rectified pair, and write the left image's disparity map (+inf where unknown).
@@ -61,11 +63,7 @@ def command(left: Path, right: Path, output: Path, picture: Path | None, as_json
 
 
 def _check_outputs(images: tuple[Path, ...], output: Path, picture: Path | None) -> None:
-    """Refuse wrong suffixes, the input images themselves, and files within a sample of a dataset."""
-    if output.suffix.lower() != ".pfm":
-        raise InputError(f"--output {output}: must end in .pfm; --picture writes a PNG to look at")
-    if picture is not None and picture.suffix.lower() != ".png":
-        raise InputError(f"--picture {picture}: must end in .png")
+    """Refuse the input images themselves, and files within a sample of a dataset."""
     for option, path in {"--output": output, **({"--picture": picture} if picture else {})}.items():
         if any(path.exists() and image.exists() and path.samefile(image) for image in images):
             raise InputError(f"{option} {path}: is one of the two images; choose another file")

@@ -1,6 +1,5 @@
 """Paths and addresses as arguments of commands, and checks of output folders before any work is done."""
 
-import contextlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,13 +14,13 @@ from twinlens.errors import InputError, OutputError
 
 
 class PlaceType(click.ParamType):  # type: ignore[type-arg]
-    """A path on this machine, also as file://..., or, where `remote`, an address such as s3://bucket/set; never empty.
+    """A path on this machine, also as file://..., never empty. Whether it exists is checked when it is used.
 
-    Whether it exists is checked when it is used.
+    remote : an address such as s3://bucket/set is allowed too. suffixes : what the name must end in.
     """
 
-    def __init__(self, remote: bool) -> None:
-        self.remote, self.name = remote, "path or address" if remote else "path"
+    def __init__(self, remote: bool = False, suffixes: Sequence[str] = ()) -> None:
+        self.remote, self.name, self.suffixes = remote, "path or address" if remote else "path", suffixes
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Place:
         if value == "":
@@ -29,13 +28,16 @@ class PlaceType(click.ParamType):  # type: ignore[type-arg]
         found = place(value)
         if isinstance(found, RemotePath) and not self.remote:
             self.fail(f"{value!r} is a bucket's address; only a path on this machine is supported here", param, ctx)
+        if self.suffixes and not str(found).lower().endswith(tuple(self.suffixes)):
+            self.fail(f"{value!r} must end in {' or '.join(self.suffixes)}", param, ctx)
         return found
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         return [CompletionItem(incomplete, type="file")]
 
 
-PATH, PLACE = PlaceType(remote=False), PlaceType(remote=True)
+PATH, PLACE = PlaceType(), PlaceType(remote=True)
+PNG_FILE, FIGURE_FILE = PlaceType(suffixes=(".png",)), PlaceType(suffixes=(".png", ".svg"))
 
 
 def missing_output() -> click.MissingParameter:
@@ -90,17 +92,9 @@ def _refuse_others(folder: Place, names: Sequence[str], mark: str) -> None:
 
 
 def _check_creatable(folder: Path) -> None:
-    """Raise OutputError for a folder that cannot be created; it is created and removed again, with its parents."""
-    if folder.is_dir():
-        return
-    missing = [each for each in (folder, *folder.parents) if not os.path.lexists(each)]
-    try:
-        folder.mkdir(parents=True)
-    except OSError as error:
-        taken = isinstance(error, (FileExistsError, NotADirectoryError))
-        why = "a file exists where a folder is needed" if taken else f"cannot be created; {error.strerror}"
-        raise OutputError(f"{folder}: {why}") from error
-    finally:
-        for each in missing:
-            with contextlib.suppress(OSError):
-                each.rmdir()
+    """Raise OutputError for a folder that cannot be created."""
+    existing = next(each for each in (folder, *folder.absolute().parents) if os.path.lexists(each))
+    if not existing.is_dir():
+        raise OutputError(f"{folder}: a file exists where a folder is needed")
+    if existing != folder and not os.access(existing, os.W_OK | os.X_OK):
+        raise OutputError(f"{folder}: cannot be created; no permission to write to {existing}")

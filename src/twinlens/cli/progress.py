@@ -1,20 +1,13 @@
-"""A progress bar on a terminal for work that takes longer than two seconds; elsewhere silence, or a line a stage."""
+"""A progress bar on a terminal for work that takes longer than two seconds."""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 _DELAY_S = 2.0
-
-
-def print_stage(text: str) -> None:
-    """Print a line on stderr if it is not a terminal, which would show a progress bar."""
-    if not Console(stderr=True).is_terminal:
-        click.echo(text, err=True)
 
 
 @contextmanager

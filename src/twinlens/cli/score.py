@@ -7,8 +7,8 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from twinlens.cli.boards import board_options, print_board, run_board
-from twinlens.cli.options import print_json
+from twinlens.cli.boards import print_board, protocol_option, region_option, run_board
+from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import PATH, missing_output
 from twinlens.dataset import place, read_disparity, read_png
 from twinlens.errors import InputError
@@ -33,7 +33,9 @@ _FOR_ONE_MAP = {"mask": "--mask", "ndisp": "--ndisp", "min_disparity": "--min-di
     "--min-disparity", type=int, help="For one map: lower end of the clipping range.  [default: 0, or the truth's "
     "minimum if negative]",
 )  # fmt: skip
-@board_options
+@protocol_option
+@region_option
+@json_option("the board")
 def command(submissions: tuple[Path, ...], truths: tuple[str, ...], as_json: bool, **options: Any) -> int:
     """Score MAPS against --truth.
 

@@ -6,7 +6,7 @@ import click
 
 from twinlens.camera.multiview import epipoles, fundamental_matrix, ideal_pixels
 from twinlens.cli.options import json_option, parse_pair, print_json
-from twinlens.cli.places import PATH, PLACE
+from twinlens.cli.places import PLACE, PNG_FILE
 from twinlens.dataset import Place, open_sample, write_png
 from twinlens.errors import InputError
 from twinlens.geometry.epipolar import sampson_distance
@@ -24,7 +24,7 @@ def command() -> None:
 
 @command.command("epipolar")
 @click.argument("sample", type=PLACE, metavar="DATASET/SAMPLE")
-@click.option("-o", "--output", required=True, type=PATH, help="The picture, a PNG file.")
+@click.option("-o", "--output", required=True, type=PNG_FILE, help="The picture, a PNG file.")
 @click.option("--cameras", default="0,1", show_default=True, help="The two views, counted from 0.")
 @click.option("--points", type=click.IntRange(1, 100), default=9, show_default=True, help="Number of points.")
 @json_option("the points, F and the epipoles")
@@ -37,8 +37,6 @@ def epipolar(sample: Place, output: Path, cameras: str, points: int, as_json: bo
     \b
     Example:  twinlens show epipolar out/staircase -o epipolar.png
     """
-    if output.suffix.lower() != ".png":
-        raise InputError(f"--output {output}: must end in .png")
     stored = open_sample(sample)
     rig = stored.rig
     if len(rig) < 2:

@@ -6,17 +6,16 @@ from pathlib import Path
 import click
 
 from twinlens.cli.options import json_option, print_json
-from twinlens.cli.places import PATH
+from twinlens.cli.places import FIGURE_FILE
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset.files import write_file
-from twinlens.errors import InputError
 from twinlens.report.plots import pair_figure
 from twinlens.scoring import STATISTICS, open_pairs, pair_statistics, summarize
 
 
 @click.command("statistics")
 @click.argument("datasets", nargs=-1, required=True, metavar="DATASET...")
-@click.option("-o", "--output", type=PATH, help="Write a figure, a PNG or SVG file.")
+@click.option("-o", "--output", type=FIGURE_FILE, help="Write a figure, a PNG or SVG file.")
 @json_option("the statistics of each pair and their summary")
 def command(datasets: tuple[str, ...], output: Path | None, as_json: bool) -> None:
     """Measure noise, texture and left-right differences of the pairs of DATASET..., beside those of 24 real pairs.
@@ -27,8 +26,6 @@ def command(datasets: tuple[str, ...], output: Path | None, as_json: bool) -> No
     Example:  twinlens statistics out -o statistics.png
               twinlens statistics motorcycle --json
     """
-    if output is not None and output.suffix.lower() not in (".png", ".svg"):
-        raise InputError(f"--output {output}: must end in .png or .svg")
     pairs = open_pairs(datasets)
     rows = {}
     with progress_bar("measuring") as report:

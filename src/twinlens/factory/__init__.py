@@ -5,7 +5,7 @@ from twinlens.factory.generate import Estimate, Outcome, estimate, generate
 from twinlens.factory.plan import SampleSpec, plan, spec_from_plain
 from twinlens.factory.produce import make, produce
 from twinlens.factory.recipe import Recipe, read_recipe, recipe_from_table
-from twinlens.factory.remake import rectified_sample, remake, scene_of
+from twinlens.factory.remake import rectified_sample, remake
 from twinlens.factory.sample import add_sample, check_common_view, default_rig, make_sample
 from twinlens.factory.sources import Sources
 from twinlens.factory.workers import dask_cluster, in_process, worker_processes
@@ -33,7 +33,6 @@ __all__ = [
     "recipe_from_table",
     "rectified_sample",
     "remake",
-    "scene_of",
     "spec_from_plain",
     "worker_processes",
 ]

@@ -99,11 +99,7 @@ def parse_lens(text: str, view: settings.View, aperture: Aperture | None = None)
 
 
 def parse_aperture(text: str) -> Aperture:
-    """An aperture's shape in the syntax of APERTURE_HELP.
-
-    >>> parse_aperture("polygon:6:15")
-    Polygon(blades=6, rotation_deg=15.0, roundness=0.0)
-    """
+    """An aperture's shape in the syntax of APERTURE_HELP."""
     where = f"--aperture {text!r}"
     kind, _, rest = text.partition(":")
     if kind not in _APERTURES:
@@ -120,11 +116,7 @@ def parse_aperture(text: str) -> Aperture:
 
 
 def parse_distortion(text: str) -> Distortion:
-    """A distortion in the syntax of DISTORTION_HELP.
-
-    >>> parse_distortion("-0.2,0.05").k2, parse_distortion("fisheye:0.01").k1
-    (0.05, 0.01)
-    """
+    """A distortion in the syntax of DISTORTION_HELP."""
     model, colon, rest = text.rpartition(":")
     where = f"--distortion {text!r}"
     if colon and model not in ("fisheye", KannalaBrandt.name, BrownConrady.name):
@@ -136,11 +128,7 @@ def parse_distortion(text: str) -> Distortion:
 
 
 def parse_exposure(text: str) -> Exposure | None:
-    """An exposure in the syntax of EXPOSURE_HELP; None for "auto".
-
-    >>> parse_exposure("1/50,2")
-    Exposure(time=0.02, gain=2.0)
-    """
+    """An exposure in the syntax of EXPOSURE_HELP; None for "auto"."""
     if text == "auto":
         return None
     found = re.fullmatch(rf"({_NUMBER})(?:/({_NUMBER}))?(?:,({_NUMBER}))?", text)
@@ -151,11 +139,7 @@ def parse_exposure(text: str) -> Exposure | None:
 
 
 def parse_mismatch(text: str, seed: int = 0) -> Mismatch:
-    """A mismatch in the syntax of MISMATCH_HELP; `seed` draws the values of a level.
-
-    >>> parse_mismatch("exposure=1.05,black=2") == Mismatch(time=1.05, black_level=2.0)
-    True
-    """
+    """A mismatch in the syntax of MISMATCH_HELP; `seed` draws the values of a level."""
     where = f"--mismatch {text!r}"
     if text.isidentifier() and text not in _MISMATCHES:
         text = f"level={text}"
@@ -165,11 +149,7 @@ def parse_mismatch(text: str, seed: int = 0) -> Mismatch:
 
 
 def parse_misalignment(text: str | None) -> Misalignment:
-    """Errors left in a rectification, by name.
-
-    >>> parse_misalignment("vertical_px=1.5,roll_deg=0.2")
-    Misalignment(vertical_px=1.5, pitch_deg=0.0, yaw_deg=0.0, roll_deg=0.2, focal=1.0, k1=0.0)
-    """
+    """Errors left in a rectification, by name."""
     if text is None:
         return ALIGNED
     where = f"--misalignment {text!r}"
@@ -179,11 +159,7 @@ def parse_misalignment(text: str | None) -> Misalignment:
 
 
 def parse_sensor(text: str) -> Sensor:
-    """A sensor in the syntax of SENSOR_HELP: a preset with changed parameters; / separates the numbers of a list.
-
-    >>> parse_sensor("ideal:bits=16,shot_noise=no").shot_noise
-    False
-    """
+    """A sensor in the syntax of SENSOR_HELP: a preset with changed parameters; / separates the numbers of a list."""
     preset, colon, rest = text.partition(":")
     where = f"--sensor {text!r}"
     pairs = _pairs(where, rest, _SENSOR_PARAMETERS) if colon else {}
@@ -193,11 +169,7 @@ def parse_sensor(text: str) -> Sensor:
 
 
 def parse_numbers(option: str, text: str, least: int, most: int, form: str) -> list[float]:
-    """`least` to `most` numbers separated by commas; `form` describes them in errors.
-
-    >>> parse_numbers("--principal-point", "320,240.5", 2, 2, "CX,CY")
-    [320.0, 240.5]
-    """
+    """`least` to `most` numbers separated by commas; `form` describes them in errors."""
     parts = [part.strip() for part in text.split(",")]
     if not least <= len(parts) <= most or not all(re.fullmatch(rf"{_NUMBER}|[-+]?inf", part) for part in parts):
         raise InputError(f"{option} must be {form}, got {format_value(text)}")
@@ -267,16 +239,6 @@ _FASTEST = 0.95
 """The smallest f-number of photographic lenses on the market; an indication, not a limit."""
 
 
-def _format_noise(sample: Sample, k: int) -> str:
-    """The renderer's noise in units of the sensor's, where it was measured, and whether a bound was not met."""
-    taken, bound = sample.shots[k].record, sample.record.get("noise")
-    if "light_paths_over_sensor" not in taken:
-        return ""
-    most = max(taken["light_paths_over_sensor"])
-    missed = f" (limit {bound:g} not met)" if bound is not None and most > bound else ""
-    return f", light paths {most:.2g} x sensor at {taken['spp']} samples{missed}"
-
-
 def format_exposure(sample: Sample, k: int, text: str) -> str:
     """F-number, time and gain of lens k, which the option `text` describes; and whether such a lens can be bought."""
     shot, camera = sample.shots[k], sample.rig.cameras[0]
@@ -286,7 +248,11 @@ def format_exposure(sample: Sample, k: int, text: str) -> str:
         duration = f"{1e6 * time:.3g} us"
     else:
         duration = f"1/{1 / time:.0f} s" if time < 0.1 else f"{time:.3g} s"
-    exposure = f"{duration}, gain {gain:.3g}{_format_noise(sample, k)}"
+    exposure = f"{duration}, gain {gain:.3g}"
+    if ratios := shot.record.get("light_paths_over_sensor"):
+        exposure += f", light paths {max(ratios):.2g} x sensor at {shot.record['spp']} samples"
+        if (bound := sample.record["noise"]) is not None and max(ratios) > bound:
+            exposure += f" (limit {bound:g} not met)"
     if shot.lens.aperture_diameter == 0:
         return f"{text}: exposed as f/{number:g}, {exposure}"
     shown = f"{number:.0f}" if 99.5 <= number < 1e5 else f"{number:.2g}"

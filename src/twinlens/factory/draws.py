@@ -147,8 +147,9 @@ class Sweep(Distribution):
     sweep: Values
 
 
-_DISTRIBUTIONS: tuple[type[Distribution], ...] = (Uniform, LogUniform, Integers, Normal, Choice, Sweep)
-KINDS = {next(iter(kind.model_fields)): kind for kind in _DISTRIBUTIONS}
+KINDS: dict[str, type[Distribution]] = {
+    next(iter(kind.model_fields)): kind for kind in (Uniform, LogUniform, Integers, Normal, Choice, Sweep)
+}
 """Every distribution, by the key that names it."""
 
 

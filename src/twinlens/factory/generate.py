@@ -25,6 +25,7 @@ from twinlens.factory.produce import check_backend
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import made_with
 from twinlens.factory.workers import Engine, Report, Results, Work, in_process, rendered
+from twinlens.families import Assets
 
 MOST = 48
 """Samples on preview.png."""
@@ -66,17 +67,11 @@ def generate(
 ) -> Outcome:
     """Make every sample of `recipe` that is not in `folder` yet. After any stop the same call resumes.
 
-    Parameters
-    ----------
-    limit : int, optional
-        Make at most so many samples.
-    shard : (i, n)
-        Make only every n-th sample, starting with the i-th (1 to n). n such runs make the whole dataset, at the same
-        time and on several machines if they share the folder. The last one to finish writes dataset.json.
-    engine : Engine
-        `in_process`, `worker_processes(count)` or `dask_cluster(address)`.
-    report : callable
-        Called with the fraction done and a text.
+    limit : make at most so many samples.
+    shard : (i, n): make only every n-th sample, starting with the i-th (1 to n). n such runs make the whole dataset, at
+        the same time and on several machines if they share the folder. The last one to finish writes dataset.json.
+    engine : `in_process`, `worker_processes(count)` or `dask_cluster(address)`.
+    report : called with the fraction done and a text.
 
     Raises InputError where `folder` holds another dataset, FileError where a sample there lacks a file, OutputError
     where it cannot be written or another run writes there, and BackendError, before anything is written, where this
@@ -160,8 +155,6 @@ def finish(ledger: Ledger) -> None:
 
 def _unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
     """The files in the recipe's asset folders that cannot be used, and why; each is read."""
-    from twinlens.families import Assets
-
     found = []
     for kind, files in recipe.sources.asset_files.items():
         for name, path in files.items():
@@ -175,7 +168,7 @@ def _unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
 class Estimate:
     """Samples of the recipe, in the folder, and to make; the next one's spec; seconds and bytes of one and of all.
 
-    Without a sample to make, `next` is None and `seconds_each` NaN.
+    If nothing is left to make, `next` is None and `seconds_each` is NaN.
     """
 
     count: int
@@ -248,10 +241,7 @@ def colored(disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Disparity in the colour map `turbo`, from its 1st to its 99th percentile; black where unknown."""
     import matplotlib
 
-    known = np.isfinite(disparity)
-    if not known.any():
-        return np.zeros((*disparity.shape, 3), np.uint8)
-    low, high = np.percentile(disparity[known], (1, 99))
-    level = np.clip((np.where(known, disparity, low) - low) / max(high - low, 1e-6), 0, 1)
-    colors = (np.asarray(matplotlib.colormaps["turbo"](level))[..., :3] * 255).astype(np.uint8)
-    return np.where(known[..., None], colors, 0).astype(np.uint8)
+    known = np.ma.masked_invalid(disparity)
+    low, high = np.percentile(known.compressed(), (1, 99)) if known.count() else (0.0, 1.0)
+    turbo = matplotlib.colormaps["turbo"].with_extremes(bad="black")
+    return np.asarray(turbo((known - low) / max(high - low, 1e-6), bytes=True)[..., :3])

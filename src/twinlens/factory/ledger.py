@@ -11,6 +11,7 @@ files.
 """
 
 import contextlib
+import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -122,9 +123,7 @@ class Ledger:
         if isinstance(rows, RemotePath):
             remove_objects(rows, rows.files())
         elif rows.is_dir():
-            for path in rows.iterdir():
-                path.unlink()
-            rows.rmdir()
+            shutil.rmtree(rows)
 
     def _load(self, known: Manifest) -> None:
         """Take the entries of dataset.json, if it is of this recipe, these versions and these source files."""

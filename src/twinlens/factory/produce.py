@@ -3,18 +3,20 @@
 spec -> scene -> rig -> truth -> gates -> lenses -> photographs -> gates -> Sample
 """
 
+import contextlib
 import dataclasses
 from pathlib import Path
 from typing import Any
 
 from twinlens.dataset import Sample
-from twinlens.errors import BackendError, FileError, InputError
+from twinlens.errors import FileError, InputError
 from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
 from twinlens.factory.settings import Settings, View, make_lenses, with_mismatch_seed
 from twinlens.factory.sources import Sources
+from twinlens.families import random_scene
 from twinlens.rendering import Progress, check_lens_supported, ground_truth
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.schema import read
@@ -36,12 +38,8 @@ def make(recipe: Recipe, index: int, progress: Progress | None = None) -> Sample
 
     Its record has the `spec`, the `rejections` of earlier draws, and in `sources_sha256` the digest of the files.
 
-    Raises
-    ------
-    Exhausted
-        All draws were rejected. If nothing in the recipe is random, only the first one is tried.
-    FileError
-        A file cannot be read, or has changed since the recipe's first sample was made.
+    Raises Exhausted if all draws were rejected (only one is made if nothing in the recipe is random), and FileError for
+    a file that cannot be read or has changed since the recipe's first sample was made.
     """
     rejections: list[dict[str, Any]] = []
     remedy = ""
@@ -111,30 +109,19 @@ def produce(
 
 
 def check_backend(recipe: Recipe, index: int) -> None:
-    """Raise BackendError if this process's backend can render the lenses of no draw of a sample.
+    """Raise BackendError if this process's backend cannot render the lenses of the first draw of a sample.
 
     The scene is not loaded; what depends on it is checked when the sample is made.
     """
-    last = 0 if is_fixed(recipe) else recipe.gates.attempts - 1
-    for attempt in range(last + 1):
-        try:
-            settings = read(Settings, dict(plan(recipe, index, attempt).drawn), _FILE)
-            for lens in make_lenses(settings, None, _FILE, recipe.sources.file):
-                check_lens_supported(lens)
-        except BackendError:
-            if attempt == last:
-                raise
-        except InputError:  # an impossible draw, which the dataset records
-            return
-        else:
-            return
+    with contextlib.suppress(InputError):  # an impossible draw, which the dataset records
+        settings = read(Settings, dict(plan(recipe, index).drawn), _FILE)
+        for lens in make_lenses(settings, None, _FILE, recipe.sources.file):
+            check_lens_supported(lens)
 
 
 def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
     if spec.kind == "scene":
         return sources.scene(spec.scene)
-    from twinlens.families import random_scene
-
     width, height = settings.width, settings.height
     return random_scene(
         spec.scene, int(generator(spec.seed, "scene").integers(1 << 31)), assets=sources.families_assets,

@@ -15,13 +15,14 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, create_model, model_validator
 
 from twinlens.dataset.metadata import About
-from twinlens.errors import InputError, format_value, located, unknown
+from twinlens.errors import InputError, format_value, unknown
 from twinlens.factory.draws import corners, hint, normalized, template
 from twinlens.factory.gates import Gates
 from twinlens.factory.settings import MaskTable, Settings, check_settings
 from twinlens.factory.sources import Sources
+from twinlens.families import FAMILIES, Assets
 from twinlens.scenes import bundled_scenes, read_toml
-from twinlens.schema import Fraction, NonNegative, StrictModel, read
+from twinlens.schema import Fraction, NonNegative, StrictModel, one_of, read
 
 
 def _check_splits(splits: dict[str, float]) -> dict[str, float]:
@@ -34,15 +35,7 @@ def _check_splits(splits: dict[str, float]) -> dict[str, float]:
     return splits
 
 
-def _check_family(name: str) -> str:
-    from twinlens.families import FAMILIES
-
-    if name not in FAMILIES:
-        raise unknown("family", name, FAMILIES)
-    return name
-
-
-Family = Annotated[str, AfterValidator(_check_family)]
+Family = Annotated[str, one_of("family", FAMILIES)]
 
 
 def _check_unique(names: list[str]) -> list[str]:
@@ -52,8 +45,32 @@ def _check_unique(names: list[str]) -> list[str]:
     return names
 
 
+def _check_scene(name: str, info: Any) -> str:
+    folder = info.context
+    if name in bundled_scenes() or (name not in ("", ".") and os.path.lexists(folder / name)):
+        return name
+    if Path(name).suffix or any(letter in name for letter in "/\\"):
+        raise InputError(f"no such file next to the recipe, in {folder.absolute()}: {name!r}")
+    raise InputError(f"{unknown('scene', name, bundled_scenes())}, nor a scene file next to the recipe")
+
+
+def _check_assets(names: list[str], info: Any) -> list[str]:
+    """Each folder must exist and have a file of its kind; the files' contents are checked when they are drawn."""
+    kind = str(info.field_name)
+    for name in names:
+        if not os.path.lexists(info.context / name):
+            raise InputError(f"no folder {name!r} next to the recipe")
+        try:
+            Assets.from_folders(**{kind: [info.context / name]})
+        except InputError as error:
+            message = str(error).removeprefix(f"{kind}: ").replace(repr(str(info.context / name)), repr(name))
+            raise InputError(message) from None
+    return names
+
+
+Subject = Annotated[str, AfterValidator(_check_scene)]
 _listed = BeforeValidator(lambda value: [value] if isinstance(value, str) else value, str | list[str])
-Folders = Annotated[list[str], Field(min_length=1), _listed]
+Folders = Annotated[list[str], Field(min_length=1), AfterValidator(_check_assets), _listed]
 
 
 class AssetsTable(StrictModel):
@@ -67,7 +84,7 @@ class AssetsTable(StrictModel):
 class _Constants(StrictModel):
     seed: int = Field(ge=0, le=2**63 - 1)
     count: int = Field(ge=1, le=10_000_000)
-    scenes: Annotated[list[str], Field(min_length=1, max_length=1000), AfterValidator(_check_unique)] | None = None
+    scenes: Annotated[list[Subject], Field(min_length=1, max_length=1000), AfterValidator(_check_unique)] | None = None
     families: Annotated[list[Family], Field(min_length=1), AfterValidator(_check_unique)] | None = None
     weights: list[NonNegative] | None = None
     ndisp: int | None = Field(None, ge=1, le=65536)
@@ -132,15 +149,9 @@ def read_recipe(path: str | os.PathLike[str], changes: Mapping[str, Any] | None 
 
 def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml")) -> Recipe:
     """The recipe of a table as TOML has it; `path` is named in messages, and other files are relative to it."""
-    table = read(RecipeTable, dict(written), path)
+    table = read(RecipeTable, dict(written), path, context=path.parent)
     names = table.families or table.scenes
-    for i, name in enumerate(table.scenes or ()):
-        with located(f"{path}: scenes[{i}]"):
-            _check_scene(name, path.parent)
     assets = {kind: tuple(folders) for kind, folders in table.assets.model_dump(exclude_none=True).items()}
-    for kind, folders in assets.items():
-        with located(f"{path}: assets.{kind}"):
-            _check_assets(kind, folders, path.parent)
     drawn = {key: template(written[key], path, key) for key in DRAWN if key in written}
     return Recipe(
         file=path,
@@ -150,12 +161,12 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
         kind="scene" if table.families is None else "family",
         names=tuple(names),
         weights=None if table.weights is None else tuple(map(float, normalized(table.weights, len(names)))),
+        drawn=drawn,
         ndisp=table.ndisp,
         keep=tuple(table.keep),
         gates=table.gates,
         splits=table.splits or {},
         assets=assets,
-        drawn=drawn,
         masks=_check_drawn(drawn, path, table.families or []),
     )
 
@@ -176,28 +187,6 @@ def _check_drawn(drawn: Mapping[str, Any], path: Path, families: list[str]) -> t
     shapes = (getattr(lens, "shape", None) for settings, _ in checked for lens in settings.lenses)
     masks = [Path(shape.file).as_posix() for shape in shapes if isinstance(shape, MaskTable) and shape.file]
     return tuple(dict.fromkeys(masks))
-
-
-def _check_scene(name: str, folder: Path) -> None:
-    if name in bundled_scenes() or (name not in ("", ".") and os.path.lexists(folder / name)):
-        return
-    if Path(name).suffix or any(letter in name for letter in "/\\"):
-        raise InputError(f"no such file next to the recipe, in {folder.absolute()}: {name!r}")
-    raise InputError(f"{unknown('scene', name, bundled_scenes())}, nor a scene file next to the recipe")
-
-
-def _check_assets(kind: str, names: tuple[str, ...], folder: Path) -> None:
-    """Each folder must exist and have a file of its kind; the files' contents are checked when they are drawn."""
-    from twinlens.families import Assets
-
-    for name in names:
-        if not os.path.lexists(folder / name):
-            raise InputError(f"no folder {name!r} next to the recipe")
-        try:
-            Assets.from_folders(**{kind: [folder / name]})
-        except InputError as error:
-            message = str(error).removeprefix(f"{kind}: ").replace(repr(str(folder / name)), repr(name))
-            raise InputError(message) from None
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any], key: str = "") -> list[str]:

@@ -35,11 +35,8 @@ def remake(record: Mapping[str, Any], scene: Scene | None = None, *, progress: P
     Its files are the same to the byte if backend and versions are those in the record. A bundled scene is found by its
     name; any other must be given as `scene`, as `load_scene` reads it.
 
-    Raises
-    ------
-    InputError
-        The scene differs from the record's, or is neither bundled nor given; the images were warped from others; or
-        `make_sample` did not write the record.
+    Raises InputError if the scene differs from the record's, or is neither bundled nor given; if the images were warped
+    from others; or if `make_sample` did not write the record.
     """
     made = read(_Record, record, _FILE).record
     if (made.rectified_from or {}).get("pictures") == "maps":
@@ -63,11 +60,7 @@ def remake(record: Mapping[str, Any], scene: Scene | None = None, *, progress: P
         progress=progress,
     )
     origin = {key: written[key] for key in ORIGIN if key in written}
-    return replace(sample, ndisp=made.spec.ndisp, record={**sample.record, **origin})
-
-
-class _Spec(FileModel):
-    ndisp: int | None = None
+    return replace(sample, ndisp=(made.spec or {}).get("ndisp"), record={**sample.record, **origin})
 
 
 class _Made(FileModel):
@@ -82,7 +75,7 @@ class _Made(FileModel):
     diffraction: bool
     sky_disparity: bool
     keep_radiance: bool
-    spec: _Spec = _Spec()
+    spec: dict[str, Any] | None = None
     rectified_from: dict[str, Any] | None = None
 
 

@@ -1,12 +1,13 @@
 """One sample from one scene: images through each lens, and the ground truth.
 
 scene, rig, lens k -> render -> radiance (-> diffract) -> sensor -> Shot k --+
-scene, rig ---------> ground_truth ------------------------------> Truths ---+-> dataset.Sample
+scene, rig ---------> rendering.ground_truth ------------------------------> Truths ---+-> dataset.Sample
 """
 
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 import twinlens
+from twinlens import rendering
 from twinlens.camera import Disk, Lens, Rig
 from twinlens.camera.diffraction import diffract
 from twinlens.camera.lens import check_lens
@@ -22,17 +24,6 @@ from twinlens.camera.truth import Truth
 from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_manifest, write_manifest, write_sample
 from twinlens.errors import InputError
 from twinlens.factory.sources import file_digests
-from twinlens.rendering import (
-    SAMPLERS,
-    NoisyImage,
-    Progress,
-    backend,
-    denoiser_record,
-    ground_truth,
-    partial_progress,
-    render,
-    render_measured,
-)
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.sensor import Exposure, Sensor
 from twinlens.sensor.exposure import check_exposure
@@ -56,7 +47,7 @@ def make_sample(
     sky_disparity: bool = False,
     keep_radiance: bool = False,
     truths: Sequence[Truth] | None = None,
-    progress: Progress | None = None,
+    progress: rendering.Progress | None = None,
 ) -> Sample:
     """Render `scene` through every lens, expose the images, and compute their common ground truth.
 
@@ -64,26 +55,16 @@ def make_sample(
     everything needed to make the sample again with `remake`. Calibration errors of the rig affect the images; the
     ground truth is that of `Rig.nominal`.
 
-    Parameters
-    ----------
-    denoise : bool
-        See `render`. The record names the method and its versions.
-    noise : float, optional
-        Render until the renderer's noise is at most this multiple of the sensor's in every view, in the median over
-        pixels, or until `rendering.MAX_SPP`. The record has the ratios of images that are denoised
-        or that have such a bound.
-    sensor : Sensor, optional
-        Default `Sensor()`. Its `mismatch` makes the cameras differ; for the alignment, give ``mismatch.misalign(rig)``
-        as the rig.
-    exposure : Exposure, optional
-        One exposure for all lenses, so that a smaller aperture gives a darker image. By default each lens has its own
-        automatic exposure, which its cameras share.
-    diffraction : bool
-        Blur images by the Airy pattern (`diffract`) at the sensor's wavelengths. Disk apertures only.
-    keep_radiance : bool
-        Keep the linear images, including diffraction.
-    truths : sequence of Truth, optional
-        ``ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)``, if already computed.
+    denoise : see `render`. The record names the method and its versions.
+    noise : render until the renderer's noise is at most this multiple of the sensor's in every view, in the median over
+        pixels, or until `rendering.MAX_SPP`. The record has the ratios of images that are denoised or have this bound.
+    sensor : default `Sensor()`. Its `mismatch` makes the cameras differ; for the alignment, give
+        ``mismatch.misalign(rig)`` as the rig.
+    exposure : one exposure for all lenses, so that a smaller aperture gives a darker image. By default each lens has
+        its own automatic exposure, which its cameras share.
+    diffraction : blur images by the Airy pattern (`diffract`) at the sensor's wavelengths. Disk apertures only.
+    keep_radiance : keep the linear images, including diffraction.
+    truths : ``ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)``, if already computed.
 
     Raises InputError for diffraction with an aperture that is not a disk, and errors of rendering and sensor.
     """
@@ -102,17 +83,17 @@ def make_sample(
     for k, lens in enumerate(lenses):
         key = (_SHOT_STREAM, zlib.crc32(scene.name.encode()), k)  # so that no two images share noise
         stream = int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1)[0])
-        report = partial_progress(progress, k / len(lenses), (k + 1) / len(lenses))
-        light = _Light(sensor, rig, lens, stream, exposure)
+        report = rendering.partial_progress(progress, k / len(lenses), (k + 1) / len(lenses))
+        ratios = partial(_noise_ratios, sensor=sensor, rig=rig, lens=lens, seed=stream, exposure=exposure)
         if spp > 1 and (denoise or noise is not None):
-            views, used = render_measured(
+            views, used = rendering.render_measured(
                 scene, rig, lens, spp, stream, denoise=denoise, progress=report,
-                enough=lambda views, light=light: noise is None or max(light.ratios(views)) <= noise,  # type: ignore[misc]
+                enough=lambda views, ratios=ratios: noise is None or max(ratios(views)) <= noise,  # type: ignore[misc]
             )  # fmt: skip
             radiances = tuple(view.image for view in views)
-            measured = {"spp": used, "light_paths_over_sensor": light.ratios(views)}
+            measured = {"spp": used, "light_paths_over_sensor": ratios(views)}
         else:
-            radiances = tuple(render(scene, rig, lens, spp, stream, denoise=denoise, progress=report))
+            radiances = tuple(rendering.render(scene, rig, lens, spp, stream, denoise=denoise, progress=report))
             measured = {"spp": spp}
         if diffraction and lens.aperture_diameter > 0:
             pairs = zip(radiances, rig.cameras, strict=True)
@@ -125,59 +106,50 @@ def make_sample(
         "scene_files": file_digests(scene),
         "seed": seed,
         "spp": spp,
-        "denoise": denoiser_record() if denoise else None,
+        "denoise": rendering.denoiser_record() if denoise else None,
         "noise": noise,
         "sensor": asdict(sensor),
         "exposure": None if exposure is None else asdict(exposure),
         "diffraction": diffraction,
         "sky_disparity": sky_disparity,
         "keep_radiance": keep_radiance,
-        "sampler": SAMPLERS[0],
+        "sampler": rendering.SAMPLERS[0],
         "integrator": {key: value for key, value in scene.integrator.items() if isinstance(value, (str, int, float))},
         **made_with(),
-        "llvm": Path(backend().library or "").name or None,
+        "llvm": Path(rendering.backend().library or "").name or None,
     }
     if truths is None:
-        truths = ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)
+        truths = rendering.ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)
     return Sample(rig, tuple(shots), tuple(truths), record=record)
 
 
-@dataclass(frozen=True)
-class _Light:
-    """Compares the renderer's noise with the sensor's at the exposure of the images."""
+def _noise_ratios(
+    views: Sequence[rendering.NoisyImage], sensor: Sensor, rig: Rig, lens: Lens, seed: int, exposure: Exposure | None
+) -> list[float]:
+    """Per view: noise of the light paths over noise of the sensor at the exposure of the images, median over pixels.
 
-    sensor: Sensor
-    rig: Rig
-    lens: Lens
-    seed: int
-    exposure: Exposure | None
-
-    def ratios(self, views: Sequence[NoisyImage]) -> list[float]:
-        """Per view: noise of the light paths over noise of the sensor, the median over pixels.
-
-        Both are standard deviations in electrons, over the channels and windows of 9x9 pixels. The sensor's noise is
-        that of photons, readout and rounding. A mono sensor's is that of the sum of the channels.
-        """
-        images = [view.image for view in views]
-        photos = self.sensor.expose_rig(images, rig=self.rig, lens=self.lens, seed=self.seed, exposure=self.exposure)
-        found = []
-        for view, photo, camera in zip(views, photos, self.rig.cameras, strict=True):
-            rate = np.array(photo.record["electrons_per_radiance"])
-            if self.sensor.vignetting:
-                rate = rate * cos4(camera)[..., None]
-            electrons, error = np.maximum(view.image * rate, 0), view.error * rate
-            if self.sensor.filters == "mono":
-                electrons, error = (part.sum(axis=-1, keepdims=True) for part in (electrons, error))
-            least = self.sensor.read_noise**2 + (1 / photo.record["system_gain_dn_per_electron"]) ** 2 / 12
-            excess = np.nan_to_num(error**2 / (electrons + least)).mean(axis=-1)
-            found.append(float(np.sqrt(np.median(uniform_filter(excess, 9)))))
-        return found
+    Both are standard deviations in electrons, over the channels and windows of 9x9 pixels. The sensor's noise is that
+    of photons, readout and rounding. A mono sensor's is that of the sum of the channels.
+    """
+    photos = sensor.expose_rig([view.image for view in views], rig=rig, lens=lens, seed=seed, exposure=exposure)
+    found = []
+    for view, photo, camera in zip(views, photos, rig.cameras, strict=True):
+        rate = np.array(photo.record["electrons_per_radiance"])
+        if sensor.vignetting:
+            rate = rate * cos4(camera)[..., None]
+        electrons, error = np.maximum(view.image * rate, 0), view.error * rate
+        if sensor.filters == "mono":
+            electrons, error = (part.sum(axis=-1, keepdims=True) for part in (electrons, error))
+        least = sensor.read_noise**2 + (1 / photo.record["system_gain_dn_per_electron"]) ** 2 / 12
+        excess = np.nan_to_num(error**2 / (electrons + least)).mean(axis=-1)
+        found.append(float(np.sqrt(np.median(uniform_filter(excess, 9)))))
+    return found
 
 
 def made_with() -> dict[str, Any]:
     """Backend and versions of this process; samples made with equal ones are the same to the byte."""
     others = {name: metadata.version(name) for name in ("mitsuba", "drjit", "numpy")}
-    return {"backend": backend().variant, "versions": {"twinlens": twinlens.__version__, **others}}
+    return {"backend": rendering.backend().variant, "versions": {"twinlens": twinlens.__version__, **others}}
 
 
 def default_rig(

@@ -25,6 +25,7 @@ from twinlens.camera.lens import BareAperture
 from twinlens.camera.truth import Truth
 from twinlens.dataset import read_image
 from twinlens.errors import FileError, InputError, format_value, located
+from twinlens.families import FAMILIES
 from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes import Scene, rig_from_table
@@ -289,9 +290,6 @@ def with_mismatch_seed(drawn: Mapping[str, Any], seed: int) -> dict[str, Any]:
     return {**drawn, "sensor": {**sensor, "mismatch": {"seed": seed, **table}}}
 
 
-_STAND_IN = Scene("any", (), {}, np.eye(4), (1.0, 10.0))
-
-
 def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]) -> tuple[Settings, list[Lens]]:
     """The settings and lenses of a drawn table, or InputError where no scene (of these families) could be its sample.
 
@@ -302,7 +300,8 @@ def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]
         _check_families(settings, file, families)
     elif given := settings.scene.model_fields_set & {"depth_range", "object_count"}:
         raise InputError(f"{file}: scene.{min(given)}: can be used with 'families' only")
-    rig_from_table(settings.rig, _STAND_IN, settings.width, settings.height, file, "rig")
+    scene = Scene("any", (), {}, np.eye(4), (1.0, 10.0))
+    rig_from_table(settings.rig, scene, settings.width, settings.height, file, "rig")
     return settings, make_lenses(settings, None, file, lambda name: file.parent / name)
 
 
@@ -316,8 +315,6 @@ def make_lenses(settings: Settings, view: View | None, file: Path, find: Find) -
 
 
 def _check_families(settings: Settings, file: Path, families: Sequence[str]) -> None:
-    from twinlens.families import FAMILIES
-
     width, height = settings.width, settings.height
     if width < 16:
         raise InputError(f"{file}: width: must be >= 16 for families, got {width}")

@@ -10,14 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from twinlens.dataset.files import read_bytes
 from twinlens.errors import FileError
+from twinlens.families import Assets
 from twinlens.scenes import Scene, bundled_folder, bundled_scenes, load_scene
-
-if TYPE_CHECKING:
-    from twinlens.families import Assets
 
 _SCENES_KEPT = 8
 _NAMED = 3
@@ -79,8 +77,6 @@ class Sources:
     @cached_property
     def asset_files(self) -> dict[str, dict[str, Path]]:
         """The files of each kind of assets by name. Raises InputError for a folder without any."""
-        from twinlens.families import Assets
-
         found: dict[str, dict[str, Path]] = {kind: {} for kind in self.assets}
         for kind, names in self.assets.items():
             for name in names:
@@ -90,10 +86,8 @@ class Sources:
         return found
 
     @cached_property
-    def families_assets(self) -> "Assets":
+    def families_assets(self) -> Assets:
         """The assets as families use them."""
-        from twinlens.families import Assets
-
         listed: dict[str, Any] = {kind: tuple(sorted(set(found.values()))) for kind, found in self.asset_files.items()}
         return Assets(**listed, before_reading=self.unchanged)
 
@@ -144,9 +138,10 @@ def changed_files(before: Mapping[str, str], now: Mapping[str, str]) -> str:
     >>> changed_files({"a.png": "00", "b.png": "11"}, {"a.png": "22", "c.png": "33"})
     'a.png has changed, b.png is gone, c.png is new'
     """
-    changed = [name for name in sorted({**before, **now}) if before.get(name) != now.get(name)]
-    changes = {
-        name: "is new" if name not in before else "is gone" if name not in now else "has changed" for name in changed
-    }
-    more = [f"and {len(changed) - _NAMED} more"] if len(changed) > _NAMED else []
-    return ", ".join([f"{name} {changes[name]}" for name in changed[:_NAMED]] + more)
+    changes = [
+        f"{name} {'is new' if name not in before else 'is gone' if name not in now else 'has changed'}"
+        for name in sorted({**before, **now})
+        if before.get(name) != now.get(name)
+    ]
+    more = [f"and {len(changes) - _NAMED} more"] if len(changes) > _NAMED else []
+    return ", ".join(changes[:_NAMED] + more)

@@ -1,7 +1,6 @@
 """Where samples are made: in this process, in worker processes of this machine, or on a Dask cluster.
 
-An engine makes the samples of the indices it is given and yields each one once it is on the disk. Whoever makes them,
-the samples are the same to the byte.
+An engine makes the samples of some indices and yields each one once it is on the disk. All engines make the same bytes.
 """
 
 import functools
@@ -163,10 +162,9 @@ def worker_processes(count: int) -> Engine:
 
 def _end_with_parent() -> None:
     """End this process when its parent has died; until then it would write into a folder that is not locked."""
-    parent = parent_process()
 
     def exit_after() -> None:
-        if parent is not None:
+        if parent := parent_process():
             connection.wait([parent.sentinel])
             os._exit(1)
 
@@ -198,8 +196,8 @@ def dask_cluster(address: str) -> Engine:
         try:
             return distributed.Client(address, timeout=10)
         except (OSError, TimeoutError, ValueError) as error:
-            start = "start one: dask scheduler"
-            raise BackendError(f"no Dask scheduler answers at {address!r} ({error}); {start}") from error
+            message = f"no Dask scheduler answers at {address!r} ({error}); start one: dask scheduler"
+            raise BackendError(message) from error
 
     connect().close()
 
@@ -259,7 +257,7 @@ def _collected(
 
 
 _LOST_WORKER = ("ProcessExpired", "BrokenProcessPool", "KilledWorker")
-"""Exceptions of Pebble (died with a sample, died without one) and of Dask."""
+"""Exceptions for a worker that died: of Pebble, with and without a sample, and of Dask."""
 
 _RENDERER = ThreadPoolExecutor(1, "twinlens-renderer")
 """The thread of a worker that renders: Dr.Jit keeps its state by thread, and Dask runs tasks in several."""
