@@ -107,8 +107,8 @@ def configure_malloc() -> None:
     """Let glibc keep freed blocks of up to 32 MiB for reuse, in one arena; for the whole process.
 
     Pages that go back to the system with each freed image must be cleared again for the next: without this, a sample of
-    320x240 takes about a tenth more processor time. `forget_kernels` returns free pages after each sample. Has no effect
-    with other C libraries.
+    320x240 takes about a tenth more processor time. `forget_kernels` returns free pages after each sample. It has no
+    effect with other C libraries.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
