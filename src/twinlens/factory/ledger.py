@@ -154,7 +154,7 @@ class Ledger:
         for entry in self.folder.iterdir() if self.folder.is_dir() else ():
             if not (is_hidden(entry.name) or entry.name.isdecimal() or entry.name == "preview.png"):
                 remedy = "name a new or an empty folder; if dataset.json was lost, move that file away and run again"
-                raise InputError(f"{self.folder}: is no dataset and holds {entry.name!r}; {remedy}")
+                raise InputError(f"{self.folder}: is not a dataset and contains {entry.name!r}; {remedy}")
 
     def _pending_rows(self) -> Iterator[tuple[int, Entry]]:
         """Rows of samples that have no entry yet. A row that cannot be read is made from the sample's files again."""

@@ -90,7 +90,7 @@ _FILE = Path("sample.json")
 
 
 def scene_of(record: Mapping[str, Any], given: Scene | None = None) -> Scene:
-    """The scene of a sample's record: the one given, or the bundled one of its name; of the very same files.
+    """The scene of a sample's record: the given one, or the bundled one of that name. Its files must be unchanged.
 
     Raises InputError as `remake` does.
     """

@@ -1,7 +1,7 @@
 """The files that a recipe uses: scenes, assets, aperture masks. Their contents are part of the dataset's identity.
 
-Each file is hashed once, before the first sample is made. When it is opened later, it is hashed again only if its size
-or modification time differ, so that a file edited during a run is detected at little cost.
+Each file is hashed before the first sample is made. It is hashed again only if its size or modification time differ,
+so that a file edited during a run is detected at little cost.
 """
 
 import hashlib
