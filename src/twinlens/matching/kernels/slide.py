@@ -33,7 +33,7 @@ def pixel_term(term, left, here, right, there, sums):
         value = convert(a, sums) * convert(b, sums)
     elif term == "hamming":
         value = convert(count_ones(a ^ b), sums)
-    else:  # interpolated: behind the image are its minima and maxima within half a pixel
+    else:  # interpolated: the image is followed by its minima and by its maxima within half a pixel
         rest, others = len(left) // 3, len(right) // 3
         ours = max(a - load(right, there + 2 * others), load(right, there + others) - a)
         theirs = max(b - splat(read(left, here + 2 * rest)), splat(read(left, here + rest)) - b)

@@ -1,4 +1,4 @@
-"""Window statistics and census descriptors of images, and cost volumes that are not box sums of a simple term.
+"""Window statistics and census descriptors of images, and ZSAD volumes, which are not sums of a pixel term.
 
 A volume is (rows, W, depth), the candidate's index last. Right images are reversed, as in `slide`.
 """
