@@ -23,7 +23,7 @@ from twinlens.errors import FileError, InputError
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
-_SIGNATURE, _END = b"\x89PNG\r\n\x1a\n", b"\x00\x00\x00\x00IEND\xaeB`\x82"
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY, _RGB, _ALPHA_BIT = 0, 2, 4
 _PAETH = 4
 _DEFLATE_RATIO = 1032  # the most bytes that one deflated byte can encode
@@ -48,7 +48,7 @@ def encode_png(pixels: Pixels) -> bytes:
     rows = np.ascontiguousarray(array.astype(array.dtype.newbyteorder(">"))).view(np.uint8).reshape(height, -1)
     deflate = zlib.compressobj(1, zlib.DEFLATED, zlib.MAX_WBITS, zlib.DEF_MEM_LEVEL, zlib.Z_RLE)
     body = deflate.compress(_paeth_filtered(rows, channels * array.dtype.itemsize).tobytes()) + deflate.flush()
-    return _SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", body) + _END
+    return _SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", body) + _chunk(b"IEND", b"")
 
 
 def decode_png(data: bytes, name: str = "PNG data") -> Pixels:
@@ -66,10 +66,15 @@ def decode_png(data: bytes, name: str = "PNG data") -> Pixels:
         raise FileError(f"{name}: {len(data)} bytes cannot hold {width} x {height} pixels; the file is damaged")
     if depth == 16 and color & _ALPHA_BIT:
         raise FileError(f"{name}: has 16 bits and an alpha channel; save it without the alpha channel")
-    if _END not in data:
-        raise FileError(f"{name}: has no end chunk; the file is damaged")
+    start, kind = len(_SIGNATURE), b""
+    while kind != b"IEND":  # Pillow ignores some truncated and changed chunks
+        length = int.from_bytes(data[start : start + 4], "big")
+        kind, end = data[start + 4 : start + 8], start + 8 + length
+        crc = data[end : end + 4]
+        if len(crc) < 4 or int.from_bytes(crc, "big") != zlib.crc32(memoryview(data)[start + 4 : end]):
+            raise FileError(f"{name}: a chunk does not match its checksum; the file is damaged")
+        start = end + 4
     try:
-        Image.open(io.BytesIO(data), formats=["PNG"]).verify()  # decoding ignores some truncated and changed chunks
         return _decode_sixteen_bit_rgb(data) if depth == 16 and color == _RGB else _decode(data, name)
     except FileError:
         raise
