@@ -84,3 +84,10 @@ def test_an_empty_download_is_refused(tmp_path):
     (tmp_path / "two_view_training_gt").mkdir()
     with pytest.raises(FileError, match="has no image with measured disparity"):
         downloaded_pairs(tmp_path)
+
+
+def test_a_pair_is_exported_as_any_sample(data, tmp_path):
+    export(data, tmp_path / "made", "eth3d")
+    export(downloaded_pairs(tmp_path / "made/ETH3D"), tmp_path / "again", "sintel")
+    image = tmp_path / "again/Sintel/training/clean_right/s1/frame_0001.png"
+    assert image.read_bytes() == (data[1].folder / "im1.png").read_bytes()

@@ -80,7 +80,7 @@ class Source:
         shot = self.sample.lens(self.lens)
         pixels = shot.image(i)
         if pixels.dtype == np.uint8:
-            return read_bytes(shot.folder / f"im{i}.png")
+            return read_bytes(shot.path(f"im{i}.png"))
         return encode_png(np.round(pixels / 257.0).astype(np.uint8))
 
     def disparity(self, i: int, most: float = np.inf, least: float = 0.0) -> Disparity:

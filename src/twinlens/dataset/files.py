@@ -222,12 +222,11 @@ def _remove(path: Path) -> None:
 def _temporary(path: Path) -> Iterator[Path]:
     """A temporary name in the folder of `path`, removed on any exception; errors as OutputError."""
     try:
-        temporary = _temporary_name(path)
-        try:
+        with contextlib.ExitStack() as stack:
+            temporary = _temporary_name(path)
+            stack.callback(_remove, temporary)
             yield temporary
-        except BaseException:
-            _remove(temporary)
-            raise
+            stack.pop_all()
     except (OutputError, InputError):
         raise
     except (OSError, ValueError) as error:

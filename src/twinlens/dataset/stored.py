@@ -275,15 +275,19 @@ class StoredShot:
         """How the images were taken, as plain data."""
         return dict(self.entry.record or {})
 
+    def path(self, name: str) -> Place:
+        """The place of the lens's file of that name."""
+        return self.folder / name if self.number else self.sample.path(name)
+
     def image(self, i: int) -> Image:
         """Image of view i, uint8 or uint16 (H, W, 3) or (H, W)."""
-        return read_png(self.folder / f"im{i}.png") if self.number else self.sample.image(i)
+        return read_png(self.path(f"im{i}.png"))
 
     im0, im1 = _View(image, 0), _View(image, 1)
 
     def radiance(self, i: int) -> NDArray[np.float32]:
         """Linear image of view i, float32 (H, W, 3), if it was stored."""
-        path = self.folder / f"radiance{i}.exr"
+        path = self.path(f"radiance{i}.exr")
         channels = read_exr(path).channels
         if not {"R", "G", "B"} <= set(channels):
             raise FileError(f"{path}: needs channels R, G and B, has {', '.join(channels)}")
