@@ -70,7 +70,7 @@ def run_board(
         write_page(output / "index.html", board, pairs, maps, **page_options(board))
     kept = len({(e.method, e.sample) for e in board.entries if not e.ok} & skipped)
     if kept:
-        click.echo(f"earlier scoring.failures kept: {kept}; use --retry-failed to rerun them", err=True)
+        click.echo(f"earlier failures kept: {kept}; use --retry-failed to rerun them", err=True)
     return board
 
 
