@@ -71,7 +71,7 @@ class _Group(click.Group):
 @click.command(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(twinlens.__version__, prog_name="twinlens")
 def cli() -> None:
-    """Physically based synthetic stereo: real optics, exact ground truth, and a benchmark for stereo matchers.
+    """Physically based synthetic stereo images, their exact ground truth, and a benchmark for stereo matchers.
 
     \b
     Example:  twinlens render staircase --lens pinhole --lens f/1.4 --sensor-width-mm 36 -o out

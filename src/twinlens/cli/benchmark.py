@@ -36,7 +36,7 @@ FOREIGN_LIMIT_S = 600.0
 )  # fmt: skip
 @click.option("--memory-limit", type=GIB, help="GiB per matcher. Runs matchers in a subprocess.")
 @click.option("--warm-up-limit", type=SECONDS, default=120.0, show_default=True,
-              help="Seconds per warm-up in a subprocess.")  # fmt: skip
+              help="Seconds for the first, untimed match of a method in a subprocess.")  # fmt: skip
 @click.option("--retry-failed", is_flag=True, help="Rerun matches that failed in an earlier run.")
 @protocol_option
 @region_option

@@ -25,19 +25,20 @@ from twinlens.factory.workers import RENEWED_AFTER
 @click.option(
     "--dry-run", is_flag=True, help="Make one sample without writing it, and print the time and disk space needed."
 )
-@click.option("--limit", type=click.IntRange(min=1), help="Make at most this many samples.")
+@click.option("--limit", type=click.IntRange(min=1), help="Make at most this many samples in this run.")
 @click.option("--shard", default="1/1", show_default=True, help="i/n: make every n-th sample, starting with the i-th.")
 @click.option("--workers", type=click.IntRange(min=1), help="Number of worker processes on this machine.")
 @click.option("--scheduler", help="Use the Dask cluster of this scheduler, such as tcp://host:8786.")
 @noise_option
-@click.option("--denoise/--no-denoise", default=None, help="Overrides the recipe's `denoise`.")
+@click.option("--denoise/--no-denoise", default=None, help="Override the recipe's `denoise`.")
 @json_option("the result")
 def command(recipe: Path, output: Place, dry_run: bool, limit: int | None, as_json: bool, **options: Any) -> int:
     """Make the dataset that RECIPE (a .toml file) describes.
 
-    The run may be stopped at any time. The same command resumes it, and the finished dataset is the same to the byte.
-    OUTPUT/preview.png shows the samples made so far. If a random draw fails a quality gate, the sample is drawn again.
-    A sample is left out if all its draws fail; it is reported at the end, and the exit code is 1.
+    The run may be stopped at any time. The same command resumes it, and the finished dataset has the same bytes as
+    that of an uninterrupted run. OUTPUT/preview.png shows the samples made so far. If a random draw fails a quality
+    gate, the sample is drawn again. A sample is left out if all its draws fail; it is reported at the end, and the exit
+    code is 1.
 
     \b
     Example:  twinlens generate recipe.toml -o out

@@ -28,8 +28,8 @@ DEFAULT_METHOD = "zncc"
 @click.option("--method", help=f"A matcher, such as zncc or sad:block_size=15,lr_check=1.  [default: {DEFAULT_METHOD}]")
 @click.option(
     "--command", "program", metavar="COMMAND",
-    help="A program instead, such as 'prog {left} {right} {out}': it reads two PNG files and writes a PFM file. "
-    "{num_disparities} and {min_disparity} are replaced too. Runs without a shell.",
+    help="A program in place of --method, such as 'prog {left} {right} {out}': it reads two PNG files and writes a PFM "
+    "file. {num_disparities} and {min_disparity} are replaced too. Not run by a shell.",
 )  # fmt: skip
 @click.option("--time-limit", type=SECONDS, help="Time limit of the program, seconds.  [default: 600]")
 @click.option(

@@ -11,7 +11,7 @@ import click
 from twinlens.errors import InputError
 
 denoise_option = click.option(
-    "--denoise/--no-denoise", default=True, show_default=True, help="Remove the renderer's noise; biased."
+    "--denoise/--no-denoise", default=True, show_default=True, help="Remove the renderer's noise; adds a small bias."
 )
 
 
@@ -55,7 +55,7 @@ SECONDS = PositiveType(1e6)
 noise_option = click.option(
     "--noise",
     type=click.FloatRange(min=0, min_open=True),
-    help="Render until the light paths' noise is at most this multiple of the sensor's, such as 0.3.",
+    help="Double the samples until the renderer's noise is at most this multiple of the sensor's, such as 0.3.",
 )
 
 

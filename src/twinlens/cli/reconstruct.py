@@ -20,9 +20,11 @@ from twinlens.reconstruction.of_sample import RECORD, reconstruct
 @click.argument("sample", type=PLACE, metavar="DATASET/SAMPLE")
 @click.option("-o", "--output", required=True, type=PATH, help="Folder of the reconstruction.")
 @click.option("--method", default="truth", show_default=True, help="truth, or a matcher: sgm, zncc:block_size=11, ...")
-@click.option("--cell-mm", type=float, help="Cell size of the fused surface.  [default: 1/160 of the longest side]")
+@click.option(
+    "--cell-mm", type=float, help="Cell size of the fused surface.  [default: 1/160 of the scene's longest side]"
+)
 @click.option("--min-views", type=click.IntRange(min=1), default=1, show_default=True, help="Views required per point.")
-@click.option("--far", type=float, default=math.inf, help="Leave out depths beyond this, metres.  [default: none]")
+@click.option("--far", type=float, default=math.inf, help="Largest depth to use, metres.  [default: no limit]")
 @click.option("--spacing-mm", type=float, help="Point spacing of the comparison.  [default: half a cell]")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier reconstruction.")
 @json_option("the comparison")
@@ -30,8 +32,8 @@ def command(sample: Place, output: Path, method: str, overwrite: bool, as_json: 
     """Reconstruct a sample from the true or matched depth maps of all its views.
 
     Matched depths are computed between neighbouring views. Neighbours that are not a rectified pair are rectified
-    first. OUTPUT gets the fused points (points.ply), the surface (mesh.ply, mesh.glb), the comparison of both with the
-    true surface in millimetres (reconstruction.json), and a picture from two viewpoints (reconstruction.png).
+    first. OUTPUT contains the fused points (points.ply), the surface (mesh.ply, mesh.glb), the comparison of both with
+    the true surface in millimetres (reconstruction.json), and a picture from two viewpoints (reconstruction.png).
 
     \b
     Example:  twinlens reconstruct out/tabletop --method sgm -o rebuilt

@@ -22,16 +22,16 @@ from twinlens.scenes import load_scene
 @click.option("--fit", default="focal", show_default=True,
               help="Focal length: focal (mean of both), all (both images fit) or valid (no empty pixels).")  # fmt: skip
 @click.option("--own-centres", is_flag=True,
-              help="Centre each view's image by its own principal point; doffs is then not 0.")  # fmt: skip
+              help="Centre each new view on what its camera sees; doffs is then not 0.")  # fmt: skip
 @click.option("--misalignment", metavar="NAME=VALUE,...",
-              help="Calibration errors of the right view: vertical_px, pitch_deg, yaw_deg, roll_deg.")  # fmt: skip
+              help="Errors of the right camera: vertical_px, pitch_deg, yaw_deg, roll_deg, focal, k1.")  # fmt: skip
 @click.option("--scene", metavar="FILE", help="Scene file; required if the scene is not bundled.")
 @click.option("--overwrite", is_flag=True, help="Replace an existing sample.")
 @json_option("what was written")
 def command(
     sample: Place, output: Path, cameras: str, scene: str | None, overwrite: bool, as_json: bool, **options: Any
 ) -> None:
-    """Rectify two views of a sample, so that matching pixels share a row, and cast the ground truth of the new views.
+    """Rectify two views of a sample, so that matching pixels share a row, with new ground truth.
 
     \b
     Example:  twinlens rectify out/cards -o rectified/cards --fit valid --own-centres

@@ -45,7 +45,7 @@ _SECTIONS = {
 @click.option("--principal-point", metavar="CX,CY",
               help="Principal point; pixel centres are at integers.  [default: the image centre]")  # fmt: skip
 @click.option("--distortion", metavar="K", help=camera_text.DISTORTION_HELP)
-@click.option("--pixel-pitch-um", type=float, help="Pixel width.  [default: 5]")
+@click.option("--pixel-pitch-um", type=float, help="Pixel width, micrometres.  [default: 5]")
 @click.option("--sensor-width-mm", metavar="MM|FORMAT", help=camera_text.SENSOR_WIDTH_HELP)
 @click.option("--baseline", type=float, help="Baseline, metres.  [default: the scene's]")
 @click.option("--rig", type=PATH, help="A .toml file that defines the rig; see docs/rigs.md.")
@@ -58,7 +58,7 @@ _SECTIONS = {
 @noise_option
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Random seed.")
 @click.option("--radiance", is_flag=True, help="Also write the linear images (radiance0.exr, radiance1.exr).")
-@click.option("--sky-disparity", is_flag=True, help="Give rays that hit nothing the disparity at infinity.")
+@click.option("--sky-disparity", is_flag=True, help="Give the sky the disparity at infinity instead of unknown.")
 @click.option("--overwrite", is_flag=True, help="Replace existing samples.")
 @json_option("the files written")
 def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bool, **options: Any) -> None:

@@ -23,9 +23,7 @@ _FOR_ONE_MAP = {"mask": "--mask", "ndisp": "--ndisp", "min_disparity": "--min-di
 
 @click.command("score")
 @click.argument("submissions", nargs=-1, required=True, metavar="MAPS...", type=PATH)
-@click.option(
-    "--truth", "truths", multiple=True, required=True, help="Dataset, or a truth map for one map. Repeatable."
-)
+@click.option("--truth", "truths", multiple=True, required=True, help="Dataset, or the truth of one map. Repeatable.")
 @click.option("-o", "--output", type=PATH, help="Folder of the board.  [required, except for one map]")
 @click.option("--mask", type=PATH, help="For one map: PNG, 255 where visible in both cameras.")
 @click.option("--ndisp", type=click.IntRange(min=1), help="For one map: estimates are clipped to [0, ndisp].")

@@ -43,7 +43,7 @@ APERTURE_HELP = (
 _BROWN_CONRADY, _FISHEYE = "k1[,k2[,p1,p2[,k3[,k4,k5,k6]]]]", "fisheye:k1[,k2,k3,k4]"
 DISTORTION_HELP = f"{_BROWN_CONRADY} in OpenCV's order (Brown-Conrady), or {_FISHEYE} (Kannala-Brandt)."
 EXPOSURE_HELP = (
-    "TIME_S[,GAIN], such as 1/60 or 0.01,4: one exposure for all lenses, so smaller apertures give darker images.  "
+    "One exposure for all lenses, such as 1/60 or 0.01,4; smaller apertures then give darker images.  "
     "[default: automatic for each lens]"
 )
 MISMATCH_HELP = (
@@ -53,7 +53,7 @@ MISMATCH_HELP = (
 SENSOR_WIDTH_HELP = (
     f"Width of the sensor in mm, or its format ({', '.join(SENSOR_WIDTHS_MM)}), instead of --pixel-pitch-um."
 )
-SENSOR_HELP = f"{', '.join(PRESETS)}; parameters may be changed: phone:prnu=0.01,filters=mono,output=linear."
+SENSOR_HELP = f"{', '.join(PRESETS)}; parameters follow a colon: phone:prnu=0.01,filters=mono,output=linear."
 
 _MISALIGNMENT: Any = settings.table_of(Misalignment)
 _SENSOR_PARAMETERS = [field.name for field in fields(Sensor) if field.name != "mismatch"]
