@@ -25,7 +25,7 @@ from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_
 from twinlens.errors import InputError
 from twinlens.factory.sources import file_digests
 from twinlens.scenes import Scene, rig_from_table
-from twinlens.sensor import Exposure, Sensor
+from twinlens.sensor import Exposure, Photo, Sensor
 from twinlens.sensor.exposure import check_exposure
 from twinlens.sensor.light import cos4
 
@@ -84,22 +84,24 @@ def make_sample(
         key = (_SHOT_STREAM, zlib.crc32(scene.name.encode()), k)  # so that no two images share noise
         stream = int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1)[0])
         report = rendering.partial_progress(progress, k / len(lenses), (k + 1) / len(lenses))
-        ratios = partial(_noise_ratios, sensor=sensor, rig=rig, lens=lens, seed=stream, exposure=exposure)
+        expose = partial(sensor.expose_rig, rig=rig, lens=lens, seed=stream, exposure=exposure)
+        views: Sequence[rendering.NoisyImage] = ()
+        used = spp
         if spp > 1 and (denoise or noise is not None):
             views, used = rendering.render_measured(
                 scene, rig, lens, spp, stream, denoise=denoise, progress=report,
-                enough=lambda views, ratios=ratios: noise is None or max(ratios(views)) <= noise,  # type: ignore[misc]
+                enough=lambda views, expose=expose: noise is None  # type: ignore[misc]
+                or max(_noise_ratios(views, expose([view.image for view in views]), sensor, rig)) <= noise,
             )  # fmt: skip
             radiances = tuple(view.image for view in views)
-            measured = {"spp": used, "light_paths_over_sensor": ratios(views)}
         else:
             radiances = tuple(rendering.render(scene, rig, lens, spp, stream, denoise=denoise, progress=report))
-            measured = {"spp": spp}
         if diffraction and lens.aperture_diameter > 0:
             pairs = zip(radiances, rig.cameras, strict=True)
             radiances = tuple(diffract(image, camera, lens, sensor.wavelengths) for image, camera in pairs)
-        photos = sensor.expose_rig(radiances, rig=rig, lens=lens, seed=stream, exposure=exposure)
-        taken = {**measured, "seed": stream, "exposures": [photo.record for photo in photos]}
+        photos = expose(radiances)
+        ratios = {"light_paths_over_sensor": _noise_ratios(views, photos, sensor, rig)} if views else {}
+        taken = {"spp": used, **ratios, "seed": stream, "exposures": [photo.record for photo in photos]}
         shots.append(Shot(lens, tuple(photo.image for photo in photos), radiances if keep_radiance else None, taken))
     record = {
         "scene": scene.name,
@@ -124,14 +126,13 @@ def make_sample(
 
 
 def _noise_ratios(
-    views: Sequence[rendering.NoisyImage], sensor: Sensor, rig: Rig, lens: Lens, seed: int, exposure: Exposure | None
+    views: Sequence[rendering.NoisyImage], photos: Sequence[Photo], sensor: Sensor, rig: Rig
 ) -> list[float]:
-    """Per view: noise of the light paths over noise of the sensor at the exposure of the images, median over pixels.
+    """Per view: noise of the light paths over noise of the sensor at the exposure of its photo, median over pixels.
 
     Both are standard deviations in electrons, over the channels and windows of 9x9 pixels. The sensor's noise is that
     of photons, readout and rounding. A mono sensor's is that of the sum of the channels.
     """
-    photos = sensor.expose_rig([view.image for view in views], rig=rig, lens=lens, seed=seed, exposure=exposure)
     found = []
     for view, photo, camera in zip(views, photos, rig.cameras, strict=True):
         rate = np.array(photo.record["electrons_per_radiance"])
