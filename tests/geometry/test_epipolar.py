@@ -153,7 +153,7 @@ def test_a_line_at_infinity_is_0_0_1():
     [
         (lambda: multiview.essential_matrix(Rig([CAMERA] * 2, [np.eye(4)] * 2)), "centres coincide"),
         (lambda: multiview.fundamental_matrix(line(CAMERA, 2, 0.1), 0, 0), "two different cameras"),
-        (lambda: multiview.fundamental_matrix(line(CAMERA, 2, 0.1), 0, 2), "out of 0 to 1"),
+        (lambda: multiview.fundamental_matrix(line(CAMERA, 2, 0.1), 0, 2), "from 0 to 1"),
         (lambda: multiview.ideal_pixels(CAMERA, [[np.nan, 0]]), "finite"),
         (lambda: multiview.epipolar_curve(line(CAMERA, 2, 0.1), [0, 0], [0.0]), "positive"),
         (lambda: epipolar.epipolar_planes(*centres(line(CAMERA, 2, 0.1)), [[np.inf] * 3]), "infinity"),

@@ -197,7 +197,7 @@ def two(place, turn=(0, 0, 0)):
         (lambda: rectify(two([0.5, 0, 0], (0, -1.5, 0))), "looks along the baseline"),
         (lambda: rectify(two([0.27, 0, 0.5])), "85 degrees"),
         (lambda: rectify(two([-0.5, 0, 0])), "exchange the two cameras"),
-        (lambda: rectify(two([0.5, 0, 0]), 0, 2), "out of 0 to 1"),
+        (lambda: rectify(two([0.5, 0, 0]), 0, 2), "from 0 to 1"),
         (lambda: rectify(two([0.5, 0, 0]), fit="al"), "did you mean 'all'"),
         (lambda: rectify(two([0.5, 0, 0]), width=0), "width"),
         (lambda: rectify(two([0.1, 0, 0], (0, 0.9, 0)), fit="valid"), "zero_doffs=False"),

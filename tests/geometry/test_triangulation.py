@@ -190,7 +190,7 @@ def test_random_pixels_give_points_or_inf(method):
     [
         (lambda r: triangulate(r, [[[1.0, 2.0]]] * 2, method="optical"), "did you mean 'optimal'"),
         (lambda r: triangulate(r, [[[1.0, 2.0]]] * 2, (0, 0)), "different cameras"),
-        (lambda r: triangulate(r, [[[1.0, 2.0]]] * 2, (0, 3)), "out of 0 to 2"),
+        (lambda r: triangulate(r, [[[1.0, 2.0]]] * 2, (0, 3)), "from 0 to 2"),
         (lambda r: triangulate(r, [[[1.0, 2.0]]] * 3, (0, 1, 2)), "'midpoint' or 'dlt'"),
         (lambda r: triangulate(r, [[[1.0, np.nan]]] * 2), "finite"),
         (lambda r: triangulate(r, [[[1.0, 2.0]], [[1.0, 2.0]] * 2]), "same N"),
@@ -198,7 +198,7 @@ def test_random_pixels_give_points_or_inf(method):
         (lambda r: covariance(r, [[0.0, 0, -1]]), "z > 0"),
         (lambda r: covariance(r, [[0.0, 0, np.inf]]), "infinity"),
         (lambda r: covariance(r, [[0.0, 0, 1]], 0.0), "sigma_px"),
-        (lambda r: covariance(r, FAR * 1e9), "not determined"),
+        (lambda r: covariance(r, FAR * 1e9), "do not determine"),
         (lambda r: correct_matches(np.diag([1.0, 0, 0]), [[1.0, 2]], [[1.0, 2]]), "rank 2"),
         (lambda r: correct_matches(np.eye(3), [[1.0, 2]], [[1.0, 2, 3]]), "equally many pixels"),
         (lambda r: correct_matches(np.eye(3), [[np.inf, 2]], [[1.0, 2]]), "finite"),

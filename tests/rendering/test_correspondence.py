@@ -181,5 +181,5 @@ def test_points_behind_the_target_are_unknown_not_nan(scene):
 
 @pytest.mark.parametrize("pair", [(0, 0), (0, 3), (-1, 0)])
 def test_an_invalid_pair_of_cameras_is_an_error(scene, pair):
-    with pytest.raises(InputError, match="two different cameras out of 0 to 2"):
+    with pytest.raises(InputError, match="two different cameras from 0 to 2"):
         tl.correspondence(scene, cases.crossed_rig(), *pair)

@@ -10,6 +10,9 @@ from twinlens.scenes import load_scene
 
 SENSORS = {
     "lookat": '<lookat origin="1, -3, 1.5" target="0, 0.2, 0.5" up="0, 0, 1"/>',
+    "lookat without up": '<lookat origin="1, -3, 1.5" target="0, 0.2, 0.5"/>',
+    "lookat with zero up": '<lookat origin="-1, 2, -1.5" target="0, 0.2, 0.5" up="0, 0, 0"/>',
+    "lookat down the y axis": '<lookat origin="0, 2, 0" target="0, 0, 0"/>',
     "chain": '<rotate x="1" angle="35"/><rotate y="1" angle="-50"/><translate x="1" y="2" z="3"/>',
     "matrix": '<matrix value="0 0 -1 4  1 0 0 2  0 -1 0 1  0 0 0 1"/>',
     "unit scale": '<rotate z="1" angle="20"/><scale value="1"/><translate value="1, 0, 2"/>',

@@ -1,7 +1,7 @@
-"""Epipolar geometry and triangulation of the cameras of a `Rig`, any poses, intrinsics and distortion.
+"""Epipolar geometry and triangulation for the cameras of a `Rig`, with any poses, intrinsics and distortion.
 
 The formulas are in `twinlens.geometry`. A pair is given by the indices (a, b) of its cameras, in this order. Ideal
-pixels are those of a lens without distortion: `ideal_pixels` converts measured ones.
+pixels are undistorted ones; `ideal_pixels` computes them from measured ones.
 """
 
 from collections.abc import Sequence
@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.rig import Rig
 from twinlens.errors import InputError, unknown
-from twinlens.geometry import Float, epipolar, inverse, transform_points
-from twinlens.geometry import triangulation as methods
+from twinlens.geometry import Float, epipolar, inverse, transform_points, triangulation
 
 _SINGULAR = 1e-12  # relative to the largest singular value
 
@@ -21,7 +20,7 @@ _SINGULAR = 1e-12  # relative to the largest singular value
 def check_pair(rig: Rig, a: int, b: int) -> None:
     """Raise InputError unless a and b are two cameras of the rig with a baseline between them."""
     if not (0 <= a < len(rig) and 0 <= b < len(rig)) or a == b:
-        raise InputError(f"a pair needs two different cameras out of 0 to {len(rig) - 1}, got {a} and {b}")
+        raise InputError(f"a pair needs two different cameras from 0 to {len(rig) - 1}, got {a} and {b}")
     epipolar.check_baseline(rig.world_from_cams[a], rig.world_from_cams[b])
 
 
@@ -37,13 +36,13 @@ def fundamental_matrix(rig: Rig, a: int = 0, b: int = 1) -> Float:
 
 
 def ideal_pixels(camera: Camera, pixels: ArrayLike) -> Float:
-    """Pixels (..., 2) of `camera` with its distortion removed: K (x, y, 1), (..., 2).
+    """The ideal pixels (..., 2), K (x, y, 1), of measured pixels (..., 2) of `camera`.
 
     Raises InputError for pixels that are not finite, or outside the range of the distortion.
     """
     measured = np.asarray(pixels, dtype=np.float64)
     if measured.shape[-1:] != (2,) or not np.isfinite(measured).all():
-        raise InputError(f"pixels must be finite, (..., 2), got shape {measured.shape}: leave out invisible points")
+        raise InputError(f"pixels must be finite, of shape (..., 2), got {measured.shape}: leave out invisible points")
     if camera.distortion is None:
         return measured
     ideal = camera.unproject(measured)[..., :2] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
@@ -92,24 +91,24 @@ def epipole_in_image(rig: Rig, a: int = 0, b: int = 1) -> Float | None:
 def triangulate(
     rig: Rig, pixels: Sequence[ArrayLike], cameras: Sequence[int] = (0, 1), method: str = "optimal"
 ) -> Float:
-    """World points (N, 3), metres, seen at `pixels`: one (N, 2) array for each of `cameras`.
+    """World points, float64 (N, 3), metres, from their measured `pixels`: one (N, 2) array for each of `cameras`.
 
-    Pixels are measured ones; the camera's distortion is removed here. `method` is "optimal" (two cameras), "midpoint"
-    or "dlt"; see `geometry.triangulation`. float64; +inf in all three coordinates where no point in front of every
-    camera exists: parallel rays (a point at infinity), diverging rays, or rays along the baseline.
+    `method` is "optimal" (two cameras), "midpoint" or "dlt"; see `geometry.triangulation`. A point is +inf in all three
+    coordinates if there is none in front of every camera: parallel rays (a point at infinity), diverging rays, or rays
+    along the baseline.
 
     Raises InputError for pixels that are not finite, cameras without a baseline, or an unknown method.
     """
-    if method not in methods.METHODS:
-        raise unknown("triangulation method", method, methods.METHODS)
+    if method not in triangulation.METHODS:
+        raise unknown("triangulation method", method, triangulation.METHODS)
     chosen = _checked_cameras(rig, pixels, cameras)
-    ideal = [ideal_pixels(rig.cameras[i], seen) for i, seen in zip(chosen, pixels, strict=True)]
-    shapes = [seen.shape for seen in ideal]
+    ideal = [ideal_pixels(rig.cameras[i], measured) for i, measured in zip(chosen, pixels, strict=True)]
+    shapes = [each.shape for each in ideal]
     if len(set(shapes)) != 1 or ideal[0].ndim != 2:
         raise InputError(f"pixels must be (N, 2), with the same N in every camera, got {shapes}")
     poses = [rig.world_from_cams[i] for i in chosen]
-    points = methods.METHODS[method]([rig.cameras[i].K for i in chosen], poses, ideal)
-    return np.where(methods.in_front(poses, points)[:, None], points, np.inf)
+    points = triangulation.METHODS[method]([rig.cameras[i].K for i in chosen], poses, ideal)
+    return np.where(triangulation.in_front(poses, points)[:, None], points, np.inf)
 
 
 def covariance(
@@ -118,11 +117,11 @@ def covariance(
     """Covariance (N, 3, 3), square metres in world axes, of points (N, 3) triangulated from noisy pixels.
 
     To first order C = (sum_i J_i^T J_i / sigma_i^2)^-1, J_i the (2, 3) derivative of the pixel in camera i (distortion
-    included). The optimal method reaches this bound. `sigma_px` is the standard deviation of u and of v, pixels,
-    independent, one number or one per camera. Source: Hartley and Zisserman 2004, section 5.2.
+    included). The optimal method reaches this bound. `sigma_px` is the standard deviation of the independent errors of
+    u and v, pixels: one number, or one per camera. Source: Hartley and Zisserman 2004, section 5.2.
 
-    Raises InputError for points at infinity, behind a camera, or that the pixels do not determine: near the line
-    through the centres, or very far.
+    Raises InputError for points at infinity or behind a camera, and for points that the pixels do not determine: near
+    the line through the centres, or very far away.
     """
     chosen = _checked_cameras(rig, cameras, cameras)
     points = np.asarray(points_world, dtype=np.float64)
@@ -134,22 +133,23 @@ def covariance(
     rows = []
     for i, sigma in zip(chosen, sigmas, strict=True):
         cam_from_world = inverse(rig.world_from_cams[i])
-        in_camera = rig.cameras[i].projection_jacobian(transform_points(cam_from_world, points))
-        rows.append(in_camera @ cam_from_world[:3, :3] / sigma)
-    _, size, axes = np.linalg.svd(np.concatenate(rows, axis=1))
-    if (size[:, 2] <= _SINGULAR * size[:, 0]).any():
-        where = "on the line through the cameras, or very far away,"
-        raise InputError(f"a point {where} is not determined by its pixels: leave it out")
-    return np.asarray(np.einsum("nki,nk,nkj->nij", axes, size**-2, axes))
+        jacobian = rig.cameras[i].projection_jacobian(transform_points(cam_from_world, points))
+        rows.append(jacobian @ cam_from_world[:3, :3] / sigma)
+    _, singular, axes = np.linalg.svd(np.concatenate(rows, axis=1))
+    if (singular[:, 2] <= _SINGULAR * singular[:, 0]).any():
+        raise InputError(
+            "the pixels do not determine a point on the line through the cameras, or very far away: leave it out"
+        )
+    return np.asarray(np.einsum("nki,nk,nkj->nij", axes, singular**-2, axes))
 
 
 def _checked_cameras(rig: Rig, pixels: Sequence[object], cameras: Sequence[int]) -> tuple[int, ...]:
-    """The cameras; InputError unless they are different, two of them have a baseline, and each has pixels."""
+    """The cameras. InputError unless they differ, each has pixels, and two of them have a baseline."""
     chosen = tuple(cameras)
     if len(chosen) < 2 or len(chosen) != len(pixels) or len(set(chosen)) != len(chosen):
         got = f"cameras {list(chosen)} and {len(pixels)} arrays"
         raise InputError(f"triangulation needs pixels of two or more different cameras, got {got}")
     if not all(0 <= i < len(rig) for i in chosen):
-        raise InputError(f"cameras must be out of 0 to {len(rig) - 1}, got {list(chosen)}")
+        raise InputError(f"cameras must be from 0 to {len(rig) - 1}, got {list(chosen)}")
     check_pair(rig, chosen[0], max(chosen[1:], key=lambda i: rig.baseline(chosen[0], i)))
     return chosen

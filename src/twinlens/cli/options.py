@@ -95,5 +95,5 @@ def parse_pair(text: str, count: int) -> tuple[int, int]:
         raise InputError(f"--cameras must be A,B, such as 0,1, got {text!r}")
     a, b = (int(part) for part in parts)
     if a == b or max(a, b) >= count:
-        raise InputError(f"--cameras {text}: must be two different cameras out of 0 to {count - 1}")
+        raise InputError(f"--cameras {text}: must be two different cameras from 0 to {count - 1}")
     return a, b

@@ -69,7 +69,7 @@ def correspondence_of(truths: tuple[Truth, Truth], rig: Rig, source: int, target
     Raises InputError unless the two are different cameras of the rig.
     """
     if not (0 <= source < len(rig) and 0 <= target < len(rig)) or source == target:
-        raise InputError(f"a pair needs two different cameras out of 0 to {len(rig) - 1}, got {source} and {target}")
+        raise InputError(f"a pair needs two different cameras from 0 to {len(rig) - 1}, got {source} and {target}")
     here, there = truths
     points = geometry.transform_points(geometry.inverse(rig.world_from_cams[target]), here.position[here.hit])
     projected = rig.cameras[target].project(points)

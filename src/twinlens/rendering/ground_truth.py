@@ -63,7 +63,7 @@ def correspondence(scene: Scene, rig: Rig, source: int = 0, target: int = 1, *, 
     """
     check_view(scene, rig)
     if not (0 <= source < len(rig) and 0 <= target < len(rig)) or source == target:
-        raise InputError(f"a pair needs two different cameras out of 0 to {len(rig) - 1}, got {source} and {target}")
+        raise InputError(f"a pair needs two different cameras from 0 to {len(rig) - 1}, got {source} and {target}")
     built = build(scene)
     pixels, disparity, visible = _project_into(built, rig, _cast_view(built, rig, source), target, sky)
     shape = rig.cameras[source].height, rig.cameras[source].width

@@ -42,11 +42,10 @@ VALUES = {"boolean", "integer", "float", "string", "rgb", "vector", "point", "re
 TRANSFORMS = {"transform", "translate", "rotate", "scale", "lookat", "matrix"}
 _NUMERIC_TAGS = {"boolean", "integer", "float", "rgb", "vector", "point", *TRANSFORMS}
 _NUMERIC_ATTRIBUTES = {"value", "x", "y", "z", "angle", "origin", "target", "up"}
-_DEEPEST = 200  # elements inside one another
+_MAX_DEPTH = 200  # of nested elements
 _FILE_PARAMETER = re.compile(r"file|path", re.IGNORECASE)
 _NUMBERS = re.compile(r"[\d.eE+\-,:\s]*")
 _LOOKS_LIKE_PATH = re.compile(r"[/\\]|^\.|\.[A-Za-z]\w{1,7}$")
-
 
 _PICTURES: dict[tuple[str, str | None], Any] = {("emitter", "envmap"): read_sky, ("texture", "bitmap"): decode_picture}
 _MITSUBA_FROM_OPENCV = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -67,7 +66,7 @@ def read_scene_xml(path: Path) -> Scene:
         transforms = (each for each in sensor.findall("transform") if each.get("name") in ("to_world", "toWorld"))
         to_world = np.eye(4)
         for step in next(transforms, ()):
-            to_world = _step(step) @ to_world
+            to_world = _matrix(step) @ to_world
         if not np.linalg.det(to_world[:3, :3]) > 0:
             raise InputError("to_world is mirrored or singular; a camera needs a rotation")
         pose, fov = check_rigid(to_world @ _MITSUBA_FROM_OPENCV, "to_world"), _fov_x_deg(sensor)
@@ -95,11 +94,11 @@ def checked_xml(path: Path) -> tuple[Element, list[Path]]:
     builder = TreeBuilder()
     parser = expat.ParserCreate()
 
-    def refuse(*_: Any) -> None:
+    def reject(*_: Any) -> None:
         raise FileError(f"{path}: line {parser.CurrentLineNumber}: a scene needs no <!DOCTYPE> or <!ENTITY>; remove it")
 
-    parser.StartDoctypeDeclHandler = refuse
-    parser.EntityDeclHandler = refuse
+    parser.StartDoctypeDeclHandler = reject
+    parser.EntityDeclHandler = reject
     parser.StartElementHandler = builder.start
     parser.EndElementHandler = builder.end
     parser.CharacterDataHandler = builder.data
@@ -113,8 +112,8 @@ def checked_xml(path: Path) -> tuple[Element, list[Path]]:
     elements = [("scene", root, 0)]
     while elements:
         where, element, depth = elements.pop()
-        if depth > _DEEPEST:
-            raise InputError(f"{path}: scene: elements are nested more than {_DEEPEST} deep")
+        if depth > _MAX_DEPTH:
+            raise InputError(f"{path}: scene: elements are nested more than {_MAX_DEPTH} deep")
         with located(f"{path}: {where}"):
             _check_element(element, context)
         elements += [(f"{where}.{child.tag}", child, depth + 1) for child in reversed(element)]
@@ -157,7 +156,7 @@ def _check_no_path(value: str, context: SceneContext) -> None:
     if _LOOKS_LIKE_PATH.search(value):
         raise InputError(f"{value!r} looks like a file name, which is not allowed here")
     if 0 < len(value.encode()) < 256 and (context.folder / value).is_symlink():
-        find_asset(value, context)  # if a plugin reads it nevertheless, it must be below the folder
+        find_asset(value, context)  # a plugin may still read it as a file, so it must be in the folder
 
 
 def _floats(text: str, count: int) -> list[float]:
@@ -198,13 +197,15 @@ def _fov_x_deg(sensor: Element) -> float:
     return math.degrees(2 * math.atan(math.tan(angle / 2) * width / sides[axis]))
 
 
-def _step(step: Element) -> Float:
+def _matrix(step: Element) -> Float:
+    """The 4x4 matrix of one element of a <transform>."""
     if step.tag == "matrix":
         return np.array(_floats(step.get("value", ""), 16)).reshape(4, 4)
     if step.tag == "lookat":
-        origin, target = (_floats(step.get(key, ""), 3) for key in ("origin", "target"))
+        origin, target = (np.array(_floats(step.get(key, ""), 3)) for key in ("origin", "target"))
+        up = np.array(_floats(step.get("up", "0 0 0"), 3))
         try:
-            return look_at(origin, target, _floats(step.get("up", "0 1 0"), 3)) @ _MITSUBA_FROM_OPENCV
+            return look_at(origin, target, up if up.any() else _default_up(target - origin)) @ _MITSUBA_FROM_OPENCV
         except InputError as error:
             raise InputError("lookat needs different origin and target, and up not along the line of sight") from error
     if step.tag == "scale":
@@ -217,6 +218,15 @@ def _step(step: Element) -> Float:
             raise InputError("rotate needs an axis that is not zero")
         return rotation(axis, _floats(step.get("angle", ""), 1)[0])
     raise InputError(f"to_world has <{step.tag}>, which is not a transform")
+
+
+def _default_up(forward: Float) -> Float:
+    """The up vector (3,) that Mitsuba uses for a lookat without one: axis s of its `coordinate_system(forward)`.
+
+    Source: Duff et al., Building an Orthonormal Basis, Revisited, JCGT 6(1), 2017.
+    """
+    x, y, z = forward / (np.linalg.norm(forward) or 1.0)
+    return np.array([1.0 - x * x / (1.0 + abs(z)), -x * y / (1.0 + abs(z)), -math.copysign(1.0, z) * x])
 
 
 def _xyz(step: Element, default: str) -> list[float]:
