@@ -33,7 +33,7 @@ def render_sample(folder: Path, name: str, scene: Scene, definition: dict[str, A
     """Render a scene through both lenses, or through the pinhole only, with another gain of the right camera."""
     rig = default_rig(scene, definition["width"], definition["height"])
     wide = ThinLens(definition["aperture_of_baseline"] * rig.baseline(), middle_focus(*scene.depth_range))
-    sensor = Sensor.preset(definition["sensor"])
+    sensor = Sensor.preset(definition["sensor"], vignetting=False)
     if unequal_gain:
         sensor = sensor.replace(mismatch=Mismatch(gain=definition["mismatch"]["gain"]))
     lenses = (Pinhole(),) if unequal_gain else (Pinhole(), wide)

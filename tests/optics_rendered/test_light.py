@@ -12,7 +12,7 @@ from twinlens.sensor import Exposure
 
 SENSOR = tl.Sensor(
     quantum_efficiency=(1.0, 1.0, 1.0), full_well=1e6, read_noise=0.0, dark_current=0.0, prnu=0.0, dsnu=0.0,
-    adc_bits=16, black_level=0.0, output="linear", bits=16, white_balance=False,
+    adc_bits=16, black_level=0.0, output="linear", bits=16, white_balance=False, vignetting=False,
 )  # fmt: skip
 
 

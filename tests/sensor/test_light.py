@@ -10,7 +10,7 @@ from scipy.integrate import quad
 
 from twinlens.camera import Annulus, BareAperture, Camera, MaskAperture, Pinhole, Polygon, Rig, ThinLens
 from twinlens.sensor import Exposure, ParaxialWarning, Sensor
-from twinlens.sensor.light import irradiance_factor, working_f_number
+from twinlens.sensor.light import irradiance_factor, vignetting, working_f_number
 
 CAMERA = Camera(96, 64, 100.0, 100.0, 47.5, 31.5)
 WIDTHS = [0.01, 0.5, 1.0, 5.0, 20.0, 100.0]
@@ -121,3 +121,46 @@ def test_the_record_has_the_working_f_number():
     assert record["working_f_number"] == pytest.approx(2.8 * (1 + camera.film_distance / 0.1))
     assert working_f_number(camera, lens, 8.0) == record["working_f_number"]
     json.dumps(record)
+
+
+@pytest.mark.parametrize("f_number", [1.4, 2.0, 2.8, 4.0])
+def test_mechanical_vignetting_equals_rays_traced_through_stop_and_rim(f_number):
+    """Parallel rays through random points of the stop, of which those count that pass the rim before it."""
+    camera = Camera(101, 1, 60.0, 60.0, 50.0, 0.0, pixel_pitch_um=100.0)
+    v = camera.film_distance
+    diameter = v / f_number
+    rng = np.random.default_rng(5)
+    radius, angle = diameter / 2 * np.sqrt(rng.random(100_000)), rng.uniform(0, 2 * np.pi, 100_000)
+    x, y = radius * np.cos(angle), radius * np.sin(angle)
+    tangent = (np.arange(101) - 50) / 60
+    passed = [np.mean(np.hypot(x + 0.5 * v * t, y) <= v / 1.4 / 2) for t in tangent]
+    found = vignetting(camera, ThinLens(diameter, 2.0))[0]
+    assert found == pytest.approx(np.cos(np.arctan(tangent)) ** 4 * passed, abs=5 * 0.5 / math.sqrt(100_000))
+
+
+def test_vignetting_of_the_corners_falls_by_stopping_down():
+    camera = Camera.from_fov(640, 480, fov_x_deg=50)
+    natural = vignetting(camera, Pinhole())
+    corner = [
+        (vignetting(camera, ThinLens(camera.film_distance / n, 2.0)) / natural)[0, 0] for n in (0.1, 1.4, 2, 2.8, 4, 8)
+    ]
+    assert corner[0] > 0.95  # wider than any barrel: only cos^4 is left
+    assert 0.4 < corner[1] < 0.6
+    assert corner[1:] == sorted(corner[1:])
+    assert corner[-1] == pytest.approx(1, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("lens", "on", "dark"),
+    [
+        (Pinhole(), None, False), (Pinhole(), True, True), (ThinLens(3e-5, 1.0), None, True),
+        (ThinLens(0.0, 1.0), None, False), (ThinLens(1e-4, 1.0), False, False),
+        (BareAperture(1e-4, CAMERA.film_distance), None, True),
+    ],
+)  # fmt: skip
+def test_lenses_of_some_width_have_vignetting_by_default(lens, on, dark):
+    sensor = Sensor(vignetting=on, output="linear", bits=16)
+    flat = np.ones((64, 96, 3))
+    image = sensor.expose(flat, camera=CAMERA, lens=lens).image.mean(axis=-1)
+    ratio = image[:4, :4].mean() / image[28:36, 44:52].mean()
+    assert ratio == pytest.approx(1 / (1 + 0.46**2 + 0.3**2) ** 2 if dark else 1, rel=0.02)

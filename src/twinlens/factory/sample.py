@@ -27,7 +27,6 @@ from twinlens.factory.sources import file_digests
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.sensor import Exposure, Photo, Sensor
 from twinlens.sensor.exposure import check_exposure
-from twinlens.sensor.light import cos4
 
 _SHOT_STREAM = 2
 
@@ -90,8 +89,8 @@ def make_sample(
         if spp > 1 and (denoise or noise is not None):
             views, used = rendering.render_measured(
                 scene, rig, lens, spp, stream, denoise=denoise, progress=report,
-                enough=lambda views, expose=expose: noise is None  # type: ignore[misc]
-                or max(_noise_ratios(views, expose([view.image for view in views]), sensor, rig)) <= noise,
+                enough=lambda views, expose=expose, lens=lens: noise is None  # type: ignore[misc]
+                or max(_noise_ratios(views, expose([view.image for view in views]), sensor, rig, lens)) <= noise,
             )  # fmt: skip
             radiances = tuple(view.image for view in views)
         else:
@@ -100,7 +99,7 @@ def make_sample(
             pairs = zip(radiances, rig.cameras, strict=True)
             radiances = tuple(diffract(image, camera, lens, sensor.wavelengths) for image, camera in pairs)
         photos = expose(radiances)
-        ratios = {"light_paths_over_sensor": _noise_ratios(views, photos, sensor, rig)} if views else {}
+        ratios = {"light_paths_over_sensor": _noise_ratios(views, photos, sensor, rig, lens)} if views else {}
         taken = {"spp": used, **ratios, "seed": stream, "exposures": [photo.record for photo in photos]}
         shots.append(Shot(lens, tuple(photo.image for photo in photos), radiances if keep_radiance else None, taken))
     record = {
@@ -126,7 +125,7 @@ def make_sample(
 
 
 def _noise_ratios(
-    views: Sequence[rendering.NoisyImage], photos: Sequence[Photo], sensor: Sensor, rig: Rig
+    views: Sequence[rendering.NoisyImage], photos: Sequence[Photo], sensor: Sensor, rig: Rig, lens: Lens
 ) -> list[float]:
     """Per view: noise of the light paths over noise of the sensor at the exposure of its photo, median over pixels.
 
@@ -135,9 +134,7 @@ def _noise_ratios(
     """
     found = []
     for view, photo, camera in zip(views, photos, rig.cameras, strict=True):
-        rate = np.array(photo.record["electrons_per_radiance"])
-        if sensor.vignetting:
-            rate = rate * cos4(camera)[..., None]
+        rate = sensor.pixel_rates(camera, lens) * photo.record["time_s"]
         electrons, error = np.maximum(view.image * rate, 0), view.error * rate
         if sensor.filters == "mono":
             electrons, error = (part.sum(axis=-1, keepdims=True) for part in (electrons, error))

@@ -5,10 +5,12 @@
     rate = QE * E * pixel area / (h c / lambda)        electrons per second in a pixel
 
 The two agree within (A/2v)^2. A rendered image is the mean radiance over the open aperture, weighted evenly: natural
-vignetting is the cos^4 of the aperture's centre, also for wide apertures.
+vignetting is the cos^4 of the aperture's centre, also for wide apertures. Mechanical vignetting darkens the image; the
+blur circles keep their shape.
 
 Sources: Born and Wolf, Principles of Optics, 7th ed., section 4.8.3; Howell, A Catalog of Radiation Heat Transfer
-Configuration Factors, B-12 (disk to element); EMVA Standard 1288, release 4.0 linear, section 2.
+Configuration Factors, B-12 (disk to element); EMVA Standard 1288, release 4.0 linear, section 2; Asada, Amano and Baba,
+Photometric calibration of zoom lens systems, ICPR 1996 (vignetting by two circles).
 """
 
 import math
@@ -17,12 +19,14 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera import BareAperture, Camera, Disk, Lens, film_distance
+from twinlens.camera import BareAperture, Camera, Disk, Lens, ThinLens, film_distance
 
 Float = NDArray[np.float64]
 
 PLANCK = 6.62607015e-34  # J s, exact in the SI
 SPEED = 299792458.0  # m/s, of light, exact in the SI
+_OPEN = 1.4  # f-number of the widest beam on the axis that passes the barrel
+_RIM = 0.5  # distance of the barrel's rim from the stop, in film distances: a double Gauss lens is about as long as v
 _STRATA = 256  # per side, over a bare aperture that is not a disk
 
 
@@ -81,3 +85,26 @@ def cos4(camera: Camera) -> Float:
     x = (np.arange(camera.width) - camera.cx) / camera.fx
     y = (np.arange(camera.height) - camera.cy) / camera.fy
     return 1.0 / (1.0 + x[None, :] ** 2 + y[:, None] ** 2) ** 2
+
+
+def vignetting(camera: Camera, lens: Lens) -> Float:
+    """The light of the pixels relative to the axis, (H, W): natural, and for a lens of some width also mechanical.
+
+    The rim of the barrel is a circle as wide as the f/1.4 beam, or as the lens if that is wider, half a film distance
+    before the stop. Light at an angle passes where the two circles overlap. Stopping down removes this.
+    """
+    natural, radius = cos4(camera), 0.5 * lens.aperture_diameter
+    if not isinstance(lens, ThinLens) or radius == 0:
+        return natural
+    rim = max(0.5 * camera.film_distance / _OPEN, radius)
+    shift = _RIM * camera.film_distance * np.sqrt(natural**-0.5 - 1)  # natural^-1/2 = 1 + tan^2
+    return natural * _overlap(shift, radius, rim)
+
+
+def _overlap(distance: Float, small: float, large: float) -> Float:
+    """The share of a circle of radius `small` in one of radius `large`, by the distance of their centres."""
+    d = np.clip(distance, max(large - small, 1e-9 * large), large + small)
+    cut = np.arccos(np.clip((d**2 + small**2 - large**2) / (2 * d * small), -1, 1))
+    arc = np.arccos(np.clip((d**2 + large**2 - small**2) / (2 * d * large), -1, 1))
+    kite = d * small * np.sin(cut)
+    return np.asarray((small**2 * cut + large**2 * arc - kite) / (math.pi * small**2))

@@ -74,7 +74,8 @@ class Sensor:
     bits : of the image, 8 or 16; a raw image is uint8 for 8 adc_bits, otherwise uint16.
     white_balance : scale the channels so that equal radiances give equal values.
     shot_noise : Poisson noise of light and dark current.
-    vignetting : natural vignetting, cos^4 of the field angle.
+    vignetting : cos^4 of the field angle, and for a lens the barrel's (`light.vignetting`); None, the default, is True
+    where the lens has a width.
     radiance_scale : W/(m^2 sr), in the band of each channel, of a rendered radiance of 1.
     pinhole_f_number : the f-number at which an aperture of zero width is exposed.
     longest_exposure, largest_gain : limits of the automatic exposure: seconds, and a factor.
@@ -99,7 +100,7 @@ class Sensor:
     bits: int = 8
     white_balance: bool = True
     shot_noise: bool = True
-    vignetting: bool = False
+    vignetting: bool | None = None
     radiance_scale: float = 1.0
     pinhole_f_number: float = 8.0
     longest_exposure: float = 30.0
@@ -122,7 +123,7 @@ class Sensor:
             raise InputError(f"sensor bits must be 8 or 16, got {self.bits}")
         for name in ("white_balance", "shot_noise", "vignetting"):
             value = getattr(self, name)
-            if not isinstance(value, (bool, np.bool_)):
+            if not isinstance(value, (bool, np.bool_)) and not (name == "vignetting" and value is None):
                 raise InputError(f"sensor {name} must be True or False, got {format_value(value)}")
         for name, known in (("filters", picture.FILTERS), ("output", OUTPUTS)):
             value = getattr(self, name)
@@ -276,8 +277,13 @@ class Sensor:
 
     def _rates(self, image: Float, camera: Camera, lens: Lens) -> Float:
         """Expected electrons per second, (H, W, 3)."""
-        rates = image * self.electrons_per_radiance(camera, lens)
-        return rates * light.cos4(camera)[..., None] if self.vignetting else rates
+        return image * self.pixel_rates(camera, lens)
+
+    def pixel_rates(self, camera: Camera, lens: Lens) -> Float:
+        """Electrons per second per unit of rendered radiance, (H, W, 3); (3,) without vignetting."""
+        rates = self.electrons_per_radiance(camera, lens)
+        on = lens.aperture_diameter > 0 if self.vignetting is None else self.vignetting
+        return rates * light.vignetting(camera, lens)[..., None] if on else rates
 
     def _wells(self, image: Float, camera: Camera, lens: Lens, time: float, seed: int, eye: int) -> Float:
         """Electrons of each pixel at the end of the exposure, (H, W, 3) or (H, W)."""

@@ -2,7 +2,7 @@
 
 ideal
     EMVA 1288's ideal sensor: every photon is counted, without any noise but shot noise; ``shot_noise=False`` removes
-    that too. Its full well and converter are chosen large.
+    that too. Its full well and converter are chosen large, and it is without the vignetting of lenses.
 machine_vision
     A global-shutter CMOS of 3.45 um pixels, Sony IMX250. Matrix Vision's manual of the mvBlueFOX3-2051 gives, after
     EMVA 1288 and for the monochrome camera, a maximal SNR of 40.3 dB, that is a full well of 10^4.03 = 10700 electrons,
@@ -31,6 +31,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "dsnu": 0.0,
         "adc_bits": 16,
         "black_level": 0.0,
+        "vignetting": False,
     },
     "machine_vision": {
         "quantum_efficiency": (0.55, 0.62, 0.50),

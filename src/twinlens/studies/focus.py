@@ -23,7 +23,7 @@ MISMATCH_BLUR_PX = 6.0
 LINE_APERTURE, LINE_BASELINE, LINE_FOCUS = 0.08, 0.08, 2.0
 LINE_DEPTHS = (0.8, 1.0, 1.25, 1.6, 2.6, 3.5, 5.0, 9.0)
 LAMP_PX = 3.0  # diameter of a lamp's image through a pinhole
-SENSOR = Sensor.preset("machine_vision")
+SENSOR = Sensor.preset("machine_vision", vignetting=False)
 _LINE_SPP = 1024
 _SLOPE_TOLERANCE = 0.01
 

@@ -21,7 +21,7 @@ SIZES = (3, 5, 7, 9, 13, 17, 21, 31)
 REGIONS = ("nonocc", "textureless", "discontinuity", "out-of-focus")
 COMPARED = {"ssd:block_size=21": "SSD, fixed 21x21", "adaptive": "adaptive window", "sgm": "semi-global"}
 BLUR_PX = 6.0  # at the ends of a scene's depth range
-SENSOR = Sensor.preset("machine_vision")
+SENSOR = Sensor.preset("machine_vision", vignetting=False)
 _MAX_ERROR_PX = 4.0
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from twinlens.camera import ThinLens
 from twinlens.camera.diffraction import diffract
 from twinlens.rendering import LensGrid, render_lens_grid
-from twinlens.sensor import Exposure, Sensor, auto_exposure
+from twinlens.sensor import Exposure, auto_exposure
 from twinlens.studies.aperture import theory
 from twinlens.studies.aperture.theory import F_NUMBERS, MODES, SENSOR, SHARP_AT, SIDE, WAVELENGTH, Evidence, Model
 from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, is_above, predicted, sweep
@@ -28,7 +28,7 @@ Radiance = Sequence[NDArray[np.float32]]
 
 EXPOSED_AT = 1.0  # the f-number whose automatic exposure is the fixed exposure
 GRAIN_AT = 5.6  # the f-number whose image is sharp enough to measure the texture's grain
-LINEAR = Sensor.preset("machine_vision", output="linear", bits=16, wavelengths=(WAVELENGTH,) * 3)
+LINEAR = SENSOR.replace(output="linear", bits=16)
 _CROP, _ZOOM = 40, 3
 _LAW_AT = 11.0
 ALLOWED_STOPS = 1.5  # the Cramer-Rao bound, (N/N0 + N0/N) / 2 of its minimum, is 1.14 there

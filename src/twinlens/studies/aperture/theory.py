@@ -36,7 +36,7 @@ MODES = ("fixed exposure", "equal brightness")
 PIXEL_PITCH_UM = 3.45
 BLUR_PX, BLURRED_LESS = 24.0, 0.95  # the blur at f/1 that this fraction of the pixels does not exceed
 WAVELENGTH = 549e-9
-SENSOR = Sensor.preset("machine_vision", wavelengths=(WAVELENGTH,) * 3)
+SENSOR = Sensor.preset("machine_vision", wavelengths=(WAVELENGTH,) * 3, vignetting=False)
 LUMA = np.array([0.299, 0.587, 0.114])
 _PATCH = 16
 RIGHT_PX = 2  # largest error of a correct match
