@@ -20,9 +20,7 @@ from twinlens.reconstruction.of_sample import RECORD, reconstruct
 @click.argument("sample", type=PLACE, metavar="DATASET/SAMPLE")
 @click.option("-o", "--output", required=True, type=PATH, help="Folder of the reconstruction.")
 @click.option("--method", default="truth", show_default=True, help="truth, or a matcher: sgm, zncc:block_size=11, ...")
-@click.option(
-    "--cell-mm", type=float, help="Cell size of the fused surface.  [default: 1/160 of the scene's longest side]"
-)
+@click.option("--cell-mm", type=float, help="Cell size of the fused surface.  [default: 1/160 of the points' extent]")
 @click.option("--min-views", type=click.IntRange(min=1), default=1, show_default=True, help="Views required per point.")
 @click.option("--far", type=float, default=math.inf, help="Largest depth to use, metres.  [default: no limit]")
 @click.option("--spacing-mm", type=float, help="Point spacing of the comparison.  [default: half a cell]")
