@@ -192,5 +192,5 @@ def test_the_noise_ratio_is_that_of_the_electrons_in_a_pixel(scene, filters, vig
     shade = np.median(cos4(rig.cameras[0])) if vignetting else 1.0
     expected = np.sqrt(np.mean(0.1**2 * rate * shade / 0.5))
     photos = sensor.expose_rig([view.image for view in views], rig=rig, lens=tl.Pinhole(), exposure=exposure)
-    found = _noise_ratios(views, photos, sensor, rig)
+    found = _noise_ratios(views, photos, sensor, rig, tl.Pinhole())
     np.testing.assert_allclose(found, expected, rtol=0.05)
