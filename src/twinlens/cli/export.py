@@ -15,7 +15,7 @@ from twinlens.dataset.export import LAYOUTS, export
 @click.argument("dataset", type=PLACE)
 @click.option("--to", "layout", required=True, help=", ".join(LAYOUTS) + ".")
 @click.option("-o", "--output", required=True, type=PLACE, help="Folder of the export.")
-@click.option("--lens", type=click.IntRange(min=0), default=0, show_default=True, help="Lens to export; 0 is the first.")
+@click.option("--lens", type=click.IntRange(min=0), default=0, show_default=True, help="Lens to export; 0 is first.")
 @click.option("--split", help="Export only the samples of this split.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier export.")
 @json_option("the files and their sizes")
