@@ -178,7 +178,7 @@ def test_path_costs_equal_paths_followed_one_by_one(depth, paths, large):
     total[~is_candidate((5, 110), 0, depth)] = np.inf
     penalties = Penalties(7, large, 60)
     volume = costs.astype(penalties.dtype)
-    got = Sweeps(lambda start, stop: volume[start:stop], costs.shape, paths, penalties, 0, depth, "none").chosen(
+    got = Sweeps(lambda start, stop: volume[start:stop], costs.shape, paths, penalties, 0, depth, "none").winners(
         2, rivals=True
     )
     near = np.abs(np.arange(depth) - total.argmin(-1)[..., None]) < 2

@@ -17,7 +17,7 @@ from twinlens.matching.kernels import LANES
 CACHE_LINE = 64
 FITS = {"none": 0, "v": 1, "parabola": 2}
 STATISTICS = {"zssd": 0, "jaccard": 0, "zncc": 1, "ncc": 2}
-"""The mode of `kernels.windows.window_statistics` that a scoring takes; "sum" takes none."""
+"""The mode of `kernels.windows.window_statistics` for a scoring; "sum" needs none."""
 ROUNDING = 2.0**-40
 """Floats that differ by less than this part of the largest cost are equal."""
 FLOAT_ROWS = 64  # float sums depend on where a strip begins, so float images are always cut in the same places
@@ -46,10 +46,10 @@ def in_strips(work: Callable[[int, int], None], height: int, rows: int, threads:
 
 
 @dataclass(frozen=True)
-class Chosen:
-    """A search's result, (H, W) each: disparity float32, its cost, and the lowest cost two or more candidates away.
+class Winners:
+    """The best candidates, (H, W) each: disparity float32, its cost, and the lowest cost two or more candidates away.
 
-    disparity and the costs are +inf where there is no candidate. The costs have shape (H, 0) where they are not wanted.
+    disparity and the costs are +inf where there is no candidate. Without costs, these have shape (H, 0).
     """
 
     disparity: Disparity
@@ -57,22 +57,22 @@ class Chosen:
     rival: NDArray[np.float64]
 
     @staticmethod
-    def empty(shape: tuple[int, ...], costs: bool = True) -> "Chosen":
-        wanted = shape if costs else (shape[0], 0)
-        return Chosen(np.full(shape, np.inf, np.float32), np.full(wanted, np.inf), np.full(wanted, np.inf))
+    def empty(shape: tuple[int, ...], costs: bool = True) -> "Winners":
+        size = shape if costs else (shape[0], 0)
+        return Winners(np.full(shape, np.inf, np.float32), np.full(size, np.inf), np.full(size, np.inf))
 
     def rows(self, start: int, stop: int) -> tuple[NDArray[Any], ...]:
-        """(cost, rival, disparity) of these rows, as `kernels.settle.settle_rows` takes them."""
+        """(cost, rival, disparity) of these rows, as `kernels.winners.winners_of_rows` takes them."""
         return self.cost[start:stop], self.rival[start:stop], self.disparity[start:stop]
 
 
 def in_lanes(count: int) -> int:
-    """The smallest multiple of LANES that holds `count` candidates."""
+    """`count` candidates, rounded up to a multiple of LANES."""
     return -(-count // LANES) * LANES
 
 
 def limits(dtype: Any, slack: float = 0.0) -> tuple[Any, Any]:
-    """(slack, largest number) of a cost dtype, as `kernels.settle.settle_row` takes them."""
+    """(slack, largest number) of a cost dtype, as `kernels.winners.winners_of_row` takes them."""
     kind = np.dtype(dtype).type
     return kind(slack), kind(np.inf if np.dtype(dtype).kind == "f" else np.iinfo(dtype).max)
 
@@ -105,27 +105,27 @@ class BoxMatch:
         self.depth = in_lanes(self.count)
         self.numbers: Numbers = numbers(cost, left.dtype, side)
         self.floats = left.dtype.kind == "f"
-        self.left, self.right = _settled(left, right, cost) if self.floats else (left, right)
+        self.left, self.right = _conditioned(left, right, cost) if self.floats else (left, right)
         self.slack = self._slack() if self.floats else 0.0
         self.rows = FLOAT_ROWS if self.floats else -(-self.shape[0] // max(threads, 1))
 
     def _slack(self) -> float:
-        """By how much sums of floats that are equal may differ."""
+        """The largest rounding difference between two sums that are equal in exact arithmetic."""
         if not self.cost.growth:
             return ROUNDING
         span = 2 * max(float(np.abs(self.left).max()), float(np.abs(self.right).max()))
         return ROUNDING * float(self.side) ** (2 * self.cost.growth) * (span**2 if self.cost.term == "square" else span)
 
-    def winners(self, fit: str, *, costs: bool = True) -> Chosen:
+    def winners(self, fit: str, *, costs: bool = True) -> Winners:
         """The candidate of lowest cost at each pixel, of equal ones the smallest disparity, with sub-pixel `fit`."""
-        chosen, ends = Chosen.empty(self.shape, costs), limits(self.numbers.scores, self.slack)
+        winners, ends = Winners.empty(self.shape, costs), limits(self.numbers.scores, self.slack)
 
         def work(y0: int, y1: int) -> None:
-            self._slide(self._laid_out(y0, y1), 0, y1 - y0, (FITS[fit], ends, *chosen.rows(y0, y1)))
+            self._slide(self._laid_out(y0, y1), 0, y1 - y0, (FITS[fit], ends, *winners.rows(y0, y1)))
 
         if self.count:
             in_strips(work, self.shape[0], self.rows, self.threads)
-        return chosen
+        return winners
 
     def fill(self, volume: Volume, y0: int, gain: float = 1.0, offset: float = 0.0) -> None:
         """Write the rows from y0 on of the cost volume, (rows, W, depth), as cost * gain + offset.
@@ -205,8 +205,8 @@ def blank(volume: Volume, low: int, count: int, value: float = np.inf) -> None:
         np.copyto(volume[:, columns, :count], value, where=(partner < 0) | (partner >= width))
 
 
-def _settled(left: Image, right: Image, cost: Cost) -> tuple[Image, Image]:
-    """Float images whose sums lose little: without their mean, or on a grid of 2^-40 of the largest value."""
+def _conditioned(left: Image, right: Image, cost: Cost) -> tuple[Image, Image]:
+    """Float images with smaller rounding errors in sums: mean removed, or rounded to 2^-40 of the largest value."""
     if cost.scoring in ("zncc", "zssd"):
         return left - left.mean(), right - left.mean()
     top = max(float(np.abs(left).max()), float(np.abs(right).max()))

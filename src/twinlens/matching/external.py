@@ -1,4 +1,4 @@
-"""Other people's matchers as methods: Python functions, programs, and stereo networks in ONNX files."""
+"""External matchers: Python functions, programs, and stereo networks in ONNX files."""
 
 import contextlib
 import functools
@@ -26,9 +26,9 @@ from twinlens.errors import FileError, InputError, check_int, check_number
 from twinlens.matching.images import Disparity, Image, grey, pair
 from twinlens.matching.options import MinDisparity, NumDisparities, RangeMatcher, check_range, import_extra
 
-HASH_DIGITS = 16  # hexadecimal, of a file's SHA-256
+HASH_DIGITS = 16  # hexadecimal digits kept of a file's SHA-256
 TAIL_BYTES = 4096  # of a program's output, kept for the message if it fails
-CHILD_S = 0.1  # seconds to wait for the last output of a program that ended; a child may hold the pipe open
+CHILD_S = 0.1  # seconds to wait for output after a program has ended: its children may keep the pipe open
 
 
 class WrongAnswerError(InputError):
@@ -44,7 +44,7 @@ class ProgramTimeoutError(InputError, TimeoutError):
 
 
 def checked_result(result: Any, shape: tuple[int, ...], name: str) -> Disparity:
-    """The result of `name` as float32 of this (H, W).
+    """The disparity map that `name` returned, as float32 of this shape (H, W).
 
     Raises WrongAnswerError for another type or shape, and for NaN and -inf; unknown disparities are +inf.
     """
@@ -63,12 +63,12 @@ def checked_result(result: Any, shape: tuple[int, ...], name: str) -> Disparity:
     return disparity
 
 
-def content_of(paths: Iterable[Path]) -> str:
-    """`name=hash` of every file, in the order of names; `name=absent` for a file that cannot be read.
+def file_hashes(paths: Iterable[Path]) -> str:
+    """Comma-separated `name=hash` of the files, sorted by path; `name=absent` for a file that cannot be read.
 
-    A board stores this text: if a network or a program changes under the same name, its scores are computed again.
+    A board stores this text, and rescores a network or program whose files have changed.
 
-    >>> content_of([Path("no-such-file")]), content_of([])
+    >>> file_hashes([Path("no-such-file")]), file_hashes([])
     ('no-such-file=absent', '')
     """
     return ",".join(f"{path.name}={_hash(path)}" for path in sorted(set(paths)))
@@ -76,15 +76,15 @@ def content_of(paths: Iterable[Path]) -> str:
 
 def _hash(path: Path) -> str:
     try:
-        state = path.stat()
-        return _hash_of_state(path, state.st_mtime_ns, state.st_size)
+        status = path.stat()
+        return _cached_hash(path, status.st_mtime_ns, status.st_size)
     except OSError:
         return "absent"
 
 
 @functools.lru_cache(maxsize=256)
-def _hash_of_state(path: Path, _written_ns: int, _size: int) -> str:
-    """The hash of a file in this state; cached because a board needs it for every sample."""
+def _cached_hash(path: Path, _written_ns: int, _size: int) -> str:
+    """The hash of a file until its time or size changes; a board needs it for every sample."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()[:HASH_DIGITS]
 
@@ -93,7 +93,7 @@ def _hash_of_state(path: Path, _written_ns: int, _size: int) -> str:
 class PythonFunction(RangeMatcher):
     """A Python function(left, right, *, num_disparities, min_disparity) that returns disparities (H, W).
 
-    It receives the images unchanged. Its result is checked; see `checked_result`.
+    It receives the images unchanged. `checked_result` checks what it returns.
     """
 
     function: Annotated[
@@ -105,55 +105,55 @@ class PythonFunction(RangeMatcher):
 
     def __post_init__(self) -> None:
         check_range(self.num_disparities, self.min_disparity)
-        if isinstance(self.function, str) and not all(self._place):
+        if isinstance(self.function, str) and not all(self._module_and_name):
             raise InputError(f"function is {self.function!r}; write path/to/file.py:name or module:name")
 
     @property
-    def _place(self) -> tuple[str, str]:
+    def _module_and_name(self) -> tuple[str, str]:
         """(file or module, name) of a function given as text."""
         module, _, name = str(self.function).rpartition(":")
         return module, name
 
     @property
     def content(self) -> str:
-        """The hash of the file that defines a function given as text; files that it imports are not seen."""
-        module = "" if callable(self.function) else self._place[0]
+        """The hash of the file of a function given as text; other files that it imports are not hashed."""
+        module = "" if callable(self.function) else self._module_and_name[0]
         if module.endswith(".py"):
-            return content_of([Path(module)])
+            return file_hashes([Path(module)])
         spec = None
-        with contextlib.suppress(Exception):  # it imports the packages above the module, which may raise anything
+        with contextlib.suppress(Exception):  # imports the parent packages, which may raise anything
             spec = importlib.util.find_spec(module)
-        return content_of([Path(spec.origin)]) if spec and spec.has_location and spec.origin else ""
+        return file_hashes([Path(spec.origin)]) if spec and spec.has_location and spec.origin else ""
 
     def check_parts(self) -> None:
         """InputError if there is no such function. Imports its module."""
-        self._found()
+        self._load()
 
-    def _found(self) -> Callable[..., Any]:
+    def _load(self) -> Callable[..., Any]:
         if callable(self.function):
             return self.function
-        module, name = self._place
-        path = Path(module).resolve()
+        source, name = self._module_and_name
+        path = Path(source).resolve()
         try:
-            file = module.endswith(".py")
-            found = _executed(path, path.stat().st_mtime_ns) if file else importlib.import_module(module)
-            found = operator.attrgetter(name)(found)
+            is_file = source.endswith(".py")
+            module = _import_file(path, path.stat().st_mtime_ns) if is_file else importlib.import_module(source)
+            function = operator.attrgetter(name)(module)
         except (ImportError, AttributeError, OSError, SyntaxError) as problem:
             reason = "its module has a syntax error; " if isinstance(problem, SyntaxError) else ""
             raise InputError(f"function {self.function!r} cannot be imported: {reason}{problem}") from None
-        if not callable(found):
-            raise InputError(f"function {self.function!r} is {type(found).__name__}, which cannot be called")
-        return found  # type: ignore[no-any-return]
+        if not callable(function):
+            raise InputError(f"function {self.function!r} is {type(function).__name__}, which cannot be called")
+        return function  # type: ignore[no-any-return]
 
     def _match(self, left: Any, right: Any) -> Disparity:
-        function = self._found()
+        function = self._load()
         result = function(left, right, num_disparities=self.num_disparities, min_disparity=self.min_disparity)
         return checked_result(result, np.shape(left)[:2], f"function {getattr(function, '__name__', function)!r}")
 
 
 @functools.lru_cache(maxsize=32)
-def _executed(path: Path, _written_ns: int) -> Any:
-    """The module of a .py file in this state; it may import modules from its own folder, as a script may."""
+def _import_file(path: Path, _written_ns: int) -> Any:
+    """The module of a .py file, imported again if the file has changed. Its folder is added to sys.path."""
     spec = importlib.util.spec_from_file_location(f"twinlens_method_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise ImportError(f"{path} is not a Python file")
@@ -198,11 +198,11 @@ class Program(RangeMatcher):
     def content(self) -> str:
         """The hashes of the program's file and of every file that its command names, such as `--weights=net.bin`.
 
-        Files in folders that it names, and files that those files load, are not seen.
+        Files in folders that it names, and files that those files load, are not hashed.
         """
         program, *words = shlex.split(self.command)
         named = [shutil.which(program), *(part for word in words for part in {word, word.rpartition("=")[2]})]
-        return content_of(Path(name) for name in named if name and os.path.isfile(name))  # noqa: PTH113 # never raises
+        return file_hashes(Path(name) for name in named if name and os.path.isfile(name))  # noqa: PTH113 # never raises
 
     def check_parts(self) -> None:
         """InputError if the program does not exist or is not executable. Other files are not checked."""
@@ -249,8 +249,8 @@ def _format_status(status: int) -> str:
 def _run_process(words: list[str], timeout_s: float, name: str) -> tuple[int, str]:
     """Run a program: (exit status, the end of its output).
 
-    It runs in a session of its own, so that its children are killed with it at the time limit. If memory runs out, the
-    kernel kills it first.
+    It runs in its own session, so that its children are killed with it at the time limit. If memory runs out, Linux
+    kills it before other processes.
     """
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
     try:
@@ -263,8 +263,8 @@ def _run_process(words: list[str], timeout_s: float, name: str) -> tuple[int, st
 
     def drain() -> None:
         with process.stdout as pipe:
-            while got := pipe.read(1 << 16):
-                tail.extend(got)
+            while output := pipe.read(1 << 16):
+                tail.extend(output)
                 del tail[:-TAIL_BYTES]
 
     reader = threading.Thread(target=drain, daemon=True)
@@ -283,7 +283,7 @@ def _run_process(words: list[str], timeout_s: float, name: str) -> tuple[int, st
 
 
 def _read_pfm(path: Path, shape: tuple[int, ...], name: str) -> Disparity:
-    """A grey PFM file of this (H, W), float32, first row on top. At most the bytes of such a map are read."""
+    """Read a grey PFM file of this (H, W), float32, top row first. Reads no more bytes than such a map has."""
     with path.open("rb") as file:
         head = [file.readline(64).split() for _ in range(3)]
         try:
@@ -328,7 +328,7 @@ class OnnxNetwork:
     def content(self) -> str:
         """The hashes of the model's file and of external data in `net.onnx.data` or `net.onnx_data`."""
         path = Path(self.model)
-        return content_of([path, *path.parent.glob(f"{glob.escape(path.name)}[._]data*")])
+        return file_hashes([path, *path.parent.glob(f"{glob.escape(path.name)}[._]data*")])
 
     def check_parts(self) -> None:
         """FileError if there is no such file, MissingExtraError if onnxruntime is not installed."""
@@ -346,13 +346,13 @@ class OnnxNetwork:
         images = np.asarray(left), np.asarray(right)
         feeds = {node.name: self._tensor(image, node) for node, image in zip(inputs, images, strict=True)}
         try:
-            found = np.asarray(session.run([outputs[self.output].name], feeds)[0])
-        except Exception as problem:  # onnxruntime's own errors have no common base
+            output = np.asarray(session.run([outputs[self.output].name], feeds)[0])
+        except Exception as problem:  # the errors of onnxruntime have no common base class
             raise InputError(f"{self._name} failed: {_one_line(problem)}") from None
-        if not 2 <= found.ndim <= 4 or any(size != 1 for size in found.shape[:-2]):
-            message = f"{self.model}: returned shape {found.shape}; expected (1, 1, H, W), (1, H, W) or (H, W)"
+        if not 2 <= output.ndim <= 4 or any(size != 1 for size in output.shape[:-2]):
+            message = f"{self.model}: returned shape {output.shape}; expected (1, 1, H, W), (1, H, W) or (H, W)"
             raise WrongAnswerError("wrong-shape", message)
-        plane = self.sign * found.reshape(found.shape[-2:])
+        plane = self.sign * output.reshape(output.shape[-2:])
         full = checked_result(plane, feeds[inputs[0].name].shape[2:], self._name)
         height, width = np.shape(left)[:2]
         return np.ascontiguousarray(full[-height:, :width])
@@ -362,7 +362,7 @@ class OnnxNetwork:
         return f"model {Path(self.model).name!r}"
 
     def _check(self, inputs: list[Any], outputs: list[Any]) -> None:
-        """InputError unless the model has two images as inputs, and the output."""
+        """InputError unless the model has two images as inputs, and the selected output."""
         if len(inputs) != 2:
             raise InputError(f"{self.model}: has {len(inputs)} inputs; a stereo model has two, left and right")
         for node in inputs:
@@ -375,7 +375,7 @@ class OnnxNetwork:
             raise InputError(f"{self._name} has {len(outputs)} outputs; output is {self.output}")
 
     def _tensor(self, image: Image, node: Any) -> Image:
-        """The image as the input takes it. Integers are divided by their largest value; floats are in 0..1."""
+        """The padded image for an input, (1, C, H, W). Integers are divided by their largest value; floats are 0..1."""
         largest = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1
         levels = image.astype(np.float32) / np.float32(largest) * np.float32(self.scale)
         levels = levels.reshape(*image.shape[:2], -1)
@@ -383,12 +383,12 @@ class OnnxNetwork:
             levels = grey(levels)[..., None]
         elif levels.shape[2] == 1:
             levels = np.repeat(levels, 3, axis=2)
-        room = []
+        padding = []
         for size, wanted in zip(image.shape[:2], node.shape[2:], strict=True):
             if isinstance(wanted, int) and wanted < size:
                 raise InputError(f"{self._name} takes images of up to {wanted} pixels a side; this one has {size}")
-            room.append((wanted if isinstance(wanted, int) else -(-size // self.multiple) * self.multiple) - size)
-        padded = np.pad(levels, ((room[0], 0), (0, room[1]), (0, 0)), mode="edge")
+            padding.append((wanted if isinstance(wanted, int) else -(-size // self.multiple) * self.multiple) - size)
+        padded = np.pad(levels, ((padding[0], 0), (0, padding[1]), (0, 0)), mode="edge")
         return np.ascontiguousarray(np.moveaxis(padded, 2, 0)[None])
 
 

@@ -1,4 +1,4 @@
-"""`StereoMatcher`: a classical stereo matcher as one frozen description of its options, and its search."""
+"""`StereoMatcher`: a classical stereo matcher, a frozen dataclass of its options, and its search."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -8,11 +8,11 @@ import numpy as np
 
 from twinlens.errors import InputError, check_int, check_number, unknown
 from twinlens.matching import box, refine
-from twinlens.matching.box import FITS, BoxMatch, Chosen, Rows, Volume, blank, cpu_count, in_lanes, in_strips, limits
+from twinlens.matching.box import FITS, BoxMatch, Rows, Volume, Winners, blank, cpu_count, in_lanes, in_strips, limits
 from twinlens.matching.costs import COSTS, largest_cost
 from twinlens.matching.images import Disparity, Image, clipped_slope, described, levels, pair
 from twinlens.matching.options import MinDisparity, NumDisparities, RangeMatcher, check_block_size, check_range
-from twinlens.matching.semiglobal import Penalties, Sweeps, kept, quantised
+from twinlens.matching.semiglobal import Penalties, Sweeps, quantised, stored
 from twinlens.matching.supports import SUPPORTS, Strip
 
 OPTIMISATIONS = {
@@ -20,8 +20,8 @@ OPTIMISATIONS = {
     "sgm4": "semi-global, along rows and columns",
     "sgm8": "semi-global, along rows, columns and diagonals",
 }
-STRIP_ROWS = 16  # of a cost volume that is held at a time, without its support's halo
-WORDS: dict[str, tuple[str, Collection[str]]] = {
+STRIP_ROWS = 16  # rows of a cost volume in memory at a time, without its support's halo
+NAMED_VALUES: dict[str, tuple[str, Collection[str]]] = {
     "cost": ("cost", COSTS),
     "support": ("support", SUPPORTS),
     "optimisation": ("optimisation", OPTIMISATIONS),
@@ -29,7 +29,7 @@ WORDS: dict[str, tuple[str, Collection[str]]] = {
     "fill": ("filling", ("none", "background")),
     "prefilter": ("prefilter", ("none", "xsobel")),
 }
-"""What each option that is a word is called in messages, and its values."""
+"""Of each option with named values: what messages call it, and the values."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class StereoMatcher(RangeMatcher):
     support, optimisation, winner-take-all with sub-pixel fit, uniqueness, texture, lr_check, speckles, median, fill.
     uniqueness, texture, lr_check and speckle_size make pixels unknown.
 
-    Borders: images are continued by their edge pixels (regions of the cross, weighted and guided supports end at the
-    edge instead), so every pixel with a partner u - d inside the right image has a disparity. Windows and ranges may be
-    wider than the image. Of equal costs the smallest disparity wins. At the end of the range there is no sub-pixel fit.
+    Borders: images are padded with their edge pixels (the cross, weighted and guided supports end at the edge instead),
+    so every pixel with a candidate u - d inside the right image has a disparity. Windows and ranges may be wider than
+    the image. Of equal costs the smallest disparity wins. At the ends of the range there is no sub-pixel fit.
 
     Accuracy: uint8 and uint16 images are summed exactly, in integers. Only the normalised costs (ncc, zncc,
     jaccard) are rounded, to float32 for uint8 (an error below 1e-6) and float64 otherwise. Floating-point images are
@@ -50,7 +50,7 @@ class StereoMatcher(RangeMatcher):
     ZNCC cost of 1 with every partner; a window of zeros has an NCC cost of 1, and two of them a Jaccard cost of 0.
     Results do not depend on the number of threads.
 
-    Raises InputError for an option with a wrong value, and for a support that cannot take the cost.
+    Raises InputError for an option with a wrong value, and for a cost that the support cannot aggregate.
 
     >>> StereoMatcher(cost="sad", block_size=7).num_disparities
     64
@@ -82,9 +82,9 @@ class StereoMatcher(RangeMatcher):
     threads: Annotated[int | None, "Number of threads; none: all processors."] = None
 
     def __post_init__(self) -> None:
-        for name, (kind, known) in WORDS.items():
-            if (word := getattr(self, name)) not in known:
-                raise unknown(kind, str(word), known)
+        for name, (kind, known) in NAMED_VALUES.items():
+            if (value := getattr(self, name)) not in known:
+                raise unknown(kind, str(value), known)
         check_block_size("block_size", self.block_size)
         check_block_size("census_window", self.census_window)
         check_block_size("median", 1 if self.median == 0 else self.median)
@@ -107,8 +107,8 @@ class StereoMatcher(RangeMatcher):
             raise InputError(f"p1 and p2 are {small} and {large}; they are parts of the largest cost, p1 <= p2 <= 1")
         if SUPPORTS[self.support].pixelwise and COSTS[self.cost].normalised:
             raise InputError(
-                f"cost {self.cost!r} compares statistics of whole windows, but support {self.support!r} gathers costs "
-                "of single pixels; use it with sad, ssd, census, rank or birchfield_tomasi"
+                f"cost {self.cost!r} compares statistics of whole windows, but support {self.support!r} aggregates "
+                "costs of single pixels; use it with sad, ssd, census, rank or birchfield_tomasi"
             )
 
     @property
@@ -124,27 +124,27 @@ class StereoMatcher(RangeMatcher):
 
     def match_pair(self, left: Any, right: Any) -> tuple[Disparity, Disparity]:
         """The disparities of the left and of the right image, (H, W) each, both u_left - u_right; see `match`."""
-        ours, theirs = self._raw_pair(left, right)
-        return self._refined(ours), _mirrored(self._refined(theirs))
+        of_left, of_right = self._raw_pair(left, right)
+        return self._refined(of_left), _mirrored(self._refined(of_right))
 
     def _raw_pair(self, left: Any, right: Any) -> tuple[Disparity, Disparity]:
         """The disparities of both images before refinement, those of the right image mirrored."""
         left, right = pair(left, right)
         # Mirrored, the right image becomes a left image: u' = W - 1 - u keeps u_left - u_right.
-        ours, theirs = self._raw_disparity(left, right), self._raw_disparity(_mirrored(right), _mirrored(left))
+        of_left, of_right = self._raw_disparity(left, right), self._raw_disparity(_mirrored(right), _mirrored(left))
         if self.lr_check is None:
-            return ours, theirs
-        checked = refine.consistent(ours, _mirrored(theirs), self.lr_check)
-        return checked, refine.consistent(theirs, _mirrored(ours), self.lr_check)
+            return of_left, of_right
+        checked = refine.consistent(of_left, _mirrored(of_right), self.lr_check)
+        return checked, refine.consistent(of_right, _mirrored(of_left), self.lr_check)
 
     def _raw_disparity(self, left: Image, right: Image) -> Disparity:
         if self.cost == "jaccard" and (lowest := min(float(left.min()), float(right.min()))) < 0:
             raise InputError(f"an image holds {lowest}; the Jaccard similarity is defined for values >= 0")
         images = [clipped_slope(grey) for grey in levels(left, right)] if self.prefilter == "xsobel" else [left, right]
-        found = _Search(self, *images).winners()
-        disparity = found.disparity
+        winners = _Search(self, *images).winners()
+        disparity = winners.disparity
         if self.uniqueness > 0:
-            disparity = refine.unique(disparity, found.cost, found.rival, self.uniqueness)
+            disparity = refine.unique(disparity, winners.cost, winners.rival, self.uniqueness)
         if self.texture > 0:
             disparity = refine.textured(disparity, left, self.block_size, self.texture)
         return disparity
@@ -162,7 +162,7 @@ def _mirrored(image: Any) -> Any:
 
 
 class _Search:
-    """One search of one image pair: cost, support and optimisation put together, strip by strip."""
+    """The search of one image pair: cost, support and optimisation, strip by strip."""
 
     def __init__(self, matcher: StereoMatcher, left: Image, right: Image) -> None:
         width, low = left.shape[1], matcher.min_disparity
@@ -171,27 +171,27 @@ class _Search:
         self.low, self.high = max(low, 1 - width), min(low + matcher.num_disparities, width)
         self.count = self.high - self.low
         self.depth = in_lanes(self.count)
-        # The windows whose costs the support gathers, the widest first.
+        # The windows whose costs the support aggregates, the widest first.
         self.sides = (1,) if self.support.pixelwise else self.support.windows(self.side)
         self.paths = {"wta": 0, "sgm4": 4, "sgm8": 8}[matcher.optimisation]
         self.fit = self.cost.fit if matcher.subpixel == "auto" else matcher.subpixel
         self.rivals = matcher.uniqueness > 0
         self.threads = matcher.threads or cpu_count()
 
-    def winners(self) -> Chosen:
+    def winners(self) -> Winners:
         """The winner at every pixel of the left image."""
         if self.count <= 0:
-            return Chosen.empty(self.left.shape)
+            return Winners.empty(self.left.shape)
         if self.support.halo * (self.side // 2) == 0 and self.cost.scoring != "zsad":
             boxes = self._boxes(self.side)
             if self.paths:
                 return self._semiglobal(boxes)
             if len(boxes) == 1:
-                found = boxes[0].winners(self.fit, costs=self.rivals)
+                best = boxes[0].winners(self.fit, costs=self.rivals)
                 if not self.cost.offset:
-                    return found
+                    return best
                 # Similarities that differ by rounding alone become equal.
-                return Chosen(found.disparity, *(np.round(s + self.cost.offset, 6) for s in (found.cost, found.rival)))
+                return Winners(best.disparity, *(np.round(s + self.cost.offset, 6) for s in (best.cost, best.rival)))
         return self._semiglobal(()) if self.paths else self._local()
 
     def _boxes(self, side: int) -> tuple[BoxMatch, ...]:
@@ -204,8 +204,8 @@ class _Search:
             return box.zero_mean_absolute(self.left, self.right, side, self.low, self.depth)
         return box.box_sums(self._boxes(side), 1.0, self.cost.offset)
 
-    def _gathered(self) -> Rows:
-        """The gathered costs; +inf where there is no candidate."""
+    def _aggregated(self) -> Rows:
+        """The costs after aggregation; +inf where there is no candidate."""
         support, halo = self.support, self.support.halo * (self.side // 2)
         sources = [self._source(side) for side in self.sides]
         rest = *levels(self.left, self.right), self.low, self.matcher
@@ -215,26 +215,26 @@ class _Search:
             volumes = tuple(source(first, last) for source in sources)
             for each in volumes if support.masked else ():
                 blank(each, self.low, self.count)
-            found = support.gather(Strip(volumes, first, start, stop, *rest)) if support.gather else volumes[0]
-            blank(found, self.low, self.count)
-            return found
+            costs = support.aggregate(Strip(volumes, first, start, stop, *rest)) if support.aggregate else volumes[0]
+            blank(costs, self.low, self.count)
+            return costs
 
         return rows
 
-    def _local(self) -> Chosen:
-        from twinlens.matching.kernels.settle import settle_rows
+    def _local(self) -> Winners:
+        from twinlens.matching.kernels.winners import winners_of_rows
 
-        chosen, rows = Chosen.empty(self.left.shape, self.rivals), self._gathered()
+        winners, rows = Winners.empty(self.left.shape, self.rivals), self._aggregated()
         settings = self.depth, self.low, self.count, FITS[self.fit], limits(np.float64)
 
         def work(start: int, stop: int) -> None:
-            settle_rows(rows(start, stop).reshape(-1), *settings, *chosen.rows(start, stop))
+            winners_of_rows(rows(start, stop).reshape(-1), *settings, *winners.rows(start, stop))
 
         in_strips(work, len(self.left), STRIP_ROWS, self.threads)
-        return chosen
+        return winners
 
-    def _semiglobal(self, boxes: tuple[BoxMatch, ...]) -> Chosen:
-        """Of the boxes' costs or, without boxes, of the gathered ones."""
+    def _semiglobal(self, boxes: tuple[BoxMatch, ...]) -> Winners:
+        """The winners of a semi-global search of the boxes' costs or, without boxes, of the aggregated ones."""
         whole_numbers = bool(boxes) and np.dtype(boxes[0].numbers.scores).kind != "f"
         side, parts = (self.side, 1) if boxes else (self.sides[0], self.support.parts)
         full = largest_cost(self.cost, self.left, self.right, side, self.matcher.census_window) * parts
@@ -243,11 +243,11 @@ class _Search:
         if boxes:
             costs = quantised(boxes, gain, self.cost.offset * gain, penalties, self.threads)
         else:
-            rows = self._gathered()
+            rows = self._aggregated()
 
             def scaled(start: int, stop: int) -> Volume:
                 return np.minimum(np.rint(np.maximum(rows(start, stop), 0) * gain), penalties.top)
 
-            costs = kept(shape, penalties, scaled, STRIP_ROWS, self.threads)
+            costs = stored(shape, penalties, scaled, STRIP_ROWS, self.threads)
         sweeps = Sweeps(costs, shape, self.paths, penalties, self.low, self.count, self.fit)
-        return sweeps.chosen(self.threads, rivals=self.rivals)
+        return sweeps.winners(self.threads, rivals=self.rivals)

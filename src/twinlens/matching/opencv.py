@@ -14,24 +14,24 @@ MODES = {"default": "STEREO_SGBM_MODE_SGBM", "hh": "STEREO_SGBM_MODE_HH", "3way"
 
 
 class _OpenCVMatcher(RangeMatcher):
-    """What both matchers share; `_made` checks the images' size and makes OpenCV's matcher."""
+    """Base of both matchers; `_create` checks the size of the images and makes OpenCV's matcher."""
 
     def check_parts(self) -> None:
         """MissingExtraError if OpenCV is not installed."""
         import_extra("cv2", "opencv")
 
-    def _made(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
+    def _create(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
         raise NotImplementedError
 
     def _match(self, left: Any, right: Any) -> Disparity:
         cv2, images = import_extra("cv2", "opencv"), [image.astype(np.uint8) for image in levels(*pair(left, right))]
         count = -(-self.num_disparities // SIXTEENTHS) * SIXTEENTHS
         try:
-            fixed = self._made(cv2, images[0].shape, count).compute(*images)
+            fixed = self._create(cv2, images[0].shape, count).compute(*images)
         except InputError:
             raise
-        except (cv2.error, ValueError, OverflowError) as problem:  # Python's: numbers that do not fit a C int
-            raise InputError(f"OpenCV's StereoMatcher refuses this: {' '.join(str(problem).split())[:200]}") from None
+        except (cv2.error, ValueError, OverflowError) as problem:  # the last two: numbers too large for a C int
+            raise InputError(f"OpenCV's StereoMatcher failed: {' '.join(str(problem).split())[:200]}") from None
         return np.where(fixed < self.min_disparity * SIXTEENTHS, np.inf, fixed / SIXTEENTHS).astype(np.float32)
 
 
@@ -54,7 +54,7 @@ class OpenCVBlock(_OpenCVMatcher):
         check_int("uniqueness", self.uniqueness, 0)
         check_range(self.num_disparities, self.min_disparity)
 
-    def _made(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
+    def _create(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
         if self.block_size >= min(shape):
             raise InputError(f"block_size is {self.block_size}; OpenCV's StereoBM needs a larger image")
         matcher = cv2.StereoBM.create(count, self.block_size)
@@ -70,7 +70,7 @@ class OpenCVBlock(_OpenCVMatcher):
 
 @dataclass(frozen=True)
 class OpenCVSemiGlobal(_OpenCVMatcher):
-    """OpenCV's StereoSGBM; P1 and P2 are 8 and 32 block_size^2."""
+    """OpenCV's StereoSGBM with P1 = 8 block_size^2 and P2 = 32 block_size^2."""
 
     block_size: Annotated[int, "Side of the window in pixels; odd."] = 3
     num_disparities: Annotated[int, "Number of disparities to search; rounded up to a multiple of 16."] = 64
@@ -85,12 +85,12 @@ class OpenCVSemiGlobal(_OpenCVMatcher):
         if self.mode not in MODES:
             raise unknown("mode", str(self.mode), MODES)
 
-    def _made(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
+    def _create(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
         # OpenCV matches only columns for which the whole range is inside; its 3-way mode does not check this.
         least = max(self.min_disparity + count, 0) - min(self.min_disparity, 0) + self.block_size // 2
         if shape[1] <= least:
-            got = f"this one is {shape[1]} wide: search fewer num_disparities"
-            raise InputError(f"OpenCV's StereoSGBM needs images wider than {least} pixels for these options; {got}")
+            got = f"got {shape[1]}: use fewer num_disparities"
+            raise InputError(f"OpenCV's StereoSGBM needs images wider than {least} pixels for these options, {got}")
         side, area, mode = self.block_size, self.block_size**2, getattr(cv2, MODES[self.mode])
         matcher = cv2.StereoSGBM.create(self.min_disparity, count, side, 8 * area, 32 * area, mode=mode)
         matcher.setUniquenessRatio(self.uniqueness)

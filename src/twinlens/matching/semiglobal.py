@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.matching.box import FITS, BoxMatch, Chosen, Rows, Volume, blank, box_sums, fence, in_strips, limits
+from twinlens.matching.box import FITS, BoxMatch, Rows, Volume, Winners, blank, box_sums, fence, in_strips, limits
 
 PATH_TOP = 8191  # largest cost of a path: the sum of eight fits 16 bits
 STRIP_BYTES = 1 << 20  # size of a strip of costs, which stays in a processor's cache
@@ -43,21 +43,21 @@ def quantised(boxes: tuple[BoxMatch, ...], gain: float, offset: float, penalties
     """The sum of the boxes' costs, as round(cost * gain + offset); the largest cost where there is no partner.
 
     Costs of single pixels are computed in each sweep, which takes less time than reading them from memory; those of
-    windows are kept.
+    windows are stored.
     """
     box, costs = boxes[0], box_sums(boxes, gain, offset + 0.5, penalties.dtype)
     outside = np.zeros((1, box.shape[1], box.depth), penalties.dtype)
     blank(outside, box.low, box.count, penalties.top)
 
-    def made(y0: int, y1: int) -> Volume:
+    def rows(y0: int, y1: int) -> Volume:
         part = costs(y0, y1)
         return np.maximum(part, outside, out=part)
 
-    return made if box.side == 1 else kept((*box.shape, box.depth), penalties, made, box.rows, threads)
+    return rows if box.side == 1 else stored((*box.shape, box.depth), penalties, rows, box.rows, threads)
 
 
-def kept(shape: tuple[int, int, int], penalties: Penalties, rows: Rows, strip: int, threads: int) -> Rows:
-    """All rows, computed once, in strips."""
+def stored(shape: tuple[int, int, int], penalties: Penalties, rows: Rows, strip: int, threads: int) -> Rows:
+    """The same rows, all computed once, in strips, and stored in memory."""
     volume = np.empty(shape, penalties.dtype)
 
     def work(start: int, stop: int) -> None:
@@ -82,19 +82,19 @@ class Sweeps:
     count: int
     fit: str
 
-    def chosen(self, threads: int, *, rivals: bool) -> Chosen:
+    def winners(self, threads: int, *, rivals: bool) -> Winners:
         height, width, _ = self.shape
-        chosen = Chosen.empty((height, width), rivals)
+        winners = Winners.empty((height, width), rivals)
         kept = np.empty(self.shape, self.penalties.dtype)
-        runs, middle = (self._run(False, kept, chosen), self._run(True, kept, chosen)), height // 2
+        runs, middle = (self._run(False, kept, winners), self._run(True, kept, winners)), height // 2
         for finish in (False, True):
             spans = ((middle, height), (0, middle)) if finish else ((0, middle), (middle, height))
             with ThreadPoolExecutor(min(threads, 2)) as pool:
                 for done in [pool.submit(run, *span, finish) for run, span in zip(runs, spans, strict=True)]:
                     done.result()
-        return chosen
+        return winners
 
-    def _run(self, turned: bool, kept: Volume, chosen: Chosen) -> Callable[[int, int, bool], None]:
+    def _run(self, turned: bool, kept: Volume, winners: Winners) -> Callable[[int, int, bool], None]:
         """run(y0, y1, finish): carry one sweep through these rows, in strips."""
         from twinlens.matching.kernels.semiglobal import GUARD, slot_count, sweep_kernel
 
@@ -115,6 +115,6 @@ class Sweeps:
                 span = height - y1 if turned else y0, y1 - y0, *self.shape
                 volumes = self.costs(y0, y1).reshape(-1), kept[y0:y1].reshape(-1)
                 state = flat, minima, span, penalties, turned, finish, sums
-                kernel(*volumes, *state, self.low, self.count, FITS[self.fit], ends, bars, *chosen.rows(y0, y1))
+                kernel(*volumes, *state, self.low, self.count, FITS[self.fit], ends, bars, *winners.rows(y0, y1))
 
         return run

@@ -1,7 +1,7 @@
-"""The support regions by name: over which pixels costs are gathered, and with which weights.
+"""The support regions by name: over which pixels costs are aggregated, and with which weights.
 
-A support turns a strip of a cost volume into the strip of gathered costs. Supports that select or weight single pixels
-take pixel costs, and block_size is the size of their region; the others take costs of whole windows.
+A support turns a strip of a cost volume into the strip of aggregated costs. Supports that select or weight single
+pixels take pixel costs, and block_size is the size of their region; the others take costs of whole windows.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ Volume = NDArray[Any]
 
 @dataclass(frozen=True)
 class Strip:
-    """What a support reads: a strip of a cost volume, from which it gathers the rows start..stop of the image.
+    """The input of a support: a strip of a cost volume, to be aggregated into the rows start..stop of the image.
 
     volumes: one for each of the support's windows, the widest first; `first` is the first row of each. left, right:
     both images as levels 0..255. low: the first disparity.
@@ -56,14 +56,14 @@ class Strip:
 
 @dataclass(frozen=True)
 class Support:
-    """A way to gather costs; without `gather` they are taken as they are.
+    """A support region. Without `aggregate`, the costs are used unchanged.
 
-    halo: how many rows above and below a pixel it reads, in radii of the window. pixelwise: it gathers costs of pixels,
-    not of windows. masked: candidates without a partner have the cost +inf instead of that of edge-continued images.
-    windows(side): the sides of the windows, the widest first. parts: how many windows' costs it adds up.
+    halo: how many rows above and below a pixel it reads, in radii of the window. pixelwise: it aggregates costs of
+    pixels, not of windows. masked: candidates without a partner have the cost +inf, not that of edge-continued images.
+    windows(side): the sides of the windows, the widest first. parts: the number of windows whose costs it adds up.
     """
 
-    gather: Callable[[Strip], Volume] | None = None
+    aggregate: Callable[[Strip], Volume] | None = None
     halo: int = 0
     pixelwise: bool = False
     masked: bool = False

@@ -15,7 +15,7 @@ import numpy as np
 from twinlens.matching.kernels import LANES
 from twinlens.matching.kernels.compiling import inlined, jit
 from twinlens.matching.kernels.lanes import convert, load, lowest, splat, store
-from twinlens.matching.kernels.settle import settle_row
+from twinlens.matching.kernels.winners import winners_of_row
 
 GUARD = 64  # numbers between two slots; those next to a slot are too large for a path to come from
 
@@ -47,7 +47,7 @@ def sweep_kernel(diagonals: bool) -> Callable[..., None]:
     them numbers that no path's cost reaches. minima: a 0 for each slot. penalties: (P1, P2). All have one unsigned
     dtype. span: (first, rows, H, W, depth); `first` counts the rows that the sweep has done before. turned: go up
     instead of down. finish False: kept receives the sum of the sweep's detours. finish True: kept holds those of the
-    other sweep, and the sums of all paths' costs go to `settle_row`; sums is its scratch, fence (depth,) the least
+    other sweep, and the sums of all paths' costs go to `winners_of_row`; sums is its scratch, fence (depth,) the least
     value of each candidate's sum.
     """
 
@@ -101,6 +101,6 @@ def sweep_kernel(diagonals: bool) -> Callable[..., None]:
                     minima[right], minima[left] = new2, new3
             if finish:
                 one = min(r, len(best) - 1)
-                settle_row(sums, depth, low, count, fit, limits, best[one], rivals[one], disparity[r])
+                winners_of_row(sums, depth, low, count, fit, limits, best[one], rivals[one], disparity[r])
 
     return sweep

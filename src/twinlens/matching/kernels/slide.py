@@ -17,7 +17,7 @@ import numpy as np
 from twinlens.matching.kernels import LANES
 from twinlens.matching.kernels.compiling import inlined, jit
 from twinlens.matching.kernels.lanes import convert, count_ones, load, read, splat, store
-from twinlens.matching.kernels.settle import settle_row
+from twinlens.matching.kernels.winners import winners_of_row
 
 
 @inlined
@@ -73,8 +73,8 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
     each candidate. statistics: (left totals, left scales, right totals, right scales) as of
     `windows.window_statistics`, flat with the rows of the result; size 1 where the scoring takes none.
 
-    Without `volumes`, result is (fit, limits, best, rivals, disparity) as in `settle_row`, with a row axis. With it,
-    result is (volume, scale), and the flat volume (rows, W, depth) receives cost * scale[0] + scale[1], computed in
+    Without `volumes`, result is (fit, limits, best, rivals, disparity) as in `winners_of_row`, with a row axis. With
+    it, result is (volume, scale), and the flat volume (rows, W, depth) receives cost * scale[0] + scale[1], computed in
     the dtype of `scale`. Candidates without a partner in the image have the cost of edge-continued images.
     """
 
@@ -121,6 +121,6 @@ def slide_kernel(term: str, scoring: str, volumes: bool) -> Callable[..., None]:
             if not volumes and y >= 0:
                 fit, limits, best, rivals, disparity = result
                 kept = min(y, len(best) - 1)
-                settle_row(costs, depth, low, count, fit, limits, best[kept], rivals[kept], disparity[y])
+                winners_of_row(costs, depth, low, count, fit, limits, best[kept], rivals[kept], disparity[y])
 
     return slide

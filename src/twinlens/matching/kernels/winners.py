@@ -36,7 +36,7 @@ def lowest_rival(costs, at, start, stop, k):
 
 
 @jit
-def settle_row(costs, depth, low, count, fit, limits, best, rivals, disparity):
+def winners_of_row(costs, depth, low, count, fit, limits, best, rivals, disparity):
     """Write the winner of each pixel of a row.
 
     costs: flat (W, depth), depth a multiple of LANES; candidate j of pixel x is disparity low + j. The first `count`
@@ -78,10 +78,10 @@ def settle_row(costs, depth, low, count, fit, limits, best, rivals, disparity):
 
 
 @jit
-def settle_rows(volume, depth, low, count, fit, limits, best, rivals, disparity):
-    """`settle_row` for each row of a flat (rows, W, depth) volume."""
+def winners_of_rows(volume, depth, low, count, fit, limits, best, rivals, disparity):
+    """`winners_of_row` for each row of a flat (rows, W, depth) volume."""
     rows, width = disparity.shape
     for y in range(rows):
         costs = volume[y * width * depth : (y + 1) * width * depth]
         kept = min(y, len(best) - 1)
-        settle_row(costs, depth, low, count, fit, limits, best[kept], rivals[kept], disparity[y])
+        winners_of_row(costs, depth, low, count, fit, limits, best[kept], rivals[kept], disparity[y])
