@@ -239,7 +239,7 @@ def guides_of(scene, camera):
     from twinlens.rendering.build import build
     from twinlens.rendering.guides import render_guides
 
-    return render_guides(build(scene), camera, photos.POSE, tl.Pinhole(), 16, np.random.SeedSequence(5))
+    return render_guides(build(scene), camera, photos.POSE, tl.Pinhole(), range(16), np.random.SeedSequence(5))
 
 
 def count_job() -> dict[str, np.ndarray]:

@@ -104,7 +104,7 @@ def test_the_processor_denoises_where_the_gpu_is_not_supported(monkeypatch):
 
     device = mitsuba_oidn.Device
     monkeypatch.setattr(mitsuba_oidn, "Device", no_gpu)
-    monkeypatch.setattr(denoising, "backend", lambda: SimpleNamespace(name="cuda"))
+    monkeypatch.setattr(denoising, "backend", lambda: SimpleNamespace(name="cuda", is_jit=True))
     denoising._device.cache_clear()
     assert denoising.denoiser_record()["device"] == "cpu"
     denoising._device.cache_clear()

@@ -42,7 +42,7 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
     click.echo(f"rendering with {used.variant} ({used.reason}) {used.advice}".strip(), err=True)
     dataset, board_folder = output / "dataset", output / "board"
     check_samples(dataset, SCENES, overwrite=True)
-    _render(dataset, denoise and used.is_jit)  # guides take 13 times as long as a view without a JIT backend
+    _render(dataset, denoise and used.is_jit)  # denoised, even 8 samples take over 60 s without a JIT backend
     rendered = time.perf_counter()
     pairs = DatasetPairs(Dataset(dataset), [motorcycle()])
     click.echo(f"matching {len(pairs)} pairs with {len(METHODS)} methods", err=True)

@@ -21,7 +21,7 @@ from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.guides import Guides, render_guides
 from twinlens.seeds import seed_sequence
 
-GUIDE_SAMPLES = 32
+GUIDE_SAMPLES, PINHOLE_GUIDE_SAMPLES = 32, 16
 LEAST_ALBEDO = 0.02
 _GUIDE_STREAM = 2
 _LUMINANCE = (0.212671, 0.715160, 0.072169)
@@ -37,9 +37,26 @@ def denoise_camera(
     return denoise_image(image, guides_of(built, camera, pose, lens, seed, *key))
 
 
-def guides_of(built: BuiltScene, camera: Camera, pose: Float, lens: Lens, seed: int, *key: int) -> Guides:
-    """The guides of one camera; `seed` and `key` name their random stream."""
-    return render_guides(built, camera, pose, lens, GUIDE_SAMPLES, seed_sequence(seed, _GUIDE_STREAM, *key))
+def guides_of(
+    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, seed: int, *key: int, half: int | None = None
+) -> Guides:
+    """The guides of one camera, or those of the first (0) or the second (1) half of their samples.
+
+    `seed` and `key` name their random stream.
+    """
+    count = _guide_samples(lens.aperture_diameter == 0)
+    samples = range(count) if half is None else range(half * count // 2, (half + 1) * count // 2)
+    return render_guides(built, camera, pose, lens, samples, seed_sequence(seed, _GUIDE_STREAM, *key))
+
+
+def _guide_samples(pinhole: bool) -> int:
+    """Samples per pixel of the guides.
+
+    On random scenes 16 samples of the guides leave 3 % more squared error than 32 through a pinhole, and 6 % more
+    through an f/1.4 lens. The scalar backend has half as many, because they cost more there.
+    """
+    samples = PINHOLE_GUIDE_SAMPLES if pinhole else GUIDE_SAMPLES
+    return samples if backend().is_jit else samples // 2
 
 
 def denoise_image(image: NDArray[np.float32], guides: Guides, fast: bool = False) -> NDArray[np.float32]:
@@ -90,7 +107,8 @@ def denoiser_record() -> dict[str, Any]:
 
     return {
         "method": "Open Image Denoise, albedo and normal guides, demodulated",
-        "guide_spp": GUIDE_SAMPLES,
+        "guide_spp": _guide_samples(pinhole=False),
+        "guide_spp_pinhole": _guide_samples(pinhole=True),
         "oidn": mitsuba_oidn.oidn_version(),
         "mitsuba-oidn": importlib.metadata.version("mitsuba-oidn"),
         "device": _device().type.name.lower(),

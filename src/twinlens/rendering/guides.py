@@ -34,11 +34,16 @@ class Guides:
     albedo: NDArray[np.float32]
     normal: NDArray[np.float32]
 
+    def mean(self, other: "Guides") -> "Guides":
+        """The guides of both sets of samples, of equal number."""
+        half = np.float32(0.5)
+        return Guides(half * (self.albedo + other.albedo), half * (self.normal + other.normal))
+
 
 def render_guides(
-    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, samples: int, seeds: np.random.SeedSequence
+    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, samples: range, seeds: np.random.SeedSequence
 ) -> Guides:
-    """The guides of one camera. `samples` per pixel, a power of two.
+    """The guides of one camera, from the given samples of each pixel. Powers of two are best.
 
     The scalar backend uses Mitsuba's own integrator, which stops at mirrors and glass; they have albedo 1.
     """
@@ -49,13 +54,13 @@ def render_guides(
 
 
 def _render_scalar(
-    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, samples: int, seeds: np.random.SeedSequence
+    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, samples: range, seeds: np.random.SeedSequence
 ) -> Float:
     emission = {"type": "path", "max_depth": 1}
     integrator = mitsuba().load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal", "emission": emission})
-    sensor = make_sensor(camera, pose, lens, samples, "multijitter")
-    seed = int(seeds.generate_state(1)[0])
-    image = np.asarray(integrator.render(_grouped(built), sensor, seed=seed, spp=samples), dtype=np.float64)
+    sensor = make_sensor(camera, pose, lens, len(samples), "multijitter")
+    seed = int(seeds.generate_state(samples.stop)[samples.start])
+    image = np.asarray(integrator.render(_grouped(built), sensor, seed=seed, spp=len(samples)), dtype=np.float64)
     albedo, normal = image[..., -6:-3], image[..., -3:]
     albedo += image[..., :3]
     if _has_openings(built):  # Mitsuba gives mirrors and glass albedo 0, which would demodulate what they show
@@ -96,7 +101,7 @@ def _has_openings(built: BuiltScene) -> bool:
 
 
 def _render_jit(
-    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, samples: int, seeds: np.random.SeedSequence
+    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, samples: range, seeds: np.random.SeedSequence
 ) -> Float:
     """Scrambled Sobol points in film and aperture, shifted digitally in each pixel.
 
@@ -107,15 +112,15 @@ def _render_jit(
 
     mi = mitsuba()
     pixels = camera.width * camera.height
-    points = qmc.Sobol(4, seed=np.random.default_rng(seeds)).random_base2(samples.bit_length() - 1)
+    points = qmc.Sobol(4, seed=np.random.default_rng(seeds)).random_base2((samples.stop - 1).bit_length())
     words = (points.T * 2.0**32).astype(np.uint32)
     key = int(seeds.generate_state(1)[0])
     sensor = make_sensor(camera, pose, lens, 1, "independent")
     width, height = dr.opaque(mi.UInt32, camera.width), dr.opaque(mi.UInt32, camera.height)
-    per_pass = min(samples, max(1, RAYS_PER_PASS // pixels))
+    per_pass = min(len(samples), max(1, RAYS_PER_PASS // pixels))
     total = np.zeros((pixels, 6))
-    for start in range(0, samples, per_pass):
-        count = min(per_pass, samples - start)
+    for start in samples[::per_pass]:
+        count = min(per_pass, samples.stop - start)
         ray_index = dr.arange(mi.UInt32, pixels * count)
         pixel = ray_index // dr.opaque(mi.UInt32, count)
         sample = ray_index - pixel * dr.opaque(mi.UInt32, count) + dr.opaque(mi.UInt32, start)
@@ -131,7 +136,7 @@ def _render_jit(
         dr.eval(features)  # else each sum would trace the rays again
         sums = [dr.block_sum(channel, count) for feature in features for channel in feature]
         total += np.stack([np.asarray(channel, dtype=np.float64) for channel in sums], axis=-1)
-    return total / samples
+    return total / len(samples)
 
 
 def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
