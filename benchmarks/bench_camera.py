@@ -132,7 +132,7 @@ def main() -> None:
         "",
     ]
     page += against_thinlens(options.scene or ["room", "cards", "tabletop"], *sizes)
-    page += ["", "Required: at most 1.1.", "", "## Samplers, on `tabletop` through a wide lens", ""]
+    page += ["", "Required ratio: at most 1.1.", "", "## Samplers, on `tabletop` through a wide lens", ""]
     page += against_independent("tabletop", *sizes)
     if options.write:
         PAGE.write_text("\n".join(page) + "\n")

@@ -19,6 +19,7 @@ from pathlib import Path
 from twinlens.families import FAMILIES
 
 PAGE = Path(__file__).with_name("kernel_reuse.md")
+HEAD = "| family |"
 RENDER = """
 import hashlib, json, os, sys, time
 from pathlib import Path
@@ -72,8 +73,8 @@ def means(rows: list[list]) -> str:
 
 def table(count: int, size: tuple[int, int]) -> list[str]:
     """Markdown rows: without and with `share_kernels`, for each family apart and for all in one process."""
-    cells = "kernels a scene | scenes without a new one | s a scene"
-    lines = [f"| family | each its own: {cells} | shared: {cells} |", "| --- |" + " ---: |" * 6]
+    cells = "kernels per scene | scenes without a new one | s per scene"
+    lines = [f"{HEAD} not shared: {cells} | shared: {cells} |", "| --- |" + " ---: |" * 6]
     own: list[list] = []
     for families in (*([name] for name in FAMILIES), list(FAMILIES)):
         alone = rendered(families, count, size, False) if len(families) == 1 else own
@@ -92,16 +93,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=10, help="scenes of each family")
     parser.add_argument("--size", default="320x240", help="image size, WIDTHxHEIGHT")
-    parser.add_argument("--write", action="store_true")
+    parser.add_argument("--write", action="store_true", help=f"replace the table in {PAGE.name}")
     options = parser.parse_args()
     width, height = (int(part) for part in options.size.split("x"))
     lines = table(options.scenes, (width, height))
     if options.write:
-        head = (
-            f"`python benchmarks/bench_kernel_reuse.py --write`: {options.scenes} scenes of each family, {options.size}"
-        )
-        page = ["# Kernels that random scenes share", "", f"{head}, empty kernel caches.", "", *lines]
-        PAGE.write_text("\n".join(page) + "\n")
+        before, _, rest = PAGE.read_text().partition(HEAD)
+        after = "".join(line for line in rest.splitlines(keepends=True)[1:] if not line.startswith("|"))
+        PAGE.write_text(before + "\n".join(lines) + "\n" + after)
 
 
 if __name__ == "__main__":

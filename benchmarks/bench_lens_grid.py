@@ -28,6 +28,9 @@ import twinlens as tl
 from twinlens.rendering.backends import backend
 
 PAGE = Path(__file__).with_name("lens_grid.md")
+LEGEND = """\
+A row is one lens. MSE ratio: grid / direct. Cost: CPU time of the grid, for the error of direct renders, over that
+of all direct renders. Block ratio and block cost: the same for means over 8x8 pixels."""
 RUNS = ("cards:240:64", "tabletop:240:64", "room:240:32", "tabletop:640:16")
 BLOCK = 8
 STOPS = 6
@@ -158,6 +161,7 @@ def main() -> None:
         f"{backend().name}, {platform.machine()}, multijitter; {rounds} rounds of the grid, {direct} of direct renders."
     )
     parts = ["# Lens grids from one set of light paths", f"`python benchmarks/bench_lens_grid.py --write`: {setting}"]
+    parts.append(LEGEND)
     for run in options.run or RUNS:
         name, width, spp = run.split(":")[0], *map(int, run.split(":")[1:])
         scene = tl.load_scene(name)

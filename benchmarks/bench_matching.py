@@ -165,6 +165,7 @@ def main() -> None:
         f"{options.threads} threads, OpenCV {cv2.__version__}, {platform.machine()}, medians of {options.rounds} rounds"
     )
     lines = ["# Matching speed\n", f"`python benchmarks/bench_matching.py --write`: one process, {how}, interleaved."]
+    lines.append("Mde/s: million disparity evaluations (width x height x disparities) per second.")
     parts = [against_opencv, on_one_thread, by_dtype, by_range]
     for text in (text for part in parts for text in part(options.rounds, options.threads)):
         print(text, flush=True)
