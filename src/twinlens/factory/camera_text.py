@@ -250,7 +250,7 @@ def format_exposure(sample: Sample, k: int, text: str) -> str:
         duration = f"1/{1 / time:.0f} s" if time < 0.1 else f"{time:.3g} s"
     exposure = f"{duration}, gain {gain:.3g}"
     if ratios := shot.record.get("light_paths_over_sensor"):
-        exposure += f", light paths {max(ratios):.2g} x sensor at {shot.record['spp']} samples"
+        exposure += f", renderer noise {max(ratios):.2g} x sensor noise, {shot.record['spp']} samples"
         if (bound := sample.record["noise"]) is not None and max(ratios) > bound:
             exposure += f" (limit {bound:g} not met)"
     if shot.lens.aperture_diameter == 0:

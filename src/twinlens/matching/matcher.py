@@ -66,11 +66,11 @@ class StereoMatcher(RangeMatcher):
     contrast: Annotated[float, "Support cross: difference in grey levels of 0..255 at which an arm ends."] = 20.0
     gamma_similar: Annotated[float, "Support weighted: grey levels over which a weight falls to 1/e."] = 12.0
     gamma_near: Annotated[float, "Support weighted: pixels over which a weight falls to 1/e."] = 12.0
-    epsilon: Annotated[float, "Support guided: variance below which it smooths, for grey levels in 0..1."] = 1e-4
+    epsilon: Annotated[float, "Support guided: variance below which the filter smooths, of grey levels in 0..1."] = 1e-4
     noise: Annotated[float, "Support adaptive: standard deviation of the image noise, in grey levels of 0..255."] = 2.0
     optimisation: Annotated[str, "; ".join(f"{name}: {text}" for name, text in OPTIMISATIONS.items()) + "."] = "wta"
-    p1: Annotated[float | None, "Penalty for steps of one pixel, as a part of the largest cost; none: by cost."] = None
-    p2: Annotated[float | None, "Penalty for larger steps, as a part of the largest cost; none: by cost."] = None
+    p1: Annotated[float | None, "Penalty for one-pixel steps, as a fraction of the largest cost; none: by cost."] = None
+    p2: Annotated[float | None, "Penalty for larger steps, as a fraction of the largest cost; none: by cost."] = None
     subpixel: Annotated[str, "Sub-pixel fit: v, parabola, none, or auto: the fit that suits the cost."] = "auto"
     uniqueness: Annotated[float, "Percent by which costs two or more pixels away must exceed the least; 0: off."] = 0.0
     texture: Annotated[float, "Least RMS horizontal difference in the window, in grey levels of 0..255; 0: off."] = 0.0
