@@ -1,6 +1,7 @@
 """Makes the pictures of README.md: `make pictures`.
 
-One pair of the still life through a pinhole and through a wide lens, its exact disparity, and what ZNCC makes of each.
+One pair of the still life through a pinhole and through a wide-aperture lens, its exact disparity, and the result of
+ZNCC for each.
 """
 
 from pathlib import Path

@@ -18,7 +18,7 @@ from twinlens.errors import InputError, format_value, unknown
 T = TypeVar("T")
 
 Number = Annotated[float, pydantic.AfterValidator(float)]
-"""A number; a whole one is converted to float, as pydantic in strict mode does not."""
+"""A number. A whole number is converted to float, which pydantic does not do in strict mode."""
 
 Positive = Annotated[float, pydantic.Field(gt=0), pydantic.AfterValidator(float)]
 NonNegative = Annotated[float, pydantic.Field(ge=0), pydantic.AfterValidator(float)]
@@ -26,7 +26,7 @@ Fraction = Annotated[float, pydantic.Field(ge=0, le=1), pydantic.AfterValidator(
 
 
 def number(least: float, most: float, above: bool = False) -> Any:
-    """The type of a number from `least`, itself excluded if `above`, to `most`."""
+    """The type of a number in [least, most], or in (least, most] if `above`."""
     limits = pydantic.Field(gt=least, le=most) if above else pydantic.Field(ge=least, le=most)
     return Annotated[float, limits, pydantic.AfterValidator(float)]
 
@@ -54,7 +54,7 @@ class StrictModel(pydantic.BaseModel):
 
 
 def default_key(key: str, value: str) -> pydantic.BeforeValidator:
-    """Makes the key that selects a table's model optional, with the default `value`; for `Annotated`."""
+    """Adds `key` = `value`, the key that selects a table's model, to tables without it; for `Annotated`."""
     return pydantic.BeforeValidator(lambda table: {key: value, **table} if isinstance(table, Mapping) else table)
 
 
@@ -76,14 +76,14 @@ def variants(
 
 
 def tagged(name: str, tag: str, models: Iterable[type[StrictModel]], default: str | None = None) -> Any:
-    """The union of models that the key `tag` selects from, by default `default`; JSON Schemas define it as `name`."""
+    """The union of models selected by the key `tag`, `default` if it is missing; JSON Schemas define it as `name`."""
     union: Any = Annotated[Union[tuple(models)], pydantic.Field(discriminator=tag)]  # noqa: UP007
     alias = TypeAliasType(name, union)  # type: ignore[misc]  # the models are made at run time
     return alias if default is None else Annotated[alias, default_key(tag, default)]
 
 
 def reads(kind: Any, then: Callable[[Any], Any] = lambda checked: checked) -> pydantic.PlainValidator:
-    """Validates by a type that was made at run time, for `Annotated`; `then` converts what it returns."""
+    """Validates against a type made at run time, for `Annotated`; `then` converts the result."""
     adapter: pydantic.TypeAdapter[Any] = pydantic.TypeAdapter(kind)
 
     def read_value(value: Any, info: pydantic.ValidationInfo) -> Any:
@@ -105,7 +105,7 @@ def one_of(kind: str, known: Iterable[str]) -> pydantic.PlainValidator:
 
 
 def exactly(count: int, item: Any, or_one: bool = False, name: str = "") -> pydantic.BeforeValidator:
-    """Accepts a list of `count` values or, with `or_one`, one value for all; `name` defines it in JSON Schemas."""
+    """Accepts a list of `count` values or, with `or_one`, one value for all; JSON Schemas define it as `name`."""
     listed: Any = Annotated[list[item], pydantic.Field(min_length=count, max_length=count)]
 
     def check(value: Any) -> Any:
@@ -156,7 +156,7 @@ def dotted(parts: tuple[str | int, ...], start: str = "") -> str:
 def _describe(errors: list[Any], data: Any, start: str) -> str:
     """`key: message` of the first of pydantic's errors.
 
-    An untagged union has one error for each member; the one that fits the type of the value is chosen.
+    An untagged union has one error for each member; that of the member with the value's type is used.
     """
     parts = _key_parts(errors[0]["loc"], data)
     if errors[0]["type"] == "missing":

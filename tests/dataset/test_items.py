@@ -115,7 +115,7 @@ def test_missing_quantities_are_reported(folder, name, error, message):
 
 def test_the_page_lists_valid_names():
     page = (Path(__file__).parents[2] / "docs" / "loading.md").read_text()
-    table = page[page.index("| name | |") :].partition("\n\n")[0]
+    table = page[page.index("| name | quantity |") :].partition("\n\n")[0]
     named = {name for row in table.splitlines()[2:] for name in re.findall(r"`([^`]+)`", row.split("|")[1])}
     assert {"im0", "lens1.blur_circle_px0", "material_kind0", "world_from_cam0", "ndisp"} < named
     for name in named - {"lens0"}:

@@ -80,7 +80,7 @@ def test_a_scene_of_ones_own_has_to_be_given(scene, record, tmp_path):
     made = make_sample(tl.load_scene(mine), default_rig(scene, 8, 6), [tl.Pinhole()], spp=1)
     files = sample_files(made)
     own = json.loads(files["sample.json"])
-    with pytest.raises(InputError, match="'mine' is not bundled; give it"):
+    with pytest.raises(InputError, match="'mine' is not bundled; load it"):
         remake(own)
     assert sample_files(remake(own, tl.load_scene(mine))) == files
     (mine / "scene.toml").write_text((mine / "scene.toml").read_text() + "\n")

@@ -1,4 +1,4 @@
-"""The command line: one module a command, listed in `COMMANDS`. Only this package prints and exits.
+"""The command line: one module per command, listed in `COMMANDS`. Only this package prints and exits.
 
 Exit codes: 0 success; 1 an internal error, findings of `verify`, or a board without scores; 2 bad usage or bad input,
 reported in one line; 130 interrupted.
@@ -18,7 +18,7 @@ from twinlens.cli.options import refuse_repeated
 from twinlens.errors import TwinlensError, unknown
 
 INTERRUPTED = 130
-"""The exit code of an interrupted command: 128 + SIGINT, as shells have it."""
+"""The exit code of an interrupted command: 128 + SIGINT, as in shells."""
 
 COMMANDS = {
     "demo": "Render, match and score a small benchmark; write its page.",
@@ -80,7 +80,7 @@ def cli() -> None:
 
 
 def console() -> None:
-    """The entry point of `twinlens` and `python -m twinlens`. SIGTERM, which batch systems send, acts as Ctrl-C."""
+    """Entry point of `twinlens` and `python -m twinlens`. SIGTERM, which batch systems send, is handled as Ctrl-C."""
     if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     code = run()
@@ -99,26 +99,27 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return 2
     except click.MissingParameter as error:
         meaning = getattr(error.param, "help", None)
-        return _refuse(error.format_message().rstrip(".") + (f": {meaning}" if meaning else ""), 2)
+        return _report_error(error.format_message().rstrip(".") + (f": {meaning}" if meaning else ""), 2)
     except click.ClickException as error:
-        return _refuse(error.format_message(), 2)
+        return _report_error(error.format_message(), 2)
     except TwinlensError as error:
-        return _refuse(str(error), error.exit_code)
+        return _report_error(str(error), error.exit_code)
     except MemoryError as error:
-        return _refuse(f"not enough memory ({error}); make the images smaller", 2)
+        return _report_error(f"not enough memory ({error}); make the images smaller", 2)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has closed the pipe
         return 1
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EPERM, errno.EDQUOT):
-            return _refuse(f"{error.filename or 'output'}: {error.strerror}", 2)
+            return _report_error(f"{error.filename or 'output'}: {error.strerror}", 2)
         raise
     except (KeyboardInterrupt, click.Abort) as error:
         cause = error if isinstance(error, KeyboardInterrupt) else error.__cause__  # click wraps it
-        return _refuse("; ".join(filter(None, ("interrupted", str(cause or "")))), INTERRUPTED)
+        return _report_error("; ".join(filter(None, ("interrupted", str(cause or "")))), INTERRUPTED)
     return result if isinstance(result, int) else 0
 
 
-def _refuse(message: str, code: int) -> int:
+def _report_error(message: str, code: int) -> int:
+    """Print the message as one line on the error stream and return the exit code."""
     print(f"twinlens: {' '.join(message.split())}", file=sys.stderr)
     return code

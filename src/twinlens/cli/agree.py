@@ -12,7 +12,7 @@ from twinlens.dataset.files import write_file
 from twinlens.report.plots import agreement_figure
 from twinlens.scoring import agreement, read_board
 
-MOVES = 5
+MOVES = 5  # methods listed, those whose rank differs most
 
 
 @click.command("agree")

@@ -13,7 +13,7 @@ from twinlens.scoring import named_methods, named_program, open_pairs
 DEFAULT_METHODS = "sad,ssd,zncc"
 GIB = PositiveType(2.0**20)
 FOREIGN_LIMIT_S = 600.0
-"""Default time limit with networks or functions, which must run in a worker process."""
+"""Default time limit, seconds, if a network or a Python function is among the matchers."""
 
 
 @click.command("benchmark")
@@ -61,8 +61,8 @@ def command(
     Example:  twinlens benchmark out motorcycle --methods sad,zncc:block_size=15 -o board
               twinlens benchmark out --command "mine=./prog --fast {left} {right} {out}" --time-limit 60 -o board
     """
-    texts = methods or (() if commands else (DEFAULT_METHODS,))
-    matchers: list[Any] = [*named_methods(texts)] if texts else []
+    names = methods or (() if commands else (DEFAULT_METHODS,))
+    matchers: list[Any] = [*named_methods(names)] if names else []
     matchers += [named_program(text, time_limit) for text in commands]
     if time_limit is None and any(getattr(matcher, "runs_user_code", False) for matcher in matchers):
         time_limit = FOREIGN_LIMIT_S

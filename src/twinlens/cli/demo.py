@@ -1,4 +1,4 @@
-"""`twinlens demo`: from scenes to a leaderboard that compares a pinhole, a wide lens and a real pair of cameras."""
+"""`twinlens demo`: a small benchmark of a pinhole, a wide-aperture lens and a real pair of cameras."""
 
 import time
 from pathlib import Path
@@ -21,7 +21,7 @@ SCENES = ("staircase", "cards", "spheres")
 METHODS = ("sad:block_size=7", "sad:block_size=21", "zncc:block_size=7", "zncc:block_size=21")
 WIDTH, HEIGHT = 400, 300
 SPP = 16
-APERTURE_OF_BASELINE = 0.5  # blur circle: half a pixel per pixel of disparity away from the focus
+APERTURE_OVER_BASELINE = 0.5  # blur circle: half a pixel per pixel of disparity from the focus
 PROTOCOL, REGION = "middlebury-v3", "nonocc"
 
 
@@ -30,10 +30,10 @@ PROTOCOL, REGION = "middlebury-v3", "nonocc"
 @denoise_option
 @json_option("the board")
 def command(output: Path, denoise: bool, as_json: bool) -> None:
-    """Render three scenes with a pinhole and with a wide lens, match these and a real pair, and compare the scores.
+    """Render three scenes with a pinhole and with a wide-aperture lens, match them and a real pair, compare the scores.
 
     The real pair is Middlebury's Motorcycle with measured truth. OUTPUT receives the dataset, the board and its page.
-    The scalar backend does not denoise here, to save time.
+    With the scalar backend, images are not denoised, to save time.
 
     \b
     Example:  twinlens demo -o demo
@@ -48,7 +48,7 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
     click.echo(f"matching {len(pairs)} pairs with {len(METHODS)} methods", err=True)
     groups = {
         "pinhole": [name for name in pairs.aliases if name.endswith("pinhole")],
-        "wide lens": [name for name in pairs.aliases if " · lens" in name],
+        "wide aperture": [name for name in pairs.aliases if " · lens" in name],
         "real pair": ["motorcycle"],
     }
     board = run_board(
@@ -68,7 +68,7 @@ def _render(dataset: Path, denoise: bool) -> None:
             click.echo(f"rendering {name}, scene {i + 1} of {len(SCENES)}", err=True)
             scene = load_scene(name)
             rig = default_rig(scene, WIDTH, HEIGHT)
-            wide = ThinLens(APERTURE_OF_BASELINE * rig.baseline(), middle_focus(*scene.depth_range))
+            wide = ThinLens(APERTURE_OVER_BASELINE * rig.baseline(), middle_focus(*scene.depth_range))
             sample = make_sample(
                 scene, rig, (Pinhole(), wide), spp=SPP, denoise=denoise,
                 progress=lambda fraction, i=i, name=name: report((i + fraction) / len(SCENES), name),  # type: ignore[misc]
@@ -82,16 +82,16 @@ def _notes(board: Board, groups: Groups) -> list[str]:
     """The effects of the lens and of the real cameras on the scores, one sentence or two each."""
     pinhole, wide, real = group_means(board, PROTOCOL, REGION, groups).values()
     best, best_wide, best_real = (next(iter(column)) for column in (pinhole, wide, real))
-    most = max(pinhole, key=lambda method: wide[method] - pinhole[method])
+    worst = max(pinhole, key=lambda method: wide[method] - pinhole[method])
     rank = list(real).index(best) + 1
     lens = (
-        f"The lens blurs what is out of focus, and with it the texture that small windows need: {most} goes from "
-        f"{pinhole[most]:.1f}% to {wide[most]:.1f}% bad pixels. Best with the pinhole: {best} ({pinhole[best]:.1f}%); "
-        f"with the lens: {best_wide} ({wide[best_wide]:.1f}%)."
+        f"The lens blurs what is out of focus, and with it the texture that small windows need: {worst} goes from "
+        f"{pinhole[worst]:.1f}% to {wide[worst]:.1f}% bad pixels. Best with the pinhole: {best} "
+        f"({pinhole[best]:.1f}%); with the lens: {best_wide} ({wide[best_wide]:.1f}%)."
     )
-    reality = (
+    cameras = (
         f"The two real cameras differ in brightness, the rendered ones do not: {best} is best with the pinhole, and "
         f"number {rank} of {len(real)} on the real pair ({real[best]:.1f}%); best there: {best_real} "
         f"({real[best_real]:.1f}%)."
     )
-    return [lens, reality]
+    return [lens, cameras]

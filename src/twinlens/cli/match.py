@@ -63,7 +63,7 @@ def command(left: Path, right: Path, output: Path, picture: Path | None, as_json
 
 
 def _check_outputs(images: tuple[Path, ...], output: Path, picture: Path | None) -> None:
-    """Refuse the input images themselves, and files within a sample of a dataset."""
+    """Raise InputError if an output is one of the images, or a file in a sample of a dataset."""
     for option, path in {"--output": output, **({"--picture": picture} if picture else {})}.items():
         if any(path.exists() and image.exists() and path.samefile(image) for image in images):
             raise InputError(f"{option} {path}: is one of the two images; choose another file")

@@ -43,14 +43,14 @@ def command(sample: Place, output: Path, method: str, overwrite: bool, as_json: 
         size = options.pop(f"{name}_mm")
         options[name] = None if size is None else 1e-3 * size
     with progress_bar("reconstructing") as report:
-        made = reconstruct(open_sample(sample), matcher, progress=report, **options)
-    record = {"sample": str(sample), "method": method, "min_views": options["min_views"], **made.record()}
-    write_folder(output, made.files(record), overwrite)
+        result = reconstruct(open_sample(sample), matcher, progress=report, **options)
+    record = {"sample": str(sample), "method": method, "min_views": options["min_views"], **result.record()}
+    write_folder(output, result.files(record), overwrite)
     if as_json:
         print_json(record)
         return
     click.echo(f"{output}: {record['points']} points, {record['faces']} triangles from {record['views']} depth maps")
-    for name, found in record["against_truth"].items():
-        means = f"accuracy {found['accuracy_mean_mm']:.3g} mm, completeness {found['completeness_mean_mm']:.3g} mm"
-        shares = ", ".join(f"{share['f_score']:.1%} at {share['tolerance_mm']:g} mm" for share in found["shares"])
-        click.echo(f"{name}: {means} (means up to {found['max_distance_mm']:g} mm), F {shares}")
+    for name, scores in record["against_truth"].items():
+        means = f"accuracy {scores['accuracy_mean_mm']:.3g} mm, completeness {scores['completeness_mean_mm']:.3g} mm"
+        shares = ", ".join(f"{share['f_score']:.1%} at {share['tolerance_mm']:g} mm" for share in scores["shares"])
+        click.echo(f"{name}: {means} (means up to {scores['max_distance_mm']:g} mm), F {shares}")

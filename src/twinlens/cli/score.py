@@ -15,7 +15,7 @@ from twinlens.errors import InputError
 from twinlens.scoring import Scores, evaluate, find_metric, open_pairs, open_submission, search_range
 from twinlens.scoring.board_file import UNSCORED
 
-FIRST_FEW = 3
+FIRST_FEW = 3  # file names listed in a warning
 _MAPS = (".pfm", ".png")
 _FOR_BOARDS = {"output": "-o", "regions": "--region"}
 _FOR_ONE_MAP = {"mask": "--mask", "ndisp": "--ndisp", "min_disparity": "--min-disparity"}
@@ -85,14 +85,14 @@ def _score_submissions(paths: Sequence[Path], truths: Sequence[str], as_json: bo
 
 
 def _score_map(estimate: Path, truth: str, options: dict[str, Any]) -> Scores:
-    true, mask, least = read_disparity(truth), options["mask"], options["min_disparity"]
+    true, mask, low = read_disparity(truth), options["mask"], options["min_disparity"]
     width = true.shape[1]
-    if least is not None and not -width < least < width:
-        raise InputError(f"--min-disparity {least}: expected {1 - width} to {width - 1} for {truth}")
+    if low is not None and not -width < low < width:
+        raise InputError(f"--min-disparity {low}: expected {1 - width} to {width - 1} for {truth}")
     return evaluate(
         read_disparity(estimate), true, None if mask is None else read_png(mask), options["ndisp"],
         protocol=options["protocols"][0],
-        min_disparity=search_range(1, None, true)[1] if least is None else least,
+        min_disparity=search_range(1, None, true)[1] if low is None else low,
     )  # fmt: skip
 
 
@@ -104,6 +104,6 @@ def _print(scores: Scores, as_json: bool) -> None:
     click.echo(scores.protocol.title)
     for name, region in scores.regions.items():
         click.echo(f"{name}: {region.evaluated} of {region.image} pixels evaluated, {region.estimated} estimated")
-        for metric, value in region.items():
-            shown = find_metric(metric)
-            click.echo(f"  {metric:<10} {shown.show(value):>10} {shown.unit}")
+        for key, value in region.items():
+            metric = find_metric(key)
+            click.echo(f"  {key:<10} {metric.show(value):>10} {metric.unit}")

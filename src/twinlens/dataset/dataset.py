@@ -17,7 +17,7 @@ import twinlens
 from twinlens.dataset.files import check_relative, files_below, hash_files, read_bytes, write_file
 from twinlens.dataset.record import FileModel, decode_json, encode_json, read, read_json, read_part
 from twinlens.dataset.storage import Place, Where, is_whole, place
-from twinlens.dataset.stored import StoredSample, found_samples, parse_quantity, read_quantities
+from twinlens.dataset.stored import StoredSample, parse_quantity, read_quantities, samples_in
 from twinlens.errors import FileError, InputError, unknown
 
 MANIFEST, _KIND, _VERSION = "dataset.json", "twinlens-dataset", 1
@@ -142,7 +142,7 @@ class Dataset(Sequence[StoredSample]):
             if not self._samples:
                 raise FileError(f"{self.path / MANIFEST}: lists no sample{_why_empty(self.path, manifest.info)}")
             return
-        self._samples = found_samples(self.path)
+        self._samples = samples_in(self.path)
         if not self._samples:
             raise FileError(f"{self.path}: has no sample: no {MANIFEST}, and no folder with an im0.png")
 

@@ -1,4 +1,4 @@
-"""A dataset's metadata: name, licence and authors as its maker states them, and croissant.json.
+"""A dataset's metadata: the name, licence and authors that its creator states, and croissant.json.
 
 croissant.json describes the dataset to machine-learning tools, in MLCommons' Croissant 1.0 (JSON-LD on schema.org). One
 record set lists the samples of dataset.json. Each kind of file (left images, left disparities, ...) has a record set of
@@ -29,7 +29,7 @@ KEY, UNNAMED = "about", "stereo dataset"
 CROISSANT = "croissant.json"
 _VERSION = "1.0.0"
 
-# mlcroissant decodes few formats, and returns the bytes of text: hence the second media types.
+# mlcroissant decodes few formats; with a second media type, text/plain, it returns the bytes of the others.
 _PNG, _PFM = ["image/png"], ["image/x-portable-floatmap", "text/plain"]
 _EXR, _TEXT, _JSON = ["image/x-exr", "text/plain"], ["text/plain"], ["text/plain", "application/json"]
 _KINDS = {
@@ -41,7 +41,7 @@ _KINDS = {
     "calib": ("calibration of the pair, as Middlebury's calib.txt", _TEXT, "sc:Text"),
     "sample": ("how the sample was made", _JSON, "sc:Text"),
 }
-_FILE = re.compile(r"(([a-z]+)(\d*)[A-Za-z]*)\.[a-z]+$")
+_FILE = re.compile(r"([a-z]+)(\d*)[A-Za-z]*\.[a-z]+$")  # kind, view
 
 _TERMS = """citeAs column equivalentProperty extract field fileProperty fileObject fileSet format includes isLiveDataset
 jsonPath key md5 parentField path recordSet references regex repeated replace samplingRate separator source subField
@@ -83,14 +83,14 @@ Date = Annotated[str, _checked(lambda text: date.fromisoformat(text).isoformat()
 
 
 class About(schema.StrictModel):
-    """What the card and croissant.json say beyond the files; a text is empty where it is not given."""
+    """The part of the card and of croissant.json that is not derived from files. Texts that are not given are empty."""
 
     name: Text = pydantic.Field(default="", description="of the dataset; 'stereo dataset' if not given")
     description: Text = pydantic.Field(default="", description="one or more sentences")
     license: Text = pydantic.Field(default="", description="SPDX name, such as CC-BY-4.0, or the address of the text")
     creator: Text = pydantic.Field(default="", description="who made it")
     url: Url = pydantic.Field(default="", description="where to get it")
-    published: Date = pydantic.Field(default="", description="2026-01-31")
+    published: Date = pydantic.Field(default="", description="date of publication, such as 2026-01-31")
     cite_as: Text = pydantic.Field(default="", description="BibTeX entry")
 
     @classmethod
@@ -124,12 +124,12 @@ def write_croissant(dataset: Where | Dataset) -> str:
     """
     dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     given, manifest = about(dataset)
-    found = {name for row in manifest.rows for name in row.files}
+    paths = {name for row in manifest.rows for name in row.files}
     if not manifest.rows:
         plain = ("im0.png", "im1.png", "disp0.pfm", "disp1.pfm", "disp0GT.pfm", "disp1GT.pfm", "calib.txt")
-        found = {name for name in plain if dataset[0].has(name)}
-    files = sorted({name.rpartition("/")[2] for name in found})  # without the folders of lenses
-    described = [_file_records(match) for match in map(_FILE.match, files) if match and match[2] in _KINDS]
+        paths = {name for name in plain if dataset[0].has(name)}
+    files = sorted({name.rpartition("/")[2] for name in paths})  # without the folders of lenses
+    described = [_file_records(match) for match in map(_FILE.match, files) if match and match[1] in _KINDS]
     if (dataset.path / MANIFEST).is_file():
         described.insert(0, _manifest_records(read_bytes(dataset.path / MANIFEST), manifest))
     record: dict[str, Any] = {
@@ -152,7 +152,7 @@ def write_croissant(dataset: Where | Dataset) -> str:
 
 
 def _manifest_records(data: bytes, manifest: Manifest) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The file dataset.json, and the record set of its samples."""
+    """The FileObject of dataset.json, and the RecordSet of its samples."""
     text, digest = "The samples, and the SHA-256 of each of their files.", hashlib.sha256(data).hexdigest()
     file = _node("FileObject", MANIFEST, description=text, contentUrl=MANIFEST, contentSize=f"{len(data)} B")
     fields = [("name", "the sample's folder", "$.samples[*].name")]
@@ -167,10 +167,10 @@ def _manifest_records(data: bytes, manifest: Manifest) -> tuple[dict[str, Any], 
 
 
 def _file_records(match: re.Match[str]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """All files of one name, and the record set of their folders and contents."""
+    """The FileSet of all files of one name, and the RecordSet of their folders and contents."""
     name, ident = match[0], match[0].replace(".", "-")
-    text, encoding, kind = _KINDS[match[2]]
-    text = text.format(match[3])
+    text, encoding, kind = _KINDS[match[1]]
+    text = text.format(match[2])
     # The star also matches slashes, so nested samples and images of other lenses are found.
     files = _node("FileSet", f"{name}-files", description=text, includes=f"*/{name}", encodingFormat=encoding)
     source = {"fileSet": {"@id": f"{name}-files"}}

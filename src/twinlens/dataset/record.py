@@ -31,13 +31,13 @@ from twinlens.errors import FileError, InputError
 TYPES: dict[str, type] = {
     public.__name__: public for public in (getattr(camera, name) for name in camera.__all__) if isinstance(public, type)
 }
-"""The public dataclasses of twinlens.camera by name: what a record can be read back to."""
+"""The public dataclasses of twinlens.camera by name: those that a record can contain."""
 
 RENAMED = {("Rig", "believed"): "calibrated"}
 """Fields that earlier versions wrote under another name."""
 
 PACKED_ABOVE, MAX_PACKED = 1024, 4096 * 4096
-"""Numbers in the smallest packed array, less one, and in the largest (that of an aperture mask)."""
+"""Arrays of more than the first and at most the second number of values are packed; the largest are aperture masks."""
 
 _MAX_DEPTH = 64
 _LEVELS: dict[int | None, str] = {255: "<u1", 65535: "<u2", None: "<f8"}
@@ -102,7 +102,7 @@ def plain(value: Any) -> Any:
             each = getattr(value, name)
             is_float = isinstance(each, np.ndarray) and each.dtype.kind == "f"
             is_large = is_float and PACKED_ABOVE < each.size <= MAX_PACKED and not np.isnan(each).any()
-            record[name] = pack(each) if is_large else plain(each)  # only these are read back to arrays
+            record[name] = pack(each) if is_large else plain(each)  # only fields of dataclasses are unpacked
         return record
     if isinstance(value, Mapping):
         if wrong := [key for key in value if not isinstance(key, str)]:
@@ -141,7 +141,7 @@ def _adapter(hint: Any) -> pydantic.TypeAdapter[Any]:
 
 
 def annotation_of(hint: Any) -> Any:
-    """The annotation that reads and rebuilds a value of type `hint`, a type of twinlens.camera or of its fields."""
+    """The pydantic annotation for a value of type `hint`, a dataclass of twinlens.camera or the type of a field."""
     if hint is float:
         return _NUMBER
     if hint in TYPES.values():
@@ -215,8 +215,8 @@ def decode_json(data: bytes, path: str, kind: str, version: int) -> dict[str, An
     if not isinstance(record, dict) or record.get("format") != kind:
         raise FileError(f'{path}: not a {kind} file (it needs "format": "{kind}")')
     if record.get("version") != version:
-        found = json.dumps(record.get("version"))[:40]
-        raise FileError(f"{path}: has version {found}; this twinlens reads version {version}: update twinlens")
+        value = json.dumps(record.get("version"))[:40]
+        raise FileError(f"{path}: has version {value}; this twinlens reads version {version}: update twinlens")
     return record
 
 

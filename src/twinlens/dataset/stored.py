@@ -35,7 +35,7 @@ T = TypeVar("T")
 
 
 class _PlainShot(FileModel):
-    """A `ShotEntry` whose lens is not read."""
+    """A `ShotEntry` whose lens is kept as plain data."""
 
     folder: Annotated[
         str, pydantic.AfterValidator(lambda name: name if name == "./" else check_relative(name.rstrip("/")))
@@ -77,7 +77,7 @@ class SampleFile(FileModel):
 
 
 class _View(property, Generic[T]):
-    """A property for one view: what a method returns for the view's number."""
+    """A property that calls a method of the owner with a view's number."""
 
     def __init__(self, method: Callable[[Any, int], T], i: int) -> None:
         super().__init__(lambda owner: getattr(owner, method.__name__)(i))
@@ -92,7 +92,7 @@ class _View(property, Generic[T]):
 
 
 def read_visibility(path: Place) -> Mask:
-    """The mask of a file, uint8 (H, W). Raises FileError."""
+    """Read a mask file, uint8 (H, W). Raises FileError."""
     mask = read_png(path)
     if mask.ndim != 2 or mask.dtype != np.uint8:
         raise FileError(f"{path}: a mask must be an 8-bit grey PNG")
@@ -299,22 +299,24 @@ class StoredShot:
         return blur_circle_px(depth, self.sample.rig.cameras[i], self.lens)
 
 
-def found_samples(path: Place) -> tuple[StoredSample, ...]:
-    """The samples in the subfolders of `path`, or at `path` itself, whatever its dataset.json lists."""
+def samples_in(path: Place) -> tuple[StoredSample, ...]:
+    """The samples in the subfolders of `path`, or `path` itself; dataset.json is not read."""
     if (path / "im0.png").is_file():
         return (StoredSample(path, path.resolve().name),)
     folders = sorted((entry for entry in path.iterdir() if not entry.name.startswith(".")), key=str)
     folders = [folder for folder in folders if (folder / "im0.png").is_file()]
-    if isinstance(path, RemotePath):  # among samples of twinlens, those without a mark are incomplete
+    if isinstance(path, RemotePath):  # twinlens writes a mark last: samples without it are incomplete
         folders = [folder for folder in folders if is_whole(folder)] or folders
     return tuple(StoredSample(folder, folder.name) for folder in folders)
 
 
-_OF_SAMPLE, _OF_CALIBRATION, _OF_CAMERA = ("name", "ndisp"), ("baseline", "doffs"), ("K", "world_from_cam")
-_OF_TRUTH = (*SCALARS, *VECTORS)
-_OF_VIEW = {"im": "image", "disp": "disparity", "mask_nonocc": "mask_nonocc", "radiance": "radiance"}
-_OF_LENS = {"im": "image", "radiance": "radiance", "blur_circle_px": "blur_circle_px"}
-"""Quantities of docs/loading.md; those of views and lenses with the methods that read them."""
+_SAMPLE_QUANTITIES = ("name", "ndisp")
+_CALIBRATION_QUANTITIES = ("baseline", "doffs")
+_CAMERA_QUANTITIES = ("K", "world_from_cam")
+_TRUTH_QUANTITIES = (*SCALARS, *VECTORS)
+_VIEW_METHODS = {"im": "image", "disp": "disparity", "mask_nonocc": "mask_nonocc", "radiance": "radiance"}
+_LENS_METHODS = {"im": "image", "radiance": "radiance", "blur_circle_px": "blur_circle_px"}
+"""The quantities of docs/loading.md. The last two tables give the methods that read them."""
 
 _NAME = re.compile(r"(?:lens(\d{1,4})\.)?([A-Za-z_]+?)(\d{1,4})(_nonocc)?")
 
@@ -325,35 +327,35 @@ def parse_quantity(name: str) -> tuple[str, int | None, int]:
     >>> parse_quantity("lens1.im0"), parse_quantity("mask1_nonocc")
     (('im', 1, 0), ('mask_nonocc', None, 1))
     """
-    if name in (*_OF_SAMPLE, *_OF_CALIBRATION):
+    if name in (*_SAMPLE_QUANTITIES, *_CALIBRATION_QUANTITIES):
         return name, None, 0
-    found = _NAME.fullmatch(name)
-    lens, quantity, view = (found[1], found[2] + (found[4] or ""), int(found[3])) if found else (None, "", 0)
-    of_view = (*_OF_VIEW, *_OF_CAMERA, *_OF_TRUTH)
-    if quantity in (_OF_LENS if lens else of_view):
+    match = _NAME.fullmatch(name)
+    lens, quantity, view = (match[1], match[2] + (match[4] or ""), int(match[3])) if match else (None, "", 0)
+    view_quantities = (*_VIEW_METHODS, *_CAMERA_QUANTITIES, *_TRUTH_QUANTITIES)
+    if quantity in (_LENS_METHODS if lens else view_quantities):
         return quantity, int(lens) if lens else None, view
-    examples = (f"{known}0" for known in of_view if known != "mask_nonocc")
-    raise unknown("quantity of a sample", name, (*_OF_SAMPLE, *_OF_CALIBRATION, *examples, "mask0_nonocc", "lens1.im0"))
+    examples = (*(f"{each}0" for each in view_quantities if each != "mask_nonocc"), "mask0_nonocc", "lens1.im0")
+    raise unknown("quantity of a sample", name, (*_SAMPLE_QUANTITIES, *_CALIBRATION_QUANTITIES, *examples))
 
 
 def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any]:
-    """The quantities `names` of the sample; each truth file is read once.
+    """Read the quantities `names` of a sample, by name; each truth file is read once.
 
     Raises InputError for an unknown name, FileError for a missing file.
     """
     truth = functools.cache(lambda i: read_truth(sample.path(f"truth{i}.exr")))
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for name in names:
         quantity, lens, view = parse_quantity(name)
         if lens is not None:
-            found[name] = getattr(sample.lens(lens), _OF_LENS[quantity])(view)
-        elif quantity in _OF_VIEW:
-            found[name] = getattr(sample, _OF_VIEW[quantity])(view)
-        elif quantity in _OF_TRUTH:
-            found[name] = truth(view)[quantity]
-        elif quantity in _OF_CAMERA:
+            values[name] = getattr(sample.lens(lens), _LENS_METHODS[quantity])(view)
+        elif quantity in _VIEW_METHODS:
+            values[name] = getattr(sample, _VIEW_METHODS[quantity])(view)
+        elif quantity in _TRUTH_QUANTITIES:
+            values[name] = truth(view)[quantity]
+        elif quantity in _CAMERA_QUANTITIES:
             camera, world_from_cam = sample.camera(view)
-            found[name] = camera.K if quantity == "K" else world_from_cam.copy()
+            values[name] = camera.K if quantity == "K" else world_from_cam.copy()
         else:
-            found[name] = getattr(sample.calibration if quantity in _OF_CALIBRATION else sample, quantity)
-    return found
+            values[name] = getattr(sample.calibration if quantity in _CALIBRATION_QUANTITIES else sample, quantity)
+    return values

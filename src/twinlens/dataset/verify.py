@@ -27,7 +27,7 @@ from twinlens.dataset.files import hash_files, is_hidden, read_bytes
 from twinlens.dataset.metadata import CROISSANT
 from twinlens.dataset.sample import lens_folder, rectified_pair
 from twinlens.dataset.storage import MARK, Place, RemotePath, Where, is_whole, place
-from twinlens.dataset.stored import StoredSample, found_samples
+from twinlens.dataset.stored import StoredSample, samples_in
 from twinlens.dataset.truth_files import read_truth
 from twinlens.errors import FileError
 
@@ -151,7 +151,7 @@ def _open(folder: Place) -> tuple[Sequence[StoredSample], list[str]]:
         if not samples and not _is_growing(manifest):
             Dataset(folder)  # raises: the list is empty
     except FileError as error:
-        return found_samples(folder), [str(error).removeprefix(f"{folder / MANIFEST}: ")]
+        return samples_in(folder), [str(error).removeprefix(f"{folder / MANIFEST}: ")]
     complete = manifest.info.get("complete") is not False
     return samples, findings + (_check_croissant(folder) if complete else [])
 

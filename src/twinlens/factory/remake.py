@@ -1,6 +1,6 @@
-"""Samples from stored ones: the same sample made again from its record, and rectified pairs.
+"""Samples from stored ones: a sample rendered again from its record, and rectified pairs.
 
-In a rectified pair images are warped or rendered again; ground truth is never resampled.
+Images of a rectified pair are warped or rendered again; ground truth is computed, never resampled.
 """
 
 from collections.abc import Mapping
@@ -26,11 +26,11 @@ from twinlens.sensor import Exposure, Mismatch, Sensor
 
 PICTURES = ("maps", "render")
 ORIGIN = ("spec", "rejections", "sources_sha256", "rectified_from")
-"""Keys of a record that `make_sample` does not write: the recipe's draw, or another sample."""
+"""Keys of a record that state where a sample comes from; `make_sample` does not write them."""
 
 
 def remake(record: Mapping[str, Any], scene: Scene | None = None, *, progress: Progress | None = None) -> Sample:
-    """Make the sample again whose sample.json is `record` (`StoredSample.record`).
+    """Render the sample again whose sample.json is `record` (`StoredSample.record`).
 
     Its files are the same to the byte if backend and versions are those in the record. A bundled scene is found by its
     name; any other must be given as `scene`, as `load_scene` reads it.
@@ -38,32 +38,34 @@ def remake(record: Mapping[str, Any], scene: Scene | None = None, *, progress: P
     Raises InputError if the scene differs from the record's, or is neither bundled nor given; if the images were warped
     from others; or if `make_sample` did not write the record.
     """
-    made = read(_Record, record, _FILE).record
-    if (made.rectified_from or {}).get("pictures") == "maps":
+    settings = read(_Record, record, _FILE).record
+    if (settings.rectified_from or {}).get("pictures") == "maps":
         raise InputError("its images were warped from another sample's; rectify that sample again")
     scene = scene_of(record, scene)
-    written = record["record"]  # the values as they were written, such as whole numbers
+    written = record["record"]  # plain values: the models convert whole numbers to float
     mismatch = Mismatch(**written["sensor"].get("mismatch", {}))
     sample = make_sample(
         scene,
         rig_from_plain(record.get("rig")),
         [lens_from_plain(shot.get("lens")) for shot in record["shots"]],
-        spp=made.spp,
-        denoise=made.denoise is not None,
-        noise=made.noise,
-        seed=made.seed,
+        spp=settings.spp,
+        denoise=settings.denoise is not None,
+        noise=settings.noise,
+        seed=settings.seed,
         sensor=Sensor(**{**written["sensor"], "mismatch": mismatch}),
-        exposure=None if made.exposure is None else Exposure(**written["exposure"]),
-        diffraction=made.diffraction,
-        sky_disparity=made.sky_disparity,
-        keep_radiance=made.keep_radiance,
+        exposure=None if settings.exposure is None else Exposure(**written["exposure"]),
+        diffraction=settings.diffraction,
+        sky_disparity=settings.sky_disparity,
+        keep_radiance=settings.keep_radiance,
         progress=progress,
     )
     origin = {key: written[key] for key in ORIGIN if key in written}
-    return replace(sample, ndisp=(made.spec or {}).get("ndisp"), record={**sample.record, **origin})
+    return replace(sample, ndisp=(settings.spec or {}).get("ndisp"), record={**sample.record, **origin})
 
 
-class _Made(FileModel):
+class _Settings(FileModel):
+    """What `make_sample` records of its arguments."""
+
     scene: str
     scene_files: dict[str, str]
     spp: int
@@ -80,9 +82,9 @@ class _Made(FileModel):
 
 
 class _Record(FileModel):
-    """What `remake` needs of a sample.json."""
+    """The keys of a sample.json that `remake` reads."""
 
-    record: _Made
+    record: _Settings
     shots: list[dict[str, Any]]
 
 
@@ -94,14 +96,14 @@ def scene_of(record: Mapping[str, Any], given: Scene | None = None) -> Scene:
 
     Raises InputError as `remake` does.
     """
-    made = read(_Record, record, _FILE).record
+    settings = read(_Record, record, _FILE).record
     try:
-        scene = given or load_scene(made.scene)
+        scene = given or load_scene(settings.scene)
     except InputError as error:
         raise InputError(
-            f"scene {made.scene!r} is not bundled; give it, as load_scene reads it from its file"
+            f"scene {settings.scene!r} is not bundled; load it with load_scene and pass it as scene"
         ) from error
-    if (scene.name, file_digests(scene)) != (made.scene, made.scene_files):
+    if (scene.name, file_digests(scene)) != (settings.scene, settings.scene_files):
         raise InputError(f"scene {scene.name!r} is not the one that the record names: its files have changed")
     return scene
 
@@ -131,11 +133,11 @@ def rectified_sample(
     if pictures not in PICTURES:
         raise unknown("pictures", pictures, PICTURES)
     scene = scene_of(stored.record, scene)
-    made = {key: value for key, value in stored.record["record"].items() if key not in ORIGIN}
+    settings = {key: value for key, value in stored.record["record"].items() if key not in ORIGIN}
     result = rectify(stored.rig, left, right, fit=fit, zero_doffs=zero_doffs, misalignment=misalignment)
     origin = {"rectified_from": {"sample": stored.name, "views": [left, right], "fit": fit, "pictures": pictures}}
     if pictures == "render":
-        new = {**stored.record, "record": made, "rig": plain(result.rectified_rig)}
+        new = {**stored.record, "record": settings, "rig": plain(result.rectified_rig)}
         sample = remake(new, scene, progress=progress)
         return replace(sample, record={**sample.record, **origin})
     shots = []
@@ -143,19 +145,19 @@ def rectified_sample(
         images = tuple(result.warp(side, shot.image(view)) for side, view in enumerate((left, right)))
         shots.append(Shot(shot.lens, images, record=shot.record))
     truths, valid = [], [result.valid(side) for side in (0, 1)]
-    for side, truth in enumerate(ground_truth(scene, result.aligned_rig, sky_disparity=made["sky_disparity"])):
-        pictured = _pictured(truth, side, result.aligned_rig, valid)
-        truths.append(replace(truth, visible=truth.visible & pictured))
-    record = {**made, "keep_radiance": False, **origin}
+    for side, truth in enumerate(ground_truth(scene, result.aligned_rig, sky_disparity=settings["sky_disparity"])):
+        in_both = _in_both(truth, side, result.aligned_rig, valid)
+        truths.append(replace(truth, visible=truth.visible & in_both))
+    record = {**settings, "keep_radiance": False, **origin}
     return Sample(result.rectified_rig, tuple(shots), tuple(truths), record=record)
 
 
-def _pictured(truth: Truth, side: int, rig: Rig, valid: list[NDArray[np.bool_]]) -> NDArray[np.bool_]:
-    """Whether both rectified images have data at a pixel's point."""
+def _in_both(truth: Truth, side: int, rig: Rig, valid: list[NDArray[np.bool_]]) -> NDArray[np.bool_]:
+    """Whether the point of each pixel is in the valid area of both rectified images, bool (H, W)."""
     other = 1 - side
-    seen = rig.project(other, np.where(truth.hit[..., None], truth.position, np.nan))
-    inside = rig.cameras[other].contains(seen)
-    u, v = np.floor(np.where(inside[..., None], seen, 0.0) + 0.5).astype(int).transpose(2, 0, 1)
-    there = inside & valid[other][v, u]
-    pictured: NDArray[np.bool_] = valid[side] & (there | ~truth.hit)
-    return pictured
+    pixels = rig.project(other, np.where(truth.hit[..., None], truth.position, np.nan))
+    inside = rig.cameras[other].contains(pixels)
+    u, v = np.floor(np.where(inside[..., None], pixels, 0.0) + 0.5).astype(int).transpose(2, 0, 1)
+    in_other = inside & valid[other][v, u]
+    in_both: NDArray[np.bool_] = valid[side] & (in_other | ~truth.hit)
+    return in_both

@@ -34,7 +34,7 @@ _ORBIT_DEG = (-25.0, 25.0)  # viewpoints of the picture
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """Fused points and surface of depth maps, and a comparison with the true surface, {} where that is unknown."""
+    """Fused points and surface of depth maps, and a comparison with the true surface; {} if there is no truth."""
 
     views: list[DepthView]
     points: Cloud
@@ -84,10 +84,10 @@ def reconstruct(
 ) -> Reconstruction:
     """Fuse the depth maps of a sample and compare the result with its true surface.
 
-    matcher : for depths from matching; None takes the true ones.
+    matcher : computes the depths; None uses the true ones.
     cell : of the surface, metres; by default 1/160 of the points' longest side.
     min_views : as in `fuse`. far : depths beyond this, metres, are left out.
-    spacing : both sides are thinned to this spacing before the comparison, metres; by default half a cell.
+    spacing : both point sets are thinned to this spacing before the comparison, metres; by default half a cell.
     progress : called with the fraction done and the stage.
 
     Raises InputError where no point is left, or two views have nothing in common.
@@ -111,7 +111,7 @@ def reconstruct(
 
 
 def depth_views(stored: StoredSample, matcher: MatcherFactory | None, far: float) -> list[DepthView]:
-    """The depth maps of a sample up to `far`: each view's truth or, with a matcher, one of each two neighbours."""
+    """The depth maps of a sample up to `far`: of each view from truth, or of each pair of neighbours from matching."""
     rig = stored.rig
     if matcher is None:
         views = [view_of_truth(stored.truth(i), rig, i, stored.image(i)) for i in range(len(rig))]
@@ -123,7 +123,7 @@ def depth_views(stored: StoredSample, matcher: MatcherFactory | None, far: float
 
 
 def _matched(stored: StoredSample, matcher: MatcherFactory, left: int) -> DepthView:
-    """The matched depths of a view and the next one, rectified, over the range of the true disparities or calib.txt."""
+    """The depths from matching views `left` and `left` + 1, rectified; the search range is from truth or calib.txt."""
     rig, images = stored.rig.pair(left, left + 1), [stored.image(i) for i in (left, left + 1)]
     if not rig.is_rectified():
         result = rectify(rig, zero_doffs=False)

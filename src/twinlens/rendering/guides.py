@@ -105,7 +105,7 @@ def _render_jit(
 ) -> Float:
     """Scrambled Sobol points in film and aperture, shifted digitally in each pixel.
 
-    Their error with 64 samples through a wide lens is half that of `multijitter`.
+    Their error with 64 samples through a wide-aperture lens is half that of `multijitter`.
     """
     import drjit as dr
     from scipy.stats import qmc

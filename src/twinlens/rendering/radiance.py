@@ -48,8 +48,8 @@ def render(
         same lens, for each camera apart (`twinlens.rendering.denoising`). Denoised images are biased: without it, the
         expectation of each pixel is exact. The scalar backend has no guides behind mirrors and glass.
     sampler : str
-        Mitsuba's sampler within a pass. With 16 samples and a wide lens, `multijitter` has half the mean squared error
-        of `independent` at the same cost.
+        Mitsuba's sampler within a pass. With 16 samples and a wide aperture, `multijitter` has half the mean square
+        error of `independent` at the same cost.
     progress : callable, optional
         Called with the fraction done, in (0, 1], after each pass.
 

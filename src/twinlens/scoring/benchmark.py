@@ -1,4 +1,4 @@
-"""`run_benchmark`: methods x samples -> a `Board`, with resume. One failed match is one failed entry."""
+"""`run_benchmark`: methods x samples -> a `Board`, resumable. A match is one method on one sample."""
 
 import os
 from collections.abc import Callable, Iterable, Sequence, Sized
@@ -20,7 +20,7 @@ from twinlens.scoring.submission import Submission
 
 @dataclass(frozen=True)
 class Step:
-    """The argument of `progress`. total: number of pairs, None if the samples have no length."""
+    """The argument of `progress`. done, total: numbers of matches; total is None if the samples have no length."""
 
     done: int
     total: int | None
@@ -64,10 +64,10 @@ def run_benchmark(
         Limits of a match and its warm-up, see `runners.Runner`.
     save, board, retry_failed
         The board's JSON file: read first if it exists, written every few seconds and at the end, and locked against
-        other runs. `board` is resumed instead of the file's. A pair is skipped if the board has its entries for the
+        other runs. `board` is resumed instead of the file. A match is skipped if the board has its entries for the
         same method spec, sample fingerprint, protocol and regions, unless they are failures and `retry_failed` is set.
     progress, on_map, on_drop
-        Called after every pair; for every computed map, with the names of method and sample and the disparity at the
+        Called after every match; for every computed map, with the names of method and sample and the disparity at the
         truth's size; and with both names for every earlier map that is no longer valid.
 
     Raises InputError for unknown protocols and regions, names that are not unique, a sample that cannot be scored, and,
@@ -99,7 +99,7 @@ def run_benchmark(
                 applicable = [p for p in protocols if pair.calibration is not None or not p.needs_calibration]
                 prepared = _Prepared(pair, fingerprint(pair), region_masks(pair, regions), applicable)
                 for method in methods:
-                    skipped, failure = run.pair(prepared, method)
+                    skipped, failure = run.match(prepared, method)
                     done += 1
                     if progress is not None:
                         progress(Step(done, total, method.name, sample.name, skipped, failure))
@@ -107,7 +107,7 @@ def run_benchmark(
 
 
 def spec_of(method: Method | Submission) -> str:
-    """Everything that determines a method's results, as text: its `spec`, or else its name."""
+    """A method's `spec`, the text that determines its results, or else its name."""
     return str(getattr(method, "spec", method.name))
 
 
@@ -118,7 +118,7 @@ def _check_unique(kind: str, name: str, taken: set[tuple[str, str]]) -> None:
 
 
 def _ignore(*_: object) -> None:
-    """The callback in place of None."""
+    """The default of the callbacks."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class _Prepared:
 
 @dataclass(frozen=True)
 class _Run:
-    """Matches and scores pairs, and adds their entries to the board."""
+    """Runs and scores matches, and adds their entries to the board."""
 
     runner: Runner
     writer: BoardWriter
@@ -141,13 +141,13 @@ class _Run:
     on_map: Callable[[str, str, Disparity], None]
     on_drop: Callable[[str, str], None]
 
-    def pair(self, prepared: _Prepared, method: Method | Submission) -> tuple[bool, Failure | None]:
-        """Match and score one pair unless the board has it: (skipped, failure)."""
+    def match(self, prepared: _Prepared, method: Method | Submission) -> tuple[bool, Failure | None]:
+        """Run and score a match unless the board has it: (skipped, failure)."""
         sample, board = prepared.sample, self._without_stale(prepared, method)
-        found = [board.find(method.name, sample.name, rules.name) for rules in prepared.protocols]
+        earlier = [board.find(method.name, sample.name, rules.name) for rules in prepared.protocols]
         if all(
             entry and (entry.regions.keys() >= prepared.masks.keys() if entry.ok else not self.retry_failed)
-            for entry in found
+            for entry in earlier
         ):
             return True, None
         answer = self._answer(sample, method)
@@ -163,7 +163,7 @@ class _Run:
         return False, next((entry.failure for entry in entries if not entry.ok), None)
 
     def _without_stale(self, prepared: _Prepared, method: Method | Submission) -> Board:
-        """The board without entries of another sample or another method with this name."""
+        """The board without entries of an earlier sample or method with the same name but other content."""
         sample, spec = prepared.sample.name, spec_of(method)
         kept = self.writer.board.without(
             lambda e: (
@@ -178,7 +178,7 @@ class _Run:
         return kept
 
     def _answer(self, sample: Pair, method: Method | Submission) -> Answer | Failure:
-        """The method's map, or that of the submission, which has no time."""
+        """The map that the method computes, or that a submission contains; the latter has no run time."""
         if isinstance(method, Submission):
             kind = "missing" if method.find(sample.name, sample.aliases) is None else "refused"
             try:

@@ -1,7 +1,7 @@
 """`focus`: where to focus a stereo pair, how blur depends on disparity, and two cameras with different focus.
 
 Blur and disparity obey c = (A/B) |d - d_focus| (Schechner and Kiryati, Depth from Defocus vs. Stereo, IJCV 39(2),
-2000), tested on lamps: small spheres at known depths, which a wide lens images as disks.
+2000), tested on lamps: small spheres at known depths, which a wide-aperture lens images as disks.
 """
 
 import math

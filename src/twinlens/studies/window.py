@@ -1,7 +1,7 @@
 """`window`: how large a block should be. Large blocks match textureless areas; small ones keep depth edges.
 
 Adaptive windows address this trade-off: Kanade and Okutomi, A Stereo Matching Algorithm with an Adaptive Window, PAMI
-16(9), 1994. Images are rendered through a wide lens, so that parts of each scene are out of focus.
+16(9), 1994. Images are rendered through a wide-aperture lens, so that parts of each scene are out of focus.
 """
 
 import math
