@@ -17,6 +17,7 @@ GROUPS = {  # jobs that share a process; the last one meddles with threads
     "photos": ["edge", "lens", "crop", "count", "refusal", "noise"],
     "bokeh": ["bokeh"],
     "denoise": ["denoise"],
+    "denoised optics": ["denoised optics"],
     "noise estimate": ["noise estimate"],
 }
 

@@ -52,6 +52,13 @@ def room() -> Scene:
     return _scene(objects, {"sky": {"type": "constant", "radiance": {"type": "rgb", "value": 0.3}}})
 
 
+def rolled(angle: float) -> np.ndarray:
+    """The pose, turned about its optical axis."""
+    turn = np.eye(4)
+    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    return POSE @ turn
+
+
 def painted_edge(z: float, x: float | None = None, y: float | None = None) -> Scene:
     """Paint of reflectance 0.8 where `half_plane` has light, and 0.1 elsewhere, under a uniform sky of radiance 1."""
     side = 50.0
@@ -124,3 +131,6 @@ JIT_EDGES = {
     "bare hole": (camera(), (0.2, -4.0), 2.0, "x", 0.1234),  # a hole 4 m before the film: k = -1/4
 }
 DOT = (camera(48, 48, 120.0), 0.5, 1.0, 2.5)  # camera, aperture diameter, focus distance, depth
+SLANT, SLANTED_Z = np.radians(5.0), 2.0
+SLANTED_LENSES = {"1 px": (0.1, 1.5), "3 px": (0.1, 1.0), "9 px": (0.3, 1.0)}  # by the diameter of the blur circle
+DISK = (camera(48, 48, 120.0), (0.25, 1.0), 2.5, 0.06)  # camera, lens parameters, depth, radius of the light

@@ -228,6 +228,25 @@ def estimate_job() -> dict[str, np.ndarray]:
     return found | {"counts": np.array(counts)}
 
 
+def denoised_optics_job() -> dict[str, np.ndarray]:
+    """Denoised: slanted edges through lenses, the blur disk of a small light, and a pair with its reference."""
+    edge_scene = photos.painted_edge(photos.SLANTED_Z, x=0.0)
+    rolled = photos.rolled(photos.SLANT)
+    found = {}
+    for name, lens in photos.SLANTED_LENSES.items():
+        rig = Rig([photos.camera(64, 64)], [rolled])
+        found[f"slanted/{name}"] = tl.render(edge_scene, rig, lens_of(lens), spp=16, denoise=True)[0]
+    camera, lens, z, radius = photos.DISK
+    rig = Rig([camera], [photos.POSE])
+    found["disk"] = tl.render(photos.dot(z, radius), rig, lens_of(lens), spp=256, denoise=True)[0]
+    scene, pair = photos.room(), Rig.stereo(photos.camera(64, 48, 60.0), 0.2, photos.POSE)
+    wide, truth = tl.ThinLens(0.03, 2.5), tl.ground_truth(scene, pair)[0]
+    found |= {"disparity": truth.disparity, "visible": truth.visible}
+    found["pair/denoised"] = np.array(tl.render(scene, pair, wide, spp=16, seed=1, denoise=True))
+    found["pair/reference"] = np.array(tl.render(scene, pair, wide, spp=1024, seed=2))
+    return found
+
+
 def own_guides(scene, camera, lens, seed, eye):
     from twinlens.rendering.build import build
     from twinlens.rendering.denoising import guides_of
@@ -310,6 +329,7 @@ JOBS = {
     "crop": crop_job,
     "noise": noise_job,
     "denoise": denoise_job,
+    "denoised optics": denoised_optics_job,
     "noise estimate": estimate_job,
     "count": count_job,
     "refusal": refusal_job,
