@@ -218,7 +218,7 @@ def test_samples_that_other_tools_made_are_not_merged(recipe, folder, tmp_path):
 def test_a_folder_of_something_else_is_left_alone(recipe, folder):
     folder.mkdir()
     (folder / "thesis.tex").write_text("years of work")
-    with pytest.raises(InputError, match=r"holds 'thesis.tex'"):
+    with pytest.raises(InputError, match=r"contains 'thesis.tex'"):
         generate(recipe, folder)
 
 
@@ -431,7 +431,7 @@ def test_lenses_that_the_backend_cannot_do_leave_no_folder_behind(scalar, tmp_pa
 
 
 def test_lenses_that_some_draw_could_do_are_tried(scalar, tmp_path, folder):
-    """The same with an opening that may be shut: nobody is refused for what a draw may not ask."""
+    """The same with an aperture that may be closed: a recipe is refused only if every draw needs another backend."""
     lens = 'kind = "thin"\naperture_mm = {{ choice = [0, 2] }}\nfocus = inf'
     tried = read_recipe(write_recipe(tmp_path, RECIPE.replace(THIN, lens), count=1))
     calls = []

@@ -75,7 +75,7 @@ def generate(
 
     Raises InputError where `folder` holds another dataset, FileError where a sample there lacks a file, OutputError
     where it cannot be written or another run writes there, and BackendError, before anything is written, where this
-    machine's backend cannot render the lenses of the first sample.
+    machine's backend cannot render the lenses of any draw of the first sample.
     """
     if limit is not None and limit < 1:
         raise InputError(f"limit must be 1 or more, got {limit}")

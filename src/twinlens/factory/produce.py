@@ -3,13 +3,12 @@
 spec -> scene -> rig -> truth -> gates -> lenses -> photographs -> gates -> Sample
 """
 
-import contextlib
 import dataclasses
 from pathlib import Path
 from typing import Any
 
 from twinlens.dataset import Sample
-from twinlens.errors import FileError, InputError
+from twinlens.errors import BackendError, FileError, InputError
 from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
@@ -109,14 +108,23 @@ def produce(
 
 
 def check_backend(recipe: Recipe, index: int) -> None:
-    """Raise BackendError if this process's backend cannot render the lenses of the first draw of a sample.
+    """Raise BackendError if this process's backend cannot render the lenses of any draw of a sample.
 
     The scene is not loaded; what depends on it is checked when the sample is made.
     """
-    with contextlib.suppress(InputError):  # an impossible draw, which the dataset records
-        settings = read(Settings, dict(plan(recipe, index).drawn), _FILE)
-        for lens in make_lenses(settings, None, _FILE, recipe.sources.file):
-            check_lens_supported(lens)
+    last = 0 if is_fixed(recipe) else recipe.gates.attempts - 1
+    for attempt in range(last + 1):
+        try:
+            settings = read(Settings, dict(plan(recipe, index, attempt).drawn), _FILE)
+            for lens in make_lenses(settings, None, _FILE, recipe.sources.file):
+                check_lens_supported(lens)
+        except BackendError:
+            if attempt == last:
+                raise
+        except InputError:  # an impossible draw, which the dataset records
+            return
+        else:
+            return
 
 
 def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
