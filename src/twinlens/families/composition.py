@@ -1,7 +1,7 @@
-"""A scene while it is composed: objects, materials and lights are added; `scene` makes a `Scene` of them.
+"""Composition of a random scene: collects objects, materials and lights, and makes a `Scene` of them.
 
-Every random decision has its own stream, named after what it decides: `Composition.rng("object", 3, "texture")`. A new
-texture in the tables therefore moves no object.
+Every random decision has its own stream, named after what it decides: `Composition.rng("object", 3, "texture")`. So a
+texture added to the tables moves no object.
 """
 
 import math
@@ -84,8 +84,8 @@ def rasterize(view: View, meshes: Iterable[Triangles], columns: int = 160) -> Fl
     step = np.arange(len(tri)) - np.repeat(np.cumsum(count) - count, count)
     x, y = low[tri, 0] + step % size[tri, 0], low[tri, 1] + step // size[tri, 0]
     to_corner = np.stack([x, y], axis=-1)[:, None] - uv[tri]
-    following, last = to_corner[:, [1, 2, 0]], to_corner[:, [2, 0, 1]]
-    weights = following[..., 0] * last[..., 1] - following[..., 1] * last[..., 0]  # edge functions
+    second, third = to_corner[:, [1, 2, 0]], to_corner[:, [2, 0, 1]]
+    weights = second[..., 0] * third[..., 1] - second[..., 1] * third[..., 0]  # edge functions
     area = weights.sum(axis=1)  # twice the triangle's
     inside = (weights * np.sign(area)[:, None] >= 0).all(axis=1) & (area != 0)
     tri, weights, area = tri[inside], weights[inside], area[inside]
@@ -100,22 +100,22 @@ def _clipped(corners: Float) -> Float:
     beyond = corners[..., 2] > _NEAR
     count = beyond.sum(axis=1)
     kept = [corners[count == 3]]
-    for ahead in (1, 2):
-        chosen = count == ahead
-        odd = np.argmax(beyond[chosen] if ahead == 1 else ~beyond[chosen], axis=1)
-        corner = np.take_along_axis(corners[chosen], (odd[:, None] + np.arange(3))[..., None] % 3, axis=1)
-        a, b, c = corner[:, 0], corner[:, 1], corner[:, 2]
+    for number in (1, 2):
+        cut = count == number
+        single = np.argmax(beyond[cut] if number == 1 else ~beyond[cut], axis=1)  # the corner alone on its side
+        ordered = np.take_along_axis(corners[cut], (single[:, None] + np.arange(3))[..., None] % 3, axis=1)
+        a, b, c = ordered[:, 0], ordered[:, 1], ordered[:, 2]
         ab, ac = (a + (_NEAR * 1.0001 - a[:, 2:]) / (p[:, 2:] - a[:, 2:]) * (p - a) for p in (b, c))
-        made = [(a, ab, ac)] if ahead == 1 else [(ab, b, c), (ab, c, ac)]
-        kept += [np.stack(parts, axis=1) for parts in made]
+        triangles = [(a, ab, ac)] if number == 1 else [(ab, b, c), (ab, c, ac)]
+        kept += [np.stack(triangle, axis=1) for triangle in triangles]
     return np.concatenate(kept)
 
 
 @dataclass(eq=False)
 class Composition:
-    """The settings of a scene and what has been added to it. `count` objects, drawn between `counts`, are to be added.
+    """The settings and the content of a scene. A family adds `count` objects, a number drawn from the range `counts`.
 
-    The picture is `width_px` wide with width/height = `aspect`; `look` sets the view. Lengths are in metres.
+    The image is `width_px` wide with width/height = `aspect`; `look` sets the view. Lengths are in metres.
     """
 
     name: str
@@ -165,9 +165,9 @@ class Composition:
         self.objects.append(SceneObject(unique, mesh, unique, world_from_object, emitter))
         self.triangles.append((transform_points(world_from_object, mesh.vertices), mesh.faces))
 
-    def pixel_at(self, point: Float, least_depth: float = -np.inf) -> float:
-        """Width in metres of a pixel at a world point (3,)."""
-        return self.view.pixel(max(float(self.view.depth(point[None])[0]), least_depth))
+    def pixel_at(self, point: Float, min_depth: float = -np.inf) -> float:
+        """Width in metres of a pixel at a world point (3,), whose depth is taken as at least `min_depth`."""
+        return self.view.pixel(max(float(self.view.depth(point[None])[0]), min_depth))
 
     def visible_range(self, others: Iterable[Mesh] = (), columns: int = 160) -> tuple[float, float]:
         """The smallest and the largest depth in the picture of all objects and of `others`, meshes in the world."""
@@ -179,10 +179,10 @@ class Composition:
         """The distance of a backdrop, meshes in the world, that makes `far` metres the largest depth in the picture."""
         distance = start
         for _ in range(5):
-            found = self.visible_range(backdrop(distance), 96)[1]
-            if abs(found - far) < 0.005 * far:
+            farthest = self.visible_range(backdrop(distance), 96)[1]
+            if abs(farthest - far) < 0.005 * far:
                 break
-            distance = max(distance * far / found, 0.2 * start)
+            distance = max(distance * far / farthest, 0.2 * start)
         return distance
 
     def scene(self, about: str) -> Scene:
@@ -194,8 +194,8 @@ class Composition:
         near, far = self.visible_range()
         if self.depth_range is not None:
             scale = self.depth_range[0] / near
-            grow = similarity(np.eye(3), (1 - scale) * view.eye, scale)
-            objects = [replace(thing, world_from_object=grow @ thing.world_from_object) for thing in objects]
+            about_eye = similarity(np.eye(3), (1 - scale) * view.eye, scale)
+            objects = [replace(each, world_from_object=about_eye @ each.world_from_object) for each in objects]
             near, far = near * scale, far * scale
         return Scene(
             name=self.name,

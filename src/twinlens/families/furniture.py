@@ -1,4 +1,4 @@
-"""Furniture of boards, cushions and lathed legs; the origin is the middle of the footprint, the front is -y."""
+"""Furniture: the origin is the middle of the footprint, the front faces -y, z is up. Lengths are in metres."""
 
 import math
 from collections.abc import Callable
@@ -21,7 +21,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class Shelf:
-    """A level rectangle for bodies: middle (x, y), height, size (x, y), and the free height above it, metres."""
+    """A horizontal rectangle to place objects on: middle (x, y), height, size (x, y), and the free height above it."""
 
     middle: tuple[float, float]
     height: float
@@ -33,7 +33,7 @@ class Shelf:
 class Piece:
     """A piece of furniture: parts (name, mesh, key of `materials.FURNITURE`), floor area (x, y), height, shelves.
 
-    Lengths and the meshes' (u, v) are in metres. The material "lit" is a lamp shade, "spines" are books.
+    The meshes' (u, v) are in metres. The material "lit" is a lamp shade, "spines" are books.
     """
 
     kind: str
@@ -44,14 +44,14 @@ class Piece:
 
 
 def board(extents: tuple[float, float, float], middle: tuple[float, float, float], radius: float = 0.0) -> Mesh:
-    """A box or, with a radius, a cushion."""
+    """A box of these extents; `radius` rounds its edges."""
     size = np.array(extents)
-    made = shapes.rounded_box(size, radius, 3, tile=1.0) if radius > 0 else shapes.box(size, tile=1.0)
-    return shapes.transformed(made, translation(middle))
+    box = shapes.rounded_box(size, radius, 3, tile=1.0) if radius > 0 else shapes.box(size, tile=1.0)
+    return shapes.transformed(box, translation(middle))
 
 
 def rod(low: ArrayLike, high: ArrayLike, radius: float) -> Mesh:
-    """A cylinder between two points (3,)."""
+    """A cylinder between the middles (3,) of its ends."""
     along = np.subtract(high, low)
     length = float(np.linalg.norm(along))
     bar = shapes.lathe(hard_edged([(0, 0), (radius, 0), (radius, length), (0, length)]), 18, smooth=False)
@@ -64,6 +64,7 @@ def rod(low: ArrayLike, high: ArrayLike, radius: float) -> Mesh:
 
 
 def _legs(width: float, depth: float, height: float, thick: float, inset: float, rounded: bool) -> Mesh:
+    """Four legs, cylindrical and slanted if `rounded`, `inset` from the edges of width x depth."""
     half_x, half_y = width / 2 - inset, depth / 2 - inset
     places = [(x, y) for x in (-half_x, half_x) for y in (-half_y, half_y)]
     if rounded:
@@ -81,13 +82,13 @@ def _table(rng: Rng, width: Range, depth: Range | None, height: Range | float, k
         r = d / 2
         top = shapes.lathe(hard_edged([(0, 0), (r, 0), (r, thick), (0, thick)]), 64, smooth=False)
         top = Mesh(top.vertices + np.array([0, 0, h - thick]), top.faces, top.normals, top.vertices[:, :2].copy())
-        w, shelf = d, (0.66 * d, 0.66 * d)
+        w, shelf_size = d, (0.66 * d, 0.66 * d)
     else:
         top = board((w, d, thick), (0, 0, h - thick / 2), min(0.01, thick / 3))
-        shelf = (0.92 * w, 0.9 * d)
+        shelf_size = (0.92 * w, 0.9 * d)
     frame = _legs(0.85 * w, 0.85 * d, h - thick, rng.uniform(0.03, 0.06), 0.03, rounded)
     parts = (("table-top", top, "wood"), ("table-legs", frame, one_of(rng, ["wood", "metal", "paint"])))
-    return Piece(kind, parts, (w, d), h, (Shelf((0, 0), h, shelf),))
+    return Piece(kind, parts, (w, d), h, (Shelf((0, 0), h, shelf_size),))
 
 
 def chair(rng: Rng) -> Piece:
@@ -103,12 +104,13 @@ def chair(rng: Rng) -> Piece:
     else:
         frame.append(board((w - 0.04, 0.02, 0.3), (0, d / 2 + 0.03, back - 0.12), 0.008))
     cushion = board((w, d, 0.05), (0, 0, seat + 0.02), 0.02)
-    word = one_of(rng, ["wood", "paint"])
-    parts = (("chair", shapes.merged(frame), word), ("seat", cushion, one_of(rng, ["fabric", word])))
+    material = one_of(rng, ["wood", "paint"])
+    parts = (("chair", shapes.merged(frame), material), ("seat", cushion, one_of(rng, ["fabric", material])))
     return Piece("chair", parts, (w, d + 0.08), back)
 
 
 def _sofa(rng: Rng, seats: int = 0) -> Piece:
+    """A sofa of 2 or 3 seats unless `seats` is given."""
     seats = seats or int(rng.integers(2, 4))
     seat, arm, depth = rng.uniform(0.58, 0.7), rng.uniform(0.12, 0.22), rng.uniform(0.8, 0.95)
     width = seats * seat + 2 * arm
@@ -133,8 +135,8 @@ def _sofa(rng: Rng, seats: int = 0) -> Piece:
         lean = rotation([1, 0, 0], -rng.uniform(12, 24)) @ rotation([0, 1, 0], rng.uniform(-15, 15))
         x = rng.uniform(-0.5, 0.5) * (width - 2 * arm - side)
         pose = translation([x, depth / 2 - 0.43, low + 0.07 + side / 2]) @ lean
-        made = shapes.transformed(shapes.rounded_box(np.array([side, 0.13, side]), 0.06, 3, tile=side), pose)
-        parts.append((f"pillow-{i}", made, "pattern"))
+        pillow = shapes.transformed(shapes.rounded_box(np.array([side, 0.13, side]), 0.06, 3, tile=side), pose)
+        parts.append((f"pillow-{i}", pillow, "pattern"))
     return Piece("sofa" if seats > 1 else "armchair", tuple(parts), (width, depth), high)
 
 
@@ -160,7 +162,7 @@ def _bookcase(rng: Rng) -> Piece:
 
 def _books(rng: Rng, width: float, depth: float, low: float, free: float) -> Mesh:
     """A row of books; u selects a book's column of the texture."""
-    x, made = -width / 2 + 0.005, []
+    x, books = -width / 2 + 0.005, []
     end = width / 2 * rng.uniform(0.2, 1.0)
     while x < end - 0.06:
         thick, tall, deep = rng.uniform(0.015, 0.05), free * rng.uniform(0.62, 0.93), depth * rng.uniform(0.6, 0.8)
@@ -168,9 +170,9 @@ def _books(rng: Rng, width: float, depth: float, low: float, free: float) -> Mes
         book = board((thick - 0.001, deep, tall), (x + thick / 2, y, low + tall / 2))
         u = (int(rng.integers(32)) + 0.5) / 32
         uv = np.column_stack([np.full(len(book.vertices), u), (book.vertices[:, 2] - low) / free])
-        made.append(replace(book, uv=uv))
+        books.append(replace(book, uv=uv))
         x += thick
-    return shapes.merged(made)
+    return shapes.merged(books)
 
 
 def _sideboard(rng: Rng) -> Piece:
@@ -184,10 +186,10 @@ def _sideboard(rng: Rng) -> Piece:
             x, z = (i - (columns - 1) / 2) * w, foot + 0.025 + (j + 0.5) * h
             fronts.append(board((w - 0.014, 0.02, h - 0.014), (x, -depth / 2 - 0.008, z), 0.005))
             knobs.append(rod([x, -depth / 2 - 0.015, z], [x, -depth / 2 - 0.045, z], 0.013))
-    word = one_of(rng, ["wood", "paint", "white"])
+    material = one_of(rng, ["wood", "paint", "white"])
     parts = (
-        ("sideboard", body, word),
-        ("doors", shapes.merged(fronts), one_of(rng, [word, word, "paint"])),
+        ("sideboard", body, material),
+        ("doors", shapes.merged(fronts), one_of(rng, [material, material, "paint"])),
         ("knobs", shapes.merged(knobs), "metal"),
         ("feet", _legs(0.94 * width, 0.86 * depth, foot, 0.045, 0.0, rng.random() < 0.5), "wood"),
     )

@@ -1,6 +1,6 @@
-"""Finds an LLVM library that works. Some versions abort the process at the first render, so each is tried in a child.
+"""Finds a working LLVM library. Some versions abort the process at the first render: each is tried in a child process.
 
-Results are cached next to Dr.Jit's kernel cache, keyed by the file's size and time.
+Results are cached in the folder of Dr.Jit's kernel cache, by the size and time of the library.
 """
 
 import contextlib
@@ -30,9 +30,9 @@ _FOLDERS = (
 )
 _NAMES = ("libLLVM.so*", "libLLVM-*.so*", "libLLVM.dylib")
 _PROBE_SECONDS = 120
-_STOPPED = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)  # by a person or the system, not by the library
-_LONGEST_ANSWER = 400  # characters of the last line of output of a library
-_PASSING = ("did not answer", "was stopped")  # results that may change, and are not cached
+_STOPPED = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)  # sent by a user or the system, not by the library
+_MAX_MESSAGE = 400  # characters of the last line of output
+_TRANSIENT = ("did not answer", "was stopped")  # results that may differ next time, and are not cached
 
 _PROBE = """
 import resource
@@ -49,7 +49,7 @@ raise SystemExit(0 if 0.01 < mean < 10 else 3)
 
 @dataclass(frozen=True)
 class Probe:
-    """The result of one library: whether it `works`, and a message."""
+    """The result for one library: whether it `works`, and a message, `answer`."""
 
     path: str
     works: bool
@@ -82,8 +82,8 @@ def probe(variant: str, library: Path | None = None) -> Probe:
         return known[key]
     answer = _run(variant, library)
     result = Probe(str(library or variant), answer == "works", answer)
-    if not answer.startswith(_PASSING):
-        with contextlib.suppress(OSError):  # a folder that is not writable costs a probe in every process
+    if not answer.startswith(_TRANSIENT):
+        with contextlib.suppress(OSError):  # without a writable folder, every process probes again
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(_ROWS.dump_json(known | {key: result}, indent=1))
     return result
@@ -98,7 +98,7 @@ def _read(file: Path) -> dict[str, Probe]:
 
 
 def _stamp(library: Path | None) -> str:
-    """Changes with the library file, or with the driver and devices of this process: machines may share a folder."""
+    """Identifies the library file or, for CUDA, driver, devices and machine: machines may share the cache's folder."""
     try:
         if library is not None:
             status = library.stat()
@@ -110,7 +110,7 @@ def _stamp(library: Path | None) -> str:
 
 
 def _run(variant: str, library: Path | None) -> str:
-    """Run the test in a child: "works", or what happened."""
+    """Run the test in a child process; returns "works", or a description of the failure."""
     environment = dict(os.environ)
     if library is not None:
         if os.sep in str(library) and not os.path.exists(library):  # noqa: PTH110  never raises
@@ -131,4 +131,4 @@ def _run(variant: str, library: Path | None) -> str:
     last = next((line.strip() for line in reversed(lines) if line.strip()), "")
     if not last:
         return f"fails with exit code {child.returncode}"
-    return f"fails: {textwrap.shorten(last, _LONGEST_ANSWER, placeholder=' ...')}"
+    return f"fails: {textwrap.shorten(last, _MAX_MESSAGE, placeholder=' ...')}"

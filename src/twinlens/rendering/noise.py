@@ -1,11 +1,11 @@
-"""Images with an estimate of the noise that the renderer left in them, and passes until it is low enough.
+"""Images with an estimate of their remaining rendering noise, and more samples until it is low enough.
 
 The samples are rendered in two independent halves A and B. In raw images |A - B| / 2 estimates the standard deviation
 of the mean. A denoised image is filtered from all samples; its halves are filtered separately, with a fast network and
-with guides from half of the guides' samples each, so that the noise of guides counts as well. |A - B| / 1.56 is the
-estimate. The divisor was measured on twelve random views with 16 samples. In the median over windows of 9x9 pixels, the
-estimate is 0.75 to 1.05 of the true error on ten other random views, and 0.84 to 1.15 on the bundled scenes, apart from
-`fence` through a pinhole (1.4).
+with guides from half of the guides' samples each, so that the estimate includes the noise of the guides. The estimate
+is |A - B| / 1.56. The divisor was measured on twelve random views with 16 samples. In the median over windows of 9x9
+pixels, the estimate is 0.75 to 1.05 of the true error on ten other random views, and 0.84 to 1.15 on the bundled
+scenes, apart from `fence` through a pinhole (1.4).
 """
 
 import math
@@ -25,7 +25,7 @@ from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed
 
 MAX_SPP = 1024
-"""Samples per pixel that doubling does not exceed. A request that starts with more is rendered as it is."""
+"""Limit of the doubled samples per pixel. A request for more is rendered without doubling."""
 
 _NOISE_STREAM = 3
 _HALVES_PER_ERROR = 1.56  # standard deviation of the difference of denoised halves, over the error of the whole
@@ -33,9 +33,9 @@ _HALVES_PER_ERROR = 1.56  # standard deviation of the difference of denoised hal
 
 @dataclass(frozen=True, eq=False)
 class NoisyImage:
-    """Linear radiance and the estimate of its remaining error: float32 (H, W, 3).
+    """Linear radiance and an estimate of its error, both float32 (H, W, 3).
 
-    The error of a pixel is one random draw: average its square over windows of pixels.
+    The estimate is one random draw in each pixel: average its square over windows of pixels.
     """
 
     image: NDArray[np.float32]
@@ -56,7 +56,7 @@ def render_measured(
     """Render as `render`, with error estimates; double the samples until `enough`, or until doubling would exceed
     `MAX_SPP`.
 
-    Each round reports its own progress.
+    The progress of each round runs from 0 to 1.
 
     Returns one image per camera, and the samples per pixel used. Raises the errors of `render`, and InputError for
     spp < 2.
@@ -77,21 +77,21 @@ def render_measured(
     extra = spp
     while True:
         for half, count in enumerate((extra - extra // 2, extra // 2)):
-            own = derived_seed(seed, _NOISE_STREAM, int(counts.sum()), half)
+            half_seed = derived_seed(seed, _NOISE_STREAM, int(counts.sum()), half)
             report = partial_progress(progress, half / 2, (half + 1) / 2)
-            for total, image in zip(totals, render(scene, rig, lens, count, own, progress=report), strict=True):
+            for total, image in zip(totals, render(scene, rig, lens, count, half_seed, progress=report), strict=True):
                 total[half] += count * image.astype(np.float64)
             counts[half] += count
-        found = []
+        images = []
         for total, halves in zip(totals, guides, strict=True):
             mean = (total.sum(axis=0) / counts.sum()).astype(np.float32)
             a, b = (total / counts[:, None, None, None]).astype(np.float32)
             if halves is None:
-                found.append(NoisyImage(mean, np.abs(a - b) * np.float32(math.sqrt(counts.prod()) / counts.sum())))
+                images.append(NoisyImage(mean, np.abs(a - b) * np.float32(math.sqrt(counts.prod()) / counts.sum())))
             else:
-                apart = denoise_image(a, halves[0], fast=True) - denoise_image(b, halves[1], fast=True)
+                difference = denoise_image(a, halves[0], fast=True) - denoise_image(b, halves[1], fast=True)
                 denoised = denoise_image(mean, halves[0].mean(halves[1]))
-                found.append(NoisyImage(denoised, np.abs(apart) / np.float32(_HALVES_PER_ERROR)))
+                images.append(NoisyImage(denoised, np.abs(difference) / np.float32(_HALVES_PER_ERROR)))
         extra = int(counts.sum())
-        if enough(found) or 2 * extra > MAX_SPP:
-            return found, extra
+        if enough(images) or 2 * extra > MAX_SPP:
+            return images, extra

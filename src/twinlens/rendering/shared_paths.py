@@ -146,7 +146,7 @@ class Tracer:
             dr.gather(mi.Float, mi.Float(np.ascontiguousarray(values)), places.sample)
             for values in (*shared.film.T, *shared.square.T, *shared.aperture.T)
         )
-        move, part = places.next_own(), places.next_own()
+        move, part = places.next_independent(), places.next_independent()
         own_x, own_y = x + (move[0] - 0.5) / columns, y + (move[1] - 0.5) / rows
         square = (dr.floor(across * columns) + part[0]) / columns, (dr.floor(down * rows) + part[1]) / rows
         inner2, outer2 = (dr.opaque(mi.Float, radius**2) for radius in (annulus.inner, annulus.outer))

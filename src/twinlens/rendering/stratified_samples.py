@@ -1,4 +1,4 @@
-"""The samples that all pixels of a pass of the lens grid share, and a stratified sampler for the paths that follow.
+"""The sample pattern that all pixels share in a pass of the lens grid, and a stratified sampler for their light paths.
 
 Sample m of every pixel starts at its film position x in the pixel, passes through its aperture point a, and lands at
 x + s a for the shear s of each focus: the same integer number of pixels away for every starting pixel. So every pixel
@@ -7,9 +7,10 @@ to land evenly in the pixels of all focuses at once (`place_evenly`).
 
 The samples of a pixel land in several pixels. With a random order of strata in each pixel, some strata would be missing
 where samples land; with one order for all pixels, all would have the same error, visible as blotches. So the first
-point on a light and the first direction are stratified where samples land (`stratum_orders`), and later numbers in the
-pixel where they start. Measured on cards (240x180, 64 samples, 24 lenses), the mean variance of pixels and of 8x8 means
-is 0.91 and 0.88 times that of direct images; with one order for all pixels 0.8 and 4.7 at the narrowest aperture.
+point on a light and the first direction are stratified in the pixel where samples land (`stratum_orders`), and later
+numbers in the pixel where they start. Measured on cards (240x180, 64 samples, 24 lenses), the mean variance of pixels
+and of 8x8 means is 0.91 and 0.88 times that of direct images; with one order for all pixels 0.8 and 4.7 at the
+narrowest aperture.
 
 Sources: Zaremba, The mathematical basis of Monte Carlo and quasi-Monte Carlo methods, SIAM Review 10, 1968; Cranley and
 Patterson, Randomization of number theoretic methods, 1976; Kensler, Correlated Multi-Jittered Sampling, Pixar Technical
@@ -36,7 +37,7 @@ _DIMENSION = 0x9E3779B9  # odd, so that the keys of dimensions differ
 _ORDER_KEY = 0x55555555  # separates the choice of orders from the jitter
 _TABLE_SIZE = 1 << 14  # strata in a table of orders: 64 kB
 _ROUNDS = 6  # of the TEA hash; four rounds leave visible patterns
-_FEWEST = 64  # orders in a table, enough to stratify paths of 15 bounces
+_MIN_ORDERS = 64  # in a table, enough to stratify paths of 15 bounces
 _LIGHT, _BOUNCE = 2, 4  # dimensions; 0 is the film, 1 the aperture, 3 the choice of a lobe
 _BELOW_ONE = np.float32(1 - 2.0**-24)
 
@@ -106,8 +107,8 @@ def stratum_orders(
             strata_of[swap, white == half] = random.permutation(np.flatnonzero(squares == half))
     shuffled = np.empty((len(swaps), len(white)), np.int64)
     shuffled[:, np.argsort(classes, kind="stable")] = np.argsort(classes + random.random(shuffled.shape), axis=1)
-    dealt: NDArray[np.int64] = strata_of[swaps.astype(int)[:, None], shuffled]
-    return dealt
+    orders: NDArray[np.int64] = strata_of[swaps.astype(int)[:, None], shuffled]
+    return orders
 
 
 class StratifiedSampler(mi.Sampler):  # type: ignore[misc, name-defined]
@@ -120,30 +121,31 @@ class StratifiedSampler(mi.Sampler):  # type: ignore[misc, name-defined]
         super().__init__(mi.Properties())
         self.grid = columns, rows
         self.set_sample_count(columns * rows)
-        self.orders = max(_FEWEST, 1 << (_TABLE_SIZE // (columns * rows)).bit_length() - 1)
+        self.orders = max(_MIN_ORDERS, 1 << (_TABLE_SIZE // (columns * rows)).bit_length() - 1)
 
-    def start(self, shared: "SamplePattern", pixels: int, seed: int) -> None:
+    def start(self, pattern: "SamplePattern", pixels: int, seed: int) -> None:
         """Start a pass over `pixels` pixels.
 
         Ray ``pixel + pixels * slot`` belongs to the sample that the pixel's order has in `slot`, the stratum of its
         first bounce, so that rays traced together have similar directions.
         """
-        random, n, count = np.random.default_rng(seed), len(shared), self.orders
+        random, n, count = np.random.default_rng(seed), len(pattern), self.orders
         self._number(pixels, seed)
-        together = 2 * shared.group + shared.white
+        classes = 2 * pattern.group + pattern.white
         light, bounce = (
-            stratum_orders(np.full(count, random.random() < 0.5), together, shared.white, self.grid, random)
+            stratum_orders(np.full(count, random.random() < 0.5), classes, pattern.white, self.grid, random)
             for _ in range(2)
         )
-        later = stratum_orders(random.random(count) < 0.5, shared.white.astype(int), shared.white, self.grid, random)
+        white = pattern.white
+        later = stratum_orders(random.random(count) < 0.5, white.astype(int), white, self.grid, random)
         cells = light, np.tile(np.arange(n), (count, 1)), later
-        x, y = np.moveaxis(np.concatenate([_fine(of, self.grid, random) for of in cells]), -1, 0)
+        x, y = np.moveaxis(np.concatenate([_fine(order, self.grid, random) for order in cells]), -1, 0)
         self.order_table = mi.UInt32((x | y << 16).astype(np.uint32).ravel())
         samples = mi.UInt32(np.argsort(bounce, axis=1).astype(np.uint32).ravel())
-        self.sample = dr.gather(mi.UInt32, samples, self.cut % count * n + self.slot)
+        self.sample = dr.gather(mi.UInt32, samples, self.first_order % count * n + self.slot)
 
     def start_by_pixel(self, pixels: int, seed: int) -> None:
-        """Start a pass for film and aperture only; ray ``slot + n * pixel`` is sample `slot`, as Mitsuba counts."""
+        """Start a pass for film and aperture only; ray ``slot + n * pixel`` is sample `slot`, in Mitsuba's order."""
         self._number(pixels, seed)
         n = dr.opaque(mi.UInt32, self.sample_count())
         self.pixel, self.sample = self.ray // n, self.ray % n
@@ -154,8 +156,8 @@ class StratifiedSampler(mi.Sampler):  # type: ignore[misc, name-defined]
         self.slot, self.pixel = self.ray // inner, self.ray % inner
         self.key = dr.opaque(mi.UInt32, seed)
         self.dimension = dr.opaque(mi.UInt32, 0)
-        self.cut, step = mi.sample_tea_32(self.pixel, self.key ^ _ORDER_KEY, _ROUNDS)
-        self.step = step | 1
+        self.first_order, step = mi.sample_tea_32(self.pixel, self.key ^ _ORDER_KEY, _ROUNDS)
+        self.order_step = step | 1
 
     def next_1d(self, active: Any = True) -> Any:
         return self._pair()[0]
@@ -163,7 +165,7 @@ class StratifiedSampler(mi.Sampler):  # type: ignore[misc, name-defined]
     def next_2d(self, active: Any = True) -> Any:
         return mi.Point2f(*self._pair())
 
-    def next_own(self) -> tuple[Any, Any]:
+    def next_independent(self) -> tuple[Any, Any]:
         """Two independent random numbers for each ray."""
         return tuple(_unit(bits) for bits in mi.sample_tea_32(self.ray, self._next_key(), _ROUNDS))
 
@@ -180,17 +182,17 @@ class StratifiedSampler(mi.Sampler):  # type: ignore[misc, name-defined]
         """
         dimension, key = mi.UInt32(self.dimension), self._next_key()
         light, bounce = dimension == _LIGHT, dimension == _BOUNCE
-        order = (self.cut + dimension * self.step) % self.orders
+        order = (self.first_order + dimension * self.order_step) % self.orders
         order += dr.select(light, 0, dr.select(bounce, self.orders, 2 * self.orders))
         position = order * self.sample_count() + dr.select(bounce, self.slot, self.sample)
         both = dr.gather(mi.UInt32, self.order_table, position)
         units = [_unit(bits) for bits in mi.sample_tea_32(self.ray, key, _ROUNDS)]
-        dealt = [
+        stratified = [
             dr.minimum((mi.Float(part) + unit) / self.sample_count(), _BELOW_ONE)
             for part, unit in zip((both & 0xFFFF, both >> 16), units, strict=True)
         ]
-        fresh = dimension < self.orders
-        return dr.select(fresh, dealt[0], units[0]), dr.select(fresh, dealt[1], units[1])
+        in_table = dimension < self.orders
+        return tuple(dr.select(in_table, even, unit) for even, unit in zip(stratified, units, strict=True))
 
     def to_string(self) -> str:
         return f"StratifiedSampler[{self.grid[0]} x {self.grid[1]}]"
@@ -204,7 +206,7 @@ _MOST_OPTIMISED = 128  # quadratic time: 0.1 s for 128 samples and four focuses
 _SWEEPS = 4
 _SIDE = 32  # positions tried along either axis of the pixel
 _EXACT = 2.0**16  # kernels are multiples of 1/this, so that sums are exact in any order
-_OWN_HALF = 0.25  # extra weight of evenness within a half of the samples
+_HALF_WEIGHT = 0.25  # extra weight of samples of the same half
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,16 +264,16 @@ def place_evenly(moves: Float, white: NDArray[np.bool_], random: np.random.Gener
     Sample by sample, in random order, each moves to the point of a randomly shifted grid where the sum of
     `crowding_kernel` over the other samples' landings is smallest.
 
-    `moves` is (n, F, 2), pixels. `white`, bool (n,), are halves that are spread evenly by themselves as well.
+    `moves` is (n, F, 2), pixels. `white`, bool (n,), splits the samples into halves, each also spread evenly.
     """
     n, focuses, _ = moves.shape
     positions, placed = np.zeros((n, 2)), np.zeros(n, bool)
-    weights = 1.0 + _OWN_HALF * (white[:, None] == white)
+    weights = 1.0 + _HALF_WEIGHT * (white[:, None] == white)
     for m in (m for _ in range(_SWEEPS) for m in random.permutation(n)):
         placed[m] = False
         lines = (np.arange(_SIDE)[:, None] + random.random(2)) / _SIDE
-        seen = (positions[placed, None] + moves[placed] - moves[m]).reshape(-1, 2)
-        across, down = (crowding_kernel(lines[:, axis, None] - seen[:, axis]) for axis in (0, 1))
+        others = (positions[placed, None] + moves[placed] - moves[m]).reshape(-1, 2)
+        across, down = (crowding_kernel(lines[:, axis, None] - others[:, axis]) for axis in (0, 1))
         crowd = (across * np.repeat(weights[m, placed], focuses)) @ down.T
         best = np.unravel_index(np.argmin(crowd), crowd.shape)
         positions[m] = lines[best[0], 0], lines[best[1], 1]
@@ -280,11 +282,11 @@ def place_evenly(moves: Float, white: NDArray[np.bool_], random: np.random.Gener
 
 
 def crowding_kernel(apart: Float) -> Float:
-    """Periodic kernel of two samples at distance `apart` on one axis: the sum over k of cos(2 pi k t) / max(1, k^2).
+    """Periodic kernel of two samples `apart` on one axis: the sum of cos(2 pi k t) / max(1, k^2) over all integers k.
 
     In closed form 1 + 2 pi^2 (t^2 - t + 1/6) of the fractional part t, rounded. The mean over all pairs of samples of
-    the product of both axes is the mean squared error of integrands whose waves of k and l periods have amplitudes 1 /
-    (k l).
+    the product of both axes, less 1, is the mean squared error of integrands whose waves of k and l periods have
+    amplitudes 1 / (max(1, |k|) max(1, |l|)).
 
     >>> crowding_kernel(np.array([0.0, 0.5, 1.0])).round(2).tolist()
     [4.29, -0.64, 4.29]

@@ -21,8 +21,8 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float, check_rigid
 
 Plugin = Mapping[str, Any]
-_ROUND = {"sphere": 3, "cylinder": 2}
-"""How many of a shape's axes need the same scale: with another one, Mitsuba only logs a warning and draws it round."""
+_EQUAL_SCALES = {"sphere": 3, "cylinder": 2}
+"""How many axes of a shape need the same scale. Otherwise Mitsuba logs a warning and renders it without the stretch."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class SceneObject:
 
     def __post_init__(self) -> None:
         shape = self.shape
-        if isinstance(shape, Mesh) or (kind := shape.get("type")) not in _ROUND:
+        if isinstance(shape, Mesh) or (kind := shape.get("type")) not in _EQUAL_SCALES:
             return
         along = np.asarray(shape.get("p1", (0, 0, 1)), float) - np.asarray(shape.get("p0", (0, 0, 0)), float)
         if not np.isfinite(along).all() or not along.any():
@@ -116,9 +116,8 @@ class SceneObject:
         for pose in (self.world_from_object, *self.instances):
             axes = np.asarray(pose)[:3, :3] @ own
             gram = axes.T @ axes
-            stretched = np.diag(gram).copy()
-            stretched[_ROUND[kind] :] = gram[0, 0]
-            if np.abs(gram - np.diag(np.diag(gram))).max() + np.ptp(stretched) > 1e-6 * gram.max():
+            scales = np.diag(gram)[: _EQUAL_SCALES[kind]]  # squared
+            if np.abs(gram - np.diag(np.diag(gram))).max() + np.ptp(scales) > 1e-6 * gram.max():
                 name = f"object {self.name!r}: " if self.name else ""
                 may = " (its axis may be longer)" if kind == "cylinder" else ""
                 raise InputError(f"{name}a {kind} needs a uniform scale{may}; use a mesh to stretch it")

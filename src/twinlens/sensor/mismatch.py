@@ -19,7 +19,7 @@ from twinlens.sensor.tolerances import LEVELS, SPREADS
 
 Float = NDArray[np.float64]
 
-_MOST = 2.5  # standard deviations of a drawn value
+_MAX_SIGMAS = 2.5  # limit of a drawn value, in standard deviations
 _RANGES: dict[str, tuple[str, float, float]] = {
     "gain": ("a positive factor from 0.001 to 1000", 1e-3, 1e3),
     "time": ("a positive factor from 0.001 to 1000", 1e-3, 1e3),
@@ -43,7 +43,7 @@ _RANGES: dict[str, tuple[str, float, float]] = {
 
 @dataclass(frozen=True)
 class Mismatch:
-    """Differences of the other cameras from the first, which the processing of their images does not correct.
+    """Differences of the other cameras from the first, which image processing does not correct.
 
     x and y are -1 to 1 across the image, r^2 is 1 in its corners.
 
@@ -52,20 +52,20 @@ class Mismatch:
     f_number : factor of the f-number; the light changes by its inverse square, the blur circle does not.
     shading_right, shading_down, shading_corner : a, b, c of the factor 1 + a x + b y - c r^2 of the lens's light.
     veiling_glare : share g of the light that is spread evenly: (1 - g) L + g mean(L), in each channel.
-    stray_light : share s of the mean light that is added, from 0 in one corner to 2 s mean(L) in the opposite one.
-    stray_direction_deg : where it is strongest: 0 is right, 90 is down.
+    stray_light : share s of the mean light that is added, from 0 on one side of the image to 2 s mean(L) on the other.
+    stray_direction_deg : direction of the brighter side: 0 is right, 90 is down.
     blur_px : standard deviation of an additional Gaussian blur, which conserves light.
     filter_shift : share of each channel that comes from the channel of the next longer wavelength instead, shorter if
     negative.
-    white_balance_red, white_balance_blue : factors of the developed red and blue values; not of mono or raw output.
-    tone_exponent : power of the developed values, 0 to 1, before the tone curve; not of raw output.
+    white_balance_red, white_balance_blue : factors of the developed red and blue values; unused in mono and raw output.
+    tone_exponent : exponent of the developed values, 0 to 1, before the tone curve; unused in raw output.
     pitch_px, yaw_px : displacement of the image's centre, down and right, by a rotation of the camera.
     roll_px : displacement of the middle of the right edge, down, by a rotation about the optical axis.
     scale_px, distortion_px : displacement of the corners outwards, by the focal length and by the third power of the
     radius.
-    level : that the values were drawn from, for the record.
+    level : the level that the values were drawn from, for the record.
 
-    The last five are of the rig that takes the images (`misalign`), not of the sensor.
+    pitch_px to distortion_px apply to the rig that takes the images (`misalign`), not to the sensor.
     """
 
     gain: float = 1.0
@@ -97,12 +97,11 @@ class Mismatch:
 
     @classmethod
     def draw(cls, level: str, seed: int, **given: float) -> "Mismatch":
-        """A random mismatch: normal values of the standard deviations in `tolerances`, at most 2.5 of them.
+        """A random mismatch: normal deviates with the standard deviations of `tolerances`, limited to 2.5 of these.
 
         Fields in `given` are not drawn.
 
-        Each field has its own stream, so that one seed gives the same pair of cameras at every level, more or less far
-        apart.
+        Each field has its own stream: at every level, one seed gives the same differences, scaled.
 
         >>> Mismatch.draw("typical", 1) == Mismatch.draw("typical", 1), Mismatch.draw("none", 1) == Mismatch()
         (True, True)
@@ -113,9 +112,9 @@ class Mismatch:
             return cls(**values)
         values.setdefault("stray_direction_deg", float(generator(seed, "mismatch", "direction").uniform(0, 360)))
         for name, spreads in SPREADS.items():
-            z = float(np.clip(generator(seed, "mismatch", name).standard_normal(), -_MOST, _MOST))
-            off = spreads[LEVELS.index(level) - 1] * (abs(z) if _RANGES[name][1] == 0 else z)
-            values.setdefault(name, vars(cls)[name] + off)
+            z = float(np.clip(generator(seed, "mismatch", name).standard_normal(), -_MAX_SIGMAS, _MAX_SIGMAS))
+            difference = spreads[LEVELS.index(level) - 1] * (abs(z) if _RANGES[name][1] == 0 else z)
+            values.setdefault(name, vars(cls)[name] + difference)
         return cls(**values)
 
     def applied(self, exposure: Exposure) -> Exposure:
@@ -130,7 +129,7 @@ class Mismatch:
             raise InputError(f"the mismatch makes the exposure invalid: {error}") from error
 
     def light(self, light: Float) -> Float:
-        """What the sensor receives of the light (H, W, 3) that a lens without differences passes."""
+        """The light (H, W, 3) on the sensor, from that of a camera without differences."""
         x, y = np.linspace(-1, 1, light.shape[1]), np.linspace(-1, 1, light.shape[0])[:, None]
         if self.shading_right or self.shading_down or self.shading_corner:
             height, width = light.shape[:2]
@@ -152,13 +151,13 @@ class Mismatch:
         return light / self.f_number**2
 
     def developed(self, linear: Float) -> Float:
-        """Developed linear values (H, W, 3) or (H, W), 1 is white, before the tone curve."""
+        """Apply white balance and tone exponent to linear values (H, W, 3) or (H, W), where 1 is white."""
         if linear.ndim == 3:
             linear = linear * np.array([self.white_balance_red, 1.0, self.white_balance_blue])
         return linear if self.tone_exponent == 1 else np.clip(linear, 0.0, 1.0) ** self.tone_exponent
 
     def misalign(self, rig: Rig) -> Rig:
-        """The rig that takes the images, where the calibration and the truth are those of `rig`."""
+        """The misaligned rig, which takes the images; calibration and truth are those of `rig`."""
         errors = [ALIGNED, *(self._misalignment(camera) for camera in rig.cameras[1:])]
         return misaligned(rig, errors) if any(error != ALIGNED for error in errors) else rig
 

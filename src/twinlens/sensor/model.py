@@ -5,8 +5,8 @@ the full well, and is read with normal noise. K converts electrons to digital nu
 
     y = round(K (min(Poisson(mu (1 + PRNU)) + Poisson(dark), full well) + DSNU + read noise) + black)
 
-Each cause of noise has its own random stream (`twinlens.seeds`), by seed, cause and camera. PRNU and DSNU are seeded
-by the sensor's serial number, the others by the exposure's seed.
+Each source of noise has its own random stream (`twinlens.seeds`) for each camera. PRNU and DSNU are seeded by the
+sensor's serial number, the others by the exposure's seed.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ from twinlens.sensor.presets import PRESETS
 Float = NDArray[np.float64]
 
 OUTPUTS = (*picture.CURVES, "raw")
-_WELLS = 4.0  # expectations are limited to four full wells, which are saturated anyway
+_MAX_WELLS = 4.0  # limit of expected electrons, in full wells; such pixels are saturated anyway
 
 _RANGES = {
     "full_well": (1.0, 1e9),
@@ -78,7 +78,7 @@ class Sensor:
     where the lens has a width.
     radiance_scale : W/(m^2 sr), in the band of each channel, of a rendered radiance of 1.
     pinhole_f_number : the f-number at which an aperture of zero width is exposed.
-    longest_exposure, largest_gain : limits of the automatic exposure: seconds, and a factor.
+    longest_exposure, largest_gain : limits of the automatic exposure, in seconds and as a factor.
     mismatch : differences of the cameras after the first.
     serial : seed of the fixed patterns.
 
@@ -158,7 +158,7 @@ class Sensor:
 
     @property
     def largest_dn(self) -> int:
-        """2^adc_bits - 1."""
+        """The largest digital number, 2^adc_bits - 1."""
         return int(2**self.adc_bits - 1)
 
     def system_gain(self, gain: float = 1.0) -> float:
@@ -175,7 +175,7 @@ class Sensor:
         return electrons
 
     def level_rate(self, radiance: ArrayLike, *, camera: Camera, lens: Lens) -> Float:
-        """Shares of white per second at gain 1, (H, W, 3), of a radiance image; automatic exposure uses them."""
+        """Signal per second at gain 1 over the full well, (H, W, 3), of a radiance image; for automatic exposure."""
         check_lens(lens)
         rates = self._rates(checked_radiance("radiance", radiance, camera), camera, lens)
         if self.filters == "mono":
@@ -213,9 +213,9 @@ class Sensor:
         check_int("seed", seed, 0)
         if exposure is not None:
             light.warn_below_f1(min(cameras, key=lambda camera: film_distance(camera, lens)), lens, stacklevel=4)
-        shared = exposure or auto_exposure(images, sensor=self, cameras=cameras, lens=lens)
+        nominal = exposure or auto_exposure(images, sensor=self, cameras=cameras, lens=lens)
         return [
-            self._take(image, camera, lens, shared, seed, eye)
+            self._take(image, camera, lens, nominal, seed, eye)
             for image, (_, camera, eye) in zip(images, views, strict=True)
         ]
 
@@ -295,13 +295,13 @@ class Sensor:
         if self.prnu:
             pattern = generator(self.serial, "prnu", eye).standard_normal(expected.shape)
             expected = expected * (1.0 + self.prnu * pattern)
-        expected = np.clip(expected, 0.0, _WELLS * self.full_well)
+        expected = np.clip(expected, 0.0, _MAX_WELLS * self.full_well)
         dark = self.dark_current * time
         if not self.shot_noise:
             return np.minimum(expected + dark, self.full_well)
         electrons = generator(seed, "shot", eye).poisson(expected).astype(np.float64)
         if dark > 0:
-            dark = min(dark, _WELLS * self.full_well)
+            dark = min(dark, _MAX_WELLS * self.full_well)
             electrons += generator(seed, "dark current", eye).poisson(dark, expected.shape)
         return np.minimum(electrons, self.full_well)
 

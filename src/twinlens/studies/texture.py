@@ -24,11 +24,11 @@ SCALES_PX = (0.7, 1.0, 1.5, 2.5, 4.0)
 SCALE_PX, CONTRAST = 1.0, 0.16  # while the other is swept
 DEPTH, BASELINE = 2.0, 0.1
 SENSOR = Sensor.preset("machine_vision", filters="mono", output="linear", bits=16, prnu=0.0, dsnu=0.0)
-_RIM = 16
+_RIM = 16  # pixels along the edges that are left out
 _GROSS_PX = 1.0
 _MAX_GROSS = 2.0  # percentage from which a case is excluded
 _EXPONENT_TOLERANCE = 0.15
-_MIDDLE = 0.04
+_MIDDLE = 0.04  # contrast at which matchers are compared
 _NOISY = (0.03, 0.04, 0.06, 0.08)  # the bound is well below a pixel and above the bias of sub-pixel fits
 _MIN_CONTRASTS = 3  # needed to fit an exponent
 
@@ -44,21 +44,21 @@ def measure(setup: Setup) -> Measured:
 
 def _case(setup: Setup, seed: int, contrast: float, scale: float, swept: str) -> list[Row]:
     camera = Camera.from_fov(setup.width, setup.height, 50.0)
-    found: dict[str, list[Float]] = {method: [] for method in setup.methods}
+    samples: dict[str, list[Float]] = {method: [] for method in setup.methods}
     for k, stage in enumerate(noise_planes(camera, BASELINE, DEPTH, seed, scale_px=scale, contrast=contrast)):
         radiance = stage.photograph(Pinhole(), setup.spp, stream(seed, 0, k))
         rate = float(SENSOR.level_rate(radiance[0], camera=camera, lens=Pinhole()).mean())
         exposure = Exposure(0.25 / rate)  # the mean is a quarter of the full well
-        shots = [stage.expose(radiance, Pinhole(), stream(seed, 1, k, eye), SENSOR, exposure) for eye in range(2)]
+        shots = [stage.expose(radiance, Pinhole(), stream(seed, 1, k, repeat), SENSOR, exposure) for repeat in range(2)]
         sigma = float(np.std(grey(shots[0][0]).astype(np.float64) - grey(shots[1][0]))) / math.sqrt(2)
         slopes = _slopes(0.5 * (shots[0][0] + shots[1][0].astype(np.float64)), radiance[0])
         for method in setup.methods:
             errors = (stage.match(shots[0], method) - stage.truth.disparity).astype(np.float64)
             side = parse_method(method).matcher().block_size
             bounds = math.sqrt(2) * sigma / np.sqrt(_window_sum(slopes**2, side))
-            found[method].append(np.stack([errors, bounds])[:, _RIM:-_RIM, _RIM:-_RIM].reshape(2, -1))
+            samples[method].append(np.stack([errors, bounds])[:, _RIM:-_RIM, _RIM:-_RIM].reshape(2, -1))
     rows: list[Row] = []
-    for method, each in found.items():
+    for method, each in samples.items():
         errors, bounds = np.hstack(each)
         fine = errors[np.abs(errors) < _GROSS_PX]
         rows.append({
@@ -70,12 +70,12 @@ def _case(setup: Setup, seed: int, contrast: float, scale: float, swept: str) ->
     return rows
 
 
-def _slopes(picture: Float, light: NDArray[np.float32]) -> Float:
-    """dI/du of the radiance (H, W) in the image's grey levels per pixel, from cubic splines along the rows."""
-    flat = light.mean(axis=-1).astype(np.float64)
-    gain, _ = np.polyfit(flat.ravel(), picture.ravel(), 1)
-    curve = interpolate.CubicSpline(np.arange(flat.shape[1]), flat, axis=1)
-    return np.asarray(gain * curve(np.arange(flat.shape[1]), 1))
+def _slopes(image: Float, radiance: NDArray[np.float32]) -> Float:
+    """dI/du, (H, W), in grey levels of `image` per pixel: the slope of cubic splines through rows of the radiance."""
+    grey_radiance = radiance.mean(axis=-1).astype(np.float64)
+    gain, _ = np.polyfit(grey_radiance.ravel(), image.ravel(), 1)
+    u = np.arange(grey_radiance.shape[1])
+    return np.asarray(gain * interpolate.CubicSpline(u, grey_radiance, axis=1)(u, 1))
 
 
 def _window_sum(values: Float, side: int) -> Float:

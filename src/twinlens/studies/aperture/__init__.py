@@ -30,7 +30,7 @@ EXPOSED_AT = 1.0  # the f-number whose automatic exposure is the fixed exposure
 GRAIN_AT = 5.6  # the f-number whose image is sharp enough to measure the texture's grain
 LINEAR = SENSOR.replace(output="linear", bits=16)
 _CROP, _ZOOM = 40, 3
-_LAW_AT = 11.0
+_SQUARE_LAW_AT = 11.0  # the f-number to whose level the square law is scaled
 ALLOWED_STOPS = 1.5  # the Cramer-Rao bound, (N/N0 + N0/N) / 2 of its minimum, is 1.14 there
 PATHS_ALLOWED = 0.5  # rendering noise over sensor noise: increases the total noise by 12 %
 _LAW_FROM, _LAW_TO = 2.8, 16.0
@@ -65,7 +65,7 @@ def measure(setup: Setup) -> Measured:
 
 
 def _saved(model: Model, setup: Setup, grid: LensGrid, seconds: float) -> dict[str, float]:
-    """Time and light paths of the lens grid, and of direct renders with as many samples."""
+    """Time and light paths of the lens grid, and those of direct renders with the same number of samples."""
     lens, few = model.full_size(model.lens(EXPOSED_AT)), max(1, setup.spp // 4)
     model.stage.photograph(lens, 1, stream(setup.seeds[0], 8))
     start = time.perf_counter()
@@ -116,7 +116,7 @@ def _add_curves(rows: list[dict[str, Any]]) -> None:
             for column in ("predicted", "predicted_wrong")
         )
         for row in curve:
-            law = at[_LAW_AT]["level"] * (_LAW_AT / row["f_number"]) ** 2
+            law = at[_SQUARE_LAW_AT]["level"] * (_SQUARE_LAW_AT / row["f_number"]) ** 2
             row |= {"theory_best": best, "theory_best_wrong": best_wrong, "square_law": law}
 
 
@@ -129,7 +129,7 @@ def diffracted(stage: Stage, lens: ThinLens, radiance: Radiance) -> Radiance:
 
 
 def _crops(model: Model, images: Sequence[Radiance]) -> Picture:
-    """The nearest part of the scene's middle through every lens, at equal brightness with diffraction."""
+    """A crop around the nearest pixel of the middle of the image, through every lens, at equal brightness."""
     stage = model.stage
     side = min(_CROP, *(length // 3 for length in stage.truth.depth.shape))
     inner = stage.truth.depth[side:-side, side:-side]
