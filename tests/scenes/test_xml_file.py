@@ -80,6 +80,7 @@ def test_a_scene_toml_knows_its_depth_range() -> None:
 
 BAD = [
     ('<float name="fov" value="200"/>', "", "fov must lie between"),
+    ('<string name="focal_length" value="0mm"/>', "", "got 180 along diagonal"),
     ('<float name="fov" value="wide"/>', "", "'wide' must be a finite number"),
     ('<float name="fov" value="$fov"/>', "", "without $ parameters"),
     ("", '<matrix value="1 2 3"/>', "must be 16 finite numbers"),

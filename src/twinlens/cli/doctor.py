@@ -24,15 +24,15 @@ def command(as_json: bool) -> None:
     \b
     Example:  twinlens doctor
     """
-    found = doctor()
+    chosen = doctor()
     versions = {name: version(name) for name in _PACKAGES}
     if as_json:
-        print_json({"backend": asdict(found), "versions": versions})
+        print_json({"backend": asdict(chosen), "versions": versions})
         return
-    click.echo(f"backend   {found.variant}: {found.reason}")
-    if found.advice:
-        click.echo(f"advice    {found.advice}")
-    for probe in found.probes:
+    click.echo(f"backend   {chosen.variant}: {chosen.reason}")
+    if chosen.advice:
+        click.echo(f"advice    {chosen.advice}")
+    for probe in chosen.probes:
         click.echo(f"tried     {probe.path}: {probe.answer}")
     click.echo(f"machine   {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
     click.echo("packages  " + ", ".join(f"{name} {number}" for name, number in versions.items()))

@@ -25,12 +25,12 @@ class PlaceType(click.ParamType):  # type: ignore[type-arg]
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Place:
         if value == "":
             self.fail("the name is empty; is a shell variable unset?", param, ctx)
-        found = place(value)
-        if isinstance(found, RemotePath) and not self.remote:
+        location = place(value)
+        if isinstance(location, RemotePath) and not self.remote:
             self.fail(f"{value!r} is a bucket's address; only a path on this machine is supported here", param, ctx)
-        if self.suffixes and not str(found).lower().endswith(tuple(self.suffixes)):
+        if self.suffixes and not str(location).lower().endswith(tuple(self.suffixes)):
             self.fail(f"{value!r} must end in {' or '.join(self.suffixes)}", param, ctx)
-        return found
+        return location
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         return [CompletionItem(incomplete, type="file")]
@@ -85,8 +85,8 @@ def check_samples(output: Place, names: Sequence[str], overwrite: bool) -> None:
 
 def _refuse_others(folder: Place, names: Sequence[str], mark: str) -> None:
     """Raise OutputError if a folder without `mark` has files other than `names` and hidden ones."""
-    found = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
-    for name in () if mark in found else found:
+    present = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+    for name in () if mark in present else present:
         if not name.startswith(".") and name not in names:
             raise OutputError(f"{folder}: contains {name!r} and no {mark}; choose a new or an empty folder")
 

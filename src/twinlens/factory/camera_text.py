@@ -86,10 +86,10 @@ def parse_lens(text: str, view: settings.View, aperture: Aperture | None = None)
         forms = " | ".join(form for form, _ in _LENSES.values())
         raise InputError(f"{where}: {unknown('lens', kind, _LENSES)}; a lens is one of {forms}")
     form, pattern = _LENSES[kind]
-    found = re.fullmatch(pattern, text)
-    if found is None:
+    match = re.fullmatch(pattern, text)
+    if match is None:
         raise InputError(f"{where}: must be {form}")
-    given = {key: value for key, value in found.groupdict().items() if value is not None}
+    given = {key: value for key, value in match.groupdict().items() if value is not None}
     if kind in ("thin", "f/") and "focus" not in given and not view.scene.depth_range_known:
         raise InputError(f"{where}: the scene has no depth range; add the focus distance, such as {text}@2.5")
     table = read(settings.LensTable, {"kind": "thin" if kind == "f/" else kind, **given}, where, strict=False)
@@ -131,11 +131,11 @@ def parse_exposure(text: str) -> Exposure | None:
     """An exposure in the syntax of EXPOSURE_HELP; None for "auto"."""
     if text == "auto":
         return None
-    found = re.fullmatch(rf"({_NUMBER})(?:/({_NUMBER}))?(?:,({_NUMBER}))?", text)
-    if found is None or not float(found[2] or 1) > 0:
+    match = re.fullmatch(rf"({_NUMBER})(?:/({_NUMBER}))?(?:,({_NUMBER}))?", text)
+    if match is None or not float(match[2] or 1) > 0:
         raise InputError(f"--exposure must be TIME_S[,GAIN], such as 1/60 or 0.01,4, got {format_value(text)}")
     with located(f"--exposure {text!r}"):
-        return Exposure(float(found[1]) / float(found[2] or 1), float(found[3] or 1))
+        return Exposure(float(match[1]) / float(match[2] or 1), float(match[3] or 1))
 
 
 def parse_mismatch(text: str, seed: int = 0) -> Mismatch:
@@ -196,23 +196,23 @@ def parse_intrinsics(options: Mapping[str, Any]) -> dict[str, Any]:
     {'fx': 700.0, 'fy': 700.0, 'sensor_width_mm': 36.0}
     """
     given = {name: value for name, value in options.items() if value is not None}
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     if "focal_length_px" in given:
         form = "FX[,FY] in pixels, such as 700 or 700,690"
         focal = parse_numbers("--focal-length-px", given["focal_length_px"], 1, 2, form)
-        found |= {"fx": focal[0], "fy": focal[-1]}
+        values |= {"fx": focal[0], "fy": focal[-1]}
     if "principal_point" in given:
-        found["cx"], found["cy"] = parse_numbers("--principal-point", given["principal_point"], 2, 2, "CX,CY")
+        values["cx"], values["cy"] = parse_numbers("--principal-point", given["principal_point"], 2, 2, "CX,CY")
     if "distortion" in given:
         model = parse_distortion(given["distortion"])
-        found["distortion"] = {"model": model.name, **asdict(model)}
+        values["distortion"] = {"model": model.name, **asdict(model)}
     if "pixel_pitch_um" in given:
-        found["pixel_pitch_um"] = given["pixel_pitch_um"]
+        values["pixel_pitch_um"] = given["pixel_pitch_um"]
     if "sensor_width_mm" in given:
         text = given["sensor_width_mm"]
         with located(f"--sensor-width-mm {text}"):
-            found["sensor_width_mm"] = sensor_width_mm(float(text) if re.fullmatch(_NUMBER, text) else text)
-    return found
+            values["sensor_width_mm"] = sensor_width_mm(float(text) if re.fullmatch(_NUMBER, text) else text)
+    return values
 
 
 _RIG_KEYS = {

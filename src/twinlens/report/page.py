@@ -101,14 +101,14 @@ def _file(name: str) -> str:
 
 def _pictures(board: Board, sample: Pair, maps: Maps | None, max_width: int, least_stride: int) -> dict[str, Any]:
     stride = max(least_stride, -(-sample.disp0.shape[1] // max_width))
-    found = {m: maps.get((m, sample.name)) for m in board.methods} if maps is not None else {}
+    method_maps = {m: maps.get((m, sample.name)) for m in board.methods} if maps is not None else {}
     known = sample.disp0[np.isfinite(sample.disp0)]
     return {
         "left": image_uri(sample.im0, stride),
         "right": image_uri(sample.im1, stride),
         "truth": pack(sample.disp0, stride),
         "range": [math.floor(known.min()), math.ceil(known.max())] if known.size else [0, sample.ndisp],
-        "maps": {m: pack(d, stride) for m, d in found.items() if d is not None},
+        "maps": {m: pack(d, stride) for m, d in method_maps.items() if d is not None},
     }
 
 
@@ -205,8 +205,8 @@ def _means(board: Board, weights: Mapping[str, float] | None) -> dict[str, Any]:
     """Protocol -> region -> method -> mean. A board without scores has no regions; its failures are listed under ""."""
 
     def mean(method: str, protocol: str, region: str) -> dict[str, Any]:
-        found = board.mean(method, protocol, region, weights)
-        values = {name: _number(value) for name, value in found.metrics.items()}
-        return {"n": found.counted, "failed": list(found.failed), "missing": list(found.missing), "v": values}
+        mean = board.mean(method, protocol, region, weights)
+        values = {name: _number(value) for name, value in mean.metrics.items()}
+        return {"n": mean.counted, "failed": list(mean.failed), "missing": list(mean.missing), "v": values}
 
     return {p: {r: {m: mean(m, p, r) for m in board.methods} for r in board.regions or ("",)} for p in board.protocols}

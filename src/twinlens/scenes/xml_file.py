@@ -193,7 +193,8 @@ def _fov_x_deg(sensor: Element) -> float:
     sides = {"x": width, "y": height, "diagonal": math.hypot(width, height)}
     sides |= {"smaller": min(width, height), "larger": max(width, height)}
     if axis not in sides or not 0 < angle < math.pi:
-        raise InputError(f"fov must lie between 0 and 180 degrees along {', '.join(sides)}, got {fov} {axis}")
+        got = f"{math.degrees(angle):g} along {axis}"
+        raise InputError(f"fov must lie between 0 and 180 degrees along {', '.join(sides)}, got {got}")
     return math.degrees(2 * math.atan(math.tan(angle / 2) * width / sides[axis]))
 
 

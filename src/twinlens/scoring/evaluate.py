@@ -121,12 +121,12 @@ def evaluate(
     truth, estimate = disparity_map("gt", gt), disparity_map("disp", disp)
     scale = upsampling(estimate.shape, truth.shape, rules)
     allowed = scale * min_disparity, math.inf if ndisp is None else scale * (min_disparity + ndisp)
-    found, given = rules.prepare(upsampled(estimate, scale), *allowed)
+    estimate, given = rules.prepare(upsampled(estimate, scale), *allowed)
     if round_disparity is None:
         round_disparity = rules.rounds_integers and calibration is not None and calibration.isint
     if round_disparity:  # as C's round(), halves away from zero; numpy rounds them to even
-        wide = found.astype(np.float64)
-        found = np.copysign(np.floor(np.abs(wide) + 0.5), wide).astype(found.dtype)
+        wide = estimate.astype(np.float64)
+        estimate = np.copysign(np.floor(np.abs(wide) + 0.5), wide).astype(estimate.dtype)
     masks: dict[str, Mask] = {"all": np.ones(truth.shape, np.bool_)}
     if mask_nonocc is not None:
         masks["nonocc"] = mask_of("mask_nonocc", mask_nonocc, truth.shape)
@@ -134,7 +134,7 @@ def evaluate(
     scores = {}
     for name, mask in masks.items():
         chosen = mask & np.isfinite(truth)
-        pixels = Pixels(found[chosen].astype(np.float64), truth[chosen].astype(np.float64), given[chosen])
+        pixels = Pixels(estimate[chosen].astype(np.float64), truth[chosen].astype(np.float64), given[chosen])
         if rules.needs_calibration and calibration is not None:
             metres = _point_errors(pixels.estimate, pixels.truth, np.argwhere(chosen), calibration)
             pixels = replace(pixels, metres=metres)
@@ -143,14 +143,14 @@ def evaluate(
     return Scores(rules, scores, allowed, scale, round_disparity)
 
 
-def upsampling(found: tuple[int, ...], wanted: tuple[int, ...], rules: Protocol) -> int:
+def upsampling(estimate_shape: tuple[int, ...], truth_shape: tuple[int, ...], rules: Protocol) -> int:
     """Ratio of the truth's size to the map's; InputError unless the protocol allows it."""
     for scale in rules.upsampling:
-        if tuple(scale * n for n in found) == wanted:
+        if tuple(scale * n for n in estimate_shape) == truth_shape:
             return scale
-    whole = [scale for scale in rules.upsampling if all(n % scale == 0 for n in wanted)]
-    allowed = " or ".join(str(tuple(n // scale for n in wanted)) for scale in whole)
-    raise InputError(f"disp has shape {found}: {rules.title} expects {allowed} for a truth of {wanted}")
+    whole = [scale for scale in rules.upsampling if all(n % scale == 0 for n in truth_shape)]
+    allowed = " or ".join(str(tuple(n // scale for n in truth_shape)) for scale in whole)
+    raise InputError(f"disp has shape {estimate_shape}: {rules.title} expects {allowed} for a truth of {truth_shape}")
 
 
 def upsampled(disp: Disparity, scale: int) -> Disparity:
@@ -158,19 +158,21 @@ def upsampled(disp: Disparity, scale: int) -> Disparity:
     return np.asarray(np.repeat(np.repeat(disp, scale, axis=0), scale, axis=1) * disp.dtype.type(scale))
 
 
-def _point_errors(found: Float, true: Float, pixels: NDArray[np.intp], calibration: Calibration) -> tuple[Float, Float]:
+def _point_errors(
+    estimate: Float, true: Float, pixels: NDArray[np.intp], calibration: Calibration
+) -> tuple[Float, Float]:
     """(distance between estimated and true point, distance from the camera to the true point), each (N,) in metres.
 
-    found, true: (N,) disparities; pixels: (N, 2) rows of (v, u). The first is +inf where either point is undefined
+    estimate, true: (N,) disparities; pixels: (N, 2) rows of (v, u). The first is +inf where either point is undefined
     (unknown disparity, or d + doffs <= 0).
     """
     fx, fy, cx, cy = calibration.cam0
     length = np.sqrt(1.0 + ((pixels[:, 1] - cx) / fx) ** 2 + ((pixels[:, 0] - cy) / fy) ** 2)  # of a ray to z = 1
     doffs = calibration.doffs
-    z_found, z_true = (
+    z_estimate, z_true = (
         depth_from_disparity(np.where(d + doffs > 0, d, np.inf), calibration.fx, calibration.baseline, doffs)
-        for d in (found, true)
+        for d in (estimate, true)
     )
-    defined = np.isfinite(z_found) & np.isfinite(z_true)
+    defined = np.isfinite(z_estimate) & np.isfinite(z_true)
     with np.errstate(invalid="ignore"):
-        return np.where(defined, np.abs(z_found - z_true) * length, np.inf), z_true * length
+        return np.where(defined, np.abs(z_estimate - z_true) * length, np.inf), z_true * length

@@ -103,11 +103,11 @@ def summarize(rows: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, flo
     >>> summarize([{"noise": 1.0}, {"noise": 3.0}])
     {'noise': (2.0, 1.2, 2.8)}
     """
-    found = {}
+    summary = {}
     for name in rows[0] if rows else ():
         values = [row[name] for row in rows if not math.isnan(row[name])]
-        found[name] = tuple(np.percentile(values, (50, 10, 90)).tolist()) if values else (math.nan,) * 3
-    return found
+        summary[name] = tuple(np.percentile(values, (50, 10, 90)).tolist()) if values else (math.nan,) * 3
+    return summary
 
 
 def grey_levels(image: NDArray[Any]) -> Grey:
@@ -122,8 +122,8 @@ def warp_right(right: Grey, disparity: NDArray[np.floating[Any]]) -> Grey:
     columns = np.arange(width) - np.where(np.isfinite(disparity), disparity, np.inf)
     inside = (columns >= 0) & (columns <= width - 1)
     rows = np.broadcast_to(np.arange(height, dtype=np.float64)[:, None], columns.shape)
-    found = ndimage.map_coordinates(right, (rows, np.where(inside, columns, 0.0)), order=3, mode="nearest")
-    return np.where(inside, found, np.nan)
+    warped = ndimage.map_coordinates(right, (rows, np.where(inside, columns, 0.0)), order=3, mode="nearest")
+    return np.where(inside, warped, np.nan)
 
 
 def _differences(left: Grey, warped: Grey, used: NDArray[np.bool_]) -> dict[str, float]:

@@ -192,11 +192,11 @@ class Runner:
 def _timed_match(method: Method, left: Image, right: Image, search: Mapping[str, int]) -> Answer:
     start = time.perf_counter()
     try:
-        found = method.match(left, right, **search)
+        result = method.match(left, right, **search)
         seconds = time.perf_counter() - start
-        if isinstance(found, np.ndarray) and found.dtype.kind != "f":
-            raise WrongAnswerError("wrong-type", f"returned an array of {found.dtype}: expected float32 disparities")
-        return Answer(checked_result(found, left.shape[:2], method.name), seconds)
+        if isinstance(result, np.ndarray) and result.dtype.kind != "f":
+            raise WrongAnswerError("wrong-type", f"returned an array of {result.dtype}: expected float32 disparities")
+        return Answer(checked_result(result, left.shape[:2], method.name), seconds)
     except TimeoutError as error:
         raise MethodError("time-limit", str(error)) from error
     except WrongAnswerError as error:
@@ -266,8 +266,8 @@ def _limit_memory(limit: int) -> None:
 
     used = 0
     with contextlib.suppress(OSError):  # Linux only; what RLIMIT_DATA counts
-        found = re.search(r"^VmData:\s*(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)
-        used = int(found[1]) * 1024 if found else 0
+        match = re.search(r"^VmData:\s*(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)
+        used = int(match[1]) * 1024 if match else 0
     if used > limit:
         needs = f"a worker process needs {used / 2**30:.2f} GiB before the first match"
         raise MethodError("memory", f"{needs}; the limit is {limit / 2**30:.2g} GiB")

@@ -84,14 +84,14 @@ class Submission:
     @cached_property
     def files(self) -> Mapping[str, int]:
         """Every file that is not hidden: relative name with slashes -> size in bytes."""
-        found = _folder_files(self.path) if self.path.is_dir() else _zip_files(self.path, self._archive.infolist())
+        sizes = _folder_files(self.path) if self.path.is_dir() else _zip_files(self.path, self._archive.infolist())
         spellings: dict[str, str] = {}
-        for name in list(found):
+        for name in list(sizes):
             if any(part.startswith(".") or part == "__MACOSX" for part in name.split("/")):
-                del found[name]
+                del sizes[name]
             elif (other := spellings.setdefault(unicodedata.normalize("NFC", name).casefold(), name)) != name:
                 raise FileError(f"{self.path}: {other} and {name} are the same name on some systems; remove one")
-        return found
+        return sizes
 
     @cached_property
     def spec(self) -> str:
@@ -218,23 +218,23 @@ def open_submission(path: str | os.PathLike[str], name: str | None = None) -> Su
     return Submission(source, name if name is not None else own[: -len(".zip")] if is_zip else own)
 
 
-def _check_size(found: tuple[int, ...], truth: tuple[int, ...], where: str) -> None:
-    if not any(tuple(scale * n for n in found) == truth for scale in SCALES):
-        raise FileError(f"{where}: is {found[1]} x {found[0]}; the truth is {truth[1]} x {truth[0]}")
+def _check_size(shape: tuple[int, ...], truth: tuple[int, ...], where: str) -> None:
+    if not any(tuple(scale * n for n in shape) == truth for scale in SCALES):
+        raise FileError(f"{where}: is {shape[1]} x {shape[0]}; the truth is {truth[1]} x {truth[0]}")
 
 
 def _folder_files(folder: Path) -> dict[str, int]:
-    found = {}
+    sizes = {}
     for path in (path for depth in ("*", "*/*", "*/*/*", "*/*/*/*") for path in sorted(folder.glob(depth))):
         if path.is_file():
             if not path.resolve().is_relative_to(folder.resolve()):
                 raise FileError(f"{path}: is a link that leaves {folder}")
-            found[path.relative_to(folder).as_posix()] = path.stat().st_size
-    return found
+            sizes[path.relative_to(folder).as_posix()] = path.stat().st_size
+    return sizes
 
 
 def _zip_files(path: Path, members: Sequence[zipfile.ZipInfo]) -> dict[str, int]:
-    found: dict[str, int] = {}
+    sizes: dict[str, int] = {}
     if len(members) > MAX_FILES:
         raise FileError(f"{path}: contains {len(members)} files, more than {MAX_FILES}")
     for member in members:
@@ -246,10 +246,10 @@ def _zip_files(path: Path, members: Sequence[zipfile.ZipInfo]) -> dict[str, int]
             ("is a link", stat.S_ISLNK(member.external_attr >> 16)),
             ("is encrypted", member.flag_bits & 1),
             ("uses a compression other than deflate", member.compress_type not in _COMPRESSIONS),
-            ("occurs twice", name in found),
+            ("occurs twice", name in sizes),
         ):
             if present:
                 raise FileError(f"{path}: {name} {fault}")
         if not member.is_dir():
-            found[name] = member.file_size
-    return found
+            sizes[name] = member.file_size
+    return sizes

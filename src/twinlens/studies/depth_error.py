@@ -110,8 +110,8 @@ def plane_rows(setup: Setup, seed: int, baseline: float, fov_x_deg: float) -> li
                 errors[method, z].append(_errors(stage, stage.match(pictures, method)))
     deviations = {}  # the standard deviation of normal errors is 1.4826 times their median absolute value
     for place, each in errors.items():
-        found = np.abs(np.hstack(each))
-        deviations[place] = 1.4826 * np.median(found, axis=1) if found.size else np.full(2, math.nan)
+        magnitudes = np.abs(np.hstack(each))
+        deviations[place] = 1.4826 * np.median(magnitudes, axis=1) if magnitudes.size else np.full(2, math.nan)
     rows: list[Row] = []
     for (method, z), (metres, pixels) in deviations.items():
         typical = math.sqrt(float(np.mean([deviations[method, depth][1] ** 2 for depth in DEPTHS])))
@@ -123,9 +123,9 @@ def plane_rows(setup: Setup, seed: int, baseline: float, fov_x_deg: float) -> li
     return rows
 
 
-def _errors(stage: Stage, found: NDArray[np.float32]) -> Float:
+def _errors(stage: Stage, matched: NDArray[np.float32]) -> Float:
     """Errors of depth (m) and disparity (px), (2, N), of inner pixels with disparity errors below one pixel."""
-    true, disparity = stage.truth.disparity.astype(np.float64), found.astype(np.float64)
+    true, disparity = stage.truth.disparity.astype(np.float64), matched.astype(np.float64)
     used = stage.truth.visible & np.isfinite(disparity) & (np.abs(disparity - true) < 1)
     used[:_RIM] = used[-_RIM:] = used[:, :_RIM] = used[:, -_RIM:] = False
     depth = stage.camera.fx * stage.rig.baseline(0, 1) / (disparity[used] + stage.rig.doffs())

@@ -109,10 +109,10 @@ def _findings(study: Study, rows: Table) -> tuple[SeedSupport, ...]:
     """The findings of all rows, with the number of seeds that support each one, matched by position, on their own."""
 
     def conclude(part: Table) -> Sequence[Finding]:
-        found = study.conclude(part)
-        if not isinstance(found, Sequence) or not all(isinstance(each, Finding) for each in found):
-            raise InputError(f"the study {study.name}: `conclude` must return a list of Findings, got {found!r:.60}")
-        return found
+        findings = study.conclude(part)
+        if not isinstance(findings, Sequence) or not all(isinstance(each, Finding) for each in findings):
+            raise InputError(f"the study {study.name}: `conclude` must return a list of Findings, got {findings!r:.60}")
+        return findings
 
     whole, *single = map(conclude, (rows, *(rows.where(seed=seed) for seed in rows.values("seed"))))
     if any(len(each) != len(whole) for each in single):
@@ -126,8 +126,8 @@ def _findings(study: Study, rows: Table) -> tuple[SeedSupport, ...]:
 def _from_file(path: Path) -> Study:
     if not path.is_file():
         raise FileError(f"{path}: no such file; a study file is a Python file that defines STUDY = Study(...)")
-    found = _checked(_located(path)(runpy.run_path)(str(path)).get("STUDY"), str(path))
-    return dataclasses.replace(found, measure=_located(path)(found.measure), conclude=_located(path)(found.conclude))
+    study = _checked(_located(path)(runpy.run_path)(str(path)).get("STUDY"), str(path))
+    return dataclasses.replace(study, measure=_located(path)(study.measure), conclude=_located(path)(study.conclude))
 
 
 @contextlib.contextmanager
@@ -144,7 +144,7 @@ def _located(path: Path) -> Iterator[None]:
         raise FileError(f"{path}{line}: {type(error).__name__}: {' '.join(str(error).split())}") from error
 
 
-def _checked(found: Any, where: str) -> Study:
-    if not isinstance(found, Study):
+def _checked(study: Any, where: str) -> Study:
+    if not isinstance(study, Study):
         raise InputError(f"{where}: no study found; define STUDY = twinlens.studies.Study(...)")
-    return found
+    return study
