@@ -27,7 +27,7 @@ class InputError(TwinlensError, ValueError):
 
 
 class FileError(InputError):
-    """A file is missing, unreadable or malformed; the message begins with its path."""
+    """A file is missing, unreadable or malformed; the message starts with its path."""
 
 
 class OutputError(TwinlensError, OSError):

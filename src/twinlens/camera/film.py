@@ -29,7 +29,7 @@ def film_image(image: NDArray[Any]) -> NDArray[Any]:
 def checked_radiance(name: str, radiance: ArrayLike, camera: Camera) -> NDArray[np.float64]:
     """`radiance` as a float64 (H, W, 3) image of the camera's size.
 
-    Raises InputError, which begins with `name`, unless it is an array of that shape of finite real numbers >= 0.
+    Raises InputError, starting with `name`, unless it is an array of that shape of finite real numbers >= 0.
     """
     if not isinstance(camera, Camera):
         raise InputError(f"camera must be a Camera, got {format_value(camera)}")

@@ -126,12 +126,12 @@ def plain(value: Any) -> Any:
 
 
 def rig_from_plain(value: Any, file: Where = "sample.json") -> Rig:
-    """The Rig of `plain(rig)`. Raises FileError that begins with `file` and the key."""
+    """The Rig of `plain(rig)`. Raises FileError, whose message starts with `file` and the key."""
     return cast("Rig", read(_adapter(Rig), value, file, "rig"))
 
 
 def lens_from_plain(value: Any, file: Where = "sample.json", key: str = "lens") -> Lens:
-    """The lens of `plain(lens)`. Raises FileError that begins with `file` and the key."""
+    """The lens of `plain(lens)`. Raises FileError, whose message starts with `file` and the key."""
     return cast("Lens", read(_adapter(Lens), value, file, key))
 
 
@@ -205,7 +205,7 @@ def read_json(path: Where, kind: str, version: int) -> dict[str, Any]:
 
 
 def decode_json(data: bytes, path: str, kind: str, version: int) -> dict[str, Any]:
-    """The record in the bytes of such a file. Raises FileError that begins with `path`."""
+    """The record in the bytes of such a file. Raises FileError, whose message starts with `path`."""
     try:
         record = json.loads(data, parse_constant=_reject_constant)
         if _depth(record) > _MAX_DEPTH:

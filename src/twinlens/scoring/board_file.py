@@ -126,7 +126,7 @@ def _plain(entry: Entry) -> dict[str, Any]:
 
 
 def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
-    """The board that `text` describes; FileError, which begins with `file`, if it is no valid board of this version."""
+    """Read a board from `text`. Raises FileError, starting with `file`, if it is no valid board of this version."""
     data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
     model = read(BoardModel, decode_json(data, str(file), FORMAT, VERSION), file)
     try:
@@ -136,7 +136,7 @@ def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
 
 
 def read_board(path: str | os.PathLike[str]) -> Board:
-    """The board in a file; FileError, which begins with the path, if it is missing, above 256 MiB, or invalid."""
+    """Read a board file. Raises FileError, starting with the path, if it is missing, above 256 MiB, or invalid."""
     if Path(path).is_file() and Path(path).stat().st_size > MAX_BYTES:
         raise FileError(f"{path}: larger than {MAX_BYTES / 2**20:g} MiB, the limit for a board")
     return board_from_json(read_bytes(path), Path(path))

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from twinlens.dataset import Calibration
 from twinlens.errors import InputError
 from twinlens.geometry import depth_from_disparity
-from twinlens.scoring.metrics import Disparity, Mask, disparity_map, mask_of
+from twinlens.scoring.metrics import Disparity, Mask, boolean_mask, disparity_map
 from twinlens.scoring.protocols import Pixels, Protocol, find_protocol
 
 Float = NDArray[np.float64]
@@ -129,8 +129,8 @@ def evaluate(
         estimate = np.copysign(np.floor(np.abs(wide) + 0.5), wide).astype(estimate.dtype)
     masks: dict[str, Mask] = {"all": np.ones(truth.shape, np.bool_)}
     if mask_nonocc is not None:
-        masks["nonocc"] = mask_of("mask_nonocc", mask_nonocc, truth.shape)
-    masks |= {name: mask_of(f"region {name!r}", mask, truth.shape) for name, mask in (regions or {}).items()}
+        masks["nonocc"] = boolean_mask("mask_nonocc", mask_nonocc, truth.shape)
+    masks |= {name: boolean_mask(f"region {name!r}", mask, truth.shape) for name, mask in (regions or {}).items()}
     scores = {}
     for name, mask in masks.items():
         chosen = mask & np.isfinite(truth)

@@ -42,8 +42,8 @@ def disparity_map(name: str, values: ArrayLike) -> Disparity:
     return array
 
 
-def mask_of(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Mask:
-    """`values` as an (H, W) boolean mask, where 255 is True of uint8; InputError for another shape or dtype."""
+def boolean_mask(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Mask:
+    """`values` as an (H, W) boolean mask, where 255 is True for uint8; InputError for another shape or dtype."""
     array = np.asarray(values)
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}: expected the truth's, {shape}")

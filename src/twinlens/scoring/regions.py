@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.errors import unknown
-from twinlens.scoring.metrics import Mask, disparity_map, mask_of
+from twinlens.scoring.metrics import Mask, boolean_mask, disparity_map
 from twinlens.scoring.samples import Pair
 
 HIDDEN = 128  # in a uint8 visibility mask: a known pixel that is not visible in the partner camera
@@ -83,7 +83,7 @@ class Region:
 
 
 def _nonocc(sample: Any) -> Mask:
-    return mask_of("mask0_nonocc", sample.mask0_nonocc, sample.disp0.shape)
+    return boolean_mask("mask0_nonocc", sample.mask0_nonocc, sample.disp0.shape)
 
 
 def _textureless(sample: Any) -> Mask | None:

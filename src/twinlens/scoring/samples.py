@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from twinlens.dataset import Calibration, Dataset, StoredSample, downloaded_pairs, motorcycle
 from twinlens.errors import FileError, InputError, located
-from twinlens.scoring.metrics import Disparity, disparity_map, mask_of
+from twinlens.scoring.metrics import Disparity, boolean_mask, disparity_map
 
 
 class Sample(Protocol):
@@ -70,7 +70,7 @@ class Pair:
                     f"{name} is {image.dtype} {image.shape}: expected uint8 or uint16 {size} or {(*size, 3)}"
                 )
         if self.mask0_nonocc is not None:
-            mask_of("mask0_nonocc", self.mask0_nonocc, size)
+            boolean_mask("mask0_nonocc", self.mask0_nonocc, size)
         for name, extra in (("blur0", self.blur0), ("material_kind0", self.material_kind0)):
             if extra is not None and extra.shape != size:
                 raise InputError(f"{name} has shape {extra.shape}: expected the truth's, {size}")

@@ -130,7 +130,7 @@ def encode_calib(calibration: Calibration) -> str:
 def decode_calib(text: str, name: str = "calib.txt") -> Calibration:
     """Parse the text of a calib.txt. Unknown keys are ignored, since Middlebury has added keys over time.
 
-    Raises FileError that begins with `name` for an invalid line or number and for a missing key.
+    Raises FileError, whose message starts with `name`, for an invalid line or number and for a missing key.
     """
     fields: dict[str, str] = {}
     for number, line in enumerate(text.splitlines(), 1):

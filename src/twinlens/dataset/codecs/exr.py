@@ -55,7 +55,7 @@ def encode_exr(channels: Mapping[str, ArrayLike], text: Mapping[str, str] | None
 
 
 def decode_exr(data: bytes, name: str = "EXR data") -> Exr:
-    """Decode an EXR with one part; half floats become float32. Raises FileError that begins with `name`."""
+    """Decode an EXR with one part; half floats become float32. Raises FileError, whose message starts with `name`."""
     if data[:4] != b"\x76\x2f\x31\x01":
         raise FileError(f"{name}: not an OpenEXR file")
     header = _open(data, name, header_only=True).header

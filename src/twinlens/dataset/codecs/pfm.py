@@ -48,7 +48,7 @@ def encode_pfm(values: ArrayLike) -> bytes:
 
 
 def decode_pfm(data: bytes, name: str = "PFM data") -> NDArray[np.float32]:
-    """Decode a PFM to float32 (H, W) or (H, W, 3), top row first. Raises FileError that begins with `name`."""
+    """Decode a PFM to float32 (H, W) or (H, W, 3), top row first. Raises FileError, starting with `name`."""
     header = _HEADER.match(data[:_HEADER_LIMIT])
     if header is None:
         raise FileError(f"{name}: not a PFM (a line Pf or PF, a line 'width height', a line with the scale)")
@@ -84,7 +84,7 @@ def read_disparity(path: Where) -> NDArray[np.float32]:
 def decode_disparity(data: bytes, name: str) -> NDArray[np.float32]:
     """A disparity map, float32 (H, W), +inf unknown, from a PFM or a 16-bit PNG as KITTI's (256 d, 0 unknown).
 
-    Raises FileError, which begins with the file's `name`, for a file that is neither.
+    Raises FileError, whose message starts with the file's `name`, for a file that is neither.
     """
     if name.lower().endswith(".png"):
         codes = decode_png(data, name)
