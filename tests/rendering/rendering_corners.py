@@ -77,7 +77,3 @@ def fine_balls() -> dict[str, tuple]:
 
 def scene(thing: SceneObject) -> Scene:
     return Scene("corner", (thing,), {"chalk": {"type": "diffuse"}}, rig().world_from_cams[0], (1.0, 9.0))
-
-
-def ellipsoid() -> SceneObject:
-    return SceneObject("egg", {"type": "sphere"}, "chalk", np.diag([1.0, 1.0, 0.3, 1.0]))
