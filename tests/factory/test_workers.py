@@ -12,6 +12,7 @@ import psutil
 import pytest
 
 from tests.factory_recipes import PATIENCE_S, digests, finish, rows_in, start, write_recipe
+from twinlens import rendering
 from twinlens.dataset import place
 from twinlens.dataset.record import plain
 from twinlens.errors import BackendError, InputError, MissingExtraError
@@ -64,7 +65,7 @@ def test_a_worker_that_dies_idle_while_another_one_works_costs_nothing(tmp_path,
     monkeypatch.setenv("TWINLENS_BACKEND", "scalar")
     recipe = write_recipe(tmp_path, count=4)
     recipe.write_text(recipe.read_text().replace("spp = 1", "spp = { sweep = [2000, 1, 1] }"))
-    for module in (sample, sensors):
+    for module in (rendering, sensors):
         monkeypatch.setattr(module, "backend", lambda: Backend("scalar", "scalar_rgb", "as in the workers"))
     read, end = read_recipe(recipe), time.monotonic() + PATIENCE_S
 
@@ -117,7 +118,7 @@ def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
 def test_a_process_is_replaced_after_some_samples_and_makes_the_same_bytes(recipe, whole, tmp_path, monkeypatch):
     monkeypatch.setattr(workers, "RENEWED_AFTER", 3)
     monkeypatch.setenv("TWINLENS_BACKEND", "scalar")
-    for module in (sample, sensors):
+    for module in (rendering, sensors):
         monkeypatch.setattr(module, "backend", lambda: Backend("scalar", "scalar_rgb", "as in the workers"))
     seen = set()
 

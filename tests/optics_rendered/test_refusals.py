@@ -111,7 +111,7 @@ INVALID = {  # case: (call, the name in the message)
     "kernel without a pitch": (lambda: airy_kernel(1e-6, 5e-7, 8.0, 3), "pixel_pitch"),
     "huge kernel": (lambda: airy_kernel((1e-6, 1e-6), 5e-7, 8.0, 10**9), "radius_px"),
     "map without a camera": (lambda: undistort_maps(None, CAMERA), "two cameras"),
-    "text rotation": (lambda: undistort_maps(CAMERA, CAMERA, "left"), "rotation"),
+    "text rotation": (lambda: undistort_maps(CAMERA, CAMERA, "left"), "to_from_camera"),
     "diffraction of a point": (lambda: diffract(np.zeros((48, 64, 3)), CAMERA, tl.Pinhole()), "pinhole"),
     "diffraction of a polygon": (
         lambda: diffract(np.zeros((48, 64, 3)), CAMERA, tl.ThinLens(0.01, 1.0, Polygon(5))),
