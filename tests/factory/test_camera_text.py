@@ -181,6 +181,7 @@ def test_mismatches():
     drawn = Mismatch.draw("typical", 4)
     assert parse_mismatch("typical", 4) == drawn
     assert parse_mismatch("level=typical,seed=4", 5) == drawn
+    assert parse_mismatch("typical,blur_px=0", 4) == parse_mismatch("level=typical,blur_px=0", 4)
     assert parse_mismatch("level=typical,blur_px=0", 4) == replace(drawn, blur_px=0.0)
 
 
@@ -215,7 +216,8 @@ def test_sensors(text, sensor):
         (parse_exposure, "1/60,", "must be TIME_S"),
         (parse_mismatch, "", "NAME=VALUE"),
         (parse_mismatch, "gain", "NAME=VALUE"),
-        (parse_mismatch, "gain=1,gain=2", "each name once"),
+        (parse_mismatch, "gain=1,gain=2", "gain is given twice"),
+        (parse_mismatch, "seed=3", "seed needs a level"),
         (parse_mismatch, "gian=1", "did you mean 'gain'"),
         (parse_mismatch, "gain=0", "mismatch gain"),
         (parse_mismatch, "typcal", "did you mean 'typical'"),

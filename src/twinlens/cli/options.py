@@ -54,7 +54,7 @@ SECONDS = PositiveType(1e6)
 
 noise_option = click.option(
     "--noise",
-    type=click.FloatRange(min=0, min_open=True),
+    type=PositiveType(1e6),
     help="Double the samples until the renderer's noise is at most this multiple of the sensor's, such as 0.3.",
 )
 

@@ -48,7 +48,7 @@ EXPOSURE_HELP = (
 )
 MISMATCH_HELP = (
     f"Differences of the right camera: a level ({', '.join(LEVELS)}), drawn with --seed, or values such as "
-    "gain=1.1,exposure=1.05 (factors), black=2 (DN); level=typical,blur_px=0 combines them. Fields: docs/realism.md."
+    "gain=1.1,exposure=1.05 (factors), black=2 (DN); typical,blur_px=0 combines them. Fields: docs/realism.md."
 )
 SENSOR_WIDTH_HELP = (
     f"Width of the sensor in mm, or its format ({', '.join(SENSOR_WIDTHS_MM)}), instead of --pixel-pitch-um."
@@ -141,9 +141,12 @@ def parse_exposure(text: str) -> Exposure | None:
 def parse_mismatch(text: str, seed: int = 0) -> Mismatch:
     """A mismatch in the syntax of MISMATCH_HELP; `seed` draws the values of a level."""
     where = f"--mismatch {text!r}"
-    if text.isidentifier() and text not in _MISMATCHES:
+    first = text.partition(",")[0]
+    if first.isidentifier() and first not in _MISMATCHES:
         text = f"level={text}"
     given = {_MISMATCHES[name]: value for name, value in _pairs(where, text, _MISMATCHES).items()}
+    if "seed" in given and given.get("level", "none") == "none":
+        raise InputError(f"{where}: seed needs a level that is drawn, such as typical")
     mismatch: Mismatch = read(settings.MismatchTable, {"seed": seed, **given}, where, strict=False)
     return mismatch
 
@@ -181,8 +184,10 @@ def _pairs(where: str, text: str, known: Collection[str]) -> dict[str, str]:
     pairs: dict[str, str] = {}
     for part in text.split(","):
         name, _, value = (piece.strip() for piece in part.partition("="))
-        if not (name and value) or name in pairs:
-            raise InputError(f"{where}: must be NAME=VALUE,NAME=VALUE, each name once; got {part!r}")
+        if not (name and value):
+            raise InputError(f"{where}: must be NAME=VALUE,NAME=VALUE; got {part!r}")
+        if name in pairs:
+            raise InputError(f"{where}: {name} is given twice")
         if name not in known:
             raise InputError(f"{where}: {unknown('parameter', name, known)}")
         pairs[name] = value

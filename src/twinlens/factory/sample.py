@@ -22,7 +22,7 @@ from twinlens.camera.diffraction import diffract
 from twinlens.camera.lens import check_lens
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_manifest, write_manifest, write_sample
-from twinlens.errors import InputError
+from twinlens.errors import InputError, check_number
 from twinlens.factory.sources import file_digests
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.sensor import Exposure, Photo, Sensor
@@ -71,6 +71,8 @@ def make_sample(
     if not lenses:
         raise InputError("a sample needs at least one lens")
     check_exposure(exposure)
+    if noise is not None:
+        check_number("noise", noise, "a positive multiple of the sensor's noise", above=0)
     if exposure is not None:
         sensor.mismatch.applied(exposure)
     for lens in lenses:
