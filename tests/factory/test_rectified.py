@@ -108,7 +108,7 @@ def test_warping_is_bilinear_and_black_outside():
     x, y = np.array([[0.5, 3.0, -9.0]], np.float32), np.array([[1.0, 0.5, 0.0]], np.float32)
     assert warp(image, x, y).tolist() == [[45, 50, 0]]
     assert warp(np.stack([image] * 3, axis=2), x, y).shape == (1, 3, 3)
-    with pytest.raises(InputError, match="one shape"):
+    with pytest.raises(InputError, match="the same shape"):
         warp(image, x, y[:, :2])
 
 
