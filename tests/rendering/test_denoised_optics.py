@@ -11,32 +11,37 @@ def found(both):
     return both["llvm"]("denoised optics")
 
 
-@pytest.mark.parametrize(("name", "bias"), [("1 px", 0.08), ("3 px", 0.04), ("9 px", 0.02)])
-def test_a_slanted_edge_keeps_its_sharpness(found, name, bias):
-    """MTF50 against that of the closed form: a step, spread evenly over a disk and averaged over each pixel.
-
-    The guides' noise biases edges that are blurred by a few pixels: by -6 % at 1 px and by 3 % at 3 px.
-    """
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("1 px", marks=pytest.mark.xfail(strict=True, reason="known bias: MTF50 is 6 % too low")),
+        pytest.param("3 px", marks=pytest.mark.xfail(strict=True, reason="known bias: MTF50 is 3 % too high")),
+        "9 px",
+    ],
+)
+def test_a_slanted_edge_keeps_its_sharpness(found, name):
+    """MTF50 against that of the closed form: a step, spread evenly over a disk and averaged over each pixel."""
     image = found[f"slanted/{name}"].mean(axis=-1)
     blur = lens_blur(*photos.SLANTED_LENSES[name], photos.SLANTED_Z, 60.0)
-    assert mtf50(image) == pytest.approx(mtf50(slanted_edge(blur)), rel=bias)
+    assert mtf50(image) == pytest.approx(mtf50(slanted_edge(blur)), rel=0.02)
 
 
+@pytest.mark.xfail(strict=True, reason="known bias: the guides' noise makes the disk 1 to 2 % too narrow")
 def test_a_blur_disk_has_the_diameter_of_the_law(found):
     """From the mean squared distance to the centre: (c^2 + d^2) / 8 for a light imaged to a disk d wide, and 1/6 for
-    the area of a pixel. Within 2.5 %: the guides' noise biases small lights out of focus, which few samples hit."""
+    the area of a pixel."""
     camera, lens, z, radius = photos.DISK
     image = found["disk"].mean(axis=-1)
     y, x = np.mgrid[: camera.height, : camera.width]
     squares = np.average((x - camera.cx) ** 2 + (y - camera.cy) ** 2, weights=image)
     diameter = np.sqrt(8 * (squares - 1 / 6) - (2 * radius * camera.fx / z) ** 2)
-    assert diameter == pytest.approx(lens_blur(*lens, z, camera.fx), rel=0.025)
+    assert diameter == pytest.approx(lens_blur(*lens, z, camera.fx), rel=0.01)
 
 
 def test_two_eyes_do_not_agree_better_than_converged_images(found):
     """The right image, taken where the left pixels are seen, minus the left one. Removed texture would lower it."""
     denoised, reference = (residual(found, found[f"pair/{name}"]) for name in ("denoised", "reference"))
-    assert reference < denoised * 1.02
+    assert reference < denoised
     assert denoised < 2 * reference
 
 

@@ -1,7 +1,7 @@
 """One sample from one scene: images through each lens, and the ground truth.
 
 scene, rig, lens k -> render -> radiance (-> diffract) -> sensor -> Shot k --+
-scene, rig ---------> rendering.ground_truth ------------------------------> Truths ---+-> dataset.Sample
+scene, rig ---------> ground_truth ------------------------------> Truths ---+-> dataset.Sample
 """
 
 import zlib

@@ -78,14 +78,18 @@ def _grouped(built: BuiltScene) -> Any:
         return built.mi_scene
     if "grouped" not in built.cache:
         mi = mitsuba()
+        first = {
+            id(body.shape): row for row, body in reversed(list(enumerate(built.bodies)))
+        }  # names, equal in each run
         parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
         for row, body in enumerate(built.bodies):
             if body.instance is None and body.shape.is_emitter():
                 parts[f"light{row}"] = body.shape
                 continue
             copied = body.instance is not None
-            group = f"group{id(body.shape)}" if copied else "group"
-            parts.setdefault(group, {"type": "shapegroup"})[f"shape{id(body.shape)}"] = body.shape
+            shape = first[id(body.shape)]
+            group = f"group{shape}" if copied else "group"
+            parts.setdefault(group, {"type": "shapegroup"})[f"shape{shape}"] = body.shape
             pose = mi.traverse(body.instance)["to_world"] if copied else mi.ScalarTransform4f()
             placed = {"type": "instance", "to_world": pose, "group": {"type": "ref", "id": group}}
             parts[f"copy{row}" if copied else "all"] = placed

@@ -4,7 +4,7 @@ The samples are rendered in two independent halves A and B. In raw images |A - B
 of the mean. A denoised image is filtered from all samples; its halves are filtered separately, with a fast network and
 with guides from half of the guides' samples each, so that the estimate includes the noise of the guides. The estimate
 is |A - B| / 1.56. The divisor was measured on twelve random views with 16 samples. In the median over windows of 9x9
-pixels, the estimate is 0.75 to 1.05 of the true error on ten other random views, and 0.84 to 1.15 on the bundled
+pixels, the estimate is 0.74 to 1.05 of the true error on ten other random views, and 0.84 to 1.15 on the bundled
 scenes, apart from `fence` through a pinhole (1.4).
 """
 
