@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from twinlens.dataset import read_pfm, read_png, write_png
-from twinlens.matching import METHODS, OnnxNetwork, StereoMatcher
+from twinlens.matching import METHODS, StereoMatcher
+from twinlens.matching.external import OnnxNetwork
 from twinlens.matching.options import LARGEST_DEFAULT_WINDOW, WINDOW_OPTIONS
 from twinlens.report.colormaps import disparity_limits
 

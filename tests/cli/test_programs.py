@@ -11,7 +11,8 @@ import pytest
 
 from twinlens.cli.benchmark import DEFAULT_METHODS
 from twinlens.matching import split_methods
-from twinlens.scoring import PROTOCOLS, REGIONS, WARM_UP_LIMIT_S, named_program
+from twinlens.scoring import PROTOCOLS, REGIONS, named_program
+from twinlens.scoring.runners import WARM_UP_LIMIT_S
 
 FLAT = """
 import struct, sys

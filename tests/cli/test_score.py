@@ -11,7 +11,8 @@ import twinlens as tl
 from twinlens.cli.boards import run_board
 from twinlens.dataset import write_pfm
 from twinlens.dataset.files import locked
-from twinlens.scoring import Pair, board_from_json, caption, open_submission, read_board
+from twinlens.scoring import Pair, caption, open_submission, read_board
+from twinlens.scoring.board_file import board_from_json
 
 
 @pytest.fixture

@@ -19,7 +19,6 @@ from twinlens.dataset import (
     motorcycle,
     place,
     read_manifest,
-    statistics,
     write_card,
     write_croissant,
     write_manifest,
@@ -27,6 +26,7 @@ from twinlens.dataset import (
     write_sample,
 )
 from twinlens.dataset.card import contact_sheet, panels, statistics_figure, tile
+from twinlens.dataset.quantities import statistics
 from twinlens.errors import FileError, InputError
 
 rdflib_warns = pytest.mark.filterwarnings("ignore::DeprecationWarning:rdflib")

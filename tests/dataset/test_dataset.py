@@ -15,17 +15,17 @@ from twinlens.dataset import (
     Dataset,
     Manifest,
     Row,
-    hash_files,
     motorcycle,
     read_manifest,
     row_of,
-    verify_sample,
-    write_calib,
     write_manifest,
     write_pfm,
     write_png,
     write_sample,
 )
+from twinlens.dataset.codecs.calib import write_calib
+from twinlens.dataset.files import hash_files
+from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError, InputError, TwinlensError
 
 

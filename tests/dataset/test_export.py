@@ -13,7 +13,8 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from tests.dataset import dataset_scene
-from twinlens.dataset import Dataset, Manifest, place, read_calib, row_of, write_manifest, write_pfm, write_sample
+from twinlens.dataset import Dataset, Manifest, place, row_of, write_manifest, write_pfm, write_sample
+from twinlens.dataset.codecs.calib import read_calib
 from twinlens.dataset.export import LAYOUTS, export
 from twinlens.errors import FileError, InputError, MissingExtraError, OutputError
 

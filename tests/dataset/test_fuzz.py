@@ -14,23 +14,14 @@ from hypothesis import strategies as st
 
 from tests.dataset import dataset_scene
 from tests.dataset.dataset_damage import damaged
-from twinlens.dataset import (
-    Dataset,
-    Manifest,
-    Row,
-    statistics,
-    verify_place,
-    write_croissant,
-    write_manifest,
-    write_sample,
-)
+from twinlens.dataset import Dataset, Manifest, Row, verify_place, write_croissant, write_manifest, write_sample
 from twinlens.dataset.card import _card
 from twinlens.dataset.codecs.calib import Calibration, decode_calib, encode_calib
 from twinlens.dataset.codecs.exr import decode_exr, encode_exr
 from twinlens.dataset.codecs.pfm import decode_pfm, encode_pfm
 from twinlens.dataset.codecs.png import decode_png, encode_png
 from twinlens.dataset.metadata import about
-from twinlens.dataset.quantities import stored_statistics
+from twinlens.dataset.quantities import statistics, stored_statistics
 from twinlens.dataset.truth_files import read_truth
 from twinlens.errors import TwinlensError
 

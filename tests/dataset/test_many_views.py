@@ -7,7 +7,8 @@ import pytest
 
 import twinlens as tl
 from twinlens.camera import BrownConrady, Camera, Misalignment, Pinhole, layouts
-from twinlens.dataset import Dataset, Sample, Shot, read_pfm, verify_sample, write_pfm, write_sample
+from twinlens.dataset import Dataset, Sample, Shot, read_pfm, write_pfm, write_sample
+from twinlens.dataset.verify import verify_sample
 from twinlens.geometry import rigid
 
 CAMERA = Camera(48, 36, 55.0, 55.0, 23.5, 17.5)

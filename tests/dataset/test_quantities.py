@@ -7,16 +7,9 @@ from hypothesis import strategies as st
 
 from tests.dataset import dataset_scene
 from twinlens.camera import Pinhole
-from twinlens.dataset import (
-    Dataset,
-    motorcycle,
-    statistics,
-    write_calib,
-    write_pfm,
-    write_png,
-    write_sample,
-)
-from twinlens.dataset.quantities import KEY, mixed_counts, quantiles, stored_statistics
+from twinlens.dataset import Dataset, motorcycle, write_pfm, write_png, write_sample
+from twinlens.dataset.codecs.calib import write_calib
+from twinlens.dataset.quantities import KEY, mixed_counts, quantiles, statistics, stored_statistics
 
 NUMBERS = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=60)
 

@@ -13,18 +13,17 @@ from tests.dataset import dataset_scene
 from twinlens.dataset import (
     Dataset,
     Manifest,
-    is_whole,
     place,
     read_manifest,
     remove_unfinished,
     row_of,
     sample_files,
-    verify_dataset,
     write_manifest,
     write_sample,
 )
 from twinlens.dataset.files import read_bytes, write_file, write_folder
-from twinlens.dataset.storage import MARK, RemotePath, remove_objects
+from twinlens.dataset.storage import MARK, RemotePath, is_whole, remove_objects
+from twinlens.dataset.verify import verify_dataset
 from twinlens.errors import FileError, InputError, MissingExtraError, OutputError
 
 SAMPLE = dataset_scene.sample(num_lenses=2)

@@ -11,18 +11,16 @@ from twinlens.dataset import (
     Dataset,
     Manifest,
     consistency,
-    read_exr,
     read_pfm,
     read_png,
     row_of,
-    verify_dataset,
-    verify_sample,
-    write_exr,
     write_manifest,
     write_pfm,
     write_png,
     write_sample,
 )
+from twinlens.dataset.codecs.exr import read_exr, write_exr
+from twinlens.dataset.verify import verify_dataset, verify_sample
 
 
 @pytest.fixture(scope="module")

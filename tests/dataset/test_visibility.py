@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tests.dataset import dataset_scene
-from twinlens.dataset import mask_from_both, mask_from_one
+from twinlens.dataset.visibility import mask_from_both, mask_from_one
 from twinlens.errors import InputError
 
 maps = hnp.arrays(

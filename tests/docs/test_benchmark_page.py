@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from twinlens.scoring import FAILURES, PROTOCOLS, REGIONS, Pair, board_to_json, run_benchmark
+from twinlens.scoring import PROTOCOLS, REGIONS, Pair, board_to_json, run_benchmark
+from twinlens.scoring.board import FAILURES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "benchmark.md").read_text()
 

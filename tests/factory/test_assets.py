@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from twinlens.dataset import Dataset, read_manifest, verify_dataset
+from twinlens.dataset import Dataset, read_manifest
 from twinlens.dataset.codecs.png import encode_png
+from twinlens.dataset.verify import verify_dataset
 from twinlens.factory import generate, read_recipe
 
 RECIPE = """

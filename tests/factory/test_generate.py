@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 
 from tests.factory_recipes import RECIPE, digests, write_recipe
-from twinlens.dataset import Dataset, Manifest, Row, read_manifest, sample_files, verify_dataset, write_manifest
+from twinlens.dataset import Dataset, Manifest, Row, read_manifest, sample_files, write_manifest
 from twinlens.dataset.files import locked
+from twinlens.dataset.verify import verify_dataset
 from twinlens.errors import BackendError, FileError, InputError, OutputError
-from twinlens.factory import estimate, generate, make, produce, read_recipe, spec_from_plain
+from twinlens.factory import estimate, generate, make, produce, read_recipe
+from twinlens.factory.plan import spec_from_plain
 from twinlens.factory.produce import Exhausted
-from twinlens.rendering import Backend, sensors
+from twinlens.rendering import sensors
+from twinlens.rendering.backends import Backend
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,8 @@ from scipy import stats
 
 from twinlens.dataset.record import plain
 from twinlens.errors import InputError
-from twinlens.factory import plan, recipe_from_table, spec_from_plain
+from twinlens.factory import plan, recipe_from_table
+from twinlens.factory.plan import spec_from_plain
 
 BASE = {"seed": 5, "count": 10, "scenes": ["cards", "staircase"]}
 

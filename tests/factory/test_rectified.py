@@ -8,7 +8,8 @@ import pytest
 
 import twinlens as tl
 from twinlens.camera import BrownConrady, Misalignment, Rig, layouts
-from twinlens.dataset import Dataset, verify_sample, write_sample
+from twinlens.dataset import Dataset, write_sample
+from twinlens.dataset.verify import verify_sample
 from twinlens.errors import InputError
 from twinlens.factory import make_sample, rectified_sample
 from twinlens.geometry import rigid

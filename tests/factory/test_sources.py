@@ -10,8 +10,8 @@ import pytest
 from tests.factory_recipes import RECIPE, SCENE, digests, write_recipe
 from twinlens.dataset import Dataset, read_manifest, write_png
 from twinlens.errors import FileError, InputError
-from twinlens.factory import Sources, estimate, generate, make, read_recipe
-from twinlens.factory.sources import changed_files, file_digests
+from twinlens.factory import estimate, generate, make, read_recipe
+from twinlens.factory.sources import Sources, changed_files, file_digests
 from twinlens.factory.workers import Order, make_one
 from twinlens.scenes import load_scene
 

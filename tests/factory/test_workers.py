@@ -18,7 +18,8 @@ from twinlens.dataset.record import plain
 from twinlens.errors import BackendError, InputError, MissingExtraError
 from twinlens.factory import generate, read_recipe, sample, workers
 from twinlens.factory.workers import Order, dask_cluster, make_one, worker_processes
-from twinlens.rendering import Backend, sensors
+from twinlens.rendering import sensors
+from twinlens.rendering.backends import Backend
 
 THREADS = os.cpu_count() or 1
 

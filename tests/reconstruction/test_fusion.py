@@ -8,7 +8,9 @@ from twinlens.camera import BrownConrady, Camera
 from twinlens.camera.layouts import arc
 from twinlens.errors import InputError
 from twinlens.geometry import rigid
-from twinlens.reconstruction import Cloud, DepthView, compare, fuse, integrate, surface_of, thinned
+from twinlens.reconstruction.evaluation import compare
+from twinlens.reconstruction.fusion import fuse, integrate, surface_of, thinned
+from twinlens.reconstruction.surface import Cloud, DepthView
 
 RADIUS, DISTANCE = 0.4, 2.0
 CAMERA = Camera(120, 120, 240.0, 240.0, 59.5, 59.5, BrownConrady(-0.1, 0.02))

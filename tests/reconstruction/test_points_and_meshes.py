@@ -9,19 +9,9 @@ from twinlens.camera import BrownConrady, Camera, Rig
 from twinlens.camera.layouts import toed_in
 from twinlens.errors import InputError
 from twinlens.geometry import look_at
-from twinlens.reconstruction import (
-    Cloud,
-    DepthView,
-    Surface,
-    mesh_of,
-    points_of,
-    sampled,
-    view_of_disparity,
-    view_of_truth,
-    write_glb,
-    write_ply,
-)
+from twinlens.reconstruction import mesh_of, points_of, view_of_disparity
 from twinlens.reconstruction.picture import orbit, splat
+from twinlens.reconstruction.surface import Cloud, DepthView, Surface, sampled, view_of_truth, write_glb, write_ply
 
 POSE = look_at([1.0, -2.0, 1.5], [0.2, 3.0, 1.0])
 CAMERA = Camera(40, 30, 45.0, 44.0, 18.5, 15.25, BrownConrady(-0.1, 0.02))

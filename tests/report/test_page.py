@@ -17,7 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twinlens.errors import OutputError
-from twinlens.report import page_html, write_page
+from twinlens.report import write_page
+from twinlens.report.page import page_html
 from twinlens.scoring import PROTOCOLS, Board, Pair, board_csv, board_latex, board_to_json, run_benchmark
 
 EVIL = "</script><img src=x onerror=\"document.title='pwned'\"><!--<script>&lt;'`${1}{{data}}\u2028"

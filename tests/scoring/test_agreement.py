@@ -10,8 +10,11 @@ from scipy import stats
 from twinlens.cli import run
 from twinlens.errors import InputError
 from twinlens.report.plots import agreement_figure
-from twinlens.scoring import PROTOCOLS, Board, Entry, Failure, RegionScores, agreement, write_board
+from twinlens.scoring import PROTOCOLS, Board, Entry, agreement
 from twinlens.scoring.agreement import sample_ranks
+from twinlens.scoring.board import Failure
+from twinlens.scoring.board_file import write_board
+from twinlens.scoring.evaluate import RegionScores
 
 METRICS = PROTOCOLS["middlebury-v3"].metrics
 HEADLINE = PROTOCOLS["middlebury-v3"].headline

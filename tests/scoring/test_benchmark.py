@@ -17,18 +17,9 @@ import pytest
 from tests.scoring.scoring_methods import Constant, Hangs, Signed, Slow, Starts, Starving, Trouble, Unloadable, pair
 from twinlens.dataset import Calibration
 from twinlens.errors import FileError, InputError
-from twinlens.scoring import (
-    Board,
-    MapFolder,
-    Pair,
-    board_file,
-    evaluate,
-    fingerprint,
-    load_pair,
-    named_method,
-    read_board,
-    run_benchmark,
-)
+from twinlens.scoring import Board, MapFolder, Pair, board_file, evaluate, load_pair, read_board, run_benchmark
+from twinlens.scoring.methods import named_method
+from twinlens.scoring.samples import fingerprint
 
 
 class Counting:

@@ -20,11 +20,8 @@ from twinlens.scoring import (
     PROTOCOLS,
     Board,
     Entry,
-    Failure,
-    RegionScores,
     board_csv,
     board_file,
-    board_from_json,
     board_latex,
     board_to_json,
     caption,
@@ -33,8 +30,10 @@ from twinlens.scoring import (
     read_board,
     run_benchmark,
     standings,
-    write_board,
 )
+from twinlens.scoring.board import Failure
+from twinlens.scoring.board_file import board_from_json, write_board
+from twinlens.scoring.evaluate import RegionScores
 
 NAN = math.nan
 

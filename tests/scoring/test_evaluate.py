@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from tests.scoring import scoring_loops as naive
 from twinlens.dataset import Calibration
 from twinlens.errors import InputError
-from twinlens.scoring import PROTOCOLS, evaluate, interpolate_background
+from twinlens.scoring import PROTOCOLS, evaluate
+from twinlens.scoring.protocols import interpolate_background
 
 INF = np.float32(np.inf)
 CALIBRATION = Calibration((90.0, 80.0, 5.5, 4.0), (90.0, 80.0, 8.5, 4.0), 0.2, 12, 12, 3.0)

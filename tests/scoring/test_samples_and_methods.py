@@ -17,13 +17,13 @@ from twinlens.scoring import (
     DatasetPairs,
     MapFolder,
     load_pair,
-    named_method,
     named_program,
     open_submission,
     region_masks,
     run_benchmark,
 )
 from twinlens.scoring.benchmark import spec_of
+from twinlens.scoring.methods import named_method
 from twinlens.scoring.submission import file_name
 
 

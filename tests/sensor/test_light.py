@@ -9,8 +9,8 @@ import pytest
 from scipy.integrate import quad
 
 from twinlens.camera import Annulus, BareAperture, Camera, MaskAperture, Pinhole, Polygon, Rig, ThinLens
-from twinlens.sensor import Exposure, ParaxialWarning, Sensor
-from twinlens.sensor.light import irradiance_factor, vignetting, working_f_number
+from twinlens.sensor import Exposure, Sensor
+from twinlens.sensor.light import ParaxialWarning, irradiance_factor, vignetting, working_f_number
 
 CAMERA = Camera(96, 64, 100.0, 100.0, 47.5, 31.5)
 WIDTHS = [0.01, 0.5, 1.0, 5.0, 20.0, 100.0]

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from twinlens.studies import Column, Table, bootstrap, log_slope, mean_of, over_scenes, paired_difference
-from twinlens.studies.table import mean
+from twinlens.studies import Column, Table, mean_of, paired_difference
+from twinlens.studies.table import bootstrap, log_slope, mean, over_scenes
 
 COLUMNS = tuple(Column(name, "", name) for name in ("scene", "seed", "kind", "value"))
 TRIALS = 200

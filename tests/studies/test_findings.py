@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from twinlens.studies import STUDIES, Finding, Interval, SeedSupport, depth_error, focus, pinhole, radiometric, window
-from twinlens.studies.model import compared
-from twinlens.studies.table import table
+from twinlens.studies import STUDIES, SeedSupport, depth_error, focus, pinhole, radiometric, window
+from twinlens.studies.model import Finding, compared
+from twinlens.studies.table import Interval, table
 
 NAN = math.nan
 NOTHING = Interval(NAN, NAN, NAN)

@@ -9,11 +9,10 @@ from twinlens.camera.film import film_image
 from twinlens.camera.intrinsics import Camera, undistort_maps
 from twinlens.camera.lens import BareAperture, Lens, Pinhole, ThinLens, film_distance
 from twinlens.camera.rig import ALIGNED, Misalignment, Rig, misaligned
-from twinlens.camera.truth import MATERIAL_KINDS, Correspondence, Truth
+from twinlens.camera.truth import Correspondence, Truth
 
 __all__ = [
     "ALIGNED",
-    "MATERIAL_KINDS",
     "Annulus",
     "Aperture",
     "BareAperture",

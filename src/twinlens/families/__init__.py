@@ -10,7 +10,12 @@ from twinlens.families.assets import Assets
 from twinlens.families.composition import Composition, Family
 from twinlens.scenes.scene import Scene
 
-__all__ = ["FAMILIES", "Assets", "Family", "random_scene"]
+__all__ = [
+    "FAMILIES",
+    "Assets",
+    "Family",
+    "random_scene",
+]
 
 FAMILIES: dict[str, Family] = {
     "tabletop": Family("bodies at rest on a table", (9, 18), tabletop.compose, 1.8),

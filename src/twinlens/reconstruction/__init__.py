@@ -3,37 +3,10 @@
 The formulas and their sources are in docs/reconstruction.md.
 """
 
-from twinlens.reconstruction.evaluation import Comparison, compare
-from twinlens.reconstruction.fusion import Volume, fuse, integrate, surface_of, thinned
-from twinlens.reconstruction.surface import (
-    Cloud,
-    DepthView,
-    Surface,
-    mesh_of,
-    points_of,
-    sampled,
-    view_of_disparity,
-    view_of_truth,
-    write_glb,
-    write_ply,
-)
+from twinlens.reconstruction.surface import mesh_of, points_of, view_of_disparity
 
 __all__ = [
-    "Cloud",
-    "Comparison",
-    "DepthView",
-    "Surface",
-    "Volume",
-    "compare",
-    "fuse",
-    "integrate",
     "mesh_of",
     "points_of",
-    "sampled",
-    "surface_of",
-    "thinned",
     "view_of_disparity",
-    "view_of_truth",
-    "write_glb",
-    "write_ply",
 ]

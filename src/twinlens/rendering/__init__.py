@@ -1,6 +1,6 @@
 """Images and exact ground truth of a scene. The only room that imports mitsuba and drjit, and only when it is used."""
 
-from twinlens.rendering.backends import Backend, backend, configure_malloc, doctor, forget_kernels, use_threads
+from twinlens.rendering.backends import backend, configure_malloc, doctor, forget_kernels, use_threads
 from twinlens.rendering.denoising import denoiser_record
 from twinlens.rendering.ground_truth import correspondence, ground_truth
 from twinlens.rendering.lens_grid import LensGrid, render_lens_grid
@@ -12,7 +12,6 @@ from twinlens.rendering.shared_kernels import share_kernels
 __all__ = [
     "MAX_SPP",
     "SAMPLERS",
-    "Backend",
     "LensGrid",
     "NoisyImage",
     "Progress",

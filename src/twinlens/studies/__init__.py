@@ -3,40 +3,15 @@
 A study is one module or package that defines a `Study`; `STUDIES` lists the included ones.
 """
 
-from twinlens.studies.model import (
-    Figure,
-    Finding,
-    Measured,
-    Picture,
-    Result,
-    SeedSupport,
-    Setup,
-    Study,
-    compared,
-    predicted,
-    sweep,
-)
+from twinlens.studies.model import Figure, Measured, Picture, Result, SeedSupport, Setup, Study, compared, sweep
 from twinlens.studies.run import STUDIES, find_study, run_study, study
 from twinlens.studies.stage import Stage, stream
-from twinlens.studies.table import (
-    Column,
-    Interval,
-    Table,
-    bootstrap,
-    from_csv,
-    log_slope,
-    mean_of,
-    over_scenes,
-    paired_difference,
-    to_csv,
-)
+from twinlens.studies.table import Column, Table, from_csv, mean_of, paired_difference, to_csv
 
 __all__ = [
     "STUDIES",
     "Column",
     "Figure",
-    "Finding",
-    "Interval",
     "Measured",
     "Picture",
     "Result",
@@ -45,15 +20,11 @@ __all__ = [
     "Stage",
     "Study",
     "Table",
-    "bootstrap",
     "compared",
     "find_study",
     "from_csv",
-    "log_slope",
     "mean_of",
-    "over_scenes",
     "paired_difference",
-    "predicted",
     "run_study",
     "stream",
     "study",
