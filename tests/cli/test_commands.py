@@ -135,6 +135,15 @@ def test_doctor_says_what_renders_here(twinlens):
     assert json.loads(out)["backend"]["variant"].endswith("_rgb")
 
 
+def test_doctor_reports_a_missing_package(twinlens, monkeypatch):
+    from twinlens.cli import doctor
+
+    monkeypatch.setattr(doctor, "_PACKAGES", ("numpy", "no-such-package"))
+    code, out, _ = twinlens("doctor")
+    assert code == 0
+    assert "no-such-package missing" in out
+
+
 def test_a_board_on_which_everything_failed_says_why(twinlens, dataset, tmp_path):
     empty = tmp_path / "empty"
     empty.mkdir()

@@ -66,6 +66,22 @@ def test_veiling_glare_fills_a_black_half_of_the_image():
     assert right.sum() == pytest.approx(left.sum(), rel=1e-4)
 
 
+def test_veiling_glare_is_even_on_a_film_with_vignetting():
+    lens, spot = ThinLens(CAMERA.film_distance / 1.4, 2.0), np.zeros_like(WHITE)
+    spot[24:40, 40:56] = 1
+    left, right = pair(QUIET, spot, lens=lens, veiling_glare=0.2)
+    assert right[spot == 0] == pytest.approx(0.2 * left.mean(), abs=1e-4)
+
+
+def test_the_record_has_the_f_number_of_each_camera():
+    sensor = QUIET.replace(mismatch=Mismatch(f_number=1.2))
+    left, right = (photo.record for photo in sensor.expose_pair(WHITE, WHITE, rig=RIG, lens=Pinhole()))
+    assert right["working_f_number"] == pytest.approx(1.2 * left["working_f_number"])
+    assert right["ev"] == pytest.approx(left["ev"] + 2 * math.log2(1.2))
+    ratio = right["mean_electrons"] / left["mean_electrons"]
+    assert np.divide(right["electrons_per_radiance"], left["electrons_per_radiance"]) == pytest.approx(ratio)
+
+
 @pytest.mark.parametrize(("degrees", "bright"), [(0, (32, 95)), (90, (63, 48)), (180, (32, 0)), (225, (0, 0))])
 def test_stray_light_grows_towards_its_direction(degrees, bright):
     black = WHITE.copy()

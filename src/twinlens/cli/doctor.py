@@ -3,7 +3,7 @@
 import os
 import platform
 from dataclasses import asdict
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 
 import click
 
@@ -25,7 +25,7 @@ def command(as_json: bool) -> None:
     Example:  twinlens doctor
     """
     chosen = doctor()
-    versions = {name: version(name) for name in _PACKAGES}
+    versions = {name: _version(name) for name in _PACKAGES}
     if as_json:
         print_json({"backend": asdict(chosen), "versions": versions})
         return
@@ -36,3 +36,10 @@ def command(as_json: bool) -> None:
         click.echo(f"tried     {probe.path}: {probe.answer}")
     click.echo(f"machine   {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
     click.echo("packages  " + ", ".join(f"{name} {number}" for name, number in versions.items()))
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "missing"

@@ -177,7 +177,7 @@ class Sensor:
     def level_rate(self, radiance: ArrayLike, *, camera: Camera, lens: Lens) -> Float:
         """Signal per second at gain 1 over the full well, (H, W, 3), of a radiance image; for automatic exposure."""
         check_lens(lens)
-        rates = self._rates(checked_radiance("radiance", radiance, camera), camera, lens)
+        rates = checked_radiance("radiance", radiance, camera) * self.pixel_rates(camera, lens)
         if self.filters == "mono":
             rates = np.repeat(rates.sum(axis=-1, keepdims=True), 3, axis=-1)
         return rates * self._balance() / self.full_well
@@ -224,7 +224,10 @@ class Sensor:
         mismatch = self.mismatch if eye else Mismatch()
         true = mismatch.applied(nominal)
         black = self.black_level + mismatch.black_level
-        wells = self._wells(mismatch.light(image), camera, lens, true.time, seed, eye)
+        # Glare is spread evenly over the film: it comes after vignetting.
+        film = mismatch.light(self._vignetted(image, camera, lens))
+        rates = self.electrons_per_radiance(camera, lens)
+        wells = self._wells(film * rates * true.time, true.time, seed, eye)
         electrons = wells
         if self.dsnu:
             electrons = electrons + self.dsnu * generator(self.serial, "dsnu", eye).standard_normal(wells.shape)
@@ -233,7 +236,7 @@ class Sensor:
         numbers = np.rint(self.system_gain(true.gain) * electrons + black)
         numbers = np.clip(numbers, 0, self.largest_dn).astype(np.uint16)
         saturated = (wells >= self.full_well) | (numbers >= self.largest_dn)
-        number = light.working_f_number(camera, lens, self.pinhole_f_number)
+        number = light.working_f_number(camera, lens, self.pinhole_f_number) * mismatch.f_number
         record = {
             "time_s": true.time,
             "gain": true.gain,
@@ -241,7 +244,7 @@ class Sensor:
             "ev": true.value(number),
             "system_gain_dn_per_electron": self.system_gain(true.gain),
             "black_level_dn": black,
-            "electrons_per_radiance": (self.electrons_per_radiance(camera, lens) * true.time).tolist(),
+            "electrons_per_radiance": (rates * true.time / mismatch.f_number**2).tolist(),
             "seed": int(seed),
             "eye": int(eye),
             "sensor": asdict(self),
@@ -275,19 +278,17 @@ class Sensor:
             raise InputError(f"expose_rig needs one image per camera, got {len(images)} images and {len(rig)} cameras")
         return self._expose(list(zip(images, rig.cameras, range(len(rig)), strict=True)), lens, seed, exposure)
 
-    def _rates(self, image: Float, camera: Camera, lens: Lens) -> Float:
-        """Expected electrons per second, (H, W, 3)."""
-        return image * self.pixel_rates(camera, lens)
-
     def pixel_rates(self, camera: Camera, lens: Lens) -> Float:
         """Electrons per second per unit of rendered radiance, (H, W, 3); (3,) without vignetting."""
-        rates = self.electrons_per_radiance(camera, lens)
-        on = lens.aperture_diameter > 0 if self.vignetting is None else self.vignetting
-        return rates * light.vignetting(camera, lens)[..., None] if on else rates
+        return self._vignetted(self.electrons_per_radiance(camera, lens), camera, lens)
 
-    def _wells(self, image: Float, camera: Camera, lens: Lens, time: float, seed: int, eye: int) -> Float:
-        """Electrons of each pixel at the end of the exposure, (H, W, 3) or (H, W)."""
-        expected = self._rates(image, camera, lens) * time
+    def _vignetted(self, values: Float, camera: Camera, lens: Lens) -> Float:
+        """`values` (H, W, 3) or (3,) times the vignetting, if it is on."""
+        on = lens.aperture_diameter > 0 if self.vignetting is None else self.vignetting
+        return values * light.vignetting(camera, lens)[..., None] if on else values
+
+    def _wells(self, expected: Float, time: float, seed: int, eye: int) -> Float:
+        """Electrons of each pixel at the end of the exposure, (H, W, 3) or (H, W), from the expected ones of light."""
         if self.filters == "mono":
             expected = expected.sum(axis=-1)
         elif self.filters in picture.BAYER:

@@ -34,7 +34,7 @@ filter_shift, white_balance_red, white_balance_blue
     Sony IMX219 data sheet, table 46: R/G 0.51 +- 0.06, B/G 0.46 +- 0.06, three standard deviations of one sensor:
     `consumer`, without white balance of each camera. The other levels and the shift of the bands are assumed.
 tone_exponent
-    Assumed; 0.005 changes middle grey by 0.4 grey levels.
+    Assumed; 0.005 changes middle grey by 0.5 grey levels.
 pitch_px, yaw_px, roll_px, scale_px, distortion_px
     Calibration errors of 0.25 px are realistic (Hirschmueller and Gehrig, CVPR 2009); above 1 px a calibration should
     be repeated (NI Vision, Maximum rectification error). `typical` is about 0.2 px, `consumer` 0.4 px rms between rows.
