@@ -4,6 +4,7 @@ Models are used only where files are read (scene.toml, recipes, sample.json, boa
 list of validation errors into one `InputError` of one line: file, key, what is allowed, the value, the nearest key.
 """
 
+import dataclasses
 import difflib
 import typing
 from collections.abc import Callable, Iterable, Mapping
@@ -80,6 +81,31 @@ def tagged(name: str, tag: str, models: Iterable[type[StrictModel]], default: st
     union: Any = Annotated[Union[tuple(models)], pydantic.Field(discriminator=tag)]  # noqa: UP007
     alias = TypeAliasType(name, union)  # type: ignore[misc]  # the models are made at run time
     return alias if default is None else Annotated[alias, default_key(tag, default)]
+
+
+def table_of(cls: type[Any], /, make: Callable[..., Any] | None = None, **more: Any) -> Any:
+    """The type of a table with the fields of a dataclass, and `more`, that is read as an instance of the dataclass.
+
+    `make` is called with the given keys in place of the class, which gets its own fields only. A field in `more`
+    replaces that of the dataclass.
+    """
+    hints = typing.get_type_hints(cls)
+    three = Annotated[list[Number], exactly(3, Number), pydantic.AfterValidator(tuple)]
+    types: dict[Any, Any] = {float: Number, tuple[float, float, float]: three}
+    keys = {
+        field.name: (
+            types.get(hints[field.name], hints[field.name]),
+            ... if field.default is dataclasses.MISSING else field.default,
+        )
+        for field in dataclasses.fields(cls)
+    }
+
+    def instance(table: Any) -> Any:
+        given = table.model_fields_set if make else table.model_fields_set & keys.keys()
+        return (make or cls)(**{name: getattr(table, name) for name in given})
+
+    model: Any = pydantic.create_model(f"{cls.__name__}Table", __base__=StrictModel, **{**keys, **more})
+    return Annotated[model, pydantic.AfterValidator(instance)]
 
 
 def reads(kind: Any, then: Callable[[Any], Any] = lambda checked: checked) -> pydantic.PlainValidator:

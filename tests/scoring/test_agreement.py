@@ -21,7 +21,7 @@ HEADLINE = PROTOCOLS["middlebury-v3"].headline
 
 
 def entry(method, sample, value, failure=None):
-    scores = RegionScores("nonocc", dict.fromkeys(METRICS, 0.0) | {HEADLINE: value}, 100, 100, 100)
+    scores = RegionScores(100, 100, 100, dict.fromkeys(METRICS, 0.0) | {HEADLINE: value})
     regions = {} if failure else {"nonocc": scores}
     return Entry(method, method, sample, "0" * 64, "middlebury-v3", 10, 10, 16, 0.1, failure, regions)
 

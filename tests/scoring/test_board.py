@@ -40,7 +40,7 @@ NAN = math.nan
 
 def entry(method, sample, bad, *, evaluated=10, failure=None, region="all"):
     metrics = dict.fromkeys(PROTOCOLS["middlebury-v3"].metrics, 1.0) | {"totbad2.0": bad, "coverage": abs(100 - bad)}
-    regions = {} if failure else {region: RegionScores(region, metrics, 12, evaluated, 9)}
+    regions = {} if failure else {region: RegionScores(12, evaluated, 9, metrics)}
     return Entry(method, method, sample, "0" * 64, "middlebury-v3", 4, 3, 8, 0.5, failure, regions)
 
 

@@ -15,7 +15,7 @@ from twinlens.camera.film import SENSOR_WIDTHS_MM, sensor_width_mm
 from twinlens.dataset import Sample
 from twinlens.errors import InputError, format_value, located, unknown
 from twinlens.factory import settings
-from twinlens.schema import read
+from twinlens.schema import read, table_of
 from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
 
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
@@ -55,7 +55,7 @@ SENSOR_WIDTH_HELP = (
 )
 SENSOR_HELP = f"{', '.join(PRESETS)}; parameters follow a colon: phone:prnu=0.01,filters=mono,output=linear."
 
-_MISALIGNMENT: Any = settings.table_of(Misalignment)
+_MISALIGNMENT: Any = table_of(Misalignment)
 _SENSOR_PARAMETERS = [field.name for field in fields(Sensor) if field.name != "mismatch"]
 _MISMATCHES = {field.name: field.name for field in fields(Mismatch)}
 _MISMATCHES |= {"exposure": "time", "black": "black_level", "seed": "seed"}

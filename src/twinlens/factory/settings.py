@@ -11,12 +11,12 @@ film_mm = 50                       # of a bare hole
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, Strict, create_model, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
 
 from twinlens.camera import Annulus, Camera, Disk, Lens, MaskAperture, Pinhole, Polygon, ThinLens
 from twinlens.camera.aperture import Aperture
@@ -30,7 +30,7 @@ from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.scenes.placement import rotation
-from twinlens.schema import Fraction, NonNegative, Number, Positive, StrictModel, exactly, read
+from twinlens.schema import Fraction, NonNegative, Number, Positive, StrictModel, read, table_of
 from twinlens.seeds import generator
 from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
 
@@ -66,30 +66,6 @@ class SceneTable(StrictModel):
     jitter: JitterTable = JitterTable()
     depth_range: Annotated[tuple[Positive, Positive], Strict(strict=False), AfterValidator(_near_far)] | None = None
     object_count: Annotated[int, Field(ge=1, le=10_000)] | None = None
-
-
-def table_of(kind: type[Any], /, make: Callable[..., Any] | None = None, **more: Any) -> Any:
-    """The type of a table with the fields of a dataclass, and `more`, that is read as an instance of the dataclass.
-
-    `make` is called with the given fields in place of the class. A field in `more` replaces that of the dataclass.
-    """
-    hints = get_type_hints(kind)
-    three = Annotated[list[Number], exactly(3, Number), AfterValidator(tuple)]
-    types: dict[Any, Any] = {float: Number, tuple[float, float, float]: three}
-    keys = {
-        field.name: (
-            types.get(hints[field.name], hints[field.name]),
-            ... if field.default is MISSING else field.default,
-        )
-        for field in fields(kind)
-    }
-
-    def instance(table: Any) -> Any:
-        given = {name: getattr(table, name) for name in table.model_fields_set - {"kind"}}
-        return (make or kind)(**given)
-
-    model: Any = create_model(f"{kind.__name__}Table", __base__=StrictModel, **{**more, **keys, **more})
-    return Annotated[model, AfterValidator(instance)]
 
 
 _PRESET = "machine_vision"

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pydantic
@@ -15,7 +15,7 @@ from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes.placement import Matrix, Vector3, euler_rotation, view_pose
 from twinlens.scenes.scene import Scene
-from twinlens.schema import Number, Positive, StrictModel, number, read, reads, tagged, variants
+from twinlens.schema import Number, Positive, StrictModel, number, read, reads, table_of, tagged, variants
 
 _MOST_CAMERAS = 1000
 _CAMERAS = pydantic.Field(min_length=1, max_length=_MOST_CAMERAS)
@@ -24,18 +24,13 @@ SensorWidth = Annotated[Positive, pydantic.BeforeValidator(sensor_width_mm, Numb
 """A width in mm, or the name of a sensor format."""
 Count = Annotated[int, pydantic.Field(ge=1, le=_MOST_CAMERAS)]
 
-
-def _distortion(table: Any) -> Distortion:
-    model = BrownConrady if table.model == BrownConrady.name else KannalaBrandt
-    return model(**table.model_dump(include=table.model_fields_set - {"model"}))
-
-
-_DISTORTIONS = {
-    BrownConrady.name: dict.fromkeys(("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), Number | None),
-    KannalaBrandt.name: dict.fromkeys(("k1", "k2", "k3", "k4"), Number | None),
-}
-_MODELS = variants(StrictModel, "model", _DISTORTIONS, BrownConrady.name)
-DistortionTable = Annotated[Distortion, reads(tagged("Distortion", "model", _MODELS, BrownConrady.name), _distortion)]
+_DISTORTIONS = (
+    table_of(BrownConrady, model=(Literal["brown-conrady"], "brown-conrady")),
+    table_of(KannalaBrandt, model=(Literal["kannala-brandt"], ...)),
+)
+DistortionTable = Annotated[Distortion, reads(tagged("Distortion", "model", _DISTORTIONS, BrownConrady.name))]
+CalibrationError: Any = table_of(Misalignment)
+"""How far a camera is off its calibration."""
 
 
 class Intrinsics(StrictModel):
@@ -124,17 +119,6 @@ class PosedIntrinsics(Viewed):
         return super().pose(default @ rigid(turn[:3, :3], self.translate or [0.0] * 3))
 
 
-class CalibrationError(StrictModel):
-    """How far a camera is off its calibration; see `twinlens.Misalignment`."""
-
-    vertical_px: Number = 0.0
-    pitch_deg: Number = 0.0
-    yaw_deg: Number = 0.0
-    roll_deg: Number = 0.0
-    focal: Number = 1.0
-    k1: Number = 0.0
-
-
 class RigBase(Viewed):
     """Keys of every layout: the pose, what all cameras share, what each of them changes, and calibration errors."""
 
@@ -155,10 +139,10 @@ class RigBase(Viewed):
         if not isinstance(errors, list):
             if count < 2:
                 raise InputError("misalignment: a table is for the second camera, and this rig has one; give a list")
-            errors = [errors if i == 1 else CalibrationError() for i in range(count)]
+            errors = [errors if i == 1 else Misalignment() for i in range(count)]
         if len(errors) != count:
             raise InputError(f"misalignment: must be a list of {count} tables, got {len(errors)}")
-        return misaligned(rig, [Misalignment(**error.model_dump()) for error in errors])
+        return misaligned(rig, errors)
 
 
 def _placed(table: Any, scene: Scene, pose: Float) -> Rig:

@@ -48,10 +48,10 @@ class Entry:
     width: int
     height: int
     ndisp: int
+    min_disparity: int = field(default=0, kw_only=True)
     seconds: float | None
     failure: Failure | None
     regions: Mapping[str, RegionScores] = field(default_factory=dict)
-    min_disparity: int = 0
 
     @property
     def key(self) -> tuple[str, str, str]:

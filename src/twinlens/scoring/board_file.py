@@ -7,7 +7,7 @@ import os
 import platform
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,7 +18,7 @@ import twinlens
 from twinlens.dataset.files import locked, read_bytes, write_file
 from twinlens.dataset.record import decode_json, read
 from twinlens.errors import FileError, InputError, unknown
-from twinlens.schema import NonNegative, StrictModel, one_of
+from twinlens.schema import NonNegative, StrictModel, one_of, table_of
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure
 from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.protocols import PROTOCOLS
@@ -29,8 +29,8 @@ MAX_BYTES = 256 * 2**20
 WRITE_EVERY_S = 2.0  # at least: the time of a write is proportional to the number of entries
 MIXED = "entries of several machines or versions"
 
-_Count = Annotated[int, pydantic.Field(ge=0, lt=2**53)]
-_Size = Annotated[int, pydantic.Field(ge=1, lt=2**53)]
+_COUNT = (Annotated[int, pydantic.Field(ge=0, lt=2**53)], ...)
+_SIZE = (Annotated[int, pydantic.Field(ge=1, lt=2**53)], ...)
 
 
 def _bounded(value: float) -> float:
@@ -47,45 +47,32 @@ _Metric = Annotated[
 ]
 
 
-class _FailureModel(StrictModel):
-    kind: Annotated[str, one_of("failure", FAILURES)]
-    message: str
+_FailureTable: Any = table_of(Failure, kind=(Annotated[str, one_of("failure", FAILURES)], ...))
+_RegionTable: Any = table_of(
+    RegionScores, image=_COUNT, evaluated=_COUNT, estimated=_COUNT, metrics=(dict[str, _Metric], ...)
+)
 
 
-class _RegionModel(StrictModel):
-    image: _Count
-    evaluated: _Count
-    estimated: _Count
-    metrics: dict[str, _Metric]
+def _entry(**given: Any) -> Entry:
+    known = PROTOCOLS[given["protocol"]].metrics
+    for metric in (metric for region in given["regions"].values() for metric in region):
+        if metric not in known:
+            raise unknown("metric", metric, known)
+    return Entry(**given)
 
 
-class _EntryModel(StrictModel):
-    method: str
-    spec: str
-    sample: str
-    sample_sha256: str
-    protocol: Annotated[str, one_of("protocol", PROTOCOLS)]
-    width: _Size
-    height: _Size
-    ndisp: _Size
-    min_disparity: Annotated[int, pydantic.Field(gt=-(2**53), lt=2**53)] = 0
-    seconds: Annotated[NonNegative, pydantic.AfterValidator(_bounded)] | None
-    failure: _FailureModel | None
-    regions: dict[str, _RegionModel]
-
-    @pydantic.model_validator(mode="after")
-    def _check_metrics(self) -> "_EntryModel":
-        known = PROTOCOLS[self.protocol].metrics
-        for metric in (metric for region in self.regions.values() for metric in region.metrics):
-            if metric not in known:
-                raise unknown("metric", metric, known)
-        return self
-
-    def entry(self) -> Entry:
-        """The entry that this describes."""
-        regions = {name: RegionScores(name, **dict(region)) for name, region in self.regions.items()}
-        failure = None if self.failure is None else Failure(**dict(self.failure))
-        return Entry(**(dict(self) | {"failure": failure, "regions": regions}))
+_EntryTable: Any = table_of(
+    Entry,
+    _entry,
+    protocol=(Annotated[str, one_of("protocol", PROTOCOLS)], ...),
+    width=_SIZE,
+    height=_SIZE,
+    ndisp=_SIZE,
+    min_disparity=(Annotated[int, pydantic.Field(gt=-(2**53), lt=2**53)], 0),
+    seconds=(Annotated[NonNegative, pydantic.AfterValidator(_bounded)] | None, ...),
+    failure=(_FailureTable | None, ...),
+    regions=(dict[str, _RegionTable], ...),
+)
 
 
 class BoardModel(StrictModel):
@@ -96,7 +83,7 @@ class BoardModel(StrictModel):
     title: str
     meta: dict[str, str]
     protocols: dict[str, dict[str, str]]
-    entries: list[_EntryModel]
+    entries: list[_EntryTable]
     unscored: dict[str, list[str]] | None = None
 
 
@@ -114,15 +101,10 @@ def board_to_json(board: Board) -> str:
 
 
 def _plain(entry: Entry) -> dict[str, Any]:
-    failure = None if entry.failure is None else dict(vars(entry.failure))
-    regions = {
-        name: {
-            **{count: getattr(scores, count) for count in ("image", "evaluated", "estimated")},
-            "metrics": {metric: json_number(value) for metric, value in scores.items()},
-        }
-        for name, scores in entry.regions.items()
-    }
-    return {name: getattr(entry, name) for name in _EntryModel.model_fields} | {"failure": failure, "regions": regions}
+    record = asdict(entry)
+    for scores in record["regions"].values():
+        scores["metrics"] = {metric: json_number(value) for metric, value in scores["metrics"].items()}
+    return record
 
 
 def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
@@ -130,7 +112,7 @@ def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
     data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
     model = read(BoardModel, decode_json(data, str(file), FORMAT, VERSION), file)
     try:
-        return Board(model.title, tuple(entry.entry() for entry in model.entries), model.meta)
+        return Board(model.title, tuple(model.entries), model.meta)
     except InputError as error:
         raise FileError(f"{file}: {error}") from None
 

@@ -26,11 +26,10 @@ class RegionScores(Mapping[str, float]):
     evaluated with an estimate.
     """
 
-    region: str
-    metrics: Mapping[str, float]
     image: int
     evaluated: int
     estimated: int
+    metrics: Mapping[str, float]
 
     def __getitem__(self, name: str) -> float:
         return self.metrics[name]
@@ -139,7 +138,7 @@ def evaluate(
             metres = _point_errors(pixels.estimate, pixels.truth, np.argwhere(chosen), calibration)
             pixels = replace(pixels, metres=metres)
         estimated = int(np.count_nonzero(pixels.given))
-        scores[name] = RegionScores(name, rules.measure(pixels), truth.size, pixels.truth.size, estimated)
+        scores[name] = RegionScores(truth.size, pixels.truth.size, estimated, rules.measure(pixels))
     return Scores(rules, scores, allowed, scale, round_disparity)
 
 
