@@ -482,7 +482,7 @@ import sys
 for name in ("mitsuba", "drjit", "numba"):
     sys.modules[name] = None
 import twinlens as tl
-from twinlens.report import page_html
+from twinlens.report.page import page_html
 from twinlens.scoring import Board
 assert tl.evaluate([[1.0]], [[2.0]]).all["avgerr"] == 1
 assert page_html(Board(title="none"))

@@ -1,6 +1,6 @@
 """Points from pixels of two or more views, by three methods.
 
-Each method takes calibration matrices, poses and ideal (undistorted) pixels. `twinlens.camera.triangulate` takes a rig.
+Each method takes calibration matrices, poses and ideal (undistorted) pixels. `twinlens.triangulate` takes a rig.
 The optimal method makes the smallest move of two pixels that satisfies the epipolar constraint, which is quadratic in
 the four coordinates: o + g . d + sum b d^2 / 2 = 0, in axes in which it has no mixed terms. With a Lagrange multiplier
 m the move is d = -m g / (1 + m b). It is the global minimum where 1 + m b > 0 for every b; there the residual of the

@@ -1,6 +1,7 @@
 """Digital images from radiance, after EMVA standard 1288: light on the film, electrons, digital numbers, an image."""
 
 from twinlens.sensor.exposure import Exposure, auto_exposure
+from twinlens.sensor.light import ParaxialWarning
 from twinlens.sensor.mismatch import Mismatch
 from twinlens.sensor.model import Photo, Sensor
 from twinlens.sensor.presets import PRESETS
@@ -11,6 +12,7 @@ __all__ = [
     "PRESETS",
     "Exposure",
     "Mismatch",
+    "ParaxialWarning",
     "Photo",
     "Sensor",
     "auto_exposure",

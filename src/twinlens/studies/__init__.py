@@ -3,7 +3,19 @@
 A study is one module or package that defines a `Study`; `STUDIES` lists the included ones.
 """
 
-from twinlens.studies.model import Figure, Measured, Picture, Result, SeedSupport, Setup, Study, compared, sweep
+from twinlens.studies.model import (
+    Figure,
+    Finding,
+    Measured,
+    Picture,
+    Result,
+    SeedSupport,
+    Setup,
+    Study,
+    compared,
+    predicted,
+    sweep,
+)
 from twinlens.studies.run import STUDIES, find_study, run_study, study
 from twinlens.studies.stage import Stage, stream
 from twinlens.studies.table import Column, Table, from_csv, mean_of, paired_difference, to_csv
@@ -12,6 +24,7 @@ __all__ = [
     "STUDIES",
     "Column",
     "Figure",
+    "Finding",
     "Measured",
     "Picture",
     "Result",
@@ -25,6 +38,7 @@ __all__ = [
     "from_csv",
     "mean_of",
     "paired_difference",
+    "predicted",
     "run_study",
     "stream",
     "study",
