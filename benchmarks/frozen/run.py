@@ -20,10 +20,11 @@ from twinlens.camera import Pinhole, ThinLens
 from twinlens.cli.boards import run_board
 from twinlens.dataset import Dataset, Manifest, Row, motorcycle, write_manifest, write_sample
 from twinlens.factory import default_rig, make_sample
+from twinlens.matching import parse_methods
 from twinlens.optics import middle_focus
 from twinlens.rendering import backend
 from twinlens.scenes import Scene, load_scene
-from twinlens.scoring import DatasetPairs, load_pair, named_methods
+from twinlens.scoring import DatasetPairs, load_pair
 from twinlens.sensor import Mismatch, Sensor
 
 HERE = Path(__file__).parent
@@ -64,7 +65,7 @@ def main() -> None:
     pairs = DatasetPairs(Dataset(dataset), [motorcycle()])
     print(f"matching {len(pairs)} pairs with {len(definition['methods'])} methods", flush=True)
     board = run_board(
-        pairs, named_methods(definition["methods"]), output,
+        pairs, parse_methods(definition["methods"]), output,
         (definition["protocol"],), tuple(definition["regions"]), title=definition["title"],
     )  # fmt: skip
     statistics = {pair.name: (evidence.correlation(pair), evidence.offset(pair)) for pair in map(load_pair, pairs)}

@@ -7,7 +7,7 @@ import difflib
 import math
 import re
 import reprlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from numbers import Integral, Real
 from typing import Any
@@ -61,6 +61,12 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
     near = nearest(name, names)
     hint = f"; did you mean {near!r}?" if near else ""
     return InputError(f"unknown {kind} {name!r}{hint} (known: {', '.join(names)})")
+
+
+def check_known(kind: str, name: Any, known: Collection[str]) -> None:
+    """Raise `unknown` unless `name` is one of `known`."""
+    if not isinstance(name, str) or name not in known:
+        raise unknown(kind, name if isinstance(name, str) else format_value(name), known)
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:

@@ -4,6 +4,7 @@ Models are used only where files are read (scene.toml, recipes, sample.json, boa
 list of validation errors into one `InputError` of one line: file, key, what is allowed, the value, the nearest key.
 """
 
+import contextlib
 import dataclasses
 import difflib
 import typing
@@ -14,7 +15,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union
 import pydantic
 from typing_extensions import TypeAliasType
 
-from twinlens.errors import InputError, format_value, unknown
+from twinlens.errors import InputError, check_known, format_value
 
 T = TypeVar("T")
 
@@ -49,8 +50,7 @@ class StrictModel(pydantic.BaseModel):
     def _reject_unknown_keys(cls, data: Any) -> Any:
         known = [info.alias or name for name, info in cls.model_fields.items()]
         for key in data if isinstance(data, Mapping) else ():
-            if key not in known:
-                raise unknown("key", str(key), known)
+            check_known("key", key, known)
         return data
 
 
@@ -123,11 +123,22 @@ def one_of(kind: str, known: Iterable[str]) -> pydantic.PlainValidator:
     names = sorted(known)
 
     def check(value: Any) -> Any:
-        if value not in names:
-            raise unknown(kind, str(value), names)
+        check_known(kind, value, names)
         return value
 
     return pydantic.PlainValidator(check, json_schema_input_type=TypeAliasType(kind.title(), Literal[tuple(names)]))
+
+
+def satisfies(is_valid: Callable[[Any], Any], message: str) -> pydantic.AfterValidator:
+    """Refuses values for which `is_valid` is false or raises ValueError; {} in the message is the value."""
+
+    def check(value: Any) -> Any:
+        with contextlib.suppress(ValueError):
+            if is_valid(value):
+                return value
+        raise InputError(message.format(format_value(value)))
+
+    return pydantic.AfterValidator(check)
 
 
 def exactly(count: int, item: Any, or_one: bool = False, name: str = "") -> pydantic.BeforeValidator:

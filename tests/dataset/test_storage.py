@@ -23,7 +23,7 @@ from twinlens.dataset import (
 )
 from twinlens.dataset.files import read_bytes, write_file, write_folder
 from twinlens.dataset.storage import MARK, RemotePath, is_whole, remove_objects
-from twinlens.dataset.verify import verify_dataset
+from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError, InputError, MissingExtraError, OutputError
 
 SAMPLE = dataset_scene.sample(num_lenses=2)
@@ -86,7 +86,7 @@ def test_a_dataset_in_a_bucket_reads_back(root):
     assert [sample.name for sample in data] == ["train/0", "b"]
     np.testing.assert_array_equal(data[0].disp0, SAMPLE.truths[0].disparity)
     np.testing.assert_array_equal(data["b"].lens(1).im1, SAMPLE.shots[1].images[1])
-    assert dict(verify_dataset(data)) == {"train/0": [], "b": []}
+    assert {sample.name: verify_sample(sample) for sample in data} == {"train/0": [], "b": []}
 
 
 def test_files_have_the_same_bytes_as_on_disk(root, tmp_path):

@@ -5,7 +5,7 @@ import pytest
 
 from twinlens.dataset import Dataset, read_manifest
 from twinlens.dataset.codecs.png import encode_png
-from twinlens.dataset.verify import verify_dataset
+from twinlens.dataset.verify import verify_sample
 from twinlens.factory import generate, read_recipe
 
 RECIPE = """
@@ -40,4 +40,4 @@ def test_broken_files_are_skipped_and_named_without_the_machines_paths(recipe, t
     assert [(entry["kind"], entry["file"]) for entry in skipped] == [("textures", "mine/deeper/broken.png")]
     assert skipped[0]["reason"]
     assert str(tmp_path) not in (tmp_path / "set" / "dataset.json").read_text()
-    assert dict(verify_dataset(Dataset(tmp_path / "set"))) == {"0000000": []}
+    assert verify_sample(Dataset(tmp_path / "set")[0]) == []

@@ -11,10 +11,10 @@ import pytest
 from tests.factory_recipes import RECIPE, digests, write_recipe
 from twinlens.dataset import Dataset, Manifest, Row, read_manifest, sample_files, write_manifest
 from twinlens.dataset.files import locked
-from twinlens.dataset.verify import verify_dataset
+from twinlens.dataset.verify import verify_sample
 from twinlens.errors import BackendError, FileError, InputError, OutputError
 from twinlens.factory import estimate, generate, make, produce, read_recipe
-from twinlens.factory.plan import spec_from_plain
+from twinlens.factory.plan import SampleSpec
 from twinlens.factory.produce import Exhausted
 from twinlens.rendering import sensors
 from twinlens.rendering.backends import Backend
@@ -52,7 +52,7 @@ def interrupting(number):
 
 
 def test_the_dataset_is_true_and_has_no_leftovers(whole):
-    assert dict(verify_dataset(Dataset(whole))) == {f"{i:07d}": [] for i in range(4)}
+    assert [verify_sample(sample) for sample in Dataset(whole)] == [[]] * 4
     assert {"dataset.json", "preview.png", "README.md", "croissant.json"} <= {entry.name for entry in whole.iterdir()}
     assert not [entry.name for entry in whole.iterdir() if entry.name.startswith(".")]
 
@@ -64,7 +64,7 @@ def test_a_sample_alone_is_that_sample_of_the_set(recipe, whole):
 
 def test_a_sample_is_made_again_from_what_its_record_says(recipe, whole):
     record = Dataset(whole)[2].record["record"]
-    again = produce(spec_from_plain(record["spec"]), recipe.sources)
+    again = produce(SampleSpec(**record["spec"]), recipe.sources)
     stored = Dataset(whole)[2]
     assert np.array_equal(again.shots[0].images[1], stored.im1)
     assert again.rig.baseline() == stored.rig.baseline()

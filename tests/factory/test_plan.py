@@ -1,14 +1,10 @@
-import json
-from dataclasses import asdict
 from itertools import product
 
 import pytest
 from scipy import stats
 
-from twinlens.dataset.record import plain
 from twinlens.errors import InputError
 from twinlens.factory import plan, recipe_from_table
-from twinlens.factory.plan import spec_from_plain
 
 BASE = {"seed": 5, "count": 10, "scenes": ["cards", "staircase"]}
 
@@ -72,12 +68,6 @@ def test_splits_have_their_shares_and_stay_when_the_count_grows():
     assert stats.chisquare(found, [2000 * share for share in shares.values()]).pvalue > 0.001
     assert splits[:50] == [plan(recipe(splits=shares, count=7), i).split for i in range(50)]
     assert plan(recipe(), 0).split is None
-
-
-def test_a_spec_comes_back_from_json():
-    of = recipe(lenses=[{"kind": "thin", "aperture_mm": 2, "focus": {"choice": [float("inf")]}}], keep=["radiance"])
-    spec = plan(of, 4, attempt=2)
-    assert spec_from_plain(json.loads(json.dumps(plain(asdict(spec))))) == spec
 
 
 def test_a_negative_index_is_refused():

@@ -17,8 +17,8 @@ import pytest
 from tests.scoring.scoring_methods import Constant, Hangs, Signed, Slow, Starts, Starving, Trouble, Unloadable, pair
 from twinlens.dataset import Calibration
 from twinlens.errors import FileError, InputError
+from twinlens.matching import parse_method
 from twinlens.scoring import Board, MapFolder, Pair, board_file, evaluate, load_pair, read_board, run_benchmark
-from twinlens.scoring.methods import named_method
 from twinlens.scoring.samples import fingerprint
 
 
@@ -113,7 +113,7 @@ def test_a_function_by_name_fails_by_the_same_kinds(tmp_path, monkeypatch, limit
     monkeypatch.syspath_prepend(str(tmp_path))
     kinds = {name: KINDS[name] for name in ("nan", "minus_inf", "wrong_size", "nothing", "raises")}
     kinds["words"] = "wrong-type"
-    methods = [named_method(f"function:function=wrong_answers:{name}") for name in kinds]
+    methods = [parse_method(f"function:function=wrong_answers:{name}") for name in kinds]
     board = run_benchmark([pair()], methods, warm_up=False, time_limit=limit)
     assert {e.method.rpartition(":")[2]: e.failure.kind for e in board.entries} == kinds
 
@@ -250,7 +250,7 @@ def test_a_program_by_name_ends_with_the_limit(tmp_path):
     script = tmp_path / "prog.sh"
     script.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\nexec sleep 1000\n")
     script.chmod(0o755)
-    method = named_method(f"program:command='{script} {{left}} {{right}} {{out}}'")
+    method = parse_method(f"program:command='{script} {{left}} {{right}} {{out}}'")
     board = run_benchmark([pair()], [method], time_limit=2.0, warm_up=False)
     assert board.entries[0].failure.kind == "time-limit"
     assert has_ended(int((tmp_path / "pid").read_text()))

@@ -13,17 +13,16 @@ from twinlens.camera import Camera, Pinhole, Rig, ThinLens
 from twinlens.camera.truth import MATERIAL_KINDS, Truth
 from twinlens.dataset import Dataset, Sample, Shot, motorcycle, write_sample
 from twinlens.errors import FileError, InputError
+from twinlens.matching import parse_method, parse_program
 from twinlens.scoring import (
     DatasetPairs,
     MapFolder,
     load_pair,
-    named_program,
     open_submission,
     region_masks,
     run_benchmark,
 )
 from twinlens.scoring.benchmark import spec_of
-from twinlens.scoring.methods import named_method
 from twinlens.scoring.submission import file_name
 
 
@@ -108,19 +107,19 @@ def test_the_real_pair_is_a_sample():
 
 
 def test_methods_are_named_by_text_and_survive_pickling():
-    method = named_method(" zncc:block_size=5 ")
+    method = parse_method(" zncc:block_size=5 ")
     again = pickle.loads(pickle.dumps(method))
     assert again == method
     assert again.name == "zncc:block_size=5"
     assert spec_of(again) == spec_of(method)
     assert "block_size=5" in method.spec
-    assert named_method("zncc").spec != method.spec
-    assert named_method("sad:block_size=5").spec != method.spec
+    assert parse_method("zncc").spec != method.spec
+    assert parse_method("sad:block_size=5").spec != method.spec
 
 
 def test_a_named_method_finds_a_shift():
     right = np.random.default_rng(1).integers(0, 255, (30, 60), np.uint8)
-    found = named_method("sad:block_size=5").match(np.roll(right, 6, axis=1), right, num_disparities=16)
+    found = parse_method("sad:block_size=5").match(np.roll(right, 6, axis=1), right, num_disparities=16)
     assert np.median(found[5:-5, 20:-5]) == pytest.approx(6, abs=0.01)
 
 
@@ -134,14 +133,14 @@ def test_a_dataset_with_negative_disparities_is_searched_and_scored_there(tmp_pa
     )
     pairs = DatasetPairs(Dataset(tmp_path))
     assert pairs[0].search == {"num_disparities": 13, "min_disparity": -5}
-    entry = run_benchmark(pairs, [named_method("sad:block_size=5")]).entries[0]
+    entry = run_benchmark(pairs, [parse_method("sad:block_size=5")]).entries[0]
     assert entry.regions["all"]["A50"] == pytest.approx(0, abs=0.01)
 
 
 def test_another_version_is_another_method(monkeypatch):
-    before = named_method("sad").spec
+    before = parse_method("sad").spec
     monkeypatch.setattr(twinlens, "__version__", "9.9")
-    assert named_method("sad").spec != before
+    assert parse_method("sad").spec != before
 
 
 def test_another_network_or_program_under_the_same_name_is_run_again(tmp_path):
@@ -156,7 +155,7 @@ open(out, "wb").write(b"Pf\\n%d %d\\n-1.0\\n" % (width, height) + struct.pack("<
     errors, board = [], None
     for value in (4, 6, 6):
         script.write_text(code.replace("VALUE", str(value)))
-        method = named_program(f"mine={sys.executable} {script} {{left}} {{out}} {{right}}")
+        method = parse_program(f"mine={sys.executable} {script} {{left}} {{out}} {{right}}")
         board = run_benchmark([pair()], [method], board=board, warm_up=False)
         errors.append(board.entries[0].regions["all"]["avgerr"])
         seconds = board.entries[0].seconds
@@ -167,13 +166,13 @@ open(out, "wb").write(b"Pf\\n%d %d\\n-1.0\\n" % (width, height) + struct.pack("<
     specs = set()
     for content in (b"one", b"other"):
         model.write_bytes(content)
-        specs.add(named_method(f"onnx:model={model}").spec)
+        specs.add(parse_method(f"onnx:model={model}").spec)
     assert len(specs) == 2
 
 
 def test_an_unknown_method_is_refused_by_name():
     with pytest.raises(InputError, match="did you mean 'zncc'"):
-        named_method("znc")
+        parse_method("znc")
 
 
 NAMES = [

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.intrinsics import Camera
-from twinlens.errors import InputError, format_value, unknown
+from twinlens.errors import InputError, check_known, format_value
 
 SENSOR_WIDTHS_MM = {"1/2.3": 6.17, "1/1.7": 7.6, "2/3": 8.8, "1": 13.2, "4/3": 17.3, "APS-C": 23.5, "35mm": 36.0}
 """Widths of sensor formats in mm; APS-C is that of Nikon and Sony, Canon's is 22.3 mm. Source: the table of sensor
@@ -60,8 +60,7 @@ def sensor_width_mm(value: Any) -> float:
     Raises InputError for another name, and unless the number is positive.
     """
     if isinstance(value, str):
-        if value not in SENSOR_WIDTHS_MM:
-            raise unknown("sensor format", value, SENSOR_WIDTHS_MM)
+        check_known("sensor format", value, SENSOR_WIDTHS_MM)
         return SENSOR_WIDTHS_MM[value]
     if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0 < value < math.inf:
         raise InputError(f"must be a positive number or the name of a format, got {format_value(value)}")

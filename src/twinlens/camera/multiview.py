@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from twinlens.camera.intrinsics import Camera
 from twinlens.camera.rig import Rig
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, check_known
 from twinlens.geometry import Float, epipolar, inverse, transform_points, triangulation
 
 _SINGULAR = 1e-12  # relative to the largest singular value
@@ -99,8 +99,7 @@ def triangulate(
 
     Raises InputError for pixels that are not finite, cameras without a baseline, or an unknown method.
     """
-    if method not in triangulation.METHODS:
-        raise unknown("triangulation method", method, triangulation.METHODS)
+    check_known("triangulation method", method, triangulation.METHODS)
     chosen = _checked_cameras(rig, pixels, cameras)
     ideal = [ideal_pixels(rig.cameras[i], measured) for i, measured in zip(chosen, pixels, strict=True)]
     shapes = [each.shape for each in ideal]

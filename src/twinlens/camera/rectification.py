@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from twinlens.camera.intrinsics import Camera, undistort_maps
 from twinlens.camera.multiview import check_pair, epipole_in_image
 from twinlens.camera.rig import ALIGNED, Misalignment, Rig
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, check_known
 from twinlens.geometry import Float, homogeneous, image_border, rigid
 from twinlens.geometry.rectification import rectified_orientation, warp
 
@@ -97,8 +97,7 @@ def rectify(
     or a pixel is 85 degrees or more from the rectified axis.
     """
     check_pair(rig, left, right)
-    if fit not in FITS:
-        raise unknown("fit", fit, FITS)
+    check_known("fit", fit, FITS)
     pair = rig.pair(left, right)
     for side, index in enumerate((left, right)):
         if epipole_in_image(pair, side, 1 - side) is not None:

@@ -6,12 +6,12 @@ from typing import Any
 import click
 
 from twinlens.cli.boards import print_board, protocol_option, region_option, run_board
-from twinlens.cli.options import SECONDS, PositiveType, json_option
+from twinlens.cli.options import SECONDS, json_option
 from twinlens.cli.places import PATH
-from twinlens.scoring import named_methods, named_program, open_pairs
+from twinlens.matching import parse_methods, parse_program
+from twinlens.scoring import open_pairs
 
 DEFAULT_METHODS = "sad,ssd,zncc"
-GIB = PositiveType(2.0**20)
 FOREIGN_LIMIT_S = 600.0
 """Default time limit, seconds, if a network or a Python function is among the matchers."""
 
@@ -34,7 +34,11 @@ FOREIGN_LIMIT_S = 600.0
     help="Seconds per match, warm-up excluded. Runs matchers in a subprocess.  [default: 600 if a network or a Python "
     "function is among them]",
 )  # fmt: skip
-@click.option("--memory-limit", type=GIB, help="GiB per matcher. Runs matchers in a subprocess.")
+@click.option(
+    "--memory-limit",
+    type=click.FloatRange(0, 2.0**20, min_open=True),
+    help="GiB per matcher. Runs matchers in a subprocess.",
+)
 @click.option("--warm-up-limit", type=SECONDS, default=120.0, show_default=True,
               help="Seconds for the first, untimed match of a method in a subprocess.")  # fmt: skip
 @click.option("--retry-failed", is_flag=True, help="Rerun matches that failed in an earlier run.")
@@ -62,12 +66,12 @@ def command(
               twinlens benchmark out --command "mine=./prog --fast {left} {right} {out}" --time-limit 60 -o board
     """
     names = methods or (() if commands else (DEFAULT_METHODS,))
-    matchers: list[Any] = [*named_methods(names)] if names else []
-    matchers += [named_program(text, time_limit) for text in commands]
+    matchers: list[Any] = [*parse_methods(names)] if names else []
+    matchers += [parse_program(text, time_limit) for text in commands]
     if time_limit is None and any(getattr(matcher, "runs_user_code", False) for matcher in matchers):
         time_limit = FOREIGN_LIMIT_S
     board = run_board(
         open_pairs(datasets), matchers, output, time_limit=time_limit,
-        memory_limit=None if memory_limit is None else int(memory_limit * 2**30), **options,
+        memory_limit=None if memory_limit is None else memory_limit * 2**30, **options,
     )  # fmt: skip
     return print_board(board, output, as_json, [matcher.name for matcher in matchers])

@@ -1,7 +1,6 @@
 """Options of commands: help in sections, pairs of cameras, and an error for an option that is given twice."""
 
 import json
-import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import click
 
 from twinlens.errors import InputError
+from twinlens.scoring import json_number
 
 denoise_option = click.option(
     "--denoise/--no-denoise", default=True, show_default=True, help="Remove the renderer's noise; adds a small bias."
@@ -30,31 +30,14 @@ def _strict(value: Any) -> Any:
         return {key: _strict(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
         return [_strict(entry) for entry in value]
-    if not isinstance(value, float) or math.isfinite(value):
-        return value
-    return None if math.isnan(value) else "inf" if value > 0 else "-inf"
+    return json_number(value) if isinstance(value, float) else value
 
 
-class PositiveType(click.ParamType):  # type: ignore[type-arg]
-    """A number above 0, up to `most`."""
-
-    name = "float"
-
-    def __init__(self, most: float) -> None:
-        self.most = most
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        number: float = click.FLOAT.convert(value, param, ctx)
-        if not 0 < number <= self.most:
-            self.fail(f"must be above 0 and at most {self.most:g}, got {value}", param, ctx)
-        return number
-
-
-SECONDS = PositiveType(1e6)
+SECONDS = click.FloatRange(0, 1e6, min_open=True)
 
 noise_option = click.option(
     "--noise",
-    type=PositiveType(1e6),
+    type=click.FloatRange(0, min_open=True),
     help="Double the samples until the renderer's noise is at most this multiple of the sensor's, such as 0.3.",
 )
 

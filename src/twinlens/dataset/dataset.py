@@ -18,7 +18,7 @@ from twinlens.dataset.files import check_relative, files_below, hash_files, read
 from twinlens.dataset.record import FileModel, decode_json, encode_json, read, read_json, read_part
 from twinlens.dataset.storage import Place, Where, is_whole, place
 from twinlens.dataset.stored import StoredSample, parse_quantity, read_quantities, samples_in
-from twinlens.errors import FileError, InputError, unknown
+from twinlens.errors import FileError, InputError, check_known, unknown
 
 MANIFEST, _KIND, _VERSION = "dataset.json", "twinlens-dataset", 1
 ROW_KIND, ROW_VERSION, ROWS = "twinlens-row", 1, ".rows"
@@ -155,8 +155,7 @@ class Dataset(Sequence[StoredSample]):
     def __getitem__(self, index: slice) -> "Dataset": ...
     def __getitem__(self, index: int | str | slice) -> "StoredSample | Dataset":
         if isinstance(index, str):
-            if index not in self.names:
-                raise unknown("sample", index, self.names)
+            check_known("sample", index, self.names)
             return self._samples[self.names.index(index)]
         if isinstance(index, slice):
             return _view(self.path, self._samples[index])

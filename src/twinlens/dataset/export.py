@@ -36,7 +36,7 @@ from twinlens.dataset.poses import colmap_camera, colmap_pose
 from twinlens.dataset.storage import RemotePath, Where, place
 from twinlens.dataset.stored import StoredSample
 from twinlens.dataset.visibility import VISIBLE, Disparity
-from twinlens.errors import InputError, MissingExtraError, OutputError, unknown
+from twinlens.errors import InputError, MissingExtraError, OutputError, check_known
 
 Files = Iterator[tuple[str, bytes]]
 
@@ -271,8 +271,7 @@ def export(
     Returns the size in bytes of each file by relative name. Raises InputError for an unknown layout and for a sample
     that the layout cannot hold, FileError for a file that a sample lacks, and OutputError.
     """
-    if to not in LAYOUTS:
-        raise unknown("layout", to, LAYOUTS)
+    check_known("layout", to, LAYOUTS)
     if not len(dataset):
         raise InputError("export needs one or more samples")
     folder = place(folder)

@@ -10,8 +10,6 @@ Source: Croissant Format Specification 1.0, https://docs.mlcommons.org/croissant
 import hashlib
 import json
 import re
-from collections.abc import Callable
-from contextlib import suppress
 from datetime import date
 from typing import Annotated, Any
 from urllib.parse import urlsplit
@@ -23,7 +21,6 @@ from twinlens.dataset.dataset import MANIFEST, Dataset, Manifest
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.record import read
 from twinlens.dataset.storage import Where
-from twinlens.errors import InputError
 
 KEY, UNNAMED = "about", "stereo dataset"
 CROISSANT = "croissant.json"
@@ -67,19 +64,13 @@ def _is_url(text: str) -> bool:
     return bool(parts.scheme and parts.netloc) and not re.search(r"\s", text)
 
 
-def _checked(is_valid: Callable[[str], Any], kind: str) -> pydantic.AfterValidator:
-    def check(text: str) -> str:
-        with suppress(ValueError):  # unbalanced brackets of an address, invalid dates
-            if is_valid(text):
-                return text
-        raise InputError(f"must be {kind}, got {text[:60]!r}")
-
-    return pydantic.AfterValidator(check)
+def _is_date(text: str) -> bool:
+    return date.fromisoformat(text).isoformat() == text
 
 
-Text = Annotated[str, _checked(str.strip, "a text that is not empty")]
-Url = Annotated[str, _checked(_is_url, "an address such as https://example.org/set")]
-Date = Annotated[str, _checked(lambda text: date.fromisoformat(text).isoformat() == text, "a date such as 2026-01-31")]
+Text = Annotated[str, schema.satisfies(str.strip, "must be a text that is not empty, got {}")]
+Url = Annotated[str, schema.satisfies(_is_url, "must be an address such as https://example.org/set, got {}")]
+Date = Annotated[str, schema.satisfies(_is_date, "must be a date such as 2026-01-31, got {}")]
 
 
 class About(schema.StrictModel):

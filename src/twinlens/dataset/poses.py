@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from twinlens.camera import BrownConrady, Camera, Distortion, KannalaBrandt, Rig
 from twinlens.dataset.files import read_text, write_file
-from twinlens.errors import FileError, InputError, unknown
+from twinlens.errors import FileError, InputError, check_known
 from twinlens.geometry import Float, inverse, rigid
 
 FilePath = str | os.PathLike[str]
@@ -193,8 +193,7 @@ def _image_names(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def _colmap_camera(model: str, width: int, height: int, numbers: list[float]) -> Camera:
-    if model not in COLMAP_MODELS:
-        raise unknown("COLMAP camera model", model, COLMAP_MODELS)
+    check_known("COLMAP camera model", model, COLMAP_MODELS)
     names = COLMAP_MODELS[model].split()
     if len(numbers) != len(names):
         raise InputError(f"{model} has {len(names)} parameters, got {len(numbers)}")

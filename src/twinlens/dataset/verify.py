@@ -110,11 +110,6 @@ def repair_hint(where: Where, findings: Mapping[str, Sequence[str]]) -> str:
     return ""
 
 
-def verify_dataset(dataset: Dataset) -> Iterator[tuple[str, list[str]]]:
-    """(name, findings) of each sample; see `verify_sample`."""
-    return ((sample.name, verify_sample(sample)) for sample in dataset)
-
-
 def verify_sample(sample: StoredSample) -> list[str]:
     """Check a sample; one line per finding, none if it is correct. Never raises for the content of a file.
 

@@ -19,31 +19,25 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 from scipy.special import ndtr, ndtri
 
-from twinlens.errors import InputError, format_value
-from twinlens.schema import NonNegative, Number, Positive, StrictModel, dotted, exactly, read
+from twinlens.errors import InputError
+from twinlens.schema import NonNegative, Number, Positive, StrictModel, dotted, exactly, read, satisfies
 
 _DEEPEST = 12
 _LEAST_SHARE = 1e-6  # of a normal distribution within its clip; below, float64 does not resolve its values
 
 
-def _ordered(ends: list[Any]) -> list[Any]:
-    low, high = ends
-    if not low <= high or not np.isfinite(high - low):
-        raise InputError(f"must be [low, high] with low <= high, got {format_value(ends)}")
-    return ends
-
-
-def _constant(values: list[Any]) -> list[Any]:
-    if leaves(template(values, "")):
-        raise InputError("the values of a distribution must be constants, not distributions")
-    return values
-
-
+_ORDERED = satisfies(
+    lambda ends: ends[0] <= ends[1] and np.isfinite(ends[1] - ends[0]), "must be [low, high] with low <= high, got {}"
+)
+_CONSTANT = satisfies(
+    lambda values: not leaves(template(values, "")),
+    "the values of a distribution must be constants, not distributions",
+)
 Whole = Annotated[int, Field(ge=-(2**53), le=2**53)]
-Values = Annotated[list[Any], Field(min_length=1, max_length=1000), AfterValidator(_constant)]
+Values = Annotated[list[Any], Field(min_length=1, max_length=1000), _CONSTANT]
 
 
 class Distribution(StrictModel):
@@ -67,7 +61,7 @@ class Distribution(StrictModel):
 class Uniform(Distribution):
     """Any number between two."""
 
-    uniform: Annotated[list[Number], exactly(2, Number), AfterValidator(_ordered)]
+    uniform: Annotated[list[Number], exactly(2, Number), _ORDERED]
 
     def draw(self, rng: np.random.Generator) -> Any:
         low, high = self.uniform
@@ -77,7 +71,7 @@ class Uniform(Distribution):
 class LogUniform(Distribution):
     """Any number between two positive ones, uniform in the logarithm."""
 
-    log_uniform: Annotated[list[Positive], exactly(2, Positive), AfterValidator(_ordered)]
+    log_uniform: Annotated[list[Positive], exactly(2, Positive), _ORDERED]
 
     def draw(self, rng: np.random.Generator) -> Any:
         low, high = np.log(self.log_uniform)
@@ -87,7 +81,7 @@ class LogUniform(Distribution):
 class Integers(Distribution):
     """Any whole number between two, both included."""
 
-    integers: Annotated[list[Whole], exactly(2, Whole), AfterValidator(_ordered)]
+    integers: Annotated[list[Whole], exactly(2, Whole), _ORDERED]
 
     def draw(self, rng: np.random.Generator) -> Any:
         return int(rng.integers(self.integers[0], self.integers[1], endpoint=True))
@@ -97,7 +91,7 @@ class Normal(Distribution):
     """Mean and standard deviation of a normal distribution, truncated to a range."""
 
     normal: Annotated[list[Number], exactly(2, Number)]
-    clip: Annotated[list[Number], exactly(2, Number), AfterValidator(_ordered)]
+    clip: Annotated[list[Number], exactly(2, Number), _ORDERED]
 
     @model_validator(mode="after")
     def _check(self) -> "Normal":

@@ -6,12 +6,12 @@ are indexed in mixed radix and make a full factorial: the scene changes fastest,
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from twinlens.errors import FileError, InputError
+from twinlens.errors import InputError
 from twinlens.factory.draws import Leaf, leaves, resolve
 from twinlens.factory.recipe import Recipe
 from twinlens.seeds import generator
@@ -43,15 +43,6 @@ class SampleSpec:
     drawn: Mapping[str, Any]
     ndisp: int | None = None
     keep: tuple[str, ...] = ()
-
-
-def spec_from_plain(record: Mapping[str, Any]) -> SampleSpec:
-    """The spec in ``sample.record["record"]["spec"]``. Raises FileError for anything else."""
-    try:
-        spec = SampleSpec(**record)
-        return SampleSpec(**{**asdict(spec), "keep": tuple(spec.keep), "drawn": _infinite(spec.drawn)})
-    except TypeError as error:
-        raise FileError(f"sample.json: the spec was not made from a recipe ({error})") from None
 
 
 def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
@@ -114,12 +105,3 @@ def split_of(recipe: Recipe, index: int) -> str | None:
     bounds = np.cumsum(list(recipe.splits.values()))
     drawn = generator(recipe.seed, "split", index).random()
     return list(recipe.splits)[min(int(np.searchsorted(bounds, drawn, side="right")), len(bounds) - 1)]
-
-
-def _infinite(value: Any) -> Any:
-    """Replace the strings that JSON has for infinity."""
-    if isinstance(value, Mapping):
-        return {key: _infinite(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_infinite(entry) for entry in value]
-    return float(value) if value in ("inf", "-inf") else value

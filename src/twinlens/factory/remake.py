@@ -16,7 +16,7 @@ from twinlens.camera.rectification import rectify
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample, Shot, StoredSample
 from twinlens.dataset.record import FileModel, lens_from_plain, plain, read, rig_from_plain
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, check_known
 from twinlens.factory.sample import make_sample
 from twinlens.factory.settings import ExposureTable, SensorTable
 from twinlens.factory.sources import file_digests
@@ -130,8 +130,7 @@ def rectified_sample(
 
     Raises InputError for a pair that cannot be rectified, and for a scene that is not the sample's.
     """
-    if pictures not in PICTURES:
-        raise unknown("pictures", pictures, PICTURES)
+    check_known("pictures", pictures, PICTURES)
     scene = scene_of(stored.record, scene)
     settings = {key: value for key, value in stored.record["record"].items() if key not in ORIGIN}
     result = rectify(stored.rig, left, right, fit=fit, zero_doffs=zero_doffs, misalignment=misalignment)

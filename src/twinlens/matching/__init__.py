@@ -8,13 +8,20 @@ from twinlens.matching.external import Program
 from twinlens.matching.images import grey
 from twinlens.matching.matcher import StereoMatcher
 from twinlens.matching.measures import birchfield_tomasi, census, jaccard, ncc, rank, sad, ssd, zncc, zsad, zssd
-from twinlens.matching.methods import METHODS, MethodSpec, find_method, match, parse_method, split_methods
+from twinlens.matching.methods import (
+    METHODS,
+    find_method,
+    match,
+    parse_method,
+    parse_methods,
+    parse_program,
+    split_methods,
+)
 from twinlens.matching.options import Matcher
 
 __all__ = [
     "METHODS",
     "Matcher",
-    "MethodSpec",
     "Program",
     "StereoMatcher",
     "birchfield_tomasi",
@@ -25,6 +32,8 @@ __all__ = [
     "match",
     "ncc",
     "parse_method",
+    "parse_methods",
+    "parse_program",
     "rank",
     "sad",
     "split_methods",

@@ -232,14 +232,14 @@ class Program(RangeMatcher):
             status, printed = _run_process(words, self.timeout_s, name)
             if status != 0:
                 last = (printed.strip() or "it printed nothing").splitlines()[-1]
-                raise InputError(f"{name} {_format_status(status)}: {last}")
+                raise InputError(f"{name} {format_status(status)}: {last}")
             if not files["out"].is_file():
                 raise InputError(f"{name} wrote no file at {{out}}")
             return checked_result(_read_pfm(files["out"], shape, name), shape, name)
 
 
-def _format_status(status: int) -> str:
-    """How a program ended, from its exit status; negative: a signal."""
+def format_status(status: int) -> str:
+    """How a process ended, from its exit status; negative: a signal."""
     if status >= 0:
         return f"exited with status {status}"
     name = next((each.name for each in signal.Signals if each == -status), f"signal {-status}")

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from twinlens.errors import InputError, check_int, check_number, unknown
+from twinlens.errors import InputError, check_int, check_known, check_number
 from twinlens.matching import box, refine
 from twinlens.matching.box import FITS, BoxMatch, Rows, Volume, Winners, blank, cpu_count, in_lanes, in_strips, limits
 from twinlens.matching.costs import COSTS, largest_cost
@@ -83,8 +83,7 @@ class StereoMatcher(RangeMatcher):
 
     def __post_init__(self) -> None:
         for name, (kind, known) in NAMED_VALUES.items():
-            if (value := getattr(self, name)) not in known:
-                raise unknown(kind, str(value), known)
+            check_known(kind, getattr(self, name), known)
         check_block_size("block_size", self.block_size)
         check_block_size("census_window", self.census_window)
         check_block_size("median", 1 if self.median == 0 else self.median)

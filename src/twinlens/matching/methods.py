@@ -4,13 +4,13 @@ import contextlib
 import dataclasses
 import importlib.metadata
 import re
-import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypedDict, Unpack
 
-from twinlens.errors import InputError, unknown
+import twinlens
+from twinlens.errors import InputError, check_known, unknown
 from twinlens.matching.costs import COSTS
 from twinlens.matching.external import OnnxNetwork, Program, PythonFunction
 from twinlens.matching.images import Disparity
@@ -18,6 +18,7 @@ from twinlens.matching.matcher import StereoMatcher
 from twinlens.matching.opencv import OpenCVBlock, OpenCVSemiGlobal
 
 ENTRY_POINTS = "twinlens.methods"
+PROGRAM_GRACE_S = 5.0  # beyond the limit, for a program's matcher, which ends the program itself
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,7 @@ class Method:
     def make(self, **options: Any) -> Any:
         """The matcher with these options: a `matching.Matcher`. Raises InputError for an unknown option."""
         for name in options:
-            if name not in self.options:
-                raise unknown(f"option of {self.name}", name, self.options)
+            check_known(f"option of {self.name}", name, self.options)
         return self.matcher(**{**self.defaults, **options})
 
 
@@ -73,11 +73,15 @@ METHODS: dict[str, Method] = {method.name: method for method in _METHODS}
 
 @dataclass(frozen=True)
 class MethodSpec:
-    """A method with options, as `parse_method` reads it; `name` is the text if no name is given."""
+    """A method with options, as `parse_method` reads it; `name` is the text if no name is given.
+
+    grace_s: seconds beyond a time limit for a method that enforces the limit itself.
+    """
 
     name: str
     method: Method
     options: Mapping[str, Any]
+    grace_s: float = 0.0
 
     def matcher(self, **defaults: Any) -> Any:
         """The matcher; `defaults`, such as a data set's num_disparities, apply to options that are not given."""
@@ -88,6 +92,14 @@ class MethodSpec:
     def content(self) -> str:
         """Hashes of the files that the matcher consists of: those of a network or a program; "" for twinlens's own."""
         return str(getattr(self.matcher(), "content", ""))
+
+    @property
+    def spec(self) -> str:
+        """Twinlens's version, all options except time limits, and the hashes of the method's files."""
+        options = {**self.method.options, **self.options}
+        text = ",".join(f"{name}={value!r}" for name, value in sorted(options.items()) if name != "timeout_s")
+        content = f" [{self.content}]" if self.content else ""
+        return f"twinlens {twinlens.__version__} {self.method.name}:{text}{content}"
 
     def check_parts(self) -> None:
         """Raise a TwinlensError if a file, function or package that the matcher needs is missing."""
@@ -186,16 +198,38 @@ def parse_method(text: str) -> MethodSpec:
     `program:'prog --sizes 3,4 {left} {right} {out}'`. Raises InputError for unknown methods and wrong options.
 
     >>> parse_method("zncc:block_size=21,lr_check=1").options
-    mappingproxy({'block_size': 21, 'lr_check': 1})
+    {'block_size': 21, 'lr_check': 1}
     >>> parse_method("mine=function:path/to/file.py:name").name
     'mine'
     """
     name, head, tail = _parts(text)
     method = find_method(head)
     options = dict(_option(part, text.strip(), method, index == 0) for index, part in enumerate(split_commas(tail)))
-    spec = MethodSpec(name, method, types.MappingProxyType(options))
+    spec = MethodSpec(name, method, options)
     spec.matcher()
     return spec
+
+
+def parse_methods(texts: Iterable[str]) -> list[MethodSpec]:
+    """The methods in comma-separated lists, see `split_methods`."""
+    return [parse_method(text) for text in split_methods(texts)]
+
+
+def parse_program(text: str, time_limit: float | None = None) -> MethodSpec:
+    """The program in `[NAME=]COMMAND`, by default named after its executable; it enforces `time_limit`, in seconds.
+
+    Raises InputError if the command does not contain {left}, {right} and {out}.
+
+    >>> [parse_program(text).name for text in ("mine=prog {left} {right} {out}", "bin/prog {left} {right} {out}")]
+    ['mine', 'prog']
+    """
+    given = re.fullmatch(r"([\w.-]+)=(.*)", text.strip(), re.DOTALL)
+    command = (given[2] if given else text).strip()
+    executable = (command.split() or ["program"])[0].rsplit("/", 1)[-1].strip("'\"")
+    options = {"command": command} | ({} if time_limit is None else {"timeout_s": time_limit})
+    program = MethodSpec(given[1] if given else executable, METHODS["program"], options, PROGRAM_GRACE_S)
+    program.matcher()
+    return program
 
 
 def _option(part: str, text: str, method: Method, first: bool) -> tuple[str, Any]:

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from twinlens.errors import InputError, check_int, unknown
+from twinlens.errors import InputError, check_int, check_known
 from twinlens.matching.images import Disparity, levels, pair
 from twinlens.matching.options import MinDisparity, RangeMatcher, check_block_size, check_range, import_extra
 
@@ -82,8 +82,7 @@ class OpenCVSemiGlobal(_OpenCVMatcher):
         check_block_size("block_size", self.block_size)
         check_int("uniqueness", self.uniqueness, 0)
         check_range(self.num_disparities, self.min_disparity)
-        if self.mode not in MODES:
-            raise unknown("mode", str(self.mode), MODES)
+        check_known("mode", self.mode, MODES)
 
     def _create(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
         # OpenCV matches only columns for which the whole range is inside; its 3-way mode does not check this.

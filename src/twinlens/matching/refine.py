@@ -89,12 +89,12 @@ def filled(disparity: Disparity) -> Disparity:
     rows_known = np.flatnonzero(np.isfinite(disparity).any(axis=1))
     if not len(rows_known):
         return disparity.copy()
-    result = np.minimum(_carried_right(disparity), _carried_right(disparity[:, ::-1])[:, ::-1])
+    result = np.minimum(carried_right(disparity), carried_right(disparity[:, ::-1])[:, ::-1])
     nearest = rows_known[np.abs(np.arange(len(result))[:, None] - rows_known).argmin(axis=1)]
     return np.asarray(result[nearest])
 
 
-def _carried_right(disparity: Disparity) -> Disparity:
-    """Each unknown pixel takes the nearest known one to its left in the row, if there is one."""
+def carried_right(disparity: NDArray[Any]) -> NDArray[Any]:
+    """Each unknown pixel (+inf) takes the nearest known one to its left in the row, if there is one."""
     columns = np.where(np.isfinite(disparity), np.arange(disparity.shape[1]), 0)
     return np.take_along_axis(disparity, np.maximum.accumulate(columns, axis=1), axis=1)

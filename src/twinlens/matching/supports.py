@@ -178,17 +178,15 @@ def _weighted(strip: Strip) -> Volume:
 
 def _guided(strip: Strip) -> Volume:
     """Hosni et al., "Fast cost-volume filtering for visual correspondence and beyond", PAMI 2013, with a grey guide."""
-    from twinlens.matching.kernels.supports import guided_lines
-
     radius, volume, first = strip.side // 2, strip.volumes[0], strip.first
     guide = strip.left[strip.rows, :, None] / 255.0
     start, stop = max(first, strip.start - radius), min(first + len(guide), strip.stop + radius)
     arrays = guide, guide**2, volume, volume * guide
     mean_guide, mean_square, cost, product = (_means(array, first, start, stop, radius) for array in arrays)
     variance = np.maximum(mean_square - mean_guide**2, 0.0)
-    slope = np.empty_like(cost)
-    guided_lines(cost, product, mean_guide[..., 0], variance[..., 0], strip.matcher.epsilon, slope)
-    slope, intercept = (_means(array, start, strip.start, strip.stop, radius) for array in (slope, cost))
+    slope = (product - mean_guide * cost) / (variance + strip.matcher.epsilon)
+    lines = slope, cost - slope * mean_guide
+    slope, intercept = (_means(array, start, strip.start, strip.stop, radius) for array in lines)
     return np.asarray(slope * guide[strip.top : strip.top + len(slope)] + intercept)
 
 

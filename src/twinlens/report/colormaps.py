@@ -1,34 +1,25 @@
-"""Colormaps viridis, magma and berlin as 256-step tables, and flat colours for unknown values.
+"""Matplotlib's colormaps viridis, magma and berlin as 256-step tables, and flat colours for unknown values.
 
-All three are perceptually uniform and readable with colour vision deficiencies. viridis and magma: van der Walt and
-Smith, 2015 (CC0); berlin: after Crameri, Zenodo 1243862, diverging around black. Interpolated from some anchor colours.
+All three are perceptually uniform and readable with colour vision deficiencies; berlin diverges around black.
 """
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
+import matplotlib
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, check_known
 
 NO_TRUTH, NO_ESTIMATE = (196, 200, 206), (102, 112, 127)  # light grey and slate; the colormaps contain no greys
 
-_ANCHORS = {
-    "viridis": "440154 481567 482677 453781 404788 39568c 33638d 2d708e 287d8e 238a8d 1f968b 20a387 29af7f 3cbb75"
-    " 55c667 73d055 95d840 b8de29 dce319 fde725",
-    "magma": "000004 180f3d 440f76 721f81 9e2f7f cd4071 f1605d fd9668 feca8d fcfdbf",
-    "berlin": "9eb0ff 5aa4da 2d7597 1a4256 111114 501803 8a3f2a c4756a ffadad",
-}
-
-
-def _table(anchors: str) -> NDArray[np.uint8]:
-    colours = np.array([list(bytes.fromhex(c)) for c in anchors.split()], np.float64)
-    at, steps = np.linspace(0, 1, len(colours)), np.linspace(0, 1, 256)
-    return np.stack([np.interp(steps, at, channel) for channel in colours.T], axis=1).round().astype(np.uint8)
-
-
-COLORMAPS: Mapping[str, NDArray[np.uint8]] = MappingProxyType({name: _table(each) for name, each in _ANCHORS.items()})
+COLORMAPS: Mapping[str, NDArray[np.uint8]] = MappingProxyType(
+    {
+        name: np.rint(255 * matplotlib.colormaps[name](np.arange(256))[:, :3]).astype(np.uint8)
+        for name in ("viridis", "magma", "berlin")
+    }
+)
 """Name -> uint8 (256, 3) sRGB."""
 
 
@@ -42,8 +33,7 @@ def colourise(
     >>> colourise([[0.0, 1.0, np.inf]], 0, 1).tolist()
     [[[68, 1, 84], [253, 231, 37], [196, 200, 206]]]
     """
-    if colormap not in COLORMAPS:
-        raise unknown("colormap", colormap, COLORMAPS)
+    check_known("colormap", colormap, COLORMAPS)
     if not low < high:
         raise InputError(f"the colour range is [{low}, {high}]: expected low < high")
     numbers = np.asarray(values, np.float64)

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, check_known
 from twinlens.scoring.agreement import Agreement
 from twinlens.scoring.pair_statistics import STATISTICS
 from twinlens.studies import Figure, Table, mean_of
@@ -51,8 +51,7 @@ def draw(figure: Figure, table: Table) -> Sheet:
     rows = table.where(**figure.where)
     if not len(rows):
         raise InputError(f"figure {figure.name!r}: the table has no rows with {dict(figure.where)}")
-    if figure.kind not in _Panel.KINDS:
-        raise unknown("kind of figure", figure.kind, _Panel.KINDS)
+    check_known("kind of figure", figure.kind, _Panel.KINDS)
     with matplotlib.rc_context(RC_PARAMS):
         return _sheet(figure, list(_groups(rows, figure.panel)))
 

@@ -13,7 +13,8 @@ import pydantic
 from scipy.ndimage import map_coordinates
 from typing_extensions import TypeAliasType
 
-from twinlens.errors import InputError, format_value, unknown
+from twinlens import schema
+from twinlens.errors import InputError, check_known, format_value
 from twinlens.scenes import textures
 from twinlens.scenes.assets import Asset, linear_from_srgb, read_picture
 from twinlens.scenes.scene import Bitmap, Color
@@ -52,12 +53,6 @@ _RADIUS = Annotated[float, pydantic.Field(gt=0, le=0.25)]
 _AXIS = Literal["u", "v"] | None
 Cells = Annotated[list[_COUNT], exactly(2, _COUNT, or_one=True)]
 Seed = Annotated[int, pydantic.Field(ge=0, le=2**31)]
-
-
-def _ascending(radii: list[float]) -> list[float]:
-    if radii[0] > radii[1]:
-        raise InputError("must be [least, most]")
-    return radii
 
 
 class Warp(StrictModel):
@@ -132,7 +127,8 @@ class Pattern(TextureBase):
         return textures.ramp(pixels, np.array([color.rgb for color in self.colors]))
 
 
-_RADII = Annotated[list[_RADIUS], exactly(2, _RADIUS, or_one=True), pydantic.AfterValidator(_ascending)]
+_ASCENDING = schema.satisfies(lambda radii: radii[0] <= radii[1], "must be [least, most]")
+_RADII = Annotated[list[_RADIUS], exactly(2, _RADIUS, or_one=True), _ASCENDING]
 PATTERNS: dict[str, dict[str, Any]] = {
     "value_noise": {"cells": Cells, "interpolation": Literal["smooth", "nearest"] | None},
     "fractal_noise": {
@@ -203,12 +199,7 @@ Part = Annotated[Any, pydantic.PlainValidator(_read_part, json_schema_input_type
 Mix.model_rebuild()
 Multiply.model_rebuild()
 _ADAPTER: pydantic.TypeAdapter[TextureBase] = pydantic.TypeAdapter(_TEXTURE)
-Texture = Annotated[
-    TextureBase,
-    pydantic.PlainValidator(
-        lambda value, info: _ADAPTER.validate_python(value, context=info.context), json_schema_input_type=_TEXTURE
-    ),
-]
+Texture = Annotated[TextureBase, schema.reads(_TEXTURE)]
 """A table of [textures]."""
 
 
@@ -226,8 +217,7 @@ def _draw_part(part: Any, size: tuple[int, int], named: Mapping[str, TextureBase
 
 
 def _named(name: str, named: Mapping[str, TextureBase]) -> TextureBase:
-    if name not in named:
-        raise unknown("texture", name, named)
+    check_known("texture", name, named)
     return named[name]
 
 
@@ -238,7 +228,7 @@ def read_texture(value: Any, info: Any) -> Bitmap:
     return table.bitmap(named)
 
 
-def _or_texture(plain: Callable[[Any], Any], schema: Any, low: float, high: float) -> Any:
+def _or_texture(plain: Callable[[Any], Any], written: Any, low: float, high: float) -> Any:
     """The type of what `plain` reads, or of a texture; values must lie in [low, high]."""
 
     def read(value: Any, info: Any) -> Any:
@@ -249,7 +239,7 @@ def _or_texture(plain: Callable[[Any], Any], schema: Any, low: float, high: floa
                 raise InputError(f"must lie in [{low:g}, {high:g}], got {extreme:g}")
         return result
 
-    return Annotated[Any, pydantic.PlainValidator(read, json_schema_input_type=schema)]
+    return Annotated[Any, pydantic.PlainValidator(read, json_schema_input_type=written)]
 
 
 def spectrum(limit: float) -> Any:

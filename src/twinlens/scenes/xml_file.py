@@ -15,7 +15,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from twinlens.errors import FileError, InputError, located, unknown
+from twinlens.errors import FileError, InputError, check_known, located, unknown
 from twinlens.geometry import Float, check_rigid, look_at
 from twinlens.scenes.assets import SceneContext, decode_picture, find_asset, read_limited, read_sky
 from twinlens.scenes.objects import ANALYTIC_SHAPES
@@ -128,8 +128,7 @@ def _check_element(element: Element, context: SceneContext) -> None:
         if "$" in text and not (tag in _NUMERIC_TAGS and key in _NUMERIC_ATTRIBUTES):
             raise InputError(f"{key}={text!r}: write the {key} itself; $ parameters may replace numbers only")
     if tag in PLUGINS and not (tag == "spectrum" and kind is None):
-        if kind not in PLUGINS[tag]:
-            raise unknown(f"{tag} type", str(kind), PLUGINS[tag])
+        check_known(f"{tag} type", kind, PLUGINS[tag])
     elif kind is not None:
         raise InputError(f"<{tag}> takes no type")
     if check_picture := _PICTURES.get((tag, kind)):
@@ -146,8 +145,7 @@ def _check_element(element: Element, context: SceneContext) -> None:
     if tag == "string" and _FILE_PARAMETER.search(name):
         find_asset(value, context)
     elif tag == "string" and name == "material":
-        if value not in CONDUCTORS:
-            raise unknown("conductor", value, CONDUCTORS)
+        check_known("conductor", value, CONDUCTORS)
     elif tag == "string":
         _check_no_path(value, context)
 

@@ -5,7 +5,6 @@ from twinlens.scoring.benchmark import Step, run_benchmark
 from twinlens.scoring.board import Board, Entry
 from twinlens.scoring.board_file import board_to_json, json_number, read_board
 from twinlens.scoring.evaluate import Scores, evaluate
-from twinlens.scoring.methods import named_methods, named_program
 from twinlens.scoring.metrics import METRICS, find_metric
 from twinlens.scoring.pair_statistics import STATISTICS, pair_statistics, summarize
 from twinlens.scoring.protocols import PROTOCOLS
@@ -51,8 +50,6 @@ __all__ = [
     "json_number",
     "leaderboard_table",
     "load_pair",
-    "named_methods",
-    "named_program",
     "open_pairs",
     "open_submission",
     "pair_statistics",

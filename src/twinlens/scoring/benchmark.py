@@ -38,7 +38,7 @@ def run_benchmark(
     regions: Sequence[str] = ("all", "nonocc"),
     progress: Callable[[Step], None] | None = None,
     time_limit: float | None = None,
-    memory_limit: int | None = None,
+    memory_limit: float | None = None,
     warm_up: bool = True,
     warm_up_limit: float = WARM_UP_LIMIT_S,
     save: str | os.PathLike[str] | None = None,

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, check_known
 from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.metrics import TIMES, Metric, find_metric
 from twinlens.scoring.protocols import PROTOCOLS, Protocol
@@ -113,8 +113,7 @@ class Board:
         for entry in self.entries:
             if entry.key in seen:
                 raise InputError(f"the board has two entries for {' / '.join(entry.key)}: names must be unique")
-            if entry.protocol not in PROTOCOLS:
-                raise unknown("protocol", entry.protocol, PROTOCOLS)
+            check_known("protocol", entry.protocol, PROTOCOLS)
             seen.add(entry.key)
 
     # Names in the order of their first entries.
@@ -143,12 +142,10 @@ class Board:
         Raises InputError if the board has no such protocol or region, or the protocol no such metric.
         """
         for kind, name, known in (("protocol", protocol, self.protocols), ("region", region, self.regions)):
-            if name not in known:
-                raise unknown(f"{kind} on {where}", name, known)
+            check_known(f"{kind} on {where}", name, known)
         rules = PROTOCOLS[protocol]
         chosen, measured = find_metric(metric or rules.headline), (*rules.metrics, *TIMES)
-        if chosen.name not in measured:
-            raise unknown("metric", chosen.name, measured)
+        check_known("metric", chosen.name, measured)
         return rules, chosen
 
     def find(self, method: str, sample: str, protocol: str) -> Entry | None:
@@ -175,8 +172,7 @@ class Board:
         """
         samples = self.samples if weights else ()
         for name, weight in (weights or {}).items():
-            if name not in samples:
-                raise unknown("sample", name, samples)
+            check_known("sample", name, samples)
             if not (math.isfinite(weight) and weight >= 0):
                 raise InputError(f"the weight of {name!r} is {weight}: expected a finite number >= 0")
         entries = [e for e in self.entries if e.protocol == protocol]

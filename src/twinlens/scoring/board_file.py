@@ -17,7 +17,7 @@ import pydantic
 import twinlens
 from twinlens.dataset.files import locked, read_bytes, write_file
 from twinlens.dataset.record import decode_json, read
-from twinlens.errors import FileError, InputError, unknown
+from twinlens.errors import FileError, InputError, check_known
 from twinlens.schema import NonNegative, StrictModel, one_of, table_of
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure
 from twinlens.scoring.evaluate import RegionScores
@@ -56,8 +56,7 @@ _RegionTable: Any = table_of(
 def _entry(**given: Any) -> Entry:
     known = PROTOCOLS[given["protocol"]].metrics
     for metric in (metric for region in given["regions"].values() for metric in region):
-        if metric not in known:
-            raise unknown("metric", metric, known)
+        check_known("metric", metric, known)
     return Entry(**given)
 
 
@@ -135,7 +134,7 @@ def json_number(value: float) -> float | str | None:
     >>> json_number(math.nan), json_number(math.inf), json_number(2.5)
     (None, 'inf', 2.5)
     """
-    return None if math.isnan(value) else "inf" if math.isinf(value) else value
+    return None if math.isnan(value) else str(value) if math.isinf(value) else value
 
 
 @contextlib.contextmanager

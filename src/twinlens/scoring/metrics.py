@@ -12,7 +12,7 @@ from typing import Any, SupportsInt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, check_known
 
 Disparity = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
@@ -122,6 +122,5 @@ METRICS: Mapping[str, Metric] = MappingProxyType({metric.name: metric for metric
 
 def find_metric(name: str) -> Metric:
     """The metric of that name; InputError if there is none."""
-    if name not in METRICS:
-        raise unknown("metric", name, METRICS)
+    check_known("metric", name, METRICS)
     return METRICS[name]

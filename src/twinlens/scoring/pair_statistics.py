@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scipy import ndimage, optimize
 
 from twinlens.errors import InputError
+from twinlens.matching import grey
 from twinlens.scoring.regions import discontinuity, occluded, textureless
 from twinlens.scoring.samples import Pair
 
 Grey = NDArray[np.float64]
-_LUMA = (0.299, 0.587, 0.114)
 _JUMP_PX, _JUMP_WINDOW = np.nextafter(1.0, 2.0), 7
 _LOW_WINDOW, _WINDOW, _BLOCK = 21, 9, 8
 _FLAT_SD = 3.0
@@ -112,8 +112,7 @@ def summarize(rows: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, flo
 
 def grey_levels(image: NDArray[Any]) -> Grey:
     """A uint8 or uint16 image as grey levels, float64 (H, W), 0 to 255."""
-    levels = image / (257.0 if image.dtype == np.uint16 else 1.0)
-    return levels if levels.ndim == 2 else levels @ np.asarray(_LUMA)
+    return grey(image / (257.0 if image.dtype == np.uint16 else 1.0))
 
 
 def warp_right(right: Grey, disparity: NDArray[np.floating[Any]]) -> Grey:

@@ -11,7 +11,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, check_known
+from twinlens.matching.refine import carried_right
 from twinlens.scoring.metrics import BAD, SIZES, THRESHOLDS, Disparity, Mask, disparity_map, error_sizes, percent
 
 KITTI_PIXELS, KITTI_SHARE = np.float32(3.0), np.float32(0.05)
@@ -74,8 +75,7 @@ def find_protocol(name: str | Protocol) -> Protocol:
     """The protocol of that name, or the protocol itself; InputError if there is none."""
     if isinstance(name, Protocol):
         return name
-    if name not in PROTOCOLS:
-        raise unknown("protocol", name, PROTOCOLS)
+    check_known("protocol", name, PROTOCOLS)
     return PROTOCOLS[name]
 
 
@@ -152,16 +152,10 @@ def interpolate_background(disp: Disparity) -> Disparity:
     [[5.0, 5.0, 3.0, 3.0, 3.0]]
     """
     disp = disparity_map("disp", disp)
-    rows = np.minimum(_last_known(disp), _last_known(disp[:, ::-1])[:, ::-1])  # +inf beyond the ends of a row
+    rows = np.minimum(carried_right(disp), carried_right(disp[:, ::-1])[:, ::-1])  # +inf beyond the ends of a row
     known = np.isfinite(rows)
     first, last = known.argmax(axis=0), len(rows) - 1 - known[::-1].argmax(axis=0)
     return np.take_along_axis(rows, np.clip(np.arange(len(rows))[:, None], first, last), axis=0)
-
-
-def _last_known(disp: Disparity) -> Disparity:
-    """Each unknown value replaced by the last known one to its left; +inf if there is none."""
-    last = np.maximum.accumulate(np.where(np.isfinite(disp), np.arange(disp.shape[1]), 0), axis=1)
-    return np.take_along_axis(disp, last, axis=1)
 
 
 _PROTOCOLS = (

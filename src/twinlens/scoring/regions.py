@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from twinlens.camera.truth import MATERIAL_KINDS
-from twinlens.errors import unknown
+from twinlens.errors import check_known
 from twinlens.scoring.metrics import Mask, boolean_mask, disparity_map
 from twinlens.scoring.samples import Pair
 
@@ -132,8 +132,7 @@ def region_masks(sample: Pair, names: Iterable[str]) -> dict[str, Mask]:
     """
     masks = {}
     for name in names:
-        if name not in REGIONS:
-            raise unknown("region", name, REGIONS)
+        check_known("region", name, REGIONS)
         if all(getattr(sample, data) is not None for data in REGIONS[name].needs):
             masks[name] = REGIONS[name].mask(sample)
     return {name: mask for name, mask in masks.items() if mask is not None}

@@ -23,7 +23,7 @@ import pebble
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError, TwinlensError
-from twinlens.matching.external import WrongAnswerError, checked_result
+from twinlens.matching.external import WrongAnswerError, checked_result, format_status
 from twinlens.scoring.board import Failure
 from twinlens.scoring.samples import Pair
 
@@ -78,7 +78,7 @@ class Runner:
     `warm_up_limit`, or took longer than `limit` and the match failed nevertheless.
     """
 
-    def __init__(self, limit: float | None, memory_limit: int | None, warms_up: bool, warm_up_limit: float) -> None:
+    def __init__(self, limit: float | None, memory_limit: float | None, warms_up: bool, warm_up_limit: float) -> None:
         if limit is None and memory_limit is not None:
             limit = WORKER_LIMIT_S
         if limit is not None and not (0 < limit <= LONGEST_LIMIT_S and 0 < warm_up_limit <= LONGEST_LIMIT_S):
@@ -153,7 +153,7 @@ class Runner:
         except TimeoutError:
             failure = MethodError("time-limit", f"exceeded the time limit of {limit:g} s")
         except pebble.ProcessExpired as expired:
-            failure = MethodError("crash", f"its process died ({_exit_text(expired.exitcode)})")
+            failure = MethodError("crash", f"its process {format_status(expired.exitcode)}")
         except BrokenProcessPool:
             failure = MethodError("memory", "its process died while it received the images, probably out of memory")
         self.close()
@@ -232,20 +232,11 @@ def _method_error(error: BaseException, prefix: str = "") -> MethodError:
     return MethodError("crash", f"{prefix}{type(error).__name__}: {error}")
 
 
-def _exit_text(code: int) -> str:
-    """How a process ended: "exit code 3", "signal 11, SIGSEGV"."""
-    if code >= 0:
-        return f"exit code {code}"
-    names = {each.value: f", {each.name}" for each in signal.Signals}
-    note = "; possibly out of memory" if code == -signal.SIGKILL else ""
-    return f"signal {-code}{names.get(-code, '')}{note}"
-
-
 _load = functools.cache(pickle.loads)
 """In the worker: the method of a pickle, always the same object, so that what it has compiled or loaded is kept."""
 
 
-def _prepare_worker(memory_limit: int | None) -> int:
+def _prepare_worker(memory_limit: float | None) -> int:
     """The first task of a worker: a process group, no output, its limits. Returns its process id."""
     if hasattr(os, "setsid"):
         os.setsid()
@@ -260,7 +251,7 @@ def _prepare_worker(memory_limit: int | None) -> int:
     return os.getpid()
 
 
-def _limit_memory(limit: int) -> None:
+def _limit_memory(limit: float) -> None:
     """Limit this process's data; MethodError if it has more already."""
     import resource
 
@@ -272,7 +263,7 @@ def _limit_memory(limit: int) -> None:
         needs = f"a worker process needs {used / 2**30:.2f} GiB before the first match"
         raise MethodError("memory", f"{needs}; the limit is {limit / 2**30:.2g} GiB")
     hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
-    soft = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+    soft = int(limit if hard == resource.RLIM_INFINITY else min(limit, hard))
     resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 

@@ -4,6 +4,7 @@ import csv
 import io
 import math
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any, TypedDict, Unpack
 
 from rich.markup import escape
 from rich.table import Table
@@ -17,6 +18,14 @@ from twinlens.scoring.regions import REGIONS
 Groups = Mapping[str, Collection[str]]
 """Title -> names of the samples of a group."""
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+
+
+class Ranking(TypedDict, total=False):
+    """The order and the columns of a table: as for `standings`, and the metrics, those of the protocol by default."""
+
+    sort: str | None
+    columns: Sequence[str] | None
+    weights: Mapping[str, float] | None
 
 
 def standings(
@@ -50,20 +59,12 @@ def caption(board: Board, protocol: str, region: str, weights: Mapping[str, floa
     return "\n".join(f"{name}: {lines[name]}" for name in order)
 
 
-def leaderboard_table(
-    board: Board,
-    protocol: str,
-    region: str = "all",
-    *,
-    sort: str | None = None,
-    columns: Sequence[str] | None = None,
-    weights: Mapping[str, float] | None = None,
-) -> Table:
+def leaderboard_table(board: Board, protocol: str, region: str = "all", **ranking: Unpack[Ranking]) -> Table:
     """The leaderboard as a rich table, best first, the best value of each column in bold, with its caption."""
-    metrics, rows = _ranked(board, protocol, region, sort, columns, weights)
+    metrics, rows = _ranked(board, protocol, region, **ranking)
     table = Table(
         title=escape(f"{board.title} · {PROTOCOLS[protocol].title} · {region}"),
-        caption=Text(caption(board, protocol, region, weights)),
+        caption=Text(caption(board, protocol, region, ranking.get("weights"))),
         caption_justify="left",
         title_justify="left",
     )
@@ -139,22 +140,14 @@ def board_csv(board: Board) -> str:
     return out.getvalue()
 
 
-def board_latex(
-    board: Board,
-    protocol: str,
-    region: str = "all",
-    *,
-    sort: str | None = None,
-    columns: Sequence[str] | None = None,
-    weights: Mapping[str, float] | None = None,
-) -> str:
+def board_latex(board: Board, protocol: str, region: str = "all", **ranking: Unpack[Ranking]) -> str:
     """The leaderboard as a LaTeX table (package booktabs), the best value of each column in bold."""
-    metrics, rows = _ranked(board, protocol, region, sort, columns, weights)
+    metrics, rows = _ranked(board, protocol, region, **ranking)
     head = " & ".join(["Method", *(_latex(f"{metric.name} [{metric.unit}]") for metric in metrics)])
     lines = [
         r"\begin{table}",
         r"\centering",
-        rf"\caption{{{_latex('. '.join(caption(board, protocol, region, weights).splitlines()))}.}}",
+        rf"\caption{{{_latex('. '.join(caption(board, protocol, region, ranking.get('weights')).splitlines()))}.}}",
         rf"\begin{{tabular}}{{l{'r' * len(metrics)}}}",
         r"\toprule",
         rf"{head} \\",
@@ -168,15 +161,10 @@ def board_latex(
 
 
 def _ranked(
-    board: Board,
-    protocol: str,
-    region: str,
-    sort: str | None,
-    columns: Sequence[str] | None,
-    weights: Mapping[str, float] | None,
+    board: Board, protocol: str, region: str, columns: Sequence[str] | None = None, **ranking: Any
 ) -> tuple[list[Metric], list[tuple[Mean, list[tuple[str, bool]]]]]:
     """The metrics of the columns, and for each mean, best first, its cells: the text, and whether it is the best."""
-    means = standings(board, protocol, region, sort=sort, weights=weights)
+    means = standings(board, protocol, region, **ranking)
     names = (*PROTOCOLS[protocol].columns, "time") if columns is None else columns
     metrics, cells = [board.rules(protocol, region, name)[1] for name in names], []
     for metric in metrics:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import ALIGNED, Camera, Misalignment, Rig, misaligned
-from twinlens.errors import InputError, check_number, format_value, unknown
+from twinlens.errors import InputError, check_known, check_number
 from twinlens.seeds import generator
 from twinlens.sensor.exposure import Exposure
 from twinlens.sensor.tolerances import LEVELS, SPREADS
@@ -93,7 +93,7 @@ class Mismatch:
     def __post_init__(self) -> None:
         for name, (allowed, least, most) in _RANGES.items():
             check_number(f"mismatch {name}", getattr(self, name), allowed, least=least, most=most)
-        _check_level(self.level)
+        check_known("mismatch level", self.level, LEVELS)
 
     @classmethod
     def draw(cls, level: str, seed: int, **given: float) -> "Mismatch":
@@ -106,7 +106,7 @@ class Mismatch:
         >>> Mismatch.draw("typical", 1) == Mismatch.draw("typical", 1), Mismatch.draw("none", 1) == Mismatch()
         (True, True)
         """
-        _check_level(level)
+        check_known("mismatch level", level, LEVELS)
         values: dict[str, Any] = {**given, "level": level}
         if level == "none":
             return cls(**values)
@@ -170,8 +170,3 @@ class Mismatch:
             focal=1 + self.scale_px / (camera.fx * radius),
             k1=self.distortion_px / (camera.fx * radius**3),
         )
-
-
-def _check_level(level: str) -> None:
-    if level not in LEVELS:
-        raise unknown("mismatch level", level if isinstance(level, str) else format_value(level), LEVELS)

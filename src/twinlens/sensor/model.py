@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from twinlens.camera import Camera, Lens, Rig, film_distance
 from twinlens.camera.film import checked_radiance
 from twinlens.camera.lens import check_lens
-from twinlens.errors import InputError, check_int, check_number, check_triple, format_value, unknown
+from twinlens.errors import InputError, check_int, check_known, check_number, check_triple, format_value
 from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, check_wavelengths
 from twinlens.seeds import generator
 from twinlens.sensor import light, picture
@@ -127,8 +127,7 @@ class Sensor:
                 raise InputError(f"sensor {name} must be True or False, got {format_value(value)}")
         for name, known in (("filters", picture.FILTERS), ("output", OUTPUTS)):
             value = getattr(self, name)
-            if not isinstance(value, str) or value not in known:
-                raise unknown(f"sensor {name}", value if isinstance(value, str) else format_value(value), known)
+            check_known(f"sensor {name}", value, known)
         if not isinstance(self.mismatch, Mismatch):
             raise InputError(f"sensor mismatch must be a Mismatch, got {format_value(self.mismatch)}")
         self.mismatch.applied(Exposure(self.longest_exposure, self.largest_gain))
@@ -144,16 +143,14 @@ class Sensor:
         >>> Sensor.preset("ideal", bits=16).read_noise
         0.0
         """
-        if name not in PRESETS:
-            raise unknown("sensor preset", name, PRESETS)
+        check_known("sensor preset", name, PRESETS)
         return cls(**PRESETS[name]).replace(**changes)
 
     def replace(self, **changes: Any) -> "Sensor":
         """A copy with some fields changed, checked again. Raises InputError for an unknown field."""
         known = [field.name for field in fields(self)]
         for name in changes:
-            if name not in known:
-                raise unknown("sensor field", name, known)
+            check_known("sensor field", name, known)
         return replace(self, **changes)
 
     @property

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr, stdtrit
 
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, check_known
 from twinlens.geometry import Float
 from twinlens.seeds import generator
 
@@ -67,8 +67,7 @@ class Table:
     def column(self, name: str) -> Column:
         """The column of this name; InputError if there is none."""
         known = {column.name: column for column in self.columns}
-        if name not in known:
-            raise unknown("column", name, known)
+        check_known("column", name, known)
         return known[name]
 
     def numbers(self, name: str) -> Float:

@@ -138,19 +138,3 @@ def clipped_means(volume, radius, top, out):
             share = 1.0 / ((last - first) * (below - above))
             for j in range(depth):
                 here[j] = (b[j] - a[j]) * share
-
-
-@jit
-def guided_lines(mean_cost, mean_product, mean_guide, variance, epsilon, slope):
-    """Fit cost = slope * guide + intercept from mean costs and mean products with the guide.
-
-    Writes slope, and the intercept to mean_cost.
-    """
-    rows, width, depth = mean_cost.shape
-    for y in range(rows):
-        for x in range(width):
-            guide, spread = mean_guide[y, x], variance[y, x] + epsilon
-            cost, product, out = mean_cost[y, x], mean_product[y, x], slope[y, x]
-            for j in range(depth):
-                out[j] = (product[j] - guide * cost[j]) / spread
-                cost[j] -= out[j] * guide
