@@ -121,6 +121,7 @@ def test_every_key_is_read():
         ("sensor.quantum_efficiency", [0.5], "sensor.quantum_efficiency: must be a list of exactly 3 values"),
         ("sensor.mismatch", {"gian": 1}, "sensor.mismatch: unknown key 'gian'; did you mean 'gain'?"),
         ("sensor.mismatch", "typcal", "sensor.mismatch: must be one of none, .*; did you mean 'typical'?"),
+        ("sensor.mismatch", {"seed": 5}, "sensor.mismatch: seed needs a level that is drawn"),
         ("sensor.mismatch", {"choice": ["typical", 3]}, "sensor.mismatch: must be a table"),
         ("sensor.mismatch", {"blur_px": {"uniform": [-1, 1]}}, "mismatch blur_px must be .* got -1"),
         ("exposure", {"gain": 2}, "exposure: missing key 'time'"),

@@ -71,6 +71,7 @@ def test_a_board_agrees_with_itself_and_is_opposite_to_its_reverse():
     assert str(agreement(board(a), board(a), resamples=5).reliability_a) == "1.00 (1.00 to 1.00)"
 
 
+@pytest.mark.slow
 def test_the_bootstrap_covers_the_long_run_value():
     """95 % intervals from 16 samples contain the tau of 4000 samples in most of 40 repetitions."""
     order = [2, 0, 5, 1, 3, 7, 4, 6]

@@ -181,6 +181,7 @@ def test_a_hanging_warm_up_is_stopped_and_not_repeated(tmp_path):
     assert all(re.fullmatch(says, e.failure.message) for e in board.entries)
 
 
+@pytest.mark.slow
 def test_a_method_that_is_always_slow_is_warmed_up_once(tmp_path):
     """Its warm-up ends after the time limit, so repeating it in a new worker would not help."""
     method = Hangs("slow", tmp_path / "rows", seconds=2.5)

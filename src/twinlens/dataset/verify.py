@@ -200,12 +200,17 @@ def _sample_folders(folder: Place, known: set[str]) -> Iterator[str]:
         found = {name.rpartition("/")[0] for name in folder.files() if name.rpartition("/")[2] in _SAMPLE_FILES}
         yield from (name for name in found if name and not is_hidden(name))
         return
-    for path, below, files in os.walk(folder, followlinks=True):  # ignores folders that are removed meanwhile
+    for path, below, files in os.walk(folder, onerror=_unless_removed, followlinks=True):
         name = Path(path).relative_to(folder).as_posix()
         # Most files of a dataset are in known folders: skip those.
         below[:] = [each for each in below if name not in known and not is_hidden(each)]
         if name not in known and path != str(folder) and not {*_SAMPLE_FILES}.isdisjoint(files):
             yield name
+
+
+def _unless_removed(error: OSError) -> None:
+    if not isinstance(error, FileNotFoundError):  # removed since it was listed
+        raise FileError(f"{error.filename}: {error.strerror}") from error
 
 
 def _check_croissant(folder: Place) -> list[str]:

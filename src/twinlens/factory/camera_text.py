@@ -145,9 +145,8 @@ def parse_mismatch(text: str, seed: int = 0) -> Mismatch:
     if first.isidentifier() and first not in _MISMATCHES:
         text = f"level={text}"
     given = {_MISMATCHES[name]: value for name, value in _pairs(where, text, _MISMATCHES).items()}
-    if "seed" in given and given.get("level", "none") == "none":
-        raise InputError(f"{where}: seed needs a level that is drawn, such as typical")
-    mismatch: Mismatch = read(settings.MismatchTable, {"seed": seed, **given}, where, strict=False)
+    own = {} if given.get("level", "none") == "none" else {"seed": seed}
+    mismatch: Mismatch = read(settings.MismatchTable, own | given, where, strict=False)
     return mismatch
 
 

@@ -67,11 +67,19 @@ class SceneTable(StrictModel):
 
 _PRESET = "machine_vision"
 ExposureTable: Any = table_of(Exposure, time=(Positive, ...), gain=(Positive, 1.0))
+
+
+def _mismatch(level: str = "none", seed: int | None = None, **given: float) -> Mismatch:
+    if level == "none" and seed is not None:
+        raise InputError("seed needs a level that is drawn, such as typical")
+    return Mismatch.draw(level, seed or 0, **given)
+
+
 MismatchTable: Any = table_of(
     Mismatch,
-    make=lambda level="none", seed=0, **given: Mismatch.draw(level, seed, **given),
+    make=_mismatch,
     level=(Literal[LEVELS], "none"),
-    seed=(Annotated[int, Field(ge=0)], 0),
+    seed=(Annotated[int, Field(ge=0)] | None, None),
 )
 """The fields of `Mismatch`, of which those not given are drawn at a level."""
 _level = BeforeValidator(lambda value: {"level": value} if isinstance(value, str) else value, str | MismatchTable)
@@ -254,11 +262,11 @@ class Settings(StrictModel):
 
 
 def with_mismatch_seed(drawn: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    """The table with a seed in its sensor's mismatch, unless it has one."""
+    """The table with a seed in its sensor's mismatch, if that is drawn and has none."""
     sensor = drawn.get("sensor")
     mismatch = sensor.get("mismatch") if isinstance(sensor, Mapping) else None
     table = {"level": mismatch} if isinstance(mismatch, str) else mismatch
-    if not isinstance(sensor, Mapping) or not isinstance(table, Mapping):
+    if not isinstance(sensor, Mapping) or not isinstance(table, Mapping) or table.get("level", "none") == "none":
         return dict(drawn)
     return {**drawn, "sensor": {**sensor, "mismatch": {"seed": seed, **table}}}
 
