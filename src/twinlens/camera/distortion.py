@@ -45,58 +45,17 @@ class _Model:
         """The coefficients in the order of the fields, which is OpenCV's."""
         return astuple(self)
 
-
-@dataclass(frozen=True)
-class BrownConrady(_Model):
-    """Radial and tangential distortion with OpenCV's eight coefficients.
-
-    With r^2 = x^2 + y^2 and R = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6)::
-
-        x_d = x R + 2 p1 x y + p2 (r^2 + 2 x^2)
-        y_d = y R + p1 (r^2 + 2 y^2) + 2 p2 x y
-
-    >>> BrownConrady(k1=-0.1).distort([0.5, 0.0]).tolist()
-    [0.4875, 0.0]
-    """
-
-    name: ClassVar[str] = "brown-conrady"
-    k1: float = 0.0
-    k2: float = 0.0
-    p1: float = 0.0
-    p2: float = 0.0
-    k3: float = 0.0
-    k4: float = 0.0
-    k5: float = 0.0
-    k6: float = 0.0
-
     def distort(self, xy: ArrayLike) -> Float:
         """Distorted coordinates (..., 2) of ideal ones (..., 2), float64, also beyond the fold."""
-        x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
-        r2 = x * x + y * y
-        over, under = self._parts
-        radial = over(r2) / under(r2)
-        x_d = x * radial + 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x)
-        y_d = y * radial + self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y
-        return np.stack([x_d, y_d], axis=-1)
+        raise NotImplementedError
 
     def jacobian(self, xy: ArrayLike) -> Float:
         """d(x_d, y_d)/d(x, y), (..., 2, 2)."""
-        x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
-        r2 = x * x + y * y
-        over, under = self._parts
-        radial = over(r2) / under(r2)
-        slope = 2 * (over.deriv()(r2) - radial * under.deriv()(r2)) / under(r2)
-        mixed = slope * x * y + 2 * self.p1 * x + 2 * self.p2 * y
-        dxx = radial + slope * x * x + 2 * self.p1 * y + 6 * self.p2 * x
-        dyy = radial + slope * y * y + 6 * self.p1 * y + 2 * self.p2 * x
-        return np.stack([np.stack([dxx, mixed], axis=-1), np.stack([mixed, dyy], axis=-1)], axis=-2)
+        raise NotImplementedError
 
     def valid(self, xy: ArrayLike) -> Bool:
-        """Whether ideal points (..., 2) are before the first fold: the radial part increases, and det J > 0."""
-        x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
-        before = x * x + y * y < self._fold_radius2
-        with np.errstate(all="ignore"):
-            return np.asarray(before & (np.linalg.det(self.jacobian(xy)) > 0))
+        """Whether ideal points (..., 2) are before the first fold."""
+        raise NotImplementedError
 
     def undistort(self, xy_distorted: ArrayLike) -> Float:
         """Ideal coordinates (..., 2) of distorted ones (..., 2), to 1e-12; NaN where there are none.
@@ -134,6 +93,57 @@ class BrownConrady(_Model):
         ex, ey = error.T
         return np.asarray(np.stack([d * ex - b * ey, a * ey - c * ex], axis=1) / (a * d - b * c)[:, None])
 
+
+@dataclass(frozen=True)
+class BrownConrady(_Model):
+    """Radial and tangential distortion with OpenCV's eight coefficients.
+
+    With r^2 = x^2 + y^2 and R = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6)::
+
+        x_d = x R + 2 p1 x y + p2 (r^2 + 2 x^2)
+        y_d = y R + p1 (r^2 + 2 y^2) + 2 p2 x y
+
+    >>> BrownConrady(k1=-0.1).distort([0.5, 0.0]).tolist()
+    [0.4875, 0.0]
+    """
+
+    name: ClassVar[str] = "brown-conrady"
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    k5: float = 0.0
+    k6: float = 0.0
+
+    def distort(self, xy: ArrayLike) -> Float:
+        x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
+        r2 = x * x + y * y
+        over, under = self._parts
+        radial = over(r2) / under(r2)
+        x_d = x * radial + 2 * self.p1 * x * y + self.p2 * (r2 + 2 * x * x)
+        y_d = y * radial + self.p1 * (r2 + 2 * y * y) + 2 * self.p2 * x * y
+        return np.stack([x_d, y_d], axis=-1)
+
+    def jacobian(self, xy: ArrayLike) -> Float:
+        x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
+        r2 = x * x + y * y
+        over, under = self._parts
+        radial = over(r2) / under(r2)
+        slope = 2 * (over.deriv()(r2) - radial * under.deriv()(r2)) / under(r2)
+        mixed = slope * x * y + 2 * self.p1 * x + 2 * self.p2 * y
+        dxx = radial + slope * x * x + 2 * self.p1 * y + 6 * self.p2 * x
+        dyy = radial + slope * y * y + 6 * self.p1 * y + 2 * self.p2 * x
+        return np.stack([np.stack([dxx, mixed], axis=-1), np.stack([mixed, dyy], axis=-1)], axis=-2)
+
+    def valid(self, xy: ArrayLike) -> Bool:
+        # the radial part increases, and det J > 0
+        x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
+        before = x * x + y * y < self._fold_radius2
+        with np.errstate(all="ignore"):
+            return np.asarray(before & (np.linalg.det(self.jacobian(xy)) > 0))
+
     @cached_property
     def _parts(self) -> tuple[Polynomial, Polynomial]:
         """The numerator and the denominator of R, of r^2."""
@@ -153,7 +163,7 @@ class KannalaBrandt(_Model):
     """OpenCV's fisheye: theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8), theta the angle from the axis.
 
     ``(x_d, y_d) = theta_d / r (x, y)``, r = tan(theta). Directions of 90 degrees and more are not supported: they
-    cannot be written as (x, y, 1). The methods are those of `BrownConrady`; the image folds where theta_d falls.
+    cannot be written as (x, y, 1). The image folds where theta_d falls.
     """
 
     name: ClassVar[str] = "kannala-brandt"
@@ -182,27 +192,6 @@ class KannalaBrandt(_Model):
         unit = np.divide(xy, radius[..., None], out=np.zeros_like(xy), where=radius[..., None] > 0)
         radial = unit[..., :, None] * unit[..., None, :]
         return np.asarray(across[..., None, None] * np.eye(2) + (along - across)[..., None, None] * radial)
-
-    def undistort(self, xy_distorted: ArrayLike) -> Float:
-        # theta of theta_d by Newton's method, safeguarded by bisection
-        target = np.asarray(xy_distorted, dtype=np.float64)
-        radius, rise = np.linalg.norm(target, axis=-1, keepdims=True), self._angle.deriv()
-        top = min(self._fold_angle, 0.5 * math.pi)
-        reached = radius < self._angle(top)
-        low, high = np.zeros_like(radius), np.full_like(radius, top)
-        angle = np.minimum(radius, 0.5 * top)
-        for _ in range(_ITERATIONS):
-            error = self._angle(angle) - radius
-            low, high = np.where(error <= 0, angle, low), np.where(error >= 0, angle, high)
-            with np.errstate(all="ignore"):
-                step = angle - error / rise(angle)
-            inside = (step >= low) & (step <= high)
-            moved = np.where(inside, step, 0.5 * (low + high))
-            if not (np.abs(moved - angle)[reached] > 1e-15).any():
-                break
-            angle = moved
-        scale = np.divide(np.tan(angle), radius, out=np.ones_like(radius), where=radius > 0)
-        return np.where(reached, target * scale, np.nan)
 
     @cached_property
     def _angle(self) -> Polynomial:
