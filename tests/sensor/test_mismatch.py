@@ -221,7 +221,7 @@ def test_a_rig_without_errors_of_alignment_is_returned():
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"shading_right": 0.4}, "mismatch shading_right must be a share from -0.3 to 0.3, got 0.4"),
+        ({"shading_right": 0.4}, "mismatch shading_right must be from -0.3 to 0.3, got 0.4"),
         ({"blur_px": -1}, "mismatch blur_px must be"),
         ({"veiling_glare": 1.1}, "mismatch veiling_glare must be"),
         ({"tone_exponent": math.nan}, "mismatch tone_exponent must be"),

@@ -309,10 +309,10 @@ def test_invalid_exposures_raise():
         lambda: Mismatch(time=None),
         lambda: Exposure(1.0).value(0.0),
     ):
-        with pytest.raises(InputError, match="positive"):
+        with pytest.raises(InputError, match="positive|from 0.001 to 1000"):
             bad()
     for black_level in (math.nan, "3"):
-        with pytest.raises(InputError, match="finite"):
+        with pytest.raises(InputError, match=r"black_level must be from -1e\+06 to 1e\+06"):
             Mismatch(black_level=black_level)
     with pytest.raises(InputError, match="did you mean 'phone'"):
         Sensor.preset("phne")

@@ -6,13 +6,13 @@ both cameras: a `Mismatch` is the difference of the two, and so are its spreads 
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import ALIGNED, Camera, Misalignment, Rig, misaligned
-from twinlens.errors import InputError, check_known, check_number
+from twinlens.errors import InputError, check_known, check_ranges
 from twinlens.seeds import generator
 from twinlens.sensor.exposure import Exposure
 from twinlens.sensor.tolerances import LEVELS, SPREADS
@@ -20,25 +20,7 @@ from twinlens.sensor.tolerances import LEVELS, SPREADS
 Float = NDArray[np.float64]
 
 _MAX_SIGMAS = 2.5  # limit of a drawn value, in standard deviations
-_RANGES: dict[str, tuple[str, float, float]] = {
-    "gain": ("a positive factor from 0.001 to 1000", 1e-3, 1e3),
-    "time": ("a positive factor from 0.001 to 1000", 1e-3, 1e3),
-    "black_level": ("a finite number of DN, from -1e6 to 1e6", -1e6, 1e6),
-    "f_number": ("a positive factor from 0.1 to 10", 0.1, 10),
-    "shading_right": ("a share from -0.3 to 0.3", -0.3, 0.3),
-    "shading_down": ("a share from -0.3 to 0.3", -0.3, 0.3),
-    "shading_corner": ("a share from -0.3 to 0.4", -0.3, 0.4),
-    "veiling_glare": ("a share from 0 to 1", 0, 1),
-    "stray_light": ("a share from 0 to 1", 0, 1),
-    "stray_direction_deg": ("an angle from -360 to 360 degrees", -360, 360),
-    "blur_px": ("a number of pixels from 0 to 100", 0, 100),
-    "filter_shift": ("a share from -1 to 1", -1, 1),
-    "white_balance_red": ("a positive factor from 0.1 to 10", 0.1, 10),
-    "white_balance_blue": ("a positive factor from 0.1 to 10", 0.1, 10),
-    "tone_exponent": ("a positive number from 0.1 to 10", 0.1, 10),
-} | dict.fromkeys(
-    ("pitch_px", "yaw_px", "roll_px", "scale_px", "distortion_px"), ("a number of pixels from -100 to 100", -100, 100)
-)
+_NOT_NEGATIVE = ("veiling_glare", "stray_light", "blur_px")
 
 
 @dataclass(frozen=True)
@@ -68,31 +50,30 @@ class Mismatch:
     pitch_px to distortion_px apply to the rig that takes the images (`misalign`), not to the sensor.
     """
 
-    gain: float = 1.0
-    time: float = 1.0
-    black_level: float = 0.0
-    f_number: float = 1.0
-    shading_right: float = 0.0
-    shading_down: float = 0.0
-    shading_corner: float = 0.0
-    veiling_glare: float = 0.0
-    stray_light: float = 0.0
-    stray_direction_deg: float = 0.0
-    blur_px: float = 0.0
-    filter_shift: float = 0.0
-    white_balance_red: float = 1.0
-    white_balance_blue: float = 1.0
-    tone_exponent: float = 1.0
-    pitch_px: float = 0.0
-    yaw_px: float = 0.0
-    roll_px: float = 0.0
-    scale_px: float = 0.0
-    distortion_px: float = 0.0
+    gain: Annotated[float, (1e-3, 1e3)] = 1.0
+    time: Annotated[float, (1e-3, 1e3)] = 1.0
+    black_level: Annotated[float, (-1e6, 1e6)] = 0.0
+    f_number: Annotated[float, (0.1, 10)] = 1.0
+    shading_right: Annotated[float, (-0.3, 0.3)] = 0.0
+    shading_down: Annotated[float, (-0.3, 0.3)] = 0.0
+    shading_corner: Annotated[float, (-0.3, 0.4)] = 0.0
+    veiling_glare: Annotated[float, (0, 1)] = 0.0
+    stray_light: Annotated[float, (0, 1)] = 0.0
+    stray_direction_deg: Annotated[float, (-360, 360)] = 0.0
+    blur_px: Annotated[float, (0, 100)] = 0.0
+    filter_shift: Annotated[float, (-1, 1)] = 0.0
+    white_balance_red: Annotated[float, (0.1, 10)] = 1.0
+    white_balance_blue: Annotated[float, (0.1, 10)] = 1.0
+    tone_exponent: Annotated[float, (0.1, 10)] = 1.0
+    pitch_px: Annotated[float, (-100, 100)] = 0.0
+    yaw_px: Annotated[float, (-100, 100)] = 0.0
+    roll_px: Annotated[float, (-100, 100)] = 0.0
+    scale_px: Annotated[float, (-100, 100)] = 0.0
+    distortion_px: Annotated[float, (-100, 100)] = 0.0
     level: str = "none"
 
     def __post_init__(self) -> None:
-        for name, (allowed, least, most) in _RANGES.items():
-            check_number(f"mismatch {name}", getattr(self, name), allowed, least=least, most=most)
+        check_ranges(self, "mismatch")
         check_known("mismatch level", self.level, LEVELS)
 
     @classmethod
@@ -113,7 +94,7 @@ class Mismatch:
         values.setdefault("stray_direction_deg", float(generator(seed, "mismatch", "direction").uniform(0, 360)))
         for name, spreads in SPREADS.items():
             z = float(np.clip(generator(seed, "mismatch", name).standard_normal(), -_MAX_SIGMAS, _MAX_SIGMAS))
-            difference = spreads[LEVELS.index(level) - 1] * (abs(z) if _RANGES[name][1] == 0 else z)
+            difference = spreads[LEVELS.index(level) - 1] * (abs(z) if name in _NOT_NEGATIVE else z)
             values.setdefault(name, vars(cls)[name] + difference)
         return cls(**values)
 

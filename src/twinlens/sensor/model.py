@@ -11,7 +11,7 @@ sensor's serial number, the others by the exposure's seed.
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from twinlens.camera import Camera, Lens, Rig, film_distance
 from twinlens.camera.film import checked_radiance
 from twinlens.camera.lens import check_lens
-from twinlens.errors import InputError, check_int, check_known, check_number, check_triple, format_value
+from twinlens.errors import InputError, check_int, check_known, check_number, check_ranges, check_triple, format_value
 from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, check_wavelengths
 from twinlens.seeds import generator
 from twinlens.sensor import light, picture
@@ -32,19 +32,6 @@ Float = NDArray[np.float64]
 
 OUTPUTS = (*picture.CURVES, "raw")
 _MAX_WELLS = 4.0  # limit of expected electrons, in full wells; such pixels are saturated anyway
-
-_RANGES = {
-    "full_well": (1.0, 1e9),
-    "gamma": (0.01, 100.0),
-    "radiance_scale": (1e-12, 1e12),
-    "pinhole_f_number": (1e-3, 1e6),
-    "longest_exposure": (1e-9, 1e9),
-    "largest_gain": (1e-3, 1e9),
-    "read_noise": (0.0, 1e9),
-    "dark_current": (0.0, 1e9),
-    "prnu": (0.0, 10.0),
-    "dsnu": (0.0, 1e9),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,24 +74,24 @@ class Sensor:
 
     quantum_efficiency: tuple[float, float, float] = (0.55, 0.62, 0.50)
     wavelengths: tuple[float, float, float] = CHANNEL_WAVELENGTHS
-    full_well: float = 10700.0
-    read_noise: float = 2.3
-    dark_current: float = 1.0
-    prnu: float = 0.005
-    dsnu: float = 1.0
+    full_well: Annotated[float, (1.0, 1e9)] = 10700.0
+    read_noise: Annotated[float, (0.0, 1e9)] = 2.3
+    dark_current: Annotated[float, (0.0, 1e9)] = 1.0
+    prnu: Annotated[float, (0.0, 10.0)] = 0.005
+    dsnu: Annotated[float, (0.0, 1e9)] = 1.0
     adc_bits: int = 12
     black_level: float = 64.0
     filters: str = "rgb"
     output: str = "srgb"
-    gamma: float = 2.2
+    gamma: Annotated[float, (0.01, 100.0)] = 2.2
     bits: int = 8
     white_balance: bool = True
     shot_noise: bool = True
     vignetting: bool | None = None
-    radiance_scale: float = 1.0
-    pinhole_f_number: float = 8.0
-    longest_exposure: float = 30.0
-    largest_gain: float = 16.0
+    radiance_scale: Annotated[float, (1e-12, 1e12)] = 1.0
+    pinhole_f_number: Annotated[float, (1e-3, 1e6)] = 8.0
+    longest_exposure: Annotated[float, (1e-9, 1e9)] = 30.0
+    largest_gain: Annotated[float, (1e-3, 1e9)] = 16.0
     mismatch: Mismatch = Mismatch()  # noqa: RUF009  a frozen value
     serial: int = 0
 
@@ -115,8 +102,7 @@ class Sensor:
             raise InputError(f"sensor quantum_efficiency must be at most 1 electron per photon, got {efficiency}")
         object.__setattr__(self, "quantum_efficiency", efficiency)
         object.__setattr__(self, "wavelengths", check_wavelengths("sensor wavelengths", self.wavelengths))
-        for name, (least, most) in _RANGES.items():
-            check_number(f"sensor {name}", getattr(self, name), f"from {least:g} to {most:g}", least=least, most=most)
+        check_ranges(self, "sensor")
         check_int("sensor adc_bits", self.adc_bits, 8, 16)
         check_int("sensor bits", self.bits, 8, 16)
         if self.bits not in (8, 16):
