@@ -141,6 +141,9 @@ def satisfies(is_valid: Callable[[Any], Any], message: str) -> pydantic.AfterVal
     return pydantic.AfterValidator(check)
 
 
+NEAR_FAR = satisfies(lambda ends: ends[0] < ends[1], "must be [near, far] with near < far, in metres, got {}")
+
+
 def exactly(count: int, item: Any, or_one: bool = False, name: str = "") -> pydantic.BeforeValidator:
     """Accepts a list of `count` values or, with `or_one`, one value for all; JSON Schemas define it as `name`."""
     listed: Any = Annotated[list[item], pydantic.Field(min_length=count, max_length=count)]

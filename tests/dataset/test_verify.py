@@ -19,7 +19,7 @@ from twinlens.dataset import (
     write_png,
     write_sample,
 )
-from twinlens.dataset.codecs.exr import read_exr, write_exr
+from twinlens.dataset.codecs.exr import encode_exr, read_exr
 from twinlens.dataset.verify import verify_sample
 
 
@@ -138,7 +138,8 @@ def change_pfm(folder, name, change):
 
 def change_exr(folder, name, channel, change):
     exr = read_exr(folder / name)
-    write_exr(folder / name, {**exr.channels, channel: change(exr.channels[channel])}, exr.text)
+    changed = {**exr.channels, channel: change(exr.channels[channel])}
+    (folder / name).write_bytes(encode_exr(changed, exr.text))
 
 
 def nudge(array):

@@ -8,12 +8,12 @@ import pytest
 
 import twinlens as tl
 from twinlens.camera import BrownConrady, Misalignment, Rig, layouts
+from twinlens.camera.rectification import warp
 from twinlens.dataset import Dataset, write_sample
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import InputError
 from twinlens.factory import make_sample, rectified_sample
 from twinlens.geometry import rigid
-from twinlens.geometry.rectification import warp
 from twinlens.sensor import Sensor
 
 BASELINE, CROSSING = 0.3, 1.6

@@ -35,7 +35,7 @@ MISTAKES = [
     ("", [("position = [0, -3, 1]", "position = [0, -3]")], "camera.position: must be a list of exactly 3 values"),
     ("", [("position = [0, -3, 1]", "")], "camera: missing key 'position'"),
     ("", [("position = [0, -3, 1]", "position = [0, 0, 0.5]")], "camera: position and look_at must differ"),
-    ("", [("[1.0, 9.0]", "[9.0, 1.0]")], "camera: depth_range must be [near, far] with near < far"),
+    ("", [("[1.0, 9.0]", "[9.0, 1.0]")], "camera.depth_range: must be [near, far] with near < far"),
     ("", [('"diffuse"', '"difuse"')], "materials.grey.type: must be one of"),
     ("", [('"diffuse"', '"../../evil"')], "materials.grey.type: must be one of"),
     ("", [("reflectance = 0.5", "reflectanse = 0.5")], "materials.grey: unknown key 'reflectanse'; did you mean"),
@@ -60,7 +60,7 @@ MISTAKES = [
     ("", [('material = "grey"', 'material = "gray"')], "objects.ball.material: unknown material 'gray'; did you mean"),
     ("scale = [1, 1, 2]", [], "objects.ball: a sphere needs a uniform scale"),
     ("scale = 0", [], "objects.ball.scale: must be > 0, got 0"),
-    ("rotate = { axis = [0, 0, 0], deg = 3 }", [], "objects.ball.rotate: the axis must not be zero"),
+    ("rotate = { axis = [0, 0, 0], deg = 3 }", [], "objects.ball.rotate.axis: must not be zero"),
     (
         "rotate = { axis = [0, 0, 1], deg = 3 }\neuler_deg = [0, 0, 3]",
         [],

@@ -309,7 +309,7 @@ def test_invalid_exposures_raise():
         lambda: Mismatch(time=None),
         lambda: Exposure(1.0).value(0.0),
     ):
-        with pytest.raises(InputError, match="positive|from 0.001 to 1000"):
+        with pytest.raises(InputError, match=r"positive|from 0\.001 to 1000"):
             bad()
     for black_level in (math.nan, "3"):
         with pytest.raises(InputError, match=r"black_level must be from -1e\+06 to 1e\+06"):

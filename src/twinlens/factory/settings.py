@@ -30,7 +30,7 @@ from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.scenes.placement import rotation
-from twinlens.schema import Fraction, NonNegative, Number, Positive, StrictModel, read, satisfies, table_of
+from twinlens.schema import NEAR_FAR, Fraction, NonNegative, Number, Positive, StrictModel, read, table_of
 from twinlens.seeds import generator
 from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
 
@@ -54,14 +54,11 @@ class JitterTable(StrictModel):
         return rigid((y @ x @ z)[:3, :3], [self.right, self.down, self.forward])
 
 
-_NEAR_FAR = satisfies(lambda ends: ends[0] < ends[1], "must be [near, far] with near < far, in metres, got {}")
-
-
 class SceneTable(StrictModel):
     """Where the rig is, and, for families only, the depths and the number of objects."""
 
     jitter: JitterTable = JitterTable()
-    depth_range: Annotated[tuple[Positive, Positive], Strict(strict=False), _NEAR_FAR] | None = None
+    depth_range: Annotated[tuple[Positive, Positive], Strict(strict=False), NEAR_FAR] | None = None
     object_count: Annotated[int, Field(ge=1, le=10_000)] | None = None
 
 

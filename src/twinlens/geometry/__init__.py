@@ -1,4 +1,4 @@
-"""Rigid transforms, projection, epipolar geometry, triangulation and rectification of matrices and arrays.
+"""Rigid transforms, projection, epipolar geometry and triangulation of matrices and arrays.
 
 This module has the transforms, the projection, and the relation of disparity and depth. Nothing in the package depends
 on a camera class: `twinlens.camera` applies these functions to cameras and rigs.

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from twinlens.errors import InputError
 from twinlens.geometry import Float, look_at
-from twinlens.schema import NonNegative, Number, Positive, StrictModel, exactly
+from twinlens.schema import NonNegative, Number, Positive, StrictModel, exactly, satisfies
 
-_MOST_COPIES = 100_000
+_COPIES = satisfies(lambda count: math.prod(count) <= 100_000, "makes more than 100000 copies, got {}")
 
 Vector2 = Annotated[list[Number], exactly(2, Number)]
 Vector3 = Annotated[list[Number], exactly(3, Number, name="Vector3")]
@@ -62,14 +62,8 @@ def view_pose(position: ArrayLike, target: ArrayLike, up: ArrayLike | None = Non
 class Rotation(StrictModel):
     """A right-handed rotation by `deg` degrees about `axis`."""
 
-    axis: Vector3
+    axis: Annotated[Vector3, satisfies(lambda axis: np.linalg.norm(axis) > 1e-9, "must not be zero")]
     deg: Number
-
-    @pydantic.model_validator(mode="after")
-    def _check(self) -> "Rotation":
-        if not np.linalg.norm(self.axis) > 1e-9:
-            raise InputError("the axis must not be zero")
-        return self
 
 
 class Pose(StrictModel):
@@ -137,17 +131,11 @@ class CopyGrid(StrictModel):
     `jitter` (metres) and `jitter_deg` bound a random translation and rotation of each copy, per axis.
     """
 
-    count: Annotated[list[_COUNT], exactly(3, _COUNT)]
+    count: Annotated[list[_COUNT], exactly(3, _COUNT), _COPIES]
     step: Vector3
     jitter: Annotated[list[NonNegative], exactly(3, NonNegative, or_one=True)] = [0.0] * 3
     jitter_deg: Annotated[list[_JITTER_DEG], exactly(3, _JITTER_DEG, or_one=True)] = [0.0] * 3
     seed: int = pydantic.Field(0, ge=0, lt=2**32)
-
-    @pydantic.model_validator(mode="after")
-    def _check(self) -> "CopyGrid":
-        if math.prod(self.count) > _MOST_COPIES:
-            raise InputError(f"count makes {math.prod(self.count)} copies; at most {_MOST_COPIES} are allowed")
-        return self
 
     def poses(self) -> tuple[Float, ...]:
         rng = np.random.default_rng(self.seed)

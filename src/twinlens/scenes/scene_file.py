@@ -17,7 +17,7 @@ from twinlens.scenes.rigs import RigTable, rig_from_table
 from twinlens.scenes.scene import Scene
 from twinlens.scenes.texture_tables import Texture
 from twinlens.scenes.xml_file import read_scene_xml
-from twinlens.schema import Positive, StrictModel, exactly, read
+from twinlens.schema import NEAR_FAR, Positive, StrictModel, exactly, read
 
 _SCENE_FILE = "scene.toml"
 _ANY_SIZE = 64, 48  # pixels; a rig is built once with images of this size to check its table
@@ -31,14 +31,11 @@ class ViewTable(StrictModel):
     up: Vector3 = pydantic.Field([0.0, 0.0, 1.0])
     fov_x_deg: Annotated[float, pydantic.Field(ge=1, le=170), pydantic.AfterValidator(float)] = 50.0
     baseline: Positive = 0.1
-    depth_range: Annotated[list[Positive], exactly(2, Positive)]
+    depth_range: Annotated[list[Positive], exactly(2, Positive), NEAR_FAR]
 
     @pydantic.model_validator(mode="after")
     def _check_pose(self) -> "ViewTable":
         view_pose(self.position, self.look_at, self.up)
-        near, far = self.depth_range
-        if not near < far:
-            raise InputError(f"depth_range must be [near, far] with near < far, in metres, got [{near:g}, {far:g}]")
         return self
 
 

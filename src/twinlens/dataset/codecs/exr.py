@@ -18,7 +18,7 @@ import numpy as np
 import OpenEXR
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.dataset.files import read_bytes, write_file
+from twinlens.dataset.files import read_bytes
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
@@ -77,11 +77,6 @@ def decode_exr(data: bytes, name: str = "EXR data") -> Exr:
 def read_exr(path: Where) -> Exr:
     """Read the channels and text of an EXR file; see `decode_exr`. Raises FileError."""
     return decode_exr(read_bytes(path), str(path))
-
-
-def write_exr(path: Where, channels: Mapping[str, ArrayLike], text: Mapping[str, str] | None = None) -> None:
-    """Write named (H, W) channels; see `encode_exr`. Raises InputError and OutputError."""
-    write_file(path, encode_exr(channels, text))
 
 
 def _to_channel(name: str, values: ArrayLike) -> Channel:
