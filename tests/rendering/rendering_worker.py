@@ -173,8 +173,6 @@ def denoise_job() -> dict[str, np.ndarray]:
     """Denoised images of closed forms and of the room, and guides."""
     import drjit
 
-    from twinlens.rendering import guides as guides_module
-
     scene, camera = photos.room(), photos.camera(64, 48, 60.0)
     rig, sky = Rig([camera], [photos.POSE]), replace(scene, objects=())
     found = {"sky": tl.render(sky, rig, spp=4, denoise=True)[0]}
@@ -196,9 +194,12 @@ def denoise_job() -> dict[str, np.ndarray]:
     for name, shown in photos.guided().items():
         guides = guides_of(shown, photos.camera(24, 24, 60.0))
         found |= {f"guide/{name}/albedo": guides.albedo, f"guide/{name}/normal": guides.normal}
-    usual, guides_module.RAYS_PER_PASS = guides_module.RAYS_PER_PASS, 3 * 24 * 24  # passes of three samples
-    found["guide/net/in passes"] = guides_of(photos.guided()["net"], photos.camera(24, 24, 60.0)).albedo
-    guides_module.RAYS_PER_PASS = usual
+    passes = [("multijitter", 4, 1), ("independent", 3, 2)]
+    found["guide/net/in passes"] = guides_of(photos.guided()["net"], photos.camera(24, 24, 60.0), passes).albedo
+    _, far, z, _, x = photos.EDGES["far"]
+    lamp, passes = photos.half_plane(z, x=x), [("multijitter", 4, 6)]
+    found["lamp/normal"] = guides_of(lamp, photos.camera(), passes, lens_of(far)).normal @ -photos.POSE[:3, 2]
+    found["lamp/image"] = image_of(lamp, photos.camera(), lens_of(far), *passes[0])
     for threads in (1, 3):
         drjit.set_thread_count(threads)
         found[f"threads {threads}"] = tl.render(scene, rig, wide, spp=4, denoise=True)[0]
@@ -225,36 +226,48 @@ def estimate_job() -> dict[str, np.ndarray]:
 
 
 def denoised_optics_job() -> dict[str, np.ndarray]:
-    """Denoised: slanted edges through lenses, the blur disk of a small light, and a pair with its reference."""
+    """Denoised: slanted edges through lenses, the blur disk of a small light, and pairs with their reference."""
     edge_scene = photos.painted_edge(photos.SLANTED_Z, x=0.0)
     rolled = photos.rolled(photos.SLANT)
     found = {}
     for name, lens in photos.SLANTED_LENSES.items():
         rig = Rig([photos.camera(64, 64)], [rolled])
-        found[f"slanted/{name}"] = tl.render(edge_scene, rig, lens_of(lens), spp=16, denoise=True)[0]
+        images = [tl.render(edge_scene, rig, lens_of(lens), 16, seed, denoise=True)[0] for seed in range(24)]
+        found[f"slanted/{name}"] = np.mean(images, axis=0)
     camera, lens, z, radius = photos.DISK
     rig = Rig([camera], [photos.POSE])
     found["disk"] = tl.render(photos.dot(z, radius), rig, lens_of(lens), spp=256, denoise=True)[0]
+    found["disk/raw"] = tl.render(photos.dot(z, radius), rig, lens_of(lens), spp=1024, seed=1)[0]
     scene, pair = photos.room(), Rig.stereo(photos.camera(64, 48, 60.0), 0.2, photos.POSE)
     wide, truth = tl.ThinLens(0.03, 2.5), tl.ground_truth(scene, pair)[0]
     found |= {"disparity": truth.disparity, "visible": truth.visible}
-    found["pair/denoised"] = np.array(tl.render(scene, pair, wide, spp=16, seed=1, denoise=True))
-    found["pair/reference"] = np.array(tl.render(scene, pair, wide, spp=1024, seed=2))
+    found["pair/denoised"] = np.array([tl.render(scene, pair, wide, 16, seed, denoise=True) for seed in range(8)])
+    found["pair/reference"] = np.array([tl.render(scene, pair, wide, spp=4096, seed=9)])
     return found
 
 
 def own_guides(scene, camera, lens, seed, eye):
     from twinlens.rendering.build import build
-    from twinlens.rendering.denoising import guides_of
+    from twinlens.rendering.radiance import other_guides
 
-    return guides_of(build(scene), camera, photos.POSE, lens, seed, eye).albedo
+    return other_guides(build(scene), camera, photos.POSE, lens, 4, seed, eye).albedo
 
 
-def guides_of(scene, camera):
+def guides_of(scene, camera, passes=(("multijitter", 16, 5),), lens=tl.Pinhole()):  # noqa: B008
     from twinlens.rendering.build import build
     from twinlens.rendering.guides import render_guides
 
-    return render_guides(build(scene), camera, photos.POSE, tl.Pinhole(), range(16), np.random.SeedSequence(5))
+    return render_guides(build(scene), camera, photos.POSE, lens, passes)
+
+
+def image_of(scene, camera, lens, sampler, spp, seed):
+    """Mitsuba's image, from one pass."""
+    from twinlens.rendering.build import build
+    from twinlens.rendering.sensors import make_sensor
+
+    built = build(scene)
+    sensor = make_sensor(camera, photos.POSE, lens, spp, sampler)
+    return np.array(built.integrator.render(built.mi_scene, sensor, seed=seed, spp=spp))[..., 0]
 
 
 def count_job() -> dict[str, np.ndarray]:

@@ -11,22 +11,15 @@ def found(both):
     return both["llvm"]("denoised optics")
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param("1 px", marks=pytest.mark.xfail(strict=True, reason="known bias: MTF50 is 6 % too low")),
-        pytest.param("3 px", marks=pytest.mark.xfail(strict=True, reason="known bias: MTF50 is 3 % too high")),
-        "9 px",
-    ],
-)
+@pytest.mark.parametrize("name", photos.SLANTED_LENSES)
 def test_a_slanted_edge_keeps_its_sharpness(found, name):
-    """MTF50 against that of the closed form: a step, spread evenly over a disk and averaged over each pixel."""
+    """MTF50 of the mean of 24 images, against the closed form: a step, spread evenly over a disk and averaged over each
+    pixel. Noise alone changes the MTF50 of a single image by 2 to 4 %, also without denoising."""
     image = found[f"slanted/{name}"].mean(axis=-1)
     blur = lens_blur(*photos.SLANTED_LENSES[name], photos.SLANTED_Z, 60.0)
     assert mtf50(image) == pytest.approx(mtf50(slanted_edge(blur)), rel=0.02)
 
 
-@pytest.mark.xfail(strict=True, reason="known bias: the guides' noise makes the disk 1 to 2 % too narrow")
 def test_a_blur_disk_has_the_diameter_of_the_law(found):
     """From the mean squared distance to the centre: (c^2 + d^2) / 8 for a light imaged to a disk d wide, and 1/6 for
     the area of a pixel."""
@@ -38,9 +31,17 @@ def test_a_blur_disk_has_the_diameter_of_the_law(found):
     assert diameter == pytest.approx(lens_blur(*lens, z, camera.fx), rel=0.01)
 
 
+def test_a_blur_disk_keeps_its_light(found):
+    """Its sum over the image, within 2 %."""
+    assert found["disk"].sum() == pytest.approx(found["disk/raw"].sum(), rel=0.02)
+
+
 def test_two_eyes_do_not_agree_better_than_converged_images(found):
-    """The right image, taken where the left pixels are seen, minus the left one. Removed texture would lower it."""
-    denoised, reference = (residual(found, found[f"pair/{name}"]) for name in ("denoised", "reference"))
+    """The right image, taken where the left pixels are seen, minus the left one; mean over eight pairs. Removed texture
+    would lower it. A single pair's residual varies by 3 %."""
+    denoised, reference = (
+        np.mean([residual(found, pair) for pair in found[f"pair/{name}"]]) for name in ("denoised", "reference")
+    )
     assert reference < denoised
     assert denoised < 2 * reference
 

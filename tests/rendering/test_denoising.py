@@ -85,6 +85,13 @@ def test_guides_do_not_depend_on_passes(found):
     np.testing.assert_allclose(found["guide/net/in passes"], found["guide/net/albedo"], atol=1e-6)
 
 
+def test_guides_have_the_samples_of_the_image(both):
+    """The share of a pixel's samples that hit a lamp is its brightness and the length of its normal."""
+    found = both["llvm"]("denoise")
+    assert np.mean((found["lamp/image"] > 0) & (found["lamp/image"] < 1)) > 0.1
+    np.testing.assert_allclose(found["lamp/normal"], found["lamp/image"], atol=1e-5)
+
+
 def test_mirrors_are_white_in_the_guides_of_the_scalar_backend(both):
     """These stop at the mirror, so what it shows must not be divided by an albedo near 0."""
     found = both["scalar"]("denoise")

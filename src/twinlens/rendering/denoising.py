@@ -1,8 +1,14 @@
 """Denoises images with Intel Open Image Denoise, guided by albedo and normals through the same lens.
 
-The image is divided by its albedo guide before filtering and multiplied after it, so that textures come from the guide.
-Measured through a 30 mm lens, this halves the remaining matching error. The filter runs in linear radiance, on
-the processor unless the backend is CUDA and the library supports the GPU, and does not depend on the number of threads.
+The samples of an image see textures with noise of their own, above all through a wide lens. Guides of the very same
+samples show it: with the albedo G of many samples, G_own of the image's, and the local irradiance L = mean(I) /
+mean(G_own) in windows of 5x5 pixels, the image I becomes I + L (G - G_own). This control variate has the same
+expectation. The result is divided by sqrt(G) before filtering and multiplied by it after, and sqrt(G) is the albedo
+that the filter sees. Of the powers of G from 0 to 1, this one had the smallest squared error on bundled and random
+scenes; the power 1 keeps edges slightly sharper.
+
+The filter runs in linear radiance, on the processor unless the backend is CUDA and the library supports the GPU, and
+does not depend on the number of threads.
 """
 
 import atexit
@@ -13,74 +19,61 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
-from twinlens.camera import Camera, Lens
-from twinlens.geometry import Float
 from twinlens.rendering.backends import backend
-from twinlens.rendering.build import BuiltScene
-from twinlens.rendering.guides import Guides, render_guides
-from twinlens.seeds import seed_sequence
+from twinlens.rendering.guides import Guides
 
-GUIDE_SAMPLES, PINHOLE_GUIDE_SAMPLES = 32, 16
+GUIDE_SAMPLES = 16
+"""Samples per pixel of the guides, besides those of the image."""
+
 LEAST_ALBEDO = 0.02
-_GUIDE_STREAM = 2
+_WINDOW = (5, 5, 1)
 _LUMINANCE = (0.212671, 0.715160, 0.072169)
 _EXPOSURE_BLOCK = 16
 _DARK = 1e-8
 _MARGIN_PX = 8
 
 
-def denoise_camera(
-    image: NDArray[np.float32], built: BuiltScene, camera: Camera, pose: Float, lens: Lens, seed: int, *key: int
+def denoise_image(
+    image: NDArray[np.float32], guides: Guides, own: Guides | None = None, fast: bool = False
 ) -> NDArray[np.float32]:
-    """An image of one camera, denoised with guides of its own; `seed` and `key` name their random stream."""
-    return denoise_image(image, guides_of(built, camera, pose, lens, seed, *key))
+    """A linear radiance image (H, W, 3), denoised.
 
-
-def guides_of(
-    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, seed: int, *key: int, half: int | None = None
-) -> Guides:
-    """The guides of one camera, or those of the first (0) or the second (1) half of their samples.
-
-    `seed` and `key` name their random stream.
-    """
-    count = _guide_samples(lens.aperture_diameter == 0)
-    samples = range(count) if half is None else range(half * count // 2, (half + 1) * count // 2)
-    return render_guides(built, camera, pose, lens, samples, seed_sequence(seed, _GUIDE_STREAM, *key))
-
-
-def _guide_samples(pinhole: bool) -> int:
-    """Samples per pixel of the guides.
-
-    On random scenes 16 samples of the guides leave 3 % more squared error than 32 through a pinhole, and 6 % more
-    through an f/1.4 lens. The scalar backend has half as many, because they cost more there.
-    """
-    samples = PINHOLE_GUIDE_SAMPLES if pinhole else GUIDE_SAMPLES
-    return samples if backend().is_jit else samples // 2
-
-
-def denoise_image(image: NDArray[np.float32], guides: Guides, fast: bool = False) -> NDArray[np.float32]:
-    """A linear radiance image (H, W, 3), denoised; `fast` takes the library's small network, at a quarter of the cost.
+    guides, own : the guides of other samples, and those of the image's own samples, if they are known.
+    fast : take the library's small network, at a quarter of the cost.
 
     Radiance that is not finite is replaced by the filter.
     """
     import mitsuba_oidn
 
-    albedo = np.maximum(guides.albedo, np.float32(LEAST_ALBEDO))
-    irradiance: NDArray[np.float32] = np.divide(image, albedo, dtype=np.float32)
+    if own is not None:
+        guides = guides + own
+        image = _replace_texture(image, own.albedo, guides.albedo)
+    divisor = np.sqrt(np.maximum(guides.albedo, np.float32(LEAST_ALBEDO)))
+    demodulated: NDArray[np.float32] = np.divide(image, divisor, dtype=np.float32)
     filtered = mitsuba_oidn.denoise(
-        _pad(irradiance),
-        albedo=_pad(guides.albedo),
+        _pad(demodulated),
+        albedo=_pad(divisor),
         normal=_pad(guides.normal),
         hdr=True,
         clean_aux=True,
-        input_scale=_exposure(irradiance),
+        input_scale=_exposure(demodulated),
         quality=mitsuba_oidn.Quality.Fast if fast else mitsuba_oidn.Quality.High,
         device=_device(),
     )
     inside = np.asarray(filtered)[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX:-_MARGIN_PX]
-    denoised: NDArray[np.float32] = inside * albedo
+    denoised: NDArray[np.float32] = inside * divisor
     return denoised
+
+
+def _replace_texture(
+    image: NDArray[np.float32], own: NDArray[np.float32], albedo: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    finite = np.nan_to_num(image, posinf=0, neginf=0)
+    irradiance = uniform_filter(finite, _WINDOW) / np.maximum(uniform_filter(own, _WINDOW), LEAST_ALBEDO)
+    replaced: NDArray[np.float32] = np.maximum(image + irradiance * (albedo - own), 0, dtype=np.float32)
+    return replaced
 
 
 def _pad(image: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -106,9 +99,8 @@ def denoiser_record() -> dict[str, Any]:
     import mitsuba_oidn
 
     return {
-        "method": "Open Image Denoise, albedo and normal guides, demodulated",
-        "guide_spp": _guide_samples(pinhole=False),
-        "guide_spp_pinhole": _guide_samples(pinhole=True),
+        "method": "Open Image Denoise, albedo and normal guides, demodulated by sqrt(albedo), control variate",
+        "guide_spp": GUIDE_SAMPLES,
         "oidn": mitsuba_oidn.oidn_version(),
         "mitsuba-oidn": importlib.metadata.version("mitsuba-oidn"),
         "device": _device().type.name.lower(),

@@ -3,6 +3,7 @@
 Rays follow mirrors, glass and openings up to `MAX_SPECULAR` surfaces, then stop: guides cost a small part of a render.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,47 +21,51 @@ MAX_SPECULAR = 8
 
 _SPECULAR_KINDS = (3, 4)  # mirror and transmissive, in MATERIAL_KINDS
 _UNKNOWN_KIND = 0
-RAYS_PER_PASS = 1 << 23
 
 
 @dataclass(frozen=True, eq=False)
 class Guides:
-    """Means over each pixel, float32 (H, W, 3).
+    """Means over each pixel, float32 (H, W, 3), of `count` samples.
 
-    albedo : diffuse reflectance, times the tint of the mirrors and glass before it, plus emitted radiance; in [0, 1].
+    albedo : diffuse reflectance, times the tint of the mirrors and glass before it; 1 for lamps and the sky.
     normal : shading normal in the world, 0 where nothing was hit.
     """
 
     albedo: NDArray[np.float32]
     normal: NDArray[np.float32]
+    count: int
 
-    def mean(self, other: "Guides") -> "Guides":
-        """The guides of both sets of samples, of equal number."""
-        half = np.float32(0.5)
-        return Guides(half * (self.albedo + other.albedo), half * (self.normal + other.normal))
+    def __add__(self, other: "Guides") -> "Guides":
+        """The guides of both sets of samples."""
+        count = self.count + other.count
+        part = np.float32(self.count / count)
+        albedo, normal = (
+            part * mine + (1 - part) * its for mine, its in ((self.albedo, other.albedo), (self.normal, other.normal))
+        )
+        return Guides(albedo, normal, count)
 
 
 def render_guides(
-    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, samples: range, seeds: np.random.SeedSequence
+    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, passes: Iterable[tuple[str, int, int]]
 ) -> Guides:
-    """The guides of one camera, from the given samples of each pixel. Powers of two are best.
+    """The guides of one camera, from passes of (sampler, samples per pixel, seed).
 
-    The scalar backend uses Mitsuba's own integrator, which stops at mirrors and glass; they have albedo 1.
+    The passes of an image give its own film positions and aperture points, except in the scalar backend. That one uses
+    Mitsuba's own integrator, which stops at mirrors and glass; they have albedo 1. Lamps have their radiance as albedo.
     """
     render = _render_jit if backend().is_jit else _render_scalar
-    sums = render(built, camera, pose, lens, samples, seeds)
-    features = sums.reshape(camera.height, camera.width, 6).astype(np.float32)
-    return Guides(np.clip(features[..., :3], 0, 1), np.clip(features[..., 3:], -1, 1))
+    total, count = np.zeros((camera.height, camera.width, 6)), 0
+    for sampler, size, seed in passes:
+        total += size * render(built, make_sensor(camera, pose, lens, size, sampler), camera, size, seed)
+        count += size
+    features = (total / count).astype(np.float32)
+    return Guides(np.clip(features[..., :3], 0, 1), np.clip(features[..., 3:], -1, 1), count)
 
 
-def _render_scalar(
-    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, samples: range, seeds: np.random.SeedSequence
-) -> Float:
+def _render_scalar(built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int) -> Float:
     emission = {"type": "path", "max_depth": 1}
     integrator = mitsuba().load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal", "emission": emission})
-    sensor = make_sensor(camera, pose, lens, len(samples), "multijitter")
-    seed = int(seeds.generate_state(samples.stop)[samples.start])
-    image = np.asarray(integrator.render(_grouped(built), sensor, seed=seed, spp=len(samples)), dtype=np.float64)
+    image = np.asarray(integrator.render(_grouped(built), sensor, seed=seed, spp=count), dtype=np.float64)
     albedo, normal = image[..., -6:-3], image[..., -3:]
     albedo += image[..., :3]
     if _has_openings(built):  # Mitsuba gives mirrors and glass albedo 0, which would demodulate what they show
@@ -104,47 +109,29 @@ def _has_openings(built: BuiltScene) -> bool:
     return any(body.material_kind in (_UNKNOWN_KIND, *_SPECULAR_KINDS) for body in built.bodies)
 
 
-def _render_jit(
-    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, samples: range, seeds: np.random.SeedSequence
-) -> Float:
-    """Scrambled Sobol points in film and aperture, shifted digitally in each pixel.
-
-    Their error with 64 samples through a wide-aperture lens is half that of `multijitter`.
-    """
+def _render_jit(built: BuiltScene, sensor: Any, camera: Camera, count: int, seed: int) -> Float:
+    """Numbers the samples and draws from the sampler as Mitsuba's integrators do."""
     import drjit as dr
-    from scipy.stats import qmc
 
     mi = mitsuba()
-    pixels = camera.width * camera.height
-    points = qmc.Sobol(4, seed=np.random.default_rng(seeds)).random_base2((samples.stop - 1).bit_length())
-    words = (points.T * 2.0**32).astype(np.uint32)
-    key = int(seeds.generate_state(1)[0])
-    sensor = make_sensor(camera, pose, lens, 1, "independent")
+    sampler = sensor.sampler()
+    rays = camera.width * camera.height * count
+    sampler.set_samples_per_wavefront(count)
+    sampler.seed(seed, rays)
     width, height = dr.opaque(mi.UInt32, camera.width), dr.opaque(mi.UInt32, camera.height)
-    per_pass = min(len(samples), max(1, RAYS_PER_PASS // pixels))
-    total = np.zeros((pixels, 6))
-    for start in samples[::per_pass]:
-        count = min(per_pass, samples.stop - start)
-        ray_index = dr.arange(mi.UInt32, pixels * count)
-        pixel = ray_index // dr.opaque(mi.UInt32, count)
-        sample = ray_index - pixel * dr.opaque(mi.UInt32, count) + dr.opaque(mi.UInt32, start)
-        shifts = [mi.sample_tea_32(pixel, dr.opaque(mi.UInt32, (key + pair) % 2**32)) for pair in range(2)]
-        x, y, ax, ay = (
-            mi.Float((dr.gather(mi.UInt32, mi.UInt32(coordinate), sample) ^ shift) >> 8) * 2.0**-24
-            for coordinate, shift in zip(words, (*shifts[0], *shifts[1]), strict=True)
-        )
-        row = pixel // width
-        film = mi.Point2f((mi.Float(pixel - row * width) + x) / width, (mi.Float(row) + y) / height)
-        ray, _ = sensor.sample_ray(0.0, 0.5, film, mi.Point2f(ax, ay))
-        features = _first_rough_surfaces(built, mi.Ray3f(ray))
-        dr.eval(features)  # else each sum would trace the rays again
-        sums = [dr.block_sum(channel, count) for feature in features for channel in feature]
-        total += np.stack([np.asarray(channel, dtype=np.float64) for channel in sums], axis=-1)
-    return total / len(samples)
+    pixel = dr.arange(mi.UInt32, rays) // dr.opaque(mi.UInt32, count)
+    row = pixel // width
+    film = (mi.Point2f(mi.Float(pixel - row * width), mi.Float(row)) + sampler.next_2d()) / mi.Point2f(width, height)
+    ray, _ = sensor.sample_ray(0.0, 0.5, film, sampler.next_2d())
+    features = _first_rough_surfaces(built, mi.Ray3f(ray))
+    dr.eval(features)  # else each sum would trace the rays again
+    sums = [dr.block_sum(channel, count) for feature in features for channel in feature]
+    means = np.stack([np.asarray(channel, dtype=np.float64) for channel in sums], axis=-1) / count
+    return means.reshape(camera.height, camera.width, 6)
 
 
 def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
-    """Albedo with emission, and shading normal, along each ray.
+    """Albedo and shading normal along each ray.
 
     Nothing is chosen at random. At the first surface that reflects and transmits, both rays are followed, weighted by
     their shares; from there on each is transmitted where possible. Masks are weighted by their opacity.
@@ -157,10 +144,9 @@ def _first_rough_surfaces(built: BuiltScene, ray: Any) -> tuple[Any, Any]:
     def features(si: Any, active: Any) -> tuple[Any, Any]:
         hit = active & si.is_valid()
         bsdf = si.bsdf()
-        diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
-        albedo = dr.select(diffuse, bsdf.eval_diffuse_reflectance(si, hit & diffuse), 1.0)
-        emission = si.emitter(scene, active).eval(si, active)
-        return dr.select(hit, albedo, 0.0) + emission, dr.select(hit, si.sh_frame.n, 0.0)
+        diffuse = hit & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse) & ~si.shape.is_emitter()
+        albedo = dr.select(diffuse, bsdf.eval_diffuse_reflectance(si, diffuse), 1.0)
+        return albedo, dr.select(hit, si.sh_frame.n, 0.0)
 
     if not _has_openings(built):
         return features(scene.ray_intersect(ray, mi.RayFlags.All, True), mi.Bool(True))

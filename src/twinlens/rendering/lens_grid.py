@@ -20,8 +20,8 @@ from twinlens.geometry import Float
 from twinlens.rendering.annuli import area_fraction, plan_annuli, shared_sample_count, vergence_groups
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
-from twinlens.rendering.denoising import denoise_camera
-from twinlens.rendering.radiance import Progress, check_request, check_view, partial_progress, render
+from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image
+from twinlens.rendering.radiance import Progress, check_request, check_view, other_guides, partial_progress, render
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
 
@@ -116,11 +116,10 @@ def render_lens_grid(
         rays += int(spp) * sum(camera.width * camera.height for camera in rig.cameras)
     if denoise:
         for i, (raw, _) in found.items():
-            views = zip(raw, rig.cameras, rig.world_from_cams, strict=True)
-            raw[:] = [
-                denoise_camera(image, build(scene), camera, pose, lenses[i], int(seed), index, i)
-                for index, (image, camera, pose) in enumerate(views)
-            ]
+            views = list(zip(raw, rig.cameras, rig.world_from_cams, strict=True))
+            for index, (image, camera, pose) in enumerate(views):
+                guides = other_guides(build(scene), camera, pose, lenses[i], 2 * GUIDE_SAMPLES, int(seed), index, i)
+                raw[index] = denoise_image(image, guides)
     images, variance = zip(*(found[i] for i in range(len(lenses))), strict=True)
     return LensGrid(images, np.sqrt(variance), rays)
 

@@ -1,7 +1,7 @@
 """Images: the mean radiance over each pixel, rendered in passes, with one seed per camera and pass."""
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,17 +9,22 @@ from numpy.typing import NDArray
 from twinlens.camera import Camera, Lens, Pinhole, Rig
 from twinlens.camera.lens import check_lens
 from twinlens.errors import InputError, unknown
-from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.build import build
-from twinlens.rendering.denoising import denoise_camera
+from twinlens.geometry import Float
+from twinlens.rendering.backends import backend, mitsuba
+from twinlens.rendering.build import BuiltScene, build
+from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image
+from twinlens.rendering.guides import Guides, render_guides
 from twinlens.rendering.sensors import make_sensor
 from twinlens.scenes import Scene
 from twinlens.seeds import seed_sequence
 
 Progress = Callable[[float], None]
+Pass = tuple[str, int, int]
+"""Sampler, samples per pixel, seed."""
+
 SAMPLERS = ("multijitter", "independent", "stratified", "orthogonal", "ldsampler")
 RAYS_PER_PASS = 1 << 23
-_RENDER_STREAM = 0
+_RENDER_STREAM, _GUIDE_STREAM = 0, 2
 _PINHOLE = Pinhole()
 
 
@@ -74,15 +79,37 @@ def render(
         report = partial_progress(progress, index / len(rig), (index + 1) / len(rig))
         total = np.zeros((camera.height, camera.width, 3))
         done = 0
-        for kind, count, stream in _passes(camera, int(spp), seed_sequence(int(seed), _RENDER_STREAM, index), sampler):
+        for kind, count, stream in image_passes(camera, int(spp), int(seed), index, sampler):
             sensor = make_sensor(camera, pose, lens, count, kind)
             image = built.integrator.render(built.mi_scene, sensor, seed=stream, spp=count)
             total += count * np.asarray(image, dtype=np.float64)
             done += count
             report(done / spp)
         mean = (total / spp).astype(np.float32)
-        images.append(denoise_camera(mean, built, camera, pose, lens, int(seed), index) if denoise else mean)
+        if denoise:
+            own = own_guides(built, camera, pose, lens, image_passes(camera, int(spp), int(seed), index, sampler))
+            mean = denoise_image(mean, other_guides(built, camera, pose, lens, GUIDE_SAMPLES, int(seed), index), own)
+        images.append(mean)
     return images
+
+
+def own_guides(built: BuiltScene, camera: Camera, pose: Float, lens: Lens, passes: Iterable[Pass]) -> Guides | None:
+    """The guides of an image's own samples, from its passes. None if they are not known."""
+    known = backend().is_jit and isinstance(built.integrator, mitsuba().SamplingIntegrator)
+    return render_guides(built, camera, pose, lens, passes) if known else None
+
+
+def other_guides(
+    built: BuiltScene, camera: Camera, pose: Float, lens: Lens, count: int, seed: int, *key: int
+) -> Guides:
+    """The guides of `count` samples per pixel; `seed` and `key` name their random stream."""
+    passes = _passes(camera, count, seed_sequence(seed, _GUIDE_STREAM, *key), SAMPLERS[0])
+    return render_guides(built, camera, pose, lens, passes)
+
+
+def image_passes(camera: Camera, spp: int, seed: int, index: int, sampler: str) -> Iterator[Pass]:
+    """The passes in which `render` renders camera `index` of a rig."""
+    return _passes(camera, spp, seed_sequence(seed, _RENDER_STREAM, index), sampler)
 
 
 def check_request(spp: int, seed: int, sampler: str) -> None:
@@ -103,7 +130,7 @@ def check_view(scene: Scene, rig: Rig) -> None:
         raise InputError(f"rig must be a Rig, got {rig!r:.60}; Rig.stereo makes one from a camera, Rig from several")
 
 
-def _passes(camera: Camera, spp: int, seeds: np.random.SeedSequence, sampler: str) -> Iterator[tuple[str, int, int]]:
+def _passes(camera: Camera, spp: int, seeds: np.random.SeedSequence, sampler: str) -> Iterator[Pass]:
     """(sampler, samples per pixel, seed) of each pass; `spp` samples in total, bounded in memory.
 
     Mitsuba's samplers round sample counts, so each pass has a power of two that its sampler does not round. The rest is
