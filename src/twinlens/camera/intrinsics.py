@@ -2,12 +2,13 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.distortion import Distortion, check_invertible
-from twinlens.errors import InputError, check_int, check_number, format_value, located
+from twinlens.errors import InputError, check_int, check_number, check_ranges, format_value, located
 from twinlens.geometry import Float, film_from_cam, px_from_film, rigid
 
 MAX_SIDE = 65536
@@ -31,19 +32,16 @@ class Camera:
 
     width: int
     height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
+    fx: Annotated[float, (1e-3, 1e9)]
+    fy: Annotated[float, (1e-3, 1e9)]
+    cx: Annotated[float, (-1e9, 1e9)]
+    cy: Annotated[float, (-1e9, 1e9)]
     distortion: Distortion | None = None
-    pixel_pitch_um: float = 5.0
+    pixel_pitch_um: Annotated[float, (1e-3, 1e6)] = 5.0
 
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
-        lengths, places = (1e-3, 1e9), (-1e9, 1e9)
-        limits = {"fx": lengths, "fy": lengths, "cx": places, "cy": places, "pixel_pitch_um": (1e-3, 1e6)}
-        for name, (least, most) in limits.items():
-            check_number(f"camera {name}", getattr(self, name), f"from {least:g} to {most:g}", least=least, most=most)
+        check_ranges(self, "camera")
         if not isinstance(self.distortion, Distortion | None):
             got = format_value(self.distortion)
             raise InputError(f"camera distortion must be BrownConrady, KannalaBrandt or None, got {got}")

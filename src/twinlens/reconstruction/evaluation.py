@@ -7,8 +7,7 @@ high-resolution images and multi-camera videos, CVPR 2017. For the differences s
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -47,10 +46,6 @@ class Comparison:
     true_points: int
     max_distance_mm: float
     spacing_mm: float | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """The fields as plain data."""
-        return asdict(self)
 
 
 def compare(

@@ -1,7 +1,7 @@
 """Reconstruction of a stored sample: its views' depths, true or matched, fused into points and a surface."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -106,7 +106,7 @@ def reconstruct(
     if stored.has("truth0.exr"):
         true = fuse(depth_views(stored, None, far))
         spacing_mm = 1e3 * (0.5 * cell if spacing is None else spacing)
-        against_truth = {name: compare(cloud, true, spacing_mm=spacing_mm).to_dict() for name, cloud in clouds.items()}
+        against_truth = {name: asdict(compare(cloud, true, spacing_mm=spacing_mm)) for name, cloud in clouds.items()}
     return Reconstruction(views, points, surface, cell, against_truth)
 
 

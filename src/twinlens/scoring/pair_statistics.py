@@ -169,11 +169,10 @@ def _wavelet_noise(image: Grey) -> float:
 def _flat_noise(image: Grey) -> float:
     """Immerkaer's estimate, sqrt(pi/2) mean|I * N| / 6, over the fifth of the blocks with the least variance."""
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]])
-    height, width = (size // _BLOCK * _BLOCK for size in image.shape)
 
     def blocks(values: Grey) -> Grey:
-        cut = values[:height, :width].reshape(height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK)
-        return cut.swapaxes(1, 2).reshape(-1, _BLOCK * _BLOCK)
+        windows = np.lib.stride_tricks.sliding_window_view(values, (_BLOCK, _BLOCK))
+        return windows[::_BLOCK, ::_BLOCK].reshape(-1, _BLOCK * _BLOCK)
 
     order = np.argsort(blocks(image).var(axis=1), kind="stable")
     response = blocks(np.abs(ndimage.convolve(image, kernel, mode="mirror")))
