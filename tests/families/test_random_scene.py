@@ -18,6 +18,7 @@ def fingerprint(scene):
         parts += [thing.world_from_object.ravel(), thing.shape.vertices.ravel(), thing.shape.uv.ravel()]
     for plugin in [*scene.materials.values(), *scene.lights.values()]:
         parts += [part.pixels.ravel() for part in plugin.values() if isinstance(part, Bitmap)]
+        parts += [[part] for part in plugin.values() if isinstance(part, float)]
     return np.concatenate([np.asarray(part, dtype=np.float64).ravel() for part in parts])
 
 
@@ -31,10 +32,10 @@ def depths(scene, objects):
 
 
 SEED_11 = {
-    "tabletop": (325432, 0.372230021),
-    "flying": (252165, 0.229000206),
-    "room": (6661656, 0.721094867),
-    "cards": (435400, 0.296463709),
+    "tabletop": (260137, 0.459697886),
+    "flying": (302191, 0.201633190),
+    "room": (6650547, 0.703698152),
+    "cards": (500718, 0.583726453),
 }
 """How many numbers the scene of seed 11 has, and their mean: datasets of earlier versions must stay reproducible."""
 
@@ -145,7 +146,7 @@ def test_bad_settings_raise_one_line_errors(bad, message):
 
 @pytest.mark.parametrize("seed", [4, 5, 9, 16, 26])  # 4: a lamp before the camera; the others: none
 def test_the_main_lights_of_a_room_are_not_visible(seed):
-    """The ceiling lamp or the front wall, not visible, gives more light than all visible windows and lamp shades."""
+    """The ceiling lamp and a window beside the camera give more light than all visible windows and lamp shades."""
     scene = random_scene("room", seed, width=80)
     nearest = depths(scene, scene.objects)
     shown = {t.name for t in scene.objects if (np.isfinite(nearest) & (depths(scene, [t]) <= nearest)).any()}
@@ -155,7 +156,7 @@ def test_the_main_lights_of_a_room_are_not_visible(seed):
             a, b, c = (thing.shape.vertices[thing.shape.faces[:, i]] for i in range(3))
             area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
             flux[thing.name] = area * float(np.mean(thing.emitter["radiance"].rgb))
-    filling = {"ceiling-light", "hall-light"} & set(flux)
+    filling = {"ceiling-light", "side-window"} & set(flux)
     assert not filling & shown
     assert sum(flux[name] for name in filling) > sum(flux[name] for name in set(flux) - filling)
     assert sum(flux[name] for name in filling) > 15

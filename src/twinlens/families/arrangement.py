@@ -18,6 +18,7 @@ from twinlens.families.draws import Rng, one_of, weighted
 from twinlens.families.kinds import Body, draw_body
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
+from twinlens.scenes.placement import rotation
 from twinlens.scenes.scene import Mesh
 
 _CLEARANCE = 1e-4  # of a body's size: gap between bodies that touch, so that no two surfaces coincide
@@ -263,5 +264,4 @@ def _random_spin(body: Body, rng: Rng) -> Float:
         angle = one_of(rng, [0.0, np.pi / 2]) + rng.normal(0, 0.35)
     else:
         angle = rng.uniform(0, 2 * np.pi)
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return rotation([0, 0, 1], np.degrees(angle))[:3, :3]

@@ -12,7 +12,7 @@ from twinlens.families.draws import Rng, one_of, weighted
 from twinlens.families.furniture import board
 from twinlens.families.materials import material, metal_pixels, resized, texels, user_texture
 from twinlens.families.patterns import draw_chart
-from twinlens.families.surfaces import FLOORS, QUAD, WALLS, Sheet, quad, surface, wall_colors
+from twinlens.families.surfaces import FLOORS, QUAD, WALLS, Sheet, quad, surface, surface_pattern, wall_colors
 from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
 from twinlens.scenes.placement import rotation, translation
@@ -55,11 +55,11 @@ def _add_charts(scene: Composition, depth_ratio: float) -> None:
                 n = texels(height, scene.pixel_at(pose[:3, 3], 0.3))
                 own = user_texture(scene, "chart", index)
                 picture = draw_chart(scene.rng("chart", index), n, accents) if own is None else resized(own, n)
-                finish = one_of(scene.rng("finish", index), ["matte", "matte", "satin"])
-                scene.add(name, mesh, material(finish, Bitmap(picture, wrap="mirror"), 0.3), pose)
+                finish = one_of(place, ["matte", "matte", "satin", "clearcoat"])
+                scene.add(name, mesh, material(place, finish, Bitmap(picture, wrap="mirror")), pose)
                 if name == "chart":
                     steel = Bitmap(metal_pixels(scene.rng("foot", index), 32, "metal"))
-                    scene.add("chart-foot", _foot(mesh), material("metal", steel, 0.2), pose)
+                    scene.add("chart-foot", _foot(mesh), material(place, "metal", steel), pose)
                 break
 
 
@@ -142,7 +142,7 @@ def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
     distance = scene.backdrop_distance(lambda d: [sheet.mesh() for sheet in sheets(d)], far, far)
     floor, wall = sheets(distance)
     for name, sheet, kinds, contrast in (("floor", floor, FLOORS, 0.45), ("wall", wall, WALLS, 0.25)):
-        kind, tile = one_of(rng, kinds)
+        kind, tile = surface_pattern(rng, kinds)
         colors = wall_colors(scene.rng(name, "colours"), scene.palette, contrast)
         tile *= 0.3 * view.covered(distance)[0]
-        scene.add(name, sheet.mesh(), surface(scene, (name,), sheet, kind, colors, tile))
+        scene.add(name, sheet.mesh(), surface(scene, scene.rng(name), sheet, kind, colors, tile))

@@ -188,7 +188,7 @@ class Composition:
     def scene(self, about: str) -> Scene:
         """The scene, scaled to the requested nearest depth about the camera's centre, which changes no pixel.
 
-        The baseline gives the nearest point a disparity of 6% to 12% of the picture's width.
+        The baseline gives the nearest point a disparity of 8% to 12% of the picture's width.
         """
         objects, view = self.objects, self.view
         near, far = self.visible_range()
@@ -204,7 +204,7 @@ class Composition:
             lights=self.lights,
             world_from_left=view.world_from_cam,
             fov_x_deg=view.fov_x_deg,
-            baseline=float(self.rng("baseline").uniform(0.06, 0.12) * 2 * view.half[0] * near),
+            baseline=float(self.rng("baseline").uniform(0.08, 0.12) * 2 * view.half[0] * near),
             depth_range=(near, far),
             description=about,
         )

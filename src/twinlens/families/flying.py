@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from twinlens.families import lighting
 from twinlens.families.composition import Composition, similarity
@@ -58,15 +59,7 @@ def _add_bodies(scene: Composition, depth_ratio: float) -> None:
 
 def _random_rotation(rng: Rng) -> Float:
     """A uniform random rotation (3, 3). Source: Shoemake, Uniform Random Rotations, Graphics Gems III, 1992."""
-    q = rng.normal(size=4)
-    w, x, y, z = q / np.linalg.norm(q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return np.asarray(Rotation.from_quat(np.roll(rng.normal(size=4), -1)).as_matrix())
 
 
 def _add_wall(scene: Composition, far: float) -> None:
@@ -83,10 +76,10 @@ def _add_wall(scene: Composition, far: float) -> None:
         return Sheet(centre - 0.5 * (width * u + height * v), width * u, height * v)
 
     distance = scene.backdrop_distance(lambda d: [sheet(d).mesh()], far, 0.8 * far)
-    name, tile = one_of(rng, WALLS)
+    name, tile = one_of(rng, WALLS[1])  # never plain: nearly half of the scenes have a sky
     tile *= 0.25 * view.covered(distance)[0]
     wall, colors = sheet(distance), wall_colors(rng, scene.palette)
-    scene.add("backdrop", wall.mesh(), surface(scene, ("wall",), wall, name, colors, tile))
+    scene.add("backdrop", wall.mesh(), surface(scene, scene.rng("wall"), wall, name, colors, tile))
 
 
 def _add_moon(scene: Composition, far: float) -> None:

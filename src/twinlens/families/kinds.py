@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng, log_uniform, one_of, weighted
-from twinlens.families.materials import PROPORTIONS, body_material, user_texture
+from twinlens.families.materials import FINISHES, body_material, user_texture
 from twinlens.families.solids import Solid, box_mapped, closed_grid, extruded, hard_edged, hull, lathed, polar, unit
 from twinlens.geometry import Float
 from twinlens.scenes import shapes
@@ -272,6 +272,7 @@ KINDS: dict[str, Kind] = {
 }
 # fmt: on
 METALLIC = ("gear", "nut", "knot", "ring", "vase", "goblet", "tin", "ball", "crystal", "bowl", "capsule", "blob")
+SOFT = ("book", "block", "ball", "blob", "ring", "star", "flower", "heart")
 GLASSY = ("vase", "bottle", "goblet", "ball", "cup", "crystal")
 _USER_MESHES = 0.6  # how often a body is a user's mesh, where the user gave any
 _USER_SIZE = (0.14, 0.34)
@@ -292,10 +293,10 @@ class Body:
     def material(self, pixel: float) -> Plugin:
         """Its material where a pixel covers `pixel` metres: no texel is smaller than that."""
         scene, part = self.scene, self.part
-        metal, glass = self.kind in METALLIC, self.kind in GLASSY
-        finishes = [n for n in PROPORTIONS if (metal or n not in ("metal", "mirror")) and (glass or n != "glass")]
-        finish = weighted(scene.rng(*part, "finish"), finishes, [PROPORTIONS[name] for name in finishes])
-        own = user_texture(scene, *part) if finish in ("matte", "satin", "glossy") else None
+        limited = {"metal": METALLIC, "mirror": METALLIC, "glass": GLASSY, "fabric": SOFT}
+        finishes = [name for name in FINISHES if self.kind in limited.get(name, (self.kind,))]
+        finish = weighted(scene.rng(*part, "finish"), finishes, [FINISHES[name][0] for name in finishes])
+        own = None if finish in ("metal", "glass", "mirror") else user_texture(scene, *part)
         names = KINDS[self.kind].patterns if self.kind else _USER_PATTERNS
         stream = scene.rng(*part, "texture")
         return body_material(stream, self.solid, self.size, pixel, scene.palette, finish, names if own is None else own)

@@ -68,7 +68,7 @@ def user_environment(scene: Composition, rng: Rng) -> bool:
 def key_and_fill(scene: Composition, rng: Rng, middle: Float, radius: float) -> None:
     """A key light from one side, a weak fill light from the other, and dim ambient light; the camera looks from -y."""
     side = one_of(rng, [-1.0, 1.0])
-    tone, other = one_of(rng, [(WARM, COOL), (NEUTRAL, NEUTRAL), (COOL, WARM), (WARM, NEUTRAL)])
+    tone, other = one_of(rng, [(WARM, COOL), (COOL, WARM), (NEUTRAL, WARM), (WARM, NEUTRAL)])
     spread = log_uniform(rng, 0.18, 1.2) * radius
     far = 4.5 * radius
     key = from_direction(-90.0 + side * rng.uniform(55, 98), rng.uniform(28, 58))

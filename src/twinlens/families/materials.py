@@ -1,7 +1,7 @@
-"""Materials: a finish (matte, glossy, metal, ...) with a pattern at the resolution it is seen at.
+"""Materials: a finish (matte, fabric, glossy, metal, ...) with a pattern at the resolution it is seen at.
 
-Only five Mitsuba plugins are used (`diffuse`, `roughplastic`, `roughconductor`, `conductor`, `dielectric`), and every
-colour is a bitmap: the renderer compiles a kernel for each new mix of plugin types, so most scenes share one kernel.
+All but glass, mirrors and lamps are the `principled` material with the same parameters, and every colour is a bitmap:
+the renderer compiles a kernel for each new mix of plugin types, so most scenes share one kernel.
 """
 
 import math
@@ -17,23 +17,34 @@ from twinlens.families.solids import Solid
 from twinlens.scenes.scene import Bitmap, Plugin
 from twinlens.scenes.textures import Image
 
-PROPORTIONS = {"matte": 0.44, "satin": 0.22, "glossy": 0.20, "metal": 0.09, "glass": 0.03, "mirror": 0.02}
-"""Relative probabilities of the finishes, for bodies that may be of metal and glass."""
+FINISHES = {
+    "matte": (0.32, 0.44, 0.9), "fabric": (0.1, 0.7, 0.95), "satin": (0.22, 0.22, 0.4), "glossy": (0.14, 0.09, 0.21),
+    "clearcoat": (0.1, 0.3, 0.6), "metal": (0.08, 0.28, 0.55), "glass": (0.03, 0.0, 0.0), "mirror": (0.01, 0.0, 0.0),
+}  # fmt: skip
+"""Probabilities among bodies that may have all finishes; least and largest `roughness`. Sources: docs/realism.md."""
 
-_ROUGHNESS = {"satin": (0.18, 0.35), "glossy": (0.04, 0.12), "metal": (0.08, 0.3)}
+PLAIN = 0.35  # probability that a body of a kind that may be plain has no pattern
+_SHEEN, _COAT_GLOSS = (0.3, 1.0), (0.6, 0.9)
+_ABSENT = 1e-4  # of sheen, clearcoat, metal: at 0 Mitsuba would compile another kernel
 _MAX_TEXELS, _MIN_TEXELS = 512, 8
 _USER_TEXTURES = 0.4  # probability of a user's texture on a surface, if the user has any
 
 
-def material(finish: str, color: Bitmap, roughness: float = 0.2) -> Plugin:
+def material(rng: Rng, finish: str, color: Bitmap) -> Plugin:
     """A Mitsuba material of this finish; `color` is its reflectance, or a metal's tint."""
-    plugins: dict[str, Plugin] = {
-        "glass": {"type": "dielectric", "int_ior": 1.5},
-        "mirror": {"type": "conductor", "material": "Ag", "specular_reflectance": color},
-        "metal": {"type": "roughconductor", "material": "none", "specular_reflectance": color, "alpha": roughness},
-        "matte": {"type": "diffuse", "reflectance": color},
+    if finish == "glass":
+        return {"type": "dielectric", "int_ior": 1.5}
+    if finish == "mirror":
+        return {"type": "conductor", "material": "Ag", "specular_reflectance": color}
+    return {
+        "type": "principled",
+        "base_color": color,
+        "roughness": float(rng.uniform(*FINISHES[finish][1:])),
+        "metallic": 1.0 if finish == "metal" else _ABSENT,
+        "sheen": float(rng.uniform(*_SHEEN)) if finish == "fabric" else _ABSENT,
+        "clearcoat": 1.0 if finish == "clearcoat" else _ABSENT,
+        "clearcoat_gloss": float(rng.uniform(*_COAT_GLOSS)),
     }
-    return plugins.get(finish, {"type": "roughplastic", "diffuse_reflectance": color, "alpha": roughness})
 
 
 def texels(length: float, pixel: float, most: int = _MAX_TEXELS) -> int:
@@ -47,19 +58,19 @@ def body_material(
     """A material for a body `size` metres large, with one of the patterns `names` or a user's picture."""
     if isinstance(names, np.ndarray):
         tile = size * one_of(rng, [0.5, 1.0])
-        pixels, roughness = resized(names, texels(tile, pixel)), float(rng.uniform(0.05, 0.3))
+        pixels = resized(names, texels(tile, pixel))
     else:
-        name = one_of(rng, names)
+        name = "plain" if "plain" in names and rng.random() < PLAIN else one_of(rng, names)
         tile = size * one_of(rng, [0.35, 0.5, 0.7, 1.0])
         tile = size if name in ("art", "wood", "marble", "cloudy") else tile
-        n, roughness = texels(tile, pixel), float(rng.uniform(*_ROUGHNESS.get(finish, (0.2, 0.2))))
+        n = texels(tile, pixel)
         if finish in ("metal", "mirror"):
             pixels = metal_pixels(rng, n, finish)
         else:
             pixels = pattern(name, n, rng, varied(rng, rng.permutation(palette.accents)))
     u, v = (span * size / tile for span in solid.span)
     u, v = (float(max(1, round(u))), max(v, 0.25)) if solid.around else (u, v)
-    return material(finish, Bitmap(pixels, to_uv=np.diag([u, v, 1.0, 1.0])), roughness)
+    return material(rng, finish, Bitmap(pixels, to_uv=np.diag([u, v, 1.0, 1.0])))
 
 
 def metal_pixels(rng: Rng, n: int, finish: str) -> Image:
@@ -86,18 +97,18 @@ def resized(pixels: Image, side: int) -> Image:
     return np.ascontiguousarray(np.clip(zoom(pixels, factors, order=1, grid_mode=True, mode="grid-wrap"), 0, 0.95))
 
 
-FURNITURE = {  # patterns, tile in metres, finish, roughness
-    "wood": (("wood",), 0.6, "satin", 0.25),
-    "fabric": (("weave", "weave", "weave", "cloudy", "stripes"), 0.22, "matte", 0.3),
-    "pattern": (("stripes", "zigzag", "dots", "triangles", "gingham", "scales", "weave"), 0.4, "matte", 0.3),
-    "paint": (("plain",), 0.8, "satin", 0.25),
-    "white": (("plain",), 0.8, "satin", 0.2),
-    "metal": (("plain",), 0.5, "metal", 0.2),
-    "glaze": (("plain", "speckled", "cloudy", "stripes"), 0.5, "glossy", 0.08),
-    "leaf": (("cloudy",), 0.4, "satin", 0.3),
-    "card": (("cloudy",), 0.6, "matte", 0.3),
-    "rug": (("zigzag", "triangles", "stripes", "scales", "checks", "weave", "mosaic"), 0.9, "matte", 0.3),
-    "picture": (("art", "camouflage", "triangles", "marble", "stripes", "art"), 1.0, "matte", 0.3),
+FURNITURE = {  # patterns, tile in metres, finishes
+    "wood": (("wood",), 0.6, ("satin", "satin", "clearcoat")),
+    "fabric": (("plain", "plain", "weave", "weave", "cloudy", "stripes"), 0.22, ("fabric",)),
+    "pattern": (("plain", "stripes", "zigzag", "dots", "gingham", "scales", "weave"), 0.4, ("fabric",)),
+    "paint": (("plain",), 0.8, ("matte", "satin", "satin")),
+    "white": (("plain",), 0.8, ("satin",)),
+    "metal": (("plain",), 0.5, ("metal",)),
+    "glaze": (("plain", "plain", "speckled", "cloudy", "stripes"), 0.5, ("glossy",)),
+    "leaf": (("cloudy",), 0.4, ("satin",)),
+    "card": (("plain",), 0.6, ("matte",)),
+    "rug": (("plain", "triangles", "zigzag", "stripes", "scales", "checks", "weave", "mosaic"), 0.9, ("fabric",)),
+    "picture": (("art", "camouflage", "triangles", "marble", "cloudy", "cloudy"), 1.0, ("matte", "clearcoat")),
 }
 """Materials of the parts of furniture. The parts' (u, v) are in metres, those of pictures and spines in [0, 1]."""
 
@@ -113,8 +124,8 @@ def furniture_material(
 ) -> Plugin:
     """The material of one part of a piece of furniture; parts with the same `word` and `shared` look alike."""
     if word == "spines":
-        return material("satin", Bitmap(_spines(scene, part), filter="nearest"), 0.3)
-    names, tile, finish, roughness = FURNITURE[word]
+        return material(scene.rng("spines", *part), "satin", Bitmap(_spines(scene, part), filter="nearest"))
+    names, tile, finishes = FURNITURE[word]
     rng = scene.rng("dress", *(part if word in ("pattern", "picture", "rug") else (word, shared)))
     palette = scene.palette
     n = texels(tile, pixel, 256)
@@ -129,7 +140,7 @@ def furniture_material(
         fixed = _FIXED_COLORS.get(word)
         colors = varied(rng, rng.permutation(tones), 0.1) if fixed is None else varied(rng, fixed)
         pixels = pattern(name, n, rng, colors)
-    return material(finish, Bitmap(pixels, to_uv=np.diag([1 / tile, 1 / tile, 1.0, 1.0])), roughness)
+    return material(rng, one_of(rng, finishes), Bitmap(pixels, to_uv=np.diag([1 / tile, 1 / tile, 1.0, 1.0])))
 
 
 def _spines(scene: Composition, part: tuple[str | int, ...]) -> Image:

@@ -227,8 +227,9 @@ PATTERNS: dict[str, Callable[[int, Rng, Float], Image]] = {
 
 
 def pattern(name: str, n: int, rng: Rng, colors: Float, mottle: float = 0.07) -> Image:
-    """A pattern with faint mottling, so that no surface is a single flat tone, clipped to the albedo of paint."""
+    """A pattern with mottling, so that no surface is a single flat tone, clipped to the albedo of paint."""
     painted = PATTERNS[name](n, rng, colors)
+    mottle = min(mottle, 0.04) if name == "plain" else mottle  # of paint: about 3 %
     wear = noise(n, rng, 3, octaves=6, gain=0.6) - np.float32(0.5)
     return np.asarray(np.clip(painted * np.exp(np.float32(5 * mottle) * wear)[..., None], 0.01, 0.88), dtype=np.float32)
 
@@ -236,8 +237,7 @@ def pattern(name: str, n: int, rng: Rng, colors: Float, mottle: float = 0.07) ->
 def half_size(image: Image) -> Image:
     """The image at half its size: means over 2x2 texels; an odd last row or column is dropped."""
     h, w = (length // 2 * 2 for length in image.shape[:2])
-    p = image[:h, :w]
-    return np.asarray(0.25 * (p[::2, ::2] + p[1::2, ::2] + p[::2, 1::2] + p[1::2, 1::2]))
+    return np.asarray(image[:h, :w].reshape(h // 2, 2, w // 2, 2, -1).mean(axis=(1, 3)))
 
 
 def _dot_chart(rng: Rng, n: int, accents: Float) -> Image:

@@ -8,16 +8,15 @@ import numpy as np
 from twinlens.families import furniture, lighting
 from twinlens.families.arrangement import Area, arrange, bodies_at_rest, gap
 from twinlens.families.composition import Composition, rasterize
-from twinlens.families.draws import Rng, one_of, varied
+from twinlens.families.draws import Rng, one_of
 from twinlens.families.furniture import Piece, board
-from twinlens.families.materials import furniture_material, material
-from twinlens.families.patterns import pattern
+from twinlens.families.materials import furniture_material
 from twinlens.families.solids import double_sided
-from twinlens.families.surfaces import FLOORS, WALLS, Sheet, surface, wall_colors
+from twinlens.families.surfaces import FLOORS, WALLS, Sheet, surface, surface_pattern, wall_colors
 from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
 from twinlens.scenes.placement import rotation, translation
-from twinlens.scenes.scene import Bitmap, Mesh, Plugin
+from twinlens.scenes.scene import Mesh
 
 _SMALL = ("vase", "bottle", "bowl", "cup", "jar", "tin", "candle", "book", "book", "carton", "ball", "pebble", "knot",
           "plate", "blob", "superquadric", "goblet", "crystal", "ring")  # fmt: skip
@@ -185,31 +184,28 @@ def _add_shell(scene: Composition, shell: Shell) -> None:
     """Add floor, walls, ceiling and skirting in the scene's colours; the back wall may have its own pattern."""
     rng = scene.rng("shell")
     colors = wall_colors(scene.rng("wall colours"), scene.palette, 0.25)
-    name, tile = one_of(rng, WALLS) if rng.random() < 0.35 else ("cloudy", 1.8)
+    name, tile = surface_pattern(rng, WALLS)
     accent = rng.random() < 0.5
     for side, sheet in shell.sheets().items():
-        kind, size, tones, finish, mottle = name, tile, colors, "matte", 0.1
+        kind, size, tones, finish = name, tile, colors, "matte"
         if side == "floor":
-            kind, size = one_of(rng, FLOORS)
+            kind, size = surface_pattern(rng, FLOORS)
             tones = wall_colors(scene.rng("floor colours"), scene.palette, 0.45)
-            finish = one_of(rng, ["matte", "satin", "satin"])
+            finish = one_of(rng, ["matte", "satin", "clearcoat"])
         elif side == "ceiling":
-            kind, size, tones, mottle = "cloudy", 2.0, np.array([[0.78, 0.77, 0.74], [0.72, 0.71, 0.69]]), 0.05
+            kind, size, tones = "plain", 2.0, np.array([[0.78, 0.77, 0.74]])
         elif side == "back-wall" and accent:
-            kind, size = one_of(rng, WALLS)
+            kind, size = surface_pattern(rng, WALLS)
             tones = wall_colors(scene.rng("accent"), scene.palette, 0.3)
-        scene.add(side, sheet.mesh(), surface(scene, ("surface", side), sheet, kind, tones, size, finish, 0.3, mottle))
+        made = surface(scene, scene.rng("surface", side), sheet, kind, tones, size, finish)
+        scene.add(side, sheet.mesh(), made)
     if rng.random() < 0.8:
         depth, tall, length = 0.015, 0.09, shell.back - shell.front
         boards = [board((shell.width, depth, tall), (0, shell.back - depth / 2, tall / 2))]
         middle = 0.5 * (shell.front + shell.back)
         boards += [board((depth, length, tall), (s * (shell.width - depth) / 2, middle, tall / 2)) for s in (-1, 1)]
-        tone = varied(scene.rng("skirting"), np.array([[0.7, 0.69, 0.66]]), 0.1)
-        scene.add("skirting", shapes.merged(boards), _paint(scene, "skirting", tone, 64))
-
-
-def _paint(scene: Composition, part: str, tone: Float, texels: int) -> Plugin:
-    return material("satin", Bitmap(pattern("plain", texels, scene.rng("paint", part), tone, 0.05)), 0.3)
+        white = furniture_material(scene, ("skirting",), "white", scene.view.pixel(2.0))
+        scene.add("skirting", shapes.merged(boards), white)
 
 
 def _add_window(scene: Composition, pose: Float, index: int) -> None:
@@ -220,7 +216,7 @@ def _add_window(scene: Composition, pose: Float, index: int) -> None:
     upright = translation([0, -0.012, sill + tall / 2]) @ rotation([1, 0, 0], 90.0)
     pane = shapes.transformed(lighting.rectangle(wide, tall), upright)
     lighting.emitter(scene, f"window-pane-{index}", pane, pose, float(rng.uniform(1.8, 3.0)) * sky)
-    white = _paint(scene, f"frame{index}", np.array([[0.75, 0.74, 0.72]]), 32)
+    pixel = scene.pixel_at(pose[:3, 3], 0.5)
     bar, deep = 0.06, 0.05
     z = sill + tall / 2
     parts = [board((bar, deep, tall + bar), (s * wide / 2, -deep / 2, z)) for s in (-1, 1)]
@@ -229,11 +225,11 @@ def _add_window(scene: Composition, pose: Float, index: int) -> None:
     parts += [board((0.03, 0.035, tall), (wide * (i / columns - 0.5), -0.03, z)) for i in range(1, columns)]
     parts += [board((wide, 0.035, 0.03), (0, -0.03, sill + tall * j / rows)) for j in range(1, rows)]
     parts.append(board((wide + 0.2, 0.16, 0.03), (0, -0.08, sill - 0.045)))
+    white = furniture_material(scene, ("window", index), "white", pixel)
     scene.add("window-frame", shapes.merged(parts), white, pose)
     if rng.random() < 0.5:
-        cloth = pattern("weave", 64, rng, varied(rng, scene.palette.grounds), 0.06)
-        weave = material("matte", Bitmap(cloth, to_uv=np.diag([3.0, 3.0, 1.0, 1.0])))
-        scene.add("curtains", _curtains(rng, wide, tall, sill), weave, pose)
+        cloth = furniture_material(scene, ("curtains", index), "fabric", pixel, 1 + index)
+        scene.add("curtains", _curtains(rng, wide, tall, sill), cloth, pose)
 
 
 def _curtains(rng: Rng, wide: float, tall: float, sill: float) -> Mesh:
@@ -309,20 +305,19 @@ def _decorate(scene: Composition, shell: Shell, plan: _FloorPlan) -> None:
 
 
 def _light(scene: Composition, shell: Shell) -> None:
-    """Add a lamp below the ceiling, or a bright front wall: without one, windows would leave the room dark."""
+    """Add a large window beside the camera, out of the image, and in most rooms a warm lamp below the ceiling."""
     rng = scene.rng("light")
-    by_lamp = rng.random() < 0.8
-    if by_lamp:
+    if rng.random() < 0.8:
         spot = np.array([rng.uniform(-0.2, 0.2) * shell.width, rng.uniform(0.3, 0.6) * shell.back, shell.height - 0.02])
         side = rng.uniform(1.0, 1.7)
-        tone = one_of(rng, [lighting.WARM, lighting.NEUTRAL])
-        level = rng.uniform(8.0, 12.0) / side**2
+        tone = one_of(rng, [lighting.WARM, lighting.WARM, lighting.NEUTRAL])
+        level = rng.uniform(4.0, 12.0) / side**2
         lamp, front = lighting.rectangle(side + 0.3, side + 0.3), shell.front + side / 2
         while spot[1] > front and np.isfinite(rasterize(scene.view, [(lamp.vertices + spot, lamp.faces)], 64)).any():
             spot = spot - [0.0, min(0.2, spot[1] - front), 0.0]  # towards the camera, until the lamp is not visible
         lighting.panel(scene, "ceiling-light", spot, spot - [0, 0, 1], np.full(2, side), level * tone)
-    place = np.array([0.0, shell.front + 0.02, 0.55 * shell.height])
-    size = np.array([0.9 * shell.width, 0.8 * shell.height])
-    level = rng.uniform(1.4, 2.2) if by_lamp else rng.uniform(3.5, 5.0)
-    tone = lighting.NEUTRAL if by_lamp else lighting.COOL
-    lighting.panel(scene, "hall-light", place, place + np.array([0, 1, 0]), size, level * tone)
+    near = 1.0 if scene.view.eye[0] > 0 else -1.0  # the side wall that the camera looks away from
+    place = np.array([near * (shell.width / 2 - 0.02), shell.front + 0.55, 0.55 * shell.height])
+    size, level = np.array([1.1, 0.7 * shell.height]), rng.uniform(9.0, 15.0)
+    tone = one_of(rng, [lighting.COOL, lighting.COOL, lighting.NEUTRAL])
+    lighting.panel(scene, "side-window", place, place - np.array([near, 0, 0]), size, level * tone)

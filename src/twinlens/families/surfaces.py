@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.families.composition import Composition, View
-from twinlens.families.draws import Palette, Rng, varied
+from twinlens.families.draws import Palette, Rng, one_of, varied
 from twinlens.families.materials import material, texels
 from twinlens.families.patterns import half_size, pattern, texture_seed
 from twinlens.geometry import Float
@@ -64,28 +64,21 @@ def quad(corners: Float, uv: Float) -> Mesh:
 
 
 def surface(
-    scene: Composition,
-    stream: tuple[str, ...],
-    sheet: Sheet,
-    name: str,
-    colors: Float,
-    tile: float,
-    finish: str = "matte",
-    roughness: float = 0.25,
-    mottle: float = 0.1,
+    scene: Composition, rng: Rng, sheet: Sheet, name: str, colors: Float, tile: float, finish: str = "matte"
 ) -> Plugin:
     """The material of a sheet: a pattern that repeats every `tile` metres, filtered for the scene's view."""
-    rng, view = scene.rng(*stream), scene.view
+    view = scene.view
     depth, inside = _project(sheet, view, np.linspace(0.02, 0.98, 25), np.linspace(0.02, 0.98, 25))
     chosen = depth[inside] if inside.any() else depth[depth > 0]
     near = max(view.pixel(float(chosen.min()) if chosen.size else 1.0), 1e-6)
     if name == "cloudy":
         colors = np.vstack([colors[:1], 0.55 * colors[:1] + 0.45 * colors[1:]])
-    image = pattern(name, texels(tile, near, _MAX_TEXELS), rng, colors, mottle)
+    image = pattern(name, texels(tile, near, _MAX_TEXELS), rng, colors)
     baked = bake(image, tile, sheet, view)
     slow = textures.fractal_noise(baked.shape[1], baked.shape[0], (2, 2), texture_seed(rng), 2, contrast=0.5)
-    baked = np.clip(baked * (1 + np.float32(0.7) * (slow - np.float32(0.5)))[..., None], 0.005, 0.88)
-    return material(finish, Bitmap(baked, wrap="clamp"), roughness)
+    wear = np.float32(0.05 if name == "plain" else 0.3)
+    baked = np.clip(baked * (1 + wear * (slow - np.float32(0.5)))[..., None], 0.005, 0.88)
+    return material(rng, "fabric" if name in _CLOTH else finish, Bitmap(baked, wrap="clamp"))
 
 
 def _project(sheet: Sheet, view: View, s: Float, t: Float, reach: float = 1.05) -> tuple[Float, Mask]:
@@ -155,26 +148,36 @@ def _wrapped(picture: Image, y: Image, x: Image) -> Image:
     return np.asarray(upper * (1 - fy) + lower * fy)
 
 
+Patterns = tuple[float, tuple[tuple[str, float], ...]]
+"""The probability that a surface is plain, and patterns with the size in metres of a tile."""
+
+_CLOTH = ("weave", "gingham", "stripes", "zigzag")  # of table cloths, carpets and wall hangings
 # fmt: off
-WALLS = (
-    ("cloudy", 1.6), ("cloudy", 1.2), ("weave", 0.5), ("stripes", 0.7), ("bricks", 1.0), ("scales", 0.8), ("dots", 0.8),
-    ("tiles", 0.8), ("planks", 1.1), ("granite", 1.0), ("triangles", 1.4), ("zigzag", 0.9),
-)
-TOPS = (
-    ("planks", 0.7), ("planks", 0.9), ("wood", 0.6), ("marble", 0.9), ("gingham", 0.35), ("stripes", 0.5),
-    ("weave", 0.3), ("chips", 0.5), ("tiles", 0.5), ("granite", 0.5), ("zigzag", 0.6), ("mosaic", 0.5), ("cloudy", 0.8),
-)
-FLOORS = (
-    ("planks", 1.1), ("planks", 1.3), ("tiles", 1.6), ("chips", 1.2), ("checks", 1.2), ("granite", 0.8),
-    ("mosaic", 1.2), ("marble", 1.6), ("weave", 0.4),
-)
+WALLS: Patterns = (0.5, (
+    ("cloudy", 1.6), ("weave", 0.5), ("stripes", 0.7), ("bricks", 1.0), ("scales", 0.8), ("dots", 0.8), ("tiles", 0.8),
+    ("planks", 1.1), ("granite", 1.0), ("triangles", 1.4), ("zigzag", 0.9),
+))
+TOPS: Patterns = (0.2, (
+    ("planks", 0.7), ("planks", 0.9), ("wood", 0.6), ("wood", 0.8), ("marble", 0.9), ("gingham", 0.35),
+    ("stripes", 0.5), ("weave", 0.3), ("chips", 0.5), ("tiles", 0.5), ("granite", 0.5), ("mosaic", 0.5),
+))
+FLOORS: Patterns = (0.2, (
+    ("planks", 1.1), ("planks", 1.3), ("planks", 1.2), ("tiles", 1.6), ("chips", 1.2), ("checks", 1.2),
+    ("granite", 0.8), ("mosaic", 1.2), ("marble", 1.6), ("weave", 0.4),
+))
 # fmt: on
+
+
+def surface_pattern(rng: Rng, patterns: Patterns) -> tuple[str, float]:
+    """The pattern of a wall, table top or floor, and the size of its tile in metres."""
+    plain, others = patterns
+    return ("plain", 1.6) if rng.random() < plain else one_of(rng, others)
 
 
 def wall_colors(rng: Rng, palette: Palette, contrast: float = 0.35) -> Float:
     """Colours of a wall: a ground, and others mixed with it so that the pattern keeps a low contrast."""
     ground = varied(rng, rng.permutation(palette.grounds), 0.06)
-    if rng.random() < 0.25:
+    if rng.random() < 0.15:
         ground[0] = 0.75 * varied(rng, rng.permutation(palette.accents)[:1], 0.1)[0] + 0.02
     others = np.vstack([ground[1:], palette.accents])
     return np.vstack([ground[:1], ground[0] + (others - ground[0]) * (contrast + 0.15)])

@@ -8,7 +8,7 @@ from twinlens.families import lighting
 from twinlens.families.arrangement import Area, StablePose, arrange, bodies_at_rest
 from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng, one_of
-from twinlens.families.surfaces import FLOORS, TOPS, WALLS, Sheet, surface, wall_colors
+from twinlens.families.surfaces import FLOORS, TOPS, WALLS, Sheet, surface, surface_pattern, wall_colors
 from twinlens.geometry import Float
 from twinlens.scenes.scene import Mesh
 
@@ -88,11 +88,8 @@ def _add_surroundings(scene: Composition, depth_ratio: float, half: float) -> No
     rng = scene.rng("furnish")
     for name, sheet in sheets(scene.backdrop_distance(meshes, far, far)).items():
         kinds, contrast = patterns[name]
-        kind, tile = one_of(rng, kinds)
+        kind, tile = surface_pattern(rng, kinds)
         colors = wall_colors(scene.rng(f"{name} colours"), scene.palette, contrast)
-        finish, roughness, thickness = "matte", 0.25, 0.0
-        if name == "table":
-            finish, roughness = one_of(rng, ["matte", "satin", "satin", "glossy"]), float(rng.uniform(0.1, 0.35))
-            thickness = _THICKNESS
-        made = surface(scene, (name,), sheet, kind, colors, tile, finish, roughness)
-        scene.add(name, sheet.mesh(thickness), made)
+        finish = one_of(rng, ["matte", "satin", "satin", "clearcoat"]) if name == "table" else "matte"
+        made = surface(scene, scene.rng(name), sheet, kind, colors, tile, finish)
+        scene.add(name, sheet.mesh(_THICKNESS if name == "table" else 0.0), made)

@@ -16,6 +16,7 @@ from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
 
 _INSTANCE = 1 << 10  # Mitsuba 3.9 has no name for this shape type
 _BLOCK_PX = 16
+_MATTE_ROUGHNESS = 0.44  # of `principled`: 5 gloss units at 60 degrees, the most of matte paint (docs/realism.md)
 
 _cache: "weakref.WeakKeyDictionary[Scene, BuiltScene]" = weakref.WeakKeyDictionary()
 
@@ -226,10 +227,20 @@ def material_kind(bsdf: Any) -> int:
     if has(int(flags.DiffuseTransmission | flags.GlossyTransmission | flags.DeltaTransmission | flags.Null)):
         return 4
     if has(int(flags.DiffuseReflection)):
-        return 2 if has(int(flags.GlossyReflection | flags.DeltaReflection)) else 1
+        return 2 if has(int(flags.GlossyReflection | flags.DeltaReflection)) and not _is_matte(bsdf) else 1
     if has(int(flags.GlossyReflection)):
         return 2
     return 3 if has(int(flags.DeltaReflection)) else 1
+
+
+def _is_matte(bsdf: Any) -> bool:
+    """Whether this is a `principled` material as rough as matte paint, without metal, clear coat or maps of these."""
+    values = mitsuba().traverse(bsdf)
+    keys = [f"{name}.value" for name in ("roughness", "metallic", "clearcoat")]
+    if not all(key in values for key in keys):
+        return False
+    roughness, metallic, clearcoat = (np.ravel(values[key])[0] for key in keys)
+    return bool(roughness >= _MATTE_ROUGHNESS and max(metallic, clearcoat) < 0.01)
 
 
 def move_uv_scales(scene: Scene) -> tuple[Mapping[str, Plugin], Mapping[str, Float]]:

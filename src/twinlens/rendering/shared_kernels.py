@@ -40,11 +40,12 @@ def _make_placeholders() -> list[Any]:
         return {"type": "bitmap", "bitmap": grey, "raw": True, "wrap_mode": wrap, "filter_type": filter_type}
 
     repeated = texture("repeat")
+    lobes = ("roughness", "metallic", "sheen", "clearcoat", "clearcoat_gloss")
+    principled = {"type": "principled", **dict.fromkeys(lobes, 0.5)}
     materials = [
-        *({"type": "diffuse", "reflectance": texture(wrap)} for wrap in ("repeat", "clamp", "mirror")),
-        *({"type": "roughplastic", "diffuse_reflectance": texture(wrap)} for wrap in ("repeat", "clamp", "mirror")),
-        {"type": "roughplastic", "diffuse_reflectance": texture("repeat", "nearest")},
-        {"type": "roughconductor", "material": "none", "specular_reflectance": repeated},
+        {"type": "diffuse", "reflectance": repeated},
+        *({**principled, "base_color": texture(wrap)} for wrap in ("repeat", "clamp", "mirror")),
+        {**principled, "base_color": texture("repeat", "nearest")},
         {"type": "conductor", "material": "Ag", "specular_reflectance": repeated},
         {"type": "dielectric", "int_ior": 1.5},
     ]

@@ -1,0 +1,148 @@
+"""Materials of random scenes: shares, roughness and gloss as documented, and one form of plugin for shared kernels."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+import twinlens as tl
+from twinlens.factory import generate, read_recipe
+from twinlens.families import FAMILIES, Assets, random_scene
+from twinlens.families.composition import Composition
+from twinlens.families.kinds import KINDS, METALLIC, SOFT, Body
+from twinlens.families.materials import FINISHES, PLAIN
+from twinlens.families.patterns import pattern
+from twinlens.families.surfaces import FLOORS, TOPS, WALLS, surface_pattern
+from twinlens.scenes import Bitmap
+from twinlens.scoring import STATISTICS, open_pairs, pair_statistics, summarize
+
+DRAWS = 3000
+GLASS_INDEX = 1.567  # of the standard of gloss meters, polished black glass of 100 units
+
+
+def finish_of(plugin):
+    """The finish that a material has according to its parameters."""
+    if plugin["type"] != "principled":
+        return {"dielectric": "glass", "conductor": "mirror"}[plugin["type"]]
+    for finish, key in (("metal", "metallic"), ("fabric", "sheen"), ("clearcoat", "clearcoat")):
+        if plugin[key] > 0.1:
+            return finish
+    return next(name for name in ("matte", "satin", "glossy") if plugin["roughness"] >= FINISHES[name][1])
+
+
+def within(count, draws, share):
+    """Whether a count of draws agrees with a probability, at four standard deviations."""
+    return abs(count - share * draws) < 4 * np.sqrt(draws * share * (1 - share))
+
+
+@pytest.fixture(scope="module")
+def balls():
+    """Materials of balls, which may have every finish."""
+    scene = Composition("balls", np.random.SeedSequence(1), Assets(), None, (1, 1), 4 / 3, 80)
+    solid = KINDS["ball"].make(np.random.default_rng(0))
+    return [Body("ball", "ball", solid, 0.1, scene, (index,)).material(0.01) for index in range(DRAWS)]
+
+
+def test_finishes_have_the_stated_shares(balls):
+    counts = Counter(map(finish_of, balls))
+    assert counts.keys() == FINISHES.keys()
+    assert all(within(counts[name], DRAWS, share) for name, (share, *_) in FINISHES.items())
+
+
+def test_roughness_spans_the_stated_ranges(balls):
+    for finish, (_, low, high) in list(FINISHES.items())[:6]:  # not glass and mirrors
+        drawn = [plugin["roughness"] for plugin in balls if finish_of(plugin) == finish]
+        assert low <= min(drawn) < low + 0.1 * (high - low)
+        assert high - 0.1 * (high - low) < max(drawn) <= high
+
+
+def test_only_suitable_kinds_are_of_fabric_or_metal():
+    scene = Composition("mixed", np.random.SeedSequence(2), Assets(), None, (1, 1), 4 / 3, 80)
+    for kind in ("apple", "book", "gear"):
+        solid = KINDS[kind].make(np.random.default_rng(0))
+        found = {finish_of(Body(kind, kind, solid, 0.1, scene, (kind, i)).material(0.01)) for i in range(200)}
+        assert ("fabric" in found, "metal" in found) == (kind in SOFT, kind in METALLIC)
+
+
+def test_a_stated_share_of_bodies_and_surfaces_is_plain(balls):
+    """A plain body has about one colour; the patterns of balls have more."""
+    dull = [plugin["base_color"].pixels for plugin in balls if finish_of(plugin) in ("matte", "satin", "fabric")]
+    plain = sum(float((pixels.std(axis=(0, 1)) / pixels.mean(axis=(0, 1))).max()) < 0.06 for pixels in dull)
+    listed = KINDS["ball"].patterns
+    assert within(plain, len(dull), PLAIN + (1 - PLAIN) * listed.count("plain") / len(listed))
+    rng = np.random.default_rng(3)
+    for share, patterns in (WALLS, TOPS, FLOORS):
+        names = [surface_pattern(rng, (share, patterns))[0] for _ in range(DRAWS)]
+        assert within(names.count("plain"), DRAWS, share)
+
+
+def test_plain_paint_has_faint_texture():
+    painted = pattern("plain", 128, np.random.default_rng(0), np.array([[0.5, 0.4, 0.3]]), mottle=0.1)
+    assert 0.002 < painted.std(axis=(0, 1)).max() / 0.5 < 0.05
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_all_materials_have_the_same_form(family):
+    """Mitsuba compiles a kernel for each set of plugin types and of lobes; a parameter of 0 removes a lobe."""
+    for seed in range(3):
+        plugins = list(random_scene(family, seed, width=80).materials.values())
+        coated = [plugin for plugin in plugins if plugin["type"] == "principled"]
+        assert len({tuple(plugin) for plugin in coated}) == 1
+        assert all(value > 0 for plugin in coated for value in plugin.values() if isinstance(value, float))
+        lamps = [plugin for plugin in plugins if plugin["type"] == "diffuse"]
+        assert all(isinstance(lamp["reflectance"], Bitmap) and not lamp["reflectance"].pixels.any() for lamp in lamps)
+        assert {plugin["type"] for plugin in plugins} <= {"principled", "diffuse", "conductor", "dielectric"}
+
+
+def gloss(roughness, rays=400_000):
+    """Gloss units at 60 degrees (ISO 2813) of a rough surface of index 1.5: GGX with alpha = roughness^2, by sampling.
+
+    Apertures of the receptor are 4.4 x 11.7 degrees, of the source 0.75 x 2.5 degrees.
+    """
+    rng, alpha = np.random.default_rng(0), roughness**2
+
+    def fresnel(cosine, index):
+        g = np.sqrt(index**2 - 1 + cosine**2)
+        ratio = (cosine * (g + cosine) - 1) / (cosine * (g - cosine) + 1)
+        return 0.5 * ((g - cosine) / (g + cosine)) ** 2 * (1 + ratio**2)
+
+    def shadowing(cosine):
+        return 2 / (1 + np.sqrt(1 + alpha**2 * (1 / np.maximum(cosine, 1e-6) ** 2 - 1)))
+
+    angle = np.pi / 3 + np.radians(rng.uniform(-0.375, 0.375, rays))
+    aside = np.radians(rng.uniform(-1.25, 1.25, rays))
+    light = np.stack([-np.sin(angle) * np.cos(aside), np.sin(aside), np.cos(angle) * np.cos(aside)])
+    u, turn = rng.random(rays), rng.uniform(0, 2 * np.pi, rays)
+    tilt = np.arctan(alpha * np.sqrt(u / (1 - u)))
+    facet = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+    cosine = (light * facet).sum(axis=0)
+    out = 2 * cosine * facet - light
+    ahead, side = np.degrees(np.arctan2(out[0], out[2])) - 60, np.degrees(np.arcsin(np.clip(out[1], -1, 1)))
+    seen = (np.abs(ahead) < 2.2) & (np.abs(side) < 5.85) & (cosine > 0) & (out[2] > 0)
+    weight = fresnel(np.clip(cosine, 1e-3, 1), 1.5) * shadowing(light[2]) * shadowing(out[2]) * cosine
+    return 100 * np.mean(np.where(seen, weight / (light[2] * facet[2]), 0)) / fresnel(0.5, GLASS_INDEX)
+
+
+def test_finishes_have_the_gloss_of_paints_of_these_names():
+    """Master Painters Institute: matte at most 5 units at 60 degrees, eggshell and satin 10 to 35, gloss 35 to 85."""
+    assert gloss(FINISHES["matte"][1]) < 5.5
+    assert 5 < gloss(FINISHES["satin"][2]) < 10
+    assert 25 < gloss(FINISHES["satin"][1]) < 35
+    assert 33 < gloss(FINISHES["glossy"][2]) < 40
+    assert 78 < gloss(FINISHES["glossy"][1]) < 86
+
+
+@pytest.mark.slow
+def test_images_of_random_scenes_have_statistics_of_real_ones(tmp_path):
+    """Medians over eight scenes lie between the 10 % and the 90 % quantile of real pairs."""
+    (tmp_path / "recipe.toml").write_text(
+        'seed = 16\ncount = 8\nfamilies = ["tabletop", "flying", "room", "cards"]\nwidth = 400\nheight = 300\n'
+        'spp = 16\n[sensor]\nmismatch = "typical"\n'
+    )
+    generate(read_recipe(tmp_path / "recipe.toml"), tmp_path / "out")
+    rows = [pair_statistics(pair) for pair in open_pairs([tmp_path / "out"])]
+    assert len(rows) == len(tl.Dataset(tmp_path / "out")) == 8
+    for name in ("low_sd", "bias", "gain", "noise", "textureless", "flat", "contrast", "correlation", "occluded"):
+        median, (_, low, high) = summarize(rows)[name][0], STATISTICS[name].real
+        assert low <= median <= high, name
+    assert 0.08 < summarize(rows)["largest_disparity"][0] < 0.12
