@@ -76,7 +76,7 @@ def _add_wall(scene: Composition, far: float) -> None:
         return Sheet(centre - 0.5 * (width * u + height * v), width * u, height * v)
 
     distance = scene.backdrop_distance(lambda d: [sheet(d).mesh()], far, 0.8 * far)
-    name, tile = one_of(rng, WALLS[1])  # never plain: nearly half of the scenes have a sky
+    name, tile = one_of(rng, WALLS[1])  # never plain: other scenes have a plain sky
     tile *= 0.25 * view.covered(distance)[0]
     wall, colors = sheet(distance), wall_colors(rng, scene.palette)
     scene.add("backdrop", wall.mesh(), surface(scene, scene.rng("wall"), wall, name, colors, tile))
