@@ -70,6 +70,17 @@ def test_the_card_tells_what_there_is(tmp_path):
     assert f"| depth | {least:.4g} to " in body
 
 
+def test_the_card_has_the_noise_of_the_renderer(tmp_path):
+    root = made(tmp_path / "set")
+    for name, ratio in (("a", 0.2), ("train/0", 0.4)):
+        file = root / name / "sample.json"
+        plain = json.loads(file.read_text())
+        plain["shots"][0]["record"]["light_paths_over_sensor"] = [0.1, ratio]
+        file.write_text(json.dumps(plain))
+    write_card(root)
+    assert "| renderer noise | 0.2 to 0.4 x sensor noise, median 0.3" in (root / "README.md").read_text()
+
+
 def test_the_same_dataset_gives_the_same_files(tmp_path):
     files = ("README.md", "samples.jpg", "statistics.png", "croissant.json")
     first, second = (made(tmp_path / kind) for kind in "ab")

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -103,6 +105,17 @@ def test_raw_pictures_are_black_at_their_black_level():
     sample = Sample(rig, (Shot(tl.Pinhole(), (raw, raw)),), tuple(truths))
     with pytest.raises(Rejected, match="black image"):
         check_photographs(GATES, sample, sensor)
+
+
+def test_renderer_noise_has_a_limit_in_every_view():
+    rig, truths = truth_of(scene(wall()))
+    image = np.random.default_rng(0).uniform(0.1, 0.9, (*SIZE[::-1], 3))
+    shot = photographed(rig, truths, image, image).shots[0]
+    sample = Sample(rig, (replace(shot, record={"light_paths_over_sensor": [0.2, 0.6]}),), tuple(truths))
+    check_photographs(Gates(texture=0.0, noise=0.6), sample, Sensor())
+    check_photographs(Gates(texture=0.0), sample, Sensor())
+    with pytest.raises(Rejected, match=r"too much renderer noise: 0\.6 x sensor noise in the images of lens 0"):
+        check_photographs(Gates(texture=0.0, noise=0.5), sample, Sensor())
 
 
 @pytest.mark.parametrize("noise", [0.03, 0.1, 0.2])

@@ -73,6 +73,15 @@ def test_the_smallest_recipe_works_as_it_is(tmp_path):
     assert plan(recipe, 0).drawn == {"width": 320, "height": 240, "spp": 16}
 
 
+def test_the_noise_gate_needs_a_measurement():
+    table = {"seed": 1, "count": 1, "scenes": ["staircase"], "gates": {"noise": 0.5}}
+    assert recipe_from_table(table).gates.noise == 0.5
+    assert recipe_from_table(table | {"denoise": False, "noise": 0.3}).gates.noise == 0.5
+    for unmeasured in ({"denoise": False}, {"spp": 1}):
+        with pytest.raises(InputError, match=r"gates\.noise: the noise is measured with spp >= 2 and denoise"):
+            recipe_from_table(table | unmeasured)
+
+
 def test_every_key_is_read():
     recipe = recipe_from_table(FULL)
     assert recipe.ndisp == 64
@@ -130,6 +139,7 @@ def test_every_key_is_read():
         ("scene.depth_range", [1, 1.01], r"scene.depth_range: a tabletop scene needs far >="),
         ("gates.attempts", 0, "gates.attempts: must be >= 1"),
         ("gates.texture", 2, "gates.texture: must be <= 1"),
+        ("gates.noise", 0, "gates.noise: must be "),
         ("splits", {"train": 0.8, "test": 0.1}, "splits: the shares must add up to 1"),
         *(
             ("splits", {name: 1.0}, r"splits: a split's name must be usable as a folder's, such as train, got ")

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import zlib
+from dataclasses import replace
 from html.parser import HTMLParser
 from importlib import resources
 
@@ -173,7 +174,16 @@ def test_samples_and_maps_are_optional_and_unknown_samples_ignored():
     board, samples, _ = made()
     assert json.loads(Elements(page_html(board)).data)["samples"][0]["pictures"] is None
     assert len(page_html(board, [pair("unknown")])) == len(page_html(board))
-    assert json.loads(Elements(page_html(board, samples)).data)["samples"][0]["pictures"]["maps"] == {}
+    pictures = json.loads(Elements(page_html(board, samples)).data)["samples"][0]["pictures"]
+    assert (pictures["maps"], pictures["noise"]) == ({}, "")
+
+
+def test_the_page_gives_the_noise_of_the_renderer():
+    board, samples, _ = made()
+    noisy = [replace(samples[0], renderer_noise=0.234)]
+    assert json.loads(Elements(page_html(board, noisy)).data)["samples"][0]["pictures"]["noise"] == (
+        "light paths 0.23 × sensor noise"
+    )
 
 
 def test_large_maps_are_subsampled():

@@ -27,7 +27,7 @@ from twinlens.camera.film import rgb8
 from twinlens.dataset.dataset import Dataset, Manifest, write_manifest
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.metadata import KEY, About, about, write_croissant
-from twinlens.dataset.quantities import Statistics, mixed_counts, stored_statistics
+from twinlens.dataset.quantities import Statistics, mixed_counts, quantiles, stored_statistics
 from twinlens.dataset.record import plain
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
@@ -115,9 +115,12 @@ def write_card(dataset: Where | Dataset) -> list[str]:
     dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     given, manifest = about(dataset)
     many: dict[str, Statistics] = {}
+    noise: list[float] = []
     for sample in dataset:
         with contextlib.suppress(FileError):
             many[sample.name] = stored_statistics(sample)
+            ratios = [sample.lens(k).renderer_noise for k in range(sample.num_lenses)]
+            noise += [ratio for ratio in ratios if ratio is not None]
     tiles = []
     for i in np.linspace(0, len(many) - 1, min(len(many), TILES)).round().astype(int):
         with contextlib.suppress(FileError):
@@ -132,11 +135,13 @@ def write_card(dataset: Where | Dataset) -> list[str]:
     own = not readme.is_file() or any(marker.encode() in read_bytes(readme) for marker in _MARKERS)
     name = readme.name if own else "CARD.md"
     unreadable = [name for name in dataset.names if name not in many]
-    write_file(dataset.path / name, _card(given, manifest, list(many.values()), unreadable).encode())
+    write_file(dataset.path / name, _card(given, manifest, list(many.values()), noise, unreadable).encode())
     return [name, SHEET, FIGURE]
 
 
-def _card(given: About, manifest: Manifest, many: Sequence[Statistics], unreadable: Sequence[str]) -> str:
+def _card(
+    given: About, manifest: Manifest, many: Sequence[Statistics], noise: Sequence[float], unreadable: Sequence[str]
+) -> str:
     texts = [given.license or "Not stated by the maker of this dataset: ask before you redistribute it."]
     texts += [f"Made by {given.creator}."] if given.creator else []
     if given.cite_as:
@@ -147,7 +152,7 @@ def _card(given: About, manifest: Manifest, many: Sequence[Statistics], unreadab
         version=twinlens.__version__,
         count=len(many),
         samples="samples" if len(many) > 1 else "sample",
-        facts="\n".join(f"| {key} | {value} |" for key, value in _facts(manifest, many).items()),
+        facts="\n".join(f"| {key} | {value} |" for key, value in _facts(manifest, many, noise).items()),
         made=_made(manifest) + (f"\n\nUnreadable, and not counted: {', '.join(unreadable)}." if unreadable else ""),
         license="\n\n".join(texts),
     )
@@ -166,7 +171,7 @@ def _front_matter(given: About, count: int) -> str:
     return "---\n" + "".join(f"{key}: {json.dumps(value)}\n" for key, value in entries.items()) + "---\n"
 
 
-def _facts(manifest: Manifest, many: Sequence[Statistics]) -> dict[str, str]:
+def _facts(manifest: Manifest, many: Sequence[Statistics], noise: Sequence[float]) -> dict[str, str]:
     facts = {"samples": str(len(many)), "image size": _counted(tuple(each["size"]) for each in many)}
     facts |= {f"{kind} of a sample": _counted(each[kind] for each in many) for kind in ("cameras", "lenses")}
     splits = Counter(str(row.info["split"]) for row in manifest.rows if "split" in row.info)
@@ -176,6 +181,8 @@ def _facts(manifest: Manifest, many: Sequence[Statistics]) -> dict[str, str]:
     disparities, depths, blurs = _quantiles(many)
     facts |= {"disparity": _range(disparities, "px"), "depth": _range(depths, "m")}
     facts["blur circle, lenses that blur"] = _range(blurs, "px")
+    if noise:
+        facts["renderer noise"] = _range([quantiles(noise)], "x sensor noise")
     shares = {"visible": "visible in both views", "occluded": "visible in one view", "unknown": "unknown"}
     for name, text in shares.items():
         facts[f"pixels {text}"] = f"{100 * float(np.mean([each[name] for each in known])):.1f}%" if known else "-"

@@ -275,6 +275,13 @@ class StoredShot:
         """How the images were taken, as plain data."""
         return dict(self.entry.record or {})
 
+    @property
+    def renderer_noise(self) -> float | None:
+        """Renderer noise over sensor noise in the noisiest view, or None where it was not measured."""
+        ratios = self.record.get("light_paths_over_sensor")
+        known = isinstance(ratios, list) and all(isinstance(ratio, (int, float)) for ratio in ratios)
+        return max(ratios) if known and ratios else None
+
     def path(self, name: str) -> Place:
         """The place of the lens's file of that name."""
         return self.folder / name if self.number else self.sample.path(name)

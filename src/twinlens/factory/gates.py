@@ -15,7 +15,7 @@ from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample
 from twinlens.geometry import Float, transform_points
 from twinlens.scenes import Mesh, Scene
-from twinlens.schema import Fraction, StrictModel
+from twinlens.schema import Fraction, Positive, StrictModel
 from twinlens.sensor import Sensor
 from twinlens.sensor.picture import BAYER
 
@@ -50,6 +50,7 @@ class Gates(StrictModel):
     visible : minimum share of the first view that its partner sees too.
     dark, burnt : maximum share of a photograph that is black, or saturated.
     texture : minimum share of 16x16 windows whose texture both views show, through every lens.
+    noise : maximum ratio of the renderer's noise to the sensor's, in any view through any lens.
     """
 
     attempts: int = Field(20, ge=1, le=10_000)
@@ -59,6 +60,7 @@ class Gates(StrictModel):
     dark: Fraction = 0.8
     burnt: Fraction = 0.5
     texture: Fraction = 0.1
+    noise: Positive | None = None
 
 
 def check_truth(gates: Gates, scene: Scene, rig: Rig, truths: Sequence[Truth], ndisp: int | None) -> None:
@@ -140,6 +142,13 @@ def crossings(vertices: Float, faces: NDArray[np.uint32], origin: Float) -> int:
 def check_photographs(gates: Gates, sample: Sample, sensor: Sensor) -> None:
     """The gates that need the images of every lens and view. Raises Rejected."""
     for k, shot in enumerate(sample.shots):
+        ratio = max(shot.record.get("light_paths_over_sensor", [0.0]))
+        if gates.noise is not None and ratio > gates.noise:
+            raise Rejected(
+                "too much renderer noise",
+                f"{ratio:.2g} x sensor noise in the images of lens {k}, maximum {gates.noise:g}",
+                "spp or noise (more samples), or gates.noise",
+            )
         greys = [grey(image, sensor) for image in shot.images]
         for i, picture in enumerate(greys):
             for gate, most, bad in (("dark", gates.dark, picture <= _DARK), ("burnt", gates.burnt, picture >= _BURNT)):

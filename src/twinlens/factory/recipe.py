@@ -167,11 +167,11 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
         gates=table.gates,
         splits=table.splits or {},
         assets=assets,
-        masks=_check_drawn(drawn, path, table.families or []),
+        masks=_check_drawn(drawn, path, table.families or [], table.gates),
     )
 
 
-def _check_drawn(drawn: Mapping[str, Any], path: Path, families: list[str]) -> tuple[str, ...]:
+def _check_drawn(drawn: Mapping[str, Any], path: Path, families: list[str], gates: Gates) -> tuple[str, ...]:
     """Check the `corners` of a template; return the mask files that lenses name."""
     checked = []
     for table in corners(drawn):
@@ -179,6 +179,8 @@ def _check_drawn(drawn: Mapping[str, Any], path: Path, families: list[str]) -> t
             checked.append(check_settings(table, path, families))
         except InputError as error:
             raise type(error)(f"{error}{hint(str(error).removeprefix(f'{path}: '), drawn)}") from error
+    if gates.noise is not None and any(s.spp < 2 or not (s.denoise or s.noise) for s, _ in checked):
+        raise InputError(f"{path}: gates.noise: the noise is measured with spp >= 2 and denoise = true or noise only")
     wide = any(lens.aperture_diameter > 0 for _, lenses in checked for lens in lenses)
     if any(settings.diffraction for settings, _ in checked) and not wide:
         raise InputError(

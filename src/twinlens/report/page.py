@@ -107,6 +107,7 @@ def _pictures(board: Board, sample: Pair, maps: Maps | None, max_width: int, lea
         "left": image_uri(sample.im0, stride),
         "right": image_uri(sample.im1, stride),
         "truth": pack(sample.disp0, stride),
+        "noise": "" if sample.renderer_noise is None else f"light paths {sample.renderer_noise:.2g} × sensor noise",
         "range": [math.floor(known.min()), math.ceil(known.max())] if known.size else [0, sample.ndisp],
         "maps": {m: pack(d, stride) for m, d in method_maps.items() if d is not None},
     }

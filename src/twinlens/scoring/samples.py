@@ -43,7 +43,8 @@ class Pair:
 
     calibration: for errors in metres. blur0 (pixels), material_kind0: (H, W), for regions. The search covers
     min_disparity to min_disparity + ndisp - 1. aliases: other names of this sample's map in a submission, the
-    recommended one first. Raises InputError for images that are not 8 or 16 bit, sizes that differ, and ndisp < 1.
+    recommended one first. renderer_noise: over the sensor's noise, if measured. Raises InputError for images that are
+    not 8 or 16 bit, sizes that differ, and ndisp < 1.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Pair:
     material_kind0: NDArray[np.uint8] | None = None
     min_disparity: int = 0
     aliases: tuple[str, ...] = ()
+    renderer_noise: float | None = None
 
     def __post_init__(self) -> None:
         with located(f"sample {self.name!r}"):
@@ -91,15 +93,18 @@ def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
         return sample
     images: Any = sample.lens(lens) if isinstance(sample, StoredSample) else sample
     if isinstance(sample, StoredSample):
+        noise = images.renderer_noise
         blur, kinds = _optional(lambda: images.blur_circle_px(0)), _optional(lambda: sample.truth0.material_kind)
     else:
+        noise = getattr(sample, "renderer_noise", None)
         blur = _optional(lambda: getattr(sample, "blur0", None))
         kinds = _optional(lambda: getattr(sample, "material_kind0", None))
     calibration, truth = _optional(lambda: getattr(sample, "calibration", None)), sample.disp0
     first = getattr(sample, "min_disparity", None)
     ndisp, low = (sample.ndisp, first) if first is not None else search_range(sample.ndisp, calibration, truth)
     nonocc = sample.mask0_nonocc
-    return Pair(sample.name, images.im0, images.im1, truth, nonocc, ndisp, calibration, blur, kinds, low)
+    arrays = images.im0, images.im1, truth, nonocc
+    return Pair(sample.name, *arrays, ndisp, calibration, blur, kinds, low, renderer_noise=noise)
 
 
 def search_range(bound: int, calibration: Calibration | None, truth: Disparity) -> tuple[int, int]:

@@ -48,7 +48,7 @@ function whyMissing(method) {
 function viewsOf(sample, p, truth, est) {
   const { w, h } = p.truth, range = p.range, e = state.range;
   const views = [
-    panel("Left image", `${sample.w} × ${sample.h}`, image(p.left, "left image"), caption("The view whose disparity is scored.")),
+    panel("Left image", [`${sample.w} × ${sample.h}`, p.noise].filter(Boolean).join(", "), image(p.left, "left image"), caption("The view whose disparity is scored.")),
     panel("Right image", `ndisp ${sample.ndisp}`, image(p.right, "right image"), caption("The cross marks the true corresponding point.")),
     panel("True disparity", "", paint(w, h, painters.disparity(truth, range, noTruth)), legend("viridis", range[0], pixels(range[1]), ["truth"])),
   ];
