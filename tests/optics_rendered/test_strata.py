@@ -1,4 +1,6 @@
-"""The samples of the lens grid: even in every pixel they land in, one in each stratum, and uniform over seeds."""
+"""The samples of the lens grid: one in each stratum where they start and where they land, and uniform over seeds."""
+
+import math
 
 import drjit as dr
 import mitsuba as mi
@@ -7,42 +9,41 @@ import pytest
 from scipy.stats import chi2
 
 import twinlens as tl
-from twinlens.rendering.annuli import ApertureAnnulus, VergenceGroup
-from twinlens.rendering.build import build
-from twinlens.rendering.shared_paths import PaddedFilm, Tracer
-from twinlens.rendering.stratified_samples import (
+from twinlens.rendering.annuli import ApertureAnnulus
+from twinlens.rendering.shared_paths import (
+    SharedPaths,
     StratifiedSampler,
-    checkerboard,
-    make_pattern,
-    multijittered_points,
-    place_evenly,
+    multijitter,
+    random_cells,
+    shuffle_within,
     stratum_grid,
-    stratum_orders,
 )
 
 PIXELS = 50
-SHEARS = [(-8.0, -9.0), (-2.0, -2.5), (6.0, 7.0)]  # pixels a metre, of a ring of a fifth of a metre
-DIMENSIONS = {"first light": 2, "lobe": 3, "first bounce": 4, "later": 7}
+CAMERA = tl.Camera(10, 5, 40.0, 45.0, 4.5, 2.0)
+RING = ApertureAnnulus(0.05, 0.2, (0.0, 0.1, 0.3), 12)  # shifts of up to 1.4 pixels
+DIMENSIONS = {"first light": 0, "lobe": 1, "first bounce": 2, "later": 5}
 
 
-def drawn(count, seed, draw, dimension=0, shears=SHEARS) -> tuple[np.ndarray, object]:
-    """[pixel, sample, axis] of a draw of a pass, and the pattern."""
-    shared = make_pattern(stratum_grid(count), 0.05, 0.2, shears, seed)
-    sampler = StratifiedSampler(*shared.grid)
-    sampler.start(shared, PIXELS, seed)
+def shared_points(grid, seed, ring=RING):
+    paths = SharedPaths(None, CAMERA, np.eye(4), ring, "multijitter")
+    return paths._film_and_aperture(grid, np.random.default_rng(seed))
+
+
+def sampler_for(grid, shifts, seed, pixels=PIXELS):
+    ray, n = dr.arange(mi.UInt32, pixels * len(shifts)), len(shifts)
+    return StratifiedSampler(grid, shifts, ray // n, ray % n, seed)
+
+
+def drawn(count, seed, draw, dimension=0, ring=RING) -> tuple[np.ndarray, np.ndarray]:
+    """[pixel, sample, axis] of a draw of a pass, and the shifts of the samples."""
+    grid = stratum_grid(count)
+    _, shifts = shared_points(grid, seed, ring)
+    sampler = sampler_for(grid, shifts, seed)
     for _ in range(dimension):
         sampler.next_1d()
-    values = np.atleast_2d(np.array(draw(sampler)))
-    return by_sample(sampler, values.T), shared
-
-
-def by_sample(sampler, values) -> np.ndarray:
-    """Rows of rays as [pixel, sample, ...]; each pixel's slots hold every sample once."""
-    pixel, sample = np.array(sampler.pixel), np.array(sampler.sample)
-    assert len(np.unique(pixel * sampler.sample_count() + sample)) == len(values)
-    sorted_values = np.empty((pixel.max() + 1, sampler.sample_count(), *values.shape[1:]), values.dtype)
-    sorted_values[pixel, sample] = values
-    return sorted_values
+    values = np.atleast_2d(np.array(draw(sampler))).T
+    return values.reshape(PIXELS, len(shifts), -1), shifts
 
 
 def pair(sampler):
@@ -51,6 +52,16 @@ def pair(sampler):
 
 def cells_of(values, grid) -> np.ndarray:
     return (np.floor(values[..., 0] * grid[0]) + grid[0] * np.floor(values[..., 1] * grid[1])).astype(int)
+
+
+def white_squares(grid) -> np.ndarray:
+    return np.add(*np.divmod(np.arange(math.prod(grid)), grid[0])) % 2 == 1
+
+
+def uniform(counts) -> bool:
+    """Whether counts of equally likely outcomes are: chi square within its central 99.9%."""
+    expected = counts.sum() / counts.size
+    return bool(((counts - expected) ** 2).sum() / expected < chi2.ppf(0.999, counts.size - 1))
 
 
 @pytest.mark.parametrize("count", [1, 2, 8, 11, 25, 64])
@@ -70,216 +81,134 @@ def test_single_numbers_are_stratified(count):
     assert (np.sort(np.floor(x * n), axis=1) == np.arange(n)).all()
 
 
+@pytest.mark.parametrize("count", [1, 11, 32])
+def test_film_and_aperture_points_are_stratified(count):
+    grid = stratum_grid(count)
+    places = multijitter(random_cells(grid, np.random.default_rng(0)), grid, np.random.default_rng(1))
+    points, _ = shared_points(grid, 2)
+    n = len(points)
+    radius2 = ((points[:, 2:] ** 2).sum(axis=1) - 0.05**2) / (0.2**2 - 0.05**2)
+    assert (np.sort(cells_of((places + 0.5) / n, grid)) == np.arange(n)).all()
+    assert (np.sort(cells_of(points, grid)) == np.arange(n)).all()
+    assert (radius2 > -1e-5).all()
+    assert (radius2 < 1 + 1e-5).all()
+
+
 @pytest.mark.parametrize("name", ["first light", "first bounce"])
 def test_strata_hold_where_samples_land(name):
     """Samples of equal shifts come from one pixel, others from any other: together they have all strata once."""
-    values, shared = drawn(64, 5, pair, DIMENSIONS[name])
-    cells, random = cells_of(values, shared.grid), np.random.default_rng(0)
-    assert len(np.unique(shared.group)) > 8
+    values, shifts = drawn(64, 5, pair, DIMENSIONS[name])
+    cells, random = cells_of(values, (8, 8)), np.random.default_rng(0)
+    group = np.unique(shifts.reshape(64, -1), axis=0, return_inverse=True)[1].ravel()
+    assert len(np.unique(group)) > 8
     for _ in range(20):
-        from_pixel = random.integers(PIXELS, size=shared.group.max() + 1)[shared.group]
+        from_pixel = random.integers(PIXELS, size=group.max() + 1)[group]
         assert (np.sort(cells[from_pixel, np.arange(64)]) == np.arange(64)).all()
-    traders = 2 * shared.group + shared.white
+    traders = 2 * group + (np.arange(64) >= 32)
     assert len(np.unique(cells[:, np.argmax(np.bincount(traders)[traders])])) > 1
 
 
 @pytest.mark.parametrize("name", DIMENSIONS)
 def test_either_half_of_the_samples_has_the_strata_of_one_colour(name):
-    values, shared = drawn(32, 8, pair, DIMENSIONS[name])
-    colours = checkerboard(shared.grid)[cells_of(values, shared.grid)]
-    assert (np.abs((colours == shared.white).mean(axis=1) - 0.5) == 0.5).all()
-    assert shared.white.sum() == 16
-
-
-def test_samples_of_equal_shifts_move_alike():
-    shared = make_pattern((8, 8), 0.05, 0.2, SHEARS, 5)
-    for group in range(shared.group.max() + 1):
-        assert len(np.unique(shared.shifts[shared.group == group], axis=0)) == 1
-    assert len(np.unique(shared.shifts, axis=0)) == shared.group.max() + 1
+    values, _ = drawn(32, 8, pair, DIMENSIONS[name])
+    colours = white_squares((8, 4))[cells_of(values, (8, 4))]
+    assert (np.abs((colours == (np.arange(32) >= 16)).mean(axis=1) - 0.5) == 0.5).all()
 
 
 def test_pixels_differ_where_nothing_shears():
-    """With no shift to keep, two pixels agree as often as chance has it: on one of the 14 strata of a colour where all
-    take the same colour, else on one of 28."""
-    for name, choices in (("first light", 14), ("first bounce", 14), ("later", 28)):
-        values, shared = drawn(28, 6, pair, DIMENSIONS[name], shears=[(0.0, 0.0)])
-        assert (shared.group == 0).all()
-        cell = cells_of(values, shared.grid)
+    """With no shift to keep, two pixels agree as often as chance has it: on one of the 14 strata of a colour."""
+    flat = ApertureAnnulus(0.05, 0.2, (0.3,), 28)
+    for dimension in DIMENSIONS.values():
+        values, shifts = drawn(30, 6, pair, dimension, flat)
+        assert (shifts == 0).all()
+        cell = cells_of(values, (6, 5))
         agreement = (cell[:, None] == cell[None]).mean(axis=-1)[~np.eye(PIXELS, dtype=bool)].mean()
-        assert agreement == pytest.approx(1 / choices, rel=0.1)
+        assert agreement == pytest.approx(1 / 15, rel=0.2)
 
 
 def test_dimensions_and_seeds_do_not_repeat_each_other():
     """The order of strata is another one in the next dimension and with the next seed."""
     orders = []
-    for seed in range(4):
-        shared = make_pattern((8, 8), 0.0, 0.2, SHEARS, 0)
-        sampler = StratifiedSampler(*shared.grid)
-        sampler.start(shared, 1, seed)
-        sample = np.argsort(np.array(sampler.sample))
-        orders += [np.floor(np.array(sampler.next_1d())[sample] * 64) for _ in range(20)]
-    agreement = (np.array(orders)[:, None] == np.array(orders)[None]).mean(axis=-1)[~np.eye(80, dtype=bool)]
+    for seed in range(6):
+        sampler = sampler_for((8, 8), shared_points((8, 8), 0)[1], seed, pixels=1)
+        orders += [np.floor(np.array(sampler.next_1d()) * 64) for _ in range(12)]
+    agreement = (np.array(orders)[:, None] == np.array(orders)[None]).mean(axis=-1)[~np.eye(72, dtype=bool)]
     assert agreement.max() < 0.2
     assert agreement.mean() == pytest.approx(1 / 64, rel=0.15)
 
 
-def test_later_dimensions_are_independent():
-    """A sample's strata of two of them, over pixels and seeds: every pair as often."""
-    counts = np.zeros((6, 6))
-    for seed in range(60):
-        shared = make_pattern((3, 2), 0.05, 0.2, SHEARS, seed)
-        sampler = StratifiedSampler(*shared.grid)
-        sampler.start(shared, 1, seed)
-        for _ in range(5):
-            sampler.next_1d()
-        several = [cells_of(np.array(sampler.next_2d()).T, (3, 2)) for _ in range(12)]
-        one = int(np.flatnonzero(np.array(sampler.sample) == seed % 6)[0])
-        np.add.at(counts, ([cells[one] for cells in several[::2]], [cells[one] for cells in several[1::2]]), 1)
-    assert uniform(counts)
+def test_dimensions_are_independent():
+    """A sample's strata of two of them, over seeds: every pair as often."""
+    counts = {pair: np.zeros((6, 6)) for pair in ((0, 2), (1, 3), (2, 6))}
+    for seed in range(800):
+        sampler = sampler_for((2, 3), shared_points((2, 3), seed)[1], seed, pixels=1)
+        cells = [cells_of(np.array(sampler.next_2d()).T, (2, 3))[seed % 6] for _ in range(7)]
+        for (one, other), found in counts.items():
+            found[cells[one], cells[other]] += 1
+    assert all(uniform(found) for found in counts.values())
 
 
-def test_dimensions_beyond_the_table_are_random():
-    sampler = StratifiedSampler(8, 8)
-    sampler.start(make_pattern((8, 8), 0.0, 0.1, SHEARS, 0), 64, 0)
-    sampler.dimension = dr.opaque(mi.UInt32, sampler.orders)
+def test_dimensions_beyond_the_tables_are_random():
+    sampler = sampler_for((8, 8), shared_points((8, 8), 0)[1], 0, pixels=64)
+    sampler.dimension = dr.opaque(mi.UInt32, 16)
     x = np.array(sampler.next_1d())
     assert uniform(np.histogram(x, bins=20, range=(0, 1))[0])
-    assert (np.sort(np.floor(x.reshape(64, 64) * 64), axis=0) != np.arange(64)[:, None]).any(axis=0).all()
-
-
-def uniform(counts) -> bool:
-    """Whether counts of equally likely outcomes are: chi square within its central 99.9%."""
-    expected = counts.sum() / counts.size
-    return bool(((counts - expected) ** 2).sum() / expected < chi2.ppf(0.999, counts.size - 1))
+    assert (np.sort(np.floor(x.reshape(64, 64) * 64), axis=1) != np.arange(64)).any(axis=1).all()
 
 
 def test_every_stratum_is_equally_likely_for_every_sample():
-    white, classes = checkerboard((4, 2)), np.array([0, 1, 2, 1, 3, 2, 1, 0])
-    classes = 2 * classes + white
-    dealt = []
+    classes, dealt = 2 * np.array([0, 1, 0, 1, 0, 1, 1, 0]) + (np.arange(8) >= 4), []
     for seed in range(2000):
         random = np.random.default_rng(seed)
-        dealt.append(stratum_orders(random.random(3) < 0.5, classes, white, (4, 2), random)[seed % 3])
+        dealt.append(random_cells((4, 2), random)[shuffle_within(classes, 3, random)][seed % 3])
     dealt = np.array(dealt)
     assert uniform(np.array([(dealt[:, 3] == stratum).sum() for stratum in range(8)]))
-    assert uniform(np.array([((dealt[:, 3] == 5) & (dealt[:, 4] == other)).sum() for other in (0, 2, 7)]))
+    assert uniform(np.array([((dealt[:, 3] == 5) & (dealt[:, 2] == other)).sum() for other in (0, 2, 7)]))
 
 
 def test_places_are_uniform_at_every_aperture_point_over_seeds():
-    """Jointly in 4x4 parts of the pixel and 2x2 of the aperture; in the pixel they start in, and where they land."""
-    shears = np.array([(-6.0, -6.75), (6.0, 6.75)])
+    """Jointly in 4x4 parts of the pixel and the quadrants of the aperture; where they start, and where they land."""
     random, starts, lands = np.random.default_rng(0), np.zeros((4, 4, 2, 2)), np.zeros((4, 4, 2, 2))
     for seed in range(2500):
-        shared = make_pattern((3, 2), 0.05, 0.2, shears, seed)
-        m = random.integers(6)
-        half = tuple(np.floor(2 * shared.square[m]).astype(int))
-        landing = (shared.film[m].astype(float) + shared.aperture[m] * shears[1]) % 1.0
-        starts[(*np.floor(4 * shared.film[m]).astype(int), *half)] += 1
-        lands[(*np.minimum(4 * landing, 3).astype(int), *half)] += 1
+        points, _ = shared_points((4, 3), seed)
+        point = points[random.integers(12)].astype(float)
+        quadrant = tuple((point[2:] > 0).astype(int))
+        landing = (point[:2] + 0.15 * point[2:] * (40.0, 45.0)) % 1.0
+        starts[(*np.minimum(4 * point[:2], 3).astype(int), *quadrant)] += 1
+        lands[(*np.minimum(4 * landing, 3).astype(int), *quadrant)] += 1
     assert uniform(starts)
     assert uniform(lands)
     assert not uniform(starts * np.where(np.arange(2) == 0, 1.3, 0.7))  # it would notice
 
 
-def misses(points, random) -> float:
-    """Mean squared error of the shares of points on one side of random lines, points and lines in the unit square."""
-    fine = np.stack(np.meshgrid(*[(np.arange(64) + 0.5) / 64] * 2), axis=-1).reshape(-1, 2)
-    angles, through = random.uniform(0, 2 * np.pi, 300), random.random((300, 2))
-    normals = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    shares = [((of @ normals.T) < (through * normals).sum(axis=1)).mean(axis=0) for of in (points, fine)]
-    return float(((shares[0] - shares[1]) ** 2).mean())
-
-
-def test_landings_are_even_at_every_focus():
-    """Compared with positions that are stratified only where they start, for edges through the pixel."""
-    random, grid = np.random.default_rng(1), (8, 4)
-    shears, woven, left = np.array([-4.0, -1.3, 1.3, 4.0]), np.zeros((20, 4)), np.zeros((20, 4))
-    for trial in range(20):
-        aperture = 0.2 * (random.random((32, 2)) - 0.5)
-        moves = aperture[:, None] * shears[:, None]
-        places = place_evenly(moves, checkerboard(grid), random)
-        cells = multijittered_points(random.permutation(32), grid, random)
-        for focus in range(4):
-            woven[trial, focus] = misses((places + moves[:, focus]) % 1.0, random)
-            left[trial, focus] = misses((cells + moves[:, focus]) % 1.0, random)
-    assert (woven.mean(axis=0) < 0.75 * left.mean(axis=0))[[0, 3]].all()
-    assert woven.mean() < 0.8 * left.mean()
-
-
-def test_kernel_sums_do_not_depend_on_order():
-    """Else the bytes of an image could depend on how many threads multiply matrices."""
-    random = np.random.default_rng(0)
-    moves, white = random.normal(size=(24, 5, 2)), checkerboard((6, 4))
-    places = [place_evenly(of, white, np.random.default_rng(1)) for of in (moves, moves[:, [3, 0, 4, 2, 1]])]
-    assert (places[0] == places[1]).all()
-
-
-@pytest.fixture(scope="module")
-def places():
-    """[seed, sample, pixel, (x, y, ax, ay)] of 300 passes, their patterns and shears."""
-    camera = tl.Camera(10, 5, 40.0, 45.0, 4.5, 2.0)
-    scene = tl.load_scene("cards")
-    tracer = Tracer(build(scene), camera, np.eye(4), "multijitter")
-    ring, found, patterns = ApertureAnnulus(0.05, 0.2, (0.0, 0.3), 12), [], []
-    shears = [(-6.0, -6.75), (6.0, 6.75)]
-    for seed in range(300):
-        shared = make_pattern((4, 3), ring.inner, ring.outer, shears, seed)
-        sampler = StratifiedSampler(*shared.grid)
-        sampler.start(shared, PIXELS, seed)
-        rays = np.stack([np.array(part) for part in tracer._film_and_aperture(sampler, shared, ring, shears)], axis=-1)
-        found.append(by_sample(sampler, rays).swapaxes(0, 1))
-        patterns.append(shared)
-    return np.array(found), patterns, shears
-
-
-def test_samples_land_at_the_shifts_of_the_pattern(places):
-    found, patterns, shears = places
-    for values, shared in zip(found, patterns, strict=True):
-        for focus, shear in enumerate(shears):
-            landing = values[..., :2].astype(np.float64) + values[..., 2:] * np.asarray(shear)
-            inside = landing - shared.shifts[:, None, focus]
-            assert (inside > -1e-5).all()
-            assert (inside < 1 + 1e-5).all()
-
-
-def test_places_and_points_are_uniform_over_seeds(places):
-    """Place in the pixel, area of the ring and turn around it: mean and spread within four standard errors."""
-    found, _, _ = places
-    any_of = np.random.default_rng(0).integers(12, size=300)
-    one = found[np.arange(300), any_of, 0]
-    radius2 = (one[..., 2] ** 2 + one[..., 3] ** 2 - 0.05**2) / (0.2**2 - 0.05**2)
-    turn = np.arctan2(one[..., 3], one[..., 2]) / (2 * np.pi) % 1.0
-    for values in (one[..., 0] % 1.0, one[..., 1] % 1.0, radius2, turn):
-        assert abs(values.mean() - 0.5) < 4 * np.sqrt(1 / 12 / 300)
-        assert abs(values.var() - 1 / 12) < 4 * np.sqrt(1 / 180 / 300)
-
-
-def test_most_pixels_have_places_of_their_own(places):
-    found, _, _ = places
-    assert np.mean([len(np.unique(sample[:, 0])) for sample in found[0]]) > 0.15 * PIXELS
+def test_samples_land_at_their_shifts():
+    points, shifts = shared_points((4, 3), 1)
+    for focus, vergence in enumerate(RING.vergences):
+        inside = points[:, :2] + points[:, 2:] * (vergence - 0.15) * np.array((40.0, 45.0)) - shifts[:, focus]
+        assert (inside > -1e-5).all()
+        assert (inside < 1 + 1e-5).all()
 
 
 def test_gathering_puts_every_ray_where_it_lands():
     """Beside a naive loop over rays."""
-    camera, group = tl.Camera(7, 5, 9.0, 9.0, 3.0, 2.0), VergenceGroup((0.0, 1.0), (2, 3))
-    film, random = PaddedFilm(camera, group), np.random.default_rng(0)
+    camera = tl.Camera(7, 5, 4.0, 6.0, 3.0, 2.0)
+    paths = SharedPaths(None, camera, np.eye(4), ApertureAnnulus(0.0, 1.0, (0.0, 1.0), 6), "multijitter")
+    assert paths.annulus.film_size(camera) == (11, 11)  # margins of 2 and 3
+    random = np.random.default_rng(0)
     shifts = random.integers(-2, 3, size=(6, 2, 2)).astype(np.int32)
-    values = random.random((3, 6, film.height, film.width)).astype(np.float32)
-    second = np.array([False, True, True, False, False, True])
+    values = random.random((3, 11, 11, 6)).astype(np.float32)
     expected = np.zeros((2, 2, 3, 5, 7))
-    for m, y, x, focus in np.ndindex(6, film.height, film.width, 2):
+    for m, y, x, focus in np.ndindex(6, 11, 11, 2):
         column, row = x - 2 + shifts[m, focus, 0], y - 3 + shifts[m, focus, 1]
         if 0 <= column < 7 and 0 <= row < 5:
-            expected[int(second[m]), focus, :, row, column] += values[:, m, y, x]
+            expected[int(m >= 3), focus, :, row, column] += values[:, y, x, m]
     radiance = mi.Color3f(*(mi.Float(plane.ravel()) for plane in values))
-    assert film.gather(radiance, shifts, second) == pytest.approx(expected)
+    assert np.array(paths._gather(radiance, shifts)) == pytest.approx(expected)
 
 
 def test_dimensions_advance_within_compiled_loops():
     """A bounce draws other numbers than the bounce before it."""
-    shared = make_pattern((4, 4), 0.0, 0.1, [(0.0, 0.0)], 0)
-    sampler = StratifiedSampler(*shared.grid)
-    sampler.start(shared, 64, 1)
+    sampler = sampler_for((4, 4), shared_points((4, 4), 0)[1], 1)
 
     def step(i, sampler, total):
         return i + 1, sampler, total + dr.select(i == 0, 1.0, -1.0) * sampler.next_1d()

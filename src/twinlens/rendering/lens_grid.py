@@ -8,6 +8,7 @@ and gathered once for each focus. A lens is the area-weighted sum of its annuli.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from twinlens.camera import Disk, Lens, Rig
 from twinlens.camera.lens import check_lens
 from twinlens.errors import InputError
 from twinlens.geometry import Float
-from twinlens.rendering.annuli import area_fraction, plan_annuli, shared_sample_count, vergence_groups
+from twinlens.rendering.annuli import area_fraction, plan_annuli, split_vergences
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image
@@ -26,7 +27,6 @@ from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
 
 Image = NDArray[np.float32]
-_LensImages = tuple[list[Image], list[float]]  # one image and its mean variance per camera
 
 _GRID_STREAM = 1
 
@@ -73,7 +73,7 @@ def render_lens_grid(
         paths; others are rendered separately.
     spp : int
         Samples per pixel of the directly rendered image whose error each lens's image should reach. Every pixel gets at
-        least one sample of every annulus.
+        least one sample of every annulus between two apertures.
     seed, progress
         As in `render`.
     denoise : bool
@@ -98,95 +98,83 @@ def render_lens_grid(
         raise InputError("render_lens_grid needs a list of at least one lens")
     for lens in lenses:
         check_lens(lens)
+    spp, seed = int(spp), int(seed)
     shared = _shareable(build(scene), rig, lenses)
     separate = [i for i in range(len(lenses)) if i not in shared]
-    cut = len(shared) / (len(shared) + 4 * len(separate))  # approximate ratio of their times
-    found: dict[int, _LensImages] = {}
-    rays = 0
+    images: dict[int, list[Image]] = {}
+    variance = np.zeros((len(lenses), len(rig)))
+    rays = spp * len(separate) * sum(camera.width * camera.height for camera in rig.cameras)
     if shared:
-        report = partial_progress(progress, 0.0, cut)
+        report = partial_progress(progress, 0.0, len(shared) / len(lenses))
         chosen = [lenses[i] for i in shared]
-        results, rays = _render_shared(build(scene), rig, chosen, int(spp), int(seed), sampler, report)
-        found |= zip(shared, results, strict=True)
-    for place, i in enumerate(separate):
-        start, end = (cut + (1 - cut) * (place + step) / len(separate) for step in (0, 1))
-        report = partial_progress(progress, start, end)
-        own_seed = derived_seed(int(seed), _GRID_STREAM, i)
-        found[i] = _render_separately(scene, rig, lenses[i], int(spp), own_seed, sampler, report)
-        rays += int(spp) * sum(camera.width * camera.height for camera in rig.cameras)
+        found, variance[shared], paths = _render_shared(build(scene), rig, chosen, spp, seed, sampler, report)
+        rays += paths
+        images |= zip(shared, found, strict=True)
+    for done, i in enumerate(separate, len(shared)):
+        report = partial_progress(progress, done / len(lenses), (done + 1) / len(lenses))
+        own_seed = derived_seed(seed, _GRID_STREAM, i)
+        images[i], variance[i] = _render_separately(scene, rig, lenses[i], spp, own_seed, sampler, report)
     if denoise:
-        for i, (raw, _) in found.items():
-            views = list(zip(raw, rig.cameras, rig.world_from_cams, strict=True))
-            for index, (image, camera, pose) in enumerate(views):
-                guides = other_guides(build(scene), camera, pose, lenses[i], 2 * GUIDE_SAMPLES, int(seed), index, i)
-                raw[index] = denoise_image(image, guides)
-    images, variance = zip(*(found[i] for i in range(len(lenses))), strict=True)
-    return LensGrid(images, np.sqrt(variance), rays)
+        for (i, lens), index in product(enumerate(lenses), range(len(rig))):
+            view = build(scene), rig.cameras[index], rig.world_from_cams[index]
+            guides = other_guides(*view, lens, 2 * GUIDE_SAMPLES, seed, index, i)
+            images[i][index] = denoise_image(images[i][index], guides)
+    return LensGrid(tuple(images[i] for i in range(len(lenses))), np.sqrt(variance), rays)
 
 
 def _shareable(built: BuiltScene, rig: Rig, lenses: Sequence[Lens]) -> list[int]:
-    """Indices of the lenses that can share paths: disk apertures, where no other condition forbids it.
+    """Indices of the lenses that can share paths: disk apertures.
 
-    The scalar backend, lens distortion and integrators that do not follow camera rays cannot share paths.
+    None on the scalar backend, with lens distortion, or with an integrator that does not follow camera rays.
     """
-    if not (
-        backend().is_jit
-        and all(camera.distortion is None for camera in rig.cameras)
-        and isinstance(built.integrator, mitsuba().SamplingIntegrator)
-    ):
+    undistorted = all(camera.distortion is None for camera in rig.cameras)
+    if not (backend().is_jit and undistorted and isinstance(built.integrator, mitsuba().SamplingIntegrator)):
         return []
     return [i for i, lens in enumerate(lenses) if isinstance(lens.aperture, Disk) or lens.aperture_diameter == 0]
 
 
 def _render_separately(
     scene: Scene, rig: Rig, lens: Lens, spp: int, seed: int, sampler: str, progress: Progress
-) -> _LensImages:
-    """One lens, in two halves a, b whose difference gives the variance n_a n_b / n^2 (a - b)^2."""
+) -> tuple[list[Image], list[float]]:
+    """Images of one lens, and their variances n_a n_b / n^2 (a - b)^2 from halves a, b of the samples."""
     counts = [spp - spp // 2, spp // 2] if spp > 1 else [1]
     halves = []
     for half, count in enumerate(counts):
         report = partial_progress(progress, half / len(counts), (half + 1) / len(counts))
-        half_seed = derived_seed(seed, _GRID_STREAM, half)
-        halves.append(render(scene, rig, lens, count, half_seed, sampler=sampler, progress=report))
+        own_seed = derived_seed(seed, _GRID_STREAM, half)
+        halves.append(render(scene, rig, lens, count, own_seed, sampler=sampler, progress=report))
     images, variance = [], []
     for several in zip(*halves, strict=True):
-        mean = sum(count * one.astype(np.float64) for count, one in zip(counts, several, strict=True)) / spp
-        images.append(mean.astype(np.float32))
-        squares = (several[0].astype(np.float64) - several[-1]) ** 2
-        known = spp > 1
-        variance.append(math.prod(counts) / spp**2 * squares[np.isfinite(squares)].mean() if known else math.nan)
+        wide = np.array(several, np.float64)
+        images.append(np.average(wide, axis=0, weights=counts).astype(np.float32))
+        squares = (wide[0] - wide[-1]) ** 2
+        variance.append(math.prod(counts) / spp**2 * squares[np.isfinite(squares)].mean() if spp > 1 else math.nan)
     return images, variance
 
 
 def _render_shared(
     built: BuiltScene, rig: Rig, lenses: Sequence[Lens], spp: int, seed: int, sampler: str, progress: Progress
-) -> tuple[list[_LensImages], int]:
-    """All lenses from one set of paths per camera, and the number of paths."""
-    from twinlens.rendering.shared_paths import Tracer  # sets up the backend
+) -> tuple[list[list[Image]], Float, int]:
+    """Images of all lenses from one set of paths per camera, their variances, and the number of paths."""
+    from twinlens.rendering.shared_paths import SharedPaths  # sets up the backend
 
-    independent = sampler == "independent"
-    annuli = plan_annuli(lenses, spp, 1.0) if independent else plan_annuli(lenses, shared_sample_count(spp))
-    results: list[_LensImages] = [([], []) for _ in lenses]
-    work, done, rays = len(rig) * sum(annulus.spp for annulus in annuli), 0, 0
+    images: list[list[Image]] = [[] for _ in lenses]
+    variances, rays = np.zeros((len(lenses), len(rig))), 0
+    annuli = plan_annuli(lenses, spp)
     for index, (camera, pose) in enumerate(zip(rig.cameras, rig.world_from_cams, strict=True)):
         seeds = seed_sequence(seed, _GRID_STREAM, index, 0)
-        tracer = Tracer(built, camera, pose, sampler)
         totals = np.zeros((len(lenses), camera.height, camera.width, 3))
-        variance = np.zeros(len(lenses))
-        for annulus in annuli:
-            for group in vergence_groups(annulus, camera):
-                mean = tracer.trace(annulus, group, seeds)
+        for place, annulus in enumerate(annuli):
+            for part in split_vergences(annulus, camera):
+                means, variance, paths = SharedPaths(built, camera, pose, part, sampler).images(seeds)
+                rays += paths
                 for i, lens in enumerate(lenses):
-                    share = area_fraction(annulus, lens)
-                    vergence = lens.vergence if annulus.outer else 0.0
-                    if share and vergence in group.vergences:
-                        focus = group.vergences.index(vergence)
-                        totals[i] += share * mean.image(focus)
-                        variance[i] += share**2 * mean.variance(focus)
-            done += annulus.spp
-            progress(done / work)
-        for i, (images, variances) in enumerate(results):
-            images.append(totals[i].astype(np.float32))
-            variances.append(variance[i])
-        rays += tracer.rays
-    return results, rays
+                    share = area_fraction(annulus, 0.5 * lens.aperture_diameter)
+                    if share and lens.vergence in part.vergences:
+                        focus = part.vergences.index(lens.vergence)
+                        totals[i] += share * means[focus]
+                        variances[i, index] += share**2 * variance[focus]
+            progress((index + (place + 1) / len(annuli)) / len(rig))
+        for several, total in zip(images, totals, strict=True):
+            several.append(total.astype(np.float32))
+    return images, variances, rays

@@ -1,208 +1,201 @@
 """Traces the light paths of an annulus once and gathers them for every focus: the kernels of the lens grid.
 
-Sample m of a pixel lands a known integer number of pixels away (`twinlens.rendering.stratified_samples`), so images are
-gathered: each pixel adds its samples in order. Gathering needs no atomics and no fixed-point rounding, its bytes do not
-depend on the number of threads, and radiance that is not finite stays so, as in Mitsuba's film. Importing this module
-sets up the backend.
+Sample m of every pixel starts at the same position x in the pixel, passes through the same aperture point a, and lands
+at x + s a for the shear s of each focus: the same integer number of pixels away for every starting pixel. So every
+pixel of every image gathers sample m of exactly one pixel, in an order that does not depend on the number of threads.
+
+Samples are multijittered (Kensler, Correlated Multi-Jittered Sampling, Pixar Technical Memo 13-01, 2013). Those of a
+pixel land in several pixels. With a random order of strata in each pixel, some strata would be missing where samples
+land; with one order for all pixels, all would have the same error, visible as blotches. So the first point on a light
+and the first direction are stratified where samples land: only samples of equal shifts exchange strata. Later numbers
+are stratified in the pixel where samples start. Either half of the samples has the strata of one colour of a
+checkerboard, so that it is stratified by itself.
 """
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera
-from twinlens.camera.aperture import on_ring
+from twinlens.camera.aperture import NUMPY, on_ring
 from twinlens.geometry import Float
-from twinlens.rendering.annuli import ApertureAnnulus, VergenceGroup
+from twinlens.rendering.annuli import ApertureAnnulus
 from twinlens.rendering.backends import mitsuba
 from twinlens.rendering.build import BuiltScene
 from twinlens.rendering.radiance import sampler_supports
-from twinlens.rendering.ray_generation import DrJitMath, RayGenerator
-from twinlens.rendering.stratified_samples import (
-    MAX_SAMPLES,
-    SamplePattern,
-    StratifiedSampler,
-    make_pattern,
-    stratum_grid,
-)
+from twinlens.rendering.ray_generation import RayGenerator, opaque
 
 mi = mitsuba()
 import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
 
-OWN_JITTER = 0.5
-"""Largest deviation of a pixel's film positions and aperture points from the shared ones, in strata. It decorrelates
-neighbouring pixels and keeps the stratification of the shared samples."""
+Cells = NDArray[np.int64]
+Grid = tuple[int, int]
+Shifts = NDArray[np.int32]
 
-RAYS_PER_PASS = 3 << 23
-"""300 MB at 12 bytes of radiance per ray; enough for 64 samples of 640x480 pixels in one pass."""
-
-
-class ImageAccumulator:
-    """Mean images over passes, and their variances, for each focus.
-
-    The variance is estimated from two halves of each pass. For independent halves with means a and b of n_a and n_b
-    samples, n_a n_b / n^2 (a - b)^2 is the variance of the pass's mean in expectation. The halves are parts of one
-    stratified pattern, whose errors partly cancel, so the estimate is an upper bound: exact for noise, and twice the
-    variance where stratification works best.
-    """
-
-    def __init__(self, focuses: int, height: int, width: int) -> None:
-        self.total = np.zeros((focuses, 3, height, width))
-        self.squares = np.zeros_like(self.total)
-        self.count = 0
-
-    def add(self, halves: NDArray[np.floating], counts: tuple[int, int]) -> None:
-        """Add the sums of one pass, (2, F, 3, H, W), over `counts` samples each."""
-        first, second = counts
-        self.total += halves[0] + halves[1]
-        self.count += first + second
-        known = first and second
-        self.squares += first * second * (halves[0] / first - halves[1] / second) ** 2 if known else math.nan
-
-    def image(self, focus: int) -> Float:
-        """The mean image (H, W, 3)."""
-        mean: Float = np.moveaxis(self.total[focus] / self.count, 0, -1)
-        return mean
-
-    def variance(self, focus: int) -> float:
-        """Mean variance over the pixels and channels with finite radiance; NaN for one sample per pixel."""
-        squares = self.squares[focus]
-        finite = np.isfinite(squares)
-        return float(squares[finite].mean()) / self.count**2 if finite.any() else math.nan
+MAX_SAMPLES = 1 << 12  # per pixel and pass
+RAYS_PER_PASS = 3 << 23  # 300 MB of radiance; enough for 64 samples of 640x480 pixels
+_TABLE_SIZE, _MIN_ROWS = 1 << 16, 32
+_DIMENSIONS = 16  # stratified: four bounces; later dimensions are independent
+_LIGHT, _BOUNCE = 0, 2  # of the first surface; dimension 1 chooses a lobe
+_DIMENSION_KEY = 0x9E3779B9  # odd, so that the keys of dimensions differ
+_ROUNDS = 6  # of the TEA hash; four rounds leave visible patterns
 
 
-class Tracer:
-    """Traces the shared paths of one camera in one scene. `rays` counts them."""
+@dataclass(frozen=True, eq=False)
+class SharedPaths:
+    """The light paths of one camera through an annulus, and the images of all its vergences."""
 
-    def __init__(self, built: BuiltScene, camera: Camera, pose: Float, sampler: str) -> None:
-        self.built, self.camera, self.sampler = built, camera, sampler
-        self.generator = RayGenerator(camera, pose)
-        self.rays = 0
+    built: BuiltScene
+    camera: Camera
+    pose: Float
+    annulus: ApertureAnnulus
+    sampler: str
 
-    def trace(self, annulus: ApertureAnnulus, group: VergenceGroup, seeds: np.random.SeedSequence) -> ImageAccumulator:
-        """The mean radiance through an annulus for each vergence of the group."""
-        film = PaddedFilm(self.camera, group)
-        passes = math.ceil(annulus.spp / min(MAX_SAMPLES, max(1, RAYS_PER_PASS // film.pixels)))
-        grid = stratum_grid(math.ceil(annulus.spp / passes))
-        shears = [((k - group.middle) * self.camera.fx, (k - group.middle) * self.camera.fy) for k in group.vergences]
-        mean = ImageAccumulator(len(shears), self.camera.height, self.camera.width)
-        for _ in range(passes):
-            shape_seed, seed = (int(word) for word in seeds.spawn(1)[0].generate_state(2))
-            shared = make_pattern(grid, annulus.inner, annulus.outer, shears, shape_seed)
-            white = int(shared.white.sum())
-            # The radiance is not bound to a name, so that its memory is freed before the next pass.
-            sums = film.gather(
-                self._radiance(shared, annulus, film, shears, group.middle, seed), shared.shifts, shared.white
-            )
-            mean.add(sums, (len(shared) - white, white))
-            self.rays += film.pixels * len(shared)
-        return mean
+    def images(self, seeds: np.random.SeedSequence) -> tuple[Float, Float, int]:
+        """Mean images (F, H, W, 3) for each vergence, their mean variances (F,), and the number of paths.
 
-    def _radiance(
-        self,
-        shared: SamplePattern,
-        annulus: ApertureAnnulus,
-        film: "PaddedFilm",
-        shears: list[tuple[float, float]],
-        middle: float,
-        seed: int,
-    ) -> Any:
-        """Radiance of every ray; sample m of a pixel has the index ``pixel + pixels * m``."""
-        is_stratified = self.sampler == "multijitter"
-        places = StratifiedSampler(*shared.grid)
-        if is_stratified:
-            places.start(shared, film.pixels, seed)
-        else:
-            places.start_by_pixel(film.pixels, seed)
-        x, y, ax, ay = self._film_and_aperture(places, shared, annulus, shears)
-        u, v = film.start(places.pixel)
-        origin, direction = self.generator.ray(u + x, v + y, ax, ay, dr.opaque(mi.Float, middle))
-        ray = mi.RayDifferential3f(mi.Ray3f(origin, direction))
-        sampler = places
-        if not is_stratified:  # Mitsuba's sampler, for the dimensions after film and aperture
-            kind = self.sampler if sampler_supports(self.sampler, len(shared)) else "independent"
-            sampler = mi.load_dict({"type": kind, "sample_count": len(shared)})
-            sampler.set_samples_per_wavefront(len(shared))
-            sampler.seed(seed, film.pixels * len(shared))
-        radiance, valid, _ = self.built.integrator.sample(self.built.mi_scene, sampler, ray, None, True)
-        number = places.pixel + dr.opaque(mi.UInt32, film.pixels) * places.sample
-        sorted_radiance = dr.zeros(mi.Color3f, film.pixels * len(shared))
-        dr.scatter(sorted_radiance, dr.select(valid, radiance, 0.0), number)
-        dr.eval(sorted_radiance)
-        return sorted_radiance
-
-    def _film_and_aperture(
-        self, places: Any, shared: SamplePattern, annulus: ApertureAnnulus, shears: list[tuple[float, float]]
-    ) -> tuple[Any, Any, Any, Any]:
-        """Film position in the pixel and aperture point of every ray.
-
-        Each ray deviates from the shared sample, unless it would then land in another pixel at some focus. This is a
-        Metropolis step with a symmetric proposal, which keeps uniform distributions uniform (Metropolis et al., 1953).
+        Sums a and b over halves of n samples give the variance (a - b)^2 / n^2. The errors of the halves partly cancel,
+        so it is an upper bound: exact for noise, and about twice the variance where stratification works best.
         """
-        columns, rows = (size / OWN_JITTER for size in shared.grid)
-        x, y, across, down, ax, ay = (
-            dr.gather(mi.Float, mi.Float(np.ascontiguousarray(values)), places.sample)
-            for values in (*shared.film.T, *shared.square.T, *shared.aperture.T)
-        )
-        move, part = places.next_independent(), places.next_independent()
-        own_x, own_y = x + (move[0] - 0.5) / columns, y + (move[1] - 0.5) / rows
-        square = (dr.floor(across * columns) + part[0]) / columns, (dr.floor(down * rows) + part[1]) / rows
-        inner2, outer2 = (dr.opaque(mi.Float, radius**2) for radius in (annulus.inner, annulus.outer))
-        own_ax, own_ay = on_ring(*square, inner2, outer2, DrJitMath())
-        alike = mi.Bool(True)
-        for focus, (along, down_) in enumerate(shears):
-            to = [dr.gather(mi.Int32, mi.Int32(shared.shifts[:, focus, axis]), places.sample) for axis in (0, 1)]
-            alike &= mi.Int32(dr.floor(own_x + dr.opaque(mi.Float, along) * own_ax)) == to[0]
-            alike &= mi.Int32(dr.floor(own_y + dr.opaque(mi.Float, down_) * own_ay)) == to[1]
-        pairs = ((own_x, x), (own_y, y), (own_ax, ax), (own_ay, ay))
-        return tuple(dr.select(alike, mine, common) for mine, common in pairs)
+        film = math.prod(self.annulus.film_size(self.camera))
+        passes = math.ceil(self.annulus.spp / min(MAX_SAMPLES, max(1, RAYS_PER_PASS // film)))
+        grid = stratum_grid(math.ceil(self.annulus.spp / passes))
+        count = passes * math.prod(grid)
+        total, squares = np.zeros((2, len(self.annulus.vergences), 3, self.camera.height, self.camera.width))
+        for _ in range(passes):
+            pattern_seed, path_seed = map(int, seeds.spawn(1)[0].generate_state(2))
+            points, shifts = self._film_and_aperture(grid, np.random.default_rng(pattern_seed))
+            # The radiance is not bound to a name, so that its memory is freed before the next pass.
+            first, second = self._gather(self._radiance(grid, points, shifts, path_seed), shifts)
+            total += first + second
+            squares += (first - second) ** 2 if count > 1 else math.nan
+        variance = [of[np.isfinite(of)].mean() if np.isfinite(of).any() else math.nan for of in squares]
+        return np.moveaxis(total, 1, -1) / count, np.array(variance) / count**2, count * film
+
+    def _film_and_aperture(self, grid: Grid, random: np.random.Generator) -> tuple[NDArray[np.float32], Shifts]:
+        """Positions in the pixel and aperture points (n, 4), and shifts (n, F, 2) in pixels, of n shared samples."""
+        places = np.hstack([multijitter(random_cells(grid, random), grid, random) for _ in range(2)])
+        x, y, across, down = ((places + random.random(places.shape)) / len(places)).T
+        aperture = on_ring(across, down, self.annulus.inner**2, self.annulus.outer**2, NUMPY)
+        points = np.stack([x, y, *aperture], axis=-1).astype(np.float32)
+        shears = np.subtract(self.annulus.vergences, self.annulus.middle)[:, None] * (self.camera.fx, self.camera.fy)
+        return points, np.floor(points[:, None, :2] + points[:, None, 2:] * shears).astype(np.int32)
+
+    def _radiance(self, grid: Grid, points: NDArray[np.float32], shifts: Shifts, seed: int) -> Any:
+        """Radiance of every ray. Sample m of n of a pixel is ray ``m + n * pixel``."""
+        (width, height), n = self.annulus.film_size(self.camera), len(points)
+        ray_index = dr.arange(mi.UInt32, width * height * n)
+        samples, columns = dr.opaque(mi.UInt32, n), dr.opaque(mi.UInt32, width)
+        pixel, sample = ray_index // samples, ray_index % samples
+        x, y, ax, ay = (dr.gather(mi.Float, mi.Float(values.copy()), sample) for values in points.T)
+        u = mi.Float(pixel % columns) - opaque((width - self.camera.width) // 2 + 0.5) + x
+        v = mi.Float(pixel // columns) - opaque((height - self.camera.height) // 2 + 0.5) + y
+        origin, direction = RayGenerator(self.camera, self.pose).ray(u, v, ax, ay, opaque(self.annulus.middle))
+        ray = mi.RayDifferential3f(mi.Ray3f(origin, direction))
+        if self.sampler == "multijitter":
+            sampler = StratifiedSampler(grid, shifts, pixel, sample, seed)
+        else:
+            kind = self.sampler if sampler_supports(self.sampler, n) else "independent"
+            sampler = mi.load_dict({"type": kind, "sample_count": n})
+            sampler.set_samples_per_wavefront(n)
+            sampler.seed(seed, width * height * n)
+        radiance, valid, _ = self.built.integrator.sample(self.built.mi_scene, sampler, ray, None, True)
+        radiance = dr.select(valid, radiance, 0.0)
+        dr.eval(radiance)
+        return radiance
+
+    def _gather(self, radiance: Any, shifts: Shifts) -> tuple[Float, Float]:
+        """Sums (F, 3, H, W) of the radiance landing on each pixel, over the first and second half of the samples."""
+        (n, focuses, _), (columns, rows) = shifts.shape, self.annulus.film_size(self.camera)
+        shape = (focuses, self.camera.height, self.camera.width)
+        focus, down, across = np.indices(shape)
+        pixel = across + (columns - shape[2]) // 2 + columns * (down + (rows - shape[1]) // 2)
+        step = np.arange(n)[:, None] - n * (shifts[..., 0] + columns * shifts[..., 1])
+        start, own, steps = (mi.Int32(of.astype(np.int32).ravel()) for of in (n * pixel, focus, step))
+        first, end, focuses = (dr.opaque(mi.Int32, count) for count in (n - n // 2, n, focuses))
+
+        def add(m: Any, total: Any) -> tuple[Any, Any]:
+            ray = mi.UInt32(start + dr.gather(mi.Int32, steps, m * focuses + own))
+            return m + 1, total + mi.Color3d(*(dr.gather(mi.Float, channel, ray) for channel in radiance))
+
+        def add_samples(m: Any, last: Any) -> Float:
+            _, total = dr.while_loop((m, dr.zeros(mi.Color3d, focus.size)), lambda m, _: m < last, add)
+            return np.moveaxis(np.array(total).reshape(3, *shape), 0, 1)
+
+        return add_samples(mi.Int32(0), first), add_samples(first, end)
 
 
-class PaddedFilm:
-    """The image with a margin on every side, from which the paths of a group start."""
+def stratum_grid(wanted: int) -> Grid:
+    """(columns, rows) of the smallest grid of at least `wanted` cells; the number of cells is even unless it is 1.
 
-    def __init__(self, camera: Camera, group: VergenceGroup) -> None:
-        self.image = camera.width, camera.height
-        self.margin = group.margin
-        self.width, self.height = group.film_size(camera)
-        self.pixels = self.width * self.height
-
-    def start(self, pixel: Any) -> tuple[Any, Any]:
-        """(u, v) of the top left corner of a pixel of the film."""
-        width = dr.opaque(mi.UInt32, self.width)
-        left, top = (dr.opaque(mi.Float, margin + 0.5) for margin in self.margin)
-        return mi.Float(pixel % width) - left, mi.Float(pixel // width) - top
-
-    def gather(self, radiance: Any, shifts: NDArray[np.int32], second: NDArray[np.bool_]) -> Float:
-        """Sums (2, F, 3, H, W) of the radiance landing on each pixel, over the first and the second half of samples."""
-        width, height = self.image
-        target = dr.arange(mi.Int32, width * height)
-        columns = dr.opaque(mi.Int32, width)
-        across, down = target % columns + self.margin[0], target // columns + self.margin[1]
-        start = across + dr.opaque(mi.Int32, self.width) * down
-        back = self.pixels * np.arange(len(shifts))[:, None] - shifts[..., 0] - self.width * shifts[..., 1]
-        sums = np.zeros((2, shifts.shape[1], 3, height, width))
-        for half, focus in np.ndindex(sums.shape[:2]):
-            steps = back[second == bool(half), focus].astype(np.int32)
-            if len(steps):
-                sums[half, focus] = np.array(_sum(radiance, start, mi.Int32(steps), len(steps))).reshape(
-                    3, height, width
-                )
-        return sums
+    >>> stratum_grid(32), stratum_grid(11), stratum_grid(1)
+    ((8, 4), (4, 3), (1, 1))
+    """
+    side = math.isqrt(wanted)
+    grids = ((2 * math.ceil(wanted / (2 * rows)), rows) for rows in range(side, side // 2, -1))
+    return min(grids, key=math.prod) if wanted > 1 else (1, 1)
 
 
-def _sum(radiance: Any, start: Any, steps: Any, count: int) -> Any:
-    """Sum over the steps of the radiance at ``start + step``, in their order."""
+def random_cells(grid: Grid, random: np.random.Generator) -> Cells:
+    """All cells of the grid in random order: the squares of one colour before those of the other."""
+    cells = random.permutation(math.prod(grid))
+    colour = (cells % grid[0] + cells // grid[0] + random.integers(2)) % 2
+    return cells[np.argsort(colour, kind="stable")]
 
-    def step(i: Any, red: Any, green: Any, blue: Any) -> tuple[Any, Any, Any, Any]:
-        ray = mi.UInt32(start + dr.gather(mi.Int32, steps, i))
-        terms = (mi.Float64(dr.gather(mi.Float, radiance[c], ray)) for c in range(3))
-        return i + 1, *(total + term for total, term in zip((red, green, blue), terms, strict=True))
 
-    last = dr.opaque(mi.Int32, count)
-    zeros = (dr.zeros(mi.Float64, dr.width(start)) for _ in range(3))
-    _, *colour = dr.while_loop((mi.Int32(0), *zeros), lambda i, *_: i < last, step)
-    dr.eval(colour)
-    return colour
+def shuffle_within(classes: Cells, count: int, random: np.random.Generator) -> Cells:
+    """Random permutations (count, n) of samples that exchange only samples of equal classes."""
+    orders = np.empty((count, len(classes)), np.int64)
+    orders[:, np.argsort(classes, kind="stable")] = np.argsort(classes + random.random(orders.shape), axis=1)
+    return orders
+
+
+def multijitter(cells: Cells, grid: Grid, random: np.random.Generator) -> Cells:
+    """Random places (..., n, 2) on an n x n grid, within `cells` (..., n), that use every column and every row once."""
+    parts = np.stack([cells % grid[0], cells // grid[0]])
+    ranks = np.argsort(np.argsort(parts + random.random(parts.shape)))
+    return np.moveaxis(ranks, 0, -1)
+
+
+class StratifiedSampler(mi.Sampler):  # type: ignore[misc, name-defined]
+    """Numbers for rays of the given `pixel` and `sample`. Each pixel has one row of a table of orders per dimension."""
+
+    def __init__(self, grid: Grid, shifts: Shifts, pixel: Any, sample: Any, seed: int) -> None:
+        super().__init__(mi.Properties())
+        random, n = np.random.default_rng(seed), len(shifts)
+        groups = np.unique(shifts.reshape(n, -1), axis=0, return_inverse=True)[1].ravel()
+        self.set_sample_count(n)
+        rows = max(_MIN_ROWS, _TABLE_SIZE // (_DIMENSIONS * n))
+        half = np.arange(n) >= n - n // 2
+        tables = []
+        for dimension in range(_DIMENSIONS):
+            classes = half + 2 * groups * (dimension in (_LIGHT, _BOUNCE))
+            cells = random_cells(grid, random)[shuffle_within(classes, rows, random)]
+            x, y = np.moveaxis(multijitter(cells, grid, random), -1, 0)
+            tables.append(x | y << 16)
+        self.table = mi.UInt32(np.ravel(tables).astype(np.uint32))
+        self.table_size, self.count = dr.opaque(mi.UInt32, rows * n), dr.opaque(mi.UInt32, n)
+        self.key, self.dimension = dr.opaque(mi.UInt32, seed), dr.opaque(mi.UInt32, 0)
+        row = mi.sample_tea_32(pixel, self.key - _DIMENSION_KEY, _ROUNDS)[0] % dr.opaque(mi.UInt32, rows)
+        self.position = row * self.count + sample
+        self.ray = dr.arange(mi.UInt32, dr.width(pixel))
+
+    def next_1d(self, active: Any = True) -> Any:
+        return self._next()[0]
+
+    def next_2d(self, active: Any = True) -> Any:
+        return mi.Point2f(*self._next())
+
+    def _next(self) -> list[Any]:
+        in_table = self.dimension < _DIMENSIONS
+        places = dr.gather(mi.UInt32, self.table, self.position + self.dimension * self.table_size, in_table)
+        random = mi.sample_tea_32(self.ray, self.key + self.dimension * _DIMENSION_KEY, _ROUNDS)
+        units = [mi.Float(bits >> 8) * 2.0**-24 for bits in random]
+        self.dimension += 1
+        return [
+            dr.select(in_table, dr.minimum((mi.Float(place) + unit) / self.count, 1 - 2.0**-24), unit)
+            for place, unit in zip((places & 0xFFFF, places >> 16), units, strict=True)
+        ]
