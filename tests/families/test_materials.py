@@ -5,7 +5,6 @@ from collections import Counter
 import numpy as np
 import pytest
 
-import twinlens as tl
 from twinlens.factory import generate, read_recipe
 from twinlens.families import FAMILIES, Assets, random_scene
 from twinlens.families.composition import Composition
@@ -134,14 +133,16 @@ def test_finishes_have_the_gloss_of_paints_of_these_names():
 
 @pytest.mark.slow
 def test_images_of_random_scenes_have_statistics_of_real_ones(tmp_path):
-    """Medians over eight scenes lie between the 10 % and the 90 % quantile of real pairs."""
-    (tmp_path / "recipe.toml").write_text(
-        'seed = 16\ncount = 8\nfamilies = ["tabletop", "flying", "room", "cards"]\nwidth = 400\nheight = 300\n'
-        'spp = 16\n[sensor]\nmismatch = "typical"\n'
-    )
-    generate(read_recipe(tmp_path / "recipe.toml"), tmp_path / "out")
-    rows = [pair_statistics(pair) for pair in open_pairs([tmp_path / "out"])]
-    assert len(rows) == len(tl.Dataset(tmp_path / "out")) == 8
+    """Medians over the 24 scenes of docs/realism.md lie between the 10 % and the 90 % quantile of real pairs."""
+    rows = []
+    for family in FAMILIES:
+        (tmp_path / f"{family}.toml").write_text(
+            f'seed = 16\ncount = 6\nfamilies = ["{family}"]\nwidth = 320\nheight = 240\nspp = 16\n'
+            '[sensor]\nmismatch = "typical"\n'
+        )
+        generate(read_recipe(tmp_path / f"{family}.toml"), tmp_path / family)
+        rows += [pair_statistics(pair) for pair in open_pairs([tmp_path / family])]
+    assert len(rows) == 24
     for name in ("low_sd", "bias", "gain", "noise", "textureless", "flat", "contrast", "correlation", "occluded"):
         median, (_, low, high) = summarize(rows)[name][0], STATISTICS[name].real
         assert low <= median <= high, name

@@ -244,8 +244,8 @@ Lenses = Annotated[list[LensTable], Field(min_length=1, max_length=100), BeforeV
 class Settings(StrictModel):
     """How one sample is taken. The rig stays a table: it is read where the scene is known."""
 
-    width: int = Field(640, ge=1, le=MAX_SIDE)
-    height: int = Field(480, ge=1, le=MAX_SIDE)
+    width: int = Field(704, ge=1, le=MAX_SIDE)
+    height: int = Field(528, ge=1, le=MAX_SIDE)
     spp: int = Field(16, ge=1, le=1_000_000)
     denoise: bool = True
     noise: Positive | None = None
