@@ -109,6 +109,44 @@ def test_report_takes_the_board_s_folder_too(twinlens, dataset, tmp_path):
     assert str(tmp_path / "board.json") in err
 
 
+@pytest.fixture
+def other(twinlens, tmp_path):
+    """A dataset whose sample has the name of the fixture `dataset`'s, and other images."""
+    quick = ("--size", "64x48", "--spp", "2", "--seed", "1")
+    assert (
+        twinlens("render", "cards", "--lens", "pinhole", "--lens", "thin:30", *quick, "-o", tmp_path / "other")[0] == 0
+    )
+    return tmp_path / "other"
+
+
+def test_samples_that_are_not_the_board_s_are_refused(twinlens, dataset, other, tmp_path):
+    board, page = tmp_path / "board", tmp_path / "page.html"
+    assert twinlens("benchmark", dataset, "--methods", "sad", "-o", board)[0] == 0
+    before = (board / "board.json").read_bytes()
+    for line, words in (
+        (("benchmark", other, "--methods", "sad", "-o", board), "is not the one that the board scores"),
+        (("report", board, other, "-o", page), "is not the one that the board scores"),
+        (("report", board, "motorcycle", "-o", page), "motorcycle: no sample is on the board"),
+        (("report", board, dataset, "-o", tmp_path / "notes.txt"), "must end in .html"),
+    ):
+        code, out, err = twinlens(*line)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert words in err
+    assert (board / "board.json").read_bytes() == before
+    assert not page.exists()
+
+
+def test_samples_of_two_datasets_with_one_name_are_told_apart(twinlens, dataset, other, tmp_path):
+    code, _, err = twinlens("benchmark", dataset, other, "motorcycle", "--methods", "sad", "-o", tmp_path / "board")
+    assert code == 0, err
+    entries = json.loads((tmp_path / "board" / "board.json").read_text())["entries"]
+    names = ["out/cards · pinhole", "other/cards · pinhole", "motorcycle"]
+    assert [name for name in names if name in {entry["sample"] for entry in entries}] == names
+    code, out, _ = twinlens("statistics", dataset, other)
+    assert code == 0
+    assert "4 pairs" in out
+
+
 def test_a_folder_of_maps_is_scored_like_a_method(twinlens, dataset, tmp_path):
     twinlens("benchmark", dataset, "--methods", "sad", "-o", tmp_path / "board")
     code, _, _ = twinlens("score", tmp_path / "board" / "maps", "--truth", dataset, "-o", tmp_path / "other")

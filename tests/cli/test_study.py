@@ -106,8 +106,19 @@ def test_results_never_overwrite_other_files(twinlens, own, tmp_path):
         assert err.count("\n") == 1
     assert (tmp_path / "letters" / "index.html").read_text() == "mine"
     assert [entry.name for entry in (tmp_path / "letters").iterdir()] == ["index.html"]
-    for _ in range(2):
-        assert twinlens("study", own, "-o", tmp_path / "new" / "place")[0] == 0
+    assert twinlens("study", own, "-o", tmp_path / "new" / "place")[0] == 0
+
+
+def test_an_earlier_study_is_replaced_only_on_request(twinlens, own, tmp_path):
+    output = tmp_path / "out"
+    assert twinlens("study", own, "-o", output)[0] == 0
+    own.write_text(OWN.replace('Figure("y"', 'Figure("other"'))
+    table = (output / "table.csv").stat().st_mtime_ns
+    error = refused(twinlens, own, "--seeds", "1", "-o", output)
+    assert error == f"twinlens: {output}: exists already; choose another name, or add --overwrite\n"
+    assert (output / "table.csv").stat().st_mtime_ns == table
+    assert twinlens("study", own, "--seeds", "1", "-o", output, "--overwrite")[0] == 0
+    assert sorted(path.name for path in (output / "figures").iterdir()) == ["other.png", "other.svg"]
 
 
 @pytest.mark.parametrize(

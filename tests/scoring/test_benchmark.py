@@ -398,12 +398,12 @@ def test_a_map_is_dropped_when_its_method_fails_or_changes(tmp_path):
     assert maps.get(("raises", "s")) is not None
 
 
-@pytest.mark.parametrize("change", ["spec", "sample", "protocol", "region"])
+@pytest.mark.parametrize("change", ["spec", "protocol", "region"])
 def test_resume_runs_again_what_disagrees(change):
     board = run_benchmark([pair()], [Counting("a", 4)], regions=["all"], warm_up=False)
     method = Counting("a", 6, spec="v2" if change == "spec" else "v1")
     again = run_benchmark(
-        [pair(seed=1 if change == "sample" else 0)],
+        [pair()],
         [method],
         protocol="eth3d" if change == "protocol" else "middlebury-v3",
         regions=["all", "far"] if change == "region" else ["all"],
@@ -413,6 +413,16 @@ def test_resume_runs_again_what_disagrees(change):
     assert method.calls == 1
     assert len(again.entries) == (2 if change == "protocol" else 1)
     assert again.entries[-1].regions["all"]["avgerr"] == 2
+
+
+def test_a_changed_sample_is_refused(tmp_path):
+    save = tmp_path / "board.json"
+    run_benchmark([pair("s")], [Constant("a", 4)], save=save)
+    before = save.read_bytes()
+    for method in (Constant("a", 4), Constant("b", 4)):
+        with pytest.raises(InputError, match="sample 's' is not the one that the board scores"):
+            run_benchmark([pair("s", seed=1)], [method], save=save)
+    assert save.read_bytes() == before
 
 
 def test_a_failure_is_kept_unless_retry_failed():

@@ -36,8 +36,10 @@ class PlaceType(click.ParamType):  # type: ignore[type-arg]
         return [CompletionItem(incomplete, type="file")]
 
 
+_EXISTS = "exists already; choose another name, or add --overwrite"
 PATH, PLACE = PlaceType(), PlaceType(remote=True)
 PNG_FILE, FIGURE_FILE = PlaceType(suffixes=(".png",)), PlaceType(suffixes=(".png", ".svg"))
+HTML_FILE = PlaceType(suffixes=(".html", ".htm"))
 
 
 def missing_output() -> click.MissingParameter:
@@ -53,12 +55,17 @@ def check_new(output: Place, overwrite: bool, mark: str = "sample.json", kind: s
     Whether a bucket has files of other kinds is checked when it is written.
     """
     if not overwrite and (os.path.lexists(output) if isinstance(output, Path) else output.exists()):
-        raise OutputError(f"{output}: exists already; choose another name, or add --overwrite")
+        raise OutputError(f"{output}: {_EXISTS}")
     check_replaceable(output, not isinstance(output, Path) or (output / mark).is_file(), kind)
 
 
-def check_results(folder: Path, mark: str) -> None:
-    """Raise OutputError for a folder that cannot be created, and for one with files but without the file `mark`."""
+def check_results(folder: Path, mark: str, overwrite: bool = True) -> None:
+    """Raise OutputError for a folder that cannot be created, and for one with files but without the file `mark`.
+
+    A folder with that file is refused too unless `overwrite` is set.
+    """
+    if not overwrite and (folder / mark).exists():
+        raise OutputError(f"{folder}: {_EXISTS}")
     _check_creatable(folder)
     _refuse_others(folder, (), mark)
 

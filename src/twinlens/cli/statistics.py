@@ -38,10 +38,12 @@ def command(datasets: tuple[str, ...], output: Path | None, as_json: bool) -> No
     if as_json:
         print_json({"pairs": rows, "summary": summary, "real": {name: s.real for name, s in STATISTICS.items()}})
         return
-    click.echo(f"{'statistic':18}{'unit':9}{f'{len(rows)} pairs':28}{'24 real pairs':28}")
+    lines = [("statistic", "unit", f"{len(rows)} pair{'s' * (len(rows) != 1)}", "24 real pairs", "")]
     for name, statistic in STATISTICS.items():
-        measured, real = (_text(values) for values in (summary[name], statistic.real))
-        click.echo(f"{name:18}{statistic.unit:9}{measured:28}{real:28}{statistic.text}")
+        lines.append((name, statistic.unit, _text(summary[name]), _text(statistic.real), statistic.text))
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        click.echo("  ".join(f"{text:{width}}" for text, width in zip(line, widths, strict=True)).rstrip())
     if output is not None:
         click.echo(f"figure: {output}")
 

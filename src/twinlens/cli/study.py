@@ -19,8 +19,11 @@ from twinlens.cli.progress import progress_bar
 @click.option("--first-seed", type=click.IntRange(min=0), default=0, show_default=True, help="First seed.")
 @click.option("--size", help="Image size, WIDTHxHEIGHT.  [default: the study's]")
 @click.option("--spp", type=click.IntRange(1, 1_000_000), help="Samples per pixel.  [default: the study's]")
+@click.option("--overwrite", is_flag=True, help="Replace an earlier study.")
 @json_option("protocol and findings")
-def command(name: str, output: Path | None, methods: tuple[str, ...], as_json: bool, **options: Any) -> None:
+def command(
+    name: str, output: Path | None, methods: tuple[str, ...], overwrite: bool, as_json: bool, **options: Any
+) -> None:
     """Run the study NAME and write OUTPUT/table.csv, study.json, figures/ and index.html.
 
     NAME is an included study (`twinlens study list`) or a Python file that defines STUDY = Study(...), which is
@@ -46,7 +49,7 @@ def command(name: str, output: Path | None, methods: tuple[str, ...], as_json: b
     study = find_study(name)
     if output is None:
         raise missing_output()
-    check_results(output, "study.json")
+    check_results(output, "study.json", overwrite)
     given = {key: value for key, value in options.items() if value is not None}
     if "size" in given:
         given["width"], given["height"] = parse_size(given.pop("size"))

@@ -26,10 +26,14 @@ def write_study(folder: str | os.PathLike[str], result: Result) -> Path:
     """Write the study's files into `folder`, each atomically, and return the path of the page.
 
     table.csv, study.json (protocol and findings), figures/NAME.png and .svg, pictures/NAME.png, index.html, in this
-    order, so that an error while drawing leaves the measurements. Figures are drawn from table.csv, read back.
+    order, so that an error while drawing leaves the measurements. Figures are drawn from table.csv, read back. Figures
+    and pictures of an earlier study in `folder` are removed.
     """
     target, text = Path(folder), to_csv(result.table)
     files: dict[str, bytes] = {}
+    if (target / "study.json").exists():
+        for old in (*target.glob("figures/*.png"), *target.glob("figures/*.svg"), *target.glob("pictures/*.png")):
+            old.unlink()
 
     def write(name: str, data: bytes) -> None:
         files[name] = data

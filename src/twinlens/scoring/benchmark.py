@@ -70,9 +70,9 @@ def run_benchmark(
         Called after every match; for every computed map, with the names of method and sample and the disparity at the
         truth's size; and with both names for every earlier map that is no longer valid.
 
-    Raises InputError for unknown protocols and regions, names that are not unique, a sample that cannot be scored, and,
-    before anything runs, a missing file or function of a method; FileError or OutputError if `save` is not a board,
-    cannot be written, or is locked by another run.
+    Raises InputError for unknown protocols and regions, names that are not unique, a sample that cannot be scored or
+    differs from the board's, and, before anything runs, a missing file or function of a method; FileError or
+    OutputError if `save` is not a board, cannot be written, or is locked by another run.
     """
     names = (protocol,) if isinstance(protocol, str) else tuple(protocol)
     if not names or not regions:
@@ -98,6 +98,7 @@ def run_benchmark(
                 pair = load_pair(sample)
                 applicable = [p for p in protocols if pair.calibration is not None or not p.needs_calibration]
                 prepared = _Prepared(pair, fingerprint(pair), region_masks(pair, regions), applicable)
+                writer.board.check_sample(pair.name, prepared.sha)
                 for method in methods:
                     skipped, failure = run.match(prepared, method)
                     done += 1
@@ -143,7 +144,7 @@ class _Run:
 
     def match(self, prepared: _Prepared, method: Method | Submission) -> tuple[bool, Failure | None]:
         """Run and score a match unless the board has it: (skipped, failure)."""
-        sample, board = prepared.sample, self._without_stale(prepared, method)
+        sample, board = prepared.sample, self._without_stale(method)
         earlier = [board.find(method.name, sample.name, rules.name) for rules in prepared.protocols]
         if all(
             entry and (entry.regions.keys() >= prepared.masks.keys() if entry.ok else not self.retry_failed)
@@ -162,14 +163,10 @@ class _Run:
         self.writer.update(board)  # after the map, so that the board lists no map that is missing
         return False, next((entry.failure for entry in entries if not entry.ok), None)
 
-    def _without_stale(self, prepared: _Prepared, method: Method | Submission) -> Board:
-        """The board without entries of an earlier sample or method with the same name but other content."""
-        sample, spec = prepared.sample.name, spec_of(method)
-        kept = self.writer.board.without(
-            lambda e: (
-                (e.sample == sample and e.sample_sha256 != prepared.sha) or (e.method == method.name and e.spec != spec)
-            )
-        )
+    def _without_stale(self, method: Method | Submission) -> Board:
+        """The board without entries of an earlier method with the same name but another spec."""
+        spec = spec_of(method)
+        kept = self.writer.board.without(lambda e: e.method == method.name and e.spec != spec)
         before = self.writer.board.entries
         if len(kept.entries) < len(before):
             self.writer.update(kept)

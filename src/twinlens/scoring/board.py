@@ -152,6 +152,12 @@ class Board:
         """The entry with that key, or None."""
         return next((entry for entry in self.entries if entry.key == (method, sample, protocol)), None)
 
+    def check_sample(self, name: str, sha256: str) -> None:
+        """Raise InputError if this board's entries of the sample have another fingerprint (`samples.fingerprint`)."""
+        if any(entry.sample == name and entry.sample_sha256 != sha256 for entry in self.entries):
+            what = f"sample {name!r} is not the one that the board scores: its images, truth or search range differ"
+            raise InputError(f"{what}; use the board's dataset, or another board")
+
     def having(self, entry: Entry) -> "Board":
         """A board with `entry` in place of the one with its key, or appended."""
         entries = {old.key: old for old in self.entries} | {entry.key: entry}

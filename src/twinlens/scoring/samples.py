@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -146,13 +147,20 @@ class DatasetPairs(Sequence[Pair]):
     """Every sample of the datasets (sequences of stored or other samples), once for each lens.
 
     A pair has its sample's name, or "name · lens" if the sample has several lenses, numbered if labels repeat.
-    Indexing reads a pair from disk; nothing is cached. Raises InputError if two pairs have the same name.
+    A name that several datasets have is preceded by the dataset's label: "label/name". Indexing reads a pair from disk;
+    nothing is cached. Raises InputError if two pairs have the same name.
     """
 
-    def __init__(self, *datasets: Sequence[StoredSample | Sample]) -> None:
+    def __init__(self, *datasets: Sequence[StoredSample | Sample], labels: Sequence[str] | None = None) -> None:
         self._places: dict[str, tuple[StoredSample | Sample, int, tuple[str, ...]]] = {}
-        for samples in datasets:
-            found = [(sample, k, *names) for sample in samples for k, names in enumerate(_names(sample))]
+        opened = [list(samples) for samples in datasets]
+        counts = Counter(sample.name for samples in opened for sample in samples)
+        for samples, label in zip(opened, labels or [""] * len(opened), strict=True):
+            found = [
+                (sample, k, *names)
+                for sample in samples
+                for k, names in enumerate(_names(sample, f"{label}/" if label and counts[sample.name] > 1 else ""))
+            ]
             taken = {name for _, _, name, _ in found}
             for sample, k, name, aliases in found:
                 if name in self._places:
@@ -181,8 +189,12 @@ class DatasetPairs(Sequence[Pair]):
 
 
 def open_pairs(names: Iterable[str]) -> DatasetPairs:
-    """The pairs of dataset folders, of KITTI's and ETH3D's downloads, and of "motorcycle" (from scikit-image)."""
-    return DatasetPairs(*map(_open, names))
+    """The pairs of dataset folders, of KITTI's and ETH3D's downloads, and of "motorcycle" (from scikit-image).
+
+    The last part of a folder's name is its label.
+    """
+    folders = list(names)
+    return DatasetPairs(*map(_open, folders), labels=[str(name).rstrip("/").rpartition("/")[2] for name in folders])
 
 
 def _open(name: str) -> Sequence[Any]:
@@ -192,15 +204,15 @@ def _open(name: str) -> Sequence[Any]:
     return Dataset(name) if downloaded is None else downloaded
 
 
-def _names(sample: Any) -> list[tuple[str, tuple[str, ...]]]:
+def _names(sample: Any, prefix: str) -> list[tuple[str, tuple[str, ...]]]:
     """Name and aliases of the pair of each lens: name/lens-k, name-lens-k, and for the first lens also name."""
-    count = getattr(sample, "num_lenses", 1)
+    count, base = getattr(sample, "num_lenses", 1), f"{prefix}{sample.name}"
     if count == 1:
-        return [(sample.name, ())]
+        return [(base, ())]
     labels = [lens_label(sample.lens(k).lens) for k in range(count)]
     numbers = [f" ({k})" if labels.count(label) > 1 else "" for k, label in enumerate(labels)]
-    aliases = [(f"{sample.name}/lens-{k}", f"{sample.name}-lens-{k}") for k in range(count)]
+    aliases = [(f"{base}/lens-{k}", f"{base}-lens-{k}") for k in range(count)]
     return [
-        (f"{sample.name} · {label}{number}", (*names, sample.name) if k == 0 else names)
+        (f"{base} · {label}{number}", (*names, base) if k == 0 else names)
         for k, (label, number, names) in enumerate(zip(labels, numbers, aliases, strict=True))
     ]
