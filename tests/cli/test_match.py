@@ -1,5 +1,7 @@
 """`twinlens match`: search limits, protected files, and the colours of the picture."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -108,3 +110,18 @@ def test_default_options_match_images_smaller_than_their_windows(twinlens, tmp_p
 def test_the_largest_default_window():
     defaults = [method.options.get(name) or 0 for method in METHODS.values() for name in WINDOW_OPTIONS]
     assert max(defaults) == LARGEST_DEFAULT_WINDOW
+
+
+def test_a_function_that_prints_or_raises(twinlens, images, tmp_path):
+    """What it prints does not mix with JSON, and what it raises is one line."""
+    file = tmp_path / "own.py"
+    file.write_text(
+        "import numpy as np\n\ndef flat(left, right, **_):\n    print('hello')\n    return np.ones(left.shape[:2])\n\n"
+        "def boom(left, right, **_):\n    raise RuntimeError('no\\nluck')\n"
+    )
+    disp = tmp_path / "disp.pfm"
+    code, out, err = twinlens("match", *images, "--method", f"function:{file}:flat", "--json", "-o", disp)
+    assert (code, err) == (0, "hello\n")
+    assert json.loads(out)["known_fraction"] == 1
+    code, out, err = twinlens("match", *images, "--method", f"function:{file}:boom", "-o", disp)
+    assert (code, out, err) == (1, "", f"twinlens: function:{file}:boom failed: RuntimeError: no luck\n")

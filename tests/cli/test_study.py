@@ -43,6 +43,7 @@ def test_a_study_from_a_file(twinlens, own, tmp_path):
 
 
 def test_json_has_the_findings(twinlens, own, tmp_path):
+    own.write_text("print('read')\n" + OWN.replace("def measure(setup):", "def measure(setup):\n    print('measured')"))
     code, out, _ = twinlens("study", own, "--json", "-o", tmp_path / "out")
     assert code == 0
     assert json.loads(out)["findings"][0]["measured"] == 4

@@ -77,6 +77,7 @@ RESULTS = {
     "wrong shape": (lambda left, *_a, **_k: left[1:], r"shape \(59, 120\); the left image has \(60, 120\)"),
     "not a number": (lambda left, *_a, **_k: np.where(left == left[3, 4], np.nan, 1.0), "returned nan at"),
     "minus infinity": (lambda left, *_a, **_k: np.full(left.shape, -np.inf), r"-inf at \[0, 0\]; unknown .* \+inf"),
+    "complex numbers": (lambda left, *_a, **_k: left * 1j, "returned ndarray, not an array of real"),
     "words": (lambda *_a, **_k: "a disparity", "not an array"),
 }
 

@@ -89,6 +89,7 @@ def test_split_half_reliability_grows_with_less_noise():
     assert clean.reliability_a.value > 0.9 > rough.reliability_a.value
     single = agreement(board(noisy(3, 1)), board(noisy(4)), resamples=3)
     assert math.isnan(single.reliability_a.value)
+    assert str(single.reliability_a) == "undefined: all methods tie, or a board has one sample"
 
 
 def test_failures_share_the_last_rank_and_missing_samples_are_left_out():

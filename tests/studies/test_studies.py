@@ -187,6 +187,7 @@ def test_study_returns_the_table():
         ("window", {"first_seed": -1}, "at least one seed"),
         ("window", {"scenes": ("cards", "cards")}, "must be distinct"),
         ("window", {"spp": 0}, "spp"),
+        ("window", {"sedes": 3}, "unknown choice of a study 'sedes'; did you mean 'seeds'"),
         ("texture", {"width": 63}, "width of a study must be a whole number >= 64, got 63"),
         ("window", {"width": 64, "height": 47}, "height of a study must be a whole number >= 48, got 47"),
         ("no/such.py", {}, "no such file"),

@@ -26,5 +26,21 @@ stored: NDArray[np.float32] = data[0].disp0
 matcher = tl.StereoMatcher(cost="zncc", block_size=7, num_disparities=32)
 other: NDArray[np.float32] = matcher.match(photo.image, photo.image)
 
+
+class Flat:
+    """A matcher of the user's own."""
+
+    name = "flat"
+
+    def match(
+        self, left: NDArray[np.uint8], right: NDArray[np.uint8], *, num_disparities: int, min_disparity: int
+    ) -> NDArray[np.float32]:
+        return np.full(left.shape[:2], min_disparity + num_disparities / 2, np.float32)
+
+
+flat: NDArray[np.float32] = tl.match(photo.image, photo.image, method=Flat(), num_disparities=8)
+same: NDArray[np.float32] = tl.match(photo.image, photo.image, method=matcher)
+board = tl.scoring.run_benchmark(tl.scoring.open_pairs(["out"]), [Flat()])
+
 names: list[str] = list(tl.bundled_scenes())
 functions = tl.scoring.evaluate, tl.matching.match, tl.geometry.look_at

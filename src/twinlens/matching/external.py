@@ -49,9 +49,12 @@ def checked_result(result: Any, shape: tuple[int, ...], name: str) -> Disparity:
     Raises WrongAnswerError for another type or shape, and for NaN and -inf; unknown disparities are +inf.
     """
     try:
-        disparity = np.asarray("None" if result is None else result, dtype=np.float32)  # NumPy converts None to NaN
+        values = np.asarray("None" if result is None else result)  # NumPy converts None to NaN
+        if values.dtype.kind == "c":
+            raise TypeError
+        disparity = values.astype(np.float32, copy=False)
     except (TypeError, ValueError):
-        message = f"{name} returned {type(result).__name__}, not an array of disparities"
+        message = f"{name} returned {type(result).__name__}, not an array of real disparities"
         raise WrongAnswerError("wrong-type", message) from None
     if disparity.shape != shape:
         raise WrongAnswerError("wrong-shape", f"{name} returned shape {disparity.shape}; the left image has {shape}")
@@ -133,14 +136,18 @@ class PythonFunction(RangeMatcher):
         if callable(self.function):
             return self.function
         source, name = self._module_and_name
-        path = Path(source).resolve()
+        path, is_file = Path(source).resolve(), source.endswith(".py")
+        if is_file and not path.is_file():
+            raise InputError(f"function {self.function!r} cannot be imported: no file {source}")
         try:
-            is_file = source.endswith(".py")
             module = _import_file(path, path.stat().st_mtime_ns) if is_file else importlib.import_module(source)
-            function = operator.attrgetter(name)(module)
         except (ImportError, AttributeError, OSError, SyntaxError) as problem:
             reason = "its module has a syntax error; " if isinstance(problem, SyntaxError) else ""
             raise InputError(f"function {self.function!r} cannot be imported: {reason}{problem}") from None
+        try:
+            function = operator.attrgetter(name)(module)
+        except AttributeError:
+            raise InputError(f"function {self.function!r} cannot be imported: {source} has no {name!r}") from None
         if not callable(function):
             raise InputError(f"function {self.function!r} is {type(function).__name__}, which cannot be called")
         return function  # type: ignore[no-any-return]

@@ -9,13 +9,16 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypedDict, Unpack
 
+import numpy as np
+
 import twinlens
-from twinlens.errors import InputError, check_known, unknown
+from twinlens.errors import InputError, check_known, format_value, unknown
 from twinlens.matching.costs import COSTS
-from twinlens.matching.external import OnnxNetwork, Program, PythonFunction
+from twinlens.matching.external import OnnxNetwork, Program, PythonFunction, checked_result
 from twinlens.matching.images import Disparity
 from twinlens.matching.matcher import StereoMatcher
 from twinlens.matching.opencv import OpenCVBlock, OpenCVSemiGlobal
+from twinlens.matching.options import DEFAULT_DISPARITIES, Matcher
 
 ENTRY_POINTS = "twinlens.methods"
 PROGRAM_GRACE_S = 5.0  # beyond the limit, for a program's matcher, which ends the program itself
@@ -307,15 +310,16 @@ class Options(TypedDict, total=False):
     uniqueness: float
 
 
-def match(left: Any, right: Any, method: str = "zncc", **options: Unpack[Options]) -> Disparity:
+def match(left: Any, right: Any, method: str | Matcher = "zncc", **options: Unpack[Options]) -> Disparity:
     """Match two rectified images.
 
     Parameters
     ----------
     left, right : array (H, W) or (H, W, 3)
         Images of one size and dtype: uint8, uint16 or float32. Colour is converted to luma (`matching.grey`).
-    method : str
-        A name of `matching.METHODS`, with or without options: "sad:block_size=7".
+    method : str or Matcher
+        A name of `matching.METHODS`, with or without options: "sad:block_size=7". Or an object with `Matcher.match`,
+        which gets num_disparities and min_disparity, by default its attributes of these names, or else 64 and 0.
     **options
         block_size, num_disparities, min_disparity and the other options of the method; see `twinlens methods`.
 
@@ -332,9 +336,22 @@ def match(left: Any, right: Any, method: str = "zncc", **options: Unpack[Options
     >>> round(float(disparity[10, 20]))
     3
     """
+    if not isinstance(method, str):
+        return _matched_by(method, left, right, options)
     spec = parse_method(method)
     for name in options:
         if name not in spec.method.options:
             raise unknown(f"option of {spec.method.name}", name, ["method", *spec.method.options])
     result: Disparity = spec.method.make(**{**options, **spec.options}).match(left, right)
     return result
+
+
+def _matched_by(matcher: Any, left: Any, right: Any, options: Mapping[str, Any]) -> Disparity:
+    if isinstance(matcher, type) or not hasattr(matcher, "match"):
+        allowed = "a name such as 'zncc', or an object with match(left, right, *, num_disparities, min_disparity)"
+        raise InputError(f"method must be {allowed}, got {format_value(matcher)}")
+    search = {"num_disparities": DEFAULT_DISPARITIES, "min_disparity": 0}
+    for name in options:
+        check_known("option of a matcher object", name, search)
+    given = {name: options.get(name, getattr(matcher, name, default)) for name, default in search.items()}
+    return checked_result(matcher.match(left, right, **given), np.shape(left)[:2], type(matcher).__name__)

@@ -47,9 +47,7 @@ class OpenCVBlock(_OpenCVMatcher):
     uniqueness: Annotated[int, "OpenCV's uniquenessRatio in percent; 0: off."] = 15
 
     def __post_init__(self) -> None:
-        check_block_size("block_size", self.block_size)
-        if self.block_size < 5:
-            raise InputError(f"block_size is {self.block_size}; OpenCV's StereoBM needs 5 or more")
+        check_block_size("block_size", self.block_size, 5)
         check_int("texture", self.texture, 0)
         check_int("uniqueness", self.uniqueness, 0)
         check_range(self.num_disparities, self.min_disparity)

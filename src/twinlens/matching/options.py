@@ -17,16 +17,14 @@ WINDOW_OPTIONS = ("block_size", "census_window", "median")
 
 
 class Matcher(Protocol):
-    """A stereo matcher. All methods of `METHODS` make one, and any object with this `match` can be scored."""
+    """A stereo matcher. All methods of `METHODS` make one, and `match` and `scoring.run_benchmark` accept any."""
 
-    def match(
-        self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
-    ) -> Disparity:
+    def match(self, left: Any, right: Any, *, num_disparities: int, min_disparity: int) -> Disparity:
         """Match two rectified images.
 
         left, right: (H, W) or (H, W, 3), of one size and dtype: uint8, uint16 or float32. The search covers
-        min_disparity <= d < min_disparity + num_disparities; None: the matcher's own value. Returns the left image's
-        disparity u_left - u_right in pixels, (H, W) float32; +inf where unknown.
+        min_disparity <= d < min_disparity + num_disparities; twinlens's matchers have defaults for both.
+        Returns the left image's disparity u_left - u_right in pixels, (H, W) float32; +inf where unknown.
         Raises InputError for images that differ in size or dtype, or cannot be matched.
         """
         ...
@@ -67,9 +65,9 @@ def check_range(num_disparities: Any, min_disparity: Any) -> None:
     check_int("min_disparity", min_disparity)
 
 
-def check_block_size(name: str, value: Any) -> None:
-    """InputError unless it is the side of a window centred on a pixel: a positive odd whole number."""
-    check_int(name, value, 1)
+def check_block_size(name: str, value: Any, least: int = 1) -> None:
+    """InputError unless it is the side of a window centred on a pixel: an odd whole number >= least."""
+    check_int(name, value, least)
     if value % 2 == 0:
         raise InputError(f"{name} is {value}; it must be odd: use {value - 1} or {value + 1}")
 

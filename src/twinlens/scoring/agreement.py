@@ -27,6 +27,8 @@ class CorrelationInterval:
     high: float
 
     def __str__(self) -> str:
+        if math.isnan(self.value):
+            return "undefined: all methods tie, or a board has one sample"
         return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f})"
 
 
@@ -94,7 +96,8 @@ def agreement(
         _, chosen = board.rules(protocol, region, metric, "both boards")
     methods = tuple(name for name in board_a.methods if name in board_b.methods)
     if len(methods) < 3:
-        raise InputError(f"the boards share {len(methods)} methods: a comparison of rankings needs 3 or more")
+        count = f"{len(methods)} method" + "s" * (len(methods) != 1)
+        raise InputError(f"the boards share {count}: a comparison of rankings needs 3 or more")
     a, b = (sample_ranks(board, methods, protocol, region, chosen.name) for board in (board_a, board_b))
     mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
     rng = generator(seed)

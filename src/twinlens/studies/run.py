@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import twinlens
-from twinlens.errors import FileError, InputError, TwinlensError, unknown
+from twinlens.errors import FileError, InputError, TwinlensError, check_known, unknown
 from twinlens.matching import parse_method
 from twinlens.rendering import backend
 from twinlens.scenes import load_scene
@@ -65,9 +65,11 @@ def run_study(
     """Run a study with its defaults, except for the arguments that are given: see `Setup`.
 
     seeds: the number of repetitions, with the seeds first_seed, first_seed + 1, ... The same arguments give the same
-    table on the same backend. Raises InputError for an unknown scene or method, and for scenes or methods given to a
-    study that does not use them.
+    table on the same backend. Raises InputError for an unknown argument, scene or method, and for scenes or methods
+    given to a study that does not use them.
     """
+    for name in sizes:
+        check_known("choice of a study", name, (*(run_study.__kwdefaults__ or ()), "width", "height", "spp"))
     defaults = study.defaults
     count = len(defaults.seeds) if seeds is None else seeds
     if count < 1 or first_seed < 0:
