@@ -45,6 +45,8 @@ def test_integers_of_every_type_are_accepted(value):
 def test_other_values_are_not_integers_in_range(value):
     with pytest.raises(InputError, match=r"^x must be a whole number from 3 to 9, got "):
         check_int("x", value, 3, 9)
+    with pytest.raises(InputError, match=r"^x must be 1, got "):
+        check_int("x", value, 1, 1)
 
 
 @pytest.mark.parametrize("values", [(1.0, 1.0), (1.0,) * 4, (), 1.0, None, "abc", (0.0, 1.0, 1.0), (1.0, -1.0, 1.0)])

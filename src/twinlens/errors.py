@@ -137,7 +137,8 @@ def check_int(name: str, value: Any, least: int | None = None, most: int | None 
     whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not whole or (least is not None and value < least) or (most is not None and value > most):
         allowed = "" if least is None else f" >= {least}" if most is None else f" from {least} to {most}"
-        raise InputError(f"{name} must be a whole number{allowed}, got {format_value(value)}")
+        numbers = f"{least}" if least is not None and least == most else f"a whole number{allowed}"
+        raise InputError(f"{name} must be {numbers}, got {format_value(value)}")
 
 
 def check_triple(name: str, values: Any, allowed: str) -> tuple[float, float, float]:

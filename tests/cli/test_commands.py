@@ -136,7 +136,7 @@ def test_samples_that_are_not_the_board_s_are_refused(twinlens, dataset, other, 
     assert not page.exists()
 
 
-def test_samples_of_two_datasets_with_one_name_are_told_apart(twinlens, dataset, other, tmp_path):
+def test_samples_of_one_name_in_two_datasets_are_named_after_their_datasets(twinlens, dataset, other, tmp_path):
     code, _, err = twinlens("benchmark", dataset, other, "motorcycle", "--methods", "sad", "-o", tmp_path / "board")
     assert code == 0, err
     entries = json.loads((tmp_path / "board" / "board.json").read_text())["entries"]

@@ -52,6 +52,13 @@ def test_bad_options_give_one_line_errors(twinlens, arc, tmp_path):
         assert not (tmp_path / "r").exists()
 
 
+@pytest.mark.parametrize("far", ["-1", "0", "nan"])
+def test_a_limit_that_no_depth_can_meet_is_refused(twinlens, arc, tmp_path, far):
+    code, _, err = twinlens("reconstruct", arc, "-o", tmp_path / "r", "--far", far)
+    assert code == 2
+    assert "'--far': " in err or "far must be a number of metres above 0, got nan" in err
+
+
 def test_an_unknown_method_is_named_beside_truth(twinlens, arc, tmp_path):
     _, _, err = twinlens("reconstruct", arc, "-o", tmp_path / "r", "--method", "foo")
     assert "--method is 'truth' or a matcher: unknown method 'foo'" in err

@@ -25,7 +25,7 @@ def data(tmp_path_factory):
 def test_an_export_is_read_back(data, tmp_path, layout, folder):
     export(data, tmp_path / "made", layout)
     inner = tmp_path / "made" / folder
-    for root in (inner, inner.parent):
+    for root in (inner, inner.parent, tmp_path / "made"):
         for pair, sample in zip(downloaded_pairs(root), data, strict=True):
             np.testing.assert_array_equal(pair.im0, sample.im0)
             np.testing.assert_array_equal(pair.im1, sample.im1)

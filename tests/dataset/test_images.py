@@ -36,8 +36,9 @@ def test_postscript_is_never_interpreted(tmp_path, monkeypatch, name):
     started = []
     monkeypatch.setattr(EpsImagePlugin, "Ghostscript", lambda *given, **_: started.append(given))
     (tmp_path / name).write_bytes(POSTSCRIPT)
-    with pytest.raises(FileError, match=name):
+    with pytest.raises(FileError, match=name) as error:
         read_image(tmp_path / name)
+    assert "object at 0x" not in str(error.value)
     assert started == []
 
 

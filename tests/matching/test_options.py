@@ -24,5 +24,12 @@ def test_wrong_options_are_refused_in_one_line(text):
     assert "\n" not in str(refusal.value)
 
 
+def test_an_even_block_size_suggests_sizes_that_are_allowed():
+    with pytest.raises(InputError, match="must be a whole number >= 5, got 4"):
+        parse_method("opencv_bm:block_size=4")
+    with pytest.raises(InputError, match="use 5 or 7"):
+        parse_method("opencv_bm:block_size=6")
+
+
 def test_none_switches_an_option_off():
     assert parse_method("sad:uniqueness=none,texture=none").matcher() == parse_method("sad").matcher()

@@ -122,6 +122,7 @@ FLAT = np.full((30, 40), 2.0)
         (lambda: view(FLAT[1:]), "needs depth"),
         (lambda: view_of_disparity(FLAT, toed_in(CAMERA, 0.3, 2.0)), "rectify them first"),
         (lambda: view_of_disparity(-np.inf * FLAT, Rig.stereo(CAMERA.replace(distortion=None), 0.1)), "-inf"),
+        (lambda: view_of_disparity("x", Rig.stereo(CAMERA.replace(distortion=None), 0.1)), "array of numbers"),
         (lambda: mesh_of(view(FLAT), 90), "max_angle_deg"),
         (lambda: Cloud(np.array([[np.inf, 0, 0]])), "finite"),
         (lambda: Cloud(np.zeros((2, 3)), np.zeros((1, 3), np.uint8)), "colours"),

@@ -227,6 +227,7 @@ def test_a_timeout_is_not_cached(answers, tmp_path):
         ("raise RuntimeError('two\\nlines')", "fails: lines"),
         ("raise RuntimeError('word ' * 70 + 'end.')", f"fails: RuntimeError: {'word ' * 70}end."),
         ("raise RuntimeError('word ' * 200)", f"fails: RuntimeError: {'word ' * 76}..."),
+        ("raise ImportError('no LLVM was found! Set the variable.')", "fails: ImportError: no LLVM was found!"),
         ("raise SystemExit(3)", "fails with exit code 3"),
     ],
 )

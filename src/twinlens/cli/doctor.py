@@ -29,7 +29,8 @@ def command(as_json: bool) -> None:
     if as_json:
         print_json({"backend": asdict(chosen), "versions": versions})
         return
-    click.echo(f"backend   {chosen.variant}: {chosen.reason}")
+    failed = chosen.probes and not chosen.is_jit  # for the reasons listed below
+    click.echo(f"backend   {chosen.variant}: {'no LLVM library or CUDA device works' if failed else chosen.reason}")
     if chosen.advice:
         click.echo(f"advice    {chosen.advice}")
     for probe in chosen.probes:

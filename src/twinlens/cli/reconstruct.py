@@ -17,15 +17,17 @@ from twinlens.errors import located
 from twinlens.matching import parse_method
 from twinlens.reconstruction.of_sample import RECORD, reconstruct
 
+_LENGTH = click.FloatRange(0, min_open=True)
+
 
 @click.command("reconstruct")
 @click.argument("sample", type=PLACE, metavar="DATASET/SAMPLE")
 @click.option("-o", "--output", required=True, type=PATH, help="Folder of the reconstruction.")
 @click.option("--method", default="truth", show_default=True, help="truth, or a matcher: sgm, zncc:block_size=11, ...")
-@click.option("--cell-mm", type=float, help="Cell size of the fused surface.  [default: 1/160 of the points' extent]")
+@click.option("--cell-mm", type=_LENGTH, help="Cell size of the fused surface.  [default: 1/160 of the points' extent]")
 @click.option("--min-views", type=click.IntRange(min=1), default=1, show_default=True, help="Views required per point.")
-@click.option("--far", type=float, default=math.inf, help="Largest depth to use, metres.  [default: no limit]")
-@click.option("--spacing-mm", type=float, help="Point spacing of the comparison.  [default: half a cell]")
+@click.option("--far", type=_LENGTH, default=math.inf, help="Largest depth to use, metres.  [default: no limit]")
+@click.option("--spacing-mm", type=_LENGTH, help="Point spacing of the comparison.  [default: half a cell]")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier reconstruction.")
 @json_option("the comparison")
 def command(sample: Place, output: Path, method: str, overwrite: bool, as_json: bool, **options: Any) -> None:
@@ -51,7 +53,8 @@ def command(sample: Place, output: Path, method: str, overwrite: bool, as_json: 
     if as_json:
         print_json(record)
         return
-    click.echo(f"{output}: {record['points']} points, {record['faces']} triangles from {record['views']} depth maps")
+    maps = f"{record['views']} depth map" + "s" * (record["views"] != 1)
+    click.echo(f"{output}: {record['points']} points, {record['faces']} triangles from {maps}")
     for name, scores in record["against_truth"].items():
         means = f"accuracy {scores['accuracy_mean_mm']:.3g} mm, completeness {scores['completeness_mean_mm']:.3g} mm"
         shares = ", ".join(f"{share['f_score']:.1%} at {share['tolerance_mm']:g} mm" for share in scores["shares"])

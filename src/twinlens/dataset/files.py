@@ -139,7 +139,8 @@ def locked(
             folder.mkdir(parents=True, exist_ok=True)
             descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
         except OSError as error:
-            raise OutputError(f"{folder}: cannot be written; {error.strerror}") from error
+            reason = _REMEDIES.get(error.errno or 0, error.strerror)
+            raise OutputError(f"{folder}: cannot be written; {reason}") from error
         with contextlib.ExitStack() as stack:
             stack.callback(os.close, descriptor)
             try:

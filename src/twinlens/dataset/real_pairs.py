@@ -30,6 +30,7 @@ _KITTI = (
     ("image_0", "image_1", "disp_occ", "disp_noc"),
 )
 _ETH3D = "two_view_training"
+_EXPORTS = ("Kitti2015", "ETH3D")  # the folders that `twinlens export` makes for torchvision
 _VISIBLE = "disp_noc"  # KITTI's map of the pixels that are visible in both views
 
 
@@ -54,11 +55,12 @@ class DownloadedPair(StoredSample):
 def downloaded_pairs(path: Where) -> Sequence[DownloadedPair] | None:
     """The pairs of a KITTI or ETH3D download; None if `path` is neither.
 
-    path: the folder `training` or `two_view_training`, or the one that contains it.
+    path: the folder `training` or `two_view_training`, the one that contains it, or an export in such a layout.
 
     Raises FileError if the truth or the partner of an image is missing, or if there is no image.
     """
     root = place(path)
+    root = next((root / name for name in _EXPORTS if (root / name).is_dir()), root)
     for folder in (root, root / _ETH3D):
         if folder.name == _ETH3D and folder.is_dir():
             return _checked(_eth3d(folder), folder)

@@ -92,6 +92,8 @@ def reconstruct(
 
     Raises InputError where no point is left, or two views have nothing in common.
     """
+    if not far > 0:
+        raise InputError(f"far must be a number of metres above 0, got {far}")
     views = depth_views(stored, matcher, far)
     progress(0.4, "fusing")
     points = fuse(views, min_views=min_views)

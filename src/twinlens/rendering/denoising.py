@@ -1,6 +1,6 @@
 """Denoises images with Intel Open Image Denoise, guided by albedo and normals through the same lens.
 
-The samples of an image see textures with noise of their own, above all through a wide lens. Guides of the very same
+The samples of an image see textures with noise of their own, above all through a wide aperture. Guides of the very same
 samples show it: with the albedo G of many samples, G_own of the image's, and the local irradiance L = mean(I) /
 mean(G_own) in windows of 5x5 pixels, the image I becomes I + L (G - G_own). This control variate has the same
 expectation. The result is divided by sqrt(G) before filtering and multiplied by it after, and sqrt(G) is the albedo

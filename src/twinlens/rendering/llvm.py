@@ -131,4 +131,5 @@ def _run(variant: str, library: Path | None) -> str:
     last = next((line.strip() for line in reversed(lines) if line.strip()), "")
     if not last:
         return f"fails with exit code {child.returncode}"
+    last = re.split(r"(?<=[.!]) ", last)[0]  # the first sentence
     return f"fails: {textwrap.shorten(last, _MAX_MESSAGE, placeholder=' ...')}"

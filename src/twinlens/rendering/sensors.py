@@ -101,4 +101,4 @@ def _check_camera(camera: Camera) -> None:
 
 def _check_lens(lens: Lens) -> None:
     if lens.aperture_diameter > 0 and not (isinstance(lens.aperture, Disk) and lens.vergence > 1e-5):
-        raise BackendError(f"a lens other than a disk aperture focused at a finite distance {_NEEDS_JIT}")
+        raise BackendError(f"this lens {_NEEDS_JIT}; without it, use a pinhole or a disk aperture with a finite focus")

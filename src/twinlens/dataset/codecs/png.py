@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.storage import Where
@@ -110,7 +110,8 @@ def read_image(path: Path) -> NDArray[Any]:
     except FileError:
         raise
     except (OSError, Image.DecompressionBombError, ValueError) as error:
-        raise FileError(f"{path}: not a readable image ({error})") from None
+        reason = "unknown format" if isinstance(error, UnidentifiedImageError) else error
+        raise FileError(f"{path}: not a readable image ({reason})") from None
 
 
 def _paeth_filtered(rows: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
