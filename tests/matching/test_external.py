@@ -9,6 +9,7 @@ import pytest
 
 import twinlens.matching as tm
 from twinlens.errors import InputError, MissingExtraError
+from twinlens.matching.external import PythonFunction
 
 cv2 = pytest.importorskip("cv2")
 
@@ -86,7 +87,7 @@ RESULTS = {
 def test_the_result_of_a_function_is_checked(case):
     function, message = RESULTS[case]
     with pytest.raises(InputError, match=message):
-        tm.PythonFunction(function).match(*scene())
+        PythonFunction(function).match(*scene())
 
 
 COPY = """
@@ -228,6 +229,6 @@ def test_the_content_of_a_function_is_its_file(tmp_path, monkeypatch):
     place, seen = tmp_path / "somebodys_matcher.py", set()
     for text in ("def f(): 1", "def f(): 22"):
         place.write_text(text)
-        seen.add(tm.PythonFunction("somebodys_matcher:f").content)
+        seen.add(PythonFunction("somebodys_matcher:f").content)
     assert len(seen) == 2
-    assert tm.PythonFunction("no_such_module.at_all:f").content == tm.PythonFunction(constant).content == ""
+    assert PythonFunction("no_such_module.at_all:f").content == PythonFunction(constant).content == ""

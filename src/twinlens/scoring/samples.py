@@ -153,19 +153,19 @@ class DatasetPairs(Sequence[Pair]):
 
     def __init__(self, *datasets: Sequence[StoredSample | Sample], labels: Sequence[str] | None = None) -> None:
         self._places: dict[str, tuple[StoredSample | Sample, int, tuple[str, ...]]] = {}
-        opened = [list(samples) for samples in datasets]
-        counts = Counter(sample.name for samples in opened for sample in samples)
-        for samples, label in zip(opened, labels or [""] * len(opened), strict=True):
-            found = [
-                (sample, k, *names)
-                for sample in samples
-                for k, names in enumerate(_names(sample, f"{label}/" if label and counts[sample.name] > 1 else ""))
-            ]
-            taken = {name for _, _, name, _ in found}
-            for sample, k, name, aliases in found:
-                if name in self._places:
-                    raise InputError(f"two samples are named {name!r}: run each dataset separately")
-                self._places[name] = sample, k, tuple(alias for alias in aliases if alias not in taken)
+        found = [
+            [(sample, k, *names) for sample in samples for k, names in enumerate(_names(sample))]
+            for samples in datasets
+        ]
+        counts = Counter(name for pairs in found for _, _, name, _ in pairs)
+        for pairs, label in zip(found, labels or [""] * len(found), strict=True):
+            taken = {name for _, _, name, _ in pairs}
+            for sample, k, name, aliases in pairs:
+                prefix = f"{label}/" if label and counts[name] > 1 else ""
+                if prefix + name in self._places:
+                    raise InputError(f"two samples are named {prefix + name!r}: run each dataset separately")
+                others = tuple(prefix + alias for alias in aliases if alias not in taken)
+                self._places[prefix + name] = sample, k, others
         self._pairs = list(self._places.items())
 
     def __len__(self) -> int:
@@ -204,15 +204,15 @@ def _open(name: str) -> Sequence[Any]:
     return Dataset(name) if downloaded is None else downloaded
 
 
-def _names(sample: Any, prefix: str) -> list[tuple[str, tuple[str, ...]]]:
+def _names(sample: Any) -> list[tuple[str, tuple[str, ...]]]:
     """Name and aliases of the pair of each lens: name/lens-k, name-lens-k, and for the first lens also name."""
-    count, base = getattr(sample, "num_lenses", 1), f"{prefix}{sample.name}"
+    count = getattr(sample, "num_lenses", 1)
     if count == 1:
-        return [(base, ())]
+        return [(sample.name, ())]
     labels = [lens_label(sample.lens(k).lens) for k in range(count)]
     numbers = [f" ({k})" if labels.count(label) > 1 else "" for k, label in enumerate(labels)]
-    aliases = [(f"{base}/lens-{k}", f"{base}-lens-{k}") for k in range(count)]
+    aliases = [(f"{sample.name}/lens-{k}", f"{sample.name}-lens-{k}") for k in range(count)]
     return [
-        (f"{base} · {label}{number}", (*names, base) if k == 0 else names)
+        (f"{sample.name} · {label}{number}", (*names, sample.name) if k == 0 else names)
         for k, (label, number, names) in enumerate(zip(labels, numbers, aliases, strict=True))
     ]
