@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 
+from twinlens.camera.film import NO_TRUTH, colourise
 from twinlens.errors import InputError
-from twinlens.report.colormaps import COLORMAPS, NO_ESTIMATE, NO_TRUTH, colourise
+from twinlens.report.colormaps import COLORMAPS, NO_ESTIMATE
 from twinlens.report.page import UNKNOWN, image_uri, pack
 
 disparities = hnp.arrays(

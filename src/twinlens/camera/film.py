@@ -1,6 +1,7 @@
-"""Images on the film of a camera: the check of linear radiance, and the inverted image of a real film."""
+"""Images on the film of a camera: the check of linear radiance, the inverted image of a real film, false colours."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from twinlens.errors import InputError, check_known, format_value
 SENSOR_WIDTHS_MM = {"1/2.3": 6.17, "1/1.7": 7.6, "2/3": 8.8, "1": 13.2, "4/3": 17.3, "APS-C": 23.5, "35mm": 36.0}
 """Widths of sensor formats in mm; APS-C is that of Nikon and Sony, Canon's is 22.3 mm. Source: the table of sensor
 formats and sizes in Wikipedia, Image sensor format; 36 x 24 mm is the image size of 135 film, ISO 1007."""
+
+NO_TRUTH = (196, 200, 206)  # light grey: viridis, magma and berlin contain no greys
 
 
 def film_image(image: NDArray[Any]) -> NDArray[Any]:
@@ -49,6 +52,29 @@ def rgb8(image: NDArray[Any]) -> NDArray[np.uint8]:
     """A uint8 or uint16 image (H, W[, 3]) as uint8 (H, W, 3)."""
     eight = (image >> 8).astype(np.uint8) if image.dtype == np.uint16 else image.astype(np.uint8)
     return np.repeat(eight[..., None], 3, axis=2) if eight.ndim == 2 else eight
+
+
+def colourise(
+    values: ArrayLike, low: float, high: float, colormap: str = "viridis", unknown_colour: Sequence[int] = NO_TRUTH
+) -> NDArray[np.uint8]:
+    """(H, W) numbers as a uint8 (H, W, 3) sRGB image; the colormap spans [low, high], values outside saturate.
+
+    Values that are not finite get `unknown_colour`. Raises InputError unless `colormap` is one of matplotlib's, and
+    low < high.
+
+    >>> colourise([[0.0, 1.0, np.inf]], 0, 1).tolist()
+    [[[68, 1, 84], [253, 231, 37], [196, 200, 206]]]
+    """
+    import matplotlib
+
+    check_known("colormap", colormap, matplotlib.colormaps)
+    if not low < high:
+        raise InputError(f"the colour range is [{low}, {high}]: expected low < high")
+    numbers = np.asarray(values, np.float64)
+    known = np.isfinite(numbers)
+    share = (np.where(known, numbers, low) - low) / (high - low)
+    colours = matplotlib.colormaps[colormap](np.rint(np.clip(share, 0, 1) * 255).astype(np.intp))
+    return np.where(known[..., None], np.rint(255 * colours[..., :3]), unknown_colour).astype(np.uint8)
 
 
 def sensor_width_mm(value: Any) -> float:

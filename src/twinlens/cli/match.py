@@ -10,6 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
+from twinlens.camera.film import colourise
 from twinlens.cli.options import SECONDS, json_option, print_json
 from twinlens.cli.places import PATH, PNG_FILE, PlaceType
 from twinlens.dataset import read_image, write_pfm, write_png
@@ -17,7 +18,7 @@ from twinlens.errors import InputError, TwinlensError
 from twinlens.matching import Program, parse_method
 from twinlens.matching.external import PythonFunction
 from twinlens.matching.options import DEFAULT_DISPARITIES, check_image_size
-from twinlens.report.colormaps import colourise, disparity_limits
+from twinlens.report.colormaps import disparity_limits
 
 DEFAULT_METHOD = "zncc"
 

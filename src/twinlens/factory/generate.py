@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from twinlens.camera.film import colourise
 from twinlens.dataset import Row, StoredSample, remove_unfinished, sample_files, write_card, write_croissant
 from twinlens.dataset.card import contact_sheet, tile
 from twinlens.dataset.codecs.png import encode_png
@@ -239,9 +240,6 @@ def sample_tile(sample: StoredSample) -> Image.Image:
 
 def colored(disparity: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Disparity in the colour map `turbo`, from its 1st to its 99th percentile; black where unknown."""
-    import matplotlib
-
-    known = np.ma.masked_invalid(disparity)
-    low, high = np.percentile(known.compressed(), (1, 99)) if known.count() else (0.0, 1.0)
-    turbo = matplotlib.colormaps["turbo"].with_extremes(bad="black")
-    return np.asarray(turbo((known - low) / max(high - low, 1e-6), bytes=True)[..., :3])
+    known = disparity[np.isfinite(disparity)]
+    low, high = np.percentile(known, (1, 99)) if known.size else (0.0, 1.0)
+    return colourise(disparity, low, max(high, low + 1e-6), "turbo", unknown_colour=(0, 0, 0))

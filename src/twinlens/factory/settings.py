@@ -132,12 +132,6 @@ _LEAST_SEEN = 0.005  # of the image: an object that is large enough to focus on
 Focus = Annotated[float, Field(gt=0, allow_inf_nan=True)] | Literal["near", "middle", "far", "centre", "object"]
 
 
-class PinholeTable(StrictModel):
-    """A pinhole."""
-
-    kind: Literal["pinhole"] = "pinhole"
-
-
 class ThinTable(StrictModel):
     """A thin lens by its aperture or its f-number."""
 
@@ -163,13 +157,14 @@ class HoleTable(StrictModel):
     shape: ShapeTable = Field(default_factory=Disk)
 
 
-LensTable: Any = Annotated[PinholeTable | ThinTable | HoleTable, Field(discriminator="kind")]
+_PINHOLE: Any = table_of(Pinhole, kind=(Literal["pinhole"], "pinhole"))
+LensTable: Any = Annotated[_PINHOLE | ThinTable | HoleTable, Field(discriminator="kind")]
 
 
 def make_lens(table: Any, view: View | None, find: Find = Path) -> Lens:
     """The lens of a LensTable. Without a view, a focus that depends on the scene is 1 m: enough to check the table."""
-    if isinstance(table, PinholeTable):
-        return Pinhole()
+    if isinstance(table, Pinhole):
+        return table
     shape = make_aperture(table.shape, find)
     if isinstance(table, HoleTable):
         return BareAperture(1e-3 * table.aperture_mm, 1e-3 * table.film_mm, shape)
@@ -253,7 +248,7 @@ class Settings(StrictModel):
     sky_disparity: bool = False
     scene: SceneTable = SceneTable()
     rig: dict[str, Any] = Field(default_factory=dict)
-    lenses: Lenses = Field([PinholeTable()])
+    lenses: Lenses = Field([{"kind": "pinhole"}], validate_default=True)
     sensor: SensorTable = Field(default_factory=Sensor)
     exposure: ExposureTable | None = None
 

@@ -1,6 +1,6 @@
 """Figures and self-contained HTML pages of boards and studies; computes no scores."""
 
-from twinlens.report.colormaps import colourise
+from twinlens.camera.film import colourise
 from twinlens.report.page import write_page
 
 __all__ = [

@@ -1,46 +1,22 @@
-"""Matplotlib's colormaps viridis, magma and berlin as 256-step tables, and flat colours for unknown values.
+"""Matplotlib's colormaps viridis, magma and berlin as 256-step tables, and the colours of a disparity map.
 
 All three are perceptually uniform and readable with colour vision deficiencies; berlin diverges around black.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 
-import matplotlib
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.errors import InputError, check_known
+from twinlens.camera.film import colourise
 
-NO_TRUTH, NO_ESTIMATE = (196, 200, 206), (102, 112, 127)  # light grey and slate; the colormaps contain no greys
+NO_ESTIMATE = (102, 112, 127)  # slate
 
 COLORMAPS: Mapping[str, NDArray[np.uint8]] = MappingProxyType(
-    {
-        name: np.rint(255 * matplotlib.colormaps[name](np.arange(256))[:, :3]).astype(np.uint8)
-        for name in ("viridis", "magma", "berlin")
-    }
+    {name: colourise(np.arange(256), 0, 255, name) for name in ("viridis", "magma", "berlin")}
 )
 """Name -> uint8 (256, 3) sRGB."""
-
-
-def colourise(
-    values: ArrayLike, low: float, high: float, colormap: str = "viridis", unknown_colour: Sequence[int] = NO_TRUTH
-) -> NDArray[np.uint8]:
-    """(H, W) numbers as a uint8 (H, W, 3) sRGB image; the colormap spans [low, high], values outside saturate.
-
-    Values that are not finite get `unknown_colour`. Raises InputError for an unknown colormap, or low >= high.
-
-    >>> colourise([[0.0, 1.0, np.inf]], 0, 1).tolist()
-    [[[68, 1, 84], [253, 231, 37], [196, 200, 206]]]
-    """
-    check_known("colormap", colormap, COLORMAPS)
-    if not low < high:
-        raise InputError(f"the colour range is [{low}, {high}]: expected low < high")
-    numbers = np.asarray(values, np.float64)
-    known = np.isfinite(numbers)
-    share = (np.where(known, numbers, low) - low) / (high - low)
-    index = np.rint(np.clip(share, 0, 1) * 255).astype(np.intp)
-    return np.where(known[..., None], COLORMAPS[colormap][index], np.array(unknown_colour, np.uint8))
 
 
 def disparity_limits(disparity: ArrayLike, matcher: object) -> tuple[float, float]:

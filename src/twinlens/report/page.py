@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from twinlens import scoring
-from twinlens.camera.film import rgb8
+from twinlens.camera.film import NO_TRUTH, rgb8
 from twinlens.dataset.files import write_file
-from twinlens.report.colormaps import COLORMAPS, NO_ESTIMATE, NO_TRUTH
+from twinlens.report.colormaps import COLORMAPS, NO_ESTIMATE
 from twinlens.scoring import METRICS, PROTOCOLS, REGIONS, Board, Entry, Groups, Pair, Sample, json_number
 from twinlens.scoring.metrics import TIMES
 

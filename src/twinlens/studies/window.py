@@ -8,10 +8,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
+from twinlens.camera.film import colourise
 from twinlens.sensor import Sensor
 from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, fewer_wrong, is_above, sweep
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream
@@ -54,17 +54,11 @@ def _panel(stage: Stage, pictures: Sequence[NDArray[Any]], maps: Sequence[NDArra
     truth, most = stage.truth.disparity, _MAX_ERROR_PX
     with np.errstate(invalid="ignore"):
         errors = [np.where(np.isfinite(found), np.abs(found - truth), most) for found in maps]
-    shown = [_coloured(found / float(stage.ndisp), "viridis") for found in (truth, *maps)]
-    shown += [_coloured(np.where(np.isfinite(truth), error, np.nan) / most, "gray_r") for error in errors]
+    shown = [colourise(found, 0, stage.ndisp) for found in (truth, *maps)]
+    shown += [colourise(np.where(np.isfinite(truth), error, np.nan), 0, most, "gray_r") for error in errors]
     captions = ("left", "right", "true disparity", *COMPARED.values(), *[f"error, black: {most:g} px"] * len(maps))
     title = f"{stage.scene.name}: fixed block, adaptive window, semi-global"
     return Picture(f"panel-{stage.scene.name}", title, (*pictures, *shown), captions, columns=3)
-
-
-def _coloured(values: NDArray[Any], colormap: str) -> NDArray[np.uint8]:
-    """(H, W) values from 0 to 1 as uint8 (H, W, 3); grey where not finite."""
-    colours = matplotlib.colormaps[colormap].with_extremes(bad="#c4c8ce")
-    return np.asarray(colours(np.ma.masked_invalid(values), bytes=True)[..., :3])
 
 
 def conclude(table: Table) -> list[Finding]:
