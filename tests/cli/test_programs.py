@@ -269,7 +269,7 @@ def test_help_has_the_scoring_room_s_warm_up_limit(twinlens):
             ["--methods", "sad,function:function=nomodule:f"],
             "function 'nomodule:f' cannot be imported: No module",
         ),
-        (["--methods", "function:function=math:nothing"], "math has no 'nothing'"),
+        (["--methods", "function:function=math:nothing"], "math has no function 'nothing'"),
         (["--methods", "function:function=math:pi"], "cannot be called"),
         (["--methods", "sad,onnx:model=none.onnx"], "none.onnx: No such file"),
         (["--methods", "program:command='./none {left} {right} {out}'"], "'./none' cannot be started: no such program"),

@@ -85,7 +85,7 @@ def test_a_function_in_a_file_is_a_method_from_any_folder(tmp_path, monkeypatch)
     [
         ("absent.py:f", "cannot be imported: no file absent.py"),
         ("wrong.py:f", "syntax error"),
-        ("right.py:g", "right.py has no 'g'"),
+        ("right.py:g", "right.py has no function 'g'"),
         ("right.py", "write path/to/file.py:name"),
     ],
 )

@@ -147,7 +147,8 @@ class PythonFunction(RangeMatcher):
         try:
             function = operator.attrgetter(name)(module)
         except AttributeError:
-            raise InputError(f"function {self.function!r} cannot be imported: {source} has no {name!r}") from None
+            reason = f"{source} has no function {name!r}"
+            raise InputError(f"function {self.function!r} cannot be imported: {reason}") from None
         if not callable(function):
             raise InputError(f"function {self.function!r} is {type(function).__name__}, which cannot be called")
         return function  # type: ignore[no-any-return]
