@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, optimize
+from scipy import ndimage, optimize, stats
 
 from twinlens.errors import InputError
 from twinlens.matching import grey
@@ -88,7 +88,7 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
         "flat": float((contrast < _FLAT_SD).mean()),
         "contrast": float(np.median(contrast)),
         "gradient": float(np.median(np.hypot(down, across))),
-        "kurtosis": _kurtosis(np.diff(left, axis=1)),
+        "kurtosis": float(stats.kurtosis(np.diff(left, axis=1), axis=None, fisher=False)),
         **_spectrum_slopes(left),
         "correlation": _correlation(left, warped, used),
         "occluded": float(hidden.sum() / known.sum()) if known.any() else math.nan,
@@ -153,7 +153,7 @@ def robust_line(x: Grey, y: Grey) -> tuple[float, float]:
 
 
 def _mad(values: Grey) -> float:
-    return float(1 / _MEDIAN_OF_UNIT_NORMAL * np.median(np.abs(values - np.median(values))))
+    return float(stats.median_abs_deviation(values, scale="normal"))
 
 
 def _wavelet_noise(image: Grey) -> float:
@@ -177,12 +177,6 @@ def _flat_noise(image: Grey) -> float:
     order = np.argsort(blocks(image).var(axis=1), kind="stable")
     response = blocks(np.abs(ndimage.convolve(image, kernel, mode="mirror")))
     return float(math.sqrt(math.pi / 2) / 6 * response[order[: max(len(order) // 5, 1)]].mean())
-
-
-def _kurtosis(values: Grey) -> float:
-    centred = values - values.mean()
-    variance = float(np.mean(centred**2))
-    return float(np.mean(centred**4)) / variance**2 if variance else math.nan
 
 
 def _spectrum_slopes(image: Grey) -> dict[str, float]:
