@@ -47,7 +47,7 @@ def eth3d(disp, gt, mask):
 
 
 def kitti(disp, gt, mask):
-    filled = fill(disp)
+    filled = [[-1.0 if d == INF else d for d in row] for row in fill(disp)]
     n = outliers = given = outliers_given = 0
     for y, row in enumerate(gt):
         for x, true in enumerate(row):
@@ -55,7 +55,7 @@ def kitti(disp, gt, mask):
                 continue
             n += 1
             e = abs(np.float32(filled[y][x]) - np.float32(true))
-            outlier = e > np.float32(3) and (true == 0 or e / abs(np.float32(true)) > np.float32(0.05))
+            outlier = e > np.float32(3) and (true == 0 or float(e / abs(np.float32(true))) > 0.05)
             outliers += outlier
             if 0 <= disp[y][x] < INF:
                 given += 1

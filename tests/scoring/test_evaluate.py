@@ -139,15 +139,34 @@ def test_d1_needs_both_tests():
     assert evaluate(disp, gt).all["bad2.0"] == 100
 
 
-def test_both_tests_of_d1_are_strict():
-    gt = np.array([[20, 100, 100]], np.float32)
-    disp = np.array([[23, 105, 105.5]], np.float32)
-    assert evaluate(disp, gt, protocol="kitti2015").all["D1"] == pytest.approx(100 / 3)
+def test_d1_counts_errors_of_exactly_5_percent_but_not_of_3_pixels():
+    """KITTI's devkit compares a float32 ratio with a double limit, and 0.05 in float32 is above 0.05 in double."""
+    gt = np.array([[20, 100, 100, 100]], np.float32)
+    disp = np.array([[23, 104.99609375, 105, 95]], np.float32)
+    assert evaluate(disp, gt, protocol="kitti2015").all["D1"] == 50
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_d1_of_every_png_value_with_an_error_of_exactly_5_percent(sign):
+    codes = np.arange(15_380, 62_401, 20)[None]  # 5% is above 3 px
+    gt, disp = ((values / 256).astype(np.float32) for values in (codes, codes + sign * codes // 20))
+    assert evaluate(disp, gt, protocol="kitti2015").all["D1"] == 100
+    nearer = disp - np.float32(sign / 256)
+    assert evaluate(nearer, gt, protocol="kitti2015").all["D1"] == 0
+
+
+def test_d1_scores_a_gap_that_stays_as_minus_one():
+    """The devkit's `interpolateBackground` leaves a row without estimates between two others, and invalid is -1."""
+    gt = np.array([[9, 9, 9], [1, 2, 2.00390625], [9, 9, 9]], np.float32)
+    disp = np.array([[9, 9, 9], [INF, INF, -5], [9, 9, 9]], np.float32)
+    scores = evaluate(disp, gt, protocol="kitti2015").all
+    assert scores["D1"] == pytest.approx(100 / 9)
+    assert (scores["D1_est"], scores.estimated) == (0, 6)
 
 
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=50, deadline=None)
-def test_d1_is_computed_in_float32(seed):
+def test_d1_takes_the_ratio_in_float32(seed):
     """Truths and errors of exactly 5%, where 0.05 in float64 and in float32 decide differently."""
     rng = np.random.default_rng(seed)
     gt = (rng.integers(61 * 256, 250 * 256, (5, 40)) / 256).astype(np.float32)

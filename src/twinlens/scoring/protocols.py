@@ -15,7 +15,7 @@ from twinlens.errors import InputError, check_known
 from twinlens.matching.refine import carried_right
 from twinlens.scoring.metrics import BAD, SIZES, THRESHOLDS, Disparity, Mask, disparity_map, error_sizes, percent
 
-KITTI_PIXELS, KITTI_SHARE = np.float32(3.0), np.float32(0.05)
+KITTI_PIXELS, KITTI_SHARE = 3.0, 0.05
 MIDDLEBURY_INVALID = 1000.0
 """evaldisp treats an estimate above this multiple of ndisp as no estimate."""
 
@@ -111,17 +111,19 @@ def _eth3d_measure(pixels: Pixels) -> dict[str, float]:
 
 
 def _kitti_prepare(disp: Disparity, low: float, high: float) -> tuple[Disparity, Mask]:
-    """KITTI's 16-bit format holds no negative disparity: it is filled like a gap."""
+    """KITTI's 16-bit format holds no negative disparity: it is filled like a gap. A gap that stays is -1 px."""
     given = np.isfinite(disp) & (disp >= 0)
-    return interpolate_background(np.where(given, disp, np.inf)), given
+    filled = interpolate_background(np.where(given, disp, np.inf))
+    return np.where(np.isfinite(filled), filled, disp.dtype.type(-1.0)), given
 
 
 def _kitti_measure(pixels: Pixels) -> dict[str, float]:
-    """In float32, like the devkit: err > 3.f && err / fabs(truth) > 0.05f."""
+    """Like the devkit: error and ratio in float32, limits in float64, so that a ratio of exactly 5% is an outlier."""
     truth = pixels.truth.astype(np.float32)
     error = np.abs(pixels.estimate.astype(np.float32) - truth)
     with np.errstate(divide="ignore", invalid="ignore"):
-        outlier = (error > KITTI_PIXELS) & (error / np.abs(truth) > KITTI_SHARE)
+        ratio = (error / np.abs(truth)).astype(np.float64)
+    outlier = (error > KITTI_PIXELS) & (ratio > KITTI_SHARE)
     total, given = truth.size, int(np.count_nonzero(pixels.given))
     return {
         "D1": percent(np.count_nonzero(outlier), total),
@@ -195,7 +197,7 @@ _PROTOCOLS = (
         prepare=_kitti_prepare,
         measure=_kitti_measure,
         denominator="D1, coverage: pixels with known truth; D1_est: those with an estimate",
-        invalid="filled by background interpolation; a gap that stays is an outlier; d < 0 is no estimate",
+        invalid="filled by background interpolation; a gap that stays counts as -1 px; d < 0 is no estimate",
         clip="none; outlier where |e| > 3 px and |e| > 5% of the truth",
         headline="D1",
         columns=("D1", "D1_est", "coverage"),
