@@ -19,7 +19,7 @@ MATERIALS = {
     "glass": {"type": "dielectric"},
     "pane": {"type": "thindielectric"},
     "net": {"type": "mask", "opacity": 0.5, "bsdf": {"type": "diffuse"}},
-    "paint": {"type": "principled"},
+    "paint": {"type": "principled", "roughness": 0.3},
 }
 KINDS = {
     "chalk": "diffuse",
