@@ -1,79 +1,101 @@
-"""The frozen benchmark: render its dataset, run its matchers, and write the published page.
+"""The frozen benchmark: make its datasets, run its matchers, measure its images, and write the published page.
 
-    python benchmarks/frozen/run.py [--work out/frozen]
+    python benchmarks/frozen/run.py [--work out/frozen] [--workers 2]
 
-`benchmark.toml` in this folder defines the benchmark. The dataset and the board are kept in the work folder,
-and the next run reuses them. README.md and board.json in this folder are the published results. The same seed gives the
-same images on one backend; on another backend their noise differs.
+`bundled.toml` and `families.toml` in this folder are the recipes. Datasets and boards are kept in the work folder, and
+the next run resumes them. README.md, results.json and the boards in this folder are the published results.
+`ablations.py` continues with the same work folder.
 """
 
 import argparse
 import json
-import tomllib
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import evidence
-import table
+import tables
 
-from twinlens.camera import Pinhole, ThinLens
 from twinlens.cli.boards import run_board
-from twinlens.dataset import Dataset, Manifest, Row, motorcycle, write_manifest, write_sample
-from twinlens.factory import default_rig, make_sample
+from twinlens.dataset import Dataset, motorcycle
+from twinlens.factory import generate, read_recipe, worker_processes
 from twinlens.matching import parse_methods
-from twinlens.optics import middle_focus
-from twinlens.rendering import backend
-from twinlens.scenes import Scene, load_scene
-from twinlens.scoring import DatasetPairs, load_pair
-from twinlens.sensor import Mismatch, Sensor
+from twinlens.scoring import Board, DatasetPairs, Pair, board_to_json, pair_statistics
 
 HERE = Path(__file__).parent
+VERSION = 2
+DATASETS = ("bundled", "families")
+PROTOCOL, REGIONS = "middlebury-v3", ("nonocc", "all", "discontinuity", "textureless", "occluded")
+PUBLISHED = ("nonocc", "all")
+COSTS = ("sad", "ssd", "ncc", "zsad", "zssd", "zncc", "census", "rank")
+METHODS = (
+    *(f"{cost}:block_size={size}" for size in (7, 15) for cost in COSTS),
+    "adaptive", "sgm4", "sgm", "sgm:cost=birchfield_tomasi,block_size=3", "opencv_bm", "opencv_sgbm",
+)  # fmt: skip
 
 
-def render_sample(folder: Path, name: str, scene: Scene, definition: dict[str, Any], *, unequal_gain: bool) -> Row:
-    """Render a scene through both lenses, or through the pinhole only, with another gain of the right camera."""
-    rig = default_rig(scene, definition["width"], definition["height"])
-    wide = ThinLens(definition["aperture_of_baseline"] * rig.baseline(), middle_focus(*scene.depth_range))
-    sensor = Sensor.preset(definition["sensor"], vignetting=False)
-    if unequal_gain:
-        sensor = sensor.replace(mismatch=Mismatch(gain=definition["mismatch"]["gain"]))
-    lenses = (Pinhole(),) if unequal_gain else (Pinhole(), wide)
-    sample = make_sample(scene, rig, lenses, spp=definition["spp"], seed=definition["seed"], sensor=sensor)
-    return Row(name, write_sample(folder / name, sample, overwrite=True), {"scene": scene.name})
+def make_dataset(name: str, work: Path, workers: int) -> Dataset:
+    """The dataset of a recipe of this folder, resumed if it is not complete."""
+    folder = work / name
+    report = Progress(f"generating {name}")
+    outcome = generate(read_recipe(HERE / f"{name}.toml"), folder, engine=worker_processes(workers), report=report)
+    if not outcome.complete or outcome.failures:
+        raise SystemExit(f"{folder}: {outcome.there} of {outcome.count} samples")
+    return Dataset(folder)
 
 
-def render(folder: Path, definition: dict[str, Any]) -> None:
-    """Render all samples and then write the manifest, so that a folder with a manifest is complete."""
-    jobs = [(name, name, False) for name in definition["scenes"]]
-    mismatched = definition["mismatch"]["scene"]
-    jobs.append((f"{mismatched}-gain", mismatched, True))
-    rows = []
-    for name, scene, unequal_gain in jobs:
-        print(f"rendering {name}", flush=True)
-        rows.append(render_sample(folder, name, load_scene(scene), definition, unequal_gain=unequal_gain))
-    write_manifest(folder, Manifest(tuple(rows), recipe=definition, seed=definition["seed"]))
+def make_board(name: str, pairs: Sequence[Pair], work: Path, regions: Sequence[str] = REGIONS) -> Board:
+    """The board of all methods on some pairs, kept in the work folder."""
+    title = f"twinlens frozen benchmark {VERSION}: {name}"
+    return run_board(pairs, parse_methods(METHODS), work / "boards" / name, (PROTOCOL,), tuple(regions), title=title)
+
+
+class Progress:
+    """Prints a line whenever the text changes."""
+
+    def __init__(self, task: str) -> None:
+        self.task, self.last = task, ""
+
+    def __call__(self, fraction: float, now: str = "") -> None:
+        if now != self.last:
+            self.last = now
+            print(f"{self.task}: {100 * fraction:.0f} % {now}", flush=True)
+
+
+def arguments(description: str | None) -> argparse.Namespace:
+    """The options that both scripts have."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--work", type=Path, default=Path("out/frozen"), help="folder of the datasets and boards")
+    parser.add_argument("--workers", type=int, default=2, help="number of processes that render")
+    return parser.parse_args()
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--work", type=Path, default=Path("out/frozen"), help="folder of the dataset and the board")
-    options = parser.parse_args()
-    definition = tomllib.loads((HERE / "benchmark.toml").read_text())
-    dataset, output = options.work / "dataset", options.work / "board"
-    if not (dataset / "dataset.json").exists():
-        render(dataset, definition)
-    pairs = DatasetPairs(Dataset(dataset), [motorcycle()])
-    print(f"matching {len(pairs)} pairs with {len(definition['methods'])} methods", flush=True)
-    board = run_board(
-        pairs, parse_methods(definition["methods"]), output,
-        (definition["protocol"],), tuple(definition["regions"]), title=definition["title"],
-    )  # fmt: skip
-    statistics = {pair.name: (evidence.correlation(pair), evidence.offset(pair)) for pair in map(load_pair, pairs)}
-    board_file = json.loads((output / "board.json").read_text())
-    (HERE / "board.json").write_text(json.dumps(board_file, separators=(",", ":")) + "\n")
-    findings = (HERE / "findings.md").read_text()
-    (HERE / "README.md").write_text(table.page(board, definition, backend().variant, findings, statistics))
-    print(f"{HERE / 'README.md'}, {(output / 'index.html').resolve().as_uri()}")
+    options = arguments(__doc__)
+    boards, statistics = {}, {}
+    for name in DATASETS:
+        pairs = DatasetPairs(make_dataset(name, options.work, options.workers))
+        boards[name] = make_board(name, pairs, options.work)
+        statistics[name] = {pair.name: pair_statistics(pair) for pair in pairs}
+    boards["motorcycle"] = make_board("motorcycle", [motorcycle()], options.work)
+    for name, board in boards.items():
+        write_published(name, board)
+    publish("statistics", statistics)
+
+
+def write_published(name: str, board: Board) -> None:
+    """Write a board with the regions that are published, without spaces."""
+    entries = tuple(replace(e, regions={r: e.regions[r] for r in PUBLISHED if r in e.regions}) for e in board.entries)
+    plain = json.loads(board_to_json(replace(board, entries=entries)))
+    (HERE / f"{name}.json").write_text(json.dumps(plain, separators=(",", ":")) + "\n")
+
+
+def publish(key: str, value: object) -> None:
+    """Replace one key of results.json, and write README.md from all published results."""
+    file = HERE / "results.json"
+    results = json.loads(file.read_text()) if file.exists() else {}
+    file.write_text(json.dumps(results | {key: value}, indent=1, sort_keys=True) + "\n")
+    (HERE / "README.md").write_text(tables.page())
+    print(HERE / "README.md")
 
 
 if __name__ == "__main__":
