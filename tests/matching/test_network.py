@@ -7,6 +7,7 @@ import pytest
 
 import twinlens.matching as tm
 from twinlens.errors import FileError, InputError, MissingExtraError
+from twinlens.matching.external import OnnxNetwork
 
 onnx = pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
@@ -129,7 +130,7 @@ def test_another_file_of_the_same_name_is_read_anew(tmp_path):
 
 def test_a_network_consists_of_its_file_and_the_data_beside_it(tmp_path):
     path, seen = tmp_path / "net.onnx", set()
-    network = tm.OnnxNetwork(str(path))
+    network = OnnxNetwork(str(path))
     for data in (b"a", b"bb"):
         path.write_bytes(data)
         seen.add(network.content)
@@ -138,7 +139,7 @@ def test_a_network_consists_of_its_file_and_the_data_beside_it(tmp_path):
     (tmp_path / "other.onnx").write_bytes(b"another's")
     assert len(seen) == 3
     assert network.content in seen
-    assert tm.OnnxNetwork(str(tmp_path / "none.onnx")).content == "none.onnx=absent"
+    assert OnnxNetwork(str(tmp_path / "none.onnx")).content == "none.onnx=absent"
 
 
 def constant_output(path, value, shape):
