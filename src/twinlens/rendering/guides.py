@@ -83,9 +83,8 @@ def _grouped(built: BuiltScene) -> Any:
         return built.mi_scene
     if "grouped" not in built.cache:
         mi = mitsuba()
-        first = {
-            id(body.shape): row for row, body in reversed(list(enumerate(built.bodies)))
-        }  # names, equal in each run
+        # Shapes are named by their first body, so that names do not differ between runs.
+        first = {id(body.shape): row for row, body in reversed(list(enumerate(built.bodies)))}
         parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
         for row, body in enumerate(built.bodies):
             if body.instance is None and body.shape.is_emitter():
