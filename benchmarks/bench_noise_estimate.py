@@ -3,8 +3,8 @@
     python benchmarks/bench_noise_estimate.py [--count 12] [--seed 7000]
 
 Left views of 160x120 pixels with 16 denoised samples, of the four families in turn, through a pinhole for four scenes
-and an f/1.4 lens on a 36 mm sensor for the next four. The true squared error is the mean product of the differences from
-two images of 128 raw samples, whose noise is independent. Both errors are medians over windows of 9x9 pixels.
+and an f/1.4 lens on a 36 mm sensor for the next four. The true squared error is the mean product of the differences
+from two images of 128 raw samples, whose noise is independent. Both errors are medians over windows of 9x9 pixels.
 """
 
 import argparse
