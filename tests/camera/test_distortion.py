@@ -6,8 +6,7 @@ import time
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from twinlens.camera import BrownConrady, Camera, KannalaBrandt, undistort_maps
 from twinlens.errors import InputError

@@ -5,8 +5,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
+from hypothesis import assume, given, strategies as st
 
 from twinlens.camera import BrownConrady, Camera, KannalaBrandt
 from twinlens.errors import InputError

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from twinlens import optics
 from twinlens.camera import BareAperture, Camera, Disk, Pinhole, Polygon, ThinLens, film_distance

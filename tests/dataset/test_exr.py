@@ -1,8 +1,7 @@
 import numpy as np
 import OpenEXR
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tests.dataset.dataset_damage import damaged

@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import skimage.io
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 

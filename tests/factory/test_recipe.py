@@ -2,8 +2,7 @@ import datetime
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from twinlens.errors import InputError, TwinlensError
 from twinlens.factory import plan, read_recipe, recipe_from_table

@@ -11,9 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import twinlens as tl
-from tests.rendering import rendering_cases as cases
-from tests.rendering import rendering_corners as corners
-from tests.rendering import rendering_photos as photos
+from tests.rendering import rendering_cases as cases, rendering_corners as corners, rendering_photos as photos
 from twinlens.camera import Camera, Rig
 
 

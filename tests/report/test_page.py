@@ -14,8 +14,7 @@ from importlib import resources
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from twinlens.errors import OutputError
 from twinlens.report import write_page

@@ -3,52 +3,38 @@
 docs/format.md describes the files.
 """
 
-from twinlens.dataset.card import describe, write_card
-from twinlens.dataset.codecs.calib import Calibration
-from twinlens.dataset.codecs.pfm import read_disparity, read_pfm, write_pfm
-from twinlens.dataset.codecs.png import encode_png, read_image, read_png, write_png
-from twinlens.dataset.dataset import Dataset, Manifest, Row, open_sample, read_manifest, row_of, write_manifest
-from twinlens.dataset.files import remove_unfinished
-from twinlens.dataset.metadata import About, write_croissant
-from twinlens.dataset.real_pairs import downloaded_pairs, motorcycle
-from twinlens.dataset.sample import Sample, Shot, sample_files, write_sample
-from twinlens.dataset.storage import Place, RemotePath, place
-from twinlens.dataset.stored import StoredSample
-from twinlens.dataset.verify import repair_hint, unchecked, unfinished, verify_place
-
-__all__ = [
-    "About",
-    "Calibration",
-    "Dataset",
-    "Manifest",
-    "Place",
-    "RemotePath",
-    "Row",
-    "Sample",
-    "Shot",
-    "StoredSample",
-    "describe",
-    "downloaded_pairs",
-    "encode_png",
-    "motorcycle",
-    "open_sample",
-    "place",
-    "read_disparity",
-    "read_image",
-    "read_manifest",
-    "read_pfm",
-    "read_png",
-    "remove_unfinished",
-    "repair_hint",
-    "row_of",
-    "sample_files",
-    "unchecked",
-    "unfinished",
-    "verify_place",
-    "write_card",
-    "write_croissant",
-    "write_manifest",
-    "write_pfm",
-    "write_png",
-    "write_sample",
-]
+from twinlens.dataset.card import describe as describe, write_card as write_card
+from twinlens.dataset.codecs.calib import Calibration as Calibration
+from twinlens.dataset.codecs.pfm import read_disparity as read_disparity, read_pfm as read_pfm, write_pfm as write_pfm
+from twinlens.dataset.codecs.png import (
+    encode_png as encode_png,
+    read_image as read_image,
+    read_png as read_png,
+    write_png as write_png,
+)
+from twinlens.dataset.dataset import (
+    Dataset as Dataset,
+    Manifest as Manifest,
+    Row as Row,
+    open_sample as open_sample,
+    read_manifest as read_manifest,
+    row_of as row_of,
+    write_manifest as write_manifest,
+)
+from twinlens.dataset.files import remove_unfinished as remove_unfinished
+from twinlens.dataset.metadata import About as About, write_croissant as write_croissant
+from twinlens.dataset.real_pairs import downloaded_pairs as downloaded_pairs, motorcycle as motorcycle
+from twinlens.dataset.sample import (
+    Sample as Sample,
+    Shot as Shot,
+    sample_files as sample_files,
+    write_sample as write_sample,
+)
+from twinlens.dataset.storage import Place as Place, RemotePath as RemotePath, place as place
+from twinlens.dataset.stored import StoredSample as StoredSample
+from twinlens.dataset.verify import (
+    repair_hint as repair_hint,
+    unchecked as unchecked,
+    unfinished as unfinished,
+    verify_place as verify_place,
+)

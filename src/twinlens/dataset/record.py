@@ -28,9 +28,7 @@ from twinlens.dataset.files import read_bytes
 from twinlens.dataset.storage import Where
 from twinlens.errors import FileError, InputError
 
-TYPES: dict[str, type] = {
-    public.__name__: public for public in (getattr(camera, name) for name in camera.__all__) if isinstance(public, type)
-}
+TYPES: dict[str, type] = {name: public for name, public in vars(camera).items() if isinstance(public, type)}
 """The public dataclasses of twinlens.camera by name: those that a record can contain."""
 
 RENAMED = {("Rig", "believed"): "calibrated"}

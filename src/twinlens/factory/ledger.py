@@ -21,8 +21,7 @@ from twinlens.dataset import Manifest, Row, read_manifest, remove_unfinished, ro
 from twinlens.dataset.dataset import MANIFEST, ROW_KIND, ROW_VERSION, ROWS
 from twinlens.dataset.files import files_below, is_hidden, read_bytes, write_file
 from twinlens.dataset.record import decode_json, encode_json, plain, read_json
-from twinlens.dataset.sample import KIND as SAMPLE_KIND
-from twinlens.dataset.sample import VERSION as SAMPLE_VERSION
+from twinlens.dataset.sample import KIND as SAMPLE_KIND, VERSION as SAMPLE_VERSION
 from twinlens.dataset.storage import MARK, Place, RemotePath, remove_objects
 from twinlens.errors import FileError, InputError
 from twinlens.factory.plan import plan, sample_name

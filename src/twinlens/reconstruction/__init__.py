@@ -3,35 +3,17 @@
 The formulas and their sources are in docs/reconstruction.md.
 """
 
-from twinlens.reconstruction.evaluation import Comparison, compare
-from twinlens.reconstruction.fusion import fuse, integrate, surface_of
+from twinlens.reconstruction.evaluation import Comparison as Comparison, compare as compare
+from twinlens.reconstruction.fusion import fuse as fuse, integrate as integrate, surface_of as surface_of
 from twinlens.reconstruction.surface import (
-    Cloud,
-    DepthView,
-    Surface,
-    mesh_of,
-    points_of,
-    sampled,
-    view_of_disparity,
-    view_of_truth,
-    write_glb,
-    write_ply,
+    Cloud as Cloud,
+    DepthView as DepthView,
+    Surface as Surface,
+    mesh_of as mesh_of,
+    points_of as points_of,
+    sampled as sampled,
+    view_of_disparity as view_of_disparity,
+    view_of_truth as view_of_truth,
+    write_glb as write_glb,
+    write_ply as write_ply,
 )
-
-__all__ = [
-    "Cloud",
-    "Comparison",
-    "DepthView",
-    "Surface",
-    "compare",
-    "fuse",
-    "integrate",
-    "mesh_of",
-    "points_of",
-    "sampled",
-    "surface_of",
-    "view_of_disparity",
-    "view_of_truth",
-    "write_glb",
-    "write_ply",
-]

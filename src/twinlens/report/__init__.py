@@ -1,9 +1,4 @@
 """Figures and self-contained HTML pages of boards and studies; computes no scores."""
 
-from twinlens.camera.film import colourise
-from twinlens.report.page import write_page
-
-__all__ = [
-    "colourise",
-    "write_page",
-]
+from twinlens.camera.film import colourise as colourise
+from twinlens.report.page import write_page as write_page

@@ -1,62 +1,39 @@
 """Scoring of disparity maps: metrics, regions, protocols, and leaderboards. Works without mitsuba."""
 
-from twinlens.scoring.agreement import agreement
-from twinlens.scoring.benchmark import Step, run_benchmark
-from twinlens.scoring.board import Board, Entry
-from twinlens.scoring.board_file import board_to_json, json_number, read_board
-from twinlens.scoring.evaluate import Scores, evaluate
-from twinlens.scoring.metrics import METRICS, find_metric
-from twinlens.scoring.pair_statistics import STATISTICS, pair_statistics, summarize
-from twinlens.scoring.protocols import PROTOCOLS
-from twinlens.scoring.regions import REGIONS, region_masks
-from twinlens.scoring.samples import DatasetPairs, Pair, Sample, load_pair, open_pairs, search_range
-from twinlens.scoring.submission import MapFolder, open_submission
-from twinlens.scoring.tables import (
-    Groups,
-    board_csv,
-    board_latex,
-    caption,
-    comparison_table,
-    failures,
-    group_means,
-    leaderboard_table,
-    standings,
+from twinlens.scoring.agreement import agreement as agreement
+from twinlens.scoring.benchmark import Step as Step, run_benchmark as run_benchmark
+from twinlens.scoring.board import Board as Board, Entry as Entry
+from twinlens.scoring.board_file import (
+    board_to_json as board_to_json,
+    json_number as json_number,
+    read_board as read_board,
 )
-
-__all__ = [
-    "METRICS",
-    "PROTOCOLS",
-    "REGIONS",
-    "STATISTICS",
-    "Board",
-    "DatasetPairs",
-    "Entry",
-    "Groups",
-    "MapFolder",
-    "Pair",
-    "Sample",
-    "Scores",
-    "Step",
-    "agreement",
-    "board_csv",
-    "board_latex",
-    "board_to_json",
-    "caption",
-    "comparison_table",
-    "evaluate",
-    "failures",
-    "find_metric",
-    "group_means",
-    "json_number",
-    "leaderboard_table",
-    "load_pair",
-    "open_pairs",
-    "open_submission",
-    "pair_statistics",
-    "read_board",
-    "region_masks",
-    "run_benchmark",
-    "search_range",
-    "standings",
-    "summarize",
-]
+from twinlens.scoring.evaluate import Scores as Scores, evaluate as evaluate
+from twinlens.scoring.metrics import METRICS as METRICS, find_metric as find_metric
+from twinlens.scoring.pair_statistics import (
+    STATISTICS as STATISTICS,
+    pair_statistics as pair_statistics,
+    summarize as summarize,
+)
+from twinlens.scoring.protocols import PROTOCOLS as PROTOCOLS
+from twinlens.scoring.regions import REGIONS as REGIONS, region_masks as region_masks
+from twinlens.scoring.samples import (
+    DatasetPairs as DatasetPairs,
+    Pair as Pair,
+    Sample as Sample,
+    load_pair as load_pair,
+    open_pairs as open_pairs,
+    search_range as search_range,
+)
+from twinlens.scoring.submission import MapFolder as MapFolder, open_submission as open_submission
+from twinlens.scoring.tables import (
+    Groups as Groups,
+    board_csv as board_csv,
+    board_latex as board_latex,
+    caption as caption,
+    comparison_table as comparison_table,
+    failures as failures,
+    group_means as group_means,
+    leaderboard_table as leaderboard_table,
+    standings as standings,
+)

@@ -4,44 +4,25 @@ A study is one module or package that defines a `Study`; `STUDIES` lists the inc
 """
 
 from twinlens.studies.model import (
-    Figure,
-    Finding,
-    Measured,
-    Picture,
-    Result,
-    SeedSupport,
-    Setup,
-    Study,
-    compared,
-    predicted,
-    sweep,
+    Figure as Figure,
+    Finding as Finding,
+    Measured as Measured,
+    Picture as Picture,
+    Result as Result,
+    SeedSupport as SeedSupport,
+    Setup as Setup,
+    Study as Study,
+    compared as compared,
+    predicted as predicted,
+    sweep as sweep,
 )
-from twinlens.studies.run import STUDIES, find_study, run_study, study
-from twinlens.studies.stage import Stage, stream
-from twinlens.studies.table import Column, Table, from_csv, mean_of, paired_difference, to_csv
-
-__all__ = [
-    "STUDIES",
-    "Column",
-    "Figure",
-    "Finding",
-    "Measured",
-    "Picture",
-    "Result",
-    "SeedSupport",
-    "Setup",
-    "Stage",
-    "Study",
-    "Table",
-    "compared",
-    "find_study",
-    "from_csv",
-    "mean_of",
-    "paired_difference",
-    "predicted",
-    "run_study",
-    "stream",
-    "study",
-    "sweep",
-    "to_csv",
-]
+from twinlens.studies.run import STUDIES as STUDIES, find_study as find_study, run_study as run_study, study as study
+from twinlens.studies.stage import Stage as Stage, stream as stream
+from twinlens.studies.table import (
+    Column as Column,
+    Table as Table,
+    from_csv as from_csv,
+    mean_of as mean_of,
+    paired_difference as paired_difference,
+    to_csv as to_csv,
+)

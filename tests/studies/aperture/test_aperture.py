@@ -12,8 +12,7 @@ from twinlens.camera import Camera, Rig, ThinLens
 from twinlens.optics import circle_of_confusion_px
 from twinlens.sensor import Exposure
 from twinlens.studies import STUDIES, Table
-from twinlens.studies.aperture import conclude
-from twinlens.studies.aperture import theory as aperture_theory
+from twinlens.studies.aperture import conclude, theory as aperture_theory
 from twinlens.studies.aperture.theory import F_NUMBERS, MODES, Model
 from twinlens.studies.stage import Stage
 from twinlens.studies.table import log_parabola_minimum
