@@ -3,35 +3,26 @@
 `multiview` (epipolar geometry, triangulation) and `rectification` work on a `Rig`; `film` on images.
 """
 
-from twinlens.camera.aperture import Annulus, Aperture, Disk, MaskAperture, Polygon
-from twinlens.camera.distortion import BrownConrady, Distortion, KannalaBrandt
-from twinlens.camera.film import film_image
-from twinlens.camera.intrinsics import Camera, undistort_maps
-from twinlens.camera.lens import BareAperture, Lens, Pinhole, ThinLens, film_distance
-from twinlens.camera.rig import ALIGNED, Misalignment, Rig, misaligned
-from twinlens.camera.truth import Correspondence, Truth
-
-__all__ = [
-    "ALIGNED",
-    "Annulus",
-    "Aperture",
-    "BareAperture",
-    "BrownConrady",
-    "Camera",
-    "Correspondence",
-    "Disk",
-    "Distortion",
-    "KannalaBrandt",
-    "Lens",
-    "MaskAperture",
-    "Misalignment",
-    "Pinhole",
-    "Polygon",
-    "Rig",
-    "ThinLens",
-    "Truth",
-    "film_distance",
-    "film_image",
-    "misaligned",
-    "undistort_maps",
-]
+from twinlens.camera.aperture import (
+    Annulus as Annulus,
+    Aperture as Aperture,
+    Disk as Disk,
+    MaskAperture as MaskAperture,
+    Polygon as Polygon,
+)
+from twinlens.camera.distortion import (
+    BrownConrady as BrownConrady,
+    Distortion as Distortion,
+    KannalaBrandt as KannalaBrandt,
+)
+from twinlens.camera.film import film_image as film_image
+from twinlens.camera.intrinsics import Camera as Camera, undistort_maps as undistort_maps
+from twinlens.camera.lens import (
+    BareAperture as BareAperture,
+    Lens as Lens,
+    Pinhole as Pinhole,
+    ThinLens as ThinLens,
+    film_distance as film_distance,
+)
+from twinlens.camera.rig import ALIGNED as ALIGNED, Misalignment as Misalignment, Rig as Rig, misaligned as misaligned
+from twinlens.camera.truth import Correspondence as Correspondence, Truth as Truth

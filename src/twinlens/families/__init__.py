@@ -6,16 +6,9 @@ import numpy as np
 
 from twinlens.errors import InputError, check_int, check_number, format_value, unknown
 from twinlens.families import cards, flying, room, tabletop
-from twinlens.families.assets import Assets
+from twinlens.families.assets import Assets as Assets
 from twinlens.families.composition import Composition, Family
 from twinlens.scenes.scene import Scene
-
-__all__ = [
-    "FAMILIES",
-    "Assets",
-    "Family",
-    "random_scene",
-]
 
 FAMILIES: dict[str, Family] = {
     "tabletop": Family("bodies at rest on a table", (9, 18), tabletop.compose, 1.8),

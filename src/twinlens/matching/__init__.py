@@ -4,41 +4,27 @@ Importing it does not import Numba; the kernels compile at the first match and a
 which runs other people's matchers, uses files.
 """
 
-from twinlens.matching.external import Program
-from twinlens.matching.images import grey
-from twinlens.matching.matcher import StereoMatcher
-from twinlens.matching.measures import birchfield_tomasi, census, jaccard, ncc, rank, sad, ssd, zncc, zsad, zssd
-from twinlens.matching.methods import (
-    METHODS,
-    find_method,
-    match,
-    parse_method,
-    parse_methods,
-    parse_program,
-    split_methods,
+from twinlens.matching.external import Program as Program
+from twinlens.matching.images import grey as grey
+from twinlens.matching.matcher import StereoMatcher as StereoMatcher
+from twinlens.matching.measures import (
+    birchfield_tomasi as birchfield_tomasi,
+    census as census,
+    jaccard as jaccard,
+    ncc as ncc,
+    rank as rank,
+    sad as sad,
+    ssd as ssd,
+    zncc as zncc,
+    zsad as zsad,
+    zssd as zssd,
 )
-from twinlens.matching.options import Matcher
-
-__all__ = [
-    "METHODS",
-    "Matcher",
-    "Program",
-    "StereoMatcher",
-    "birchfield_tomasi",
-    "census",
-    "find_method",
-    "grey",
-    "jaccard",
-    "match",
-    "ncc",
-    "parse_method",
-    "parse_methods",
-    "parse_program",
-    "rank",
-    "sad",
-    "split_methods",
-    "ssd",
-    "zncc",
-    "zsad",
-    "zssd",
-]
+from twinlens.matching.methods import (
+    METHODS as METHODS,
+    match as match,
+    parse_method as parse_method,
+    parse_methods as parse_methods,
+    parse_program as parse_program,
+    split_methods as split_methods,
+)
+from twinlens.matching.options import Matcher as Matcher

@@ -1,28 +1,19 @@
 """Scene files to `Scene`: what is photographed, as plain data. Never imports the renderer."""
 
-from twinlens.scenes.rigs import rig_from_table
-from twinlens.scenes.scene import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
-from twinlens.scenes.scene_file import (
-    bundled_folder,
-    bundled_headings,
-    bundled_scenes,
-    load_scene,
-    read_toml,
-    scene_with_rig,
+from twinlens.scenes.rigs import rig_from_table as rig_from_table
+from twinlens.scenes.scene import (
+    Bitmap as Bitmap,
+    Color as Color,
+    Mesh as Mesh,
+    Plugin as Plugin,
+    Scene as Scene,
+    SceneObject as SceneObject,
 )
-
-__all__ = [
-    "Bitmap",
-    "Color",
-    "Mesh",
-    "Plugin",
-    "Scene",
-    "SceneObject",
-    "bundled_folder",
-    "bundled_headings",
-    "bundled_scenes",
-    "load_scene",
-    "read_toml",
-    "rig_from_table",
-    "scene_with_rig",
-]
+from twinlens.scenes.scene_file import (
+    bundled_folder as bundled_folder,
+    bundled_headings as bundled_headings,
+    bundled_scenes as bundled_scenes,
+    load_scene as load_scene,
+    read_toml as read_toml,
+    scene_with_rig as scene_with_rig,
+)

@@ -1,19 +1,8 @@
 """Digital images from radiance, after EMVA standard 1288: light on the film, electrons, digital numbers, an image."""
 
-from twinlens.sensor.exposure import Exposure, auto_exposure
-from twinlens.sensor.light import ParaxialWarning
-from twinlens.sensor.mismatch import Mismatch
-from twinlens.sensor.model import Photo, Sensor
-from twinlens.sensor.presets import PRESETS
-from twinlens.sensor.tolerances import LEVELS
-
-__all__ = [
-    "LEVELS",
-    "PRESETS",
-    "Exposure",
-    "Mismatch",
-    "ParaxialWarning",
-    "Photo",
-    "Sensor",
-    "auto_exposure",
-]
+from twinlens.sensor.exposure import Exposure as Exposure, auto_exposure as auto_exposure
+from twinlens.sensor.light import ParaxialWarning as ParaxialWarning
+from twinlens.sensor.mismatch import Mismatch as Mismatch
+from twinlens.sensor.model import Photo as Photo, Sensor as Sensor
+from twinlens.sensor.presets import PRESETS as PRESETS
+from twinlens.sensor.tolerances import LEVELS as LEVELS
