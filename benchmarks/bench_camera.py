@@ -26,7 +26,7 @@ import numpy as np
 import twinlens as tl
 from twinlens.rendering.backends import backend
 from twinlens.rendering.build import build
-from twinlens.rendering.sensors import builtin_sensor, camera_sensor
+from twinlens.rendering.sensors import builtin_sensor, make_sensor
 
 PAGE = Path(__file__).with_name("camera.md")
 WIDE = 0.03  # aperture diameter over the nearest depth
@@ -67,9 +67,13 @@ def against_thinlens(names: list[str], width: int, spp: int, rounds: int) -> lis
         camera = tl.Camera.from_fov(width, width * 3 // 4, fov_x_deg=40)
         built, lens = build(scene), wide_lens(scene)
         sampler = {"type": "multijitter", "sample_count": spp}
+        view = camera, scene.world_from_left, lens
+        sensors = {
+            "twinlens": make_sensor(*view, spp, "multijitter"),
+            "thinlens": builtin_sensor(*view, film(camera), sampler),
+        }
         runs: dict[str, Callable[[int], object]] = {}
-        for kind, make in (("twinlens", camera_sensor), ("thinlens", builtin_sensor)):
-            sensor = make(camera, scene.world_from_left, lens, film(camera), sampler)
+        for kind, sensor in sensors.items():
             runs[kind] = lambda seed, sensor=sensor, built=built: drjit.eval(
                 built.integrator.render(built.mi_scene, sensor, seed=seed, spp=spp)
             )

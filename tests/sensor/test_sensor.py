@@ -254,11 +254,18 @@ def test_presets_give_well_exposed_images(name):
     photo = Sensor.preset(name).expose(scene(), camera=CAMERA, lens=LENS)
     assert photo.image.shape == (64, 96, 3)
     assert 60 < photo.image.mean() < 160
-    assert json.loads(json.dumps(photo.record))["sensor"]["full_well"] == PRESETS[name]["full_well"]
+    assert json.loads(json.dumps(photo.record))["sensor"]["full_well"] == Sensor.preset(name).full_well
 
 
-def test_the_default_is_the_machine_vision_preset():
-    assert Sensor() == Sensor.preset("machine_vision")
+def test_the_default_has_the_snr_and_the_threshold_of_its_source():
+    """The manual of the mvBlueFOX3-2051: 40.3 dB, and 71.2 dB from full well to threshold.
+
+    The read noise has two digits: half a unit of the last one changes the threshold by 0.14 dB.
+    """
+    sensor = Sensor.preset("machine_vision")
+    threshold = np.sqrt(sensor.read_noise**2 + (sensor.full_well / 4095) ** 2 / 12 + 1 / 4) + 1 / 2
+    assert 10 * np.log10(sensor.full_well) == pytest.approx(40.3, abs=0.05)
+    assert 20 * np.log10(sensor.full_well / threshold) == pytest.approx(71.2, abs=0.14)
 
 
 @pytest.mark.parametrize(

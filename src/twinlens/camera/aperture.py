@@ -17,11 +17,10 @@ from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from twinlens.errors import InputError, check_int, check_number
-
-Float = NDArray[np.float64]
+from twinlens.geometry import Float
 
 _LARGEST_MASK_SIDE = 4096  # cells: float32 random numbers distinguish so many
 

@@ -20,8 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 from twinlens.errors import InputError, check_number
 from twinlens.geometry import Float, image_border
 
-Bool = NDArray[np.bool_]
-
 _ITERATIONS = 50
 _CONVERGED = 1e-12  # in units of the focal length
 _HALVINGS = 8
@@ -53,7 +51,7 @@ class _Model:
         """d(x_d, y_d)/d(x, y), (..., 2, 2)."""
         raise NotImplementedError
 
-    def valid(self, xy: ArrayLike) -> Bool:
+    def valid(self, xy: ArrayLike) -> NDArray[np.bool_]:
         """Whether ideal points (..., 2) are before the first fold."""
         raise NotImplementedError
 
@@ -137,7 +135,7 @@ class BrownConrady(_Model):
         dyy = radial + slope * y * y + 6 * self.p1 * y + 2 * self.p2 * x
         return np.stack([np.stack([dxx, mixed], axis=-1), np.stack([mixed, dyy], axis=-1)], axis=-2)
 
-    def valid(self, xy: ArrayLike) -> Bool:
+    def valid(self, xy: ArrayLike) -> NDArray[np.bool_]:
         # the radial part increases, and det J > 0
         x, y = np.moveaxis(np.asarray(xy, dtype=np.float64), -1, 0)
         before = x * x + y * y < self._fold_radius2
@@ -178,7 +176,7 @@ class KannalaBrandt(_Model):
         angle = self._angle(np.arctan(radius))
         return np.asarray(xy * np.divide(angle, radius, out=np.ones_like(radius), where=radius > 0))
 
-    def valid(self, xy: ArrayLike) -> Bool:
+    def valid(self, xy: ArrayLike) -> NDArray[np.bool_]:
         radius = np.linalg.norm(np.asarray(xy, dtype=np.float64), axis=-1)
         return np.asarray(np.arctan(radius) < self._fold_angle)
 

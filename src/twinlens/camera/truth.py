@@ -40,8 +40,7 @@ class Truth:
     @property
     def hit(self) -> NDArray[np.bool_]:
         """Where the chief ray hits something, bool (H, W)."""
-        hit: NDArray[np.bool_] = self.object_id > 0
-        return hit
+        return np.asarray(self.object_id > 0)
 
     def mask_nonocc(self) -> NDArray[np.uint8]:
         """Middlebury's mask, uint8 (H, W): 255 visible in both views, 128 occluded or out of frame, 0 unknown."""

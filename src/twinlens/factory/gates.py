@@ -223,5 +223,4 @@ def _sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sums over the windows that tile an image, without incomplete ones at the right and lower border."""
     rows, columns = (side // WINDOW for side in values.shape)
     cut = values[: rows * WINDOW, : columns * WINDOW]
-    sums: NDArray[np.float64] = cut.reshape(rows, WINDOW, columns, WINDOW).sum(axis=(1, 3))
-    return sums
+    return np.asarray(cut.reshape(rows, WINDOW, columns, WINDOW).sum(axis=(1, 3)))

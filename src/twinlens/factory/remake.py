@@ -158,5 +158,4 @@ def _in_both(truth: Truth, side: int, rig: Rig, valid: list[NDArray[np.bool_]]) 
     inside = rig.cameras[other].contains(pixels)
     u, v = np.floor(np.where(inside[..., None], pixels, 0.0) + 0.5).astype(int).transpose(2, 0, 1)
     in_other = inside & valid[other][v, u]
-    in_both: NDArray[np.bool_] = valid[side] & (in_other | ~truth.hit)
-    return in_both
+    return np.asarray(valid[side] & (in_other | ~truth.hit))

@@ -16,8 +16,6 @@ from twinlens.geometry import Float
 from twinlens.scenes import shapes
 from twinlens.scenes.scene import Mesh
 
-Indices = NDArray[Any]
-
 
 @dataclass(frozen=True, eq=False)
 class Solid:
@@ -94,7 +92,7 @@ def polar(radius: Callable[[Float], Float], count: int = 120) -> Float:
     return np.asarray(radius(angle)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
 
-def box_mapped(vertices: Float, faces: Indices, smooth_deg: float) -> Mesh:
+def box_mapped(vertices: Float, faces: NDArray[Any], smooth_deg: float) -> Mesh:
     """A mesh with box-mapped (u, v), and normals smooth between faces that meet at less than `smooth_deg`.
 
     The normal of a corner is the area-weighted mean over the faces at its vertex that are within this angle of its own.
@@ -141,7 +139,7 @@ def _normalized(vectors: Float) -> Float:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-15))
 
 
-def double_sided(vertices: Float, faces: Indices, normals: Float, uv: Float, thickness: float) -> Mesh:
+def double_sided(vertices: Float, faces: NDArray[Any], normals: Float, uv: Float, thickness: float) -> Mesh:
     """A thin sheet that is seen from both sides, the back `thickness` behind the front."""
     back = Mesh(vertices - thickness * normals, faces[:, ::-1], -normals, uv)
     return shapes.merged([Mesh(vertices, faces, normals, uv), back])

@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from twinlens.matching.box import Volume
 from twinlens.matching.costs import COSTS
 from twinlens.matching.images import extended
 
 if TYPE_CHECKING:
     from twinlens.matching.matcher import StereoMatcher
-
-Volume = NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.errors import InputError
 from twinlens.geometry import Float, rotate, transform_points
 from twinlens.rendering.backends import mitsuba
-from twinlens.rendering.shared_kernels import aligned
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
 
 _INSTANCE = 1 << 10  # Mitsuba 3.9 has no name for this shape type
@@ -112,7 +112,7 @@ def _leaf(thing: SceneObject, bsdf: Any, uv_factors: Float | None) -> Any:
         mesh = thing.shape
         if uv_factors is not None and mesh.uv is not None:
             mesh = replace(mesh, uv=mesh.uv * uv_factors)
-        return _mesh(thing.name, mesh, thing.world_from_object, bsdf, emitter)
+        return mitsuba_mesh(thing.name, mesh, thing.world_from_object, bsdf, emitter)
     own = mi.ScalarTransform4f(thing.shape.get("to_world", np.eye(4)))
     plugin = {**thing.shape, "to_world": mi.ScalarTransform4f(thing.world_from_object) @ own, "bsdf": bsdf}
     if emitter is not None:
@@ -120,7 +120,7 @@ def _leaf(thing: SceneObject, bsdf: Any, uv_factors: Float | None) -> Any:
     return _load(plugin, f"shape of object {thing.name!r}")
 
 
-def _mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emitter: Any) -> Any:
+def mitsuba_mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emitter: Any) -> Any:
     """A Mitsuba mesh in world coordinates, transformed in float64."""
     mi = mitsuba()
     properties = mi.Properties()
@@ -147,13 +147,21 @@ def _mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emitter: A
         turned = rotate(pose, mesh.normals)
         buffers["vertex_normals"] = _flat32(turned / np.linalg.norm(turned, axis=-1, keepdims=True))
     if mesh.uv is not None:
-        buffers["vertex_texcoords"] = aligned(_flat32(mesh.uv))
+        buffers["vertex_texcoords"] = _aligned(_flat32(mesh.uv))
     buffers.update()
     return made
 
 
-def _flat32(values: Float) -> Any:
+def _flat32(values: Float) -> NDArray[np.float32]:
     return np.ascontiguousarray(values, dtype=np.float32).ravel()
+
+
+def _aligned(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A copy of `values` (N,) at a multiple of 64 bytes. Dr.Jit compiles other gathers for memory without alignment."""
+    memory = np.empty(len(values) + 16, dtype=np.float32)
+    start = -memory.ctypes.data % 64 // 4
+    memory[start : start + len(values)] = values
+    return memory[start : start + len(values)]
 
 
 def mitsuba_value(value: Any) -> Any:

@@ -101,11 +101,8 @@ def exact_hits(built: BuiltScene, origin: Float, directions: Float, hits: Hits, 
             continue
         if surface is not None:
             part = refine(surface, origin, directions[chosen], hits.prim[chosen], hits.t[chosen])
-            exact.t[chosen], exact.normal[chosen], exact.shading_normal[chosen] = (
-                part.t,
-                part.normal,
-                part.shading_normal,
-            )
+            for whole, values in zip(exact, part, strict=True):
+                whole[chosen] = values
         elif measure:
             exact.normal[chosen], exact.shading_normal[chosen] = _mitsuba_normals(built, origin, directions[chosen])
     return exact

@@ -6,6 +6,7 @@ lenses share kernels. Importing this module sets up the backend.
 """
 
 import functools
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,25 +22,19 @@ import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imp
 opaque = functools.partial(dr.opaque, mi.Float)
 
 
-class DrJitMath:
-    """See `twinlens.camera.aperture.NUMPY`."""
+def sampling_functions() -> SimpleNamespace:
+    """As `twinlens.camera.aperture.NUMPY`; `gather` copies each table to the device once."""
+    tables: dict[int, tuple[Float, Any]] = {}
 
-    sqrt = staticmethod(dr.sqrt)
-    sin = staticmethod(dr.sin)
-    cos = staticmethod(dr.cos)
-    abs = staticmethod(dr.abs)
-    floor = staticmethod(dr.floor)
-    minimum = staticmethod(dr.minimum)
-    where = staticmethod(dr.select)
+    def gather(table: Float, index: Any) -> Any:
+        if id(table) not in tables:
+            tables[id(table)] = table, mi.Float(np.ascontiguousarray(table, dtype=np.float32))
+        return dr.gather(mi.Float, tables[id(table)][1], mi.UInt32(index))
 
-    def __init__(self) -> None:
-        self._tables: dict[int, tuple[Float, Any]] = {}
-
-    def gather(self, table: Float, index: Any) -> Any:
-        """``table[index]``; each table is copied to the device once."""
-        if id(table) not in self._tables:
-            self._tables[id(table)] = table, mi.Float(np.ascontiguousarray(table, dtype=np.float32))
-        return dr.gather(mi.Float, self._tables[id(table)][1], mi.UInt32(index))
+    return SimpleNamespace(
+        sqrt=dr.sqrt, sin=dr.sin, cos=dr.cos, abs=dr.abs, floor=dr.floor, minimum=dr.minimum, where=dr.select,
+        gather=gather,
+    )  # fmt: skip
 
 
 class CornerTable:
@@ -74,16 +69,11 @@ class RayGenerator:
             mi.Vector3f(*(opaque(world_from_cam[row, column]) for row in range(3))) for column in range(4)
         )
 
-    def chief_ray(self, u: Any, v: Any) -> tuple[Any, Any]:
-        """(x, y) of the direction (x, y, 1) of the chief ray through film position (u, v), in pixels."""
-        if self.undistorted is not None:
-            direction = self.undistorted(u + 0.5, v + 0.5)
-            return direction.x, direction.y
-        return (u - self.principal[0]) / self.focal[0], (v - self.principal[1]) / self.focal[1]
-
     def ray(self, u: Any, v: Any, ax: Any, ay: Any, k: Any) -> tuple[Any, Any]:
         """Origin and unit direction in the world, from pixels (u, v) and metres (ax, ay), at vergence `k` in 1/m."""
-        x, y = self.chief_ray(u, v)
+        x, y = (u - self.principal[0]) / self.focal[0], (v - self.principal[1]) / self.focal[1]
+        if self.undistorted is not None:
+            x, y = self.undistorted(u + 0.5, v + 0.5)
         direction = (x - k * ax) * self.x + (y - k * ay) * self.y + self.z
         return mi.Point3f(self.origin + ax * self.x + ay * self.y), dr.normalize(direction)
 
@@ -96,7 +86,7 @@ class TwinlensCamera(mi.Sensor):  # type: ignore[misc, name-defined]
         properties["film"], properties["sampler"] = film, sampler
         super().__init__(properties)
         self.m_needs_sample_3 = True
-        self.math = DrJitMath()
+        self.math = sampling_functions()
         self.size = opaque(camera.width), opaque(camera.height)
         self.rays = RayGenerator(camera, world_from_cam)
         self.aperture = lens.aperture

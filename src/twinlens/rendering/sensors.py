@@ -19,6 +19,7 @@ Plugin = dict[str, Any]
 
 def make_sensor(camera: Camera, pose: Float, lens: Lens, spp: int, sampler: str) -> Any:
     """The Mitsuba sensor of a camera and a lens in this backend. A box filter makes images reproducible to the byte."""
+    mi, samples = mitsuba(), {"type": sampler, "sample_count": spp}
     film = {
         "type": "hdrfilm",
         "width": camera.width,
@@ -28,16 +29,11 @@ def make_sensor(camera: Camera, pose: Float, lens: Lens, spp: int, sampler: str)
         "component_format": "float32",
         "sample_border": False,
     }
-    make = camera_sensor if backend().is_jit else builtin_sensor
-    return make(camera, pose, lens, film, {"type": sampler, "sample_count": spp})
-
-
-def camera_sensor(camera: Camera, world_from_cam: Float, lens: Lens, film: Plugin, sampler: Plugin) -> Any:
-    """The sensor of the JIT backends; `film` and `sampler` are Mitsuba plugins."""
+    if not backend().is_jit:
+        return builtin_sensor(camera, pose, lens, film, samples)
     from twinlens.rendering.ray_generation import TwinlensCamera  # sets up the backend
 
-    mi = mitsuba()
-    return TwinlensCamera(camera, world_from_cam, lens, mi.load_dict(film), mi.load_dict(sampler))
+    return TwinlensCamera(camera, pose, lens, mi.load_dict(film), mi.load_dict(samples))
 
 
 _NEEDS_JIT = "needs the LLVM or CUDA backend (Debian, Ubuntu: apt install libllvm19)"

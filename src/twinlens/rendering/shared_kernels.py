@@ -11,9 +11,10 @@ change.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twinlens.rendering.backends import backend, mitsuba
+from twinlens.rendering.build import mitsuba_mesh
+from twinlens.scenes import Mesh
 
 _BODIES, _LIGHTS = 256, 16  # ids for a scene's objects; a larger scene has kernels of its own
 _SKY_HEIGHTS = (4, 128, 256)  # kernels depend on the number of levels of an environment map
@@ -50,38 +51,21 @@ def _make_placeholders() -> list[Any]:
         {"type": "dielectric", "int_ior": 1.5},
     ]
     bsdfs = [mi.load_dict(material) for material in materials]
-    parts = {f"body{i}": _mesh(bsdfs[0], faces, emits) for i, (faces, emits) in enumerate(_MESHES)}
+    parts = {f"body{i}": _square(bsdfs[0], faces, emits) for i, (faces, emits) in enumerate(_MESHES)}
     skies = [mi.Bitmap(np.ones((height, 2 * height, 3), dtype=np.float32)) for height in _SKY_HEIGHTS]
     # Each in a scene of its own, which sets the bounds that a sky needs.
     scenes = [mi.load_dict({"type": "scene", **parts, "sky": {"type": "envmap", "bitmap": sky}}) for sky in skies]
     # All but the last of these are freed, and with them ids for the objects of scenes.
     fillers = [mi.load_dict(materials[0]) for _ in range(_BODIES)]
-    lights = [_mesh(bsdfs[0], 2, emits=True) for _ in range(_LIGHTS)]
-    bodies = [_mesh(bsdfs[0], 2, emits=False) for _ in range(_BODIES)]
+    lights = [_square(bsdfs[0], 2, emits=True) for _ in range(_LIGHTS)]
+    bodies = [_square(bsdfs[0], 2, emits=False) for _ in range(_BODIES)]
     return [*bsdfs, *scenes, fillers[-1], lights[-1], bodies[-1]]
 
 
-def _mesh(bsdf: Any, faces: int, emits: bool) -> Any:
+def _square(bsdf: Any, faces: int, emits: bool) -> Any:
     """A mesh with normals and texture coordinates."""
-    mi = mitsuba()
-    properties = mi.Properties()
-    properties["bsdf"] = bsdf
-    if emits:
-        properties["emitter"] = mi.load_dict({"type": "area", "radiance": {"type": "rgb", "value": 1.0}})
-    mesh = mi.Mesh("", 4, faces, has_vertex_normals=True, has_vertex_texcoords=True, props=properties)
-    buffers = mi.traverse(mesh)
-    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
-    buffers["vertex_positions"] = np.insert(corners, 2, 0, axis=1).ravel()
-    buffers["vertex_normals"] = np.tile(np.array([0, 0, 1], dtype=np.float32), 4)
-    buffers["vertex_texcoords"] = aligned(corners.ravel())
-    buffers["faces"] = np.resize(np.array([0, 1, 2, 0, 2, 3], dtype=np.uint32), 3 * faces)
-    buffers.update()
-    return mesh
-
-
-def aligned(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """A copy of `values` (N,) at a multiple of 64 bytes. Dr.Jit compiles other gathers for memory without alignment."""
-    memory = np.empty(len(values) + 16, dtype=np.float32)
-    start = -memory.ctypes.data % 64 // 4
-    memory[start : start + len(values)] = values
-    return memory[start : start + len(values)]
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    triangles = np.resize([[0, 1, 2], [0, 2, 3]], (faces, 3))
+    square = Mesh(corners, triangles, np.tile([0, 0, 1], (4, 1)), corners[:, :2])
+    lamp = mitsuba().load_dict({"type": "area", "radiance": {"type": "rgb", "value": 1.0}}) if emits else None
+    return mitsuba_mesh("", square, np.eye(4), bsdf, lamp)

@@ -5,7 +5,7 @@ space, where they are the same for every pose (t is invariant under affine maps)
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +44,7 @@ class Quadric:
 Surface = Triangles | Quadric
 
 
-@dataclass(frozen=True, eq=False)
-class Exact:
+class Exact(NamedTuple):
     """Refined hits: t (N,), geometric and shading normals (N, 3), unit, in world coordinates."""
 
     t: Float
@@ -103,8 +102,7 @@ def _quadratic(a: Float, half_b: Float, c: Float) -> Float:
 
 
 def _dot(a: Float, b: Float) -> Float:
-    product: Float = (a * b).sum(axis=-1)
-    return product
+    return np.asarray((a * b).sum(axis=-1))
 
 
 def surfaces(built: BuiltScene) -> list[Surface | None]:

@@ -192,11 +192,7 @@ INTEGRATORS: dict[str, dict[str, Any]] = {
 
 
 _as_plugin = methodcaller("plugin")
-_LIGHTS = [
-    *variants(PlacedLight, "type", _PLACED_LIGHTS),
-    *variants(LightBase, "type", _OTHER_LIGHTS),
-    EnvironmentMap,
-]
+_LIGHTS = [*variants(PlacedLight, "type", _PLACED_LIGHTS), *variants(LightBase, "type", _OTHER_LIGHTS), EnvironmentMap]
 _AREA_LIGHTS = variants(LightBase, "type", AREA_LIGHTS, "area")
 _INTEGRATORS = variants(PluginTable, "type", INTEGRATORS, "path")
 Material = Annotated[Plugin, reads(tagged("Material", "type", variants(MaterialBase, "type", MATERIALS)), _as_plugin)]

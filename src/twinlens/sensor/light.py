@@ -17,11 +17,9 @@ import math
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twinlens.camera import BareAperture, Camera, Disk, Lens, ThinLens, film_distance
-
-Float = NDArray[np.float64]
+from twinlens.geometry import Float
 
 PLANCK = 6.62607015e-34  # J s, exact in the SI
 SPEED = 299792458.0  # m/s, of light, exact in the SI

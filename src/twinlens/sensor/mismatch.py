@@ -9,15 +9,13 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twinlens.camera import ALIGNED, Camera, Misalignment, Rig, misaligned
 from twinlens.errors import InputError, check_known, check_ranges
+from twinlens.geometry import Float
 from twinlens.seeds import generator
 from twinlens.sensor.exposure import Exposure
 from twinlens.sensor.tolerances import LEVELS, SPREADS
-
-Float = NDArray[np.float64]
 
 _MAX_SIGMAS = 2.5  # limit of a drawn value, in standard deviations
 _NOT_NEGATIVE = ("veiling_glare", "stray_light", "blur_px")

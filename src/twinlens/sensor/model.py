@@ -20,6 +20,7 @@ from twinlens.camera import Camera, Lens, Rig, film_distance
 from twinlens.camera.film import checked_radiance
 from twinlens.camera.lens import check_lens
 from twinlens.errors import InputError, check_int, check_known, check_number, check_ranges, check_triple, format_value
+from twinlens.geometry import Float
 from twinlens.optics.diffraction import CHANNEL_WAVELENGTHS, check_wavelengths
 from twinlens.seeds import generator
 from twinlens.sensor import light, picture
@@ -27,8 +28,6 @@ from twinlens.sensor.exposure import Exposure, auto_exposure, check_exposure
 from twinlens.sensor.mismatch import Mismatch
 from twinlens.sensor.picture import Image
 from twinlens.sensor.presets import PRESETS
-
-Float = NDArray[np.float64]
 
 OUTPUTS = (*picture.CURVES, "raw")
 _MAX_WELLS = 4.0  # limit of expected electrons, in full wells; such pixels are saturated anyway
@@ -154,8 +153,7 @@ class Sensor:
         pixel_area = distance / camera.fx * distance / camera.fy
         joules = light.irradiance_factor(camera, lens, self.pinhole_f_number) * pixel_area
         photons = np.array(self.wavelengths) / (light.PLANCK * light.SPEED)
-        electrons: Float = self.radiance_scale * joules * photons * np.array(self.quantum_efficiency)
-        return electrons
+        return np.asarray(self.radiance_scale * joules * photons * np.array(self.quantum_efficiency))
 
     def level_rate(self, radiance: ArrayLike, *, camera: Camera, lens: Lens) -> Float:
         """Signal per second at gain 1 over the full well, (H, W, 3), of a radiance image; for automatic exposure."""

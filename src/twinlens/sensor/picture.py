@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from twinlens.geometry import Float
+
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 BAYER = ("RGGB", "BGGR", "GRBG", "GBRG")

@@ -33,16 +33,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "black_level": 0.0,
         "vignetting": False,
     },
-    "machine_vision": {
-        "quantum_efficiency": (0.55, 0.62, 0.50),
-        "full_well": 10_700.0,
-        "read_noise": 2.3,
-        "dark_current": 1.0,
-        "prnu": 0.005,
-        "dsnu": 1.0,
-        "adc_bits": 12,
-        "black_level": 64.0,
-    },
+    "machine_vision": {},  # the defaults of `Sensor`
     "phone": {
         "quantum_efficiency": (0.55, 0.70, 0.65),
         "full_well": 6000.0,
