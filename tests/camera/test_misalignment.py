@@ -15,7 +15,7 @@ def test_rotations_are_about_the_calibrated_axes():
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(np.array([0.3, -0.2, 1.1]))[0], [3.0, 2.0, 1.0]
     rig = Rig.stereo(CAMERA, 0.2, pose)
-    off = Misalignment(pitch_deg=30, yaw_deg=40, roll_deg=50).applied(rig)
+    off = misaligned(rig, (ALIGNED, Misalignment(pitch_deg=30, yaw_deg=40, roll_deg=50)))
     axes = np.eye(3)
     for axis, degrees in zip(np.eye(3), (30, 40, 50), strict=True):
         axes = cv2.Rodrigues(axis * np.radians(degrees))[0] @ axes
@@ -36,9 +36,9 @@ def test_a_pair_of_a_misaligned_rig_keeps_its_calibrated_pair():
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_a_single_misalignment_needs_a_pair(count):
-    with pytest.raises(InputError, match=f"this rig has {count} cameras"):
-        ALIGNED.applied(Rig([CAMERA] * count, [np.eye(4)] * count))
+def test_every_camera_needs_a_misalignment(count):
+    with pytest.raises(InputError, match=f"a rig of {count} cameras"):
+        misaligned(Rig([CAMERA] * count, [np.eye(4)] * count), (ALIGNED, ALIGNED))
 
 
 @pytest.mark.parametrize("error", [{"roll_deg": 200}, {"yaw_deg": 90}, {"pitch_deg": -90}, {"vertical_px": np.inf}])

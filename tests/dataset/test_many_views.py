@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from twinlens.camera import BrownConrady, Camera, Misalignment, Pinhole, layouts
+from twinlens.camera import ALIGNED, BrownConrady, Camera, Misalignment, Pinhole, layouts, misaligned
 from twinlens.dataset import Dataset, Sample, Shot, read_pfm, write_pfm, write_sample
 from twinlens.dataset.verify import verify_sample
 from twinlens.geometry import rigid
@@ -23,7 +23,7 @@ def rigs():
         "line": layouts.line(CAMERA, 3, 0.08, pose),
         "grid": layouts.grid(CAMERA, 2, 2, 0.08, 0.08, pose),
         "toed": layouts.toed_in([CAMERA, BENT], 0.16, 1.4, middle),
-        "off": Misalignment(vertical_px=2.0, roll_deg=1.0).applied(pair),
+        "off": misaligned(pair, (ALIGNED, Misalignment(vertical_px=2.0, roll_deg=1.0))),
     }
 
 

@@ -335,7 +335,7 @@ def test_assets_belong_to_families(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "a.png").touch()
     table = {"seed": 1, "count": 1, "assets": {"textures": "mine"}}
-    assert recipe_from_table({**table, "families": ["cards"]}, tmp_path / "recipe.toml").assets
+    assert recipe_from_table({**table, "families": ["cards"]}, tmp_path / "recipe.toml").sources.assets
     with pytest.raises(InputError, match=r"recipe\.toml: assets: can be used with 'families' only"):
         recipe_from_table({**table, "scenes": ["cards"]}, tmp_path / "recipe.toml")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import twinlens as tl
-from twinlens.camera import Misalignment, Polygon
+from twinlens.camera import ALIGNED, Misalignment, Polygon, misaligned
 from twinlens.dataset import sample_files
 from twinlens.errors import InputError
 from twinlens.factory import default_rig, make_sample
@@ -151,7 +151,7 @@ def test_what_is_asked_of_every_camera_goes_before_what_a_table_says_of_one(scen
 
 def test_an_error_left_in_moves_the_picture_and_leaves_the_truth(scene):
     straight = default_rig(scene, 48, 36)
-    off = Misalignment(vertical_px=3.0).applied(straight)
+    off = misaligned(straight, (ALIGNED, Misalignment(vertical_px=3.0)))
     a, b = (make_sample(scene, rig, LENSES[:1], spp=64, keep_radiance=True) for rig in (straight, off))
     assert np.array_equal(a.truths[1].depth, b.truths[1].depth)
     left, right = ([sample.shots[0].radiances[i] for sample in (a, b)] for i in (0, 1))
@@ -163,7 +163,7 @@ def test_what_was_left_in_is_made_again_from_the_record(scene, tmp_path):
     from twinlens.dataset import Dataset, write_sample
     from twinlens.factory import remake
 
-    off = Misalignment(vertical_px=3.0, yaw_deg=0.5).applied(default_rig(scene, 24, 18))
+    off = misaligned(default_rig(scene, 24, 18), (ALIGNED, Misalignment(vertical_px=3.0, yaw_deg=0.5)))
     made = make_sample(scene, off, LENSES[:1], spp=2)
     write_sample(tmp_path / "cards", made)
     assert sample_files(remake(Dataset(tmp_path)[0].record)) == sample_files(made)

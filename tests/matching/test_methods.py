@@ -10,7 +10,7 @@ import pytest
 
 import twinlens.matching as tm
 from twinlens.errors import InputError
-from twinlens.matching.methods import Options, method_tables
+from twinlens.matching.methods import Options, find_method, method_tables
 
 
 def test_every_method_is_described_and_can_be_made_with_its_defaults():
@@ -206,7 +206,7 @@ def test_a_package_s_entry_point_is_a_method(other_package):
     assert spec.runs_user_code
     assert spec.content.startswith("theirs.py=")
     with pytest.raises(InputError, match="did you mean 'flat'"):
-        tm.find_method("flatt")
+        find_method("flatt")
 
 
 def test_a_broken_entry_point_names_the_function(other_package):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twinlens import geometry
-from twinlens.camera import BrownConrady, Camera, KannalaBrandt, Misalignment, layouts
+from twinlens.camera import ALIGNED, BrownConrady, Camera, KannalaBrandt, Misalignment, layouts, misaligned
 from twinlens.errors import InputError
 from twinlens.scenes import Scene, load_scene, rig_from_table
 
@@ -89,7 +89,7 @@ def test_shared_and_individual_intrinsics():
 def test_a_misalignment_moves_the_second_camera_and_keeps_the_calibrated_rig():
     ours = rig("misalignment = { vertical_px = 1.5, roll_deg = 0.2 }")
     same(ours.calibrated, rig(""))
-    same(ours, Misalignment(1.5, roll_deg=0.2).applied(rig("")))
+    same(ours, misaligned(rig(""), (ALIGNED, Misalignment(1.5, roll_deg=0.2))))
     assert not ours.is_rectified()
     all_of_them = rig('layout = "line"\ncount = 3\nmisalignment = [{ yaw_deg = 1 }, {}, { vertical_px = -2 }]')
     assert all_of_them.cameras[2].cy == pytest.approx(21.5)

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from twinlens.camera.intrinsics import Camera, undistort_maps
 from twinlens.camera.multiview import check_pair, epipole_in_image
-from twinlens.camera.rig import ALIGNED, Misalignment, Rig
+from twinlens.camera.rig import ALIGNED, Misalignment, Rig, misaligned
 from twinlens.errors import InputError, check_known
 from twinlens.geometry import Float, homogeneous, image_border, rigid, skew
 
@@ -120,7 +120,8 @@ def rectify(
         cx, cy = 0.5 * (np.array(size) - 1) - focal * centre
         cameras.append(Camera(*size, focal, focal, float(cx), float(cy), pixel_pitch_um=old.pixel_pitch_um))
     aligned = Rig(cameras, [rigid(world_from_rect, pose[:3, 3]) for pose in pair.world_from_cams])
-    return Rectification(pair, aligned, aligned if misalignment == ALIGNED else misalignment.applied(aligned))
+    rectified = aligned if misalignment == ALIGNED else misaligned(aligned, (ALIGNED, misalignment))
+    return Rectification(pair, aligned, rectified)
 
 
 def _outline(pair: Rig, side: int, world_from_rect: Float) -> Float:

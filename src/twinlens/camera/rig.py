@@ -151,12 +151,6 @@ class Misalignment:
                 check_number(name, value, "between -90 and 90 degrees", above=-90, below=90)
         check_number("focal", self.focal, "a factor from 0.1 to 10", least=0.1, most=10)
 
-    def applied(self, rig: Rig) -> Rig:
-        """The pair `rig` with this error of its second camera; `calibrated` is the pair without it."""
-        if len(rig) != 2:
-            raise InputError(f"a single misalignment needs a rig of 2 cameras; this rig has {len(rig)} cameras")
-        return misaligned(rig, (ALIGNED, self))
-
 
 ALIGNED = Misalignment()
 

@@ -146,7 +146,7 @@ def _collect(ledger: Ledger, results: Results, exclusive: bool) -> int:
 def finish(ledger: Ledger) -> None:
     """Write the final dataset.json, preview, card and metadata; remove the files that only unfinished datasets need."""
     broken = _unusable_assets(ledger.recipe)
-    ledger.write(**({"skipped_assets": broken} if ledger.recipe.assets else {}))
+    ledger.write(**({"skipped_assets": broken} if ledger.recipe.sources.assets else {}))
     write_preview(ledger, {})
     if ledger.rows:
         write_card(ledger.folder)

@@ -8,7 +8,6 @@ distribution begins, ends or chooses.
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -132,13 +131,7 @@ class Recipe:
     keep: tuple[str, ...]
     gates: Gates
     splits: Mapping[str, float]
-    assets: Mapping[str, tuple[str, ...]]
-    masks: tuple[str, ...]
-
-    @cached_property
-    def sources(self) -> Sources:
-        """The files that the recipe names; they are read on first use."""
-        return Sources(self.file.parent, self.names if self.kind == "scene" else (), self.assets, self.masks)
+    sources: Sources
 
 
 def read_recipe(path: str | os.PathLike[str], changes: Mapping[str, Any] | None = None) -> Recipe:
@@ -153,6 +146,7 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
     names = table.families or table.scenes
     assets = {kind: tuple(folders) for kind, folders in table.assets.model_dump(exclude_none=True).items()}
     drawn = {key: template(written[key], path, key) for key in DRAWN if key in written}
+    masks = _check_drawn(drawn, path, table.families or [], table.gates)
     return Recipe(
         file=path,
         written=dict(written),
@@ -166,8 +160,7 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
         keep=tuple(table.keep),
         gates=table.gates,
         splits=table.splits or {},
-        assets=assets,
-        masks=_check_drawn(drawn, path, table.families or [], table.gates),
+        sources=Sources(path.parent, tuple(table.scenes or ()), assets, masks),
     )
 
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from twinlens.errors import FileError, InputError, check_int, check_number
 from twinlens.matching.images import Disparity, Image, grey, pair
-from twinlens.matching.options import MinDisparity, NumDisparities, RangeMatcher, check_range, import_extra
+from twinlens.matching.options import RangeMatcher, import_extra
 
 HASH_DIGITS = 16  # hexadecimal digits kept of a file's SHA-256
 TAIL_BYTES = 4096  # of a program's output, kept for the message if it fails
@@ -103,11 +103,9 @@ class PythonFunction(RangeMatcher):
         Callable[..., Any] | str,
         "path/to/file.py:name, relative to the current folder, or module:name of an importable module.",
     ] = ""
-    num_disparities: NumDisparities = 64
-    min_disparity: MinDisparity = 0
 
     def __post_init__(self) -> None:
-        check_range(self.num_disparities, self.min_disparity)
+        super().__post_init__()
         if isinstance(self.function, str) and not all(self._module_and_name):
             raise InputError(f"function is {self.function!r}; write path/to/file.py:name or module:name")
 
@@ -185,12 +183,10 @@ class Program(RangeMatcher):
         "Command line with {left} and {right}, PNG files to read, {out}, a grey PFM file to write, and optionally "
         "{num_disparities} and {min_disparity}.",
     ] = ""
-    num_disparities: NumDisparities = 64
-    min_disparity: MinDisparity = 0
     timeout_s: Annotated[float, "Seconds per match, after which the program is killed."] = 600.0
 
     def __post_init__(self) -> None:
-        check_range(self.num_disparities, self.min_disparity)
+        super().__post_init__()
         check_number("timeout_s", self.timeout_s, "a number above 0", above=0)
         for placeholder in ("{left}", "{right}", "{out}"):
             if placeholder not in self.command:

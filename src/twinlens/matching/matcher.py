@@ -11,7 +11,7 @@ from twinlens.matching import box, refine
 from twinlens.matching.box import FITS, BoxMatch, Rows, Volume, Winners, blank, cpu_count, in_lanes, in_strips, limits
 from twinlens.matching.costs import COSTS, largest_cost
 from twinlens.matching.images import Disparity, Image, clipped_slope, described, levels, pair
-from twinlens.matching.options import MinDisparity, NumDisparities, RangeMatcher, check_block_size, check_range
+from twinlens.matching.options import RangeMatcher, check_block_size
 from twinlens.matching.semiglobal import Penalties, Sweeps, quantised, stored
 from twinlens.matching.supports import SUPPORTS, Strip
 
@@ -58,8 +58,6 @@ class StereoMatcher(RangeMatcher):
 
     cost: Annotated[str, f"Matching cost: {', '.join(COSTS)}."] = "zncc"
     block_size: Annotated[int, "Side of the window in pixels; odd."] = 9
-    num_disparities: NumDisparities = 64
-    min_disparity: MinDisparity = 0
     support: Annotated[str, f"Support region over which costs are aggregated: {', '.join(SUPPORTS)}."] = "fixed"
     census_window: Annotated[int, "Side of the window of the census and rank transforms; odd."] = 7
     prefilter: Annotated[str, "none; xsobel: compare clipped horizontal Sobel derivatives, as StereoBM does."] = "none"
@@ -87,7 +85,7 @@ class StereoMatcher(RangeMatcher):
         check_block_size("block_size", self.block_size)
         check_block_size("census_window", self.census_window)
         check_block_size("median", 1 if self.median == 0 else self.median)
-        check_range(self.num_disparities, self.min_disparity)
+        super().__post_init__()
         check_int("speckle_size", self.speckle_size, 0)
         check_int("threads", 1 if self.threads is None else self.threads, 1)
         for name in ("texture", "uniqueness"):

@@ -7,14 +7,17 @@ import numpy as np
 
 from twinlens.errors import InputError, check_int, check_known
 from twinlens.matching.images import Disparity, levels, pair
-from twinlens.matching.options import MinDisparity, RangeMatcher, check_block_size, check_range, import_extra
+from twinlens.matching.options import RangeMatcher, check_block_size, import_extra
 
 SIXTEENTHS = 16  # the unit of OpenCV's fixed-point disparities, and the multiple of its ranges
 MODES = {"default": "STEREO_SGBM_MODE_SGBM", "hh": "STEREO_SGBM_MODE_HH", "3way": "STEREO_SGBM_MODE_SGBM_3WAY"}
 
 
+@dataclass(frozen=True, kw_only=True)
 class _OpenCVMatcher(RangeMatcher):
     """Base of both matchers; `_create` checks the size of the images and makes OpenCV's matcher."""
+
+    num_disparities: Annotated[int, "Number of disparities to search; rounded up to a multiple of 16."] = 64
 
     def check_parts(self) -> None:
         """MissingExtraError if OpenCV is not installed."""
@@ -40,8 +43,6 @@ class OpenCVBlock(_OpenCVMatcher):
     """OpenCV's StereoBM: SAD of clipped Sobel images or, with prefilter=False, of locally normalised images."""
 
     block_size: Annotated[int, "Side of the window in pixels; odd, 5 or more."] = 9
-    num_disparities: Annotated[int, "Number of disparities to search; rounded up to a multiple of 16."] = 64
-    min_disparity: MinDisparity = 0
     prefilter: Annotated[bool, "true: clipped Sobel images; false: locally normalised images."] = True
     texture: Annotated[int, "OpenCV's textureThreshold; 0: off."] = 10
     uniqueness: Annotated[int, "OpenCV's uniquenessRatio in percent; 0: off."] = 15
@@ -50,7 +51,7 @@ class OpenCVBlock(_OpenCVMatcher):
         check_block_size("block_size", self.block_size, 5)
         check_int("texture", self.texture, 0)
         check_int("uniqueness", self.uniqueness, 0)
-        check_range(self.num_disparities, self.min_disparity)
+        super().__post_init__()
 
     def _create(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:
         if self.block_size >= min(shape):
@@ -71,15 +72,13 @@ class OpenCVSemiGlobal(_OpenCVMatcher):
     """OpenCV's StereoSGBM with P1 = 8 block_size^2 and P2 = 32 block_size^2."""
 
     block_size: Annotated[int, "Side of the window in pixels; odd."] = 3
-    num_disparities: Annotated[int, "Number of disparities to search; rounded up to a multiple of 16."] = 64
-    min_disparity: MinDisparity = 0
     mode: Annotated[str, "default: 5 paths; hh: 8 paths; 3way: 3 paths."] = "default"
     uniqueness: Annotated[int, "OpenCV's uniquenessRatio in percent; 0: off."] = 0
 
     def __post_init__(self) -> None:
         check_block_size("block_size", self.block_size)
         check_int("uniqueness", self.uniqueness, 0)
-        check_range(self.num_disparities, self.min_disparity)
+        super().__post_init__()
         check_known("mode", self.mode, MODES)
 
     def _create(self, cv2: Any, shape: tuple[int, ...], count: int) -> Any:

@@ -1,14 +1,11 @@
 """What all matchers share: the contract of `match`, the search range, checks of options, and limits by image size."""
 
-import dataclasses
 import importlib
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Protocol, Self
 
 from twinlens.errors import InputError, MissingExtraError, check_int
 from twinlens.matching.images import Disparity
-
-NumDisparities = Annotated[int, "Number of disparities to search."]
-MinDisparity = Annotated[int, "Smallest disparity to search, in pixels: u_left - u_right. May be negative."]
 
 DEFAULT_DISPARITIES = 64
 LARGEST_DEFAULT_WINDOW = 35
@@ -38,11 +35,16 @@ def import_extra(module: str, extra: str) -> Any:
         raise MissingExtraError(f"{module} is not installed; pip install 'twinlens[{extra}]'") from None
 
 
+@dataclass(frozen=True, kw_only=True)
 class RangeMatcher:
     """Base of the matchers with a search range among their options, which are frozen dataclasses."""
 
-    num_disparities: int
-    min_disparity: int
+    num_disparities: Annotated[int, "Number of disparities to search."] = DEFAULT_DISPARITIES
+    min_disparity: Annotated[int, "Smallest disparity to search, in pixels: u_left - u_right. May be negative."] = 0
+
+    def __post_init__(self) -> None:
+        check_int("num_disparities", self.num_disparities, 1)
+        check_int("min_disparity", self.min_disparity)
 
     def match(
         self, left: Any, right: Any, *, num_disparities: int | None = None, min_disparity: int | None = None
@@ -56,13 +58,7 @@ class RangeMatcher:
 
     def replace(self, **changes: Any) -> Self:
         """The same matcher with some options changed, and checked."""
-        return dataclasses.replace(self, **changes) if changes else self  # type: ignore[type-var]
-
-
-def check_range(num_disparities: Any, min_disparity: Any) -> None:
-    """InputError unless both are whole numbers and the range is not empty."""
-    check_int("num_disparities", num_disparities, 1)
-    check_int("min_disparity", min_disparity)
+        return replace(self, **changes) if changes else self
 
 
 def check_block_size(name: str, value: Any, least: int = 1) -> None:
