@@ -11,9 +11,8 @@ from twinlens.camera.truth import Correspondence, Truth
 from twinlens.errors import InputError
 from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.build import BuiltScene, build
-from twinlens.rendering.cast import Hits, cast, exact_hits, visible_from
+from twinlens.rendering.cast import Exact, Hits, cast, exact_hits, visible_from
 from twinlens.rendering.radiance import check_view
-from twinlens.rendering.surfaces import Exact
 from twinlens.scenes import Scene
 
 
