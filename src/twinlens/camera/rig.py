@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from twinlens.camera.distortion import BrownConrady
 from twinlens.camera.intrinsics import Camera
-from twinlens.errors import InputError, check_number
+from twinlens.errors import InputError, check_ranges
 from twinlens.geometry import Float, check_rigid, inverse, rigid, transform_points
 from twinlens.optics import check_length
 
@@ -137,19 +138,15 @@ class Misalignment:
     Raises InputError when a value is out of range.
     """
 
-    vertical_px: float = 0.0
-    pitch_deg: float = 0.0
-    yaw_deg: float = 0.0
-    roll_deg: float = 0.0
-    focal: float = 1.0
-    k1: float = 0.0
+    vertical_px: Annotated[float, (-1e9, 1e9)] = 0.0
+    pitch_deg: Annotated[float, (-89.999, 89.999)] = 0.0
+    yaw_deg: Annotated[float, (-89.999, 89.999)] = 0.0
+    roll_deg: Annotated[float, (-89.999, 89.999)] = 0.0
+    focal: Annotated[float, (0.1, 10)] = 1.0
+    k1: Annotated[float, (-1e6, 1e6)] = 0.0
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            check_number(name, value, "a finite number")
-            if name.endswith("_deg"):
-                check_number(name, value, "between -90 and 90 degrees", above=-90, below=90)
-        check_number("focal", self.focal, "a factor from 0.1 to 10", least=0.1, most=10)
+        check_ranges(self, "misalignment")
 
 
 ALIGNED = Misalignment()

@@ -1,12 +1,6 @@
 """The keys of a recipe that are drawn for every sample, after their distributions have been replaced by values.
 
-A lens as a table, and the distance it is focused at:
-
-kind = "thin"                      # pinhole | thin | hole
-aperture_mm = 8                    # or f_number = 4
-focus = "middle"                   # metres, inf, or one of FOCUSES
-shape = { kind = "polygon", blades = 6, rotation_deg = 15, roundness = 0.3 }   # disk | polygon | annulus | mask
-film_mm = 50                       # of a bare hole
+docs/recipes.md shows the tables of lenses, apertures, sensors and mismatches.
 """
 
 import math
@@ -25,7 +19,7 @@ from twinlens.camera.lens import BareAperture
 from twinlens.camera.truth import Truth
 from twinlens.dataset import read_image
 from twinlens.errors import FileError, InputError, format_value, located
-from twinlens.families import FAMILIES
+from twinlens.families import check_view
 from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes import Scene, rig_from_table
@@ -73,10 +67,7 @@ def _mismatch(level: str = "none", seed: int | None = None, **given: float) -> M
 
 
 MismatchTable: Any = table_of(
-    Mismatch,
-    make=_mismatch,
-    level=(Literal[LEVELS], "none"),
-    seed=(Annotated[int, Field(ge=0)] | None, None),
+    Mismatch, make=_mismatch, level=(Literal[LEVELS], "none"), seed=(Annotated[int, Field(ge=0)] | None, None)
 )
 """The fields of `Mismatch`, of which those not given are drawn at a level."""
 _level = BeforeValidator(lambda value: {"level": value} if isinstance(value, str) else value, str | MismatchTable)
@@ -269,9 +260,11 @@ def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]
     Focus distances that depend on the scene are 1 m.
     """
     settings = read(Settings, dict(drawn), file)
-    if families:
-        _check_families(settings, file, families)
-    elif given := settings.scene.model_fields_set & {"depth_range", "object_count"}:
+    for name in families:
+        with located(f"{file}: families"):
+            check_view(name, settings.width / settings.height, settings.width, settings.scene.depth_range)
+    given = settings.scene.model_fields_set & {"depth_range", "object_count"}
+    if given and not families:
         raise InputError(f"{file}: scene.{min(given)}: can be used with 'families' only")
     scene = Scene("any", (), {}, np.eye(4), (1.0, 10.0))
     rig_from_table(settings.rig, scene, settings.width, settings.height, file, "rig")
@@ -285,17 +278,3 @@ def make_lenses(settings: Settings, view: View | None, file: Path, find: Find) -
         with located(f"{file}: lenses[{k}]"):
             lenses.append(make_lens(table, view, find))
     return lenses
-
-
-def _check_families(settings: Settings, file: Path, families: Sequence[str]) -> None:
-    width, height = settings.width, settings.height
-    if width < 16:
-        raise InputError(f"{file}: width: must be >= 16 for families, got {width}")
-    if not 0.2 <= width / height <= 5:
-        raise InputError(f"{file}: width: must be 0.2 to 5 times the height for families, got {width} x {height}")
-    near, far = settings.scene.depth_range or (0.0, math.inf)
-    for name in families:
-        least = FAMILIES[name].least_ratio
-        if not far >= least * near:
-            needs = f"a {name} scene needs far >= {least:g} near"
-            raise InputError(f"{file}: scene.depth_range: {needs}, got [{near:g}, {far:g}]")

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.errors import InputError, check_int, check_number, format_value, unknown
+from twinlens.errors import InputError, check_int, check_known, check_number, format_value
 from twinlens.families import cards, flying, room, tabletop
 from twinlens.families.assets import Assets as Assets
 from twinlens.families.composition import Composition, Family
@@ -61,11 +61,8 @@ def random_scene(
     InputError
         For an unknown family, and for a setting out of its range.
     """
-    if family not in FAMILIES:
-        raise unknown("scene family", str(family), FAMILIES)
+    check_known("scene family", family, FAMILIES)
     chosen = FAMILIES[family]
-    check_number("aspect", aspect, "a width over height of 0.2 to 5", least=0.2, most=5)
-    check_number("width", width, "a number of pixels >= 16", least=16)
     if isinstance(seed, np.random.SeedSequence):
         root, label = seed, f"{int(seed.generate_state(1)[0]):08x}"
     else:
@@ -78,13 +75,19 @@ def random_scene(
             raise InputError(f"{name} must have two values, got {format_value(pair)}")
     check_int("object_count", counts[0], 1, _MAX_OBJECTS)
     check_int("object_count", counts[1], counts[0], _MAX_OBJECTS)
-    depths = None
-    if depth_range is not None:
-        near, far = depth_range
-        check_number("depth_range", near, "two positive numbers of metres, (near, far)", above=0.0)
-        allowed = f"(near, far) with far >= {chosen.least_ratio:g} near in {family} scenes"
-        check_number("depth_range", far, allowed, least=chosen.least_ratio * near)
-        depths = float(near), float(far)
+    check_view(family, aspect, width, depth_range)
+    depths = None if depth_range is None else (float(depth_range[0]), float(depth_range[1]))
     scene = Composition(f"{family}-{label}", root, assets or Assets(), depths, counts, float(aspect), int(width))
     chosen.compose(scene)
     return scene.scene(chosen.about)
+
+
+def check_view(family: str, aspect: float, width: int, depth_range: tuple[float, float] | None) -> None:
+    """Raise InputError unless a family has scenes for these settings of `random_scene`."""
+    check_number("width", width, "a number of pixels >= 16", least=16)
+    check_number("aspect", aspect, "a width over height of 0.2 to 5", least=0.2, most=5)
+    if depth_range is not None:
+        (near, far), ratio = depth_range, FAMILIES[family].least_ratio
+        check_number("depth_range", near, "two positive numbers of metres, (near, far)", above=0.0)
+        allowed = f"(near, far) with far >= {ratio:g} near in {family} scenes"
+        check_number("depth_range", far, allowed, least=ratio * near)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from twinlens.errors import BackendError, InputError, unknown
+from twinlens.errors import BackendError, InputError, check_known
 from twinlens.rendering import llvm
 
 VARIANTS = {"scalar": "scalar_rgb", "llvm": "llvm_ad_rgb", "cuda": "cuda_ad_rgb"}
@@ -119,8 +119,7 @@ def configure_malloc() -> None:
 
 def _wanted() -> str:
     wanted = os.environ.get("TWINLENS_BACKEND", "auto")
-    if wanted not in ("auto", *VARIANTS):
-        raise unknown("TWINLENS_BACKEND", wanted, ["auto", *VARIANTS])
+    check_known("TWINLENS_BACKEND", wanted, ["auto", *VARIANTS])
     return wanted
 
 
@@ -155,9 +154,8 @@ def _choose(wanted: str) -> Backend:
         probes.append(llvm.probe(VARIANTS[name], library))
         if probes[-1].works:
             reason = f"{library.name} works" if library else "a CUDA device works"
-            return Backend(
-                name, VARIANTS[name], reason, library=str(library) if library else None, probes=tuple(probes)
-            )
+            path = str(library) if library else None
+            return Backend(name, VARIANTS[name], reason, library=path, probes=tuple(probes))
     why = "; ".join(f"{Path(probe.path).name} {probe.answer}" for probe in probes)
     if wanted == "cuda":
         why = why or "no NVIDIA driver (libcuda.so.1) was found"

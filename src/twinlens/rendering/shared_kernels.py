@@ -3,9 +3,8 @@
 Dr.Jit numbers the objects of each class (materials, shapes, lights) in a registry. A kernel contains the methods of all
 registered objects of a class and a table with one row for each id up to the largest one in use; the smallest id in use
 determines the order of the kernel's variables. So kernels of two scenes differ if one has more objects, or other types
-of them. Placeholders of every type that random scenes use, with ids below theirs, and one
-of each kind above them make kernels equal. No scene refers to a placeholder, so no ray reaches one, and images do not
-change.
+of them. Placeholders of every type that random scenes use, with ids below theirs, and one of each kind above them make
+kernels equal. No scene refers to a placeholder, so no ray reaches one, and images do not change.
 """
 
 from typing import Any
