@@ -15,6 +15,11 @@ def camera(rng, distortion=None):
     return Camera(640, 480, fx, fx * rng.uniform(0.95, 1.05), cx, cy, distortion)
 
 
+def px_from_world(rig, index):
+    """The projection matrix K [R | t] of one camera, (3, 4), without its distortion."""
+    return rig.cameras[index].K @ np.linalg.inv(rig.world_from_cams[index])[:3]
+
+
 def rotation(rng, largest=np.pi):
     axis = rng.normal(size=3)
     return Rotation.from_rotvec(axis / np.linalg.norm(axis) * rng.uniform(0, largest)).as_matrix()

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.rigs import px_from_world
 from twinlens import geometry
 from twinlens.camera import Camera
 from twinlens.camera.layouts import arc, grid, line, toed_in
@@ -33,7 +34,7 @@ def test_an_arc_looks_at_its_centre():
     rig = arc(CAMERA, 5, 2.0, 80, POSE)
     target = geometry.transform_points(POSE, [0, 0, 2.0])
     for i in range(5):
-        assert np.allclose(geometry.dehomogeneous(rig.px_from_world(i) @ [*target, 1]), [CAMERA.cx, CAMERA.cy])
+        assert np.allclose(geometry.dehomogeneous(px_from_world(rig, i) @ [*target, 1]), [CAMERA.cx, CAMERA.cy])
     away = np.array([pose[:3, 3] for pose in rig.world_from_cams]) - target
     assert np.allclose(np.linalg.norm(away, axis=1), 2)
     assert np.degrees(np.arccos(away[0] @ away[-1] / 4)) == pytest.approx(80)
@@ -52,7 +53,7 @@ def test_toed_in_axes_intersect_at_the_distance():
     assert centres(rig)[0, 0] < 0
     target = [*geometry.transform_points(POSE, [0, 0, 2.0]), 1]
     for i in (0, 1):
-        assert np.allclose(geometry.dehomogeneous(rig.px_from_world(i) @ target), [CAMERA.cx, CAMERA.cy])
+        assert np.allclose(geometry.dehomogeneous(px_from_world(rig, i) @ target), [CAMERA.cx, CAMERA.cy])
 
 
 def test_a_layout_takes_one_camera_per_place():

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
+from tests.rigs import px_from_world
 from twinlens import geometry
 from twinlens.camera import BrownConrady, Camera, Rig, layouts
 from twinlens.errors import InputError
@@ -24,7 +25,7 @@ baselines = st.floats(1e-3, 3)
 def test_a_rectified_pair_has_equal_rows_and_disparity_fx_b_over_z(pose, baseline, doffs, x, y, z):
     rig = Rig.stereo(CAMERA, baseline, pose, right=CAMERA.replace(cx=CAMERA.cx + doffs))
     world = geometry.transform_points(pose, [x, y, z])
-    left, right = (geometry.dehomogeneous(rig.px_from_world(i) @ [*world, 1]) for i in (0, 1))
+    left, right = (geometry.dehomogeneous(px_from_world(rig, i) @ [*world, 1]) for i in (0, 1))
     assert left[1] == pytest.approx(right[1], abs=1e-8)
     assert left[0] - right[0] == pytest.approx(CAMERA.fx * baseline / z - doffs, abs=1e-7)
     assert rig.doffs() == pytest.approx(doffs, abs=1e-12)
@@ -52,12 +53,12 @@ def test_triangulation_inverts_projection(a, b):
     """Two random cameras with the point in front of both."""
     rig = Rig([CAMERA, CAMERA], [a, b])
     point = 0.5 * (a[:3, 3] + b[:3, 3]) + 3 * (a[:3, 2] + b[:3, 2])
-    depths = [(rig.px_from_world(i) @ [*point, 1])[2] for i in (0, 1)]
+    depths = [(px_from_world(rig, i) @ [*point, 1])[2] for i in (0, 1)]
     rays = [point - pose[:3, 3] for pose in (a, b)]
     apart = np.linalg.norm(np.cross(*rays)) / max(1e-9, np.linalg.norm(rays[0]) * np.linalg.norm(rays[1]))
     if min(depths) < 0.5 or apart < 0.05:
         return
-    matrices = [rig.px_from_world(i) for i in (0, 1)]
+    matrices = [px_from_world(rig, i) for i in (0, 1)]
     seen = [geometry.dehomogeneous(matrix @ [*point, 1])[None] for matrix in matrices]
     assert np.allclose(triangulate_dlt(matrices, seen)[0], point, atol=1e-7)
 
@@ -70,7 +71,7 @@ def test_projection_equals_opencv():
         cam_from_world = np.linalg.inv(rig.world_from_cams[i])
         turn, _ = cv2.Rodrigues(cam_from_world[:3, :3])
         theirs, _ = cv2.projectPoints(points, turn, cam_from_world[:3, 3], CAMERA.K, None)
-        ours = geometry.dehomogeneous(geometry.homogeneous(points) @ rig.px_from_world(i).T)
+        ours = geometry.dehomogeneous(geometry.homogeneous(points) @ px_from_world(rig, i).T)
         assert np.allclose(ours, theirs[:, 0], atol=1e-8)
 
 

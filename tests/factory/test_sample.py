@@ -10,8 +10,7 @@ from twinlens.errors import InputError
 from twinlens.factory import default_rig, make_sample
 from twinlens.factory.sample import _noise_ratios
 from twinlens.rendering import NoisyImage
-from twinlens.sensor import Exposure, Mismatch, Sensor
-from twinlens.sensor.light import cos4
+from twinlens.sensor import Exposure, Mismatch, Sensor, light
 
 LENSES = (tl.Pinhole(), tl.Pinhole(), tl.ThinLens(0.04, 1.2))
 
@@ -189,7 +188,7 @@ def test_the_noise_ratio_is_that_of_the_electrons_in_a_pixel(scene, filters, vig
     rate = 0.01 * sensor.electrons_per_radiance(rig.cameras[0], tl.Pinhole())
     if filters == "mono":
         rate = rate.sum(keepdims=True)
-    shade = np.median(cos4(rig.cameras[0])) if vignetting else 1.0
+    shade = np.median(light.vignetting(rig.cameras[0], tl.Pinhole())) if vignetting else 1.0
     expected = np.sqrt(np.mean(0.1**2 * rate * shade / 0.5))
     photos = sensor.expose_rig([view.image for view in views], rig=rig, lens=tl.Pinhole(), exposure=exposure)
     found = _noise_ratios(views, photos, sensor, rig, tl.Pinhole())

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.rigs import random_rig, seen
+from tests.rigs import px_from_world, random_rig, seen
 from twinlens import geometry
 from twinlens.camera import Camera, Rig
 from twinlens.camera.layouts import line, toed_in
@@ -43,7 +43,7 @@ def test_triangulation_of_corrected_matches_equals_opencv(method):
         rng = np.random.default_rng(seed)
         rig, points = random_rig(rng)
         matches = correct_matches(fundamental_matrix(rig), *noisy(rig, points, rng))
-        theirs = cv2.triangulatePoints(rig.px_from_world(0), rig.px_from_world(1), *(m.T.copy() for m in matches)).T
+        theirs = cv2.triangulatePoints(px_from_world(rig, 0), px_from_world(rig, 1), *(m.T.copy() for m in matches)).T
         assert np.allclose(triangulate(rig, matches, method=method), geometry.dehomogeneous(theirs), atol=1e-6)
 
 

@@ -7,7 +7,7 @@ import pytest
 import twinlens as tl
 from tests.rendering import rendering_cases as cases
 from tests.rendering.rendering_answers import View
-from tests.rigs import rotation
+from tests.rigs import px_from_world, rotation
 from twinlens import geometry
 from twinlens.camera import BrownConrady, Camera, KannalaBrandt, Rig, multiview
 from twinlens.errors import InputError
@@ -89,7 +89,7 @@ def test_opencv_triangulates_the_truth_to_the_same_points(scene, pairs):
     for rig, answer, here, there in pairs[:20]:
         position = tl.ground_truth(scene, rig)[0].position[np.isfinite(answer.pixels[..., 0])]
         a, b = ideal(rig, here, there)
-        theirs = cv2.triangulatePoints(rig.px_from_world(0), rig.px_from_world(1), a.T.copy(), b.T.copy())
+        theirs = cv2.triangulatePoints(px_from_world(rig, 0), px_from_world(rig, 1), a.T.copy(), b.T.copy())
         assert np.abs(geometry.dehomogeneous(theirs.T) - position).max() < 1e-6
 
 
@@ -152,7 +152,7 @@ def test_cameras_at_one_position_are_related_by_a_homography(scene):
     turned = a.world_from_cams[1] @ geometry.rigid(rotation(np.random.default_rng(1), 0.2), np.zeros(3))
     rig = Rig([a.cameras[1]] * 2, [a.world_from_cams[1], turned])
     answer = tl.correspondence(scene, rig, sky=True)
-    homography = rig.px_from_world(1)[:, :3] @ np.linalg.inv(rig.px_from_world(0)[:, :3])
+    homography = px_from_world(rig, 1)[:, :3] @ np.linalg.inv(px_from_world(rig, 0)[:, :3])
     expected = geometry.dehomogeneous(geometry.homogeneous(rig.cameras[0].pixel_grid()) @ homography.T)
     assert np.abs(answer.pixels - expected).max() < 1e-6
     assert (answer.visible == rig.cameras[1].contains(expected)).mean() > 0.999

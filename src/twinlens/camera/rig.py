@@ -75,10 +75,6 @@ class Rig:
         """The transform from camera a's coordinates to camera b's, (4, 4)."""
         return inverse(self.world_from_cams[b]) @ self.world_from_cams[a]
 
-    def px_from_world(self, index: int) -> Float:
-        """The projection matrix K [R | t] of one camera, (3, 4), without its distortion."""
-        return self.cameras[index].K @ inverse(self.world_from_cams[index])[:3]
-
     def project(self, index: int, points_world: ArrayLike) -> Float:
         """Pixels (..., 2) of world points (..., 3) in camera `index`, distorted; NaN as in `Camera.project`."""
         return self.cameras[index].project(transform_points(inverse(self.world_from_cams[index]), points_world))

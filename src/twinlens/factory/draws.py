@@ -1,11 +1,4 @@
-"""Distributions: what a value of a recipe may be instead of a constant.
-
-    baseline = { uniform = [0.05, 0.2] }                   # any number between the two
-    spp = { integers = [16, 64] }                          # any whole number, both ends included
-    aperture_mm = { log_uniform = [1, 20] }                # uniform in the logarithm
-    tilt = { normal = [0, 2], clip = [-5, 5] }             # mean and standard deviation, truncated to `clip`
-    preset = { choice = ["phone", "machine_vision"], weights = [1, 3] }
-    focus = { sweep = [1, 2, 4] }                          # in turn; all sweeps together make a full factorial
+"""Distributions: what a value of a recipe may be instead of a constant; docs/recipes.md shows each kind.
 
 A template is a table in which any leaf may be one of these. Each leaf draws from its own random stream, named by its
 key path, so that adding a distribution to a recipe does not change the values of the others.

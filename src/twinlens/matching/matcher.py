@@ -115,24 +115,13 @@ class StereoMatcher(RangeMatcher):
         return cost.p1 if self.p1 is None else self.p1, cost.p2 if self.p2 is None else self.p2
 
     def _match(self, left: Any, right: Any) -> Disparity:
-        if self.lr_check is None:
-            return self._refined(self._raw_disparity(*pair(left, right)))
-        return self._refined(self._raw_pair(left, right)[0])
-
-    def match_pair(self, left: Any, right: Any) -> tuple[Disparity, Disparity]:
-        """The disparities of the left and of the right image, (H, W) each, both u_left - u_right; see `match`."""
-        of_left, of_right = self._raw_pair(left, right)
-        return self._refined(of_left), _mirrored(self._refined(of_right))
-
-    def _raw_pair(self, left: Any, right: Any) -> tuple[Disparity, Disparity]:
-        """The disparities of both images before refinement, those of the right image mirrored."""
         left, right = pair(left, right)
-        # Mirrored, the right image becomes a left image: u' = W - 1 - u keeps u_left - u_right.
-        of_left, of_right = self._raw_disparity(left, right), self._raw_disparity(_mirrored(right), _mirrored(left))
-        if self.lr_check is None:
-            return of_left, of_right
-        checked = refine.consistent(of_left, _mirrored(of_right), self.lr_check)
-        return checked, refine.consistent(of_right, _mirrored(of_left), self.lr_check)
+        disparity = self._raw_disparity(left, right)
+        if self.lr_check is not None:
+            # Mirrored, the right image becomes a left image: u' = W - 1 - u keeps u_left - u_right.
+            of_right = _mirrored(self._raw_disparity(_mirrored(right), _mirrored(left)))
+            disparity = refine.consistent(disparity, of_right, self.lr_check)
+        return self._refined(disparity)
 
     def _raw_disparity(self, left: Image, right: Image) -> Disparity:
         if self.cost == "jaccard" and (lowest := min(float(left.min()), float(right.min()))) < 0:

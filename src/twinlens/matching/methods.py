@@ -340,8 +340,7 @@ def match(left: Any, right: Any, method: str | Matcher = "zncc", **options: Unpa
         return _matched_by(method, left, right, options)
     spec = parse_method(method)
     for name in options:
-        if name not in spec.method.options:
-            raise unknown(f"option of {spec.method.name}", name, ["method", *spec.method.options])
+        check_known(f"option of {spec.method.name}", name, ["method", *spec.method.options])
     result: Disparity = spec.method.make(**{**options, **spec.options}).match(left, right)
     return result
 

@@ -22,6 +22,7 @@ from twinlens.rendering.annuli import area_fraction, plan_annuli, split_vergence
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image
+from twinlens.rendering.noise import render_measured
 from twinlens.rendering.radiance import Progress, check_request, check_view, other_guides, partial_progress, render
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
@@ -136,20 +137,12 @@ def _shareable(built: BuiltScene, rig: Rig, lenses: Sequence[Lens]) -> list[int]
 def _render_separately(
     scene: Scene, rig: Rig, lens: Lens, spp: int, seed: int, sampler: str, progress: Progress
 ) -> tuple[list[Image], list[float]]:
-    """Images of one lens, and their variances n_a n_b / n^2 (a - b)^2 from halves a, b of the samples."""
-    counts = [spp - spp // 2, spp // 2] if spp > 1 else [1]
-    halves = []
-    for half, count in enumerate(counts):
-        report = partial_progress(progress, half / len(counts), (half + 1) / len(counts))
-        own_seed = derived_seed(seed, _GRID_STREAM, half)
-        halves.append(render(scene, rig, lens, count, own_seed, sampler=sampler, progress=report))
-    images, variance = [], []
-    for several in zip(*halves, strict=True):
-        wide = np.array(several, np.float64)
-        images.append(np.average(wide, axis=0, weights=counts).astype(np.float32))
-        squares = (wide[0] - wide[-1]) ** 2
-        variance.append(math.prod(counts) / spp**2 * squares[np.isfinite(squares)].mean() if spp > 1 else math.nan)
-    return images, variance
+    """Images of one lens, and their variances, estimated from halves of the samples."""
+    if spp < 2:
+        return render(scene, rig, lens, spp, seed, sampler=sampler, progress=progress), [math.nan] * len(rig)
+    views, _ = render_measured(scene, rig, lens, spp, seed, sampler=sampler, progress=progress)
+    squares = [np.square(view.error, dtype=np.float64) for view in views]
+    return [view.image for view in views], [float(each[np.isfinite(each)].mean()) for each in squares]
 
 
 def _render_shared(

@@ -63,6 +63,7 @@ def render_measured(
     seed: int,
     *,
     denoise: bool = False,
+    sampler: str = SAMPLERS[0],
     enough: Callable[[Sequence[NoisyImage]], bool] = lambda _: True,
     progress: Progress | None = None,
 ) -> tuple[list[NoisyImage], int]:
@@ -75,7 +76,7 @@ def render_measured(
     spp < 2.
     """
     check_view(scene, rig)
-    check_request(spp, seed, SAMPLERS[0])
+    check_request(spp, seed, sampler)
     check_lens(lens)
     if spp < 2:
         raise InputError(f"an estimate of the noise needs spp >= 2, got {spp}")
@@ -93,11 +94,11 @@ def render_measured(
         for half, count in enumerate((extra - extra // 2, extra // 2)):
             half_seed = derived_seed(seed, _NOISE_STREAM, int(counts.sum()), half)
             report = partial_progress(progress, half / 2, (half + 1) / 2)
-            images = render(scene, rig, lens, count, half_seed, progress=report)
+            images = render(scene, rig, lens, count, half_seed, sampler=sampler, progress=report)
             for i, (camera, pose) in enumerate(views):
                 totals[i][half] += count * images[i].astype(np.float64)
                 if denoise:
-                    passes = image_passes(camera, count, half_seed, i, SAMPLERS[0])
+                    passes = image_passes(camera, count, half_seed, i, sampler)
                     owns[i][half] = _joined(owns[i][half], own_guides(built, camera, pose, lens, passes))
             counts[half] += count
         found = [_measured(*each, counts) for each in zip(totals, others, owns, strict=True)]

@@ -62,7 +62,7 @@ def read_scene_xml(path: Path) -> Scene:
     sensor = root.find("sensor")
     if sensor is None:
         raise InputError(f"{path}: has no <sensor>; add one (perspective or thinlens) for the pose of the left camera")
-    try:
+    with located(f"{path}: sensor"):
         transforms = (each for each in sensor.findall("transform") if each.get("name") in ("to_world", "toWorld"))
         to_world = np.eye(4)
         for step in next(transforms, ()):
@@ -72,8 +72,6 @@ def read_scene_xml(path: Path) -> Scene:
         pose, fov = check_rigid(to_world @ _MITSUBA_FROM_OPENCV, "to_world"), _fov_x_deg(sensor)
         clips = [(_value(sensor, name), default) for name, default in (("near_clip", 1e-2), ("far_clip", 1e4))]
         near, far = (default if text is None else _floats(text, 1)[0] for text, default in clips)
-    except InputError as error:
-        raise InputError(f"{path}: the sensor's {error}") from error
     return Scene(
         name=path.stem,
         objects=(),

@@ -78,20 +78,16 @@ def irradiance_factor(camera: Camera, lens: Lens, pinhole_f_number: float) -> fl
     return 0.25 * math.pi * open_fraction / number**2
 
 
-def cos4(camera: Camera) -> Float:
-    """Natural vignetting (H, W): cos^4 of the angle between the axis and the line from the aperture to the pixel."""
-    x = (np.arange(camera.width) - camera.cx) / camera.fx
-    y = (np.arange(camera.height) - camera.cy) / camera.fy
-    return 1.0 / (1.0 + x[None, :] ** 2 + y[:, None] ** 2) ** 2
-
-
 def vignetting(camera: Camera, lens: Lens) -> Float:
     """The light of the pixels relative to the axis, (H, W): natural, and for a lens of some width also mechanical.
 
+    Natural is cos^4 of the angle between the axis and the line from the aperture to the pixel.
     The rim of the barrel is a circle as wide as the f/1.4 beam, or as the lens if that is wider, half a film distance
     before the stop. Light at an angle passes where the two circles overlap. Stopping down removes this.
     """
-    natural, radius = cos4(camera), 0.5 * lens.aperture_diameter
+    x = (np.arange(camera.width) - camera.cx) / camera.fx
+    y = (np.arange(camera.height) - camera.cy) / camera.fy
+    natural, radius = 1.0 / (1.0 + x[None, :] ** 2 + y[:, None] ** 2) ** 2, 0.5 * lens.aperture_diameter
     if not isinstance(lens, ThinLens) or radius == 0:
         return natural
     rim = max(0.5 * camera.film_distance / _OPEN, radius)

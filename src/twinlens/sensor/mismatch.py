@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from twinlens.camera import ALIGNED, Camera, Misalignment, Rig, misaligned
-from twinlens.errors import InputError, check_known, check_ranges
+from twinlens.errors import check_known, check_ranges, located
 from twinlens.geometry import Float
 from twinlens.seeds import generator
 from twinlens.sensor.exposure import Exposure
@@ -102,10 +102,8 @@ class Mismatch:
         >>> Mismatch(time=2.0).applied(Exposure(0.01))
         Exposure(time=0.02, gain=1.0)
         """
-        try:
+        with located("the mismatch makes the exposure invalid"):
             return Exposure(exposure.time * self.time, exposure.gain * self.gain)
-        except InputError as error:
-            raise InputError(f"the mismatch makes the exposure invalid: {error}") from error
 
     def light(self, light: Float) -> Float:
         """The light (H, W, 3) on the sensor, from that of a camera without differences."""
