@@ -8,10 +8,10 @@ demo: .venv/installed
 	$(BIN)/twinlens demo -o demo
 
 test: .venv/installed-test
-	$(BIN)/pytest -n auto --dist loadfile -m "not slow"
+	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder -m "not slow"
 
 test-all: .venv/installed-test
-	$(BIN)/pytest -n auto --dist loadfile
+	$(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
 
 lint: .venv/installed-lint
 	$(BIN)/ruff check .

@@ -11,10 +11,11 @@ import pytest
 import twinlens
 
 PACKAGE = Path(twinlens.__file__).parent
-BASE = {"errors", "schema", "seeds"}
+BASE = {"errors", "interrupts", "schema", "seeds"}
 UNDER_SCENES = {*BASE, "geometry", "optics", "camera"}
 MAY_IMPORT = {
     "errors": set(),
+    "interrupts": set(),
     "schema": {"errors"},
     "seeds": set(),
     "geometry": {*BASE},

@@ -23,6 +23,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from twinlens.errors import FileError, InputError, check_int, check_number
+from twinlens.interrupts import deferred_interrupts
 from twinlens.matching.images import Disparity, Image, grey, pair
 from twinlens.matching.options import RangeMatcher, import_extra
 
@@ -278,10 +279,11 @@ def _run_process(words: list[str], timeout_s: float, name: str) -> tuple[int, st
     except subprocess.TimeoutExpired:
         raise ProgramTimeoutError(f"{name} took longer than {timeout_s:g} s and was killed") from None
     finally:
-        if process.poll() is None:
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+        with deferred_interrupts():  # a second Ctrl-C
+            if process.poll() is None:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
     reader.join(CHILD_S)
     return process.returncode, tail.decode(errors="replace")
 

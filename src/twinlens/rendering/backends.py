@@ -3,20 +3,17 @@
 It is chosen once per process. `TWINLENS_BACKEND` (auto, scalar, llvm, cuda) overrides the choice.
 """
 
-import contextlib
 import ctypes
 import functools
 import gc
 import os
-import signal
 import sys
-import threading
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from twinlens.errors import BackendError, InputError, check_known
+from twinlens.interrupts import deferred_interrupts
 from twinlens.rendering import llvm
 
 VARIANTS = {"scalar": "scalar_rgb", "llvm": "llvm_ad_rgb", "cuda": "cuda_ad_rgb"}
@@ -175,10 +172,10 @@ def _has_cuda_driver() -> bool:
 
 
 def _activate(chosen: Backend) -> None:
-    """Import Mitsuba with this backend. SIGINT is deferred for the tenths of a second that this takes."""
+    """Import Mitsuba with this backend."""
     if chosen.library is not None:
         os.environ["DRJIT_LIBLLVM_PATH"] = chosen.library
-    with deferred_interrupts():
+    with deferred_interrupts():  # an interrupted import of mitsuba would be unusable
         import mitsuba
 
         if mitsuba.variant() != chosen.variant:
@@ -191,24 +188,3 @@ def _activate(chosen: Backend) -> None:
                 ) from error
             mitsuba.set_log_level(mitsuba.LogLevel.Error)
         _activated[chosen.variant] = chosen
-
-
-@contextlib.contextmanager
-def deferred_interrupts() -> Iterator[None]:
-    """Defer SIGINT until the end of the block, then raise it once. An interrupted import of mitsuba would be unusable.
-
-    Only the main thread may set and runs handlers; in other threads nothing is deferred. Processes that ignore SIGINT,
-    use SIG_DFL, or handle it outside Python are not affected.
-    """
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield
-        return
-    received = threading.Event()
-    signal.signal(signal.SIGINT, lambda *_: received.set())
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-        if received.is_set():
-            signal.raise_signal(signal.SIGINT)

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from twinlens.rendering.backends import deferred_interrupts
+from twinlens.interrupts import deferred_interrupts
 
 backends = importlib.import_module("twinlens.rendering.backends")  # the room's `backend` is the function
 SCALAR = backends.Backend("scalar", "scalar_rgb", "a test asks for it")
