@@ -23,9 +23,8 @@ from pathlib import Path
 
 import numpy as np
 
-from twinlens.dataset import motorcycle
 from twinlens.matching import grey, parse_method
-from twinlens.scoring import evaluate, find_metric
+from twinlens.scoring import evaluate, find_metric, motorcycle
 
 COUNT = 80
 METHODS = (

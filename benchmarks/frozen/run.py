@@ -16,10 +16,10 @@ from pathlib import Path
 import tables
 
 from twinlens.cli.boards import run_board
-from twinlens.dataset import Dataset, motorcycle
+from twinlens.dataset import Dataset
 from twinlens.factory import generate, read_recipe, worker_processes
 from twinlens.matching import parse_methods
-from twinlens.scoring import Board, DatasetPairs, Pair, board_to_json, pair_statistics
+from twinlens.scoring import Board, DatasetPairs, Pair, board_to_json, motorcycle, pair_statistics
 
 HERE = Path(__file__).parent
 VERSION = 2

@@ -78,19 +78,11 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     >>> nearest("ZNC", ["sad", "zncc"]), nearest("diameter", ["aperture_diameter"]), nearest("nikon", ["phone"])
     ('zncc', 'aperture_diameter', None)
     """
-    typed = _normalized(name)
-    close = {each: ratio for each in known if (ratio := _similarity(typed, _normalized(each))) is not None}
-    return max(close, key=lambda each: close[each], default=None)
-
-
-def _similarity(typed: str, known: str) -> float | None:
-    """The similarity, or None below the minimum. Its cheap upper bounds come first: a name may be very long."""
-    pair = difflib.SequenceMatcher(None, typed, known)
-    is_part = len(typed) >= _SHORTEST_PART and (known.startswith(typed) or known.endswith(f"_{typed}"))
-    if not is_part and (pair.real_quick_ratio() < _MIN_SIMILARITY or pair.quick_ratio() < _MIN_SIMILARITY):
-        return None
-    ratio = pair.ratio()
-    return ratio if is_part or ratio >= _MIN_SIMILARITY else None
+    typed, names = _normalized(name), {_normalized(each): each for each in known}
+    long_enough = len(typed) >= _SHORTEST_PART
+    parts = [each for each in names if long_enough and (each.startswith(typed) or each.endswith(f"_{typed}"))]
+    close = difflib.get_close_matches(typed, parts, 1, 0) or difflib.get_close_matches(typed, names, 1, _MIN_SIMILARITY)
+    return names[close[0]] if close else None
 
 
 def _normalized(name: str) -> str:

@@ -6,7 +6,6 @@ list of validation errors into one `InputError` of one line: file, key, what is 
 
 import contextlib
 import dataclasses
-import difflib
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union
 import pydantic
 from typing_extensions import TypeAliasType
 
-from twinlens.errors import InputError, check_known, format_value
+from twinlens.errors import InputError, check_known, format_value, nearest
 
 T = TypeVar("T")
 
@@ -237,8 +236,8 @@ def _message(error: Any) -> str:
     if kind in ("literal_error", "union_tag_invalid"):
         value, expected = limits.get("tag", error["input"]), limits.get("expected_tags", limits.get("expected"))
         choices = [part.strip().strip("'") for part in expected.replace(" or ", ", ").split(",")]
-        near = difflib.get_close_matches(str(value), choices, n=1)
-        return _must_be(f"one of {', '.join(choices)}", value) + (f"; did you mean {near[0]!r}?" if near else "")
+        near = nearest(str(value), choices)
+        return _must_be(f"one of {', '.join(choices)}", value) + (f"; did you mean {near!r}?" if near else "")
     return _must_be(_allowed(error), error["input"])
 
 

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
+from twinlens.camera.film import disparity_limits
 from twinlens.dataset import read_pfm, read_png, write_png
 from twinlens.matching import METHODS, StereoMatcher
 from twinlens.matching.external import OnnxNetwork
 from twinlens.matching.options import LARGEST_DEFAULT_WINDOW, WINDOW_OPTIONS
-from twinlens.report.colormaps import disparity_limits
 
 
 @pytest.fixture
@@ -124,4 +124,4 @@ def test_a_function_that_prints_or_raises(twinlens, images, tmp_path):
     assert (code, err) == (0, "hello\n")
     assert json.loads(out)["known_fraction"] == 1
     code, out, err = twinlens("match", *images, "--method", f"function:{file}:boom", "-o", disp)
-    assert (code, out, err) == (1, "", f"twinlens: function:{file}:boom failed: RuntimeError: no luck\n")
+    assert (code, out, err) == (1, "", f"twinlens: function '{file}:boom' failed: RuntimeError: no luck\n")

@@ -52,6 +52,15 @@ def test_bad_options_give_one_line_errors(twinlens, arc, tmp_path):
         assert not (tmp_path / "r").exists()
 
 
+def test_a_function_that_raises_is_a_one_line_error(twinlens, arc, tmp_path):
+    own = tmp_path / "own.py"
+    own.write_text("def boom(left, right, **_):\n    print('hello')\n    raise SystemExit('no luck')\n")
+    code, out, err = twinlens("reconstruct", arc, "-o", tmp_path / "r", "--method", f"function:{own}:boom")
+    assert (code, out) == (1, "")
+    assert err == f"hello\ntwinlens: function '{own}:boom' failed: SystemExit: no luck\n"
+    assert not (tmp_path / "r").exists()
+
+
 @pytest.mark.parametrize("far", ["-1", "0", "nan"])
 def test_a_limit_that_no_depth_can_meet_is_refused(twinlens, arc, tmp_path, far):
     code, _, err = twinlens("reconstruct", arc, "-o", tmp_path / "r", "--far", far)

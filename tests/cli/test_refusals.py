@@ -47,6 +47,10 @@ def test_unknown_scene(refuses, tmp_path):
     refuses("did you mean 'staircase'", "render", "stairs", "-o", tmp_path / "o")
 
 
+def test_a_name_longer_than_file_systems_allow(refuses, tmp_path):
+    refuses("more than 255 bytes", "render", "cards", "-o", tmp_path / ("é" * 128) / "o")
+
+
 def test_missing_scene_file(refuses, tmp_path):
     refuses("scene.toml", "render", tmp_path / "scene.toml", "-o", tmp_path / "o")
 

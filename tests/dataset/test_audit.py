@@ -6,19 +6,8 @@ import shutil
 import pytest
 
 from tests.dataset import dataset_scene
-from twinlens.dataset import (
-    Dataset,
-    Manifest,
-    Row,
-    describe,
-    place,
-    repair_hint,
-    unchecked,
-    unfinished,
-    verify_place,
-    write_manifest,
-    write_sample,
-)
+from twinlens.dataset import Dataset, Manifest, Row, describe, place, verify_place, write_manifest, write_sample
+from twinlens.dataset.verify import repair_hint, unchecked, unfinished
 from twinlens.errors import FileError
 
 NAMES = ("a", "train/0")

@@ -16,11 +16,8 @@ from twinlens.dataset import (
     Manifest,
     Row,
     describe,
-    motorcycle,
     place,
     read_manifest,
-    write_card,
-    write_croissant,
     write_manifest,
     write_png,
     write_sample,
@@ -28,6 +25,7 @@ from twinlens.dataset import (
 from twinlens.dataset.card import contact_sheet, panels, statistics_figure, tile
 from twinlens.dataset.quantities import statistics
 from twinlens.errors import FileError, InputError
+from twinlens.scoring import motorcycle
 
 rdflib_warns = pytest.mark.filterwarnings("ignore::DeprecationWarning:rdflib")
 
@@ -49,7 +47,7 @@ def front_matter(text):
 
 def test_the_card_tells_what_there_is(tmp_path):
     root = made(tmp_path / "set", rejections={"too dark": 3}, versions={"mitsuba": "3.9"})
-    assert write_card(root) == ["README.md", "samples.jpg", "statistics.png"]
+    assert describe(root) == ["README.md", "samples.jpg", "statistics.png", "croissant.json"]
     head, body = front_matter((root / "README.md").read_text())
     assert head["license"] == "unknown"
     assert head["size_categories"] == ["n<1K"]
@@ -77,7 +75,7 @@ def test_the_card_has_the_noise_of_the_renderer(tmp_path):
         plain = json.loads(file.read_text())
         plain["shots"][0]["record"]["light_paths_over_sensor"] = [0.1, ratio]
         file.write_text(json.dumps(plain))
-    write_card(root)
+    describe(root)
     assert "| renderer noise | 0.2 to 0.4 x sensor noise, median 0.3" in (root / "README.md").read_text()
 
 
@@ -93,10 +91,10 @@ def test_the_same_dataset_gives_the_same_files(tmp_path):
 def test_a_readme_of_someone_elses_is_left_alone(tmp_path):
     made(tmp_path)
     (tmp_path / "README.md").write_text("# my thesis\n")
-    assert write_card(tmp_path)[0] == "CARD.md"
+    assert describe(tmp_path)[0] == "CARD.md"
     assert (tmp_path / "README.md").read_text() == "# my thesis\n"
     (tmp_path / "README.md").unlink()
-    assert write_card(tmp_path)[0] == write_card(tmp_path)[0] == "README.md"
+    assert describe(tmp_path)[0] == describe(tmp_path)[0] == "README.md"
 
 
 def test_texts_of_the_maker_are_kept(tmp_path):
@@ -129,7 +127,7 @@ def test_a_licence_may_be_an_address(tmp_path):
 def test_invalid_texts_are_rejected(tmp_path, texts, message):
     made(tmp_path, about=texts)
     with pytest.raises(FileError, match=message):
-        write_card(tmp_path)
+        describe(tmp_path)
     with pytest.raises(InputError):
         About.of("MIT")
 
@@ -211,7 +209,7 @@ def test_the_figure_omits_quantities_that_no_sample_has():
 def test_mlcroissant_reads_the_metadata(tmp_path):
     mlc = pytest.importorskip("mlcroissant")
     data = Dataset(made(tmp_path / "set"))
-    write_croissant(data)
+    describe(data)
     read = mlc.Dataset(jsonld=str(tmp_path / "set" / "croissant.json"))
     assert not read.metadata.ctx.issues.errors
     names = [{key: value.decode() for key, value in row.items()} for row in read.records("samples")]
@@ -247,6 +245,6 @@ def test_croissant_with_all_texts_has_no_warnings(tmp_path):
 
 
 def test_croissant_has_the_hash_of_the_manifest(tmp_path):
-    write_croissant(made(tmp_path))
+    describe(made(tmp_path))
     record = json.loads((tmp_path / "croissant.json").read_text())
     assert record["distribution"][0]["sha256"] == hashlib.sha256((tmp_path / "dataset.json").read_bytes()).hexdigest()

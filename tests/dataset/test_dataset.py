@@ -11,22 +11,13 @@ from hypothesis import HealthCheck, given, settings
 
 from tests.dataset import dataset_scene
 from tests.dataset.dataset_damage import damaged
-from twinlens.dataset import (
-    Dataset,
-    Manifest,
-    Row,
-    motorcycle,
-    read_manifest,
-    row_of,
-    write_manifest,
-    write_pfm,
-    write_png,
-    write_sample,
-)
+from twinlens.dataset import Dataset, Manifest, Row, read_manifest, write_manifest, write_pfm, write_png, write_sample
 from twinlens.dataset.codecs.calib import write_calib
+from twinlens.dataset.dataset import row_of
 from twinlens.dataset.files import hash_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError, InputError, TwinlensError
+from twinlens.scoring import motorcycle
 
 
 @pytest.fixture(scope="module")

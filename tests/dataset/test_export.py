@@ -13,8 +13,9 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from tests.dataset import dataset_scene
-from twinlens.dataset import Dataset, Manifest, place, row_of, write_manifest, write_pfm, write_sample
+from twinlens.dataset import Dataset, Manifest, place, write_manifest, write_pfm, write_sample
 from twinlens.dataset.codecs.calib import read_calib
+from twinlens.dataset.dataset import row_of
 from twinlens.dataset.export import LAYOUTS, export
 from twinlens.errors import FileError, InputError, MissingExtraError, OutputError
 
@@ -311,8 +312,6 @@ def test_disparities_beyond_a_layout_are_rejected(tmp_path, to, value):
 
 
 def test_sample_names_that_collide_are_rejected(tmp_path):
-    from twinlens.dataset import Manifest, row_of, write_manifest
-
     for name in ("a/b", "a-b"):
         write_sample(tmp_path / "in" / name, dataset_scene.sample())
     write_manifest(tmp_path / "in", Manifest((row_of(tmp_path / "in", "a/b"), row_of(tmp_path / "in", "a-b"))))

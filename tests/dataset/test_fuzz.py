@@ -13,13 +13,13 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 from tests.dataset import dataset_scene
 from tests.dataset.dataset_damage import damaged
-from twinlens.dataset import Dataset, Manifest, Row, verify_place, write_croissant, write_manifest, write_sample
+from twinlens.dataset import Dataset, Manifest, Row, describe, verify_place, write_manifest, write_sample
 from twinlens.dataset.card import _card
 from twinlens.dataset.codecs.calib import Calibration, decode_calib, encode_calib
 from twinlens.dataset.codecs.exr import decode_exr, encode_exr
 from twinlens.dataset.codecs.pfm import decode_pfm, encode_pfm
 from twinlens.dataset.codecs.png import decode_png, encode_png
-from twinlens.dataset.metadata import about
+from twinlens.dataset.metadata import about, write_croissant
 from twinlens.dataset.quantities import statistics, stored_statistics
 from twinlens.dataset.truth_files import read_truth
 from twinlens.errors import TwinlensError
@@ -52,7 +52,7 @@ def read_dataset(root):
     data = Dataset(root)
     texts, manifest = about(data)
     assert texts.title in _card(texts, manifest, [statistics(SAMPLE)], [0.3], [])
-    write_croissant(data)
+    write_croissant(data, texts, manifest)
 
 
 def look_over(root):
@@ -76,7 +76,7 @@ def made(tmp_path_factory):
     row = Row("a", write_sample(root / "a", SAMPLE), {"split": "train"})
     texts = {"about": {"license": "MIT"}, "versions": {"numpy": "2"}, "rejected": {"dark": 1}}
     write_manifest(root, Manifest((row,), {"count": 1}, 3, texts))
-    write_croissant(root)
+    describe(root)
     return root
 
 

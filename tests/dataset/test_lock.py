@@ -26,6 +26,7 @@ def test_exclusive_and_shared_locks(folder):
 
 
 def test_the_lock_file_is_removed(folder):
+    folder.mkdir()
     with pytest.raises(KeyError), locked(folder):
         raise KeyError
     assert list(folder.iterdir()) == []

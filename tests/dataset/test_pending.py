@@ -5,20 +5,10 @@ import shutil
 import pytest
 
 from tests.dataset import dataset_scene
-from twinlens.dataset import (
-    Dataset,
-    Manifest,
-    Row,
-    place,
-    repair_hint,
-    unfinished,
-    verify,
-    verify_place,
-    write_manifest,
-    write_sample,
-)
+from twinlens.dataset import Dataset, Manifest, Row, place, verify, verify_place, write_manifest, write_sample
 from twinlens.dataset.files import hash_files, write_file
 from twinlens.dataset.record import encode_json
+from twinlens.dataset.verify import repair_hint, unfinished
 from twinlens.errors import FileError
 from twinlens.factory.plan import sample_name
 

@@ -6,9 +6,10 @@ from hypothesis import given, strategies as st
 
 from tests.dataset import dataset_scene
 from twinlens.camera import Pinhole
-from twinlens.dataset import Dataset, motorcycle, write_pfm, write_png, write_sample
+from twinlens.dataset import Dataset, write_pfm, write_png, write_sample
 from twinlens.dataset.codecs.calib import write_calib
 from twinlens.dataset.quantities import KEY, mixed_counts, quantiles, statistics, stored_statistics
+from twinlens.scoring import motorcycle
 
 NUMBERS = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=60)
 

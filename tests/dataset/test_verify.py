@@ -13,13 +13,13 @@ from twinlens.dataset import (
     consistency,
     read_pfm,
     read_png,
-    row_of,
     write_manifest,
     write_pfm,
     write_png,
     write_sample,
 )
 from twinlens.dataset.codecs.exr import encode_exr, read_exr
+from twinlens.dataset.dataset import row_of
 from twinlens.dataset.verify import verify_sample
 
 

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from scipy.special import jn_zeros
 
 from twinlens import optics
 from twinlens.camera import Camera
@@ -105,10 +104,6 @@ def test_blur_is_linear_in_disparity():
     z = np.linspace(0.4, 20, 50)
     disparity, at_focus = fx * b / z, fx * b / focus
     assert optics.circle_of_confusion_px(z, a, fx, 1 / focus) == pytest.approx(a / b * (disparity - at_focus))
-
-
-def test_airy_zero_is_the_first_root_of_j1():
-    assert pytest.approx(jn_zeros(1, 1)[0] / math.pi, rel=1e-14) == optics.AIRY_FIRST_ZERO
 
 
 def test_film_distance_and_fov_of_a_full_frame_camera():

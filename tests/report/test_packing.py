@@ -13,8 +13,7 @@ from PIL import Image
 
 from twinlens.camera.film import NO_TRUTH, colourise
 from twinlens.errors import InputError
-from twinlens.report.colormaps import COLORMAPS, NO_ESTIMATE
-from twinlens.report.page import UNKNOWN, image_uri, pack
+from twinlens.report.page import COLORMAPS, NO_ESTIMATE, UNKNOWN, image_uri, pack
 
 disparities = hnp.arrays(
     np.float32,

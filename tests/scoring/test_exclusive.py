@@ -5,9 +5,9 @@ import threading
 import pytest
 
 from tests.scoring.scoring_methods import pair
+from twinlens.dataset.files import locked
 from twinlens.errors import InputError, OutputError
 from twinlens.scoring import read_board, run_benchmark
-from twinlens.scoring.board_file import exclusive
 
 
 class Flat:
@@ -21,7 +21,7 @@ def test_a_second_run_of_one_board_is_refused_and_changes_nothing(tmp_path):
     """Otherwise the run that ends last would overwrite the other's entries."""
     board = tmp_path / "board.json"
     with (
-        exclusive(tmp_path, "board.json"),
+        locked(tmp_path, file="board.json"),
         pytest.raises(OutputError, match=r"board\.json: another run"),
     ):
         run_benchmark([pair()], [Flat()], save=board, warm_up=False)
@@ -51,7 +51,7 @@ def test_a_nested_run_of_the_same_board_is_refused(tmp_path):
 
 
 def test_boards_of_other_names_may_be_written_at_once(tmp_path):
-    with exclusive(tmp_path), exclusive(tmp_path, "a.json"):
+    with locked(tmp_path), locked(tmp_path, file="a.json"):
         run_benchmark([pair()], [Flat()], save=tmp_path / "b.json", warm_up=False)
     assert len(read_board(tmp_path / "b.json").entries) == 1
 
@@ -59,6 +59,6 @@ def test_boards_of_other_names_may_be_written_at_once(tmp_path):
 def test_folders_left_empty_are_removed(tmp_path):
     with pytest.raises(InputError):
         run_benchmark([pair(), pair()], [], save=tmp_path / "a" / "b" / "board.json")
-    with pytest.raises(ZeroDivisionError), exclusive(tmp_path / "c" / "d"):
+    with pytest.raises(ZeroDivisionError), locked(tmp_path / "c" / "d"):
         raise ZeroDivisionError
     assert not list(tmp_path.iterdir())

@@ -9,10 +9,9 @@ from scipy import interpolate, ndimage
 from skimage.restoration import estimate_sigma
 
 from twinlens.cli import run
-from twinlens.dataset import motorcycle
 from twinlens.errors import InputError
 from twinlens.report.plots import pair_figure
-from twinlens.scoring import STATISTICS, Pair, pair_statistics, summarize
+from twinlens.scoring import STATISTICS, Pair, motorcycle, pair_statistics, summarize
 
 NAMES = tuple(STATISTICS)
 

@@ -11,13 +11,14 @@ import twinlens
 from tests.scoring.scoring_methods import pair
 from twinlens.camera import Camera, Pinhole, Rig, ThinLens
 from twinlens.camera.truth import MATERIAL_KINDS, Truth
-from twinlens.dataset import Dataset, Sample, Shot, motorcycle, write_sample
+from twinlens.dataset import Dataset, Sample, Shot, write_sample
 from twinlens.errors import FileError, InputError
 from twinlens.matching import parse_method, parse_program
 from twinlens.scoring import (
     DatasetPairs,
     MapFolder,
     load_pair,
+    motorcycle,
     open_submission,
     region_masks,
     run_benchmark,

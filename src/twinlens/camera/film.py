@@ -77,6 +77,20 @@ def colourise(
     return np.where(known[..., None], np.rint(255 * colours[..., :3]), unknown_colour).astype(np.uint8)
 
 
+def disparity_limits(disparity: ArrayLike, matcher: object) -> tuple[float, float]:
+    """(low, high) for the colours of a disparity map, at least 1 apart.
+
+    The matcher's search range, or the range of the map if the matcher has none or searches one disparity.
+    """
+    values = np.asarray(disparity)
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    first, count = getattr(matcher, "min_disparity", None), getattr(matcher, "num_disparities", None)
+    if first is not None and count is not None and count > 1:
+        low, high = float(first), float(first + count - 1)
+    return low, max(high, low + 1.0)
+
+
 def sensor_width_mm(value: Any) -> float:
     """The width of a sensor in mm, given as a number or as a name of `SENSOR_WIDTHS_MM`.
 

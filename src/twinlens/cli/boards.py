@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import sys
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,9 @@ from twinlens import scoring
 from twinlens.cli.options import print_json
 from twinlens.cli.places import check_results
 from twinlens.cli.progress import interrupt_note, progress_bar
+from twinlens.dataset.files import locked
 from twinlens.errors import InputError
 from twinlens.report import write_page
-from twinlens.scoring.board_file import exclusive
 
 _WIDE, _ENDLESS = 132, 100_000
 _NARROW = ("totbad2.0", "bad2.0", "avgerr", "invalid", "time")
@@ -44,17 +43,15 @@ def run_board(
 ) -> scoring.Board:
     """Run and score `methods`, write OUTPUT/board.json and the maps, then the page, and return the board.
 
-    page_options: further arguments of `write_page`. options: further arguments of `run_benchmark`. What methods print
-    goes to stderr. Raises OutputError, before anything is written, if another run writes there.
+    page_options: further arguments of `write_page`. options: further arguments of `run_benchmark`. Raises OutputError,
+    before anything is written, if another run writes there.
     """
     maps = scoring.MapFolder(output / "maps")
     skipped: set[tuple[str, str]] = set()
     finished: list[str] = []
-    if not output.is_dir():
+    with locked(output):
         check_results(output, "board.json")
-    with exclusive(output):
-        check_results(output, "board.json")
-        with progress_bar("matching") as report, contextlib.redirect_stdout(sys.stderr), _note(output, finished):
+        with progress_bar("matching") as report, _note(output, finished):
 
             def progress(step: scoring.Step) -> None:
                 report(step.done / (step.total or step.done), f"{step.sample}: {step.method}")

@@ -10,13 +10,13 @@ from twinlens.cli.boards import print_board, run_board
 from twinlens.cli.options import denoise_option, json_option
 from twinlens.cli.places import PATH, check_samples
 from twinlens.cli.progress import progress_bar
-from twinlens.dataset import Dataset, Manifest, Row, describe, motorcycle, write_manifest, write_sample
+from twinlens.dataset import Dataset, Manifest, Row, describe, write_manifest, write_sample
 from twinlens.factory import default_rig, make_sample
 from twinlens.matching import parse_methods
 from twinlens.optics import middle_focus
 from twinlens.rendering import backend
 from twinlens.scenes import load_scene
-from twinlens.scoring import Board, DatasetPairs, Groups, group_means
+from twinlens.scoring import Board, DatasetPairs, Groups, group_means, motorcycle
 
 SCENES = ("staircase", "cards", "spheres")
 METHODS = ("sad:block_size=7", "sad:block_size=21", "zncc:block_size=7", "zncc:block_size=21")

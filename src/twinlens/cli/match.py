@@ -1,7 +1,5 @@
 """`twinlens match`: the disparity map of two images."""
 
-import contextlib
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -10,15 +8,14 @@ from typing import Any
 import click
 import numpy as np
 
-from twinlens.camera.film import colourise
+from twinlens.camera.film import colourise, disparity_limits
 from twinlens.cli.options import SECONDS, json_option, print_json
 from twinlens.cli.places import PATH, PNG_FILE, PlaceType
+from twinlens.cli.progress import progress_bar
 from twinlens.dataset import read_image, write_pfm, write_png
-from twinlens.errors import InputError, TwinlensError
+from twinlens.errors import InputError
 from twinlens.matching import Program, parse_method
-from twinlens.matching.external import PythonFunction
 from twinlens.matching.options import DEFAULT_DISPARITIES, check_image_size
-from twinlens.report.colormaps import disparity_limits
 
 DEFAULT_METHOD = "zncc"
 
@@ -54,7 +51,8 @@ def command(left: Path, right: Path, output: Path, picture: Path | None, as_json
     images = [read_image(path) for path in (left, right)]
     check_image_size(matcher, images[0].shape[:2])
     start = time.perf_counter()
-    disparity = _run_function(matcher, name, images) if isinstance(matcher, PythonFunction) else matcher.match(*images)
+    with progress_bar("matching"):
+        disparity = matcher.match(*images)
     seconds = time.perf_counter() - start
     write_pfm(output, disparity)
     if picture is not None:
@@ -92,16 +90,3 @@ def _matcher(
     if num_disparities is not None and not hasattr(matcher, "num_disparities"):
         raise InputError(f"--num-disparities: the search range of {spec.name} is fixed")
     return matcher, spec.name
-
-
-def _run_function(function: PythonFunction, name: str, images: list[Any]) -> Any:
-    """Its disparity map. What it prints goes to stderr, and an exception becomes a one-line error, exit code 1."""
-    try:
-        with contextlib.redirect_stdout(sys.stderr):
-            return function.match(*images)
-    except (TwinlensError, MemoryError):
-        raise
-    except (Exception, SystemExit) as error:
-        failure = TwinlensError(f"{name} failed: {type(error).__name__}: {error}")
-        failure.exit_code = 1
-        raise failure from error

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from twinlens.errors import InputError
-from twinlens.scoring import json_number
+from twinlens.scoring.board_file import json_number
 
 denoise_option = click.option(
     "--denoise/--no-denoise", default=True, show_default=True, help="Remove the renderer's noise; adds a small bias."

@@ -10,7 +10,7 @@ from click.shell_completion import CompletionItem
 
 from twinlens.dataset import Place, RemotePath, place, read_manifest
 from twinlens.dataset.files import check_replaceable
-from twinlens.errors import InputError, OutputError
+from twinlens.errors import InputError, OutputError, format_value
 
 
 class PlaceType(click.ParamType):  # type: ignore[type-arg]
@@ -28,6 +28,8 @@ class PlaceType(click.ParamType):  # type: ignore[type-arg]
         location = place(value)
         if isinstance(location, RemotePath) and not self.remote:
             self.fail(f"{value!r} is a bucket's address; only a path on this machine is supported here", param, ctx)
+        if isinstance(location, Path) and any(len(os.fsencode(part)) > 255 for part in location.parts):
+            self.fail(f"{format_value(value)} has a name of more than 255 bytes", param, ctx)
         if self.suffixes and not str(location).lower().endswith(tuple(self.suffixes)):
             self.fail(f"{value!r} must end in {' or '.join(self.suffixes)}", param, ctx)
         return location

@@ -1,8 +1,9 @@
 """A progress bar on a terminal for work that takes longer than two seconds."""
 
+import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -14,7 +15,8 @@ _DELAY_S = 2.0
 def progress_bar(what: str) -> Iterator[Callable[[float, str], None]]:
     """Yield a function to call with the fraction done and the current item.
 
-    The bar appears on stderr after two seconds and is removed at the end.
+    The bar appears on stderr after two seconds and is removed at the end. What is printed within the block, as matchers
+    and studies of users do, goes to stderr too.
     """
     console = Console(stderr=True)
     bar = Progress(
@@ -32,7 +34,8 @@ def progress_bar(what: str) -> Iterator[Callable[[float, str], None]]:
         bar.update(task, completed=fraction, description=f"{what} {now}".strip())
 
     try:
-        yield report
+        with redirect_stdout(sys.stderr):
+            yield report
     finally:
         bar.stop()
 

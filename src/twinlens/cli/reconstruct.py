@@ -1,8 +1,6 @@
 """`twinlens reconstruct`: points and a surface from a sample's views, compared with its truth."""
 
-import contextlib
 import math
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +44,7 @@ def command(sample: Place, output: Path, method: str, overwrite: bool, as_json: 
     for name in ("cell", "spacing"):
         size = options.pop(f"{name}_mm")
         options[name] = None if size is None else 1e-3 * size
-    with progress_bar("reconstructing") as report, contextlib.redirect_stdout(sys.stderr):
+    with progress_bar("reconstructing") as report:
         result = reconstruct(open_sample(sample), matcher, progress=report, **options)
     record = {"sample": str(sample), "method": method, "min_views": options["min_views"], **result.record()}
     write_folder(output, result.files(record), overwrite)

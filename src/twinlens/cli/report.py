@@ -1,15 +1,12 @@
 """`twinlens report`: the leaderboard page of an existing board."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import click
 
 from twinlens.cli.places import HTML_FILE, PATH
-from twinlens.errors import InputError
 from twinlens.report import write_page
-from twinlens.scoring import Board, MapFolder, Pair, open_pairs, read_board
-from twinlens.scoring.samples import fingerprint
+from twinlens.scoring import MapFolder, open_pairs, read_board
 
 
 @click.command("report")
@@ -25,17 +22,6 @@ def command(board: Path, datasets: tuple[str, ...], output: Path | None) -> None
     if board.is_dir():
         board = board / "board.json"
     scores, maps = read_board(board), MapFolder(board.parent / "maps")
-    page = write_page(output or board.parent / "index.html", scores, _pairs_on(scores, datasets), maps)
+    pairs = open_pairs(datasets).on(scores) if datasets else ()
+    page = write_page(output or board.parent / "index.html", scores, pairs, maps)
     click.echo(f"page: {page.resolve().as_uri()}")
-
-
-def _pairs_on(board: Board, datasets: tuple[str, ...]) -> Iterator[Pair]:
-    """The pairs of the datasets that the board scores. Raises InputError if there is none, or if one has changed."""
-    pairs = open_pairs(datasets)
-    shared = [k for k, name in enumerate(pairs.aliases) if name in board.samples]
-    if datasets and not shared:
-        raise InputError(f"{', '.join(datasets)}: no sample is on the board; it has {', '.join(board.samples[:3])}")
-    for k in shared:
-        pair = pairs[k]
-        board.check_sample(pair.name, fingerprint(pair))
-        yield pair

@@ -1,7 +1,5 @@
 """`twinlens study`: run a study and write its table, figures and findings."""
 
-import contextlib
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +46,7 @@ def command(
         else:
             click.echo("\n".join(f"{name:<14}{question}" for name, question in questions.items()))
         return
-    with contextlib.redirect_stdout(sys.stderr):
+    with progress_bar("loading"):
         study = find_study(name)
     if output is None:
         raise missing_output()
@@ -57,7 +55,7 @@ def command(
     if "size" in given:
         given["width"], given["height"] = parse_size(given.pop("size"))
     chosen = tuple(split_methods(methods)) if methods else None
-    with progress_bar(f"study {study.name}") as report, contextlib.redirect_stdout(sys.stderr):
+    with progress_bar(f"study {study.name}") as report:
         result = run_study(study, methods=chosen, progress=report, **given)
     page = write_study(output, result)
     if as_json:

@@ -5,7 +5,8 @@ import click
 from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import PLACE
 from twinlens.cli.progress import progress_bar
-from twinlens.dataset import Place, repair_hint, unchecked, unfinished, verify_place
+from twinlens.dataset import Place, verify_place
+from twinlens.dataset.verify import repair_hint, unchecked, unfinished
 
 
 @click.command("verify")
@@ -21,10 +22,12 @@ def command(dataset: Place, as_json: bool) -> int:
     Example:  twinlens verify out
     """
     findings: dict[str, list[str]] = {}
-    with progress_bar("verifying") as report:
-        for name, lines in verify_place(dataset, report):
-            findings[name] = lines
-            for line in () if as_json else lines:
+    try:
+        with progress_bar("verifying") as report:
+            findings.update(verify_place(dataset, report))
+    finally:  # those so far if it is interrupted
+        for name, lines in () if as_json else findings.items():
+            for line in lines:
                 click.echo(f"{name}: {line}")
     for note in filter(None, (unchecked(dataset), unfinished(dataset))):
         click.echo(f"{dataset}: {note}", err=True)

@@ -3,7 +3,7 @@
 docs/format.md describes the files.
 """
 
-from twinlens.dataset.card import describe as describe, write_card as write_card
+from twinlens.dataset.card import describe as describe
 from twinlens.dataset.codecs.calib import Calibration as Calibration
 from twinlens.dataset.codecs.pfm import read_disparity as read_disparity, read_pfm as read_pfm, write_pfm as write_pfm
 from twinlens.dataset.codecs.png import (
@@ -18,12 +18,10 @@ from twinlens.dataset.dataset import (
     Row as Row,
     open_sample as open_sample,
     read_manifest as read_manifest,
-    row_of as row_of,
     write_manifest as write_manifest,
 )
-from twinlens.dataset.files import remove_unfinished as remove_unfinished
-from twinlens.dataset.metadata import About as About, write_croissant as write_croissant
-from twinlens.dataset.real_pairs import downloaded_pairs as downloaded_pairs, motorcycle as motorcycle
+from twinlens.dataset.metadata import About as About
+from twinlens.dataset.real_pairs import downloaded_pairs as downloaded_pairs
 from twinlens.dataset.sample import (
     Sample as Sample,
     Shot as Shot,
@@ -32,9 +30,4 @@ from twinlens.dataset.sample import (
 )
 from twinlens.dataset.storage import Place as Place, RemotePath as RemotePath, place as place
 from twinlens.dataset.stored import StoredSample as StoredSample
-from twinlens.dataset.verify import (
-    repair_hint as repair_hint,
-    unchecked as unchecked,
-    unfinished as unfinished,
-    verify_place as verify_place,
-)
+from twinlens.dataset.verify import verify_place as verify_place

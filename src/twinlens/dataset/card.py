@@ -94,26 +94,22 @@ machine-learning tools.
 def describe(dataset: Where | Dataset, given: About | None = None) -> list[str]:
     """Write the card and croissant.json into a dataset's folder; returns the names of the files.
 
-    `given` is merged into dataset.json: texts that it leaves empty keep their value. Raises FileError if `given` is not
-    empty and there is no dataset.json, and OutputError.
+    `given` is merged into dataset.json: texts that it leaves empty keep their value. A README.md that twinlens did not
+    write is kept, and the card is CARD.md. Statistics come from sample.json, or else from the truth, with one sample in
+    memory at a time. Unreadable samples are listed and not counted.
+
+    Raises FileError if no sample can be read, or if `given` is not empty and there is no dataset.json, and OutputError.
     """
     dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
+    texts, manifest = about(dataset)
     if given is not None and given.plain():
-        manifest = dataset.manifest
-        info = {**manifest.info, KEY: about(dataset)[0].plain() | given.plain()}
-        write_manifest(dataset.path, dataclasses.replace(manifest, info=info))
-    return [*write_card(dataset), write_croissant(dataset)]
+        texts = About.of(texts.plain() | given.plain())
+        manifest = dataclasses.replace(dataset.manifest, info={**manifest.info, KEY: texts.plain()})
+        write_manifest(dataset.path, manifest)
+    return [*_write_card(dataset, texts, manifest), write_croissant(dataset, texts, manifest)]
 
 
-def write_card(dataset: Where | Dataset) -> list[str]:
-    """Write README.md, samples.jpg and statistics.png into a dataset's folder; returns their names.
-
-    A README.md that twinlens did not write is kept, and the card is CARD.md. Statistics come from sample.json, or else
-    from the truth, with one sample in memory at a time. Unreadable samples are listed and not counted. Raises FileError
-    if no sample can be read, and OutputError.
-    """
-    dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
-    given, manifest = about(dataset)
+def _write_card(dataset: Dataset, given: About, manifest: Manifest) -> list[str]:
     many: dict[str, Statistics] = {}
     noise: list[float] = []
     for sample in dataset:

@@ -59,7 +59,7 @@ def check_disparity(truth: Arrays, disparity: NDArray[np.float32], calibration: 
     if not (np.isposinf(sky) | (np.abs(sky + calibration.doffs) <= _PX)).all():
         return ["disparity is neither unknown nor -doffs where nothing was hit"]
     depth, d = truth["depth"][hit], disparity[hit].astype(np.float64)
-    expected = geometry.disparity_from_depth(depth, calibration.fx, calibration.baseline, calibration.doffs)
+    expected = calibration.fx * calibration.baseline / depth.astype(np.float64) - calibration.doffs
     allowed = _PX + _ROUNDING * (np.abs(expected) + abs(calibration.doffs))
     return _compare("disparity differs from fx B / z - doffs", np.abs(d - expected), allowed, "px")
 

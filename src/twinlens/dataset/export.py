@@ -313,8 +313,9 @@ def _fixed_point(disparity: Disparity, scale: float) -> NDArray[np.uint32]:
 def _kitti_calibration(calibration: Calibration) -> bytes:
     """S_rect, R_rect and P_rect = K [I | t] of cameras 02 and 03; t_x is minus the baseline for the right camera."""
     lines = []
-    for name, k, shift in (("02", calibration.K0, 0.0), ("03", calibration.K1, -calibration.baseline)):
-        projection = k @ np.hstack([np.eye(3), [[shift], [0.0], [0.0]]])
+    shifts = (0.0, -calibration.baseline)
+    for name, camera, shift in zip(("02", "03"), calibration.rig().cameras, shifts, strict=True):
+        projection = camera.K @ np.hstack([np.eye(3), [[shift], [0.0], [0.0]]])
         size = [calibration.width, calibration.height]
         for key, values in (("S_rect", size), ("R_rect", np.eye(3).ravel()), ("P_rect", projection.ravel())):
             lines.append(f"{key}_{name}: " + " ".join(f"{value:.12e}" for value in values))

@@ -123,6 +123,7 @@ def locked(
 ) -> Iterator[None]:
     """Lock `folder`, or one `file` in it. Several processes can hold a `shared` lock, as shards do.
 
+    The folder is created; folders that were created and are left empty are removed.
     If another run has the lock, waits for it if `wait` is set, and else raises OutputError that ends with the `remedy`.
     Buckets and file systems without locks are not locked. The system releases the lock of a killed process.
     docs/decisions/locks.md says why this is flock(2) and not filelock.
@@ -134,6 +135,7 @@ def locked(
 
     lock = folder / (f".{file}.lock" if file else ".lock")
     operation = (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB)
+    created = [each for each in (folder, *folder.parents) if not each.is_dir()]
     while True:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -151,10 +153,17 @@ def locked(
                 pass  # a file system without locks
             if os.fstat(descriptor).st_nlink == 0:
                 continue  # the previous holder has removed this file: lock the new one
+            stack.callback(_remove_empty, created)
             if not shared:
                 stack.callback(lock.unlink, missing_ok=True)
             yield
             return
+
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    for folder in folders:
+        with contextlib.suppress(OSError):
+            folder.rmdir()
 
 
 def files_below(folder: Place) -> list[str]:

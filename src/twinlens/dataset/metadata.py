@@ -20,7 +20,6 @@ from twinlens import schema
 from twinlens.dataset.dataset import MANIFEST, Dataset, Manifest
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.record import read
-from twinlens.dataset.storage import Where
 
 KEY, UNNAMED = "about", "stereo dataset"
 CROISSANT = "croissant.json"
@@ -108,13 +107,11 @@ def about(dataset: Dataset) -> tuple[About, Manifest]:
     return read(About, manifest.info.get(KEY, manifest.recipe.get(KEY, {})), path, KEY), manifest
 
 
-def write_croissant(dataset: Where | Dataset) -> str:
+def write_croissant(dataset: Dataset, given: About, manifest: Manifest) -> str:
     """Write croissant.json into a dataset's folder; returns its name. The same dataset gives the same bytes.
 
     It contains the SHA-256 of dataset.json, so it is written after it. Raises FileError and OutputError.
     """
-    dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
-    given, manifest = about(dataset)
     paths = {name for row in manifest.rows for name in row.files}
     if not manifest.rows:
         plain = ("im0.png", "im1.png", "disp0.pfm", "disp1.pfm", "disp0GT.pfm", "disp1GT.pfm", "calib.txt")

@@ -1,4 +1,4 @@
-"""Real pairs with measured truth: the downloads of KITTI and ETH3D, and the Motorcycle that scikit-image includes.
+"""Real pairs with measured truth: the downloads of KITTI and ETH3D.
 
     KITTI 2015   training/{image_2,image_3,disp_occ_0,disp_noc_0}/000000_10.png
     KITTI 2012   training/{colored_0,colored_1 or image_0,image_1}/, disp_occ/, disp_noc/
@@ -6,22 +6,18 @@
 
 Middlebury's folders are read as any plain dataset.
 
-Source: the readme.txt of KITTI's development kits; https://www.eth3d.net/documentation; Scharstein et al.,
-High-resolution stereo datasets with subpixel-accurate ground truth, GCPR 2014.
+Source: the readme.txt of KITTI's development kits; https://www.eth3d.net/documentation.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from twinlens.dataset.codecs.calib import Calibration
 from twinlens.dataset.codecs.pfm import read_disparity
 from twinlens.dataset.storage import Place, Where, place
 from twinlens.dataset.stored import StoredSample
-from twinlens.dataset.visibility import Mask, mask_from_one, mask_of
+from twinlens.dataset.visibility import Mask, mask_of
 from twinlens.errors import FileError
 
 _KITTI = (
@@ -98,37 +94,3 @@ def _checked(pairs: list[DownloadedPair], folder: Place) -> list[DownloadedPair]
             if not file.is_file():
                 raise FileError(f"{file}: no such file, needed by the pair {pair.name!r}")
     return pairs
-
-
-@dataclass(frozen=True, eq=False)
-class RealPair:
-    """A pair in memory with the truth of its left view; the fields are named as those of a `StoredSample`.
-
-    im0, im1 : uint8 (H, W, 3). disp0 : float32 (H, W), pixels, +inf unknown. mask0_nonocc : uint8 (H, W). ndisp :
-    disparities to search, 0 <= d < ndisp.
-    """
-
-    name: str
-    im0: NDArray[np.uint8]
-    im1: NDArray[np.uint8]
-    disp0: NDArray[np.float32]
-    mask0_nonocc: Mask
-    calibration: Calibration
-    ndisp: int
-    record: dict[str, Any] = field(default_factory=dict)
-
-
-def motorcycle() -> RealPair:
-    """Middlebury 2014 Motorcycle, 741 x 500, from scikit-image's files; the mask is that of `mask_from_one`.
-
-    The calibration is the official one divided by four.
-    """
-    from skimage.data import stereo_motorcycle
-
-    left, right, disparity = stereo_motorcycle()
-    # scikit-image documents NaN for unknown pixels, its file has +inf.
-    known = np.where(np.isfinite(disparity), disparity, np.inf).astype(np.float32)
-    cam0, cam1, ndisp = (994.978, 994.978, 311.193, 254.877), (994.978, 994.978, 342.279, 254.877), 70
-    calibration = Calibration(cam0, cam1, 0.193001, 741, 500, doffs=31.086, ndisp=ndisp, vmin=7.0, vmax=60.0)
-    record = {"source": "Middlebury 2014 Motorcycle, a quarter of its size, from scikit-image"}
-    return RealPair("motorcycle", left, right, known, mask_from_one(known), calibration, ndisp, record)

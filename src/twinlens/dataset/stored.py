@@ -91,14 +91,6 @@ class _View(property, Generic[T]):
         return super().__get__(owner, kind)
 
 
-def read_visibility(path: Place) -> Mask:
-    """Read a mask file, uint8 (H, W). Raises FileError."""
-    mask = read_png(path)
-    if mask.ndim != 2 or mask.dtype != np.uint8:
-        raise FileError(f"{path}: a mask must be an 8-bit grey PNG")
-    return np.asarray(mask, np.uint8)
-
-
 @dataclass(frozen=True)
 class StoredSample(Mapping[str, Any]):
     """One sample of a dataset. Views 0 and 1 are the left and right image of a pair.
@@ -162,7 +154,10 @@ class StoredSample(Mapping[str, Any]):
         """
         path = self.path(f"mask{i}nocc.png")
         if path.exists():
-            return read_visibility(path)
+            mask = read_png(path)
+            if mask.ndim != 2 or mask.dtype != np.uint8:
+                raise FileError(f"{path}: a mask must be an 8-bit grey PNG")
+            return np.asarray(mask, np.uint8)
         if i < 2 and self.has_disparity(1 - i):
             return mask_from_both(self.disparity(i), self.disparity(1 - i), left=i == 0)
         return mask_from_one(self.disparity(i), left=i == 0)

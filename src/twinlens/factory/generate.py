@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from twinlens.camera.film import colourise
-from twinlens.dataset import Row, StoredSample, remove_unfinished, sample_files, write_card, write_croissant
+from twinlens.dataset import Row, StoredSample, describe, sample_files
 from twinlens.dataset.card import contact_sheet, tile
 from twinlens.dataset.codecs.png import encode_png
-from twinlens.dataset.files import locked, write_file
+from twinlens.dataset.files import locked, remove_unfinished, write_file
 from twinlens.dataset.storage import Where, place
 from twinlens.errors import FileError, InputError
 from twinlens.factory.ledger import Failure, Ledger, repairable
@@ -149,8 +149,7 @@ def finish(ledger: Ledger) -> None:
     ledger.write(**({"skipped_assets": broken} if ledger.recipe.sources.assets else {}))
     write_preview(ledger, {})
     if ledger.rows:
-        write_card(ledger.folder)
-        write_croissant(ledger.folder)
+        describe(ledger.folder)
     ledger.clear()
 
 

@@ -17,9 +17,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from twinlens.dataset import Manifest, Row, read_manifest, remove_unfinished, row_of, write_manifest
-from twinlens.dataset.dataset import MANIFEST, ROW_KIND, ROW_VERSION, ROWS
-from twinlens.dataset.files import files_below, is_hidden, read_bytes, write_file
+from twinlens.dataset import Manifest, Row, read_manifest, write_manifest
+from twinlens.dataset.dataset import MANIFEST, ROW_KIND, ROW_VERSION, ROWS, row_of
+from twinlens.dataset.files import files_below, is_hidden, read_bytes, remove_unfinished, write_file
 from twinlens.dataset.record import decode_json, encode_json, plain, read_json
 from twinlens.dataset.sample import KIND as SAMPLE_KIND, VERSION as SAMPLE_VERSION
 from twinlens.dataset.storage import MARK, Place, RemotePath, remove_objects

@@ -154,28 +154,17 @@ def px_from_film(film: ArrayLike, pixel_density: ArrayLike, principal_point: Arr
     return film * density + np.asarray(principal_point, dtype=np.float64)
 
 
-def disparity_from_depth(depth: ArrayLike, fx: float, baseline: float, doffs: float = 0.0) -> Float:
-    """d = fx B / z - doffs, in pixels. Depth +inf (nothing hit) gives +inf: unknown, not the disparity at infinity.
-
-    Raises InputError for depth <= 0, NaN, or a baseline that is not positive.
-
-    >>> disparity_from_depth([2.0, np.inf], fx=700, baseline=0.1).tolist()
-    [35.0, inf]
-    """
-    _check_stereo(fx, baseline)
-    z = np.asarray(depth, dtype=np.float64)
-    if not (z > 0).all():
-        raise InputError("depth must be positive (+inf where nothing was hit), got NaN or values <= 0")
-    return np.where(np.isposinf(z), np.inf, fx * baseline / z - doffs)
-
-
 def depth_from_disparity(disparity: ArrayLike, fx: float, baseline: float, doffs: float = 0.0) -> Float:
     """z = fx B / (d + doffs), in metres. +inf (unknown) gives +inf, and so does d + doffs = 0, a point at infinity.
 
-    Raises InputError for NaN, -inf, or d + doffs < 0, a point behind the camera.
+    Raises InputError for NaN, -inf, or d + doffs < 0, a point behind the camera, and unless fx and B are positive.
+
+    >>> depth_from_disparity([35.0, np.inf], fx=700, baseline=0.1).tolist()
+    [2.0, inf]
     """
     shifted = np.asarray(disparity, dtype=np.float64) + doffs
-    _check_stereo(fx, baseline)
+    if not (fx > 0 and baseline > 0 and np.isfinite([fx, baseline]).all()):
+        raise InputError(f"fx and baseline must be positive and finite, got fx={fx}, baseline={baseline}")
     if np.isnan(shifted).any() or (shifted < 0).any():
         raise InputError("disparity + doffs must be >= 0 (or +inf for unknown); NaN and negative values have no depth")
     with np.errstate(divide="ignore"):
@@ -192,8 +181,3 @@ def image_border(width: int, height: int, margin: float = 0.0) -> Float:
     u, v = np.linspace(left, right, _BORDER_POINTS), np.linspace(top, bottom, _BORDER_POINTS)
     sides = [(u, np.full_like(u, y)) for y in (top, bottom)] + [(np.full_like(v, x), v) for x in (left, right)]
     return np.concatenate([np.stack(side, axis=1) for side in sides])
-
-
-def _check_stereo(fx: float, baseline: float) -> None:
-    if not (fx > 0 and baseline > 0 and np.isfinite([fx, baseline]).all()):
-        raise InputError(f"fx and baseline must be positive and finite, got fx={fx}, baseline={baseline}")

@@ -22,7 +22,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from twinlens.errors import FileError, InputError, check_int, check_number
+from twinlens.errors import FileError, InputError, TwinlensError, check_int, check_number
 from twinlens.interrupts import deferred_interrupts
 from twinlens.matching.images import Disparity, Image, grey, pair
 from twinlens.matching.options import RangeMatcher, import_extra
@@ -38,6 +38,12 @@ class WrongAnswerError(InputError):
     def __init__(self, kind: str, message: str) -> None:
         super().__init__(message)
         self.kind = kind
+
+
+class FunctionError(TwinlensError):
+    """A Python function raised an exception, the cause of this one."""
+
+    exit_code = 1
 
 
 class ProgramTimeoutError(InputError, TimeoutError):
@@ -153,8 +159,13 @@ class PythonFunction(RangeMatcher):
         return function  # type: ignore[no-any-return]
 
     def _match(self, left: Any, right: Any) -> Disparity:
-        function = self._load()
-        result = function(left, right, num_disparities=self.num_disparities, min_disparity=self.min_disparity)
+        try:
+            function = self._load()
+            result = function(left, right, num_disparities=self.num_disparities, min_disparity=self.min_disparity)
+        except (TwinlensError, MemoryError):
+            raise
+        except (Exception, SystemExit) as error:
+            raise FunctionError(f"function {self.function!r} failed: {type(error).__name__}: {error}") from error
         return checked_result(result, np.shape(left)[:2], f"function {getattr(function, '__name__', function)!r}")
 
 

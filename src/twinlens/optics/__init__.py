@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import InputError, check_number, format_value
 
-AIRY_FIRST_ZERO = 1.2196698912665045  # of the Airy pattern in units of lambda v / A: 3.8317..., the root of J1, over pi
 SHORTEST, LONGEST = 1e-12, 1e9  # accepted lengths in metres, without overflow of squares and ratios
 
 

@@ -14,12 +14,12 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from twinlens.errors import InputError, check_int, check_number, check_triple, format_value
-from twinlens.optics import AIRY_FIRST_ZERO, LONGEST, SHORTEST, check_diameter, check_length
+from twinlens.geometry import Float
+from twinlens.optics import LONGEST, SHORTEST, check_diameter, check_length
 
-Float = NDArray[np.float64]
 Pitch = tuple[float, float]  # width and height of a pixel, metres
 CHANNEL_WAVELENGTHS = (611e-9, 549e-9, 464e-9)
 """Metres: the dominant wavelengths under D65 of sRGB's primaries (Rec. ITU-R BT.709), the renderer's colours."""
@@ -35,24 +35,16 @@ class FresnelWarning(UserWarning):
     """The Fresnel number of a bare aperture is in the range where blur and diffraction are not separable."""
 
 
-def airy_radius(wavelength: float, working_f_number: float) -> float:
-    """Radius of the first dark ring on the film, 1.22 lambda N, in metres.
+def encircled_energy(radius: ArrayLike) -> Float:
+    """The share of a point's light within a radius on the film, in units of lambda N: E = 1 - J0(pi r)^2 - J1(pi r)^2.
 
-    >>> round(airy_radius(550e-9, 8.0) * 1e6, 3)
-    5.367
-    """
-    _check(wavelength, working_f_number)
-    return AIRY_FIRST_ZERO * wavelength * working_f_number
-
-
-def encircled_energy(radius: ArrayLike, wavelength: float, working_f_number: float) -> Float:
-    """The share of a point's light within `radius` metres on the film: E = 1 - J0(x)^2 - J1(x)^2.
-
-    >>> round(float(encircled_energy(airy_radius(550e-9, 8.0), 550e-9, 8.0)), 4)
+    >>> round(float(encircled_energy(1.22)), 4)
     0.8378
     """
-    _check(wavelength, working_f_number)
-    return _energy_within(np.asarray(radius, dtype=np.float64) / (wavelength * working_f_number))
+    from scipy.special import j0, j1  # slow to import, and the sensor needs this module's wavelengths only
+
+    x = math.pi * np.asarray(radius, dtype=np.float64)
+    return np.asarray(1.0 - j0(x) ** 2 - j1(x) ** 2)
 
 
 def fresnel_number(aperture_diameter: float, wavelength: float, distance: float) -> float:
@@ -107,13 +99,6 @@ def check_wavelengths(name: str, values: Any) -> tuple[float, float, float]:
     return three
 
 
-def _energy_within(radius: Float) -> Float:
-    """Encircled energy of a radius in units of lambda N."""
-    from scipy.special import j0, j1  # slow to import, and the sensor needs this module's wavelengths only
-
-    return np.asarray(1.0 - j0(math.pi * radius) ** 2 - j1(math.pi * radius) ** 2)
-
-
 @lru_cache(maxsize=16)
 def _airy_kernel(pixel_pitch: Pitch, wavelength: float, working_f_number: float, radius_px: int) -> Float:
     px, py = (pitch / (wavelength * working_f_number) for pitch in pixel_pitch)
@@ -137,7 +122,7 @@ def _edge_flux(across: float, along: float, radius_px: int) -> Float:
     for i in steps:
         x = (i + 0.5) * across
         r2 = x * x + y * y
-        flux[i] = x * 0.5 * along / (2 * math.pi) * (_energy_within(np.sqrt(r2)) / r2) @ weights
+        flux[i] = x * 0.5 * along / (2 * math.pi) * (encircled_energy(np.sqrt(r2)) / r2) @ weights
     return flux
 
 

@@ -11,8 +11,8 @@ from twinlens.camera import Camera, Rig, Truth
 from twinlens.camera.film import rgb8
 from twinlens.dataset.files import write_file
 from twinlens.dataset.storage import Where
-from twinlens.errors import InputError, check_number, format_value
-from twinlens.geometry import Float, check_rigid, depth_from_disparity
+from twinlens.errors import InputError, check_number
+from twinlens.geometry import Float, check_rigid, depth_from_disparity, float_array
 
 _MOST_SAMPLES = 50_000_000
 
@@ -75,10 +75,7 @@ def view_of_disparity(
     A disparity of -doffs or less, at or beyond infinity, gives an unknown depth. Raises InputError unless the pair is
     rectified, and for NaN or -inf.
     """
-    try:
-        values = np.asarray(disparity, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"a disparity map is an array of numbers (H, W), got {format_value(disparity)}") from None
+    values = float_array("a disparity map", disparity)
     if not rig.is_rectified(left, right):
         raise InputError(f"cameras {left} and {right} are not a rectified pair in this order: rectify them first")
     if np.isnan(values).any() or np.isneginf(values).any():

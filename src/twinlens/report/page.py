@@ -25,15 +25,19 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from twinlens import scoring
-from twinlens.camera.film import NO_TRUTH, rgb8
+from twinlens.camera.film import NO_TRUTH, colourise, rgb8
 from twinlens.dataset.files import write_file
-from twinlens.report.colormaps import COLORMAPS, NO_ESTIMATE
-from twinlens.scoring import METRICS, PROTOCOLS, REGIONS, Board, Entry, Groups, Pair, Sample, json_number
+from twinlens.scoring import METRICS, PROTOCOLS, REGIONS, Board, Entry, Groups, Pair, Sample
+from twinlens.scoring.board_file import json_number
 from twinlens.scoring.metrics import TIMES
 
 MAX_WIDTH, BUDGET_BYTES = 800, 14_000_000
 BYTES_PER_PIXEL = 0.65  # measured size of a packed pixel, to choose the stride
 STEP, UNKNOWN = 1 / 16, 65535  # a stored map's unit in pixels, and its code of an unknown pixel
+NO_ESTIMATE = (102, 112, 127)  # slate
+COLORMAPS = {name: colourise(np.arange(256), 0, 255, name) for name in ("viridis", "magma", "berlin")}
+"""uint8 (256, 3) sRGB. All are perceptually uniform and readable with colour vision deficiencies; berlin diverges
+around black."""
 _SCRIPTS = ("core.js", "table.js", "maps.js", "drill.js")
 
 

@@ -17,7 +17,7 @@ from twinlens.dataset import encode_png
 from twinlens.dataset.files import write_file
 from twinlens.dataset.record import encode_json
 from twinlens.report.plots import DPI, draw, encode
-from twinlens.studies import Picture, Result, SeedSupport, from_csv, to_csv
+from twinlens.studies import Picture, Result, SeedSupport, to_csv
 
 _GAP = 6
 
@@ -26,10 +26,10 @@ def write_study(folder: str | os.PathLike[str], result: Result) -> Path:
     """Write the study's files into `folder`, each atomically, and return the path of the page.
 
     table.csv, study.json (protocol and findings), figures/NAME.png and .svg, pictures/NAME.png, index.html, in this
-    order, so that an error while drawing leaves the measurements. Figures are drawn from table.csv, read back. Figures
-    and pictures of an earlier study in `folder` are removed.
+    order, so that an error while drawing leaves the measurements. Figures and pictures of an earlier study in `folder`
+    are removed.
     """
-    target, text = Path(folder), to_csv(result.table)
+    target = Path(folder)
     files: dict[str, bytes] = {}
     if (target / "study.json").exists():
         for old in (*target.glob("figures/*.png"), *target.glob("figures/*.svg"), *target.glob("pictures/*.png")):
@@ -39,12 +39,11 @@ def write_study(folder: str | os.PathLike[str], result: Result) -> Path:
         files[name] = data
         write_file(target / name, data)
 
-    write("table.csv", text.encode())
+    write("table.csv", to_csv(result.table).encode())
     findings = [_plain(support) for support in result.findings]
     write("study.json", encode_json({**result.protocol, "findings": findings}))
-    table = from_csv(text, result.study.all_columns)
     for figure in result.study.figures:
-        sheet = draw(figure, table)
+        sheet = draw(figure, result.table)
         for kind in ("png", "svg"):
             write(f"figures/{figure.name}.{kind}", encode(sheet, kind))
     for picture in result.pictures:

@@ -6,9 +6,10 @@ from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from twinlens.dataset.files import locked
 from twinlens.errors import FileError, InputError
 from twinlens.scoring.board import Board, Entry, Failure
-from twinlens.scoring.board_file import BoardWriter, exclusive, read_board
+from twinlens.scoring.board_file import BoardWriter, read_board
 from twinlens.scoring.evaluate import RESERVED, evaluate, upsampled, upsampling
 from twinlens.scoring.metrics import Disparity, Mask
 from twinlens.scoring.protocols import Protocol, find_protocol
@@ -84,7 +85,7 @@ def run_benchmark(
         _check_unique("method", method.name, taken)
     total = len(samples) * len(methods) if isinstance(samples, Sized) else None
     runner = Runner(time_limit, memory_limit, warm_up, warm_up_limit)
-    lock = nullcontext() if save is None else exclusive(Path(save).absolute().parent, Path(save).name)
+    lock = nullcontext() if save is None else locked(Path(save).absolute().parent, file=Path(save).name)
     with lock, closing(runner):
         if board is None:
             board = read_board(save) if save is not None and Path(save).exists() else Board()

@@ -3,25 +3,22 @@
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 from twinlens.errors import InputError, check_known
 from twinlens.scoring.evaluate import RegionScores
 from twinlens.scoring.metrics import TIMES, Metric, find_metric
 from twinlens.scoring.protocols import PROTOCOLS, Protocol
 
-FAILURES: Mapping[str, str] = MappingProxyType(
-    {
-        "crash": "the method raised an exception, or its process died",
-        "memory": "the method ran out of memory, or exceeded its memory limit",
-        "time-limit": "the method exceeded the time limit",
-        "wrong-type": "the result is not an array of disparities",
-        "wrong-shape": "the map's size differs from the left image's",
-        "not-a-number": "the map contains NaN or -inf",
-        "missing": "the submission has no map of this sample",
-        "refused": "the submission's map is damaged or has the wrong size",
-    }
-)
+FAILURES: Mapping[str, str] = {
+    "crash": "the method raised an exception, or its process died",
+    "memory": "the method ran out of memory, or exceeded its memory limit",
+    "time-limit": "the method exceeded the time limit",
+    "wrong-type": "the result is not an array of disparities",
+    "wrong-shape": "the map's size differs from the left image's",
+    "not-a-number": "the map contains NaN or -inf",
+    "missing": "the submission has no map of this sample",
+    "refused": "the submission's map is damaged or has the wrong size",
+}
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,11 @@
 """The board's file: versioned JSON, validated when read, written atomically. NaN is null, infinity is "inf"."""
 
-import contextlib
 import json
 import math
 import os
 import platform
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,7 +14,7 @@ import numpy as np
 import pydantic
 
 import twinlens
-from twinlens.dataset.files import locked, read_bytes, write_file
+from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.record import decode_json, read
 from twinlens.errors import FileError, InputError, check_known
 from twinlens.schema import NonNegative, StrictModel, one_of, table_of
@@ -135,22 +134,6 @@ def json_number(value: float) -> float | str | None:
     (None, 'inf', 2.5)
     """
     return None if math.isnan(value) else str(value) if math.isinf(value) else value
-
-
-@contextlib.contextmanager
-def exclusive(folder: Path, file: str = "") -> Iterator[None]:
-    """Lock `folder`, or one board `file` in it, against other runs; creates the folder, and removes it if left empty.
-
-    Raises OutputError if another run holds the lock or the folder cannot be created.
-    """
-    created = [each for each in (folder, *folder.parents) if not each.is_dir()]
-    try:
-        with locked(folder, file=file):
-            yield
-    finally:
-        for each in created:
-            with contextlib.suppress(OSError):
-                each.rmdir()
 
 
 class BoardWriter:

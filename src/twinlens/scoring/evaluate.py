@@ -9,11 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.dataset import Calibration
 from twinlens.errors import InputError
-from twinlens.geometry import depth_from_disparity
+from twinlens.geometry import Float, depth_from_disparity
 from twinlens.scoring.metrics import Disparity, Mask, boolean_mask, disparity_map
 from twinlens.scoring.protocols import Pixels, Protocol, find_protocol
-
-Float = NDArray[np.float64]
 
 RESERVED = ("all", "nonocc")
 

@@ -6,7 +6,6 @@ Percentages are 0 to 100; NaN over no pixels.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, SupportsInt
 
 import numpy as np
@@ -117,7 +116,7 @@ _METRICS = (
     Metric("time/MP", "s/MP", "seconds per megapixel"),
     Metric("time/GD", "s/GD", "seconds per 10^9 disparity evaluations (pixels x ndisp)"),
 )
-METRICS: Mapping[str, Metric] = MappingProxyType({metric.name: metric for metric in _METRICS})
+METRICS: Mapping[str, Metric] = {metric.name: metric for metric in _METRICS}
 
 
 def find_metric(name: str) -> Metric:

@@ -8,7 +8,6 @@ than 1 px within 3 px.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -39,28 +38,26 @@ class Statistic:
     real: tuple[float, float, float]
 
 
-STATISTICS: Mapping[str, Statistic] = MappingProxyType(
-    {
-        "low_sd": Statistic("grey", "s.d. of the 21x21 mean of left - warped", (2.4, 1.4, 5.4)),
-        "bias": Statistic("grey", "|median of left - warped|", (1.3, 0.2, 8.3)),
-        "gain": Statistic("", "|g - 1| of the robust line left = g warped + o", (0.013, 0.002, 0.028)),
-        "offset": Statistic("grey", "o of that line", (0.3, -3.4, 4.2)),
-        "noise": Statistic("grey", "noise of the left image from its wavelets", (0.95, 0.5, 2.0)),
-        "flat_noise": Statistic("grey", "noise in the flattest fifth of its 8x8 blocks", (0.5, 0.3, 1.6)),
-        "residual": Statistic("grey", "1.48 MAD of left - g warped - o - low", (1.4, 0.8, 2.1)),
-        "textureless": Statistic("", "share of textureless windows", (0.67, 0.27, 0.90)),
-        "flat": Statistic("", "share of 9x9 windows with a s.d. below 3", (0.28, 0.04, 0.50)),
-        "contrast": Statistic("grey", "median s.d. of 9x9 windows", (8.0, 4.1, 15.4)),
-        "gradient": Statistic("grey/px", "median magnitude of the gradient", (2.8, 1.6, 5.9)),
-        "kurtosis": Statistic("", "kurtosis of horizontal differences", (23.0, 14.0, 60.0)),
-        "spectrum_low": Statistic("", "slope of the power spectrum, 0.02 to 0.15 cycles/px", (-2.6, -3.0, -2.4)),
-        "spectrum_high": Statistic("", "slope of the power spectrum, 0.2 to 0.45 cycles/px", (-3.8, -5.3, -3.0)),
-        "correlation": Statistic("", "median correlation of 9x9 windows at the true disparity", (0.96, 0.90, 0.98)),
-        "occluded": Statistic("", "occluded share of the pixels with known truth", (0.11, 0.03, 0.18)),
-        "largest_disparity": Statistic("", "largest true disparity over the image width", (0.09, math.nan, math.nan)),
-        "width": Statistic("px", "image width", (695.0, 450.0, 740.0)),
-    }
-)
+STATISTICS: Mapping[str, Statistic] = {
+    "low_sd": Statistic("grey", "s.d. of the 21x21 mean of left - warped", (2.4, 1.4, 5.4)),
+    "bias": Statistic("grey", "|median of left - warped|", (1.3, 0.2, 8.3)),
+    "gain": Statistic("", "|g - 1| of the robust line left = g warped + o", (0.013, 0.002, 0.028)),
+    "offset": Statistic("grey", "o of that line", (0.3, -3.4, 4.2)),
+    "noise": Statistic("grey", "noise of the left image from its wavelets", (0.95, 0.5, 2.0)),
+    "flat_noise": Statistic("grey", "noise in the flattest fifth of its 8x8 blocks", (0.5, 0.3, 1.6)),
+    "residual": Statistic("grey", "1.48 MAD of left - g warped - o - low", (1.4, 0.8, 2.1)),
+    "textureless": Statistic("", "share of textureless windows", (0.67, 0.27, 0.90)),
+    "flat": Statistic("", "share of 9x9 windows with a s.d. below 3", (0.28, 0.04, 0.50)),
+    "contrast": Statistic("grey", "median s.d. of 9x9 windows", (8.0, 4.1, 15.4)),
+    "gradient": Statistic("grey/px", "median magnitude of the gradient", (2.8, 1.6, 5.9)),
+    "kurtosis": Statistic("", "kurtosis of horizontal differences", (23.0, 14.0, 60.0)),
+    "spectrum_low": Statistic("", "slope of the power spectrum, 0.02 to 0.15 cycles/px", (-2.6, -3.0, -2.4)),
+    "spectrum_high": Statistic("", "slope of the power spectrum, 0.2 to 0.45 cycles/px", (-3.8, -5.3, -3.0)),
+    "correlation": Statistic("", "median correlation of 9x9 windows at the true disparity", (0.96, 0.90, 0.98)),
+    "occluded": Statistic("", "occluded share of the pixels with known truth", (0.11, 0.03, 0.18)),
+    "largest_disparity": Statistic("", "largest true disparity over the image width", (0.09, math.nan, math.nan)),
+    "width": Statistic("px", "image width", (695.0, 450.0, 740.0)),
+}
 
 
 def pair_statistics(pair: Pair) -> dict[str, float]:

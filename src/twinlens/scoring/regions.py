@@ -6,7 +6,6 @@ Stereo Correspondence Algorithms", IJCV 47 (2002), section 5.1, and StcEvaluate.
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -121,7 +120,7 @@ _REGIONS = (
     Region("far", "lower third of the range of true disparities", lambda s: distance_bands(s.disp0)[2]),
     *map(_material, MATERIAL_KINDS[1:]),
 )
-REGIONS: Mapping[str, Region] = MappingProxyType({region.name: region for region in _REGIONS})
+REGIONS: Mapping[str, Region] = {region.name: region for region in _REGIONS}
 
 
 def region_masks(sample: Pair, names: Iterable[str]) -> dict[str, Mask]:

@@ -23,7 +23,8 @@ import pebble
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError, TwinlensError
-from twinlens.matching.external import WrongAnswerError, checked_result, format_status
+from twinlens.matching import Matcher
+from twinlens.matching.external import FunctionError, WrongAnswerError, checked_result, format_status
 from twinlens.scoring.board import Failure
 from twinlens.scoring.samples import Pair
 
@@ -36,17 +37,11 @@ LONGEST_LIMIT_S = 1e6
 Image = NDArray[Any]
 
 
-class Method(Protocol):
+class Method(Matcher, Protocol):
     """A matcher with a name, which is its name on the board."""
 
     @property
     def name(self) -> str: ...
-
-    def match(self, left: Image, right: Image, *, num_disparities: int, min_disparity: int) -> Image:
-        """Disparity (H, W) float32 in pixels, +inf unknown, of two uint8 or uint16 images (H, W[, 3]).
-
-        The search covers min_disparity to min_disparity + num_disparities - 1.
-        """
 
 
 @dataclass(frozen=True)
@@ -197,11 +192,12 @@ def _timed_match(method: Method, left: Image, right: Image, search: Mapping[str,
         if isinstance(result, np.ndarray) and result.dtype.kind != "f":
             raise WrongAnswerError("wrong-type", f"returned an array of {result.dtype}: expected float32 disparities")
         return Answer(checked_result(result, left.shape[:2], method.name), seconds)
-    except TimeoutError as error:
-        raise MethodError("time-limit", str(error)) from error
-    except WrongAnswerError as error:
-        raise MethodError(error.kind, str(error)) from error
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit) as raised:
+        error = (isinstance(raised, FunctionError) and raised.__cause__) or raised
+        if isinstance(error, TimeoutError):
+            raise MethodError("time-limit", str(error)) from error
+        if isinstance(error, WrongAnswerError):
+            raise MethodError(error.kind, str(error)) from error
         raise _method_error(error) from error
 
 

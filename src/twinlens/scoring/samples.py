@@ -3,7 +3,7 @@
 import hashlib
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, overload
@@ -11,8 +11,10 @@ from typing import Any, Protocol, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.dataset import Calibration, Dataset, StoredSample, downloaded_pairs, motorcycle
+from twinlens.dataset import Calibration, Dataset, StoredSample, downloaded_pairs
+from twinlens.dataset.visibility import mask_from_one
 from twinlens.errors import FileError, InputError, located
+from twinlens.scoring.board import Board
 from twinlens.scoring.metrics import Disparity, boolean_mask, disparity_map
 
 
@@ -86,6 +88,22 @@ class Pair:
     def search(self) -> dict[str, int]:
         """Keyword arguments of a matcher: num_disparities and min_disparity."""
         return {"num_disparities": int(self.ndisp), "min_disparity": int(self.min_disparity)}
+
+
+def motorcycle() -> Pair:
+    """Middlebury 2014 Motorcycle, 741 x 500, from scikit-image's files; the mask is that of `mask_from_one`.
+
+    The calibration is the official one divided by four. Source: Scharstein et al., High-resolution stereo datasets with
+    subpixel-accurate ground truth, GCPR 2014.
+    """
+    from skimage.data import stereo_motorcycle
+
+    left, right, disparity = stereo_motorcycle()
+    # scikit-image documents NaN for unknown pixels, its file has +inf.
+    known = np.where(np.isfinite(disparity), disparity, np.inf).astype(np.float32)
+    cam0, cam1, ndisp = (994.978, 994.978, 311.193, 254.877), (994.978, 994.978, 342.279, 254.877), 70
+    calibration = Calibration(cam0, cam1, 0.193001, 741, 500, doffs=31.086, ndisp=ndisp, vmin=7.0, vmax=60.0)
+    return Pair("motorcycle", left, right, known, mask_from_one(known), ndisp, calibration)
 
 
 def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
@@ -181,6 +199,15 @@ class DatasetPairs(Sequence[Pair]):
         name, (sample, lens, aliases) = self._pairs[index]
         pair = load_pair(sample, lens)
         return replace(pair, name=name, aliases=pair.aliases or aliases)
+
+    def on(self, board: Board) -> Iterator[Pair]:
+        """The pairs that the board scores. Raises InputError if there is none, or if one has changed."""
+        shared = [k for k, name in enumerate(self._places) if name in board.samples]
+        if not shared:
+            raise InputError(f"no sample of the datasets is on the board; it has {', '.join(board.samples[:3])}")
+        for pair in (self[k] for k in shared):
+            board.check_sample(pair.name, fingerprint(pair))
+            yield pair
 
     @property
     def aliases(self) -> dict[str, tuple[str, ...]]:

@@ -6,20 +6,16 @@ After Hirschmueller and Scharstein, Evaluation of Stereo Matching Costs on Image
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 from numpy.random import default_rng
-from numpy.typing import NDArray
 
 from twinlens.camera import Pinhole
 from twinlens.matching import StereoMatcher, parse_method
 from twinlens.sensor import Sensor, auto_exposure
 from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, fewer_wrong, open_claim, sweep
-from twinlens.studies.stage import SCORES, Stage, stream
+from twinlens.studies.stage import SCORES, Image, Stage, stream
 from twinlens.studies.table import Column, Row, Table, brief, mean_of
-
-Image = NDArray[Any]
 
 SENSOR = Sensor.preset("ideal", output="srgb", shot_noise=False)
 

@@ -75,16 +75,6 @@ class Calibration:
         """Focal length of the left camera, pixels."""
         return self.cam0[0]
 
-    @property
-    def K0(self) -> NDArray[np.float64]:  # noqa: N802
-        """Left camera matrix, (3, 3)."""
-        return self.rig().cameras[0].K
-
-    @property
-    def K1(self) -> NDArray[np.float64]:  # noqa: N802
-        """Right camera matrix, (3, 3)."""
-        return self.rig().cameras[1].K
-
     def rig(self) -> Rig:
         """The pair as a Rig; the world frame is the left camera's."""
         left, right = (Camera(self.width, self.height, *cam) for cam in (self.cam0, self.cam1))

@@ -3,7 +3,7 @@ import socket
 import numpy as np
 import pytest
 
-from twinlens.dataset import motorcycle
+from twinlens.scoring import motorcycle
 
 
 @pytest.fixture(scope="module")
