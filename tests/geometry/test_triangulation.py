@@ -238,21 +238,6 @@ def test_more_views_reduce_the_error_of_noisy_pixels(rng):
     assert error[2] > 2 * error[5] > 2 * error[9]
 
 
-def test_triangulate_dlt_raises_for_wrong_shapes(rng):
-    matrices, points = two_cameras(rng)
-    pixels = [geometry.dehomogeneous(geometry.homogeneous(points) @ m.T) for m in matrices]
-    refuses(lambda: triangulate_dlt(matrices[:1], pixels[:1]), "two or more views")
-    refuses(lambda: triangulate_dlt(matrices, pixels[:1]), "two or more views")
-    refuses(lambda: triangulate_dlt(matrices, [pixels[0], pixels[1][:-1]]), "triangulate_dlt")
-    refuses(lambda: triangulate_dlt([np.eye(3), np.eye(3)], pixels), "triangulate_dlt")
-    refuses(lambda: triangulate_dlt(matrices, [p * np.nan for p in pixels]), "triangulate_dlt")
-
-
-def refuses(call, word):
-    with pytest.raises(InputError, match=word):
-        call()
-
-
 @pytest.fixture
 def rng():
     return np.random.default_rng(7)

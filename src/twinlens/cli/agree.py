@@ -33,9 +33,7 @@ def command(board_a: Path, board_b: Path, output: Path | None, as_json: bool, **
     \b
     Example:  twinlens agree board real-board -o agreement.png
     """
-    files = [board / "board.json" if board.is_dir() else board for board in (board_a, board_b)]
-    a, b = (read_board(file) for file in files)
-    result = agreement(a, b, **options)
+    result = agreement(read_board(board_a), read_board(board_b), **options)
     names = str(board_a), str(board_b)
     if output is not None:
         write_file(output, agreement_figure(result, names, output.suffix.lower()[1:]))

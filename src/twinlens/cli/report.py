@@ -19,9 +19,7 @@ def command(board: Path, datasets: tuple[str, ...], output: Path | None) -> None
     \b
     Example:  twinlens report board/board.json out motorcycle -o leaderboard.html
     """
-    if board.is_dir():
-        board = board / "board.json"
-    scores, maps = read_board(board), MapFolder(board.parent / "maps")
+    scores, folder = read_board(board), board if board.is_dir() else board.parent
     pairs = open_pairs(datasets).on(scores) if datasets else ()
-    page = write_page(output or board.parent / "index.html", scores, pairs, maps)
+    page = write_page(output or folder / "index.html", scores, pairs, MapFolder(folder / "maps"))
     click.echo(f"page: {page.resolve().as_uri()}")

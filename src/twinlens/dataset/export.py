@@ -260,7 +260,7 @@ def export(
     to: str,
     lens: int = 0,
     overwrite: bool = False,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Callable[[float, str], None] = lambda fraction, name: None,
 ) -> dict[str, int]:
     """Write samples to `folder` in the layout `to`, a key of LAYOUTS.
 
@@ -286,8 +286,7 @@ def export(
 
     def sources() -> Iterator[Source]:
         for i, sample in enumerate(dataset):
-            if progress is not None:
-                progress(i / len(dataset), sample.name)
+            progress(i / len(dataset), sample.name)
             if sample.has("sample.json") and not sample.has("calib.txt"):
                 raise InputError(f"{sample.name}: is not a rectified pair, as every export layout requires")
             yield Source(sample, i, lens)

@@ -16,7 +16,7 @@ import numpy as np
 import pydantic
 from numpy.typing import NDArray
 
-from twinlens.camera import Camera, Lens, Rig
+from twinlens.camera import Lens, Rig
 from twinlens.camera.truth import Correspondence, Truth
 from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.codecs.exr import read_exr
@@ -219,13 +219,6 @@ class StoredSample(Mapping[str, Any]):
             return self.calibration.rig()
         return read_part(_RIG, self.record, "rig", self.folder / "sample.json")
 
-    def camera(self, i: int) -> tuple[Camera, NDArray[np.float64]]:
-        """Camera i of `rig`, and its world_from_cam. Raises InputError beyond the last."""
-        rig = self.rig
-        if i >= len(rig):
-            raise InputError(f"{self.name}: has cameras 0 to {len(rig) - 1}, no camera {i}")
-        return rig.cameras[i], rig.world_from_cams[i]
-
     @property
     def num_lenses(self) -> int:
         """Number of lenses."""
@@ -356,8 +349,10 @@ def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any
         elif quantity in _TRUTH_QUANTITIES:
             values[name] = truth(view)[quantity]
         elif quantity in _CAMERA_QUANTITIES:
-            camera, world_from_cam = sample.camera(view)
-            values[name] = camera.K if quantity == "K" else world_from_cam.copy()
+            rig = sample.rig
+            if view >= len(rig):
+                raise InputError(f"{sample.name}: has cameras 0 to {len(rig) - 1}, no camera {view}")
+            values[name] = rig.cameras[view].K if quantity == "K" else rig.world_from_cams[view].copy()
         else:
             values[name] = getattr(sample.calibration if quantity in _CALIBRATION_QUANTITIES else sample, quantity)
     return values

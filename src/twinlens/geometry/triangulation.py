@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import InputError
-from twinlens.geometry import Float, dehomogeneous, float_array, homogeneous, inverse, rotate, transform_points
+from twinlens.geometry import Float, dehomogeneous, homogeneous, inverse, rotate, transform_points
 from twinlens.geometry.epipolar import essential_matrix, fundamental_matrix
 
 _PARALLEL = 1e-12  # sine of the angle between rays that do not intersect
@@ -30,24 +30,14 @@ Method = Callable[[Sequence[Float], Sequence[Float], Sequence[Float]], Float]
 parallel."""
 
 
-def triangulate_dlt(px_from_worlds: Sequence[ArrayLike], pixels: Sequence[ArrayLike]) -> Float:
+def triangulate_dlt(px_from_worlds: Sequence[Float], pixels: Sequence[Float]) -> Float:
     """World points (N, 3) seen at `pixels`, one (N, 2) per view, by projection matrices `px_from_worlds`, (3, 4) each.
 
     The homogeneous direct linear transform, each row scaled to unit norm; a point at infinity gives inf.
-    Raises InputError when counts or shapes do not fit, or a number is not finite.
     Source: Hartley and Zisserman 2004, section 12.2.
     """
-    if not len(px_from_worlds) == len(pixels) >= 2:
-        counts = f"{len(px_from_worlds)} and {len(pixels)}"
-        raise InputError(f"triangulate_dlt needs two or more views with pixels each, got {counts}")
-    matrices = [float_array("triangulate_dlt", matrix) for matrix in px_from_worlds]
-    seen = [float_array("triangulate_dlt", uv) for uv in pixels]
-    if any(p.shape != (3, 4) for p in matrices) or any(uv.shape != (len(seen[0]), 2) for uv in seen):
-        raise InputError("triangulate_dlt needs 3x4 matrices and the same number of pixels (N, 2) in every view")
-    if not all(np.isfinite(values).all() for values in matrices + seen):
-        raise InputError("triangulate_dlt needs finite matrices and pixels: leave out points that a view does not see")
     rows = []
-    for p, uv in zip(matrices, seen, strict=True):
+    for p, uv in zip(px_from_worlds, pixels, strict=True):
         rows += [uv[:, :1] * p[2] - p[0], uv[:, 1:] * p[2] - p[1]]
     system = np.stack(rows, axis=1)
     system /= np.linalg.norm(system, axis=2, keepdims=True)

@@ -116,10 +116,11 @@ def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
 
 
 def read_board(path: str | os.PathLike[str]) -> Board:
-    """Read a board file. Raises FileError, starting with the path, if it is missing, above 256 MiB, or invalid."""
-    if Path(path).is_file() and Path(path).stat().st_size > MAX_BYTES:
+    """Read a board.json or that of a folder. Raises FileError, with its path, if missing, above 256 MiB, or invalid."""
+    path = Path(path) / "board.json" if Path(path).is_dir() else Path(path)
+    if path.is_file() and path.stat().st_size > MAX_BYTES:
         raise FileError(f"{path}: larger than {MAX_BYTES / 2**20:g} MiB, the limit for a board")
-    return board_from_json(read_bytes(path), Path(path))
+    return board_from_json(read_bytes(path), path)
 
 
 def write_board(board: Board, path: str | os.PathLike[str]) -> None:

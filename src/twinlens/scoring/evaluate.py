@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.dataset import Calibration
 from twinlens.errors import InputError
-from twinlens.geometry import Float, depth_from_disparity
+from twinlens.geometry import Float
 from twinlens.scoring.metrics import Disparity, Mask, boolean_mask, disparity_map
 from twinlens.scoring.protocols import Pixels, Protocol, find_protocol
 
@@ -166,10 +166,7 @@ def _point_errors(
     fx, fy, cx, cy = calibration.cam0
     length = np.sqrt(1.0 + ((pixels[:, 1] - cx) / fx) ** 2 + ((pixels[:, 0] - cy) / fy) ** 2)  # of a ray to z = 1
     doffs = calibration.doffs
-    z_estimate, z_true = (
-        depth_from_disparity(np.where(d + doffs > 0, d, np.inf), calibration.fx, calibration.baseline, doffs)
-        for d in (estimate, true)
-    )
+    z_estimate, z_true = (calibration.depth(np.where(d + doffs > 0, d, np.inf)) for d in (estimate, true))
     defined = np.isfinite(z_estimate) & np.isfinite(z_true)
     with np.errstate(invalid="ignore"):
         return np.where(defined, np.abs(z_estimate - z_true) * length, np.inf), z_true * length
