@@ -70,7 +70,7 @@ def check_known(kind: str, name: Any, known: Collection[str]) -> None:
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
-    """The known name that `name` is a misspelling or a part of, or None.
+    """The known name that `name` is a part or else a misspelling of, or None.
 
     A misspelling has a Ratcliff-Obershelp similarity (`difflib`) of at least 0.65, case ignored: one wrong letter of
     three, or two of six, but not two of five. A part is a prefix or the last words of a name, three letters or more.
@@ -81,8 +81,10 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     typed, names = _normalized(name), {_normalized(each): each for each in known}
     long_enough = len(typed) >= _SHORTEST_PART
     parts = [each for each in names if long_enough and (each.startswith(typed) or each.endswith(f"_{typed}"))]
-    close = difflib.get_close_matches(typed, parts, 1, 0) or difflib.get_close_matches(typed, names, 1, _MIN_SIMILARITY)
-    return names[close[0]] if close else None
+    close = parts or difflib.get_close_matches(typed, names, len(names) or 1, _MIN_SIMILARITY)
+    return names.get(
+        max(sorted(close), key=lambda each: difflib.SequenceMatcher(None, typed, each).ratio(), default="")
+    )
 
 
 def _normalized(name: str) -> str:
