@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from twinlens.errors import BackendError, InputError, check_known
+from twinlens.errors import BackendError, check_int, check_known
 from twinlens.interrupts import deferred_interrupts
 from twinlens.rendering import llvm
 
@@ -74,8 +74,7 @@ def mitsuba() -> Any:
 
 def use_threads(count: int) -> None:
     """Set the number of rendering threads of this process (default: all). Images do not depend on it."""
-    if count < 1:
-        raise InputError(f"the number of threads must be >= 1, got {count}")
+    check_int("the number of threads", count, 1)
     backend()
     import drjit
 

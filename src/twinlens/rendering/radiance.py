@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Lens, Pinhole, Rig
 from twinlens.camera.lens import check_lens
-from twinlens.errors import InputError, unknown
+from twinlens.errors import InputError, check_int, check_known
 from twinlens.geometry import Float
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
@@ -114,12 +114,9 @@ def image_passes(camera: Camera, spp: int, seed: int, index: int, sampler: str) 
 
 def check_request(spp: int, seed: int, sampler: str) -> None:
     """Raise InputError for invalid samples per pixel, seeds and samplers."""
-    if isinstance(spp, bool) or not isinstance(spp, (int, np.integer)) or spp < 1:
-        raise InputError(f"spp must be a whole number of samples >= 1, got {spp!r}")
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise InputError(f"seed must be a whole number >= 0, got {seed!r}")
-    if sampler not in SAMPLERS:
-        raise unknown("sampler", sampler, SAMPLERS)
+    check_int("spp", spp, 1)
+    check_int("seed", seed, 0)
+    check_known("sampler", sampler, SAMPLERS)
 
 
 def check_view(scene: Scene, rig: Rig) -> None:
