@@ -33,7 +33,7 @@ from .camera import (
     film_image as film_image,
     undistort_maps as undistort_maps,
 )
-from .camera.diffraction import diffract as diffract
+from .camera.film import diffract as diffract
 from .camera.multiview import (
     essential_matrix as essential_matrix,
     fundamental_matrix as fundamental_matrix,

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from twinlens.camera.film import disparity_limits
 from twinlens.dataset import read_pfm, read_png, write_png
+from twinlens.dataset.pictures import disparity_limits
 from twinlens.matching import METHODS, StereoMatcher
 from twinlens.matching.external import OnnxNetwork
 from twinlens.matching.options import LARGEST_DEFAULT_WINDOW, WINDOW_OPTIONS

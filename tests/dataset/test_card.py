@@ -22,7 +22,8 @@ from twinlens.dataset import (
     write_png,
     write_sample,
 )
-from twinlens.dataset.card import contact_sheet, panels, statistics_figure, tile
+from twinlens.dataset.card import panels, statistics_figure
+from twinlens.dataset.pictures import contact_sheet, tile
 from twinlens.dataset.quantities import statistics
 from twinlens.errors import FileError, InputError
 from twinlens.scoring import motorcycle

@@ -158,7 +158,7 @@ def test_every_cost_with_every_support_finds_a_shift_or_is_refused_with_the_reas
     scene = ndimage.gaussian_filter(np.random.default_rng(4).normal(128, 200, (20, 60)), 1.0)
     scene = np.clip(scene, 0, 255).astype(np.uint8)
     left, right = scene[:, 4:54], scene[:, 7:57]
-    if SUPPORTS[support].pixelwise and COSTS[cost].normalised:
+    if SUPPORTS[support].pixelwise and COSTS[cost].scoring != "sum":
         with pytest.raises(InputError, match="statistics of whole windows"):
             tm.match(left, right, cost, support=support)
         return

@@ -10,7 +10,7 @@ from scipy.signal import argrelmin, fftconvolve
 from scipy.special import j0, j1
 
 from twinlens.camera import Annulus, BareAperture, Camera, Pinhole, ThinLens
-from twinlens.camera.diffraction import diffract
+from twinlens.camera.film import diffract
 from twinlens.errors import InputError
 from twinlens.optics import diffraction as df
 

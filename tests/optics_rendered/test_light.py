@@ -7,7 +7,7 @@ import pytest
 
 import twinlens as tl
 from tests.optics_rendered.optics_lights import HERE, chequered_room, grey, lamps, sky, square_camera
-from twinlens.camera.diffraction import diffract
+from twinlens.camera.film import diffract
 from twinlens.sensor import Exposure
 
 SENSOR = tl.Sensor(

@@ -8,7 +8,7 @@ import pytest
 import twinlens as tl
 from twinlens import optics
 from twinlens.camera import Annulus, BrownConrady, KannalaBrandt, MaskAperture, Polygon, undistort_maps
-from twinlens.camera.diffraction import diffract
+from twinlens.camera.film import diffract
 from twinlens.errors import InputError
 from twinlens.optics.diffraction import airy_kernel
 

@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 
-from twinlens.camera.film import NO_TRUTH, colourise
+from twinlens.dataset.pictures import NO_TRUTH, colourise
 from twinlens.errors import InputError
 from twinlens.report.page import COLORMAPS, NO_ESTIMATE, UNKNOWN, image_uri, pack
 

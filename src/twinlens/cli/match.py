@@ -8,11 +8,11 @@ from typing import Any
 import click
 import numpy as np
 
-from twinlens.camera.film import colourise, disparity_limits
 from twinlens.cli.options import SECONDS, json_option, print_json
 from twinlens.cli.places import PATH, PNG_FILE, PlaceType
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import read_image, write_pfm, write_png
+from twinlens.dataset.pictures import colourise, disparity_limits
 from twinlens.errors import InputError
 from twinlens.matching import Program, parse_method
 from twinlens.matching.options import DEFAULT_DISPARITIES, check_image_size

@@ -19,18 +19,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image, ImageOps
 
 import twinlens
-from twinlens.camera.film import rgb8
 from twinlens.dataset.dataset import Dataset, Manifest, write_manifest
 from twinlens.dataset.files import read_bytes, write_file
 from twinlens.dataset.metadata import KEY, About, about, write_croissant
+from twinlens.dataset.pictures import contact_sheet, tile
 from twinlens.dataset.quantities import Statistics, mixed_counts, quantiles, stored_statistics
 from twinlens.dataset.record import plain
 from twinlens.dataset.storage import Where
-from twinlens.errors import FileError, InputError
+from twinlens.errors import FileError
 
 SHEET, FIGURE = "samples.jpg", "statistics.png"
 _MARKER = "<!-- Written by twinlens; `twinlens describe` rewrites it. -->"
@@ -39,9 +37,7 @@ _SPDX = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*$")
 _SIZES = ("n<1K", "1K<n<10K", "10K<n<100K", "100K<n<1M", "n>1M")
 _MAX_RECIPE = 20_000
 TILES = 64
-_TILE_WIDTH, _GAP = 160, 4
 _BINS = 60
-_MISSING = "#c8c8c8"
 _LABELS, _FILL, _AXES = "#1b2a3a", "#3b7dd8", "#6b7785"
 _LOG_ABOVE = 8.0  # ratio of maximum to minimum depth
 _GRIDS = ((1, 1), (1, 1), (1, 2), (1, 3), (2, 2))
@@ -231,27 +227,6 @@ class Panel:
     many: list[list[float]]
     log_above: float = np.inf
     """Ratio of maximum to minimum above which the axis is logarithmic."""
-
-
-def tile(image: NDArray[Any]) -> Image.Image:
-    """A uint8 or uint16 image (H, W[, 3]) scaled to a width of 160 pixels."""
-    picture = Image.fromarray(rgb8(image)).reduce(max(1, image.shape[1] // (3 * _TILE_WIDTH)))
-    height = max(round(_TILE_WIDTH * image.shape[0] / image.shape[1]), 1)
-    return picture.resize((_TILE_WIDTH, height), Image.Resampling.LANCZOS)
-
-
-def contact_sheet(tiles: Sequence[Image.Image | None], columns: int = 8) -> Image.Image:
-    """Tiles in rows, padded to the size of the first; None leaves a place grey. Raises InputError without tiles."""
-    from skimage.util import montage
-
-    sizes = [each.size for each in tiles if each is not None]
-    if not sizes:
-        raise InputError("a contact sheet needs one or more images")
-    columns = min(columns, len(tiles))
-    missing = Image.new("RGB", sizes[0], _MISSING)
-    padded = [missing if each is None else ImageOps.pad(each, sizes[0], color="white") for each in tiles]
-    grid = {"grid_shape": (-(-len(tiles) // columns), columns), "padding_width": _GAP, "fill": (255, 255, 255)}
-    return Image.fromarray(montage(np.stack([np.asarray(each) for each in padded]), channel_axis=-1, **grid))
 
 
 def statistics_figure(many: Sequence[Statistics]) -> bytes:

@@ -18,7 +18,7 @@ from scipy.ndimage import uniform_filter
 import twinlens
 from twinlens import rendering
 from twinlens.camera import Disk, Lens, Rig
-from twinlens.camera.diffraction import diffract
+from twinlens.camera.film import diffract
 from twinlens.camera.lens import check_lens
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_manifest, write_manifest, write_sample

@@ -34,11 +34,6 @@ class Cost:
     p2: float = 0.13
 
     @property
-    def normalised(self) -> bool:
-        """Whether it is no sum over pixels, but compares statistics of whole windows."""
-        return self.scoring != "sum"
-
-    @property
     def growth(self) -> int:
         """The power of the window's area to which the cost is proportional: the kernel's ZSSD is n times the sum."""
         return {"sum": 1, "zsad": 1, "zssd": 2}.get(self.scoring, 0)

@@ -102,7 +102,7 @@ class StereoMatcher(RangeMatcher):
         small, large = self.penalties
         if not small <= large <= 1:
             raise InputError(f"p1 and p2 are {small} and {large}; they are parts of the largest cost, p1 <= p2 <= 1")
-        if SUPPORTS[self.support].pixelwise and COSTS[self.cost].normalised:
+        if SUPPORTS[self.support].pixelwise and COSTS[self.cost].scoring != "sum":
             raise InputError(
                 f"cost {self.cost!r} compares statistics of whole windows, but support {self.support!r} aggregates "
                 "costs of single pixels; use it with sad, ssd, census, rank or birchfield_tomasi"

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera import Camera, Rig, Truth
-from twinlens.camera.film import rgb8
 from twinlens.dataset.files import write_file
+from twinlens.dataset.pictures import rgb8
 from twinlens.dataset.storage import Where
 from twinlens.errors import InputError, check_number
 from twinlens.geometry import Float, check_rigid, depth_from_disparity, float_array

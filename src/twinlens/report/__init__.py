@@ -1,4 +1,4 @@
 """Figures and self-contained HTML pages of boards and studies; computes no scores."""
 
-from twinlens.camera.film import colourise as colourise
+from twinlens.dataset.pictures import colourise as colourise
 from twinlens.report.page import write_page as write_page

@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from twinlens.camera import Rig
-from twinlens.camera.film import rgb8
 from twinlens.camera.multiview import check_pair, epipolar_curve, epipole_in_image
 from twinlens.dataset import StoredSample
+from twinlens.dataset.pictures import rgb8
 from twinlens.errors import InputError
 from twinlens.geometry import Float
 

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from twinlens import scoring
-from twinlens.camera.film import NO_TRUTH, colourise, rgb8
 from twinlens.dataset.files import write_file
+from twinlens.dataset.pictures import NO_TRUTH, colourise, rgb8
 from twinlens.scoring import METRICS, PROTOCOLS, REGIONS, Board, Entry, Groups, Pair, Sample
 from twinlens.scoring.board_file import json_number
 from twinlens.scoring.metrics import TIMES

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera.film import rgb8
 from twinlens.dataset import encode_png
 from twinlens.dataset.files import write_file
+from twinlens.dataset.pictures import rgb8
 from twinlens.dataset.record import encode_json
 from twinlens.report.plots import DPI, draw, encode
 from twinlens.studies import Picture, Result, SeedSupport, to_csv

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.camera.film import colourise
+from twinlens.dataset.pictures import colourise
 from twinlens.sensor import Sensor
 from twinlens.studies.model import Figure, Finding, Measured, Picture, Setup, Study, fewer_wrong, is_above, sweep
 from twinlens.studies.stage import SCORES, Stage, score_columns, stream

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import ThinLens
-from twinlens.camera.diffraction import diffract
+from twinlens.camera.film import diffract
 from twinlens.rendering import LensGrid, render_lens_grid
 from twinlens.sensor import Exposure, auto_exposure
 from twinlens.studies.aperture import theory

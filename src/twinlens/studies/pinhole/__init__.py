@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from twinlens.camera import BareAperture, Pinhole, Rig
-from twinlens.camera.diffraction import diffract
+from twinlens.camera.film import diffract
 from twinlens.geometry import Float
 from twinlens.optics.diffraction import FresnelWarning
 from twinlens.rendering import render
