@@ -15,7 +15,8 @@ from twinlens.camera.film import SENSOR_WIDTHS_MM, sensor_width_mm
 from twinlens.dataset import Sample
 from twinlens.errors import InputError, format_value, located, unknown
 from twinlens.factory import settings
-from twinlens.schema import read, table_of
+from twinlens.scenes.rigs import CalibrationError
+from twinlens.schema import read
 from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
 
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
@@ -55,7 +56,6 @@ SENSOR_WIDTH_HELP = (
 )
 SENSOR_HELP = f"{', '.join(PRESETS)}; parameters follow a colon: phone:prnu=0.01,filters=mono,output=linear."
 
-_MISALIGNMENT: Any = table_of(Misalignment)
 _SENSOR_PARAMETERS = [field.name for field in fields(Sensor) if field.name != "mismatch"]
 _MISMATCHES = {field.name: field.name for field in fields(Mismatch)}
 _MISMATCHES |= {"exposure": "time", "black": "black_level", "seed": "seed"}
@@ -146,8 +146,7 @@ def parse_mismatch(text: str, seed: int = 0) -> Mismatch:
         text = f"level={text}"
     given = {_MISMATCHES[name]: value for name, value in _pairs(where, text, _MISMATCHES).items()}
     own = {} if given.get("level", "none") == "none" else {"seed": seed}
-    mismatch: Mismatch = read(settings.MismatchTable, own | given, where, strict=False)
-    return mismatch
+    return read(settings.MismatchTable, own | given, where, strict=False)  # type: ignore[no-any-return]
 
 
 def parse_misalignment(text: str | None) -> Misalignment:
@@ -156,8 +155,7 @@ def parse_misalignment(text: str | None) -> Misalignment:
         return ALIGNED
     where = f"--misalignment {text!r}"
     pairs = _pairs(where, text, [field.name for field in fields(Misalignment)])
-    misalignment: Misalignment = read(_MISALIGNMENT, pairs, where, strict=False)
-    return misalignment
+    return read(CalibrationError, pairs, where, strict=False)  # type: ignore[no-any-return]
 
 
 def parse_sensor(text: str) -> Sensor:
@@ -166,8 +164,7 @@ def parse_sensor(text: str) -> Sensor:
     where = f"--sensor {text!r}"
     pairs = _pairs(where, rest, _SENSOR_PARAMETERS) if colon else {}
     values = {name: value.split("/") if "/" in value else value for name, value in pairs.items()}
-    sensor: Sensor = read(settings.SensorTable, {"preset": preset, **values}, where, strict=False)
-    return sensor
+    return read(settings.SensorTable, {"preset": preset, **values}, where, strict=False)  # type: ignore[no-any-return]
 
 
 def parse_numbers(option: str, text: str, least: int, most: int, form: str) -> list[float]:

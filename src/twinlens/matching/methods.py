@@ -341,8 +341,7 @@ def match(left: Any, right: Any, method: str | Matcher = "zncc", **options: Unpa
     spec = parse_method(method)
     for name in options:
         check_known(f"option of {spec.method.name}", name, ["method", *spec.method.options])
-    result: Disparity = spec.method.make(**{**options, **spec.options}).match(left, right)
-    return result
+    return spec.method.make(**{**options, **spec.options}).match(left, right)  # type: ignore[no-any-return]
 
 
 def _matched_by(matcher: Any, left: Any, right: Any, options: Mapping[str, Any]) -> Disparity:

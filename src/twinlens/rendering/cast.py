@@ -121,8 +121,7 @@ def surfaces(built: BuiltScene) -> list[Surface | None]:
                 surface = replace(surface, world_from_local=_pose(body.instance) @ surface.world_from_local)
             placed.append(surface)
         built.cache["surfaces"] = placed
-    found: list[Surface | None] = built.cache["surfaces"]
-    return found
+    return built.cache["surfaces"]  # type: ignore[no-any-return]
 
 
 def _read_surface(shape: Any) -> Surface | None:
@@ -200,8 +199,7 @@ def _row_of_handle(built: BuiltScene) -> NDArray[np.int32]:
         rows = np.full(max(handles, default=0) + 1, -1, dtype=np.int32)
         rows[handles] = np.arange(len(handles))
         built.cache["rows"] = rows
-    table: NDArray[np.int32] = built.cache["rows"]
-    return table
+    return built.cache["rows"]  # type: ignore[no-any-return]
 
 
 def _trace_singly(built: BuiltScene, origin: Float, unit: NDArray[np.float32], out: Hits) -> None:

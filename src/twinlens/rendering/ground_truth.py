@@ -134,19 +134,13 @@ def _project_into(
         visible[~found] = cast(built, centre, directions).body < 0
     pixels[np.isnan(pixels)] = np.inf  # points that the camera cannot project
     visible &= camera.contains(pixels)
-    return pixels, _disparity(rig, view, other, pixels, sky), visible
-
-
-def _disparity(rig: Rig, view: _View, other: int, pixels: Float, sky: bool) -> Float:
-    """u_left - u_right (N,) of the view's pixels and their partners (N, 2); all +inf unless the two are rectified."""
-    disparity = np.full(len(pixels), np.inf)
+    disparity = np.full(len(found), np.inf)
     left, right = _in_order(rig, view.index, other)
     if rig.is_rectified(left, right):
-        found = view.hits.body >= 0
         u = rig.cameras[view.index].pixel_grid()[..., 0].reshape(-1)
         disparity[found] = (u[found] - pixels[found, 0]) * (1 if view.index == left else -1)
         disparity[~found] = 0.0 - rig.doffs(left, right) if sky else np.inf  # not -0.0
-    return disparity
+    return pixels, disparity, visible
 
 
 def _in_order(rig: Rig, a: int, b: int) -> tuple[int, int]:

@@ -72,11 +72,8 @@ def builtin_sensor(camera: Camera, world_from_cam: Float, lens: Lens, film: Plug
         "sampler": sampler,
     }
     if lens.aperture_diameter > 0:
-        plugin |= {
-            "type": "thinlens",
-            "aperture_radius": 0.5 * lens.aperture_diameter,
-            "focus_distance": 1.0 / lens.vergence,
-        }
+        plugin |= {"type": "thinlens", "aperture_radius": 0.5 * lens.aperture_diameter}
+        plugin["focus_distance"] = 1.0 / lens.vergence
     return mi.load_dict(plugin)
 
 

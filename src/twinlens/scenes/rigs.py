@@ -140,8 +140,6 @@ class RigBase(Viewed):
             if count < 2:
                 raise InputError("misalignment: a table is for the second camera, and this rig has one; give a list")
             errors = [errors if i == 1 else Misalignment() for i in range(count)]
-        if len(errors) != count:
-            raise InputError(f"misalignment: must be a list of {count} tables, got {len(errors)}")
         return misaligned(rig, errors)
 
 

@@ -110,9 +110,8 @@ class Sensor:
             value = getattr(self, name)
             if not isinstance(value, (bool, np.bool_)) and not (name == "vignetting" and value is None):
                 raise InputError(f"sensor {name} must be True or False, got {format_value(value)}")
-        for name, known in (("filters", picture.FILTERS), ("output", OUTPUTS)):
-            value = getattr(self, name)
-            check_known(f"sensor {name}", value, known)
+        check_known("sensor filters", self.filters, picture.FILTERS)
+        check_known("sensor output", self.output, OUTPUTS)
         if not isinstance(self.mismatch, Mismatch):
             raise InputError(f"sensor mismatch must be a Mismatch, got {format_value(self.mismatch)}")
         self.mismatch.applied(Exposure(self.longest_exposure, self.largest_gain))
