@@ -7,7 +7,7 @@ import pytest
 
 from tests.dataset import dataset_scene
 from twinlens.dataset import Dataset, Manifest, Row, describe, place, verify_place, write_manifest, write_sample
-from twinlens.dataset.verify import repair_hint, unchecked, unfinished
+from twinlens.dataset.verify import missing_parts, repair_hint
 from twinlens.errors import FileError
 
 NAMES = ("a", "train/0")
@@ -42,8 +42,7 @@ def test_a_complete_dataset_has_no_findings(root):
     (root / "notes").mkdir()
     (root / "notes" / "todo.txt").touch()
     assert wrong(root) == {}
-    assert unchecked(root) == ""
-    assert unfinished(root) == ""
+    assert missing_parts(root) == ""
 
 
 def test_verification_in_a_bucket(tmp_path):
@@ -89,7 +88,7 @@ def test_a_removed_list_is_reported(root):
     assert name == "dataset.json"
     assert finding.startswith("is missing, so no checksums can be verified; 1 found without it; ")
     assert finding.endswith("if `twinlens generate` made them, rerun it to restore the file")
-    assert unchecked(root).startswith("no dataset.json: ")
+    assert missing_parts(root).startswith("no dataset.json: ")
     # The folder of a single sample needs no dataset.json.
     assert wrong(root / "a") == {}
 
@@ -122,9 +121,9 @@ def test_missing_samples_are_counted_and_not_findings(root, count, info, expecte
     write_manifest(root, Manifest(Dataset(root).manifest.rows, {"count": count}, info=info))
     describe(root)
     assert wrong(root) == {}
-    assert expected in unfinished(root)
-    assert bool(expected) == bool(unfinished(root))
-    assert ("make the missing" in unfinished(root)) == (count == 5)
+    assert expected in missing_parts(root)
+    assert bool(expected) == bool(missing_parts(root))
+    assert ("make the missing" in missing_parts(root)) == (count == 5)
 
 
 def test_metadata_of_an_unfinished_dataset_is_not_checked(root):
@@ -151,9 +150,7 @@ def test_an_unreadable_row_is_reported_and_its_sample_checked(root):
 
 def test_nothing_is_counted_without_a_readable_list(root):
     (root / "dataset.json").write_text("{")
-    assert unfinished(root) == ""
-    (root / "dataset.json").unlink()
-    assert unfinished(root) == ""
+    assert missing_parts(root) == ""
 
 
 def test_repair_hint_for_samples_of_generate(root):

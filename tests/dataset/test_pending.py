@@ -8,7 +8,7 @@ from tests.dataset import dataset_scene
 from twinlens.dataset import Dataset, Manifest, Row, place, verify, verify_place, write_manifest, write_sample
 from twinlens.dataset.files import hash_files, write_file
 from twinlens.dataset.record import encode_json
-from twinlens.dataset.verify import repair_hint, unfinished
+from twinlens.dataset.verify import missing_parts, repair_hint
 from twinlens.errors import FileError
 from twinlens.factory.plan import sample_name
 
@@ -59,7 +59,7 @@ def test_pending_samples_are_verified(tmp_path, where):
     ],
 )
 def test_pending_samples_are_counted(tmp_path, count, failed, expected):
-    line = unfinished(shards(tmp_path / "set", count, failed=failed))
+    line = missing_parts(shards(tmp_path / "set", count, failed=failed))
     assert line.startswith(f"dataset.json lists 0 of {count} samples; ")
     assert expected in line
 
@@ -75,7 +75,7 @@ def test_a_sample_without_a_row_is_pending_in_an_unfinished_dataset(tmp_path, wh
     shards(root, 6, **MADE_WITH)
     write_sample(root / sample_name(5), dataset_scene.sample())
     assert dict(verify_place(root)) == {"dataset.json": [], "0000000": [], "0000002": [], "0000005": []}
-    assert "3 made but not listed yet (1 without checksums); rerun" in unfinished(root)
+    assert "3 made but not listed yet (1 without checksums); rerun" in missing_parts(root)
     (root / "0000005" / "disp0.pfm").write_bytes(b"")
     assert wrong(root)["0000005"][0].startswith("disp0.pfm: not a PFM")
 
@@ -107,7 +107,7 @@ def test_incomplete_samples_are_reported_on_disk_only(tmp_path):
 def test_a_dataset_without_samples_yet_has_no_findings(tmp_path):
     write_manifest(tmp_path, Manifest((), {"count": 3}, info={"complete": False, **MADE_WITH}))
     assert list(verify_place(tmp_path)) == [("dataset.json", [])]
-    assert unfinished(tmp_path).startswith("dataset.json lists 0 of 3 samples; ")
+    assert missing_parts(tmp_path).startswith("dataset.json lists 0 of 3 samples; ")
 
 
 @pytest.mark.parametrize("step", ["_sample_folders", "pending_rows"])
@@ -141,7 +141,7 @@ def test_a_sample_that_appears_during_verification_has_its_row_or_is_not_seen(tm
         return seen
 
     monkeypatch.setattr(verify, step, look_and_change)
-    line = unfinished(root)
+    line = missing_parts(root)
     assert " made but not listed yet; " in line, "each with its checksums"
     assert line.startswith("dataset.json lists 0 of 4")
 
@@ -193,7 +193,7 @@ def test_an_unreadable_row_is_reported(tmp_path, row, expected):
     ((name, (finding,)),) = wrong(root).items()
     assert name == "dataset.json"
     assert finding.startswith(f".rows/0000000.json: {expected}")
-    assert "(1 without checksums)" in unfinished(root)
+    assert "(1 without checksums)" in missing_parts(root)
 
 
 def test_repair_hint_for_pending_samples(tmp_path):

@@ -6,7 +6,7 @@ from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import PLACE
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Place, verify_place
-from twinlens.dataset.verify import repair_hint, unchecked, unfinished
+from twinlens.dataset.verify import missing_parts, repair_hint
 
 
 @click.command("verify")
@@ -29,7 +29,7 @@ def command(dataset: Place, as_json: bool) -> int:
         for name, lines in () if as_json else findings.items():
             for line in lines:
                 click.echo(f"{name}: {line}")
-    for note in filter(None, (unchecked(dataset), unfinished(dataset))):
+    if note := missing_parts(dataset):
         click.echo(f"{dataset}: {note}", err=True)
     whole = findings.pop("dataset.json", [])
     damaged = sum(map(bool, findings.values()))

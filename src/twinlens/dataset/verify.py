@@ -60,17 +60,13 @@ def verify_place(where: Where, progress: Callable[[float, str], None] | None = N
         yield sample.name, verify_sample(sample)
 
 
-def unchecked(where: Where) -> str:
-    """One line if there are no checksums to verify; else empty."""
-    exists = (place(where) / MANIFEST).is_file()
-    return "" if exists else f"no {MANIFEST}: files were checked for consistency, but not against checksums"
-
-
-def unfinished(where: Where) -> str:
-    """One line that counts the missing, pending and failed samples of a recipe; empty if the dataset is complete.
+def missing_parts(where: Where) -> str:
+    """One line if there are no checksums, or with the counts of missing, pending and failed samples; else empty.
 
     Also empty if dataset.json cannot be read, which `verify_place` reports.
     """
+    if not (place(where) / MANIFEST).is_file():
+        return f"no {MANIFEST}: files were checked for consistency, but not against checksums"
     try:
         manifest, samples, _ = _state(place(where))
     except FileError:
