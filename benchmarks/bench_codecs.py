@@ -21,9 +21,10 @@ from rich.table import Table
 
 from twinlens.camera import ThinLens
 from twinlens.camera.truth import Truth
-from twinlens.dataset import Dataset, Sample, Shot, sample_files, write_sample
+from twinlens.dataset import Dataset, Sample, Shot, write_sample
 from twinlens.dataset.codecs.exr import decode_exr
 from twinlens.dataset.codecs.png import decode_png, encode_png
+from twinlens.dataset.sample import sample_files
 from twinlens.dataset.truth_files import encode_truth
 from twinlens.scoring import motorcycle
 

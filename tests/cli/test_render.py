@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from twinlens.camera import BareAperture, BrownConrady, MaskAperture, ThinLens
-from twinlens.dataset import Dataset, Manifest, Row, place, read_manifest, sample_files, write_manifest, write_png
+from twinlens.dataset import Dataset, Manifest, Row, place, read_manifest, write_manifest, write_png
+from twinlens.dataset.sample import sample_files
 from twinlens.factory import remake
 from twinlens.rendering import backend
 from twinlens.scenes import load_scene

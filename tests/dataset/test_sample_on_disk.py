@@ -15,9 +15,10 @@ import pytest
 
 from tests.dataset import dataset_scene
 from twinlens.camera import Rig
-from twinlens.dataset import Dataset, Shot, StoredSample, sample_files, write_sample
+from twinlens.dataset import Dataset, Shot, StoredSample, write_sample
 from twinlens.dataset.files import hash_files
 from twinlens.dataset.record import plain
+from twinlens.dataset.sample import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError, InputError, OutputError
 from twinlens.optics import circle_of_confusion_px

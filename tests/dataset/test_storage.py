@@ -10,9 +10,10 @@ import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
 from tests.dataset import dataset_scene
-from twinlens.dataset import Dataset, Manifest, place, read_manifest, sample_files, write_manifest, write_sample
+from twinlens.dataset import Dataset, Manifest, place, read_manifest, write_manifest, write_sample
 from twinlens.dataset.dataset import row_of
 from twinlens.dataset.files import read_bytes, remove_unfinished, write_file, write_folder
+from twinlens.dataset.sample import sample_files
 from twinlens.dataset.storage import MARK, RemotePath, is_whole, remove_objects
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import FileError, InputError, MissingExtraError, OutputError

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from tests.factory_recipes import RECIPE, digests, write_recipe
-from twinlens.dataset import Dataset, Manifest, Row, read_manifest, sample_files, write_manifest
+from twinlens.dataset import Dataset, Manifest, Row, read_manifest, write_manifest
 from twinlens.dataset.files import locked
+from twinlens.dataset.sample import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import BackendError, FileError, InputError, OutputError
 from twinlens.factory import estimate, generate, make, produce, read_recipe

@@ -11,8 +11,9 @@ import pytest
 
 from tests.scoring import scoring_loops as naive
 from tests.scoring.scoring_methods import pair
-from twinlens.dataset import Calibration, encode_png, write_pfm, write_png
+from twinlens.dataset import Calibration, write_pfm, write_png
 from twinlens.dataset.codecs.pfm import encode_pfm
+from twinlens.dataset.codecs.png import encode_png
 from twinlens.errors import FileError
 from twinlens.scoring import Pair, open_submission, run_benchmark
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera.rectification import rectify
-from twinlens.dataset import StoredSample, encode_png
+from twinlens.dataset import StoredSample
+from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.record import encode_json
 from twinlens.errors import InputError
 from twinlens.reconstruction.evaluation import compare

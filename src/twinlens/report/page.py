@@ -13,7 +13,6 @@ import json
 import math
 import os
 import re
-import typing
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
@@ -38,14 +37,9 @@ NO_ESTIMATE = (102, 112, 127)  # slate
 COLORMAPS = {name: colourise(np.arange(256), 0, 255, name) for name in ("viridis", "magma", "berlin")}
 """uint8 (256, 3) sRGB. All are perceptually uniform and readable with colour vision deficiencies; berlin diverges
 around black."""
+Maps = scoring.MapFolder | Mapping[tuple[str, str], NDArray[np.floating[Any]]]
+"""The (H, W) maps by (method, sample), +inf unknown."""
 _SCRIPTS = ("core.js", "table.js", "maps.js", "drill.js")
-
-
-class Maps(typing.Protocol):
-    """Source of disparity maps, e.g. a dict keyed by (method, sample)."""
-
-    def get(self, key: tuple[str, str], /) -> NDArray[np.floating[Any]] | None:
-        """The (H, W) map of that method on that sample, +inf unknown, or None."""
 
 
 def write_page(

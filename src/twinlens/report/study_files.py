@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.dataset import encode_png
+from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import write_file
 from twinlens.dataset.pictures import rgb8
 from twinlens.dataset.record import encode_json
