@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy  # imports scipy.stats at its first use, which takes 0.7 s
 from numpy.typing import NDArray
-from scipy import stats
 
 from twinlens.errors import InputError
 from twinlens.scoring.board import Board
@@ -136,7 +136,7 @@ def sample_ranks(board: Board, methods: Sequence[str], protocol: str, region: st
     if not rows:
         raise InputError(f"{board.title}: no sample has scores of all {len(methods)} shared methods in {region!r}")
     values = np.asarray(rows)
-    ranks: Ranks = stats.rankdata(np.where(np.isnan(values), np.inf, values), axis=1)
+    ranks: Ranks = scipy.stats.rankdata(np.where(np.isnan(values), np.inf, values), axis=1)
     return ranks
 
 
@@ -156,13 +156,14 @@ def _interval(value: float, values: Sequence[float]) -> CorrelationInterval:
     return CorrelationInterval(value, float(low), float(high))
 
 
-def _correlation(function: Callable[..., Any]) -> Callable[[Ranks, Ranks], float]:
-    def value(x: Ranks, y: Ranks) -> float:
-        x, y = np.round(x, 9), np.round(y, 9)  # tied mean ranks may differ in the last bit
-        return math.nan if np.ptp(x) == 0 or np.ptp(y) == 0 else float(function(x, y).statistic)
-
-    return value
+def _tau(x: Ranks, y: Ranks) -> float:
+    return _correlation(scipy.stats.kendalltau, x, y)
 
 
-_tau = _correlation(stats.kendalltau)
-_rho = _correlation(stats.spearmanr)
+def _rho(x: Ranks, y: Ranks) -> float:
+    return _correlation(scipy.stats.spearmanr, x, y)
+
+
+def _correlation(function: Callable[..., Any], x: Ranks, y: Ranks) -> float:
+    x, y = np.round(x, 9), np.round(y, 9)  # tied mean ranks may differ in the last bit
+    return math.nan if np.ptp(x) == 0 or np.ptp(y) == 0 else float(function(x, y).statistic)

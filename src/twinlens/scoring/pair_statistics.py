@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy  # imports its parts at their first use; scipy.stats takes 0.7 s
 from numpy.typing import NDArray
-from scipy import ndimage, optimize, stats
+from scipy import ndimage
 
 from twinlens.errors import InputError
 from twinlens.matching import grey
@@ -85,7 +86,7 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
         "flat": float((contrast < _FLAT_SD).mean()),
         "contrast": float(np.median(contrast)),
         "gradient": float(np.median(np.hypot(down, across))),
-        "kurtosis": float(stats.kurtosis(np.diff(left, axis=1), axis=None, fisher=False)),
+        "kurtosis": float(scipy.stats.kurtosis(np.diff(left, axis=1), axis=None, fisher=False)),
         **_spectrum_slopes(left),
         "correlation": _correlation(left, warped, used),
         "occluded": float(hidden.sum() / known.sum()) if known.any() else math.nan,
@@ -143,14 +144,14 @@ def robust_line(x: Grey, y: Grey) -> tuple[float, float]:
     """Gain and offset of y = g x + o by Huber's loss, its scale from the median absolute difference of x and y."""
     scale = max(_HUBER * _mad(y - x), 1e-6)
     design = np.stack([x, np.ones_like(x)], axis=1)
-    fit = optimize.least_squares(
+    fit = scipy.optimize.least_squares(
         lambda p: design @ p - y, (1.0, 0.0), jac=lambda p: design, loss="huber", f_scale=scale, x_scale=(1e-2, 1.0)
     )
     return float(fit.x[0]), float(fit.x[1])
 
 
 def _mad(values: Grey) -> float:
-    return float(stats.median_abs_deviation(values, scale="normal"))
+    return float(scipy.stats.median_abs_deviation(values, scale="normal"))
 
 
 def _wavelet_noise(image: Grey) -> float:
