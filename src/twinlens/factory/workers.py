@@ -4,6 +4,7 @@ An engine makes the samples of some indices and yields each one once it is on th
 """
 
 import functools
+import gc
 import os
 import signal
 from collections import Counter
@@ -292,4 +293,5 @@ def _work(order: Order, threads: int) -> Work:
         raise InputError(f"this worker has other source files than the dataset's: {changed_sources}")
     if work.recipe.kind == "family":
         share_kernels()
+    gc.freeze()  # collections after each sample would visit the objects of all modules, in 70 ms
     return work
