@@ -44,6 +44,17 @@ class Guides:
         )
         return Guides(albedo, normal, count)
 
+    def binned(self) -> "Guides":
+        """At half the resolution."""
+        return Guides(binned(self.albedo), binned(self.normal), self.count)
+
+
+def binned(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Means over 2x2 pixels of an image (H, W, 3); the last row and column are repeated if their number is odd."""
+    height, width = (size + size % 2 for size in image.shape[:2])
+    even = np.pad(image, ((0, height - len(image)), (0, width - image.shape[1]), (0, 0)), mode="edge")
+    return np.asarray(even.reshape(height // 2, 2, width // 2, 2, 3).mean(axis=(1, 3), dtype=np.float32))
+
 
 def render_guides(
     built: BuiltScene, camera: Camera, pose: Float, lens: Lens, passes: Iterable[tuple[str, int, int]]

@@ -1,12 +1,14 @@
 """Images with an estimate of their remaining rendering noise, and more samples until it is low enough.
 
 The samples are rendered in two independent halves A and B. In raw images |A - B| / 2 estimates the standard deviation
-of the mean. A denoised image is filtered from all samples; its halves are filtered separately, with a fast network and
-with guides from half of the guides' samples each, so that the estimate includes the noise of the guides. The estimate
-is |A - B| / 1.59: noise alone would give 2, and the filter's bias, which halves share, gives less. The divisor was
-chosen on fifteen random and bundled views with 16 samples, and a small scene with 4. In the median over windows of 9x9
-pixels, the estimate is 0.66 times the true error on one of these views, and 0.75 to 1.25 times on the others; on
-twelve other random views 0.83 to 1.29 times (benchmarks/bench_noise_estimate.py).
+of the mean. A denoised image is filtered from all samples; its halves are filtered separately, at half the resolution,
+with a fast network and with guides from half of the guides' samples each, so that the estimate includes the noise of
+the guides. The estimate is |A - B| / 1.62: noise alone would give 2 at the full resolution, and the filter's bias,
+which halves share, gives less. At the full resolution, at four times the cost, the divisor was 1.59, chosen on fifteen
+random and bundled views with 16 samples, and a small scene with 4. At half the resolution, it was chosen for the same
+estimate on 24 random views, on which the two differ by up to 15 %. In the median over windows of 9x9 pixels, the
+estimate is 0.69 to 1.30 times the true error on 28 other random views, and within 25 % of it on 23
+(benchmarks/bench_noise_estimate.py).
 """
 
 import math
@@ -22,7 +24,7 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.rendering.build import build
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image
-from twinlens.rendering.guides import Guides
+from twinlens.rendering.guides import Guides, binned
 from twinlens.rendering.radiance import (
     SAMPLERS,
     Progress,
@@ -41,14 +43,14 @@ MAX_SPP = 1024
 """Limit of the doubled samples per pixel. A request for more is rendered without doubling."""
 
 _NOISE_STREAM = 3
-_HALVES_PER_ERROR = 1.59  # standard deviation of the difference of denoised halves, over the error of the whole
+_HALVES_PER_ERROR = 1.62  # standard deviation of the difference of denoised halves, over the error of the whole
 
 
 @dataclass(frozen=True, eq=False)
 class NoisyImage:
     """Linear radiance and an estimate of its error, both float32 (H, W, 3).
 
-    The estimate is one random draw in each pixel: average its square over windows of pixels.
+    The estimate is one random draw in each pixel, or in each 2x2 pixels if denoised: average its square over windows.
     """
 
     image: NDArray[np.float32]
@@ -115,9 +117,13 @@ def _measured(
     a, b = (total / counts[:, None, None, None]).astype(np.float32)
     if not others:
         return NoisyImage(mean, np.abs(a - b) * np.float32(math.sqrt(counts.prod()) / counts.sum()))
-    difference = denoise_image(a, others[0], owns[0], fast=True) - denoise_image(b, others[1], owns[1], fast=True)
     denoised = denoise_image(mean, others[0] + others[1], _joined(*owns))
-    return NoisyImage(denoised, np.abs(difference) / np.float32(_HALVES_PER_ERROR))
+    small = [
+        denoise_image(binned(image), other.binned(), own and own.binned(), fast=True)
+        for image, other, own in zip((a, b), others, owns, strict=True)
+    ]
+    error = np.abs(small[0] - small[1]) / np.float32(_HALVES_PER_ERROR)
+    return NoisyImage(denoised, error.repeat(2, axis=0).repeat(2, axis=1)[: len(a), : a.shape[1]])
 
 
 def _joined(a: Guides | None, b: Guides | None) -> Guides | None:
