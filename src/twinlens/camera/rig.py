@@ -126,7 +126,7 @@ class Misalignment:
     """The error of one camera against its calibration.
 
     vertical_px : shift of the image down, pixels (added to cy).
-    pitch_deg, yaw_deg, roll_deg : rotations of less than 90 degrees about the calibrated x, y and z axes, in this
+    pitch_deg, yaw_deg, roll_deg : rotations of up to 89.999 degrees about the calibrated x, y and z axes, in this
     order: R = Rz(roll) Ry(yaw) Rx(pitch).
     focal : factor of the focal length, > 0.
     k1 : added to the distortion's first radial coefficient.
