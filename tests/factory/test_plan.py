@@ -55,6 +55,13 @@ def test_scenes_and_sweeps_make_a_full_factorial_and_begin_again():
     assert cells[0][0] != cells[1][0]
 
 
+@pytest.mark.parametrize("changes", [{}, {"weights": [3, 1]}, {"spp": {"sweep": [1, 2, 3]}}])
+def test_a_value_per_scene_follows_the_scene(changes):
+    of = recipe(rig={"baseline": {"per_scene": [0.07, 0.17]}}, **changes)
+    found = {(plan(of, i).scene, plan(of, i).drawn["rig"]["baseline"]) for i in range(40)}
+    assert found == {("cards", 0.07), ("staircase", 0.17)}
+
+
 def test_weights_say_how_often_a_scene_comes():
     of = recipe(weights=[3, 1])
     count = sum(plan(of, i).scene == "cards" for i in range(1000))

@@ -160,8 +160,9 @@ def test_every_key_is_read():
         (
             "rig.baseline",
             {"gauss": [0.1, 0.2]},
-            "rig.baseline: .*; distributions are uniform, log_uniform, integers, normal, choice, sweep$",
+            "rig.baseline: .*; distributions are uniform, log_uniform, integers, normal, choice, sweep, per_scene$",
         ),
+        ("rig.baseline", {"per_scene": [0.1] * 9}, "rig.baseline: per_scene needs . values, one for each .*, got 9"),
         (
             "width",
             {"uniform": [320, 640]},
@@ -252,7 +253,7 @@ scalars = st.one_of(
     ),
     st.just(datetime.date(2026, 1, 1)),
 )
-kinds = st.sampled_from(["uniform", "log_uniform", "integers", "normal", "choice", "sweep"])
+kinds = st.sampled_from(["uniform", "log_uniform", "integers", "normal", "choice", "sweep", "per_scene"])
 distributions = st.builds(
     lambda kind, values, rest: {kind: values, **rest},
     kinds,

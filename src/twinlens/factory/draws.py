@@ -47,7 +47,7 @@ class Distribution(StrictModel):
         return list(getattr(self, self.kind))
 
     def draw(self, rng: np.random.Generator) -> Any:
-        """One value. A sweep has the first; `plan` takes the others by the index."""
+        """One value. `plan` chooses those of a sweep and of a list per scene."""
         return self.values[0]
 
 
@@ -134,8 +134,14 @@ class Sweep(Distribution):
     sweep: Values
 
 
+class PerScene(Distribution):
+    """One value for each scene or family of the recipe, in their order."""
+
+    per_scene: Values
+
+
 KINDS: dict[str, type[Distribution]] = {
-    next(iter(kind.model_fields)): kind for kind in (Uniform, LogUniform, Integers, Normal, Choice, Sweep)
+    next(iter(kind.model_fields)): kind for kind in (Uniform, LogUniform, Integers, Normal, Choice, Sweep, PerScene)
 }
 """Every distribution, by the key that names it."""
 
@@ -151,6 +157,11 @@ class Leaf:
     def is_sweep(self) -> bool:
         """Whether its values are given by the index of the sample instead of drawn."""
         return isinstance(self.distribution, Sweep)
+
+    @property
+    def is_per_scene(self) -> bool:
+        """Whether it has one value for each scene or family."""
+        return isinstance(self.distribution, PerScene)
 
 
 def template(value: Any, file: str | Path, key: str = "", depth: int = 0) -> Any:

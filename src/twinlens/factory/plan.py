@@ -70,6 +70,8 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
     def choose(leaf: Leaf) -> Any:
         if leaf.is_sweep:
             return leaf.distribution.values[digits[leaf.key]]
+        if leaf.is_per_scene:
+            return leaf.distribution.values[chosen]
         return leaf.distribution.draw(generator(recipe.seed, "draw", index, attempt, leaf.key))
 
     seed = int(generator(recipe.seed, "sample", index, attempt).integers(1 << _SEED_BITS))
@@ -90,7 +92,8 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
 def is_fixed(recipe: Recipe) -> bool:
     """Whether all draws of a sample differ in noise only: the scene is from a file, and nothing else is random."""
     chosen = recipe.weights is None or len(recipe.names) == 1
-    return chosen and recipe.kind == "scene" and all(leaf.is_sweep for leaf in leaves(recipe.drawn))
+    random = any(not leaf.is_sweep and not leaf.is_per_scene for leaf in leaves(recipe.drawn))
+    return chosen and recipe.kind == "scene" and not random
 
 
 def sample_name(index: int) -> str:

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, create_model, model
 
 from twinlens.dataset.metadata import About
 from twinlens.errors import InputError, format_value, unknown
-from twinlens.factory.draws import corners, hint, normalized, template
+from twinlens.factory.draws import corners, hint, leaves, normalized, template
 from twinlens.factory.gates import Gates
 from twinlens.factory.settings import MaskTable, Settings, check_settings
 from twinlens.factory.sources import Sources
@@ -146,6 +146,12 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
     names = table.families or table.scenes
     assets = {kind: tuple(folders) for kind, folders in table.assets.model_dump(exclude_none=True).items()}
     drawn = {key: template(written[key], path, key) for key in DRAWN if key in written}
+    for leaf in leaves(drawn):
+        if leaf.is_per_scene and len(leaf.distribution.values) != len(names):
+            raise InputError(
+                f"{path}: {leaf.key}: per_scene needs {len(names)} values, one for each scene or family of the recipe, "
+                f"got {len(leaf.distribution.values)}"
+            )
     masks = _check_drawn(drawn, path, table.families or [], table.gates)
     return Recipe(
         file=path,

@@ -133,7 +133,7 @@ def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
     along = np.array([math.cos(yaw), math.sin(yaw), 0.0])
 
     def sheets(distance: float) -> tuple[Sheet, Sheet]:
-        wide = 4.0 * view.covered(distance)[0]
+        wide = 2.2 * view.covered(distance)[0]
         middle = np.array([0.0, distance, 0.0])
         wall = Sheet(middle - 0.5 * wide * along, wide * along, np.array([0, 0, 1.6 * view.covered(distance)[1] + 1]))
         return Sheet(*np.array([[-wide / 2, -0.2, 0], [wide, 0, 0], [0, 1.6 * distance + 0.2, 0]])), wall
@@ -141,7 +141,7 @@ def _add_surroundings(scene: Composition, depth_ratio: float) -> None:
     far = scene.visible_range([sheets(depth_ratio)[0].mesh()])[0] * depth_ratio
     distance = scene.backdrop_distance(lambda d: [sheet.mesh() for sheet in sheets(d)], far, far)
     floor, wall = sheets(distance)
-    for name, sheet, kinds, contrast in (("floor", floor, FLOORS, 0.45), ("wall", wall, WALLS, 0.25)):
+    for name, sheet, kinds, contrast in (("floor", floor, FLOORS, 0.55), ("wall", wall, WALLS, 0.4)):
         kind, tile = surface_pattern(rng, kinds)
         colors = wall_colors(scene.rng(name, "colours"), scene.palette, contrast)
         tile *= 0.3 * view.covered(distance)[0]

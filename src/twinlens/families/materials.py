@@ -67,7 +67,7 @@ def body_material(
         if finish in ("metal", "mirror"):
             pixels = metal_pixels(rng, n, finish)
         else:
-            pixels = pattern(name, n, rng, varied(rng, rng.permutation(palette.accents)))
+            pixels = pattern(name, n, rng, varied(rng, rng.permutation(palette.accents)), tile)
     u, v = (span * size / tile for span in solid.span)
     u, v = (float(max(1, round(u))), max(v, 0.25)) if solid.around else (u, v)
     return material(rng, finish, Bitmap(pixels, to_uv=np.diag([u, v, 1.0, 1.0])))
@@ -139,7 +139,7 @@ def furniture_material(
         tones = np.vstack([palette.accents, palette.grounds]) if word in ("fabric", "paint") else palette.accents
         fixed = _FIXED_COLORS.get(word)
         colors = varied(rng, rng.permutation(tones), 0.1) if fixed is None else varied(rng, fixed)
-        pixels = pattern(name, n, rng, colors)
+        pixels = pattern(name, n, rng, colors, tile)
     return material(rng, one_of(rng, finishes), Bitmap(pixels, to_uv=np.diag([1 / tile, 1 / tile, 1.0, 1.0])))
 
 

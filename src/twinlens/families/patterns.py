@@ -10,11 +10,13 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import cKDTree
 
-from twinlens.families.draws import STONES, WOODS, Rng, one_of, varied, weighted
+from twinlens.families.draws import STONES, WOODS, Rng, log_uniform, one_of, varied, weighted
 from twinlens.geometry import Float
 from twinlens.scenes import textures
 from twinlens.scenes.textures import Image, ramp
 
+_COARSEST, _OCTAVES = 0.04, 6  # of grain: cells of 4 cm to 1.25 mm, all of the same contrast
+_PLAIN_GRAIN, _GRAIN = (0.015, 0.14), (0.15, 0.45)  # least and largest s.d. of the logarithm of the reflectance
 _PAPER = np.array([[0.03, 0.03, 0.035], [0.8, 0.79, 0.76]])
 
 
@@ -53,7 +55,7 @@ def _marble(n: int, rng: Rng, colors: Float) -> Image:
 def _granite(n: int, rng: Rng, colors: Float) -> Image:
     stone = one_of(rng, STONES)
     tones = np.vstack([stone, stone.mean(axis=0, keepdims=True), 0.3 * stone[1:]])
-    grains = noise(n, rng, max(4, n // 16), octaves=3, gain=0.8, contrast=2.2)
+    grains = noise(n, rng, 24, octaves=4, gain=0.8, contrast=2.2)
     return ramp(grains, varied(rng, tones, 0.06))
 
 
@@ -226,12 +228,19 @@ PATTERNS: dict[str, Callable[[int, Rng, Float], Image]] = {
 """Every pattern by name: functions of the size, a random stream and colours."""
 
 
-def pattern(name: str, n: int, rng: Rng, colors: Float, mottle: float = 0.07) -> Image:
-    """A pattern with mottling, so that no surface is a single flat tone, clipped to the albedo of paint."""
+def pattern(name: str, n: int, rng: Rng, colors: Float, tile: float = 0.3) -> Image:
+    """A pattern with the grain of a surface, for a tile of `tile` metres, clipped to the albedo of paint.
+
+    Octaves of grain that are finer than a texel are left out; the contrast of the others does not depend on n.
+    """
     painted = PATTERNS[name](n, rng, colors)
-    mottle = min(mottle, 0.04) if name == "plain" else mottle  # of paint: about 3 %
-    wear = noise(n, rng, 3, octaves=6, gain=0.6) - np.float32(0.5)
-    return np.asarray(np.clip(painted * np.exp(np.float32(5 * mottle) * wear)[..., None], 0.01, 0.88), dtype=np.float32)
+    across = max(3, round(tile / _COARSEST))
+    along = max(1, across // 8) if name in ("wood", "planks") else across  # the fibres of wood are along v
+    octaves = int(np.clip(math.log2(n / across) + 1, 0, _OCTAVES))
+    grain = textures.fractal_noise(n, n, (across, along), texture_seed(rng), octaves, 1.0) - np.float32(0.5)
+    least, largest = _PLAIN_GRAIN if name == "plain" else _GRAIN
+    strength = 5 * log_uniform(rng, least, largest) * math.sqrt(octaves / _OCTAVES)
+    return np.asarray(np.clip(painted * np.exp(np.float32(strength) * grain)[..., None], 0.01, 0.88), np.float32)
 
 
 def half_size(image: Image) -> Image:

@@ -20,7 +20,7 @@ from twinlens.scenes.scene import Bitmap, Mesh, Plugin
 from twinlens.scenes.textures import Image
 
 Mask = NDArray[np.bool_]
-_MAX_TEXELS = 1024
+_MAX_TEXELS = 2048
 _BEYOND = 1.4  # of half the picture: what the right camera may see of a surface
 _MIN_COSINE = 0.25  # views at a smaller one are filtered like this one
 _SQUARE = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
@@ -73,7 +73,7 @@ def surface(
     near = max(view.pixel(float(chosen.min()) if chosen.size else 1.0), 1e-6)
     if name == "cloudy":
         colors = np.vstack([colors[:1], 0.55 * colors[:1] + 0.45 * colors[1:]])
-    image = pattern(name, texels(tile, near, _MAX_TEXELS), rng, colors)
+    image = pattern(name, texels(tile, near, 1024), rng, colors, tile)
     baked = bake(image, tile, sheet, view)
     slow = textures.fractal_noise(baked.shape[1], baked.shape[0], (2, 2), texture_seed(rng), 2, contrast=0.5)
     wear = np.float32(0.05 if name == "plain" else 0.3)
@@ -93,7 +93,8 @@ def _project(sheet: Sheet, view: View, s: Float, t: Float, reach: float = 1.05) 
 def bake(image: Image, tile: float, sheet: Sheet, view: View) -> Image:
     """A periodic image repeated over a sheet, filtered to the size of a pixel there; coarser outside the picture."""
     texel = tile / len(image)
-    columns, rows = (int(np.clip(math.ceil(length / texel / 4) * 4, 8, _MAX_TEXELS)) for length in sheet.lengths)
+    most = min(_MAX_TEXELS, 3 * view.width_px // 4 * 4)
+    columns, rows = (int(np.clip(math.ceil(length / texel / 4) * 4, 8, most)) for length in sheet.lengths)
     pyramid = [image]
     while len(pyramid[-1]) > 2:
         pyramid.append(half_size(pyramid[-1]))

@@ -69,7 +69,7 @@ def _add_surroundings(scene: Composition, depth_ratio: float, half: float) -> No
 
     def sheets(distance: float) -> dict[str, Sheet]:
         y = max(near_y + distance, behind + 0.05)
-        width = max(3.0 * view.covered(distance)[0], 2.2 * table_half)
+        width = max(2.0 * view.covered(distance)[0], 2.2 * table_half)
         far = y if edge is None else min(edge, y)
         high = 1.2 * view.covered(distance)[1] + 1.0 + _TABLE_HEIGHT
         corners_and_sides = {
@@ -84,7 +84,7 @@ def _add_surroundings(scene: Composition, depth_ratio: float, half: float) -> No
         return [sheet.mesh() for sheet in sheets(distance).values()]
 
     far = scene.visible_range(meshes(depth_ratio))[0] * depth_ratio
-    patterns = {"table": (TOPS, 0.7), "wall": (WALLS, 0.35), "floor": (FLOORS, 0.5)}
+    patterns = {"table": (TOPS, 0.8), "wall": (WALLS, 0.45), "floor": (FLOORS, 0.6)}
     rng = scene.rng("furnish")
     for name, sheet in sheets(scene.backdrop_distance(meshes, far, far)).items():
         kinds, contrast = patterns[name]

@@ -13,7 +13,7 @@ SPREADS: dict[str, tuple[float, float, float]] = {
     "gain": (0.005, 0.01, 0.05),
     "time": (0.0, 0.0, 0.1),
     "black_level": (0.25, 1.0, 3.0),
-    "f_number": (0.002, 0.024, 0.047),
+    "f_number": (0.002, 0.012, 0.047),
     "shading_right": (0.01, 0.04, 0.08),
     "shading_down": (0.01, 0.04, 0.08),
     "shading_corner": (0.01, 0.04, 0.08),
