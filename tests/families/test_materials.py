@@ -144,20 +144,42 @@ def test_finishes_have_the_gloss_of_paints_of_these_names():
     assert 78 < gloss(FINISHES["glossy"][1]) < 86
 
 
-@pytest.mark.slow
-def test_images_of_random_scenes_have_statistics_of_real_ones(tmp_path):
-    """Scenes that were not used to choose any share, contrast or tolerance: the held-out ones of docs/realism.md."""
-    (tmp_path / "held-out.toml").write_text(
+@pytest.fixture(scope="module")
+def held_out(tmp_path_factory):
+    """Statistics of scenes with which no share, contrast or tolerance was chosen: the held-out ones of docs/realism.md."""
+    folder = tmp_path_factory.mktemp("held_out")
+    (folder / "recipe.toml").write_text(
         f"seed = 1602\ncount = 12\nfamilies = {sorted(FAMILIES)}\nwidth = 700\nheight = 500\nspp = 16\n"
         "[sensor]\nfull_well = 42800\nread_noise = 4.6\ndark_current = 4.0\ndsnu = 2.0\nprnu = 0.0025\n"
         'mismatch = "typical"\n'
     )
-    generate(read_recipe(tmp_path / "held-out.toml"), tmp_path / "held-out")
-    found = summarize([pair_statistics(pair) for pair in open_pairs([tmp_path / "held-out"])])
-    for name, statistic in STATISTICS.items():
-        if name in ("largest_disparity", "width"):
-            continue
-        median, (middle, low, high) = float(f"{found[name][0]:.2g}"), statistic.real  # known to two digits
-        assert low <= median <= high, name
-        assert name == "kurtosis" or abs(median - middle) <= (high - low) / 3, name
-    assert 0.08 < found["largest_disparity"][0] < 0.12
+    generate(read_recipe(folder / "recipe.toml"), folder / "data")
+    return summarize([pair_statistics(pair) for pair in open_pairs([folder / "data"])])
+
+
+COMPARED = sorted(set(STATISTICS) - {"width", "largest_disparity"})  # the rig decides these two
+
+
+def unmet(names, missed, reason):
+    """Parameters, of which those in `missed` are known to fail."""
+    marks = pytest.mark.xfail(strict=True, reason=reason)
+    return [pytest.param(name, marks=marks) if name in missed else name for name in names]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", unmet(COMPARED, {"correlation"}, "0.9801; real pairs have 0.98 at most"))
+def test_medians_of_random_scenes_are_in_the_range_of_real_pairs(held_out, name):
+    _, low, high = STATISTICS[name].real
+    assert low <= held_out[name][0] <= high
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", unmet(COMPARED, {"kurtosis"}, "41; 23 of real pairs, 38 would be near"))
+def test_medians_of_random_scenes_are_near_those_of_real_pairs(held_out, name):
+    middle, low, high = STATISTICS[name].real
+    assert abs(held_out[name][0] - middle) <= (high - low) / 3
+
+
+@pytest.mark.slow
+def test_the_largest_disparity_of_random_scenes_is_a_tenth_of_the_width(held_out):
+    assert 0.08 < held_out["largest_disparity"][0] < 0.12
