@@ -2,12 +2,12 @@
 
     python benchmarks/bench_noise.py --references folder [--scenes tabletop,cards] [--write]
 
-Six bundled scenes at 320x240 through a pinhole and through an f/1.4 lens on a film 36 mm wide, focused at the middle of
-the scene's depths. The same sensor (10,000 electrons, the same noise) exposes every pair at the reference's exposure.
+Six bundled and eight random scenes at 320x240 through a pinhole and through an f/1.4 lens on a film 36 mm wide, focused
+at the middle of the scene's depths. The same sensor (10,000 electrons, the same noise) exposes every pair at the reference's exposure.
 Differences are absolute, in percentage points of non-occluded wrong pixels, over ZNCC, census, SGM and SAD at 1 and
 2 px; the mean and the largest of the eight. Costs are processor time, relative to raw 16.
 
-References have 1024 samples and take about 6 CPU minutes a scene and lens; they are kept in the folder. `--write`
+References have 2048 samples and take 3 to 8 CPU minutes a scene and lens; they are kept in the folder. `--write`
 replaces the tables in benchmarks/noise.md.
 """
 
@@ -20,12 +20,16 @@ import numpy as np
 
 import twinlens as tl
 from twinlens.camera import Lens
+from twinlens.factory import default_rig
+from twinlens.families import random_scene
 from twinlens.rendering import use_threads
 from twinlens.sensor import Exposure
 
-SCENES = ("tabletop", "staircase", "spheres", "cards", "room", "fence")
+BUNDLED = ("tabletop", "staircase", "spheres", "cards", "room", "fence")
+RANDOM = tuple(f"{family}-{seed}" for family in ("tabletop", "flying", "room", "cards") for seed in (8001, 8002))
+SCENES = BUNDLED + RANDOM
 METHODS = ("zncc:block_size=9", "census:block_size=9", "sgm", "sad:block_size=9")
-REFERENCE_SPP, PASS = 1024, 256
+REFERENCE_SPP, PASS = 2048, 256
 KINDS = {
     "raw 16": {"spp": 16},
     "raw 24": {"spp": 24},
@@ -38,10 +42,11 @@ PAGE = Path(__file__).with_name("noise.md")
 
 
 def view(name: str, kind: str) -> tuple[tl.Scene, tl.Rig, Lens]:
-    """Scene, rig and lens of one row."""
-    scene = tl.load_scene(name)
-    camera = tl.Camera.from_fov(320, 240, scene.fov_x_deg)
-    rig = tl.Rig.stereo(camera, scene.baseline, scene.world_from_left)
+    """Scene, rig and lens of one row; FAMILY-SEED is a random scene."""
+    family, _, seed = name.partition("-")
+    scene = random_scene(family, int(seed), width=320) if seed else tl.load_scene(name)
+    rig = default_rig(scene, 320, 240, intrinsics={"sensor_width_mm": 36})
+    camera = rig.cameras[0]
     focus = tl.optics.middle_focus(*scene.depth_range)
     lens = tl.Pinhole() if kind == "pinhole" else tl.ThinLens.from_f_number(1.4, focus, 0.036 / 320 * camera.fx)
     return scene, rig, lens
