@@ -3,9 +3,9 @@
     python benchmarks/bench_noise.py --references folder [--scenes tabletop,cards] [--write]
 
 Six bundled and eight random scenes at 320x240 through a pinhole and through an f/1.4 lens on a film 36 mm wide, focused
-at the middle of the scene's depths. The same sensor (10,000 electrons, the same noise) exposes every pair at the reference's exposure.
-Differences are absolute, in percentage points of non-occluded wrong pixels, over ZNCC, census, SGM and SAD at 1 and
-2 px; the mean and the largest of the eight. Costs are processor time, relative to raw 16.
+at the middle of the scene's depths. The same sensor (10,000 electrons, the same noise) exposes every pair at the
+reference's exposure. Differences are absolute, in percentage points of non-occluded wrong pixels, over ZNCC, census,
+SGM and SAD at 1 and 2 px; the mean and the largest of the eight. Costs are processor time, relative to raw 16.
 
 References have 2048 samples and take 3 to 8 CPU minutes a scene and lens; they are kept in the folder. `--write`
 replaces the tables in benchmarks/noise.md.

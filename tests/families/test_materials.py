@@ -146,7 +146,7 @@ def test_finishes_have_the_gloss_of_paints_of_these_names():
 
 @pytest.fixture(scope="module")
 def held_out(tmp_path_factory):
-    """Statistics of scenes with which no share, contrast or tolerance was chosen: the held-out ones of docs/realism.md."""
+    """Statistics of the held-out scenes of docs/realism.md, with which no share, contrast or tolerance was chosen."""
     folder = tmp_path_factory.mktemp("held_out")
     (folder / "recipe.toml").write_text(
         f"seed = 1602\ncount = 12\nfamilies = {sorted(FAMILIES)}\nwidth = 700\nheight = 500\nspp = 16\n"
