@@ -27,7 +27,7 @@ MAY_IMPORT = {
     "sensor": UNDER_SCENES,
     "dataset": UNDER_SCENES,
     "matching": {*BASE, "dataset"},  # external programs read PNG files, which its codecs write
-    "scoring": {*UNDER_SCENES, "dataset", "matching"},
+    "scoring": {*UNDER_SCENES, "sensor", "dataset", "matching"},
     "reconstruction": {*UNDER_SCENES, "dataset"},
     "factory": {*UNDER_SCENES, "scenes", "families", "rendering", "sensor", "dataset"},
 }

@@ -8,44 +8,60 @@ import click
 from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import FIGURE_FILE
 from twinlens.cli.progress import progress_bar
+from twinlens.dataset import Dataset
 from twinlens.dataset.files import write_file
 from twinlens.report.plots import pair_figure
-from twinlens.scoring import STATISTICS, open_pairs, pair_statistics, summarize
+from twinlens.scoring import STATISTICS, fit_recipe, open_pairs, pair_statistics, recipe_toml, summarize
 
 
 @click.command("statistics")
 @click.argument("datasets", nargs=-1, required=True, metavar="DATASET...")
 @click.option("-o", "--output", type=FIGURE_FILE, help="Write a figure, a PNG or SVG file.")
+@click.option("--like", help="Print the recipe of DATASET, fitted to the pairs of this folder, under the statistics.")
 @json_option("the statistics of each pair and their summary")
-def command(datasets: tuple[str, ...], output: Path | None, as_json: bool) -> None:
+def command(datasets: tuple[str, ...], output: Path | None, like: str | None, as_json: bool) -> None:
     """Measure noise, texture and left-right differences of the pairs of DATASET..., beside those of 24 real pairs.
 
     DATASET is a folder with images and true disparity, or "motorcycle". Prints medians with 10 % and 90 % quantiles.
+    With --like, the output is a recipe whose comments are the statistics.
 
     \b
     Example:  twinlens statistics out -o statistics.png
               twinlens statistics motorcycle --json
+              twinlens statistics out --like my-pairs > like.toml
     """
-    pairs = open_pairs(datasets)
-    rows = {}
+    if like is not None and len(datasets) > 1:
+        raise click.UsageError("--like fits the recipe of one DATASET")
+    sets = [open_pairs(names) for names in (datasets, *([[like]] if like else []))]
+    rows: list[dict[str, dict[str, float]]] = [{} for _ in sets]
     with progress_bar("measuring") as report:
-        for i, pair in enumerate(pairs):
-            report(i / len(pairs), pair.name)
-            rows[pair.name] = pair_statistics(pair)
-    summary = summarize(list(rows.values()))
+        for pairs, found in zip(sets, rows, strict=True):
+            for i, pair in enumerate(pairs):
+                report(i / len(pairs), pair.name)
+                found[pair.name] = pair_statistics(pair)
+        report(1.0, "recipe")
+        recipe, notes = fit_recipe(Dataset(datasets[0]), sets[1]) if like else ({}, ())
+    summaries = [summarize(list(found.values())) for found in rows]
     if output is not None:
-        write_file(output, pair_figure(list(rows.values()), output.suffix.lower()[1:]))
+        write_file(output, pair_figure(list(rows[0].values()), output.suffix.lower()[1:]))
     if as_json:
-        print_json({"pairs": rows, "summary": summary, "real": {name: s.real for name, s in STATISTICS.items()}})
+        record = {"pairs": rows[0], "summary": summaries[0], "real": {name: s.real for name, s in STATISTICS.items()}}
+        fit = {"like": {"pairs": rows[-1], "summary": summaries[-1]}, "recipe": recipe, "notes": notes}
+        print_json(record | (fit if like else {}))
         return
-    lines = [("statistic", "unit", f"{len(rows)} pair{'s' * (len(rows) != 1)}", "24 real pairs", "")]
+    counts = [f"{len(found)} pair{'s' * (len(found) != 1)}" for found in rows]
+    lines = [("statistic", "unit", counts[0], *(f"like: {count}" for count in counts[1:]), "24 real pairs", "")]
     for name, statistic in STATISTICS.items():
-        lines.append((name, statistic.unit, _text(summary[name]), _text(statistic.real), statistic.text))
+        values = [_text(summary[name]) for summary in summaries]
+        lines.append((name, statistic.unit, *values, _text(statistic.real), statistic.text))
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    comment = "# " if like else ""
     for line in lines:
-        click.echo("  ".join(f"{text:{width}}" for text, width in zip(line, widths, strict=True)).rstrip())
+        click.echo(comment + "  ".join(f"{text:{width}}" for text, width in zip(line, widths, strict=True)).rstrip())
     if output is not None:
-        click.echo(f"figure: {output}")
+        click.echo(f"{comment}figure: {output}")
+    if like:
+        click.echo("".join(f"# {note}\n" for note in notes) + recipe_toml(recipe), nl=False)
 
 
 def _text(values: tuple[float, float, float]) -> str:

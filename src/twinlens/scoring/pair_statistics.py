@@ -70,19 +70,16 @@ def pair_statistics(pair: Pair) -> dict[str, float]:
     height, width = pair.disp0.shape
     if min(height, width) < 32:
         raise InputError(f"{pair.name}: {width} x {height} pixels; statistics need 32 x 32 or more")
-    left, right = grey_levels(pair.im0), grey_levels(pair.im1)
-    known = np.isfinite(pair.disp0)
-    hidden = np.zeros_like(known) if pair.mask0_nonocc is None else known & occluded(pair.mask0_nonocc)
-    warped = warp_right(right, pair.disp0)
-    used = known & ~hidden & np.isfinite(warped) & ~discontinuity(pair.disp0, _JUMP_WINDOW, _JUMP_PX)
+    left, warped, used, hidden = compared(pair)
+    known, (noise, share) = np.isfinite(pair.disp0), appearance(left)
     down, across = np.gradient(left)
     windows = np.lib.stride_tricks.sliding_window_view(left, (_WINDOW, _WINDOW))
     contrast = np.stack([row.std(axis=(1, 2)) for row in windows])  # row by row, to save memory
     return {
         **_differences(left, warped, used),
-        "noise": _wavelet_noise(left),
+        "noise": math.sqrt(noise),
         "flat_noise": _flat_noise(left),
-        "textureless": float(textureless(np.rint(left).astype(np.uint8)).mean()),
+        "textureless": share,
         "flat": float((contrast < _FLAT_SD).mean()),
         "contrast": float(np.median(contrast)),
         "gradient": float(np.median(np.hypot(down, across))),
@@ -108,6 +105,20 @@ def summarize(rows: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, flo
     return summary
 
 
+def compared(pair: Pair) -> tuple[Grey, Grey, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Grey levels of the left and the warped right image, the pixels to compare, and the occluded ones; (H, W) each."""
+    left, warped = grey_levels(pair.im0), warp_right(grey_levels(pair.im1), pair.disp0)
+    known = np.isfinite(pair.disp0)
+    hidden = np.zeros_like(known) if pair.mask0_nonocc is None else known & occluded(pair.mask0_nonocc)
+    jump = discontinuity(pair.disp0, _JUMP_WINDOW, _JUMP_PX)
+    return left, warped, np.isfinite(warped) & ~hidden & ~jump, hidden
+
+
+def appearance(image: Grey) -> tuple[float, float]:
+    """Variance of the noise, from wavelets, and share of textureless windows of grey levels (H, W)."""
+    return _wavelet_noise(image) ** 2, float(textureless(np.rint(image).astype(np.uint8)).mean())
+
+
 def grey_levels(image: NDArray[Any]) -> Grey:
     """A uint8 or uint16 image as grey levels, float64 (H, W), 0 to 255."""
     return grey(image / (257.0 if image.dtype == np.uint16 else 1.0))
@@ -126,28 +137,38 @@ def warp_right(right: Grey, disparity: NDArray[np.floating[Any]]) -> Grey:
 def _differences(left: Grey, warped: Grey, used: NDArray[np.bool_]) -> dict[str, float]:
     if np.count_nonzero(used) < _WINDOW**2:
         return dict.fromkeys(("low_sd", "bias", "gain", "offset", "residual"), math.nan)
-    difference = np.where(used, left - np.where(used, warped, 0.0), 0.0)
-    weight = ndimage.uniform_filter(used.astype(np.float64), _LOW_WINDOW, mode="constant")
-    low = ndimage.uniform_filter(difference, _LOW_WINDOW, mode="constant")[used] / weight[used]
-    gain, offset = robust_line(warped[used], left[used])
+    difference = left[used] - warped[used]
+    low = low_pass(difference, used)
+    design = np.stack([warped[used], np.ones_like(warped[used])], axis=1)
+    gain, offset = robust_fit(design, left[used], (1.0, 0.0), (1e-2, 1.0))
     rest = left[used] - gain * warped[used] - offset - (low - np.median(low))
     return {
         "low_sd": float(low.std()),
-        "bias": float(abs(np.median(difference[used]))),
-        "gain": abs(gain - 1.0),
-        "offset": offset,
+        "bias": float(abs(np.median(difference))),
+        "gain": float(abs(gain - 1.0)),
+        "offset": float(offset),
         "residual": _mad(rest),
     }
 
 
-def robust_line(x: Grey, y: Grey) -> tuple[float, float]:
-    """Gain and offset of y = g x + o by Huber's loss, its scale from the median absolute difference of x and y."""
-    scale = max(_HUBER * _mad(y - x), 1e-6)
-    design = np.stack([x, np.ones_like(x)], axis=1)
+def low_pass(values: Grey, used: NDArray[np.bool_]) -> Grey:
+    """21x21 mean of the values of the pixels `used` (H, W), at these pixels; (N,), as `values`."""
+    image = np.zeros(used.shape)
+    image[used] = values
+    total, weight = (ndimage.uniform_filter(each, _LOW_WINDOW, mode="constant") for each in (image, used * 1.0))
+    return np.asarray(total[used] / weight[used])
+
+
+def robust_fit(design: Grey, y: Grey, start: Sequence[float], steps: Any = "jac") -> Grey:
+    """The p of y = design p by Huber's loss, (M,); its scale is from the median absolute residual at `start`.
+
+    steps : sizes of typical changes of p; by default from the columns of `design`, (N, M).
+    """
+    scale = max(_HUBER * _mad(y - design @ np.array(start)), 1e-6)
     fit = scipy.optimize.least_squares(
-        lambda p: design @ p - y, (1.0, 0.0), jac=lambda p: design, loss="huber", f_scale=scale, x_scale=(1e-2, 1.0)
+        lambda p: design @ p - y, start, jac=lambda p: design, loss="huber", f_scale=scale, x_scale=steps
     )
-    return float(fit.x[0]), float(fit.x[1])
+    return np.asarray(fit.x)
 
 
 def _mad(values: Grey) -> float:

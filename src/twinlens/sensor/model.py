@@ -160,7 +160,7 @@ class Sensor:
         rates = checked_radiance("radiance", radiance, camera) * self.pixel_rates(camera, lens)
         if self.filters == "mono":
             rates = np.repeat(rates.sum(axis=-1, keepdims=True), 3, axis=-1)
-        return rates * self._balance() / self.full_well
+        return rates * self.balance() / self.full_well
 
     def expose(
         self,
@@ -286,7 +286,7 @@ class Sensor:
             electrons += generator(seed, "dark current", eye).poisson(dark, expected.shape)
         return np.minimum(electrons, self.full_well)
 
-    def _balance(self) -> Float:
+    def balance(self) -> Float:
         """White balance factors (3,), >= 1."""
         if not self.white_balance or self.filters == "mono":
             return np.ones(3)
@@ -298,8 +298,8 @@ class Sensor:
             return numbers.astype(np.uint8) if self.adc_bits == 8 else numbers
         linear = (numbers.astype(np.float64) - self.black_level) / (self.largest_dn - self.black_level)
         if self.filters in picture.BAYER:
-            factors = self._balance()[picture.channel_map(self.filters, *linear.shape)]
+            factors = self.balance()[picture.channel_map(self.filters, *linear.shape)]
             linear = picture.demosaic(linear * factors, self.filters)
         elif self.filters == "rgb":
-            linear = linear * self._balance()
+            linear = linear * self.balance()
         return picture.encode(mismatch.developed(linear), self.output, self.gamma, self.bits)

@@ -1,0 +1,203 @@
+"""Fit a recipe to pairs: light of the second camera, noise of the sensor, weights of the scenes.
+
+Light: with light E and tone curve G(E), at the mean of the two grey levels, a `Mismatch` makes, to second order,
+
+    right - left = E G'(E) (ln gain + a x + b y - c r^2) + G'(E) black level
+
+A robust fit over pixels gives the five values of a pair. The dataset's are recorded: the mean and variance of its
+errors, by glare, colours and vignetting, are subtracted from those of the given pairs. The low-pass variance that is
+left in these and exceeds the dataset's, over that of unit shading, is added to the variances of a, b and c.
+
+Noise: full well, dark current and radiance scale over q, read noise and DSNU over sqrt(q), and PRNU times sqrt(q)
+multiply the variance of the sensor's noise by q at any light and exposure. Variances add: q = 1 + (n^2 - m^2) / s^2,
+where n is the noise of the given pairs, m that of the dataset, s^2 the growth of m^2 when its sensor's noise is added.
+"""
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.camera import Camera, Pinhole
+from twinlens.dataset import Dataset, StoredSample
+from twinlens.errors import InputError
+from twinlens.scoring.pair_statistics import appearance, compared, grey_levels, low_pass, robust_fit
+from twinlens.scoring.samples import Pair, load_pair
+from twinlens.sensor import Exposure, Mismatch, Sensor
+from twinlens.sensor.picture import CURVES, encode
+
+Float = NDArray[np.float64]
+LIGHT = {"gain": math.inf, "shading_right": 0.3, "shading_down": 0.3, "shading_corner": 0.3, "black_level": math.inf}
+"""The fitted fields of a `Mismatch` and their limits; gain includes time and f-number."""
+
+_NOISE = {"full_well": -1, "dark_current": -1, "radiance_scale": -1, "read_noise": -0.5, "dsnu": -0.5, "prnu": 0.5}
+_LEAST_PIXELS, _DARKEST, _BRIGHTEST = 1000, 2.0, 250.0  # grey levels beyond these may be clipped
+
+
+def fit_recipe(dataset: Dataset, like: Sequence[Pair]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """The recipe of `dataset`, changed so that its pairs have the statistics of the pairs `like`; and notes on the fit.
+
+    Fitted are gain, shading and black level of the second camera, the sensor's noise, and the weights of scenes or
+    families. `like` is taken to have the dataset's tone curve. To improve the fit, repeat it with a dataset of the
+    result.
+
+    Raises InputError for a dataset that is not of `twinlens generate`, raw images, a sensor or mismatch that is drawn
+    as a whole, fewer than two pairs, and a pair with less than 1000 pixels to compare.
+    """
+    recipe = dict(dataset.manifest.recipe)
+    if not recipe:
+        raise InputError(f"{dataset.path}: has no recipe; only datasets of `twinlens generate` have one")
+    table = recipe.get("sensor", {})
+    mismatch = table.get("mismatch", {})
+    mismatch = {"level": mismatch} if isinstance(mismatch, str) else mismatch
+    if {"choice", "sweep", "per_scene"} & {*table, *mismatch}:
+        raise InputError(f"{dataset.path}: its recipe draws sensor or mismatch as a whole; a fit needs their fields")
+    shots = [(sample, k) for sample in dataset for k in range(sample.num_lenses)]
+    if len(shots) < 2 or len(like) < 2:
+        raise InputError(f"a fit needs two pairs or more in both sets, got {len(shots)} and {len(like)}")
+    sensors, scenes, errors, shares, numbers = zip(*(_measure(*shot) for shot in shots), strict=True)
+    rest, response, noise, growth = np.mean(numbers, axis=0).tolist()
+    found, slow, _ = zip(*(light_difference(pair, sensors[0]) for pair in like), strict=True)
+    extra = max(float(np.mean(slow)) - rest, 0.0) / response
+    target, share = np.mean([appearance(grey_levels(pair.im0)) for pair in like], axis=0).tolist()
+    fields, noise_note = _fitted_noise(sensors, noise, growth, target)
+    weights, weights_note = _fitted_weights(recipe, scenes, shares, share)
+    fixed = {"time": 1.0, "f_number": 1.0} if mismatch else {}
+    mismatch = {**mismatch, **fixed, **_distributions(np.array(found), np.array(errors), extra)}
+    notes = (
+        f"Fitted to {len(like)} pairs. Standard deviations are uncertain by {100 / (2 * len(like) - 2) ** 0.5:.0f} %.",
+        f"Shading: a standard deviation of {extra**0.5:.2g} is added for other slow differences.",
+        noise_note,
+        weights_note,
+        "Not fitted: brightness, blur, glare, colours and alignment of the cameras, materials of the scenes.",
+    )
+    return {**recipe, **weights, "sensor": {**table, **fields, "mismatch": mismatch}}, notes
+
+
+def light_difference(pair: Pair, sensor: Sensor) -> tuple[Float, float, float]:
+    """The values of `LIGHT`, (5,), black level in DN of `sensor`, and variances of two low-pass differences.
+
+    The first is what these values do not explain, the second the sum for a = 1, b = 1 and c = 1. Raises InputError for
+    less than 1000 pixels.
+    """
+    left, warped, used, _ = compared(pair)
+    used &= (np.fmin(left, warped) > _DARKEST) & (np.fmax(left, warped) < _BRIGHTEST)
+    if (count := np.count_nonzero(used)) < _LEAST_PIXELS:
+        where = "with truth, visible in both views and not saturated"
+        raise InputError(f"{pair.name}: {count} pixels {where}; a fit needs {_LEAST_PIXELS}")
+    energy, grey = _tone_curve(sensor)
+    slope = np.gradient(grey, energy)
+    middle = (left + warped)[used] / 2
+    offset, scale = np.interp(middle, grey, slope), np.interp(middle, grey, energy * slope)
+    (rows, columns), (height, width) = np.nonzero(used), left.shape
+    x, y = 2 * (columns - pair.disp0[used]) / (width - 1) - 1, 2 * rows / (height - 1) - 1
+    r2 = ((width * x) ** 2 + (height * y) ** 2) / (width**2 + height**2)
+    design = np.stack([scale, scale * x, scale * y, -scale * r2, offset], axis=1)
+    difference = (warped - left)[used]
+    fit = robust_fit(design, difference, [0.0] * 5)
+    rest = difference - design @ fit
+    slow = low_pass(rest, used)
+    slow_variance = float(slow.var() - (rest - slow).var() / 21**2)  # without what remains of noise
+    unit = float(sum(low_pass(column, used).var() for column in design.T[1:4]))
+    light_per_dn = grey_levels(sensor.balance()[None, None])[0, 0] / (sensor.largest_dn - sensor.black_level)
+    return np.array([math.exp(fit[0]), *fit[1:4], fit[4] / light_per_dn]), slow_variance, unit
+
+
+def recipe_toml(recipe: Mapping[str, Any], prefix: str = "") -> str:
+    """A recipe as TOML, with dotted keys; distributions and other tables that begin with a list are on one line."""
+    text = ""
+    for key, value in recipe.items():
+        if isinstance(value, Mapping) and value and not isinstance(next(iter(value.values())), list):
+            text += recipe_toml(value, f"{prefix}{key}.")
+        else:
+            line = json.dumps({key: value}, separators=(", ", " = "), ensure_ascii=False)[1:-1]
+            line = line.replace('"inf"', "inf")  # records have text in place of infinity
+            text += prefix + re.sub(r'"([A-Za-z0-9_-]+)" =', r"\1 =", line) + "\n"
+    return text
+
+
+def _measure(sample: StoredSample, k: int) -> tuple[Sensor, str, Float, float, tuple[float, ...]]:
+    """Sensor, scene, errors of light, textureless share; variances: of low-pass differences, noise, and its growth."""
+    try:
+        left, right = sample.lens(k).record["exposures"][:2]
+        scene = sample.record["record"]["spec"]["scene"]
+        sensor = Sensor(**{**left["sensor"], "mismatch": Mismatch()})
+        known = dict(right["sensor"]["mismatch"])
+        known["gain"] *= known["time"] / known["f_number"] ** 2
+        exposure = Exposure(left["time_s"], left["gain"])
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{sample.folder}: sample.json is not of this version of `twinlens generate`") from error
+    if sensor.output not in CURVES:
+        raise InputError(f"{sample.folder}: has {sensor.output} images; a fit needs {', '.join(CURVES)}")
+    pair = load_pair(sample, k)
+    grey, (found, *slow) = grey_levels(pair.im0), light_difference(pair, sensor)
+    (noise, share), (more, _) = appearance(grey), appearance(grey + _sensor_noise(pair.im0, sensor, exposure))
+    return sensor, scene, found - [known[name] for name in LIGHT], share, (*slow, noise, more - noise)
+
+
+def _tone_curve(sensor: Sensor) -> tuple[Float, Float]:
+    """Light, 0 to 1, and its grey level, (257,) each."""
+    energy = np.linspace(0, 1, 257) ** 3
+    return energy, encode(energy, sensor.output, sensor.gamma, 16) / 257
+
+
+def _sensor_noise(image: NDArray[Any], sensor: Sensor, exposure: Exposure) -> Float:
+    """Noise in grey levels (H, W), without rounding, of a camera that sees `image`."""
+    energy, grey = _tone_curve(sensor)
+    light = np.atleast_3d(np.interp(image * (255 / np.iinfo(image.dtype).max), grey, energy)) * np.ones(3)
+    view: Any = {"camera": Camera.from_fov(light.shape[1], light.shape[0], fov_x_deg=50), "lens": Pinhole()}
+    noisy = sensor.replace(adc_bits=16, bits=16, vignetting=False, serial=sensor.serial + 1)
+    clean = noisy.replace(shot_noise=False, read_noise=0.0, dark_current=0.0, prnu=0.0, dsnu=0.0)
+    radiance = light / (noisy.level_rate(np.ones_like(light), **view) * exposure.time * exposure.gain)
+    images = [grey_levels(each.expose(radiance, exposure=exposure, **view).image) for each in (noisy, clean)]
+    return np.asarray(images[0] - images[1])
+
+
+def _distributions(found: Float, errors: Float, extra: float) -> dict[str, Any]:
+    """Each field of `LIGHT` as a normal distribution within 3 s.d., or a constant if it has no spread of its own."""
+    means = found.mean(axis=0) - errors.mean(axis=0)
+    variances = np.maximum(found.var(axis=0, ddof=1) - errors.var(axis=0, ddof=1), 0.0)
+    variances[1:4] += extra
+    fields: dict[str, Any] = {}
+    for (name, limit), mean, spread in zip(LIGHT.items(), means, np.sqrt(variances), strict=True):
+        low, middle, high = (_rounded(value) for value in np.clip(mean + spread * np.array([-3, 0, 3]), -limit, limit))
+        fields[name] = {"normal": [middle, _rounded(spread)], "clip": [low, high]} if low < high else middle
+    return fields
+
+
+def _fitted_noise(
+    sensors: Sequence[Sensor], noise: float, growth: float, target: float
+) -> tuple[dict[str, float], str]:
+    """Fields of the sensor for the variance `target` of the noise, and a note."""
+    if any(sensor != sensors[0] for sensor in sensors):
+        return {}, "Noise is not fitted: the sensor differs between samples."
+    if growth <= 0 or target <= noise - growth:
+        rest = math.sqrt(max(noise - growth, 0.0))
+        return {}, f"Noise is not fitted: s.d. {target**0.5:.3g}, and {rest:.3g} here without the sensor's."
+    q = 1 + (target - noise) / growth
+    fields = {name: _rounded(getattr(sensors[0], name) * q**power) for name, power in _NOISE.items()}
+    return fields, f"Noise: the variance of the sensor's is multiplied by {q:.3g}."
+
+
+def _fitted_weights(
+    recipe: Mapping[str, Any], scenes: Sequence[str], shares: Sequence[float], target: float
+) -> tuple[dict[str, list[float]], str]:
+    """Weights of mean textureless share `target`, nearest to the present ones in least squares, and a note."""
+    names = recipe.get("families") or recipe["scenes"]
+    groups = [[share for scene, share in zip(scenes, shares, strict=True) if scene == name] for name in names]
+    means = np.array([np.mean(group) if group else math.nan for group in groups])
+    weights = np.array(recipe.get("weights") or np.ones(len(names)))
+    weights, apart = weights / weights.sum(), means - means.mean()
+    weights = weights + (target - weights @ means) * apart / max(apart @ apart, 1e-12)
+    text = f"mean textureless share {target:.2f}; {', '.join(map('{} {:.2f}'.format, names, means))}"
+    if not min(weights) >= 0 or not math.isclose(weights @ means, target):
+        return {}, f"Weights are not fitted: {text}."
+    return {"weights": [_rounded(weight) for weight in weights]}, f"Weights: {text}."
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
