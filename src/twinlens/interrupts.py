@@ -10,8 +10,8 @@ from collections.abc import Iterator
 def deferred_interrupts() -> Iterator[None]:
     """Defer SIGINT until the end of the block, then raise it once.
 
-    Only the main thread may set and runs handlers; in other threads nothing is deferred. Processes that ignore SIGINT,
-    use SIG_DFL, or handle it outside Python are not affected.
+    Only the main thread may set handlers, and runs them; in other threads nothing is deferred. Processes that ignore
+    SIGINT, use SIG_DFL, or handle it outside Python are not affected.
     """
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):

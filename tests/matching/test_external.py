@@ -9,7 +9,7 @@ import pytest
 
 import twinlens.matching as tm
 from twinlens.errors import InputError, MissingExtraError
-from twinlens.matching.external import PythonFunction
+from twinlens.matching.external import FunctionError, PythonFunction
 
 cv2 = pytest.importorskip("cv2")
 
@@ -88,6 +88,23 @@ def test_the_result_of_a_function_is_checked(case):
     function, message = RESULTS[case]
     with pytest.raises(InputError, match=message):
         PythonFunction(function).match(*scene())
+
+
+def test_an_exception_of_a_function_is_named_after_the_function():
+    def boom(*_images, **_range):
+        raise ValueError("no luck")
+
+    with pytest.raises(FunctionError, match=r"^function 'boom' failed: ValueError: no luck$") as caught:
+        tm.match(*scene(), PythonFunction(boom))
+    assert isinstance(caught.value.__cause__, ValueError)
+
+
+def test_the_search_range_has_names():
+    """By position, it could be taken for the options after it."""
+    with pytest.raises(TypeError):
+        tm.StereoMatcher("sad", 7, 32)
+    with pytest.raises(TypeError):
+        tm.Program("prog {left} {right} {out}", 32)
 
 
 COPY = """

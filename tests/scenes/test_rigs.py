@@ -113,7 +113,7 @@ def test_a_misalignment_moves_the_second_camera_and_keeps_the_calibrated_rig():
         ("look_at = [0, 0, 0]", "look_at"),
         ('layout = "grid"\nrows = 100\ncolumns = 100', "at most 1000"),
         ("misalignment = { vertical = 1 }", "did you mean 'vertical_px'"),
-        ("misalignment = [{}]", "a rig of 2 cameras needs as many misalignments, got 1"),
+        ("misalignment = [{}]", "misalignment: a rig of 2 cameras needs 2 misalignments, got 1"),
         ('layout = "line"\ncount = 1\nmisalignment = {}', "give a list"),
         ('distortion = { model = "fisheye" }', "kannala-brandt"),
         ('distortion = { model = "kannala-brandt", p1 = 1 }', "unknown key 'p1'"),

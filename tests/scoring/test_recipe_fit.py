@@ -147,8 +147,9 @@ def test_distributions_have_the_moments_without_those_of_the_errors():
     assert [more[name]["normal"][1] for name in LIGHT] == pytest.approx(
         [0.02, *[math.hypot(0.02, 0.03)] * 3, 0.02], rel=0.01
     )
-    wide = _distributions(np.array([[1.0, -0.4, 0, 0, 0], [1.0, 0.6, 0, 0, 0]]), 0 * errors, 0.0)
+    wide = _distributions(np.array([[0.6, -0.4, 0, 0, 0], [1.4, 0.6, 0, 0, 0]]), 0 * errors, 0.0)
     assert wide["shading_right"]["clip"] == [-0.3, 0.3]
+    assert wide["gain"]["clip"][0] == 0.001
 
 
 def test_weights_have_the_mean_share_and_are_nearest():

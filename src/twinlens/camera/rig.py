@@ -153,7 +153,7 @@ def misaligned(rig: Rig, errors: Sequence[Misalignment]) -> Rig:
     from scipy.spatial.transform import Rotation  # 0.3 s to import
 
     if len(errors) != len(rig):
-        raise InputError(f"a rig of {len(rig)} cameras needs as many misalignments, got {len(errors)}")
+        raise InputError(f"a rig of {len(rig)} cameras needs {len(rig)} misalignments, got {len(errors)}")
     cameras, poses = [], []
     for camera, pose, error in zip(rig.cameras, rig.world_from_cams, errors, strict=True):
         angles = (error.pitch_deg, error.yaw_deg, error.roll_deg)

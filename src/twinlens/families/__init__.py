@@ -85,7 +85,7 @@ def random_scene(
 def check_view(family: str, aspect: float, width: int, depth_range: tuple[float, float] | None) -> None:
     """Raise InputError unless a family has scenes for these settings of `random_scene`."""
     check_number("width", width, "a number of pixels >= 16", least=16)
-    check_number("aspect", aspect, "a width over height of 0.2 to 5", least=0.2, most=5)
+    check_number("aspect (width / height)", aspect, "from 0.2 to 5", least=0.2, most=5)
     if depth_range is not None:
         (near, far), ratio = depth_range, FAMILIES[family].least_ratio
         check_number("depth_range", near, "two positive numbers of metres, (near, far)", above=0.0)

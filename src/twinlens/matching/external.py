@@ -16,7 +16,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -165,7 +165,8 @@ class PythonFunction(RangeMatcher):
         except (TwinlensError, MemoryError):
             raise
         except (Exception, SystemExit) as error:
-            raise FunctionError(f"function {self.function!r} failed: {type(error).__name__}: {error}") from error
+            name = getattr(self.function, "__name__", self.function)
+            raise FunctionError(f"function {name!r} failed: {type(error).__name__}: {error}") from error
         return checked_result(result, np.shape(left)[:2], f"function {getattr(function, '__name__', function)!r}")
 
 
@@ -195,6 +196,7 @@ class Program(RangeMatcher):
         "Command line with {left} and {right}, PNG files to read, {out}, a grey PFM file to write, and optionally "
         "{num_disparities} and {min_disparity}.",
     ] = ""
+    _: KW_ONLY
     timeout_s: Annotated[float, "Seconds per match, after which the program is killed."] = 600.0
 
     def __post_init__(self) -> None:

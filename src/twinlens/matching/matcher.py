@@ -1,7 +1,7 @@
 """`StereoMatcher`: a classical stereo matcher, a frozen dataclass of its options, and its search."""
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -58,6 +58,7 @@ class StereoMatcher(RangeMatcher):
 
     cost: Annotated[str, f"Matching cost: {', '.join(COSTS)}."] = "zncc"
     block_size: Annotated[int, "Side of the window in pixels; odd."] = 9
+    _: KW_ONLY
     support: Annotated[str, f"Support region over which costs are aggregated: {', '.join(SUPPORTS)}."] = "fixed"
     census_window: Annotated[int, "Side of the window of the census and rank transforms; odd."] = 7
     prefilter: Annotated[str, "none; xsobel: compare clipped horizontal Sobel derivatives, as StereoBM does."] = "none"

@@ -140,7 +140,8 @@ class RigBase(Viewed):
             if count < 2:
                 raise InputError("misalignment: a table is for the second camera, and this rig has one; give a list")
             errors = [errors if i == 1 else Misalignment() for i in range(count)]
-        return misaligned(rig, errors)
+        with located("misalignment"):
+            return misaligned(rig, errors)
 
 
 def _placed(table: Any, scene: Scene, pose: Float) -> Rig:

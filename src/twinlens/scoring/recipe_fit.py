@@ -31,7 +31,10 @@ from twinlens.sensor import Exposure, Mismatch, Sensor
 from twinlens.sensor.picture import CURVES, encode
 
 Float = NDArray[np.float64]
-LIGHT = {"gain": math.inf, "shading_right": 0.3, "shading_down": 0.3, "shading_corner": 0.3, "black_level": math.inf}
+LIGHT = {
+    "gain": (1e-3, 1e3), "shading_right": (-0.3, 0.3), "shading_down": (-0.3, 0.3), "shading_corner": (-0.3, 0.3),
+    "black_level": (-1e6, 1e6),
+}  # fmt: skip
 """The fitted fields of a `Mismatch` and their limits; gain includes time and f-number."""
 
 _NOISE = {"full_well": -1, "dark_current": -1, "radiance_scale": -1, "read_noise": -0.5, "dsnu": -0.5, "prnu": 0.5}
@@ -163,8 +166,8 @@ def _distributions(found: Float, errors: Float, extra: float) -> dict[str, Any]:
     variances = np.maximum(found.var(axis=0, ddof=1) - errors.var(axis=0, ddof=1), 0.0)
     variances[1:4] += extra
     fields: dict[str, Any] = {}
-    for (name, limit), mean, spread in zip(LIGHT.items(), means, np.sqrt(variances), strict=True):
-        low, middle, high = (_rounded(value) for value in np.clip(mean + spread * np.array([-3, 0, 3]), -limit, limit))
+    for (name, limits), mean, spread in zip(LIGHT.items(), means, np.sqrt(variances), strict=True):
+        low, middle, high = (_rounded(value) for value in np.clip(mean + spread * np.array([-3, 0, 3]), *limits))
         fields[name] = {"normal": [middle, _rounded(spread)], "clip": [low, high]} if low < high else middle
     return fields
 
