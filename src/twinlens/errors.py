@@ -114,9 +114,9 @@ def check_number(
 
 
 def check_ranges(instance: Any, what: str) -> None:
-    """Raise InputError unless each number of a dataclass is in the range (least, most) that annotates its field."""
+    """Raise InputError unless each number of a dataclass is in the range (least, most) that annotates it first."""
     for name, hint in get_type_hints(type(instance), include_extras=True).items():
-        for least, most in getattr(hint, "__metadata__", ()):
+        for least, most in getattr(hint, "__metadata__", ())[:1]:
             allowed = f"from {least:g} to {most:g}"
             check_number(f"{what} {name}", getattr(instance, name), allowed, least=least, most=most)
 

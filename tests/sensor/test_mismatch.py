@@ -9,7 +9,7 @@ from scipy.special import ndtr
 from twinlens.camera import Camera, Pinhole, Rig, ThinLens
 from twinlens.errors import InputError
 from twinlens.sensor import LEVELS, Exposure, Mismatch, Sensor
-from twinlens.sensor.tolerances import SPREADS
+from twinlens.sensor.mismatch import SPREADS
 
 CAMERA = Camera(96, 64, 100.0, 100.0, 47.5, 31.5)
 RIG = Rig.stereo(CAMERA, 0.1)

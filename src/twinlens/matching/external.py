@@ -236,11 +236,7 @@ class Program(RangeMatcher):
         words, shape = shlex.split(self.command), np.shape(left)[:2]
         name = f"program {words[0]!r}"
         with tempfile.TemporaryDirectory(prefix="twinlens-") as folder:
-            files = {
-                "left": Path(folder, "left.png"),
-                "right": Path(folder, "right.png"),
-                "out": Path(folder, "out.pfm"),
-            }
+            files = {Path(file).stem: Path(folder, file) for file in ("left.png", "right.png", "out.pfm")}
             for key, image in (("left", left), ("right", right)):
                 pixels = np.asarray(image)
                 write_png(files[key], pixels[..., 0] if pixels.shape[2:] == (1,) else pixels)

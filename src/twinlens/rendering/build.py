@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.errors import InputError
-from twinlens.geometry import Float, rotate, transform_points
+from twinlens.geometry import Float
 from twinlens.rendering.backends import mitsuba
 from twinlens.scenes import Bitmap, Color, Mesh, Plugin, Scene, SceneObject
+from twinlens.scenes.shapes import transformed
 
 _INSTANCE = 1 << 10  # Mitsuba 3.9 has no name for this shape type
 _BLOCK_PX = 16
@@ -139,13 +140,11 @@ def mitsuba_mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emi
     if np.linalg.det(world_from_object[:3, :3]) < 0:
         faces = faces[:, ::-1]  # keeps the orientation of a mirrored mesh
     buffers = mi.traverse(made)
-    buffers["vertex_positions"] = _flat32(transform_points(world_from_object, mesh.vertices))
+    placed = transformed(mesh, world_from_object)
+    buffers["vertex_positions"] = _flat32(placed.vertices)
     buffers["faces"] = np.ascontiguousarray(faces).ravel()
-    if mesh.normals is not None:
-        pose = np.eye(4)
-        pose[:3, :3] = np.linalg.inv(world_from_object[:3, :3]).T
-        turned = rotate(pose, mesh.normals)
-        buffers["vertex_normals"] = _flat32(turned / np.linalg.norm(turned, axis=-1, keepdims=True))
+    if placed.normals is not None:
+        buffers["vertex_normals"] = _flat32(placed.normals)
     if mesh.uv is not None:
         buffers["vertex_texcoords"] = _aligned(_flat32(mesh.uv))
     buffers.update()

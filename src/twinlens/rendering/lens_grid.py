@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Disk, Lens, Rig
-from twinlens.camera.lens import check_lens
 from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.rendering.annuli import area_fraction, plan_annuli, split_vergences
@@ -23,7 +22,7 @@ from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image
 from twinlens.rendering.noise import render_measured
-from twinlens.rendering.radiance import Progress, check_request, check_view, other_guides, partial_progress, render
+from twinlens.rendering.radiance import Progress, check_request, other_guides, partial_progress, render
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
 
@@ -93,12 +92,9 @@ def render_lens_grid(
     InputError
         For an empty list of lenses, and as `render`.
     """
-    check_view(scene, rig)
-    check_request(spp, seed, sampler)
     if not isinstance(lenses, Sequence) or not lenses:
         raise InputError("render_lens_grid needs a list of at least one lens")
-    for lens in lenses:
-        check_lens(lens)
+    check_request(scene, rig, lenses, spp, seed, sampler)
     spp, seed = int(spp), int(seed)
     shared = _shareable(build(scene), rig, lenses)
     separate = [i for i in range(len(lenses)) if i not in shared]

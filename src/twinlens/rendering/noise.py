@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Lens, Rig
-from twinlens.camera.lens import check_lens
 from twinlens.errors import InputError
 from twinlens.geometry import Float
 from twinlens.rendering.build import build
@@ -29,7 +28,6 @@ from twinlens.rendering.radiance import (
     SAMPLERS,
     Progress,
     check_request,
-    check_view,
     image_passes,
     other_guides,
     own_guides,
@@ -77,9 +75,7 @@ def render_measured(
     Returns one image per camera, and the samples per pixel used. Raises the errors of `render`, and InputError for
     spp < 2.
     """
-    check_view(scene, rig)
-    check_request(spp, seed, sampler)
-    check_lens(lens)
+    check_request(scene, rig, [lens], spp, seed, sampler)
     if spp < 2:
         raise InputError(f"an estimate of the noise needs spp >= 2, got {spp}")
     built = build(scene)

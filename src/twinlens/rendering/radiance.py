@@ -70,9 +70,7 @@ def render(
     BackendError
         When this machine's backend does not support the camera or the lens.
     """
-    check_view(scene, rig)
-    check_request(spp, seed, sampler)
-    check_lens(lens)
+    check_request(scene, rig, [lens], spp, seed, sampler)
     built = build(scene)
     images = []
     for index, (camera, pose) in enumerate(zip(rig.cameras, rig.world_from_cams, strict=True)):
@@ -112,8 +110,11 @@ def image_passes(camera: Camera, spp: int, seed: int, index: int, sampler: str) 
     return _passes(camera, spp, seed_sequence(seed, _RENDER_STREAM, index), sampler)
 
 
-def check_request(spp: int, seed: int, sampler: str) -> None:
-    """Raise InputError for invalid samples per pixel, seeds and samplers."""
+def check_request(scene: Scene, rig: Rig, lenses: Iterable[Lens], spp: int, seed: int, sampler: str) -> None:
+    """Raise InputError for invalid arguments of `render`."""
+    check_view(scene, rig)
+    for lens in lenses:
+        check_lens(lens)
     check_int("spp", spp, 1)
     check_int("seed", seed, 0)
     check_known("sampler", sampler, SAMPLERS)

@@ -53,10 +53,10 @@ def find_asset(name: str, context: SceneContext) -> Path:
     return path
 
 
-def _sky(name: Any, info: Any) -> Path:
+def _sky(name: Any, info: Any) -> str:
     path = find_asset(name, info.context)
     read_sky(path)
-    return path
+    return str(path)
 
 
 Asset = Annotated[
@@ -64,7 +64,7 @@ Asset = Annotated[
 ]
 """The name of a file below the scene's folder."""
 
-Sky = Annotated[Path, pydantic.PlainValidator(_sky, json_schema_input_type=str)]
+Sky = Annotated[str, pydantic.PlainValidator(_sky, json_schema_input_type=str)]
 """The name of a picture below the scene's folder that Mitsuba accepts as an environment map."""
 
 

@@ -152,13 +152,10 @@ class EnvironmentMap(LightBase, Pose):
     """Light from a panorama, z up; `scale` multiplies its radiance."""
 
     extra_keys = frozenset(Pose.placing_keys)
-    type: Literal["envmap"]
-    filename: Sky
-    scale: NonNegative | None = None
 
     def plugin(self) -> dict[str, Any]:
         upright = rotation([1.0, 0.0, 0.0], 90.0)  # Mitsuba's maps are y up, twinlens's worlds z up
-        return super().plugin() | {"filename": str(self.filename), "to_world": self.world_from_object() @ upright}
+        return super().plugin() | {"to_world": self.world_from_object() @ upright}
 
 
 _PLACED_LIGHTS: dict[str, dict[str, Any]] = {
@@ -177,7 +174,8 @@ _OTHER_LIGHTS: dict[str, dict[str, Any]] = {
         "sun_aperture": number(0, 90, above=True) | None,
     },
 }
-LIGHTS = {**_PLACED_LIGHTS, **_OTHER_LIGHTS, "envmap": {"filename": Sky, "scale": NonNegative | None}}
+_ENVIRONMENT: dict[str, dict[str, Any]] = {"envmap": {"filename": Sky, "scale": NonNegative | None}}
+LIGHTS = {**_PLACED_LIGHTS, **_OTHER_LIGHTS, **_ENVIRONMENT}
 SURROUNDING_LIGHTS = ("constant", "envmap", "sunsky")
 AREA_LIGHTS = {"area": {"radiance": _RADIANCE}, "directionalarea": {"radiance": _RADIANCE}}
 _RENDER_KEYS = {"hide_emitters": _FLAG}
@@ -192,7 +190,8 @@ INTEGRATORS: dict[str, dict[str, Any]] = {
 
 
 _as_plugin = methodcaller("plugin")
-_LIGHTS = [*variants(PlacedLight, "type", _PLACED_LIGHTS), *variants(LightBase, "type", _OTHER_LIGHTS), EnvironmentMap]
+_BASES = ((PlacedLight, _PLACED_LIGHTS), (LightBase, _OTHER_LIGHTS), (EnvironmentMap, _ENVIRONMENT))
+_LIGHTS = [light for base, tables in _BASES for light in variants(base, "type", tables)]
 _AREA_LIGHTS = variants(LightBase, "type", AREA_LIGHTS, "area")
 _INTEGRATORS = variants(PluginTable, "type", INTEGRATORS, "path")
 Material = Annotated[Plugin, reads(tagged("Material", "type", variants(MaterialBase, "type", MATERIALS)), _as_plugin)]

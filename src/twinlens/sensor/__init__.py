@@ -2,7 +2,6 @@
 
 from twinlens.sensor.exposure import Exposure as Exposure, auto_exposure as auto_exposure
 from twinlens.sensor.light import ParaxialWarning as ParaxialWarning
-from twinlens.sensor.mismatch import Mismatch as Mismatch
+from twinlens.sensor.mismatch import LEVELS as LEVELS, Mismatch as Mismatch
 from twinlens.sensor.model import Photo as Photo, Sensor as Sensor
 from twinlens.sensor.presets import PRESETS as PRESETS
-from twinlens.sensor.tolerances import LEVELS as LEVELS

@@ -1,12 +1,12 @@
 """Differences between the cameras of a rig: exposure, lens shading, stray light, sharpness, colours and alignment.
 
 The first camera is the reference, without differences; all others have those of one `Mismatch`. A real pair differs in
-both cameras: a `Mismatch` is the difference of the two, and so are its spreads (`sensor.tolerances`).
+both cameras: a `Mismatch` is the difference of the two, and so are its spreads. docs/realism.md gives their sources.
 """
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 
@@ -15,7 +15,9 @@ from twinlens.errors import check_known, check_ranges, located
 from twinlens.geometry import Float
 from twinlens.seeds import generator
 from twinlens.sensor.exposure import Exposure
-from twinlens.sensor.tolerances import LEVELS, SPREADS
+
+LEVELS = ("none", "calibrated", "typical", "consumer")
+"""After "none": a fresh calibration with equalised gains and flat fields, two cameras of one model, cheap modules."""
 
 _MAX_SIGMAS = 2.5  # limit of a drawn value, in standard deviations
 _NOT_NEGATIVE = ("veiling_glare", "stray_light", "blur_px")
@@ -25,6 +27,7 @@ _NOT_NEGATIVE = ("veiling_glare", "stray_light", "blur_px")
 class Mismatch:
     """Differences of the other cameras from the first, which image processing does not correct.
 
+    A field's annotations are its range and, where it is drawn, its standard deviations at the levels after "none".
     x and y are -1 to 1 across the image, r^2 is 1 in its corners.
 
     gain, time : factors of the exposure's gain and time, > 0.
@@ -48,26 +51,26 @@ class Mismatch:
     pitch_px to distortion_px apply to the rig that takes the images (`misalign`), not to the sensor.
     """
 
-    gain: Annotated[float, (1e-3, 1e3)] = 1.0
-    time: Annotated[float, (1e-3, 1e3)] = 1.0
-    black_level: Annotated[float, (-1e6, 1e6)] = 0.0
-    f_number: Annotated[float, (0.1, 10)] = 1.0
-    shading_right: Annotated[float, (-0.3, 0.3)] = 0.0
-    shading_down: Annotated[float, (-0.3, 0.3)] = 0.0
-    shading_corner: Annotated[float, (-0.3, 0.4)] = 0.0
-    veiling_glare: Annotated[float, (0, 1)] = 0.0
-    stray_light: Annotated[float, (0, 1)] = 0.0
+    gain: Annotated[float, (1e-3, 1e3), (0.005, 0.01, 0.05)] = 1.0
+    time: Annotated[float, (1e-3, 1e3), (0.0, 0.0, 0.1)] = 1.0
+    black_level: Annotated[float, (-1e6, 1e6), (0.25, 1.0, 3.0)] = 0.0
+    f_number: Annotated[float, (0.1, 10), (0.002, 0.012, 0.047)] = 1.0
+    shading_right: Annotated[float, (-0.3, 0.3), (0.01, 0.04, 0.08)] = 0.0
+    shading_down: Annotated[float, (-0.3, 0.3), (0.01, 0.04, 0.08)] = 0.0
+    shading_corner: Annotated[float, (-0.3, 0.4), (0.01, 0.04, 0.08)] = 0.0
+    veiling_glare: Annotated[float, (0, 1), (0.001, 0.003, 0.01)] = 0.0
+    stray_light: Annotated[float, (0, 1), (0.001, 0.005, 0.02)] = 0.0
     stray_direction_deg: Annotated[float, (-360, 360)] = 0.0
-    blur_px: Annotated[float, (0, 100)] = 0.0
-    filter_shift: Annotated[float, (-1, 1)] = 0.0
-    white_balance_red: Annotated[float, (0.1, 10)] = 1.0
-    white_balance_blue: Annotated[float, (0.1, 10)] = 1.0
-    tone_exponent: Annotated[float, (0.1, 10)] = 1.0
-    pitch_px: Annotated[float, (-100, 100)] = 0.0
-    yaw_px: Annotated[float, (-100, 100)] = 0.0
-    roll_px: Annotated[float, (-100, 100)] = 0.0
-    scale_px: Annotated[float, (-100, 100)] = 0.0
-    distortion_px: Annotated[float, (-100, 100)] = 0.0
+    blur_px: Annotated[float, (0, 100), (0.1, 0.3, 0.6)] = 0.0
+    filter_shift: Annotated[float, (-1, 1), (0.005, 0.02, 0.05)] = 0.0
+    white_balance_red: Annotated[float, (0.1, 10), (0.005, 0.02, 0.055)] = 1.0
+    white_balance_blue: Annotated[float, (0.1, 10), (0.005, 0.02, 0.06)] = 1.0
+    tone_exponent: Annotated[float, (0.1, 10), (0.002, 0.005, 0.02)] = 1.0
+    pitch_px: Annotated[float, (-100, 100), (0.05, 0.15, 0.4)] = 0.0
+    yaw_px: Annotated[float, (-100, 100), (0.02, 0.05, 0.15)] = 0.0
+    roll_px: Annotated[float, (-100, 100), (0.03, 0.1, 0.25)] = 0.0
+    scale_px: Annotated[float, (-100, 100), (0.03, 0.1, 0.25)] = 0.0
+    distortion_px: Annotated[float, (-100, 100), (0.03, 0.1, 0.25)] = 0.0
     level: str = "none"
 
     def __post_init__(self) -> None:
@@ -76,11 +79,10 @@ class Mismatch:
 
     @classmethod
     def draw(cls, level: str, seed: int, **given: float) -> "Mismatch":
-        """A random mismatch: normal deviates with the standard deviations of `tolerances`, limited to 2.5 of these.
+        """A random mismatch: normal deviates with the standard deviations of a level, limited to 2.5 of these.
 
-        Fields in `given` are not drawn.
-
-        Each field has its own stream: at every level, one seed gives the same differences, scaled.
+        Fields in `given` are not drawn. Each field has its own stream: at every level, one seed gives the same
+        differences, scaled.
 
         >>> Mismatch.draw("typical", 1) == Mismatch.draw("typical", 1), Mismatch.draw("none", 1) == Mismatch()
         (True, True)
@@ -147,3 +149,11 @@ class Mismatch:
             focal=1 + self.scale_px / (camera.fx * radius),
             k1=self.distortion_px / (camera.fx * radius**3),
         )
+
+
+SPREADS: dict[str, tuple[float, float, float]] = {
+    name: hint.__metadata__[1]
+    for name, hint in get_type_hints(Mismatch, include_extras=True).items()
+    if len(getattr(hint, "__metadata__", ())) > 1
+}
+"""The standard deviations of the fields that are drawn, at each level after "none"."""
