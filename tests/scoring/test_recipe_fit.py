@@ -181,7 +181,9 @@ def test_toml_has_the_same_recipe():
         "sensor": {"mismatch": {"level": "typical", "gain": {"normal": [1, 0.1], "clip": [0.9, 1.1]}}},
         "gates": {},
     }
-    found = tomllib.loads(recipe_toml(recipe))
+    text = recipe_toml(recipe)
+    assert "\nuniform = [-0.1, 0.1]\n" in text
+    found = tomllib.loads(text)
     assert found["lenses"][0].pop("focus") == math.inf
     recipe["lenses"][0].pop("focus")
     assert found == recipe

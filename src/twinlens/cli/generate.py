@@ -1,8 +1,7 @@
 """`twinlens generate`: make a dataset from a recipe."""
 
-import json
 import re
-from collections.abc import Iterator, Mapping
+import textwrap
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place
 from twinlens.errors import InputError
 from twinlens.factory.workers import RENEWED_AFTER
+from twinlens.scoring import recipe_toml
 
 
 @click.command("generate")
@@ -94,8 +94,7 @@ def _print_estimate(found: factory.Estimate, output: Place, as_json: bool) -> No
         return
     split = f", split {found.next['split']}" if found.next["split"] else ""
     click.echo(f"next: sample {found.next['index']}, {found.next['kind']} {found.next['scene']}{split}")
-    for key, value in _flat("", found.next["drawn"]):
-        click.echo(f"  {key} = {value}")
+    click.echo(textwrap.indent(recipe_toml(found.next["drawn"]), "  "), nl=False)
     click.echo(
         f"one sample took {found.seconds_each:.1f} s and {decimal(found.bytes_each)}; "
         f"the rest needs about {_duration(found.seconds)} and {decimal(found.bytes)} on this machine"
@@ -112,19 +111,3 @@ def _duration(seconds: float) -> str:
         return f"{seconds:.0f} s"
     hours, minutes = divmod(round(seconds / 60), 60)
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min"
-
-
-def _flat(key: str, value: Any) -> Iterator[tuple[str, str]]:
-    """The leaves of a tree, each with its key path.
-
-    >>> dict(_flat("", {"rig": {"baseline": 0.123456789}, "lenses": [{"kind": "thin"}]}))
-    {'rig.baseline': '0.123457', 'lenses[0].kind': '"thin"'}
-    """
-    if isinstance(value, Mapping):
-        for name, part in value.items():
-            yield from _flat(f"{key}.{name}" if key else name, part)
-    elif isinstance(value, list) and any(isinstance(part, (Mapping, list)) for part in value):
-        for k, part in enumerate(value):
-            yield from _flat(f"{key}[{k}]", part)
-    else:
-        yield key, f"{value:.6g}" if isinstance(value, float) else json.dumps(value)

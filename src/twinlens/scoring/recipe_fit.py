@@ -20,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import tomli_w
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Pinhole
@@ -110,17 +111,10 @@ def light_difference(pair: Pair, sensor: Sensor) -> tuple[Float, float, float]:
     return np.array([math.exp(fit[0]), *fit[1:4], fit[4] / light_per_dn]), slow_variance, unit
 
 
-def recipe_toml(recipe: Mapping[str, Any], prefix: str = "") -> str:
-    """A recipe as TOML, with dotted keys; distributions and other tables that begin with a list are on one line."""
-    text = ""
-    for key, value in recipe.items():
-        if isinstance(value, Mapping) and value and not isinstance(next(iter(value.values())), list):
-            text += recipe_toml(value, f"{prefix}{key}.")
-        else:
-            line = json.dumps({key: value}, separators=(", ", " = "), ensure_ascii=False)[1:-1]
-            line = line.replace('"inf"', "inf")  # records have text in place of infinity
-            text += prefix + re.sub(r'"([A-Za-z0-9_-]+)" =', r"\1 =", line) + "\n"
-    return text
+def recipe_toml(recipe: Mapping[str, Any]) -> str:
+    """A recipe as TOML, each list of numbers on one line. Records have text in place of infinity."""
+    text = tomli_w.dumps(json.loads(json.dumps(recipe).replace('"inf"', "Infinity")))
+    return re.sub(r"\[\n([^\[\]{\"]+),\n *\]", lambda numbers: f"[{' '.join(numbers[1].split())}]", text)
 
 
 def _measure(sample: StoredSample, k: int) -> tuple[Sensor, str, Float, float, tuple[float, ...]]:
