@@ -1,9 +1,8 @@
 """Agreement of two leaderboards: rank correlation of their methods, with bootstrap intervals over samples."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy  # imports scipy.stats at its first use, which takes 0.7 s
@@ -16,6 +15,7 @@ from twinlens.seeds import generator
 
 Ranks = NDArray[np.float64]
 LEVEL = 0.95
+_TAU, _RHO = "kendalltau", "spearmanr"
 
 
 @dataclass(frozen=True)
@@ -111,8 +111,8 @@ def agreement(
         chosen.name,
         len(a),
         len(b),
-        _interval(_tau(mean_a, mean_b), [_tau(x, y) for x, y in drawn]),
-        _interval(_rho(mean_a, mean_b), [_rho(x, y) for x, y in drawn]),
+        _interval(_correlation(_TAU, mean_a, mean_b), [_correlation(_TAU, x, y) for x, y in drawn]),
+        _interval(_correlation(_RHO, mean_a, mean_b), [_correlation(_RHO, x, y) for x, y in drawn]),
         _reliability(a, resamples, rng),
         _reliability(b, resamples, rng),
         tuple(sorted(moves, key=lambda move: -abs(move.rank_a - move.rank_b))),
@@ -144,7 +144,7 @@ def _reliability(ranks: Ranks, splits: int, rng: np.random.Generator) -> Correla
     if len(ranks) < 2:
         return CorrelationInterval(math.nan, math.nan, math.nan)
     halves = (np.array_split(rng.permutation(len(ranks)), 2) for _ in range(splits))
-    taus = [_tau(ranks[first].mean(axis=0), ranks[second].mean(axis=0)) for first, second in halves]
+    taus = [_correlation(_TAU, ranks[first].mean(axis=0), ranks[second].mean(axis=0)) for first, second in halves]
     return _interval(float(np.nanmean(taus)) if not np.isnan(taus).all() else math.nan, taus)
 
 
@@ -156,14 +156,7 @@ def _interval(value: float, values: Sequence[float]) -> CorrelationInterval:
     return CorrelationInterval(value, float(low), float(high))
 
 
-def _tau(x: Ranks, y: Ranks) -> float:
-    return _correlation(scipy.stats.kendalltau, x, y)
-
-
-def _rho(x: Ranks, y: Ranks) -> float:
-    return _correlation(scipy.stats.spearmanr, x, y)
-
-
-def _correlation(function: Callable[..., Any], x: Ranks, y: Ranks) -> float:
+def _correlation(name: str, x: Ranks, y: Ranks) -> float:
+    """The correlation of this name in scipy.stats."""
     x, y = np.round(x, 9), np.round(y, 9)  # tied mean ranks may differ in the last bit
-    return math.nan if np.ptp(x) == 0 or np.ptp(y) == 0 else float(function(x, y).statistic)
+    return math.nan if np.ptp(x) == 0 or np.ptp(y) == 0 else float(getattr(scipy.stats, name)(x, y).statistic)
