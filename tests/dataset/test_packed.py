@@ -8,10 +8,16 @@ import numpy as np
 import pytest
 
 from twinlens.camera import MaskAperture, ThinLens
-from twinlens.dataset.record import PACKED_ABOVE, encode_json, lens_from_plain, pack, plain, unpack
+from twinlens.dataset.record import LENS, PACKED_ABOVE, encode_json, pack, plain, read, unpack
 from twinlens.errors import InputError
 
 SIDE = 256
+
+
+def lens_from_plain(value):
+    return read(LENS, value, "sample.json", "lens")
+
+
 random = np.random.default_rng(4)
 MASKS = {
     "binary": random.random((SIDE, SIDE)) < 0.5,

@@ -8,16 +8,17 @@ from hypothesis import given, strategies as st
 from twinlens import camera, geometry
 from twinlens.camera import BareAperture, Camera, Pinhole, Rig, ThinLens
 from twinlens.dataset.files import check_relative
-from twinlens.dataset.record import (
-    TYPES,
-    decode_json,
-    encode_json,
-    lens_from_plain,
-    plain,
-    read_json,
-    rig_from_plain,
-)
+from twinlens.dataset.record import LENS, RIG, TYPES, decode_json, encode_json, plain, read, read_json
 from twinlens.errors import FileError, InputError
+
+
+def rig_from_plain(value):
+    return read(RIG, value, "sample.json", "rig")
+
+
+def lens_from_plain(value):
+    return read(LENS, value, "sample.json", "lens")
+
 
 positive = st.floats(1e-3, 1e6)
 unit = st.floats(0, 0.99)

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from twinlens.errors import InputError
-from twinlens.scoring.board_file import json_number
+from twinlens.scoring.board_file import json_values
 
 denoise_option = click.option(
     "--denoise/--no-denoise", default=True, show_default=True, help="Remove the renderer's noise; adds a small bias."
@@ -22,15 +22,7 @@ def json_option(what: str) -> Callable[[Any], Any]:
 
 def print_json(record: Any) -> None:
     """Print plain data as JSON, NaN as null, infinity as "inf"."""
-    click.echo(json.dumps(_strict(record), indent=1, allow_nan=False))
-
-
-def _strict(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _strict(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_strict(entry) for entry in value]
-    return json_number(value) if isinstance(value, float) else value
+    click.echo(json.dumps(json_values(record), indent=1, allow_nan=False))
 
 
 SECONDS = click.FloatRange(0, 1e6, min_open=True)

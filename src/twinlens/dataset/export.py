@@ -241,14 +241,10 @@ def _folders(layout: Callable[[Source], Files]) -> Callable[[Iterable[Source]], 
     return lambda sources: (file for source in sources for file in layout(source))
 
 
+FOLDER_LAYOUTS = (carla, eth3d, kitti2015, middlebury, sceneflow, sintel)
 LAYOUTS: dict[str, Callable[[Iterable[Source]], Files]] = {
-    "carla": _folders(carla),
-    "eth3d": _folders(eth3d),
-    "kitti2015": _folders(kitti2015),
-    "middlebury": _folders(middlebury),
+    **{layout.__name__: _folders(layout) for layout in FOLDER_LAYOUTS},
     "parquet": parquet,
-    "sceneflow": _folders(sceneflow),
-    "sintel": _folders(sintel),
     "webdataset": webdataset,
 }
 """From samples to (relative name, content) of every file."""

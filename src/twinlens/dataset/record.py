@@ -16,7 +16,7 @@ import types
 import typing
 import zlib
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeVar, cast
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import pydantic
@@ -123,21 +123,6 @@ def plain(value: Any) -> Any:
     raise InputError(f"a record holds numbers, strings, lists, mappings and dataclasses, got {type(value)}")
 
 
-def rig_from_plain(value: Any, file: Where = "sample.json") -> Rig:
-    """The Rig of `plain(rig)`. Raises FileError, whose message starts with `file` and the key."""
-    return cast("Rig", read(_adapter(Rig), value, file, "rig"))
-
-
-def lens_from_plain(value: Any, file: Where = "sample.json", key: str = "lens") -> Lens:
-    """The lens of `plain(lens)`. Raises FileError, whose message starts with `file` and the key."""
-    return cast("Lens", read(_adapter(Lens), value, file, key))
-
-
-@functools.cache
-def _adapter(hint: Any) -> pydantic.TypeAdapter[Any]:
-    return pydantic.TypeAdapter(annotation_of(hint))
-
-
 def annotation_of(hint: Any) -> Any:
     """The pydantic annotation for a value of type `hint`, a dataclass of twinlens.camera or the type of a field."""
     if hint is float:
@@ -167,7 +152,7 @@ def _model(kind: type) -> type[pydantic.BaseModel]:
             default = pydantic.Field() if required else pydantic.Field(default_factory=lambda: None)
             fields[each.name] = (annotation_of(hints[each.name]), default)
         elif each.init:  # a Rig in a Rig, whose model does not exist yet
-            optional = pydantic.AfterValidator(lambda value: value and _adapter(kind).validate_python(value))
+            optional = pydantic.AfterValidator(lambda value: value and RIG.validate_python(value))
             fields[each.name] = (Annotated[Any, optional], None)
     return pydantic.create_model(kind.__name__, __base__=_DescriptionModel, **fields)
 
@@ -190,6 +175,11 @@ def _rebuilt(kind: type[T], model: pydantic.BaseModel) -> T:
         raise
     except (TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise InputError(f"{kind.__name__}: {error}") from None
+
+
+RIG: pydantic.TypeAdapter[Rig] = pydantic.TypeAdapter(annotation_of(Rig))
+LENS: pydantic.TypeAdapter[Lens] = pydantic.TypeAdapter(annotation_of(Lens))
+"""For `read`: the Rig of `plain(rig)`, the lens of `plain(lens)`."""
 
 
 def encode_json(record: Mapping[str, Any]) -> bytes:

@@ -23,7 +23,7 @@ from twinlens.dataset.codecs.exr import read_exr
 from twinlens.dataset.codecs.pfm import read_disparity
 from twinlens.dataset.codecs.png import read_png
 from twinlens.dataset.files import check_relative
-from twinlens.dataset.record import FileModel, annotation_of, lens_from_plain, read, read_json, read_part
+from twinlens.dataset.record import LENS, RIG, FileModel, annotation_of, read, read_json, read_part
 from twinlens.dataset.sample import KIND, VERSION
 from twinlens.dataset.storage import Place, RemotePath, is_whole
 from twinlens.dataset.truth_files import SCALARS, VECTORS, blur_circle_px, read_truth
@@ -51,7 +51,6 @@ class ShotEntry(_PlainShot):
 
 
 _SHOTS = pydantic.TypeAdapter(Annotated[list[_PlainShot], pydantic.Field(min_length=1)])
-_RIG: pydantic.TypeAdapter[Rig] = pydantic.TypeAdapter(annotation_of(Rig))
 
 
 class SampleFile(FileModel):
@@ -217,7 +216,7 @@ class StoredSample(Mapping[str, Any]):
         """The rig that took the images: `rig`, except for calibration errors introduced on purpose."""
         if not self.has("sample.json"):
             return self.calibration.rig()
-        return read_part(_RIG, self.record, "rig", self.folder / "sample.json")
+        return read_part(RIG, self.record, "rig", self.folder / "sample.json")
 
     @property
     def num_lenses(self) -> int:
@@ -256,7 +255,7 @@ class StoredShot:
         file = self.sample.folder / "sample.json"
         if not self.sample.has("sample.json"):
             raise FileError(f"{file}: no such file")
-        return lens_from_plain(self.entry.lens, file, f"shots[{self.number}].lens")
+        return read(LENS, self.entry.lens, file, f"shots[{self.number}].lens")
 
     @property
     def record(self) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from twinlens.camera import ALIGNED, Misalignment, Rig
 from twinlens.camera.rectification import rectify
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample, Shot, StoredSample
-from twinlens.dataset.record import FileModel, lens_from_plain, plain, read, rig_from_plain
+from twinlens.dataset.record import LENS, RIG, FileModel, plain, read
 from twinlens.errors import InputError, check_known
 from twinlens.factory.sample import make_sample
 from twinlens.factory.settings import ExposureTable, SensorTable
@@ -46,8 +46,8 @@ def remake(record: Mapping[str, Any], scene: Scene | None = None, *, progress: P
     mismatch = Mismatch(**written["sensor"].get("mismatch", {}))
     sample = make_sample(
         scene,
-        rig_from_plain(record.get("rig")),
-        [lens_from_plain(shot.get("lens")) for shot in record["shots"]],
+        read(RIG, record.get("rig"), _FILE, "rig"),
+        [read(LENS, shot.get("lens"), _FILE, "lens") for shot in record["shots"]],
         spp=settings.spp,
         denoise=settings.denoise is not None,
         noise=settings.noise,

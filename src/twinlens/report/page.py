@@ -27,7 +27,7 @@ from twinlens import scoring
 from twinlens.dataset.files import write_file
 from twinlens.dataset.pictures import NO_TRUTH, colourise, rgb8
 from twinlens.scoring import METRICS, PROTOCOLS, REGIONS, Board, Entry, Groups, Pair, Sample
-from twinlens.scoring.board_file import json_number
+from twinlens.scoring.board_file import json_values
 from twinlens.scoring.metrics import TIMES
 
 MAX_WIDTH, BUDGET_BYTES = 800, 14_000_000
@@ -77,7 +77,7 @@ def page_html(
         if s.name in board.samples
     }
     document = _document(board, pictures, weights, groups or {}) | {"notes": list(notes)}
-    data = json.dumps(document, allow_nan=False, separators=(",", ":"))
+    data = json.dumps(json_values(document), allow_nan=False, separators=(",", ":"))
     # No character that could end the script block around the data, or open a comment or an entity.
     data = data.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
     script = "\n".join(_file(name) for name in _SCRIPTS)
@@ -141,8 +141,8 @@ def _deflated(data: str | bytes) -> str:
     return base64.b64encode(zlib.compress(data, 6)).decode("ascii")
 
 
-def _number(value: float) -> float | str | None:
-    return json_number(float(f"{value:.6g}"))
+def _rounded(value: float) -> float:
+    return float(f"{value:.6g}")
 
 
 def _document(
@@ -189,13 +189,13 @@ def _entry(entry: Entry) -> dict[str, Any]:
     """One entry; values are in the order of the protocol's metrics, whose names would be half of the page."""
     names = PROTOCOLS[entry.protocol].metrics
     regions = {
-        name: {"n": [s.image, s.evaluated, s.estimated], "v": [_number(s.get(metric, math.nan)) for metric in names]}
+        name: {"n": [s.image, s.evaluated, s.estimated], "v": [_rounded(s.get(metric, math.nan)) for metric in names]}
         for name, s in entry.regions.items()
     }
     return {
         **{name: getattr(entry, name) for name in ("method", "sample", "protocol")},
         "failure": None if entry.failure is None else [entry.failure.kind, entry.failure.message],
-        "times": {name: _number(value) for name, value in entry.times().items()},
+        "times": {name: _rounded(value) for name, value in entry.times().items()},
         "regions": regions,
     }
 
@@ -205,7 +205,7 @@ def _means(board: Board, weights: Mapping[str, float] | None) -> dict[str, Any]:
 
     def mean(method: str, protocol: str, region: str) -> dict[str, Any]:
         mean = board.mean(method, protocol, region, weights)
-        values = {name: _number(value) for name, value in mean.metrics.items()}
+        values = {name: _rounded(value) for name, value in mean.metrics.items()}
         return {"n": mean.counted, "failed": list(mean.failed), "missing": list(mean.missing), "v": values}
 
     return {p: {r: {m: mean(m, p, r) for m in board.methods} for r in board.regions or ("",)} for p in board.protocols}

@@ -93,16 +93,9 @@ def board_to_json(board: Board) -> str:
         "title": board.title,
         "meta": dict(board.meta),
         "protocols": {name: dict(PROTOCOLS[name].lines()) for name in board.protocols},
-        "entries": [_plain(entry) for entry in board.entries],
+        "entries": [asdict(entry) for entry in board.entries],
     }
-    return json.dumps(document, indent=1, allow_nan=False) + "\n"
-
-
-def _plain(entry: Entry) -> dict[str, Any]:
-    record = asdict(entry)
-    for scores in record["regions"].values():
-        scores["metrics"] = {metric: json_number(value) for metric, value in scores["metrics"].items()}
-    return record
+    return json.dumps(json_values(document), indent=1, allow_nan=False) + "\n"
 
 
 def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
@@ -128,13 +121,19 @@ def write_board(board: Board, path: str | os.PathLike[str]) -> None:
     write_file(path, board_to_json(board).encode("ascii"))
 
 
-def json_number(value: float) -> float | str | None:
-    """A number as JSON, which has neither NaN nor infinity.
+def json_values(value: Any) -> Any:
+    """Plain data for JSON, which has neither NaN nor infinity.
 
-    >>> json_number(math.nan), json_number(math.inf), json_number(2.5)
-    (None, 'inf', 2.5)
+    >>> json_values({"bad": [math.nan, math.inf, 2.5]})
+    {'bad': [None, 'inf', 2.5]}
     """
-    return None if math.isnan(value) else str(value) if math.isinf(value) else value
+    if isinstance(value, Mapping):
+        return {key: json_values(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [json_values(entry) for entry in value]
+    if not isinstance(value, float) or math.isfinite(value):
+        return value
+    return None if math.isnan(value) else str(value)
 
 
 class BoardWriter:
