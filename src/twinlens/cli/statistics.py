@@ -17,7 +17,7 @@ from twinlens.scoring import STATISTICS, fit_recipe, open_pairs, pair_statistics
 @click.command("statistics")
 @click.argument("datasets", nargs=-1, required=True, metavar="DATASET...")
 @click.option("-o", "--output", type=FIGURE_FILE, help="Write a figure, a PNG or SVG file.")
-@click.option("--like", help="Print the recipe of DATASET, fitted to the pairs of this folder, under the statistics.")
+@click.option("--like", help="Fit the recipe of DATASET to the pairs of this folder; print it below the statistics.")
 @json_option("the statistics of each pair and their summary")
 def command(datasets: tuple[str, ...], output: Path | None, like: str | None, as_json: bool) -> None:
     """Measure noise, texture and left-right differences of the pairs of DATASET..., beside those of 24 real pairs.
