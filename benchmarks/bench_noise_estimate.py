@@ -15,7 +15,7 @@ from scipy.ndimage import uniform_filter
 import twinlens as tl
 from twinlens.factory import default_rig
 from twinlens.families import FAMILIES, random_scene
-from twinlens.rendering.noise import render_measured
+from twinlens.rendering.radiance import render_measured
 
 WINDOW = 9
 

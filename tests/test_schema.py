@@ -6,7 +6,7 @@ import pydantic
 import pytest
 
 from twinlens.errors import InputError
-from twinlens.schema import StrictModel, default_key, read
+from twinlens.schema import StrictModel, read, tagged
 
 
 class Disk(StrictModel):
@@ -84,9 +84,7 @@ def test_valid_data_becomes_the_model():
 
 
 def test_a_type_adapter_reads_as_a_model_does():
-    lens = pydantic.TypeAdapter(
-        Annotated[Disk | Blades, pydantic.Field(discriminator="kind"), default_key("kind", "disk")]
-    )
+    lens = pydantic.TypeAdapter(tagged("Lens", "kind", [Disk, Blades], "disk"))
     assert read(lens, {"diameter": 2.0}, "f.toml") == Disk(kind="disk", diameter=2.0)
     with pytest.raises(InputError, match=r"f.toml: rig: unknown key 'count'"):
         read(lens, {"count": 2}, "f.toml", "rig")

@@ -53,11 +53,6 @@ class StrictModel(pydantic.BaseModel):
         return data
 
 
-def default_key(key: str, value: str) -> pydantic.BeforeValidator:
-    """Adds `key` = `value`, the key that selects a table's model, to tables without it; for `Annotated`."""
-    return pydantic.BeforeValidator(lambda table: {key: value, **table} if isinstance(table, Mapping) else table)
-
-
 def variants(
     base: type[StrictModel], tag: str, tables: Mapping[str, Mapping[str, Any]], default: str | None = None
 ) -> list[type[StrictModel]]:
@@ -79,7 +74,9 @@ def tagged(name: str, tag: str, models: Iterable[type[StrictModel]], default: st
     """The union of models selected by the key `tag`, `default` if it is missing; JSON Schemas define it as `name`."""
     union: Any = Annotated[Union[tuple(models)], pydantic.Field(discriminator=tag)]  # noqa: UP007
     alias = TypeAliasType(name, union)  # type: ignore[misc]  # the models are made at run time
-    return alias if default is None else Annotated[alias, default_key(tag, default)]
+    if default is None:
+        return alias
+    return Annotated[alias, pydantic.BeforeValidator(lambda t: {tag: default, **t} if isinstance(t, Mapping) else t)]
 
 
 def table_of(cls: type[Any], /, make: Callable[..., Any] | None = None, **more: Any) -> Any:

@@ -154,14 +154,9 @@ class Leaf:
     distribution: Distribution
 
     @property
-    def is_sweep(self) -> bool:
-        """Whether its values are given by the index of the sample instead of drawn."""
-        return isinstance(self.distribution, Sweep)
-
-    @property
-    def is_per_scene(self) -> bool:
-        """Whether it has one value for each scene or family."""
-        return isinstance(self.distribution, PerScene)
+    def kind(self) -> str:
+        """The key of `KINDS`."""
+        return self.distribution.kind
 
 
 def template(value: Any, file: str | Path, key: str = "", depth: int = 0) -> Any:
@@ -217,7 +212,7 @@ def hint(message: str, tree: Any) -> str:
             kind for word in re.findall(r"'(\w+)':", found[1]) for kind in difflib.get_close_matches(word, KINDS, 1)
         ]
         return f"; did you mean the distribution {near[0]!r}?" if near else f"; distributions are {', '.join(KINDS)}"
-    kinds = {leaf.key: leaf.distribution.kind for leaf in leaves(tree)}
+    kinds = {leaf.key: leaf.kind for leaf in leaves(tree)}
     if "must be a whole number" in problem and kinds.get(key) in ("uniform", "log_uniform", "normal"):
         return f"; {kinds[key]!r} draws any number, use {{ integers = [low, high] }}"
     return ""

@@ -65,8 +65,12 @@ class Gates(StrictModel):
 
 def check_truth(gates: Gates, scene: Scene, rig: Rig, truths: Sequence[Truth], ndisp: int | None) -> None:
     """The gates that need no images. Raises Rejected."""
-    if gates.inside:
-        _check_inside(scene, rig, truths)
+    for i, (truth, pose) in enumerate(zip(truths, rig.world_from_cams, strict=True)):
+        seen = np.unique(truth.object_id)  # a body that encloses the camera is all that it sees, unlike a room
+        name = truth.object_names[seen[0] - 1] if seen.size == 1 and seen[0] else ""
+        if gates.inside and name and encloses(scene, name, pose[:3, 3]):
+            remedy = "scene.jitter, rig.baseline, or gates.inside"
+            raise Rejected("camera inside an object", f"camera {i} in {name!r}", remedy)
     for i, truth in enumerate(truths[:2]):
         known = truth.disparity[np.isfinite(truth.disparity)]
         if ndisp and known.size and ((known < 0) | (known >= ndisp)).mean() > gates.beyond_ndisp:
@@ -83,18 +87,6 @@ def check_truth(gates: Gates, scene: Scene, rig: Rig, truths: Sequence[Truth], n
                 f"{share:.1%} of the first view, minimum {gates.visible:.1%}",
                 "rig.baseline (smaller), scene.jitter, or gates.visible",
             )
-
-
-def _check_inside(scene: Scene, rig: Rig, truths: Sequence[Truth]) -> None:
-    """A camera is inside a body that encloses it and is all that it sees; a furnished room does not count."""
-    for i, (truth, pose) in enumerate(zip(truths, rig.world_from_cams, strict=True)):
-        seen = np.unique(truth.object_id)
-        if seen.size != 1 or seen[0] == 0:
-            continue
-        name = truth.object_names[seen[0] - 1]
-        if encloses(scene, name, pose[:3, 3]):
-            remedy = "scene.jitter, rig.baseline, or gates.inside"
-            raise Rejected("camera inside an object", f"camera {i} in {name!r}", remedy)
 
 
 _DIRECTION = np.array([0.30151134, 0.90453403, 0.30151134])  # unlikely to be parallel to an edge

@@ -58,7 +58,7 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
     if index < 0:
         raise InputError(f"the index of a sample must be 0 or more, got {index}")
     sizes = {} if recipe.weights else {"": len(recipe.names)}
-    sizes |= {leaf.key: len(leaf.distribution.values) for leaf in leaves(recipe.drawn) if leaf.is_sweep}
+    sizes |= {leaf.key: len(leaf.distribution.values) for leaf in leaves(recipe.drawn) if leaf.kind == "sweep"}
     digits, rest = {}, index
     for key, size in sizes.items():
         rest, digits[key] = divmod(rest, size)
@@ -68,9 +68,9 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
         chosen = digits[""]
 
     def choose(leaf: Leaf) -> Any:
-        if leaf.is_sweep:
+        if leaf.kind == "sweep":
             return leaf.distribution.values[digits[leaf.key]]
-        if leaf.is_per_scene:
+        if leaf.kind == "per_scene":
             return leaf.distribution.values[chosen]
         return leaf.distribution.draw(generator(recipe.seed, "draw", index, attempt, leaf.key))
 
@@ -92,7 +92,7 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
 def is_fixed(recipe: Recipe) -> bool:
     """Whether all draws of a sample differ in noise only: the scene is from a file, and nothing else is random."""
     chosen = recipe.weights is None or len(recipe.names) == 1
-    random = any(not leaf.is_sweep and not leaf.is_per_scene for leaf in leaves(recipe.drawn))
+    random = any(leaf.kind not in ("sweep", "per_scene") for leaf in leaves(recipe.drawn))
     return chosen and recipe.kind == "scene" and not random
 
 

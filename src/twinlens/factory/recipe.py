@@ -147,7 +147,7 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
     assets = {kind: tuple(folders) for kind, folders in table.assets.model_dump(exclude_none=True).items()}
     drawn = {key: template(written[key], path, key) for key in DRAWN if key in written}
     for leaf in leaves(drawn):
-        if leaf.is_per_scene and len(leaf.distribution.values) != len(names):
+        if leaf.kind == "per_scene" and len(leaf.distribution.values) != len(names):
             raise InputError(
                 f"{path}: {leaf.key}: per_scene needs {len(names)} values, one for each scene or family of the recipe, "
                 f"got {len(leaf.distribution.values)}"

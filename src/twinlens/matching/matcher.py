@@ -122,7 +122,11 @@ class StereoMatcher(RangeMatcher):
             # Mirrored, the right image becomes a left image: u' = W - 1 - u keeps u_left - u_right.
             of_right = _mirrored(self._raw_disparity(_mirrored(right), _mirrored(left)))
             disparity = refine.consistent(disparity, of_right, self.lr_check)
-        return self._refined(disparity)
+        if self.speckle_size > 0:
+            disparity = refine.without_speckles(disparity, self.speckle_size, self.speckle_range)
+        if self.median > 1:
+            disparity = refine.median(disparity, self.median)
+        return refine.filled(disparity) if self.fill == "background" else disparity
 
     def _raw_disparity(self, left: Image, right: Image) -> Disparity:
         if self.cost == "jaccard" and (lowest := min(float(left.min()), float(right.min()))) < 0:
@@ -135,13 +139,6 @@ class StereoMatcher(RangeMatcher):
         if self.texture > 0:
             disparity = refine.textured(disparity, left, self.block_size, self.texture)
         return disparity
-
-    def _refined(self, disparity: Disparity) -> Disparity:
-        if self.speckle_size > 0:
-            disparity = refine.without_speckles(disparity, self.speckle_size, self.speckle_range)
-        if self.median > 1:
-            disparity = refine.median(disparity, self.median)
-        return refine.filled(disparity) if self.fill == "background" else disparity
 
 
 def _mirrored(image: Any) -> Any:

@@ -10,12 +10,14 @@ from twinlens.rendering.backends import (
 from twinlens.rendering.denoising import denoiser_record as denoiser_record
 from twinlens.rendering.ground_truth import correspondence as correspondence, ground_truth as ground_truth
 from twinlens.rendering.lens_grid import LensGrid as LensGrid, render_lens_grid as render_lens_grid
-from twinlens.rendering.noise import MAX_SPP as MAX_SPP, NoisyImage as NoisyImage, render_measured as render_measured
 from twinlens.rendering.radiance import (
+    MAX_SPP as MAX_SPP,
     SAMPLERS as SAMPLERS,
+    NoisyImage as NoisyImage,
     Progress as Progress,
     partial_progress as partial_progress,
     render as render,
+    render_measured as render_measured,
 )
 from twinlens.rendering.sensors import check_lens_supported as check_lens_supported
 from twinlens.rendering.shared_kernels import share_kernels as share_kernels

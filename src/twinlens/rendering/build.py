@@ -91,19 +91,18 @@ def _integrator(scene: Scene) -> Any:
     return _load({"block_size": _BLOCK_PX, **scene.integrator}, "integrator")
 
 
-def _parts(thing: SceneObject, index: int, leaf: Any, parts: dict[str, Any]) -> list[tuple[str, str, Any]]:
+def _parts(thing: SceneObject, index: int, leaf: Any, parts: dict[str, Any]) -> Iterator[tuple[str, str, Any]]:
     """(name, key, Mitsuba part) of each copy of an object; instances share a shape group, which is added to `parts`."""
     key = f"object{index:04d}"
     if not thing.instances:
-        return [(thing.name, key, leaf)]
+        yield thing.name, key, leaf
+        return
     mi = mitsuba()
     group = mi.load_dict({"type": "shapegroup", "leaf": leaf})
     parts[f"group{index:04d}"] = group
-    rows = []
     for i, pose in enumerate(thing.instances):
         placed = {"type": "instance", "to_world": mi.ScalarTransform4f(pose), "group": group}
-        rows.append((f"{thing.name}[{i}]", f"{key}_{i:05d}", placed))
-    return rows
+        yield f"{thing.name}[{i}]", f"{key}_{i:05d}", placed
 
 
 def _leaf(thing: SceneObject, bsdf: Any, uv_factors: Float | None) -> Any:

@@ -77,7 +77,9 @@ def probe(variant: str, library: Path | None = None) -> Probe:
     home = os.environ.get("DRJIT_CACHE_DIR") or os.path.expanduser("~/.drjit")  # noqa: PTH111  never raises
     file = Path(home) / "twinlens-backends.json"
     key = f"{variant}|{library}|{_stamp(library)}|mitsuba {importlib.metadata.version('mitsuba')}"
-    known = _read(file)
+    known: dict[str, Probe] = {}
+    with contextlib.suppress(OSError, ValueError):  # the file is missing or damaged
+        known = _ROWS.validate_json(file.read_bytes())
     if key in known:
         return known[key]
     answer = _run(variant, library)
@@ -87,14 +89,6 @@ def probe(variant: str, library: Path | None = None) -> Probe:
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(_ROWS.dump_json(known | {key: result}, indent=1))
     return result
-
-
-def _read(file: Path) -> dict[str, Probe]:
-    """The cached results; none if the file is missing or damaged."""
-    try:
-        return _ROWS.validate_json(file.read_bytes())
-    except (OSError, ValueError):
-        return {}
 
 
 def _stamp(library: Path | None) -> str:

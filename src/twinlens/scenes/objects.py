@@ -60,8 +60,8 @@ class AnalyticBase(ObjectBase):
 
     def geometry(self) -> Plugin:
         given = self.model_fields_set - ObjectBase.model_fields.keys() - {"shape"}
-        parameters = {key: getattr(self, key) for key in type(self).model_fields if key in given}
-        return {"type": self.shape} | parameters  # type: ignore[attr-defined]  # every shape has one
+        kind = self.shape  # type: ignore[attr-defined]  # every shape has one
+        return {"type": kind, **{key: value for key, value in self if key in given}}
 
 
 class MeshBase(ObjectBase):

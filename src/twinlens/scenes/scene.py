@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.errors import InputError
+from twinlens.errors import InputError, check_known, located
 from twinlens.geometry import Float, check_rigid
 
 Plugin = Mapping[str, Any]
@@ -158,8 +158,8 @@ class Scene:
         if not 0 < near < far:
             raise InputError(f"scene {self.name!r}: depth_range must be 0 < near < far in metres, got [{near}, {far}]")
         for thing in self.objects:
-            if thing.material not in self.materials:
-                raise InputError(f"object {thing.name!r}: the scene does not define the material {thing.material!r}")
+            with located(f"objects.{thing.name}.material"):
+                check_known("material", thing.material, self.materials)
 
     def at(self, world_from_left: ArrayLike) -> "Scene":
         """The same scene with another pose of the left camera."""

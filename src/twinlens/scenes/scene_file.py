@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import pydantic
 
-from twinlens.errors import FileError, InputError, unknown
+from twinlens.errors import FileError, InputError, located, unknown
 from twinlens.scenes.assets import SceneContext, read_limited
 from twinlens.scenes.objects import Object
 from twinlens.scenes.placement import Vector3, view_pose
@@ -58,9 +58,6 @@ class SceneFile(StrictModel):
 
     @pydantic.model_validator(mode="after")
     def _check_scene(self) -> "SceneFile":
-        for name, thing in self.objects.items():
-            if thing.material not in self.materials:
-                raise InputError(f"objects.{name}.material: {unknown('material', thing.material, self.materials)}")
         if not self.lights and not any(thing.emitter for thing in self.objects.values()):
             raise InputError("the scene has no light: add one under [lights], or an emitter to an object")
         if sum(light["type"] in SURROUNDING_LIGHTS for light in self.lights.values()) > 1:
@@ -87,19 +84,20 @@ def read_scene_toml(path: Path, name: str) -> Scene:
     context = SceneContext(path.parent)
     file = read(SceneFile, data, path, context=context)
     camera = file.camera
-    scene = Scene(
-        name=name,
-        objects=tuple(replace(thing, name=key) for key, thing in file.objects.items()),
-        materials=file.materials,
-        lights=file.lights,
-        integrator=file.integrator,
-        world_from_left=view_pose(camera.position, camera.look_at, camera.up),
-        fov_x_deg=camera.fov_x_deg,
-        baseline=camera.baseline,
-        depth_range=(camera.depth_range[0], camera.depth_range[1]),
-        description=file.description,
-        files=(path, *dict.fromkeys(context.files)),
-    )
+    with located(str(path)):
+        scene = Scene(
+            name=name,
+            objects=tuple(replace(thing, name=key) for key, thing in file.objects.items()),
+            materials=file.materials,
+            lights=file.lights,
+            integrator=file.integrator,
+            world_from_left=view_pose(camera.position, camera.look_at, camera.up),
+            fov_x_deg=camera.fov_x_deg,
+            baseline=camera.baseline,
+            depth_range=(camera.depth_range[0], camera.depth_range[1]),
+            description=file.description,
+            files=(path, *dict.fromkeys(context.files)),
+        )
     return scene if file.rig is None else scene_with_rig(scene, path, data["rig"], "rig")
 
 
