@@ -13,7 +13,6 @@ https://github.com/webdataset/webdataset, "The WebDataset Format"; POSIX.1-2001,
 datasets, "Image" feature: a struct of `bytes` and `path`.
 """
 
-import importlib
 import io
 import itertools
 import json
@@ -223,11 +222,16 @@ def parquet(sources: Iterable[Source], file_bytes: int = _FILE_BYTES) -> Iterato
     One row and row group per sample: images and maps as encoded files (PNG, and PFM, which Pillow opens as mode F),
     calibration as columns. Raises MissingExtraError without pyarrow.
     """
-    schema = _schema()
+    try:
+        import pyarrow as pa
+        from pyarrow.parquet import ParquetWriter
+    except ImportError:
+        raise MissingExtraError("exporting to parquet needs pyarrow: pip install 'twinlens[parquet]'") from None
+    schema = _schema(pa)
     number, stream, writer = 0, io.BytesIO(), None
     for source in sources:
-        writer = writer or _pyarrow()[1].ParquetWriter(stream, schema, compression="NONE")  # content is compressed
-        writer.write_table(_table(source, schema))
+        writer = writer or ParquetWriter(stream, schema, compression="NONE")  # content is compressed
+        writer.write_table(pa.Table.from_pylist([_row(source)], schema=schema))
         if stream.tell() >= file_bytes:
             writer.close()
             yield f"train-{number:05d}.parquet", stream.getvalue()
@@ -317,8 +321,7 @@ def _kitti_calibration(calibration: Calibration) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def _schema() -> Any:
-    pa, _ = _pyarrow()
+def _schema(pa: Any) -> Any:
     image = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
     fields = [("name", pa.string()), *((name, image) for name in IMAGES)]
     fields += [(name, pa.int32() if name in ("width", "height", "ndisp") else pa.float64()) for name in NUMBERS]
@@ -328,19 +331,11 @@ def _schema() -> Any:
     return pa.schema(fields, metadata={"huggingface": json.dumps({"info": {"features": features}})})
 
 
-def _table(source: Source, schema: Any) -> Any:
+def _row(source: Source) -> dict[str, Any]:
     sample, calibration = source.sample, source.sample.calibration
     images = [{"bytes": data, "path": f"{source.name}/{name}"} for name, data in source.files(least=-np.inf)]
     fx, fy, cx0, cy = calibration.cam0
     size = (calibration.width, calibration.height)
     numbers = (*size, fx, fy, cx0, calibration.cam1[2], cy, calibration.baseline, calibration.doffs, sample.ndisp)
     row: dict[str, Any] = {"name": sample.name, "record": source.record().decode()}
-    row |= dict(zip(IMAGES, images, strict=False)) | dict(zip(NUMBERS, numbers, strict=True))
-    return _pyarrow()[0].Table.from_pylist([row], schema=schema)
-
-
-def _pyarrow() -> tuple[Any, Any]:
-    try:
-        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
-    except ImportError:
-        raise MissingExtraError("exporting to parquet needs pyarrow: pip install 'twinlens[parquet]'") from None
+    return row | dict(zip(IMAGES, images, strict=False)) | dict(zip(NUMBERS, numbers, strict=True))

@@ -111,11 +111,10 @@ def load_pair(sample: Sample | StoredSample, lens: int = 0) -> Pair:
     if isinstance(sample, Pair):
         return sample
     images: Any = sample.lens(lens) if isinstance(sample, StoredSample) else sample
+    noise = getattr(images, "renderer_noise", None)
     if isinstance(sample, StoredSample):
-        noise = images.renderer_noise
         blur, kinds = _optional(lambda: images.blur_circle_px(0)), _optional(lambda: sample.truth0.material_kind)
     else:
-        noise = getattr(sample, "renderer_noise", None)
         blur = _optional(lambda: getattr(sample, "blur0", None))
         kinds = _optional(lambda: getattr(sample, "material_kind0", None))
     calibration, truth = _optional(lambda: getattr(sample, "calibration", None)), sample.disp0
