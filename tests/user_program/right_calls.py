@@ -41,6 +41,7 @@ class Flat:
 flat: NDArray[np.float32] = tl.match(photo.image, photo.image, method=Flat(), num_disparities=8)
 same: NDArray[np.float32] = tl.match(photo.image, photo.image, method=matcher)
 board = tl.scoring.run_benchmark(tl.scoring.open_pairs(["out"]), [Flat()])
+scored = tl.scoring.run_benchmark(data, [Flat()])
 
 names: list[str] = list(tl.bundled_scenes())
 functions = tl.scoring.evaluate, tl.matching.match, tl.geometry.look_at

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Generic, Literal, Self, TypeVar, overload
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import pydantic
@@ -75,19 +75,10 @@ class SampleFile(FileModel):
     )
 
 
-class _View(property, Generic[T]):
-    """A property that calls a method of the owner with a view's number."""
-
-    def __init__(self, method: Callable[[Any, int], T], i: int) -> None:
-        super().__init__(lambda owner: getattr(owner, method.__name__)(i))
-        self.__doc__ = (method.__doc__ or "").replace("view i", f"view {i}")
-
-    @overload
-    def __get__(self, owner: None, kind: type, /) -> Self: ...
-    @overload
-    def __get__(self, owner: Any, kind: type | None = None, /) -> T: ...
-    def __get__(self, owner: Any, kind: type | None = None, /) -> Any:
-        return super().__get__(owner, kind)
+def _view(method: Callable[[Any, int], T], i: int) -> T:
+    """A property that calls a method of the owner with a view's number; type checkers see an attribute of type T."""
+    doc = (method.__doc__ or "").replace("view i", f"view {i}")
+    return property(lambda owner: getattr(owner, method.__name__)(i), doc=doc)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
@@ -169,10 +160,10 @@ class StoredSample(Mapping[str, Any]):
         unknown = np.full(fields["depth"].shape, np.inf, np.float32)
         return Truth(**fields, disparity=self.disparity(i) if self.has_disparity(i) else unknown)
 
-    im0, im1 = _View(image, 0), _View(image, 1)
-    disp0, disp1 = _View(disparity, 0), _View(disparity, 1)
-    mask0_nonocc, mask1_nonocc = _View(mask_nonocc, 0), _View(mask_nonocc, 1)
-    truth0, truth1 = _View(truth, 0), _View(truth, 1)
+    im0, im1 = _view(image, 0), _view(image, 1)
+    disp0, disp1 = _view(disparity, 0), _view(disparity, 1)
+    mask0_nonocc, mask1_nonocc = _view(mask_nonocc, 0), _view(mask_nonocc, 1)
+    truth0, truth1 = _view(truth, 0), _view(truth, 1)
 
     def correspondence(self, source: int, target: int) -> Correspondence:
         """Where the pixels of view `source` are in view `target`, from their truths. See `correspondence_of`."""
@@ -277,7 +268,7 @@ class StoredShot:
         """Image of view i, uint8 or uint16 (H, W, 3) or (H, W)."""
         return read_png(self.path(f"im{i}.png"))
 
-    im0, im1 = _View(image, 0), _View(image, 1)
+    im0, im1 = _view(image, 0), _view(image, 1)
 
     def radiance(self, i: int) -> NDArray[np.float32]:
         """Linear image of view i, float32 (H, W, 3), if it was stored."""
