@@ -232,7 +232,7 @@ def test_earlier_failures_are_reported_and_rerun_on_request(twinlens, dataset, t
     weights.mkdir()
     status, out, err = twinlens(*arguments)
     assert status == 1
-    assert "failed: mine on cards" in out
+    assert "failed: mine on cards · pinhole and 1 more: crash (" in out
     assert err == "earlier failures kept: 2; use --retry-failed to rerun them\n"
     status, out, err = twinlens("benchmark", dataset, "-o", tmp_path / "b", "--methods", "sad")
     assert (status, err) == (0, "")

@@ -303,5 +303,10 @@ def test_latex_escapes_names_and_marks_the_best():
     assert text.count("{") == text.count("}")
 
 
-def test_failures_are_listed_once_per_pair():
-    assert failures(real_board()) == [f"raises on {s}: crash (RuntimeError: out of luck)" for s in "st"]
+def test_failures_are_listed_once_per_method_and_kind():
+    assert failures(real_board()) == ["raises on s and 1 more: crash (RuntimeError: out of luck)"]
+    assert failures(real_board().subset("s")) == ["raises on s: crash (RuntimeError: out of luck)"]
+    late = [entry("m", name, 1, failure=Failure("time-limit", "late")) for name in "abc"]
+    died = entry("m", "d", 1, failure=Failure("crash", "signal 11"))
+    assert failures(board(*late, died)) == ["m on a and 2 more: time-limit (late)", "m on d: crash (signal 11)"]
+    assert failures(board(died), ["other"]) == []

@@ -110,10 +110,17 @@ def comparison_table(board: Board, protocol: str, region: str, groups: Groups) -
 
 
 def failures(board: Board, methods: Collection[str] | None = None) -> list[str]:
-    """One line per failed pair of these methods, None for all: method, sample, kind and message."""
-    listed = [e for e in board.entries if methods is None or e.method in methods]
-    found = {(e.method, e.sample): e.failure for e in listed if e.failure is not None}
-    return [f"{method} on {sample}: {failure.kind} ({failure.message})" for (method, sample), failure in found.items()]
+    """One line per kind of failure of each of these methods, None for all: the first sample, its message, the count."""
+    found: dict[tuple[str, str], dict[str, str]] = {}
+    for e in board.entries:
+        if e.failure is not None and (methods is None or e.method in methods):
+            found.setdefault((e.method, e.failure.kind), {}).setdefault(e.sample, e.failure.message)
+    lines = []
+    for (method, kind), samples in found.items():
+        first, message = next(iter(samples.items()))
+        more = f" and {len(samples) - 1} more" if len(samples) > 1 else ""
+        lines.append(f"{method} on {first}{more}: {kind} ({message})")
+    return lines
 
 
 def board_csv(board: Board) -> str:
