@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from tests.factory_recipes import RECIPE, digests, write_recipe
-from twinlens.dataset import Dataset, Manifest, Row, read_manifest, write_manifest
+from twinlens.dataset import About, Dataset, Manifest, Row, describe, read_manifest, write_manifest
 from twinlens.dataset.files import locked
+from twinlens.dataset.metadata import about
 from twinlens.dataset.sample import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import BackendError, FileError, InputError, OutputError
@@ -159,6 +160,20 @@ def test_a_set_may_grow_and_its_samples_stay(recipe, folder, tmp_path):
     kept = {name: digest for name, digest in digests(folder).items() if name in before and name[0] == "0"}
     assert kept == {name: digest for name, digest in before.items() if name[0] == "0"}
     assert len(Dataset(folder)) == 6
+
+
+def test_described_values_are_kept_and_replace_those_of_the_recipe(recipe, folder):
+    generate(recipe, folder, limit=1)
+    describe(folder, About(license="CC0-1.0"))
+    describe(folder, About(name="My set", creator="Ada"))
+    texts = {"name": "Recipe's", "description": "Cards.", "creator": "Bob", "license": "MIT"}
+    changed = read_recipe(recipe.file, {"about": texts, "count": 2})
+    for _ in range(2):
+        generate(changed, folder)
+        given, manifest = about(Dataset(folder))
+        assert given == About(name="My set", description="Cards.", license="CC0-1.0", creator="Ada")
+        assert manifest.info["about"] == {"license": "CC0-1.0", "name": "My set", "creator": "Ada"}
+        assert "# My set\n\nCards.\n" in (folder / "README.md").read_text()
 
 
 def test_a_set_does_not_shrink(recipe, folder, tmp_path):

@@ -100,7 +100,8 @@ def describe(dataset: Where | Dataset, given: About | None = None) -> list[str]:
     texts, manifest = about(dataset)
     if given is not None and given.plain():
         texts = About.of(texts.plain() | given.plain())
-        manifest = dataclasses.replace(dataset.manifest, info={**manifest.info, KEY: texts.plain()})
+        stored = manifest.info.get(KEY, {}) | given.plain()
+        manifest = dataclasses.replace(dataset.manifest, info={**manifest.info, KEY: stored})
         write_manifest(dataset.path, manifest)
     return [*_write_card(dataset, texts, manifest), write_croissant(dataset, texts, manifest)]
 

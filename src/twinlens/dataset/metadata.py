@@ -99,12 +99,13 @@ class About(schema.StrictModel):
 
 
 def about(dataset: Dataset) -> tuple[About, Manifest]:
-    """The About in dataset.json or its recipe, and the manifest; empty ones without dataset.json. Raises FileError."""
+    """The recipe's About with the changes in `info`, and the manifest; empty without dataset.json. Raises FileError."""
     path = dataset.path / MANIFEST
     if not path.is_file():
         return About(), Manifest(())
     manifest = dataset.manifest
-    return read(About, manifest.info.get(KEY, manifest.recipe.get(KEY, {})), path, KEY), manifest
+    written, given = (read(About, each.get(KEY, {}), path, KEY).plain() for each in (manifest.recipe, manifest.info))
+    return About.of(written | given), manifest
 
 
 def write_croissant(dataset: Dataset, given: About, manifest: Manifest) -> str:

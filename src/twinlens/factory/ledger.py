@@ -20,6 +20,7 @@ from typing import Any
 from twinlens.dataset import Manifest, Row, read_manifest, write_manifest
 from twinlens.dataset.dataset import MANIFEST, ROW_KIND, ROW_VERSION, ROWS, row_of
 from twinlens.dataset.files import files_below, is_hidden, read_bytes, remove_unfinished, write_file
+from twinlens.dataset.metadata import KEY as ABOUT
 from twinlens.dataset.record import decode_json, encode_json, plain, read_json
 from twinlens.dataset.sample import KIND as SAMPLE_KIND, VERSION as SAMPLE_VERSION
 from twinlens.dataset.storage import MARK, Place, RemotePath, remove_objects
@@ -52,6 +53,7 @@ class Ledger:
         self.folder, self.recipe = folder, recipe
         self.made_with = plain(made_with)
         self.entries: dict[int, Entry] = {}
+        self.described: dict[str, Any] = {}
         self.has_file = (folder / MANIFEST).is_file()
         if not self.has_file:
             self._refuse_other_files()
@@ -112,7 +114,8 @@ class Ledger:
         if self.recipe.splits:
             counts = Counter(row.info.get("split") for row in self.rows)
             record["splits"] = {name: counts[name] for name in self.recipe.splits}
-        write_manifest(self.folder, Manifest(self.rows, self.recipe.written, self.recipe.seed, record | info))
+        info = record | self.described | info
+        write_manifest(self.folder, Manifest(self.rows, self.recipe.written, self.recipe.seed, info))
         self.has_file = True
 
     def clear(self) -> None:
@@ -137,6 +140,7 @@ class Ledger:
             raise InputError(
                 f"{self.folder}: was started with other source files ({edited}); restore them, or name another folder"
             )
+        self.described = {key: known.info[key] for key in (ABOUT,) if key in known.info}
         try:
             self.entries |= {int(row.info["index"]): row for row in known.rows}
             self.entries |= {int(failed["index"]): Failure(**failed) for failed in known.info.get("failed", ())}
