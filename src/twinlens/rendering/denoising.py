@@ -63,8 +63,7 @@ def denoise_image(
         device=_device(),
     )
     inside = np.asarray(filtered)[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX:-_MARGIN_PX]
-    denoised: NDArray[np.float32] = inside * divisor
-    return denoised
+    return np.asarray(inside * divisor)
 
 
 def _replace_texture(
@@ -72,8 +71,7 @@ def _replace_texture(
 ) -> NDArray[np.float32]:
     finite = np.nan_to_num(image, posinf=0, neginf=0)
     irradiance = uniform_filter(finite, _WINDOW) / np.maximum(uniform_filter(own, _WINDOW), LEAST_ALBEDO)
-    replaced: NDArray[np.float32] = np.maximum(image + irradiance * (albedo - own), 0, dtype=np.float32)
-    return replaced
+    return np.asarray(np.maximum(image + irradiance * (albedo - own), 0, dtype=np.float32))
 
 
 def _pad(image: NDArray[np.float32]) -> NDArray[np.float32]:

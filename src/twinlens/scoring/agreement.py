@@ -136,8 +136,7 @@ def sample_ranks(board: Board, methods: Sequence[str], protocol: str, region: st
     if not rows:
         raise InputError(f"{board.title}: no sample has scores of all {len(methods)} shared methods in {region!r}")
     values = np.asarray(rows)
-    ranks: Ranks = scipy.stats.rankdata(np.where(np.isnan(values), np.inf, values), axis=1)
-    return ranks
+    return np.asarray(scipy.stats.rankdata(np.where(np.isnan(values), np.inf, values), axis=1))
 
 
 def _reliability(ranks: Ranks, splits: int, rng: np.random.Generator) -> CorrelationInterval:
