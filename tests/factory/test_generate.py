@@ -15,9 +15,9 @@ from twinlens.dataset.metadata import about
 from twinlens.dataset.sample import sample_files
 from twinlens.dataset.verify import verify_sample
 from twinlens.errors import BackendError, FileError, InputError, OutputError
-from twinlens.factory import estimate, generate, make, produce, read_recipe
+from twinlens.factory import estimate, generate, make, produce, read_recipe, recipe_from_table
 from twinlens.factory.plan import SampleSpec
-from twinlens.factory.produce import Exhausted
+from twinlens.factory.produce import Exhausted, check_backend
 from twinlens.rendering import sensors
 from twinlens.rendering.backends import Backend
 
@@ -447,6 +447,20 @@ def test_lenses_that_the_backend_cannot_do_leave_no_folder_behind(scalar, tmp_pa
     with pytest.raises(BackendError, match="needs the LLVM or CUDA backend"):
         generate(refused, folder)
     assert not folder.exists()
+
+
+def test_a_mismatch_that_the_backend_cannot_do_leaves_no_folder_behind(scalar, tmp_path, folder):
+    """One camera has no mismatch, so its recipe is not refused."""
+    write_recipe(tmp_path)
+    table = {"seed": 1, "count": 1, "scenes": ["tiny"], "sensor": {"mismatch": "typical"}}
+    with pytest.raises(BackendError, match=r"mismatch's distortion_px=\S+ needs the LLVM or CUDA .* set it to 0"):
+        generate(recipe_from_table(table, tmp_path / "recipe.toml"), folder)
+    assert not folder.exists()
+    for changes in (
+        {"sensor": {"mismatch": {"level": "typical", "distortion_px": 0}}},
+        {"rig": {"layout": "line", "count": 1}},
+    ):
+        check_backend(recipe_from_table(table | changes, tmp_path / "recipe.toml"), 0)
 
 
 def test_lenses_that_some_draw_could_do_are_tried(scalar, tmp_path, folder):

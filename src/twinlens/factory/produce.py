@@ -7,12 +7,13 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+from twinlens.camera import Rig
 from twinlens.dataset import Sample
 from twinlens.errors import BackendError, FileError, InputError
 from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
-from twinlens.factory.sample import make_sample
+from twinlens.factory.sample import make_sample, misaligned_rig
 from twinlens.factory.settings import Settings, View, make_lenses, with_mismatch_seed
 from twinlens.factory.sources import Sources
 from twinlens.families import random_scene
@@ -80,15 +81,14 @@ def produce(
     sources = sources or Sources()
     settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), _FILE)
     scene = _scene(spec, settings, sources)
-    moved = scene.at(scene.world_from_left @ settings.scene.jitter.pose())
-    rig = rig_from_table(settings.rig or scene.rig or {}, moved, settings.width, settings.height, _FILE, "rig")
+    rig = _rig(scene, settings)
     truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity)
     if gates is not None:
         check_truth(gates, scene, rig, truths, spec.ndisp)
     view = View(scene, rig.nominal.cameras[0], truths, spec.seed)
     sample = make_sample(
         scene,
-        settings.sensor.mismatch.misalign(rig),
+        misaligned_rig(rig, settings.sensor.mismatch),
         make_lenses(settings, view, _FILE, sources.file),
         spp=settings.spp,
         denoise=settings.denoise,
@@ -108,16 +108,16 @@ def produce(
 
 
 def check_backend(recipe: Recipe, index: int) -> None:
-    """Raise BackendError if this process's backend cannot render the lenses of any draw of a sample.
-
-    The scene is not loaded; what depends on it is checked when the sample is made.
-    """
+    """Raise BackendError if this process's backend cannot render the lenses or the mismatch of any draw of a sample."""
     last = 0 if is_fixed(recipe) else recipe.gates.attempts - 1
     for attempt in range(last + 1):
         try:
-            settings = read(Settings, dict(plan(recipe, index, attempt).drawn), _FILE)
+            spec = plan(recipe, index, attempt)
+            settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), _FILE)
             for lens in make_lenses(settings, None, _FILE, recipe.sources.file):
                 check_lens_supported(lens)
+            if settings.sensor.mismatch.distortion_px:
+                misaligned_rig(_rig(_scene(spec, settings, recipe.sources), settings), settings.sensor.mismatch)
         except BackendError:
             if attempt == last:
                 raise
@@ -125,6 +125,11 @@ def check_backend(recipe: Recipe, index: int) -> None:
             return
         else:
             return
+
+
+def _rig(scene: Scene, settings: Settings) -> Rig:
+    moved = scene.at(scene.world_from_left @ settings.scene.jitter.pose())
+    return rig_from_table(settings.rig or scene.rig or {}, moved, settings.width, settings.height, _FILE, "rig")
 
 
 def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:

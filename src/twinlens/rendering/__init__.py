@@ -19,5 +19,8 @@ from twinlens.rendering.radiance import (
     render as render,
     render_measured as render_measured,
 )
-from twinlens.rendering.sensors import check_lens_supported as check_lens_supported
+from twinlens.rendering.sensors import (
+    check_lens_supported as check_lens_supported,
+    check_mismatch_supported as check_mismatch_supported,
+)
 from twinlens.rendering.shared_kernels import share_kernels as share_kernels

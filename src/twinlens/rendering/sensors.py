@@ -83,6 +83,14 @@ def check_lens_supported(lens: Lens) -> None:
         _check_lens(lens)
 
 
+def check_mismatch_supported(distortion_px: float) -> None:
+    """Raise BackendError if this process's backend does not support a second camera with this distortion."""
+    if distortion_px and not backend().is_jit:
+        raise BackendError(
+            f"the mismatch's distortion_px={distortion_px:.3g} {_NEEDS_JIT}; without it, use distortion_px=0"
+        )
+
+
 def _check_camera(camera: Camera) -> None:
     if camera.fx != camera.fy:
         raise BackendError(f"a camera with pixels that are not square (fx={camera.fx}, fy={camera.fy}) {_NEEDS_JIT}")
