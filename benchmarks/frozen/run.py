@@ -18,7 +18,6 @@ import tables
 from twinlens.cli.boards import run_board
 from twinlens.dataset import Dataset
 from twinlens.factory import generate, read_recipe, worker_processes
-from twinlens.matching import parse_methods
 from twinlens.scoring import Board, DatasetPairs, Pair, board_to_json, motorcycle, pair_statistics
 
 HERE = Path(__file__).parent
@@ -46,7 +45,7 @@ def make_dataset(name: str, work: Path, workers: int) -> Dataset:
 def make_board(name: str, pairs: Sequence[Pair], work: Path, regions: Sequence[str] = REGIONS) -> Board:
     """The board of all methods on some pairs, kept in the work folder."""
     title = f"twinlens frozen benchmark {VERSION}: {name}"
-    return run_board(pairs, parse_methods(METHODS), work / "boards" / name, (PROTOCOL,), tuple(regions), title=title)
+    return run_board(pairs, METHODS, work / "boards" / name, (PROTOCOL,), tuple(regions), title=title)
 
 
 class Progress:

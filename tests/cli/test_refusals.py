@@ -75,6 +75,7 @@ def test_missing_scene_file(refuses, tmp_path):
         ),
         (("--distortion", "-3"), "--distortion BrownConrady(k1=-3"),
         (("--distortion", "fisheye:"), "--distortion must be fisheye:k1[,k2,k3,k4], got ''"),
+        (("--distortion", "0.1,0.2,0.3"), "--distortion must be k1[,k2[,p1,p2["),
         (("--distortion", "0.1,"), "--distortion must be k1[,k2"),
         (("--baseline", "1e9"), "--baseline 1e+09: the views have nothing in common"),
         (("--lens", "F/2.8"), "did you mean 'f/2.8'?"),

@@ -154,6 +154,7 @@ def test_boards_with_too_few_common_methods_are_refused():
 def test_the_command_prints_and_draws(tmp_path, capsys):
     write_board(board(noisy(0)), tmp_path / "a" / "board.json")
     write_board(board(noisy(1)), tmp_path / "b.json")
+    assert agreement(str(tmp_path / "a"), tmp_path / "b.json") == agreement(board(noisy(0)), board(noisy(1)))
     arguments = ["agree", str(tmp_path / "a"), str(tmp_path / "b.json")]
     assert run([*arguments, "-o", str(tmp_path / "agree.svg")]) == 0
     text = capsys.readouterr().out

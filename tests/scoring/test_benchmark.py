@@ -17,7 +17,7 @@ import pytest
 from tests.scoring.scoring_methods import Constant, Hangs, Signed, Slow, Starts, Starving, Trouble, Unloadable, pair
 from twinlens.dataset import Calibration
 from twinlens.errors import FileError, InputError
-from twinlens.matching import parse_method
+from twinlens.matching import StereoMatcher, parse_method
 from twinlens.scoring import Board, MapFolder, Pair, board_file, evaluate, load_pair, read_board, run_benchmark
 from twinlens.scoring.samples import fingerprint
 
@@ -458,6 +458,8 @@ def test_a_file_that_is_not_a_board_is_not_overwritten(tmp_path):
         (([pair()], [Constant("a", 4), Constant("a", 5)]), {}, "two methods are named 'a'"),
         (([pair("s"), pair("s")], [Constant("a", 4)]), {}, "two samples are named 's'"),
         (([pair()], []), {}, "no method"),
+        (([pair()], "zncx"), {}, "unknown method 'zncx'; did you mean 'zncc'"),
+        (([pair()], [StereoMatcher("zncc")]), {}, "^StereoMatcher has no name for the board: give it one, or"),
         (([pair()], [Constant("a", 4)]), {"protocol": "eth"}, "did you mean 'eth3d'"),
         (([pair()], [Constant("a", 4)]), {"regions": ["nonoc"]}, "did you mean 'nonocc'"),
         (([pair()], [Constant("a", 4)]), {"regions": []}, "nothing to score"),
@@ -470,6 +472,12 @@ def test_a_file_that_is_not_a_board_is_not_overwritten(tmp_path):
 def test_bad_arguments_are_refused(args, options, says):
     with pytest.raises(InputError, match=says):
         run_benchmark(*args, **options)
+
+
+def test_methods_are_given_as_text():
+    methods = ["wide=sad:block_size=5,num_disparities=4", Constant("a", 4), "sad,zncc"]
+    assert run_benchmark([pair()], methods, warm_up=False).methods == ("wide", "a", "sad", "zncc")
+    assert run_benchmark([pair()], "sad,zncc", warm_up=False).methods == ("sad", "zncc")
 
 
 def test_a_bad_sample_is_refused_by_name():

@@ -252,6 +252,8 @@ def poked(value):
     [
         ((poked(np.nan), FLAT), {}, r"disp holds NaN at 1 of 24 pixels, the first at x=3, y=2"),
         ((FLAT, poked(np.nan)), {}, "gt holds NaN"),
+        (("a.pfm", "b.pfm"), {}, "^gt is str: expected an array of real numbers"),
+        ((FLAT.astype(complex), FLAT), {}, "disp is complex128: expected an array of real numbers"),
         ((poked(-np.inf), FLAT), {}, r"disp holds -inf"),
         ((FLAT, poked(-np.inf)), {"protocol": "eth3d"}, r"gt holds -inf"),
         ((FLAT[:, :5], FLAT), {}, r"disp has shape \(4, 5\)"),

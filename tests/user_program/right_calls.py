@@ -41,7 +41,9 @@ class Flat:
 flat: NDArray[np.float32] = tl.match(photo.image, photo.image, method=Flat(), num_disparities=8)
 same: NDArray[np.float32] = tl.match(photo.image, photo.image, method=matcher)
 board = tl.scoring.run_benchmark(tl.scoring.open_pairs(["out"]), [Flat()])
-scored = tl.scoring.run_benchmark(data, [Flat()])
+scored = tl.scoring.run_benchmark(data, [Flat(), "sgm", "zncc:block_size=15"])
+agreement = tl.agreement("board", board)
+table = tl.study("texture", methods=("zncc",), seeds=1, width=320)
 
 names: list[str] = list(tl.bundled_scenes())
 functions = tl.scoring.evaluate, tl.matching.match, tl.geometry.look_at

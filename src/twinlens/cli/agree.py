@@ -10,7 +10,7 @@ from twinlens.cli.options import json_option, print_json
 from twinlens.cli.places import FIGURE_FILE, PATH
 from twinlens.dataset.files import write_file
 from twinlens.report.plots import agreement_figure
-from twinlens.scoring import agreement, read_board
+from twinlens.scoring import agreement
 
 MOVES = 5  # methods listed, those whose rank differs most
 
@@ -33,7 +33,7 @@ def command(board_a: Path, board_b: Path, output: Path | None, as_json: bool, **
     \b
     Example:  twinlens agree board real-board -o agreement.png
     """
-    result = agreement(read_board(board_a), read_board(board_b), **options)
+    result = agreement(board_a, board_b, **options)
     names = str(board_a), str(board_b)
     if output is not None:
         write_file(output, agreement_figure(result, names, output.suffix.lower()[1:]))

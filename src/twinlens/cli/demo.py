@@ -12,7 +12,6 @@ from twinlens.cli.places import PATH, check_samples
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Dataset, Manifest, Row, describe, write_manifest, write_sample
 from twinlens.factory import default_rig, make_sample
-from twinlens.matching import parse_methods
 from twinlens.optics import middle_focus
 from twinlens.rendering import backend
 from twinlens.scenes import load_scene
@@ -56,7 +55,7 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
         "real pair": ["motorcycle"],
     }
     board = run_board(
-        pairs, parse_methods(METHODS), board_folder, (PROTOCOL,), ("all", REGION), title="twinlens demo",
+        pairs, METHODS, board_folder, (PROTOCOL,), ("all", REGION), title="twinlens demo",
         page_options=lambda board: {"groups": groups, "notes": _notes(board, groups)},
     )  # fmt: skip
     print_board(board, board_folder, as_json, groups=groups, notes=_notes(board, groups))

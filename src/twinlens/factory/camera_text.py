@@ -122,7 +122,8 @@ def parse_distortion(text: str) -> Distortion:
     if colon and model not in ("fisheye", KannalaBrandt.name, BrownConrady.name):
         raise InputError(f"{where}: {unknown('model', model, ('fisheye', BrownConrady.name))}")
     fisheye = model in ("fisheye", KannalaBrandt.name)
-    numbers = parse_numbers("--distortion", rest, 1, 4 if fisheye else 8, _FISHEYE if fisheye else _BROWN_CONRADY)
+    counts, form = ((1, 2, 3, 4), _FISHEYE) if fisheye else ((1, 2, 4, 5, 8), _BROWN_CONRADY)
+    numbers = parse_numbers("--distortion", rest, counts, form)
     with located(where):
         return KannalaBrandt(*numbers) if fisheye else BrownConrady(*numbers)
 
@@ -167,10 +168,10 @@ def parse_sensor(text: str) -> Sensor:
     return read(settings.SensorTable, {"preset": preset, **values}, where, strict=False)  # type: ignore[no-any-return]
 
 
-def parse_numbers(option: str, text: str, least: int, most: int, form: str) -> list[float]:
-    """`least` to `most` numbers separated by commas; `form` describes them in errors."""
+def parse_numbers(option: str, text: str, counts: Collection[int], form: str) -> list[float]:
+    """Numbers separated by commas, as many as one of `counts`; `form` describes them in errors."""
     parts = [part.strip() for part in text.split(",")]
-    if not least <= len(parts) <= most or not all(re.fullmatch(rf"{_NUMBER}|[-+]?inf", part) for part in parts):
+    if len(parts) not in counts or not all(re.fullmatch(rf"{_NUMBER}|[-+]?inf", part) for part in parts):
         raise InputError(f"{option} must be {form}, got {format_value(text)}")
     return [float(part) for part in parts]
 
@@ -200,10 +201,10 @@ def parse_intrinsics(options: Mapping[str, Any]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     if "focal_length_px" in given:
         form = "FX[,FY] in pixels, such as 700 or 700,690"
-        focal = parse_numbers("--focal-length-px", given["focal_length_px"], 1, 2, form)
+        focal = parse_numbers("--focal-length-px", given["focal_length_px"], (1, 2), form)
         values |= {"fx": focal[0], "fy": focal[-1]}
     if "principal_point" in given:
-        values["cx"], values["cy"] = parse_numbers("--principal-point", given["principal_point"], 2, 2, "CX,CY")
+        values["cx"], values["cy"] = parse_numbers("--principal-point", given["principal_point"], (2,), "CX,CY")
     if "distortion" in given:
         model = parse_distortion(given["distortion"])
         values["distortion"] = {"model": model.name, **asdict(model)}

@@ -1,6 +1,7 @@
 """Agreement of two leaderboards: rank correlation of their methods, with bootstrap intervals over samples."""
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from twinlens.errors import InputError
 from twinlens.scoring.board import Board
+from twinlens.scoring.board_file import read_board
 from twinlens.scoring.metrics import find_metric
 from twinlens.seeds import generator
 
@@ -64,8 +66,8 @@ class Agreement:
 
 
 def agreement(
-    board_a: Board,
-    board_b: Board,
+    board_a: Board | str | os.PathLike[str],
+    board_b: Board | str | os.PathLike[str],
     *,
     protocol: str | None = None,
     region: str = "nonocc",
@@ -73,7 +75,7 @@ def agreement(
     resamples: int = 1000,
     seed: int = 0,
 ) -> Agreement:
-    """Compare the rankings of two boards.
+    """Compare the rankings of two boards, or of two board.json files or their folders.
 
     A method's rank on a board is the mean of its ranks on the samples, see `sample_ranks`.
 
@@ -87,18 +89,19 @@ def agreement(
     """
     if resamples < 1:
         raise InputError(f"resamples is {resamples}: expected 1 or more")
-    shared = [name for name in board_a.protocols if name in board_b.protocols]
+    boards = [board if isinstance(board, Board) else read_board(board) for board in (board_a, board_b)]
+    shared = [name for name in boards[0].protocols if name in boards[1].protocols]
     if protocol is None and not shared:
-        names = "; ".join(", ".join(board.protocols) for board in (board_a, board_b))
+        names = "; ".join(", ".join(board.protocols) for board in boards)
         raise InputError(f"the boards share no protocol: {names}")
     protocol = shared[0] if protocol is None else protocol
-    for board in (board_a, board_b):
+    for board in boards:
         _, chosen = board.rules(protocol, region, metric, "both boards")
-    methods = tuple(name for name in board_a.methods if name in board_b.methods)
+    methods = tuple(name for name in boards[0].methods if name in boards[1].methods)
     if len(methods) < 3:
         count = f"{len(methods)} method" + "s" * (len(methods) != 1)
         raise InputError(f"the boards share {count}: a comparison of rankings needs 3 or more")
-    a, b = (sample_ranks(board, methods, protocol, region, chosen.name) for board in (board_a, board_b))
+    a, b = (sample_ranks(board, methods, protocol, region, chosen.name) for board in boards)
     mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
     rng = generator(seed)
     drawn = [

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from twinlens.dataset.files import locked
 from twinlens.errors import FileError, InputError
+from twinlens.matching import parse_methods
 from twinlens.scoring.board import Board, Entry, Failure
 from twinlens.scoring.board_file import BoardWriter, read_board
 from twinlens.scoring.evaluate import RESERVED, evaluate, upsampled, upsampling
@@ -33,7 +34,7 @@ class Step:
 
 def run_benchmark(
     samples: Iterable[Sample],
-    methods: Sequence[Method | Submission],
+    methods: Sequence[Method | Submission | str],
     *,
     protocol: str | Sequence[str] = "middlebury-v3",
     regions: Sequence[str] = ("all", "nonocc"),
@@ -54,10 +55,10 @@ def run_benchmark(
     Parameters
     ----------
     samples
-        Objects as `samples.Sample` describes; each is held in memory only while it is scored.
+        A `Dataset`, or other objects as `samples.Sample` describes; each is held in memory only while it is scored.
     methods
-        Objects as `runners.Method` describes, with unique names, or `Submission`s. Their `spec`, or else their name,
-        must change whenever their results may change.
+        Texts such as "zncc:block_size=15", as for `matching.parse_methods`, objects as `runners.Method` describes, or
+        `Submission`s, with unique names. Their `spec`, or else their name, must change whenever results may change.
     protocol, regions
         Names of `PROTOCOLS` and `REGIONS`. Each map is computed once and scored by all; those that need a calibration
         or data that a sample does not have are skipped.
@@ -78,19 +79,25 @@ def run_benchmark(
     names = (protocol,) if isinstance(protocol, str) else tuple(protocol)
     if not names or not regions:
         raise InputError("nothing to score: name at least one protocol and one region")
-    if not methods:
+    runs: list[Method | Submission] = []
+    for given in [methods] if isinstance(methods, str) else methods:
+        runs += parse_methods([given]) if isinstance(given, str) else [given]
+    if not runs:
         raise InputError("no method to run")
     protocols, taken = [find_protocol(name) for name in names], set[tuple[str, str]]()
-    for method in methods:
+    for method in runs:
+        if not isinstance(getattr(method, "name", None), str):
+            hint = "give it one, or name a method as text, such as 'zncc:block_size=15'"
+            raise InputError(f"{type(method).__name__} has no name for the board: {hint}")
         _check_unique("method", method.name, taken)
-    total = len(samples) * len(methods) if isinstance(samples, Sized) else None
+    total = len(samples) * len(runs) if isinstance(samples, Sized) else None
     runner = Runner(time_limit, memory_limit, warm_up, warm_up_limit)
     lock = nullcontext() if save is None else locked(Path(save).absolute().parent, file=Path(save).name)
     with lock, closing(runner):
         if board is None:
             board = read_board(save) if save is not None and Path(save).exists() else Board()
         with BoardWriter(replace(board, title=title), save) as writer:
-            for method in methods:
+            for method in runs:
                 runner.check_parts(method)
             run = _Run(runner, writer, retry_failed, on_map or _ignore, on_drop or _ignore)
             done = 0
@@ -100,7 +107,7 @@ def run_benchmark(
                 applicable = [p for p in protocols if pair.calibration is not None or not p.needs_calibration]
                 prepared = _Prepared(pair, fingerprint(pair), region_masks(pair, regions), applicable)
                 writer.board.check_sample(pair.name, prepared.sha)
-                for method in methods:
+                for method in runs:
                     skipped, failure = run.match(prepared, method)
                     done += 1
                     if progress is not None:

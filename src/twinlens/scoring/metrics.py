@@ -25,10 +25,11 @@ TIMES = ("time", "time/MP", "time/GD")
 def disparity_map(name: str, values: ArrayLike) -> Disparity:
     """`values` as an (H, W) float array in pixels, +inf where unknown; InputError for another shape, NaN or -inf."""
     array = np.asarray(values)
+    if array.dtype.kind not in "fiu":
+        what = type(values).__name__ if array.ndim == 0 else array.dtype
+        raise InputError(f"{name} is {what}: expected an array of real numbers, float32 pixels with +inf where unknown")
     if array.ndim != 2 or array.size == 0:
         raise InputError(f"{name} has shape {array.shape}: expected (height, width), neither of them 0")
-    if array.dtype.kind not in "fiu":
-        raise InputError(f"{name} holds {array.dtype}: expected real numbers, float32 pixels with +inf where unknown")
     if array.dtype.kind != "f":
         return array.astype(np.float32 if array.dtype.itemsize <= 2 else np.float64)
     for what, wrong in (("NaN", np.isnan(array)), ("-inf", np.isneginf(array))):

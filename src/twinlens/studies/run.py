@@ -8,7 +8,7 @@ import runpy
 import traceback
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import twinlens
 from twinlens.errors import FileError, InputError, TwinlensError, check_known, unknown
@@ -47,39 +47,43 @@ def find_study(name: str | os.PathLike[str]) -> Study:
     return _checked(installed[text].load(), f"the entry point {installed[text].value}")
 
 
-def study(name: str | os.PathLike[str], **choices: Any) -> Table:
+class Choices(TypedDict, total=False):
+    """The arguments of `study` and `run_study`; None is the study's default."""
+
+    scenes: tuple[str, ...] | None
+    methods: tuple[str, ...] | None
+    seeds: int | None
+    first_seed: int
+    progress: Progress | None
+    width: int
+    height: int
+    spp: int
+
+
+def study(name: str | os.PathLike[str], **choices: Unpack[Choices]) -> Table:
     """Run a study and return its table; `choices` as for `run_study`, which also returns findings and pictures."""
     return run_study(find_study(name), **choices).table
 
 
-def run_study(
-    study: Study,
-    *,
-    scenes: tuple[str, ...] | None = None,
-    methods: tuple[str, ...] | None = None,
-    seeds: int | None = None,
-    first_seed: int = 0,
-    progress: Progress | None = None,
-    **sizes: int,
-) -> Result:
+def run_study(study: Study, **choices: Unpack[Choices]) -> Result:
     """Run a study with its defaults, except for the arguments that are given: see `Setup`.
 
     seeds: the number of repetitions, with the seeds first_seed, first_seed + 1, ... The same arguments give the same
     table on the same backend. Raises InputError for an unknown argument, scene or method, and for scenes or methods
     given to a study that does not use them.
     """
-    for name in sizes:
-        check_known("choice of a study", name, (*(run_study.__kwdefaults__ or ()), "width", "height", "spp"))
+    for name in choices:
+        check_known("choice of a study", name, Choices.__annotations__)
     defaults = study.defaults
-    count = len(defaults.seeds) if seeds is None else seeds
+    given: dict[str, Any] = {name: value for name, value in choices.items() if value not in (None, (), [])}
+    count, first_seed = given.pop("seeds", len(defaults.seeds)), given.pop("first_seed", 0)
     if count < 1 or first_seed < 0:
         raise InputError(f"a study needs at least one seed, each >= 0; got {count} from {first_seed}")
-    chosen = {name: tuple(given) for name, given in (("scenes", scenes), ("methods", methods)) if given}
-    for name in chosen:
+    for name in given.keys() & {"scenes", "methods"}:
+        given[name] = tuple(given[name])
         if not getattr(defaults, name):
             raise InputError(f"the study {study.name} takes no {name}")
-    changes: dict[str, Any] = {"progress": progress or defaults.progress, **chosen, **sizes}
-    setup = dataclasses.replace(defaults, seeds=tuple(range(first_seed, first_seed + count)), **changes)
+    setup = dataclasses.replace(defaults, seeds=tuple(range(first_seed, first_seed + count)), **given)
     specs = {text: parse_method(text) for text in setup.methods}
     for name in setup.scenes:
         load_scene(name)
