@@ -146,7 +146,7 @@ def test_every_key_is_read():
         ("splits", {"train": 0.8, "test": 0.1}, "splits: the shares must add up to 1"),
         *(
             ("splits", {name: 1.0}, r"splits: a split's name must be usable as a folder's, such as train, got ")
-            for name in ("", " ", "train ", "../x", "a/b", "a\\b", ".", "..", ".train", "a\nb")
+            for name in ("", " ", "train ", "../x", "a/b", "a\\b", ".", "..", ".train", "a\nb", "a" * 256)
         ),
         (
             "rig.baseline",

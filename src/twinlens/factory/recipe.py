@@ -26,8 +26,8 @@ from twinlens.schema import Fraction, NonNegative, StrictModel, one_of, read
 
 def _check_splits(splits: dict[str, float]) -> dict[str, float]:
     for name in splits:
-        printable = name != "" and name.isprintable() and name == name.strip()
-        if not printable or name.startswith(".") or "/" in name or "\\" in name:
+        printable = name.isprintable() and name == name.strip()
+        if not printable or not 0 < len(name.encode()) <= 255 or name.startswith(".") or "/" in name or "\\" in name:
             raise InputError(f"a split's name must be usable as a folder's, such as train, got {format_value(name)}")
     if not splits or abs(sum(splits.values()) - 1.0) > 1e-6:
         raise InputError(f"the shares must add up to 1, got {format_value(splits)}")
