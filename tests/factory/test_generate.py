@@ -453,7 +453,7 @@ def test_a_mismatch_that_the_backend_cannot_do_leaves_no_folder_behind(scalar, t
     """One camera has no mismatch, so its recipe is not refused."""
     write_recipe(tmp_path)
     table = {"seed": 1, "count": 1, "scenes": ["tiny"], "sensor": {"mismatch": "typical"}}
-    with pytest.raises(BackendError, match=r"mismatch's distortion_px=\S+ needs the LLVM or CUDA .* use distortion_px=0"):
+    with pytest.raises(BackendError, match=r"distortion_px=\S+ needs the LLVM or CUDA .* use distortion_px=0"):
         generate(recipe_from_table(table, tmp_path / "recipe.toml"), folder)
     assert not folder.exists()
     for changes in (
