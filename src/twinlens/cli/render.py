@@ -15,7 +15,6 @@ from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place, Row
 from twinlens.errors import InputError
 from twinlens.factory import add_sample, camera_text, check_common_view, default_rig, make_sample
-from twinlens.factory.sample import misaligned_rig
 from twinlens.factory.settings import View
 from twinlens.rendering import backend
 from twinlens.scenes import Scene, load_scene, scene_with_rig
@@ -91,7 +90,7 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
         for scene, rig, lenses in jobs:
             with progress_bar(f"rendering {scene.name}") as report, _warnings_as_lines():
                 how["progress"] = lambda part, report=report: report(part, "")
-                sample = make_sample(scene, misaligned_rig(rig, sensor.mismatch), lenses, sensor=sensor, **how)
+                sample = make_sample(scene, sensor.mismatch.misalign(rig), lenses, sensor=sensor, **how)
             row = add_sample(output, scene.name, sample, options["seed"], overwrite)
             lines = [camera_text.format_exposure(sample, k, text) for k, text in enumerate(options["lenses"])]
             made.append((row, lines))

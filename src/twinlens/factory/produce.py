@@ -7,17 +7,16 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from twinlens.camera import Rig
 from twinlens.dataset import Sample
 from twinlens.errors import BackendError, FileError, InputError
 from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
-from twinlens.factory.sample import make_sample, misaligned_rig
+from twinlens.factory.sample import make_sample
 from twinlens.factory.settings import Settings, View, make_lenses, with_mismatch_seed
 from twinlens.factory.sources import Sources
 from twinlens.families import random_scene
-from twinlens.rendering import Progress, check_lens_supported, ground_truth
+from twinlens.rendering import Progress, check_lens_supported, check_mismatch_supported, ground_truth
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.schema import read
 from twinlens.seeds import generator
@@ -81,14 +80,15 @@ def produce(
     sources = sources or Sources()
     settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), _FILE)
     scene = _scene(spec, settings, sources)
-    rig = _rig(scene, settings)
+    moved = scene.at(scene.world_from_left @ settings.scene.jitter.pose())
+    rig = rig_from_table(settings.rig or scene.rig or {}, moved, settings.width, settings.height, _FILE, "rig")
     truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity)
     if gates is not None:
         check_truth(gates, scene, rig, truths, spec.ndisp)
     view = View(scene, rig.nominal.cameras[0], truths, spec.seed)
     sample = make_sample(
         scene,
-        misaligned_rig(rig, settings.sensor.mismatch),
+        settings.sensor.mismatch.misalign(rig),
         make_lenses(settings, view, _FILE, sources.file),
         spp=settings.spp,
         denoise=settings.denoise,
@@ -108,7 +108,10 @@ def produce(
 
 
 def check_backend(recipe: Recipe, index: int) -> None:
-    """Raise BackendError if this process's backend cannot render the lenses or the mismatch of any draw of a sample."""
+    """Raise BackendError if this process's backend cannot render the lenses or the mismatch of any draw of a sample.
+
+    The scene is not loaded; what depends on it is checked when the sample is made.
+    """
     last = 0 if is_fixed(recipe) else recipe.gates.attempts - 1
     for attempt in range(last + 1):
         try:
@@ -116,8 +119,7 @@ def check_backend(recipe: Recipe, index: int) -> None:
             settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), _FILE)
             for lens in make_lenses(settings, None, _FILE, recipe.sources.file):
                 check_lens_supported(lens)
-            if settings.sensor.mismatch.distortion_px:
-                misaligned_rig(_rig(_scene(spec, settings, recipe.sources), settings), settings.sensor.mismatch)
+            check_mismatch_supported(settings.sensor.mismatch.distortion_px)
         except BackendError:
             if attempt == last:
                 raise
@@ -125,11 +127,6 @@ def check_backend(recipe: Recipe, index: int) -> None:
             return
         else:
             return
-
-
-def _rig(scene: Scene, settings: Settings) -> Rig:
-    moved = scene.at(scene.world_from_left @ settings.scene.jitter.pose())
-    return rig_from_table(settings.rig or scene.rig or {}, moved, settings.width, settings.height, _FILE, "rig")
 
 
 def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:

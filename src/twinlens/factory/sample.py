@@ -25,7 +25,7 @@ from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_
 from twinlens.errors import InputError, check_number
 from twinlens.factory.sources import file_digests
 from twinlens.scenes import Scene, rig_from_table
-from twinlens.sensor import Exposure, Mismatch, Photo, Sensor
+from twinlens.sensor import Exposure, Photo, Sensor
 from twinlens.sensor.exposure import check_exposure
 
 _SHOT_STREAM = 2
@@ -75,6 +75,8 @@ def make_sample(
         check_number("noise", noise, "a positive multiple of the sensor's noise", above=0)
     if exposure is not None:
         sensor.mismatch.applied(exposure)
+    if len(rig) > 1:
+        rendering.check_mismatch_supported(sensor.mismatch.distortion_px)
     for lens in lenses:
         check_lens(lens)
         if diffraction and lens.aperture_diameter > 0 and not isinstance(lens.aperture, Disk):
@@ -181,13 +183,6 @@ def default_rig(
     if isinstance(table.get("cameras"), list):
         table["cameras"] = [kept(camera) for camera in table["cameras"]]
     return rig_from_table(table | given, scene, width, height)
-
-
-def misaligned_rig(rig: Rig, mismatch: Mismatch) -> Rig:
-    """`mismatch.misalign(rig)`; raises BackendError if this process's backend cannot render it."""
-    if len(rig) > 1:
-        rendering.check_mismatch_supported(mismatch.distortion_px)
-    return mismatch.misalign(rig)
 
 
 def check_common_view(rig: Rig, scene: Scene) -> None:
