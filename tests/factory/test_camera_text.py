@@ -159,7 +159,7 @@ def test_bad_masks_raise_errors(tmp_path, cells, message):
     [
         ("-0.2", BrownConrady(k1=-0.2)),
         ("0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8", BrownConrady(0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)),
-        ("brown-conrady:0,0,0.01", BrownConrady(p1=0.01)),
+        ("brown-conrady:0,0,0.01,0", BrownConrady(p1=0.01)),
         ("fisheye:0.1, -0.02", KannalaBrandt(k1=0.1, k2=-0.02)),
     ],
 )
