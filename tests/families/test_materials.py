@@ -104,6 +104,8 @@ def test_all_materials_have_the_same_form(family):
         lamps = [plugin for plugin in plugins if plugin["type"] == "diffuse"]
         assert all(isinstance(lamp["reflectance"], Bitmap) and not lamp["reflectance"].pixels.any() for lamp in lamps)
         assert {plugin["type"] for plugin in plugins} <= {"principled", "diffuse", "conductor", "dielectric"}
+        textures = [value for plugin in plugins for value in plugin.values() if isinstance(value, Bitmap)]
+        assert all(np.array_equal(texture.to_uv, np.eye(4)) for texture in textures)
 
 
 def gloss(roughness, rays=400_000):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from twinlens.families.assets import Assets
 from twinlens.families.draws import PALETTES, Palette, Rng, log_uniform, one_of
 from twinlens.geometry import Float, inverse, look_at, rigid, transform_points
-from twinlens.scenes.scene import Mesh, Plugin, Scene, SceneObject
+from twinlens.scenes.scene import Bitmap, Mesh, Plugin, Scene, SceneObject
 from twinlens.seeds import generator
 
 Triangles = tuple[Float, NDArray[np.uint32]]
@@ -154,12 +154,19 @@ class Composition:
     def add(
         self, name: str, mesh: Mesh, material: Plugin, pose: Float | None = None, emitter: Plugin | None = None
     ) -> None:
-        """Add an object with its own material. Names become unique: bottle, bottle-2, ..."""
+        """Add an object with its own material. Names become unique: bottle, bottle-2, ...
+
+        The repeats of textures become those of the mesh: Mitsuba would compile a kernel for each value of `to_uv`.
+        """
         plain = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "body"
         unique, number = plain, 1
         while unique in self.materials:
             number += 1
             unique = f"{plain}-{number}"
+        for key, value in material.items():
+            if isinstance(value, Bitmap):
+                mesh = replace(mesh, uv=np.asarray(mesh.uv) * np.diag(value.to_uv)[:2])
+                material = {**material, key: replace(value, to_uv=np.eye(4))}
         self.materials[unique] = material
         world_from_object = np.eye(4) if pose is None else np.asarray(pose, dtype=np.float64)
         self.objects.append(SceneObject(unique, mesh, unique, world_from_object, emitter))

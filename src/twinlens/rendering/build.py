@@ -3,7 +3,7 @@
 import contextlib
 import weakref
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -62,8 +62,7 @@ def build(scene: Scene) -> BuiltScene:
 
 def _build_objects(scene: Scene) -> BuiltScene:
     mi = mitsuba()
-    plugins, uv_factors = move_uv_scales(scene)
-    materials = {name: _load(plugin, f"material {name!r}") for name, plugin in plugins.items()}
+    materials = {name: _load(plugin, f"material {name!r}") for name, plugin in scene.materials.items()}
     material_names = tuple(materials)
     # Made before lamps: the id of an environment map is a literal of kernels, and should be equal in all scenes.
     lights = {f"light{i:04d}": _load(scene.lights[name], f"light {name!r}") for i, name in enumerate(scene.lights)}
@@ -71,7 +70,7 @@ def _build_objects(scene: Scene) -> BuiltScene:
     placed: list[tuple[str, int, Any]] = []  # key of the shape in the scene, material id, leaf shape
     names: list[str] = []
     for index, thing in enumerate(scene.objects):
-        leaf = _leaf(thing, materials[thing.material], uv_factors.get(thing.material))
+        leaf = _leaf(thing, materials[thing.material])
         material_id = 1 + material_names.index(thing.material)
         for name, key, part in _parts(thing, index, leaf, parts):
             parts[key] = part
@@ -105,14 +104,11 @@ def _parts(thing: SceneObject, index: int, leaf: Any, parts: dict[str, Any]) -> 
         yield f"{thing.name}[{i}]", f"{key}_{i:05d}", placed
 
 
-def _leaf(thing: SceneObject, bsdf: Any, uv_factors: Float | None) -> Any:
+def _leaf(thing: SceneObject, bsdf: Any) -> Any:
     mi = mitsuba()
     emitter = None if thing.emitter is None else _load(thing.emitter, f"emitter of object {thing.name!r}")
     if isinstance(thing.shape, Mesh):
-        mesh = thing.shape
-        if uv_factors is not None and mesh.uv is not None:
-            mesh = replace(mesh, uv=mesh.uv * uv_factors)
-        return mitsuba_mesh(thing.name, mesh, thing.world_from_object, bsdf, emitter)
+        return mitsuba_mesh(thing.name, thing.shape, thing.world_from_object, bsdf, emitter)
     own = mi.ScalarTransform4f(thing.shape.get("to_world", np.eye(4)))
     plugin = {**thing.shape, "to_world": mi.ScalarTransform4f(thing.world_from_object) @ own, "bsdf": bsdf}
     if emitter is not None:
@@ -247,45 +243,3 @@ def _is_matte(bsdf: Any) -> bool:
         return False
     roughness, metallic, clearcoat = (np.ravel(values[key])[0] for key in keys)
     return bool(roughness >= _MATTE_ROUGHNESS and max(metallic, clearcoat) < 0.01)
-
-
-def move_uv_scales(scene: Scene) -> tuple[Mapping[str, Plugin], Mapping[str, Float]]:
-    """Materials without texture repeats, and the factors (2,) that the (u, v) of their meshes must be multiplied by.
-
-    Mitsuba compiles a texture's `to_uv` into its kernel, so that each scene with differently scaled textures needs a
-    kernel of its own. Texture coordinates of a mesh are data. A material is changed if only meshes with (u, v) use it
-    and all its textures have the same scale.
-    """
-    materials, factors = dict(scene.materials), {}
-    for name, plugin in scene.materials.items():
-        parts = list(_plugins(plugin))
-        scales = [value.to_uv for part in parts for value in part.values() if isinstance(value, Bitmap)]
-        shapes = [thing.shape for thing in scene.objects if thing.material == name]
-        # Bump and normal maps depend on derivatives along (u, v).
-        if (
-            any("to_uv" in part or part.get("type") in ("bumpmap", "normalmap") for part in parts)
-            or not all(isinstance(shape, Mesh) and shape.uv is not None for shape in shapes)
-            or not scales
-        ):
-            continue
-        factor = np.diag(scales[0])[:2].copy()
-        only_scale = np.diag([*factor, 1.0, 1.0])
-        if all(np.array_equal(scale, only_scale) for scale in scales) and not np.array_equal(factor, [1.0, 1.0]):
-            materials[name] = _unscaled(plugin)
-            factors[name] = factor
-    return materials, factors
-
-
-def _plugins(plugin: Plugin) -> Iterator[Plugin]:
-    yield plugin
-    for value in plugin.values():
-        if isinstance(value, Mapping):
-            yield from _plugins(value)
-
-
-def _unscaled(value: Any) -> Any:
-    if isinstance(value, Bitmap):
-        return replace(value, to_uv=np.eye(4))
-    if isinstance(value, Mapping):
-        return {key: _unscaled(part) for key, part in value.items()}
-    return value
