@@ -30,7 +30,7 @@ from twinlens.factory.produce import Exhausted, make
 from twinlens.factory.recipe import Recipe, differences, recipe_from_table
 from twinlens.factory.sample import made_with
 from twinlens.factory.sources import changed_files
-from twinlens.rendering import Progress, configure_malloc, forget_kernels, share_kernels, use_threads
+from twinlens.rendering import Progress, forget_kernels, share_kernels, use_threads
 
 RENEWED_AFTER = 300
 """Samples that a worker process makes before a new one replaces it. LLVM keeps about 15 KiB for each random scene that
@@ -88,7 +88,6 @@ def written(work: Work, index: int, made: Sample | Failure | None) -> Entry:
 
 def in_process(work: Work, indices: Sequence[int], report: Report) -> Results:
     """The engine of the calling thread: a second thread writes a sample while the next one is rendered."""
-    configure_malloc()
     if work.recipe.kind == "family":
         share_kernels()
     writing: tuple[int, Future[Entry]] | None = None
@@ -285,7 +284,6 @@ def _rendered(order: Order, index: int, threads: int) -> tuple[Work, Sample | Fa
 def _work(order: Order, threads: int) -> Work:
     """Prepare this worker. Raises InputError where its versions, backend or files are not the dataset's."""
     use_threads(threads)
-    configure_malloc()
     work = Work(recipe_from_table(order.written, order.path), order.folder, order.made_with)
     if changed := differences(work.made_with, plain(made_with())):
         raise InputError(f"this worker has another backend or other versions than the dataset: {'; '.join(changed)}")

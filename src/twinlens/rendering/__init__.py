@@ -2,7 +2,6 @@
 
 from twinlens.rendering.backends import (
     backend as backend,
-    configure_malloc as configure_malloc,
     doctor as doctor,
     forget_kernels as forget_kernels,
     use_threads as use_threads,

@@ -17,8 +17,6 @@ from twinlens.interrupts import deferred_interrupts
 from twinlens.rendering import llvm
 
 VARIANTS = {"scalar": "scalar_rgb", "llvm": "llvm_ad_rgb", "cuda": "cuda_ad_rgb"}
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # malloc.h
-_LARGE_BLOCK = 1 << 25  # bytes, the largest threshold that glibc accepts
 _INSTALL_LLVM = "install LLVM 17 or newer: about 3x faster, and all lenses (Debian, Ubuntu: apt install libllvm19)"
 
 
@@ -97,20 +95,6 @@ def forget_kernels() -> None:
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc keeps freed memory
     if trim is not None:
         trim(0)
-
-
-def configure_malloc() -> None:
-    """Let glibc keep freed blocks of up to 32 MiB for reuse, in one arena; for the whole process.
-
-    Pages that go back to the system with each freed image must be cleared again for the next: without this, a sample of
-    320x240 takes about a tenth more processor time. `forget_kernels` returns free pages after each sample. It has no
-    effect with other C libraries.
-    """
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is not None:
-        mallopt(_M_MMAP_THRESHOLD, _LARGE_BLOCK)
-        mallopt(_M_TRIM_THRESHOLD, 8 * _LARGE_BLOCK)
-        mallopt(_M_ARENA_MAX, 1)
 
 
 def _wanted() -> str:
