@@ -4,7 +4,6 @@ scene, rig, lens k -> render -> radiance (-> diffract) -> sensor -> Shot k --+
 scene, rig ---------> ground_truth ------------------------------> Truths ---+-> dataset.Sample
 """
 
-import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
@@ -25,6 +24,7 @@ from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_
 from twinlens.errors import InputError, check_number
 from twinlens.factory.sources import file_digests
 from twinlens.scenes import Scene, rig_from_table
+from twinlens.seeds import derived_seed
 from twinlens.sensor import Exposure, Photo, Sensor
 from twinlens.sensor.exposure import check_exposure
 
@@ -84,8 +84,7 @@ def make_sample(
             raise InputError(f"diffraction needs a disk aperture, got {shape}; disable it or change the aperture")
     shots = []
     for k, lens in enumerate(lenses):
-        key = (_SHOT_STREAM, zlib.crc32(scene.name.encode()), k)  # so that no two images share noise
-        stream = int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1)[0])
+        stream = derived_seed(seed, _SHOT_STREAM, scene.name, k)  # so that no two images share noise
         report = rendering.partial_progress(progress, k / len(lenses), (k + 1) / len(lenses))
         expose = partial(sensor.expose_rig, rig=rig, lens=lens, seed=stream, exposure=exposure)
         views: Sequence[rendering.NoisyImage] = ()

@@ -10,10 +10,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
-import twinlens
 from twinlens.errors import FileError, InputError, TwinlensError, check_known, unknown
+from twinlens.factory.sample import made_with
 from twinlens.matching import parse_method
-from twinlens.rendering import backend
 from twinlens.scenes import load_scene
 from twinlens.studies.aperture import STUDY as APERTURE
 from twinlens.studies.depth_error import BASELINE, FOCAL_LENGTH
@@ -96,14 +95,12 @@ def run_study(study: Study, **choices: Unpack[Choices]) -> Result:
     if missing := {column.name for column in study.all_columns}.difference(*measured.rows):
         raise InputError(f"the study {study.name}: no row has the column {min(missing)!r}")
     rows = table(study.all_columns, measured.rows)
-    others = {name: importlib.metadata.version(name) for name in ("mitsuba", "drjit", "numpy")}
     protocol = {
         "study": study.name,
         "question": study.question,
         **{name: getattr(setup, name) for name in ("scenes", "seeds", "width", "height", "spp")},
         "methods": {text: {**spec.method.options, **spec.options} for text, spec in specs.items()},
-        "backend": backend().variant,
-        "versions": {"twinlens": twinlens.__version__, **others},
+        **made_with(),
         "columns": {column.name: {"unit": column.unit, "text": column.text} for column in study.all_columns},
         **measured.notes,
         **measured.remarks,
