@@ -100,7 +100,7 @@ def test_a_dry_run_tells_time_and_disk_and_writes_nothing(twinlens, recipe, tmp_
     assert code == 0
     assert "2 samples, 0 made, 2 to make" in out
     assert "next: sample 0, scene tiny, split test\n" in out
-    assert re.search(r"took [0-9.]+ s and [0-9.]+ kB; the rest needs about [0-9]+ s and [0-9.]+ kB", out)
+    assert re.search(r"took [0-9.]+ s and [0-9.]+ kB; the rest needs about [0-9:]{7} \(h:mm:ss\) and [0-9.]+ kB", out)
     assert not (tmp_path / "set").exists()
     report = json.loads(twinlens("generate", recipe, "-o", tmp_path / "set", "--dry-run", "--json")[1])
     assert report["bytes"] == 2 * report["bytes_each"]

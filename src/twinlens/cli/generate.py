@@ -3,6 +3,7 @@
 import re
 import textwrap
 from dataclasses import asdict
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -95,19 +96,7 @@ def _print_estimate(found: factory.Estimate, output: Place, as_json: bool) -> No
     split = f", split {found.next['split']}" if found.next["split"] else ""
     click.echo(f"next: sample {found.next['index']}, {found.next['kind']} {found.next['scene']}{split}")
     click.echo(textwrap.indent(recipe_toml(found.next["drawn"]), "  "), nl=False)
+    rest = f"{timedelta(seconds=round(found.seconds))} (h:mm:ss) and {decimal(found.bytes)} on this machine"
     click.echo(
-        f"one sample took {found.seconds_each:.1f} s and {decimal(found.bytes_each)}; "
-        f"the rest needs about {_duration(found.seconds)} and {decimal(found.bytes)} on this machine"
+        f"one sample took {found.seconds_each:.1f} s and {decimal(found.bytes_each)}; the rest needs about {rest}"
     )
-
-
-def _duration(seconds: float) -> str:
-    """Hours and minutes, or seconds below 90.
-
-    >>> _duration(7380), _duration(101), _duration(42)
-    ('2 h 03 min', '2 min', '42 s')
-    """
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    hours, minutes = divmod(round(seconds / 60), 60)
-    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min"
