@@ -195,9 +195,7 @@ def textured_windows(left: Grey, right: Grey, known: NDArray[np.bool_]) -> float
 
     Noise resembles texture in one image but is independent between views. The covariance of two images is the variance
     of their common signal; that of noise is about 1/sqrt(n) of the images' variance over n pixels. It must exceed a
-    minimum contrast and three such standard deviations. With n = 256, about 60 % of windows count if their texture has
-    half the noise's standard deviation, a tenth if it has a third. Demosaicing correlates the noise of neighbouring
-    pixels: 2 to 4 % of flat windows with strong noise pass then, instead of 0.1 %.
+    minimum contrast and three such standard deviations. docs/recipes.md gives the shares of windows that pass.
     """
     weight = _sums(known.astype(np.float64))
     judged = weight >= _LEAST_KNOWN * WINDOW**2

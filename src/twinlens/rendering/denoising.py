@@ -4,8 +4,7 @@ The samples of an image see textures with noise of their own, above all through 
 samples show it: with the albedo G of many samples, G_own of the image's, and the local irradiance L = mean(I) /
 mean(G_own) in windows of 5x5 pixels, the image I becomes I + L (G - G_own). The expectation of this control variate is
 nearly 0: L is of the same samples, but of 25 pixels. The result is divided by sqrt(G) before filtering and multiplied
-by it after, and sqrt(G) is the albedo that the filter sees. Of the powers 0, 1/2 and 1 of G, this one had the smallest
-squared error on bundled and random scenes; the power 1 keeps edges slightly sharper.
+by it after, and sqrt(G) is the albedo that the filter sees. docs/decisions/denoising.md compares other powers of G.
 
 The filter runs in linear radiance, on the processor unless the backend is CUDA and the library supports the GPU, and
 does not depend on the number of threads.

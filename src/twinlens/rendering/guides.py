@@ -85,11 +85,7 @@ def _render_scalar(built: BuiltScene, sensor: Any, camera: Camera, count: int, s
 
 
 def _grouped(built: BuiltScene) -> Any:
-    """The scene with its bodies in one shape group, apart from lights and instances.
-
-    For each sample, `aov` copies the scene's list of shapes, and takes Python's lock for each that Python refers to.
-    With 30 bodies this was three quarters of the time.
-    """
+    """The scene with its bodies in one shape group, apart from lights and instances: `aov` copies its list."""
     if any(body.shape is None for body in built.bodies):  # an instance of a Mitsuba file, whose shape is not known
         return built.mi_scene
     if "grouped" not in built.cache:

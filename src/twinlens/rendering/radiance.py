@@ -2,13 +2,9 @@
 
 The noise is estimated from two independent halves A and B of the samples. In raw images |A - B| / 2 estimates the
 standard deviation of the mean. A denoised image is filtered from all samples; its halves are filtered separately, at
-half the resolution, with a fast network and with guides from half of the guides' samples each, so that the estimate
-includes the noise of the guides. The estimate is |A - B| / 1.62: noise alone would give 2 at the full resolution, and
-the filter's bias, which halves share, gives less. At the full resolution, at four times the cost, the divisor was 1.59,
-chosen on fifteen random and bundled views with 16 samples, and a small scene with 4. At half the resolution, it was
-chosen for the same estimate on 24 random views, on which the two differ by up to 15 %. In the median over windows of
-9x9 pixels, the estimate is 0.69 to 1.30 times the true error on 28 other random views, and within 25 % of it on 23
-(benchmarks/bench_noise_estimate.py).
+half the resolution, with a fast network and half of the guides' samples each. The estimate is |A - B| / 1.62: noise
+alone would give 2 at the full resolution, and the filter's bias, which halves share, gives less. How the divisor was
+chosen: docs/decisions/denoising.md.
 """
 
 import functools
