@@ -1,5 +1,8 @@
 """Mitsuba accepts every plugin and parameter of the whitelist, and leaves none unused."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +12,7 @@ import pytest
 
 from tests.scenes.scene_text import Read
 from twinlens.camera import Camera, Rig
-from twinlens.scenes import load_scene
+from twinlens.scenes import Scene, load_scene
 from twinlens.scenes.objects import ANALYTIC_SHAPES
 from twinlens.scenes.plugins import AREA_LIGHTS, DIELECTRICS, INTEGRATORS, LIGHTS, MATERIALS
 
@@ -149,12 +152,38 @@ def test_repeat_repeats(read_scene: Read) -> None:
     np.testing.assert_allclose(twice[3:13], twice[3:13].mean() + (twice[19:29] - twice[19:29].mean()), rtol=0.25)
 
 
-def test_the_top_of_an_environment_map_is_up(read_scene: Read, tmp_path: Path) -> None:
+def below_a_sky(read_scene: Read, folder: Path) -> Scene:
+    """The minimal scene, lit by the upper half of an EXR file."""
     sky = np.zeros((16, 32, 3), np.float32)
     sky[:8] = 1.0
-    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": sky}).write(str(tmp_path / "sky.exr"))
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": sky}).write(str(folder / "sky.exr"))
     light = "[lights.sky]\ntype = 'envmap'\nfilename = 'sky.exr'"
-    scene = read_scene("", ('[lights.sky]\ntype = "constant"\nradiance = 1.0', light), FRONTAL)
+    return read_scene("", ('[lights.sky]\ntype = "constant"\nradiance = 1.0', light), FRONTAL)
+
+
+def test_one_thread_reads_exr_files(read_scene: Read, tmp_path: Path) -> None:
+    """In a process of its own: where Mitsuba has one thread, its reader of EXR files never returns."""
+    below_a_sky(read_scene, tmp_path)
+    (tmp_path / "sky.xml").write_text(
+        '<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/></sensor>'
+        '<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter><shape type="sphere"/></scene>'
+    )
+    code = """if True:
+        import sys
+        from twinlens.rendering import build, use_threads
+        from twinlens.scenes import load_scene
+        use_threads(1)
+        for file in sys.argv[1:]:
+            assert len(build.build(load_scene(file)).bodies) == 1
+        import drjit
+        assert drjit.thread_count() == 1
+    """
+    command = [sys.executable, "-c", code, str(tmp_path / "scene.toml"), str(tmp_path / "sky.xml")]
+    subprocess.run(command, env={**os.environ, "TWINLENS_BACKEND": "scalar"}, check=True, timeout=100)
+
+
+def test_the_top_of_an_environment_map_is_up(read_scene: Read, tmp_path: Path) -> None:
+    scene = below_a_sky(read_scene, tmp_path)
     camera = Camera.from_fov(32, 32, fov_x_deg=18)
     ball = rendering.render(scene, Rig([camera], [scene.world_from_left]), spp=16, seed=1)[0].mean(axis=2)
     assert ball[6, 16] > 2 * ball[-7, 16]

@@ -56,8 +56,22 @@ class BuiltScene:
 def build(scene: Scene) -> BuiltScene:
     """The Mitsuba scene of `scene`, cached as long as the Scene exists."""
     if scene not in _cache:
-        _cache[scene] = _build_xml(scene) if scene.xml is not None else _build_objects(scene)
+        with _two_threads():
+            _cache[scene] = _build_xml(scene) if scene.xml is not None else _build_objects(scene)
     return _cache[scene]
+
+
+@contextlib.contextmanager
+def _two_threads() -> Iterator[None]:
+    """Two rendering threads or more. With one, Mitsuba 3.9 waits forever for a second one to decode an EXR file."""
+    import drjit
+
+    count = drjit.thread_count()
+    drjit.set_thread_count(max(count, 2))
+    try:
+        yield
+    finally:
+        drjit.set_thread_count(count)
 
 
 def _build_objects(scene: Scene) -> BuiltScene:
