@@ -15,6 +15,7 @@ from tests.matching.matching_reference import (
 )
 from twinlens.errors import InputError
 from twinlens.matching.costs import COSTS
+from twinlens.matching.kernels.supports import cross_means
 from twinlens.matching.semiglobal import Penalties, Sweeps
 from twinlens.matching.supports import SUPPORTS
 
@@ -150,6 +151,13 @@ def test_every_support_equals_plain_loops(support, problem):
     volume = REFERENCES[support](left, right, low)
     volume[~is_candidate(left.shape, low, 5)] = np.inf
     assert_minimal(volume, whole(left, right, "sad", low, support=support, block_size=SIDE), low)
+
+
+def test_sums_over_crosses_are_exact_where_prefix_sums_wrap_around():
+    volume = np.random.default_rng(1).integers(0, 2**32, (6, 5, 32), dtype=np.uint32)
+    single_pixels, out = np.zeros((4, 6, 5), np.int32), np.empty((4, 5, 32))
+    cross_means(volume.copy(), single_pixels, 1, out)
+    np.testing.assert_array_equal(out, volume[1:5])
 
 
 @pytest.mark.parametrize("support", SUPPORTS)

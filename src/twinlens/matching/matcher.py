@@ -9,7 +9,7 @@ import numpy as np
 from twinlens.errors import InputError, check_int, check_known, check_number
 from twinlens.matching import box, refine
 from twinlens.matching.box import FITS, BoxMatch, Rows, Volume, Winners, blank, cpu_count, in_lanes, in_strips, limits
-from twinlens.matching.costs import COSTS, largest_cost
+from twinlens.matching.costs import COSTS, largest_cost, numbers
 from twinlens.matching.images import Disparity, Image, clipped_slope, described, levels, pair
 from twinlens.matching.options import RangeMatcher, check_block_size
 from twinlens.matching.semiglobal import Penalties, Sweeps, quantised, stored
@@ -20,7 +20,6 @@ OPTIMISATIONS = {
     "sgm4": "semi-global, along rows and columns",
     "sgm8": "semi-global, along rows, columns and diagonals",
 }
-STRIP_ROWS = 16  # rows of a cost volume in memory at a time, without its support's halo
 NAMED_VALUES: dict[str, tuple[str, Collection[str]]] = {
     "cost": ("cost", COSTS),
     "support": ("support", SUPPORTS),
@@ -186,7 +185,9 @@ class _Search:
     def _source(self, side: int) -> Rows:
         if self.cost.scoring == "zsad":
             return box.zero_mean_absolute(self.left, self.right, side, self.low, self.depth)
-        return box.box_sums(self._boxes(side), 1.0, self.cost.offset)
+        boxes = self._boxes(side)
+        kind = numbers(self.cost, boxes[0].left.dtype, self.side).sums if self.support.sums else np.float64
+        return box.box_sums(boxes, 1.0, self.cost.offset, np.uint32 if kind in (np.uint16, np.uint32) else np.float64)
 
     def _aggregated(self) -> Rows:
         """The costs after aggregation; +inf where there is no candidate."""
@@ -214,7 +215,7 @@ class _Search:
         def work(start: int, stop: int) -> None:
             winners_of_rows(rows(start, stop).reshape(-1), *settings, *winners.rows(start, stop))
 
-        in_strips(work, len(self.left), STRIP_ROWS, self.threads)
+        in_strips(work, len(self.left), self.support.strip, self.threads)
         return winners
 
     def _semiglobal(self, boxes: tuple[BoxMatch, ...]) -> Winners:
@@ -232,6 +233,6 @@ class _Search:
             def scaled(start: int, stop: int) -> Volume:
                 return np.minimum(np.rint(np.maximum(rows(start, stop), 0) * gain), penalties.top)
 
-            costs = stored(shape, penalties, scaled, STRIP_ROWS, self.threads)
+            costs = stored(shape, penalties, scaled, self.support.strip, self.threads)
         sweeps = Sweeps(costs, shape, self.paths, penalties, self.low, self.count, self.fit)
         return sweeps.winners(self.threads, rivals=self.rivals)

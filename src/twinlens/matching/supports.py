@@ -60,6 +60,7 @@ class Support:
     halo: how many rows above and below a pixel it reads, in radii of the window. pixelwise: it aggregates costs of
     pixels, not of windows. masked: candidates without a partner have the cost +inf, not that of edge-continued images.
     windows(side): the sides of the windows, the widest first. parts: the number of windows whose costs it adds up.
+    sums: it adds up costs of pixels, in uint32 where that holds sums over the window. strip: rows aggregated at a time.
     """
 
     aggregate: Callable[[Strip], Volume] | None = None
@@ -68,6 +69,8 @@ class Support:
     masked: bool = False
     windows: Callable[[int], tuple[int, ...]] = lambda side: (side,)
     parts: int = 1
+    sums: bool = False
+    strip: int = 16
 
 
 def family(side: int) -> tuple[int, ...]:
@@ -147,14 +150,10 @@ def _cross(strip: Strip) -> Volume:
     """
     from twinlens.matching.kernels.supports import cross_arms, cross_means
 
-    halo = strip.side // 2
-    around = slice(max(0, strip.rows.start - halo), strip.rows.stop + halo)
-    image = np.ascontiguousarray(strip.left[around])
-    arms = np.zeros((4, *image.shape), np.int64)
-    cross_arms(image, halo, strip.matcher.contrast, arms)
-    own = strip.rows.start - around.start
-    out, along = strip.empty(), np.empty(strip.volumes[0].shape)
-    cross_means(strip.volumes[0], np.ascontiguousarray(arms[:, own : own + len(along)]), strip.top, along, out)
+    image, out = strip.left[strip.rows], strip.empty()
+    arms = np.zeros((4, *image.shape), np.int32)
+    cross_arms(image, min(int(strip.matcher.contrast), 255), strip.side // 2, arms)
+    cross_means(strip.volumes[0], arms, strip.top, out)
     return out
 
 
@@ -202,7 +201,7 @@ SUPPORTS: dict[str, Support] = {
     "fixed": Support(),
     "shiftable": Support(_shiftable, halo=1, masked=True),
     "adaptive": Support(_adaptive, halo=1, windows=lambda side: tuple(map(quarter, family(side))), parts=3),
-    "cross": Support(_cross, halo=1, pixelwise=True),
+    "cross": Support(_cross, halo=1, pixelwise=True, sums=True, strip=32),
     "weighted": Support(_weighted, halo=1, pixelwise=True),
     "guided": Support(_guided, halo=2, pixelwise=True),
 }

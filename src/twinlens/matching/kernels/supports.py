@@ -32,52 +32,53 @@ def best_quarters(volume, step, top, sizes, size, scale, out):
 
 
 @jit
-def cross_arms(image, length, contrast, arms):
-    """arms (4, H, W): pixels to the left, right, top and bottom within `contrast` of the pixel, at most `length`."""
+def cross_arms(image, contrast, length, arms):
+    """arms (4, H, W), zeros: pixels left, right, above and below within `contrast` of the pixel, at most `length`."""
     height, width = image.shape
-    steps = ((0, -1), (0, 1), (-1, 0), (1, 0))
     for y in range(height):
-        for x in range(width):
-            here = np.float64(image[y, x])
-            for side in range(4):
-                dy, dx = steps[side]
-                reach = 0
-                while reach < length:
-                    v, u = y + dy * (reach + 1), x + dx * (reach + 1)
-                    if v < 0 or u < 0 or v >= height or u >= width or abs(here - image[v, u]) > contrast:
-                        break
-                    reach += 1
-                arms[side, y, x] = reach
+        for side, (dy, dx) in enumerate(((0, -1), (0, 1), (-1, 0), (1, 0))):
+            for step in range(1, length + 1):
+                v, shift = y + dy * step, dx * step
+                if not 0 <= v < height:
+                    break
+                first, last = max(0, -shift), min(width, width - shift)
+                here, there = image[y, first:last], image[v, first + shift : last + shift]
+                reach = arms[side, y, first:last]
+                for x in range(last - first):
+                    similar = abs(here[x] - there[x]) <= contrast
+                    reach[x] = step if similar and reach[x] == step - 1 else reach[x]
 
 
 @jit
-def cross_means(volume, arms, top, along, out):
+def cross_means(volume, arms, top, out):
     """out = the mean cost over each pixel's cross region: the horizontal arms of all pixels on its vertical arm.
 
-    arms (4, rows, W): of the volume's rows. along (rows, W, depth), float64: scratch for row sums.
+    arms (4, rows, W): of the volume's rows. The volume is overwritten by prefix sums. These may wrap around; their
+    differences, the sums over regions, must fit its dtype.
     """
     rows, width, depth = volume.shape
-    prefix = np.zeros((width + 1, depth), np.float64)
+    prefix, zeros = np.zeros((width + 1, depth), volume.dtype), np.zeros((width, depth), volume.dtype)
+    sizes = np.zeros((rows + 1, width), np.int64)
+    # Each row becomes the sum over the horizontal arms of all rows down to it.
     for y in range(rows):
         for x in range(width):
             a, b, c = prefix[x], prefix[x + 1], volume[y, x]
             for j in range(depth):
                 b[j] = a[j] + c[j]
+        above = volume[y - 1] if y > 0 else zeros
         for x in range(width):
-            a, b, c = prefix[x - arms[0, y, x]], prefix[x + arms[1, y, x] + 1], along[y, x]
+            first, last = x - arms[0, y, x], x + arms[1, y, x] + 1
+            sizes[y + 1, x] = sizes[y, x] + last - first
+            a, b, c, total = prefix[first], prefix[last], volume[y, x], above[x]
             for j in range(depth):
-                c[j] = b[j] - a[j]
-    total = np.zeros(depth, np.float64)
+                c[j] = total[j] + (b[j] - a[j])
     for y in range(top, top + len(out)):
         for x in range(width):
-            total[:] = 0.0
-            count = 0
-            for v in range(y - arms[2, y, x], y + arms[3, y, x] + 1):
-                count += arms[0, v, x] + arms[1, v, x] + 1
-                total += along[v, x]
-            here = out[y - top, x]
+            first, last = y - arms[2, y, x], y + arms[3, y, x]
+            size = sizes[last + 1, x] - sizes[first, x]
+            a, b, here = volume[first - 1, x] if first > 0 else zeros[x], volume[last, x], out[y - top, x]
             for j in range(depth):
-                here[j] = total[j] / count
+                here[j] = volume.dtype.type(b[j] - a[j]) / size
 
 
 @jit
