@@ -125,7 +125,7 @@ def test_samples_that_cannot_be_are_told_with_the_remedy(twinlens, tmp_path):
         (["--shard", "0/2"], "--shard must be i/n with i from 1 to n, such as 2/8, got '0/2'"),
         (["--shard", "3/2"], "--shard must be i/n"),
         (["--shard", "half"], "--shard must be i/n"),
-        (["--limit", "0"], "0 is not in the range x>=1"),
+        (["--limit", "0"], "--limit must be a whole number >= 1, got 0"),
         (["--workers", "2", "--scheduler", "tcp://x:1"], "--workers and --scheduler exclude each other"),
     ],
 )

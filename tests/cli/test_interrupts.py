@@ -117,3 +117,28 @@ def test_signals_that_the_parent_ignores_stay_ignored():
     """As in a background job of a script."""
     process = subprocess.run([sys.executable, "-c", BACKGROUND], capture_output=True, timeout=PATIENCE_S)
     assert (process.returncode, process.stderr) == (0, b"")
+
+
+EARLY = """
+import os, runpy, signal, sys
+class Interrupting:
+    def find_spec(self, name, *_):
+        name == "{module}" and os.kill(os.getpid(), signal.SIGINT)
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.meta_path.insert(0, Interrupting())
+sys.argv = ["twinlens", "methods"]
+runpy.run_module("twinlens", run_name="__main__")
+"""
+
+
+@pytest.mark.parametrize("module", ["twinlens.cli", "click.core", "twinlens.matching.costs"])
+def test_an_interrupt_while_modules_are_imported_ends_the_command_in_one_line(module):
+    script = EARLY.format(module=module)
+    process = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE_S)
+    assert (process.returncode, process.stdout, process.stderr.strip()) == (130, "", "twinlens: interrupted")
+
+
+def test_the_help_of_a_command_line_imports_no_numpy():
+    """So that there is little time to interrupt before errors are handled."""
+    script = "import sys; from twinlens.cli import run; run(['--help']); assert 'numpy' not in sys.modules"
+    assert subprocess.run([sys.executable, "-c", script], stdout=subprocess.DEVNULL, timeout=PATIENCE_S).returncode == 0

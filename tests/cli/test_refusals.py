@@ -4,12 +4,15 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from twinlens.dataset import write_pfm
+from tests.dataset import dataset_scene
+from twinlens.camera import Rig
+from twinlens.dataset import write_pfm, write_sample
 from twinlens.scenes import bundled_folder
 
 
@@ -61,8 +64,12 @@ def test_missing_scene_file(refuses, tmp_path):
         (("--size", "64"), "WIDTHxHEIGHT"),
         (("--size", "0x9"), "camera width"),
         (("--spp", "0"), "spp"),
-        (("--seed", "-1"), "seed"),
-        (("--baseline", "0"), "--baseline: must be > 0"),
+        (("--seed", "-1"), "--seed must be a whole number >= 0, got -1"),
+        (("--seed", "1.5"), "--seed must be a whole number >= 0, got '1.5'"),
+        (("--spp", "2e6"), "--spp must be a whole number from 1 to 1000000, got '2e6'"),
+        (("--noise", "nan"), "--noise must be a number > 0, got nan"),
+        (("--fov", "wide"), "--fov must be a number > 0, got 'wide'"),
+        (("--baseline", "0"), "--baseline must be a number > 0, got 0.0"),
         (("--baseline", "nan"), "baseline"),
         (("--fov", "200"), "--fov: must be <= 179"),
         (("--fov", "180"), "--fov: must be <= 179, got 180"),
@@ -92,7 +99,7 @@ def test_missing_scene_file(refuses, tmp_path):
         (("--focal-length-px", "70", "--fov", "40"), "--fov and --focal-length-px both set the focal length"),
         (("--principal-point", "3"), "CX,CY"),
         (("--principal-point", "3,inf"), "--principal-point: must be a finite number"),
-        (("--pixel-pitch-um", "0"), "--pixel-pitch-um: must be > 0, got 0"),
+        (("--pixel-pitch-um", "0"), "--pixel-pitch-um must be a number > 0, got 0.0"),
         (("--sensor-width-mm", "-36"), "--sensor-width-mm -36: must be a positive number or the name of a format"),
         (
             ("--sensor-width-mm", "36", "--pixel-pitch-um", "5"),
@@ -179,6 +186,56 @@ def test_nan_disparity(refuses, dataset, tmp_path):
     refuses("nan.pfm", "score", tmp_path / "nan.pfm", "--truth", truth)
 
 
+@pytest.mark.parametrize("output", [(), ("-o", "board")])
+def test_maps_that_do_not_exist_and_other_files_are_named(refuses, dataset, tmp_path, output):
+    (tmp_path / "notes.txt").write_text("no map")
+    truth = "--truth", dataset
+    for name in ("none", "none.pfm", "none.zip"):
+        refuses(f"{tmp_path / name}: no such file or folder", "score", tmp_path / name, *truth, *output)
+    refuses("notes.txt: neither a folder nor a readable zip", "score", tmp_path / "notes.txt", *truth, *output)
+
+
+@pytest.mark.parametrize(
+    ("line", "suffix"),
+    [
+        (("render", "cards", "-o"), ""),
+        (("generate", "{recipe}", "-o"), ""),
+        (("rectify", "{set}/cards", "-o"), ""),
+        (("show", "epipolar", "{set}/cards", "-o"), ".png"),
+        (("export", "{set}", "--to", "carla", "-o"), ""),
+        (("benchmark", "{set}", "-o"), ""),
+        (("match", "{im0}", "{im0}", "-o"), ".pfm"),
+        (("match", "{im0}", "{im0}", "-o", "{tmp}/d.pfm", "--picture"), ".png"),
+        (("study", "window", "-o"), ""),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else "",
+)
+def test_an_output_below_a_file_names_that_file(refuses, dataset, tmp_path, line, suffix):
+    file, recipe = tmp_path / "file", tmp_path / "recipe.toml"
+    file.touch()
+    recipe.write_text('seed = 1\ncount = 1\nscenes = ["cards"]')
+    names = {"recipe": recipe, "set": dataset, "im0": dataset / "cards" / "im0.png", "tmp": tmp_path}
+    words = f"twinlens: {file}: is a file where a folder is needed; choose another name"
+    refuses(words, *(part.format(**names) for part in line), file / f"x{suffix}")
+
+
+def test_a_file_in_place_of_a_dataset(refuses, tmp_path):
+    (tmp_path / "file").touch()
+    for command in ("verify", "statistics", "describe"):
+        refuses(f"{tmp_path / 'file'}: not a folder; a dataset is a folder of samples", command, tmp_path / "file")
+
+
+def test_a_sample_of_one_view(refuses, tmp_path):
+    """Commands that need a pair say so; `twinlens rectify` would not help."""
+    pair = dataset_scene.sample(width=16, height=12)
+    shot = replace(pair.shots[0], images=pair.shots[0].images[:1])
+    rig = Rig(pair.rig.cameras[:1], pair.rig.world_from_cams[:1])
+    write_sample(tmp_path / "set" / "a", replace(pair, rig=rig, shots=(shot,), truths=pair.truths[:1]))
+    for line in (("rectify", tmp_path / "set" / "a"), ("show", "epipolar", tmp_path / "set" / "a")):
+        refuses("a: has one view; a pair needs two", *line, "-o", tmp_path / "x.png")
+    refuses("a: has one view; disparity needs two", "benchmark", tmp_path / "set", "-o", tmp_path / "board")
+
+
 def test_missing_dataset_and_board(refuses, tmp_path):
     refuses("no such folder", "benchmark", tmp_path / "none", "-o", tmp_path / "board")
     refuses("none.json", "report", tmp_path / "none.json")
@@ -227,7 +284,7 @@ def test_an_unknown_backend():
         (("export", "out", "--to", "carla"), "Folder of the export."),
         (("match", "a.png", "b.png"), "The disparity map, a .pfm file."),
         (("benchmark", "out"), "Folder of the board."),
-        (("score", "maps", "--truth", "out"), "Folder of the board."),
+        (("score", ".", "--truth", "out"), "Folder of the board."),
         (("study", "window"), "Output folder."),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",

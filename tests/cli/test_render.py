@@ -216,7 +216,7 @@ def test_a_folder_that_cannot_be_is_told_before_a_picture_is_taken(twinlens, bal
     monkeypatch.setattr(render, "make_sample", lambda *_, **__: pytest.fail("a picture was taken"))
     (tmp_path / "file").touch()
     for out in (tmp_path / "file", tmp_path / "file" / "out"):
-        refusal = f"twinlens: {out}: a file exists where a folder is needed\n"
+        refusal = f"twinlens: {tmp_path / 'file'}: is a file where a folder is needed; choose another name\n"
         assert twinlens("render", ball, *QUICK, "-o", out) == (2, "", refusal)
 
 

@@ -136,5 +136,5 @@ def test_missing_files_and_folders_are_named(tmp_path):
     with pytest.raises(FileError, match="cannot be read"):
         read_pfm(tmp_path)
     (tmp_path / "file").touch()
-    with pytest.raises(OutputError, match="a file exists where a folder is needed"):
+    with pytest.raises(OutputError, match="is a file where a folder is needed"):
         write_pfm(tmp_path / "file" / "d.pfm", np.zeros((2, 2)))

@@ -272,7 +272,7 @@ def test_shards_that_end_together_finish_one_after_the_other(recipe, folder, mon
 
 def test_what_cannot_be_written_is_told(recipe, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot be written; a file exists where a folder is needed"):
+    with pytest.raises(OutputError, match="/file: is a file where a folder is needed"):
         generate(recipe, tmp_path / "file" / "set")
 
 

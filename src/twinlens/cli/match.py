@@ -8,8 +8,8 @@ from typing import Any
 import click
 import numpy as np
 
-from twinlens.cli.options import SECONDS, json_option, print_json
-from twinlens.cli.places import PATH, PNG_FILE, PlaceType
+from twinlens.cli.options import DISPARITY, SECONDS, Range, json_option, print_json
+from twinlens.cli.places import PATH, PNG_FILE, PlaceType, check_creatable
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import read_image, write_pfm, write_png
 from twinlens.dataset.pictures import colourise, disparity_limits
@@ -33,10 +33,8 @@ DEFAULT_METHOD = "zncc"
     "file. {num_disparities} and {min_disparity} are replaced too. Not run by a shell.",
 )  # fmt: skip
 @click.option("--time-limit", type=SECONDS, help="Time limit of the program, seconds.  [default: 600]")
-@click.option(
-    "--num-disparities", "--ndisp", type=click.IntRange(min=1), help="Number of disparities to search.  [default: 64]"
-)
-@click.option("--min-disparity", type=int, default=0, show_default=True, help="The smallest disparity, pixels.")
+@click.option("--num-disparities", "--ndisp", type=Range(1), help="Number of disparities to search.  [default: 64]")
+@click.option("--min-disparity", type=DISPARITY, default=0, show_default=True, help="The smallest disparity, pixels.")
 @click.option("--picture", type=PNG_FILE, help="Also write the map as a colour PNG.")
 @json_option("the result")
 def command(left: Path, right: Path, output: Path, picture: Path | None, as_json: bool, **options: Any) -> None:
@@ -65,12 +63,13 @@ def command(left: Path, right: Path, output: Path, picture: Path | None, as_json
 
 
 def _check_outputs(images: tuple[Path, ...], output: Path, picture: Path | None) -> None:
-    """Raise InputError if an output is one of the images, or a file in a sample of a dataset."""
+    """Raise InputError if an output is one of the images, a file in a sample, or below a file."""
     for option, path in {"--output": output, **({"--picture": picture} if picture else {})}.items():
         if any(path.exists() and image.exists() and path.samefile(image) for image in images):
             raise InputError(f"{option} {path}: is one of the two images; choose another file")
         if (path.absolute().parent / "sample.json").exists():
             raise InputError(f"{option} {path}: is in a sample of a dataset; choose another folder")
+        check_creatable(path.parent)
 
 
 def _matcher(

@@ -1,14 +1,15 @@
-"""Options of commands: help in sections, pairs of cameras, and an error for an option that is given twice."""
+"""Options of commands: numbers, help in sections, pairs of cameras; an error for an option that is given twice."""
 
+import contextlib
 import json
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import click
 
-from twinlens.errors import InputError
-from twinlens.scoring.board_file import json_values
+from twinlens.errors import InputError, check_int, check_number
 
 denoise_option = click.option(
     "--denoise/--no-denoise", default=True, show_default=True, help="Remove the renderer's noise; adds a small bias."
@@ -22,14 +23,34 @@ def json_option(what: str) -> Callable[[Any], Any]:
 
 def print_json(record: Any) -> None:
     """Print plain data as JSON, NaN as null, infinity as "inf"."""
+    from twinlens.scoring.board_file import json_values  # imports NumPy and SciPy, which --help does not need
+
     click.echo(json.dumps(json_values(record), indent=1, allow_nan=False))
 
 
-SECONDS = click.FloatRange(0, 1e6, min_open=True)
+class Range(click.FloatRange):
+    """A whole number from `least` to `most`, or without `least` any positive one. An InputError names the option."""
 
+    def __init__(self, least: int | None = None, most: Any = None) -> None:
+        super().__init__(least or 0, most, min_open=least is None)
+        self.least, self.most, self.name = least, most, "float" if least is None else "integer"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        name = param.opts[0] if param else "value"
+        with contextlib.suppress(ValueError):
+            value = float(value) if self.least is None else int(value)
+        if self.least is not None:
+            check_int(name, value, self.least, self.most)
+        else:
+            allowed, most = ("> 0", math.inf) if self.most is None else (f"> 0 and <= {self.most:g}", self.most)
+            check_number(name, value, f"a number {allowed}", above=0, most=most)
+        return value
+
+
+POSITIVE, SECONDS, DISPARITY = Range(), Range(most=1e6), Range(-65536, 65536)
 noise_option = click.option(
     "--noise",
-    type=click.FloatRange(0, min_open=True),
+    type=POSITIVE,
     help="Double the samples until the renderer's noise is at most this multiple of the sensor's, such as 0.3.",
 )
 
@@ -59,12 +80,14 @@ def refuse_repeated(command: click.Command, arguments: Sequence[str], group: cli
             raise click.UsageError(f"option {param.opts[-1]} is given {count} times; give it once")
 
 
-def parse_pair(text: str, count: int) -> tuple[int, int]:
-    """The two cameras of `--cameras A,B`, out of `count`.
+def parse_pair(text: str, sample: Any, count: int) -> tuple[int, int]:
+    """The two cameras of `--cameras A,B`, out of the `count` of a sample, which is named in messages.
 
-    >>> parse_pair("0,2", 3)
+    >>> parse_pair("0,2", "out/cards", 3)
     (0, 2)
     """
+    if count < 2:
+        raise InputError(f"{sample}: has one view; a pair needs two")
     parts = [part.strip() for part in text.split(",")]
     if len(parts) != 2 or not all(part.isdecimal() for part in parts):
         raise InputError(f"--cameras must be A,B, such as 0,1, got {text!r}")

@@ -9,7 +9,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from twinlens.dataset import Place, RemotePath, place, read_manifest
-from twinlens.dataset.files import check_replaceable
+from twinlens.dataset.files import A_FILE, check_replaceable, existing_part
 from twinlens.errors import InputError, OutputError, format_value
 
 
@@ -68,7 +68,7 @@ def check_results(folder: Path, mark: str, overwrite: bool = True) -> None:
     """
     if not overwrite and (folder / mark).exists():
         raise OutputError(f"{folder}: {_EXISTS}")
-    _check_creatable(folder)
+    check_creatable(folder)
     _refuse_others(folder, (), mark)
 
 
@@ -86,7 +86,7 @@ def check_samples(output: Place, names: Sequence[str], overwrite: bool) -> None:
         if names.count(name) > 1:
             raise InputError(f"two scenes are named {name!r}; a sample's folder is named after its scene")
     if isinstance(output, Path):
-        _check_creatable(output)
+        check_creatable(output)
     for name in names:
         check_new(output / name, overwrite)
     _refuse_others(output, names, "dataset.json")
@@ -100,10 +100,10 @@ def _refuse_others(folder: Place, names: Sequence[str], mark: str) -> None:
             raise OutputError(f"{folder}: contains {name!r} and no {mark}; choose a new or an empty folder")
 
 
-def _check_creatable(folder: Path) -> None:
+def check_creatable(folder: Path) -> None:
     """Raise OutputError for a folder that cannot be created."""
-    existing = next(each for each in (folder, *folder.absolute().parents) if os.path.lexists(each))
+    existing = existing_part(folder)
     if not existing.is_dir():
-        raise OutputError(f"{folder}: a file exists where a folder is needed")
+        raise OutputError(f"{existing}: {A_FILE}")
     if existing != folder and not os.access(existing, os.W_OK | os.X_OK):
-        raise OutputError(f"{folder}: cannot be created; no permission to write to {existing}")
+        raise OutputError(f"{folder}: cannot be created; no permission to write to {existing.absolute()}")

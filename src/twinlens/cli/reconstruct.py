@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from twinlens.cli.options import json_option, print_json
+from twinlens.cli.options import POSITIVE, Range, json_option, print_json
 from twinlens.cli.places import PATH, PLACE, check_new
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Place, open_sample
@@ -15,17 +15,15 @@ from twinlens.errors import located
 from twinlens.matching import parse_method
 from twinlens.reconstruction.of_sample import RECORD, reconstruct
 
-_LENGTH = click.FloatRange(0, min_open=True)
-
 
 @click.command("reconstruct")
 @click.argument("sample", type=PLACE, metavar="DATASET/SAMPLE")
 @click.option("-o", "--output", required=True, type=PATH, help="Folder of the reconstruction.")
 @click.option("--method", default="truth", show_default=True, help="truth, or a matcher: sgm, zncc:block_size=11, ...")
-@click.option("--cell-mm", type=_LENGTH, help="Cell size of the fused surface.  [default: 1/160 of the points' extent]")
-@click.option("--min-views", type=click.IntRange(min=1), default=1, show_default=True, help="Views required per point.")
-@click.option("--far", type=_LENGTH, default=math.inf, help="Largest depth to use, metres.  [default: no limit]")
-@click.option("--spacing-mm", type=_LENGTH, help="Point spacing of the comparison.  [default: half a cell]")
+@click.option("--cell-mm", type=POSITIVE, help="Cell size of the surface.  [default: 1/160 of the points' extent]")
+@click.option("--min-views", type=Range(1), default=1, show_default=True, help="Views required per point.")
+@click.option("--far", type=POSITIVE, help="Largest depth to use, metres.  [default: no limit]")
+@click.option("--spacing-mm", type=POSITIVE, help="Point spacing of the comparison.  [default: half a cell]")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier reconstruction.")
 @json_option("the comparison")
 def command(sample: Place, output: Path, method: str, overwrite: bool, as_json: bool, **options: Any) -> None:
@@ -44,6 +42,7 @@ def command(sample: Place, output: Path, method: str, overwrite: bool, as_json: 
     for name in ("cell", "spacing"):
         size = options.pop(f"{name}_mm")
         options[name] = None if size is None else 1e-3 * size
+    options["far"] = options["far"] or math.inf
     with progress_bar("reconstructing") as report:
         result = reconstruct(open_sample(sample), matcher, progress=report, **options)
     record = {"sample": str(sample), "method": method, "min_views": options["min_views"], **result.record()}

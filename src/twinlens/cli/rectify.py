@@ -38,7 +38,7 @@ def command(
     """
     check_new(output, overwrite)
     stored = open_sample(sample)
-    left, right = parse_pair(cameras, len(stored.rig))
+    left, right = parse_pair(cameras, sample, len(stored.rig))
     with progress_bar("rectifying") as report:
         made = rectified_sample(
             stored, None if scene is None else load_scene(scene), left, right,

@@ -9,7 +9,7 @@ import click
 from click.core import ParameterSource
 
 from twinlens.camera import Lens, Rig
-from twinlens.cli.options import Sectioned, denoise_option, json_option, noise_option, print_json
+from twinlens.cli.options import POSITIVE, Range, Sectioned, denoise_option, json_option, noise_option, print_json
 from twinlens.cli.places import PATH, PLACE, check_samples
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place, Row
@@ -40,23 +40,23 @@ _SECTIONS = {
 @click.option("--aperture", default="disk", show_default=True, help=camera_text.APERTURE_HELP)
 @click.option("--diffraction", is_flag=True, help="Apply each lens's Airy pattern; disk apertures only.")
 @click.option("--size", default="640x480", show_default=True, help="Image size, WIDTHxHEIGHT.")
-@click.option("--fov", type=float, help="Horizontal field of view, at most 179 degrees.  [default: the scene's]")
+@click.option("--fov", type=POSITIVE, help="Horizontal field of view, at most 179 degrees.  [default: the scene's]")
 @click.option("--focal-length-px", metavar="FX[,FY]", help="Focal length in pixels, instead of --fov.")
 @click.option("--principal-point", metavar="CX,CY",
               help="Principal point; pixel centres are at integers.  [default: the image centre]")  # fmt: skip
 @click.option("--distortion", metavar="K", help=camera_text.DISTORTION_HELP)
-@click.option("--pixel-pitch-um", type=float, help="Pixel width, micrometres.  [default: 5]")
+@click.option("--pixel-pitch-um", type=POSITIVE, help="Pixel width, micrometres.  [default: 5]")
 @click.option("--sensor-width-mm", metavar="MM|FORMAT", help=camera_text.SENSOR_WIDTH_HELP)
-@click.option("--baseline", type=float, help="Baseline, metres.  [default: the scene's]")
+@click.option("--baseline", type=POSITIVE, help="Baseline, metres.  [default: the scene's]")
 @click.option("--rig", type=PATH, help="A .toml file that defines the rig; see docs/rigs.md.")
 @click.option("--sensor", default="machine_vision", show_default=True, help=camera_text.SENSOR_HELP)
 @click.option("--bits", type=click.Choice(["8", "16"]), help="Bits per channel.  [default: 8]")
 @click.option("--exposure", default="auto", metavar="TIME_S[,GAIN]", help=camera_text.EXPOSURE_HELP)
 @click.option("--mismatch", metavar="LEVEL|NAME=VALUE,...", help=camera_text.MISMATCH_HELP)
-@click.option("--spp", type=click.IntRange(1, 1_000_000), default=16, show_default=True, help="Samples per pixel.")
+@click.option("--spp", type=Range(1, 1_000_000), default=16, show_default=True, help="Samples per pixel.")
 @denoise_option
 @noise_option
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Random seed.")
+@click.option("--seed", type=Range(0), default=0, show_default=True, help="Random seed.")
 @click.option("--radiance", is_flag=True, help="Also write the linear images (radiance0.exr, radiance1.exr).")
 @click.option("--sky-disparity", is_flag=True, help="Give the sky the disparity at infinity instead of unknown.")
 @click.option("--overwrite", is_flag=True, help="Replace existing samples.")

@@ -8,10 +8,10 @@ import click
 from click.core import ParameterSource
 
 from twinlens.cli.boards import print_board, protocol_option, region_option, run_board
-from twinlens.cli.options import json_option, print_json
+from twinlens.cli.options import DISPARITY, Range, json_option, print_json
 from twinlens.cli.places import PATH, missing_output
 from twinlens.dataset import place, read_disparity, read_png
-from twinlens.errors import InputError
+from twinlens.errors import FileError, InputError
 from twinlens.scoring import Scores, evaluate, find_metric, open_pairs, open_submission, search_range
 from twinlens.scoring.board_file import UNSCORED
 
@@ -26,10 +26,10 @@ _FOR_ONE_MAP = {"mask": "--mask", "ndisp": "--ndisp", "min_disparity": "--min-di
 @click.option("--truth", "truths", multiple=True, required=True, help="Dataset, or the truth of one map. Repeatable.")
 @click.option("-o", "--output", type=PATH, help="Folder of the board.  [required, except for one map]")
 @click.option("--mask", type=PATH, help="For one map: PNG, 255 where visible in both cameras.")
-@click.option("--ndisp", type=click.IntRange(min=1), help="For one map: estimates are clipped to [0, ndisp].")
+@click.option("--ndisp", type=Range(1), help="For one map: estimates are clipped to [0, ndisp].")
 @click.option(
-    "--min-disparity", type=int, help="For one map: lower end of the clipping range.  [default: 0, or the truth's "
-    "minimum if negative]",
+    "--min-disparity", type=DISPARITY, help="For one map: lower end of the clipping range.  [default: 0, or the "
+    "truth's minimum if negative]",
 )  # fmt: skip
 @protocol_option
 @region_option
@@ -45,6 +45,9 @@ def command(submissions: tuple[Path, ...], truths: tuple[str, ...], as_json: boo
     Example:  twinlens score my-maps.zip --truth out -o board
               twinlens score disp.pfm --truth out/staircase/disp0.pfm --mask out/staircase/mask0nocc.png
     """
+    for path in submissions:
+        if not path.exists():
+            raise FileError(f"{path}: no such file or folder")
     one_map = submissions[0].suffix.lower() in _MAPS and not submissions[0].is_dir()
     for truth in truths if one_map else ():
         if place(truth).is_dir() or (truth == "motorcycle" and not place(truth).exists()):
@@ -65,10 +68,10 @@ def command(submissions: tuple[Path, ...], truths: tuple[str, ...], as_json: boo
 
 
 def _score_submissions(paths: Sequence[Path], truths: Sequence[str], as_json: bool, options: dict[str, Any]) -> int:
-    output = options["output"]
+    submissions, output = [open_submission(path) for path in paths], options["output"]
     if output is None:
         raise missing_output()
-    submissions, pairs = [open_submission(path) for path in paths], open_pairs(truths)
+    pairs = open_pairs(truths)
     for submission in submissions:
         submission.check_unambiguous(pairs.aliases)
     unmatched = {submission.name: submission.unmatched_files(pairs.aliases) for submission in submissions}

@@ -5,10 +5,9 @@ from pathlib import Path
 import click
 
 from twinlens.camera.multiview import epipoles, fundamental_matrix, ideal_pixels
-from twinlens.cli.options import json_option, parse_pair, print_json
+from twinlens.cli.options import Range, json_option, parse_pair, print_json
 from twinlens.cli.places import PLACE, PNG_FILE
 from twinlens.dataset import Place, open_sample, write_png
-from twinlens.errors import InputError
 from twinlens.geometry.epipolar import sampson_distance
 from twinlens.report.epipolar_picture import epipolar_picture, true_matches
 
@@ -26,7 +25,7 @@ def command() -> None:
 @click.argument("sample", type=PLACE, metavar="DATASET/SAMPLE")
 @click.option("-o", "--output", required=True, type=PNG_FILE, help="The picture, a PNG file.")
 @click.option("--cameras", default="0,1", show_default=True, help="The two views, counted from 0.")
-@click.option("--points", type=click.IntRange(1, 100), default=9, show_default=True, help="Number of points.")
+@click.option("--points", type=Range(1, 100), default=9, show_default=True, help="Number of points.")
 @json_option("the points, F and the epipoles")
 def epipolar(sample: Place, output: Path, cameras: str, points: int, as_json: bool) -> None:
     """Draw points of two views, the epipolar curves that contain their matches, and the epipoles.
@@ -39,9 +38,7 @@ def epipolar(sample: Place, output: Path, cameras: str, points: int, as_json: bo
     """
     stored = open_sample(sample)
     rig = stored.rig
-    if len(rig) < 2:
-        raise InputError(f"{sample}: has one view; epipolar geometry needs two")
-    a, b = parse_pair(cameras, len(rig))
+    a, b = parse_pair(cameras, sample, len(rig))
     here, there = true_matches(stored, a, b, points)
     write_png(output, epipolar_picture((stored.image(a), stored.image(b)), rig, here, there, a, b))
     F = fundamental_matrix(rig, a, b)

@@ -135,7 +135,8 @@ class Dataset(Sequence[StoredSample]):
     def __init__(self, path: Where) -> None:
         self.path = place(path)
         if not self.path.is_dir():
-            raise FileError(f"{self.path}: no such folder; a dataset is a folder of samples")
+            problem = "not a folder" if self.path.exists() else "no such folder"
+            raise FileError(f"{self.path}: {problem}; a dataset is a folder of samples")
         if (self.path / MANIFEST).is_file():
             manifest = read_manifest(self.path)
             self._samples = tuple(stored(self.path, row) for row in manifest.rows)

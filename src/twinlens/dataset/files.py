@@ -17,12 +17,12 @@ from pathlib import Path
 from twinlens.dataset.storage import EXISTS, Place, RemotePath, Where, fill_remote, place
 from twinlens.errors import FileError, InputError, OutputError
 
+A_FILE = "is a file where a folder is needed; choose another name"
 _TEMPORARY = ".unfinished-"
 
 _REMEDIES = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "the disk is full: free some space or write elsewhere"),
     **dict.fromkeys((errno.EACCES, errno.EPERM), "no permission: choose a folder that you may write to"),
-    **dict.fromkeys((errno.ENOTDIR, errno.EEXIST), "a file exists where a folder is needed: choose another name"),
     errno.EROFS: "the file system is read-only: write elsewhere",
     errno.ENOTEMPTY: "another process has written there: choose another name",
     errno.ENAMETOOLONG: "the name is too long: choose a shorter one",
@@ -108,6 +108,11 @@ def check_replaceable(folder: Place, own: bool, kind: str) -> None:
         raise OutputError(f"{folder}: exists and is not {kind}, so it is not overwritten; choose another name")
 
 
+def existing_part(path: Path) -> Path:
+    """`path`, or else the nearest folder or file above it that exists."""
+    return next(each for each in (path, *path.parents) if os.path.lexists(each))
+
+
 def remove_unfinished(folder: Where) -> list[str]:
     """Remove the temporary files of killed processes from a local `folder`; their names. No process may be writing."""
     folder = place(folder)
@@ -141,8 +146,7 @@ def locked(
             folder.mkdir(parents=True, exist_ok=True)
             descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
         except OSError as error:
-            reason = _REMEDIES.get(error.errno or 0, error.strerror)
-            raise OutputError(f"{folder}: cannot be written; {reason}") from error
+            raise _not_written(folder, error) from error
         with contextlib.ExitStack() as stack:
             stack.callback(os.close, descriptor)
             try:
@@ -240,6 +244,11 @@ def _temporary(path: Path) -> Iterator[Path]:
     except (OutputError, InputError):
         raise
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        remedy = _REMEDIES.get(getattr(error, "errno", None) or 0, f"{reason}: check the path")
-        raise OutputError(f"{path}: cannot be written; {remedy}") from error
+        raise _not_written(path, error) from error
+
+
+def _not_written(path: Path, error: Exception) -> OutputError:
+    number, reason = getattr(error, "errno", None) or 0, getattr(error, "strerror", None) or error
+    if number in (errno.ENOTDIR, errno.EEXIST):
+        return OutputError(f"{existing_part(path)}: {A_FILE}")
+    return OutputError(f"{path}: cannot be written; {_REMEDIES.get(number, f'{reason}: check the path')}")

@@ -130,7 +130,8 @@ class StoredSample(Mapping[str, Any]):
         """True disparity of view i, u_left - u_right, float32 (H, W), pixels; +inf unknown."""
         path = self._disparity_path(i)
         if not path.exists() and self.has("sample.json") and self.record.get("rectified") is False:
-            raise FileError(f"{self.folder}: the pair is not rectified and has no disparity; run `twinlens rectify`")
+            problem = "the pair is not rectified and has no disparity; run `twinlens rectify`"
+            raise FileError(f"{self.folder}: {problem if len(self.rig) > 1 else 'has one view; disparity needs two'}")
         return read_disparity(path)
 
     def has_disparity(self, i: int) -> bool:
