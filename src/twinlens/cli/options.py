@@ -23,9 +23,9 @@ def json_option(what: str) -> Callable[[Any], Any]:
 
 def print_json(record: Any) -> None:
     """Print plain data as JSON, NaN as null, infinity as "inf"."""
-    from twinlens.scoring.board_file import json_values  # imports NumPy and SciPy, which --help does not need
+    from twinlens.dataset.record import plain  # imports NumPy and SciPy, which --help does not need
 
-    click.echo(json.dumps(json_values(record), indent=1, allow_nan=False))
+    click.echo(json.dumps(plain(record, nan_as_null=True), indent=1, allow_nan=False))
 
 
 class Range(click.FloatRange):

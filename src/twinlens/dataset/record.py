@@ -86,10 +86,10 @@ def read_part(model: pydantic.TypeAdapter[T], record: Mapping[str, Any], key: st
     return read(model, record[key], file, key)
 
 
-def plain(value: Any) -> Any:
+def plain(value: Any, nan_as_null: bool = False) -> Any:
     """`value` as JSON data: dataclasses, mappings, sequences, arrays, numbers, paths and text, nested.
 
-    Raises InputError for anything else, including NaN.
+    NaN becomes None with `nan_as_null`. Raises InputError otherwise, and for anything else.
 
     >>> plain(camera.ThinLens(0.01, focus_distance=math.inf))["focus_distance"]
     'inf'
@@ -100,24 +100,24 @@ def plain(value: Any) -> Any:
             each = getattr(value, name)
             is_float = isinstance(each, np.ndarray) and each.dtype.kind == "f"
             is_large = is_float and PACKED_ABOVE < each.size <= MAX_PACKED and not np.isnan(each).any()
-            record[name] = pack(each) if is_large else plain(each)  # only fields of dataclasses are unpacked
+            record[name] = pack(each) if is_large else plain(each, nan_as_null)  # only fields are unpacked
         return record
     if isinstance(value, Mapping):
         if wrong := [key for key in value if not isinstance(key, str)]:
             raise InputError(f"the keys of a record must be strings, got {wrong[0]!r}")
-        return {key: plain(entry) for key, entry in value.items()}
+        return {key: plain(entry, nan_as_null) for key, entry in value.items()}
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        return plain(value.tolist(), nan_as_null)
     if isinstance(value, (list, tuple)):
-        return [plain(entry) for entry in value]
+        return [plain(entry, nan_as_null) for entry in value]
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, os.PathLike):
         value = os.fspath(value)
     if isinstance(value, float) and not math.isfinite(value):
-        if math.isnan(value):
+        if math.isnan(value) and not nan_as_null:
             raise InputError("a record cannot hold NaN")
-        return "inf" if value > 0 else "-inf"
+        return None if math.isnan(value) else str(value)
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     raise InputError(f"a record holds numbers, strings, lists, mappings and dataclasses, got {type(value)}")

@@ -26,8 +26,8 @@ from PIL import Image
 from twinlens import scoring
 from twinlens.dataset.files import write_file
 from twinlens.dataset.pictures import NO_TRUTH, colourise, rgb8
+from twinlens.dataset.record import plain
 from twinlens.scoring import METRICS, PROTOCOLS, REGIONS, Board, Entry, Groups, Pair, Sample
-from twinlens.scoring.board_file import json_values
 from twinlens.scoring.metrics import TIMES
 
 MAX_WIDTH, BUDGET_BYTES = 800, 14_000_000
@@ -77,7 +77,7 @@ def page_html(
         if s.name in board.samples
     }
     document = _document(board, pictures, weights, groups or {}) | {"notes": list(notes)}
-    data = json.dumps(json_values(document), allow_nan=False, separators=(",", ":"))
+    data = json.dumps(plain(document, nan_as_null=True), allow_nan=False, separators=(",", ":"))
     # No character that could end the script block around the data, or open a comment or an entity.
     data = data.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
     script = "\n".join(_file(name) for name in _SCRIPTS)

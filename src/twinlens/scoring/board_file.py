@@ -15,7 +15,7 @@ import pydantic
 
 import twinlens
 from twinlens.dataset.files import read_bytes, write_file
-from twinlens.dataset.record import decode_json, read
+from twinlens.dataset.record import decode_json, plain, read
 from twinlens.errors import FileError, InputError, check_known
 from twinlens.schema import NonNegative, StrictModel, one_of, table_of
 from twinlens.scoring.board import FAILURES, Board, Entry, Failure
@@ -95,7 +95,7 @@ def board_to_json(board: Board) -> str:
         "protocols": {name: dict(PROTOCOLS[name].lines()) for name in board.protocols},
         "entries": [asdict(entry) for entry in board.entries],
     }
-    return json.dumps(json_values(document), indent=1, allow_nan=False) + "\n"
+    return json.dumps(plain(document, nan_as_null=True), indent=1, allow_nan=False) + "\n"
 
 
 def board_from_json(text: str | bytes, file: str | Path = "board") -> Board:
@@ -119,21 +119,6 @@ def read_board(path: str | os.PathLike[str]) -> Board:
 def write_board(board: Board, path: str | os.PathLike[str]) -> None:
     """Write the board atomically; OutputError if it cannot be written."""
     write_file(path, board_to_json(board).encode("ascii"))
-
-
-def json_values(value: Any) -> Any:
-    """Plain data for JSON, which has neither NaN nor infinity.
-
-    >>> json_values({"bad": [math.nan, math.inf, 2.5]})
-    {'bad': [None, 'inf', 2.5]}
-    """
-    if isinstance(value, Mapping):
-        return {key: json_values(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [json_values(entry) for entry in value]
-    if not isinstance(value, float) or math.isfinite(value):
-        return value
-    return None if math.isnan(value) else str(value)
 
 
 class BoardWriter:
