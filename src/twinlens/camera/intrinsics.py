@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.camera.distortion import Distortion, check_invertible
 from twinlens.errors import InputError, check_int, check_number, check_ranges, format_value, located
-from twinlens.geometry import Float, film_from_cam, px_from_film, rigid
+from twinlens.geometry import Float, rigid
 
 MAX_SIDE = 65536
 """The largest width or height of an image, pixels."""
@@ -81,10 +81,12 @@ class Camera:
 
         NaN for points without an image: z <= 0, or beyond the fold of a distortion.
         """
-        xy = film_from_cam(points_cam, 1.0)
+        points = np.asarray(points_cam, dtype=np.float64)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            xy = np.where(points[..., 2:] > 0, points[..., :2] / points[..., 2:], np.nan)
         if self.distortion is not None:
             xy = self.distortion.distort(np.where(self.distortion.valid(xy)[..., None], xy, np.nan))
-        return px_from_film(xy, (self.fx, self.fy), (self.cx, self.cy))
+        return np.asarray(xy * (self.fx, self.fy) + (self.cx, self.cy))
 
     def unproject(self, pixels: ArrayLike) -> Float:
         """Viewing directions (..., 3) of pixels (..., 2), camera frame, z = 1: multiplied by depth, the point.

@@ -136,24 +136,6 @@ def float_array(name: str, values: ArrayLike) -> Float:
         raise InputError(f"{name} must be an array of numbers: {error}") from error
 
 
-def film_from_cam(points_cam: ArrayLike, film_distance: float) -> Float:
-    """Film coordinates (..., 2), metres, of points (..., 3): X = v x / z, Y = v y / z on an upright film.
-
-    The real film is behind the aperture and its image is rotated by 180 degrees; the upright film is in front.
-    Points with z <= 0 have no image and give NaN.
-    """
-    points_cam = np.asarray(points_cam, dtype=np.float64)
-    z = points_cam[..., 2:]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(z > 0, film_distance * points_cam[..., :2] / z, np.nan)
-
-
-def px_from_film(film: ArrayLike, pixel_density: ArrayLike, principal_point: ArrayLike) -> Float:
-    """Pixels (..., 2) of film points (..., 2) in metres: u = m_x X + cx, with pixel density m in pixels per metre."""
-    film, density = np.asarray(film, dtype=np.float64), np.asarray(pixel_density, dtype=np.float64)
-    return film * density + np.asarray(principal_point, dtype=np.float64)
-
-
 def depth_from_disparity(disparity: ArrayLike, fx: float, baseline: float, doffs: float = 0.0) -> Float:
     """z = fx B / (d + doffs), in metres. +inf (unknown) gives +inf, and so does d + doffs = 0, a point at infinity.
 
