@@ -130,8 +130,7 @@ def locked(
 
     The folder is created; folders that were created and are left empty are removed.
     If another run has the lock, waits for it if `wait` is set, and else raises OutputError that ends with the `remedy`.
-    Buckets and file systems without locks are not locked. The system releases the lock of a killed process.
-    docs/decisions/locks.md says why this is flock(2) and not filelock.
+    Buckets and file systems without locks are not locked. Why flock(2): docs/decisions/locks.md.
     """
     if isinstance(folder, RemotePath):
         yield

@@ -125,7 +125,7 @@ def worker_processes(count: int) -> Engine:
     """The engine of `count` processes on this machine, which share its processors evenly.
 
     A process is replaced after `RENEWED_AFTER` samples, and when it dies; its sample is made again. Each is a pool of
-    its own: a process that dies idle holds the lock of its pool's task queue, and others would wait for it forever.
+    its own: docs/decisions/process-pool.md.
     """
 
     def engine(work: Work, indices: Sequence[int], report: Report) -> Results:

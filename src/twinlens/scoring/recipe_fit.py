@@ -4,9 +4,7 @@ Light: with light E and tone curve G(E), at the mean of the two grey levels, a `
 
     right - left = E G'(E) (ln gain + a x + b y - c r^2) + G'(E) black level
 
-A robust fit over pixels gives the five values of a pair. The dataset's are recorded: the mean and variance of its
-errors, by glare, colours and vignetting, are subtracted from those of the given pairs. The low-pass variance that is
-left in these and exceeds the dataset's, over that of unit shading, is added to the variances of a, b and c.
+A robust fit over pixels gives the five values of a pair; docs/realism.md says what follows from them.
 
 Noise: full well, dark current and radiance scale over q, read noise and DSNU over sqrt(q), and PRNU times sqrt(q)
 multiply the variance of the sensor's noise by q at any light and exposure. Variances add: q = 1 + (n^2 - m^2) / s^2,
