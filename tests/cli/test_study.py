@@ -125,8 +125,8 @@ def test_an_earlier_study_is_replaced_only_on_request(twinlens, own, tmp_path):
 @pytest.mark.parametrize(
     ("line", "instead", "message"),
     [
-        ("return Measured(", "return list(", "mine: `measure` must return Measured(rows) with at least one row, got ["),
-        ("for x in (1.0, 3.0)", "for x in ()", "with at least one row, got no rows"),
+        ("return Measured(", "return list(", "mine: `measure` must return Measured(rows) with rows, got ["),
+        ("for x in (1.0, 3.0)", "for x in ()", "with rows, got no rows"),
         ('"x": x, "y": 2.0 * x', '"y": 2.0 * x', "mine: no row has the column 'x'"),
         ("return [Finding(", "return None and [Finding(", "`conclude` must return a list of Findings, got None"),
         ("def measure(setup):", "def measure(setup):\n    raise OSError('boom')", "mine.py, line 5: OSError: boom"),

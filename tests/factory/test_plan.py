@@ -78,5 +78,5 @@ def test_splits_have_their_shares_and_stay_when_the_count_grows():
 
 
 def test_a_negative_index_is_refused():
-    with pytest.raises(InputError, match="0 or more"):
+    with pytest.raises(InputError, match=">= 0, got -1"):
         plan(recipe(), -1)

@@ -137,9 +137,7 @@ class Ledger:
             what = "; ".join(changed[:3])
             raise InputError(f"{self.folder}: holds another dataset ({what}); name another folder, or undo the change")
         if edited := changed_files(sources, self.recipe.sources.digests):
-            raise InputError(
-                f"{self.folder}: was started with other source files ({edited}); restore them, or name another folder"
-            )
+            raise InputError(f"{self.folder}: has other source files ({edited}); restore them, or name another folder")
         self.described = {key: known.info[key] for key in (ABOUT,) if key in known.info}
         try:
             self.entries |= {int(row.info["index"]): row for row in known.rows}

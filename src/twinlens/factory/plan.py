@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.errors import InputError
+from twinlens.errors import check_int
 from twinlens.factory.draws import Leaf, leaves, resolve
 from twinlens.factory.recipe import Recipe
 from twinlens.seeds import generator
@@ -55,8 +55,7 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
 
     Raises InputError for a negative index.
     """
-    if index < 0:
-        raise InputError(f"the index of a sample must be 0 or more, got {index}")
+    check_int("the index of a sample", index, 0)
     sizes = {} if recipe.weights else {"": len(recipe.names)}
     sizes |= {leaf.key: len(leaf.distribution.values) for leaf in leaves(recipe.drawn) if leaf.kind == "sweep"}
     digits, rest = {}, index

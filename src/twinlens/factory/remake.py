@@ -100,9 +100,7 @@ def scene_of(record: Mapping[str, Any], given: Scene | None = None) -> Scene:
     try:
         scene = given or load_scene(settings.scene)
     except InputError as error:
-        raise InputError(
-            f"scene {settings.scene!r} is not bundled; load it with load_scene and pass it as scene"
-        ) from error
+        raise InputError(f"scene {settings.scene!r} is not bundled; load it with load_scene and pass it") from error
     if (scene.name, file_digests(scene)) != (settings.scene, settings.scene_files):
         raise InputError(f"scene {scene.name!r} is not the one that the record names: its files have changed")
     return scene

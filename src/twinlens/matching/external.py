@@ -204,9 +204,7 @@ class Program(RangeMatcher):
         check_number("timeout_s", self.timeout_s, "a number above 0", above=0)
         for placeholder in ("{left}", "{right}", "{out}"):
             if placeholder not in self.command:
-                raise InputError(
-                    f"command is {self.command!r}; it needs {placeholder}: 'prog {{left}} {{right}} {{out}}'"
-                )
+                raise InputError(f"command {self.command!r} needs {placeholder}: 'prog {{left}} {{right}} {{out}}'")
         try:
             shlex.split(self.command)
         except ValueError as problem:

@@ -47,7 +47,7 @@ def builtin_sensor(camera: Camera, world_from_cam: Float, lens: Lens, film: Plug
     """
     mi = mitsuba()
     _check_camera(camera)
-    _check_lens(lens)
+    check_lens_supported(lens)
     mitsuba_from_opencv = np.diag([-1.0, -1.0, 1.0, 1.0])  # Mitsuba's x points left, its y up
     (offset_x, full_width), (offset_y, full_height) = (
         (max(0, round(size - 1 - 2 * c)), round(max(2 * c + 1, 2 * (size - c) - 1)))
@@ -79,16 +79,15 @@ def builtin_sensor(camera: Camera, world_from_cam: Float, lens: Lens, film: Plug
 
 def check_lens_supported(lens: Lens) -> None:
     """Raise BackendError if this process's backend does not support the lens."""
-    if not backend().is_jit:
-        _check_lens(lens)
+    disk = isinstance(lens.aperture, Disk) and lens.vergence > 1e-5
+    if lens.aperture_diameter > 0 and not disk and not backend().is_jit:
+        raise BackendError(f"this lens {_NEEDS_JIT}; without it, use a pinhole or a disk aperture with a finite focus")
 
 
 def check_mismatch_supported(distortion_px: float) -> None:
     """Raise BackendError if this process's backend does not support a second camera with this distortion."""
     if distortion_px and not backend().is_jit:
-        raise BackendError(
-            f"the mismatch's distortion_px={distortion_px:.3g} {_NEEDS_JIT}; without it, use distortion_px=0"
-        )
+        raise BackendError(f"the mismatch's distortion_px={distortion_px:.3g} {_NEEDS_JIT}; or use distortion_px=0")
 
 
 def _check_camera(camera: Camera) -> None:
@@ -98,8 +97,3 @@ def _check_camera(camera: Camera) -> None:
         raise BackendError(f"lens distortion {_NEEDS_JIT}")
     if any(2 * c % 1 for c in (camera.cx, camera.cy)):
         raise BackendError(f"a principal point off the half-pixel grid (cx={camera.cx}, cy={camera.cy}) {_NEEDS_JIT}")
-
-
-def _check_lens(lens: Lens) -> None:
-    if lens.aperture_diameter > 0 and not (isinstance(lens.aperture, Disk) and lens.vergence > 1e-5):
-        raise BackendError(f"this lens {_NEEDS_JIT}; without it, use a pinhole or a disk aperture with a finite focus")

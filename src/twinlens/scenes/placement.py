@@ -9,7 +9,7 @@ import pydantic
 from numpy.typing import ArrayLike
 
 from twinlens.errors import InputError
-from twinlens.geometry import Float, look_at
+from twinlens.geometry import Float, look_at, skew
 from twinlens.schema import NonNegative, Number, Positive, StrictModel, exactly, satisfies
 
 _COPIES = satisfies(lambda count: math.prod(count) <= 100_000, "makes more than 100000 copies, got {}")
@@ -27,8 +27,7 @@ _COUNT = Annotated[int, pydantic.Field(ge=1, le=10_000)]
 
 def rotation(axis: ArrayLike, deg: float) -> Float:
     """The 4x4 rotation by `deg` degrees about `axis` (3,), right-handed. Source: Rodrigues 1840."""
-    x, y, z = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    K = skew(np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis))
     angle = math.radians(deg)
     pose = np.eye(4)
     pose[:3, :3] += math.sin(angle) * K + (1 - math.cos(angle)) * (K @ K)
@@ -95,9 +94,7 @@ class Pose(StrictModel):
         if self.matrix is not None:
             matrix = np.array(self.matrix, dtype=np.float64)
             if matrix[3].tolist() != [0, 0, 0, 1] or not np.linalg.det(matrix[:3, :3]) > 1e-12:
-                raise InputError(
-                    "matrix must be 4 rows of 4 with last row 0 0 0 1, invertible and not mirrored (determinant > 0)"
-                )
+                raise InputError("matrix must be 4 rows of 4 with last row 0 0 0 1 and determinant > 0 (not mirrored)")
             return matrix
         position = np.array(self.translate or [0.0] * 3)
         turn = np.eye(4)

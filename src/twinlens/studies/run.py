@@ -89,9 +89,7 @@ def run_study(study: Study, **choices: Unpack[Choices]) -> Result:
     measured = study.measure(setup)
     if not isinstance(measured, Measured) or not measured.rows:
         got = "no rows" if isinstance(measured, Measured) else f"{measured!r:.60}"
-        raise InputError(
-            f"the study {study.name}: `measure` must return Measured(rows) with at least one row, got {got}"
-        )
+        raise InputError(f"the study {study.name}: `measure` must return Measured(rows) with rows, got {got}")
     if missing := {column.name for column in study.all_columns}.difference(*measured.rows):
         raise InputError(f"the study {study.name}: no row has the column {min(missing)!r}")
     rows = table(study.all_columns, measured.rows)
