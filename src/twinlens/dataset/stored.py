@@ -333,10 +333,9 @@ def read_quantities(names: Iterable[str], sample: StoredSample) -> dict[str, Any
     values: dict[str, Any] = {}
     for name in names:
         quantity, lens, view = parse_quantity(name)
-        if lens is not None:
-            values[name] = getattr(sample.lens(lens), _LENS_METHODS[quantity])(view)
-        elif quantity in _VIEW_METHODS:
-            values[name] = getattr(sample, _VIEW_METHODS[quantity])(view)
+        if lens is not None or quantity in _VIEW_METHODS:
+            owner = sample if lens is None else sample.lens(lens)
+            values[name] = getattr(owner, (_VIEW_METHODS | _LENS_METHODS)[quantity])(view)
         elif quantity in _TRUTH_QUANTITIES:
             values[name] = truth(view)[quantity]
         elif quantity in _CAMERA_QUANTITIES:

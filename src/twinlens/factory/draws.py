@@ -26,8 +26,7 @@ _ORDERED = satisfies(
     lambda ends: ends[0] <= ends[1] and np.isfinite(ends[1] - ends[0]), "must be [low, high] with low <= high, got {}"
 )
 _CONSTANT = satisfies(
-    lambda values: not leaves(template(values, "")),
-    "the values of a distribution must be constants, not distributions",
+    lambda values: not leaves(template(values, "")), "the values of a distribution must be constants, not distributions"
 )
 Whole = Annotated[int, Field(ge=-(2**53), le=2**53)]
 Values = Annotated[list[Any], Field(min_length=1, max_length=1000), _CONSTANT]

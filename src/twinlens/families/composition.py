@@ -154,17 +154,14 @@ class Composition:
     def add(
         self, name: str, mesh: Mesh, material: Plugin, pose: Float | None = None, emitter: Plugin | None = None
     ) -> None:
-        """Add an object with its own material. Names become unique: bottle, bottle-2, ...
-
-        The repeats of textures become those of the mesh: Mitsuba would compile a kernel for each value of `to_uv`.
-        """
+        """Add an object with its own material. Names become unique: bottle, bottle-2, ..."""
         plain = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "body"
         unique, number = plain, 1
         while unique in self.materials:
             number += 1
             unique = f"{plain}-{number}"
         for key, value in material.items():
-            if isinstance(value, Bitmap):
+            if isinstance(value, Bitmap):  # Mitsuba would compile a kernel for each value of `to_uv`
                 mesh = replace(mesh, uv=np.asarray(mesh.uv) * np.diag(value.to_uv)[:2])
                 material = {**material, key: replace(value, to_uv=np.eye(4))}
         self.materials[unique] = material

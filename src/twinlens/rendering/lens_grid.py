@@ -21,14 +21,7 @@ from twinlens.rendering.annuli import area_fraction, plan_annuli, split_vergence
 from twinlens.rendering.backends import backend, mitsuba
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.denoising import GUIDE_SAMPLES, denoise_image
-from twinlens.rendering.radiance import (
-    Progress,
-    check_request,
-    other_guides,
-    partial_progress,
-    render,
-    render_measured,
-)
+from twinlens.rendering.radiance import Progress, check_request, other_guides, partial_progress, render, render_measured
 from twinlens.scenes import Scene
 from twinlens.seeds import derived_seed, seed_sequence
 

@@ -99,7 +99,7 @@ def run_benchmark(
         with BoardWriter(replace(board, title=title), save) as writer:
             for method in runs:
                 runner.check_parts(method)
-            run = _Run(runner, writer, retry_failed, on_map or _ignore, on_drop or _ignore)
+            run = _Run(runner, writer, retry_failed, on_map or (lambda *_: None), on_drop or (lambda *_: None))
             done = 0
             for sample in samples:
                 _check_unique("sample", sample.name, taken)
@@ -124,10 +124,6 @@ def _check_unique(kind: str, name: str, taken: set[tuple[str, str]]) -> None:
     if (kind, name) in taken:
         raise InputError(f"two {kind}s are named {name!r}: names on a board must be unique")
     taken.add((kind, name))
-
-
-def _ignore(*_: object) -> None:
-    """The default of the callbacks."""
 
 
 @dataclass(frozen=True)

@@ -181,17 +181,8 @@ def _ranked(
     return metrics, [(mean, [column[k] for column in cells]) for k, mean in enumerate(means)]
 
 
-_LATEX = str.maketrans(
-    {
-        "\\": r"\textbackslash{}",
-        "~": r"\textasciitilde{}",
-        "^": r"\textasciicircum{}",
-        "|": r"\textbar{}",
-        "<": r"\textless{}",
-        ">": r"\textgreater{}",
-        **{c: f"\\{c}" for c in "&%$#_{}"},
-    }
-)
+_TEXT = {"\\": "backslash", "~": "asciitilde", "^": "asciicircum", "|": "bar", "<": "less", ">": "greater"}
+_LATEX = str.maketrans({c: f"\\{c}" for c in "&%$#_{}"} | {c: rf"\text{name}{{}}" for c, name in _TEXT.items()})
 
 
 def _latex(text: str) -> str:
