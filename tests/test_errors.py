@@ -82,6 +82,7 @@ KEYS = ("aperture_diameter", "baseline", "fov_x_deg", "focus_distance", "min_dis
         ("eth3", LAYOUTS, "eth3d"), ("scene_flow", LAYOUTS, "sceneflow"), ("web-dataset", LAYOUTS, "webdataset"),
         ("fov_x_degg", KEYS, "fov_x_deg"), ("fov", KEYS, "fov_x_deg"), ("basline", KEYS, "baseline"),
         ("diameter", KEYS, "aperture_diameter"), ("num_disparity", KEYS, "num_disparities"), ("ssp", KEYS, "spp"),
+        ("kiti", LAYOUTS, "kitti2015"), ("focs", KEYS, "focus_distance"), ("machin", SENSORS, "machine_vision"),
     ],
 )  # fmt: skip
 def test_a_misspelled_name_has_a_nearest_name(typed, known, meant):

@@ -1,12 +1,13 @@
 """Validation errors of file schemas are one line with file, key, allowed value and the nearest key."""
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import pydantic
 import pytest
 
-from twinlens.errors import InputError
-from twinlens.schema import StrictModel, read, tagged
+from twinlens.errors import InputError, check_number
+from twinlens.schema import StrictModel, read, table_of, tagged
 
 
 class Disk(StrictModel):
@@ -24,11 +25,20 @@ class Lens(StrictModel):
     aperture: Annotated[Disk | Blades, pydantic.Field(discriminator="kind")]
 
 
+@dataclass(frozen=True)
+class Gain:
+    low: float
+
+    def __post_init__(self):
+        check_number("gain low", self.low, "from 0 to 9", least=0, most=9)
+
+
 class File(StrictModel):
     lenses: list[Lens] = pydantic.Field(min_length=1)
     named: dict[str, Disk] = pydantic.Field(default_factory=dict)
     scale: float | list[float] = 1.0
     sharp: bool = False
+    gain: table_of(Gain) | None = None
 
     @pydantic.model_validator(mode="after")
     def _check(self):
@@ -66,6 +76,7 @@ DISK = {"kind": "disk", "diameter": 1.0}
         ({"lenses": [{"aperture": DISK}], "scale": "x"}, "f.toml: rig.scale: must be a number or a list, got 'x'"),
         ({"lenses": [{"aperture": DISK}], "scale": [1, "x"]}, "f.toml: rig.scale[1]: must be a number, got 'x'"),
         ({"lenses": [{"aperture": DISK}] * 3}, "f.toml: rig: at most two lenses"),
+        ({"lenses": [{"aperture": DISK}], "gain": {"low": -1}}, "f.toml: rig.gain.low: must be from 0 to 9, got -1.0"),
         ({"lenses": [{"aperture": {**DISK, "diameter": float("nan")}}]}, "must be a finite number, got nan"),
     ],
 )

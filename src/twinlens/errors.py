@@ -70,7 +70,7 @@ def check_known(kind: str, name: Any, known: Collection[str]) -> None:
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
-    """The known name that `name` is a part or else a misspelling of, or None.
+    """The known name that `name` is a part or else a misspelling of, or a misspelling of its first word, or None.
 
     A misspelling has a Ratcliff-Obershelp similarity (`difflib`) of at least 0.65, case ignored: one wrong letter of
     three, or two of six, but not two of five. A part is a prefix or the last words of a name, three letters or more.
@@ -82,6 +82,8 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     long_enough = len(typed) >= _SHORTEST_PART
     parts = [each for each in names if long_enough and (each.startswith(typed) or each.endswith(f"_{typed}"))]
     close = parts or difflib.get_close_matches(typed, names, len(names) or 1, _MIN_SIMILARITY)
+    first = r"^[^\W\d_]{3,}"  # kitti of kitti2015
+    close = close or [n for n in names if difflib.get_close_matches(typed, re.findall(first, n), 1, _MIN_SIMILARITY)]
     return names.get(
         max(sorted(close), key=lambda each: difflib.SequenceMatcher(None, typed, each).ratio(), default="")
     )

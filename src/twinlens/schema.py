@@ -210,6 +210,10 @@ def _describe(errors: list[Any], data: Any, start: str) -> str:
 
 
 def _at(where: str, message: str) -> str:
+    """`where: message`. "sensor prnu must be > 0" at `sensor`, from a check of the instance, is at `sensor.prnu`."""
+    table, name, problem = (*message.split(" ", 2), "", "")[:3]
+    if problem.startswith("must be ") and table == where.rpartition(".")[2]:
+        return f"{where}.{name}: {problem}"
     return f"{where}: {message}" if where else message
 
 

@@ -126,7 +126,8 @@ def test_samples_that_are_not_the_board_s_are_refused(twinlens, dataset, other, 
     for line, words in (
         (("benchmark", other, "--methods", "sad", "-o", board), "is not the one that the board scores"),
         (("report", board, other, "-o", page), "is not the one that the board scores"),
-        (("report", board, "motorcycle", "-o", page), "no sample of the datasets is on the board"),
+        (("report", board, "motorcycle", "-o", page), "motorcycle: none of its samples is on the board"),
+        (("report", board, dataset, "motorcycle", "-o", page), "motorcycle: none of its samples is on the board"),
         (("report", board, dataset, "-o", tmp_path / "notes.txt"), "must end in .html"),
     ):
         code, out, err = twinlens(*line)

@@ -158,7 +158,12 @@ def test_images_of_different_sizes(refuses, dataset, tmp_path):
 
 @pytest.mark.parametrize(
     ("method", "words"),
-    [("zncc:block_size=8", "odd"), ("znc", "did you mean 'zncc'"), ("zncc:blok_size=9", "block_size")],
+    [
+        ("zncc:block_size=8", "twinlens: zncc:block_size=8: block_size is 8; it must be odd"),
+        ("mine=zncc:block_size=8", "twinlens: mine: block_size is 8; it must be odd"),
+        ("znc", "did you mean 'zncc'"),
+        ("zncc:blok=9", "zncc:blok=9: unknown option of zncc 'blok'; did you mean 'block_size'?"),
+    ],
 )
 def test_bad_methods(refuses, dataset, tmp_path, method, words):
     pair = dataset / "cards" / "im0.png", dataset / "cards" / "im1.png"

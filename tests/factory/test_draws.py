@@ -86,8 +86,11 @@ def test_corners_show_every_end_and_every_choice():
         ({"normal": [0, 0], "clip": [0, 1]}, "standard deviation > 0"),
         ({"normal": [0, 1], "clip": [40, 50]}, "excludes nearly all of a normal"),
         ({"choice": []}, "choice: must be a list of at least 1 value"),
-        ({"choice": [1, 2], "weights": [1]}, "rig.baseline: weights must be a list of 2 values, got 1"),
-        ({"choice": [1, 2], "weights": [0, 0]}, "at least one of the weights must be > 0"),
+        (
+            {"choice": [1, 2], "weights": [1]},
+            "rig.baseline: weights: must be a list of exactly 2 values, got .1",
+        ),
+        ({"choice": [1, 2], "weights": [0, 0]}, "rig.baseline: weights: at least one must be > 0"),
         ({"choice": [{"uniform": [1, 2]}]}, "must be constants, not distributions"),
         ({"uniform": [-1.7e308, 1.7e308]}, "with low <= high"),
     ],

@@ -96,19 +96,23 @@ def test_every_key_is_read():
         ("seed", -1, "seed: must be >= 0, got -1"),
         ("count", 0, "count: must be >= 1, got 0"),
         ("count", {"uniform": [1, 2]}, "count: must be a whole number"),
-        ("families", ..., "needs exactly one of 'scenes' .* and 'families'"),
-        ("scenes", ["cards"], "needs exactly one of 'scenes' .* and 'families'"),
+        ("families", ..., "needs .*exactly one of 'scenes' .* and 'families'"),
+        ("scenes", ["cards"], "needs .*exactly one of 'scenes' .* and 'families'"),
         ("families", ["tabeltop"], r"families\[0\]: unknown family 'tabeltop'; did you mean 'tabletop'?"),
         ("families", ["room", "room"], "families: 'room' is listed twice"),
-        ("weights", [1], "weights must be a list of 2 values"),
-        ("weights", [0, 0], "at least one of the weights must be > 0"),
+        ("weights", [1], r"recipe.toml: weights: must be a list of exactly 2 values, got \[1\.0\]"),
+        ("weights", [0, 0], "recipe.toml: weights: at least one must be > 0, got"),
         ("width", {"choice": [320, 0]}, "width: must be >= 1, got 0"),
-        ("width", 12, "families: width must be a number of pixels >= 16, got 12"),
-        ("width", {"choice": [320, 1600]}, r"families: aspect \(width / height\) must be from 0.2 to 5, got 6.6"),
-        ("height", {"integers": [240, 1700]}, r"families: aspect \(width / height\) must be from 0.2 to 5, got 0.188"),
+        ("width", 12, "recipe.toml: width must be a number of pixels >= 16, got 12"),
+        ("width", {"choice": [320, 1600]}, r"toml: aspect \(width / height\) must be from 0.2 to 5, got 6.6"),
+        (
+            "height",
+            {"integers": [240, 1700]},
+            r"toml: aspect \(width / height\) must be from 0.2 to 5, got 0.188",
+        ),
         ("spp", {"uniform": [4, 16]}, "spp: must be a whole number"),
         ("spp", {"choice": [4.5]}, "spp: must be a whole number, got 4.5$"),
-        ("sensor.read_noise", {"uniform": [-2, 3]}, "sensor read_noise must be [^;]*$"),
+        ("sensor.read_noise", {"uniform": [-2, 3]}, "sensor.read_noise: must be [^;]*$"),
         ("rig.distortion", {"k9": 1}, r"rig.distortion: unknown key 'k9' \(known: k1, k2"),
         ("rig.baseline", {"uniform": [-0.1, 0.2]}, r"recipe.toml: rig.baseline: must be > 0, got -0.1"),
         ("rig.basline", 0.1, "rig: unknown key 'basline'; did you mean 'baseline'?"),
@@ -122,23 +126,23 @@ def test_every_key_is_read():
         ("lenses", [{"kind": "thin", "f_number": 2, "shape": {"kind": "polygon"}}], "missing key 'blades'"),
         ("lenses", [], "lenses: must be a list of at least 1 value"),
         ("sensor.read_nois", 3, "sensor: unknown key 'read_nois'; did you mean 'read_noise'?"),
-        ("sensor.read_noise", {"uniform": [-1, 3]}, "sensor read_noise must be .* got -1"),
+        ("sensor.read_noise", {"uniform": [-1, 3]}, "sensor.read_noise: must be .* got -1"),
         ("sensor.preset", "fone", "sensor.preset: must be one of .* got 'fone'; did you mean 'phone'?"),
-        ("sensor.adc_bits", 99, "sensor adc_bits must be .*from 8 to 16"),
+        ("sensor.adc_bits", 99, "sensor.adc_bits: must be .*from 8 to 16"),
         ("sensor.shot_noise", 1, "sensor.shot_noise: must be true or false"),
         ("sensor.quantum_efficiency", [0.5], "sensor.quantum_efficiency: must be a list of exactly 3 values"),
         ("sensor.mismatch", {"gian": 1}, "sensor.mismatch: unknown key 'gian'; did you mean 'gain'?"),
         ("sensor.mismatch", "typcal", "sensor.mismatch: must be one of none, .*; did you mean 'typical'?"),
         ("sensor.mismatch", {"seed": 5}, "sensor.mismatch: seed needs a level that is drawn"),
         ("sensor.mismatch", {"choice": ["typical", 3]}, "sensor.mismatch: must be a table"),
-        ("sensor.mismatch", {"blur_px": {"uniform": [-1, 1]}}, "mismatch blur_px must be .* got -1"),
+        ("sensor.mismatch", {"blur_px": {"uniform": [-1, 1]}}, "sensor.mismatch.blur_px: must be .* got -1"),
         ("exposure", {"gain": 2}, "exposure: missing key 'time'"),
         ("scene.jitter", {"roll": 1}, "scene.jitter: unknown key 'roll'; did you mean 'roll_deg'?"),
         ("scene.depth_range", [5, 1], r"scene.depth_range: must be \[near, far\]"),
         (
             "scene.depth_range",
             [1, 1.01],
-            r"families: depth_range must be \(near, far\) with far >= 1.8 near in tabletop scenes, got 1.01",
+            r"toml: scene.depth_range must be \(near, far\) with far >= 1.8 near in tabletop scenes, got 1.01",
         ),
         ("gates.attempts", 0, "gates.attempts: must be >= 1"),
         ("gates.texture", 2, "gates.texture: must be <= 1"),
@@ -183,6 +187,12 @@ def test_mistakes_are_named_with_their_place_and_the_nearest_key(place, value, m
         recipe_from_table(changed(place, value))
     assert str(caught.value).startswith("recipe.toml: ")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("recipe", [{}, {"width": 64}, {"seed": 1, "count": 1}])
+def test_a_recipe_without_content_is_told_all_that_it_needs(recipe):
+    with pytest.raises(InputError, match=r"^recipe.toml: a recipe needs 'seed', 'count', and exactly one of"):
+        recipe_from_table(recipe)
 
 
 def test_diffraction_where_no_lens_has_a_width_is_refused():

@@ -112,6 +112,12 @@ def test_a_record_that_is_none_is_refused_in_one_line(record, change, says):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("given", ["out/cards", tl.Dataset, None], ids=str)
+def test_what_is_no_record_is_refused_with_where_to_find_one(given):
+    with pytest.raises(InputError, match=r"^record must be a sample's, such as Dataset\('out'\)\[0\].record, got "):
+        remake(given)
+
+
 def test_a_recipes_sample_is_the_same_bytes_too(tmp_path):
     text = RECIPE.replace("[rig]", "ndisp = 77\n\n[gates]\ntexture = 0\n\n[rig]", 1)
     recipe = read_recipe(write_recipe(tmp_path, text))

@@ -25,7 +25,7 @@ MOVES = 5  # methods listed, those whose rank differs most
 @click.option("-o", "--output", type=FIGURE_FILE, help="Write a figure, a PNG or SVG file.")
 @json_option("the result")
 def command(board_a: Path, board_b: Path, output: Path | None, as_json: bool, **options: Any) -> None:
-    """Compare how two boards rank their common methods.
+    """Compare how two boards rank the methods that both have, three or more.
 
     BOARD_A and BOARD_B are board.json files or their folders. Prints Kendall's tau-b and Spearman's rho of the methods'
     mean ranks, with 95 % bootstrap intervals over samples, and how well each board agrees with itself.

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.special import ndtr, ndtri
 
-from twinlens.errors import InputError
+from twinlens.errors import InputError, format_value
 from twinlens.schema import NonNegative, Number, Positive, StrictModel, dotted, exactly, read, satisfies
 
 _DEEPEST = 12
@@ -220,9 +220,9 @@ def hint(message: str, tree: Any) -> str:
 def normalized(weights: list[float], count: int) -> "np.ndarray[Any, np.dtype[np.float64]]":
     """`count` weights divided by their sum. Raises InputError for another number of weights, or if all are 0."""
     if len(weights) != count:
-        raise InputError(f"weights must be a list of {count} values, got {len(weights)}")
+        raise InputError(f"weights: must be a list of exactly {count} values, got {format_value(weights)}")
     largest = max(weights)
     if not largest > 0:
-        raise InputError("at least one of the weights must be > 0")
+        raise InputError(f"weights: at least one must be > 0, got {format_value(weights)}")
     shares = np.array(weights) / largest
     return np.asarray(shares / shares.sum())

@@ -80,11 +80,23 @@ class AssetsTable(StrictModel):
     hdris: Folders | None = None
 
 
+def _check_only_source(families: list[str] | None, info: Any) -> list[str] | None:
+    if (families is None) == (info.data.get("scenes") is None):
+        raise InputError(
+            "a recipe needs 'seed', 'count', and exactly one of 'scenes' (bundled names or files) and 'families' "
+            '(random scenes), as scenes = ["staircase"]'
+        )
+    return families
+
+
+Families = Annotated[list[Family], Field(min_length=1), AfterValidator(_check_unique)]
+
+
 class _Constants(StrictModel):
+    scenes: Annotated[list[Subject], Field(min_length=1, max_length=1000), AfterValidator(_check_unique)] | None = None
+    families: Annotated[Families | None, AfterValidator(_check_only_source)] = Field(None, validate_default=True)
     seed: int = Field(ge=0, le=2**63 - 1)
     count: int = Field(ge=1, le=10_000_000)
-    scenes: Annotated[list[Subject], Field(min_length=1, max_length=1000), AfterValidator(_check_unique)] | None = None
-    families: Annotated[list[Family], Field(min_length=1), AfterValidator(_check_unique)] | None = None
     weights: list[NonNegative] | None = None
     ndisp: int | None = Field(None, ge=1, le=65536)
     keep: list[Literal["radiance"]] = Field(default_factory=list)
@@ -95,11 +107,6 @@ class _Constants(StrictModel):
 
     @model_validator(mode="after")
     def _check(self) -> "_Constants":
-        if (self.scenes is None) == (self.families is None):
-            raise InputError(
-                "needs exactly one of 'scenes' (bundled names or files) and 'families' (random scenes), as "
-                'scenes = ["staircase"]'
-            )
         if self.weights is not None:
             normalized(self.weights, len(self.scenes or self.families or ()))
         if self.about is not None:

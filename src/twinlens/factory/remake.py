@@ -16,7 +16,7 @@ from twinlens.camera.rectification import rectify
 from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample, Shot, StoredSample
 from twinlens.dataset.record import LENS, RIG, FileModel, plain, read
-from twinlens.errors import InputError, check_known
+from twinlens.errors import InputError, check_known, format_value
 from twinlens.factory.sample import make_sample
 from twinlens.factory.settings import ExposureTable, SensorTable
 from twinlens.factory.sources import file_digests
@@ -38,6 +38,8 @@ def remake(record: Mapping[str, Any], scene: Scene | None = None, *, progress: P
     Raises InputError if the scene differs from the record's, or is neither bundled nor given; if the images were warped
     from others; or if `make_sample` did not write the record.
     """
+    if not isinstance(record, dict):
+        raise InputError(f"record must be a sample's, such as Dataset('out')[0].record, got {format_value(record)}")
     settings = read(_Record, record, _FILE).record
     if (settings.rectified_from or {}).get("pictures") == "maps":
         raise InputError("its images were warped from another sample's; rectify that sample again")

@@ -261,8 +261,9 @@ def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]
     """
     settings = read(Settings, dict(drawn), file)
     for name in families:
-        with located(f"{file}: families"):
-            check_view(name, settings.width / settings.height, settings.width, settings.scene.depth_range)
+        with located(str(file)):
+            depths = settings.scene.depth_range
+            check_view(name, settings.width / settings.height, settings.width, depths, "scene.depth_range")
     given = settings.scene.model_fields_set & {"depth_range", "object_count"}
     if given and not families:
         raise InputError(f"{file}: scene.{min(given)}: can be used with 'families' only")

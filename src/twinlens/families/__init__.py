@@ -75,19 +75,19 @@ def random_scene(
             raise InputError(f"{name} must have two values, got {format_value(pair)}")
     check_int("object_count", counts[0], 1, _MAX_OBJECTS)
     check_int("object_count", counts[1], counts[0], _MAX_OBJECTS)
-    check_view(family, aspect, width, depth_range)
+    check_view(family, aspect, width, depth_range, "depth_range")
     depths = None if depth_range is None else (float(depth_range[0]), float(depth_range[1]))
     scene = Composition(f"{family}-{label}", root, assets or Assets(), depths, counts, float(aspect), int(width))
     chosen.compose(scene)
     return scene.scene(chosen.about)
 
 
-def check_view(family: str, aspect: float, width: int, depth_range: tuple[float, float] | None) -> None:
-    """Raise InputError unless a family has scenes for these settings of `random_scene`."""
+def check_view(family: str, aspect: float, width: int, depths: tuple[float, float] | None, key: str) -> None:
+    """Raise InputError unless a family has scenes for these settings of `random_scene`; `key` names the depths."""
     check_number("width", width, "a number of pixels >= 16", least=16)
     check_number("aspect (width / height)", aspect, "from 0.2 to 5", least=0.2, most=5)
-    if depth_range is not None:
-        (near, far), ratio = depth_range, FAMILIES[family].least_ratio
-        check_number("depth_range", near, "two positive numbers of metres, (near, far)", above=0.0)
+    if depths is not None:
+        (near, far), ratio = depths, FAMILIES[family].least_ratio
+        check_number(key, near, "two positive numbers of metres, (near, far)", above=0.0)
         allowed = f"(near, far) with far >= {ratio:g} near in {family} scenes"
-        check_number("depth_range", far, allowed, least=ratio * near)
+        check_number(key, far, allowed, least=ratio * near)

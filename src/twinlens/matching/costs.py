@@ -48,7 +48,7 @@ COSTS: dict[str, Cost] = {
     "zncc": Cost("product", "zncc", PARABOLA, "1 - correlation coefficient: invariant to gain and offset", offset=1.0),
     "jaccard": Cost("absolute", "jaccard", V, "1 - weighted Jaccard similarity"),
     "census": Cost(
-        "hamming", "sum", V, "Hamming distance of census words: invariant to monotonic change", "census", p1=0.2, p2=0.9
+        "hamming", "sum", V, "Hamming distance of census codes: invariant to monotonic change", "census", p1=0.2, p2=0.9
     ),
     "rank": Cost("absolute", "sum", V, "SAD of rank transforms: invariant to monotonic change", "rank", p1=0.1, p2=0.4),
     "birchfield_tomasi": Cost("interpolated", "sum", V, "absolute differences, insensitive to sampling", "bounds"),

@@ -12,7 +12,7 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 
 import twinlens
-from twinlens.errors import InputError, check_known, format_value, unknown
+from twinlens.errors import InputError, check_known, format_value, located, unknown
 from twinlens.matching.costs import COSTS
 from twinlens.matching.external import OnnxNetwork, Program, PythonFunction, checked_result
 from twinlens.matching.images import Disparity
@@ -209,7 +209,8 @@ def parse_method(text: str) -> MethodSpec:
     method = find_method(head)
     options = dict(_option(part, text.strip(), method, index == 0) for index, part in enumerate(split_commas(tail)))
     spec = MethodSpec(name, method, options)
-    spec.matcher()
+    with located(spec.name):
+        spec.matcher()
     return spec
 
 

@@ -2,8 +2,9 @@
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy  # imports scipy.stats at its first use, which takes 0.7 s
@@ -17,7 +18,6 @@ from twinlens.seeds import generator
 
 Ranks = NDArray[np.float64]
 LEVEL = 0.95
-_TAU, _RHO = "kendalltau", "spearmanr"
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def agreement(
         raise InputError(f"the boards share {count}: a comparison of rankings needs 3 or more")
     a, b = (sample_ranks(board, methods, protocol, region, chosen.name) for board in boards)
     mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
-    rng = generator(seed)
+    rng, tau, rho = generator(seed), scipy.stats.kendalltau, scipy.stats.spearmanr
     drawn = [
         [ranks[rng.integers(len(ranks), size=len(ranks))].mean(axis=0) for ranks in (a, b)] for _ in range(resamples)
     ]
@@ -114,8 +114,8 @@ def agreement(
         chosen.name,
         len(a),
         len(b),
-        _interval(_correlation(_TAU, mean_a, mean_b), [_correlation(_TAU, x, y) for x, y in drawn]),
-        _interval(_correlation(_RHO, mean_a, mean_b), [_correlation(_RHO, x, y) for x, y in drawn]),
+        _interval(_correlation(tau, mean_a, mean_b), [_correlation(tau, x, y) for x, y in drawn]),
+        _interval(_correlation(rho, mean_a, mean_b), [_correlation(rho, x, y) for x, y in drawn]),
         _reliability(a, resamples, rng),
         _reliability(b, resamples, rng),
         tuple(sorted(moves, key=lambda move: -abs(move.rank_a - move.rank_b))),
@@ -146,7 +146,8 @@ def _reliability(ranks: Ranks, splits: int, rng: np.random.Generator) -> Correla
     if len(ranks) < 2:
         return CorrelationInterval(math.nan, math.nan, math.nan)
     halves = (np.array_split(rng.permutation(len(ranks)), 2) for _ in range(splits))
-    taus = [_correlation(_TAU, ranks[first].mean(axis=0), ranks[second].mean(axis=0)) for first, second in halves]
+    tau = scipy.stats.kendalltau
+    taus = [_correlation(tau, ranks[first].mean(axis=0), ranks[second].mean(axis=0)) for first, second in halves]
     return _interval(float(np.nanmean(taus)) if not np.isnan(taus).all() else math.nan, taus)
 
 
@@ -158,7 +159,6 @@ def _interval(value: float, values: Sequence[float]) -> CorrelationInterval:
     return CorrelationInterval(value, float(low), float(high))
 
 
-def _correlation(name: str, x: Ranks, y: Ranks) -> float:
-    """The correlation of this name in scipy.stats."""
+def _correlation(function: Callable[[Ranks, Ranks], Any], x: Ranks, y: Ranks) -> float:
     x, y = np.round(x, 9), np.round(y, 9)  # tied mean ranks may differ in the last bit
-    return math.nan if np.ptp(x) == 0 or np.ptp(y) == 0 else float(getattr(scipy.stats, name)(x, y).statistic)
+    return math.nan if np.ptp(x) == 0 or np.ptp(y) == 0 else float(function(x, y).statistic)

@@ -170,6 +170,7 @@ class DatasetPairs(Sequence[Pair]):
 
     def __init__(self, *datasets: Sequence[StoredSample | Sample], labels: Sequence[str] | None = None) -> None:
         self._places: dict[str, tuple[StoredSample | Sample, int, tuple[str, ...]]] = {}
+        self._labels: list[str] = []
         found = [
             [(sample, k, *names) for sample in samples for k, names in enumerate(_names(sample))]
             for samples in datasets
@@ -183,6 +184,7 @@ class DatasetPairs(Sequence[Pair]):
                     raise InputError(f"two samples are named {prefix + name!r}: run each dataset separately")
                 others = tuple(prefix + alias for alias in aliases if alias not in taken)
                 self._places[prefix + name] = sample, k, others
+                self._labels.append(label)
         self._pairs = list(self._places.items())
 
     def __len__(self) -> int:
@@ -200,10 +202,12 @@ class DatasetPairs(Sequence[Pair]):
         return replace(pair, name=name, aliases=pair.aliases or aliases)
 
     def on(self, board: Board) -> Iterator[Pair]:
-        """The pairs that the board scores. Raises InputError if there is none, or if one has changed."""
+        """The pairs that the board scores. Raises InputError if a dataset has none, or if one has changed."""
         shared = [k for k, name in enumerate(self._places) if name in board.samples]
-        if not shared:
-            raise InputError(f"no sample of the datasets is on the board; it has {', '.join(board.samples[:3])}")
+        for label in dict.fromkeys(self._labels):
+            if label not in [self._labels[k] for k in shared]:
+                has = ", ".join(board.samples[:3])
+                raise InputError(f"{label or 'dataset'}: none of its samples is on the board, which has {has}")
         for pair in (self[k] for k in shared):
             board.check_sample(pair.name, fingerprint(pair))
             yield pair
