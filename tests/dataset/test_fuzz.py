@@ -1,11 +1,15 @@
 """Damaged files of each format are read or raise a twinlens error, in bounded memory and time.
 
 A hundred each time, ten thousand in the slow set. Bytes are damaged as disks and downloads do it; the values of JSON
-files are also exchanged for others, so that what is behind the parser is met too.
+files are also exchanged for others, so that what is behind the parser is met too. Each test reads them in a process of
+its own, so that its peak memory does not depend on the tests before it.
 """
 
 import json
+import multiprocessing
 import resource
+import warnings
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import pytest
@@ -119,30 +123,26 @@ def fuzz(read, strategy, cases):
     """Read `cases` damaged files; some must be rejected, and memory must not grow."""
     outcomes = []
 
-    @settings(max_examples=cases, deadline=LONGEST_MS, database=None, suppress_health_check=list(HealthCheck))
+    checks = list(HealthCheck)
+
+    @settings(max_examples=cases, deadline=LONGEST_MS, database=None, derandomize=True, suppress_health_check=checks)
     @given(strategy)
     def each(data):
         outcomes.append(rejected(read, data))
 
+    warnings.simplefilter("error")
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     each()
     assert any(outcomes)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB
 
 
-many = pytest.mark.parametrize("cases", [QUICK, pytest.param(CASES, marks=pytest.mark.slow)])
-
-
-@many
-@pytest.mark.parametrize("kind", DECODERS)
-def test_damaged_bytes(kind, cases):
+def fuzz_bytes(kind, cases):
     decode, good = DECODERS[kind]
     fuzz(decode, damaged(good) | st.binary(max_size=80), cases)
 
 
-@many
-@pytest.mark.parametrize("name", FILES)
-def test_damaged_files(made, name, cases):
+def fuzz_file(made, name, cases):
     good = (made / name).read_bytes()
     strategy = damaged(good) | other_values(good) if name.endswith(".json") else damaged(good)
 
@@ -154,3 +154,31 @@ def test_damaged_files(made, name, cases):
         fuzz(read, strategy, cases)
     finally:
         (made / name).write_bytes(good)
+
+
+@pytest.fixture(scope="module")
+def in_process():
+    """Call a function of this module in a new process, forked from one that has only imported the module."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])
+
+    def call(function, *arguments):
+        with ProcessPoolExecutor(1, context) as pool:
+            pool.submit(function, *arguments).result()
+
+    return call
+
+
+many = pytest.mark.parametrize("cases", [QUICK, pytest.param(CASES, marks=pytest.mark.slow)])
+
+
+@many
+@pytest.mark.parametrize("kind", DECODERS)
+def test_damaged_bytes(in_process, kind, cases):
+    in_process(fuzz_bytes, kind, cases)
+
+
+@many
+@pytest.mark.parametrize("name", FILES)
+def test_damaged_files(in_process, made, name, cases):
+    in_process(fuzz_file, made, name, cases)
