@@ -80,21 +80,20 @@ class AssetsTable(StrictModel):
     hdris: Folders | None = None
 
 
-def _check_only_source(families: list[str] | None, info: Any) -> list[str] | None:
+def _check_families(families: list[str] | None, info: Any) -> list[str] | None:
     if (families is None) == (info.data.get("scenes") is None):
         raise InputError(
             "a recipe needs 'seed', 'count', and exactly one of 'scenes' (bundled names or files) and 'families' "
             '(random scenes), as scenes = ["staircase"]'
         )
-    return families
-
-
-Families = Annotated[list[Family], Field(min_length=1), AfterValidator(_check_unique)]
+    return families and _check_unique(families)
 
 
 class _Constants(StrictModel):
     scenes: Annotated[list[Subject], Field(min_length=1, max_length=1000), AfterValidator(_check_unique)] | None = None
-    families: Annotated[Families | None, AfterValidator(_check_only_source)] = Field(None, validate_default=True)
+    families: Annotated[list[Family] | None, AfterValidator(_check_families)] = Field(
+        None, min_length=1, validate_default=True
+    )
     seed: int = Field(ge=0, le=2**63 - 1)
     count: int = Field(ge=1, le=10_000_000)
     weights: list[NonNegative] | None = None

@@ -204,10 +204,9 @@ class DatasetPairs(Sequence[Pair]):
     def on(self, board: Board) -> Iterator[Pair]:
         """The pairs that the board scores. Raises InputError if a dataset has none, or if one has changed."""
         shared = [k for k, name in enumerate(self._places) if name in board.samples]
-        for label in dict.fromkeys(self._labels):
-            if label not in [self._labels[k] for k in shared]:
-                has = ", ".join(board.samples[:3])
-                raise InputError(f"{label or 'dataset'}: none of its samples is on the board, which has {has}")
+        if others := sorted({*self._labels} - {self._labels[k] for k in shared}):
+            has = ", ".join(board.samples[:3])
+            raise InputError(f"{others[0] or 'dataset'}: none of its samples is on the board, which has {has}")
         for pair in (self[k] for k in shared):
             board.check_sample(pair.name, fingerprint(pair))
             yield pair
