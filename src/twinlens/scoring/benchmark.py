@@ -99,16 +99,17 @@ def run_benchmark(
         with BoardWriter(replace(board, title=title), save) as writer:
             for method in runs:
                 runner.check_parts(method)
-            run = _Run(runner, writer, retry_failed, on_map or (lambda *_: None), on_drop or (lambda *_: None))
+            callbacks = on_map or (lambda *_: None), on_drop or (lambda *_: None)
             done = 0
             for sample in samples:
                 _check_unique("sample", sample.name, taken)
                 pair = load_pair(sample)
                 applicable = [p for p in protocols if pair.calibration is not None or not p.needs_calibration]
-                prepared = _Prepared(pair, fingerprint(pair), region_masks(pair, regions), applicable)
-                writer.board.check_sample(pair.name, prepared.sha)
+                sha, masks = fingerprint(pair), region_masks(pair, regions)
+                run = _Run(runner, writer, retry_failed, *callbacks, pair, sha, masks, applicable)
+                writer.board.check_sample(pair.name, sha)
                 for method in runs:
-                    skipped, failure = run.match(prepared, method)
+                    skipped, failure = run.match(method)
                     done += 1
                     if progress is not None:
                         progress(Step(done, total, method.name, sample.name, skipped, failure))
@@ -127,36 +128,30 @@ def _check_unique(kind: str, name: str, taken: set[tuple[str, str]]) -> None:
 
 
 @dataclass(frozen=True)
-class _Prepared:
-    """A sample, its fingerprint and region masks, and the applicable protocols."""
-
-    sample: Pair
-    sha: str
-    masks: dict[str, Mask]
-    protocols: Sequence[Protocol]
-
-
-@dataclass(frozen=True)
 class _Run:
-    """Runs and scores matches, and adds their entries to the board."""
+    """Runs and scores the matches of a sample by the applicable protocols, and adds their entries to the board."""
 
     runner: Runner
     writer: BoardWriter
     retry_failed: bool
     on_map: Callable[[str, str, Disparity], None]
     on_drop: Callable[[str, str], None]
+    sample: Pair
+    sha: str
+    masks: dict[str, Mask]
+    protocols: Sequence[Protocol]
 
-    def match(self, prepared: _Prepared, method: Method | Submission) -> tuple[bool, Failure | None]:
+    def match(self, method: Method | Submission) -> tuple[bool, Failure | None]:
         """Run and score a match unless the board has it: (skipped, failure)."""
-        sample, board = prepared.sample, self._without_stale(method)
-        earlier = [board.find(method.name, sample.name, rules.name) for rules in prepared.protocols]
+        sample, board = self.sample, self._without_stale(method)
+        earlier = [board.find(method.name, sample.name, rules.name) for rules in self.protocols]
         if all(
-            entry and (entry.regions.keys() >= prepared.masks.keys() if entry.ok else not self.retry_failed)
+            entry and (entry.regions.keys() >= self.masks.keys() if entry.ok else not self.retry_failed)
             for entry in earlier
         ):
             return True, None
-        answer = self._answer(sample, method)
-        entries = [_entry(prepared, method, rules, answer) for rules in prepared.protocols]
+        answer = self._answer(method)
+        entries = [self._entry(method, rules, answer) for rules in self.protocols]
         for entry in entries:
             board = board.having(entry)
         if isinstance(answer, Failure):
@@ -178,8 +173,9 @@ class _Run:
             self.on_drop(*pair)
         return kept
 
-    def _answer(self, sample: Pair, method: Method | Submission) -> Answer | Failure:
+    def _answer(self, method: Method | Submission) -> Answer | Failure:
         """The map that the method computes, or that a submission contains; the latter has no run time."""
+        sample = self.sample
         if isinstance(method, Submission):
             kind = "missing" if method.find(sample.name, sample.aliases) is None else "refused"
             try:
@@ -191,26 +187,25 @@ class _Run:
         except MethodError as error:
             return error.failure
 
-
-def _entry(prepared: _Prepared, method: Method | Submission, rules: Protocol, answer: Answer | Failure) -> Entry:
-    sample, (height, width) = prepared.sample, prepared.sample.disp0.shape
-    ndisp, first = int(sample.ndisp), int(sample.min_disparity)
-    key = method.name, spec_of(method), sample.name, prepared.sha, rules.name
-    if isinstance(answer, Failure):
-        return Entry(*key, width, height, ndisp, None, answer, min_disparity=first)
-    entry = Entry(*key, width, height, ndisp, answer.seconds, None, min_disparity=first)
-    try:
-        scale = upsampling(answer.disp.shape, sample.disp0.shape, rules)
-    except InputError as error:
-        return replace(entry, failure=Failure("refused", str(error)))
-    scores = evaluate(
-        answer.disp,
-        sample.disp0,
-        prepared.masks.get("nonocc"),
-        sample.ndisp / scale,
-        protocol=rules,
-        regions={name: mask for name, mask in prepared.masks.items() if name not in RESERVED},
-        min_disparity=sample.min_disparity / scale,
-        calibration=sample.calibration,
-    )
-    return replace(entry, regions={name: scores.regions[name] for name in prepared.masks})
+    def _entry(self, method: Method | Submission, rules: Protocol, answer: Answer | Failure) -> Entry:
+        sample, (height, width) = self.sample, self.sample.disp0.shape
+        ndisp, first = int(sample.ndisp), int(sample.min_disparity)
+        key = method.name, spec_of(method), sample.name, self.sha, rules.name
+        if isinstance(answer, Failure):
+            return Entry(*key, width, height, ndisp, None, answer, min_disparity=first)
+        entry = Entry(*key, width, height, ndisp, answer.seconds, None, min_disparity=first)
+        try:
+            scale = upsampling(answer.disp.shape, sample.disp0.shape, rules)
+        except InputError as error:
+            return replace(entry, failure=Failure("refused", str(error)))
+        scores = evaluate(
+            answer.disp,
+            sample.disp0,
+            self.masks.get("nonocc"),
+            sample.ndisp / scale,
+            protocol=rules,
+            regions={name: mask for name, mask in self.masks.items() if name not in RESERVED},
+            min_disparity=sample.min_disparity / scale,
+            calibration=sample.calibration,
+        )
+        return replace(entry, regions={name: scores.regions[name] for name in self.masks})
