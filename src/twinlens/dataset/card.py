@@ -15,7 +15,6 @@ import re
 import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -219,15 +218,9 @@ def _made(manifest: Manifest) -> str:
     return "\n\n".join(parts)
 
 
-@dataclass(frozen=True)
-class Panel:
-    """A histogram over several distributions, each given by its quantiles and of weight one."""
-
-    xlabel: str
-    ylabel: str
-    many: list[list[float]]
-    log_above: float = np.inf
-    """Ratio of maximum to minimum above which the axis is logarithmic."""
+Panel = tuple[str, str, list[list[float]], float]
+"""A histogram over distributions of weight one: labels of x and y, their quantiles, and the ratio of maximum to minimum
+above which the axis is logarithmic."""
 
 
 def statistics_figure(many: Sequence[Statistics]) -> bytes:
@@ -244,7 +237,7 @@ def statistics_figure(many: Sequence[Statistics]) -> bytes:
         figure.text(0.5, 0.5, "no sample has truth", ha="center", color=_AXES)
     else:
         for panel, axes in zip(drawn, figure.subplots(rows, columns, squeeze=False).ravel(), strict=True):
-            _draw(axes, panel)
+            _draw(axes, *panel)
     stream = io.BytesIO()
     figure.savefig(stream, format="png", metadata={"Software": None})
     return stream.getvalue()
@@ -256,28 +249,28 @@ def panels(many: Sequence[Statistics]) -> list[Panel]:
     disparities, depths, blurs = _quantiles(many)
     occluded = [100 * each["occluded"] for each in many if "disparity" in each and each["cameras"] > 1]
     every = (
-        Panel("disparity (px)", share, disparities),
-        Panel("depth (m)", share, depths, _LOG_ABOVE),
-        Panel("blur circle diameter (px)", share, blurs),
-        Panel("pixels visible in one view only (%)", "share of samples (%)", [[value, value] for value in occluded]),
+        ("disparity (px)", share, disparities, np.inf),
+        ("depth (m)", share, depths, _LOG_ABOVE),
+        ("blur circle diameter (px)", share, blurs, np.inf),
+        ("pixels visible in one view only (%)", "share of samples (%)", [[each, each] for each in occluded], np.inf),
     )
-    return [panel for panel in every if panel.many]
+    return [panel for panel in every if panel[2]]
 
 
-def _draw(axes: Any, panel: Panel) -> None:
+def _draw(axes: Any, xlabel: str, ylabel: str, many: Sequence[Sequence[float]], log_above: float) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-    axes.set_xlabel(panel.xlabel, color=_LABELS)
-    axes.set_ylabel(panel.ylabel, color=_LABELS, fontsize=8)
+    axes.set_xlabel(xlabel, color=_LABELS)
+    axes.set_ylabel(ylabel, color=_LABELS, fontsize=8)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(_AXES)
     axes.tick_params(colors=_AXES, labelsize=8)
-    low, high = min(each[0] for each in panel.many), max(each[-1] for each in panel.many)
-    logarithmic = low > 0 and high > panel.log_above * low
+    low, high = min(each[0] for each in many), max(each[-1] for each in many)
+    logarithmic = low > 0 and high > log_above * low
     if high - low < 1e-9 * max(abs(low), abs(high), 1.0):
         low, high = low - 0.5, high + 0.5
     edges = (np.geomspace if logarithmic else np.linspace)(low, high, _BINS + 1)
-    axes.stairs(100 * mixed_counts(edges, panel.many) / len(panel.many), edges, fill=True, color=_FILL)
+    axes.stairs(100 * mixed_counts(edges, many) / len(many), edges, fill=True, color=_FILL)
     if logarithmic:  # plain numbers at 1, 2, 5 of each decade, or at 1 only over many decades
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1000 * low else (1.0,)))
