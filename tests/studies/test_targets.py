@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from twinlens.camera import Camera, Rig
+from twinlens.camera import Camera
 from twinlens.rendering import ground_truth
-from twinlens.studies.stage import noise_plane, noise_texture
+from twinlens.studies.stage import noise_planes, noise_texture
 
 CAMERA = Camera(96, 72, 90.0, 90.0, 47.5, 35.5)
 
@@ -31,15 +31,14 @@ def test_noise_depends_on_the_seed_alone():
 
 @pytest.mark.parametrize(("depth", "base"), [(1.0, 0.3), (8.0, 0.06)])
 def test_a_plane_fills_both_views(depth, base):
-    rig = Rig.stereo(CAMERA, base, np.eye(4))
-    truths = ground_truth(noise_plane(rig, depth, 1), rig)
+    stage = noise_planes(CAMERA, base, depth, 1)[0]
+    truths = ground_truth(stage.scene, stage.rig)
     assert all(np.isfinite(truth.depth).all() for truth in truths)
     middle = truths[0].depth[35:37, 47:49].mean()
     assert middle == pytest.approx(depth, rel=1e-5)
 
 
 def test_a_plane_has_the_same_number_of_texels_at_every_distance():
-    rig = Rig.stereo(CAMERA, 1e-6, np.eye(4))
-    near, far = (noise_plane(rig, depth, 1).objects[0] for depth in (1.0, 8.0))
+    near, far = (noise_planes(CAMERA, 1e-6, depth, 1)[0].scene.objects[0] for depth in (1.0, 8.0))
     assert np.array_equal(near.emitter["radiance"].pixels, far.emitter["radiance"].pixels)
     assert far.world_from_object[1, 1] == pytest.approx(8 * near.world_from_object[1, 1])

@@ -152,21 +152,16 @@ def noise_texture(width: int, height: int, scale: float, contrast: float, seed: 
     return np.asarray(np.clip(0.5 + 0.5 * contrast * (smooth - smooth.mean()) / smooth.std(), 0.0, 1.0))
 
 
-def noise_plane(rig: Rig, depth: float, seed: int, *, scale_px: float = 0.8, contrast: float = 0.5) -> Scene:
-    """A plane of `noise_texture` at `depth` (m) that fills both images of a rig at the origin."""
-    camera, baseline = rig.cameras[0], rig.baseline(0, 1)
+def noise_planes(
+    camera: Camera, baseline: float, depth: float, seed: int, *, scale_px: float = 0.8, contrast: float = 0.5
+) -> list[Stage]:
+    """A plane of `noise_texture` at `depth` (m) that fills both images of a pair, at each of the PHASES."""
     width = 1.15 * ((camera.width + 32) * depth / camera.fx) + 2 * baseline  # margins of 15 % and 16 pixels
     height = 1.15 * (camera.height + 32) * depth / camera.fx
     columns, rows = (math.ceil(side / (depth / camera.fx / _TEXELS_PER_PIXEL)) for side in (width, height))
     texture = noise_texture(columns, rows, scale_px * _TEXELS_PER_PIXEL, contrast, stream(seed, 100))
     pose = np.diag([0.5 * width, -0.5 * height, -1.0, 1.0])  # turned towards a camera with y down
     pose[:3, 3] = 0.5 * baseline, 0.0, depth
-    return glowing("plane", [("plane", {"type": "rectangle"}, pose, Bitmap(texture.astype(np.float32)))], depth)
-
-
-def noise_planes(camera: Camera, baseline: float, depth: float, seed: int, **texture: float) -> list[Stage]:
-    """A `noise_plane` seen by a pair of cameras, with the right principal point at each of the PHASES."""
-    rig = Rig.stereo(camera, baseline, np.eye(4))
-    scene = noise_plane(rig, depth, seed, **texture)
-    pairs = [(camera, camera.replace(cx=camera.cx + phase)) for phase in PHASES]
-    return [Stage(scene, Rig(pair, rig.world_from_cams)) for pair in pairs]
+    scene = glowing("plane", [("plane", {"type": "rectangle"}, pose, Bitmap(texture.astype(np.float32)))], depth)
+    rights = [camera.replace(cx=camera.cx + phase) for phase in PHASES]
+    return [Stage(scene, Rig.stereo(camera, baseline, right=right)) for right in rights]
