@@ -16,6 +16,7 @@ import click
 import twinlens
 from twinlens.cli.options import refuse_repeated
 from twinlens.errors import TwinlensError, unknown
+from twinlens.interrupts import deferred_interrupts
 
 INTERRUPTED = 130
 """The exit code of an interrupted command: 128 + SIGINT, as in shells."""
@@ -52,7 +53,8 @@ class _Group(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             raise click.UsageError(str(unknown("command", cmd_name, COMMANDS)))
-        command: click.Command = importlib.import_module(f"twinlens.cli.{cmd_name}").command
+        with deferred_interrupts():  # an interrupt within an import may be raised as another exception
+            command: click.Command = importlib.import_module(f"twinlens.cli.{cmd_name}").command
         return command
 
     def resolve_command(
