@@ -53,6 +53,7 @@ scenes = ["tiny"]
 width = 32
 height = 24
 spp = 1
+denoise = false
 
 [rig]
 baseline = {{ uniform = [0.05, 0.2] }}

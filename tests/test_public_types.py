@@ -15,33 +15,27 @@ PROGRAMS = Path(__file__).parent / "user_program"
 STUB = Path(twinlens.__file__).with_suffix(".pyi")
 
 
-def mypy(program, tmp_path):
-    command = [sys.executable, "-m", "mypy", "--strict", f"--cache-dir={tmp_path}", "--config-file=", str(program)]
-    return check(command, tmp_path)
+def mypy(folder):
+    return ["mypy", "--strict", f"--cache-dir={folder}", "--config-file="]
 
 
-def pyright(program, tmp_path):
+def pyright(folder):
     available = subprocess.run([sys.executable, "-m", "pyright", "--version"], capture_output=True, text=True)
     if available.returncode != 0 and os.environ.get("TWINLENS_REQUIRE_PYRIGHT") != "1":
         pytest.skip(f"pyright does not run here: {available.stderr.strip().splitlines()[-1:]}")
-    return check([sys.executable, "-m", "pyright", "--pythonpath", sys.executable, str(program)], tmp_path)
+    return ["pyright", "--pythonpath", sys.executable]
 
 
-def check(command, folder):
-    """(exit code, the lines of the program that an error names)."""
+@pytest.mark.parametrize("checker", [mypy, pyright])
+def test_a_correct_program_passes_and_every_mistake_is_reported(checker, tmp_path):
+    """Both programs at once. The lines of errors by their files."""
+    programs = [PROGRAMS / "right_calls.py", PROGRAMS / "wrong_calls.py"]
+    command = [sys.executable, "-m", *checker(tmp_path), *map(str, programs)]
     environment = {**os.environ, "PYTHONPATH": str(STUB.parents[1])}
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
-    return done.returncode, sorted({int(line) for line in re.findall(r"\.py:(\d+)(?::\d+)?[: -]+error", done.stdout)})
-
-
-@pytest.mark.parametrize("checker", [mypy, pyright])
-def test_a_correct_program_passes(checker, tmp_path):
-    assert checker(PROGRAMS / "right_calls.py", tmp_path) == (0, [])
-
-
-@pytest.mark.parametrize("checker", [mypy, pyright])
-def test_every_mistake_is_reported(checker, tmp_path):
-    assert checker(PROGRAMS / "wrong_calls.py", tmp_path) == (1, [5, 6, 7, 8, 9])
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    errors = re.findall(r"(\w+)\.py:(\d+)(?::\d+)?[: -]+error", done.stdout)
+    assert done.returncode == 1
+    assert {(file, int(line)) for file, line in errors} == {("wrong_calls", line) for line in range(5, 10)}
 
 
 def test_every_public_name_exists():

@@ -2,7 +2,7 @@ import pytest
 
 from twinlens.cli import run
 
-QUICK = ("--size", "64x48", "--spp", "2")
+QUICK = ("--size", "64x48", "--spp", "2", "--no-denoise")
 
 
 @pytest.fixture

@@ -29,7 +29,9 @@ def test_render_writes_a_dataset_that_verifies(twinlens, dataset):
 
 
 def test_render_says_what_it_wrote_and_with_what(twinlens, tmp_path):
-    code, out, _ = twinlens("render", "cards", "--size", "32x24", "--spp", "1", "-o", tmp_path / "o", "--json")
+    code, out, _ = twinlens(
+        "render", "cards", "--size", "32x24", "--spp", "1", "--no-denoise", "-o", tmp_path / "o", "--json"
+    )
     answer = json.loads(out)
     assert code == 0
     assert answer["backend"] in ("scalar_rgb", "llvm_ad_rgb", "cuda_ad_rgb")
@@ -46,12 +48,12 @@ def test_the_same_command_gives_the_same_bytes(twinlens, tmp_path):
 
 def test_a_second_scene_joins_the_dataset(twinlens, tmp_path):
     for scene in ("cards", "fence"):
-        assert twinlens("render", scene, "--size", "32x24", "--spp", "1", "-o", tmp_path / "o")[0] == 0
+        assert twinlens("render", scene, "--size", "32x24", "--spp", "1", "--no-denoise", "-o", tmp_path / "o")[0] == 0
     assert [sample.name for sample in tl.Dataset(tmp_path / "o")] == ["cards", "fence"]
 
 
 def test_verify_finds_a_changed_file(twinlens, tmp_path):
-    twinlens("render", "cards", "--size", "32x24", "--spp", "1", "-o", tmp_path / "o")
+    twinlens("render", "cards", "--size", "32x24", "--spp", "1", "--no-denoise", "-o", tmp_path / "o")
     (tmp_path / "o" / "cards" / "im0.png").write_bytes(b"not the picture")
     code, out, _ = twinlens("verify", tmp_path / "o")
     assert code == 1

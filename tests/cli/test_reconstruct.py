@@ -7,7 +7,7 @@ import trimesh
 
 from twinlens.dataset import read_png
 
-QUICK = ("--size", "64x48", "--spp", "4")
+QUICK = ("--size", "64x48", "--spp", "4", "--no-denoise")
 
 
 @pytest.fixture(scope="module")

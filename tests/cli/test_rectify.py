@@ -4,7 +4,7 @@ import pytest
 
 from twinlens.dataset import Dataset
 
-QUICK = ("--size", "48x36", "--spp", "1")
+QUICK = ("--size", "48x36", "--spp", "1", "--no-denoise")
 
 
 def test_a_toed_in_pair_is_rectified_and_verifies(twinlens, tmp_path):
@@ -46,7 +46,7 @@ def test_a_pair_without_a_rectification_is_refused_in_a_line(twinlens, tmp_path,
     """The epipole inside the image; two cameras in one place. The truth of such a pair is there all the same."""
     file, sample = tmp_path / "rig.toml", tmp_path / "out" / "cards"
     file.write_text(f'layout = "cameras"\ncameras = [{{}}, {second}]\n')
-    assert twinlens("render", "cards", "--rig", file, "--size", "96x72", "--spp", "1", "-o", tmp_path / "out")[0] == 0
+    assert twinlens("render", "cards", "--rig", file, *QUICK, "--size", "96x72", "-o", tmp_path / "out")[0] == 0
     assert twinlens("verify", tmp_path / "out")[0] == 0
     commands = [("rectify", sample, "-o", tmp_path / "no")]
     commands += [("reconstruct", sample, "--method", "sgm", "-o", tmp_path / "no")]

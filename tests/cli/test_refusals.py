@@ -329,7 +329,7 @@ def test_folders_above_an_output_are_made(twinlens, dataset, tmp_path):
         "g/h/page.html": ("report", tmp_path / "e" / "f" / "board"),
         "i/j/set": ("export", dataset, "--to", "carla"),
         "k/l/lines.png": ("show", "epipolar", dataset / "cards"),
-        "m/n/set": ("render", "cards", "--size", "32x24", "--spp", "1"),
+        "m/n/set": ("render", "cards", "--size", "32x24", "--spp", "1", "--no-denoise"),
         "o/p/cards": ("rectify", dataset / "cards"),
         "q/r/points": ("reconstruct", dataset / "cards", "--cell-mm", "40"),
     }.items():

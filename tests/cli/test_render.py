@@ -12,7 +12,7 @@ from twinlens.factory import remake
 from twinlens.rendering import backend
 from twinlens.scenes import load_scene
 
-QUICK = ("--size", "64x48", "--spp", "1")
+QUICK = ("--size", "64x48", "--spp", "1", "--no-denoise")
 BALL = """
 [camera]
 position = [0, -3, 1]

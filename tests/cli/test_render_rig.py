@@ -2,7 +2,7 @@ import json
 
 from twinlens.dataset import Dataset
 
-QUICK = ("--size", "48x36", "--spp", "1")
+QUICK = ("--size", "48x36", "--spp", "1", "--no-denoise")
 
 
 def test_a_rig_of_a_file_photographs_the_scene_and_verifies(twinlens, tmp_path):

@@ -70,6 +70,7 @@ def test_an_enclosed_goal_has_no_path():
     assert not len(robot.plan(view).path)
 
 
+@pytest.mark.slow
 def test_the_inserted_ball_equals_the_rendered_one():
     """A weakly emitting ball: the composed image equals a rendering of the scene with the ball."""
     virtual = example("virtual_object")

@@ -18,10 +18,8 @@ from twinlens.sensor import Exposure, Mismatch, Sensor
 
 CODE = np.random.default_rng(3).integers(0, 256, (5, 7), dtype=np.uint8)
 SHAPED = (
-    tl.Pinhole(),
-    tl.ThinLens(0.04, 1.2, Polygon(5, rotation_deg=10.0, roundness=0.25)),
     tl.ThinLens(0.04, np.inf, MaskAperture(CODE)),
-    tl.BareAperture(0.002, 0.05),
+    tl.BareAperture(0.002, 0.05, Polygon(5, rotation_deg=10.0, roundness=0.25)),
 )
 SENSOR = Sensor.preset(
     "phone", filters="rgb", bits=16, output="gamma", serial=4, mismatch=Mismatch(gain=1.1, time=1.05, black_level=2.0)

@@ -11,7 +11,7 @@ import time
 import psutil
 import pytest
 
-from tests.factory_recipes import PATIENCE_S, digests, finish, rows_in, start, write_recipe
+from tests.factory_recipes import PATIENCE_S, RECIPE, digests, finish, rows_in, start, write_recipe
 from twinlens import rendering
 from twinlens.dataset import place
 from twinlens.dataset.record import plain
@@ -92,7 +92,7 @@ def test_interrupts_stay_blocked_while_the_first_worker_starts():
     assert subprocess.check_output([sys.executable, "-c", code], text=True) == "True\n"
 
 
-def test_workers_end_when_their_run_is_killed(recipe, whole, tmp_path):
+def test_workers_end_when_their_run_is_killed(recipe, tmp_path):
     process = start(recipe, tmp_path / "set", "--workers", "2")
     wait_for_a_sample(process, tmp_path / "set")
     orphans = workers_of(process)
@@ -101,8 +101,6 @@ def test_workers_end_when_their_run_is_killed(recipe, whole, tmp_path):
     assert len(orphans) >= 2
     _, alive = psutil.wait_procs(orphans, timeout=10)
     assert not alive
-    finish(start(recipe, tmp_path / "set", "--workers", "2"))
-    assert digests(tmp_path / "set") == digests(whole)
 
 
 def test_a_script_without_a_guard_is_named_as_the_cause(recipe, tmp_path):
@@ -148,10 +146,15 @@ def test_ctrl_c_in_a_terminal_ends_the_workers_too_and_keeps_finished_samples(re
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2, 3])
-def test_any_number_of_workers_makes_the_same_bytes(recipe, whole, tmp_path, workers):
-    finish(start(recipe, tmp_path / "set", "--workers", str(workers)))
-    assert digests(tmp_path / "set") == digests(whole)
+def test_any_number_of_workers_makes_the_same_bytes(tmp_path):
+    """Of denoised images."""
+    recipe = write_recipe(tmp_path, RECIPE.replace("denoise = false", ""), count=8)
+    made = []
+    for options in ((), ("--workers", "1"), ("--workers", "2"), ("--workers", "3")):
+        folder = tmp_path / f"{len(made)}" / "set"
+        finish(start(recipe, folder, *options))
+        made.append(digests(folder))
+    assert made == made[:1] * 4
 
 
 @pytest.mark.slow

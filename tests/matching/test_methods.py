@@ -162,7 +162,7 @@ m.match(image, image, sys.argv[2], num_disparities=2)
 """
 
 
-@pytest.mark.parametrize("method", ["sad", "sgm:block_size=1"])
+@pytest.mark.parametrize("method", [pytest.param("sad", marks=pytest.mark.slow), "sgm:block_size=1"])
 def test_kernels_are_loaded_by_a_second_process_and_compiled_after_an_edit(method, tmp_path):
     def cached(digest):
         command = [sys.executable, "-c", CACHED, digest, method]

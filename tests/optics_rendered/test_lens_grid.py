@@ -106,7 +106,10 @@ def test_the_comparison_detects_another_lens(grids, direct):
     assert differ(grids[0][:, :1, 0], direct[:, :1, 1])  # the left eye is not the right one
 
 
-@pytest.mark.parametrize(("factors", "same"), [((1.0, 1.0), True), ((0.8, 3.2 / 3), False), ((1.0, 1.2), False)])
+@pytest.mark.parametrize(
+    ("factors", "same"),
+    [((1.0, 1.0), True), ((0.8, 3.2 / 3), False), pytest.param((1.0, 1.2), False, marks=pytest.mark.slow)],
+)
 def test_weights_of_annuli_are_right_and_an_error_of_a_fifth_is_detected(monkeypatch, factors, same):
     """A lamp out of focus is an even disk of 19 pixels, of which the inner ring makes the inner half."""
 
@@ -175,7 +178,7 @@ def test_every_sample_count_works_with_every_sampler(sampler, spp):
     ("camera", "lens"),
     [
         (LEFT.replace(distortion=BrownConrady(k1=-0.05)), tl.ThinLens(0.2, 2.0)),
-        (LEFT, tl.ThinLens(0.2, 2.0, Polygon(5, rotation_deg=10))),
+        pytest.param(LEFT, tl.ThinLens(0.2, 2.0, Polygon(5, rotation_deg=10)), marks=pytest.mark.slow),
     ],
     ids=["distortion", "polygon"],
 )
@@ -267,7 +270,7 @@ def test_non_finite_light_is_as_in_direct_images(monkeypatch, radiance):
     assert np.isfinite(grid.standard_error).all()
 
 
-@pytest.mark.parametrize("spp", [1, 2])
+@pytest.mark.parametrize("spp", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_few_samples_have_the_right_mean(room, direct, spp):
     """Every pixel has samples of its own by construction: none is filled from others."""
     index = list(LENSES).index("wide far")

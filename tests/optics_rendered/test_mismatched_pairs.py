@@ -41,7 +41,14 @@ def aligned() -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("name", "px"), [("pitch_px", 0.4), ("yaw_px", -0.3), ("roll_px", 0.5), ("scale_px", 0.6), ("distortion_px", 0.8)]
+    ("name", "px"),
+    [
+        ("pitch_px", 0.4),
+        pytest.param("yaw_px", -0.3, marks=pytest.mark.slow),
+        pytest.param("roll_px", 0.5, marks=pytest.mark.slow),
+        pytest.param("scale_px", 0.6, marks=pytest.mark.slow),
+        ("distortion_px", 0.8),
+    ],
 )
 def test_misalignment_of_a_rendered_chessboard(aligned, name, px):
     """The displacement of the corners, as a shift, a turn or a scale, by least squares."""

@@ -185,7 +185,7 @@ def denoise_job() -> dict[str, np.ndarray]:
     for name, lens in (("pinhole", tl.Pinhole()), ("lens", wide)):
         found[f"{name}/raw"] = tl.render(scene, rig, lens, spp=2, seed=3, denoise=False)[0]
         found[f"{name}/denoised"] = tl.render(scene, rig, lens, spp=2, seed=3, denoise=True)[0]
-        found[f"{name}/reference"] = tl.render(scene, rig, lens, spp=2048, seed=4)[0]
+        found[f"{name}/reference"] = tl.render(scene, rig, lens, spp=512, seed=4)[0]
     found["pinhole/raw by default"] = tl.render(scene, rig, spp=2, seed=3)[0]
     found["lens/grid"] = tl.render_lens_grid(scene, rig, [tl.Pinhole(), wide], spp=2, denoise=True)[1][0]
     found["own guides"] = np.array([own_guides(scene, camera, wide, *key) for key in ((3, 0), (3, 1), (4, 0))])

@@ -5,6 +5,8 @@ import pytest
 
 from tests.rendering import rendering_photos as photos
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def found(both):

@@ -27,6 +27,8 @@ from twinlens.studies import (
 METHODS = {"window": ("sad", "census"), "radiometric": ("sad", "census")}
 QUICK = ("aperture", "texture", "radiometric")
 """Studies that are run twice; the others only in slow tests."""
+SOME = [pytest.param(name, marks=pytest.mark.slow if name in ("pinhole", "focal-length") else ()) for name in STUDIES]
+"""All studies; the test of `baseline` runs the same code as that of `focal-length`."""
 TINY = {"width": 96, "height": 72, "spp": 2}
 
 
@@ -69,7 +71,7 @@ def run(name, **more):
     return run_study(study, scenes=scenes, methods=methods, **{"seeds": 1, **TINY, **more})
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", SOME)
 def test_rows_are_well_formed(results, name):
     result = results(name)
     assert len(result.table) > 3
@@ -83,7 +85,7 @@ def test_rows_are_well_formed(results, name):
             assert all(0 <= value <= 100 for value in known)
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", SOME)
 def test_findings_are_sentences_with_a_number(results, name):
     findings = results(name).findings
     assert findings
@@ -96,7 +98,7 @@ def test_findings_are_sentences_with_a_number(results, name):
         assert 0 <= support.supporting <= support.seeds == 1
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", SOME)
 def test_every_seed_tests_the_same_claims(results, name):
     """The rows repeated with another seed: as many findings, and equal findings of equal rows."""
     result = results(name)
@@ -107,7 +109,7 @@ def test_every_seed_tests_the_same_claims(results, name):
     assert [finding.text for finding in single] == [support.finding.text for support in result.findings]
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", SOME)
 def test_conclusions_from_some_of_the_methods_or_scenes(results, name):
     """Open claims have no verdict, and NaN is never printed."""
     result = results(name)
@@ -119,7 +121,7 @@ def test_conclusions_from_some_of_the_methods_or_scenes(results, name):
                 assert not (finding.has_verdict and math.isnan(finding.measured.value))
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", SOME)
 def test_figures_are_drawn_from_the_csv_read_back(results, name):
     result = results(name)
     table = from_csv(to_csv(result.table), result.study.all_columns)
