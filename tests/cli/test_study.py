@@ -99,8 +99,8 @@ def test_results_never_overwrite_other_files(twinlens, own, tmp_path):
     """Checked before the study runs."""
     (tmp_path / "letters").mkdir()
     (tmp_path / "letters" / "index.html").write_text("mine")
-    for place, message in (("letters", "contains 'index.html' and no study.json"), ("mine.py", "a file exists where"),
-                        ("mine.py/out", "a file exists where")):  # fmt: skip
+    for place, message in (("letters", "contains 'index.html' and no study.json"), ("mine.py", "is a file where"),
+                        ("mine.py/out", "is a file where")):  # fmt: skip
         code, out, err = twinlens("study", own, "-o", tmp_path / place)
         assert (code, out) == (2, "")
         assert message in err
