@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from twinlens.cli.options import Range, json_option, print_json
+from twinlens.cli.options import Range, json_option, print_result
 from twinlens.cli.places import PLACE
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Dataset, Place
@@ -28,9 +28,7 @@ def command(dataset: Place, layout: str, output: Place, as_json: bool, split: st
     samples = Dataset(dataset) if split is None else Dataset(dataset).split(split)
     with progress_bar("exporting") as report:
         sizes = export(samples, output, layout, progress=report, **options)
-    if as_json:
-        print_json({"output": str(output), "layout": layout, "files": sizes})
-        return
     size = sum(sizes.values()) / 1e6
     count = f"{len(samples)} sample" + "s" * (len(samples) != 1)
-    click.echo(f"{output}: {count}, {len(sizes)} files, {size:.1f} MB in the layout of {layout}")
+    text = f"{output}: {count}, {len(sizes)} files, {size:.1f} MB in the layout of {layout}"
+    print_result(as_json, {"output": str(output), "layout": layout, "files": sizes}, text)

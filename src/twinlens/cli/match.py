@@ -8,7 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
-from twinlens.cli.options import DISPARITY, SECONDS, Range, json_option, print_json
+from twinlens.cli.options import DISPARITY, SECONDS, Range, json_option, print_result
 from twinlens.cli.places import PATH, PNG_FILE, PlaceType, check_creatable
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import read_image, write_pfm, write_png
@@ -56,10 +56,9 @@ def command(left: Path, right: Path, output: Path, picture: Path | None, as_json
     if picture is not None:
         write_png(picture, colourise(disparity, *disparity_limits(disparity, matcher)))
     known = float(np.isfinite(disparity).mean())
-    if as_json:
-        print_json({"output": str(output), "method": name, "known_fraction": known, "seconds": seconds})
-    else:
-        click.echo(f"{output}: {name}, {known:.1%} of the pixels matched, {seconds:.2f} s including compilation")
+    record = {"output": str(output), "method": name, "known_fraction": known, "seconds": seconds}
+    text = f"{output}: {name}, {known:.1%} of the pixels matched, {seconds:.2f} s including compilation"
+    print_result(as_json, record, text)
 
 
 def _check_outputs(images: tuple[Path, ...], output: Path, picture: Path | None) -> None:

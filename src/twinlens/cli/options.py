@@ -28,6 +28,14 @@ def print_json(record: Any) -> None:
     click.echo(json.dumps(plain(record, nan_as_null=True), indent=1, allow_nan=False))
 
 
+def print_result(as_json: bool, record: Any, *lines: str) -> None:
+    """Print the record as JSON, or else the lines."""
+    if as_json:
+        print_json(record)
+    else:
+        click.echo("\n".join(lines))
+
+
 class Range(click.FloatRange):
     """A whole number from `least` to `most`, or without `least` any positive one. An InputError names the option."""
 

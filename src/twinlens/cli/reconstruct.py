@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from twinlens.cli.options import POSITIVE, Range, json_option, print_json
+from twinlens.cli.options import POSITIVE, Range, json_option, print_result
 from twinlens.cli.places import PATH, PLACE, check_new
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Place, open_sample
@@ -47,12 +47,10 @@ def command(sample: Place, output: Path, method: str, overwrite: bool, as_json: 
         result = reconstruct(open_sample(sample), matcher, progress=report, **options)
     record = {"sample": str(sample), "method": method, "min_views": options["min_views"], **result.record()}
     write_folder(output, result.files(record), overwrite)
-    if as_json:
-        print_json(record)
-        return
     maps = f"{record['views']} depth map" + "s" * (record["views"] != 1)
-    click.echo(f"{output}: {record['points']} points, {record['faces']} triangles from {maps}")
+    lines = [f"{output}: {record['points']} points, {record['faces']} triangles from {maps}"]
     for name, scores in record["against_truth"].items():
         means = f"accuracy {scores['accuracy_mean_mm']:.3g} mm, completeness {scores['completeness_mean_mm']:.3g} mm"
         shares = ", ".join(f"{share['f_score']:.1%} at {share['tolerance_mm']:g} mm" for share in scores["shares"])
-        click.echo(f"{name}: {means} (means up to {scores['max_distance_mm']:g} mm), F {shares}")
+        lines.append(f"{name}: {means} (means up to {scores['max_distance_mm']:g} mm), F {shares}")
+    print_result(as_json, record, *lines)

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from twinlens.cli.options import json_option, parse_pair, print_json
+from twinlens.cli.options import json_option, parse_pair, print_result
 from twinlens.cli.places import PATH, PLACE, check_new
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Place, open_sample, write_sample
@@ -48,7 +48,5 @@ def command(
     files = write_sample(output, made, overwrite)
     rig = made.rig.nominal
     fx, doffs = rig.cameras[0].fx, rig.doffs()
-    if as_json:
-        print_json({"sample": str(output), "files": sorted(files), "fx": fx, "doffs": doffs})
-    else:
-        click.echo(f"{output}: {len(files)} files, fx {fx:.6g} px, doffs {doffs:.6g} px")
+    record = {"sample": str(output), "files": sorted(files), "fx": fx, "doffs": doffs}
+    print_result(as_json, record, f"{output}: {len(files)} files, fx {fx:.6g} px, doffs {doffs:.6g} px")

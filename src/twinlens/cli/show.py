@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from twinlens.camera.multiview import epipoles, fundamental_matrix, ideal_pixels
-from twinlens.cli.options import Range, json_option, parse_pair, print_json
+from twinlens.cli.options import Range, json_option, parse_pair, print_result
 from twinlens.cli.places import PLACE, PNG_FILE
 from twinlens.dataset import Place, open_sample, write_png
 from twinlens.geometry.epipolar import sampson_distance
@@ -43,11 +43,9 @@ def epipolar(sample: Place, output: Path, cameras: str, points: int, as_json: bo
     write_png(output, epipolar_picture((stored.image(a), stored.image(b)), rig, here, there, a, b))
     F = fundamental_matrix(rig, a, b)
     off = sampson_distance(F, ideal_pixels(rig.cameras[a], here), ideal_pixels(rig.cameras[b], there))
-    if as_json:
-        print_json({
-            "picture": str(output), "cameras": [a, b], "points": {"a": here.tolist(), "b": there.tolist()},
-            "off_px": off.tolist(), "fundamental_matrix": F.tolist(),
-            "epipoles": [epipole.tolist() for epipole in epipoles(rig, a, b)],
-        })  # fmt: skip
-        return
-    click.echo(f"{output}: {len(here)} true matches, at most {off.max():.3g} px off their epipolar lines")
+    record = {
+        "picture": str(output), "cameras": [a, b], "points": {"a": here, "b": there},
+        "off_px": off, "fundamental_matrix": F, "epipoles": epipoles(rig, a, b),
+    }  # fmt: skip
+    text = f"{output}: {len(here)} true matches, at most {off.max():.3g} px off their epipolar lines"
+    print_result(as_json, record, text)

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from twinlens.cli.options import Range, json_option, print_json
+from twinlens.cli.options import Range, json_option, print_result
 from twinlens.cli.places import PATH, check_results, missing_output
 from twinlens.cli.progress import progress_bar
 
@@ -41,10 +41,7 @@ def command(
 
     if name == "list":
         questions = {name: study.question for name, study in STUDIES.items()}
-        if as_json:
-            print_json(questions)
-        else:
-            click.echo("\n".join(f"{name:<14}{question}" for name, question in questions.items()))
+        print_result(as_json, questions, *(f"{name:<14}{question}" for name, question in questions.items()))
         return
     with progress_bar("loading"):
         study = find_study(name)
