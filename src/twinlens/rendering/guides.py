@@ -39,9 +39,8 @@ class Guides:
         """The guides of both sets of samples."""
         count = self.count + other.count
         part = np.float32(self.count / count)
-        albedo, normal = (
-            part * mine + (1 - part) * its for mine, its in ((self.albedo, other.albedo), (self.normal, other.normal))
-        )
+        albedo = part * self.albedo + (1 - part) * other.albedo
+        normal = part * self.normal + (1 - part) * other.normal
         return Guides(albedo, normal, count)
 
     def binned(self) -> "Guides":

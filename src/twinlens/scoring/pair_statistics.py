@@ -188,14 +188,11 @@ def _wavelet_noise(image: Grey) -> float:
 def _flat_noise(image: Grey) -> float:
     """Immerkaer's estimate, sqrt(pi/2) mean|I * N| / 6, over the fifth of the blocks with the least variance."""
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]])
-
-    def blocks(values: Grey) -> Grey:
-        windows = np.lib.stride_tricks.sliding_window_view(values, (_BLOCK, _BLOCK))
-        return windows[::_BLOCK, ::_BLOCK].reshape(-1, _BLOCK * _BLOCK)
-
-    order = np.argsort(blocks(image).var(axis=1), kind="stable")
-    response = blocks(np.abs(ndimage.convolve(image, kernel, mode="mirror")))
-    return float(math.sqrt(math.pi / 2) / 6 * response[order[: max(len(order) // 5, 1)]].mean())
+    both = np.stack([image, np.abs(ndimage.convolve(image, kernel, mode="mirror"))])
+    windows = np.lib.stride_tricks.sliding_window_view(both, (_BLOCK, _BLOCK), axis=(1, 2))[:, ::_BLOCK, ::_BLOCK]
+    blocks, responses = windows.reshape(2, -1, _BLOCK * _BLOCK)
+    order = np.argsort(blocks.var(axis=1), kind="stable")
+    return float(math.sqrt(math.pi / 2) / 6 * responses[order[: max(len(order) // 5, 1)]].mean())
 
 
 def _spectrum_slopes(image: Grey) -> dict[str, float]:
