@@ -7,7 +7,6 @@ for the median error, and for the share of wrong pixels.
 
 import itertools
 import math
-import time
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -40,39 +39,23 @@ def measure(setup: Setup) -> Measured:
     """A row for every scene, seed, f-number, exposure, diffraction and matcher; crops along the sweep."""
     rows: list[Row] = []
     pictures: list[Picture] = []
-    saved, scales = {}, {}
+    traced, scales = {}, {}
     for name, seed in sweep(setup, setup.seeds):
         model = Model.of(Stage.of(name, setup.width, setup.height, pixel_pitch_um=theory.PIXEL_PITCH_UM))
         lenses = [model.full_size(model.lens(number)) for number in F_NUMBERS]
-        start = time.perf_counter()
         grid = render_lens_grid(model.stage.scene, model.stage.rig, lenses, setup.spp, stream(seed, 0))
-        seconds = time.perf_counter() - start
         rows += _rows(setup, model, grid, seed)
         if seed == setup.seeds[0]:
-            saved[name], scales[name] = _saved(model, setup, grid, seconds), model.scale
+            traced[name], scales[name] = grid.rays, model.scale
             pictures.append(_crops(model, grid.images))
+    direct = len(F_NUMBERS) * setup.spp * 2 * setup.width * setup.height
     notes = {"f_numbers": F_NUMBERS, "pixel_pitch_um": theory.PIXEL_PITCH_UM, "blur_px": theory.BLUR_PX,
              "scales": scales, "exposed_at_f": EXPOSED_AT, "theory_block_size": SIDE,
-             "lens_grid_saved": saved}  # fmt: skip
-    costs = [
-        f"{name}: {len(F_NUMBERS)} lenses from {each['grid_paths'] / 1e6:.3g} million light paths in "
-        f"{each['grid_s']:.3g} s; direct renders need {each['direct_paths'] / 1e6:.3g} million, "
-        f"about {each['direct_s']:.3g} s"
-        for name, each in saved.items()
-    ]
+             "light_paths": traced, "light_paths_of_direct_renders": direct}  # fmt: skip
+    paths = ", ".join(f"{name} {count / 1e6:.3g}" for name, count in traced.items())
+    saved = f"{len(F_NUMBERS)} lenses from {paths} million light paths; direct renders need {direct / 1e6:.3g} million"
     models = ", ".join(f"{name} 1:{1 / scale:.0f}" for name, scale in scales.items())
-    return Measured(rows, tuple(pictures), notes, {"lens grid": ". ".join(costs), "models": models})
-
-
-def _saved(model: Model, setup: Setup, grid: LensGrid, seconds: float) -> dict[str, float]:
-    """Time and light paths of the lens grid, and those of direct renders with the same number of samples."""
-    lens, few = model.full_size(model.lens(EXPOSED_AT)), max(1, setup.spp // 4)
-    model.stage.photograph(lens, 1, stream(setup.seeds[0], 8))
-    start = time.perf_counter()
-    model.stage.photograph(lens, few, stream(setup.seeds[0], 9))
-    direct = len(F_NUMBERS) * setup.spp / few * (time.perf_counter() - start)
-    paths = len(F_NUMBERS) * setup.spp * 2 * setup.width * setup.height
-    return {"grid_s": round(seconds, 2), "direct_s": round(direct, 2), "grid_paths": grid.rays, "direct_paths": paths}
+    return Measured(rows, tuple(pictures), notes, {"lens grid": saved, "models": models})
 
 
 def _rows(setup: Setup, model: Model, grid: LensGrid, seed: int) -> list[dict[str, Any]]:
