@@ -177,7 +177,7 @@ def test_every_key_is_read():
             {"normal": [10, 1], "clip": [8, 12]},
             r"adc_bits: .*'normal' draws .* \{ integers = \[low, hi",
         ),
-        ("assets", {"meshes": "nowhere/"}, "assets.meshes: no folder 'nowhere/' next to the recipe"),
+        ("assets", {"meshes": "nowhere/"}, "assets.meshes: no file or folder 'nowhere/' next to the recipe"),
         ("about", {"licence": "MIT"}, "unknown key 'licence'; did you mean 'license'?"),
         ("keep", ["radiances"], r"keep\[0\]: must be one of .*'radiances'; did you mean 'radiance'?"),
     ],

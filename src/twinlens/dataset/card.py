@@ -22,14 +22,14 @@ import numpy as np
 import twinlens
 from twinlens.dataset.dataset import Dataset, Manifest, write_manifest
 from twinlens.dataset.files import read_bytes, write_file
-from twinlens.dataset.metadata import KEY, About, about, write_croissant
+from twinlens.dataset.metadata import KEY, About, Credit, about, write_croissant
 from twinlens.dataset.pictures import contact_sheet, tile
 from twinlens.dataset.quantities import Statistics, mixed_counts, quantiles, stored_statistics
 from twinlens.dataset.record import plain
-from twinlens.dataset.storage import Where
+from twinlens.dataset.storage import Place, Where
 from twinlens.errors import FileError
 
-SHEET, FIGURE = "samples.jpg", "statistics.png"
+SHEET, FIGURE, ASSETS = "samples.jpg", "statistics.png", "ASSETS.md"
 _MARKER = "<!-- Written by twinlens; `twinlens describe` rewrites it. -->"
 _MARKERS = (_MARKER, "<!-- This card is twinlens's: it is written anew with the dataset. -->")
 _SPDX = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*$")
@@ -87,11 +87,12 @@ machine-learning tools.
 
 
 def describe(dataset: Where | Dataset, given: About | None = None) -> list[str]:
-    """Write the card and croissant.json into a dataset's folder; returns the names of the files.
+    """Write the card, croissant.json, and the list of source files into a dataset's folder; returns the names.
 
     `given` is merged into dataset.json: texts that it leaves empty keep their value. A README.md that twinlens did not
     write is kept, and the card is CARD.md. Statistics come from sample.json, or else from the truth, with one sample in
-    memory at a time. Unreadable samples are listed and not counted.
+    memory at a time. Unreadable samples are listed and not counted. ASSETS.md lists the files that a recipe used, with
+    SHA-256, licence and author as `About.credits` states them.
 
     Raises FileError if no sample can be read, or if `given` is not empty and there is no dataset.json, and OutputError.
     """
@@ -102,7 +103,36 @@ def describe(dataset: Where | Dataset, given: About | None = None) -> list[str]:
         stored = manifest.info.get(KEY, {}) | given.plain()
         manifest = dataclasses.replace(dataset.manifest, info={**manifest.info, KEY: stored})
         write_manifest(dataset.path, manifest)
-    return [*_write_card(dataset, texts, manifest), write_croissant(dataset, texts, manifest)]
+    written = [*_write_card(dataset, texts, manifest), *_write_assets(dataset, texts, manifest)]
+    return [*written, write_croissant(dataset, texts, manifest)]
+
+
+def _write_assets(dataset: Dataset, given: About, manifest: Manifest) -> list[str]:
+    """Write ASSETS.md if the dataset has source files; one that twinlens did not write is kept."""
+    sources, path = manifest.info.get("sources"), dataset.path / ASSETS
+    if not isinstance(sources, Mapping) or not sources or not _is_own(path):
+        return []
+    bundled = [Credit(files=name, license="MIT", creator="twinlens") for name in manifest.info.get("bundled", ())]
+    rows = []
+    for name, digest in sources.items():
+        credit = next((each for each in (*given.credits, *bundled) if each.covers(name)), None)
+        texts = (credit.license or "not stated", credit.creator, credit.url) if credit else ("not stated", "", "")
+        rows.append([_cell(text) for text in (name, f"`{digest}`", *texts)])
+    heads = ["file", "SHA-256", "licence", "author", "source"]
+    table = "\n".join(f"| {' | '.join(row)} |" for row in (heads, ["---"] * len(heads), *rows))
+    text = f"{_MARKER}\n\n# Assets\n\nThe files that this dataset was made from. They are not part of it.\n\n{table}\n"
+    write_file(path, text.encode())
+    return [ASSETS]
+
+
+def _cell(text: str) -> str:
+    """One line of a Markdown table's cell."""
+    return " ".join(text.split()).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;")
+
+
+def _is_own(path: Place) -> bool:
+    """Whether a text file is missing or was written by twinlens."""
+    return not path.is_file() or any(marker.encode() in read_bytes(path) for marker in _MARKERS)
 
 
 def _write_card(dataset: Dataset, given: About, manifest: Manifest) -> list[str]:
@@ -124,8 +154,7 @@ def _write_card(dataset: Dataset, given: About, manifest: Manifest) -> list[str]
     write_file(dataset.path / SHEET, stream.getvalue())
     write_file(dataset.path / FIGURE, statistics_figure(list(many.values())))
     readme = dataset.path / "README.md"
-    own = not readme.is_file() or any(marker.encode() in read_bytes(readme) for marker in _MARKERS)
-    name = readme.name if own else "CARD.md"
+    name = readme.name if _is_own(readme) else "CARD.md"
     unreadable = [name for name in dataset.names if name not in many]
     write_file(dataset.path / name, _card(given, manifest, list(many.values()), noise, unreadable).encode())
     return [name, SHEET, FIGURE]
@@ -138,6 +167,11 @@ def _card(
     texts += [f"Made by {given.creator}."] if given.creator else []
     if given.cite_as:
         texts.append("Citation:\n\n" + "\n".join(f"    {line}" for line in given.cite_as.splitlines()))
+    if manifest.info.get("sources"):
+        texts.append(f"{ASSETS} lists the files that the dataset was made from.")
+        for each in given.credits:
+            stated = filter(None, (each.license or "licence not stated", each.creator, each.url))
+            texts.append(f"- {_cell(each.files)}: {_cell(', '.join(stated))}")
     body = _TEXT.format(
         sheet=SHEET,
         figure=FIGURE,

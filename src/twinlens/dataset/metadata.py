@@ -7,6 +7,7 @@ its content and folder: the sample's name, followed by /lens-1 and so on for ima
 Source: Croissant Format Specification 1.0, https://docs.mlcommons.org/croissant/docs/croissant-spec.html.
 """
 
+import fnmatch
 import hashlib
 import json
 import re
@@ -72,6 +73,20 @@ Url = Annotated[str, schema.satisfies(_is_url, "must be an address such as https
 Date = Annotated[str, schema.satisfies(_is_date, "must be a date such as 2026-01-31, got {}")]
 
 
+class Credit(schema.StrictModel):
+    """Who made some of the files that a dataset was made from, and under which licence they may be used."""
+
+    files: str = pydantic.Field(min_length=1, description="file or folder, or a pattern such as hdris/*.exr")
+    license: Text = pydantic.Field(default="", description="SPDX name, such as CC0-1.0, or the address of the text")
+    creator: Text = pydantic.Field(default="", description="author")
+    url: Url = pydantic.Field(default="", description="where it is from")
+
+    def covers(self, name: str) -> bool:
+        """Whether a file, by its name relative to the recipe, is one of `files`."""
+        pattern = self.files.removeprefix("./").rstrip("/")
+        return name == pattern or name.startswith(f"{pattern}/") or fnmatch.fnmatchcase(name, pattern)
+
+
 class About(schema.StrictModel):
     """The part of the card and of croissant.json that is not derived from files. Texts that are not given are empty."""
 
@@ -83,6 +98,8 @@ class About(schema.StrictModel):
     published: Date = pydantic.Field(default="", description="date of publication, such as 2026-01-31")
     cite_as: Text = pydantic.Field(default="", description="BibTeX entry")
 
+    credits: list[Credit] = pydantic.Field(default_factory=list, description="licences of the files it was made from")
+
     @classmethod
     def of(cls, values: Any) -> "About":
         """Read plain data. Raises InputError that names the key."""
@@ -93,8 +110,8 @@ class About(schema.StrictModel):
         """The name, or `UNNAMED`, so that a renamed copy of a dataset has the same card."""
         return self.name or UNNAMED
 
-    def plain(self) -> dict[str, str]:
-        """The texts that are given."""
+    def plain(self) -> dict[str, Any]:
+        """The texts and credits that are given."""
         return self.model_dump(exclude_defaults=True)
 
 

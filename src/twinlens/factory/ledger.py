@@ -107,6 +107,7 @@ class Ledger:
         record = {
             "made_with": self.made_with,
             "sources": self.recipe.sources.digests,
+            "bundled": self.recipe.sources.bundled,
             "complete": not self.missing(),
             "rejections": self.rejections,
             "failed": [asdict(failure) for failure in self.failures],

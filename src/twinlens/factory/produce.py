@@ -17,7 +17,7 @@ from twinlens.factory.settings import Settings, View, make_lenses, with_mismatch
 from twinlens.factory.sources import Sources
 from twinlens.families import random_scene
 from twinlens.rendering import Progress, check_lens_supported, check_mismatch_supported, ground_truth
-from twinlens.scenes import Scene, rig_from_table
+from twinlens.scenes import Scene, Sky, rig_from_table
 from twinlens.schema import read
 from twinlens.seeds import generator
 
@@ -79,7 +79,7 @@ def produce(
     """
     sources = sources or Sources()
     settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), _FILE)
-    scene = _scene(spec, settings, sources)
+    scene = _lit(_scene(spec, settings, sources), spec, settings, sources)
     moved = scene.at(scene.world_from_left @ settings.scene.jitter.pose())
     rig = rig_from_table(settings.rig or scene.rig or {}, moved, settings.width, settings.height, _FILE, "rig")
     truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity)
@@ -136,5 +136,14 @@ def _scene(spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
     return random_scene(
         spec.scene, int(generator(spec.seed, "scene").integers(1 << 31)), assets=sources.families_assets,
         depth_range=settings.scene.depth_range, object_count=settings.scene.object_count,
-        aspect=width / height, width=width,
+        aspect=width / height, width=width, own_lights=settings.sky is None,
     )  # fmt: skip
+
+
+def _lit(scene: Scene, spec: SampleSpec, settings: Settings, sources: Sources) -> Scene:
+    """The scene under the sky of the settings, if they have one."""
+    if (table := settings.sky) is None:
+        return scene
+    name, pixels = sources.sky(table.file, generator(spec.seed, "sky"))
+    record = {"file": name, "sha256": sources.digests[name], **table.model_dump(exclude={"file"})}
+    return scene.lit_by(Sky(pixels, table.turn_deg, table.scale, table.visible, record), table.lamps)

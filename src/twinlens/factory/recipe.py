@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, create_model, model_validator
 
 from twinlens.dataset.metadata import About
-from twinlens.errors import InputError, format_value, unknown
+from twinlens.errors import InputError, format_value, located, unknown
 from twinlens.factory.draws import corners, hint, leaves, normalized, template
 from twinlens.factory.gates import Gates
 from twinlens.factory.settings import MaskTable, Settings, check_settings
@@ -57,14 +57,18 @@ def _check_assets(names: list[str], info: Any) -> list[str]:
     """Each folder must exist and have a file of its kind; the files' contents are checked when they are drawn."""
     kind = str(info.field_name)
     for name in names:
-        if not os.path.lexists(info.context / name):
-            raise InputError(f"no folder {name!r} next to the recipe")
-        try:
-            Assets.from_folders(**{kind: [info.context / name]})
-        except InputError as error:
-            message = str(error).removeprefix(f"{kind}: ").replace(repr(str(info.context / name)), repr(name))
-            raise InputError(message) from None
+        _check_listed(kind, name, info.context)
     return names
+
+
+def _check_listed(kind: str, name: str, folder: Path) -> None:
+    if not os.path.lexists(folder / name):
+        raise InputError(f"no file or folder {name!r} next to the recipe")
+    try:
+        Assets.from_folders(**{kind: [folder / name]})
+    except InputError as error:
+        message = str(error).removeprefix(f"{kind}: ").replace(repr(str(folder / name)), repr(name))
+        raise InputError(message) from None
 
 
 Subject = Annotated[str, AfterValidator(_check_scene)]
@@ -158,7 +162,11 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
                 f"{path}: {leaf.key}: per_scene needs {len(names)} values, one for each scene or family of the recipe, "
                 f"got {len(leaf.distribution.values)}"
             )
-    masks = _check_drawn(drawn, path, table.families or [], table.gates)
+    masks, skies = _check_drawn(drawn, path, table.families or [], table.gates)
+    sources = Sources(path.parent, tuple(table.scenes or ()), assets, masks, skies)
+    for k, credit in enumerate(About.of(table.about or {}).credits):
+        if not any(map(credit.covers, sources.files)):
+            raise InputError(f"{path}: about.credits[{k}].files: {credit.files!r} is none of the recipe's files")
     return Recipe(
         file=path,
         written=dict(written),
@@ -172,12 +180,14 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
         keep=tuple(table.keep),
         gates=table.gates,
         splits=table.splits or {},
-        sources=Sources(path.parent, tuple(table.scenes or ()), assets, masks),
+        sources=sources,
     )
 
 
-def _check_drawn(drawn: Mapping[str, Any], path: Path, families: list[str], gates: Gates) -> tuple[str, ...]:
-    """Check the `corners` of a template; return the mask files that lenses name."""
+def _check_drawn(
+    drawn: Mapping[str, Any], path: Path, families: list[str], gates: Gates
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Check the `corners` of a template; return the mask files that lenses name, and the files of skies."""
     checked = []
     for table in corners(drawn):
         try:
@@ -193,7 +203,11 @@ def _check_drawn(drawn: Mapping[str, Any], path: Path, families: list[str], gate
         )
     shapes = (getattr(lens, "shape", None) for settings, _ in checked for lens in settings.lenses)
     masks = [Path(shape.file).as_posix() for shape in shapes if isinstance(shape, MaskTable) and shape.file]
-    return tuple(dict.fromkeys(masks))
+    skies = dict.fromkeys(settings.sky.file for settings, _ in checked if settings.sky)
+    for name in skies:
+        with located(f"{path}: sky.file"):
+            _check_listed("hdris", name, path.parent)
+    return tuple(dict.fromkeys(masks)), tuple(skies)
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any], key: str = "") -> list[str]:

@@ -44,6 +44,8 @@ def remake(record: Mapping[str, Any], scene: Scene | None = None, *, progress: P
     if (settings.rectified_from or {}).get("pictures") == "maps":
         raise InputError("its images were warped from another sample's; rectify that sample again")
     scene = scene_of(record, scene)
+    if settings.sky != (scene.sky.record if scene.sky else None):
+        raise InputError("the sample was lit by another sky than the scene; give the scene with `lit_by` its sky")
     written = record["record"]  # plain values: the models convert whole numbers to float
     mismatch = Mismatch(**written["sensor"].get("mismatch", {}))
     sample = make_sample(
@@ -70,6 +72,7 @@ class _Settings(FileModel):
 
     scene: str
     scene_files: dict[str, str]
+    sky: dict[str, Any] | None = None
     spp: int
     denoise: dict[str, Any] | None = None
     noise: float | None = None

@@ -108,6 +108,7 @@ def make_sample(
     record = {
         "scene": scene.name,
         "scene_files": file_digests(scene),
+        "sky": dict(scene.sky.record) if scene.sky else None,
         "seed": seed,
         "spp": spp,
         "denoise": rendering.denoiser_record() if denoise else None,

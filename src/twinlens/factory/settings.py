@@ -56,6 +56,16 @@ class SceneTable(StrictModel):
     object_count: Annotated[int, Field(ge=1, le=10_000)] | None = None
 
 
+class SkyTable(StrictModel):
+    """A picture that lights the scene in place of its own lights. Without `lamps`, objects that emit light are dark."""
+
+    file: Annotated[str, Field(min_length=1, description="an .exr, .hdr or .png file next to the recipe, or a folder")]
+    turn_deg: Degrees = 0.0
+    scale: Annotated[Positive, Field(le=1e9)] = 1.0
+    visible: bool = True
+    lamps: bool = True
+
+
 _PRESET = "machine_vision"
 ExposureTable: Any = table_of(Exposure, time=(Positive, ...), gain=(Positive, 1.0))
 
@@ -238,6 +248,7 @@ class Settings(StrictModel):
     diffraction: bool = False
     sky_disparity: bool = False
     scene: SceneTable = SceneTable()
+    sky: SkyTable | None = None
     rig: dict[str, Any] = Field(default_factory=dict)
     lenses: Lenses = Field([{"kind": "pinhole"}], validate_default=True)
     sensor: SensorTable = Field(default_factory=Sensor)

@@ -16,6 +16,7 @@ from twinlens.dataset.files import read_bytes
 from twinlens.errors import FileError
 from twinlens.families import Assets
 from twinlens.scenes import Scene, bundled_folder, bundled_scenes, load_scene
+from twinlens.scenes.assets import read_sky
 
 _SCENES_KEPT = 8
 _NAMED = 3
@@ -28,18 +29,20 @@ class Sources:
     scenes : bundled names, scene files, or folders with a scene.toml.
     assets : folders or files by kind (meshes, textures, hdris).
     masks : images of apertures.
+    skies : environment maps, or folders of them.
     """
 
     folder: Path = Path()
     scenes: tuple[str, ...] = ()
     assets: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     masks: tuple[str, ...] = ()
+    skies: tuple[str, ...] = ()
     _known: dict[Path, tuple[tuple[int, int, int], str]] = field(default_factory=dict, init=False, repr=False)
     _loaded: dict[str, Scene] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
-    def digests(self) -> dict[str, str]:
-        """SHA-256 of every file by its name relative to the recipe, sorted. Raises InputError for unreadable files."""
+    def files(self) -> dict[str, Path]:
+        """Every file by its name relative to the recipe, sorted. Raises InputError for unreadable scenes."""
         files = {Path(name).as_posix(): self.folder / name for name in self.masks}
         for name in self.scenes:
             home, shown = bundled_folder() / name if name in bundled_scenes() else self.folder / name, Path(name)
@@ -47,9 +50,19 @@ class Sources:
                 home, shown = home.parent, shown.parent
             below = _names_below(home, self.scene(name).files)
             files |= {(shown / file).as_posix(): path for file, path in below.items()}
-        for kind in self.asset_files.values():
-            files |= kind
-        return {name: self.unchanged(path) for name, path in sorted(files.items())}
+        for several in (*self.asset_files.values(), *self.sky_files.values()):
+            files |= several
+        return dict(sorted(files.items()))
+
+    @cached_property
+    def digests(self) -> dict[str, str]:
+        """SHA-256 of every file by its name relative to the recipe, sorted. Raises InputError for unreadable files."""
+        return {name: self.unchanged(path) for name, path in self.files.items()}
+
+    @property
+    def bundled(self) -> list[str]:
+        """The names of bundled scenes among `scenes`."""
+        return sorted({*self.scenes} & {*bundled_scenes()})
 
     @property
     def digest(self) -> str:
@@ -80,10 +93,28 @@ class Sources:
         found: dict[str, dict[str, Path]] = {kind: {} for kind in self.assets}
         for kind, names in self.assets.items():
             for name in names:
-                folder = self.folder / name
-                paths: tuple[Path, ...] = getattr(Assets.from_folders(**{kind: [folder]}), kind)
-                found[kind] |= {(Path(name) / path.relative_to(folder)).as_posix(): path for path in paths}
+                found[kind] |= self._listed(kind, name)
         return found
+
+    @cached_property
+    def sky_files(self) -> dict[str, dict[str, Path]]:
+        """The files of each entry of `skies`, by name. Raises InputError for a folder without any."""
+        return {name: self._listed("hdris", name) for name in self.skies}
+
+    def _listed(self, kind: str, name: str) -> dict[str, Path]:
+        folder = self.folder / name
+        paths: tuple[Path, ...] = getattr(Assets.from_folders(**{kind: [folder]}), kind)
+        return {(Path(name) / path.relative_to(folder)).as_posix(): path for path in paths}
+
+    def sky(self, name: str, rng: Any) -> tuple[str, Any]:
+        """Name and pixels of a random file of the folder `name`, or of the file `name`.
+
+        Raises FileError if it has changed, or cannot be used.
+        """
+        files = list(self.sky_files[name].items())
+        chosen, path = files[int(rng.integers(len(files)))]
+        self.unchanged(path)
+        return chosen, read_sky(path)
 
     @cached_property
     def families_assets(self) -> Assets:

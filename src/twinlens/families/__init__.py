@@ -30,6 +30,7 @@ def random_scene(
     object_count: int | tuple[int, int] | None = None,
     aspect: float = 4 / 3,
     width: int = 640,
+    own_lights: bool = True,
 ) -> Scene:
     """A random scene of a family.
 
@@ -50,6 +51,9 @@ def random_scene(
         Width over height of the picture that the scene is composed for, 0.2 to 5.
     width : int
         Width of that picture in pixels, >= 16. No visible texture has detail finer than two pixels.
+    own_lights : bool
+        False leaves out the lights outside the picture, and the wall behind the camera, for a scene that is lit by a
+        sky (`Scene.lit_by`). Lamps and windows in the picture remain.
 
     Returns
     -------
@@ -77,7 +81,9 @@ def random_scene(
     check_int("object_count", counts[1], counts[0], _MAX_OBJECTS)
     check_view(family, aspect, width, depth_range, "depth_range")
     depths = None if depth_range is None else (float(depth_range[0]), float(depth_range[1]))
-    scene = Composition(f"{family}-{label}", root, assets or Assets(), depths, counts, float(aspect), int(width))
+    scene = Composition(
+        f"{family}-{label}", root, assets or Assets(), depths, counts, float(aspect), int(width), own_lights
+    )
     chosen.compose(scene)
     return scene.scene(chosen.about)
 

@@ -115,7 +115,8 @@ def _clipped(corners: Float) -> Float:
 class Composition:
     """The settings and the content of a scene. A family adds `count` objects, a number drawn from the range `counts`.
 
-    The image is `width_px` wide with width/height = `aspect`; `look` sets the view. Lengths are in metres.
+    The image is `width_px` wide with width/height = `aspect`; `look` sets the view. Lengths are in metres. Without
+    `own_lights`, `lighting.panel` adds nothing.
     """
 
     name: str
@@ -125,6 +126,7 @@ class Composition:
     counts: tuple[int, int]
     aspect: float
     width_px: int
+    own_lights: bool = True
     count: int = field(init=False)
     palette: Palette = field(init=False)
     view: View = field(init=False)

@@ -9,8 +9,7 @@ from twinlens.families.draws import Rng, log_uniform, one_of
 from twinlens.families.patterns import noise
 from twinlens.families.surfaces import Sheet
 from twinlens.geometry import Float, look_at
-from twinlens.scenes.placement import rotation
-from twinlens.scenes.scene import Bitmap, Color, Mesh, Plugin
+from twinlens.scenes.scene import Bitmap, Color, Mesh, Plugin, Sky
 from twinlens.scenes.textures import Image
 
 _BLACK: Plugin = {"type": "diffuse", "reflectance": Bitmap(np.zeros((2, 2, 3), dtype=np.float32))}
@@ -20,7 +19,9 @@ WARM, NEUTRAL, COOL = np.array([1.0, 0.84, 0.66]), np.array([1.0, 0.96, 0.91]), 
 def panel(
     scene: Composition, name: str, place: Float, target: Float, sides: Float, radiance: Float, weight: float = 1.0
 ) -> None:
-    """Add a rectangular lamp, its `sides` (2,) in metres, at `place` that faces `target`."""
+    """Add a rectangular lamp, its `sides` (2,) in metres, at `place` that faces `target`; see `Composition`."""
+    if not scene.own_lights:
+        return
     steep = abs(place[2] - target[2]) > 0.95 * np.linalg.norm(place - target)
     pose = look_at(place, target, [0.0, 1.0, 0.0] if steep else [0.0, 0.0, 1.0])
     emitter(scene, name, rectangle(*sides), pose, radiance, weight)
@@ -46,12 +47,7 @@ def from_direction(azimuth_deg: float, elevation_deg: float) -> Float:
 
 def environment(scene: Composition, pixels: Image, turn_deg: float = 0.0, weight: float = 1.0) -> None:
     """Set the environment map (H, W, 3), its top row straight up: a light and the background."""
-    scene.lights["environment"] = {
-        "type": "envmap",
-        "bitmap": Bitmap(pixels),
-        "to_world": rotation([0, 0, 1], turn_deg) @ rotation([1, 0, 0], 90.0),  # maps have y up, these worlds z
-        "sampling_weight": float(weight),
-    }
+    scene.lights["environment"] = Sky(pixels, turn_deg).plugin() | {"sampling_weight": float(weight)}
 
 
 def user_environment(scene: Composition, rng: Rng) -> bool:

@@ -187,6 +187,8 @@ def _add_shell(scene: Composition, shell: Shell) -> None:
     name, tile = surface_pattern(rng, WALLS)
     accent = rng.random() < 0.5
     for side, sheet in shell.sheets().items():
+        if side == "front-wall" and not scene.own_lights:
+            continue
         kind, size, tones, finish = name, tile, colors, "matte"
         if side == "floor":
             kind, size = surface_pattern(rng, FLOORS)

@@ -79,7 +79,8 @@ def _build_objects(scene: Scene) -> BuiltScene:
     materials = {name: _load(plugin, f"material {name!r}") for name, plugin in scene.materials.items()}
     material_names = tuple(materials)
     # Made before lamps: the id of an environment map is a literal of kernels, and should be equal in all scenes.
-    lights = {f"light{i:04d}": _load(scene.lights[name], f"light {name!r}") for i, name in enumerate(scene.lights)}
+    plugins = scene.lights if scene.sky is None else {"sky": scene.sky.plugin()}
+    lights = {f"light{i:04d}": _load(plugins[name], f"light {name!r}") for i, name in enumerate(plugins)}
     parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
     placed: list[tuple[str, int, Any]] = []  # key of the shape in the scene, material id, leaf shape
     names: list[str] = []
@@ -101,7 +102,16 @@ def _build_objects(scene: Scene) -> BuiltScene:
 
 def _integrator(scene: Scene) -> Any:
     """The scene's integrator. A fixed block size makes scalar images independent of the number of threads."""
-    return _load({"block_size": _BLOCK_PX, **scene.integrator}, "integrator")
+    return _sky_hidden(scene, _load({"block_size": _BLOCK_PX, **scene.integrator}, "integrator"))
+
+
+def _sky_hidden(scene: Scene, integrator: Any) -> Any:
+    """`integrator`, or one that does not show the sky of a scene whose sky is hidden."""
+    if scene.sky is None or scene.sky.visible:
+        return integrator
+    from twinlens.rendering.hidden_sky import HiddenSky  # sets up the backend
+
+    return HiddenSky(integrator, _BLOCK_PX)
 
 
 def _parts(thing: SceneObject, index: int, leaf: Any, parts: dict[str, Any]) -> Iterator[tuple[str, str, Any]]:
@@ -222,6 +232,13 @@ def _build_xml(scene: Scene) -> BuiltScene:
     """A checked Mitsuba file: ids in the order of its shapes, materials by their names."""
     with _input_errors(f"{scene.xml}: Mitsuba rejects it"):
         mi_scene = mitsuba().load_file(str(scene.xml), optimize=False)
+    own = mi_scene.integrator()
+    if scene.sky is not None:
+        if any(shape.shape_type() == _INSTANCE for shape in mi_scene.shapes()):
+            raise InputError(f"{scene.xml}: has instances; a sky can light only Mitsuba files without any")
+        parts = {f"object{i:04d}": shape for i, shape in enumerate(mi_scene.shapes())}
+        sky = _load(scene.sky.plugin(), "sky")
+        mi_scene = mitsuba().load_dict({"type": "scene", **parts, "sky": sky}, optimize=False)
     materials: dict[str, int] = {}
     names: list[str] = []
     bodies: list[Body] = []
@@ -232,7 +249,7 @@ def _build_xml(scene: Scene) -> BuiltScene:
         is_instance = shape.shape_type() == _INSTANCE
         kind = 0 if is_instance else material_kind(bsdf)  # Mitsuba does not expose the material of an instance
         bodies.append(Body(index, material, kind, None if is_instance else shape, shape if is_instance else None))
-    integrator = mi_scene.integrator() or _integrator(scene)
+    integrator = _integrator(scene) if own is None else _sky_hidden(scene, own)
     return BuiltScene(mi_scene, integrator, tuple(bodies), tuple(names), tuple(materials))
 
 

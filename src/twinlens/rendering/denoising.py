@@ -42,9 +42,11 @@ def denoise_image(
     guides, own : the guides of other samples, and those of the image's own samples, if they are known.
     fast : take the library's small network, at a quarter of the cost.
 
-    Radiance that is not finite is replaced by the filter.
+    Radiance that is not finite is replaced by the filter. Pixels that are black in all samples and hit nothing stay 0.
     """
     import mitsuba_oidn
+
+    seen = image.any(axis=-1, keepdims=True) | guides.normal.any(axis=-1, keepdims=True)
 
     if own is not None:
         guides = guides + own
@@ -62,7 +64,7 @@ def denoise_image(
         device=_device(),
     )
     inside = np.asarray(filtered)[_MARGIN_PX:-_MARGIN_PX, _MARGIN_PX:-_MARGIN_PX]
-    return np.asarray(inside * divisor)
+    return np.where(seen, inside * divisor, np.float32(0))
 
 
 def _replace_texture(

@@ -8,6 +8,7 @@ from twinlens.scenes.scene import (
     Plugin as Plugin,
     Scene as Scene,
     SceneObject as SceneObject,
+    Sky as Sky,
 )
 from twinlens.scenes.scene_file import (
     bundled_folder as bundled_folder,

@@ -25,6 +25,8 @@ MOST_FACES = 20_000_000
 _LARGEST_MESH_FILE = 2 << 30  # bytes
 _MOST_PIXELS = 1 << 27
 _MOST_CHANNELS = 64
+_MOST_VALUES = 1 << 29
+_LARGEST_HDR_FILE = 1 << 30  # bytes
 _PILLOW_FORMATS = {".png": ["PNG"], ".jpg": ["JPEG"], ".jpeg": ["JPEG"]}
 
 
@@ -153,7 +155,10 @@ def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
     if len(header["channels"]) > _MOST_CHANNELS:
         raise FileError(f"{path}: at most {_MOST_CHANNELS} channels are supported, got {len(header['channels'])}")
     (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
-    _check_size(path, right - left + 1, bottom - top + 1)
+    width, height = right - left + 1, bottom - top + 1
+    _check_size(path, width, height)
+    if width * height * len(header["channels"]) > _MOST_VALUES:
+        raise FileError(f"{path}: {len(header['channels'])} channels of {width}x{height} pixels are too many values")
     with OpenEXR.File(str(path), separate_channels=True) as file:
         channels = {name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in file.channels().items()}
     names = "RGB" if {"R", "G", "B"} <= channels.keys() else "YYY"
@@ -164,7 +169,7 @@ def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
 
 def _read_hdr(path: Path) -> tuple[NDArray[np.float32], bool]:
     """Radiance RGBE. Source: G. Ward, Real Pixels, Graphics Gems II, 1991."""
-    data = path.read_bytes()
+    data = read_limited(path, _LARGEST_HDR_FILE)
     head, _, body = data.partition(b"\n\n")
     size, _, body = body.partition(b"\n")
     words = size.split()

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twinlens.errors import InputError, check_known, located
+from twinlens.errors import InputError, check_known, check_number, located
 from twinlens.geometry import Float, check_rigid
+from twinlens.scenes.placement import rotation
 
 Plugin = Mapping[str, Any]
 _EQUAL_SCALES = {"sphere": 3, "cylinder": 2}
@@ -124,6 +125,45 @@ class SceneObject:
 
 
 @dataclass(frozen=True, eq=False)
+class Sky:
+    """A panorama at infinity that lights a scene: float32 (H, W, 3), linear radiance, W = 2 H, top row straight up.
+
+    turn_deg : rotation about the vertical z axis, from +x to +y. At 0, the middle column of the picture is towards -y,
+        and the column at a quarter of its width towards +x.
+    scale : factor of the radiance.
+    visible : whether cameras see it. A hidden sky gives light and reflections, and is black where a camera ray leaves
+        the scene directly.
+    record : where it comes from, plain data for sample.json.
+
+    Raises InputError for other shapes, values that are negative or not finite, and a picture without light.
+    """
+
+    pixels: NDArray[np.float32]
+    turn_deg: float = 0.0
+    scale: float = 1.0
+    visible: bool = True
+    record: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        pixels = np.asarray(self.pixels)
+        if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.shape[0] < 3 or pixels.shape[1] < 2:
+            raise InputError(f"a sky must be an image (H >= 3, W >= 2, 3), got the shape {pixels.shape}")
+        if not (np.isfinite(pixels).all() and (pixels >= 0).all() and pixels.any()):
+            raise InputError("a sky must have finite values >= 0, and some light")
+        check_number("the turn_deg of a sky", self.turn_deg, "a finite number of degrees")
+        check_number("the scale of a sky", self.scale, "a finite number > 0", above=0)
+
+    def plugin(self) -> dict[str, Any]:
+        """The environment map of the renderer."""
+        return {
+            "type": "envmap",
+            "bitmap": Bitmap(self.pixels),
+            "to_world": rotation([0, 0, 1], self.turn_deg) @ rotation([1, 0, 0], 90.0),  # maps have y up, worlds z
+            "scale": float(self.scale),
+        }
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
     """A scene and its default view.
 
@@ -135,6 +175,7 @@ class Scene:
     xml : a checked Mitsuba file, in place of objects, materials and lights.
     files : the files that the scene was read from.
     rig : the table of the scene's cameras (`twinlens.scenes.rigs`); None is a rectified pair.
+    sky : in place of `lights`.
     """
 
     name: str
@@ -151,6 +192,7 @@ class Scene:
     files: tuple[Path, ...] = ()
     depth_range_known: bool = True
     rig: Mapping[str, Any] | None = None
+    sky: Sky | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "world_from_left", check_rigid(self.world_from_left, "world_from_left"))
@@ -164,3 +206,8 @@ class Scene:
     def at(self, world_from_left: ArrayLike) -> "Scene":
         """The same scene with another pose of the left camera."""
         return replace(self, world_from_left=np.asarray(world_from_left, dtype=np.float64))
+
+    def lit_by(self, sky: Sky, lamps: bool = True) -> "Scene":
+        """The same scene with `sky` in place of its lights. Without `lamps`, objects that emit light are dark."""
+        objects = self.objects if lamps else tuple(replace(thing, emitter=None) for thing in self.objects)
+        return replace(self, objects=objects, sky=sky)

@@ -1,0 +1,27 @@
+"""An integrator whose camera rays do not see the sky, while everything in the scene is lit by it."""
+
+from typing import Any
+
+from twinlens.rendering.backends import mitsuba
+
+mi = mitsuba()
+import drjit as dr  # noqa: E402, Dr.Jit reads DRJIT_LIBLLVM_PATH when it is imported
+
+
+class HiddenSky(mi.SamplingIntegrator):  # type: ignore[misc, name-defined]
+    """`inner`, with radiance 0 along the rays that hit nothing.
+
+    Mitsuba's own `hide_emitters` hides lamps as well, and rays pass through them.
+    """
+
+    def __init__(self, inner: Any, block_size: int) -> None:
+        properties = mi.Properties()
+        properties["block_size"] = block_size
+        super().__init__(properties)
+        self.inner = inner
+
+    def sample(self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True) -> tuple[Any, ...]:
+        """Radiance, whether it is valid, and no further channels."""
+        radiance, valid, _ = self.inner.sample(scene, sampler, ray, medium, active)
+        hit = scene.ray_intersect_preliminary(ray, coherent=True, active=active).is_valid()
+        return dr.select(hit, radiance, 0.0), valid & hit, []
