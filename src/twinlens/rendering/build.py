@@ -3,7 +3,7 @@
 import contextlib
 import weakref
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -76,26 +76,31 @@ def _two_threads() -> Iterator[None]:
 
 def _build_objects(scene: Scene) -> BuiltScene:
     mi = mitsuba()
-    materials = {name: _load(plugin, f"material {name!r}") for name, plugin in scene.materials.items()}
+    materials = {
+        name: _load({key: value for key, value in plugin.items() if key != "emitter"}, f"material {name!r}")
+        for name, plugin in scene.materials.items()
+    }
     material_names = tuple(materials)
     # Made before lamps: the id of an environment map is a literal of kernels, and should be equal in all scenes.
     plugins = scene.lights if scene.sky is None else {"sky": scene.sky.plugin()}
     lights = {f"light{i:04d}": _load(plugins[name], f"light {name!r}") for i, name in enumerate(plugins)}
     parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
-    placed: list[tuple[str, int, Any]] = []  # key of the shape in the scene, material id, leaf shape
+    placed: list[tuple[int, str, int, Any]] = []  # object id, key of the shape in the scene, material id, leaf shape
     names: list[str] = []
     for index, thing in enumerate(scene.objects):
-        leaf = _leaf(thing, materials[thing.material])
-        material_id = 1 + material_names.index(thing.material)
-        for name, key, part in _parts(thing, index, leaf, parts):
-            parts[key] = part
-            names.append(name)
-            placed.append((key, material_id, leaf))
+        copies = [f"{thing.name}[{i}]" for i in range(len(thing.instances))] or [thing.name]
+        for k, (material, leaf) in enumerate(_leaves(thing, scene, materials)):
+            material_id = 1 + material_names.index(material)
+            label = f"{index:04d}" if k == 0 else f"{index:04d}-{k}"
+            for copy, (key, part) in enumerate(_parts(thing, label, leaf, parts), start=1):
+                parts[key] = part
+                placed.append((len(names) + copy, key, material_id, leaf))
+        names += copies
     mi_scene = mi.load_dict(parts | lights, optimize=False)
     shapes = {shape.id(): shape for shape in mi_scene.shapes()}
     bodies = tuple(
         Body(object_id, material_id, material_kind(leaf.bsdf()), leaf, None if shapes[key] is leaf else shapes[key])
-        for object_id, (key, material_id, leaf) in enumerate(placed, start=1)
+        for object_id, key, material_id, leaf in placed
     )
     return BuiltScene(mi_scene, _integrator(scene), bodies, tuple(names), material_names)
 
@@ -114,18 +119,39 @@ def _sky_hidden(scene: Scene, integrator: Any) -> Any:
     return HiddenSky(integrator, _BLOCK_PX)
 
 
-def _parts(thing: SceneObject, index: int, leaf: Any, parts: dict[str, Any]) -> Iterator[tuple[str, str, Any]]:
-    """(name, key, Mitsuba part) of each copy of an object; instances share a shape group, which is added to `parts`."""
-    key = f"object{index:04d}"
+def _parts(thing: SceneObject, label: str, leaf: Any, parts: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """(key, Mitsuba part) of each copy of a leaf; instances share a shape group, which is added to `parts`."""
     if not thing.instances:
-        yield thing.name, key, leaf
+        yield f"object{label}", leaf
         return
     mi = mitsuba()
     group = mi.load_dict({"type": "shapegroup", "leaf": leaf})
-    parts[f"group{index:04d}"] = group
+    parts[f"group{label}"] = group
     for i, pose in enumerate(thing.instances):
-        placed = {"type": "instance", "to_world": mi.ScalarTransform4f(pose), "group": group}
-        yield f"{thing.name}[{i}]", f"{key}_{i:05d}", placed
+        yield f"object{label}_{i:05d}", {"type": "instance", "to_world": mi.ScalarTransform4f(pose), "group": group}
+
+
+def _leaves(thing: SceneObject, scene: Scene, bsdfs: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """The material and the Mitsuba shape of each surface of an object."""
+    mesh = thing.shape
+    for number, material in enumerate(thing.materials):
+        emitter = thing.emitter or scene.materials[material].get("emitter")
+        if emitter is not None and thing.instances:
+            raise InputError(f"object {thing.name!r}: an object with instances cannot shine, as {material!r} does")
+        shape = mesh
+        if isinstance(mesh, Mesh) and mesh.surface is not None and len(thing.materials) > 1:
+            shape = _subset(mesh, mesh.surface == number)
+            if not len(shape.faces):
+                continue
+        yield material, _leaf(replace(thing, shape=shape, emitter=emitter), bsdfs[material])
+
+
+def _subset(mesh: Mesh, chosen: NDArray[np.bool_]) -> Mesh:
+    """The chosen faces (F,) of a mesh, and their vertices."""
+    used, faces = np.unique(mesh.faces[chosen], return_inverse=True)
+    normals, uv = (None if values is None else values[used] for values in (mesh.normals, mesh.uv))
+    attributes = {name: values[used] for name, values in mesh.attributes.items()}
+    return Mesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.uint32), normals, uv, attributes=attributes)
 
 
 def _leaf(thing: SceneObject, bsdf: Any) -> Any:
@@ -166,6 +192,8 @@ def mitsuba_mesh(name: str, mesh: Mesh, world_from_object: Float, bsdf: Any, emi
         buffers["vertex_normals"] = _flat32(placed.normals)
     if mesh.uv is not None:
         buffers["vertex_texcoords"] = _aligned(_flat32(mesh.uv))
+    for key, values in mesh.attributes.items():
+        made.add_attribute(key, values.shape[1], _flat32(values))
     buffers.update()
     return made
 

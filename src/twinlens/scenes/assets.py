@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from twinlens.errors import FileError, InputError, format_value
 from twinlens.scenes import shapes
-from twinlens.scenes.scene import Mesh
+from twinlens.scenes.scene import Mesh, Plugin
 
-MESH_FILES = {".ply", ".obj", ".glb", ".stl"}
+MESH_FILES = {".ply", ".obj", ".glb", ".gltf", ".stl"}
 MOST_FACES = 20_000_000
 _LARGEST_MESH_FILE = 2 << 30  # bytes
 _MOST_PIXELS = 1 << 27
@@ -32,11 +32,15 @@ _PILLOW_FORMATS = {".png": ["PNG"], ".jpg": ["JPEG"], ".jpeg": ["JPEG"]}
 
 @dataclass(frozen=True, eq=False)
 class SceneContext:
-    """What the models of a scene file need while they are read: folder of the file, named textures, files found."""
+    """What the models of a scene file need while they are read: folder of the file, named textures.
+
+    `files` and `materials` collect the files found, and the materials of mesh files by name.
+    """
 
     folder: Path
     textures: dict[str, Any] = field(default_factory=dict)
     files: list[Path] = field(default_factory=list)
+    materials: dict[str, Plugin] = field(default_factory=dict)
 
 
 def find_asset(name: str, context: SceneContext) -> Path:
@@ -92,17 +96,17 @@ def decode_picture(path: Path) -> tuple[NDArray[np.float32], bool]:
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise FileError(f"{path}: pictures may be {', '.join(sorted(_READERS))}, got {path.suffix!r}")
-    with _reading(path, "picture"):
+    with reading(path, "picture"):
         return reader(path)
 
 
 @contextmanager
-def _reading(path: Path, kind: str) -> Iterator[None]:
+def reading(path: Path, kind: str) -> Iterator[None]:
     """Turns the many types of exceptions that libraries raise on damaged files into FileError."""
     try:
         yield
-    except FileError:
-        raise
+    except InputError as error:
+        raise FileError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from error
     except Exception as error:
         reason = " ".join(str(error).split())
         raise FileError(f"{path}: cannot be read as a {path.suffix} {kind} ({reason})") from error
@@ -127,16 +131,17 @@ def read_sky(path: Path) -> NDArray[np.float32]:
     return pixels
 
 
-def _check_size(path: Path, width: int, height: int) -> None:
+def check_picture_size(name: object, width: int, height: int) -> None:
+    """Raise FileError for a picture of no or too many pixels."""
     if not (width > 0 and height > 0 and width * height <= _MOST_PIXELS):
-        raise FileError(f"{path}: a picture may have 1 to {_MOST_PIXELS} pixels, got {width}x{height}")
+        raise FileError(f"{name}: a picture may have 1 to {_MOST_PIXELS} pixels, got {width}x{height}")
 
 
 def _read_8bit(path: Path) -> tuple[NDArray[np.float32], bool]:
     from PIL import Image
 
     with Image.open(path, formats=_PILLOW_FORMATS[path.suffix.lower()]) as image:
-        _check_size(path, image.width, image.height)
+        check_picture_size(path, image.width, image.height)
         if image.mode.startswith("I"):
             grey = np.asarray(image, dtype=np.float32) / np.float32(65535)
             return np.repeat(grey[..., None], 3, axis=2), True
@@ -156,7 +161,7 @@ def _read_exr(path: Path) -> tuple[NDArray[np.float32], bool]:
         raise FileError(f"{path}: at most {_MOST_CHANNELS} channels are supported, got {len(header['channels'])}")
     (left, top), (right, bottom) = (corner.tolist() for corner in header["dataWindow"])
     width, height = right - left + 1, bottom - top + 1
-    _check_size(path, width, height)
+    check_picture_size(path, width, height)
     if width * height * len(header["channels"]) > _MOST_VALUES:
         raise FileError(f"{path}: {len(header['channels'])} channels of {width}x{height} pixels are too many values")
     with OpenEXR.File(str(path), separate_channels=True) as file:
@@ -176,7 +181,7 @@ def _read_hdr(path: Path) -> tuple[NDArray[np.float32], bool]:
     if not data.startswith(b"#?") or len(words) != 4 or (words[0], words[2]) != (b"-Y", b"+X"):
         raise FileError(f"{path}: not a Radiance picture in -Y +X order")
     height, width = int(words[1]), int(words[3])
-    _check_size(path, width, height)
+    check_picture_size(path, width, height)
     if b"FORMAT=32-bit_rle_rgbe" not in head:
         raise FileError(f"{path}: needs FORMAT=32-bit_rle_rgbe")
     rgbe = _unpack_rgbe(np.frombuffer(body, dtype=np.uint8), height, width)
@@ -217,7 +222,7 @@ def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
     """
     if path.suffix.lower() not in MESH_FILES:
         raise FileError(f"{path}: meshes may be {', '.join(sorted(MESH_FILES))}, got {path.suffix!r}")
-    with _reading(path, "mesh"):
+    with reading(path, "mesh"):
         import trimesh
 
         if path.stat().st_size > _LARGEST_MESH_FILE:
@@ -225,14 +230,23 @@ def read_mesh(path: Path, crease_deg: float = 30.0) -> Mesh:
         with path.open("rb") as stream:  # a stream has no folder, so that the file cannot name its neighbours
             loaded = trimesh.load_scene(stream, file_type=path.suffix[1:].lower(), process=False)
         for part in loaded.geometry.values():  # joining the parts shifts vertex numbers
-            faces = getattr(part, "faces", ())
-            if len(faces) and not 0 <= np.min(faces) <= np.max(faces) < len(part.vertices):
-                raise FileError(f"{path}: a face refers to a vertex outside 0 to {len(part.vertices) - 1}")
+            check_faces(path, part)
         placed = (loaded.geometry[loaded.graph[node][1]] for node in loaded.graph.nodes_geometry)
-        count = sum(len(getattr(part, "faces", ())) for part in placed)  # one part may be placed many times
-        if count > MOST_FACES:
-            raise FileError(f"{path}: {count} triangles are more than {MOST_FACES}; simplify the mesh")
+        check_face_count(path, sum(len(getattr(part, "faces", ())) for part in placed))
         made = loaded.to_mesh()
         if not len(made.faces) or not np.isfinite(made.vertices).all():
             raise FileError(f"{path}: has no triangles with finite vertices")
         return shapes.from_trimesh(made, crease_deg)
+
+
+def check_faces(path: Path, part: Any) -> None:
+    """Raise FileError if a face of trimesh's mesh refers to a missing vertex."""
+    faces = getattr(part, "faces", ())
+    if len(faces) and not 0 <= np.min(faces) <= np.max(faces) < len(part.vertices):
+        raise FileError(f"{path}: a face refers to a vertex outside 0 to {len(part.vertices) - 1}")
+
+
+def check_face_count(path: Path, count: int) -> None:
+    """Raise FileError for too many triangles, counted as placed: one part may be placed many times."""
+    if count > MOST_FACES:
+        raise FileError(f"{path}: {count} triangles are more than {MOST_FACES}; simplify the mesh")

@@ -4,15 +4,16 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pydantic
 
 from twinlens.errors import InputError
 from twinlens.scenes import shapes
-from twinlens.scenes.assets import MOST_FACES, Asset, read_mesh
-from twinlens.scenes.placement import Copies, CopyGrid, Placement, Scale, Vector2, Vector3
+from twinlens.scenes.assets import MOST_FACES, Asset, SceneContext, read_mesh
+from twinlens.scenes.model_files import GLTF_FILES, WITH_MATERIALS, Model, read_model
+from twinlens.scenes.placement import Copies, CopyGrid, Placement, Scale, Vector2, Vector3, rotation
 from twinlens.scenes.plugins import AreaLight
 from twinlens.scenes.scene import Mesh, Plugin, SceneObject
 from twinlens.scenes.texture_tables import TextureMap
@@ -32,11 +33,12 @@ class ObjectBase(Placement):
     instances: Copies | None = None
     merge: bool = False
 
-    def build(self) -> SceneObject:
+    def build(self, context: SceneContext) -> SceneObject:
         """The object of the scene, without a name. Raises InputError for combinations of keys that are not possible."""
-        mesh, pose, given = self.geometry(), self.world_from_object(), self.instances or ()
+        mesh, material = self.looks(context)
+        pose, given = self.world_from_object(), self.instances or ()
         copies = given.poses() if isinstance(given, CopyGrid) else tuple(copy.world_from_object() for copy in given)
-        thing = SceneObject("", mesh, self.material, pose, self.emitter, copies)
+        thing = SceneObject("", mesh, material, pose, self.emitter, copies)
         if copies and self.emitter is not None:
             raise InputError("an object with instances cannot have an emitter; make each light an object")
         if not self.merge:
@@ -47,6 +49,10 @@ class ObjectBase(Placement):
             raise InputError(f"'merge' makes more than {MOST_FACES} triangles; keep the instances apart")
         merged = shapes.merged([shapes.transformed(mesh, copy @ pose) for copy in copies])
         return replace(thing, shape=merged, world_from_object=np.eye(4), instances=())
+
+    def looks(self, context: SceneContext) -> tuple[Mesh | Plugin, str | tuple[str, ...]]:
+        """The shape in the object's own coordinates, and the names of its materials."""
+        return self.geometry(), self.material
 
     def geometry(self) -> Mesh | Plugin:
         """The shape in the object's own coordinates."""
@@ -71,7 +77,10 @@ class MeshBase(ObjectBase):
     uv_offset: Vector2 | None = None
 
     def geometry(self) -> Mesh:
-        mesh = self.mesh()
+        return self.mapped(self.mesh())
+
+    def mapped(self, mesh: Mesh) -> Mesh:
+        """`mesh` with its texture coordinates scaled and moved."""
         if self.uv_scale is None and self.uv_offset is None:
             return mesh
         if mesh.uv is None:
@@ -108,14 +117,32 @@ class MeshBase(ObjectBase):
 
 
 class MeshFile(MeshBase):
-    """A .ply, .obj, .glb or .stl file. Edges over `crease_deg` stay sharp; `face_normals` makes all of them sharp."""
+    """A .ply, .stl, .obj, .glb or .gltf file, with its own materials unless `material` is given.
+
+    Edges over `crease_deg` stay sharp; `face_normals` makes all of them sharp. `up_axis` is that of the file: "y" in
+    glTF, else "z".
+    """
 
     file: Asset
+    material: str = ""
     face_normals: bool = False
-    crease_deg: Annotated[float, pydantic.Field(ge=0, le=180), pydantic.AfterValidator(float)] = 30.0
+    crease_deg: Annotated[float, pydantic.Field(ge=0, le=180), pydantic.AfterValidator(float)] | None = None
+    up_axis: Literal["y", "z"] | None = None
 
-    def mesh(self) -> Mesh:
-        return read_mesh(self.file, 0.0 if self.face_normals else self.crease_deg)
+    def looks(self, context: SceneContext) -> tuple[Mesh | Plugin, str | tuple[str, ...]]:
+        suffix = self.file.suffix.lower()
+        crease_deg = 0.0 if self.face_normals else self.crease_deg
+        if not self.material and suffix not in WITH_MATERIALS:
+            raise InputError(f"missing key 'material'; only {', '.join(WITH_MATERIALS)} files have materials")
+        if suffix in GLTF_FILES or not self.material:
+            model = read_model(self.file, context, crease_deg, with_materials=not self.material)
+        else:
+            model = Model(read_mesh(self.file, 30.0 if crease_deg is None else crease_deg), {})
+        context.materials.update(model.materials)
+        mesh = self.mapped(model.mesh)
+        if (self.up_axis or ("y" if suffix in GLTF_FILES else "z")) == "y":
+            mesh = shapes.transformed(mesh, rotation([1.0, 0.0, 0.0], 90.0))
+        return mesh, self.material or tuple(model.materials)
 
 
 _FLIP = {"flip_normals": bool | None}
@@ -168,8 +195,8 @@ def _read_object(value: Any, info: Any) -> SceneObject:
     if isinstance(value, Mapping) and ("file" in value) == ("shape" in value):
         raise InputError("needs exactly one of 'shape' (a name) and 'file' (a mesh file)")
     if isinstance(value, Mapping) and "file" in value:
-        return MeshFile.model_validate(value, context=info.context).build()
-    return _ADAPTER.validate_python(value, context=info.context).build()
+        return MeshFile.model_validate(value, context=info.context).build(info.context)
+    return _ADAPTER.validate_python(value, context=info.context).build(info.context)
 
 
 Object = Annotated[SceneObject, pydantic.PlainValidator(_read_object, json_schema_input_type=_SHAPE_OBJECT | MeshFile)]

@@ -50,14 +50,17 @@ class Bitmap:
 class Mesh:
     """Triangles: vertices float64 (V, 3) in object coordinates, faces uint32 (F, 3), uv float64 (V, 2) or None.
 
-    With `normals` float64 (V, 3) shading is smooth; None leaves the faces flat. Raises InputError for other array
-    shapes, values that are not finite, and faces with vertex numbers out of range.
+    With `normals` float64 (V, 3) shading is smooth; None leaves the faces flat. `surface` (F,) numbers the materials of
+    its object; None is one material. `attributes` (V, 1) or (V, 3) are values that materials read by name. Raises
+    InputError for other array shapes, values that are not finite, and faces with vertex numbers out of range.
     """
 
     vertices: Float
     faces: NDArray[np.uint32]
     normals: Float | None = None
     uv: Float | None = None
+    surface: NDArray[np.uint16] | None = None
+    attributes: Mapping[str, Float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         count = 0
@@ -91,7 +94,8 @@ class SceneObject:
     """An object of the scene, with its own id in the ground truth.
 
     `shape` is a Mesh, or the plugin of an analytic shape (sphere, rectangle, disk, cylinder, cube). `material` is the
-    name of one of the scene's materials. An `emitter` makes the object a light source. With `instances` (4x4 poses) the
+    name of one of the scene's materials, or the names of those that the mesh's `surface` numbers. An `emitter` makes
+    the object a light source. With `instances` (4x4 poses) the
     object appears once per pose, placed by ``instance @ world_from_object``; each copy has its own id (``name[0]``,
     ``name[1]``, ...), and all share one geometry in memory.
 
@@ -100,10 +104,15 @@ class SceneObject:
 
     name: str
     shape: Mesh | Plugin
-    material: str
+    material: str | tuple[str, ...]
     world_from_object: Float = field(default_factory=lambda: np.eye(4))
     emitter: Plugin | None = None
     instances: tuple[Float, ...] = ()
+
+    @property
+    def materials(self) -> tuple[str, ...]:
+        """The names of its materials."""
+        return (self.material,) if isinstance(self.material, str) else self.material
 
     def __post_init__(self) -> None:
         shape = self.shape
@@ -167,6 +176,7 @@ class Sky:
 class Scene:
     """A scene and its default view.
 
+    materials : plugins by name. A key `emitter` makes all surfaces of a material light sources.
     lights : emitters that are not objects (environment maps, point lights, the sun).
     world_from_left : (4, 4), the pose of the left camera.
     fov_x_deg, baseline : the horizontal field of view, and the baseline in metres.
@@ -201,7 +211,8 @@ class Scene:
             raise InputError(f"scene {self.name!r}: depth_range must be 0 < near < far in metres, got [{near}, {far}]")
         for thing in self.objects:
             with located(f"objects.{thing.name}.material"):
-                check_known("material", thing.material, self.materials)
+                for name in thing.materials:
+                    check_known("material", name, self.materials)
 
     def at(self, world_from_left: ArrayLike) -> "Scene":
         """The same scene with another pose of the left camera."""

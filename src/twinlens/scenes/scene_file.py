@@ -49,7 +49,7 @@ class SceneFile(StrictModel):
 
     description: str = ""
     textures: Annotated[dict[str, Texture], pydantic.AfterValidator(_register_textures)] = pydantic.Field({})
-    materials: dict[str, Material]
+    materials: dict[str, Material] = pydantic.Field({})
     objects: dict[str, Object]
     camera: ViewTable
     lights: dict[str, Light] = pydantic.Field({})
@@ -88,7 +88,7 @@ def read_scene_toml(path: Path, name: str) -> Scene:
         scene = Scene(
             name=name,
             objects=tuple(replace(thing, name=key) for key, thing in file.objects.items()),
-            materials=file.materials,
+            materials={**file.materials, **context.materials},
             lights=file.lights,
             integrator=file.integrator,
             world_from_left=view_pose(camera.position, camera.look_at, camera.up),

@@ -6,6 +6,7 @@ boxes and cones of few sides are flat.
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -99,14 +100,19 @@ def cone(radius: float, height: float, sections: int = 64) -> Mesh:
 
 
 def merged(parts: list[Mesh]) -> Mesh:
-    """Several meshes as one; normals and (u, v) are kept if all have them."""
+    """Several meshes as one. Normals, (u, v) and surfaces are kept if all have them; missing attributes are 0."""
     starts = np.cumsum([0] + [len(part.vertices) for part in parts])
     faces = np.concatenate([part.faces + np.uint32(start) for part, start in zip(parts, starts, strict=False)])
     arrays: dict[str, Any] = {}
-    for name in ("vertices", "normals", "uv"):
+    for name in ("vertices", "normals", "uv", "surface"):
         each = [getattr(part, name) for part in parts]
         arrays[name] = None if any(values is None for values in each) else np.concatenate(each)
-    return Mesh(faces=faces, **arrays)
+    widths = {name: values.shape[1] for part in parts for name, values in part.attributes.items()}
+    attributes = {
+        name: np.concatenate([part.attributes.get(name, np.zeros((len(part.vertices), width))) for part in parts])
+        for name, width in widths.items()
+    }
+    return Mesh(faces=faces, attributes=attributes, **arrays)
 
 
 def transformed(mesh: Mesh, b_from_a: Float) -> Mesh:
@@ -115,7 +121,7 @@ def transformed(mesh: Mesh, b_from_a: Float) -> Mesh:
     if normals is not None:
         normals = normals @ np.linalg.inv(b_from_a[:3, :3])
         normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    return Mesh(transform_points(b_from_a, mesh.vertices), mesh.faces, normals, mesh.uv)
+    return replace(mesh, vertices=transform_points(b_from_a, mesh.vertices), normals=normals)
 
 
 def tube(points: Float, radius: Float, sides: int = 16, smooth: bool = True, closed: bool = False) -> Mesh:

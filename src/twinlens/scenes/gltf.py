@@ -1,0 +1,292 @@
+"""glTF 2.0 files: geometry, the node tree, and where materials and their pictures are.
+
+The header is checked here. Only buffers, accessors and primitives reach trimesh, which decodes them; trimesh opens no
+picture and no other file.
+"""
+
+# ruff: noqa: N815 (keys are spelt as in glTF)
+
+import base64
+import json
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Annotated, Any, Literal
+from urllib.parse import unquote
+
+import numpy as np
+import pydantic
+
+from twinlens.errors import FileError, InputError
+from twinlens.geometry import Float
+from twinlens.scenes.pbr import EXTENSIONS, Image, Lenient, PbrMaterial, Sampler, Texture
+from twinlens.schema import exactly, read
+
+MOST_NODES = 50_000
+_MOST_BYTES = 2 << 30  # of decoded accessors
+_JSON, _BIN = 0x4E4F534A, 0x004E4942
+_COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+_ATTRIBUTES = ("POSITION", "NORMAL", "TEXCOORD_0", "COLOR_0")
+_TRIANGLES = (4, 5)  # modes: a list, a strip
+
+_Index = Annotated[int, pydantic.Field(ge=0)]
+
+
+class _Buffer(Lenient):
+    uri: str | None = None
+
+
+class _View(Lenient):
+    buffer: _Index
+    byteOffset: _Index = 0
+    byteLength: _Index
+    byteStride: Annotated[int, pydantic.Field(ge=1, le=255)] | None = None
+
+
+class _Accessor(Lenient):
+    bufferView: _Index | None = None
+    byteOffset: _Index = 0
+    componentType: Literal[5120, 5121, 5122, 5123, 5125, 5126]
+    count: Annotated[int, pydantic.Field(ge=1)]
+    type: Literal["SCALAR", "VEC2", "VEC3", "VEC4", "MAT2", "MAT3", "MAT4"]
+
+
+class _Primitive(Lenient):
+    attributes: dict[str, _Index]
+    indices: _Index | None = None
+    material: _Index | None = None
+    mode: int = 4
+
+
+class _Mesh(Lenient):
+    primitives: list[_Primitive]
+
+
+_Matrix = Annotated[list[float], exactly(16, float)]
+_Triple = Annotated[list[float], exactly(3, float)]
+_Quaternion = Annotated[list[float], exactly(4, float)]
+
+
+class _Node(Lenient):
+    mesh: _Index | None = None
+    children: list[_Index] = pydantic.Field(default_factory=list)
+    matrix: _Matrix | None = None
+    translation: _Triple | None = None
+    rotation: _Quaternion | None = None
+    scale: _Triple | None = None
+
+    def pose(self) -> Float:
+        """parent_from_node (4, 4): `matrix`, or translation, rotation by the quaternion x, y, z, w, scale."""
+        if self.matrix is not None:
+            return np.array(self.matrix, dtype=np.float64).reshape(4, 4).T
+        q = np.array(self.rotation or [0.0, 0.0, 0.0, 1.0])
+        x, y, z, w = q / np.linalg.norm(q)
+        turn = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = turn * (self.scale or 1.0), self.translation or 0.0
+        return pose
+
+
+class _Scene(Lenient):
+    nodes: list[_Index] = pydantic.Field(default_factory=list)
+
+
+class Header(Lenient):
+    """The keys of a glTF header that are read; others are ignored."""
+
+    buffers: list[_Buffer] = pydantic.Field(default=[])
+    bufferViews: list[_View] = pydantic.Field(default=[])
+    accessors: list[_Accessor] = pydantic.Field(default=[])
+    meshes: list[_Mesh] = pydantic.Field(default=[])
+    nodes: Annotated[list[_Node], pydantic.Field(max_length=MOST_NODES)] = pydantic.Field(default=[])
+    scenes: list[_Scene] = pydantic.Field(default=[])
+    scene: _Index = 0
+    materials: list[PbrMaterial] = pydantic.Field(default=[])
+    textures: list[Texture] = pydantic.Field(default=[])
+    images: list[Image] = pydantic.Field(default=[])
+    samplers: list[Sampler] = pydantic.Field(default=[])
+    extensionsRequired: list[str] = pydantic.Field(default=[])
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A primitive as trimesh has it, its pose in the file, its material (None: glTF's default), and what it has."""
+
+    mesh: Any
+    pose: Float
+    material: int | None
+    has_normals: bool
+    colors: Float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Gltf:
+    """An opened file. `open_file` gives the content of a file that it names."""
+
+    path: Path
+    header: Header
+    buffers: list[bytes]
+    open_file: Callable[[str], bytes]
+
+    @property
+    def face_count(self) -> int:
+        """Triangles of all placed primitives; a mesh may be placed many times."""
+        return sum(self._face_count(primitive) for mesh, _ in self._placed() for _, primitive in self._triangles(mesh))
+
+    def parts(self) -> list[Part]:
+        """All placed primitives of triangles."""
+        loaded = self._geometry()
+        found = []
+        for mesh, pose in self._placed():
+            for name, primitive in self._triangles(mesh):
+                if name not in loaded:
+                    continue
+                made, color = loaded[name], loaded[name].visual.vertex_attributes.get("color")
+                colors = None if color is None else _unit_range(np.asarray(color))
+                found.append(Part(made, pose, primitive.material, "NORMAL" in primitive.attributes, colors))
+        return found
+
+    def picture(self, index: int) -> bytes:
+        """The encoded bytes of an image."""
+        image = self.header.images[index]
+        if image.bufferView is None:
+            return self._uri(image.uri or "")
+        view = self.header.bufferViews[image.bufferView]
+        return self.buffers[view.buffer][view.byteOffset : view.byteOffset + view.byteLength]
+
+    def _uri(self, uri: str) -> bytes:
+        return read_uri(uri, self.open_file)
+
+    def _triangles(self, mesh: int) -> Iterator[tuple[str, _Primitive]]:
+        for i, primitive in enumerate(self.header.meshes[mesh].primitives):
+            if primitive.mode in _TRIANGLES:
+                yield f"{mesh}/{i}", primitive
+
+    def _face_count(self, primitive: _Primitive) -> int:
+        accessor = primitive.attributes["POSITION"] if primitive.indices is None else primitive.indices
+        count = self.header.accessors[accessor].count
+        return count // 3 if primitive.mode == 4 else max(count - 2, 0)
+
+    def _placed(self) -> list[tuple[int, Float]]:
+        """(mesh, pose in the file) of every node that has a mesh; all meshes once in a file without a scene."""
+        header = self.header
+        if not header.scenes:
+            return [(mesh, np.eye(4)) for mesh in range(len(header.meshes))]
+        found: list[tuple[int, Float]] = []
+        seen: set[int] = set()
+        waiting = [(node, np.eye(4)) for node in reversed(header.scenes[header.scene].nodes)]
+        while waiting:
+            index, parent = waiting.pop()
+            if index in seen:
+                raise FileError(f"{self.path}: nodes[{index}] has two parents")
+            seen.add(index)
+            node = header.nodes[index]
+            with np.errstate(all="ignore"):
+                pose = parent @ node.pose()
+            if not np.isfinite(pose).all():
+                raise FileError(f"{self.path}: nodes[{index}] has no finite pose")
+            if node.mesh is not None and np.linalg.det(pose[:3, :3]) != 0:  # a scale of 0 hides a part
+                found.append((node.mesh, pose))
+            waiting += [(child, pose) for child in reversed(node.children)]
+        return found
+
+    def _geometry(self) -> Any:
+        """trimesh's meshes by "mesh/primitive"."""
+        import trimesh
+
+        header = self.header
+        size = sum(each.count * _COLUMNS[each.type] * _BYTES[each.componentType] for each in header.accessors)
+        if size > _MOST_BYTES:
+            raise FileError(f"{self.path}: accessors of {size >> 20} MiB are more than {_MOST_BYTES >> 20} MiB")
+        meshes = []
+        for index in sorted({mesh for mesh, _ in self._placed()}):
+            for name, primitive in self._triangles(index):
+                given = {**primitive.attributes, "TEXCOORD_0": self._coordinates(primitive)}
+                kept = {key: given[key] for key in _ATTRIBUTES if given.get(key) is not None}
+                table = {"attributes": kept, "mode": primitive.mode, "material": 0}
+                table |= {} if primitive.indices is None else {"indices": primitive.indices}
+                meshes.append({"name": name, "primitives": [table]})
+        cleaned = {
+            "asset": {"version": "2.0"},
+            "buffers": [{"uri": str(i)} for i in range(len(self.buffers))],
+            "bufferViews": [view.model_dump(exclude_none=True) for view in header.bufferViews],
+            "accessors": [accessor.model_dump(exclude_none=True) for accessor in header.accessors],
+            "meshes": meshes,
+            "materials": [{}],  # without a material trimesh reads no texture coordinates
+        }
+        stream = BytesIO(json.dumps(cleaned).encode())
+        buffers = {str(i): data for i, data in enumerate(self.buffers)}
+        return trimesh.load_scene(stream, file_type="gltf", resolver=buffers, process=False).geometry
+
+    def _coordinates(self, primitive: _Primitive) -> int | None:
+        """The accessor of the texture coordinates that the material uses."""
+        chosen = 0 if primitive.material is None else self.header.materials[primitive.material].coordinate_set
+        accessor = primitive.attributes.get(f"TEXCOORD_{chosen}")
+        if accessor is not None and self.header.accessors[accessor].componentType != 5126:
+            raise FileError(f"{self.path}: texture coordinates must be float32; export the file without quantization")
+        return accessor
+
+
+def _unit_range(values: Any) -> Float:
+    """Vertex colours (V, 3) in [0, 1], of floats or normalized integers."""
+    scale = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
+    return np.asarray(np.clip(values[:, :3] / scale, 0.0, 1.0), dtype=np.float64)
+
+
+def read_uri(uri: str, open_file: Callable[[str], bytes]) -> bytes:
+    """The content of a data URI, or of a file."""
+    if not uri.startswith("data:"):
+        return open_file(unquote(uri))
+    kind, _, data = uri.partition(",")
+    if not kind.endswith(";base64"):
+        raise InputError("a data URI must be base64")
+    return base64.b64decode(data, validate=True)
+
+
+def open_gltf(path: Path, open_file: Callable[[str], bytes]) -> Gltf:
+    """The checked header and the buffers of a .glb or .gltf file. Raises FileError."""
+    data = path.read_bytes()
+    text, binary = _chunks(path, data) if path.suffix.lower() == ".glb" else (data, None)
+    header = read(Header, json.loads(text), path)
+    if unknown := sorted(set(header.extensionsRequired) - EXTENSIONS):
+        raise FileError(f"{path}: requires {', '.join(unknown)}, which twinlens cannot read; export without it")
+    buffers = []
+    for i, buffer in enumerate(header.buffers):
+        if buffer.uri is None and (binary is None or i > 0):
+            raise FileError(f"{path}: buffers[{i}] has no data")
+        buffers.append(binary if buffer.uri is None else read_uri(buffer.uri, open_file))
+    for i, view in enumerate(header.bufferViews):
+        if view.byteOffset + view.byteLength > len(buffers[view.buffer] or b""):
+            raise FileError(f"{path}: bufferViews[{i}] ends after its buffer; is the file complete?")
+    return Gltf(path, header, [each or b"" for each in buffers], open_file)
+
+
+def _chunks(path: Path, data: bytes) -> tuple[bytes, bytes | None]:
+    """The JSON and binary chunks of a .glb file. Source: glTF 2.0, chapter 4."""
+    if len(data) < 20 or data[:4] != b"glTF":
+        raise FileError(f"{path}: not a binary glTF file")
+    version, length = struct.unpack_from("<II", data, 4)
+    if version != 2:
+        raise FileError(f"{path}: glTF version {version} is not supported, only 2")
+    if length > len(data):
+        raise FileError(f"{path}: has {len(data)} of {length} bytes; is the file complete?")
+    chunks: dict[int, bytes] = {}
+    at = 12
+    while at + 8 <= length:
+        size, kind = struct.unpack_from("<II", data, at)
+        if at + 8 + size > len(data):
+            raise FileError(f"{path}: a chunk ends after the file; is the file complete?")
+        chunks.setdefault(kind, data[at + 8 : at + 8 + size])
+        at += 8 + size
+    if _JSON not in chunks:
+        raise FileError(f"{path}: has no JSON chunk")
+    return chunks[_JSON], chunks.get(_BIN)

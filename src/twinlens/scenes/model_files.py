@@ -1,0 +1,160 @@
+"""Mesh files with their materials: glTF (.glb, .gltf) and OBJ with its .mtl file.
+
+Files that a mesh file names are opened only below the scene's folder (`find_asset`).
+"""
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twinlens.errors import FileError
+from twinlens.scenes import shapes
+from twinlens.scenes.assets import (
+    SceneContext,
+    check_face_count,
+    check_faces,
+    find_asset,
+    read_limited,
+    reading,
+)
+from twinlens.scenes.gltf import Gltf, Part, open_gltf
+from twinlens.scenes.mtl import read_mtl
+from twinlens.scenes.pbr import PbrMaterial, Texture, Textures, plugin_of
+from twinlens.scenes.scene import Mesh, Plugin
+
+GLTF_FILES = (".glb", ".gltf")
+WITH_MATERIALS = (*GLTF_FILES, ".obj")
+_LARGEST_NAMED = 1 << 30  # bytes of a file that a mesh file names
+
+
+class MaterialWarning(UserWarning):
+    """A part of a file's material cannot be rendered; the message names it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A mesh in the file's coordinates; `materials` are those that its `surface` numbers, in order."""
+
+    mesh: Mesh
+    materials: Mapping[str, Plugin]
+
+
+def read_model(
+    path: Path, context: SceneContext, crease_deg: float | None = None, with_materials: bool = True
+) -> Model:
+    """The mesh and the materials of a .glb, .gltf or .obj file, named ``file:material``.
+
+    The file's own normals are used unless `crease_deg` is given; without both, edges over 30 degrees are sharp. Gives a
+    `MaterialWarning` that names what cannot be rendered. Raises FileError.
+    """
+
+    def open_file(name: str) -> bytes:
+        below = path.parent.resolve().relative_to(context.folder.resolve())
+        return read_limited(find_asset((below / name).as_posix() if name else "", context), _LARGEST_NAMED)
+
+    with reading(path, "mesh"):
+        is_gltf = path.suffix.lower() in GLTF_FILES
+        parts, materials, textures = (_open_gltf if is_gltf else _open_obj)(path, open_file)
+        used: dict[tuple[int | None, bool], int] = {}
+        plugins: dict[str, Plugin] = {}
+        meshes = []
+        for part in parts:
+            mesh = part_mesh(part, crease_deg)
+            if not with_materials:
+                meshes.append(replace(mesh, attributes={}))
+                continue
+            key = part.material, part.colors is not None
+            material = PbrMaterial() if part.material is None else materials[part.material]
+            colors = None if part.colors is None else mesh.attributes["color"]
+            if key not in used or colors is not None:
+                plugin, attributes = plugin_of(material, textures, colors)
+                mesh = replace(mesh, attributes=attributes)
+                if key not in used:
+                    used[key] = len(plugins)
+                    plugins[_free_name(f"{path.name}:{material.name or part.material or 0}", plugins)] = plugin
+            meshes.append(replace(mesh, surface=np.full(len(mesh.faces), used[key], dtype=np.uint16)))
+    if textures.lost:
+        lost = ", ".join(dict.fromkeys(textures.lost))
+        warnings.warn(f"{path}: not rendered: {lost}", MaterialWarning, stacklevel=2)
+    return Model(shapes.merged(meshes), plugins)
+
+
+def _free_name(name: str, taken: Mapping[str, Any]) -> str:
+    number, free = 1, name
+    while free in taken:
+        number += 1
+        free = f"{name}-{number}"
+    return free
+
+
+Opened = tuple[list[Part], list[PbrMaterial], Textures]
+
+
+def _open_gltf(path: Path, open_file: Callable[[str], bytes]) -> Opened:
+    file = open_gltf(path, open_file)
+    return file_parts(file), file.header.materials, Textures(file.header.textures, file.header.samplers, file.picture)
+
+
+def file_parts(file: Gltf) -> list[Part]:
+    """The parts of a glTF file. Raises FileError for no triangles or too many."""
+    check_face_count(file.path, file.face_count)
+    parts = file.parts()
+    for part in parts:
+        check_faces(file.path, part.mesh)
+    if not any(len(part.mesh.faces) for part in parts):
+        raise FileError(f"{file.path}: has no triangles")
+    return [part for part in parts if len(part.mesh.faces)]
+
+
+def _open_obj(path: Path, open_file: Callable[[str], bytes]) -> Opened:
+    """The parts of an OBJ file, one for each of its materials. trimesh reads a list of their names as its .mtl file."""
+    import trimesh
+
+    lines = path.read_bytes().decode("utf-8", "replace").splitlines()
+    libraries = [line.split(None, 1)[1].strip() for line in lines if line.startswith("mtllib ") and line.split()[1:]]
+    if not libraries:
+        raise FileError(f"{path}: names no material file; give the object a 'material'")
+    materials, pictures, lost = read_mtl(b"\n".join(map(open_file, libraries)))
+    number = {material.name: i for i, material in enumerate(materials)}
+    names = dict.fromkeys(
+        line.split(None, 1)[1].strip() for line in lines if line.startswith("usemtl ") and line[7:].strip()
+    )
+    if missing := [name for name in names if name not in number]:
+        raise FileError(f"{path}: no material {missing[0]!r} in {', '.join(libraries)}")
+    text = "\n".join(["mtllib names", *(line for line in lines if not line.startswith("mtllib"))])
+    listed = "\n".join(f"newmtl {name}\nKd 1 1 1" for name in names)
+    loaded = trimesh.load_scene(
+        BytesIO(text.encode()), file_type="obj", resolver={"names": listed.encode()}, process=False
+    )
+    parts = []
+    for mesh in loaded.geometry.values():
+        check_faces(path, mesh)
+        if len(getattr(mesh, "faces", ())):
+            name = str(getattr(getattr(mesh.visual, "material", None), "name", ""))
+            parts.append(Part(mesh, np.eye(4), number.get(name), False, None))
+    check_face_count(path, sum(len(part.mesh.faces) for part in parts))
+    if not parts:
+        raise FileError(f"{path}: has no triangles")
+    parts.sort(key=lambda part: -1 if part.material is None else part.material)  # trimesh's order is that of a set
+    textures = Textures([Texture(source=i) for i in range(len(pictures))], [], lambda i: open_file(pictures[i]), lost)
+    return parts, materials, textures
+
+
+def part_mesh(part: Part, crease_deg: float | None) -> Mesh:
+    """A part placed in its file, with its own normals if it has any and `crease_deg` is None."""
+    made = part.mesh
+    uv = getattr(made.visual, "uv", None)
+    if part.colors is not None or (part.has_normals and crease_deg is None):
+        vertices, faces = np.array(made.vertices, dtype=np.float64), np.array(made.faces, dtype=np.uint32)
+        normals = np.array(made.vertex_normals, dtype=np.float64)
+        attributes = {} if part.colors is None else {"color": part.colors}
+        mesh = Mesh(vertices, faces, normals, None if uv is None else np.array(uv), attributes=attributes)
+    else:
+        mesh = shapes.from_trimesh(made, 30.0 if crease_deg is None else crease_deg)
+    placed = shapes.transformed(mesh, part.pose)
+    return replace(placed, faces=placed.faces[:, ::-1]) if np.linalg.det(part.pose[:3, :3]) < 0 else placed

@@ -1,0 +1,69 @@
+"""Wavefront .mtl files as glTF materials. Source: the format's specification, and its keys Pr, Pm for roughness."""
+
+import math
+
+from twinlens.errors import InputError
+from twinlens.scenes.pbr import PbrMaterial
+from twinlens.schema import read
+
+_COLORS = {"kd": 3, "ke": 3, "ks": 3}
+_NUMBERS = ("ns", "ni", "d", "tr", "pr", "pm")
+_MAPS = {"map_kd": "base", "map_ke": "emissive", "norm": "normal"}
+_IGNORED = {"newmtl", "ka", "illum", "map_ka", "map_ns", "sharpness", "map_ks"}
+
+
+def read_mtl(data: bytes) -> tuple[list[PbrMaterial], list[str], list[str]]:
+    """The materials of a .mtl file, the names of their pictures, and the keys that are not rendered.
+
+    Without `Pr`, the roughness is that of Phong's exponent `Ns`: alpha^2 = 2 / (Ns + 2). Raises InputError.
+    """
+    tables: dict[str, dict[str, list[str]]] = {}
+    table: dict[str, list[str]] = {}
+    for line in data.decode("utf-8", "replace").splitlines():
+        key, *values = line.split("#")[0].split() or [""]
+        if key.lower() == "newmtl":
+            table = tables.setdefault(" ".join(values), {})
+        elif values:
+            table[key.lower()] = values
+    pictures: list[str] = []
+    lost = {key for each in tables.values() for key in each} - {*_COLORS, *_NUMBERS, *_MAPS, *_IGNORED}
+    materials = []
+    for name, each in tables.items():
+        infos = {}
+        for key, slot in _MAPS.items():
+            if key in each:
+                if len(each[key]) > 1 and each[key][0].startswith("-"):
+                    lost.add(f"options of {key}")
+                infos[slot] = {"index": len(pictures)}
+                pictures.append(each[key][-1] if each[key][0].startswith("-") else " ".join(each[key]))
+        materials.append(read(PbrMaterial, _as_gltf(name, each, infos), f"material {name}"))
+    return materials, pictures, sorted(lost)
+
+
+def _as_gltf(name: str, table: dict[str, list[str]], infos: dict[str, dict[str, int]]) -> dict[str, object]:
+    try:
+        colors = {key: [float(v) for v in table[key][:3]] for key in _COLORS if key in table}
+        numbers = {key: float(table[key][0]) for key in _NUMBERS if key in table}
+    except ValueError as error:
+        raise InputError(f"material {name!r}: {error}") from error
+    exponent = max(numbers.get("ns", 0.0), 0.0)
+    rough = numbers.get("pr", math.sqrt(math.sqrt(2 / (exponent + 2))))
+    opacity = numbers.get("d", 1 - numbers.get("tr", 0.0))
+    surface = {
+        "baseColorFactor": [*colors.get("kd", [1.0, 1.0, 1.0]), opacity],
+        "roughnessFactor": rough,
+        "metallicFactor": numbers.get("pm", 0.0),
+        **({"baseColorTexture": infos["base"]} if "base" in infos else {}),
+    }
+    matte = "ks" in colors and not any(colors["ks"]) and "pr" not in numbers
+    extensions = {"KHR_materials_ior": {"ior": max(numbers.get("ni", 1.5), 1.0)}} if "ni" in numbers else {}
+    return {
+        "name": name,
+        "pbrMetallicRoughness": surface,
+        "emissiveFactor": [min(value, 1.0) for value in colors.get("ke", [0.0] * 3)],
+        **({"emissiveTexture": infos["emissive"]} if "emissive" in infos else {}),
+        **({"normalTexture": infos["normal"]} if "normal" in infos else {}),
+        "alphaMode": "BLEND" if opacity < 1 else "OPAQUE",
+        "doubleSided": True,
+        "extensions": extensions | ({"KHR_materials_specular": {"specularFactor": 0.0}} if matte else {}),
+    }

@@ -1,0 +1,472 @@
+"""Materials of glTF 2.0 as Mitsuba plugins.
+
+glTF's surface is a mix of a diffuse lobe below a dielectric and of a metal, both with GGX facets of alpha = roughness^2
+and Schlick's reflectance. Mitsuba's `principled` has the same facets and, for metals, the same reflectance, but another
+diffuse lobe and Fresnel's equations for dielectrics. So a surface becomes a `blendbsdf` of a `diffuse` and of a
+metallic `principled` whose colour is the reflectance at normal incidence. Source: glTF 2.0, appendix B.
+"""
+
+# ruff: noqa: N815 (keys are spelt as in glTF)
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pydantic
+from numpy.typing import NDArray
+
+from twinlens.errors import InputError
+from twinlens.geometry import Float
+from twinlens.scenes.assets import check_picture_size, linear_from_srgb
+from twinlens.scenes.scene import Bitmap, Color, Plugin
+from twinlens.schema import Fraction, NonNegative, exactly
+
+Pixels = NDArray[np.float32]
+_MOST_DIFFUSE = 2.5
+"""Reflectance of the `diffuse` in the blend, whose weight is small for dark colours.
+
+`blendbsdf` samples by weight, and glTF's reflectance of 1 at grazing angles needs a large weight of the facets.
+"""
+
+_COAT_F0 = 0.04
+_ROUGHEST_COAT = 0.1  # alpha
+_SMOOTHEST = 0.03  # roughness below which transmission is without facets
+_NEAREST, _CLAMP, _MIRROR = 9728, 33071, 33648
+_FORMATS = {b"\x89PNG": "PNG", b"\xff\xd8\xff": "JPEG"}
+_IDENTITY = np.eye(3)
+
+
+class Lenient(pydantic.BaseModel):
+    """A table of a file that others write: unknown keys are allowed, NaN and infinity are not."""
+
+    model_config = pydantic.ConfigDict(extra="allow", frozen=True, strict=True, allow_inf_nan=False)
+
+
+_Factor = Annotated[list[Fraction], exactly(3, Fraction)]
+_Index = Annotated[int, pydantic.Field(ge=0)]
+_Pair = Annotated[list[float], exactly(2, float)]
+
+
+class Transform(Lenient):
+    """KHR_texture_transform."""
+
+    offset: _Pair = pydantic.Field(default=[0.0, 0.0])
+    rotation: float = 0.0
+    scale: _Pair = pydantic.Field(default=[1.0, 1.0])
+    texCoord: int | None = None
+
+    def matrix(self) -> Float:
+        """to_uv (3, 3) with v up. glTF's v points down: scale, counter-clockwise rotation as seen, offset."""
+        c, s = math.cos(self.rotation), math.sin(self.rotation)
+        turned = np.array([[c, s, self.offset[0]], [-s, c, self.offset[1]], [0, 0, 1]])
+        flip = np.array([[1.0, 0, 0], [0, -1, 1], [0, 0, 1]])
+        return np.asarray(flip @ turned @ np.diag([*self.scale, 1.0]) @ flip)
+
+
+class _InfoExtensions(Lenient):
+    KHR_texture_transform: Transform = Transform()
+
+
+class TextureInfo(Lenient):
+    """A reference to a texture; `scale` is that of a normal map."""
+
+    index: _Index
+    texCoord: _Index = 0
+    scale: float = 1.0
+    extensions: _InfoExtensions = _InfoExtensions()
+
+    @property
+    def coordinate_set(self) -> int:
+        other = self.extensions.KHR_texture_transform.texCoord
+        return self.texCoord if other is None else other
+
+
+class _Roughness(Lenient):
+    baseColorFactor: Annotated[list[Fraction], exactly(4, Fraction)] = pydantic.Field(default=[1.0] * 4)
+    baseColorTexture: TextureInfo | None = None
+    metallicFactor: Fraction = 1.0
+    roughnessFactor: Fraction = 1.0
+    metallicRoughnessTexture: TextureInfo | None = None
+
+
+class _Transmission(Lenient):
+    transmissionFactor: Fraction = 0.0
+    transmissionTexture: TextureInfo | None = None
+
+
+class _Ior(Lenient):
+    ior: NonNegative = 1.5
+
+
+class _Specular(Lenient):
+    specularFactor: Fraction = 1.0
+    specularTexture: TextureInfo | None = None
+    specularColorFactor: Annotated[list[NonNegative], exactly(3, NonNegative)] = pydantic.Field(default=[1.0] * 3)
+    specularColorTexture: TextureInfo | None = None
+
+
+class _Clearcoat(Lenient):
+    clearcoatFactor: Fraction = 0.0
+    clearcoatTexture: TextureInfo | None = None
+    clearcoatRoughnessFactor: Fraction = 0.0
+    clearcoatRoughnessTexture: TextureInfo | None = None
+    clearcoatNormalTexture: TextureInfo | None = None
+
+
+class _Strength(Lenient):
+    emissiveStrength: NonNegative = 1.0
+
+
+class _Volume(Lenient):
+    thicknessFactor: NonNegative = 0.0
+    attenuationDistance: NonNegative | None = None
+
+
+class _Extensions(Lenient):
+    KHR_materials_transmission: _Transmission = _Transmission()
+    KHR_materials_ior: _Ior = _Ior()
+    KHR_materials_specular: _Specular = _Specular()
+    KHR_materials_clearcoat: _Clearcoat = _Clearcoat()
+    KHR_materials_emissive_strength: _Strength = _Strength()
+    KHR_materials_volume: _Volume = _Volume()
+
+
+EXTENSIONS = {*_Extensions.model_fields, *_InfoExtensions.model_fields}
+"""The extensions that are read."""
+
+
+class Image(Lenient):
+    """Where a picture is: a file or data URI, or a part of a buffer."""
+
+    uri: str | None = None
+    bufferView: _Index | None = None
+
+
+class Sampler(Lenient):
+    """How a texture is repeated and filtered."""
+
+    wrapS: int = 10497
+    wrapT: int = 10497
+    magFilter: int | None = None
+
+
+class Texture(Lenient):
+    """A picture and its sampler."""
+
+    source: _Index | None = None
+    sampler: _Index | None = None
+
+
+class PbrMaterial(Lenient):
+    """A material of glTF 2.0."""
+
+    name: str = ""
+    pbrMetallicRoughness: _Roughness = _Roughness()
+    normalTexture: TextureInfo | None = None
+    emissiveTexture: TextureInfo | None = None
+    emissiveFactor: _Factor = pydantic.Field(default=[0.0] * 3)
+    alphaMode: Literal["OPAQUE", "MASK", "BLEND"] = "OPAQUE"
+    alphaCutoff: NonNegative = 0.5
+    doubleSided: bool = False
+    extensions: _Extensions = _Extensions()
+
+    @property
+    def coordinate_set(self) -> int:
+        """The set of texture coordinates of the first of its textures."""
+        rough = self.pbrMetallicRoughness
+        infos = (rough.baseColorTexture, rough.metallicRoughnessTexture, self.normalTexture, self.emissiveTexture)
+        return next((info.coordinate_set for info in infos if info is not None), 0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """How a texture lies on the surface."""
+
+    to_uv: Float = field(default_factory=lambda: _IDENTITY)
+    wrap: str = "repeat"
+    filter: str = "bilinear"
+
+    def agrees(self, other: "_Frame") -> bool:
+        same = (self.wrap, self.filter) == (other.wrap, other.filter)
+        return same and np.array_equal(self.to_uv, other.to_uv)
+
+    def bitmap(self, pixels: NDArray[Any]) -> Bitmap:
+        matrix = np.eye(4)
+        matrix[np.ix_([0, 1, 3], [0, 1, 3])] = self.to_uv
+        return Bitmap(np.ascontiguousarray(pixels, dtype=np.float32), self.filter, self.wrap, matrix)
+
+
+@dataclass(eq=False)
+class Textures:
+    """The textures of a file. `picture` gives the encoded bytes of an image; `lost` collects what is not rendered."""
+
+    textures: list[Texture]
+    samplers: list[Sampler]
+    picture: Callable[[int], bytes]
+    lost: list[str] = field(default_factory=list)
+    _decoded: dict[int, Pixels] = field(default_factory=dict)
+
+    def read(self, info: TextureInfo, coordinate_set: int, srgb: bool = False) -> tuple[Pixels, _Frame] | None:
+        """The texels (H, W, 4) in [0, 1], linear where stored as `srgb`, and how they lie; None if not rendered."""
+        texture = self.textures[info.index]
+        if texture.source is None:
+            self.lost.append(f"textures[{info.index}] without a .png or .jpg picture")
+            return None
+        if info.coordinate_set != coordinate_set:
+            self.lost.append("a second set of texture coordinates")
+        if texture.source not in self._decoded:
+            self._decoded[texture.source] = _decoded(self.picture(texture.source), texture.source)
+            check_picture_size(
+                f"images[{texture.source}]", 1, sum(each[..., 0].size for each in self._decoded.values())
+            )
+        pixels = self._decoded[texture.source]
+        if srgb:
+            pixels = np.concatenate([linear_from_srgb(pixels[..., :3]), pixels[..., 3:]], axis=-1)
+        sampler = Sampler() if texture.sampler is None else self.samplers[texture.sampler]
+        if sampler.wrapS != sampler.wrapT:
+            self.lost.append("different wrapping along u and v")
+        wrap = {_CLAMP: "clamp", _MIRROR: "mirror"}.get(sampler.wrapS, "repeat")
+        matrix = info.extensions.KHR_texture_transform.matrix()
+        return pixels, _Frame(matrix, wrap, "nearest" if sampler.magFilter == _NEAREST else "bilinear")
+
+
+def _decoded(data: bytes, index: int) -> Pixels:
+    """A .png or .jpg picture as stored values (H, W, 4) in [0, 1], whatever its suffix and media type."""
+    from PIL import Image as Pillow
+
+    kind = next((name for magic, name in _FORMATS.items() if data.startswith(magic)), None)
+    if kind is None:
+        raise InputError(f"images[{index}] must be a .png or .jpg picture")
+    with Pillow.open(BytesIO(data), formats=[kind]) as image:
+        check_picture_size(f"images[{index}]", image.width, image.height)
+        if image.mode.startswith("I"):
+            grey = np.asarray(image, dtype=np.float32) / np.float32(65535)
+            return np.stack([grey, grey, grey, np.ones_like(grey)], axis=-1)
+        return np.asarray(image.convert("RGBA"), dtype=np.float32) / np.float32(255)
+
+
+class _Maps:
+    """Values of a material over its texels, factors included, in the frame of the first texture.
+
+    With vertex colours the values are computed at vertices, as (1, V, C), and go into `attributes` (V, C).
+    """
+
+    def __init__(self, material: PbrMaterial, textures: Textures, colors: Float | None) -> None:
+        self.material, self.textures, self.colors = material, textures, colors
+        self.frame: _Frame | None = None
+        self.attributes: dict[str, Float] = {}
+
+    def base(self) -> Pixels:
+        """The base colour and alpha (H, W, 4)."""
+        rough = self.material.pbrMetallicRoughness
+        if self.colors is None:
+            return self.shared(rough.baseColorTexture, rough.baseColorFactor, slice(0, 4), srgb=True)
+        if rough.baseColorTexture is not None:
+            self.textures.lost.append("a texture multiplied with vertex colours")
+        color = np.column_stack([self.colors, np.ones(len(self.colors))]) * rough.baseColorFactor
+        return np.asarray(color[None], dtype=np.float32)
+
+    def shared(self, info: TextureInfo | None, factor: Any, channels: slice, srgb: bool = False) -> Pixels:
+        """`factor` times the texture's `channels`, (H, W, C), or (1, 1, C) without a texture.
+
+        Values that are computed together need one frame. A texture with another one is replaced by its mean.
+        """
+        scale: Pixels = np.asarray(factor, dtype=np.float32).reshape(1, 1, -1)
+        found = None if info is None else self.textures.read(info, self.material.coordinate_set, srgb)
+        if found is None:
+            return scale
+        pixels, frame = found[0][..., channels], found[1]
+        if self.colors is not None or not (self.frame is None or frame.agrees(self.frame)):
+            self.textures.lost.append("textures of one material placed in different ways")
+            pixels = pixels.mean(axis=(0, 1), keepdims=True)
+        else:
+            self.frame = frame
+        return np.asarray(scale * pixels, dtype=np.float32)
+
+    def own(self, info: TextureInfo | None, factor: float, channel: int) -> float | Bitmap:
+        """`factor`, or `factor` times a channel of a texture, in the texture's own frame."""
+        found = None if info is None else self.textures.read(info, self.material.coordinate_set)
+        return factor if found is None else found[1].bitmap(np.float32(factor) * found[0][..., channel])
+
+    def value(self, name: str, pixels: Pixels) -> Any:
+        """A Mitsuba value of (H, W, C): a number or a colour if it is uniform, else a mesh attribute or a Bitmap."""
+        if self.colors is None and (pixels == pixels[:1, :1]).all():
+            pixels = pixels[:1, :1]
+        if pixels.shape[:2] != (1, 1) and self.colors is not None:
+            self.attributes[f"vertex_{name}"] = pixels[0].astype(np.float64)
+            return {"type": "mesh_attribute", "name": f"vertex_{name}"}
+        if pixels.shape[:2] != (1, 1):
+            return (self.frame or _Frame()).bitmap(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
+        if pixels.shape[2] == 1:
+            return float(pixels[0, 0, 0])
+        if pixels.max() > 1:  # Mitsuba refuses such a colour, but not such a picture
+            return Bitmap(np.ascontiguousarray(pixels))
+        return Color(tuple(pixels[0, 0].astype(float).tolist()))
+
+
+def _fitted(*maps: Pixels) -> list[Pixels]:
+    """Maps at the largest height and width among them, by the nearest texel; uniform ones stay (1, 1, C)."""
+    height, width = (max(each.shape[axis] for each in maps) for axis in (0, 1))
+    fitted = []
+    for each in maps:
+        rows, columns = ((np.arange(n) + 0.5) * size // n for n, size in zip((height, width), each.shape, strict=False))
+        whole = each.shape[:2] in ((1, 1), (height, width))
+        fitted.append(each if whole else each[rows.astype(int)[:, None], columns.astype(int)])
+    return fitted
+
+
+@dataclass(frozen=True, eq=False)
+class Lobes:
+    """A surface as the blend (1 - weight) diffuse + weight * facets; arrays (H, W, C).
+
+    `facets` are the reflectances at normal incidence, `schlick` the share of the facets that follows Schlick.
+    """
+
+    diffuse: Pixels
+    weight: Pixels
+    facets: Pixels
+    schlick: Pixels
+
+
+def lobes(color: Pixels, metallic: Pixels, dielectric: Pixels, grazing: Pixels, coat: Pixels) -> Lobes:
+    """The lobes of base colour, metalness, a dielectric's reflectance at normal and grazing incidence, and clear coat.
+
+    Source: glTF 2.0, B.3.5; KHR_materials_specular, KHR_materials_clearcoat. Of the diffuse light, 1 - F0 leaves the
+    dielectric: the mean of glTF's 1 - F over directions differs from it by less than 0.02.
+    """
+    color, metallic, dielectric, grazing, coat = _fitted(color, metallic, dielectric, grazing, coat)
+    below = 1 - _COAT_F0 * coat
+    at_normal = below * ((1 - metallic) * dielectric + metallic * color)
+    at_grazing = (1 - metallic) * grazing + metallic
+    diffuse = below * (1 - metallic) * (1 - dielectric.max(axis=-1, keepdims=True)) * color
+    share = diffuse.max(axis=-1, keepdims=True) / _MOST_DIFFUSE
+    weight = np.minimum(1 - share, np.where(at_grazing + coat > 0, 1, 0)).astype(np.float32)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        schlick = np.where(weight > 0, np.minimum(at_grazing / weight, 1), 1)
+        facets = np.where(weight * schlick > 0, np.clip(at_normal / (weight * schlick), 0, 1), 0)
+        rest = diffuse - weight * (1 - schlick) * facets  # `principled` adds a diffuse lobe where schlick < 1
+        diffuse = np.where(weight < 1, np.maximum(rest, 0) / (1 - weight), 0)
+    return Lobes(*(np.asarray(each, dtype=np.float32) for each in (diffuse, weight, facets, schlick)))
+
+
+def plugin_of(
+    material: PbrMaterial, textures: Textures, colors: Float | None = None
+) -> tuple[Plugin, dict[str, Float]]:
+    """The Mitsuba plugin of a material, and the attributes (V, C) of vertices that have `colors` (V, 3).
+
+    The plugin's key `emitter` is the light of surfaces that have the material. What cannot be mapped is added to
+    `textures.lost`.
+    """
+    maps, more = _Maps(material, textures, colors), material.extensions
+    textures.lost += sorted(more.model_extra or {})
+    base = maps.base()
+    plugin, metallic = _opaque(material, maps, base[..., :3])
+    if material.doubleSided:
+        plugin = {"type": "twosided", "bsdf": plugin}
+    plugin = _transmissive(material, maps, base[..., :3], metallic, plugin)
+    if material.normalTexture is not None:
+        plugin = _normal_mapped(material.normalTexture, maps, plugin)
+    if material.alphaMode != "OPAQUE":
+        alpha = base[..., 3:]
+        opacity = (alpha >= material.alphaCutoff).astype(np.float32) if material.alphaMode == "MASK" else alpha
+        plugin = {"type": "mask", "opacity": maps.value("opacity", opacity), "bsdf": plugin}
+    return {**plugin, **_emission(material, maps)}, maps.attributes
+
+
+def _opaque(material: PbrMaterial, maps: _Maps, color: Pixels) -> tuple[Plugin, Pixels]:
+    """The plugin of the reflecting surface, and the metalness (H, W, 1)."""
+    rough, coat = material.pbrMetallicRoughness, material.extensions.KHR_materials_clearcoat
+    metallic = maps.shared(rough.metallicRoughnessTexture, rough.metallicFactor, slice(2, 3))
+    coated = maps.shared(coat.clearcoatTexture, coat.clearcoatFactor, slice(0, 1))
+    found = lobes(color, metallic, *_dielectric(material, maps), coated)
+    diffuse: Plugin = {"type": "diffuse", "reflectance": maps.value("diffuse", found.diffuse)}
+    if not found.weight.any():
+        return diffuse, metallic
+    facets = {
+        "type": "principled",
+        "base_color": maps.value("facets", found.facets),
+        "metallic": maps.value("schlick", found.schlick),
+        "roughness": maps.own(rough.metallicRoughnessTexture, rough.roughnessFactor, 1),
+        "eta": 1.01,  # almost no Fresnel reflectance where schlick < 1; 1 would switch the facets off
+    }
+    if coated.any():
+        facets |= _coat(coat, maps, coated, found.weight)
+    if (found.weight == 1).all():
+        return facets, metallic
+    weight = maps.value("weight", found.weight)
+    return {"type": "blendbsdf", "weight": weight, "bsdf_0": diffuse, "bsdf_1": facets}, metallic
+
+
+def _coat(coat: _Clearcoat, maps: _Maps, coated: Pixels, weight: Pixels) -> dict[str, Any]:
+    """Keys of `principled`, whose clear coat has a quarter of glTF's strength and alpha from 0.1 to 0.001."""
+    if coat.clearcoatRoughnessTexture is not None or coat.clearcoatNormalTexture is not None:
+        maps.textures.lost.append("textures of the clear coat's roughness and normals")
+    alpha = coat.clearcoatRoughnessFactor**2
+    if alpha > _ROUGHEST_COAT:
+        maps.textures.lost.append(f"a clear coat rougher than {math.sqrt(_ROUGHEST_COAT):.2f}")
+    coated, weight = _fitted(coated, weight)
+    gloss = float(np.clip((_ROUGHEST_COAT - alpha) / (_ROUGHEST_COAT - 0.001), 0, 1))
+    return {"clearcoat": maps.value("coat", 4 * coated / weight), "clearcoat_gloss": gloss}
+
+
+def _dielectric(material: PbrMaterial, maps: _Maps) -> tuple[Pixels, Pixels]:
+    """Reflectance of the dielectric at normal (H, W, 3) and at grazing incidence (H, W, 1)."""
+    specular, ior = material.extensions.KHR_materials_specular, material.extensions.KHR_materials_ior.ior
+    factor = maps.shared(specular.specularTexture, specular.specularFactor, slice(3, 4))
+    tint = maps.shared(specular.specularColorTexture, specular.specularColorFactor, slice(0, 3), srgb=True)
+    f0 = 1.0 if ior == 0 else ((ior - 1) / (ior + 1)) ** 2  # 0 stands for an infinite index
+    tint, factor = _fitted(tint, factor)
+    return np.minimum(np.float32(f0) * tint, 1) * factor, factor
+
+
+def _transmissive(material: PbrMaterial, maps: _Maps, color: Pixels, metallic: Pixels, opaque: Plugin) -> Plugin:
+    """`opaque` blended with glass: a thin pane, or a solid with KHR_materials_volume."""
+    glass, volume = material.extensions.KHR_materials_transmission, material.extensions.KHR_materials_volume
+    amount = maps.shared(glass.transmissionTexture, glass.transmissionFactor, slice(0, 1))
+    if not amount.any():
+        return opaque
+    roughness, solid = material.pbrMetallicRoughness.roughnessFactor, volume.thicknessFactor > 0
+    ior = max(material.extensions.KHR_materials_ior.ior, 1.0)
+    keys = {"int_ior": max(ior, 1.0001), "specular_transmittance": maps.value("transmittance", color)}
+    if volume.attenuationDistance is not None:
+        maps.textures.lost.append("the absorption of KHR_materials_volume")
+    if not solid and roughness > _SMOOTHEST:
+        maps.textures.lost.append("the roughness of thin glass")
+    if not solid:
+        pane: Plugin = {"type": "thindielectric", **keys}
+    elif roughness > _SMOOTHEST:
+        pane = {"type": "roughdielectric", "distribution": "ggx", "alpha": roughness**2, **keys}
+    else:
+        pane = {"type": "dielectric", **keys}
+    amount, metallic = _fitted(amount, metallic)
+    weight = amount * (1 - metallic)
+    if (weight == 1).all():
+        return pane
+    return {"type": "blendbsdf", "weight": maps.value("transmission", weight), "bsdf_0": opaque, "bsdf_1": pane}
+
+
+def _normal_mapped(info: TextureInfo, maps: _Maps, plugin: Plugin) -> Plugin:
+    """`plugin` under a normal map. Its green axis points to the top of the picture, as Mitsuba's does."""
+    found = maps.textures.read(info, maps.material.coordinate_set)
+    if found is None:
+        return plugin
+    normal = (2 * found[0][..., :3] - 1) * np.array([info.scale, info.scale, 1], dtype=np.float32)
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
+    return {"type": "normalmap", "normalmap": found[1].bitmap((normal + 1) / 2), "bsdf": plugin}
+
+
+def _emission(material: PbrMaterial, maps: _Maps) -> Plugin:
+    """The `emitter` of a material that shines, under that key."""
+    factor = np.float32(material.extensions.KHR_materials_emissive_strength.emissiveStrength)
+    rgb = factor * np.asarray(material.emissiveFactor, dtype=np.float32).reshape(1, 1, 3)
+    if not rgb.any():
+        return {}
+    info = material.emissiveTexture
+    found = None if info is None else maps.textures.read(info, material.coordinate_set, srgb=True)
+    radiance = (
+        Color(tuple(rgb[0, 0].astype(float).tolist())) if found is None else found[1].bitmap(rgb * found[0][..., :3])
+    )
+    return {"emitter": {"type": "area", "radiance": radiance}}

@@ -1,0 +1,138 @@
+"""Materials of glTF files in rendered images, against closed forms and a naive integrator of glTF's reflectance."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import twinlens as tl
+from tests.rendering.gltf_brdf import reflected
+from tests.scenes.gltf_files import square, write
+from twinlens.scenes.assets import SceneContext
+from twinlens.scenes.model_files import read_model
+from twinlens.scenes.placement import rotation
+from twinlens.scenes.scene import Bitmap, SceneObject
+
+SPACING = 200.0  # metres: no object lights another
+BALLS = [(color, metallic, roughness) for color in ((0.1, 0.1, 0.1), (0.8, 0.3, 0.05), (1.0, 1.0, 1.0))
+         for metallic, roughness in ((0.0, 0.1), (0.0, 0.5), (0.0, 1.0), (1.0, 0.2), (1.0, 1.0))]  # fmt: skip
+PLANES = [((0.5, 0.5, 0.5), 0.0, 0.4), ((0.2, 0.4, 0.9), 1.0, 0.5), ((0.9, 0.6, 0.1), 0.5, 0.3), ((0, 0, 0), 0.0, 0.2),
+          ((0.6, 0.6, 0.6), 0.2, 0.8)]  # fmt: skip
+
+
+def constant(directions):
+    return np.ones((*directions.shape[:-1], 3))
+
+
+def gradient(directions):
+    """Brighter and bluer towards +z of the world."""
+    z = directions[..., 2:]
+    return np.concatenate([0.6 + 0.3 * z, 0.7 + 0.5 * z, 0.8 + 0.75 * z], axis=-1)
+
+
+def panorama(sky, rows=128):
+    """`sky`, which depends on z alone, as an environment map, the top row at +z."""
+    z = np.cos(np.pi * (np.arange(rows) + 0.5) / rows)
+    column = sky(np.stack([np.sqrt(1 - z**2), 0 * z, z], axis=-1))
+    return np.repeat(column[:, None], 2 * rows, axis=1).astype(np.float32)
+
+
+def pbr(color, metallic, roughness):
+    rgba = np.append(np.asarray(color, float), 1.0)
+    table = {"baseColorFactor": rgba.tolist(), "metallicFactor": metallic, "roughnessFactor": roughness}
+    return lambda header: header["materials"][0].update(pbrMetallicRoughness=table)
+
+
+def ball():
+    made = trimesh.creation.icosphere(subdivisions=5)
+    made.visual = square().visual.copy()
+    made.visual.uv = np.zeros((len(made.vertices), 2))
+    return made
+
+
+@pytest.fixture(scope="module")
+def gallery(tmp_path_factory):
+    """Objects and materials of all balls, then all planes, each from its own file, along x. Planes face -y."""
+    folder = tmp_path_factory.mktemp("gallery")
+    things, materials = [], {}
+    for i, look in enumerate([*BALLS, *PLANES]):
+        path = write(folder / f"{i}.glb", ball() if i < len(BALLS) else square(), pbr(*look))
+        model = read_model(path, SceneContext(folder))
+        pose = np.array([[1, 0, 0, i * SPACING], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
+        things.append(SceneObject(f"{i}", model.mesh, tuple(model.materials), pose))
+        materials |= model.materials
+    return things, materials
+
+
+def seen_at(gallery, light, angles_deg, spp):
+    """The mean radiance (20, len(angles), 3) of a spot of each object, seen at these angles from its normal, -y."""
+    things, materials = gallery
+    scene = tl.Scene("gallery", tuple(things), materials, np.eye(4), (1.0, 99.0), {"sky": light})
+    poses = []
+    for i in range(len(things)):
+        spot = np.array([i * SPACING, -1.0, 0.0] if i < len(BALLS) else [i * SPACING, 0, 0.5])
+        poses += [tl.geometry.look_at(spot + 40 * view(angle), spot) for angle in angles_deg]
+    rig = tl.Rig((tl.Camera(4, 4, 8000.0, 8000.0, 1.5, 1.5),) * len(poses), poses)
+    found = np.array([image.mean(axis=(0, 1)) for image in tl.render(scene, rig, tl.Pinhole(), spp=spp, seed=1)])
+    return found.reshape(len(things), len(angles_deg), 3)
+
+
+def view(angle_deg):
+    """The direction to a camera in the plane x = 0, from below the level of its spot."""
+    angle = np.radians(angle_deg)
+    return np.array([0, -np.cos(angle), -np.sin(angle)])
+
+
+def expected(look, sky, angle_deg):
+    """glTF's radiance on a surface whose normal is -y."""
+    world_from_local = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    color, metallic, roughness = look
+    local = view(angle_deg) @ world_from_local
+    return reflected(
+        local, lambda light: sky(light @ world_from_local.T), color=color, metallic=metallic, roughness=roughness
+    )
+
+
+SKIES = {
+    "constant": (constant, {"type": "constant", "radiance": 1.0}),
+    "hdri": (
+        gradient,
+        {"type": "envmap", "bitmap": Bitmap(panorama(gradient)), "to_world": rotation([1.0, 0, 0], 90.0)},
+    ),
+}
+
+
+ANGLES = (0.0, 45.0)
+
+
+@pytest.fixture(scope="module")
+def under_constant_sky(gallery):
+    return seen_at(gallery, SKIES["constant"][1], ANGLES, spp=256)
+
+
+def assert_that_of_gltf(found, sky):
+    assert len(found) == 20
+    for i, look in enumerate([*BALLS, *PLANES]):
+        for k, angle in enumerate(ANGLES):
+            np.testing.assert_allclose(found[i, k], expected(look, sky, angle), rtol=0.03, err_msg=f"{look} at {angle}")
+
+
+def test_radiance_under_a_constant_sky_is_that_of_gltf_within_3_percent(under_constant_sky):
+    assert_that_of_gltf(under_constant_sky, constant)
+
+
+@pytest.mark.slow
+def test_radiance_under_an_hdri_is_that_of_gltf_within_3_percent(gallery):
+    assert_that_of_gltf(seen_at(gallery, SKIES["hdri"][1], ANGLES, spp=256), gradient)
+
+
+def test_a_white_surface_returns_all_light(under_constant_sky):
+    """Of the smooth ones: rough facets lose light that a second reflection would return, in glTF too."""
+    for look in (((1.0, 1.0, 1.0), 0.0, 0.1), ((1.0, 1.0, 1.0), 1.0, 0.2)):
+        np.testing.assert_allclose(under_constant_sky[BALLS.index(look), 0], 1, rtol=0.01)
+
+
+def test_a_metal_reflects_its_color_at_normal_incidence(under_constant_sky):
+    metals = [i for i, (_, metallic, roughness) in enumerate(BALLS) if metallic == 1 and roughness < 0.5]
+    assert len(metals) == 3
+    for i in metals:
+        np.testing.assert_allclose(under_constant_sky[i, 0], BALLS[i][0], rtol=0.02)

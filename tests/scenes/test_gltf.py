@@ -1,0 +1,352 @@
+"""glTF and OBJ files in scene.toml: materials, node trees, axes and sizes; only files below the scene's folder."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from tests.scenes.gltf_files import glb, picture, png, square, unpacked, with_extensions, write
+from tests.scenes.scene_text import Read
+from twinlens.errors import FileError, InputError
+from twinlens.scenes import Mesh, Scene
+from twinlens.scenes.assets import SceneContext
+from twinlens.scenes.model_files import MaterialWarning, Model, read_model
+from twinlens.scenes.pbr import Transform
+from twinlens.scenes.scene import Color
+
+OWN = "[objects.own]\nfile = 'm.glb'\n"
+
+
+def own(scene: Scene) -> tuple[Mesh, tuple[str, ...]]:
+    thing = scene.objects[-1]
+    assert isinstance(thing.shape, Mesh)
+    return thing.shape, thing.materials
+
+
+def read(path: Path) -> Model:
+    return read_model(path, SceneContext(path.parent))
+
+
+def only_material(path: Path) -> Any:
+    (plugin,) = read(path).materials.values()
+    return plugin
+
+
+def found(plugin: Any, key: str) -> Any:
+    """The value of a key anywhere in a plugin; the plugin of a type under the key `type:NAME`."""
+    if isinstance(plugin, dict):
+        if key in plugin:
+            return plugin[key]
+        if key == f"type:{plugin.get('type')}":
+            return plugin
+        hits = [hit for value in plugin.values() if (hit := found(value, key)) is not None]
+        return hits[0] if hits else None
+    return None
+
+
+def test_a_file_has_its_own_material_size_and_up_axis(tmp_path: Path, read_scene: Read) -> None:
+    """12 mm stay 12 mm, and glTF's y axis becomes the world's z."""
+    part = trimesh.creation.box([0.012, 0.03, 0.02])
+    part.visual = trimesh.visual.TextureVisuals(
+        uv=np.zeros((8, 2)), material=trimesh.visual.material.PBRMaterial(name="steel", metallicFactor=1.0)
+    )
+    write(tmp_path / "m.glb", part)
+    mesh, names = own(read_scene(OWN))
+    assert names == ("m.glb:steel",)
+    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), [0.012, 0.02, 0.03], atol=1e-9)
+    mesh, names = own(read_scene(OWN + "material = 'grey'\nup_axis = 'z'\n"))
+    assert names == ("grey",)
+    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), [0.012, 0.03, 0.02], atol=1e-9)
+
+
+def test_a_material_of_the_scene_replaces_those_of_the_file(tmp_path: Path, read_scene: Read) -> None:
+    """Nothing of the file's materials is read then, not even a damaged picture."""
+    write(tmp_path / "m.glb", square(baseColorTexture=picture(np.ones((2, 2, 3)))), damage_picture)
+    scene = read_scene(OWN + "material = 'grey'\n")
+    assert own(scene)[1] == ("grey",)
+    assert set(scene.materials) == {"grey"}
+    with pytest.raises(InputError, match=r"objects.own: .*m\.glb: images\[0\] must be a \.png or \.jpg picture"):
+        read_scene(OWN)
+
+
+def damage_picture(header: dict[str, Any]) -> None:
+    header["images"][0] = {"bufferView": 0}
+
+
+def test_other_mesh_files_need_a_material(tmp_path: Path, read_scene: Read) -> None:
+    trimesh.creation.box().export(tmp_path / "m.ply")
+    with pytest.raises(InputError, match=r"objects.m: missing key 'material'; only \.glb, \.gltf, \.obj files have"):
+        read_scene("[objects.m]\nfile = 'm.ply'\n")
+
+
+def test_a_node_tree_with_several_materials_is_one_object(tmp_path: Path, read_scene: Read) -> None:
+    scene = trimesh.Scene()
+    scene.add_geometry(square(name="red"), node_name="a")
+    shift = trimesh.transformations.translation_matrix([0, 0, 2.0])
+    turn = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0])
+    scene.add_geometry(square(name="blue"), node_name="b", parent_node_name="a", transform=shift @ turn)
+    mirror = np.diag([-1.0, 1, 1, 1])
+    scene.add_geometry(square(name="red"), node_name="c", parent_node_name="b", transform=mirror)
+    write(tmp_path / "m.glb", scene)
+    mesh, names = own(read_scene(f"{OWN}up_axis = 'z'\n"))
+    assert {name.removesuffix("-2") for name in names} == {"m.glb:blue", "m.glb:red"}
+    assert mesh.surface is not None
+    blue = mesh.vertices[mesh.faces[mesh.surface == names.index("m.glb:blue")].ravel()]
+    np.testing.assert_allclose([blue.min(axis=0), blue.max(axis=0)], [[0, 0, 1.5], [0, 1, 2.5]], atol=1e-6)
+    assert len(mesh.faces) == 6
+    cross = np.cross(*(mesh.vertices[mesh.faces[:, i]] - mesh.vertices[mesh.faces[:, 0]] for i in (1, 2)))
+    np.testing.assert_allclose(np.abs(cross).sum(axis=1), 1, atol=1e-6)
+    facing = cross[:, 0] + cross[:, 2]
+    assert mesh.normals is not None
+    np.testing.assert_allclose(facing, mesh.normals[mesh.faces[:, 0]] @ [1, 0, 1], atol=1e-6)
+
+
+def test_color_factor_and_srgb_texture_are_multiplied(tmp_path: Path) -> None:
+    """The light that a facet-free surface scatters is exactly the base colour: specularFactor = 0 is Lambert's law."""
+    texels = np.zeros((2, 2, 3))
+    texels[0, 1] = [0.5, 1.0, 0.0]
+    path = write(
+        tmp_path / "m.glb",
+        square(baseColorTexture=picture(texels), baseColorFactor=[1.0, 0.5, 0.2, 1.0], metallicFactor=0.0),
+        with_extensions(specular={"specularFactor": 0.0}),
+    )
+    plugin = only_material(path)
+    assert plugin["type"] == "diffuse"
+    linear = ((128 / 255 + 0.055) / 1.055) ** 2.4
+    np.testing.assert_allclose(plugin["reflectance"].pixels[0, 1], [linear, 128 / 255, 0], atol=3e-3)
+    assert not plugin["reflectance"].pixels[1].any()
+
+
+def test_metalness_and_roughness_are_the_blue_and_the_green_channel(tmp_path: Path) -> None:
+    texels = np.zeros((1, 2, 3))
+    texels[0, 0], texels[0, 1] = [1.0, 0.2, 0.0], [0.0, 0.8, 1.0]
+    path = write(
+        tmp_path / "m.glb", square(metallicRoughnessTexture=picture(texels), roughnessFactor=0.5, metallicFactor=1.0)
+    )
+    plugin = only_material(path)
+    np.testing.assert_allclose(found(plugin, "roughness").pixels, [[0.1, 0.4]], atol=2e-3)
+    np.testing.assert_allclose(plugin["weight"].pixels[0, 1], 1.0)  # all facets
+    np.testing.assert_allclose(found(plugin, "base_color").pixels[0, 1], 1.0)
+
+
+def test_alpha_becomes_opacity(tmp_path: Path) -> None:
+    texels = np.ones((1, 3, 4))
+    texels[0, :, 3] = [0.2, 0.6, 1.0]
+    path = write(tmp_path / "m.glb", square(baseColorTexture=picture(texels), alphaMode="MASK", alphaCutoff=0.5))
+    np.testing.assert_array_equal(only_material(path)["opacity"].pixels, [[0, 1, 1]])
+    path = write(tmp_path / "m.glb", square(baseColorTexture=picture(texels), alphaMode="BLEND"))
+    np.testing.assert_allclose(only_material(path)["opacity"].pixels, [[0.2, 0.6, 1.0]], atol=2e-3)
+
+
+def test_emission_is_factor_times_strength_times_texture(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "m.glb",
+        square(emissiveFactor=[1.0, 0.5, 0.0]),
+        with_extensions(emissive_strength={"emissiveStrength": 8.0}),
+    )
+    assert only_material(path)["emitter"] == {"type": "area", "radiance": Color((8.0, 4.0, 0.0))}
+
+
+def test_sides_and_glass(tmp_path: Path) -> None:
+    path = write(tmp_path / "m.glb", square(doubleSided=True, metallicFactor=1.0))
+    assert only_material(path)["type"] == "twosided"
+    glass = with_extensions(transmission={"transmissionFactor": 1.0}, ior={"ior": 1.33})
+    path = write(tmp_path / "m.glb", square(metallicFactor=0.0, roughnessFactor=0.0), glass)
+    assert only_material(path)["type"] == "thindielectric"
+    assert only_material(path)["int_ior"] == 1.33
+    solid = with_extensions(transmission={"transmissionFactor": 1.0}, volume={"thicknessFactor": 1.0})
+    path = write(tmp_path / "m.glb", square(metallicFactor=0.0, roughnessFactor=0.0), solid)
+    assert only_material(path)["type"] == "dielectric"
+    path = write(tmp_path / "m.glb", square(metallicFactor=0.0, roughnessFactor=0.5), solid)
+    assert only_material(path)["alpha"] == 0.25
+
+
+def test_a_texture_transform_rotates_counter_clockwise_as_seen() -> None:
+    """Coordinates (u, v up) -> (u, v down) of glTF by hand: the point right of the origin moves up by 90 degrees."""
+    matrix = Transform(offset=[0.25, 0.5], rotation=np.pi / 2, scale=[2.0, 1.0]).matrix()
+    u, v_down = 0.25, 0.0
+    scaled = np.array([2 * u, v_down])
+    turned = np.array([scaled[1], -scaled[0]])  # up is negative v
+    expected = [turned[0] + 0.25, turned[1] + 0.5]
+    np.testing.assert_allclose(matrix @ [u, 1 - v_down, 1], [expected[0], 1 - expected[1], 1], atol=1e-12)
+
+
+def test_a_normal_map_is_scaled_and_stays_unit_length(tmp_path: Path) -> None:
+    tilted = np.array([0.6, 0.0, 0.8])
+    path = write(
+        tmp_path / "m.glb",
+        square(normalTexture=picture(np.tile((tilted + 1) / 2, (2, 2, 1)))),
+        lambda header: header["materials"][0]["normalTexture"].update(scale=2.0),
+    )
+    normal = 2 * only_material(path)["normalmap"].pixels[0, 0] - 1
+    np.testing.assert_allclose(normal, np.array([1.2, 0, 0.8]) / np.hypot(1.2, 0.8), atol=0.01)
+
+
+def test_vertex_colors_are_mesh_attributes(tmp_path: Path) -> None:
+    header, binary = unpacked(trimesh.Scene(square(metallicFactor=0.0)).export(file_type="glb"))
+    colors = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], dtype="<f4")
+    header["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": colors.nbytes})
+    view = len(header["bufferViews"]) - 1
+    header["accessors"].append({"bufferView": view, "componentType": 5126, "count": 4, "type": "VEC3"})
+    header["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = len(header["accessors"]) - 1
+    header["buffers"][0]["byteLength"] = len(binary) + colors.nbytes
+    (tmp_path / "m.glb").write_bytes(glb(header, binary + colors.tobytes()))
+    model = read(tmp_path / "m.glb")
+    (plugin,) = model.materials.values()
+    assert found(plugin, "reflectance") == {"type": "mesh_attribute", "name": "vertex_diffuse"}
+    scattered = model.mesh.attributes["vertex_diffuse"] * (1 - model.mesh.attributes["vertex_weight"])
+    np.testing.assert_allclose(scattered, 0.96 * colors, atol=1e-5)
+
+
+def test_what_cannot_be_rendered_is_named_in_one_line(tmp_path: Path) -> None:
+    sheen = with_extensions(sheen={"sheenColorFactor": [1, 1, 1]}, anisotropy={})
+    path = write(tmp_path / "m.glb", square(), sheen)
+    with pytest.warns(MaterialWarning) as caught:
+        read(path)
+    assert [str(each.message) for each in caught] == [
+        f"{path}: not rendered: KHR_materials_anisotropy, KHR_materials_sheen"
+    ]
+
+
+def test_a_gltf_file_names_its_neighbours(tmp_path: Path, read_scene: Read) -> None:
+    header, binary = unpacked(
+        trimesh.Scene(square(baseColorTexture=picture(np.ones((2, 2, 3))))).export(file_type="glb")
+    )
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    (folder / "white space.png").write_bytes(png(np.full((2, 2, 3), 0.5)))
+    (folder / "m.bin").write_bytes(binary)
+    header["buffers"][0]["uri"] = "m.bin"
+    header["images"] = [{"uri": "white%20space.png"}]
+    (folder / "m.gltf").write_text(json.dumps(header))
+    scene = read_scene("[objects.own]\nfile = 'parts/m.gltf'\n")
+    assert {path.name for path in scene.files} == {"scene.toml", "m.gltf", "m.bin", "white space.png"}
+
+
+MTL = "newmtl red\nKd 0.8 0.1 0.1\nNs 10\nnewmtl tiles\nKd 1 1 1\nmap_Kd tiles.png\nKs 0 0 0\n"
+OBJ = """mtllib m.mtl
+v 0 0 0
+v 1 0 0
+v 0 1 0
+v 1 1 0
+vt 0 0
+vt 1 0
+vt 0 1
+usemtl red
+f 1/1 2/2 3/3
+usemtl tiles
+f 2/2 4/1 3/3
+"""
+
+
+def test_an_obj_has_the_materials_of_its_mtl_file(tmp_path: Path, read_scene: Read) -> None:
+    (tmp_path / "m.obj").write_text(OBJ)
+    (tmp_path / "m.mtl").write_text(MTL)
+    (tmp_path / "tiles.png").write_bytes(png(np.full((2, 2, 3), 0.5)))
+    scene = read_scene("[objects.own]\nfile = 'm.obj'\n")
+    mesh, names = own(scene)
+    assert names == ("m.obj:red", "m.obj:tiles")
+    assert mesh.surface is not None
+    assert mesh.surface.tolist() == [0, 1]
+    np.testing.assert_array_equal(np.ptp(mesh.vertices, axis=0), [1, 1, 0])  # OBJ has no up axis: z, as it was
+    linear = ((128 / 255 + 0.055) / 1.055) ** 2.4
+    assert found(scene.materials["m.obj:tiles"], "reflectance").rgb == pytest.approx([linear] * 3)
+    assert found(scene.materials["m.obj:red"], "roughness") == pytest.approx((2 / 12) ** 0.25)
+    assert {path.name for path in scene.files} == {"scene.toml", "m.obj", "m.mtl", "tiles.png"}
+
+
+@pytest.mark.parametrize(
+    "name", ["../secret.png", "/etc/hostname", "link.png", "http://a.b/c.png", "C:/x.png", "a\\b.png"]
+)
+@pytest.mark.parametrize("suffix", [".glb", ".obj"])
+def test_files_outside_the_folder_are_refused(tmp_path: Path, read_scene: Read, suffix: str, name: str) -> None:
+    (tmp_path.parent / "secret.png").write_bytes(png(np.ones((2, 2, 3))))
+    if not (tmp_path / "link.png").is_symlink():
+        (tmp_path / "link.png").symlink_to(tmp_path.parent / "secret.png")
+    if suffix == ".glb":
+        write(
+            tmp_path / "m.glb",
+            square(baseColorTexture=picture(np.ones((2, 2, 3)))),
+            lambda h: h["images"].__setitem__(0, {"uri": name}),
+        )
+    else:
+        (tmp_path / "m.obj").write_text(OBJ)
+        (tmp_path / "m.mtl").write_text(MTL.replace("tiles.png", name))
+    with pytest.raises(InputError, match=r"objects.own: .*(leads outside|must be a file name|no file)") as caught:
+        read_scene(f"[objects.own]\nfile = 'm{suffix}'\n")
+    assert "\n" not in str(caught.value)
+
+
+def add_node(header: dict[str, Any], **node: Any) -> None:
+    header["nodes"].append(node)
+    header["scenes"][0]["nodes"].append(len(header["nodes"]) - 1)
+
+
+def change_surface(header: dict[str, Any], **factors: float) -> None:
+    header["materials"][0]["pbrMetallicRoughness"] = factors
+
+
+def add_accessor(header: dict[str, Any]) -> None:
+    header["accessors"].append({"componentType": 5126, "count": 1 << 40, "type": "VEC4"})
+
+
+def shine(header: dict[str, Any]) -> None:
+    header["materials"][0].update(emissiveTexture={"index": 99}, emissiveFactor=[1, 1, 1])
+
+
+HOSTILE: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
+    "nodes": (lambda h: h.update(nodes=[{"mesh": 0}] * 100_000), "nodes: must be a list of at most 50000"),
+    "loop": (lambda h: add_node(h, children=[len(h["nodes"])]), "has two parents"),
+    "pose": (lambda h: add_node(h, mesh=0, rotation=[0, 0, 0, 0]), "has no finite pose"),
+    "nan": (lambda h: change_surface(h, roughnessFactor=float("nan")), "roughnessFactor: must be a finite number"),
+    "range": (lambda h: change_surface(h, metallicFactor=7.0), "metallicFactor: must be <= 1"),
+    "bomb": (add_accessor, "accessors of .* are more than"),
+    "view": (lambda h: h["bufferViews"][0].update(byteLength=1 << 40), "ends after its buffer"),
+    "extension": (lambda h: h.update(extensionsRequired=["KHR_draco"]), "requires KHR_draco, which"),
+    "texture": (shine, "list index out of range"),
+    "mesh": (lambda h: h["nodes"][-1].update(mesh=99), "list index out of range"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_headers_are_errors_of_one_line(tmp_path: Path, name: str) -> None:
+    change, message = HOSTILE[name]
+    write(tmp_path / "m.glb", square(), change)
+    with pytest.raises(InputError, match=message) as caught:
+        read(tmp_path / "m.glb")
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(str(tmp_path / "m.glb"))
+
+
+def test_a_picture_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(tmp_path / "m.glb", square(baseColorTexture=picture(np.ones((8, 5, 3)))))
+    monkeypatch.setattr("twinlens.scenes.assets._MOST_PIXELS", 39)
+    with pytest.raises(FileError, match=r"m\.glb: images\[0\]: a picture may have 1 to 39 pixels, got 5x8"):
+        read(tmp_path / "m.glb")
+
+
+@pytest.mark.parametrize("cases", [60, pytest.param(10_000, marks=pytest.mark.slow)])
+def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, cases: int) -> None:
+    """Truncated, and with bytes changed, in the header more often than in the data."""
+    texture = picture(np.random.default_rng(0).random((4, 4, 3)))
+    path = write(tmp_path / "m.glb", square(baseColorTexture=texture, normalTexture=texture, emissiveFactor=[1, 1, 1]))
+    whole, rng = path.read_bytes(), np.random.default_rng(1)
+    messages = []
+    for _ in range(cases):
+        data = bytearray(whole)
+        for _ in range(rng.integers(1, 5)):
+            data[rng.integers(len(data) if rng.random() < 0.3 else len(data) // 2)] = rng.integers(256)
+        path.write_bytes(data[: rng.integers(len(data))] if rng.random() < 0.2 else data)
+        try:
+            read(path)
+        except InputError as error:
+            messages.append(str(error))
+        except MaterialWarning:
+            pass
+    assert len(messages) > cases // 3
+    assert not any("\n" in message for message in messages)
+    assert list(tmp_path.iterdir()) == [path]
