@@ -94,3 +94,47 @@ def test_a_missing_or_empty_folder_is_an_error(tmp_path):
         Assets.from_folders(meshes=[tmp_path / "nowhere"])
     with pytest.raises(InputError, match=r"contains no \.glb"):
         Assets.from_folders(meshes=[tmp_path])
+
+
+def write_part(path, size):
+    """A box of `size` metres (3,), y up, of red metal; trimesh writes it."""
+    made = trimesh.creation.box(size)
+    paint = trimesh.visual.material.PBRMaterial(name="red", baseColorFactor=[255, 0, 0, 255], metallicFactor=1.0)
+    made.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(made.vertices), 2)), material=paint)
+    made.export(path)
+
+
+@pytest.mark.parametrize("family", ["tabletop", "flying"])
+def test_meshes_keep_their_size_and_materials_if_asked(tmp_path, family):
+    write_part(tmp_path / "part.glb", [0.012, 0.08, 0.05])
+    assets = Assets.from_folders(meshes=[tmp_path], keep_scale=True, keep_material=True)
+    scene = random_scene(family, 3, assets=assets, width=80)
+    parts = [thing for thing in scene.objects if thing.name.startswith("part")]
+    assert len(parts) > 2
+    for thing in parts:
+        sides = np.linalg.norm(thing.world_from_object[:3, :3], axis=0) * np.ptp(thing.shape.vertices, axis=0)
+        np.testing.assert_allclose(sides, [0.012, 0.05, 0.08], rtol=1e-6)
+        (name,) = thing.materials
+        assert scene.materials[name]["base_color"].rgb == (1.0, 0.0, 0.0)
+        assert scene.materials[name]["metallic"] == 1.0
+    assert len({thing.materials for thing in parts}) == 1
+    if family == "tabletop":
+        assert intersecting(scene) == []
+        assert floating(scene, table_height(scene)) == []
+
+
+def test_files_of_one_name_keep_their_own_materials(tmp_path):
+    for name, side in (("a", 0.05), ("b", 0.1)):
+        (tmp_path / name).mkdir()
+        write_part(tmp_path / name / "part.glb", [side, side, side])
+    assets = Assets.from_folders(meshes=[tmp_path], keep_scale=True, keep_material=True)
+    scene = random_scene("tabletop", 3, assets=assets, width=80)
+    names = {thing.materials for thing in scene.objects if thing.name.startswith("part")}
+    assert names == {("part.glb:red",), ("part.glb:red-2",)}
+
+
+def test_a_kept_size_excludes_a_depth_range(tmp_path):
+    write_part(tmp_path / "part.glb", [0.1, 0.1, 0.1])
+    assets = Assets.from_folders(meshes=[tmp_path], keep_scale=True)
+    with pytest.raises(InputError, match="depth_range scales the whole scene; it cannot be used with keep_scale"):
+        random_scene("tabletop", 3, assets=assets, width=80, depth_range=(1.0, 4.0))

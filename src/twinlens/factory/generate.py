@@ -158,7 +158,7 @@ def _unusable_assets(recipe: Recipe) -> list[dict[str, str]]:
     found = []
     for kind, files in recipe.sources.asset_files.items():
         for name, path in files.items():
-            single: dict[str, Any] = {kind: (path,)}
+            single: dict[str, Any] = {kind: (path,), "keep_material": recipe.sources.keep_material}
             for broken, reason in Assets(**single).check().broken:
                 found.append({"kind": kind, "file": name, "reason": reason.replace(str(broken), name)})
     return found

@@ -65,7 +65,7 @@ def _check_listed(kind: str, name: str, folder: Path) -> None:
     if not os.path.lexists(folder / name):
         raise InputError(f"no file or folder {name!r} next to the recipe")
     try:
-        Assets.from_folders(**{kind: [folder / name]})
+        Assets.from_folders(**dict[str, Any]({kind: [folder / name]}))
     except InputError as error:
         message = str(error).removeprefix(f"{kind}: ").replace(repr(str(folder / name)), repr(name))
         raise InputError(message) from None
@@ -82,6 +82,8 @@ class AssetsTable(StrictModel):
     meshes: Folders | None = None
     textures: Folders | None = None
     hdris: Folders | None = None
+    keep_scale: bool = False
+    keep_material: bool = False
 
 
 def _check_families(families: list[str] | None, info: Any) -> list[str] | None:
@@ -154,7 +156,9 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
     """The recipe of a table as TOML has it; `path` is named in messages, and other files are relative to it."""
     table = read(RecipeTable, dict(written), path, context=path.parent)
     names = table.families or table.scenes
-    assets = {kind: tuple(folders) for kind, folders in table.assets.model_dump(exclude_none=True).items()}
+    given = table.assets.model_dump(exclude_none=True)
+    keep = {key: given.pop(key) for key in ("keep_scale", "keep_material")}
+    assets = {kind: tuple(folders) for kind, folders in given.items()}
     drawn = {key: template(written[key], path, key) for key in DRAWN if key in written}
     for leaf in leaves(drawn):
         if leaf.kind == "per_scene" and len(leaf.distribution.values) != len(names):
@@ -163,7 +167,7 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
                 f"got {len(leaf.distribution.values)}"
             )
     masks, skies = _check_drawn(drawn, path, table.families or [], table.gates)
-    sources = Sources(path.parent, tuple(table.scenes or ()), assets, masks, skies)
+    sources = Sources(path.parent, tuple(table.scenes or ()), assets, masks, skies, **keep)
     for k, credit in enumerate(About.of(table.about or {}).credits):
         if not any(map(credit.covers, sources.files)):
             raise InputError(f"{path}: about.credits[{k}].files: {credit.files!r} is none of the recipe's files")

@@ -15,6 +15,7 @@ from typing import Any
 from twinlens.dataset.files import read_bytes
 from twinlens.errors import FileError
 from twinlens.families import Assets
+from twinlens.families.assets import named_by_mesh
 from twinlens.scenes import Scene, bundled_folder, bundled_scenes, load_scene
 from twinlens.scenes.assets import read_sky
 
@@ -30,6 +31,7 @@ class Sources:
     assets : folders or files by kind (meshes, textures, hdris).
     masks : images of apertures.
     skies : environment maps, or folders of them.
+    keep_scale, keep_material : of `Assets`.
     """
 
     folder: Path = Path()
@@ -37,6 +39,8 @@ class Sources:
     assets: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     masks: tuple[str, ...] = ()
     skies: tuple[str, ...] = ()
+    keep_scale: bool = False
+    keep_material: bool = False
     _known: dict[Path, tuple[tuple[int, int, int], str]] = field(default_factory=dict, init=False, repr=False)
     _loaded: dict[str, Scene] = field(default_factory=dict, init=False, repr=False)
 
@@ -50,7 +54,7 @@ class Sources:
                 home, shown = home.parent, shown.parent
             below = _names_below(home, self.scene(name).files)
             files |= {(shown / file).as_posix(): path for file, path in below.items()}
-        for several in (*self.asset_files.values(), *self.sky_files.values()):
+        for several in (*self.asset_files.values(), *self.sky_files.values(), self._named_by_meshes()):
             files |= several
         return dict(sorted(files.items()))
 
@@ -96,6 +100,13 @@ class Sources:
                 found[kind] |= self._listed(kind, name)
         return found
 
+    def _named_by_meshes(self) -> dict[str, Path]:
+        found: dict[str, Path] = {}
+        for name, path in self.asset_files.get("meshes", {}).items():
+            below = _names_below(path.parent, tuple(named_by_mesh(path, self.keep_material)))
+            found |= {(Path(name).parent / file).as_posix(): each for file, each in below.items()}
+        return found
+
     @cached_property
     def sky_files(self) -> dict[str, dict[str, Path]]:
         """The files of each entry of `skies`, by name. Raises InputError for a folder without any."""
@@ -103,7 +114,7 @@ class Sources:
 
     def _listed(self, kind: str, name: str) -> dict[str, Path]:
         folder = self.folder / name
-        paths: tuple[Path, ...] = getattr(Assets.from_folders(**{kind: [folder]}), kind)
+        paths: tuple[Path, ...] = getattr(Assets.from_folders(**dict[str, Any]({kind: [folder]})), kind)
         return {(Path(name) / path.relative_to(folder)).as_posix(): path for path in paths}
 
     def sky(self, name: str, rng: Any) -> tuple[str, Any]:
@@ -120,6 +131,7 @@ class Sources:
     def families_assets(self) -> Assets:
         """The assets as families use them."""
         listed: dict[str, Any] = {kind: tuple(sorted(set(found.values()))) for kind, found in self.asset_files.items()}
+        listed |= {"keep_scale": self.keep_scale, "keep_material": self.keep_material}
         return Assets(**listed, before_reading=self.unchanged)
 
     def unchanged(self, path: Path) -> str:

@@ -80,6 +80,8 @@ def random_scene(
     check_int("object_count", counts[0], 1, _MAX_OBJECTS)
     check_int("object_count", counts[1], counts[0], _MAX_OBJECTS)
     check_view(family, aspect, width, depth_range, "depth_range")
+    if depth_range is not None and assets is not None and assets.keep_scale:
+        raise InputError("depth_range scales the whole scene; it cannot be used with keep_scale")
     depths = None if depth_range is None else (float(depth_range[0]), float(depth_range[1]))
     scene = Composition(
         f"{family}-{label}", root, assets or Assets(), depths, counts, float(aspect), int(width), own_lights

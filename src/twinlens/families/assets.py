@@ -4,8 +4,8 @@ A folder is listed at once; a file is read when a scene first draws it. A file t
 in `Assets.broken` with the reason.
 """
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,13 @@ import numpy as np
 
 from twinlens.errors import FileError, InputError
 from twinlens.families.draws import Rng
-from twinlens.scenes.assets import read_mesh, read_picture, read_sky
-from twinlens.scenes.scene import Mesh
+from twinlens.scenes.assets import SceneContext, read_mesh, read_picture, read_sky
+from twinlens.scenes.model_files import GLTF_FILES, WITH_MATERIALS, Model, named_files, read_model
+from twinlens.scenes.scene import Mesh, Plugin
 from twinlens.scenes.textures import Image
 
 SUFFIXES = {
-    "meshes": (".glb", ".obj", ".ply", ".stl"),
+    "meshes": (".glb", ".gltf", ".obj", ".ply", ".stl"),
     "textures": (".png", ".jpg", ".jpeg", ".exr", ".hdr"),
     "hdris": (".hdr", ".exr", ".png"),
 }
@@ -27,26 +28,47 @@ MAX_CACHED = 4
 """Files whose content stays in memory, the last ones read: a folder of environment maps may be larger than memory."""
 
 
+@dataclass(frozen=True, eq=False)
+class UserMesh(Mesh):
+    """A user's mesh, centred and of extent 1, z up; its `size` in the file in metres, and its file's materials."""
+
+    size: float = 1.0
+    materials: Mapping[str, Plugin] = field(default_factory=dict)
+
+
 @dataclass(eq=False)
 class Assets:
-    """Files to draw from, sorted by path. `before_reading` is called with the path of each file, and may raise."""
+    """Files to draw from, sorted by path. `before_reading` is called with the path of each file, and may raise.
+
+    keep_scale : meshes keep the size of their file, in metres.
+    keep_material : meshes of .glb, .gltf and .obj files keep the materials of their file.
+    """
 
     meshes: tuple[Path, ...] = ()
     textures: tuple[Path, ...] = ()
     hdris: tuple[Path, ...] = ()
     before_reading: Callable[[Path], object] | None = None
+    keep_scale: bool = False
+    keep_material: bool = False
     _failed: dict[tuple[str, Path], str] = field(default_factory=dict, repr=False)
     _read: dict[tuple[str, Path], Any] = field(default_factory=dict, repr=False)
 
     @classmethod
     def from_folders(
-        cls, meshes: Iterable[str | Path] = (), textures: Iterable[str | Path] = (), hdris: Iterable[str | Path] = ()
+        cls,
+        meshes: Iterable[str | Path] = (),
+        textures: Iterable[str | Path] = (),
+        hdris: Iterable[str | Path] = (),
+        *,
+        keep_scale: bool = False,
+        keep_material: bool = False,
     ) -> "Assets":
         """All files of known types in these folders and their subfolders; a path may also name one file.
 
         Raises InputError when a folder is missing, or contains no file of its type.
         """
-        return cls(_listed("meshes", meshes), _listed("textures", textures), _listed("hdris", hdris))
+        listed = _listed("meshes", meshes), _listed("textures", textures), _listed("hdris", hdris)
+        return cls(*listed, keep_scale=keep_scale, keep_material=keep_material)
 
     @property
     def broken(self) -> tuple[tuple[Path, str], ...]:
@@ -55,7 +77,7 @@ class Assets:
 
     def check(self) -> "Assets":
         """Read every file now, so that `broken` lists all that cannot be used."""
-        for kind in _READERS:
+        for kind in SUFFIXES:
             for path in getattr(self, kind):
                 self._get(kind, path)
         return self
@@ -75,14 +97,29 @@ class Assets:
         key = kind, path
         if key not in self._read and key not in self._failed:
             if self.before_reading is not None:
-                self.before_reading(path)
+                for each in (path, *(named_by_mesh(path, self.keep_material) if kind == "meshes" else ())):
+                    self.before_reading(each)
             try:
-                self._read[key] = _READERS[kind](path)
+                self._read[key] = _READERS[kind](path) if kind != "meshes" else self._read_mesh(path)
             except (InputError, OSError) as error:
                 self._failed[key] = str(error).removeprefix(f"{path}: ")
             if len(self._read) > MAX_CACHED:
                 del self._read[next(iter(self._read))]
         return self._read.get(key)
+
+    def _read_mesh(self, path: Path) -> UserMesh:
+        context = SceneContext(path.parent)
+        suffix = path.suffix.lower()
+        if suffix in GLTF_FILES or (self.keep_material and suffix in WITH_MATERIALS):
+            model = read_model(path, context, None if self.keep_material else 30.0, with_materials=self.keep_material)
+        else:
+            model = Model(read_mesh(path), {})
+        return _normalized(path, model)
+
+
+def named_by_mesh(path: Path, keep_material: bool) -> list[Path]:
+    """The files that a mesh file names and that are read with it: buffers of .gltf files, and those of materials."""
+    return named_files(path) if path.suffix.lower() in (WITH_MATERIALS if keep_material else (".gltf",)) else []
 
 
 def _listed(kind: str, folders: Iterable[str | Path]) -> tuple[Path, ...]:
@@ -100,9 +137,9 @@ def _listed(kind: str, folders: Iterable[str | Path]) -> tuple[Path, ...]:
     return tuple(sorted(found))
 
 
-def _read_mesh(path: Path) -> Mesh:
+def _normalized(path: Path, model: Model) -> UserMesh:
     """A mesh of largest extent 1 m, centred, z up."""
-    mesh = read_mesh(path)
+    mesh = model.mesh
     if len(mesh.faces) > MAX_TRIANGLES:
         raise FileError(f"{path}: {len(mesh.faces)} triangles, at most {MAX_TRIANGLES} are allowed; simplify the mesh")
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
@@ -110,8 +147,10 @@ def _read_mesh(path: Path) -> Mesh:
     if not size > 0 or np.count_nonzero(high - low > 1e-6 * size) < 3:
         raise FileError(f"{path}: is flat; a mesh needs an extent in all three dimensions")
     turn = np.eye(3) if path.suffix.lower() in (".ply", ".stl") else np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    vertices = (mesh.vertices - (low + high) / 2) @ turn.T / size
-    return Mesh(vertices, mesh.faces, None if mesh.normals is None else mesh.normals @ turn.T, mesh.uv)
+    kept = {each.name: getattr(mesh, each.name) for each in fields(mesh)}
+    kept["vertices"] = (mesh.vertices - (low + high) / 2) @ turn.T / size
+    kept["normals"] = None if mesh.normals is None else mesh.normals @ turn.T
+    return UserMesh(**kept, size=size, materials=model.materials)
 
 
 def _read_texture(path: Path) -> Image:
@@ -130,4 +169,4 @@ def _read_hdri(path: Path) -> Image:
     return pixels
 
 
-_READERS: dict[str, Callable[[Path], Any]] = {"meshes": _read_mesh, "textures": _read_texture, "hdris": _read_hdri}
+_READERS: dict[str, Callable[[Path], Any]] = {"textures": _read_texture, "hdris": _read_hdri}

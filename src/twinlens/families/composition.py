@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twinlens.families.assets import Assets
+from twinlens.families.assets import Assets, UserMesh
 from twinlens.families.draws import PALETTES, Palette, Rng, log_uniform, one_of
 from twinlens.geometry import Float, inverse, look_at, rigid, transform_points
 from twinlens.scenes.scene import Bitmap, Mesh, Plugin, Scene, SceneObject
@@ -156,20 +156,30 @@ class Composition:
     def add(
         self, name: str, mesh: Mesh, material: Plugin, pose: Float | None = None, emitter: Plugin | None = None
     ) -> None:
-        """Add an object with its own material. Names become unique: bottle, bottle-2, ..."""
+        """Add an object with its own material, or those of a user's mesh. Names become unique: bottle, bottle-2, ..."""
         plain = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "body"
         unique, number = plain, 1
-        while unique in self.materials:
+        while unique in self.materials or any(each.name == unique for each in self.objects):
             number += 1
             unique = f"{plain}-{number}"
+        own = tuple(self._own_material(*each) for each in mesh.materials.items()) if isinstance(mesh, UserMesh) else ()
         for key, value in material.items():
             if isinstance(value, Bitmap):  # Mitsuba would compile a kernel for each value of `to_uv`
                 mesh = replace(mesh, uv=np.asarray(mesh.uv) * np.diag(value.to_uv)[:2])
                 material = {**material, key: replace(value, to_uv=np.eye(4))}
-        self.materials[unique] = material
+        if not own:
+            self.materials[unique] = material
         world_from_object = np.eye(4) if pose is None else np.asarray(pose, dtype=np.float64)
-        self.objects.append(SceneObject(unique, mesh, unique, world_from_object, emitter))
+        self.objects.append(SceneObject(unique, mesh, own or unique, world_from_object, emitter))
         self.triangles.append((transform_points(world_from_object, mesh.vertices), mesh.faces))
+
+    def _own_material(self, name: str, material: Plugin) -> str:
+        """The name of a material of a user's mesh, which several objects may share."""
+        unique, number = name, 1
+        while self.materials.setdefault(unique, material) is not material:
+            number += 1
+            unique = f"{name}-{number}"
+        return unique
 
     def pixel_at(self, point: Float, min_depth: float = -np.inf) -> float:
         """Width in metres of a pixel at a world point (3,), whose depth is taken as at least `min_depth`."""

@@ -46,7 +46,10 @@ def _add_bodies(scene: Composition, depth_ratio: float) -> None:
         body = draw_body(scene, ("body", index))
         rng = scene.rng("place", index)
         reach = 0.5 * log_uniform(rng, 0.1, 0.34) * view.covered(depth)[0]
-        size = reach / float(np.linalg.norm(body.solid.mesh.vertices, axis=1).max())
+        radius = float(np.linalg.norm(body.solid.mesh.vertices, axis=1).max())
+        size = reach / radius
+        if scene.assets.keep_scale and not body.kind:
+            size, reach = body.size, body.size * radius
         for _ in range(40):
             x, y = rng.uniform(-1, 1, 2) * (1.0, 0.95)
             centre = view.at(float(x), float(y), depth + reach)

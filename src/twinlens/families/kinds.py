@@ -309,9 +309,10 @@ def draw_body(scene: Composition, part: tuple[str | int, ...], among: tuple[str,
         drawn = scene.assets.draw("meshes", scene.rng(*part, "mesh"))
         if drawn is not None:
             name, mesh = drawn
-            if mesh.normals is None or mesh.uv is None:
+            size = mesh.size if scene.assets.keep_scale else float(rng.uniform(*_USER_SIZE))
+            if not mesh.materials and (mesh.normals is None or mesh.uv is None):
                 mesh = box_mapped(mesh.vertices, mesh.faces, 30.0)
-            return Body(name, "", Solid(mesh, True), float(rng.uniform(*_USER_SIZE)), scene, part)
+            return Body(name, "", Solid(mesh, True), size, scene, part)
     names = among or tuple(KINDS)
     name = weighted(scene.rng(*part, "kind"), names, [KINDS[each].weight for each in names])
     size = log_uniform(scene.rng(*part, "size"), *KINDS[name].size)

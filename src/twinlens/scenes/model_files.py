@@ -3,6 +3,7 @@
 Files that a mesh file names are opened only below the scene's folder (`find_asset`).
 """
 
+import contextlib
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from twinlens.errors import FileError
+from twinlens.errors import FileError, InputError
 from twinlens.scenes import shapes
 from twinlens.scenes.assets import (
     SceneContext,
@@ -53,16 +54,14 @@ def read_model(
     `MaterialWarning` that names what cannot be rendered. Raises FileError.
     """
 
-    def open_file(name: str) -> bytes:
-        below = path.parent.resolve().relative_to(context.folder.resolve())
-        return read_limited(find_asset((below / name).as_posix() if name else "", context), _LARGEST_NAMED)
-
+    open_file = _opener(path, context)
     with reading(path, "mesh"):
         is_gltf = path.suffix.lower() in GLTF_FILES
         parts, materials, textures = (_open_gltf if is_gltf else _open_obj)(path, open_file)
         used: dict[tuple[int | None, bool], int] = {}
         plugins: dict[str, Plugin] = {}
         meshes = []
+        shown = path.resolve().relative_to(context.folder.resolve()).as_posix()
         for part in parts:
             mesh = part_mesh(part, crease_deg)
             if not with_materials:
@@ -76,12 +75,38 @@ def read_model(
                 mesh = replace(mesh, attributes=attributes)
                 if key not in used:
                     used[key] = len(plugins)
-                    plugins[_free_name(f"{path.name}:{material.name or part.material or 0}", plugins)] = plugin
+                    plugins[_free_name(f"{shown}:{material.name or part.material or 0}", plugins)] = plugin
             meshes.append(replace(mesh, surface=np.full(len(mesh.faces), used[key], dtype=np.uint16)))
     if textures.lost:
         lost = ", ".join(dict.fromkeys(textures.lost))
         warnings.warn(f"{path}: not rendered: {lost}", MaterialWarning, stacklevel=2)
     return Model(shapes.merged(meshes), plugins)
+
+
+def _opener(path: Path, context: SceneContext) -> Callable[[str], bytes]:
+    """A function from the name of a file, as the mesh file has it, to its content."""
+    below = path.parent.resolve().relative_to(context.folder.resolve())
+
+    def open_file(name: str) -> bytes:
+        return read_limited(find_asset((below / name).as_posix() if name else "", context), _LARGEST_NAMED)
+
+    return open_file
+
+
+def named_files(path: Path) -> list[Path]:
+    """The files in its folder that a .glb, .gltf or .obj file names; not all of them if it is damaged."""
+    context = SceneContext(path.parent)
+    open_file = _opener(path, context)
+    with contextlib.suppress(InputError), reading(path, "mesh"):
+        if path.suffix.lower() in GLTF_FILES:
+            file = open_gltf(path, open_file)
+            for index, image in enumerate(file.header.images):
+                if image.bufferView is None:
+                    file.picture(index)
+        else:
+            for name in _obj_materials(path, open_file)[2]:
+                open_file(name)
+    return list(dict.fromkeys(context.files))
 
 
 def _free_name(name: str, taken: Mapping[str, Any]) -> str:
@@ -115,17 +140,13 @@ def _open_obj(path: Path, open_file: Callable[[str], bytes]) -> Opened:
     """The parts of an OBJ file, one for each of its materials. trimesh reads a list of their names as its .mtl file."""
     import trimesh
 
-    lines = path.read_bytes().decode("utf-8", "replace").splitlines()
-    libraries = [line.split(None, 1)[1].strip() for line in lines if line.startswith("mtllib ") and line.split()[1:]]
-    if not libraries:
-        raise FileError(f"{path}: names no material file; give the object a 'material'")
-    materials, pictures, lost = read_mtl(b"\n".join(map(open_file, libraries)))
+    lines, materials, pictures, lost = _obj_materials(path, open_file)
     number = {material.name: i for i, material in enumerate(materials)}
     names = dict.fromkeys(
         line.split(None, 1)[1].strip() for line in lines if line.startswith("usemtl ") and line[7:].strip()
     )
     if missing := [name for name in names if name not in number]:
-        raise FileError(f"{path}: no material {missing[0]!r} in {', '.join(libraries)}")
+        raise FileError(f"{path}: its .mtl file has no material {missing[0]!r}")
     text = "\n".join(["mtllib names", *(line for line in lines if not line.startswith("mtllib"))])
     listed = "\n".join(f"newmtl {name}\nKd 1 1 1" for name in names)
     loaded = trimesh.load_scene(
@@ -143,6 +164,17 @@ def _open_obj(path: Path, open_file: Callable[[str], bytes]) -> Opened:
     parts.sort(key=lambda part: -1 if part.material is None else part.material)  # trimesh's order is that of a set
     textures = Textures([Texture(source=i) for i in range(len(pictures))], [], lambda i: open_file(pictures[i]), lost)
     return parts, materials, textures
+
+
+def _obj_materials(
+    path: Path, open_file: Callable[[str], bytes]
+) -> tuple[list[str], list[PbrMaterial], list[str], list[str]]:
+    """The lines of an OBJ file, its materials, the names of their pictures, and what is not rendered."""
+    lines = path.read_bytes().decode("utf-8", "replace").splitlines()
+    libraries = [line[7:].strip() for line in lines if line.startswith("mtllib ") and line[7:].strip()]
+    if not libraries:
+        raise FileError(f"{path}: names no material file; give the object a 'material'")
+    return lines, *read_mtl(b"\n".join(map(open_file, libraries)))
 
 
 def part_mesh(part: Part, crease_deg: float | None) -> Mesh:

@@ -220,5 +220,12 @@ class Scene:
 
     def lit_by(self, sky: Sky, lamps: bool = True) -> "Scene":
         """The same scene with `sky` in place of its lights. Without `lamps`, objects that emit light are dark."""
-        objects = self.objects if lamps else tuple(replace(thing, emitter=None) for thing in self.objects)
-        return replace(self, objects=objects, sky=sky)
+        if lamps:
+            return replace(self, sky=sky)
+        objects = tuple(replace(thing, emitter=None) for thing in self.objects)
+        materials = {name: _without_emitter(plugin) for name, plugin in self.materials.items()}
+        return replace(self, objects=objects, materials=materials, sky=sky)
+
+
+def _without_emitter(material: Plugin) -> Plugin:
+    return {key: value for key, value in material.items() if key != "emitter"}
