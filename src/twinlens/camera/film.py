@@ -20,7 +20,10 @@ from twinlens.optics.diffraction import (
     fresnel_number,
 )
 
-SENSOR_WIDTHS_MM = {"1/2.3": 6.17, "1/1.7": 7.6, "2/3": 8.8, "1": 13.2, "4/3": 17.3, "APS-C": 23.5, "35mm": 36.0}
+SENSOR_WIDTHS_MM = {
+    "1/3": 4.8, "1/2.5": 5.76, "1/2.3": 6.17, "1/2": 6.4, "1/1.8": 7.18, "1/1.7": 7.6, "2/3": 8.8, "1": 13.2,
+    "4/3": 17.3, "APS-C": 23.5, "35mm": 36.0,
+}  # fmt: skip
 """Widths of sensor formats in mm; APS-C is that of Nikon and Sony, Canon's is 22.3 mm. Source: the table of sensor
 formats and sizes in Wikipedia, Image sensor format; 36 x 24 mm is the image size of 135 film, ISO 1007."""
 

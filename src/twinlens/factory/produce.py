@@ -17,7 +17,7 @@ from twinlens.factory.settings import Settings, View, make_lenses, with_mismatch
 from twinlens.factory.sources import Sources
 from twinlens.families import random_scene
 from twinlens.rendering import Progress, check_lens_supported, check_mismatch_supported, ground_truth
-from twinlens.scenes import Scene, Sky, rig_from_table
+from twinlens.scenes import Scene, Sky
 from twinlens.schema import read
 from twinlens.seeds import generator
 
@@ -81,7 +81,7 @@ def produce(
     settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), _FILE)
     scene = _lit(_scene(spec, settings, sources), spec, settings, sources)
     moved = scene.at(scene.world_from_left @ settings.scene.jitter.pose())
-    rig = rig_from_table(settings.rig or scene.rig or {}, moved, settings.width, settings.height, _FILE, "rig")
+    rig = settings.rig_of(moved, scene.rig, _FILE)
     truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity)
     if gates is not None:
         check_truth(gates, scene, rig, truths, spec.ndisp)

@@ -24,6 +24,7 @@ from twinlens.dataset import Manifest, Place, Row, Sample, Shot, describe, read_
 from twinlens.errors import InputError, check_number
 from twinlens.factory.sources import file_digests
 from twinlens.scenes import Scene, rig_from_table
+from twinlens.scenes.rigs import ALTERNATIVES
 from twinlens.seeds import derived_seed
 from twinlens.sensor import Exposure, Photo, Sensor
 from twinlens.sensor.exposure import check_exposure
@@ -173,7 +174,7 @@ def default_rig(
     options = {"fov_x_deg": fov_x_deg, "baseline": baseline, **(intrinsics or {})}
     given = {key: value for key, value in options.items() if value is not None}
     replaced = set(given)
-    for alternatives in ({"fov_x_deg", "fx", "fy"}, {"pixel_pitch_um", "sensor_width_mm"}):
+    for alternatives in ALTERNATIVES:
         replaced |= alternatives if alternatives & given.keys() else set()
 
     def kept(part: Any) -> Any:

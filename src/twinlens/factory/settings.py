@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, Strict, model_validator
+from pydantic import BeforeValidator, Field, PlainValidator, Strict, TypeAdapter, model_validator
 
-from twinlens.camera import Annulus, Camera, Disk, Lens, MaskAperture, Pinhole, Polygon, ThinLens
+from twinlens.camera import Annulus, Camera, Disk, Lens, MaskAperture, Pinhole, Polygon, Rig, ThinLens
 from twinlens.camera.aperture import Aperture
 from twinlens.camera.intrinsics import MAX_SIDE
 from twinlens.camera.lens import BareAperture
+from twinlens.camera.presets import CAMERAS
 from twinlens.camera.truth import Truth
 from twinlens.dataset import read_image
 from twinlens.errors import FileError, InputError, format_value, located
@@ -24,6 +25,7 @@ from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes import Scene, rig_from_table
 from twinlens.scenes.placement import rotation
+from twinlens.scenes.rigs import CameraTable
 from twinlens.schema import NEAR_FAR, Fraction, NonNegative, Number, Positive, StrictModel, read, table_of
 from twinlens.seeds import generator
 from twinlens.sensor import LEVELS, PRESETS, Exposure, Mismatch, Sensor
@@ -237,6 +239,17 @@ def _as_list(value: Any) -> Any:
 Lenses = Annotated[list[LensTable], Field(min_length=1, max_length=100), BeforeValidator(_as_list)]
 
 
+def _check_camera(table: Any) -> Any:
+    checked = _CAMERA.validate_python(table)
+    if checked.width or checked.height:
+        raise InputError("'width' and 'height' of a recipe are not in [camera]; write them above the first table")
+    return table
+
+
+_CAMERA: TypeAdapter[CameraTable] = TypeAdapter(CameraTable)
+RecipeCamera = Annotated[dict[str, Any], PlainValidator(_check_camera, json_schema_input_type=CameraTable)]
+
+
 class Settings(StrictModel):
     """How one sample is taken. The rig stays a table: it is read where the scene is known."""
 
@@ -249,10 +262,29 @@ class Settings(StrictModel):
     sky_disparity: bool = False
     scene: SceneTable = SceneTable()
     sky: SkyTable | None = None
+    camera: RecipeCamera | None = None
     rig: dict[str, Any] = Field(default_factory=dict)
     lenses: Lenses = Field([{"kind": "pinhole"}], validate_default=True)
     sensor: SensorTable = Field(default_factory=Sensor)
     exposure: ExposureTable | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_size_of_camera(cls, data: Any) -> Any:
+        """Without a size, images have that of the preset in `camera`."""
+        camera = data.get("camera") if isinstance(data, Mapping) else None
+        preset = camera.get("preset") if isinstance(camera, Mapping) else None
+        width = data.get("width") if preset is not None else None
+        if not (isinstance(preset, str) and preset in CAMERAS) or not (width is None or type(width) is int):
+            return data
+        return dict(zip(("width", "height"), CAMERAS[preset].size(width), strict=True)) | data
+
+    def rig_of(self, scene: Scene, own: Mapping[str, Any] | None, file: Path) -> Rig:
+        """The rig in `scene`: that of the recipe, or of `own`, the scene's table, with the recipe's camera."""
+        table = self.rig or own or {}
+        if self.camera is not None:
+            table = {**table, "camera": {**self.camera, "width": self.width, "height": self.height}}
+        return rig_from_table(table, scene, self.width, self.height, file, "rig")
 
 
 def with_mismatch_seed(drawn: Mapping[str, Any], seed: int) -> dict[str, Any]:
@@ -279,7 +311,7 @@ def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]
     if given and not families:
         raise InputError(f"{file}: scene.{min(given)}: can be used with 'families' only")
     scene = Scene("any", (), {}, np.eye(4), (1.0, 10.0))
-    rig_from_table(settings.rig, scene, settings.width, settings.height, file, "rig")
+    settings.rig_of(scene, None, file)
     return settings, make_lenses(settings, None, file, lambda name: file.parent / name)
 
 

@@ -1,6 +1,8 @@
 """A rig as a table of a scene file, of a recipe, or of a file of its own. docs/rigs.md shows every key."""
 
+import dataclasses
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,12 +12,13 @@ import pydantic
 from twinlens.camera import BrownConrady, Camera, Distortion, KannalaBrandt, Misalignment, Rig, layouts, misaligned
 from twinlens.camera.film import sensor_width_mm
 from twinlens.camera.intrinsics import MAX_SIDE
+from twinlens.camera.presets import CAMERAS, find_camera
 from twinlens.errors import InputError, located
 from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes.placement import Matrix, Vector3, euler_rotation, view_pose
 from twinlens.scenes.scene import Scene
-from twinlens.schema import Number, Positive, StrictModel, number, read, reads, table_of, tagged, variants
+from twinlens.schema import Number, Positive, StrictModel, number, one_of, read, reads, table_of, tagged, variants
 
 _MOST_CAMERAS = 1000
 _CAMERAS = pydantic.Field(min_length=1, max_length=_MOST_CAMERAS)
@@ -33,14 +36,22 @@ CalibrationError: Any = table_of(Misalignment)
 """How far a camera is off its calibration."""
 
 
+ALTERNATIVES = ({"fov_x_deg", "fx", "fy", "focal_length_mm"}, {"pixel_pitch_um", "sensor_width_mm"})
+"""Keys of which a table's own replace all those of the table below it."""
+
+
 class Intrinsics(StrictModel):
-    """What a table may set of a camera. An image size of its own centres the camera's principal point."""
+    """What a table may set of a camera. An image size of its own centres the camera's principal point.
+
+    `focal_length_mm` is that of a lens focused at infinity: fx = fy = focal length / pixel pitch.
+    """
 
     width: Pixels | None = None
     height: Pixels | None = None
     fov_x_deg: Annotated[float, pydantic.Field(gt=0, le=179), pydantic.AfterValidator(float)] | None = None
     fx: Positive | None = None
     fy: Positive | None = None
+    focal_length_mm: Positive | None = None
     cx: Number | None = None
     cy: Number | None = None
     pixel_pitch_um: Positive | None = None
@@ -49,8 +60,9 @@ class Intrinsics(StrictModel):
 
     @pydantic.model_validator(mode="after")
     def _check_focal_length(self) -> "Intrinsics":
-        if self.fov_x_deg is not None and self.fx is not None:
-            raise InputError("'fov_x_deg' and 'fx' both set the focal length; keep one")
+        given = [key for key in ("fov_x_deg", "fx", "focal_length_mm") if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise InputError(f"{given[0]!r} and {given[1]!r} both set the focal length; keep one")
         if self.fy is not None and self.fx is None:
             raise InputError("'fy' needs 'fx'")
         if self.pixel_pitch_um is not None and self.sensor_width_mm is not None:
@@ -61,21 +73,46 @@ class Intrinsics(StrictModel):
         """The values that the table sets, by the names of `Camera` and of `Camera.from_fov`."""
         return {key: getattr(self, key) for key in Intrinsics.model_fields if key in self.model_fields_set}
 
-    def camera(self, shared: Mapping[str, Any]) -> Camera:
-        """The camera with this table's values, and `shared` ones where it has none."""
+    def over(self, shared: Mapping[str, Any]) -> dict[str, Any]:
+        """This table's values, and `shared` ones where it has none."""
         own = self.given()
-        replaced = {"fx", "fy", "fov_x_deg"} if own.keys() & {"fx", "fov_x_deg"} else set()
-        replaced |= {"fov_x_deg"} if "fx" in shared else set()
-        sizes = {"pixel_pitch_um", "sensor_width_mm"}
-        replaced |= sizes if own.keys() & sizes else set()
+        replaced = {key for keys in ALTERNATIVES if own.keys() & keys for key in keys}
         replaced |= {key for key, size in (("cx", "width"), ("cy", "height")) if size in own}
-        values = {key: value for key, value in shared.items() if key not in replaced} | own
+        return {key: value for key, value in shared.items() if key not in replaced} | own
+
+    def made(self, shared: Mapping[str, Any]) -> Camera:
+        """The camera with this table's values, and `shared` ones where it has none."""
+        values = self.over(shared)
         fov = values.pop("fov_x_deg", 90.0)
-        if "fx" in values:
-            values.setdefault("fy", values["fx"])
         if "sensor_width_mm" in values:
             values["pixel_pitch_um"] = 1e3 * values.pop("sensor_width_mm") / values["width"]
+        if "focal_length_mm" in values:
+            if "pixel_pitch_um" not in values:
+                raise InputError("focal_length_mm needs the size of a pixel: add 'pixel_pitch_um' or 'sensor_width_mm'")
+            values["fx"] = 1e3 * values.pop("focal_length_mm") / values["pixel_pitch_um"]
+        if "fx" in values:
+            values.setdefault("fy", values["fx"])
         return Camera.from_fov(values["width"], values["height"], fov).replace(**values)
+
+
+class CameraTable(Intrinsics):
+    """A camera: `preset` names one of `twinlens.camera.presets`, and the other keys change it.
+
+    A preset has the size of its whole sensor unless `width` is given, which bins the columns; `height` crops the rows.
+    """
+
+    preset: Annotated[str, one_of("camera", CAMERAS)] | None = None
+
+    def over(self, shared: Mapping[str, Any]) -> dict[str, Any]:
+        if self.preset is None:
+            return super().over(shared)
+        camera = find_camera(self.preset).resized(self.width, self.height)
+        values = {field.name: getattr(camera, field.name) for field in dataclasses.fields(camera)}
+        del values["fx"], values["fy"]
+        values["focal_length_mm"] = 1e3 * camera.film_distance
+        own = {key: value for key, value in super().given().items() if key not in ("width", "height")}
+        replaced = {key for keys in ALTERNATIVES if own.keys() & keys for key in keys}
+        return {key: value for key, value in values.items() if key not in replaced} | own
 
 
 class Viewed(Intrinsics):
@@ -122,17 +159,24 @@ class PosedIntrinsics(Viewed):
 class RigBase(Viewed):
     """Keys of every layout: the pose, what all cameras share, what each of them changes, and calibration errors."""
 
+    camera: CameraTable | None = None
     cameras: Annotated[list[Intrinsics], _CAMERAS] | None = None
     misalignment: CalibrationError | list[CalibrationError] | None = None
 
     def rig(self, scene: Scene, width: int, height: int) -> Rig:
-        shared = {"width": width, "height": height, "fov_x_deg": scene.fov_x_deg} | self.given()
+        shared: Mapping[str, Any] = {"width": width, "height": height, "fov_x_deg": scene.fov_x_deg}
+        if self.camera is not None:
+            with located("camera"):
+                shared = self.camera.over(shared)
+            if self.camera.preset and (baseline := find_camera(self.camera.preset).baseline):
+                scene = replace(scene, baseline=baseline)
+        shared = self.over(shared)
         places = _placed(self, scene, self.pose(scene.world_from_left)).world_from_cams
         count = len(places)
         tables = self.cameras or [Intrinsics()] * count
         if len(tables) != count:
             raise InputError(f"cameras: this layout has {count} cameras, got {len(tables)} tables")
-        rig = Rig([table.camera(shared) for table in tables], places)
+        rig = Rig([table.made(shared) for table in tables], places)
         if self.misalignment is None:
             return rig
         errors = self.misalignment

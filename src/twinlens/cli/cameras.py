@@ -1,0 +1,30 @@
+"""`twinlens cameras`: the cameras that rigs and recipes know by name."""
+
+import click
+
+from twinlens.camera.film import SENSOR_WIDTHS_MM
+from twinlens.camera.presets import CAMERAS
+from twinlens.cli.options import json_option, print_json
+
+
+@click.command("cameras")
+@json_option("every camera with its source")
+def command(as_json: bool) -> None:
+    """List the cameras for `[camera]` in recipes and rigs, with the sources of their figures, and the sensor formats.
+
+    \b
+    Example:  twinlens cameras
+    """
+    cameras = [preset.reference(name) for name, preset in CAMERAS.items()]
+    if as_json:
+        print_json({"cameras": cameras, "sensor_widths_mm": SENSOR_WIDTHS_MM})
+        return
+    for each in cameras:
+        size = f"{each['width']}x{each['height']} pixels of {each['pixel_pitch_um']:g} um"
+        lens = f"{each['focal_length_mm']:.4g} mm" + (f" f/{each['f_number']:g}" if each["f_number"] else "")
+        baseline = [f"baseline {1e3 * each['baseline']:g} mm"] if each["baseline"] else []
+        click.echo(f"{each['name']}: {each['description']}")
+        click.echo("  " + ", ".join([size, lens, f"{each['fov_x_deg']:.1f} degrees", *baseline]))
+        click.echo(f"  Source: {each['source']}")
+    formats = ", ".join(f"{name} ({width:g} mm)" for name, width in SENSOR_WIDTHS_MM.items())
+    click.echo(f"\nSensor formats and their widths: {formats}")

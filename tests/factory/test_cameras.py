@@ -1,0 +1,94 @@
+"""`[camera]` in recipes, and `camera` in rigs: presets, sensor formats and focal lengths in millimetres."""
+
+import pytest
+
+from twinlens.camera import KannalaBrandt
+from twinlens.camera.presets import CAMERAS
+from twinlens.errors import InputError
+from twinlens.factory import plan
+from twinlens.factory.recipe import recipe_from_table
+from twinlens.factory.settings import Settings
+from twinlens.scenes import load_scene, rig_from_table
+from twinlens.schema import read
+
+BASE = {"seed": 1, "count": 3, "scenes": ["cards"]}
+
+
+def rig_of(table, index=0):
+    """The settings and the rig of a sample of a recipe."""
+    spec = plan(recipe_from_table(BASE | table), index)
+    settings = read(Settings, spec.drawn, "recipe.toml")
+    scene = load_scene("cards")
+    return settings, settings.rig_of(scene, scene.rig, "recipe.toml")
+
+
+def test_a_preset_sets_the_pair_and_the_size_of_its_images():
+    settings, rig = rig_of({"camera": {"preset": "realsense-d435"}})
+    assert (settings.width, settings.height) == (1280, 800)
+    assert rig.cameras[0] == rig.cameras[1]
+    assert rig.baseline() == pytest.approx(0.05)
+    assert rig.cameras[0].fx == pytest.approx(1.93e3 / 3.0)
+    assert rig.cameras[0].pixel_pitch_um == 3.0
+    assert rig.is_rectified()
+
+
+def test_a_smaller_width_bins_and_the_rig_may_change_the_baseline():
+    settings, rig = rig_of({"width": 320, "camera": {"preset": "realsense-d435"}, "rig": {"baseline": 0.2}})
+    assert (settings.width, settings.height) == (320, 200)
+    assert rig.cameras[0].fov_x_deg == pytest.approx(CAMERAS["realsense-d435"].camera.fov_x_deg)
+    assert rig.baseline() == pytest.approx(0.2)
+
+
+def test_a_fisheye_without_a_pair_has_the_baseline_of_the_scene():
+    _, rig = rig_of({"width": 96, "height": 54, "camera": {"preset": "gopro-hero9-wide"}})
+    assert rig.baseline() == pytest.approx(load_scene("cards").baseline)
+    assert rig.cameras[0].distortion == KannalaBrandt(0.05, 0.07, -0.11, 0.05)
+    assert rig.cameras[0].cx == pytest.approx((479.12 + 0.5) / 10 - 0.5)
+
+
+@pytest.mark.parametrize(("camera", "fx", "pitch"), [
+    ({"sensor_width_mm": "2/3", "focal_length_mm": 8}, 8 / 8.8 * 320, 8800 / 320),
+    ({"pixel_pitch_um": 3.45, "focal_length_mm": 8}, 8e3 / 3.45, 3.45),
+    ({"preset": "realsense-d435", "focal_length_mm": 3.86}, 3.86e3 / 12, 12.0),
+    ({"preset": "realsense-d435", "fx": 300}, 300.0, 12.0),
+])  # fmt: skip
+def test_focal_lengths_and_pixels_in_millimetres(camera, fx, pitch):
+    _, rig = rig_of({"width": 320, "height": 180, "camera": camera})
+    assert rig.cameras[1].fx == rig.cameras[1].fy == pytest.approx(fx)
+    assert rig.cameras[1].pixel_pitch_um == pytest.approx(pitch)
+
+
+def test_every_value_may_be_drawn():
+    table = {"camera": {"preset": {"sweep": ["mer-navcam", "bumblebee2"]}}}
+    sizes = [rig_of(table, i)[0] for i in (0, 1)]
+    assert [(each.width, each.height) for each in sizes] == [(1024, 1024), (1024, 768)]
+    table = {"width": 64, "height": 48, "camera": {"sensor_width_mm": "1/3", "focal_length_mm": {"uniform": [4, 8]}}}
+    assert len({rig_of(table, i)[1].cameras[0].fx for i in range(3)}) == 3
+
+
+def test_a_rig_names_a_camera_and_its_keys_change_it():
+    rig = rig_from_table({"camera": {"preset": "mer-navcam", "width": 256}}, load_scene("cards"), 640, 480)
+    assert (rig.cameras[0].width, rig.cameras[0].height) == (256, 256)
+    assert rig.baseline() == pytest.approx(0.2)
+    table = {"layout": "line", "count": 3, "camera": {"preset": "mer-navcam"}, "cameras": [{}, {"fov_x_deg": 30}, {}]}
+    rig = rig_from_table(table, load_scene("cards"), 640, 480)
+    assert rig.baseline() == pytest.approx(0.2)
+    assert rig.cameras[1].fov_x_deg == pytest.approx(30)
+
+
+@pytest.mark.parametrize(("table", "message"), [
+    ({"camera": {"preset": "realsense"}}, r"camera\.preset: unknown camera 'realsense'; did you mean 'realsense-d435'"),
+    ({"camera": {"focal_length_mm": 8}}, "focal_length_mm needs the size of a pixel"),
+    ({"camera": {"focal_length_mm": 8, "fx": 8}}, "camera: 'fx' and 'focal_length_mm' both set the focal length"),
+    ({"camera": {"focal": 8}}, "camera: unknown key 'focal'"),
+    ({"camera": {"preset": "mer-navcam", "width": 8}}, r"are not in \[camera\]"),
+    ({"camera": {"preset": "realsense-d435"}, "width": 320, "height": 240}, "sensor has 200 rows at a width of 320"),
+    ({"camera": {"sensor_width_mm": "3/2"}}, "unknown sensor format '3/2'"),
+    ({"camera": 3}, "camera: must be a table"),
+    ({"camera": {"preset": "mer-navcam"}, "width": "big"}, "width: must be a whole number"),
+])  # fmt: skip
+def test_mistakes_are_named(table, message):
+    with pytest.raises(InputError, match=message) as caught:
+        recipe_from_table(BASE | table)
+    assert str(caught.value).startswith("recipe.toml: ")
+    assert "\n" not in str(caught.value)
