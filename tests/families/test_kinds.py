@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from twinlens.families.arrangement import centre_of_mass
 from twinlens.families.kinds import KINDS
+from twinlens.scenes.stable_poses import centre_of_mass
 
 RNG_SEEDS = (0, 1, 2)
 

@@ -6,7 +6,6 @@ from itertools import pairwise
 import numpy as np
 
 from twinlens.families import lighting
-from twinlens.families.arrangement import gap, outline
 from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng, one_of, weighted
 from twinlens.families.furniture import board
@@ -17,6 +16,7 @@ from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
 from twinlens.scenes.placement import rotation, translation
 from twinlens.scenes.scene import Bitmap, Mesh
+from twinlens.scenes.stable_poses import gap, outline
 
 
 def compose(scene: Composition) -> None:

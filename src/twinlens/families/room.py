@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from twinlens.families import furniture, lighting
-from twinlens.families.arrangement import Area, arrange, bodies_at_rest, gap
+from twinlens.families.arrangement import Area, arrange, bodies_at_rest
 from twinlens.families.composition import Composition, rasterize
 from twinlens.families.draws import Rng, one_of
 from twinlens.families.furniture import Piece, board
@@ -17,6 +17,7 @@ from twinlens.geometry import Float, transform_points
 from twinlens.scenes import shapes
 from twinlens.scenes.placement import rotation, translation
 from twinlens.scenes.scene import Mesh
+from twinlens.scenes.stable_poses import gap
 
 _SMALL = ("vase", "bottle", "bowl", "cup", "jar", "tin", "candle", "book", "book", "carton", "ball", "pebble", "knot",
           "plate", "blob", "superquadric", "goblet", "crystal", "ring")  # fmt: skip

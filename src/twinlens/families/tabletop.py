@@ -5,12 +5,13 @@ import math
 import numpy as np
 
 from twinlens.families import lighting
-from twinlens.families.arrangement import Area, StablePose, arrange, bodies_at_rest
+from twinlens.families.arrangement import Area, arrange, bodies_at_rest
 from twinlens.families.composition import Composition
 from twinlens.families.draws import Rng, one_of
 from twinlens.families.surfaces import FLOORS, TOPS, WALLS, Sheet, surface, surface_pattern, wall_colors
 from twinlens.geometry import Float
 from twinlens.scenes.scene import Mesh
+from twinlens.scenes.stable_poses import StablePose
 
 _TABLE_HEIGHT = 0.74
 _THICKNESS = 0.035

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from twinlens.families.arrangement import gap, inside_by, outline, stable_poses
 from twinlens.scenes import shapes
 from twinlens.scenes.scene import Mesh
+from twinlens.scenes.stable_poses import gap, inside_by, outline, stable_poses
 
 
 def ours(made):
