@@ -129,7 +129,7 @@ def test_added_textures_move_no_object(tmp_path):
         ({"depth_range": (2.0, 2.1)}, "far >="),
         ({"depth_range": (0.0, 2.0)}, "depth_range"),
         ({"depth_range": 3.0}, "depth_range"),
-        ({"object_count": 0}, "object_count"),
+        ({"family": "flying", "object_count": 0}, "object_count"),
         ({"object_count": (5, 2)}, "object_count"),
         ({"object_count": (1, 2, 3)}, "object_count"),
         ({"object_count": 10_000}, "object_count"),

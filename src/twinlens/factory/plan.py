@@ -5,8 +5,9 @@ are indexed in mixed radix and make a full factorial: the scene changes fastest,
 `DRAWN` and of the recipe's own keys. After the last combination the first one follows, with other random values.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -66,12 +67,12 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
     else:
         chosen = digits[""]
 
-    def choose(leaf: Leaf) -> Any:
+    def choose(leaf: Leaf, *copy: int) -> Any:
         if leaf.kind == "sweep":
             return leaf.distribution.values[digits[leaf.key]]
         if leaf.kind == "per_scene":
             return leaf.distribution.values[chosen]
-        return leaf.distribution.draw(generator(recipe.seed, "draw", index, attempt, leaf.key))
+        return leaf.distribution.draw(generator(recipe.seed, "draw", index, attempt, leaf.key, *copy))
 
     seed = int(generator(recipe.seed, "sample", index, attempt).integers(1 << _SEED_BITS))
     return SampleSpec(
@@ -82,16 +83,44 @@ def plan(recipe: Recipe, index: int, attempt: int = 0) -> SampleSpec:
         seed=seed,
         kind=recipe.kind,
         scene=recipe.names[chosen],
-        drawn=resolve(recipe.drawn, choose),
+        drawn=_with_copies(recipe, resolve(recipe.drawn, choose), choose, (index, attempt)),
         ndisp=recipe.ndisp,
         keep=recipe.keep,
     )
+
+
+def _with_copies(
+    recipe: Recipe, drawn: dict[str, Any], choose: Callable[..., Any], draw: tuple[int, int]
+) -> dict[str, Any]:
+    """The drawn values with a list of tables for each of the recipe's objects, one for each copy, and its mesh."""
+    scene = drawn.get("scene", {})
+    if not scene.get("objects"):
+        return drawn
+    written: Any = recipe.drawn["scene"]
+    written = written.get("objects") if isinstance(written, dict) else None  # a choice has constants only
+    copies = {}
+    for name, table in scene["objects"].items():
+        tree = written[name] if isinstance(written, dict) else table
+        several = {"count": table["count"]} if "count" in table else {}
+        drawn_tables = (resolve(tree, partial(_of_copy, choose, i)) for i in range(table.get("count", 1)))
+        copies[name] = [each | several for each in drawn_tables]
+        for i, each in enumerate(copies[name]):
+            if "folder" in each:
+                meshes = recipe.sources.meshes(each["folder"])
+                each["file"] = meshes[generator(recipe.seed, "mesh", *draw, name, i).integers(len(meshes))]
+    return {**drawn, "scene": {**scene, "objects": copies}}
+
+
+def _of_copy(choose: Callable[..., Any], copy: int, leaf: Leaf) -> Any:
+    """The first copy has the streams of a single object."""
+    return choose(leaf, copy) if copy else choose(leaf)
 
 
 def is_fixed(recipe: Recipe) -> bool:
     """Whether all draws of a sample differ in noise only: the scene is from a file, and nothing else is random."""
     chosen = recipe.weights is None or len(recipe.names) == 1
     random = any(leaf.kind not in ("sweep", "per_scene") for leaf in leaves(recipe.drawn))
+    random |= recipe.random_places
     return chosen and recipe.kind == "scene" and not random
 
 

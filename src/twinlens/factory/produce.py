@@ -1,6 +1,6 @@
 """Makes a sample from its spec.
 
-spec -> scene -> rig -> truth -> gates -> lenses -> photographs -> gates -> Sample
+spec -> scene -> rig -> objects -> truth -> gates -> lenses -> photographs -> gates -> Sample
 """
 
 import dataclasses
@@ -10,6 +10,7 @@ from typing import Any
 from twinlens.dataset import Sample
 from twinlens.errors import BackendError, FileError, InputError
 from twinlens.factory.gates import Gates, Rejected, check_photographs, check_truth
+from twinlens.factory.objects import check_seen, with_objects
 from twinlens.factory.plan import SampleSpec, is_fixed, plan
 from twinlens.factory.recipe import Recipe
 from twinlens.factory.sample import make_sample
@@ -79,12 +80,16 @@ def produce(
     """
     sources = sources or Sources()
     settings = read(Settings, with_mismatch_seed(spec.drawn, spec.seed), _FILE)
-    scene = _lit(_scene(spec, settings, sources), spec, settings, sources)
-    moved = scene.at(scene.world_from_left @ settings.scene.jitter.pose())
-    rig = settings.rig_of(moved, scene.rig, _FILE)
+    base = _lit(_scene(spec, settings, sources), spec, settings, sources)
+    moved = base.at(base.world_from_left @ settings.scene.jitter.pose())
+    rig = settings.rig_of(moved, base.rig, _FILE)
+    scene = with_objects(base, settings.scene.objects, rig.nominal, spec.seed, sources.folder, _FILE)
+    if scene is not base:
+        sources.check_files(scene)
     truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity)
     if gates is not None:
         check_truth(gates, scene, rig, truths, spec.ndisp)
+        check_seen(settings.scene.objects, truths)
     view = View(scene, rig.nominal.cameras[0], truths, spec.seed)
     sample = make_sample(
         scene,

@@ -17,10 +17,11 @@ from twinlens.dataset.metadata import About
 from twinlens.errors import InputError, format_value, located, unknown
 from twinlens.factory.draws import corners, hint, leaves, normalized, template
 from twinlens.factory.gates import Gates
+from twinlens.factory.objects import check_objects
 from twinlens.factory.settings import MaskTable, Settings, check_settings
 from twinlens.factory.sources import Sources
 from twinlens.families import FAMILIES, Assets
-from twinlens.scenes import bundled_scenes, read_toml
+from twinlens.scenes import bundled_folder, bundled_scenes, read_toml
 from twinlens.schema import Fraction, NonNegative, StrictModel, one_of, read
 
 
@@ -129,7 +130,10 @@ RecipeTable: Any = create_model("RecipeTable", __base__=_Constants, **dict.fromk
 
 @dataclass(frozen=True, eq=False)
 class Recipe:
-    """A checked recipe. `written` is the content of the file; `names` are those of its scenes or families."""
+    """A checked recipe. `written` is the content of the file; `names` are those of its scenes or families.
+
+    `random_places` : whether objects get random places or meshes.
+    """
 
     file: Path
     written: Mapping[str, Any]
@@ -144,6 +148,7 @@ class Recipe:
     gates: Gates
     splits: Mapping[str, float]
     sources: Sources
+    random_places: bool = False
 
 
 def read_recipe(path: str | os.PathLike[str], changes: Mapping[str, Any] | None = None) -> Recipe:
@@ -166,8 +171,8 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
                 f"{path}: {leaf.key}: per_scene needs {len(names)} values, one for each scene or family of the recipe, "
                 f"got {len(leaf.distribution.values)}"
             )
-    masks, skies = _check_drawn(drawn, path, table.families or [], table.gates)
-    sources = Sources(path.parent, tuple(table.scenes or ()), assets, masks, skies, **keep)
+    named, skies, random_places = _check_drawn(drawn, path, table)
+    sources = Sources(path.parent, tuple(table.scenes or ()), assets, named, skies, **keep)
     for k, credit in enumerate(About.of(table.about or {}).credits):
         if not any(map(credit.covers, sources.files)):
             raise InputError(f"{path}: about.credits[{k}].files: {credit.files!r} is none of the recipe's files")
@@ -185,17 +190,25 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
         gates=table.gates,
         splits=table.splits or {},
         sources=sources,
+        random_places=random_places,
     )
 
 
-def _check_drawn(
-    drawn: Mapping[str, Any], path: Path, families: list[str], gates: Gates
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Check the `corners` of a template; return the mask files that lenses name, and the files of skies."""
-    checked = []
+def _check_drawn(drawn: Mapping[str, Any], path: Path, recipe: Any) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
+    """Check the `corners` of a template.
+
+    Returns the files that lenses and objects name, those of skies, and whether it has objects at random places.
+    """
+    named: dict[str, None] = {}
+    checked, random_places = [], False
+    files = [_scene_file(path.parent / name, name) for name in recipe.scenes or ()]
+    gates, families = recipe.gates, recipe.families or []
     for table in corners(drawn):
         try:
             checked.append(check_settings(table, path, families))
+            objects = checked[-1][0].scene.objects
+            named |= check_objects(objects, files or [None], path)
+            random_places |= any({"resting_on", "folder"} & one.keys() for each in objects.values() for one in each)
         except InputError as error:
             raise type(error)(f"{error}{hint(str(error).removeprefix(f'{path}: '), drawn)}") from error
     if gates.noise is not None and any(s.spp < 2 or not (s.denoise or s.noise) for s, _ in checked):
@@ -211,7 +224,12 @@ def _check_drawn(
     for name in skies:
         with located(f"{path}: sky.file"):
             _check_listed("hdris", name, path.parent)
-    return tuple(dict.fromkeys(masks)), tuple(skies)
+    return tuple(dict.fromkeys([*masks, *named])), tuple(skies), random_places
+
+
+def _scene_file(path: Path, name: str) -> Path:
+    path = bundled_folder() / name if name in bundled_scenes() else path
+    return path / "scene.toml" if path.is_dir() else path
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any], key: str = "") -> list[str]:

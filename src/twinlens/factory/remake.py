@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from twinlens.camera import ALIGNED, Misalignment, Rig
 from twinlens.camera.rectification import rectify
@@ -17,8 +18,9 @@ from twinlens.camera.truth import Truth
 from twinlens.dataset import Sample, Shot, StoredSample
 from twinlens.dataset.record import LENS, RIG, FileModel, plain, read
 from twinlens.errors import InputError, check_known, format_value
+from twinlens.factory.objects import with_objects
 from twinlens.factory.sample import make_sample
-from twinlens.factory.settings import ExposureTable, SensorTable
+from twinlens.factory.settings import ExposureTable, SceneTable, SensorTable
 from twinlens.factory.sources import file_digests
 from twinlens.rendering import Progress, ground_truth
 from twinlens.scenes import Scene, load_scene
@@ -29,11 +31,19 @@ ORIGIN = ("spec", "rejections", "sources_sha256", "rectified_from")
 """Keys of a record that state where a sample comes from; `make_sample` does not write them."""
 
 
-def remake(record: Mapping[str, Any], scene: Scene | None = None, *, progress: Progress | None = None) -> Sample:
+def remake(
+    record: Mapping[str, Any],
+    scene: Scene | None = None,
+    *,
+    folder: str | Path = ".",
+    progress: Progress | None = None,
+) -> Sample:
     """Render the sample again whose sample.json is `record` (`StoredSample.record`).
 
     Its files are the same to the byte if backend and versions are those in the record. A bundled scene is found by its
-    name; any other must be given as `scene`, as `load_scene` reads it.
+    name; any other must be given as `scene`, as `load_scene` reads it. Objects of the sample's recipe are added to it.
+
+    folder : of the recipe, whose objects have files relative to it.
 
     Raises InputError if the scene differs from the record's, or is neither bundled nor given; if the images were warped
     from others; or if `make_sample` did not write the record.
@@ -43,7 +53,7 @@ def remake(record: Mapping[str, Any], scene: Scene | None = None, *, progress: P
     settings = read(_Record, record, _FILE).record
     if (settings.rectified_from or {}).get("pictures") == "maps":
         raise InputError("its images were warped from another sample's; rectify that sample again")
-    scene = scene_of(record, scene)
+    scene = scene_of(record, scene, folder)
     if settings.sky != (scene.sky.record if scene.sky else None):
         raise InputError("the sample was lit by another sky than the scene; give the scene with `lit_by` its sky")
     written = record["record"]  # plain values: the models convert whole numbers to float
@@ -64,7 +74,17 @@ def remake(record: Mapping[str, Any], scene: Scene | None = None, *, progress: P
         progress=progress,
     )
     origin = {key: written[key] for key in ORIGIN if key in written}
-    return replace(sample, ndisp=(settings.spec or {}).get("ndisp"), record={**sample.record, **origin})
+    return replace(
+        sample, ndisp=None if settings.spec is None else settings.spec.ndisp, record={**sample.record, **origin}
+    )
+
+
+class _Spec(FileModel):
+    """What `remake` reads of a SampleSpec."""
+
+    seed: int = 0
+    drawn: dict[str, Any] = Field(default_factory=dict)
+    ndisp: int | None = None
 
 
 class _Settings(FileModel):
@@ -82,7 +102,7 @@ class _Settings(FileModel):
     diffraction: bool
     sky_disparity: bool
     keep_radiance: bool
-    spec: dict[str, Any] | None = None
+    spec: _Spec | None = None
     rectified_from: dict[str, Any] | None = None
 
 
@@ -96,8 +116,10 @@ class _Record(FileModel):
 _FILE = Path("sample.json")
 
 
-def scene_of(record: Mapping[str, Any], given: Scene | None = None) -> Scene:
+def scene_of(record: Mapping[str, Any], given: Scene | None = None, folder: str | Path = ".") -> Scene:
     """The scene of a sample's record: the given one, or the bundled one of that name. Its files must be unchanged.
+
+    The objects of the recipe in `folder` are added to it.
 
     Raises InputError as `remake` does.
     """
@@ -106,6 +128,10 @@ def scene_of(record: Mapping[str, Any], given: Scene | None = None) -> Scene:
         scene = given or load_scene(settings.scene)
     except InputError as error:
         raise InputError(f"scene {settings.scene!r} is not bundled; load it with load_scene and pass it") from error
+    if settings.spec is not None and "scene" in settings.spec.drawn:
+        objects = read(SceneTable, settings.spec.drawn["scene"], _FILE, "record.spec.drawn.scene").objects
+        rig = read(RIG, record.get("rig"), _FILE, "rig").nominal
+        scene = with_objects(scene, objects, rig, settings.spec.seed, Path(folder), _FILE)
     if (scene.name, file_digests(scene)) != (settings.scene, settings.scene_files):
         raise InputError(f"scene {scene.name!r} is not the one that the record names: its files have changed")
     return scene
@@ -121,11 +147,12 @@ def rectified_sample(
     fit: str = "focal",
     zero_doffs: bool = True,
     misalignment: Misalignment = ALIGNED,
+    folder: str | Path = ".",
     progress: Progress | None = None,
 ) -> Sample:
     """Views `left` and `right` of a stored sample as a rectified pair (`rectification.rectify`), with exact truth.
 
-    scene : the sample's; not needed for a bundled one.
+    scene, folder : the sample's, as for `remake`; a bundled scene need not be given.
     pictures : "maps" warps the stored images (bilinear; black outside them, where no point counts as visible), as
         software does after a calibration. "render" renders the scene again through the rectified cameras.
     fit, zero_doffs, misalignment : see `rectify`. A misalignment affects the images; the ground truth is that of the
@@ -134,7 +161,7 @@ def rectified_sample(
     Raises InputError for a pair that cannot be rectified, and for a scene that is not the sample's.
     """
     check_known("pictures", pictures, PICTURES)
-    scene = scene_of(stored.record, scene)
+    scene = scene_of(stored.record, scene, folder)
     settings = {key: value for key, value in stored.record["record"].items() if key not in ORIGIN}
     result = rectify(stored.rig, left, right, fit=fit, zero_doffs=zero_doffs, misalignment=misalignment)
     origin = {"rectified_from": {"sample": stored.name, "views": [left, right], "fit": fit, "pictures": pictures}}

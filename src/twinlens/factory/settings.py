@@ -20,7 +20,8 @@ from twinlens.camera.presets import CAMERAS
 from twinlens.camera.truth import Truth
 from twinlens.dataset import read_image
 from twinlens.errors import FileError, InputError, format_value, located
-from twinlens.families import check_view
+from twinlens.factory.objects import Objects
+from twinlens.families import FAMILIES, check_view
 from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
 from twinlens.scenes import Scene, rig_from_table
@@ -51,11 +52,12 @@ class JitterTable(StrictModel):
 
 
 class SceneTable(StrictModel):
-    """Where the rig is, and, for families only, the depths and the number of objects."""
+    """Where the rig is, the recipe's own objects, and, for families only, the depths and the number of objects."""
 
     jitter: JitterTable = JitterTable()
     depth_range: Annotated[tuple[Positive, Positive], Strict(strict=False), NEAR_FAR] | None = None
-    object_count: Annotated[int, Field(ge=1, le=10_000)] | None = None
+    object_count: Annotated[int, Field(ge=0, le=10_000)] | None = None
+    objects: Objects = Field(default_factory=dict)
 
 
 class SkyTable(StrictModel):
@@ -307,6 +309,8 @@ def check_settings(drawn: Mapping[str, Any], file: Path, families: Sequence[str]
         with located(str(file)):
             depths = settings.scene.depth_range
             check_view(name, settings.width / settings.height, settings.width, depths, "scene.depth_range")
+            if settings.scene.object_count == 0 and not FAMILIES[name].may_be_empty:
+                raise InputError(f"scene.object_count must be >= 1 in {name} scenes, got 0")
     given = settings.scene.model_fields_set & {"depth_range", "object_count"}
     if given and not families:
         raise InputError(f"{file}: scene.{min(given)}: can be used with 'families' only")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from twinlens.dataset.files import read_bytes
-from twinlens.errors import FileError
+from twinlens.errors import FileError, InputError
 from twinlens.families import Assets
 from twinlens.families.assets import named_by_mesh
 from twinlens.scenes import Scene, bundled_folder, bundled_scenes, load_scene
@@ -29,7 +29,7 @@ class Sources:
 
     scenes : bundled names, scene files, or folders with a scene.toml.
     assets : folders or files by kind (meshes, textures, hdris).
-    masks : images of apertures.
+    named : other files, such as images of apertures and meshes of objects.
     skies : environment maps, or folders of them.
     keep_scale, keep_material : of `Assets`.
     """
@@ -37,17 +37,18 @@ class Sources:
     folder: Path = Path()
     scenes: tuple[str, ...] = ()
     assets: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    masks: tuple[str, ...] = ()
+    named: tuple[str, ...] = ()
     skies: tuple[str, ...] = ()
     keep_scale: bool = False
     keep_material: bool = False
     _known: dict[Path, tuple[tuple[int, int, int], str]] = field(default_factory=dict, init=False, repr=False)
     _loaded: dict[str, Scene] = field(default_factory=dict, init=False, repr=False)
+    _meshes: dict[str, list[str]] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def files(self) -> dict[str, Path]:
         """Every file by its name relative to the recipe, sorted. Raises InputError for unreadable scenes."""
-        files = {Path(name).as_posix(): self.folder / name for name in self.masks}
+        files = {Path(name).as_posix(): self.folder / name for name in self.named}
         for name in self.scenes:
             home, shown = bundled_folder() / name if name in bundled_scenes() else self.folder / name, Path(name)
             if not home.is_dir():
@@ -80,11 +81,21 @@ class Sources:
         Raises FileError if its files have changed. Rendering opens a Mitsuba .xml again; call this again after it.
         """
         scene = self._loaded.get(name) or load_scene(name if name in bundled_scenes() else self.folder / name)
-        _digests[scene] = {file: self.unchanged(path) for file, path in _names_below(None, scene.files).items()}
+        self.check_files(scene)
         self._loaded[name] = scene
         if len(self._loaded) > _SCENES_KEPT:
             del self._loaded[next(iter(self._loaded))]
         return scene
+
+    def check_files(self, scene: Scene) -> None:
+        """Raise FileError if a file of the scene has changed."""
+        _digests[scene] = {file: self.unchanged(path) for file, path in _names_below(None, scene.files).items()}
+
+    def meshes(self, name: str) -> list[str]:
+        """The mesh files of a folder, as `meshes_in`; listed once."""
+        if name not in self._meshes:
+            self._meshes[name] = meshes_in(self.folder, name)
+        return self._meshes[name]
 
     def file(self, name: str) -> Path:
         """The path of a file that the recipe names. Raises FileError if it has changed."""
@@ -150,6 +161,19 @@ class Sources:
             raise FileError(f"{path}: has changed while samples were made from it; restore it and run the same command")
         self._known[path] = (stamp, now)
         return now
+
+
+def meshes_in(folder: Path, name: str) -> list[str]:
+    """The mesh files of the folder `name` below `folder`, by their names relative to `folder`, sorted.
+
+    Raises InputError if there is none.
+    """
+    try:
+        found = Assets.from_folders(meshes=[folder / name]).meshes
+    except InputError as error:
+        message = str(error).removeprefix("meshes: ").replace(str(folder / name), name)
+        raise InputError(f"folder: {message}") from None
+    return [(Path(name) / path.relative_to(folder / name)).as_posix() for path in found]
 
 
 _digests: "weakref.WeakKeyDictionary[Scene, dict[str, str]]" = weakref.WeakKeyDictionary()

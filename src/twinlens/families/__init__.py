@@ -11,9 +11,9 @@ from twinlens.families.composition import Composition, Family
 from twinlens.scenes.scene import Scene
 
 FAMILIES: dict[str, Family] = {
-    "tabletop": Family("bodies at rest on a table", (12, 22), tabletop.compose, 1.8),
+    "tabletop": Family("bodies at rest on a table", (12, 22), tabletop.compose, 1.8, True),
     "flying": Family("things in the air, at disparities spread evenly", (14, 26), flying.compose, 1.3),
-    "room": Family("a furnished room", (18, 36), room.compose, 2.5),
+    "room": Family("a furnished room", (18, 36), room.compose, 2.5, True),
     "cards": Family("test charts, steps and waves at set distances and slants", (7, 13), cards.compose, 1.8),
 }
 """Every family by its name."""
@@ -46,7 +46,8 @@ def random_scene(
         The range of depths in the picture, metres; by default the family draws it. The scene's `depth_range` is the
         range measured in the composed scene.
     object_count : int or (min, max), optional
-        How many objects, without walls, floors, furniture and lamps. Fewer if no more fit.
+        How many objects, without walls, floors, furniture and lamps. Fewer if no more fit. 0 is allowed in tabletop and
+        room.
     aspect : float
         Width over height of the picture that the scene is composed for, 0.2 to 5.
     width : int
@@ -77,7 +78,7 @@ def random_scene(
     for name, pair in (("object_count", counts), ("depth_range", depth_range)):
         if pair is not None and np.shape(pair) != (2,):
             raise InputError(f"{name} must have two values, got {format_value(pair)}")
-    check_int("object_count", counts[0], 1, _MAX_OBJECTS)
+    check_int("object_count", counts[0], 0 if chosen.may_be_empty else 1, _MAX_OBJECTS)
     check_int("object_count", counts[1], counts[0], _MAX_OBJECTS)
     check_view(family, aspect, width, depth_range, "depth_range")
     if depth_range is not None and assets is not None and assets.keep_scale:

@@ -228,12 +228,16 @@ class Composition:
 
 @dataclass(frozen=True)
 class Family:
-    """A description, the default object count (min, max), `compose`, and the smallest far/near that it supports."""
+    """A description, the default object count (min, max), `compose`, and the smallest far/near that it supports.
+
+    `may_be_empty` : whether it has scenes without objects.
+    """
 
     about: str
     object_count: tuple[int, int]
     compose: Callable[[Composition], None]
     least_ratio: float
+    may_be_empty: bool = False
 
 
 def similarity(turn: Float, position: Float, size: float) -> Float:

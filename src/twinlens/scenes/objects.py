@@ -191,13 +191,21 @@ _SHAPE_OBJECT = tagged("ShapeObject", "shape", _VARIANTS)
 _ADAPTER: pydantic.TypeAdapter[ObjectBase] = pydantic.TypeAdapter(_SHAPE_OBJECT)
 
 
-def _read_object(value: Any, info: Any) -> SceneObject:
+def _read_table(value: Any, info: Any) -> ObjectBase:
     if isinstance(value, Mapping) and ("file" in value) == ("shape" in value):
         raise InputError("needs exactly one of 'shape' (a name) and 'file' (a mesh file)")
     if isinstance(value, Mapping) and "file" in value:
-        return MeshFile.model_validate(value, context=info.context).build(info.context)
-    return _ADAPTER.validate_python(value, context=info.context).build(info.context)
+        return MeshFile.model_validate(value, context=info.context)
+    return _ADAPTER.validate_python(value, context=info.context)
 
 
-Object = Annotated[SceneObject, pydantic.PlainValidator(_read_object, json_schema_input_type=_SHAPE_OBJECT | MeshFile)]
+_TABLE: Any = _SHAPE_OBJECT | MeshFile
+ObjectTable = Annotated[ObjectBase, pydantic.PlainValidator(_read_table, json_schema_input_type=_TABLE)]
+"""The keys of an object, checked; files are found but not read before `ObjectBase.build`."""
+Object = Annotated[
+    SceneObject,
+    pydantic.PlainValidator(
+        lambda value, info: _read_table(value, info).build(info.context), json_schema_input_type=_TABLE
+    ),
+]
 """An entry of [objects]; its name is set where the file is read."""

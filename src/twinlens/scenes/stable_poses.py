@@ -38,6 +38,11 @@ class StablePose:
         return float(self.points[:, 2].max())
 
     @cached_property
+    def size(self) -> float:
+        """The largest extent along an axis."""
+        return float(np.ptp(self.points, axis=0).max())
+
+    @cached_property
     def footprint(self) -> Float:
         return outline(self.points[:, :2])
 
@@ -118,20 +123,21 @@ def _polygon(points: Float) -> Float | None:
     return outline(points)
 
 
-def _edge_normals(convex: Float) -> Float:
+def edge_normals(convex: Float) -> Float:
+    """The outward unit normals (N, 2) of a convex outline (N, 2), counter-clockwise."""
     edge = np.roll(convex, -1, axis=0) - convex
     return np.asarray(np.stack([edge[:, 1], -edge[:, 0]], axis=-1) / np.linalg.norm(edge, axis=1, keepdims=True))
 
 
 def inside_by(convex: Float, point: Float) -> float:
     """How far a point lies inside a convex outline; negative outside."""
-    return float(-((point - convex) * _edge_normals(convex)).sum(axis=1).max())
+    return float(-((point - convex) * edge_normals(convex)).sum(axis=1).max())
 
 
 def gap(a: Float, b: Float) -> float:
     """A lower bound of the distance of convex outlines (N, 2). Source: Gottschalk et al., OBBTree, SIGGRAPH 1996."""
     best = -np.inf
     for p, q in ((a, b), (b, a)):
-        normal = _edge_normals(p)
+        normal = edge_normals(p)
         best = max(best, float(((q @ normal.T).min(axis=0) - (p * normal).sum(axis=1)).max()))
     return best

@@ -1,0 +1,484 @@
+"""Objects that a recipe adds to its scenes or draws anew: the keys of a scene.toml's objects, and where they stand.
+
+A table replaces keys of the object with its name in scene.toml, or is a whole object. Files are relative to the recipe.
+"""
+
+import graphlib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.random import Generator as Rng
+from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter
+from scipy.spatial import QhullError
+
+from twinlens.camera import Rig
+from twinlens.camera.truth import Truth
+from twinlens.errors import InputError, check_known, located
+from twinlens.factory.gates import Rejected, crossings
+from twinlens.factory.sources import meshes_in
+from twinlens.geometry import Float, inverse, rigid, transform_points
+from twinlens.scenes import Mesh, Plugin, Scene, SceneObject, read_toml
+from twinlens.scenes.assets import SceneContext
+from twinlens.scenes.objects import ANALYTIC_SHAPES, MESH_SHAPES, MeshFile, ObjectBase, ObjectTable
+from twinlens.scenes.placement import Placement, rotation
+from twinlens.scenes.plugins import Material
+from twinlens.scenes.resting import (
+    CLEARANCE,
+    LevelFace,
+    Placed,
+    level_faces,
+    near_triangles,
+    random_point,
+    world_triangles,
+)
+from twinlens.scenes.stable_poses import StablePose, stable_poses
+from twinlens.schema import Fraction, Number, StrictModel, exactly, read, satisfies
+from twinlens.seeds import generator
+
+_TRIES = 200
+_SURFACE_POINTS = 256
+_UPRIGHT = 0.9  # cosine of the largest tilt of an upright body
+_LEAST_FRONT = 0.3  # length of a front axis seen from above, below which the next axis is the front
+_RANGE = Annotated[
+    list[Number], exactly(2, Number), satisfies(lambda ends: ends[0] < ends[1], "must be [low, high], got {}")
+]
+_TURNS = ("rotate", "euler_deg", "look_at")
+_MATERIAL: TypeAdapter[Plugin] = TypeAdapter(Material)
+_OBJECT: TypeAdapter[ObjectBase] = TypeAdapter(ObjectTable)
+_SHAPES: dict[str, dict[str, Any]] = {**ANALYTIC_SHAPES, **MESH_SHAPES}
+_OBJECT_KEYS = {"shape", *MeshFile.model_fields, *(key for keys in _SHAPES.values() for key in keys)}
+
+
+class Placing(StrictModel):
+    """Keys of a recipe's object besides those of an object in scene.toml.
+
+    count : copies, each with its own draws.
+    folder : a random mesh of this folder, in place of `file`.
+    resting_on : the object on whose level faces it is placed, in a stable pose and clear of all other objects.
+    within : [[x low, x high], [y low, y high]], the part of the world in metres that it is placed in.
+    upright : use the stable pose in which its own z axis is closest to vertical, instead of a random one.
+    looking_at : an object, or "camera", that its z axis turns to; at rest, its -y axis seen from above.
+    in_view : least share of its surface's points inside the picture of every camera.
+    """
+
+    count: int = Field(1, ge=0, le=1000)
+    folder: str | None = None
+    resting_on: str | None = None
+    within: Annotated[list[_RANGE], exactly(2, _RANGE)] | None = None
+    upright: bool = False
+    looking_at: str | None = None
+    in_view: Fraction | None = None
+
+
+class _ObjectKeys(Placing, Placement):
+    """The keys of a recipe's object that editors know; its shape and its file have more (docs/scenes.md)."""
+
+    model_config = ConfigDict(extra="allow")
+    file: str | None = None
+    shape: str | None = None
+    material: str | dict[str, Any] | None = None
+
+
+Objects = dict[
+    str,
+    Annotated[
+        list[dict[str, Any]],
+        BeforeValidator(lambda value: [value] if isinstance(value, Mapping) else value, _ObjectKeys),
+    ],
+]
+"""The tables of each object's copies, as the plan of a sample has them, or one table."""
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """One copy of an object before it is placed: its table, its own material, and where their files are found."""
+
+    name: str
+    place: Placing
+    table: ObjectBase
+    material: Plugin | None
+    context: SceneContext
+    drawn: SceneContext
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that were found so far: a mesh file may name others."""
+        return [*self.context.files, *self.drawn.files]
+
+
+def drafts(
+    name: str, tables: Sequence[Mapping[str, Any]], known: Mapping[str, Any], home: Path, folder: Path, file: Path
+) -> list[Draft]:
+    """The checked copies of the object `name`, of a scene whose scene.toml in `home` has the objects `known`.
+
+    Raises InputError naming `file` and the key.
+    """
+    found = []
+    for i, table in enumerate(tables):
+        key = f"scene.objects.{name}" + (f"[{i}]" if len(tables) > 1 else "")
+        place = read(Placing, {word: table[word] for word in Placing.model_fields if word in table}, file, key)
+        own = {word: value for word, value in table.items() if word not in Placing.model_fields}
+        new = bool({"file", "shape", "folder"} & table.keys())
+        for word in own.keys() - _OBJECT_KEYS:
+            with located(f"{file}: {key}"):
+                check_known("key", word, _OBJECT_KEYS | Placing.model_fields.keys())
+        with located(f"{file}: {key}"):
+            if name not in known and not new:
+                hint = f"; the scene has {', '.join(sorted(known))}" if known else ""
+                raise InputError(f"a new object needs one of 'file', 'folder' and 'shape'{hint}")
+            own = _merged(dict(known.get(name, {})), own, new)
+            if place.folder is not None:  # a plan has replaced it by a file
+                own = {**own, "file": own.get("file", meshes_in(folder, place.folder)[0])}
+            _check_pose(place, table, own)
+            material, inline = own.get("material"), None
+            context, drawn = SceneContext(folder if new else home), SceneContext(folder)
+        if isinstance(material, Mapping):
+            inline = read(_MATERIAL, dict(material), file, f"{key}.material", drawn)
+            own["material"] = name
+        checked = read(_OBJECT, own, file, key, context)
+        label = f"{name}[{i}]" if "count" in table else name
+        found.append(Draft(label, place, checked, inline, context, drawn))
+    return found
+
+
+def _merged(known: dict[str, Any], own: Mapping[str, Any], new: bool) -> dict[str, Any]:
+    """An object's table with some keys replaced; those that the new ones exclude are left out."""
+    if new:
+        known = {key: value for key, value in known.items() if key in ObjectBase.model_fields}
+    if "matrix" in own or ("matrix" in known.keys() - own.keys() and {"translate", *_TURNS} & own.keys()):
+        known = {key: value for key, value in known.items() if key not in ("matrix", "translate", *_TURNS)}
+    if {*_TURNS} & own.keys():
+        known = {key: value for key, value in known.items() if key not in _TURNS}
+    return {**known, **own}
+
+
+def _check_pose(place: Placing, table: Mapping[str, Any], own: dict[str, Any]) -> None:
+    """Raise InputError for keys that exclude each other; remove the position of an object that will rest elsewhere."""
+    if place.resting_on is None:
+        for key in ("within", "upright"):
+            if key in table:
+                raise InputError(f"{key!r} needs 'resting_on'")
+    else:
+        for key in ("translate", "matrix"):
+            if key in table:
+                raise InputError(f"{key!r} and 'resting_on' exclude each other; 'within' limits the place")
+            own.pop(key, None)
+        if own.get("instances"):
+            raise InputError("an object with instances cannot have 'resting_on'; use 'count'")
+    if place.looking_at is not None:
+        if given := {*_TURNS, "matrix"} & table.keys():
+            raise InputError(f"{min(given)!r} and 'looking_at' exclude each other")
+        for key in (*_TURNS, "matrix"):
+            own.pop(key, None)
+    if "count" in table and own.get("instances"):
+        raise InputError("'count' and 'instances' exclude each other")
+
+
+def written_objects(scene: Path | None) -> tuple[Path, dict[str, Any]]:
+    """The folder of a scene.toml, and its [objects] as written; none for None. Raises InputError for a Mitsuba file."""
+    if scene is None:
+        return Path(), {}
+    if scene.suffix == ".xml":
+        raise InputError(f"scene.objects: {scene.name} is a Mitsuba file; only scene.toml files and families have it")
+    return scene.parent, read_toml(scene).get("objects", {})
+
+
+def check_objects(
+    objects: Mapping[str, Sequence[Mapping[str, Any]]], scenes: Iterable[Path | None], file: Path
+) -> dict[str, None]:
+    """Check the objects of a recipe against each of its scene.toml files, None for families.
+
+    Returns the names of the files that the objects have, relative to the recipe. Raises InputError.
+    """
+    folder = file.parent.resolve()
+    found: dict[str, None] = {}
+    for scene in scenes if objects else ():
+        with located(str(file)):
+            home, known = written_objects(scene)
+        for name, tables in objects.items():
+            for table in tables:
+                if {"file", "folder"} <= table.keys():
+                    raise InputError(f"{file}: scene.objects.{name}: 'file' and 'folder' exclude each other")
+            for draft in drafts(name, tables, known, home, folder, file):
+                inside = [path for path in draft.files if path.is_relative_to(folder)]
+                found |= dict.fromkeys(path.relative_to(folder).as_posix() for path in inside)
+                if draft.place.folder is not None:
+                    found |= dict.fromkeys(meshes_in(folder, draft.place.folder))
+                others = {"resting_on": draft.place.resting_on, "looking_at": draft.place.looking_at}
+                for key, other in others.items():
+                    if scene is not None and other is not None and (key, other) != ("looking_at", "camera"):
+                        with located(f"{file}: scene.objects.{name}.{key}"):
+                            check_known("object", other, {*known, *objects} - {name})
+    return found
+
+
+def with_objects(
+    scene: Scene, objects: Mapping[str, Sequence[Mapping[str, Any]]], rig: Rig, seed: int, folder: Path, file: Path
+) -> Scene:
+    """The scene with a recipe's objects in it, as one drawn sample has them. The same arguments give the same scene.
+
+    folder : of the recipe, which names files relative to it.
+
+    Raises Rejected where an object has no free place or is not in view, and InputError.
+    """
+    if not objects:
+        return scene
+    home, known = written_objects(scene.xml or (scene.files[0] if scene.files else None))
+    copies = {name: drafts(name, tables, known, home, folder, file) for name, tables in objects.items()}
+    stage = _Stage(scene, [thing for thing in scene.objects if thing.name not in copies], rig, seed)
+    for name in _in_order(copies, file):
+        stage.added[name] = []
+        for i, draft in enumerate(copies[name]):
+            with located(f"{file}: scene.objects.{name}"):
+                stage.add(name, i, draft)
+    files = dict.fromkeys(path for group in copies.values() for draft in group for path in draft.files)
+    order = [*dict.fromkeys([thing.name for thing in scene.objects] + list(copies))]
+    placed = {thing.name: [thing] for thing in scene.objects} | stage.added
+    with located(str(file)):
+        return replace(
+            scene,
+            objects=tuple(thing for name in order for thing in placed[name]),
+            materials=stage.materials,
+            depth_range=stage.depth_range(),
+            files=tuple(dict.fromkeys([*scene.files, *files])),
+        )
+
+
+def _in_order(copies: Mapping[str, Sequence[Draft]], file: Path) -> list[str]:
+    """The names of objects: those with a pose first, the others after those that they rest on or look at."""
+    before = {
+        name: copies.keys() & {other for each in group for other in (each.place.resting_on, each.place.looking_at)}
+        for name, group in copies.items()
+    }
+    posed = {name for name in copies if not before[name] and not any(each.place.resting_on for each in copies[name])}
+    before = {name: others if name in posed else others | posed for name, others in before.items()}
+    try:
+        return list(graphlib.TopologicalSorter(before).static_order())
+    except graphlib.CycleError as error:
+        ring = " -> ".join(error.args[1])
+        raise InputError(f"{file}: scene.objects: {ring} rest on or look at each other; remove one") from error
+
+
+@dataclass(eq=False)
+class _Stage:
+    """The scene while objects are added to it. `added` are the copies by name, `rests` how those at rest lie."""
+
+    scene: Scene
+    kept: list[SceneObject]
+    rig: Rig
+    seed: int
+    added: dict[str, list[SceneObject]] = field(default_factory=dict)
+    rests: dict[str, Placed] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.materials = dict(self.scene.materials)
+        self.triangles = {thing.name: world_triangles(thing) for thing in self.kept}
+        self.faces: dict[str, list[tuple[LevelFace, Placed | None]]] = {}
+        self.shares: dict[str, Float] = {}
+        self.models: dict[str, SceneObject] = {}
+        self.poses: dict[tuple[int, bytes], list[StablePose]] = {}
+
+    def things(self, name: str) -> list[SceneObject]:
+        """The objects of that name: all copies of one that was added."""
+        return self.added.get(name) or [thing for thing in self.kept if thing.name == name]
+
+    def add(self, name: str, index: int, draft: Draft) -> None:
+        """Place one copy."""
+        table, place = draft.table, draft.place
+        target = self.target(place.looking_at)
+        if target is not None and place.resting_on is None:
+            table = table.model_copy(update={"look_at": target.tolist()})
+        thing = self.built(table, draft)
+        if place.resting_on is not None:
+            thing = self.at_rest(thing, place, target, generator(self.seed, "objects", name, index))
+        elif place.in_view is not None and (share := self.share_in_view(thing)) < place.in_view:
+            remedy = f"scene.objects.{name}.translate, or scene.objects.{name}.in_view"
+            raise Rejected("object out of view", f"{share:.1%} of {draft.name!r} in view", remedy)
+        self.added[name].append(thing)
+        self.triangles[thing.name] = world_triangles(thing)
+
+    def built(self, table: ObjectBase, draft: Draft) -> SceneObject:
+        """The object of a table, at its own pose. Copies of a mesh file share one mesh and its materials."""
+        file = getattr(table, "file", None)
+        shared = file is not None and not table.merge
+        key = repr((file, table.model_dump(exclude=set(Placement.placing_keys)))) if shared else draft.name
+        if key not in self.models:
+            thing = table.build(draft.context)
+            names = {name: self.free(name) for name in draft.context.materials}
+            self.materials |= {names[name]: plugin for name, plugin in draft.context.materials.items()}
+            own = thing.material if isinstance(thing.material, str) else tuple(names[name] for name in thing.material)
+            self.models[key] = replace(thing, material=own)
+        made = self.models[key]
+        if draft.material is not None:
+            material = self.free(draft.name)
+            self.materials[material] = draft.material
+            made = replace(made, material=material)
+        return replace(
+            made, name=draft.name, world_from_object=table.world_from_object() if shared else made.world_from_object
+        )
+
+    def free(self, name: str) -> str:
+        """A name for a material that no other has."""
+        while name in self.materials:
+            name += "-2"
+        return name
+
+    def target(self, name: str | None) -> Float | None:
+        """The position of the camera or the middle of an object's bounding box, (3,)."""
+        if name is None:
+            return None
+        if name == "camera":
+            return self.rig.world_from_cams[0][:3, 3]
+        points = np.concatenate(self.support(name, "looking_at")).reshape(-1, 3)
+        return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2)
+
+    def support(self, name: str, key: str) -> list[Float]:
+        """The triangles of the objects of that name. Raises InputError if there is none."""
+        found = [part for thing in self.things(name) for part in self.triangles[thing.name]]
+        if not found and name in self.added:
+            raise Rejected(f"no object for {key}", f"0 copies of {name!r}", f"scene.objects.{name}.count (larger)")
+        if not found:
+            with located(key):
+                check_known("object", name, [thing.name for thing in self.kept] + list(self.added))
+        return found
+
+    def at_rest(self, thing: SceneObject, place: Placing, target: Float | None, rng: Rng) -> SceneObject:
+        """The object in a stable pose at a random free place. Raises Rejected if none is found."""
+        carrier = str(place.resting_on)
+        faces = self.level(carrier)
+        rest, vertices = self.stable(thing, place, rng)
+        near: dict[int, Float] = {}
+        for _ in range(_TRIES):
+            chosen = int(rng.choice(len(faces), p=self.shares[carrier]))
+            face, below = faces[chosen]
+            trial = _trial(rest, face, below, place, target, rng)
+            if not (face.holds(trial.moved(rest.support)) and trial.balanced()):
+                continue
+            if chosen not in near:
+                near[chosen] = near_triangles([part for parts in self.triangles.values() for part in parts], face, rest)
+            if trial.meets(near[chosen]) or self.enclosed(trial.place + trial.spin @ rest.centre):
+                continue
+            turn = trial.spin @ rest.turn
+            low = float((vertices @ turn.T)[:, 2].min())
+            pose = rigid(turn, trial.place - [0, 0, low])
+            found = replace(thing, world_from_object=pose @ thing.world_from_object)
+            if place.in_view is None or self.share_in_view(found) >= place.in_view:
+                self.rests[thing.name] = trial
+                return found
+        remedy = f"the 'count', 'within' or 'in_view' of objects on {carrier!r}"
+        raise Rejected("no free place", f"{thing.name!r} on {carrier!r} in {_TRIES} tries", remedy)
+
+    def level(self, carrier: str) -> list[tuple[LevelFace, Placed | None]]:
+        """The level faces of all objects of that name, each with how its object lies."""
+        if carrier not in self.faces:
+            self.support(carrier, "resting_on")
+            found = [
+                (face, self.rests.get(thing.name))
+                for thing in self.things(carrier)
+                for part in self.triangles[thing.name]
+                for face in level_faces(part)
+            ]
+            if not found:
+                raise InputError(f"resting_on: {carrier!r} has no level face; name an object with one")
+            area = np.array([face.area.sum() for face, _ in found])
+            self.faces[carrier], self.shares[carrier] = found, area / area.sum()
+        return self.faces[carrier]
+
+    def stable(self, thing: SceneObject, place: Placing, rng: Rng) -> tuple[StablePose, Float]:
+        """A stable pose of an object and its vertices (N, 3), relative to its own position and orientation."""
+        if isinstance(thing.shape, Mesh):
+            key, faces = thing.shape.vertices.tobytes(), thing.shape.faces
+            vertices = transform_points(thing.world_from_object, thing.shape.vertices)
+        elif thing.shape["type"] == "cube":
+            vertices = world_triangles(thing)[0].reshape(-1, 3)
+            key, faces = b"cube", np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3)
+        else:
+            raise InputError(f"resting_on: needs a mesh or a cube, got a {thing.shape['type']}; use a mesh's shape")
+        known = hash(key), thing.world_from_object.tobytes()
+        if known not in self.poses:
+            size = float(np.ptp(vertices, axis=0).max())
+            try:
+                self.poses[known] = stable_poses(Mesh(vertices / size, faces), size)
+            except (QhullError, ZeroDivisionError, InputError) as error:
+                raise InputError("resting_on: needs a mesh with an extent in all three dimensions") from error
+        found = self.poses[known]
+        if place.upright:
+            found = [pose for pose in found if pose.turn[2, 2] > _UPRIGHT]
+            found = sorted(found, key=lambda pose: -float(pose.turn[2, 2]))[:1]
+        if not found:
+            remedy = (
+                "remove 'upright', or turn it with 'euler_deg'" if place.upright else "check that the mesh is closed"
+            )
+            raise InputError(f"resting_on: {thing.name!r} has no {'upright ' * place.upright}stable pose; {remedy}")
+        weights = np.array([pose.probability for pose in found])
+        return found[int(rng.choice(len(found), p=weights / weights.sum()))], vertices
+
+    def enclosed(self, point: Float) -> bool:
+        """Whether a point (3,) is inside a closed object that does not enclose the camera too, as a room does."""
+        eye = self.rig.world_from_cams[0][:3, 3]
+        return any(
+            ((part.min(axis=(0, 1)) < point) & (point < part.max(axis=(0, 1)))).all()
+            and _inside(part, point)
+            and not _inside(part, eye)
+            for parts in self.triangles.values()
+            for part in parts
+        )
+
+    def share_in_view(self, thing: SceneObject) -> float:
+        """The least share, over the cameras, of points of an object's surface that are inside the picture."""
+        triangles = np.concatenate(world_triangles(thing))
+        area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+        rng = generator(0, "surface")
+        u, v = rng.random((2, _SURFACE_POINTS, 1))
+        a, b, c = np.moveaxis(triangles[rng.choice(len(area), _SURFACE_POINTS, p=area / area.sum())], 1, 0)
+        points = a + np.where(u + v < 1, u, 1 - u) * (b - a) + np.where(u + v < 1, v, 1 - v) * (c - a)
+        pixels = [self.rig.project(i, points) for i in range(len(self.rig))]
+        return min(float(camera.contains(each).mean()) for camera, each in zip(self.rig.cameras, pixels, strict=True))
+
+    def depth_range(self) -> tuple[float, float]:
+        """The scene's range of depths, extended to the vertices of the added objects in the first view."""
+        near, far = self.scene.depth_range
+        camera_from_world = inverse(self.rig.world_from_cams[0])
+        for thing in (each for group in self.added.values() for each in group):
+            points = np.concatenate(self.triangles[thing.name]).reshape(-1, 3)
+            seen = points[self.rig.cameras[0].contains(self.rig.project(0, points))]
+            depth = transform_points(camera_from_world, seen)[:, 2]
+            near, far = min([near, *depth]), max([far, *depth])
+        return float(near), float(far)
+
+
+def _trial(
+    rest: StablePose, face: LevelFace, below: Placed | None, place: Placing, target: Float | None, rng: Rng
+) -> Placed:
+    """A random place on a face, turned to a target."""
+    angle = float(rng.uniform(0, 2 * np.pi))
+    point = random_point(face, rng) if place.within is None else rng.uniform(*np.transpose(place.within))
+    if target is not None:
+        front = rest.turn[:2, 1] * -1 if np.linalg.norm(rest.turn[:2, 1]) > _LEAST_FRONT else rest.turn[:2, 2]
+        away = target[:2] - point
+        angle = math.atan2(away[1], away[0]) - math.atan2(front[1], front[0])
+    spin = rotation([0, 0, 1], math.degrees(angle))[:3, :3]
+    corner = point - spin[:2, :2] @ rest.support.mean(axis=0)
+    return Placed(rest, spin, np.append(corner, face.height + CLEARANCE * rest.size), below)
+
+
+def _inside(triangles: Float, point: Float) -> bool:
+    """Whether rays from a point (3,) in two opposite directions both cross the triangles (F, 3, 3) an odd number of
+    times: true inside a closed surface, and not next to an open one.
+    """
+    vertices, faces = triangles.reshape(-1, 3), np.arange(3 * len(triangles), dtype=np.uint32).reshape(-1, 3)
+    return all(crossings(sign * vertices, faces, sign * point) % 2 == 1 for sign in (1, -1))
+
+
+def check_seen(objects: Mapping[str, Sequence[Mapping[str, Any]]], truths: Sequence[Truth]) -> None:
+    """Raise Rejected unless the first view shows a pixel of each copy of the objects with `in_view`."""
+    names = truths[0].object_names
+    for name, tables in objects.items():
+        for i, table in enumerate(tables):
+            label = f"{name}[{i}]" if "count" in table else name
+            if table.get("in_view") and not (truths[0].object_id == 1 + names.index(label)).any():
+                raise Rejected("object hidden", f"{label!r} in view 0", f"scene.objects.{name}.within or in_view")
