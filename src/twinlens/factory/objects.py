@@ -39,6 +39,7 @@ from twinlens.scenes.stable_poses import StablePose, stable_poses
 from twinlens.schema import Fraction, Number, StrictModel, exactly, read, satisfies
 from twinlens.seeds import generator
 
+_NAMING = (".gltf", ".obj")  # mesh files that name other files
 _TRIES = 200
 _SURFACE_POINTS = 256
 _UPRIGHT = 0.9  # cosine of the largest tilt of an upright body
@@ -196,6 +197,7 @@ def check_objects(
     """
     folder = file.parent.resolve()
     found: dict[str, None] = {}
+    opened: set[Path] = set()
     for scene in scenes if objects else ():
         with located(str(file)):
             home, known = written_objects(scene)
@@ -204,10 +206,14 @@ def check_objects(
                 if {"file", "folder"} <= table.keys():
                     raise InputError(f"{file}: scene.objects.{name}: 'file' and 'folder' exclude each other")
             for draft in drafts(name, tables, known, home, folder, file):
+                meshes = [] if draft.place.folder is None else meshes_in(folder, draft.place.folder)
+                for path in (getattr(draft.table, "file", folder), *(folder / mesh for mesh in meshes)):
+                    if path.suffix.lower() in _NAMING and path not in opened and path.is_relative_to(folder):
+                        opened.add(path)
+                        with located(f"{file}: scene.objects.{name}"):
+                            draft.table.model_copy(update={"file": path}).build(draft.context)
                 inside = [path for path in draft.files if path.is_relative_to(folder)]
-                found |= dict.fromkeys(path.relative_to(folder).as_posix() for path in inside)
-                if draft.place.folder is not None:
-                    found |= dict.fromkeys(meshes_in(folder, draft.place.folder))
+                found |= dict.fromkeys([*(path.relative_to(folder).as_posix() for path in inside), *meshes])
                 others = {"resting_on": draft.place.resting_on, "looking_at": draft.place.looking_at}
                 for key, other in others.items():
                     if scene is not None and other is not None and (key, other) != ("looking_at", "camera"):
