@@ -1,17 +1,20 @@
 """Objects of a recipe: drawn poses, copies and meshes, at rest without intersections, and made again from a record."""
 
 import json
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-from tests.families.families_checks import floating, intersecting, table_height
+from tests.families.families_checks import SURROUNDINGS, floating, intersecting, table_height
 from twinlens.camera import Camera, Rig
 from twinlens.errors import InputError
 from twinlens.factory import make, plan, recipe_from_table, remake
 from twinlens.factory.gates import Rejected
 from twinlens.factory.objects import with_objects
+from twinlens.families import Assets, random_scene
 from twinlens.scenes import load_scene
 from twinlens.scenes.shapes import transformed
 
@@ -197,7 +200,20 @@ def test_families_take_the_same_words(folder):
     )  # fmt: skip
     names = set(make(recipe, 0).truths[0].object_names)
     assert {f"part[{i}]" for i in range(4)} <= names
-    assert names - {f"part[{i}]" for i in range(4)} <= {"table", "wall", "floor", "key-light", "fill-light", "sun"}
+    assert names - {f"part[{i}]" for i in range(4)} <= SURROUNDINGS
+
+
+def test_a_share_of_one_uses_own_meshes_only(folder):
+    own = {"box", "can", "cone", "ring", "torus"}
+    names = {share: bodies_of(folder, share) for share in (0.0, 1.0)}
+    assert names[1.0] <= own
+    assert not names[0.0] & {"box", "can", "torus"}  # twinlens has cones and rings of its own
+
+
+def bodies_of(folder, share):
+    assets = Assets.from_folders(meshes=[folder / "parts"], mesh_share=share)
+    scene = random_scene("tabletop", 4, assets=assets, width=64)
+    return {thing.name.split("-")[0] for thing in scene.objects if thing.name not in SURROUNDINGS}
 
 
 @pytest.mark.parametrize(
@@ -224,6 +240,17 @@ def test_mistakes_are_one_line_that_names_file_key_and_remedy(folder, objects, m
     with pytest.raises(InputError, match=message) as caught:
         recipe_of(folder, objects)
     assert "\n" not in str(caught.value)
+
+
+def test_the_examples_of_the_page_are_read(folder):
+    page = (Path(__file__).parents[2] / "docs" / "recipes.md").read_text()
+    bench = SCENE.replace("objects.block", "objects.lamp").replace("materials.red", "materials.brass")
+    (folder / "bench.toml").write_text(bench.replace('"red"', '"brass"') + '[materials.chrome]\ntype = "conductor"\n')
+    examples = [text.split("```")[0] for text in page.split("```toml\n")[1:] if "scene.objects" in text.split("```")[0]]
+    assert len(examples) == 2
+    for text in examples:
+        recipe = recipe_from_table(tomllib.loads(text), folder / "recipe.toml")
+        assert 3 <= len(tables(recipe)["part"]) <= 15
 
 
 def test_a_full_table_rejects_the_draw(folder):

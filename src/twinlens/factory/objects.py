@@ -20,6 +20,7 @@ from twinlens.camera.truth import Truth
 from twinlens.errors import InputError, check_known, located
 from twinlens.factory.gates import Rejected, crossings
 from twinlens.factory.sources import meshes_in
+from twinlens.families.assets import SUFFIXES, named_by_mesh
 from twinlens.geometry import Float, inverse, rigid, transform_points
 from twinlens.scenes import Mesh, Plugin, Scene, SceneObject, read_toml
 from twinlens.scenes.assets import SceneContext
@@ -39,7 +40,6 @@ from twinlens.scenes.stable_poses import StablePose, stable_poses
 from twinlens.schema import Fraction, Number, StrictModel, exactly, read, satisfies
 from twinlens.seeds import generator
 
-_NAMING = (".gltf", ".obj")  # mesh files that name other files
 _TRIES = 200
 _SURFACE_POINTS = 256
 _UPRIGHT = 0.9  # cosine of the largest tilt of an upright body
@@ -197,7 +197,7 @@ def check_objects(
     """
     folder = file.parent.resolve()
     found: dict[str, None] = {}
-    opened: set[Path] = set()
+    named: dict[Path, list[Path]] = {}
     for scene in scenes if objects else ():
         with located(str(file)):
             home, known = written_objects(scene)
@@ -207,13 +207,12 @@ def check_objects(
                     raise InputError(f"{file}: scene.objects.{name}: 'file' and 'folder' exclude each other")
             for draft in drafts(name, tables, known, home, folder, file):
                 meshes = [] if draft.place.folder is None else meshes_in(folder, draft.place.folder)
-                for path in (getattr(draft.table, "file", folder), *(folder / mesh for mesh in meshes)):
-                    if path.suffix.lower() in _NAMING and path not in opened and path.is_relative_to(folder):
-                        opened.add(path)
-                        with located(f"{file}: scene.objects.{name}"):
-                            draft.table.model_copy(update={"file": path}).build(draft.context)
-                inside = [path for path in draft.files if path.is_relative_to(folder)]
-                found |= dict.fromkeys([*(path.relative_to(folder).as_posix() for path in inside), *meshes])
+                own = [path for path in draft.files if path.is_relative_to(folder)] + [folder / mesh for mesh in meshes]
+                for path in own:
+                    if path not in named and path.suffix.lower() in SUFFIXES["meshes"]:
+                        named[path] = named_by_mesh(path, not draft.table.material)
+                    below = [each for each in (path, *named.get(path, ())) if each.resolve().is_relative_to(folder)]
+                    found |= dict.fromkeys(each.resolve().relative_to(folder).as_posix() for each in below)
                 others = {"resting_on": draft.place.resting_on, "looking_at": draft.place.looking_at}
                 for key, other in others.items():
                     if scene is not None and other is not None and (key, other) != ("looking_at", "camera"):

@@ -21,6 +21,7 @@ from twinlens.factory.objects import check_objects
 from twinlens.factory.settings import MaskTable, Settings, check_settings
 from twinlens.factory.sources import Sources
 from twinlens.families import FAMILIES, Assets
+from twinlens.families.assets import MESH_SHARE
 from twinlens.scenes import bundled_folder, bundled_scenes, read_toml
 from twinlens.schema import Fraction, NonNegative, StrictModel, one_of, read
 
@@ -85,6 +86,7 @@ class AssetsTable(StrictModel):
     hdris: Folders | None = None
     keep_scale: bool = False
     keep_material: bool = False
+    mesh_share: Fraction = MESH_SHARE
 
 
 def _check_families(families: list[str] | None, info: Any) -> list[str] | None:
@@ -162,7 +164,7 @@ def recipe_from_table(written: Mapping[str, Any], path: Path = Path("recipe.toml
     table = read(RecipeTable, dict(written), path, context=path.parent)
     names = table.families or table.scenes
     given = table.assets.model_dump(exclude_none=True)
-    keep = {key: given.pop(key) for key in ("keep_scale", "keep_material")}
+    keep = {key: given.pop(key) for key in ("keep_scale", "keep_material", "mesh_share")}
     assets = {kind: tuple(folders) for kind, folders in given.items()}
     drawn = {key: template(written[key], path, key) for key in DRAWN if key in written}
     for leaf in leaves(drawn):

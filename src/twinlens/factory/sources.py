@@ -15,7 +15,7 @@ from typing import Any
 from twinlens.dataset.files import read_bytes
 from twinlens.errors import FileError, InputError
 from twinlens.families import Assets
-from twinlens.families.assets import named_by_mesh
+from twinlens.families.assets import MESH_SHARE, named_by_mesh
 from twinlens.scenes import Scene, bundled_folder, bundled_scenes, load_scene
 from twinlens.scenes.assets import read_sky
 
@@ -31,7 +31,7 @@ class Sources:
     assets : folders or files by kind (meshes, textures, hdris).
     named : other files, such as images of apertures and meshes of objects.
     skies : environment maps, or folders of them.
-    keep_scale, keep_material : of `Assets`.
+    keep_scale, keep_material, mesh_share : of `Assets`.
     """
 
     folder: Path = Path()
@@ -41,6 +41,7 @@ class Sources:
     skies: tuple[str, ...] = ()
     keep_scale: bool = False
     keep_material: bool = False
+    mesh_share: float = MESH_SHARE
     _known: dict[Path, tuple[tuple[int, int, int], str]] = field(default_factory=dict, init=False, repr=False)
     _loaded: dict[str, Scene] = field(default_factory=dict, init=False, repr=False)
     _meshes: dict[str, list[str]] = field(default_factory=dict, init=False, repr=False)
@@ -142,7 +143,7 @@ class Sources:
     def families_assets(self) -> Assets:
         """The assets as families use them."""
         listed: dict[str, Any] = {kind: tuple(sorted(set(found.values()))) for kind, found in self.asset_files.items()}
-        listed |= {"keep_scale": self.keep_scale, "keep_material": self.keep_material}
+        listed |= {"keep_scale": self.keep_scale, "keep_material": self.keep_material, "mesh_share": self.mesh_share}
         return Assets(**listed, before_reading=self.unchanged)
 
     def unchanged(self, path: Path) -> str:

@@ -24,6 +24,7 @@ SUFFIXES = {
     "hdris": (".hdr", ".exr", ".png"),
 }
 MAX_TRIANGLES = 100_000
+MESH_SHARE = 0.6
 MAX_CACHED = 4
 """Files whose content stays in memory, the last ones read: a folder of environment maps may be larger than memory."""
 
@@ -42,6 +43,7 @@ class Assets:
 
     keep_scale : meshes keep the size of their file, in metres.
     keep_material : meshes of .glb, .gltf and .obj files keep the materials of their file.
+    mesh_share : the probability that a body is one of the meshes, if there are any.
     """
 
     meshes: tuple[Path, ...] = ()
@@ -50,6 +52,7 @@ class Assets:
     before_reading: Callable[[Path], object] | None = None
     keep_scale: bool = False
     keep_material: bool = False
+    mesh_share: float = MESH_SHARE
     _failed: dict[tuple[str, Path], str] = field(default_factory=dict, repr=False)
     _read: dict[tuple[str, Path], Any] = field(default_factory=dict, repr=False)
 
@@ -62,13 +65,14 @@ class Assets:
         *,
         keep_scale: bool = False,
         keep_material: bool = False,
+        mesh_share: float = MESH_SHARE,
     ) -> "Assets":
         """All files of known types in these folders and their subfolders; a path may also name one file.
 
         Raises InputError when a folder is missing, or contains no file of its type.
         """
         listed = _listed("meshes", meshes), _listed("textures", textures), _listed("hdris", hdris)
-        return cls(*listed, keep_scale=keep_scale, keep_material=keep_material)
+        return cls(*listed, keep_scale=keep_scale, keep_material=keep_material, mesh_share=mesh_share)
 
     @property
     def broken(self) -> tuple[tuple[Path, str], ...]:

@@ -274,7 +274,6 @@ KINDS: dict[str, Kind] = {
 METALLIC = ("gear", "nut", "knot", "ring", "vase", "goblet", "tin", "ball", "crystal", "bowl", "capsule", "blob")
 SOFT = ("book", "block", "ball", "blob", "ring", "star", "flower", "heart")
 GLASSY = ("vase", "bottle", "goblet", "ball", "cup", "crystal")
-_USER_MESHES = 0.6  # how often a body is a user's mesh, where the user gave any
 _USER_SIZE = (0.14, 0.34)
 _USER_PATTERNS = ("cloudy", "speckled", "granite", "stripes")
 
@@ -305,7 +304,7 @@ class Body:
 def draw_body(scene: Composition, part: tuple[str | int, ...], among: tuple[str, ...] | None = None) -> Body:
     """The body of one part of a scene, of one of the kinds `among`. Without `among`: of any kind, or a user's mesh."""
     rng = scene.rng(*part, "shape")
-    if among is None and scene.assets.meshes and scene.rng(*part, "own").random() < _USER_MESHES:
+    if among is None and scene.assets.meshes and scene.rng(*part, "own").random() < scene.assets.mesh_share:
         drawn = scene.assets.draw("meshes", scene.rng(*part, "mesh"))
         if drawn is not None:
             name, mesh = drawn
