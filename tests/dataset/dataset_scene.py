@@ -4,7 +4,8 @@ import numpy as np
 
 from twinlens import geometry
 from twinlens.camera import Camera, Rig, ThinLens
-from twinlens.camera.truth import Truth
+from twinlens.camera.masks import encode_mask
+from twinlens.camera.truth import ObjectTruth, Truth
 from twinlens.dataset import Sample, Shot
 
 LENS = ThinLens(0.02, focus_distance=2.5)
@@ -60,7 +61,42 @@ def _truth(pair: Rig, i: int) -> Truth:
         material_kind=hit.astype(np.uint8),
         object_names=("wall", "card"),
         material_names=("plaster", "paper"),
+        objects=(_wall(pair, i, ids), _card(pair, i, ids)),
     )
+
+
+def _wall(pair: Rig, i: int, ids) -> ObjectTruth:
+    """The wall, without a bound of its own but SKY_ABOVE: it is counted in the image only, also behind the card."""
+    camera, origin = pair.cameras[i], np.array([i * pair.baseline(), 0.0, 0.0])
+    directions = camera.unproject(camera.pixel_grid())
+    t = (1 - origin @ WALL) / (directions @ WALL)
+    whole = (t > 0) & (t * directions[..., 1] > SKY_ABOVE)
+    extent = np.array([[-8.0, SKY_ABOVE, 1.0], [8.0, 8.0, 6.0]])
+    return _object(1, "0123456789abcdef", pair, i, np.zeros(3), extent, whole, ids == 1)
+
+
+def _card(pair: Rig, i: int, ids) -> ObjectTruth:
+    """The card, whose own axes are the left camera's, from its lower left corner."""
+    (left, right), (top, bottom), z = CARD
+    extent = np.array([[0.0, 0.0, 0.0], [right - left, bottom - top, 0.0]])
+    return _object(2, "fedcba9876543210", pair, i, np.array([left, top, z]), extent, ids == 2, ids == 2)
+
+
+def _object(number: int, model: str, pair: Rig, i: int, at, extent, whole, visible) -> ObjectTruth:
+    pose = geometry.rigid(np.eye(3), at - [i * pair.baseline(), 0.0, 0.0])
+    grid = np.meshgrid(*extent.T, indexing="ij")
+    pixels = pair.cameras[i].project(geometry.transform_points(pose, np.stack(grid, axis=-1).reshape(-1, 3)))
+    return ObjectTruth(
+        number, model, pose, extent, np.where(np.isnan(pixels), np.inf, pixels), encode_mask(whole),
+        int(whole.sum()), box(whole), int(visible.sum()), box(visible),
+    )  # fmt: skip
+
+
+def box(mask) -> tuple[int, int, int, int]:
+    if not mask.any():
+        return (0, 0, 0, 0)
+    (v, u), (v1, u1) = (end(np.argwhere(mask), axis=0).tolist() for end in (np.min, np.max))
+    return (u, v, u1 - u + 1, v1 - v + 1)
 
 
 def first_hit(points, origin):

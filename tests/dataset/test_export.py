@@ -16,7 +16,7 @@ from tests.dataset import dataset_scene
 from twinlens.dataset import Dataset, Manifest, place, write_manifest, write_pfm, write_sample
 from twinlens.dataset.codecs.calib import read_calib
 from twinlens.dataset.dataset import row_of
-from twinlens.dataset.export import LAYOUTS, export
+from twinlens.dataset.export import LAYOUTS, UNRECTIFIED_LAYOUTS, export
 from twinlens.errors import FileError, InputError, MissingExtraError, OutputError
 
 
@@ -274,8 +274,8 @@ def test_a_failure_leaves_nothing(data, tmp_path, to):
         pytest.importorskip("pyarrow")
     write_sample(tmp_path / "in" / "a", dataset_scene.sample())
     write_sample(tmp_path / "in" / "b", dataset_scene.sample())
-    (tmp_path / "in" / "b" / "disp0.pfm").unlink()
-    with pytest.raises(FileError, match=r"b.disp0\.pfm: no such file"):
+    (tmp_path / "in" / "b" / "im1.png").unlink()
+    with pytest.raises(FileError, match=r"b.im1\.png: no such file"):
         export(Dataset(tmp_path / "in"), tmp_path / "out", to)
     assert [entry.name for entry in tmp_path.iterdir()] == ["in"]
 
@@ -334,11 +334,13 @@ def test_an_unrectified_pair_is_rejected(tmp_path):
     rig = type(sample.rig)(sample.rig.cameras, [sample.rig.world_from_cams[0], turned])
     truths = tuple(type(t)(**{**vars(t), "disparity": np.full_like(t.disparity, np.inf)}) for t in sample.truths)
     write_sample(tmp_path / "in" / "s", type(sample)(rig, sample.shots, truths))
-    for to in LAYOUTS:
+    for to in LAYOUTS.keys() - UNRECTIFIED_LAYOUTS:
         with pytest.raises((InputError, FileError)) as caught:
             export(Dataset(tmp_path / "in"), tmp_path / "out", to)
-        assert "s: is not a rectified pair" in str(caught.value), to
+        assert "s: is not a rectified pair; layouts for other rigs: bop, coco" in str(caught.value), to
     assert [entry.name for entry in tmp_path.iterdir()] == ["in"]
+    for to in UNRECTIFIED_LAYOUTS:
+        assert export(Dataset(tmp_path / "in"), tmp_path / to, to)
 
 
 def test_only_an_earlier_export_is_overwritten(data, tmp_path):

@@ -27,7 +27,7 @@ FULL = {
     "ndisp": 64,
     "diffraction": {"choice": [True, False]},
     "sky_disparity": False,
-    "keep": ["radiance"],
+    "keep": ["models", "radiance"],
     "rig": {
         "layout": "toed_in",
         "baseline": {"log_uniform": [0.05, 0.2]},

@@ -47,7 +47,7 @@ def shaped(scene, rig):
         pytest.skip("the full camera law needs the LLVM or CUDA backend")
     return make_sample(
         scene, rig, SHAPED, spp=3, seed=11, sensor=SENSOR, exposure=Exposure(0.01, 2.0), sky_disparity=True,
-        keep_radiance=True,
+        keep_radiance=True, keep_models=True,
     )  # fmt: skip
 
 
@@ -59,6 +59,7 @@ def diffracted(scene, rig):
 @pytest.mark.parametrize("made", [shaped, diffracted])
 def test_the_record_alone_gives_the_same_bytes(made, scene, rig):
     files = sample_files(made(scene, rig))
+    assert any(name.startswith("models/") for name in files) == (made is shaped)
     assert sample_files(remake(json.loads(files["sample.json"]))) == files
 
 

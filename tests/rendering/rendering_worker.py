@@ -20,12 +20,12 @@ def truth_job() -> dict[str, np.ndarray]:
     scene = cases.scene()
     found = {}
     for name, rig in [*enumerate(cases.rigs()), ("crossed", cases.crossed_rig())]:
-        truths = tl.ground_truth(scene, rig)
+        truths = tl.ground_truth(scene, rig, objects=False)
         for view, truth in enumerate(truths):
             found |= {f"{name}/{view}/{field.name}": np.asarray(getattr(truth, field.name)) for field in fields(truth)}
         if name != "crossed":
             found |= {f"{name}/again/{key}": value for key, value in seen_again(scene, rig, truths[0]).items()}
-    sky = tl.ground_truth(scene, cases.rigs()[0], sky_disparity=True)
+    sky = tl.ground_truth(scene, cases.rigs()[0], sky_disparity=True, objects=False)
     return found | {f"sky/{view}/disparity": truth.disparity for view, truth in enumerate(sky)}
 
 
@@ -37,7 +37,7 @@ def seen_again(scene, rig, left) -> dict[str, np.ndarray]:
     right = rig.cameras[1]
     u = columns - left.disparity[rows, columns].astype(float)
     single = [Camera(1, 1, right.fx, right.fy, right.cx - a, right.cy - b) for a, b in zip(u, rows, strict=True)]
-    truths = tl.ground_truth(scene, Rig(single, [rig.world_from_cams[1]] * len(single)))
+    truths = tl.ground_truth(scene, Rig(single, [rig.world_from_cams[1]] * len(single)), objects=False)
     return {
         "left": left.position[rows, columns],
         "right": np.array([truth.position[0, 0] for truth in truths]),
@@ -50,13 +50,13 @@ def corner_job() -> dict[str, np.ndarray]:
     """The truth of the hard cases and of an XML file."""
     found = {}
     for name, (_, thing, rig) in corners.cases().items():
-        for view, truth in enumerate(tl.ground_truth(corners.scene(thing), rig)):
+        for view, truth in enumerate(tl.ground_truth(corners.scene(thing), rig, objects=False)):
             found |= {f"{name}/{view}/{field.name}": np.asarray(getattr(truth, field.name)) for field in fields(truth)}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "ball.xml"
         file.write_text(corners.XML)
         raw = replace(corners.scene(thing), objects=(), materials={}, xml=file)
-        truth = tl.ground_truth(raw, corners.rig())[0]
+        truth = tl.ground_truth(raw, corners.rig(), objects=False)[0]
         found |= {"xml": np.array(truth.object_names[0]), "xml/depth": truth.depth}
     return found
 
@@ -237,7 +237,7 @@ def denoised_optics_job() -> dict[str, np.ndarray]:
     found["disk"] = tl.render(photos.dot(z, radius), rig, lens_of(lens), spp=256, denoise=True)[0]
     found["disk/raw"] = tl.render(photos.dot(z, radius), rig, lens_of(lens), spp=1024, seed=1)[0]
     scene, pair = photos.room(), Rig.stereo(photos.camera(64, 48, 60.0), 0.2, photos.POSE)
-    wide, truth = tl.ThinLens(0.03, 2.5), tl.ground_truth(scene, pair)[0]
+    wide, truth = tl.ThinLens(0.03, 2.5), tl.ground_truth(scene, pair, objects=False)[0]
     found |= {"disparity": truth.disparity, "visible": truth.visible}
     found["pair/denoised"] = np.array([tl.render(scene, pair, wide, 16, seed, denoise=True) for seed in range(8)])
     found["pair/reference"] = np.array([tl.render(scene, pair, wide, spp=4096, seed=9)])

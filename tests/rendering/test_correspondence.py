@@ -76,7 +76,7 @@ def test_fundamental_matrices_agree_with_opencv(pairs):
 
 def test_matches_triangulate_to_the_true_points(scene, pairs):
     for rig, answer, here, there in pairs[:30]:
-        position = tl.ground_truth(scene, rig)[0].position[np.isfinite(answer.pixels[..., 0])]
+        position = tl.ground_truth(scene, rig, objects=False)[0].position[np.isfinite(answer.pixels[..., 0])]
         for method in METHODS:
             points = multiview.triangulate(rig, [here, there], method=method)
             assert np.abs(points - position).max() < 1e-9
@@ -87,7 +87,7 @@ def test_matches_triangulate_to_the_true_points(scene, pairs):
 
 def test_opencv_triangulates_the_truth_to_the_same_points(scene, pairs):
     for rig, answer, here, there in pairs[:20]:
-        position = tl.ground_truth(scene, rig)[0].position[np.isfinite(answer.pixels[..., 0])]
+        position = tl.ground_truth(scene, rig, objects=False)[0].position[np.isfinite(answer.pixels[..., 0])]
         a, b = ideal(rig, here, there)
         theirs = cv2.triangulatePoints(px_from_world(rig, 0), px_from_world(rig, 1), a.T.copy(), b.T.copy())
         assert np.abs(geometry.dehomogeneous(theirs.T) - position).max() < 1e-6
@@ -97,12 +97,12 @@ def test_correspondences_are_symmetric(scene, pairs):
     """The ray of the target's pixel through an exact match ends where the source's does."""
     for rig, answer, _, _ in pairs[:10]:
         rows, columns = np.nonzero(answer.visible)
-        position = tl.ground_truth(scene, rig)[0].position[rows, columns]
+        position = tl.ground_truth(scene, rig, objects=False)[0].position[rows, columns]
         seen = answer.pixels[rows, columns]
         target = rig.cameras[1]
         xy = target.unproject(seen)[:, :2]
         single = [Camera(1, 1, 100.0, 100.0, -100 * x, -100 * y) for x, y in xy]
-        again = tl.ground_truth(scene, Rig(single[:40], [rig.world_from_cams[1]] * len(single[:40])))
+        again = tl.ground_truth(scene, Rig(single[:40], [rig.world_from_cams[1]] * len(single[:40])), objects=False)
         back = np.array([truth.position[0, 0] for truth in again])
         assert (np.linalg.norm(back - position[:40], axis=1) < 1e-4).all()
 

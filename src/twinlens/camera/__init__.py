@@ -25,4 +25,4 @@ from twinlens.camera.lens import (
     film_distance as film_distance,
 )
 from twinlens.camera.rig import ALIGNED as ALIGNED, Misalignment as Misalignment, Rig as Rig, misaligned as misaligned
-from twinlens.camera.truth import Correspondence as Correspondence, Truth as Truth
+from twinlens.camera.truth import Correspondence as Correspondence, ObjectTruth as ObjectTruth, Truth as Truth

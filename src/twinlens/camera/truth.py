@@ -5,9 +5,56 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from twinlens.camera.masks import decode_mask
+from twinlens.errors import InputError
+from twinlens.geometry import Float, check_rigid
+
 MATERIAL_KINDS = ("none", "diffuse", "glossy", "mirror", "transmissive")
 """Names of the values of `Truth.material_kind`, by index; 0 where nothing was hit, and for instances in a Mitsuba
 file, whose material is unknown."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectTruth:
+    """An object in one view, with the parts that other objects hide. It covers the pixels whose chief rays hit it.
+
+    Pixels outside the image count too, unless the object reaches behind the camera, or farther than the image's width
+    to the left or right of the image or its height above or below it. Of such an object, only those in the image count.
+    Boxes of pixels are (u, v, width, height): the first pixel, and the number of pixels; all 0 if there are none.
+
+    object_id : 1 + index into `Truth.object_names`.
+    model : identifies the object's triangles in its own axes, in metres: equal for copies of one shape.
+    cam_from_object : (4, 4), the rigid pose. The object's own axes are those of its scene file, without scale.
+    extent : (2, 3), the smallest and the largest coordinates of the model, metres.
+    corners_px : (8, 2), pixels of the corners of `extent`, x slowest and z fastest; +inf for a corner without an image.
+    silhouette : the mask of the image (H, W), also where it is hidden, in COCO's run-length code: `Truth.silhouette`.
+    pixel_count, box : of the whole object.
+    visible_pixel_count, visible_box : of the visible part.
+    """
+
+    object_id: int
+    model: str
+    cam_from_object: Float
+    extent: Float
+    corners_px: Float
+    silhouette: str
+    pixel_count: int
+    box: tuple[int, ...]
+    visible_pixel_count: int
+    visible_box: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cam_from_object", check_rigid(self.cam_from_object, "cam_from_object"))
+        for name, shape in (("extent", (2, 3)), ("corners_px", (8, 2)), ("box", (4,)), ("visible_box", (4,))):
+            value = np.asarray(getattr(self, name), dtype=np.float64)
+            if value.shape != shape:
+                raise InputError(f"{name} must have the shape {shape}, got {value.shape}")
+            object.__setattr__(self, name, tuple(getattr(self, name)) if len(shape) == 1 else value)
+
+    @property
+    def visible_fraction(self) -> float:
+        """Visible pixels over all pixels of the object, 0 to 1."""
+        return self.visible_pixel_count / self.pixel_count
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +70,8 @@ class Truth:
     object_id : int32, 0 where nothing was hit, else 1 + index into `object_names`.
     material_id : int32, 0 where nothing was hit, else 1 + index into `material_names`.
     material_kind : uint8, index into MATERIAL_KINDS.
+    objects : the objects in the image, by rising object_id, also where they are hidden. Instances in a Mitsuba file,
+        whose shape is unknown, are left out; so are all in samples written before twinlens 0.2.
     """
 
     depth: NDArray[np.float64]
@@ -36,11 +85,16 @@ class Truth:
     material_kind: NDArray[np.uint8]
     object_names: tuple[str, ...]
     material_names: tuple[str, ...]
+    objects: tuple[ObjectTruth, ...] = ()
 
     @property
     def hit(self) -> NDArray[np.bool_]:
         """Where the chief ray hits something, bool (H, W)."""
         return np.asarray(self.object_id > 0)
+
+    def silhouette(self, thing: ObjectTruth) -> NDArray[np.bool_]:
+        """Where the object is in the image, also where it is hidden, bool (H, W)."""
+        return decode_mask(thing.silhouette, *self.object_id.shape)
 
     def mask_nonocc(self) -> NDArray[np.uint8]:
         """Middlebury's mask, uint8 (H, W): 255 visible in both views, 128 occluded or out of frame, 0 unknown."""

@@ -29,7 +29,7 @@ _SECTIONS = {
     ),
     "Light and sensor": ("sensor", "bits", "exposure", "mismatch"),
     "Rendering": ("spp", "denoise", "noise", "seed"),
-    "Output": ("output", "radiance", "sky_disparity", "overwrite", "as_json"),
+    "Output": ("output", "radiance", "models", "sky_disparity", "overwrite", "as_json"),
 }  # fmt: skip
 
 
@@ -58,6 +58,7 @@ _SECTIONS = {
 @noise_option
 @click.option("--seed", type=Range(0), default=0, show_default=True, help="Random seed.")
 @click.option("--radiance", is_flag=True, help="Also write the linear images (radiance0.exr, radiance1.exr).")
+@click.option("--models", is_flag=True, help="Also write the triangles of the objects (models/*.ply).")
 @click.option("--sky-disparity", is_flag=True, help="Give the sky the disparity at infinity instead of unknown.")
 @click.option("--overwrite", is_flag=True, help="Replace existing samples.")
 @json_option("the files written")
@@ -82,7 +83,8 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
         sensor = sensor.replace(mismatch=camera_text.parse_mismatch(options["mismatch"], options["seed"]))
     names = ("spp", "denoise", "noise", "seed", "sky_disparity", "diffraction")
     how: dict[str, Any] = {name: options[name] for name in names}
-    how |= {"keep_radiance": options["radiance"], "exposure": camera_text.parse_exposure(options["exposure"])}
+    how |= {"keep_radiance": options["radiance"], "keep_models": options["models"]}
+    how |= {"exposure": camera_text.parse_exposure(options["exposure"])}
     jobs = [_job(load_scene(name), options) for name in scenes]
     check_samples(output, [scene.name for scene, _, _ in jobs], overwrite)
     made: list[tuple[Row, list[str]]] = []

@@ -4,7 +4,7 @@ Tolerances follow from the files: depth, position and disparity are float32, so 
 the last place, and by 1e-4 px where pixels are compared.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from scipy.special import bdtrc
 
 from twinlens import geometry
-from twinlens.camera import Camera, Lens, Rig
+from twinlens.camera import Camera, Lens, ObjectTruth, Rig
+from twinlens.camera.masks import decode_mask
 from twinlens.camera.truth import MATERIAL_KINDS
 from twinlens.dataset.codecs.calib import Calibration
 from twinlens.dataset.truth_files import blur_circle_px
 from twinlens.dataset.visibility import HIDDEN, UNKNOWN, VISIBLE, mask_of
+from twinlens.errors import InputError
 
 Arrays = Mapping[str, Any]
 Findings = list[str]
@@ -79,6 +81,24 @@ def check_ids(truth: Arrays) -> Findings:
     largest = {name: truth[name].max() for name in limits}
     text = "{} has the value {}, but only {} names exist"
     return [text.format(name, value, limits[name]) for name, value in largest.items() if value > limits[name]]
+
+
+def check_objects(objects: Sequence[ObjectTruth], truth: Arrays, key: str) -> Findings:
+    """Objects have rising ids of the file; their visible pixels are those of the ids, and inside their silhouettes."""
+    ids = [each.object_id for each in objects]
+    if ids and not (ids == sorted(set(ids)) and ids[0] > 0 and ids[-1] <= len(truth["object_names"])):
+        return [f"{key}: object ids are not rising numbers from 1 to {len(truth['object_names'])}"]
+    findings = []
+    for each in objects:
+        visible = truth["object_id"] == each.object_id
+        try:
+            whole = decode_mask(each.silhouette, *visible.shape)
+        except InputError as error:
+            findings.append(f"{key}: object {each.object_id}: {error}")
+            continue
+        if np.count_nonzero(visible) != each.visible_pixel_count or (visible & ~whole).any():
+            findings.append(f"{key}: object {each.object_id} differs from the object ids of the truth")
+    return findings
 
 
 def check_blur(truth: Arrays, camera: Camera, lens: Lens) -> Findings:

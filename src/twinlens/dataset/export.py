@@ -31,6 +31,7 @@ from twinlens.dataset.codecs.pfm import encode_pfm
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.dataset import MANIFEST
 from twinlens.dataset.files import check_replaceable, read_bytes, write_folder
+from twinlens.dataset.object_layouts import bop, coco
 from twinlens.dataset.poses import colmap_camera, colmap_pose
 from twinlens.dataset.storage import RemotePath, Where, place
 from twinlens.dataset.stored import StoredSample
@@ -41,6 +42,9 @@ Files = Iterator[tuple[str, bytes]]
 
 SIGNED_LAYOUTS = ("parquet", "webdataset")
 """The layouts that can hold negative disparities."""
+
+UNRECTIFIED_LAYOUTS = ("bop", "coco")
+"""The layouts without disparity, which can hold any rig."""
 
 _MIDDLEBURY_MARKER = "Middlebury2014/train/Adirondack-is-not-here.txt"
 _MIDDLEBURY_NOTE = b"""The scenes in this folder were made with twinlens; none is one of Middlebury's.
@@ -248,6 +252,8 @@ def _folders(layout: Callable[[Source], Files]) -> Callable[[Iterable[Source]], 
 FOLDER_LAYOUTS = (carla, eth3d, kitti2015, middlebury, sceneflow, sintel)
 LAYOUTS: dict[str, Callable[[Iterable[Source]], Files]] = {
     **{layout.__name__: _folders(layout) for layout in FOLDER_LAYOUTS},
+    "bop": bop,
+    "coco": coco,
     "parquet": parquet,
     "webdataset": webdataset,
 }
@@ -287,8 +293,9 @@ def export(
     def sources() -> Iterator[Source]:
         for i, sample in enumerate(dataset):
             progress(i / len(dataset), sample.name)
-            if sample.has("sample.json") and not sample.has("calib.txt"):
-                raise InputError(f"{sample.name}: is not a rectified pair, as every export layout requires")
+            if to not in UNRECTIFIED_LAYOUTS and sample.has("sample.json") and not sample.has("calib.txt"):
+                others = ", ".join(UNRECTIFIED_LAYOUTS)
+                raise InputError(f"{sample.name}: is not a rectified pair; layouts for other rigs: {others}")
             yield Source(sample, i, lens)
 
     def files() -> Files:

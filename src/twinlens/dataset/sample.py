@@ -19,6 +19,7 @@ from twinlens.camera.truth import MATERIAL_KINDS, Truth
 from twinlens.dataset.codecs.calib import Calibration, encode_calib, tidy
 from twinlens.dataset.codecs.exr import encode_exr
 from twinlens.dataset.codecs.pfm import encode_pfm
+from twinlens.dataset.codecs.ply import encode_ply
 from twinlens.dataset.codecs.png import encode_png
 from twinlens.dataset.files import check_replaceable, write_folder
 from twinlens.dataset.quantities import KEY, statistics
@@ -37,6 +38,7 @@ CONVENTIONS = {
     "world_from_cams": "4x4, a point's world coordinates from its camera coordinates",
     "mask_nonocc": "255 visible in both views, 128 occluded or out of frame, 0 unknown",
     "ids": "0 nothing hit, else 1 + index into the list of names",
+    "objects": "per view; pixel boxes are u, v, width, height, all 0 if empty; silhouettes are COCO's run-length code",
     "blur_circle_px": "signed diameter, aperture_diameter * fx * (1/z - vergence); positive before the plane of focus",
 }
 
@@ -66,6 +68,7 @@ class Sample:
     truths : one per camera, or empty.
     ndisp : bound of the disparities, 0 <= d < ndisp; None: from the truth.
     record : plain data on how the sample was made (seed, scene, backend, versions, ...).
+    models : triangles to store, by the name in `ObjectTruth.model`: vertices float (V, 3), metres, and faces (F, 3).
 
     Raises InputError if an array does not fit the rig.
     """
@@ -75,6 +78,7 @@ class Sample:
     truths: tuple[Truth, ...] = ()
     ndisp: int | None = None
     record: Mapping[str, Any] = field(default_factory=dict)
+    models: Mapping[str, tuple[NDArray[Any], NDArray[Any]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.shots:
@@ -113,6 +117,8 @@ def sample_files(sample: Sample) -> dict[str, bytes]:
             files[f"disp{i}.pfm"] = encode_pfm(truth.disparity)
     if sample.is_rectified:
         files["calib.txt"] = encode_calib(_calibration(sample)).encode()
+    for name, (vertices, faces) in sample.models.items():
+        files[f"models/{name}.ply"] = encode_ply(vertices, faces)
     files["sample.json"] = encode_json(_record(sample))
     return files
 
@@ -173,6 +179,7 @@ def _record(sample: Sample) -> dict[str, Any]:
         "object_names": first.object_names if first else (),
         "material_names": first.material_names if first else (),
         "material_kinds": MATERIAL_KINDS,
+        "objects": [plain(truth.objects) for truth in sample.truths],
         KEY: statistics(sample),
         "record": plain(sample.record),
     }

@@ -16,7 +16,7 @@ import numpy as np
 import pydantic
 from numpy.typing import NDArray
 
-from twinlens.camera import Lens, Rig
+from twinlens.camera import Lens, ObjectTruth, Rig
 from twinlens.camera.truth import Correspondence, Truth
 from twinlens.dataset.codecs.calib import Calibration, read_calib
 from twinlens.dataset.codecs.exr import read_exr
@@ -50,6 +50,8 @@ class ShotEntry(_PlainShot):
     lens: annotation_of(Lens)  # type: ignore[valid-type]
 
 
+_OBJECT: Any = annotation_of(ObjectTruth)
+_OBJECTS: pydantic.TypeAdapter[list[list[ObjectTruth]]] = pydantic.TypeAdapter(list[list[_OBJECT]])
 _SHOTS = pydantic.TypeAdapter(Annotated[list[_PlainShot], pydantic.Field(min_length=1)])
 
 
@@ -69,6 +71,7 @@ class SampleFile(FileModel):
     object_names: list[str] = pydantic.Field(default=[])
     material_names: list[str] = pydantic.Field(default=[])
     material_kinds: list[str] = pydantic.Field(default=[])
+    objects: list[list[_OBJECT]] = pydantic.Field(default=[], description="the objects in the image of each view")
     statistics: Any = None
     record: dict[str, Any] = pydantic.Field(
         default={}, description="seed, scene, backend, versions and everything else"
@@ -159,7 +162,14 @@ class StoredSample(Mapping[str, Any]):
         fields |= {name: fields[name].astype(np.float64) for name in ("depth", "position")}
         del fields["blur_circle_px"]
         unknown = np.full(fields["depth"].shape, np.inf, np.float32)
-        return Truth(**fields, disparity=self.disparity(i) if self.has_disparity(i) else unknown)
+        disparity = self.disparity(i) if self.has_disparity(i) else unknown
+        return Truth(**fields, disparity=disparity, objects=self.objects(i))
+
+    def objects(self, i: int) -> tuple[ObjectTruth, ...]:
+        """The objects in the image of view i; empty in samples of versions before 0.2. Raises FileError."""
+        record = self.record if self.has("sample.json") else {}
+        views = read(_OBJECTS, record.get("objects", []), self.folder / "sample.json", "objects")
+        return tuple(views[i]) if i < len(views) else ()
 
     im0, im1 = _view(image, 0), _view(image, 1)
     disp0, disp1 = _view(disparity, 0), _view(disparity, 1)

@@ -236,6 +236,7 @@ def _read_files(sample: StoredSample, present: list[str]) -> tuple[Content, list
             elif name == "sample.json":
                 file = sample.file
                 content["rig"], content["lenses"] = file.rig.nominal, [shot.lens for shot in file.shots]
+                content["objects"] = file.objects
         except FileError as error:
             findings.append(f"{name}: {str(error).removeprefix(str(path)).lstrip(': ')}")
     views, lenses = len(content.get("rig", (0, 1))), len(content.get("lenses", (0,)))
@@ -288,6 +289,8 @@ def _check_view(content: Content, rig: Rig, i: int) -> list[str]:
         return findings
     blur = consistency.check_blur(truth, camera, content["lenses"][0])
     findings, known = _named(name, consistency.check_ids(truth) + blur), truth["object_id"] > 0
+    objects = dict(enumerate(content["objects"])).get(i, [])
+    findings += _named("sample.json", consistency.check_objects(objects, truth, f"objects[{i}]"))
     if disparity is not None:
         known |= np.isfinite(disparity)
         if (pair := rectified_pair(rig, i)) is None:

@@ -31,7 +31,7 @@ class SampleSpec:
     kind, scene : "scene" and a name or file, or "family" and its name.
     drawn : the recipe's drawn keys, with values in place of distributions.
     ndisp : bound of the disparities, or None.
-    keep : optional outputs ("radiance").
+    keep : optional outputs ("models", "radiance").
     """
 
     index: int

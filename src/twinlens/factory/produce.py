@@ -17,7 +17,7 @@ from twinlens.factory.sample import make_sample
 from twinlens.factory.settings import Settings, View, make_lenses, with_mismatch_seed
 from twinlens.factory.sources import Sources
 from twinlens.families import random_scene
-from twinlens.rendering import Progress, check_lens_supported, check_mismatch_supported, ground_truth
+from twinlens.rendering import Progress, check_lens_supported, check_mismatch_supported, ground_truth, with_object_truth
 from twinlens.scenes import Scene, Sky
 from twinlens.schema import read
 from twinlens.seeds import generator
@@ -86,7 +86,7 @@ def produce(
     scene = with_objects(base, settings.scene.objects, rig.nominal, spec.seed, sources.folder, _FILE)
     if scene is not base:
         sources.check_files(scene)
-    truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity)
+    truths = ground_truth(scene, rig.nominal, sky_disparity=settings.sky_disparity, objects=False)
     if gates is not None:
         check_truth(gates, scene, rig, truths, spec.ndisp)
         check_seen(settings.scene.objects, truths)
@@ -104,7 +104,8 @@ def produce(
         diffraction=settings.diffraction,
         sky_disparity=settings.sky_disparity,
         keep_radiance="radiance" in spec.keep,
-        truths=truths,
+        keep_models="models" in spec.keep,
+        truths=with_object_truth(scene, rig.nominal, truths),
         progress=progress,
     )
     if gates is not None:

@@ -107,7 +107,7 @@ class _Constants(StrictModel):
     count: int = Field(ge=1, le=10_000_000)
     weights: list[NonNegative] | None = None
     ndisp: int | None = Field(None, ge=1, le=65536)
-    keep: list[Literal["radiance"]] = Field(default_factory=list)
+    keep: list[Literal["models", "radiance"]] = Field(default_factory=list)
     gates: Gates = Field(default_factory=lambda: Gates.model_validate({}))
     splits: Annotated[dict[str, Fraction], AfterValidator(_check_splits)] | None = None
     assets: AssetsTable = AssetsTable()

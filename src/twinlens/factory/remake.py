@@ -71,6 +71,7 @@ def remake(
         diffraction=settings.diffraction,
         sky_disparity=settings.sky_disparity,
         keep_radiance=settings.keep_radiance,
+        keep_models=settings.keep_models,
         progress=progress,
     )
     origin = {key: written[key] for key in ORIGIN if key in written}
@@ -102,6 +103,7 @@ class _Settings(FileModel):
     diffraction: bool
     sky_disparity: bool
     keep_radiance: bool
+    keep_models: bool = False
     spec: _Spec | None = None
     rectified_from: dict[str, Any] | None = None
 
@@ -177,7 +179,7 @@ def rectified_sample(
     for side, truth in enumerate(ground_truth(scene, result.aligned_rig, sky_disparity=settings["sky_disparity"])):
         in_both = _in_both(truth, side, result.aligned_rig, valid)
         truths.append(replace(truth, visible=truth.visible & in_both))
-    record = {**settings, "keep_radiance": False, **origin}
+    record = {**settings, "keep_radiance": False, "keep_models": False, **origin}
     return Sample(result.rectified_rig, tuple(shots), tuple(truths), record=record)
 
 

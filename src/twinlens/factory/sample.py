@@ -46,6 +46,7 @@ def make_sample(
     diffraction: bool = False,
     sky_disparity: bool = False,
     keep_radiance: bool = False,
+    keep_models: bool = False,
     truths: Sequence[Truth] | None = None,
     progress: rendering.Progress | None = None,
 ) -> Sample:
@@ -64,6 +65,7 @@ def make_sample(
         its own automatic exposure, which its cameras share.
     diffraction : blur images by the Airy pattern (`diffract`) at the sensor's wavelengths. Disk apertures only.
     keep_radiance : keep the linear images, including diffraction.
+    keep_models : keep the triangles of the scene's objects, in their own axes.
     truths : ``ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)``, if already computed.
 
     Raises InputError for diffraction with an aperture that is not a disk, and errors of rendering and sensor.
@@ -119,6 +121,7 @@ def make_sample(
         "diffraction": diffraction,
         "sky_disparity": sky_disparity,
         "keep_radiance": keep_radiance,
+        "keep_models": keep_models,
         "sampler": rendering.SAMPLERS[0],
         "integrator": {key: value for key, value in scene.integrator.items() if isinstance(value, (str, int, float))},
         **made_with(),
@@ -126,7 +129,8 @@ def make_sample(
     }
     if truths is None:
         truths = rendering.ground_truth(scene, rig.nominal, sky_disparity=sky_disparity)
-    return Sample(rig, tuple(shots), tuple(truths), record=record)
+    models = rendering.object_models(scene) if keep_models else {}
+    return Sample(rig, tuple(shots), tuple(truths), models=models, record=record)
 
 
 def _noise_ratios(

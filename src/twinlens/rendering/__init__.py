@@ -7,8 +7,13 @@ from twinlens.rendering.backends import (
     use_threads as use_threads,
 )
 from twinlens.rendering.denoising import denoiser_record as denoiser_record
-from twinlens.rendering.ground_truth import correspondence as correspondence, ground_truth as ground_truth
+from twinlens.rendering.ground_truth import (
+    correspondence as correspondence,
+    ground_truth as ground_truth,
+    with_object_truth as with_object_truth,
+)
 from twinlens.rendering.lens_grid import LensGrid as LensGrid, render_lens_grid as render_lens_grid
+from twinlens.rendering.object_truth import object_models as object_models
 from twinlens.rendering.radiance import (
     MAX_SPP as MAX_SPP,
     SAMPLERS as SAMPLERS,

@@ -27,6 +27,7 @@ class Body:
     """A shape in the world, with its ids in the ground truth.
 
     `shape` is the Mitsuba shape whose geometry is hit, `instance` the Mitsuba instance that places it, if any.
+    `model` and `world_from_model` (4x4, affine) are those of its scene file; None for a shape of a Mitsuba file.
     """
 
     object_id: int
@@ -34,6 +35,8 @@ class Body:
     material_kind: int
     shape: Any
     instance: Any = None
+    model: Mesh | Plugin | None = None
+    world_from_model: Float | None = None
 
     @property
     def hit_object(self) -> Any:
@@ -85,22 +88,24 @@ def _build_objects(scene: Scene) -> BuiltScene:
     plugins = scene.lights if scene.sky is None else {"sky": scene.sky.plugin()}
     lights = {f"light{i:04d}": _load(plugins[name], f"light {name!r}") for i, name in enumerate(plugins)}
     parts: dict[str, Any] = {"type": "scene", "embree_use_robust_intersections": True}
-    placed: list[tuple[int, str, int, Any]] = []  # object id, key of the shape in the scene, material id, leaf shape
+    placed: list[tuple[int, str, int, Any, SceneObject, Float]] = []  # object id, key, material id, leaf, object, pose
     names: list[str] = []
     for index, thing in enumerate(scene.objects):
         copies = [f"{thing.name}[{i}]" for i in range(len(thing.instances))] or [thing.name]
+        poses = [pose @ thing.world_from_object for pose in thing.instances] or [thing.world_from_object]
         for k, (material, leaf) in enumerate(_leaves(thing, scene, materials)):
             material_id = 1 + material_names.index(material)
             label = f"{index:04d}" if k == 0 else f"{index:04d}-{k}"
             for copy, (key, part) in enumerate(_parts(thing, label, leaf, parts), start=1):
                 parts[key] = part
-                placed.append((len(names) + copy, key, material_id, leaf))
+                placed.append((len(names) + copy, key, material_id, leaf, thing, poses[copy - 1]))
         names += copies
     mi_scene = mi.load_dict(parts | lights, optimize=False)
     shapes = {shape.id(): shape for shape in mi_scene.shapes()}
     bodies = tuple(
-        Body(object_id, material_id, material_kind(leaf.bsdf()), leaf, None if shapes[key] is leaf else shapes[key])
-        for object_id, key, material_id, leaf in placed
+        Body(object_id, material_id, material_kind(leaf.bsdf()), leaf, instance, thing.shape, pose)
+        for object_id, key, material_id, leaf, thing, pose in placed
+        for instance in [None if shapes[key] is leaf else shapes[key]]
     )
     return BuiltScene(mi_scene, _integrator(scene), bodies, tuple(names), material_names)
 

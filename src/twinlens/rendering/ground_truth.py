@@ -1,6 +1,7 @@
 """Exact ground truth of every view: one chief ray per pixel, refined in float64, and one ray from the other camera."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from twinlens.errors import InputError
 from twinlens.geometry import Float, inverse, rotate, transform_points
 from twinlens.rendering.build import BuiltScene, build
 from twinlens.rendering.cast import Exact, Hits, cast, exact_hits, visible_from
+from twinlens.rendering.object_truth import object_truths
 from twinlens.rendering.radiance import check_view
 from twinlens.scenes import Scene
 
@@ -27,7 +29,7 @@ class _View:
     position: Float
 
 
-def ground_truth(scene: Scene, rig: Rig, *, sky_disparity: bool = False) -> list[Truth]:
+def ground_truth(scene: Scene, rig: Rig, *, sky_disparity: bool = False, objects: bool = True) -> list[Truth]:
     """The exact ground truth of every camera of `rig`, with disparity to its partner (`Rig.partner`).
 
     It does not depend on lens or samples.
@@ -36,6 +38,8 @@ def ground_truth(scene: Scene, rig: Rig, *, sky_disparity: bool = False) -> list
     ----------
     sky_disparity : bool
         Give rays that hit nothing the disparity at infinity, -doffs, instead of +inf (unknown).
+    objects : bool
+        Also compute `Truth.objects`, by casting the rays at each object alone.
 
     Returns
     -------
@@ -44,7 +48,14 @@ def ground_truth(scene: Scene, rig: Rig, *, sky_disparity: bool = False) -> list
     """
     check_view(scene, rig)
     built = build(scene)
-    return [_view_truth(built, rig, index, sky_disparity) for index in range(len(rig))]
+    truths = [_view_truth(built, rig, index, sky_disparity) for index in range(len(rig))]
+    return with_object_truth(scene, rig, truths) if objects else truths
+
+
+def with_object_truth(scene: Scene, rig: Rig, truths: Sequence[Truth]) -> list[Truth]:
+    """The truths of `ground_truth` for the same scene and rig, with `Truth.objects`."""
+    built = build(scene)
+    return [replace(each, objects=object_truths(built, rig, i, each.object_id)) for i, each in enumerate(truths)]
 
 
 def correspondence(scene: Scene, rig: Rig, source: int = 0, target: int = 1, *, sky: bool = False) -> Correspondence:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.geometry import Float, transform_points
-from twinlens.scenes.scene import Bitmap, Mesh
+from twinlens.scenes.scene import Bitmap, Mesh, Plugin
 
 Faces = NDArray[np.uint32]
 Place = Callable[[Float, int], tuple[Float, Float]]
@@ -122,6 +122,28 @@ def transformed(mesh: Mesh, b_from_a: Float) -> Mesh:
         normals = normals @ np.linalg.inv(b_from_a[:3, :3])
         normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     return replace(mesh, vertices=transform_points(b_from_a, mesh.vertices), normals=normals)
+
+
+def tessellated(shape: Plugin) -> Mesh:
+    """Triangles of an analytic shape. Their vertices are on it, some of them at the ends of its own axes."""
+    kind, radius, pose = shape["type"], float(shape.get("radius", 1.0)), np.eye(4)
+    if kind == "cube":
+        made = box(np.full(3, 2.0))
+    elif kind == "rectangle":
+        made = Mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [-1, 1, 0], [1, 1, 0]]), grid(2, 2))
+    elif kind == "disk":
+        made = lathe(np.array([[1.0, 0], [0, 0]]), 128, smooth=False)
+    elif kind == "cylinder":
+        made = lathe(np.array([[radius, 0], [radius, 1]]), 128, smooth=False)
+        start = np.asarray(shape.get("p0", (0, 0, 0)), dtype=np.float64)
+        along = shape.get("p1", (0, 0, 1)) - start
+        across = np.linalg.svd(along[None])[2][1]
+        pose[:3] = np.column_stack([across, np.cross(along, across) / np.linalg.norm(along), along, start])
+    else:
+        angle = np.linspace(-math.pi / 2, math.pi / 2, 65)
+        made = lathe(radius * np.column_stack([np.cos(angle), np.sin(angle)]), 128, smooth=False)
+        pose[:3, 3] = shape.get("center", (0, 0, 0))
+    return transformed(made, np.asarray(shape.get("to_world", np.eye(4))) @ pose)
 
 
 def tube(points: Float, radius: Float, sides: int = 16, smooth: bool = True, closed: bool = False) -> Mesh:

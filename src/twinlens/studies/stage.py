@@ -67,7 +67,7 @@ class Stage:
     @cached_property
     def truth(self) -> Truth:
         """The ground truth of the left view."""
-        return ground_truth(self.scene, self.rig)[0]
+        return ground_truth(self.scene, self.rig, objects=False)[0]
 
     @property
     def camera(self) -> Camera:

@@ -1,0 +1,187 @@
+"""Export of objects: COCO's annotations, and the scenes of the BOP benchmark of object poses. `export` has the dict.
+
+Both have an image for every view, so pairs need not be rectified. Sources: https://cocodataset.org/#format-data;
+docs/bop_datasets_format.md and scripts/calc_gt_info.py of https://github.com/thodan/bop_toolkit.
+"""
+
+import json
+import re
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+from scipy.spatial.distance import cdist
+
+from twinlens.camera import ObjectTruth, Truth
+from twinlens.camera.masks import encode_mask
+from twinlens.dataset.codecs.ply import encode_ply, read_ply
+from twinlens.dataset.codecs.png import encode_png
+from twinlens.errors import InputError
+from twinlens.geometry import Float, inverse
+
+if TYPE_CHECKING:
+    from twinlens.dataset.export import Source
+
+_MM = 1000.0
+_DEPTH_SCALE = 0.1  # millimetres per unit of a depth image, or ten, a hundred times that if 16 bits need it
+
+
+def coco(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
+    """annotations/instances.json and images/<name>-im0.png ...: one annotation per visible object of each view.
+
+    `segmentation`, `bbox` and `area` are of the visible part. Categories are the names of objects without the number of
+    a copy: "nut" for nut, nut-2 and nut[3]. Further keys have the whole object, its pose and its box.
+    """
+    images: list[dict[str, Any]] = []
+    annotations: list[dict[str, Any]] = []
+    categories: dict[str, int] = {}
+    for source in sources:
+        rig = source.sample.rig
+        for i, truth in enumerate(_truths(source)):
+            height, width = truth.object_id.shape
+            name = f"{source.name}-im{i}.png"
+            camera, pose = rig.cameras[i], rig.world_from_cams[i]
+            about = {"id": len(images) + 1, "file_name": name, "width": width, "height": height}
+            images.append(about | {"cam_K": camera.K.tolist(), "world_from_cam": pose.tolist()})
+            yield f"images/{name}", source.image(i)
+            for thing in truth.objects:
+                if thing.visible_pixel_count:
+                    label = truth.object_names[thing.object_id - 1]
+                    category = categories.setdefault(re.sub(r"(-\d+|\[\d+\])+$", "", label), len(categories) + 1)
+                    ids = {"id": len(annotations) + 1, "image_id": len(images), "category_id": category}
+                    annotations.append(ids | {"name": label} | _annotation(truth, thing))
+    named = [{"id": number, "name": name, "supercategory": ""} for name, number in categories.items()]
+    info = {"description": "exported by twinlens"}
+    content = {"info": info, "licenses": [], "images": images, "annotations": annotations, "categories": named}
+    yield "annotations/instances.json", json.dumps(content, allow_nan=False).encode()
+
+
+def _annotation(truth: Truth, thing: ObjectTruth) -> dict[str, Any]:
+    size = list(truth.object_id.shape)
+    corners: list[list[float]] = thing.corners_px.tolist()
+    return {
+        "iscrowd": 0,
+        "bbox": list(thing.visible_box),
+        "area": thing.visible_pixel_count,
+        "segmentation": {"size": size, "counts": encode_mask(truth.object_id == thing.object_id)},
+        "amodal_bbox": list(thing.box),
+        "amodal_area": thing.pixel_count,
+        "amodal_segmentation": {"size": size, "counts": thing.silhouette},
+        "visible_fraction": thing.visible_fraction,
+        "cam_from_object": thing.cam_from_object.tolist(),
+        "extent": thing.extent.tolist(),
+        "corners_px": [point if np.isfinite(point).all() else None for point in corners],
+    }
+
+
+def bop(sources: Iterable["Source"]) -> Iterator[tuple[str, bytes]]:
+    """BOP scenes: train/<number>/ with scene_camera, scene_gt and scene_gt_info .json, rgb, depth, mask and mask_visib.
+
+    A sample is a scene, a view is an image. Millimetres. Objects with the same model have one `obj_id`; models/ has the
+    meshes of samples that were made with their models, and models_info.json the boxes of all.
+    """
+    numbers: dict[str, int] = {}
+    models: dict[int, dict[str, Any]] = {}
+    for source in sources:
+        scene = f"train/{source.index:06d}"
+        cameras: dict[str, Any] = {}
+        poses: dict[str, Any] = {}
+        infos: dict[str, Any] = {}
+        for i, truth in enumerate(_truths(source)):
+            depth, scale = _depth_image(truth.depth)
+            if source.sample.rig.cameras[i].distortion is not None:
+                raise InputError(f"{source.sample.name}: view {i} has lens distortion, which BOP cannot hold")
+            cameras[str(i)] = _scene_camera(source, i, scale)
+            yield f"{scene}/rgb/{i:06d}.png", source.image(i)
+            yield f"{scene}/depth/{i:06d}.png", encode_png(depth)
+            for k, thing in enumerate(truth.objects):
+                whole, visible = truth.silhouette(thing), truth.object_id == thing.object_id
+                yield f"{scene}/mask/{i:06d}_{k:06d}.png", encode_png(np.where(whole, np.uint8(255), np.uint8(0)))
+                yield (
+                    f"{scene}/mask_visib/{i:06d}_{k:06d}.png",
+                    encode_png(np.where(visible, np.uint8(255), np.uint8(0))),
+                )
+                number = numbers.setdefault(thing.model, len(numbers) + 1)
+                if number not in models:
+                    models[number] = {"name": truth.object_names[thing.object_id - 1], **_box_mm(thing.extent)}
+                if "diameter" not in models[number] and source.sample.has(f"models/{thing.model}.ply"):
+                    vertices, faces = read_ply(source.sample.path(f"models/{thing.model}.ply"))
+                    models[number]["diameter"] = _diameter(vertices) * _MM
+                    yield f"models/obj_{number:06d}.ply", encode_ply(vertices * _MM, faces, text=True)
+                poses.setdefault(str(i), []).append({"obj_id": number, **_pose_mm(thing.cam_from_object, "m2c")})
+                infos.setdefault(str(i), []).append(_gt_info(thing, int(np.count_nonzero(whole & (depth > 0)))))
+        for name, content in (("scene_camera", cameras), ("scene_gt", poses), ("scene_gt_info", infos)):
+            yield f"{scene}/{name}.json", _lines(content)
+        if source.index == 0:
+            yield "camera.json", json.dumps(_camera_json(source)).encode()
+    yield "models/models_info.json", _lines({str(number): model for number, model in models.items()})
+
+
+def _truths(source: "Source") -> Iterator[Truth]:
+    sample = source.sample
+    for i in range(len(sample.rig)):
+        truth = sample.truth(i)
+        if not truth.objects and truth.hit.any():
+            raise InputError(f"{sample.name}: has no poses of objects; make the sample again with this version")
+        yield truth
+
+
+def _depth_image(depth: Float) -> tuple[NDArray[np.uint16], float]:
+    """16-bit depth, 0 where nothing was hit, and its unit in millimetres."""
+    known = np.isfinite(depth)
+    scale, most = _DEPTH_SCALE, depth[known].max(initial=0.0) * _MM
+    while most > 65535 * scale:
+        scale *= 10
+    counts = np.maximum(np.round(np.where(known, depth, 0.0) * _MM / scale), 1)
+    return np.where(known, counts, 0).astype(np.uint16), scale
+
+
+def _scene_camera(source: "Source", i: int, depth_scale: float) -> dict[str, Any]:
+    rig = source.sample.rig
+    pose = _pose_mm(inverse(rig.world_from_cams[i]), "w2c")
+    return {"cam_K": rig.cameras[i].K.ravel().tolist(), "depth_scale": depth_scale, **pose}
+
+
+def _camera_json(source: "Source") -> dict[str, Any]:
+    camera = source.sample.rig.cameras[0]
+    names = ("width", "height", "fx", "fy", "cx", "cy")
+    return {name: getattr(camera, name) for name in names} | {"depth_scale": _DEPTH_SCALE}
+
+
+def _pose_mm(pose: Float, name: str) -> dict[str, list[float]]:
+    return {f"cam_R_{name}": pose[:3, :3].ravel().tolist(), f"cam_t_{name}": (pose[:3, 3] * _MM).tolist()}
+
+
+def _box_mm(extent: Float) -> dict[str, float]:
+    low, size = extent[0] * _MM, np.ptp(extent, axis=0) * _MM
+    return {f"min_{axis}": low[k] for k, axis in enumerate("xyz")} | {
+        f"size_{axis}": size[k] for k, axis in enumerate("xyz")
+    }
+
+
+def _gt_info(thing: ObjectTruth, valid: int) -> dict[str, Any]:
+    """The toolkit's boxes end at the last pixel, and are -1 for hidden objects."""
+    boxes = {"bbox_obj": thing.box, "bbox_visib": thing.visible_box}
+    seen = thing.visible_pixel_count > 0
+    return {
+        **{name: [box[0], box[1], box[2] - 1, box[3] - 1] if seen else [-1] * 4 for name, box in boxes.items()},
+        "px_count_all": thing.pixel_count,
+        "px_count_valid": valid,
+        "px_count_visib": thing.visible_pixel_count,
+        "visib_fract": thing.visible_fraction,
+    }
+
+
+def _diameter(vertices: Float) -> float:
+    """The largest distance between two vertices, which are on the convex hull."""
+    if len(vertices) > 4:
+        vertices = vertices[ConvexHull(vertices, qhull_options="QJ").vertices]  # QJ: flat sets have a hull too
+    return float(max(cdist(vertices[i : i + 512], vertices).max() for i in range(0, len(vertices), 512)))
+
+
+def _lines(content: dict[str, Any]) -> bytes:
+    """A JSON object with one key a line, as the toolkit writes them."""
+    entries = ",\n".join(f"  {json.dumps(key)}: {json.dumps(value, allow_nan=False)}" for key, value in content.items())
+    return f"{{\n{entries}\n}}\n".encode()
