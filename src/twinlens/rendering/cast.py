@@ -176,16 +176,21 @@ def cast(built: BuiltScene, origin: Float, directions: Float) -> Hits:
 def _trace_bundle(built: BuiltScene, origin: Float, unit: NDArray[np.float32], out: Hits) -> None:
     import drjit as dr
 
-    mi = mitsuba()
-    ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(np.ascontiguousarray(unit.T)))
+    mi, count = mitsuba(), len(unit)
+    if not count:
+        return
+    step = 1 << max(count.bit_length() - 3, 6)  # Dr.Jit compiles a kernel for each number of rays: use few numbers
+    padded = np.empty((3, -(-count // step) * step), dtype=np.float32)
+    padded[:, :count], padded[:, count:] = unit.T, unit[-1:].T
+    ray = mi.Ray3f(mi.Point3f(origin), mi.Vector3f(padded))
     pi = built.mi_scene.ray_intersect_preliminary(ray)
     shape, instance = (dr.reinterpret_array(mi.UInt32, pointer) for pointer in (pi.shape, pi.instance))
     dr.eval(pi.t, pi.prim_index, shape, instance)
-    keys = np.where(np.asarray(instance) > 0, np.asarray(instance), np.asarray(shape))  # prefer the instance
+    instance, shape, t, prim = (np.asarray(each)[:count] for each in (instance, shape, pi.t, pi.prim_index))
+    keys = np.where(instance > 0, instance, shape)  # prefer the instance
     out.body[:] = _row_of_handle(built)[keys]
     hit = keys > 0
-    out.t[hit] = np.asarray(pi.t)[hit]
-    out.prim[hit] = np.asarray(pi.prim_index)[hit]
+    out.t[hit], out.prim[hit] = t[hit], prim[hit]
 
 
 def _row_of_handle(built: BuiltScene) -> NDArray[np.int32]:
