@@ -230,3 +230,18 @@ def test_shapes_of_a_mitsuba_file_have_the_worlds_axes(tmp_path):
         ours, mask = painted(truth, each, models[each.model], LARGE), truth.silhouette(each)
         assert (ours & mask).sum() / (ours | mask).sum() >= 0.99
     assert abs(truth.objects[0].pixel_count - ball_mask(LARGE, np.array([0.1, 0, 3.0]), 0.5).sum()) <= 1
+
+
+def test_an_object_of_several_materials_is_one_object():
+    two = GREY | {"dark": {"type": "diffuse", "reflectance": Color((0.1, 0.1, 0.1))}}
+    mesh = SHAPES["box"]
+    parts = replace(mesh, surface=np.arange(len(mesh.faces), dtype=np.uint32) % 2)
+    pose = geometry.rigid(proper(1), (0, 0, 2.0))
+    rig = tl.Rig.stereo(CAMERA, 0.1, world_from_left=np.eye(4))
+    found = []
+    for each in (SceneObject("box", mesh, "grey", pose), SceneObject("box", parts, ("grey", "dark"), pose)):
+        scene = Scene("test", (each,), two, np.eye(4), (0.5, 10.0), lights={"sky": {"type": "constant"}})
+        found.append(tl.ground_truth(scene, rig)[0].objects)
+    (whole,), (joined,) = found
+    for name in ("object_id", "model", "silhouette", "pixel_count", "box", "visible_pixel_count", "visible_box"):
+        assert getattr(joined, name) == getattr(whole, name)
