@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from tests.scenes.gltf_files import square, with_extensions, write
 from twinlens.camera import BareAperture, BrownConrady, MaskAperture, ThinLens
 from twinlens.dataset import Dataset, Manifest, Row, place, read_manifest, write_manifest, write_png
 from twinlens.dataset.sample import sample_files
@@ -247,3 +248,12 @@ def test_a_second_sensor_is_refused_and_a_phone_needs_no_extra(twinlens, ball, t
     assert (code, err.count("\n")) == (2, 1)
     assert "--sensor is given 2 times" in err
     assert twinlens("render", ball, *QUICK, "--sensor", "phone", "-o", tmp_path / "out")[0] == 0
+
+
+def test_what_a_file_has_that_is_not_rendered_is_one_line(twinlens, tmp_path):
+    write(tmp_path / "m.glb", square(), with_extensions(sheen={}))
+    text = BALL.replace('shape = "sphere"\nmaterial = "grey"', 'file = "m.glb"')
+    (tmp_path / "own.toml").write_text(text)
+    code, _, err = twinlens("render", tmp_path / "own.toml", *QUICK, "-o", tmp_path / "out")
+    assert code == 0
+    assert err == f"twinlens: warning: {tmp_path / 'm.glb'}: not rendered: KHR_materials_sheen\n"

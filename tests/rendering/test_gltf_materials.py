@@ -121,6 +121,15 @@ def test_radiance_under_a_constant_sky_is_that_of_gltf_within_3_percent(under_co
 
 
 @pytest.mark.slow
+def test_grey_surfaces_are_those_of_gltf_at_60_degrees(gallery):
+    """Colours differ more there: the facets' share at grazing angles is that of the brightest channel."""
+    found = seen_at(gallery, SKIES["constant"][1], [60.0], spp=512)
+    for i, look in enumerate([*BALLS, *PLANES]):
+        if len(set(look[0])) == 1:
+            np.testing.assert_allclose(found[i, 0], expected(look, constant, 60.0), rtol=0.03, err_msg=str(look))
+
+
+@pytest.mark.slow
 def test_radiance_under_an_hdri_is_that_of_gltf_within_3_percent(gallery):
     assert_that_of_gltf(seen_at(gallery, SKIES["hdri"][1], ANGLES, spp=256), gradient)
 

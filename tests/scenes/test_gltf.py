@@ -227,7 +227,7 @@ def test_a_gltf_file_names_its_neighbours(tmp_path: Path, read_scene: Read) -> N
     assert {path.name for path in scene.files} == {"scene.toml", "m.gltf", "m.bin", "white space.png"}
 
 
-MTL = "newmtl red\nKd 0.8 0.1 0.1\nNs 10\nnewmtl tiles\nKd 1 1 1\nmap_Kd tiles.png\nKs 0 0 0\n"
+MTL = "newmtl red\nKd 0.8 0.1 0.1\nNs 10\nKe 4 2 0\nnewmtl tiles\nKd 1 1 1\nmap_Kd tiles.png\nKs 0 0 0\n"
 OBJ = """mtllib m.mtl
 v 0 0 0
 v 1 0 0
@@ -256,6 +256,7 @@ def test_an_obj_has_the_materials_of_its_mtl_file(tmp_path: Path, read_scene: Re
     linear = ((128 / 255 + 0.055) / 1.055) ** 2.4
     assert found(scene.materials["m.obj:tiles"], "reflectance").rgb == pytest.approx([linear] * 3)
     assert found(scene.materials["m.obj:red"], "roughness") == pytest.approx((2 / 12) ** 0.25)
+    assert scene.materials["m.obj:red"]["emitter"]["radiance"] == Color((4.0, 2.0, 0.0))
     assert {path.name for path in scene.files} == {"scene.toml", "m.obj", "m.mtl", "tiles.png"}
 
 

@@ -9,7 +9,10 @@ import importlib
 import os
 import signal
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
 
 import click
 
@@ -95,7 +98,8 @@ def console() -> None:
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code. An error becomes one line on the error stream."""
     try:
-        result = cli.main(args=arguments, prog_name="twinlens", standalone_mode=False)
+        with _warnings_as_lines():
+            result = cli.main(args=arguments, prog_name="twinlens", standalone_mode=False)
         sys.stdout.flush()
     except click.exceptions.NoArgsIsHelpError as help_page:
         help_page.show()
@@ -120,6 +124,23 @@ def run(arguments: Sequence[str] | None = None) -> int:
         cause = error if isinstance(error, KeyboardInterrupt) else error.__cause__  # click wraps it
         return _report_error("; ".join(filter(None, ("interrupted", str(cause or "")))), INTERRUPTED)
     return result if isinstance(result, int) else 0
+
+
+@contextmanager
+def _warnings_as_lines() -> Iterator[None]:
+    """Print each different warning for users once, as one line on the error stream."""
+    shown: set[str] = set()
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        line = " ".join(str(message).split())
+        if line not in shown:
+            shown.add(line)
+            click.echo(f"twinlens: warning: {line}", err=True)
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("always", category=UserWarning)
+        warnings.showwarning = show
+        yield
 
 
 def _report_error(message: str, code: int) -> int:

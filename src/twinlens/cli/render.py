@@ -1,8 +1,5 @@
 """`twinlens render`: render scenes as samples of a dataset."""
 
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import click
@@ -90,7 +87,7 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
     made: list[tuple[Row, list[str]]] = []
     with interrupt_note(lambda: "finished samples are kept" if made else ""):
         for scene, rig, lenses in jobs:
-            with progress_bar(f"rendering {scene.name}") as report, _warnings_as_lines():
+            with progress_bar(f"rendering {scene.name}") as report:
                 how["progress"] = lambda part, report=report: report(part, "")
                 sample = make_sample(scene, sensor.mismatch.misalign(rig), lenses, sensor=sensor, **how)
             row = add_sample(output, scene.name, sample, options["seed"], overwrite)
@@ -120,16 +117,6 @@ def _job(scene: Scene, options: dict[str, Any]) -> tuple[Scene, Rig, tuple[Lens,
         if options["diffraction"]:
             raise InputError(f"--diffraction: {_NO_APERTURE}")
     return scene, rig, lenses
-
-
-@contextmanager
-def _warnings_as_lines() -> Iterator[None]:
-    """Print each different warning once, as one line on the error stream."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        yield
-    for message in dict.fromkeys(" ".join(str(warning.message).split()) for warning in caught):
-        click.echo(f"twinlens: warning: {message}", err=True)
 
 
 def _print(output: Place, made: list[tuple[Row, list[str]]], as_json: bool) -> None:

@@ -29,7 +29,7 @@ _MOST_BYTES = 2 << 30  # of decoded accessors
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 _COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
-_ATTRIBUTES = ("POSITION", "NORMAL", "TEXCOORD_0", "COLOR_0")
+_ATTRIBUTES = {"POSITION": ("VEC3",), "NORMAL": ("VEC3",), "TEXCOORD_0": ("VEC2",), "COLOR_0": ("VEC3", "VEC4")}
 _TRIANGLES = (4, 5)  # modes: a list, a strip
 
 _Index = Annotated[int, pydantic.Field(ge=0)]
@@ -212,6 +212,7 @@ class Gltf:
             for name, primitive in self._triangles(index):
                 given = {**primitive.attributes, "TEXCOORD_0": self._coordinates(primitive)}
                 kept = {key: given[key] for key in _ATTRIBUTES if given.get(key) is not None}
+                self._check_attributes(f"meshes[{index}]", kept)
                 table = {"attributes": kept, "mode": primitive.mode, "material": 0}
                 table |= {} if primitive.indices is None else {"indices": primitive.indices}
                 meshes.append({"name": name, "primitives": [table]})
@@ -226,6 +227,15 @@ class Gltf:
         stream = BytesIO(json.dumps(cleaned).encode())
         buffers = {str(i): data for i, data in enumerate(self.buffers)}
         return trimesh.load_scene(stream, file_type="gltf", resolver=buffers, process=False).geometry
+
+    def _check_attributes(self, mesh: str, attributes: dict[str, Any]) -> None:
+        if "POSITION" not in attributes:
+            raise FileError(f"{self.path}: {mesh} has a primitive without POSITION")
+        accessors = {key: self.header.accessors[index] for key, index in attributes.items()}
+        for key, accessor in accessors.items():
+            if accessor.type not in _ATTRIBUTES[key] or accessor.count != accessors["POSITION"].count:
+                allowed = f"{' or '.join(_ATTRIBUTES[key])}, one for each position"
+                raise FileError(f"{self.path}: {mesh}: {key} must be {allowed}")
 
     def _coordinates(self, primitive: _Primitive) -> int | None:
         """The accessor of the texture coordinates that the material uses."""

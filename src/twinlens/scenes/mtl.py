@@ -56,14 +56,20 @@ def _as_gltf(name: str, table: dict[str, list[str]], infos: dict[str, dict[str, 
         **({"baseColorTexture": infos["base"]} if "base" in infos else {}),
     }
     matte = "ks" in colors and not any(colors["ks"]) and "pr" not in numbers
-    extensions = {"KHR_materials_ior": {"ior": max(numbers.get("ni", 1.5), 1.0)}} if "ni" in numbers else {}
+    glow = colors.get("ke", [0.0] * 3)
+    strength = max(1.0, *glow)
+    extensions: dict[str, object] = {"KHR_materials_emissive_strength": {"emissiveStrength": strength}}
+    if "ni" in numbers:
+        extensions["KHR_materials_ior"] = {"ior": max(numbers["ni"], 1.0)}
+    if matte:
+        extensions["KHR_materials_specular"] = {"specularFactor": 0.0}
     return {
         "name": name,
         "pbrMetallicRoughness": surface,
-        "emissiveFactor": [min(value, 1.0) for value in colors.get("ke", [0.0] * 3)],
+        "emissiveFactor": [value / strength for value in glow],
         **({"emissiveTexture": infos["emissive"]} if "emissive" in infos else {}),
         **({"normalTexture": infos["normal"]} if "normal" in infos else {}),
         "alphaMode": "BLEND" if opacity < 1 else "OPAQUE",
         "doubleSided": True,
-        "extensions": extensions | ({"KHR_materials_specular": {"specularFactor": 0.0}} if matte else {}),
+        "extensions": extensions,
     }
