@@ -53,7 +53,7 @@ def command(recipe: Path, output: Place, dry_run: bool, limit: int | None, as_js
     workers, scheduler = options["workers"], options["scheduler"]
     if workers is not None and scheduler is not None:
         raise InputError("--workers and --scheduler exclude each other")
-    if workers is None and read.kind == "family" and read.count > RENEWED_AFTER:
+    if workers is None and read.varied_scenes and read.count > RENEWED_AFTER:
         workers = 1  # a separate process, whose replacement returns its memory
     part = re.fullmatch("([0-9]+)/([0-9]+)", options["shard"])
     if part is None or not 1 <= int(part[1]) <= int(part[2]):

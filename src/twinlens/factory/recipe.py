@@ -152,6 +152,12 @@ class Recipe:
     sources: Sources
     random_places: bool = False
 
+    @property
+    def varied_scenes(self) -> bool:
+        """Whether samples have scenes of their own: of a family, or with objects that are drawn."""
+        drawn = any(leaf.key.startswith("scene.objects") for leaf in leaves(self.drawn))
+        return self.kind == "family" or self.random_places or drawn
+
 
 def read_recipe(path: str | os.PathLike[str], changes: Mapping[str, Any] | None = None) -> Recipe:
     """Read a recipe, with some keys changed. Raises InputError naming the file, the key, and what is allowed."""

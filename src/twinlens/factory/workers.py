@@ -64,7 +64,7 @@ def rendered(work: Work, index: int, progress: Progress | None = None) -> Sample
     except Exhausted as error:
         return Failure(index, error.remedy, plain(error.rejections))
     finally:
-        if work.recipe.kind == "family":
+        if work.recipe.varied_scenes:
             forget_kernels()
 
 
