@@ -1,5 +1,6 @@
 """`[camera]` in recipes, and `camera` in rigs: presets, sensor formats and focal lengths in millimetres."""
 
+import numpy as np
 import pytest
 
 from twinlens.camera import KannalaBrandt
@@ -8,9 +9,10 @@ from twinlens.errors import InputError
 from twinlens.factory import plan
 from twinlens.factory.recipe import recipe_from_table
 from twinlens.factory.settings import Settings
-from twinlens.scenes import load_scene, rig_from_table
+from twinlens.scenes import Scene, rig_from_table
 from twinlens.schema import read
 
+SCENE = Scene("stage", (), {}, np.eye(4), (1.0, 3.0), baseline=0.25)
 BASE = {"seed": 1, "count": 3, "scenes": ["cards"]}
 
 
@@ -18,8 +20,7 @@ def rig_of(table, index=0):
     """The settings and the rig of a sample of a recipe."""
     spec = plan(recipe_from_table(BASE | table), index)
     settings = read(Settings, spec.drawn, "recipe.toml")
-    scene = load_scene("cards")
-    return settings, settings.rig_of(scene, scene.rig, "recipe.toml")
+    return settings, settings.rig_of(SCENE, None, "recipe.toml")
 
 
 def test_a_preset_sets_the_pair_and_the_size_of_its_images():
@@ -41,7 +42,7 @@ def test_a_smaller_width_bins_and_the_rig_may_change_the_baseline():
 
 def test_a_fisheye_without_a_pair_has_the_baseline_of_the_scene():
     _, rig = rig_of({"width": 96, "height": 54, "camera": {"preset": "gopro-hero9-wide"}})
-    assert rig.baseline() == pytest.approx(load_scene("cards").baseline)
+    assert rig.baseline() == pytest.approx(SCENE.baseline)
     assert rig.cameras[0].distortion == KannalaBrandt(0.05, 0.07, -0.11, 0.05)
     assert rig.cameras[0].cx == pytest.approx((479.12 + 0.5) / 10 - 0.5)
 
@@ -67,11 +68,11 @@ def test_every_value_may_be_drawn():
 
 
 def test_a_rig_names_a_camera_and_its_keys_change_it():
-    rig = rig_from_table({"camera": {"preset": "mer-navcam", "width": 256}}, load_scene("cards"), 640, 480)
+    rig = rig_from_table({"camera": {"preset": "mer-navcam", "width": 256}}, SCENE, 640, 480)
     assert (rig.cameras[0].width, rig.cameras[0].height) == (256, 256)
     assert rig.baseline() == pytest.approx(0.2)
     table = {"layout": "line", "count": 3, "camera": {"preset": "mer-navcam"}, "cameras": [{}, {"fov_x_deg": 30}, {}]}
-    rig = rig_from_table(table, load_scene("cards"), 640, 480)
+    rig = rig_from_table(table, SCENE, 640, 480)
     assert rig.baseline() == pytest.approx(0.2)
     assert rig.cameras[1].fov_x_deg == pytest.approx(30)
 
