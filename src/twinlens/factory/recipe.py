@@ -81,7 +81,9 @@ class AssetsTable(StrictModel):
 
 
 def _check_families(families: list[str] | None, info: Any) -> list[str] | None:
-    if (families is None) == (info.data.get("scenes") is None):
+    if families is not None and info.data.get("scenes") is not None:
+        raise InputError("give 'scenes' or 'families', not both")
+    if families is None and info.data.get("scenes") is None:
         raise InputError(
             "a recipe needs 'seed', 'count', and exactly one of 'scenes' (bundled names or files) and 'families' "
             '(random scenes), as scenes = ["staircase"]'
