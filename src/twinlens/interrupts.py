@@ -13,10 +13,8 @@ def deferred_interrupts() -> Iterator[None]:
     Only the main thread may set handlers, and runs them; in other threads nothing is deferred. Signals that the process
     ignores, leaves to SIG_DFL, or handles outside Python are not affected.
     """
-    handlers = {kind: signal.getsignal(kind) for kind in (signal.SIGINT, signal.SIGTERM)}
-    handlers = {kind: handler for kind, handler in handlers.items() if callable(handler)}
-    if threading.current_thread() is not threading.main_thread():
-        handlers = {}
+    kinds = (signal.SIGINT, signal.SIGTERM) if threading.current_thread() is threading.main_thread() else ()
+    handlers = {kind: handler for kind in kinds if callable(handler := signal.getsignal(kind))}
     received: list[int] = []
     for kind in handlers:
         signal.signal(kind, lambda number, _: received.append(number))

@@ -312,6 +312,12 @@ def test_an_empty_output_is_refused(refuses, tmp_path, monkeypatch, line):
     refuses("'-o' / '--output': the name is empty", *line, "-o", "")
 
 
+def test_a_demo_in_a_folder_with_other_files(refuses, tmp_path):
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "dataset.json").touch()
+    refuses("contains 'dataset.json' and no board; choose a new or an empty folder", "demo", "-o", tmp_path / "set")
+
+
 def test_folders_above_an_output_are_made(twinlens, dataset, tmp_path):
     pair = dataset / "cards" / "im0.png", dataset / "cards" / "im1.png"
     for name, line in {

@@ -85,6 +85,6 @@ def _matcher(
         raise InputError("--time-limit applies to programs only; use it with --command")
     spec = parse_method(method or DEFAULT_METHOD)
     matcher = spec.matcher(**search)
-    if num_disparities is not None and not hasattr(matcher, "num_disparities"):
+    if num_disparities is not None and ("num_disparities" in spec.options or not hasattr(matcher, "num_disparities")):
         raise InputError(f"--num-disparities: the search range of {spec.name} is fixed")
     return matcher, spec.name

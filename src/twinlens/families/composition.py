@@ -154,10 +154,7 @@ class Composition:
     def add(
         self, name: str, mesh: Mesh, material: Plugin, pose: Float | None = None, emitter: Plugin | None = None
     ) -> None:
-        """Add an object with its own material, with at most one texture, which may repeat along u and v.
-
-        Names become unique: bottle, bottle-2, ...
-        """
+        """Add an object with its own material, of at most one texture. Names become unique: bottle, bottle-2, ..."""
         plain = re.sub(r"[^A-Za-z0-9_]+", "-", name).strip("-") or "body"
         unique, number = plain, 1
         while unique in self.materials:
