@@ -100,9 +100,8 @@ def plain(value: Any, nan_as_null: bool = False) -> Any:
             each = getattr(value, name)
             is_float = isinstance(each, np.ndarray) and each.dtype.kind == "f"
             is_large = is_float and PACKED_ABOVE < each.size <= MAX_PACKED and not np.isnan(each).any()
-            record[name] = (
-                pack(each) if is_large else plain(each, nan_as_null)
-            )  # only fields of dataclasses are unpacked
+            # Only fields of dataclasses are unpacked.
+            record[name] = pack(each) if is_large else plain(each, nan_as_null)
         return record
     if isinstance(value, Mapping):
         if wrong := [key for key in value if not isinstance(key, str)]:

@@ -92,6 +92,7 @@ def _check_families(families: list[str] | None, info: Any) -> list[str] | None:
 
 
 class _Constants(StrictModel):
+    # Scenes and families come first: a table without both, such as an empty one, gets the message that names all.
     scenes: Annotated[list[Subject], Field(min_length=1, max_length=1000), AfterValidator(_check_unique)] | None = None
     families: Annotated[list[Family] | None, AfterValidator(_check_families)] = Field(
         None, min_length=1, validate_default=True

@@ -176,8 +176,8 @@ class DatasetPairs(Sequence[Pair]):
             for samples in datasets
         ]
         counts = Counter(name for pairs in found for _, _, name, _ in pairs)
-        for source in enumerate(labels or [""] * len(found)):
-            pairs, label = found[source[0]], source[1]
+        for source, pairs in zip(enumerate(labels or [""] * len(found)), found, strict=True):
+            label = source[1]
             taken = {name for _, _, name, _ in pairs}
             for sample, k, name, aliases in pairs:
                 prefix = f"{label}/" if label and counts[name] > 1 else ""
