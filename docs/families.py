@@ -16,7 +16,7 @@ from twinlens.factory import default_rig
 from twinlens.families import FAMILIES, random_scene
 
 HERE = Path(__file__).parent
-WIDTH, HEIGHT, SPP = 160, 120, 24
+WIDTH, HEIGHT, SPP = 160, 120, 16
 ROWS, COLUMNS = 2, 8
 
 
@@ -25,7 +25,7 @@ def picture(family: str, seed: int) -> NDArray[np.uint8]:
     scene = random_scene(family, seed, width=2 * WIDTH)
     rig = default_rig(scene, WIDTH, HEIGHT)
     left = tl.Rig(rig.cameras[:1], rig.world_from_cams[:1])
-    radiance = tl.render(scene, left, tl.Pinhole(), spp=SPP, seed=seed)
+    radiance = tl.render(scene, left, tl.Pinhole(), spp=SPP, seed=seed, denoise=True)
     (photo,) = tl.Sensor().expose_rig(radiance, rig=left, lens=tl.Pinhole(), seed=seed)
     return np.asarray(photo.image)
 

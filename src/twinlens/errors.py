@@ -70,9 +70,9 @@ def check_known(kind: str, name: Any, known: Collection[str]) -> None:
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
-    """The known name that `name` is a part or else a misspelling of, or a misspelling of its first word, or None.
+    """The known name that is meant: `name` is a part of it, or else like it, or else like its first word; or None.
 
-    A misspelling has a Ratcliff-Obershelp similarity (`difflib`) of at least 0.65, case ignored: one wrong letter of
+    Alike are names with a Ratcliff-Obershelp similarity (`difflib`) of at least 0.65, case ignored: one wrong letter of
     three, or two of six, but not two of five. A part is a prefix or the last words of a name, three letters or more.
 
     >>> nearest("ZNC", ["sad", "zncc"]), nearest("diameter", ["aperture_diameter"]), nearest("nikon", ["phone"])

@@ -8,20 +8,20 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def deferred_interrupts() -> Iterator[None]:
-    """Defer SIGINT until the end of the block, then raise it once.
+    """Defer SIGINT and SIGTERM until the end of the block, then raise the first of them.
 
-    Only the main thread may set handlers, and runs them; in other threads nothing is deferred. Processes that ignore
-    SIGINT, use SIG_DFL, or handle it outside Python are not affected.
+    Only the main thread may set handlers, and runs them; in other threads nothing is deferred. Signals that the process
+    ignores, leaves to SIG_DFL, or handles outside Python are not affected.
     """
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield
-        return
-    received = threading.Event()
-    signal.signal(signal.SIGINT, lambda *_: received.set())
+    kinds = (signal.SIGINT, signal.SIGTERM) if threading.current_thread() is threading.main_thread() else ()
+    handlers = {kind: handler for kind in kinds if callable(handler := signal.getsignal(kind))}
+    received: list[int] = []
+    for kind in handlers:
+        signal.signal(kind, lambda number, _: received.append(number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
-        if received.is_set():
-            signal.raise_signal(signal.SIGINT)
+        for kind, handler in handlers.items():
+            signal.signal(kind, handler)
+        if received:
+            signal.raise_signal(received[0])

@@ -37,6 +37,7 @@ def images(tmp_path):
         (("--method", "census:census_window=81"), "census_window is 81"),
         (("--method", "opencv_sgbm:block_size=99999"), "block_size is 99999"),
         (("--method", "onnx:model=n.onnx", "--num-disparities", "8"), "the search range of onnx:model=n.onnx is fixed"),
+        (("--method", "sad:num_disparities=4", "--num-disparities", "8"), "the search range of sad:num_disp"),
     ],
 )
 def test_searches_larger_than_the_images_are_refused(twinlens, images, tmp_path, options, words):

@@ -65,7 +65,7 @@ def test_a_function_that_raises_is_a_one_line_error(twinlens, arc, tmp_path):
 def test_a_limit_that_no_depth_can_meet_is_refused(twinlens, arc, tmp_path, far):
     code, _, err = twinlens("reconstruct", arc, "-o", tmp_path / "r", "--far", far)
     assert code == 2
-    assert f"--far must be a number > 0, got {float(far)}" in err
+    assert f"--far must be a finite number > 0, got {float(far)}" in err
 
 
 def test_an_unknown_method_is_named_beside_truth(twinlens, arc, tmp_path):

@@ -67,9 +67,9 @@ def test_missing_scene_file(refuses, tmp_path):
         (("--seed", "-1"), "--seed must be a whole number >= 0, got -1"),
         (("--seed", "1.5"), "--seed must be a whole number >= 0, got '1.5'"),
         (("--spp", "2e6"), "--spp must be a whole number from 1 to 1000000, got '2e6'"),
-        (("--noise", "nan"), "--noise must be a number > 0, got nan"),
-        (("--fov", "wide"), "--fov must be a number > 0, got 'wide'"),
-        (("--baseline", "0"), "--baseline must be a number > 0, got 0.0"),
+        (("--noise", "nan"), "--noise must be a finite number > 0, got nan"),
+        (("--fov", "wide"), "--fov must be a finite number > 0, got 'wide'"),
+        (("--baseline", "0"), "--baseline must be a finite number > 0, got 0.0"),
         (("--baseline", "nan"), "baseline"),
         (("--fov", "200"), "--fov: must be <= 179"),
         (("--fov", "180"), "--fov: must be <= 179, got 180"),
@@ -99,7 +99,7 @@ def test_missing_scene_file(refuses, tmp_path):
         (("--focal-length-px", "70", "--fov", "40"), "--fov and --focal-length-px both set the focal length"),
         (("--principal-point", "3"), "CX,CY"),
         (("--principal-point", "3,inf"), "--principal-point: must be a finite number"),
-        (("--pixel-pitch-um", "0"), "--pixel-pitch-um must be a number > 0, got 0.0"),
+        (("--pixel-pitch-um", "0"), "--pixel-pitch-um must be a finite number > 0, got 0.0"),
         (("--sensor-width-mm", "-36"), "--sensor-width-mm -36: must be a positive number or the name of a format"),
         (
             ("--sensor-width-mm", "36", "--pixel-pitch-um", "5"),
@@ -294,7 +294,10 @@ def test_an_unknown_backend():
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
-def test_a_missing_output_gives_the_same_error_everywhere(refuses, line, meaning):
+def test_a_missing_output_gives_the_same_error_everywhere(
+    refuses, line, meaning, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
     refuses(f"twinlens: Missing option '-o' / '--output': {meaning}", *line)
 
 
@@ -310,6 +313,12 @@ def test_a_missing_output_gives_the_same_error_everywhere(refuses, line, meaning
 def test_an_empty_output_is_refused(refuses, tmp_path, monkeypatch, line):
     monkeypatch.chdir(tmp_path)
     refuses("'-o' / '--output': the name is empty", *line, "-o", "")
+
+
+def test_a_demo_in_a_folder_with_other_files(refuses, tmp_path):
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "dataset.json").touch()
+    refuses("contains 'dataset.json' and no board; choose a new or an empty folder", "demo", "-o", tmp_path / "set")
 
 
 def test_folders_above_an_output_are_made(twinlens, dataset, tmp_path):

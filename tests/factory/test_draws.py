@@ -88,7 +88,7 @@ def test_corners_show_every_end_and_every_choice():
         ({"choice": []}, "choice: must be a list of at least 1 value"),
         (
             {"choice": [1, 2], "weights": [1]},
-            "rig.baseline: weights: must be a list of exactly 2 values, got .1",
+            "rig.baseline: weights: must have length 2, got .1",
         ),
         ({"choice": [1, 2], "weights": [0, 0]}, "rig.baseline: weights: at least one must be > 0"),
         ({"choice": [{"uniform": [1, 2]}]}, "must be constants, not distributions"),

@@ -40,7 +40,7 @@ def stored(scene, middle, tmp_path_factory):
     """A toed-in pair with distortion, on the disk."""
     folder = tmp_path_factory.mktemp("toed") / "cards"
     rig = toed_in(middle, BrownConrady(-0.15, 0.03))
-    write_sample(folder, make_sample(scene, rig, [tl.Pinhole()], spp=64, sensor=FINE))
+    write_sample(folder, make_sample(scene, rig, [tl.Pinhole()], spp=32, sensor=FINE))
     return Dataset(folder)[0]
 
 

@@ -62,6 +62,7 @@ def test_a_killed_worker_costs_nothing(recipe, whole, tmp_path):
     assert digests(tmp_path / "set") == digests(whole)
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_idle_while_another_one_works_costs_nothing(tmp_path, monkeypatch):
     monkeypatch.setenv("TWINLENS_BACKEND", "scalar")
     recipe = write_recipe(tmp_path, count=4)

@@ -270,7 +270,8 @@ def test_non_finite_light_is_as_in_direct_images(monkeypatch, radiance):
     assert np.isfinite(grid.standard_error).all()
 
 
-@pytest.mark.parametrize("spp", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("spp", [1, 2])
 def test_few_samples_have_the_right_mean(room, direct, spp):
     """Every pixel has samples of its own by construction: none is filled from others."""
     index = list(LENSES).index("wide far")

@@ -210,7 +210,7 @@ def estimate_job() -> dict[str, np.ndarray]:
 
     scene, camera = photos.room(), photos.camera(64, 48, 60.0)
     rig, wide = Rig([camera], [photos.POSE]), tl.ThinLens(0.1, 2.5)
-    reference = tl.render(scene, rig, wide, spp=2048, seed=4)[0]
+    reference = tl.render(scene, rig, wide, spp=512, seed=4)[0]
     found = {}
     for name, denoise in (("raw", False), ("denoised", True)):
         views = [render_measured(scene, rig, wide, 4, seed, denoise=denoise)[0][0] for seed in range(8)]

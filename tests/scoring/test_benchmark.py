@@ -197,6 +197,7 @@ def test_a_method_that_is_always_slow_is_warmed_up_once(tmp_path):
     assert all(e.ok for e in board.entries if e.method == "good")
 
 
+@pytest.mark.slow
 def test_a_new_worker_is_warmed_up_again():
     """Compilation exceeds the time limit: without a new warm-up, the method would fail or appear slow."""
     methods = [Slow("slow", 3.0), Trouble("dies")]

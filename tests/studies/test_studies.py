@@ -173,7 +173,7 @@ def test_progress_increases_from_zero():
 
 
 def test_study_returns_the_table():
-    table = tl.study("texture", methods=("zncc",), seeds=1, **TINY)
+    table = tl.study("texture", methods="zncc", seeds=1, **TINY)
     assert set(table.values("method")) == {"zncc"}
     assert (table.numbers("error_px") > 0).all()
 

@@ -49,6 +49,7 @@ def test_the_table_of_samples_matches_its_script(monkeypatch):
     assert lines[2] not in renewed
 
 
+@pytest.mark.slow
 def test_the_script_of_samples_runs(monkeypatch):
     monkeypatch.syspath_prepend(PAGE.parents[1] / "benchmarks")
     import bench_samples as script

@@ -136,7 +136,7 @@ def covariance(
         rows.append(jacobian @ cam_from_world[:3, :3] / sigma)
     _, singular, axes = np.linalg.svd(np.concatenate(rows, axis=1))
     if (singular[:, 2] <= _SINGULAR * singular[:, 0]).any():
-        raise InputError("pixels determine no point on the line through the cameras, or very far away: leave it out")
+        raise InputError("the pixels do not determine a point near the line of the cameras or very far away")
     return np.asarray(np.einsum("nki,nk,nkj->nij", axes, singular**-2, axes))
 
 

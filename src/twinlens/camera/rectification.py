@@ -117,7 +117,7 @@ def rectify(
     focal = _focal_length(fit, pair, world_from_rect, outlines, centres, size)
     cameras = []
     for centre, old in zip(centres, pair.cameras, strict=True):
-        cx, cy = 0.5 * (np.array(size) - 1) - focal * centre
+        cx, cy = np.round(0.5 * (np.array(size) - 1) - focal * centre, 9)  # exact half pixels, for the scalar backend
         cameras.append(Camera(*size, focal, focal, float(cx), float(cy), pixel_pitch_um=old.pixel_pitch_um))
     aligned = Rig(cameras, [rigid(world_from_rect, pose[:3, 3]) for pose in pair.world_from_cams])
     rectified = aligned if misalignment == ALIGNED else misaligned(aligned, (ALIGNED, misalignment))

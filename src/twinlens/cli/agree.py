@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from twinlens.cli.options import Range, json_option, print_json
+from twinlens.cli.options import Whole, json_option, print_json
 from twinlens.cli.places import FIGURE_FILE, PATH
 from twinlens.dataset.files import write_file
 from twinlens.report.plots import agreement_figure
@@ -21,7 +21,7 @@ MOVES = 5  # methods listed, those whose rank differs most
 @click.option("--protocol", help="Scoring rules.  [default: the first that both boards have]")
 @click.option("--region", default="nonocc", show_default=True, help="Region whose scores are compared.")
 @click.option("--metric", help="Metric to rank by.  [default: the protocol's headline metric]")
-@click.option("--seed", type=Range(0), default=0, show_default=True, help="Seed of the bootstrap.")
+@click.option("--seed", type=Whole(0), default=0, show_default=True, help="Seed of the bootstrap.")
 @click.option("-o", "--output", type=FIGURE_FILE, help="Write a figure, a PNG or SVG file.")
 @json_option("the result")
 def command(board_a: Path, board_b: Path, output: Path | None, as_json: bool, **options: Any) -> None:

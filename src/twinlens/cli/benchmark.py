@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from twinlens.cli.boards import print_board, protocol_option, region_option, run_board
-from twinlens.cli.options import SECONDS, Range, json_option
+from twinlens.cli.options import SECONDS, Positive, json_option
 from twinlens.cli.places import PATH
 from twinlens.matching import parse_methods, parse_program
 from twinlens.scoring import open_pairs
@@ -34,7 +34,7 @@ FOREIGN_LIMIT_S = 600.0
     help="Seconds per match, warm-up excluded. Runs matchers in a subprocess.  [default: 600 if a network or a Python "
     "function is among them]",
 )  # fmt: skip
-@click.option("--memory-limit", type=Range(most=2.0**20), help="GiB per matcher. Runs matchers in a subprocess.")
+@click.option("--memory-limit", type=Positive(2.0**20), help="GiB per matcher. Runs matchers in a subprocess.")
 @click.option("--warm-up-limit", type=SECONDS, default=120.0, show_default=True,
               help="Seconds for the first, untimed match of a method in a subprocess.")  # fmt: skip
 @click.option("--retry-failed", is_flag=True, help="Rerun matches that failed in an earlier run.")

@@ -8,7 +8,7 @@ import click
 from twinlens.camera import Pinhole, ThinLens
 from twinlens.cli.boards import print_board, run_board
 from twinlens.cli.options import denoise_option, json_option
-from twinlens.cli.places import PATH, check_samples
+from twinlens.cli.places import PATH, check_samples, refuse_others
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Dataset, Manifest, Row, describe, write_manifest, write_sample
 from twinlens.factory import default_rig, make_sample
@@ -38,6 +38,7 @@ def command(output: Path, denoise: bool, as_json: bool) -> None:
     \b
     Example:  twinlens demo -o demo
     """
+    refuse_others(output, ("dataset",), "board")
     used, start = backend(), time.perf_counter()
     click.echo(f"rendering with {used.variant} ({used.reason}) {used.advice}".strip(), err=True)
     denoise = denoise and used.is_jit  # denoised, even 8 samples take over 60 s without a JIT backend
@@ -93,8 +94,7 @@ def _notes(board: Board, groups: Groups) -> list[str]:
         f"({pinhole[best]:.1f}%); with the lens: {best_wide} ({wide[best_wide]:.1f}%)."
     )
     cameras = (
-        f"The two real cameras differ in brightness, the rendered ones do not: {best} is best with the pinhole, and "
-        f"number {rank} of {len(real)} on the real pair ({real[best]:.1f}%); best there: {best_real} "
-        f"({real[best_real]:.1f}%)."
+        f"Real cameras differ in brightness, rendered ones do not: {best} is best with the pinhole and number {rank} "
+        f"of {len(real)} on the real pair ({real[best]:.1f}%), where {best_real} is best ({real[best_real]:.1f}%)."
     )
     return [lens, cameras]

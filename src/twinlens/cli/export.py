@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from twinlens.cli.options import Range, json_option, print_result
+from twinlens.cli.options import Whole, json_option, print_result
 from twinlens.cli.places import PLACE
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Dataset, Place
@@ -15,7 +15,7 @@ from twinlens.dataset.export import LAYOUTS, export
 @click.argument("dataset", type=PLACE)
 @click.option("--to", "layout", required=True, help=", ".join(LAYOUTS) + ".")
 @click.option("-o", "--output", required=True, type=PLACE, help="Folder of the export.")
-@click.option("--lens", type=Range(0), default=0, show_default=True, help="Lens to export; 0 is first.")
+@click.option("--lens", type=Whole(0), default=0, show_default=True, help="Lens to export; 0 is first.")
 @click.option("--split", help="Export only the samples of this split.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier export.")
 @json_option("the files and their sizes")

@@ -11,7 +11,7 @@ import click
 from rich.filesize import decimal
 
 from twinlens import factory
-from twinlens.cli.options import Range, json_option, noise_option, print_json
+from twinlens.cli.options import Whole, json_option, noise_option, print_json
 from twinlens.cli.places import PATH, PLACE
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place
@@ -26,9 +26,9 @@ from twinlens.scoring import recipe_toml
 @click.option(
     "--dry-run", is_flag=True, help="Make one sample without writing it, and print the time and disk space needed."
 )
-@click.option("--limit", type=Range(1), help="Make at most this many samples in this run.")
+@click.option("--limit", type=Whole(1), help="Make at most this many samples in this run.")
 @click.option("--shard", default="1/1", show_default=True, help="i/n: make every n-th sample, starting with the i-th.")
-@click.option("--workers", type=Range(1), help="Number of worker processes on this machine.")
+@click.option("--workers", type=Whole(1), help="Number of worker processes on this machine.")
 @click.option("--scheduler", help="Use the Dask cluster of this scheduler, such as tcp://host:8786.")
 @noise_option
 @click.option("--denoise/--no-denoise", default=None, help="Override the recipe's `denoise`.")

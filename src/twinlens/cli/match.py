@@ -8,7 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
-from twinlens.cli.options import DISPARITY, SECONDS, Range, json_option, print_result
+from twinlens.cli.options import DISPARITY, SECONDS, Whole, json_option, print_result
 from twinlens.cli.places import PATH, PNG_FILE, PlaceType, check_creatable
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import read_image, write_pfm, write_png
@@ -33,7 +33,7 @@ DEFAULT_METHOD = "zncc"
     "file. {num_disparities} and {min_disparity} are replaced too. Not run by a shell.",
 )  # fmt: skip
 @click.option("--time-limit", type=SECONDS, help="Time limit of the program, seconds.  [default: 600]")
-@click.option("--num-disparities", "--ndisp", type=Range(1), help="Number of disparities to search.  [default: 64]")
+@click.option("--num-disparities", "--ndisp", type=Whole(1), help="Number of disparities to search.  [default: 64]")
 @click.option("--min-disparity", type=DISPARITY, default=0, show_default=True, help="The smallest disparity, pixels.")
 @click.option("--picture", type=PNG_FILE, help="Also write the map as a colour PNG.")
 @json_option("the result")
@@ -85,6 +85,6 @@ def _matcher(
         raise InputError("--time-limit applies to programs only; use it with --command")
     spec = parse_method(method or DEFAULT_METHOD)
     matcher = spec.matcher(**search)
-    if num_disparities is not None and not hasattr(matcher, "num_disparities"):
+    if num_disparities is not None and ("num_disparities" in spec.options or not hasattr(matcher, "num_disparities")):
         raise InputError(f"--num-disparities: the search range of {spec.name} is fixed")
     return matcher, spec.name

@@ -36,26 +36,32 @@ def print_result(as_json: bool, record: Any, *lines: str) -> None:
         click.echo("\n".join(lines))
 
 
-class Range(click.FloatRange):
-    """A whole number from `least` to `most`, or without `least` any positive one. An InputError names the option."""
-
-    def __init__(self, least: int | None = None, most: Any = None) -> None:
-        super().__init__(least or 0, most, min_open=least is None)
-        self.least, self.most, self.name = least, most, "float" if least is None else "integer"
+class Whole(click.IntRange):
+    """A whole number from `min` to `max`. An InputError names the option."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        name = param.opts[0] if param else "value"
         with contextlib.suppress(ValueError):
-            value = float(value) if self.least is None else int(value)
-        if self.least is not None:
-            check_int(name, value, self.least, self.most)
-        else:
-            allowed, most = ("> 0", math.inf) if self.most is None else (f"> 0 and <= {self.most:g}", self.most)
-            check_number(name, value, f"a number {allowed}", above=0, most=most)
+            value = int(value)
+        check_int(param.opts[0] if param else "value", value, int(self.min or 0), self.max)
         return value
 
 
-POSITIVE, SECONDS, DISPARITY = Range(), Range(most=1e6), Range(-65536, 65536)
+class Positive(click.FloatRange):
+    """A finite number > 0, at most `most`. An InputError names the option."""
+
+    def __init__(self, most: float | None = None) -> None:
+        super().__init__(0, most, min_open=True)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        with contextlib.suppress(ValueError):
+            value = float(value)
+        allowed = "> 0" if self.max is None else f"> 0 and <= {self.max:.0f}"
+        most = math.inf if self.max is None else self.max
+        check_number(param.opts[0] if param else "value", value, f"a finite number {allowed}", above=0, most=most)
+        return value
+
+
+POSITIVE, SECONDS, DISPARITY = Positive(), Positive(1e6), Whole(-65536, 65536)
 noise_option = click.option(
     "--noise",
     type=POSITIVE,

@@ -69,7 +69,7 @@ def check_results(folder: Path, mark: str, overwrite: bool = True) -> None:
     if not overwrite and (folder / mark).exists():
         raise OutputError(f"{folder}: {_EXISTS}")
     check_creatable(folder)
-    _refuse_others(folder, (), mark)
+    refuse_others(folder, (), mark)
 
 
 def check_samples(output: Place, names: Sequence[str], overwrite: bool) -> None:
@@ -89,10 +89,10 @@ def check_samples(output: Place, names: Sequence[str], overwrite: bool) -> None:
         check_creatable(output)
     for name in names:
         check_new(output / name, overwrite)
-    _refuse_others(output, names, "dataset.json")
+    refuse_others(output, names, "dataset.json")
 
 
-def _refuse_others(folder: Place, names: Sequence[str], mark: str) -> None:
+def refuse_others(folder: Place, names: Sequence[str], mark: str) -> None:
     """Raise OutputError if a folder without `mark` has files other than `names` and hidden ones."""
     present = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
     for name in () if mark in present else present:

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from twinlens.cli.options import POSITIVE, Range, json_option, print_result
+from twinlens.cli.options import POSITIVE, Whole, json_option, print_result
 from twinlens.cli.places import PATH, PLACE, check_new
 from twinlens.cli.progress import progress_bar
 from twinlens.dataset import Place, open_sample
@@ -21,7 +21,7 @@ from twinlens.reconstruction.of_sample import RECORD, reconstruct
 @click.option("-o", "--output", required=True, type=PATH, help="Folder of the reconstruction.")
 @click.option("--method", default="truth", show_default=True, help="truth, or a matcher: sgm, zncc:block_size=11, ...")
 @click.option("--cell-mm", type=POSITIVE, help="Cell size of the surface.  [default: 1/160 of the points' extent]")
-@click.option("--min-views", type=Range(1), default=1, show_default=True, help="Views required per point.")
+@click.option("--min-views", type=Whole(1), default=1, show_default=True, help="Views required per point.")
 @click.option("--far", type=POSITIVE, help="Largest depth to use, metres.  [default: no limit]")
 @click.option("--spacing-mm", type=POSITIVE, help="Point spacing of the comparison.  [default: half a cell]")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier reconstruction.")

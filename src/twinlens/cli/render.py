@@ -6,7 +6,7 @@ import click
 from click.core import ParameterSource
 
 from twinlens.camera import Lens, Rig
-from twinlens.cli.options import POSITIVE, Range, Sectioned, denoise_option, json_option, noise_option, print_json
+from twinlens.cli.options import POSITIVE, Sectioned, Whole, denoise_option, json_option, noise_option, print_json
 from twinlens.cli.places import PATH, PLACE, check_samples
 from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place, Row
@@ -50,10 +50,10 @@ _SECTIONS = {
 @click.option("--bits", type=click.Choice(["8", "16"]), help="Bits per channel.  [default: 8]")
 @click.option("--exposure", default="auto", metavar="TIME_S[,GAIN]", help=camera_text.EXPOSURE_HELP)
 @click.option("--mismatch", metavar="LEVEL|NAME=VALUE,...", help=camera_text.MISMATCH_HELP)
-@click.option("--spp", type=Range(1, 1_000_000), default=16, show_default=True, help="Samples per pixel.")
+@click.option("--spp", type=Whole(1, 1_000_000), default=16, show_default=True, help="Samples per pixel.")
 @denoise_option
 @noise_option
-@click.option("--seed", type=Range(0), default=0, show_default=True, help="Random seed.")
+@click.option("--seed", type=Whole(0), default=0, show_default=True, help="Random seed.")
 @click.option("--radiance", is_flag=True, help="Also write the linear images (radiance0.exr, radiance1.exr).")
 @click.option("--models", is_flag=True, help="Also write the triangles of the objects (models/*.ply).")
 @click.option("--sky-disparity", is_flag=True, help="Give the sky the disparity at infinity instead of unknown.")

@@ -8,7 +8,7 @@ import click
 from click.core import ParameterSource
 
 from twinlens.cli.boards import print_board, protocol_option, region_option, run_board
-from twinlens.cli.options import DISPARITY, Range, json_option, print_json
+from twinlens.cli.options import DISPARITY, Whole, json_option, print_json
 from twinlens.cli.places import PATH, missing_output
 from twinlens.dataset import place, read_disparity, read_png
 from twinlens.errors import FileError, InputError
@@ -26,7 +26,7 @@ _FOR_ONE_MAP = {"mask": "--mask", "ndisp": "--ndisp", "min_disparity": "--min-di
 @click.option("--truth", "truths", multiple=True, required=True, help="Dataset, or the truth of one map. Repeatable.")
 @click.option("-o", "--output", type=PATH, help="Folder of the board.  [required, except for one map]")
 @click.option("--mask", type=PATH, help="For one map: PNG, 255 where visible in both cameras.")
-@click.option("--ndisp", type=Range(1), help="For one map: estimates are clipped to [0, ndisp].")
+@click.option("--ndisp", type=Whole(1), help="For one map: estimates are clipped to [0, ndisp].")
 @click.option(
     "--min-disparity", type=DISPARITY, help="For one map: lower end of the clipping range.  [default: 0, or the "
     "truth's minimum if negative]",

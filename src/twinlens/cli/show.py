@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from twinlens.camera.multiview import epipoles, fundamental_matrix, ideal_pixels
-from twinlens.cli.options import Range, json_option, parse_pair, print_result
+from twinlens.cli.options import Whole, json_option, parse_pair, print_result
 from twinlens.cli.places import PLACE, PNG_FILE
 from twinlens.dataset import Place, open_sample, write_png
 from twinlens.geometry.epipolar import sampson_distance
@@ -25,7 +25,7 @@ def command() -> None:
 @click.argument("sample", type=PLACE, metavar="DATASET/SAMPLE")
 @click.option("-o", "--output", required=True, type=PNG_FILE, help="The picture, a PNG file.")
 @click.option("--cameras", default="0,1", show_default=True, help="The two views, counted from 0.")
-@click.option("--points", type=Range(1, 100), default=9, show_default=True, help="Number of points.")
+@click.option("--points", type=Whole(1, 100), default=9, show_default=True, help="Number of points.")
 @json_option("the points, F and the epipoles")
 def epipolar(sample: Place, output: Path, cameras: str, points: int, as_json: bool) -> None:
     """Draw points of two views, the epipolar curves that contain their matches, and the epipoles.

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from twinlens.cli.options import Range, json_option, print_result
+from twinlens.cli.options import Whole, json_option, print_result
 from twinlens.cli.places import PATH, check_results, missing_output
 from twinlens.cli.progress import progress_bar
 
@@ -15,10 +15,10 @@ from twinlens.cli.progress import progress_bar
 @click.option("-o", "--output", type=PATH, help="Output folder.  [required, except for 'list']")
 @click.option("--scene", "scenes", multiple=True, help="Bundled name or scene file; repeatable.")
 @click.option("--methods", "methods", multiple=True, help="Matchers, e.g. sad,zncc:block_size=15; repeatable.")
-@click.option("--seeds", type=Range(1, 1000), help="Number of repetitions.  [default: the study's]")
-@click.option("--first-seed", type=Range(0), default=0, show_default=True, help="First seed.")
+@click.option("--seeds", type=Whole(1, 1000), help="Number of repetitions.  [default: the study's]")
+@click.option("--first-seed", type=Whole(0), default=0, show_default=True, help="First seed.")
 @click.option("--size", help="Image size, WIDTHxHEIGHT.  [default: the study's]")
-@click.option("--spp", type=Range(1, 1_000_000), help="Samples per pixel.  [default: the study's]")
+@click.option("--spp", type=Whole(1, 1_000_000), help="Samples per pixel.  [default: the study's]")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier study.")
 @json_option("protocol and findings")
 def command(

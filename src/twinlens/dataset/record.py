@@ -89,7 +89,7 @@ def read_part(model: pydantic.TypeAdapter[T], record: Mapping[str, Any], key: st
 def plain(value: Any, nan_as_null: bool = False) -> Any:
     """`value` as JSON data: dataclasses, mappings, sequences, arrays, numbers, paths and text, nested.
 
-    NaN becomes None with `nan_as_null`. Raises InputError otherwise, and for anything else.
+    With `nan_as_null`, NaN becomes None. Raises InputError for NaN without it, and for values of other types.
 
     >>> plain(camera.ThinLens(0.01, focus_distance=math.inf))["focus_distance"]
     'inf'
@@ -100,7 +100,8 @@ def plain(value: Any, nan_as_null: bool = False) -> Any:
             each = getattr(value, name)
             is_float = isinstance(each, np.ndarray) and each.dtype.kind == "f"
             is_large = is_float and PACKED_ABOVE < each.size <= MAX_PACKED and not np.isnan(each).any()
-            record[name] = pack(each) if is_large else plain(each, nan_as_null)  # only fields are unpacked
+            # Only fields of dataclasses are unpacked.
+            record[name] = pack(each) if is_large else plain(each, nan_as_null)
         return record
     if isinstance(value, Mapping):
         if wrong := [key for key in value if not isinstance(key, str)]:

@@ -220,7 +220,7 @@ def hint(message: str, tree: Any) -> str:
 def normalized(weights: list[float], count: int) -> "np.ndarray[Any, np.dtype[np.float64]]":
     """`count` weights divided by their sum. Raises InputError for another number of weights, or if all are 0."""
     if len(weights) != count:
-        raise InputError(f"weights: must be a list of exactly {count} values, got {format_value(weights)}")
+        raise InputError(f"weights: must have length {count}, got {format_value(weights)}")
     largest = max(weights)
     if not largest > 0:
         raise InputError(f"weights: at least one must be > 0, got {format_value(weights)}")

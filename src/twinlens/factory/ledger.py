@@ -56,7 +56,10 @@ class Ledger:
         self.described: dict[str, Any] = {}
         self.has_file = (folder / MANIFEST).is_file()
         if not self.has_file:
-            self._refuse_other_files()
+            for entry in folder.iterdir() if folder.is_dir() else ():
+                if not (is_hidden(entry.name) or entry.name.isdecimal() or entry.name == "preview.png"):
+                    remedy = "name a new or empty folder; if dataset.json was lost, move that file away and run again"
+                    raise InputError(f"{folder}: is not a dataset and contains {entry.name!r}; {remedy}")
             return
         known = read_manifest(folder)
         empty = "made_with" in known.info and not known.rows and not known.info.get("failed")
@@ -150,13 +153,6 @@ class Ledger:
                 f"{self.folder}: holds {more} sample(s) beyond the recipe's count of {self.recipe.count}; a count may "
                 "grow but not shrink: raise it, or name another folder"
             )
-
-    def _refuse_other_files(self) -> None:
-        """Raise InputError if a folder without dataset.json has files that no run of `twinlens generate` leaves."""
-        for entry in self.folder.iterdir() if self.folder.is_dir() else ():
-            if not (is_hidden(entry.name) or entry.name.isdecimal() or entry.name == "preview.png"):
-                remedy = "name a new or an empty folder; if dataset.json was lost, move that file away and run again"
-                raise InputError(f"{self.folder}: is not a dataset and contains {entry.name!r}; {remedy}")
 
     def _pending_rows(self) -> Iterator[tuple[int, Entry]]:
         """Rows of samples that have no entry yet. A row that cannot be read is made from the sample's files again."""

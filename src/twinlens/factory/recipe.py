@@ -90,7 +90,9 @@ class AssetsTable(StrictModel):
 
 
 def _check_families(families: list[str] | None, info: Any) -> list[str] | None:
-    if (families is None) == (info.data.get("scenes") is None):
+    if families is not None and info.data.get("scenes") is not None:
+        raise InputError("give 'scenes' or 'families', not both")
+    if families is None and info.data.get("scenes") is None:
         raise InputError(
             "a recipe needs 'seed', 'count', and exactly one of 'scenes' (bundled names or files) and 'families' "
             '(random scenes), as scenes = ["staircase"]'
@@ -99,6 +101,7 @@ def _check_families(families: list[str] | None, info: Any) -> list[str] | None:
 
 
 class _Constants(StrictModel):
+    # Scenes and families come first: a table without both, such as an empty one, gets the message that names all.
     scenes: Annotated[list[Subject], Field(min_length=1, max_length=1000), AfterValidator(_check_unique)] | None = None
     families: Annotated[list[Family] | None, AfterValidator(_check_families)] = Field(
         None, min_length=1, validate_default=True

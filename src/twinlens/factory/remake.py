@@ -48,7 +48,7 @@ def remake(
     Raises InputError if the scene differs from the record's, or is neither bundled nor given; if the images were warped
     from others; or if `make_sample` did not write the record.
     """
-    if not isinstance(record, dict):
+    if not isinstance(record, Mapping):
         raise InputError(f"record must be a sample's, such as Dataset('out')[0].record, got {format_value(record)}")
     settings = read(_Record, record, _FILE).record
     if (settings.rectified_from or {}).get("pictures") == "maps":

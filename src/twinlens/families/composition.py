@@ -164,7 +164,7 @@ class Composition:
             unique = f"{plain}-{number}"
         own = tuple(self._own_material(*each) for each in mesh.materials.items()) if isinstance(mesh, UserMesh) else ()
         for key, value in material.items():
-            if isinstance(value, Bitmap):  # Mitsuba would compile a kernel for each value of `to_uv`
+            if isinstance(value, Bitmap) and not own:  # Mitsuba would compile a kernel for each value of `to_uv`
                 mesh = replace(mesh, uv=np.asarray(mesh.uv) * np.diag(value.to_uv)[:2])
                 material = {**material, key: replace(value, to_uv=np.eye(4))}
         if not own:

@@ -186,8 +186,11 @@ class _Search:
         if self.cost.scoring == "zsad":
             return box.zero_mean_absolute(self.left, self.right, side, self.low, self.depth)
         boxes = self._boxes(side)
-        kind = numbers(self.cost, boxes[0].left.dtype, self.side).sums if self.support.sums else np.float64
-        return box.box_sums(boxes, 1.0, self.cost.offset, np.uint32 if kind in (np.uint16, np.uint32) else np.float64)
+        kind: type[np.generic] = np.float64
+        if self.support.integer_sums:
+            sums = numbers(self.cost, boxes[0].left.dtype, self.side * len(boxes)).sums
+            kind = np.uint32 if sums in (np.uint16, np.uint32) else np.float64
+        return box.box_sums(boxes, 1.0, self.cost.offset, kind)
 
     def _aggregated(self) -> Rows:
         """The costs after aggregation; +inf where there is no candidate."""

@@ -60,7 +60,7 @@ class Support:
     halo: how many rows above and below a pixel it reads, in radii of the window. pixelwise: it aggregates costs of
     pixels, not of windows. masked: candidates without a partner have the cost +inf, not that of edge-continued images.
     windows(side): the sides of the windows, the widest first. parts: the number of windows whose costs it adds up.
-    sums: it adds up costs of pixels, in uint32 where that holds sums over the window. strip: rows aggregated at a time.
+    integer_sums: it adds up costs in uint32 where that holds sums over the window. strip: rows aggregated at a time.
     """
 
     aggregate: Callable[[Strip], Volume] | None = None
@@ -69,7 +69,7 @@ class Support:
     masked: bool = False
     windows: Callable[[int], tuple[int, ...]] = lambda side: (side,)
     parts: int = 1
-    sums: bool = False
+    integer_sums: bool = False
     strip: int = 16
 
 
@@ -201,7 +201,7 @@ SUPPORTS: dict[str, Support] = {
     "fixed": Support(),
     "shiftable": Support(_shiftable, halo=1, masked=True),
     "adaptive": Support(_adaptive, halo=1, windows=lambda side: tuple(map(quarter, family(side))), parts=3),
-    "cross": Support(_cross, halo=1, pixelwise=True, sums=True, strip=32),
+    "cross": Support(_cross, halo=1, pixelwise=True, integer_sums=True, strip=32),
     "weighted": Support(_weighted, halo=1, pixelwise=True),
     "guided": Support(_guided, halo=2, pixelwise=True),
 }

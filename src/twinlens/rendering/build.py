@@ -1,6 +1,7 @@
 """Builds a Mitsuba scene from a `Scene`, and the table of its bodies that ground truth uses."""
 
 import contextlib
+import threading
 import weakref
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -20,6 +21,7 @@ _BLOCK_PX = 16
 _MATTE_ROUGHNESS = 0.44  # of `principled`: 5 gloss units at 60 degrees, the most of matte paint (docs/realism.md)
 
 _cache: "weakref.WeakKeyDictionary[Scene, BuiltScene]" = weakref.WeakKeyDictionary()
+_building = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +60,11 @@ class BuiltScene:
 
 def build(scene: Scene) -> BuiltScene:
     """The Mitsuba scene of `scene`, cached as long as the Scene exists."""
-    if scene not in _cache:
-        with _two_threads():
-            _cache[scene] = _build_xml(scene) if scene.xml is not None else _build_objects(scene)
-    return _cache[scene]
+    with _building:
+        if scene not in _cache:
+            with _two_threads():
+                _cache[scene] = _build_xml(scene) if scene.xml is not None else _build_objects(scene)
+        return _cache[scene]
 
 
 @contextlib.contextmanager

@@ -84,7 +84,7 @@ def _render_scalar(built: BuiltScene, sensor: Any, camera: Camera, count: int, s
 
 
 def _grouped(built: BuiltScene) -> Any:
-    """The scene with its bodies in one shape group, apart from lights and instances: `aov` copies its list."""
+    """The scene with its bodies, but not instances, in one shape group: `aov` copies the list of shapes each time."""
     if any(body.shape is None for body in built.bodies):  # an instance of a Mitsuba file, whose shape is not known
         return built.mi_scene
     if "grouped" not in built.cache:

@@ -18,8 +18,10 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 _FOLDERS = (
-    "/usr/lib/*-linux-gnu",
-    "/usr/lib*",
+    "/usr/lib/x86_64-linux-gnu",
+    "/usr/lib/aarch64-linux-gnu",
+    "/usr/lib64",
+    "/usr/lib",
     "/usr/lib*/llvm*/lib",
     "/usr/local/lib",
     "/opt/homebrew/opt/llvm*/lib",

@@ -99,14 +99,16 @@ def run_benchmark(
         with BoardWriter(replace(board, title=title), save) as writer:
             for method in runs:
                 runner.check_parts(method)
-            callbacks = on_map or (lambda *_: None), on_drop or (lambda *_: None)
             done = 0
             for sample in samples:
                 _check_unique("sample", sample.name, taken)
                 pair = load_pair(sample)
                 applicable = [p for p in protocols if pair.calibration is not None or not p.needs_calibration]
                 sha, masks = fingerprint(pair), region_masks(pair, regions)
-                run = _Run(runner, writer, retry_failed, *callbacks, pair, sha, masks, applicable)
+                run = _Run(
+                    runner, writer, retry_failed, on_map or (lambda *_: None), on_drop or (lambda *_: None),
+                    sample=pair, sha=sha, masks=masks, protocols=applicable,
+                )  # fmt: skip
                 writer.board.check_sample(pair.name, sha)
                 for method in runs:
                     skipped, failure = run.match(method)

@@ -110,7 +110,7 @@ def light_difference(pair: Pair, sensor: Sensor) -> tuple[Float, float, float]:
 
 
 def recipe_toml(recipe: Mapping[str, Any]) -> str:
-    """A recipe as TOML, each list of numbers on one line. The text "inf" in a record becomes the number."""
+    """A recipe as TOML, each list of numbers on one line. The text "inf" in a record becomes the number inf."""
     text = tomli_w.dumps(json.loads(json.dumps(recipe).replace('"inf"', "Infinity")))
     return re.sub(r"\[\n([^\[\]{\"]+),\n *\]", lambda numbers: f"[{' '.join(numbers[1].split())}]", text)
 

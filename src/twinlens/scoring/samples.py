@@ -170,13 +170,14 @@ class DatasetPairs(Sequence[Pair]):
 
     def __init__(self, *datasets: Sequence[StoredSample | Sample], labels: Sequence[str] | None = None) -> None:
         self._places: dict[str, tuple[StoredSample | Sample, int, tuple[str, ...]]] = {}
-        self._labels: list[str] = []
+        self._sources: list[tuple[int, str]] = []
         found = [
             [(sample, k, *names) for sample in samples for k, names in enumerate(_names(sample))]
             for samples in datasets
         ]
         counts = Counter(name for pairs in found for _, _, name, _ in pairs)
-        for pairs, label in zip(found, labels or [""] * len(found), strict=True):
+        for source, pairs in zip(enumerate(labels or [""] * len(found)), found, strict=True):
+            label = source[1]
             taken = {name for _, _, name, _ in pairs}
             for sample, k, name, aliases in pairs:
                 prefix = f"{label}/" if label and counts[name] > 1 else ""
@@ -184,7 +185,7 @@ class DatasetPairs(Sequence[Pair]):
                     raise InputError(f"two samples are named {prefix + name!r}: run each dataset separately")
                 others = tuple(prefix + alias for alias in aliases if alias not in taken)
                 self._places[prefix + name] = sample, k, others
-                self._labels.append(label)
+                self._sources.append(source)
         self._pairs = list(self._places.items())
 
     def __len__(self) -> int:
@@ -204,9 +205,10 @@ class DatasetPairs(Sequence[Pair]):
     def on(self, board: Board) -> Iterator[Pair]:
         """The pairs that the board scores. Raises InputError if a dataset has none, or if one has changed."""
         shared = [k for k, name in enumerate(self._places) if name in board.samples]
-        if others := sorted({*self._labels} - {self._labels[k] for k in shared}):
-            has = ", ".join(board.samples[:3])
-            raise InputError(f"{others[0] or 'dataset'}: none of its samples is on the board, which has {has}")
+        others = [label for k, label in sorted({*self._sources} - {self._sources[k] for k in shared})]
+        if others or not shared:
+            name, has = "".join(others[:1]) or "dataset", ", ".join(board.samples[:3])
+            raise InputError(f"{name}: none of its samples is on the board, which has {has}")
         for pair in (self[k] for k in shared):
             board.check_sample(pair.name, fingerprint(pair))
             yield pair

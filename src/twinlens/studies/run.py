@@ -49,8 +49,8 @@ def find_study(name: str | os.PathLike[str]) -> Study:
 class Choices(TypedDict, total=False):
     """The arguments of `study` and `run_study`; None is the study's default."""
 
-    scenes: tuple[str, ...] | None
-    methods: tuple[str, ...] | None
+    scenes: str | tuple[str, ...] | None
+    methods: str | tuple[str, ...] | None
     seeds: int | None
     first_seed: int
     progress: Progress | None
@@ -79,7 +79,7 @@ def run_study(study: Study, **choices: Unpack[Choices]) -> Result:
     if count < 1 or first_seed < 0:
         raise InputError(f"a study needs at least one seed, each >= 0; got {count} from {first_seed}")
     for name in given.keys() & {"scenes", "methods"}:
-        given[name] = tuple(given[name])
+        given[name] = (given[name],) if isinstance(given[name], str) else tuple(given[name])
         if not getattr(defaults, name):
             raise InputError(f"the study {study.name} takes no {name}")
     setup = dataclasses.replace(defaults, seeds=tuple(range(first_seed, first_seed + count)), **given)
