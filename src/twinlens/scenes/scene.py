@@ -168,7 +168,7 @@ class Sky:
             "type": "envmap",
             "bitmap": Bitmap(self.pixels),
             "to_world": rotation([0, 0, 1], self.turn_deg) @ rotation([1, 0, 0], 90.0),  # maps have y up, worlds z
-            "scale": float(self.scale),
+            **({} if self.scale == 1 else {"scale": float(self.scale)}),
         }
 
 
