@@ -60,20 +60,20 @@ def test_focal_lengths_and_pixels_in_millimetres(camera, fx, pitch):
 
 
 def test_every_value_may_be_drawn():
-    table = {"camera": {"preset": {"sweep": ["mer-navcam", "bumblebee2"]}}}
+    table = {"camera": {"preset": {"sweep": ["mer-pancam", "oak-d"]}}}
     sizes = [rig_of(table, i)[0] for i in (0, 1)]
-    assert [(each.width, each.height) for each in sizes] == [(1024, 1024), (1024, 768)]
+    assert [(each.width, each.height) for each in sizes] == [(1024, 1024), (1280, 800)]
     table = {"width": 64, "height": 48, "camera": {"sensor_width_mm": "1/3", "focal_length_mm": {"uniform": [4, 8]}}}
     assert len({rig_of(table, i)[1].cameras[0].fx for i in range(3)}) == 3
 
 
 def test_a_rig_names_a_camera_and_its_keys_change_it():
-    rig = rig_from_table({"camera": {"preset": "mer-navcam", "width": 256}}, SCENE, 640, 480)
+    rig = rig_from_table({"camera": {"preset": "mer-pancam", "width": 256}}, SCENE, 640, 480)
     assert (rig.cameras[0].width, rig.cameras[0].height) == (256, 256)
-    assert rig.baseline() == pytest.approx(0.2)
-    table = {"layout": "line", "count": 3, "camera": {"preset": "mer-navcam"}, "cameras": [{}, {"fov_x_deg": 30}, {}]}
+    assert rig.baseline() == pytest.approx(0.3)
+    table = {"layout": "line", "count": 3, "camera": {"preset": "mer-pancam"}, "cameras": [{}, {"fov_x_deg": 30}, {}]}
     rig = rig_from_table(table, SCENE, 640, 480)
-    assert rig.baseline() == pytest.approx(0.2)
+    assert rig.baseline() == pytest.approx(0.3)
     assert rig.cameras[1].fov_x_deg == pytest.approx(30)
 
 
@@ -82,11 +82,11 @@ def test_a_rig_names_a_camera_and_its_keys_change_it():
     ({"camera": {"focal_length_mm": 8}}, "focal_length_mm needs the size of a pixel"),
     ({"camera": {"focal_length_mm": 8, "fx": 8}}, "camera: 'fx' and 'focal_length_mm' both set the focal length"),
     ({"camera": {"focal": 8}}, "camera: unknown key 'focal'"),
-    ({"camera": {"preset": "mer-navcam", "width": 8}}, r"are not in \[camera\]"),
+    ({"camera": {"preset": "mer-pancam", "width": 8}}, r"are not in \[camera\]"),
     ({"camera": {"preset": "realsense-d435"}, "width": 320, "height": 240}, "sensor has 200 rows at a width of 320"),
     ({"camera": {"sensor_width_mm": "3/2"}}, "unknown sensor format '3/2'"),
     ({"camera": 3}, "camera: must be a table"),
-    ({"camera": {"preset": "mer-navcam"}, "width": "big"}, "width: must be a whole number"),
+    ({"camera": {"preset": "mer-pancam"}, "width": "big"}, "width: must be a whole number"),
 ])  # fmt: skip
 def test_mistakes_are_named(table, message):
     with pytest.raises(InputError, match=message) as caught:

@@ -85,44 +85,51 @@ def _camera(
 
 
 CAMERAS: dict[str, CameraPreset] = {
-    "bumblebee2": CameraPreset(
-        "machine-vision pair, Point Grey Bumblebee2 BB2-08S2-60: CCD ICX204, 6 mm lenses",
-        _camera(1024, 768, 4.65, 6.0),
-        "Point Grey Research, Bumblebee2 data sheet: Sony ICX204, 1/3 inch, 1024x768 pixels of 4.65 um; baseline 12 "
-        "cm; focal length 6 mm, 43 degrees horizontal field of view",
-        baseline=0.12,
+    "oak-d": CameraPreset(
+        "machine-vision pair, Luxonis OAK-D: the two global-shutter cameras",
+        _camera(1280, 800, 3.0, 2.35),
+        "Luxonis, OAK-D, docs.luxonis.com/projects/hardware/en/latest/pages/BW1098OAK: OV9282, 1280x800 pixels of 3 "
+        "um; effective focal length 2.35 mm, f/2.0 +-5%, 80 degrees horizontal field of view; baseline 7.5 cm",
+        f_number=2.0,
+        baseline=0.075,
     ),
     "realsense-d435": CameraPreset(
         "depth camera, Intel RealSense D435: the left and right infrared imagers",
         _camera(1280, 800, 3.0, 1.93),
-        "Intel, RealSense D400 Series Product Family Datasheet, 337029-017, 2023: imagers OV9282, 1280x800; focal "
-        "length 1.93 mm, f/2.0; baseline 50 mm. OmniVision, OV9282 product brief: pixels of 3 um",
+        "Intel, RealSense D400 Series Datasheet, 337029-017, September 2023, table 3-13 and the table of SKU "
+        "properties, realsenseai.com/wp-content/uploads/2023/10/"
+        "Intel-RealSense-D400-Series-Datasheet-September-2023.pdf: OV9282, 1280x800; focal length 1.93 mm, f/2.0, 91.2 "
+        "degrees horizontal field of view; baseline 50 mm. Luxonis, OV9282, "
+        "docs.luxonis.com/projects/hardware/en/latest/pages/articles/sensors/ov9282: pixels of 3 um",
         f_number=2.0,
         baseline=0.05,
     ),
     "gopro-hero9-wide": CameraPreset(
         "action camera with a fisheye lens, GoPro HERO9 Black, video at 960x540 with the wide field of view",
         Camera(960, 540, 435.45, 435.45, 479.12, 274.46, KannalaBrandt(0.05, 0.07, -0.11, 0.05), 6.43),
-        "S. Urban, OpenImuCameraCalibrator, github.com/urbste/OpenImuCameraCalibrator, Readme.md, dataset 3: "
-        "calibration of one unit, fisheye model, coefficients rounded to 0.01. The pixel pitch is assumed, 6.17 mm of "
-        "a 1/2.3 inch sensor over 960 pixels; only light and diffraction depend on it",
+        "S. Urban, OpenImuCameraCalibrator, github.com/urbste/OpenImuCameraCalibrator, Readme.md of commit 0a06c13, "
+        "dataset 3: calibration of one unit, fisheye model, coefficients rounded to 0.01. "
+        "cameradecision.com/faq/what-is-the-Sensor-Size-of-GoPro-Hero9-Black: a sensor of 6.17 mm, here over the 960 "
+        "pixels; only light and diffraction depend on it",
     ),
     "pixel4": CameraPreset(
         "phone pair, Google Pixel 4: the main camera twice, at the distance of the phone's two rear cameras",
-        _camera(4032, 3024, 1.4, 4.435),
-        "Google, Pixel 4 technical specifications: rear camera of 12.2 megapixels, 1.4 um, f/1.7, field of view 77 "
-        "degrees, which over the diagonal of 5040 pixels is a focal length of 4.435 mm. Google AI Blog, Improvements "
-        "to Portrait Mode on the Google Pixel 4 and Pixel 4 XL, 2019: two rear cameras 13 mm apart",
-        f_number=1.7,
+        _camera(4032, 3024, 1.4, 4.38),
+        "en.wikipedia.org/wiki/Pixel_4: main camera of 12.2 megapixels, 1.4 um. Lens in the metadata of its "
+        "photographs: Pixel 4 back camera 4.38mm f/1.73. Google AI Blog, "
+        "ai.googleblog.com/2019/12/improvements-to-portrait-mode-on-google.html: two rear cameras 13 mm apart",
+        f_number=1.73,
         baseline=0.013,
     ),
-    "mer-navcam": CameraPreset(
-        "Mars rover pair, navigation cameras of the Mars Exploration Rovers Spirit and Opportunity",
-        _camera(1024, 1024, 12.0, 14.67),
-        "Maki et al., Mars Exploration Rover Engineering Cameras, Journal of Geophysical Research 108(E12), 8071, "
-        "2003: 1024x1024 pixels of 12 um; focal length 14.67 mm, f/12, field of view 45 degrees; baseline 20 cm",
-        f_number=12.0,
-        baseline=0.2,
+    "mer-pancam": CameraPreset(
+        "Mars rover pair, panoramic cameras of Spirit and Opportunity, without their toe-in of 1 degree",
+        _camera(1024, 1024, 12.0, 43.0),
+        "Bell et al., Mars Exploration Rover Athena Panoramic Camera (Pancam) Investigation, Journal of Geophysical "
+        "Research 108(E12), 8063, 2003, doi.org/10.1029/2003JE002070: 1024x1024 pixels; focal length 43 mm, f/20, "
+        "field of view 16 degrees; 30 cm apart. Cornell University, niac.marsunderground.org/education/mer/mer00.html: "
+        "pixels of 12 um",
+        f_number=20.0,
+        baseline=0.3,
     ),
 }
 """Every preset by its name."""
