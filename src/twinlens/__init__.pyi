@@ -46,6 +46,7 @@ from .matching import (
     StereoMatcher as StereoMatcher,
     birchfield_tomasi as birchfield_tomasi,
     census as census,
+    cost_curve as cost_curve,
     jaccard as jaccard,
     match as match,
     ncc as ncc,

@@ -1,9 +1,10 @@
-"""`twinlens show epipolar`: the picture, its points, and refusals."""
+"""`twinlens show`: the pictures of epipolar geometry and of costs, their numbers, and refusals."""
 
 import json
 
 import pytest
 
+import twinlens as tl
 from twinlens.dataset import Dataset, read_png
 
 
@@ -48,3 +49,43 @@ def test_the_picture_must_end_in_png(twinlens, dataset, tmp_path):
         assert "must end in .png" in err
         assert not (tmp_path / name).exists()
     assert twinlens("show", "epipolar", dataset / "cards", "-o", tmp_path / "E.PNG")[0] == 0
+
+
+def test_costs_are_those_of_the_library(twinlens, dataset, tmp_path):
+    place = dataset / "cards"
+    code, out, _ = twinlens("show", "costs", place, "--at", "40,20", "--methods", "sad,sgm", "-o", tmp_path / "c.png")
+    assert (code, out.count("\n")) == (0, 3)
+    assert read_png(tmp_path / "c.png").shape[1] == 1575
+    arguments = ("--at", "40,20", "--methods", "sad", "--methods", "sgm", "--lens", 1, "--json")
+    record = json.loads(twinlens("show", "costs", place, *arguments)[1])
+    stored = Dataset(dataset)[0]
+    assert record["truth"] == pytest.approx(float(stored.disp0[20, 40]))
+    images = stored.lens(1).image(0), stored.lens(1).image(1)
+    curves = tl.cost_curve(*images, 40, 20, ["sad", "sgm"], num_disparities=stored.ndisp)
+    for name, curve in curves.items():
+        found = record["curves"][name]
+        assert (found["winner"], found["rival"]) == (curve.winner, curve.rival)
+        assert [float(cost) for cost in found["costs"]] == pytest.approx(list(curve.costs))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--at", "64,0"), "--at must be U,V, a column from 0 to 63 and a row from 0 to 47, got '64,0'"),
+        (("--at", "1"), "--at must be U,V"),
+        (("--at", "1,-2"), "--at must be U,V"),
+        (("--at", "1,2", "--methods", "opencv_bm"), "opencv_bm has no cost curve"),
+        (("--at", "1,2", "--lens", "2"), "--lens must be a whole number from 0 to 1"),
+    ],
+)
+def test_wrong_pixels_and_methods_are_refused(twinlens, dataset, tmp_path, arguments, message):
+    code, _, err = twinlens("show", "costs", dataset / "cards", *arguments, "-o", tmp_path / "c.svg")
+    assert (code, err.count("\n")) == (2, 1)
+    assert message in err
+    assert not (tmp_path / "c.svg").exists()
+
+
+def test_costs_need_a_figure_or_json(twinlens, dataset):
+    code, _, err = twinlens("show", "costs", dataset / "cards", "--at", "1,1")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--output" in err

@@ -109,3 +109,18 @@ def parse_pair(text: str, sample: Any, count: int) -> tuple[int, int]:
     if a == b or max(a, b) >= count:
         raise InputError(f"--cameras {text}: must be two different cameras from 0 to {count - 1}")
     return a, b
+
+
+def parse_pixel(text: str, width: int, height: int) -> tuple[int, int]:
+    """The pixel of `--at U,V`, column and row, in an image of this size.
+
+    >>> parse_pixel("12,3", 64, 48)
+    (12, 3)
+    """
+    parts = [part.strip() for part in text.split(",")]
+    inside = len(parts) == 2 and all(part.isdecimal() for part in parts)
+    if not inside or int(parts[0]) >= width or int(parts[1]) >= height:
+        raise InputError(
+            f"--at must be U,V, a column from 0 to {width - 1} and a row from 0 to {height - 1}, got {text!r}"
+        )
+    return int(parts[0]), int(parts[1])

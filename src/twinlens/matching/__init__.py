@@ -4,6 +4,7 @@ Importing it does not import Numba; the kernels compile at the first match and a
 which runs other people's matchers, uses files.
 """
 
+from twinlens.matching.curves import CostCurve as CostCurve, cost_curve as cost_curve
 from twinlens.matching.external import Program as Program
 from twinlens.matching.images import grey as grey
 from twinlens.matching.matcher import StereoMatcher as StereoMatcher

@@ -1,10 +1,11 @@
 """`StereoMatcher`: a classical stereo matcher, a frozen dataclass of its options, and its search."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.errors import InputError, check_int, check_known, check_number
 from twinlens.matching import box, refine
@@ -114,6 +115,28 @@ class StereoMatcher(RangeMatcher):
         cost = COSTS[self.cost]
         return cost.p1 if self.p1 is None else self.p1, cost.p2 if self.p2 is None else self.p2
 
+    @property
+    def window(self) -> int:
+        """Side of the window of pixels that a cost reads before any semi-global optimisation: with the transform's."""
+        return self.block_size + (self.census_window - 1 if COSTS[self.cost].transform in ("census", "rank") else 0)
+
+    def cost_volume(self, left: Any, right: Any) -> NDArray[np.float32]:
+        """The costs (H, W, num_disparities) that the winner-take-all step minimises; +inf without a partner.
+
+        Candidate j has disparity min_disparity + j. Units: those of the measure in `matching.measures`, 1 - similarity
+        for similarities; summed over the support's windows; of semi-global matching, the mean over its paths.
+        """
+        search = self.search(*pair(left, right))
+        volume = np.full((*search.left.shape, self.num_disparities), np.inf, np.float32)
+        if search.count > 0:
+            first = search.low - self.min_disparity
+
+            def keep(y: int, rows: Volume) -> None:
+                volume[y : y + len(rows), :, first : first + search.count] = rows[..., : search.count]
+
+            search.costs(0, len(volume), keep)
+        return volume
+
     def _match(self, left: Any, right: Any) -> Disparity:
         left, right = pair(left, right)
         disparity = self._raw_disparity(left, right)
@@ -127,11 +150,15 @@ class StereoMatcher(RangeMatcher):
             disparity = refine.median(disparity, self.median)
         return refine.filled(disparity) if self.fill == "background" else disparity
 
-    def _raw_disparity(self, left: Image, right: Image) -> Disparity:
+    def search(self, left: Image, right: Image) -> "Search":
+        """The search of two images as `images.pair` returns them."""
         if self.cost == "jaccard" and (lowest := min(float(left.min()), float(right.min()))) < 0:
             raise InputError(f"an image holds {lowest}; the Jaccard similarity is defined for values >= 0")
         images = [clipped_slope(grey) for grey in levels(left, right)] if self.prefilter == "xsobel" else [left, right]
-        winners = _Search(self, *images).winners()
+        return Search(self, *images)
+
+    def _raw_disparity(self, left: Image, right: Image) -> Disparity:
+        winners = self.search(left, right).winners()
         disparity = winners.disparity
         if self.uniqueness > 0:
             disparity = refine.unique(disparity, winners.cost, winners.rival, self.uniqueness)
@@ -144,7 +171,7 @@ def _mirrored(image: Any) -> Any:
     return np.ascontiguousarray(image[:, ::-1])
 
 
-class _Search:
+class Search:
     """The search of one image pair: cost, support and optimisation, strip by strip."""
 
     def __init__(self, matcher: StereoMatcher, left: Image, right: Image) -> None:
@@ -165,7 +192,7 @@ class _Search:
         """The winner at every pixel of the left image."""
         if self.count <= 0:
             return Winners.empty(self.left.shape)
-        if self.support.halo * (self.side // 2) == 0 and self.cost.scoring != "zsad":
+        if self._in_boxes:
             boxes = self._boxes(self.side)
             if self.paths:
                 return self._semiglobal(boxes)
@@ -176,6 +203,50 @@ class _Search:
                 # Similarities that differ by rounding alone become equal.
                 return Winners(best.disparity, *(np.round(s + self.cost.offset, 6) for s in (best.cost, best.rival)))
         return self._semiglobal(()) if self.paths else self._local()
+
+    def costs(self, start: int, stop: int, keep: Callable[[int, Volume], None]) -> None:
+        """Call keep(y, costs) with the costs (rows, W, depth) of all rows start..stop, in parts; see `cost_volume`."""
+        if not self.paths:
+            rows = self._aggregated()
+
+            def work(y0: int, y1: int) -> None:
+                keep(start + y0, rows(start + y0, start + y1) / self._unit)
+
+            in_strips(work, stop - start, self.support.strip, self.threads)
+            return
+        sweeps, gain = self._sweeps(self._boxes(self.side) if self._in_boxes else ())
+
+        def on_row(y: int, sums: NDArray[np.uint16]) -> None:
+            if start <= y < stop:
+                costs = sums[None] / (gain * self.paths * self._unit)
+                blank(costs, self.low, self.count)
+                keep(y, costs)
+
+        sweeps.winners(self.threads, rivals=False, on_row=on_row)
+
+    def winner_at(self, u: int, v: int) -> tuple[NDArray[np.float64], int, float]:
+        """Of a pixel: the costs (count,), the winner's place among them, and its disparity with the sub-pixel fit."""
+        from twinlens.matching.kernels.winners import winners_of_rows
+
+        parts: list[Volume] = []
+        self.costs(v, v + 1, lambda _, costs: parts.append(costs))
+        exact = self.paths or not self._in_boxes
+        slack = 0.0 if exact else self._boxes(self.side)[0].slack / self._unit
+        best = Winners.empty((1, self.left.shape[1]))
+        settings = self.depth, self.low, self.count, FITS[self.fit], limits(np.float64, slack)
+        winners_of_rows(parts[0].reshape(-1), *settings, *best.rows(0, 1))
+        costs = parts[0][0, u, : self.count]
+        return costs, int(np.argmax(costs <= costs.min() + slack)), float(best.disparity[0, u])
+
+    @property
+    def _unit(self) -> float:
+        """The kernels' cost over that of `matching.measures`: their ZSSD is n times the sum of squares."""
+        return float(self.sides[0]) ** 2 if self.cost.growth == 2 else 1.0
+
+    @property
+    def _in_boxes(self) -> bool:
+        """Whether the kernels of square windows compute the costs, without a volume."""
+        return self.support.halo * (self.side // 2) == 0 and self.cost.scoring != "zsad"
 
     def _boxes(self, side: int) -> tuple[BoxMatch, ...]:
         transform, window = self.cost.transform, self.matcher.census_window
@@ -222,7 +293,10 @@ class _Search:
         return winners
 
     def _semiglobal(self, boxes: tuple[BoxMatch, ...]) -> Winners:
-        """The winners of a semi-global search of the boxes' costs or, without boxes, of the aggregated ones."""
+        return self._sweeps(boxes)[0].winners(self.threads, rivals=self.rivals)
+
+    def _sweeps(self, boxes: tuple[BoxMatch, ...]) -> tuple[Sweeps, float]:
+        """The semi-global search of the boxes' costs or, without boxes, of the aggregated ones; and the costs' gain."""
         whole_numbers = bool(boxes) and np.dtype(boxes[0].numbers.scores).kind != "f"
         side, parts = (self.side, 1) if boxes else (self.sides[0], self.support.parts)
         full = largest_cost(self.cost, self.left, self.right, side, self.matcher.census_window) * parts
@@ -237,5 +311,4 @@ class _Search:
                 return np.minimum(np.rint(np.maximum(rows(start, stop), 0) * gain), penalties.top)
 
             costs = stored(shape, penalties, scaled, self.support.strip, self.threads)
-        sweeps = Sweeps(costs, shape, self.paths, penalties, self.low, self.count, self.fit)
-        return sweeps.winners(self.threads, rivals=self.rivals)
+        return Sweeps(costs, shape, self.paths, penalties, self.low, self.count, self.fit), gain

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twinlens.matching.box import FITS, BoxMatch, Rows, Volume, Winners, blank, box_sums, fence, in_strips, limits
 
@@ -82,11 +83,14 @@ class Sweeps:
     count: int
     fit: str
 
-    def winners(self, threads: int, *, rivals: bool) -> Winners:
+    def winners(
+        self, threads: int, *, rivals: bool, on_row: Callable[[int, NDArray[np.uint16]], None] | None = None
+    ) -> Winners:
+        """The winners. on_row: called with each row's number and its sums of path costs (W, depth), before reuse."""
         height, width, _ = self.shape
         winners = Winners.empty((height, width), rivals)
         kept = np.empty(self.shape, self.penalties.dtype)
-        runs, middle = (self._run(False, kept, winners), self._run(True, kept, winners)), height // 2
+        runs, middle = [self._run(turned, kept, winners, on_row) for turned in (False, True)], height // 2
         for finish in (False, True):
             spans = ((middle, height), (0, middle)) if finish else ((0, middle), (middle, height))
             with ThreadPoolExecutor(min(threads, 2)) as pool:
@@ -94,7 +98,9 @@ class Sweeps:
                     done.result()
         return winners
 
-    def _run(self, turned: bool, kept: Volume, winners: Winners) -> Callable[[int, int, bool], None]:
+    def _run(
+        self, turned: bool, kept: Volume, winners: Winners, on_row: Callable[[int, NDArray[np.uint16]], None] | None
+    ) -> Callable[[int, int, bool], None]:
         """run(y0, y1, finish): carry one sweep through these rows, in strips."""
         from twinlens.matching.kernels.semiglobal import GUARD, slot_count, sweep_kernel
 
@@ -106,7 +112,7 @@ class Sweeps:
         minima, sums = np.zeros(len(slots), dtype), np.zeros(width * depth, np.uint16)
         penalties = dtype(self.penalties.small), dtype(self.penalties.large)
         kernel, ends, bars = sweep_kernel(self.paths == 8), limits(np.uint16), fence(np.uint16, self.count)
-        rows = max(1, STRIP_BYTES // (width * depth * np.dtype(dtype).itemsize))
+        rows = 1 if on_row else max(1, STRIP_BYTES // (width * depth * np.dtype(dtype).itemsize))
 
         def run(first: int, last: int, finish: bool) -> None:
             tops = range(first, last, rows)
@@ -116,5 +122,7 @@ class Sweeps:
                 volumes = self.costs(y0, y1).reshape(-1), kept[y0:y1].reshape(-1)
                 state = flat, minima, span, penalties, turned, finish, sums
                 kernel(*volumes, *state, self.low, self.count, FITS[self.fit], ends, bars, *winners.rows(y0, y1))
+                if on_row and finish:
+                    on_row(y0, sums.reshape(width, depth))
 
         return run

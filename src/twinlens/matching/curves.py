@@ -1,0 +1,123 @@
+"""`cost_curve`: the costs of one pixel as functions of disparity, as the matchers minimise them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twinlens.errors import InputError, check_int, format_value
+from twinlens.matching.images import pair
+from twinlens.matching.matcher import StereoMatcher
+from twinlens.matching.methods import parse_methods
+from twinlens.matching.options import DEFAULT_DISPARITIES, check_image_size
+
+
+@dataclass(frozen=True)
+class CostCurve:
+    """The cost of each candidate of a pixel (u, v), lower is better.
+
+    matcher: the matcher that minimises it. disparities: (N,) int64, pixels. costs: (N,) float64 in the units of
+    `StereoMatcher.cost_volume`, +inf for a candidate without a partner in the right image. winner: the disparity of
+    the lowest cost; of equal costs the smallest. rival: that of the lowest local minimum two or more disparities from
+    the winner. None if there is no such candidate. disparity: the winner with the sub-pixel fit, +inf without a winner.
+    """
+
+    u: int
+    v: int
+    matcher: StereoMatcher
+    disparities: NDArray[np.int64]
+    costs: NDArray[np.float64]
+    winner: int | None
+    rival: int | None
+    disparity: float
+
+    def cost_at(self, disparity: float) -> float:
+        """The cost of the candidate nearest to this disparity; +inf outside the range, and for +inf."""
+        if not np.isfinite(disparity) or not len(self.disparities):
+            return np.inf
+        place = round(disparity) - int(self.disparities[0])
+        return float(self.costs[place]) if 0 <= place < len(self.costs) else np.inf
+
+
+def cost_curve(
+    left: Any,
+    right: Any,
+    u: int,
+    v: int,
+    methods: str | Sequence[str | StereoMatcher] = ("zncc",),
+    *,
+    num_disparities: int = DEFAULT_DISPARITIES,
+    min_disparity: int = 0,
+) -> dict[str, CostCurve]:
+    """The costs of the left pixel (u, v), column and row, as functions of disparity.
+
+    They come from the computation that `match` runs: the curve's disparity is that of the method's map before the
+    steps that refine maps (uniqueness, texture, lr_check, speckles, median, fill).
+
+    Parameters
+    ----------
+    left, right : array (H, W) or (H, W, 3)
+        Rectified images, as for `match`.
+    methods
+        Texts such as "sad:block_size=15", also comma-separated, or `StereoMatcher` objects. Only twinlens's own
+        methods have cost curves.
+    num_disparities, min_disparity
+        The search range in pixels, of methods that do not specify it themselves.
+
+    Returns
+    -------
+    dict
+        A `CostCurve` by the method's name: its text, or the cost of an object.
+
+    Raises InputError for a pixel outside the image, other methods, and what `match` raises.
+
+    >>> right = np.random.default_rng(0).integers(0, 256, (20, 40), dtype=np.uint8)
+    >>> curve = cost_curve(np.roll(right, 3, axis=1), right, 20, 10, ["sad:block_size=5"], num_disparities=8)
+    >>> curve["sad:block_size=5"].winner, float(curve["sad:block_size=5"].costs[3])
+    (3, 0.0)
+    """
+    search = {"num_disparities": num_disparities, "min_disparity": min_disparity}
+    images = pair(left, right)
+    height, width = images[0].shape
+    check_int("u", u, 0, width - 1)
+    check_int("v", v, 0, height - 1)
+    curves = {}
+    for name, matcher in _matchers([methods] if isinstance(methods, str) else methods, search).items():
+        check_image_size(matcher, images[0].shape)
+        curves[name] = _curve(matcher, *images, int(u), int(v))
+    return curves
+
+
+def _matchers(methods: Sequence[str | StereoMatcher], search: dict[str, int]) -> dict[str, StereoMatcher]:
+    found: list[tuple[str, Any]] = []
+    for method in methods:
+        if isinstance(method, str):
+            found += [(spec.name, spec.matcher(**search)) for spec in parse_methods([method])]
+        else:
+            found.append((str(getattr(method, "cost", format_value(method))), method))
+    if not found:
+        raise InputError("no method is named")
+    for name, matcher in found:
+        if not isinstance(matcher, StereoMatcher):
+            raise InputError(f"{name} has no cost curve; use a method of twinlens, such as zncc or sgm")
+        if [other for other, _ in found].count(name) > 1:
+            raise InputError(f"two methods are named {name!r}; give them names, such as small=zncc:block_size=5")
+    return dict(found)
+
+
+def _curve(matcher: StereoMatcher, left: NDArray[Any], right: NDArray[Any], u: int, v: int) -> CostCurve:
+    disparities = matcher.min_disparity + np.arange(matcher.num_disparities)
+    costs = np.full(len(disparities), np.inf)
+    search = matcher.search(left, right)
+    winner, rival, disparity = None, None, np.inf
+    if search.count > 0:
+        first = search.low - matcher.min_disparity
+        costs[first : first + search.count], place, disparity = search.winner_at(u, v)
+        if np.isfinite(disparity):
+            winner = search.low + place
+            lowest = costs <= np.minimum(np.append(np.inf, costs[:-1]), np.append(costs[1:], np.inf))
+            others = np.where(lowest & (np.abs(disparities - winner) >= 2), costs, np.inf)
+            rival = int(disparities[np.argmin(others)]) if np.isfinite(others).any() else None
+    return CostCurve(u, v, matcher, disparities, costs, winner, rival, disparity)
