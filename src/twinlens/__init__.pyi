@@ -57,6 +57,7 @@ from .matching import (
     zsad as zsad,
     zssd as zssd,
 )
+from .optics.planning import RigTask as RigTask, plan_rig as plan_rig
 from .rendering import (
     correspondence as correspondence,
     ground_truth as ground_truth,

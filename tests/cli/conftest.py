@@ -3,6 +3,27 @@ import pytest
 from twinlens.cli import run
 
 QUICK = ("--size", "64x48", "--spp", "2", "--no-denoise")
+BALL = """
+[camera]
+position = [0, -3, 1]
+look_at = [0, 0, 0.5]
+depth_range = [1.0, 9.0]
+[materials.grey]
+type = "diffuse"
+[lights.sky]
+type = "constant"
+[objects.ball]
+shape = "sphere"
+material = "grey"
+"""
+
+
+@pytest.fixture(scope="session")
+def ball(tmp_path_factory):
+    """A scene that costs nothing to load: `ball`."""
+    path = tmp_path_factory.mktemp("scenes") / "ball.toml"
+    path.write_text(BALL)
+    return path
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from tests.cli.conftest import BALL
 from tests.scenes.gltf_files import square, with_extensions, write
 from twinlens.camera import BareAperture, BrownConrady, MaskAperture, ThinLens
 from twinlens.dataset import Dataset, Manifest, Row, place, read_manifest, write_manifest, write_png
@@ -14,27 +15,6 @@ from twinlens.rendering import backend
 from twinlens.scenes import load_scene
 
 QUICK = ("--size", "64x48", "--spp", "1", "--no-denoise")
-BALL = """
-[camera]
-position = [0, -3, 1]
-look_at = [0, 0, 0.5]
-depth_range = [1.0, 9.0]
-[materials.grey]
-type = "diffuse"
-[lights.sky]
-type = "constant"
-[objects.ball]
-shape = "sphere"
-material = "grey"
-"""
-
-
-@pytest.fixture(scope="module")
-def ball(tmp_path_factory):
-    """A scene that costs nothing to load: `ball`."""
-    path = tmp_path_factory.mktemp("scenes") / "ball.toml"
-    path.write_text(BALL)
-    return path
 
 
 def test_what_the_dataset_said_before_stays(twinlens, ball, tmp_path):
@@ -116,7 +96,7 @@ def test_a_lens_by_its_f_number_is_not_sent_to_a_wider_sensor(twinlens, ball, tm
     """There it would be as fast; and what can be bought is not called impossible."""
     lenses = ("--lens", "f/0.5@1000", "--lens", "f/0.96@1000", "--lens", "thin:0.0005")
     code, out, _ = twinlens("render", ball, *QUICK, *lenses, "-o", tmp_path / "out")
-    fast, sold, narrow = (line for line in out.splitlines() if line.startswith("  "))
+    fast, sold, narrow = (line for line in out.splitlines() if re.match(r"  (f/|thin)", line))
     assert code == 0
     assert fast.endswith("(the blur is as specified, but no lens on the market is this fast)")
     assert sold.endswith("gain 1")

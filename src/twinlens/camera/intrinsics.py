@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from twinlens.camera.distortion import Distortion, check_invertible
 from twinlens.errors import InputError, check_int, check_number, check_ranges, format_value, located
 from twinlens.geometry import Float, rigid
+from twinlens.optics import fx_from_fov
 
 MAX_SIDE = 65536
 """The largest width or height of an image, pixels."""
@@ -57,7 +58,7 @@ class Camera:
         """
         check_size(width, height)
         check_number("fov_x_deg", fov_x_deg, "between 0 and 180 degrees", least=1e-6, most=180 - 1e-6)
-        fx = 0.5 * width / math.tan(0.5 * math.radians(fov_x_deg))
+        fx = fx_from_fov(width, fov_x_deg)
         return cls(width, height, fx, fx, 0.5 * (width - 1), 0.5 * (height - 1), pixel_pitch_um=pixel_pitch_um)
 
     @property

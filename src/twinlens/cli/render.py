@@ -12,10 +12,12 @@ from twinlens.cli.progress import interrupt_note, progress_bar
 from twinlens.dataset import Place, Row
 from twinlens.errors import InputError
 from twinlens.factory import add_sample, camera_text, check_common_view, default_rig, make_sample
-from twinlens.factory.settings import View
+from twinlens.factory.settings import View, make_lens, read_rig_file
 from twinlens.rendering import backend
 from twinlens.scenes import Scene, load_scene, scene_with_rig
 
+_Made = tuple[Row, list[str], list[dict[str, Any]]]
+"""A sample's row, the exposure through each lens, and `optics_of` each lens."""
 _NO_APERTURE = "has no effect, every lens is a pinhole; add a lens such as --lens thin:20"
 
 _SECTIONS = {
@@ -45,7 +47,7 @@ _SECTIONS = {
 @click.option("--pixel-pitch-um", type=POSITIVE, help="Pixel width, micrometres.  [default: 5]")
 @click.option("--sensor-width-mm", metavar="MM|FORMAT", help=camera_text.SENSOR_WIDTH_HELP)
 @click.option("--baseline", type=POSITIVE, help="Baseline, metres.  [default: the scene's]")
-@click.option("--rig", type=PATH, help="A .toml file that defines the rig; see docs/rigs.md.")
+@click.option("--rig", type=PATH, help="A .toml file with the rig and, without --lens, its lenses; see docs/rigs.md.")
 @click.option("--sensor", default="machine_vision", show_default=True, help=camera_text.SENSOR_HELP)
 @click.option("--bits", type=click.Choice(["8", "16"]), help="Bits per channel.  [default: 8]")
 @click.option("--exposure", default="auto", metavar="TIME_S[,GAIN]", help=camera_text.EXPOSURE_HELP)
@@ -84,47 +86,74 @@ def command(scenes: tuple[str, ...], output: Place, overwrite: bool, as_json: bo
     how |= {"exposure": camera_text.parse_exposure(options["exposure"])}
     jobs = [_job(load_scene(name), options) for name in scenes]
     check_samples(output, [scene.name for scene, _, _ in jobs], overwrite)
-    made: list[tuple[Row, list[str]]] = []
+    made: list[_Made] = []
     with interrupt_note(lambda: "finished samples are kept" if made else ""):
         for scene, rig, lenses in jobs:
             with progress_bar(f"rendering {scene.name}") as report:
                 how["progress"] = lambda part, report=report: report(part, "")
-                sample = make_sample(scene, sensor.mismatch.misalign(rig), lenses, sensor=sensor, **how)
+                misaligned = sensor.mismatch.misalign(rig)
+                sample = make_sample(scene, misaligned, tuple(lenses.values()), sensor=sensor, **how)
             row = add_sample(output, scene.name, sample, options["seed"], overwrite)
-            lines = [camera_text.format_exposure(sample, k, text) for k, text in enumerate(options["lenses"])]
-            made.append((row, lines))
+            exposures = [camera_text.format_exposure(sample, k, text) for k, text in enumerate(lenses)]
+            made.append((row, exposures, [camera_text.optics_of(sample, k) for k in range(len(lenses))]))
     _print(output, made, as_json)
 
 
-def _job(scene: Scene, options: dict[str, Any]) -> tuple[Scene, Rig, tuple[Lens, ...]]:
-    """The scene, the rig, and the lenses that the options describe."""
+def _job(scene: Scene, options: dict[str, Any]) -> tuple[Scene, Rig, dict[str, Lens]]:
+    """The scene, the rig, and the lenses that the options describe, by their texts."""
     width, height = camera_text.parse_size(options["size"])
+    tables: list[Any] = []
     if options["rig"] is not None:
-        scene = scene_with_rig(scene, options["rig"])
+        table, key, tables = read_rig_file(options["rig"])
+        scene = scene_with_rig(scene, options["rig"], table, key)
     intrinsics = camera_text.parse_intrinsics(options)
     with camera_text.options_named(options):
         rig = default_rig(scene, width, height, options["fov"], options["baseline"], intrinsics)
     if options["baseline"] is not None and scene.depth_range_known:
         check_common_view(rig, scene)
-    view, aperture = View(scene, rig.cameras[0], ()), camera_text.parse_aperture(options["aperture"])
-    lenses = tuple(camera_text.parse_lens(text, view, aperture) for text in options["lenses"])
-    for k, text in enumerate(options["lenses"]):
-        if lenses[k] in lenses[:k]:
-            raise InputError(f"--lens {text}: is given twice; it would make the same images")
-    if all(lens.aperture_diameter == 0 for lens in lenses):
-        if click.get_current_context().get_parameter_source("aperture") is not ParameterSource.DEFAULT:
+    lenses = _lenses(View(scene, rig.cameras[0], ()), tables, options)
+    if all(lens.aperture_diameter == 0 for lens in lenses.values()):
+        if _is_given("aperture"):
             raise InputError(f"--aperture {options['aperture']}: {_NO_APERTURE}")
         if options["diffraction"]:
             raise InputError(f"--diffraction: {_NO_APERTURE}")
     return scene, rig, lenses
 
 
-def _print(output: Place, made: list[tuple[Row, list[str]]], as_json: bool) -> None:
+def _lenses(view: View, tables: list[Any], options: dict[str, Any]) -> dict[str, Lens]:
+    """The lenses of the options, or those of the rig's file in `tables`, by their texts."""
+    lenses: dict[str, Lens] = {}
+    if tables and not _is_given("lenses"):
+        if _is_given("aperture"):
+            raise InputError("--aperture is for --lens; the lenses of a file have a 'shape'")
+        made = [make_lens(table, view, lambda name: options["rig"].parent / name) for table in tables]
+        return {camera_text.format_lens(lens): lens for lens in made}
+    aperture = camera_text.parse_aperture(options["aperture"])
+    for text in options["lenses"]:
+        lens = camera_text.parse_lens(text, view, aperture)
+        if lens in lenses.values():
+            raise InputError(f"--lens {text}: is given twice; it would make the same images")
+        lenses[text] = lens
+    return lenses
+
+
+def _is_given(name: str) -> bool:
+    return click.get_current_context().get_parameter_source(name) is not ParameterSource.DEFAULT
+
+
+def _print(output: Place, made: list[_Made], as_json: bool) -> None:
     used = backend()
     if as_json:
-        samples = [{"name": row.name, "folder": str(output / row.name), "files": sorted(row.files)} for row, _ in made]
+        samples = [
+            {"name": row.name, "folder": str(output / row.name), "files": sorted(row.files), "lenses": found}
+            for row, _, found in made
+        ]
         print_json({"dataset": str(output), "backend": used.variant, "samples": samples})
         return
-    for row, lines in made:
-        click.echo("\n  ".join([f"{output / row.name}: {len(row.files)} files", *lines]))
+    for row, exposures, found in made:
+        click.echo(f"{output / row.name}: {len(row.files)} files")
+        for exposure, each in zip(exposures, found, strict=True):
+            click.echo(f"  {exposure}\n    {camera_text.format_optics(each)}")
+        if error := camera_text.format_depth_error(found[0]):
+            click.echo(f"  {error}")
     click.echo(f"rendered with {used.variant} ({used.reason})" + (f"; {used.advice}" if used.advice else ""))

@@ -24,7 +24,7 @@ from twinlens.factory.objects import Objects
 from twinlens.families import FAMILIES, check_view
 from twinlens.geometry import Float, rigid
 from twinlens.optics import middle_focus
-from twinlens.scenes import Scene, rig_from_table
+from twinlens.scenes import Scene, read_toml, rig_from_table
 from twinlens.scenes.placement import rotation
 from twinlens.scenes.rigs import CameraTable
 from twinlens.schema import NEAR_FAR, Fraction, NonNegative, Number, Positive, StrictModel, read, table_of
@@ -239,6 +239,28 @@ def _as_list(value: Any) -> Any:
 
 
 Lenses = Annotated[list[LensTable], Field(min_length=1, max_length=100), BeforeValidator(_as_list)]
+
+
+class RigFile(StrictModel):
+    """The part of a recipe that describes the cameras, as `twinlens plan` writes it."""
+
+    width: int | None = Field(None, ge=1, le=MAX_SIDE)
+    height: int | None = Field(None, ge=1, le=MAX_SIDE)
+    rig: dict[str, Any]
+    lenses: Lenses | None = None
+
+
+def read_rig_file(path: Path) -> tuple[dict[str, Any], str, list[Any]]:
+    """The rig's table in a .toml file, its key in the file, and the tables of lenses.
+
+    The file is a rig's table, or has its keys in `[rig]`, beside `width`, `height` and `[[lenses]]`.
+    """
+    table = read_toml(path)
+    if not isinstance(table.get("rig"), Mapping):
+        return table, "", []
+    part = read(RigFile, table, path)
+    size = {key: getattr(part, key) for key in ("width", "height") if getattr(part, key) is not None}
+    return size | part.rig, "rig", part.lenses or []
 
 
 def _check_camera(table: Any) -> Any:

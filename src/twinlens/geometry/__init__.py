@@ -153,6 +153,17 @@ def depth_from_disparity(disparity: ArrayLike, fx: float, baseline: float, doffs
         return np.where(np.isposinf(shifted), np.inf, fx * baseline / shifted)
 
 
+def depth_error(depth: ArrayLike, fx: float, baseline: float, disparity_error_px: float) -> Float:
+    """sigma_z = z^2 sigma_d / (fx B), in metres: the depth error, to first order, of an error of the disparity.
+
+    Source: Gallup, Frahm, Mordohai and Pollefeys, Variable Baseline/Resolution Stereo, CVPR 2008, equation 3.
+
+    >>> depth_error([1.0, 2.0], fx=500, baseline=0.2, disparity_error_px=0.1).tolist()
+    [0.001, 0.004]
+    """
+    return np.asarray(np.square(np.asarray(depth, dtype=np.float64)) * disparity_error_px / (fx * baseline))
+
+
 def image_border(width: int, height: int, margin: float = 0.0) -> Float:
     """Points (N, 2) along the outermost pixel centres of an image, or `margin` pixels outside them.
 

@@ -1,4 +1,6 @@
-"""Thin-lens formulas: vergence, blur circle, depth of field, hyperfocal distance. `diffraction` has the Airy pattern.
+"""Thin-lens formulas: vergence, blur circle, depth of field, hyperfocal distance.
+
+`diffraction` has the Airy pattern, `planning` the choice of a rig.
 
 A point a = (ax, ay, 0) of the aperture sends the ray o = a, d = (x - k ax, y - k ay, 1) with the vergence k in 1/m.
 Lengths are in metres, vergences in 1/m, and `_px` are pixels on the film.
@@ -37,6 +39,20 @@ def focal_length(focus_distance: float, film_distance: float) -> float:
     check_focus(focus_distance)
     check_length("film_distance", film_distance)
     return 1.0 / (1.0 / focus_distance + 1.0 / film_distance)
+
+
+def fx_from_fov(width: int, fov_x_deg: float) -> float:
+    """fx in pixels of a horizontal field of view, edge to edge of a centred image: W / (2 tan(fov / 2)).
+
+    >>> round(fx_from_fov(640, 90), 9)
+    320.0
+    """
+    return 0.5 * width / math.tan(0.5 * math.radians(fov_x_deg))
+
+
+def fov_x_deg(width: int, fx: float) -> float:
+    """The horizontal field of view in degrees of a centred image, the inverse of `fx_from_fov`."""
+    return math.degrees(2 * math.atan(0.5 * width / fx))
 
 
 def middle_focus(near: float, far: float) -> float:

@@ -26,6 +26,7 @@ CHANNEL_WAVELENGTHS = (611e-9, 549e-9, 464e-9)
 TAIL = 0.005  # largest share of the light outside the kernel, unless the image is smaller than the kernel
 FRESNEL_LOW, FRESNEL_HIGH = 0.2, 50.0
 """Between these Fresnel numbers the model misplaces more than a tenth of the light behind a bare aperture."""
+_FIRST_ZERO = 1.2196698912665045  # of J1(pi x), x > 0
 _MOST_NODES = 64
 _LARGEST_RADIUS = 16384
 _SHORTEST_WAVE, _LONGEST_WAVE = 1e-9, 1e-3
@@ -45,6 +46,16 @@ def encircled_energy(radius: ArrayLike) -> Float:
 
     x = math.pi * np.asarray(radius, dtype=np.float64)
     return np.asarray(1.0 - j0(x) ** 2 - j1(x) ** 2)
+
+
+def airy_diameter(wavelength: float, working_f_number: float) -> float:
+    """2.44 lambda N in metres: the diameter of the first dark ring, at the first zero of J1.
+
+    >>> round(1e6 * airy_diameter(550e-9, 8.0), 2)
+    10.73
+    """
+    _check(wavelength, working_f_number)
+    return 2 * _FIRST_ZERO * wavelength * working_f_number
 
 
 def fresnel_number(aperture_diameter: float, wavelength: float, distance: float) -> float:

@@ -1,6 +1,10 @@
 """Digital images from radiance, after EMVA standard 1288: light on the film, electrons, digital numbers, an image."""
 
-from twinlens.sensor.exposure import Exposure as Exposure, auto_exposure as auto_exposure
+from twinlens.sensor.exposure import (
+    Exposure as Exposure,
+    auto_exposure as auto_exposure,
+    light_on_grey as light_on_grey,
+)
 from twinlens.sensor.light import ParaxialWarning as ParaxialWarning
 from twinlens.sensor.mismatch import LEVELS as LEVELS, Mismatch as Mismatch
 from twinlens.sensor.model import Photo as Photo, Sensor as Sensor

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinlens.camera import Camera, Pinhole
-from twinlens.geometry import Float
+from twinlens.geometry import Float, depth_error
 from twinlens.scenes import Scene, load_scene
 from twinlens.sensor import Sensor
 from twinlens.studies.model import Figure, Finding, Measured, Setup, Study, is_above, power_law, sweep
@@ -118,7 +118,7 @@ def plane_rows(setup: Setup, seed: int, baseline: float, fov_x_deg: float) -> li
         rows.append({
             "scene": "plane", "part": PLANES, "seed": seed, "method": method, "baseline_mm": 1e3 * baseline,
             "fx_px": fx, "z_m": z, "depth_error_mm": 1e3 * metres,
-            "predicted_mm": 1e3 * z**2 / (fx * baseline) * typical, "disparity_error_px": pixels,
+            "predicted_mm": 1e3 * float(depth_error(z, fx, baseline, typical)), "disparity_error_px": pixels,
         })  # fmt: skip
     return rows
 
